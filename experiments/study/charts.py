@@ -1,25 +1,29 @@
 """Figures of a study: a metric over its factors with intervals, over two of them as a map, and over its seas."""
 
+import itertools
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from textwrap import fill
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from experiments.intervals import Interval
 from experiments.pages.figures import Line, panel, svg
-from experiments.pages.style import FRAME, FULL, INK, SERIES, Colour, Legend
+from experiments.pages.page import Figures
+from experiments.pages.style import FRAME, FULL, INK, SERIES, Legend
+from experiments.study.design import is_number
 from experiments.study.estimate import Results, digits
 from experiments.study.metrics import METRICS, without_unit
-from experiments.study.plan import ARM, FOLLOWER, Plan, levels
+from experiments.study.plan import ARM, FOLLOWER, Plan, levels, varied
 
 MOST_PANELS = 12
 MOST_LINES = len(SERIES)
+_TITLE_WIDTH = 48
+"""Characters that a panel has room for in a line of its title."""
 
 _OWNERS = re.compile(r"^(leader|followers\.(\d+))\.")
 
@@ -46,6 +50,11 @@ def setting_text(name: str, value: object) -> str:
     return f"{words} {value_text(value)} {unit}".rstrip().replace(" °", "°")
 
 
+def point_text(values: Mapping[str, object]) -> str:
+    """Keys and their values in words, with commas between them."""
+    return ", ".join(setting_text(key, value) for key, value in values.items())
+
+
 class Axis(NamedTuple):
     """The values of a factor along an axis, and where they stand."""
 
@@ -61,43 +70,34 @@ class Layout(NamedTuple):
 
     against: str
     lines: str
-    panels: tuple[str, ...]
+    panels: tuple[str, ...] = ()
 
 
 def axis_of(plan: Plan, name: str) -> Axis:
     """An axis for a factor; what is no number stands side by side."""
     values = levels(plan, name)
-    numeric = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
-    if not numeric:
+    if not all(map(is_number, values)):
         return Axis(name, values, [float(i) for i in range(len(values))], False)
     values.sort()
-    log = next((factor.log for factor in plan.study.factors if factor.key == name), False)
+    log = any(factor.log for factor in plan.study.factors if factor.key == name)
     return Axis(name, values, [float(v) for v in values], True, log)
 
 
 def layout_of(plan: Plan) -> Layout:
     """What goes where: as the study says, and the rest by itself."""
-    report, free = plan.study.report, [f.key for f in plan.study.factors]
-    if len(plan.arms) > 1:
-        free.append(ARM)
-    if len(plan.followers) > 1:
-        free.append(FOLLOWER)
-    free = [name for name in free if len(levels(plan, name)) > 1 or name in (report.against, report.lines)]
+    report, keys = plan.study.report, [factor.key for factor in plan.study.factors]
+    free = [n for n in (*keys, ARM, FOLLOWER) if len(levels(plan, n)) > 1 or n in (report.against, report.lines)]
 
-    def taken(wish: str, fits: Callable[[str], bool]) -> str:
-        name = wish if wish in free else next(filter(fits, free), "")
+    def taken(*candidates: str) -> str:
+        name = next((n for n in candidates if n in free), "")
         if name:
             free.remove(name)
         return name
 
-    for wish in (report.lines, report.panels):
-        if wish in free:
-            free.append(free.pop(free.index(wish)))
-    others = {report.lines, report.panels} - {""}
-    against = taken(report.against, lambda n: n not in others and axis_of(plan, n).numeric)
-    against = against or taken("", lambda n: n not in others)
-    lines = taken(report.lines, lambda n: n == ARM and n != report.panels)
-    lines = lines or taken("", lambda n: n != report.panels and len(levels(plan, n)) <= MOST_LINES)
+    others = [n for n in free if n not in (report.lines, report.panels)]
+    against = taken(report.against, *(n for n in others if axis_of(plan, n).numeric), *others)
+    few = [n for n in free if n != report.panels and len(levels(plan, n)) <= MOST_LINES]
+    lines = taken(report.lines, *(n for n in few if n == ARM), *few)
     return Layout(against, lines, tuple(sorted(free, key=lambda n: n != report.panels)))
 
 
@@ -108,129 +108,128 @@ def value_text(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _mark(axes: Axes, x: float, interval: Interval, colour: Colour) -> None:
-    if not math.isnan(interval.low):
-        axes.vlines(x, interval.low, interval.high, color=colour.placeholder, linewidth=0.9)
+def _legend(values: Sequence[object]) -> Legend:
+    """What the colours of lines stand for; nothing for a single line."""
+    return [(colour, value_text(value)) for colour, value in zip(SERIES, values, strict=False) if len(values) > 1]
 
 
-def _dress(figure: Figure, axis: Axis) -> None:
-    axes = figure.axes[0]
-    if axis.log:
-        axes.set_xscale("log")
-    axes.autoscale(enable=True, axis="y")
-    axes.margins(x=0.06, y=0.08)
-    if axes.dataLim.y0 >= 0:
-        axes.set_ylim(bottom=0.0)
-    if not axis.numeric:
-        axes.set_xticks(axis.places, [value_text(v)[:18] for v in axis.values])
-        axes.set_xlim(-0.6, len(axis.values) - 0.4)
+def combinations(plan: Plan, names: Sequence[str]) -> list[dict[str, Any]]:
+    """Every combination of the values of some factors, by name."""
+    every = itertools.product(*(levels(plan, name) for name in names))
+    return [dict(zip(names, values, strict=True)) for values in every]
 
 
-def _share_scale(panels: Sequence[Axes]) -> None:
-    """Give all panels one y scale, so that they can be compared."""
-    limits = [axes.get_ylim() for axes in panels]
-    for axes in panels:
-        axes.set_ylim(min(low for low, _ in limits), max(high for _, high in limits))
+class _Values:
+    """The report's metric by the values of factors, or its difference from an arm."""
+
+    def __init__(self, plan: Plan, results: Results, base: str = "") -> None:
+        """Difference from the arm `base` if there is one."""
+        self.plan, self.results, self.base = plan, results, base
+        self.indices: dict[tuple[str, ...], dict[tuple[str, ...], int]] = {}
+
+    def at(self, here: Mapping[str, Any]) -> Interval | None:
+        """The interval where factors have these values, which single out a point; None if nothing was flown there."""
+        plan, results, base, metric = self.plan, self.results, self.base, self.plan.study.report.metric
+        keys = tuple(factor.key for factor in plan.study.factors if factor.key in here)
+        if keys not in self.indices:
+            points = reversed(list(enumerate(plan.points)))
+            self.indices[keys] = {tuple(repr(point[key]) for key in keys): i for i, point in points}
+        point = self.indices[keys].get(tuple(repr(here[key]) for key in keys), -1)
+        place = (point, here.get(ARM, plan.arms[0]), here.get(FOLLOWER, plan.followers[0]))
+        if place not in results.rows or place[1] == base or (base and (point, base, place[2]) not in results.rows):
+            return None
+        return results.difference(place, base, metric) if base else results.estimate(place, metric)
 
 
-_TITLE = 48
-"""Characters that a panel has room for in a line of its title."""
-Valued = Callable[[dict[str, Any]], Interval | None]
-"""Gives the interval at a place, told by its names and values; None if nothing was flown there."""
+def over_factor(plan: Plan, results: Results, layout: Layout, name: str = "main", base: str = "") -> Figures:
+    """Panels of the report's metric over a factor, with intervals.
 
-
-def over_factor(plan: Plan, layout: Layout, valued: Valued, label: str, name: str, *, zero: bool) -> tuple[
-    list[str], Legend
-]:  # fmt: skip
-    """Panels of a value over a factor, and the legend of their lines.
-
-    `label` is that of the y axis, `name` the prefix of ids on the page; `zero` draws the line of no difference.
+    Args:
+        plan: of the study.
+        results: of the study.
+        layout: of the panels; without a factor against which to draw there are none.
+        name: prefix of ids on the page.
+        base: arm from which paired differences are drawn, with a line at no difference.
     """
-    axis = axis_of(plan, layout.against)
+    if not layout.against:
+        return Figures(panels=[])
+    values, axis = _Values(plan, results, base), axis_of(plan, layout.against)
     kinds = levels(plan, layout.lines) if layout.lines else [None]
-    drawn: list[tuple[Figure, str]] = []
-    legend: list[tuple[Colour, str]] = []
+    label = METRICS[plan.study.report.metric].label
+    label = f"difference: {label}" if base else label
+    figures: dict[str, Figure] = {}
     for chosen in combinations(plan, layout.panels)[:MOST_PANELS]:
-        lines, marks = [], []
-        if zero:
-            ends = (min(axis.places), max(axis.places)) if axis.numeric else (-0.6, len(axis.values) - 0.4)
-            lines.append(Line(x=np.array(ends), y=np.zeros(2), colour=FRAME, dash="--", width=0.7))
-        for i, kind in enumerate(kinds[:MOST_LINES]):
-            here = chosen | ({layout.lines: kind} if layout.lines else {})
-            found = [(p, valued(here | {axis.name: v})) for p, v in zip(axis.places, axis.values, strict=True)]
+        lines, bars = list[Line](), list[Line]()
+        for i, (kind, colour) in enumerate(zip(kinds, SERIES, strict=False)):
             shift = 0.0 if axis.numeric else 0.12 * (i - (len(kinds) - 1) / 2)
+            here = chosen | {layout.lines: kind}
+            found = zip(axis.places, (values.at(here | {axis.name: v}) for v in axis.values), strict=True)
             known = [(p + shift, v) for p, v in found if v is not None and not math.isnan(v.value)]
             if not known:
                 continue
             x, y = np.array([p for p, _ in known]), np.array([v.value for _, v in known])
             if axis.numeric and plan.study.design == "factorial":
-                lines.append(Line(x=x, y=y, colour=SERIES[i]))
-            lines.append(Line(x=x, y=y, colour=SERIES[i], marker="o"))
-            marks += [(p, v, SERIES[i]) for p, v in known]
-            if (SERIES[i], value_text(kind)) not in legend and layout.lines:
-                legend.append((SERIES[i], value_text(kind)))
-        if not marks:
+                lines.append(Line(x=x, y=y, colour=colour))
+            lines.append(Line(x=x, y=y, colour=colour, marker="o"))
+            bars += [Line(x=np.array([p, p]), y=np.array(v[1:]), colour=colour, width=0.9) for p, v in known]
+        if not bars:
             continue
-        title = ", ".join(setting_text(key, value) for key, value in chosen.items())
-        figure = panel(lines, x_label=label_of(axis.name), y_label=label, title=title)
-        for p, v, colour in marks:
-            _mark(figure.axes[0], p, v, colour)
-        _dress(figure, axis)
-        drawn.append((figure, title))
-    _share_scale([figure.axes[0] for figure, _ in drawn])
+        ends = [min(axis.places), max(axis.places)] if axis.numeric else [-0.6, len(axis.values) - 0.4]
+        if base:
+            lines.insert(0, Line(x=np.array(ends), y=np.zeros(2), colour=FRAME, dash="--", width=0.7))
+        title = point_text(chosen)
+        figures[title] = panel([*lines, *bars], x_label=label_of(axis.name), y_label=label, title=title)
+        (axes,) = figures[title].axes
+        axes.set_xscale("log" if axis.log else "linear")
+        axes.autoscale(enable=True, axis="y")
+        axes.margins(x=0.06, y=0.08)
+        if axes.dataLim.y0 >= 0:
+            axes.set_ylim(bottom=0.0)
+        if not axis.numeric:
+            axes.set_xticks(axis.places, [value_text(v)[:18] for v in axis.values])
+            axes.set_xlim(*ends)
+    # one scale, so that panels can be compared
+    limits = [figure.axes[0].get_ylim() for figure in figures.values()]
+    for figure in figures.values():
+        figure.axes[0].set_ylim(min(low for low, _ in limits), max(high for _, high in limits))
     panels = [
         svg(figure, f"{name}{number}", f"{label} over {label_of(axis.name)} {title}")
-        for number, (figure, title) in enumerate(drawn)
+        for number, (title, figure) in enumerate(figures.items())
     ]
-    return panels, legend
+    return Figures(panels=panels, legend=[entry for entry in _legend(kinds) if entry[1] != base])
 
 
-def combinations(plan: Plan, names: Sequence[str]) -> list[dict[str, Any]]:
-    """Every combination of the values of some factors, by name."""
-    found: list[dict[str, Any]] = [{}]
-    for name in names:
-        found = [chosen | {name: value} for chosen in found for value in levels(plan, name)]
-    return found
+def differences(plan: Plan, results: Results) -> Figures:
+    """Paired differences of all arms from the first one over a factor."""
+    layout = layout_of(plan)
+    names = [name for name in (layout.against, layout.lines, *layout.panels) if name not in ("", ARM)]
+    return over_factor(plan, results, Layout("".join(names[:1]), ARM, tuple(names[1:])), "apart", plan.arms[0])
 
 
-def place_values(plan: Plan, results: Results, metric: str, base: str = "") -> Valued:
-    """Values of a metric by place, whose factors have one value or single out a point; or differences from an arm."""
-    indices: dict[tuple[str, ...], dict[tuple[str, ...], int]] = {}
-
-    def valued(here: dict[str, Any]) -> Interval | None:
-        keys = tuple(factor.key for factor in plan.study.factors if factor.key in here)
-        if keys not in indices:
-            points = reversed(list(enumerate(plan.points)))
-            indices[keys] = {tuple(repr(point[key]) for key in keys): i for i, point in points}
-        point = indices[keys].get(tuple(repr(here[key]) for key in keys))
-        if point is None:
-            return None
-        place = (point, here.get(ARM, plan.arms[0]), here.get(FOLLOWER, plan.followers[0]))
-        if place not in results.rows or (base and (point, base, place[2]) not in results.rows):
-            return None
-        return results.difference(place, base, metric) if base else results.estimate(place, metric)
-
-    return valued
+def scatter(plan: Plan, results: Results) -> Figures:
+    """The report's metric over each factor of a sampled design, a mark for each point."""
+    lines = ARM if len(plan.arms) > 1 else ""
+    drawn = [
+        over_factor(plan, results, Layout(factor.key, lines), f"scatter{i}-")
+        for i, factor in enumerate(plan.study.factors[:MOST_PANELS])
+    ]
+    return Figures(panels=[panel for figures in drawn for panel in figures.panels], legend=_legend(plan.arms))
 
 
-def heat_maps(plan: Plan, valued: Valued, names: tuple[str, str], chosen: Sequence[dict[str, Any]]) -> list[str]:
-    """Panels of a metric over two factors, darker where it is larger in any of them, with its values."""
+def heat_maps(plan: Plan, results: Results, names: Sequence[str]) -> Figures:
+    """Panels of the report's metric over two factors, darker where it is larger in any of them, with its values."""
     across, up = axis_of(plan, names[0]), axis_of(plan, names[1])
+    others = [n for n in (*varied(plan), ARM) if n not in names and len(levels(plan, n)) > 1]
+    chosen, found = combinations(plan, others)[:MOST_PANELS], _Values(plan, results)
     values = np.full((len(chosen), len(up.values), len(across.values)), np.nan)
     for (k, i, j), _ in np.ndenumerate(values):
-        found = valued(chosen[k] | {across.name: across.values[j], up.name: up.values[i]})
-        values[k, i, j] = math.nan if found is None else found.value
+        interval = found.at(chosen[k] | {across.name: across.values[j], up.name: up.values[i]})
+        values[k, i, j] = math.nan if interval is None else interval.value
     low, high = np.nanmin(values), np.nanmax(values)
     panels = []
     for k, here in enumerate(chosen):
-        title = ", ".join(setting_text(key, value) for key, value in here.items())
-        figure = panel(
-            [],
-            x_label=label_of(across.name),
-            y_label=label_of(up.name),
-            title=title,
-            height=1.2 + 0.26 * len(up.values),
-        )
+        title, height = point_text(here), 1.2 + 0.26 * len(up.values)
+        figure = panel([], x_label=label_of(across.name), y_label=label_of(up.name), title=title, height=height)
         axes = figure.axes[0]
         axes.grid(visible=False)
         for (i, j), value in np.ndenumerate(values[k]):
@@ -244,10 +243,10 @@ def heat_maps(plan: Plan, valued: Valued, names: tuple[str, str], chosen: Sequen
         axes.set_xlim(-0.5, len(across.values) - 0.5)
         axes.set_ylim(-0.5, len(up.values) - 0.5)
         panels.append(svg(figure, f"map{k}", f"map over {label_of(across.name)} and {label_of(up.name)} {title}"))
-    return panels
+    return Figures(panels=panels)
 
 
-def effect_bars(effects: Mapping[str, Interval]) -> str:
+def effect_bars(effects: Mapping[str, Interval]) -> Figures:
     """Bars of the share of variance of each factor, the largest at the top, with their intervals."""
     places = np.arange(len(effects), dtype=np.float64)[::-1]
     figure = panel(
@@ -267,46 +266,40 @@ def effect_bars(effects: Mapping[str, Interval]) -> str:
     left, bottom, across, height = axes.get_position().bounds
     axes.set_position((left + 0.25, bottom, across - 0.25, height))
     axes.set_xlim(0.0, 1.0)
-    return svg(figure, "effects", "Share of the variance that each factor explains")
+    return Figures(panels=[svg(figure, "effects", "Share of the variance that each factor explains")])
 
 
-def over_seas(plan: Plan, results: Results, metric: str) -> tuple[list[str], Legend]:
+def over_seas(plan: Plan, results: Results) -> Figures:
     """Share of seas whose mean is below a value, a panel for each point and follower, a line for each arm."""
-    panels, legend = [], []
-    label, number = METRICS[metric].label, 0
-    for point in range(len(plan.points)):
-        for follower in plan.followers:
-            lines = []
-            for i, arm in enumerate(plan.arms[:MOST_LINES]):
-                seas = np.sort(results.by_sea((point, arm, follower), metric))
-                if seas.size < 2 or np.isnan(seas).any():
-                    continue
-                x, y = np.repeat(seas, 2), np.repeat(np.arange(seas.size + 1) / seas.size, 2)[1:-1]
-                lines.append(Line(x=x, y=y, colour=SERIES[i]))
-                if (SERIES[i], arm) not in legend and len(plan.arms) > 1:
-                    legend.append((SERIES[i], arm))
-            if lines and number < MOST_PANELS:
-                title = fill(", ".join(f"{key} = {value_text(v)}" for key, v in plan.points[point].items()), _TITLE)
-                figure = panel(lines, x_label=label, y_label="share of seas", title=title, y_limits=(0.0, 1.02))
-                figure.axes[0].margins(x=0.04)
-                panels.append(svg(figure, f"seas{number}", f"distribution of {label} over seas {title}"))
-                number += 1
-    return panels, legend
+    metric, panels = plan.study.report.metric, list[str]()
+    label = METRICS[metric].label
+    for point, follower in itertools.product(range(len(plan.points)), plan.followers):
+        means = [np.sort(results.by_sea((point, arm, follower), metric)) for arm in plan.arms]
+        lines = [
+            Line(x=np.repeat(m, 2), y=np.repeat(np.arange(m.size + 1) / m.size, 2)[1:-1], colour=colour)
+            for m, colour in zip(means, SERIES, strict=False) if m.size > 1 and not np.isnan(m).any()
+        ]  # fmt: skip
+        if lines and len(panels) < MOST_PANELS:
+            title = fill(point_text(plan.points[point]), _TITLE_WIDTH)
+            figure = panel(lines, x_label=label, y_label="share of seas", title=title, y_limits=(0.0, 1.02))
+            figure.axes[0].margins(x=0.04)
+            panels.append(svg(figure, f"seas{len(panels)}", f"distribution of {label} over seas {title}"))
+    return Figures(panels=panels, legend=_legend(plan.arms))
 
 
-def over_draws(plan: Plan, results: Results, metric: str, point: int) -> list[str]:
+def over_draws(plan: Plan, results: Results, point: int) -> Figures:
     """The means of the seas of a point over each number that was drawn, a panel for each key."""
-    panels = []
-    for number, draw in enumerate(plan.study.draws[:MOST_PANELS]):
+    metric, panels = plan.study.report.metric, list[str]()
+    label = METRICS[metric].label
+    for draw in plan.study.draws[:MOST_PANELS]:
         lines = []
-        for i, arm in enumerate(plan.arms[:MOST_LINES]):
+        for arm, colour in zip(plan.arms, SERIES, strict=False):
             place = (point, arm, plan.followers[0])
             drawn = [row[draw.key] for row in results.rows.get(place, [])]
-            if drawn and all(isinstance(v, int | float) and not isinstance(v, bool) for v in drawn):
-                x, y = np.array(drawn, dtype=np.float64), results.by_sea(place, metric)
-                lines.append(Line(x=x, y=y, colour=SERIES[i], marker="o"))
+            if drawn and all(map(is_number, drawn)):
+                lines.append(Line(x=np.array(drawn), y=results.by_sea(place, metric), colour=colour, marker="o"))
         if lines:
-            figure = panel(lines, x_label=label_of(draw.key), y_label=METRICS[metric].label)
+            figure = panel(lines, x_label=label_of(draw.key), y_label=label)
             figure.axes[0].margins(x=0.04, y=0.08)
-            panels.append(svg(figure, f"draw{number}", f"{METRICS[metric].label} over {label_of(draw.key)}"))
-    return panels
+            panels.append(svg(figure, f"draw{len(panels)}", f"{label} over {label_of(draw.key)}"))
+    return Figures(panels=panels, legend=_legend(plan.arms))

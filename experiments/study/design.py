@@ -32,7 +32,8 @@ def _tidy(value: float) -> float | int:
     return int(rounded) if rounded.is_integer() and abs(rounded) < 1e15 else rounded
 
 
-def _is_number(value: object) -> bool:
+def is_number(value: object) -> bool:
+    """Whether a value is a finite number."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
@@ -71,7 +72,7 @@ class Factor:
         if unknown:
             raise ValueError(f"unknown {', '.join(unknown)} of a range; known here: {', '.join(_RANGE)}")
         low, high, scale, steps = given["from"], given["to"], given.get("scale", "linear"), given.get("steps")
-        if not _is_number(low) or not _is_number(high) or low == high:
+        if not is_number(low) or not is_number(high) or low == high:
             raise ValueError(f"from and to must be two different numbers (given: {low!r}, {high!r})")
         if scale not in ("linear", "log"):
             raise ValueError(f'scale must be "linear" or "log" (given: {scale!r})')
@@ -134,30 +135,13 @@ _DRAW_KEY = 0xD3A3
 """Keeps these random numbers apart from all others that come from the same seed."""
 
 
-def _uniform(low: float, high: float) -> Any:
-    if not low < high:
-        raise ValueError(f"uniform expects [low, high] (given: [{low:g}, {high:g}])")
-    return stats.uniform(low, high - low)
-
-
-def _normal(mean: float, sigma: float) -> Any:
-    return stats.norm(mean, sigma)
-
-
-def _truncnorm(mean: float, sigma: float, low: float, high: float) -> Any:
-    if not sigma > 0 or not low < high:
-        raise ValueError(f"truncnorm expects [mean, sigma, low, high] (given: {[mean, sigma, low, high]})")
-    return stats.truncnorm((low - mean) / sigma, (high - mean) / sigma, mean, sigma)
-
-
-_LISTED: Mapping[str, tuple[Callable[..., Any], str]] = {
-    "uniform": (_uniform, "[low, high]"),
-    "normal": (_normal, "[mean, sigma]"),
-    "truncnorm": (_truncnorm, "[mean, sigma, low, high]"),
-}
+_LISTED: Mapping[str, tuple[str, Callable[..., Any]]] = {
+    "uniform": ("[low, high]", lambda low, high: stats.uniform(low, high - low)),
+    "normal": ("[mean, sigma]", lambda mean, sigma: stats.norm(mean, sigma)),
+    "truncnorm": ("[mean, sigma, low, high]", lambda mean, sigma, low, high: stats.truncnorm(
+        (low - mean) / sigma, (high - mean) / sigma, mean, sigma)),
+}  # fmt: skip
 """Distributions whose parameters may stand in a list."""
-
-
 _NAMED = (
     "bernoulli", "beta", "binom", "cauchy", "expon", "gamma", "geom", "gumbel_l", "gumbel_r", "invgamma", "laplace",
     "logistic", "lognorm", "norm", "pareto", "poisson", "randint", "rayleigh", "t", "triang", "truncnorm", "uniform",
@@ -166,38 +150,27 @@ _NAMED = (
 """Distributions of scipy.stats that a table of parameters names: their quantiles take microseconds at any parameter."""
 _LARGEST = 1e9
 """Largest size of a parameter."""
-
-
-def _frozen(name: str, given: object) -> Any:
-    """A distribution of scipy.stats with its parameters; ValueError says what was expected."""
-    values = list(given.values()) if isinstance(given, dict) else given
-    form = _LISTED[name][1] if name in _LISTED else "a table of its parameters in scipy.stats"
-    if not isinstance(values, list) or (isinstance(given, list) and name not in _LISTED):
-        raise ValueError(f"{name} expects {form} (given: {given!r:.60})")
-    for value in values:
-        if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) <= _LARGEST:
-            raise ValueError(f"{name}: a parameter is a number within ±{_LARGEST:g} (given: {value!r:.60})")
-    if isinstance(given, dict):
-        try:
-            return getattr(stats, "norm" if name == "normal" else name)(**given)
-        except TypeError as error:
-            raise ValueError(f"{name}: {error}") from None
-    make, expected = _LISTED[name]
-    if len(values) != expected.count(",") + 1:
-        raise ValueError(f"{name} expects {expected} (given: {given!r:.60})")
-    return make(*values)
-
-
 Quantile = Callable[[float, list[int]], Any]
 """The value at a share, 0 … 1, of a law; what needs more than one random number takes them from the address."""
 
 
-def _of_distribution(name: str, parameters: object) -> Quantile:
-    distribution = _frozen(name, parameters)
-    if not all(math.isfinite(float(distribution.ppf(share))) for share in (0.01, 0.5, 0.99)):
-        raise ValueError(f"{name} has no values with these parameters (given: {parameters!r:.60})")
-    whole = isinstance(distribution.dist, stats.rv_discrete)
-    return lambda share, _: int(distribution.ppf(share)) if whole else float(distribution.ppf(share))
+def _of_distribution(name: str, given: object) -> Quantile:
+    form, make = _LISTED.get(name, ("a table of its parameters in scipy.stats", None))
+    expected = f"{name} expects {form} (given: {given!r:.60})"
+    if not isinstance(given, dict) and not (isinstance(given, list) and make):
+        raise ValueError(expected)
+    for value in given.values() if isinstance(given, dict) else given:
+        if not is_number(value) or abs(value) > _LARGEST:
+            raise ValueError(f"{name}: a parameter is a number within ±{_LARGEST:g} (given: {value!r:.60})")
+    try:
+        by_name = getattr(stats, "norm" if name == "normal" else name)
+        law = by_name(**given) if isinstance(given, dict) else make(*given)
+    except (TypeError, ZeroDivisionError) as error:
+        raise ValueError(f"{expected}: {error}") from None
+    if not all(math.isfinite(float(law.ppf(share))) for share in (0.01, 0.5, 0.99)):
+        raise ValueError(f"{expected}, and has no values with these parameters")
+    whole = isinstance(law.dist, stats.rv_discrete)
+    return lambda share, _: int(law.ppf(share)) if whole else float(law.ppf(share))
 
 
 def _of_choice(values: object) -> Quantile:

@@ -7,7 +7,7 @@ that sea alone.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import t as student
@@ -107,6 +107,17 @@ def _whole(values: Floats) -> Floats:
     return values[~np.isnan(values)]
 
 
+_NOTHING = Interval(math.nan, math.nan, math.nan)
+
+
+def _interval(runs: Sequence[Floats] | None, seas: Floats, metric: str, *, paired: bool = False) -> Interval:
+    """Mean with its interval of values of runs, or of seas where there are none of runs; NaN where a sea has none."""
+    whole = None if runs is None else [_whole(values) for values in runs]
+    if not seas.size or (np.isnan(seas).any() if whole is None else not all(values.size for values in whole)):
+        return _NOTHING
+    return over_seas(seas) if whole is None else over_runs(whole, shares=metric in SHARES, paired=paired)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Results:
     """Rows and runs of a study by place, seas in their order.
@@ -116,7 +127,6 @@ class Results:
 
     rows: Mapping[Place, list[Record]]
     runs: Mapping[Place, list[Record]]
-    _known: dict[tuple[str, Place, str], Interval] = field(default_factory=dict, compare=False)
 
     @classmethod
     def of(cls, rows: Sequence[Record], runs: Sequence[tuple[Record, Record]]) -> "Results":
@@ -147,31 +157,14 @@ class Results:
 
     def estimate(self, place: Place, metric: str) -> Interval:
         """Mean of a metric at a place with its interval; NaN where nothing was flown."""
-        key = ("", place, metric)
-        if key not in self._known:
-            runs, seas = self.by_run(place, metric), self.by_sea(place, metric)
-            if not seas.size or np.isnan(seas).any():
-                self._known[key] = Interval(math.nan, math.nan, math.nan)
-            elif runs is not None:
-                self._known[key] = over_runs([_whole(values) for values in runs], shares=metric in SHARES)
-            else:
-                self._known[key] = over_seas(seas)
-        return self._known[key]
+        return _interval(self.by_run(place, metric), self.by_sea(place, metric), metric)
 
     def difference(self, place: Place, base: str, metric: str) -> Interval:
         """Mean of the arm of a place less that of the arm `base` at the same point, paired by sea and run."""
         other = (place[0], base, place[2])
-        key = (base, place, metric)
-        if key in self._known:
-            return self._known[key]
-        runs, theirs = self.by_run(place, metric), self.by_run(other, metric)
-        found = Interval(math.nan, math.nan, math.nan)
-        if [row["sea"] for row in self.rows.get(place, [])] == [row["sea"] for row in self.rows.get(other, [])]:
-            if runs and theirs:
-                apart = [_whole(a - b) for a, b in zip(runs, theirs, strict=True)]
-                if all(values.size for values in apart):
-                    found = over_runs(apart, shares=metric in SHARES, paired=True)
-            elif self.by_sea(place, metric).size:
-                found = over_seas(self.by_sea(place, metric) - self.by_sea(other, metric))
-        self._known[key] = found
-        return found
+        seas, base_seas = ([row["sea"] for row in self.rows.get(at, [])] for at in (place, other))
+        if seas != base_seas:
+            return _NOTHING
+        runs, base_runs = self.by_run(place, metric), self.by_run(other, metric)
+        apart = [a - b for a, b in zip(runs, base_runs, strict=True)] if runs and base_runs else None
+        return _interval(apart, self.by_sea(place, metric) - self.by_sea(other, metric), metric, paired=True)

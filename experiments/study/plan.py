@@ -94,6 +94,11 @@ def levels(plan: Plan, name: str) -> list[Any]:
     return list(found.values())
 
 
+def varied(plan: Plan) -> list[str]:
+    """Factors of more than one value."""
+    return [factor.key for factor in plan.study.factors if len(levels(plan, factor.key)) > 1]
+
+
 def many(number: int, noun: str) -> str:
     """A number of things in words: 1 arm, 2 arms, 1,200 runs."""
     return f"{number:,} {noun}{'' if number == 1 else 's'}"

@@ -21,7 +21,7 @@ from experiments.flight.fly import fly
 from experiments.flight.tables import Table
 from experiments.pages.page import write
 from experiments.study.effects import main_effects
-from experiments.study.estimate import Place, Results
+from experiments.study.estimate import Results
 from experiments.study.file import Study, study_of, table_in
 from experiments.study.metrics import METRICS
 from experiments.study.plan import Plan, plan_of
@@ -55,26 +55,20 @@ def effort_of(plan: Plan, workers: int) -> Effort:
         start = perf_counter()
         fly(entry.scenario)
         seconds, size = plan.flights * (perf_counter() - start), 4_000 * plan.flights
-        return Effort(plan.flights, cells, cells * runs, seconds / workers, size / 1e6)
-    cell = CellPlan(scenario=entry.scenario, runs=min(runs, 64))
-    compile_ahead(cell)
-    start = perf_counter()
-    trajectory = missions.simulate_mission(entry.scenario)
-    flown = perf_counter()
-    compute(trajectory, [cell])
-    done = perf_counter()
-    with TemporaryDirectory() as folder:
-        Store(Path(folder)).write_flight(entry.motion, trajectory)
-        stored = sum(path.stat().st_size for path in Path(folder).rglob("*.npz"))
-    blocks = -(-runs // 64)
-    seconds = plan.flights * (flown - start) + cells * blocks * (done - flown)
-    size = plan.flights * stored + cells * (_CELL_BYTES + runs * _RUN_BYTES)
+    else:
+        cell = CellPlan(scenario=entry.scenario, runs=min(runs, 64))
+        compile_ahead(cell)
+        start = perf_counter()
+        trajectory = missions.simulate_mission(entry.scenario)
+        flown = perf_counter()
+        compute(trajectory, [cell])
+        done = perf_counter()
+        with TemporaryDirectory() as folder:
+            Store(Path(folder)).write_flight(entry.motion, trajectory)
+            stored = sum(path.stat().st_size for path in Path(folder).rglob("*.npz"))
+        seconds = plan.flights * (flown - start) + cells * -(-runs // 64) * (done - flown)
+        size = plan.flights * stored + cells * (_CELL_BYTES + runs * _RUN_BYTES)
     return Effort(plan.flights, cells, cells * runs, seconds / workers, size / 1e6)
-
-
-def _place_name(place: Place) -> str:
-    point, arm, follower = place
-    return f"point {point}, arm {arm}, {follower}"
 
 
 def record_of(plan: Plan, results: Results) -> Findings:
@@ -83,12 +77,12 @@ def record_of(plan: Plan, results: Results) -> Findings:
     unit, what, first = METRICS[metric].unit, METRICS[metric].what, plan.arms[0]
     found: dict[str, Finding] = {}
     for place in results.rows:
-        estimate = results.estimate(place, metric)
+        name = f"{metric}: point {place[0]}, arm {place[1]}, {place[2]}"
         point = ", ".join(f"{key} = {value}" for key, value in plan.points[place[0]].items())
-        found[f"{metric}: {_place_name(place)}"] = of(estimate, f"{what}; {point}" if point else what, unit)
+        found[name] = of(results.estimate(place, metric), f"{what}; {point}" if point else what, unit)
         if place[1] != first and (place[0], first, place[2]) in results.rows:
             apart = results.difference(place, first, metric)
-            found[f"{metric}: {_place_name(place)}, less {first}"] = of(apart, f"paired difference: {what}", unit)
+            found[f"{name}, less {first}"] = of(apart, f"paired difference: {what}", unit)
     for name, share in main_effects(plan, results, metric).items():
         found[f"share of variance: {name}"] = of(share, f"of the variance of {metric} over all points")
     return Findings(

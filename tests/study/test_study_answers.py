@@ -9,17 +9,15 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
-from experiments.intervals import Interval
 from experiments.pages.figures import Line
-from experiments.pages.page import Table, Text
+from experiments.pages.page import Page, Table, Text
 from experiments.pages.style import SERIES
 from experiments.study import charts
 from experiments.study.estimate import Results, shown
 from experiments.study.file import of_table
 from experiments.study.metrics import METRICS
-from experiments.study.page import _cell, _design, _differences, _table, commands, notable, summary_of, worst_entry
+from experiments.study.page import commands, notable, page_of, worst_entry
 from experiments.study.plan import Plan, plan_of
 from experiments.study.run import _of_runs, _widest
 from experiments.study.study import record_of
@@ -62,12 +60,17 @@ def results() -> Results:
     return Results.of(rows, runs)
 
 
+@pytest.fixture(scope="module")
+def page(plan: Plan, results: Results) -> Page:
+    return page_of(plan, results, {})
+
+
 def place(point: int, arm: str) -> tuple[int, str, str]:
     return point, arm, "follower"
 
 
-def test_the_answer_names_the_best_the_worst_and_which_arm_wins_where(plan: Plan, results: Results) -> None:
-    said = summary_of(plan, results)
+def test_the_answer_names_the_best_the_worst_and_which_arm_wins_where(page: Page, results: Results) -> None:
+    said = page.summary
     best, worst = (shown(results.estimate(place(*at), "e_p_mean_m"), "m") for at in ((0, "aware"), (1, "aware")))
     assert best.startswith("0.500 m (0.4")
     assert f"Mean E_P, with 95 % intervals: {best} at best (" in said
@@ -76,28 +79,32 @@ def test_the_answer_names_the_best_the_worst_and_which_arm_wins_where(plan: Plan
     assert said.endswith("aware against plain: lower at 1, higher at 1, undecided at 1 places.")
 
 
-def test_differences_are_told_with_their_verdicts(plan: Plan, results: Results) -> None:
-    (table,) = (block for block in _differences(plan, results) if isinstance(block, Table))
-    assert [[cell.text for cell in row][:3] for row in table.rows] == [
-        ["0", "10", "aware"], ["1", "12", "aware"], ["2", "14", "aware"],
-    ]  # fmt: skip
-    assert [row[-1].text for row in table.rows] == ["lower", "higher", "open"]
-    assert [row[-1].tone for row in table.rows] == ["yes", "no", "maybe"]
-    for row, apart in zip(table.rows, (-0.5, 1.5, -0.001), strict=True):
-        assert float(row[-2].sort) == pytest.approx(apart, abs=1e-9)
-
-
-def test_the_table_has_every_place_with_its_means(plan: Plan, results: Results) -> None:
-    table = _table(plan, results)
+def test_the_answer_is_a_figure_and_a_table_of_every_place_with_differences_and_verdicts(page: Page) -> None:
+    answer = page.sections[0]
+    assert [block.kind for block in answer.blocks] == ["text", "figures", "table"]
+    (table,) = (block for block in answer.blocks if isinstance(block, Table))
     heads = list(table.heads)
+    apart = {
+        (0, "aware"): ("lower", "yes", -0.5),
+        (1, "aware"): ("higher", "no", 1.5),
+        (2, "aware"): ("undecided", "maybe", -0.001),
+    }
     for row, (at, mean) in zip(table.rows, MEANS.items(), strict=True):
         cells = dict(zip(heads, row, strict=True))
-        assert cells["arm"].text == at[1]
+        assert [cells[name].text for name in ("point", "follower 1's depth [m]", "arm")] == [
+            str(at[0]), str(10 + 2 * at[0]), at[1]
+        ]  # fmt: skip
         assert float(cells["mean E_P [m]"].sort) == pytest.approx(mean, abs=1e-9)
         assert float(cells["share of runs captured"].sort) == (0.25 if at[1] == "plain" else 0.0)
+        difference, verdict = cells["difference from plain: mean E_P [m]"], cells["verdict"]
+        if at in apart:
+            assert (verdict.text, verdict.tone) == apart[at][:2]
+            assert float(difference.sort) == pytest.approx(apart[at][2], abs=1e-9)
+        else:
+            assert (difference.text, verdict.text) == ("–", "")
     # the metric of the report first, and no other percentile than its head says
-    assert heads[3:6] == ["mean E_P [m]", "95th percentile of E_P [m]", "mean E_B [°]"]
-    energy = [float(dict(zip(heads, row, strict=True))[heads[-1]].sort) for row in table.rows]
+    assert [heads[i] for i in (3, 6, 7)] == ["mean E_P [m]", "95th percentile of E_P [m]", "mean E_B [°]"]
+    energy = [float(row[-1].sort) for row in table.rows]
     assert energy == [100.0 * k for k in range(6)]
 
 
@@ -137,7 +144,7 @@ def test_a_run_that_contact_ended_is_the_first_to_look_at(plan: Plan, results: R
     ended = values.copy()
     ended[7] = np.nan
     lists = [dict(results.runs[at][0]) | {"e_p_mean_m": ended.tolist()}]
-    found = replace(results, runs={**results.runs, at: lists}, _known={})
+    found = replace(results, runs={**results.runs, at: lists})
     (_, worst), (_, median) = notable(plan, found, at)
     assert worst == 7
     assert np.count_nonzero(ended < ended[median]) == 19
@@ -175,6 +182,7 @@ def test_commands_are_headed_by_the_runs_that_they_fly(plan: Plan, results: Resu
     assert [head.split(": ")[1].split()[0] for head in lines[::2]] == ["worst", "median"] * 6
 
 
+@pytest.mark.usefixtures("few_figures")
 def test_a_place_counts_for_an_arm_by_its_whole_interval(plan: Plan) -> None:
     """Half of the seas are 1 m lower and the others 0.9 m higher: in the mean lower, and undecided."""
     rows, runs = [], []
@@ -183,12 +191,12 @@ def test_a_place_counts_for_an_arm_by_its_whole_interval(plan: Plan) -> None:
         values = 2.0 + (arm == "aware") * np.where(np.arange(RUNS) % 2, -1.0, 0.9)
         rows.append(row | {"e_p_mean_m": float(values.mean())})
         runs.append((row, {"e_p_mean_m": values.tolist()}))
-    said = summary_of(plan, Results.of(rows, runs))
+    said = page_of(plan, Results.of(rows, runs), {}).summary
     assert said.endswith("aware against plain: lower at 0, higher at 0, undecided at 3 places.")
 
 
-def test_the_design_is_told_with_its_numbers(plan: Plan) -> None:
-    text, table = _design(plan)
+def test_the_design_is_told_with_its_numbers(page: Page) -> None:
+    ((text, table),) = (section.blocks for section in page.sections if section.title == "Design")
     assert isinstance(text, Text)
     assert isinstance(table, Table)
     # three depths, each flown once for both arms
@@ -197,7 +205,7 @@ def test_the_design_is_told_with_its_numbers(plan: Plan) -> None:
     )
     assert [[cell.text for cell in row] for row in table.rows] == [
         ["followers.0.depth_m", "varied", "10, 12, 14"], ["duration_s", "set", "20"],
-        ["plain", "arm", "as the scenario has it"], ["aware", "arm", "leader.broadcast_attitude = true"],
+        ["plain", "arm", "as in the scenario"], ["aware", "arm", "leader.broadcast_attitude = true"],
     ]  # fmt: skip
 
 
@@ -229,25 +237,34 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[tuple[list[Line], dict[str, A
 
 
 def test_lines_of_the_main_figure_are_the_means_of_their_arms(plan: Plan, results: Results, drawn: Any) -> None:
-    valued = charts.place_values(plan, results, "e_p_mean_m")
-    _, legend = charts.over_factor(plan, charts.layout_of(plan), valued, "E_P", "main", zero=False)
+    figures = charts.over_factor(plan, results, charts.layout_of(plan))
     ((lines, settings),) = drawn
-    assert (settings["x_label"], settings["y_label"]) == ("follower 1's depth [m]", "E_P")
-    assert [name for _, name in legend] == ["plain", "aware"]
+    assert (settings["x_label"], settings["y_label"]) == ("follower 1's depth [m]", "mean E_P [m]")
+    assert [name for _, name in figures.legend] == ["plain", "aware"]
     for i, arm in enumerate(("plain", "aware")):
-        mine = [line for line in lines if line.colour is SERIES[i]]
-        assert [line.marker for line in mine] == ["", "o"]
-        for line in mine:
-            assert line.x.tolist() == [10.0, 12.0, 14.0]
-            assert line.y == pytest.approx([MEANS[point, arm] for point in range(3)])
+        line, marks, *bars = (line for line in lines if line.colour is SERIES[i])
+        assert (line.marker, marks.marker) == ("", "o")
+        for mine in (line, marks):
+            assert mine.x.tolist() == [10.0, 12.0, 14.0]
+            assert mine.y == pytest.approx([MEANS[point, arm] for point in range(3)])
+        for point, bar in enumerate(bars):
+            assert bar.x.tolist() == [10.0 + 2 * point] * 2
+            assert bar.y.tolist() == list(results.estimate(place(point, arm), "e_p_mean_m")[1:])
 
 
-def test_a_bar_reaches_from_the_lower_to_the_upper_limit() -> None:
-    axes = Figure().subplots()
-    charts._mark(axes, 3.0, Interval(2.0, 1.5, 4.0), SERIES[0])
-    charts._mark(axes, 5.0, Interval(2.0, np.nan, np.nan), SERIES[0])
-    ((bar,),) = (collection.get_segments() for collection in axes.collections)  # type: ignore[attr-defined]
-    assert np.asarray(bar).tolist() == [[3.0, 1.5], [3.0, 4.0]]
+def test_differences_are_drawn_from_a_line_of_none(plan: Plan, results: Results, drawn: Any) -> None:
+    figures = charts.differences(plan, results)
+    ((lines, settings),) = drawn
+    assert settings["y_label"] == "difference: mean E_P [m]"
+    assert [name for _, name in figures.legend] == ["aware"]
+    assert (lines[0].x.tolist(), lines[0].y.tolist()) == ([10.0, 14.0], [0.0, 0.0])
+    (marks,) = (line for line in lines if line.marker)
+    assert marks.y == pytest.approx([-0.5, 1.5, -0.001])
+
+
+def judged_by(plan: Plan, metric: str, **changes: Any) -> Plan:
+    report = plan.study.report.model_copy(update={"metric": metric})
+    return replace(plan, study=replace(plan.study, report=report, **changes))
 
 
 def test_shares_of_seas_are_those_of_their_point(plan: Plan, drawn: Any) -> None:
@@ -255,8 +272,9 @@ def test_shares_of_seas_are_those_of_their_point(plan: Plan, drawn: Any) -> None
         {"point": point, "arm": arm, "follower": "follower", "sea": sea, "seed": sea, "e_p_p95_m": 10.0 * point + sea}
         for point in range(3) for arm in ("plain", "aware") for sea in (2, 0, 1)
     ]  # fmt: skip
-    charts.over_seas(plan, Results(rows=Results.of(rows, [(row, {}) for row in rows]).rows, runs={}), "e_p_p95_m")
-    assert [settings["title"] for _, settings in drawn] == [f"followers.0.depth_m = {d}" for d in (10, 12, 14)]
+    results = Results(rows=Results.of(rows, [(row, {}) for row in rows]).rows, runs={})
+    charts.over_seas(judged_by(plan, "e_p_p95_m"), results)
+    assert [settings["title"] for _, settings in drawn] == [f"follower 1's depth {d} m" for d in (10, 12, 14)]
     for point, (lines, _) in enumerate(drawn):
         for line in lines:
             assert line.x.tolist() == [10.0 * point + sea for sea in (0, 0, 1, 1, 2, 2)]
@@ -270,9 +288,9 @@ def test_means_of_seas_stand_over_what_they_drew(plan: Plan, drawn: Any) -> None
         for point in range(3) for arm in ("plain", "aware") for sea in range(3)
     ]  # fmt: skip
     results = Results(rows=Results.of(rows, [(row, {}) for row in rows]).rows, runs={})
-    several: Any = SimpleNamespace(arms=plan.arms, followers=plan.followers,
-                                   study=SimpleNamespace(draws=[SimpleNamespace(key="wind")]))  # fmt: skip
-    charts.over_draws(several, results, "e_p_p95_m", 1)
+    several: Any = SimpleNamespace(key="wind")
+    several = judged_by(plan, "e_p_p95_m", draws=(several,))
+    charts.over_draws(several, results, 1)
     ((lines, settings),) = drawn
     assert (settings["x_label"], settings["y_label"]) == ("wind", "95th percentile of E_P [m]")
     assert [line.x.tolist() for line in lines] == [[5.0, 4.0, 3.0]] * 2
@@ -299,7 +317,7 @@ def test_rows_of_closed_loops_are_extremes_roots_and_means_of_their_runs(plan: P
 def test_numbers_without_limits_stand_alone() -> None:
     nan = float("nan")
     given = Results.of([], []).estimate((0, "", ""), "e_p_mean_m")
-    assert shown(given) == _cell(given).text == "–"
+    assert shown(given) == "–"
     assert shown(type(given)(-1.2345, nan, nan), "m") == "−1.23 m"
     assert shown(type(given)(53124.6, nan, nan), "J") == "53,125 J"
     assert shown(type(given)(1.2345, 0.5, 2.0), "m") == "1.23 m (0.500 to 2.00)"
@@ -309,19 +327,19 @@ def test_maps_of_arms_are_shaded_alike(monkeypatch: pytest.MonkeyPatch) -> None:
     """One arm has 10 where the depth is largest, the other half as much above 1, which both have elsewhere."""
     table = {"scenario": "T5", "vary": {"followers.0.depth_m": [10, 12], "leader.depth_m": [6, 8]}}
     plan = plan_of(of_table(table | {"arm": [{"name": "a"}, {"name": "b"}]}, "maps", "maps"))
-
-    def valued(place: dict[str, object]) -> Interval:
-        most = 10.0 if place["arm"] == "a" else 5.5
-        return Interval(most if place["followers.0.depth_m"] == 12 else 1.0, 0.0, 0.0)
-
+    rows = [
+        {"point": i, "arm": arm, "follower": "follower", "sea": 0,
+         "e_p_mean_m": most if point["followers.0.depth_m"] == 12 else 1.0}
+        for i, point in enumerate(plan.points) for arm, most in (("a", 10.0), ("b", 5.5))
+    ]  # fmt: skip
     monkeypatch.setattr(charts, "svg", lambda figure, *_: figure)
     names = ("followers.0.depth_m", "leader.depth_m")
-    maps = charts.heat_maps(plan, valued, names, [{"arm": "a"}, {"arm": "b"}])
-    shades = [[patch.get_alpha() for patch in figure.axes[0].patches] for figure in maps]  # type: ignore[attr-defined]
+    maps: Any = charts.heat_maps(plan, Results.of(rows, [(row, {}) for row in rows]), names).panels
+    shades = [[patch.get_alpha() for patch in figure.axes[0].patches] for figure in maps]
     low, high = shades[0][0], shades[0][1]
     assert high > low
     assert shades == [[low, high] * 2, [low, pytest.approx((low + high) / 2)] * 2]
-    assert [text.get_text() for text in maps[0].axes[0].texts] == ["1.00", "10.0"] * 2  # type: ignore[attr-defined]
+    assert [text.get_text() for text in maps[0].axes[0].texts] == ["1.00", "10.0"] * 2
 
 
 def test_keys_are_named_in_words_with_their_units() -> None:
@@ -335,8 +353,14 @@ def test_keys_are_named_in_words_with_their_units() -> None:
         assert (charts.label_of(key), charts.setting_text(key, 2.5)) == (label, setting)
 
 
-def test_panels_share_the_scale_that_holds_them_all() -> None:
-    panels = [Mock(get_ylim=lambda ends=ends: ends) for ends in ((0.0, 2.0), (-1.0, 1.0))]
-    charts._share_scale(panels)
-    for axes in panels:
-        axes.set_ylim.assert_called_once_with(-1.0, 2.0)
+def test_panels_share_the_scale_that_holds_them_all(
+    plan: Plan, results: Results, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(charts, "svg", lambda figure, *_: figure)
+    layout = charts.Layout("followers.0.depth_m", "", ("arm",))
+    panels: Any = charts.over_factor(plan, results, layout).panels
+    limits = [figure.axes[0].get_ylim() for figure in panels]
+    assert len(panels) == 2
+    assert limits[0] == limits[1]
+    assert limits[0][0] == 0.0
+    assert limits[0][1] > 3.5
