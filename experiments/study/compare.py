@@ -1,7 +1,9 @@
 """Flights or studies side by side on one page: `laisn compare`."""
 
 import math
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +29,6 @@ from sim.scenario.file import read as read_toml
 from sim.screen import shortened
 
 MOST = len(SERIES)
-_OWN = {"name", "run"}
-"""Settings of a flight that say nothing of how it was flown."""
-_NO_SETTING = {"name", "question"}
-"""Keys of a study likewise."""
 
 
 def _differing(tables: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
@@ -42,7 +40,7 @@ def _differing(tables: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
 
 def differing(flights: Sequence[Flight]) -> dict[str, list[Any]]:
     """Settings that are not the same in all flights, by key; None where a flight has no such key."""
-    return _differing([dotted(flight.scenario.model_dump(mode="json", exclude=_OWN)) for flight in flights])
+    return _differing([dotted(flight.scenario.model_dump(mode="json", exclude={"name", "run"})) for flight in flights])
 
 
 def _settings(names: Sequence[str], changed: Mapping[str, list[Any]]) -> Section:
@@ -57,12 +55,9 @@ def _settings(names: Sequence[str], changed: Mapping[str, list[Any]]) -> Section
 def _flights(names: Sequence[str], flights: Sequence[Flight]) -> list[Section]:
     errors = [position_and_bearing_errors(flight)[0] for flight in flights]
     times = [flight.trajectory.time[flight.step_index()] for flight in flights]
-    legend = [(SERIES[i], name) for i, name in enumerate(names)]
     panels = []
     for place, label, scale in ((0, "E_P [m]", 1.0), (1, "E_B [°]", 180.0 / math.pi)):
-        lines = [
-            Line(x=t, y=scale * e[place], colour=SERIES[i]) for i, (t, e) in enumerate(zip(times, errors, strict=True))
-        ]
+        lines = [Line(x=t, y=scale * e[place], colour=c) for t, e, c in zip(times, errors, SERIES, strict=False)]
         figure = panel(lines, x_label="time [s]", y_label=label, y_limits=(0.0, None))
         panels.append(svg(figure, f"error{place}", f"{label} of all flights over time"))
     rows = []
@@ -73,7 +68,9 @@ def _flights(names: Sequence[str], flights: Sequence[Flight]) -> list[Section]:
         values = (one.e_p_mean_m, one.e_p_max_m, one.e_b_mean_deg, one.e_b_max_deg, apart)
         rows.append([words(name), *(number(value, 3) for value in values)])
     heads = ("flight", "mean E_P [m]", "largest [m]", "mean E_B [°]", "largest [°]", f"mean E_P less {names[0]} [m]")
-    drawn = Figures(panels=panels, legend=legend, caption="The first follower's errors.")
+    drawn = Figures(
+        panels=panels, legend=[*zip(SERIES, names, strict=False)], caption="E_P and E_B of the first follower."
+    )
     return [
         Section(title="Errors of the first follower", blocks=[drawn, Table(heads=heads, rows=rows)]),
         _settings(names, differing(flights)),
@@ -89,41 +86,40 @@ def paired(folders: Sequence[Path], metric: str) -> dict[tuple[str, ...], list[I
     Raises:
         LaisnError: there is no such metric of single runs.
     """
-    tables = [read_table(folder / RUNS) for folder in folders]
-    for folder, table in zip(folders, tables, strict=True):
-        if metric not in table[0]:
+    tables = []
+    for folder in folders:
+        seeds = {row["sea"]: row["seed"] for row in read_table(folder / RESULTS)}
+        tables.append([row | {"seed": seeds[row["sea"]]} for row in read_table(folder / RUNS)])
+        if metric not in tables[-1][0]:
             raise LaisnError(f"{folder}: its runs have no {metric!r}")
-    measured = {"point", "sea", "run", "gated", *METRICS}
+    measured = {"point", "sea", "seed", "run", "gated", *METRICS}
     shared = [k for k in tables[0][0] if k not in measured and all(k in table[0] for table in tables)]
     drawn = [k for k in shared if any(len({r[k] for r in t if r["sea"] == 0}) < len({r[k] for r in t}) for t in tables)]
     keys = [k for k in shared if k not in drawn and len({repr(row[k]) for table in tables for row in table}) > 1]
-    values: list[dict[tuple[str, ...], dict[tuple[int, int], float]]] = []
-    for folder, table in zip(folders, tables, strict=True):
-        seeds = {row["sea"]: row["seed"] for row in read_table(folder / RESULTS)}
-        own: dict[tuple[str, ...], dict[tuple[int, int], float]] = {}
+    values = []
+    for table in tables:
+        own = defaultdict[tuple[str, ...], dict[tuple[int, int], float]](dict)
         for row in table:
-            place = tuple(f"{key} = {row[key]}" for key in keys)
             if row[metric] is not None:
-                own.setdefault(place, {})[seeds[row["sea"]], row["run"]] = float(row[metric])
+                own[tuple(f"{key} = {row[key]}" for key in keys)][row["seed"], row["run"]] = float(row[metric])
         values.append(own)
 
-    def mean(of: Mapping[tuple[int, int], float], paired: bool) -> Interval:
-        seas = sorted({sea for sea, _ in of})
-        lists = [np.array([v for (s, _), v in sorted(of.items()) if s == sea]) for sea in seas]
+    def mean(of: Mapping[tuple[int, int], float], *, paired: bool = False) -> Interval:
+        seas = groupby(sorted(of.items()), key=lambda item: item[0][0])
+        lists = [np.array([value for _, value in runs]) for _, runs in seas]
         return over_runs(lists, shares=metric in SHARES, paired=paired)
 
     found: dict[tuple[str, ...], list[Interval | None]] = {}
     for place, first in values[0].items():
-        found[place] = [mean(first, paired=False)]
-        for own in values[1:]:
-            theirs = own.get(place, {})
-            alike = theirs.keys() == first.keys()
-            found[place].append(mean({k: v - first[k] for k, v in theirs.items()}, paired=True) if alike else None)
+        found[place] = [mean(first)]
+        for theirs in (own[place] for own in values[1:]):
+            same = theirs.keys() == first.keys()
+            found[place].append(mean({k: v - first[k] for k, v in theirs.items()}, paired=True) if same else None)
     return found
 
 
 def _studies(names: Sequence[str], folders: Sequence[Path]) -> list[Section]:
-    tables = [dotted(read_toml(folder / STUDY)) for folder in folders]
+    tables = [dotted(read_toml(folder / STUDY) | {"name": "", "question": ""}) for folder in folders]
     asked = {table.get("report.metric", METRIC) for table in tables}
     metric = asked.pop() if len(asked) == 1 else METRIC
     rows = []
@@ -136,7 +132,9 @@ def _studies(names: Sequence[str], folders: Sequence[Path]) -> list[Section]:
     text = "Differences are taken run by run, with 95 % intervals; a dash: other seas or runs, or no such place."
     return [
         Section(title="Paired differences", blocks=[Text(text=text), Table(heads=heads, rows=rows)]),
-        _settings(names, _differing([{k: v for k, v in table.items() if k not in _NO_SETTING} for table in tables])),
+        _settings(
+            names, _differing([{k: v for k, v in table.items() if k not in ("name", "question")} for table in tables])
+        ),
     ]
 
 
@@ -162,7 +160,9 @@ def page_of(sources: Sequence[str]) -> Page:
     names = [path.name or str(path) for path in paths]
     names = list(sources) if len(set(names)) < len(names) else names
     sections = _studies(names, paths) if all(studies) else _flights(names, [read(log) for log in logs])
-    kind = "studies" if all(studies) else "flights"
-    title = f"{', '.join(names[:-1])} and {names[-1]}"
-    return Page(title=title, summary=f"{len(names)} {kind} side by side.",
-                facts=[("repeat it", f"laisn compare {' '.join(sources)}")], sections=sections)  # fmt: skip
+    return Page(
+        title=f"{', '.join(names[:-1])} and {names[-1]}",
+        summary=f"{len(names)} {'studies' if all(studies) else 'flights'} side by side.",
+        facts=[("repeat it", f"laisn compare {' '.join(sources)}")],
+        sections=sections,
+    )

@@ -9,6 +9,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -157,14 +158,17 @@ Quantile = Callable[[float, list[int]], Any]
 def _of_distribution(name: str, given: object) -> Quantile:
     form, make = _LISTED.get(name, ("a table of its parameters in scipy.stats", None))
     expected = f"{name} expects {form} (given: {given!r:.60})"
-    if not isinstance(given, dict) and not (isinstance(given, list) and make):
+    if isinstance(given, dict):
+        values, law_of = [*given.values()], partial(getattr(stats, "norm" if name == "normal" else name), **given)
+    elif isinstance(given, list) and make:
+        values, law_of = given, partial(make, *given)
+    else:
         raise ValueError(expected)
-    for value in given.values() if isinstance(given, dict) else given:
+    for value in values:
         if not is_number(value) or abs(value) > _LARGEST:
             raise ValueError(f"{name}: a parameter is a number within ±{_LARGEST:g} (given: {value!r:.60})")
     try:
-        by_name = getattr(stats, "norm" if name == "normal" else name)
-        law = by_name(**given) if isinstance(given, dict) else make(*given)
+        law = law_of()
     except (TypeError, ZeroDivisionError) as error:
         raise ValueError(f"{expected}: {error}") from None
     if not all(math.isfinite(float(law.ppf(share))) for share in (0.01, 0.5, 0.99)):

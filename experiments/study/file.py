@@ -1,8 +1,9 @@
 """Study files: what a user asks, as TOML, read and checked key by key."""
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
+from itertools import combinations, product
 from os.path import relpath
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -14,7 +15,7 @@ from experiments.flight.library import name_of, names
 from experiments.intervals import FEWEST_RUNS
 from experiments.study.design import Design, Draw, Factor, known
 from laisn.failure import LaisnError
-from sim.scenario.file import beside, dotted, is_model_key, plain_values, read
+from sim.scenario.file import dotted, is_model_key, plain_values, read
 from sim.scenario.section import Section
 from sim.scenario.settings import Name
 from sim.scenario.validation_errors import key_of
@@ -85,14 +86,6 @@ class StudyFile(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Arm:
-    """Named settings that are compared with those of the other arms on the same noise and seas."""
-
-    name: str
-    settings: Mapping[str, Any]
-
-
-@dataclass(frozen=True, kw_only=True)
 class Study:
     """A study as its file gives it; the scenario's keys are validated by `plan_of`."""
 
@@ -114,7 +107,8 @@ class Study:
     settings: Mapping[str, Any]
     factors: tuple[Factor, ...]
     draws: tuple[Draw, ...]
-    arms: tuple[Arm, ...]
+    arms: Mapping[str, Mapping[str, Any]]
+    """Named settings that are compared on the same noise and seas."""
     report: Report
     table: Mapping[str, Any]
     """What the file says, with the options of the command in their places."""
@@ -147,58 +141,54 @@ _SECTIONS: dict[tuple[int | str, ...], type[Section]] = {
 }  # fmt: skip
 
 
-def _beside(folder: Path, key: str, value: Any) -> Any:
-    """A value of a key; the file of a hull lies beside the study."""
-    return beside(value, folder) if is_model_key(key) else value
+def _with_files(settings: Mapping[str, Any], rename: Callable[[str], str]) -> dict[str, Any]:
+    """Values by dotted key, those of hulls' files, alone or in a list, under another name."""
+
+    def named(value: Any) -> Any:
+        if isinstance(value, list):
+            return [named(one) for one in value]
+        return rename(value) if isinstance(value, str) and not is_mjcf(value) else value
+
+    return {key: named(value) if is_model_key(key) else value for key, value in settings.items()}
 
 
-def _settings(table: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    return {key: _beside(folder, key, value) for key, value in dotted(table).items()}
+def _arm_name_errors(names: Sequence[Any]) -> list[str]:
+    missing = [i for i, name in enumerate(names) if not isinstance(name, str) or not name.strip()]
+    lines = [f"  arm[{i}].name: every arm needs a name of its own" for i in missing]
+    repeated = sorted({str(name) for i, name in enumerate(names) if i not in missing and names.count(name) > 1})
+    return [*lines, f"  arm: names must differ; repeated: {', '.join(repeated)}"] if repeated else lines
 
 
-def _arms(given: list[dict[str, Any]], lines: list[str], folder: Path) -> tuple[Arm, ...]:
-    arms = []
-    for i, table in enumerate(given):
-        name = table.get("name")
-        if not isinstance(name, str) or not name.strip():
-            lines.append(f"  arm[{i}].name: every arm needs a name of its own")
-            name = f"arm[{i}]"
-        settings = _settings({k: v for k, v in table.items() if k != "name"}, folder)
-        arms.append(Arm(name=name, settings=settings))
-    repeated = sorted({arm.name for arm in arms if sum(other.name == arm.name for other in arms) > 1})
-    if repeated:
-        lines.append(f"  arm: names must differ; repeated: {', '.join(repeated)}")
-    return tuple(arms)
-
-
-def _clash(part: str, key: str, given: Iterable[tuple[str, str]]) -> list[str]:
-    """A line if a key of a part, a table around it or a key within it is among the given pairs of part and key."""
-    for where, other in given:
-        if key == other:
-            return [f"  {key}: stands in {where} and in {part}; remove one"]
-        inner, outer = (key, other) if key.startswith(f"{other}.") else (other, key)
-        if inner.startswith(f"{outer}."):
-            text = f"{part} sets {key}, {where} sets {other}; {inner} is part of {outer}, which replaces it: remove one"
-            return [f"  {key}: {text}"]
-    return []
+def _clash(one: tuple[str, str], other: tuple[str, str]) -> str:
+    """A line if of two pairs of part and key both set a key, or one a table around the key of the other."""
+    (where, given), (part, key) = one, other
+    if key == given:
+        return f"  {key}: stands in {where} and in {part}; remove one"
+    inner, outer = (key, given) if key.startswith(f"{given}.") else (given, key)
+    if not inner.startswith(f"{outer}."):
+        return ""
+    text = f"{part} sets {key}, {where} sets {given}; {inner} is part of {outer}, which replaces it: remove one"
+    return f"  {key}: {text}"
 
 
 def _overlaps(study: Study) -> list[str]:
     """A line for each key that two parts of the file set; an arm alone may set a key of [set] anew."""
     parts = {"[set]": study.settings, "[vary]": [f.key for f in study.factors], "[draw]": [d.key for d in study.draws]}
-    lines, shared = list[str](), list[tuple[str, str]]()
-    for part, key in ((part, key) for part, keys in parts.items() for key in keys):
-        lines += _clash(part, key, shared)
-        shared.append((part, key))
-    keys = {key for _, key in shared}
-    for arm in study.arms:
-        own: list[tuple[str, str]] = []
-        for key in arm.settings:
-            lines += _clash(f"arm {arm.name}", key, [pair for pair in (*shared, *own) if pair != ("[set]", key)])
-            own.append((f"arm {arm.name}", key))
-        keys |= arm.settings.keys()
-    owned = [key for key in ("run", "seed", "name") if key in keys]
+    shared = [(part, key) for part, keys in parts.items() for key in keys]
+    every, pairs = [*shared], [*combinations(shared, 2)]
+    for arm, settings in study.arms.items():
+        own = [(f"arm {arm}", key) for key in settings]
+        pairs += [pair for pair in product(shared, own) if pair[0] != ("[set]", pair[1][1])]
+        pairs += combinations(own, 2)
+        every += own
+    owned = [key for key in ("run", "seed", "name") if key in {key for _, key in every}]
+    lines = [line for pair in pairs if (line := _clash(*pair))]
     return lines + [f"  {key}: belongs to the study; seeds and runs are numbered by it" for key in owned]
+
+
+def _is_range(table: Mapping[str, Any]) -> bool:
+    """Whether a table is a range of values, perhaps an incomplete one, and no part of a key."""
+    return bool({"from", "to", "steps"} & set(table))
 
 
 def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Path()) -> Study:
@@ -230,25 +220,28 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
                 lines.append(f"  {part}.{key}: {error}")
         return tuple(found)
 
-    varied = dotted(file.vary, lambda v: bool({"from", "to", "steps"} & set(v)))
-    factors = made("vary", varied, partial(Factor.of, sampled=file.design != "factorial"))
+    def settings_of(given: Mapping[str, Any]) -> dict[str, Any]:
+        return _with_files(given, lambda name: str(folder / name))
+
+    lines += _arm_name_errors([arm.get("name") for arm in file.arm])
     scenario = file.scenario
     if scenario not in names() and not Path(scenario).is_absolute():
         scenario = str(folder / scenario)
-    runs = file.runs if isinstance(file.runs, int) else file.runs.batch
+    varied, sampled = settings_of(dotted(file.vary, _is_range)), file.design != "factorial"
+    until = file.runs.until if isinstance(file.runs, Runs) else None
+    runs = file.runs.batch if isinstance(file.runs, Runs) else file.runs
     study = Study(
         name=file.name or name, source=source, question=file.question.strip(), scenario=scenario, runs=runs,
-        batch=runs, until=None if isinstance(file.runs, int) else file.runs.until, seas=file.seas, seed=file.seed,
-        design=file.design, points=file.points, settings=_settings(file.set, folder),
-        factors=tuple(replace(f, values=tuple(_beside(folder, f.key, v) for v in f.values)) for f in factors),
-        draws=made("draw", dotted(file.draw, _names_a_law), Draw.of), arms=_arms(file.arm, lines, folder),
+        batch=runs, until=until, seas=file.seas, seed=file.seed, design=file.design, points=file.points,
+        settings=settings_of(dotted(file.set)), factors=made("vary", varied, partial(Factor.of, sampled=sampled)),
+        draws=made("draw", dotted(file.draw, _names_a_law), Draw.of),
+        arms={str(arm.pop("name", "")): settings_of(dotted(arm)) for arm in file.arm},
         report=file.report, table=table,
     )  # fmt: skip
     lines += _overlaps(study)
     if study.until and study.seas > 1:
-        lines.append(
-            "  runs.until: the interval over several seas narrows with seas and not with runs; ask for one sea"
-        )
+        text = "the interval over several seas narrows with seas and not with runs; ask for one sea"
+        lines.append(f"  runs.until: {text}")
     if lines:
         raise refusal(source, lines)
     return study
@@ -257,22 +250,6 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
 def shipped() -> tuple[str, ...]:
     """Names of the studies that ship."""
     return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
-
-
-def path_of(source: str) -> Path:
-    """Path of a study file, or of one that ships by its name."""
-    return FOLDER / f"{source}.toml" if source in shipped() and not Path(source).exists() else Path(source)
-
-
-_BY_KEY = ("vary", "draw", "set")
-"""Parts of a study whose keys are replaced one by one."""
-
-
-def _table_at(path: Path, source: str) -> dict[str, Any]:
-    if not path.exists():
-        known = f"available: {', '.join((*shipped(), *OWN_DESIGN))}, a TOML file, or a scenario with --vary"
-        raise StudyError(f"unknown study '{shortened(plain(source), 200)}'; {known}")
-    return read(path)
 
 
 def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any]) -> Study:
@@ -290,16 +267,21 @@ def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any]) -> Study:
     if isinstance(source, Mapping):
         table = dict(source)
     else:
-        path, source_name = path_of(source), source
-        table = {} if source in names() else _table_at(path, source)
+        path, source_name = Path(source), source
+        if source in shipped() and not path.exists():
+            path = FOLDER / f"{source}.toml"
+        shown = shortened(plain(source), 200)
+        if source not in names() and not path.exists():
+            available = ", ".join((*shipped(), *OWN_DESIGN))
+            raise StudyError(f"unknown study '{shown}'; available: {available}, a TOML file, or a scenario with --vary")
+        table = {} if source in names() else read(path)
         if "scenario" in table:
             folder, name = path.parent, name_of(path)
-        else:
-            if not given.get("vary") and not given.get("draw"):
-                text = f"{shortened(plain(source), 200)} is a scenario: say what to --vary, or give a study"
-                raise StudyError(text)
+        elif given.get("vary") or given.get("draw"):
             table, name = {"scenario": source}, f"study-{name_of(Path(source))}"
-    for part in _BY_KEY:
+        else:
+            raise StudyError(f"{shown} is a scenario: say what to --vary, or give a study")
+    for part in ("vary", "draw", "set"):
         if isinstance(own := table.get(part, {}), dict) and isinstance(more := given.get(part, {}), dict):
             given[part] = own | more
     return of_table(table | given, source_name, name, folder)
@@ -309,14 +291,13 @@ def table_in(study: Study, folder: Path) -> dict[str, Any]:
     """The table of a study file in a folder that asks for the same: other files are named as seen from there."""
 
     def seen(settings: Mapping[str, Any]) -> dict[str, Any]:
-        return {key: relpath(v, folder) if is_model_key(key) and not is_mjcf(v) else v for key, v in settings.items()}
+        return _with_files(settings, lambda name: relpath(name, folder))
 
-    varied = {f.key: [seen({f.key: v})[f.key] for v in f.values] for f in study.factors if is_model_key(f.key)}
-    vary = {f.key: list(f.values) for f in study.factors} | varied if varied else study.table.get("vary", {})
+    hulls = {factor.key: list(factor.values) for factor in study.factors if is_model_key(factor.key)}
     return {
         **study.table,
         "scenario": study.scenario if study.scenario in names() else relpath(study.scenario, folder),
         "set": seen(study.settings),
-        "vary": vary,
-        "arm": [{"name": arm.name, **seen(arm.settings)} for arm in study.arms],
+        "vary": dotted(study.table.get("vary", {}), _is_range) | seen(hulls),
+        "arm": [{"name": name, **seen(settings)} for name, settings in study.arms.items()],
     }

@@ -9,7 +9,7 @@ from typing import Any
 
 from experiments.intervals import Interval
 from experiments.pages import template
-from experiments.pages.page import Cell, Code, Film, Notice, Page, Table, Text, number, words
+from experiments.pages.page import Cell, Code, Film, Page, Text, number, words
 from experiments.study import charts
 from experiments.study.design import is_number
 from experiments.study.effects import main_effects
@@ -44,39 +44,6 @@ def _factor_cell(value: Any) -> Cell:
 def _verdict(apart: Interval) -> str:
     """Whether an arm is lower or higher than the first one, by the whole interval."""
     return "lower" if apart.high < 0 else "higher" if apart.low > 0 else "undecided"
-
-
-def _table(plan: Plan, results: Results, apart: Mapping[Place, Interval]) -> Table:
-    """A row for each place: the report's metric, its difference from the first arm with a verdict, other metrics."""
-    metric, arms, several = plan.study.report.metric, len(plan.arms) > 1, len(plan.followers) > 1
-    others = [column for column in _COLUMNS if column != metric]
-    heads = ["point", *(charts.label_of(factor.key) for factor in plan.study.factors)]
-    heads += ["arm"] * arms + ["follower"] * several + [METRICS[metric].label]
-    heads += [f"difference from {plan.arms[0]}: {METRICS[metric].label}", "verdict"] * arms
-    rows = []
-    for place in results.rows:
-        row = [number(place[0]), *(_factor_cell(value) for value in plan.points[place[0]].values())]
-        row += [words(place[1])] * arms + [words(place[2])] * several + [_cell(results.estimate(place, metric))]
-        if place in apart:
-            row += [_cell(apart[place]), words(_verdict(apart[place]), _TONES[_verdict(apart[place])])]
-        else:
-            row += [number(None), words("")] * arms
-        rows.append([*row, *(_cell(results.estimate(place, column)) for column in others)])
-    return Table(heads=[*heads, *(METRICS[column].label for column in others)], rows=rows)
-
-
-def _notices(plan: Plan, failures: Mapping[str, list[Entry]]) -> list[Notice]:
-    notices = []
-    for what, entries in failures.items():
-        where = _place_text(plan, (entries[0].point, entries[0].arm, plan.followers[0]))
-        text = f"{what}: {len(entries)} scenarios, the first at {where}, sea {entries[0].sea}"
-        notices.append(Notice(text=text, tone="failure"))
-    calm = all(entry.scenario.ocean.waves.kind == "none" for entry in plan.entries)
-    idle = [draw.key for draw in plan.study.draws if calm and draw.key.startswith("ocean.waves.")]
-    if idle:
-        text = f"{', '.join(idle)}: drawn without effect, because no point has waves (ocean.waves.kind)."
-        notices.append(Notice(text=text, tone="warning"))
-    return notices
 
 
 def notable(plan: Plan, results: Results, place: Place) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -117,25 +84,27 @@ def commands(plan: Plan, results: Results) -> str:
 def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], film: Path | None = None) -> Page:
     """The page of a study; `failures` are entries that could not be flown, by what happened, `film` its worst run."""
     study, report, base, factors = plan.study, plan.study.report, plan.arms[0], varied(plan)
-    metric, layout = METRICS[report.metric], charts.layout_of(plan)
+    layout, metric = charts.layout_of(plan), METRICS[report.metric]
     found = {place: results.estimate(place, report.metric) for place in results.rows}
     known = sorted((place for place in found if not math.isnan(found[place].value)), key=lambda p: found[p].value)
     compared = [p for p in results.rows if p[1] != base and (p[0], base, p[2]) in results.rows]
     apart = {place: results.difference(place, base, report.metric) for place in compared}
-    effects = main_effects(plan, results, report.metric)
     across = layout.against if layout.against in factors else "".join(factors[:1])
     factorial, asked = study.design == "factorial", any((report.against, report.lines, report.panels))
+    calm = all(entry.scenario.ocean.waves.kind == "none" for entry in plan.entries)
     values = {
-        "plan": plan, "study": study, "results": results, "metric": metric, "charts": charts, "layout": layout,
-        "words": words, "many": many, "place_text": partial(_place_text, plan),
+        "plan": plan, "study": study, "results": results, "failures": failures, "charts": charts, "layout": layout,
+        "metrics": METRICS, "metric": metric, "columns": [c for c in _COLUMNS if c != report.metric],
+        "words": words, "many": many, "place_text": partial(_place_text, plan), "cell": _cell,
+        "factor_cell": _factor_cell, "verdict": _verdict, "tones": _TONES,
         "listed": lambda values: ", ".join(map(charts.value_text, values)),
         "changes": lambda settings: ", ".join(f"{key} = {charts.value_text(v)}" for key, v in settings.items()),
+        "found": found, "apart": apart, "effects": main_effects(plan, results, report.metric),
         "extremes": [(place, shown(found[place], metric.unit)) for place in known[:1] + known[1:][-1:]],
         "verdicts": {a: Counter(_verdict(d) for p, d in apart.items() if p[1] == a) for a in plan.arms[1:]},
-        "question": Text(text=study.question), "notices": _notices(plan, failures),
-        "table": _table(plan, results, apart), "effects": effects,
-        "has_lines": factorial and (asked or len(factors) < 2),
+        "question": Text(text=study.question), "has_lines": factorial and (asked or len(factors) < 2),
         "map_axes": [across, *(f for f in factors if f != across)][:2] if factorial and len(factors) > 1 else [],
+        "idle": [draw.key for draw in study.draws if calm and draw.key.startswith("ocean.waves.")],
         "runs": study.runs * sum(len(entry.scenario.followers) for entry in plan.entries),
         "film": film and Film(path=film),
         "commands": Code(text=commands(plan, results), title="Worst and median run of every place",

@@ -119,13 +119,6 @@ def _with(table: Mapping[str, Any], settings: Mapping[str, Any]) -> tuple[dict[s
     return result, lines
 
 
-def _where(point: Mapping[str, Any], arm: str, sea: int, study: Study) -> str:
-    parts = [f"{key} = {text_of(value)}" for key, value in point.items()]
-    parts += [f"arm {arm}"] if study.arms else []
-    parts += [f"sea {sea}"] if study.seas > 1 else []
-    return ", ".join(parts)
-
-
 def _report_errors(study: Study) -> list[str]:
     """A line for each metric and each factor of the report that does not exist."""
     report, lines = study.report, []
@@ -140,13 +133,6 @@ def _report_errors(study: Study) -> list[str]:
         if wish and wish not in known:
             lines.append(f"  report.{name}: {wish!r:.60} is not varied; available: {', '.join(known)}")
     return lines
-
-
-def _needless_seas(study: Study, entries: list[Entry]) -> list[str]:
-    if study.seas == 1 or study.draws or not entries or any(e.scenario.ocean.waves.kind == "jonswap" for e in entries):
-        return []
-    return [f"  seas: {study.seas} seas would all be alike: nothing is drawn in [draw] and there are no irregular "
-            "waves; ask for more runs instead"]  # fmt: skip
 
 
 def _examined(
@@ -176,8 +162,10 @@ def _examined(
                 changed, lines = _with(table, settings)
                 scenario, found = examined(changed, infeasible)
                 lines += found
+                where = [f"{key} = {text_of(value)}" for key, value in point.items()]
+                where += [f"arm {arm}"] * bool(study.arms) + [f"sea {sea}"] * (study.seas > 1)
                 for line in lines:
-                    errors.setdefault(line, []).append(_where(point, arm, sea, study))
+                    errors.setdefault(line, []).append(", ".join(where))
                 if scenario is not None and not lines:
                     entries.append(Entry(point=number, arm=arm, sea=sea, settings=settings, scenario=scenario))
     every = len(points) * len(arms) * study.seas
@@ -195,7 +183,7 @@ def plan_of(study: Study) -> Plan:
             a point, and where in the design it is.
     """
     lines = _report_errors(study)
-    arms = {arm.name: arm.settings for arm in study.arms} or {ALONE: {}}
+    arms = study.arms or {ALONE: {}}
     each = len(arms) * study.seas
     if each > MOST_ENTRIES:
         lines.append(f"  arm, seas: {each:,} scenarios at each point, at most {MOST_ENTRIES:,} in all")
@@ -211,6 +199,10 @@ def plan_of(study: Study) -> Plan:
     if lines:
         raise refusal(study.source, lines)
     entries, errors = _examined(study, table, points, arms)
-    if lines := _needless_seas(study, entries) + errors:
-        raise refusal(study.source, lines)
+    irregular = any(entry.scenario.ocean.waves.kind == "jonswap" for entry in entries)
+    if study.seas > 1 and entries and not study.draws and not irregular:
+        text = f"{study.seas} seas would all be alike: nothing is drawn in [draw] and there are no irregular waves"
+        errors.insert(0, f"  seas: {text}; ask for more runs instead")
+    if errors:
+        raise refusal(study.source, errors)
     return Plan(study=study, points=points, arms=tuple(arms), entries=entries)

@@ -43,14 +43,6 @@ class Outcomes:
         return Results.of(self.rows, self.runs)
 
 
-def plans_of(entry: Entry, runs: int) -> list[CellPlan]:
-    """The cells of an entry, one for each follower."""
-    return [
-        CellPlan(scenario=entry.scenario, runs=runs, follower=follower)
-        for follower in range(len(entry.scenario.followers))
-    ]
-
-
 def _of_runs(entry: Entry, follower: int, found: Sequence[list[Record]]) -> tuple[Record, Record]:
     """Row and lists over runs of a follower of a closed loop."""
     lists = columns_of([records[follower] for records in found])
@@ -88,7 +80,11 @@ def fly_study(plan: Plan, folder: Path, **options: Unpack[ExecutionOptions]) -> 
     Returns:
         Rows in the order of the plan: the same whatever the workers and interruptions.
     """
-    cells = {entry.place: plans_of(entry, plan.study.runs) for entry in plan.entries}
+    cells = {
+        entry.place: [CellPlan(scenario=entry.scenario, runs=plan.study.runs, follower=follower)
+                      for follower in range(len(entry.scenario.followers))]
+        for entry in plan.entries
+    }  # fmt: skip
     closed = [entry for entry in plan.entries if entry.closed_loop]
     tasks = {
         (entry.place, run): partial(records_of_run, missions.content_of(entry.scenario), run)

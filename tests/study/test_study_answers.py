@@ -96,7 +96,7 @@ def test_the_answer_is_a_figure_and_a_table_of_every_place_with_differences_and_
         ]  # fmt: skip
         assert float(cells["mean E_P [m]"].sort) == pytest.approx(mean, abs=1e-9)
         assert float(cells["share of runs captured"].sort) == (0.25 if at[1] == "plain" else 0.0)
-        difference, verdict = cells["difference from plain: mean E_P [m]"], cells["verdict"]
+        difference, verdict = cells["difference: mean E_P [m]"], cells["verdict"]
         if at in apart:
             assert (verdict.text, verdict.tone) == apart[at][:2]
             assert float(difference.sort) == pytest.approx(apart[at][2], abs=1e-9)
