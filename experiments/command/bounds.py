@@ -19,7 +19,7 @@ _QUARTERS = 4
 
 
 def show_bound(source: str, assignments: Iterable[str], runs: int, out: Path | None) -> None:
-    """Print the bound of the RMS position error of a mission, and the navigator's error in Monte Carlo runs beside it.
+    """Print the bound of the RMS position error of a mission, and the navigator's error in Monte Carlo runs.
 
     Raises:
         LaisnError: the scenario or the file's name is invalid.
@@ -75,7 +75,7 @@ def records(flight: Flight) -> Iterator[Record]:
 
 
 def show_range_budget(source: str, assignments: Sequence[str], out: Path | None) -> None:
-    """Print the error budget of the ranges of a scenario or a log, and write it as a table with a row for each ping.
+    """Print the error budget of the ranges of a scenario or a log, and write a table with a row for each ping.
 
     Raises:
         LaisnError: the source or the name of the file is invalid, or overrides were given for a log.

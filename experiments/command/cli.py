@@ -65,7 +65,7 @@ def fly(
     extra = [f"{key}={value}" for key, value in (("seed", seed), ("run", run)) if value is not None]
     checked = load_flyable(scenario, [*(set_ or []), *extra])
     source = Path(scenario)
-    # a copied file keeps the name that is written in it, so the folder is named after the file
+    # a copied file keeps the name in it, so the folder is named after the file
     name = name_of(source) if source.suffix == ".toml" else checked.name
     fly_and_write(checked, out or Path("out") / name, with_video=video, source=source)
 
@@ -73,7 +73,7 @@ def fly(
 @app.command()
 @report_errors
 def scenarios(
-    name: Annotated[str | None, typer.Argument(help="print this one as TOML, a start for your own")] = None,
+    name: Annotated[str | None, typer.Argument(help="print this scenario as TOML, a template for your own")] = None,
 ) -> None:
     """List the built-in scenarios, or print one."""
     from experiments.flight import library
@@ -126,7 +126,7 @@ def render(
     size: Annotated[
         dict[str, int] | None, typer.Option(parser=_size, metavar="WIDTHxHEIGHT", help="such as 1920x1080")
     ] = None,
-    speed_up: Annotated[float | None, typer.Option(help="seconds of mission in a second of film")] = None,
+    speed_up: Annotated[float | None, typer.Option(help="seconds of the mission per second of film")] = None,
     follower: Annotated[int, typer.Option(help="index of the follower that the camera follows")] = 0,
     still: Annotated[float | None, typer.Option(metavar="T", help="one picture at mission time T [s]")] = None,
     out: Annotated[Path | None, typer.Option(help="file (default NAME.mp4 or NAME.png)")] = None,
@@ -138,8 +138,8 @@ def render(
     from experiments.flight import files
     from sim.scenario.settings import Video
 
-    given = {"camera": camera, "speed_up": speed_up}
-    changes = {name: value for name, value in given.items() if value is not None} | (size or {})
+    given = {"camera": camera, "speed_up": speed_up, **(size or {})}
+    changes = {name: value for name, value in given.items() if value is not None}
     # before the mission is simulated
     files.video_of(Video(), changes)
     flight = files.flight_of(source, set_ or ())
@@ -159,7 +159,7 @@ def replay(
     set_: SetOption = None,
     scenario: Annotated[
         str | None,
-        typer.Option(metavar="SCENARIO", help="for a log of measurements alone: start, baseline, navigation"),
+        typer.Option(metavar="SCENARIO", help="for a log of measurements only: start, baseline, navigation"),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(help="log of the flight with the new estimates; CSV with --scenario and of data sets")
@@ -170,7 +170,7 @@ def replay(
     ] = 10.0,
     smooth: Annotated[
         float | None,
-        typer.Option(min=0.0, metavar="SECONDS", help="tight: also use messages of up to this much later"),
+        typer.Option(min=0.0, metavar="SECONDS", help="tight: smooth with messages of up to this much later"),
     ] = None,
 ) -> None:
     """Navigate on the measurements of a log with another variant or other settings."""
@@ -185,7 +185,7 @@ def replay(
     elif smooth is None:
         replaying.replay_data_set(log, variant or "laisn-2", set_ or (), out, longest_gap)
     else:
-        raise LaisnError(f"--smooth with {log}: a data set's navigator among beacons cannot be smoothed")
+        raise LaisnError(f"--smooth: the navigator of a data set ({log}) has no smoother")
 
 
 @app.command("anatomy", hidden=True)
@@ -194,7 +194,7 @@ def replay(
 def range_budget(
     source: SourceArgument,
     set_: SetOption = None,
-    out: Annotated[Path | None, typer.Option(help="write every share of every ping to this .csv or .parquet")] = None,
+    out: Annotated[Path | None, typer.Option(help="write all shares of every ping to this .csv or .parquet")] = None,
 ) -> None:
     """Print the error budget of the ranges: pitch, motion, echoes, sound, clocks, noise, depth."""
     from experiments.command.bounds import show_range_budget
@@ -231,7 +231,7 @@ def log_export(
     log: LogArgument,
     out: Annotated[Path, typer.Argument(parser=folder_option, metavar="OUT", help="folder for the tables")],
     format_: Annotated[str, typer.Option("--format", help="parquet or csv")] = "parquet",
-    rerun: Annotated[bool, typer.Option("--rerun", help="write one Rerun recording in place of tables")] = False,
+    rerun: Annotated[bool, typer.Option("--rerun", help="write one Rerun recording instead of tables")] = False,
 ) -> None:
     """Export every numeric channel as a table, or a flight as a recording for Rerun."""
     from sim.log.export import export, write_recording
@@ -278,7 +278,7 @@ for _study in (
 
 def main() -> None:
     """Entry point of the console script."""
-    # Child processes that render choose their own library; a missing one must not break other commands.
+    # Child processes that render select their own library; a missing one must not break other commands.
     os.environ["MUJOCO_GL"] = "disable"
     # Modules stay loaded to the end; searching them for garbage costs each mission a quarter of a second.
     gc.set_threshold(100_000, 50, 50)

@@ -22,7 +22,7 @@ def _name(requirement: str) -> str:
 
 
 def _version(name: str) -> str:
-    """Version of an installed package; nothing if it is not there."""
+    """Version of an installed package; empty if it is not installed."""
     try:
         return version(name)
     except PackageNotFoundError:
@@ -38,7 +38,7 @@ def _package_errors() -> dict[str, str]:
     modules: dict[str, str] = {}
     for module, packages in packages_distributions().items():
         for package in map(str.lower, packages):
-            # of several modules of a package, the one of its own name
+            # of several modules of a package, the one of the same name
             if package not in modules or module.lower() == package:
                 modules[package] = module
     broken = {}
@@ -50,7 +50,7 @@ def _package_errors() -> dict[str, str]:
             else:
                 broken[entry] = _ABSENT
         except Exception as error:
-            # a broken package may raise anything
+            # a broken package may raise any exception
             broken[entry] = f"cannot be imported: {str(error).partition(chr(10))[0] or type(error).__name__}"
     return broken
 
@@ -60,7 +60,7 @@ def _first_line(error: BaseException) -> str:
 
 
 def _try_to_fly() -> tuple[str, str]:
-    """Why two seconds of a mission cannot be simulated, logged and reported, and why not filmed; empty if they can."""
+    """Errors of a flight of two seconds, and of its film; empty if there is none."""
     small = ["duration_s=2", "video.width_px=320", "video.height_px=180", "video.speed_up=20"]
     try:
         from experiments.campaign.progress import compiling_shown
@@ -70,8 +70,8 @@ def _try_to_fly() -> tuple[str, str]:
         with TemporaryDirectory(prefix="laisn-") as folder, compiling_shown():
             written = write_flight(load_flyable("T5", small), Path(folder), Console(quiet=True), with_video=True)
     except Exception as error:
-        # a machine may fail in any way
-        return _first_line(error), "no flight, no film"
+        # any failure of this machine
+        return _first_line(error), "no flight"
     return "", _first_line(written.fault) if written.fault else written.no_film
 
 
@@ -115,13 +115,13 @@ def examine() -> int:
     renders = any(backend.works for backend in backends)
     for backend in backends:
         needed = backend.works or not renders
-        detail = backend.detail if needed else "not there, and not needed"
+        detail = backend.detail if needed else "not available, not needed"
         row(backend.works if needed else None, f"rendering with {backend.name}", detail)
     if not renders and not broken:
         table.add_row("", "", graphics.INSTALL)
     no_flight, no_film = ("a package is missing",) * 2 if broken else _try_to_fly()
-    row(not no_flight, "flight", no_flight or "flown, logged and reported: 2 s of T5")
-    row(not no_film, "film", no_film or "of it: H.264")
+    row(not no_flight, "flight", no_flight or "2 s of T5 simulated, logged and reported")
+    row(not no_film, "film", no_film or "rendered in H.264")
     named = {_name(entry) for entry in broken}
     fine = (name for name in (_PROJECT, *PACKAGES) if name not in named)
     row(True, "packages", ", ".join(f"{name} {number}" for name in fine if (number := _version(name))))

@@ -61,7 +61,7 @@ def _outcome(error: BaseException) -> tuple[int, list[str]]:
     if isinstance(error, LaisnError):
         return USER_ERROR, [*(str(error).splitlines() or [type(error).__name__]), *notes]
     if isinstance(error, OSError) and error.errno is not None:
-        # from the system: a full disk, a folder without permission
+        # of the system: a full disk, a folder without permission
         return USER_ERROR, [f"{error.filename or 'output'}: {error.strerror}", *notes]
     what = f"{type(error).__name__}: {plain(error)}" if str(error) else type(error).__name__
     compiled = sys.modules.get("laisn.compiled")
@@ -71,7 +71,7 @@ def _outcome(error: BaseException) -> tuple[int, list[str]]:
 
 
 def report_errors(command: Callable[P, T]) -> Callable[P, T]:
-    """Make a command print its errors as one message and exit with their code; LAISN_DEBUG=1 shows tracebacks."""
+    """Make a command print an error as one message and exit with its code; LAISN_DEBUG=1 shows tracebacks."""
 
     @wraps(command)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -105,16 +105,16 @@ def require_output(out: Path | None, *suffixes: str, source: Path | None = None)
     if out.suffix not in suffixes:
         raise LaisnError(f"--out: expected a file name that ends in {' or '.join(suffixes)} (given: {out})")
     if source is not None and out.exists() and source.exists() and out.samefile(source):
-        raise LaisnError(f"--out: expected another file than the one that is read (given: {out})")
+        raise LaisnError(f"--out: expected another file than the input (given: {out})")
 
 
 _signals: list[int] = []
-"""Signals that asked this process to end."""
+"""Received signals that end this process."""
 
 
 def _interrupt(number: int, _: FrameType | None) -> None:
     if number != signal.SIGINT:
-        # once, so that cleaning up is not interrupted by a repetition; a second Ctrl-C may
+        # once, so that only a second Ctrl-C can interrupt the clean-up
         signal.signal(number, signal.SIG_IGN)
     _signals.append(number)
     raise KeyboardInterrupt(signal.Signals(number).name)
@@ -149,6 +149,6 @@ def run(app: typer.Typer) -> None:
             if sys.stdout is not None:
                 sys.stdout.flush()
         except OSError as error:
-            # Python would try once more when it ends, and print a traceback
+            # Python would flush again at its end, and print a traceback
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             sys.exit(1 if isinstance(error, BrokenPipeError) else f"laisn: output: {error.strerror}")

@@ -44,13 +44,8 @@ class Cause(IntEnum):
     """Depths have errors, and the hydrophone is not at the follower's depth sensor."""
 
 
-LABELS = {
-    Cause.FORESHORTENING: "foreshortening",
-    Cause.LEVER_ARM: "lever arm",
+LABELS = {cause: cause.name.lower().replace("_", " ") for cause in Cause} | {
     Cause.MOTION: "travel time and motion",
-    Cause.ECHO: "echo",
-    Cause.SOUND_SPEED: "sound speed",
-    Cause.CLOCK: "clock",
     Cause.RANDOM: "random error",
     Cause.DEPTH: "depth measurement",
 }

@@ -10,7 +10,7 @@ from experiments.flight.summary import captured_steps, flight_bounds
 from experiments.pages import flight_figures, flight_text, range_budget_page
 from experiments.pages.figures import svg
 from experiments.pages.flight_figures import ON_AXIS_DEG
-from experiments.pages.page import Cell, Code, Figures, Film, Notice, Table, number, words, write
+from experiments.pages.page import Cell, Code, Figures, Film, Table, number, words, write
 from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, HALF, INK, LEADER, MUTED, TRANSMITTERS
 from experiments.pages.template import page_of
 from laisn import metrics
@@ -153,36 +153,27 @@ def _results(summary: Mapping[str, Any]) -> Table:
     heads += ["RMS [m]", "95 %", "max", "joined [s]", "lost"] if on_station else []
     groups = [("", 1), ("position error", 3), ("bearing error", 3), ("track error", 1)]
     groups += [("station error, since it joined", 5)] if on_station else []
-    joined = "from joining on, when it first was within 2 m of its station; " if on_station else ""
     return Table(
         heads=[*heads, *(FIX_WORDS[kind] for kind in kinds)],
         rows=table,
         groups=groups + ([("fixes", len(kinds))] if kinds else []),
-        caption="Errors of the estimate over all filter steps; distance of the follower from its place on its route or "
-        f"station; {joined}kinds of fix.",
     )
 
 
-def _troubles(flight: Flight, errors: Errors) -> list[Notice]:
-    notices = []
-    if flight.outcome is not Outcome.COMPLETED:
-        flown = f"{flight.trajectory.time[-1]:g} s of {flight.scenario.duration_s:g} s"
-        text = f"After {flown}: {flight.outcome.value}."
-        notices.append(Notice(tone="warning" if flight.outcome is Outcome.CONTACT else "failure", text=text))
-    if met := contacts(flight.trajectory):
-        (time, pair), others = met[0], f", the first of {len(met)} pairs" if len(met) > 1 else ""
-        notices.append(Notice(tone="warning", text=f"At {time:g} s {' and '.join(pair)} touched{others}."))
-    for i, (position, _) in enumerate(errors):
-        name = flight.trajectory.names[i + 1]
-        if not np.all(np.isfinite(position[flight.estimates[i].unknown :])):
-            notices.append(Notice(tone="failure", text=f"{name}: the estimate is not finite."))
-        elif share := 100 * float(np.mean(captured_steps(flight, i))):
-            text = (
-                f"{name}: the estimate was more than {metrics.CAPTURE_ERROR:g} m off, at the mirror image of the truth "
-                f"in the leader's axis, for {share:.1f} % of the mission (mirror capture)."
-            )
-            notices.append(Notice(tone="warning", text=text))
-    return notices
+def failures(flight: Flight) -> dict[str, Any]:
+    """Values for the notices: end of the mission, contacts, estimates that are not finite, and mirror captures."""
+    names, finite = flight.trajectory.names[1:], [np.isfinite(e.state[e.unknown :]).all() for e in flight.estimates]
+    captured = {name: 100 * float(np.mean(captured_steps(flight, i))) for i, name in enumerate(names) if finite[i]}
+    return {
+        "ended_by": "" if flight.outcome is Outcome.COMPLETED else flight.outcome.value,
+        "end_tone": "warning" if flight.outcome is Outcome.CONTACT else "failure",
+        "flown_s": f"{flight.trajectory.time[-1]:g}",
+        "duration_s": f"{flight.scenario.duration_s:g}",
+        "contacts": [(f"{time:g}", pair) for time, pair in contacts(flight.trajectory)],
+        "not_finite": [name for name, good in zip(names, finite, strict=True) if not good],
+        "captured": {name: f"{share:.1f}" for name, share in captured.items() if share},
+        "capture_error_m": f"{metrics.CAPTURE_ERROR:g}",
+    }
 
 
 def _facts(flight: Flight, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -229,12 +220,13 @@ def flight_report(
         "followers": len(flight.estimates),
         "drawn": len(_drawn(flight)),
         "sentences": flight_text.sentences(flight, by_name) or [f"{flight.outcome.value.capitalize()}."],
-        "notices": _troubles(flight, errors),
+        **failures(flight),
         "overview": _overview(flight, errors),
         "errors": [_error_row(name, one) for name, one in by_name.items()],
         "consistent": flight_text.percent(flight_text.CONSISTENT_SHARE),
         "films": [Film(path=film, caption="The film of the mission.")] if film else [],
         "results": _results(summary),
+        "on_station": any(follower.station for follower in flight.scenario.followers),
         "on_axis_deg": f"{ON_AXIS_DEG:g}",
         "rows": [_follower_row(flight, i, errors[i]) for i in _drawn(flight)],
         "bound": bound_figures(flight, errors, bounds or flight_bounds(flight)),

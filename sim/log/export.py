@@ -1,4 +1,4 @@
-"""Logs for other programs: a Parquet or CSV file for each channel, or a recording that Rerun draws."""
+"""Export of logs: a Parquet or CSV file for each channel, or a recording for Rerun."""
 
 from collections.abc import Iterable, Iterator
 from itertools import count
@@ -27,7 +27,7 @@ _SCENES = ("/scene/vehicles", "/scene/acoustics")
 
 
 def _leaves(descriptor: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Paths and descriptors of the single numbers and texts of a message; nothing for what holds lists or bytes."""
+    """Paths and descriptors of the numbers and texts of a message, without lists and bytes."""
     for field in descriptor.fields:
         name = f"{prefix}{field.name}"
         if field.is_repeated or field.type == field.TYPE_BYTES:
@@ -39,7 +39,7 @@ def _leaves(descriptor: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _table(messages: Messages, start_ns: int) -> Any:
-    """All messages of a channel: the times, then the leaves, enumerations by their names where these are known."""
+    """All messages of a channel: times, then fields; enumerations by their names where these are known."""
     leaves = dict(_leaves(messages.message_class.DESCRIPTOR))
     columns: dict[str, Any] = {"time_s": (messages.time_ns - start_ns) / 1e9, "log_time_ns": messages.time_ns}
     for (name, leaf), values in zip(leaves.items(), messages.columns(list(leaves)), strict=True):
@@ -54,8 +54,8 @@ def _table(messages: Messages, start_ns: int) -> Any:
 def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path]:
     """Write every protobuf channel with plain numbers or texts as a table; scenes, transforms and video are left out.
 
-    Every row begins with `time_s`, the mission's time (in a log without scenario since the first message of any table),
-    and `log_time_ns`, that of the log since 1970; a channel's own field of such a name ends in "~2". The table of
+    Every row begins with `time_s`, the mission time (without a scenario, since the first message of any table), and
+    `log_time_ns`, the log time since 1970; a channel's field of such a name ends in "~2". The table of
     "/follower/estimate" is "follower_estimate.parquet" in the folder `out`. Returns the files, in order of topic.
 
     Raises:
@@ -75,7 +75,7 @@ def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path
         messages = log.topics.pop(topic)
         if not messages.data:
             continue
-        # "/" separates, what is no letter, digit, ".", "_", "-" or "~" is written as %XX; some disks ignore case
+        # other characters than letters, digits, ".", "_", "-" and "~" become %XX; some file systems ignore case
         name = quote(topic.strip("/").replace("/", "_"), safe="") or "channel"
         name = next(n for k in count(1) if (n := f"{name}~{k}" if k > 1 else name).lower() not in taken)
         taken.add(name.lower())
@@ -91,7 +91,7 @@ def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path
         files.append(file)
     if not files:
         available = ", ".join(topics) or "none"
-        raise LogError(f"{path}: lacks protobuf channels with numbers or texts to export; available: {available}")
+        raise LogError(f"{path}: expected protobuf channels with numbers or texts; available: {available}")
     return files
 
 
@@ -104,7 +104,7 @@ def _rgba(primitives: Any) -> list[list[int]]:
 
 
 def _entities(rr: Any, entity: Any) -> Iterator[tuple[str, Any]]:
-    """What Rerun draws of an entity of a scene; what it has none of replaces that of the instant before."""
+    """Rerun's archetypes of an entity of a scene; empty ones remove those of the previous instant."""
 
     def solids(primitives: Any, **sizes: Any) -> dict[str, Any]:
         turns = [(q.x, q.y, q.z, q.w) for q in (p.pose.orientation for p in primitives)]

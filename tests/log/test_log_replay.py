@@ -236,7 +236,7 @@ def test_a_channel_without_the_fields_is_named(tmp_path: Path) -> None:
             writer.finish()  # type: ignore[no-untyped-call]
         with pytest.raises(LogError, match=f"/follower/motion is encoded as {found}, expected protobuf"):
             read_recording(tmp_path / "b.mcap")
-        with pytest.raises(LogError, match=r"lacks protobuf channels .* available: /follower/motion"):
+        with pytest.raises(LogError, match=r"expected protobuf channels .* available: /follower/motion"):
             export(tmp_path / "b.mcap", tmp_path / "tables")
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from experiments.flight.range_budget import Cause, RangeErrorBudget
 from experiments.pages import flight_figures, flight_report, flight_text, range_budget_page
-from experiments.pages.flight_report import _facts, _results, _troubles, bound_figures, final_states
+from experiments.pages.flight_report import _facts, _results, bound_figures, failures, final_states
 from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, FixKind
 from laisn.tight.estimates import TightEstimates
@@ -68,9 +68,10 @@ def test_a_capture_is_told_with_its_share_of_the_mission(flight: Flight) -> None
     # for 25 of 200 steps
     state[:, :2] = truth - np.where(np.arange(200) < 25, 2 * side, 0.0)[:, None] * starboard
     caught = dataclasses.replace(flight, estimates=(dataclasses.replace(found, state=state),))
-    (notice,) = _troubles(caught, [(np.zeros(200), np.zeros(200))])
-    assert "more than 5 m off" in notice.text
-    assert "for 12.5 % of the mission" in notice.text
+    found_failures = failures(caught)
+    assert found_failures["captured"] == {"follower": "12.5"}
+    assert found_failures["capture_error_m"] == "5"
+    assert found_failures["not_finite"] == []
 
 
 def test_causes_are_told_in_centimetres_by_their_root_mean_square() -> None:
