@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from experiments.campaign.version import PACKAGES
+from laisn.failure import LaisnError
 
 _PROJECT, _ABSENT = "laisn-sim", "is not installed"
 
@@ -72,7 +73,8 @@ def _try_to_fly() -> tuple[str, str]:
     except Exception as error:
         # any failure of this machine
         return _first_line(error), "no flight"
-    return "", _first_line(written.fault) if written.fault else written.no_film
+    error = written.film_error
+    return "", "" if error is None else str(error) if isinstance(error, LaisnError) else _first_line(error)
 
 
 def examine() -> int:

@@ -27,7 +27,7 @@ from experiments.flight.folder import (
     require_safe,
 )
 from experiments.flight.summary import flight_bounds, position_and_bearing_errors, summarise
-from laisn.arrays import Floats
+from laisn.failure import LaisnError
 from sim.feasibility import cautions
 from sim.flight import Flight, Outcome, navigate
 from sim.processes import background_process
@@ -87,38 +87,26 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
 
 
 class Written(NamedTuple):
-    """A flight whose results are written, and the messages about it."""
+    """A flight whose results are written."""
 
     flight: Flight
     summary: dict[str, Any]
-    no_film: str
-    """Why there is no film; empty if there is one."""
-    fault: Exception | None
-    """A bug that prevented the film."""
+    film_error: Exception | None
+    """Error that prevented a requested film: a `LaisnError`, or a bug."""
 
 
-def _film(
-    flight: Flight,
-    path: Path,
-    errors: list[tuple[Floats, Floats]],
-    update: Update,
-    write_log: Callable[..., Any],
-) -> tuple[str, Exception | None]:
-    """Render the film and add it to the log; returns why there is none, and the bug that prevented it."""
-    from sim.film import render
-
+def _film(film: Callable[[], Any], write_log: Callable[..., Any] | None) -> Exception | None:
+    """Render the film and add it to the log; returns the error that prevented it."""
     try:
-        frames = render.render(flight, path, errors=errors, video=flight.scenario.video, progress=update)
-    except render.RenderError as error:
-        return str(error), None
+        frames = film()
     except OSError:
         raise
     except Exception as error:
         # the other results are complete without a film
-        return "a bug in the program", error
-    if flight.scenario.video.in_log:
+        return error
+    if write_log is not None:
         write_log(video=frames)
-    return "", None
+    return None
 
 
 def _draw_report(*arguments: Any) -> None:
@@ -157,7 +145,7 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
         summary = summarise(flight, errors, bounds)
         summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
         write_log = partial(writer.write, flight, folder / LOG, summary=summary_text, errors=errors, events=events)
-        film, no_film, fault = folder / FILM, "not requested", None
+        film, film_error = folder / FILM, None
 
         # the log first, so that it is kept if the film fails
         report = partial(_draw_report, flight, errors, summary, folder / REPORT)
@@ -171,16 +159,20 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
             with phase("log"):
                 write_log()
             if with_video:
+                from sim.film.render import render
+
+                video = scenario.video
                 with phase("video") as update:
-                    no_film, fault = _film(flight, film, errors, update, write_log)
+                    draw = partial(render, flight, film, errors=errors, video=video, progress=update)
+                    film_error = _film(draw, write_log if video.in_log else None)
             with phase("report"):
-                report(None if no_film else film, bounds)
+                report(film if with_video and film_error is None else None, bounds)
     factor = float(flight.trajectory.time[-1]) / watch.seconds["simulate_s"]
     timing_text = json.dumps(watch.seconds | {"real_time_factor": factor}, indent=2) + "\n"
     texts = {SUMMARY: summary_text, SCENARIO: scenario.toml(), TIMING: timing_text, LAYOUT: layout(trajectory.names)}
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
-    return Written(flight, summary, no_film, fault)
+    return Written(flight, summary, film_error)
 
 
 def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source: Path | None = None) -> None:
@@ -197,16 +189,17 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source:
     require_safe(folder, source, scenario.toml)
     with one_flight(folder) as work:
         written = write_flight(scenario, work, console, with_video=with_video)
-        renamed = earlier_film(folder).name if written.no_film and (folder / FILM).exists() else None
+        renamed = (folder / FILM).exists() and not (work / FILM).exists() and earlier_film(folder)
     show(console, written.flight, written.summary)
     for caution in cautions(scenario):
         print_line(console, caution, "warning:")
     for event in stray_events(written.flight):
         print_line(console, f"at {event.time_s:g} s {event.text}", "warning:")
-    if with_video and written.no_film:
-        print_line(console, written.no_film, "no film:")
+    bug = not isinstance(written.film_error, LaisnError)
+    if written.film_error:
+        print_line(console, "a bug in the program" if bug else written.film_error, "no film:")
     if renamed:
-        print_line(console, f"the film of the earlier flight is now {folder / renamed}", "note:")
+        print_line(console, f"the film of the earlier flight is now {renamed}", "note:")
     print_line(console, f"results in {folder}")
-    if written.fault:
-        raise written.fault
+    if written.film_error and bug:
+        raise written.film_error
