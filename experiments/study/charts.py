@@ -3,7 +3,7 @@
 import itertools
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from textwrap import fill
 from typing import Any, NamedTuple
 
@@ -16,7 +16,7 @@ from experiments.pages.figures import Line, panel, svg
 from experiments.pages.page import Figures
 from experiments.pages.style import FRAME, FULL, INK, SERIES, Legend
 from experiments.study.design import is_number
-from experiments.study.estimate import Results, digits
+from experiments.study.estimate import NOTHING, Results, digits
 from experiments.study.metrics import METRICS, without_unit
 from experiments.study.plan import ARM, FOLLOWER, Plan, levels, varied
 
@@ -31,8 +31,8 @@ _OWNERS = re.compile(r"^(leader|followers\.(\d+))\.")
 def _words(name: str) -> tuple[str, str]:
     """A key of the scenario in words, and its unit."""
     owner = _OWNERS.match(name)
-    text, unit = without_unit(name.rpartition(".")[2])
-    words = text.replace("_", " ")
+    text, unit = without_unit(name[owner.end() :] if owner else name.partition(".")[2] or name)
+    words = text.replace("_", " ").replace(".", " ")
     if owner:
         words = f"{'leader' if owner[2] is None else f'follower {int(owner[2]) + 1}'}'s {words}"
     return words, unit
@@ -119,26 +119,22 @@ def combinations(plan: Plan, names: Sequence[str]) -> list[dict[str, Any]]:
     return [dict(zip(names, values, strict=True)) for values in every]
 
 
-class _Values:
-    """The report's metric by the values of factors, or its difference from an arm."""
+def _values(plan: Plan, results: Results, names: Iterable[str], base: str = "") -> Callable[..., Interval]:
+    """The report's metric at a place, or its difference from an arm, by the values of factors with these names.
 
-    def __init__(self, plan: Plan, results: Results, base: str = "") -> None:
-        """Difference from the arm `base` if there is one."""
-        self.plan, self.results, self.base = plan, results, base
-        self.indices: dict[tuple[str, ...], dict[tuple[str, ...], int]] = {}
+    Factors that are left out have one value, or those named single out a point.
+    """
+    keys, metric = [factor.key for factor in plan.study.factors if factor.key in names], plan.study.report.metric
+    # the first point of those that have the same values
+    points = {tuple(repr(point[key]) for key in keys): i for i, point in reversed([*enumerate(plan.points)])}
+    apart = results.differences(base, metric) if base else {}
 
-    def at(self, here: Mapping[str, Any]) -> Interval | None:
-        """The interval where factors have these values, which single out a point; None if nothing was flown there."""
-        plan, results, base, metric = self.plan, self.results, self.base, self.plan.study.report.metric
-        keys = tuple(factor.key for factor in plan.study.factors if factor.key in here)
-        if keys not in self.indices:
-            points = reversed(list(enumerate(plan.points)))
-            self.indices[keys] = {tuple(repr(point[key]) for key in keys): i for i, point in points}
-        point = self.indices[keys].get(tuple(repr(here[key]) for key in keys), -1)
+    def value_at(here: Mapping[str, Any]) -> Interval:
+        point = points.get(tuple(repr(here[key]) for key in keys), -1)
         place = (point, here.get(ARM, plan.arms[0]), here.get(FOLLOWER, plan.followers[0]))
-        if place not in results.rows or place[1] == base or (base and (point, base, place[2]) not in results.rows):
-            return None
-        return results.difference(place, base, metric) if base else results.estimate(place, metric)
+        return apart.get(place, NOTHING) if base else results.estimate(place, metric)
+
+    return value_at
 
 
 def over_factor(plan: Plan, results: Results, layout: Layout, name: str = "main", base: str = "") -> Figures:
@@ -153,7 +149,8 @@ def over_factor(plan: Plan, results: Results, layout: Layout, name: str = "main"
     """
     if not layout.against:
         return Figures(panels=[])
-    values, axis = _Values(plan, results, base), axis_of(plan, layout.against)
+    axis = axis_of(plan, layout.against)
+    value_at = _values(plan, results, (layout.against, layout.lines, *layout.panels), base)
     kinds = levels(plan, layout.lines) if layout.lines else [None]
     label = METRICS[plan.study.report.metric].label
     label = f"difference: {label}" if base else label
@@ -163,8 +160,8 @@ def over_factor(plan: Plan, results: Results, layout: Layout, name: str = "main"
         for i, (kind, colour) in enumerate(zip(kinds, SERIES, strict=False)):
             shift = 0.0 if axis.numeric else 0.12 * (i - (len(kinds) - 1) / 2)
             here = chosen | {layout.lines: kind}
-            found = zip(axis.places, (values.at(here | {axis.name: v}) for v in axis.values), strict=True)
-            known = [(p + shift, v) for p, v in found if v is not None and not math.isnan(v.value)]
+            found = zip(axis.places, (value_at(here | {axis.name: v}) for v in axis.values), strict=True)
+            known = [(p + shift, v) for p, v in found if not math.isnan(v.value)]
             if not known:
                 continue
             x, y = np.array([p for p, _ in known]), np.array([v.value for _, v in known])
@@ -220,11 +217,10 @@ def heat_maps(plan: Plan, results: Results, names: Sequence[str]) -> Figures:
     """Panels of the report's metric over two factors, darker where it is larger in any of them, with its values."""
     across, up = axis_of(plan, names[0]), axis_of(plan, names[1])
     others = [n for n in (*varied(plan), ARM) if n not in names and len(levels(plan, n)) > 1]
-    chosen, found = combinations(plan, others)[:MOST_PANELS], _Values(plan, results)
+    chosen, value_at = combinations(plan, others)[:MOST_PANELS], _values(plan, results, (*names, *others))
     values = np.full((len(chosen), len(up.values), len(across.values)), np.nan)
     for (k, i, j), _ in np.ndenumerate(values):
-        interval = found.at(chosen[k] | {across.name: across.values[j], up.name: up.values[i]})
-        values[k, i, j] = math.nan if interval is None else interval.value
+        values[k, i, j] = value_at(chosen[k] | {across.name: across.values[j], up.name: up.values[i]}).value
     low, high = np.nanmin(values), np.nanmax(values)
     panels = []
     for k, here in enumerate(chosen):
@@ -290,14 +286,14 @@ def over_seas(plan: Plan, results: Results) -> Figures:
 def over_draws(plan: Plan, results: Results, point: int) -> Figures:
     """The means of the seas of a point over each number that was drawn, a panel for each key."""
     metric, panels = plan.study.report.metric, list[str]()
-    label = METRICS[metric].label
+    label, places = METRICS[metric].label, [(point, arm, plan.followers[0]) for arm in plan.arms]
     for draw in plan.study.draws[:MOST_PANELS]:
-        lines = []
-        for arm, colour in zip(plan.arms, SERIES, strict=False):
-            place = (point, arm, plan.followers[0])
-            drawn = [row[draw.key] for row in results.rows.get(place, [])]
-            if drawn and all(map(is_number, drawn)):
-                lines.append(Line(x=np.array(drawn), y=results.by_sea(place, metric), colour=colour, marker="o"))
+        drawn = [[row[draw.key] for row in results.rows.get(place, [])] for place in places]
+        lines = [
+            Line(x=np.array(values), y=results.by_sea(place, metric), colour=colour, marker="o")
+            for place, values, colour in zip(places, drawn, SERIES, strict=False)
+            if values and all(map(is_number, values))
+        ]
         if lines:
             figure = panel(lines, x_label=label_of(draw.key), y_label=label)
             figure.axes[0].margins(x=0.04, y=0.08)

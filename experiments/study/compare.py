@@ -13,8 +13,9 @@ from experiments.campaign.store import read_table
 from experiments.flight.folder import LOG
 from experiments.flight.summary import position_and_bearing_errors
 from experiments.intervals import Interval
+from experiments.pages import template
 from experiments.pages.figures import Line, panel, svg
-from experiments.pages.page import Block, Figures, Page, Section, Table, Text, number, words
+from experiments.pages.page import Figures, Page, number, words
 from experiments.pages.style import SERIES
 from experiments.study.estimate import over_runs, shown
 from experiments.study.file import METRIC
@@ -43,16 +44,8 @@ def differing(flights: Sequence[Flight]) -> dict[str, list[Any]]:
     return _differing([dotted(flight.scenario.model_dump(mode="json", exclude={"name", "run"})) for flight in flights])
 
 
-def _settings(names: Sequence[str], changed: Mapping[str, list[Any]]) -> Section:
-    settings = [
-        [words(key), *(words("–" if v is None else shortened(str(v), 120)) for v in values)]
-        for key, values in changed.items()
-    ]
-    table: Block = Table(heads=("key", *names), rows=settings) if settings else Text(text="All settings are the same.")
-    return Section(title="Settings that differ", blocks=[table])
-
-
-def _flights(names: Sequence[str], flights: Sequence[Flight]) -> list[Section]:
+def _flights(names: Sequence[str], flights: Sequence[Flight]) -> dict[str, Any]:
+    """What the template shows of flights."""
     errors = [position_and_bearing_errors(flight)[0] for flight in flights]
     times = [flight.trajectory.time[flight.step_index()] for flight in flights]
     panels = []
@@ -60,21 +53,11 @@ def _flights(names: Sequence[str], flights: Sequence[Flight]) -> list[Section]:
         lines = [Line(x=t, y=scale * e[place], colour=c) for t, e, c in zip(times, errors, SERIES, strict=False)]
         figure = panel(lines, x_label="time [s]", y_label=label, y_limits=(0.0, None))
         panels.append(svg(figure, f"error{place}", f"{label} of all flights over time"))
-    rows = []
-    for name, (position, bearing) in zip(names, errors, strict=True):
-        one = metrics.summarise(position, bearing)
-        same = position.size == errors[0][0].size
-        apart = float(np.mean(position - errors[0][0])) if same else math.nan
-        values = (one.e_p_mean_m, one.e_p_max_m, one.e_b_mean_deg, one.e_b_max_deg, apart)
-        rows.append([words(name), *(number(value, 3) for value in values)])
-    heads = ("flight", "mean E_P [m]", "largest [m]", "mean E_B [°]", "largest [°]", f"mean E_P less {names[0]} [m]")
-    drawn = Figures(
-        panels=panels, legend=[*zip(SERIES, names, strict=False)], caption="E_P and E_B of the first follower."
-    )
-    return [
-        Section(title="Errors of the first follower", blocks=[drawn, Table(heads=heads, rows=rows)]),
-        _settings(names, differing(flights)),
-    ]
+    found = [metrics.summarise(position, bearing) for position, bearing in errors]
+    first = errors[0][0]
+    apart = [float(np.mean(e - first)) if e.size == first.size else math.nan for e, _ in errors]
+    figures = Figures(panels=panels, legend=[*zip(SERIES, names, strict=False)])
+    return {"errors": figures, "rows": [*zip(names, found, apart, strict=True)], "changed": differing(flights)}
 
 
 def paired(folders: Sequence[Path], metric: str) -> dict[tuple[str, ...], list[Interval | None]]:
@@ -118,24 +101,12 @@ def paired(folders: Sequence[Path], metric: str) -> dict[tuple[str, ...], list[I
     return found
 
 
-def _studies(names: Sequence[str], folders: Sequence[Path]) -> list[Section]:
+def _studies(folders: Sequence[Path]) -> dict[str, Any]:
+    """What the template shows of studies."""
     tables = [dotted(read_toml(folder / STUDY) | {"name": "", "question": ""}) for folder in folders]
     asked = {table.get("report.metric", METRIC) for table in tables}
     metric = asked.pop() if len(asked) == 1 else METRIC
-    rows = []
-    for place, intervals in paired(folders, metric).items():
-        cells = [words("–" if v is None else shown(v)) for v in intervals]
-        rows.append([words(", ".join(place) or "the only one"), *cells])
-    label, _, unit = METRICS[metric].label.partition(" [")
-    unit = f" [{unit}" if unit else ""
-    heads = ("place", f"{label} of {names[0]}{unit}", *(f"{name} less that{unit}" for name in names[1:]))
-    text = "Differences are taken run by run, with 95 % intervals; a dash: other seas or runs, or no such place."
-    return [
-        Section(title="Paired differences", blocks=[Text(text=text), Table(heads=heads, rows=rows)]),
-        _settings(
-            names, _differing([{k: v for k, v in table.items() if k not in ("name", "question")} for table in tables])
-        ),
-    ]
+    return {"metric": METRICS[metric], "rows": paired(folders, metric), "changed": _differing(tables)}
 
 
 def page_of(sources: Sequence[str]) -> Page:
@@ -159,10 +130,7 @@ def page_of(sources: Sequence[str]) -> Page:
         raise LaisnError("flights and studies cannot be compared with each other")
     names = [path.name or str(path) for path in paths]
     names = list(sources) if len(set(names)) < len(names) else names
-    sections = _studies(names, paths) if all(studies) else _flights(names, [read(log) for log in logs])
-    return Page(
-        title=f"{', '.join(names[:-1])} and {names[-1]}",
-        summary=f"{len(names)} {'studies' if all(studies) else 'flights'} side by side.",
-        facts=[("repeat it", f"laisn compare {' '.join(sources)}")],
-        sections=sections,
-    )
+    found = _studies(paths) if all(studies) else _flights(names, [read(log) for log in logs])
+    tools = {"words": words, "number": number, "shown": shown, "shortened": shortened}
+    facts = [("repeat it", f"laisn compare {' '.join(sources)}")]
+    return template.page_of("experiments.study", facts, {"names": names, **tools, **found}, name="compare.md.j2")

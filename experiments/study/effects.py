@@ -6,7 +6,7 @@ import numpy as np
 
 from experiments.intervals import CONFIDENCE, Interval
 from experiments.study.estimate import Place, Results
-from experiments.study.plan import ARM, FOLLOWER, Plan, levels
+from experiments.study.plan import ARM, FOLLOWER, Plan, levels, varied
 from laisn.arrays import Floats, Ints
 
 INTERACTIONS = "interactions"
@@ -74,20 +74,20 @@ def main_effects(plan: Plan, results: Results, metric: str) -> dict[str, Interva
     Returns:
         Shares by name of the factor; none if fewer than two factors vary, a place has no value, or all have the same.
     """
-    varied = [factor.key for factor in plan.study.factors if len(levels(plan, factor.key)) > 1]
+    factors = varied(plan)
     places = list(results.rows)
     samples = np.array([_sample(results, place, metric) for place in places])
     alike = len(places) == len(plan.points) * len(plan.arms) * len(plan.followers)
-    if len(varied) < 2 or not alike or np.isnan(samples).all(axis=1).any():
+    if len(factors) < 2 or not alike or np.isnan(samples).all(axis=1).any():
         return {}
     means = np.nanmean(samples, axis=1)
     if np.ptp(means) == 0.0:
         return {}
-    names = varied + [ARM] * (len(plan.arms) > 1) + [FOLLOWER] * (len(plan.followers) > 1)
-    given = {name: [plan.points[place[0]][name] for place in places] for name in varied}
+    names = factors + [ARM] * (len(plan.arms) > 1) + [FOLLOWER] * (len(plan.followers) > 1)
+    given = {name: [plan.points[place[0]][name] for place in places] for name in factors}
     given |= {ARM: [place[1] for place in places], FOLLOWER: [place[2] for place in places]}
     random = np.random.default_rng([_KEY, plan.study.seed or 0])
-    factors = {name: _coded(plan, name, given[name]) for name in names}
+    coded = {name: _coded(plan, name, given[name]) for name in names}
     resamples = min(_RESAMPLES, max(_MOST_VALUES // len(places), 20))
     found: dict[str, Interval] = {}
     if plan.study.design == "factorial":
@@ -96,14 +96,14 @@ def main_effects(plan: Plan, results: Results, metric: str) -> dict[str, Interva
         known = ~np.isnan(samples)
         with np.errstate(invalid="ignore", divide="ignore"):
             resampled = (np.where(known, samples, 0.0) @ weights.T) / (known @ weights.T)
-        shares = {name: explained(factors[name], np.column_stack([means, resampled])) for name in names}
+        shares = {name: explained(coded[name], np.column_stack([means, resampled])) for name in names}
         shares[INTERACTIONS] = 1.0 - np.sum(list(shares.values()), axis=0)
         for name, share in shares.items():
             found[name] = Interval(float(share[0]), *(_limits(share[1:]) if count > 1 else (np.nan, np.nan)))
     else:
         by_point = np.argsort([place[0] for place in places], kind="stable").reshape(len(plan.points), -1)
         chosen = [np.arange(len(plan.points)), *random.integers(0, len(plan.points), (resamples, len(plan.points)))]
-        for name, factor in factors.items():
+        for name, factor in coded.items():
             rows = (by_point[picked].ravel() for picked in chosen)
             share = np.array([explained(factor[r], means[r, None])[0] for r in rows])
             k = factor.shape[1] if factor.ndim == 2 else int(factor.max())

@@ -107,14 +107,15 @@ def _whole(values: Floats) -> Floats:
     return values[~np.isnan(values)]
 
 
-_NOTHING = Interval(math.nan, math.nan, math.nan)
+NOTHING = Interval(math.nan, math.nan, math.nan)
+"""What there is where nothing was flown."""
 
 
 def _interval(runs: Sequence[Floats] | None, seas: Floats, metric: str, *, paired: bool = False) -> Interval:
     """Mean with its interval of values of runs, or of seas where there are none of runs; NaN where a sea has none."""
     whole = None if runs is None else [_whole(values) for values in runs]
     if not seas.size or (np.isnan(seas).any() if whole is None else not all(values.size for values in whole)):
-        return _NOTHING
+        return NOTHING
     return over_seas(seas) if whole is None else over_runs(whole, shares=metric in SHARES, paired=paired)
 
 
@@ -164,7 +165,12 @@ class Results:
         other = (place[0], base, place[2])
         seas, base_seas = ([row["sea"] for row in self.rows.get(at, [])] for at in (place, other))
         if seas != base_seas:
-            return _NOTHING
+            return NOTHING
         runs, base_runs = self.by_run(place, metric), self.by_run(other, metric)
         apart = [a - b for a, b in zip(runs, base_runs, strict=True)] if runs and base_runs else None
         return _interval(apart, self.by_sea(place, metric) - self.by_sea(other, metric), metric, paired=True)
+
+    def differences(self, base: str, metric: str) -> dict[Place, Interval]:
+        """Differences from the arm `base` at all places of other arms where both were flown."""
+        places = [p for p in self.rows if p[1] != base and (p[0], base, p[2]) in self.rows]
+        return {place: self.difference(place, base, metric) for place in places}

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from experiments.flight.library import fly_line
 from experiments.intervals import Interval
 from experiments.pages import template
 from experiments.pages.page import Cell, Code, Film, Page, Text, number, words
@@ -77,18 +78,18 @@ def commands(plan: Plan, results: Results) -> str:
         for which, (sea, run) in zip(("worst", "median"), notable(plan, results, place), strict=True):
             sea_text = f" of sea {sea}" if plan.study.seas > 1 else ""
             lines.append(f"# {_place_text(plan, place)}: {which} run, {run}{sea_text}")
-            lines.append(plan.by_place[place[0], place[1], sea].command(plan.study.scenario, run))
+            settings = plan.by_place[place[0], place[1], sea].settings
+            lines.append(fly_line(plan.study.scenario, settings, run))
     return "\n".join(lines)
 
 
 def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], film: Path | None = None) -> Page:
     """The page of a study; `failures` are entries that could not be flown, by what happened, `film` its worst run."""
-    study, report, base, factors = plan.study, plan.study.report, plan.arms[0], varied(plan)
+    study, report, factors = plan.study, plan.study.report, varied(plan)
     layout, metric = charts.layout_of(plan), METRICS[report.metric]
     found = {place: results.estimate(place, report.metric) for place in results.rows}
     known = sorted((place for place in found if not math.isnan(found[place].value)), key=lambda p: found[p].value)
-    compared = [p for p in results.rows if p[1] != base and (p[0], base, p[2]) in results.rows]
-    apart = {place: results.difference(place, base, report.metric) for place in compared}
+    apart = results.differences(plan.arms[0], report.metric)
     across = layout.against if layout.against in factors else "".join(factors[:1])
     factorial, asked = study.design == "factorial", any((report.against, report.lines, report.panels))
     calm = all(entry.scenario.ocean.waves.kind == "none" for entry in plan.entries)

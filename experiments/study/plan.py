@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Any
 
 from experiments.campaign.missions import digest, motion_key, motion_of
-from experiments.flight.library import fly_line, table_of, text_of
+from experiments.flight.library import table_of, text_of
 from experiments.study.design import points_of
 from experiments.study.file import Study, refusal
 from experiments.study.metrics import METRICS
@@ -49,10 +49,6 @@ class Entry:
         """Whether each of its runs is another mission."""
         return any(follower.steers_by_estimate for follower in self.scenario.followers)
 
-    def command(self, source: str, run: int) -> str:
-        """The command that flies one of its runs alone, with the very same noise."""
-        return fly_line(source, self.settings, run)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
@@ -88,10 +84,7 @@ def levels(plan: Plan, name: str) -> list[Any]:
         return list(plan.arms)
     if name == FOLLOWER:
         return list(plan.followers)
-    found: dict[str, Any] = {}
-    for point in plan.points:
-        found.setdefault(repr(point[name]), point[name])
-    return list(found.values())
+    return list({repr(point[name]): point[name] for point in plan.points}.values())
 
 
 def varied(plan: Plan) -> list[str]:

@@ -25,7 +25,7 @@ from experiments.study.estimate import Results
 from experiments.study.file import Study, study_of, table_in
 from experiments.study.metrics import METRICS
 from experiments.study.plan import Plan, plan_of
-from experiments.study.run import Outcomes, fly_until_narrow, of_one_type, run_columns
+from experiments.study.run import fly_until_narrow, of_one_type, run_columns
 from laisn.failure import LaisnError
 from sim.files import atomic_write
 
@@ -76,45 +76,17 @@ def record_of(plan: Plan, results: Results) -> Findings:
     study, metric = plan.study, plan.study.report.metric
     unit, what, first = METRICS[metric].unit, METRICS[metric].what, plan.arms[0]
     found: dict[str, Finding] = {}
+    apart = results.differences(first, metric)
     for place in results.rows:
         name = f"{metric}: point {place[0]}, arm {place[1]}, {place[2]}"
         point = ", ".join(f"{key} = {value}" for key, value in plan.points[place[0]].items())
         found[name] = of(results.estimate(place, metric), f"{what}; {point}" if point else what, unit)
-        if place[1] != first and (place[0], first, place[2]) in results.rows:
-            apart = results.difference(place, first, metric)
-            found[f"{name}, less {first}"] = of(apart, f"paired difference: {what}", unit)
+        if place in apart:
+            found[f"{name}, less {first}"] = of(apart[place], f"paired difference: {what}", unit)
     for name, share in main_effects(plan, results, metric).items():
         found[f"share of variance: {name}"] = of(share, f"of the variance of {metric} over all points")
-    return Findings(
-        study=study.name,
-        command=f"laisn study {study.source}",
-        modules=("experiments.study.study",),
-        version=code_version(),
-        findings=found,
-    )
-
-
-def write_results(plan: Plan, outcomes: Outcomes, folder: Path, film: Path | None = None) -> Path:
-    """Write tables, record and page of a study; the same outcomes give the same bytes.
-
-    Returns:
-        The page.
-
-    Raises:
-        LaisnError: nothing could be flown, or there is no such metric.
-    """
-    # drawing takes a third of a second to import, and who reads a table draws nothing
-    from experiments.study.page import page_of
-
-    if not outcomes.rows:
-        raise LaisnError("no scenario of the study could be flown: " + "; ".join(outcomes.failures))
-    with atomic_write(folder / STUDY) as part:
-        part.write_text(tomli_w.dumps(table_in(plan.study, folder)), encoding="utf-8")
-    write_table(folder / RESULTS, of_one_type(columns_of(outcomes.rows)))
-    write_table(folder / RUNS, run_columns(outcomes.runs))
-    record_of(plan, outcomes.results).write(folder / RECORD)
-    write(page_of(plan, outcomes.results, outcomes.failures, film), folder / REPORT)
-    return folder / REPORT
+    command, modules = f"laisn study {study.source}", ("experiments.study.study",)
+    return Findings(study=study.name, command=command, modules=modules, version=code_version(), findings=found)
 
 
 def run_study(
@@ -124,7 +96,7 @@ def run_study(
     film: Callable[[Plan, Results, Path], Path | None] | None = None,
     **options: Unpack[ExecutionOptions],
 ) -> Path:
-    """Fly a study, or what is missing of it, and write its tables and its page.
+    """Fly a study, or what is missing of it, and write tables, record and page: the same outcomes give the same bytes.
 
     Args:
         study: as read from its file.
@@ -137,11 +109,22 @@ def run_study(
 
     Raises:
         StudyError: a line for each error of the study, before anything is flown.
-        LaisnError: as of `fly_until_narrow` and `write_results`.
+        LaisnError: as of `fly_until_narrow`, or nothing could be flown.
     """
     plan, outcomes = fly_until_narrow(plan_of(study), folder, **options)
-    filmed = film(plan, outcomes.results, folder) if film and outcomes.rows else None
-    return write_results(plan, outcomes, folder, filmed)
+    if not outcomes.rows:
+        raise LaisnError("no scenario of the study could be flown: " + "; ".join(outcomes.failures))
+    # drawing takes a third of a second to import, and who reads a table draws nothing
+    from experiments.study.page import page_of
+
+    filmed = film(plan, outcomes.results, folder) if film else None
+    with atomic_write(folder / STUDY) as part:
+        part.write_text(tomli_w.dumps(table_in(plan.study, folder)), encoding="utf-8")
+    write_table(folder / RESULTS, of_one_type(columns_of(outcomes.rows)))
+    write_table(folder / RUNS, run_columns(outcomes.runs))
+    record_of(plan, outcomes.results).write(folder / RECORD)
+    write(page_of(plan, outcomes.results, outcomes.failures, filmed), folder / REPORT)
+    return folder / REPORT
 
 
 class StudyFolder:
@@ -193,7 +176,8 @@ class StudyFolder:
         arm, across, metric = (self.table[name] for name in ("arm", x, y))
         for name in dict.fromkeys(arm):
             places = np.unique(across[arm == name])
-            axes.plot(places, [np.nanmean(metric[(arm == name) & (across == at)]) for at in places], "o-", label=name)
+            means = [np.nanmean(metric[(arm == name) & (across == at)]) for at in places]
+            axes.plot(places, means, "o-", label=name)
         axes.set(xlabel=x, ylabel=y)
         axes.legend()
         return axes

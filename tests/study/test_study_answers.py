@@ -348,6 +348,8 @@ def test_keys_are_named_in_words_with_their_units() -> None:
         ("followers.1.depth_m", "follower 2's depth [m]", "follower 2's depth 2.5 m"),
         ("ocean.current_speed_m_s", "current speed [m/s]", "current speed 2.5 m/s"),
         ("sensors.heading_bias_deg", "heading bias [°]", "heading bias 2.5°"),
+        ("ocean.waves.height_m", "waves height [m]", "waves height 2.5 m"),
+        ("followers.0.station.behind_m", "follower 1's station behind [m]", "follower 1's station behind 2.5 m"),
         ("arm", "arm", "arm 2.5"),
     ):
         assert (charts.label_of(key), charts.setting_text(key, 2.5)) == (label, setting)
