@@ -68,10 +68,7 @@ _MISSION = {
     "depth_error_max_m": ("largest error of depth", "largest error of depth"),
     "closest_approach_m": ("smallest distance from another vehicle", "of origins, in space"),
     "closest_horizontal_m": ("smallest horizontal distance from another vehicle", "whatever their depths"),
-    "closest_in_layer_m": (
-        "smallest horizontal distance in a layer",
-        "of vehicles less than 1 m above or below",
-    ),
+    "closest_in_layer_m": ("smallest horizontal distance in a layer", "of vehicles less than 1 m above or below"),
     "range_mean_m": ("mean horizontal distance from the leader", "mean horizontal distance from the leader"),
     "pitch_rms_deg": ("RMS pitch", "RMS pitch of the follower"),
     "power_mean_w": ("mean power of the thrusters", "mean power of the follower's thrusters"),

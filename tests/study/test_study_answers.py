@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from experiments.pages.figures import Line
-from experiments.pages.page import Page, Table, Text
+from experiments.pages.page import Notice, Page, Table, Text
 from experiments.pages.style import SERIES
 from experiments.study import charts
 from experiments.study.estimate import Results, shown
@@ -366,3 +366,31 @@ def test_panels_share_the_scale_that_holds_them_all(
     assert limits[0] == limits[1]
     assert limits[0][0] == 0.0
     assert limits[0][1] > 3.5
+
+
+@pytest.mark.usefixtures("few_figures")
+def test_a_page_has_a_row_for_each_follower_and_names_what_could_not_be_flown() -> None:
+    """Text of a study's file cannot break a table or begin a section: bars, lines and heads stay text."""
+    table = {
+        "scenario": "swarm", "question": "## One | two?\n\n## Three", "vary": {"sensors.speed_bias_m_s": [0.1, 0.3]},
+        "set": {"duration_s": 20.0}, "arm": [{"name": "x|y"}, {"name": "z"}],
+    }  # fmt: skip
+    plan = plan_of(of_table(table, "mine.toml", "mine"))
+    assert len(plan.followers) > 1
+    places = [*itertools.product((0, 1), plan.arms, plan.followers)]
+    rows = [{"point": p, "arm": arm, "follower": name, "sea": 0, "seed": 1} for p, arm, name in places]
+    runs = [(row, {"e_p_mean_m": [1.0 + i, 2.0 + i]}) for i, row in enumerate(rows)]
+    page = page_of(plan, Results.of(rows, runs), {"lost\n\nat 3 s": plan.entries[:2]})
+    assert [section.title for section in page.sections] == [
+        "Answer", "Differences of arms", "Design", "Runs to look at"
+    ]  # fmt: skip
+    question, notice, _, answer = page.sections[0].blocks
+    assert isinstance(question, Text)
+    assert question.text == table["question"]
+    assert isinstance(notice, Notice)
+    where = f"speed bias 0.1 m/s, arm x|y, {plan.followers[0]}, sea 0"
+    assert notice.text == f"lost at 3 s: 2 scenarios, the first at {where}"
+    assert isinstance(answer, Table)
+    assert [[cell.text for cell in row[:4]] for row in answer.rows] == [
+        [str(point), ("0.1", "0.3")[point], arm, follower] for point, arm, follower in places
+    ]
