@@ -1,66 +1,75 @@
-"""Cramér–Rao bound and range error budget on the terminal and in a file."""
+"""Subcommands for the Cramér–Rao bound and the range error budget, on the terminal and in a file."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
-from rich.console import Console
+import typer
 
-from experiments.campaign.progress import compiling_shown, print_line, show_table
-from experiments.campaign.store import Record, columns_of, write_csv, write_table
 from experiments.command.errors import require_output
-from experiments.flight.files import flight_of
-from experiments.flight.library import load_flyable
-from experiments.flight.range_budget import Cause, range_error_budget
-from experiments.pages.range_budget_page import TRANSMITTERS, share_table
-from sim.flight import Flight
+from experiments.command.studies import ScenarioArgument, SetOption, SourceArgument
+
+if TYPE_CHECKING:
+    from experiments.campaign.store import Record
+    from sim.flight import Flight
 
 _QUARTERS = 4
 
 
-def show_bound(source: str, assignments: Iterable[str], runs: int, out: Path | None) -> None:
-    """Print the bound of the RMS position error of a mission, and the navigator's error in Monte Carlo runs.
+def bound(
+    scenario: ScenarioArgument,
+    set_: SetOption = None,
+    runs: Annotated[int, typer.Option(min=0, max=1_000_000, help="also run the navigator this many times")] = 0,
+    out: Annotated[Path | None, typer.Option(help="write the bound over time to this .csv")] = None,
+) -> None:
+    """Compute the Cramér–Rao bound of a mission's position errors."""
+    import numpy as np
+    from rich.console import Console
 
-    Raises:
-        LaisnError: the scenario or the file's name is invalid.
-    """
     from experiments.campaign.bound import geometry_of, least_rms, noise_of
     from experiments.campaign.cells import Cell
     from experiments.campaign.missions import mission_of, motion_of
     from experiments.campaign.montecarlo import simulate
+    from experiments.campaign.progress import compiling_shown, print_line, show_table
+    from experiments.campaign.store import write_csv
+    from experiments.flight.library import load_flyable
 
     require_output(out, ".csv")
-    scenario = load_flyable(source, assignments)
-    console = Console()
+    flown = load_flyable(scenario, set_ or ())
     heads = ["follower", *(f"{i + 1}. quarter" for i in range(_QUARTERS)), "whole"]
-    heads += [f"{scenario.navigation.variant}, {runs} runs", "× bound", "NEES"] if runs else []
+    heads += [f"{flown.navigation.variant}, {runs} runs", "× bound", "NEES"] if runs else []
     lines: list[list[str]] = []
-    rows: list[dict[str, str | float]] = []
+    rows: list[Record] = []
     with compiling_shown():
-        mission = mission_of(motion_of(scenario))
-        for i, follower in enumerate(scenario.followers):
-            trajectory, _ = mission.seen(scenario, i)
-            least = least_rms(geometry_of(trajectory, scenario, i), noise_of(scenario, i))
+        mission = mission_of(motion_of(flown))
+        for i, follower in enumerate(flown.followers):
+            trajectory, _ = mission.seen(flown, i)
+            least = least_rms(geometry_of(trajectory, flown, i), noise_of(flown, i))
             bounds = [float(np.sqrt(np.mean(part**2))) for part in (*np.array_split(least, _QUARTERS), least)]
             cells = [f"{value:.3f}" for value in bounds]
             if runs:
-                result = simulate(Cell.of(scenario, i, runs, mission=mission), threads=None)
+                result = simulate(Cell.of(flown, i, runs, mission=mission), threads=None)
                 rms = float(np.hypot(result.errors.e_p_mean_m, result.errors.e_p_std_m))
                 cells += [f"{rms:.3f}", f"{rms / bounds[-1]:.2f}", f"{result.nees:.3g}"]
             lines.append([follower.name, *cells])
-            time = scenario.timing.filter_step_s * np.arange(1, least.size + 1)
+            time = flown.timing.filter_step_s * np.arange(1, least.size + 1)
             rows += [
                 {"follower": follower.name, "time_s": float(t), "bound_m": float(value)}
                 for t, value in zip(time, least, strict=True)
             ]
-    show_table(console, heads, lines, "least RMS position error [m]")
+    show_table(Console(), heads, lines, "least RMS position error [m]")
     if out is not None:
         write_csv(out, rows)
-        print_line(console, out)
+        print_line(Console(), out)
 
 
-def records(flight: Flight) -> Iterator[Record]:
+def records(flight: "Flight") -> "Iterator[Record]":
     """The error budget of each received ping of a flight, a record each."""
+    import numpy as np
+
+    from experiments.flight.range_budget import Cause, range_error_budget
+    from experiments.pages.range_budget_page import TRANSMITTERS
+
     for i, name in enumerate(flight.trajectory.names[1:]):
         budget = range_error_budget(flight, i)
         for m, t in np.argwhere(np.isfinite(budget.used_range)).tolist():
@@ -74,14 +83,22 @@ def records(flight: Flight) -> Iterator[Record]:
             }
 
 
-def show_range_budget(source: str, assignments: Sequence[str], out: Path | None) -> None:
-    """Print the error budget of the ranges of a scenario or a log, and write a table with a row for each ping.
+def range_budget(
+    source: SourceArgument,
+    set_: SetOption = None,
+    out: Annotated[Path | None, typer.Option(help="write all shares of every ping to this .csv or .parquet")] = None,
+) -> None:
+    """Print the error budget of the ranges: pitch, motion, echoes, sound, clocks, noise, depth."""
+    from rich.console import Console
 
-    Raises:
-        LaisnError: the source or the name of the file is invalid, or overrides were given for a log.
-    """
+    from experiments.campaign.progress import print_line, show_table
+    from experiments.campaign.store import columns_of, write_csv, write_table
+    from experiments.flight.files import flight_of
+    from experiments.flight.range_budget import range_error_budget
+    from experiments.pages.range_budget_page import TRANSMITTERS, share_table
+
     require_output(out, ".csv", ".parquet")
-    flight = flight_of(source, assignments)
+    flight = flight_of(source, set_ or ())
     console, heads = Console(), ("cause", *TRANSMITTERS, "front − rear, rms", "largest")
     for i, name in enumerate(flight.trajectory.names[1:]):
         shares = share_table(range_error_budget(flight, i))

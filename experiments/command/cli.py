@@ -10,9 +10,9 @@ from typing import Annotated
 
 import typer
 
-from experiments.command import studies
+from experiments.command import bounds, studies
 from experiments.command.errors import echo, report_errors, run
-from experiments.command.studies import OutOption, SetOption, folder_option
+from experiments.command.studies import OutOption, ScenarioArgument, SetOption, SourceArgument, folder_option
 from laisn.failure import LaisnError
 
 app = typer.Typer(
@@ -44,8 +44,6 @@ log_app = typer.Typer(help="Inspect, export, repair and import logs.", no_args_i
 app.add_typer(log_app, name="log")
 
 LogArgument = Annotated[Path, typer.Argument(help="an MCAP log")]
-ScenarioArgument = Annotated[str, typer.Argument(help="T2 … T9, another built-in name, or a TOML file")]
-SourceArgument = Annotated[str, typer.Argument(help="a scenario, or a log (.mcap)")]
 
 
 @app.command()
@@ -188,32 +186,9 @@ def replay(
         raise LaisnError(f"--smooth: the navigator of a data set ({log}) has no smoother")
 
 
-@app.command("anatomy", hidden=True)
-@app.command("range-budget")
-@report_errors
-def range_budget(
-    source: SourceArgument,
-    set_: SetOption = None,
-    out: Annotated[Path | None, typer.Option(help="write all shares of every ping to this .csv or .parquet")] = None,
-) -> None:
-    """Print the error budget of the ranges: pitch, motion, echoes, sound, clocks, noise, depth."""
-    from experiments.command.bounds import show_range_budget
-
-    show_range_budget(source, set_ or (), out)
-
-
-@app.command()
-@report_errors
-def bound(
-    scenario: ScenarioArgument,
-    set_: SetOption = None,
-    runs: Annotated[int, typer.Option(min=0, max=1_000_000, help="also run the navigator this many times")] = 0,
-    out: Annotated[Path | None, typer.Option(help="write the bound over time to this .csv")] = None,
-) -> None:
-    """Compute the Cramér–Rao bound of a mission's position errors."""
-    from experiments.command.bounds import show_bound
-
-    show_bound(scenario, set_ or (), runs, out)
+for _name, _hidden in (("anatomy", True), ("range-budget", False)):
+    app.command(_name, hidden=_hidden)(report_errors(bounds.range_budget))
+app.command()(report_errors(bounds.bound))
 
 
 @log_app.command("info")

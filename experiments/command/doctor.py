@@ -73,8 +73,8 @@ def _try_to_fly() -> tuple[str, str]:
     except Exception as error:
         # any failure of this machine
         return _first_line(error), "no flight"
-    error = written.film_error
-    return "", "" if error is None else str(error) if isinstance(error, LaisnError) else _first_line(error)
+    failed = written.film_error
+    return "", "" if failed is None else str(failed) if isinstance(failed, LaisnError) else _first_line(failed)
 
 
 def examine() -> int:

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from experiments.study.file import Study
     from experiments.study.plan import Plan
 
+ScenarioArgument = Annotated[str, typer.Argument(help="T2 … T9, another built-in name, or a TOML file")]
+SourceArgument = Annotated[str, typer.Argument(help="a scenario, or a log (.mcap)")]
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="change a key, e.g. sensors.speed_bias_m_s=0.1")
 ]
@@ -24,7 +26,7 @@ SetOption = Annotated[
 def folder_option(text: str) -> Path:
     """The folder of an option; refuses an empty name."""
     if not text.strip():
-        raise typer.BadParameter("expected a folder; '.' is the current one")
+        raise typer.BadParameter("the folder name is empty; '.' is the current folder")
     return Path(text)
 
 

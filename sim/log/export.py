@@ -157,7 +157,7 @@ def write_recording(log_path: Path, path: Path) -> Path:
                 stream.set_time(_TIMELINE, duration=(at - start_ns) / 1e9)
                 for entity in messages.message_class.FromString(data).entities:
                     fixed = entity.frame_locked
-                    # what moves with a vehicle stands below its transform, and is logged once
+                    # entities that move with a vehicle are children of its transform, logged once
                     root = f"world/{entity.id}" if fixed else f"world/scene/{entity.id}"
                     for name, archetype in _entities(rr, entity) if entity.id not in hulls else ():
                         stream.log(f"{root}/{name}", archetype, static=fixed)

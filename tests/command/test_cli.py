@@ -127,9 +127,7 @@ def test_a_scenario_of_any_name_gets_a_folder_within_out(
     assert [p.name for p in Path("out").iterdir()] == [folder]
 
 
-@pytest.mark.parametrize(
-    ("out", "told"), [("first/flight.mcap", "than the one that is read"), ("a.toml", "ends in .mcap")]
-)
+@pytest.mark.parametrize(("out", "told"), [("first/flight.mcap", "than the input"), ("a.toml", "ends in .mcap")])
 def test_a_replay_replaces_no_log(flown: Path, monkeypatch: pytest.MonkeyPatch, out: str, told: str) -> None:
     monkeypatch.chdir(flown)
     before = files(flown)
