@@ -92,7 +92,7 @@ def replay_measurements(
         settings = replace(navigation_settings(scenario, begin, i), dt=measured.dt)
         estimates = make(settings, start_of(begin, i)).run(measured)
         baseline = scenario.leader.baseline_m or math.nan
-        vehicle = Replayed(name, measured, estimates, baseline=baseline)
+        vehicle = Replayed(name=name, measured=measured, estimates=estimates, baseline=baseline)
         x, y = estimates.state[-1, :2]
         rows.append([name, f"{len(estimates.state)}", f"{measured.dt:g}", vehicle.fixes, f"{x:.2f}", f"{y:.2f}"])
         vehicles.append(vehicle)
@@ -245,5 +245,7 @@ def replay_data_set(
         x, y = found.state[-1, :2]
         rows.append([name, *figures, f"{x:.2f}, {y:.2f}"])
     show_table(Console(), heads, rows)
-    vehicle = Replayed(VEHICLE, measured, estimates, path=recorded.truth, mean_error=errors.mean)
+    vehicle = Replayed(
+        name=VEHICLE, measured=measured, estimates=estimates, path=recorded.truth, mean_error=errors.mean
+    )
     _write_replay([vehicle], path, title, recorded.remarks, out)

@@ -30,7 +30,7 @@ def _poses(measured: Measurements) -> list[Floats]:
     return [measured.message[:, LeaderMessage._fields.index(field)] for field in ("east", "north", "heading", "depth")]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Replayed:
     """One vehicle's replay."""
 
