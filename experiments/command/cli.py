@@ -142,7 +142,7 @@ def render(
     files.video_of(Video(), changes)
     flight = files.flight_of(source, set_ or ())
     path = out or Path(f"{flight.scenario.name}.{'mp4' if still is None else 'png'}")
-    with phases(Console()) as phase, phase("video") if still is None else nullcontext() as update:
+    with phases(Console(stderr=True)) as phase, phase("video") if still is None else nullcontext() as update:
         echo(files.render(flight, path, time_s=still, follower=follower, progress=update, **changes))
 
 

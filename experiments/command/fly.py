@@ -116,7 +116,10 @@ def _draw_report(*arguments: Any) -> None:
 
 
 def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_video: bool) -> Written:
-    """Simulate a scenario and write its files into an empty folder; OSError or LogError if that fails."""
+    """Simulate a scenario and write its files into an empty folder; OSError or LogError if that fails.
+
+    Progress appears on `console`.
+    """
     from sim.log import writer
     from sim.log.layout import layout
 
@@ -188,7 +191,7 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source:
     console = Console()
     require_safe(folder, source, scenario.toml)
     with one_flight(folder) as work:
-        written = write_flight(scenario, work, console, with_video=with_video)
+        written = write_flight(scenario, work, Console(stderr=True), with_video=with_video)
         renamed = (folder / FILM).exists() and not (work / FILM).exists() and earlier_film(folder)
     show(console, written.flight, written.summary)
     for caution in cautions(scenario):
