@@ -250,13 +250,16 @@ def test_the_pitch_film_is_rendered(example, tmp_path):
     assert frames == max(1, round(length / 40.0 * 10))
 
 
+@pytest.mark.parametrize("backend", [graphics.Backend("egl", True, "a renderer"), None])
 @pytest.mark.parametrize(
-    ("options", "filmed"),
+    ("options", "wanted"),
     [([], True), (["--no-film"], False), (["--quick"], False), (["--quick", "--film"], True)],
 )
-def test_the_command_films_unless_it_is_quick_or_told_not_to(monkeypatch, tmp_path, options, filmed):
+def test_the_command_films_if_wanted_where_something_renders(monkeypatch, tmp_path, options, wanted, backend):
     given = {}
+    monkeypatch.setattr(graphics, "working", lambda: backend)
     monkeypatch.setattr(asymmetry, "run", lambda folder, **rest: given.update(rest) or folder / "report.html")
     answer = CliRunner().invoke(app, ["asymmetry", "--out", str(tmp_path), *options])
     assert answer.exit_code == 0
-    assert given["film"] is (asymmetry_film.film if filmed else None)
+    assert given["film"] is (asymmetry_film.film if wanted and backend else None)
+    assert answer.stderr == (f"no film: {graphics.MISSING}\n" if wanted and backend is None else "")
