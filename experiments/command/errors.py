@@ -128,7 +128,7 @@ def handle_signals() -> None:
 
 
 def run(app: typer.Typer) -> None:
-    """Run the command; exit code 1 if standard output cannot be written."""
+    """Run the command; exit code 1 if nobody reads standard output any more, 2 if it cannot be written."""
     handle_signals()
     for name in ("COLUMNS", "LINES"):
         # 0 columns: there is no terminal, and rich would print nothing
@@ -142,6 +142,7 @@ def run(app: typer.Typer) -> None:
     try:
         app()
     finally:
+        ended = sys.exc_info()[1]
         if signal.getsignal(signal.SIGINT) is _interrupt:
             # Python's own finalisation has nothing to clean up
             signal.signal(signal.SIGINT, signal.SIG_DFL)
@@ -151,4 +152,9 @@ def run(app: typer.Typer) -> None:
         except OSError as error:
             # Python would flush again at its end, and print a traceback
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            sys.exit(1 if isinstance(error, BrokenPipeError) else f"laisn: output: {error.strerror}")
+            if isinstance(error, BrokenPipeError):
+                sys.exit(1)
+            # the buffer may still hold what has failed, and was reported, before
+            if not (isinstance(ended, SystemExit) and ended.code):
+                sys.stderr.write(f"laisn: output: {error.strerror}\n")
+                sys.exit(USER_ERROR)

@@ -3,6 +3,8 @@
 import heapq
 import json
 import os
+import signal
+import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
@@ -61,10 +63,33 @@ class _Output(BufferedWriter):
         self.flush()
 
 
+class _DeferredSignals:
+    """Keeps signals from Python code while the SDK runs, which does not survive the exception of a handler."""
+
+    def __init__(self) -> None:
+        self._received: list[int] = []
+        self._handlers: dict[int, Any] = {}
+
+    def defer(self) -> None:
+        """Begin; only the main thread of a process receives signals."""
+        if threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+                self._handlers[number] = signal.signal(number, lambda received, _: self._received.append(received))
+
+    def deliver(self) -> None:
+        """End, and let the handlers take what came in between."""
+        for number, handler in self._handlers.items():
+            signal.signal(number, handler)
+        received, self._received[:] = self._received[:1], []
+        for number in received:
+            signal.raise_signal(number)
+
+
 class LogFile(NamedTuple):
     """An MCAP file to be written; the same calls give the same bytes."""
 
     output: _Output
+    signals: _DeferredSignals
     context: Context
     mcap: MCAPWriter
 
@@ -87,6 +112,8 @@ class LogFile(NamedTuple):
         for at, k, data in heapq.merge(*streams):
             if at >= end:
                 self.mcap.flush()
+                self.signals.deliver()
+                self.signals.defer()
                 self.output.check()
                 end = at + _BLOCK_NS
             log_to[k](data, at)
@@ -100,18 +127,23 @@ def log_file(path: Path) -> Iterator[LogFile]:
         OSError: it cannot be written.
     """
     context, options = Context(), MCAPWriteOptions(compression_threads=0, compression_level=1, disable_seeking=True)
+    signals = _DeferredSignals()
     with _Output(FileIO(path, "wb")) as output:
-        mcap = foxglove.open_mcap(output, context=context, writer_options=options)
+        signals.defer()
         try:
-            yield LogFile(output, context, mcap)
-            mcap.close()
-            output.check()
-            os.fsync(output.fileno())
-        except BaseException as error:
-            # what the SDK still holds is discarded
-            output.error = output.error or error
-            mcap.close()
-            raise
+            mcap = foxglove.open_mcap(output, context=context, writer_options=options)
+            try:
+                yield LogFile(output, signals, context, mcap)
+                mcap.close()
+                output.check()
+                os.fsync(output.fileno())
+            except BaseException as error:
+                # what the SDK still holds is discarded
+                output.error = output.error or error
+                mcap.close()
+                raise
+        finally:
+            signals.deliver()
 
 
 def _json(value: object) -> bytes:
