@@ -25,7 +25,7 @@ class _Beacons(Section):
     medium: Literal["auto", "air", "water"] = Field(
         "auto", description="what ranges are measured through; auto: tries both, and believes the likelier one"
     )
-    outlier_chance: Annotated[float, Field(gt=0, lt=1)] | None = Field(None, description="chance of a wrong range")
+    outlier_probability: Annotated[float, Field(gt=0, lt=1)] | None = Field(None, description="chance of a wrong range")
 
     def over(self, base: BeaconSettings) -> BeaconSettings:
         """Settings with what is given here instead of what stands there."""

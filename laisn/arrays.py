@@ -64,7 +64,7 @@ def require_numbers(record: Any, *, positive: Collection[str] = (), signed: Coll
             raise ValueError(f"{field.name} is {value}, expected a finite number{bound}")
 
 
-def require_chance(name: str, value: float) -> None:
+def require_probability(name: str, value: float) -> None:
     """ValueError naming a chance that is not between 0 and 1."""
     if not 0.0 < value < 1.0:
         raise ValueError(f"{name} is {value}, expected a number between 0 and 1")

@@ -1,4 +1,4 @@
-"""How far estimates are off: position and bearing errors, consistency, mirror captures (paper, Section 3.2)."""
+"""How far estimates are off: position and bearing errors, consistency, mirror locks (paper, Section 3.2)."""
 
 import math
 from dataclasses import dataclass
@@ -12,8 +12,8 @@ from laisn.elementary import half_turn_angle
 from laisn.estimates import Estimates, FixKind
 from laisn.geometry import Point, Turn, is_singular, turn
 
-CAPTURE_ERROR = 5.0
-"""Position error beyond which an estimate near the mirror image of the truth counts as captured there [m]."""
+MIRROR_LOCK_ERROR = 5.0
+"""Position error beyond which an estimate near the mirror image of the truth counts as locked on it [m]."""
 _FLAT = 1e-8
 """Least determinant of a covariance with an inverse, as a share of the product of its variances."""
 
@@ -34,11 +34,11 @@ def bearing_error(estimate: Point, truth: Point, leader: Point) -> float:
 
 
 @formula
-def is_captured(estimate: Point, truth: Point, leader: Point, axis: Turn) -> bool:
+def is_mirror_locked(estimate: Point, truth: Point, leader: Point, axis: Turn) -> bool:
     """Whether an estimate is far off and sits at the truth's mirror image in the leader's axis.
 
-    That is: farther than `CAPTURE_ERROR` from the truth, and at least twice as far from it as from its mirror image.
-    A follower on the axis is its own mirror image, so that an error there is no capture. `axis` is that
+    That is: farther than `MIRROR_LOCK_ERROR` from the truth, and at least twice as far from it as from its mirror
+    image. A follower on the axis is its own mirror image, so that an error there is no mirror lock. `axis` is that
     of the leader's hull.
     """
     squared = squared_error(estimate, truth)
@@ -46,7 +46,7 @@ def is_captured(estimate: Point, truth: Point, leader: Point, axis: Turn) -> boo
     true_side = axis.sine * (truth.north - leader.north) - axis.cosine * (truth.east - leader.east)
     side = axis.sine * (estimate.north - leader.north) - axis.cosine * (estimate.east - leader.east)
     to_mirror = squared + 4.0 * side * true_side
-    return math.sqrt(squared) > CAPTURE_ERROR and 4.0 * to_mirror < squared
+    return math.sqrt(squared) > MIRROR_LOCK_ERROR and 4.0 * to_mirror < squared
 
 
 @formula
@@ -165,17 +165,17 @@ def _normalised(rows: Floats) -> Floats:
 
 
 @compiled
-def _captured(rows: Floats) -> Bools:
-    """Whether captured, shape (n,), of columns estimate, truth, leader and its heading."""
-    captured = np.empty(rows.shape[0], dtype=np.bool_)
-    for k in range(captured.size):
+def _mirror_locked(rows: Floats) -> Bools:
+    """Whether locked on it, shape (n,), of columns estimate, truth, leader and its heading."""
+    mirror_locked = np.empty(rows.shape[0], dtype=np.bool_)
+    for k in range(mirror_locked.size):
         r = rows[k]
-        captured[k] = is_captured(Point(r[0], r[1]), Point(r[2], r[3]), Point(r[4], r[5]), turn(r[6]))
-    return captured
+        mirror_locked[k] = is_mirror_locked(Point(r[0], r[1]), Point(r[2], r[3]), Point(r[4], r[5]), turn(r[6]))
+    return mirror_locked
 
 
-def captured_steps(estimate: Floats, truth: Floats, leader: Floats, leader_heading: Floats) -> Bools:
-    """Steps at which the estimate is captured at the truth's mirror image: see `is_captured`.
+def mirror_locked_steps(estimate: Floats, truth: Floats, leader: Floats, leader_heading: Floats) -> Bools:
+    """Steps at which the estimate is locked on the truth's mirror image: see `is_mirror_locked`.
 
     Args:
         estimate: shape (n, 2), [m].
@@ -186,19 +186,19 @@ def captured_steps(estimate: Floats, truth: Floats, leader: Floats, leader_headi
     Returns:
         Shape (n,).
     """
-    return _captured(np.column_stack([estimate, truth, leader, leader_heading]))
+    return _mirror_locked(np.column_stack([estimate, truth, leader, leader_heading]))
 
 
-def longest_capture(captured: Bools) -> int:
-    """Most steps in a row that are captured; a run is a mirror capture if they span a message interval or more."""
-    edges = np.diff(np.concatenate([[0], captured.astype(np.int64), [0]]))
+def longest_mirror_lock(mirror_locked: Bools) -> int:
+    """Most steps in a row that are mirror locks; a run is a mirror lock if they span a message interval or more."""
+    edges = np.diff(np.concatenate([[0], mirror_locked.astype(np.int64), [0]]))
     lengths = np.flatnonzero(edges == -1) - np.flatnonzero(edges == 1)
     return int(lengths.max(initial=0))
 
 
-def was_captured(estimate: Floats, truth: Floats, leader: Floats, leader_heading: Floats, steps: int) -> bool:
-    """Whether a run was at the mirror image for `steps` steps in a row; other arguments as of `captured_steps`."""
-    return longest_capture(captured_steps(estimate, truth, leader, leader_heading)) >= steps
+def was_mirror_locked(estimate: Floats, truth: Floats, leader: Floats, leader_heading: Floats, steps: int) -> bool:
+    """Whether a run was at the mirror image for `steps` steps in a row; other arguments as of `mirror_locked_steps`."""
+    return longest_mirror_lock(mirror_locked_steps(estimate, truth, leader, leader_heading)) >= steps
 
 
 def fix_counts(estimates: Estimates) -> dict[str, int]:

@@ -173,8 +173,8 @@ def study(
         workers: local processes; None: one for each core.
         cluster: address of a Dask scheduler (tcp://…) to compute on.
         force: compute everything again.
-        keys: of a study file: `runs`, `seas`, `seed`, `vary`, `draw`, `set`, `arm`, `design`, `points`, `report`; they
-            replace those of the source; `vary`, `draw` and `set` do so key by key.
+        keys: of a study file: `runs`, `realizations`, `seed`, `vary`, `draw`, `set`, `arm`, `design`, `points`,
+            `report`; they replace those of the source; `vary`, `draw` and `set` do so key by key.
 
     Raises:
         LaisnError: a line for each invalid key, before the first simulation; or the folder or cluster cannot be used.

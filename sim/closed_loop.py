@@ -128,7 +128,7 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
     leader = vehicle_state(plant.pose[0], plant.twist[0], plant.water_velocity()[0])
     start = np.array([0.0, *plant.pose[0, :2], leader.heading, leader.surge])
     for i, follower in enumerate(scenario.followers):
-        kinds[i] = _kind(follower.station is not None, follower.steers_by_estimate)
+        kinds[i] = _kind(follower.station is not None, follower.guided_by_estimate)
         init_memory(start, trails[i], counts[i], memory[i])
     return ClosedLoopState(
         formation=scenario.formation.record(),
@@ -177,7 +177,7 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
         a: readings, inbox, arrivals, trails and estimated positions are brought forward.
     """
     stride = a.sensors.stride
-    if k > 0 and a.sensors.feels_acceleration:
+    if k > 0 and a.sensors.senses_acceleration:
         _lean(k, truth, a)
     if k % stride != 0:
         for i in range(a.kinds.size):

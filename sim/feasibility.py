@@ -81,7 +81,7 @@ def _plan(vehicle: Vehicle, name: str) -> Plan:
 def _fastest(scenario: Scenario, vehicle: Vehicle) -> float:
     """Highest mean speed of a leg of a vehicle's route, or that of followers on stations [m/s]."""
     if isinstance(vehicle, Follower) and vehicle.station:
-        return scenario.formation.fastest_m_s
+        return scenario.formation.max_speed_m_s
     try:
         return float(route_of(vehicle, "").leg_speed.max())
     except LaisnError:
@@ -114,7 +114,7 @@ def _hull_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:
 
 def _leader_too_fast(scenario: Scenario) -> list[str]:
     """A leader that is faster than followers on stations can be."""
-    fastest, ocean = scenario.formation.fastest_m_s, scenario.ocean
+    fastest, ocean = scenario.formation.max_speed_m_s, scenario.ocean
     depths = [f.layer_m for f in scenario.followers if f.station]
     if not depths:
         return []
@@ -133,7 +133,7 @@ def _leader_too_fast(scenario: Scenario) -> list[str]:
         if speed[k] > fastest:
             return [
                 f"leader: on the way to waypoint {legs[k] + 2} followers at {depth:g} m would need {speed[k]:.3g} m/s "
-                f"through the water, formation.fastest_m_s is {fastest:g} m/s"
+                f"through the water, formation.max_speed_m_s is {fastest:g} m/s"
             ]
     return []
 
@@ -214,7 +214,7 @@ def transmitter_sites(scenario: Scenario) -> Floats:
 
 def _transmitters_off_axis(scenario: Scenario) -> list[str]:
     """Transmitters of an own hull where navigators of closed loops cannot use them."""
-    closed = any(follower.station or follower.steers_by_estimate for follower in scenario.followers)
+    closed = any(follower.station or follower.guided_by_estimate for follower in scenario.followers)
     if scenario.leader.model is None or not closed or _errors_of(partial(transmitter_sites, scenario), ""):
         return []
     if on_axis(transmitter_sites(scenario)):
@@ -256,7 +256,7 @@ def cautions(scenario: Scenario) -> list[str]:
         route = route_of(leader, "leader")
         rest = float(np.diff(route.time)[route.leg_length == 0].sum())
         if rest:
-            way = rest * scenario.formation.least_way_m_s
+            way = rest * scenario.formation.min_along_track_speed_m_s
             found.append(f"the leader stops for {rest:g} s; followers on stations go on, by about {way:.3g} m")
         shift = 0.0 if scenario.navigation.use_attitude else _shift_in_dives(scenario, route)
         if shift > _LARGE_SHIFT_M:

@@ -78,7 +78,7 @@ def listeners(scenario: Scenario) -> list[str]:
     """Keys by which the motion of followers depends on their estimates: stations, or steering by them."""
     followers = list(enumerate(scenario.followers))
     kept = [f"followers.{i}.station" for i, follower in followers if follower.station]
-    return kept + [f"followers.{i}.steers_by = 'estimate'" for i, f in followers if f.steers_by_estimate]
+    return kept + [f"followers.{i}.guidance_position = 'estimate'" for i, f in followers if f.guided_by_estimate]
 
 
 def simulate_motion(

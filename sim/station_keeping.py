@@ -11,7 +11,7 @@ from sim.control.station import FRAME_STATE, STATION, station_at, turn_frame
 from sim.control.trail import TRAIL, extend
 from sim.scenario.formation import LEAST_LAYER_M, Formation
 from sim.scenario.settings import Scenario
-from sim.tracking import off_place
+from sim.tracking import track_error
 from sim.trajectory import Trajectory
 
 LOST_M = 10.0
@@ -130,7 +130,7 @@ def off_station(scenario: Scenario, trajectory: Trajectory, stations: Records | 
     return off
 
 
-def off_places(scenario: Scenario, trajectory: Trajectory, stations: Records | None = None) -> Floats:
+def track_errors(scenario: Scenario, trajectory: Trajectory, stations: Records | None = None) -> Floats:
     """Horizontal distance of each follower from its station, or from where its route has it, shape (n, f), [m].
 
     Arguments as of `off_station`.
@@ -139,7 +139,7 @@ def off_places(scenario: Scenario, trajectory: Trajectory, stations: Records | N
     routes = routes_of(scenario)
     for i, follower in enumerate(scenario.followers):
         if follower.station is None:
-            kept[:, i] = off_place(routes[i + 1], trajectory.time, trajectory.position[:, i + 1, :2])
+            kept[:, i] = track_error(routes[i + 1], trajectory.time, trajectory.position[:, i + 1, :2])
     return kept
 
 

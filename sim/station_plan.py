@@ -132,6 +132,6 @@ def hardest_crossing(scenario: Scenario, reach_m: float) -> Crossing | None:
         able = [n for n in (i, j) if followed.numbers[n] >= 0]
         step = (followed.way[sensed + 1] - followed.way[sensed]) / _STEP_S - followed.drift[sensed]
         way = min(float(np.hypot(*step[n])) for n in able)
-        needed = closing / len(able) + scenario.formation.least_way_m_s
+        needed = closing / len(able) + scenario.formation.min_along_track_speed_m_s
         crossings.append(Crossing(meeting, closing, way, needed, closing**2 / (2.0 * len(able) * ACCELERATION)))
     return min(crossings, key=lambda crossing: crossing.way_m_s - crossing.needed_m_s, default=None)

@@ -59,7 +59,7 @@ def cross_track(route: Route, time: Floats, position: Floats) -> Floats:
     return nearest
 
 
-def off_place(route: Route, time: Floats, position: Floats) -> Floats:
+def track_error(route: Route, time: Floats, position: Floats) -> Floats:
     """Distance to where the point motion along the route is, shape (n,), [m]; arguments as of `cross_track`."""
     place = plan(route).at(time)
     return np.hypot(position[:, 0] - place.east, position[:, 1] - place.north)

@@ -213,7 +213,7 @@ def short_flight() -> Flight:
 def write_log(flight: Flight, folder: Path) -> Path:
     """The log of a flight in a folder, with a summary, errors and an event."""
     path = folder / "mission.mcap"
-    events = [Event(12.0, "warning", "mirror capture", "follower")]
+    events = [Event(12.0, "warning", "mirror lock", "follower")]
     writer.write(flight, path, summary='{"runs": 1}', errors=errors_of(flight), events=events)
     return path
 

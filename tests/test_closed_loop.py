@@ -29,7 +29,12 @@ from sim.trajectory import Trajectory, Truth
 def mission(*assignments: str, route: str = "T6", duration: float = 60.0) -> Scenario:
     return load(
         route,
-        ["followers.0.steers_by=estimate", "navigation.variant=laisn-3-2", f"duration_s={duration}", *assignments],
+        [
+            "followers.0.guidance_position=estimate",
+            "navigation.variant=laisn-3-2",
+            f"duration_s={duration}",
+            *assignments,
+        ],
     )
 
 
@@ -46,12 +51,12 @@ def apart(scenario: Scenario, follower: int = 0) -> Floats:
 
 
 TROUBLED = (
-    "acoustics.loss_chance=0.2", "acoustics.burst_chance=0.1", "acoustics.surface_echo_chance=0.1",
+    "acoustics.loss_probability=0.2", "acoustics.burst_probability=0.1", "acoustics.surface_echo_probability=0.1",
     "sensors.speed_drift_m_s=0.3", "sensors.heading_drift_deg=9", "sensors.leader_position_drift_m_s=0.1",
 )  # fmt: skip
 TILTED = (
     "leader.broadcast_attitude=true", "navigation.use_attitude=true", "sensors.leader_attitude_sigma_deg=0.5",
-    "sensors.leader_attitude_feels_acceleration=true", "sensors.depth_sigma_m=0.05",
+    "sensors.leader_attitude_senses_acceleration=true", "sensors.depth_sigma_m=0.05",
     "leader.depth_profile=[[0, 8], [10, 8], [30, 12]]",
 )  # fmt: skip
 SLOW_SOUND = ("acoustics.travel_time=true", "acoustics.ping_slot_s=0.13", "acoustics.clock_drift_ppm=30")
@@ -75,7 +80,7 @@ def test_the_finished_mission_gives_the_very_estimates_that_steered_it(assignmen
     "assignments",
     [
         SLOW_SOUND,
-        (*SLOW_SOUND, *TROUBLED, "acoustics.bottom_echo_chance=0.1", "acoustics.max_range_m=90",
+        (*SLOW_SOUND, *TROUBLED, "acoustics.bottom_echo_probability=0.1", "acoustics.max_range_m=90",
          "acoustics.sound_speed_profile=[[0, 1500], [9, 1490], [30, 1510]]"),
         (*TILTED, *SLOW_SOUND, "sensors.leader_gyro_time_constant_s=30", "sensors.leader_attitude_offset_sigma_deg=1"),
     ],
@@ -90,7 +95,7 @@ def test_so_it_does_but_for_rounding_where_sound_takes_its_time(variant: str, as
 def test_of_two_messages_that_come_in_together_the_first_is_kept() -> None:
     """The vehicles meet at 2 m/s, so that sound takes less than a filter step from 150 m on."""
     nearer = ("acoustics.travel_time=true", "timing.message_interval_s=0.1", "duration_s=5",
-              'followers.0={name="f", waypoints=[[0, 154, 0], [20, 134, 0]], depth_m=10, steers_by="estimate"}',
+              'followers.0={name="f", waypoints=[[0, 154, 0], [20, 134, 0]], depth_m=10, guidance_position="estimate"}',
               *TILTED[:4], "sensors.leader_gyro_time_constant_s=3")  # fmt: skip
     scenario = mission(*nearer)
     np.testing.assert_allclose(apart(scenario), 0.0, rtol=0, atol=1e-9)
@@ -101,7 +106,7 @@ def test_of_two_messages_that_come_in_together_the_first_is_kept() -> None:
 
 def test_the_gate_counts_filter_steps() -> None:
     """Of fixes by echoes as many are rejected as afterwards, which depends on the time since the last good one."""
-    echoes = ("acoustics.surface_echo_chance=0.4", "timing.filter_step_s=0.5", "navigation.variant=laisn-2")
+    echoes = ("acoustics.surface_echo_probability=0.4", "timing.filter_step_s=0.5", "navigation.variant=laisn-2")
     np.testing.assert_allclose(apart(mission(*echoes)), 0.0, rtol=0, atol=1e-9)
 
 
@@ -126,7 +131,7 @@ def test_who_knows_its_position_swims_as_if_told_the_truth() -> None:
     exact = (*EXACT, "acoustics.range_tau_m=[0,0,0]", "acoustics.range_scale_mean_m=0",
              "acoustics.range_scale_sigma_m=0")  # fmt: skip
     flight, _ = fly(mission(*exact, duration=100.0))
-    told, _ = fly(mission(*exact, "followers.0.steers_by=truth", duration=100.0))
+    told, _ = fly(mission(*exact, "followers.0.guidance_position=truth", duration=100.0))
     error = np.hypot(*(flight.estimates[0].state[:, :2] - flight.hydrophone(0)[:, :2]).T)
     apart = np.linalg.norm(flight.trajectory.position[:, 1] - told.trajectory.position[:, 1], axis=1)
     assert error.max() < 0.005
@@ -139,9 +144,9 @@ def test_who_knows_its_position_swims_as_if_told_the_truth() -> None:
 
 def test_commands_are_a_function_of_readings_and_estimates() -> None:
     """Whatever becomes of the true motion and the water of those who do not steer by the truth."""
-    followers = [{"route": "T6", "steers_by": "truth"}, {"route": "T6", "steers_by": "estimate"},
+    followers = [{"route": "T6", "guidance_position": "truth"}, {"route": "T6", "guidance_position": "estimate"},
                  {"station": {"behind_m": 15.0, "port_m": 9.0, "depth_m": 14.0}}]  # fmt: skip
-    near = {"range_m": 30.0, "full_m": 3.0}
+    near = {"range_m": 30.0, "full_avoidance_range_m": 3.0}
     scenario = validate(
         {"name": "mixed", "duration_s": 5.0, "followers": followers, "formation": {"proximity": near}}, "test"
     )
@@ -221,7 +226,7 @@ def test_who_knows_of_no_place_goes_as_its_route_does() -> None:
     """It hears nothing and was told no start: it makes its turns as planned, and corrects nothing of what they miss."""
     silent = ("navigation.variant=tight", "navigation.assume.known_start=false", "acoustics.max_range_m=0.001", *EXACT)
     lost, _ = simulate_closed_loop(mission(*silent, duration=20.0))
-    told, _ = simulate_closed_loop(mission("followers.0.steers_by=truth", duration=20.0))
+    told, _ = simulate_closed_loop(mission("followers.0.guidance_position=truth", duration=20.0))
     astray = np.linalg.norm(lost.position[:, 1] - told.position[:, 1], axis=1)
     assert 0.02 < astray.max() < 0.5
 
@@ -232,9 +237,9 @@ def test_followers_on_routes_and_stations_swim_together(tilt: bool) -> None:
 
     Whether attitude is broadcast is said, for where it is not, it depends on whether there are stations.
     """
-    routes = [{"route": "T6", "steers_by": by} for by in ("truth", "estimate")]
+    routes = [{"route": "T6", "guidance_position": by} for by in ("truth", "estimate")]
     stations = [
-        {"station": {"behind_m": 15.0, "port_m": side, "depth_m": 14.0}, "steers_by": by}
+        {"station": {"behind_m": 15.0, "port_m": side, "depth_m": 14.0}, "guidance_position": by}
         for side, by in ((-9.0, "truth"), (9.0, "estimate"))
     ]
 
@@ -253,7 +258,7 @@ def test_followers_on_routes_and_stations_swim_together(tilt: bool) -> None:
 
 
 def test_its_path_belongs_to_a_run_so_that_campaigns_refuse_it() -> None:
-    with pytest.raises(ValueError, match=r"followers\.0\.steers_by = 'estimate'.*laisn fly --run N"):
+    with pytest.raises(ValueError, match=r"followers\.0\.guidance_position = 'estimate'.*laisn fly --run N"):
         simulate_mission(mission())
 
 
@@ -282,7 +287,7 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(study_measure, "simulate_closed_loop", flown)
     one, other, *_ = (
-        {name: row[name] for name in ("e_p_mean_m", "off_place_rms_m", "off_place_end_m")}
+        {name: row[name] for name in ("e_p_mean_m", "track_error_rms_m", "track_error_end_m")}
         for row in records_of_run(study.steering(3, "tight-2", "estimate"), 3)
     )
     assert list(one.values()) == pytest.approx([5.0, 0.0, 0.0], abs=1e-6)
@@ -290,7 +295,7 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
     assert list(other.values()) == pytest.approx([10.0, 8.0 * np.sqrt(10 / 101), 8.0], abs=1e-6)
     (scenario,) = asked
     assert (scenario.run, scenario.navigation.variant, scenario.navigation.transmitters) == (3, "tight", 2)
-    assert {follower.steers_by for follower in scenario.followers} == {"estimate"}
+    assert {follower.guidance_position for follower in scenario.followers} == {"estimate"}
     assert scenario.ocean.current_speed_m_s == 0.0
 
 
@@ -301,7 +306,7 @@ def test_currents_come_from_all_directions() -> None:
     directions = np.sort([mission.ocean.current_direction_deg for mission in flown])
     assert np.diff(directions, append=directions[0] + 360.0).max() < 140.0
     assert all(mission.navigation.assume.current for mission in flown)
-    assert {follower.steers_by for follower in flown[0].followers} == {"estimate"}
+    assert {follower.guidance_position for follower in flown[0].followers} == {"estimate"}
     told = study.steering(3, "tight-3", "truth")
     assert (told.ocean.current_speed_m_s, told.navigation.assume.current) == (0.0, False)
 
@@ -312,8 +317,8 @@ def test_the_record_counts_who_is_lost() -> None:
         [
             {
                 "e_p_mean_m": float(i + r),
-                "off_place_rms_m": 10.0 * i,
-                "off_place_end_m": 60.0 if r == 0 and i % 2 == 0 else 50.0,
+                "track_error_rms_m": 10.0 * i,
+                "track_error_end_m": 60.0 if r == 0 and i % 2 == 0 else 50.0,
             }
             for i in range(len(ROUTES))
         ]

@@ -49,7 +49,7 @@ NEAR_AXIS = ("T2", "T5", "T7", "T8", "T9")
 CONCLUSIONS = (
     Conclusion(
         "docs/reproduction.md", "then jump to the mirror image of the truth", "reproduce-physics",
-        lambda r: r.low("captured asymmetric laisn-2") > 2 * r.high("captured 5s laisn-2"),
+        lambda r: r.low("mirror-locked asymmetric laisn-2") > 2 * r.high("mirror-locked 5s laisn-2"),
     ),
     Conclusion(
         "docs/reproduction.md", "with the error of Eq. 28 centred", "reproduce-physics",
@@ -79,7 +79,7 @@ CONCLUSIONS = (
     ),
     Conclusion(
         "docs/asymmetry.md", "A third transmitter does not reveal the tilt", "asymmetry",
-        lambda r: r.low("captured real laisn-3-2 all") > r.high("captured level laisn-3-2 all"),
+        lambda r: r.low("mirror-locked real laisn-3-2 all") > r.high("mirror-locked level laisn-3-2 all"),
     ),
     Conclusion(
         "docs/tight.md", "make the covariance invalid", "estimators",

@@ -128,20 +128,20 @@ def test_facts_tell_who_touched() -> None:
 def test_a_run_that_contact_ended_is_counted_and_in_no_mean() -> None:
     """Of a closed loop's runs; those that were flown to their end have 1 and 3 m of mean error."""
     scenario = meeting(contact="end", **FEELING)
-    followers = tuple(follower.model_copy(update={"steers_by": "estimate"}) for follower in scenario.followers)
+    followers = tuple(follower.model_copy(update={"guidance_position": "estimate"}) for follower in scenario.followers)
     met = records_of_run(scenario.model_copy(update={"followers": followers}), 7)
     assert [(row["run"], row["ended"], row["touched"], row["e_p_mean_m"]) for row in met] == [(7, True, 1.0, None)] * 2
 
     def flown(run: int, error: float) -> dict[str, Any]:
         figures = dict.fromkeys(met[0], error)
-        return figures | {"run": run, "ended": False, "touched": 0.0, "captured": False, "gated": 2}
+        return figures | {"run": run, "ended": False, "touched": 0.0, "mirror_locked": False, "gated": 2}
 
     class Entry:
         scenario = meeting()
 
     row, lists = _of_runs(Entry, 0, [[flown(0, 1.0)], [met[0]], [flown(2, 3.0)]])  # type: ignore[arg-type]
     assert (row["e_p_mean_m"], row["e_p_max_m"], row["worst_run"]) == (2.0, 3.0, 2)
-    assert (row["ended_runs"], row["captured_runs"], row["fixes_gated"]) == (1, 0, 4)
+    assert (row["ended_runs"], row["mirror_locked_runs"], row["fixes_gated"]) == (1, 0, 4)
     place = {"point": 0, "arm": "", "follower": "a", "sea": 0}
     found = Results.of([place | row], [(place, lists)])
     assert found.estimate((0, "", "a"), "e_p_mean_m").value == 2.0

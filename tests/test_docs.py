@@ -26,7 +26,7 @@ from typer.testing import CliRunner
 from experiments.command.cli import app
 from experiments.flight.fly import fly
 from experiments.flight.library import FOLDER, names
-from experiments.flight.summary import off_place_rms
+from experiments.flight.summary import track_error_rms
 from experiments.pages import flight_report
 from experiments.studies import closed_loop, route_keeping
 from experiments.study.file import StudyFile
@@ -79,7 +79,7 @@ def shortened(words: list[str]) -> list[str]:
         words.append("--no-video")
     if words[0] == "study":
         words += ["--set", "duration_s=20", "--runs", "2", "--workers", "1"]
-        words += [] if "--vary" in words else ["--seas", "2"]
+        words += [] if "--vary" in words else ["--realizations", "2"]
     if "--still" in words:
         words[words.index("--still") + 1] = "10"
     return words
@@ -276,7 +276,7 @@ def test_closed_loops_are_as_the_record_says() -> None:
     mission = closed_loop.steering(0, "laisn-2", "estimate")
     alone = mission.model_copy(update={"followers": mission.followers[1:2], "duration_s": 200.0})
     flight, _ = fly(alone)
-    (measured,) = off_place_rms(flight)
+    (measured,) = track_error_rms(flight)
     assert found["lost-runs laisn-2 T3"].value == 0
     assert measured == pytest.approx(float(found["off laisn-2 T3"].value or 0.0), rel=0.5)
 

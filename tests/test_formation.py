@@ -53,7 +53,8 @@ NOISY = {
                 "leader_heading_bias_deg": 3.0, "leader_heading_sigma_deg": 1.0,
                 "leader_depth_sigma_m": 0.1, "leader_attitude_sigma_deg": 1.0,
                 "leader_attitude_offset_sigma_deg": 2.0},
-    "acoustics": {"loss_chance": 0.2, "burst_chance": 0.1, "surface_echo_chance": 0.1, "bottom_echo_chance": 0.1,
+    "acoustics": {"loss_probability": 0.2, "burst_probability": 0.1, "surface_echo_probability": 0.1,
+                  "bottom_echo_probability": 0.1,
                   "max_range_m": 33.0, "clock_offset_s": 1e-4, "clock_drift_ppm": 30.0, "sound_speed_bias_m_s": 2.0},
     "ocean": {"current_speed_m_s": 0.3, "waves": {"kind": "regular"}},
     "leader": {"broadcast_attitude": True},
@@ -209,7 +210,7 @@ def quiet_for(seconds: float, formation: Formation, spread: float = 0.0) -> tupl
 
 def test_without_messages_it_slows_down_as_its_place_in_the_trail_gets_uncertain() -> None:
     """σ² = spread² + (0.1 m/s × age)²; full speed while σ is within 3 m, half a metre a second from 6 m on."""
-    formation = Formation(leader_velocity_sigma_m_s=0.1, unsure_m=3.0, silence_s=100.0)
+    formation = Formation(leader_velocity_sigma_m_s=0.1, max_trail_sigma_m=3.0, message_timeout_s=100.0)
     for spread in (0.0, 2.0, 3.5):
         wanted, depth = quiet_for(99.0, formation, spread)
         sigma = np.sqrt(spread**2 + (0.1 * 0.1 * np.arange(990)) ** 2)
@@ -221,17 +222,17 @@ def test_without_messages_it_slows_down_as_its_place_in_the_trail_gets_uncertain
 
 
 def test_after_a_long_silence_it_circles_or_surfaces_or_goes_on() -> None:
-    given = {"leader_velocity_sigma_m_s": 0.1, "silence_s": 120.0}
+    given = {"leader_velocity_sigma_m_s": 0.1, "message_timeout_s": 120.0}
     wanted, depth = quiet_for(200.0, Formation(**given))
     assert wanted[1190, 1] == pytest.approx(0.0, abs=1e-6)
     assert np.rad2deg(wanted[1300:, 1]) == pytest.approx(4.0)
     assert depth == pytest.approx(12.0)
-    _, depth = quiet_for(200.0, Formation(when_silent="surface", **given))
+    _, depth = quiet_for(200.0, Formation(timeout_action="surface", **given))
     assert depth[1190] == pytest.approx(12.0)
     # at 0.2 m/s it is up after a minute
     assert depth[1300:1305] == pytest.approx(12.0 - 0.2 * (10.0 + 0.1 * np.arange(5)), abs=0.05)
     assert depth[-1] == pytest.approx(0.2)
-    wanted, _ = quiet_for(200.0, Formation(when_silent="go-on", **given))
+    wanted, _ = quiet_for(200.0, Formation(timeout_action="continue", **given))
     assert wanted[1300:, 2] == pytest.approx(0.5)
 
 
@@ -267,7 +268,9 @@ def test_followers_turn_by_waypoints_that_they_heard_before_the_turn() -> None:
     left out; the bound is that of followers that hear each second.
     """
     places = [(5.0, 10.0, 11.0), (8.0, -9.0, 12.0)]
-    followers = [{"station": {"behind_m": s, "port_m": y, "depth_m": d}, "steers_by": "truth"} for s, y, d in places]
+    followers = [
+        {"station": {"behind_m": s, "port_m": y, "depth_m": d}, "guidance_position": "truth"} for s, y, d in places
+    ]
     leader = {"waypoints": [[0, 0, 0], [45, 45, 0], [105, 45, 60]]}
     largest = []
     for waypoints in (0, 2):
@@ -289,7 +292,9 @@ def test_followers_turn_by_waypoints_that_they_heard_before_the_turn() -> None:
 
 
 def test_who_is_told_the_truth_keeps_its_station_round_the_corner() -> None:
-    followers = [{"station": {"behind_m": s, "port_m": y, "depth_m": d}, "steers_by": "truth"} for s, y, d in PLACES]
+    followers = [
+        {"station": {"behind_m": s, "port_m": y, "depth_m": d}, "guidance_position": "truth"} for s, y, d in PLACES
+    ]
     leader = {"waypoints": [[0, 0, 0], [60, 60, 0], [160, 60, 100]]}
     scenario = validate({"name": "s", "duration_s": 160.0, "leader": leader, "followers": followers}, "test")
     flight, _ = fly(scenario)

@@ -122,7 +122,7 @@ def test_a_ratio_counts_whole_runs() -> None:
 
 
 @pytest.mark.parametrize(("rates", "runs"), [((0.3, 0.3), 64), ((0.02, 0.0), 64), ((0.001, 0.001), 384)])
-def test_limits_of_a_difference_of_captures_hold_it(rates: tuple[float, float], runs: int) -> None:
+def test_limits_of_a_difference_of_mirror_locks_hold_it(rates: tuple[float, float], runs: int) -> None:
     rng, trials = np.random.default_rng(7), 3000
     more, fewer = rates
     draw = rng.random((trials, runs))

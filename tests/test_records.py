@@ -51,7 +51,7 @@ def records() -> dict[str, Any]:
     """One of each kind."""
     scenario = Scenario(
         name="T5", motion="kinematic", duration_s=4.0, followers=(Follower(route="T5"),),
-        acoustics=Acoustics(surface_echo_chance=0.1, travel_time=True),
+        acoustics=Acoustics(surface_echo_probability=0.1, travel_time=True),
         ocean=Ocean(waves=Waves(kind="jonswap", height_m=0.5, period_s=6.0)),
     )  # fmt: skip
     trajectory = simulate_motion(scenario)

@@ -19,7 +19,7 @@ from sim.vehicle.plant import Plant
 
 
 def route(*assignments: str) -> Scenario:
-    return load("T6", ["duration_s=60", "followers.0.steers_by=estimate", *assignments])
+    return load("T6", ["duration_s=60", "followers.0.guidance_position=estimate", *assignments])
 
 
 class Recorder:
@@ -75,7 +75,7 @@ def test_a_command_from_python_holds_until_the_next_instant() -> None:
 @pytest.mark.parametrize("variant", ["laisn-3-1", "tight"])
 def test_navigators_in_python_steer_by_their_estimates(variant: str) -> None:
     """What steers is what such a navigator estimates on the finished mission; LAISN's flies as the compiled one."""
-    scenario = route(f"navigation.variant={variant}", "acoustics.loss_chance=0.2")
+    scenario = route(f"navigation.variant={variant}", "acoustics.loss_probability=0.2")
     own, loop = simulate_closed_loop(scenario, partial(SeparateNavigators, new_navigator))
     (estimates,) = navigate(scenario, own, new_navigator).estimates
     np.testing.assert_array_equal(loop.state.history.position[1:, 0], estimates.state[:, :2])

@@ -14,7 +14,7 @@ from sim.station_plan import hardest_crossing, nearest_stations
 
 LEFT = {"waypoints": [[0, 0, 0], [60, 60, 0], [200, 60, 140]]}
 STRAIGHT = {"waypoints": [[0, 0, 0], [200, 200, 0]]}
-STIFF = {"frame_time_s": 1e6}
+STIFF = {"frame_time_constant_s": 1e6}
 
 
 def mission(*places: tuple[float, float, float], leader: object = LEFT, **formation: Any) -> Scenario:
@@ -155,7 +155,8 @@ def test_layers_are_taken_in_turn() -> None:
     ("table", "text"),
     [
         ({"formation": {"proximity": {}}, "followers": [{"route": "T5"}]}, "is for followers on stations"),
-        ({"formation": {"proximity": {"full_m": 5.0}}}, r"full_m = 5 is not less than formation.proximity.range_m = 5"),
+        ({"formation": {"proximity": {"full_avoidance_range_m": 5.0}}},
+         r"full_avoidance_range_m = 5 is not less than formation.proximity.range_m = 5"),
         ({"formation": {"proximity": {"period_s": 0.25}}}, r"period_s = 0.25 is no multiple of 0.1"),
         ({"formation": {"proximity": {"range_m": 12.0}}}, r"are 10 m apart in one layer, within formation.prox"),
         ({"followers": [{"station": {"behind_m": 10.0, "depth_m": 9.5}},

@@ -88,7 +88,7 @@ class RunTable:
     e_p_mean_m: Floats
     e_b_max_deg: Floats
     e_b_mean_deg: Floats
-    captured: Bools
+    mirror_locked: Bools
     gated: Ints
     """Fixes that the gate rejected."""
 
@@ -114,9 +114,9 @@ class CellResult:
     """Mean normalised squared error of the position (2 if the covariance is right), where it is not singular."""
     nis: float
     """Mean normalised squared innovation of the fixes that were used (2 if S is right)."""
-    captured: int
+    mirror_locked: int
     """Runs whose estimate was for a message interval more than 5 m off and at least twice as far from the truth as from
-    its mirror image beyond the leader's axis: see `laisn.metrics.is_captured`."""
+    its mirror image beyond the leader's axis: see `laisn.metrics.is_mirror_locked`."""
     fixes: dict[str, int]
     """Number of fixes of each `FixKind`, by its name in lower case; "gated" are those that the gate rejected."""
     worst_run: int
@@ -140,7 +140,7 @@ _OF_RUNS = [
         metric.SUM_P,
         metric.MAX_B,
         metric.SUM_B,
-        metric.LONGEST_CAPTURE,
+        metric.LONGEST_MIRROR_LOCK,
         metric.KINDS + FixKind.GATED * LANES,
     )
 ]
@@ -155,7 +155,7 @@ class CellSums:
         self._total = np.zeros(metric.SIZE // LANES)
         self._largest = np.zeros(metric.SIZE // LANES)
         self._histograms = np.zeros((2, metric.BINS), dtype=np.int64)
-        self._captured = 0
+        self._mirror_locked = 0
         self._worst_run = cell.runs[0]
         self._kept = np.empty((len(_OF_RUNS), len(cell.runs))) if keep_runs else None
         gaps = np.diff(cell.truth.message_step)
@@ -173,7 +173,7 @@ class CellSums:
             self._worst_run = runs[worst]
         self._largest = np.maximum(self._largest, table.max(axis=1))
         self._histograms += histograms
-        self._captured += int(np.count_nonzero(table[metric.LONGEST_CAPTURE // LANES] >= self._interval))
+        self._mirror_locked += int(np.count_nonzero(table[metric.LONGEST_MIRROR_LOCK // LANES] >= self._interval))
         if self._kept is not None:
             first = runs[0] - self._cell.runs[0]
             self._kept[:, first : first + len(runs)] = table[_OF_RUNS]
@@ -202,7 +202,7 @@ class CellSums:
     def _table(self) -> RunTable | None:
         if self._kept is None:
             return None
-        largest_p, sum_p, largest_b, sum_b, longest_capture, gated = self._kept
+        largest_p, sum_p, largest_b, sum_b, longest_mirror_lock, gated = self._kept
         steps = self._cell.truth.speed.size
         return RunTable(
             run=np.array(self._cell.runs, dtype=np.int64),
@@ -210,7 +210,7 @@ class CellSums:
             e_p_mean_m=sum_p / steps,
             e_b_max_deg=np.rad2deg(largest_b),
             e_b_mean_deg=np.rad2deg(sum_b / steps),
-            captured=longest_capture >= self._interval,
+            mirror_locked=longest_mirror_lock >= self._interval,
             gated=gated.astype(np.int64),
         )
 
@@ -233,7 +233,7 @@ class CellSums:
             ),
             nees=mean(metric.SUM_NEES, metric.COUNT_NEES),
             nis=mean(metric.SUM_NIS, metric.COUNT_NIS),
-            captured=self._captured,
+            mirror_locked=self._mirror_locked,
             fixes={kind.name.lower(): int(self._total[first + kind]) for kind in FixKind},
             worst_run=self._worst_run,
             table=self._table(),

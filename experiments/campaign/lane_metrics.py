@@ -12,7 +12,7 @@ from laisn.elementary import to_bits
 from laisn.estimates import FixKind
 from laisn.geometry import Point, turn
 from laisn.lane_rows import LANES
-from laisn.metrics import bearing_error, is_captured, is_invertible, normalised_square, squared_error
+from laisn.metrics import bearing_error, is_invertible, is_mirror_locked, normalised_square, squared_error
 
 _LOST = int(FixKind.LOST)
 
@@ -20,7 +20,7 @@ _row = count(0, LANES)
 SUM_P, SQUARES_P, MAX_P, SUM_B, SQUARES_B, MAX_B = (next(_row) for _ in range(6))
 SUM_NEES, COUNT_NEES, SUM_NIS, COUNT_NIS = (next(_row) for _ in range(4))
 # Steps that the estimate has been at the mirror image without a break, and the most of them.
-CAPTURE, LONGEST_CAPTURE = (next(_row) for _ in range(2))
+MIRROR_LOCK, LONGEST_MIRROR_LOCK = (next(_row) for _ in range(2))
 KINDS = next(_row)
 SIZE = KINDS + len(FixKind) * LANES
 """Numbers of a tally."""
@@ -82,10 +82,10 @@ def tally_step(
         bins[lane] = _bin(error, _FIRST_P)
         bins[LANES + lane] = _bin(bearing, _FIRST_B)
 
-        capture = tally[CAPTURE + lane] + 1.0 if is_captured(estimate, truth, origin, axis) else 0.0
-        tally[CAPTURE + lane] = capture
-        longest = tally[LONGEST_CAPTURE + lane]
-        tally[LONGEST_CAPTURE + lane] = capture if capture > longest else longest
+        mirror_lock = tally[MIRROR_LOCK + lane] + 1.0 if is_mirror_locked(estimate, truth, origin, axis) else 0.0
+        tally[MIRROR_LOCK + lane] = mirror_lock
+        longest = tally[LONGEST_MIRROR_LOCK + lane]
+        tally[LONGEST_MIRROR_LOCK + lane] = mirror_lock if mirror_lock > longest else longest
 
         pxx, pxy, pyy = block[row.PXX + lane], block[row.PXY + lane], block[row.PYY + lane]
         nees = normalised_square(estimate.east - truth.east, estimate.north - truth.north, pxx, pxy, pyy)

@@ -183,7 +183,7 @@ def _read_ranges(block: Floats, noise: Noise, sensors: LaneSensors, sent: Floats
     draws, address, errors = noise.draws, noise.address, sensors.errors
     received, emitted = steps
     true, normal = np.empty(3 * LANES), np.empty(LANES)
-    if errors.surface_echo_chance + errors.bottom_echo_chance > 0.0:
+    if errors.surface_echo_probability + errors.bottom_echo_probability > 0.0:
         _draw_uniforms(noise, address.echo, emitted)
     else:
         # above any chance

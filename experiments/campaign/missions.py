@@ -61,7 +61,10 @@ def observed_of(scenario: Scenario, follower: int) -> Scenario:
     """
     sensors, acoustics = scenario.sensors_of(follower), scenario.acoustics
     random = [key for key in type(scenario.sensors).model_fields if "sigma" in key or "bias" in key or "walk" in key]
-    echoes = {name: float(getattr(acoustics, name) > 0.0) / 2 for name in ("surface_echo_chance", "bottom_echo_chance")}
+    echoes = {
+        name: float(getattr(acoustics, name) > 0.0) / 2
+        for name in ("surface_echo_probability", "bottom_echo_probability")
+    }
     own = {
         "name": "mission",
         "seed": 1,
@@ -70,7 +73,7 @@ def observed_of(scenario: Scenario, follower: int) -> Scenario:
         "acoustics": without(
             acoustics,
             "range_tau_m", "range_error_centred", "range_scale_mean_m", "range_scale_sigma_m", "common_echoes",
-            "loss_chance", "burst_chance", "burst_mean_messages", "burst_loss_chance",
+            "loss_probability", "burst_probability", "burst_mean_messages", "burst_loss_probability",
         ).model_copy(update=echoes),
         "navigation": Navigation(variant="tight", assume={"transmitters": scenario.navigation.transmitters}),
     }  # fmt: skip

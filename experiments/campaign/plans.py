@@ -89,12 +89,17 @@ def _row(plan: CellPlan, result: CellResult, bound: Record) -> Record:
     row |= asdict(result.errors)
     for name, values in (("e_p_p{}_m", result.e_p_percentiles_m), ("e_b_p{}_deg", result.e_b_percentiles_deg)):
         row |= {name.format(p): float(value) for p, value in zip(PERCENTILES, values, strict=True)}
-    row |= {"nees": result.nees, "nis": result.nis, "captured_runs": result.captured, "worst_run": result.worst_run}
+    row |= {
+        "nees": result.nees,
+        "nis": result.nis,
+        "mirror_locked_runs": result.mirror_locked,
+        "worst_run": result.worst_run,
+    }
     row |= bound
     row |= {f"fixes_{kind}": count for kind, count in result.fixes.items()}
     if result.table is not None:
-        free = ~result.table.captured
-        row["e_p_mean_uncaptured_m"] = float(result.table.e_p_mean_m[free].mean()) if free.any() else None
+        free = ~result.table.mirror_locked
+        row["e_p_mean_unlocked_m"] = float(result.table.e_p_mean_m[free].mean()) if free.any() else None
     return row
 
 

@@ -62,7 +62,7 @@ def _show_stations(console: Console, flight: Flight, summary: dict[str, Any]) ->
 
 def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
     """Print a table of errors, and the outcome if the mission was not completed."""
-    steered = any(follower.steers_by_estimate for follower in flight.scenario.followers)
+    steered = any(follower.guided_by_estimate for follower in flight.scenario.followers)
     if any("station_rms_m" in row for row in summary["followers"].values()):
         _show_stations(console, flight, summary)
     else:
@@ -72,7 +72,7 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
             metres = (f"{row[f'e_p_{what}_m']:.2f} m" for what in ("max", "mean", "std"))
             degrees = (f"{row[f'e_b_{what}_deg']:.2f}°" for what in ("max", "mean", "std"))
             consistent = ("–" if row[key] is None else f"{row[key]:.3g}" for key in ("nees", "rms_over_bound"))
-            off = [f"{row['off_place_rms_m']:.2f} m"] if steered else []
+            off = [f"{row['track_error_rms_m']:.2f} m"] if steered else []
             rows.append([name, *metres, *degrees, *consistent, *off])
         show_table(console, [*heads, *(["track error"] if steered else [])], rows)
         console.print(_LEGEND, style="dim", highlight=False)

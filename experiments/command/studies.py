@@ -62,7 +62,8 @@ def _print_effort(study: "Study", workers: int | None) -> None:
     plan = plan_of(study)
     effort = effort_of(plan, workers or len(os.sched_getaffinity(0)))
     echo(
-        f"{study.name}: {many(len(plan.points), 'point')}, {many(len(plan.arms), 'arm')}, {many(study.seas, 'sea')}, "
+        f"{study.name}: {many(len(plan.points), 'point')}, {many(len(plan.arms), 'arm')}, "
+        f"{many(study.realizations, 'realization')}, "
         f"{many(study.runs, 'run')} of noise{' at first' if study.until else ''}; "
         f"{many(effort.flights, 'flight')}, {many(effort.cells, 'cell')}, "
         f"{many(effort.runs, 'run')}; about {max(effort.seconds, 1):.0f} s and {effort.megabytes:.0f} MB, if nothing "
@@ -101,11 +102,13 @@ def study(
     ] = None,
     draw: Annotated[
         list[str] | None,
-        typer.Option("--draw", metavar="KEY={uniform=[A,B]}", help="a random value of this key for each sea"),
+        typer.Option("--draw", metavar="KEY={uniform=[A,B]}", help="a random value of this key for each realization"),
     ] = None,
     set_: SetOption = None,
     runs: Annotated[int | None, typer.Option(min=1, max=1_000_000, help="runs of noise at each point")] = None,
-    seas: Annotated[int | None, typer.Option(min=1, max=100_000, help="seas at each point: waves, and draws")] = None,
+    realizations: Annotated[
+        int | None, typer.Option(min=1, max=100_000, help="realizations of waves and draws at each point")
+    ] = None,
     seed: Annotated[int | None, typer.Option(min=0, max=2**62 - 1, help="key of all random numbers")] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="print the size of the study and stop")] = False,
     quick: QuickOption = False,
@@ -129,7 +132,7 @@ def study(
     if film not in (None, "worst"):
         raise LaisnError(f"--film {film}: expected --film worst")
     keys = {"vary": _factors(vary or []), "draw": values_of(draw or (), "--draw"), "set": values_of(set_ or ())}
-    asked = study_of(source, keys | {"runs": runs, "seas": seas, "seed": seed})
+    asked = study_of(source, keys | {"runs": runs, "realizations": realizations, "seed": seed})
     if dry_run:
         _print_effort(asked, workers)
         return

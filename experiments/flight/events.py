@@ -1,8 +1,8 @@
-"""Events of a flight, for its log and report: mirror captures, vehicles off their routes, approaches and contacts."""
+"""Events of a flight, for its log and report: mirror locks, vehicles off their routes, approaches and contacts."""
 
 import numpy as np
 
-from experiments.flight.summary import captured_steps
+from experiments.flight.summary import mirror_locked_steps
 from laisn.arrays import Floats
 from sim.assembly import routes_of
 from sim.contact import contacts
@@ -11,7 +11,7 @@ from sim.log.channels import Event
 from sim.scenario.formation import LEAST_LAYER_M
 from sim.sensing.proximity import sightings
 from sim.station_keeping import closest_approaches, true_stations
-from sim.tracking import off_place
+from sim.tracking import track_error
 
 SIGMAS = 3.0
 """Least distance of two stations, in standard deviations of their followers' relative position error."""
@@ -25,7 +25,7 @@ def route_events(flight: Flight) -> list[Event]:
     for v, route in enumerate(routes_of(flight.scenario)):
         if v and flight.scenario.followers[v - 1].station is not None:
             continue
-        off = off_place(route, truth.time, truth.position[:, v, :2])
+        off = track_error(route, truth.time, truth.position[:, v, :2])
         k = int(np.argmax(off))
         if off[k] > OFF_ROUTE_M:
             text = f"{truth.names[v]} is {off[k]:.0f} m off its route (maximum), and {off[-1]:.0f} m at the end"
@@ -91,14 +91,14 @@ def uncertainty_events(flight: Flight) -> list[Event]:
     return events
 
 
-def capture_events(flight: Flight) -> list[Event]:
-    """An event where an estimate is captured at the mirror image of the truth, and where it is released."""
+def mirror_lock_events(flight: Flight) -> list[Event]:
+    """An event where an estimate is locked on the mirror image of the truth, and where it is released."""
     time, events = flight.trajectory.time[flight.step_index()], []
     for i, name in enumerate(flight.trajectory.names[1:]):
-        captured = captured_steps(flight, i)
-        for k in np.flatnonzero(np.diff(captured.astype(np.int64), prepend=0)):
-            caught = bool(captured[k])
-            text = "mirror capture: the estimate is at the truth's mirror image" if caught else "mirror capture ends"
+        mirror_locked = mirror_locked_steps(flight, i)
+        for k in np.flatnonzero(np.diff(mirror_locked.astype(np.int64), prepend=0)):
+            caught = bool(mirror_locked[k])
+            text = "mirror lock: the estimate is at the truth's mirror image" if caught else "mirror lock ends"
             events.append(Event(float(time[k]), "warning" if caught else "info", text, name))
     return sorted(events, key=lambda event: event.time_s)
 
@@ -118,5 +118,5 @@ def stray_events(flight: Flight) -> list[Event]:
 
 def flight_events(flight: Flight) -> list[Event]:
     """All events of a flight, in order of time."""
-    events = [*capture_events(flight), *giving_way_events(flight), *stray_events(flight)]
+    events = [*mirror_lock_events(flight), *giving_way_events(flight), *stray_events(flight)]
     return sorted(events, key=lambda event: event.time_s)

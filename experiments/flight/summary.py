@@ -12,7 +12,7 @@ from laisn.arrays import Bools, Floats
 from sim.contact import contacts
 from sim.flight import Flight
 from sim.sensing.proximity import sightings
-from sim.station_keeping import closest_approaches, closest_in_a_layer, off_places, station_keeping
+from sim.station_keeping import closest_approaches, closest_in_a_layer, station_keeping, track_errors
 
 
 def position_and_bearing_errors(flight: Flight) -> list[tuple[Floats, Floats]]:
@@ -38,10 +38,10 @@ def true_bearing(flight: Flight, follower: int) -> Floats:
     return np.asarray(np.mod(np.arctan2(away[:, 0], away[:, 1]) - flight.trajectory.heading[steps, 0], 2 * np.pi))
 
 
-def captured_steps(flight: Flight, follower: int) -> Bools:
-    """Filter steps at which a follower's estimate is captured at the mirror image of the truth, shape (n,)."""
+def mirror_locked_steps(flight: Flight, follower: int) -> Bools:
+    """Filter steps at which a follower's estimate is locked on the mirror image of the truth, shape (n,)."""
     steps, truth = flight.step_index(), flight.trajectory
-    return metrics.captured_steps(
+    return metrics.mirror_locked_steps(
         flight.estimates[follower].state[:, :2],
         flight.hydrophone(follower)[:, :2],
         truth.position[steps, 0, :2],
@@ -49,14 +49,14 @@ def captured_steps(flight: Flight, follower: int) -> Bools:
     )
 
 
-def off_place_rms(flight: Flight) -> list[float]:
+def track_error_rms(flight: Flight) -> list[float]:
     """RMS distance of each follower from its station, or from where its route has it, [m]."""
-    return [float(np.sqrt(np.mean(off**2))) for off in off_places(flight.scenario, flight.trajectory).T]
+    return [float(np.sqrt(np.mean(off**2))) for off in track_errors(flight.scenario, flight.trajectory).T]
 
 
 def _kept(flight: Flight, follower: int, off: Floats) -> dict[str, Any]:
     """How a follower kept its place, from its distances off it, shape (n,), [m]."""
-    row: dict[str, Any] = {"off_place_rms_m": float(np.sqrt(np.mean(off**2)))}
+    row: dict[str, Any] = {"track_error_rms_m": float(np.sqrt(np.mean(off**2)))}
     if flight.scenario.followers[follower].station:
         keeping = asdict(station_keeping(off, flight.trajectory.time))
         row |= {name: None if value != value else value for name, value in keeping.items()}
@@ -117,7 +117,7 @@ def summarise(
     bounds = flight_bounds(flight) if bounds is None else bounds
     errors = [(p[e.unknown :], b[e.unknown :]) for (p, b), e in zip(errors, flight.estimates, strict=True)]
     pooled = metrics.summarise(np.concatenate([e for e, _ in errors]), np.concatenate([b for _, b in errors]))
-    names, off = flight.trajectory.names[1:], off_places(flight.scenario, flight.trajectory)
+    names, off = flight.trajectory.names[1:], track_errors(flight.scenario, flight.trajectory)
     sensing = flight.scenario.formation.proximity is not None
     spent = sightings(flight.scenario, flight.trajectory).spent_s
     return {

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from experiments.campaign.store import arrow_table
-from experiments.flight.summary import captured_steps, position_and_bearing_errors, true_bearing
+from experiments.flight.summary import mirror_locked_steps, position_and_bearing_errors, true_bearing
 from laisn.failure import LaisnError
 from laisn.messages import Ranges
 
@@ -89,7 +89,8 @@ def errors_table(flight: Flight) -> Table:
 
     Columns: `follower`, `time_s`; `e_p_m` and `e_b_deg`, the paper's errors of position and bearing; `east_m`,
     `north_m`, `depth_m` of the hydrophone and the `estimate_east_m`, `estimate_north_m` of it; `bearing_deg` from the
-    leader's bow clockwise and `distance_m` from the leader; `captured`, whether the estimate is at the mirror image.
+    leader's bow clockwise and `distance_m` from the leader; `mirror_locked`, whether the estimate is at the
+    mirror image.
     """
     steps = flight.step_index()
     time, leader = flight.trajectory.time[steps], flight.trajectory.position[steps, 0, :2]
@@ -108,7 +109,7 @@ def errors_table(flight: Flight) -> Table:
             "estimate_north_m": estimate[:, 1],
             "bearing_deg": np.rad2deg(true_bearing(flight, i)),
             "distance_m": np.hypot(*(truth[:, :2] - leader).T),
-            "captured": captured_steps(flight, i),
+            "mirror_locked": mirror_locked_steps(flight, i),
         }
         parts.append(pa.table(columns))
     return Table(pa.concat_tables(parts))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.flight.summary import captured_steps, flight_bounds
+from experiments.flight.summary import flight_bounds, mirror_locked_steps
 from experiments.pages import flight_figures, flight_text, range_budget_page
 from experiments.pages.figures import svg
 from experiments.pages.flight_figures import ON_AXIS_DEG
@@ -142,7 +142,7 @@ def _results(summary: Mapping[str, Any]) -> Table:
     columns = [f"e_p_{what}_m" for what in ("max", "mean", "std")] + [
         f"e_b_{what}_deg" for what in ("max", "mean", "std")
     ]
-    columns += ["off_place_rms_m"] + [f"station_{what}_m" for what in ("rms", "p95", "max") if on_station]
+    columns += ["track_error_rms_m"] + [f"station_{what}_m" for what in ("rms", "p95", "max") if on_station]
     table = []
     for name, row in rows.items():
         cells = [words(name), *(number(row.get(column)) for column in columns)]
@@ -161,9 +161,11 @@ def _results(summary: Mapping[str, Any]) -> Table:
 
 
 def failures(flight: Flight) -> dict[str, Any]:
-    """Values for the notices: end of the mission, contacts, estimates that are not finite, and mirror captures."""
+    """Values for the notices: end of the mission, contacts, estimates that are not finite, and mirror locks."""
     names, finite = flight.trajectory.names[1:], [np.isfinite(e.state[e.unknown :]).all() for e in flight.estimates]
-    captured = {name: 100 * float(np.mean(captured_steps(flight, i))) for i, name in enumerate(names) if finite[i]}
+    mirror_locked = {
+        name: 100 * float(np.mean(mirror_locked_steps(flight, i))) for i, name in enumerate(names) if finite[i]
+    }
     return {
         "ended_by": "" if flight.outcome is Outcome.COMPLETED else flight.outcome.value,
         "end_tone": "warning" if flight.outcome is Outcome.CONTACT else "failure",
@@ -171,8 +173,8 @@ def failures(flight: Flight) -> dict[str, Any]:
         "duration_s": f"{flight.scenario.duration_s:g}",
         "contacts": [(f"{time:g}", pair) for time, pair in contacts(flight.trajectory)],
         "not_finite": [name for name, good in zip(names, finite, strict=True) if not good],
-        "captured": {name: f"{share:.1f}" for name, share in captured.items() if share},
-        "capture_error_m": f"{metrics.CAPTURE_ERROR:g}",
+        "mirror_locked": {name: f"{share:.1f}" for name, share in mirror_locked.items() if share},
+        "mirror_lock_error_m": f"{metrics.MIRROR_LOCK_ERROR:g}",
     }
 
 

@@ -12,7 +12,7 @@ from experiments.pages.flight_figures import ON_AXIS_DEG, SIGMAS
 from experiments.pages.template import paragraphs
 from laisn.arrays import Bools, Floats
 from laisn.estimates import FixKind
-from laisn.metrics import longest_capture, nees
+from laisn.metrics import longest_mirror_lock, nees
 from sim.flight import Flight
 from sim.sensing.proximity import sightings
 from sim.station_keeping import closest_approaches, off_station, station_keeping
@@ -138,7 +138,7 @@ def error_numbers(one: EstimateErrors) -> dict[str, Any]:
         "kinds": [f"{percent(float(counts[i]) / one.kind.size)} {_FIXES[FixKind(int(kinds[i]))]}" for i in order],
         "side_m": f"{SIDE_M:g}", "wrong_side": float(one.wrong_side.mean()),
         "wrong_first_s": float(one.time[int(one.wrong_side.argmax())]) if wrong else None,
-        "wrong_longest_s": longest_capture(one.wrong_side) * step if wrong else None,
+        "wrong_longest_s": longest_mirror_lock(one.wrong_side) * step if wrong else None,
         "outside": float(one.outside.mean()), "consistent_outside": CONSISTENT_SHARE,
     }  # fmt: skip
 

@@ -42,7 +42,7 @@ LOST_M = 50.0
 def steering(run: int, navigator: str, way: str) -> Scenario:
     """Leader and a follower on each route, steered in one of WAYS; in a current the tight navigator estimates it."""
     mission, (variant, transmitters) = scenario(), NAVIGATORS[navigator]
-    flows, steers_by = way == "current", "truth" if way == "truth" else "estimate"
+    flows, guidance_position = way == "current", "truth" if way == "truth" else "estimate"
     assume = mission.navigation.assume.model_copy(update={"transmitters": transmitters, "current": flows})
     speed = CURRENT_M_S * (1 + run % 5) / 5 if flows else 0.0
     current = {"current_speed_m_s": speed, "current_direction_deg": run * _GOLDEN_DEG % 360}
@@ -51,7 +51,9 @@ def steering(run: int, navigator: str, way: str) -> Scenario:
             "run": run,
             "ocean": mission.ocean.model_copy(update=current),
             "navigation": mission.navigation.model_copy(update={"variant": variant, "assume": assume}),
-            "followers": tuple(f.model_copy(update={"steers_by": steers_by}) for f in mission.followers),
+            "followers": tuple(
+                f.model_copy(update={"guidance_position": guidance_position}) for f in mission.followers
+            ),
         }
     )
 
@@ -64,10 +66,10 @@ def findings_of(found: Mapping[tuple[str, str], Sequence[Sequence[Record]]]) -> 
         ends = []
         for i, route in enumerate(ROUTES):
             by_truth, own = ([rows[i] for rows in found[name, by]] for by in ("truth", "estimate"))
-            far = [row["off_place_end_m"] for row in own]
+            far = [row["track_error_end_m"] for row in own]
             lost = sum(end > LOST_M for end in far)
             ends += far
-            error, off = median(row["e_p_mean_m"] for row in by_truth), median(row["off_place_rms_m"] for row in own)
+            error, off = median(row["e_p_mean_m"] for row in by_truth), median(row["track_error_rms_m"] for row in own)
             named[f"error {name} {route}"] = plain(error, "mean E_P, steering by the truth; median of runs", "m")
             named[f"off {name} {route}"] = plain(off, "RMS off its place, by its estimate; median of runs", "m")
             named[f"lost {name} {route}"] = of(proportion(lost, len(own)), "share of runs lost, 95 %")
@@ -77,9 +79,9 @@ def findings_of(found: Mapping[tuple[str, str], Sequence[Sequence[Record]]]) -> 
         named[f"lost-runs {name}"] = plain(lost, "missions lost")
         named["missions"] = plain(len(ends), "missions of each navigator")
         flown = [row for rows in found[name, "current"] for row in rows]
-        off = [median(rows[i]["off_place_rms_m"] for rows in found[name, "current"]) for i in range(len(ROUTES))]
-        lost = sum(row["off_place_end_m"] > LOST_M for row in flown)
-        typical = median(row["off_place_rms_m"] for row in flown)
+        off = [median(rows[i]["track_error_rms_m"] for rows in found[name, "current"]) for i in range(len(ROUTES))]
+        lost = sum(row["track_error_end_m"] > LOST_M for row in flown)
+        typical = median(row["track_error_rms_m"] for row in flown)
         named[f"off current {name}"] = plain(typical, "RMS off its place, in currents; median of missions", "m")
         named[f"worst current {name}"] = plain(max(off), "the same; median of runs on the worst route", "m")
         named[f"lost current {name}"] = of(proportion(lost, len(flown)), "share of missions lost in currents, 95 %")

@@ -1,4 +1,4 @@
-"""Figures of a study: a metric over its factors with intervals, over two of them as a map, and over its seas."""
+"""Figures of a study: a metric over factors with intervals, over two of them as a map, and over realizations."""
 
 import itertools
 import math
@@ -265,32 +265,32 @@ def effect_bars(effects: Mapping[str, Interval]) -> Figures:
     return Figures(panels=[svg(figure, "effects", "Share of the variance that each factor explains")])
 
 
-def over_seas(plan: Plan, results: Results) -> Figures:
-    """Share of seas whose mean is below a value, a panel for each point and follower, a line for each arm."""
+def over_realizations(plan: Plan, results: Results) -> Figures:
+    """Share of realizations whose mean is below a value, a panel for each point and follower, a line for each arm."""
     metric, panels = plan.study.report.metric, list[str]()
     label = METRICS[metric].label
     for point, follower in itertools.product(range(len(plan.points)), plan.followers):
-        means = [np.sort(results.by_sea((point, arm, follower), metric)) for arm in plan.arms]
+        means = [np.sort(results.by_realization((point, arm, follower), metric)) for arm in plan.arms]
         lines = [
             Line(x=np.repeat(m, 2), y=np.repeat(np.arange(m.size + 1) / m.size, 2)[1:-1], colour=colour)
             for m, colour in zip(means, SERIES, strict=False) if m.size > 1 and not np.isnan(m).any()
         ]  # fmt: skip
         if lines and len(panels) < MOST_PANELS:
             title = fill(point_text(plan.points[point]), _TITLE_WIDTH)
-            figure = panel(lines, x_label=label, y_label="share of seas", title=title, y_limits=(0.0, 1.02))
+            figure = panel(lines, x_label=label, y_label="share of realizations", title=title, y_limits=(0.0, 1.02))
             figure.axes[0].margins(x=0.04)
-            panels.append(svg(figure, f"seas{len(panels)}", f"distribution of {label} over seas {title}"))
+            panels.append(svg(figure, f"realizations{len(panels)}", f"distribution of {label} {title}"))
     return Figures(panels=panels, legend=_legend(plan.arms))
 
 
 def over_draws(plan: Plan, results: Results, point: int) -> Figures:
-    """The means of the seas of a point over each number that was drawn, a panel for each key."""
+    """The means of the realizations of a point over each number that was drawn, a panel for each key."""
     metric, panels = plan.study.report.metric, list[str]()
     label, places = METRICS[metric].label, [(point, arm, plan.followers[0]) for arm in plan.arms]
     for draw in plan.study.draws[:MOST_PANELS]:
         drawn = [[row[draw.key] for row in results.rows.get(place, [])] for place in places]
         lines = [
-            Line(x=np.array(values), y=results.by_sea(place, metric), colour=colour, marker="o")
+            Line(x=np.array(values), y=results.by_realization(place, metric), colour=colour, marker="o")
             for place, values, colour in zip(places, drawn, SERIES, strict=False)
             if values and all(map(is_number, values))
         ]

@@ -71,13 +71,17 @@ def paired(folders: Sequence[Path], metric: str) -> dict[tuple[str, ...], list[I
     """
     tables = []
     for folder in folders:
-        seeds = {row["sea"]: row["seed"] for row in read_table(folder / RESULTS)}
-        tables.append([row | {"seed": seeds[row["sea"]]} for row in read_table(folder / RUNS)])
+        seeds = {row["realization"]: row["seed"] for row in read_table(folder / RESULTS)}
+        tables.append([row | {"seed": seeds[row["realization"]]} for row in read_table(folder / RUNS)])
         if metric not in tables[-1][0]:
             raise LaisnError(f"{folder}: its runs have no {metric!r}")
-    measured = {"point", "sea", "seed", "run", "gated", *METRICS}
+    measured = {"point", "realization", "seed", "run", "gated", *METRICS}
     shared = [k for k in tables[0][0] if k not in measured and all(k in table[0] for table in tables)]
-    drawn = [k for k in shared if any(len({r[k] for r in t if r["sea"] == 0}) < len({r[k] for r in t}) for t in tables)]
+    drawn = [
+        k
+        for k in shared
+        if any(len({r[k] for r in t if r["realization"] == 0}) < len({r[k] for r in t}) for t in tables)
+    ]
     keys = [k for k in shared if k not in drawn and len({repr(row[k]) for table in tables for row in table}) > 1]
     values = []
     for table in tables:
@@ -88,8 +92,8 @@ def paired(folders: Sequence[Path], metric: str) -> dict[tuple[str, ...], list[I
         values.append(own)
 
     def mean(of: Mapping[tuple[int, int], float], *, paired: bool = False) -> Interval:
-        seas = groupby(sorted(of.items()), key=lambda item: item[0][0])
-        lists = [np.array([value for _, value in runs]) for _, runs in seas]
+        realizations = groupby(sorted(of.items()), key=lambda item: item[0][0])
+        lists = [np.array([value for _, value in runs]) for _, runs in realizations]
         return over_runs(lists, shares=metric in SHARES, paired=paired)
 
     found: dict[tuple[str, ...], list[Interval | None]] = {}

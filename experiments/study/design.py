@@ -1,7 +1,7 @@
-"""The design of a study: factors and the points of their values, and draws, keys that every sea has anew.
+"""The design of a study: factors and the points of their values, and draws, keys that every realization has anew.
 
 Points are every combination of lists and ranges of values, or a sample of the ranges. A draw is a function of (seed of
-the study, number of the sea, key): another key, point, arm or worker changes none.
+the study, number of the realization, key): another key, point, arm or worker changes none.
 """
 
 import hashlib
@@ -24,7 +24,7 @@ Design = Literal["factorial", "latin-hypercube", "sobol"]
 
 _RANGE = ("from", "to", "steps", "scale")
 _POINTS_KEY = 0x0D
-"""Keeps the random numbers of designs apart from those of seas."""
+"""Keeps the random numbers of designs apart from those of realizations."""
 
 
 def _tidy(value: float) -> float | int:
@@ -113,7 +113,7 @@ def points_of(
     """
     count = math.prod(len(factor.values) for factor in factors) if design == "factorial" else number or 0
     if count > most:
-        raise ValueError(f"{count:,} points, at most {most:,} with these arms and seas")
+        raise ValueError(f"{count:,} points, at most {most:,} with these arms and realizations")
     if design == "factorial":
         if number is not None:
             raise ValueError('points belongs to design = "latin-hypercube" or "sobol"')
@@ -213,7 +213,7 @@ def known(name: str) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Draw:
-    """A key of the scenario whose value every sea draws."""
+    """A key of the scenario whose value every realization draws."""
 
     key: str
     law: str
@@ -236,8 +236,8 @@ class Draw:
         quantile = _OWN[name](parameters) if name in _OWN else _of_distribution(name, parameters)
         return cls(key=key, law=f"{name} {parameters}", quantile=quantile)
 
-    def value(self, seed: int, sea: int) -> Any:
-        """What a sea has of it."""
+    def value(self, seed: int, realization: int) -> Any:
+        """What a realization has of it."""
         hashed = int.from_bytes(hashlib.sha256(self.key.encode()).digest()[:8], "big")
-        address = [_DRAW_KEY, seed, sea, hashed]
+        address = [_DRAW_KEY, seed, realization, hashed]
         return self.quantile(float(np.random.default_rng(address).random()), [*address, 1])

@@ -53,9 +53,9 @@ def _coded(plan: Plan, name: str, given: list[Any]) -> Floats | Ints:
 
 
 def _sample(results: Results, place: Place, metric: str) -> Floats:
-    """Independent values whose mean a place has: of runs of a single sea, or of seas."""
+    """Independent values whose mean a place has: of runs of a single realization, or of realizations."""
     runs = results.by_run(place, metric)
-    return runs[0] if runs is not None and len(runs) == 1 else results.by_sea(place, metric)
+    return runs[0] if runs is not None and len(runs) == 1 else results.by_realization(place, metric)
 
 
 def _limits(resampled: Floats) -> tuple[float, float]:
@@ -68,8 +68,9 @@ def main_effects(plan: Plan, results: Results, metric: str) -> dict[str, Interva
     """First-order Sobol' indices of factors, arms and followers, with bootstrap intervals; largest first.
 
     Of a factorial design they are main effects of the analysis of variance of the means at all places, the rest being
-    interactions; runs, or seas, are resampled in all places alike. Of a sampled design each is the adjusted R² of a
-    quadratic in the factor (Saltelli et al., Global Sensitivity Analysis, 2008, section 1.2.5); points are resampled.
+    interactions; runs, or realizations, are resampled in all places alike. Of a sampled design each is the adjusted R²
+    of a quadratic in the factor (Saltelli et al., Global Sensitivity Analysis, 2008, section 1.2.5); points are
+    resampled.
 
     Returns:
         Shares by name of the factor; none if fewer than two factors vary, a place has no value, or all have the same.

@@ -1,8 +1,8 @@
 """What a study can say of a metric at a point: means with intervals, and paired differences of arms.
 
-Seas are drawn independently, and runs have noise of their own; arms share both, so that their differences are taken run
-by run. With several seas the interval is for the mean over all seas that might have been drawn; with one sea it is for
-that sea alone.
+Realizations are drawn independently, and runs have noise of their own; arms share both, so that their differences are
+taken run by run. With several realizations the interval is for the mean over the population of realizations; with one
+it is for that realization alone.
 """
 
 import math
@@ -48,12 +48,12 @@ def _quantile(number: int) -> float:
     return float(student.ppf((1 + CONFIDENCE) / 2, number - 1))
 
 
-def over_seas(means: Floats) -> Interval:
-    """Mean over seas, shape (S,): `mean_interval` of at least `FEWEST_RUNS`, else Student's t, which needs two.
+def over_realizations(means: Floats) -> Interval:
+    """Mean over realizations, shape (S,): `mean_interval` of at least `FEWEST_RUNS`, else Student's t, which needs two.
 
-    Limits are NaN where all seas have the same: nothing is known of how they scatter.
+    Limits are NaN where all realizations have the same: nothing is known of how they scatter.
 
-    Each sea's mean holds the scatter of its runs already, so that runs are not drawn again (Davison & Hinkley,
+    Each realization's mean holds the scatter of its runs already, so that runs are not drawn again (Davison & Hinkley,
     Bootstrap Methods and their Application, 1997, section 3.8).
     """
     mean = float(means.mean())
@@ -65,14 +65,15 @@ def over_seas(means: Floats) -> Interval:
     return Interval(mean, mean - half, mean + half)
 
 
-def share_over_seas(seas: Sequence[Floats]) -> Interval:
-    """Share of runs with an outcome that is 0 or 1, every sea counting alike, shape (R,) for each.
+def share_over_realizations(realizations: Sequence[Floats]) -> Interval:
+    """Share of runs with an outcome that is 0 or 1, every realization counting alike, shape (R,) for each.
 
-    Limits of Clopper and Pearson for as many independent runs as would scatter like the means of the seas (Korn &
-    Graubard, Survey Methodology 24, 1998). Where no run has the outcome, or all have, a sea counts as one run.
+    Limits of Clopper and Pearson for as many independent runs as would scatter like the means of the realizations (Korn
+    & Graubard, Survey Methodology 24, 1998). Where no run has the outcome, or all have, a realization counts as one
+    run.
     """
-    means = np.array([values.mean() for values in seas])
-    count, runs, share = means.size, sum(values.size for values in seas), float(means.mean())
+    means = np.array([values.mean() for values in realizations])
+    count, runs, share = means.size, sum(values.size for values in realizations), float(means.mean())
     scatter = float(means.var(ddof=1)) / count
     alike = float(count)
     if 0.0 < share < 1.0:
@@ -81,21 +82,21 @@ def share_over_seas(seas: Sequence[Floats]) -> Interval:
     return Interval(share, *exact_limits(share * alike, alike))
 
 
-def over_runs(seas: Sequence[Floats], *, shares: bool = False, paired: bool = False) -> Interval:
-    """Mean of values of runs, shape (R,) for each sea, every sea counting alike.
+def over_runs(realizations: Sequence[Floats], *, shares: bool = False, paired: bool = False) -> Interval:
+    """Mean of values of runs, shape (R,) for each realization, every realization counting alike.
 
     Args:
-        seas: values of each sea.
+        realizations: values of each realization.
         shares: values are 0 or 1, or differences of such.
         paired: they are differences.
     """
-    if len(seas) > 1:
+    if len(realizations) > 1:
         if shares and not paired:
-            return share_over_seas(seas)
-        means = np.array([values.mean() for values in seas])
-        # seas that all differ by nothing do not make a difference impossible
-        return difference_of_shares(means) if shares and np.ptp(means) == 0 else over_seas(means)
-    (values,) = seas
+            return share_over_realizations(realizations)
+        means = np.array([values.mean() for values in realizations])
+        # realizations that all differ by nothing do not make a difference impossible
+        return difference_of_shares(means) if shares and np.ptp(means) == 0 else over_realizations(means)
+    (values,) = realizations
     if shares:
         return difference_of_shares(values) if paired else proportion(int(values.sum()), values.size)
     if np.ptp(values) == 0:
@@ -111,17 +112,21 @@ NOTHING = Interval(math.nan, math.nan, math.nan)
 """What there is where nothing was flown."""
 
 
-def _interval(runs: Sequence[Floats] | None, seas: Floats, metric: str, *, paired: bool = False) -> Interval:
-    """Mean with its interval of values of runs, or of seas where there are none of runs; NaN where a sea has none."""
+def _interval(runs: Sequence[Floats] | None, realizations: Floats, metric: str, *, paired: bool = False) -> Interval:
+    """Mean and interval of values of runs, or of realizations where there are none of runs; NaN where one has none."""
     whole = None if runs is None else [_whole(values) for values in runs]
-    if not seas.size or (np.isnan(seas).any() if whole is None else not all(values.size for values in whole)):
+    if not realizations.size or (
+        np.isnan(realizations).any() if whole is None else not all(values.size for values in whole)
+    ):
         return NOTHING
-    return over_seas(seas) if whole is None else over_runs(whole, shares=metric in SHARES, paired=paired)
+    return (
+        over_realizations(realizations) if whole is None else over_runs(whole, shares=metric in SHARES, paired=paired)
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Results:
-    """Rows and runs of a study by place, seas in their order.
+    """Rows and runs of a study by place, realizations in their order.
 
     A run that contact ended has NaN for all that only a whole run has; means and differences are over the others.
     """
@@ -141,14 +146,14 @@ class Results:
         return cls(rows=by_place, runs=runs_of)
 
     def by_run(self, place: Place, metric: str) -> list[Floats] | None:
-        """Values of the runs of each sea; None if the metric is not one of single runs."""
+        """Values of the runs of each realization; None if the metric is not one of single runs."""
         runs = self.runs.get(place, [])
         if not runs or any(metric not in lists for lists in runs):
             return None
         return [np.array(lists[metric], dtype=np.float64) for lists in runs]
 
-    def by_sea(self, place: Place, metric: str) -> Floats:
-        """A value for each sea, shape (S,); means over the runs where the metric is one of runs."""
+    def by_realization(self, place: Place, metric: str) -> Floats:
+        """A value for each realization, shape (S,); means over the runs where the metric is one of runs."""
         runs = self.by_run(place, metric)
         if runs is not None:
             whole = [_whole(values) for values in runs]
@@ -158,17 +163,21 @@ class Results:
 
     def estimate(self, place: Place, metric: str) -> Interval:
         """Mean of a metric at a place with its interval; NaN where nothing was flown."""
-        return _interval(self.by_run(place, metric), self.by_sea(place, metric), metric)
+        return _interval(self.by_run(place, metric), self.by_realization(place, metric), metric)
 
     def difference(self, place: Place, base: str, metric: str) -> Interval:
-        """Mean of the arm of a place less that of the arm `base` at the same point, paired by sea and run."""
+        """Mean of the arm of a place less that of the arm `base` at the same point, paired by realization and run."""
         other = (place[0], base, place[2])
-        seas, base_seas = ([row["sea"] for row in self.rows.get(at, [])] for at in (place, other))
-        if seas != base_seas:
+        realizations, base_realizations = (
+            [row["realization"] for row in self.rows.get(at, [])] for at in (place, other)
+        )
+        if realizations != base_realizations:
             return NOTHING
         runs, base_runs = self.by_run(place, metric), self.by_run(other, metric)
         apart = [a - b for a, b in zip(runs, base_runs, strict=True)] if runs and base_runs else None
-        return _interval(apart, self.by_sea(place, metric) - self.by_sea(other, metric), metric, paired=True)
+        return _interval(
+            apart, self.by_realization(place, metric) - self.by_realization(other, metric), metric, paired=True
+        )
 
     def differences(self, base: str, metric: str) -> dict[Place, Interval]:
         """Differences from the arm `base` at all places of other arms where both were flown."""

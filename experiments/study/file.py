@@ -74,7 +74,7 @@ class StudyFile(Section):
         Annotated[int, Field(ge=1, le=1_000_000), Tag("")] | Annotated[Runs, Tag("table")],
         Discriminator(lambda given: "table" if isinstance(given, Mapping | Runs) else ""),
     ] = 60
-    seas: Annotated[int, Field(ge=1, le=100_000)] = 1
+    realizations: Annotated[int, Field(ge=1, le=100_000)] = 1
     seed: Annotated[int, Field(ge=0, lt=2**62)] | None = None
     design: Design = "factorial"
     points: Annotated[int, Field(ge=2, le=65536)] | None = None
@@ -96,10 +96,10 @@ class Study:
     scenario: str
     """Built-in name, or path of a file."""
     runs: int
-    """Of noise at each point, arm and sea; with `until` a multiple of `batch`."""
+    """Of noise at each point, arm and realization; with `until` a multiple of `batch`."""
     batch: int
     until: Until | None
-    seas: int
+    realizations: int
     seed: int | None
     """None: the scenario's."""
     design: Design
@@ -108,7 +108,7 @@ class Study:
     factors: tuple[Factor, ...]
     draws: tuple[Draw, ...]
     arms: Mapping[str, Mapping[str, Any]]
-    """Named settings that are compared on the same noise and seas."""
+    """Named settings that are compared on the same noise and realizations."""
     report: Report
     table: Mapping[str, Any]
     """What the file says, with the options of the command in their places."""
@@ -232,15 +232,15 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
     runs = file.runs.batch if isinstance(file.runs, Runs) else file.runs
     study = Study(
         name=file.name or name, source=source, question=file.question.strip(), scenario=scenario, runs=runs,
-        batch=runs, until=until, seas=file.seas, seed=file.seed, design=file.design, points=file.points,
+        batch=runs, until=until, realizations=file.realizations, seed=file.seed, design=file.design, points=file.points,
         settings=settings_of(dotted(file.set)), factors=made("vary", varied, partial(Factor.of, sampled=sampled)),
         draws=made("draw", dotted(file.draw, _names_a_law), Draw.of),
         arms={str(arm.pop("name", "")): settings_of(dotted(arm)) for arm in file.arm},
         report=file.report, table=table,
     )  # fmt: skip
     lines += _overlaps(study)
-    if study.until and study.seas > 1:
-        text = "the interval over several seas narrows with seas and not with runs; ask for one sea"
+    if study.until and study.realizations > 1:
+        text = "the interval over several realizations does not narrow with runs; ask for one realization"
         lines.append(f"  runs.until: {text}")
     if lines:
         raise refusal(source, lines)

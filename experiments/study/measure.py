@@ -13,7 +13,7 @@ from sim.motion import ContactError
 from sim.scenario.formation import LEAST_LAYER_M
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.simulation import DivergedError
-from sim.station_keeping import off_places, station_keeping, true_stations
+from sim.station_keeping import station_keeping, track_errors, true_stations
 from sim.tracking import cross_track
 from sim.trajectory import Trajectory
 
@@ -77,7 +77,7 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
     """
     routes, time, position = routes_of(scenario), trajectory.time, trajectory.position
     stations = true_stations(scenario, trajectory) if any(f.station for f in scenario.followers) else None
-    off = off_places(scenario, trajectory, stations)
+    off = track_errors(scenario, trajectory, stations)
     density, span = scenario.ocean.density_kg_m3, float(time[-1] - time[0])
     touching = {name for contact in contacts(trajectory) for name in contact.pair}
     layers = np.array([vehicle.layer_m for vehicle in (scenario.leader, *scenario.followers)])
@@ -102,9 +102,9 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
         level = np.hypot(apart[..., 0], apart[..., 1]).min(axis=0)
         layer = level[np.abs(np.delete(layers, v) - layers[v]) < LEAST_LAYER_M]
         row: Record = {
-            "off_place_rms_m": _rms(own),
-            "off_place_max_m": float(own.max()),
-            "off_place_end_m": float(own[-1]),
+            "track_error_rms_m": _rms(own),
+            "track_error_max_m": float(own.max()),
+            "track_error_end_m": float(own[-1]),
             "depth_error_max_m": float(np.abs(depth_error(v)).max()),
             "closest_approach_m": float(np.linalg.norm(apart, axis=2).min()),
             "closest_horizontal_m": float(level.min()),
@@ -167,7 +167,7 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
             "e_p_mean_m": float(position.mean()),
             "e_b_max_deg": float(degrees.max()),
             "e_b_mean_deg": float(degrees.mean()),
-            "captured": metrics.was_captured(estimate, truth, leader, heading, one.message_every),
+            "mirror_locked": metrics.was_mirror_locked(estimate, truth, leader, heading, one.message_every),
             "gated": gated[i],
             **facts,
             "ended": ended,

@@ -34,9 +34,12 @@ _ERRORS = {
     "e_b_mean_deg": ("mean E_B", "mean bearing error of the estimate, seen from the leader"),
     "e_b_max_deg": ("largest E_B", "largest bearing error; of a cell, over all its runs"),
     "e_b_std_deg": ("σ of E_B", "standard deviation of the bearing error over steps and runs"),
-    "e_p_mean_uncaptured_m": ("mean E_P without capture", "mean position error of runs without capture"),
-    "captured": ("share of runs captured", "runs held at the mirror image for a message interval, E_P > 5 m"),
-    "captured_runs": ("runs captured", "number of such runs"),
+    "e_p_mean_unlocked_m": ("mean E_P without mirror lock", "mean position error of runs without mirror lock"),
+    "mirror_locked": (
+        "share of runs locked on the mirror image",
+        "runs held at the mirror image for a message interval, E_P > 5 m",
+    ),
+    "mirror_locked_runs": ("runs locked on the mirror image", "number of such runs"),
     "gated": ("gated fixes of a run", "fixes that the gate rejected"),
     "nees": ("NEES", "mean normalised squared position error; 2 if the covariance is right"),
     "bound_rms_m": ("Cramér–Rao bound", "least RMS position error of dead reckoning with ranges; tight only"),
@@ -53,9 +56,12 @@ _FIXES = {
     for kind in FixKind
 }
 _MISSION = {
-    "off_place_rms_m": ("RMS distance from its place", "RMS distance from where the route or station has the follower"),
-    "off_place_max_m": ("largest distance from its place", "largest distance from there"),
-    "off_place_end_m": ("distance from its place at the end", "distance from there when the mission ends"),
+    "track_error_rms_m": (
+        "RMS distance from its place",
+        "RMS distance from where the route or station has the follower",
+    ),
+    "track_error_max_m": ("largest distance from its place", "largest distance from there"),
+    "track_error_end_m": ("distance from its place at the end", "distance from there when the mission ends"),
     "cross_track_rms_m": ("RMS cross-track error", "RMS distance from the legs of the route; followers on routes"),
     "cross_track_max_m": ("largest cross-track error", "largest distance from the legs of the route"),
     "station_rms_m": ("RMS distance from the station", "RMS distance of the hydrophone from the station once joined"),
@@ -87,5 +93,5 @@ METRICS: dict[str, Metric] = {
     for _, unit in [without_unit(name)]
 }
 """Metrics by their columns in the tables."""
-SHARES = frozenset({"captured", "lost", "touched", "ended"})
+SHARES = frozenset({"mirror_locked", "lost", "touched", "ended"})
 """Metrics that a run either has or has not: 1 or 0."""

@@ -21,7 +21,7 @@ from experiments.study.plan import Entry, Plan, many, varied
 
 _MOST_COMMANDS = 400
 _TONES = {"lower": "yes", "higher": "no", "undecided": "maybe"}
-_COLUMNS = (METRIC, "e_p_p95_m", "e_b_mean_deg", "captured", "off_place_rms_m", "depth_error_rms_m",
+_COLUMNS = (METRIC, "e_p_p95_m", "e_b_mean_deg", "mirror_locked", "track_error_rms_m", "depth_error_rms_m",
             "closest_approach_m", "energy_j")  # fmt: skip
 """Columns of the page's table beside the metric of the report."""
 
@@ -48,11 +48,11 @@ def _verdict(apart: Interval) -> str:
 
 
 def notable(plan: Plan, results: Results, place: Place) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Sea and run of the worst and of the median run of a place, by the report's metric if single runs have it."""
+    """Realization and run of the worst and the median run of a place, by the report's metric if single runs have it."""
     runs = results.by_run(place, plan.study.report.metric) or results.by_run(place, METRIC) or []
     # a run that contact ended has no value, and is the first to look at
     every = sorted(
-        (math.inf if math.isnan(value) else value, row["sea"], run)
+        (math.inf if math.isnan(value) else value, row["realization"], run)
         for row, values in zip(results.rows[place], runs, strict=True)
         for run, value in enumerate(values.tolist())
     )
@@ -67,18 +67,18 @@ def worst_entry(plan: Plan, results: Results) -> tuple[Entry, int, str]:
         return -math.inf if math.isnan(value) else value
 
     place = max(results.rows, key=size)
-    (sea, run), _ = notable(plan, results, place)
-    return plan.by_place[place[0], place[1], sea], run, place[2]
+    (realization, run), _ = notable(plan, results, place)
+    return plan.by_place[place[0], place[1], realization], run, place[2]
 
 
 def commands(plan: Plan, results: Results) -> str:
     """For every place the commands that fly its worst and its median run alone."""
     lines = []
     for place in list(results.rows)[:_MOST_COMMANDS]:
-        for which, (sea, run) in zip(("worst", "median"), notable(plan, results, place), strict=True):
-            sea_text = f" of sea {sea}" if plan.study.seas > 1 else ""
-            lines.append(f"# {_place_text(plan, place)}: {which} run, {run}{sea_text}")
-            settings = plan.by_place[place[0], place[1], sea].settings
+        for which, (realization, run) in zip(("worst", "median"), notable(plan, results, place), strict=True):
+            realization_text = f" of realization {realization}" if plan.study.realizations > 1 else ""
+            lines.append(f"# {_place_text(plan, place)}: {which} run, {run}{realization_text}")
+            settings = plan.by_place[place[0], place[1], realization].settings
             lines.append(fly_line(plan.study.scenario, settings, run))
     return "\n".join(lines)
 
@@ -116,7 +116,7 @@ def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], f
         *([("arms", ", ".join(plan.arms))] if study.arms else []),
         ("seed", str(min(row["seed"] for rows in results.rows.values() for row in rows))),
         ("runs", str(study.runs)),
-        ("seas", str(study.seas)),
+        ("realizations", str(study.realizations)),
         ("repeat it", "laisn study study.toml, the file in this folder"),
     ]
     return template.page_of("experiments.study", facts, values)

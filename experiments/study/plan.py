@@ -20,16 +20,16 @@ ARM, FOLLOWER = "arm", "follower"
 ALONE = "all"
 """Name of the only arm of a study that names none."""
 MOST_ENTRIES = 200_000
-"""Largest number of scenarios of a study: points times arms times seas."""
+"""Largest number of scenarios of a study: points times arms times realizations."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """One scenario of a study: a point of its design, an arm, a sea."""
+    """One scenario of a study: a point of its design, an arm, a realization."""
 
     point: int
     arm: str
-    sea: int
+    realization: int
     settings: Mapping[str, Any]
     """All that differs from the study's scenario, by key."""
     scenario: Scenario
@@ -37,7 +37,7 @@ class Entry:
     @property
     def place(self) -> tuple[int, str, int]:
         """Where in the study it stands, which no other does."""
-        return self.point, self.arm, self.sea
+        return self.point, self.arm, self.realization
 
     @cached_property
     def motion(self) -> str:
@@ -47,7 +47,7 @@ class Entry:
     @property
     def closed_loop(self) -> bool:
         """Whether each of its runs is another mission."""
-        return any(follower.steers_by_estimate for follower in self.scenario.followers)
+        return any(follower.guided_by_estimate for follower in self.scenario.followers)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,11 +59,11 @@ class Plan:
     """Values of the factors by key."""
     arms: tuple[str, ...]
     entries: list[Entry]
-    """Entries ordered by point, arm and sea."""
+    """Entries ordered by point, arm and realization."""
 
     @cached_property
     def by_place(self) -> dict[tuple[int, str, int], Entry]:
-        """Entries by point, arm and sea."""
+        """Entries by point, arm and realization."""
         return {entry.place: entry for entry in self.entries}
 
     @property
@@ -134,7 +134,9 @@ def _examined(
     """All entries that are valid, and a line for each error of any other and where in the design it is."""
     given = table.get("seed")
     first = study.seed if study.seed is not None else given if isinstance(given, int) else 1
-    drawn = [{draw.key: draw.value(first, sea) for draw in study.draws} for sea in range(study.seas)]
+    drawn = [
+        {draw.key: draw.value(first, realization) for draw in study.draws} for realization in range(study.realizations)
+    ]
     errors: dict[str, list[str]] = {}
     entries: list[Entry] = []
     found_of: dict[str, list[str]] = {}
@@ -148,20 +150,22 @@ def _examined(
 
     for number, point in enumerate(points):
         for arm, own in arms.items():
-            for sea in range(study.seas):
-                settings = {**study.settings, **own, **point, **drawn[sea]}
-                if study.seas > 1 or study.seed is not None:
-                    settings["seed"] = first + sea
+            for realization in range(study.realizations):
+                settings = {**study.settings, **own, **point, **drawn[realization]}
+                if study.realizations > 1 or study.seed is not None:
+                    settings["seed"] = first + realization
                 changed, lines = _with(table, settings)
                 scenario, found = examined(changed, infeasible)
                 lines += found
                 where = [f"{key} = {text_of(value)}" for key, value in point.items()]
-                where += [f"arm {arm}"] * bool(study.arms) + [f"sea {sea}"] * (study.seas > 1)
+                where += [f"arm {arm}"] * bool(study.arms) + [f"realization {realization}"] * (study.realizations > 1)
                 for line in lines:
                     errors.setdefault(line, []).append(", ".join(where))
                 if scenario is not None and not lines:
-                    entries.append(Entry(point=number, arm=arm, sea=sea, settings=settings, scenario=scenario))
-    every = len(points) * len(arms) * study.seas
+                    entries.append(
+                        Entry(point=number, arm=arm, realization=realization, settings=settings, scenario=scenario)
+                    )
+    every = len(points) * len(arms) * study.realizations
     return entries, [
         line if len(places) == every else f"{line}; in {len(places)} of {every} scenarios, first at {places[0]}"
         for line, places in errors.items()
@@ -177,9 +181,9 @@ def plan_of(study: Study) -> Plan:
     """
     lines = _report_errors(study)
     arms = study.arms or {ALONE: {}}
-    each = len(arms) * study.seas
+    each = len(arms) * study.realizations
     if each > MOST_ENTRIES:
-        lines.append(f"  arm, seas: {each:,} scenarios at each point, at most {MOST_ENTRIES:,} in all")
+        lines.append(f"  arm, realizations: {each:,} scenarios at each point, at most {MOST_ENTRIES:,} in all")
         raise refusal(study.source, lines)
     try:
         points = points_of(study.factors, study.design, study.points, study.seed or 0, MOST_ENTRIES // each)
@@ -193,9 +197,9 @@ def plan_of(study: Study) -> Plan:
         raise refusal(study.source, lines)
     entries, errors = _examined(study, table, points, arms)
     irregular = any(entry.scenario.ocean.waves.kind == "jonswap" for entry in entries)
-    if study.seas > 1 and entries and not study.draws and not irregular:
-        text = f"{study.seas} seas would all be alike: nothing is drawn in [draw] and there are no irregular waves"
-        errors.insert(0, f"  seas: {text}; ask for more runs instead")
+    if study.realizations > 1 and entries and not study.draws and not irregular:
+        text = f"{study.realizations} equal realizations: nothing is drawn in [draw], and there are no irregular waves"
+        errors.insert(0, f"  realizations: {text}; ask for more runs instead")
     if errors:
         raise refusal(study.source, errors)
     return Plan(study=study, points=points, arms=tuple(arms), entries=entries)

@@ -59,9 +59,9 @@ def _of_runs(entry: Entry, follower: int, found: Sequence[list[Record]]) -> tupl
             row[name] = float(whole.min())
         elif "_rms_" in name:
             row[name] = float(np.sqrt(np.mean(whole**2)))
-        elif name not in ("run", "captured", "gated"):
+        elif name not in ("run", "mirror_locked", "gated"):
             row[name] = float(whole.mean())
-    counted = {"captured_runs": "captured", "fixes_gated": "gated", "ended_runs": "ended"}
+    counted = {"mirror_locked_runs": "mirror_locked", "fixes_gated": "gated", "ended_runs": "ended"}
     row |= {count: sum(int(value or 0) for value in lists[name]) for count, name in counted.items()}
     row["worst_run"] = int(lists["run"][int(np.argmax([value or 0.0 for value in lists["e_p_max_m"]]))])
     return row, lists
@@ -71,7 +71,14 @@ def _labels(plan: Plan, entry: Entry, follower: int) -> Record:
     point = plan.points[entry.point]
     drawn = {draw.key: entry.settings[draw.key] for draw in plan.study.draws}
     name = entry.scenario.followers[follower].name
-    return {"point": entry.point, **point, "arm": entry.arm, "sea": entry.sea, "follower": name, **drawn}
+    return {
+        "point": entry.point,
+        **point,
+        "arm": entry.arm,
+        "realization": entry.realization,
+        "follower": name,
+        **drawn,
+    }
 
 
 def fly_study(plan: Plan, folder: Path, **options: Unpack[ExecutionOptions]) -> Outcomes:

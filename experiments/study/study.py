@@ -147,7 +147,7 @@ class StudyFolder:
 
     @cached_property
     def table(self) -> Table:
-        """A row for each point, arm, sea and follower (`results.parquet`)."""
+        """A row for each point, arm, realization and follower (`results.parquet`)."""
         return Table.read(self.folder / RESULTS)
 
     @cached_property

@@ -109,8 +109,8 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
             deeper=float(place[2] - (depth - settings.hydrophone_height)),
             range=measured,
             variance=settings.range_sigma**2,
-            accepted=float(np.log1p(-settings.outlier_chance)),
-            wrong=float(np.log(settings.outlier_chance / settings.outlier_span)),
+            accepted=float(np.log1p(-settings.outlier_probability)),
+            wrong=float(np.log(settings.outlier_probability / settings.outlier_span)),
         )
         used = receive(self._belief, z, self._starter)
         if self._starter >= 0:

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from laisn.arrays import require_chance, require_numbers
+from laisn.arrays import require_numbers, require_probability
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,13 +47,13 @@ class BeaconSettings:
     """Standard deviation of each beacon's constant error of range [m]."""
     survey_sigma: float = 0.1
     """Standard deviation of each beacon's place, along each axis [m]."""
-    outlier_chance: float = 0.05
+    outlier_probability: float = 0.05
     """Chance that a range is wrong altogether."""
     outlier_span: float = 20.0
     """Width of the span in which wrong ranges lie [m]; the same for all `MEDIA`, so that their evidence compares."""
 
     def __post_init__(self) -> None:
-        require_chance("outlier_chance", self.outlier_chance)
+        require_probability("outlier_probability", self.outlier_probability)
         require_numbers(self, positive=self.POSITIVE, signed={"hydrophone_height"})
 
 

@@ -103,9 +103,11 @@ def model_of(settings: TightSettings) -> Model:
         "range_scale_variance": s.range_scale_sigma**2,
         # of a message's heading [rad²]: first and largest value of the estimate
         "leader_variance": 0.0 if assume.exact_leader else s.leader_heading_sigma**2,
-        "log_accepted": math.log1p(-s.outlier_chance),  # logarithm of the chance that a range is a direct one
+        "log_accepted": math.log1p(-s.outlier_probability),  # logarithm of the chance that a range is a direct one
         "outlier_span": s.outlier_span,  # largest excess of an echo [m]
-        "log_rejected": math.log(s.outlier_chance / s.outlier_span),  # of the density of an echo's excess, in [1/m]
+        "log_rejected": math.log(
+            s.outlier_probability / s.outlier_span
+        ),  # of the density of an echo's excess, in [1/m]
     }
     types: list[Any] = [(name, np.int64) for name in integers]
     types += [(name, np.float64, np.shape(value)) for name, value in numbers.items()]

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from laisn.arrays import require_chance
+from laisn.arrays import require_probability
 from laisn.settings import Settings
 
 
@@ -67,7 +67,7 @@ class TightSettings(Settings):
     """σ of the rate at which it grows [m/s]: 1 ppm."""
     slip: float = 0.0
     """Motion that the log does not see: leeway and turbulence, in a second [m/√s]."""
-    outlier_chance: float = 0.05
+    outlier_probability: float = 0.05
     """Chance that a range is an echo's."""
     outlier_span: float = 4.5
     """Maximum excess of an echo's range over the direct range [m]."""
@@ -92,5 +92,5 @@ class TightSettings(Settings):
                 f"transmitter_offsets has {len(self.transmitter_offsets)} places, expected one for each of "
                 f"{self.transmitters} transmitters"
             )
-        require_chance("outlier_chance", self.outlier_chance)
+        require_probability("outlier_probability", self.outlier_probability)
         super().__post_init__()

@@ -82,11 +82,11 @@ def approach(
     way = np.hypot(way_east, way_north)
     if way > 0.0:
         way_east, way_north = way_east / way, way_north / way
-        lacking = max(a.least_way - (east * way_east + north * way_north), 0.0)
+        lacking = max(a.min_along_track_speed - (east * way_east + north * way_north), 0.0)
         east, north = east + lacking * way_east, north + lacking * way_north
     size = np.hypot(east, north)
     if size > 0.0:
-        scale = clip(size, a.slowest, a.fastest) / size
+        scale = clip(size, a.min_speed, a.max_speed) / size
         east, north = east * scale, north * scale
     return east, north, integral
 
@@ -102,12 +102,14 @@ def away(p: Record, seen: Records, heading: float) -> tuple[float, float]:
     east, north = 0.0, 0.0
     for j in range(seen.shape[0]):
         if seen[j].range == seen[j].range:
-            speed = p.give_way * clip((p.range - seen[j].range) / (p.range - p.full), 0.0, 1.0)
+            speed = p.max_avoidance_speed * clip(
+                (p.range - seen[j].range) / (p.range - p.full_avoidance_range), 0.0, 1.0
+            )
             towards = heading + seen[j].bearing
             east, north = east - speed * np.sin(towards), north - speed * np.cos(towards)
     size = np.hypot(east, north)
-    if size > p.give_way:
-        east, north = east * p.give_way / size, north * p.give_way / size
+    if size > p.max_avoidance_speed:
+        east, north = east * p.max_avoidance_speed / size, north * p.max_avoidance_speed / size
     return east, north
 
 
@@ -121,6 +123,6 @@ def give_way(f: Record, wanted: tuple[float, float], push: tuple[float, float]) 
     """
     heading, speed = wanted
     sine, cosine = np.sin(heading), np.cos(heading)
-    along = max(speed + push[0] * sine + push[1] * cosine, f.least_way)
+    along = max(speed + push[0] * sine + push[1] * cosine, f.min_along_track_speed)
     across = push[0] * cosine - push[1] * sine
-    return heading + np.arctan2(across, along), min(np.hypot(along, across), f.fastest)
+    return heading + np.arctan2(across, along), min(np.hypot(along, across), f.max_speed)

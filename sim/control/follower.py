@@ -8,9 +8,9 @@ trail grows with the age a of the last message,
 
     σ² = σ_place² + (σ_v a)²,
 
-σ_place being the navigator's and σ_v that of the leader's mean velocity since then about its last one. Up to `unsure`
-it makes for its station; from there on it goes parallel to the leader's way, and slows down in proportion until σ is
-twice that. After a long silence it circles or surfaces, until it receives again.
+σ_place being the navigator's and σ_v that of the leader's mean velocity since then about its last one. Up to
+`max_trail_sigma` it makes for its station; from there on it goes parallel to the leader's way, and slows down in
+proportion until σ is twice that. After a long silence it circles or surfaces, until it receives again.
 
 Where it may be at either of two places, as with two transmitters on either side of the leader's axis, it steers by the
 likelier one. By their mean it would not steer at all, and both would stay as likely as they are; when it makes for the
@@ -65,8 +65,8 @@ _SURFACE = 0.2
 _CIRCLE = float(np.deg2rad(4.0))
 """Rate at which a follower circles that has given up [rad/s]."""
 
-GO_ON, CIRCLE, SURFACE = range(3)
-"""Values of `formation.when_silent`."""
+CONTINUE, CIRCLE, SURFACE = range(3)
+"""Values of `formation.timeout_action`."""
 
 
 class Steering(NamedTuple):
@@ -188,7 +188,7 @@ def _to_station(
     if place[0] != place[0]:
         # nothing is known of it yet
         place = target.east, target.north
-    elif not sigma <= formation.unsure:
+    elif not sigma <= formation.max_trail_sigma:
         # a parallel course: of the way to the station only what lies along the leader's counts
         way = np.hypot(target.way_east, target.way_north)
         if way > 0.0:
@@ -234,9 +234,9 @@ def keep_station(
     depth = station.depth
     heading, speed = memory.heading_wanted, memory.speed_wanted
     silent = now - memory.last_received
-    if silent > formation.silence and formation.when_silent != GO_ON:
-        speed = formation.silent_speed
-        if formation.when_silent == CIRCLE:
+    if silent > formation.message_timeout and formation.timeout_action != CONTINUE:
+        speed = formation.timeout_speed
+        if formation.timeout_action == CIRCLE:
             heading += _CIRCLE * dt
         else:
             depth = min(depth, _SURFACE)
@@ -247,10 +247,10 @@ def keep_station(
         sigma = float(np.hypot(estimate.spread, formation.leader_velocity_sigma * max(silent, 0.0)))
         east, north = _to_station(formation, target, estimate, sigma, dt, memory)
         heading, speed = np.arctan2(east, north), np.hypot(east, north)
-        if silent > 0.5 * dt and speed > formation.silent_speed:
+        if silent > 0.5 * dt and speed > formation.timeout_speed:
             # full speed up to the bound, the slow one from twice the bound on
-            slow = formation.silent_speed
-            speed = slow + clip(2.0 - sigma / formation.unsure, 0.0, 1.0) * (speed - slow)
+            slow = formation.timeout_speed
+            speed = slow + clip(2.0 - sigma / formation.max_trail_sigma, 0.0, 1.0) * (speed - slow)
     push = memory.push[0], memory.push[1]
     if push[0] != 0.0 or push[1] != 0.0:
         heading, speed = give_way(formation, (heading, speed), push)

@@ -47,17 +47,17 @@ def _turn(f: Record, speeds: tuple[float, float], port: float, towards: float, d
     over_ground, through = speeds
     width = max(abs(port), _NEAREST)
     off = wrap_angle(towards - state.heading)
-    wanted = off / f.frame_time
+    wanted = off / f.frame_time_constant
     outside = wanted * port > 0.0
     if outside:
-        room = min(f.outer_share * over_ground, max(f.outer_most - through, 0.1))
+        room = min(f.outer_speedup * over_ground, max(f.outer_max_speed - through, 0.1))
     else:
-        room = min(f.inner_share * over_ground, max(through - f.inner_least, 0.1))
-    most = f.frame_acceleration / width
+        room = min(f.inner_slowdown * over_ground, max(through - f.inner_min_speed, 0.1))
+    most = f.max_station_acceleration / width
     # what is turned has to be stopped again
     limit = min(room / width, np.sqrt(most * abs(off)))
     wanted = clip(wanted, -limit, limit)
-    state.rate += dt * clip((wanted - state.rate) / f.frame_lag, -most, most)
+    state.rate += dt * clip((wanted - state.rate) / f.frame_rate_time_constant, -most, most)
     state.heading += dt * state.rate
 
 
@@ -76,7 +76,7 @@ def turn_frame(
     for i in range(round((span[1] - span[0]) / dt)):
         arc = arc_at(points, count, span[0] + (i + 1) * dt) - station.behind
         _, _, east, north, through = at(points, count, arc)
-        ahead = clip(station.behind, 0.0, f.frame_ahead)
+        ahead = clip(station.behind, 0.0, f.frame_lookahead)
         if ahead > 0.0:
             _, _, east, north, _ = at(points, count, arc + ahead)
         _turn(f, (over_ground, through), station.port, np.arctan2(east, north), dt, state)

@@ -44,7 +44,7 @@ _BLOCK = 100
 
 
 class Event(NamedTuple):
-    """A line of `/log` that does not follow from the flight itself, such as a mirror capture."""
+    """A line of `/log` that does not follow from the flight itself, such as a mirror lock."""
 
     time_s: float
     """Time since the start of the mission [s]."""

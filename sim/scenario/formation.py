@@ -40,8 +40,8 @@ class Proximity(Section):
     aperture_deg: Annotated[float, Field(gt=0, le=180)] = Field(
         20.0, description="vertical opening angle, about the horizontal"
     )
-    full_m: NonNegative = Field(3.0, description="range at and below which avoidance speed is maximum")
-    give_way_m_s: Speed = Field(0.8, description="maximum avoidance speed, added to the guidance velocity")
+    full_avoidance_range_m: NonNegative = Field(3.0, description="range at and below which avoidance speed is maximum")
+    max_avoidance_speed_m_s: Speed = Field(0.8, description="maximum avoidance speed, added to the guidance velocity")
 
 
 Offset = tuple[float, float]
@@ -158,10 +158,10 @@ class Formation(Section):
     """Guidance of followers on stations."""
 
     ORDERED = (
-        ("slowest_m_s", "fastest_m_s"),
-        ("least_way_m_s", "fastest_m_s"),
-        ("silent_speed_m_s", "fastest_m_s"),
-        ("inner_least_m_s", "outer_most_m_s"),
+        ("min_speed_m_s", "max_speed_m_s"),
+        ("min_along_track_speed_m_s", "max_speed_m_s"),
+        ("timeout_speed_m_s", "max_speed_m_s"),
+        ("inner_min_speed_m_s", "outer_max_speed_m_s"),
     )
 
     shape: Shape | None = Field(None, description="generates the followers, in place of [[followers]]")
@@ -174,25 +174,27 @@ class Formation(Section):
         5.0, description="Δ: below this distance to the station, the approach slows down"
     )
     integral_m_s: Annotated[float, Field(ge=0, le=2)] = Field(0.2, description="σ of ilos; γ Δ² of alos")
-    least_way_m_s: Speed = Field(0.2, description="minimum speed through water along the leader's way")
-    slowest_m_s: Speed = Field(0.2, description="minimum speed through water")
-    fastest_m_s: Speed = Field(2.5, description="maximum speed through water")
-    frame_time_s: Positive = Field(12.0, description="time constant of the formation's heading behind its trail")
-    frame_lag_s: Positive = Field(4.0, description="time constant of its turn rate")
-    frame_ahead_m: NonNegative = Field(0.0, description="lookahead of the trail's course, from a station")
-    frame_acceleration_m_s2: Positive = Field(0.02, description="maximum acceleration of a station in a turn")
-    inner_share: Annotated[float, Field(gt=0, lt=1)] = Field(
+    min_along_track_speed_m_s: Speed = Field(0.2, description="minimum speed through water along the leader's way")
+    min_speed_m_s: Speed = Field(0.2, description="minimum speed through water")
+    max_speed_m_s: Speed = Field(2.5, description="maximum speed through water")
+    frame_time_constant_s: Positive = Field(
+        12.0, description="time constant of the formation's heading behind its trail"
+    )
+    frame_rate_time_constant_s: Positive = Field(4.0, description="time constant of its turn rate")
+    frame_lookahead_m: NonNegative = Field(0.0, description="lookahead of the trail's course, from a station")
+    max_station_acceleration_m_s2: Positive = Field(0.02, description="maximum acceleration of a station in a turn")
+    inner_slowdown: Annotated[float, Field(gt=0, lt=1)] = Field(
         0.3, description="maximum slowdown of inner stations, as share of the leader's speed"
     )
-    outer_share: Annotated[float, Field(gt=0, le=2)] = Field(
+    outer_speedup: Annotated[float, Field(gt=0, le=2)] = Field(
         0.7, description="maximum speed-up of outer stations, as share of the leader's speed"
     )
-    inner_least_m_s: Speed = Field(0.3, description="minimum speed through water of a station in a turn")
-    outer_most_m_s: Speed = Field(2.0, description="maximum speed through water of a station in a turn")
+    inner_min_speed_m_s: Speed = Field(0.3, description="minimum speed through water of a station in a turn")
+    outer_max_speed_m_s: Speed = Field(2.0, description="maximum speed through water of a station in a turn")
     preview_s: NonNegative = Field(
         0.7, description="lead time of the station reference, for the lag of hull and thrusters"
     )
-    unsure_m: Positive = Field(
+    max_trail_sigma_m: Positive = Field(
         5.0,
         description="trail position σ above which a follower keeps a parallel course; without messages it slows down "
         "from this σ to twice this σ",
@@ -202,10 +204,10 @@ class Formation(Section):
         description="σ of the leader's mean velocity since its last message; times the message age, it adds to the "
         "trail position σ",
     )
-    silent_speed_m_s: Speed = Field(0.5, description="speed through water after this slowdown")
-    silence_s: Positive = Field(600.0, description="time without messages before when_silent applies")
-    when_silent: Literal["go-on", "circle", "surface"] = Field(
-        "circle", description="action after silence_s without messages"
+    timeout_speed_m_s: Speed = Field(0.5, description="speed through water after this slowdown")
+    message_timeout_s: Positive = Field(600.0, description="time without messages before timeout_action applies")
+    timeout_action: Literal["continue", "circle", "surface"] = Field(
+        "circle", description="action after message_timeout_s without messages"
     )
 
 
@@ -240,8 +242,11 @@ def proximity_inconsistencies(proximity: Proximity | None, stations: list[tuple[
     found: list[str] = []
     if not stations:
         found.append(f"{key} is for followers on stations; there are none")
-    if proximity.full_m >= proximity.range_m:
-        found.append(f"{key}.full_m = {proximity.full_m:g} is not less than {key}.range_m = {proximity.range_m:g}")
+    if proximity.full_avoidance_range_m >= proximity.range_m:
+        found.append(
+            f"{key}.full_avoidance_range_m = {proximity.full_avoidance_range_m:g} is not less than {key}.range_m = "
+            f"{proximity.range_m:g}"
+        )
     if not is_multiple(proximity.period_s, CONTROL_STEP_S):
         found.append(f"{key}.period_s = {proximity.period_s:g} is no multiple of {CONTROL_STEP_S:g}")
     return found + [

@@ -42,8 +42,8 @@ class _Assume(Section):
         description="random walk of motion that the log does not measure; default: that of the vehicles, 0 for point "
         "motion",
     )
-    outlier_chance: Annotated[float, Field(gt=0, lt=1)] = Field(
-        TightSettings.outlier_chance, description="probability that a range is an echo's"
+    outlier_probability: Annotated[float, Field(gt=0, lt=1)] = Field(
+        TightSettings.outlier_probability, description="probability that a range is an echo's"
     )
 
     def in_si(self, sound_m_s: float) -> dict[str, Any]:

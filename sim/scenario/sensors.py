@@ -69,7 +69,7 @@ class Sensors(OwnSensors):
     leader_attitude_offset_sigma_deg: NonNegative = Field(
         0.0, description="σ of constant pitch and roll offsets of a run, as from mounting"
     )
-    leader_attitude_feels_acceleration: bool = Field(
+    leader_attitude_senses_acceleration: bool = Field(
         False, description="the inclinometer also measures the hull's acceleration"
     )
     leader_gyro_time_constant_s: Annotated[float, Field(ge=0, le=1000)] = Field(
@@ -120,15 +120,15 @@ class Acoustics(Section):
     clock_drift_ppm: Annotated[float, Field(ge=-1000, le=1000)] = Field(
         0.0, description="rate error of the follower's clock"
     )
-    surface_echo_chance: Chance = Field(0.0, description="probability that a ping's surface echo is taken for it")
-    bottom_echo_chance: Chance = Field(0.0, description="probability that a ping's bottom echo is taken for it")
+    surface_echo_probability: Chance = Field(0.0, description="probability that a ping's surface echo is taken for it")
+    bottom_echo_probability: Chance = Field(0.0, description="probability that a ping's bottom echo is taken for it")
     common_echoes: bool = Field(
         False, description="all pings of a message take the same path; false: independent echoes"
     )
-    loss_chance: Chance = Field(0.0, description="probability of message loss outside bursts")
-    burst_chance: Chance = Field(0.0, description="probability per message that a burst of loss starts")
+    loss_probability: Chance = Field(0.0, description="probability of message loss outside bursts")
+    burst_probability: Chance = Field(0.0, description="probability per message that a burst of loss starts")
     burst_mean_messages: Annotated[float, Field(ge=1, le=10000)] = Field(5.0, description="mean burst length")
-    burst_loss_chance: Chance = Field(1.0, description="probability of message loss within a burst")
+    burst_loss_probability: Chance = Field(1.0, description="probability of message loss within a burst")
     max_range_m: NonNegative = Field(0.0, description="maximum range of reception; 0: no limit")
 
     @field_validator("sound_speed_profile")
@@ -139,9 +139,9 @@ class Acoustics(Section):
 
     @model_validator(mode="after")
     def _chances_add_up(self) -> Self:
-        if self.surface_echo_chance + self.bottom_echo_chance > 1:
+        if self.surface_echo_probability + self.bottom_echo_probability > 1:
             raise ValueError(
-                f"surface_echo_chance = {self.surface_echo_chance:g} and bottom_echo_chance = "
-                f"{self.bottom_echo_chance:g} add up to more than 1"
+                f"surface_echo_probability = {self.surface_echo_probability:g} and bottom_echo_probability = "
+                f"{self.bottom_echo_probability:g} add up to more than 1"
             )
         return self

@@ -194,10 +194,10 @@ class Scenario(Section):
                 continue
             if follower.station:
                 found.append(f"{key}.station needs motion = 'physics'")
-            elif follower.steers_by_estimate:
+            elif follower.guided_by_estimate:
                 found.append(
-                    f"{key}.steers_by = 'estimate' needs motion = 'physics'; the paper's point motion keeps to its "
-                    "route whatever the follower estimates"
+                    f"{key}.guidance_position = 'estimate' needs motion = 'physics'; the paper's point motion keeps to "
+                    "its route whatever the follower estimates"
                 )
         if self.formation.shape:
             found.append("formation.shape makes the followers; there are [[followers]] beside it")
@@ -220,7 +220,7 @@ class Scenario(Section):
             "navigation.use_single_range": navigation.use_single_range and navigation.variant in VARIANTS,
             "navigation.transmitters_m": bool(navigation.transmitters_m),
         }
-        if stations or any(follower.steers_by_estimate for follower in self.followers):
+        if stations or any(follower.guided_by_estimate for follower in self.followers):
             where = "must keep its default where followers are on stations or steer by their estimates"
             found += [f"{key} {where}" for key, is_set in changed.items() if is_set]
         return found

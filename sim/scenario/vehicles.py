@@ -151,7 +151,7 @@ class Follower(Vehicle):
     start_m: Annotated[tuple[Coordinate, Coordinate], LISTED] | None = Field(
         None, description="[east, north] of the start; default: the station"
     )
-    steers_by: Literal["truth", "estimate"] | None = Field(
+    guidance_position: Literal["truth", "estimate"] | None = Field(
         None,
         description="position used for guidance; default: truth on a route, estimate on a station",
     )
@@ -161,9 +161,9 @@ class Follower(Vehicle):
     )
 
     @property
-    def steers_by_estimate(self) -> bool:
+    def guided_by_estimate(self) -> bool:
         """Whether it steers by its own estimate."""
-        return self.steers_by == "estimate" or (self.steers_by is None and self.station is not None)
+        return self.guidance_position == "estimate" or (self.guidance_position is None and self.station is not None)
 
     @property
     def layer_m(self) -> float:

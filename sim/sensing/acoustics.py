@@ -81,7 +81,7 @@ def sound_of(scenario: Scenario) -> Sound:
         on_grid=not a.travel_time and a.ping_slot_s == 0.0,
         travels=a.travel_time,
         slot=float(a.ping_slot_s),
-        paths=(True, a.surface_echo_chance > 0.0, a.bottom_echo_chance > 0.0),
+        paths=(True, a.surface_echo_probability > 0.0, a.bottom_echo_probability > 0.0),
         floor=float(scenario.ocean.floor_depth_m),
         max_range=float(a.max_range_m or np.inf),
         profile=SoundProfile.through(a.sound_speed_profile or ((0.0, a.sound_speed_m_s),)),

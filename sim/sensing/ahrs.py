@@ -88,7 +88,7 @@ def measured_attitude(trajectory: Trajectory, sensors: Sensors) -> Floats:
     The filter starts without error.
     """
     true = np.column_stack([trajectory.pitch[:, 0], trajectory.roll[:, 0]])
-    if not sensors.leader_attitude_feels_acceleration:
+    if not sensors.leader_attitude_senses_acceleration:
         return true
     share, error = gain(sensors), signed_angle(apparent_tilt(trajectory) - true)
     step = partial(_filtered, share=share)

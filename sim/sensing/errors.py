@@ -117,24 +117,27 @@ def range_readings(e: SensorErrors, transmitters: int, true: Any, uniform: Any, 
 @formula
 def loses(e: SensorErrors) -> bool:
     """Whether a message is ever lost."""
-    return bool(e.loss_chance + e.burst_chance > 0.0)
+    return bool(e.loss_probability + e.burst_probability > 0.0)
 
 
 @formula
 def is_bad(bad: bool, uniform: float, e: SensorErrors) -> bool:
     """Whether the next message meets the bad state, which is left with the inverse of its mean length."""
-    return bool(uniform * e.burst_mean_messages >= 1.0 if bad else uniform < e.burst_chance)
+    return bool(uniform * e.burst_mean_messages >= 1.0 if bad else uniform < e.burst_probability)
 
 
 @formula
 def is_lost(bad: bool, uniform: float, e: SensorErrors) -> bool:
     """Whether a message in that state is lost."""
-    return bool(uniform < (e.burst_loss_chance if bad else e.loss_chance))
+    return bool(uniform < (e.burst_loss_probability if bad else e.loss_probability))
 
 
 @formula
 def path_taken(uniform: Any, e: SensorErrors) -> Any:
     """`Path` that the receiver takes for the direct one by a draw in (0, 1); numbers or arrays."""
-    surface, either = uniform < e.surface_echo_chance, uniform < e.surface_echo_chance + e.bottom_echo_chance
+    surface, either = (
+        uniform < e.surface_echo_probability,
+        uniform < e.surface_echo_probability + e.bottom_echo_probability,
+    )
     # 1 for the surface, 2 for the bottom: a draw below the first chance is below the sum of both
     return 2 * either - 1 * surface

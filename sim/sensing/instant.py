@@ -59,7 +59,7 @@ class SensorModel(NamedTuple):
     errors: Records
     """Of each follower, of ERRORS, shape (f,)."""
     broadcast_attitude: bool
-    feels_acceleration: bool
+    senses_acceleration: bool
     """The leader takes accelerations for tilt."""
     tilt_share: float
     """`ahrs.gain` of the leader."""
@@ -80,7 +80,7 @@ def sensor_model_of(scenario: Scenario) -> SensorModel:
         run=_U(scenario.run),
         errors=np.array([tuple(errors_of(scenario, i)) for i in followers], ERRORS).view(np.recarray),
         broadcast_attitude=leader.broadcast_attitude,
-        feels_acceleration=leader.broadcast_attitude and scenario.sensors.leader_attitude_feels_acceleration,
+        senses_acceleration=leader.broadcast_attitude and scenario.sensors.leader_attitude_senses_acceleration,
         tilt_share=ahrs.gain(scenario.sensors),
         transmitters=scenario.navigation.transmitters,
         dt=scenario.timing.filter_step_s,

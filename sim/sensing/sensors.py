@@ -154,7 +154,7 @@ def _ranges(truth: MissionTruth, e: SensorErrors, address: tuple[int, int, int],
         return seed, run, stream.number(follower), truth.message_step
 
     true = truth.slant_range
-    if e.surface_echo_chance + e.bottom_echo_chance > 0.0:
+    if e.surface_echo_probability + e.bottom_echo_probability > 0.0:
         echoes = np.full((2, *true.shape), np.nan) if truth.echo_range is None else truth.echo_range
         path = locked_path(*address, truth.emission_step, e)
         true = np.choose(path, [true, *echoes])

@@ -19,7 +19,7 @@ def rows() -> list[Row]:
     for route, real, left in (("T3", 1.2, 0.3), ("T4", 3.2, 0.8)):
         where = {"route": route, "depth_offset_m": 10.0, "condition": "trim-12N"}
         lost = np.arange(64) < (16 if route == "T4" else 0)
-        verdicts = {"error_verdict": "met", "capture_verdict": "open"}
+        verdicts = {"error_verdict": "met", "mirror_lock_verdict": "open"}
         made += [
             row("level", 0.2 + WOBBLE, **where),
             row("real", real - WOBBLE, lost, **where),
@@ -31,8 +31,8 @@ def rows() -> list[Row]:
                 **where,
             ),
         ]
-    # pitch moves no fix here, and yet half the runs are captured: it is not judged, but its captures count; one arm was
-    # flown on
+    # pitch moves no fix here, and yet half the runs are mirror-locked: it is not judged, but its mirror locks count;
+    # one arm was flown on
     where = {"route": "T3", "depth_offset_m": 0.0, "condition": "trim-12N", "fix_error_m": 0.0}
     half = np.arange(64) < 32
     return [
@@ -64,12 +64,12 @@ def test_the_record_is_that_of_the_rows() -> None:
         removed = found[f"removed ahrs-0.5 laisn-2 {group}"]
         assert removed.value == pytest.approx(1 - 0.7 / 4.0, abs=1e-3)
         assert removed.low < removed.value < removed.high  # type: ignore[operator]
-        assert found[f"captured real laisn-2 {group}"].value == pytest.approx(48 / 192)
-        assert found[f"captures-removed ahrs-0.5 laisn-2 {group}"].value == pytest.approx(1 - 36 / 48)
+        assert found[f"mirror-locked real laisn-2 {group}"].value == pytest.approx(48 / 192)
+        assert found[f"mirror-locks-removed ahrs-0.5 laisn-2 {group}"].value == pytest.approx(1 - 36 / 48)
         assert found[f"judged laisn-2 {group}"].value == 2
         counts = [found[f"error {v} ahrs-0.5 laisn-2 {group}"].value for v in ("met", "open", "missed", "harmed")]
         assert counts == [2, 0, 0, 2]
-        assert found[f"capture open ahrs-0.5 laisn-2 {group}"].value == 2
+        assert found[f"mirror_lock open ahrs-0.5 laisn-2 {group}"].value == 2
     assert found["least ahrs-0.5 trim"].value == pytest.approx(0.8, abs=1e-3)
     assert found["largest ahrs-0.5 trim"].value == pytest.approx(0.9, abs=1e-3)
     # limits that hold for two routes and three causes at once leave a sixth of the chance to each (Bonferroni)

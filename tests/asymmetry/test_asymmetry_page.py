@@ -69,10 +69,12 @@ def rows(condition: str = TRIM.key, cause: str = "trim", **changes: Any) -> list
     return made
 
 
-def verdicts(error: str, capture: str) -> list[Row]:
+def verdicts(error: str, mirror_lock: str) -> list[Row]:
     """The rows of `rows`, with these verdicts on every remedy."""
     return [
-        replace(r, error_verdict=error, capture_verdict=capture) if r.arm not in ("level", "real", "level-0.5") else r
+        replace(r, error_verdict=error, mirror_lock_verdict=mirror_lock)
+        if r.arm not in ("level", "real", "level-0.5")
+        else r
         for r in rows()
     ]
 

@@ -47,10 +47,10 @@ def test_every_mission_is_flown_in_every_arm(rows):
     assert len(rows) == len(SHORT.routes) * len(SHORT.offsets_m) * len(ARMS)
     assert {(r.route, r.depth_offset_m) for r in rows} == {(t, o) for t in SHORT.routes for o in SHORT.offsets_m}
     assert all(r.pitch_rms_deg > 1.0 for r in rows)
-    assert all(r.runs == len(r.e_p_run_mean_m) == len(r.captured_run) == 24 for r in rows)
+    assert all(r.runs == len(r.e_p_run_mean_m) == len(r.mirror_locked_run) == 24 for r in rows)
     for row in rows:
         assert row.e_p_mean_m == pytest.approx(np.mean(row.e_p_run_mean_m), rel=1e-9)
-        assert row.captured == sum(row.captured_run)
+        assert row.mirror_locked == sum(row.mirror_locked_run)
 
 
 def test_no_two_missions_share_noise(rows):

@@ -1,4 +1,4 @@
-"""What pitch adds to errors and captures, and what remedies take away: arithmetic on rows made by hand."""
+"""What pitch adds to errors and mirror locks, and what remedies take away: arithmetic on rows made by hand."""
 
 from dataclasses import replace
 from typing import Any
@@ -39,20 +39,21 @@ from tests.synthetic import make_scenario, make_trajectory
 LOOKS = (64, 384)
 
 
-def row(arm: str, errors: Any, captured: Any = False, **changes: Any) -> Row:
-    """A row whose runs have these errors and captures."""
+def row(arm: str, errors: Any, mirror_locked: Any = False, **changes: Any) -> Row:
+    """A row whose runs have these errors and mirror locks."""
     runs = changes.pop("flown", 64)
     each = np.broadcast_to(np.asarray(errors, dtype=float), runs)
-    lost = np.broadcast_to(np.asarray(captured, dtype=bool), runs)
+    lost = np.broadcast_to(np.asarray(mirror_locked, dtype=bool), runs)
     given = {
         "condition": "c", "cause": "trim", "route": "T3", "depth_offset_m": 5.0, "variant": "laisn-2", "first_run": 0,
         "runs": 64, "e_p_mean_m": float(each[:64].mean()), "e_p_std_m": 0.1, "e_p_95_m": 1.0, "e_p_max_m": 2.0,
-        "e_b_mean_deg": 1.0, "captured": int(lost[:64].sum()), "gated": 0, "pitch_rms_deg": 5.0, "pitch_max_deg": 6.0,
+        "e_b_mean_deg": 1.0, "mirror_locked": int(lost[:64].sum()), "gated": 0, "pitch_rms_deg": 5.0,
+        "pitch_max_deg": 6.0,
         "range_mean_m": 40.0, "depth_offset_rms_m": 5.0, "fix_error_m": 0.4, "inclinometer_rms_deg": 0.5,
         "ahrs_rms_deg": 0.05,
     }  # fmt: skip
     return Row(
-        **given | changes, arm=arm, e_p_run_mean_m=tuple(each.tolist()), captured_run=tuple(lost.tolist())
+        **given | changes, arm=arm, e_p_run_mean_m=tuple(each.tolist()), mirror_locked_run=tuple(lost.tolist())
     )  # fmt: skip
 
 
@@ -65,7 +66,7 @@ def mission(**errors: Any) -> ComparedMission:
 def share(mission: ComparedMission, arm: Arm, question: Question = "error") -> float:
     """Share that a remedy removes of what pitch adds to runs without mirror lock, or of the locks that it adds."""
     part, left, free = mission.compared(question, arm)
-    counted = free | (question == "capture")
+    counted = free | (question == "mirror_lock")
     return 1.0 - float(left[counted].sum() / part[counted].sum())
 
 
@@ -83,9 +84,9 @@ def test_captured_runs_count_apart() -> None:
     (excess,) = paired(rows)
     assert excess.added == pytest.approx(0.25 * 29.8 + 0.75 * 0.5)
     assert share(excess, AHRS) == pytest.approx(0.9)
-    assert np.mean(added([excess], REAL, question="capture")) == 0.25
-    assert removed_in_all([excess], AHRS, "capture").value == 1.0
-    everybody = replace(rows[1], captured_run=(True,) * 64)
+    assert np.mean(added([excess], REAL, question="mirror_lock")) == 0.25
+    assert removed_in_all([excess], AHRS, "mirror_lock").value == 1.0
+    everybody = replace(rows[1], mirror_locked_run=(True,) * 64)
     (lost,) = paired([rows[0], everybody, rows[2]])
     assert not lost.compared("error", AHRS)[2].any()
 
@@ -97,17 +98,17 @@ def test_sums_weigh_missions_by_what_pitch_adds() -> None:
     share = removed_in_all([small, large], EXACT)
     assert share.value == pytest.approx(1 - (0.05 + 0.9) / (0.1 + 9.0), rel=1e-3)
     assert share.low < share.value < share.high
-    # captures: pitch adds 16 of 128 runs and the remedy keeps 4 of them
+    # mirror_locks: pitch adds 16 of 128 runs and the remedy keeps 4 of them
     lost = [
         paired([row("level", 0.2), row("real", 0.7, np.arange(64) < n), row("attitude-0", 0.2, np.arange(64) < k)])
         for n, k in ((16, 4), (0, 0))
     ]
-    found = removed_in_all([m for one in lost for m in one], EXACT, "capture")
+    found = removed_in_all([m for one in lost for m in one], EXACT, "mirror_lock")
     assert found.value == pytest.approx(0.75)
     # a level leader has 8 of them too, of the 24 with pitch: pitch adds 16, and the remedy, with 12, keeps 4
     counts = {"level": 8, "real": 24, "attitude-0": 12}
     both = paired([row(arm, 0.2, np.arange(64) < n) for arm, n in counts.items()])
-    assert removed_in_all(both, EXACT, "capture").value == pytest.approx(0.75)
+    assert removed_in_all(both, EXACT, "mirror_lock").value == pytest.approx(0.75)
 
 
 def test_missions_are_chosen_by_the_closed_form_and_not_by_what_came_of_them() -> None:
@@ -151,7 +152,7 @@ def test_what_is_open_is_flown_on_and_nothing_else() -> None:
     }
     (settled,) = paired(longer.values())
     assert settled.judge("error", AHRS, LOOKS).verdict is Verdict.MET
-    verdicts = {r.arm: (r.error_verdict, r.capture_verdict) for r in with_verdicts(settled, LOOKS)}
+    verdicts = {r.arm: (r.error_verdict, r.mirror_lock_verdict) for r in with_verdicts(settled, LOOKS)}
     none = "no harm shown"
     assert verdicts == {
         "level": ("", ""), "real": ("", ""), "level-0.5": ("", ""), "attitude-0": ("met", none),
@@ -173,12 +174,12 @@ def test_a_remedy_that_frees_captured_runs_is_told_from_one_that_does_not() -> N
     some = np.arange(64) % 4 != 0
     rows = [row("level", 0.2), row("real", 5.0, some), row("ahrs-0.5", 0.2), row("offset-0.5", 4.0, some)]
     (excess,) = paired(rows)
-    assert excess.judge("capture", AHRS, LOOKS).verdict is Verdict.MET
-    assert excess.judge("capture", CONSTANT, LOOKS).verdict is Verdict.MISSED
+    assert excess.judge("mirror_lock", AHRS, LOOKS).verdict is Verdict.MET
+    assert excess.judge("mirror_lock", CONSTANT, LOOKS).verdict is Verdict.MISSED
 
 
 def test_open_questions_come_with_what_is_removed_and_the_runs_that_would_tell() -> None:
-    """Of 40 captures that pitch adds to 64 runs the remedy leaves 5, one more than the aim of 90 % allows."""
+    """Of 40 mirror locks that pitch adds to 64 runs the remedy leaves 5, one more than the aim of 90 % allows."""
     where = {"fix_error_m": 0.4}
     arms = [
         row("level", 0.2, **where),
@@ -187,9 +188,9 @@ def test_open_questions_come_with_what_is_removed_and_the_runs_that_would_tell()
     ]
     (one,) = paired(arms)
     (open_,) = paired(with_verdicts(one, LOOKS))
-    assert (open_.arms["ahrs-0.5"].error_verdict, open_.arms["ahrs-0.5"].capture_verdict) == ("met", "open")
-    assert share(open_, AHRS, "capture") == pytest.approx(1 - 5 / 40)
-    assert open_.judge("capture", AHRS, LOOKS).needed > 384
+    assert (open_.arms["ahrs-0.5"].error_verdict, open_.arms["ahrs-0.5"].mirror_lock_verdict) == ("met", "open")
+    assert share(open_, AHRS, "mirror_lock") == pytest.approx(1 - 5 / 40)
+    assert open_.judge("mirror_lock", AHRS, LOOKS).needed > 384
 
 
 def test_rates_of_a_gate() -> None:

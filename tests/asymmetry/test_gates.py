@@ -26,10 +26,10 @@ def test_the_gate_is_counted_as_the_readable_engine_counts(monkeypatch: pytest.M
 
     both = simulate_motion(CALM.fleet((route,), offset, duration))
     one = CALM.scenario(route, offset, duration)
-    echoes = one.acoustics.model_copy(update={"surface_echo_chance": 0.05, "bottom_echo_chance": 0.02})
+    echoes = one.acoustics.model_copy(update={"surface_echo_probability": 0.05, "bottom_echo_probability": 0.02})
     one = one.model_copy(update={"acoustics": echoes})
     truth, errors = observe(both, one), errors_of(one)
-    silent = errors._replace(surface_echo_chance=0.0, bottom_echo_chance=0.0)
+    silent = errors._replace(surface_echo_probability=0.0, bottom_echo_probability=0.0)
     for row in rows:
         told = replace(navigation_settings(one, both, 0), gate=row.rule)
         counts, off, off_without = np.zeros((2, 2)), [], []

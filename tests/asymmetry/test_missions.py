@@ -34,13 +34,13 @@ from tests.synthetic import make_scenario, make_trajectory
 TABLE = RunTable(
     run=np.arange(700, 703), e_p_max_m=np.array([5.0, 6.0, 7.0]), e_p_mean_m=np.array([0.5, 0.6, 0.7]),
     e_b_max_deg=np.array([15.0, 16.0, 17.0]), e_b_mean_deg=np.array([1.5, 1.6, 1.7]),
-    captured=np.array([True, False, True]), gated=np.array([1, 2, 3]),
+    mirror_locked=np.array([True, False, True]), gated=np.array([1, 2, 3]),
 )  # fmt: skip
 RESULT = CellResult(
     seed=1, runs=3, steps=100,
     errors=Summary(e_p_max_m=7.0, e_p_mean_m=0.6, e_p_std_m=0.25, e_b_max_deg=17.0, e_b_mean_deg=1.6, e_b_std_deg=0.9),
     e_p_percentiles_m=(0.51, 0.92, 0.953, 0.994), e_b_percentiles_deg=(1.0, 2.0, 3.0, 4.0), nees=2.0, nis=2.1,
-    captured=2, fixes={"gated": 6, "lost": 9}, worst_run=702, table=TABLE,
+    mirror_locked=2, fixes={"gated": 6, "lost": 9}, worst_run=702, table=TABLE,
 )  # fmt: skip
 
 
@@ -50,8 +50,8 @@ SENSORS = Sensors(leader_attitude_sigma_deg=0.5, leader_gyro_time_constant_s=30.
 def test_a_row_has_the_results_of_its_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     own = {
         "first_run": 700, "runs": 3, "e_p_mean_m": 0.6, "e_p_run_mean_m": (0.5, 0.6, 0.7),
-        "captured_run": (True, False, True), "e_p_std_m": 0.25, "e_p_95_m": 0.953, "e_p_max_m": 7.0,
-        "e_b_mean_deg": 1.6, "captured": 2, "gated": 6,
+        "mirror_locked_run": (True, False, True), "e_p_std_m": 0.25, "e_p_95_m": 0.953, "e_p_max_m": 7.0,
+        "e_b_mean_deg": 1.6, "mirror_locked": 2, "gated": 6,
     }  # fmt: skip
     others: dict[str, Any] = {f.name: f.name for f in fields(Row) if f.name not in own and "verdict" not in f.name}
     monkeypatch.setattr(missions, "simulate", lambda cell, keep_runs: RESULT)
@@ -60,7 +60,7 @@ def test_a_row_has_the_results_of_its_runs(monkeypatch: pytest.MonkeyPatch) -> N
     assert {name: getattr(row, name) for name in own} == own
     longer = missions._extended(row, cell)
     assert longer.e_p_run_mean_m == (0.5, 0.6, 0.7, 0.5, 0.6, 0.7)
-    assert longer.captured_run == (True, False, True) * 2
+    assert longer.mirror_locked_run == (True, False, True) * 2
     assert (longer.runs, longer.e_p_mean_m) == (3, 0.6)
 
 

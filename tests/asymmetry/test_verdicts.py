@@ -13,7 +13,7 @@ AIM = 0.9
 
 
 def trial(rng: np.random.Generator, removed: float, size: float, noise: float) -> tuple[Floats, Floats, Bools]:
-    """What pitch adds to the error of each run, skewed, what a remedy leaves of it, and who is free of capture."""
+    """What pitch adds to the error of each run, skewed, what a remedy leaves of it, and who is free of mirror locks."""
     runs = LOOKS[-1]
     part = size * rng.gamma(4.0, 0.25, runs)
     left = (1.0 - removed) * part + noise * (rng.gamma(2.0, size=runs) - 2.0) / np.sqrt(2.0)
@@ -58,7 +58,7 @@ def test_either_is_as_rare_as_said_at_the_very_aim() -> None:
 
 
 def test_a_lottery_credits_nobody() -> None:
-    """Level leader, real leader and remedy draw their errors, and their captures, from one and the same hat."""
+    """Level leader, real leader and remedy draw their errors, and their mirror locks, from one and the same hat."""
     rng, verdicts = np.random.default_rng(11), []
     for _ in range(150):
         level, real, remedy = rng.gamma(1.0, size=(3, LOOKS[-1]))
@@ -72,7 +72,7 @@ def test_a_lottery_credits_nobody() -> None:
 @pytest.mark.parametrize("removed", [0.85, 0.95])
 @pytest.mark.parametrize("pushed", [0.1, 0.5, 1.0])
 def test_captures_are_judged_by_the_same_measure(removed: float, pushed: float) -> None:
-    """Pitch captures a share of the runs that the level leader's followers survive, half of all."""
+    """Pitch mirror locks a share of the runs that the level leader's followers survive, half of all."""
     rng, trials, verdicts = np.random.default_rng(12), 400, []
     for _ in range(trials):
         level = rng.random(LOOKS[-1]) < 0.5
@@ -84,7 +84,7 @@ def test_captures_are_judged_by_the_same_measure(removed: float, pushed: float) 
 
 
 def test_many_runs_tell_what_chance_in_both_arms_hides() -> None:
-    """Pitch adds captures to a fifth of the runs, of which a remedy leaves 3 %; 4 % more or less come by chance.
+    """Pitch adds mirror locks to a fifth of the runs, of which a remedy leaves 3 %; 4 % more or less come by chance.
 
     By the normal law the last look finds the remedy good enough in 97 % of trials, 1280 runs do in a third.
     """
@@ -119,8 +119,11 @@ def test_where_pitch_does_no_harm_nothing_is_said_of_a_remedy() -> None:
 
 def test_captured_runs_have_no_say_in_errors() -> None:
     part, left = np.full(64, 0.3), np.zeros(64)
-    captured = np.arange(64) < 20
-    assert judge(part + 40.0 * captured, left + 40.0 * captured, 0.9, LOOKS, ~captured).verdict is Verdict.MET
+    mirror_locked = np.arange(64) < 20
+    assert (
+        judge(part + 40.0 * mirror_locked, left + 40.0 * mirror_locked, 0.9, LOOKS, ~mirror_locked).verdict
+        is Verdict.MET
+    )
     assert judge(part, left, 0.9, LOOKS, np.arange(64) < 19).verdict is Verdict.NO_HARM
 
 
@@ -134,7 +137,7 @@ def test_more_runs_settle_what_a_first_look_leaves_open() -> None:
 
 
 def test_more_runs_are_worth_it_where_they_would_settle_the_question() -> None:
-    """Pitch captures all of 64 runs, the remedy leaves k: if k/64 stays, to half its standard error, will 384 tell?
+    """Pitch mirror locks all of 64 runs, the remedy leaves k: if k/64 stays, to half its standard error, will 384 tell?
 
     By the normal law: |k/64 − 0.1| + ½ s ≥ z s √(64/384), with s of k/64 and z of two looks at 0.5 % each.
     """

@@ -107,8 +107,8 @@ class BeaconOracle:
         """Update, unless the range is likelier to be wrong; whether it was used, and how much likelier than wrong."""
         residual, variance, H, _ = self.look(c, i, measured, depth)
         variance += self.variance[i]
-        density = (1.0 - self.told.outlier_chance) * np.exp(-0.5 * residual**2 / variance)
-        ratio = density / np.sqrt(2.0 * np.pi * variance) * self.told.outlier_span / self.told.outlier_chance
+        density = (1.0 - self.told.outlier_probability) * np.exp(-0.5 * residual**2 / variance)
+        ratio = density / np.sqrt(2.0 * np.pi * variance) * self.told.outlier_span / self.told.outlier_probability
         if ratio < 1.0:
             return False, 1.0
         gain = c.P @ H / variance
@@ -117,7 +117,7 @@ class BeaconOracle:
 
     def hear(self, i: int, measured: float, depth: float) -> bool:
         """Take a range to beacon i at one's own depth; whether the heaviest component used it."""
-        used, wrong = False, np.log(self.told.outlier_chance / self.told.outlier_span)
+        used, wrong = False, np.log(self.told.outlier_probability / self.told.outlier_span)
         if self.mixture:
             self.split(i, measured, depth)
             if self.mixture[0].weight > 0.9:

@@ -251,7 +251,7 @@ def test_an_unknown_start_is_found_though_its_first_ranges_are_wrong() -> None:
 
 def test_media_differ_in_what_their_evidence_may_be_compared_by() -> None:
     """Densities of wrong ranges are one: they would add to the evidence of one medium alone."""
-    assert len({(told.outlier_chance, told.outlier_span) for told in MEDIA.values()}) == 1
+    assert len({(told.outlier_probability, told.outlier_span) for told in MEDIA.values()}) == 1
 
 
 def test_under_water_a_known_start_is_no_worse_than_none() -> None:
@@ -341,8 +341,8 @@ def test_absurd_readings_are_named() -> None:
         BeaconNavigator(BeaconSettings(), np.zeros(3))
     with pytest.raises(ValueError, match="slip is -1"):
         BeaconSettings(slip=-1.0)
-    with pytest.raises(ValueError, match="outlier_chance is 1"):
-        BeaconSettings(outlier_chance=1.0)
+    with pytest.raises(ValueError, match="outlier_probability is 1"):
+        BeaconSettings(outlier_probability=1.0)
     roaming = BeaconNavigator(BeaconSettings(), start)
     for k in range(64):
         roaming.step(fine, reception(east=float(k)))

@@ -62,7 +62,7 @@ def test_cells_that_differ_in_the_inclinometer_alone_do_not_share_what_they_see(
             scenario=mission(
                 leader=leader,
                 navigation=Navigation(use_attitude=True),
-                sensors=Sensors(leader_attitude_feels_acceleration=felt),
+                sensors=Sensors(leader_attitude_senses_acceleration=felt),
             ),
             runs=3,
         )
@@ -84,14 +84,14 @@ LEADERS = st.builds(
 SENSORS = st.builds(
     Sensors,
     heading_bias_deg=some([0.0, 5.0]), depth_sigma_m=some([0.0, 0.1]), leader_attitude_sigma_deg=some([0.0, 1.0]),
-    leader_attitude_feels_acceleration=st.booleans(), leader_gyro_time_constant_s=some([0.0, 4.0]),
+    leader_attitude_senses_acceleration=st.booleans(), leader_gyro_time_constant_s=some([0.0, 4.0]),
 )  # fmt: skip
 ACOUSTICS = st.builds(
     Acoustics,
     range_scale_mean_m=some([0.1, 0.3]), travel_time=st.booleans(), ping_slot_s=some([0.0, 0.05]),
     sound_speed_bias_m_s=some([0.0, 10.0]), sound_speed_profile=some([(), ((0.0, 1480.0), (20.0, 1510.0))]),
-    clock_offset_s=some([0.0, 1e-4]), clock_drift_ppm=some([0.0, 50.0]), bottom_echo_chance=some([0.0, 0.3]),
-    surface_echo_chance=some([0.0, 0.3]), loss_chance=some([0.0, 0.2]), max_range_m=some([0.0, 25.0]),
+    clock_offset_s=some([0.0, 1e-4]), clock_drift_ppm=some([0.0, 50.0]), bottom_echo_probability=some([0.0, 0.3]),
+    surface_echo_probability=some([0.0, 0.3]), loss_probability=some([0.0, 0.2]), max_range_m=some([0.0, 25.0]),
 )  # fmt: skip
 TIMES = st.builds(
     Timing, filter_step_s=some([0.1, 0.2]), message_interval_s=some([1.0, 2.0]), physics_step_s=some([0.02])
@@ -188,7 +188,7 @@ def test_what_the_keys_leave_out_changes_nothing() -> None:
 
 
 def test_run_k_of_a_scenario_s_cell_is_the_flight_with_that_run() -> None:
-    given = mission(seed=7, sensors=Sensors(depth_sigma_m=0.1), acoustics=Acoustics(loss_chance=0.2))
+    given = mission(seed=7, sensors=Sensors(depth_sigma_m=0.1), acoustics=Acoustics(loss_probability=0.2))
     states = histories(Cell.of(given, follower=1, runs=4))
     for run in range(4):
         flight = navigate(given.model_copy(update={"run": run}), simulate_motion(given), Navigator)

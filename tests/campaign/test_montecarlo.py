@@ -72,7 +72,7 @@ EVERYTHING = SensorErrors(
 )  # fmt: skip
 
 
-ECHOES = EVERYTHING._replace(surface_echo_chance=0.2, bottom_echo_chance=0.1, range_error_centred=True)
+ECHOES = EVERYTHING._replace(surface_echo_probability=0.2, bottom_echo_probability=0.1, range_error_centred=True)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -99,7 +99,7 @@ def test_a_run_of_a_campaign_is_the_run_flown_alone(
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_metrics_are_those_of_the_histories(variant: Variant) -> None:
-    # Astern of the leader with a large β: fixes of all kinds, and captures on the wrong side.
+    # Astern of the leader with a large β: fixes of all kinds, and mirror locks on the wrong side.
     truth = make_truth(offset=ASTERN, attitude=False)
     errors = SensorErrors(range_scale_mean=0.3, range_tau=(0.2, 0.2, 0.2))
     navigation = NavigationSettings(variant=variant, gate="v-measured", position_sigma0=3.0)
@@ -120,18 +120,18 @@ def test_metrics_are_those_of_the_histories(variant: Variant) -> None:
     assert result.nis == pytest.approx(np.nanmean(np.concatenate([metrics.nis(e) for e in alone])), rel=1e-6)
     counts = [metrics.fix_counts(e) for e in alone]
     assert result.fixes == {kind: sum(c[kind] for c in counts) for kind in counts[0]}
-    captures = [
-        metrics.captured_steps(e.state[:, POSITION], truth.hydrophone, truth.leader_position, truth.leader_heading)
+    mirror_locks = [
+        metrics.mirror_locked_steps(e.state[:, POSITION], truth.hydrophone, truth.leader_position, truth.leader_heading)
         for e in alone
     ]
-    captured = np.array([metrics.longest_capture(c) >= 10 for c in captures])
-    assert result.captured == captured.sum()
+    mirror_locked = np.array([metrics.longest_mirror_lock(c) >= 10 for c in mirror_locks])
+    assert result.mirror_locked == mirror_locked.sum()
     assert result.worst_run == runs[int(np.argmax(position.max(axis=1)))]
 
     table = result.table
     assert table is not None
     assert table.run.tolist() == list(runs)
-    assert table.captured.tolist() == captured.tolist()
+    assert table.mirror_locked.tolist() == mirror_locked.tolist()
     assert table.gated.tolist() == [c["gated"] for c in counts]
     assert table.e_p_max_m == pytest.approx(position.max(axis=1), abs=1e-9)
     assert table.e_p_mean_m == pytest.approx(position.mean(axis=1), abs=1e-9)
@@ -223,7 +223,7 @@ def test_perfect_sensors_recover_the_truth() -> None:
     # Without attitude the follower takes the leader as level, which it is here: only sampling of the turn is left.
     result = simulate(Cell(truth=truth, errors=perfect, runs=range(2)))
     assert result.errors.e_p_max_m < 0.5 * 0.05 * DT  # half a step's way sideways, of the weave's 0.05 m/s
-    assert result.captured == 0
+    assert result.mirror_locked == 0
 
 
 def test_runs_are_kept_only_where_they_are_asked_for() -> None:

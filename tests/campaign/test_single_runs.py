@@ -22,7 +22,7 @@ def scenario() -> Scenario:
     return load(
         "T5",
         ["navigation.variant=tight", "navigation.assume.transmitters=2", "duration_s=30", "motion=kinematic",
-         "acoustics.loss_chance=0.2", "acoustics.surface_echo_chance=0.1"],
+         "acoustics.loss_probability=0.2", "acoustics.surface_echo_probability=0.1"],
     )  # fmt: skip
 
 

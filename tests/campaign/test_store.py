@@ -27,8 +27,10 @@ RECORD: Record = {
     "list": [0.1, 0.2, 1e-300], "flags": [False, True, False],
 }  # fmt: skip
 STEPS: Arrays = {"time_s": np.linspace(0.1, 20.0, 200, dtype=np.float32), "e_p_mean_m": np.ones(200, dtype=np.float32)}
-RUNS: Arrays = {"captured": np.array([False, True, False])}
-ARRAYS = {f"{PER_STEP}{name}": values for name, values in STEPS.items()} | {f"{PER_RUN}captured": RUNS["captured"]}
+RUNS: Arrays = {"mirror_locked": np.array([False, True, False])}
+ARRAYS = {f"{PER_STEP}{name}": values for name, values in STEPS.items()} | {
+    f"{PER_RUN}mirror_locked": RUNS["mirror_locked"]
+}
 
 
 @pytest.fixture
@@ -84,7 +86,7 @@ def test_a_result_is_read_as_it_was_written(cells: Path) -> None:
     store = Store(cells.parent)
     assert repr(store.record(KEY)) == repr(RECORD)
     assert same(store.arrays(KEY, PER_STEP))
-    assert store.arrays(KEY, PER_RUN)["captured"].tolist() == [False, True, False]
+    assert store.arrays(KEY, PER_RUN)["mirror_locked"].tolist() == [False, True, False]
     assert store.record(OTHER) is None
     store.write_record(OTHER, [{"array": np.array([0.1, 0.2]), "number": np.float64(0.3), "count": np.int64(4)}])
     assert store.record(OTHER) == [{"array": [0.1, 0.2], "number": 0.3, "count": 4}]

@@ -8,7 +8,10 @@ from sim.control.approach import away, give_way
 from sim.scenario.formation import Formation, Proximity
 from sim.sensing.proximity import SIGHTING
 
-LAW, FORMATION = Proximity(range_m=5.0, full_m=3.0, give_way_m_s=0.8).record(), Formation().record()
+LAW, FORMATION = (
+    Proximity(range_m=5.0, full_avoidance_range_m=3.0, max_avoidance_speed_m_s=0.8).record(),
+    Formation().record(),
+)
 
 
 def at(east: float, north: float, heading: float = 0.0) -> Records:
@@ -47,7 +50,7 @@ def test_two_that_close_up_stop_where_the_law_says(closing: float) -> None:
         least = min(least, apart)
     assert apart == pytest.approx(stop, abs=1e-3)
     assert least >= stop - 1e-9
-    assert least >= LAW.full
+    assert least >= LAW.full_avoidance_range
 
 
 def test_a_hull_slows_down_but_keeps_its_way() -> None:

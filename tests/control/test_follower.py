@@ -114,7 +114,7 @@ def test_what_is_wanted_changes_no_faster_than_a_hull_can_follow() -> None:
 
 @pytest.mark.parametrize(("spread", "aims"), [(0.99, True), (1.01, False), (np.nan, False)])
 def test_who_does_not_know_its_side_goes_parallel(spread: float, aims: bool) -> None:
-    deck = Deck(aside=10.0, unsure_m=1.0)
+    deck = Deck(aside=10.0, max_trail_sigma_m=1.0)
     deck.estimate.spread = spread
     deck.tick()
     assert (deck.memory.heading_wanted < -0.001) == aims
@@ -153,7 +153,12 @@ def test_a_new_depth_is_taken_up_at_a_fifth_of_a_metre_a_second() -> None:
 
 def test_silence_takes_it_off_its_station_as_its_place_in_the_trail_gets_uncertain() -> None:
     """0.3 m of its own and 0.1 m/s of the leader's make 0.5 m after 4 s: until then it aims, then goes parallel."""
-    given = {"leader_velocity_sigma_m_s": 0.1, "unsure_m": 0.5, "silence_s": 8.0, "when_silent": "circle"}
+    given = {
+        "leader_velocity_sigma_m_s": 0.1,
+        "max_trail_sigma_m": 0.5,
+        "message_timeout_s": 8.0,
+        "timeout_action": "circle",
+    }
     for now, aims, circles in (
         (33.95, True, False),
         (34.05, False, False),

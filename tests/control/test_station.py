@@ -15,7 +15,7 @@ from sim.control.station import FRAME_STATE, STATION, Target, station_at, turn_f
 from sim.scenario.formation import Formation
 from tests.synthetic import record
 
-FRAME = Formation(inner_share=0.35, preview_s=0.0).record()
+FRAME = Formation(inner_slowdown=0.35, preview_s=0.0).record()
 
 
 def laid(points: Floats, times: Floats, headings: Floats | None = None, through: float = 1.0) -> tuple[Records, Ints]:
@@ -248,7 +248,7 @@ def test_a_point_that_obeys_arrives(kind: int) -> None:
 def test_a_station_too_fast_or_too_slow_is_followed_at_the_limit(velocity: tuple[float, float], asked: float) -> None:
     """Along the way of the station, of which nothing is lacking."""
     target = Target(0.0, 0.0, *velocity, *velocity)
-    found = approach(law(least_way=0.0), target, (0.0, 0.0), (0.0, 0.0), 0.1, 0.0)
+    found = approach(law(min_along_track_speed=0.0), target, (0.0, 0.0), (0.0, 0.0), 0.1, 0.0)
     assert found == pytest.approx((0.8 * asked, 0.6 * asked, 0.0))
 
 
@@ -265,7 +265,7 @@ def test_lines_of_sight_are_those_of_their_papers(x: float, y: float, integral: 
     ILOS: ψ = χ − arctan((e + σ ∫) / Δ) and ∫' = Δ e / (Δ² + (e + σ ∫)²).
     ALOS: ψ = χ − β − arctan(e / Δ) and β' = γ Δ e / √(Δ² + e²).
     """
-    free = {"least_way": -99.0, "slowest": 0.0, "fastest": 99.0}
+    free = {"min_along_track_speed": -99.0, "min_speed": 0.0, "max_speed": 99.0}
     ahead, dt, delta, sigma = np.array([np.sin(course), np.cos(course)]), 0.1, LAW.lookahead, LAW.integral
     target = Target(3.0, -4.0, *(1.2 * ahead), *(1.2 * ahead))
     along, e = np.array([x, y]) @ ahead, np.array([x, y]) @ np.array([ahead[1], -ahead[0]])

@@ -17,9 +17,9 @@ from experiments.studies.estimators.cases import CASES, OFFSETS_M, SEAS, SIGMAS
 from experiments.studies.estimators.runs import (
     WEAVE,
     at_sea,
-    captures,
     clock_cost,
     compare,
+    mirror_locks,
     nees,
     plain_filter,
     scenario_of,
@@ -72,7 +72,7 @@ def test_figures_of_all_runs_are_means_roots_and_counts_over_them() -> None:
     assert found["rms"] == pytest.approx(np.sqrt(np.mean(one["tight_means"] ** 2)))
     assert found["over_bound"] == pytest.approx(found["rms"] / 0.15)
     assert found["bound_over_laisn"] == pytest.approx(0.15 / (5.0 * found["rms"]))
-    assert (found["captured"], found["laisn_captured"]) == (3, 40)
+    assert (found["mirror_locked"], found["laisn_mirror_locked"]) == (3, 40)
     assert found["nees"] == pytest.approx(2.0, abs=0.15)
     assert findings.of_route(one | {"bound_rms": None})["over_bound"] is None
 
@@ -91,7 +91,7 @@ def test_a_ratio_over_missions_is_the_median_of_theirs() -> None:
 
 
 def of_hand(route: str, error: float, laisn: float, lost: int, laisn_lost: int, runs: int = 20) -> Row:
-    """A mission all of whose runs are alike, but for those that are captured."""
+    """A mission all of whose runs are alike, but for those that are mirror-locked."""
     each = np.ones(runs)
     return {
         "route": route, "interval": 5.0, "laisn_means": laisn * each,
@@ -110,17 +110,17 @@ def test_missions_together_are_means_medians_and_extremes_of_theirs() -> None:
     assert values == pytest.approx(
         {
             "ratio": 0.4, "worst": 0.6, "error": 0.5, "laisn-2": 3.5 / 3, "largest": 6.3, "nees": 5.0,
-            "nees-least": 2.0, "nees-most": 9.0, "inside": 0.5, "nis": 1.5, "captured": 3 / 60, "captured-runs": 3,
-            "captured-laisn-2": 12 / 60, "bound": 1.6, "bound-worst": 3.6,
+            "nees-least": 2.0, "nees-most": 9.0, "inside": 0.5, "nis": 1.5, "mirror-locked": 3 / 60,
+            "mirror-locked-runs": 3, "mirror-locked-laisn-2": 12 / 60, "bound": 1.6, "bound-worst": 3.6,
             # 0.5 m over 1.25, 1.25 and 1.875 m
             "least": 0.4, "smoothing": 0.5,
         },
         rel=1e-5,
     )  # fmt: skip
     exact = stats.binomtest(12, 60).proportion_ci(0.95, "exact")
-    limits = named["captured-laisn-2 G"]
+    limits = named["mirror-locked-laisn-2 G"]
     assert (limits.low, limits.high) == pytest.approx((exact.low, exact.high), rel=1e-5)
-    assert named["captured-runs G"].what == "runs captured of 60"
+    assert named["mirror-locked-runs G"].what == "runs locked on the mirror image of 60"
     even = findings.median_ratio(flown[:2])
     assert even.value == pytest.approx(0.3)
 
@@ -129,7 +129,7 @@ def test_captures_are_those_of_the_runs_that_are_compared() -> None:
     runs = 5
     for case in CASES[:2]:
         whole = compare(case, "T5", 5.0, runs=runs, seed=3)
-        found = captures("T5", 5.0, case.transmitters, range(runs), 3)
+        found = mirror_locks("T5", 5.0, case.transmitters, range(runs), 3)
         lost = {who: whole[f"{who}_lost"].sum() for who in ("laisn", "tight")}
         assert found == {"runs": runs, **lost}
 
@@ -223,7 +223,7 @@ def test_the_plan_names_every_task_once_and_flies_every_case() -> None:
     assert len({key_of(task.func, task.args, task.keywords) for _, task in tasks(Size())}) == len(names)
     cases = [name for name in names if name[0] == "case"]
     assert len(cases) == 7 * 2 * 8
-    assert sum(1 for name in names if name[0] == "captures") == 4 * -(-10_000 // 640)
+    assert sum(1 for name in names if name[0] == "mirror_locks") == 4 * -(-10_000 // 640)
     # a first look has few runs, and fewer where settings are varied
     assert QUICK.varied < QUICK.runs < Size().varied < Size().runs
     assert QUICK.varied > 1, "of one run there is no scatter"
@@ -256,7 +256,7 @@ def found() -> dict[tuple[Any, ...], Any]:
     """What a study might have come to, without flying it."""
     rng = np.random.default_rng(7)
     kinds: dict[str, Any] = {
-        "captures": lambda name: {"runs": QUICK.captures, "laisn": 7, "tight": 0},
+        "mirror_locks": lambda name: {"runs": QUICK.mirror_locks, "laisn": 7, "tight": 0},
         "clock": lambda name: cost(name[1]),
         "ekf": lambda name: plain(name[-1]),
         "case": lambda name: made(rng, runs=25) | {"smoothing": 0.6},
@@ -265,7 +265,7 @@ def found() -> dict[tuple[Any, ...], Any]:
 
 
 def plain(route: str) -> Row:
-    """Ten of 25 runs captured, with errors of 2 m and NEES of 6."""
+    """Ten of 25 runs locked on the mirror image, with errors of 2 m and NEES of 6."""
     each = np.ones(25)
     return {"route": route, "means": 2.0 * each, "normalised": 6.0 * each, "lost": 1.0 * (np.arange(25) < 10)}
 
@@ -278,7 +278,7 @@ def test_a_plain_filter_is_held_against_the_tightly_coupled_navigator_route_by_r
     values = {key: finding.value for key, finding in findings.of_plain_filter("G", plains, tight).items()}
     assert values == pytest.approx(
         {"ekf G": 2.0, "over-ekf G": 0.5, "over-ekf G T2": 0.25, "over-ekf G T5": 0.75, "ekf G T2": 2.0,
-         "ekf G T5": 2.0, "ekf-nees G": 6.0, "ekf-captured G": 0.4}
+         "ekf G T5": 2.0, "ekf-nees G": 6.0, "ekf-mirror-locked G": 0.4}
     )  # fmt: skip
 
 
@@ -302,9 +302,9 @@ def test_none_of_n_captured_has_the_interval_of_clopper_and_pearson(found: dict[
     record = findings.findings_of(found)
     none = record["many 3 T5"]
     assert (none.value, none.low) == (0.0, 0.0)
-    exact = stats.binomtest(0, QUICK.captures).proportion_ci(0.95, "exact")
+    exact = stats.binomtest(0, QUICK.mirror_locks).proportion_ci(0.95, "exact")
     assert none.high == pytest.approx(exact.high, rel=1e-4)
-    assert record["many-laisn-2 3 T5"].value == pytest.approx(7 / QUICK.captures, rel=1e-4)
+    assert record["many-laisn-2 3 T5"].value == pytest.approx(7 / QUICK.mirror_locks, rel=1e-4)
     assert record["ratio G1 5"].value == pytest.approx(0.25)
     for weave, how in ((False, "straight"), (True, "weaving")):
         one = found["weave", weave, "T5"]
@@ -346,7 +346,7 @@ def test_cells_of_the_page_are_findings_of_their_row(found: dict[tuple[Any, ...]
     assert halved[2] == format(record["error sigma range_sigma 0.5"], ".2f i")
     assert halved[3] == format(record["laisn-2 sigma range_sigma 0.5"], ".2f i")
     assert halved[-2:] == [format(record[f"{name} sigma range_sigma 0.5"], ".1% i")
-                           for name in ("captured", "captured-laisn-2")]  # fmt: skip
+                           for name in ("mirror-locked", "mirror-locked-laisn-2")]  # fmt: skip
     (case,) = (row for row in rows if row[:3] == ["G3", CASES[2].title, "5"] and len(row) == 18)
     assert case[-1] == "0.60"
     low, high = (100 * limit for limit in stats.binomtest(7, 64).proportion_ci(0.95, "exact"))

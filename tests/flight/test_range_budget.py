@@ -106,7 +106,7 @@ def test_each_acoustic_cause_alone():
     cases = {
         Cause.SOUND_SPEED: (Acoustics(sound_speed_bias_m_s=15.0), 0.01 * 30.0),
         Cause.CLOCK: (Acoustics(clock_offset_s=1e-3), 1.5),
-        Cause.ECHO: (Acoustics(surface_echo_chance=1.0), np.hypot(30.0, 16.0) - 30.0),
+        Cause.ECHO: (Acoustics(surface_echo_probability=1.0), np.hypot(30.0, 16.0) - 30.0),
     }
     for cause, (acoustics, expected) in cases.items():
         scenario = make_scenario(acoustics)

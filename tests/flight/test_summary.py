@@ -8,17 +8,17 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from experiments.flight.events import capture_events, stray_events
+from experiments.flight.events import mirror_lock_events, stray_events
 from experiments.flight.summary import (
-    off_place_rms,
     position_and_bearing_errors,
     summarise,
+    track_error_rms,
 )
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
 from sim.assembly import routes_of
 from sim.flight import Flight
-from sim.tracking import off_place
+from sim.tracking import track_error
 from tests.synthetic import make_flight
 
 
@@ -54,9 +54,9 @@ def test_the_summary_has_the_errors_of_each_follower_and_of_all(flight: Flight) 
         row = summary["followers"][name]
         own = figures(position[i], bearing[i])
         assert {key: row[key] for key in own} == pytest.approx(own)
-        off = off_place(routes[i + 1], flight.trajectory.time, flight.trajectory.position[:, i + 1, :2])
-        assert row["off_place_rms_m"] == pytest.approx(np.sqrt(np.mean(off**2)))
-        assert off_place_rms(flight)[i] == pytest.approx(row["off_place_rms_m"])
+        off = track_error(routes[i + 1], flight.trajectory.time, flight.trajectory.position[:, i + 1, :2])
+        assert row["track_error_rms_m"] == pytest.approx(np.sqrt(np.mean(off**2)))
+        assert track_error_rms(flight)[i] == pytest.approx(row["track_error_rms_m"])
         kinds = Counter(FixKind(kind).name.lower() for kind in flight.estimates[i].fix_kind.tolist())
         assert {kind: count for kind, count in row["fixes"].items() if count} == kinds
 
@@ -95,10 +95,10 @@ def test_captures_are_told_when_they_begin_and_end(flight: Flight) -> None:
     state = found.state.copy()
     state[:, :2] = truth - np.where(mirrored, 2 * side, 0.0)[:, None] * starboard
     caught = replace(flight, estimates=(flight.estimates[0], replace(found, state=state)))
-    events = capture_events(caught)
+    events = mirror_lock_events(caught)
     assert [event.time_s for event in events] == pytest.approx([10.0, 15.0, 28.0])
     assert [event.level for event in events] == ["warning", "info", "warning"]
-    assert [event.text for event in events][1] == "mirror capture ends"
+    assert [event.text for event in events][1] == "mirror lock ends"
     assert {event.source for event in events} == {"follower2"}
 
 

@@ -16,7 +16,7 @@ def test_what_steered_a_swarm_is_what_navigators_make_of_its_measurements(varian
     stations = [(5.0, 10.0, 11.0), (20.0, 0.0, 12.0)]
     table = {
         "name": "s", "duration_s": 12.0, "navigation": {"variant": variant},
-        "acoustics": {"surface_echo_chance": 0.5},
+        "acoustics": {"surface_echo_probability": 0.5},
         "followers": [{"station": {"behind_m": s, "port_m": y, "depth_m": d}} for s, y, d in stations],
     }  # fmt: skip
     scenario = validate(table, "test")

@@ -82,7 +82,7 @@ def test_a_scenario_says_the_same_by_default_as_the_settings_do() -> None:
         ("current_sigma_m_s", "0.7", "current_sigma", 0.7),
         ("offset_sigma_m", "0.05", "offset_sigma", 0.05),
         ("slip_m_sqrt_s", "0.11", "slip", 0.11),
-        ("outlier_chance", "0.2", "outlier_chance", 0.2),
+        ("outlier_probability", "0.2", "outlier_probability", 0.2),
         ("outlier_span_m", "9", "outlier_span", 9.0),
     ],
 )

@@ -29,7 +29,7 @@ def run_of(rms: float, *, lost: int = 0, turn: float = 3.0) -> list[Record]:
             "station_max_m": 5 * each,
             "station_turn_max_m": turn,
             "station_leg_rms_m": each / 2,
-            "off_place_end_m": 0.0,
+            "track_error_end_m": 0.0,
             "lost": float(i < lost),
             "e_p_mean_m": 0.25,
             "closest_horizontal_m": 7.5 + rms,

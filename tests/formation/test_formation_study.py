@@ -37,10 +37,12 @@ def test_numbers_of_a_title_are_those_of_its_condition(condition: Condition) -> 
     assert made.navigation.transmitters == told(r"(\d) transmitters", 2 if title == "LAISN-2" else 3)
     assert made.timing.message_interval_s == told(r"every (\d+) s", 1)
     # a burst of n messages that begins with p takes up p / (p + 1/n) of the time
-    bursts = sound.burst_chance / (sound.burst_chance + 1.0 / sound.burst_mean_messages)
+    bursts = sound.burst_probability / (sound.burst_probability + 1.0 / sound.burst_mean_messages)
     assert sound.burst_mean_messages == told(r"bursts of (\d+) s", 5)
-    assert 100 * (sound.loss_chance + bursts) == pytest.approx(told(r"(\d+) % (?:of messages )?lost"), abs=0.1)
-    assert 100 * (sound.surface_echo_chance + sound.bottom_echo_chance) == pytest.approx(told(r"(\d+) % echoes"))
+    assert 100 * (sound.loss_probability + bursts) == pytest.approx(told(r"(\d+) % (?:of messages )?lost"), abs=0.1)
+    assert 100 * (sound.surface_echo_probability + sound.bottom_echo_probability) == pytest.approx(
+        told(r"(\d+) % echoes")
+    )
     assert condition.current_m_s == told(r"current up to ([\d.]+) m/s")
     # the first of five runs has a fifth of the greatest current
     assert ocean.current_speed_m_s == pytest.approx(told(r"current ([\d.]+) m/s", condition.current_m_s / 5))
@@ -67,7 +69,7 @@ def test_conditions_say_what_their_titles_say() -> None:
     ways = sorted(by_name["current"].scenario(run).ocean.current_direction_deg for run in range(20))
     assert max(np.diff([*ways, ways[0] + 360.0])) < 3 * 360.0 / 20
     # 40 % are lost: a burst begins with p = 2/15 and lasts 5 messages, so that p / (p + 1/5) of the time is one
-    assert by_name["bursts"].scenario(0).acoustics.burst_chance == pytest.approx(2 / 15, abs=1e-4)
+    assert by_name["bursts"].scenario(0).acoustics.burst_probability == pytest.approx(2 / 15, abs=1e-4)
     behind = [f.station.behind_m for f in by_name["5 s loss back"].scenario(0).followers if f.station]
     assert min(behind) >= 20.0
     fifty = by_name["fifty"].scenario(0)
@@ -84,7 +86,7 @@ def test_conditions_say_what_their_titles_say() -> None:
     apart = phases[:, 0] - phases[:, 1]
     for angles in (phases[:, 0], phases[:, 1], apart):
         assert abs(np.mean(np.exp(1j * angles))) < 0.2
-    assert not any(f.steers_by_estimate for f in by_name["truth"].scenario(0).followers)
+    assert not any(f.guided_by_estimate for f in by_name["truth"].scenario(0).followers)
 
 
 def test_a_record_counts_what_runs_came_to() -> None:
@@ -92,7 +94,7 @@ def test_a_record_counts_what_runs_came_to() -> None:
     runs = [
         [{"station_rms_m": each * (1 + i), "station_p95_m": 2 * each + i, "station_max_m": 9 * each * (i + 1),
           "station_turn_max_m": each * i, "station_leg_rms_m": each / 2 + i, "lost": float(i > 0 and each > 2),
-          "off_place_end_m": 10.1 if i > 1 and each > 2 else 9.9, "e_p_mean_m": each * i,
+          "track_error_end_m": 10.1 if i > 1 and each > 2 else 9.9, "e_p_mean_m": each * i,
           "closest_horizontal_m": 5.0 - i + each - 1, "closest_in_layer_m": 4.0 + i if each > 1 else None,
           "touched": float(i == 1 and each > 1), "power_mean_w": 10.0 * i * i + each - 4.0}
          for each in (1.0, 2.0, 9.0)]

@@ -32,7 +32,7 @@ block, tally, bins = np.zeros(row.SIZE), np.zeros(metric.SIZE), np.zeros(2 * row
 block[row.X : row.X + row.LANES] = -1.0
 metric.tally_step(block, tally, bins, (1.0, 0.0), (0.0, 0.0, 0.0))
 hits = sum(metric.tally_step.stats.cache_hits.values())
-runs = np.count_nonzero(tally[metric.LONGEST_CAPTURE : metric.LONGEST_CAPTURE + row.LANES])
+runs = np.count_nonzero(tally[metric.LONGEST_MIRROR_LOCK : metric.LONGEST_MIRROR_LOCK + row.LANES])
 print(runs, hits)
 """
 
@@ -78,7 +78,7 @@ def test_a_second_process_takes_code_from_the_cache_until_a_constant_of_another_
     metrics = tree / "laisn" / "metrics.py"
     whole, times = metrics.read_text(encoding="utf-8"), metrics.stat()
     assert [captures(tree, cache) for _ in range(2)] == [(0, 0), (0, 1)]
-    metrics.write_text(whole.replace("CAPTURE_ERROR = 5.0\n", "CAPTURE_ERROR = 0.5\n"), encoding="utf-8")
+    metrics.write_text(whole.replace("MIRROR_LOCK_ERROR = 5.0\n", "MIRROR_LOCK_ERROR = 0.5\n"), encoding="utf-8")
     assert captures(tree, cache) == (64, 0)
     metrics.write_text(whole, encoding="utf-8")
     os.utime(metrics, ns=(times.st_atime_ns, times.st_mtime_ns))

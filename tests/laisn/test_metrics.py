@@ -75,21 +75,21 @@ def test_capture_is_far_from_the_truth_and_near_its_mirror_image() -> None:
     leader, east = np.zeros((6, 2)), np.full(6, np.pi / 2)
     truth = np.array([[-20.0, 4.0]] * 4 + [[-20.0, 0.1]] * 2)
     guess = np.array([[-20.0, -4.0], [-20.0, -0.5], [-20.0, 12.0], [-24.1, -4.0], [-20.0, -6.0], [-20.0, 6.0]])
-    captured = metrics.captured_steps(guess, truth, leader, east)
+    mirror_locked = metrics.mirror_locked_steps(guess, truth, leader, east)
     # the fourth is 4.1 m from the mirror image and 8.99 m from the truth: just beyond twice as far
-    assert captured.tolist() == [True, False, False, True, False, False]
+    assert mirror_locked.tolist() == [True, False, False, True, False, False]
     # the same, turned by 50° to port about the leader and moved with it
     c, s = np.cos(np.deg2rad(50.0)), np.sin(np.deg2rad(50.0))
     turn, moved = np.array([[c, -s], [s, c]]), np.array([300.0, -70.0])
     turned = (guess @ turn.T + moved, truth @ turn.T + moved, leader + moved, east - np.deg2rad(50.0))
-    assert metrics.captured_steps(*turned).tolist() == captured.tolist()
+    assert metrics.mirror_locked_steps(*turned).tolist() == mirror_locked.tolist()
 
 
 @pytest.mark.parametrize(
     ("steps", "longest"), [("1011100", 3), ("1101000", 2), ("1001011", 2), ("1111111", 7), ("0000000", 0)]
 )
 def test_the_longest_capture_may_begin_or_end_with_the_mission(steps: str, longest: int) -> None:
-    assert metrics.longest_capture(np.array([step == "1" for step in steps])) == longest
+    assert metrics.longest_mirror_lock(np.array([step == "1" for step in steps])) == longest
 
 
 def test_fix_counts_name_every_kind() -> None:
@@ -115,9 +115,9 @@ def test_errors_and_captures_of_anything_are_those_of_complex_numbers() -> None:
     np.testing.assert_allclose(metrics.position_errors(estimate, truth), np.abs(guess - z), rtol=1e-12)
     angle = np.abs(np.angle((guess - origin) / (z - origin)))
     np.testing.assert_allclose(metrics.bearing_errors(estimate, truth, leader), angle, rtol=0, atol=1e-12)
-    captured = (np.abs(guess - z) > 5.0) & (2.0 * np.abs(guess - mirror) < np.abs(guess - z))
-    assert 0.1 < captured.mean() < 0.9
-    np.testing.assert_array_equal(metrics.captured_steps(estimate, truth, leader, heading), captured)
+    mirror_locked = (np.abs(guess - z) > 5.0) & (2.0 * np.abs(guess - mirror) < np.abs(guess - z))
+    assert 0.1 < mirror_locked.mean() < 0.9
+    np.testing.assert_array_equal(metrics.mirror_locked_steps(estimate, truth, leader, heading), mirror_locked)
 
 
 def test_consistency_of_any_covariance_is_that_of_a_linear_solver() -> None:

@@ -101,7 +101,7 @@ def test_what_it_lacks_is_named(changes: dict[str, object], expected: str) -> No
 
 @pytest.mark.usefixtures("folder")
 def test_followers_that_steer_by_it_need_its_step() -> None:
-    steering = {"motion": "physics", "followers.0.steers_by": "estimate", "duration_s": 2}
+    steering = {"motion": "physics", "followers.0.guidance_position": "estimate", "duration_s": 2}
     with pytest.raises(LaisnError, match="has no `step`"):
         laisn_sim.fly("reckoned.toml", steering)
 
@@ -126,7 +126,7 @@ def test_a_sensor_reads_the_direction_of_a_ping_in_the_hull() -> None:
 
 @pytest.mark.usefixtures("folder")
 def test_its_errors_are_those_of_its_stream_and_are_lost_with_the_message() -> None:
-    lossy = {"acoustics.loss_chance": 0.4, "run": 3}
+    lossy = {"acoustics.loss_probability": 0.4, "run": 3}
     exact = laisn_sim.fly("usbl.toml", EXACT | lossy).measurements[0]
     noisy = laisn_sim.fly("usbl.toml", {"duration_s": 20.0, **lossy}).measurements[0]
     at = exact.message_step - 1

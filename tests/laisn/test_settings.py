@@ -24,10 +24,12 @@ POSITIVE: dict[type, set[str]] = {
 @pytest.mark.parametrize("kind", POSITIVE)
 def test_numbers_are_finite_and_not_negative_but_for_heights_and_offsets(kind: Any) -> None:
     for name in (item.name for item in fields(kind) if isinstance(getattr(kind(), item.name), float)):
-        if name == "outlier_chance":
+        if name == "outlier_probability":
             for chance in (0.0, 1.0, -0.1, 1.1, np.nan):
-                with pytest.raises(ValueError, match=f"outlier_chance is {chance}, expected a number between 0 and 1"):
-                    kind(outlier_chance=chance)
+                with pytest.raises(
+                    ValueError, match=f"outlier_probability is {chance}, expected a number between 0 and 1"
+                ):
+                    kind(outlier_probability=chance)
             continue
         refused, taken = [np.nan, np.inf, -1e-9], [1e-9, 1e9]
         if name in SIGNED:

@@ -267,8 +267,8 @@ def test_estimates_and_settings_say_what_is_wrong() -> None:
         TightSettings(range_sigma=0.0)
     with pytest.raises(ValueError, match="speed_sigma is -1"):
         TightSettings(speed_sigma=-1.0)
-    with pytest.raises(ValueError, match="outlier_chance is 1"):
-        TightSettings(outlier_chance=1.0)
+    with pytest.raises(ValueError, match="outlier_probability is 1"):
+        TightSettings(outlier_probability=1.0)
     with pytest.raises(ValueError, match="start is"):
         TightNavigator(TightSettings(), np.array([0.0, np.nan, 0.0, 0.0]))
     mission = Mission(steps=20)

@@ -90,7 +90,7 @@ def learn(told: TightSettings, v: float, c: Component, heard: Heard) -> int:
     """
     t = len(heard.which)
     residual, H, S = expected(told, v, c, heard, 0.0, v)
-    direct, echo = np.log(1.0 - told.outlier_chance), np.log(told.outlier_chance / told.outlier_span)
+    direct, echo = np.log(1.0 - told.outlier_probability), np.log(told.outlier_probability / told.outlier_span)
     cost = echo - np.where(residual < 0.0, 6.0, 0.0)
     subsets = [list(u) for size in range(t, -1, -1) for u in combinations(range(t), size)]
     # rows to multiply the ranges by, a further root of their covariance, and what the hypothesis costs

@@ -156,8 +156,8 @@ def test_log_lines_tell_kinds_events_and_outcome(flight: Flight, written: Path) 
     kinds = flight.estimates[0].fix_kind
     assert sum("gross error" in line.message for line in lines) == np.count_nonzero(kinds == FixKind.GATED)
     assert sum("ranges are missing" in line.message for line in lines) == np.count_nonzero(kinds == FixKind.LOST)
-    capture = next(line for line in lines if line.message == "mirror capture")
-    assert (capture.timestamp.ToNanoseconds() - lines[0].timestamp.ToNanoseconds(), capture.name) == (
+    mirror_lock = next(line for line in lines if line.message == "mirror lock")
+    assert (mirror_lock.timestamp.ToNanoseconds() - lines[0].timestamp.ToNanoseconds(), mirror_lock.name) == (
         11 * 10**9,
         "follower",
     )

@@ -28,7 +28,7 @@ def texts(row: Any) -> list[str]:
 def test_the_table_of_results_has_each_figure_under_its_head() -> None:
     route = {
         "e_p_max_m": 1.1, "e_p_mean_m": 1.2, "e_p_std_m": 1.3, "e_b_max_deg": 2.1, "e_b_mean_deg": 2.2,
-        "e_b_std_deg": 2.3, "off_place_rms_m": 3.1, "fixes": {"gated": 4, "lost": 0, "two_points": 5},
+        "e_b_std_deg": 2.3, "track_error_rms_m": 3.1, "fixes": {"gated": 4, "lost": 0, "two_points": 5},
     }  # fmt: skip
     station = route | {
         "station_rms_m": 6.1, "station_p95_m": 6.2, "station_max_m": 6.3, "joined_s": 7.0, "lost": True,
@@ -69,8 +69,8 @@ def test_a_capture_is_told_with_its_share_of_the_mission(flight: Flight) -> None
     state[:, :2] = truth - np.where(np.arange(200) < 25, 2 * side, 0.0)[:, None] * starboard
     caught = dataclasses.replace(flight, estimates=(dataclasses.replace(found, state=state),))
     found_failures = failures(caught)
-    assert found_failures["captured"] == {"follower": "12.5"}
-    assert found_failures["capture_error_m"] == "5"
+    assert found_failures["mirror_locked"] == {"follower": "12.5"}
+    assert found_failures["mirror_lock_error_m"] == "5"
     assert found_failures["not_finite"] == []
 
 

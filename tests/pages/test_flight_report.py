@@ -155,11 +155,11 @@ def test_the_report_of_a_flight(tmp_path, followers, request):
 @pytest.mark.usefixtures("few_figures")
 def test_a_flight_that_failed_has_notices(tmp_path, monkeypatch):
     flight = make_flight(30.0)
-    monkeypatch.setattr("experiments.pages.flight_report.captured_steps", lambda *_: np.arange(300) < 75)
+    monkeypatch.setattr("experiments.pages.flight_report.mirror_locked_steps", lambda *_: np.arange(300) < 75)
     broken = type(flight)(**{**vars(flight), "outcome": Outcome.DIVERGED})
     html = flight_page(tmp_path, broken)
     assert "follower: the estimate was more than 5 m off, at the mirror image of the truth" in html
-    assert "for 25.0 % of the mission (mirror capture)." in html
+    assert "for 25.0 % of the mission (mirror lock)." in html
     assert 'class="notice failure"' in html
     assert Outcome.DIVERGED.value in html
 

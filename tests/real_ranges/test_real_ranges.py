@@ -90,8 +90,8 @@ def test_settings_follow_the_medium_but_for_what_is_given() -> None:
     assert made.slip == 0.3
     assert made.range_scale_sigma == MEDIA["water"].range_scale_sigma
     with pytest.raises(LaisnError) as caught:
-        beacons_of({"outlier_chance": 1.0, "start_sigma_m": 0})
-    assert "beacons.outlier_chance: Input should be less than 1" in str(caught.value)
+        beacons_of({"outlier_probability": 1.0, "start_sigma_m": 0})
+    assert "beacons.outlier_probability: Input should be less than 1" in str(caught.value)
     assert "beacons.start_sigma_m: Input should be greater than 0" in str(caught.value)
 
 

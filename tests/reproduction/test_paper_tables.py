@@ -24,7 +24,7 @@ THEIRS = {"T2": 1.0, "T3": 1.25}
 def figures(mean: float, **changes: Any) -> dict[str, Any]:
     """A row whose six figures are 1, 2, 3 … times `mean`, in the paper's order."""
     return {metric: (i + 1) * mean for i, metric in enumerate(METRICS)} | {
-        "runs": 60, "captured_runs": 0, "e_p_mean_uncaptured_m": None, "version": "v",
+        "runs": 60, "mirror_locked_runs": 0, "e_p_mean_unlocked_m": None, "version": "v",
         "e_p_p50_m": 0.11, "e_p_p95_m": 0.22, "e_b_p95_deg": 0.33, "nees": 4000.0,
         "nis": 2.5, "fixes_gated": 7, "worst_run": 42,
     } | changes  # fmt: skip
@@ -108,10 +108,10 @@ def test_alternatives_are_held_against_the_rows_that_they_are_like() -> None:
 
 
 def test_rows_that_are_far_off_are_told_with_what_is_known() -> None:
-    captured = figures(3.0, captured_runs=6, e_p_mean_uncaptured_m=1.5)
+    mirror_locked = figures(3.0, mirror_locked_runs=6, e_p_mean_unlocked_m=1.5)
     # 2.0 times as much is far off, 1.99 times is not
     found = made(
-        (BASE, {"T2": captured, "T3": figures(1.99 * 1.25)}),
+        (BASE, {"T2": mirror_locked, "T3": figures(1.99 * 1.25)}),
         (SLOW, {"T2": figures(9.0), "T3": figures(1.25)}),
         (ASYMMETRIC, {"T2": figures(1.0), "T3": figures(0.5 * 1.25)}),
         (TEXT, {"T2": figures(99.0), "T3": figures(99.0)}),
@@ -133,7 +133,7 @@ def test_rows_that_are_far_off_are_told_with_what_is_known() -> None:
 
 
 def test_all_rows_have_percentiles_consistency_and_counts() -> None:
-    (row,) = table_of(made((BASE, {"T2": figures(1.0, captured_runs=3)})), "All rows").rows
+    (row,) = table_of(made((BASE, {"T2": figures(1.0, mirror_locked_runs=3)})), "All rows").rows
     assert texts(row)[2:] == ["0.11", "0.22", "0.33", "4000.0", "2.5", "3", "7", "42"]
 
 

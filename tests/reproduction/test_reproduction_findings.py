@@ -1,4 +1,4 @@
-"""Ratios, distances, claims and captures of the reproduction: on figures made by hand."""
+"""Ratios, distances, claims and mirror locks of the reproduction: on figures made by hand."""
 
 from dataclasses import replace
 from typing import Any
@@ -25,7 +25,7 @@ THEIRS = {"T2": 1.0, "T3": 2.0, "T4": 1.0}
 
 def figures(mean: float) -> dict[str, Any]:
     return dict.fromkeys(METRICS, mean) | {
-        "runs": 60, "captured_runs": 3, "e_p_mean_uncaptured_m": 0.5, "e_p_p50_m": 1.0, "e_p_p95_m": 1.0,
+        "runs": 60, "mirror_locked_runs": 3, "e_p_mean_unlocked_m": 0.5, "e_p_p50_m": 1.0, "e_p_p95_m": 1.0,
         "e_b_p95_deg": 1.0, "nees": 4000.0, "nis": 2.0, "fixes_gated": 0, "worst_run": 0, "version": "v",
     }  # fmt: skip
 
@@ -59,8 +59,8 @@ def test_the_record_quotes_medians_captures_and_claims() -> None:
     assert found.study == "reproduce-kinematic"
     ratio = found["ratio base laisn-2"]
     assert (ratio.value, ratio.low, ratio.high) == (0.9, 0.5, 3.0)
-    assert found["captured base laisn-2"].value == pytest.approx(9 / 180)
-    assert format(found["captured base laisn-2"], ".0% i") == "5 % (2 to 9 %)"
+    assert found["mirror-locked base laisn-2"].value == pytest.approx(9 / 180)
+    assert format(found["mirror-locked base laisn-2"], ".0% i") == "5 % (2 to 9 %)"
     expected = {"holds": (2, "1 and 5"), "depends": (1, "2"), "does not hold": (1, "3"), "no data": (1, "4"),
                 "undecided": (1, "6")}  # fmt: skip
     for verdict, (number, which) in expected.items():

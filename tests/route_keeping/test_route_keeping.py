@@ -11,7 +11,7 @@ from sim.motion import simulate_points
 from sim.scenario.point_motion import SHARPEST_CUT, TURN_RATE, plan
 from sim.scenario.routes import Route, library_route, names
 from sim.simulation import simulate
-from sim.tracking import TrackingReport, arrival_errors, cross_track, off_place, tracking
+from sim.tracking import TrackingReport, arrival_errors, cross_track, track_error, tracking
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
@@ -145,7 +145,7 @@ def test_off_its_place_is_who_is_beside_or_late():
     route = Route.timed("straight", [[0, 0, 0], [100, 0, 100]], 5.0)
     time = np.array([30.0, 50.0, 70.0])
     position = np.array([[3.0, 30.0], [0.0, 46.0], [-3.0, 74.0]])
-    assert off_place(route, time, position) == pytest.approx([3.0, 4.0, 5.0], abs=0.01)
+    assert track_error(route, time, position) == pytest.approx([3.0, 4.0, 5.0], abs=0.01)
 
 
 def test_arrival_is_when_a_waypoint_is_nearest():

@@ -192,7 +192,7 @@ def test_speeds_through_the_water_are_checked_against_the_current_of_the_time() 
     """1 m/s over ground against 1 m/s needs 2 m/s through the water, and only while the current runs."""
     table = {
         "followers": [{"station": {"behind_m": 10.0, "depth_m": 9.0}}],
-        "formation": {"fastest_m_s": 1.9},
+        "formation": {"max_speed_m_s": 1.9},
         "leader": {"route": None, "waypoints": [[0, 0, 0], [100, 100, 0], [200, 200, 0]]},
     }
     for times, expected in (((150, 160, 170), "waypoint 3"), ((20, 60, 90), "waypoint 2"), ((250, 300, 310), "")):
@@ -219,10 +219,13 @@ def test_a_saved_scenario_loads_to_an_equal_one(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("formation", "expected"),
     [
-        ({"slowest_m_s": 2.0, "fastest_m_s": 1.5}, "formation: slowest_m_s = 2 is more than fastest_m_s = 1.5"),
-        ({"inner_least_m_s": 2.1}, "formation: inner_least_m_s = 2.1 is more than outer_most_m_s = 2"),
-        ({"least_way_m_s": 2.6}, "formation: least_way_m_s = 2.6 is more than fastest_m_s = 2.5"),
-        ({"silent_speed_m_s": 3.0}, "formation: silent_speed_m_s = 3 is more than fastest_m_s = 2.5"),
+        ({"min_speed_m_s": 2.0, "max_speed_m_s": 1.5}, "formation: min_speed_m_s = 2 is more than max_speed_m_s = 1.5"),
+        ({"inner_min_speed_m_s": 2.1}, "formation: inner_min_speed_m_s = 2.1 is more than outer_max_speed_m_s = 2"),
+        (
+            {"min_along_track_speed_m_s": 2.6},
+            "formation: min_along_track_speed_m_s = 2.6 is more than max_speed_m_s = 2.5",
+        ),
+        ({"timeout_speed_m_s": 3.0}, "formation: timeout_speed_m_s = 3 is more than max_speed_m_s = 2.5"),
     ],
 )
 def test_bounds_in_the_wrong_order_are_refused_by_both_names(formation: dict[str, float], expected: str) -> None:

@@ -148,7 +148,7 @@ def test_clock_offset_and_drift_shift_all_ranges():
 @pytest.mark.parametrize(("path", "height"), [(Path.SURFACE, 8.0 + 11.0), (Path.BOTTOM, 2 * 30.0 - 8.0 - 11.0)])
 def test_echo_comes_from_the_image(path, height):
     trajectory = make_trajectory((15.0, 9.0, -11.0))
-    scenario = make_scenario(Acoustics(surface_echo_chance=0.1, bottom_echo_chance=0.1))
+    scenario = make_scenario(Acoustics(surface_echo_probability=0.1, bottom_echo_probability=0.1))
     sound = propagate(trajectory, scenario)
     assert_allclose(sound.range[:, FRONT, path], np.sqrt(14.0**2 + 9.0**2 + height**2), rtol=1e-12)
     assert np.all(sound.range[:, :, path] > sound.range[:, :, Path.DIRECT])
@@ -172,7 +172,7 @@ def test_images_of_images_are_the_sources():
         assert image(image(source, path, 25.0), path, 25.0) == source
 
 
-ECHOES = SensorErrors(surface_echo_chance=0.2, bottom_echo_chance=0.05)
+ECHOES = SensorErrors(surface_echo_probability=0.2, bottom_echo_probability=0.05)
 
 
 def test_echoes_come_as_often_as_asked_and_on_their_own():
@@ -196,9 +196,9 @@ def test_common_echoes_are_as_often_and_of_all_pings_of_a_message():
 
 def test_loss_has_the_rate_and_the_bursts_of_the_chain():
     steps = np.arange(1, 200_001)
-    alone = received(1, 0, 0, steps, SensorErrors(loss_chance=0.3))
+    alone = received(1, 0, 0, steps, SensorErrors(loss_probability=0.3))
     assert_allclose(1 - alone.mean(), 0.3, atol=4.5 * np.sqrt(0.21 / steps.size))
-    bursts = SensorErrors(burst_chance=0.02, burst_mean_messages=8.0)
+    bursts = SensorErrors(burst_probability=0.02, burst_mean_messages=8.0)
     arrived = received(1, 0, 0, steps, bursts)
     lengths = np.array([len(list(run)) for lost, run in groupby(~arrived) if lost])
     # lengths are geometric: standard deviation √(8 · 7)
@@ -216,7 +216,10 @@ def test_pings_from_beyond_the_maximum_range_are_not_heard():
 
 @pytest.mark.parametrize(
     "bad",
-    [{"surface_echo_chance": 0.7, "bottom_echo_chance": 0.4}, {"sound_speed_profile": ((5.0, 1500.0), (5.0, 1490.0))}],
+    [
+        {"surface_echo_probability": 0.7, "bottom_echo_probability": 0.4},
+        {"sound_speed_profile": ((5.0, 1500.0), (5.0, 1490.0))},
+    ],
 )
 def test_impossible_settings_are_refused(bad):
     with pytest.raises(ValueError, match=r"add up|not deeper"):
@@ -226,10 +229,12 @@ def test_impossible_settings_are_refused(bad):
 @pytest.mark.parametrize(
     "acoustics",
     [
-        Acoustics(surface_echo_chance=0.2, bottom_echo_chance=0.1),
-        Acoustics(surface_echo_chance=0.2, bottom_echo_chance=0.1, common_echoes=True),
-        Acoustics(loss_chance=0.1, burst_chance=0.2, burst_mean_messages=3.0, max_range_m=37.0),
-        Acoustics(surface_echo_chance=0.1, loss_chance=0.2, travel_time=True, ping_slot_s=0.04, clock_drift_ppm=30.0),
+        Acoustics(surface_echo_probability=0.2, bottom_echo_probability=0.1),
+        Acoustics(surface_echo_probability=0.2, bottom_echo_probability=0.1, common_echoes=True),
+        Acoustics(loss_probability=0.1, burst_probability=0.2, burst_mean_messages=3.0, max_range_m=37.0),
+        Acoustics(
+            surface_echo_probability=0.1, loss_probability=0.2, travel_time=True, ping_slot_s=0.04, clock_drift_ppm=30.0
+        ),
     ],
 )
 @pytest.mark.parametrize("variant", ["laisn-2", "laisn-3-1", "laisn-3-2"])
@@ -250,7 +255,7 @@ def test_a_campaign_meets_the_echoes_and_losses_of_its_flights(acoustics, varian
 
 def test_a_reading_of_an_echo_is_the_path_of_the_echo():
     trajectory = make_trajectory((15.0, 9.0, -11.0))
-    scenario = make_scenario(Acoustics(surface_echo_chance=0.4, bottom_echo_chance=0.3))
+    scenario = make_scenario(Acoustics(surface_echo_probability=0.4, bottom_echo_probability=0.3))
     errors = errors_of(scenario)._replace(range_tau=(0.0, 0.0, 0.0), range_scale_mean=0.0, range_scale_sigma=0.0)
     truth = observe(trajectory, scenario)
     read = measure(truth, errors, seed=1, run=2).ranges

@@ -19,7 +19,7 @@ from tests import straight
 from tests.campaign.test_montecarlo import make_truth
 
 G = 9.81
-FEELS = Sensors(leader_attitude_feels_acceleration=True)
+FEELS = Sensors(leader_attitude_senses_acceleration=True)
 
 
 def moved(velocity: Floats, quaternion: Floats) -> Trajectory:
@@ -161,7 +161,7 @@ def test_a_scenario_states_the_sensor_in_degrees() -> None:
     sensors = Sensors(
         leader_attitude_sigma_deg=0.5,
         leader_attitude_offset_sigma_deg=0.2,
-        leader_attitude_feels_acceleration=True,
+        leader_attitude_senses_acceleration=True,
         leader_gyro_time_constant_s=30.0,
     )
     scenario = straight.make_scenario(sensors=sensors)

@@ -128,9 +128,10 @@ def test_a_ping_is_received_by_echo_late_clock_and_broken_channel_as_far_as_soun
     taus, (mean, sigma), seed, run, floor, reach = (0.1, 0.2, 0.4), (0.3, 0.05), 2, 5, 35.0, 45.2
     sensors = sensor_model_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
     sensors = with_errors(
-        sensors, range_tau=taus, range_scale_mean=mean, range_scale_sigma=sigma, surface_echo_chance=0.3,
-        bottom_echo_chance=0.2,
-        common_echoes=common, loss_chance=0.1, burst_chance=0.25, burst_mean_messages=3.0, burst_loss_chance=0.8,
+        sensors, range_tau=taus, range_scale_mean=mean, range_scale_sigma=sigma, surface_echo_probability=0.3,
+        bottom_echo_probability=0.2,
+        common_echoes=common, loss_probability=0.1, burst_probability=0.25, burst_mean_messages=3.0,
+        burst_loss_probability=0.8,
     )._replace(
         transmitters=3,
         sound=sensors.sound._replace(

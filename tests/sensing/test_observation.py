@@ -62,9 +62,10 @@ def test_errors_are_those_of_the_scenario_in_si_units() -> None:
         leader_attitude_sigma_deg=1.9, leader_attitude_offset_sigma_deg=2.1,
     )  # fmt: skip
     acoustics = Acoustics(
-        range_tau_m=(0.01, 0.02, 0.03), range_scale_mean_m=0.04, range_scale_sigma_m=0.05, surface_echo_chance=0.06,
-        bottom_echo_chance=0.07, range_error_centred=True,
-        loss_chance=0.08, burst_chance=0.09, burst_mean_messages=4.0, burst_loss_chance=0.91,
+        range_tau_m=(0.01, 0.02, 0.03), range_scale_mean_m=0.04, range_scale_sigma_m=0.05,
+        surface_echo_probability=0.06,
+        bottom_echo_probability=0.07, range_error_centred=True,
+        loss_probability=0.08, burst_probability=0.09, burst_mean_messages=4.0, burst_loss_probability=0.91,
     )  # fmt: skip
     errors = errors_of(synthetic.make_scenario().model_copy(update={"sensors": sensors, "acoustics": acoustics}))
     expected = {
@@ -73,9 +74,11 @@ def test_errors_are_those_of_the_scenario_in_si_units() -> None:
         "leader_speed_bias": -0.17, "leader_heading_sigma": np.deg2rad(1.7),
         "leader_depth_sigma": 0.18, "leader_tilt_sigma": np.deg2rad(1.9),
         "leader_tilt_time": 0.0, "leader_attitude_offset_sigma": np.deg2rad(2.1), "range_tau": (0.01, 0.02, 0.03),
-        "range_error_centred": True, "range_scale_mean": 0.04, "range_scale_sigma": 0.05, "surface_echo_chance": 0.06,
-        "bottom_echo_chance": 0.07, "loss_chance": 0.08, "burst_chance": 0.09, "burst_mean_messages": 4.0,
-        "burst_loss_chance": 0.91,
+        "range_error_centred": True, "range_scale_mean": 0.04, "range_scale_sigma": 0.05,
+        "surface_echo_probability": 0.06,
+        "bottom_echo_probability": 0.07, "loss_probability": 0.08, "burst_probability": 0.09,
+        "burst_mean_messages": 4.0,
+        "burst_loss_probability": 0.91,
     }  # fmt: skip
     for name, value in expected.items():
         assert getattr(errors, name) == pytest.approx(value), name

@@ -123,6 +123,6 @@ def test_sensors_err_by_default_as_in_the_paper() -> None:
             "range_scale_mean": 0.1, "range_scale_sigma": 0.05}  # fmt: skip
     given = SensorErrors()
     assert not loses(given)
-    told |= {"sound_speed": 1500.0, "drift_period": 400.0, "burst_mean_messages": 5.0, "burst_loss_chance": 1.0}
+    told |= {"sound_speed": 1500.0, "drift_period": 400.0, "burst_mean_messages": 5.0, "burst_loss_probability": 1.0}
     for name, value in given._asdict().items():
         assert value == pytest.approx(told.get(name, 0.0)), name

@@ -87,22 +87,26 @@ def kept(folder: Path, seeds: tuple[int, ...], added: float) -> Path:
     """A study of two baselines, each run with 1 m and a tenth of seed and number; the second 1 m more; and `added`."""
     folder.mkdir()
     runs = [
-        {"leader.baseline_m": base, "arm": "", "follower": "f", "point": p, "sea": sea, "run": run, "captured": False,
+        {"leader.baseline_m": base, "arm": "", "follower": "f", "point": p, "realization": realization, "run": run,
+         "mirror_locked": False,
          "e_p_mean_m": 1.0 + 0.1 * seed + 0.1 * run + p + added * (1 + run)}
-        for p, base in enumerate((1.0, 2.0)) for sea, seed in enumerate(seeds) for run in range(30)
+        for p, base in enumerate((1.0, 2.0)) for realization, seed in enumerate(seeds) for run in range(30)
     ]  # fmt: skip
     write_table(folder / RUNS, columns_of(runs))
-    write_table(folder / RESULTS, columns_of([{"sea": sea, "seed": seed} for sea, seed in enumerate(seeds)]))
+    write_table(
+        folder / RESULTS,
+        columns_of([{"realization": realization, "seed": seed} for realization, seed in enumerate(seeds)]),
+    )
     return folder
 
 
 def test_differences_are_taken_run_by_run_of_the_same_seeds(tmp_path):
-    """Every run is off by a tenth of its number more: by Student's t over three seas, whose differences are alike."""
+    """Every run is off by a tenth of its number more: Student's t over three equal differences."""
     first, more = kept(tmp_path / "a", (7, 8, 9), 0.0), kept(tmp_path / "b", (9, 7, 8), 0.1)
     found = paired([first, more], "e_p_mean_m")
     assert [place[:1] for place in found] == [("leader.baseline_m = 1.0",), ("leader.baseline_m = 2.0",)]
     for p, (mean, apart) in enumerate(found.values()):
-        # seas differ by 0.1 m: t(0.975, 2) s / √3
+        # realizations differ by 0.1 m: t(0.975, 2) s / √3
         half = 4.302653 * 0.1 / np.sqrt(3)
         middle = 1.0 + 0.8 + 0.1 * 14.5 + p
         assert tuple(mean) == pytest.approx((middle, middle - half, middle + half))
@@ -116,12 +120,12 @@ def test_differences_are_taken_run_by_run_of_the_same_seeds(tmp_path):
     assert (apart.high - apart.low) / 2 == pytest.approx(1.96 * sigma / np.sqrt(30), rel=0.1)
 
 
-def test_differences_of_captures_have_the_limits_of_paired_shares(tmp_path):
-    """Of 30 runs 3 more are captured: Bonett & Price 2012 add a run for either side; a share alone has other limits."""
+def test_differences_of_mirror_locks_have_the_limits_of_paired_shares(tmp_path):
+    """Of 30 runs 3 more are mirror-locked: Bonett & Price 2012 add a run for either side; a share has other limits."""
     folders = [kept(tmp_path / name, (7,), 0.0) for name in "ab"]
     table = read_table(folders[1] / RUNS)
-    write_table(folders[1] / RUNS, columns_of([row | {"captured": row["run"] < 3} for row in table]))
-    none, apart = next(iter(paired(folders, "captured").values()))
+    write_table(folders[1] / RUNS, columns_of([row | {"mirror_locked": row["run"] < 3} for row in table]))
+    none, apart = next(iter(paired(folders, "mirror_locked").values()))
     assert (none.value, none.low) == (0.0, 0.0)
     assert none.high == pytest.approx(1 - 0.025 ** (1 / 30))
     values = np.array([1.0] * 3 + [0.0] * 27 + [1.0, -1.0])

@@ -17,7 +17,7 @@ def results_of(plan: Plan, mean, noise: float = 0.0) -> Results:
     """Runs of all points: a mean of the point's values and the arm, and noise that all places share."""
     rows, runs, random = [], [], np.random.default_rng(2).normal(0.0, noise, 40)
     for (i, point), arm in itertools.product(enumerate(plan.points), plan.arms):
-        row = {"point": i, "arm": arm, "follower": plan.followers[0], "sea": 0, "seed": 1}
+        row = {"point": i, "arm": arm, "follower": plan.followers[0], "realization": 0, "seed": 1}
         values = mean(*point.values(), arm) + random * (1 + i % 3)
         rows.append(row)
         runs.append((row, {"e_p_mean_m": values.tolist()}))

@@ -37,7 +37,7 @@ from sim.scenario.file import read
 SMALL = """
 scenario = "T5"
 runs = 3
-seas = 2
+realizations = 2
 [set]
 duration_s = 20.0
 ocean.waves.kind = "jonswap"
@@ -68,8 +68,8 @@ def flown(tmp_path_factory):
 
 def test_tables_have_a_row_for_each_point_arm_sea_and_follower(flown):
     table = pq.read_table(flown / RESULTS).to_pylist()
-    assert [(r["point"], r["arm"], r["sea"], r["follower"]) for r in table] == [
-        (p, arm, sea, "follower") for p in (0, 1) for arm in ("level", "attitude") for sea in (0, 1)
+    assert [(r["point"], r["arm"], r["realization"], r["follower"]) for r in table] == [
+        (p, arm, realization, "follower") for p in (0, 1) for arm in ("level", "attitude") for realization in (0, 1)
     ]
     assert [r["followers.0.depth_m"] for r in table] == [10] * 4 + [14] * 4
     runs = pq.read_table(flown / RUNS).to_pylist()
@@ -107,7 +107,7 @@ def test_a_study_in_its_folder_finds_scenario_and_hulls(tmp_path):
 
 
 def test_every_column_is_a_label_or_a_metric_that_is_explained(flown):
-    labels = {"point", "arm", "sea", "follower", "followers.0.depth_m", "ocean.waves.height_m", "run"}
+    labels = {"point", "arm", "realization", "follower", "followers.0.depth_m", "ocean.waves.height_m", "run"}
     told = {"variant", "seed", "runs", "steps", "worst_run"}
     for name in (RESULTS, RUNS):
         assert set(pq.read_table(flown / name).column_names) <= labels | told | set(METRICS)
@@ -116,7 +116,11 @@ def test_every_column_is_a_label_or_a_metric_that_is_explained(flown):
 def test_arms_share_their_seas_and_their_noise(flown):
     plan = plan_of(study())
     for entry in plan.entries:
-        twin = next(e for e in plan.entries if (e.point, e.sea) == (entry.point, entry.sea) and e.arm != entry.arm)
+        twin = next(
+            e
+            for e in plan.entries
+            if (e.point, e.realization) == (entry.point, entry.realization) and e.arm != entry.arm
+        )
         assert entry.motion == twin.motion
         assert entry.scenario.seed == twin.scenario.seed
         assert entry.settings["ocean.waves.height_m"] == twin.settings["ocean.waves.height_m"]
@@ -127,17 +131,19 @@ def test_arms_share_their_seas_and_their_noise(flown):
 def test_another_key_leaves_draws_as_they_were():
     more = tomllib.loads(SMALL)
     more["draw"]["leader.excess_buoyancy_n"] = {"uniform": [0, 5]}
-    more["seas"] = 4
+    more["realizations"] = 4
     before, after = plan_of(study()), plan_of(of_table(more, "more.toml", "more"))
     key = "ocean.waves.height_m"
-    drawn = {e.sea: e.settings[key] for e in after.entries}
-    assert {e.sea: e.settings[key] for e in before.entries} == {sea: drawn[sea] for sea in (0, 1)}
+    drawn = {e.realization: e.settings[key] for e in after.entries}
+    assert {e.realization: e.settings[key] for e in before.entries} == {
+        realization: drawn[realization] for realization in (0, 1)
+    }
     assert drawn[0] == Draw.of(key, {"uniform": [0.2, 0.8]}).value(1, 0)
 
 
 def test_the_command_of_a_run_repeats_it(flown, tmp_path):
     plan = plan_of(study())
-    rows = {(r["point"], r["arm"], r["sea"], r["run"]): r for r in pq.read_table(flown / RUNS).to_pylist()}
+    rows = {(r["point"], r["arm"], r["realization"], r["run"]): r for r in pq.read_table(flown / RUNS).to_pylist()}
     outcomes = fly_study(plan, flown, workers=1, quiet=True)
     lines = commands(plan, Results.of(outcomes.rows, outcomes.runs)).splitlines()
     assert len(lines) == 2 * 2 * 4
@@ -236,7 +242,7 @@ def test_what_is_not_feasible_is_reported_with_its_points():
         ({"set": {"seed": 3}}, "numbered by it"),
         ({"report": {"metric": "e_p"}}, "unknown metric"),
         ({"report": {"against": "leader.depth_m"}}, "is not varied"),
-        ({"set": {"duration_s": 20.0}, "draw": {}}, "would all be alike"),
+        ({"set": {"duration_s": 20.0}, "draw": {}}, "equal realizations"),
         ({"points": 8}, "points belongs to"),
     ],
 )
@@ -252,8 +258,8 @@ def refused(**changes):
 
 
 def test_all_errors_of_the_files_own_keys_are_reported_at_once():
-    text = refused(runs=0, speed=1, report={"metrik": "e_p"}, seas=0)
-    for told in ("runs: Input", "speed: unknown key", "report.metrik: unknown key", "seas: "):
+    text = refused(runs=0, speed=1, report={"metrik": "e_p"}, realizations=0)
+    for told in ("runs: Input", "speed: unknown key", "report.metrik: unknown key", "realizations: "):
         assert told in text
     assert len(text.splitlines()) == 5
     text = refused(
@@ -281,14 +287,20 @@ UNTIL = {"batch": 20, "until": {"metric": "e_p_mean_m", "half_width": 0.1, "most
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"runs": UNTIL}, "runs.until: the interval over several seas narrows with seas"),
-        ({"seas": 1, "draw": {}, "runs": {"batch": 20}}, "runs.until: Field required"),
-        ({"seas": 1, "draw": {}, "runs": UNTIL | {"batch": 3}}, "runs.batch: Input should be greater than or equal to"),
+        ({"runs": UNTIL}, "runs.until: the interval over several realizations does not narrow"),
+        ({"realizations": 1, "draw": {}, "runs": {"batch": 20}}, "runs.until: Field required"),
         (
-            {"seas": 1, "draw": {}, "runs": {"until": {"metric": "e_p", "half_width": 1.0}}},
+            {"realizations": 1, "draw": {}, "runs": UNTIL | {"batch": 3}},
+            "runs.batch: Input should be greater than or equal to",
+        ),
+        (
+            {"realizations": 1, "draw": {}, "runs": {"until": {"metric": "e_p", "half_width": 1.0}}},
             "runs.until.metric: unknown",
         ),
-        ({"seas": 1, "draw": {}, "runs": {"until": {"half_width": 0.0}}}, "runs.until.half_width: Input should be"),
+        (
+            {"realizations": 1, "draw": {}, "runs": {"until": {"half_width": 0.0}}},
+            "runs.until.half_width: Input should be",
+        ),
     ],
 )
 def test_a_wrong_number_of_runs_is_told_with_its_key(changes, told):
@@ -297,7 +309,7 @@ def test_a_wrong_number_of_runs_is_told_with_its_key(changes, told):
 
 @pytest.mark.usefixtures("few_figures")
 def test_batches_are_flown_until_every_interval_is_narrow_enough(tmp_path):
-    given = {"seas": 1, "draw": {}, "arm": [], "set": {"duration_s": 20.0}}
+    given = {"realizations": 1, "draw": {}, "arm": [], "set": {"duration_s": 20.0}}
     one = study(SMALL, runs=UNTIL, **given)
     first = Results.of(*rows_and_runs(fly_study(plan_of(one), tmp_path / "first", workers=1, quiet=True)))
     widths = [half_width(first.estimate(place, "e_p_mean_m")) for place in first.rows]
@@ -339,7 +351,7 @@ scenario = "T3"
 runs = 2
 [set]
 duration_s = 20.0
-followers.0.steers_by = "estimate"
+followers.0.guidance_position = "estimate"
 [vary]
 "navigation.variant" = ["laisn-2", "laisn-3-2"]
 """
@@ -356,20 +368,24 @@ followers.0.steers_by = "estimate"
 @pytest.mark.usefixtures("few_figures")
 def test_captures_of_single_flights_are_those_of_cells(tmp_path):
     keys = {"scenario": "T7", "vary": {"followers.0.depth_m": [20]}, "set": {"duration_s": 80.0}}
-    one = study(SMALL, seas=1, runs=8, arm=[], draw={}, **keys)
+    one = study(SMALL, realizations=1, runs=8, arm=[], draw={}, **keys)
     plan = plan_of(one)
     outcomes = fly_study(plan, tmp_path, workers=1, quiet=True)
-    told = outcomes.runs[0][1]["captured"]
-    for run, captured in enumerate(told):
+    told = outcomes.runs[0][1]["mirror_locked"]
+    for run, mirror_locked in enumerate(told):
         (row,) = records_of_run(plan.entries[0].scenario, run)
-        assert row["captured"] == captured
+        assert row["mirror_locked"] == mirror_locked
     assert 0 < sum(told) < 8, "the mission cannot tell"
 
 
 @pytest.mark.parametrize("variant", ["laisn-3-1", "tight"])
 def test_followers_on_stations_are_judged_by_the_estimates_that_steered_them(variant):
     """As if each navigated on the finished mission; most ranges are echoes, so that many fixes are gated."""
-    echoes = ("acoustics.surface_echo_chance=0.4", "acoustics.bottom_echo_chance=0.4", "sensors.speed_bias_m_s=0.3")
+    echoes = (
+        "acoustics.surface_echo_probability=0.4",
+        "acoustics.bottom_echo_probability=0.4",
+        "sensors.speed_bias_m_s=0.3",
+    )
     swarm = load("swarm", ("duration_s=20", f"navigation.variant={variant}", *echoes))
     rows = records_of_run(swarm, 2)
     flight, _ = fly(swarm.model_copy(update={"run": 2}))
@@ -421,7 +437,7 @@ def test_a_dry_run_says_what_a_study_takes_and_leaves_nothing(tmp_path, monkeypa
 
 def test_drawn_formations_are_the_followers_of_their_sea():
     area = {"count": 4, "spacing_m": 7.0, "width_m": 60.0, "layer_m": 0.0}
-    one = of_table({"scenario": "swarm", "seas": 3, "draw": {"followers": {"formation": area}}}, "s", "s")
+    one = of_table({"scenario": "swarm", "realizations": 3, "draw": {"followers": {"formation": area}}}, "s", "s")
     places = [[f.station for f in entry.scenario.followers] for entry in plan_of(one).entries]
     assert [len(stations) for stations in places] == [4, 4, 4]
     assert places[0] != places[1]

@@ -39,7 +39,7 @@ OFF = WAVES - WAVES.mean(axis=1, keepdims=True)
 
 @pytest.fixture(scope="module")
 def plan() -> Plan:
-    """Three depths and two arms in one sea."""
+    """Three depths and two arms in one realization."""
     table = {
         "scenario": "T5", "runs": RUNS, "set": {"duration_s": 20.0},
         "vary": {"followers.0.depth_m": [10.0, 12.0, 14.0]},
@@ -52,11 +52,11 @@ def plan() -> Plan:
 def results() -> Results:
     rows, runs = [], []
     for k, ((point, arm), mean) in enumerate(MEANS.items()):
-        row = {"point": point, "arm": arm, "follower": "follower", "sea": 0, "seed": 1, "energy_j": 100.0 * k}
+        row = {"point": point, "arm": arm, "follower": "follower", "realization": 0, "seed": 1, "energy_j": 100.0 * k}
         values = mean + 0.1 * OFF[6] + 0.01 * OFF[k]
-        captured = np.arange(RUNS) < 10 * (arm == "plain")
+        mirror_locked = np.arange(RUNS) < 10 * (arm == "plain")
         rows.append(row | {"e_p_mean_m": float(values.mean())})
-        runs.append((row, {"e_p_mean_m": values.tolist(), "captured": captured.tolist()}))
+        runs.append((row, {"e_p_mean_m": values.tolist(), "mirror_locked": mirror_locked.tolist()}))
     return Results.of(rows, runs)
 
 
@@ -95,7 +95,7 @@ def test_the_answer_is_a_figure_and_a_table_of_every_place_with_differences_and_
             str(at[0]), str(10 + 2 * at[0]), at[1]
         ]  # fmt: skip
         assert float(cells["mean E_P [m]"].sort) == pytest.approx(mean, abs=1e-9)
-        assert float(cells["share of runs captured"].sort) == (0.25 if at[1] == "plain" else 0.0)
+        assert float(cells["share of runs locked on the mirror image"].sort) == (0.25 if at[1] == "plain" else 0.0)
         difference, verdict = cells["difference: mean E_P [m]"], cells["verdict"]
         if at in apart:
             assert (verdict.text, verdict.tone) == apart[at][:2]
@@ -127,8 +127,8 @@ def test_the_record_has_estimates_and_paired_differences(plan: Plan, results: Re
 def test_worst_and_median_runs_are_those_of_their_place(plan: Plan, results: Results) -> None:
     for point, arm in itertools.product(range(3), ("plain", "aware")):
         (values,) = results.by_run(place(point, arm), "e_p_mean_m") or []
-        (sea, worst), (_, median) = notable(plan, results, place(point, arm))
-        assert (sea, worst) == (0, int(values.argmax()))
+        (realization, worst), (_, median) = notable(plan, results, place(point, arm))
+        assert (realization, worst) == (0, int(values.argmax()))
         # of 40 the twentieth
         assert np.count_nonzero(values < values[median]) == 19
     entry, run, name = worst_entry(plan, results)
@@ -184,10 +184,10 @@ def test_commands_are_headed_by_the_runs_that_they_fly(plan: Plan, results: Resu
 
 @pytest.mark.usefixtures("few_figures")
 def test_a_place_counts_for_an_arm_by_its_whole_interval(plan: Plan) -> None:
-    """Half of the seas are 1 m lower and the others 0.9 m higher: in the mean lower, and undecided."""
+    """Half of the realizations are 1 m lower and the others 0.9 m higher: in the mean lower, and undecided."""
     rows, runs = [], []
     for point, arm in itertools.product(range(3), ("plain", "aware")):
-        row = {"point": point, "arm": arm, "follower": "follower", "sea": 0, "seed": 1}
+        row = {"point": point, "arm": arm, "follower": "follower", "realization": 0, "seed": 1}
         values = 2.0 + (arm == "aware") * np.where(np.arange(RUNS) % 2, -1.0, 0.9)
         rows.append(row | {"e_p_mean_m": float(values.mean())})
         runs.append((row, {"e_p_mean_m": values.tolist()}))
@@ -201,7 +201,8 @@ def test_the_design_is_told_with_its_numbers(page: Page) -> None:
     assert isinstance(table, Table)
     # three depths, each flown once for both arms
     assert (
-        "3 points (every combination), 2 arms, 1 sea and 40 runs of noise for each: 3 flights, 240 runs." in text.text
+        "3 points (every combination), 2 arms, 1 realization and 40 runs of noise for each: 3 flights, 240 runs."
+        in text.text
     )
     assert [[cell.text for cell in row] for row in table.rows] == [
         ["followers.0.depth_m", "varied", "10, 12, 14"], ["duration_s", "set", "20"],
@@ -269,23 +270,25 @@ def judged_by(plan: Plan, metric: str, **changes: Any) -> Plan:
 
 def test_shares_of_seas_are_those_of_their_point(plan: Plan, drawn: Any) -> None:
     rows = [
-        {"point": point, "arm": arm, "follower": "follower", "sea": sea, "seed": sea, "e_p_p95_m": 10.0 * point + sea}
-        for point in range(3) for arm in ("plain", "aware") for sea in (2, 0, 1)
+        {"point": point, "arm": arm, "follower": "follower", "realization": realization, "seed": realization,
+         "e_p_p95_m": 10.0 * point + realization}
+        for point in range(3) for arm in ("plain", "aware") for realization in (2, 0, 1)
     ]  # fmt: skip
     results = Results(rows=Results.of(rows, [(row, {}) for row in rows]).rows, runs={})
-    charts.over_seas(judged_by(plan, "e_p_p95_m"), results)
+    charts.over_realizations(judged_by(plan, "e_p_p95_m"), results)
     assert [settings["title"] for _, settings in drawn] == [f"follower 1's depth {d} m" for d in (10, 12, 14)]
     for point, (lines, _) in enumerate(drawn):
         for line in lines:
-            assert line.x.tolist() == [10.0 * point + sea for sea in (0, 0, 1, 1, 2, 2)]
+            assert line.x.tolist() == [10.0 * point + realization for realization in (0, 0, 1, 1, 2, 2)]
             assert line.y == pytest.approx([0, 1 / 3, 1 / 3, 2 / 3, 2 / 3, 1])
 
 
 def test_means_of_seas_stand_over_what_they_drew(plan: Plan, drawn: Any) -> None:
     rows = [
-        {"point": point, "arm": arm, "follower": "follower", "sea": sea, "seed": sea, "wind": 5.0 - sea,
-         "e_p_p95_m": 10.0 * point + sea + (arm == "aware")}
-        for point in range(3) for arm in ("plain", "aware") for sea in range(3)
+        {"point": point, "arm": arm, "follower": "follower", "realization": realization, "seed": realization,
+         "wind": 5.0 - realization,
+         "e_p_p95_m": 10.0 * point + realization + (arm == "aware")}
+        for point in range(3) for arm in ("plain", "aware") for realization in range(3)
     ]  # fmt: skip
     results = Results(rows=Results.of(rows, [(row, {}) for row in rows]).rows, runs={})
     several: Any = SimpleNamespace(key="wind")
@@ -299,15 +302,17 @@ def test_means_of_seas_stand_over_what_they_drew(plan: Plan, drawn: Any) -> None
 
 def test_rows_of_closed_loops_are_extremes_roots_and_means_of_their_runs(plan: Plan) -> None:
     found = [
-        [{"run": 0, "e_p_mean_m": 1.0, "e_p_max_m": 2.0, "e_b_max_deg": 9.0, "captured": False, "gated": 1, "ended": 0,
-          "off_place_rms_m": 3.0, "closest_approach_m": 7.0, "power_mean_w": 10.0}],
-        [{"run": 1, "e_p_mean_m": 3.0, "e_p_max_m": 5.0, "e_b_max_deg": 4.0, "captured": True, "gated": 2, "ended": 1,
-          "off_place_rms_m": 4.0, "closest_approach_m": 6.0, "power_mean_w": 30.0}],
+        [{"run": 0, "e_p_mean_m": 1.0, "e_p_max_m": 2.0, "e_b_max_deg": 9.0, "mirror_locked": False, "gated": 1,
+          "ended": 0,
+          "track_error_rms_m": 3.0, "closest_approach_m": 7.0, "power_mean_w": 10.0}],
+        [{"run": 1, "e_p_mean_m": 3.0, "e_p_max_m": 5.0, "e_b_max_deg": 4.0, "mirror_locked": True, "gated": 2,
+          "ended": 1,
+          "track_error_rms_m": 4.0, "closest_approach_m": 6.0, "power_mean_w": 30.0}],
     ]  # fmt: skip
     row, lists = _of_runs(plan.entries[0], 0, found)
     told = {
         "runs": 2, "seed": 1, "variant": "laisn-2", "e_p_mean_m": 2.0, "e_p_max_m": 5.0, "e_b_max_deg": 9.0,
-        "off_place_rms_m": np.sqrt(12.5), "closest_approach_m": 6.0, "power_mean_w": 20.0, "captured_runs": 1,
+        "track_error_rms_m": np.sqrt(12.5), "closest_approach_m": 6.0, "power_mean_w": 20.0, "mirror_locked_runs": 1,
         "fixes_gated": 3, "ended_runs": 1, "worst_run": 1,
     }  # fmt: skip
     assert {name: row[name] for name in told} == pytest.approx(told)
@@ -328,7 +333,7 @@ def test_maps_of_arms_are_shaded_alike(monkeypatch: pytest.MonkeyPatch) -> None:
     table = {"scenario": "T5", "vary": {"followers.0.depth_m": [10, 12], "leader.depth_m": [6, 8]}}
     plan = plan_of(of_table(table | {"arm": [{"name": "a"}, {"name": "b"}]}, "maps", "maps"))
     rows = [
-        {"point": i, "arm": arm, "follower": "follower", "sea": 0,
+        {"point": i, "arm": arm, "follower": "follower", "realization": 0,
          "e_p_mean_m": most if point["followers.0.depth_m"] == 12 else 1.0}
         for i, point in enumerate(plan.points) for arm, most in (("a", 10.0), ("b", 5.5))
     ]  # fmt: skip
@@ -378,7 +383,7 @@ def test_a_page_has_a_row_for_each_follower_and_names_what_could_not_be_flown() 
     plan = plan_of(of_table(table, "mine.toml", "mine"))
     assert len(plan.followers) > 1
     places = [*itertools.product((0, 1), plan.arms, plan.followers)]
-    rows = [{"point": p, "arm": arm, "follower": name, "sea": 0, "seed": 1} for p, arm, name in places]
+    rows = [{"point": p, "arm": arm, "follower": name, "realization": 0, "seed": 1} for p, arm, name in places]
     runs = [(row, {"e_p_mean_m": [1.0 + i, 2.0 + i]}) for i, row in enumerate(rows)]
     page = page_of(plan, Results.of(rows, runs), {"lost\n\nat 3 s": plan.entries[:2]})
     assert [section.title for section in page.sections] == [
@@ -388,7 +393,7 @@ def test_a_page_has_a_row_for_each_follower_and_names_what_could_not_be_flown() 
     assert isinstance(question, Text)
     assert question.text == table["question"]
     assert isinstance(notice, Notice)
-    where = f"speed bias 0.1 m/s, arm x|y, {plan.followers[0]}, sea 0"
+    where = f"speed bias 0.1 m/s, arm x|y, {plan.followers[0]}, realization 0"
     assert notice.text == f"lost at 3 s: 2 scenarios, the first at {where}"
     assert isinstance(answer, Table)
     assert [[cell.text for cell in row[:4]] for row in answer.rows] == [

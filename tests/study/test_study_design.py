@@ -77,22 +77,22 @@ def test_a_sobol_design_needs_a_power_of_two():
     ],
 )
 def test_draws_follow_their_law(given, law):
-    """The Kolmogorov-Smirnov test of 1000 seas; one in a thousand right draws would fail it, and seeds are fixed."""
+    """The Kolmogorov-Smirnov test of 1000 draws; one in a thousand right ones would fail it, and seeds are fixed."""
     draw = Draw.of("leader.mass", given)
-    assert stats.kstest([draw.value(1, sea) for sea in range(1000)], law.cdf).pvalue > 1e-3
+    assert stats.kstest([draw.value(1, realization) for realization in range(1000)], law.cdf).pvalue > 1e-3
 
 
 def test_choices_come_alike_often():
     draw = Draw.of("navigation.variant", {"choice": ["a", "b", "c"]})
-    found = [draw.value(1, sea) for sea in range(1000)]
+    found = [draw.value(1, realization) for realization in range(1000)]
     assert stats.chisquare([found.count(c) for c in "abc"]).pvalue > 1e-3
 
 
 def test_draws_of_keys_seas_and_seeds_are_independent():
     one, other = (Draw.of(key, {"uniform": [0, 1]}) for key in ("a", "b"))
-    x = [one.value(1, sea) for sea in range(1000)]
-    for y in ([other.value(1, sea) for sea in range(1000)], [one.value(2, sea) for sea in range(1000)],
-              [one.value(1, sea + 1) for sea in range(1000)]):  # fmt: skip
+    x = [one.value(1, k) for k in range(1000)]
+    for y in ([other.value(1, k) for k in range(1000)], [one.value(2, k) for k in range(1000)],
+              [one.value(1, k + 1) for k in range(1000)]):  # fmt: skip
         assert abs(np.corrcoef(x, y)[0, 1]) < 4 / math.sqrt(1000)
 
 
@@ -115,25 +115,25 @@ def test_a_draw_that_is_none_says_what_was_expected(given, told):
 
 
 def test_a_route_is_drawn_for_each_sea_from_its_class(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Waypoints depend on seed, sea and key alone; of any class all come up."""
+    """Waypoints depend on seed, realization and key alone; of any class all come up."""
     key = "followers.0.waypoints"
     near = Draw.of(key, {"route_class": "50-near-alike"})
     assert near.value(3, 0) == near.value(3, 0) != near.value(3, 1)
     legs = np.diff([time for time, _, _ in near.value(3, 0)])
     assert np.all(legs[:-1] <= 80.0), "a class of near waypoints"
     every = Draw.of(key, {"route_class": "any"})
-    far = [np.diff([time for time, _, _ in every.value(3, sea)]).min() >= 100.0 for sea in range(24)]
+    far = [np.diff([time for time, _, _ in every.value(3, realization)]).min() >= 100.0 for realization in range(24)]
     assert 4 <= sum(far) <= 20, "half of the classes have waypoints far apart"
     with pytest.raises(ValueError, match=r"route_class expects any, 50-near-alike, .*\(given: 'near'\)"):
         Draw.of(key, {"route_class": "near"})
     monkeypatch.setattr("experiments.study.design.random_waypoints", lambda name, _: name)
-    assert {every.value(3, sea) for sea in range(200)} == set(CLASSES)
+    assert {every.value(3, realization) for realization in range(200)} == set(CLASSES)
 
 
 def test_a_formation_is_drawn_for_each_sea_and_keeps_its_distances() -> None:
     area = {"count": 8, "spacing_m": 7.0, "behind_m": 12.0, "length_m": 30.0, "width_m": 50.0, "layer_m": 0.5}
     draw = Draw.of("followers", {"formation": area})
-    formations = [draw.value(1, sea) for sea in range(40)]
+    formations = [draw.value(1, realization) for realization in range(40)]
     assert formations[3] == Draw.of("followers", {"formation": area}).value(1, 3)
     places = []
     for followers in formations:

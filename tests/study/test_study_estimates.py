@@ -1,4 +1,4 @@
-"""What studies say of means: intervals over seas and runs in closed form, and differences that are paired."""
+"""What studies say of means: intervals over realizations and runs in closed form, and differences that are paired."""
 
 import math
 from dataclasses import replace
@@ -12,34 +12,34 @@ from scipy.stats import beta, binomtest
 from experiments.campaign import missions
 from experiments.flight.library import load
 from experiments.study import measure
-from experiments.study.estimate import Results, over_runs, over_seas
+from experiments.study.estimate import Results, over_realizations, over_runs
 from experiments.study.measure import DISC_DIAMETER_M, disc_power, facts_of, records_of_run, thruster_power
 from laisn.arrays import records
 from laisn.swarm import ESTIMATE
 from sim import station_keeping
 from sim.scenario.formation import Station
-from sim.station_keeping import off_places
+from sim.station_keeping import track_errors
 from tests import straight
 from tests.synthetic import make_scenario, make_trajectory
 
 
 def test_few_seas_have_the_interval_of_student():
     """t(0.975, 2) = 4.3027 (any table); the means 1, 2, 3 have s = 1."""
-    found = over_seas(np.array([1.0, 2.0, 3.0]))
+    found = over_realizations(np.array([1.0, 2.0, 3.0]))
     assert found.value == 2.0
     assert found.high - 2.0 == pytest.approx(4.3027 / math.sqrt(3), rel=1e-4)
     assert 2.0 - found.low == pytest.approx(4.3027 / math.sqrt(3), rel=1e-4)
 
 
 def test_one_sea_alone_says_nothing_of_others():
-    assert math.isnan(over_seas(np.array([1.0])).low)
+    assert math.isnan(over_realizations(np.array([1.0])).low)
 
 
 def test_intervals_over_many_seas_cover_as_often_as_they_promise():
     random = np.random.default_rng(1)
     hits = 0
     for _ in range(300):
-        found = over_seas(random.normal(5.0, 2.0, 40))
+        found = over_realizations(random.normal(5.0, 2.0, 40))
         hits += found.low <= 5.0 <= found.high
     assert 0.90 < hits / 300 < 0.98
 
@@ -56,7 +56,7 @@ def test_shares_have_the_limits_of_clopper_and_pearson():
 
 
 def test_an_outcome_that_no_run_of_several_seas_has_is_not_impossible():
-    """A sea counts as one run: 0 of 12 leaves up to 1 − 0.025^(1/12)."""
+    """A realization counts as one run: 0 of 12 leaves up to 1 − 0.025^(1/12)."""
     found = over_runs([np.zeros(12)] * 12, shares=True)
     assert (found.value, found.low) == (0.0, 0.0)
     assert found.high == pytest.approx(1 - 0.025 ** (1 / 12), rel=1e-9)
@@ -66,7 +66,7 @@ def test_an_outcome_that_no_run_of_several_seas_has_is_not_impossible():
 
 
 def test_seas_of_one_run_each_have_the_limits_of_clopper_and_pearson():
-    """Of S such seas, the means scatter like those of S − 1 runs: between scipy's limits for 4 and 5 of 19."""
+    """Of S such realizations, the means scatter like those of S − 1 runs: between scipy's limits for 4 and 5 of 19."""
     share = over_runs([np.array([float(i < 5)]) for i in range(20)], shares=True)
     low, high = (binomtest(k, 19).proportion_ci(method="exact") for k in (4, 5))
     assert low.low < share.low < high.low
@@ -76,21 +76,21 @@ def test_seas_of_one_run_each_have_the_limits_of_clopper_and_pearson():
 def test_shares_of_seas_have_the_limits_of_as_many_runs_as_scatter_alike():
     """Korn and Graubard: p (1 − p) over the variance of the mean, 25, times (t₃₉ / t₃)², from any table of Student's t.
 
-    Four seas of ten runs, of which 1, 2, 5 and 2 have the outcome: their mean is 0.25, its variance 0.03 / 4.
+    Four realizations of ten runs, of which 1, 2, 5 and 2 have the outcome: their mean is 0.25, its variance 0.03 / 4.
     """
     found = over_runs([(np.arange(10) < count).astype(float) for count in (1, 2, 5, 2)], shares=True)
     alike = 0.25 * 0.75 / (0.03 / 4) * (2.0227 / 3.1824) ** 2
     assert found.value == 0.25
     assert found.low == pytest.approx(beta.ppf(0.025, 0.25 * alike, 0.75 * alike + 1), rel=1e-3)
     assert found.high == pytest.approx(beta.ppf(0.975, 0.25 * alike + 1, 0.75 * alike), rel=1e-3)
-    # seas that scatter less than single runs would do not make more of them
+    # realizations that scatter less than single runs would do not make more of them
     even = over_runs([(np.arange(10) < 2).astype(float)] * 4, shares=True)
     exact = binomtest(8, 40).proportion_ci(method="exact")
     assert (even.low, even.high) == pytest.approx((exact.low, exact.high), rel=1e-9)
 
 
 def test_shares_of_seas_that_differ_cover_as_often_as_they_promise():
-    """Every sea has a chance of its own, so that its runs are not independent of one another."""
+    """Every realization has a chance of its own, so that its runs are not independent of one another."""
     random = np.random.default_rng(5)
     hits = 0
     for _ in range(400):
@@ -101,7 +101,7 @@ def test_shares_of_seas_that_differ_cover_as_often_as_they_promise():
 
 
 def test_seas_that_are_all_alike_do_not_bound_their_mean():
-    found = over_seas(np.full(30, 2.0))
+    found = over_realizations(np.full(30, 2.0))
     assert found.value == 2.0
     assert math.isnan(found.low)
 
@@ -109,7 +109,7 @@ def test_seas_that_are_all_alike_do_not_bound_their_mean():
 def results():
     random = np.random.default_rng(3)
     noise = random.normal(0.0, 1.0, 60)
-    rows = [{"point": 0, "arm": arm, "follower": "f", "sea": 0} for arm in ("a", "b")]
+    rows = [{"point": 0, "arm": arm, "follower": "f", "realization": 0} for arm in ("a", "b")]
     lists = [{"e_p_mean_m": (10 + noise).tolist()}, {"e_p_mean_m": (9.5 + noise + random.normal(0, 0.01, 60)).tolist()}]
     return Results.of(rows, [(row, own) for row, own in zip(rows, lists, strict=True)])
 
@@ -133,7 +133,7 @@ def test_a_thruster_at_rest_takes_the_power_of_momentum_theory():
 def test_point_motion_keeps_its_place_and_depth():
     scenario = load("T3", ["motion=kinematic", "duration_s=30"])
     (facts,) = facts_of(scenario, missions.simulate_mission(scenario))
-    assert facts["off_place_max_m"] < 1e-6
+    assert facts["track_error_max_m"] < 1e-6
     assert facts["depth_error_max_m"] < 1e-9
     assert facts["energy_j"] is None
     assert facts["closest_approach_m"] <= math.hypot(facts["range_mean_m"], 2.0)
@@ -169,12 +169,12 @@ def test_facts_of_a_mission_are_those_of_its_motion():
     # at rest a disc takes T^1.5 / √(2ρA)
     still = math.sqrt(2 * scenario.ocean.density_kg_m3 * area)
     north, down = 40.0 + 0.03 * time, 0.01 * time
-    off = off_places(scenario, flown)[:, 0]
+    off = track_errors(scenario, flown)[:, 0]
     assert facts == pytest.approx(
         {
-            "off_place_rms_m": math.sqrt(sum(off**2) / off.size),
-            "off_place_max_m": max(off),
-            "off_place_end_m": off[-1],
+            "track_error_rms_m": math.sqrt(sum(off**2) / off.size),
+            "track_error_max_m": max(off),
+            "track_error_end_m": off[-1],
             "cross_track_rms_m": math.sqrt(sum(north**2) / north.size),
             "cross_track_max_m": max(north),
             "closest_horizontal_m": 40.0,
@@ -199,7 +199,7 @@ def test_facts_of_a_mission_are_those_of_its_motion():
 def test_nothing_is_compiled_for_stations_where_there_are_none(monkeypatch):
     monkeypatch.setattr(station_keeping, "stations_along", None)
     flown = straight.make_trajectory((0.0, 40.0, -10.0))
-    assert off_places(straight.make_scenario(), flown).shape == (flown.time.size, 1)
+    assert track_errors(straight.make_scenario(), flown).shape == (flown.time.size, 1)
 
 
 def test_a_follower_that_rises_is_as_far_off_its_depth_as_one_that_sinks():
@@ -255,7 +255,7 @@ def test_a_run_is_measured_by_its_stations_errors_and_powers(monkeypatch: pytest
     frame.rate[~turning] = 0.9e-3
     loop = SimpleNamespace(state=SimpleNamespace(history=estimates), swarm=SimpleNamespace(gated=np.zeros(10, int)))
     monkeypatch.setattr(measure, "simulate_closed_loop", lambda *_: (trajectory, loop))
-    monkeypatch.setattr(measure, "off_places", lambda *_: far)
+    monkeypatch.setattr(measure, "track_errors", lambda *_: far)
     monkeypatch.setattr(measure, "true_stations", lambda *_: frame)
     run = pa.Table.from_pylist(records_of_run(scenario, 0)).to_pydict()
     np.testing.assert_allclose(run["station_rms_m"], np.sqrt(np.mean(far**2, axis=0)))
@@ -265,7 +265,7 @@ def test_a_run_is_measured_by_its_stations_errors_and_powers(monkeypatch: pytest
     np.testing.assert_allclose(run["station_max_m"], far.max(axis=0))
     np.testing.assert_allclose(run["station_turn_max_m"], far[turning].max(axis=0))
     np.testing.assert_allclose(run["station_leg_rms_m"], 0.1 * each)
-    np.testing.assert_allclose(run["off_place_end_m"], far[-1])
+    np.testing.assert_allclose(run["track_error_end_m"], far[-1])
     assert run["lost"] == (far.max(axis=0) > 10.0).astype(float).tolist()
     assert 0 < sum(run["lost"]) < 10
     np.testing.assert_allclose(run["e_p_mean_m"], 0.5 * each)

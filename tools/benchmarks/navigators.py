@@ -81,5 +81,5 @@ def _rows(interval: float) -> Iterator[Row]:
 
 
 def tight() -> list[Row]:
-    """A filter step of one follower: states without covariances, as a campaign of captures takes them."""
+    """A filter step of one follower: states without covariances, as a campaign of mirror locks takes them."""
     return [one for interval in INTERVALS_S for one in _rows(interval)]

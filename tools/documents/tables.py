@@ -188,9 +188,9 @@ def _cases(records: Records, keys: Sequence[tuple[str, str]]) -> str:
         nees = f"{found[f'nees {key}']:.2f i}, {found[f'nees-least {key}']:.1f} … {found[f'nees-most {key}']:.1f}"
         rows.append(
             [words, f"{found[f'error {key}']:.2f}", f"{found[f'laisn-2 {key}']:.2f}", f"{found[f'ratio {key}']:.2f i}",
-             bound, nees, f"{found[f'captured {key}']:.1% i}"]
+             bound, nees, f"{found[f'mirror-locked {key}']:.1% i}"]
         )  # fmt: skip
-    heads = ["", "mean E_P [m]", "LAISN-2 [m]", "over LAISN-2", "bound", "NEES", "captured"]
+    heads = ["", "mean E_P [m]", "LAISN-2 [m]", "over LAISN-2", "bound", "NEES", "mirror-locked"]
     return markdown(heads, rows)
 
 

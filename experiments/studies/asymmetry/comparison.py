@@ -1,9 +1,9 @@
 """Results of the pitch study: rows by mission and arm, arms compared run by run, and verdicts on remedies.
 
-Errors and mirror locks (estimates locked on the mirror image beyond the leader's axis, "captures" in tables) are judged
-separately. For either, let r_i be the outcome of run i behind the real leader, l_i behind the level one, a_i with the
-remedy and b_i behind a level leader with the same equipment, or simply l_i: its mean error, or 1 if it is locked and 0
-if not. A remedy meets its aim if it removes the share q of what pitch adds,
+Errors and mirror locks (estimates at the mirror image beyond the leader's axis) are judged separately. For either, let
+r_i be the outcome of run i behind the real leader, l_i behind the level one, a_i with the remedy and b_i behind a level
+leader with the same equipment, or simply l_i: its mean error, or 1 if it is locked and 0 if not. A remedy meets its aim
+if it removes the share q of what pitch adds,
 
     mean(d) ≤ 0,    d_i = (a_i − b_i) − (1 − q)(r_i − l_i).
 
@@ -106,9 +106,9 @@ from the motion alone, whatever the runs come to."""
 LOCKS_WANTED = 0.9
 """Share of the mirror locks that pitch adds which any remedy should remove: a run is locked or not, so that 99 % of
 them would take thousands of runs to tell."""
-Question = Literal["error", "capture"]
-QUESTIONS: tuple[Question, ...] = ("error", "capture")
-"""What a remedy is judged by: errors of runs without mirror lock, and mirror locks ("captures" in tables)."""
+Question = Literal["error", "mirror_lock"]
+QUESTIONS: tuple[Question, ...] = ("error", "mirror_lock")
+"""What a remedy is judged by: errors of runs without mirror lock, and mirror locks."""
 JUDGEMENTS = (*((arm, LEVEL) for arm in REMEDIES), (READINGS, LEVEL_BROADCAST))
 """Remedies, and what each is compared with."""
 
@@ -129,13 +129,13 @@ class Row:
     e_p_mean_m: float
     e_p_run_mean_m: tuple[float, ...]
     """Mean E_P of each run [m], also of those that were flown later because a verdict was open."""
-    captured_run: tuple[bool, ...]
+    mirror_locked_run: tuple[bool, ...]
     """Whether each run was locked on the mirror image, likewise."""
     e_p_std_m: float
     e_p_95_m: float
     e_p_max_m: float
     e_b_mean_deg: float
-    captured: int
+    mirror_locked: int
     gated: int
     pitch_rms_deg: float
     """Root mean square of the leader's pitch."""
@@ -151,7 +151,7 @@ class Row:
     """Error of pitch as the AHRS gives it."""
     error_verdict: str = ""
     """Verdict on a remedy by errors in runs without mirror lock; empty where none is given."""
-    capture_verdict: str = ""
+    mirror_lock_verdict: str = ""
     """Verdict on a remedy by mirror locks; empty where none is given."""
 
 
@@ -184,13 +184,13 @@ class ComparedMission:
     def first_runs(self, arm: Arm, question: Question = "error") -> Floats:
         """Mean error [m], or 1 if locked, of each of the first runs, shape (R,)."""
         row = self.arms[arm.key]
-        return np.array((row.e_p_run_mean_m if question == "error" else row.captured_run)[: self.real.runs], float)
+        return np.array((row.e_p_run_mean_m if question == "error" else row.mirror_locked_run)[: self.real.runs], float)
 
     def compared(self, question: Question, arm: Arm, base: Arm = LEVEL) -> tuple[Floats, Floats, Bools]:
         """What pitch adds to each run, what a remedy leaves of it, and the runs that no arm of the comparison locks."""
         rows = self.real, self.arms[LEVEL.key], self.arms[arm.key], self.arms[base.key]
-        runs = min(len(row.captured_run) for row in rows)
-        locked = np.array([row.captured_run[:runs] for row in rows])
+        runs = min(len(row.mirror_locked_run) for row in rows)
+        locked = np.array([row.mirror_locked_run[:runs] for row in rows])
         errors = np.array([row.e_p_run_mean_m[:runs] for row in rows])
         real, level, remedy, other = errors if question == "error" else locked.astype(np.float64)
         return real - level, remedy - other, np.logical_not(locked.any(axis=0))

@@ -134,7 +134,7 @@ def _broadcast(**sensor: Any) -> dict[str, Any]:
 _TWO: tuple[Variant, ...] = ("laisn-2",)
 _READING = _broadcast(attitude_sigma_deg=0.5)
 # gyros of 0.3°/√h, the default, as in small MEMS units
-_AHRS = _broadcast(attitude_sigma_deg=0.5, attitude_feels_acceleration=True, gyro_time_constant_s=30.0)
+_AHRS = _broadcast(attitude_sigma_deg=0.5, attitude_senses_acceleration=True, gyro_time_constant_s=30.0)
 _ROUGH, _CONSTANT = _broadcast(attitude_sigma_deg=2.0), _broadcast(attitude_offset_sigma_deg=0.5)
 LEVEL = Arm(key="level", label="level leader", level=True)
 REAL = Arm(key="real", label="real leader")

@@ -79,13 +79,13 @@ def _remedies(missions: Missions, plan: Plan, variant: str, cause: str | None) -
     found = {f"judged {group}": plain(len(chosen), "missions on which remedies are judged")}
     for arm in (a for a in ARMS if everywhere and a.key in everywhere[0].arms):
         rows, name = [m.arms[arm.key] for m in everywhere], f"{arm.key} {group}"
-        locked = proportion(sum(row.captured for row in rows), sum(row.runs for row in rows))
-        found[f"captured {name}"] = of(locked, "chance of capture, missions of any kind")
+        locked = proportion(sum(row.mirror_locked for row in rows), sum(row.runs for row in rows))
+        found[f"mirror-locked {name}"] = of(locked, "probability of a mirror lock, missions of any kind")
         if arm in REMEDIES and chosen:
             what = "share removed of what pitch adds to errors, judged missions, 95 %"
             found[f"removed {name}"] = of(removed_in_all(chosen, arm), what)
-            what = "share removed of the captures that pitch adds, 95 %"
-            found[f"captures-removed {name}"] = of(removed_in_all(everywhere, arm, "capture"), what)
+            what = "share removed of the mirror locks that pitch adds, 95 %"
+            found[f"mirror-locks-removed {name}"] = of(removed_in_all(everywhere, arm, "mirror_lock"), what)
             found |= _verdicts(chosen, arm, name, plan.looks)
     return found
 
@@ -140,7 +140,7 @@ def _of_conditions(missions: Missions, curves: Sequence[Curve], plan: Plan) -> d
             found[f"added {where} {variant}"] = of(mean_added(select(here, variant=variant), REAL), "", "m")
         two = select(here, variant="laisn-2")
         worst, runs = max(two, key=lambda m: m.added), sum(m.real.runs for m in two)
-        locks = mean_over_missions(added(two, REAL, question="capture"))
+        locks = mean_over_missions(added(two, REAL, question="mirror_lock"))
         taus = [equivalent(m.added, curve) for m in two for curve in curves_of(curves, 1.0, m.real.route)]
         known = [tau for tau in taus if not np.isnan(tau)]
         found |= {

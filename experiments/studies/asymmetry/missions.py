@@ -117,12 +117,12 @@ def _row(cell: Cell, **others: Any) -> Row:
         runs=result.runs,
         e_p_mean_m=result.errors.e_p_mean_m,
         e_p_run_mean_m=tuple(table.e_p_mean_m.tolist()),
-        captured_run=tuple(table.captured.tolist()),
+        mirror_locked_run=tuple(table.mirror_locked.tolist()),
         e_p_std_m=result.errors.e_p_std_m,
         e_p_95_m=result.e_p_percentiles_m[PERCENTILES.index(95)],
         e_p_max_m=result.errors.e_p_max_m,
         e_b_mean_deg=result.errors.e_b_mean_deg,
-        captured=result.captured,
+        mirror_locked=result.mirror_locked,
         gated=result.fixes["gated"],
     )
 
@@ -133,7 +133,7 @@ def _extended(row: Row, cell: Cell) -> Row:
     return replace(
         row,
         e_p_run_mean_m=row.e_p_run_mean_m + tuple(table.e_p_mean_m.tolist()),
-        captured_run=row.captured_run + tuple(table.captured.tolist()),
+        mirror_locked_run=row.mirror_locked_run + tuple(table.mirror_locked.tolist()),
     )
 
 

@@ -36,7 +36,7 @@ OFFSETS_M = (2.0, 5.0, 10.0)
 INTERVALS_S = (1.0, 5.0)
 """Message intervals of the paper's Stages 1 and 4."""
 RULES: tuple[GateRule, ...] = ("off", "v-max", "v-measured")
-ECHO_CHANCE = {"acoustics.surface_echo_chance": 0.05, "acoustics.bottom_echo_chance": 0.02}
+ECHO_CHANCE = {"acoustics.surface_echo_probability": 0.05, "acoustics.bottom_echo_probability": 0.02}
 """Chances of a ping that its surface echo and its bottom echo is taken for it."""
 _GATE_RUNS, _GATE_OFFSET_M = 20, 2.0
 """Runs and depth offset with echoes."""
@@ -179,7 +179,7 @@ def fly_gates(plan: Plan) -> list[GateRow]:
         (motion, truth), errors = flown.real.seen(one, 0), errors_of(one)
         settings = settings_as(NavigationSettings, one, motion, 0)
         runs, used = flown.runs(0, _GATE_RUNS), settings.transmitters
-        silent = errors._replace(surface_echo_chance=0.0, bottom_echo_chance=0.0)
+        silent = errors._replace(surface_echo_probability=0.0, bottom_echo_probability=0.0)
         received, quiet = (
             [measure(truth, these, seed=SEED, run=run, transmitters=used) for run in runs] for these in (errors, silent)
         )

@@ -43,8 +43,8 @@ def of_route(one: Record) -> dict[str, Any]:
         "bound_over_laisn": None if least is None else least / laisn_rms,
         "largest": float(one["largest"].max()),
         "nees": float(one["normalised"].mean()),
-        "captured": int(one["tight_lost"].sum()),
-        "laisn_captured": int(one["laisn_lost"].sum()),
+        "mirror_locked": int(one["tight_lost"].sum()),
+        "laisn_mirror_locked": int(one["laisn_lost"].sum()),
     }
 
 
@@ -65,7 +65,7 @@ def of_missions(key: str, missions: Sequence[Record]) -> dict[str, Finding]:
     several, runs = f"{len(missions)} missions", sum(one["tight_means"].size for one in missions)
     each = [of_route(one) for one in missions]
     column = {name: [one[name] for one in each] for name in each[0]}
-    lost, laisn_lost = sum(column["captured"]), sum(column["laisn_captured"])
+    lost, laisn_lost = sum(column["mirror_locked"]), sum(column["laisn_mirror_locked"])
     found = {
         "ratio": of(median_ratio(missions), f"mean E_P over LAISN-2's, median of {several}, 95 %"),
         "worst": plain(max(column["ratio"]), f"the same, largest of {several}"),
@@ -80,9 +80,11 @@ def of_missions(key: str, missions: Sequence[Record]) -> dict[str, Finding]:
             "share of instants whose mean eᵀP⁻¹e is within its 95 % χ² interval",
         ),
         "nis": of(mean_of(missions, "residuals"), f"squared residual of a range, mean of {several}; right: 1"),
-        "captured": of(proportion(lost, runs), "share of runs captured, 95 %"),
-        "captured-runs": plain(lost, f"runs captured of {runs}"),
-        "captured-laisn-2": of(proportion(laisn_lost, runs), "share of LAISN-2's runs captured, 95 %"),
+        "mirror-locked": of(proportion(lost, runs), "share of runs locked on the mirror image, 95 %"),
+        "mirror-locked-runs": plain(lost, f"runs locked on the mirror image of {runs}"),
+        "mirror-locked-laisn-2": of(
+            proportion(laisn_lost, runs), "share of LAISN-2's runs locked on the mirror image, 95 %"
+        ),
     }
     if all("smoothing" in one for one in missions):
         best = median(one["smoothing"] for one in missions)
@@ -119,7 +121,9 @@ def of_plain_filter(key: str, missions: Sequence[Record], tight: Sequence[Record
         f"ekf {key}": of(mean_interval(means.mean(axis=1)), f"mean E_P of a plain EKF, mean of {several}, 95 %", "m"),
         f"over-ekf {key}": of(whole, f"{over}, {several}, 95 %"),
         f"ekf-nees {key}": of(mean_interval(normalised), f"mean eᵀP⁻¹e of a plain EKF, {several}, 95 %; right: 2"),
-        f"ekf-captured {key}": of(proportion(int(lost.sum()), lost.size), "share of a plain EKF's runs captured, 95 %"),
+        f"ekf-mirror-locked {key}": of(
+            proportion(int(lost.sum()), lost.size), "share of a plain EKF's runs locked on the mirror image, 95 %"
+        ),
     }
     for one, ratio in zip(missions, ratio_intervals(theirs, means), strict=True):
         found[f"over-ekf {key} {one['route']}"] = of(ratio, f"{over}, 95 %")
@@ -127,14 +131,14 @@ def of_plain_filter(key: str, missions: Sequence[Record], tight: Sequence[Record
     return found
 
 
-def of_captures(key: str, parts: Sequence[Record]) -> dict[str, Finding]:
-    """Findings of many runs of one mission that were flown for their captures alone."""
+def of_mirror_locks(key: str, parts: Sequence[Record]) -> dict[str, Finding]:
+    """Findings of many runs of one mission that were flown for their mirror locks alone."""
     runs, laisn, tight = (sum(part[name] for part in parts) for name in ("runs", "laisn", "tight"))
     return {
         f"many-runs {key}": plain(runs, "runs"),
-        f"many {key}": of(proportion(tight, runs), "share of runs captured, 95 %"),
-        f"many-captured {key}": plain(tight, "runs captured"),
-        f"many-laisn-2 {key}": of(proportion(laisn, runs), "share of LAISN-2's runs captured, 95 %"),
+        f"many {key}": of(proportion(tight, runs), "share of runs locked on the mirror image, 95 %"),
+        f"many-mirror-locked {key}": plain(tight, "runs locked on the mirror image"),
+        f"many-laisn-2 {key}": of(proportion(laisn, runs), "share of LAISN-2's runs locked on the mirror image, 95 %"),
     }
 
 
@@ -157,5 +161,5 @@ def findings_of(rows: Rows) -> Findings:
             named[f"rms {how} {route}"] = plain(of_route(one)["rms"], "RMS E_P with two transmitters", "m")
             named[f"rms-bound {how} {route}"] = plain(one["bound_rms"], "its bound", "m")
         for transmitters in (2, 3):
-            named |= of_captures(f"{transmitters} {route}", chosen(rows, "captures", transmitters, route))
+            named |= of_mirror_locks(f"{transmitters} {route}", chosen(rows, "mirror_locks", transmitters, route))
     return record("estimators", COMMAND, MODULES, named)

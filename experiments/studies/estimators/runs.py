@@ -146,9 +146,9 @@ def share_inside(total: Floats, runs: int) -> float:
     return float(np.mean((total >= low) & (total <= high)))
 
 
-def _captured(found: Floats, truth: MissionTruth, steps: int) -> bool:
+def _mirror_locked(found: Floats, truth: MissionTruth, steps: int) -> bool:
     """Whether an estimate was at the mirror image of the truth for so many steps."""
-    return metrics.was_captured(found, truth.hydrophone, truth.leader_position, truth.leader_heading, steps)
+    return metrics.was_mirror_locked(found, truth.hydrophone, truth.leader_position, truth.leader_heading, steps)
 
 
 def _laisn(measured: Sequence[Measurements], truth: MissionTruth, settings: NavigationSettings) -> Iterator[Floats]:
@@ -187,8 +187,8 @@ def fly_both(
                 "largest": error.max(),
                 "normalised": normalised.mean(),
                 "residuals": outcome.squared[used].sum() / max(outcome.used[used].sum(), 1.0),
-                "laisn_lost": float(_captured(other, truth, message_steps)),
-                "tight_lost": float(_captured(states[:, :2], truth, message_steps)),
+                "laisn_lost": float(_mirror_locked(other, truth, message_steps)),
+                "tight_lost": float(_mirror_locked(states[:, :2], truth, message_steps)),
             }
         )
     columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
@@ -260,12 +260,12 @@ def plain_filter(case: Case, route: str, interval: float, *, runs: int, seed: in
         "route": route,
         "means": np.array([metrics.position_errors(p, truth.hydrophone).mean() for p, _ in estimates]),
         "normalised": np.array([nees(p - truth.hydrophone, spread).mean() for p, spread in estimates]),
-        "lost": np.array([float(_captured(p, truth, steps)) for p, _ in estimates]),
+        "lost": np.array([float(_mirror_locked(p, truth, steps)) for p, _ in estimates]),
     }
 
 
-def captures(route: str, interval: float, transmitters: int, runs: range, seed: int) -> Record:
-    """How many `runs` of LAISN-2 and of the tightly coupled navigator are captured at the mirror image."""
+def mirror_locks(route: str, interval: float, transmitters: int, runs: range, seed: int) -> Record:
+    """How many `runs` of LAISN-2 and of the tightly coupled navigator are locked on the mirror image."""
     truth, errors = mission(route, interval)
     settings, steps = TightSettings(transmitters=transmitters), round(interval / truth.dt)
     laisn = tight = 0
@@ -273,8 +273,8 @@ def captures(route: str, interval: float, transmitters: int, runs: range, seed: 
         measured = [measure(truth, errors, seed=seed, run=run) for run in runs[first : first + LANES]]
         for given, other in zip(measured, _laisn(measured, truth, NavigationSettings()), strict=True):
             found = run_mission(settings, given, truth.start, covariance=False).state
-            laisn += _captured(other, truth, steps)
-            tight += _captured(found, truth, steps)
+            laisn += _mirror_locked(other, truth, steps)
+            tight += _mirror_locked(found, truth, steps)
     return {"runs": len(runs), "laisn": laisn, "tight": tight}
 
 

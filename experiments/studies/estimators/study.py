@@ -19,7 +19,7 @@ from experiments.pages.page import Figures, write
 from experiments.pages.style import SERIES, Legend
 from experiments.pages.template import page_of
 from experiments.studies.estimators import cases, findings
-from experiments.studies.estimators.runs import at_sea, captures, clock_cost, compare, plain_filter
+from experiments.studies.estimators.runs import at_sea, clock_cost, compare, mirror_locks, plain_filter
 from laisn.tight.settings import TightSettings
 
 FEW = ("T2", "T5", "T6", "T8")
@@ -33,18 +33,18 @@ class Size:
     runs: int = 60
     varied: int = 30
     """Where settings are varied."""
-    captures: int = 10_000
+    mirror_locks: int = 10_000
     routes: tuple[str, ...] = ROUTES
     few: tuple[str, ...] = FEW
 
 
-QUICK = Size(runs=4, varied=2, captures=64, routes=("T2", "T6"), few=("T2",))
+QUICK = Size(runs=4, varied=2, mirror_locks=64, routes=("T2", "T6"), few=("T2",))
 
 
 def _compile() -> None:
     """Fly so little that compiling is all that takes time: both navigators on point motion, and on a hull at sea."""
     compare(cases.CASES[0], FEW[0], cases.INTERVALS[-1], runs=1, seed=cases.SEED)
-    captures(FEW[0], cases.INTERVALS[-1], 2, range(1), cases.SEED)
+    mirror_locks(FEW[0], cases.INTERVALS[-1], 2, range(1), cases.SEED)
     at_sea("calm", FEW[0], runs=1, seed=cases.SEED)
 
 
@@ -55,13 +55,13 @@ def _scaled(sigma: str, factor: float) -> TightSettings:
 
 def tasks(size: Size) -> Iterator[tuple[tuple[Any, ...], Task]]:
     """All tasks by their names, whose parts go from general to special; the longest first."""
-    some = min(640, size.captures)
+    some = min(640, size.mirror_locks)
     for transmitters in (3, 2):
         for route in cases.ON_AXIS:
-            for first in range(0, size.captures, some):
-                runs = range(first, min(first + some, size.captures))
-                name = ("captures", transmitters, route, first)
-                yield name, partial(captures, route, 5.0, transmitters, runs, cases.SEED)
+            for first in range(0, size.mirror_locks, some):
+                runs = range(first, min(first + some, size.mirror_locks))
+                name = ("mirror_locks", transmitters, route, first)
+                yield name, partial(mirror_locks, route, 5.0, transmitters, runs, cases.SEED)
     both = partial(compare, runs=size.runs, seed=cases.SEED)
     few = partial(compare, runs=size.varied, seed=cases.SEED)
     for sea in cases.SEAS:

@@ -49,7 +49,7 @@ class Condition(Section):
             for name, step in zip(("speed", "heading"), _PAIR_DEG, strict=True):
                 changed[f"sensors.{name}_drift_phase_deg"] = run * step % 360
         if self.truth:
-            changed |= {f"followers.{i}.steers_by": "truth" for i in range(len(table["followers"]))}
+            changed |= {f"followers.{i}.guidance_position": "truth" for i in range(len(table["followers"]))}
         return validate(assigned(table, changed), f"condition {self.name!r}")
 
 

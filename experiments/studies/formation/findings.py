@@ -27,7 +27,7 @@ def of_condition(name: str, runs: Sequence[Sequence[Record]]) -> dict[str, Findi
         return of(mean_interval(values), what, unit)
 
     rms, layer = column("station_rms_m"), column("closest_in_layer_m")
-    lost, away = int(column("lost").sum()), int(np.count_nonzero(column("off_place_end_m") > LOST_M))
+    lost, away = int(column("lost").sum()), int(np.count_nonzero(column("track_error_end_m") > LOST_M))
     touched, power = column("touched").max(axis=1), column("power_mean_w")
     found = {
         "median": plain(float(np.median(rms)), "RMS distance from the station, median of followers", "m"),

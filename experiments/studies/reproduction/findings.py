@@ -1,4 +1,4 @@
-"""The records of the reproduction: ratios to the published figures, claims, captures; and verdicts by seed."""
+"""The records of the reproduction: ratios to the published figures, claims, mirror locks; and verdicts by seed."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -50,8 +50,10 @@ def _of_cells(
         value, low, high = (round(float(f(to_theirs)), 4) for f in (np.median, np.min, np.max))
         what = "mean E_P, ours over the paper's: median, least and largest of the missions"
         found[f"ratio {name}"] = Finding(value=value, low=low, high=high, what=what)
-    captured, flown = (sum(int(row[c]) for row in mine.values()) for c in ("captured_runs", "runs"))
-    found[f"captured {name}"] = of(proportion(captured, flown), "chance of capture over all missions, 95 %")
+    mirror_locked, flown = (sum(int(row[c]) for row in mine.values()) for c in ("mirror_locked_runs", "runs"))
+    found[f"mirror-locked {name}"] = of(
+        proportion(mirror_locked, flown), "probability of a mirror lock over all missions, 95 %"
+    )
     for mission, row in mine.items() if setting.like else ():
         theirs = published[setting.like, mission, variant]["e_p_mean_m"]
         found[f"error {name} {mission}"] = plain(row["e_p_mean_m"], "mean E_P", "m")
