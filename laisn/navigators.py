@@ -1,26 +1,24 @@
 """The registry of navigators, what each of them is to its users, and what those that run online have in common.
 
-A navigator is one entry of `NAVIGATORS`, or a class of the user's own that a scenario names as "module:Class". Nothing
-else decides by the kind of a navigator. Code is named by strings, so that scenarios can be read without it.
+A navigator is one entry of `NAVIGATORS`, or a class of a plugin that a scenario names as "module:Class". Nothing else
+decides by the kind of a navigator. Code is named by strings, so that scenarios can be read without it.
 """
 
 import math
-import os
-import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.estimates import Estimates, FixRecord
+from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.failure import LaisnError
 from laisn.messages import Measurements, OwnMotion, Reception
+from laisn.plugins import find_class, is_plugin_name
 from laisn.settings import VARIANTS, NavigationSettings, Settings
 from laisn.tight.estimates import TightEstimates
 from laisn.tight.settings import TightSettings
@@ -89,8 +87,9 @@ class NavigatorSpec:
             ValueError: the start is not four finite numbers.
             NotImplementedError: naming a choice that no formula implements.
         """
-        navigator: AnyNavigator = resolve_name(self.factory)(settings, start)
-        return navigator
+        navigator = resolve_name(self.factory)(settings, start)
+        made: AnyNavigator = navigator if hasattr(navigator, "run") else SteppedNavigator(navigator, settings)
+        return made
 
     def new_swarm(self, settings: Settings, starts: Floats) -> Any:
         """A `laisn.swarm.Swarm` of navigators at their starts [x, y, vx, vy], shape (f, 4).
@@ -148,55 +147,32 @@ OWN_SECTION = "own"
 """Table of `navigation` that holds the settings of a user's own navigator."""
 
 
-def is_own(name: str) -> bool:
-    """Whether a name is that of a user's own navigator, "module:Class"."""
-    module, colon, attribute = name.partition(":")
-    return bool(colon) and all(part.isidentifier() for part in (*module.split("."), *attribute.split(".")))
-
-
-@cache
-def import_own(kind: str, name: str) -> Any:
-    """A class of the user's own, "module:Class"; LaisnError naming its kind if it cannot be imported."""
-    folder = os.getcwd()
-    if folder not in sys.path:
-        # as the command has no folder of its own to look in
-        sys.path.insert(0, folder)
-    try:
-        return resolve_name(name)
-    except (ImportError, AttributeError) as error:
-        raise LaisnError(f"{kind} {name!r}: {error}; modules are looked for in {folder} too") from None
-
-
 @cache
 def _own(name: str) -> NavigatorSpec:
-    made = import_own("navigator", name)
+    made = find_class("navigator", name, "step")
     settings = getattr(made, "Settings", NavigationSettings)
-    if not callable(getattr(made, "run", None)) or not issubclass(settings, Settings):
+    if not (hasattr(made, "run") or hasattr(made, "step")) or not issubclass(settings, Settings):
         raise LaisnError(
-            f"navigator {name!r}: expected a class with `run(measurements) -> Estimates` and, if it has settings of "
-            "its own, a class `Settings` in it that derives from laisn.settings.Settings"
+            f"navigator {name!r}: expected a class with `step(own, reception, dt)`, `state` and `covariance`, or with "
+            "`run(measurements) -> Estimates`; its own settings are a class `Settings` in it that derives from "
+            "laisn.settings.Settings"
         )
     section = OWN_SECTION if settings is not NavigationSettings else ""
-    return NavigatorSpec(factory=name, settings=settings, section=section, title=made.__name__)
+    factory = f"{made.__module__}:{made.__name__}"
+    return NavigatorSpec(factory=factory, settings=settings, section=section, title=made.__name__)
 
 
 def find(name: str) -> NavigatorSpec:
-    """The navigator of this name; a module of the user's own is imported.
+    """The navigator of this name, which may be in a plugin.
 
     Raises:
         LaisnError: there is none.
     """
     if name in NAVIGATORS:
         return NAVIGATORS[name]
-    if not is_own(name):
-        raise LaisnError(f"navigator {name!r}; available: {', '.join(NAVIGATORS)}, or MODULE:CLASS of your own")
+    if not is_plugin_name(name):
+        raise LaisnError(f"navigator {name!r}; available: {', '.join(NAVIGATORS)}, or MODULE:CLASS of a plugin")
     return _own(name)
-
-
-def source_of(name: str) -> bytes:
-    """Source of the module of a user's own class; nothing for a navigator of this project, or where there is none."""
-    path = sys.modules[import_own("class", name).__module__].__file__ if is_own(name) else None
-    return Path(path).read_bytes() if path else b""
 
 
 def spec_of(settings: Settings) -> NavigatorSpec:
@@ -320,3 +296,34 @@ class OnlineNavigator(ABC, Generic[Result]):
     def _estimates(self, state: Floats, covariance: Floats, fixes: Sequence[Any]) -> Result:
         """The record of a mission: states, shape (n, 4), covariances, shape (n, 4, 4), and all that `step` gave."""
         return cast(Result, Estimates.of(state, covariance, fixes))
+
+
+class SteppedNavigator(OnlineNavigator[Estimates]):
+    """A plugin's class with `step(own, reception, dt)`, `state` and `covariance`, run over missions."""
+
+    def __init__(self, navigator: Any, settings: Settings) -> None:
+        super().__init__(settings, None, 0.0)
+        self._navigator = navigator
+
+    def step(
+        self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
+    ) -> list[FixRecord]:
+        """Advance by one filter step; a message gives a fix at the estimate.
+
+        Raises:
+            LaisnError: state or covariance have another shape.
+        """
+        own = self._begin_step(own, duration)
+        self._navigator.step(own, reception, self.settings.dt if duration is None else duration)
+        self._state, self._covariance = (np.array(getattr(self._navigator, a), float) for a in ("state", "covariance"))
+        if self._state.shape != (4,) or self._covariance.shape != (4, 4):
+            raise LaisnError(
+                f"step {self._step}: {type(self._navigator).__name__} has a state of shape {self._state.shape} and a "
+                f"covariance of shape {self._covariance.shape}, expected (4,) for x, y, vx, vy, and (4, 4)"
+            )
+        if reception is None:
+            return []
+        received = not all(map(math.isnan, reception.ranges))
+        sigma = math.sqrt(0.5 * max(float(np.trace(self._covariance[:2, :2])), 0.0))
+        kind = FixKind.RANGES if received else FixKind.LOST
+        return [FixRecord(step=self._step, position=self._state[:2].copy(), sigma=sigma, kind=kind)]

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from experiments.study.study import StudyFolder as StudyFolder
     from laisn.failure import LaisnError as LaisnError
     from laisn.navigator import Navigator as Navigator
+    from laisn.plugins import load_plugin as load_plugin
     from sim.flight import Flight as Flight
     from sim.log.reader import read as read_log
     from sim.scenario.settings import Scenario as Scenario
@@ -47,6 +48,7 @@ __all__ = [
     "fly",
     "hull",
     "load",
+    "load_plugin",
     "measurements",
     "navigate",
     "read_log",
@@ -70,6 +72,7 @@ _HOMES = {
     "errors": "experiments.flight.tables:errors_table",
     "fly": "experiments.flight.files:fly_mission",
     "load": "experiments.flight.library:loaded",
+    "load_plugin": "laisn.plugins:load_plugin",
     "measurements": "experiments.flight.tables:measurements_table",
     "navigate": "experiments.flight.fly:navigate_again",
     "read_log": "sim.log.reader:read",

@@ -5,10 +5,14 @@ import io
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, Phase, settings
+
+from laisn import navigators
+from laisn.plugins import VARIABLE, plugin_files
 
 # Compiling on first use takes longer than any deadline. Every run tries the same examples, so that a test that passes
 # today passes tomorrow; `make fuzz` looks for others, and what it finds becomes an explicit example.
@@ -110,3 +114,16 @@ def few_figures(monkeypatch: pytest.MonkeyPatch) -> None:
         stream.write(_FIRST[0])
 
     monkeypatch.setattr(Figure, "savefig", drawn)
+
+
+@pytest.fixture
+def no_plugins(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Plugins that a test loads are forgotten after it."""
+    monkeypatch.delenv(VARIABLE, raising=False)
+    path, modules = list(sys.path), set(sys.modules)
+    yield
+    for file in plugin_files().values():
+        if file.stem not in modules:
+            sys.modules.pop(file.stem, None)
+    navigators._own.cache_clear()
+    sys.path[:] = path

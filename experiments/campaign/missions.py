@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from experiments.campaign.store import CampaignError
 from experiments.campaign.version import code_version
 from laisn.failure import LaisnError
-from laisn.navigators import source_of
+from laisn.plugins import plugin_source
 from sim.motion import simulate_motion
 from sim.scenario.settings import Leader, Navigation, Scenario
 from sim.sensing.observation import MissionTruth, observe
@@ -81,9 +81,9 @@ def observed_of(scenario: Scenario, follower: int) -> Scenario:
 
 
 def key_of(scenario: Scenario, *others: object) -> str:
-    """Hash of a scenario but for its name, of the code version, of classes of the user's own, and of others."""
+    """Hash of a scenario but for its name, of the code version, of plugins, and of others."""
     names = scenario.navigation.variant, *(table.sensor for table in scenario.sensors.own)
-    own = [source.decode("utf-8") for source in map(source_of, names) if source]
+    own = [source.decode("utf-8") for source in map(plugin_source, names) if source]
     return digest([code_version(), scenario.model_dump(mode="json", exclude={"name"}), *others, *own])
 
 

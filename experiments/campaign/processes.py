@@ -14,6 +14,7 @@ from joblib.externals.loky import get_reusable_executor
 from experiments.campaign.store import CampaignError
 from experiments.campaign.version import code_version
 from laisn.failure import LaisnError
+from laisn.plugins import VARIABLE
 from sim.processes import exit_with_parent
 
 Result = TypeVar("Result")
@@ -23,6 +24,12 @@ _CONNECT_S = 3
 
 class WorkerDiedError(CampaignError):
     """A process that computed has died; everything it had reported is stored."""
+
+
+def _begin_worker(parent: int, plugins: str) -> None:
+    """Prepare a local process; joblib starts new ones where the arguments differ from those before."""
+    os.environ[VARIABLE] = plugins
+    exit_with_parent(parent)
 
 
 def _with_version(function: Callable[..., Result], *arguments: Any) -> tuple[str, Result]:
@@ -68,7 +75,8 @@ class Pool:
         if self._client is not None:
             options = {"backend": "dask"}
         elif self.size > 1:
-            options = {"backend": "loky", "initializer": exit_with_parent, "initargs": (os.getpid(),)}
+            begin = os.getpid(), os.environ.get(VARIABLE, "")
+            options = {"backend": "loky", "initializer": _begin_worker, "initargs": begin}
         with joblib.parallel_config(n_jobs=self.size, **options):
             parallel = joblib.Parallel(
                 return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs", max_nbytes=None

@@ -12,7 +12,14 @@ import typer
 
 from experiments.command import bounds, studies
 from experiments.command.errors import echo, report_errors, run
-from experiments.command.studies import OutOption, ScenarioArgument, SetOption, SourceArgument, folder_option
+from experiments.command.studies import (
+    OutOption,
+    PluginOption,
+    ScenarioArgument,
+    SetOption,
+    SourceArgument,
+    folder_option,
+)
 from laisn.failure import LaisnError
 
 app = typer.Typer(
@@ -51,6 +58,7 @@ LogArgument = Annotated[Path, typer.Argument(help="an MCAP log")]
 def fly(
     scenario: ScenarioArgument,
     set_: SetOption = None,
+    _plugin: PluginOption = None,
     seed: Annotated[int | None, typer.Option(help="key of all random numbers")] = None,
     run: Annotated[int | None, typer.Option(help="number of the Monte Carlo run whose noise is used")] = None,
     out: OutOption = None,
@@ -84,7 +92,7 @@ def scenarios(
 
 @app.command()
 @report_errors
-def check(scenario: ScenarioArgument, set_: SetOption = None) -> None:
+def check(scenario: ScenarioArgument, set_: SetOption = None, _plugin: PluginOption = None) -> None:
     """Validate a scenario without simulating it."""
     from experiments.flight.library import load_flyable
     from sim.feasibility import cautions
@@ -118,6 +126,7 @@ def _size(text: str) -> dict[str, int]:
 def render(
     source: SourceArgument,
     set_: SetOption = None,
+    _plugin: PluginOption = None,
     camera: Annotated[
         str | None, typer.Option(help="chase, pip, top, side, follower, leader, profile or orbit")
     ] = None,
@@ -155,6 +164,7 @@ def replay(
         typer.Option(help="laisn-2 (default), laisn-3-1, laisn-3-2, tight or another; unknown names print the list"),
     ] = None,
     set_: SetOption = None,
+    _plugin: PluginOption = None,
     scenario: Annotated[
         str | None,
         typer.Option(metavar="SCENARIO", help="for a log of measurements only: start, baseline, navigation"),

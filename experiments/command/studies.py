@@ -18,6 +18,29 @@ if TYPE_CHECKING:
 
 ScenarioArgument = Annotated[str, typer.Argument(help="T2 … T9, another built-in name, or a TOML file")]
 SourceArgument = Annotated[str, typer.Argument(help="a scenario, or a log (.mcap)")]
+
+
+def _load_plugins(files: list[Path] | None) -> None:
+    """Load plugins before the other parameters are read."""
+    from laisn.plugins import load_plugin
+
+    try:
+        for file in files or []:
+            load_plugin(file)
+    except LaisnError as error:
+        raise typer.BadParameter(str(error)) from None
+
+
+PluginOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--plugin",
+        callback=_load_plugins,
+        is_eager=True,
+        metavar="FILE.py",
+        help="load own navigators and sensors",
+    ),
+]
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="change a key, e.g. sensors.speed_bias_m_s=0.1")
 ]
@@ -105,6 +128,7 @@ def study(
         typer.Option("--draw", metavar="KEY={uniform=[A,B]}", help="a random value of this key for each realization"),
     ] = None,
     set_: SetOption = None,
+    _plugin: PluginOption = None,
     runs: Annotated[int | None, typer.Option(min=1, max=1_000_000, help="runs of noise at each point")] = None,
     realizations: Annotated[
         int | None, typer.Option(min=1, max=100_000, help="realizations of waves and draws at each point")
@@ -119,7 +143,7 @@ def study(
     cluster: ClusterOption = None,
 ) -> None:
     """Run a study: factors, draws and arms of a file; write tables, intervals and a page."""
-    given = {name: value for name, value in locals().items() if value and name != "source"}
+    given = {name: value for name, value in locals().items() if value and name not in ("source", "_plugin")}
     from experiments.study.file import OWN_DESIGN, study_of
     from experiments.study.study import run_study
     from sim.scenario.file import values_of

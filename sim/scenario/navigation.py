@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, cast
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, WithJsonSchema, field_validator
 
 from laisn.failure import LaisnError
-from laisn.navigators import NAVIGATORS, OWN_SECTION, find, is_own
+from laisn.navigators import NAVIGATORS, OWN_SECTION, find
+from laisn.plugins import is_plugin_name
 from laisn.settings import VARIANTS, NavigationSettings, Settings, transmitters_of
 from laisn.tight import settings as assumptions
 from laisn.tight.settings import TightSettings
@@ -153,8 +154,8 @@ class _Navigation(Section):
     @field_validator("variant")
     @classmethod
     def _known(cls, name: str) -> str:
-        if name not in NAVIGATORS and not is_own(name):
-            raise ValueError(f"Input should be {', '.join(map(repr, NAVIGATORS))} or 'module:Class' of your own")
+        if name not in NAVIGATORS and not is_plugin_name(name):
+            raise ValueError(f"Input should be {', '.join(map(repr, NAVIGATORS))} or 'module:Class' of a plugin")
         return name
 
     @field_validator("transmitters_m")

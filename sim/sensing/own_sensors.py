@@ -1,10 +1,10 @@
-"""Sensors of the user's own, which a scenario names as "module:Class" in tables `[[sensors.own]]`."""
+"""Sensors of plugins, which a scenario names as "module:Class" in tables `[[sensors.own]]`."""
 
 from typing import NamedTuple, Protocol
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
-from laisn.navigators import import_own
+from laisn.plugins import find_class
 from sim.scenario.section import in_si
 from sim.scenario.settings import Scenario
 
@@ -61,7 +61,7 @@ def own_sensors(scenario: Scenario) -> tuple[OwnSensor, ...]:
     """
     sensors = []
     for table in scenario.sensors.own:
-        made = import_own("sensor", table.sensor)
+        made = find_class("sensor", table.sensor)
         try:
             sensors.append(made(**in_si(table.model_extra or {}, getattr(made, "__dataclass_fields__", ()))))
         except TypeError as error:

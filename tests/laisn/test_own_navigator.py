@@ -1,11 +1,11 @@
 """A navigator and a sensor of the user's own: the examples of docs/extending.md are flown and studied as they stand."""
 
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from joblib.externals.loky import get_reusable_executor
 from typer.testing import CliRunner
 
 import laisn_sim
@@ -23,8 +23,8 @@ NAME = "dead_reckoning:DeadReckoning"
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A working directory with the files of the page."""
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_plugins: None) -> Path:
+    """A working directory with the files of the page, whose modules are loaded."""
     blocks = re.findall(
         r"^```\w+\n# (\w+\.(?:py|toml))\n(.*?)^```", PAGE.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE
     )
@@ -32,9 +32,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (tmp_path / name).write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
-    monkeypatch.syspath_prepend(tmp_path)
-    # workers of an earlier test have another working directory, in which they would look for modules
-    get_reusable_executor().shutdown(wait=True)
+    for file in ("dead_reckoning", "inverted_usbl", "bearing_navigator", "odometry"):
+        laisn_sim.load_plugin(f"{file}.py")
     return tmp_path
 
 
@@ -46,7 +45,7 @@ def run(line: str) -> str:
 
 @pytest.mark.usefixtures("folder")
 def test_it_flies_and_replays_by_its_name() -> None:
-    run("fly reckoned.toml --no-video --out out --set navigation.own.current_east_m_s=0.25")
+    run("fly reckoned.toml --plugin dead_reckoning.py --no-video --out out --set navigation.own.current_east_m_s=0.25")
     flight = laisn_sim.read_log("out/flight.mcap")
     (own,), (measured,) = flight.estimates, flight.measurements
     # log and compass alone, by hand
@@ -74,6 +73,7 @@ def test_a_study_compares_it_with_others() -> None:
 
 def test_the_key_of_its_results_holds_its_source(folder: Path) -> None:
     (folder / "another.py").write_text((folder / "dead_reckoning.py").read_text())
+    laisn_sim.load_plugin("another.py")
     scenario = laisn_sim.load("reckoned.toml", {"navigation.variant": "another:DeadReckoning"})
     before = key_of(scenario)
     assert key_of(scenario) == before
@@ -85,10 +85,12 @@ def test_the_key_of_its_results_holds_its_source(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ({"navigation.variant": "dead_reckoning:Reckoning"}, "has no attribute 'Reckoning'; modules are looked for in"),
-        ({"navigation.variant": "no_such_module:X"}, "No module named 'no_such_module'"),
-        ({"navigation.variant": "math:pi"}, "expected a class with `run"),
-        ({"navigation.variant": "laisn-4"}, "'tight' or 'module:Class' of your own"),
+        ({"navigation.variant": "dead_reckoning:Reckoning"}, "dead_reckoning.py: DeadReckoning"),
+        ({"navigation.variant": "mine:Filter"}, "not loaded: add --plugin mine.py"),
+        ({"navigation.variant": "math:pi"}, "not loaded: add --plugin math.py"),
+        ({"navigation.variant": "dead_reckoning:FixKind"}, "dead_reckoning.py: DeadReckoning"),
+        ({"navigation.variant": "inverted_usbl:InvertedUsbl"}, "expected a class with `step("),
+        ({"navigation.variant": "laisn-4"}, "'tight' or 'module:Class' of a plugin"),
         ({"navigation.own.current_east_m_s": "fast"}, "navigation.own.current_east: Input should be a valid number"),
         ({"navigation.own.curent_east_m_s": 1.0}, "has no curent_east; it has: current_east, current_north"),
     ],
@@ -97,6 +99,50 @@ def test_what_it_lacks_is_named(changes: dict[str, object], expected: str) -> No
     with pytest.raises(LaisnError) as error:
         laisn_sim.load("reckoned.toml", changes)
     assert expected in str(error.value)
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_class_with_a_step_runs_over_missions_and_in_closed_loops() -> None:
+    settings = {"navigation.variant": "odometry", "duration_s": 20.0}
+    flight = laisn_sim.fly("T5", settings)
+    (own,), (measured,) = flight.estimates, flight.measurements
+    navigator = sys.modules["odometry"].Odometry(flight.scenario.navigation.settings(), own.state[0])
+    for motion, reception in list(measured.steps())[1:]:
+        navigator.step(motion, reception, 0.1)
+    np.testing.assert_allclose(own.state[-1, :2], navigator.state[:2], atol=1e-9)
+    closed = laisn_sim.fly("T5", settings | {"followers.0.guidance_position": "estimate"})
+    assert np.isfinite(closed.estimates[0].state).all()
+
+
+def test_a_scenario_or_a_log_loads_no_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_plugins: None) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text("open('ran', 'w').close()\nclass Filter:\n    run = step = print\n")
+    for name in ("mine:Filter", "mine"):
+        with pytest.raises(LaisnError, match=r"--plugin mine.py|'module:Class' of a plugin"):
+            laisn_sim.load("T5", {"navigation.variant": name})
+    with pytest.raises(LaisnError, match=r"--plugin mine.py"):
+        laisn_sim.load("T5", {"sensors.own": [{"sensor": "mine:Filter"}]})
+    assert not (tmp_path / "ran").exists()
+    laisn_sim.load_plugin("mine.py")
+    assert (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "expected"),
+    [
+        ("mine.txt", "", "expected a Python file such as mine.py"),
+        ("json.py", "", "there is another module 'json'"),
+        ("mine.py", "1 / 0", "ZeroDivisionError: division by zero"),
+        ("mine.py", "def", "SyntaxError"),
+    ],
+)
+def test_a_plugin_that_cannot_be_loaded_is_named(
+    name: str, text: str, expected: str, tmp_path: Path, no_plugins: None
+) -> None:
+    (tmp_path / name).write_text(text)
+    result = CliRunner().invoke(app, ["check", "T5", "--plugin", str(tmp_path / name)], env={"COLUMNS": "300"})
+    assert result.exit_code == 2
+    assert expected in result.output
 
 
 @pytest.mark.usefixtures("folder")
@@ -153,6 +199,7 @@ def test_a_navigator_uses_it_in_flights_and_studies() -> None:
 
 def test_the_key_of_a_result_holds_the_source_of_its_sensors(folder: Path) -> None:
     (folder / "another_usbl.py").write_text((folder / "inverted_usbl.py").read_text())
+    laisn_sim.load_plugin("another_usbl.py")
     scenario = laisn_sim.load("usbl.toml", {"sensors.own": [{"sensor": "another_usbl:InvertedUsbl"}]})
     before = key_of(scenario)
     (folder / "another_usbl.py").write_text((folder / "inverted_usbl.py").read_text() + "# another\n")
@@ -163,7 +210,10 @@ def test_the_key_of_a_result_holds_the_source_of_its_sensors(folder: Path) -> No
 @pytest.mark.parametrize(
     ("own", "expected"),
     [
-        ({"sensor": "inverted_usbl:Usbl"}, "sensor 'inverted_usbl:Usbl': .* has no attribute 'Usbl'"),
+        (
+            {"sensor": "inverted_usbl:Usbl"},
+            "'inverted_usbl:Usbl': expected a class of .*inverted_usbl.py: InvertedUsbl",
+        ),
         ({"sensor": "inverted_usbl:InvertedUsbl", "range_sigma_m": 1.0}, "unexpected keyword argument 'range_sigma'"),
         ({"sensor": "inverted_usbl"}, r"sensors.own\[0\].sensor"),
     ],
