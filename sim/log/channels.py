@@ -16,7 +16,7 @@ from sim.geometry import attitude
 from sim.geometry.geodesy import geodetic
 from sim.log import schema
 from sim.log.scene import ESTIMATE, TRUTH, draw_acoustics, draw_vehicles
-from sim.log.schema import Clock, RecordType, rotation, timestamp, vector
+from sim.log.schema import Clock, RecordType, pose, rotation, timestamp, vector
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import Trajectory
 
@@ -82,11 +82,12 @@ def numeric(prefix: str, type_: RecordType, time_ns: Ints, arrays: Callable[[str
     return Channel(f"{prefix}/{type_.topic}", type_.schema, time_ns, rows)
 
 
-def _single(topic: str, type_: Any, time_ns: Ints, encode: Callable[[int, int], bytes]) -> Channel:
-    """Messages of a type of Foxglove's that are serialised one by one, from their index and their time [ns]."""
+def _channel(topic: str, type_: Any, time_ns: Ints, encode: Callable[..., Any], *columns: schema.Array) -> Channel:
+    """Messages of a type of Foxglove's, each made from its time [ns] and its row of every column, shape (n, …)."""
 
     def rows(part: slice) -> Iterator[bytes]:
-        return (encode(i, at) for i, at in enumerate(time_ns[part].tolist(), start=part.start))
+        values = (column[part].tolist() for column in columns)
+        return (encode(*row).encode() for row in zip(time_ns[part].tolist(), *values, strict=True))
 
     return Channel(topic, type_.get_schema(), time_ns, rows)
 
@@ -94,15 +95,10 @@ def _single(topic: str, type_: Any, time_ns: Ints, encode: Callable[[int, int], 
 def poses(topic: str, time_ns: Ints, position: Floats, quaternion: Floats) -> Channel:
     """Positions, shape (n, 3), [m], and quaternions (w, x, y, z), shape (n, 4), in the world."""
 
-    def rows(part: slice) -> Iterator[bytes]:
-        for at, (x, y, z), (w, i, j, k) in zip(
-            *(a[part].tolist() for a in (time_ns, position, quaternion)), strict=True
-        ):
-            # written out: calls of `schema.pose` would take as long again
-            pose = fg.Pose(position=fg.Vector3(x=x, y=y, z=z), orientation=fg.Quaternion(w=w, x=i, y=j, z=k))
-            yield fg.PoseInFrame(timestamp=timestamp(at), frame_id="world", pose=pose).encode()
+    def pose_at(at: int, xyz: Sequence[float], wxyz: Sequence[float]) -> fg.PoseInFrame:
+        return fg.PoseInFrame(timestamp=timestamp(at), frame_id="world", pose=pose(xyz, wxyz))
 
-    return Channel(topic, fg.PoseInFrame.get_schema(), time_ns, rows)
+    return _channel(topic, fg.PoseInFrame, time_ns, pose_at, position, quaternion)
 
 
 def _locations(
@@ -110,31 +106,27 @@ def _locations(
 ) -> Channel:
     """Positions, shape (n, 3), [m], on the map; horizontal covariances, shape (n, 2, 2), make them estimates."""
     kinds, origin = fg.LocationFixPositionCovarianceType, flight.scenario
-    place = geodetic(position, origin.origin_latitude_deg, origin.origin_longitude_deg)
+    # Rerun 0.41 writes invalid points for a fix without a colour
+    look = {"position_covariance_type": kinds.Unknown, "color": TRUTH}
     whole = np.zeros((time_ns.size, 3, 3))
     if covariance is not None:
+        look = {"position_covariance_type": kinds.Known, "color": ESTIMATE}
         whole[:, :2, :2] = covariance
 
-    def encode(i: int, at: int) -> bytes:
-        latitude, longitude, altitude = place[i].tolist()
-        fix = fg.LocationFix(
-            timestamp=timestamp(at),
-            frame_id="world",
-            latitude=latitude,
-            longitude=longitude,
-            altitude=altitude,
-            position_covariance=whole[i].ravel().tolist(),
-            position_covariance_type=kinds.Unknown if covariance is None else kinds.Known,
-            # Rerun 0.41 writes invalid points for a fix without a colour
-            color=TRUTH if covariance is None else ESTIMATE,
+    def fix_at(at: int, place: Sequence[float], spread: list[float]) -> fg.LocationFix:
+        coordinates: dict[str, Any] = dict(zip(("latitude", "longitude", "altitude"), place, strict=True))
+        return fg.LocationFix(
+            timestamp=timestamp(at), frame_id="world", position_covariance=spread, **coordinates, **look
         )
-        return fix.encode()
 
-    return _single(topic, fg.LocationFix, time_ns, encode)
+    place = geodetic(position, origin.origin_latitude_deg, origin.origin_longitude_deg)
+    return _channel(topic, fg.LocationFix, time_ns, fix_at, place, whole.reshape(-1, 9))
 
 
-def _transform(at: int, parent: str, child: str, xyz: Sequence[float], turn: fg.Quaternion) -> fg.FrameTransform:
-    place, stamp = vector(xyz), timestamp(at)
+def _transform(
+    at: int, parent: str, child: str, xyz: Sequence[float], wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0)
+) -> fg.FrameTransform:
+    stamp, place, turn = timestamp(at), vector(xyz), rotation(wxyz)
     return fg.FrameTransform(
         timestamp=stamp, parent_frame_id=parent, child_frame_id=child, translation=place, rotation=turn
     )
@@ -143,19 +135,16 @@ def _transform(at: int, parent: str, child: str, xyz: Sequence[float], turn: fg.
 def _transforms(t: Trajectory, time_ns: Ints) -> Iterator[Channel]:
     """World to vehicles; and at the start vehicles to their sites."""
 
-    def moving(part: slice) -> Iterator[bytes]:
-        for at, *poses in zip(*(a[part].tolist() for a in (time_ns, t.position, t.quaternion)), strict=True):
-            placed = zip(t.names, *poses, strict=True)
-            frames = [_transform(at, "world", name, xyz, rotation(turn)) for name, xyz, turn in placed]
-            yield fg.FrameTransforms(transforms=frames).encode()
+    def moving(at: int, *places: Any) -> fg.FrameTransforms:
+        frames = [_transform(at, "world", *placed) for placed in zip(t.names, *places, strict=True)]
+        return fg.FrameTransforms(transforms=frames)
 
-    def fixed(_: int, at: int) -> bytes:
-        sites = zip(t.site_names, t.site_vehicle.tolist(), t.site_offset.tolist(), strict=True)
-        frames = [_transform(at, t.names[vehicle], name, offset, rotation()) for name, vehicle, offset in sites]
-        return fg.FrameTransforms(transforms=frames).encode()
+    def fixed(at: int) -> fg.FrameTransforms:
+        sites = zip(t.site_vehicle.tolist(), t.site_names, t.site_offset.tolist(), strict=True)
+        return fg.FrameTransforms(transforms=[_transform(at, t.names[v], *site) for v, *site in sites])
 
-    yield Channel("/tf", fg.FrameTransforms.get_schema(), time_ns, moving)
-    yield _single("/tf_static", fg.FrameTransforms, time_ns[:1], fixed)
+    yield _channel("/tf", fg.FrameTransforms, time_ns, moving, t.position, t.quaternion)
+    yield _channel("/tf_static", fg.FrameTransforms, time_ns[:1], fixed)
 
 
 def _truth(flight: Flight, clock: Clock) -> Iterator[Channel]:
@@ -208,20 +197,23 @@ def _events(flight: Flight, clock: Clock, events: Iterable[Event]) -> Channel:
     lines.append(Event(float(flight.trajectory.time[-1]), level, flight.outcome.value))
     lines.sort(key=lambda line: line.time_s)
 
-    def encode(i: int, at: int) -> bytes:
+    def line_at(at: int, i: int) -> fg.Log:
         level = getattr(fg.LogLevel, lines[i].level.capitalize())
-        return fg.Log(timestamp=timestamp(at), level=level, message=lines[i].text, name=lines[i].source).encode()
+        return fg.Log(timestamp=timestamp(at), level=level, message=lines[i].text, name=lines[i].source)
 
-    return _single("/log", fg.Log, clock.ns([line.time_s for line in lines]), encode)
+    time_ns = clock.ns([line.time_s for line in lines])
+    return _channel("/log", fg.Log, time_ns, line_at, np.arange(time_ns.size))
 
 
 def _scene(flight: Flight, clock: Clock) -> Iterator[Channel]:
     t = flight.trajectory
     seconds = np.arange(0, t.time.size, round(1.0 / CONTROL_STEP_S), dtype=np.int64)
     received: Ints = np.unique(np.concatenate([m.message_step for m in flight.measurements]))
-    acoustic_ns = clock.ns(received * flight.measurements[0].dt)
-    yield _single("/scene/vehicles", fg.SceneUpdate, clock.ns(t.time[seconds]), draw_vehicles(flight, seconds))
-    yield _single("/scene/acoustics", fg.SceneUpdate, acoustic_ns, draw_acoustics(flight, received))
+    for what, times, draw in (
+        ("vehicles", t.time[seconds], draw_vehicles(flight, seconds)),
+        ("acoustics", received * flight.measurements[0].dt, draw_acoustics(flight, received)),
+    ):
+        yield _channel(f"/scene/{what}", fg.SceneUpdate, clock.ns(times), draw, np.arange(times.size))
 
 
 def channels(flight: Flight, errors: Sequence[Errors], events: Iterable[Event]) -> list[Channel]:

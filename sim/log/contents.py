@@ -140,22 +140,13 @@ def records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Iter
             raise DamagedError(path, f"damaged or cut off at byte {at}: {_reason(error)}") from error
 
 
-def _getter(descriptor: Any, name: str) -> Callable[[Any], Any]:
-    """Reads a single value of a message; None if it or what holds it is not set."""
-    path = list[tuple[str, bool]]()
-    for part in name.split("."):
-        field = descriptor.fields_by_name[part]
-        path.append((part, field.has_presence))
-        descriptor = field.message_type
-
-    def value(message: Any) -> Any:
-        for part, optional in path:
-            if optional and not message.HasField(part):
-                return None
-            message = getattr(message, part)
-        return message
-
-    return value
+def _value(message: Any, path: Sequence[tuple[str, bool]]) -> Any:
+    """A single value, by the names of nested fields and whether they have presence; None if one of them is not set."""
+    for name, has_presence in path:
+        if has_presence and not message.HasField(name):
+            return None
+        message = getattr(message, name)
+    return message
 
 
 class Messages:
@@ -198,13 +189,16 @@ class Messages:
         """The protobuf class of the messages, by the schema in the file; for messages that `is_protobuf`."""
         return message_class_of(self.schema)
 
-    def field(self, name: str) -> Any:
-        """The descriptor of the field "name" or "name.of.a.nested.one" of the messages; None if there is none."""
-        descriptor, field = self.message_class.DESCRIPTOR, None
+    def path(self, name: str) -> list[Any]:
+        """Descriptors of the field "name", or of all in "name.of.a.nested.one"; empty if there is no such field."""
+        descriptor, found = self.message_class.DESCRIPTOR, list[Any]()
         for part in name.split("."):
             field = descriptor.fields_by_name.get(part) if descriptor is not None else None
-            descriptor = field.message_type if field is not None else None
-        return field
+            if field is None:
+                return []
+            found.append(field)
+            descriptor = field.message_type
+        return found
 
     def columns(self, names: Sequence[str]) -> list[Values]:
         """Values by the names of their fields ("pose.position.x"), n each; enumerations are numbers.
@@ -214,19 +208,21 @@ class Messages:
 
         Raises ValueError if a message is malformed, or a field holds no single value.
         """
-        for name in names:
-            if self.field(name).is_repeated or self.field(name).message_type is not None:
+        paths = [self.path(name) for name in names]
+        for name, (*_, field) in zip(names, paths, strict=True):
+            if field.is_repeated or field.message_type is not None:
                 raise ValueError(f"field {name} holds no single value")
-        descriptor, parse = self.message_class.DESCRIPTOR, self.message_class.FromString
-        layout = fixed_layout(descriptor)
-        if layout and {len(data) for data in self.data} == {layout[0].itemsize}:
-            block = np.frombuffer(b"".join(self.data), layout[0])
-            if all(np.all(block[tag] == value) for tag, value in layout[1].items()):
+        layout = fixed_layout(self.message_class)
+        if layout and {len(data) for data in self.data} == {len(layout.example)}:
+            block = np.frombuffer(b"".join(self.data), layout.dtype)
+            each, example = block.view(np.uint8).reshape(block.size, -1), np.frombuffer(layout.example, np.uint8)
+            if np.all(each[:, layout.tags] == example[layout.tags]):
                 return [block[name].copy() for name in names]
-        getters, found = [_getter(descriptor, name) for name in names], [list[Any]() for _ in names]
-        for message in map(parse, self.data):
-            for values, getter in zip(found, getters, strict=True):
-                values.append(getter(message))
+        steps = [[(field.name, field.has_presence) for field in path] for path in paths]
+        found = [list[Any]() for _ in names]
+        for message in map(self.message_class.FromString, self.data):
+            for values, path in zip(found, steps, strict=True):
+                values.append(_value(message, path))
         return list(found)
 
     def table(self, names: Sequence[str]) -> Floats:
@@ -310,7 +306,7 @@ class Contents:
         if not messages.is_protobuf:
             found = f"{messages.encoding!r}{'' if messages.schema else ' without a schema'}"
             raise LogError(f"{self.path}: channel {topic} is encoded as {found}, expected protobuf and its schema")
-        if missing := [name for name in names if messages.field(name) is None]:
+        if missing := [name for name in names if not messages.path(name)]:
             known = ", ".join(f.name for f in messages.message_class.DESCRIPTOR.fields)
             raise LogError(f"{self.path}: channel {topic} lacks {', '.join(missing)}; its fields: {known}")
         return messages

@@ -143,11 +143,11 @@ def _optional(messages: Messages, names: Sequence[str]) -> Floats:
     Where a type cannot tell zero from a number that is not there (protobuf 3 without `optional`), zero in a range, or
     in a quantity that need not be broadcast, stands for one that is not there.
     """
-    there = [name for name in names if messages.field(name) is not None]
+    there = [name for name in names if messages.path(name)]
     values = np.full((len(messages.data), len(names)), np.nan)
     values[:, [names.index(name) for name in there]] = messages.table(there)
     for name in {*_OPTIONAL, *_RECEIVED.columns[1].names} & set(there):
-        if not messages.field(name).has_presence:
+        if not messages.path(name)[-1].has_presence:
             column = values[:, names.index(name)]
             column[column == 0.0] = np.nan
     return values

@@ -16,8 +16,8 @@ from sim.flight import Flight
 from sim.log.schema import pose, timestamp, vector
 from sim.vehicle.mjcf import spec_of
 
-Draw = Callable[[int, int], bytes]
-"""Serialises the SceneUpdate of one instant: index on its own time grid, and time since 1970 [ns]."""
+Draw = Callable[[int, int], fg.SceneUpdate]
+"""Draws one instant: time since 1970 [ns], and index on its own time grid."""
 
 TRAIL_S = 100
 """Length of the trails [s], a point every second."""
@@ -50,6 +50,10 @@ def _cylinder(place: Any, size: Sequence[float], color: fg.Color) -> fg.Cylinder
     return fg.CylinderPrimitive(pose=place, size=vector(size), bottom_scale=1.0, top_scale=1.0, color=color)
 
 
+def _sphere(place: Any, size: Sequence[float], color: fg.Color) -> fg.SpherePrimitive:
+    return fg.SpherePrimitive(pose=place, size=vector(size), color=color)
+
+
 def hull(model_of: str) -> dict[str, list[Any]]:
     """Everything visible of a model of `sim.vehicle.mjcf.spec_of`, in its body frame, as fields of a SceneEntity."""
     parts: dict[str, list[Any]] = {"cylinders": [], "spheres": [], "cubes": [], "triangles": []}
@@ -65,20 +69,21 @@ def hull(model_of: str) -> dict[str, list[Any]]:
         if kind == kinds.mjGEOM_CAPSULE:
             end = np.zeros(3)
             mujoco.mju_rotVecQuat(end, np.array([0.0, 0.0, half[1]]), turn)
-            for cap in (position - end, position + end):
-                sphere = fg.SpherePrimitive(pose=pose(cap.tolist()), size=vector([width] * 3), color=color)
-                parts["spheres"].append(sphere)
+            parts["spheres"] += [
+                _sphere(pose(p.tolist()), [width] * 3, color) for p in (position - end, position + end)
+            ]
         elif kind == kinds.mjGEOM_BOX:
             parts["cubes"].append(fg.CubePrimitive(pose=place, size=vector((2 * half).tolist()), color=color))
         elif kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
             size = [width] * 3 if kind == kinds.mjGEOM_SPHERE else (2 * half).tolist()
-            parts["spheres"].append(fg.SpherePrimitive(pose=place, size=vector(size), color=color))
+            parts["spheres"].append(_sphere(place, size, color))
         elif kind == kinds.mjGEOM_MESH:
             mesh = model.geom_dataid[geom]
             vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]].astype(np.float64)
             faces = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]].ravel().tolist()
-            body = fg.TriangleListPrimitive(pose=place, points=_points(vertices), indices=faces, color=color)
-            parts["triangles"].append(body)
+            parts["triangles"].append(
+                fg.TriangleListPrimitive(pose=place, points=_points(vertices), indices=faces, color=color)
+            )
     return parts
 
 
@@ -88,7 +93,7 @@ def _ellipse(position: Sequence[float], covariance: Floats) -> fg.SpherePrimitiv
     minor, major = (2 * _CONFIDENCE * np.sqrt(np.maximum(variance, 0.0))).tolist()
     half_turn = math.atan2(axes[1, 1], axes[0, 1]) / 2
     place = pose(position, (math.cos(half_turn), 0.0, 0.0, math.sin(half_turn)))
-    return fg.SpherePrimitive(pose=place, size=vector((major, minor, _DISC_M)), color=_UNCERTAINTY)
+    return _sphere(place, (major, minor, _DISC_M), _UNCERTAINTY)
 
 
 def _ellipses(estimates: Estimates, row: int, z: float) -> list[fg.SpherePrimitive]:
@@ -120,7 +125,7 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
         for e, m, row in zip(flight.estimates, flight.measurements, rows, strict=True)
     ]
 
-    def draw(i: int, time_ns: int) -> bytes:
+    def draw(time_ns: int, i: int) -> fg.SceneUpdate:
         stamp, entities = timestamp(time_ns), []
 
         def trail(name: str, color: fg.Color, points: list[fg.Point3], **more: Any) -> fg.SceneEntity:
@@ -138,7 +143,7 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
                 spheres = _ellipses(e, int(row[i]), -float(m.depth[row[i]]))
                 known = points[: i + 1 - np.count_nonzero(row < 0)]
                 entities.append(trail(f"{name}/estimate", ESTIMATE, known, spheres=spheres))
-        return fg.SceneUpdate(entities=entities).encode()
+        return fg.SceneUpdate(entities=entities)
 
     return draw
 
@@ -162,8 +167,7 @@ def _ping(
         position = e.fix_position[fix].tolist()
         if all(map(math.isfinite, position)):
             color = _REJECTED if e.fix_kind[fix] == FixKind.GATED else _ACCEPTED
-            place = pose((*position, -float(m.depth[step - 1])))
-            fixes.append(fg.SpherePrimitive(pose=place, size=vector([_FIX_M] * 3), color=color))
+            fixes.append(_sphere(pose((*position, -float(m.depth[step - 1]))), [_FIX_M] * 3, color))
     return fg.SceneEntity(
         timestamp=timestamp(time_ns),
         frame_id="world",
@@ -186,9 +190,9 @@ def draw_acoustics(flight: Flight, steps: Ints) -> Draw:
     paths = {name: truth.site_path(name, index) for name in ends}
     messages = [{step: i for i, step in enumerate(m.message_step.tolist())} for m in flight.measurements]
 
-    def draw(i: int, time_ns: int) -> bytes:
+    def draw(time_ns: int, i: int) -> fg.SceneUpdate:
         step, sites = int(steps[i]), {name: path[i].tolist() for name, path in paths.items()}
         pings = [_ping(flight, f, own[step], time_ns, sites) for f, own in enumerate(messages) if step in own]
-        return fg.SceneUpdate(entities=pings).encode()
+        return fg.SceneUpdate(entities=pings)
 
     return draw

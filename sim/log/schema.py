@@ -3,9 +3,9 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
@@ -62,9 +62,11 @@ def rotation(wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> Quaternion:
     return Quaternion(x=x, y=y, z=z, w=w)
 
 
-def pose(xyz: Sequence[float] = (0.0, 0.0, 0.0), wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> Pose:
+def pose(xyz: Sequence[float], wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> Pose:
     """A pose of Foxglove's at a position [m] with a quaternion (w, x, y, z)."""
-    return Pose(position=vector(xyz), orientation=rotation(wxyz))
+    (x, y, z), (w, i, j, k) = xyz, wxyz
+    # written out: most messages of a log are poses, and two more calls would take as long again
+    return Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=i, y=j, z=k, w=w))
 
 
 def message_class_of(schema: Any) -> Any:
@@ -74,21 +76,25 @@ def message_class_of(schema: Any) -> Any:
     return message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
 
 
-def fixed_layout(descriptor: Any) -> tuple[np.dtype[np.void], dict[str, int]] | None:
-    """Dtype of serialised messages that hold a number of eight bytes in every field, and the tags in front of these.
+class FixedLayout(NamedTuple):
+    """Messages with eight bytes for every field: dtype of the numbers, a message, and where it holds no numbers."""
 
-    Protobuf writes the fields in the order of their numbers, each after its tag: 8 × number + 1 as a varint. None for
-    a type with other fields.
-    """
-    formats, tags = list[tuple[str, str]](), dict[str, int]()
-    for field in sorted(descriptor.fields, key=lambda field: field.number):
-        tag = 8 * field.number + 1
-        if field.type not in _FORMATS or field.is_repeated or tag >= 1 << 14:
-            return None
-        name = f"tag {field.number}"
-        tags[name] = tag if tag < 128 else tag & 127 | 128 | tag >> 7 << 8
-        formats += [(name, "<u1" if tag < 128 else "<u2"), (field.name, _FORMATS[field.type])]
-    return (np.dtype(formats), tags) if formats else None
+    dtype: np.dtype[np.void]
+    example: bytes
+    tags: Ints
+
+
+@lru_cache(maxsize=64)
+def fixed_layout(message_class: Any) -> FixedLayout | None:
+    """The layout of messages of a type; None if it has other fields."""
+    fields = sorted(message_class.DESCRIPTOR.fields, key=lambda field: field.number)
+    if not fields or any(field.type not in _FORMATS or field.is_repeated for field in fields):
+        return None
+    ends = np.cumsum([message_class(**{field.name: 1}).ByteSize() for field in fields])
+    names, formats = [field.name for field in fields], [_FORMATS[field.type] for field in fields]
+    dtype = np.dtype({"names": names, "formats": formats, "offsets": ends - 8, "itemsize": ends[-1]})
+    tags = np.setdiff1d(np.arange(ends[-1]), ends[:, None] - np.arange(1, 9))
+    return FixedLayout(dtype, message_class(**dict.fromkeys(names, 1)).SerializeToString(), tags)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,11 +136,9 @@ class RecordType:
 
     def rows(self, time_ns: Ints, arrays: Callable[[str], Array]) -> list[bytes]:
         """Serialised messages, from their times [ns] and the arrays of the attributes, n rows each."""
-        layout = fixed_layout(self.message_class.DESCRIPTOR)
+        layout = fixed_layout(self.message_class)
         assert layout is not None
-        block = np.empty(time_ns.size, layout[0])
-        for tag, value in layout[1].items():
-            block[tag] = value
+        block = np.frombuffer(bytearray(layout.example * time_ns.size), layout.dtype)
         for array in self.columns:
             table = arrays(array.attribute).reshape(time_ns.size, len(array.names))
             for k, name in enumerate(array.names):
