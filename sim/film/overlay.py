@@ -1,6 +1,7 @@
 """What lies over the picture: rays, trails, markers and labels in place, and the dashboard beside it."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -272,17 +273,11 @@ def _overlap(a: Place, b: Place) -> bool:
 def _places(label: Label, width: float, height: float, scale: float) -> list[tuple[Place, Floats]]:
     """Places for the words, the most wanted first, with the end of the line that leads there."""
     found = []
-    rows = [
-        side * label.rise + np.sign(side * label.rise) * _LABEL_STEP * scale * n
-        for side in (1, -1)
-        for n in range(_LABEL_ROWS)
-    ]
-    for aside in _LABEL_ASIDE:
-        for rise in rows:
-            for way in (1.0, -1.0):
-                end = label.at + np.array([aside * scale * way, rise])
-                left = end[0] + 2 * scale if way > 0 else end[0] - 2 * scale - width
-                found.append(((float(left), float(end[1] - height / 2), width, height), end))
+    for aside, side, n, way in product(_LABEL_ASIDE, (1, -1), range(_LABEL_ROWS), (1.0, -1.0)):
+        rise = side * label.rise + np.sign(side * label.rise) * _LABEL_STEP * scale * n
+        end = label.at + np.array([aside * scale * way, rise])
+        left = end[0] + 2 * scale if way > 0 else end[0] - 2 * scale - width
+        found.append(((float(left), float(end[1] - height / 2), width, height), end))
     return found
 
 

@@ -82,7 +82,8 @@ class GlScene:
         self._sea.show(looked_at, 0.9 * shot.fog[1], state.time, self._context)
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
-        self._render(state, shot.view, (0, 0, self.width, self.height))
+        whole: Box = (0, 0, self.width, self.height)
+        self._render(state, shot.view, whole)
         self._fog(*_INSET_FOG)
         # insets look at a hull from above, or from close by
         self._sea.show_surface(False)
@@ -90,11 +91,9 @@ class GlScene:
             self._sea.show(view.target, _INSET_FOG[1], state.time, self._context)
             mujoco.mj_kinematics(self._model, self._data)  # the sea has moved
             self._render(state, view, box)
-        frame = mujoco.MjrRect(0, 0, self.width, self.height)
-        mujoco.mjr_readPixels(self._pixels, None, frame, self._context)
+        mujoco.mjr_readPixels(self._pixels, None, mujoco.MjrRect(*whole), self._context)
         self._smooth[:] = self._pixels
-        self._smooth_hulls(state, shot.view, (0, 0, self.width, self.height))
-        for (view, _), box in zip(shot.insets, insets, strict=True):
+        for view, box in zip((shot.view, *(view for view, _ in shot.insets)), (whole, *insets), strict=True):
             self._smooth_hulls(state, view, box)
         return self._smooth
 
@@ -155,7 +154,9 @@ class GlScene:
             return None
         geom = scene.geoms[scene.ngeom]
         mujoco.mjv_initGeom(geom, shape, size, at, turn.ravel(), np.array(rgba, dtype=np.float32))
-        geom.category = mujoco.mjtCatBit.mjCAT_DECOR.value
+        # MuJoCo leaves these as the memory had them: taken for part of a hull, the backdrop would get a ghost
+        geom.objtype, geom.objid, geom.segid = mujoco.mjtObj.mjOBJ_UNKNOWN.value, -1, -1
+        geom.camdist, geom.transparent, geom.category = 0.0, 0, mujoco.mjtCatBit.mjCAT_DECOR.value
         scene.ngeom += 1
         return geom
 

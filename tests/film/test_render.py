@@ -91,18 +91,25 @@ def test_a_still_shows_markers_where_the_vehicles_are_and_no_band_at_the_horizon
 def test_every_camera_gives_a_picture_and_the_same_one_every_time(flight, tmp_path):
     program = """
 import dataclasses, pickle
+import mujoco
 import numpy as np
 from sim.scenario.settings import CAMERAS
 from contextlib import closing
 from sim.film.frame_renderer import FrameRenderer
 from sim.film.scene import GlScene
-job = pickle.load(open(sys.argv[1], "rb"))
+job, shifted = pickle.load(open(sys.argv[1], "rb"))
 pictures = {}
 with closing(GlScene(job.flight, job.video)) as scene:
     for camera in CAMERAS:
-        renderer = FrameRenderer(dataclasses.replace(job, video=job.video.model_copy(update={"camera": camera})), scene)
+        video = job.video.model_copy(update={"camera": camera})
+        renderer = FrameRenderer(dataclasses.replace(shifted, video=video), scene)
         first = renderer.frame(20.0).copy()
         renderer.frame(35.0)
+        # MuJoCo does not clear the memory of a scene: here it is full of a part of the follower's hull
+        part = next(g for g in np.flatnonzero(scene._model.geom_bodyid == scene._vehicles[1].body)
+                    if g not in scene._inside)
+        for geom in scene._scene.geoms[:100]:
+            geom.objtype, geom.objid, geom.transparent = mujoco.mjtObj.mjOBJ_GEOM.value, part, 1
         assert np.array_equal(first, renderer.frame(20.0)), camera
         pictures[camera] = first
     # floor and surface move on by whole tiles as the camera travels, here after 11 s: that must not show
@@ -111,9 +118,10 @@ with closing(GlScene(job.flight, job.video)) as scene:
     pictures["steps"] = np.array([np.abs(b - a).mean() for a, b in zip(frames[:-1], frames[1:])])
 np.savez(sys.argv[2], **pictures)
 """
-    job = Job(flight=flight, errors=errors_of(flight), video=small())
-    (tmp_path / "job").write_bytes(pickle.dumps(job))
-    arguments = (str(tmp_path / "job"), str(tmp_path / "pictures.npz"))
+    shifted = apart(flight, 2.5)
+    jobs = [Job(flight=one, errors=errors_of(one), video=small()) for one in (flight, shifted)]
+    (tmp_path / "jobs").write_bytes(pickle.dumps(jobs))
+    arguments = (str(tmp_path / "jobs"), str(tmp_path / "pictures.npz"))
     command, environment = graphics.child(program, arguments, graphics.working().name)
     subprocess.run(command, env=environment, check=True, timeout=120)
     with np.load(tmp_path / "pictures.npz") as pictures:
