@@ -107,17 +107,15 @@ def _locations(
     """Positions, shape (n, 3), [m], on the map; horizontal covariances, shape (n, 2, 2), make them estimates."""
     kinds, origin = fg.LocationFixPositionCovarianceType, flight.scenario
     # Rerun 0.41 writes invalid points for a fix without a colour
-    look = {"position_covariance_type": kinds.Unknown, "color": TRUTH}
+    look: dict[str, Any] = {"position_covariance_type": kinds.Unknown, "color": TRUTH}
     whole = np.zeros((time_ns.size, 3, 3))
     if covariance is not None:
         look = {"position_covariance_type": kinds.Known, "color": ESTIMATE}
         whole[:, :2, :2] = covariance
 
     def fix_at(at: int, place: Sequence[float], spread: list[float]) -> fg.LocationFix:
-        coordinates: dict[str, Any] = dict(zip(("latitude", "longitude", "altitude"), place, strict=True))
-        return fg.LocationFix(
-            timestamp=timestamp(at), frame_id="world", position_covariance=spread, **coordinates, **look
-        )
+        fixed: dict[str, Any] = dict(zip(("latitude", "longitude", "altitude"), place, strict=True))
+        return fg.LocationFix(timestamp=timestamp(at), frame_id="world", position_covariance=spread, **fixed, **look)
 
     place = geodetic(position, origin.origin_latitude_deg, origin.origin_longitude_deg)
     return _channel(topic, fg.LocationFix, time_ns, fix_at, place, whole.reshape(-1, 9))

@@ -92,7 +92,7 @@ def fixed_layout(message_class: Any) -> FixedLayout | None:
         return None
     ends = np.cumsum([message_class(**{field.name: 1}).ByteSize() for field in fields])
     names, formats = [field.name for field in fields], [_FORMATS[field.type] for field in fields]
-    dtype = np.dtype({"names": names, "formats": formats, "offsets": ends - 8, "itemsize": ends[-1]})
+    dtype = np.dtype({"names": names, "formats": formats, "offsets": (ends - 8).tolist(), "itemsize": int(ends[-1])})
     tags = np.setdiff1d(np.arange(ends[-1]), ends[:, None] - np.arange(1, 9))
     return FixedLayout(dtype, message_class(**dict.fromkeys(names, 1)).SerializeToString(), tags)
 
