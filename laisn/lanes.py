@@ -19,7 +19,6 @@ from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
 from laisn.messages import LeaderMessage, Measurements
 from laisn.settings import VARIANTS, NavigationSettings, Tuning
-from laisn.swarm import message_of
 from laisn.variants import SEQUENTIAL
 
 _SEQUENTIAL = VARIANTS.index(SEQUENTIAL)
@@ -177,7 +176,7 @@ class LaneSwarm(NamedTuple):
 
     @compiled_lanes
     def navigate(
-        self, step: int, readings: Records, received: Bools, messages: Floats, ranges: Floats, estimates: Any
+        self, step: int, readings: Records, received: Bools, messages: Records, ranges: Floats, estimates: Any
     ) -> int:
         """Advance by one filter step; see `laisn.swarm.Swarm.navigate`."""
         block = self.block
@@ -187,7 +186,7 @@ class LaneSwarm(NamedTuple):
             block[row.SPEED + lane], block[row.HEADING + lane] = readings[i].speed, readings[i].heading
             block[row.DEPTH + lane] = readings[i].depth
             if any_received:
-                message = message_of(messages[i])
+                message = messages[i]
                 block[row.EAST + lane], block[row.NORTH + lane] = message.east, message.north
                 block[row.LEADER_HEADING + lane], block[row.LEADER_SPEED + lane] = message.heading, message.speed
                 block[row.LEADER_DEPTH + lane], block[row.PITCH + lane] = message.depth, message.pitch

@@ -12,7 +12,6 @@ from numba import types
 from numba.extending import overload_method
 
 from laisn.arrays import Bools, Floats, Ints, Records
-from laisn.compiled import inlined
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from laisn.settings import Settings
 
@@ -44,10 +43,8 @@ READING = np.dtype(
 """Readings of one follower's own sensors; navigators read the first three."""
 
 
-@inlined
-def message_of(row: Floats) -> LeaderMessage:
-    """Columns of a message from timestamp to roll, by name; for compiled code."""
-    return LeaderMessage(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], np.nan)
+MESSAGE = np.dtype([(name, np.float64) for name in LeaderMessage._fields])
+"""A `LeaderMessage`."""
 
 
 class Swarm(Protocol):
@@ -58,7 +55,7 @@ class Swarm(Protocol):
         """Number of fixes or messages of each follower that its gate has rejected so far, shape (f,)."""
 
     def navigate(
-        self, step: int, readings: Records, received: Bools, messages: Floats, ranges: Floats, estimates: Records
+        self, step: int, readings: Records, received: Bools, messages: Records, ranges: Floats, estimates: Records
     ) -> int:
         """Advance by one filter step.
 
@@ -66,7 +63,7 @@ class Swarm(Protocol):
             step: from 1.
             readings: records of READING, shape (f,).
             received: whether a message is in, shape (f,).
-            messages: columns of `LeaderMessage` from timestamp to roll, shape (f, 8) or wider.
+            messages: records of MESSAGE, shape (f,).
             ranges: shape (f, 3), [m]; NaN where nothing was received.
             estimates: out: records of ESTIMATE, shape (f,).
 
@@ -98,7 +95,7 @@ class SeparateNavigators:
         self.gated: Ints = np.zeros(len(starts), dtype=np.int64)
 
     def navigate(
-        self, step: int, readings: Records, received: Bools, messages: Floats, ranges: Floats, estimates: Records
+        self, step: int, readings: Records, received: Bools, messages: Records, ranges: Floats, estimates: Records
     ) -> int:
         """Advance by one filter step; see `Swarm.navigate`. Gates are not counted."""
         for i, navigator in enumerate(self.navigators):

@@ -17,7 +17,7 @@ from laisn.arrays import Bools, Floats, Ints, Record, Records, records
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
 from laisn.navigators import find
-from laisn.swarm import ESTIMATE, READING, Swarm, SwarmFactory
+from laisn.swarm import ESTIMATE, MESSAGE, READING, Swarm, SwarmFactory
 from sim.assembly import routes_of
 from sim.control.autopilot import control, vehicle_state
 from sim.control.follower import (
@@ -46,7 +46,7 @@ from sim.sensing.instant import (
     SensorModel,
     is_under_way,
     new_inbox,
-    read_own,
+    read_instruments,
     receive,
     sensor_model_of,
 )
@@ -126,7 +126,9 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
     trails = records(TRAIL, f, n // scenario.message_every + planned + 2)
     counts = np.zeros((f, 1), dtype=np.int64)
     leader = vehicle_state(plant.pose[0], plant.twist[0], plant.water_velocity()[0])
-    start = np.array([0.0, *plant.pose[0, :2], leader.heading, leader.surge])
+    start = records(MESSAGE, 1)[0]
+    start.east, start.north, _ = plant.pose[0, :3]
+    start.heading, start.speed = leader.heading, leader.surge
     for i, follower in enumerate(scenario.followers):
         kinds[i] = _kind(follower.station is not None, follower.guided_by_estimate)
         init_memory(start, trails[i], counts[i], memory[i])
@@ -188,7 +190,7 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
     step = k // stride
     for i in range(a.kinds.size):
         body = truth.pose[k, i + 1], truth.twist[k, i + 1], truth.water[k, i + 1]
-        read_own(a.sensors, step, i, body, a.sites[2][i], a.readings[i])
+        read_instruments(a.sensors, step, i, body, a.sites[2][i], a.readings[i])
         on_station = a.kinds[i] >= ON_STATION_BY_TRUTH
         if k > 0 and a.look_every > 0 and k % a.look_every == 0 and on_station:
             look((a.sensors.seed, a.sensors.run), a.proximity, k, i, truth.pose[k], a.seen[i])

@@ -32,6 +32,21 @@ class Truth(NamedTuple):
         return cls(*(np.empty((instants, vehicles, columns)) for columns in (7, 6, 3, effectors)))
 
 
+class Body(NamedTuple):
+    """Motion of a vehicle at an instant, or at many of them: numbers or arrays."""
+
+    pose: Any
+    """Position [m] and quaternion, seven components."""
+    twist: Any
+    """Velocity in the world [m/s] and angular velocity in the body [rad/s], six components."""
+    water: Any
+    """Velocity of the water, three components [m/s]."""
+    heading: Any
+    """[rad]."""
+    pitch: Any
+    """[rad]."""
+
+
 @elementwise
 def speed_through_water(pose: Any, twist: Any, water: Any) -> Any:
     """Speed through the water along the hull, as a speed log measures it [m/s]; numbers or arrays.
@@ -174,6 +189,16 @@ class Trajectory(ArrayRecord):
             parts = (np.moveaxis(values, 2, 0) for values in (pose, self.velocity[some], self.water_velocity[some]))
             speed[some] = speed_through_water(*parts)
         return speed
+
+    def body(self, vehicle: int, index: Ints | slice) -> Body:
+        """Motion of one vehicle at instants; views of the arrays if the index is a slice."""
+        return Body(
+            pose=(*self.position[index, vehicle].T, *self.quaternion[index, vehicle].T),
+            twist=(*self.velocity[index, vehicle].T, *self.angular_velocity[index, vehicle].T),
+            water=tuple(self.water_velocity[index, vehicle].T),
+            heading=self.heading[index, vehicle],
+            pitch=self.pitch[index, vehicle],
+        )
 
     @property
     def site_position(self) -> Floats:

@@ -11,6 +11,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from laisn.arrays import Floats, Record, records
 from laisn.estimates import Estimates, FixKind
 from laisn.messages import LeaderMessage, Measurements
+from laisn.swarm import MESSAGE
 from sim.flight import Flight
 from sim.geometry import attitude
 from sim.log import writer
@@ -228,3 +229,9 @@ def messages(path: Path, topic: str) -> list[Any]:
 def record(dtype: np.dtype[np.void], *values: object) -> Record:
     """One record with these values, or of zeros without any."""
     return np.rec.array([values], dtype)[0] if values else records(dtype, 1)[0]
+
+
+def message(*values: float) -> Record:
+    """A message with these values of its first fields, and NaN in the others."""
+    unknown = [np.nan] * (len(LeaderMessage._fields) - len(values))
+    return record(MESSAGE, *values, *unknown)

@@ -33,7 +33,7 @@ from sim.station_keeping import (
     true_stations,
 )
 from sim.trajectory import Trajectory
-from tests.synthetic import record
+from tests.synthetic import message, record
 
 PLACES = [(5.0, 10.0, 11.0), (20.0, 0.0, 12.0), (15.0, -30.0, 13.0)]
 
@@ -93,7 +93,7 @@ def test_what_is_sensed_under_way_is_what_is_measured_afterwards() -> None:
         last = np.array([measured.speed[-1], measured.heading[-1], measured.depth[-1]])
         np.testing.assert_array_equal(controller.state.readings[i].tolist()[:3], last)
         np.testing.assert_array_equal(controller.state.inbox.ranges[i], measured.ranges[-1])
-        np.testing.assert_array_equal(controller.state.inbox.message[i], measured.message[-1, :8])
+        np.testing.assert_array_equal(controller.state.inbox.message[i].tolist(), measured.message[-1])
 
 
 def test_a_ping_that_is_not_waited_for_comes_too_late() -> None:
@@ -168,9 +168,9 @@ def test_the_controller_knows_nothing_of_the_truth() -> None:
     reading, reference = record(READING, 1.2, 0.1, 12.0, 0.0, 0.0, 0.0), record(REFERENCE)
     estimate = record(ESTIMATE)
     estimate.log_bias, estimate.compass_bias = 0.2, 0.1
-    init_memory(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), trail, count, memory)
+    init_memory(message(0.0, 0.0, 0.0, 0.0, 1.0), trail, count, memory)
     for second in range(1, 31):
-        extend_trail(law, station, np.array([second, 0.0, second, 0.0, 1.0]), trail, count, (second, 0.1), memory)
+        extend_trail(law, station, message(second, 0.0, second, 0.0, 1.0), trail, count, (second, 0.1), memory)
         for tenth in range(10):
             now = second + 0.1 * tenth
             estimate.position = -5.0, now - 20.0
@@ -196,9 +196,9 @@ def quiet_for(seconds: float, formation: Formation, spread: float = 0.0) -> tupl
     reading, reference = record(READING, 1.0, 0.0, 12.0, 0.0, 0.0, 0.0), record(REFERENCE)
     estimate, rows = record(ESTIMATE), []
     estimate.spread = spread
-    init_memory(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), trail, count, memory)
+    init_memory(message(0.0, 0.0, 0.0, 0.0, 1.0), trail, count, memory)
     for second in range(1, 21):
-        extend_trail(law, station, np.array([second, 0.0, second, 0.0, 1.0]), trail, count, (second, 0.1), memory)
+        extend_trail(law, station, message(second, 0.0, second, 0.0, 1.0), trail, count, (second, 0.1), memory)
     for k in range(round(10 * seconds)):
         now = 20.0 + 0.1 * k
         estimate.position[1] = now - 20.0

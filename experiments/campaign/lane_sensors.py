@@ -1,6 +1,6 @@
 """Measurements of a block of runs, made where they are used.
 
-This is `sim.sensing.sensors.measure` for lanes, with the same formulas and noise.
+This is `sim.sensing.observation.measure` for lanes, with the same formulas and noise.
 """
 
 from typing import NamedTuple
@@ -65,11 +65,11 @@ def sent_rows(truth: MissionTruth, errors: SensorErrors) -> Floats:
     Ranges by way of the surface and of the bottom follow, NaN if the truth has none, then the weights of the leader's
     fluctuating attitude error.
     """
-    position = truth.sent_position
+    sent = truth.sent
     echoes = np.full((2, *truth.slant_range.shape), np.nan) if truth.echo_range is None else truth.echo_range
     return np.column_stack(
         [
-            position[:, :2], truth.sent_heading, truth.sent_speed, position[:, 2], truth.sent_attitude,
+            sent.east, sent.north, sent.heading, sent.speed, sent.depth, sent.pitch, sent.roll,
             truth.slant_range, *echoes,
             weights(truth.emission_step, truth.dt, errors.leader_tilt_time),
         ]
@@ -172,9 +172,9 @@ def _read_attitude(block: Floats, noise: Noise, errors: SensorErrors, sent: Floa
         fluctuation[i] = advanced(fluctuation[i], kept, fresh, draws[i])
     for lane in range(LANES):
         i, j = _FIRST + lane, _SECOND + lane
-        pitch, roll = plain_reading(sent[5], constant, offset[i]), plain_reading(sent[6], constant, offset[j])
-        block[row.PITCH + lane] = plain_reading(pitch, errors.leader_tilt_sigma, fluctuation[i])
-        block[row.ROLL + lane] = plain_reading(roll, errors.leader_tilt_sigma, fluctuation[j])
+        pitch, roll = plain_reading(sent[5], 0.0, constant, offset[i]), plain_reading(sent[6], 0.0, constant, offset[j])
+        block[row.PITCH + lane] = plain_reading(pitch, 0.0, errors.leader_tilt_sigma, fluctuation[i])
+        block[row.ROLL + lane] = plain_reading(roll, 0.0, errors.leader_tilt_sigma, fluctuation[j])
 
 
 @compiled_lanes
@@ -228,7 +228,7 @@ def sense_message(
     received, emitted = steps
     _draw_if(errors.depth_sigma > 0.0, noise, address.depth, received)
     for lane in range(LANES):
-        block[row.DEPTH + lane] = plain_reading(depth, errors.depth_sigma, draws[_FIRST + lane])
+        block[row.DEPTH + lane] = plain_reading(depth, 0.0, errors.depth_sigma, draws[_FIRST + lane])
         block[row.EAST + lane], block[row.NORTH + lane] = east, north
     _draw_if(errors.leader_heading_sigma > 0.0, noise, address.leader_motion, emitted)
     for lane in range(LANES):
@@ -238,6 +238,8 @@ def sense_message(
         )
     _draw_if(errors.leader_depth_sigma > 0.0, noise, address.leader_depth, emitted)
     for lane in range(LANES):
-        block[row.LEADER_DEPTH + lane] = plain_reading(leader_depth, errors.leader_depth_sigma, draws[_FIRST + lane])
+        block[row.LEADER_DEPTH + lane] = plain_reading(
+            leader_depth, 0.0, errors.leader_depth_sigma, draws[_FIRST + lane]
+        )
     _read_attitude(block, noise, errors, sent, emitted)
     _read_ranges(block, noise, sensors, sent, steps)

@@ -2,7 +2,7 @@
 
 Runs are flown in blocks side by side. Every block is computed alone and added up in the order of runs, so that results
 depend neither on the number of threads nor on how runs are split into blocks, to the bit. Run k takes exactly the noise
-that `sim.sensing.sensors.measure(…, run=k)` gives a single flight.
+that `sim.sensing.observation.measure(…, run=k)` gives a single flight.
 """
 
 import os
@@ -33,8 +33,7 @@ from laisn.lane_rows import LANES
 from laisn.navigators import MissionResult
 from laisn.settings import Tuning
 from sim.sensing.errors import SensorErrors
-from sim.sensing.observation import MissionTruth
-from sim.sensing.sensors import measure
+from sim.sensing.observation import MissionTruth, measure
 
 _NO_HISTORY = np.empty((0, 4 * LANES))
 

@@ -19,7 +19,7 @@ from sim.flight import Flight, navigation_settings
 from sim.geometry import attitude
 from sim.sensing.acoustics import TRANSMITTERS, Path, propagate
 from sim.sensing.errors import errors_of
-from sim.sensing.sensors import locked_path
+from sim.sensing.observation import locked_path
 from sim.trajectory import Trajectory
 
 

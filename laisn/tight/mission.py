@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Bools, Floats, Ints, Records, records
+from laisn.arrays import Bools, Floats, Ints, Record, Records, records
 from laisn.compiled import compiled, compiled_run, copy_values
 from laisn.elementary import sin_cos
 from laisn.failure import LaisnError
-from laisn.messages import LeaderMessage, Measurements
+from laisn.messages import Measurements
 from laisn.mixture import heaviest, heaviest_hypothesis, hypothesis_weight
 from laisn.navigators import MissionResult
-from laisn.swarm import message_of
+from laisn.swarm import MESSAGE
 from laisn.tight.estimates import kind_of
 from laisn.tight.estimator import count_received, place_arms, receive
 from laisn.tight.model import ABSENT, COMPASS, LOG, Belief, Model, X, Y, model_of, new_belief
@@ -45,8 +45,8 @@ class Found(NamedTuple):
 
 
 @compiled
-def _receive(b: Belief, m: Model, signal: Signal, message: LeaderMessage, ranges: Floats, depth: float) -> int:
-    """Take a message and its ranges, shape (3,), at the follower's depth [m]; see `receive`."""
+def _receive(b: Belief, m: Model, signal: Signal, message: Record, ranges: Floats, depth: float) -> int:
+    """Take a record of MESSAGE and its ranges, shape (3,), at the follower's depth [m]; see `receive`."""
     signal.time, signal.east, signal.north = message.timestamp, message.east, message.north
     signal.heading, signal.speed = message.heading, message.speed
     copy_values(ranges, signal.ranges)
@@ -80,7 +80,7 @@ def filter_mission(
     speed: Floats,
     heading: Floats,
     message_step: Ints,
-    messages: tuple[Floats, Floats, Floats],
+    messages: tuple[Records, Floats, Floats],
     found: Found,
 ) -> int:
     """Estimate a whole mission.
@@ -92,7 +92,7 @@ def filter_mission(
         speed: log after each step, shape (n,), [m/s].
         heading: compass after each step, shape (n,), [rad].
         message_step: shape (m,), from 1.
-        messages: rows of `LeaderMessage`, shape (m, 9), of `Ranges`, shape (m, 3), and the follower's depth at each
+        messages: records of MESSAGE, shape (m,), rows of `Ranges`, shape (m, 3), and the follower's depth at each
             message, shape (m,), [m].
         found: overwritten.
 
@@ -106,7 +106,7 @@ def filter_mission(
     for k in range(n):
         reckon(b, m, speed[k], sine[k], cosine[k], m.dt)
         if i < message_step.size and message_step[i] == k + 1:
-            used = _receive(b, m, signal, message_of(message[i]), ranges[i], depth[i])
+            used = _receive(b, m, signal, message[i], ranges[i], depth[i])
             if used < 0:
                 return k + 1
             if outcome.shape[0] > 0:
@@ -147,8 +147,8 @@ def run_mission(
     found = Found(np.empty((n, 4 if covariance else 2)), np.empty((n if covariance else 0, 3)), outcome)
     speed, heading = np.ascontiguousarray(measurements.speed), np.ascontiguousarray(measurements.heading)
     step = measurements.message_step
-    sent, ranges = np.ascontiguousarray(measurements.message), np.ascontiguousarray(measurements.ranges)
-    messages = sent, ranges, measurements.last_depth[step - 1]
+    sent = np.ascontiguousarray(measurements.message).view(MESSAGE)[:, 0]
+    messages = sent, np.ascontiguousarray(measurements.ranges), measurements.last_depth[step - 1]
     known = None if start is None or not settings.known_start else (float(start[0]), float(start[1]))
     belief = new_belief(settings, model, known)
     failed = filter_mission(belief, model, new_signal(), speed, heading, step, messages, found)
@@ -243,7 +243,7 @@ class TightSwarm(NamedTuple):
 
     @compiled
     def navigate(
-        self, step: int, readings: Records, received: Bools, messages: Floats, ranges: Floats, estimates: Any
+        self, step: int, readings: Records, received: Bools, messages: Records, ranges: Floats, estimates: Any
     ) -> int:
         """Advance by one filter step, the same to the bit as `TightNavigator.step`; see `laisn.swarm.Swarm.navigate`.
 
@@ -255,7 +255,7 @@ class TightSwarm(NamedTuple):
             b, estimate = beliefs[i], estimates[i]
             advance(b, m, readings[i].speed, readings[i].heading, m.dt)
             if received[i]:
-                used = _receive(b, m, signal, message_of(messages[i]), ranges[i], readings[i].depth)
+                used = _receive(b, m, signal, messages[i], ranges[i], readings[i].depth)
                 if used < 0:
                     return i + 1
                 record_outcome(b, m, signal, used, outcome)

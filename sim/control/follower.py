@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints, Record, Records
+from laisn.arrays import Ints, Record, Records
 from laisn.compiled import compiled
 from laisn.geometry import wrap_angle
 from sim.control.allocation import clip
@@ -81,7 +81,7 @@ class Steering(NamedTuple):
 def extend_trail(
     formation: Record,
     station: Record,
-    message: Floats,
+    message: Record,
     trail: Records,
     count: Ints,
     clock: tuple[float, float],
@@ -92,14 +92,13 @@ def extend_trail(
     Since the last message the frame was turned by where the leader was taken to be; now its way there is known.
 
     Args:
-        message: columns of `laisn.messages.LeaderMessage`.
+        message: of `laisn.swarm.MESSAGE`.
         clock: time, no earlier than that of the message, and step of the frame [s].
     """
     now, dt = clock
-    time, leader_east, leader_north, leader_heading, leader_speed = message[:5]
-    before, received = memory.last_received, memory.received_points
-    correct_planned(trail, count, received, (leader_east, leader_north, time))
-    extend(trail, count, leader_east, leader_north, time, (leader_speed, leader_heading))
+    time, before, received = message.timestamp, memory.last_received, memory.received_points
+    correct_planned(trail, count, received, (message.east, message.north, time))
+    extend(trail, count, message.east, message.north, time, (message.speed, message.heading))
     memory.last_received, memory.received_points = time, count[0]
     memory.frame.heading, memory.frame.rate = memory.kept_frame.heading, memory.kept_frame.rate
     turn_frame(formation, station, (trail, count[0]), (before, time), dt, memory.frame)
@@ -109,17 +108,16 @@ def extend_trail(
 
 
 @compiled
-def init_memory(leader: Floats, trail: Records, count: Ints, memory: Record) -> None:
+def init_memory(leader: Record, trail: Records, count: Ints, memory: Record) -> None:
     """Set up the memory of a follower at its start; its own motion follows from its first readings.
 
     Args:
-        leader: where the leader starts, first five columns of a message.
+        leader: where the leader starts; a message of `laisn.swarm.MESSAGE`.
     """
-    time, east, north, heading, speed = leader
-    memory.frame.heading = memory.kept_frame.heading = heading
-    extend(trail, count, east, north, time, (speed, heading))
+    memory.frame.heading = memory.kept_frame.heading = leader.heading
+    extend(trail, count, leader.east, leader.north, leader.timestamp, (leader.speed, leader.heading))
     memory.log, memory.compass = np.nan, np.nan
-    memory.last_received, memory.received_points = time, count[0]
+    memory.last_received, memory.received_points = leader.timestamp, count[0]
 
 
 @compiled

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints, own_arrays
+from laisn.arrays import Floats, Ints, Record, Records, own_arrays, records
 from laisn.compiled import elementwise, select
 from sim.geometry.attitude import carried
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
@@ -60,6 +60,8 @@ class Sound(NamedTuple):
     """Depth [m]."""
     max_range: float
     """[m]."""
+    transmitters: int
+    """How many pings of a message a follower waits for."""
     profile: SoundProfile
     varies: bool
     """Sound has another speed at another depth."""
@@ -84,6 +86,7 @@ def sound_of(scenario: Scenario) -> Sound:
         paths=(True, a.surface_echo_probability > 0.0, a.bottom_echo_probability > 0.0),
         floor=float(scenario.ocean.floor_depth_m),
         max_range=float(a.max_range_m or np.inf),
+        transmitters=scenario.navigation.transmitters,
         profile=SoundProfile.through(a.sound_speed_profile or ((0.0, a.sound_speed_m_s),)),
         varies=bool(a.sound_speed_profile),
         ratio=assumed / a.sound_speed_m_s,
@@ -103,17 +106,16 @@ class Motion(NamedTuple):
     """Index of the last instant that is known; at least 1."""
 
 
-class Arrival(NamedTuple):
-    """How a ping arrives by one path; numbers or arrays over messages."""
-
-    time: Any
-    """[s]."""
-    length: Any
-    """Of the path [m]."""
-    ratio: Any
-    """Range that the follower computes for a metre of path, c_b s."""
-    clock_range: Any
-    """What the clocks add to a range [m]."""
+ARRIVAL = np.dtype(
+    [
+        ("time", np.float64),  # [s]
+        ("length", np.float64),  # of the path [m]
+        ("ratio", np.float64),  # range that the follower computes for a metre of path, c_b s
+        ("clock_range", np.float64),  # what the clocks add to a range [m]
+        ("range", np.float64),  # slant range before random errors [m]; NaN out of range, by the direct path's length
+    ]
+)
+"""How a ping arrives by one path; its time is NaN if that has no chance to be taken."""
 
 
 @elementwise
@@ -158,21 +160,20 @@ def path_slowness(profile: SoundProfile, path: int, source: Any, receiver: Any, 
 
 
 @elementwise
-def arrival_of(s: Sound, known: Motion, vehicle: int, hydrophone: Floats, path: int, leaves: Any, source: Any) -> Any:
+def _follow_ping(
+    s: Sound, known: Motion, receiver: tuple[int, Floats], path: int, ping: tuple[Any, Any], arrival: Record
+) -> None:
     """Follow a ping by one path to a vehicle, as far as the motion is known.
 
     Args:
         s: how sound travels.
         known: the motion.
-        vehicle: index of the receiver's.
-        hydrophone: its offset, shape (3,), [m].
+        receiver: index of the vehicle, and offset of its hydrophone, shape (3,), [m].
         path: `Path`.
-        leaves: when the ping leaves [s].
-        source: its transmitter then: east, north and up [m].
-
-    Returns:
-        Its `Arrival`; right as soon as that is not later than what is known.
+        ping: when it leaves [s], and its transmitter then: east, north and up [m].
+        arrival: out: of ARRIVAL.
     """
+    (vehicle, hydrophone), (leaves, source) = receiver, ping
     there, apparent = site_at(s, known, vehicle, hydrophone, leaves), image(source, path, s.floor)
     time, ratio = leaves, s.ratio
     if s.travels:
@@ -181,20 +182,47 @@ def arrival_of(s: Sound, known: Motion, vehicle: int, hydrophone: Floats, path: 
             there = site_at(s, known, vehicle, hydrophone, time)
     if s.varies:
         ratio = s.assumed_speed * path_slowness(s.profile, path, source[2], there[2], s.floor)
-    clock = s.assumed_speed * (s.clock_offset + s.clock_drift * time)
-    return Arrival(time, _distance(apparent, there), ratio, clock)
+    arrival.time, arrival.length, arrival.ratio = time, _distance(apparent, there), ratio
+    arrival.clock_range = s.assumed_speed * (s.clock_offset + s.clock_drift * time)
 
 
 @elementwise
-def range_of(s: Sound, direct: Any, arrival: Arrival) -> Any:
-    """Slant range before random errors [m]; NaN for a ping from out of range, by the length of its direct path."""
-    return select(direct <= s.max_range, arrival.length * arrival.ratio + arrival.clock_range, np.nan)
+def follow(s: Sound, known: Motion, sites: tuple[Floats, Floats], vehicle: int, sent: Any, arrivals: Records) -> Any:
+    """Follow all pings of a message to a vehicle, as far as the motion is known; or those of many messages.
+
+    Args:
+        s: how sound travels.
+        known: the motion.
+        sites: offsets of the transmitters, shape (3, 3), and of the hydrophone, shape (3,), [m].
+        vehicle: index of the receiver's.
+        sent: when the message is sent [s]; shape () or (m,).
+        arrivals: out: of ARRIVAL, shape (3 transmitters, 3 paths) or (3, 3, m).
+
+    Returns:
+        When the last ping that is waited for is in [s]; right as soon as that is not later than what is known.
+    """
+    transmitters, hydrophone = sites
+    complete = sent
+    for i in range(3):
+        leaves = sent + s.slot * i
+        source = site_at(s, known, 0, transmitters[i], leaves)
+        for path in range(3):
+            ping = arrivals[i, path]
+            if not s.paths[path]:
+                ping.time = np.nan
+                continue
+            _follow_ping(s, known, (vehicle, hydrophone), path, (leaves, source), ping)
+            is_near = arrivals[i, _DIRECT].length <= s.max_range
+            ping.range = select(is_near, ping.length * ping.ratio + ping.clock_range, np.nan)
+            if i < s.transmitters:
+                complete = np.maximum(complete, ping.time)
+    return complete
 
 
 @elementwise
-def is_in_time(arrival_time: Any, step: Any, dt: float) -> Any:
-    """Whether a ping is in by the filter step at which the follower takes its message up."""
-    return arrival_time <= (step + 1e-6) * dt
+def received_range(arrival: Record, step: Any, dt: float) -> Any:
+    """Slant range before random errors [m]; NaN for a ping that is not in by the step that takes its message up."""
+    return select(arrival.time <= (step + 1e-6) * dt, arrival.range, np.nan)
 
 
 @elementwise
@@ -219,8 +247,8 @@ class Propagation:
     """Time at which each ping leaves, shape (m, 3), [s]."""
     transmitter: Floats
     """Where each ping left, shape (m, 3, 3), the last axis in the world, [m]."""
-    arrival: Arrival
-    """How each ping arrives by each path; arrays of shape (m, 3 transmitters, 3 paths)."""
+    arrival: Records
+    """How each ping arrives by each path; of ARRIVAL, shape (m, 3 transmitters, 3 paths)."""
 
     def __post_init__(self) -> None:
         own_arrays(self)
@@ -264,25 +292,20 @@ def propagate(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> 
     # integers count messages: an accumulated time would drop some
     steps = np.arange(first // every + 1, last // every + 1) * every
     sent = steps[:, None] * dt + s.slot * np.arange(len(TRANSMITTERS))
-    offsets = [trajectory.site_offset[trajectory.site(name)] for name in TRANSMITTERS]
+    offsets = trajectory.site_offset[[trajectory.site(name) for name in TRANSMITTERS]]
     hydrophone = trajectory.site_offset[trajectory.site(f"{trajectory.names[follower + 1]}/hydrophone")]
-    transmitter = np.empty((steps.size, 3, 3))
-    by_path = np.full((len(Arrival._fields), steps.size, 3, len(Path)), np.nan)
-    for i, offset in enumerate(offsets):
-        source = site_at(s, known, 0, offset, sent[:, i])
-        transmitter[:, i] = np.column_stack(source)
-        for path in np.flatnonzero(s.paths).tolist():
-            arrival = arrival_of(s, known, follower + 1, hydrophone, path, sent[:, i], source)
-            for values, value in zip(by_path, arrival, strict=True):
-                values[:, i, path] = value
-    complete = np.nanmax(by_path[0, :, : scenario.navigation.transmitters], axis=(1, 2))
-    message_step = reception_step(complete, dt)
+    arrivals = records(ARRIVAL, 3, len(Path), steps.size)
+    arrivals.fill(np.nan)
+    message_step = reception_step(follow(s, known, (offsets, hydrophone), follower + 1, steps * dt, arrivals), dt)
+    transmitter = [
+        np.column_stack(site_at(s, known, 0, offset, at)) for offset, at in zip(offsets, sent.T, strict=True)
+    ]
     # Two messages within one filter step: the follower keeps the first.
     kept = (message_step <= last) & (np.diff(message_step, prepend=0) > 0)
     return Propagation(
         emission_step=steps[kept],
         message_step=message_step[kept],
         emission_time=sent[kept],
-        transmitter=transmitter[kept],
-        arrival=Arrival(*by_path[:, kept]),
+        transmitter=np.stack(transmitter, axis=1)[kept],
+        arrival=np.moveaxis(arrivals, -1, 0)[kept],
     )

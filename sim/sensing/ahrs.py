@@ -8,7 +8,7 @@ the angle w by which the gyros walk off in a step:
     e_k = (1 − γ)(e_{k−1} + w_k) + γ i_k,    γ = 1 − exp(−Δt / τ).
 
 Accelerations are the same in every run, and go through the filter here; the random part is a Gauss–Markov process with
-correlation time τ, of which `sim.sensing.sensors` takes the values that are broadcast.
+correlation time τ, of which `sim.sensing.observation` and `.instant` take the values that are broadcast.
 """
 
 from functools import partial

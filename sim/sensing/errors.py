@@ -1,7 +1,7 @@
 """Errors of sensors and ranges in SI units, and the formulas by which they add to the truth (paper, Eqs. 26–28).
 
-Numbers and arrays go through the same formulas: those of a finished mission (`sim.sensing.sensors`), of one instant
-(`sim.sensing.instant`) and of runs side by side (`experiments.campaign.lane_sensors`).
+Numbers and arrays go through the same formulas: those of one instant, those of a finished mission (both by
+`sim.sensing.sensors`), and those of runs side by side (`experiments.campaign.lane_sensors`).
 
 Messages are lost one by one, or in bursts. Bursts follow the two-state chain of Gilbert (Bell System Technical Journal
 39, 1960) and Elliott (ibid. 42, 1963): in its good state a channel loses few messages, in its bad state most of them.
@@ -85,9 +85,9 @@ def heading_reading(true: Any, bias: float, sigma: float, normal: Any) -> Any:
 
 
 @formula
-def plain_reading(true: Any, sigma: float, normal: Any) -> Any:
-    """Unbiased normal error: pressure sensor, inclinometer, gyro."""
-    return true + sigma * normal
+def plain_reading(true: Any, bias: float, sigma: float, normal: Any) -> Any:
+    """Normal error: pressure sensor, inclinometer, gyro."""
+    return true + bias + sigma * normal
 
 
 @formula
@@ -103,7 +103,7 @@ def range_readings(e: SensorErrors, transmitters: int, true: Any, uniform: Any, 
     proportion to the longest range to them. The middle one, which LAISN-2 has no use for, is scaled by the longest of
     all.
     """
-    psi, centre = plain_reading(e.range_scale_mean, e.range_scale_sigma, normal), 0.5 * e.range_error_centred
+    psi, centre = e.range_scale_mean + e.range_scale_sigma * normal, 0.5 * e.range_error_centred
     of_two = np.fmax(np.fmax(true[0], true[1]), 0.0)
     of_all = np.fmax(of_two, true[2])
     longest = of_all if transmitters > 2 else of_two

@@ -9,9 +9,11 @@ counter (step, run, stream, 0), key the 64-bit seed. Its four 32-bit words give 
 
 import math
 from enum import IntEnum
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba.extending import overload
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled, inlined
@@ -193,3 +195,48 @@ def normals(seed: int, run: int, stream: int, steps: npt.ArrayLike) -> Floats:
 def uniforms(seed: int, run: int, stream: int, steps: npt.ArrayLike) -> Floats:
     """Uniforms in (0, 1), four for each step, shape (m, 4); arguments and errors as in `normals`."""
     return _fill_uniforms(*_address(seed, run, stream, steps))
+
+
+class Address(NamedTuple):
+    """Where draws come from: numbers in compiled code; in Python the step may be an array."""
+
+    seed: Any
+    run: Any
+    follower: Any
+    step: Any
+    """Filter step, shape () or (m,)."""
+
+
+def normals_at(address: Address, stream: int) -> Any:
+    """Two standard normals of a stream at an address: numbers in compiled code, else rows of shape (2, m)."""
+    return normals(address.seed, address.run, Stream(stream).number(address.follower), address.step).T
+
+
+def uniforms_at(address: Address, stream: int) -> Any:
+    """Three or more uniforms in (0, 1): numbers in compiled code, else rows of shape (4, m)."""
+    return uniforms(address.seed, address.run, Stream(stream).number(address.follower), address.step).T
+
+
+@inlined
+def _words_at(address: Address, stream: int) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
+    number = stream if stream >= LEADER_STREAMS else stream + STREAMS * address.follower
+    return words(address.seed, address.run, _U(number), _U(address.step))
+
+
+@overload(normals_at)
+def _normals_at(address: Any, stream: Any) -> Any:
+    def normals_at(address: Any, stream: Any) -> Any:
+        w0, w1, w2, w3 = _words_at(address, stream)
+        first, second = two_units(w0, w1, w2, w3)
+        return two_normals(first, second)
+
+    return normals_at
+
+
+@overload(uniforms_at)
+def _uniforms_at(address: Any, stream: Any) -> Any:
+    def uniforms_at(address: Any, stream: Any) -> Any:
+        w0, w1, w2, _ = _words_at(address, stream)
+        return uniform(w0), uniform(w1), uniform(w2)
+
+    return uniforms_at

@@ -1,17 +1,30 @@
-"""What one follower's sensors see of a mission, before errors: the seam between motion and measurement."""
+"""A finished mission: what one follower's sensors see of it without random errors, and what they measure in a run."""
 
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints, own_arrays
+from laisn.arrays import Bools, Floats, Ints, Records, own_arrays, records
+from laisn.messages import Measurements
+from laisn.swarm import MESSAGE, READING
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.sensing.acoustics import Path, is_in_time, propagate, range_of, sound_of
+from sim.sensing.acoustics import Path, propagate, received_range
 from sim.sensing.ahrs import measured_attitude
-from sim.sensing.drift import biased
-from sim.sensing.errors import errors_of
+from sim.sensing.drift import gauss_markov
+from sim.sensing.errors import SensorErrors, errors_of, is_bad, is_lost, loses
+from sim.sensing.noise import STREAMS, Address, Stream, normals, normals_at, uniforms
 from sim.sensing.own_sensors import FollowerState, OwnSensor, own_sensors
+from sim.sensing.sensors import (
+    NO_DRAW,
+    paths_taken,
+    read_attitude,
+    read_leader,
+    read_own,
+    read_ranges,
+    true_message,
+    true_own,
+)
 from sim.trajectory import Trajectory
 
 SITES = ("tx_rear", "tx_front", "tx_middle", "depth_sensor", "hydrophone")
@@ -42,17 +55,9 @@ class MissionTruth:
     """Step k at which a message is available, shape (m,), increasing."""
     emission_step: Ints
     """Step at which the leader sent it, shape (m,): address of the leader's noise, which all followers share."""
-    timestamp: Floats
-    """Emission on the leader's clock, shape (m,), [s]."""
-    sent_position: Floats
-    """Leader's body origin at emission: east, north and depth, shape (m, 3), [m]."""
-    sent_heading: Floats
-    """Leader's heading at emission, shape (m,), [rad]."""
-    sent_speed: Floats
-    """Leader's speed at emission, shape (m,), [m/s]."""
-    sent_attitude: Floats
-    """Leader's pitch and roll at emission as measured, but for random errors, shape (m, 2), [rad]; NaN if they are not
-    broadcast."""
+    sent: Records
+    """What the message holds at emission without random errors and constant biases, of `laisn.swarm.MESSAGE`, shape
+    (m,); pitch and roll are NaN if they are not broadcast."""
     slant_range: Floats
     """Slant range to the rear, front and middle transmitter, shape (m, 3), [m]; NaN where nothing is received."""
     echo_range: Floats | None = None
@@ -90,27 +95,23 @@ def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Mi
         raise ValueError(f"the trajectory ends at {trajectory.time[-1]:g} s, before the first filter step of {dt:g} s")
     if trajectory.time[0] != 0.0:
         raise ValueError(f"the trajectory begins at {trajectory.time[0]:g} s; what is sensed depends on all before")
-    steps = np.arange(1, n + 1)
-    grid = steps * stride
-    errors = errors_of(scenario, follower)
-    speed, heading = biased(
-        errors, follower, steps * dt, trajectory.forward_speed[grid, v], trajectory.heading[grid, v]
-    )
-    sound = propagate(trajectory, scenario, follower)
-    sent = sound.emission_step * stride
-    direct, step = sound.arrival.length[:, :, :1], sound.message_step[:, None, None]
-    received = range_of(sound_of(scenario), direct, sound.arrival)
-    received[~is_in_time(sound.arrival.time, step, dt)] = np.nan
-    attitude = np.full((sent.size, 2), np.nan)
+    steps, grid = np.arange(1, n + 1), slice(stride, n * stride + 1, stride)
+    errors, sound = errors_of(scenario, follower), propagate(trajectory, scenario, follower)
+    own, sent = records(READING, n), records(MESSAGE, sound.emission_step.size)
+    depth_sensor = trajectory.site_offset[trajectory.site(f"{name}/depth_sensor")]
+    true_own(errors, follower, steps * dt, trajectory.body(v, grid), depth_sensor, own)
+    emitted = sound.emission_step * stride
+    true_message(errors, sound.emission_step * dt, trajectory.body(0, emitted), sent)
+    sent.pitch = sent.roll = sent.heading_sigma = np.nan
     if scenario.leader.broadcast_attitude:
-        attitude = measured_attitude(trajectory, scenario.sensors)[sent]
-    leader = trajectory.position[:, 0]
-    hydrophone = trajectory.site_path(f"{name}/hydrophone", grid)
+        sent.pitch, sent.roll = measured_attitude(trajectory, scenario.sensors)[emitted].T
+    hydrophone = trajectory.site_path(f"{name}/hydrophone", steps * stride)
+    ranges = received_range(sound.arrival, sound.message_step[:, None, None], dt)
 
     @cache
     def state() -> FollowerState:
         source = np.full((n, 3, 3), np.nan)
-        source[sound.message_step - 1] = np.where(np.isnan(received[:, :, [Path.DIRECT]]), np.nan, sound.transmitter)
+        source[sound.message_step - 1] = np.where(np.isnan(ranges[:, :, [Path.DIRECT]]), np.nan, sound.transmitter)
         return FollowerState(
             time=trajectory.time[grid],
             position=trajectory.position[grid, v],
@@ -122,30 +123,98 @@ def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Mi
             source=source,
         )
 
-    timestamp = np.asarray(sound.emission_step * dt, dtype=np.float64)
     return MissionTruth(
         dt=dt,
         start=start_of(trajectory, follower),
-        speed=speed,
-        heading=heading,
-        depth=-trajectory.site_path(f"{name}/depth_sensor", grid)[:, 2],
+        speed=own.speed,
+        heading=own.heading,
+        depth=own.depth,
         hydrophone=hydrophone[:, :2],
-        leader_position=leader[grid, :2],
+        leader_position=trajectory.position[grid, 0, :2],
         leader_heading=trajectory.heading[grid, 0],
         message_step=sound.message_step,
         emission_step=sound.emission_step,
-        timestamp=timestamp,
-        sent_position=np.column_stack(
-            [
-                leader[sent, 0] + errors.leader_drift_east * timestamp,
-                leader[sent, 1] + errors.leader_drift_north * timestamp,
-                -leader[sent, 2],
-            ]
-        ),
-        sent_heading=trajectory.heading[sent, 0],
-        sent_speed=trajectory.forward_speed[sent, 0],
-        sent_attitude=attitude,
-        slant_range=received[:, :, Path.DIRECT],
-        echo_range=np.stack([received[:, :, path] for path in (Path.SURFACE, Path.BOTTOM)]),
+        sent=sent,
+        slant_range=ranges[:, :, Path.DIRECT],
+        echo_range=np.moveaxis(ranges[:, :, Path.SURFACE :], 2, 0),
         own=tuple((sensor, sensor.true(state())) for sensor in own_sensors(scenario)),
+    )
+
+
+def received(seed: int, run: int, follower: int, emission_step: Ints, e: SensorErrors) -> Bools:
+    """Whether each message arrives, shape (m,).
+
+    The chain starts in its good state before the first message; all transmitters share a message's fate.
+
+    Args:
+        seed: of the study.
+        run: of the campaign.
+        follower: 0, 1, …
+        emission_step: filter step at which each message was sent, shape (m,), increasing, none left out.
+        e: the chances of loss.
+    """
+    drawn = uniforms(seed, run, Stream.LOSS.number(follower), emission_step)
+    arrived, bad = np.empty(len(drawn), dtype=np.bool_), False
+    for i, (change, fate) in enumerate(drawn[:, :2].tolist()):
+        bad = is_bad(bad, change, e)
+        arrived[i] = not is_lost(bad, fate, e)
+    return arrived
+
+
+def locked_path(seed: int, run: int, follower: int, emission_step: Ints, e: SensorErrors) -> Ints:
+    """`Path` that the receiver takes, for each message and transmitter, shape (m, 3); arguments as of `received`."""
+    return np.column_stack(paths_taken(e, Address(seed, run, follower, emission_step)))
+
+
+def measure(
+    truth: MissionTruth, errors: SensorErrors, *, seed: int, run: int, follower: int = 0, transmitters: int = 3
+) -> Measurements:
+    """Everything that one follower measures in a run: exactly the noise of that run in a campaign.
+
+    Args:
+        truth: of the mission.
+        errors: of its sensors.
+        seed: key of all random numbers.
+        run: of the campaign, 0, 1, …
+        follower: index of the follower; followers share the leader's errors and nothing else.
+        transmitters: N_T, how many of the leader's the follower uses, rear and front first.
+
+    Returns:
+        The measurements, without the leader's statement about its heading.
+
+    Raises:
+        LaisnError: seed or run is out of range.
+    """
+    every = Address(seed, run, follower, np.arange(1, truth.speed.size + 1))
+    sent, taken_up = every._replace(step=truth.emission_step), every._replace(step=truth.message_step)
+    own, message = records(READING, every.step.size), truth.sent.copy()
+    read_own(errors, every, vars(truth), own, NO_DRAW)
+    read_leader(errors, sent, message, message, NO_DRAW)
+    # step 0, at which nothing is measured, addresses errors that a run keeps
+    offset = normals_at(every._replace(step=0), Stream.LEADER_ATTITUDE)
+    drawn = normals_at(sent, Stream.LEADER_ATTITUDE).T
+    fluctuation = gauss_markov(drawn, truth.emission_step, truth.dt, errors.leader_tilt_time).T
+    message.pitch, message.roll = read_attitude(errors, (message.pitch, message.roll), offset, fluctuation)
+
+    by_echo = np.full((2, *truth.slant_range.shape), np.nan) if truth.echo_range is None else truth.echo_range
+    true = np.transpose([truth.slant_range, *by_echo], (2, 0, 1))
+    ranges = np.column_stack(read_ranges(errors, transmitters, sent, taken_up, true))
+    if loses(errors):
+        ranges[~received(seed, run, follower, truth.emission_step, errors)] = np.nan
+    lost = truth.message_step[np.isnan(ranges).all(axis=1)] - 1
+    extra = {}
+    for sensor, values in truth.own:
+        found = sensor.read(values, normals(seed, run, STREAMS * follower + sensor.stream, every.step))
+        if sensor.acoustic:
+            found[lost] = np.nan
+        extra[sensor.name] = found
+    return Measurements(
+        dt=truth.dt,
+        speed=own.speed,
+        heading=own.heading,
+        depth=own.depth,
+        message_step=truth.message_step,
+        message=np.asarray(message).view((np.float64, len(MESSAGE))),
+        ranges=ranges,
+        own=extra,
     )

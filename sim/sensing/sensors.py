@@ -1,27 +1,23 @@
-"""Everything that one follower measures on a finished mission: one entry of a list for each sensor."""
+"""The sensors: what each would read without errors, and its readings.
 
-from collections.abc import Callable, Mapping
-from functools import cache
+One set of functions serves one instant and a finished mission: compiled code calls them with numbers and records, under
+way (`sim.sensing.instant`); Python calls them with arrays over filter steps or messages, in dictionaries by the names
+of readings (`sim.sensing.observation`).
+"""
+
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
+from laisn.arrays import Floats
+from laisn.compiled import elementwise, select
+from sim.geometry.attitude import carried
+from sim.sensing.drift import biased
+from sim.sensing.errors import heading_reading, path_taken, plain_reading, range_readings, speed_reading
+from sim.sensing.noise import Address, Stream, normals_at, uniforms_at
+from sim.trajectory import Body, speed_through_water
 
-from laisn.arrays import Bools, Floats, Ints
-from laisn.messages import LeaderMessage, Measurements
-from sim.sensing.drift import gauss_markov
-from sim.sensing.errors import (
-    SensorErrors,
-    heading_reading,
-    is_bad,
-    is_lost,
-    loses,
-    path_taken,
-    plain_reading,
-    range_readings,
-    speed_reading,
-)
-from sim.sensing.noise import STREAMS, Stream, normals, uniforms
-from sim.sensing.observation import MissionTruth
+# compiled code holds numbers, not the members of an enum
+_ECHO, _RANGE_UNIFORM, _RANGE_SCALE = int(Stream.ECHO), int(Stream.RANGE_UNIFORM), int(Stream.RANGE_SCALE)
 
 
 class Sensor(NamedTuple):
@@ -32,134 +28,146 @@ class Sensor(NamedTuple):
     stream: Stream
     """Of its noise."""
     column: int
-    """Which of the two normals of a step is its own."""
-    parameters: tuple[str, ...]
-    """Fields of `SensorErrors`."""
+    """Which of the two normals of a step is its own; sensors of one stream stand side by side in their order."""
+    bias: str
+    """Field of `SensorErrors`; "": it has none."""
+    sigma: str
+    """Field of `SensorErrors`; "": it has none."""
     read: Callable[..., Any]
-    """Reading from the true value, the parameters and the normal; numbers or arrays."""
+    """Reading from the true value, bias, standard deviation and normal; numbers or arrays."""
 
 
 OWN = (
-    Sensor("speed", Stream.OWN_MOTION, 0, ("speed_bias", "speed_sigma"), speed_reading),
-    Sensor("heading", Stream.OWN_MOTION, 1, ("heading_bias", "heading_sigma"), heading_reading),
-    Sensor("depth", Stream.DEPTH, 0, ("depth_sigma",), plain_reading),
+    Sensor("speed", Stream.OWN_MOTION, 0, "speed_bias", "speed_sigma", speed_reading),
+    Sensor("heading", Stream.OWN_MOTION, 1, "heading_bias", "heading_sigma", heading_reading),
+    Sensor("depth", Stream.DEPTH, 0, "", "depth_sigma", plain_reading),
 )
-"""A follower's own sensors; those that only steer it are read in `sim.sensing.instant`."""
+"""A follower's own sensors that its navigator reads."""
+STEERING = (
+    Sensor("pitch", Stream.TILT, 0, "", "tilt_sigma", plain_reading),
+    Sensor("turning", Stream.GYRO, 0, "", "gyro_sigma", plain_reading),
+    Sensor("pitching", Stream.GYRO, 1, "", "gyro_sigma", plain_reading),
+)
+"""Those that only steer it."""
 LEADER = (
-    Sensor("speed", Stream.LEADER_MOTION, 0, ("leader_speed_bias",), lambda true, bias, _: np.maximum(true + bias, 0)),
-    Sensor("heading", Stream.LEADER_MOTION, 1, ("leader_heading_bias", "leader_heading_sigma"), heading_reading),
-    Sensor("depth", Stream.LEADER_DEPTH, 0, ("leader_depth_sigma",), plain_reading),
-    Sensor("pitch", Stream.LEADER_ATTITUDE, 0, ("leader_tilt_sigma",), plain_reading),
-    Sensor("roll", Stream.LEADER_ATTITUDE, 1, ("leader_tilt_sigma",), plain_reading),
+    Sensor("speed", Stream.LEADER_MOTION, 0, "leader_speed_bias", "", speed_reading),
+    Sensor("heading", Stream.LEADER_MOTION, 1, "leader_heading_bias", "leader_heading_sigma", heading_reading),
+    Sensor("depth", Stream.LEADER_DEPTH, 0, "", "leader_depth_sigma", plain_reading),
 )
-"""The leader's; normals of its attitude are those of a Gauss–Markov process."""
+"""The leader's; of its attitude see `read_attitude`."""
+
+Reader = Callable[[Any, Address, Any, Any, tuple[float, float]], None]
+"""Reads a list of sensors: errors, address of the noise, true values and readings by name (they may be the same), and
+NO_DRAW."""
+NO_DRAW = 0.0, 0.0
 
 
-def received(seed: int, run: int, follower: int, emission_step: Ints, e: SensorErrors) -> Bools:
-    """Whether each message arrives, shape (m,).
+def _parameter(name: str) -> Callable[[Any], float]:
+    """A function that gives a field of the errors, or zero for ""."""
+    if not name:
+        return elementwise(lambda e: 0.0)
+    return elementwise(lambda e: getattr(e, name))
 
-    The chain starts in its good state before the first message; all transmitters share a message's fate.
+
+def reader_of(sensors: Sequence[Sensor]) -> Reader:
+    """A function that reads a list of sensors, in Python and in compiled code, which unrolls the list."""
+    if not sensors:
+        return elementwise(lambda e, address, true, readings, drawn: None)
+    name, stream, column, bias_name, sigma_name, read = sensors[0]
+    bias, sigma, read_others = _parameter(bias_name), _parameter(sigma_name), reader_of(sensors[1:])
+    # compiled code holds numbers, not the members of an enum
+    number = int(stream)
+
+    @elementwise
+    def read_all(e: Any, address: Address, true: Any, readings: Any, drawn: tuple[float, float]) -> None:
+        if column == 0:
+            drawn = normals_at(address, number)
+        readings[name] = read(true[name], bias(e), sigma(e), drawn[column])
+        read_others(e, address, true, readings, drawn)
+
+    return read_all
+
+
+read_own, read_follower, read_leader = reader_of(OWN), reader_of((*OWN, *STEERING)), reader_of(LEADER)
+
+
+@elementwise
+def true_own(e: Any, follower: int, time: Any, body: Body, depth_sensor: Floats, true: Any) -> None:
+    """What a follower's own sensors read without random errors and constant biases, by name.
 
     Args:
-        seed: of the study.
-        run: of the campaign.
-        follower: 0, 1, …
-        emission_step: filter step at which each message was sent, shape (m,), increasing, none left out.
-        e: the chances of loss.
+        e: record or tuple of `sim.sensing.errors`.
+        follower: its index.
+        time: [s].
+        body: its motion.
+        depth_sensor: offset of its pressure sensor, shape (3,), [m].
+        true: out.
     """
-    drawn = uniforms(seed, run, Stream.LOSS.number(follower), emission_step)
-    arrived, bad = np.empty(len(drawn), dtype=np.bool_), False
-    for i, (change, fate) in enumerate(drawn[:, :2].tolist()):
-        bad = is_bad(bad, change, e)
-        arrived[i] = not is_lost(bad, fate, e)
-    return arrived
+    speed = speed_through_water(body.pose, body.twist, body.water)
+    true["speed"], true["heading"] = biased(e, follower, time, speed, body.heading)
+    true["depth"] = -carried(body.pose, depth_sensor)[2]
+    true["pitch"], true["turning"], true["pitching"] = body.pitch, body.twist[5], body.twist[4]
 
 
-def locked_path(seed: int, run: int, follower: int, emission_step: Ints, e: SensorErrors) -> Ints:
-    """`Path` that the receiver takes, for each message and transmitter, shape (m, 3); arguments as of `received`."""
-    drawn = uniforms(seed, run, Stream.ECHO.number(follower), emission_step)
-    return np.asarray(path_taken(drawn[:, [0, 0, 0] if e.common_echoes else [0, 1, 2]], e))
+@elementwise
+def true_message(e: Any, time: Any, leader: Body, true: Any) -> None:
+    """What a message of the leader holds without random errors and constant biases, by name, but for its attitude.
+
+    Arguments as of `true_own`.
+    """
+    true["timestamp"] = time
+    true["east"] = leader.pose[0] + e.leader_drift_east * time
+    true["north"] = leader.pose[1] + e.leader_drift_north * time
+    true["heading"] = leader.heading
+    true["speed"] = speed_through_water(leader.pose, leader.twist, leader.water)
+    true["depth"] = -leader.pose[2]
 
 
-def measure(
-    truth: MissionTruth, errors: SensorErrors, *, seed: int, run: int, follower: int = 0, transmitters: int = 3
-) -> Measurements:
-    """Everything that one follower measures in a run: exactly the noise of that run in a campaign.
+@elementwise
+def read_attitude(e: Any, true: Any, offset: Any, fluctuation: Any) -> Any:
+    """Pitch and roll that the leader broadcasts [rad].
 
     Args:
-        seed: key of all random numbers.
-        run: of the campaign, 0, 1, …
-        follower: index of the follower; followers share the leader's errors and nothing else.
-        transmitters: N_T, how many of the leader's the follower uses, rear and front first.
-
-    Returns:
-        The measurements, without the leader's statement about its heading.
-
-    Raises:
-        LaisnError: seed or run is out of range.
+        e: record or tuple of `sim.sensing.errors`.
+        true: pitch and roll as measured, but for random errors [rad].
+        offset: normals of the errors that a run keeps.
+        fluctuation: values of the Gauss–Markov processes, of unit variance.
     """
-    sent, steps = truth.emission_step, np.arange(1, truth.speed.size + 1)
-
-    @cache
-    def drawn(stream: Stream) -> Floats:
-        leaders = stream in {sensor.stream for sensor in LEADER}
-        found = normals(seed, run, stream.number(follower), sent if leaders else steps)
-        if stream == Stream.LEADER_ATTITUDE:
-            return gauss_markov(found, sent, truth.dt, errors.leader_tilt_time)
-        return found
-
-    def readings(sensors: tuple[Sensor, ...], true: Mapping[str, Floats]) -> dict[str, Floats]:
-        return {
-            s.name: s.read(
-                true[s.name], *(getattr(errors, name) for name in s.parameters), drawn(s.stream)[:, s.column]
-            )
-            for s in sensors
-            if s.name in true
-        }
-
-    own = readings(OWN, {"speed": truth.speed, "heading": truth.heading, "depth": truth.depth})
-    # step 0, at which nothing is measured, addresses errors that a run keeps
-    offset = normals(seed, run, Stream.LEADER_ATTITUDE.number(), 0)
-    pitch, roll = plain_reading(truth.sent_attitude, errors.leader_attitude_offset_sigma, offset).T
-    east, north, depth = truth.sent_position.T
-    leader = readings(
-        LEADER,
-        {"speed": truth.sent_speed, "heading": truth.sent_heading, "depth": depth, "pitch": pitch, "roll": roll},
-    )
-    ranges = _ranges(truth, errors, (seed, run, follower), transmitters)
-    lost = truth.message_step[np.isnan(ranges).all(axis=1)] - 1
-    extra = {}
-    for sensor, true in truth.own:
-        found = sensor.read(true, normals(seed, run, STREAMS * follower + sensor.stream, steps))
-        if sensor.acoustic:
-            found[lost] = np.nan
-        extra[sensor.name] = found
-    columns = {"timestamp": truth.timestamp, "east": east, "north": north, **leader}
-    unknown = np.full(sent.size, np.nan)
-    return Measurements(
-        dt=truth.dt,
-        **own,
-        message_step=truth.message_step,
-        message=np.column_stack([columns.get(name, unknown) for name in LeaderMessage._fields]),
-        ranges=ranges,
-        own=extra,
-    )
+    constant, sigma = e.leader_attitude_offset_sigma, e.leader_tilt_sigma
+    pitch = plain_reading(true[0], 0.0, constant, offset[0])
+    roll = plain_reading(true[1], 0.0, constant, offset[1])
+    return plain_reading(pitch, 0.0, sigma, fluctuation[0]), plain_reading(roll, 0.0, sigma, fluctuation[1])
 
 
-def _ranges(truth: MissionTruth, e: SensorErrors, address: tuple[int, int, int], transmitters: int) -> Floats:
-    """Ranges that are measured, shape (m, 3); `address` is seed, run and follower."""
-    seed, run, follower = address
+@elementwise
+def paths_taken(e: Any, sent: Address) -> Any:
+    """`Path` that a receiver takes for the direct one from the rear, front and middle transmitter."""
+    drawn = uniforms_at(sent, _ECHO)
+    front, middle = (drawn[0], drawn[0]) if e.common_echoes else (drawn[1], drawn[2])
+    return path_taken(drawn[0], e), path_taken(front, e), path_taken(middle, e)
 
-    def at(stream: Stream) -> tuple[int, int, int, Ints]:
-        return seed, run, stream.number(follower), truth.message_step
 
-    true = truth.slant_range
+@elementwise
+def _along(true: Any, path: Any) -> Any:
+    """Of the ranges by each path the one by this path."""
+    return select(path == 0, true[0], select(path == 1, true[1], true[2]))
+
+
+@elementwise
+def read_ranges(e: Any, transmitters: int, sent: Address, received: Address, true: Any) -> Any:
+    """Ranges of messages that are not lost, to the rear, front and middle transmitter [m].
+
+    Args:
+        e: record or tuple of `sim.sensing.errors`.
+        transmitters: how many of the leader's the follower uses.
+        sent: address of the noise at the filter step at which a message is sent.
+        received: at the one at which it is received.
+        true: range by each path from each transmitter, shape (3 transmitters, 3 paths, …), [m]; NaN where nothing
+            is received.
+    """
+    paths = 0, 0, 0
     if e.surface_echo_probability + e.bottom_echo_probability > 0.0:
-        echoes = np.full((2, *true.shape), np.nan) if truth.echo_range is None else truth.echo_range
-        path = locked_path(*address, truth.emission_step, e)
-        true = np.choose(path, [true, *echoes])
-    drawn = uniforms(*at(Stream.RANGE_UNIFORM)).T, normals(*at(Stream.RANGE_SCALE))[:, 0]
-    read = np.column_stack(range_readings(e, transmitters, true.T, *drawn))
-    if loses(e):
-        read[~received(*address, truth.emission_step, e)] = np.nan
-    return read
+        paths = paths_taken(e, sent)
+    ranges = _along(true[0], paths[0]), _along(true[1], paths[1]), _along(true[2], paths[2])
+    drawn, normal = uniforms_at(received, _RANGE_UNIFORM), normals_at(received, _RANGE_SCALE)[0]
+    return range_readings(e, transmitters, ranges, drawn, normal)

@@ -12,8 +12,7 @@ from laisn.navigator import Navigator
 from sim.flight import navigation_settings
 from sim.motion import simulate_motion
 from sim.sensing.errors import errors_of
-from sim.sensing.observation import observe
-from sim.sensing.sensors import measure
+from sim.sensing.observation import measure, observe
 
 
 def test_the_gate_is_counted_as_the_readable_engine_counts(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,9 +14,9 @@ from laisn.compiled import compiled
 from laisn.lane_rows import LANES
 from laisn.navigator import Navigator
 from laisn.settings import VARIANTS, NavigationSettings, Variant
+from laisn.swarm import MESSAGE
 from sim.sensing.errors import SensorErrors
-from sim.sensing.observation import MissionTruth
-from sim.sensing.sensors import measure
+from sim.sensing.observation import MissionTruth, measure
 
 DT = 0.1
 
@@ -45,6 +45,7 @@ def make_truth(
     k = np.arange(every, steps + 1, every)
     lost = ranges[k].copy()
     lost[3::7, 1] = np.nan
+    unknown = np.full(k.size, np.nan)
     return MissionTruth(
         dt=DT,
         start=np.concatenate([follower[0], velocity[0]]),
@@ -56,11 +57,18 @@ def make_truth(
         leader_heading=heading[1:],
         message_step=k,
         emission_step=k - 1,
-        timestamp=k * DT,
-        sent_position=np.column_stack([leader[k], np.full(k.size, 8.0)]),
-        sent_heading=heading[k],
-        sent_speed=np.hypot(1.0, 0.15 * np.cos(0.05 * t[k])),
-        sent_attitude=0.05 * np.stack([np.sin(t[k]), np.cos(t[k])], axis=1) * (1.0 if attitude else np.nan),
+        sent=np.rec.fromarrays(
+            [
+                k * DT,
+                *leader[k].T,
+                heading[k],
+                np.hypot(1.0, 0.15 * np.cos(0.05 * t[k])),
+                np.full(k.size, 8.0),
+                *(0.05 * np.stack([np.sin(t[k]), np.cos(t[k])]) * (1.0 if attitude else np.nan)),
+                unknown,
+            ],
+            dtype=MESSAGE,
+        ),
         slant_range=lost,
     )
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from laisn.arrays import Floats, records
+from laisn.arrays import Floats, Record, records
 from laisn.swarm import ESTIMATE, READING
 from sim.control import follower
 from sim.control.follower import Steering, extend_trail, init_memory, keep_station
@@ -14,7 +14,7 @@ from sim.control.station import STATION
 from sim.control.trail import TRAIL
 from sim.scenario.formation import Formation
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE
-from tests.synthetic import record
+from tests.synthetic import message, record
 
 DT = 0.1
 
@@ -28,12 +28,12 @@ class Deck:
         self.station, self.reference = record(STATION, 20.0, 0.0, 12.0), record(REFERENCE)
         self.reading, self.estimate = record(READING), record(ESTIMATE)
         self.reading.speed, self.reading.depth, self.estimate.position = 1.0, 12.0, (aside, 10.0)
-        init_memory(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), self.trail, self.count, self.memory)
+        init_memory(message(0.0, 0.0, 0.0, 0.0, 1.0), self.trail, self.count, self.memory)
         for second in range(1, 31):
-            said = np.array([second, 0.0, second, 0.0, 1.0])
+            said = message(second, 0.0, second, 0.0, 1.0)
             self.extend_trail(said, second)
 
-    def extend_trail(self, said: Floats, now: float) -> None:
+    def extend_trail(self, said: Record, now: float) -> None:
         extend_trail(self.formation, self.station, said, self.trail, self.count, (now, DT), self.memory)
 
     def tick(self, now: float = 30.0) -> Steering:
@@ -57,8 +57,8 @@ def test_a_message_that_was_long_under_way_turns_the_frame_as_far_as_one_that_wa
         deck = Deck()
         deck.station.behind, deck.station.port = 2.0, 12.0
         for second in range(31, 40):
-            deck.extend_trail(np.array([second, second - 30.0, 30.0, np.pi / 2, 1.0]), second)
-        said = np.array([40.0, 10.0, 30.0, np.pi / 2, 1.0])
+            deck.extend_trail(message(second, second - 30.0, 30.0, np.pi / 2, 1.0), second)
+        said = message(40.0, 10.0, 30.0, np.pi / 2, 1.0)
         if not late:
             deck.extend_trail(said, 40.0)
         for now in (40.0, 40.1, 40.2, 40.3):

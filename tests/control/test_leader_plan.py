@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from laisn.arrays import Floats, Ints, Records, records
+from laisn.arrays import Ints, Record, Records, records
 from sim.control.follower import FOLLOWER_MEMORY, extend_silent_trail, extend_trail, init_memory
 from sim.control.guidance import REFERENCE
 from sim.control.leader_plan import LeaderPlan, correct_planned, plan_of
@@ -12,7 +12,7 @@ from sim.control.trail import TRAIL, extend
 from sim.scenario.formation import Formation
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
-from tests.synthetic import record
+from tests.synthetic import message, record
 
 DT, END = 0.1, 900
 ROUTE = Route.timed("r", [(0, 0, 0), (40, 0, 40), (200, 160, 40)], depth=10.0)
@@ -21,9 +21,9 @@ TRACK = records(REFERENCE, END + 1)
 TRACK.east, TRACK.north, TRACK.course = plan(ROUTE).at(TIME_AT)[:3]
 
 
-def said_at(k: int, off: tuple[float, float] = (0.0, 0.0)) -> Floats:
+def said_at(k: int, off: tuple[float, float] = (0.0, 0.0)) -> Record:
     """A message of a leader so far off its plan [m]."""
-    return np.array([k * DT, TRACK[k].east + off[0], TRACK[k].north + off[1], TRACK[k].course, 1.0])
+    return message(k * DT, TRACK[k].east + off[0], TRACK[k].north + off[1], TRACK[k].course, 1.0)
 
 
 class Listener:

@@ -18,7 +18,7 @@ from laisn import lanes
 from laisn.settings import NavigationSettings
 from laisn.tight.mission import run_mission
 from laisn.tight.settings import TightSettings
-from sim.sensing.sensors import measure
+from sim.sensing.observation import measure
 
 BY_NAME = {case.name: case for case in CASES}
 

@@ -30,7 +30,7 @@ from laisn.bound import TrueNoise
 from laisn.ekf import filter_runs
 from laisn.tight.settings import Assume, TightSettings
 from sim.scenario.routes import library_route
-from sim.sensing.sensors import measure
+from sim.sensing.observation import measure
 
 Row = dict[str, Any]
 

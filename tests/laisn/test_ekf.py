@@ -11,7 +11,7 @@ from laisn.arrays import Floats
 from laisn.messages import Measurements
 from laisn.tight.settings import TightSettings
 from sim.sensing.errors import SensorErrors
-from sim.sensing.sensors import measure
+from sim.sensing.observation import measure
 from tests.campaign.test_montecarlo import ABEAM, make_truth
 
 SETTINGS = TightSettings()

@@ -19,7 +19,7 @@ from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import histories
 from experiments.flight.library import load
 from laisn.navigator import Navigator
-from sim.sensing.sensors import measure
+from sim.sensing.observation import measure
 
 flying = ["duration_s=60", "motion=kinematic", "navigation.variant="]
 cell, other = (Cell.of(load("T3", [*flying[:2], flying[2] + name]), runs=3) for name in ("laisn-closest", "laisn-best"))

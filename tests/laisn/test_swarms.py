@@ -11,7 +11,7 @@ from laisn.lanes import new_lanes
 from laisn.messages import OwnMotion, Ranges, Reception
 from laisn.navigator import Navigator
 from laisn.settings import NavigationSettings
-from laisn.swarm import ESTIMATE, READING, SeparateNavigators
+from laisn.swarm import ESTIMATE, MESSAGE, READING, SeparateNavigators
 from laisn.tight import mission
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.settings import TightSettings
@@ -44,14 +44,15 @@ def shared_voyage() -> tuple[list[Step], Floats]:
     return mine, starts
 
 
-def tables(step: Step) -> tuple[Records, Bools, Floats, Floats]:
+def tables(step: Step) -> tuple[Records, Bools, Records, Floats]:
     """Readings, who has a message, messages and ranges, as compiled swarms take them."""
     owns, heard = step
     received = np.array([h is not None for h in heard])
-    messages, ranges = np.full((FOLLOWERS, 9), np.nan), np.full((FOLLOWERS, 3), 7.0)
+    messages, ranges = records(MESSAGE, FOLLOWERS), np.full((FOLLOWERS, 3), 7.0)
+    messages.fill(np.nan)
     for i, reception in enumerate(heard):
         if reception is not None:
-            messages[i], ranges[i] = reception.message, reception.ranges
+            messages[i], ranges[i] = tuple(reception.message), reception.ranges
     readings = records(READING, FOLLOWERS)
     readings.speed, readings.heading, readings.depth = np.array(owns).T
     return readings, received, messages, ranges

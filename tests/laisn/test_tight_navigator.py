@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from laisn import swarm
 from laisn.arrays import Floats, records
 from laisn.bound import Geometry, TrueNoise, position_bound
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
@@ -162,7 +163,7 @@ def test_covariances_stay_positive_definite_for_a_million_steps(transmitters: in
     belief = new_belief(setting, model, (mission.start[0], mission.start[1]))
     measurements = mission.measured(np.random.default_rng(3), log=0.2, compass=0.1)
     speed, heading, step = measurements.speed, measurements.heading, measurements.message_step
-    messages = measurements.message, measurements.ranges, measurements.depth[step - 1]
+    messages = measurements.message.view(swarm.MESSAGE)[:, 0], measurements.ranges, measurements.depth[step - 1]
     found = Found(np.empty((10_000, 2)), np.empty((0, 3)), records(OUTCOME, 0))
     backwards = mission.follower[-1] - mission.follower[0]
     for lap in range(100):

@@ -17,8 +17,7 @@ from sim.flight import navigation_settings
 from sim.scenario.settings import Acoustics, Navigation
 from sim.sensing.acoustics import TRANSMITTERS, Path, image, path_slowness, propagate
 from sim.sensing.errors import SensorErrors, errors_of
-from sim.sensing.observation import observe
-from sim.sensing.sensors import locked_path, measure, received
+from sim.sensing.observation import locked_path, measure, observe, received
 from sim.water.sound import SoundProfile, mean_slowness, speed_at
 from tests.straight import make_scenario, make_trajectory
 

@@ -12,8 +12,7 @@ from sim.geometry import attitude
 from sim.scenario.settings import Sensors
 from sim.sensing.ahrs import apparent_tilt, measured_attitude, random_error
 from sim.sensing.errors import SensorErrors, errors_of
-from sim.sensing.observation import MissionTruth, observe
-from sim.sensing.sensors import measure
+from sim.sensing.observation import MissionTruth, measure, observe
 from sim.trajectory import Trajectory
 from tests import straight
 from tests.campaign.test_montecarlo import make_truth
@@ -138,7 +137,7 @@ def pitch_errors(truth: MissionTruth, errors: SensorErrors, runs: int) -> Floats
     """Errors of the broadcast pitch and roll, shape (runs, messages, 2), [rad]."""
     pitch = LeaderMessage._fields.index("pitch")
     read = [measure(truth, errors, seed=3, run=run).message[:, pitch : pitch + 2] for run in range(runs)]
-    return np.array(read) - truth.sent_attitude
+    return np.array(read) - np.column_stack([truth.sent.pitch, truth.sent.roll])
 
 
 def test_broadcast_errors_die_away_with_time(truth: MissionTruth) -> None:
@@ -175,5 +174,6 @@ def test_a_scenario_states_the_sensor_in_degrees() -> None:
 
     turning = straight.make_trajectory((0.0, 20.0, -10.0), heading_pitch_roll=(0.4, 0.1, 0.05))
     loud = scenario.model_copy(update={"leader": scenario.leader.model_copy(update={"broadcast_attitude": True})})
-    assert observe(turning, loud).sent_attitude == pytest.approx(np.tile([0.1, 0.05], (20, 1)), abs=1e-12)
-    assert np.all(np.isnan(observe(turning, scenario).sent_attitude))
+    sent, silent = observe(turning, loud).sent, observe(turning, scenario).sent
+    assert (sent.pitch, sent.roll) == (pytest.approx(np.full(20, 0.1)), pytest.approx(np.full(20, 0.05)))
+    assert np.isnan([silent.pitch, silent.roll]).all()

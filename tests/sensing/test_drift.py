@@ -56,6 +56,6 @@ def test_a_leader_walks_off_towards_a_compass_direction() -> None:
     scenario = make_scenario()
     scenario = scenario.model_copy(update={"sensors": TOLD})
     truth = observe(make_trajectory((0.0, 40.0, -10.0), leader=(5.0, 6.0, -9.0)), scenario)
-    off = truth.sent_position[:, :2] - [5.0, 6.0]
-    np.testing.assert_allclose(off, truth.timestamp[:, None] * [0.01, 0.01 * np.sqrt(3.0)], atol=1e-12)
-    assert truth.timestamp[-1] > 5.0
+    off = np.column_stack([truth.sent.east, truth.sent.north]) - [5.0, 6.0]
+    np.testing.assert_allclose(off, truth.sent.timestamp[:, None] * [0.01, 0.01 * np.sqrt(3.0)], atol=1e-12)
+    assert truth.sent.timestamp[-1] > 5.0

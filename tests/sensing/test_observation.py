@@ -42,12 +42,14 @@ def test_truth_is_that_of_the_motion_at_filter_steps_and_messages(step: float, i
     assert truth.leader_position == pytest.approx(flown.position[rows, 0, :2])
     sent = np.arange(interval, 20.0 + 1e-9, interval)
     leader = sent / synthetic.LEADER_RADIUS_M
-    assert truth.timestamp == pytest.approx(sent)
+    assert truth.sent.timestamp == pytest.approx(sent)
     assert truth.message_step == pytest.approx(sent / step)
-    assert truth.sent_heading == pytest.approx(np.mod(np.pi / 2 - leader, 2 * np.pi))
-    assert truth.sent_position[:, :2] == pytest.approx(flown.position[np.round(sent / 0.1).astype(int), 0, :2])
-    assert truth.sent_position[:, 2] == pytest.approx(8.0 - 0.1 * np.cos(0.4 * sent))
-    assert truth.sent_speed == pytest.approx(flown.forward_speed[np.round(sent / 0.1).astype(int), 0])
+    assert truth.sent.heading == pytest.approx(np.mod(np.pi / 2 - leader, 2 * np.pi))
+    assert np.column_stack([truth.sent.east, truth.sent.north]) == pytest.approx(
+        flown.position[np.round(sent / 0.1).astype(int), 0, :2]
+    )
+    assert truth.sent.depth == pytest.approx(8.0 - 0.1 * np.cos(0.4 * sent))
+    assert truth.sent.speed == pytest.approx(flown.forward_speed[np.round(sent / 0.1).astype(int), 0])
     through_water = flown.velocity[0, 2, :2] - [0.10, -0.05]
     assert start_of(flown, 1)[2:] == pytest.approx(through_water)
     assert np.hypot(*(start_of(flown, 1)[:2] - flown.position[0, 2, :2])) < 0.01

@@ -5,10 +5,10 @@ import pytest
 
 from laisn.arrays import Floats
 from laisn.messages import LeaderMessage, Measurements
+from laisn.swarm import MESSAGE
 from sim.sensing.errors import SensorErrors, loses
 from sim.sensing.noise import Stream, normals, uniforms
-from sim.sensing.observation import MissionTruth
-from sim.sensing.sensors import measure
+from sim.sensing.observation import MissionTruth, measure
 
 SEED, RUN = 11, 4
 STEPS, SENT = 40, np.array([5, 10, 20, 39])
@@ -36,11 +36,17 @@ def truth() -> MissionTruth:
         leader_heading=rng.uniform(0, 6, STEPS),
         message_step=SENT + 1,
         emission_step=SENT,
-        timestamp=SENT * 0.1,
-        sent_position=rng.normal(size=(m, 3)),
-        sent_heading=rng.uniform(0, 6, m),
-        sent_speed=rng.uniform(0, 2, m),
-        sent_attitude=rng.normal(size=(m, 2)),
+        sent=np.rec.fromarrays(
+            [
+                SENT * 0.1,
+                *rng.normal(size=(2, m)),
+                rng.uniform(0, 6, m),
+                rng.uniform(0, 2, m),
+                *rng.normal(size=(3, m)),
+                np.full(m, np.nan),
+            ],
+            dtype=MESSAGE,
+        ),
         slant_range=ranges,
     )
 
@@ -54,12 +60,7 @@ def test_perfect_sensors_read_the_truth(truth: MissionTruth) -> None:
     for name in ("speed", "heading", "depth", "message_step"):
         assert np.array_equal(getattr(measured, name), getattr(truth, name))
     assert np.array_equal(measured.ranges, truth.slant_range, equal_nan=True)
-    sent = np.column_stack(
-        [truth.sent_position[:, :2], truth.sent_heading, truth.sent_speed, truth.sent_position[:, 2]]
-    )
-    assert np.array_equal(measured.message[:, 1:6], sent)
-    assert np.array_equal(measured.message[:, 6:8], truth.sent_attitude)
-    assert np.all(np.isnan(column(measured, "heading_sigma")))
+    assert np.array_equal(measured.message, np.array(truth.sent.tolist()), equal_nan=True)
 
 
 def test_own_sensors_follow_equations_26_and_27(truth: MissionTruth) -> None:
@@ -105,12 +106,14 @@ def test_followers_hear_the_same_leader(truth: MissionTruth) -> None:
     assert not np.any(one.speed == other.speed)
     assert not np.any(one.ranges == other.ranges)
     n = normals(SEED, RUN, Stream.LEADER_MOTION.number(), SENT)
-    assert column(one, "speed") == pytest.approx(np.maximum(truth.sent_speed + 0.1, 0.0), abs=1e-14)
-    assert column(one, "heading") == pytest.approx(truth.sent_heading + 0.05 + 0.02 * np.abs(n[:, 1]), abs=1e-14)
+    assert column(one, "speed") == pytest.approx(np.maximum(truth.sent.speed + 0.1, 0.0), abs=1e-14)
+    assert column(one, "heading") == pytest.approx(truth.sent.heading + 0.05 + 0.02 * np.abs(n[:, 1]), abs=1e-14)
     n = normals(SEED, RUN, Stream.LEADER_ATTITUDE.number(), SENT)
-    assert one.message[:, 6:8] == pytest.approx(truth.sent_attitude + 0.01 * n, abs=1e-14)
+    assert one.message[:, 6:8] == pytest.approx(
+        np.column_stack([truth.sent.pitch, truth.sent.roll]) + 0.01 * n, abs=1e-14
+    )
     n = normals(SEED, RUN, Stream.LEADER_DEPTH.number(), SENT)
-    assert column(one, "depth") == pytest.approx(truth.sent_position[:, 2] + 0.3 * n[:, 0], abs=1e-14)
+    assert column(one, "depth") == pytest.approx(truth.sent.depth + 0.3 * n[:, 0], abs=1e-14)
 
 
 def test_sensors_err_by_default_as_in_the_paper() -> None:

@@ -12,7 +12,7 @@ from laisn import lanes
 from laisn.lane_rows import LANES
 from laisn.settings import NavigationSettings
 from sim.sensing.errors import SensorErrors
-from sim.sensing.sensors import measure
+from sim.sensing.observation import measure
 from tests import synthetic
 from tools.benchmarks import formation, mission, navigators, peak
 from tools.benchmarks import run as benchmarks

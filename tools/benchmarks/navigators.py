@@ -14,7 +14,7 @@ from laisn.messages import Measurements
 from laisn.settings import NavigationSettings, Tuning
 from laisn.tight.mission import run_mission
 from laisn.tight.settings import Assume, TightSettings
-from sim.sensing.sensors import measure
+from sim.sensing.observation import measure
 from tools.benchmarks.peak import peak_flops
 from tools.benchmarks.row import Row, least_times
 

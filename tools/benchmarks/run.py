@@ -27,9 +27,9 @@ from laisn.filter import Filter
 from laisn.messages import Measurements
 from laisn.navigator import Navigator
 from laisn.settings import NavigationSettings
+from laisn.swarm import MESSAGE
 from sim.sensing.errors import SensorErrors
-from sim.sensing.observation import MissionTruth
-from sim.sensing.sensors import measure
+from sim.sensing.observation import MissionTruth, measure
 from tools.benchmarks import mission as benchmarks_mission
 from tools.benchmarks.formation import formation
 from tools.benchmarks.navigators import filter_only, tight
@@ -65,11 +65,10 @@ def steady_mission(steps: int = STEPS) -> MissionTruth:
         leader_heading=east[1:],
         message_step=k,
         emission_step=k,
-        timestamp=t[k],
-        sent_position=np.column_stack([leader[k], np.full(k.size, 10.0)]),
-        sent_heading=east[k],
-        sent_speed=np.ones(k.size),
-        sent_attitude=np.full((k.size, 2), np.nan),
+        sent=np.rec.fromarrays(
+            [t[k], *leader[k].T, east[k], np.ones(k.size), np.full(k.size, 10.0), *np.full((3, k.size), np.nan)],
+            dtype=MESSAGE,
+        ),
         slant_range=np.stack([np.hypot(*(follower - s)[k].T) for s in sites], axis=1),
     )
 

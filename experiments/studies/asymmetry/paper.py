@@ -25,7 +25,7 @@ from sim.flight import settings_as
 from sim.motion import simulate_motion
 from sim.sensing.acoustics import Path
 from sim.sensing.errors import errors_of
-from sim.sensing.sensors import locked_path, measure
+from sim.sensing.observation import locked_path, measure
 
 TAU_M = (0.01, 0.03, 0.06, 0.1, 0.2, 0.4, 0.8, 1.6)
 """τ of the rear transmitter; the first is the paper's usual one, 0.03 and 0.06 are those of its Stage 4."""

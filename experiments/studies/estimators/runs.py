@@ -30,8 +30,7 @@ from sim.scenario.file import assigned, validate
 from sim.scenario.routes import LEADER_DEPTH, Route, library_route
 from sim.scenario.settings import Scenario
 from sim.sensing.errors import SensorErrors, errors_of
-from sim.sensing.observation import MissionTruth
-from sim.sensing.sensors import measure
+from sim.sensing.observation import MissionTruth, measure
 
 MIDDLE_OFFSET = 0.1
 """H_T of missions, unless it is what is varied [m]."""
