@@ -1,7 +1,5 @@
 """A scenario made into sea, routes and vehicles."""
 
-from dataclasses import fields
-
 import numpy as np
 
 from laisn.arrays import Floats
@@ -121,7 +119,6 @@ def routes_of(scenario: Scenario) -> tuple[Route, ...]:
 def setups_of(scenario: Scenario, routes: tuple[Route, ...]) -> tuple[VehicleSetup, ...]:
     """All vehicles at the start of their routes."""
     setups = []
-    shared = {field.name for field in fields(VehicleSetup)} - {"name", "model"}
     vehicles = (scenario.leader, *scenario.followers)
     for vehicle, name, model, route in zip(vehicles, vehicle_names(scenario), models_of(scenario), routes, strict=True):
         east, north = (float(c) for c in route.waypoint[0])
@@ -132,7 +129,7 @@ def setups_of(scenario: Scenario, routes: tuple[Route, ...]) -> tuple[VehicleSet
                 position_m=(east, north, -float(route.depth.depth[0])),
                 heading_rad=route.initial_heading,
                 speed_m_s=route.start_speed,
-                **{key: value for key, value in vehicle if key in shared},
+                settings=vehicle,
             )
         )
     return tuple(setups)

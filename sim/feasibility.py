@@ -203,10 +203,9 @@ def transmitter_sites(scenario: Scenario) -> Floats:
     """Rear, front and middle transmitter: forward, port, and up from the leader's depth sensor, shape (3, 3), [m]."""
     from sim.vehicle.mjcf import spec_of, transmitter_places
 
-    leader = scenario.leader
     spec = spec_of(models_of(scenario)[0])
     places = {name: np.array(spec.site(name).pos) for name in ("tx_rear", "tx_front", "tx_middle")}
-    for name, (axis, value) in transmitter_places(leader.baseline_m, leader.middle_offset_m).items():
+    for name, (axis, value) in transmitter_places(scenario.leader).items():
         places[name][axis] = value
     height = float(spec.site("depth_sensor").pos[2])
     return np.array([place - (0.0, 0.0, height) for place in places.values()])

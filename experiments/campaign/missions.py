@@ -14,7 +14,8 @@ from experiments.campaign.version import code_version
 from laisn.failure import LaisnError
 from laisn.plugins import plugin_source
 from sim.motion import simulate_motion
-from sim.scenario.settings import Leader, Navigation, Scenario
+from sim.scenario.section import keys_per_run
+from sim.scenario.settings import Acoustics, Leader, Navigation, Scenario, Sensors
 from sim.sensing.observation import MissionTruth, observe
 from sim.simulation import EndedError
 from sim.trajectory import Trajectory
@@ -60,7 +61,6 @@ def observed_of(scenario: Scenario, follower: int) -> Scenario:
     Scenarios that differ in random errors and constant biases alone share one truth.
     """
     sensors, acoustics = scenario.sensors_of(follower), scenario.acoustics
-    random = [key for key in type(scenario.sensors).model_fields if "sigma" in key or "bias" in key or "walk" in key]
     echoes = {
         name: float(getattr(acoustics, name) > 0.0) / 2
         for name in ("surface_echo_probability", "bottom_echo_probability")
@@ -68,15 +68,11 @@ def observed_of(scenario: Scenario, follower: int) -> Scenario:
     own = {
         "name": "mission",
         "seed": 1,
-        "sensors": without(sensors, *random),
+        "sensors": without(sensors, *keys_per_run(Sensors)),
         "followers": tuple(without(one, "sensors", "name") for one in scenario.followers),
-        "acoustics": without(
-            acoustics,
-            "range_tau_m", "range_error_centred", "range_scale_mean_m", "range_scale_sigma_m", "common_echoes",
-            "loss_probability", "burst_probability", "burst_mean_messages", "burst_loss_probability",
-        ).model_copy(update=echoes),
+        "acoustics": without(acoustics, *keys_per_run(Acoustics)).model_copy(update=echoes),
         "navigation": Navigation(variant="tight", assume={"transmitters": scenario.navigation.transmitters}),
-    }  # fmt: skip
+    }
     return content_of(scenario).model_copy(update=own)
 
 
@@ -95,7 +91,7 @@ def motion_key(scenario: Scenario) -> str:
 def sited(trajectory: Trajectory, leader: Leader) -> Trajectory:
     """A trajectory with its motion unchanged and the transmitters where this leader's keys place them."""
     offset = trajectory.site_offset.copy()
-    for name, (axis, value) in transmitter_places(leader.baseline_m, leader.middle_offset_m).items():
+    for name, (axis, value) in transmitter_places(leader).items():
         offset[trajectory.site(f"leader/{name}"), axis] = value
     return replace(trajectory, site_offset=offset)
 

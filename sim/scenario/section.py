@@ -24,6 +24,12 @@ Speed = Annotated[float, Field(gt=0, le=5)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 LISTED = Strict(False)
 """Lets a tuple be given as a list too, as a TOML file has it."""
+
+
+class PerRun:
+    """In the annotation of a key: it changes what runs read and nothing before, as random errors and biases do."""
+
+
 CONTROL_STEP_S = 0.1
 """Interval of the autopilot and of the recorded truth [s]."""
 MOST_POINTS = 100_000
@@ -159,6 +165,11 @@ def completed(
         keys[field.name + ending] = (kept | None if optional else kept, described)
     name = base.__name__.removeprefix("_")
     return create_model(name, __base__=base, __module__=base.__module__, __doc__=base.__doc__, **keys)
+
+
+def keys_per_run(section: type[Section]) -> list[str]:
+    """Keys that are marked as `PerRun`."""
+    return [key for key, field in section.model_fields.items() if PerRun in field.metadata]
 
 
 def is_multiple(whole: float, part: float) -> bool:

@@ -4,27 +4,29 @@ from typing import TYPE_CHECKING, Annotated, Self
 
 from pydantic import ConfigDict, Field, create_model, field_validator, model_validator
 
-from sim.scenario.section import LISTED, MOST_POINTS, Chance, NonNegative, Positive, Section, require_increasing
+from sim.scenario.section import LISTED, MOST_POINTS, Chance, NonNegative, PerRun, Positive, Section, require_increasing
 
 SoundSpeed = Annotated[float, Field(ge=1300, le=1700)]
 SpeedAtDepth = Annotated[tuple[NonNegative, SoundSpeed], LISTED]
 
 
-SpeedBias = Annotated[float, Field(ge=-10, le=10)]
-HeadingBias = Annotated[float, Field(ge=-180, le=180)]
+SpeedBias = Annotated[float, Field(ge=-10, le=10), PerRun]
+HeadingBias = Annotated[float, Field(ge=-180, le=180), PerRun]
+Sigma = Annotated[NonNegative, PerRun]
+LossChance = Annotated[Chance, PerRun]
 
 
 class OwnSensors(Section):
     """True errors of a follower's own sensors (paper, Eqs. 26 and 27)."""
 
     speed_bias_m_s: SpeedBias = 0.2
-    speed_sigma_m_s: NonNegative = 0.2
+    speed_sigma_m_s: Sigma = 0.2
     heading_bias_deg: HeadingBias = 5.0
-    heading_sigma_deg: NonNegative = Field(
+    heading_sigma_deg: Sigma = Field(
         2.0,
         description="σ of the error to starboard, the absolute value of a normal number: mean 0.8 σ (paper, Eq. 27)",
     )
-    depth_sigma_m: NonNegative = 0.0
+    depth_sigma_m: Sigma = 0.0
     speed_drift_m_s: Annotated[float, Field(ge=-10, le=10)] = Field(
         0.0, description="amplitude of a sinusoidal drift of the bias"
     )
@@ -38,8 +40,8 @@ class OwnSensors(Section):
     heading_drift_phase_deg: Annotated[float, Field(ge=-360, le=360)] = Field(
         0.0, description="phase at the start; each further follower adds 137.5°"
     )
-    gyro_sigma_deg_s: NonNegative = Field(0.1, description="σ of a gyro reading, for followers on stations")
-    tilt_sigma_deg: NonNegative = Field(0.5, description="σ of an inclinometer reading, for followers on stations")
+    gyro_sigma_deg_s: Sigma = Field(0.1, description="σ of a gyro reading, for followers on stations")
+    tilt_sigma_deg: Sigma = Field(0.5, description="σ of an inclinometer reading, for followers on stations")
 
 
 class OwnSensor(Section):
@@ -59,14 +61,14 @@ class Sensors(OwnSensors):
 
     leader_speed_bias_m_s: SpeedBias = Field(0.0, description="bias of the broadcast speed")
     leader_heading_bias_deg: HeadingBias = 0.0
-    leader_heading_sigma_deg: NonNegative = Field(0.0, description="one-sided, as heading_sigma_deg")
-    leader_depth_sigma_m: NonNegative = 0.0
+    leader_heading_sigma_deg: Sigma = Field(0.0, description="one-sided, as heading_sigma_deg")
+    leader_depth_sigma_m: Sigma = 0.0
     leader_position_drift_m_s: NonNegative = Field(0.0, description="drift rate of the broadcast position")
     leader_position_drift_deg: Annotated[float, Field(ge=-360, le=360)] = Field(
         0.0, description="compass direction of this drift"
     )
-    leader_attitude_sigma_deg: NonNegative = Field(0.0, description="σ of an inclinometer reading, pitch and roll")
-    leader_attitude_offset_sigma_deg: NonNegative = Field(
+    leader_attitude_sigma_deg: Sigma = Field(0.0, description="σ of an inclinometer reading, pitch and roll")
+    leader_attitude_offset_sigma_deg: Sigma = Field(
         0.0, description="σ of constant pitch and roll offsets of a run, as from mounting"
     )
     leader_attitude_senses_acceleration: bool = Field(
@@ -75,7 +77,7 @@ class Sensors(OwnSensors):
     leader_gyro_time_constant_s: Annotated[float, Field(ge=0, le=1000)] = Field(
         0.0, description="time constant of the complementary filter of gyros and inclinometer; 0: no gyros"
     )
-    leader_gyro_random_walk_deg_sqrt_h: NonNegative = Field(0.3, description="angle random walk of the gyros")
+    leader_gyro_random_walk_deg_sqrt_h: Sigma = Field(0.3, description="angle random walk of the gyros")
 
 
 if TYPE_CHECKING:
@@ -95,14 +97,16 @@ else:
 class Acoustics(Section):
     """True errors of ranges (paper, Eq. 28), and physical acoustics (not in the paper, off by default)."""
 
-    range_tau_m: Annotated[tuple[NonNegative, NonNegative, NonNegative], LISTED] = Field(
+    range_tau_m: Annotated[tuple[NonNegative, NonNegative, NonNegative], LISTED, PerRun] = Field(
         (0.01, 0.01, 0.01), description="τ, uniform error of rear, front and middle transmitter"
     )
-    range_error_centred: bool = Field(False, description="uniform error in −τ/2 … τ/2; false: 0 … τ (paper)")
-    range_scale_mean_m: Annotated[float, Field(ge=-100, le=100)] = Field(
+    range_error_centred: Annotated[bool, PerRun] = Field(
+        False, description="uniform error in −τ/2 … τ/2; false: 0 … τ (paper)"
+    )
+    range_scale_mean_m: Annotated[float, Field(ge=-100, le=100), PerRun] = Field(
         0.1, description="μD, mean of the error common to all transmitters"
     )
-    range_scale_sigma_m: NonNegative = Field(0.05, description="σD, its standard deviation")
+    range_scale_sigma_m: Sigma = Field(0.05, description="σD, its standard deviation")
     travel_time: bool = Field(False, description="vehicles move during propagation; false: no travel time")
     ping_slot_s: Annotated[float, Field(ge=0, le=2)] = Field(
         0.0, description="interval between rear, front and middle ping; 0: simultaneous"
@@ -122,13 +126,13 @@ class Acoustics(Section):
     )
     surface_echo_probability: Chance = Field(0.0, description="probability that a ping's surface echo is taken for it")
     bottom_echo_probability: Chance = Field(0.0, description="probability that a ping's bottom echo is taken for it")
-    common_echoes: bool = Field(
+    common_echoes: Annotated[bool, PerRun] = Field(
         False, description="all pings of a message take the same path; false: independent echoes"
     )
-    loss_probability: Chance = Field(0.0, description="probability of message loss outside bursts")
-    burst_probability: Chance = Field(0.0, description="probability per message that a burst of loss starts")
-    burst_mean_messages: Annotated[float, Field(ge=1, le=10000)] = Field(5.0, description="mean burst length")
-    burst_loss_probability: Chance = Field(1.0, description="probability of message loss within a burst")
+    loss_probability: LossChance = Field(0.0, description="probability of message loss outside bursts")
+    burst_probability: LossChance = Field(0.0, description="probability per message that a burst of loss starts")
+    burst_mean_messages: Annotated[float, Field(ge=1, le=10000), PerRun] = Field(5.0, description="mean burst length")
+    burst_loss_probability: LossChance = Field(1.0, description="probability of message loss within a burst")
     max_range_m: NonNegative = Field(0.0, description="maximum range of reception; 0: no limit")
 
     @field_validator("sound_speed_profile")

@@ -92,12 +92,12 @@ def scaled(records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]) -> npt
         setups: of the same vehicles; a scale of 1 changes no bit.
     """
     true = records.copy()
-    for i, setup in enumerate(setups):
+    for i, settings in enumerate(setup.settings for setup in setups):
         for name in ("linear_damping", "quadratic_damping", "cross_flow_drag"):
-            true[name][i] *= setup.drag_scale
-        true["hull_lift"][i] *= (1.0, setup.drag_scale, setup.lift_scale)
-        true["fin_lift_slope"][i] *= setup.lift_scale
-        true["added_mass"][i] *= setup.added_mass_scale
+            true[name][i] *= settings.drag_scale
+        true["hull_lift"][i] *= (1.0, settings.drag_scale, settings.lift_scale)
+        true["fin_lift_slope"][i] *= settings.lift_scale
+        true["added_mass"][i] *= settings.added_mass_scale
     _take_roots(true)
     true.flags.writeable = False
     return true

@@ -1,7 +1,7 @@
 """Vehicles out of MJCF: attach them to the ocean, resolve their names to ids once."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 import models
 from laisn.failure import LaisnError
 from sim.geometry import attitude
+from sim.scenario import vehicles
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,24 +27,8 @@ class VehicleSetup:
     """Compass, at the start."""
     speed_m_s: float = 0.0
     """Forward, over ground, at the start."""
-    excess_buoyancy_n: float = 0.0
-    """Force added to the buoyancy; positive floats up."""
-    cg_offset_x_m: float = 0.0
-    """Distance by which the centre of gravity is moved forward."""
-    cg_offset_z_m: float = 0.0
-    """Distance by which the centre of gravity is moved up."""
-    drag_scale: float = 1.0
-    """True drag and damping over those of the MJCF, which stay what an autopilot is designed for."""
-    added_mass_scale: float = 1.0
-    """True added mass over that of the MJCF, which stays what an autopilot is designed for."""
-    lift_scale: float = 1.0
-    """True lift of hull and fins over that of the MJCF, which stays what an autopilot is designed for."""
-    thrust_scale: float = 1.0
-    """Thrust that acts over the thrust of the actuator."""
-    baseline_m: float | None = None
-    """L, distance of the rear and front transmitters; None leaves them where the MJCF has them."""
-    middle_offset_m: float | None = None
-    """H_T, distance of the middle transmitter to port; None leaves it where the MJCF has it."""
+    settings: vehicles.Vehicle = field(default_factory=vehicles.Vehicle.model_construct)
+    """What is changed of the MJCF: trim, true over nominal coefficients, places of a leader's transmitters."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,9 +60,9 @@ def compose(setups: Sequence[VehicleSetup], floor_depth_m: float | None = None, 
     if floor_depth_m is not None:
         # crests of the relief reach up to the floor's depth, so that what is above it is clear
         spec.geom("floor").pos[2] = -floor_depth_m - spec.hfield("floor").size[2]
-    vehicles = [_edited(setup, looks) for setup in setups]
-    most = max(len(vehicle.actuators) for vehicle in vehicles)
-    for setup, vehicle in zip(setups, vehicles, strict=True):
+    specs = [_edited(setup, looks) for setup in setups]
+    most = max(len(vehicle.actuators) for vehicle in specs)
+    for setup, vehicle in zip(setups, specs, strict=True):
         _pad(vehicle, most)
         spec.attach(vehicle, frame=spec.worldbody.add_frame(), prefix=f"{setup.name}/")
     return spec
@@ -125,13 +110,13 @@ def _attachable(text: str, looks: bool) -> mujoco.MjSpec:
     return spec
 
 
-def transmitter_places(baseline_m: float | None, middle_offset_m: float | None) -> dict[str, tuple[int, float]]:
-    """Axis and coordinate [m] to which each transmitter's site is moved; those of None stay where the MJCF has them."""
+def transmitter_places(settings: vehicles.Vehicle) -> dict[str, tuple[int, float]]:
+    """Axis and coordinate [m] to which transmitters' sites are moved; the others stay where the MJCF has them."""
     moves: dict[str, tuple[int, float]] = {}
-    if baseline_m is not None:
-        moves |= {"tx_rear": (0, -baseline_m / 2), "tx_front": (0, baseline_m / 2)}
-    if middle_offset_m is not None:
-        moves |= {"tx_middle": (1, middle_offset_m)}
+    if isinstance(settings, vehicles.Leader) and settings.baseline_m is not None:
+        moves |= {"tx_rear": (0, -settings.baseline_m / 2), "tx_front": (0, settings.baseline_m / 2)}
+    if isinstance(settings, vehicles.Leader) and settings.middle_offset_m is not None:
+        moves |= {"tx_middle": (1, settings.middle_offset_m)}
     return moves
 
 
@@ -141,13 +126,14 @@ def _edited(setup: VehicleSetup, looks: bool) -> mujoco.MjSpec:
     hull = spec.body("hull")
     if hull is None:
         raise LaisnError(f"{setup.name}: the model {setup.model!r} is no vehicle, it has no body 'hull'")
-    hull.ipos = hull.ipos + np.array([setup.cg_offset_x_m, 0.0, setup.cg_offset_z_m])
+    settings = setup.settings
+    hull.ipos = hull.ipos + np.array([settings.cg_offset_x_m, 0.0, settings.cg_offset_z_m])
     hull.pos = np.asarray(setup.position_m)
     hull.quat = attitude.from_euler(setup.heading_rad)
     spec.site("cg").pos = hull.ipos
     buoyancy = spec.numeric("buoyancy")
-    buoyancy.data = np.asarray(buoyancy.data) + setup.excess_buoyancy_n
-    for name, (axis, value) in transmitter_places(setup.baseline_m, setup.middle_offset_m).items():
+    buoyancy.data = np.asarray(buoyancy.data) + settings.excess_buoyancy_n
+    for name, (axis, value) in transmitter_places(settings).items():
         site = spec.site(name)
         if site is None:
             raise LaisnError(f"{setup.name}: the model {setup.model!r} has no site {name!r} to move")

@@ -83,7 +83,9 @@ class Plant:
         self._gain = np.empty((n, 6))
         self._last_pose, self._last_twist = np.empty((n, 7)), np.empty((n, 6))
         self._half_step = dt / 2
-        wrenches = effectors.unit_wrenches(self.effectors) * np.array([s.thrust_scale for s in setups])[:, None, None]
+        wrenches = (
+            effectors.unit_wrenches(self.effectors) * np.array([s.settings.thrust_scale for s in setups])[:, None, None]
+        )
         push = wrenches, data.actuator_moment.reshape(wrenches.shape)
         self._layout: effectors.Layout = (data.moment_rownnz, data.moment_rowadr, data.moment_colind)
         true = coefficients.scaled(coefficients.read(model, self.names, ocean.density_kg_m3), setups)

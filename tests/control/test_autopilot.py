@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from sim.control import allocation, autopilot
 from sim.control.guidance import REFERENCE
 from sim.scenario.routes import DepthProfile, Route
+from sim.scenario.vehicles import Vehicle
 from sim.simulation import DivergedError, simulate
 from sim.vehicle import effectors
 from sim.vehicle.mjcf import VehicleSetup
@@ -104,7 +105,7 @@ def plant(model="leader", *, ocean=None, depth=10.0, buoyancy=0.0, speed=1.0):
         model=model,
         position_m=(0.0, 0.0, -depth),
         speed_m_s=speed,
-        excess_buoyancy_n=buoyancy,
+        settings=Vehicle.model_construct(excess_buoyancy_n=buoyancy),
     )
     return Plant([setup], ocean or Ocean.calm())
 

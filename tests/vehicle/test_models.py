@@ -6,6 +6,7 @@ import pytest
 from scipy.integrate import quad
 
 import models
+from sim.scenario.vehicles import Leader
 from sim.vehicle import coefficients
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 from sim.vehicle.plant import Plant
@@ -127,11 +128,9 @@ def test_setup_edits_the_vehicle() -> None:
         name="lead",
         model="leader",
         position_m=(1, 2, -3),
-        excess_buoyancy_n=7.0,
-        cg_offset_x_m=0.05,
-        cg_offset_z_m=-0.01,
-        baseline_m=1.0,
-        middle_offset_m=0.2,
+        settings=Leader(
+            excess_buoyancy_n=7.0, cg_offset_x_m=0.05, cg_offset_z_m=-0.01, baseline_m=1.0, middle_offset_m=0.2
+        ),
     )
     model = compose([setup], floor_depth_m=77.0).compile()
     np.testing.assert_array_equal(model.site("lead/tx_rear").pos, (-0.5, 0, 0))
@@ -149,7 +148,7 @@ def test_setup_faults_are_named() -> None:
     with pytest.raises(ValueError, match="unknown model 'boat'"):
         compose([VehicleSetup(name="a", model="boat", position_m=(0, 0, 0))])
     with pytest.raises(ValueError, match=r"a: the model 'follower' has no site 'tx_rear'"):
-        compose([VehicleSetup(name="a", model="follower", position_m=(0, 0, 0), baseline_m=1.0)])
+        compose([VehicleSetup(name="a", model="follower", position_m=(0, 0, 0), settings=Leader(baseline_m=1.0))])
     with pytest.raises(ValueError, match="no body 'hull'"):
         compose([VehicleSetup(name="a", model="ocean", position_m=(0, 0, 0))])
 

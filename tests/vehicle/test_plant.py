@@ -1,5 +1,7 @@
 """The plant: what it shows of the state, what it can do, and how it fails."""
 
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from laisn.arrays import Floats
 from sim.geometry import attitude
+from sim.scenario.vehicles import Vehicle
 from sim.vehicle import coefficients, effectors, hydrodynamics
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 from sim.vehicle.plant import Plant, PlantError
@@ -16,10 +19,12 @@ from sim.water.waves import Waves
 EAST = np.pi / 2
 
 
-def setups(depth: float = 10.0, **changes: float) -> list[VehicleSetup]:
+def setups(depth: float = 10.0, speed_m_s: float = 0.0, excess_buoyancy_n: float = 0.0) -> list[VehicleSetup]:
+    settings = Vehicle.model_construct(excess_buoyancy_n=excess_buoyancy_n)
+    start: dict[str, Any] = {"heading_rad": EAST, "speed_m_s": speed_m_s, "settings": settings}
     return [
-        VehicleSetup(name="leader", model="leader", position_m=(0, 0, -depth), heading_rad=EAST, **changes),  # type: ignore[arg-type]
-        VehicleSetup(name="T2", model="follower", position_m=(-20, 5, -depth), heading_rad=EAST, **changes),  # type: ignore[arg-type]
+        VehicleSetup(name="leader", model="leader", position_m=(0, 0, -depth), **start),
+        VehicleSetup(name="T2", model="follower", position_m=(-20, 5, -depth), **start),
     ]
 
 

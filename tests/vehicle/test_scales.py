@@ -6,13 +6,16 @@ import pytest
 from experiments.campaign import missions
 from experiments.flight.library import load
 from sim.control.autopilot import design
+from sim.scenario.vehicles import Vehicle
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
 
 
 def plant(speed=0.0, **scales):
-    return Plant([VehicleSetup(name="v", model="follower", position_m=(0, 0, -10), speed_m_s=speed, **scales)], Ocean())
+    settings = Vehicle.model_construct(**scales)
+    setup = VehicleSetup(name="v", model="follower", position_m=(0, 0, -10), speed_m_s=speed, settings=settings)
+    return Plant([setup], Ocean())
 
 
 def force(speed, **scales):
