@@ -143,21 +143,14 @@ def uniform(word: np.uint64) -> float:
 
 
 @compiled
-def _fill_normals(seed: np.uint64, run: np.uint64, stream: np.uint64, steps: npt.NDArray[np.uint64]) -> Floats:
-    draws = np.empty((steps.size, 2))
+def _draws(seed: np.uint64, run: np.uint64, stream: np.uint64, steps: npt.NDArray[np.uint64]) -> Floats:
+    """Two normals and four uniforms of each step, of the same words, shape (m, 6)."""
+    draws = np.empty((steps.size, 6))
     for i in range(steps.size):
         w0, w1, w2, w3 = words(seed, run, stream, steps[i])
         first, second = two_units(w0, w1, w2, w3)
         draws[i, 0], draws[i, 1] = two_normals(first, second)
-    return draws
-
-
-@compiled
-def _fill_uniforms(seed: np.uint64, run: np.uint64, stream: np.uint64, steps: npt.NDArray[np.uint64]) -> Floats:
-    draws = np.empty((steps.size, 4))
-    for i in range(steps.size):
-        w0, w1, w2, w3 = words(seed, run, stream, steps[i])
-        draws[i, 0], draws[i, 1], draws[i, 2], draws[i, 3] = uniform(w0), uniform(w1), uniform(w2), uniform(w3)
+        draws[i, 2], draws[i, 3], draws[i, 4], draws[i, 5] = uniform(w0), uniform(w1), uniform(w2), uniform(w3)
     return draws
 
 
@@ -189,12 +182,12 @@ def normals(seed: int, run: int, stream: int, steps: npt.ArrayLike) -> Floats:
     Raises:
         ValueError: a part of the address is out of its range.
     """
-    return _fill_normals(*_address(seed, run, stream, steps))
+    return _draws(*_address(seed, run, stream, steps))[:, :2]
 
 
 def uniforms(seed: int, run: int, stream: int, steps: npt.ArrayLike) -> Floats:
     """Uniforms in (0, 1), four for each step, shape (m, 4); arguments and errors as in `normals`."""
-    return _fill_uniforms(*_address(seed, run, stream, steps))
+    return _draws(*_address(seed, run, stream, steps))[:, 2:]
 
 
 class Address(NamedTuple):
