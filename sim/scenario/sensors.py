@@ -13,7 +13,7 @@ SpeedAtDepth = Annotated[tuple[NonNegative, SoundSpeed], LISTED]
 SpeedBias = Annotated[float, Field(ge=-10, le=10), PerRun]
 HeadingBias = Annotated[float, Field(ge=-180, le=180), PerRun]
 Sigma = Annotated[NonNegative, PerRun]
-LossChance = Annotated[Chance, PerRun]
+LossProbability = Annotated[Chance, PerRun]
 
 
 class OwnSensors(Section):
@@ -129,10 +129,10 @@ class Acoustics(Section):
     common_echoes: Annotated[bool, PerRun] = Field(
         False, description="all pings of a message take the same path; false: independent echoes"
     )
-    loss_probability: LossChance = Field(0.0, description="probability of message loss outside bursts")
-    burst_probability: LossChance = Field(0.0, description="probability per message that a burst of loss starts")
+    loss_probability: LossProbability = Field(0.0, description="probability of message loss outside bursts")
+    burst_probability: LossProbability = Field(0.0, description="probability per message that a burst of loss starts")
     burst_mean_messages: Annotated[float, Field(ge=1, le=10000), PerRun] = Field(5.0, description="mean burst length")
-    burst_loss_probability: LossChance = Field(1.0, description="probability of message loss within a burst")
+    burst_loss_probability: LossProbability = Field(1.0, description="probability of message loss within a burst")
     max_range_m: NonNegative = Field(0.0, description="maximum range of reception; 0: no limit")
 
     @field_validator("sound_speed_profile")

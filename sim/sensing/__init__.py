@@ -1,8 +1,8 @@
 """What a follower gets of the truth: ranges through the water, sensors, their errors, echoes and losses.
 
 Takes a `Trajectory`; gives `MissionTruth` (what one follower's sensors see without errors), and from that the
-`Measurements` of a run (`observation`). `instant` calls the same `sensors` under way. Noise is counter-based (`noise`): a draw is a function of seed, run,
-stream and step. It does not depend on the use of measurements: no navigator, no estimate.
+`Measurements` of a run (`observation`). `instant` calls the same `sensors` under way. Noise is counter-based (`noise`):
+a draw is a function of seed, run, stream and step. No navigator and no estimate is used.
 
 Imports: laisn sim.geometry sim.scenario sim.trajectory sim.water
 """

@@ -18,7 +18,7 @@ from sim.scenario.sensors import Acoustics, Sensors
 from sim.scenario.settings import Scenario
 from sim.sensing.ahrs import random_error
 
-_DERIVED = ("leader_position_drift", "leader_gyro", "leader_attitude_feels", "leader_attitude_sigma")
+_DERIVED = ("leader_position_drift", "leader_gyro", "leader_attitude_senses", "leader_attitude_sigma")
 """Keys that count by what follows from them."""
 
 
