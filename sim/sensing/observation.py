@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints, Records, own_arrays, records
-from laisn.messages import Measurements
+from laisn.messages import LeaderMessage, Measurements
 from laisn.swarm import MESSAGE, READING
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.acoustics import Path, propagate, received_range
@@ -214,7 +214,7 @@ def measure(
         heading=own.heading,
         depth=own.depth,
         message_step=truth.message_step,
-        message=np.asarray(message).view((np.float64, len(MESSAGE))),
+        message=np.asarray(message).view((np.float64, len(LeaderMessage._fields))),
         ranges=ranges,
         own=extra,
     )
