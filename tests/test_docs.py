@@ -273,7 +273,7 @@ def test_closed_loops_are_as_the_record_says() -> None:
     found = markers.records()["closed-loop"]
     if markers.is_stale(found):
         pytest.skip("the record is of other sources: run make studies")
-    mission = closed_loop.steering(0, "laisn-2", "estimate")
+    mission = closed_loop.scenario_of("laisn-2 estimate")
     alone = mission.model_copy(update={"followers": mission.followers[1:2], "duration_s": 200.0})
     flight, _ = fly(alone)
     (measured,) = track_error_rms(flight)

@@ -199,3 +199,12 @@ def test_many_runs_have_limits_of_second_order(runs: int) -> None:
     assert found.high - found.low == pytest.approx(2 * 1.96 * error, rel=0.1)
     shift = (2 * 1.96**2 + 1) * float(np.mean(((some - some.mean()) / some.std()) ** 3)) / 6 / np.sqrt(some.size)
     assert (found.high + found.low) / 2 - found.value == pytest.approx(shift * error, abs=0.06 * error)
+
+
+def test_a_study_that_stops_by_its_interval_takes_as_many_runs_as_the_law_needs() -> None:
+    """σ = 1 and half of an interval of 0.1 need (1.96 / 0.1)² = 384 runs; an interval is no wider than asked for."""
+    found = [coverage.stopped("normal", np.random.default_rng(seed)) for seed in range(50)]
+    halves = np.array([(one.high - one.low) / 2 for one in found])
+    assert halves.max() <= 0.1
+    assert np.median(halves) > 0.08
+    assert coverage.covered_when_stopped("normal", 200) == pytest.approx(190, abs=12)

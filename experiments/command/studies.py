@@ -113,7 +113,7 @@ def _film_worst(plan: "Plan", results: "Results", folder: Path) -> Path | None:
     if not _can_film():
         return None
     entry, run, _ = worst_entry(plan, results)
-    return render(fly(entry.scenario.model_copy(update={"run": run}))[0], folder / "worst.mp4")
+    return render(fly(entry.scenario_at(run))[0], folder / "worst.mp4")
 
 
 def study(

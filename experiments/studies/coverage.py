@@ -3,13 +3,16 @@
 Draws runs from laws with a known mean and counts the intervals that hold it. Writes `out/coverage/results.json`.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from experiments.findings import FILE, Finding, Findings, of, plain, record
-from experiments.intervals import proportion, ratio_intervals
+from experiments.intervals import Interval, mean_interval, proportion, ratio_intervals
+from experiments.study.file import Until
+from experiments.study.run import runs_wanted
 from laisn.arrays import Floats
 
 COMMAND = "python -m experiments.studies.coverage"
@@ -63,6 +66,33 @@ def covered(law: str, runs: int, trials: int = TRIALS, seed: int = 1) -> int:
     return sum(found.low <= truth <= found.high for found in ratio_intervals(*draw(rng, (runs, trials))))
 
 
+_UNTIL: Mapping[str, tuple[str, float, float]] = {
+    "normal": ("normal, σ = 1", 0.0, 0.1),
+    "binary": ("an outcome of a tenth of the runs", LOCKED, 0.03),
+}
+"""Laws of a run of a study that ends when its interval is narrow: words, the true mean, and half of the interval."""
+_BATCH, _MOST = 60, 5_000
+
+
+def stopped(law: str, rng: np.random.Generator) -> Interval:
+    """The interval of a study that flies batches until it is narrow enough, as `[runs] until` does."""
+    _, mean, half_width = _UNTIL[law]
+    values = rng.normal(size=_MOST) if law == "normal" else (rng.random(_MOST) < mean).astype(np.float64)
+    until, runs, wanted = Until(half_width=half_width, most=_MOST), 0, _BATCH
+    found = Interval(mean, math.nan, math.nan)
+    while runs < wanted:
+        runs, some = wanted, values[:wanted]
+        found = mean_interval(some) if law == "normal" else proportion(int(some.sum()), runs)
+        wanted = runs_wanted(runs, (found.high - found.low) / 2.0, until, _BATCH)
+    return found
+
+
+def covered_when_stopped(law: str, trials: int = TRIALS, seed: int = 1) -> int:
+    """How many of the intervals of so many such studies hold the truth of a law."""
+    rng, mean = np.random.default_rng([seed, 0]), _UNTIL[law][1]
+    return sum(found.low <= mean <= found.high for found in (stopped(law, rng) for _ in range(trials)))
+
+
 def findings() -> Findings:
     """Coverage of every law and number of runs."""
     named: dict[str, Finding] = {"trials": plain(TRIALS, "intervals drawn of each law and number of runs")}
@@ -70,6 +100,9 @@ def findings() -> Findings:
         for runs in RUNS:
             what = f"share of 95 % intervals that hold the truth, {runs} runs, {words}; limits 95 %"
             named[f"{law} {runs}"] = of(proportion(covered(law, runs), TRIALS), what)
+    for law, (words, _, half_width) in _UNTIL.items():
+        what = f"share of 95 % intervals that hold the truth, runs until half-width {half_width:g}, {words}"
+        named[f"until {law}"] = of(proportion(covered_when_stopped(law), TRIALS), f"{what}; limits 95 %")
     for runs in RUNS:
         named[f"unseen {runs}"] = plain((1.0 - LOCKED) ** runs, f"chance that none of {runs} runs is locked")
     return record("coverage", COMMAND, MODULES, named)

@@ -25,7 +25,7 @@ MOST_LINES = len(SERIES)
 _TITLE_WIDTH = 48
 """Characters that a panel has room for in a line of its title."""
 
-_OWNERS = re.compile(r"^(leader|followers\.(\d+))\.")
+_OWNERS = re.compile(r"^(leader|followers\.(\d+|\*))\.")
 
 
 def _words(name: str) -> tuple[str, str]:
@@ -34,7 +34,9 @@ def _words(name: str) -> tuple[str, str]:
     text, unit = without_unit(name[owner.end() :] if owner else name.partition(".")[2] or name)
     words = text.replace("_", " ").replace(".", " ")
     if owner:
-        words = f"{'leader' if owner[2] is None else f'follower {int(owner[2]) + 1}'}'s {words}"
+        number = owner[2]
+        whose = "leader's" if number is None else "followers'" if number == "*" else f"follower {int(number) + 1}'s"
+        words = f"{whose} {words}"
     return words, unit
 
 

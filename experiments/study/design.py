@@ -132,6 +132,29 @@ def points_of(
     return [{f.key: f.at(float(share)) for f, share in zip(factors, row, strict=True)} for row in shares]
 
 
+def follows_run(value: object) -> bool:
+    """Whether a value of the scenario differs from run to run: a table with `cycle` or `rotate` alone."""
+    return isinstance(value, Mapping) and len(value) == 1 and bool({"cycle", "rotate"} & value.keys())
+
+
+def value_at(value: Any, run: int) -> Any:
+    """The value that a run has: of `cycle` the list's values in turn, of `rotate` that angle further each run, in °.
+
+    Both spread evenly over few runs, and the golden angle, 137.508°, over any number of them.
+
+    Raises:
+        ValueError: says what was expected.
+    """
+    if not follows_run(value):
+        return value
+    ((name, given),) = value.items()
+    if name == "cycle" and isinstance(given, list) and given:
+        return given[run % len(given)]
+    if name == "rotate" and is_number(given):
+        return run * given % 360
+    raise ValueError(f"expected {{ cycle = [value, …] }} or {{ rotate = degrees }} (given: {value!r:.60})")
+
+
 _DRAW_KEY = 0xD3A3
 """Keeps these random numbers apart from all others that come from the same seed."""
 

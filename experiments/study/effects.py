@@ -77,9 +77,12 @@ def main_effects(plan: Plan, results: Results, metric: str) -> dict[str, Interva
     """
     factors = varied(plan)
     places = list(results.rows)
-    samples = np.array([_sample(results, place, metric) for place in places])
+    given_samples = [_sample(results, place, metric) for place in places]
     alike = len(places) == len(plan.points) * len(plan.arms) * len(plan.followers)
-    if len(factors) < 2 or not alike or np.isnan(samples).all(axis=1).any():
+    if len(factors) < 2 or not alike or len({sample.size for sample in given_samples}) > 1:
+        return {}
+    samples = np.array(given_samples)
+    if np.isnan(samples).all(axis=1).any():
         return {}
     means = np.nanmean(samples, axis=1)
     if np.ptp(means) == 0.0:

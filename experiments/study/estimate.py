@@ -174,6 +174,8 @@ class Results:
         if realizations != base_realizations:
             return NOTHING
         runs, base_runs = self.by_run(place, metric), self.by_run(other, metric)
+        if runs and base_runs and [one.size for one in runs] != [one.size for one in base_runs]:
+            return NOTHING
         apart = [a - b for a, b in zip(runs, base_runs, strict=True)] if runs and base_runs else None
         return _interval(
             apart, self.by_realization(place, metric) - self.by_realization(other, metric), metric, paired=True

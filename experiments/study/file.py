@@ -13,7 +13,7 @@ from scipy import stats
 
 from experiments.flight.library import name_of, names
 from experiments.intervals import FEWEST_RUNS
-from experiments.study.design import Design, Draw, Factor, known
+from experiments.study.design import Design, Draw, Factor, follows_run, known
 from laisn.failure import LaisnError
 from sim.scenario.file import dotted, is_model_key, plain_values, read
 from sim.scenario.section import Section
@@ -27,6 +27,8 @@ FOLDER = Path(__file__).parents[1] / "studies"
 OWN_DESIGN = ("asymmetry", "estimators", "formation", "reproduce")
 """Studies that ship whose design no file can hold; each has a command of its own."""
 METRIC = "e_p_mean_m"
+_OF_ARM = ("name", "title", "every")
+"""Keys of an arm that are none of the scenario."""
 Made = TypeVar("Made")
 
 
@@ -109,6 +111,10 @@ class Study:
     draws: tuple[Draw, ...]
     arms: Mapping[str, Mapping[str, Any]]
     """Named settings that are compared on the same noise and realizations."""
+    titles: Mapping[str, str]
+    """Of the arms, in words."""
+    every: Mapping[str, int]
+    """Of the arms: one of so many runs is flown."""
     report: Report
     table: Mapping[str, Any]
     """What the file says, with the options of the command in their places."""
@@ -153,6 +159,7 @@ def _with_files(settings: Mapping[str, Any], rename: Callable[[str], str]) -> di
 
 
 def _arm_name_errors(names: Sequence[Any]) -> list[str]:
+    """A line for each arm without a name of its own."""
     missing = [i for i, name in enumerate(names) if not isinstance(name, str) or not name.strip()]
     lines = [f"  arm[{i}].name: every arm needs a name of its own" for i in missing]
     repeated = sorted({str(name) for i, name in enumerate(names) if i not in missing and names.count(name) > 1})
@@ -224,18 +231,28 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
         return _with_files(given, lambda name: str(folder / name))
 
     lines += _arm_name_errors([arm.get("name") for arm in file.arm])
+    arms = {str(arm.get("name", "")): arm for arm in file.arm}
+    every = {name: arm.get("every", 1) for name, arm in arms.items()}
+    lines += [
+        f"  arm {name}: every must be a whole number, 1 or more (given: {number!r:.60})"
+        for name, number in every.items()
+        if not isinstance(number, int) or number < 1
+    ]
     scenario = file.scenario
     if scenario not in names() and not Path(scenario).is_absolute():
         scenario = str(folder / scenario)
     varied, sampled = settings_of(dotted(file.vary, _is_range)), file.design != "factorial"
     until = file.runs.until if isinstance(file.runs, Runs) else None
     runs = file.runs.batch if isinstance(file.runs, Runs) else file.runs
+    own = {name: {key: value for key, value in arm.items() if key not in _OF_ARM} for name, arm in arms.items()}
     study = Study(
         name=file.name or name, source=source, question=file.question.strip(), scenario=scenario, runs=runs,
         batch=runs, until=until, realizations=file.realizations, seed=file.seed, design=file.design, points=file.points,
-        settings=settings_of(dotted(file.set)), factors=made("vary", varied, partial(Factor.of, sampled=sampled)),
+        settings=settings_of(dotted(file.set, follows_run)),
+        factors=made("vary", varied, partial(Factor.of, sampled=sampled)),
         draws=made("draw", dotted(file.draw, _names_a_law), Draw.of),
-        arms={str(arm.pop("name", "")): settings_of(dotted(arm)) for arm in file.arm},
+        arms={name: settings_of(dotted(settings, follows_run)) for name, settings in own.items()},
+        titles={name: str(arm.get("title", name)) for name, arm in arms.items()}, every=every,
         report=file.report, table=table,
     )  # fmt: skip
     lines += _overlaps(study)
@@ -299,5 +316,8 @@ def table_in(study: Study, folder: Path) -> dict[str, Any]:
         "scenario": study.scenario if study.scenario in names() else relpath(study.scenario, folder),
         "set": seen(study.settings),
         "vary": dotted(study.table.get("vary", {}), _is_range) | seen(hulls),
-        "arm": [{"name": name, **seen(settings)} for name, settings in study.arms.items()],
+        "arm": [
+            {"name": name, "title": study.titles[name], "every": study.every[name], **seen(settings)}
+            for name, settings in study.arms.items()
+        ],
     }

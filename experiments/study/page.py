@@ -52,7 +52,7 @@ def notable(plan: Plan, results: Results, place: Place) -> tuple[tuple[int, int]
     runs = results.by_run(place, plan.study.report.metric) or results.by_run(place, METRIC) or []
     # a run that contact ended has no value, and is the first to look at
     every = sorted(
-        (math.inf if math.isnan(value) else value, row["realization"], run)
+        (math.inf if math.isnan(value) else value, row["realization"], run * plan.study.every.get(place[1], 1))
         for row, values in zip(results.rows[place], runs, strict=True)
         for run, value in enumerate(values.tolist())
     )
@@ -78,7 +78,7 @@ def commands(plan: Plan, results: Results) -> str:
         for which, (realization, run) in zip(("worst", "median"), notable(plan, results, place), strict=True):
             realization_text = f" of realization {realization}" if plan.study.realizations > 1 else ""
             lines.append(f"# {_place_text(plan, place)}: {which} run, {run}{realization_text}")
-            settings = plan.by_place[place[0], place[1], realization].settings
+            settings = plan.by_place[place[0], place[1], realization].settings_at(run)
             lines.append(fly_line(plan.study.scenario, settings, run))
     return "\n".join(lines)
 

@@ -8,11 +8,11 @@ from typing import Any
 
 from experiments.campaign.missions import digest, motion_key, motion_of
 from experiments.flight.library import table_of, text_of
-from experiments.study.design import points_of
+from experiments.study.design import follows_run, points_of, value_at
 from experiments.study.file import Study, refusal
 from experiments.study.metrics import METRICS
 from sim.feasibility import infeasibilities
-from sim.scenario.file import ScenarioError, assigned, examined
+from sim.scenario.file import ScenarioError, assigned, examined, validate
 from sim.scenario.settings import Scenario
 
 ARM, FOLLOWER = "arm", "follower"
@@ -33,6 +33,7 @@ class Entry:
     settings: Mapping[str, Any]
     """All that differs from the study's scenario, by key."""
     scenario: Scenario
+    """Of run 0."""
 
     @property
     def place(self) -> tuple[int, str, int]:
@@ -47,7 +48,20 @@ class Entry:
     @property
     def closed_loop(self) -> bool:
         """Whether each of its runs is another mission."""
-        return any(follower.guided_by_estimate for follower in self.scenario.followers)
+        guided = any(follower.guided_by_estimate for follower in self.scenario.followers)
+        return guided or any(map(follows_run, self.settings.values()))
+
+    def settings_at(self, run: int) -> dict[str, Any]:
+        """The settings with the values that a run has."""
+        return {key: value_at(value, run) for key, value in self.settings.items()}
+
+    def scenario_at(self, run: int) -> Scenario:
+        """The scenario of a run; ScenarioError if it is invalid with the values that this run has."""
+        changed = {key: value_at(value, run) for key, value in self.settings.items() if follows_run(value)}
+        if not changed:
+            return self.scenario.model_copy(update={"run": run})
+        table = assigned(self.scenario.model_dump(mode="json"), changed | {"run": run})
+        return validate(table, f"arm {self.arm}, run {run}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +89,11 @@ class Plan:
     def flights(self) -> int:
         """Missions to fly: each once for all entries that share it, each run of a closed loop."""
         shared = {entry.motion for entry in self.entries if not entry.closed_loop}
-        return len(shared) + self.study.runs * sum(entry.closed_loop for entry in self.entries)
+        return len(shared) + sum(len(self.runs_of(entry)) for entry in self.entries if entry.closed_loop)
+
+    def runs_of(self, entry: Entry) -> range:
+        """Numbers of an entry's runs in closed loop."""
+        return range(0, self.study.runs, self.study.every.get(entry.arm, 1))
 
 
 def levels(plan: Plan, name: str) -> list[Any]:
@@ -154,17 +172,21 @@ def _examined(
                 settings = {**study.settings, **own, **point, **drawn[realization]}
                 if study.realizations > 1 or study.seed is not None:
                     settings["seed"] = first + realization
-                changed, lines = _with(table, settings)
+                try:
+                    changed, lines = _with(table, {key: value_at(value, 0) for key, value in settings.items()})
+                except ValueError as error:
+                    changed, lines = dict(table), [f"  {error}"]
                 scenario, found = examined(changed, infeasible)
                 lines += found
                 where = [f"{key} = {text_of(value)}" for key, value in point.items()]
                 where += [f"arm {arm}"] * bool(study.arms) + [f"realization {realization}"] * (study.realizations > 1)
+                if scenario is not None and not lines:
+                    entry = Entry(point=number, arm=arm, realization=realization, settings=settings, scenario=scenario)
+                    entries.append(entry)
+                    if study.every.get(arm, 1) > 1 and not entry.closed_loop:
+                        lines.append(f"  arm {arm}: every applies to closed loops; its runs share one mission")
                 for line in lines:
                     errors.setdefault(line, []).append(", ".join(where))
-                if scenario is not None and not lines:
-                    entries.append(
-                        Entry(point=number, arm=arm, realization=realization, settings=settings, scenario=scenario)
-                    )
     every = len(points) * len(arms) * study.realizations
     return entries, [
         line if len(places) == every else f"{line}; in {len(places)} of {every} scenarios, first at {places[0]}"

@@ -13,9 +13,10 @@ import numpy as np
 from experiments.campaign import campaign, missions
 from experiments.campaign.campaign import Design, ExecutionOptions
 from experiments.campaign.plans import CellPlan
-from experiments.campaign.store import Record, columns_of
+from experiments.campaign.store import CampaignError, Record, columns_of
 from experiments.flight.fly import fly
 from experiments.study.estimate import Results
+from experiments.study.file import Until
 from experiments.study.measure import facts_of, records_of_run
 from experiments.study.plan import Entry, Plan
 from laisn.failure import LaisnError
@@ -36,6 +37,24 @@ class Outcomes:
     """One pair for each entry and follower: what it is, and lists over runs by name."""
     failures: dict[str, list[Entry]] = field(default_factory=dict)
     """Entries that could not be flown, by what happened."""
+
+    def by_arm(self) -> dict[str, list[list[Record]]]:
+        """Records of a study of one point and one realization, by arm: of each run one for each follower.
+
+        A record has the metrics of the run, and those of the mission that all runs share.
+
+        Raises:
+            CampaignError: an entry could not be flown.
+        """
+        if self.failures:
+            raise CampaignError("; ".join(sorted(self.failures)))
+        found: dict[str, list[list[Record]]] = {}
+        for row, (labels, lists) in zip(self.rows, self.runs, strict=True):
+            number = len(next(iter(lists.values())))
+            runs = found.setdefault(labels["arm"], [[] for _ in range(number)])
+            for run, records in enumerate(runs):
+                records.append(row | {name: values[run] for name, values in lists.items()})
+        return found
 
     @cached_property
     def results(self) -> Results:
@@ -94,9 +113,9 @@ def fly_study(plan: Plan, folder: Path, **options: Unpack[ExecutionOptions]) -> 
     }  # fmt: skip
     closed = [entry for entry in plan.entries if entry.closed_loop]
     tasks = {
-        (entry.place, run): partial(records_of_run, missions.content_of(entry.scenario), run)
+        (entry.place, run): partial(records_of_run, missions.content_of(entry.scenario_at(run)), run)
         for entry in closed
-        for run in range(plan.study.runs)
+        for run in plan.runs_of(entry)
     }
     design = Design(
         cells=[cell for entry in plan.entries if not entry.closed_loop for cell in cells[entry.place]],
@@ -108,7 +127,7 @@ def fly_study(plan: Plan, folder: Path, **options: Unpack[ExecutionOptions]) -> 
     flown = campaign.fly(design, folder, tolerant=True, **options)
     outcomes = Outcomes(rows=[], runs=[])
     for entry in plan.entries:
-        names = [(entry.place, run) for run in range(plan.study.runs)] if entry.closed_loop else [entry.motion]
+        names = [(entry.place, run) for run in plan.runs_of(entry)] if entry.closed_loop else [entry.motion]
         what = next((flown.failures[name] for name in names if name in flown.failures), None)
         if what is not None:
             outcomes.failures.setdefault(what, []).append(entry)
@@ -139,11 +158,23 @@ def _widest(results: Results, metric: str) -> float:
     return widest
 
 
+def runs_wanted(runs: int, widest: float, until: Until, batch: int) -> int:
+    """Runs after the next look at intervals, half of the widest of which is known; as many as there are: no more.
+
+    Intervals narrow with the square root of their number (Stein, Ann. Math. Stat. 16, 1945).
+    `experiments.studies.coverage` measures how often the intervals then hold the truth.
+    """
+    if widest <= until.half_width or runs >= until.most:
+        return runs
+    batches = math.ceil(runs * min((widest / until.half_width) ** 2, _MOST_GROWTH) / batch)
+    return min(batches * batch, until.most)
+
+
 def fly_until_narrow(plan: Plan, folder: Path, **options: Unpack[ExecutionOptions]) -> tuple[Plan, Outcomes]:
     """Fly a study with as many runs as its file asks for: a number, or batches until all intervals are narrow enough.
 
-    The number of runs after each look follows from the results alone: intervals narrow with its square root (Stein,
-    Ann. Math. Stat. 16, 1945). All places have the same number, so that arms stay paired.
+    The number of runs after each look follows from the results alone. All places have the same number, so that arms
+    stay paired.
 
     Returns:
         The plan with its final number of runs, and its outcomes.
@@ -154,14 +185,12 @@ def fly_until_narrow(plan: Plan, folder: Path, **options: Unpack[ExecutionOption
     until, batch = plan.study.until, plan.study.batch
     while True:
         outcomes = fly_study(plan, folder, **options)
-        runs = plan.study.runs
-        if until is None or runs >= until.most:
+        if until is None or plan.study.runs >= until.most:
             return plan, outcomes
-        widest = _widest(outcomes.results, until.metric)
-        if widest <= until.half_width:
+        runs = runs_wanted(plan.study.runs, _widest(outcomes.results, until.metric), until, batch)
+        if runs == plan.study.runs:
             return plan, outcomes
-        batches = math.ceil(runs * min((widest / until.half_width) ** 2, _MOST_GROWTH) / batch)
-        plan = replace(plan, study=replace(plan.study, runs=min(batches * batch, until.most)))
+        plan = replace(plan, study=replace(plan.study, runs=runs))
         options |= {"force": False}
 
 

@@ -22,7 +22,7 @@ _DEEPEST = 16
 """Most tables within tables; a scenario needs five."""
 _WIDEST_BITS = 1024
 """Most bits of an integer; more is beyond every number of a scenario, and costly to write down."""
-_MODEL_KEY = re.compile(r"(leader|followers\.\d+)\.model")
+_MODEL_KEY = re.compile(r"(leader|followers\.(\d+|\*))\.model")
 _INDEX = re.compile("0|[1-9][0-9]{0,8}")
 """An index of a list within a dotted key."""
 
@@ -166,6 +166,15 @@ def _put(table: dict[str, Any], key: str, value: object) -> None:
         raise ScenarioError(f"{shortened(plain(key.strip()), 100)} is no key of this scenario") from None
 
 
+def _each_key(table: Mapping[str, Any], key: str) -> list[str]:
+    """The key, or one for each follower where it begins with `followers.*`."""
+    every, star, rest = key.strip().partition("followers.*.")
+    followers = table.get("followers", [{}])
+    if every or not star or not isinstance(followers, list):
+        return [key]
+    return [f"followers.{i}.{rest}" for i in range(len(followers))]
+
+
 def dotted(table: Mapping[str, Any], is_value: Callable[[Any], bool] = lambda _: False) -> dict[str, Any]:
     """Values of a table by their dotted keys, such as `followers.0.depth_m`: what `assigned` puts in place.
 
@@ -186,14 +195,15 @@ def dotted(table: Mapping[str, Any], is_value: Callable[[Any], bool] = lambda _:
 
 
 def assigned(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
-    """A copy of a table with values put at dotted keys, such as `followers.0.depth_m`.
+    """A copy of a table with values put at dotted keys, such as `followers.0.depth_m`, or `followers.*.depth_m` of all.
 
     Raises:
         ScenarioError: a key leads through something that is no table or list.
     """
     result: dict[str, Any] = plain_values(table, "scenario")
     for key, value in settings.items():
-        _put(result, key, plain_values({"value": value}, key)["value"])
+        for one in _each_key(result, key):
+            _put(result, one, plain_values({"value": value}, key)["value"])
     return result
 
 

@@ -16,8 +16,8 @@ from experiments.findings import Finding, Findings
 from experiments.pages.page import Figures, Text
 from experiments.pages.template import page_of
 from experiments.studies.formation import study
-from experiments.studies.formation.conditions import CONDITIONS
-from experiments.studies.formation.study import record_of
+from experiments.studies.formation.study import CONDITIONS, record_of
+from experiments.study.plan import Plan
 
 
 def run_of(rms: float, *, lost: int = 0, turn: float = 3.0) -> list[Record]:
@@ -44,8 +44,8 @@ def run_of(rms: float, *, lost: int = 0, turn: float = 3.0) -> list[Record]:
 @pytest.fixture(scope="module")
 def findings() -> Findings:
     """Of each condition two runs alike; condition i has distances of i + 1 metres, the third lost followers."""
-    found = {c.name: [run_of(i + 1.0, lost=3 if i == 2 else 0)] * 2 for i, c in enumerate(CONDITIONS)}
-    found[CONDITIONS[4].name] = [run_of(5.0, turn=0.0)] * 2
+    found = {name: [run_of(i + 1.0, lost=3 if i == 2 else 0)] * 2 for i, name in enumerate(CONDITIONS)}
+    found[[*CONDITIONS][4]] = [run_of(5.0, turn=0.0)] * 2
     return record_of(found)
 
 
@@ -62,7 +62,7 @@ def rows(html: str) -> dict[str, list[str]]:
 def test_each_condition_has_a_row_of_its_numbers(findings: Findings, tmp_path: Path) -> None:
     html = study.write_page(findings, tmp_path / "report.html").read_text(encoding="utf-8")
     found = rows(html)
-    assert list(found) == [*(condition.title for condition in CONDITIONS), "80", "500", "5000", "0", "2", "5", "10"]
+    assert list(found) == [*CONDITIONS.values(), "80", "500", "5000", "0", "2", "5", "10"]
     # the last of three weaves of 5°, and the strongest: period, errors, what its way costs, 1 / J₀(10°) − 1
     near, far = (f"{findings[f'weave 10 40 {behind}'].value:.2f}" for behind in (20, 40))
     assert found["10"] == ["40", near, far, "0.8"]
@@ -72,26 +72,28 @@ def test_each_condition_has_a_row_of_its_numbers(findings: Findings, tmp_path: P
     assert message < interval < ten
     assert fifty == pytest.approx(5.0 * ten, abs=0.3)
     # distances of 3 m: the median of ten from 3.0 to 5.7 m, the worst, twice and five times as much, half as much
-    median, worst, p95, largest, leg, turn, error, lost, share, closest, within, power = found[CONDITIONS[2].title]
+    median, worst, p95, largest, leg, turn, error, lost, share, closest, within, power = found[
+        [*CONDITIONS.values()][2]
+    ]
     assert median.startswith("4.35")
     assert (worst, p95, largest, leg, turn) == ("5.70", "8.70", "28.50", "2.17", "3.00")
     assert error.startswith("0.25")
     # six of twenty: Clopper and Pearson give 11.9 … 54.3 %
     assert (lost, share) == ("6 of 20", "30.0 (11.9 … 54.3)")
     assert (closest, within, power.split()[0]) == ("10.5", "11.5", "8.0")
-    assert found[CONDITIONS[4].title][5] == "–", "no turn, no distance in it"
+    assert found[[*CONDITIONS.values()][4]][5] == "–", "no turn, no distance in it"
 
 
 def test_rules_quote_the_conditions_that_they_name() -> None:
     """Every finding has a number of its own, and every phrase the number of its condition."""
     whats = ("run-median", "worst", "max", "closest", "within", "error", "lost")
-    keys = [f"{what} {condition.name}" for what in whats for condition in CONDITIONS]
+    keys = [f"{what} {name}" for what in whats for name in CONDITIONS]
     weaves = [f"weave {weave}" for weave in ("5 40 40", "0 40 40", "5 40 20", "0 40 20", "2 40 40", "10 40 40")]
     keys = [*weaves, "weave 5 40 way", *keys]
     values = {key: i + 0.25 if not key.startswith("lost") else (i - 87) / 100 for i, key in enumerate(keys)}
     made = {key: Finding(value=value, low=0.0, high=1.0) for key, value in values.items()}
     findings = Findings(study="", command="", modules=(), version="", findings=made)
-    given = {"quick": False, "stations": Figures(panels=[]), "conditions": (), "found": findings, "swarm": None}
+    given = {"quick": False, "stations": Figures(panels=[]), "conditions": {}, "found": findings, "swarm": None}
     none = {"message_bits": lambda _: 1, "reach_m": lambda _: 1.0, "RATES": (), "WEAVES": (), "BEHIND": ()}
     given |= {"limits": SimpleNamespace(**none), "interval": None, "share": None}
     page = page_of("experiments.studies.formation", [], given, findings)
@@ -170,7 +172,7 @@ def test_the_figure_has_a_mark_for_each_condition_from_above(findings: Findings)
     np.testing.assert_allclose(np.asarray(marks["D"].get_xdata(), dtype=float), expected, rtol=1e-5)
     assert np.all(np.diff(np.asarray(marks["D"].get_ydata(), dtype=float)) == -1)
     names = dict(zip(axes.get_yticks(), [label.get_text() for label in axes.get_yticklabels()], strict=True))
-    assert names[len(CONDITIONS) - 1] == CONDITIONS[0].title
+    assert names[len(CONDITIONS) - 1] == next(iter(CONDITIONS.values()))
 
 
 def test_the_command_flies_what_it_is_told_and_names_the_page(
@@ -178,15 +180,15 @@ def test_the_command_flies_what_it_is_told_and_names_the_page(
 ) -> None:
     asked = []
 
-    def flown(folder: Path, runs: int, duration_s: float, **means: Any) -> None:
-        asked.append((runs, duration_s, means))
-        folder.mkdir(parents=True, exist_ok=True)
-        findings.write(folder / "results.json")
+    def flown(plan: Plan, folder: Path, **means: Any) -> SimpleNamespace:
+        asked.append((plan.study.runs, plan.entries[0].scenario.duration_s, means))
+        return SimpleNamespace(by_arm=dict)
 
-    monkeypatch.setattr(study, "fly", flown)
+    monkeypatch.setattr(study, "fly_study", flown)
+    monkeypatch.setattr(study, "record_of", lambda _: findings)
     usual = {"workers": None, "force": False, "cluster": None}
     for told, expected in (
-        ([], (study.RUNS, 1000.0, usual)),
+        ([], (60, 1000.0, usual)),
         (["--quick", "--force"], (2, 100.0, usual | {"force": True})),
         (["--runs", "7", "--workers", "1"], (7, 1000.0, usual | {"workers": 1})),
     ):

@@ -2,31 +2,36 @@
 
 import re
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from experiments.campaign.campaign import Design
 from experiments.findings import read
 from experiments.studies.formation import study
-from experiments.studies.formation.conditions import CONDITIONS, Condition
 from experiments.studies.formation.findings import findings_of
+from experiments.study import run as engine
+from experiments.study.file import study_of
 from experiments.study.measure import records_of_run
 from experiments.study.metrics import METRICS
+from experiments.study.plan import Entry, Plan, plan_of
+from experiments.study.run import Outcomes
+from sim.scenario.settings import Scenario
+
+PLAN = plan_of(study_of(study.STUDY, {}))
+CONDITIONS = {entry.arm: entry for entry in PLAN.entries}
 
 
-@pytest.mark.parametrize("condition", CONDITIONS, ids=lambda condition: condition.name)
-def test_every_condition_is_a_scenario_that_can_be_flown(condition: object) -> None:
-    scenario = condition.scenario(3)  # type: ignore[attr-defined]
+@pytest.mark.parametrize("condition", CONDITIONS.values(), ids=CONDITIONS)
+def test_every_condition_is_a_scenario_that_can_be_flown(condition: Entry) -> None:
+    scenario = condition.scenario_at(3)
     assert scenario.run == 3
     assert all(follower.station for follower in scenario.followers)
 
 
-@pytest.mark.parametrize("condition", CONDITIONS, ids=lambda condition: condition.name)
-def test_numbers_of_a_title_are_those_of_its_condition(condition: Condition) -> None:
+@pytest.mark.parametrize("condition", CONDITIONS.values(), ids=CONDITIONS)
+def test_numbers_of_a_title_are_those_of_its_condition(condition: Entry) -> None:
     """What a title does not speak of is as in all others: ten followers, three transmitters, a message each second."""
-    made, title = condition.scenario(0), condition.title
+    made, title = condition.scenario_at(0), study.CONDITIONS[condition.arm]
     sound, sensors, ocean = made.acoustics, made.sensors, made.ocean
 
     def told(words: str, usual: float = 0.0) -> float:
@@ -43,9 +48,11 @@ def test_numbers_of_a_title_are_those_of_its_condition(condition: Condition) -> 
     assert 100 * (sound.surface_echo_probability + sound.bottom_echo_probability) == pytest.approx(
         told(r"(\d+) % echoes")
     )
-    assert condition.current_m_s == told(r"current up to ([\d.]+) m/s")
+    speeds = [condition.scenario_at(run).ocean.current_speed_m_s for run in range(6)]
+    greatest = told(r"current up to ([\d.]+) m/s")
     # the first of five runs has a fifth of the greatest current
-    assert ocean.current_speed_m_s == pytest.approx(told(r"current ([\d.]+) m/s", condition.current_m_s / 5))
+    assert ocean.current_speed_m_s == pytest.approx(told(r"current ([\d.]+) m/s", greatest / 5))
+    assert max(speeds) == greatest or not greatest
     assert ocean.current_shear_per_s == told(r"([\d.]+) m/s less for each metre")
     assert (ocean.waves.height_m if ocean.waves.kind != "none" else 0.0) == told(r"Hs ([\d.]+) m")
     assert sensors.leader_heading_bias_deg == told(r"compass (\d+)° off")
@@ -55,38 +62,40 @@ def test_numbers_of_a_title_are_those_of_its_condition(condition: Condition) -> 
     assert sensors.heading_drift_deg == told(r"m/s and (\d)°")
     dive = [[0.0, 5.0], [200.0, 5.0], [350.0, 40.0]] if "dives from 5 to 40 m in 150 s" in title else []
     assert [list(point) for point in made.leader.depth_profile] == dive
-    assert condition.share == (5 if "50 followers" in title else 1)
+    assert PLAN.runs_of(condition).step == (5 if "50 followers" in title else 1)
 
 
 def test_conditions_say_what_their_titles_say() -> None:
-    by_name = {condition.name: condition for condition in CONDITIONS}
-    assert by_name["two aside"].scenario(0).navigation.transmitters == 2
-    ports = [f.station.port_m for f in by_name["two aside"].scenario(0).followers if f.station]
+    def made(name: str, run: int = 0) -> Scenario:
+        return CONDITIONS[name].scenario_at(run)
+
+    assert made("two aside").navigation.transmitters == 2
+    ports = [f.station.port_m for f in made("two aside").followers if f.station]
     assert min(abs(port) for port in ports) > 3.0
-    speeds = [by_name["current"].scenario(run).ocean.current_speed_m_s for run in range(5)]
+    speeds = [made("current", run).ocean.current_speed_m_s for run in range(5)]
     assert sorted(speeds) == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
     # from all around, however many runs there are: no gap between directions is three times the mean one
-    ways = sorted(by_name["current"].scenario(run).ocean.current_direction_deg for run in range(20))
+    ways = sorted(made("current", run).ocean.current_direction_deg for run in range(20))
     assert max(np.diff([*ways, ways[0] + 360.0])) < 3 * 360.0 / 20
     # 40 % are lost: a burst begins with p = 2/15 and lasts 5 messages, so that p / (p + 1/5) of the time is one
-    assert by_name["bursts"].scenario(0).acoustics.burst_probability == pytest.approx(2 / 15, abs=1e-4)
-    behind = [f.station.behind_m for f in by_name["5 s loss back"].scenario(0).followers if f.station]
+    assert made("bursts").acoustics.burst_probability == pytest.approx(2 / 15, abs=1e-4)
+    behind = [f.station.behind_m for f in made("5 s loss back").followers if f.station]
     assert min(behind) >= 20.0
-    fifty = by_name["fifty"].scenario(0)
+    fifty = made("fifty")
     assert len(fifty.followers) == 50
     assert {f.layer_m for f in fifty.followers} == {10.0, 11.0, 12.0, 13.0}
-    near = by_name["fifty near"].scenario(0)
+    near = made("fifty near")
     assert {f.layer_m for f in near.followers} == {10.0}
     assert near.formation.proximity
-    directions = {by_name["ins"].scenario(run).sensors.leader_position_drift_deg for run in range(5)}
+    directions = {made("ins", run).sensors.leader_position_drift_deg for run in range(5)}
     assert len(directions) == 5
-    swings = [by_name["drift"].scenario(run).sensors for run in range(9)]
+    swings = [made("drift", run).sensors for run in range(9)]
     phases = np.deg2rad([(s.speed_drift_phase_deg, s.heading_drift_phase_deg) for s in swings])
     # neither phase, nor how far log and compass are apart, is in favour of a direction
     apart = phases[:, 0] - phases[:, 1]
     for angles in (phases[:, 0], phases[:, 1], apart):
         assert abs(np.mean(np.exp(1j * angles))) < 0.2
-    assert not any(f.guided_by_estimate for f in by_name["truth"].scenario(0).followers)
+    assert not any(f.guided_by_estimate for f in made("truth").followers)
 
 
 def test_a_record_counts_what_runs_came_to() -> None:
@@ -124,28 +133,54 @@ def test_a_record_counts_what_runs_came_to() -> None:
 def test_runs_are_numbered_from_zero_and_some_conditions_fly_every_other_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    flown: list[Design] = []
+    plans: list[Plan] = []
 
-    def fly(design: Design, folder: Path) -> SimpleNamespace:
-        flown.append(design)
-        return SimpleNamespace(tasks={key: [dict.fromkeys(METRICS, 1.0)] for key in design.tasks})
+    def fly(plan: Plan, folder: Path) -> Outcomes:
+        plans.append(plan)
+        outcomes = Outcomes(rows=[], runs=[])
+        for entry in plan.entries:
+            runs = list(plan.runs_of(entry))
+            for follower in entry.scenario.followers:
+                labels = {"point": 0, "arm": entry.arm, "realization": 0, "follower": follower.name}
+                outcomes.rows.append(labels | dict.fromkeys(METRICS, 1.0))
+                outcomes.runs.append((labels, {"run": runs}))
+        return outcomes
 
-    monkeypatch.setattr(study.campaign, "fly", fly)
-    study.fly(tmp_path, 6, 50.0)
-    (design,) = flown
-    for condition in CONDITIONS:
-        numbers = [number for name, number in design.tasks if name == condition.name]
-        assert numbers == list(range(0, 6, condition.share))
-        for number in numbers:
-            assert design.tasks[condition.name, number].args == (condition.scenario(number, 50.0), number)
-    assert {condition.share for condition in CONDITIONS} > {1}
+    monkeypatch.setattr(study, "fly_study", fly)
+    study.run(tmp_path, runs=6)
+    (plan,) = plans
+    numbers = {entry.arm: list(plan.runs_of(entry)) for entry in plan.entries}
+    assert numbers["calm"] == [0, 1, 2, 3, 4, 5]
+    assert numbers["fifty"] == [0, 5]
+    assert plan.entries[0].scenario.duration_s == 1000.0
     found = read(tmp_path / "results.json")
     assert found["runs"].value == 6
-    assert found[f"lost-runs {CONDITIONS[0].name}"].value == 6
+    assert found["lost-runs calm"].value == 60
+    assert found["lost-runs fifty"].value == 100
+
+
+def test_every_run_of_a_condition_has_values_of_its_own(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """What the engine computes is the scenario of each run, whatever other runs have."""
+    designs: list[engine.Design] = []
+
+    def fly(design: engine.Design, folder: Path, **options: object) -> None:
+        designs.append(design)
+        raise InterruptedError
+
+    monkeypatch.setattr(engine.campaign, "fly", fly)
+    with pytest.raises(InterruptedError):
+        engine.fly_study(PLAN, tmp_path)
+    (design,) = designs
+    place = CONDITIONS["current"].place
+    flown = [design.tasks[place, run].args for run in range(60)]
+    assert [run for _, run in flown] == list(range(60))
+    assert [scenario.ocean.current_speed_m_s for scenario, _ in flown[:6]] == [0.1, 0.2, 0.3, 0.4, 0.5, 0.1]
+    assert flown[7][0].ocean.current_direction_deg == pytest.approx(7 * 137.508 - 2 * 360)
 
 
 def test_a_short_run_keeps_its_stations() -> None:
-    rows = records_of_run(CONDITIONS[0].scenario(0, 30.0), 0)
+    calm = CONDITIONS["calm"].scenario.model_copy(update={"duration_s": 30.0})
+    rows = records_of_run(calm, 0)
     assert len(rows) == 10
     assert max(row["station_max_m"] for row in rows) < 3.0
     assert min(row["closest_horizontal_m"] for row in rows) > 4.0

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from experiments.study.design import Draw, Factor, points_of
+from experiments.study.design import Draw, Factor, points_of, value_at
+from experiments.study.file import StudyError, of_table
+from experiments.study.plan import plan_of
 from sim.scenario.random_routes import CLASSES
 
 
@@ -162,3 +164,40 @@ def test_a_formation_is_drawn_for_each_sea_and_keeps_its_distances() -> None:
 def test_a_formation_that_cannot_be_drawn_is_refused(given: object, told: str) -> None:
     with pytest.raises(ValueError, match=told):
         Draw.of("followers", {"formation": given})
+
+
+def test_a_value_may_differ_from_run_to_run():
+    assert [value_at({"cycle": ["a", "b", "c"]}, run) for run in range(5)] == ["a", "b", "c", "a", "b"]
+    assert [value_at({"rotate": 100}, run) for run in range(5)] == [0, 100, 200, 300, 40]
+    assert [value_at(given, 3) for given in (2.5, [1, 2], {"kind": "jonswap"})] == [2.5, [1, 2], {"kind": "jonswap"}]
+
+
+def test_a_study_gives_each_run_its_values_and_every_follower_the_same():
+    arm = {"name": "a", "title": "any direction", "every": 2, "followers": {"*": {"depth_m": 9.0}}}
+    table = {"scenario": "swarm", "runs": 5, "set": {"ocean.current_direction_deg": {"rotate": 90}}, "arm": [arm]}
+    plan = plan_of(of_table(table, "s", "s"))
+    (entry,) = plan.entries
+    assert list(plan.runs_of(entry)) == [0, 2, 4]
+    assert plan.flights == 3
+    assert plan.study.titles == {"a": "any direction"}
+    made = [entry.scenario_at(run) for run in range(5)]
+    assert [scenario.run for scenario in made] == [0, 1, 2, 3, 4]
+    assert [scenario.ocean.current_direction_deg for scenario in made] == [0, 90, 180, 270, 0]
+    assert {follower.depth_m for scenario in made for follower in scenario.followers} == {9.0}
+    assert made[0] == entry.scenario
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"set": {"ocean.current_speed_m_s": {"cycle": []}}}, r"expected \{ cycle = \[value, …\] \} or \{ rotate = "),
+        ({"set": {"ocean.current_speed_m_s": {"rotate": "x"}}}, r"expected \{ cycle"),
+        ({"set": {"ocean.current_speed_m_s": {"cycle": [-1.0]}}}, r"ocean.current_speed_m_s: .*greater than or equal"),
+        ({"arm": [{"name": "a", "every": 0}]}, r"arm a: every must be a whole number, 1 or more \(given: 0\)"),
+        ({"scenario": "T5", "arm": [{"name": "a", "every": 2}]}, r"arm a: every applies to closed loops"),
+        ({"set": {"followers.*.no_key": 1}}, r"followers\[0\].no_key: unknown key"),
+    ],
+)
+def test_invalid_values_of_runs_are_refused(changed, message):
+    with pytest.raises(StudyError, match=message):
+        plan_of(of_table({"scenario": "swarm"} | changed, "s", "s"))

@@ -14,7 +14,7 @@ from experiments.pages.figures import Line, panel
 from experiments.pages.style import ESTIMATE, FRAME, INK, MUTED, SERIES, Colour, Legend
 from experiments.studies.asymmetry.figures import heat
 from experiments.studies.asymmetry.fix_map import FULL, sweep
-from experiments.studies.closed_loop import steering
+from experiments.studies.closed_loop import scenario_of
 from experiments.studies.real_ranges import DATA
 from experiments.studies.reproduction.study import reproduce
 from laisn.settings import NavigationSettings
@@ -47,7 +47,7 @@ def closed_loop() -> Drawn:
     """How a mirrored estimate leads a follower away: true and believed distances from the leader's axis."""
     lines = []
     for navigator, colour in (("laisn-2", SERIES[1]), ("laisn-3-2", SERIES[0])):
-        mission = steering(0, navigator, "estimate")
+        mission = scenario_of(f"{navigator} estimate")
         chosen = (mission.followers[ROUTES.index("T5")],)
         flight, _ = fly(mission.model_copy(update={"followers": chosen, "duration_s": 140.0}))
         steps = flight.step_index()

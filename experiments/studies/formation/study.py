@@ -1,15 +1,13 @@
 """Ten followers in formation, through all conditions: `laisn formation`."""
 
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from typing import Unpack
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.campaign import campaign
-from experiments.campaign.campaign import Design, ExecutionOptions
+from experiments.campaign.campaign import ExecutionOptions
 from experiments.campaign.store import Record
 from experiments.findings import FILE, Findings, read, record
 from experiments.flight.library import load
@@ -18,14 +16,18 @@ from experiments.pages.page import Figures, share_of, with_limits, write
 from experiments.pages.style import FULL, SERIES, Legend
 from experiments.pages.template import page_of
 from experiments.studies.formation import limits
-from experiments.studies.formation.conditions import CONDITIONS
 from experiments.studies.formation.findings import findings_of
-from experiments.study.measure import records_of_run
+from experiments.study.file import FOLDER, study_of
+from experiments.study.plan import plan_of
+from experiments.study.run import fly_study
 
 COMMAND = "laisn formation"
-MODULES = tuple(f"experiments.studies.formation.{name}" for name in ("conditions", "findings", "limits"))
-RUNS = 60
-DURATION_S = 1000.0
+MODULES = tuple(f"experiments.studies.formation.{name}" for name in ("findings", "limits"))
+STUDY = str(FOLDER / "formation" / "study.toml")
+CONDITIONS = study_of(STUDY, {}).titles
+"""Titles of the conditions, which are the arms of the study."""
+QUICK = {"runs": 2, "set": {"duration_s": 100.0}}
+"""Keys of a trial run."""
 _NAMES_INCH = 3.4
 """Room for the names of conditions beside the figure [inch]."""
 _SERIES = {
@@ -41,27 +43,12 @@ def record_of(found: Mapping[str, list[list[Record]]]) -> Findings:
     return record("formation", COMMAND, MODULES, findings_of(found) | limits.findings())
 
 
-def fly(folder: Path, runs: int = RUNS, duration_s: float = DURATION_S, **options: Unpack[ExecutionOptions]) -> None:
-    """Fly all conditions, or what is missing, and write the record into a folder; `options` as of `campaign.fly`."""
-    tasks = {
-        (c.name, number): partial(records_of_run, c.scenario(number, duration_s), number)
-        for number in range(runs)
-        for c in CONDITIONS
-        if number % c.share == 0
-    }
-    design = Design(tasks=tasks, what="formations", ahead=partial(records_of_run, CONDITIONS[0].scenario(0, 3.0), 0))
-    found: dict[str, list[list[Record]]] = {condition.name: [] for condition in CONDITIONS}
-    for (name, _), rows in campaign.fly(design, folder, **options).tasks.items():
-        found[name].append(rows)
-    record_of(found).write(folder / FILE)
-
-
 def picture(findings: Findings) -> tuple[Figure, Legend]:
     """Distance from the station in each condition, the first of them at the top; a bar is a 95 % interval."""
     places = np.arange(len(CONDITIONS), dtype=np.float64)[::-1]
     lines = []
     for key, (colour, marker, _) in _SERIES.items():
-        found = [findings[f"{key} {condition.name}"] for condition in CONDITIONS]
+        found = [findings[f"{key} {name}"] for name in CONDITIONS]
         values = np.array([finding.number for finding in found])
         lines.append(Line(x=values, y=places, colour=colour, marker=marker, size=4.5))
         lines += [
@@ -84,7 +71,7 @@ def picture(findings: Findings) -> tuple[Figure, Legend]:
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes.margins(x=0.03)
-    axes.set_yticks(places, [condition.title for condition in CONDITIONS])
+    axes.set_yticks(places, [*CONDITIONS.values()])
     axes.tick_params(axis="y", length=0)
     return figure, [(colour, text) for colour, _, text in _SERIES.values()]
 
@@ -122,5 +109,6 @@ def run(folder: Path, *, quick: bool = False, runs: int | None = None, **options
     `quick` is a trial run of two short runs of each condition, `runs` their number in place of the study's own; folder,
     options and errors as of `campaign.fly`.
     """
-    fly(folder, runs or (2 if quick else RUNS), 100.0 if quick else DURATION_S, **options)
+    keys = (QUICK if quick else {}) | ({"runs": runs} if runs else {})
+    record_of(fly_study(plan_of(study_of(STUDY, keys)), folder, **options).by_arm()).write(folder / FILE)
     return write_page(read(folder / FILE), folder / "report.html", quick=quick)
