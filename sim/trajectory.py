@@ -1,10 +1,9 @@
 """Truth on a time grid: how the vehicles moved."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -276,19 +275,15 @@ class Trajectory(ArrayRecord):
         pose = (*position[:, v].T, *quaternion[:, v].T)
         return np.column_stack(attitude.carried(pose, self.site_offset[s]))
 
-    def save(self, path: Path) -> None:
-        """Write all arrays as an uncompressed `.npz` without pickles."""
-        with path.open("wb") as file:
-            np.savez(file, allow_pickle=False, **{f.name: np.asarray(getattr(self, f.name)) for f in fields(self)})
+    @property
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """All fields as arrays by name, for `of_arrays`."""
+        return {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
 
     @classmethod
-    def load(cls, file: Path | BinaryIO) -> Self:
-        """Read what `save` wrote; ValueError if arrays are missing."""
-        with np.load(file, allow_pickle=False) as data:
-            missing = [f.name for f in fields(cls) if f.name not in data]
-            if missing:
-                raise ValueError(f"{file} is no trajectory: it lacks {', '.join(missing)}")
-            values = {f.name: data[f.name] for f in fields(cls)}
+    def of_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
+        """The trajectory with these `arrays`; KeyError if one is missing."""
+        values: dict[str, Any] = {f.name: arrays[f.name] for f in fields(cls)}
         for name in ("names", "site_names"):
             values[name] = tuple(values[name].tolist())
         return cls(**values)

@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.campaign.cells import Cell
-from experiments.campaign.montecarlo import simulate
 from experiments.flight.range_budget import range_error_budget
 from laisn.navigator import Navigator
 from sim.assembly import ocean_of, routes_of
@@ -60,7 +58,7 @@ def records() -> dict[str, Any]:
     made = (
         trajectory, propagate(trajectory, scenario), observe(trajectory, scenario), flight.measurements[0],
         flight.estimates[0], range_error_budget(flight),
-        simulate(Cell.of(scenario, runs=2), keep_runs=True).table, route, route.depth,
+        route, route.depth,
         ocean_of(scenario).waves, sound_of(scenario).profile,
         OtherEstimate(label="other", colour=(0.0, 0.0, 0.0), position=np.zeros((4, 2))),
         RayErrors(label="error", value=np.zeros((4, 3)), limit=1.0),
@@ -75,7 +73,7 @@ def made() -> dict[str, Any]:
 
 @pytest.mark.parametrize(
     "name",
-    ["Trajectory", "Propagation", "MissionTruth", "Measurements", "Estimates", "RangeErrorBudget", "RunTable", "Route",
+    ["Trajectory", "Propagation", "MissionTruth", "Measurements", "Estimates", "RangeErrorBudget", "Route",
      "DepthProfile", "Waves", "OtherEstimate", "RayErrors"],
 )  # fmt: skip
 def test_a_record_shares_no_array_with_whoever_made_it(made: dict[str, Any], name: str) -> None:

@@ -91,22 +91,20 @@ def test_speed_log_measures_along_the_hull_through_the_water(trajectory: Traject
 
 
 def test_saved_and_loaded_is_the_same_to_the_bit(trajectory: Trajectory, tmp_path: Path) -> None:
-    trajectory.save(tmp_path / "t.npz")
-    loaded = Trajectory.load(tmp_path / "t.npz")
+    np.savez(tmp_path / "t.npz", **trajectory.arrays)
+    with np.load(tmp_path / "t.npz") as arrays:
+        loaded = Trajectory.of_arrays(arrays)
     assert loaded.names == trajectory.names
     assert loaded.site_names == trajectory.site_names
     for name in ("time", "position", "quaternion", "velocity", "thrust", "site_offset", "site_vehicle"):
         assert np.array_equal(getattr(loaded, name), getattr(trajectory, name))
 
 
-def test_outside_the_grid_and_unknown_names_are_refused(trajectory: Trajectory, tmp_path: Path) -> None:
+def test_outside_the_grid_and_unknown_names_are_refused(trajectory: Trajectory) -> None:
     with pytest.raises(ValueError, match="outside 0 … 30 s"):
         trajectory.at(31.0)
     with pytest.raises(ValueError, match="available: leader/tx_front"):
         trajectory.site("leader/keel")
-    np.savez(tmp_path / "other.npz", a=np.zeros(3))
-    with pytest.raises(ValueError, match="no trajectory"):
-        Trajectory.load(tmp_path / "other.npz")
 
 
 def test_arrays_cannot_be_changed(trajectory: Trajectory) -> None:

@@ -23,20 +23,16 @@ from experiments.campaign import missions
 from experiments.campaign.plans import CellPlan, compute
 from experiments.campaign.processes import Pool
 from experiments.campaign.progress import compiling_shown, progress
-from experiments.campaign.store import PER_RUN, PER_STEP, Arrays, CampaignError, Record, Store
+from experiments.campaign.store import Arrays, CampaignError, Record, Result, Store
 from experiments.campaign.version import code_version, version_of
 from laisn.failure import LaisnError
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
 
-T = TypeVar("T")
 Row = TypeVar("Row")
 Name = TypeVar("Name", bound=Hashable)
 Facts = Callable[[Scenario, Trajectory], list[Record]]
 """What is measured of a mission besides: a record for each follower."""
-Result = tuple[str, Any, Arrays]
-"""Key, record or mission, and arrays of a record."""
-
 Task = partial[Any]
 """A function of a module with its arguments: data classes, scenarios, numbers and text.
 
@@ -67,11 +63,6 @@ def _plain(value: object) -> object:
     if isinstance(value, range):
         return [value.start, value.stop, value.step]
     raise TypeError(f"a task is given {type(value).__name__}, of which no key can be made: {value!r:.60}")
-
-
-def task_key(task: Task) -> str:
-    """Key of a task's rows."""
-    return key_of(task.func, task.args, task.keywords)
 
 
 def key_of(function: Callable[..., object], *arguments: object) -> str:
@@ -130,27 +121,49 @@ class Flown:
     failures: Mapping[Any, str]
     """What happened to missions that could not be flown, by the key of their motion, and to tasks, by their names."""
 
-    def _present(self, key: str, found: T | None) -> T:
+    def _stored(self, key: str) -> tuple[Any, Arrays]:
+        found = self.store.get(key)
         if found is None:
             raise CampaignError(f"{self.store.folder}: result {key} vanished while the campaign ran")
         return found
 
     def row(self, plan: CellPlan) -> Record:
         """The row of a cell under the name that this plan gives it, its facts included; CampaignError if it is gone."""
-        row: Record = self._present(plan.key, self.store.record(plan.key))
+        row: Record = self._stored(plan.key)[0]
         if self.design.facts:
-            key = key_of(self.design.facts, plan.motion)
-            row = row | self._present(key, self.store.record(key))[plan.follower]
+            row = row | self._stored(key_of(self.design.facts, plan.motion))[0][plan.follower]
         return {"key": plan.key, "mission": plan.scenario.name} | row
 
     def runs(self, plan: CellPlan) -> Arrays:
         """The arrays over runs of a cell by name; CampaignError if it is gone."""
-        return self._present(plan.key, self.store.arrays(plan.key, PER_RUN))
+        return self._stored(plan.key)[1]
+
+    def steps(self, plan: CellPlan) -> Arrays:
+        """The arrays over steps of a cell that keeps them, by name; CampaignError if it is gone."""
+        return self._stored(plan.steps_key)[1]
 
     @property
     def rows(self) -> list[Record]:
         """The rows of all cells, in the order of the design."""
         return [self.row(plan) for plan in self.design.cells]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Job:
+    """Work for one process."""
+
+    name: Any
+    """Of its failure."""
+    keys: Sequence[str]
+    """Of its results."""
+    work: Callable[[], Callable[[], list[Result]]]
+    """Makes what a process calls, just before it is handed out."""
+    size: int = 1
+    """For the progress display."""
+
+    def is_missing(self, store: Store) -> bool:
+        """Whether a result is not stored."""
+        return any(store.get(key) is None for key in self.keys)
 
 
 def _batches(plans: Sequence[CellPlan], workers: int) -> Iterator[tuple[CellPlan, ...]]:
@@ -168,19 +181,6 @@ def _batches(plans: Sequence[CellPlan], workers: int) -> Iterator[tuple[CellPlan
         yield tuple(batch)
 
 
-def missing_cells(plans: Iterable[CellPlan], store: Store) -> list[CellPlan]:
-    """Cells that are not stored; two plans of the same cell become one that keeps what either asks for."""
-    merged: dict[str, CellPlan] = {}
-    for plan in plans:
-        if plan.key not in merged or plan.keep_steps:
-            merged[plan.key] = plan
-    return [
-        plan
-        for plan in merged.values()
-        if store.record(plan.key) is None or (plan.keep_steps and store.arrays(plan.key, PER_STEP) is None)
-    ]
-
-
 def _attempt(name: Name, work: Callable[[], list[Result]]) -> tuple[Name, list[Result] | str]:
     """Results of some work by its name, or why it has none."""
     try:
@@ -189,58 +189,52 @@ def _attempt(name: Name, work: Callable[[], list[Result]]) -> tuple[Name, list[R
         return name, str(error).splitlines()[0]
 
 
-def _compute(
-    what: str, names: Sequence[Name], work: Callable[[Name], Callable[[], list[Result]]],
-    is_stored: Callable[[Name], bool], store: Store, pool: Pool, *, size: Callable[[Name], int] = lambda _: 1,
-    quiet: bool = False,
-) -> dict[Name, str]:  # fmt: skip
+def _compute(what: str, jobs: Iterable[_Job], store: Store, pool: Pool, quiet: bool = False) -> dict[Any, str]:
     """Compute in parallel what is not stored, and store each result as it is done.
 
     The order is random, so that processes which share a folder share the work.
 
     Args:
         what: label of the progress display.
-        names: of the work.
-        work: what a process calls, made just before it is handed out.
-        is_stored: whether another process has stored the results meanwhile.
+        jobs: to be done.
         store: for the results.
         pool: entered.
-        size: of the work, for the progress display.
         quiet: show no progress.
 
     Returns:
         Why work failed, by its name.
     """
-    failed = {}
-    with progress(what, sum(map(size, names)), quiet=quiet) as advance:
+    failed, by_name = {}, {job.name: job for job in jobs}
+    with progress(what, sum(job.size for job in by_name.values()), quiet=quiet) as advance:
 
-        def missing() -> Iterator[tuple[Name, Callable[[], list[Result]]]]:
-            for name in random.sample(names, len(names)):
-                if is_stored(name):
-                    advance(size(name))
+        def missing() -> Iterator[tuple[Any, Callable[[], list[Result]]]]:
+            for job in random.sample([*by_name.values()], len(by_name)):
+                # another process may have stored its results meanwhile
+                if job.is_missing(store):
+                    yield job.name, job.work()
                 else:
-                    yield name, work(name)
+                    advance(job.size)
 
         for name, found in pool.each(_attempt, missing()):
             if isinstance(found, str):
                 failed[name] = found
             else:
                 for result in found:
-                    store.write(*result)
-            advance(size(name))
+                    store.put(*result)
+            advance(by_name[name].size)
     return failed
 
 
-def _unsited(scenario: Scenario, trajectory: Trajectory) -> Trajectory:
+def _flight(scenario: Scenario, motion: str, trajectory: Trajectory) -> Result:
     """A mission as it is stored: all scenarios that share its motion give the same bytes."""
-    return missions.sited(trajectory, missions.motion_of(scenario).leader)
+    return motion, None, missions.sited(trajectory, missions.motion_of(scenario).leader).arrays
 
 
 def _fly(scenario: Scenario, motion: str, facts: Facts | None) -> list[Result]:
     """A mission and its facts."""
     trajectory = missions.simulate_mission(scenario)
     measured: list[Result] = [(key_of(facts, motion), facts(scenario, trajectory), {})] if facts else []
-    return [(motion, _unsited(scenario, trajectory), {}), *measured]
+    return [_flight(scenario, motion, trajectory), *measured]
 
 
 def _rows(key: str, task: Task) -> list[Result]:
@@ -252,11 +246,13 @@ def _rows(key: str, task: Task) -> list[Result]:
 
 def mission(scenario: Scenario, store: Store) -> Trajectory:
     """The stored flight of a scenario's mission, its transmitters placed; it is flown if it is not there."""
-    trajectory = store.flight(missions.motion_key(scenario))
-    if trajectory is None:
-        trajectory = missions.simulate_mission(scenario)
-        store.write_flight(missions.motion_key(scenario), _unsited(scenario, trajectory))
-    return missions.sited(trajectory, scenario.leader)
+    motion = missions.motion_key(scenario)
+    found = store.get(motion)
+    if found is not None:
+        return missions.sited(Trajectory.of_arrays(found[1]), scenario.leader)
+    trajectory = missions.simulate_mission(scenario)
+    store.put(*_flight(scenario, motion, trajectory))
+    return trajectory
 
 
 def compile_ahead(plan: CellPlan) -> None:
@@ -286,19 +282,27 @@ def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpa
     workers, cluster, quiet = options.get("workers"), options.get("cluster"), options.get("quiet", False)
     pool = Pool(len(os.sched_getaffinity(0)) if workers is None else workers, cluster)
     store, facts = Store(folder, force=options.get("force", False)), design.facts
-    keys = {name: task_key(task) for name, task in design.tasks.items()}
-    cells = missing_cells(design.cells, store)
+    keys = {name: key_of(task.func, task.args, task.keywords) for name, task in design.tasks.items()}
 
-    def is_flown(motion: str) -> bool:
-        return store.flight(motion) is not None and (not facts or store.record(key_of(facts, motion)) is not None)
+    def missing_of(jobs: Iterable[_Job]) -> list[_Job]:
+        return [job for job in jobs if job.is_missing(store)]
 
-    def is_computed(name: Any) -> bool:
-        return store.record(keys[name]) is not None
-
-    unmeasured = [plan for plan in design.cells if facts and store.record(key_of(facts, plan.motion)) is None]
-    motions = {plan.motion: plan.scenario for plan in (*cells, *unmeasured)}
-    flights = [motion for motion in motions if not is_flown(motion)]
-    tasks = [name for name in design.tasks if not is_computed(name)]
+    # of plans of the same cell, one that keeps what any of them asks for
+    plans = {plan.key: plan for plan in sorted(design.cells, key=lambda plan: plan.keep_steps)}
+    cells = [plan for plan in plans.values() if any(store.get(key) is None for key in plan.keys)]
+    unmeasured = [plan for plan in plans.values() if facts and store.get(key_of(facts, plan.motion)) is None]
+    flights = missing_of(
+        _Job(
+            name=motion,
+            keys=[motion, key_of(facts, motion)] if facts else [motion],
+            work=partial(partial, _fly, scenario, motion, facts),
+        )
+        for motion, scenario in {plan.motion: plan.scenario for plan in (*cells, *unmeasured)}.items()
+    )
+    tasks = missing_of(
+        _Job(name=name, keys=[keys[name]], work=partial(partial, _rows, keys[name], task))
+        for name, task in design.tasks.items()
+    )
     pool.size = min(pool.size, max(len(cells), len(flights), len(tasks), 1))
     if cluster is None and not quiet:
         if cells:
@@ -307,24 +311,25 @@ def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpa
             with compiling_shown():
                 design.ahead()
     with pool:
-        failures: dict[Any, str] = {}
-        failures |= _compute(
-            "missions", flights, lambda motion: partial(_fly, motions[motion], motion, facts), is_flown,
-            store, pool, quiet=quiet,
-        )  # fmt: skip
-        failures |= _compute(
-            design.what, tasks, lambda name: partial(_rows, keys[name], design.tasks[name]), is_computed,
-            store, pool, quiet=quiet,
-        )  # fmt: skip
+        failures = _compute("missions", flights, store, pool, quiet)
+        failures |= _compute(design.what, tasks, store, pool, quiet)
         if failures and not tolerant:
             raise CampaignError("; ".join(sorted(set(failures.values()))))
-        _compute(
-            "cells", [*_batches([plan for plan in cells if plan.motion not in failures], pool.size)],
-            lambda batch: partial(compute, mission(batch[0].scenario, store), batch),
-            lambda batch: not missing_cells(batch, store), store, pool, size=len, quiet=quiet,
-        )  # fmt: skip
-    rows = {name: store.record(key) for name, key in keys.items()}
-    return Flown(
-        design=design, store=store, failures=failures,
-        tasks={name: found for name, found in rows.items() if found is not None},
-    )  # fmt: skip
+
+        def work(batch: Sequence[CellPlan]) -> Callable[[], list[Result]]:
+            return partial(compute, mission(batch[0].scenario, store), batch)
+
+        batches = _batches([plan for plan in cells if plan.motion not in failures], pool.size)
+        jobs = [
+            _Job(
+                name=batch[0].key,
+                keys=[key for plan in batch for key in plan.keys],
+                work=partial(work, batch),
+                size=len(batch),
+            )
+            for batch in batches
+        ]
+        _compute("cells", jobs, store, pool, quiet)
+    rows = {name: store.get(key) for name, key in keys.items()}
+    found = {name: result[0] for name, result in rows.items() if result is not None}
+    return Flown(design=design, store=store, failures=failures, tasks=found)

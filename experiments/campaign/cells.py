@@ -1,19 +1,19 @@
 """Cells of a campaign: what is flown many times over, and what comes of it."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from experiments.campaign import lane_metrics as metric
 from experiments.campaign.missions import Mission, mission_of, motion_of
-from laisn.arrays import Bools, Floats, Ints, own_arrays
-from laisn.compiled import compiled_lanes
+from experiments.campaign.store import Arrays, Record
+from laisn.arrays import Floats, Ints
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
-from laisn.metrics import Summary
 from laisn.navigators import NavigatorSpec, find, spec_of
 from laisn.settings import NavigationSettings, Settings
 from sim.flight import navigation_settings
@@ -79,58 +79,26 @@ class Cell:
         )
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunTable:
-    """Results of each run, arrays of shape (R,)."""
-
-    run: Ints
-    e_p_max_m: Floats
-    e_p_mean_m: Floats
-    e_b_max_deg: Floats
-    e_b_mean_deg: Floats
-    mirror_locked: Bools
-    gated: Ints
-    """Fixes that the gate rejected."""
-
-    def __post_init__(self) -> None:
-        own_arrays(self)
-
-
-@dataclass(frozen=True, kw_only=True)
-class CellResult:
+class CellResult(NamedTuple):
     """What a cell comes to."""
 
-    seed: int
-    runs: int
-    steps: int
-    """Steps of one run."""
-    errors: Summary
-    """Errors over all steps of all runs."""
-    e_p_percentiles_m: tuple[float, ...]
-    """Percentiles of E_P at `PERCENTILES`, to within 1 % [m]."""
-    e_b_percentiles_deg: tuple[float, ...]
-    """Percentiles of E_B at `PERCENTILES`, to within 1 % [°]."""
-    nees: float
-    """Mean normalised squared error of the position (2 if the covariance is right), where it is not singular."""
-    nis: float
-    """Mean normalised squared innovation of the fixes that were used (2 if S is right)."""
-    mirror_locked: int
-    """Runs whose estimate was for a message interval more than 5 m off and at least twice as far from the truth as from
-    its mirror image beyond the leader's axis: see `laisn.metrics.is_mirror_locked`."""
-    fixes: dict[str, int]
-    """Number of fixes of each `FixKind`, by its name in lower case; "gated" are those that the gate rejected."""
-    worst_run: int
-    """The run with the largest E_P."""
-    table: RunTable | None
-    """Table of the single runs, if it was asked for."""
+    row: Record
+    """Figures of all steps of all runs by their columns:
 
-
-@compiled_lanes
-def _add_in_order(total: Floats, runs: Floats) -> None:
-    """Add columns one after another: rounding must not depend on how runs are split into blocks."""
-    for i in range(runs.shape[1]):
-        for j in range(runs.shape[0]):
-            total[j] += runs[j, i]
+    - `seed`, `runs`, `steps` of one run;
+    - `e_p_{max,mean,std}_m`, `e_b_{max,mean,std}_deg`, as of `laisn.metrics.Summary`;
+    - `e_p_pQ_m`, `e_b_pQ_deg`: percentiles Q of `PERCENTILES`, to within 1 %;
+    - `nees`: mean normalised squared error of the position (2 if the covariance is right), where it is not singular;
+    - `nis`: mean normalised squared innovation of the fixes that were used (2 if S is right);
+    - `mirror_locked_runs`: runs whose estimate was for a message interval more than 5 m off and at least twice as
+      far from the truth as from its mirror image beyond the leader's axis (`laisn.metrics.is_mirror_locked`);
+    - `worst_run`: the run with the largest E_P;
+    - `fixes_KIND`: number of fixes of each `FixKind`; "gated" are those that the gate rejected;
+    - `e_p_mean_unlocked_m`: mean E_P of the runs that were not mirror_locked; None if all were.
+    """
+    runs: Arrays
+    """Of each run, arrays of shape (R,): `run`, `e_p_max_m`, `e_p_mean_m`, `e_b_max_deg`, `e_b_mean_deg`,
+    `mirror_locked` and the number of fixes `gated`."""
 
 
 _OF_RUNS = [
@@ -144,22 +112,18 @@ _OF_RUNS = [
         metric.KINDS + FixKind.GATED * LANES,
     )
 ]
-"""Rows of a tally that a `RunTable` is made of."""
+"""Rows of a tally that figures of single runs are made of."""
 
 
 class CellSums:
     """Adds up the blocks of a cell, which come in the order of runs."""
 
-    def __init__(self, cell: Cell, keep_runs: bool) -> None:
+    def __init__(self, cell: Cell) -> None:
         self._cell = cell
         self._total = np.zeros(metric.SIZE // LANES)
         self._largest = np.zeros(metric.SIZE // LANES)
         self._histograms = np.zeros((2, metric.BINS), dtype=np.int64)
-        self._mirror_locked = 0
-        self._worst_run = cell.runs[0]
-        self._kept = np.empty((len(_OF_RUNS), len(cell.runs))) if keep_runs else None
-        gaps = np.diff(cell.truth.message_step)
-        self._interval = float(np.median(gaps)) if gaps.size else float(cell.truth.speed.size)
+        self._runs = np.empty((len(_OF_RUNS), len(cell.runs)))
 
     def add(self, runs: range, tally: Floats, histograms: Ints) -> None:
         """Add a block; LaisnError naming the run if an estimate left finite numbers."""
@@ -167,74 +131,67 @@ class CellSums:
         diverged = np.flatnonzero(~np.isfinite(table[metric.SUM_P // LANES]))
         if diverged.size:
             raise LaisnError(f"the estimate of run {runs[int(diverged[0])]} left finite numbers; check the settings")
-        _add_in_order(self._total, table)
-        worst = int(np.argmax(table[metric.MAX_P // LANES]))
-        if table[metric.MAX_P // LANES, worst] > self._largest[metric.MAX_P // LANES]:
-            self._worst_run = runs[worst]
+        for of_run in table.T:
+            # one after another: rounding must not depend on how runs are split into blocks
+            self._total += of_run
         self._largest = np.maximum(self._largest, table.max(axis=1))
         self._histograms += histograms
-        self._mirror_locked += int(np.count_nonzero(table[metric.LONGEST_MIRROR_LOCK // LANES] >= self._interval))
-        if self._kept is not None:
-            first = runs[0] - self._cell.runs[0]
-            self._kept[:, first : first + len(runs)] = table[_OF_RUNS]
+        first = runs[0] - self._cell.runs[0]
+        self._runs[:, first : first + len(runs)] = table[_OF_RUNS]
 
-    def _summary(self) -> Summary:
+    def _mean(self, total: int, count: int) -> float:
+        number = self._total[count // LANES]
+        return float(self._total[total // LANES] / number) if number else math.nan
+
+    def _moments(self, total: int, squares: int) -> tuple[float, float]:
+        """Mean and standard deviation of an error over all steps of all runs."""
         values = self._cell.truth.speed.size * len(self._cell.runs)
+        mean = float(self._total[total // LANES] / values)
+        return mean, math.sqrt(max(float(self._total[squares // LANES] / values) - mean * mean, 0.0))
 
-        def moments(total: int, squares: int) -> tuple[float, float]:
-            mean = float(self._total[total // LANES] / values)
-            return mean, math.sqrt(max(float(self._total[squares // LANES] / values) - mean * mean, 0.0))
-
-        position, bearing = moments(metric.SUM_P, metric.SQUARES_P), moments(metric.SUM_B, metric.SQUARES_B)
-        return Summary(
-            e_p_max_m=float(self._largest[metric.MAX_P // LANES]),
-            e_p_mean_m=position[0],
-            e_p_std_m=position[1],
-            e_b_max_deg=math.degrees(self._largest[metric.MAX_B // LANES]),
-            e_b_mean_deg=math.degrees(bearing[0]),
-            e_b_std_deg=math.degrees(bearing[1]),
-        )
-
-    def _percentiles(self, histogram: Ints, lowest: float, largest: int) -> list[float]:
+    def _percentiles(self, histogram: Ints, lowest: float, largest: int) -> Iterator[tuple[int, float]]:
         top = float(self._largest[largest // LANES])
-        return [metric.percentile(histogram, lowest, p / 100.0, top) for p in PERCENTILES]
-
-    def _table(self) -> RunTable | None:
-        if self._kept is None:
-            return None
-        largest_p, sum_p, largest_b, sum_b, longest_mirror_lock, gated = self._kept
-        steps = self._cell.truth.speed.size
-        return RunTable(
-            run=np.array(self._cell.runs, dtype=np.int64),
-            e_p_max_m=largest_p,
-            e_p_mean_m=sum_p / steps,
-            e_b_max_deg=np.rad2deg(largest_b),
-            e_b_mean_deg=np.rad2deg(sum_b / steps),
-            mirror_locked=longest_mirror_lock >= self._interval,
-            gated=gated.astype(np.int64),
-        )
+        return ((p, metric.percentile(histogram, lowest, p / 100.0, top)) for p in PERCENTILES)
 
     def result(self) -> CellResult:
         """What the cell comes to."""
-
-        def mean(total: int, number: int) -> float:
-            count = self._total[number // LANES]
-            return float(self._total[total // LANES] / count) if count else math.nan
-
-        first = metric.KINDS // LANES
-        return CellResult(
-            seed=self._cell.seed,
-            runs=len(self._cell.runs),
-            steps=self._cell.truth.speed.size,
-            errors=self._summary(),
-            e_p_percentiles_m=tuple(self._percentiles(self._histograms[0], metric.LOWEST_P, metric.MAX_P)),
-            e_b_percentiles_deg=tuple(
-                math.degrees(p) for p in self._percentiles(self._histograms[1], metric.LOWEST_B, metric.MAX_B)
-            ),
-            nees=mean(metric.SUM_NEES, metric.COUNT_NEES),
-            nis=mean(metric.SUM_NIS, metric.COUNT_NIS),
-            mirror_locked=self._mirror_locked,
-            fixes={kind.name.lower(): int(self._total[first + kind]) for kind in FixKind},
-            worst_run=self._worst_run,
-            table=self._table(),
-        )
+        steps, (of_position, of_bearing) = self._cell.truth.speed.size, self._histograms
+        largest_p, sum_p, largest_b, sum_b, longest_mirror_lock, gated = self._runs
+        gaps = np.diff(self._cell.truth.message_step)
+        mirror_locked = longest_mirror_lock >= (float(np.median(gaps)) if gaps.size else float(steps))
+        runs: Arrays = {
+            "run": np.array(self._cell.runs, dtype=np.int64),
+            "e_p_max_m": largest_p,
+            "e_p_mean_m": sum_p / steps,
+            "e_b_max_deg": np.rad2deg(largest_b),
+            "e_b_mean_deg": np.rad2deg(sum_b / steps),
+            "mirror_locked": mirror_locked,
+            "gated": gated.astype(np.int64),
+        }
+        e_p_mean, e_p_std = self._moments(metric.SUM_P, metric.SQUARES_P)
+        e_b_mean, e_b_std = self._moments(metric.SUM_B, metric.SQUARES_B)
+        row: Record = {
+            "seed": self._cell.seed,
+            "runs": len(self._cell.runs),
+            "steps": steps,
+            "e_p_max_m": float(self._largest[metric.MAX_P // LANES]),
+            "e_p_mean_m": e_p_mean,
+            "e_p_std_m": e_p_std,
+            "e_b_max_deg": math.degrees(self._largest[metric.MAX_B // LANES]),
+            "e_b_mean_deg": math.degrees(e_b_mean),
+            "e_b_std_deg": math.degrees(e_b_std),
+        }
+        of_positions = self._percentiles(of_position, metric.LOWEST_P, metric.MAX_P)
+        of_bearings = self._percentiles(of_bearing, metric.LOWEST_B, metric.MAX_B)
+        row |= {f"e_p_p{p}_m": value for p, value in of_positions}
+        row |= {f"e_b_p{p}_deg": math.degrees(value) for p, value in of_bearings}
+        row |= {
+            "nees": self._mean(metric.SUM_NEES, metric.COUNT_NEES),
+            "nis": self._mean(metric.SUM_NIS, metric.COUNT_NIS),
+            "mirror_locked_runs": int(np.count_nonzero(mirror_locked)),
+            "worst_run": self._cell.runs[int(np.argmax(largest_p))],
+        }
+        fixes = self._total[metric.KINDS // LANES :]
+        row |= {f"fixes_{kind.name.lower()}": int(fixes[kind]) for kind in FixKind}
+        row["e_p_mean_unlocked_m"] = None if mirror_locked.all() else float(runs["e_p_mean_m"][~mirror_locked].mean())
+        return CellResult(row, runs)

@@ -7,7 +7,7 @@ import numpy as np
 
 from laisn import lane_rows as row
 from laisn.arrays import Floats, Ints
-from laisn.compiled import compiled_lanes, inlined
+from laisn.compiled import compiled_lanes, copy_values, inlined
 from laisn.elementary import to_bits
 from laisn.estimates import FixKind
 from laisn.geometry import Point, turn
@@ -132,3 +132,23 @@ def percentile(histogram: Ints, lowest: float, share: float, largest: float) -> 
     lower, upper = edges[i], min(edges[i + 1], largest)
     inside = (wanted - (total[i] - histogram[i])) / histogram[i]
     return float(min(lower + inside * (upper - lower), largest))
+
+
+@compiled_lanes
+def tally_states(states: Floats, truth: Floats, tally: Floats, histograms: Ints, lanes_used: int) -> None:
+    """Add the errors of all steps.
+
+    Args:
+        states: x, y and covariance xx, xy, yy of each step and lane, shape (n, 5, LANES).
+        truth: x, y of the hydrophone; x, y and heading of the leader; shape (n, 5).
+        tally: as of `tally_step`.
+        histograms: of position and bearing, shape (2, BINS).
+        lanes_used: how many of the lanes are runs.
+    """
+    block, bins = np.zeros(row.SIZE), np.zeros(2 * LANES, dtype=np.int64)
+    for k in range(states.shape[0]):
+        for i, first in enumerate((row.X, row.Y, row.PXX, row.PXY, row.PYY)):
+            copy_values(states[k, i], block[first : first + LANES])
+        now = truth[k]
+        tally_step(block, tally, bins, (now[0], now[1]), (now[2], now[3], now[4]))
+        fill_histograms(bins, histograms, lanes_used)

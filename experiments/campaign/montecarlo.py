@@ -9,102 +9,21 @@ import os
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import NamedTuple
 
 import numpy as np
 
 from experiments.campaign import lane_metrics as metric
 from experiments.campaign.cells import Cell, CellResult, CellSums
-from experiments.campaign.lane_sensors import (
-    Address,
-    LaneSensors,
-    address,
-    new_noise,
-    sense_message,
-    sense_own,
-    sent_rows,
-)
+from experiments.campaign.lane_flight import TruthRecord, fly_block, truth_record
+from experiments.campaign.lane_sensors import LaneSensors, address
 from laisn import lane_rows as row
-from laisn import lanes
 from laisn.arrays import Floats, Ints
-from laisn.compiled import compiled_lanes, copy_values
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
 from laisn.navigators import MissionResult
-from laisn.settings import Tuning
-from sim.sensing.errors import SensorErrors
-from sim.sensing.observation import MissionTruth, measure
+from sim.sensing.observation import measure
 
 _NO_HISTORY = np.empty((0, 4 * LANES))
-
-
-class _Truth(NamedTuple):
-    """`MissionTruth` as compiled code takes it."""
-
-    start: Floats
-    own: Floats
-    """Speed, heading, depth and hydrophone x, y of the follower; x, y and heading of the leader; shape (n, 8)."""
-    message_step: Ints
-    emission_step: Ints
-    sent: Floats
-
-
-def _compiled_truth(truth: MissionTruth, errors: SensorErrors) -> _Truth:
-    own = np.column_stack(
-        [truth.speed, truth.heading, truth.depth, truth.hydrophone, truth.leader_position, truth.leader_heading]
-    )
-    received, emitted = truth.message_step.astype(np.int64), truth.emission_step.astype(np.int64)
-    return _Truth(truth.start.astype(np.float64), own, received, emitted, sent_rows(truth, errors))
-
-
-@compiled_lanes
-def _fly_block(
-    truth: _Truth, sensors: LaneSensors, t: Tuning, address: Address, lanes_used: int, history: Floats
-) -> tuple[Floats, Ints]:
-    """Tally and histograms of a block; states go to `history`, shape (n, 4 LANES), unless it is empty."""
-    n, m = truth.own.shape[0], truth.message_step.size
-    noise = new_noise(address)
-    block = row.new_block(truth.start, t)
-    tally = np.zeros(metric.SIZE)
-    bins = np.zeros(2 * LANES, dtype=np.int64)
-    histograms = np.zeros((2, metric.BINS), dtype=np.int64)
-    fixes = lanes.fix_rows(t.variant)
-    i = 0
-    for k in range(1, n + 1):
-        now = truth.own[k - 1]
-        sense_own(block, noise, sensors.errors, now[0], now[1], k)
-        received = i < m and truth.message_step[i] == k
-        if received:
-            sense_message(block, noise, sensors, truth.sent[i], now[2], (k, truth.emission_step[i]))
-            i += 1
-        lanes.advance(block, t, k, received)
-        if received:
-            metric.tally_fixes(block, tally, fixes)
-        metric.tally_step(block, tally, bins, (now[3], now[4]), (now[5], now[6], now[7]))
-        metric.fill_histograms(bins, histograms, lanes_used)
-        if history.size > 0:
-            copy_values(block[row.X : row.X + 4 * LANES], history[k - 1])
-    return tally, histograms
-
-
-@compiled_lanes
-def _tally_steps(states: Floats, truth: Floats, tally: Floats, histograms: Ints, lanes_used: int) -> None:
-    """Add the errors of all steps.
-
-    Args:
-        states: x, y and covariance xx, xy, yy of each step and lane, shape (n, 5, LANES).
-        truth: x, y of the hydrophone; x, y and heading of the leader; shape (n, 5).
-        tally: as `lane_metrics` has it.
-        histograms: of position and bearing, shape (2, BINS).
-        lanes_used: how many of the lanes are runs.
-    """
-    block, bins = np.zeros(row.SIZE), np.zeros(2 * LANES, dtype=np.int64)
-    for k in range(states.shape[0]):
-        for i, first in enumerate((row.X, row.Y, row.PXX, row.PXY, row.PYY)):
-            copy_values(states[k, i], block[first : first + LANES])
-        now = truth[k]
-        metric.tally_step(block, tally, bins, (now[0], now[1]), (now[2], now[3], now[4]))
-        metric.fill_histograms(bins, histograms, lanes_used)
 
 
 def single_run(cell: Cell, run: int) -> MissionResult:
@@ -143,7 +62,7 @@ def _fly_single_runs(cell: Cell, runs: range) -> tuple[Floats, Ints]:
             columns[metric.KINDS // LANES + kind, lane] += 1.0
     tally, histograms = columns.ravel(), np.zeros((2, metric.BINS), dtype=np.int64)
     place = np.column_stack([truth.hydrophone, truth.leader_position, truth.leader_heading])
-    _tally_steps(states, place, tally, histograms, len(runs))
+    metric.tally_states(states, place, tally, histograms, len(runs))
     return tally, histograms
 
 
@@ -153,17 +72,17 @@ def _blocks(cell: Cell) -> Iterator[range]:
         yield cell.runs[i : i + LANES]
 
 
-def _fly(cell: Cell, truth: _Truth, runs: range, history: Floats) -> tuple[Floats, Ints]:
+def _fly(cell: Cell, truth: TruthRecord, runs: range, history: Floats) -> tuple[Floats, Ints]:
     if not cell.spec.lanes:
         return _fly_single_runs(cell, runs)
     sensors, t = LaneSensors(cell.errors, cell.settings.transmitters), row.tuning(cell.settings)
-    return _fly_block(truth, sensors, t, address(cell.seed, runs[0], cell.follower), len(runs), history)
+    return fly_block(truth, sensors, t, address(cell.seed, runs[0], cell.follower), len(runs), history)
 
 
-def _tasks(cells: Sequence[Cell]) -> Iterator[tuple[Cell, _Truth, range]]:
+def _tasks(cells: Sequence[Cell]) -> Iterator[tuple[Cell, TruthRecord, range]]:
     """All blocks of all cells in their order."""
     for cell in cells:
-        truth = _compiled_truth(cell.truth, cell.errors)
+        truth = truth_record(cell.truth, cell.errors)
         for runs in _blocks(cell):
             yield cell, truth, runs
 
@@ -185,15 +104,12 @@ def _flown(cells: Sequence[Cell], workers: int) -> Iterator[tuple[Floats, Ints]]
             yield pending.popleft().result()
 
 
-def simulate_many(
-    cells: Sequence[Cell], *, threads: int | None = None, keep_runs: bool = False
-) -> Iterator[CellResult]:
+def simulate_many(cells: Sequence[Cell], *, threads: int | None = None) -> Iterator[CellResult]:
     """Fly all cells; blocks of all of them share the threads.
 
     Args:
         cells: of the campaign.
         threads: to compute with; None for all cores that this process may use.
-        keep_runs: give a table of each run as well.
 
     Yields:
         The result of each cell, in their order, as soon as it is complete.
@@ -203,22 +119,22 @@ def simulate_many(
     """
     flown = _flown(cells, threads or len(os.sched_getaffinity(0)))
     for cell in cells:
-        sums = CellSums(cell, keep_runs)
+        sums = CellSums(cell)
         for runs in _blocks(cell):
             sums.add(runs, *next(flown))
         yield sums.result()
 
 
-def simulate(cell: Cell, *, threads: int | None = 1, keep_runs: bool = False) -> CellResult:
+def simulate(cell: Cell, *, threads: int | None = 1) -> CellResult:
     """Fly one cell; arguments and errors as in `simulate_many`."""
-    return next(simulate_many([cell], threads=threads, keep_runs=keep_runs))
+    return next(simulate_many([cell], threads=threads))
 
 
 def histories(cell: Cell) -> Floats:
     """States of all runs of a cell after each step: x, y [m], vx, vy [m/s], shape (n, 4, R)."""
     if not cell.spec.lanes:
         return np.stack([single_run(cell, run).state for run in cell.runs], axis=-1)
-    truth, n = _compiled_truth(cell.truth, cell.errors), cell.truth.speed.size
+    truth, n = truth_record(cell.truth, cell.errors), cell.truth.speed.size
     parts = []
     for runs in _blocks(cell):
         history = np.empty((n, 4 * LANES))

@@ -1,16 +1,16 @@
 """Plans of cells: a scenario flown with the noise of runs 0 … R − 1, its key, and the row that comes of it."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from experiments.campaign import missions
 from experiments.campaign.bound import geometry_of, least_rms, noise_of
-from experiments.campaign.cells import PERCENTILES, Cell, CellResult
+from experiments.campaign.cells import Cell, CellResult
 from experiments.campaign.montecarlo import histories, simulate_many
-from experiments.campaign.store import PER_RUN, PER_STEP, Arrays, Record
+from experiments.campaign.store import Arrays, Record, Result
 from experiments.campaign.version import code_version
 from laisn import metrics
 from laisn.arrays import Floats
@@ -50,6 +50,16 @@ class CellPlan:
         """Hash of all that is computed, of the number of runs and of the code version."""
         return missions.key_of(self.content, self.runs, self.follower)
 
+    @property
+    def steps_key(self) -> str:
+        """Key of errors at each step over all runs."""
+        return missions.digest([self.key, "steps"])
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Keys of all its results."""
+        return (self.key, self.steps_key) if self.keep_steps else (self.key,)
+
     @cached_property
     def motion(self) -> str:
         """Key of its mission, which others may share."""
@@ -66,41 +76,10 @@ def _over_bound(plan: CellPlan, result: CellResult, mission: missions.Mission) -
     if not find(plan.content.navigation.variant).near_bound:
         return {"bound_rms_m": None, "rms_over_bound": None}
     trajectory, _ = mission.seen(plan.content, plan.follower)
-    least = least_rms(
-        geometry_of(trajectory, plan.content, plan.follower),
-        noise_of(plan.content, plan.follower),
-    )
+    least = least_rms(geometry_of(trajectory, plan.content, plan.follower), noise_of(plan.content, plan.follower))
     bound = float(np.sqrt(np.mean(least**2)))
-    rms = float(np.hypot(result.errors.e_p_mean_m, result.errors.e_p_std_m))
+    rms = float(np.hypot(result.row["e_p_mean_m"], result.row["e_p_std_m"]))
     return {"bound_rms_m": bound, "rms_over_bound": rms / bound if bound > 0.0 else None}
-
-
-def _row(plan: CellPlan, result: CellResult, bound: Record) -> Record:
-    """What is stored of a cell; plans of other names may share it."""
-    row: Record = {
-        "key": plan.key,
-        "variant": plan.content.navigation.variant,
-        "motion": plan.content.motion,
-        "seed": plan.content.seed,
-        "runs": plan.runs,
-        "steps": result.steps,
-        "version": code_version(),
-    }
-    row |= asdict(result.errors)
-    for name, values in (("e_p_p{}_m", result.e_p_percentiles_m), ("e_b_p{}_deg", result.e_b_percentiles_deg)):
-        row |= {name.format(p): float(value) for p, value in zip(PERCENTILES, values, strict=True)}
-    row |= {
-        "nees": result.nees,
-        "nis": result.nis,
-        "mirror_locked_runs": result.mirror_locked,
-        "worst_run": result.worst_run,
-    }
-    row |= bound
-    row |= {f"fixes_{kind}": count for kind, count in result.fixes.items()}
-    if result.table is not None:
-        free = ~result.table.mirror_locked
-        row["e_p_mean_unlocked_m"] = float(result.table.e_p_mean_m[free].mean()) if free.any() else None
-    return row
 
 
 def _few_runs(cell: Cell) -> Iterator[Floats]:
@@ -137,19 +116,15 @@ def steps_of(cell: Cell) -> Arrays:
     return {name: np.asarray(values, dtype=np.float32) for name, values in columns.items()}
 
 
-def _arrays(plan: CellPlan, cell: Cell, result: CellResult) -> Arrays:
-    table = result.table
-    runs = {f"{PER_RUN}{f.name}": getattr(table, f.name) for f in fields(table)} if table else {}
-    steps = steps_of(cell) if plan.keep_steps else {}
-    return runs | {f"{PER_STEP}{name}": values for name, values in steps.items()}
-
-
-def compute(trajectory: Trajectory, plans: Sequence[CellPlan], threads: int = 1) -> list[tuple[str, Record, Arrays]]:
-    """Compute cells of one mission: key, row and arrays of each run and, where asked for, of each step."""
-    mission = missions.Mission(plans[0].scenario, trajectory)
+def compute(trajectory: Trajectory, plans: Sequence[CellPlan], threads: int = 1) -> list[Result]:
+    """Compute cells of one mission: the row and the arrays over runs of each and, where asked for, over steps."""
+    mission, results = missions.Mission(plans[0].scenario, trajectory), list[Result]()
     cells = [Cell.of(plan.content, plan.follower, plan.runs, mission=mission) for plan in plans]
-    results = simulate_many(cells, threads=threads, keep_runs=True)
-    return [
-        (plan.key, _row(plan, result, _over_bound(plan, result, mission)), _arrays(plan, cell, result))
-        for plan, cell, result in zip(plans, cells, results, strict=True)
-    ]
+    for plan, cell, result in zip(plans, cells, simulate_many(cells, threads=threads), strict=True):
+        # plans of other names may share it
+        what = {"key": plan.key, "variant": plan.content.navigation.variant, "motion": plan.content.motion}
+        row = what | {"version": code_version()} | result.row | _over_bound(plan, result, mission)
+        results.append((plan.key, row, result.runs))
+        if plan.keep_steps:
+            results.append((plan.steps_key, None, steps_of(cell)))
+    return results

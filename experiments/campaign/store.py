@@ -1,17 +1,14 @@
 """Results on disk: tables of studies as Parquet, and a store of single results under keys of all that made them.
 
-Each stored result is one `.npz` archive with a checksum of all its bytes.
+Each stored result is one `.npz` archive, whose members have checksums.
 """
 
 import csv
-import hashlib
 import json
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
-from io import BytesIO
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,18 +18,15 @@ import pyarrow.parquet as pq
 from experiments.campaign.version import code_version
 from laisn.failure import LaisnError, LaisnWarning
 from sim.files import atomic_write, locked, remove_stale_parts
-from sim.trajectory import Trajectory
 
-Content = TypeVar("Content")
 Record = dict[str, Any]
 """A row: column names and plain values."""
 Arrays = dict[str, npt.NDArray[Any]]
 """Columns of a result by name, arrays of shape (n,)."""
 
-PER_RUN, PER_STEP = "run_", "step_"
-"""Prefixes of what is stored of each run, and of each step over all runs."""
+Result = tuple[str, Any, Arrays]
+"""Key, JSON value and arrays of a result that is stored."""
 
-_CHECKSUM_BYTES = 32
 _RECORD = "record"
 """Array that holds the JSON of a stored record."""
 
@@ -84,21 +78,6 @@ def write_csv(path: Path, rows: Sequence[Record]) -> None:
         writer.writerows(zip(*columns.values(), strict=True))
 
 
-def _decoded(file: BinaryIO) -> Any:
-    with np.load(file, allow_pickle=False) as arrays:
-        return json.loads(arrays[_RECORD].tobytes())
-
-
-def _arrays(file: BinaryIO, prefix: str) -> Arrays:
-    with np.load(file, allow_pickle=False) as arrays:
-        return {name.removeprefix(prefix): arrays[name] for name in arrays if name.startswith(prefix)}
-
-
-def _checksum(path: Path, content: bytes) -> bytes:
-    """Checksum of a result and its key, which follows its archive: those of a zip file leave gaps."""
-    return hashlib.sha256(path.stem.encode() + content).digest()
-
-
 STUDY_FILE, FLIGHT_FILE = "campaign.json", "summary.json"
 """A file that each folder of a study, and each folder of a flight, has."""
 
@@ -119,14 +98,13 @@ class Store:
         """Open or make the folder; `force`: stored results count as missing, those of another version are removed."""
         require_kind(folder, "flight", FLIGHT_FILE)
         self.folder = folder
-        self._cells, self._flights = folder / "cells", folder / "flights"
+        self._results = folder / "store"
         self._force = force
-        self._written: set[Path] = set()
-        for each in (self._cells, self._flights):
-            each.mkdir(parents=True, exist_ok=True)
+        self._written: set[str] = set()
+        self._results.mkdir(parents=True, exist_ok=True)
         with locked(folder):
             self._require_version()
-        for each in (folder, self._cells, self._flights):
+        for each in (folder, self._results):
             remove_stale_parts(each)
 
     def _require_version(self) -> None:
@@ -147,66 +125,39 @@ class Store:
                     f"{self.folder} holds results of version {found}, this is {code_version()}; "
                     "choose another folder with --out, or replace them with --force"
                 )
-            for path in (*self._cells.iterdir(), *self._flights.iterdir()):
+            for path in self._results.iterdir():
                 path.unlink(missing_ok=True)
         with atomic_write(manifest) as part:
             part.write_text(json.dumps({"version": code_version()}) + "\n", encoding="utf-8")
 
-    def _read(self, path: Path, load: Callable[[BinaryIO], Content]) -> Content | None:
-        """Content of a stored result; None if it must be computed. A damaged file warns and counts as missing."""
-        if self._force and path not in self._written:
+    def path(self, key: str) -> Path:
+        """File of a result."""
+        return self._results / f"{key}.npz"
+
+    def get(self, key: str) -> tuple[Any, Arrays] | None:
+        """What `put` stored under a key; None if it must be computed, with a warning if it is damaged."""
+        if self._force and key not in self._written:
             return None
         try:
-            content = path.read_bytes()
-            archive, checksum = content[:-_CHECKSUM_BYTES], content[-_CHECKSUM_BYTES:]
-            if checksum != _checksum(path, archive):
-                raise ValueError("wrong checksum: it is damaged or another result's")
-            return load(BytesIO(archive))
+            with self.path(key).open("rb") as file, np.load(file, allow_pickle=False) as archive:
+                if damaged := archive.zip.testzip():
+                    raise ValueError(f"wrong checksum of {damaged}")
+                arrays = dict(archive)
+            found, names, record = json.loads(arrays.pop(_RECORD).tobytes())
+            if (found, names) != (key, [*arrays]):
+                raise ValueError("it lacks arrays, or is another result's")
+            return record, arrays
         except FileNotFoundError:
             return None
         except Exception as error:  # NumPy raises a dozen kinds for files that are none of ours
-            what = f"{path} cannot be read and is computed again: {error or type(error).__name__}"
+            what = f"{self.path(key)} cannot be read and is computed again: {error or type(error).__name__}"
             warnings.warn(what, DamagedResult, stacklevel=1)
             return None
 
-    def _write(self, path: Path, save: Callable[[Path], None]) -> None:
-        with atomic_write(path) as part:
-            save(part)
-            checksum = _checksum(path, part.read_bytes())
-            with part.open("ab") as file:
-                file.write(checksum)
-        self._written.add(path)
-
-    def record(self, key: str) -> Any:
-        """What `write_record` stored under a key; None if it must be computed."""
-        return self._read(self._cells / f"{key}.npz", _decoded)
-
-    def write_record(self, key: str, record: object, arrays: Mapping[str, npt.NDArray[Any]] | None = None) -> None:
-        """Store a JSON value, in which NumPy's numbers and arrays become plain, and arrays by prefixed names."""
-        text = json.dumps(record, default=lambda value: value.tolist()).encode()
-        content: dict[str, Any] = {_RECORD: np.frombuffer(text, dtype=np.uint8), **(arrays or {})}
-
-        def save(part: Path) -> None:
-            with part.open("wb") as file:
-                np.savez_compressed(file, **content)
-
-        self._write(self._cells / f"{key}.npz", save)
-
-    def write(self, key: str, content: object, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Store a mission, or a record with its arrays."""
-        if isinstance(content, Trajectory):
-            self.write_flight(key, content)
-        else:
-            self.write_record(key, content, arrays)
-
-    def arrays(self, key: str, prefix: str) -> Arrays | None:
-        """The arrays of a record with a prefix, by their names without it; None if they must be computed."""
-        return self._read(self._cells / f"{key}.npz", partial(_arrays, prefix=prefix)) or None
-
-    def flight(self, key: str) -> Trajectory | None:
-        """A stored mission; None if it must be simulated."""
-        return self._read(self._flights / f"{key}.npz", Trajectory.load)
-
-    def write_flight(self, key: str, trajectory: Trajectory) -> None:
-        """Store a mission."""
-        self._write(self._flights / f"{key}.npz", trajectory.save)
+    def put(self, key: str, record: object, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Store a JSON value, in which NumPy's numbers and arrays become plain, and arrays by name."""
+        text = json.dumps([key, [*arrays], record], default=lambda value: value.tolist()).encode()
+        content: dict[str, Any] = {_RECORD: np.frombuffer(text, dtype=np.uint8), **arrays}
+        with atomic_write(self.path(key)) as part, part.open("wb") as file:
+            np.savez(file, **content)
+        self._written.add(key)

@@ -48,9 +48,9 @@ def bound(
             bounds = [float(np.sqrt(np.mean(part**2))) for part in (*np.array_split(least, _QUARTERS), least)]
             cells = [f"{value:.3f}" for value in bounds]
             if runs:
-                result = simulate(Cell.of(flown, i, runs, mission=mission), threads=None)
-                rms = float(np.hypot(result.errors.e_p_mean_m, result.errors.e_p_std_m))
-                cells += [f"{rms:.3f}", f"{rms / bounds[-1]:.2f}", f"{result.nees:.3g}"]
+                found = simulate(Cell.of(flown, i, runs, mission=mission), threads=None).row
+                rms = float(np.hypot(found["e_p_mean_m"], found["e_p_std_m"]))
+                cells += [f"{rms:.3f}", f"{rms / bounds[-1]:.2f}", f"{found['nees']:.3g}"]
             lines.append([follower.name, *cells])
             time = flown.timing.filter_step_s * np.arange(1, least.size + 1)
             rows += [

@@ -64,8 +64,9 @@ def effort_of(plan: Plan, workers: int) -> Effort:
         compute(trajectory, [cell])
         done = perf_counter()
         with TemporaryDirectory() as folder:
-            Store(Path(folder)).write_flight(entry.motion, trajectory)
-            stored = sum(path.stat().st_size for path in Path(folder).rglob("*.npz"))
+            store = Store(Path(folder))
+            store.put(entry.motion, None, trajectory.arrays)
+            stored = store.path(entry.motion).stat().st_size
         seconds = plan.flights * (flown - start) + cells * -(-runs // 64) * (done - flown)
         size = plan.flights * stored + cells * (_CELL_BYTES + runs * _RUN_BYTES)
     return Effort(plan.flights, cells, cells * runs, seconds / workers, size / 1e6)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.campaign.cells import Cell, CellResult, RunTable
+from experiments.campaign.cells import Cell, CellResult
 from experiments.studies.asymmetry import missions, paper
 from experiments.studies.asymmetry.comparison import Row
 from experiments.studies.asymmetry.conditions import (
@@ -25,23 +25,20 @@ from experiments.studies.asymmetry.conditions import (
 )
 from experiments.studies.asymmetry.missions import Pair
 from experiments.studies.asymmetry.paper import Curve
-from laisn.metrics import Summary
 from sim.scenario.settings import Sensors
 from sim.sensing.ahrs import random_error
 from sim.trajectory import tilted
 from tests.synthetic import make_scenario, make_trajectory
 
-TABLE = RunTable(
-    run=np.arange(700, 703), e_p_max_m=np.array([5.0, 6.0, 7.0]), e_p_mean_m=np.array([0.5, 0.6, 0.7]),
-    e_b_max_deg=np.array([15.0, 16.0, 17.0]), e_b_mean_deg=np.array([1.5, 1.6, 1.7]),
-    mirror_locked=np.array([True, False, True]), gated=np.array([1, 2, 3]),
-)  # fmt: skip
-RESULT = CellResult(
-    seed=1, runs=3, steps=100,
-    errors=Summary(e_p_max_m=7.0, e_p_mean_m=0.6, e_p_std_m=0.25, e_b_max_deg=17.0, e_b_mean_deg=1.6, e_b_std_deg=0.9),
-    e_p_percentiles_m=(0.51, 0.92, 0.953, 0.994), e_b_percentiles_deg=(1.0, 2.0, 3.0, 4.0), nees=2.0, nis=2.1,
-    mirror_locked=2, fixes={"gated": 6, "lost": 9}, worst_run=702, table=TABLE,
-)  # fmt: skip
+RUNS = {
+    "run": np.arange(700, 703), "e_p_max_m": np.array([5.0, 6.0, 7.0]), "e_p_mean_m": np.array([0.5, 0.6, 0.7]),
+    "e_b_max_deg": np.array([15.0, 16.0, 17.0]), "e_b_mean_deg": np.array([1.5, 1.6, 1.7]),
+    "mirror_locked": np.array([True, False, True]), "gated": np.array([1, 2, 3]),
+}  # fmt: skip
+ROW = {
+    "runs": 3, "e_p_max_m": 7.0, "e_p_mean_m": 0.6, "e_p_std_m": 0.25, "e_b_mean_deg": 1.6, "e_p_p95_m": 0.953,
+    "mirror_locked_runs": 2, "fixes_gated": 6,
+}  # fmt: skip
 
 
 SENSORS = Sensors(leader_attitude_sigma_deg=0.5, leader_gyro_time_constant_s=30.0)
@@ -54,7 +51,7 @@ def test_a_row_has_the_results_of_its_runs(monkeypatch: pytest.MonkeyPatch) -> N
         "e_b_mean_deg": 1.6, "mirror_locked": 2, "gated": 6,
     }  # fmt: skip
     others: dict[str, Any] = {f.name: f.name for f in fields(Row) if f.name not in own and "verdict" not in f.name}
-    monkeypatch.setattr(missions, "simulate", lambda cell, keep_runs: RESULT)
+    monkeypatch.setattr(missions, "simulate", lambda cell: CellResult(ROW, RUNS))
     cell: Any = SimpleNamespace(runs=range(700, 703))
     row = missions._row(cell, **others)
     assert {name: getattr(row, name) for name in own} == own
@@ -105,10 +102,9 @@ def test_the_excess_of_a_curve_is_paired_run_by_run(monkeypatch: pytest.MonkeyPa
     errors = [2.0 + noise, 2.4 + noise + own]
 
     def simulated(cell: Any) -> Any:
-        result = SimpleNamespace(errors=SimpleNamespace(e_p_mean_m=float(errors[cell].mean())))
-        return result, SimpleNamespace(e_p_mean_m=errors[cell])
+        return CellResult({"e_p_mean_m": float(errors[cell].mean())}, {"e_p_mean_m": errors[cell]})
 
-    monkeypatch.setattr(paper, "simulate_runs", simulated)
+    monkeypatch.setattr(paper, "simulate", simulated)
     key = {"route": "T3", "variant": "laisn-2", "interval_s": 5.0, "depth_offset_m": 2.0, "value": (0.0, -2.0)}
     curve = paper._curve([0, 1], **key)  # type: ignore[list-item]
     excess = curve.excess_at(-2.0)

@@ -159,7 +159,7 @@ def test_force_computes_everything_again(computed, monkeypatch):
 @pytest.mark.parametrize("damage", [b"", b"PAR1 not a table", None], ids=["empty", "garbage", "one flipped byte"])
 def test_a_damaged_cell_is_computed_again_with_a_warning(computed, damage):
     folder, rows = computed
-    path = folder / "cells" / f"{plans()[3].key}.npz"
+    path = store.Store(folder).path(plans()[3].key)
     whole = path.read_bytes()
     flipped = bytearray(whole)
     flipped[len(whole) // 4] ^= 0x40
@@ -171,7 +171,7 @@ def test_a_damaged_cell_is_computed_again_with_a_warning(computed, damage):
 
 def test_a_cell_under_a_wrong_name_does_not_count(computed):
     folder, rows = computed
-    first, second = (folder / "cells" / f"{plans()[i].key}.npz" for i in (0, 1))
+    first, second = (store.Store(folder).path(plans()[i].key) for i in (0, 1))
     whole = second.read_bytes()
     second.write_bytes(first.read_bytes())
     with pytest.warns(DamagedResult, match="another result"):
@@ -249,9 +249,11 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_rows(computed, tmp_path):
     ) as cluster:
         victim = next(iter(cluster.workers.values())).pid
 
+        cells = [store.Store(tmp_path / "lost").path(plan.key) for plan in plans()]
+
         def kill_one():
             until = time.monotonic() + 120
-            while time.monotonic() < until and not list(tmp_path.glob("lost/cells/*.npz")):
+            while time.monotonic() < until and not any(path.is_file() for path in cells):
                 time.sleep(0.01)
             os.kill(victim, signal.SIGKILL)
 
@@ -293,7 +295,7 @@ def test_a_single_flight_has_the_noise_of_its_run(computed):
 def test_errors_at_each_step_agree_with_the_summary(tmp_path):
     plan = CellPlan(scenario=scenario(), runs=7, keep_steps=True)
     [row] = run([plan], tmp_path, workers=1, quiet=True)
-    steps = store.Store(tmp_path).arrays(plan.key, store.PER_STEP)
+    _, steps = store.Store(tmp_path).get(plan.steps_key)
     assert steps["e_p_max_m"].max() == pytest.approx(row["e_p_max_m"], rel=1e-6)
     assert steps["e_p_mean_m"].astype(float).mean() == pytest.approx(row["e_p_mean_m"], rel=1e-6)
     assert steps["e_b_mean_deg"].astype(float).mean() == pytest.approx(row["e_b_mean_deg"], rel=1e-5)
@@ -314,7 +316,7 @@ def test_steps_that_are_asked_for_later_are_added(computed, tmp_path):
     folder = shutil.copytree(whole, tmp_path / "copy")
     wanted = [replace(plan, keep_steps=True) for plan in plans()]
     assert run(wanted, folder, workers=1, quiet=True) == rows
-    assert store.Store(folder).arrays(wanted[0].key, store.PER_STEP) is not None
+    assert store.Store(folder).get(wanted[0].steps_key) is not None
 
 
 def test_the_key_holds_what_makes_a_cell_and_nothing_else():

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from experiments.campaign import lane_metrics
-from experiments.campaign.cells import PERCENTILES, Cell
+from experiments.campaign.cells import PERCENTILES, Cell, CellResult
 from experiments.campaign.montecarlo import histories, simulate, simulate_many
 from laisn import POSITION, metrics
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled
-from laisn.lane_rows import LANES
 from laisn.navigator import Navigator
 from laisn.settings import VARIANTS, NavigationSettings, Variant
 from laisn.swarm import MESSAGE
@@ -112,7 +111,7 @@ def test_metrics_are_those_of_the_histories(variant: Variant) -> None:
     errors = SensorErrors(range_scale_mean=0.3, range_tau=(0.2, 0.2, 0.2))
     navigation = NavigationSettings(variant=variant, gate="v-measured", position_sigma0=3.0)
     runs = range(5, 12)
-    result = simulate(Cell(truth=truth, errors=errors, settings=navigation, seed=4, runs=runs), keep_runs=True)
+    result = simulate(Cell(truth=truth, errors=errors, settings=navigation, seed=4, runs=runs))
 
     used = navigation.transmitters
     heard = [measure(truth, errors, seed=4, run=run, transmitters=used) for run in runs]
@@ -121,37 +120,38 @@ def test_metrics_are_those_of_the_histories(variant: Variant) -> None:
     bearing = np.stack(
         [metrics.bearing_errors(e.state[:, POSITION], truth.hydrophone, truth.leader_position) for e in alone]
     )
+    row, of_runs = result
     expected = metrics.summarise(position, bearing)
     for name, value in vars(expected).items():
-        assert getattr(result.errors, name) == pytest.approx(value, abs=1e-8), name
-    assert result.nees == pytest.approx(np.nanmean([metrics.nees(e, truth.hydrophone) for e in alone]), rel=1e-6)
-    assert result.nis == pytest.approx(np.nanmean(np.concatenate([metrics.nis(e) for e in alone])), rel=1e-6)
+        assert row[name] == pytest.approx(value, abs=1e-8), name
+    assert row["nees"] == pytest.approx(np.nanmean([metrics.nees(e, truth.hydrophone) for e in alone]), rel=1e-6)
+    assert row["nis"] == pytest.approx(np.nanmean(np.concatenate([metrics.nis(e) for e in alone])), rel=1e-6)
     counts = [metrics.fix_counts(e) for e in alone]
-    assert result.fixes == {kind: sum(c[kind] for c in counts) for kind in counts[0]}
+    assert {kind: row[f"fixes_{kind}"] for kind in counts[0]} == {
+        kind: sum(c[kind] for c in counts) for kind in counts[0]
+    }
     mirror_locks = [
         metrics.mirror_locked_steps(e.state[:, POSITION], truth.hydrophone, truth.leader_position, truth.leader_heading)
         for e in alone
     ]
     mirror_locked = np.array([metrics.longest_mirror_lock(c) >= 10 for c in mirror_locks])
-    assert result.mirror_locked == mirror_locked.sum()
-    assert result.worst_run == runs[int(np.argmax(position.max(axis=1)))]
+    assert row["mirror_locked_runs"] == mirror_locked.sum()
+    free = position[~mirror_locked]
+    assert row["e_p_mean_unlocked_m"] == (pytest.approx(free.mean(), rel=1e-9) if free.size else None)
+    assert row["worst_run"] == runs[int(np.argmax(position.max(axis=1)))]
 
-    table = result.table
-    assert table is not None
-    assert table.run.tolist() == list(runs)
-    assert table.mirror_locked.tolist() == mirror_locked.tolist()
-    assert table.gated.tolist() == [c["gated"] for c in counts]
-    assert table.e_p_max_m == pytest.approx(position.max(axis=1), abs=1e-9)
-    assert table.e_p_mean_m == pytest.approx(position.mean(axis=1), abs=1e-9)
-    assert table.e_b_max_deg == pytest.approx(np.rad2deg(bearing.max(axis=1)), abs=1e-8)
-    assert table.e_b_mean_deg == pytest.approx(np.rad2deg(bearing.mean(axis=1)), abs=1e-8)
+    assert of_runs["run"].tolist() == list(runs)
+    assert of_runs["mirror_locked"].tolist() == mirror_locked.tolist()
+    assert of_runs["gated"].tolist() == [c["gated"] for c in counts]
+    assert of_runs["e_p_max_m"] == pytest.approx(position.max(axis=1), abs=1e-9)
+    assert of_runs["e_p_mean_m"] == pytest.approx(position.mean(axis=1), abs=1e-9)
+    assert of_runs["e_b_max_deg"] == pytest.approx(np.rad2deg(bearing.max(axis=1)), abs=1e-8)
+    assert of_runs["e_b_mean_deg"] == pytest.approx(np.rad2deg(bearing.mean(axis=1)), abs=1e-8)
 
     # A histogram places a percentile between its neighbours among the sorted errors, to within a bin.
-    for errors_, percentiles in (
-        (position, result.e_p_percentiles_m),
-        (np.rad2deg(bearing), result.e_b_percentiles_deg),
-    ):
-        for share, value in zip(PERCENTILES, percentiles, strict=True):
+    for errors_, name in ((position, "e_p_p{}_m"), (np.rad2deg(bearing), "e_b_p{}_deg")):
+        for share in PERCENTILES:
+            value = row[name.format(share)]
             below = np.percentile(errors_, share, method="lower")
             above = np.percentile(errors_, share, method="higher")
             assert below * (1 - 2**-7) <= value <= above * (1 + 2**-7)
@@ -201,25 +201,20 @@ def test_results_depend_neither_on_threads_nor_on_blocks() -> None:
         Cell(truth=truth, settings=NavigationSettings(variant=variant), runs=range(3, 3 + count))
         for variant, count in (("laisn-2", 60), ("laisn-3-1", 150), ("laisn-3-2", 1))
     ]
-    alone = [simulate(cell, keep_runs=True) for cell in cells]
+    alone = [simulate(cell) for cell in cells]
     for threads in (1, 2, 3):
-        for one, other in zip(alone, simulate_many(cells, threads=threads, keep_runs=True), strict=True):
+        for one, other in zip(alone, simulate_many(cells, threads=threads), strict=True):
             assert_same(one, other)
     # Runs fall into other blocks if the cell begins elsewhere, and are the same to the bit.
-    shifted = simulate(replace(cells[1], runs=range(50, 100)), keep_runs=True)
-    assert alone[1].table is not None
-    assert shifted.table is not None
-    for name, values in vars(shifted.table).items():
-        assert values.tobytes() == getattr(alone[1].table, name)[47:97].tobytes()
+    shifted = simulate(replace(cells[1], runs=range(50, 100)))
+    for name, values in shifted.runs.items():
+        assert values.tobytes() == alone[1].runs[name][47:97].tobytes()
 
 
-def assert_same(one: object, other: object) -> None:
-    for name, value in vars(one).items():
-        if name == "table":
-            for column, values in vars(value).items():
-                assert values.tobytes() == getattr(vars(other)["table"], column).tobytes()
-        else:
-            assert value == vars(other)[name]
+def assert_same(one: CellResult, other: CellResult) -> None:
+    assert one.row == other.row
+    for name, values in one.runs.items():
+        assert values.tobytes() == other.runs[name].tobytes()
 
 
 def test_perfect_sensors_recover_the_truth() -> None:
@@ -230,14 +225,8 @@ def test_perfect_sensors_recover_the_truth() -> None:
     )  # fmt: skip
     # Without attitude the follower takes the leader as level, which it is here: only sampling of the turn is left.
     result = simulate(Cell(truth=truth, errors=perfect, runs=range(2)))
-    assert result.errors.e_p_max_m < 0.5 * 0.05 * DT  # half a step's way sideways, of the weave's 0.05 m/s
-    assert result.mirror_locked == 0
-
-
-def test_runs_are_kept_only_where_they_are_asked_for() -> None:
-    cell = Cell(truth=make_truth(10, 5), runs=range(10 * LANES))
-    assert simulate(cell).table is None
-    assert simulate(cell).runs == 10 * LANES
+    assert result.row["e_p_max_m"] < 0.5 * 0.05 * DT  # half a step's way sideways, of the weave's 0.05 m/s
+    assert result.row["mirror_locked_runs"] == 0
 
 
 def test_states_that_are_not_finite_are_reported() -> None:

@@ -43,19 +43,18 @@ def test_a_run_of_a_cell_is_that_flight(scenario: Scenario, states: Floats) -> N
 
 
 def test_metrics_are_those_of_the_histories(scenario: Scenario, cell: Cell, states: Floats) -> None:
-    result = simulate(cell, keep_runs=True)
+    result = simulate(cell)
     truth = cell.truth
     error = np.stack([metrics.position_errors(states[:, :2, i], truth.hydrophone) for i in range(67)])
     bearing = np.stack([metrics.bearing_errors(states[:, :2, i], truth.hydrophone, truth.leader_position)
                         for i in range(67)])  # fmt: skip
     told = metrics.summarise(error, bearing)
-    assert result.errors.e_p_mean_m == pytest.approx(told.e_p_mean_m)
-    assert result.errors.e_p_max_m == pytest.approx(told.e_p_max_m)
-    assert result.errors.e_b_std_deg == pytest.approx(told.e_b_std_deg)
-    assert result.worst_run == 3 + int(np.argmax(error.max(axis=1)))
-    assert result.e_p_percentiles_m[2] == pytest.approx(np.percentile(error, 95), rel=0.01)
-    assert result.table is not None
-    np.testing.assert_allclose(result.table.e_p_mean_m, error.mean(axis=1))
+    assert result.row["e_p_mean_m"] == pytest.approx(told.e_p_mean_m)
+    assert result.row["e_p_max_m"] == pytest.approx(told.e_p_max_m)
+    assert result.row["e_b_std_deg"] == pytest.approx(told.e_b_std_deg)
+    assert result.row["worst_run"] == 3 + int(np.argmax(error.max(axis=1)))
+    assert result.row["e_p_p95_m"] == pytest.approx(np.percentile(error, 95), rel=0.01)
+    np.testing.assert_allclose(result.runs["e_p_mean_m"], error.mean(axis=1))
 
 
 def test_messages_are_counted_as_single_flights_tell_of_them(scenario: Scenario) -> None:
@@ -70,33 +69,28 @@ def test_messages_are_counted_as_single_flights_tell_of_them(scenario: Scenario)
         kinds["used"].append(estimates.used)
         for kind, number in metrics.fix_counts(estimates).items():
             counts[kind] = counts.get(kind, 0) + number
-    result = simulate(cell)
-    assert result.fixes == counts
+    row = simulate(cell).row
+    assert {kind: row[f"fixes_{kind}"] for kind in counts} == counts
     assert {"lost", "ranges", "partly"} <= {kind for kind, number in counts.items() if number}
-    assert result.nees == pytest.approx(np.mean(kinds["nees"]))
+    assert row["nees"] == pytest.approx(np.mean(kinds["nees"]))
     nis, used = np.concatenate(kinds["nis"]), np.concatenate(kinds["used"])
-    assert result.nis == pytest.approx(2.0 * nis.sum() / used.sum())
+    assert row["nis"] == pytest.approx(2.0 * nis.sum() / used.sum())
 
 
 def test_neither_threads_nor_blocks_change_a_bit(scenario: Scenario) -> None:
     cells = [Cell.of(scenario, runs=runs) for runs in (70, 5)]
-    alone = [simulate(cell, keep_runs=True) for cell in cells]
-    together = list(simulate_many(cells, threads=3, keep_runs=True))
+    alone = [simulate(cell) for cell in cells]
+    together = list(simulate_many(cells, threads=3))
     for one, other in zip(alone, together, strict=True):
-        assert one.table is not None
-        assert other.table is not None
-        assert one.table.e_p_mean_m.tobytes() == other.table.e_p_mean_m.tobytes()
-        assert one.nees == other.nees
-    small = together[1].table
-    assert small is not None
-    assert alone[0].table is not None
-    assert small.e_p_mean_m.tobytes() == alone[0].table.e_p_mean_m[:5].tobytes()
+        assert one.runs["e_p_mean_m"].tobytes() == other.runs["e_p_mean_m"].tobytes()
+        assert one.row["nees"] == other.row["nees"]
+    assert together[1].runs["e_p_mean_m"].tobytes() == alone[0].runs["e_p_mean_m"][:5].tobytes()
 
 
 def test_its_row_tells_the_ratio_to_the_bound(scenario: Scenario) -> None:
     trajectory = simulate_motion(scenario)
-    ((_, row, steps),) = compute(trajectory, [CellPlan(scenario=scenario, runs=4, keep_steps=True)])
-    assert steps is not None
+    (_, row, _), (_, _, steps) = compute(trajectory, [CellPlan(scenario=scenario, runs=4, keep_steps=True)])
+    assert steps["time_s"].size == row["steps"]
     least = least_rms(geometry_of(trajectory, scenario), noise_of(scenario))
     assert row["bound_rms_m"] == pytest.approx(np.sqrt(np.mean(least**2)))
     rms = np.hypot(row["e_p_mean_m"], row["e_p_std_m"])

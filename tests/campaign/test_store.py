@@ -4,20 +4,12 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from experiments.campaign.store import (
-    PER_RUN,
-    PER_STEP,
-    Arrays,
-    DamagedResult,
-    Record,
-    Store,
-    read_table,
-    write_table,
-)
+from experiments.campaign.store import Arrays, DamagedResult, Record, Store, read_table, write_table
 from experiments.campaign.version import ROOT
 from laisn.failure import LaisnError
 
@@ -26,17 +18,17 @@ RECORD: Record = {
     "key": KEY, "variant": "laisn-2", "runs": 3, "e_p_mean_m": 0.1 + 0.2, "nees": float("nan"), "none": None,
     "list": [0.1, 0.2, 1e-300], "flags": [False, True, False],
 }  # fmt: skip
-STEPS: Arrays = {"time_s": np.linspace(0.1, 20.0, 200, dtype=np.float32), "e_p_mean_m": np.ones(200, dtype=np.float32)}
-RUNS: Arrays = {"mirror_locked": np.array([False, True, False])}
-ARRAYS = {f"{PER_STEP}{name}": values for name, values in STEPS.items()} | {
-    f"{PER_RUN}mirror_locked": RUNS["mirror_locked"]
-}
+ARRAYS: Arrays = {
+    "time_s": np.linspace(0.1, 20.0, 200, dtype=np.float32), "e_p_mean_m": np.ones(200, dtype=np.float32),
+    "mirror_locked": np.array([False, True, False]),
+}  # fmt: skip
 
 
 @pytest.fixture
-def cells(tmp_path: Path) -> Path:
-    Store(tmp_path).write_record(KEY, RECORD, ARRAYS)
-    return tmp_path / "cells"
+def store(tmp_path: Path) -> Store:
+    """Holds one result, as another process left it."""
+    Store(tmp_path).put(KEY, RECORD, ARRAYS)
+    return Store(tmp_path)
 
 
 def damaged(content: bytes, rng: np.random.Generator) -> bytes:
@@ -59,51 +51,52 @@ def damaged(content: bytes, rng: np.random.Generator) -> bytes:
     return content[:i] + rng.bytes(j - i) + content[j:]
 
 
-def same(found: Arrays | None) -> bool:
-    return found is not None and all(found[name].tobytes() == values.tobytes() for name, values in STEPS.items())
+def content(found: tuple[Any, Arrays] | None) -> object:
+    """All of a result to compare; None if there is none."""
+    return found and (repr(found[0]), {name: (v.dtype, v.shape, v.tobytes()) for name, v in found[1].items()})
 
 
-def test_no_damage_of_a_result_changes_a_number(cells: Path) -> None:
-    """Every byte is flipped once."""
-    path = cells / f"{KEY}.npz"
+def test_no_damage_of_a_result_changes_a_number(store: Store) -> None:
+    """Every bit of a byte is flipped; zip archives leave gaps between checksums, such as times and attributes."""
+    path = store.path(KEY)
     whole = path.read_bytes()
     rng = np.random.default_rng(10)
     tried = [damaged(whole, rng) for _ in range(400)]
     tried += [whole[:i] + bytes([whole[i] ^ (1 << i % 8)]) + whole[i + 1 :] for i in range(len(whole))]
-    store = Store(cells.parent)
-    for content in tried:
-        path.write_bytes(content)
+    right, refused = (repr(RECORD), {name: (v.dtype, v.shape, v.tobytes()) for name, v in ARRAYS.items()}), 0
+    for damage in tried:
+        path.write_bytes(damage)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            record, steps = store.record(KEY), store.arrays(KEY, PER_STEP)
-        if content != whole:
-            assert (record, steps) == (None, None)
-            assert {w.category for w in caught} == {DamagedResult}
+            found = content(store.get(KEY))
+        if found is None:
+            assert [w.category for w in caught] == [DamagedResult]
             assert "computed again: " in str(caught[0].message)
+            refused += 1
+        else:
+            assert found == right
+    assert refused > 0.8 * len(tried)
 
 
-def test_a_result_is_read_as_it_was_written(cells: Path) -> None:
-    store = Store(cells.parent)
-    assert repr(store.record(KEY)) == repr(RECORD)
-    assert same(store.arrays(KEY, PER_STEP))
-    assert store.arrays(KEY, PER_RUN)["mirror_locked"].tolist() == [False, True, False]
-    assert store.record(OTHER) is None
-    store.write_record(OTHER, [{"array": np.array([0.1, 0.2]), "number": np.float64(0.3), "count": np.int64(4)}])
-    assert store.record(OTHER) == [{"array": [0.1, 0.2], "number": 0.3, "count": 4}]
-    assert store.arrays(OTHER, PER_STEP) is None
+def test_a_result_is_read_as_it_was_written(store: Store) -> None:
+    record, arrays = store.get(KEY) or (None, {})
+    assert repr(record) == repr(RECORD)
+    assert {name: values.tolist() for name, values in arrays.items()} == {n: v.tolist() for n, v in ARRAYS.items()}
+    assert store.get(OTHER) is None
+    store.put(OTHER, [{"array": np.array([0.1, 0.2]), "number": np.float64(0.3), "count": np.int64(4)}], {})
+    assert store.get(OTHER) == ([{"array": [0.1, 0.2], "number": 0.3, "count": 4}], {})
 
 
-def test_the_same_result_gives_the_same_bytes(cells: Path, tmp_path: Path) -> None:
-    path = cells / f"{KEY}.npz"
-    first = path.read_bytes()
-    Store(tmp_path).write_record(KEY, RECORD, ARRAYS)
-    assert path.read_bytes() == first
+def test_the_same_result_gives_the_same_bytes(store: Store) -> None:
+    first = store.path(KEY).read_bytes()
+    store.put(KEY, RECORD, ARRAYS)
+    assert store.path(KEY).read_bytes() == first
 
 
-def test_a_result_under_another_key_is_refused(cells: Path) -> None:
-    (cells / f"{KEY}.npz").rename(cells / f"{OTHER}.npz")
+def test_a_result_under_another_key_is_refused(store: Store) -> None:
+    store.path(KEY).rename(store.path(OTHER))
     with pytest.warns(DamagedResult, match="another result"):
-        assert Store(cells.parent).record(OTHER) is None
+        assert store.get(OTHER) is None
 
 
 def test_a_table_with_a_damaged_page_is_refused(tmp_path: Path) -> None:
@@ -125,12 +118,12 @@ def test_a_table_with_a_damaged_page_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", "\x00" * 40, "[" * 100_000])
-def test_a_damaged_manifest_is_written_again(cells: Path, text: str) -> None:
-    manifest = cells.parent / "campaign.json"
+def test_a_damaged_manifest_is_written_again(store: Store, text: str) -> None:
+    manifest = store.folder / "campaign.json"
     whole = manifest.read_bytes()
     manifest.write_text(text)
     with pytest.warns(DamagedResult, match=r"campaign\.json cannot be read and is written again"):
-        assert Store(cells.parent).record(KEY) is not None
+        assert Store(store.folder).get(KEY) is not None
     assert manifest.read_bytes() == whole
 
 
@@ -143,9 +136,9 @@ from experiments.campaign.store import Store
 for i in range(100):
     store = Store(Path(sys.argv[1]), force=i % 3 == 2)
     if i % 3:
-        store.write_record(KEY, RECORD, ARRAYS)
-    record = Store(Path(sys.argv[1])).record(KEY)
-    assert record is None or record["runs"] == 3
+        store.put(KEY, RECORD, ARRAYS)
+    found = Store(Path(sys.argv[1])).get(KEY)
+    assert found is None or found[0]["runs"] == 3
 """
 
 
@@ -156,4 +149,4 @@ def test_processes_that_share_a_folder_never_fail(tmp_path: Path) -> None:
     for child in children:
         _, words = child.communicate(timeout=300)
         assert child.returncode == 0, words
-    assert sorted(p.name for p in folder.rglob("*")) == [f"{KEY}.npz", "campaign.json", "cells", "flights"]
+    assert sorted(p.name for p in folder.rglob("*")) == [f"{KEY}.npz", "campaign.json", "store"]

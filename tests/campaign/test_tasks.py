@@ -12,7 +12,7 @@ import pytest
 from experiments.campaign import campaign
 from experiments.campaign.campaign import Design, Flown, key_of, typed, with_arrays
 from experiments.campaign.processes import Pool
-from experiments.campaign.store import CampaignError, Store
+from experiments.campaign.store import Arrays, CampaignError, Result, Store
 from experiments.intervals import Interval
 from laisn.failure import LaisnError
 from sim.scenario.settings import Follower, Scenario
@@ -111,14 +111,26 @@ def test_compiling_ahead_is_done_once_and_only_if_something_is_missing(tmp_path:
     assert ahead == [1]
 
 
+class Results(Store):
+    """Of which a test decides what is stored."""
+
+    def __init__(self, folder: Path, is_stored: Callable[[int], bool]) -> None:
+        super().__init__(folder)
+        self._is_stored = is_stored
+
+    def get(self, key: str) -> tuple[Any, Arrays] | None:
+        return (None, {}) if self._is_stored(int(key)) else None
+
+
 def order(folder: Path, stored: Callable[[int], bool], computed: list[int]) -> None:
     """Compute 100 results of nothing in this process, in the order in which the campaign takes them."""
 
-    def work(number: int) -> Callable[[], list[campaign.Result]]:
+    def work(number: int) -> Callable[[], list[Result]]:
         computed.append(number)
         return list
 
-    campaign._compute("", range(100), work, stored, Store(folder), Pool(1), quiet=True)
+    jobs = [campaign._Job(name=n, keys=[str(n)], work=partial(work, n)) for n in range(100)]
+    campaign._compute("", jobs, Results(folder, stored), Pool(1), quiet=True)
 
 
 def test_what_another_process_stores_meanwhile_is_skipped(tmp_path: Path) -> None:

@@ -231,7 +231,7 @@ def test_ctrl_c_in_a_study_leaves_a_clean_state(tmp_path: Path) -> None:
     child = subprocess.Popen(
         command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
-    while child.poll() is None and not list(tmp_path.glob("out/cells/*.npz")):
+    while child.poll() is None and not list(tmp_path.glob("out/store/*.npz")):
         time.sleep(0.01)
     os.killpg(child.pid, signal.SIGINT)
     said, told = child.communicate(timeout=60)

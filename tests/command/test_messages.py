@@ -148,11 +148,11 @@ def test_warnings_of_libraries_are_shown_to_developers_alone(
 
 def test_a_damaged_result_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def warn(*_: object, **__: object) -> Path:
-        warnings.warn("cells/a.parquet cannot be read and is computed again: it is empty", DamagedResult, stacklevel=2)
+        warnings.warn("store/a.npz cannot be read and is computed again: it is empty", DamagedResult, stacklevel=2)
         return tmp_path
 
     monkeypatch.setattr("experiments.studies.reproduction.study.reproduce", warn)
     result = CliRunner().invoke(app, ["reproduce"])
     assert result.exit_code == 0
-    assert result.stderr == "laisn: cells/a.parquet cannot be read and is computed again: it is empty\n"
+    assert result.stderr == "laisn: store/a.npz cannot be read and is computed again: it is empty\n"
     assert result.stdout == f"report in {tmp_path}\n"

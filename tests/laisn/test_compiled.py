@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 import typer
 
-from experiments.campaign import cells
+from experiments.campaign import lane_metrics
 from experiments.command.errors import report_errors
 from laisn import compiled as compilation
 from laisn.compiled import compiled, compiled_lanes
+from laisn.lane_rows import LANES
 from tools import import_graph
 
 ROOT = import_graph.ROOT
@@ -40,15 +41,16 @@ print(runs, hits)
 ADDS = """
 import sys
 import numpy as np
-from experiments.campaign.cells import _add_in_order as add
+from experiments.campaign.lane_metrics import fill_histograms
 from laisn.compiled import FOLDER
+from laisn.lane_rows import LANES
 
-total = np.zeros(1, dtype={kind})
+counts = np.zeros((2, 1), dtype={kind})
 if {wait}:
     print(FOLDER, flush=True)
     sys.stdin.readline()
-add(total, np.array([[1.0, 3.0]]).astype({kind}))
-print(FOLDER, total[0], sum(add.stats.cache_hits.values()))
+fill_histograms(np.zeros(2 * LANES, dtype=np.int64), counts, 4)
+print(FOLDER, counts[0, 0], sum(fill_histograms.stats.cache_hits.values()))
 """
 
 
@@ -112,10 +114,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def added() -> int:
     """Compile a function, or take its code from the cache, and see that it is right; hits of the cache."""
-    function = compiled_lanes(cells._add_in_order.py_func)
-    total = np.zeros(2)
-    function(total, np.array([[1.0, 2.0], [3.0, 5.0]]))
-    assert total.tolist() == [3.0, 8.0]
+    function = compiled_lanes(lane_metrics.fill_histograms.py_func)
+    counts = np.zeros((2, 2), dtype=np.int64)
+    function(np.repeat([0, 1], LANES), counts, 3)
+    assert counts.tolist() == [[3, 0], [0, 3]]
     return sum(function.stats.cache_hits.values())
 
 
@@ -172,7 +174,7 @@ def test_damaged_code_is_removed_by_the_command_and_compiled_again(folder: Path,
 def test_other_errors_leave_compiled_code_alone(folder: Path) -> None:
     added()
     with pytest.raises(numba.errors.TypingError) as caught:
-        compiled_lanes(cells._add_in_order.py_func)("text", "text")
+        compiled_lanes(lane_metrics.fill_histograms.py_func)("text", "text", "text")
     assert not compilation.remove_if_damaged(caught.value)
     assert added() == 1
 

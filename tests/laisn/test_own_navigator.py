@@ -192,7 +192,7 @@ def test_a_navigator_uses_it_in_flights_and_studies() -> None:
     near, far = (laisn_sim.errors(one)["e_p_m"].mean() for one in (flight, blind))
     assert near < 0.2 * far
     cell = Cell.of(flight.scenario, runs=2)
-    assert simulate(cell).errors.e_p_mean_m == pytest.approx(
+    assert simulate(cell).row["e_p_mean_m"] == pytest.approx(
         np.mean([laisn_sim.errors(laisn_sim.fly("usbl.toml", {"run": run}))["e_p_m"].mean() for run in range(2)])
     )
 

@@ -70,11 +70,11 @@ def test_replications_have_the_figures_of_their_runs(short, monkeypatch):
     own = [row for row in rows if row["variant"] == "laisn-2"]
     scenario = settings.scenario(setting, "T3", variant="laisn-2", motion="kinematic", seed=2)
     for number in (0, 1):
-        table = simulate(Cell.of(scenario, runs=range(3 * number, 3 * number + 3)), keep_runs=True).table
+        table = simulate(Cell.of(scenario, runs=range(3 * number, 3 * number + 3))).runs
         assert own[number]["replication"] == number
-        assert own[number]["e_p_mean_m"] == pytest.approx(table.e_p_mean_m.mean(), rel=1e-12)
-        assert own[number]["e_p_max_m"] == table.e_p_max_m.max()
-        assert own[number]["e_b_max_deg"] == pytest.approx(table.e_b_max_deg.max(), rel=1e-12)
+        assert own[number]["e_p_mean_m"] == pytest.approx(table["e_p_mean_m"].mean(), rel=1e-12)
+        assert own[number]["e_p_max_m"] == table["e_p_max_m"].max()
+        assert own[number]["e_b_max_deg"] == pytest.approx(table["e_b_max_deg"].max(), rel=1e-12)
     assert own[0]["e_p_mean_m"] != own[1]["e_p_mean_m"]
     monkeypatch.setattr(replications, "ROUTES", ("T3",))
     each = replications.by_replication(reversed(rows))

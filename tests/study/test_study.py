@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 import models
 from experiments import findings
 from experiments.campaign import campaign
+from experiments.campaign.store import Store
 from experiments.command.cli import app
 from experiments.flight.fly import fly
 from experiments.flight.library import load
@@ -125,7 +126,8 @@ def test_arms_share_their_seas_and_their_noise(flown):
         assert entry.scenario.seed == twin.scenario.seed
         assert entry.settings["ocean.waves.height_m"] == twin.settings["ocean.waves.height_m"]
     assert plan.flights == 4
-    assert len(list((flown / "flights").glob("*.npz"))) == 4
+    missions = {Store(flown).path(entry.motion) for entry in plan.entries}
+    assert [path.is_file() for path in missions] == [True] * 4
 
 
 def test_another_key_leaves_draws_as_they_were():
@@ -166,7 +168,7 @@ def test_two_workers_after_a_kill_give_the_same_bytes(flown, tmp_path):
     command = [sys.executable, "-c", code, "study", "mine.toml", "--out", str(out), "--workers", "1"]
     process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
     deadline = time.monotonic() + 300
-    while process.poll() is None and len(list(out.glob("cells/*.npz"))) < 2 and time.monotonic() < deadline:
+    while process.poll() is None and len(list(out.glob("store/*.npz"))) < 2 and time.monotonic() < deadline:
         time.sleep(0.01)
     process.send_signal(signal.SIGKILL)
     process.wait()

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.campaign.cells import PERCENTILES, Cell, CellResult, RunTable
+from experiments.campaign.cells import Cell
 from experiments.campaign.missions import Mission
 from experiments.campaign.montecarlo import simulate
 from experiments.studies.asymmetry.comparison import Row, paired, undecided, with_verdicts
@@ -101,39 +101,32 @@ def pair(fleet: Trajectory, follower: int, condition: Condition, route: str, off
     return Pair(motion=fleet.only((0, follower + 1), SITES), condition=condition, route=route, offset=offset)
 
 
-def simulate_runs(cell: Cell) -> tuple[CellResult, RunTable]:
-    """A cell's result and its table of runs."""
-    result = simulate(cell, keep_runs=True)
-    assert result.table is not None
-    return result, result.table
-
-
 def _row(cell: Cell, **others: Any) -> Row:
     """The row of a cell; `others` are the columns that no result holds."""
-    result, table = simulate_runs(cell)
+    found, of_runs = simulate(cell)
     return Row(
         **others,
         first_run=cell.runs[0],
-        runs=result.runs,
-        e_p_mean_m=result.errors.e_p_mean_m,
-        e_p_run_mean_m=tuple(table.e_p_mean_m.tolist()),
-        mirror_locked_run=tuple(table.mirror_locked.tolist()),
-        e_p_std_m=result.errors.e_p_std_m,
-        e_p_95_m=result.e_p_percentiles_m[PERCENTILES.index(95)],
-        e_p_max_m=result.errors.e_p_max_m,
-        e_b_mean_deg=result.errors.e_b_mean_deg,
-        mirror_locked=result.mirror_locked,
-        gated=result.fixes["gated"],
+        runs=found["runs"],
+        e_p_mean_m=found["e_p_mean_m"],
+        e_p_run_mean_m=tuple(of_runs["e_p_mean_m"].tolist()),
+        mirror_locked_run=tuple(of_runs["mirror_locked"].tolist()),
+        e_p_std_m=found["e_p_std_m"],
+        e_p_95_m=found["e_p_p95_m"],
+        e_p_max_m=found["e_p_max_m"],
+        e_b_mean_deg=found["e_b_mean_deg"],
+        mirror_locked=found["mirror_locked_runs"],
+        gated=found["fixes_gated"],
     )
 
 
 def _extended(row: Row, cell: Cell) -> Row:
     """A row with more runs; its means stay those of the first ones, which did not depend on what came out."""
-    _, table = simulate_runs(cell)
+    of_runs = simulate(cell).runs
     return replace(
         row,
-        e_p_run_mean_m=row.e_p_run_mean_m + tuple(table.e_p_mean_m.tolist()),
-        mirror_locked_run=row.mirror_locked_run + tuple(table.mirror_locked.tolist()),
+        e_p_run_mean_m=row.e_p_run_mean_m + tuple(of_runs["e_p_mean_m"].tolist()),
+        mirror_locked_run=row.mirror_locked_run + tuple(of_runs["mirror_locked"].tolist()),
     )
 
 

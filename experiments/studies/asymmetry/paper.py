@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from experiments.campaign.cells import Cell
+from experiments.campaign.montecarlo import simulate
 from experiments.intervals import Interval, mean_interval, mean_over_missions, ratio_intervals
 from experiments.studies.asymmetry.conditions import CALM, SEED, Plan
-from experiments.studies.asymmetry.missions import pair, simulate_runs
+from experiments.studies.asymmetry.missions import pair
 from laisn import lanes
 from laisn.arrays import Bools, Floats
 from laisn.estimates import FixKind
@@ -108,11 +109,12 @@ def equivalents(curves: Sequence[Curve], tau: float, depth_offset: float) -> dic
 
 def _curve(cells: Sequence[Cell], **key: Any) -> Curve:
     """The curve of cells of the same runs; what they share of noise drops out of the excess."""
-    results = [simulate_runs(cell) for cell in cells]
-    intervals = [mean_over_missions([table.e_p_mean_m - results[0][1].e_p_mean_m]) for _, table in results]
+    results = [simulate(cell) for cell in cells]
+    means = [result.runs["e_p_mean_m"] for result in results]
+    intervals = [mean_over_missions([mean - means[0]]) for mean in means]
     return Curve(
         **key,
-        e_p_mean_m=tuple(result.errors.e_p_mean_m for result, _ in results),
+        e_p_mean_m=tuple(result.row["e_p_mean_m"] for result in results),
         excess_half_m=tuple(interval.high - interval.value for interval in intervals),
     )
 

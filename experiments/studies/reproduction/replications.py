@@ -6,7 +6,6 @@ cells of a replication share the numbers of their runs, so that comparisons are 
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
 from functools import partial
 
 import numpy as np
@@ -81,9 +80,9 @@ def replicate(cells: Sequence[tuple[str, Scenario]], runs: int, replications: in
         distance = mean_distance(mission.seen(scenario, 0)[0])
         for number in range(replications):
             cell = Cell.of(scenario, runs=range(number * runs, (number + 1) * runs), mission=mission)
-            errors, variant = asdict(simulate(cell).errors), scenario.navigation.variant
+            found, variant = simulate(cell).row, scenario.navigation.variant
             row: Record = {"setting": setting, "mission": scenario.name, "variant": variant, "replication": number}
-            row |= {metric: errors[metric] for metric in METRICS} | {"distance_m": distance}
+            row |= {metric: found[metric] for metric in METRICS} | {"distance_m": distance}
             timed = (setting, variant) == ("base", "laisn-2")
             rows.append(row | (over_time(steps_of(cell)) if timed else {}))
     return rows

@@ -7,7 +7,7 @@ from typing import Unpack
 from experiments.campaign import campaign
 from experiments.campaign.campaign import Design, ExecutionOptions
 from experiments.campaign.plans import CellPlan
-from experiments.campaign.store import PER_STEP, Record, Store, columns_of, write_csv, write_table
+from experiments.campaign.store import Arrays, Record, Store, columns_of, write_csv, write_table
 from experiments.findings import FILE, Findings
 from experiments.flight.library import ROUTES, fly_line
 from experiments.pages.page import write
@@ -103,15 +103,16 @@ def reproduce(
     judgements = claims.judge([row for found in flown.tasks.values() for row in found], published)
     record = findings.findings_of(chosen, rows, published, judgements, motion)
     record.write(folder / FILE)
-    return write_page(chosen, plans, rows, judgements, record, flown.store)
+    steps = {key: flown.steps(plan) for key, plan in plans.items() if plan.keep_steps}
+    return write_page(chosen, plans, rows, steps, judgements, record, flown.store)
 
 
 def write_page(
     chosen: Sequence[Setting], plans: Mapping[Key, CellPlan], rows: Mapping[Key, Record],
-    judgements: Sequence[tuple[Claim, Judgement, Judgement]], record: Findings, store: Store,
+    steps: Mapping[Key, Arrays], judgements: Sequence[tuple[Claim, Judgement, Judgement]], record: Findings,
+    store: Store,
 ) -> Path:  # fmt: skip
     """Write the report of a reproduction into the folder of its results; returns its path."""
-    kept = {key: store.arrays(plan.key, PER_STEP) for key, plan in plans.items() if plan.keep_steps}
     flights = {key[1]: plan.scenario for key, plan in plans.items()}
     first, runs = next(iter(plans.values())).scenario, record["runs"].value
     stages = sorted({setting.stage for setting in chosen})
@@ -122,11 +123,11 @@ def write_page(
         ("Runs of each cell, seed", f"{runs}, {first.seed}"),
         ("Version", next(iter(rows.values()))["version"]),
         ("Repeat with", f"laisn reproduce --motion {first.motion} --runs {runs} --seed {first.seed}{options}"),
-        ("Numbers", "tables.parquet, tables.csv, cells/"),
+        ("Numbers", "tables.parquet, tables.csv, store/"),
     ]
     values = figures.page_values(chosen, rows, settings.published(), judgements) | {
         "motion": _MOTIONS[first.motion],
-        "errors": figures.error_figures({key: steps for key, steps in kept.items() if steps}),
+        "errors": figures.error_figures(steps),
         "routes": figures.routes({name: campaign.mission(made, store) for name, made in flights.items()}),
     }
     report = store.folder / "report.html"
