@@ -170,8 +170,7 @@ class GlScene:
 
     def _add_ghosts(self, state: FrameState) -> None:
         """A ghost hull at each follower's estimate."""
-        scene = self._scene
-        drawn = scene.ngeom
+        scene, drawn = self._scene, self._scene.ngeom
         shift = state.estimate - state.hydrophone
         # hull and ghost in one place would hide each other
         alpha = _GHOST_ALPHA * np.minimum(1.0, np.linalg.norm(shift, axis=1) / _GHOST_FULL_M)
