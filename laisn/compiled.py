@@ -30,10 +30,10 @@ from laisn.arrays import Floats
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-REACHED = ("laisn", "sim", "experiments/campaign")
-"""Folders of sources that compiled code reads: a compiled module imports from them alone."""
+REACHED = ("laisn/**/*.py", "sim/**/*.py", "experiments/campaign/lane_*.py")
+"""Sources that compiled code reads: a compiled module imports from them alone."""
 _APART = ("sim/datasets", "sim/film", "sim/log")
-"""Folders within them that no compiled module imports."""
+"""Folders among them that no compiled module imports."""
 _ROOT = Path(__file__).resolve().parents[1]
 _PROJECT = ("laisn", "sim", "experiments")
 _KEPT_VERSIONS = 8
@@ -41,7 +41,7 @@ _KEPT_VERSIONS = 8
 
 def reached_sources() -> list[Path]:
     """Sources whose content names the folder."""
-    found = [path for name in REACHED for path in sorted((_ROOT / name).rglob("*.py"))]
+    found = [path for pattern in REACHED for path in sorted(_ROOT.glob(pattern))]
     return [path for path in found if not path.relative_to(_ROOT).as_posix().startswith(_APART)]
 
 

@@ -1,16 +1,15 @@
 """How far estimates are off: position and bearing errors, consistency, mirror locks (paper, Section 3.2)."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from laisn import POSITION
 from laisn.arrays import Bools, Floats
-from laisn.compiled import compiled, formula, inlined
+from laisn.compiled import formula, inlined
 from laisn.elementary import half_turn_angle
 from laisn.estimates import Estimates, FixKind
-from laisn.geometry import Point, Turn, is_singular, turn
+from laisn.geometry import Point, Turn, is_singular
 
 MIRROR_LOCK_ERROR = 5.0
 """Position error beyond which an estimate near the mirror image of the truth counts as locked on it [m]."""
@@ -46,7 +45,7 @@ def is_mirror_locked(estimate: Point, truth: Point, leader: Point, axis: Turn) -
     true_side = axis.sine * (truth.north - leader.north) - axis.cosine * (truth.east - leader.east)
     side = axis.sine * (estimate.north - leader.north) - axis.cosine * (estimate.east - leader.east)
     to_mirror = squared + 4.0 * side * true_side
-    return math.sqrt(squared) > MIRROR_LOCK_ERROR and 4.0 * to_mirror < squared
+    return (squared > MIRROR_LOCK_ERROR * MIRROR_LOCK_ERROR) & (4.0 * to_mirror < squared)
 
 
 @formula
@@ -56,33 +55,35 @@ def is_invertible(pxx: float, pxy: float, pyy: float) -> bool:
     Not where the position is known exactly, nor where one axis of the ellipse is less than a ten thousandth of the
     other: the sign of the determinant is chance there.
     """
-    return not is_singular(pxx, pyy) and pxx * pyy - pxy * pxy > _FLAT * pxx * pyy
+    # "^ True" negates arrays and numbers alike
+    return (is_singular(pxx, pyy) ^ True) & (pxx * pyy - pxy * pxy > _FLAT * pxx * pyy)
 
 
 @formula
 def normalised_square(x: float, y: float, pxx: float, pxy: float, pyy: float) -> float:
     """eᵀ P⁻¹ e of an error (x, y) and its covariance; NaN where that is singular."""
     known = is_invertible(pxx, pxy, pyy)
-    per_det = 1.0 / (pxx * pyy - pxy * pxy if known else 1.0)
-    square = (pyy * x * x - 2.0 * pxy * x * y + pxx * y * y) * per_det
+    square = _adjugate_form(x, y, pxx, pxy, pyy) * (1.0 / (pxx * pyy - pxy * pxy if known else 1.0))
     return square if known else np.nan
 
 
-@compiled
-def _errors(points: Floats) -> Floats:
-    """E_P and E_B, shape (2, n), of columns estimate, truth and leader."""
-    errors = np.empty((2, points.shape[0]))
-    for k in range(points.shape[0]):
-        p = points[k]
-        estimate, truth, leader = Point(p[0], p[1]), Point(p[2], p[3]), Point(p[4], p[5])
-        errors[0, k] = math.sqrt(squared_error(estimate, truth))
-        errors[1, k] = bearing_error(estimate, truth, leader)
-    return errors
+@formula
+def _adjugate_form(x: float, y: float, pxx: float, pxy: float, pyy: float) -> float:
+    """det(P) eᵀ P⁻¹ e."""
+    return pyy * x * x - 2.0 * pxy * x * y + pxx * y * y
+
+
+# What follows takes a run in NumPy, which agrees with the formulas above to 1e-14 and compiles nothing.
+
+
+def _points(rows: Floats) -> Point:
+    """Points of shape (n, 2) as one of arrays."""
+    return Point(rows[:, 0], rows[:, 1])  # type: ignore[arg-type]  # formulas take arrays for numbers
 
 
 def position_errors(estimate: Floats, truth: Floats) -> Floats:
     """E_P: distance of estimate and truth, both of shape (n, 2), [m]; the answer of shape (n,), [m]."""
-    return np.asarray(_errors(np.column_stack([estimate, truth, truth]))[0])
+    return np.asarray(np.sqrt(squared_error(_points(estimate), _points(truth))))
 
 
 def bearing_errors(estimate: Floats, truth: Floats, leader: Floats) -> Floats:
@@ -98,7 +99,8 @@ def bearing_errors(estimate: Floats, truth: Floats, leader: Floats) -> Floats:
     Returns:
         Shape (n,), [rad].
     """
-    return np.asarray(_errors(np.column_stack([estimate, truth, leader]))[1])
+    (x, y), (true_x, true_y) = (estimate - leader).T, (truth - leader).T
+    return np.asarray(np.arctan2(np.abs(true_x * y - true_y * x), true_x * x + true_y * y))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,7 +142,7 @@ def nees(estimates: Estimates, truth: Floats) -> Floats:
     shape (n, 2).
     """
     error = estimates.state[:, POSITION] - truth
-    return _normalised(np.column_stack([error, estimates.covariance[:, POSITION, POSITION].reshape(-1, 4)]))
+    return _normalised(error, estimates.covariance[:, POSITION, POSITION])
 
 
 def nis(estimates: Estimates) -> Floats:
@@ -151,27 +153,15 @@ def nis(estimates: Estimates) -> Floats:
     left_out = (FixKind.GATED, FixKind.SINGULAR, FixKind.LOST, FixKind.ONE_RANGE)
     used = ~np.isin(estimates.fix_kind, left_out)
     covariance = np.where(used[:, None, None], estimates.innovation_covariance, 0.0)
-    return _normalised(np.column_stack([estimates.innovation, covariance.reshape(-1, 4)]))
+    return _normalised(estimates.innovation, covariance)
 
 
-@compiled
-def _normalised(rows: Floats) -> Floats:
-    """eᵀ P⁻¹ e, shape (n,), of columns x, y and P row by row."""
-    squares = np.empty(rows.shape[0])
-    for k in range(squares.size):
-        r = rows[k]
-        squares[k] = normalised_square(r[0], r[1], r[2], r[3], r[5])
-    return squares
-
-
-@compiled
-def _mirror_locked(rows: Floats) -> Bools:
-    """Whether locked on it, shape (n,), of columns estimate, truth, leader and its heading."""
-    mirror_locked = np.empty(rows.shape[0], dtype=np.bool_)
-    for k in range(mirror_locked.size):
-        r = rows[k]
-        mirror_locked[k] = is_mirror_locked(Point(r[0], r[1]), Point(r[2], r[3]), Point(r[4], r[5]), turn(r[6]))
-    return mirror_locked
+def _normalised(error: Floats, covariance: Floats) -> Floats:
+    """eᵀ P⁻¹ e, shape (n,), of errors of shape (n, 2) and their covariances, shape (n, 2, 2)."""
+    (x, y), (pxx, pxy, pyy) = error.T, covariance.reshape(-1, 4).T[[0, 1, 3]]
+    known = is_invertible(pxx, pxy, pyy)
+    determinant = np.where(known, pxx * pyy - pxy * pxy, np.nan)
+    return np.asarray(_adjugate_form(x, y, pxx, pxy, pyy) * (1.0 / determinant))
 
 
 def mirror_locked_steps(estimate: Floats, truth: Floats, leader: Floats, leader_heading: Floats) -> Bools:
@@ -186,7 +176,9 @@ def mirror_locked_steps(estimate: Floats, truth: Floats, leader: Floats, leader_
     Returns:
         Shape (n,).
     """
-    return _mirror_locked(np.column_stack([estimate, truth, leader, leader_heading]))
+    sine, cosine = np.sin(leader_heading), np.cos(leader_heading)
+    axis = Turn(sine, cosine)  # type: ignore[arg-type]  # formulas take arrays for numbers
+    return np.asarray(is_mirror_locked(_points(estimate), _points(truth), _points(leader), axis))
 
 
 def longest_mirror_lock(mirror_locked: Bools) -> int:

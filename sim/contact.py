@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Floats
-from laisn.compiled import compiled
+from laisn.arrays import Floats, Ints
 from sim.geometry import attitude
 from sim.trajectory import Trajectory
 
@@ -28,68 +27,52 @@ class Contact(NamedTuple):
     """Their names, the leader before followers, followers in their order."""
 
 
-@compiled
-def hull_gap(between: Floats, one: Floats, other: Floats, halves: tuple[float, float]) -> float:
-    """Distance of two straight hulls' axes [m].
+def _dot(one: Floats, other: Floats) -> Floats:
+    """Dot products of vectors, shape (n, 3), added up in the same order on every machine."""
+    return np.asarray(one[..., 0] * other[..., 0] + one[..., 1] * other[..., 1] + one[..., 2] * other[..., 2])
+
+
+def hull_gap(between: Floats, one: Floats, other: Floats, halves: tuple[float, float]) -> Floats:
+    """Distances of two straight hulls' axes at n instants, shape (n,), [m].
 
     Args:
-        between: from the middle of the first to that of the second, shape (3,), [m].
-        one: unit vector along the first hull, shape (3,).
+        between: from the middle of the first to that of the second, shape (n, 3), [m].
+        one: unit vectors along the first hull, shape (n, 3).
         other: likewise of the second.
         halves: half their lengths [m].
     """
-    along, ahead, across = 0.0, 0.0, 0.0
-    for i in range(3):
-        along += one[i] * other[i]
-        ahead += one[i] * between[i]
-        across += other[i] * between[i]
+    along, ahead, across = _dot(one, other), _dot(one, between), _dot(other, between)
     # nearest points s and t along the axes, each within its hull (Ericson, Real-Time Collision Detection, 2005)
-    bent = 1.0 - along * along
-    s = (ahead - along * across) / bent if bent > 1e-9 else 0.0
-    s = min(max(s, -halves[0]), halves[0])
-    t = min(max(along * s - across, -halves[1]), halves[1])
-    s = min(max(along * t + ahead, -halves[0]), halves[0])
-    squared = 0.0
-    for i in range(3):
-        part = between[i] + t * other[i] - s * one[i]
-        squared += part * part
-    return float(np.sqrt(squared))
+    sine_squared = 1.0 - along * along
+    crossed = sine_squared > 1e-9
+    s = np.where(crossed, (ahead - along * across) / np.where(crossed, sine_squared, 1.0), 0.0)
+    s = np.clip(s, -halves[0], halves[0])
+    t = np.clip(along * s - across, -halves[1], halves[1])
+    s = np.clip(along * t + ahead, -halves[0], halves[0])
+    nearest = between + t[..., None] * other - s[..., None] * one
+    return np.sqrt(_dot(nearest, nearest))
 
 
-@compiled
-def _first_contacts(position: Floats, axis: Floats, half: Floats, reach: float, first: Floats) -> None:
-    """First instant at which the hulls of each pair touch, shape (v, v); −1 if they never do."""
-    first[:] = -1.0
-    for k in range(position.shape[0]):
-        for i in range(position.shape[1]):
-            for j in range(i):
-                between = position[k, i] - position[k, j]
-                limit, squared = half[i] + half[j] + reach, 0.0
-                # not by np.dot, for which numba loads a library of linear algebra in an eighth of a second
-                for part in between:
-                    squared += part * part
-                if first[i, j] >= 0.0 or squared > limit * limit:
-                    continue
-                if hull_gap(between, axis[k, j], axis[k, i], (half[j], half[i])) < reach:
-                    first[i, j] = k
-
-
-def _touching(position: Floats, quaternion: Floats) -> Floats:
-    """First instants of contact, as of `_first_contacts`."""
-    axis = np.ascontiguousarray(np.stack(attitude.forward(quaternion), axis=-1))
-    half = np.full(position.shape[1], FOLLOWER_HALF_M)
-    half[0] = LEADER_HALF_M
-    first = np.empty((half.size, half.size))
-    _first_contacts(np.ascontiguousarray(position), axis, half, 2.0 * HULL_RADIUS_M, first)
+def _first_contacts(position: Floats, quaternion: Floats) -> Ints:
+    """First instant at which the hulls of each pair touch, shape (v, v), below the diagonal; −1 if they never do."""
+    axis, count = np.stack(attitude.forward(quaternion), axis=-1), position.shape[1]
+    half = [LEADER_HALF_M, *[FOLLOWER_HALF_M] * (count - 1)]
+    first = np.full((count, count), -1)
+    for i in range(count):
+        for j in range(i):
+            between = position[:, i] - position[:, j]
+            near = np.flatnonzero(_dot(between, between) <= (half[i] + half[j] + 2.0 * HULL_RADIUS_M) ** 2)
+            gap = hull_gap(between[near], axis[near, j], axis[near, i], (half[j], half[i]))
+            first[i, j] = next(iter(near[gap < 2.0 * HULL_RADIUS_M]), -1)
     return first
 
 
 def contacts(trajectory: Trajectory) -> list[Contact]:
     """Every pair of vehicles whose hulls touch, when they first do, in order of time."""
-    first = _touching(trajectory.position, trajectory.quaternion)
+    first = _first_contacts(trajectory.position, trajectory.quaternion)
     found = [
-        Contact(float(trajectory.time[int(first[i, j])]), (trajectory.names[j], trajectory.names[i]))
-        for i, j in np.argwhere(first >= 0.0)
+        Contact(float(trajectory.time[first[i, j]]), (trajectory.names[j], trajectory.names[i]))
+        for i, j in np.argwhere(first >= 0)
     ]
     return sorted(found)
 
@@ -105,5 +88,5 @@ def first_touch(position: Floats, quaternion: Floats) -> int | None:
         position: of the hulls' middles, shape (n, v, 3), [m].
         quaternion: body to world, shape (n, v, 4).
     """
-    first = _touching(position, quaternion)
-    return int(first[first >= 0.0].min()) if (first >= 0.0).any() else None
+    first = _first_contacts(position, quaternion)
+    return int(first[first >= 0].min()) if (first >= 0).any() else None
