@@ -105,10 +105,12 @@ def _hull_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:
     if not lines:
         setup = VehicleSetup(name=key, model=model, position_m=(0.0, 0.0, -10.0))
         try:
-            plant = Plant([setup], Ocean.calm())
+            plant = Plant([setup], Ocean.calm(), scenario.timing.physics_step_s)
             require_stable(plant, design(plant, (vehicle.depth_control,)), _fastest(scenario, vehicle))
         except LaisnError as error:
-            lines = [str(error)]
+            lines = [str(error).removeprefix(f"{key}: ")]
+        except np.linalg.LinAlgError:
+            lines = ["its mass and added mass have no inverse"]
     return [f"{key}.model: {line}" for line in lines]
 
 

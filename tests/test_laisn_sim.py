@@ -139,6 +139,7 @@ class Returning:
 
 @pytest.mark.parametrize(("call", "text"), [
     (lambda flight: laisn_sim.fly("T5", [1]), r"changes: expected a table of values by dotted key \(given: \[1\]\)"),
+    (lambda flight: laisn_sim.fly("T5", {3: 4}), "3: unknown key"),
     (lambda flight: laisn_sim.navigate(flight, 3), "changes: expected a table"),
     (lambda flight: laisn_sim.navigate(flight, navigator=Returning), "NoneType from `run`; expected .*Estimates"),
     (lambda flight: laisn_sim.hull("../tests/vehicle/remus100"), "unknown model .*available: follower, leader, ocean"),

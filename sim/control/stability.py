@@ -25,6 +25,8 @@ _SPEED_STEP = 0.5
 """Speeds are looked at in such steps, from the one at which missions begin [m/s]."""
 _GROWTH = 0.02
 """Slower growth is left to the loops that are left out [1/s]."""
+_DRIFT_M_S, _SPIN_RAD_S = (0.3, 0.3), (0.2, 0.2, 0.2)
+"""Sway and heave, and roll, pitch and yaw rates of a brisk turn."""
 _STEP = 1e-4
 HEIGHT = 9
 """Place of the height among velocities (0 to 5) and angles (6 to 8)."""
@@ -71,15 +73,18 @@ def _law(d: Any, climb: Floats, speed: float) -> Floats:
     return law
 
 
-def _motion(plant: Plant, i: int, d: Any, speed: float) -> Floats:
-    """Matrix of the linear motion of vehicle i: velocities, angles, height and the lagging wrench, shape (16, 16)."""
+def _motion(plant: Plant, i: int, d: Any, about: Floats) -> Floats:
+    """Matrix of the linear motion of vehicle i: velocities, angles, height and the lagging wrench, shape (16, 16).
+
+    Args:
+        about: velocities (6) and angles (3) that it is linear about.
+    """
     c = coefficients.read(plant.model, plant.names, plant.ocean.density_kg_m3).view(np.recarray)[i]
     body = plant.model.body(f"{plant.names[i]}/hull")
     mass, centre = float(body.mass[0]), np.array(body.ipos)
     cross = mass * _skew(centre)
     rigid = np.block([[mass * np.eye(3), -cross], [cross, np.diag(body.inertia) - cross @ _skew(centre)]])
-    about = np.zeros(9)
-    about[0] = speed
+    speed = float(about[0])
     steps = _STEP * np.eye(9)
     rates = [
         _forces(c, rigid, centre, about + step, plant.ocean.water)
@@ -107,11 +112,20 @@ def require_stable(plant: Plant, autopilots: Any, fastest: float) -> None:
         fastest: speed up to which their motion is to be stable [m/s].
 
     Raises:
-        LaisnError: naming vehicle, speed and plane in which its motion diverges.
+        LaisnError: naming vehicle, speed and plane in which its motion diverges; or its motion, also in a turn, is
+            too fast for the plant's steps.
     """
+    turning = np.array([fastest, *_DRIFT_M_S, *_SPIN_RAD_S, 0.0, 0.0, 0.0])
     for i, (name, d) in enumerate(zip(plant.names, autopilots, strict=True)):
+        matrix = _motion(plant, i, d, turning)
+        rate = np.abs(np.linalg.eigvals(matrix)).max() if np.all(np.isfinite(matrix)) else np.inf
+        if not rate * plant.dt < 1.0:
+            raise LaisnError(
+                f"{name}: its motion changes within {1.0 / rate:.2g} s, too fast for physics steps of {plant.dt:g} s; "
+                "damping, drag areas, levers and fins must fit mass and added mass"
+            )
         for speed in np.arange(START_SPEED, max(fastest, START_SPEED) + _SPEED_STEP, _SPEED_STEP):
-            growth, modes = np.linalg.eig(_motion(plant, i, d, float(speed)))
+            growth, modes = np.linalg.eig(_motion(plant, i, d, np.append(speed, np.zeros(8))))
             worst = int(np.argmax(growth.real))
             if growth[worst].real > _GROWTH:
                 size = np.abs(modes[:10, worst])

@@ -20,18 +20,16 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
-from sim.datasets.range_data import RangeData, compose, numbers, text_of
+from sim.datasets.range_data import LARGEST, RangeData, compose, numbers, require_unique, text_of
 
 _WORDS = {
     "VERTEX_SE2": (1, 1, 3, 0), "VERTEX_XY": (0, 1, 2, 0), "VERTEX_SE2:PRIOR": (1, 1, 3, 6),
     "VERTEX_XY:PRIOR": (1, 1, 2, 3), "EDGE_SE2": (1, 2, 3, 6), "EDGE_RANGE": (1, 2, 1, 1), "EDGE_SE2_XY": (1, 2, 2, 3),
 }  # fmt: skip
 """How many times, names, measured numbers and numbers of noise a line of each kind has."""
-_LATEST_S = 4e9
-"""A later time is in nanoseconds [s]."""
 _SAME_PATH = 1e-4
 """Vertices that differ from the odometry by less than this share of the way are composed of it."""
-_POSE = re.compile(r"([A-KM-Za-km-z])(\d+)")
+_POSE = re.compile(r"([A-KM-Za-km-z])([0-9]{1,15})")
 
 
 class _Line(NamedTuple):
@@ -60,13 +58,13 @@ def _parsed(text: str, source: str) -> dict[str, list[_Line]]:
         expected = 1 + times + names + values + noise
         if len(words) != expected:
             raise LaisnError(f"{source}, line {number}: {kind} with {len(words)} words, expected {expected}")
-        first = 1 + times + names
-        given = numbers((*words[1 : 1 + times], *words[first:]), f"{source}, line {number}: {kind}").tolist()
-        if not np.all(np.isfinite(given)):
-            raise LaisnError(f"{source}, line {number}: {kind} holds a number that is not finite")
-        measured, variances = given[times : times + values], given[times + values :]
-        lines[kind].append(_Line(sum(given[:times]), words[1 + times : first], measured, variances))
-    if max((abs(line.time) for kind in lines.values() for line in kind), default=0.0) <= _LATEST_S:
+        first, where = 1 + times + names, f"{source}, line {number}: {kind}"
+        time = numbers(words[1 : 1 + times], where, 1e9 * LARGEST).tolist()
+        given = numbers(words[first:], where).tolist()
+        if not np.all(np.isfinite([*time, *given])):
+            raise LaisnError(f"{where} holds a number that is not finite")
+        lines[kind].append(_Line(sum(time), words[1 + times : first], given[:values], given[values:]))
+    if max((abs(line.time) for kind in lines.values() for line in kind), default=0.0) <= LARGEST:
         return lines
     return {kind: [line._replace(time=1e-9 * line.time) for line in some] for kind, some in lines.items()}
 
@@ -98,6 +96,8 @@ def _odometry(lines: dict[str, list[_Line]], order: dict[str, int], source: str)
     for line in lines["EDGE_SE2"]:
         first, second = (order.get(name) for name in line.names)
         if first is not None and second == first + 1:
+            if not np.isnan(steps[first, 0]):
+                raise LaisnError(f"{source}: odometry (EDGE_SE2) from {' to '.join(line.names)} is given twice")
             steps[first] = line.values
             # of the upper triangle xx, xy, xθ, yy, yθ, θθ
             variances[first] = line.noise[0], line.noise[3], line.noise[5]
@@ -165,11 +165,11 @@ def read_factor_graph(path: Path) -> RangeData:
     source = str(path)
     lines = _parsed(text_of(path), source)
     robot, remarks = _robot(lines, source)
-    poses = [line for line in lines["VERTEX_SE2"] if line.names[0].startswith(robot)]
+    poses = [line for line in lines["VERTEX_SE2"] if line.names[0].startswith(robot) and _POSE.fullmatch(line.names[0])]
     poses.sort(key=lambda line: int(line.names[0][1:]))
+    for kind in ("VERTEX_SE2", "VERTEX_XY", "VERTEX_XY:PRIOR"):
+        require_unique((line.names[0] for line in lines[kind]), f"{source}: {kind}")
     order = {line.names[0]: k for k, line in enumerate(poses)}
-    if len(order) < len(poses):
-        raise LaisnError(f"{source}: {len(poses) - len(order)} poses have the name of another one")
     time, untimed = _times(poses, source)
     odometry, spread, closures = _odometry(lines, order, source)
     lasted = np.diff(time)

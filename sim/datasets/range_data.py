@@ -13,6 +13,8 @@ from sim.files import read_text
 
 _LARGEST_BYTES = 500_000_000
 """Larger files are refused [bytes]."""
+LARGEST = 4e9
+"""Larger numbers are no measurements, and no times in seconds."""
 SLOWEST, FASTEST = 0.01, 50.0
 """Mean speeds beyond these are doubtful [m/s]."""
 
@@ -25,12 +27,25 @@ def text_of(path: Path) -> str:
         raise LaisnError(f"{path}: cannot be read: {error}") from None
 
 
-def numbers(words: Iterable[str], where: str) -> Floats:
+def numbers(words: Iterable[str], where: str, largest: float = LARGEST) -> Floats:
     """The numbers that words stand for, NaN where they are empty; LaisnError naming the first that is none."""
     try:
-        return np.array([float(word) if word.strip() else np.nan for word in words])
+        values = np.array([float(word) if word.strip() else np.nan for word in words])
     except ValueError as error:
         raise LaisnError(f"{where}: {error}") from None
+    beyond = values[np.abs(values) > largest]
+    if beyond.size:
+        raise LaisnError(f"{where}: {beyond[0]:g} is not within ±{largest:g}")
+    return values
+
+
+def require_unique(names: Iterable[object], where: str) -> None:
+    """LaisnError naming the first name that comes a second time."""
+    seen = set[object]()
+    for name in names:
+        if name in seen:
+            raise LaisnError(f"{where} {name} is given twice")
+        seen.add(name)
 
 
 def compose(first: Floats, second: Floats) -> Floats:
@@ -91,8 +106,8 @@ class RangeData:
     def __post_init__(self) -> None:
         for item in fields(self):
             value = getattr(self, item.name)
-            if isinstance(value, np.ndarray) and not np.all(np.isfinite(value)):
-                raise LaisnError(f"{self.source}: {item.name} holds a number that is not finite")
+            if isinstance(value, np.ndarray) and not np.all(np.abs(value) <= LARGEST):
+                raise LaisnError(f"{self.source}: {item.name} must be finite and within ±{LARGEST:g}")
         if self.time.size < 3:
             raise LaisnError(f"{self.source}: {self.time.size} poses; odometry needs three at least")
         late = np.flatnonzero(np.diff(self.time) <= 0.0)
@@ -101,8 +116,8 @@ class RangeData:
                 f"{self.source}: the time goes from {self.time[late[0]]:.6f} s to {self.time[late[0] + 1]:.6f} s "
                 f"between poses {late[0]} and {late[0] + 1}; times must increase"
             )
-        if self.time[0] < 0.0 or self.time[-1] > 4e9:
-            raise LaisnError(f"{self.source}: times from {self.time[0]:g} s to {self.time[-1]:g} s, expected 0 … 4e9 s")
+        if self.time[0] < 0.0:
+            raise LaisnError(f"{self.source}: times begin at {self.time[0]:g} s, expected 0 s or later")
         if not self.ranges.size:
             raise LaisnError(f"{self.source}: holds no range between the vehicle and a beacon whose place is known")
         own_arrays(self)
@@ -116,16 +131,18 @@ class RangeData:
         Args:
             time: of each pose, shape (n + 1,), [s]; poses at the time of the one before are joined to it.
             odometry: steps between them, shape (n, 3).
-            ranges: rows of time [s], beacon and range [m]; those to beacon −1 are left out.
+            ranges: rows of time [s], beacon and range [m]; those to beacon −1, and those not positive, are left out.
             remarks: further remarks.
             more: other fields.
         """
         kept, steps = _join_equal_times(time, odometry)
         table = np.array(ranges, dtype=np.float64).reshape(-1, 3)
-        received = table[table[:, 1] >= 0]
+        known, positive = table[:, 1] >= 0, table[:, 2] > 0
+        received = table[known & positive]
         received = received[np.argsort(received[:, 0], kind="stable")]
         counts = {
-            "ranges left out that are not to a beacon of known place": len(table) - len(received),
+            "ranges left out that are not to a beacon of known place": int(np.count_nonzero(~known)),
+            "ranges left out that are not positive": int(np.count_nonzero(known & ~positive)),
             "poses at the time of the one before, joined to it": int(np.count_nonzero(~kept)),
         }
         return cls(

@@ -9,6 +9,7 @@
 Times are in s, places in m, headings in rad anticlockwise from east.
 """
 
+import math
 import re
 from pathlib import Path
 
@@ -16,22 +17,29 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
-from sim.datasets.range_data import RangeData
+from sim.datasets.range_data import LARGEST, RangeData, require_unique
 
 _COLUMNS = {"DR": 3, "TD": 4, "TL": 3, "GT": 4, "DRp": 4}
 """Columns of each table."""
 _NEEDED = ("DR", "TD", "TL")
+_NODES = {"TD": [1, 2], "TL": [0]}
+"""Columns of nodes' numbers."""
+_MOST_NUMBERS = 40_000_000
+"""In all tables; a compressed file of few bytes may state any number."""
 _TEXT = re.compile(r"(.*)_DR\.(txt|csv)")
 
 
 def _from_matlab(path: Path) -> dict[str, Floats]:
     # data sets in text, and logs, need none of it
-    from scipy.io import loadmat
+    from scipy.io import loadmat, whosmat
 
     try:
-        found = loadmat(path)
-    except OSError as error:
-        raise LaisnError(f"{path}: {error.strerror or error}") from None
+        stated = sum(math.prod(shape) for name, shape, _ in whosmat(path) if name in _COLUMNS)
+        if stated > _MOST_NUMBERS:
+            raise LaisnError(f"its tables have {stated:,} numbers, at most {_MOST_NUMBERS:,} are read")
+        found = loadmat(path, variable_names=tuple(_COLUMNS))
+    except (OSError, LaisnError) as error:
+        raise LaisnError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
     except Exception as error:
         # foreign bytes make the library fail in many ways
         raise LaisnError(f"{path}: no MATLAB file of version 5: {error}") from None
@@ -65,9 +73,13 @@ def _checked(tables: dict[str, Floats], source: str) -> dict[str, Floats]:
     for name, table in tables.items():
         if not np.issubdtype(table.dtype, np.number) or table.ndim != 2 or table.shape[1] != _COLUMNS[name]:
             raise LaisnError(f"{source}: table {name} has the shape {table.shape}, expected {_COLUMNS[name]} columns")
-        if name in _NEEDED and not np.all(np.isfinite(table)):
-            row = int(np.argmin(np.all(np.isfinite(table), axis=1)))
-            raise LaisnError(f"{source}: table {name} has a number that is not finite in row {row + 1}")
+        whole = _NODES.get(name, [])
+        usable = np.all(np.abs(table) <= LARGEST, axis=1) & np.all(table[:, whole] == np.rint(table[:, whole]), axis=1)
+        if not usable.all():
+            raise LaisnError(
+                f"{source}: table {name}, row {int(np.argmin(usable)) + 1}: expected numbers within ±{LARGEST:g}, and "
+                "whole ones for nodes"
+            )
     return {name: np.asarray(table, dtype=np.float64) for name, table in tables.items()}
 
 
@@ -96,6 +108,7 @@ def read_range_tables(path: Path) -> RangeData:
     begin, pose = _start(tables, str(path))
     odometry, ranges, nodes = (tables[name] for name in _NEEDED)
     names = nodes[:, 0].astype(np.int64).tolist()
+    require_unique(names, f"{path}: table TL: node")
     return RangeData.collect(
         source=str(path),
         start=np.array([pose[0], pose[1], 0.5 * np.pi - pose[2]]),

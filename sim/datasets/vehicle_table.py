@@ -15,7 +15,7 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.failure import LaisnError
-from sim.datasets.range_data import numbers, text_of
+from sim.datasets.range_data import LARGEST, numbers, text_of
 from sim.log.schema import OWN_MOTION, PLACES, RECEPTION
 
 _TIME = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
@@ -64,7 +64,7 @@ def _named(head: str) -> tuple[str, str]:
 def _times(words: list[str], unit: str, where: str) -> tuple[Ints, str]:
     """Times [ns], and the format that was found."""
     try:
-        times = numbers(words, where)
+        times = numbers(words, where, 1e9 * LARGEST)
     except LaisnError as error:
         try:
             dates = [datetime.fromisoformat(word.strip()) for word in words]
@@ -102,23 +102,26 @@ def read_vehicle_table(path: Path) -> VehicleTable:
     wrong = next((k for k, row in enumerate(rows) if len(row) != len(heads)), None)
     if wrong is not None:
         raise LaisnError(f"{path}, row {wrong + 1}: {len(rows[wrong])} cells, the header has {len(heads)}")
+    if delimiter != ",":
+        # a decimal comma is only possible beside another delimiter
+        rows = [[cell.replace(",", ".") for cell in row] for row in rows]
     place, unit = by_field[times[0]]
     time_ns, format_ = _times([row[place] for row in rows], unit, f"{path}, column {heads[place]}")
     if time_ns.min() < 0:
         raise LaisnError(f"{path}, column {heads[place]}: times before 1970, or negative ones")
     remarks = [f"{heads[place]}: time in {format_}, {np.ptp(time_ns) / 1e9:g} s"]
+    by_field = {field: column for field, column in by_field.items() if field not in _TIME_NAMES}
+    values = {
+        field: numbers((row[i] for row in rows), f"{path}, column {heads[i]}") for field, (i, _) in by_field.items()
+    }
+    bare = [np.abs(values[field]) for field, (_, given) in by_field.items() if _units(field) is _ANGLE and not given]
+    # no angle in radians is that large, and one table has one unit
+    degrees = bool(bare) and np.nanmax(bare, initial=0.0) > 4.0 * math.pi
     columns = {}
     for field, (i, given) in by_field.items():
-        if field in _TIME_NAMES:
-            continue
-        # a decimal comma is only possible beside another delimiter
-        cells = (row[i].replace(",", ".") if delimiter != "," else row[i] for row in rows)
-        values, units = numbers(cells, f"{path}, column {heads[i]}"), _units(field)
-        known = given or next(iter(units))
-        # no angle in radians is that large
-        if not given and units is _ANGLE and np.nanmax(np.abs(values), initial=0.0) > 4.0 * math.pi:
-            known = "deg"
-        columns[field] = values * units[known]
+        units = _units(field)
+        known = given or ("deg" if degrees and units is _ANGLE else next(iter(units)))
+        columns[field] = values[field] * units[known]
         remarks.append(f"{heads[i]}: {field} in {known}")
     unused = [head for head, (field, _) in zip(heads, named, strict=True) if not field]
     remarks += [f"not used: {', '.join(unused)}"] if unused else []

@@ -211,6 +211,8 @@ def write(
     if flight.trajectory.time[0] != 0:
         raise LogError(f"{path}: a log begins with its mission; this flight at {flight.trajectory.time[0]:g} s of it")
     filled = channels(flight, errors, events)
+    if path.is_dir():
+        raise LogError(f"{path}: cannot be written: it is a folder, expected the name of a file")
     partial = partial_path(path)
     try:
         with log_file(partial) as log:

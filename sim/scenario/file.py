@@ -202,8 +202,8 @@ def assigned(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str,
     """
     result: dict[str, Any] = plain_values(table, "scenario")
     for key, value in settings.items():
-        for one in _each_key(result, key):
-            _put(result, one, plain_values({"value": value}, key)["value"])
+        for one in _each_key(result, str(key)):
+            _put(result, one, plain_values({"value": value}, one)["value"])
     return result
 
 

@@ -15,6 +15,8 @@ HeadingBias = Annotated[float, Field(ge=-180, le=180), PerRun]
 Sigma = Annotated[NonNegative, PerRun]
 LossProbability = Annotated[Chance, PerRun]
 
+_RangeError = Annotated[float, Field(ge=0, le=100)]
+
 
 class OwnSensors(Section):
     """True errors of a follower's own sensors (paper, Eqs. 26 and 27)."""
@@ -97,7 +99,7 @@ else:
 class Acoustics(Section):
     """True errors of ranges (paper, Eq. 28), and physical acoustics (not in the paper, off by default)."""
 
-    range_tau_m: Annotated[tuple[NonNegative, NonNegative, NonNegative], LISTED, PerRun] = Field(
+    range_tau_m: Annotated[tuple[_RangeError, _RangeError, _RangeError], LISTED, PerRun] = Field(
         (0.01, 0.01, 0.01), description="τ, uniform error of rear, front and middle transmitter"
     )
     range_error_centred: Annotated[bool, PerRun] = Field(
@@ -106,7 +108,7 @@ class Acoustics(Section):
     range_scale_mean_m: Annotated[float, Field(ge=-100, le=100), PerRun] = Field(
         0.1, description="μD, mean of the error common to all transmitters"
     )
-    range_scale_sigma_m: Sigma = Field(0.05, description="σD, its standard deviation")
+    range_scale_sigma_m: Annotated[_RangeError, PerRun] = Field(0.05, description="σD, its standard deviation")
     travel_time: bool = Field(False, description="vehicles move during propagation; false: no travel time")
     ping_slot_s: Annotated[float, Field(ge=0, le=2)] = Field(
         0.0, description="interval between rear, front and middle ping; 0: simultaneous"

@@ -209,6 +209,9 @@ class Scenario(Section):
             found.append("leader.broadcast_waypoints is for followers on stations; there are none")
         if self.navigation.use_attitude and not self.leader.broadcast_attitude:
             found.append("navigation.use_attitude needs leader.broadcast_attitude = true")
+        places, used = len(self.navigation.transmitters_m), self.navigation.transmitters
+        if 0 < places < used:
+            found.append(f"navigation.transmitters_m has {places} places, the navigator uses {used} transmitters")
         return found
 
     def _closed_loop_errors(self, stations: bool) -> list[str]:

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from laisn.compiled import formula
+from laisn.compiled import formula, select
+from laisn.navigators import FARTHEST, FASTEST
 from sim.scenario.section import in_si
 from sim.scenario.sensors import Acoustics, Sensors
 from sim.scenario.settings import Scenario
@@ -74,8 +75,8 @@ def errors_of(scenario: Scenario, follower: int = 0) -> SensorErrors:
 
 @formula
 def speed_reading(true: Any, bias: float, sigma: float, normal: Any) -> Any:
-    """Speed log, never negative (paper, Eq. 26)."""
-    return np.maximum(true + bias + sigma * normal, 0.0)
+    """Speed log, never negative (paper, Eq. 26); its scale ends at `FASTEST`."""
+    return np.minimum(np.maximum(true + bias + sigma * normal, 0.0), FASTEST)
 
 
 @formula
@@ -92,12 +93,15 @@ def plain_reading(true: Any, bias: float, sigma: float, normal: Any) -> Any:
 
 @formula
 def _range_reading(true: Any, longest: Any, tau: float, uniform: Any, psi: Any) -> Any:
-    return true + tau * uniform + psi * (true / (longest + (longest == 0.0)))
+    reading = true + tau * uniform + psi * (true / (longest + (longest == 0.0)))
+    return select((reading > 0.0) & (reading <= FARTHEST), reading, np.nan)
 
 
 @formula
 def range_readings(e: SensorErrors, transmitters: int, true: Any, uniform: Any, normal: Any) -> Any:
     """Ranges of a message to the rear, front and middle transmitter (paper, Eq. 28); NaN where none is received.
+
+    A receiver rejects what is no range: zero, negative, or beyond `FARTHEST`.
 
     N_T, the number of transmitters in use, is 2 with LAISN-2 and 3 with LAISN-3 (Sections 2.2 and 2.3). ψ counts in
     proportion to the longest range to them. The middle one, which LAISN-2 has no use for, is scaled by the longest of

@@ -33,6 +33,8 @@ NUMERICS: dict[str, tuple[tuple[int, ...], str]] = {
 }
 """Coefficients of a vehicle as its MJCF gives them: shape and unit. Strips may be fewer than their array holds."""
 
+_SIGNED = ("added_mass", "strip_x", "fin_x")
+
 RECORD = np.dtype(
     [(name, np.float64, shape) for name, (shape, _) in NUMERICS.items()]
     + [("n_strips", np.int64), ("gravity", np.float64), ("density", np.float64), ("cross_flow_root", np.float64, (2,))],
@@ -54,12 +56,15 @@ def read(model: Any, names: Sequence[str], density: float) -> npt.NDArray[np.voi
         Records of RECORD, shape (v,), read-only.
 
     Raises:
-        LaisnError: a numeric is missing or of the wrong size, or the added mass is not symmetric positive semidefinite.
+        LaisnError: a numeric is missing, of the wrong size or negative, or the added mass is not symmetric positive
+            semidefinite.
     """
     records = np.zeros(len(names), RECORD)
     for record, name in zip(records, names, strict=True):
         for numeric, (shape, _) in NUMERICS.items():
             value = _numeric(model, name, numeric)
+            if numeric not in _SIGNED and np.any(value < 0.0):
+                raise LaisnError(f"{name}: {numeric} must not be negative")
             if numeric in ("strip_x", "strip_area"):
                 record[numeric][: value.size] = value
             else:

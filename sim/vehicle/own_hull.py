@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import mujoco
+import numpy as np
 
 import models
 from sim.vehicle import coefficients, effectors
@@ -33,6 +34,8 @@ _MOST_ELEMENTS = {"mesh": 20, "geom": 200, "site": 200}
 """Largest number of elements of a kind: each mesh takes memory, and MuJoCo moves each site at every step."""
 _LARGEST = 1e9
 """Largest size of a number."""
+_FARTHEST_M = 1000.0
+"""Farthest site from the origin along an axis [m]."""
 _NOT_FINITE = re.compile(r"[+-]?(nan(\(\w*\))?|inf(inity)?)", re.IGNORECASE)
 """Numbers as C reads them that are not finite."""
 _NAME = re.compile("[A-Za-z][A-Za-z0-9_]{0,39}")
@@ -109,6 +112,11 @@ def _unexpected(text: str) -> list[str]:
     return [*lines, *_excesses(root), *_of_the_sea(root)]
 
 
+def _first_lines(error: Exception) -> str:
+    """What MuJoCo reports, and the line that names the element."""
+    return ", ".join(str(error).splitlines()[:2])
+
+
 def _missing(spec: Any, role: str) -> list[str]:
     """What is not there, or has the wrong size."""
     lines = []
@@ -149,6 +157,11 @@ def _misbuilt(spec: Any) -> list[str]:
         lines.append("the body 'hull' must have one <freejoint>, and there may be no other joint")
     if len(spec.bodies) != 2:
         lines.append("there may be no body beside 'hull'")
+    lines += [
+        f"<site name={site.name[:40]!r}>: pos must be within ±{_FARTHEST_M:g} m"
+        for site in spec.sites
+        if np.abs(site.pos).max() > _FARTHEST_M
+    ]
     return lines
 
 
@@ -159,7 +172,7 @@ def _compiled(text: str) -> list[str]:
         coefficients.read(model, ["hull"], 1026.0)
         effectors.read(model, [resolve(model, "hull")])
     except ValueError as error:
-        return [str(error).splitlines()[0]]
+        return [_first_lines(error)]
     lines = []
     if model.na != model.nu:
         lines.append('every actuator must have a state of its own: <general dyntype="filterexact" dynprm="0.3"/>')
@@ -186,7 +199,7 @@ def faults_of(text: str, role: str) -> list[str]:
     try:
         spec = mujoco.MjSpec.from_string(text)
     except ValueError as error:
-        return [f"not valid MJCF: {str(error).splitlines()[0]}"]
+        return [f"not valid MJCF: {_first_lines(error)}"]
     if spec.body("hull") is None:
         return ["has no body 'hull'"]
     return _missing(spec, role) + _misbuilt(spec) or _compiled(text)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.io import loadmat
+from scipy.io import loadmat, savemat
 from typer.testing import CliRunner
 
 from experiments.beacon_replay import Beacons, _settings
@@ -173,7 +173,12 @@ def test_a_graph_without_times_goes_by_the_second(tmp_path: Path) -> None:
         ("24.0 0.25", "nan 0.25", "line 15: EDGE_RANGE holds a number that is not finite"),
         ("EDGE_SE2 13.0 A1 A2 4.0", "EDGE_SE2 13.0 A2 A1 4.0", "no odometry .* from A1 to A2"),
         ("VERTEX_SE2 13.0 A2", "VERTEX_SE2 10.5 A2", "from 11.000000 s to 10.500000 s between poses 1 and 2"),
-        ("VERTEX_SE2 11.0 A1", "VERTEX_SE2 11.0 A0", "1 poses have the name of another one"),
+        ("VERTEX_SE2 11.0 A1", "VERTEX_SE2 11.0 A0", "VERTEX_SE2 A0 is given twice"),
+        ("VERTEX_XY L1", "VERTEX_XY L0", "VERTEX_XY L0 is given twice"),
+        ("EDGE_SE2 13.0 A0 A2", "EDGE_SE2 13.0 A1 A2", r"odometry \(EDGE_SE2\) from A1 to A2 is given twice"),
+        ("24.0 0.25", "1e300 0.25", r"line 15: EDGE_RANGE: 1e\+300 is not within"),
+        ("24.0 0.25", "24.0 1e300", r"line 15: EDGE_RANGE: 1e\+300 is not within"),
+        ("A2", "A²", "2 poses; odometry needs three"),
         ("VERTEX_SE2", "VERTEX_XY:PRIOR", "expected 8"),
     ],
 )
@@ -198,10 +203,49 @@ def test_faults_of_files_are_named(tmp_path: Path) -> None:
         ("empty.pyfg", "no planar pose"),
         ("notes.txt", "name the table of odometry, such as Plaza1_DR.txt"),
         ("lonely_DR.txt", "lacks TD, TL; it has DR"),
-        ("odd_DR.txt", "table TD has a number that is not finite in row 2"),
+        ("odd_DR.txt", "table TD, row 2: expected numbers within"),
     ):
         with pytest.raises(LaisnError, match=words):
             read_data_set(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("table", "row", "column", "value", "words"),
+    [
+        ("TL", 0, 0, 1.7, "table TL, row 1: .*whole ones for nodes"),
+        ("TD", 2, 2, 1.5, "table TD, row 3: .*whole ones for nodes"),
+        ("TL", 1, 0, 1.0, "table TL: node 1 is given twice"),
+        ("TD", 1, 3, 1e300, "table TD, row 2: expected numbers within"),
+        ("DR", 1, 1, math.nan, "table DR, row 2: expected numbers within"),
+    ],
+)
+def test_faults_of_tables_are_named(
+    tmp_path: Path, table: str, row: int, column: int, value: float, words: str
+) -> None:
+    tables = {name: array for name, array in loadmat(PLAZA / "Plaza2.mat").items() if not name.startswith("_")}
+    assert tables["TL"][0, 0] == 1
+    tables[table][row, column] = value
+    savemat(tmp_path / "odd.mat", tables)
+    with pytest.raises(LaisnError, match=words):
+        read_data_set(tmp_path / "odd.mat")
+
+
+def test_a_small_file_of_large_tables_is_refused_before_they_are_read(tmp_path: Path) -> None:
+    """Compressed zeros: 100 MB of bytes as 100 kB; other variables of a file are not read at all."""
+    tables = {name: array for name, array in loadmat(PLAZA / "Plaza2.mat").items() if not name.startswith("_")}
+    zeros = np.zeros((13_000_000, 4), dtype=np.int8)
+    savemat(tmp_path / "bomb.mat", tables | {"GT": zeros}, do_compression=True)
+    savemat(tmp_path / "more.mat", tables | {"map": zeros}, do_compression=True)
+    assert (tmp_path / "bomb.mat").stat().st_size < 1_000_000
+    with pytest.raises(LaisnError, match=r"bomb\.mat: its tables have 52,.* numbers, at most 40,000,000 are read"):
+        read_data_set(tmp_path / "bomb.mat")
+    assert read_data_set(tmp_path / "more.mat").ranges.size == read_data_set(PLAZA / "Plaza2.mat").ranges.size
+
+
+def test_ranges_that_are_not_positive_are_left_out_with_a_remark(tmp_path: Path) -> None:
+    data = read_data_set(graph(tmp_path, GRAPH.replace("A2 L1 24.0", "A2 L1 -24.0")))
+    assert data.ranges.tolist() == [17.0, 18.0]
+    assert "ranges left out that are not positive: 1" in data.remarks
 
 
 @pytest.mark.parametrize("suffix", ["txt", "csv"])
@@ -324,8 +368,8 @@ def test_legs_end_where_poses_composed_one_after_the_other_do(
     ("changes", "words"),
     [
         ({"time": np.array([0.0, 1.0, 1.0, 3.0])}, "from 1.000000 s to 1.000000 s between poses 1 and 2"),
-        ({"time": np.array([-5.0, 1.0, 2.0, 3.0])}, "times from -5 s to 3 s"),
-        ({"ranges": np.full(6, np.inf)}, "ranges holds a number that is not finite"),
+        ({"time": np.array([-5.0, 1.0, 2.0, 3.0])}, "times begin at -5 s, expected 0 s or later"),
+        ({"ranges": np.full(6, np.inf)}, "ranges must be finite and within"),
         ({"ranges": np.empty(0), "range_time": np.empty(0), "range_beacon": np.empty(0)}, "holds no range"),
         ({"time": np.array([0.0, 1.0]), "odometry": np.ones((1, 3))}, "2 poses; odometry needs three"),
     ],

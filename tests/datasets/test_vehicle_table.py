@@ -76,6 +76,26 @@ def test_dates_and_degrees_without_a_unit_are_recognised(tmp_path: Path) -> None
     assert "heading: heading in deg" in found.remarks
 
 
+def test_decimal_commas_are_read_in_all_columns(tmp_path: Path) -> None:
+    path = table(tmp_path, delimiter=";")
+    expected = read_vehicle_table(path)
+    path.write_text(path.read_text(encoding="utf-8-sig").replace(".", ","), encoding="utf-8")
+    found = read_vehicle_table(path)
+    assert found.time_ns.tolist() == expected.time_ns.tolist()
+    np.testing.assert_array_equal(found.columns["range_rear"], expected.columns["range_rear"])
+
+
+def test_angles_without_a_unit_have_one_unit(tmp_path: Path) -> None:
+    """A pitch of 3 could be in radians; beside a heading of 270 it is in degrees."""
+    path = tmp_path / "mine.csv"
+    head = "t,speed,heading,depth,leader_east,leader_north,leader_heading,leader_speed,leader_depth,leader_pitch"
+    rows = [f"{k},1.0,270,5.0,0,0,10,0,5,3,40" for k in range(10)]
+    path.write_text("\n".join([f"{head},range_rear", *rows]), encoding="utf-8")
+    columns = read_vehicle_table(path).columns
+    assert columns["leader_pitch"] == pytest.approx(np.full(10, math.radians(3)))
+    assert columns["leader_heading"] == pytest.approx(np.full(10, math.radians(10)))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

@@ -233,6 +233,9 @@ def test_folders_that_cannot_be_written(flight: Flight, written: Path, tmp_path:
     (tmp_path / "file").touch()
     with pytest.raises(LogError, match="cannot be written: Not a directory"):
         writer.write(flight, tmp_path / "file" / "a.mcap")
+    with pytest.raises(LogError, match="cannot be written: it is a folder"):
+        writer.write(flight, tmp_path)
+    assert not partial_path(tmp_path).exists()
     with pytest.raises(LogError, match="cannot be written"):
         export(written, tmp_path / "file" / "tables")
 

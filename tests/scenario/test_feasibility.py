@@ -204,7 +204,7 @@ def test_all_that_contradicts_or_is_not_feasible_is_reported_at_once() -> None:
         "duration_s": 1000.05,
         "leader": {"depth_m": 40.0, "saw_tooth_amplitude_m": 50.0},
         "ocean": {"waves": {"kind": "regular", "height_m": 19.0}},
-        "navigation": {"use_attitude": True},
+        "navigation": {"use_attitude": True, "variant": "tight", "transmitters_m": [[-1, 0, 0], [1, 0, 0]]},
         "followers": [{"route": "T1"}, {"waypoints": [[0, 0, 0], [10, 52.2, 0]], "depth_m": 35.0}],
     }
     expected = [
@@ -213,6 +213,7 @@ def test_all_that_contradicts_or_is_not_feasible_is_reported_at_once() -> None:
         "leader would dive to 90 m",
         "followers[1] would dive to 35 m",
         "navigation.use_attitude needs leader.broadcast_attitude",
+        "navigation.transmitters_m has 2 places, the navigator uses 3 transmitters",
         "epoch 1960",
         "ocean.waves: height_m=19.0",
         "followers[0].route: unknown route 'T1'",

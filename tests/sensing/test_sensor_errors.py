@@ -116,6 +116,13 @@ def test_followers_hear_the_same_leader(truth: MissionTruth) -> None:
     assert column(one, "depth") == pytest.approx(truth.sent.depth + 0.3 * n[:, 0], abs=1e-14)
 
 
+def test_a_receiver_rejects_what_is_no_range_and_a_log_ends_at_its_scale(truth: MissionTruth) -> None:
+    for mean in (-100.0, 1e6):
+        measured = measure(truth, PERFECT._replace(range_scale_mean=mean), seed=SEED, run=RUN)
+        assert np.isnan(measured.ranges).all()
+    assert measure(truth, PERFECT._replace(speed_bias=1e6), seed=SEED, run=RUN).speed.tolist() == [50.0] * STEPS
+
+
 def test_sensors_err_by_default_as_in_the_paper() -> None:
     """Praczyk & Hożyń 2026, Eqs. 26 to 28 with the settings of Stage 1.
 

@@ -173,6 +173,23 @@ def test_what_an_autopilot_cannot_control_is_refused_by_name(tmp_path: Path) -> 
         laisn_sim.load("T3", {"followers.0.model": str(tmp_path / "straight.xml")})
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("10.78728 7.45398", "1e5 7.45398", "too fast for physics steps of 0.02 s"),
+        ("0.56 0.72", "0.56 100", "too fast for physics steps of 0.02 s"),
+        ('data="1.1 1.1"', 'data="1.1 -1.1"', "cross_flow_drag must not be negative"),
+        ('pos="0 0 0.1"', 'pos="1e8 0 0.1"', "<site name='hydrophone'>: pos must be within ±1000 m"),
+        ('size="0.008 0.03"', 'size="0 0.03"', "size 0 must be positive in geom, Element name 'hull/mast'"),
+    ],
+)
+def test_a_hull_that_cannot_be_simulated_is_refused_by_name(tmp_path: Path, old: str, new: str, words: str) -> None:
+    assert old in FOLLOWER
+    (tmp_path / "odd.xml").write_text(FOLLOWER.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(laisn_sim.LaisnError, match=rf"followers\[0\]\.model: .*{words}"):
+        laisn_sim.load("T3", {"followers.0.model": str(tmp_path / "odd.xml"), "duration_s": 20})
+
+
 def moved_leader(**places: str) -> str:
     """The project's leader with transmitters elsewhere."""
     text = LEADER
