@@ -2,11 +2,14 @@
 
 from pathlib import Path
 
+VEHICLES = ("leader", "follower", "remus100", "lauv", "bluerov2_heavy")
+"""Names of the vehicles."""
+
 _FOLDER = Path(__file__).resolve().parent
 
 
 def path(name: str) -> Path:
-    """File of the model `name` ("leader", "follower", "ocean").
+    """File of the model `name`, one of VEHICLES or "ocean".
 
     Raises:
         ValueError: there is no such model; the message lists what exists.

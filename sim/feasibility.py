@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -13,8 +14,8 @@ from sim.assembly import models_of, ocean_of, on_axis, route_of, routes_of, setu
 from sim.contact import HULL_RADIUS_M
 from sim.log.schema import Clock
 from sim.scenario.formation import LEAST_APART_M, LEAST_LAYER_M
-from sim.scenario.point_motion import SPEED_MAX, SPEED_MIN, Plan, plan
-from sim.scenario.routes import Route
+from sim.scenario.point_motion import SPEED_MAX, SPEED_MIN, TURN_RATE, Plan, plan
+from sim.scenario.routes import START_SPEED, Route
 from sim.scenario.settings import CONTROL_STEP_S, Follower, Scenario, Vehicle, Video
 from sim.sensing.own_sensors import own_sensors
 
@@ -88,6 +89,30 @@ def _fastest(scenario: Scenario, vehicle: Vehicle) -> float:
         return SPEED_MAX  # reported with its route
 
 
+def _way_errors(scenario: Scenario, vehicle: Vehicle, design: Any) -> list[str]:
+    """Speeds that a hull cannot have: more than its thrust, or less than its fins need."""
+    from sim.control.autopilot import top_speed
+    from sim.vehicle.effectors import FIN, LEAST_WAY
+
+    lines, top, fastest = [], top_speed(design), _fastest(scenario, vehicle)
+    station = isinstance(vehicle, Follower) and vehicle.station is not None
+    if fastest > top and not station:
+        lines.append(f"its effectors drive it at {top:.2g} m/s at most, the fastest leg of its route has {fastest:.3g}")
+    if design["has_heave"] or FIN not in design["effectors"]["kind"]:
+        return lines
+    slowest, where = scenario.formation.min_along_track_speed_m_s, "formation.min_along_track_speed_m_s is"
+    if not station:
+        try:
+            slowest, where = float(route_of(vehicle, "").leg_speed.min()), "the slowest leg of its route has"
+        except LaisnError:
+            return lines  # reported with its route
+    if slowest < LEAST_WAY:
+        lines.append(
+            f"it has no vertical thrusters and cannot hover: its fins need {LEAST_WAY:g} m/s, {where} {slowest:.3g} m/s"
+        )
+    return lines
+
+
 def _hull_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:
     """Errors of a hull of the user's own, and what its autopilot cannot control."""
     model, role = vehicle.model, "follower" if isinstance(vehicle, Follower) else "leader"
@@ -106,7 +131,10 @@ def _hull_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:
         setup = VehicleSetup(name=key, model=model, position_m=(0.0, 0.0, -10.0))
         try:
             plant = Plant([setup], Ocean.calm(), scenario.timing.physics_step_s)
-            require_stable(plant, design(plant, (vehicle.depth_control,)), _fastest(scenario, vehicle))
+            designs = design(plant, (vehicle.depth_control,))
+            lines = _way_errors(scenario, vehicle, designs[0])
+            if not lines:
+                require_stable(plant, designs, _fastest(scenario, vehicle))
         except LaisnError as error:
             lines = [str(error).removeprefix(f"{key}: ")]
         except np.linalg.LinAlgError:
@@ -241,6 +269,25 @@ def _shift_in_dives(scenario: Scenario, route: Route) -> float:
     return float((sine[:, None] * np.abs(layers - depth[1:, None])).max())
 
 
+def _wide_turns(key: str, vehicle: Vehicle) -> list[str]:
+    """A hull that turns more slowly than routes are planned."""
+    if vehicle.model is None:
+        return []
+    from sim.control.autopilot import design, top_turn_rate
+    from sim.vehicle.mjcf import VehicleSetup
+    from sim.vehicle.plant import Plant
+    from sim.water.ocean import Ocean
+
+    plant = Plant([VehicleSetup(name=key, model=vehicle.model, position_m=(0.0, 0.0, -10.0))], Ocean.calm())
+    rate = top_turn_rate(design(plant, (vehicle.depth_control,))[0], START_SPEED)
+    if rate > TURN_RATE:
+        return []
+    return [
+        f"{key}.model: it turns at {np.rad2deg(rate):.2g}°/s at most at {START_SPEED:g} m/s; routes are planned with "
+        f"{np.rad2deg(TURN_RATE):g}°/s, and it leaves them at sharp corners"
+    ]
+
+
 def cautions(scenario: Scenario) -> list[str]:
     """What a flyable scenario has that its navigators or followers cannot cope with, a line each."""
     found, variant, leader = [], scenario.navigation.variant, scenario.leader
@@ -265,6 +312,8 @@ def cautions(scenario: Scenario) -> list[str]:
                 f"the leader dives and followers do not use its pitch, which shifts stations by up to {shift:.3g} m; "
                 "leader.broadcast_attitude and navigation.use_attitude prevent that"
             )
+    for key, vehicle in scenario.vehicles():
+        found += _wide_turns(key, vehicle)
     if leader.model is not None:
         own = scenario.model_copy(
             update={"leader": leader.model_copy(update={"baseline_m": None, "middle_offset_m": None})}

@@ -200,7 +200,7 @@ def simulate(
     plant: Plant,
     routes: Sequence[Route],
     duration: float,
-    depth_control: Sequence[DepthControl] = (),
+    depth_control: Sequence[DepthControl | None] = (),
     *,
     make_controller: ControllerFactory | None = None,
     ending: Ending | None = None,
@@ -212,7 +212,7 @@ def simulate(
         plant: at its start, which is where the vehicles begin, whatever the routes are; moved on to the end.
         routes: one for each vehicle.
         duration: [s]; a multiple of 0.1 s.
-        depth_control: of each vehicle; empty: "pitch" for all.
+        depth_control: of each vehicle, as of `design`; empty: "pitch" for all.
         make_controller: makes another controller than that of routes, compiled or in Python; None: there is none.
         ending: what ends the flight before its time; None: nothing does.
         progress: called with the mission time [s], every 50 s of it.

@@ -92,6 +92,15 @@ def scenarios(
 
 @app.command()
 @report_errors
+def vehicles() -> None:
+    """List the vehicles with size, mass, effectors and their limits."""
+    from experiments.flight import library
+
+    library.show_vehicles()
+
+
+@app.command()
+@report_errors
 def check(scenario: ScenarioArgument, set_: SetOption = None, _plugin: PluginOption = None) -> None:
     """Validate a scenario without simulating it."""
     from experiments.flight.library import load_flyable

@@ -156,3 +156,52 @@ def show() -> None:
         about = _DESCRIPTIONS.get(name) or path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
         table.add_row(name, about)
     Console().print(table)
+
+
+def vehicle_rows() -> list[tuple[str, str, str, str]]:
+    """Name, size, mass and effectors with their limits, of every vehicle."""
+    import mujoco
+    import numpy as np
+
+    import models
+    from sim.vehicle import effectors
+    from sim.vehicle.mjcf import VehicleSetup
+    from sim.vehicle.plant import Plant
+    from sim.water.ocean import Ocean
+
+    units = {effectors.THRUSTER: (1.0, "N"), effectors.CURVE: (1.0, ""), effectors.PROPELLER: (60.0, "rpm"),
+             effectors.FIN: (180.0 / np.pi, "°")}  # fmt: skip
+    rows = []
+    for name in models.VEHICLES:
+        plant = Plant([VehicleSetup(name=name, model=name, position_m=(0.0, 0.0, -10.0))], Ocean.calm())
+        looks = mujoco.MjModel.from_xml_path(str(models.path(name)))
+        # boxes about the visible parts, turned into the hull's frame
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        for geom in range(looks.ngeom):
+            turn = np.zeros(9)
+            mujoco.mju_quat2Mat(turn, looks.geom_quat[geom])
+            centre, half = looks.geom_aabb[geom].reshape(2, 3)
+            middle = looks.geom_pos[geom] + turn.reshape(3, 3) @ centre
+            reach = np.abs(turn.reshape(3, 3)) @ half
+            low, high = np.minimum(low, middle - reach), np.maximum(high, middle + reach)
+        size = " × ".join(f"{side:.2f}" for side in high - low) + " m"
+        groups: dict[str, int] = {}
+        for one in plant.effectors[0, : len(plant.effector_names[0])]:
+            scale, unit = units[int(one["kind"])]
+            what = {effectors.PROPELLER: "propeller", effectors.FIN: "fin"}.get(int(one["kind"]), "thruster")
+            text = f"{what} {scale * one['limits'][0]:.4g} … {scale * one['limits'][1]:.4g} {unit}".rstrip()
+            groups[text] = groups.get(text, 0) + 1
+        mass = float(plant.model.body(f"{name}/hull").mass[0])
+        rows.append((name, size, f"{mass:.4g} kg", ", ".join(f"{n} {text}" for text, n in groups.items())))
+    return rows
+
+
+def show_vehicles() -> None:
+    """Print the vehicles with a line each."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("vehicle", "size of what is seen", "mass", "effectors and limits", box=None, pad_edge=False)
+    for row in vehicle_rows():
+        table.add_row(*row)
+    Console().print(table)

@@ -1,13 +1,15 @@
 """Control allocation: from a wanted wrench to the commands of whatever effectors a vehicle has.
 
-The commands are those of the weighted pseudo-inverse (Fossen, Handbook of Marine Craft Hydrodynamics and Motion
+The forces are those of the weighted pseudo-inverse (Fossen, Handbook of Marine Craft Hydrodynamics and Motion
 Control, 2nd ed. 2021, chapter 11),
 
     u = P τ,    P = W⁻¹ Bᵀ (B W⁻¹ Bᵀ)⁻¹,
 
-with the wrenches of unit commands as the columns of B and W = diag(1 / range²), so that effectors work in proportion to
-their ranges. Where limits do not allow u, moments come before forces: components of τ are added one after another in
-the order of `PRIORITY`, each with the largest share that keeps all effectors within their limits.
+with the wrenches of unit forces as the columns of B and W = diag(1 / range²), so that effectors work in proportion to
+their ranges. Those of fins grow with the square of the speed, and W with them (`at_speed`); `sim.vehicle.effectors`
+finds the states that give the forces. Where limits do not allow u, moments come before forces: components of τ are
+added one after another in the order of `PRIORITY`, each with the largest share that keeps all effectors within their
+limits.
 """
 
 import numpy as np
@@ -23,6 +25,8 @@ PRIORITY = (PITCH, YAW, HEAVE, SWAY, SURGE)
 """Order in which components are served where limits do not allow all of them."""
 _WANTED = (SURGE, YAW, PITCH, HEAVE, SWAY)
 """Components that an autopilot asks for, the most needed first."""
+FAST = 2.0
+"""Speed beyond which the weights of fins change no more [m/s]."""
 _LEAST = 1e-6
 """Smallest singular value at which a component counts as given; forces and moments are over the largest of one
 effector."""
@@ -34,17 +38,18 @@ def clip(value: float, low: float, high: float) -> float:
     return min(max(value, low), high)
 
 
-def pseudo_inverse(records: npt.NDArray[np.void]) -> Floats:
+def pseudo_inverse(records: npt.NDArray[np.void], limits: Floats) -> Floats:
     """P of the components that a vehicle's effectors can give independently of each other; zero for the others.
 
     Args:
         records: of `sim.vehicle.effectors.read` for one vehicle, shape (m,).
+        limits: least and largest force of each, of `sim.vehicle.effectors.reach` at some speed, shape (m, 2), [N].
 
     Returns:
         Shape (m, 6), [-] and [1/m].
     """
     unit = effectors.unit_wrenches(records)  # Bᵀ
-    reach = np.abs(records["limits"]).max(axis=1)
+    reach = np.abs(limits).max(axis=1)
     most = np.array([np.abs(unit[:, :3]).max(), max(float(np.abs(unit[:, 3:]).max()), 1e-3)]).repeat(3)
     scaled = unit * reach[:, None] / (most * max(float(reach.max()), 1e-300))
     given: list[int] = []
@@ -62,13 +67,33 @@ def pseudo_inverse(records: npt.NDArray[np.void]) -> Floats:
 
 
 @compiled
-def allocate(inverse: Floats, limits: Floats, wrench: Floats, command: Floats) -> None:
-    """Commands that give a wrench, or of it what limits allow.
+def at_speed(slow: Floats, fast: Floats, speed: float) -> Floats:
+    """P at a speed, between those of `LEAST_WAY` and `FAST`.
+
+    B is the same for both, so that B P = 1 of all that lies between them.
 
     Args:
-        inverse: of `pseudo_inverse`, zero in rows beyond the vehicle's effectors, shape (M, 6).
-        limits: lowest and highest command, shape (M, 2), [N].
-        wrench: wanted; out: what the commands give of it, shape (6,), [N] and [N m].
+        slow: of `pseudo_inverse`, shape (M, 6).
+        fast: of the same effectors.
+        speed: along the hull [m/s].
+    """
+    least = effectors.LEAST_WAY**2
+    share = clip((speed * abs(speed) - least) / (FAST**2 - least), 0.0, 1.0)
+    out = np.empty((slow.shape[0], 6))
+    for i in range(slow.shape[0]):
+        for axis in range(6):
+            out[i, axis] = slow[i, axis] + share * (fast[i, axis] - slow[i, axis])
+    return out
+
+
+@compiled
+def allocate(inverse: Floats, limits: Floats, wrench: Floats, command: Floats) -> None:
+    """Forces of effectors that give a wrench, or of it what limits allow.
+
+    Args:
+        inverse: of `at_speed`, zero in rows beyond the vehicle's effectors, shape (M, 6).
+        limits: lowest and highest force, shape (M, 2), [N].
+        wrench: wanted; out: what the forces give of it, shape (6,), [N] and [N m].
         command: out, shape (m,), m ≤ M, [N].
     """
     m = command.size

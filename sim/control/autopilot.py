@@ -2,8 +2,8 @@
 
 Every loop gives the vehicle the dynamics of a well damped second (speed: first) order system, from its own inertia and
 drag: PID by pole placement with feedforward of the reference (Fossen, Handbook of Marine Craft Hydrodynamics and Motion
-Control, 2nd ed. 2021). There is one number to choose, the bandwidth of the attitude loops: ω = 1 / (4 ×
-lag of the slowest effector), where the lag costs the loop little damping. All others follow from it:
+Control, 2nd ed. 2021). There is one number to choose, the bandwidth of the attitude loops: ω = 1 / (4 × lag of the
+slowest effector that turns the hull, 0.3 s or more), where the lag costs the loop little damping. All others follow:
 
     heading, pitch    ω, relative damping 1; integral ω/10
     sway              side slip is taken out with ω/2, so that the vehicle goes where it points, also in turns
@@ -16,6 +16,8 @@ Depth is held by one loop that asks for a vertical force. How the force comes ab
                lift is the force. What it cannot lift (above 12° of incidence), and everything when it is slow (below
                0.6 m/s the share grows, to all below 0.3 m/s), the vertical thrusters carry.
     "thrust"   the vertical thrusters carry all, the hull is held level.
+
+A hull without vertical thrusters pitches at any speed. It has to keep way on, since fins do nothing at rest.
 
 Effectors: `sim.control.allocation` maps the wrench to whatever effectors there are, moments before forces. Integrals
 stand still while limits withhold their part of the wrench and they would push further (anti-windup by conditional
@@ -31,7 +33,7 @@ from laisn.arrays import Floats, Record
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
 from laisn.geometry import signed_angle
-from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, allocate, clip, pseudo_inverse
+from sim.control.allocation import FAST, HEAVE, PITCH, SURGE, SWAY, YAW, allocate, at_speed, clip, pseudo_inverse
 from sim.geometry.attitude import rotation, transposed
 from sim.vehicle import coefficients, effectors
 from sim.vehicle.plant import Plant
@@ -55,6 +57,8 @@ INCIDENCE_MAX = float(np.deg2rad(12.0))
 """Most incidence that is used for lift [rad]; hulls of this kind stall soon after."""
 PITCH_RATE_MAX = float(np.deg2rad(5.0))
 """Largest rate of the pitch command [rad/s]."""
+LEAST_LAG = 0.3
+"""Effectors that follow faster make the loops no faster, which run ten times a second [s]."""
 SPEED_HEAVE, SPEED_PITCH = 0.3, 0.6
 """Speeds below which the vertical thrusters alone hold depth, and above which the hull does [m/s]."""
 
@@ -75,21 +79,27 @@ DESIGN = np.dtype(
         # damping moment: [N m s], per speed [N s² per rad], per rate [N m s² per rad²]
         ("yaw_damping", np.float64, (3,)),
         ("pitch_damping", np.float64, (3,)),
+        ("pitch_munk", np.float64),  # nose-up moment per downward and forward speed that fins do not outweigh [kg]
         ("by_pitch", np.float64),  # 1: depth by pitch, 0: by thrust
-        ("allocation", np.float64, (effectors.MOST, 6)),  # commands per unit of a wrench
-        ("limits", np.float64, (effectors.MOST, 2)),  # lowest and highest command [N]
+        ("has_heave", np.float64),  # 1: vertical thrusters, 0: depth by pitch at any speed
+        ("density", np.float64),  # [kg/m³]
+        ("effectors", effectors.EFFECTOR, (effectors.MOST,)),
+        # forces per unit of a wrench, at effectors.LEAST_WAY and at allocation.FAST
+        ("slow_allocation", np.float64, (effectors.MOST, 6)),
+        ("fast_allocation", np.float64, (effectors.MOST, 6)),
     ],
     align=True,
 )
 """Parameters of the autopilot of one vehicle; rows beyond its effectors are zero."""
 
 
-def design(plant: Plant, depth_control: tuple[DepthControl, ...]) -> npt.NDArray[np.void]:
+def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.NDArray[np.void]:
     """Autopilots of all vehicles, from their MJCF as the plant has compiled it.
 
     Args:
         plant: of v vehicles.
-        depth_control: how each vehicle holds its depth, shape (v,).
+        depth_control: how each vehicle holds its depth, shape (v,); None: by pitch if its hull or fins lift or it has
+            no vertical thrusters, else by thrust.
 
     Returns:
         Records of DESIGN, shape (v,), read-only.
@@ -105,7 +115,12 @@ def design(plant: Plant, depth_control: tuple[DepthControl, ...]) -> npt.NDArray
         mass, added, centre = float(body.mass[0]), np.diag(c["added_mass"]), body.ipos
         fin = 0.5 * c["density"] * c["fin_lift_slope"] * c["fin_area"]
         own = plant.effectors[i, : len(plant.effector_names[i])]
-        record["omega"] = 1.0 / (4.0 * own["lag"].max())
+        slow, fast = (
+            pseudo_inverse(own, np.array([effectors.reach(one, c["density"], speed) for one in own]))
+            for speed in (effectors.LEAST_WAY, FAST)
+        )
+        turning = slow[:, [PITCH, YAW]].any(axis=1)
+        record["omega"] = 1.0 / (4.0 * max(own["lag"][turning].max(initial=0.0), LEAST_LAG))
         record["surge_mass"], record["sway_mass"], record["heave_mass"] = mass + added[:3]
         record["pitch_inertia"] = body.inertia[1] + mass * (centre[0] ** 2 + centre[2] ** 2) + added[4]
         record["yaw_inertia"] = body.inertia[2] + mass * centre[0] ** 2 + added[5]
@@ -115,15 +130,29 @@ def design(plant: Plant, depth_control: tuple[DepthControl, ...]) -> npt.NDArray
         record["drag"] = 0.5 * c["density"] * area * drag_coefficient + c["quadratic_damping"][0]
         record["lift"] = 0.5 * c["density"] * area * lift_slope * c["hull_lift_planes"][1] + fin[1]
         record["fin_side"] = -fin[0] * c["fin_x"]
+        moving = own[own["kind"] == effectors.FIN]
+        # force per incidence and speed², sideways and up, of the fins that move
+        each = 0.5 * c["density"] * np.prod(moving["parameters"][:, :2], axis=1)[:, None] * moving["force"][:, 1:] ** 2
+        record["lift"] += each[:, 1].sum()
+        record["fin_side"] -= each[:, 0] @ moving["place"][:, 0]
+        lifts = record["lift"] > 0.0
+        back = fin[1] * c["fin_x"] + each[:, 1] @ moving["place"][:, 0]
+        record["pitch_munk"] = max(c["munk_factor"] * (added[2] - added[0]) + back, 0.0)
+        if not c["linear_damping_fade"][2]:
+            record["lift"] += c["linear_damping"][2]  # of 1 m/s
         strips = 0.5 * c["density"] * np.sum(c["strip_area"] * np.abs(c["strip_x"]) ** 3)
         for plane, axis in enumerate(("pitch", "yaw")):
             other = 1 - plane  # records have sideways first
             across = strips * c["cross_flow_drag"][other] + c["quadratic_damping"][4 + plane]
-            record[f"{axis}_damping"] = c["linear_damping"][4 + plane], fin[other] * c["fin_x"] ** 2, across
-        record["by_pitch"] = float(depth_control[i] == "pitch")
-        record["allocation"][: own.size] = pseudo_inverse(own)
-        record["limits"][: own.size] = own["limits"]
-        _require_control(name, record, depth_control[i])
+            by_way = fin[other] * c["fin_x"] ** 2 + each[:, other] @ moving["place"][:, 0] ** 2
+            record[f"{axis}_damping"] = c["linear_damping"][4 + plane], by_way, across
+        record["has_heave"] = float(slow[:, HEAVE].any())
+        mode = depth_control[i] or ("pitch" if lifts or not record["has_heave"] else "thrust")
+        record["by_pitch"] = float(mode == "pitch")
+        record["density"] = c["density"]
+        record["effectors"][: own.size] = own
+        record["slow_allocation"][: own.size], record["fast_allocation"][: own.size] = slow, fast
+        _require_control(name, record, mode)
     records.flags.writeable = False
     return records
 
@@ -131,7 +160,7 @@ def design(plant: Plant, depth_control: tuple[DepthControl, ...]) -> npt.NDArray
 def _require_control(name: str, record: Any, mode: DepthControl) -> None:
     """LaisnError naming what a vehicle cannot do of what its autopilot asks for."""
     needed = {"surge": SURGE, "yaw": YAW} | ({"pitch": PITCH} if mode == "pitch" else {"heave": HEAVE})
-    lacking = [axis for axis, column in needed.items() if not record["allocation"][:, column].any()]
+    lacking = [axis for axis, column in needed.items() if not record["slow_allocation"][:, column].any()]
     if lacking:
         raise LaisnError(
             f"{name}: the effectors cannot give {' and '.join(lacking)} independently of the other components that "
@@ -142,6 +171,41 @@ def _require_control(name: str, record: Any, mode: DepthControl) -> None:
             f"{name}: depth_control = 'pitch' needs vertical lift of the hull or of level fins (hull_lift, "
             "hull_lift_planes, fin_area, fin_lift_slope); set depth_control = 'thrust' or give the hull lift"
         )
+
+
+def top_speed(d: Any) -> float:
+    """Speed at which all thrust ahead balances the drag of surge [m/s], 10 at most.
+
+    Args:
+        d: record of DESIGN.
+    """
+    speeds = np.arange(0.0, 10.0, 0.02)
+    command, given = np.zeros(effectors.MOST), np.zeros(speeds.size)
+    for k, speed in enumerate(speeds):
+        limits = np.array([effectors.reach(one, d["density"], speed) for one in d["effectors"]])
+        wrench = np.zeros(6)
+        wrench[SURGE] = 1e6
+        allocate(at_speed(d["slow_allocation"], d["fast_allocation"], speed), limits, wrench, command)
+        given[k] = wrench[SURGE]
+    drag = (d["drag_linear"] * np.exp(-d["drag_fade"] * speeds) + d["drag"] * speeds) * speeds
+    return float(speeds[np.argmax(given < drag)] if (given < drag).any() else speeds[-1])
+
+
+def top_turn_rate(d: Any, speed: float) -> float:
+    """Rate of turn at which the largest yaw moment balances the damping at a speed [rad/s].
+
+    Args:
+        d: record of DESIGN.
+        speed: along the hull [m/s].
+    """
+    limits = np.array([effectors.reach(one, d["density"], speed) for one in d["effectors"]])
+    wrench, command = np.zeros(6), np.zeros(effectors.MOST)
+    wrench[YAW] = 1e6
+    allocate(at_speed(d["slow_allocation"], d["fast_allocation"], speed), limits, wrench, command)
+    linear = d["yaw_damping"][0] + d["yaw_damping"][1] * speed
+    # least damping: that of a hull without any has no bound
+    square = max(d["yaw_damping"][2], 1e-9)
+    return float((-linear + np.sqrt(linear**2 + 4.0 * square * wrench[YAW])) / (2.0 * square))
 
 
 @compiled
@@ -163,7 +227,9 @@ def _hold_depth(
     d: Any, reference: Record, depth: float, sinking: float, speed: float, dt: float, memory: Record
 ) -> tuple[float, float, float, float]:
     """Pitch wanted [rad] and its rate [rad/s], heave force wanted [N] (up), and the integral's rate [N]."""
-    by_pitch = d.by_pitch * clip((speed - SPEED_HEAVE) / (SPEED_PITCH - SPEED_HEAVE), 0.0, 1.0)
+    by_pitch = d.by_pitch
+    if d.has_heave > 0.0:
+        by_pitch *= clip((speed - SPEED_HEAVE) / (SPEED_PITCH - SPEED_HEAVE), 0.0, 1.0)
     speed = max(speed, SPEED_HEAVE)
     high = reference.depth - depth
 
@@ -250,7 +316,7 @@ def control(
         motion: how the vehicle moves.
         dt: since the last call [s].
         memory: record of AUTOPILOT_MEMORY; brought forward.
-        command: out: thrusts, shape (m,), [N].
+        command: out: in the units of the effectors' states, shape (m,).
     """
     heading_wanted, turn_wanted, speed_wanted = wanted
     surge, sway, heading, pitch = motion.surge, motion.sway, motion.heading, motion.pitch
@@ -279,11 +345,18 @@ def control(
     pitch_wanted, pitching, force, rate = _hold_depth(d, reference, motion.depth, motion.sinking, way, dt, memory)
     error = pitch_wanted - pitch
     nose_up = d.pitch_inertia * (omega * omega * error + 2.0 * omega * (pitching + motion.pitching))
+    # the Munk moment that fins leave, by the speed across the hull
+    nose_up -= d.pitch_munk * surge * (motion.sinking + surge * np.sin(pitch)) / level
     nose_up += memory.pitch_integral + d.righting * pitch_wanted + _damping(d.pitch_damping, way, pitching)
 
     wrench = np.zeros(6)
     wrench[SURGE], wrench[SWAY], wrench[HEAVE], wrench[PITCH], wrench[YAW] = thrust, side, force, -nose_up, moment
-    allocate(d.allocation, d.limits, wrench, command)
+    limits = np.empty((command.size, 2))
+    for i in range(command.size):
+        limits[i, 0], limits[i, 1] = effectors.reach(d.effectors[i], d.density, surge)
+    allocate(at_speed(d.slow_allocation, d.fast_allocation, surge), limits, wrench, command)
+    for i in range(command.size):
+        command[i] = effectors.state_for(d.effectors[i], d.density, command[i], surge)
     memory.speed_integral += _increment(d.surge_mass * 0.05 * omega * omega * speed_error * dt, thrust, wrench[SURGE])
     memory.heading_integral += _increment(-0.1 * d.yaw_inertia * omega**3 * heading_error * dt, moment, wrench[YAW])
     memory.pitch_integral += _increment(0.1 * d.pitch_inertia * omega**3 * error * dt, nose_up, -wrench[PITCH])

@@ -12,7 +12,7 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
-from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, clip
+from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, at_speed, clip
 from sim.control.autopilot import SPEED_HEAVE, SPEED_PITCH
 from sim.scenario.routes import START_SPEED
 from sim.vehicle import coefficients
@@ -36,12 +36,14 @@ def _skew(a: Floats) -> Floats:
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
-def _forces(c: Any, rigid: Floats, centre: Floats, state: Floats, water: Water) -> Floats:
+def _forces(c: Any, rigid: Floats, centre: Floats, state: Floats, water: Water, fitted: Any) -> Floats:
     """Wrench of water, weight and inertia in the body, of velocities (6) and small angles about the body's axes (3)."""
     velocity, spin, angle = state[:3], state[3:6], state[6:]
     to_world = np.eye(3) + _skew(angle) + 0.5 * _skew(angle) @ _skew(angle)
     pose = np.array([0.0, 0.0, -10.0, np.sqrt(1.0 - 0.25 * angle @ angle), *(0.5 * angle)])
-    force, moment, _ = wrench(c, pose, np.concatenate([to_world @ velocity, spin]), 0.0, water)
+    force, moment, _ = wrench(
+        c, pose, np.concatenate([to_world @ velocity, spin]), 0.0, water, fitted, np.zeros(fitted.size)
+    )
     weight = to_world.T @ [0.0, 0.0, -rigid[0, 0] * c.gravity]
     momentum = rigid @ state[:6]
     return np.concatenate(
@@ -65,9 +67,11 @@ def _law(d: Any, climb: Floats, speed: float) -> Floats:
     """
     law, omega = np.zeros((6, 10)), d["omega"]
     thrust = 1.0 - d["by_pitch"] * clip((speed - SPEED_HEAVE) / (SPEED_PITCH - SPEED_HEAVE), 0.0, 1.0)
+    thrust *= d["has_heave"]
     law[SURGE, SURGE], law[SWAY, SWAY] = -0.5 * omega * d["surge_mass"], -0.5 * omega * d["sway_mass"]
     for axis, inertia in ((PITCH, d["pitch_inertia"]), (YAW, d["yaw_inertia"])):
         law[axis, axis], law[axis, axis + 3] = -2.0 * omega * inertia, -omega * omega * inertia
+    law[PITCH, HEAVE] = -d["pitch_munk"] * speed
     law[HEAVE] = -omega * thrust * d["heave_mass"] * climb
     law[HEAVE, HEIGHT] = -0.25 * omega * omega * thrust * d["heave_mass"]
     return law
@@ -86,13 +90,13 @@ def _motion(plant: Plant, i: int, d: Any, about: Floats) -> Floats:
     rigid = np.block([[mass * np.eye(3), -cross], [cross, np.diag(body.inertia) - cross @ _skew(centre)]])
     speed = float(about[0])
     steps = _STEP * np.eye(9)
+    own = plant.effectors[i, : len(plant.effector_names[i])]
     rates = [
-        _forces(c, rigid, centre, about + step, plant.ocean.water)
-        - _forces(c, rigid, centre, about - step, plant.ocean.water)
+        _forces(c, rigid, centre, about + step, plant.ocean.water, own)
+        - _forces(c, rigid, centre, about - step, plant.ocean.water, own)
         for step in steps
     ]
-    own = plant.effectors[i, : len(plant.effector_names[i])]
-    given = unit_wrenches(own).T @ d["allocation"][: own.size]
+    given = unit_wrenches(own).T @ at_speed(d["slow_allocation"], d["fast_allocation"], speed)[: own.size]
     inverse, lag = np.linalg.inv(rigid + c.added_mass), 0.25 / d["omega"]
     matrix = np.zeros((16, 16))
     matrix[:6, :9], matrix[:6, 10:] = inverse @ np.array(rates).T / (2.0 * _STEP), inverse

@@ -48,6 +48,8 @@ class FrameState:
     """Body origins in the world, shape (v, 3), [m]."""
     quaternion: Floats
     """Attitudes from body to world, (w, x, y, z), shape (v, 4)."""
+    effectors: Floats
+    """States of the effectors, shape (v, m)."""
     heading: Floats
     """Shape (v,)."""
     pitch: Floats
@@ -147,6 +149,7 @@ class FilmData:
             film_time=(time - self.start) / self.speed_up,
             position=position,
             quaternion=quaternion,
+            effectors=truth.thrust[i],
             heading=attitude.heading(quaternion),
             pitch=attitude.pitch(quaternion),
             speed=truth.forward_speed[i],

@@ -14,6 +14,7 @@ from sim.film.cameras import Shot, View
 from sim.film.film_data import FrameState
 from sim.flight import Flight
 from sim.scenario.settings import Video
+from sim.vehicle.effectors import MovingFins
 from sim.vehicle.mjcf import resolve
 
 Box = tuple[int, int, int, int]
@@ -45,6 +46,7 @@ class GlScene:
         self._model = seascape.build(flight, *size)
         self._data = mujoco.MjData(self._model)
         self._vehicles = [resolve(self._model, name) for name in flight.trajectory.names]
+        self._fins = MovingFins(self._model)
         parts = [self._model.geom(g).name.split("/")[-1] for g in range(self._model.ngeom)]
         self._inside = {g for g, part in enumerate(parts) if part.startswith(_INSIDE)}
         self._gl = mujoco.GLContext(*size)
@@ -75,6 +77,8 @@ class GlScene:
         for vehicle, position, quaternion in zip(self._vehicles, state.position, state.quaternion, strict=True):
             self._data.qpos[vehicle.qpos : vehicle.qpos + 3] = position
             self._data.qpos[vehicle.qpos + 3 : vehicle.qpos + 7] = quaternion
+        if state.effectors.size == self._model.nu:  # the paper's point motion has no effectors
+            self._fins.turn(state.effectors.ravel())
         self._sea.show_surface(shot.surface)
         self._fog(*shot.fog)
         # what a wide lens sees before the fog closes lies within this square

@@ -14,6 +14,7 @@ from laisn.messages import Ranges
 from sim.assembly import models_of
 from sim.flight import Flight
 from sim.log.schema import pose, timestamp, vector
+from sim.vehicle.effectors import MovingFins
 from sim.vehicle.mjcf import spec_of
 
 Draw = Callable[[int, int], fg.SceneUpdate]
@@ -54,10 +55,10 @@ def _sphere(place: Any, size: Sequence[float], color: fg.Color) -> fg.SpherePrim
     return fg.SpherePrimitive(pose=place, size=vector(size), color=color)
 
 
-def hull(model_of: str) -> dict[str, list[Any]]:
-    """Everything visible of a model of `sim.vehicle.mjcf.spec_of`, in its body frame, as fields of a SceneEntity."""
+def hull(model: Any) -> dict[str, list[Any]]:
+    """Everything visible of a compiled vehicle, in its body frame, as fields of a SceneEntity."""
     parts: dict[str, list[Any]] = {"cylinders": [], "spheres": [], "cubes": [], "triangles": []}
-    model, kinds = spec_of(model_of).compile(), mujoco.mjtGeom
+    kinds = mujoco.mjtGeom
     for geom in range(model.ngeom):
         kind, material, turn = kinds(model.geom_type[geom]), model.geom_matid[geom], model.geom_quat[geom]
         position, half = model.geom_pos[geom], model.geom_size[geom]
@@ -116,7 +117,9 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
         index: points of the trajectory to draw at, a second apart, shape (n,).
     """
     names = flight.trajectory.names
-    hulls = [hull(model) for model in models_of(flight.scenario)]
+    compiled = [spec_of(model).compile() for model in models_of(flight.scenario)]
+    hulls, fins = [hull(model) for model in compiled], [MovingFins(model) for model in compiled]
+    states = flight.trajectory.thrust[index]
     trails = [_points(flight.trajectory.position[index, v]) for v in range(len(names))]
     # the last filter step at or before each point; the state of step k stands in row k − 1
     rows = [np.minimum(index // flight.stride, e.state.shape[0]) - 1 for e in flight.estimates]
@@ -132,7 +135,10 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
             lines = [_line(fg.LinePrimitiveLineType.LineStrip, color, points[-TRAIL_S - 1 :])]
             return fg.SceneEntity(timestamp=stamp, id=name, frame_id="world", lines=lines, **more)
 
-        for name, parts, points in zip(names, hulls, trails, strict=True):
+        for v, (name, parts, points) in enumerate(zip(names, hulls, trails, strict=True)):
+            if fins[v] and states.shape[2]:
+                fins[v].turn(states[i, v])
+                parts = hull(compiled[v])
             whole: dict[str, Any] = {"id": f"{name}/hull", "frame_id": name, "frame_locked": True, **parts}
             entities.append(fg.SceneEntity(timestamp=stamp, **whole))
             entities.append(trail(f"{name}/trail", TRUTH, points[: i + 1]))

@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+import models
 from laisn.failure import LaisnError
 from sim.files import read_text
 from sim.scenario.settings import KEYS_ALONE, Scenario
@@ -72,7 +73,8 @@ def is_model_key(key: str) -> bool:
 
 def beside(model: Any, folder: Path) -> Any:
     """The name of a hull's file as seen from here, for one that is named as seen from a folder."""
-    return str(folder / model) if isinstance(model, str) and not is_mjcf(model) else model
+    named = isinstance(model, str) and not is_mjcf(model) and model not in models.VEHICLES
+    return str(folder / model) if named else model
 
 
 def seen_from(table: dict[str, Any], folder: Path) -> dict[str, Any]:

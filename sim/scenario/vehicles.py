@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
+import models
 from laisn.failure import LaisnError
 from sim.files import read_text
 from sim.scenario.formation import Station
@@ -45,8 +46,8 @@ class Vehicle(Section):
     )
     model: Annotated[str, Field(max_length=LONGEST_MODEL)] | None = Field(
         None,
-        description="own MJCF hull, path relative to this file; saved scenarios hold its text; default: the project's "
-        "hull",
+        description="vehicle of `laisn vehicles`, or own MJCF hull, path relative to this file; saved scenarios hold "
+        "its text; default: the project's hull",
     )
     depth_m: NonNegative = Field(LEADER_DEPTH, description="depth held by the autopilot")
     depth_profile: Annotated[tuple[TimedDepth, ...], LISTED] = Field(
@@ -61,8 +62,9 @@ class Vehicle(Section):
     added_mass_scale: Scale = Field(1.0, description="simulated over nominal added mass")
     lift_scale: Scale = Field(1.0, description="simulated over nominal lift of hull and fins")
     thrust_scale: Scale = Field(1.0, description="actual over commanded thrust")
-    depth_control: Literal["pitch", "thrust"] = Field(
-        "pitch", description="depth control by hull pitch, or level by vertical thrusters"
+    depth_control: Literal["pitch", "thrust"] | None = Field(
+        None,
+        description="depth control by hull pitch, or level by vertical thrusters; default: by pitch if the hull lifts",
     )
 
     @model_validator(mode="before")
@@ -78,6 +80,8 @@ class Vehicle(Section):
         """The text of a hull that is given by the name of its file."""
         if model is None or is_mjcf(model):
             return model
+        if model in models.VEHICLES:
+            return models.path(model).read_text("utf-8")
         try:
             text = read_text(Path(model), LONGEST_MODEL)
         except LaisnError as error:

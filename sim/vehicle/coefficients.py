@@ -35,13 +35,17 @@ NUMERICS: dict[str, tuple[tuple[int, ...], str]] = {
 
 _SIGNED = ("added_mass", "strip_x", "fin_x")
 
+MATRICES = {"linear_damping": "linear_coupling", "quadratic_damping": "quadratic_coupling"}
+"""Numerics that may have 6×6 values by rows, D of the wrench −D ν or −D |ν| ν, and where those off the diagonal go."""
+
 RECORD = np.dtype(
     [(name, np.float64, shape) for name, (shape, _) in NUMERICS.items()]
+    + [("linear_coupling", np.float64, (6, 6)), ("quadratic_coupling", np.float64, (6, 6)), ("coupled", np.int64)]
     + [("n_strips", np.int64), ("gravity", np.float64), ("density", np.float64), ("cross_flow_root", np.float64, (2,))],
     align=True,
 )
-"""One record per vehicle: the numerics of its MJCF, the world's gravity [m/s²] and density [kg/m³], and what each step
-would have to find anew: the cube roots of `cross_flow_drag`."""
+"""One record per vehicle: the numerics of its MJCF, damping off the diagonals where they have 6×6 values, the world's
+gravity [m/s²] and density [kg/m³], and what each step would have to find anew: the cube roots of `cross_flow_drag`."""
 
 
 def read(model: Any, names: Sequence[str], density: float) -> npt.NDArray[np.void]:
@@ -63,10 +67,16 @@ def read(model: Any, names: Sequence[str], density: float) -> npt.NDArray[np.voi
     for record, name in zip(records, names, strict=True):
         for numeric, (shape, _) in NUMERICS.items():
             value = _numeric(model, name, numeric)
-            if numeric not in _SIGNED and np.any(value < 0.0):
+            own = np.diag(value.reshape(6, 6)) if numeric in MATRICES and value.size == 36 else value
+            if numeric not in _SIGNED and np.any(own < 0.0):
                 raise LaisnError(f"{name}: {numeric} must not be negative")
             if numeric in ("strip_x", "strip_area"):
                 record[numeric][: value.size] = value
+            elif numeric in MATRICES and value.size == 36:
+                whole = value.reshape(6, 6)
+                record[numeric] = np.diag(whole)
+                record[MATRICES[numeric]] = whole - np.diag(np.diag(whole))
+                record["coupled"] |= int(record[MATRICES[numeric]].any())
             else:
                 record[numeric] = value.reshape(shape)
         record["n_strips"] = _numeric(model, name, "strip_x").size
@@ -98,7 +108,7 @@ def scaled(records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]) -> npt
     """
     true = records.copy()
     for i, settings in enumerate(setup.settings for setup in setups):
-        for name in ("linear_damping", "quadratic_damping", "cross_flow_drag"):
+        for name in (*MATRICES, *MATRICES.values(), "cross_flow_drag"):
             true[name][i] *= settings.drag_scale
         true["hull_lift"][i] *= (1.0, settings.drag_scale, settings.lift_scale)
         true["fin_lift_slope"][i] *= settings.lift_scale
@@ -115,7 +125,7 @@ def fault_of(name: str, given: int | None) -> str:
     expected = f"{'1 to ' if strips else ''}{size} value{'s' if size > 1 else ''} [{unit}]"
     if given is None:
         return f"lacks <numeric name={name!r}>, {expected}"
-    fits = 1 <= given <= size if strips else given == size
+    fits = 1 <= given <= size if strips else given == size or (name in MATRICES and given == 36)
     return "" if fits else f"<numeric name={name!r}> has {given} values, expected {expected}"
 
 

@@ -47,6 +47,17 @@ def damping(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
 
 
 @compiled
+def coupled_damping(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+    """Damping off the diagonals, −(D + D_q |ν_j|) ν_j, which does not fade."""
+    nu = (v[0], v[1], v[2], w[0], w[1], w[2])
+    out = np.zeros(6)
+    for i in range(6):
+        for j in range(6):
+            out[i] -= (c.linear_coupling[i, j] + c.quadratic_coupling[i, j] * abs(nu[j])) * nu[j]
+    return (out[0], out[1], out[2]), (out[3], out[4], out[5])
+
+
+@compiled
 def hull_lift(c: Any, v: Vector) -> Vector:
     """Drag and lift of the hull at incidence α, as a force along its axis and one across it.
 

@@ -1,4 +1,14 @@
-"""Effectors: the actuators of an MJCF as records, and their moments, which MuJoCo needs at every step.
+"""Effectors: the actuators of an MJCF as records, their forces, and their moments, which MuJoCo needs at every step.
+
+An actuator is a thruster whose state is its thrust [N], unless the MJCF has a numeric of its name and a suffix:
+
+    NAME.curve      thruster; the state is any quantity, the curve has pairs of state and thrust [N], both increasing;
+                    equal thrusts make a dead zone
+    NAME.propeller  the state is revolutions per second: diameter [m], K_T at J = 0, its slope dK_T/dJ, K_Q and its
+                    slope, wake fraction, thrust deduction, and the share of the torque that turns the hull (negative
+                    for a propeller of the other hand)
+    NAME.fin        the state is the deflection [rad], positive where it pushes along the actuator's axis: area [m²],
+                    slope of the normal force [1/rad], stall angle [rad], drag coefficient at no incidence
 
 The site of a thruster is fixed in its hull and a free joint counts torque in the body frame, so that a unit of thrust
 has a constant force and torque in the body; only the direction of the force in the world turns with the hull.
@@ -17,8 +27,8 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
 from sim.geometry import attitude
-from sim.geometry.attitude import rotation, times
-from sim.vehicle.mjcf import Vehicle
+from sim.geometry.attitude import Vector, cross, plus, rotation, scaled, times
+from sim.vehicle.mjcf import Vehicle, VehicleSetup
 
 Layout = tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int32]]
 """Layout of MuJoCo's sparse matrix of moments: numbers of entries and their addresses by row, and their columns."""
@@ -26,13 +36,26 @@ Layout = tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int3
 
 MOST = 16
 """Largest number of effectors of a vehicle."""
+MOST_POINTS = 16
+"""Largest number of points of a thruster's curve."""
+THRUSTER, CURVE, PROPELLER, FIN = range(4)
+"""Kinds of effectors; MuJoCo itself applies the thrust of the first."""
+SUFFIXES = {CURVE: ".curve", PROPELLER: ".propeller", FIN: ".fin"}
+_PARAMETERS = {PROPELLER: 8, FIN: 4}
+LEAST_WAY = 0.5
+"""Speed below which fins count for nothing more, in allocation, and below which hulls that need them lose way [m/s]."""
 
 EFFECTOR = np.dtype(
     [
         ("force", np.float64, (3,)),  # force of a unit of thrust, in the body frame [-]
         ("torque", np.float64, (3,)),  # its torque about the body's origin [m]
-        ("lag", np.float64),  # time constant of the thrust [s]
-        ("limits", np.float64, (2,)),  # lowest and highest thrust [N]
+        ("lag", np.float64),  # time constant of the state [s]
+        ("limits", np.float64, (2,)),  # lowest and highest state: thrust [N], or as of the kind
+        ("kind", np.int64),
+        ("place", np.float64, (3,)),  # of the site, in the body frame [m]
+        ("parameters", np.float64, (8,)),  # of a propeller or a fin, as the MJCF has them
+        ("points", np.int64),
+        ("curve", np.float64, (MOST_POINTS, 2)),  # states and thrusts [N]
     ],
     align=True,
 )
@@ -50,7 +73,7 @@ def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
         Records of EFFECTOR in the order of the MJCF, shape (v, m); actuators that pad a vehicle are all zeros.
 
     Raises:
-        LaisnError: an actuator does not act at a site of its own hull.
+        LaisnError: an actuator does not act at a site of its own hull, or its numeric is wrong.
     """
     records = np.zeros((len(vehicles), len(vehicles[0].actuators)), EFFECTOR)
     for row, vehicle in zip(records, vehicles, strict=True):
@@ -65,11 +88,244 @@ def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
             force, torque = attitude.rotate(model.site_quat[site], model.actuator_gear[actuator].reshape(2, 3))
             record["force"], record["torque"] = force, torque + np.cross(model.site_pos[site], force)
             record["lag"], record["limits"] = model.actuator_dynprm[actuator, 0], model.actuator_ctrlrange[actuator]
+            record["place"] = model.site_pos[site]
+            _read_kind(model, model.actuator(actuator).name, record)
     return records
 
 
+def _read_kind(model: Any, name: str, record: Any) -> None:
+    """Fill in the kind of an effector and its parameters, of the numeric that has its name."""
+    for kind, suffix in SUFFIXES.items():
+        i = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name + suffix)
+        if i < 0:
+            continue
+        if record["kind"] != THRUSTER:
+            raise LaisnError(f"actuator {name!r} has several of the numerics {', '.join(SUFFIXES.values())}")
+        record["kind"] = kind
+        values = model.numeric_data[model.numeric_adr[i] : model.numeric_adr[i] + model.numeric_size[i]]
+        if kind == CURVE:
+            pairs = values.reshape(-1, 2) if values.size % 2 == 0 else np.zeros((0, 2))
+            rises = len(pairs) and np.all(np.diff(pairs[:, 0]) > 0) and np.all(np.diff(pairs[:, 1]) >= 0)
+            if not (2 <= len(pairs) <= MOST_POINTS and rises):
+                raise LaisnError(
+                    f"<numeric name={name + suffix!r}> must have 2 to {MOST_POINTS} pairs of state and thrust, rising"
+                )
+            record["points"], record["curve"][: len(pairs)] = len(pairs), pairs
+            continue
+        if values.size != _PARAMETERS[kind]:
+            raise LaisnError(f"<numeric name={name + suffix!r}> has {values.size} values, not {_PARAMETERS[kind]}")
+        record["parameters"][: values.size] = values
+        wrong = values[0] <= 0 or values[1] <= 0
+        if kind == PROPELLER:
+            wrong |= not (0 <= values[5] < 1 and 0 <= values[6] < 1 and values[2] <= 0)
+        else:
+            across = abs(record["force"][0]) < 1e-9 and abs(np.linalg.norm(record["force"]) - 1) < 1e-6
+            wrong |= not (across and 0 < values[2] < np.pi / 2 and values[3] >= 0)
+        if wrong:
+            raise LaisnError(
+                f"<numeric name={name + suffix!r}> has impossible values, or the actuator's gear is no unit vector"
+                + (" across the hull" if kind == FIN else "")
+            )
+
+
+class MovingFins:
+    """The geoms of a compiled model that have the names of fins, turned as the fins are.
+
+    Args:
+        model: MjModel with looks.
+    """
+
+    def __init__(self, model: Any) -> None:
+        self._model = model
+        self._fins: list[tuple[int, int, Floats, Floats]] = []
+        for i in range(model.nu):
+            name = model.actuator(i).name
+            geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name)
+            if geom >= 0 and mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name + SUFFIXES[FIN]) >= 0:
+                push = attitude.rotate(model.site_quat[model.actuator_trnid[i, 0]], model.actuator_gear[i, :3])
+                self._fins.append((i, geom, np.cross((1.0, 0.0, 0.0), push), model.geom_quat[geom].copy()))
+
+    def __bool__(self) -> bool:
+        return bool(self._fins)
+
+    def turn(self, state: Floats) -> None:
+        """Turn the geoms by the states of all actuators, shape (nu,); deflections are [rad]."""
+        for actuator, geom, axis, still in self._fins:
+            turned = np.zeros(4)
+            mujoco.mju_axisAngle2Quat(turned, axis, float(state[actuator]))
+            mujoco.mju_mulQuat(self._model.geom_quat[geom], turned, still)
+
+
+@compiled
+def propeller_load(p: Floats, density: float, rate: float, inflow: float) -> tuple[float, float]:
+    """Thrust, less its deduction [N], and torque on the hull [N m] (Fossen 2021, Section 9.2; Carlton 2018).
+
+    K_T and K_Q fall linearly with J = (1 − w) u / (n D). Astern, and in water from behind, they are those of J = 0.
+
+    Args:
+        p: parameters of a propeller.
+        density: of the water [kg/m³].
+        rate: n [1/s].
+        inflow: u, speed of the propeller along its axis [m/s].
+    """
+    size = density * p[0] ** 3 * abs(rate)
+    own, advance = rate * p[0], (1.0 - p[5]) * max(inflow, 0.0) if rate > 0.0 else 0.0
+    return (1.0 - p[6]) * size * (p[1] * own + p[2] * advance), p[7] * size * p[0] * (p[3] * own + p[4] * advance)
+
+
+@compiled
+def thrust_on_curve(record: Any, state: float) -> float:
+    """Thrust of a curve [N], linear between its points and constant beyond them."""
+    curve, last = record.curve, record.points - 1
+    if state <= curve[0, 0]:
+        return float(curve[0, 1])
+    for i in range(last):
+        if state <= curve[i + 1, 0]:
+            share = (state - curve[i, 0]) / (curve[i + 1, 0] - curve[i, 0])
+            return float(curve[i, 1] + share * (curve[i + 1, 1] - curve[i, 1]))
+    return float(curve[last, 1])
+
+
+@compiled
+def fin_force(record: Any, density: float, deflection: float, local: Vector) -> Vector:
+    """Force of a fin by the velocity of its place relative to the water, in the body [N].
+
+    Across the deflected chord acts ½ρ S a U² sin α |cos α|, with α the incidence of the flow on the chord; a fin of
+    small aspect ratio keeps the force of its stall angle beyond it (Whicker and Fehlner 1958). Without suction at the
+    leading edge the force tilts back with the fin, which is its induced drag. Along the flow acts ½ρ S C_D0 U².
+    """
+    e, p = record.force, record.parameters
+    u, across = local[0], local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
+    square = u * u + across * across
+    if square < 1e-12:
+        return 0.0, 0.0, 0.0
+    speed, sine, cosine = np.sqrt(square), np.sin(deflection), np.cos(deflection)
+    limit = np.sin(p[2])
+    incidence = min(max((u * sine - across * cosine) / speed, -limit), limit)
+    scale = 0.5 * density * p[0]
+    normal = scale * p[1] * square * incidence * np.sqrt(1.0 - incidence * incidence)
+    drag = scale * p[3] * speed
+    aside = normal * cosine - drag * across
+    return -normal * sine - drag * u, aside * e[1], aside * e[2]
+
+
+@compiled
+def loads(records: Any, state: Floats, density: float, v: Vector, w: Vector) -> tuple[bool, Vector, Vector]:
+    """Forces of all effectors of a vehicle that MuJoCo does not apply itself.
+
+    Args:
+        records: of EFFECTOR, shape (m,).
+        state: of the effectors, shape (m,).
+        density: of the water [kg/m³].
+        v: velocity relative to the water, in the body [m/s].
+        w: rate of turn relative to the water [rad/s].
+
+    Returns:
+        Whether there are any; force [N] and moment about the origin [N m] in the body.
+    """
+    found, force, moment = False, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for i in range(records.shape[0]):
+        record = records[i]
+        if record.kind == THRUSTER:
+            continue
+        found = True
+        e, arm = record.force, record.torque
+        axis, lever = (e[0], e[1], e[2]), (arm[0], arm[1], arm[2])
+        if record.kind == CURVE:
+            thrust = thrust_on_curve(record, state[i])
+            force, moment = plus(force, scaled(thrust, axis)), plus(moment, scaled(thrust, lever))
+            continue
+        place = (record.place[0], record.place[1], record.place[2])
+        local = plus(v, cross(w, place))
+        if record.kind == FIN:
+            part = fin_force(record, density, state[i], local)
+            force, moment = plus(force, part), plus(moment, cross(place, part))
+            continue
+        inflow = local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
+        thrust, torque = propeller_load(record.parameters, density, state[i], inflow)
+        force = plus(force, scaled(thrust, axis))
+        moment = plus(moment, plus(scaled(thrust, lever), scaled(torque, axis)))
+    return found, force, moment
+
+
+@compiled
+def reach(record: Any, density: float, speed: float) -> tuple[float, float]:
+    """Least and largest force along the axis of an effector at a speed through the water [N].
+
+    Args:
+        record: of EFFECTOR.
+        density: of the water [kg/m³].
+        speed: along the hull [m/s]; of fins, at least `LEAST_WAY` is assumed.
+    """
+    low, high = record.limits[0], record.limits[1]
+    if record.kind == CURVE:
+        return thrust_on_curve(record, low), thrust_on_curve(record, high)
+    if record.kind == PROPELLER:
+        p = record.parameters
+        inflow = speed * record.force[0]
+        return propeller_load(p, density, low, inflow)[0], propeller_load(p, density, high, inflow)[0]
+    if record.kind == FIN:
+        lift, stall = fin_lift(record, density, speed), record.parameters[2]
+        return lift * max(low, -stall), lift * min(high, stall)
+    return low, high
+
+
+@compiled
+def fin_lift(record: Any, density: float, speed: float) -> float:
+    """Force of a fin per deflection at a speed, `LEAST_WAY` or more [N/rad]."""
+    way = max(speed, LEAST_WAY)
+    return float(0.5 * density * record.parameters[0] * record.parameters[1] * way * way)
+
+
+@compiled
+def state_for(record: Any, density: float, force: float, speed: float) -> float:
+    """State of an effector that gives a force along its axis, at a speed through the water.
+
+    Args:
+        record: of EFFECTOR.
+        density: of the water [kg/m³].
+        force: wanted, within `reach` [N].
+        speed: along the hull [m/s].
+    """
+    if record.kind == FIN:
+        return force / fin_lift(record, density, speed)
+    if record.kind == PROPELLER:
+        p = record.parameters
+        size = (1.0 - p[6]) * density * p[0] ** 3
+        square, half = size * p[1] * p[0], 0.5 * size * p[2] * (1.0 - p[5]) * max(speed * record.force[0], 0.0)
+        if half * half + square * force >= 0.0:
+            return float((-half + np.sqrt(half * half + square * force)) / square)
+        return float(-np.sqrt(-force / square))
+    if record.kind == CURVE:
+        curve = record.curve
+        if force == 0.0:
+            return 0.0
+        for i in range(record.points - 1):
+            if curve[i, 1] <= force <= curve[i + 1, 1] and curve[i, 1] < curve[i + 1, 1]:
+                share = (force - curve[i, 1]) / (curve[i + 1, 1] - curve[i, 1])
+                return float(curve[i, 0] + share * (curve[i + 1, 0] - curve[i, 0]))
+        return float(curve[0, 0]) if force < 0.0 else float(curve[record.points - 1, 0])
+    return force
+
+
+def scaled_records(records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]) -> npt.NDArray[np.void]:
+    """What effectors really give whose MJCF is not quite right: records with the setups' scales applied.
+
+    Args:
+        records: of `read`, shape (v, m).
+        setups: of the same vehicles.
+    """
+    true = records.copy()
+    for row, setup in zip(true, setups, strict=True):
+        row["parameters"][row["kind"] == FIN, 1] *= setup.lift_scale
+        row["parameters"][row["kind"] == PROPELLER, 1:3] *= setup.thrust_scale
+        row["curve"][..., 1] *= setup.thrust_scale
+    true.flags.writeable = False
+    return true
+
+
 def unit_wrenches(records: npt.NDArray[np.void]) -> Floats:
-    """Force and torque about the body's origin of a unit of thrust, in the body frame.
+    """Force and torque about the body's origin of a unit of force along the axis, in the body frame.
 
     Args:
         records: of `read`, shape (v, m).

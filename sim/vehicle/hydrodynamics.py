@@ -18,7 +18,8 @@ import numpy as np
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled
 from sim.geometry.attitude import Matrix, Vector, cross, minus, plus, rotation, scaled, times, transposed
-from sim.vehicle.drag import viscous
+from sim.vehicle.drag import coupled_damping, viscous
+from sim.vehicle.effectors import loads
 from sim.water.ocean import AMPLITUDE, Water, elevation_at, flow
 
 LOST = 1e3
@@ -117,17 +118,21 @@ def immersion(c: Any, position: Vector, axis: Vector, time: float, water: Water)
 
 
 @compiled
-def wrench(c: Any, pose: Floats, twist: Floats, time: float, water: Water) -> tuple[Vector, Vector, float]:
+def wrench(
+    c: Any, pose: Floats, twist: Floats, time: float, water: Water, fitted: Any, state: Floats
+) -> tuple[Vector, Vector, float]:
     """All that the water does to one vehicle, but for added mass times acceleration.
 
     Args:
         c: record of `sim.vehicle.coefficients.RECORD`.
         pose: position [m] and quaternion, shape (7,).
         twist: velocity of the origin in the world [m/s], angular velocity in the body [rad/s], shape (6,).
+        fitted: effectors of the vehicle, records of `sim.vehicle.effectors.EFFECTOR`, shape (m,).
+        state: of the effectors, shape (m,).
 
     Returns:
         force in the world [N], moment about the origin in the body [N m], share of the hull that is immersed. All
-        forces fade with that share; thrusters are not of this module and do not.
+        forces fade with that share; thrusters that MuJoCo applies do not.
     """
     to_world = rotation(pose[3:7])
     to_body = transposed(to_world)
@@ -151,6 +156,12 @@ def wrench(c: Any, pose: Floats, twist: Floats, time: float, water: Water) -> tu
     force, moment = plus(force, times(to_body, part[0])), plus(moment, times(to_body, part[1]))
     for part in viscous(c, v, w):
         force, moment = plus(force, part[0]), plus(moment, part[1])
+    if c.coupled:
+        part = coupled_damping(c, v, w)
+        force, moment = plus(force, part[0]), plus(moment, part[1])
+    moving = loads(fitted, state, c.density, v, w)
+    if moving[0]:
+        force, moment = plus(force, moving[1]), plus(moment, moving[2])
 
     # the solver applies added mass to the body's own acceleration; what the water brings of it is added here
     part = _inertia_times(
@@ -229,6 +240,7 @@ def apply(
     time: float,
     water: Water,
     solver: Solver,
+    fitted: tuple[Any, Floats],
 ) -> int:
     """Give every vehicle its wrench and its added mass, between `mj_step1` and `mj_factorM`.
 
@@ -237,6 +249,7 @@ def apply(
         pose: position and quaternion, shape (v, 7).
         twist: velocity in the world, angular velocity in the body, shape (v, 6).
         solver: where wrench and added mass go; `applied` is overwritten.
+        fitted: effectors, records of `sim.vehicle.effectors.EFFECTOR`, and their states, shape (v, m).
 
     Returns:
         The index of the first vehicle that is lost (its state or wrench is not finite, or beyond LOST), -1 if none.
@@ -246,7 +259,7 @@ def apply(
         if beyond(twist[i : i + 1], LOST) == 0:
             return i
         c = coefficients[i]
-        force, moment, share = wrench(c, pose[i], twist[i], time, water)
+        force, moment, share = wrench(c, pose[i], twist[i], time, water, fitted[0][i], fitted[1][i])
         total = 0.0
         for j in range(3):
             applied[i, j] = force[j]

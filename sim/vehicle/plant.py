@@ -36,7 +36,8 @@ class Plant:
         effectors: records of `sim.vehicle.effectors.EFFECTOR` in the order of the MJCF, shape (v, m), read-only; m is
             the largest number of any vehicle, and records beyond a vehicle's own are zero.
         effector_names: names of each vehicle's own.
-        thrust: actual thrust of the effectors, shape (v, m), [N]; a view.
+        thrust: states of the effectors, shape (v, m): thrust [N], revolutions per second, deflection [rad], or what a
+            thruster's curve is of; a view.
         state: pose, twist and thrust, for compiled code that reads them.
         site_names: "vehicle/site" of all sites, shape (s,).
         site_vehicle: index of the vehicle that carries a site, shape (s,).
@@ -86,10 +87,13 @@ class Plant:
         wrenches = (
             effectors.unit_wrenches(self.effectors) * np.array([s.settings.thrust_scale for s in setups])[:, None, None]
         )
+        # MuJoCo applies no force of the others, whatever the gain of their actuators is
+        wrenches[self.effectors["kind"] != effectors.THRUSTER] = 0.0
         push = wrenches, data.actuator_moment.reshape(wrenches.shape)
         self._layout: effectors.Layout = (data.moment_rownnz, data.moment_rowadr, data.moment_colind)
         true = coefficients.scaled(coefficients.read(model, self.names, ocean.density_kg_m3), setups)
-        self._loads = true, ocean.water, solver, push
+        fitted = effectors.scaled_records(self.effectors, setups), self.thrust
+        self._loads = true, ocean.water, solver, push, fitted
         self._body = (
             (self.pose, self.twist, self._acceleration, self._gain),
             data.ctrl.reshape(n, m),
@@ -123,8 +127,8 @@ class Plant:
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_makeM(model, data)
-        records, water, solver, push = self._loads
-        lost = stepping.load(records, self._body[0], (data.time, self._half_step), water, solver, push)
+        records, *loads = self._loads
+        lost = stepping.load(records, self._body[0], (data.time, self._half_step), *loads)
         if lost >= 0:
             self.finish_step((LOST, lost))
         mujoco.mj_fwdVelocity(model, data)
@@ -148,7 +152,7 @@ class Plant:
         """Advance by `n_substeps` physics steps under constant commands.
 
         Args:
-            command: thrust asked of each effector, shape (v, m), [N]; limited to its range.
+            command: asked of each effector, shape (v, m), in the units of its state; limited to its range.
             n_substeps: number of steps of `dt`.
 
         Raises:

@@ -36,6 +36,7 @@ def load(
     water: Water,
     solver: hydrodynamics.Solver,
     push: tuple[Floats, Floats],
+    fitted: tuple[Any, Floats],
 ) -> int:
     """Bring velocities from the middle of the last step to now, then `effectors.turn` and `hydrodynamics.apply`.
 
@@ -52,7 +53,7 @@ def load(
             gain[i, j] = clock[1] * acceleration[i, j]
             twist[i, j] += gain[i, j]
     effectors.turn(push[0], pose, push[1])
-    return hydrodynamics.apply(coefficients, pose, twist, clock[0], water, solver)
+    return hydrodynamics.apply(coefficients, pose, twist, clock[0], water, solver, fitted)
 
 
 @compiled
@@ -99,13 +100,13 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
 
     Args:
         handles: of `Plant.step_handles`, taken after the last step from Python.
-        command: thrust asked of each effector, shape (v, m), [N].
+        command: asked of each effector, shape (v, m), in the units of its state.
         n_substeps: number of physics steps.
 
     Returns:
         The argument of `Plant.finish_step`, to be called from Python.
     """
-    (stages, model, data), clock, body, (records, water, solver, push) = handles
+    (stages, model, data), clock, body, (records, water, solver, push, fitted) = handles
     kinematics, centres, inertia, velocity, factor, finish = stages
     state, dt = body[0], clock[1]
     twist, gain = state[1], state[3]
@@ -116,7 +117,7 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
         call(kinematics, model, data)
         call(centres, model, data)
         call(inertia, model, data)
-        lost = load(records, state, (clock[0], 0.5 * dt), water, solver, push)
+        lost = load(records, state, (clock[0], 0.5 * dt), water, solver, push, fitted)
         if lost >= 0:
             return LOST, lost
         call(velocity, model, data)

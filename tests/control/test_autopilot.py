@@ -42,7 +42,9 @@ def allocated(records, **wanted):
     for name, value in wanted.items():
         wrench[getattr(allocation, name.upper())] = value
     command = np.zeros(len(records))
-    allocation.allocate(allocation.pseudo_inverse(records), records["limits"].copy(), wrench, command)
+    allocation.allocate(
+        allocation.pseudo_inverse(records, records["limits"]), records["limits"].copy(), wrench, command
+    )
     return command, wrench
 
 
@@ -80,7 +82,7 @@ def test_thrusters_anywhere_give_what_they_can_give_independently(thrusters, wan
     forces, places = (np.array(column) for column in zip(*thrusters, strict=True))
     assume(np.all(np.linalg.norm(forces, axis=1) > 0.2))
     records = effectors_of(forces, places, [[-1e6, 1e6]] * len(thrusters))
-    inverse = allocation.pseudo_inverse(records)
+    inverse = allocation.pseudo_inverse(records, records["limits"])
     served = np.abs(inverse).max(axis=0) > 0
     assume(np.abs(inverse).max() < 1e4)
     command, given_wrench = allocated(
@@ -95,7 +97,7 @@ def test_thrusters_anywhere_give_what_they_can_give_independently(thrusters, wan
 
 def test_a_vehicle_without_side_thrusters_serves_neither_sway_nor_yaw():
     records = effectors_of([[1, 0, 0], [0, 0, 1]], [[-0.8, 0, 0], [-0.5, 0, 0]], [[-40, 40]] * 2)
-    served = np.abs(allocation.pseudo_inverse(records)).max(axis=0) > 0
+    served = np.abs(allocation.pseudo_inverse(records, records["limits"])).max(axis=0) > 0
     assert served.tolist() == [True, False, False, False, True, False]
 
 
@@ -126,10 +128,10 @@ def test_the_design_is_read_from_the_vehicle():
     assert d["righting"] == pytest.approx(67.1515 * 9.81 * 0.02)
     # a pair at ±0.62 m: half of the side force each, and the moment over the distance between them
     np.testing.assert_allclose(
-        d["allocation"][1:3, [allocation.SWAY, allocation.YAW]], [[0.5, 1 / 1.24], [0.5, -1 / 1.24]]
+        d["slow_allocation"][1:3, [allocation.SWAY, allocation.YAW]], [[0.5, 1 / 1.24], [0.5, -1 / 1.24]]
     )
-    assert not d["allocation"][5:].any()
-    assert d["limits"][0].tolist() == [-60, 150]
+    assert not d["slow_allocation"][5:].any()
+    assert d["effectors"]["limits"][0].tolist() == [-60, 150]
 
 
 @pytest.mark.parametrize("model", ["leader", "follower"])
@@ -302,9 +304,9 @@ def test_integrals_follow_their_errors_until_thrusters_give_out(sign):
     # the hull's way over ground is its way through the water times the cosine of its pitch
     missing = 1.0 / np.cos(angle) - (1.0 - sign * 0.01)
     assert memory.speed_integral == pytest.approx(0.05 * design["surge_mass"] * omega**2 * missing * dt)
-    assert np.all(np.abs(command) < design["limits"][:5, 1])
+    assert np.all(np.abs(command) < design["effectors"]["limits"][:5, 1])
     far, command = remembered(0.5, 0.0, 0.0, rate=5.0)
     assert far.heading_integral == far.pitch_integral == 0.0
-    assert np.max(np.abs(command[1:])) == design["limits"][1, 1]
+    assert np.max(np.abs(command[1:])) == design["effectors"]["limits"][1, 1]
     low, _ = remembered(0.0, 0.0, 0.05)
     assert sign * low.depth_integral < 0.0 == remembered(0.0, 0.0, 0.0)[0].depth_integral

@@ -73,7 +73,8 @@ def test_commands_and_memory_follow_the_law(mode: autopilot.DepthControl, way: f
     """At all speeds and depths, with every state and every rate off by something."""
     plant = Plant([VehicleSetup(name="leader", model="leader", position_m=(0.0, 0.0, -10.0))], Ocean.calm())
     records = autopilot.design(plant, (mode,)).copy()
-    records["limits"], records["drag_fade"], records["drag_linear"] = [-LIMIT, LIMIT], 0.7, 3.0
+    records["effectors"]["limits"] = [-LIMIT, LIMIT]
+    records["drag_fade"], records["drag_linear"] = 0.7, 3.0
     records["yaw_damping"] = [1.0, 2.0, 3.0]
     records["pitch_damping"] = [1.5, 2.5, 3.5]
     (d,) = records
@@ -138,11 +139,11 @@ def test_levers_and_coefficients_are_those_of_the_mjcf() -> None:
         assert d["by_pitch"] == 0.0
         names = ("main", "lateral_bow", "lateral_stern", "vertical_bow", "vertical_stern")
         ranges = [plant.model.actuator(f"{model}/thruster_{name}").ctrlrange for name in names]
-        np.testing.assert_array_equal(d["limits"][:5], ranges)
+        np.testing.assert_array_equal(d["effectors"]["limits"][:5], ranges)
         # the matrix that the allocation inverts: forces along an axis, and their levers
         x = {name: plant.model.site(f"{model}/thruster_{name}").pos[0] for name in names}
         wrenches = np.zeros((6, 5))
         wrenches[0, 0] = wrenches[1, 1] = wrenches[1, 2] = wrenches[2, 3] = wrenches[2, 4] = 1.0
         wrenches[5, 1:3] = x["lateral_bow"], x["lateral_stern"]
         wrenches[4, 3:5] = -x["vertical_bow"], -x["vertical_stern"]
-        np.testing.assert_allclose(wrenches @ d["allocation"][:5], np.diag([1, 1, 1, 0, 1, 1]), atol=1e-12)
+        np.testing.assert_allclose(wrenches @ d["slow_allocation"][:5], np.diag([1, 1, 1, 0, 1, 1]), atol=1e-12)

@@ -36,7 +36,9 @@ def test_model_compiles_and_steps_without_a_warning(name: str) -> None:
 
 
 def test_unknown_model_is_answered_with_what_exists() -> None:
-    with pytest.raises(ValueError, match=r"unknown model 'submarine'; available: follower, leader, ocean"):
+    with pytest.raises(
+        ValueError, match=r"unknown model 'submarine'; available: bluerov2_heavy, follower, lauv, leader, "
+    ):
         models.path("submarine")
 
 
