@@ -20,6 +20,7 @@ from sim.control.guidance import GUIDANCE_MEMORY, begin, reference, steer, track
 from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import Trajectory, Truth
+from sim.vehicle.effectors import THRUSTER
 from sim.vehicle.plant import Plant, PlantError
 from sim.vehicle.stepping import FINE, Fault, advance
 from sim.water.ocean import Water, water_velocity
@@ -184,7 +185,7 @@ def _trajectory(plant: Plant, arrays: list[Floats], instants: int) -> Trajectory
         site_vehicle=plant.site_vehicle.copy(),
         site_offset=plant.site_offset.copy(),
         effector_names=plant.effector_names,
-        effector_force=plant.effectors["force"].copy(),
+        effector_force=plant.effectors["force"] * (plant.effectors["kind"] == THRUSTER)[..., None],
     )
 
 

@@ -114,11 +114,14 @@ class Trajectory(ArrayRecord):
     water_velocity: Floats
     """Velocity of the water at the body origins in the world, shape (n, v, 3), [m/s]."""
     thrust: Floats
-    """Thrust of the effectors, shape (n, v, m), [N]; m is the largest number of any vehicle, the others have zeros."""
+    """State of the effectors, shape (n, v, m): thrust [N], of a propeller [1/s], of a fin [rad].
+
+    m is the largest number of any vehicle; the others have zeros.
+    """
     effector_names: tuple[tuple[str, ...], ...] = ()
     """Names of each vehicle's effectors, in the order of its MJCF; empty for point motion."""
     effector_force: Floats
-    """Force of a unit of thrust of each effector in the body frame, shape (v, m, 3), [-]."""
+    """Force of a unit of thrust of each effector in the body frame, shape (v, m, 3), [-]; 0 for other states."""
     site_names: tuple[str, ...]
     """Sites as "vehicle/site", shape (s,)."""
     site_vehicle: Ints

@@ -40,7 +40,7 @@ def disc_power(thrust: Floats, inflow: Floats, density: float) -> Floats:
 
 
 def thruster_power(trajectory: Trajectory, vehicle: int, density: float) -> Floats:
-    """Power of all thrusters of a vehicle at each instant, shape (n,), [W].
+    """Power of all thrusters of a vehicle at each instant, shape (n,), [W]; NaN if it has effectors of other kinds.
 
     The inflow of a thruster is the hull's forward speed along its axis; thrusters across the hull have none.
     """
@@ -49,6 +49,8 @@ def thruster_power(trajectory: Trajectory, vehicle: int, density: float) -> Floa
     forward = np.column_stack([np.cos(pitch) * np.sin(heading), np.cos(pitch) * np.cos(heading), np.sin(pitch)])
     thrust = trajectory.thrust[:, vehicle]
     surge = np.einsum("ni,ni->n", through, forward)
+    if np.any(thrust.any(axis=0) & ~trajectory.effector_force[vehicle].any(axis=1)):
+        return np.full(len(thrust), np.nan)
     inflow = surge[:, None] * trajectory.effector_force[vehicle, :, 0] * np.sign(thrust)
     return np.asarray(disc_power(thrust, inflow, density).sum(axis=1))
 
@@ -86,7 +88,8 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
         return np.asarray(trajectory.depth[:, v] - routes[v].depth.at(time)[0])
 
     def motion(v: int) -> Record:
-        power = float(thruster_power(trajectory, v, density).mean()) if scenario.motion == "physics" else None
+        mean = float(thruster_power(trajectory, v, density).mean())
+        power = mean if scenario.motion == "physics" and np.isfinite(mean) else None
         return {
             "pitch_rms_deg": _rms(np.rad2deg(trajectory.pitch[:, v])),
             "depth_error_rms_m": _rms(depth_error(v)),

@@ -317,9 +317,9 @@ def scaled_records(records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]
     """
     true = records.copy()
     for row, setup in zip(true, setups, strict=True):
-        row["parameters"][row["kind"] == FIN, 1] *= setup.lift_scale
-        row["parameters"][row["kind"] == PROPELLER, 1:3] *= setup.thrust_scale
-        row["curve"][..., 1] *= setup.thrust_scale
+        row["parameters"][row["kind"] == FIN, 1] *= setup.settings.lift_scale
+        row["parameters"][row["kind"] == PROPELLER, 1:3] *= setup.settings.thrust_scale
+        row["curve"][..., 1] *= setup.settings.thrust_scale
     true.flags.writeable = False
     return true
 
