@@ -13,7 +13,9 @@ from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES, load
 from experiments.studies import closed_loop as study
 from experiments.study import measure as study_measure
+from experiments.study.file import study_of
 from experiments.study.measure import records_of_run
+from experiments.study.plan import plan_of
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
 from laisn.navigators import new_navigator
@@ -24,6 +26,9 @@ from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
 from sim.sensing.observation import observe
 from sim.trajectory import Trajectory, Truth
+
+ENTRIES = {entry.arm: entry for entry in plan_of(study_of(study.STUDY, {})).entries}
+"""Arms of the study."""
 
 
 def mission(*assignments: str, route: str = "T6", duration: float = 60.0) -> Scenario:
@@ -288,7 +293,7 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(study_measure, "simulate_closed_loop", flown)
     one, other, *_ = (
         {name: row[name] for name in ("e_p_mean_m", "track_error_rms_m", "track_error_end_m")}
-        for row in records_of_run(study.steering(3, "tight-2", "estimate"), 3)
+        for row in records_of_run(ENTRIES["tight-2 estimate"].scenario_at(3), 3)
     )
     assert list(one.values()) == pytest.approx([5.0, 0.0, 0.0], abs=1e-6)
     # for the last 10 of 101 instants
@@ -301,13 +306,13 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
 
 def test_currents_come_from_all_directions() -> None:
     """Fifths of the greatest one after the other; the tight navigator assumes a current."""
-    flown = [study.steering(run, "tight-3", "current") for run in range(5)]
+    flown = [ENTRIES["tight-3 current"].scenario_at(run) for run in range(5)]
     assert [mission.ocean.current_speed_m_s for mission in flown] == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
     directions = np.sort([mission.ocean.current_direction_deg for mission in flown])
     assert np.diff(directions, append=directions[0] + 360.0).max() < 140.0
     assert all(mission.navigation.assume.current for mission in flown)
     assert {follower.guidance_position for follower in flown[0].followers} == {"estimate"}
-    told = study.steering(3, "tight-3", "truth")
+    told = ENTRIES["tight-3 truth"].scenario_at(3)
     assert (told.ocean.current_speed_m_s, told.navigation.assume.current) == (0.0, False)
 
 
@@ -324,7 +329,7 @@ def test_the_record_counts_who_is_lost() -> None:
         ]
         for r in range(5)
     ]
-    found = study.findings_of({(v, way): runs for v in study.NAVIGATORS for way in study.WAYS})
+    found = study.findings_of(dict.fromkeys(ENTRIES, runs))
     # medians of 40 missions, and of the runs of the last route
     assert (found["off current tight-2"].value, found["worst current tight-2"].value) == (35.0, 70.0)
     assert found["lost-runs current tight-2"].value == 4

@@ -246,7 +246,9 @@ def test_a_study_by_keywords_is_that_of_a_file(tmp_path: Path) -> None:
 
 def test_keywords_replace_what_a_study_says_key_by_key() -> None:
     file = {"scenario": "T5", "runs": 5, "set": {"duration_s": 20}, "vary": {"leader.baseline_m": [1, 2]}}
-    found = study_of(file, {"runs": None, "seas": 1, "vary": {"followers.0.depth_m": [9]}, "set": {"duration_s": 30}})
+    found = study_of(
+        file, {"runs": None, "realizations": 1, "vary": {"followers.0.depth_m": [9]}, "set": {"duration_s": 30}}
+    )
     assert (found.runs, dict(found.settings)) == (5, {"duration_s": 30})
     assert [(f.key, f.values) for f in found.factors] == [("leader.baseline_m", (1, 2)), ("followers.0.depth_m", (9,))]
     with pytest.raises(laisn_sim.LaisnError, match="T5 is a scenario: say what to --vary"):
