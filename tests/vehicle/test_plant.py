@@ -75,12 +75,13 @@ def test_a_step_is_mujocos_own_with_the_water_in_its_middle() -> None:
     pose[:], twist[:] = plant.pose, plant.twist
     records = coefficients.read(model, plant.names, plant.ocean.density_kg_m3)
     solver = (model.M_rowadr.astype(np.int64).reshape(2, 6), data.M, data.qfrc_applied.reshape(2, 6))
+    fitted = plant.effectors, np.zeros(plant.effectors.shape)
     command = np.array([[30.0, 8, -6, 3, -5], [12, -5, 6, -2, 3]])
     data.ctrl[:] = command.ravel()
 
     def advance() -> Floats:
         mujoco.mj_step1(model, data)
-        assert hydrodynamics.apply(records, pose, twist, data.time, plant.ocean.water, solver) == -1
+        assert hydrodynamics.apply(records, pose, twist, data.time, plant.ocean.water, solver, fitted) == -1
         mujoco.mj_factorM(model, data)
         twist[:] -= plant.dt / 2 * before
         mujoco.mj_step2(model, data)
@@ -105,9 +106,10 @@ def test_a_wrench_beyond_all_numbers_is_found() -> None:
     pose, twist = plant.pose.copy(), np.tile([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], (2, 1))
     pose[1, 3:] = [1.0, 0.0, 0.0, 0.0]
     solver = (plant.model.M_rowadr.astype(np.int64).reshape(2, 6), np.zeros(plant.model.nM), np.zeros((2, 6)))
-    assert hydrodynamics.apply(records, pose, twist, 0.0, plant.ocean.water, solver) == -1
+    fitted = plant.effectors, np.zeros(plant.effectors.shape)
+    assert hydrodynamics.apply(records, pose, twist, 0.0, plant.ocean.water, solver, fitted) == -1
     records["linear_damping"][1, :3], records["linear_damping_fade"][1] = 1e308, 0.0
-    assert hydrodynamics.apply(records, pose, twist, 0.0, plant.ocean.water, solver) == 1
+    assert hydrodynamics.apply(records, pose, twist, 0.0, plant.ocean.water, solver, fitted) == 1
     assert np.isfinite(solver[2]).all()
 
 
