@@ -278,7 +278,9 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
 
     def flown(scenario: Scenario) -> tuple[Trajectory, Any]:
         asked.append(scenario)
-        short = study.scenario(tuple(ROUTES), 10.0).model_copy(update={"motion": "kinematic"})
+        kinematic = tuple(f.model_copy(update={"guidance_position": "truth"}) for f in scenario.followers)
+        changes = {"motion": "kinematic", "duration_s": 10.0, "followers": kinematic}
+        short = scenario.model_copy(update=changes)
         trajectory = simulate_motion(short)
         position = trajectory.position.copy()
         position[:, 2, 0] += np.where(trajectory.time > 9.05, 8.0, 0.0)
