@@ -12,6 +12,7 @@ from experiments.study.design import follows_run, points_of, value_at
 from experiments.study.file import Study, refusal
 from experiments.study.metrics import METRICS
 from sim.feasibility import infeasibilities
+from sim.motion import listeners
 from sim.scenario.file import ScenarioError, assigned, examined, validate
 from sim.scenario.settings import Scenario
 
@@ -48,8 +49,7 @@ class Entry:
     @property
     def closed_loop(self) -> bool:
         """Whether each of its runs is another mission."""
-        guided = any(follower.guided_by_estimate for follower in self.scenario.followers)
-        return guided or any(map(follows_run, self.settings.values()))
+        return bool(listeners(self.scenario)) or any(map(follows_run, self.settings.values()))
 
     def settings_at(self, run: int) -> dict[str, Any]:
         """The settings with the values that a run has."""
