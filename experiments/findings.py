@@ -28,7 +28,7 @@ class Finding:
     """A number, or a word, that a study came to."""
 
     value: float | int | str | None
-    """None: the study could not tell."""
+    """None: undecided."""
     low: float | None = None
     high: float | None = None
     unit: str = ""
@@ -37,7 +37,7 @@ class Finding:
 
     @property
     def number(self) -> float:
-        """The value as a number; NaN of a word, and where the study could not tell."""
+        """The value as a number; NaN of a word, and where it is undecided."""
         return float(self.value) if isinstance(self.value, int | float) else math.nan
 
     def __format__(self, spec: str) -> str:

@@ -145,7 +145,7 @@ def share_removed(missions: Sequence[tuple[Floats, Floats]], confidence: float =
         confidence: of the interval (Fieller, J. R. Stat. Soc. B 16, 1954).
 
     Returns:
-        The share; limits are NaN where the sum to remove cannot be told from zero.
+        The share; limits are NaN where the sum to remove cannot be distinguished from zero.
     """
     total, covariance = _mean_and_covariance([np.column_stack(pair) for pair in missions])
     part, left = (float(v) for v in total)

@@ -2,7 +2,7 @@
 
 
 class LaisnError(ValueError):
-    """What was given cannot be used, or the machine lacks something; the text says what was expected and what exists.
+    """What was given cannot be used, or the machine lacks something; the text states what was expected and what exists.
 
     The command shows the text alone. Any other exception is a bug. It is a `ValueError`, so that
     callers from Python may catch it without knowing this class.

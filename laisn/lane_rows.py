@@ -1,7 +1,7 @@
 """Layout of the numbers of a block of runs: rows of `LANES` doubles in one flat array, a lane for each run.
 
-Passes over a block address `block[ROW + lane]`. Rows are constants of one array, so that a compiler sees that they do
-not overlap, and turns each pass into vector instructions.
+Passes over a block address `block[ROW + lane]`. Rows are constants of one array, so that a compiler can prove that they
+do not overlap, and turns each pass into vector instructions.
 """
 
 from itertools import count

@@ -22,7 +22,7 @@ from sim.sensing.observation import measure, observe, start_of
 from sim.trajectory import Trajectory
 
 SLIP_M_SQRT_S = 0.007
-"""Motion of a physical vehicle that its log does not see, unless the scenario says how much [m/√s].
+"""Motion of a physical vehicle that its log does not see, unless the scenario states how much [m/√s].
 
 That is what the hydrophone moves aside of speed and heading in the waves of `following-sea`, over 1 s; in calm water it
 is a thirtieth of it, and 0.007 costs less than a hundredth of the error there.

@@ -142,7 +142,7 @@ class Returning:
     (lambda flight: laisn_sim.fly("T5", {3: 4}), "3: unknown key"),
     (lambda flight: laisn_sim.navigate(flight, 3), "changes: expected a table"),
     (lambda flight: laisn_sim.navigate(flight, navigator=Returning), "NoneType from `run`; expected .*Estimates"),
-    (lambda flight: laisn_sim.hull("../tests/vehicle/remus100"), "unknown model .*available: bluerov2_heavy, follower, lauv, leader, ocean, remus100"),
+    (lambda flight: laisn_sim.hull("../tests/vehicle/remus100"), "unknown model .*available: bluerov2_heavy, follower"),
     (lambda flight: laisn_sim.hull("bluerov"), "unknown model 'bluerov'"),
     (lambda flight: laisn_sim.load("T5", {"followers.00.depth_m": 12}), "followers.00.depth_m is no key"),
     (lambda flight: laisn_sim.load("T5", {"followers.\uff10.depth_m": 12}), "is no key"),

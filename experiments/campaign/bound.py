@@ -15,7 +15,7 @@ _UNIFORM = 1.0 / float(np.sqrt(12.0))
 
 
 def noise_of(scenario: Scenario, follower: int = 0) -> TrueNoise:
-    """What is truly random in a scenario; of biases, what `navigation.assume` says is known before the mission.
+    """What is truly random in a scenario; of biases, what `navigation.assume` states as known before the mission.
 
     Leader's compass, current, transmitters' offsets and the clock are unknown only where the scenario has such errors,
     or has them estimated: a bound on those who know less would be too high.

@@ -99,7 +99,7 @@ class Design:
     facts: Facts | None = None
     """Measured of every mission of the cells."""
     tasks: Mapping[Any, Task] = field(default_factory=dict)
-    """Work of other kinds, by the names that the study knows it by."""
+    """Work of other kinds, by the study's names."""
     what: str = "tasks"
     """What the tasks are called while they are waited for."""
     ahead: Callable[[], object] | None = None

@@ -82,7 +82,7 @@ def _nearest(flight: Flight) -> dict[str, Any]:
 
 
 def consistency(flight: Flight, follower: int, bound: Floats) -> dict[str, float | None]:
-    """How far a follower's errors are what its covariance says, and what was possible.
+    """Consistency of a follower's errors with its covariance, and their bound.
 
     `nees` is the mean of eᵀ P⁻¹ e over the steps (2 if P is right), and `rms_over_bound` the RMS of E_P over that of
     the Cramér–Rao bound, both from the first estimate on; None where the covariance is singular, or the bound 0.

@@ -27,7 +27,7 @@ SERIES = (
     Colour("#010115", "--c5", "#9a6b00", "#e6bb52"),
     Colour("#010116", "--c6", "#b03060", "#f28bb0"),
 )
-"""Told apart with the common kinds of colour blindness, on light and on dark pages."""
+"""Distinguishable with the common kinds of colour blindness, on light and on dark pages."""
 LEADER = Colour("#010121", "--leader", "#d17d00", "#ffad33")
 FOLLOWER = Colour("#010122", "--follower", "#8f8600", "#fff240")
 ESTIMATE = Colour("#010123", "--estimate", "#c4009d", "#ff40d9")

@@ -92,7 +92,7 @@ def scores(name: str, navigators: tuple[str, ...] = tuple(NAVIGATORS)) -> dict[s
 
 
 def findings_of(name: str, found: dict[str, dict[tuple[str, ...], Score]]) -> dict[str, Finding]:
-    """What the record says of a data set."""
+    """Findings on a data set."""
     result: dict[str, Finding] = {}
     for navigator, each in found.items():
         pairs = np.array([errors for beacons, errors in each.items() if len(beacons) == 2])
@@ -114,7 +114,7 @@ def findings_of(name: str, found: dict[str, dict[tuple[str, ...], Score]]) -> di
 
 
 def ranges_of(name: str) -> dict[str, Finding]:
-    """What the record says of the ranges themselves: their scale and their random error, by the surveyed path."""
+    """Findings on the ranges: their scale and their random error, by the surveyed path."""
     data = read_data_set(DATA / f"{name}.mat")
     place = np.column_stack([np.interp(data.range_time, data.truth[:, 0], data.truth[:, k]) for k in (1, 2)])
     true = np.hypot(*(place - data.places[data.range_beacon]).T)

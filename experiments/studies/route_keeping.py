@@ -34,7 +34,7 @@ def measure(mission: Scenario) -> tuple[TrackingReport, ...]:
 
 
 def _findings(report: TrackingReport, name: str) -> dict[str, Finding]:
-    """What the table says of a vehicle."""
+    """Row of a vehicle in the table."""
     pitch, spread, roll = (float(np.rad2deg(a)) for a in (report.pitch_max, report.pitch_std, report.roll_max))
     values = {
         "off-rms": (report.cross_track_rms, "m"),

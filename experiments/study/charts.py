@@ -86,7 +86,7 @@ def axis_of(plan: Plan, name: str) -> Axis:
 
 
 def layout_of(plan: Plan) -> Layout:
-    """What goes where: as the study says, and the rest by itself."""
+    """Layout: as the study states, otherwise chosen."""
     report, keys = plan.study.report, [factor.key for factor in plan.study.factors]
     free = [n for n in (*keys, ARM, FOLLOWER) if len(levels(plan, n)) > 1 or n in (report.against, report.lines)]
 

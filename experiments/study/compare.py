@@ -63,8 +63,8 @@ def _flights(names: Sequence[str], flights: Sequence[Flight]) -> dict[str, Any]:
 def paired(folders: Sequence[Path], metric: str) -> dict[tuple[str, ...], list[Interval | None]]:
     """For every place that studies share with the first of them: its mean, and the others' paired differences.
 
-    Places are told by the factors, arm and follower that all studies have; runs of the same seed and number are paired.
-    None: a study has other seeds or runs there.
+    Places are identified by the factors, arm and follower that all studies have; runs of the same seed and number are
+    paired. None: a study has other seeds or runs there.
 
     Raises:
         LaisnError: there is no such metric of single runs.

@@ -59,7 +59,7 @@ class Factor:
             sampled: the design draws values from the range, so that it needs no steps.
 
         Raises:
-            ValueError: says what was expected.
+            ValueError: states what was expected.
         """
         if isinstance(given, list):
             if not given:
@@ -143,7 +143,7 @@ def value_at(value: Any, run: int) -> Any:
     Both spread evenly over few runs, and the golden angle, 137.508°, over any number of them.
 
     Raises:
-        ValueError: says what was expected.
+        ValueError: states what was expected.
     """
     if not follows_run(value):
         return value
@@ -248,7 +248,7 @@ class Draw:
         """A draw as a file gives it: a table with the name of one law and its parameters.
 
         Raises:
-            ValueError: says what was expected.
+            ValueError: states what was expected.
         """
         if not isinstance(given, dict) or len(given) != 1:
             raise ValueError(f"expected one distribution, such as {{ uniform = [0.2, 0.8] }} (given: {given!r:.60})")

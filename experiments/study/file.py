@@ -117,7 +117,7 @@ class Study:
     """Of the arms: one of so many runs is flown."""
     report: Report
     table: Mapping[str, Any]
-    """What the file says, with the options of the command in their places."""
+    """Content of the file, with the options of the command in their places."""
 
 
 def _names_a_law(table: Mapping[str, Any]) -> bool:

@@ -1,6 +1,6 @@
 """The model of the tightly coupled navigator: its state, and settings as compiled code takes them.
 
-State, of n numbers; the last six only where `Assume` says that they are unknown:
+State, of n numbers; the last six only where `Assume` has them unknown:
 
     x, y    position of the hydrophone, east and north [m]
     b_v     bias of the speed log [m/s]

@@ -30,7 +30,7 @@ _PROFILE_LEADER = np.radians(6.5)
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """A camera without roll unless `up` says so. Raises ValueError if it stands on its target."""
+    """A camera without roll, unless `up` is given. Raises ValueError if it stands on its target."""
 
     position: Floats
     """Shape (3,), [m]."""

@@ -37,7 +37,7 @@ class RenderError(LaisnError):
 
 
 class RendererDiedError(RuntimeError):
-    """A process that renders ended before its work was done; the text says how, and then its last words."""
+    """A process that renders ended before its work was done; the text states how, and its last output."""
 
 
 def _check_file(path: Path, suffix: str) -> None:

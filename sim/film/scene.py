@@ -144,7 +144,7 @@ class GlScene:
         camera = mujoco.MjvCamera()
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(model, self._data, self._options, None, camera, everything, scene)
-        # a free camera cannot roll, and rounds its place: put it where the overlay believes it to be
+        # a free camera cannot roll, and rounds its place: put it where the overlay has it
         _, up, forward = view.axes
         for eye in scene.camera:
             eye.pos[:], eye.up[:], eye.forward[:] = view.position, up, forward

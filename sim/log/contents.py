@@ -35,11 +35,11 @@ Values = npt.NDArray[Any] | list[Any]
 
 
 class LogError(LaisnError):
-    """A log that cannot be written or read; the text says which file, what is wrong and what helps."""
+    """A log that cannot be written or read; the text states file, cause and remedy."""
 
 
 class DamagedError(LogError):
-    """A record is broken; the text says which, and where."""
+    """A record is broken; the text states which, and where."""
 
     def __init__(self, path: Path, problem: str) -> None:
         self.problem = problem

@@ -21,7 +21,7 @@ CORE = (vehicle_state(()), *MEASURED, *estimated(Estimates), *DETAILS.values())
 """Types of the channels that make up a flight; all other channels are derived from them."""
 _OWN, _RECEIVED = MEASURED
 LONGEST_GAP_S = 10.0
-"""Longer gaps between own measurements are not bridged unless the user says so [s]."""
+"""Longer gaps between own measurements are not bridged unless requested [s]."""
 _GAP = 2.0
 """From so many filter steps on, the time between own measurements is called a gap."""
 _SHORTEST_NS, _LONGEST_NS = 10**5, 10**11
@@ -140,7 +140,7 @@ def _count(number: int, what: str) -> str:
 def _optional(messages: Messages, names: Sequence[str]) -> Floats:
     """Numbers by the names of their fields, NaN for those that are not in a message, shape (n, len(names)).
 
-    Where a type cannot tell zero from a number that is not there (protobuf 3 without `optional`), zero in a range, or
+    Where a type cannot distinguish zero from an absent number (protobuf 3 without `optional`), zero in a range, or
     in a quantity that need not be broadcast, stands for one that is not there.
     """
     there = [name for name in names if messages.path(name)]

@@ -102,7 +102,7 @@ class RecordType:
     """Messages of one channel: numbers, all float64 or int64, in SI units and radians.
 
     Its protobuf type is described at run time in the package `laisn`, with explicit presence, so that a number that was
-    not set can be told from zero.
+    not set can be distinguished from zero.
     """
 
     name: str

@@ -118,7 +118,7 @@ class _Navigation(Section):
 
         Args:
             given: what stands elsewhere, by the names of fields, and counts unless a key of the navigator's own section
-                says otherwise: filter step, transmitters, hydrophone …
+                states otherwise: filter step, transmitters, hydrophone …
             sound_m_s: speed of sound as the navigator assumes, by which errors of a clock become ranges [m/s].
 
         Raises:

@@ -4,7 +4,7 @@ Velocity of the water at depth −z and time t: u = U(z) + V(t) + Σ waves, U(z)
 direction, V(t) the same at all places and linear between points in time. A wave's phase moves with the surface
 current: at a fixed place it is k·(x − ∫V dt) − (ω + k·U(0)) t + φ; in a uniform current that changes, wave number and
 amplitude stay what they are (Phillips, The Dynamics of the Upper Ocean, 2nd ed. 1977, section 2.6). Above the
-still surface the waves' velocity stays what it is at z = 0, as linear theory knows no water there, and so do all its
+still surface the waves' velocity stays what it is at z = 0, as linear theory has no water there, and so do all its
 derivatives but those with z, which are nil.
 """
 

@@ -21,7 +21,7 @@ def test_without_graphics_a_flight_says_in_one_line_what_its_film_lacks(
     result = CliRunner().invoke(app, ["fly", "T5", "--set", "duration_s=20", "--out", str(tmp_path)])
     assert result.exit_code == 0
     [line] = [line for line in result.output.splitlines() if "film" in line]
-    assert line == f"no film: no graphics library works here (laisn doctor says why); {graphics.INSTALL}"
+    assert line == f"no film: no graphics library works here (laisn doctor reports why); {graphics.INSTALL}"
     assert not (tmp_path / "flight.mp4").exists()
 
 

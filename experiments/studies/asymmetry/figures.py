@@ -19,7 +19,7 @@ from sim.sensing.acoustics import TRANSMITTERS
 from sim.trajectory import Trajectory
 
 LEVEL_COLOUR, REAL_COLOUR, AWARE_COLOUR = SERIES[2], SERIES[1], SERIES[0]
-"""Colours of the level leader, the real one, and of a follower that knows the leader's attitude."""
+"""Colours of the level leader, the real one, and of a follower that receives the leader's attitude."""
 LEGEND = ((LEVEL_COLOUR, "level leader"), (REAL_COLOUR, "real leader"), (AWARE_COLOUR, "AHRS broadcast"))
 CAUSE_COLOURS = {"trim": SERIES[0], "dive": SERIES[2], "waves": SERIES[1]}
 _ERROR_LEVELS_M = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)

@@ -24,7 +24,7 @@ from experiments.studies.asymmetry.paper import Curve, GateRow, curves_of, equiv
 
 MODULES = tuple(f"experiments.studies.asymmetry.{name}" for name in ("findings", "missions", "paper"))
 SETTLING_RUNS = 100_000
-"""Questions that stay open are told apart by whether so many runs would settle them."""
+"""Open questions are distinguished by whether so many runs would settle them."""
 
 
 def _errors(missions: Missions, plan: Plan, offset: float) -> dict[str, Finding]:

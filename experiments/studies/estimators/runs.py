@@ -206,7 +206,7 @@ def compare(
         interval: of messages [s].
         runs: how many.
         seed: of all noise.
-        settings: of the tightly coupled navigator, but for what the case says; None: its defaults.
+        settings: of the tightly coupled navigator, but for the changes of the case; None: its defaults.
         middle_offset: H_T [m].
         weave: the leader weaves about its route.
         smoothing: compute also what smoothing with `LAG` leaves of the bound, given what the case assumes.

@@ -18,7 +18,7 @@ RATES = (80, 500, 5000)
 CHECK_BITS = 16
 """A checksum, so that what is damaged is not taken for a message."""
 _AREA_M, _STEP_M = 20_000.0, 0.01
-"""Side of the square that positions lie in, and their resolution: far below what any follower knows of its place."""
+"""Side of the square that positions lie in, and their resolution: far below any follower's uncertainty."""
 _STEP_RAD = math.radians(0.1)
 _FASTEST_M_S, _STEP_M_S = 5.0, 0.01
 _TILT_RAD = math.radians(90.0)
@@ -27,7 +27,7 @@ _DAY_S = 86_400.0
 
 
 def _bits(span: float, step: float) -> int:
-    """Bits that tell steps of a span apart."""
+    """Bits that distinguish the steps of a span."""
     return math.ceil(math.log2(span / step))
 
 
