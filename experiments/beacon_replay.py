@@ -23,7 +23,7 @@ class _Beacons(Section):
     """What is known of odometry and ranges; keys that are not given follow the medium."""
 
     medium: Literal["auto", "air", "water"] = Field(
-        "auto", description="what ranges are measured through; auto: tries both, and uses the likelier one"
+        "auto", description="what ranges are measured through; auto: tries both, and believes the likelier one"
     )
     outlier_probability: Annotated[float, Field(gt=0, lt=1)] | None = Field(None, description="chance of a wrong range")
 

@@ -149,7 +149,7 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
             return
         if reception.transmitters is not None and not settings.assume.exact_leader:
             raise LaisnError(
-                f"step {self._step}: the message places its transmitters, which no compass of a leader turns; set "
+                f"step {self._step}: the message places its transmitters, whom no compass of a leader turns; set "
                 "assume.exact_leader"
             )
         signal["arms"][0] = places - np.array([message.east, message.north, hydrophone])
