@@ -90,7 +90,10 @@ def replay_measurements(
         measured, found = reader.read_recording(path, name, longest_gap_s)
         remarks += found
         settings = replace(navigation_settings(scenario, begin, i), dt=measured.dt)
-        estimates = make(settings, start_of(begin, i)).run(measured)
+        try:
+            estimates = make(settings, start_of(begin, i)).run(measured)
+        except ArithmeticError as error:
+            raise LaisnError(f"{path}: {name}: the navigator diverged: {error}") from error
         baseline = scenario.leader.baseline_m or math.nan
         vehicle = Replayed(name=name, measured=measured, estimates=estimates, baseline=baseline)
         x, y = estimates.state[-1, :2]

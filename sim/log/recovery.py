@@ -31,7 +31,7 @@ def _copy(path: Path, target: Path, remarks: list[str]) -> str:
     wrong with the log, "" for nothing.
     """
     schemas, channels, metadata = {0: 0}, dict[int, int](), dict[str, dict[str, str]]()
-    times_ns, held, attachments, whole, problem = array("q"), list[Message](), 0, False, ""
+    times_ns, held, attachments, whole, problem = array("Q"), list[Message](), 0, False, ""
     with target.open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
         writer.start()

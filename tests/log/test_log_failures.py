@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
 from synthetic import bits, make_flight, short_flight, write_log
 
 from sim.flight import Flight, Outcome
@@ -277,3 +279,20 @@ def test_signals_wait_until_the_sdk_has_returned(tmp_path: Path) -> None:
         interrupted()
     assert reached == ["after the signal", "after the messages"]
     assert signal.getsignal(signal.SIGINT) is handler
+
+
+def test_times_of_64_bits_are_recovered(tmp_path: Path) -> None:
+    """MCAP's times are unsigned; the last record is cut."""
+    times = [5, 2**63, 2**64 - 1]
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        log = Writer(stream, use_chunking=False)
+        log.start()
+        channel = log.register_channel("/x", "json", 0)
+        for at in times:
+            log.add_message(channel, at, b"{}", at)
+        end = stream.tell()
+    with (tmp_path / "a.mcap").open("r+b") as stream:
+        stream.truncate(end - 1)
+    with recover(tmp_path / "a.mcap").open("rb") as stream:
+        kept = [message.log_time for _, _, message in make_reader(stream).iter_messages()]
+    assert kept == times[:2]

@@ -261,3 +261,16 @@ def test_a_real_vehicles_log_is_replayed_by_command(tmp_path: Path) -> None:
     # started at the true speed and course, and measured so throughout
     assert float(rows[-1]["x_m"]) == pytest.approx(5.0, abs=1e-6)
     assert float(rows[-1]["y_m"]) == pytest.approx(-18.0, abs=1e-6)
+
+
+def test_a_navigator_that_diverges_is_an_error_of_the_input(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def diverge(*_: object) -> None:
+        raise ArithmeticError("step 9: a covariance is not positive definite")
+
+    monkeypatch.setattr("laisn.navigator.Navigator.run", diverge)
+    write_foreign(tmp_path / "auv.mcap")
+    (tmp_path / "auv.toml").write_text('[[followers]]\nname = "auv"\nroute = "T5"\n', encoding="utf-8")
+    words = ["replay", str(tmp_path / "auv.mcap"), "--scenario", str(tmp_path / "auv.toml")]
+    result = CliRunner().invoke(app, words, env={"COLUMNS": "300"})
+    assert result.exit_code == 2, result.output
+    assert "auv.mcap: auv: the navigator diverged: step 9: a covariance is not positive definite" in result.output
