@@ -5,5 +5,5 @@ Takes a file or keyword arguments; gives a `Scenario` (`settings`; its tables st
 plan by which a point with limits swims a route (`point_motion`). All faults of a file are named at once (`file`). It
 imports neither MuJoCo nor water nor sensors.
 
-Imports: laisn sim.files sim.screen
+Imports: laisn models sim.files sim.screen
 """

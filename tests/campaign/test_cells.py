@@ -142,7 +142,7 @@ def changed(scenario: Scenario, leaf: tuple[str, ...]) -> Scenario:
     words = ["regular", "thrust", "physics", "laisn-3-2", "v-measured", "predicted", "2027-01-01T00:00:00+00:00", "top"]
     others = {
         bool: [not was], int: [3, 2, 320, 240, 24], float: [0.2, 2.5, 0.05, 3.0, 40.0, 1490.0, 1020.0], tuple: points,
-        str: [*words, "kinematic", "L", "ilos", "surface", "end"], type(None): ["T4", 0.3, hull("follower")],
+        str: [*words, "kinematic", "L", "ilos", "surface", "end"], type(None): ["T4", 0.3, hull("follower"), "thrust"],
     }[type(was)]  # fmt: skip
     for other in others:
         place[leaf[-1]] = other
