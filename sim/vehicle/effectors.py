@@ -158,7 +158,7 @@ class MovingFins:
 
 @compiled
 def propeller_load(p: Floats, density: float, rate: float, inflow: float) -> tuple[float, float]:
-    """Thrust, less its deduction [N], and torque on the hull [N m] (Fossen 2021, Section 9.2; Carlton 2018).
+    """Thrust, less its deduction [N], and torque on the hull [N m] (Fossen 2021, chapter 9).
 
     K_T and K_Q fall linearly with J = (1 − w) u / (n D). Astern, and in water from behind, they are those of J = 0.
 
@@ -190,9 +190,9 @@ def thrust_on_curve(record: Any, state: float) -> float:
 def fin_force(record: Any, density: float, deflection: float, local: Vector) -> Vector:
     """Force of a fin by the velocity of its place relative to the water, in the body [N].
 
-    Across the deflected chord acts ½ρ S a U² sin α |cos α|, with α the incidence of the flow on the chord; a fin of
-    small aspect ratio keeps the force of its stall angle beyond it (Whicker and Fehlner 1958). Without suction at the
-    leading edge the force tilts back with the fin, which is its induced drag. Along the flow acts ½ρ S C_D0 U².
+    Across the deflected chord acts ½ρ S a U² sin α |cos α|, with α the incidence of the flow on the chord. Beyond the
+    stall angle the force of that angle is kept (an assumption). Without suction at the leading edge the force tilts
+    back with the fin, which is its induced drag. Along the flow acts ½ρ S C_D0 U².
     """
     e, p = record.force, record.parameters
     u, across = local[0], local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
