@@ -1,12 +1,10 @@
 """Settings of all tests."""
 
 import gc
-import io
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, Phase, settings
@@ -90,30 +88,6 @@ def pytest_unconfigure() -> None:
     done in five.
     """
     gc.freeze()
-
-
-_FIRST: list[str] = []
-"""The one figure that `few_figures` drew."""
-
-
-@pytest.fixture
-def few_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every figure is drawn like the first one: to draw it takes most of a page's time, and some tests ask no more."""
-    from matplotlib.figure import Figure
-
-    draw = Figure.savefig
-
-    def drawn(figure: Figure, stream: object, **given: Any) -> None:
-        if not isinstance(stream, io.StringIO):
-            draw(figure, stream, **given)
-            return
-        if not _FIRST:
-            own = io.StringIO()
-            draw(figure, own, **given)
-            _FIRST.append(own.getvalue())
-        stream.write(_FIRST[0])
-
-    monkeypatch.setattr(Figure, "savefig", drawn)
 
 
 @pytest.fixture

@@ -36,7 +36,6 @@ WROTE = {
 """Files that an example leaves."""
 
 
-@pytest.mark.usefixtures("few_figures")
 @pytest.mark.parametrize("name", WROTE)
 def test_examples_run(name, tmp_path, capsys, monkeypatch):
     text = run(name, tmp_path, capsys, monkeypatch)

@@ -84,7 +84,6 @@ def test_topics_of_a_log_are_no_markup(tmp_path: Path, capsys: pytest.CaptureFix
     assert "\x1b" not in told
 
 
-@pytest.mark.usefixtures("few_figures")
 @pytest.mark.parametrize("folder", ["out[/tmp]", "[red]x", "a\x1b[2Jb"])
 def test_a_folder_named_like_markup_takes_a_flight(folder: str, tmp_path: Path) -> None:
     out = tmp_path / folder

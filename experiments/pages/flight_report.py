@@ -8,10 +8,9 @@ import numpy as np
 
 from experiments.flight.summary import flight_bounds, mirror_locked_steps
 from experiments.pages import flight_figures, flight_text, range_budget_page
-from experiments.pages.figures import svg
 from experiments.pages.flight_figures import ON_AXIS_DEG
 from experiments.pages.page import Cell, Code, Figures, Film, Table, number, words, write
-from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, HALF, INK, LEADER, MUTED, TRANSMITTERS
+from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, INK, LEADER, MUTED, TRANSMITTERS
 from experiments.pages.template import page_of
 from laisn import metrics
 from laisn.arrays import Floats
@@ -34,13 +33,14 @@ def _drawn(flight: Flight) -> range:
     return range(min(len(flight.estimates), DRAWN_FOLLOWERS))
 
 
-def _overview(flight: Flight, errors: Errors) -> Figures:
-    """Position errors over time, of the follower or of the worst beside the others."""
+def _overview(flight: Flight, errors: Errors) -> Figures | None:
+    """Position errors over time, of the worst of several followers beside the others."""
     names = flight.trajectory.names[1:]
+    if len(names) == 1:
+        return None
     worst = max(range(len(names)), key=lambda i: float(np.nanmax(errors[i][0], initial=0.0)))
-    figure = flight_figures.position_errors(flight, [position for position, _ in errors], worst)
-    legend = [(ESTIMATE, names[worst])] + ([(MUTED, "other followers")] if len(names) > 1 else [])
-    return Figures(panels=[svg(figure, "overview", "Position errors over time")], legend=legend)
+    panel = flight_figures.position_errors(flight, [position for position, _ in errors], worst)
+    return Figures(panels=[panel], legend=[(ESTIMATE, names[worst]), (MUTED, "other followers")])
 
 
 def _error_row(name: str, one: flight_text.EstimateErrors) -> list[Cell]:
@@ -55,42 +55,35 @@ def _error_row(name: str, one: flight_text.EstimateErrors) -> list[Cell]:
     ]
 
 
-def _follower_row(flight: Flight, follower: int, errors: tuple[Floats, Floats]) -> Figures:
-    """Errors of one follower over time, its map, and estimate less truth: side by side."""
-    name = flight.trajectory.names[follower + 1]
-    figures = (
-        ("errors", flight_figures.error_stack(flight, follower, errors), "Errors over time"),
-        ("map", flight_figures.track_map(flight, [follower]), "Routes of leader and follower, and the estimate"),
-        ("difference", flight_figures.difference(flight, follower), "Estimate less truth"),
-    )
+def follower_row(flight: Flight, follower: int, errors: tuple[Floats, Floats], bound: Floats) -> Figures:
+    """Routes of a follower, its curves over time, and estimate minus truth: side by side, with one time cursor."""
+    used = range(flight.scenario.navigation.transmitters)
     return Figures(
-        panels=[svg(figure, f"{key}{follower}", f"{label}: {name}") for key, figure, label in figures],
-        title=name if len(flight.estimates) > 1 else "",
-        legend=[*VEHICLES, (INK, "the filter's own 2σ")] if follower == 0 else (),
-    )
+        panels=[
+            flight_figures.track_map(flight, [follower], link=f"follower{follower}"),
+            flight_figures.over_time(flight, follower, errors, bound),
+            flight_figures.difference(flight, follower),
+        ],
+        title=flight.trajectory.names[follower + 1] if len(flight.estimates) > 1 else "",
+        legend=[
+            *VEHICLES, (INK, "2σ by the filter; dotted: its RMS error"), (MUTED, "Cramér–Rao bound of the RMS error"),
+            *((TRANSMITTERS[j], f"range from the {Ranges._fields[j]} transmitter") for j in used),
+        ],
+    )  # fmt: skip
 
 
 def _map(flight: Flight) -> Figures | None:
     """Map of several followers."""
     if len(flight.estimates) == 1:
         return None
-    figure = flight_figures.track_map(flight, range(len(flight.estimates)), width=FULL, height=6.0)
-    return Figures(panels=[svg(figure, "map", "Routes of leader and followers, and the estimates")], legend=VEHICLES)
+    panel = flight_figures.track_map(flight, range(len(flight.estimates)), width=FULL, height=6.0)
+    return Figures(panels=[panel], legend=VEHICLES)
 
 
 def _stations(flight: Flight) -> Figures | None:
     """Distances from stations; None without stations."""
     kept = [i for i in _drawn(flight) if flight.scenario.followers[i].station]
-    figures = zip(kept, flight_figures.station_errors(flight, kept), strict=True) if kept else ()
-    names = flight.trajectory.names[1:]
-    panels = [svg(f, f"station{i}", f"Distance from the station over time: {names[i]}") for i, f in figures]
-    return Figures(panels=panels) if panels else None
-
-
-def _motion(flight: Flight) -> Figures:
-    moved = flight_figures.motion(flight)
-    panels = [svg(figure, f"motion-{title.lower()}", f"{title} of all vehicles over time") for title, figure in moved]
-    return Figures(panels=panels, legend=VEHICLES[:2])
+    return Figures(panels=flight_figures.station_errors(flight, kept), legend=VEHICLES[1:2]) if kept else None
 
 
 def final_states(flight: Flight) -> list[list[Cell]]:
@@ -103,35 +96,6 @@ def final_states(flight: Flight) -> list[list[Cell]]:
                 cells = [words(flight.trajectory.names[i + 1]), words(_IN_DEGREES.get(name, name))]
                 rows.append([*cells, number(per * value), number(per * sigma)])
     return rows
-
-
-def bound_figures(flight: Flight, errors: Errors, bounds: Sequence[Floats]) -> Figures:
-    """Error, its standard deviation by the filter and the bound, of shape (n,) of each follower [m], over time."""
-    names, drawn = flight.trajectory.names[1:], _drawn(flight)
-    width = HALF if len(drawn) > 1 else FULL
-    curves = [flight_figures.error_and_bound(flight, i, errors[i][0], bounds[i], width) for i in drawn]
-    panels = [svg(curves[i], f"bound{i}", f"Error and lower bound of {names[i]}") for i in drawn]
-    panels += [
-        svg(weights, f"weights{i}", f"Weights of the hypotheses of {names[i]}, the heaviest first")
-        for i in drawn
-        if (weights := flight_figures.hypothesis_weights(flight, i, width))
-    ]
-    return Figures(panels=panels, legend=[(ESTIMATE, "E_P"), (INK, "σ by the filter"), (MUTED, "bound")])
-
-
-def _ranges(flight: Flight) -> list[Figures]:
-    used = range(flight.scenario.navigation.transmitters)
-    return [
-        Figures(
-            panels=[
-                svg(flight_figures.ranges(flight, i), f"ranges{i}", f"Measured ranges of {name}"),
-                svg(flight_figures.fixes(flight, i), f"fixes{i}", f"Kinds of fix of {name} over time"),
-            ],
-            legend=[(TRANSMITTERS[j], f"from the {Ranges._fields[j]} transmitter") for j in used] if i == 0 else (),
-            title=name if len(flight.estimates) > 1 else "",
-        )
-        for i, name in enumerate(flight.trajectory.names[1:][:DRAWN_FOLLOWERS])
-    ]
 
 
 def _results(summary: Mapping[str, Any]) -> Table:
@@ -216,7 +180,7 @@ def flight_report(
     Raises:
         OSError: the file cannot be written.
     """
-    by_name = flight_text.errors_by_name(flight)
+    by_name, least = flight_text.errors_by_name(flight), bounds or flight_bounds(flight)
     values = {
         "name": flight.scenario.name,
         "followers": len(flight.estimates),
@@ -230,15 +194,13 @@ def flight_report(
         "results": _results(summary),
         "on_station": any(follower.station for follower in flight.scenario.followers),
         "on_axis_deg": f"{ON_AXIS_DEG:g}",
-        "rows": [_follower_row(flight, i, errors[i]) for i in _drawn(flight)],
-        "bound": bound_figures(flight, errors, bounds or flight_bounds(flight)),
+        "rows": [follower_row(flight, i, errors[i], least[i]) for i in _drawn(flight)],
         "states": final_states(flight),
-        "ranges": _ranges(flight),
         "use_attitude": flight.scenario.navigation.use_attitude,
         "budget": range_budget_page.values(flight),
         "map": _map(flight),
         "stations": _stations(flight),
-        "motion": _motion(flight),
+        "motion": Figures(panels=[flight_figures.motion(flight)], legend=VEHICLES[:2]),
         "scenario": Code(text=flight.scenario.toml(), title="scenario.toml", folded=True),
     }
     write(page_of("experiments.pages", _facts(flight, summary), values, name="flight_report.md.j2"), path)

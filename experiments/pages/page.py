@@ -5,7 +5,6 @@ A page needs no network and no framework; the same content gives the same bytes.
 
 import base64
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -15,10 +14,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import jinja2
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from experiments.campaign.version import versions
-from experiments.pages.style import Legend, css
+from experiments.pages.figures import Panel
+from experiments.pages.style import Legend, css, symbols
 from sim.files import atomic_write
 
 if TYPE_CHECKING:
@@ -29,19 +29,9 @@ _SHOWN_VERSIONS = {"python": "Python", "mujoco": "MuJoCo", "numpy": "NumPy", "sc
 """Libraries that shape numbers, by name; the page says with which versions it was made."""
 _SHORT = 44
 """Text of a table cell up to this length stays on one line."""
-EMBEDDED_FILM_BYTES = 2_500_000
-"""Larger films are linked: Base64 adds a third, and a page stays below 5 MB."""
+EMBEDDED_FILM_BYTES = 600_000
+"""Larger films are linked: Base64 adds a third, Plotly takes 4.8 MB, and a page stays below 6 MB."""
 _POSTER_QUALITY = 80
-_SYMBOL = re.compile(r"\b(?:([EHσμτ]|Δt)_([A-Za-z0-9θ]+)|(Δt))\b")
-
-
-def symbols(text: str) -> Markup:
-    """Escaped text in which symbols such as E_P and H_T carry their index below the line."""
-
-    def marked(symbol: re.Match[str]) -> str:
-        return f"<i>{symbol[3]}</i>" if symbol[3] else f"<i>{symbol[1]}</i><sub>{symbol[2]}</sub>"
-
-    return Markup(_SYMBOL.sub(marked, str(escape(text))))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,8 +124,7 @@ class Figures:
     """Panels side by side under one caption; `legend` pairs colours with texts."""
 
     kind: ClassVar[str] = "figures"
-    panels: Sequence[str]
-    """SVG elements of `figures.svg`, which escapes its label: trusted markup."""
+    panels: Sequence[Panel]
     caption: str = ""
     title: str = ""
     """Set above the panels."""
@@ -144,8 +133,7 @@ class Figures:
     @property
     def layout(self) -> str:
         """Class of the page's style: a grid of many alike, or a row that fills the width, each panel by its own."""
-        widths = {width for panel in self.panels for width in re.findall(r"^<svg [^>]*--w: (\d+)", panel)}
-        return "grid" if len(self.panels) > 2 and len(widths) == 1 else "row"
+        return "grid" if len(self.panels) > 2 and len({panel.width for panel in self.panels}) == 1 else "row"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -262,8 +250,15 @@ def render(page: Page) -> str:
     """The page as HTML text."""
     found = versions()
     made_with = ", ".join(f"{name} {found[package]}" for package, name in _SHOWN_VERSIONS.items())
-    style, script = Markup(css() + _template("page.css")), Markup(_template("page.js"))
-    return _environment().get_template("page.html").render(page=page, made_with=made_with, style=style, script=script)
+    blocks = [block for section in page.sections for block in section.blocks]
+    drawn = any(isinstance(block, Figures) and block.panels for block in blocks)
+    plotly = resources.files("plotly") / "package_data" / "plotly.min.js" if drawn else None
+    values = {
+        "style": Markup(css() + _template("page.css")),
+        "plotly": Markup(plotly.read_text(encoding="utf-8")) if plotly else "",
+        "script": Markup(_template("page.js")),
+    }
+    return _environment().get_template("page.html").render(page=page, made_with=made_with, **values)
 
 
 def write(page: Page, path: Path) -> None:

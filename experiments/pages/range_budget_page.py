@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from experiments.flight.range_budget import LABELS, Cause, RangeErrorBudget, range_error_budget
-from experiments.pages.figures import Line, panel, svg
+from experiments.pages.figures import Line, Panel, panel
 from experiments.pages.page import Figures, Table, number, words
 from experiments.pages.style import FULL, HALF, SERIES, WIDTH, Colour
 from laisn.arrays import Floats
@@ -56,9 +55,12 @@ def share_table(budget: RangeErrorBudget, caption: str = "", transmitters: int =
     )
 
 
-def asymmetry_over_time(time: Floats, shares: dict[Cause, Floats], title: str, width: float = WIDTH) -> Figure:
+def asymmetry_over_time(time: Floats, shares: dict[Cause, Floats], title: str, width: float = WIDTH) -> Panel:
     """Shares of causes in D_front − D_rear over time, of shape (m,), [m]; width in [inch]."""
-    lines = [Line(x=time, y=100.0 * share, colour=COLOUR[cause], width=0.8) for cause, share in shares.items()]
+    lines = [
+        Line(x=time, y=100.0 * share, colour=COLOUR[cause], width=0.8, name=LABELS[cause])
+        for cause, share in shares.items()
+    ]
     return panel(lines, x_label="time [s]", y_label="in D_front − D_rear [cm]", title=title, width=width)
 
 
@@ -70,7 +72,7 @@ def legend_of(causes: Sequence[Cause]) -> list[tuple[Colour, str]]:
 def values(flight: Flight) -> dict[str, Any]:
     """Values for the report of a flight: followers without a ping, figure and tables."""
     names, used = flight.trajectory.names[1:], flight.scenario.navigation.transmitters
-    silent, drawn, panels, tables = list[str](), set[Cause](), list[str](), list[Table]()
+    silent, drawn, panels, tables = list[str](), set[Cause](), list[Panel](), list[Table]()
     width = FULL if len(names) == 1 else HALF
     for i, name in enumerate(names[:_DRAWN_FOLLOWERS]):
         budget = range_error_budget(flight, i)
@@ -80,7 +82,7 @@ def values(flight: Flight) -> dict[str, Any]:
         title = name if len(names) > 1 else ""
         shares = {cause: share for cause in COLOUR if _largest(share := budget.asymmetry[:, cause]) > _NOTICEABLE_M}
         drawn |= set(shares)
-        panels.append(svg(asymmetry_over_time(budget.time, shares, title, width), f"budget{i}"))
+        panels.append(asymmetry_over_time(budget.time, shares, title, width))
         tables.append(share_table(budget, f"{name}. " if len(names) > 1 else "", used))
     legend = legend_of([cause for cause in COLOUR if cause in drawn])
     return {

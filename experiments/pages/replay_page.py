@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from experiments.flight.events import largest_sigma
-from experiments.pages.figures import Line, panel, svg
+from experiments.pages.figures import Line, Panel, Part, panel
 from experiments.pages.page import Figures, number, write
-from experiments.pages.style import ESTIMATE, FULL, INK, LEADER, SERIES, TRANSMITTERS
+from experiments.pages.style import ESTIMATE, FULL, INK, LEADER, SERIES, TRANSMITTERS, Colour
 from experiments.pages.template import page_of
 from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, Estimates, FixKind
@@ -19,6 +19,7 @@ from laisn.messages import LeaderMessage, Measurements
 from laisn.metrics import nis
 from sim.screen import plain
 
+_HEIGHT, _MAP_WIDTH, _TRACK_POINTS = 5.0, 5.4, 1500
 _ELLIPSES = 24
 """Ellipses along the path of a vehicle."""
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 41)
@@ -86,10 +87,12 @@ def ellipse(centre: Floats, covariance: Floats) -> Floats:
     return outline
 
 
-def _map(one: Replayed) -> Figures:
+def _map(one: Replayed) -> tuple[Panel, list[tuple[Colour, str]]]:
     state, covariance = one.estimates.state, one.estimates.covariance
     known = np.flatnonzero(np.isfinite(state[:, 0]))
-    lines = [Line(x=state[known, 0], y=state[known, 1], colour=ESTIMATE)]
+    drawn = known[:: max(1, known.size // _TRACK_POINTS)]
+    track, time = state[drawn], one.measured.time[drawn]
+    lines = [Line(x=track[:, 0], y=track[:, 1], colour=ESTIMATE, name="estimate", time=time)]
     legend = [(ESTIMATE, "estimate, with 2σ ellipses")]
     for step in known[:: max(1, known.size // _ELLIPSES)]:
         outline = ellipse(state[step, :2], covariance[step, :2, :2])
@@ -97,45 +100,53 @@ def _map(one: Replayed) -> Figures:
     if one.measured.transmitters is not None:
         places = np.unique(one.measured.transmitters[..., :2].reshape(-1, 2).round(2), axis=0)
         places = places[np.isfinite(places).all(axis=1)]
-        lines.append(Line(x=places[:, 0], y=places[:, 1], colour=LEADER, marker="^", size=5.0))
+        lines.append(Line(x=places[:, 0], y=places[:, 1], colour=LEADER, marker="^", size=5.0, name="transmitter"))
         legend.append((LEADER, "transmitters"))
     elif len(one.measured.message):
         east, north, *_ = _poses(one.measured)
-        lines.append(Line(x=east, y=north, colour=LEADER))
+        sent = one.measured.time[one.measured.message_step - 1]
+        lines.append(Line(x=east, y=north, colour=LEADER, name="leader", time=sent))
         legend.append((LEADER, "leader, as broadcast"))
     if one.path is not None:
         lines.insert(0, Line(x=one.path[:, 1], y=one.path[:, 2], colour=INK, dash="--"))
         legend.append((INK, "surveyed path"))
-    figure = panel(lines, x_label="east [m]", y_label="north [m]", equal=True, width=FULL, height=5.0)
-    return Figures(panels=[svg(figure, f"map-{one.name}", f"Map of {one.name}")], legend=legend)
+    chart = panel(
+        lines, x_label="east [m]", y_label="north [m]", equal=True, width=_MAP_WIDTH, height=_HEIGHT, link=one.name
+    )
+    return chart, legend
 
 
-def _residuals(one: Replayed) -> Figures:
-    """Range residuals of each transmitter, and NIS, where there are any."""
+def _over_time(one: Replayed) -> Panel:
+    """2σ of the position, range residuals of each transmitter, and NIS, where there are any."""
     at, residuals, squared = one.measured.time[one.measured.message_step - 1], one.residuals, one.nis
     seen = np.isfinite(residuals)
+    curve = Line(x=one.measured.time, y=2.0 * one.sigma, colour=ESTIMATE, name="2σ")
+    parts = [Part(lines=[curve], y_label="2σ of position [m]", y_limits=(0.0, None))]
     lines = [
-        Line(x=at[seen[:, i]], y=residuals[seen[:, i], i], colour=colour, marker="o")
+        Line(x=at[seen[:, i]], y=residuals[seen[:, i], i], colour=colour, marker="o", name=f"{_NAMES[i]} transmitter")
         for i, colour in enumerate(TRANSMITTERS)
         if seen[:, i].any()
     ]
-    panels = [panel(lines, x_label="time [s]", y_label="range residual [m]")] if lines else []
+    parts += [Part(lines=lines, y_label="range residual [m]")] if lines else []
     if np.isfinite(squared).any():
         top = max(2.0, float(np.nanpercentile(squared, 99)))
-        marks = Line(x=one.measured.time[one.estimates.fix_step - 1], y=squared, colour=SERIES[2], marker="o")
-        panels.append(panel([marks], x_label="time [s]", y_label="NIS per quantity", y_limits=(0.0, top)))
-    return Figures(
-        panels=[svg(each, f"residual{i}-{one.name}", "Residuals") for i, each in enumerate(panels)],
-        legend=list(zip(TRANSMITTERS, _NAMES, strict=True)),
-    )
+        time = one.measured.time[one.estimates.fix_step - 1]
+        marks = Line(x=time, y=squared, colour=SERIES[2], marker="o", name="NIS")
+        parts.append(Part(lines=[marks], y_label="NIS per quantity", y_limits=(0.0, top)))
+    ends = (float(one.measured.time[0]), float(one.measured.time[-1]))
+    width = FULL - _MAP_WIDTH
+    return Panel(parts=parts, x_label="time [s]", x_limits=ends, width=width, height=_HEIGHT, link=one.name)
 
 
 def _values(one: Replayed) -> dict[str, Any]:
     """Numbers and figures of one vehicle for the template."""
     two_sigma, squared = 2.0 * one.sigma, one.nis
     worst = int(two_sigma.argmax())
-    curve = Line(x=one.measured.time, y=two_sigma, colour=ESTIMATE)
-    sigma = panel([curve], x_label="time [s]", y_label="2σ of the position [m]", width=FULL)
+    chart, legend = _map(one)
+    hues = [(colour, f"residual of the {name}") for colour, name in zip(TRANSMITTERS, _NAMES, strict=True)]
+    heard = [bool(np.isfinite(column).any()) for column in one.measured.ranges.T]
+    legend += [hue for hue, used in zip(hues, heard, strict=True) if used]
+    legend += [(SERIES[2], "NIS")] if np.isfinite(squared).any() else []
     return {
         "name": one.name,
         "steps": len(one.estimates.state),
@@ -146,9 +157,7 @@ def _values(one: Replayed) -> dict[str, Any]:
         "largest_s": number(float(one.measured.time[worst]), 0).text,
         "mean_nis": number(float(np.nanmean(squared)) if np.isfinite(squared).any() else None).text,
         "mean_error": number(one.mean_error).text,
-        "map": _map(one),
-        "sigma": Figures(panels=[svg(sigma, f"sigma-{one.name}", "Standard deviation over time")]),
-        "residuals": _residuals(one),
+        "figure": Figures(panels=[chart, _over_time(one)], legend=legend),
     }
 
 

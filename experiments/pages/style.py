@@ -1,47 +1,65 @@
-"""Colours and sizes of all pages; what the film shows too has the film's hues."""
+"""Colours, sizes and symbols of all pages; what the film shows too has the film's hues."""
 
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
+
+from markupsafe import Markup, escape
+
+_SYMBOL = re.compile(r"\b(?:([DEHσμτ]|Δt)_([A-Za-z0-9θ]+)|(Δt))\b")
+
+
+def symbols(text: str) -> Markup:
+    """Escaped text in which symbols such as E_P and H_T carry their index below the line."""
+
+    def marked(symbol: re.Match[str]) -> str:
+        return f"<i>{symbol[3]}</i>" if symbol[3] else f"<i>{symbol[1]}</i><sub>{symbol[2]}</sub>"
+
+    return Markup(_SYMBOL.sub(marked, str(escape(text))))
 
 
 class Colour(NamedTuple):
     """A colour of the page."""
 
-    placeholder: str
-    """What matplotlib draws with, until the drawing takes the page's own colours."""
     variable: str
     """Name of the CSS variable."""
     light: str
     dark: str
 
+    @property
+    def css(self) -> str:
+        """The colour as the page's style names it."""
+        return f"var({self.variable})"
 
-INK = Colour("#010101", "--ink", "#1c2733", "#e4e9ee")
-FRAME = Colour("#010102", "--frame", "#8894a0", "#6d7a87")
-GRID = Colour("#010103", "--grid", "#e3e7eb", "#29333d")
-MUTED = Colour("#010104", "--muted", "#9aa5b0", "#66727e")
+
+INK = Colour("--ink", "#1c2733", "#e4e9ee")
+PAPER = Colour("--paper", "#ffffff", "#12181e")
+FRAME = Colour("--frame", "#8894a0", "#6d7a87")
+GRID = Colour("--grid", "#e3e7eb", "#29333d")
+MUTED = Colour("--muted", "#9aa5b0", "#66727e")
 SERIES = (
-    Colour("#010111", "--c1", "#0b62a8", "#6cb2f2"),
-    Colour("#010112", "--c2", "#c8501e", "#ff9868"),
-    Colour("#010113", "--c3", "#0a7d5a", "#4fcfa3"),
-    Colour("#010114", "--c4", "#8a4a9e", "#cf9fe2"),
-    Colour("#010115", "--c5", "#9a6b00", "#e6bb52"),
-    Colour("#010116", "--c6", "#b03060", "#f28bb0"),
+    Colour("--c1", "#0b62a8", "#6cb2f2"),
+    Colour("--c2", "#c8501e", "#ff9868"),
+    Colour("--c3", "#0a7d5a", "#4fcfa3"),
+    Colour("--c4", "#8a4a9e", "#cf9fe2"),
+    Colour("--c5", "#9a6b00", "#e6bb52"),
+    Colour("--c6", "#b03060", "#f28bb0"),
 )
 """Distinguishable with the common kinds of colour blindness, on light and on dark pages."""
-LEADER = Colour("#010121", "--leader", "#d17d00", "#ffad33")
-FOLLOWER = Colour("#010122", "--follower", "#8f8600", "#fff240")
-ESTIMATE = Colour("#010123", "--estimate", "#c4009d", "#ff40d9")
-REAR = Colour("#010124", "--rear", "#5b6670", "#f2f7ff")
-FRONT = Colour("#010125", "--front", "#0a8a32", "#59ff8c")
-MIDDLE = Colour("#010126", "--middle", "#2f6fd0", "#73b3ff")
+LEADER = Colour("--leader", "#d17d00", "#ffad33")
+FOLLOWER = Colour("--follower", "#8f8600", "#fff240")
+ESTIMATE = Colour("--estimate", "#c4009d", "#ff40d9")
+REAR = Colour("--rear", "#5b6670", "#f2f7ff")
+FRONT = Colour("--front", "#0a8a32", "#59ff8c")
+MIDDLE = Colour("--middle", "#2f6fd0", "#73b3ff")
 TRANSMITTERS = (REAR, FRONT, MIDDLE)
 """Hues of the film, bright enough for dark pages and dark enough for white ones."""
 Legend = Sequence[tuple[Colour, str]]
 """Colours and what they stand for."""
-COLOURS = (INK, FRAME, GRID, MUTED, *SERIES, LEADER, FOLLOWER, ESTIMATE, *TRANSMITTERS)
+COLOURS = (PAPER, INK, FRAME, GRID, MUTED, *SERIES, LEADER, FOLLOWER, ESTIMATE, *TRANSMITTERS)
 
 WIDTH, HEIGHT = 4.4, 2.5
-"""Size of a panel of which three stand side by side [inch]; 72 units of the drawing to an inch."""
+"""Size of a panel of which three stand side by side [inch]."""
 FULL = 12.4
 """Width of a panel that stands alone, or of panels side by side together [inch]; the page shows them at this size."""
 HALF = 6.1

@@ -4,17 +4,14 @@ import itertools
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from textwrap import fill
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from experiments.intervals import Interval
-from experiments.pages.figures import Line, panel, svg
+from experiments.pages.figures import Line, Panel, numbers, panel
 from experiments.pages.page import Figures
-from experiments.pages.style import FRAME, FULL, INK, SERIES, Legend
+from experiments.pages.style import FRAME, FULL, INK, PAPER, SERIES, Legend
 from experiments.study.design import is_number
 from experiments.study.estimate import NOTHING, Results, digits
 from experiments.study.metrics import METRICS, without_unit
@@ -22,8 +19,7 @@ from experiments.study.plan import ARM, FOLLOWER, Plan, levels, varied
 
 MOST_PANELS = 12
 MOST_LINES = len(SERIES)
-_TITLE_WIDTH = 48
-"""Characters that a panel has room for in a line of its title."""
+_MOST_TICKS = 8
 
 _OWNERS = re.compile(r"^(leader|followers\.(\d+|\*))\.")
 
@@ -139,14 +135,18 @@ def _values(plan: Plan, results: Results, names: Iterable[str], base: str = "") 
     return value_at
 
 
-def over_factor(plan: Plan, results: Results, layout: Layout, name: str = "main", base: str = "") -> Figures:
-    """Panels of the report's metric over a factor, with intervals.
+def _few(words: Mapping[float, str]) -> dict[float, str]:
+    """So many of the words along an axis that they do not overlap."""
+    return dict(itertools.islice(words.items(), None, None, max(1, -(-len(words) // _MOST_TICKS))))
+
+
+def over_factor(plan: Plan, results: Results, layout: Layout, base: str = "") -> Figures:
+    """Panels of the report's metric over a factor, with intervals and one scale.
 
     Args:
         plan: of the study.
         results: of the study.
         layout: of the panels; without a factor against which to draw there are none.
-        name: prefix of ids on the page.
         base: arm from which paired differences are drawn, with a line at no difference.
     """
     if not layout.against:
@@ -155,63 +155,54 @@ def over_factor(plan: Plan, results: Results, layout: Layout, name: str = "main"
     value_at = _values(plan, results, (layout.against, layout.lines, *layout.panels), base)
     kinds = levels(plan, layout.lines) if layout.lines else [None]
     label = METRICS[plan.study.report.metric].label
-    label = f"difference: {label}" if base else label
-    figures: dict[str, Figure] = {}
+    ends = (-0.6, len(axis.values) - 0.4)
+    drawn: dict[str, list[Line]] = {}
+    extremes = list[float]()
     for chosen in combinations(plan, layout.panels)[:MOST_PANELS]:
-        lines, bars = list[Line](), list[Line]()
+        lines = list[Line]()
         for i, (kind, colour) in enumerate(zip(kinds, SERIES, strict=False)):
             shift = 0.0 if axis.numeric else 0.12 * (i - (len(kinds) - 1) / 2)
-            here = chosen | {layout.lines: kind}
-            found = zip(axis.places, (value_at(here | {axis.name: v}) for v in axis.values), strict=True)
-            known = [(p + shift, v) for p, v in found if not math.isnan(v.value)]
+            found = [value_at(chosen | {layout.lines: kind, axis.name: value}) for value in axis.values]
+            known = [(place + shift, v) for place, v in zip(axis.places, found, strict=True) if not math.isnan(v.value)]
             if not known:
                 continue
-            x, y = np.array([p for p, _ in known]), np.array([v.value for _, v in known])
+            x, (y, low, high) = np.array([place for place, _ in known]), np.array([v for _, v in known]).T
+            extremes += [*y, *low[~np.isnan(low)], *high[~np.isnan(high)]]
+            name = value_text(kind) if layout.lines else ""
             if axis.numeric and plan.study.design == "factorial":
                 lines.append(Line(x=x, y=y, colour=colour))
-            lines.append(Line(x=x, y=y, colour=colour, marker="o"))
-            bars += [Line(x=np.array([p, p]), y=np.array(v[1:]), colour=colour, width=0.9) for p, v in known]
-        if not bars:
-            continue
-        ends = [min(axis.places), max(axis.places)] if axis.numeric else [-0.6, len(axis.values) - 0.4]
-        if base:
-            lines.insert(0, Line(x=np.array(ends), y=np.zeros(2), colour=FRAME, dash="--", width=0.7))
-        title = point_text(chosen)
-        figures[title] = panel([*lines, *bars], x_label=label_of(axis.name), y_label=label, title=title)
-        (axes,) = figures[title].axes
-        axes.set_xscale("log" if axis.log else "linear")
-        axes.autoscale(enable=True, axis="y")
-        axes.margins(x=0.06, y=0.08)
-        if axes.dataLim.y0 >= 0:
-            axes.set_ylim(bottom=0.0)
-        if not axis.numeric:
-            axes.set_xticks(axis.places, [value_text(v)[:18] for v in axis.values])
-            axes.set_xlim(*ends)
-    # one scale, so that panels can be compared
-    limits = [figure.axes[0].get_ylim() for figure in figures.values()]
-    for figure in figures.values():
-        figure.axes[0].set_ylim(min(low for low, _ in limits), max(high for _, high in limits))
-    panels = [
-        svg(figure, f"{name}{number}", f"{label} over {label_of(axis.name)} {title}")
-        for number, (title, figure) in enumerate(figures.items())
-    ]
-    return Figures(panels=panels, legend=[entry for entry in _legend(kinds) if entry[1] != base])
+            lines.append(Line(x=x, y=y, colour=colour, marker="o", size=3.6, name=name or label, interval=(low, high)))
+        if lines and base:
+            across = [min(axis.places), max(axis.places)] if axis.numeric else ends
+            lines.insert(0, Line(x=np.array(across), y=np.zeros(2), colour=FRAME, dash="--", width=0.7))
+        if lines:
+            drawn[point_text(chosen)] = lines
+    low, high = min(extremes, default=0.0), max(extremes, default=1.0)
+    margin = 0.08 * (high - low) or 0.08 * abs(high) or 1.0
+    settings: dict[str, Any] = {
+        "x_label": label_of(axis.name), "y_label": f"difference: {label}" if base else label,
+        "y_limits": (0.0 if low >= 0 and not base else low - margin, high + margin), "x_log": axis.log,
+    }  # fmt: skip
+    if not axis.numeric:
+        words = {place: value_text(v)[:18] for place, v in zip(axis.places, axis.values, strict=True)}
+        settings |= {"x_ticks": _few(words), "x_limits": ends}
+    return Figures(
+        panels=[panel(lines, title=title, **settings) for title, lines in drawn.items()],
+        legend=[entry for entry in _legend(kinds) if entry[1] != base],
+    )
 
 
 def differences(plan: Plan, results: Results) -> Figures:
     """Paired differences of all arms from the first one over a factor."""
     layout = layout_of(plan)
     names = [name for name in (layout.against, layout.lines, *layout.panels) if name not in ("", ARM)]
-    return over_factor(plan, results, Layout("".join(names[:1]), ARM, tuple(names[1:])), "apart", plan.arms[0])
+    return over_factor(plan, results, Layout("".join(names[:1]), ARM, tuple(names[1:])), plan.arms[0])
 
 
 def scatter(plan: Plan, results: Results) -> Figures:
     """The report's metric over each factor of a sampled design, a mark for each point."""
     lines = ARM if len(plan.arms) > 1 else ""
-    drawn = [
-        over_factor(plan, results, Layout(factor.key, lines), f"scatter{i}-")
-        for i, factor in enumerate(plan.study.factors[:MOST_PANELS])
-    ]
+    drawn = [over_factor(plan, results, Layout(factor.key, lines)) for factor in plan.study.factors[:MOST_PANELS]]
     return Figures(panels=[panel for figures in drawn for panel in figures.panels], legend=_legend(plan.arms))
 
 
@@ -223,81 +214,84 @@ def heat_maps(plan: Plan, results: Results, names: Sequence[str]) -> Figures:
     values = np.full((len(chosen), len(up.values), len(across.values)), np.nan)
     for (k, i, j), _ in np.ndenumerate(values):
         values[k, i, j] = value_at(chosen[k] | {across.name: across.values[j], up.name: up.values[i]}).value
-    low, high = np.nanmin(values), np.nanmax(values)
+    x, y = [*map(value_text, across.values)], [*map(value_text, up.values)]
+    labels, finite = (label_of(across.name), label_of(up.name)), values[~np.isnan(values)]
+    scale = {
+        "type": "heatmap", "zmin": float(finite.min(initial=np.inf)), "zmax": float(finite.max(initial=-np.inf)),
+        "colorscale": [[0, PAPER.css], [1, SERIES[1].css]], "opacity": 0.8, "xgap": 1, "ygap": 1,
+        "colorbar": {"thickness": 10, "outlinewidth": 0}, "hovertemplate": "%{hovertext}<extra></extra>",
+    }  # fmt: skip
     panels = []
     for k, here in enumerate(chosen):
-        title, height = point_text(here), 1.2 + 0.26 * len(up.values)
-        figure = panel([], x_label=label_of(across.name), y_label=label_of(up.name), title=title, height=height)
-        axes = figure.axes[0]
-        axes.grid(visible=False)
-        for (i, j), value in np.ndenumerate(values[k]):
-            share = 0.0 if math.isnan(value) or high == low else float((value - low) / (high - low))
-            shade = 0.05 + 0.6 * share
-            axes.add_patch(Rectangle((j - 0.5, i - 0.5), 1, 1, facecolor=SERIES[1].placeholder, alpha=shade))
-            if len(across.values) <= 12:
-                axes.text(j, i, digits(value), ha="center", va="center", fontsize=7, color=INK.placeholder)
-        axes.set_xticks(range(len(across.values)), [value_text(v) for v in across.values])
-        axes.set_yticks(range(len(up.values)), [value_text(v) for v in up.values])
-        axes.set_xlim(-0.5, len(across.values) - 0.5)
-        axes.set_ylim(-0.5, len(up.values) - 0.5)
-        panels.append(svg(figure, f"map{k}", f"map over {label_of(across.name)} and {label_of(up.name)} {title}"))
+        written = [[*map(digits, row)] for row in values[k].tolist()]
+        hover = [[f"{labels[0]} {x[j]}<br>{labels[1]} {y[i]}<br>{cell}" for j, cell in enumerate(row)]
+                 for i, row in enumerate(written)]  # fmt: skip
+        trace = scale | {"z": [numbers(row) for row in values[k]], "hovertext": hover}
+        if len(x) <= 12:
+            trace |= {"text": written, "texttemplate": "%{text}"}
+        panels.append(
+            panel(
+                [], x_label=labels[0], y_label=labels[1], title=point_text(here), traces=[trace],
+                x_ticks=_few(dict(enumerate(x))), y_ticks=_few(dict(enumerate(y))),
+                height=max(1.4 + 0.26 * len(y), 2.5),
+            )
+        )  # fmt: skip
     return Figures(panels=panels)
 
 
 def effect_bars(effects: Mapping[str, Interval]) -> Figures:
     """Bars of the share of variance of each factor, the largest at the top, with their intervals."""
-    places = np.arange(len(effects), dtype=np.float64)[::-1]
+    places = np.arange(len(effects), dtype=np.float64)[::-1].tolist()
+    value, low, high = np.array([*effects.values()]).T
+    bars = {
+        "type": "bar", "orientation": "h", "x": numbers(value), "y": places, "opacity": 0.7,
+        "marker": {"color": SERIES[0].css}, "hovertemplate": "%{x:.1%}<extra></extra>",
+        "error_x": {"type": "data", "symmetric": False, "array": numbers(high - value), "thickness": 1.2,
+                    "arrayminus": numbers(value - low), "color": INK.css},
+    }  # fmt: skip
+    words = [f"{label_of(name)}: {100 * effect.value:.0f} %" for name, effect in effects.items()]
     figure = panel(
-        [
-            Line(x=np.array([e.low, e.high]), y=np.repeat(y, 2), colour=INK)
-            for y, e in zip(places, effects.values(), strict=True)
-        ],
-        x_label="share of variance",
-        y_label="",
-        width=FULL,
-        height=0.8 + 0.3 * len(effects),
-        y_limits=(-0.6, len(effects) - 0.4),
-    )
-    (axes,) = figure.axes
-    axes.barh(places, [effect.value for effect in effects.values()], 0.6, color=SERIES[0].placeholder, alpha=0.6)
-    axes.set_yticks(places, [fill(label_of(name), 30) for name in effects])
-    left, bottom, across, height = axes.get_position().bounds
-    axes.set_position((left + 0.25, bottom, across - 0.25, height))
-    axes.set_xlim(0.0, 1.0)
-    return Figures(panels=[svg(figure, "effects", "Share of the variance that each factor explains")])
+        [], x_label="share of variance", y_label="", traces=[bars], width=FULL, height=0.9 + 0.3 * len(effects),
+        x_limits=(0.0, 1.0), y_limits=(-0.6, len(effects) - 0.4), y_ticks=dict(zip(places, words, strict=True)),
+    )  # fmt: skip
+    return Figures(panels=[figure])
 
 
 def over_realizations(plan: Plan, results: Results) -> Figures:
     """Share of realizations whose mean is below a value, a panel for each point and follower, a line for each arm."""
-    metric, panels = plan.study.report.metric, list[str]()
-    label = METRICS[metric].label
+    metric, drawn = plan.study.report.metric, dict[str, list[Line]]()
     for point, follower in itertools.product(range(len(plan.points)), plan.followers):
         means = [np.sort(results.by_realization((point, arm, follower), metric)) for arm in plan.arms]
         lines = [
-            Line(x=np.repeat(m, 2), y=np.repeat(np.arange(m.size + 1) / m.size, 2)[1:-1], colour=colour)
-            for m, colour in zip(means, SERIES, strict=False) if m.size > 1 and not np.isnan(m).any()
+            Line(x=np.repeat(m, 2), y=np.repeat(np.arange(m.size + 1) / m.size, 2)[1:-1], colour=colour, name=arm)
+            for arm, m, colour in zip(plan.arms, means, SERIES, strict=False) if m.size > 1 and not np.isnan(m).any()
         ]  # fmt: skip
-        if lines and len(panels) < MOST_PANELS:
-            title = fill(point_text(plan.points[point]), _TITLE_WIDTH)
-            figure = panel(lines, x_label=label, y_label="share of realizations", title=title, y_limits=(0.0, 1.02))
-            figure.axes[0].margins(x=0.04)
-            panels.append(svg(figure, f"realizations{len(panels)}", f"distribution of {label} {title}"))
+        whose = [point_text(plan.points[point])] if plan.points[point] else []
+        whose += [follower] if len(plan.followers) > 1 else []
+        if lines and len(drawn) < MOST_PANELS:
+            drawn[", ".join(whose)] = lines
+    ends = [end for lines in drawn.values() for line in lines for end in (line.x[0], line.x[-1])]
+    margin = 0.04 * (max(ends, default=1.0) - min(ends, default=0.0)) or 1.0
+    limits = (min(ends, default=0.0) - margin, max(ends, default=1.0) + margin)
+    label, below = METRICS[metric].label, "share of realizations"
+    panels = [
+        panel(lines, x_label=label, y_label=below, title=title, x_limits=limits, y_limits=(0.0, 1.02))
+        for title, lines in drawn.items()
+    ]
     return Figures(panels=panels, legend=_legend(plan.arms))
 
 
 def over_draws(plan: Plan, results: Results, point: int) -> Figures:
     """The means of the realizations of a point over each number that was drawn, a panel for each key."""
-    metric, panels = plan.study.report.metric, list[str]()
+    metric, panels = plan.study.report.metric, list[Panel]()
     label, places = METRICS[metric].label, [(point, arm, plan.followers[0]) for arm in plan.arms]
     for draw in plan.study.draws[:MOST_PANELS]:
         drawn = [[row[draw.key] for row in results.rows.get(place, [])] for place in places]
         lines = [
-            Line(x=np.array(values), y=results.by_realization(place, metric), colour=colour, marker="o")
+            Line(x=np.array(values), y=results.by_realization(place, metric), colour=colour, marker="o", name=place[1])
             for place, values, colour in zip(places, drawn, SERIES, strict=False)
             if values and all(map(is_number, values))
         ]
         if lines:
-            figure = panel(lines, x_label=label_of(draw.key), y_label=label)
-            figure.axes[0].margins(x=0.04, y=0.08)
-            panels.append(svg(figure, f"draw{len(panels)}", f"{label} over {label_of(draw.key)}"))
+            panels.append(panel(lines, x_label=label_of(draw.key), y_label=label))
     return Figures(panels=panels, legend=_legend(plan.arms))

@@ -14,9 +14,9 @@ from experiments.flight.folder import LOG
 from experiments.flight.summary import position_and_bearing_errors
 from experiments.intervals import Interval
 from experiments.pages import template
-from experiments.pages.figures import Line, panel, svg
+from experiments.pages.figures import Line, Panel, Part
 from experiments.pages.page import Figures, Page, number, words
-from experiments.pages.style import SERIES
+from experiments.pages.style import FULL, SERIES
 from experiments.study.estimate import over_runs, shown
 from experiments.study.file import METRIC
 from experiments.study.metrics import METRICS, SHARES
@@ -48,15 +48,22 @@ def _flights(names: Sequence[str], flights: Sequence[Flight]) -> dict[str, Any]:
     """What the template shows of flights."""
     errors = [position_and_bearing_errors(flight)[0] for flight in flights]
     times = [flight.trajectory.time[flight.step_index()] for flight in flights]
-    panels = []
-    for place, label, scale in ((0, "E_P [m]", 1.0), (1, "E_B [°]", 180.0 / math.pi)):
-        lines = [Line(x=t, y=scale * e[place], colour=c) for t, e, c in zip(times, errors, SERIES, strict=False)]
-        figure = panel(lines, x_label="time [s]", y_label=label, y_limits=(0.0, None))
-        panels.append(svg(figure, f"error{place}", f"{label} of all flights over time"))
+    parts = [
+        Part(
+            lines=[
+                Line(x=t, y=scale * e[place], colour=colour, name=name)
+                for t, e, colour, name in zip(times, errors, SERIES, names, strict=False)
+            ],
+            y_label=label,
+            y_limits=(0.0, None),
+        )
+        for place, label, scale in ((0, "E_P [m]", 1.0), (1, "E_B [°]", 180.0 / math.pi))
+    ]
+    curves = Panel(parts=parts, x_label="time [s]", width=FULL, height=4.4)
     found = [metrics.summarise(position, bearing) for position, bearing in errors]
     first = errors[0][0]
     apart = [float(np.mean(e - first)) if e.size == first.size else math.nan for e, _ in errors]
-    figures = Figures(panels=panels, legend=[*zip(SERIES, names, strict=False)])
+    figures = Figures(panels=[curves], legend=[*zip(SERIES, names, strict=False)])
     return {"errors": figures, "rows": [*zip(names, found, apart, strict=True)], "changed": differing(flights)}
 
 

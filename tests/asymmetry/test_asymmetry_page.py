@@ -104,7 +104,6 @@ def made(given: list[Row], flown: tuple[Condition, ...] = (), plan: Plan = PLAN,
 
 @pytest.fixture(autouse=True)
 def _no_drawing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(study, "svg", lambda *_: "")
     monkeypatch.setattr("experiments.pages.template.replace", lambda block, **_: block)
 
 
@@ -207,11 +206,11 @@ def test_figures_of_missions_are_levers_added_errors_and_medians() -> None:
     for i, error in enumerate((1.0, 4.0, 2.0)):
         where = {"route": f"T{i + 2}"}
         given += [row("level", 0.5, **where), row("real", 0.5 + error, **where), row("ahrs-0.5", 0.7, **where)]
-    (axes,) = figures.excess_over_lever(paired(given)).axes
-    assert axes.lines[1].get_xdata() == pytest.approx(np.full(3, 5.0 * np.sin(np.deg2rad(5.0))))
-    assert axes.lines[1].get_ydata() == pytest.approx([1.0, 4.0, 2.0])
-    (axes,) = figures.over_offset(paired(given), "trim").axes
-    assert [line.get_ydata()[0] for line in axes.lines[::2]] == pytest.approx([0.5, 2.5, 0.7])
+    (part,) = figures.excess_over_lever(paired(given)).parts
+    assert part.lines[1].x == pytest.approx(np.full(3, 5.0 * np.sin(np.deg2rad(5.0))))
+    assert part.lines[1].y == pytest.approx([1.0, 4.0, 2.0])
+    (part,) = figures.over_offset(paired(given), "trim").parts
+    assert [line.y[0] for line in part.lines[::2]] == pytest.approx([0.5, 2.5, 0.7])
 
 
 def test_a_message_is_drawn_from_the_motion() -> None:

@@ -177,7 +177,6 @@ def test_what_missions_need_is_compiled_ahead():
     assert set(FOLDER.rglob("*.nbc")) == stored
 
 
-@pytest.mark.usefixtures("few_figures")
 def test_quick_study_is_resumable_and_repeatable(tmp_path, monkeypatch):
     report = asymmetry.run(tmp_path, quick=True, workers=1, quiet=True)
     first = report.read_bytes()

@@ -164,14 +164,14 @@ def test_a_trial_run_is_named(findings: Findings, tmp_path: Path) -> None:
 
 def test_the_figure_has_a_mark_for_each_condition_from_above(findings: Findings) -> None:
     figure, legend = study.picture(findings)
-    (axes,) = figure.axes
-    marks = {str(line.get_marker()): line for line in axes.lines if line.get_marker() not in ("None", "")}
+    (part,) = figure.parts
+    marks = {line.marker: line for line in part.lines}
     assert len(legend) == len(marks) == 3
     # the first condition at the top, and the worst follower 1.9 times as far off as the nearest
     expected = 1.9 * np.arange(1.0, len(CONDITIONS) + 1)
-    np.testing.assert_allclose(np.asarray(marks["D"].get_xdata(), dtype=float), expected, rtol=1e-5)
-    assert np.all(np.diff(np.asarray(marks["D"].get_ydata(), dtype=float)) == -1)
-    names = dict(zip(axes.get_yticks(), [label.get_text() for label in axes.get_yticklabels()], strict=True))
+    np.testing.assert_allclose(marks["D"].x, expected, rtol=1e-5)
+    assert np.all(np.diff(marks["D"].y) == -1)
+    names = dict(part.ticks)  # type: ignore[arg-type]
     assert names[len(CONDITIONS) - 1] == next(iter(CONDITIONS.values()))
 
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from experiments.flight.range_budget import Cause, RangeErrorBudget
-from experiments.pages import flight_figures, flight_report, flight_text, range_budget_page
-from experiments.pages.flight_report import _facts, _results, bound_figures, failures, final_states
+from experiments.pages import flight_figures, flight_text, range_budget_page
+from experiments.pages.figures import Part
+from experiments.pages.flight_report import _facts, _results, failures, final_states, follower_row
 from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, FixKind
 from laisn.tight.estimates import TightEstimates
@@ -86,8 +87,8 @@ def test_causes_are_told_in_centimetres_by_their_root_mean_square() -> None:
         ["lever arm", "3.0", "1.0", "4.0", "4.0"], ["echo", "50.0", "0.0", "50.0", "100.0"],
     ]  # fmt: skip
     assert table.heads == ("cause", "rear", "front", "rms", "largest")
-    figure = range_budget_page.asymmetry_over_time(budget.time, {Cause.LEVER_ARM: budget.asymmetry[:, 1]}, "")
-    np.testing.assert_allclose(figure.axes[0].lines[0].get_ydata(), [-4.0, 4.0, -4.0, 4.0])
+    panel = range_budget_page.asymmetry_over_time(budget.time, {Cause.LEVER_ARM: budget.asymmetry[:, 1]}, "")
+    np.testing.assert_allclose(panel.parts[0].lines[0].y, [-4.0, 4.0, -4.0, 4.0])
 
 
 def test_beliefs_of_sensors_are_told_in_degrees_where_they_are_angles(flight: Flight) -> None:
@@ -106,21 +107,15 @@ def test_beliefs_of_sensors_are_told_in_degrees_where_they_are_angles(flight: Fl
     ]  # fmt: skip
 
 
-def test_the_panel_of_the_bound_has_error_sigma_and_bound(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each in the colour that its legend names; the belief is the root of the trace over both axes."""
+def test_every_colour_of_a_followers_row_is_in_its_legend(flight: Flight) -> None:
+    """Kinds of fix and hypotheses have words or names of their own."""
     n = flight.step_index().size
-    covariance = np.zeros((n, 4, 4))
-    covariance[:, 0, 0], covariance[:, 1, 1] = 9.0, 16.0
-    known = dataclasses.replace(
-        flight, estimates=(dataclasses.replace(flight.estimates[0], covariance=covariance),)
-    )  # fmt: skip
-    monkeypatch.setattr(flight_report, "svg", lambda figure, *_: figure)
-    block = bound_figures(known, [(np.full(n, 2.0), np.zeros(n))], [np.full(n, 0.5)])
-    (figure,) = block.panels
-    drawn = {line.get_color(): line for line in figure.axes[0].lines}  # type: ignore[attr-defined]
-    for (colour, text), expected in zip(block.legend, (2.0, 5.0, 0.5), strict=True):
-        assert set(np.asarray(drawn[colour.placeholder].get_ydata())) == {expected}, text
-    assert [text for _, text in block.legend] == ["E_P", "σ by the filter", "bound"]
+    row = follower_row(flight, 0, (np.full(n, 2.0), np.zeros(n)), np.full(n, 0.5))
+    legend = {colour for colour, _ in row.legend}
+    for panel in row.panels:
+        for part in panel.parts:
+            assert part.y_label == "fixes" or {line.colour for line in part.lines} <= legend
+    assert {panel.link for panel in row.panels} == {"follower0"}
 
 
 @pytest.mark.parametrize(("second", "shown"), [(0.4, True), (0.0011, True), (0.0009, False)])
@@ -137,39 +132,41 @@ def test_weights_of_hypotheses_are_shown_where_there_ever_were_several(
     }
     for name, value in told.items():
         object.__setattr__(found, name, value)
-    figure = flight_figures.hypothesis_weights(dataclasses.replace(flight, estimates=(found,)), 0, 5.0)
-    assert (figure is not None) == shown
-    if figure is not None:
-        for line, column in zip(lines(figure), weight.T, strict=True):
+    part = flight_figures.weights_part(dataclasses.replace(flight, estimates=(found,)), 0)
+    assert (part is not None) == shown
+    if part is not None:
+        for line, column in zip(lines(part), weight.T, strict=True):
             np.testing.assert_allclose(line, np.column_stack([[1.0, 2.0, 3.0], column]))
-    assert flight_figures.hypothesis_weights(flight, 0, 5.0) is None
+    assert flight_figures.weights_part(flight, 0) is None
 
 
-def lines(figure: Any) -> list[Floats]:
-    return [np.column_stack(line.get_data()) for line in figure.axes[0].lines]
+def lines(part: Part) -> list[Floats]:
+    return [np.column_stack([line.x, line.y]) for line in part.lines]
 
 
 def test_motion_ranges_and_tracks_are_drawn_as_flown(flight: Flight) -> None:
     truth, (found,), (heard,) = flight.trajectory, flight.estimates, flight.measurements
-    drawn = dict(flight_figures.motion(flight))
-    labels = {"Depth": "depth [m]", "Pitch": "pitch, nose up [°]", "Speed": "through the water [m/s]"}
-    for title, values in (
-        ("Depth", -truth.position[..., 2]),
-        ("Pitch", np.rad2deg(truth.pitch)),
-        ("Speed", truth.forward_speed),
-    ):
-        assert drawn[title].axes[0].get_ylabel() == labels[title]
-        follower, leader = lines(drawn[title])
+    expected = {
+        "depth [m]": -truth.position[..., 2],
+        "pitch [°]": np.rad2deg(truth.pitch),
+        "speed [m/s]": truth.forward_speed,
+    }
+    for part, (label, values) in zip(flight_figures.motion(flight).parts, expected.items(), strict=True):
+        assert part.y_label == label
+        follower, leader = lines(part)
         np.testing.assert_allclose(follower[:, 1], values[:, 1])
         np.testing.assert_allclose(leader[:, 1], values[:, 0])
-    *_, last = lines(flight_figures.ranges(flight, 0))
+    *_, last = lines(flight_figures.ranges_part(flight, 0))
     np.testing.assert_allclose(last[:, 0], 1.0 * np.arange(1, 21))
     np.testing.assert_allclose(last[:, 1], heard.ranges[:, 0])
-    leader, swum, believed, *ends = lines(flight_figures.track_map(flight, [0]))
+    (part,) = flight_figures.track_map(flight, [0]).parts
+    leader, swum, believed, *ends = lines(part)
     np.testing.assert_allclose(leader, truth.position[1:, 0, :2])
     np.testing.assert_allclose(swum, flight.hydrophone(0)[:, :2])
     np.testing.assert_allclose(believed, found.state[:, :2])
     np.testing.assert_allclose(np.concatenate(ends), [truth.position[-1, 0, :2], flight.hydrophone(0)[-1, :2]])
+    for line in part.lines[:3]:
+        np.testing.assert_allclose(line.time, truth.time[1:])
 
 
 def test_marks_of_fixes_stand_at_their_times_in_the_row_of_their_kind(flight: Flight) -> None:
@@ -178,9 +175,9 @@ def test_marks_of_fixes_stand_at_their_times_in_the_row_of_their_kind(flight: Fl
     assert found.fix_step.tolist() == list(range(10, 201, 10))
     kind = np.where(np.arange(20) % 4 == 3, int(FixKind.GATED), int(FixKind.TWO_POINTS))
     known = dataclasses.replace(flight, estimates=(dataclasses.replace(found, fix_kind=kind),))
-    figure = flight_figures.fixes(known, 0)
-    words = [label.get_text() for label in figure.axes[0].get_yticklabels()]
-    for row, (mark, word) in enumerate(zip(lines(figure), words, strict=True)):
+    part = flight_figures.fixes_part(known, 0)
+    words = [*dict(part.ticks).values()]  # type: ignore[arg-type]
+    for row, (mark, word) in enumerate(zip(lines(part), words, strict=True)):
         rejected = word == "rejected"
         assert mark[:, 0] == pytest.approx([second for second in range(1, 21) if (second % 4 == 0) == rejected])
         assert set(mark[:, 1].tolist()) == {float(row)}

@@ -103,17 +103,17 @@ def test_panels_show_the_distance_over_time_to_one_scale() -> None:
     far[500:] = 2.0
     flight = kept((near, far))
     figures = flight_figures.station_errors(flight, [0, 1])
-    drawn = [np.asarray(figure.axes[0].lines[0].get_ydata(), dtype=float) for figure in figures]
+    drawn = [figure.parts[0].lines[0].y for figure in figures]
     np.testing.assert_allclose(drawn[0], 0.3, atol=1e-6)
     assert drawn[1].max() == pytest.approx(2.0)
     assert drawn[1][0] == pytest.approx(0.5)
     for figure in figures:
-        assert figure.axes[0].get_ylim() == pytest.approx((0.0, 2.2))
+        assert figure.parts[0].y_limits == pytest.approx((0.0, 2.2))
 
 
 def test_who_is_lost_leaves_the_panel() -> None:
     (figure, _) = flight_figures.station_errors(kept(steady(50.0, 0.5)), [0, 1])
-    assert figure.axes[0].get_ylim()[1] == 10.0
+    assert figure.parts[0].y_limits[1] == 10.0
 
 
 def columns(html: str) -> list[str]:
@@ -146,7 +146,6 @@ def test_the_report_has_columns_and_a_section_of_stations(tmp_path: Path) -> Non
     assert re.search(r"follower2 [– ]+7\.00 +8\.00 +11\.00 +– +yes", text)
 
 
-@pytest.mark.usefixtures("few_figures")
 def test_the_report_of_routes_has_none(tmp_path: Path) -> None:
     flight = make_flight(20.0, 2)
     n = flight.measurements[0].speed.size

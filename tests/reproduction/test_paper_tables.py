@@ -36,7 +36,7 @@ def page_with(
 ) -> Page:  # fmt: skip
     """The page of these figures."""
     values = page_values(settings, rows, published, judgements)
-    values |= {"motion": "", "errors": [], "routes": Figures(panels=["<svg></svg>"])}
+    values |= {"motion": "", "errors": [], "routes": Figures(panels=[])}
     record = findings_of(settings, rows, published, judgements, "kinematic")
     return page_of("experiments.studies.reproduction", [], values, record)
 

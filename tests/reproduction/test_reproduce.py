@@ -28,7 +28,6 @@ def short(monkeypatch):
     monkeypatch.setattr(settings, "scenario", brief)
 
 
-@pytest.mark.usefixtures("few_figures")
 def test_a_reproduction_writes_tables_and_report(tmp_path, short):
     report = reproduce.reproduce([1, 2], motion="kinematic", runs=2, out=tmp_path, workers=1, quiet=True)
     table = pq.read_table(tmp_path / "tables.parquet").to_pylist()

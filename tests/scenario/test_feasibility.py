@@ -46,7 +46,6 @@ def test_every_scenario_that_is_accepted_becomes_a_plant(seed: int, wild: float)
         Plant(setups_of(scenario, routes_of(scenario)), ocean_of(scenario), scenario.timing.physics_step_s)
 
 
-@pytest.mark.usefixtures("few_figures")
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(SEEDS)
 def test_what_is_accepted_can_be_flown_logged_and_reported(seed: int) -> None:
@@ -59,7 +58,6 @@ def test_what_is_accepted_can_be_flown_logged_and_reported(seed: int) -> None:
     assert accepted(scenario.model_dump(mode="json", exclude_none=True)) == scenario
 
 
-@pytest.mark.usefixtures("few_figures")
 @pytest.mark.parametrize("change", [{"duration_s": 0.1}, {"duration_s": 0.3}, {"timing": {"message_interval_s": 50.0}}])
 def test_a_flight_that_ends_before_the_first_message_is_flown(change: dict[str, Any], tmp_path: Path) -> None:
     table = {"name": "short", "duration_s": 1.0, "followers": [{"route": "T5"}], **change}

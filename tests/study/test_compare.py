@@ -10,7 +10,6 @@ from experiments.campaign.store import columns_of, read_table, write_table
 from experiments.command.cli import app
 from experiments.command.fly import fly_and_write
 from experiments.flight.library import load
-from experiments.pages.figures import Line
 from experiments.study import compare
 from experiments.study.compare import differing, page_of, paired
 from experiments.study.file import of_table
@@ -19,20 +18,15 @@ from laisn.failure import LaisnError
 from sim.log.reader import read
 
 
-@pytest.mark.usefixtures("few_figures")
-def test_flights_are_compared_with_the_settings_that_differ(tmp_path, monkeypatch):
+def test_flights_are_compared_with_the_settings_that_differ(tmp_path):
     for name, bias in (("a", 0.1), ("b", 0.3)):
         scenario = load("T5", ["duration_s=20", f"sensors.speed_bias_m_s={bias}"])
         fly_and_write(scenario, tmp_path / name, with_video=False)
     flights = [read(tmp_path / name / "flight.mcap") for name in "ab"]
     assert differing(flights) == {"sensors.speed_bias_m_s": [0.1, 0.3]}
-    drawn: list[tuple[list[Line], str]] = []
-    with monkeypatch.context() as patch:
-        patch.setattr(compare, "panel", lambda lines, **given: drawn.append((lines, given["y_label"])))
-        patch.setattr(compare, "svg", lambda *_: "")
-        page_of([str(tmp_path / "a"), str(tmp_path / "b")])
-    assert [label for _, label in drawn] == ["E_P [m]", "E_B [°]"]
     errors, settings = page_of([str(tmp_path / "a"), str(tmp_path / "b")]).sections
+    (drawn,) = errors.blocks[0].panels
+    assert [part.y_label for part in drawn.parts] == ["E_P [m]", "E_B [°]"]
     rows = [[cell.text for cell in row] for row in errors.blocks[1].rows]
     off = []
     for name, flight, row in zip("ab", flights, rows, strict=True):
@@ -42,7 +36,7 @@ def test_flights_are_compared_with_the_settings_that_differ(tmp_path, monkeypatc
         seen, true = ((at - leader) @ np.array([1j, 1.0]) for at in (found, truth))
         turned = np.abs(np.rad2deg(np.angle(seen / true)))
         expected = (off[-1].mean(), off[-1].max(), turned.mean(), turned.max(), (off[-1] - off[0]).mean())
-        lines = [lines[len(off) - 1].y for lines, _ in drawn]
+        lines = [part.lines[len(off) - 1].y for part in drawn.parts]
         assert [line.mean() for line in lines] == pytest.approx([off[-1].mean(), turned.mean()])
         assert row == [name, *(f"{value:.3f}".replace("-", "−") for value in expected)]
     assert [[cell.text for cell in row] for row in settings.blocks[0].rows] == [

@@ -309,7 +309,6 @@ def test_a_wrong_number_of_runs_is_told_with_its_key(changes, told):
     assert told in refused(**changes)
 
 
-@pytest.mark.usefixtures("few_figures")
 def test_batches_are_flown_until_every_interval_is_narrow_enough(tmp_path):
     given = {"realizations": 1, "draw": {}, "arm": [], "set": {"duration_s": 20.0}}
     one = study(SMALL, runs=UNTIL, **given)
@@ -345,7 +344,6 @@ def half_width(interval):
     return (interval.high - interval.low) / 2
 
 
-@pytest.mark.usefixtures("few_figures")
 def test_followers_that_steer_by_estimates_fly_every_run(tmp_path):
     one = study(
         """
@@ -367,7 +365,6 @@ followers.0.guidance_position = "estimate"
     assert row["e_p_mean_m"] == pytest.approx(float(position.mean()), rel=1e-12)
 
 
-@pytest.mark.usefixtures("few_figures")
 def test_captures_of_single_flights_are_those_of_cells(tmp_path):
     keys = {"scenario": "T7", "vary": {"followers.0.depth_m": [20]}, "set": {"duration_s": 80.0}}
     one = study(SMALL, realizations=1, runs=8, arm=[], draw={}, **keys)
@@ -401,7 +398,6 @@ def test_followers_on_stations_are_judged_by_the_estimates_that_steered_them(var
     assert len({row["gated"] for row in rows}) > 1, "the mission cannot tell"
 
 
-@pytest.mark.usefixtures("few_figures")
 def test_a_mission_that_cannot_be_flown_is_named_and_the_others_go_on(tmp_path, monkeypatch):
     from experiments.campaign import missions
     from experiments.campaign.store import CampaignError

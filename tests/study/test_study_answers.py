@@ -5,12 +5,12 @@ import math
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from plotly.graph_objects import Figure
 
-from experiments.pages.figures import Line
+from experiments.pages.figures import Line, light
 from experiments.pages.page import Notice, Page, Table, Text
 from experiments.pages.style import SERIES
 from experiments.study import charts
@@ -182,7 +182,6 @@ def test_commands_are_headed_by_the_runs_that_they_fly(plan: Plan, results: Resu
     assert [head.split(": ")[1].split()[0] for head in lines[::2]] == ["worst", "median"] * 6
 
 
-@pytest.mark.usefixtures("few_figures")
 def test_a_place_counts_for_an_arm_by_its_whole_interval(plan: Plan) -> None:
     """Half of the realizations are 1 m lower and the others 0.9 m higher: in the mean lower, and undecided."""
     rows, runs = [], []
@@ -228,12 +227,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[tuple[list[Line], dict[str, A
     """Lines and settings of the panels that charts draw."""
     found: list[tuple[list[Line], dict[str, Any]]] = []
 
-    def panel(lines: list[Line], **settings: Any) -> Mock:
-        found.append((lines, settings))
-        return Mock(axes=[Mock(dataLim=Mock(y0=0.0), get_ylim=lambda: (0.0, 1.0))])
-
-    monkeypatch.setattr(charts, "panel", panel)
-    monkeypatch.setattr(charts, "svg", lambda *_: "")
+    monkeypatch.setattr(charts, "panel", lambda lines, **settings: found.append((lines, settings)))
     return found
 
 
@@ -243,14 +237,14 @@ def test_lines_of_the_main_figure_are_the_means_of_their_arms(plan: Plan, result
     assert (settings["x_label"], settings["y_label"]) == ("follower 1's depth [m]", "mean E_P [m]")
     assert [name for _, name in figures.legend] == ["plain", "aware"]
     for i, arm in enumerate(("plain", "aware")):
-        line, marks, *bars = (line for line in lines if line.colour is SERIES[i])
+        line, marks = (line for line in lines if line.colour is SERIES[i])
         assert (line.marker, marks.marker) == ("", "o")
         for mine in (line, marks):
             assert mine.x.tolist() == [10.0, 12.0, 14.0]
             assert mine.y == pytest.approx([MEANS[point, arm] for point in range(3)])
-        for point, bar in enumerate(bars):
-            assert bar.x.tolist() == [10.0 + 2 * point] * 2
-            assert bar.y.tolist() == list(results.estimate(place(point, arm), "e_p_mean_m")[1:])
+        limits = [list(results.estimate(place(point, arm), "e_p_mean_m")[1:]) for point in range(3)]
+        assert np.transpose(marks.interval).tolist() == limits
+        assert marks.name == arm
 
 
 def test_differences_are_drawn_from_a_line_of_none(plan: Plan, results: Results, drawn: Any) -> None:
@@ -328,7 +322,7 @@ def test_numbers_without_limits_stand_alone() -> None:
     assert shown(type(given)(1.2345, 0.5, 2.0), "m") == "1.23 m (0.500 to 2.00)"
 
 
-def test_maps_of_arms_are_shaded_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_maps_of_arms_have_one_scale() -> None:
     """One arm has 10 where the depth is largest, the other half as much above 1, which both have elsewhere."""
     table = {"scenario": "T5", "vary": {"followers.0.depth_m": [10, 12], "leader.depth_m": [6, 8]}}
     plan = plan_of(of_table(table | {"arm": [{"name": "a"}, {"name": "b"}]}, "maps", "maps"))
@@ -337,14 +331,15 @@ def test_maps_of_arms_are_shaded_alike(monkeypatch: pytest.MonkeyPatch) -> None:
          "e_p_mean_m": most if point["followers.0.depth_m"] == 12 else 1.0}
         for i, point in enumerate(plan.points) for arm, most in (("a", 10.0), ("b", 5.5))
     ]  # fmt: skip
-    monkeypatch.setattr(charts, "svg", lambda figure, *_: figure)
     names = ("followers.0.depth_m", "leader.depth_m")
     maps: Any = charts.heat_maps(plan, Results.of(rows, [(row, {}) for row in rows]), names).panels
-    shades = [[patch.get_alpha() for patch in figure.axes[0].patches] for figure in maps]
-    low, high = shades[0][0], shades[0][1]
-    assert high > low
-    assert shades == [[low, high] * 2, [low, pytest.approx((low + high) / 2)] * 2]
-    assert [text.get_text() for text in maps[0].axes[0].texts] == ["1.00", "10.0"] * 2
+    first, second = (panel.parts[0].traces[0] for panel in maps)
+    assert [(one["zmin"], one["zmax"]) for one in (first, second)] == [(1.0, 10.0)] * 2
+    assert (first["z"], second["z"]) == ([[1.0, 10.0]] * 2, [[1.0, 5.5]] * 2)
+    assert first["text"] == [["1.00", "10.0"]] * 2
+    assert first["hovertext"][1][0] == "follower 1's depth [m] 10<br>leader's depth [m] 8<br>1.00"
+    for panel in maps:
+        Figure(light(panel.figure))
 
 
 def test_keys_are_named_in_words_with_their_units() -> None:
@@ -360,20 +355,16 @@ def test_keys_are_named_in_words_with_their_units() -> None:
         assert (charts.label_of(key), charts.setting_text(key, 2.5)) == (label, setting)
 
 
-def test_panels_share_the_scale_that_holds_them_all(
-    plan: Plan, results: Results, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(charts, "svg", lambda figure, *_: figure)
+def test_panels_share_the_scale_that_holds_them_all(plan: Plan, results: Results) -> None:
     layout = charts.Layout("followers.0.depth_m", "", ("arm",))
     panels: Any = charts.over_factor(plan, results, layout).panels
-    limits = [figure.axes[0].get_ylim() for figure in panels]
+    limits = [panel.parts[0].y_limits for panel in panels]
     assert len(panels) == 2
     assert limits[0] == limits[1]
     assert limits[0][0] == 0.0
     assert limits[0][1] > 3.5
 
 
-@pytest.mark.usefixtures("few_figures")
 def test_a_page_has_a_row_for_each_follower_and_names_what_could_not_be_flown() -> None:
     """Text of a study's file cannot break a table or begin a section: bars, lines and heads stay text."""
     table = {

@@ -43,7 +43,7 @@ def positions(between: Mapping[str, set[str]]) -> dict[str, tuple[float, float]]
 
 def _draw_package(axes: Axes, package: str, place: tuple[float, float], count: int) -> None:
     x, y = place
-    colour = _COLOURS[package.partition(".")[0]].placeholder
+    colour = _COLOURS[package.partition(".")[0]].light
     wide, high = _BOX
     axes.add_patch(
         FancyBboxPatch(
@@ -54,7 +54,7 @@ def _draw_package(axes: Axes, package: str, place: tuple[float, float], count: i
     name = package.rpartition(".")[2].replace("_", " ")
     files = "a file" if count == 1 else f"{count} files"
     axes.text(x, y + 0.08, name, ha="center", va="center", fontsize=6.4, color=colour, zorder=3)
-    axes.text(x, y - 0.21, files, ha="center", va="center", fontsize=4.6, color=FRAME.placeholder, zorder=3)
+    axes.text(x, y - 0.21, files, ha="center", va="center", fontsize=4.6, color=FRAME.light, zorder=3)
 
 
 def picture() -> Figure:
@@ -75,7 +75,7 @@ def picture() -> Figure:
             (x, y), (u, v) = placed[package], placed[other]
             axes.annotate(
                 "", (u, v + _BOX[1] / 2), (x, y - _BOX[1] / 2), zorder=1,
-                arrowprops={"arrowstyle": "-|>", "lw": 0.5, "color": FRAME.placeholder, "mutation_scale": 5,
+                arrowprops={"arrowstyle": "-|>", "lw": 0.5, "color": FRAME.light, "mutation_scale": 5,
                             "shrinkA": 0, "shrinkB": 0, "alpha": 0.8},
             )  # fmt: skip
     for package, place in placed.items():

@@ -14,16 +14,15 @@ from PIL import Image
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES, load
 from experiments.flight.summary import position_and_bearing_errors
-from experiments.pages import figures
-from experiments.pages.figures import Line
-from experiments.pages.flight_figures import error_stack
-from experiments.pages.style import COLOURS, INK, SERIES, Legend
+from experiments.pages.figures import Line, Panel
+from experiments.pages.flight_figures import error_parts
+from experiments.pages.style import INK, SERIES, Legend
 from experiments.studies import route_keeping
 from experiments.studies.estimators import study as estimators
 from sim.film import render
 from sim.flight import Flight, excerpt
 from sim.motion import simulate_motion
-from tools.documents import architecture, physics, study_pictures
+from tools.documents import architecture, drawing, physics, study_pictures
 from tools.documents.markers import records
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "pictures"
@@ -50,7 +49,7 @@ def save(figure: Figure, name: str, legend: Legend = ()) -> None:
     for number, (colour, words) in enumerate(reversed(legend)):
         axes.annotate(
             words, (1.0, 1.0), xytext=(0, 5 + 10 * number), xycoords="axes fraction", textcoords="offset points",
-            ha="right", fontsize=8, color=colour.placeholder,
+            ha="right", fontsize=8, color=colour.light,
         )  # fmt: skip
     path = FOLDER / f"{name}.svg"
     with mpl.rc_context({"svg.hashsalt": "laisn-sim", "svg.fonttype": "none", "font.size": 8.5}):
@@ -59,9 +58,7 @@ def save(figure: Figure, name: str, legend: Legend = ()) -> None:
             path, format="svg", metadata={"Date": None}, facecolor="white", bbox_inches="tight", pad_inches=0.08
         )
     text = path.read_text(encoding="utf-8")
-    for colour in COLOURS:
-        text = text.replace(colour.placeholder, colour.light)
-    path.write_text(figures.with_subscripts(text), encoding="utf-8")
+    path.write_text(drawing.with_subscripts(text), encoding="utf-8")
 
 
 def photograph(name: str, flight: Flight, time: float, camera: str) -> None:
@@ -108,16 +105,17 @@ def routes() -> Figure:
         Line(x=truth.position[::5, v, 0], y=truth.position[::5, v, 1], colour=colour, dash=dash, width=width)
         for v, (colour, dash, width) in enumerate(styles)
     ]
-    figure = figures.panel(lines, x_label="east [m]", y_label="north [m]", equal=True, height=4.0)
+    figure = drawing.panel(lines, x_label="east [m]", y_label="north [m]", equal=True, height=4.0)
     for v, (name, (colour, dash, _)) in enumerate(zip(("leader", *ROUTES), styles, strict=True)):
         words = name if dash == "-" else f"{name}, dashed"
-        figure.axes[0].annotate(words, (0.03, 0.93 - 0.06 * v), xycoords="axes fraction", color=colour.placeholder)
+        figure.axes[0].annotate(words, (0.03, 0.93 - 0.06 * v), xycoords="axes fraction", color=colour.light)
     return figure
 
 
 def errors(flight: Flight) -> Figure:
     """E_P, E_B and B of a flight over time."""
-    return error_stack(flight, 0, position_and_bearing_errors(flight)[0], WIDE)
+    parts = error_parts(flight, 0, position_and_bearing_errors(flight)[0], None)
+    return drawing.draw(Panel(parts=parts, x_label="time [s]", width=WIDE, height=4.1))
 
 
 def main() -> None:
@@ -127,10 +125,11 @@ def main() -> None:
     save(routes(), "routes")
     flown = {name: fly(load(name, ()))[0] for name in {"T5", *(scenario for scenario, _, _ in STILLS.values())}}
     save(errors(flown["T5"]), "errors")
+    estimator_errors, estimator_legend = estimators.picture(records()["estimators"])
     drawn = physics.all_figures() | {
         "asymmetry": study_pictures.asymmetry(),
         "closed-loop": study_pictures.closed_loop(),
-        "estimators": estimators.picture(records()["estimators"]),
+        "estimators": (drawing.draw(estimator_errors), estimator_legend),
         "real-ranges": study_pictures.real_ranges(),
         "reproduction": study_pictures.reproduction(),
     }

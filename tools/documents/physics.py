@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.pages.figures import Line, panel
+from experiments.pages.figures import Line
 from experiments.pages.style import FRAME, MUTED, SERIES, Legend
 from sim.geometry import attitude
 from sim.water.ocean import Ocean
@@ -11,6 +11,7 @@ from sim.water.waves import Waves
 from tests.vehicle import test_remus as remus
 from tests.vehicle.tank import Tank, hull
 from tests.vehicle.test_kirchhoff import SPHEROID_ADDED, SPHEROID_INERTIA, SPHEROID_MASS
+from tools.documents.drawing import panel
 from tools.documents.hull_trials import PUBLISHED_SPEED, PUBLISHED_TURN
 
 Drawn = tuple[Figure, Legend]
@@ -29,7 +30,7 @@ def remus_speed() -> Drawn:
     for i, (rpm, speed) in enumerate(PUBLISHED_SPEED.items()):
         figure.axes[0].annotate(
             f"{rpm} rpm", (25, speed), xytext=(-2, 2), textcoords="offset points", ha="right", fontsize=7,
-            color=SERIES[i].placeholder,
+            color=SERIES[i].light,
         )  # fmt: skip
     return figure, [(FRAME, "dotted: published final speed")]
 

@@ -10,15 +10,15 @@ from experiments.beacon_replay import Beacons, among_beacons, dead_reckoning
 from experiments.campaign.store import read_table
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES
-from experiments.pages.figures import Line, panel
+from experiments.pages.figures import Line
 from experiments.pages.style import ESTIMATE, FRAME, INK, MUTED, SERIES, Colour, Legend
-from experiments.studies.asymmetry.figures import heat
 from experiments.studies.asymmetry.fix_map import FULL, sweep
 from experiments.studies.closed_loop import scenario_of
 from experiments.studies.real_ranges import DATA
 from experiments.studies.reproduction.study import reproduce
 from laisn.settings import NavigationSettings
 from sim.datasets.log import read_data_set, read_data_set_log, write_data_set
+from tools.documents.drawing import heat, panel
 
 Drawn = tuple[Figure, Legend]
 

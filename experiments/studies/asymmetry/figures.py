@@ -1,16 +1,13 @@
 """Drawings of the pitch study: one message to scale, the map around the leader, errors over pitch, results."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple, Self
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Ellipse
-from matplotlib.ticker import NullLocator
 
-from experiments.pages.figures import Line, panel
-from experiments.pages.style import FRAME, INK, MUTED, SERIES, Colour
+from experiments.pages.figures import Line, Panel, numbers, panel
+from experiments.pages.style import FRAME, FULL, INK, MUTED, SERIES, Colour
 from experiments.studies.asymmetry.comparison import Missions, select
 from experiments.studies.asymmetry.conditions import AHRS, LEVEL, REAL
 from experiments.studies.asymmetry.fix_map import Chart
@@ -22,15 +19,14 @@ LEVEL_COLOUR, REAL_COLOUR, AWARE_COLOUR = SERIES[2], SERIES[1], SERIES[0]
 """Colours of the level leader, the real one, and of a follower that receives the leader's attitude."""
 LEGEND = ((LEVEL_COLOUR, "level leader"), (REAL_COLOUR, "real leader"), (AWARE_COLOUR, "AHRS broadcast"))
 CAUSE_COLOURS = {"trim": SERIES[0], "dive": SERIES[2], "waves": SERIES[1]}
-_ERROR_LEVELS_M = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
-_ERROR_COLOURS = ("#e8f1f8", "#c3dcee", "#8fbfdf", "#f3d19a", "#ea9a5c", "#d1602f", "#8e2a12")
+ERROR_LEVELS_M = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
+ERROR_COLOURS = ("#e8f1f8", "#c3dcee", "#8fbfdf", "#f3d19a", "#ea9a5c", "#d1602f", "#8e2a12")
 """Blue below half a metre, orange to brown above; the last for 4 m and more."""
 _HULL_M = (2.0, 0.25)
 """Length and height."""
 
 
-def _note(axes: Axes, text: str, at: Sequence[float], colour: Colour = INK, **style: object) -> None:
-    axes.annotate(text, tuple(at), color=colour.placeholder, fontsize=7.5, **style)  # type: ignore[arg-type]
+_TURN = np.linspace(0.0, 2.0 * np.pi, 181)
 
 
 class Message(NamedTuple):
@@ -70,97 +66,81 @@ class Message(NamedTuple):
         return np.array([along, np.copysign(aside, self.hydrophone[1])])
 
 
-def _scene(points: Floats, pad: tuple[float, float], y_label: str, title: str) -> tuple[Figure, Axes]:
-    """An empty panel that shows some points and a margin about them, both axes to one scale."""
-    figure = panel([], x_label="forward of the leader [m]", y_label=y_label, title=title, height=3.0)
-    (axes,) = figure.axes
-    low, high = points.min(axis=0) - pad, points.max(axis=0) + pad
-    size = np.array(axes.get_position().size) * figure.get_size_inches()
-    half, middle = ((high - low) / size).max() * size / 2, (low + high) / 2
-    axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
-    axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
-    axes.set_aspect("equal", adjustable="box")
-    return figure, axes
-
-
-def _hull(axes: Axes, pitch: float, colour: Colour, dash: str = "-") -> None:
-    axes.add_patch(
-        Ellipse(
-            (0, 0), *_HULL_M, angle=float(np.rad2deg(pitch)), fill=dash == "-", facecolor=MUTED.placeholder,
-            edgecolor=colour.placeholder, linestyle=dash, linewidth=0.8, alpha=0.6,
-        )
+def _scene(lines: Sequence[Line], points: Floats, pad: tuple[float, float], y_label: str, title: str) -> Panel:
+    """A panel that shows some points and a margin about them, both axes to one scale."""
+    (left, low), (right, high) = points.min(axis=0) - pad, points.max(axis=0) + pad
+    return panel(
+        lines, x_label="forward of the leader [m]", y_label=y_label, title=title, height=3.4, equal=True,
+        x_limits=(left, right), y_limits=(low, high),
     )  # fmt: skip
 
 
-def message_hull(message: Message) -> Figure:
+def _hull(pitch: float, colour: Colour, dash: str = "-") -> Line:
+    """Outline of the hull from the side."""
+    forward, up = 0.5 * _HULL_M[0] * np.cos(_TURN), 0.5 * _HULL_M[1] * np.sin(_TURN)
+    x, y = forward * np.cos(pitch) - up * np.sin(pitch), forward * np.sin(pitch) + up * np.cos(pitch)
+    return Line(x=x, y=y, colour=colour, dash=dash, width=0.8)
+
+
+def message_hull(message: Message) -> Panel:
     """The hull from the side: rays from bow and stern where they are, and where the follower assumes them."""
-    figure, axes = _scene(np.array([(-2.1, -0.9), (2.1, 0.9)]), (0.0, 0.0), "up [m]", "Bow and stern from the side")
-    _hull(axes, 0.0, LEVEL_COLOUR, "--")
-    _hull(axes, message.pitch, FRAME)
+    lines = [_hull(0.0, LEVEL_COLOUR, "--"), _hull(message.pitch, FRAME)]
     for i, name in ((0, "stern"), (1, "bow")):
         for site, colour, dash in (
             (message.assumed[i], LEVEL_COLOUR, "--"),
             (message.transmitters[i], REAL_COLOUR, "-"),
         ):
-            ray, edge = np.stack([site, message.hydrophone])[:, [0, 2]], colour.placeholder
-            axes.plot(*ray.T, color=edge, linewidth=0.9, linestyle=dash, marker="o", markersize=4, markevery=[0])
+            ray = np.stack([site, message.hydrophone])[:, [0, 2]]
+            lines.append(Line(x=ray[:, 0], y=ray[:, 1], colour=colour, width=0.9, dash=dash))
+            lines.append(Line(x=ray[:1, 0], y=ray[:1, 1], colour=colour, marker="o", size=4.0))
         x, _, z = message.transmitters[i]
-        at, side = (x + np.copysign(0.12, x), z + np.copysign(0.14, z)), "left" if x > 0 else "right"
-        _note(axes, f"{name} {100 * z:+.0f} cm", at, REAL_COLOUR, ha=side, va="center", fontweight="bold")
-    return figure
+        side = f"{'top' if z > 0 else 'bottom'} {'right' if x > 0 else 'left'}"
+        lines[-1] = replace(lines[-1], text=f"{name} {100 * z:+.0f} cm", side=side)
+    reach = np.array([(-2.1, -0.9), (2.1, 0.9)])
+    return _scene(lines, reach, (0.0, 0.0), "up [m]", "Bow and stern from the side")
 
 
-def message_top(message: Message) -> Figure:
+def message_top(message: Message) -> Panel:
     """View from above, to scale: the circles that the follower draws, and where they meet."""
     truth, fix = message.hydrophone[:2], message.fix
     reach, error = float(np.hypot(*truth)), float(np.hypot(*(fix - truth)))
-    pad = (0.3 * reach, 0.12 * reach)
-    figure, axes = _scene(np.array([truth, fix, (-1.5, 0.0), (1.5, 0.0)]), pad, "port [m]", "From above, to scale")
-    circles = [(tuple(message.assumed[i, :2]), message.used_range[i], REAL_COLOUR, "-") for i in (0, 1)]
-    for place, radius, colour, dash in (*circles, ((0, 0), reach, INK, ":")):
-        edge = colour.placeholder
-        axes.add_patch(Circle(place, radius, fill=False, linewidth=0.8, linestyle=dash, edgecolor=edge, alpha=0.8))
-    _hull(axes, 0.0, FRAME)
+    circles = [(message.assumed[i, :2], message.used_range[i], REAL_COLOUR, "-") for i in (0, 1)]
+    lines = [_hull(0.0, FRAME)]
+    for place, radius, colour, dash in (*circles, (np.zeros(2), reach, INK, ":")):
+        x, y = place[0] + radius * np.cos(_TURN), place[1] + radius * np.sin(_TURN)
+        lines.append(Line(x=x, y=y, colour=colour, dash=dash, width=0.8))
     # labels away from each other, across the ray
-    across = np.array([-truth[1], truth[0]]) / reach * np.sign(truth[0] * fix[1] - truth[1] * fix[0] or 1.0)
-    for text, at, push, colour, mark in (
-        ("truth", truth, -across, LEVEL_COLOUR, "s"), (f"fix, {error:.2f} m off", fix, across, REAL_COLOUR, "X"),
-    ):  # fmt: skip
-        axes.plot(*np.stack([np.zeros(2), at]).T, color=colour.placeholder, linewidth=0.7, linestyle="--")
-        axes.plot(*at, marker=mark, markersize=5, color=colour.placeholder)
-        _note(axes, text, at + 0.08 * reach * push, colour, ha="left" if push[0] > 0 else "right", va="center")
-    return figure
+    left = fix[0] < truth[0]
+    for text, at, side, colour, mark in (
+        ("truth", truth, "right" if left else "left", LEVEL_COLOUR, "s"),
+        (f"fix, {error:.2f} m off", fix, "left" if left else "right", REAL_COLOUR, "X"),
+    ):
+        lines.append(Line(x=np.array([0.0, at[0]]), y=np.array([0.0, at[1]]), colour=colour, width=0.7, dash="--"))
+        lines.append(Line(x=at[:1], y=at[1:], colour=colour, marker=mark, size=5.0, text=text, side=f"middle {side}"))
+    pad, points = (0.3 * reach, 0.12 * reach), np.array([truth, fix, (-1.5, 0.0), (1.5, 0.0)])
+    return _scene(lines, points, pad, "port [m]", "From above, to scale")
 
 
-def heat(bearing_deg: Floats, range_m: Floats, error: Floats, title: str) -> Figure:
-    """Position error over bearing and range.
-
-    Args:
-        bearing_deg: shape (b,).
-        range_m: shape (r,).
-        error: shape (r, b), [m].
-        title: of the panel.
-    """
-    figure = panel([], x_label="bearing B of the follower [°]", y_label="range [m]", title=title, height=2.6)
-    (axes,) = figure.axes
+def _heat(bearing_deg: Floats, range_m: Floats, error: Floats, title: str) -> Panel:
+    """Position error over bearing, shape (b,), and range, shape (r,): error of shape (r, b), [m]."""
     around, closed = np.append(bearing_deg, bearing_deg[0] + 360.0), np.concatenate([error, error[:, :1]], axis=1)
-    drawn = axes.contourf(around, range_m, closed, levels=_ERROR_LEVELS_M, colors=_ERROR_COLOURS, extend="max")
-    axes.set_yscale("log")
-    axes.set_ylim(float(range_m[0]), float(range_m[-1]))
-    axes.set_yticks([5, 10, 20, 50, 100], ["5", "10", "20", "50", "100"])
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.set_xlim(0, 360)
-    axes.set_xticks(range(0, 361, 45))
-    axes.grid(visible=False)
-    left, bottom, _, height = axes.get_position().bounds
-    axes.set_position((left, bottom, 0.72, height))
-    key = figure.add_axes((left + 0.75, bottom, 0.03, height))
-    figure.colorbar(drawn, cax=key, ticks=_ERROR_LEVELS_M, extendrect=True, extendfrac="auto", format="%g")
-    key.set_title("[m]", fontsize=8, loc="left", pad=5, color=INK.placeholder)
-    key.tick_params(length=0, labelcolor=INK.placeholder, labelsize=8)
-    key.grid(visible=False)
-    key.spines[:].set_visible(False)
-    return figure
+    # bands of equal width to Plotly
+    band = np.interp(closed, [*ERROR_LEVELS_M, 1e3], np.arange(len(ERROR_LEVELS_M) + 1))
+    last = len(ERROR_LEVELS_M) - 1
+    contours = {
+        "type": "contour", "x": numbers(around), "y": numbers(range_m), "z": [numbers(row) for row in band],
+        "customdata": [numbers(row) for row in closed],
+        "hovertemplate": "%{x}°, %{y} m: %{customdata:.2f} m<extra></extra>",
+        "contours": {"start": 1, "end": last, "size": 1, "showlines": False}, "line": {"width": 0},
+        "colorscale": [[i / last, colour] for i, colour in enumerate(ERROR_COLOURS)],
+        "colorbar": {"title": {"text": "[m]"}, "thickness": 10, "tickvals": [*range(1, last + 1)],
+                     "ticktext": [f"{level:g}" for level in ERROR_LEVELS_M[1:]]},
+    }  # fmt: skip
+    return panel(
+        [], x_label="bearing B of the follower [°]", y_label="range [m]", title=title, width=FULL / 2, height=3.4,
+        traces=[contours], x_limits=(0.0, 360.0), x_ticks=range(0, 361, 45), y_log=True, y_ticks=(5, 10, 20, 50, 100),
+        y_limits=(float(range_m[0]), float(range_m[-1])),
+    )  # fmt: skip
 
 
 def chosen(chart: Chart, **fixed: float) -> Bools:
@@ -168,15 +148,15 @@ def chosen(chart: Chart, **fixed: float) -> Bools:
     return np.all([np.isclose(chart[name], value) for name, value in fixed.items()], axis=0)  # type: ignore[no-any-return]
 
 
-def around_leader(chart: Chart, depth_offset: float) -> Figure:
+def around_leader(chart: Chart, depth_offset: float) -> Panel:
     """Errors of LAISN-2 around a leader pitched by 5°, from the map."""
     here = chosen(chart, pitch_deg=5.0, depth_offset_m=depth_offset)
     reach, bearing = np.unique(chart["range_m"][here]), np.unique(chart["bearing_deg"][here])
     error = chart["error_laisn-2_m"][here].reshape(reach.size, bearing.size)
-    return heat(bearing, reach, error, f"LAISN-2, pitch 5°, follower {depth_offset:g} m below")
+    return _heat(bearing, reach, error, f"LAISN-2, pitch 5°, follower {depth_offset:g} m below")
 
 
-def excess_over_lever(missions: Missions) -> Figure:
+def excess_over_lever(missions: Missions) -> Panel:
     """What pitch adds to the mean error of missions over Δz sin φ, both root mean square, and the line of equality."""
     top = max(m.lever for m in missions)
     equal = np.array([0.005, 1.1 * top])
@@ -184,18 +164,17 @@ def excess_over_lever(missions: Missions) -> Figure:
     for cause, colour in CAUSE_COLOURS.items():
         here = select(missions, cause=cause)
         lever, added = np.array([m.lever for m in here]), np.array([m.added for m in here])
-        lines.append(Line(x=lever, y=np.maximum(added, 1e-3), colour=colour, marker="o", size=4.0, opacity=0.7))
+        lines.append(
+            Line(x=lever, y=np.maximum(added, 1e-3), colour=colour, marker="o", size=4.0, opacity=0.7, name=cause)
+        )
     x_label, y_label = "Δz sin φ of the mission, rms [m]", "added to mean E_P [m]"
-    figure = panel(lines, x_label=x_label, y_label=y_label, title="All missions, LAISN-2", height=2.8)
-    (axes,) = figure.axes
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_xlim(0.005, 1.2 * top)
-    axes.set_ylim(9e-4, None)
-    return figure
+    return panel(
+        lines, x_label=x_label, y_label=y_label, title="All missions, LAISN-2", height=2.8, x_log=True, y_log=True,
+        x_limits=(0.005, 1.2 * top), y_limits=(9e-4, None),
+    )  # fmt: skip
 
 
-def over_offset(missions: Missions, title: str) -> Figure:
+def over_offset(missions: Missions, title: str) -> Panel:
     """Mean position error of the median mission over the depth offset, by leader and with an AHRS."""
     offsets = sorted({m.real.depth_offset_m for m in missions})
     by_offset = [select(missions, depth_offset_m=offset) for offset in offsets]
@@ -204,5 +183,5 @@ def over_offset(missions: Missions, title: str) -> Figure:
         error = np.array([np.median([m.arms[arm.key].e_p_mean_m for m in here]) for here in by_offset])
         dash = "--" if arm is AHRS else "-"
         lines.append(Line(x=np.array(offsets), y=error, colour=colour, width=1.4, dash=dash))
-        lines.append(Line(x=np.array(offsets), y=error, colour=colour, marker="o"))
+        lines.append(Line(x=np.array(offsets), y=error, colour=colour, marker="o", name=arm.key))
     return panel(lines, x_label="depth offset [m]", y_label="mean E_P [m]", title=title, y_limits=(0.0, None))

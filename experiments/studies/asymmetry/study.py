@@ -18,7 +18,6 @@ from experiments.campaign.progress import compiling_shown
 from experiments.campaign.store import columns_of, write_table
 from experiments.findings import FILE, Findings
 from experiments.flight.range_budget import Cause
-from experiments.pages.figures import svg
 from experiments.pages.page import Cell, Code, Figures, Film, share_of, write
 from experiments.pages.range_budget_page import asymmetry_over_time, legend_of, share_table
 from experiments.pages.template import page_of
@@ -41,14 +40,14 @@ def _of_message(example: Example) -> dict[str, Any]:
     first = budget.time <= 200.0
     shares = {cause: budget.asymmetry[first, cause] for cause in _SHOWN}
     difference = asymmetry_over_time(budget.time[first], shares, "Difference of the bow's and stern's range errors")
-    drawn = svg(figures.message_hull(message), "hull"), svg(figures.message_top(message), "top")
+    drawn = figures.message_hull(message), figures.message_top(message)
     line = example.condition.command(ROUTE, OFFSET_M)
     return {
         "geometry": Figures(panels=drawn, legend=figures.LEGEND[:2]),
         "example": example,
         "pitch_deg": np.rad2deg(message.pitch),
         "fix_error_m": np.hypot(*(message.fix - message.hydrophone[:2])),
-        "first_minutes": Figures(panels=[svg(difference, "shares")], legend=legend_of(_SHOWN)),
+        "first_minutes": Figures(panels=[difference], legend=legend_of(_SHOWN)),
         "shares": share_table(budget),
         "everything": EVERYTHING,
         "one_mission": Code(text=line, title="Run it, with film and report:"),
@@ -57,7 +56,7 @@ def _of_message(example: Example) -> dict[str, Any]:
 
 def _of_map(chart: fix_map.Chart) -> dict[str, Any]:
     """Values of the page on the map: where around the leader its pitch matters."""
-    drawn = [svg(figures.around_leader(chart, offset), f"map{offset:g}") for offset in (0.0, 5.0)]
+    drawn = [figures.around_leader(chart, offset) for offset in (0.0, 5.0)]
     closed_form, two = chart["error_closed_form_m"], chart["error_laisn-2_m"]
     met = closed_form > 0.0
     return {
@@ -85,10 +84,10 @@ def _of_missions(missions: Missions, plan: Plan, found: Findings) -> dict[str, A
         return replace(share_of(found[name]), tone=tone)
 
     return {
-        "offsets": Figures(panels=[svg(figure, f"o{i}") for i, figure in enumerate(by_cause)], legend=figures.LEGEND),
+        "offsets": Figures(panels=by_cause, legend=figures.LEGEND),
         "worst": max(judged, key=lambda m: m.added, default=None),
         "excess": Figures(
-            panels=[svg(figures.excess_over_lever(two), "excess")],
+            panels=[figures.excess_over_lever(two)],
             legend=[(colour, CAUSES[cause]) for cause, colour in figures.CAUSE_COLOURS.items()],
         ),
         "missed_paired": against_level.count(Verdict.MISSED),

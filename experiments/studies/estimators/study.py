@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from experiments.campaign import campaign
 from experiments.campaign.campaign import Design, ExecutionOptions, Task, with_arrays
 from experiments.campaign.store import Record
 from experiments.findings import FILE, Findings
 from experiments.flight.library import ROUTES
-from experiments.pages.figures import Line, panel, svg
+from experiments.pages.figures import Line, Panel, panel
 from experiments.pages.page import Figures, write
 from experiments.pages.style import SERIES, Legend
 from experiments.pages.template import page_of
@@ -92,31 +91,31 @@ def tasks(size: Size) -> Iterator[tuple[tuple[Any, ...], Task]]:
             yield ("weave", weave, route), partial(both, cases.CASES[1], route, 1.0, weave=weave)
 
 
-def picture(findings: Findings) -> tuple[Figure, Legend]:
+def picture(findings: Findings) -> tuple[Panel, Legend]:
     """Mean position errors of both navigators, case by case, messages every 5 s; a bar is a 95 % interval."""
     lines = []
-    for name, colour, aside in (("laisn-2", SERIES[1], -0.08), ("error", SERIES[0], 0.08)):
-        for i, case in enumerate(cases.CASES):
-            found = findings[f"{name} {case.name} 5"]
-            place = np.array([i + aside])
-            lines.append(Line(x=place, y=np.array([found.number]), colour=colour, marker="o", size=4.5))
-            if found.low is not None and found.high is not None:
-                lines.append(Line(x=np.repeat(place, 2), y=np.array([found.low, found.high]), colour=colour, width=1.4))
-    figure = panel(lines, x_label="case", y_label="mean E_P over the routes [m]", height=3.0)
-    axes = figure.axes[0]
-    axes.set_yscale("log")
-    # the panel's margin is that of a linear axis, and may reach below zero
-    drawn = np.concatenate([line.y for line in lines])
-    axes.set_ylim(drawn.min() / 1.5, drawn.max() * 1.5)
-    axes.set_xticks(range(len(cases.CASES)), [case.name for case in cases.CASES])
-    axes.set_xlim(-0.5, len(cases.CASES) - 0.5)
+    for name, title, colour, aside in (
+        ("laisn-2", "LAISN-2", SERIES[1], -0.08),
+        ("error", "tightly coupled", SERIES[0], 0.08),
+    ):
+        found = [findings[f"{name} {case.name} 5"] for case in cases.CASES]
+        ends = [(np.nan, np.nan) if one.low is None or one.high is None else (one.low, one.high) for one in found]
+        low, high = np.array(ends).T
+        y, places = np.array([one.number for one in found]), np.arange(len(found), dtype=np.float64) + aside
+        lines.append(Line(x=places, y=y, colour=colour, marker="o", size=4.5, name=title, interval=(low, high)))
+    drawn = np.concatenate([[*line.y, *line.interval[0], *line.interval[1]] for line in lines if line.interval])
+    figure = panel(
+        lines, x_label="case", y_label="mean E_P over the routes [m]", height=3.0, y_log=True,
+        y_limits=(float(np.nanmin(drawn)) / 1.5, float(np.nanmax(drawn)) * 1.5),
+        x_ticks={float(i): case.name for i, case in enumerate(cases.CASES)}, x_limits=(-0.5, len(cases.CASES) - 0.5),
+    )  # fmt: skip
     return figure, [(SERIES[1], "LAISN-2"), (SERIES[0], "tightly coupled")]
 
 
 def write_page(found: Findings, rows: Mapping[tuple[Any, ...], Record], path: Path, *, quick: bool) -> Path:
     """Write the page of a record and of the rows that it was made of; returns its path."""
     figure, legend = picture(found)
-    drawn = Figures(panels=[svg(figure, "ratio", "Mean position error of both navigators in all cases")], legend=legend)
+    drawn = Figures(panels=[figure], legend=legend)
     facts = [
         ("Seed", str(found["seed"].value)),
         ("Runs of each mission", str(found["runs"].value)),

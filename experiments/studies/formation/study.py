@@ -5,13 +5,12 @@ from pathlib import Path
 from typing import Unpack
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from experiments.campaign.campaign import ExecutionOptions
 from experiments.campaign.store import Record
 from experiments.findings import FILE, Findings, read, record
 from experiments.flight.library import load
-from experiments.pages.figures import Line, panel, svg
+from experiments.pages.figures import Line, Panel, panel
 from experiments.pages.page import Figures, share_of, with_limits, write
 from experiments.pages.style import FULL, SERIES, Legend
 from experiments.pages.template import page_of
@@ -28,8 +27,6 @@ CONDITIONS = study_of(STUDY, {}).titles
 """Titles of the conditions, which are the arms of the study."""
 QUICK = {"runs": 2, "set": {"duration_s": 100.0}}
 """Keys of a trial run."""
-_NAMES_INCH = 3.4
-"""Room for the names of conditions beside the figure [inch]."""
 _SERIES = {
     "run-median": (SERIES[0], "o", "median follower's RMS and its 95 % interval"),
     "worst": (SERIES[1], "D", "worst follower's RMS"),
@@ -43,36 +40,25 @@ def record_of(found: Mapping[str, list[list[Record]]]) -> Findings:
     return record("formation", COMMAND, MODULES, findings_of(found) | limits.findings())
 
 
-def picture(findings: Findings) -> tuple[Figure, Legend]:
+def picture(findings: Findings) -> tuple[Panel, Legend]:
     """Distance from the station in each condition, the first of them at the top; a bar is a 95 % interval."""
     places = np.arange(len(CONDITIONS), dtype=np.float64)[::-1]
     lines = []
-    for key, (colour, marker, _) in _SERIES.items():
+    for key, (colour, marker, text) in _SERIES.items():
         found = [findings[f"{key} {name}"] for name in CONDITIONS]
+        ends = [(np.nan, np.nan) if one.low is None or one.high is None else (one.low, one.high) for one in found]
+        low, high = np.array(ends).T
         values = np.array([finding.number for finding in found])
-        lines.append(Line(x=values, y=places, colour=colour, marker=marker, size=4.5))
-        lines += [
-            Line(x=np.array([finding.low, finding.high]), y=np.repeat(place, 2), colour=colour, width=1.6)
-            for finding, place in zip(found, places, strict=True)
-            if finding.low is not None and finding.high is not None
-        ]
+        lines.append(
+            Line(
+                x=values, y=places, colour=colour, marker=marker, size=4.5, name=text, interval=(low, high), across=True
+            )
+        )
     figure = panel(
-        lines,
-        x_label="distance from the station [m]",
-        y_label="",
-        width=FULL,
-        height=1.0 + 0.21 * places.size,
-        y_limits=(-0.7, places.size - 0.3),
-    )
-    axes = figure.axes[0]
-    left, bottom, across, height = axes.get_position().bounds
-    room = _NAMES_INCH / FULL
-    axes.set_position((left + room, bottom, across - room, height))
-    axes.set_xscale("log")
-    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    axes.margins(x=0.03)
-    axes.set_yticks(places, [*CONDITIONS.values()])
-    axes.tick_params(axis="y", length=0)
+        lines, x_label="distance from the station [m]", y_label="", width=FULL, height=1.0 + 0.21 * places.size,
+        y_limits=(-0.7, places.size - 0.3), x_log=True,
+        y_ticks=dict(zip(places.tolist(), CONDITIONS.values(), strict=True)),
+    )  # fmt: skip
     return figure, [(colour, text) for colour, _, text in _SERIES.values()]
 
 
@@ -88,14 +74,13 @@ def write_page(findings: Findings, path: Path, *, quick: bool = False) -> Path:
         ("Version", findings.version),
         ("Repeat with", "laisn formation --quick" if quick else f"laisn formation --runs {runs}"),
     ]
-    shown = svg(figure, "stations", "Distance from the station in all conditions")
     values = {
         "quick": quick,
         "conditions": CONDITIONS,
         "found": findings,
         "interval": lambda key, digits=2: with_limits(findings[key], digits),
         "share": lambda key: share_of(findings[key]),
-        "stations": Figures(panels=[shown], caption="", legend=legend),
+        "stations": Figures(panels=[figure], legend=legend),
         "swarm": load("swarm", ()),
         "limits": limits,
     }

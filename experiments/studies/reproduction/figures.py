@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from experiments.campaign.store import Arrays, Record
-from experiments.pages.figures import Line, Part, panel, stack, svg
+from experiments.pages.figures import Line, Panel, Part, panel
 from experiments.pages.flight_figures import ON_AXIS_DEG, bearing_part
 from experiments.pages.page import Cell, Figures, number, ratio_tone
 from experiments.pages.style import ESTIMATE, FOLLOWER, LEADER
@@ -27,15 +27,15 @@ TONES = {"holds": "yes", "does not hold": "no", "depends": "maybe", "undecided":
 """Colours of verdicts."""
 
 
-def error_panel(steps: Arrays, name: str, title: str) -> str:
+def error_panel(steps: Arrays, title: str) -> Panel:
     """Mean of E_P and E_B over the runs (thick) and their maximum (thin), and B, over time, each on its own axis."""
     columns = {column: values.astype(np.float64) for column, values in steps.items()}
     time = columns["time_s"]
 
     def errors(mean: Floats, most: Floats, label: str, limit: float | None) -> Part:
         lines = [
-            Line(x=time, y=most, colour=ESTIMATE, width=0.4, opacity=0.6),
-            Line(x=time, y=mean, colour=ESTIMATE, width=1.2),
+            Line(x=time, y=most, colour=ESTIMATE, width=0.4, opacity=0.6, name="largest"),
+            Line(x=time, y=mean, colour=ESTIMATE, width=1.2, name="mean"),
         ]
         return Part(lines=lines, y_label=label, y_limits=(0.0, limit))
 
@@ -46,8 +46,7 @@ def error_panel(steps: Arrays, name: str, title: str) -> str:
         errors(columns["e_b_mean_deg"], columns["e_b_max_deg"], "E_B [°]", turned),
         bearing_part(time, np.deg2rad(columns["bearing_deg"])),
     ]
-    figure = stack(parts, x_label="time [s]", title=title, height=3.6)
-    return svg(figure, name, f"Errors over time, {title}")
+    return Panel(parts=parts, x_label="time [s]", title=title, height=3.6)
 
 
 def error_figures(steps: Mapping[Key, Arrays]) -> list[tuple[dict[str, Any], Figures]]:
@@ -55,7 +54,7 @@ def error_figures(steps: Mapping[Key, Arrays]) -> list[tuple[dict[str, Any], Fig
     found = []
     for figure in FIGURES:
         kept = {m: steps.get((figure["setting"], m, figure["variant"])) for m in figure["missions"]}
-        panels = [error_panel(s, f"figure{figure['number']}-{m}", m) for m, s in kept.items() if s is not None]
+        panels = [error_panel(s, m) for m, s in kept.items() if s is not None]
         found += [(figure, Figures(panels=panels))] if panels else []
     return found
 
@@ -70,8 +69,7 @@ def routes(flights: Mapping[str, Trajectory]) -> Figures:
             Line(x=leader[:, 0], y=leader[:, 1], colour=LEADER, width=1.4),
             Line(x=follower[:, 0], y=follower[:, 1], colour=FOLLOWER),
         ]
-        figure = panel(lines, x_label="east [m]", y_label="north [m]", title=name, equal=True, height=3.0)
-        panels.append(svg(figure, f"route-{name}", f"Routes of leader and follower on {name}"))
+        panels.append(panel(lines, x_label="east [m]", y_label="north [m]", title=name, equal=True, height=3.0))
     return Figures(panels=panels, legend=[(LEADER, "leader"), (FOLLOWER, "follower")])
 
 
