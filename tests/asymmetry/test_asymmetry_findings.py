@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from experiments.studies.asymmetry.comparison import Row, paired, removed_in_all
-from experiments.studies.asymmetry.conditions import AHRS, Plan
+from experiments.campaign.store import Record
+from experiments.studies.asymmetry.comparison import paired, removed_in_all
+from experiments.studies.asymmetry.design import AHRS, Plan
 from experiments.studies.asymmetry.findings import findings_of
 from experiments.studies.asymmetry.paper import Curve, equivalents
 from tests.asymmetry.test_comparison import row
@@ -13,7 +14,7 @@ PLAN = Plan(routes=("T3", "T4"), offsets_m=(0.0, 10.0), variants=("laisn-2",))
 WOBBLE = 0.01 * np.cos(np.arange(64.0))
 
 
-def rows() -> list[Row]:
+def rows() -> list[Record]:
     """Two routes; pitch adds 1 m on T3, 3 m on T4, of which an AHRS leaves a tenth and a fifth."""
     made = []
     for route, real, left in (("T3", 1.2, 0.3), ("T4", 3.2, 0.8)):
@@ -43,12 +44,12 @@ def rows() -> list[Row]:
 
 CURVES = [
     *(
-        Curve(route=r, variant="laisn-2", interval_s=5.0, depth_offset_m=float("nan"), value=(0.01, 0.03, 0.06),
+        Curve(route=r, interval_s=5.0, depth_offset_m=None, value=(0.01, 0.03, 0.06),
               e_p_mean_m=(0.2, 0.4, e), excess_half_m=(0.0, 0.1, 0.2))
         for r, e in (("T3", 0.6), ("T4", 1.0), ("T5", 0.7))
     ),
     *(
-        Curve(route=r, variant="laisn-2", interval_s=5.0, depth_offset_m=10.0, value=(0.0, -5.0, -10.0),
+        Curve(route=r, interval_s=5.0, depth_offset_m=10.0, value=(0.0, -5.0, -10.0),
               e_p_mean_m=(0.2, 0.7, 1.2), excess_half_m=(0.0, 0.1, 0.1)) for r in ("T3", "T4", "T5")
     ),
 ]  # fmt: skip
@@ -73,7 +74,7 @@ def test_the_record_is_that_of_the_rows() -> None:
     assert found["least ahrs-0.5 trim"].value == pytest.approx(0.8, abs=1e-3)
     assert found["largest ahrs-0.5 trim"].value == pytest.approx(0.9, abs=1e-3)
     # limits that hold for two routes and three causes at once leave a sixth of the chance to each (Bonferroni)
-    worst = [e for e in paired(rows()) if e.real.route == "T4"]
+    worst = [e for e in paired(rows()) if e.real["route"] == "T4"]
     together = removed_in_all(worst, AHRS, confidence=1.0 - 0.05 / 6)
     assert (found["least ahrs-0.5 trim"].low, found["least ahrs-0.5 trim"].high) == pytest.approx(
         together[1:], rel=1e-5

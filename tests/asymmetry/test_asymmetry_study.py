@@ -12,7 +12,7 @@ from experiments.campaign.montecarlo import histories
 from experiments.flight.library import ROUTES, load
 from experiments.studies.asymmetry import study as asymmetry
 from experiments.studies.asymmetry.comparison import mean_added, paired
-from experiments.studies.asymmetry.conditions import (
+from experiments.studies.asymmetry.design import (
     AHRS,
     ARMS,
     CALM,
@@ -28,7 +28,7 @@ from experiments.studies.asymmetry.conditions import (
 )
 from experiments.studies.asymmetry.fix_map import deepest_offset, worst_error
 from experiments.studies.asymmetry.missions import fly_condition, pair
-from experiments.studies.asymmetry.paper import Curve, equivalent
+from experiments.studies.asymmetry.paper import Curve
 from laisn.compiled import FOLDER
 from laisn.navigator import Navigator
 from sim.flight import navigate
@@ -45,12 +45,13 @@ def rows():
 
 def test_every_mission_is_flown_in_every_arm(rows):
     assert len(rows) == len(SHORT.routes) * len(SHORT.offsets_m) * len(ARMS)
-    assert {(r.route, r.depth_offset_m) for r in rows} == {(t, o) for t in SHORT.routes for o in SHORT.offsets_m}
-    assert all(r.pitch_rms_deg > 1.0 for r in rows)
-    assert all(r.runs == len(r.e_p_run_mean_m) == len(r.mirror_locked_run) == 24 for r in rows)
+    places = {(row["route"], row["depth_offset_m"]) for row in rows}
+    assert places == {(t, o) for t in SHORT.routes for o in SHORT.offsets_m}
     for row in rows:
-        assert row.e_p_mean_m == pytest.approx(np.mean(row.e_p_run_mean_m), rel=1e-9)
-        assert row.mirror_locked == sum(row.mirror_locked_run)
+        assert row["pitch_rms_deg"] > 1.0
+        assert row["runs"] == len(row["e_p_run_mean_m"]) == len(row["mirror_locked_run"]) == 24
+        assert row["e_p_mean_m"] == pytest.approx(np.mean(row["e_p_run_mean_m"]), rel=1e-9)
+        assert row["mirror_locked_runs"] == sum(row["mirror_locked_run"])
 
 
 def test_no_two_missions_share_noise(rows):
@@ -64,7 +65,8 @@ def test_no_two_missions_share_noise(rows):
     assert all(a.stop <= b.start for a, b in itertools.pairwise(ordered))
     assert ordered[-1].stop < 2**31
     assert max(Plan().looks) <= 10_000
-    assert all(r.first_run == QUICK_CONDITIONS[0].first_run(r.route, r.depth_offset_m) for r in rows)
+    for row in rows:
+        assert row["first_run"] == QUICK_CONDITIONS[0].first_run(row["route"], row["depth_offset_m"])
 
 
 def removed(mission, arm):
@@ -75,22 +77,23 @@ def removed(mission, arm):
 
 def test_exact_attitude_gives_the_level_leaders_error(rows):
     for excess in paired(rows):
-        assert_allclose(excess.arms[EXACT.key].e_p_mean_m, excess.arms[LEVEL.key].e_p_mean_m, rtol=0.02)
-        if excess.real.depth_offset_m == 10.0:
+        exact, level = (excess.arms[arm.key]["e_p_mean_m"] for arm in (EXACT, LEVEL))
+        assert_allclose(exact, level, rtol=0.02)
+        if excess.real["depth_offset_m"] == 10.0:
             assert excess.added > 0.1
             assert removed(excess, EXACT) > 0.95
-            assert excess.arms[EXACT.key].error_verdict in ("met", "no harm shown")
+            assert excess.arms[EXACT.key]["error_verdict"] in ("met", "no harm shown")
 
 
 def test_attitude_of_an_ahrs_removes_what_pitch_does(rows):
     for excess in paired(rows):
-        if excess.real.depth_offset_m == 10.0:
+        if excess.real["depth_offset_m"] == 10.0:
             assert removed(excess, AHRS) > 0.9
             # with the same sensor on a level leader, what pitch still does is less than what the sensor does
             assert abs(mean_added([excess], READINGS, LEVEL_BROADCAST).value) < 0.02 * excess.added
         # gyros and calm water: little is left of half a degree
-        assert 0.02 < excess.real.ahrs_rms_deg < 0.1
-        assert excess.real.inclinometer_rms_deg >= 0.5
+        assert 0.02 < excess.real["ahrs_rms_deg"] < 0.1
+        assert excess.real["inclinometer_rms_deg"] >= 0.5
 
 
 def test_level_and_real_leader_differ_in_nothing_but_the_ranges():
@@ -124,13 +127,13 @@ def test_commands_name_the_scenario_that_is_flown():
 
 
 def test_equivalent_value_inverts_a_curve():
-    curve = Curve(route="T3", variant="laisn-2", interval_s=1.0, depth_offset_m=5.0, value=(0.0, -1.0, -2.0, -4.0),
+    curve = Curve(route="T3", interval_s=1.0, depth_offset_m=5.0, value=(0.0, -1.0, -2.0, -4.0),
                   e_p_mean_m=(0.3, 0.4, 0.6, 1.0), excess_half_m=(0.0, 0.1, 0.1, 0.1))  # fmt: skip
-    assert equivalent(0.0, curve) == 0.0
-    assert equivalent(0.2, curve) == pytest.approx(1.5)
-    assert equivalent(0.7, curve) == pytest.approx(4.0)
-    assert np.isnan(equivalent(0.71, curve))
-    assert np.isnan(equivalent(-0.01, curve))
+    assert curve.equivalent(0.0) == 0.0
+    assert curve.equivalent(0.2) == pytest.approx(1.5)
+    assert curve.equivalent(0.7) == pytest.approx(4.0)
+    assert np.isnan(curve.equivalent(0.71))
+    assert np.isnan(curve.equivalent(-0.01))
 
 
 @pytest.mark.parametrize("pitch_deg", [2.0, 5.0, 10.0])
@@ -183,7 +186,7 @@ def test_quick_study_is_resumable_and_repeatable(tmp_path, monkeypatch):
     assert b"caused by the leader" in first
     missions = pq.read_table(tmp_path / "missions.parquet")
     assert set(missions["condition"].to_pylist()) == {c.key for c in QUICK_CONDITIONS}
-    for name in ("map", "equivalents", "gates"):
+    for name in ("map", "equivalents"):
         assert pq.read_table(tmp_path / f"{name}.parquet").num_rows > 0
 
     def never(*_: object) -> None:

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from experiments.studies.asymmetry.conditions import CONDITIONS, Condition
+from experiments.studies.asymmetry.design import CONDITIONS, Condition
 
 PERIODS = {0.3: 4.0, 0.5: 4.0, 1.0: 5.0}
 """Periods of young wind seas by their height: 0.5 m at 4 s, 1 m at 5 s."""

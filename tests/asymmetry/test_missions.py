@@ -1,6 +1,6 @@
 """Missions of the pitch study: what becomes of an arm's settings, and of the results of its runs."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,8 +9,7 @@ import pytest
 
 from experiments.campaign.cells import Cell, CellResult
 from experiments.studies.asymmetry import missions, paper
-from experiments.studies.asymmetry.comparison import Row
-from experiments.studies.asymmetry.conditions import (
+from experiments.studies.asymmetry.design import (
     AHRS,
     ARMS,
     CONSTANT,
@@ -45,20 +44,13 @@ SENSORS = Sensors(leader_attitude_sigma_deg=0.5, leader_gyro_time_constant_s=30.
 
 
 def test_a_row_has_the_results_of_its_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    own = {
-        "first_run": 700, "runs": 3, "e_p_mean_m": 0.6, "e_p_run_mean_m": (0.5, 0.6, 0.7),
-        "mirror_locked_run": (True, False, True), "e_p_std_m": 0.25, "e_p_95_m": 0.953, "e_p_max_m": 7.0,
-        "e_b_mean_deg": 1.6, "mirror_locked": 2, "gated": 6,
-    }  # fmt: skip
-    others: dict[str, Any] = {f.name: f.name for f in fields(Row) if f.name not in own and "verdict" not in f.name}
     monkeypatch.setattr(missions, "simulate", lambda cell: CellResult(ROW, RUNS))
     cell: Any = SimpleNamespace(runs=range(700, 703))
-    row = missions._row(cell, **others)
-    assert {name: getattr(row, name) for name in own} == own
-    longer = missions._extended(row, cell)
-    assert longer.e_p_run_mean_m == (0.5, 0.6, 0.7, 0.5, 0.6, 0.7)
-    assert longer.mirror_locked_run == (True, False, True) * 2
-    assert (longer.runs, longer.e_p_mean_m) == (3, 0.6)
+    row = missions._row(cell)
+    assert row["first_run"] == 700
+    assert {name: row[name] for name in ROW} == ROW
+    assert row["e_p_run_mean_m"].tolist() == [0.5, 0.6, 0.7]
+    assert row["mirror_locked_run"].tolist() == [True, False, True]
 
 
 @pytest.fixture(scope="module")
@@ -105,8 +97,7 @@ def test_the_excess_of_a_curve_is_paired_run_by_run(monkeypatch: pytest.MonkeyPa
         return CellResult({"e_p_mean_m": float(errors[cell].mean())}, {"e_p_mean_m": errors[cell]})
 
     monkeypatch.setattr(paper, "simulate", simulated)
-    key = {"route": "T3", "variant": "laisn-2", "interval_s": 5.0, "depth_offset_m": 2.0, "value": (0.0, -2.0)}
-    curve = paper._curve([0, 1], **key)  # type: ignore[list-item]
+    curve = paper.curve_of({0.0: 0, -2.0: 1}, "T3", 5.0, 2.0)  # type: ignore[dict-item]
     excess = curve.excess_at(-2.0)
     assert excess.value == pytest.approx(0.4 + own.mean())
     half = 1.959964 * own.std(ddof=1) / 20.0
@@ -115,20 +106,21 @@ def test_the_excess_of_a_curve_is_paired_run_by_run(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_curve_that_dips_counts_as_flat_there() -> None:
-    curve = Curve(route="T3", variant="laisn-2", interval_s=1.0, depth_offset_m=5.0, value=(0.0, -1.0, -2.0, -4.0),
+    curve = Curve(route="T3", interval_s=1.0, depth_offset_m=5.0, value=(0.0, -1.0, -2.0, -4.0),
                   e_p_mean_m=(0.3, 0.6, 0.5, 1.0), excess_half_m=(0.0, 0.1, 0.1, 0.1))  # fmt: skip
-    assert paper.equivalent(0.35, curve) == pytest.approx(2.25)
+    assert curve.equivalent(0.35) == pytest.approx(2.25)
 
 
 def test_curves_widen_the_rear_error_and_lower_the_bow(monkeypatch: pytest.MonkeyPatch) -> None:
     """With a transmitter 1 m before and behind: R_rear² − R_front² = 4 (x cos φ − Δz sin φ), φ the pitch."""
-    seen: list[tuple[list[Cell], dict[str, Any]]] = []
-    monkeypatch.setattr(paper, "_curve", lambda cells, **key: seen.append((list(cells), key)))
-    monkeypatch.setattr(paper, "INTERVALS_S", (5.0,))
-    paper.fly_curves(Plan(routes=("T3",), offsets_m=(2.0,), looks=(4,), duration_s=20.0), ("laisn-2",))
-    (over_pitch, of_pitch), (over_tau, of_tau) = seen
-    assert (of_pitch["value"], of_pitch["depth_offset_m"]) == (paper.PITCH_DEG, 2.0)
-    assert of_tau["value"] == paper.TAU_M
+    seen: list[tuple[dict[float, Cell], Any]] = []
+    monkeypatch.setattr(paper, "curve_of", lambda cells, *where: seen.append((cells, where)))
+    monkeypatch.setattr(paper, "INTERVALS_S", (1.0, 5.0))
+    paper.fly_curves(Plan(routes=("T3",), offsets_m=(0.0, 2.0), looks=(4,), duration_s=20.0))
+    (tilts, of_pitch), (_, of_first), (wider, of_tau) = seen
+    assert (tuple(tilts), of_pitch) == (paper.PITCH_DEG, ("T3", 5.0, 2.0))
+    assert (tuple(wider), of_first, of_tau) == (paper.TAU_M, ("T3", 1.0), ("T3", 5.0))
+    over_pitch, over_tau = [*tilts.values()], [*wider.values()]
     assert [cell.errors.range_tau for cell in over_tau] == [(t, 0.01, 0.01) for t in paper.TAU_M]
     assert {cell.errors.range_tau for cell in over_pitch} == {(0.01, 0.01, 0.01)}
     ranges = [cell.truth.slant_range for cell in over_pitch]

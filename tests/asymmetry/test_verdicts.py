@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from experiments.studies.asymmetry.comparison import WRONG, Judgement, Verdict, judge
-from experiments.studies.asymmetry.conditions import Plan
+from experiments.studies.asymmetry.design import Plan
 from laisn.arrays import Bools, Floats
 
 LOOKS = Plan().looks

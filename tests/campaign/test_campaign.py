@@ -2,7 +2,6 @@
 
 import itertools
 import os
-import shlex
 import shutil
 import signal
 import subprocess
@@ -19,11 +18,9 @@ from experiments.campaign.plans import CellPlan
 from experiments.campaign.processes import Pool
 from experiments.campaign.store import DamagedResult
 from experiments.campaign.version import ROOT
-from experiments.studies.reproduction.study import fly_command
 from laisn import metrics
 from laisn.navigator import Navigator
 from sim.flight import navigate
-from sim.scenario.settings import Acoustics
 from tests.campaign.plans import DURATION, contents, plans, run, scenario
 
 
@@ -329,14 +326,3 @@ def test_the_key_holds_what_makes_a_cell_and_nothing_else():
         CellPlan(scenario=scenario(variant="laisn-3-1")),
     ]
     assert len({plan.key, *(other.key for other in others)}) == 5
-
-
-def test_the_command_repeats_the_cell():
-    from experiments.flight.library import load
-
-    given = scenario("T5", "laisn-3-2", 5.0, acoustics=Acoustics(range_tau_m=(0.06, 0.01, 0.01)), seed=3)
-    words = shlex.split(fly_command(given, 17))
-    assert words[:3] == ["laisn", "fly", "T5"]
-    assignments = [words[i + 1] for i, word in enumerate(words) if word == "--set"]
-    assert words[words.index("--run") + 1] == "17"
-    assert load("T5", assignments) == given

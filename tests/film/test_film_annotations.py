@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from experiments.command.cli import app
 from experiments.studies.asymmetry import film as asymmetry_film
 from experiments.studies.asymmetry import study as asymmetry
-from experiments.studies.asymmetry.conditions import QUICK_CONDITIONS
+from experiments.studies.asymmetry.design import QUICK_CONDITIONS
 from experiments.studies.asymmetry.film import fly_example
 from laisn.geometry import horizontal_range
 from sim.film import graphics, render

@@ -9,23 +9,8 @@ from scipy import stats
 
 from experiments.flight.library import ROUTES
 from experiments.intervals import Interval
-from experiments.studies.reproduction.claims import (
-    CLAIMS,
-    Judged,
-    Judgement,
-    Outcome,
-    Relation,
-    Verdict,
-    verdict_of,
-)
-from experiments.studies.reproduction.replications import (
-    JUDGED,
-    TIMED,
-    limits,
-    means,
-    over_time,
-    resampled,
-)
+from experiments.studies.reproduction.claims import CLAIMS, JUDGED, Judgement, Verdict, verdict_of
+from experiments.studies.reproduction.replications import TIMED, Figures, Judged, Kind, Outcome, Relation, over_time
 from experiments.studies.reproduction.settings import METRICS, SETTINGS
 from laisn.arrays import Floats
 
@@ -38,15 +23,15 @@ CELLS = [(s.name, v) for s in SETTINGS for v in s.variants]
 
 def judged(number: int, figure: Figure, timed: Mapping[str, Mapping[str, float]] | None = None) -> Judgement:
     """The verdict on a claim where every figure is 1 but for those that are given; `timed` by mission."""
-    figures = {
-        (f"{s} {v}", x): np.array([figure(s, m, v, x) or 1.0 for m in ROUTES])
+    each = {
+        (f"{s} {v}", x): np.array([[figure(s, m, v, x) or 1.0 for m in ROUTES]])
         for s, v in CELLS
         for x in (*METRICS, "distance_m")
     }
     for name in TIMED if timed else ():
         values = [(timed or {}).get(m, {}).get(name, np.nan) for m in ROUTES]
-        figures["base laisn-2", name] = np.array(values)
-    return CLAIMS[number - 1].judge(figures)
+        each["base laisn-2", name] = np.array([values])
+    return CLAIMS[number - 1].judge(Figures(each=each, exact=True))
 
 
 def on_routes(setting: str, variants: tuple[str, ...], *values: float) -> Figure:
@@ -134,14 +119,14 @@ def test_followers_abeam_are_held_against_the_others() -> None:
     assert judged(1, top(0.9, 0.5)).verdict == "holds"
     assert judged(1, top(1.1, 0.5)).verdict == "depends"
     assert judged(1, top(1.5, 0.5)).verdict == "does not hold"
-    assert judged(1, top(0.9, 0.5)).figures == "E_P max of T3, T4: 0.50 … 0.90 m; of the others 1.00 … 1.00 m"
+    assert judged(1, top(0.9, 0.5)).figures == "E_P max [m]: median 1.00, from 0.50 (T4) to 1.00 (T2)"
     abeam, astern = steps([80.0, 175.0], [1.0, 3.0]), steps([-100.0, 190.0], [2.0, 1.0])
     kept = {"T2": abeam, "T5": astern, "T6": abeam, "T7": steps([20.0, 160.0], [1.0, 1.0])}
     found = judged(1, top(0.9, 0.5), kept)
     assert found.verdict == "holds"
-    assert found.figures.endswith(
-        "mean E_P astern over abeam within a mission: median 3.00, from 0.50 (T5) to 3.00 (T2), abeam better on 2 of 3"
-    )
+    text = "mean E_P astern over abeam within a mission: median 3.00, from 0.50 (T5) to 3.00 (T2)"
+    assert found.figures == text
+    assert found.criteria[2].interval.value == pytest.approx(2 / 3)
     del kept["T6"]
     assert judged(1, top(0.9, 0.5), kept).verdict == "depends"
 
@@ -166,9 +151,10 @@ def test_the_heading_claim_says_how_much_a_line_explains() -> None:
     assert share > 80.0
     assert found.verdict == "holds"
     assert found.figures == (
-        "E_P grows 5.1 times on T3, T4, 5.0 times on the others (medians); "
-        f"E_P = {slope:.3f} × mean distance ({np.degrees(slope):.1f}°) explains {share:.0f} % of its variance"
+        "E_P grows 5.1 times abeam, 5.0 times on the others (medians); "
+        f"E_P = {slope:.3f} × mean distance ({np.degrees(slope):.1f}°)"
     )
+    assert found.criteria[1].interval.value == pytest.approx(share / 100)
     assert judged(9, grown(4.9, 4.0)).verdict == "depends"
     assert judged(9, grown(5.1, 5.2)).verdict == "depends"
 
@@ -190,32 +176,25 @@ def test_the_burst_gives_the_largest_bearing_error_soon_after_it() -> None:
     assert judged(10, bearing(0.5, 3.0)).verdict == "does not hold"
     found = judged(10, bearing(2.0), peak(30.0))
     assert found.verdict == "holds"
-    assert found.figures == ("largest E_B 2.0° on T8; T8 2.0°, others: median 1.00, from 1.00 (T2) to 1.00 (T2)")
-    assert judged(10, bearing(0.5, 3.0)).figures.startswith("largest E_B 3.0° on T2; T8 0.5°")
+    assert found.figures == "largest E_B [°]: median 1.00, from 1.00 (T2) to 2.00 (T8)"
     assert judged(10, bearing(2.0), peak(31.0)).verdict == "depends"
 
 
 def test_missions_are_judged_by_their_median() -> None:
     """LAISN-3(2) over LAISN-2 of three missions: median 0.5, mean 0.9; at 0.8 or less on two of three."""
-    figures = {(f"{s} {v}", x): np.ones(8) for s, v in CELLS for x in METRICS}
-    figures["asymmetric laisn-3-2", "e_p_mean_m"] = np.array([0.5, 1.0, 1.0, 0.5, 1.0, 1.0, 1.7, 1.0])
+    each = {(f"{s} {v}", x): np.ones((1, 8)) for s, v in CELLS for x in METRICS}
+    each["asymmetric laisn-3-2", "e_p_mean_m"] = np.array([[0.5, 1.0, 1.0, 0.5, 1.0, 1.0, 1.7, 1.0]])
     ratio = {**CLAIMS[6].ratios[0], "missions": ["T2", "T5", "T8"]}
-    assert replace(CLAIMS[6], ratios=[ratio]).judge(figures).verdict == "depends"
+    assert replace(CLAIMS[6], ratios=[ratio]).judge(Figures(each=each, exact=True)).verdict == "depends"
 
 
 def test_every_judged_figure_decides_a_criterion() -> None:
     """Every claim has data from the cells that replications fly, and from nothing else."""
-    figures = {
-        (f"{setting} {v}", x): np.ones(8)
-        for setting, variants in JUDGED.items()
-        for v in variants
-        for x in (*METRICS, "distance_m", *TIMED)
-    }
-    assert all(claim.judge(figures).verdict != "no data" for claim in CLAIMS)
-    for setting, variants in JUDGED.items():
-        for v in variants:
-            fewer = {key: values for key, values in figures.items() if key[0] != f"{setting} {v}"}
-            assert "no data" in [claim.judge(fewer).verdict for claim in CLAIMS], (setting, v)
+    each = {(cell, x): np.ones((1, 8)) for cell in JUDGED for x in (*METRICS, "distance_m", *TIMED)}
+    assert all(claim.judge(Figures(each=each, exact=True)).verdict != "no data" for claim in CLAIMS)
+    for cell in JUDGED:
+        fewer = Figures(each={key: values for key, values in each.items() if key[0] != cell}, exact=True)
+        assert "no data" in [claim.judge(fewer).verdict for claim in CLAIMS], cell
 
 
 @pytest.mark.parametrize(
@@ -255,8 +234,7 @@ def test_an_extreme_over_missions_is_judged_by_the_share_of_replications(below: 
     largest = np.array([0.9 if m in ("T3", "T4") else 2.0 for m in ROUTES]) * np.ones((20, 1))
     # one of the others is at times located better than those abeam, the others hardly matter
     largest[:, ROUTES.index("T6")] = np.where(np.arange(20) < below, 1.0, 0.8)
-    each = {("base laisn-2", "e_p_max_m"): largest}
-    found = CLAIMS[0].judge(means(each), each, resampled(each))
+    found = CLAIMS[0].judge(Figures(each={("base laisn-2", "e_p_max_m"): largest}))
     assert [found.criteria[0].outcome, found.criteria[1].outcome] == ["met", outcome]
     assert found.criteria[1].interval.value == below / 20
     exact = stats.binomtest(below, 20).proportion_ci(0.998)
@@ -277,17 +255,17 @@ def test_a_verdict_is_undecided_where_it_hangs_on_a_criterion_that_is(
     assert verdict_of(outcomes) == verdict
 
 
-@pytest.mark.parametrize("is_share", [True, False])
-def test_a_mean_over_replications_has_the_limits_of_students_t(is_share: bool) -> None:
+@pytest.mark.parametrize("kind", ["share", "ratio"])
+def test_a_mean_over_replications_has_the_limits_of_students_t(kind: Kind) -> None:
     """The bootstrap's standard error of a mean is s / √K, but for its own scatter, 1 / √(2 · 2000)."""
     rng = np.random.default_rng(4)
     values = rng.normal(0.5, 0.01, 10)
-    drawn = resampled({("base laisn-2", "x"): values[:, None]})["base laisn-2", "x"][:, 0]
-    low, high = limits(float(values.mean()), drawn, 10, is_share=is_share)
+    figures = Figures(each={("base laisn-2", "x"): values[:, None]})
+    value, low, high = figures.interval(figures.known("base laisn-2", "x")[:, 0], kind)
     half = stats.t.ppf(0.999, 9) * values.std(ddof=1) / np.sqrt(10)
-    assert (values.mean() - low, high - values.mean()) == pytest.approx((half, half), rel=0.1)
-    if not is_share:
-        assert low * high == pytest.approx(values.mean() ** 2, rel=1e-12)
+    assert (value - low, high - value) == pytest.approx((half, half), rel=0.1)
+    if kind == "ratio":
+        assert low * high == pytest.approx(value**2, rel=1e-12)
 
 
 def test_verdicts_of_independent_studies_agree_or_are_undecided() -> None:
@@ -299,7 +277,7 @@ def test_verdicts_of_independent_studies_agree_or_are_undecided() -> None:
             ("5s laisn-2", "e_p_mean_m"): 1.0 + 0.05 * rng.normal(size=(10, 8)),
             ("muD0.3 laisn-2", "e_p_mean_m"): 1.25 * (1.0 + 0.05 * rng.normal(size=(10, 8))),
         }
-        found = claim.judge(means(each), each, resampled(each))
+        found = claim.judge(Figures(each=each))
         decided += found.criteria[0].outcome != "undecided"
         assert found.criteria[1].outcome == "met"
     # less than 0.4 are expected of 200, and four or more come in a thousandth of trials

@@ -36,7 +36,12 @@ def page_with(
 ) -> Page:  # fmt: skip
     """The page of these figures."""
     values = page_values(settings, rows, published, judgements)
-    values |= {"motion": "", "errors": [], "routes": Figures(panels=[])}
+    values |= {
+        "motion": "",
+        "errors": [],
+        "agreement": Figures(panels=[]),
+        "routes": Figures(panels=[]),
+    }
     record = findings_of(settings, rows, published, judgements, "kinematic")
     return page_of("experiments.studies.reproduction", [], values, record)
 

@@ -1,6 +1,7 @@
 """The reproduction: its tables, the tests behind its claims, drawn routes, and a smoke run of each study."""
 
 import csv
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -10,22 +11,22 @@ import pytest
 from experiments import findings
 from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import simulate
-from experiments.flight.library import ROUTES
+from experiments.campaign.plans import steps_of
+from experiments.flight.library import ROUTES, load
 from experiments.studies.reproduction import claims, replications, settings
 from experiments.studies.reproduction import study as reproduce
 from experiments.studies.reproduction.findings import findings_of_seeds
-from sim.scenario.settings import Scenario
 
 
 @pytest.fixture
 def short(monkeypatch):
     """Missions of 30 s instead of 1000 s."""
-    original = settings.scenario
+    original = settings.of_table
 
-    def brief(*given, **named):
-        return original(*given, **named).model_copy(update={"duration_s": 30.0})
+    def brief(table, *given):
+        return original(table | {"set": table["set"] | {"duration_s": 30.0}}, *given)
 
-    monkeypatch.setattr(settings, "scenario", brief)
+    monkeypatch.setattr(settings, "of_table", brief)
 
 
 def test_a_reproduction_writes_tables_and_report(tmp_path, short):
@@ -51,8 +52,8 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path):
     out = tmp_path / "none"
     for given, message in (
         ({"stage": [7]}, "unknown stage 7"),
-        ({"runs": 0}, "runs is 0"),
-        ({"motion": "magic"}, "unknown motion 'magic'; available: physics, kinematic"),
+        ({"runs": 0}, "runs: Input should be greater than or equal to 1"),
+        ({"motion": "magic"}, "motion: .*'physics' or 'kinematic'"),
         ({"workers": 0}, "workers is 0"),
     ):
         with pytest.raises(ValueError, match=message):
@@ -60,35 +61,37 @@ def test_bad_input_is_refused_before_anything_runs(tmp_path):
         assert not out.exists()
 
 
-def test_replications_have_the_figures_of_their_runs(short, monkeypatch):
+def test_replications_have_the_figures_of_their_runs(short, tmp_path, monkeypatch):
     """The first has those of a cell of the tables; the second those of the runs that follow."""
-    setting = settings.settings_of([1])[0]
-    task = replications.tasks([setting], motion="kinematic", runs=3, seed=2)["T3"]
-    rows = task()
-    assert len(rows) == 3 * replications.REPLICATIONS
-    own = [row for row in rows if row["variant"] == "laisn-2"]
-    scenario = settings.scenario(setting, "T3", variant="laisn-2", motion="kinematic", seed=2)
+    monkeypatch.setattr(reproduce, "REPLICATIONS", 4)
+    chosen = settings.settings_of([1])[:1]
+    found = reproduce.simulate(chosen, tmp_path, motion="kinematic", runs=3, seed=2, workers=1, quiet=True)
+    each, at = found.figures.each, ROUTES.index("T3")
+    scenario = found.entries["base", "T3", "laisn-2"].scenario
+    assert (scenario.seed, scenario.duration_s, scenario.followers[0].route) == (2, 30.0, "T3")
     for number in (0, 1):
         table = simulate(Cell.of(scenario, runs=range(3 * number, 3 * number + 3))).runs
-        assert own[number]["replication"] == number
-        assert own[number]["e_p_mean_m"] == pytest.approx(table["e_p_mean_m"].mean(), rel=1e-12)
-        assert own[number]["e_p_max_m"] == table["e_p_max_m"].max()
-        assert own[number]["e_b_max_deg"] == pytest.approx(table["e_b_max_deg"].max(), rel=1e-12)
-    assert own[0]["e_p_mean_m"] != own[1]["e_p_mean_m"]
-    monkeypatch.setattr(replications, "ROUTES", ("T3",))
-    each = replications.by_replication(reversed(rows))
-    assert each["base laisn-2", "e_p_mean_m"].tolist() == [[row["e_p_mean_m"]] for row in own]
+        for metric, figure in (("e_p_mean_m", np.mean), ("e_p_max_m", np.max), ("e_b_max_deg", np.max)):
+            assert each["base laisn-2", metric].shape == (4, 8)
+            assert each["base laisn-2", metric][number, at] == pytest.approx(figure(table[metric]), rel=1e-12)
+        steps = steps_of(Cell.of(scenario, runs=range(3 * number, 3 * number + 3)))
+        wanted = replications.over_time(steps)["e_p_astern_m"]
+        assert each["base laisn-2", "e_p_astern_m"][number, at] == pytest.approx(wanted, nan_ok=True)
+    assert each["base laisn-2", "e_p_mean_m"][0, at] != each["base laisn-2", "e_p_mean_m"][1, at]
     assert {("base laisn-2", name) for name in replications.TIMED} <= each.keys()
     assert ("base laisn-3-2", "e_p_abeam_m") not in each
-    averaged = replications.means(each)["base laisn-2", "e_p_mean_m"]
-    assert averaged == pytest.approx(np.mean([row["e_p_mean_m"] for row in own]))
-    spread = replications.resampled(each)
-    first, other = (spread[f"base {v}", "e_p_mean_m"][:, 0] for v in ("laisn-2", "laisn-3-2"))
-    assert first.std() == pytest.approx(
-        each["base laisn-2", "e_p_mean_m"].std() / np.sqrt(replications.REPLICATIONS), rel=0.1
-    )
+
+
+def test_resamples_scatter_as_means_over_replications_do():
+    rng = np.random.default_rng(3)
+    shared = rng.normal(10.0, 1.0, (20, 8))
+    each = {("a", "x"): shared, ("b", "x"): shared + rng.normal(0.0, 0.5, (20, 8))}
+    figures = replications.Figures(each=each)
+    first, other = (figures.known(name, "x") for name in "ab")
+    assert first[0] == pytest.approx(shared.mean(axis=0))
+    assert first[1:, 0].std() == pytest.approx(shared[:, 0].std() / np.sqrt(20), rel=0.1)
     # replications are drawn alike in all cells, so that noise that both share drops out of a ratio
-    assert np.corrcoef(first, other)[0, 1] > 0.3
+    assert np.corrcoef(first[1:, 0], other[1:, 0])[0, 1] > 0.5
 
 
 def test_seeds_are_compared_by_their_verdicts_on_all_claims():
@@ -99,7 +102,7 @@ def test_seeds_are_compared_by_their_verdicts_on_all_claims():
 
 
 def test_the_study_of_seeds_judges_each_of_them(tmp_path, short, monkeypatch):
-    monkeypatch.setattr(replications, "REPLICATIONS", 2)
+    monkeypatch.setattr(reproduce, "REPLICATIONS", 2)
     chosen = tuple(s for s in settings.SETTINGS if s.name in ("base", "5s"))
     monkeypatch.setattr(settings, "SETTINGS", chosen)
     monkeypatch.setattr(settings, "published", dict)
@@ -111,13 +114,9 @@ def test_the_study_of_seeds_judges_each_of_them(tmp_path, short, monkeypatch):
 
 
 def test_claims_on_the_published_tables():
-    distance = dict(zip(ROUTES, (42.3, 54.7, 76.5, 74.7, 39.5, 45.6, 40.8, 76.1), strict=True))
-    rows = [
-        {"setting": "base", "variant": "laisn-2", "mission": m, "replication": k, "distance_m": distance[m]}
-        for m in ROUTES
-        for k in range(2)
-    ]
-    verdicts = {c.number: theirs.verdict for c, _, theirs in claims.judge(rows, settings.published())}
+    distance = np.array([[42.3, 54.7, 76.5, 74.7, 39.5, 45.6, 40.8, 76.1]] * 2)
+    ours = replications.Figures(each={("base laisn-2", "distance_m"): distance})
+    verdicts = {c.number: theirs.verdict for c, _, theirs in claims.judge(ours, settings.published())}
     # μ_D = 0.3 has no published table; what the paper claims, its own tables bear out
     assert verdicts.pop(8) == "no data"
     assert set(verdicts.values()) == {"holds"}
@@ -125,13 +124,13 @@ def test_claims_on_the_published_tables():
 
 def verdict(number, figure):
     """Of a claim where every figure is 1, except what `figure(setting, mission, variant, metric)` gives."""
-    figures = {
-        (f"{s.name} {v}", x): np.array([figure(s.name, m, v, x) or 1.0 for m in ROUTES])
+    each = {
+        (f"{s.name} {v}", x): np.array([[figure(s.name, m, v, x) or 1.0 for m in ROUTES]])
         for s in settings.SETTINGS
         for v in s.variants
         for x in (*settings.METRICS, "distance_m")
     }
-    return claims.CLAIMS[number - 1].judge(figures).verdict
+    return claims.CLAIMS[number - 1].judge(replications.Figures(each=each, exact=True)).verdict
 
 
 @pytest.mark.parametrize(("five", "ten", "expected"), [
@@ -175,9 +174,15 @@ def test_errors_abeam_and_astern_take_their_sector():
     assert np.isnan(found["e_p_astern_m"])
 
 
-def test_commands_of_drawn_missions_are_not_offered():
-    plain = Scenario(name="T2", followers=({"route": "T2"},))
-    assert reproduce.fly_command(plain, 4) == "laisn fly T2 --run 4"
+def test_the_command_of_a_row_repeats_its_cell():
+    chosen = [s for s in settings.SETTINGS if s.name == "asymmetric"]
+    entries = settings.entries(chosen, motion="kinematic", runs=1, seed=3)
+    rows = {key: dict.fromkeys(settings.METRICS, 1.0) | {"worst_run": 17} for key in entries}
+    for row, entry in zip(reproduce.table_rows(chosen, entries, rows, {}), entries.values(), strict=True):
+        words = shlex.split(row["fly_worst_run"])
+        assert words[:5] == ["laisn", "fly", row["trajectory"], "--run", "17"]
+        flown = load(row["trajectory"], [words[i + 1] for i, word in enumerate(words) if word == "--set"])
+        assert flown.model_copy(update={"name": entry.scenario.name}) == entry.scenario
 
 
 def test_results_go_to_a_folder_of_their_motion(monkeypatch):

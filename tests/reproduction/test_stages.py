@@ -8,6 +8,9 @@ import pytest
 from experiments.flight.library import ROUTES
 from experiments.studies.reproduction import settings
 
+ENTRIES = settings.entries(settings.SETTINGS, motion="physics", runs=1, seed=1)
+SCENARIOS = {key: entry.scenario for key, entry in ENTRIES.items()}
+
 
 def rows_of_the_file():
     return list(csv.DictReader(settings.data("published_tables.csv").splitlines()))
@@ -52,8 +55,8 @@ def test_figures_stand_where_the_paper_prints_them(key, metric, value):
 
 
 def test_settings_that_the_paper_only_describes_are_flown_too():
-    described = {s.name: s for s in settings.SETTINGS if s.table == "text"}
-    heard = {name: settings.scenario(setting).acoustics for name, setting in described.items()}
+    described = [s for s in settings.SETTINGS if s.table == "text"]
+    heard = {s.name: SCENARIOS[s.name, "T5", "laisn-2"].acoustics for s in described}
     assert heard["muD0.3"].range_scale_mean_m == 0.3
     assert [a.range_tau_m for name, a in heard.items() if name.startswith("tau")] == [(0.03,) * 3, (0.06,) * 3]
 
@@ -110,27 +113,31 @@ def test_alternatives_are_named_and_differ_only_in_what_the_paper_leaves_open():
     for setting in alternatives:
         original = by_name[setting.like]
         assert setting.stage == original.stage
-        made, like = settings.scenario(setting), settings.scenario(original)
+        made, like = (SCENARIOS[s.name, "T5", "laisn-2"] for s in (setting, original))
         kept = like.navigation.model_copy(update={key: getattr(made.navigation, key) for key in free})
         heard = like.acoustics.model_copy(update={"range_error_centred": setting.name in centred})
         assert made == like.model_copy(update={"navigation": kept, "acoustics": heard})
-    fixed = [settings.scenario(s).navigation for s in settings.SETTINGS if s.table != "alternative"]
-    assert {(told.beta_m2, told.threshold_m, told.gate) for told in fixed} == {(0.1, 0.1, "v-max")}
-    assert not any(
-        settings.scenario(s).acoustics.range_error_centred for s in settings.SETTINGS if s.table != "alternative"
-    )
+    own = {s.name for s in settings.SETTINGS if s.table != "alternative"}
+    fixed = [scenario for (name, _, _), scenario in SCENARIOS.items() if name in own]
+    assert {(s.navigation.beta_m2, s.navigation.threshold_m, s.navigation.gate) for s in fixed} == {(0.1, 0.1, "v-max")}
+    assert not any(scenario.acoustics.range_error_centred for scenario in fixed)
 
 
 def test_scenarios_carry_the_setting():
-    setting = next(s for s in settings.SETTINGS if s.name == "heading5")
-    made = settings.scenario(setting, "T4", variant="laisn-3-2", motion="kinematic", seed=9)
+    chosen = [s for s in settings.SETTINGS if s.name == "heading5"]
+    made = settings.entries(chosen, motion="kinematic", runs=1, seed=9)["heading5", "T4", "laisn-3-2"].scenario
     assert made.sensors.leader_heading_bias_deg == 5.0
     assert made.sensors.leader_heading_sigma_deg == 2.0
     assert made.followers[0].depth_m == made.leader.depth_m
-    assert (made.navigation.variant, made.seed, made.name) == ("laisn-3-2", 9, "T4")
+    assert (made.navigation.variant, made.seed, made.followers[0].route) == ("laisn-3-2", 9, "T4")
     assert made.acoustics.range_tau_m == (0.01, 0.01, 0.01)
-    physical = settings.scenario(setting, "T4", variant="laisn-2", motion="physics", seed=9)
+    physical = SCENARIOS["heading5", "T4", "laisn-2"]
     assert physical.followers[0].depth_m != physical.leader.depth_m
+    assert (physical.motion, made.motion) == ("physics", "kinematic")
+
+
+def test_every_setting_is_simulated_with_its_variants_on_every_mission():
+    assert set(SCENARIOS) == {(s.name, r, v) for s in settings.SETTINGS for r in ROUTES for v in s.variants}
 
 
 def test_unknown_stages_are_named():

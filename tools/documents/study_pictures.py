@@ -11,26 +11,20 @@ from experiments.campaign.store import read_table
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES
 from experiments.pages.figures import Line
-from experiments.pages.style import ESTIMATE, FRAME, INK, MUTED, SERIES, Colour, Legend
+from experiments.pages.style import ESTIMATE, INK, MUTED, SERIES, Legend
 from experiments.studies.asymmetry.fix_map import FULL, sweep
 from experiments.studies.closed_loop import scenario_of
 from experiments.studies.real_ranges import DATA
+from experiments.studies.reproduction.figures import agreement
 from experiments.studies.reproduction.study import reproduce
 from laisn.settings import NavigationSettings
 from sim.datasets.log import read_data_set, read_data_set_log, write_data_set
-from tools.documents.drawing import heat, panel
+from tools.documents.drawing import draw, heat, panel
 
 Drawn = tuple[Figure, Legend]
 
 _PITCH_DEG, _OFFSET_M = 5.0, 5.0
 _PLAZA_BEACONS = ("1", "6")
-_ROW_GROUPS: tuple[tuple[str, Colour, str], ...] = (
-    ("messages every 1 and 5 s, stages 1 to 3", SERIES[0], "o"),
-    ("unequal range errors, stage 4", SERIES[2], "D"),
-    ("leader's compass off, stage 5", SERIES[3], "s"),
-    ("messages every 10 s", SERIES[1], "^"),
-)
-"""Name, colour and mark of the kinds of rows."""
 
 
 def asymmetry() -> Drawn:
@@ -88,38 +82,9 @@ def real_ranges() -> Drawn:
     ]
 
 
-def _row_group(row: dict[str, float]) -> int:
-    if row["dt_range_s"] == 10:
-        return 3
-    if row["tau_rear_m"] != row["tau_other_m"]:
-        return 1
-    return 2 if row["mu_heading_leader_deg"] > 0 else 0
-
-
-def _means(folder: Path) -> list[tuple[int, float, float]]:
-    """Group, published and own mean E_P [m] of every published row of a reproduction in `folder`."""
-    rows = read_table(folder / "tables.parquet")
-    kept = [row for row in rows if row["published_e_p_mean_m"] is not None]
-    return [(_row_group(row), row["published_e_p_mean_m"], row["ours_e_p_mean_m"]) for row in kept]
-
-
 def reproduction() -> Drawn:
     """Our mean E_P over the paper's, both on logarithmic axes; the diagonal is agreement, the band a factor of two."""
     with tempfile.TemporaryDirectory() as folder:
         reproduce(out=Path(folder), quiet=True)
-        points = _means(Path(folder))
-    span = np.array([0.15, 40.0])
-    lines = [
-        Line(x=span, y=factor * span, colour=FRAME, width=width, dash=dash)
-        for factor, width, dash in ((1.0, 1.2, "-"), (2.0, 0.8, "--"), (0.5, 0.8, "--"))
-    ]
-    for number, (_, colour, mark) in enumerate(_ROW_GROUPS):
-        pairs = np.array([(theirs, ours) for group, theirs, ours in points if group == number])
-        lines.append(Line(x=pairs[:, 0], y=pairs[:, 1], colour=colour, marker=mark))
-    figure = panel(lines, x_label="the paper's mean E_P [m]", y_label="our mean E_P [m]", height=3.6)
-    axes = figure.axes[0]
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_xlim(*span)
-    axes.set_ylim(*span)
-    return figure, [(colour, f"{mark} {name}") for (name, colour, _), mark in zip(_ROW_GROUPS, "●◆■▲", strict=True)]
+        figure, legend = agreement(read_table(Path(folder) / "tables.parquet"))
+        return draw(figure), legend

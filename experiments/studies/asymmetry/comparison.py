@@ -13,17 +13,18 @@ neither. Where the first runs do not show that pitch adds anything, there is not
 """
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from enum import Enum
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
 from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
 
 from experiments import intervals
+from experiments.campaign.store import Record
 from experiments.intervals import CONFIDENCE, Interval
-from experiments.studies.asymmetry.conditions import LEVEL, LEVEL_BROADCAST, READINGS, REAL, REMEDIES, Arm
+from experiments.studies.asymmetry.design import LEVEL, LEVEL_BROADCAST, READINGS, REAL, REMEDIES, Arm
 from laisn.arrays import Bools, Floats
 
 WRONG = 0.025
@@ -33,9 +34,22 @@ _OF_ERRORS, _OF_LOCKS = 0.015, 0.01
 of rare mirror locks twice as often and more."""
 _REACH = 0.5
 """Standard errors by which the mean of d may yet move when it is asked whether more runs would settle a question."""
+JUDGED_FROM_M = 0.1
+"""Remedies are judged on missions in which pitch moves a noiseless fix by this much or more in the mean. That follows
+from the motion alone, whatever the runs come to."""
+LOCKS_WANTED = 0.9
+"""Share of the mirror locks that pitch adds which any remedy should remove: a run is locked or not, so that 99 % of
+them would take thousands of runs to tell."""
+Question = Literal["error", "mirror_lock"]
+QUESTIONS: tuple[Question, ...] = ("error", "mirror_lock")
+"""What a remedy is judged by: errors of runs without mirror lock, and mirror locks."""
+OF_RUNS: Mapping[Question, str] = {"error": "e_p_run_mean_m", "mirror_lock": "mirror_locked_run"}
+"""Columns of a row with a value for each run: mean E_P [m], and whether it was locked on the mirror image."""
+JUDGEMENTS = (*((arm, LEVEL) for arm in REMEDIES), (READINGS, LEVEL_BROADCAST))
+"""Remedies, and what each is compared with."""
 
 
-class Verdict(Enum):
+class Verdict(StrEnum):
     """Judgement of one remedy on one mission."""
 
     MET = "met"
@@ -64,11 +78,6 @@ def _within_reach(rest: Interval, confidence: float, share: float) -> bool:
     return rest.value - slack * down + still * up <= 0.0 or rest.value + slack * up - still * down > 0.0
 
 
-def _runs_needed(rest: Interval, runs: int) -> float:
-    """An interval of many runs is symmetric about the mean, and shrinks with the square root of their number."""
-    return runs * ((rest.high - rest.low) / (2.0 * rest.value)) ** 2 if rest.value else math.inf
-
-
 def judge(part: Floats, left: Floats, wanted: float, looks: Sequence[int], free: Bools | None = None) -> Judgement:
     """Judge after each look until the question is settled; each look has its part of the chance of a wrong verdict.
 
@@ -91,108 +100,53 @@ def judge(part: Floats, left: Floats, wanted: float, looks: Sequence[int], free:
     judgement = Judgement(Verdict.OPEN, looks[0])
     for runs in (look for look in looks if look <= part.size):
         rest = interval(left - (1.0 - wanted) * part, runs, confidence)
-        if rest.high <= 0.0:
-            return Judgement(Verdict.MET, runs)
-        if rest.low > 0.0:
-            return Judgement(Verdict.MISSED, runs)
+        if rest.high <= 0.0 or rest.low > 0.0:
+            return Judgement(Verdict.MET if rest.high <= 0.0 else Verdict.MISSED, runs)
         promising = runs < looks[-1] and _within_reach(rest, confidence, runs / looks[-1])
-        judgement = Judgement(Verdict.OPEN, runs, promising, _runs_needed(rest, runs))
+        # an interval of many runs is symmetric about the mean, and shrinks with the square root of their number
+        needed = runs * ((rest.high - rest.low) / (2.0 * rest.value)) ** 2 if rest.value else math.inf
+        judgement = Judgement(Verdict.OPEN, runs, promising, needed)
     return judgement
-
-
-JUDGED_FROM_M = 0.1
-"""Remedies are judged on missions in which pitch moves a noiseless fix by this much or more in the mean. That follows
-from the motion alone, whatever the runs come to."""
-LOCKS_WANTED = 0.9
-"""Share of the mirror locks that pitch adds which any remedy should remove: a run is locked or not, so that 99 % of
-them would take thousands of runs to tell."""
-Question = Literal["error", "mirror_lock"]
-QUESTIONS: tuple[Question, ...] = ("error", "mirror_lock")
-"""What a remedy is judged by: errors of runs without mirror lock, and mirror locks."""
-JUDGEMENTS = (*((arm, LEVEL) for arm in REMEDIES), (READINGS, LEVEL_BROADCAST))
-"""Remedies, and what each is compared with."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Row:
-    """Result of one arm on one mission; errors are E_P and E_B of the paper over all steps of the first `runs` runs."""
-
-    condition: str
-    cause: str
-    route: str
-    depth_offset_m: float
-    variant: str
-    arm: str
-    first_run: int
-    """Number of the first of its runs, which no other mission has."""
-    runs: int
-    e_p_mean_m: float
-    e_p_run_mean_m: tuple[float, ...]
-    """Mean E_P of each run [m], also of those that were flown later because a verdict was open."""
-    mirror_locked_run: tuple[bool, ...]
-    """Whether each run was locked on the mirror image, likewise."""
-    e_p_std_m: float
-    e_p_95_m: float
-    e_p_max_m: float
-    e_b_mean_deg: float
-    mirror_locked: int
-    gated: int
-    pitch_rms_deg: float
-    """Root mean square of the leader's pitch."""
-    pitch_max_deg: float
-    range_mean_m: float
-    depth_offset_rms_m: float
-    """True root mean square of Δz."""
-    fix_error_m: float
-    """Mean over the messages of what pitch does to a noiseless fix of LAISN-2, in closed form."""
-    inclinometer_rms_deg: float
-    """Error of pitch as the AHRS's inclinometer reads it."""
-    ahrs_rms_deg: float
-    """Error of pitch as the AHRS gives it."""
-    error_verdict: str = ""
-    """Verdict on a remedy by errors in runs without mirror lock; empty where none is given."""
-    mirror_lock_verdict: str = ""
-    """Verdict on a remedy by mirror locks; empty where none is given."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ComparedMission:
-    """One mission of one variant in all its arms, by their keys."""
+    """One mission of one variant in all its arms: rows by the keys of the arms."""
 
-    arms: dict[str, Row]
+    arms: Mapping[str, Record]
 
     @property
-    def real(self) -> Row:
+    def real(self) -> Record:
         """Behind the leader that pitches."""
         return self.arms[REAL.key]
 
     @property
     def added(self) -> float:
         """What pitch adds to the mean position error, locked runs included [m]."""
-        return self.real.e_p_mean_m - self.arms[LEVEL.key].e_p_mean_m
+        return float(self.real["e_p_mean_m"] - self.arms[LEVEL.key]["e_p_mean_m"])
 
     @property
     def judged(self) -> bool:
         """Whether remedies are judged on this mission."""
-        return self.arms[LEVEL.key].fix_error_m >= JUDGED_FROM_M
+        return bool(self.real["fix_error_m"] >= JUDGED_FROM_M)
 
     @property
     def lever(self) -> float:
         """Δz sin φ, both root mean square [m]."""
-        return self.real.depth_offset_rms_m * float(np.sin(np.deg2rad(self.real.pitch_rms_deg)))
+        return float(self.real["depth_offset_rms_m"] * np.sin(np.deg2rad(self.real["pitch_rms_deg"])))
 
     def first_runs(self, arm: Arm, question: Question = "error") -> Floats:
         """Mean error [m], or 1 if locked, of each of the first runs, shape (R,)."""
-        row = self.arms[arm.key]
-        return np.array((row.e_p_run_mean_m if question == "error" else row.mirror_locked_run)[: self.real.runs], float)
+        return np.array(self.arms[arm.key][OF_RUNS[question]][: self.real["runs"]], dtype=np.float64)
 
     def compared(self, question: Question, arm: Arm, base: Arm = LEVEL) -> tuple[Floats, Floats, Bools]:
         """What pitch adds to each run, what a remedy leaves of it, and the runs that no arm of the comparison locks."""
-        rows = self.real, self.arms[LEVEL.key], self.arms[arm.key], self.arms[base.key]
-        runs = min(len(row.mirror_locked_run) for row in rows)
-        locked = np.array([row.mirror_locked_run[:runs] for row in rows])
-        errors = np.array([row.e_p_run_mean_m[:runs] for row in rows])
-        real, level, remedy, other = errors if question == "error" else locked.astype(np.float64)
+        rows = [self.arms[one.key] for one in (REAL, LEVEL, arm, base)]
+        runs = min(len(row[OF_RUNS[question]]) for row in rows)
+        locked, outcomes = (
+            np.array([row[OF_RUNS[of]][:runs] for row in rows], dtype=np.float64) for of in ("mirror_lock", question)
+        )
+        real, level, remedy, other = outcomes
         return real - level, remedy - other, np.logical_not(locked.any(axis=0))
 
     def judge(self, question: Question, arm: Arm, looks: Sequence[int], base: Arm = LEVEL) -> Judgement:
@@ -206,11 +160,12 @@ class ComparedMission:
 Missions = Sequence[ComparedMission]
 
 
-def paired(rows: Iterable[Row]) -> list[ComparedMission]:
+def paired(rows: Iterable[Record]) -> list[ComparedMission]:
     """Rows of the same mission and variant, put together."""
-    found: dict[tuple[str, str, float, str], dict[str, Row]] = {}
+    found: dict[tuple[object, ...], dict[str, Record]] = {}
     for row in rows:
-        found.setdefault((row.condition, row.route, row.depth_offset_m, row.variant), {})[row.arm] = row
+        key = tuple(row[name] for name in ("condition", "route", "depth_offset_m", "variant"))
+        found.setdefault(key, {})[row["arm"]] = row
     return [ComparedMission(arms=arms) for arms in found.values()]
 
 
@@ -232,24 +187,29 @@ def undecided(mission: ComparedMission, looks: Sequence[int], flown: int) -> lis
     return [key for key in mission.arms if key in wanted]
 
 
-def with_verdicts(mission: ComparedMission, looks: Sequence[int]) -> list[Row]:
-    """The rows of a mission, those of remedies with their verdicts if they are judged on it."""
-    rows = dict(mission.arms)
-    for arm in REMEDIES:
-        if mission.judged and arm.key in rows:
-            verdicts = {f"{q}_verdict": mission.judge(q, arm, looks).verdict.value for q in QUESTIONS}
-            rows[arm.key] = replace(rows[arm.key], **verdicts)  # type: ignore[arg-type]
-    return list(rows.values())
+def with_verdicts(mission: ComparedMission, looks: Sequence[int]) -> list[Record]:
+    """The rows of a mission with verdicts on errors and mirror locks: of remedies, if they are judged on it."""
+    judged = [arm for arm in REMEDIES if mission.judged]
+    verdicts = {
+        arm.key: {f"{question}_verdict": str(mission.judge(question, arm, looks).verdict) for question in QUESTIONS}
+        for arm in judged
+        if arm.key in mission.arms
+    }
+    none = {f"{question}_verdict": "" for question in QUESTIONS}
+    return [row | verdicts.get(key, none) for key, row in mission.arms.items()]
 
 
 def select(missions: Missions, *, judged: bool = False, **wanted: object) -> list[ComparedMission]:
     """Missions whose columns have these values, None being any; `judged`: only those on which remedies are judged."""
     given = {name: value for name, value in wanted.items() if value is not None}
     return [
-        m
-        for m in missions
-        if (m.judged or not judged) and all(getattr(m.real, name) == value for name, value in given.items())
+        m for m in missions if (m.judged or not judged) and all(m.real[name] == value for name, value in given.items())
     ]
+
+
+def mean_error(missions: Missions, arm: Arm) -> Interval:
+    """Mean error of an arm over missions, locked runs included [m]."""
+    return intervals.mean_over_missions([m.first_runs(arm) for m in missions])
 
 
 def added(missions: Missions, arm: Arm, base: Arm = LEVEL, question: Question = "error") -> list[Floats]:
@@ -260,6 +220,12 @@ def added(missions: Missions, arm: Arm, base: Arm = LEVEL, question: Question = 
 def mean_added(missions: Missions, arm: Arm, base: Arm = LEVEL) -> Interval:
     """What an arm adds to the mean error of another over missions, locked runs included [m]."""
     return intervals.mean_over_missions(added(missions, arm, base))
+
+
+def locks_added(missions: Missions) -> Interval:
+    """Number of the first runs that pitch locks on the mirror image."""
+    share = intervals.mean_over_missions(added(missions, REAL, question="mirror_lock"))
+    return Interval(*(sum(m.real["runs"] for m in missions) * value for value in share))
 
 
 def removed_in_all(

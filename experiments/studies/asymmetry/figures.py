@@ -1,15 +1,14 @@
 """Drawings of the pitch study: one message to scale, the map around the leader, errors over pitch, results."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple, Self
 
 import numpy as np
 
 from experiments.pages.figures import Line, Panel, numbers, panel
-from experiments.pages.style import FRAME, FULL, INK, MUTED, SERIES, Colour
+from experiments.pages.style import FULL, INK, MUTED, SERIES, Colour
 from experiments.studies.asymmetry.comparison import Missions, select
-from experiments.studies.asymmetry.conditions import AHRS, LEVEL, REAL
+from experiments.studies.asymmetry.design import AHRS, CAUSES, LEVEL, REAL
 from experiments.studies.asymmetry.fix_map import Chart
 from laisn.arrays import Bools, Floats
 from sim.sensing.acoustics import TRANSMITTERS
@@ -22,10 +21,6 @@ CAUSE_COLOURS = {"trim": SERIES[0], "dive": SERIES[2], "waves": SERIES[1]}
 ERROR_LEVELS_M = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 ERROR_COLOURS = ("#e8f1f8", "#c3dcee", "#8fbfdf", "#f3d19a", "#ea9a5c", "#d1602f", "#8e2a12")
 """Blue below half a metre, orange to brown above; the last for 4 m and more."""
-_HULL_M = (2.0, 0.25)
-"""Length and height."""
-
-
 _TURN = np.linspace(0.0, 2.0 * np.pi, 181)
 
 
@@ -66,59 +61,51 @@ class Message(NamedTuple):
         return np.array([along, np.copysign(aside, self.hydrophone[1])])
 
 
-def _scene(lines: Sequence[Line], points: Floats, pad: tuple[float, float], y_label: str, title: str) -> Panel:
-    """A panel that shows some points and a margin about them, both axes to one scale."""
-    (left, low), (right, high) = points.min(axis=0) - pad, points.max(axis=0) + pad
+def _path(points: Floats, colour: Colour, dash: str = "-", marker: str = "", **words: str) -> Line:
+    """A line through points of shape (n, 2), or marks there, perhaps with words beside the last."""
+    return Line(x=points[:, 0], y=points[:, 1], colour=colour, dash=dash, marker=marker, size=5.0, **words)  # type: ignore[arg-type]
+
+
+def _scene(lines: Sequence[Line], low: Floats, high: Floats, y_label: str, title: str) -> Panel:
+    """A panel between two corners, both axes to one scale."""
     return panel(
         lines, x_label="forward of the leader [m]", y_label=y_label, title=title, height=3.4, equal=True,
-        x_limits=(left, right), y_limits=(low, high),
+        x_limits=(low[0], high[0]), y_limits=(low[1], high[1]),
     )  # fmt: skip
 
 
-def _hull(pitch: float, colour: Colour, dash: str = "-") -> Line:
-    """Outline of the hull from the side."""
-    forward, up = 0.5 * _HULL_M[0] * np.cos(_TURN), 0.5 * _HULL_M[1] * np.sin(_TURN)
-    x, y = forward * np.cos(pitch) - up * np.sin(pitch), forward * np.sin(pitch) + up * np.cos(pitch)
-    return Line(x=x, y=y, colour=colour, dash=dash, width=0.8)
-
-
 def message_hull(message: Message) -> Panel:
-    """The hull from the side: rays from bow and stern where they are, and where the follower assumes them."""
-    lines = [_hull(0.0, LEVEL_COLOUR, "--"), _hull(message.pitch, FRAME)]
-    for i, name in ((0, "stern"), (1, "bow")):
-        for site, colour, dash in (
-            (message.assumed[i], LEVEL_COLOUR, "--"),
-            (message.transmitters[i], REAL_COLOUR, "-"),
-        ):
-            ray = np.stack([site, message.hydrophone])[:, [0, 2]]
-            lines.append(Line(x=ray[:, 0], y=ray[:, 1], colour=colour, width=0.9, dash=dash))
-            lines.append(Line(x=ray[:1, 0], y=ray[:1, 1], colour=colour, marker="o", size=4.0))
-        x, _, z = message.transmitters[i]
-        side = f"{'top' if z > 0 else 'bottom'} {'right' if x > 0 else 'left'}"
-        lines[-1] = replace(lines[-1], text=f"{name} {100 * z:+.0f} cm", side=side)
-    reach = np.array([(-2.1, -0.9), (2.1, 0.9)])
-    return _scene(lines, reach, (0.0, 0.0), "up [m]", "Bow and stern from the side")
+    """The hull's axis from the side, with rays: where stern and bow are, and where the follower assumes them."""
+    lines = []
+    for sites, colour, dash in ((message.assumed, LEVEL_COLOUR, "--"), (message.transmitters, REAL_COLOUR, "-")):
+        lines.append(_path(sites[:, [0, 2]], colour, dash))
+        for name, site in zip(("stern", "bow"), sites, strict=True):
+            side = f"{'top' if site[2] > 0 else 'bottom'} {'right' if site[0] > 0 else 'left'}"
+            text = f"{name} {100 * site[2]:+.0f} cm" if colour is REAL_COLOUR else ""
+            lines.append(_path(np.stack([site, message.hydrophone])[:, [0, 2]], colour, dash))
+            lines.append(_path(site[None, [0, 2]], colour, marker="o", text=text, side=side))
+    return _scene(lines, np.array([-2.1, -0.9]), np.array([2.1, 0.9]), "up [m]", "Bow and stern from the side")
 
 
 def message_top(message: Message) -> Panel:
     """View from above, to scale: the circles that the follower draws, and where they meet."""
     truth, fix = message.hydrophone[:2], message.fix
     reach, error = float(np.hypot(*truth)), float(np.hypot(*(fix - truth)))
-    circles = [(message.assumed[i, :2], message.used_range[i], REAL_COLOUR, "-") for i in (0, 1)]
-    lines = [_hull(0.0, FRAME)]
-    for place, radius, colour, dash in (*circles, (np.zeros(2), reach, INK, ":")):
-        x, y = place[0] + radius * np.cos(_TURN), place[1] + radius * np.sin(_TURN)
-        lines.append(Line(x=x, y=y, colour=colour, dash=dash, width=0.8))
+    circle = np.column_stack([np.cos(_TURN), np.sin(_TURN)])
+    drawn = zip(message.assumed[:, :2], message.used_range, strict=True)
+    lines = [_path(centre + radius * circle, REAL_COLOUR) for centre, radius in drawn]
+    lines += [_path(reach * circle, INK, ":"), _path(message.assumed[:, :2], INK)]
     # labels away from each other, across the ray
-    left = fix[0] < truth[0]
+    sides = ("middle left", "middle right") if fix[0] < truth[0] else ("middle right", "middle left")
     for text, at, side, colour, mark in (
-        ("truth", truth, "right" if left else "left", LEVEL_COLOUR, "s"),
-        (f"fix, {error:.2f} m off", fix, "left" if left else "right", REAL_COLOUR, "X"),
-    ):
-        lines.append(Line(x=np.array([0.0, at[0]]), y=np.array([0.0, at[1]]), colour=colour, width=0.7, dash="--"))
-        lines.append(Line(x=at[:1], y=at[1:], colour=colour, marker=mark, size=5.0, text=text, side=f"middle {side}"))
-    pad, points = (0.3 * reach, 0.12 * reach), np.array([truth, fix, (-1.5, 0.0), (1.5, 0.0)])
-    return _scene(lines, points, pad, "port [m]", "From above, to scale")
+        (f"fix, {error:.2f} m off", fix, sides[0], REAL_COLOUR, "X"), ("truth", truth, sides[1], LEVEL_COLOUR, "s"),
+    ):  # fmt: skip
+        lines += [
+            _path(np.stack([np.zeros(2), at]), colour, "--"),
+            _path(at[None], colour, "", mark, text=text, side=side),
+        ]
+    points, pad = np.array([truth, fix, (-1.5, 0.0), (1.5, 0.0)]), reach * np.array([0.3, 0.12])
+    return _scene(lines, points.min(axis=0) - pad, points.max(axis=0) + pad, "port [m]", "From above, to scale")
 
 
 def _heat(bearing_deg: Floats, range_m: Floats, error: Floats, title: str) -> Panel:
@@ -163,25 +150,25 @@ def excess_over_lever(missions: Missions) -> Panel:
     lines = [Line(x=equal, y=equal, colour=MUTED, dash="--")]
     for cause, colour in CAUSE_COLOURS.items():
         here = select(missions, cause=cause)
-        lever, added = np.array([m.lever for m in here]), np.array([m.added for m in here])
-        lines.append(
-            Line(x=lever, y=np.maximum(added, 1e-3), colour=colour, marker="o", size=4.0, opacity=0.7, name=cause)
-        )
-    x_label, y_label = "Δz sin φ of the mission, rms [m]", "added to mean E_P [m]"
+        points = np.array([(m.lever, max(m.added, 1e-3)) for m in here]).reshape(-1, 2)
+        lines.append(Line(x=points[:, 0], y=points[:, 1], colour=colour, marker="o", size=4.0, name=CAUSES[cause]))
     return panel(
-        lines, x_label=x_label, y_label=y_label, title="All missions, LAISN-2", height=2.8, x_log=True, y_log=True,
-        x_limits=(0.005, 1.2 * top), y_limits=(9e-4, None),
+        lines, x_label="Δz sin φ of the mission, rms [m]", y_label="added to mean E_P [m]",
+        title="All missions, LAISN-2", height=2.8, x_log=True, y_log=True, x_limits=(0.005, 1.2 * top),
+        y_limits=(9e-4, None),
     )  # fmt: skip
 
 
 def over_offset(missions: Missions, title: str) -> Panel:
     """Mean position error of the median mission over the depth offset, by leader and with an AHRS."""
-    offsets = sorted({m.real.depth_offset_m for m in missions})
+    offsets = sorted({m.real["depth_offset_m"] for m in missions})
     by_offset = [select(missions, depth_offset_m=offset) for offset in offsets]
     lines = []
-    for arm, colour in ((LEVEL, LEVEL_COLOUR), (REAL, REAL_COLOUR), (AHRS, AWARE_COLOUR)):
-        error = np.array([np.median([m.arms[arm.key].e_p_mean_m for m in here]) for here in by_offset])
-        dash = "--" if arm is AHRS else "-"
+    for arm, (colour, name), dash in zip((LEVEL, REAL, AHRS), LEGEND, ("-", "-", "--"), strict=True):
+        error = np.array([np.median([m.arms[arm.key]["e_p_mean_m"] for m in here]) for here in by_offset])
         lines.append(Line(x=np.array(offsets), y=error, colour=colour, width=1.4, dash=dash))
-        lines.append(Line(x=np.array(offsets), y=error, colour=colour, marker="o", name=arm.key))
-    return panel(lines, x_label="depth offset [m]", y_label="mean E_P [m]", title=title, y_limits=(0.0, None))
+        lines.append(Line(x=np.array(offsets), y=error, colour=colour, marker="o", name=name))
+    return panel(
+        lines, x_label="depth of the follower below the leader [m]", y_label="mean position error [m]", title=title,
+        y_limits=(0.0, None),
+    )  # fmt: skip

@@ -10,7 +10,7 @@ import numpy as np
 
 from experiments.flight.range_budget import Cause, RangeErrorBudget, range_error_budget
 from experiments.flight.summary import position_and_bearing_errors
-from experiments.studies.asymmetry.conditions import AHRS, Condition
+from experiments.studies.asymmetry.design import AHRS, Condition
 from laisn.arrays import Floats
 from sim.film.annotations import Annotations, OtherEstimate, RayErrors
 from sim.film.render import render
@@ -47,19 +47,15 @@ class Example:
 
 
 def fly_example(condition: Condition, duration: float) -> Example:
-    """Fly a condition with one follower, and take its range errors apart."""
-    one = condition.scenario(ROUTE, OFFSET_M, duration)
+    """Simulate a condition with one follower, and take its range errors apart."""
+    one, everything = (condition.scenario(ROUTE, OFFSET_M, duration, settings) for settings in ({}, EVERYTHING))
     trajectory = simulate_motion(one)
     flight = navigate(one, trajectory)
-    everything = condition.scenario(ROUTE, OFFSET_M, duration, EVERYTHING)
     away = trajectory.position[:, 1, :2] - trajectory.position[:, 0, :2]
     pings = flight.measurements[0].message_step * flight.stride
-    return Example(
-        condition=condition,
-        flight=flight,
-        budget=range_error_budget(navigate(everything, trajectory)),
-        step=int(pings[np.argmax(np.abs(trajectory.pitch[pings, 0]) / np.hypot(*away[pings].T))]),
-    )
+    step = int(pings[np.argmax(np.abs(trajectory.pitch[pings, 0]) / np.hypot(*away[pings].T))])
+    budget = range_error_budget(navigate(everything, trajectory))
+    return Example(condition=condition, flight=flight, budget=budget, step=step)
 
 
 def pitch_errors(flight: Flight) -> Floats:
@@ -74,28 +70,22 @@ def pitch_errors(flight: Flight) -> Floats:
 
 def scene(example: Example) -> tuple[Flight, Annotations]:
     """What the film shows: the stretch about the message of the example, and an estimate by the broadcast pitch."""
-    level = example.flight
-    time = level.trajectory.time
+    level, time = example.flight, example.flight.trajectory.time
     # truth and all other noise are the same: random numbers belong to their sensor
-    duration = round(float(time[-1]), 6)
-    aware = navigate(example.condition.scenario(ROUTE, OFFSET_M, duration, AHRS.settings), level.trajectory)
+    aware = navigate(example.condition.scenario(ROUTE, OFFSET_M, round(float(time[-1]), 6), AHRS.set), level.trajectory)
     message = float(time[example.step])
     start, end = max(float(time[0]), message - _BEFORE_S), min(float(time[-1]), message + _AFTER_S)
     shown = excerpt(level, start, end)
     shown = replace(shown, scenario=level.scenario.model_copy(update={"name": example.condition.key}))
-    received, (first, *_, last) = time[level.measurements[0].message_step * level.stride], shown.trajectory.time
-    errors = pitch_errors(level)[(received > first) & (received <= last)]
+    received = time[level.measurements[0].message_step * level.stride]
+    errors = pitch_errors(level)[(received > shown.trajectory.time[0]) & (received <= shown.trajectory.time[-1])]
     largest = float(np.nanmax(np.abs(errors), initial=1e-3))
     digit = 10.0 ** np.floor(np.log10(largest))
-    other = OtherEstimate(
-        label="leader's pitch broadcast",
-        colour=_AWARE_COLOUR,
-        position=excerpt(aware, start, end).estimates[0].state[:, :2],
-    )
+    position = excerpt(aware, start, end).estimates[0].state[:, :2]
     return shown, Annotations(
         caption=f"The leader pitches: estimates of a follower {OFFSET_M:g} m below",
         label="level leader assumed",
-        others=(other,),
+        others=(OtherEstimate(label="leader's pitch broadcast", colour=_AWARE_COLOUR, position=position),),
         rays=RayErrors(label="range error from pitch", value=errors, limit=float(np.ceil(largest / digit) * digit)),
     )
 

@@ -122,12 +122,6 @@ def closed_form_error(*point: npt.ArrayLike) -> Floats:
     return np.where(np.abs(_turned_cosine(*point)) <= 1.0, fix_error(*point), np.nan)
 
 
-def first_order_error(pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, bearing: npt.ArrayLike) -> Floats:
-    """Δz sin φ / |sin B|, the lever arm's share for small angles, [m]; infinite or NaN on the axis."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.abs(np.asarray(depth_offset) * np.sin(pitch) / np.sin(bearing)))
-
-
 def measure_map(grid: Grid, settings: NavigationSettings) -> Chart:
     """The map as columns with a row per point: position errors of each variant, range errors and closed forms.
 
@@ -146,7 +140,6 @@ def measure_map(grid: Grid, settings: NavigationSettings) -> Chart:
     excess = slant_ranges(points, hull) - slant_ranges(points * [0.0, 1.0, 1.0, 1.0], hull)
     columns |= {f"range_error_{name}_m": excess[:, i] for i, name in enumerate(("rear", "front", "middle"))}
     columns["error_closed_form_m"] = closed_form_error(*points.T)
-    columns["error_first_order_m"] = first_order_error(points[:, 0], points[:, 1], points[:, 3])
     return columns
 
 

@@ -1,12 +1,12 @@
-"""Missions of the pitch study: a leader and one follower in a condition, flown in all arms on the same noise.
+"""Missions of the pitch study: a leader and one follower in a condition, simulated in all arms on the same noise.
 
-A condition is flown with followers on all routes in the water at once. Each of them then navigates many times with the
-same noise behind the leader as it moved (real) and behind one that kept level, and with every remedy. Two arms of a
+A condition is simulated with followers on all routes in the water at once. Each of them then navigates many times with
+the same noise behind the leader as it moved (real) and behind one that kept level, and with every remedy. Two arms of a
 mission differ in the pitch, or the remedy, and in nothing else. No two missions share noise.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -16,8 +16,9 @@ import numpy as np
 from experiments.campaign.cells import Cell
 from experiments.campaign.missions import Mission
 from experiments.campaign.montecarlo import simulate
-from experiments.studies.asymmetry.comparison import Row, paired, undecided, with_verdicts
-from experiments.studies.asymmetry.conditions import AHRS, ARMS, INFLATED, Arm, Condition, Plan
+from experiments.campaign.store import Record
+from experiments.studies.asymmetry.comparison import OF_RUNS, paired, undecided, with_verdicts
+from experiments.studies.asymmetry.design import AHRS, ARMS, INFLATED, Arm, Condition, Plan
 from experiments.studies.asymmetry.fix_map import fix_error
 from laisn.arrays import Floats
 from laisn.settings import Variant
@@ -69,17 +70,23 @@ class Pair:
 
     def cell(self, arm: Arm, variant: Variant, runs: range) -> Cell:
         """Runs of one arm and variant."""
-        settings = {**arm.settings, "navigation.variant": variant}
+        settings = {**arm.set, "navigation.variant": variant}
         if arm is INFLATED:
             settings["navigation.expected_pitch_deg"] = self.facts["pitch_rms_deg"]
         return Cell.of(self.scenario(settings), 0, runs, mission=self.level if arm.level else self.real)
 
     @cached_property
     def facts(self) -> dict[str, float]:
-        """Pitch and geometry of the mission: fields of `Row`."""
+        """Pitch and geometry of the mission: columns of its rows.
+
+        - `pitch_rms_deg`, `pitch_max_deg`: of the leader; `range_mean_m`: mean horizontal distance;
+        - `depth_offset_rms_m`: true root mean square of Δz;
+        - `fix_error_m`: mean over the messages of what pitch does to a noiseless fix of LAISN-2, in closed form;
+        - `inclinometer_rms_deg`, `ahrs_rms_deg`: errors of pitch by the AHRS's inclinometer, and by the AHRS.
+        """
         both, pitch = self.motion, self.motion.pitch[:, 0]
         apart = both.position[:, 1] - both.position[:, 0]
-        ahrs = self.scenario(AHRS.settings).sensors
+        ahrs = self.scenario(AHRS.set).sensors
         _, truth = self.real.seen(self.scenario(), 0)
         sent = truth.emission_step * round(truth.dt / CONTROL_STEP_S)
         bearing = np.arctan2(apart[sent, 0], apart[sent, 1]) - both.heading[sent, 0]
@@ -101,67 +108,42 @@ def pair(fleet: Trajectory, follower: int, condition: Condition, route: str, off
     return Pair(motion=fleet.only((0, follower + 1), SITES), condition=condition, route=route, offset=offset)
 
 
-def _row(cell: Cell, **others: Any) -> Row:
-    """The row of a cell; `others` are the columns that no result holds."""
-    found, of_runs = simulate(cell)
-    return Row(
-        **others,
-        first_run=cell.runs[0],
-        runs=found["runs"],
-        e_p_mean_m=found["e_p_mean_m"],
-        e_p_run_mean_m=tuple(of_runs["e_p_mean_m"].tolist()),
-        mirror_locked_run=tuple(of_runs["mirror_locked"].tolist()),
-        e_p_std_m=found["e_p_std_m"],
-        e_p_95_m=found["e_p_p95_m"],
-        e_p_max_m=found["e_p_max_m"],
-        e_b_mean_deg=found["e_b_mean_deg"],
-        mirror_locked=found["mirror_locked_runs"],
-        gated=found["fixes_gated"],
-    )
+def _row(cell: Cell) -> Record:
+    """Figures of a cell by the columns of `CellResult.row`, and outcomes of its runs by `OF_RUNS`."""
+    figures, runs = simulate(cell)
+    outcomes = {OF_RUNS["error"]: runs["e_p_mean_m"], OF_RUNS["mirror_lock"]: runs["mirror_locked"]}
+    return {"first_run": cell.runs[0], **figures, **outcomes}
 
 
-def _extended(row: Row, cell: Cell) -> Row:
-    """A row with more runs; its means stay those of the first ones, which did not depend on what came out."""
-    of_runs = simulate(cell).runs
-    return replace(
-        row,
-        e_p_run_mean_m=row.e_p_run_mean_m + tuple(of_runs["e_p_mean_m"].tolist()),
-        mirror_locked_run=row.mirror_locked_run + tuple(of_runs["mirror_locked"].tolist()),
-    )
+def fly_mission(mission: Pair, plan: Plan) -> list[Record]:
+    """Navigate a mission in every arm and variant: a row for each, figures of which are those of the first runs.
 
-
-def fly_mission(mission: Pair, plan: Plan) -> list[Row]:
-    """Navigate a mission in every arm and variant.
-
-    Arms whose verdict is open after a look are flown on to the next, unless even the last would hardly settle it.
+    Arms whose verdict is open after a look are flown on to the next, unless even the last would hardly settle it. Only
+    outcomes of single runs grow: figures do not depend on what came out.
     """
     rows = []
     for variant in plan.variants:
         arms = {arm.key: arm for arm in ARMS if variant in arm.variants}
-        flown = {
-            key: _row(
-                mission.cell(arm, variant, mission.runs(0, plan.runs)),
-                **mission.facts,
-                condition=mission.condition.key,
-                cause=mission.condition.cause,
-                route=mission.route,
-                depth_offset_m=mission.offset,
-                variant=variant,
-                arm=key,
-            )
-            for key, arm in arms.items()
-        }
+        where = {
+            "condition": mission.condition.key, "cause": mission.condition.cause, "route": mission.route,
+            "depth_offset_m": mission.offset, "variant": variant,
+        }  # fmt: skip
+        flown: dict[str, Record] = {}
+        for key, arm in arms.items():
+            found = _row(mission.cell(arm, variant, mission.runs(0, plan.runs)))
+            flown[key] = {**where, "arm": key, **mission.facts, **found}
         for look, further in pairwise(plan.looks):
             (compared,) = paired(flown.values())
             for key in undecided(compared, plan.looks, look):
-                flown[key] = _extended(flown[key], mission.cell(arms[key], variant, mission.runs(look, further)))
+                more = _row(mission.cell(arms[key], variant, mission.runs(look, further)))
+                flown[key] |= {name: np.append(flown[key][name], more[name]) for name in OF_RUNS.values()}
         (compared,) = paired(flown.values())
         rows += with_verdicts(compared, plan.looks)
     return rows
 
 
-def fly_condition(condition: Condition, offset: float, plan: Plan) -> list[Row]:
-    """Fly one condition with followers on all routes at a depth offset.
+def fly_condition(condition: Condition, offset: float, plan: Plan) -> list[Record]:
+    """Simulate one condition with followers on all routes at a depth offset.
 
     Fleets of this size are quickest: the price of a step grows faster than the number of vehicles.
     """

@@ -1,10 +1,10 @@
 """The pitch study: what a leader that is not level does to its followers, where it matters, and what helps.
 
-`run` flies what is missing of the study, and writes its tables and its page, whose text is page.md.j2. Tasks go to disk
-one by one, so that a study that was killed goes on where it stopped.
+`run` simulates what is missing of the study, and writes its tables and its page, whose text is page.md.j2. Tasks go to
+disk one by one, so that a study that was killed goes on where it stopped.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -13,28 +13,29 @@ from typing import Any, Unpack
 import numpy as np
 
 from experiments.campaign import campaign
-from experiments.campaign.campaign import Design, ExecutionOptions, Task, typed
+from experiments.campaign.campaign import Design, ExecutionOptions, Task, typed, with_arrays
 from experiments.campaign.progress import compiling_shown
 from experiments.campaign.store import columns_of, write_table
-from experiments.findings import FILE, Findings
+from experiments.findings import FILE, Finding, Findings, of
 from experiments.flight.range_budget import Cause
+from experiments.intervals import Interval
 from experiments.pages.page import Cell, Code, Figures, Film, share_of, write
 from experiments.pages.range_budget_page import asymmetry_over_time, legend_of, share_table
 from experiments.pages.template import page_of
-from experiments.studies.asymmetry import comparison, conditions, figures, findings, fix_map
-from experiments.studies.asymmetry.comparison import Missions, Row, Verdict, paired, select
-from experiments.studies.asymmetry.conditions import CAUSES, QUICK_CONDITIONS, Condition, Plan
+from experiments.studies.asymmetry import comparison, design, figures, findings, fix_map, paper
+from experiments.studies.asymmetry.comparison import Missions, Verdict, paired, select
+from experiments.studies.asymmetry.design import CAUSES, QUICK_CONDITIONS, Condition, Plan
 from experiments.studies.asymmetry.film import EVERYTHING, OFFSET_M, ROUTE, Example, fly_example
 from experiments.studies.asymmetry.missions import fly_condition
-from experiments.studies.asymmetry.paper import Curve, GateRow, fly_curves, fly_gates
+from experiments.studies.asymmetry.paper import Curve, fly_curves
 from laisn.settings import NavigationSettings
 
-_CURVES, _GATES = "curves", "gates"
+_CURVES = "curves"
 _SHOWN = (Cause.LEVER_ARM, Cause.RANDOM, Cause.MOTION)
 """Causes of range errors that are drawn over time."""
 
 
-def _of_message(example: Example) -> dict[str, Any]:
+def of_message(example: Example) -> dict[str, Any]:
     """Values of the page on the ranges of one message and of the minutes around it."""
     budget, message = example.budget, figures.Message.of(example.flight.trajectory, example.step)
     first = budget.time <= 200.0
@@ -54,7 +55,7 @@ def _of_message(example: Example) -> dict[str, Any]:
     }
 
 
-def _of_map(chart: fix_map.Chart) -> dict[str, Any]:
+def of_map(chart: fix_map.Chart) -> dict[str, Any]:
     """Values of the page on the map: where around the leader its pitch matters."""
     drawn = [figures.around_leader(chart, offset) for offset in (0.0, 5.0)]
     closed_form, two = chart["error_closed_form_m"], chart["error_laisn-2_m"]
@@ -68,21 +69,19 @@ def _of_map(chart: fix_map.Chart) -> dict[str, Any]:
     }
 
 
-def _of_missions(missions: Missions, plan: Plan, found: Findings) -> dict[str, Any]:
-    """Values of the page on missions: what pitch adds, and what remains of it with a broadcast attitude."""
+def against(finding: Finding | Interval, aim: float) -> Cell:
+    """A share with its interval, green if the whole of it is beyond its aim, red if it is short of it."""
+    found = of(finding, "") if isinstance(finding, Interval) else finding
+    tone = "yes" if found.low is not None and found.low >= aim else ""
+    return replace(share_of(found), tone="no" if found.high is not None and found.high < aim else tone)
+
+
+def of_missions(missions: Missions, curves: Sequence[Curve], plan: Plan) -> dict[str, Any]:
+    """Values and functions of the page on missions: what pitch adds, and what remains of it with each remedy."""
     two = select(missions, variant="laisn-2")
     judged = select(two, judged=True)
+    paired_verdicts = [m.judge("error", design.READINGS, plan.looks, design.LEVEL_BROADCAST).verdict for m in judged]
     by_cause = [figures.over_offset(select(two, cause=cause), name) for cause, name in CAUSES.items()]
-    against_level = [
-        m.judge("error", conditions.READINGS, plan.looks, conditions.LEVEL_BROADCAST).verdict for m in judged
-    ]
-
-    def against(name: str, aim: float) -> Cell:
-        """A share with its interval, green if the whole of it is beyond its aim, red if it is short of it."""
-        low, high = found[name].low, found[name].high
-        tone = "yes" if low is not None and low >= aim else "no" if high is not None and high < aim else ""
-        return replace(share_of(found[name]), tone=tone)
-
     return {
         "offsets": Figures(panels=by_cause, legend=figures.LEGEND),
         "worst": max(judged, key=lambda m: m.added, default=None),
@@ -90,8 +89,18 @@ def _of_missions(missions: Missions, plan: Plan, found: Findings) -> dict[str, A
             panels=[figures.excess_over_lever(two)],
             legend=[(colour, CAUSES[cause]) for cause, colour in figures.CAUSE_COLOURS.items()],
         ),
-        "missed_paired": against_level.count(Verdict.MISSED),
-        "open_paired": against_level.count(Verdict.OPEN),
+        "missed_paired": paired_verdicts.count(Verdict.MISSED),
+        "open_paired": paired_verdicts.count(Verdict.OPEN),
+        "missions": missions,
+        "plan": plan,
+        "design": design,
+        "comparison": comparison,
+        "paper": paper,
+        "curves": curves,
+        "deepest": fix_map.deepest_offset,
+        "radians": np.deg2rad,
+        "stage_4_taus": findings.STAGE_4_TAU_M,
+        "shown": lambda interval, spec: format(of(interval, ""), spec).replace(" (– to –)", ""),
         "against": against,
     }
 
@@ -108,7 +117,7 @@ def run(
     film: Callable[[Example, Path], Path] | None = None,
     **options: Unpack[ExecutionOptions],
 ) -> Path:
-    """Fly the study, or what is missing of it, and write tables and page.
+    """Simulate the study, or what is missing of it, and write tables and page.
 
     Args:
         folder: as of `campaign.fly`.
@@ -119,19 +128,17 @@ def run(
     Returns:
         The page.
     """
-    plan, causes = (conditions.QUICK, QUICK_CONDITIONS) if quick else (Plan(), conditions.CONDITIONS)
+    plan, causes = (design.QUICK, QUICK_CONDITIONS) if quick else (Plan(), design.CONDITIONS)
     fleets: dict[Any, Task] = {
         (c.key, offset): partial(fly_condition, c, offset, plan) for c in causes for offset in plan.offsets_m
     }
-    design = Design(
-        # the longest first, so that no process waits for another at the end
-        tasks={_CURVES: partial(fly_curves, plan), _GATES: partial(fly_gates, plan), **fleets},
-        what="fleets",
-        ahead=partial(_fly_little, causes[0], plan),
-    )
-    flown = campaign.fly(design, folder, **options).tasks
-    rows = [row for name in fleets for row in typed(Row, flown[name])]
-    curves, gates = typed(Curve, flown[_CURVES]), typed(GateRow, flown[_GATES])
+    # the longest first, so that no process waits for another at the end
+    tasks = {_CURVES: partial(fly_curves, plan), **fleets}
+    flown = campaign.fly(
+        Design(tasks=tasks, what="fleets", ahead=partial(_fly_little, causes[0], plan)), folder, **options
+    ).tasks
+    rows = [with_arrays(row) for name in fleets for row in flown[name]]
+    curves = typed(Curve, flown[_CURVES])
     with compiling_shown():
         grid = fix_map.QUICK if quick else fix_map.FULL
         chart = fix_map.measure_map(grid, NavigationSettings(side_rule="predicted"))
@@ -140,36 +147,30 @@ def run(
     record = findings.findings_of(plan, rows, curves, f"laisn asymmetry{' --quick' if quick else ''}")
     record.write(folder / FILE)
     by_key = {condition.key: condition for condition in causes}
-    lines = [by_key[row.condition].command(row.route, row.depth_offset_m, variant=row.variant) for row in rows]
-    write_table(folder / "missions.parquet", {**columns_of([asdict(row) for row in rows]), "fly": lines})
+    lines = [
+        by_key[row["condition"]].command(row["route"], row["depth_offset_m"], variant=row["variant"]) for row in rows
+    ]
+    write_table(folder / "missions.parquet", {**columns_of(rows), "fly": lines})
     write_table(folder / "equivalents.parquet", columns_of([asdict(curve) for curve in curves]))
-    write_table(folder / "gates.parquet", columns_of([asdict(gate) for gate in gates]))
     write_table(folder / "map.parquet", {name: values.astype(np.float32) for name, values in chart.items()})
+    values = {"flown": causes, "film": [], **of_message(example), **of_map(chart)}
+    values |= of_missions(paired(rows), curves, plan)
+    page = folder / "report.html"
+    write_page(page, values, record)
+    # the page is there before the film, so that one that fails costs nothing else
+    if film:
+        write_page(page, values | {"film": [Film(path=film(example, folder))]}, record)
+    return page
 
-    page, missions = folder / "report.html", paired(rows)
-    found = replace(record, findings={**record.findings, **findings.details_of(missions, curves, gates, plan)})
-    values = {
-        "plan": plan,
-        "flown": causes,
-        "gates": gates,
-        "design": conditions,
-        "numbers": findings,
-        "locks_wanted": comparison.LOCKS_WANTED,
-        "film": [],
-        **_of_message(example),
-        **_of_map(chart),
-        **_of_missions(missions, plan, found),
-    }
+
+def write_page(page: Path, values: dict[str, Any], record: Findings) -> None:
+    """Write the page of a record and of the values that its template names."""
+    plan: Plan = values["plan"]
     facts = [
-        ("conditions", str(len(causes))),
-        ("runs", f"{found['runs']:,d} of {plan.duration_s:g} s on {found['missions']:d} missions"),
-        ("seed", str(conditions.SEED)),
+        ("conditions", str(len(values["flown"]))),
+        ("runs", f"{record['runs']:,d} of {plan.duration_s:g} s on {record['missions']:d} missions"),
+        ("seed", str(design.SEED)),
         ("version", record.version),
         ("repeat with", record.command),
     ]
-    write(page_of(__package__, facts, values, found), page)
-    # the page is there before the film, so that one that fails costs nothing else
-    if film:
-        values["film"] = [Film(path=film(example, folder))]
-        write(page_of(__package__, facts, values, found), page)
-    return page
+    write(page_of(__package__, facts, values | {"record": record}, record), page)

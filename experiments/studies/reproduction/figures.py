@@ -9,13 +9,12 @@ from experiments.campaign.store import Arrays, Record
 from experiments.pages.figures import Line, Panel, Part, panel
 from experiments.pages.flight_figures import ON_AXIS_DEG, bearing_part
 from experiments.pages.page import Cell, Figures, number, ratio_tone
-from experiments.pages.style import ESTIMATE, FOLLOWER, LEADER
+from experiments.pages.style import ESTIMATE, FOLLOWER, FRAME, LEADER, SERIES, Colour, Legend
 from experiments.studies.reproduction import settings
-from experiments.studies.reproduction.claims import MARGIN, Claim, Judgement
+from experiments.studies.reproduction.claims import Claim, Judgement
 from experiments.studies.reproduction.findings import ratios
-from experiments.studies.reproduction.replications import REPLICATIONS, VERDICT_CONFIDENCE
+from experiments.studies.reproduction.replications import MARGIN, REPLICATIONS, VERDICT_CONFIDENCE
 from experiments.studies.reproduction.settings import FIGURES, METRICS, VARIANT_NAMES, Key, Setting
-from laisn.arrays import Floats
 from laisn.settings import Variant
 from sim.trajectory import Trajectory
 
@@ -25,6 +24,37 @@ SLOW_S = 10.0
 """Message interval at which the paper's settings are not known [s]."""
 TONES = {"holds": "yes", "does not hold": "no", "depends": "maybe", "undecided": "", "no data": ""}
 """Colours of verdicts."""
+_GROUPS: Mapping[str, tuple[Colour, str, str]] = {
+    "messages every 1 and 5 s, stages 1 to 3": (SERIES[0], "o", "●"),
+    "unequal range errors, stage 4": (SERIES[2], "D", "◆"),
+    "leader's compass off, stage 5": (SERIES[3], "s", "■"),
+    "messages every 10 s": (SERIES[1], "^", "▲"),
+}
+"""Kinds of published rows: colour, marker and its sign."""
+
+
+def agreement(table: Sequence[Record]) -> tuple[Panel, Legend]:
+    """Our mean E_P over the paper's, of all published rows of tables.parquet.
+
+    The diagonal is agreement, the band a factor of two.
+    """
+    usual, *others = _GROUPS
+    names, span = dict(zip((4, 5, 0), others, strict=True)), np.array([0.15, 40.0])
+    pairs: dict[str, list[tuple[float, float]]] = {name: [] for name in _GROUPS}
+    for row in table:
+        if row["published_e_p_mean_m"] is not None:
+            name = names.get(0 if row["dt_range_s"] == SLOW_S else row["stage"], usual)
+            pairs[name].append((row["published_e_p_mean_m"], row["ours_e_p_mean_m"]))
+    bounds = ((1.0, 1.2, "-"), (2.0, 0.8, "--"), (0.5, 0.8, "--"))
+    lines = [Line(x=span, y=f * span, colour=FRAME, width=width, dash=dash) for f, width, dash in bounds]
+    for name, (colour, marker, _) in _GROUPS.items():
+        points = np.array(pairs[name]).reshape(-1, 2)
+        lines.append(Line(x=points[:, 0], y=points[:, 1], colour=colour, marker=marker, name=name, size=3.2))
+    figure = panel(
+        lines, x_label="the paper's mean E_P [m]", y_label="our mean E_P [m]", height=3.6, x_log=True, y_log=True,
+        x_limits=(0.15, 40.0), y_limits=(0.15, 40.0),
+    )  # fmt: skip
+    return figure, [(colour, f"{sign} {name}") for name, (colour, _, sign) in _GROUPS.items()]
 
 
 def error_panel(steps: Arrays, title: str) -> Panel:
@@ -32,18 +62,19 @@ def error_panel(steps: Arrays, title: str) -> Panel:
     columns = {column: values.astype(np.float64) for column, values in steps.items()}
     time = columns["time_s"]
 
-    def errors(mean: Floats, most: Floats, label: str, limit: float | None) -> Part:
+    def errors(metric: str, label: str, limit: float | None) -> Part:
+        drawn = ("max", "largest", 0.4, 0.6), ("mean", "mean", 1.2, 1.0)
         lines = [
-            Line(x=time, y=most, colour=ESTIMATE, width=0.4, opacity=0.6, name="largest"),
-            Line(x=time, y=mean, colour=ESTIMATE, width=1.2, name="mean"),
+            Line(x=time, y=columns[metric.format(kind)], colour=ESTIMATE, width=width, opacity=opacity, name=name)
+            for kind, name, width, opacity in drawn
         ]
         return Part(lines=lines, y_label=label, y_limits=(0.0, limit))
 
     # half a turn of E_B would flatten everything else
     turned = min(1.05 * float(columns["e_b_max_deg"].max()), 6.0 * float(columns["e_b_mean_deg"].max()) + 1.0)
     parts = [
-        errors(columns["e_p_mean_m"], columns["e_p_max_m"], "E_P [m]", None),
-        errors(columns["e_b_mean_deg"], columns["e_b_max_deg"], "E_B [°]", turned),
+        errors("e_p_{}_m", "E_P [m]", None),
+        errors("e_b_{}_deg", "E_B [°]", turned),
         bearing_part(time, np.deg2rad(columns["bearing_deg"])),
     ]
     return Panel(parts=parts, x_label="time [s]", title=title, height=3.6)
@@ -63,8 +94,7 @@ def routes(flights: Mapping[str, Trajectory]) -> Figures:
     """Routes of leader and follower on each mission, by its name."""
     panels = []
     for name, flight in flights.items():
-        every = slice(None, None, max(1, flight.time.size // 400))
-        leader, follower = flight.position[every, 0], flight.position[every, 1]
+        leader, follower = flight.position[:: max(1, flight.time.size // 400), :2].swapaxes(0, 1)
         lines = [
             Line(x=leader[:, 0], y=leader[:, 1], colour=LEADER, width=1.4),
             Line(x=follower[:, 0], y=follower[:, 1], colour=FOLLOWER),

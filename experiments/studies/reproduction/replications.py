@@ -1,28 +1,28 @@
 """Independent replications of the cells that claims are judged on, and what averaging over them leaves open.
 
-A replication is the paper's experiment with noise of its own: as many runs of each cell, and their six figures. All
-cells of a replication share the numbers of their runs, so that comparisons are paired.
+A replication is the paper's experiment with noise of its own: as many runs of each cell, and their figures. All cells
+of a replication share the numbers of their runs, so that comparisons are paired.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal, Self
 
 import numpy as np
 from scipy.special import stdtrit
 
-from experiments.campaign.campaign import Task
 from experiments.campaign.cells import Cell
 from experiments.campaign.missions import mission_of, motion_of
-from experiments.campaign.montecarlo import simulate
 from experiments.campaign.plans import steps_of
 from experiments.campaign.store import Arrays, Record
 from experiments.flight.library import ROUTES
-from experiments.studies.reproduction import settings
-from experiments.studies.reproduction.settings import METRICS, Motion, Setting
+from experiments.intervals import Interval, proportion
+from experiments.studies.reproduction.settings import Key
 from laisn.arrays import Floats
 from laisn.geometry import signed_angle
-from laisn.settings import Variant
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
 
@@ -30,12 +30,10 @@ REPLICATIONS = 20
 RESAMPLES = 2000
 VERDICT_CONFIDENCE = 0.998
 """Of the interval of each criterion; of all 26 together 95 % (Bonferroni)."""
-JUDGED: Mapping[str, tuple[Variant, ...]] = {
-    "base": ("laisn-2", "laisn-3-1", "laisn-3-2"), "5s": ("laisn-2", "laisn-3-2"), "10s": ("laisn-2",),
-    "L1": ("laisn-2", "laisn-3-2"), "HT0.2": ("laisn-3-2",), "asymmetric": ("laisn-2", "laisn-3-2"),
-    "muD0.3": ("laisn-2",), "heading5": ("laisn-2",),
-}  # fmt: skip
-"""Settings and variants that the tests of the claims compare."""
+COMPARED = ("e_p_mean_m", "e_p_max_m", "e_b_max_deg")
+"""Metrics that they compare."""
+BASE = "base laisn-2"
+"""The cell whose errors over time they take into account."""
 ASTERN_DEG = 10.0
 """A follower within this angle of dead astern counts as astern."""
 LATERAL_DEG = (45.0, 135.0)
@@ -46,9 +44,6 @@ NEAR_BURST_S = 30.0
 """The largest bearing error within this time of 95 % of the follower's top speed counts as that of the burst [s]."""
 TIMED = ("e_p_abeam_m", "e_p_astern_m", "e_b_peaks_at_burst")
 """Mean E_P [m] abeam and astern, and whether the largest E_B of all runs is that of the burst: 1 or 0."""
-
-Figures = Mapping[tuple[str, str], Floats]
-"""Figures of the eight missions by setting with variant ("base laisn-2") and metric, shape (8,) or (K, 8)."""
 
 
 def over_time(steps: Arrays) -> dict[str, float]:
@@ -69,69 +64,139 @@ def mean_distance(flight: Trajectory) -> float:
     return float(np.hypot(*(flight.site_position[:, site, :2] - flight.position[:, 0, :2]).T).mean())
 
 
-def replicate(cells: Sequence[tuple[str, Scenario]], runs: int, replications: int) -> list[Record]:
-    """A row of figures for each cell, given by its setting's name and its scenario, and each replication.
-
-    A replication has so many runs; the first takes runs 0 to `runs` − 1, as the tables do.
-    """
-    rows = []
-    for setting, scenario in cells:
-        mission = mission_of(motion_of(scenario))
-        distance = mean_distance(mission.seen(scenario, 0)[0])
-        for number in range(replications):
-            cell = Cell.of(scenario, runs=range(number * runs, (number + 1) * runs), mission=mission)
-            found, variant = simulate(cell).row, scenario.navigation.variant
-            row: Record = {"setting": setting, "mission": scenario.name, "variant": variant, "replication": number}
-            row |= {metric: found[metric] for metric in METRICS} | {"distance_m": distance}
-            timed = (setting, variant) == ("base", "laisn-2")
-            rows.append(row | (over_time(steps_of(cell)) if timed else {}))
-    return rows
+def replicate_over_time(scenario: Scenario, runs: int, replications: int) -> list[Record]:
+    """Of each replication of a mission, `runs` runs each, what `over_time` finds, and the mean distance."""
+    mission = mission_of(motion_of(scenario))
+    distance = {"distance_m": mean_distance(mission.seen(scenario, 0)[0])}
+    numbers = (range(k * runs, (k + 1) * runs) for k in range(replications))
+    return [over_time(steps_of(Cell.of(scenario, runs=some, mission=mission))) | distance for some in numbers]
 
 
-def tasks(chosen: Iterable[Setting], *, motion: Motion, runs: int, seed: int) -> dict[str, Task]:
-    """A task for each mission, by its name: all replications of its cells."""
-    judged = [(setting, variant) for setting in chosen for variant in JUDGED.get(setting.name, ())]
-    found: dict[str, Task] = {}
-    for route in ROUTES:
-        cells = [(s.name, settings.scenario(s, route, variant=v, motion=motion, seed=seed)) for s, v in judged]
-        found[route] = partial(replicate, cells, runs, REPLICATIONS)
-    return found
+Kind = Literal["ratio", "share", "replications"]
+"""A ratio, whose interval is symmetric in its logarithm; a share, whose interval is symmetric; a share of replications,
+with the exact limits of a proportion."""
 
 
-def by_replication(rows: Iterable[Record]) -> Figures:
-    """Figures of each replication, shape (K, 8), of rows as `replicate` gives them, of all missions."""
-    found: dict[tuple[str, str], dict[int, dict[str, float]]] = {}
-    for row in rows:
-        for metric in (*METRICS, "distance_m", *TIMED):
-            if metric in row:
-                missions = found.setdefault((f"{row['setting']} {row['variant']}", metric), {})
-                missions.setdefault(row["replication"], {})[row["mission"]] = row[metric]
-    return {key: np.array([[by[k][m] for m in ROUTES] for k in sorted(by)]) for key, by in found.items()}
+Relation = Literal["<", "≤", ">", "≥"]
+Outcome = Literal["met", "not met", "undecided"]
+MARGIN = 0.01
+"""A figure nearer than this share of its bound cannot be told from it: the paper prints errors of some metres with two
+decimals, so that its own ratios are that uncertain."""
+HOLDS: Mapping[str, Callable[[Any, Any], Any]] = {
+    "<": operator.lt, "≤": operator.le, ">": operator.gt, "≥": operator.ge,
+}  # fmt: skip
+"""Relations of figures to bounds."""
 
 
-def means(each: Figures) -> Figures:
-    """Figures averaged over replications."""
-    return {key: values.mean(axis=0) for key, values in each.items()}
+class NoDataError(LookupError):
+    """Figures that a claim needs are missing."""
 
 
-def resampled(each: Figures) -> Figures:
-    """The same for replications that are drawn again with replacement, alike in all cells, shape (`RESAMPLES`, 8)."""
-    count = next(iter(each.values())).shape[0]
-    drawn = np.random.default_rng([count, RESAMPLES]).multinomial(count, np.full(count, 1.0 / count), size=RESAMPLES)
-    # not by BLAS, whose sums depend on processor and threads
-    return {key: np.einsum("bk,km->bm", drawn / count, values) for key, values in each.items()}
+@dataclass(frozen=True, kw_only=True)
+class Judged:
+    """A criterion with its interval, which is a point where there are no resamples."""
+
+    what: str
+    interval: Interval
+    relation: Relation
+    bound: float
+    margin: float = MARGIN
+    """0 where figures are taken as exact."""
+
+    @property
+    def outcome(self) -> Outcome:
+        """Undecided where the interval contains the bound, or comes nearer to it than the margin."""
+        bounds = self.bound * (1.0 - self.margin), self.bound * (1.0 + self.margin)
+        ends = [HOLDS[self.relation](end, bound) for end in self.interval[1:] for bound in bounds]
+        return "met" if all(ends) else "undecided" if any(ends) else "not met"
+
+    def __str__(self) -> str:
+        """Figure, limits, bound and outcome."""
+        value, low, high = self.interval
+        limits = "" if low == high == value else f" ({low:.2f} to {high:.2f})"
+        return f"{self.what}: {value:.2f}{limits} {self.relation} {self.bound:g}: {self.outcome}"
 
 
-def limits(value: float, drawn: Floats, replications: int, *, is_share: bool) -> tuple[float, float]:
-    """Limits of a figure over K replications, given its values in resamples, shape (B,): a t interval.
+@dataclass(frozen=True, kw_only=True)
+class Figures:
+    """Figures of the eight missions by setting with variant ("base laisn-2") and metric."""
 
-    Its standard error is the bootstrap's, whose variance is K / (K − 1) times too small (Davison & Hinkley 1997,
-    section 2.2). The interval of a share is symmetric about the value, else that of its logarithm is.
-    """
-    quantile = float(stdtrit(replications - 1, (1.0 + VERDICT_CONFIDENCE) / 2.0))
-    wide = quantile * math.sqrt(replications / (replications - 1))
-    if is_share:
-        half = wide * float(drawn.std())
-        return value - half, value + half
-    factor = math.exp(wide * float(np.log(drawn).std()))
-    return value / factor, value * factor
+    each: Mapping[tuple[str, str], Floats]
+    """Of every replication, shape (K, 8)."""
+    exact: bool = False
+    """Without intervals, as the published ones."""
+
+    @classmethod
+    def of(cls, cells: Mapping[Key, Arrays], timed: Sequence[Sequence[Record]], runs: int) -> Self:
+        """Figures of replications of so many runs each.
+
+        Args:
+            cells: arrays over the runs of all replications, of each judged cell, missions in the order of `ROUTES`.
+            timed: rows of `replicate_over_time` of all missions, or none.
+            runs: of each replication.
+        """
+        found: dict[tuple[str, str], list[Floats]] = {}
+        for (setting, _, variant), lists in cells.items():
+            for metric in COMPARED:
+                each = lists[metric].reshape(-1, runs)
+                figure = each.max(axis=1) if "_max_" in metric else each.mean(axis=1)
+                found.setdefault((f"{setting} {variant}", metric), []).append(figure)
+        for name in (*TIMED, "distance_m") if timed else ():
+            found[BASE, name] = [np.array([row[name] for row in rows]) for rows in timed]
+        return cls(each={key: np.column_stack(missions) for key, missions in found.items()})
+
+    @property
+    def count(self) -> int:
+        """Number of replications."""
+        return len(next(iter(self.each.values())))
+
+    @cached_property
+    def _weights(self) -> Floats:
+        """Of the replications in their mean, and in those of replications drawn again, shape (1 + `RESAMPLES`, K)."""
+        mean = np.full((1, self.count), 1.0 / self.count)
+        if self.exact:
+            return mean
+        drawn = np.random.default_rng([self.count, RESAMPLES]).multinomial(self.count, mean[0], size=RESAMPLES)
+        return np.concatenate([mean, drawn / self.count])
+
+    def known(self, cell: str, metric: str) -> Floats:
+        """Means over replications, then those over replications drawn again, alike in all cells, shape (1 + B, 8).
+
+        NaN where there are none.
+        """
+        values = self.each.get((cell, metric))
+        if values is None:
+            return np.full((1, len(ROUTES)), math.nan)
+        # not by BLAS, whose sums depend on processor and threads
+        return np.asarray(np.einsum("bk,km->bm", self._weights, values))
+
+    def means(self, cell: str, metric: str = "e_p_mean_m") -> Floats:
+        """As `known`; NoDataError where there are none."""
+        found = self.known(cell, metric)
+        if not np.all(np.isfinite(found)):
+            raise NoDataError
+        return found
+
+    def interval(self, values: Floats, kind: Kind = "ratio") -> Interval:
+        """Interval of a figure over missions, of the means and of resamples, shape (1 + B,); a point if `exact`.
+
+        The standard error of a t interval is the bootstrap's, whose variance is K / (K − 1) times too small (Davison &
+        Hinkley 1997, section 2.2).
+        """
+        value, drawn, count = float(values[0]), values[1:], self.count
+        if self.exact:
+            return Interval(value, value, value)
+        if kind == "replications":
+            return proportion(round(value * count), count, VERDICT_CONFIDENCE)
+        quantile = float(stdtrit(count - 1, (1.0 + VERDICT_CONFIDENCE) / 2.0))
+        wide = quantile * math.sqrt(count / (count - 1))
+        if kind == "share":
+            half = wide * float(drawn.std())
+            return Interval(value, value - half, value + half)
+        factor = math.exp(wide * float(np.log(drawn).std()))
+        return Interval(value, value / factor, value * factor)
+
+    def judge(self, what: str, values: Floats, relation: Relation, bound: float, kind: Kind = "ratio") -> Judged:
+        """A criterion: a figure over missions as of `interval`, and the bound that it must keep."""
+        margin = 0.0 if self.exact else MARGIN
+        return Judged(what=what, interval=self.interval(values, kind), relation=relation, bound=bound, margin=margin)

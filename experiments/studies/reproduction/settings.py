@@ -1,26 +1,29 @@
 """The paper's five stages: every setting of its tables, those it describes in words, alternatives; its figures."""
 
 import csv
-import math
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import reduce
 from importlib import resources
 from typing import Any, Literal
 
 from pydantic import TypeAdapter
 
 from experiments.campaign.store import Record
-from experiments.flight.library import table_of
+from experiments.flight.library import ROUTES, table_of
+from experiments.study.file import of_table
+from experiments.study.plan import Entry, plan_of
 from laisn.failure import LaisnError
 from laisn.settings import Variant
 from sim.scenario.file import assigned, validate
 from sim.scenario.routes import LEADER_DEPTH
-from sim.scenario.settings import Scenario
 
 Motion = Literal["physics", "kinematic"]
 Key = tuple[str, str, Variant]
 """Setting, mission, variant."""
+ROUTE = "followers.0.route"
+"""Factor of the study."""
 METRICS = {
     "e_p_max_m": "E_P max [m]", "e_b_max_deg": "E_B max [°]", "e_p_mean_m": "E_P mean [m]",
     "e_b_mean_deg": "E_B mean [°]", "e_p_std_m": "σ E_P [m]", "e_b_std_deg": "σ E_B [°]",
@@ -32,7 +35,7 @@ STAGES = (1, 2, 3, 4, 5)
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """One setting of the study: keys of the scenario, flown on every mission with each of its variants."""
+    """One setting of the study: keys of the scenario, simulated on every mission with each of its variants."""
 
     name: str
     stage: int
@@ -56,7 +59,7 @@ def data(name: str) -> str:
     return (resources.files("experiments.studies.reproduction") / name).read_text(encoding="utf-8")
 
 
-_FILE = tomllib.loads(data("settings.toml"))
+_FILE = tomllib.loads(data("study.toml"))
 SETTINGS = TypeAdapter(tuple[Setting, ...]).validate_python(_FILE["setting"])
 FIGURES: list[dict[str, Any]] = _FILE["figure"]
 """Figures 3 to 9, errors over time on some missions: `number`, `setting`, `variant` and `missions`."""
@@ -71,40 +74,27 @@ def settings_of(stages: Iterable[int] | None) -> tuple[Setting, ...]:
     return tuple(s for s in SETTINGS if s.stage in wanted)
 
 
-def scenario(
-    setting: Setting, route: str = "T5", *, variant: Variant = "laisn-2", motion: Motion = "physics", seed: int = 1
-) -> Scenario:
-    """The scenario of one setting, mission and variant.
+def entries(chosen: Iterable[Setting], *, motion: Motion, runs: int, seed: int) -> dict[Key, Entry]:
+    """The study of some settings: these are its arms, with each of their variants, and the missions its points.
 
-    Point motion is flown in the plane, as in the paper: the follower goes at the leader's depth.
+    Point motion stays in the plane, as in the paper: the follower has the leader's depth.
     """
-    keys = {"seed": seed, "motion": motion, **setting.set, "navigation.variant": variant}
-    if motion == "kinematic":
-        keys["followers.0.depth_m"] = LEADER_DEPTH
-    return validate(assigned(table_of(route), keys), f"{route}, {setting.name}")
+    arms = [{"name": f"{s.name} {v}", **s.set, "navigation.variant": v} for s in chosen for v in s.variants]
+    common = {"motion": motion} | ({"followers.0.depth_m": LEADER_DEPTH} if motion == "kinematic" else {})
+    table = {"scenario": ROUTES[0], "seed": seed, "runs": runs, "set": common, "vary": {ROUTE: [*ROUTES]}, "arm": arms}
+    found = plan_of(of_table(table, "reproduce", "reproduce")).entries
+    return {(one.arm.split()[0], one.settings[ROUTE], one.scenario.navigation.variant): one for one in found}  # type: ignore[misc]
 
 
 def columns(setting: Setting) -> Record:
     """The setting as columns of a table, named as in the published ones."""
-    made = scenario(setting)
-    return {
-        "table": setting.table,
-        "stage": setting.stage,
-        "setting": setting.name,
-        "dt_s": made.timing.filter_step_s,
-        "dt_range_s": made.timing.message_interval_s,
-        "leader_length_m": made.leader.baseline_m or math.nan,
-        "h_t_m": made.leader.middle_offset_m or math.nan,
-        "tau_rear_m": made.acoustics.range_tau_m[0],
-        "tau_other_m": made.acoustics.range_tau_m[1],
-        "mu_range_m": made.acoustics.range_scale_mean_m,
-        "sigma_range_m": made.acoustics.range_scale_sigma_m,
-        "range_error_centred": made.acoustics.range_error_centred,
-        "mu_heading_leader_deg": made.sensors.leader_heading_bias_deg,
-        "beta_m2": made.navigation.beta_m2,
-        "threshold_m": made.navigation.threshold_m,
-        "gate": made.navigation.gate,
-    }
+    made: Any = validate(assigned(table_of("T5"), setting.set), setting.name).model_dump()
+
+    def inner(part: Any, name: str) -> Any:
+        return part[int(name) if name.isdigit() else name]
+
+    values = {name: reduce(inner, key.split("."), made) for name, key in _FILE["columns"].items()}
+    return {"table": setting.table, "stage": setting.stage, "setting": setting.name, **values}
 
 
 def published() -> dict[Key, dict[str, float]]:

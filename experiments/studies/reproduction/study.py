@@ -1,51 +1,64 @@
 """The paper's evaluation, run again: its tables beside the published ones, its figures, and its claims judged."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Unpack
+from typing import NamedTuple, Unpack
 
 from experiments.campaign import campaign
-from experiments.campaign.campaign import Design, ExecutionOptions
+from experiments.campaign.campaign import Design, ExecutionOptions, Flown
 from experiments.campaign.plans import CellPlan
-from experiments.campaign.store import Arrays, Record, Store, columns_of, write_csv, write_table
-from experiments.findings import FILE, Findings
-from experiments.flight.library import ROUTES, fly_line
-from experiments.pages.page import write
+from experiments.campaign.store import Record, columns_of, write_csv, write_table
+from experiments.findings import FILE
+from experiments.flight.library import fly_line
+from experiments.pages.page import Figures, write
 from experiments.pages.template import page_of
 from experiments.studies.reproduction import claims, figures, findings, replications, settings
-from experiments.studies.reproduction.claims import Claim, Judgement
-from experiments.studies.reproduction.settings import FIGURES, METRICS, STAGES, Key, Motion, Setting
-from laisn.failure import LaisnError
-from sim.scenario.file import dotted
-from sim.scenario.settings import Follower, Scenario
+from experiments.studies.reproduction.replications import BASE, REPLICATIONS, replicate_over_time
+from experiments.studies.reproduction.settings import FIGURES, METRICS, ROUTE, STAGES, Key, Motion, Setting
+from experiments.study.plan import Entry
 
 SEEDS = range(101, 121)
 """Seeds 1 to 6 served to choose how many replications, and at what confidence, claims are judged by."""
-_MOTIONS = {"physics": "rigid bodies in water", "kinematic": "the paper's point motion"}
+MOTIONS = {"physics": "rigid bodies in water", "kinematic": "the paper's point motion"}
 
 
-def fly_command(scenario: Scenario, run: int) -> str:
-    """The command that flies one run of a cell of a built-in mission alone, with the very same noise."""
-    usual = Scenario(name=scenario.name, followers=(Follower(route=scenario.name),))
-    default, given = (dotted(one.model_dump(mode="json")) for one in (usual, scenario))
-    return fly_line(scenario.name, {key: value for key, value in given.items() if value != default.get(key)}, run)
+class Simulated(NamedTuple):
+    """Scenarios and cells of the tables, what came of them, and the figures that claims are judged by."""
+
+    entries: Mapping[Key, Entry]
+    plans: Mapping[Key, CellPlan]
+    flown: Flown
+    figures: replications.Figures
 
 
-def plan_cells(chosen: Sequence[Setting], *, motion: Motion, runs: int, seed: int) -> dict[Key, CellPlan]:
-    """The cells of some settings on all missions."""
+def simulate(
+    chosen: Sequence[Setting], folder: Path, *, motion: Motion, runs: int, seed: int,
+    **options: Unpack[ExecutionOptions],
+) -> Simulated:  # fmt: skip
+    """Simulate some settings, and all replications of the cells that claims compare; arguments as of `reproduce`."""
+    entries = settings.entries(chosen, motion=motion, runs=runs, seed=seed)
     drawn = {(f["setting"], mission, f["variant"]) for f in FIGURES for mission in f["missions"]}
-    found: dict[Key, CellPlan] = {}
-    for setting in chosen:
-        for route in ROUTES:
-            for variant in setting.variants:
-                made = settings.scenario(setting, route, variant=variant, motion=motion, seed=seed)
-                key = setting.name, route, variant
-                found[key] = CellPlan(scenario=made, runs=runs, keep_steps=key in drawn)
-    return found
+    plans = {key: CellPlan(scenario=one.scenario, runs=runs, keep_steps=key in drawn) for key, one in entries.items()}
+    judged = {
+        key: replace(plan, runs=REPLICATIONS * runs, keep_steps=False)
+        for key, plan in plans.items()
+        if f"{key[0]} {key[2]}" in claims.JUDGED
+    }
+    tasks = {
+        route: partial(replicate_over_time, plan.scenario, runs, REPLICATIONS)
+        for (setting, route, variant), plan in judged.items()
+        if f"{setting} {variant}" == BASE
+    }
+    design = Design(cells=[*plans.values(), *judged.values()], tasks=tasks, what="replications")
+    flown = campaign.fly(design, folder, **options)
+    cells = {key: flown.runs(plan) for key, plan in judged.items()}
+    return Simulated(entries, plans, flown, replications.Figures.of(cells, [*flown.tasks.values()], runs))
 
 
 def table_rows(
-    chosen: Sequence[Setting], plans: Mapping[Key, CellPlan], rows: Mapping[Key, Record],
+    chosen: Sequence[Setting], entries: Mapping[Key, Entry], rows: Mapping[Key, Record],
     published: Mapping[Key, Mapping[str, float]],
 ) -> list[Record]:  # fmt: skip
     """Published and own figures side by side, a row for each cell."""
@@ -59,7 +72,8 @@ def table_rows(
             line[f"ours_{metric}"] = row[metric]
             line[f"ratio_{metric.rsplit('_', 1)[0]}"] = row[metric] / theirs[metric] if metric in theirs else None
         line |= {name: value for name, value in row.items() if name not in {*METRICS, "mission", "variant"}}
-        line["fly_worst_run"] = fly_command(plans[key].scenario, row["worst_run"])
+        changed = {name: value for name, value in entries[key].settings.items() if name != ROUTE}
+        line["fly_worst_run"] = fly_line(key[1], changed, row["worst_run"])
         table.append(line)
     return table
 
@@ -90,48 +104,37 @@ def reproduce(
         LaisnError: unknown stage or motion, no runs, or as of `campaign.fly`.
     """
     chosen, published = settings.settings_of(stage or None), settings.published()
-    if motion not in _MOTIONS:
-        raise LaisnError(f"unknown motion {motion!r}; available: {', '.join(_MOTIONS)}")
-    plans = plan_cells(chosen, motion=motion, runs=runs, seed=seed)
-    repeated = replications.tasks(chosen, motion=motion, runs=runs, seed=seed)
-    design = Design(cells=list(plans.values()), tasks=repeated, what="replications")
-    flown = campaign.fly(design, out or Path("out") / f"reproduce-{motion}", **options)
-    folder, rows = flown.store.folder, dict(zip(plans, flown.rows, strict=True))
-    table = table_rows(chosen, plans, rows, published)
+    folder = out or Path("out") / f"reproduce-{motion}"
+    entries, plans, flown, found = simulate(chosen, folder, motion=motion, runs=runs, seed=seed, **options)
+    rows = {key: flown.row(plan) for key, plan in plans.items()}
+    table = table_rows(chosen, entries, rows, published)
     write_table(folder / "tables.parquet", columns_of(table))
     write_csv(folder / "tables.csv", table)
-    judgements = claims.judge([row for found in flown.tasks.values() for row in found], published)
+    judgements = claims.judge(found, published)
     record = findings.findings_of(chosen, rows, published, judgements, motion)
     record.write(folder / FILE)
+
     steps = {key: flown.steps(plan) for key, plan in plans.items() if plan.keep_steps}
-    return write_page(chosen, plans, rows, steps, judgements, record, flown.store)
-
-
-def write_page(
-    chosen: Sequence[Setting], plans: Mapping[Key, CellPlan], rows: Mapping[Key, Record],
-    steps: Mapping[Key, Arrays], judgements: Sequence[tuple[Claim, Judgement, Judgement]], record: Findings,
-    store: Store,
-) -> Path:  # fmt: skip
-    """Write the report of a reproduction into the folder of its results; returns its path."""
-    flights = {key[1]: plan.scenario for key, plan in plans.items()}
-    first, runs = next(iter(plans.values())).scenario, record["runs"].value
+    flights = {key[1]: campaign.mission(plan.scenario, flown.store) for key, plan in plans.items()}
     stages = sorted({setting.stage for setting in chosen})
-    options = "" if len(stages) == len(STAGES) else "".join(f" --stage {stage}" for stage in stages)
+    options_text = "" if len(stages) == len(STAGES) else "".join(f" --stage {number}" for number in stages)
     facts = [
         ("Source", "Praczyk & Hożyń, Electronics 2026, 15, 3709"),
-        ("Motion", _MOTIONS[first.motion]),
-        ("Runs of each cell, seed", f"{runs}, {first.seed}"),
+        ("Motion", MOTIONS[motion]),
+        ("Runs of each cell, seed", f"{runs}, {seed}"),
         ("Version", next(iter(rows.values()))["version"]),
-        ("Repeat with", f"laisn reproduce --motion {first.motion} --runs {runs} --seed {first.seed}{options}"),
+        ("Repeat with", f"laisn reproduce --motion {motion} --runs {runs} --seed {seed}{options_text}"),
         ("Numbers", "tables.parquet, tables.csv, store/"),
     ]
-    values = figures.page_values(chosen, rows, settings.published(), judgements) | {
-        "motion": _MOTIONS[first.motion],
+    panel, legend = figures.agreement(table)
+    values = figures.page_values(chosen, rows, published, judgements) | {
+        "motion": MOTIONS[motion],
         "errors": figures.error_figures(steps),
-        "routes": figures.routes({name: campaign.mission(made, store) for name, made in flights.items()}),
+        "routes": figures.routes(flights),
+        "agreement": Figures(panels=[panel], legend=legend),
     }
-    report = store.folder / "report.html"
-    write(page_of("experiments.studies.reproduction", facts, values, record), report)
+    report = folder / "report.html"
+    write(page_of(__package__, facts, values, record), report)
     return report
 
 
@@ -142,14 +145,8 @@ def judge_with_seeds(
 
     `runs` are those of each replication; folder and options as of `campaign.fly`.
     """
-    work = {
-        (seed, name): task
-        for seed in seeds
-        for name, task in replications.tasks(settings.SETTINGS, motion="physics", runs=runs, seed=seed).items()
-    }
-    flown = campaign.fly(Design(tasks=work, what="replications"), folder, **options).tasks
     verdicts = {}
     for seed in seeds:
-        rows = [row for name, found in flown.items() if name[0] == seed for row in found]
-        verdicts[seed] = [ours.verdict for _, ours, _ in claims.judge(rows, settings.published())]
+        found = simulate(settings.SETTINGS, folder, motion="physics", runs=runs, seed=seed, **options).figures
+        verdicts[seed] = [ours.verdict for _, ours, _ in claims.judge(found, settings.published())]
     findings.findings_of_seeds(verdicts).write(folder / FILE)
