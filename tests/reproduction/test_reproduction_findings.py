@@ -89,8 +89,8 @@ def test_a_claim_has_our_verdict_and_figures_before_the_papers() -> None:
     claim, ours = CLAIMS[2], Judgement(verdict="depends", figures="1.5", criteria=criteria)
     page = page_with((BASE, GATE), ROWS, PUBLISHED, [(claim, ours, Judgement(verdict="holds", figures=""))])
     (first,), (detail,) = (page.sections[i].blocks[0].rows for i in (0, 1))  # type: ignore[union-attr]
-    assert [cell.text for cell in first] == ["3", claim.text, "depends on the mission", "holds"]
-    assert [cell.tone for cell in first[2:]] == ["maybe", "yes"]
+    assert [cell.text for cell in first][:4] == ["3", claim.text, "depends on the mission", "holds"]
+    assert [cell.tone for cell in first[2:4]] == ["maybe", "yes"]
     assert [cell.text for cell in detail] == [
         "3", "depends on the mission", "median: 1.50 (1.40 to 1.60) ≤ 2: met", "1.5", claim.criterion,
     ]  # fmt: skip
