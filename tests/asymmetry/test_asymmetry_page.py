@@ -106,7 +106,7 @@ def text_of(page: Page) -> str:
 def test_the_page_begins_with_the_answer() -> None:
     page = made(EVERY)
     assert "adds up to 3.0 m to the mean error of a follower (route T4, 10 m below, 5.0° rms)" in page.summary
-    assert "AHRS removes 95 % (" in page.summary
+    assert "AHRS (inclinometer and gyros) removes 95 % (" in page.summary
     assert page.summary.endswith("on 6 missions.")
     assert page.sections[0].title == "Result"
     ((*remedies,),) = tables(page, "Result")
