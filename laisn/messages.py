@@ -9,6 +9,8 @@ import numpy as np
 
 from laisn.arrays import ArrayRecord, Floats, Ints, own_arrays, require_shapes
 
+BEARING = "bearing"
+"""Name of the readings of an inverted USBL among those of other sensors."""
 _BLOCK = 1 << 14
 """Steps that `Measurements.steps` converts at a time."""
 
@@ -54,6 +56,15 @@ class OwnMotion(NamedTuple):
     """Depth from the pressure sensor [m]; NaN for a missing reading."""
 
 
+class Bearing(NamedTuple):
+    """Direction of the front transmitter in the follower's hull, measured by an inverted USBL."""
+
+    azimuth: float
+    """From forward, positive to starboard [rad]."""
+    elevation: float
+    """Positive upward [rad]."""
+
+
 class Reception(NamedTuple):
     """A leader message and the ranges measured on its pings."""
 
@@ -62,6 +73,8 @@ class Reception(NamedTuple):
     transmitters: Floats | None = None
     """Where the rear, front and middle transmitter were, if the message has them: rows of east, north, depth,
     shape (3, 3), [m]; NaN for one that is not there. None: where the settings place them about the leader."""
+    bearing: Bearing | None = None
+    """Measured on the pings; None: there is no such sensor."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -155,10 +168,22 @@ class Measurements(ArrayRecord):
         own = chain.from_iterable(zip(*block, strict=True) for block in blocks)
         for k, motion in enumerate(own, start=1):
             i = arrival.get(k)
-            reception = None
-            if i is not None:
-                places = None if self.transmitters is None else self.transmitters[i]
-                reception = Reception(
-                    LeaderMessage(*self.message[i].tolist()), Ranges(*self.ranges[i].tolist()), places
-                )
-            yield OwnMotion(*motion), reception
+            yield OwnMotion(*motion), None if i is None else self.reception(i)
+
+    def reception(self, i: int) -> Reception:
+        """Message i = 0 … m − 1 with its ranges, and its bearing if `own` has that."""
+        places = None if self.transmitters is None else self.transmitters[i]
+        bearing = self.own.get(BEARING, np.empty(0))
+        return Reception(
+            LeaderMessage(*self.message[i].tolist()),
+            Ranges(*self.ranges[i].tolist()),
+            places,
+            None if bearing.shape[1:] != (2,) else Bearing(*bearing[self.message_step[i] - 1].tolist()),
+        )
+
+    def receptions(self) -> Iterator[tuple[int, OwnMotion, Reception | None]]:
+        """Step, own motion and reception of each message, and of the last step, where it has one."""
+        depth, steps = self.last_depth, self.message_step.tolist()
+        for i, k in enumerate(steps if steps[-1:] == [self.speed.size] else [*steps, self.speed.size]):
+            own = OwnMotion(float(self.speed[k - 1]), float(self.heading[k - 1]), float(depth[k - 1]))
+            yield k, own, self.reception(i) if i < len(steps) else None

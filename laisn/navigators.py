@@ -8,7 +8,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pkgutil import resolve_name
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, cast
 
@@ -19,6 +18,7 @@ from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.failure import LaisnError
 from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.plugins import find_class, is_plugin_name
+from laisn.rivals.settings import RivalSettings
 from laisn.settings import VARIANTS, NavigationSettings, Settings
 from laisn.tight.estimates import TightEstimates
 from laisn.tight.settings import TightSettings
@@ -58,11 +58,11 @@ class NavigatorSpec:
     estimates calls `step` of each navigator.
     """
 
-    factory: str
-    """The class, made of settings and start."""
+    factory: str | Callable[[Any, Floats], Any]
+    """The class, made of settings and start; of a plugin itself."""
     settings: type[Settings] = NavigationSettings
-    section: str = ""
-    """Table of `navigation` in a scenario that holds the settings; empty: `navigation` itself."""
+    sections: tuple[str, ...] = ()
+    """Tables of `navigation` in a scenario that hold the settings; none: `navigation` itself."""
     title: str = ""
     """What reports call it; empty: its name in capitals."""
     estimates: type[Estimates] = Estimates
@@ -77,8 +77,14 @@ class NavigatorSpec:
     """A class like `factory` with the lag [s] as third argument."""
     beacons: str = ""
     """The class that stands for it in data sets, among beacons at rest."""
+    sensor: str = ""
+    """Sensor of the project that it needs beside log, compass, depth and ranges, as `sensors.own` names it."""
     near_bound: bool = False
     """Whether its errors come near the Cramér–Rao bound, so that campaigns compute that too."""
+
+    @property
+    def _class(self) -> Any:
+        return resolve_name(self.factory) if isinstance(self.factory, str) else self.factory
 
     def make(self, settings: Settings, start: Floats) -> AnyNavigator:
         """The navigator of one follower at its start [x, y, vx, vy].
@@ -87,7 +93,7 @@ class NavigatorSpec:
             ValueError: the start is not four finite numbers.
             NotImplementedError: naming a choice that no formula implements.
         """
-        navigator = resolve_name(self.factory)(settings, start)
+        navigator = self._class(settings, start)
         made: AnyNavigator = navigator if hasattr(navigator, "run") else SteppedNavigator(navigator, settings)
         return made
 
@@ -99,8 +105,10 @@ class NavigatorSpec:
         """
         if self.swarm:
             return resolve_name(self.swarm)(settings, starts)
-        if not hasattr(resolve_name(self.factory), "step"):
-            raise LaisnError(f"navigator {self.factory!r} has no `step`, which followers need that steer by it")
+        if isinstance(self._class, type) and not hasattr(self._class, "step"):
+            raise LaisnError(
+                f"navigator {self.title or self.factory!r} has no `step`, which followers need that steer by it"
+            )
         return resolve_name("laisn.swarm:SeparateNavigators")(self.make, settings, starts)
 
     def fly(self, settings: Settings, measurements: Measurements, start: Floats) -> MissionResult:
@@ -120,7 +128,7 @@ _LAISN = NavigatorSpec(factory="laisn.navigator:Navigator", lanes=True, swarm="l
 _TIGHT = NavigatorSpec(
     factory="laisn.tight.navigator:TightNavigator",
     settings=TightSettings,
-    section="assume",
+    sections=("assume",),
     title="the tightly coupled navigator",
     estimates=TightEstimates,
     mission="laisn.tight.mission:fly",
@@ -129,7 +137,27 @@ _TIGHT = NavigatorSpec(
     beacons="laisn.beacons.navigator:BeaconNavigator",
     near_bound=True,
 )
-NAVIGATORS: dict[str, NavigatorSpec] = {**dict.fromkeys(VARIANTS, _LAISN), "tight": _TIGHT}
+
+
+def _rival(factory: str, title: str, sensor: str = "") -> NavigatorSpec:
+    """A rival method, without compiled code of its own."""
+    sections = ("assume", "rival")
+    return NavigatorSpec(
+        factory=f"laisn.rivals.{factory}", settings=RivalSettings, sections=sections, title=title, sensor=sensor
+    )
+
+
+NAVIGATORS: dict[str, NavigatorSpec] = {
+    **dict.fromkeys(VARIANTS, _LAISN),
+    "tight": _TIGHT,
+    "dead-reckoning": _rival("odometry:DeadReckoning", "dead reckoning"),
+    "ekf": _rival("kalman:RangeFilter", "the extended Kalman filter on ranges"),
+    "owtt": _rival("kalman:OneWayTravelTime", "the filter on one-way travel times of one transmitter"),
+    "particle": _rival("particle:ParticleFilter", "the particle filter"),
+    "factor-graph": _rival("factor_graph:FactorGraph", "the fixed-lag smoother on a factor graph"),
+    "inverted-usbl": _rival("kalman:InvertedUsbl", "the inverted USBL", sensor="inverted-usbl"),
+    "geodetic": _rival("kalman:GeodeticAdjustment", "the geodetic adjustment of dead reckoning"),
+}
 """Navigators by the names that scenarios and commands accept."""
 
 
@@ -140,26 +168,25 @@ def code_of_navigators() -> list[str]:
         for spec in NAVIGATORS.values()
         for name in (spec.factory, spec.mission, spec.swarm, spec.smoother, spec.beacons)
     }
-    return sorted({name.partition(":")[0] for name in code if name} | {"laisn.swarm"})
+    return sorted({str(name).partition(":")[0] for name in code if name} | {"laisn.swarm"})
 
 
 OWN_SECTION = "own"
 """Table of `navigation` that holds the settings of a user's own navigator."""
 
 
-@cache
 def _own(name: str) -> NavigatorSpec:
     made = find_class("navigator", name, "step")
     settings = getattr(made, "Settings", NavigationSettings)
-    if not (hasattr(made, "run") or hasattr(made, "step")) or not issubclass(settings, Settings):
+    known = not isinstance(made, type) or hasattr(made, "run") or hasattr(made, "step")
+    if not known or not issubclass(settings, Settings):
         raise LaisnError(
             f"navigator {name!r}: expected a class with `step(own, reception, dt)`, `state` and `covariance`, or with "
             "`run(measurements) -> Estimates`; its own settings are a class `Settings` in it that derives from "
             "laisn.settings.Settings"
         )
-    section = OWN_SECTION if settings is not NavigationSettings else ""
-    factory = f"{made.__module__}:{made.__name__}"
-    return NavigatorSpec(factory=factory, settings=settings, section=section, title=made.__name__)
+    sections = (OWN_SECTION,) if settings is not NavigationSettings else ()
+    return NavigatorSpec(factory=made, settings=settings, sections=sections, title=made.__name__)
 
 
 def find(name: str) -> NavigatorSpec:

@@ -6,6 +6,7 @@ variable `LAISN_PLUGINS` lists the files; processes that this one starts inherit
 
 import importlib.util
 import os
+import re
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -14,6 +15,8 @@ from typing import Any
 from laisn.failure import LaisnError
 
 VARIABLE = "LAISN_PLUGINS"
+_REGISTERED: dict[str, Any] = {}
+"""Classes and functions that Python code of this process has given, by the names that scenarios have for them."""
 
 
 def plugin_files() -> dict[str, Path]:
@@ -54,6 +57,27 @@ def load_plugin(file: str | os.PathLike[str]) -> ModuleType:
     return module
 
 
+def register(made: Any, *, importable: bool = False) -> str:
+    """Name by which scenarios may use a class, or a function that makes objects of one.
+
+    Args:
+        made: that, defined anywhere.
+        importable: whether other processes need it, which import it from its file.
+
+    Raises:
+        LaisnError: it must be importable, but is not at the top of a file of its own.
+    """
+    module, attribute = made.__module__, re.sub(r"\W", "_", made.__qualname__)
+    file = Path(getattr(sys.modules.get(module), "__file__", None) or "")
+    if file.suffix == ".py" and file.stem == module and isinstance(made, type) and attribute == made.__name__:
+        load_plugin(file)
+    elif importable:
+        raise LaisnError(f"{attribute}: other processes import it; define it as a class in a file of its own, mine.py")
+    name = f"{module.rpartition('.')[2]}:{attribute}"
+    _REGISTERED[name] = made
+    return name
+
+
 def is_plugin_name(name: str) -> bool:
     """Whether a name is that of a class of the user's own, "module:Class", or of a loaded module."""
     module, colon, attribute = name.partition(":")
@@ -71,6 +95,8 @@ def find_class(kind: str, name: str, method: str = "") -> Any:
     Raises:
         LaisnError: no plugin of this name is loaded, or it has no such class.
     """
+    if name in _REGISTERED:
+        return _REGISTERED[name]
     module, _, attribute = name.partition(":")
     file = plugin_files().get(module)
     if file is None:
@@ -84,6 +110,20 @@ def find_class(kind: str, name: str, method: str = "") -> Any:
     if len(chosen) != 1:
         raise LaisnError(f"{kind} {name!r}: expected a class of {file}: {', '.join(classes) or 'it has none'}")
     return classes[chosen[0]]
+
+
+def takes_readings(made: Any) -> bool:
+    """Whether this is a class of controllers with `control(readings, belief, dt)`, and not one of other controllers."""
+    code = getattr(getattr(made, "control", None), "__code__", None)
+    return isinstance(made, type) and code is not None and code.co_argcount == 4
+
+
+def find_controller(name: str) -> Any:
+    """The class of a follower's controller; LaisnError as of `find_class`, or if its `control` takes something else."""
+    made = find_class("controller", name, "control")
+    if not takes_readings(made):
+        raise LaisnError(f"controller {name!r}: expected a class with `control(readings, belief, dt)`")
+    return made
 
 
 def plugin_source(name: str) -> bytes:

@@ -11,8 +11,8 @@ import numpy as np
 from numba import types
 from numba.extending import overload_method
 
-from laisn.arrays import Bools, Floats, Ints, Records
-from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
+from laisn.arrays import Bools, Floats, Ints, Record, Records
+from laisn.messages import Bearing, LeaderMessage, OwnMotion, Ranges, Reception
 from laisn.settings import Settings
 
 _VECTOR = np.float64, (2,)
@@ -86,6 +86,11 @@ def _navigate(swarm, step, readings, received, messages, ranges, estimates):  # 
     )
 
 
+def reception_of(message: Record, ranges: Floats, bearing: Bearing | None = None) -> Reception:
+    """A reception from a record of MESSAGE and ranges, shape (3,), [m]."""
+    return Reception(LeaderMessage(*message.tolist()), Ranges(*ranges.tolist()), bearing=bearing)
+
+
 class SeparateNavigators:
     """A swarm of navigators of any kind, each of which Python calls with its own measurements."""
 
@@ -93,15 +98,15 @@ class SeparateNavigators:
         """Make a navigator for each of the known starts, shape (f, 4)."""
         self.navigators = [make_navigator(settings, start) for start in starts]
         self.gated: Ints = np.zeros(len(starts), dtype=np.int64)
+        self.bearings: list[Bearing | None] = [None] * len(starts)
+        """What inverted USBLs measured at this filter step."""
 
     def navigate(
         self, step: int, readings: Records, received: Bools, messages: Records, ranges: Floats, estimates: Records
     ) -> int:
         """Advance by one filter step; see `Swarm.navigate`. Gates are not counted."""
         for i, navigator in enumerate(self.navigators):
-            reception = None
-            if received[i]:
-                reception = Reception(LeaderMessage(*messages[i].tolist()), Ranges(*ranges[i].tolist()))
+            reception = reception_of(messages[i], ranges[i], self.bearings[i]) if received[i] else None
             navigator.step(OwnMotion(*readings[i].tolist()[:3]), reception)
             estimates.position[i], estimates.velocity[i] = np.split(navigator.state, 2)
         return 0

@@ -9,15 +9,17 @@ A follower keeps a station or a route. On either, guidance and autopilot have no
 estimates: position, heading, speed, depth and current are those that the follower measures or estimates itself.
 """
 
-from typing import Any, NamedTuple, cast
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints, Record, Records, records
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
+from laisn.messages import BEARING, Bearing
 from laisn.navigators import find
-from laisn.swarm import ESTIMATE, MESSAGE, READING, Swarm, SwarmFactory
+from laisn.swarm import ESTIMATE, MESSAGE, READING, SeparateNavigators, Swarm, SwarmFactory, reception_of
 from sim.assembly import routes_of
 from sim.control.autopilot import control, vehicle_state
 from sim.control.follower import (
@@ -35,9 +37,11 @@ from sim.control.trail import TRAIL
 from sim.flight import navigation_settings
 from sim.geometry.attitude import carried
 from sim.motion import simulate_motion
+from sim.own_control import OwnControl
 from sim.scenario.formation import Proximity
 from sim.scenario.settings import Scenario
-from sim.sensing.acoustics import Motion
+from sim.scenario.vehicles import Follower
+from sim.sensing.acoustics import Motion, site_at
 from sim.sensing.ahrs import follow_tilt
 from sim.sensing.instant import (
     NO_MESSAGE,
@@ -50,14 +54,16 @@ from sim.sensing.instant import (
     receive,
     sensor_model_of,
 )
+from sim.sensing.noise import STREAMS, normals
 from sim.sensing.observation import start_of
+from sim.sensing.own_sensors import FollowerState, OwnSensor, own_sensors
 from sim.sensing.proximity import SIGHTING, look, look_interval
 from sim.simulation import TICK, RouteControl, standing, steer_along_route
 from sim.station_keeping import stations_of
 from sim.trajectory import Trajectory, Truth, speed_through_water
 from sim.vehicle.plant import Plant
 
-ON_ROUTE, ON_ROUTE_BY_ESTIMATE, ON_STATION_BY_TRUTH, ON_STATION = range(4)
+ON_ROUTE, ON_ROUTE_BY_ESTIMATE, BY_OWN_CONTROL, ON_STATION_BY_TRUTH, ON_STATION = range(5)
 """What a follower keeps to, and what it steers by."""
 
 
@@ -107,10 +113,12 @@ class ClosedLoopState(NamedTuple):
     """Estimates at each instant, records of `laisn.swarm.ESTIMATE`, shape (n + 1, f)."""
 
 
-def _kind(on_station: bool, by_estimate: bool) -> int:
-    if on_station:
-        return ON_STATION if by_estimate else ON_STATION_BY_TRUTH
-    return ON_ROUTE_BY_ESTIMATE if by_estimate else ON_ROUTE
+def _kind(follower: Follower) -> int:
+    if follower.controller:
+        return BY_OWN_CONTROL
+    if follower.station:
+        return ON_STATION if follower.guided_by_estimate else ON_STATION_BY_TRUTH
+    return ON_ROUTE_BY_ESTIMATE if follower.guided_by_estimate else ON_ROUTE
 
 
 def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> ClosedLoopState:
@@ -130,7 +138,7 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
     start.east, start.north, _ = plant.pose[0, :3]
     start.heading, start.speed = leader.heading, leader.surge
     for i, follower in enumerate(scenario.followers):
-        kinds[i] = _kind(follower.station is not None, follower.guided_by_estimate)
+        kinds[i] = _kind(follower)
         init_memory(start, trails[i], counts[i], memory[i])
     return ClosedLoopState(
         formation=scenario.formation.record(),
@@ -263,6 +271,8 @@ def guide(k: int, truth: Truth, a: ClosedLoopState) -> None:
     for f in range(a.kinds.size):
         i, reading, estimate = f + 1, a.readings[f], a.estimates[f]
         a.history[k, f] = estimate
+        if a.kinds[f] == BY_OWN_CONTROL:
+            continue
         if a.kinds[f] == ON_ROUTE:
             steer_along_route(k, truth, i, routes)
             continue
@@ -308,15 +318,60 @@ class ClosedLoop(NamedTuple):
 
 
 class PythonClosedLoop:
-    """The same controller with navigators that Python calls."""
+    """The same controller with navigators, sensors or controllers that Python calls."""
 
-    def __init__(self, state: ClosedLoopState, swarm: Swarm) -> None:
-        """Take what `ClosedLoop` takes; `navigate` need not be compiled."""
-        self.state, self.swarm = state, swarm
+    def __init__(self, state: ClosedLoopState, swarm: Swarm, own: OwnControl, sensors: Sequence[OwnSensor]) -> None:
+        """Take what `ClosedLoop` takes; `navigate` need not be compiled.
+
+        Args:
+            own: controllers of the user's own.
+            sensors: inverted USBL of each follower, one or none.
+        """
+        self.state, self.swarm, self._own, self._sensors = state, swarm, own, sensors
 
     def control(self, k: int, truth: Truth) -> int:
         """As `ClosedLoop.control`."""
-        return cast(int, cast(Any, ClosedLoop.control).py_func(self, k, truth))
+        state, failed, followers = self.state, 0, range(self.state.kinds.size)
+        inbox, arrived = state.inbox, [False] * len(followers)
+        bearings: list[Bearing | None] = [None] * len(followers)
+        if sense(k, truth, state):
+            arrived = state.arrived.tolist()
+            if self._sensors:
+                bearings = [self._bearing(k, truth, f) if arrived[f] else None for f in followers]
+            if isinstance(self.swarm, SeparateNavigators):
+                self.swarm.bearings = bearings
+            failed = self.swarm.navigate(
+                k // state.sensors.stride, state.readings, state.arrived, inbox.message, inbox.ranges, state.estimates
+            )
+        guide(k, truth, state)
+        if self._own:
+            received = [
+                reception_of(inbox.message[f], inbox.ranges[f], bearings[f]) if arrived[f] else None for f in followers
+            ]
+            self._own.command(k, received, (state.readings, state.estimates, state.memory))
+        return failed
+
+    def _bearing(self, k: int, truth: Truth, f: int) -> Bearing:
+        """What the inverted USBL of a follower measures of a message that is in at instant k."""
+        state, (sensor, *_), one = self.state, self._sensors, slice(k, k + 1)
+        s, inbox = state.sensors, state.inbox
+        if inbox.outcome[f] != RECEIVED:
+            return Bearing(np.nan, np.nan)
+        pose, twist, known = truth.pose[one, f + 1], truth.twist[one, f + 1], Motion(truth, 0.0, k)
+        leaves = inbox.last_sent[f] * s.dt + s.sound.slot * np.arange(3)
+        source = [site_at(s.sound, known, 0, offset, at) for offset, at in zip(state.sites[0], leaves, strict=True)]
+        seen = FollowerState(
+            time=np.array([k * TICK]),
+            position=pose[:, :3],
+            quaternion=pose[:, 3:],
+            velocity=twist[:, :3],
+            angular_velocity=twist[:, 3:],
+            water_velocity=truth.water[one, f + 1],
+            hydrophone=np.array([carried(pose[0], state.sites[1][f])]),
+            source=np.array([source]),
+        )
+        noise = normals(int(s.seed), int(s.run), STREAMS * f + sensor.stream, [k // s.stride])
+        return Bearing(*sensor.read(sensor.true(seen), noise)[0].tolist())
 
 
 def closed_loop_of(
@@ -342,7 +397,9 @@ def closed_loop_of(
     swarm: Swarm = make(settings[0], starts)
     state = init_closed_loop(scenario, plant, routes)
     state.estimates.position = starts[:, :2] if settings[0].known_start else np.nan
-    return ClosedLoop(state, swarm) if isinstance(swarm, tuple) else PythonClosedLoop(state, swarm)
+    own, sensors = OwnControl(scenario, plant, routes), [s for s in own_sensors(scenario) if s.name == BEARING]
+    compiled_loop = isinstance(swarm, tuple) and not own
+    return ClosedLoop(state, swarm) if compiled_loop else PythonClosedLoop(state, swarm, own, sensors)
 
 
 def simulate_closed_loop(

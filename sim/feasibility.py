@@ -10,6 +10,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.navigators import NAVIGATORS, find
+from laisn.plugins import find_controller
 from sim.assembly import models_of, ocean_of, on_axis, route_of, routes_of, setups_of, vehicle_names
 from sim.contact import HULL_RADIUS_M
 from sim.log.schema import Clock
@@ -294,8 +295,8 @@ def cautions(scenario: Scenario) -> list[str]:
     spec, settings = find(variant), scenario.navigation.settings()
     stations = any(follower.station for follower in scenario.followers)
     if scenario.motion == "physics" and scenario.ocean.moves and "current" not in settings.estimated:
-        able = hasattr(getattr(scenario.navigation, spec.section, None), "current")
-        what = f"navigation.{spec.section}.current = false" if able else f"navigator {variant!r}"
+        able = spec.near_bound
+        what = "navigation.assume.current = false" if able else f"navigator {variant!r}"
         found.append(f"there is a current; {what} assumes still water")
     if stations and not spec.near_bound:
         better = ", ".join(repr(name) for name, one in NAVIGATORS.items() if one.near_bound)
@@ -327,6 +328,12 @@ def cautions(scenario: Scenario) -> list[str]:
     return found
 
 
+def _find_controllers(scenario: Scenario) -> None:
+    for follower in scenario.followers:
+        if follower.controller:
+            find_controller(follower.controller)
+
+
 def infeasibilities(scenario: Scenario) -> list[str]:
     """Everything that keeps a scenario from being flown, filmed and logged, beyond `Scenario.inconsistencies`."""
     found = [
@@ -335,6 +342,7 @@ def infeasibilities(scenario: Scenario) -> list[str]:
         *_errors_of(partial(ocean_of, scenario), "ocean.waves"),
         *_errors_of(scenario.navigation.settings, ""),
         *_errors_of(partial(own_sensors, scenario), ""),
+        *_errors_of(partial(_find_controllers, scenario), ""),
     ]
     for key, vehicle in scenario.vehicles():
         found += _hull_errors(scenario, key, vehicle)

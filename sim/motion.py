@@ -78,6 +78,7 @@ def listeners(scenario: Scenario) -> list[str]:
     """Keys by which the motion of followers depends on their estimates: stations, or steering by them."""
     followers = list(enumerate(scenario.followers))
     kept = [f"followers.{i}.station" for i, follower in followers if follower.station]
+    kept += [f"followers.{i}.controller" for i, follower in followers if follower.controller]
     return kept + [f"followers.{i}.guidance_position = 'estimate'" for i, f in followers if f.guided_by_estimate]
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
-from laisn import navigators
+from laisn import plugins
 from laisn.plugins import VARIABLE, plugin_files
 
 # Compiling on first use takes longer than any deadline. Every run tries the same examples, so that a test that passes
@@ -94,10 +94,10 @@ def pytest_unconfigure() -> None:
 def no_plugins(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Plugins that a test loads are forgotten after it."""
     monkeypatch.delenv(VARIABLE, raising=False)
+    monkeypatch.setattr(plugins, "_REGISTERED", {})
     path, modules = list(sys.path), set(sys.modules)
     yield
     for file in plugin_files().values():
         if file.stem not in modules:
             sys.modules.pop(file.stem, None)
-    navigators._own.cache_clear()
     sys.path[:] = path

@@ -12,7 +12,7 @@ SOURCES = import_graph.modules()
 PACKAGES = [name for name, path in SOURCES.items() if path.name == "__init__.py" and name not in ("laisn", "models")]
 VOCABULARY = {"laisn", "laisn.arrays", "laisn.messages", "laisn.estimates", "laisn.settings", "laisn.geometry",
               "laisn.compiled", "laisn.elementary", "laisn.failure", "laisn.metrics", "laisn.navigators",
-              "laisn.plugins",
+              "laisn.plugins", "laisn.rivals.settings",
               "laisn.swarm", "laisn.tight.estimates", "laisn.tight.settings"}  # fmt: skip
 """What the simulator may know of navigation: words, not navigators."""
 
@@ -20,6 +20,7 @@ VOCABULARY = {"laisn", "laisn.arrays", "laisn.messages", "laisn.estimates", "lai
 LATE = {
     "distributed": "optional, for clusters alone",
     "rerun": "optional, for recordings alone",
+    "gtsam": "optional, for one navigator alone",
     "OpenGL": "a library that is missing breaks the import",
     "mujoco": "so does a graphics library that MuJoCo lacks",
     "av": "codecs are needed by films alone",

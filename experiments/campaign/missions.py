@@ -17,6 +17,7 @@ from sim.motion import simulate_motion
 from sim.scenario.section import keys_per_run
 from sim.scenario.settings import Acoustics, Leader, Navigation, Scenario, Sensors
 from sim.sensing.observation import MissionTruth, observe
+from sim.sensing.own_sensors import own_tables
 from sim.simulation import EndedError
 from sim.trajectory import Trajectory
 from sim.vehicle.mjcf import transmitter_places
@@ -68,7 +69,7 @@ def observed_of(scenario: Scenario, follower: int) -> Scenario:
     own = {
         "name": "mission",
         "seed": 1,
-        "sensors": without(sensors, *keys_per_run(Sensors)),
+        "sensors": without(sensors, *keys_per_run(Sensors)).model_copy(update={"own": own_tables(scenario)}),
         "followers": tuple(without(one, "sensors", "name") for one in scenario.followers),
         "acoustics": without(acoustics, *keys_per_run(Acoustics)).model_copy(update=echoes),
         "navigation": Navigation(variant="tight", assume={"transmitters": scenario.navigation.transmitters}),

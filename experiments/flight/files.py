@@ -13,6 +13,8 @@ from experiments.flight.fly import fly
 from experiments.flight.library import load_flyable, loaded
 from experiments.flight.summary import position_and_bearing_errors, summarise
 from laisn.failure import LaisnError
+from laisn.navigators import NavigatorFactory
+from laisn.plugins import register, takes_readings
 from sim.feasibility import film_errors
 from sim.flight import Flight
 from sim.log import reader, writer
@@ -41,7 +43,8 @@ def fly_mission(
     source: str | Path | Mapping[str, Any] | Scenario,
     changes: Mapping[str, Any] | None = None,
     *,
-    controller: ControllerFactory | None = None,
+    navigator: type | NavigatorFactory | None = None,
+    controller: type | ControllerFactory | None = None,
 ) -> Flight:
     """Fly a mission: its vehicles move, sense and navigate.
 
@@ -50,13 +53,21 @@ def fly_mission(
     Args:
         source: as of `load`.
         changes: as of `load`.
-        controller: makes a user's own controller from the plant and the control of routes; see docs/extending.md.
-            None: the scenario's.
+        navigator: class of the followers' navigators, or a function of settings and start that makes one; None: the
+            scenario's.
+        controller: class of the followers' controllers, with `control(readings, belief, dt)`; or what makes a
+            controller of all vehicles from the plant and the control of routes. None: the scenario's. See
+            docs/extending.md.
 
     Raises:
         LaisnError: as of `load`.
     """
-    return fly(loaded(source, changes), make_controller=controller)[0]
+    scenario = loaded(source, changes)
+    given: dict[str, Any] = {} if navigator is None else {"navigation.variant": register(navigator)}
+    if takes_readings(controller):
+        given |= {f"followers.{i}.controller": register(controller) for i in range(len(scenario.followers))}
+        controller = None
+    return fly(loaded(scenario, given) if given else scenario, make_controller=controller)[0]
 
 
 def video_of(video: Video, changes: Mapping[str, object]) -> Video:

@@ -298,6 +298,24 @@ def vehicle_state(pose: Floats, twist: Floats, water: Floats) -> VehicleState:
 
 
 @compiled
+def apply_wrench(d: Any, wrench: Floats, surge: float, command: Floats) -> None:
+    """Command effectors so that they give a wrench.
+
+    Args:
+        d: record of DESIGN.
+        wrench: wanted; out: what the effectors give of it, shape (6,), [N] and [N m].
+        surge: speed through the water along the hull [m/s].
+        command: out: in the units of the effectors' states, shape (m,).
+    """
+    limits = np.empty((command.size, 2))
+    for i in range(command.size):
+        limits[i, 0], limits[i, 1] = effectors.reach(d.effectors[i], d.density, surge)
+    allocate(at_speed(d.slow_allocation, d.fast_allocation, surge), limits, wrench, command)
+    for i in range(command.size):
+        command[i] = effectors.state_for(d.effectors[i], d.density, command[i], surge)
+
+
+@compiled
 def control(
     d: Any,
     wanted: tuple[float, float, float],
@@ -351,12 +369,7 @@ def control(
 
     wrench = np.zeros(6)
     wrench[SURGE], wrench[SWAY], wrench[HEAVE], wrench[PITCH], wrench[YAW] = thrust, side, force, -nose_up, moment
-    limits = np.empty((command.size, 2))
-    for i in range(command.size):
-        limits[i, 0], limits[i, 1] = effectors.reach(d.effectors[i], d.density, surge)
-    allocate(at_speed(d.slow_allocation, d.fast_allocation, surge), limits, wrench, command)
-    for i in range(command.size):
-        command[i] = effectors.state_for(d.effectors[i], d.density, command[i], surge)
+    apply_wrench(d, wrench, surge, command)
     memory.speed_integral += _increment(d.surge_mass * 0.05 * omega * omega * speed_error * dt, thrust, wrench[SURGE])
     memory.heading_integral += _increment(-0.1 * d.yaw_inertia * omega**3 * heading_error * dt, moment, wrench[YAW])
     memory.pitch_integral += _increment(0.1 * d.pitch_inertia * omega**3 * error * dt, nose_up, -wrench[PITCH])

@@ -180,7 +180,7 @@ def integrate_offset(reference: Record, position: tuple[float, float], dt: float
 
 
 @compiled
-def _command(heading: float, speed: float, dt: float, memory: Record) -> tuple[float, float, float]:
+def limit_command(heading: float, speed: float, dt: float, memory: Record) -> tuple[float, float, float]:
     """Heading, its rate and speed as of `steer`, brought towards what is wanted within the limits."""
     before = memory.heading
     turn = signed_angle(heading - before)
@@ -209,7 +209,7 @@ def _hold(
     # the smaller this velocity, the more the heading is that of the course
     heading = np.arctan2(through_east + SPEED_LEAST * course[0], through_north + SPEED_LEAST * course[1])
     ahead = memory.heading
-    return _command(heading, through_east * np.sin(ahead) + through_north * np.cos(ahead), dt, memory)
+    return limit_command(heading, through_east * np.sin(ahead) + through_north * np.cos(ahead), dt, memory)
 
 
 @compiled
@@ -240,4 +240,4 @@ def steer(reference: Record, position: tuple[float, float], dt: float, memory: R
     through_north = speed * np.cos(course) - memory.current[1]
 
     wanted = max(np.hypot(through_east, through_north), SPEED_LEAST)
-    return _command(np.arctan2(through_east, through_north), wanted, dt, memory)
+    return limit_command(np.arctan2(through_east, through_north), wanted, dt, memory)

@@ -9,6 +9,7 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, WithJsonSc
 from laisn.failure import LaisnError
 from laisn.navigators import NAVIGATORS, OWN_SECTION, find
 from laisn.plugins import is_plugin_name
+from laisn.rivals.settings import RivalSettings
 from laisn.settings import VARIANTS, NavigationSettings, Settings, transmitters_of
 from laisn.tight import settings as assumptions
 from laisn.tight.settings import TightSettings
@@ -69,6 +70,29 @@ else:
     Assume = completed(completed(_Assume, assumptions.Assume), TightSettings)
 
 
+class _Rival(Section):
+    """Settings of the rival methods beside the standard deviations of `[navigation.assume]`."""
+
+    particles: Annotated[int, Field(ge=10, le=1_000_000)] = Field(
+        RivalSettings.particles, description="particle filter: number of particles"
+    )
+
+    def in_si(self, sound_m_s: float) -> dict[str, Any]:
+        """Values by the names of `RivalSettings`."""
+        return in_si(dict(self))
+
+
+if TYPE_CHECKING:
+
+    class Rival(_Rival):
+        """Its other keys are the further fields of `RivalSettings`."""
+
+        def __init__(self, **keys: Any) -> None: ...
+
+else:
+    Rival = completed(_Rival, RivalSettings, without={field.name for field in fields(TightSettings)})
+
+
 class Own(Section):
     """Settings of an own navigator, `variant = "module:Class"`: fields of its `Settings`, with or without unit."""
 
@@ -84,6 +108,7 @@ class _Navigation(Section):
         NavigationSettings.variant, description="LAISN variant, tightly coupled navigator, or own class"
     )
     assume: Assume = Assume()
+    rival: Rival = Rival()
     own: Own | None = None
     use_attitude: bool = Field(
         NavigationSettings.use_attitude,
@@ -109,9 +134,9 @@ class _Navigation(Section):
 
     def _section(self) -> dict[str, Any]:
         """Keys that belong to the navigator alone; its code is not imported."""
-        name = NAVIGATORS[self.variant].section if self.variant in NAVIGATORS else OWN_SECTION
-        section: Section | None = getattr(self, name) if name else None
-        return section.model_dump() if section else {}
+        names = NAVIGATORS[self.variant].sections if self.variant in NAVIGATORS else (OWN_SECTION,)
+        sections = (getattr(self, name) for name in names)
+        return {key: value for section in sections if section for key, value in section.model_dump().items()}
 
     def settings(self, given: Mapping[str, Any] | None = None, sound_m_s: float = _TYPICAL_SOUND_M_S) -> Settings:
         """Settings of the navigator.
@@ -126,10 +151,13 @@ class _Navigation(Section):
         """
         spec = find(self.variant)
         kind, names = spec.settings, {field.name for field in fields(spec.settings)}
-        if spec.section == OWN_SECTION:
+        if OWN_SECTION in spec.sections:
             return self._own_settings(kind, dict(given or {}))
-        if spec.section:
-            return _made(kind, {**(given or {}), **getattr(self, spec.section).in_si(sound_m_s)})
+        if spec.sections:
+            values = dict(given or {})
+            for name in spec.sections:
+                values |= getattr(self, name).in_si(sound_m_s)
+            return _made(kind, values)
         section = in_si(dict(self), names)
         if self.variant not in VARIANTS:
             # a navigator of one's own without settings of its own

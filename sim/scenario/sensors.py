@@ -47,19 +47,23 @@ class OwnSensors(Section):
 
 
 class OwnSensor(Section):
-    """An own sensor. Other keys are fields of its class, with or without unit."""
+    """A further sensor. Other keys are fields of its class, with or without unit."""
 
     model_config = ConfigDict(extra="allow")
 
     __pydantic_extra__: dict[str, bool | int | float | str]
 
-    sensor: str = Field(description="class, as module:Class", pattern=r"^[\w.]+:[\w.]+$")
+    sensor: str = Field(
+        description="inverted-usbl, or class, as module:Class", pattern=r"^([\w.]+:[\w.]+|inverted-usbl)$"
+    )
 
 
 class Sensors(OwnSensors):
     """True errors of all sensors, not passed to navigators."""
 
-    own: Annotated[tuple[OwnSensor, ...], LISTED] = Field((), description="sensors of your own, of each follower")
+    own: Annotated[tuple[OwnSensor, ...], LISTED] = Field(
+        (), description="further sensors of each follower, shipped or your own"
+    )
 
     leader_speed_bias_m_s: SpeedBias = Field(0.0, description="bias of the broadcast speed")
     leader_heading_bias_deg: HeadingBias = 0.0

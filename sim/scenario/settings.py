@@ -194,6 +194,8 @@ class Scenario(Section):
                 continue
             if follower.station:
                 found.append(f"{key}.station needs motion = 'physics'")
+            elif follower.controller:
+                found.append(f"{key}.controller needs motion = 'physics'")
             elif follower.guided_by_estimate:
                 found.append(
                     f"{key}.guidance_position = 'estimate' needs motion = 'physics'; the paper's point motion keeps to "

@@ -159,6 +159,10 @@ class Follower(Vehicle):
         None,
         description="position used for guidance; default: truth on a route, estimate on a station",
     )
+    controller: Annotated[str, Field(pattern=r"^\w+(:\w+)?$")] | None = Field(
+        None,
+        description="own controller, as module:Class, in place of guidance; route or station give the start",
+    )
 
     sensors: FollowerSensors = Field(
         FollowerSensors(), description="errors of this follower's own sensors; default: those of [sensors]"
@@ -167,6 +171,8 @@ class Follower(Vehicle):
     @property
     def guided_by_estimate(self) -> bool:
         """Whether it steers by its own estimate."""
+        if self.controller:
+            return True
         return self.guidance_position == "estimate" or (self.guidance_position is None and self.station is not None)
 
     @property

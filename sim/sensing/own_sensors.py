@@ -1,11 +1,19 @@
-"""Sensors of plugins, which a scenario names as "module:Class" in tables `[[sensors.own]]`."""
+"""Further sensors of a follower, by tables `[[sensors.own]]` of a scenario: shipped ones and classes of plugins."""
 
-from typing import NamedTuple, Protocol
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
+from laisn.messages import BEARING
+from laisn.navigators import NAVIGATORS
 from laisn.plugins import find_class
+from sim.geometry.attitude import rotate
 from sim.scenario.section import in_si
+from sim.scenario.sensors import OwnSensor as OwnSensorTable
 from sim.scenario.settings import Scenario
 
 
@@ -53,15 +61,53 @@ class OwnSensor(Protocol):
         """Its readings, shape (n, c), of true values and two standard normals a step, shape (n, 2)."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class InvertedUsbl:
+    """Inverted USBL of a follower: azimuth, positive to starboard, and elevation of the
+    leader's front transmitter in its own hull [rad]."""
+
+    name = BEARING
+    stream = 15
+    acoustic = True
+
+    azimuth_sigma: float = float(np.deg2rad(1.0))
+    azimuth_bias: float = 0.0
+    """As of a head that is mounted askew."""
+    elevation_sigma: float = float(np.deg2rad(1.0))
+
+    def true(self, state: FollowerState) -> Floats:
+        """Directions without errors, shape (n, 2)."""
+        to_hull = state.quaternion * np.array([1.0, -1.0, -1.0, -1.0])
+        forward, port, up = rotate(to_hull, state.source[:, 1] - state.hydrophone).T
+        return np.column_stack([np.arctan2(-port, forward), np.arctan2(up, np.hypot(forward, port))])
+
+    def read(self, true: Floats, normals: Floats) -> Floats:
+        """Readings of true directions."""
+        error = normals * (self.azimuth_sigma, self.elevation_sigma) + (self.azimuth_bias, 0.0)
+        return np.asarray(true + error)
+
+
+SHIPPED: Mapping[str, type[Any]] = {"inverted-usbl": InvertedUsbl}
+"""Sensors of this project by the names that scenarios accept; all are off by default."""
+
+
+def own_tables(scenario: Scenario) -> tuple[Any, ...]:
+    """Tables of a scenario's further sensors: its own, after the one that its navigator needs."""
+    variant, given = scenario.navigation.variant, scenario.sensors.own
+    needed = NAVIGATORS[variant].sensor if variant in NAVIGATORS else ""
+    there = not needed or any(table.sensor == needed for table in given)
+    return given if there else (OwnSensorTable(sensor=needed), *given)
+
+
 def own_sensors(scenario: Scenario) -> tuple[OwnSensor, ...]:
-    """A scenario's sensors of the user's own.
+    """A scenario's further sensors.
 
     Raises:
         LaisnError: one cannot be found, or does not have a key of its table.
     """
     sensors = []
-    for table in scenario.sensors.own:
-        made = find_class("sensor", table.sensor)
+    for table in own_tables(scenario):
+        made = SHIPPED.get(table.sensor) or find_class("sensor", table.sensor)
         try:
             sensors.append(made(**in_si(table.model_extra or {}, getattr(made, "__dataclass_fields__", ()))))
         except TypeError as error:

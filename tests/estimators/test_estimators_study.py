@@ -27,7 +27,7 @@ from experiments.studies.estimators.runs import (
 )
 from experiments.studies.estimators.study import QUICK, Size, tasks, write_page
 from laisn.bound import TrueNoise
-from laisn.ekf import filter_runs
+from laisn.rivals.kalman import RangeFilter
 from laisn.tight.settings import Assume, TightSettings
 from sim.scenario.routes import library_route
 from sim.sensing.observation import measure
@@ -283,17 +283,17 @@ def test_a_plain_filter_is_held_against_the_tightly_coupled_navigator_route_by_r
 
 
 def test_a_plain_filter_flies_the_noise_of_the_others() -> None:
-    """Its runs are those that `filter_runs` makes of the measurements that `compare` takes."""
+    """Its runs are those of the measurements that `compare` takes."""
     found = plain_filter(CASES[1], "T3", 5.0, runs=2, seed=3)
     truth, errors = runs.mission("T3", 5.0)
     given = [measure(truth, errors, seed=3, run=run) for run in range(2)]
-    flown = filter_runs(TightSettings(transmitters=2), given, truth.start)
-    error = np.linalg.norm(flown.position - truth.hydrophone, axis=-1)
+    flown = [RangeFilter(TightSettings(transmitters=2), truth.start).run(one) for one in given]
+    error = np.linalg.norm(np.array([one.state[:, :2] for one in flown]) - truth.hydrophone, axis=-1)
     assert found["means"] == pytest.approx(error.mean(axis=1), rel=1e-12)
-    away = flown.position[0, -1] - truth.hydrophone[-1]
-    xx, xy, yy = flown.covariance[0, -1]
-    spread = np.array([[xx, xy], [xy, yy]])
-    assert nees(away[None], flown.covariance[0, -1:])[0] == pytest.approx(away @ np.linalg.solve(spread, away))
+    away, spread = flown[0].state[-1, :2] - truth.hydrophone[-1], flown[0].covariance[-1, :2, :2]
+    assert nees(away[None], spread[None, (0, 0, 1), (0, 1, 1)])[0] == pytest.approx(
+        away @ np.linalg.solve(spread, away)
+    )
     assert found["normalised"].shape == found["lost"].shape == (2,)
     assert not found["lost"].any()
 

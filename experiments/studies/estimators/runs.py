@@ -17,9 +17,9 @@ from experiments.studies.estimators.cases import SEAS, Case, with_errors
 from laisn import lanes, metrics
 from laisn.arrays import Floats
 from laisn.bound import TrueNoise
-from laisn.ekf import filter_runs
 from laisn.lane_rows import LANES
 from laisn.messages import Measurements
+from laisn.rivals.kalman import RangeFilter
 from laisn.settings import NavigationSettings
 from laisn.tight.leader import CURRENT_SIGMA
 from laisn.tight.mission import run_mission
@@ -253,8 +253,8 @@ def plain_filter(case: Case, route: str, interval: float, *, runs: int, seed: in
     truth, errors = mission(route, interval)
     settings = TightSettings(middle_offset=MIDDLE_OFFSET, assume=case.assume, transmitters=case.transmitters)
     measured = [measure(truth, errors, seed=seed, run=run) for run in range(runs)]
-    found, steps = filter_runs(settings, measured, truth.start), round(interval / truth.dt)
-    estimates = list(zip(found.position, found.covariance, strict=True))
+    steps, found = round(interval / truth.dt), [RangeFilter(settings, truth.start).run(given) for given in measured]
+    estimates = [(one.state[:, :2], one.covariance[:, (0, 0, 1), (0, 1, 1)]) for one in found]
     return {
         "route": route,
         "means": np.array([metrics.position_errors(p, truth.hydrophone).mean() for p, _ in estimates]),

@@ -1,0 +1,158 @@
+"""Controllers of the user's own: a follower's class computes its commands from readings and the estimate, in Python."""
+
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from laisn.arrays import Floats, Record, records
+from laisn.failure import LaisnError
+from laisn.messages import Reception
+from laisn.plugins import find_controller
+from sim.control.autopilot import apply_wrench, control
+from sim.control.follower import measured_motion
+from sim.control.guidance import REFERENCE, begin, limit_command
+from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.simulation import RouteControl
+from sim.vehicle.plant import Plant
+
+
+class Readings(NamedTuple):
+    """What a follower measures at a control step; the values of a filter step stay until the next one."""
+
+    time: float
+    """Since the start [s]."""
+    speed: float
+    """Speed log, along the hull [m/s]."""
+    heading: float
+    """Compass θ, clockwise from north [rad]."""
+    depth: float
+    """Pressure sensor [m]."""
+    pitch: float
+    """Inclinometer, positive nose up [rad]."""
+    yaw_rate: float
+    """Gyro about the hull's upward axis, positive to port [rad/s]."""
+    pitch_rate: float
+    """Gyro about the hull's port axis, positive nose down [rad/s]."""
+    reception: Reception | None
+    """Message of the leader and its ranges, at the control step at which they arrive; otherwise None."""
+
+
+class Belief(NamedTuple):
+    """Estimate of a follower's navigator, brought forward by its velocity between filter steps."""
+
+    east: float
+    """Position of the hydrophone [m]; NaN before there is an estimate."""
+    north: float
+    east_velocity: float
+    """Velocity over ground [m/s]."""
+    north_velocity: float
+    log_bias: float
+    """Of the navigator, 0 if it estimates none [m/s]."""
+    compass_bias: float
+    """[rad]."""
+    east_current: float
+    """[m/s]."""
+    north_current: float
+
+
+class Command(NamedTuple):
+    """What an autopilot is to hold; it turns and accelerates within the limits of routes."""
+
+    heading: float
+    """Clockwise from north [rad]."""
+    speed: float
+    """Through the water [m/s]."""
+    depth: float
+    """[m]."""
+
+
+class Wrench(NamedTuple):
+    """Force and moment about the hull's axes, which the effectors give as far as they can."""
+
+    surge: float = 0.0
+    """Forward [N]."""
+    sway: float = 0.0
+    """To port [N]."""
+    heave: float = 0.0
+    """Upward [N]."""
+    roll: float = 0.0
+    """About the forward axis [N m]."""
+    pitch: float = 0.0
+    """About the port axis, positive nose down [N m]."""
+    yaw: float = 0.0
+    """About the upward axis, positive to port [N m]."""
+
+
+class OwnController(Protocol):
+    """A class of the user's own, made of the follower's table of the scenario."""
+
+    def control(self, readings: Readings, belief: Belief, dt: float) -> Command | Wrench | Floats:
+        """Compute what holds for the next `dt` seconds.
+
+        Returns:
+            A `Command` or a tuple of its three numbers, a `Wrench`, or an array of the states of all effectors, in the
+            order of the hull's actuators, shape (m,): N, rad/s or rad.
+        """
+
+
+class OwnControl:
+    """Calls the controllers of a scenario's followers and writes what they command."""
+
+    def __init__(self, scenario: Scenario, plant: Plant, routes: RouteControl) -> None:
+        """Make the controllers; LaisnError if there is no such class."""
+        named = [(i, f, f.controller) for i, f in enumerate(scenario.followers) if f.controller]
+        self._controllers = {i: find_controller(name)(follower) for i, follower, name in named}
+        self._names, self._effectors = plant.names[1:], [len(names) for names in plant.effector_names[1:]]
+        self._routes, self._reference = routes, records(REFERENCE, 1)[0]
+
+    def __bool__(self) -> bool:
+        """Whether there are any."""
+        return bool(self._controllers)
+
+    def command(self, k: int, received: list[Reception | None], known: tuple[Any, Any, Any]) -> None:
+        """Write the commands that hold from instant k on.
+
+        Args:
+            received: receptions of this instant by follower.
+            known: records of READING, ESTIMATE and FOLLOWER_MEMORY, shape (f,).
+        """
+        for f, controller in self._controllers.items():
+            reading, estimate, memory = (table[f] for table in known)
+            speed, heading, depth, pitch, yaw_rate, pitch_rate = reading.tolist()
+            readings = Readings(k * CONTROL_STEP_S, speed, heading, depth, pitch, yaw_rate, pitch_rate, received[f])
+            biases = estimate.log_bias, estimate.compass_bias
+            belief = Belief(*map(float, (*estimate.position, *estimate.velocity, *biases, *estimate.current)))
+            found = controller.control(readings, belief, CONTROL_STEP_S)
+            motion = measured_motion(reading, estimate, CONTROL_STEP_S, memory)
+            command, kind = self._routes.command[f + 1], self._kind(f, found)
+            if kind is Wrench:
+                apply_wrench(self._routes.autopilots[f + 1], np.array(found, float), motion.surge, command)
+            elif kind is Command:
+                self._hold(k, f, Command(*map(float, found)), motion)
+            else:
+                command[: len(found)] = found
+
+    def _kind(self, f: int, found: Any) -> type[Any]:
+        """What a controller has returned; LaisnError naming its follower if it is neither of the three."""
+        size = self._effectors[f]
+        expected = {Wrench: 6, Command: 3}.get(type(found), size if isinstance(found, np.ndarray) else 3)
+        try:
+            values = np.asarray(found, dtype=np.float64)
+        except (TypeError, ValueError):
+            values = np.empty(0)
+        if values.shape != (expected,) or not np.all(np.isfinite(values)):
+            raise LaisnError(
+                f"controller of {self._names[f]} returned {found!r:.80}; expected heading, speed and depth, a Wrench, "
+                f"or an array of the states of {size} effectors, all finite"
+            )
+        return Wrench if type(found) is Wrench else np.ndarray if isinstance(found, np.ndarray) else Command
+
+    def _hold(self, k: int, f: int, wanted: Command, motion: Any) -> None:
+        routes, i, reference = self._routes, f + 1, self._reference
+        guidance: Record = routes.guidance[i]
+        reference.depth = wanted.depth
+        if k == 0:
+            begin(routes.reference[0, i], motion.heading, motion.surge, (0.0, 0.0), guidance)
+        steered = limit_command(wanted.heading, wanted.speed, CONTROL_STEP_S, guidance)
+        autopilot, memory = routes.autopilots[i], routes.autopilot[i]
+        control(autopilot, steered, reference, motion, CONTROL_STEP_S, memory, routes.command[i])

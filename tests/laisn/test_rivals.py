@@ -1,0 +1,321 @@
+"""The rival methods: each against an independent implementation or a closed form, and all as navigators of missions."""
+
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from filterpy.kalman import ExtendedKalmanFilter
+from scipy.optimize import least_squares
+
+import laisn_sim
+from laisn.arrays import Floats
+from laisn.estimates import FixKind
+from laisn.failure import LaisnError
+from laisn.messages import Bearing, LeaderMessage, Measurements, OwnMotion, Ranges, Reception
+from laisn.navigators import NAVIGATORS, find
+from laisn.rivals.kalman import GeodeticAdjustment, InvertedUsbl, OneWayTravelTime, RangeFilter
+from laisn.rivals.odometry import DeadReckoning
+from laisn.rivals.particle import ParticleFilter
+from laisn.rivals.settings import RivalSettings
+from sim.sensing.errors import SensorErrors
+from sim.sensing.observation import measure
+from tests.campaign.test_montecarlo import ABEAM, make_truth
+
+SETTINGS = RivalSettings()
+RIVALS = [name for name, spec in NAVIGATORS.items() if spec.settings is RivalSettings]
+START = np.array([0.0, 0.0, 1.0, 0.0])
+EXACT_LOG = {"speed_bias_sigma": 0.0, "heading_bias_sigma": 0.0, "range_scale_bias_sigma": 0.0}
+
+
+def by_name(name: str, settings: RivalSettings, start: Floats) -> Any:
+    if name == "factor-graph":
+        pytest.importorskip("gtsam")
+    return find(name).make(settings, start)
+
+
+def message(east: float, north: float, heading: float = 0.0, depth: float = 10.0) -> LeaderMessage:
+    return LeaderMessage(timestamp=1.0, east=east, north=north, heading=heading, speed=1.0, depth=depth)
+
+
+def by_filterpy(
+    settings: RivalSettings, mission: Measurements, start: Floats, only: int | None = None
+) -> tuple[Floats, Floats]:
+    """Position and covariance after each step, with numerical derivatives of the motion and of the ranges."""
+    kalman = ExtendedKalmanFilter(dim_x=5, dim_z=1)
+    kalman.x = np.r_[start[:2], 0.0, 0.0, 0.0]
+    kalman.P = np.diag(np.square([settings.start_sigma] * 2 + [
+        settings.speed_bias_sigma, settings.heading_bias_sigma, settings.range_scale_bias_sigma]))  # fmt: skip
+    dt = mission.dt
+
+    def velocity(x: Floats, speed: float, heading: float) -> Floats:
+        return np.asarray((speed - x[2]) * np.array([np.sin(heading - x[3]), np.cos(heading - x[3])]))
+
+    def derivative(function, x: Floats) -> Floats:  # type: ignore[no-untyped-def]
+        steps = 1e-6 * np.eye(5)
+        return np.column_stack([(function(x + step) - function(x - step)) / 2e-6 for step in steps])
+
+    arrival = {k: i for i, k in enumerate(mission.message_step.tolist())}
+    before, states, spreads = (mission.speed[0], mission.heading[0]), [], []
+    for k, now in enumerate(zip(mission.speed, mission.heading, strict=True), start=1):
+
+        def moved(x: Floats, before=before, now=now) -> Floats:  # type: ignore[no-untyped-def]
+            way = 0.5 * dt * (velocity(x, *before) + velocity(x, *now))
+            return np.asarray(np.r_[x[:2] + way, x[2:]])
+
+        heading = now[1] - kalman.x[3]
+        turn = np.array([[np.sin(heading), np.cos(heading)], [-np.cos(heading), np.sin(heading)]])
+        noise = np.diag([settings.speed_sigma**2, (settings.heading_sigma * now[0]) ** 2])
+        kalman.Q = np.zeros((5, 5))
+        kalman.Q[:2, :2] = dt**2 * turn.T @ noise @ turn
+        kalman.Q[2, 2], kalman.Q[3, 3] = 4e-8 * dt, 2.25e-8 * dt
+        kalman.F = derivative(moved, kalman.x)
+        kalman.P = kalman.F @ kalman.P @ kalman.F.T + kalman.Q
+        kalman.x = moved(kalman.x)
+        if k in arrival:
+            _, east, north, heading, _, depth, *_ = mission.message[arrival[k]]
+            ranges = mission.ranges[arrival[k]].copy()
+            ranges[settings.transmitters :] = np.nan
+            if only is not None:
+                ranges[np.arange(3) != only] = np.nan
+            used = np.flatnonzero(np.isfinite(ranges))
+            forward, port = (np.array([np.sin(a), np.cos(a)]) for a in (heading, heading - np.pi / 2))
+            places = np.array([east, north]) + np.stack([-forward, forward, settings.middle_offset * port])
+            below = depth - mission.depth[k - 1] + settings.hydrophone_height
+
+            def expected(x: Floats, used=used, places=places, below=below, ranges=ranges) -> Floats:  # type: ignore[no-untyped-def]
+                away = np.hypot(np.hypot(*(x[:2] - places[used]).T), below)
+                return np.asarray(away * (1.0 + x[4] / np.nanmax(ranges)))
+
+            share = expected(np.r_[kalman.x[:4], 0.0]) / np.nanmax(ranges)
+            noise = settings.range_sigma**2 * np.eye(used.size)
+            noise += settings.range_scale_sigma**2 * np.outer(share, share)
+            if used.size:
+                # of the scale's share in the direction's derivative, 1 + b_r / max z, the filter takes 1
+                kalman.update(
+                    ranges[used], lambda x, e=expected, share=share: derivative(lambda y: e(np.r_[y[:4], 0.0]), x)
+                    + np.outer(share, np.eye(5)[4]), expected, R=noise,
+                )  # fmt: skip
+        before = now
+        states.append(kalman.x[:2].copy())
+        spreads.append(kalman.P[[0, 0, 1], [0, 1, 1]])
+    return np.array(states), np.array(spreads)
+
+
+@pytest.mark.parametrize("transmitters", [2, 3])
+def test_the_range_filter_is_filterpys(transmitters: int) -> None:
+    """Also where ranges are missing, which the missions of `make_truth` have."""
+    truth = make_truth(offset=ABEAM, attitude=False)
+    assert np.any(np.isnan(truth.slant_range[:, :2]))
+    settings = replace(SETTINGS, transmitters=transmitters, hydrophone_height=0.1)
+    mission = measure(truth, SensorErrors(depth_sigma=0.05), seed=3, run=1)
+    found = RangeFilter(settings, truth.start).run(mission)
+    position, covariance = by_filterpy(settings, mission, truth.start)
+    assert found.state[:, :2] == pytest.approx(position, abs=1e-6)
+    assert found.covariance[:, (0, 0, 1), (0, 1, 1)] == pytest.approx(covariance, rel=1e-5, abs=1e-9)
+
+
+def test_the_filter_on_one_way_travel_times_is_filterpys_on_one_range() -> None:
+    truth = make_truth(offset=ABEAM, attitude=False)
+    mission = measure(truth, SensorErrors(), seed=3, run=1)
+    full = mission.ranges.copy()
+    full[np.isnan(full[:, 2]), 0] = np.nan
+    mission = replace(mission, ranges=full)
+    found = OneWayTravelTime(SETTINGS, truth.start).run(mission)
+    position, covariance = by_filterpy(SETTINGS, mission, truth.start, only=2)
+    assert found.state[:, :2] == pytest.approx(position, abs=1e-5)
+    assert found.covariance[:, (0, 0, 1), (0, 1, 1)] == pytest.approx(covariance, rel=1e-5, abs=1e-9)
+
+
+@pytest.mark.parametrize("method", [RangeFilter, OneWayTravelTime])
+def test_a_follower_at_rest_knows_its_place_as_a_mean_of_ranges_does(method: type[DeadReckoning]) -> None:
+    """Of n ranges from due north, biases known: variance of the northing 1 / (1 / σ₀² + n / σ²)."""
+    settings = RivalSettings(range_scale_sigma=0.0, range_sigma=0.5, start_sigma=2.0, speed_sigma=0.0, **EXACT_LOG)
+    navigator = method(settings, np.zeros(4))
+    for count in (1, 2, 3):
+        navigator.step(OwnMotion(0.0, 0.0, 10.0), Reception(message(0.1, 101.0), Ranges(100.0, np.nan, np.nan)))
+        assert navigator.covariance[1, 1] == pytest.approx(1.0 / (1.0 / 4.0 + count / 0.25), rel=1e-3)
+        assert navigator.covariance[0, 0] == pytest.approx(4.0, rel=1e-3)
+
+
+def test_dead_reckoning_on_a_straight_line_has_the_covariance_of_its_closed_form() -> None:
+    """Along at speed s for t = n Δt: σ₀² + σ_bv² t² + n σ_v² Δt² + slip² t; across with s σ_bθ and s σ_θ for those."""
+    settings = replace(SETTINGS, slip=0.05, heading_bias_sigma=0.1)
+    navigator, n, speed = DeadReckoning(settings, START), 500, 1.5
+    for _ in range(n):
+        assert navigator.step(OwnMotion(speed, np.pi / 2, 10.0)) == []
+    time, dt = 50.0, 0.1
+    assert navigator.state == pytest.approx([75.0, 0.0, 1.5, 0.0], abs=1e-9)
+    rest = settings.start_sigma**2 + settings.slip**2 * time
+    along = rest + settings.speed_bias_sigma**2 * time**2 + n * (settings.speed_sigma * dt) ** 2
+    across = rest + (speed * 0.1 * time) ** 2 + n * (speed * settings.heading_sigma * dt) ** 2
+    # random walks of the biases, integrated twice
+    walks = 4e-8 * time**3 / 3, 2.25e-8 * speed**2 * time**3 / 3
+    assert navigator.covariance[0, 0] == pytest.approx(along + walks[0], rel=1e-5)
+    assert navigator.covariance[1, 1] == pytest.approx(across + walks[1], rel=1e-5)
+    assert navigator.covariance[2, 2] == pytest.approx(0.3**2 + 4e-8 * time + 0.2**2, rel=1e-9)
+    lost = navigator.step(OwnMotion(speed, 0.0, 10.0), Reception(message(9.0, 9.0), Ranges(9.0, 9.0, 9.0)))
+    assert lost[0].kind == FixKind.LOST
+
+
+def test_particles_have_the_moments_of_the_exact_posterior() -> None:
+    """A ring of ranges through a prior of 2 m about a transmitter 4 m away is no Gaussian; moments by integration."""
+    settings = RivalSettings(
+        particles=1_000_000, start_sigma=2.0, range_sigma=0.2, range_scale_sigma=0.0, speed_sigma=0.0, **EXACT_LOG
+    )
+    navigator = ParticleFilter(settings, np.zeros(4))
+    navigator.step(OwnMotion(0.0, 0.0, 10.0), Reception(message(0.1, 4.0), Ranges(np.nan, np.nan, 4.5)))
+    x, y = np.meshgrid(np.linspace(-9.0, 9.0, 1801), np.linspace(-9.0, 9.0, 1801))
+    # the middle transmitter is 0.1 m to port of a leader that heads north
+    density = np.exp(-(x**2 + y**2) / 8.0 - 0.5 * ((np.hypot(x, y - 4.0) - 4.5) / 0.2) ** 2)
+    density /= density.sum()
+    mean = np.array([(density * x).sum(), (density * y).sum()])
+    xx, yy = (density * (x - mean[0]) ** 2).sum(), (density * (y - mean[1]) ** 2).sum()
+    assert navigator.state[:2] == pytest.approx(mean, abs=0.02)
+    assert (navigator.covariance[0, 0], navigator.covariance[1, 1]) == pytest.approx((xx, yy), rel=0.03)
+
+
+def test_an_inverted_usbl_places_the_follower_by_range_and_bearing() -> None:
+    """From a start that counts for nothing, exact readings leave transmitter − D u(heading + azimuth)."""
+    settings = RivalSettings(
+        start_sigma=1e3,
+        azimuth_sigma=1e-6,
+        elevation_sigma=1e-3,
+        range_scale_sigma=0.0,
+        heading_sigma=1e-9,
+        **EXACT_LOG,
+    )
+    heading, azimuth, away, deeper = 0.4, 0.7, 60.0, 8.0
+    place = np.array([20.0, -5.0]) - away * np.array([np.sin(heading + azimuth), np.cos(heading + azimuth)])
+    navigator = InvertedUsbl(settings, np.append(place + np.array([0.3, -0.2]), [0.0, 0.0]))
+    bearing = Bearing(azimuth, np.arctan2(deeper, away))
+    # the front transmitter of a leader that heads north is 1 m ahead
+    heard = Reception(message(20.0, -6.0), Ranges(np.nan, np.hypot(away, deeper), np.nan), bearing=bearing)
+    for _ in range(4):
+        navigator.step(OwnMotion(0.0, heading, 10.0 + deeper), heard)
+    assert navigator.state[:2] == pytest.approx(place, abs=2e-3)
+    with pytest.raises(LaisnError, match="no azimuth and elevation of an inverted USBL"):
+        navigator.step(OwnMotion(0.0, heading, 18.0), heard._replace(bearing=None))
+
+
+def test_a_geodetic_adjustment_minimises_the_weighted_squares_of_its_observations() -> None:
+    settings = replace(SETTINGS, start_sigma=1.5)
+    navigator = GeodeticAdjustment(settings, START)
+    reckoned = DeadReckoning(settings, START)
+    for _ in range(50):
+        navigator.step(OwnMotion(1.0, 1.0, 10.0))
+        reckoned.step(OwnMotion(1.0, 1.0, 10.0))
+    own, z, transmitter = OwnMotion(1.0, 1.0, 10.0), 20.0, np.array([-0.1, 24.0])
+    reckoned.step(own)
+    navigator.step(own, Reception(message(0.0, 24.0), Ranges(np.nan, np.nan, z)))
+    root = np.linalg.cholesky(np.linalg.inv(reckoned.covariance[:2, :2])).T
+    sigma = np.linalg.norm([settings.range_sigma, settings.range_scale_sigma, settings.range_scale_bias_sigma])
+
+    def residuals(p: Floats) -> Floats:
+        return np.append(root @ (p - reckoned.state[:2]), (np.linalg.norm(p - transmitter) - z) / sigma)
+
+    best = least_squares(residuals, reckoned.state[:2], xtol=1e-12)
+    # iterations stop where the range's own curvature no longer matters
+    assert navigator.state[:2] == pytest.approx(best.x, abs=1e-3)
+    assert navigator.covariance[:2, :2] == pytest.approx(np.linalg.inv(best.jac.T @ best.jac), rel=1e-3)
+
+
+def test_a_factor_graph_whose_window_holds_all_is_the_solution_of_the_whole_problem() -> None:
+    """Six messages, all poses, biases and common errors at once by scipy's least squares."""
+    settings = replace(SETTINGS, lag=1e3, start_sigma=0.5)
+    navigator, rng = by_name("factor-graph", settings, START), np.random.default_rng(5)
+    readings, heard, place = [], [], np.zeros(2)
+    s, c, dt = np.sin(0.3), np.cos(0.3), 0.1
+    offsets = np.array([[-s, -c], [s, c], [-0.1 * c, 0.1 * s]])
+    for k in range(1, 61):
+        heading = 0.9 + 0.01 * k
+        place = place + dt * np.array([np.sin(heading), np.cos(heading)])
+        own = OwnMotion(1.1 + 0.1 * rng.normal(), heading + 0.05 + 0.02 * rng.normal(), 10.0)
+        readings.append(own[:2])
+        reception = None
+        if k % 10 == 0:
+            leader = message(15.0 + 0.1 * k, 6.0 - 0.05 * k, 0.3)
+            true = np.linalg.norm(place - np.array([leader.east, leader.north]) - offsets, axis=1)
+            reception = Reception(leader, Ranges(*(true + 0.05 * rng.normal() + 0.003 * rng.normal(size=3))))
+            heard.append(reception)
+        navigator.step(own, reception)
+    both = np.array([readings[0], *readings])
+    u = np.column_stack([np.sin(both[:, 1]), np.cos(both[:, 1])])
+    steps = 0.5 * dt * (both[:-1, :1] * u[:-1] + both[1:, :1] * u[1:]), 0.5 * dt * (u[:-1] + u[1:])
+
+    def residuals(v: Floats) -> Floats:
+        poses, (log, scale), common = v[:21].reshape(7, 3), v[21:23], v[23:]
+        found = [poses[0, :2] / 0.5, [poses[0, 2] / settings.heading_bias_sigma, log / settings.speed_bias_sigma,
+                                      scale / settings.range_scale_bias_sigma]]  # fmt: skip
+        for i, reception in enumerate(heard):
+            part, (before, after) = slice(10 * i, 10 * i + 10), poses[i : i + 2]
+            way, path, now = steps[0][part].sum(axis=0), steps[1][part].sum(axis=0), u[1:][part]
+            across = both[1:, :1][part] * np.column_stack([-now[:, 1], now[:, 0]])
+            noise = dt**2 * (settings.speed_sigma**2 * now.T @ now + settings.heading_sigma**2 * across.T @ across)
+            turn = np.array([[np.cos(before[2]), np.sin(before[2])], [-np.sin(before[2]), np.cos(before[2])]])
+            moved = turn @ (after[:2] - before[:2]) - way + log * path
+            found.append(np.linalg.solve(np.linalg.cholesky(noise), moved))
+            found.append([(after[2] - before[2]) / (1.5e-4 * np.sqrt(1.0))])
+            places = np.array([reception.message.east, reception.message.north]) + offsets
+            away = np.linalg.norm(after[:2] - places, axis=1)
+            found.append((away + common[i] - np.array(reception.ranges)) / settings.range_sigma)
+            found.append([(common[i] - scale) / settings.range_scale_sigma])
+        return np.concatenate(found)
+
+    best = least_squares(residuals, np.zeros(29), x_scale="jac", xtol=1e-14, ftol=1e-14, max_nfev=2000)
+    spread = np.linalg.inv(best.jac.T @ best.jac)[18:20, 18:20]
+    assert navigator.x[[0, 1, 3, 2, 4]] == pytest.approx([*best.x[18:23]], abs=3e-2 * np.sqrt(spread.max()))
+    assert navigator.P[:2, :2] == pytest.approx(spread, rel=0.1, abs=0.05 * spread.max())
+
+
+def test_without_gtsam_the_factor_graph_names_the_command_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "gtsam", None)
+    with pytest.raises(LaisnError, match="pip install"):
+        find("factor-graph").make(SETTINGS, START)
+
+
+@pytest.fixture(scope="module")
+def flight() -> Any:
+    changes = {"motion": "kinematic", "duration_s": 60.0, "acoustics.loss_probability": 0.2}
+    return laisn_sim.fly("T7", {"navigation.variant": "inverted-usbl", **changes})
+
+
+@pytest.mark.parametrize("name", RIVALS)
+def test_a_rival_gives_the_same_step_by_step_as_over_a_mission(name: str, flight: Any) -> None:
+    (measured,), (usbl,) = flight.measurements, flight.estimates
+    settings, start = RivalSettings(lag=5.0, particles=200), usbl.state[0]
+    whole = by_name(name, settings, start).run(measured)
+    navigator, fixes, states, spreads = by_name(name, settings, start), [], [], []
+    for own, reception in measured.steps():
+        fixes += navigator.step(own, reception)
+        states.append(navigator.state)
+        spreads.append(navigator.covariance)
+    np.testing.assert_array_equal(whole.state, states)
+    np.testing.assert_array_equal(whole.covariance, spreads)
+    assert whole.fix_kind.tolist() == [fix.kind for fix in fixes]
+    kinds = {FixKind.LOST} if name == "dead-reckoning" else {FixKind.LOST, FixKind.RANGES}
+    assert set(whole.fix_kind.tolist()) == kinds
+    again = laisn_sim.navigate(flight, {"navigation.variant": name, "navigation.rival.particles": 200})
+    assert np.isfinite(again.estimates[0].state).all()
+
+
+def test_a_shipped_usbl_is_there_for_its_navigator_alone(flight: Any) -> None:
+    assert flight.measurements[0].own["bearing"].shape == (600, 2)
+    assert not laisn_sim.fly("T7", {"motion": "kinematic", "duration_s": 2.0}).measurements[0].own
+    sensor = {"sensor": "inverted-usbl", "azimuth_sigma_deg": 0.0, "azimuth_bias_deg": 2.0, "elevation_sigma_deg": 0.0}
+    exact = laisn_sim.fly("T7", {"motion": "kinematic", "duration_s": 20.0, "sensors.own": [sensor]})
+    (measured,), truth = exact.measurements, exact.trajectory
+    away = truth.site_path("leader/tx_front") - truth.site_path("follower/hydrophone")
+    direction = np.arctan2(*away[measured.message_step, :2].T) - truth.heading[measured.message_step, 1]
+    found = measured.own["bearing"][measured.message_step - 1, 0]
+    np.testing.assert_allclose(np.cos(found - direction), np.cos(np.deg2rad(2.0)), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [({"navigation.rival.particles": 3}, "particles"), ({"navigation.assume.known_start": False}, "known_start")],
+)
+def test_settings_that_no_rival_has_are_refused(settings: dict[str, object], expected: str) -> None:
+    with pytest.raises(LaisnError, match=expected):
+        laisn_sim.load("T5", {"navigation.variant": "particle", **settings})
