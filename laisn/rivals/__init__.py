@@ -4,5 +4,5 @@ All of them dead-reckon on log and compass between messages (`odometry`) and dif
 nothing, a Kalman update (`kalman`), particles (`particle`) or a factor graph (`factor_graph`).
 
 Imports: laisn.arrays laisn.compiled laisn.estimates laisn.failure laisn.geometry laisn.messages laisn.navigators
-laisn.settings laisn.tight.settings
+laisn.tight.settings
 """

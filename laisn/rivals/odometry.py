@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 
-from laisn import MIDDLE, REAR
 from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.estimates import Estimates, FixKind, FixRecord
@@ -211,7 +210,7 @@ class OdometrySums(DeadReckoning):
 
 def single_transmitter(ranges: Floats) -> int:
     """The transmitter of methods that use one: the middle one, or the rear where that is not received."""
-    return REAR if np.isnan(ranges[MIDDLE]) else MIDDLE
+    return 0 if np.isnan(ranges[2]) else 2
 
 
 def slant(x: Floats, transmitter: Floats) -> tuple[float, Floats]:
