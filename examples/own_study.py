@@ -21,4 +21,4 @@ for row in results.table.rows():
     print(f"depth {row['followers.0.depth_m']:4} m, {row['arm']:8}: mean E_P {row['e_p_mean_m']:.2f} m")
 for name, found in results.findings.items():
     print(f"{name}: {found.value:.3f} ({found.low:.3f} to {found.high:.3f}) {found.unit}")
-print(f"report in {results.report}")
+print(f"report in {results.report()}")

@@ -3,6 +3,8 @@
 >>> import laisn_sim
 >>> flight = laisn_sim.fly("T5", {"duration_s": 60, "navigation.variant": "laisn-3-2"})
 >>> laisn_sim.errors(flight).to_pandas()
+>>> flight.plot().show()
+>>> flight.report("t5.html")
 
 Settings have the names of the files: `Scenario(followers=[{"route": "T5", "depth_m": 12}])` takes the keys of a
 scenario file, and `study("T5", vary={"followers.0.depth_m": [10, 15]})` those of a study file. Numbers and arrays of
@@ -26,21 +28,21 @@ if TYPE_CHECKING:
     from typing import Any
 
     from experiments.flight.files import flight_summary as summary
-    from experiments.flight.files import fly_mission as fly
     from experiments.flight.files import log_flight as write_log
     from experiments.flight.files import render as render
-    from experiments.flight.fly import navigate_again as navigate
     from experiments.flight.library import loaded as load
     from experiments.flight.tables import Table as Table
     from experiments.flight.tables import errors_table as errors
     from experiments.flight.tables import measurements_table as measurements
     from experiments.flight.tables import truth_table as truth
+    from experiments.pages.results import Flight as Flight
+    from experiments.pages.results import fly as fly
+    from experiments.pages.results import navigate as navigate
+    from experiments.pages.results import read_log as read_log
     from experiments.study.study import StudyFolder as StudyFolder
     from laisn.failure import LaisnError as LaisnError
     from laisn.navigator import Navigator as Navigator
     from laisn.plugins import load_plugin as load_plugin
-    from sim.flight import Flight as Flight
-    from sim.log.reader import read as read_log
     from sim.scenario.settings import Scenario as Scenario
 
 __all__ = [
@@ -63,19 +65,19 @@ _ROOT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
 _PACKAGES = ("models", "laisn", "sim", "experiments")
 _INTERRUPTED = b"laisn: interrupted\n"
 _HOMES = {
-    "Flight": "sim.flight:Flight",
+    "Flight": "experiments.pages.results:Flight",
     "LaisnError": "laisn.failure:LaisnError",
     "Navigator": "laisn.navigator:Navigator",
     "StudyFolder": "experiments.study.study:StudyFolder",
     "Scenario": "sim.scenario.settings:Scenario",
     "Table": "experiments.flight.tables:Table",
     "errors": "experiments.flight.tables:errors_table",
-    "fly": "experiments.flight.files:fly_mission",
+    "fly": "experiments.pages.results:fly",
     "load": "experiments.flight.library:loaded",
     "load_plugin": "laisn.plugins:load_plugin",
     "measurements": "experiments.flight.tables:measurements_table",
-    "navigate": "experiments.flight.fly:navigate_again",
-    "read_log": "sim.log.reader:read",
+    "navigate": "experiments.pages.results:navigate",
+    "read_log": "experiments.pages.results:read_log",
     "render": "experiments.flight.files:render",
     "summary": "experiments.flight.files:flight_summary",
     "truth": "experiments.flight.tables:truth_table",

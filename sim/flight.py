@@ -2,12 +2,10 @@
 
 from dataclasses import dataclass, replace
 from enum import Enum
-from html import escape
 from typing import Any, TypeVar
 
 import numpy as np
 
-from laisn import metrics
 from laisn.arrays import Floats, Ints
 from laisn.estimates import Estimates
 from laisn.failure import LaisnError
@@ -86,38 +84,6 @@ class Flight:
             f"<Flight {self.scenario.name!r}: {self.trajectory.time[-1]:g} s, {followers} "
             f"follower{'s' if followers > 1 else ''}, {self.scenario.navigation.variant}, {self.outcome.name.lower()}>"
         )
-
-    def _repr_html_(self) -> str:
-        """A line for each follower, for notebooks."""
-        rows = []
-        for i, name in enumerate(self.trajectory.names[1:]):
-            error = metrics.position_errors(self.estimates[i].state[:, :2], self.hydrophone(i)[:, :2])
-            found = (f"{error.mean():.2f} m", f"{error.max():.2f} m") if error.size else ("–", "–")
-            rows.append("".join(f"<td>{cell}</td>" for cell in (name, *found)))
-        heads = "<th>follower</th><th>mean E_P</th><th>largest E_P</th>"
-        body = "".join(f"<tr>{row}</tr>" for row in rows)
-        about = escape(f"{self!r}"[1:-1])
-        return f"<table><caption>{about}</caption><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>"
-
-    def plot(self) -> Any:
-        """Draw routes with estimates, and position errors over time, by matplotlib's pyplot; gives the two axes."""
-        # loading it takes a third of a second, which flights without pictures need not spend
-        from matplotlib import pyplot
-
-        _, (routes, errors) = pyplot.subplots(1, 2, figsize=(11.0, 4.2), layout="constrained")
-        time, position = self.trajectory.time[self.step_index()], self.trajectory.position
-        routes.plot(*position[:, 0, :2].T, label=self.trajectory.names[0])
-        for i, name in enumerate(self.trajectory.names[1:]):
-            truth, estimate = self.hydrophone(i)[:, :2], self.estimates[i].state[:, :2]
-            (line,) = routes.plot(*truth.T, label=name)
-            routes.plot(*estimate.T, ":", color=line.get_color(), label=f"estimate of {name}")
-            errors.plot(time, metrics.position_errors(estimate, truth), color=line.get_color(), label=name)
-        routes.set(xlabel="east [m]", ylabel="north [m]")
-        routes.set_aspect("equal", adjustable="datalim")
-        errors.set(xlabel="time [s]", ylabel="position error [m]", ylim=(0.0, None))
-        for axes in (routes, errors):
-            axes.legend()
-        return np.array([routes, errors])
 
     def hydrophone(self, follower: int) -> Floats:
         """True position of a follower's hydrophone at filter steps k = 1 … n, shape (n, 3), [m].

@@ -42,7 +42,9 @@ LATE = {
     "sim.water.ocean": "as sim.vehicle.own_hull",
     "sim.station_plan": "only scenarios with stations need the plant to be looked at",
     "sim.feasibility": "the sea and the hulls take half a second, and who reads or lists scenarios needs neither",
-    "matplotlib.pyplot": "it looks for a display, and only users who plot need one",
+    "plotly.graph_objects": "it takes a second to import, and pages need text alone",
+    "experiments.study.charts": "as experiments.study.page",
+    "experiments.pages.flight_report": "a figure needs no templates",
     "experiments.study.page": "drawing takes a third of a second, and who reads a table draws nothing",
 }
 """What may be imported within functions, and why; in the command and in `laisn_sim`, which answer at once, anything."""

@@ -197,11 +197,29 @@ def test_a_scenario_is_written_as_what_differs_from_the_defaults() -> None:
 
 
 def test_a_flight_is_drawn_with_its_estimates_and_errors(flight: laisn_sim.Flight) -> None:
-    routes, errors = flight.plot()
-    assert routes.get_legend_handles_labels()[1] == ["leader", "follower", "estimate of follower"]
-    estimate, table = routes.lines[2].get_xydata(), laisn_sim.errors(flight)
-    np.testing.assert_array_equal(estimate, np.column_stack([table["estimate_east_m"], table["estimate_north_m"]]))
-    np.testing.assert_array_equal(errors.lines[0].get_xydata(), np.column_stack([table["time_s"], table["e_p_m"]]))
+    table = laisn_sim.errors(flight)
+    leader, truth, estimate, *_ = flight.plot("routes").data
+    np.testing.assert_allclose(truth.x, table["east_m"], rtol=1e-4)
+    np.testing.assert_allclose(estimate.x, table["estimate_east_m"], rtol=1e-4)
+    np.testing.assert_allclose(estimate.y, table["estimate_north_m"], rtol=1e-4, atol=1e-9)
+    assert "leader" in leader.hovertemplate
+    *_, error = (trace for trace in flight.plot().data if trace.yaxis is None)
+    np.testing.assert_allclose(error.x, table["time_s"], rtol=1e-4)
+    np.testing.assert_allclose(error.y, table["e_p_m"], rtol=1e-4)
+    assert next(axis.title.text for axis in flight.plot("motion").select_yaxes()) == "depth [m]"
+    with pytest.raises(laisn_sim.LaisnError, match="plot 'speed': expected one of errors, routes, motion"):
+        flight.plot("speed")
+    with pytest.raises(laisn_sim.LaisnError, match="follower 1: expected 0 … 0"):
+        flight.plot(follower=1)
+
+
+def test_a_flight_writes_its_report(flight: laisn_sim.Flight, tmp_path: Path) -> None:
+    again = laisn_sim.navigate(flight, {"navigation.variant": "laisn-3-2"})
+    for one, name in ((flight, "a.html"), (again, "b.html")):
+        path = one.report(tmp_path / name)
+        assert path == tmp_path / name
+        mean = laisn_sim.errors(one)["e_p_m"].mean()
+        assert f"The mean position error is {mean:.2f}" in path.read_text(encoding="utf-8")
 
 
 def test_what_is_printed_is_short_and_html_in_notebooks(flight: laisn_sim.Flight) -> None:
@@ -234,12 +252,14 @@ def test_a_study_by_keywords_is_that_of_a_file(tmp_path: Path) -> None:
     # records hold six digits
     assert a.findings["e_p_mean_m: point 0, arm all, follower"].value == float(f"{a.table['e_p_mean_m'][0]:.6g}")
     assert laisn_sim.StudyFolder(tmp_path / "a").table.arrow == a.table.arrow
-    (line,) = a.plot("followers.0.depth_m").lines
-    drawn = np.column_stack([a.table["followers.0.depth_m"], a.table["e_p_mean_m"]])
-    np.testing.assert_array_equal(line.get_xydata(), drawn)
+    (line,) = a.plot("followers.0.depth_m").data
+    np.testing.assert_allclose(line.x, a.table["followers.0.depth_m"])
+    np.testing.assert_allclose(line.y, a.table["e_p_mean_m"], rtol=1e-4)
     with pytest.raises(laisn_sim.LaisnError, match="unknown column 'speed'"):
         a.plot("speed")
-    assert a.report.is_file()
+    assert a.report().is_file()
+    assert len(a.table.to_pandas()) == 2
+    assert str(a.report()) in a._repr_html_()
     with pytest.raises(laisn_sim.LaisnError, match="holds no results of a study"):
         laisn_sim.StudyFolder(tmp_path)
 

@@ -18,6 +18,8 @@ from laisn.arrays import Floats
 DRAWN_POINTS = 600
 """Most points of a line in a panel of the usual width; more cannot be seen at this size."""
 PIXELS_PER_INCH = 96
+_MOST_LINES, _FEWEST_POINTS = 14, 200
+"""Lines of a panel with all their points; of more, each has fewer, so that a page of many vehicles stays small."""
 _TITLE_CHARACTERS = 11
 """Room in a line of the title [1/inch]."""
 
@@ -92,6 +94,8 @@ class Panel:
     """[inch]; wider panels keep more points."""
     height: float = HEIGHT
     """[inch]."""
+    points: int = DRAWN_POINTS
+    """Most points of a line, were the panel of the usual width."""
     link: str = ""
     """Panels of a page with the same name share a time cursor."""
 
@@ -105,7 +109,9 @@ class Panel:
     def figure(self) -> dict[str, Any]:
         """Plotly's `data` and `layout`; colours are CSS variables of the page."""
         data, layout = list[dict[str, Any]](), self._layout()
-        points = round(DRAWN_POINTS * max(1.0, self.width / WIDTH))
+        lines = sum(len(part.lines) for part in self.parts)
+        wide = min(max(1.0, self.width / WIDTH), _MOST_LINES / max(lines, 1))
+        points = max(round(self.points * wide), _FEWEST_POINTS)
         for number, part in enumerate(self.parts):
             axis = {"yaxis": f"y{number + 1}"} if number else {}
             data += [_trace(line, None if self.equal else points, self.equal) | axis for line in part.lines]
@@ -189,8 +195,8 @@ def decimate(x: Floats, y: Floats, points: int = DRAWN_POINTS) -> tuple[Floats, 
 
 
 def numbers(values: Floats) -> list[float | None]:
-    """Values with six digits, which no screen exceeds; None where there is nothing to draw."""
-    return [float(f"{value:.6g}") if np.isfinite(value) else None for value in np.asarray(values, dtype=float).tolist()]
+    """Values with five digits, which no screen exceeds; None where there is nothing to draw."""
+    return [float(f"{value:.5g}") if np.isfinite(value) else None for value in np.asarray(values, dtype=float).tolist()]
 
 
 def _axis(label: str, limits: Limits, log: bool, ticks: Ticks) -> dict[str, Any]:
@@ -239,6 +245,14 @@ def _trace(line: Line, points: int | None, place: bool) -> dict[str, Any]:
             "thickness": 1.2, "color": line.colour.css,
         }  # fmt: skip
     return trace
+
+
+def plotly(panel: Panel) -> Any:
+    """The panel as a `plotly.graph_objects.Figure`, for notebooks."""
+    # it takes a second to import, and pages need text alone
+    from plotly.graph_objects import Figure  # type: ignore[import-untyped]
+
+    return Figure(light(panel.figure))
 
 
 def light(value: Any) -> Any:

@@ -9,7 +9,7 @@ import numpy as np
 
 from experiments.flight.events import largest_sigma
 from experiments.flight.summary import true_bearing
-from experiments.pages.figures import Line, Panel, Part, panel
+from experiments.pages.figures import DRAWN_POINTS, Line, Panel, Part, panel
 from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, INK, LEADER, MUTED, SERIES, TRANSMITTERS
 from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, FixKind
@@ -23,8 +23,10 @@ ON_AXIS_DEG = 15.0
 """Within this angle of the leader's axis, ahead or astern, ranges hardly determine the direction."""
 ROW_HEIGHT, STACK_WIDTH, MAP_WIDTH = 5.6, 5.6, 3.3
 """Height of the panels of a follower's row, and widths of its curves over time and of its maps [inch]."""
-_TRACK_POINTS = 1500
-_DOTS = 1200
+_TRACK_POINTS, _DOTS = 4000, 1200
+"""Points of the tracks of a flight together, and dots of a difference."""
+_FEW_POINTS = 240
+"""Points of a line of a follower among several, so that the page stays small."""
 _LEAST_WEIGHT = 1e-3
 
 
@@ -76,8 +78,8 @@ def over_time(flight: Flight, follower: int, errors: tuple[Floats, Floats], boun
     weights, time = weights_part(flight, follower), flight.trajectory.time[flight.step_index()]
     return Panel(
         parts=[*parts, weights] if weights else parts, x_label="time [s]", x_limits=(0.0, float(time[-1])),
-        width=STACK_WIDTH, height=ROW_HEIGHT,
-        link=f"follower{follower}",
+        width=STACK_WIDTH, height=ROW_HEIGHT, link=f"follower{follower}",
+        points=DRAWN_POINTS if len(flight.estimates) == 1 else _FEW_POINTS,
     )  # fmt: skip
 
 
@@ -96,7 +98,7 @@ def track_map(
 ) -> Panel:
     """True routes of the leader and of some followers from above, and their estimates."""
     steps = flight.step_index()
-    every = slice(None, None, max(1, steps.size // _TRACK_POINTS))
+    every = slice(None, None, max(1, steps.size * (len(flight.estimates) + 2) // _TRACK_POINTS))
     time, names = flight.trajectory.time[steps[every]], flight.trajectory.names[1:]
     tracks = [(flight.trajectory.position[steps[every], 0, :2], LEADER, 1.4, "leader")]
     tracks += [(flight.hydrophone(i)[every, :2], FOLLOWER, 1.8, names[i]) for i in followers]
@@ -121,7 +123,7 @@ def track_map(
 def difference(flight: Flight, follower: int) -> Panel:
     """Estimate minus truth, east and north, as dots; the cross in the middle is the truth."""
     away = flight.estimates[follower].state[:, :2] - flight.hydrophone(follower)[:, :2]
-    every, origin = slice(None, None, max(1, len(away) // _DOTS)), np.zeros(1)
+    every, origin = slice(None, None, max(1, len(away) * len(flight.estimates) // _DOTS)), np.zeros(1)
     dots, time = away[every], flight.trajectory.time[flight.step_index()[every]]
     lines = [
         Line(x=dots[:, 0], y=dots[:, 1], colour=ESTIMATE, marker="o", opacity=0.45, name="difference", time=time),

@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from experiments.flight.tables import Table
 from experiments.intervals import Interval
-from experiments.pages.figures import Line, Panel, numbers, panel
+from experiments.pages.figures import Line, Panel, numbers, panel, plotly
 from experiments.pages.page import Figures
-from experiments.pages.style import FRAME, FULL, INK, PAPER, SERIES, Legend
+from experiments.pages.style import FRAME, FULL, INK, PAPER, SERIES, WIDTH, Legend
 from experiments.study.design import is_number
 from experiments.study.estimate import NOTHING, Results, digits
 from experiments.study.metrics import METRICS, without_unit
@@ -20,6 +21,8 @@ from experiments.study.plan import ARM, FOLLOWER, Plan, levels, varied
 MOST_PANELS = 12
 MOST_LINES = len(SERIES)
 _MOST_TICKS = 8
+_MOST_BARS = 200
+"""Points of a panel beyond which intervals would hide them."""
 
 _OWNERS = re.compile(r"^(leader|followers\.(\d+|\*))\.")
 
@@ -171,7 +174,8 @@ def over_factor(plan: Plan, results: Results, layout: Layout, base: str = "") ->
             name = value_text(kind) if layout.lines else ""
             if axis.numeric and plan.study.design == "factorial":
                 lines.append(Line(x=x, y=y, colour=colour))
-            lines.append(Line(x=x, y=y, colour=colour, marker="o", size=3.6, name=name or label, interval=(low, high)))
+            bars = (low, high) if x.size <= _MOST_BARS else None
+            lines.append(Line(x=x, y=y, colour=colour, marker="o", size=3.0, name=name or label, interval=bars))
         if lines and base:
             across = [min(axis.places), max(axis.places)] if axis.numeric else ends
             lines.insert(0, Line(x=np.array(across), y=np.zeros(2), colour=FRAME, dash="--", width=0.7))
@@ -186,8 +190,9 @@ def over_factor(plan: Plan, results: Results, layout: Layout, base: str = "") ->
     if not axis.numeric:
         words = {place: value_text(v)[:18] for place, v in zip(axis.places, axis.values, strict=True)}
         settings |= {"x_ticks": _few(words), "x_limits": ends}
+    width = WIDTH if len(drawn) > 1 else 0.6 * FULL
     return Figures(
-        panels=[panel(lines, title=title, **settings) for title, lines in drawn.items()],
+        panels=[panel(lines, title=title, width=width, **settings) for title, lines in drawn.items()],
         legend=[entry for entry in _legend(kinds) if entry[1] != base],
     )
 
@@ -295,3 +300,15 @@ def over_draws(plan: Plan, results: Results, point: int) -> Figures:
         if lines:
             panels.append(panel(lines, x_label=label_of(draw.key), y_label=label))
     return Figures(panels=panels, legend=_legend(plan.arms))
+
+
+def arms_over(table: Table, x: str, y: str) -> Any:
+    """A metric of a table of results over a factor, as of `StudyFolder.plot`: a Plotly figure."""
+    arm, across, metric = (table[name] for name in ("arm", x, y))
+    lines = []
+    for name, colour in zip(dict.fromkeys(arm), itertools.cycle(SERIES)):
+        places = np.unique(across[arm == name])
+        means = np.array([np.nanmean(metric[(arm == name) & (across == at)]) for at in places])
+        lines.append(Line(x=places, y=means, colour=colour, name=name))
+    label = METRICS[y].label if y in METRICS else y
+    return plotly(panel(lines, x_label=label_of(x), y_label=label, width=FULL / 2, height=3.6))

@@ -14,13 +14,15 @@ from experiments.pages.page import Cell, Code, Film, Page, Text, number, words
 from experiments.study import charts
 from experiments.study.design import is_number
 from experiments.study.effects import main_effects
-from experiments.study.estimate import Place, Results, shown
+from experiments.study.estimate import Place, Results, digits, shown
 from experiments.study.file import METRIC
 from experiments.study.metrics import METRICS
 from experiments.study.plan import Entry, Plan, many, varied
 
 _MOST_COMMANDS = 400
-_TONES = {"lower": "yes", "higher": "no", "undecided": "maybe"}
+_MOST_ROWS = 60
+"""Places in a table; of more, those of the lowest and highest values are listed."""
+_TONES = {"lower": "yes", "higher": "no", "undecided": "maybe", "same": ""}
 _COLUMNS = (METRIC, "e_p_p95_m", "e_b_mean_deg", "mirror_locked", "track_error_rms_m", "depth_error_rms_m",
             "closest_approach_m", "energy_j")  # fmt: skip
 """Columns of the page's table beside the metric of the report."""
@@ -42,9 +44,12 @@ def _factor_cell(value: Any) -> Cell:
     return Cell(text=charts.value_text(value), sort=value if is_number(value) else "")
 
 
-def _verdict(apart: Interval) -> str:
-    """Whether an arm is lower or higher than the first one, by the whole interval."""
-    return "lower" if apart.high < 0 else "higher" if apart.low > 0 else "undecided"
+def _verdict(apart: Interval, value: float, base: float) -> str:
+    """Whether an arm is lower or higher than the first one, by the whole interval; "same" if no shown digit differs."""
+    decided = apart.high < 0 or apart.low > 0
+    if digits(value) == digits(base) and (decided or apart.value == 0):
+        return "same"
+    return "undecided" if not decided else "lower" if apart.value < 0 else "higher"
 
 
 def notable(plan: Plan, results: Results, place: Place) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -90,6 +95,9 @@ def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], f
     found = {place: results.estimate(place, report.metric) for place in results.rows}
     known = sorted((place for place in found if not math.isnan(found[place].value)), key=lambda p: found[p].value)
     apart = results.differences(plan.arms[0], report.metric)
+    said = {p: _verdict(d, found[p].value, found[p[0], plan.arms[0], p[2]].value) for p, d in apart.items()}
+    half, effects = _MOST_ROWS // 2, main_effects(plan, results, report.metric)
+    listed = list(results.rows) if len(results.rows) <= _MOST_ROWS else known[:half] + known[-half:]
     across = layout.against if layout.against in factors else "".join(factors[:1])
     factorial, asked = study.design == "factorial", any((report.against, report.lines, report.panels))
     calm = all(entry.scenario.ocean.waves.kind == "none" for entry in plan.entries)
@@ -97,12 +105,12 @@ def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], f
         "plan": plan, "study": study, "results": results, "failures": failures, "charts": charts, "layout": layout,
         "metrics": METRICS, "metric": metric, "columns": [c for c in _COLUMNS if c != report.metric],
         "words": words, "many": many, "place_text": partial(_place_text, plan), "cell": _cell,
-        "factor_cell": _factor_cell, "verdict": _verdict, "tones": _TONES,
+        "factor_cell": _factor_cell, "verdict": said.get, "tones": _TONES, "listed_places": listed,
         "listed": lambda values: ", ".join(map(charts.value_text, values)),
         "changes": lambda settings: ", ".join(f"{key} = {charts.value_text(v)}" for key, v in settings.items()),
-        "found": found, "apart": apart, "effects": main_effects(plan, results, report.metric),
+        "found": found, "apart": apart, "effects": effects, "effects_first": bool(effects) and len(factors) > 2,
         "extremes": [(place, shown(found[place], metric.unit)) for place in known[:1] + known[1:][-1:]],
-        "verdicts": {a: Counter(_verdict(d) for p, d in apart.items() if p[1] == a) for a in plan.arms[1:]},
+        "verdicts": {a: Counter(text for p, text in said.items() if p[1] == a) for a in plan.arms[1:]},
         "question": Text(text=study.question), "has_lines": factorial and (asked or len(factors) < 2),
         "map_axes": [across, *(f for f in factors if f != across)][:2] if factorial and len(factors) > 1 else [],
         "idle": [draw.key for draw in study.draws if calm and draw.key.startswith("ocean.waves.")],

@@ -8,7 +8,6 @@ from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any, NamedTuple, Unpack
 
-import numpy as np
 import tomli_w
 
 from experiments.campaign import missions
@@ -141,7 +140,6 @@ class StudyFolder:
         if not (self.folder / RESULTS).is_file():
             raise LaisnError(f"{folder}: holds no results of a study ({RESULTS})")
 
-    @property
     def report(self) -> Path:
         """The page of the study."""
         return self.folder / REPORT
@@ -162,32 +160,28 @@ class StudyFolder:
         return read(self.folder / RECORD).findings
 
     def plot(self, x: str, y: str = "e_p_mean_m") -> Any:
-        """Draw a column over a factor by matplotlib's pyplot: a line for each arm, the mean of all else.
+        """Draw a column over a factor: a line for each arm, the mean of all else.
 
         Args:
             x: column of a numeric factor, such as "sensors.heading_sigma_deg".
             y: column of a metric.
 
+        Returns:
+            A `plotly.graph_objects.Figure`, interactive in a notebook.
+
         Raises:
             LaisnError: there is no such column.
         """
-        from matplotlib import pyplot
+        # drawing takes a third of a second to import, and who reads a table draws nothing
+        from experiments.study.charts import arms_over
 
-        _, axes = pyplot.subplots(layout="constrained")
-        arm, across, metric = (self.table[name] for name in ("arm", x, y))
-        for name in dict.fromkeys(arm):
-            places = np.unique(across[arm == name])
-            means = [np.nanmean(metric[(arm == name) & (across == at)]) for at in places]
-            axes.plot(places, means, "o-", label=name)
-        axes.set(xlabel=x, ylabel=y)
-        axes.legend()
-        return axes
+        return arms_over(self.table, x, y)
 
     def __repr__(self) -> str:
         return f"<StudyFolder in {self.folder}: {len(self.table)} rows, {len(self.runs)} runs>"
 
     def _repr_html_(self) -> str:
-        report = escape(str(self.report), quote=True)
+        report = escape(str(self.report()), quote=True)
         return f'<p><a href="{report}">{report}</a></p>{self.table._repr_html_()}'
 
 

@@ -14,6 +14,7 @@ from experiments.flight.summary import (
     summarise,
     track_error_rms,
 )
+from experiments.pages import results
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
 from sim.assembly import routes_of
@@ -62,7 +63,7 @@ def test_the_summary_has_the_errors_of_each_follower_and_of_all(flight: Flight) 
 
 
 def test_a_notebook_shows_mean_and_largest_error_of_each_follower(flight: Flight) -> None:
-    shown = flight._repr_html_()
+    shown = results.Flight(**vars(flight))._repr_html_()
     for i, estimates in enumerate(flight.estimates):
         error = np.linalg.norm(estimates.state[:, :2] - flight.hydrophone(i)[:, :2], axis=1)
         assert f"<td>follower{i + 1}</td><td>{error.mean():.2f} m</td><td>{error.max():.2f} m</td>" in shown

@@ -97,8 +97,8 @@ def test_figures_are_valid_and_take_their_colours_from_the_page():
     assert second["data"][2]["yaxis"] == "y2"
 
 
-def test_numbers_of_figures_have_six_digits_and_gaps():
-    assert figures.numbers(np.array([1234.5678, np.nan, 1e-7 / 3, np.inf])) == [1234.57, None, 3.33333e-08, None]
+def test_numbers_of_figures_have_five_digits_and_gaps():
+    assert figures.numbers(np.array([1234.5678, np.nan, 1e-7 / 3, np.inf])) == [1234.6, None, 3.3333e-08, None]
 
 
 def test_every_colour_has_a_light_and_a_dark_value():

@@ -11,7 +11,7 @@ import pytest
 from plotly.graph_objects import Figure
 
 from experiments.pages.figures import Line, light
-from experiments.pages.page import Notice, Page, Table, Text
+from experiments.pages.page import Figures, Notice, Page, Table, Text
 from experiments.pages.style import SERIES
 from experiments.study import charts
 from experiments.study.estimate import Results, shown
@@ -95,17 +95,20 @@ def test_the_answer_is_a_figure_and_a_table_of_every_place_with_differences_and_
             str(at[0]), str(10 + 2 * at[0]), at[1]
         ]  # fmt: skip
         assert float(cells["mean E_P [m]"].sort) == pytest.approx(mean, abs=1e-9)
-        assert float(cells["share of runs locked on the mirror image"].sort) == (0.25 if at[1] == "plain" else 0.0)
         difference, verdict = cells["difference: mean E_P [m]"], cells["verdict"]
         if at in apart:
             assert (verdict.text, verdict.tone) == apart[at][:2]
             assert float(difference.sort) == pytest.approx(apart[at][2], abs=1e-9)
         else:
             assert (difference.text, verdict.text) == ("–", "")
-    # the metric of the report first, and no other percentile than its head says
-    assert [heads[i] for i in (3, 6, 7)] == ["mean E_P [m]", "95th percentile of E_P [m]", "mean E_B [°]"]
-    energy = [float(row[-1].sort) for row in table.rows]
-    assert energy == [100.0 * k for k in range(6)]
+    (other,) = page.sections[1].blocks
+    assert isinstance(other, Table)
+    # no other percentile than its head says, and not the metric of the report once more
+    assert list(other.heads)[:4] == ["point", "arm", "95th percentile of E_P [m]", "mean E_B [°]"]
+    for row, (_, arm) in zip(other.rows, MEANS, strict=True):
+        cells = dict(zip(other.heads, row, strict=True))
+        assert float(cells["share of runs locked on the mirror image"].sort) == (0.25 if arm == "plain" else 0.0)
+    assert [float(row[-1].sort) for row in other.rows] == [100.0 * k for k in range(6)]
 
 
 def test_the_record_has_estimates_and_paired_differences(plan: Plan, results: Results) -> None:
@@ -192,6 +195,47 @@ def test_a_place_counts_for_an_arm_by_its_whole_interval(plan: Plan) -> None:
         runs.append((row, {"e_p_mean_m": values.tolist()}))
     said = page_of(plan, Results.of(rows, runs), {}).summary
     assert said.endswith("aware against plain: lower at 0, higher at 0, undecided at 3 places.")
+
+
+def test_a_difference_that_no_shown_digit_has_is_not_marked(plan: Plan) -> None:
+    """All runs of one arm are 5 µm higher: decided by the interval, and of no account."""
+    rows, runs = [], []
+    for point, arm in itertools.product(range(3), ("plain", "aware")):
+        row = {"point": point, "arm": arm, "follower": "follower", "realization": 0, "seed": 1}
+        values = 2.0 + 0.1 * OFF[6] + (arm == "aware") * (5e-6 + 1e-7 * OFF[point])
+        rows.append(row | {"e_p_mean_m": float(values.mean())})
+        runs.append((row, {"e_p_mean_m": values.tolist()}))
+    page = page_of(plan, Results.of(rows, runs), {})
+    assert page.summary.endswith("aware against plain: lower at 0, higher at 0, undecided at 0, the same at 3 places.")
+    (table,) = (block for block in page.sections[0].blocks if isinstance(block, Table))
+    assert [(row[-1].text, row[-1].tone) for row in table.rows] == [("", ""), ("same", "")] * 3
+
+
+def test_three_factors_are_answered_by_their_shares_of_the_variance_and_many_places_by_the_extremes() -> None:
+    """The error is the depth, a tenth of the leader's depth, and nothing of the current: shares as the squares."""
+    table = {
+        "scenario": "T5", "runs": 1, "set": {"duration_s": 20.0},
+        "vary": {"followers.0.depth_m": [10, 11, 12, 13], "leader.depth_m": [5, 6, 7, 8],
+                 "ocean.current_speed_m_s": [0.1, 0.2, 0.3, 0.4, 0.5]},
+    }  # fmt: skip
+    plan = plan_of(of_table(table, "three.toml", "three"))
+    rows = [
+        {"point": i, "arm": plan.arms[0], "follower": "follower", "realization": 0, "seed": 1,
+         "e_p_mean_m": point["followers.0.depth_m"] + 0.1 * point["leader.depth_m"]}
+        for i, point in enumerate(plan.points)
+    ]  # fmt: skip
+    page = page_of(plan, Results.of(rows, [(row, {"e_p_mean_m": [row["e_p_mean_m"]]}) for row in rows]), {})
+    shares, maps, answer = page.sections[0].blocks[1:4]
+    assert isinstance(shares, Figures)
+    assert isinstance(maps, Figures)
+    (bars,) = shares.panels[0].parts[0].traces
+    assert bars["x"] == pytest.approx([1 / 1.01, 0.01 / 1.01, 0.0, 0.0], abs=1e-6)
+    assert len({(trace["zmin"], trace["zmax"]) for panel in maps.panels for trace in panel.parts[0].traces}) == 1
+    assert isinstance(answer, Table)
+    assert len(answer.rows) == 60
+    assert "The 60 lowest and highest of 80 places" in answer.caption
+    values = sorted(row["e_p_mean_m"] for row in rows)
+    assert [float(row[-1].sort) for row in answer.rows] == pytest.approx(values[:30] + values[-30:])
 
 
 def test_the_design_is_told_with_its_numbers(page: Page) -> None:
@@ -378,7 +422,7 @@ def test_a_page_has_a_row_for_each_follower_and_names_what_could_not_be_flown() 
     runs = [(row, {"e_p_mean_m": [1.0 + i, 2.0 + i]}) for i, row in enumerate(rows)]
     page = page_of(plan, Results.of(rows, runs), {"lost\n\nat 3 s": plan.entries[:2]})
     assert [section.title for section in page.sections] == [
-        "Answer", "Differences of arms", "Design", "Runs to look at"
+        "Answer", "Other metrics", "Differences of arms", "Design", "Runs to look at"
     ]  # fmt: skip
     question, notice, _, answer = page.sections[0].blocks
     assert isinstance(question, Text)
