@@ -126,14 +126,15 @@ class Panel:
     def _layout(self) -> dict[str, Any]:
         count, gap = len(self.parts), 0.03
         whole, low = sum(part.height for part in self.parts), 1.0
-        across = _axis(self.x_label, self.x_limits, self.x_log, self.x_ticks)
+        along = [line.x for part in self.parts for line in part.lines]
+        across = _axis(self.x_label, self.x_limits, self.x_log, self.x_ticks, along)
         across |= {"showspikes": not self.equal, "spikemode": "across", "spikethickness": 1, "spikedash": "solid",
                    "spikecolor": FRAME.css, "spikesnap": "hovered data"}  # fmt: skip
         layout: dict[str, Any] = {"xaxis": across | {"anchor": f"y{count}" if count > 1 else "y"}, "shapes": []}
         for number, part in enumerate(self.parts):
             name, top = str(number + 1) if number else "", low - (gap if number else 0.0)
             low = max(top - (1.0 - gap * (count - 1)) * part.height / whole, 0.0)
-            axis = _axis(part.y_label, part.y_limits, part.y_log, part.ticks)
+            axis = _axis(part.y_label, part.y_limits, part.y_log, part.ticks, [line.y for line in part.lines])
             layout[f"yaxis{name}"] = axis | {"domain": [round(low, 4), round(top, 4)]}
             layout["shapes"] += [
                 {"type": "rect", "xref": "x domain", "yref": f"y{name}", "x0": 0, "x1": 1, "y0": bottom, "y1": end,
@@ -199,7 +200,7 @@ def numbers(values: Floats) -> list[float | None]:
     return [float(f"{value:.5g}") if np.isfinite(value) else None for value in np.asarray(values, dtype=float).tolist()]
 
 
-def _axis(label: str, limits: Limits, log: bool, ticks: Ticks) -> dict[str, Any]:
+def _axis(label: str, limits: Limits, log: bool, ticks: Ticks, values: Sequence[Floats]) -> dict[str, Any]:
     axis: dict[str, Any] = {
         "title": {"text": str(symbols(label)), "standoff": 6}, "gridcolor": GRID.css, "zeroline": False,
         "showline": True, "linecolor": FRAME.css, "ticks": "outside", "ticklen": 4, "tickcolor": FRAME.css,
@@ -208,7 +209,12 @@ def _axis(label: str, limits: Limits, log: bool, ticks: Ticks) -> dict[str, Any]
     if log:
         axis |= {"type": "log", "exponentformat": "none", "dtick": "D2"}
     if limits != (None, None):
-        axis["range"] = [None if end is None else float(np.log10(end)) if log else float(end) for end in limits]
+        shown = np.concatenate([*values, np.array([end for end in limits if end is not None])])
+        low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
+        margin = 0.04 * (high - low) or 1.0
+        bottom, top = limits
+        ends = (low - margin if bottom is None else bottom, high + margin if top is None else top)
+        axis["range"] = [float(np.log10(end)) if log else float(end) for end in ends]
     if ticks:
         words = [*ticks.values()] if isinstance(ticks, Mapping) else [f"{tick:g}" for tick in ticks]
         axis |= {"tickvals": [float(tick) for tick in ticks], "ticktext": words}
