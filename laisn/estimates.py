@@ -150,10 +150,14 @@ class Estimates(ArrayRecord):
             **more,
         )
 
+    @classmethod
+    def details(cls) -> tuple[Columns, ...]:
+        """Arrays that a subclass adds."""
+        return cls.DETAILS.columns if cls.DETAILS else ()
+
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Shape that each array must have."""
         n, f = self.state.shape[0], self.fix_step.size
-        details = self.DETAILS.columns if self.DETAILS else ()
         return {
             "state": (n, 4),
             "covariance": (n, 4, 4),
@@ -163,7 +167,7 @@ class Estimates(ArrayRecord):
             "fix_kind": (f,),
             "innovation": (f, 2),
             "innovation_covariance": (f, 2, 2),
-            **{column.attribute: (f, *column.shape) for column in details},
+            **{column.attribute: (f, *column.shape) for column in self.details()},
         }
 
     @property

@@ -254,14 +254,14 @@ def fix_middle_front(block: Floats, t: Tuning) -> None:
 
 
 @compiled_lanes
-def take(block: Floats, fix: int) -> None:
+def load_fix(block: Floats, fix: int) -> None:
     """Choose the fix whose rows begin at `fix`."""
     for i in range(6 * LANES):
         block[row.ZX + i] = block[fix + i]
 
 
 @compiled_lanes
-def give_back(block: Floats, fix: int) -> None:
+def store_fix(block: Floats, fix: int) -> None:
     """Copy the chosen fix, with its kind and NIS, back to its rows."""
     for i in range(6 * LANES):
         block[fix + i] = block[row.ZX + i]
@@ -294,16 +294,11 @@ def _branch(number: int, chosen: Choose, otherwise: Choose) -> Choose:
     return choose
 
 
-@compiled_lanes
-def _none(block: Floats, t: Tuning) -> None:
-    raise NotImplementedError("no formula implements this variant")
-
-
 def _by_variant() -> Choose:
     """One pass for all variants: compiled code branches by their numbers, as it cannot look up functions."""
-    choose: Choose = _none
-    for variant, single in SINGLE.items():
-        choose = _branch(VARIANTS.index(variant), _pass(single), choose)
+    (_, choose), *others = [(VARIANTS.index(variant), _pass(single)) for variant, single in SINGLE.items()]
+    for number, chosen in others:
+        choose = _branch(number, chosen, choose)
     return choose
 
 

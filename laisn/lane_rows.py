@@ -48,12 +48,7 @@ SIZE = next(_row)
 
 
 def tuning(settings: Settings) -> Tuning:
-    """Settings of LAISN as lanes take them.
-
-    Raises:
-        NotImplementedError: naming a choice that no formula implements.
-        LaisnError: they are for one vehicle's navigator alone.
-    """
+    """Settings of LAISN as lanes take them; LaisnError for those of one vehicle's navigator alone."""
     laisn = cast(NavigationSettings, settings)
     if laisn.use_single_range or laisn.transmitter_offsets:
         raise LaisnError(

@@ -29,9 +29,9 @@ _BROADCAST = [LeaderMessage._fields.index(n) for n in ("east", "north", "heading
 @compiled_lanes
 def _use_pair(block: Floats, t: Tuning, k: int, fix: int) -> None:
     """One of the three updates of LAISN-3(1)."""
-    lane_passes.take(block, fix)
+    lane_passes.load_fix(block, fix)
     lane_passes.update(block, t, k)
-    lane_passes.give_back(block, fix)
+    lane_passes.store_fix(block, fix)
 
 
 @compiled_lanes

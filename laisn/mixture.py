@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints
+from laisn.arrays import Floats
 from laisn.compiled import compiled
 
 Mixture: TypeAlias = Any
@@ -30,44 +30,36 @@ _NEGLIGIBLE = 1e-12
 
 
 @compiled
-def factor(spread: Floats, used: Ints, count: int, root: Floats, per_root: Floats) -> bool:
-    """Cholesky factor of a covariance over some of its variables; False if it is not positive definite.
-
-    Args:
-        spread: shape (t, t).
-        used: indices of the variables, the first `count` of it.
-        count: how many.
-        root: lower triangle of the factor, in the order of `used`; overwritten.
-        per_root: reciprocals of its diagonal, as dividing takes much longer than multiplying; overwritten.
-    """
-    for i in range(count):
-        for j in range(i + 1):
-            value = spread[used[i], used[j]]
-            for h in range(j):
-                value -= root[i, h] * root[j, h]
-            if i > j:
-                root[i, j] = value * per_root[j]
-            elif value > 0.0:
-                root[i, i] = math.sqrt(value)
-                per_root[i] = 1.0 / root[i, i]
-            else:
-                # NaN comes here too
-                return False
-    return True
-
-
-@compiled
 def blend(mean: Floats, covariance: Floats, one: int, other: int, share: float, n: int) -> None:
     """Replace Gaussian `one` by that with the moments of (1 − share) of it and `share` of `other`."""
     kept = 1.0 - share
     for i in range(n):
-        for j in range(n):
+        for j in range(i + 1):
             apart = (mean[other, i] - mean[one, i]) * (mean[other, j] - mean[one, j])
-            covariance[one, i, j] = (
-                kept * covariance[one, i, j] + share * covariance[other, i, j] + kept * share * apart
-            )
+            within = kept * covariance[one, i, j] + share * covariance[other, i, j]
+            covariance[one, i, j] = covariance[one, j, i] = within + kept * share * apart
     for i in range(n):
         mean[one, i] = kept * mean[one, i] + share * mean[other, i]
+
+
+@compiled
+def update_scalar(mean: Floats, covariance: Floats, gain: Floats, residual: float, variance: float, n: int) -> None:
+    """Kalman update with one number: x += P Hᵀ ν / S, P −= P Hᵀ H P / S.
+
+    Args:
+        mean: x of n states.
+        covariance: P.
+        gain: P Hᵀ.
+        residual: innovation ν.
+        variance: its variance S.
+        n: how many states there are.
+    """
+    for i in range(n):
+        share = gain[i] / variance
+        mean[i] += share * residual
+        for j in range(i + 1):
+            covariance[i, j] -= share * gain[j]
+            covariance[j, i] = covariance[i, j]
 
 
 @compiled
@@ -88,11 +80,14 @@ def copy_hypothesis(b: Mixture, modes: int, source: int, target: int) -> None:
 
 
 @compiled
-def clear_component(b: Mixture, k: int) -> None:
-    """Set weight, mean and covariance of a component to zero."""
+def reset_component(b: Mixture, k: int, variance: Floats) -> None:
+    """Set a component to weight and mean of zero, and to independent states with these variances, shape (n,)."""
     b.weight[k] = 0.0
-    b.state[k] = 0.0
-    b.covariance[k] = 0.0
+    for i in range(b.states):
+        b.state[k, i] = 0.0
+        for j in range(b.states):
+            b.covariance[k, i, j] = 0.0
+        b.covariance[k, i, i] = variance[i]
 
 
 @compiled
@@ -125,15 +120,6 @@ def heaviest_hypothesis(b: Mixture, modes: int, count: int) -> int:
 
 
 @compiled
-def _lightest_hypothesis(b: Mixture, modes: int, count: int) -> int:
-    least = 0
-    for h in range(1, count):
-        if hypothesis_weight(b, modes, h) < hypothesis_weight(b, modes, least):
-            least = h
-    return least
-
-
-@compiled
 def normalise(weight: Floats, count: int) -> float:
     """Scale the first `count` weights to a sum of 1; their sum before."""
     total = 0.0
@@ -145,16 +131,14 @@ def normalise(weight: Floats, count: int) -> float:
 
 
 @compiled
-def _merge(b: Mixture, modes: int, g: int, h: int) -> None:
-    """Merge hypothesis h into g, mode by mode, keeping mean and covariance of both together."""
-    for mode in range(modes):
-        i, j = g * modes + mode, h * modes + mode
-        total = b.weight[i] + b.weight[j]
-        if total > 0.0:
-            if b.weight[j] > b.weight[i]:
-                b.outcome[i] = b.outcome[j]
-            blend(b.state, b.covariance, i, j, b.weight[j] / total, b.states)
-        b.weight[i] = total
+def merge_components(b: Mixture, i: int, j: int) -> None:
+    """Merge component j into i, keeping weight, mean and covariance of both together."""
+    total = b.weight[i] + b.weight[j]
+    if total > 0.0:
+        if b.weight[j] > b.weight[i]:
+            b.outcome[i] = b.outcome[j]
+        blend(b.state, b.covariance, i, j, b.weight[j] / total, b.states)
+    b.weight[i] = total
 
 
 @compiled
@@ -202,16 +186,20 @@ def prune_and_merge(b: Mixture, modes: int, count: int, least_weight: float, kep
         h = g + 1
         while h < count:
             if _is_same(b, modes, g, h, further):
-                _merge(b, modes, g, h)
+                for mode in range(modes):
+                    merge_components(b, g * modes + mode, h * modes + mode)
                 count -= 1
                 copy_hypothesis(b, modes, count, h)
             else:
                 h += 1
         g += 1
     while count > kept:
-        h = _lightest_hypothesis(b, modes, count)
+        lightest = 0
+        for h in range(1, count):
+            if hypothesis_weight(b, modes, h) < hypothesis_weight(b, modes, lightest):
+                lightest = h
         count -= 1
-        copy_hypothesis(b, modes, count, h)
+        copy_hypothesis(b, modes, count, lightest)
     return count
 
 
@@ -278,19 +266,24 @@ def add_moments(
 
     Args:
         mean: sum so far, shape (4,).
-        moment: sum of squares so far, shape (4, 4).
+        moment: sum of products so far, shape (4, 4); its lower triangle stays.
         weight: of the component.
         here: its x, y, vx, vy.
-        rows: their derivatives by its n states, shape (4, n) or wider.
-        covariance: of the states, shape (n, n) or larger.
+        rows: their derivatives F by its n states, shape (5, n) or wider; the last row is overwritten.
+        covariance: P of the states, shape (n, n) or larger.
     """
-    n = covariance.shape[0]
+    n, moved = covariance.shape[0], rows[4]
     for i in range(4):
         mean[i] += weight * here[i]
-        for j in range(4):
+        # F P, one row after the other, and then F P Fᵀ
+        for h in range(n):
+            moved[h] = 0.0
+        for g in range(n):
+            if rows[i, g] != 0.0:
+                for h in range(n):
+                    moved[h] += rows[i, g] * covariance[g, h]
+        for j in range(i, 4):
             value = here[i] * here[j]
-            for g in range(n):
-                if rows[i, g] != 0.0:
-                    for h in range(n):
-                        value += rows[i, g] * covariance[g, h] * rows[j, h]
+            for h in range(n):
+                value += moved[h] * rows[j, h]
             moment[i, j] += weight * value

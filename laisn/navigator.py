@@ -32,7 +32,6 @@ class Navigator(OnlineNavigator[Estimates]):
 
         Raises:
             ValueError: the start is not four finite numbers.
-            NotImplementedError: naming a choice that no formula implements.
         """
         super().__init__(settings, start, settings.position_sigma0)
         sigma0 = np.repeat([settings.position_sigma0, settings.velocity_sigma0], 2)
@@ -102,21 +101,21 @@ class Navigator(OnlineNavigator[Estimates]):
         if self.settings.variant != SEQUENTIAL:
             predicted = self._position()
             first, second, third = (circles.fix(pair, predicted, self._tuning) for pair in circles.pairs())
-            records = [self._use(SINGLE[self.settings.variant]((first, second, third), predicted), circles, own)]
+            records = [self._apply_fix(SINGLE[self.settings.variant]((first, second, third), predicted), circles, own)]
         else:
             # LAISN-3(1): one update after the other, the state carried along (paper, Section 2.3.1)
             records = []
             for pair in circles.pairs():
                 found = circles.fix(pair, self._position(), self._tuning)
                 if found.kind != FixKind.LOST:
-                    records.append(self._use(found, circles, own))
-            records = records or [self._use(LOST, circles, own)]
+                    records.append(self._apply_fix(found, circles, own))
+            records = records or [self._apply_fix(LOST, circles, own)]
         # one range leaves the way across open, which the gate's bound must go on to cover
         if any(record.kind not in (FixKind.GATED, FixKind.LOST, FixKind.ONE_RANGE) for record in records):
             self._gate.accept(self._position(), self._step)
         return records
 
-    def _use(self, found: Fix, circles: RangeCircles, own: OwnMotion) -> FixRecord:
+    def _apply_fix(self, found: Fix, circles: RangeCircles, own: OwnMotion) -> FixRecord:
         """Gate a fix and update the filter with it; where there is none, with one range alone, if that may be."""
         one = None
         place, kind = Point(found.east, found.north), FixKind(int(found.kind))

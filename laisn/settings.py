@@ -4,7 +4,7 @@
 """
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal, NamedTuple, Self, TypeVar, get_args
+from typing import ClassVar, Literal, NamedTuple, Self, get_args
 
 import numpy as np
 
@@ -123,20 +123,9 @@ class NavigationSettings(Settings):
         super().__post_init__()
 
 
-GATE_OFF, GATE_MAX, GATE_MEASURED = range(3)
-
-_VARIANTS: dict[str, int] = {variant: number for number, variant in enumerate(VARIANTS)}
-_GATES = {"off": GATE_OFF, "v-max": GATE_MAX, "v-measured": GATE_MEASURED}
-_SIDES = {"behind": False, "predicted": True}
-
-Choice = TypeVar("Choice")
-
-
-def _number(name: str, chosen: str, known: dict[str, Choice]) -> Choice:
-    """Number or flag of a choice in formulas."""
-    if chosen not in known:
-        raise NotImplementedError(f"no formula implements the {name} {chosen!r}; there are: {', '.join(known)}")
-    return known[chosen]
+GATES: tuple[GateRule, ...] = get_args(GateRule)
+GATE_OFF, GATE_MEASURED = GATES.index("off"), GATES.index("v-measured")
+"""Gate rules as formulas hold them."""
 
 
 class Tuning(NamedTuple):
@@ -145,6 +134,7 @@ class Tuning(NamedTuple):
     variant: int
     """Index in `VARIANTS`."""
     gate: int
+    """Index in `GATES`."""
     predicted_side: bool
     use_attitude: bool
     transmitters: int
@@ -169,12 +159,12 @@ class Tuning(NamedTuple):
 
     @classmethod
     def of(cls, settings: NavigationSettings) -> Self:
-        """Settings as numbers; NotImplementedError naming a choice that no formula implements."""
+        """Settings as numbers."""
         same = {name: getattr(settings, name) for name in cls._fields if hasattr(settings, name)}
         derived = {
-            "variant": _number("variant", settings.variant, _VARIANTS),
-            "gate": _number("gate", settings.gate, _GATES),
-            "predicted_side": _number("side_rule", settings.side_rule, _SIDES),
+            "variant": VARIANTS.index(settings.variant),
+            "gate": GATES.index(settings.gate),
+            "predicted_side": settings.side_rule == "predicted",
             "speed_variance": settings.sigma_speed**2,
             "heading_variance": settings.sigma_heading**2,
             "position_variance0": settings.position_sigma0**2,

@@ -1,8 +1,7 @@
 """The variants of LAISN: how the fixes of three pairs of transmitters become the one fix of a message.
 
-Each variant of `laisn.settings.Variant` is the function here whose name is the variant's, with underscores. Each takes
-the fixes of the pairs (1, 2), (1, 3) and (2, 3), and the prediction. LAISN-3(1) has none: it updates the filter with
-one pair after the other.
+Each variant of `laisn.settings.Variant` is a function of the fixes of the pairs (1, 2), (1, 3) and (2, 3), and of the
+prediction. LAISN-3(1) has none: it updates the filter with one pair after the other.
 """
 
 from collections.abc import Callable
@@ -12,7 +11,7 @@ import numpy as np
 from laisn.compiled import formula
 from laisn.fix import ASTERN, FUSED, LOST, TANGENT, Fix
 from laisn.geometry import Point
-from laisn.settings import VARIANTS, Variant
+from laisn.settings import Variant
 
 SEQUENTIAL: Variant = "laisn-3-1"
 """The variant that updates with one pair after the other (paper, Section 2.3.1)."""
@@ -108,13 +107,10 @@ def laisn_main(pairs: Pairs, predicted: Point) -> Fix:
     return highest(pairs, _usable_score(pairs[0]), _usable_score(pairs[1]), _usable_score(pairs[2]))
 
 
-def _function(variant: Variant) -> Callable[[Pairs, Point], Fix]:
-    name = variant.replace("-", "_")
-    if name not in globals():
-        raise NotImplementedError(f"the variant {variant!r} needs a function {name} in {__name__}")
-    found: Callable[[Pairs, Point], Fix] = globals()[name]
-    return found
-
-
-SINGLE = {variant: _function(variant) for variant in VARIANTS if variant != SEQUENTIAL}
+SINGLE: dict[Variant, Callable[[Pairs, Point], Fix]] = {
+    "laisn-2": laisn_2,
+    "laisn-3-2": laisn_3_2,
+    "laisn-best": laisn_best,
+    "laisn-main": laisn_main,
+}
 """The variants with one fix a message."""

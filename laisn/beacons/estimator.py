@@ -21,7 +21,15 @@ from laisn import mixture
 from laisn.arrays import Floats, Ints, Records
 from laisn.beacons.settings import BeaconSettings
 from laisn.compiled import compiled
-from laisn.mixture import add_moments, clear_component, copy_component, heaviest_hypothesis, normalise, place_on_ring
+from laisn.mixture import (
+    add_moments,
+    copy_component,
+    heaviest_hypothesis,
+    normalise,
+    place_on_ring,
+    reset_component,
+    update_scalar,
+)
 
 X, Y, SPEED, HEADING, GYRO, SCALE, EAST, NORTH = range(8)
 """Indices of the states that all beacons share."""
@@ -119,7 +127,7 @@ def with_beacon(belief: Belief, settings: BeaconSettings) -> Belief:
 
 
 @compiled
-def advance(b: Belief, errors: tuple[float, float], speed: float, heading: float, time: float) -> None:
+def predict(b: Belief, errors: tuple[float, float], speed: float, heading: float, time: float) -> None:
     """One step of odometry, whose mean speed and heading are measured.
 
     The true way is e^{b_s} v Δt u(θ − b_θ) + c Δt, with u the direction of a compass heading.
@@ -131,7 +139,7 @@ def advance(b: Belief, errors: tuple[float, float], speed: float, heading: float
         heading: of the way in the step [rad].
         time: that the step takes [s].
     """
-    n, (slip, heading_walk) = b.fresh.size, errors
+    n, (slip, heading_walk) = b.states, errors
     for k in range(b.alive[0]):
         x, P = b.state[k], b.covariance[k]
         if b.fresh[GYRO] > 0.0:
@@ -171,7 +179,7 @@ def moments(b: Belief, speed: float, heading: float) -> tuple[Floats, Floats]:
         speed: last reading of the odometry [m/s] …
         heading: … and of the gyro [rad].
     """
-    mean, covariance, rows = np.zeros(4), np.zeros((4, 4)), np.zeros((4, b.fresh.size))
+    mean, covariance, rows = np.zeros(4), np.zeros((4, 4)), np.zeros((5, b.states))
     if b.alive[0] == 0:
         return mean + np.nan, covariance + np.nan
     # about the mean position, so that the squares of large coordinates do not swallow small variances
@@ -187,7 +195,10 @@ def moments(b: Belief, speed: float, heading: float) -> tuple[Floats, Floats]:
         rows[2, SPEED], rows[2, HEADING], rows[3, SPEED], rows[3, HEADING] = vx, -vy, vy, vx
         here = (x[X] - east, x[Y] - north, vx + x[EAST], vy + x[NORTH])
         add_moments(mean, covariance, b.weight[k], here, rows, b.covariance[k])
-    covariance -= np.outer(mean, mean)
+    for i in range(4):
+        for j in range(i, 4):
+            covariance[i, j] -= mean[i] * mean[j]
+            covariance[j, i] = covariance[i, j]
     mean[X], mean[Y] = mean[X] + east, mean[Y] + north
     return mean, covariance
 
@@ -233,7 +244,7 @@ def predict_range(b: Belief, k: int, z: Ranging) -> tuple[float, float, float]:
         Residual [m]; its variance without the random error [m²]; and half the curvature along the tangent times the
         variance there [m], by which the circle bends away from its tangent.
     """
-    x, P, n = b.state[k], b.covariance[k], b.fresh.size
+    x, P, n = b.state[k], b.covariance[k], b.states
     own = SHARED + OWN * z.beacon
     dx, dy = x[X] - z.east - x[own + 1], x[Y] - z.north - x[own + 2]
     distance = max(math.sqrt(dx * dx + dy * dy + z.deeper * z.deeper), _SHORTEST)
@@ -265,20 +276,13 @@ def update(b: Belief, k: int, z: Ranging) -> float:
 
     Sets `outcome`.
     """
-    n = b.fresh.size
     residual, expected, _ = predict_range(b, k, z)
     variance = expected + b.variance[z.beacon]
     density: float = z.accepted - 0.5 * (residual * residual / variance + math.log(2.0 * math.pi * variance))
     b.outcome[k].used = not density < z.wrong
     if density < z.wrong:
         return z.wrong
-    x, P, gain = b.state[k], b.covariance[k], b.gain
-    for i in range(n):
-        share = gain[i] / variance
-        x[i] += share * residual
-        for j in range(i + 1):
-            P[i, j] -= share * gain[j]
-            P[j, i] = P[i, j]
+    update_scalar(b.state[k], b.covariance[k], b.gain, residual, variance, b.states)
     return density
 
 
@@ -314,7 +318,7 @@ def _split_component(b: Belief, k: int, z: Ranging) -> None:
     A normal variable is nearly the mixture of three with the means −1, 0, 1, weights ¼, ½, ¼ and the variance ½, which
     keeps its first three moments; the other states follow by their covariance with it.
     """
-    x, P, n, column = b.state[k], b.covariance[k], b.fresh.size, b.gain
+    x, P, n, column = b.state[k], b.covariance[k], b.states, b.gain
     own = SHARED + OWN * z.beacon
     dx, dy = x[X] - z.east - x[own + 1], x[Y] - z.north - x[own + 2]
     flat = math.sqrt(dx * dx + dy * dy)
@@ -332,7 +336,8 @@ def _split_component(b: Belief, k: int, z: Ranging) -> None:
         other = b.alive[0]
         copy_component(b, k, other)
         b.weight[other] *= 0.5
-        b.state[other] += side * column
+        for j in range(n):
+            b.state[other, j] += side * column[j]
         b.alive[0] += 1
 
 
@@ -373,7 +378,7 @@ def add_ring(b: Belief, z: Ranging, weight: float, lost: bool) -> None:
         lost: the other states are those of the heaviest component, with the heading as uncertain as at the start;
             otherwise all are fresh.
     """
-    n, own = b.fresh.size, SHARED + OWN * z.beacon
+    own = SHARED + OWN * z.beacon
     if b.alive[0] + BEARINGS >= ROOM:
         return
     distance = max(math.sqrt(max(z.range * z.range - z.deeper * z.deeper, 1.0)), 1.0)
@@ -385,13 +390,11 @@ def add_ring(b: Belief, z: Ranging, weight: float, lost: bool) -> None:
         x, P = b.state[k], b.covariance[k]
         if lost:
             copy_component(b, 0, k)
-            P[: Y + 1] = 0.0
-            P[:, : Y + 1] = 0.0
+            for j in range(b.states):
+                P[X, j] = P[Y, j] = P[j, X] = P[j, Y] = 0.0
             P[HEADING, HEADING] += b.fresh[HEADING]
         else:
-            clear_component(b, k)
-            for j in range(n):
-                P[j, j] = b.fresh[j]
+            reset_component(b, k, b.fresh)
         place_on_ring(x, P, (z.east, z.north), distance, (ux, uy), (along, BEARINGS))
         b.weight[k] = weight / BEARINGS
         update(b, k, z)

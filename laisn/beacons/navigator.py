@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.beacons.estimator import STARTERS, Belief, Ranging, advance, moments, new_belief, receive, with_beacon
+from laisn.beacons.estimator import STARTERS, Belief, Ranging, moments, new_belief, predict, receive, with_beacon
 from laisn.beacons.settings import BeaconSettings
 from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.failure import LaisnError
@@ -69,7 +69,7 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
             raise LaisnError(
                 f"step {self._step}: the message does not place its transmitters; this navigator needs beacons"
             )
-        advance(self._belief, (self.settings.slip, self.settings.heading_walk), own.speed, own.heading, time)
+        predict(self._belief, (self.settings.slip, self.settings.heading_walk), own.speed, own.heading, time)
         received = [] if reception is None or math.isnan(own.depth) else _received_ranges(reception)
         used = [self._receive(place, measured, own.depth) for place, measured in received]
         self._state, self._covariance = moments(self._belief, own.speed, own.heading)

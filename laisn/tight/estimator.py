@@ -8,11 +8,11 @@ import numpy as np
 from laisn.compiled import compiled
 from laisn.elementary import half_turn_angle, sin_cos
 from laisn.geometry import Turn, level_arms, tilted_arms, turn
-from laisn.mixture import normalise
+from laisn.mixture import blend, copy_component, normalise
 from laisn.tight.hypotheses import add_ring, prune_and_merge, reinitialise_if_inconsistent, split
 from laisn.tight.leader import average_leader_heading, update_current_from_leader_track
-from laisn.tight.model import ABSENT, COMPASS, LOG, Belief, Model, X, Y, refresh_output
-from laisn.tight.own_motion import begin_interval, move
+from laisn.tight.model import ABSENT, COMPASS, LOG, SPARE, Belief, Model, X, Y, refresh_output
+from laisn.tight.own_motion import predict_component, reset_preintegration
 from laisn.tight.ranging import Signal, update
 
 _BEND = 0.003
@@ -45,7 +45,8 @@ def place_arms(signal: Signal, m: Model, pitch: float, roll: float, deeper: floa
         deeper: how much deeper the leader's origin is than the hydrophone [m]; NaN if that is not known.
     """
     if deeper != deeper:
-        signal.ranges[:] = np.nan
+        for i in range(3):
+            signal.ranges[i] = np.nan
     heading = Turn(*sin_cos(signal.heading))
     placed = level_arms(m.baseline, m.middle_offset, heading)
     if m.use_attitude and pitch == pitch and roll == roll:
@@ -66,33 +67,22 @@ def mix_modes(b: Belief, m: Model) -> None:
     """
     if m.modes == 1:
         return
-    x, P, n = b.state, b.covariance, m.states
     # a chain of two states that changes at the same rate either way (Poisson)
     stay = 0.5 + 0.5 * math.exp(-2.0 * m.mode_switches * b.motion.time)
     for h in range(b.alive):
         slow, quick = 2 * h, 2 * h + 1
-        both_slow, both_quick = b.weight[slow], b.weight[quick]
-        new_slow = stay * both_slow + (1.0 - stay) * both_quick
-        new_quick = stay * both_quick + (1.0 - stay) * both_slow
+        weight, other = b.weight[slow], b.weight[quick]
+        new_slow, new_quick = stay * weight + (1.0 - stay) * other, stay * other + (1.0 - stay) * weight
         if new_slow <= 0.0 or new_quick <= 0.0:
             continue
-        # shares of the quick component in either blend
-        in_slow = (1.0 - stay) * both_quick / new_slow
-        in_quick = stay * both_quick / new_quick
-        for i in range(n):
-            for j in range(i + 1):
-                apart = (x[quick, i] - x[slow, i]) * (x[quick, j] - x[slow, j])
-                first, change = P[slow, i, j], P[quick, i, j] - P[slow, i, j]
-                P[slow, i, j] = P[slow, j, i] = first + in_slow * change + in_slow * (1.0 - in_slow) * apart
-                P[quick, i, j] = P[quick, j, i] = first + in_quick * change + in_quick * (1.0 - in_quick) * apart
-        for i in range(n):
-            first, change = x[slow, i], x[quick, i] - x[slow, i]
-            x[slow, i], x[quick, i] = first + in_slow * change, first + in_quick * change
+        copy_component(b, slow, SPARE)
+        blend(b.state, b.covariance, slow, quick, (1.0 - stay) * other / new_slow, m.states)
+        blend(b.state, b.covariance, quick, SPARE, (1.0 - stay) * weight / new_quick, m.states)
         b.weight[slow], b.weight[quick] = new_slow, new_quick
 
 
 @compiled
-def _gained(turn: Any, direction: tuple[float, float], least: float, time: float) -> float:
+def _turn_growth(turn: Any, direction: tuple[float, float], least: float, time: float) -> float:
     """Growth of the square of the angle of a turn in a time [rad²].
 
     Args:
@@ -115,16 +105,16 @@ def _gained(turn: Any, direction: tuple[float, float], least: float, time: float
 
 
 @compiled
-def deviate(b: Belief, m: Model, signal: Signal) -> None:
+def inflate_after_turns(b: Belief, m: Model, signal: Signal) -> None:
     """Widen the compasses' biases by what turns since the last message may have changed of them.
 
     A compass errs by another bias on another heading. What a turn may have changed of it is a share of the whole turn,
     however many messages come while it lasts.
     """
     o = b.motion
-    own, leader = _gained(b.turn, (o.sin, o.cos), _TURN, o.time), 0.0
+    own, leader = _turn_growth(b.turn, (o.sin, o.cos), _TURN, o.time), 0.0
     if m.leader != ABSENT:
-        leader = _gained(b.leader_turn, sin_cos(signal.heading), _LEADER_TURN, o.time)
+        leader = _turn_growth(b.leader_turn, sin_cos(signal.heading), _LEADER_TURN, o.time)
     for k in range(b.alive * m.modes):
         b.covariance[k, COMPASS, COMPASS] += m.deviation * own
         if m.leader != ABSENT:
@@ -137,7 +127,7 @@ def inflate_bias_covariance(b: Belief, m: Model, signal: Signal) -> None:
     broadcast one, with which b_L moves.
     """
     if m.deviation > 0.0:
-        deviate(b, m, signal)
+        inflate_after_turns(b, m, signal)
     if m.leader != ABSENT:
         for k in range(b.alive * m.modes):
             b.state[k, m.leader] += signal.shift
@@ -147,29 +137,20 @@ def inflate_bias_covariance(b: Belief, m: Model, signal: Signal) -> None:
 @compiled
 def _propagate_iterated(b: Belief, m: Model, k: int, signal: Signal) -> bool:
     """Predict component k; where its compass bias bends the way too much, at the biases of a first update."""
-    way = math.sqrt(b.motion.ax**2 + b.motion.ay**2)
-    x, P, n = b.state, b.covariance, m.states
-    log_bias, compass_bias = x[k, LOG], x[k, COMPASS]
-    if 0.5 * P[k, COMPASS, COMPASS] * way < _BEND:
-        move(b, m, k, log_bias, compass_bias)
-        return True
-    for i in range(n):
-        b.before_state[i] = x[k, i]
-        for j in range(n):
-            b.before_covariance[i, j] = P[k, i, j]
-    move(b, m, k, log_bias, compass_bias)
-    healthy = update(b, m, k, signal) >= 0
-    log_bias, compass_bias = x[k, LOG], x[k, COMPASS]
-    for i in range(n):
-        x[k, i] = b.before_state[i]
-        for j in range(n):
-            P[k, i, j] = b.before_covariance[i, j]
-    move(b, m, k, log_bias, compass_bias)
+    x, way = b.state, math.sqrt(b.motion.ax**2 + b.motion.ay**2)
+    log_bias, compass_bias, healthy = x[k, LOG], x[k, COMPASS], True
+    if 0.5 * b.covariance[k, COMPASS, COMPASS] * way >= _BEND:
+        copy_component(b, k, SPARE)
+        predict_component(b, m, k, log_bias, compass_bias)
+        healthy = update(b, m, k, signal) >= 0
+        log_bias, compass_bias = x[k, LOG], x[k, COMPASS]
+        copy_component(b, SPARE, k)
+    predict_component(b, m, k, log_bias, compass_bias)
     return healthy
 
 
 @compiled
-def _reweigh(b: Belief, m: Model) -> bool:
+def _update_weights(b: Belief, m: Model) -> bool:
     """Multiply the weights by the evidence; False if none is left."""
     components = b.alive * m.modes
     best = -math.inf
@@ -195,17 +176,7 @@ def update_leader_variance(b: Belief, m: Model) -> None:
 
 
 @compiled
-def count_received(m: Model, signal: Signal) -> int:
-    """How many ranges of transmitters that are used there are."""
-    count = 0
-    for i in range(m.transmitters):
-        if signal.ranges[i] == signal.ranges[i]:
-            count += 1
-    return count
-
-
-@compiled
-def _check_health(b: Belief, m: Model, signal: Signal, received: int, used: int) -> bool:
+def _check_consistency(b: Belief, m: Model, signal: Signal, received: int, used: int) -> bool:
     """Smooth the NIS, and reinitialise or inflate a belief that the ranges do not fit; False if that failed."""
     normalised_innovation = 0.0
     for k in range(b.alive * m.modes):
@@ -223,7 +194,7 @@ def _check_health(b: Belief, m: Model, signal: Signal, received: int, used: int)
 
 
 @compiled
-def _begin(b: Belief, m: Model, signal: Signal, received: int) -> int:
+def _initialise(b: Belief, m: Model, signal: Signal, received: int) -> int:
     """Begin with this message, if it is enough; what `receive` returns."""
     if received < 2:
         return 0
@@ -232,7 +203,7 @@ def _begin(b: Belief, m: Model, signal: Signal, received: int) -> int:
     # all of them were used, but nothing had been expected of them that they could have missed
     for k in range(b.alive * m.modes):
         b.outcome[k].taken, b.outcome[k].squared = received, np.nan
-    begin_interval(b)
+    reset_preintegration(b)
     refresh_output(b, m)
     return received
 
@@ -248,11 +219,14 @@ def receive(b: Belief, m: Model, signal: Signal) -> int:
         The most ranges that a hypothesis used; −1 if a covariance was not positive definite, after which the belief is
         not to be used any more.
     """
-    received = count_received(m, signal)
+    received = 0
+    for i in range(m.transmitters):
+        received += signal.ranges[i] == signal.ranges[i]
+    b.received = received
     if received == 0:
         return 0
     if b.alive == 0:
-        return _begin(b, m, signal, received)
+        return _initialise(b, m, signal, received)
     mix_modes(b, m)
     if m.leader != ABSENT:
         average_leader_heading(b, m, signal)
@@ -269,16 +243,16 @@ def receive(b: Belief, m: Model, signal: Signal) -> int:
             return -1
         if used > most:
             most = used
-    if b.alive * m.modes > 1 and not _reweigh(b, m):
+    if b.alive * m.modes > 1 and not _update_weights(b, m):
         return -1
     if m.leader != ABSENT:
         update_leader_variance(b, m)
     if b.alive > 1:
         prune_and_merge(b, m)
-    if not _check_health(b, m, signal, received, most):
+    if not _check_consistency(b, m, signal, received, most):
         return -1
     if m.current != ABSENT or m.leader != ABSENT:
         update_current_from_leader_track(b, m, signal)
-    begin_interval(b)
+    reset_preintegration(b)
     refresh_output(b, m)
     return most

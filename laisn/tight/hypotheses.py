@@ -6,7 +6,7 @@ weight; halves that meet are merged again.
 
 For an unknown start, and for a mixture that is inconsistent with the ranges, the prior is a ring about the nearest
 transmitter, as a sum of Gaussians with fresh biases, one for each bearing. Each is updated with the ranges; what is
-left on either side of the axis is gathered as one hypothesis.
+left on either side of the axis is merged into one hypothesis.
 """
 
 import math
@@ -15,16 +15,17 @@ from laisn import mixture
 from laisn.compiled import compiled
 from laisn.elementary import sin_cos
 from laisn.mixture import (
-    clear_component,
     copy_component,
     copy_hypothesis,
     half_moments,
     heaviest,
+    merge_components,
     normalise,
     place_on_ring,
+    reset_component,
 )
 from laisn.tight.estimates import HYPOTHESES
-from laisn.tight.model import ABSENT, CAPACITY, Belief, Model, X, Y, refresh_output
+from laisn.tight.model import ABSENT, CAPACITY, SPARE, Belief, Model, X, Y, refresh_output
 from laisn.tight.ranging import Signal, update
 
 _SPLIT = 0.3
@@ -35,58 +36,53 @@ _LEAST_WEIGHT = 1e-5
 
 
 @compiled
-def _lateral(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, float, float, float, float]:
-    """Distance ℓ of component k to the left of the line from transmitter 1 to 2, and its derivatives.
+def _lateral(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, float, float]:
+    """Distance ℓ of component k to the left of the line from transmitter 1 to 2; P ∇ℓ goes into `b.gain`.
 
     Returns:
-        ℓ [m], its derivatives by x, y and b_L, and the distance from the leader's origin [m].
+        ℓ [m], its variance ∇ℓᵀ P ∇ℓ [m²], and the distance at which the axis matters, ℓ_c [m]: where the difference of
+        both ranges has bent by 1.4 of their errors.
     """
-    x, arms = b.state, signal.arms
-    bias = x[k, m.leader] if m.leader != ABSENT else 0.0
-    s, c = sin_cos(bias)
+    x, P, arms, gain, turning = b.state, b.covariance, signal.arms, b.gain, m.leader != ABSENT
+    s, c = sin_cos(x[k, m.leader] if turning else 0.0)
     ex, ey = arms[1, 0] - arms[0, 0], arms[1, 1] - arms[0, 1]
-    per_length = 1.0 / math.sqrt(ex * ex + ey * ey)
-    tx, ty = (c * ex - s * ey) * per_length, (s * ex + c * ey) * per_length
+    length = math.sqrt(ex * ex + ey * ey)
+    tx, ty = (c * ex - s * ey) / length, (s * ex + c * ey) / length
     qx, qy = x[k, X] - signal.east, x[k, Y] - signal.north
     ox, oy = qx - (c * arms[0, 0] - s * arms[0, 1]), qy - (s * arms[0, 0] + c * arms[0, 1])
-    return tx * oy - ty * ox, -ty, tx, -(tx * qx + ty * qy), math.sqrt(qx * qx + qy * qy)
+    # ∇ℓ by x, y and b_L
+    gx, gy, gl = -ty, tx, -(tx * qx + ty * qy)
+    for i in range(m.states):
+        gain[i] = P[k, i, X] * gx + P[k, i, Y] * gy
+        if turning:
+            gain[i] += P[k, i, m.leader] * gl
+    variance = gain[X] * gx + gain[Y] * gy
+    if turning:
+        variance += gain[m.leader] * gl
+    critical = math.sqrt(qx * qx + qy * qy) * math.sqrt(2.8 * m.range_sigma / length)
+    return tx * oy - ty * ox, variance, critical
 
 
 @compiled
 def _keep_half(b: Belief, m: Model, k: int, signal: Signal, side: float) -> None:
     """Replace component k by its part on one side of the axis: left for +1, right for −1; with its exact moments."""
-    x, P, n = b.state, b.covariance, m.states
-    lateral, gx, gy, gl, _ = _lateral(b, m, k, signal)
-    column = b.before_state
-    for i in range(n):
-        column[i] = P[k, i, X] * gx + P[k, i, Y] * gy
-        if m.leader != ABSENT:
-            column[i] += P[k, i, m.leader] * gl
-    variance = column[X] * gx + column[Y] * gy
-    if m.leader != ABSENT:
-        variance += column[m.leader] * gl
+    x, P, gain = b.state, b.covariance, b.gain
+    lateral, variance, _ = _lateral(b, m, k, signal)
     sigma = math.sqrt(variance)
     mass, shift, narrowing = half_moments(side * lateral / sigma)
     b.weight[k] *= mass
-    for i in range(n):
-        column[i] /= sigma
-        x[k, i] += side * shift * column[i]
-    for i in range(n):
-        for j in range(n):
-            P[k, i, j] -= narrowing * column[i] * column[j]
+    for i in range(m.states):
+        gain[i] /= sigma
+        x[k, i] += side * shift * gain[i]
+        for j in range(i + 1):
+            P[k, i, j] -= narrowing * gain[i] * gain[j]
+            P[k, j, i] = P[k, i, j]
 
 
 @compiled
 def _reaches_across(b: Belief, m: Model, k: int, signal: Signal) -> bool:
     """Whether component k is wide enough at the axis for both of its sides to matter."""
-    P = b.covariance
-    lateral, gx, gy, gl, distance = _lateral(b, m, k, signal)
-    variance = gx * gx * P[k, X, X] + 2.0 * gx * gy * P[k, X, Y] + gy * gy * P[k, Y, Y]
-    if m.leader != ABSENT:
-        variance += gl * (2.0 * (gx * P[k, X, m.leader] + gy * P[k, Y, m.leader]) + gl * P[k, m.leader, m.leader])
-    ex, ey = signal.arms[1, 0] - signal.arms[0, 0], signal.arms[1, 1] - signal.arms[0, 1]
-    # where the difference of both ranges has bent by 1.4 of their errors
-    critical = distance * math.sqrt(2.8 * m.range_sigma / math.sqrt(ex * ex + ey * ey))
+    lateral, variance, critical = _lateral(b, m, k, signal)
     return variance > (_SPLIT * critical) ** 2 and abs(lateral) < _REACH * math.sqrt(variance)
 
 
@@ -124,52 +120,18 @@ _FAR_WEIGHT = 0.01
 
 
 @compiled
-def _try_bearing(b: Belief, m: Model, k: int, signal: Signal, nearest: int, distance: float, bearing: float) -> bool:
-    """Update component k from a prior at a bearing from north [rad] of the nearest transmitter, about a distance [m].
-
-    Its biases are fresh, but for that of the leader's heading, which is zero. False if the update failed.
-    """
-    clear_component(b, k)
-    for i in range(Y + 1, m.states):
-        if i != m.leader:
-            b.covariance[k, i, i] = b.fresh[i]
-    centre = (signal.arms[nearest, 0], signal.arms[nearest, 1])
-    place_on_ring(b.state[k], b.covariance[k], centre, distance, sin_cos(bearing), (_RADIAL_VARIANCE, _BEARINGS))
-    return update(b, m, k, signal) >= 0
-
-
-@compiled
-def _gather(b: Belief, m: Model, source: int, target: int, weight: float) -> None:
-    """Add a component's moments about the origin to those of another one."""
-    b.weight[target] += weight
-    for i in range(m.states):
-        b.state[target, i] += weight * b.state[source, i]
-        for j in range(m.states):
-            moment = b.covariance[source, i, j] + b.state[source, i] * b.state[source, j]
-            b.covariance[target, i, j] += weight * moment
-
-
-@compiled
-def _finish(b: Belief, m: Model, k: int, signal: Signal) -> None:
-    """Make a component of gathered moments, turn it by what the leader's compass may be off, and move it in place."""
-    x, P, per = b.state, b.covariance, 1.0 / b.weight[k]
-    for i in range(m.states):
-        x[k, i] *= per
-    for i in range(m.states):
-        for j in range(m.states):
-            P[k, i, j] = P[k, i, j] * per - x[k, i] * x[k, j]
-    if m.leader != ABSENT:
-        by_bias_x, by_bias_y, bias = -x[k, Y], x[k, X], b.fresh[m.leader]
-        turn = bias + b.leader_variance
-        P[k, X, X] += turn * by_bias_x * by_bias_x
-        P[k, Y, Y] += turn * by_bias_y * by_bias_y
-        P[k, X, Y] += turn * by_bias_x * by_bias_y
-        P[k, Y, X] = P[k, X, Y]
-        P[k, X, m.leader] = P[k, m.leader, X] = bias * by_bias_x
-        P[k, Y, m.leader] = P[k, m.leader, Y] = bias * by_bias_y
-        P[k, m.leader, m.leader] = bias
-    x[k, X] += signal.east
-    x[k, Y] += signal.north
+def _rotate_to_bias(b: Belief, m: Model, k: int) -> None:
+    """Turn a component about the leader, which is at the origin, by the error of its heading, with b_L."""
+    P, by_bias_x, by_bias_y = b.covariance, -b.state[k, Y], b.state[k, X]
+    bias = b.fresh[m.leader]
+    turn = bias + b.leader_variance
+    P[k, X, X] += turn * by_bias_x * by_bias_x
+    P[k, Y, Y] += turn * by_bias_y * by_bias_y
+    P[k, X, Y] += turn * by_bias_x * by_bias_y
+    P[k, Y, X] = P[k, X, Y]
+    P[k, X, m.leader] = P[k, m.leader, X] = bias * by_bias_x
+    P[k, Y, m.leader] = P[k, m.leader, Y] = bias * by_bias_y
+    P[k, m.leader, m.leader] = bias
 
 
 @compiled
@@ -182,27 +144,48 @@ def _nearness(b: Belief, k: int, here: tuple[float, float]) -> float:
 
 
 @compiled
-def _walk_round(b: Belief, m: Model, signal: Signal, first: int, here: tuple[float, float]) -> bool:
-    """Gather what all bearings become into the first components of two hypotheses, left of the axis and right of it."""
+def _merge_ring(b: Belief, m: Model, signal: Signal, first: int, here: tuple[float, float]) -> bool:
+    """Update a Gaussian at each bearing, and merge those on either side of the axis.
+
+    Args:
+        b: the belief, whose components `first` and `first` + modes become the sum of those left and right of the axis.
+        m: settings.
+        signal: the message, with the leader at the origin and its heading exact.
+        first: see above.
+        here: mean of the belief so far [m], or NaN.
+
+    Returns:
+        False if an update failed.
+    """
     nearest, shortest = 0, math.inf
     for i in range(m.transmitters):
         if signal.ranges[i] < shortest:
             nearest, shortest = i, signal.ranges[i]
-    deeper = signal.arms[nearest, 2]
+    centre, deeper = (signal.arms[nearest, 0], signal.arms[nearest, 1]), signal.arms[nearest, 2]
     distance = math.sqrt(max(shortest * shortest - deeper * deeper, 1.0))
     ax, ay = signal.arms[0, 0], signal.arms[0, 1]
     ex, ey = signal.arms[1, 0] - ax, signal.arms[1, 1] - ay
-    trial, healthy, best = (CAPACITY - 1) * m.modes, True, -math.inf
-    for gathering in (False, True):
+    best = -math.inf
+    for h in range(2):
+        reset_component(b, first + h * m.modes, b.fresh)
+    for merging in (False, True):
         for j in range(_BEARINGS):
-            healthy &= _try_bearing(b, m, trial, signal, nearest, distance, 2.0 * math.pi * (j + 0.5) / _BEARINGS)
-            evidence = b.evidence[trial] + _nearness(b, trial, here)
-            if gathering:
-                left = ex * (b.state[trial, Y] - ay) - ey * (b.state[trial, X] - ax) > 0.0
-                _gather(b, m, trial, first if left else first + m.modes, math.exp(evidence - best))
+            direction = sin_cos(2.0 * math.pi * (j + 0.5) / _BEARINGS)
+            reset_component(b, SPARE, b.fresh)
+            if m.leader != ABSENT:
+                b.covariance[SPARE, m.leader, m.leader] = 0.0
+            ring = (_RADIAL_VARIANCE, _BEARINGS)
+            place_on_ring(b.state[SPARE], b.covariance[SPARE], centre, distance, direction, ring)
+            if update(b, m, SPARE, signal) < 0:
+                return False
+            evidence = b.evidence[SPARE] + _nearness(b, SPARE, here)
+            if merging:
+                left = ex * (b.state[SPARE, Y] - ay) - ey * (b.state[SPARE, X] - ax) > 0.0
+                b.weight[SPARE] = math.exp(evidence - best)
+                merge_components(b, first if left else first + m.modes, SPARE)
             else:
                 best = max(best, evidence)
-    return healthy
+    return True
 
 
 @compiled
@@ -217,12 +200,10 @@ def add_ring(b: Belief, m: Model, signal: Signal, weight: float) -> bool:
     """
     first = b.alive * m.modes
     here = (b.output.x - signal.east, b.output.y - signal.north)
-    for h in range(2):
-        clear_component(b, first + h * m.modes)
     east, north, variance = signal.east, signal.north, b.leader_variance
-    # about the leader, and with its heading as broadcast: both are put right at the end
+    # about the leader, and with its heading as broadcast
     signal.east = signal.north = b.leader_variance = 0.0
-    healthy = _walk_round(b, m, signal, first, here)
+    healthy = _merge_ring(b, m, signal, first, here)
     signal.east, signal.north, b.leader_variance = east, north, variance
     total = b.weight[first] + b.weight[first + m.modes]
     if not healthy or not total > 0.0:
@@ -235,7 +216,10 @@ def add_ring(b: Belief, m: Model, signal: Signal, weight: float) -> bool:
             # nothing was left on the other side
             copy_component(b, first + m.modes, first)
         if b.weight[k] > 0.0:
-            _finish(b, m, k, signal)
+            if m.leader != ABSENT:
+                _rotate_to_bias(b, m, k)
+            b.state[k, X] += signal.east
+            b.state[k, Y] += signal.north
             b.weight[k] *= weight / (total * m.modes)
             for mode in range(1, m.modes):
                 copy_component(b, k, k + mode)

@@ -17,6 +17,7 @@ import math
 from laisn.compiled import compiled
 from laisn.elementary import sin_cos
 from laisn.geometry import angle_between, wrap_angle
+from laisn.mixture import update_scalar
 from laisn.tight.model import ABSENT, Belief, Model
 from laisn.tight.ranging import Signal
 
@@ -99,7 +100,7 @@ CURRENT_SIGMA = 0.05
 
 
 @compiled
-def _begin(b: Belief, signal: Signal) -> None:
+def _begin_window(b: Belief, signal: Signal) -> None:
     o = b.leader
     o.window_time, o.window_x, o.window_y = signal.time, signal.east, signal.north
     o.logged_x = o.logged_y = 0.0
@@ -111,33 +112,25 @@ def _update_component(
     b: Belief, m: Model, k: int, seen: tuple[float, float], logged: tuple[float, float], variance: float
 ) -> None:
     """Updates with z = c + v_L [u(θ_L − b_L) − u(θ_L)], east and north, linearised once; `logged` is v_L u(θ_L)."""
-    x, P, n, gain = b.state, b.covariance, m.states, b.before_state
-    moving, turning = m.current != ABSENT, m.leader != ABSENT
-    bias = x[k, m.leader] if turning else 0.0
+    x, P, gain, turning = b.state[k], b.covariance[k], b.gain, m.leader != ABSENT
+    bias = x[m.leader] if turning else 0.0
     c, s = math.cos(bias), math.sin(bias)
     turned = (c * logged[0] - s * logged[1], s * logged[0] + c * logged[1])
     for axis in range(2):
-        state = m.current + axis
+        # ∂z/∂b_L; ∂z/∂c is 1
         slope = -turned[1] if axis == 0 else turned[0]
-        residual = seen[axis] - (turned[axis] - logged[axis])
-        if turning:
-            residual -= slope * (x[k, m.leader] - bias)
-        if moving:
-            residual -= x[k, state]
-        spread = variance
-        for i in range(n):
-            gain[i] = P[k, i, state] if moving else 0.0
+        residual, spread, state = seen[axis] - (turned[axis] - logged[axis]), variance, m.current + axis
+        for i in range(m.states):
+            gain[i] = P[i, state] if m.current != ABSENT else 0.0
             if turning:
-                gain[i] += slope * P[k, i, m.leader]
-        if moving:
-            spread += gain[state]
+                gain[i] += slope * P[i, m.leader]
         if turning:
+            residual -= slope * (x[m.leader] - bias)
             spread += slope * gain[m.leader]
-        for i in range(n):
-            x[k, i] += gain[i] * residual / spread
-            for j in range(i + 1):
-                P[k, i, j] -= gain[i] * gain[j] / spread
-                P[k, j, i] = P[k, i, j]
+        if m.current != ABSENT:
+            residual -= x[state]
+            spread += gain[state]
+        update_scalar(x, P, gain, residual, spread, m.states)
 
 
 @compiled
@@ -147,7 +140,7 @@ def update_current_from_leader_track(b: Belief, m: Model, signal: Signal) -> Non
     sx, sy = signal.speed * math.sin(signal.heading), signal.speed * math.cos(signal.heading)
     if o.window_time != o.window_time:
         o.first_time = signal.time
-        _begin(b, signal)
+        _begin_window(b, signal)
     else:
         elapsed = signal.time - o.last_time
         o.logged_x += 0.5 * elapsed * (o.velocity_x + sx)
@@ -156,12 +149,12 @@ def update_current_from_leader_track(b: Belief, m: Model, signal: Signal) -> Non
         window = signal.time - o.window_time
         wanted = min(_WINDOW, _FIRST_WINDOW + _GROWTH * (signal.time - o.first_time))
         if turn > _TURN:
-            _begin(b, signal)
+            _begin_window(b, signal)
         elif window >= wanted - 1e-6:
             per = 1.0 / window
             logged = (per * o.logged_x, per * o.logged_y)
             seen = (per * (signal.east - o.window_x) - logged[0], per * (signal.north - o.window_y) - logged[1])
             for k in range(b.alive * m.modes):
                 _update_component(b, m, k, seen, logged, CURRENT_SIGMA * CURRENT_SIGMA * 10.0 * per)
-            _begin(b, signal)
+            _begin_window(b, signal)
     o.velocity_x, o.velocity_y, o.last_time = sx, sy, signal.time

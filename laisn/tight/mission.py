@@ -17,9 +17,9 @@ from laisn.mixture import heaviest, heaviest_hypothesis, hypothesis_weight
 from laisn.navigators import MissionResult
 from laisn.swarm import MESSAGE
 from laisn.tight.estimates import kind_of
-from laisn.tight.estimator import count_received, place_arms, receive
-from laisn.tight.model import ABSENT, COMPASS, LOG, Belief, Model, X, Y, model_of, new_belief
-from laisn.tight.own_motion import advance, moments, position, reckon, velocity
+from laisn.tight.estimator import place_arms, receive
+from laisn.tight.model import COMPASS, LOG, Belief, Model, X, Y, model_of, new_belief
+from laisn.tight.own_motion import moments, position, preintegrate, preintegrate_direction, velocity
 from laisn.tight.ranging import Signal, new_signal
 from laisn.tight.settings import TightSettings
 
@@ -33,7 +33,7 @@ OUTCOME = np.dtype(
 """Result of a message."""
 
 
-class Found(NamedTuple):
+class MissionEstimates(NamedTuple):
     """Estimates of a mission of n steps and m messages."""
 
     state: Floats
@@ -55,9 +55,9 @@ def _receive(b: Belief, m: Model, signal: Signal, message: Record, ranges: Float
 
 
 @compiled
-def record_outcome(b: Belief, m: Model, signal: Signal, used: int, outcome: Any) -> None:
+def record_outcome(b: Belief, m: Model, used: int, outcome: Any) -> None:
     """Write the result of a message into a record of OUTCOME; `used` is what `receive` gave."""
-    outcome.received = count_received(m, signal) if b.alive > 0 else 0
+    outcome.received = b.received if b.alive > 0 else 0
     outcome.used, outcome.squared = 0, np.nan
     if used > 0:
         last = b.outcome[heaviest(b, m.modes, heaviest_hypothesis(b, m.modes, b.alive))]
@@ -81,7 +81,7 @@ def filter_mission(
     heading: Floats,
     message_step: Ints,
     messages: tuple[Records, Floats, Floats],
-    found: Found,
+    found: MissionEstimates,
 ) -> int:
     """Estimate a whole mission.
 
@@ -104,13 +104,13 @@ def filter_mission(
     sine, cosine = np.empty(n), np.empty(n)
     _sines(heading, sine, cosine)
     for k in range(n):
-        reckon(b, m, speed[k], sine[k], cosine[k], m.dt)
+        preintegrate_direction(b, m, speed[k], sine[k], cosine[k], m.dt)
         if i < message_step.size and message_step[i] == k + 1:
             used = _receive(b, m, signal, message[i], ranges[i], depth[i])
             if used < 0:
                 return k + 1
             if outcome.shape[0] > 0:
-                record_outcome(b, m, signal, used, outcome[i])
+                record_outcome(b, m, used, outcome[i])
             i += 1
         if covariances.shape[0] > 0:
             moments(b, m)
@@ -124,7 +124,7 @@ def filter_mission(
 
 def run_mission(
     settings: TightSettings, measurements: Measurements, start: Floats | None, *, covariance: bool = True
-) -> Found:
+) -> MissionEstimates:
     """States and covariances of a mission, to the bit those of `TightNavigator`.
 
     Args:
@@ -144,7 +144,7 @@ def run_mission(
         raise LaisnError("campaigns take steps of equal length, and transmitters on the leader's hull only")
     model, n = model_of(settings), measurements.speed.size
     outcome = records(OUTCOME, len(measurements.message) if covariance else 0)
-    found = Found(np.empty((n, 4 if covariance else 2)), np.empty((n if covariance else 0, 3)), outcome)
+    found = MissionEstimates(np.empty((n, 4 if covariance else 2)), np.empty((n if covariance else 0, 3)), outcome)
     speed, heading = np.ascontiguousarray(measurements.speed), np.ascontiguousarray(measurements.heading)
     step = measurements.message_step
     sent = np.ascontiguousarray(measurements.message).view(MESSAGE)[:, 0]
@@ -181,13 +181,11 @@ def _spread(b: Belief, k: int, east: float, north: float) -> float:
 @compiled
 def _offset_to_likelier_hypothesis(b: Belief, m: Model, x: float, y: float) -> tuple[float, float]:
     """Offset from the mean position to that of the likelier of two hypotheses [m]; zero where they are one place."""
-    first, second, most, next_most = 0, -1, -1.0, -1.0
+    first, second, most = heaviest_hypothesis(b, m.modes, b.alive), -1, -1.0
     for h in range(b.alive):
         weight = hypothesis_weight(b, m.modes, h)
-        if weight > most:
-            first, second, most, next_most = h, first if h > 0 else -1, weight, most
-        elif weight > next_most:
-            second, next_most = h, weight
+        if h != first and weight > most:
+            second, most = h, weight
     if second < 0:
         return 0.0, 0.0
     i, j = heaviest(b, m.modes, first), heaviest(b, m.modes, second)
@@ -204,25 +202,18 @@ def _offset_to_likelier_hypothesis(b: Belief, m: Model, x: float, y: float) -> t
 @compiled
 def _write_outputs(b: Belief, m: Model, out: Any) -> None:
     """Write biases and current (means over the mixture), its spread, and the offset to the likelier hypothesis."""
-    x = y = log_bias = compass_bias = east = north = 0.0
-    for k in range(b.alive * m.modes):
-        w = b.weight[k]
-        x += w * b.state[k, X]
-        y += w * b.state[k, Y]
-        log_bias += w * b.state[k, LOG]
-        compass_bias += w * b.state[k, COMPASS]
-        if m.current != ABSENT:
-            east += w * b.state[k, m.current]
-            north += w * b.state[k, m.current + 1]
+    x, y, log_bias, compass_bias = b.output.x, b.output.y, 0.0, 0.0
     xx = xy = yy = 0.0
     for k in range(b.alive * m.modes):
         w, dx, dy = b.weight[k], b.state[k, X] - x, b.state[k, Y] - y
+        log_bias += w * b.state[k, LOG]
+        compass_bias += w * b.state[k, COMPASS]
         xx += w * (b.covariance[k, X, X] + dx * dx)
         xy += w * (b.covariance[k, X, Y] + dx * dy)
         yy += w * (b.covariance[k, Y, Y] + dy * dy)
     half, across = 0.5 * (xx + yy), 0.5 * (xx - yy)
     out.log_bias, out.compass_bias = log_bias, compass_bias
-    out.current[0], out.current[1] = east, north
+    out.current[0], out.current[1] = b.output.v_x, b.output.v_y
     out.spread = math.sqrt(half + math.sqrt(across * across + xy * xy))
     out.to_likelier[0], out.to_likelier[1] = _offset_to_likelier_hypothesis(b, m, x, y)
 
@@ -253,12 +244,12 @@ class TightSwarm(NamedTuple):
         outcome = outcomes[0]
         for i in range(beliefs.size):
             b, estimate = beliefs[i], estimates[i]
-            advance(b, m, readings[i].speed, readings[i].heading, m.dt)
+            preintegrate(b, m, readings[i].speed, readings[i].heading, m.dt)
             if received[i]:
                 used = _receive(b, m, signal, messages[i], ranges[i], readings[i].depth)
                 if used < 0:
                     return i + 1
-                record_outcome(b, m, signal, used, outcome)
+                record_outcome(b, m, used, outcome)
                 gated[i] += outcome.received > 0 and outcome.used == 0
                 _write_outputs(b, m, estimate)
             estimate.position[0], estimate.position[1] = position(b)

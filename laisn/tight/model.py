@@ -21,7 +21,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from laisn.arrays import Ints
 from laisn.compiled import compiled
 from laisn.elementary import sin_cos
 from laisn.tight.estimates import HYPOTHESES
@@ -51,36 +50,36 @@ Model: TypeAlias = Any
 """`TightSettings` as compiled code takes them: a record with the fields of `model_of`, so that calls pass a pointer."""
 
 _OPTIONAL = {"leader": 5, "current": 6, "offset": 8, "clock": 10}
-"""Optional states, by the field of `Model` with their first index, and where they are in `TightEstimates.names`."""
+"""Optional states: field of `Model` with the index of the first one, and its place in `TightEstimates.names`."""
 
 
-def _optional_states(settings: TightSettings) -> dict[str, list[float]]:
-    """Standard deviations before the mission of the optional states that there are, in their order in the state."""
+def prior_sigmas(settings: TightSettings) -> dict[int, float]:
+    """Prior standard deviation of each state, by its place in `TightEstimates.names`, in the order of the state."""
     s, assume = settings, settings.assume
-    sigmas = {
-        "leader": [] if assume.exact_leader else [s.leader_heading_bias_sigma],
-        "current": [s.current_sigma] * 2 * assume.current,
-        "offset": [s.offset_sigma] * (s.transmitters - 1) * assume.offsets,
-        "clock": [s.clock_offset_sigma, s.clock_drift_sigma] * assume.clock,
-    }
-    return {name: sigma for name, sigma in sigmas.items() if sigma}
+    always = s.start_sigma, s.start_sigma, s.speed_bias_sigma, s.heading_bias_sigma, s.range_scale_bias_sigma
+    sigmas = dict(enumerate(always))
+    if not assume.exact_leader:
+        sigmas[5] = s.leader_heading_bias_sigma
+    if assume.current:
+        sigmas[6] = sigmas[7] = s.current_sigma
+    if assume.offsets:
+        sigmas |= {8 + i: s.offset_sigma for i in range(s.transmitters - 1)}
+    if assume.clock:
+        sigmas[10], sigmas[11] = s.clock_offset_sigma, s.clock_drift_sigma
+    return sigmas
 
 
 def model_of(settings: TightSettings) -> Model:
     """Settings as compiled code takes them."""
     s, assume = settings, settings.assume
-    size, first = 5, dict.fromkeys(_OPTIONAL, ABSENT)
-    for name, sigmas in _optional_states(settings).items():
-        first[name], size = size, size + len(sigmas)
+    places = list(prior_sigmas(s))
     log_walk, compass_walk = (_DRIFTING_LOG, _DRIFTING_COMPASS) if assume.drift else (STEADY_LOG, STEADY_COMPASS)
     slow, quick = _MODES if assume.drift else (1.0, 1.0)
     integers = {
-        "states": size,  # n, how many there are
+        "states": len(places),  # n
         "modes": 2 if assume.drift else 1,
-        "leader": first["leader"],  # index of b_L, bias of the leader's heading, in the state, or `ABSENT`
-        "current": first["current"],  # index of the current's east component; its north component comes next
-        "offset": first["offset"],  # index of d_2, the second transmitter's constant error
-        "clock": first["clock"],  # index of τ, the clocks' offset; τ̇ comes next
+        # indices of b_L, of the current's east component (north comes next), of d_2, and of τ (τ̇ comes next)
+        **{name: places.index(place) if place in places else ABSENT for name, place in _OPTIONAL.items()},
         "transmitters": s.transmitters,
         "use_attitude": s.use_attitude,
     }
@@ -101,25 +100,15 @@ def model_of(settings: TightSettings) -> Model:
         "deviation": _DEVIATION**2 if assume.deviation else 0.0,
         "range_sigma": s.range_sigma,
         "range_scale_variance": s.range_scale_sigma**2,
-        # of a message's heading [rad²]: first and largest value of the estimate
-        "leader_variance": 0.0 if assume.exact_leader else s.leader_heading_sigma**2,
+        "leader_variance": 0.0 if assume.exact_leader else s.leader_heading_sigma**2,  # prior and upper limit [rad²]
         "log_accepted": math.log1p(-s.outlier_probability),  # logarithm of the chance that a range is a direct one
         "outlier_span": s.outlier_span,  # largest excess of an echo [m]
-        "log_rejected": math.log(
-            s.outlier_probability / s.outlier_span
-        ),  # of the density of an echo's excess, in [1/m]
+        "log_rejected": math.log(s.outlier_probability / s.outlier_span),  # of an echo's density in [1/m]
     }
     types: list[Any] = [(name, np.int64) for name in integers]
     types += [(name, np.float64, np.shape(value)) for name, value in numbers.items()]
     record = np.dtype((np.record, np.dtype(types, align=True)))
     return np.array([(*integers.values(), *numbers.values())], dtype=record)[0]
-
-
-def canonical(settings: TightSettings) -> Ints:
-    """Where each state stands among all that there can be (`TightEstimates.names`), shape (n,)."""
-    optional = _optional_states(settings).items()
-    places = [_OPTIONAL[name] + i for name, sigmas in optional for i in range(len(sigmas))]
-    return np.array([X, Y, LOG, COMPASS, SCALE, *places], dtype=np.int64)
 
 
 CAPACITY = 2 * HYPOTHESES
@@ -128,6 +117,8 @@ CAPACITY = 2 * HYPOTHESES
 MOST_STATES = 12
 """Room for n; the arrays of a belief have one shape for all settings, so that all share one compiled code."""
 _COMPONENTS = 2 * CAPACITY
+SPARE = _COMPONENTS - 1
+"""Component that holds a copy or a trial while there are at most `HYPOTHESES` + 2 hypotheses."""
 _T = 3
 
 # A belief is one record of fixed layout: compiled functions take a pointer to it, and it can be copied as a whole.
@@ -180,7 +171,9 @@ _WORK = np.dtype([
     ("white", np.float64, _T), ("turned", np.float64, _T),  # residuals, and `row_leader`, in units of it
     ("gain", np.float64, (MOST_STATES, _T)),  # P Hᵀ
     ("white_gain", np.float64, (MOST_STATES, _T)),  # P Hᵀ root⁻ᵀ over the ranges that are used
-    ("used", np.int64, _T),  # their indices
+    ("received", np.int64, _T),  # indices of the ranges of the message …
+    ("used", np.int64, _T),  # … and of those that are used …
+    ("mask", np.int64),  # … whose bits are 1 here, in the order of `received`
     ("shared", np.int64),  # 1 where these have an echo in common, else 0
     ("share", np.float64),  # square of its excess over a range
     ("common", np.float64, _T),  # its direction in units of the root, of length 1
@@ -199,16 +192,16 @@ _BELIEF = np.dtype((np.record, np.dtype([
     ("turn_excess", np.float64, _COMPONENTS),  # by how much `leader_variance` should be larger [rad²]
     ("alive", np.int64),  # hypotheses
     ("states", np.int64),  # as of `Model`
+    ("received", np.int64),  # ranges of the last message
     ("smoothed_nis", np.float64),  # NIS over some messages
     ("missed_updates", np.float64),  # messages in a row without an accepted range
     ("leader_variance", np.float64),  # estimated, of the random error of the leader's heading [rad²]
     ("turn", _TURN), ("leader_turn", _TURN),  # that either compass is in, or the last one
     ("motion", _MOTION), ("leader", _LEADER), ("output", _OUTPUT), ("work", _WORK),
     ("now", np.float64, 4), ("now_covariance", np.float64, (4, 4)),  # x, y, vx, vy over the mixture, at the last step
-    ("rows", np.float64, (4, MOST_STATES)),  # their derivatives by a component's states
+    ("rows", np.float64, (5, MOST_STATES)),  # their derivatives by a component's states, and room for one row
     ("fresh", np.float64, MOST_STATES),  # variances at the start
-    ("before_state", np.float64, MOST_STATES),  # a component before the motion since the last message; else room …
-    ("before_covariance", np.float64, (MOST_STATES, MOST_STATES)),
+    ("gain", np.float64, MOST_STATES),  # P Hᵀ of an update with one number
 ], align=True)))  # fmt: skip
 
 Belief: TypeAlias = Any
@@ -244,11 +237,8 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | N
     """
     # by key, as attributes of a record are slow outside of compiled code
     states, modes, leader_variance = m[["states", "modes", "leader_variance"]].item()
-    sigmas = [settings.start_sigma] * 2
-    sigmas += [settings.speed_bias_sigma, settings.heading_bias_sigma, settings.range_scale_bias_sigma]
-    sigmas += [sigma for optional in _optional_states(settings).values() for sigma in optional]
     fresh = np.zeros(MOST_STATES)
-    fresh[: len(sigmas)] = np.square(sigmas)
+    fresh[:states] = np.square(list(prior_sigmas(settings).values()))
     made = np.zeros(1, dtype=_BELIEF)
     belief: Belief = made[0]
     made["states"] = states

@@ -15,9 +15,10 @@ from laisn.geometry import given_transmitters
 from laisn.messages import OwnMotion, Reception
 from laisn.mixture import mixture_moments
 from laisn.navigators import FARTHEST, OnlineNavigator, require_readings
-from laisn.tight import estimator, own_motion
-from laisn.tight.estimates import HYPOTHESES, TightEstimates, kind_of
-from laisn.tight.model import Belief, canonical, model_of, new_belief
+from laisn.tight.estimates import TightEstimates, kind_of
+from laisn.tight.estimator import place_arms, receive
+from laisn.tight.model import Belief, model_of, new_belief, prior_sigmas
+from laisn.tight.own_motion import moments, preintegrate
 from laisn.tight.ranging import new_signal
 from laisn.tight.settings import TightSettings
 
@@ -31,27 +32,26 @@ def scalar_record(record: Any) -> ScalarRecord:
 
 
 @compiled
-def advance(b: ScalarRecord, m: ScalarRecord, speed: float, heading: float, dt: float) -> None:
-    """`laisn.tight.own_motion.advance` of a belief."""
-    own_motion.advance(b[0], m[0], speed, heading, dt)
+def predict(b: ScalarRecord, m: ScalarRecord, speed: float, heading: float, dt: float) -> None:
+    """Advance a belief by the readings of a step, as `own_motion.preintegrate`, and its moments."""
+    preintegrate(b[0], m[0], speed, heading, dt)
+    moments(b[0], m[0])
 
 
 @compiled
-def moments(b: ScalarRecord, m: ScalarRecord) -> None:
-    """`laisn.tight.own_motion.moments` of a belief."""
-    own_motion.moments(b[0], m[0])
+def update(
+    b: ScalarRecord, m: ScalarRecord, signal: ScalarRecord, tilt: tuple[float, float], deeper: float, on_hull: bool
+) -> int:
+    """Update a belief with a message, as `estimator.receive`, and its moments.
 
-
-@compiled
-def place_arms(signal: ScalarRecord, m: ScalarRecord, pitch: float, roll: float, deeper: float) -> None:
-    """`laisn.tight.estimator.place_arms` of a message."""
-    estimator.place_arms(signal[0], m[0], pitch, roll, deeper)
-
-
-@compiled
-def receive(b: ScalarRecord, m: ScalarRecord, signal: ScalarRecord) -> int:
-    """`laisn.tight.estimator.receive` of a message."""
-    return estimator.receive(b[0], m[0], signal[0])
+    The transmitters are placed by the leader's pitch and roll [rad], and by how much deeper it is [m], if they are
+    `on_hull`; otherwise their arms are in the message.
+    """
+    if on_hull:
+        place_arms(signal[0], m[0], tilt[0], tilt[1], deeper)
+    used = receive(b[0], m[0], signal[0])
+    moments(b[0], m[0])
+    return used
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,64 +107,54 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
         """
         super().__init__(settings, start if settings.known_start else None, settings.start_sigma)
         self._model = model = model_of(settings)
-        self._places = canonical(settings)
+        self._places = np.array(list(prior_sigmas(settings)))
         self._signal = scalar_record(new_signal())
         self._records = b, _ = scalar_record(new_belief(settings, model, self._start)), scalar_record(model)
         self._belief: Belief = b[0]
-        self._moments = b["now"][0], b["now_covariance"][0]
+        # from here on views of the belief, which hold the moments of the mixture after each step
+        moments_now = b["now"][0], b["now_covariance"][0]
+        moments_now[0][:], moments_now[1][:] = self._state, self._covariance
+        self._state, self._covariance = moments_now
         self._sizes = int(model.modes), int(model.states)
 
     def step(self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None) -> list[Update]:
         """Advance by one filter step; see `OnlineNavigator.step`."""
         own = self._begin_step(own, duration)
         _check(self._step, own, reception)
-        advance(*self._records, own.speed, own.heading, self.settings.dt if duration is None else duration)
-        updates = [] if reception is None else [self._receive(own, reception)]
-        moments(*self._records)
-        self._state, self._covariance = (moment.copy() for moment in self._moments)
-        return updates
+        predict(*self._records, own.speed, own.heading, self.settings.dt if duration is None else duration)
+        return [] if reception is None else [self._receive(own, reception)]
 
     def _estimates(self, state: Floats, covariance: Floats, fixes: Sequence[Update]) -> TightEstimates:
-        f = len(fixes)
-        details: dict[str, Any] = {
-            "used": np.array([u.used for u in fixes], dtype=np.int64),
-            "nis": np.array([u.nis for u in fixes], dtype=np.float64),
-            "full_state": np.array([u.full_state for u in fixes]).reshape(f, -1 if f else len(TightEstimates.names)),
-            "full_sigma": np.array([u.full_sigma for u in fixes]).reshape(f, -1 if f else len(TightEstimates.names)),
-            "weight": np.zeros((f, HYPOTHESES)),
-            "hypothesis": np.full((f, HYPOTHESES, 2), np.nan),
-            "hypothesis_covariance": np.full((f, HYPOTHESES, 2, 2), np.nan),
-        }
-        for name in ("weight", "hypothesis", "hypothesis_covariance"):
-            for i, update in enumerate(fixes):
-                details[name][i, : update.weight.size] = getattr(update, name)
+        details: dict[str, Any] = {}
+        for column in TightEstimates.details():
+            nothing: Any = 0 if column.attribute in ("used", "weight") else np.nan
+            rows = np.full((len(fixes), *column.shape), nothing, np.int64 if column.integer else np.float64)
+            for row, fix in zip(rows[..., None], fixes, strict=True):
+                # of fewer hypotheses than there may be, the first rows
+                value = np.asarray(getattr(fix, column.attribute))[..., None]
+                row[: len(value)] = value
+            details[column.attribute] = rows
         return TightEstimates.of(state, covariance, fixes, **details)
 
-    def _place_transmitters(self, own: OwnMotion, reception: Reception) -> None:
-        """Fill in the arms of the transmitters; a range to one whose position is unknown counts as not received."""
-        message, settings, signal = reception.message, self.settings, self._signal
-        hydrophone, places = own.depth - settings.hydrophone_height, given_transmitters(reception, settings)
-        if places is None:
-            place_arms(signal, self._records[1], message.pitch, message.roll, message.depth - hydrophone)
-            return
-        if reception.transmitters is not None and not settings.assume.exact_leader:
-            raise LaisnError(
-                f"step {self._step}: the message places its transmitters, whom no compass of a leader turns; set "
-                "assume.exact_leader"
-            )
-        signal["arms"][0] = places - np.array([message.east, message.north, hydrophone])
-        signal["ranges"][0, np.any(np.isnan(signal["arms"][0]), axis=1)] = np.nan
-
     def _receive(self, own: OwnMotion, reception: Reception) -> Update:
-        message, signal, (belief, model) = reception.message, self._signal, self._records
+        """Take a message; a range to a transmitter whose position is unknown counts as not received."""
+        message, settings, signal, (belief, model) = reception.message, self.settings, self._signal, self._records
         signal["time"], signal["east"], signal["north"] = message.timestamp, message.east, message.north
         signal["heading"], signal["speed"], signal["ranges"] = message.heading, message.speed, reception.ranges
-        self._place_transmitters(own, reception)
-        received = int(np.count_nonzero(np.isfinite(signal["ranges"][0, : self.settings.transmitters])))
-        used = receive(belief, model, signal)
+        hydrophone, places = own.depth - settings.hydrophone_height, given_transmitters(reception, settings)
+        if places is not None:
+            if reception.transmitters is not None and not settings.assume.exact_leader:
+                raise LaisnError(
+                    f"step {self._step}: the message places its transmitters, whom no compass of a leader turns; set "
+                    "assume.exact_leader"
+                )
+            signal["arms"][0] = places - np.array([message.east, message.north, hydrophone])
+            signal["ranges"][0, np.any(np.isnan(signal["arms"][0]), axis=1)] = np.nan
+        tilt, deeper = (message.pitch, message.roll), message.depth - hydrophone
+        used = update(belief, model, signal, tilt, deeper, places is None)
         if used < 0:
             raise ArithmeticError(f"step {self._step}: a covariance is not positive definite after {reception}")
-        return self._update(received, used)
+        return self._update(int(belief["received"][0]), used)
 
     def _update(self, received: int, used: int) -> Update:
         (b, _), (modes, n) = self._records, self._sizes

@@ -11,8 +11,8 @@ from laisn.tight.model import ABSENT, COMPASS, LOG, Belief, Model, X, Y
 
 
 @inlined
-def reckon(b: Belief, m: Model, speed: float, sine: float, cosine: float, dt: float) -> None:
-    """As `advance`, with sine and cosine of the compass's reading."""
+def preintegrate_direction(b: Belief, m: Model, speed: float, sine: float, cosine: float, dt: float) -> None:
+    """As `preintegrate`, with sine and cosine of the compass's reading."""
     o = b.motion
     if o.speed != o.speed:
         o.speed, o.sin, o.cos = speed, sine, cosine
@@ -34,17 +34,17 @@ def reckon(b: Belief, m: Model, speed: float, sine: float, cosine: float, dt: fl
 
 
 @compiled
-def advance(b: Belief, m: Model, speed: float, heading: float, dt: float) -> None:
+def preintegrate(b: Belief, m: Model, speed: float, heading: float, dt: float) -> None:
     """One filter step of duration `dt` [s], with the readings of log [m/s] and compass [rad] at its end.
 
     The way is that of the mean velocity of both ends: a turn would otherwise be a step late.
     """
     sine, cosine = sin_cos(heading)
-    reckon(b, m, speed, sine, cosine, dt)
+    preintegrate_direction(b, m, speed, sine, cosine, dt)
 
 
 @inlined
-def begin_interval(b: Belief) -> None:
+def reset_preintegration(b: Belief) -> None:
     """Reset the way: the components have been moved by it."""
     o = b.motion
     o.ax = o.ay = o.bx = o.by = o.nxx = o.nxy = o.nyy = o.time = 0.0
@@ -61,25 +61,37 @@ def _way(o: Any, log_bias: float, compass_bias: float) -> tuple[float, float, fl
 
 
 @inlined
-def _turned_noise(o: Any, c: float, s: float) -> tuple[float, float, float]:
-    """Covariance xx, xy, yy of the random errors of the way, turned by a compass bias [m²]."""
-    nxx, nxy, nyy = o.nxx, o.nxy, o.nyy
-    xx = c * c * nxx - 2.0 * c * s * nxy + s * s * nyy
-    yy = s * s * nxx + 2.0 * c * s * nxy + c * c * nyy
-    return xx, c * s * (nxx - nyy) + (c * c - s * s) * nxy, yy
+def _position_noise(o: Any, m: Model, mode: int, way: tuple[float, float, float, float, float, float]) -> Any:
+    """Covariance xx, xy, yy that a component's position gains on a way as of `_way` [m²].
+
+    The random errors of the readings, turned by the compass bias; slip; and biases of log and compass, and the current,
+    that wander on a straight way.
+    """
+    c, s, way_x, way_y, by_log_x, by_log_y = way
+    time, third = o.time, o.time / 3.0
+    q_log, q_compass, isotropic = third * m.log_walk[mode], third * m.compass_walk[mode], m.slip_rate * time
+    if m.current != ABSENT:
+        isotropic += m.current_walk * time * time * third
+    xx = c * c * o.nxx - 2.0 * c * s * o.nxy + s * s * o.nyy + isotropic
+    yy = s * s * o.nxx + 2.0 * c * s * o.nxy + c * c * o.nyy + isotropic
+    xy = c * s * (o.nxx - o.nyy) + (c * c - s * s) * o.nxy
+    xx += q_log * by_log_x * by_log_x + q_compass * way_y * way_y
+    xy += q_log * by_log_x * by_log_y - q_compass * way_x * way_y
+    yy += q_log * by_log_y * by_log_y + q_compass * way_x * way_x
+    return xx, xy, yy
 
 
 @compiled
-def move(b: Belief, m: Model, k: int, log_bias: float, compass_bias: float) -> None:
+def predict_component(b: Belief, m: Model, k: int, log_bias: float, compass_bias: float) -> None:
     """Move component k by the way since the last message, linearised at some biases.
 
     The true way is r = Rot(b_θ)(A − b_v B), with Rot anticlockwise, as a compass that reads too much has to be turned
     back. What biases do that wander on the way is added for a straight one.
     """
-    x, P, o, n = b.state, b.covariance, b.motion, m.states
-    c, s, way_x, way_y, by_log_x, by_log_y = _way(o, log_bias, compass_bias)
+    x, P, n, time, mode = b.state, b.covariance, m.states, b.motion.time, k % m.modes
+    way = _way(b.motion, log_bias, compass_bias)
+    _, _, way_x, way_y, by_log_x, by_log_y = way
     by_compass_x, by_compass_y = -way_y, way_x
-    time = o.time
     off_log, off_compass = x[k, LOG] - log_bias, x[k, COMPASS] - compass_bias
     x[k, X] += way_x + by_log_x * off_log + by_compass_x * off_compass
     x[k, Y] += way_y + by_log_y * off_log + by_compass_y * off_compass
@@ -95,25 +107,16 @@ def move(b: Belief, m: Model, k: int, log_bias: float, compass_bias: float) -> N
         if drifting:
             P[k, X, j] += time * P[k, east, j]
             P[k, Y, j] += time * P[k, north, j]
-    px = P[k, X, X] + by_log_x * P[k, X, LOG] + by_compass_x * P[k, X, COMPASS]
-    pxy = P[k, X, Y] + by_log_y * P[k, X, LOG] + by_compass_y * P[k, X, COMPASS]
-    py = P[k, Y, Y] + by_log_y * P[k, Y, LOG] + by_compass_y * P[k, Y, COMPASS]
+    px, pxy, py = _position_noise(b.motion, m, mode, way)
+    px += P[k, X, X] + by_log_x * P[k, X, LOG] + by_compass_x * P[k, X, COMPASS]
+    pxy += P[k, X, Y] + by_log_y * P[k, X, LOG] + by_compass_y * P[k, X, COMPASS]
+    py += P[k, Y, Y] + by_log_y * P[k, Y, LOG] + by_compass_y * P[k, Y, COMPASS]
     if drifting:
         px += time * P[k, X, east]
         pxy += time * P[k, X, north]
         py += time * P[k, Y, north]
-    # Noise of the readings, turned; slip; biases that wander.
-    mode = k % m.modes
-    q_log, q_compass, q_current = m.log_walk[mode], m.compass_walk[mode], m.current_walk
-    third, half = time / 3.0, time / 2.0
-    nxx, nxy, nyy = _turned_noise(o, c, s)
-    slip = m.slip_rate * time
-    px += nxx + slip
-    pxy += nxy
-    py += nyy + slip
-    px += third * (q_log * by_log_x * by_log_x + q_compass * by_compass_x * by_compass_x)
-    pxy += third * (q_log * by_log_x * by_log_y + q_compass * by_compass_x * by_compass_y)
-    py += third * (q_log * by_log_y * by_log_y + q_compass * by_compass_y * by_compass_y)
+    # what biases that wander gain, with the position's gain
+    q_log, q_compass, half = m.log_walk[mode], m.compass_walk[mode], time / 2.0
     P[k, X, LOG] += half * q_log * by_log_x
     P[k, Y, LOG] += half * q_log * by_log_y
     P[k, X, COMPASS] += half * q_compass * by_compass_x
@@ -130,17 +133,14 @@ def move(b: Belief, m: Model, k: int, log_bias: float, compass_bias: float) -> N
             P[k, clock, j] += time * P[k, rate, j]
         for j in range(n):
             P[k, j, clock] += time * P[k, j, rate]
-        P[k, clock, clock] += m.clock_walk * time * time * third
+        P[k, clock, clock] += m.clock_walk * time * time * time / 3.0
         P[k, clock, rate] += m.clock_walk * time * half
         P[k, rate, clock] += m.clock_walk * time * half
         P[k, rate, rate] += m.clock_walk * time
     if drifting:
-        px += q_current * time * time * third
-        py += q_current * time * time * third
-        P[k, X, east] += q_current * time * half
-        P[k, Y, north] += q_current * time * half
-        P[k, east, east] += q_current * time
-        P[k, north, north] += q_current * time
+        for state in (east, north):
+            P[k, state - east, state] += m.current_walk * time * half
+            P[k, state, state] += m.current_walk * time
     P[k, X, X], P[k, X, Y], P[k, Y, X], P[k, Y, Y] = px, pxy, pxy, py
     for j in range(2, n):
         P[k, j, X], P[k, j, Y] = P[k, X, j], P[k, Y, j]
@@ -168,43 +168,36 @@ def velocity(b: Belief) -> tuple[float, float]:
 
 
 @compiled
-def _add_component(b: Belief, m: Model, k: int) -> None:
-    """Add component k, moved to now, to the moments of the mixture about the origin (in `b.now`)."""
-    mean, covariance, rows = b.now, b.now_covariance, b.rows
-    x, P, o, n, weight = b.state, b.covariance, b.motion, m.states, b.weight[k]
-    c, s, way_x, way_y, by_log_x, by_log_y = _way(o, x[k, LOG], x[k, COMPASS])
+def _add_component(b: Belief, m: Model, k: int, origin: tuple[float, float]) -> None:
+    """Add component k, moved to now, to the moments of the mixture about an origin (in `b.now`)."""
+    covariance, rows, x, o, weight = b.now_covariance, b.rows, b.state[k], b.motion, b.weight[k]
+    way = _way(o, x[LOG], x[COMPASS])
+    c, s, way_x, way_y, by_log_x, by_log_y = way
     ux, uy = c * o.sin - s * o.cos, s * o.sin + c * o.cos
-    speed, time = o.speed - x[k, LOG], o.time
-    rows[:] = 0.0
+    speed, time = o.speed - x[LOG], o.time
+    for i in range(4):
+        for j in range(m.states):
+            rows[i, j] = 0.0
     rows[0, X], rows[0, LOG], rows[0, COMPASS] = 1.0, by_log_x, -way_y
     rows[1, Y], rows[1, LOG], rows[1, COMPASS] = 1.0, by_log_y, way_x
     rows[2, LOG], rows[2, COMPASS] = -ux, -speed * uy
     rows[3, LOG], rows[3, COMPASS] = -uy, speed * ux
-    here = (x[k, X] + way_x, x[k, Y] + way_y, speed * ux, speed * uy)
-    slip = m.slip_rate * time
+    here = (x[X] - origin[0] + way_x, x[Y] - origin[1] + way_y, speed * ux, speed * uy)
     if m.current != ABSENT:
-        east, north = x[k, m.current], x[k, m.current + 1]
+        east, north = x[m.current], x[m.current + 1]
         rows[0, m.current] = rows[1, m.current + 1] = time
         rows[2, m.current] = rows[3, m.current + 1] = 1.0
         here = (here[0] + time * east, here[1] + time * north, here[2] + east, here[3] + north)
-        slip += m.current_walk * time * time * time / 3.0
-    add_moments(mean, covariance, weight, here, rows, P[k, :n, :n])
-    mode = k % m.modes
-    q_log, q_compass = m.log_walk[mode] * time / 3.0, m.compass_walk[mode] * time / 3.0
-    nxx, nxy, nyy = _turned_noise(o, c, s)
-    cross = nxy + (q_log * by_log_x * by_log_y - q_compass * way_x * way_y)
-    covariance[0, 0] += weight * (nxx + slip)
-    covariance[0, 0] += weight * (q_log * by_log_x * by_log_x + q_compass * way_y * way_y)
-    covariance[1, 1] += weight * (nyy + slip)
-    covariance[1, 1] += weight * (q_log * by_log_y * by_log_y + q_compass * way_x * way_x)
-    covariance[0, 1] += weight * cross
-    covariance[1, 0] += weight * cross
+    add_moments(b.now, covariance, weight, here, rows, b.covariance[k, : m.states, : m.states])
+    xx, xy, yy = _position_noise(o, m, k % m.modes, way)
+    covariance[0, 0] += weight * xx
+    covariance[0, 1] += weight * xy
+    covariance[1, 1] += weight * yy
     # the velocity is the last reading's, with its random error
     along, across = m.speed_variance, m.heading_variance * o.speed * o.speed
     covariance[2, 2] += weight * (along * ux * ux + across * uy * uy)
-    covariance[3, 3] += weight * (along * uy * uy + across * ux * ux)
     covariance[2, 3] += weight * (along - across) * ux * uy
-    covariance[3, 2] += weight * (along - across) * ux * uy
+    covariance[3, 3] += weight * (along * uy * uy + across * ux * ux)
 
 
 @compiled
@@ -213,17 +206,17 @@ def moments(b: Belief, m: Model) -> None:
 
     NaN if there is no hypothesis yet.
     """
-    b.now[:] = 0.0 if b.alive else np.nan
-    b.now_covariance[:] = 0.0 if b.alive else np.nan
-    # about the mean position, so that the squares of large coordinates do not swallow small variances
-    origin_x, origin_y = position(b)
-    for k in range(b.alive * m.modes):
-        x, y = b.state[k, X], b.state[k, Y]
-        b.state[k, X], b.state[k, Y] = x - origin_x, y - origin_y
-        _add_component(b, m, k)
-        # to the bit as it was: who asks for moments and who does not go on alike
-        b.state[k, X], b.state[k, Y] = x, y
+    nothing = 0.0 if b.alive else np.nan
     for i in range(4):
+        b.now[i] = nothing
         for j in range(4):
+            b.now_covariance[i, j] = nothing
+    # about the mean position, so that the squares of large coordinates do not swallow small variances
+    origin = position(b)
+    for k in range(b.alive * m.modes):
+        _add_component(b, m, k, origin)
+    for i in range(4):
+        for j in range(i, 4):
             b.now_covariance[i, j] -= b.now[i] * b.now[j]
-    b.now[0], b.now[1] = origin_x, origin_y
+            b.now_covariance[j, i] = b.now_covariance[i, j]
+    b.now[0], b.now[1] = origin

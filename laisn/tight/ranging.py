@@ -11,7 +11,6 @@ import numpy as np
 
 from laisn.compiled import compiled, copy_values, inlined
 from laisn.elementary import log, sin_cos
-from laisn.mixture import factor
 from laisn.tight.model import ABSENT, SCALE, Belief, Model, X, Y
 
 _LOG_TURN = math.log(2.0 * math.pi)
@@ -59,7 +58,7 @@ def predict_ranges(b: Belief, m: Model, k: int, signal: Signal, turn: float, tur
         turn_variance: what is left of its variance for the second-order terms [rad²].
 
     Returns:
-        How many ranges there are; their indices stand in `b.work.used`.
+        How many ranges there are; their indices are in `b.work.received` and `b.work.used`.
     """
     w, x, P = b.work, b.state, b.covariance
     turning = m.leader != ABSENT
@@ -70,7 +69,7 @@ def predict_ranges(b: Belief, m: Model, k: int, signal: Signal, turn: float, tur
     count, farthest = 0, 0.0
     for i in range(m.transmitters):
         if signal.ranges[i] == signal.ranges[i]:
-            w.used[count] = i
+            w.received[count] = w.used[count] = i
             count += 1
             farthest = max(farthest, signal.ranges[i])
     per_farthest = 1.0 / max(farthest, _SHORTEST)
@@ -151,24 +150,35 @@ def predict_ranges(b: Belief, m: Model, k: int, signal: Signal, turn: float, tur
 def _likelihood(b: Belief, count: int) -> tuple[float, float]:
     """Logarithm of the density of the ranges in `work.used`, and their squared residuals in units of S.
 
-    NaN if S is not positive definite. Leaves the factor of S and the whitened residuals in `work`.
+    NaN if S is not positive definite. Leaves the Cholesky factor of S, S = L Lᵀ, and whitened residuals L⁻¹ (z − ẑ) in
+    `work`.
     """
-    w = b.work
-    if not factor(w.spread, w.used, count, w.root, w.per_root):
-        return math.nan, math.nan
+    w, L = b.work, b.work.root
     squared, volume = 0.0, 1.0
     for i in range(count):
-        value = w.residual[w.used[i]]
+        for j in range(i + 1):
+            value = w.spread[w.used[i], w.used[j]]
+            for h in range(j):
+                value -= L[i, h] * L[j, h]
+            if i > j:
+                L[i, j] = value * w.per_root[j]
+            elif value > 0.0:
+                L[i, i] = math.sqrt(value)
+                w.per_root[i] = 1.0 / L[i, i]
+            else:
+                # NaN comes here too
+                return math.nan, math.nan
+        white = w.residual[w.used[i]]
         for h in range(i):
-            value -= w.root[i, h] * w.white[h]
-        w.white[i] = value * w.per_root[i]
+            white -= L[i, h] * w.white[h]
+        w.white[i] = white * w.per_root[i]
         squared += w.white[i] * w.white[i]
-        volume *= w.root[i, i]
+        volume *= L[i, i]
     return -0.5 * (squared + count * _LOG_TURN) - log(volume), squared
 
 
 @compiled
-def _ignore_common(b: Belief, count: int) -> tuple[float, float, float]:
+def _marginalise_common_echo(b: Belief, count: int) -> tuple[float, float, float]:
     """Whitened residuals of an echo common to all ranges in `work.used`, whose excess e has a flat prior.
 
     With S = L Lᵀ, whitened residuals ν and u = L⁻¹ 1 the density is ∫ N(z − ẑ − e 1; S) de, in which only the part of ν
@@ -204,7 +214,7 @@ def _mean_range(b: Belief, signal: Signal, count: int) -> float:
 
 
 @compiled
-def _tilt_common(b: Belief, signal: Signal, count: int, share: float) -> None:
+def _add_common_echo(b: Belief, signal: Signal, count: int, share: float) -> None:
     """Add to S what a common echo of excess e may do to the differences of the ranges in `work.used`.
 
     A late ping leaves them as they are. A reflection at the surface or the floor adds the same to the square of each
@@ -224,7 +234,7 @@ def _tilt_common(b: Belief, signal: Signal, count: int, share: float) -> None:
 
 
 @inlined
-def _certain(b: Belief, m: Model, count: int, squared: float) -> bool:
+def _excludes_echoes(b: Belief, m: Model, count: int, squared: float) -> bool:
     """Whether no range can be an echo: leaving any out would cost more likelihood than it could gain."""
     largest = 0.0
     for j in range(count):
@@ -234,7 +244,7 @@ def _certain(b: Belief, m: Model, count: int, squared: float) -> bool:
 
 
 @inlined
-def _absorb(b: Belief, m: Model, k: int, count: int) -> None:
+def _update_component(b: Belief, m: Model, k: int, count: int) -> None:
     """x += W ν and P −= W Wᵀ with W = P Hᵀ root⁻ᵀ and whitened residuals ν, over the ranges in `work.used`.
 
     Of ranges that share an echo, W without its part along that.
@@ -285,53 +295,53 @@ def _leader_turn(b: Belief, count: int) -> tuple[float, float]:
     return v * match, v - v * v * size
 
 
+@inlined
+def _use_subset(b: Belief, received: int, mask: int) -> int:
+    """Put those of the received ranges into `work.used` whose bit is set in the mask; how many these are."""
+    w, used = b.work, 0
+    for j in range(received):
+        if (mask >> j) & 1:
+            w.used[used] = w.received[j]
+            used += 1
+    return used
+
+
 @compiled
-def _choose(b: Belief, m: Model, k: int, signal: Signal, received: int, density: float) -> int:
+def _select_ranges(b: Belief, m: Model, k: int, signal: Signal, received: int, density: float) -> int:
     """Leave out the ranges that look like echoes: the likeliest of all subsets, or all ranges with a common echo.
 
-    Sets `b.evidence[k]` and `b.work.shared`; `density` is that of all ranges together. Returns how many stay in
-    `b.work.used`.
+    Sets `b.evidence[k]`, `b.work.mask` and `b.work.shared`; `density` is that of all ranges together. Returns how many
+    stay in `b.work.used`.
     """
-    w = b.work
-    i0, i1, i2 = w.used[0], w.used[1], w.used[2]
-    everything = (1 << received) - 1
-    best, best_mask = density + received * m.log_accepted, everything
-    excess, _, _ = _ignore_common(b, received)
+    w, everything = b.work, (1 << received) - 1
+    best, w.mask = density + received * m.log_accepted, everything
+    excess, _, _ = _marginalise_common_echo(b, received)
     for mask in range(everything):
-        used, total = 0, 0.0
+        total = 0.0
         for j in range(received):
-            i = i0 if j == 0 else (i1 if j == 1 else i2)
-            if (mask >> j) & 1:
-                w.used[used] = i
-                used += 1
-            else:
-                total += m.log_rejected - (_TOO_SHORT if w.residual[i] < 0.0 else 0.0)
+            if not (mask >> j) & 1:
+                total += m.log_rejected - (_TOO_SHORT if w.residual[w.received[j]] < 0.0 else 0.0)
+        used = _use_subset(b, received, mask)
         density, _ = _likelihood(b, used)
         total += density + used * m.log_accepted
         if total > best:
-            best, best_mask = total, mask
+            best, w.mask = total, mask
     if received > 1 and 0.0 < excess < m.outlier_span:
-        w.used[0], w.used[1], w.used[2] = i0, i1, i2
+        _use_subset(b, received, everything)
         for i in range(w.spread.shape[0]):
             copy_values(w.spread[i], w.direct_spread[i])
         w.share = (excess / max(_mean_range(b, signal, received) - excess, _SHORTEST)) ** 2
-        _tilt_common(b, signal, received, w.share)
+        _add_common_echo(b, signal, received, w.share)
         density, _ = _likelihood(b, received)
-        _, less, log_size = _ignore_common(b, received)
+        _, less, log_size = _marginalise_common_echo(b, received)
         total = density + m.log_rejected + received * m.log_accepted + 0.5 * (less + _LOG_TURN - log_size)
         if total > best:
-            b.evidence[k], w.shared = total, 1
-            return received
-        for i in range(w.spread.shape[0]):
-            copy_values(w.direct_spread[i], w.spread[i])
-    used = 0
-    for j in range(received):
-        i = i0 if j == 0 else (i1 if j == 1 else i2)
-        if (best_mask >> j) & 1:
-            w.used[used] = i
-            used += 1
+            best, w.mask, w.shared = total, everything, 1
+        else:
+            for i in range(w.spread.shape[0]):
+                copy_values(w.direct_spread[i], w.spread[i])
     b.evidence[k] = best
-    return used
+    return _use_subset(b, received, w.mask)
 
 
 @compiled
@@ -346,7 +356,7 @@ def update(b: Belief, m: Model, k: int, signal: Signal) -> int:
         How many ranges it used; −1 if a covariance was not positive definite.
     """
     v = b.leader_variance
-    b.work.shared = 0
+    b.work.mask, b.work.shared = 7, 0
     received = predict_ranges(b, m, k, signal, 0.0, v)
     outcome = b.outcome[k]
     outcome.taken, outcome.normalised_innovation = 0, 0.0
@@ -358,11 +368,11 @@ def update(b: Belief, m: Model, k: int, signal: Signal) -> int:
         return -1
     used = received
     b.evidence[k] = density + received * m.log_accepted
-    if not _certain(b, m, received, squared):
-        used = _choose(b, m, k, signal, received, density)
+    if not _excludes_echoes(b, m, received, squared):
+        used = _select_ranges(b, m, k, signal, received, density)
         density, squared = _likelihood(b, used)
         if b.work.shared:
-            squared -= _ignore_common(b, used)[1]
+            squared -= _marginalise_common_echo(b, used)[1]
     # a common echo costs one number
     numbers: int = used - b.work.shared
     echo_cost = 2.0 * (received - numbers) * (m.log_accepted - m.log_rejected)
@@ -371,15 +381,14 @@ def update(b: Belief, m: Model, k: int, signal: Signal) -> int:
         turn, left = _leader_turn(b, used)
         b.turn_excess[k] = turn * turn + left - v
         if left < _INFORMATIVE * v:
-            u0, u1, u2 = b.work.used[0], b.work.used[1], b.work.used[2]
             predict_ranges(b, m, k, signal, turn, left)
-            b.work.used[0], b.work.used[1], b.work.used[2] = u0, u1, u2
+            _use_subset(b, received, b.work.mask)
             if b.work.shared:
-                _tilt_common(b, signal, used, b.work.share)
+                _add_common_echo(b, signal, used, b.work.share)
             density, squared = _likelihood(b, used)
             if density != density:
                 return -1
             if b.work.shared:
-                _ignore_common(b, used)
-    _absorb(b, m, k, used)
+                _marginalise_common_echo(b, used)
+    _update_component(b, m, k, used)
     return numbers

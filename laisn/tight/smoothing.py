@@ -15,8 +15,8 @@ from laisn.rts import Chain, smooth
 from laisn.tight.estimates import TightEstimates
 from laisn.tight.estimator import inflate_bias_covariance, mix_modes
 from laisn.tight.model import COMPASS, LOG, Belief, Model
-from laisn.tight.navigator import ScalarRecord, TightNavigator, Update, moments, scalar_record
-from laisn.tight.own_motion import move
+from laisn.tight.navigator import ScalarRecord, TightNavigator, Update, scalar_record
+from laisn.tight.own_motion import moments, predict_component
 from laisn.tight.settings import TightSettings
 
 _SAME_TIME = 5e-4
@@ -28,10 +28,16 @@ _SUMS = ("ax", "ay", "bx", "by", "nxx", "nxy", "nyy", "time")
 
 
 @compiled
-def _move_all(b: ScalarRecord, m: ScalarRecord, count: int, log_bias: float, compass_bias: float) -> None:
+def _predict_components(b: ScalarRecord, m: ScalarRecord, count: int, log_bias: float, compass_bias: float) -> None:
     """Move the first components by the way in the belief's motion, linearised at some biases."""
     for k in range(count):
-        move(b[0], m[0], k, log_bias, compass_bias)
+        predict_component(b[0], m[0], k, log_bias, compass_bias)
+
+
+@compiled
+def _moments(b: ScalarRecord, m: ScalarRecord) -> None:
+    """`own_motion.moments` of a belief."""
+    moments(b[0], m[0])
 
 
 def _merged(b: Belief, m: Model) -> tuple[Floats, Floats]:
@@ -49,7 +55,7 @@ class _Leg:
         self._records, before = (b, scalar_record(m)), b[0]
         # views of the belief, which is room to move components from here on
         self._motion, self._state = b["motion"], b["state"][0, :, : self._n]
-        self._spread, self._rows = b["covariance"][0, :count, : self._n, : self._n], b["rows"][0, :, : self._n]
+        self._spread, self._rows = b["covariance"][0, :count, : self._n, : self._n], b["rows"][0, :4, : self._n]
         self._moments = b["now"][0], b["now_covariance"][0]
         self._whole = self._motion.copy()
         self.mean, self.covariance = _merged(before, m)
@@ -69,14 +75,14 @@ class _Leg:
 
     def _moved(self) -> tuple[Floats, Floats]:
         """Mean and covariance after the way in the belief's motion."""
-        _move_all(*self._records, self._modes.size, *self._biases)
+        _predict_components(*self._records, self._modes.size, *self._biases)
         return self._state[0].copy(), np.einsum("k,kij->ij", self._modes, self._spread)
 
     def _matrix(self) -> Floats:
         """F of the way in the belief's motion: a move is affine in the state, and this what it does to unit vectors."""
         n, x = self._n, self._state
         x[: n + 1] = np.eye(n + 1, n)
-        _move_all(*self._records, n + 1, *self._biases)
+        _predict_components(*self._records, n + 1, *self._biases)
         return np.array((x[:n] - x[n]).T)
 
     def at(self, motion: ScalarRecord) -> tuple[Floats, Floats, Floats]:
@@ -90,7 +96,7 @@ class _Leg:
         rest = self._matrix()
         self._motion[:] = motion
         self._begin()
-        moments(*self._records)
+        _moments(*self._records)
         rows, mean, covariance = self._rows.copy(), *(moment.copy() for moment in self._moments)
         reading = covariance[2:, 2:] - rows[2:] @ self.covariance @ rows[2:].T
         # the position is two of the states that have come so far; velocities depend on those that stay as they are

@@ -21,8 +21,8 @@ from laisn.beacons.estimator import (
     Ranging,
     X,
     Y,
-    advance,
     new_belief,
+    predict,
     predict_range,
     prune_and_merge,
     split,
@@ -112,7 +112,7 @@ def test_odometry_moves_mean_and_covariance_as_finite_differences_say() -> None:
     rows = np.column_stack(
         [(moved(x + step * e, 1.7, 0.8, 0.5) - moved(x - step * e, 1.7, 0.8, 0.5)) / (2 * step) for e in np.eye(n)]
     )
-    advance(made, (0.0, 1e-3), 1.7, 0.8, 0.5)
+    predict(made, (0.0, 1e-3), 1.7, 0.8, 0.5)
     np.testing.assert_allclose(made.state[0], moved(x, 1.7, 0.8, 0.5), atol=1e-12)
     grown = made.covariance[0] - rows @ before @ rows.T
     # what biases that wander add, and nothing else

@@ -13,10 +13,8 @@ from experiments.campaign.cells import Cell
 from experiments.campaign.missions import Mission, motion_of
 from experiments.campaign.montecarlo import histories
 from experiments.campaign.plans import CellPlan, compute
-from laisn import lane_rows, lanes
 from laisn.failure import LaisnError
 from laisn.navigator import Navigator
-from laisn.settings import NavigationSettings
 from laisn_sim import hull
 from sim.flight import navigate
 from sim.motion import simulate_motion
@@ -206,26 +204,3 @@ def test_a_cell_of_what_is_not_there_is_refused(flown: Trajectory) -> None:
     assert Cell.of(given.model_copy(update={"name": "other"}), mission=taken).runs == range(60)
     with pytest.raises(LaisnError, match="'turning' moves otherwise than the mission that was simulated"):
         Cell.of(given.model_copy(update={"duration_s": 6.0}), mission=taken)
-
-
-def unknown(name: str, value: str) -> NavigationSettings:
-    """Settings with a choice that was added to the names and nowhere else."""
-    made = NavigationSettings()
-    object.__setattr__(made, name, value)
-    return made
-
-
-@pytest.mark.parametrize("name", ["variant", "gate", "side_rule"])
-def test_a_choice_without_a_formula_is_refused_by_both_engines(name: str) -> None:
-    refusal = f"no formula implements the {name} 'laisn-9'; there are: "
-    with pytest.raises(NotImplementedError, match=refusal):
-        lane_rows.tuning(unknown(name, "laisn-9"))
-    with pytest.raises(NotImplementedError, match=refusal):
-        Navigator(unknown(name, "laisn-9"), np.zeros(4))
-
-
-def test_a_number_of_no_variant_is_refused_by_the_lanes() -> None:
-    tuning = lane_rows.tuning(NavigationSettings())._replace(variant=5)
-    block = lane_rows.new_block(np.zeros(4), tuning)
-    with pytest.raises(NotImplementedError, match="no formula implements this variant"):
-        lanes.position_update(block, tuning, 1)

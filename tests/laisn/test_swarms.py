@@ -13,6 +13,7 @@ from laisn.navigator import Navigator
 from laisn.settings import NavigationSettings
 from laisn.swarm import ESTIMATE, MESSAGE, READING, SeparateNavigators
 from laisn.tight import mission
+from laisn.tight.model import refresh_output
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.settings import TightSettings
 from tests.laisn.test_tight_oracle import ALL_OF_2, Voyage
@@ -129,6 +130,7 @@ def test_two_places_are_two_where_twice_their_spreads_do_not_meet(half: float, l
     belief.state[:2] = 0.0
     belief.state[:2, 0] = -half, half
     belief.covariance[:2] = np.diag([1.0, 9.0, *np.ones(10)])
+    refresh_output(belief, model)
     mission._write_outputs(belief, model, out)
     assert out.to_likelier == pytest.approx((0.8 * half * leans, 0.0))
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from laisn.tight.estimator import deviate
+from laisn.tight.estimator import inflate_after_turns
 from laisn.tight.model import COMPASS, model_of, new_belief
-from laisn.tight.own_motion import advance, begin_interval
+from laisn.tight.own_motion import preintegrate, reset_preintegration
 from laisn.tight.ranging import new_signal
 from laisn.tight.settings import Assume, TightSettings
 from tests.laisn.tight_mission import DT
@@ -23,10 +23,10 @@ def variances(headings: dict[float, float], every: float) -> tuple[float, float]
     before = belief.covariance[0].diagonal().copy()
     for k in range(1, round(60.0 / DT) + 1):
         heard.heading = np.interp(DT * k, list(headings), list(headings.values()))
-        advance(belief, model, 1.0, heard.heading, DT)
+        preintegrate(belief, model, 1.0, heard.heading, DT)
         if k % round(every / DT) == 0:
-            deviate(belief, model, heard)
-            begin_interval(belief)
+            inflate_after_turns(belief, model, heard)
+            reset_preintegration(belief)
     gained = belief.covariance[0].diagonal() - before
     return float(gained[COMPASS]), float(gained[model.leader])
 

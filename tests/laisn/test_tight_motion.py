@@ -15,7 +15,7 @@ from laisn.tight.estimator import mix_modes
 from laisn.tight.hypotheses import prune_and_merge, split
 from laisn.tight.leader import update_current_from_leader_track
 from laisn.tight.model import Belief, Model, model_of, new_belief, refresh_output
-from laisn.tight.own_motion import advance, begin_interval, moments, move, position
+from laisn.tight.own_motion import moments, position, predict_component, preintegrate, reset_preintegration
 from laisn.tight.ranging import Signal, new_signal
 from laisn.tight.settings import Assume, TightSettings
 
@@ -55,7 +55,7 @@ def test_the_way_is_the_trapezoid_of_unbiased_readings() -> None:
     speed, heading = readings(20)
     belief, model = made()
     for v, theta in zip(speed, heading, strict=True):
-        advance(belief, model, v, theta, 0.1)
+        preintegrate(belief, model, v, theta, 0.1)
     true = (speed - BIASES[2]) * np.exp(1j * (np.pi / 2 - (heading - BIASES[3])))
     # the first reading stands for the beginning of its step too
     pairs = np.concatenate([[true[0]], true])
@@ -75,7 +75,7 @@ def test_a_motion_equals_filterpys_with_derivatives_by_complex_steps() -> None:
     belief, model = made()
     model.log_walk = model.compass_walk = model.current_walk = model.leader_walk = model.clock_walk = 0.0
     for v, theta in zip(*readings(30), strict=True):
-        advance(belief, model, v, theta, 0.1)
+        preintegrate(belief, model, v, theta, 0.1)
     motion = np.array(belief.motion.tolist())
     F = np.eye(N)
     F[:2] = np.stack([way_of(BIASES + 1e-30j * unit, motion).imag / 1e-30 for unit in np.eye(N)], axis=1)
@@ -90,7 +90,7 @@ def test_a_motion_equals_filterpys_with_derivatives_by_complex_steps() -> None:
     kalman.x, kalman.P = BIASES.copy(), belief.covariance[0].copy()
     kalman.predict(F=F, Q=Q)
     kalman.x[:2] = way_of(BIASES.astype(complex), motion).real
-    move(belief, model, 0, BIASES[2], BIASES[3])
+    predict_component(belief, model, 0, BIASES[2], BIASES[3])
     np.testing.assert_allclose(belief.state[0], kalman.x, atol=1e-12)
     np.testing.assert_allclose(belief.covariance[0], kalman.P, atol=1e-12)
 
@@ -98,10 +98,10 @@ def test_a_motion_equals_filterpys_with_derivatives_by_complex_steps() -> None:
 def test_the_covariance_between_messages_is_that_of_a_motion() -> None:
     belief, model = made()
     for v, theta in zip(*readings(30), strict=True):
-        advance(belief, model, v, theta, 0.1)
+        preintegrate(belief, model, v, theta, 0.1)
     moments(belief, model)
     mean, covariance = belief.now.copy(), belief.now_covariance.copy()
-    move(belief, model, 0, BIASES[2], BIASES[3])
+    predict_component(belief, model, 0, BIASES[2], BIASES[3])
     np.testing.assert_allclose(mean[:2], belief.state[0, :2], atol=1e-12)
     np.testing.assert_allclose(covariance[:2, :2], belief.covariance[0, :2, :2], atol=1e-12)
 
@@ -112,7 +112,7 @@ def test_the_velocity_is_the_last_readings_with_its_errors_and_goes_with_the_pos
     model.log_walk = model.compass_walk = model.current_walk = model.leader_walk = model.clock_walk = 0.0
     speed, heading = readings(30)
     for v, theta in zip(speed, heading, strict=True):
-        advance(belief, model, v, theta, 0.1)
+        preintegrate(belief, model, v, theta, 0.1)
     motion = np.array(belief.motion.tolist())
 
     def velocity(state: npt.NDArray[np.complex128]) -> npt.NDArray[np.complex128]:
@@ -140,16 +140,16 @@ def test_biases_that_wander_add_up_over_intervals_as_over_their_sum() -> None:
     """On a straight way at constant speed the wandering biases are a linear system: its steps compose exactly."""
     whole, model = made()
     parts, _ = made()
-    advance(whole, model, 1.0, 0.3, 0.1)
-    advance(parts, model, 1.0, 0.3, 0.1)
-    begin_interval(whole)
-    begin_interval(parts)
+    preintegrate(whole, model, 1.0, 0.3, 0.1)
+    preintegrate(parts, model, 1.0, 0.3, 0.1)
+    reset_preintegration(whole)
+    reset_preintegration(parts)
     for _ in range(60):
-        advance(whole, model, 1.0, 0.3, 0.1)
-        advance(parts, model, 1.0, 0.3, 0.1)
-        move(parts, model, 0, parts.state[0, 2], parts.state[0, 3])
-        begin_interval(parts)
-    move(whole, model, 0, whole.state[0, 2], whole.state[0, 3])
+        preintegrate(whole, model, 1.0, 0.3, 0.1)
+        preintegrate(parts, model, 1.0, 0.3, 0.1)
+        predict_component(parts, model, 0, parts.state[0, 2], parts.state[0, 3])
+        reset_preintegration(parts)
+    predict_component(whole, model, 0, whole.state[0, 2], whole.state[0, 3])
     np.testing.assert_allclose(parts.state[0], whole.state[0], atol=1e-10)
     np.testing.assert_allclose(parts.covariance[0], whole.covariance[0], rtol=1e-10, atol=1e-13)
 

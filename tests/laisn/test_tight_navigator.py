@@ -13,7 +13,7 @@ from laisn.arrays import Floats, records
 from laisn.bound import Geometry, TrueNoise, position_bound
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.tight.estimates import TightEstimates
-from laisn.tight.mission import OUTCOME, Found, filter_mission, run_mission
+from laisn.tight.mission import OUTCOME, MissionEstimates, filter_mission, run_mission
 from laisn.tight.model import model_of, new_belief
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.ranging import new_signal
@@ -164,7 +164,7 @@ def test_covariances_stay_positive_definite_for_a_million_steps(transmitters: in
     measurements = mission.measured(np.random.default_rng(3), log=0.2, compass=0.1)
     speed, heading, step = measurements.speed, measurements.heading, measurements.message_step
     messages = measurements.message.view(swarm.MESSAGE)[:, 0], measurements.ranges, measurements.depth[step - 1]
-    found = Found(np.empty((10_000, 2)), np.empty((0, 3)), records(OUTCOME, 0))
+    found = MissionEstimates(np.empty((10_000, 2)), np.empty((0, 3)), records(OUTCOME, 0))
     backwards = mission.follower[-1] - mission.follower[0]
     for lap in range(100):
         assert filter_mission(belief, model, new_signal(), speed, heading, step, messages, found) == 0
