@@ -193,7 +193,7 @@ def reproduce(
     ] = None,
     motion: Annotated[str, typer.Option(help="physics, or the paper's point motion: kinematic")] = "physics",
     runs: Annotated[int, typer.Option(min=1, max=1_000_000, help="runs of each cell")] = 60,
-    seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="key of all random numbers")] = 1,
+    seed: Annotated[int, typer.Option(min=0, max=2**62 - 1, help="key of all random numbers")] = 1,
     workers: WorkersOption = None,
     out: OutOption = None,
     force: ForceOption = False,

@@ -189,8 +189,12 @@ def test_figures_of_missions_are_levers_added_errors_and_medians() -> None:
     (part,) = figures.excess_over_lever(paired(given)).parts
     assert part.lines[1].x == pytest.approx(np.full(3, 5.0 * np.sin(np.deg2rad(5.0))))
     assert part.lines[1].y == pytest.approx([1.0, 4.0, 2.0])
-    (part,) = figures.over_offset(paired(given), "trim").parts
-    assert [line.y[0] for line in part.lines[::2]] == pytest.approx([0.5, 2.5, 0.7])
+    shown = [m for cause in ("trim", "dive", "waves") for m in paired(r | {"cause": cause} for r in given)]
+    for one in figures.over_offset(shown):
+        (part,) = one.parts
+        assert [line.y[0] for line in part.lines[::2]] == pytest.approx([0.5, 2.5, 0.7])
+        # one scale for all causes
+        assert part.y_limits == (0.0, pytest.approx(1.05 * 2.5))
 
 
 def test_a_message_is_drawn_from_the_motion() -> None:

@@ -12,7 +12,8 @@ from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES
 from experiments.pages.figures import Line
 from experiments.pages.style import ESTIMATE, INK, MUTED, SERIES, Legend
-from experiments.studies.asymmetry.fix_map import FULL, sweep
+from experiments.studies.asymmetry.design import MAP
+from experiments.studies.asymmetry.fix_map import sweep
 from experiments.studies.closed_loop import scenario_of
 from experiments.studies.real_ranges import DATA
 from experiments.studies.reproduction.figures import agreement
@@ -29,7 +30,7 @@ _PLAZA_BEACONS = ("1", "6")
 
 def asymmetry() -> Drawn:
     """Error of a noiseless LAISN-2 fix around a pitched leader."""
-    reach, bearing = np.array(FULL["range_m"]), np.arange(0.0, 360.0, 2.0)
+    reach, bearing = np.array(MAP["range_m"]), np.arange(0.0, 360.0, 2.0)
     points = np.array([[np.deg2rad(_PITCH_DEG), _OFFSET_M, r, np.deg2rad(b)] for r in reach for b in bearing])
     error = sweep(points, NavigationSettings(side_rule="predicted"))
     title = f"Error of a fix: pitch {_PITCH_DEG:g}°, follower {_OFFSET_M:g} m below"

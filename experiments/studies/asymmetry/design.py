@@ -17,6 +17,8 @@ _FILE = tomllib.loads((resources.files(__package__) / "study.toml").read_text(en
 SEED: int = _FILE["seed"]
 OFFSETS_M: tuple[float, ...] = tuple(_FILE["offsets_m"])
 """Depth of the follower below the leader's mean depth."""
+MAP: dict[str, list[float]] = _FILE["map"]
+"""Grid of the map of noiseless fixes, by columns of its table."""
 _ROOM = 10_000
 """Runs that a mission may have: with as many numbers each, no two missions share noise."""
 

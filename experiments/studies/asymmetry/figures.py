@@ -1,6 +1,7 @@
 """Drawings of the pitch study: one message to scale, the map around the leader, errors over pitch, results."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -159,16 +160,21 @@ def excess_over_lever(missions: Missions) -> Panel:
     )  # fmt: skip
 
 
-def over_offset(missions: Missions, title: str) -> Panel:
-    """Mean position error of the median mission over the depth offset, by leader and with an AHRS."""
-    offsets = sorted({m.real["depth_offset_m"] for m in missions})
-    by_offset = [select(missions, depth_offset_m=offset) for offset in offsets]
-    lines = []
-    for arm, (colour, name), dash in zip((LEVEL, REAL, AHRS), LEGEND, ("-", "-", "--"), strict=True):
-        error = np.array([np.median([m.arms[arm.key]["e_p_mean_m"] for m in here]) for here in by_offset])
-        lines.append(Line(x=np.array(offsets), y=error, colour=colour, width=1.4, dash=dash))
-        lines.append(Line(x=np.array(offsets), y=error, colour=colour, marker="o", name=name))
-    return panel(
-        lines, x_label="depth of the follower below the leader [m]", y_label="mean position error [m]", title=title,
-        y_limits=(0.0, None),
-    )  # fmt: skip
+def over_offset(missions: Missions) -> list[Panel]:
+    """Mean position error of the median mission over the depth offset, by leader and with an AHRS, for each cause."""
+    drawn: dict[str, list[Line]] = {}
+    for cause, title in CAUSES.items():
+        here = select(missions, cause=cause)
+        offsets = sorted({m.real["depth_offset_m"] for m in here})
+        for arm, (colour, name), dash in zip((LEVEL, REAL, AHRS), LEGEND, ("-", "-", "--"), strict=True):
+            error = [
+                np.median([m.arms[arm.key]["e_p_mean_m"] for m in select(here, depth_offset_m=o)]) for o in offsets
+            ]
+            line = Line(x=np.array(offsets), y=np.array(error), colour=colour, width=1.4, dash=dash)
+            drawn.setdefault(title, []).extend((line, replace(line, marker="o", name=name)))
+    top = 1.05 * max(float(line.y.max()) for lines in drawn.values() for line in lines)
+    x_label, y_label = "depth of the follower below the leader [m]", "mean position error [m]"
+    return [
+        panel(lines, x_label=x_label, y_label=y_label, title=title, y_limits=(0.0, top))
+        for title, lines in drawn.items()
+    ]

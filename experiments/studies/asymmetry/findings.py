@@ -28,9 +28,9 @@ SETTLING_RUNS = 100_000
 STAGE_4_TAU_M = (0.03, 0.06)
 
 
-def _errors(missions: Missions, plan: Plan, offset: float) -> dict[str, Finding]:
-    """Mean error of each condition over the routes at a depth offset, behind the level and the real leader."""
-    found = {}
+def _errors(missions: Missions, plan: Plan) -> dict[str, Finding]:
+    """Mean error over the routes at the largest depth offset, behind the level and the real leader, by condition."""
+    found, offset = {}, plan.offsets_m[-1]
     for condition, variant in product(dict.fromkeys(m.real["condition"] for m in missions), plan.variants):
         chosen = select(missions, condition=condition, depth_offset_m=offset, variant=variant)
         for arm in (LEVEL, REAL) if chosen else ():
@@ -111,7 +111,7 @@ def findings_of(plan: Plan, rows: Sequence[Record], curves: Sequence[Curve], com
         "most-runs": plain(plan.looks[-1], "runs of cells whose verdict was open"),
         "runs": plain(sum(len(r[OF_RUNS["error"]]) for r in rows), "runs flown"),
     }
-    found |= _errors(missions, plan, plan.offsets_m[-1])
+    found |= _errors(missions, plan)
     for cause in CAUSES:
         found |= _on_routes(missions, plan, cause)
     for variant, cause_or_all in product(plan.variants, (*CAUSES, None)):

@@ -28,20 +28,6 @@ from laisn.settings import VARIANTS, NavigationSettings, Tuning
 
 Grid = Mapping[str, Sequence[float]]
 Chart = Mapping[str, Floats]
-FULL: Grid = {
-    "pitch_deg": range(21),
-    "depth_offset_m": (0.0, 1.0, 2.0, 5.0, 7.5, 10.0, 15.0),
-    "range_m": (5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0),
-    "bearing_deg": range(0, 360, 5),
-}
-"""Pitch of the leader, nose up; depth of the follower below it, its horizontal distance, and its bearing B, clockwise
-from the bow. In degrees and metres because they end up in a table."""
-QUICK: Grid = {
-    "pitch_deg": (0.0, 2.0, 5.0, 10.0, 15.0, 20.0),
-    "depth_offset_m": (0.0, 2.0, 5.0, 10.0, 15.0),
-    "range_m": (5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0),
-    "bearing_deg": range(0, 360, 15),
-}
 _PREDICTION_SIGMA_M = 1000.0
 """Far above every σp, so that the fix decides."""
 _DEEPEST_M = 50.0
@@ -126,7 +112,7 @@ def measure_map(grid: Grid, settings: NavigationSettings) -> Chart:
     """The map as columns with a row per point: position errors of each variant, range errors and closed forms.
 
     Args:
-        grid: values of the first four columns.
+        grid: values of the first four columns, as in `study.toml`.
         settings: of the follower; the variant is replaced.
     """
     table = np.array(list(product(*grid.values())), dtype=np.float64)

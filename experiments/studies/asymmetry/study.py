@@ -81,9 +81,8 @@ def of_missions(missions: Missions, curves: Sequence[Curve], plan: Plan) -> dict
     two = select(missions, variant="laisn-2")
     judged = select(two, judged=True)
     paired_verdicts = [m.judge("error", design.READINGS, plan.looks, design.LEVEL_BROADCAST).verdict for m in judged]
-    by_cause = [figures.over_offset(select(two, cause=cause), name) for cause, name in CAUSES.items()]
     return {
-        "offsets": Figures(panels=by_cause, legend=figures.LEGEND),
+        "offsets": Figures(panels=figures.over_offset(two), legend=figures.LEGEND),
         "worst": max(judged, key=lambda m: m.added, default=None),
         "excess": Figures(
             panels=[figures.excess_over_lever(two)],
@@ -100,6 +99,7 @@ def of_missions(missions: Missions, curves: Sequence[Curve], plan: Plan) -> dict
         "deepest": fix_map.deepest_offset,
         "radians": np.deg2rad,
         "stage_4_taus": findings.STAGE_4_TAU_M,
+        "names": {variant: variant.upper() for variant in plan.variants} | {"laisn-3-2": "LAISN-3(2)"},
         "shown": lambda interval, spec: format(of(interval, ""), spec).replace(" (– to –)", ""),
         "against": against,
     }
@@ -140,8 +140,7 @@ def run(
     rows = [with_arrays(row) for name in fleets for row in flown[name]]
     curves = typed(Curve, flown[_CURVES])
     with compiling_shown():
-        grid = fix_map.QUICK if quick else fix_map.FULL
-        chart = fix_map.measure_map(grid, NavigationSettings(side_rule="predicted"))
+        chart = fix_map.measure_map(design.MAP, NavigationSettings(side_rule="predicted"))
     example = fly_example(QUICK_CONDITIONS[-1], plan.duration_s)
 
     record = findings.findings_of(plan, rows, curves, f"laisn asymmetry{' --quick' if quick else ''}")
