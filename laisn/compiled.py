@@ -6,18 +6,16 @@ compiled code can reach.
 """
 
 import fcntl
-import glob
 import hashlib
 import itertools
 import os
-import re
 import shutil
 import stat
 import sys
+import time
 import traceback
 import warnings
 from collections.abc import Callable
-from importlib.metadata import requires, version
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -36,7 +34,7 @@ _APART = ("sim/datasets", "sim/film", "sim/log")
 """Folders among them that no compiled module imports."""
 _ROOT = Path(__file__).resolve().parents[1]
 _PROJECT = ("laisn", "sim", "experiments")
-_KEPT_VERSIONS = 8
+_KEPT_VERSIONS, _KEPT_S = 8, 86_400.0
 
 
 def reached_sources() -> list[Path]:
@@ -46,52 +44,36 @@ def reached_sources() -> list[Path]:
 
 
 def _version() -> str:
-    """Hash of the compiler, of what it requires, and of the sources; no entry of numba's index is ever out of date."""
-    required = (re.split(r"[^\w.-]", entry)[0] for entry in requires("numba") or () if "extra ==" not in entry)
-    digest = hashlib.sha256(repr((sys.version, [(name, version(name)) for name in ("numba", *required)])).encode())
+    """Hash of the compiler and of the sources; no entry of numba's index is ever out of date."""
+    digest = hashlib.sha256(f"{sys.version} {numba.__version__} {np.__version__}".encode())
     for path in reached_sources():
-        content = path.read_bytes()
         # numba takes code for current if the file has the time of modification of the index
-        digest.update(f"{path.relative_to(_ROOT)} {path.stat().st_mtime_ns} {len(content)} ".encode() + content)
+        digest.update(f"{path.relative_to(_ROOT)} {path.stat().st_mtime_ns} ".encode() + path.read_bytes())
     return digest.hexdigest()[:16]
 
 
-def _lock(folder: Path) -> int | None:
-    """A descriptor that holds the lock of a folder, which is made if it does not exist; None: another process does."""
-    folder.mkdir(parents=True, exist_ok=True)
-    descriptor = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(descriptor)
-        return None
-    return descriptor
-
-
-def _remove_unused(version: Path) -> None:
-    """Remove the code of a version, unless a running process uses it."""
-    locks = [_lock(lock.parent) for lock in version.glob("*/lock")]
-    if None not in locks:
-        shutil.rmtree(version, ignore_errors=True)
-    for lock in locks:
-        if lock is not None:
-            os.close(lock)
-
-
-def _own_folder(place: Path) -> Path:
+def _own_folder(version: Path) -> Path:
     """The first numbered folder that no running process uses, with links to the code in the others.
 
     Two processes that store different signatures of a function in one folder would give both files one name.
     """
-    # the lock is held until the process ends
-    own = next(folder for n in itertools.count() if _lock(folder := place / str(n)) is not None)
-    for index in place.glob("*/*/*.nbi"):
-        target = own / index.relative_to(place).relative_to(index.parents[1].name)
-        if not target.exists():
-            target.parent.mkdir(exist_ok=True)
-            for file in (*index.parent.glob(f"{glob.escape(index.stem)}.*.nbc"), index):
-                (target.parent / file.name).unlink(missing_ok=True)
-                os.link(file, target.parent / file.name)
+    for n in itertools.count():
+        own = version / str(n)
+        own.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(own, os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            # held until this process ends
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            break
+        except BlockingIOError:
+            os.close(descriptor)
+    for index in version.glob("*/*/*.nbi"):
+        folder = own / index.parent.name
+        if not (folder / index.name).exists():
+            folder.mkdir(exist_ok=True)
+            # the index first: what it names and is missing is compiled, and no code is there without its index
+            for file in (index, *index.parent.glob(f"{index.stem}.*.nbc")):
+                os.link(file, folder / file.name)
     return own
 
 
@@ -102,13 +84,15 @@ def find_folder() -> Path | None:
         place = (Path(home) if os.path.isabs(home) else Path.home() / ".cache") / "laisn-sim" / "compiled"
         place.parent.mkdir(parents=True, exist_ok=True)
         place.mkdir(mode=0o700, exist_ok=True)
-        state, versioned = place.lstat(), place / _version()
+        state, version = place.lstat(), place / _version()
         if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.geteuid() or state.st_mode & 0o077:
             return None
-        own = _own_folder(versioned)
-        os.utime(versioned)
+        own = _own_folder(version)
+        os.utime(version)
         for old in sorted(place.iterdir(), key=lambda folder: folder.stat().st_mtime)[:-_KEPT_VERSIONS]:
-            _remove_unused(old)
+            # a process of that version may run for a day
+            if old.stat().st_mtime < time.time() - _KEPT_S:
+                shutil.rmtree(old, ignore_errors=True)
     except (OSError, RuntimeError):
         # RuntimeError: this user has no home
         return None

@@ -7,30 +7,26 @@ results.
 
 import os
 import random
-import sys
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import cache, partial
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any, TypedDict, TypeVar, Unpack
 
 import numpy as np
 from pydantic import TypeAdapter
-from pydantic_core import to_jsonable_python
 
 from experiments.campaign import missions
 from experiments.campaign.plans import CellPlan, compute
 from experiments.campaign.processes import Pool
 from experiments.campaign.progress import compiling_shown, progress
-from experiments.campaign.store import Arrays, CampaignError, Record, Result, Store
-from experiments.campaign.version import code_version, version_of
+from experiments.campaign.store import Arrays, CampaignError, Record, Result, Store, key_of
 from laisn.failure import LaisnError
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
 
 Row = TypeVar("Row")
-Name = TypeVar("Name", bound=Hashable)
 Facts = Callable[[Scenario, Trajectory], list[Record]]
 """What is measured of a mission besides: a record for each follower."""
 Task = partial[Any]
@@ -38,6 +34,8 @@ Task = partial[Any]
 
 It returns a list of rows, which are records or data classes, or a single row; it raises `CampaignError` if it cannot
 compute them."""
+_BATCH_STEPS = 20_000_000
+"""Filter steps that a process computes before it reports: a third of a second."""
 
 
 def typed(kind: type[Row], rows: Iterable[Record]) -> list[Row]:
@@ -49,30 +47,6 @@ def typed(kind: type[Row], rows: Iterable[Record]) -> list[Row]:
 def with_arrays(row: Record) -> Record:
     """A row with arrays in place of lists."""
     return {name: np.array(value) if isinstance(value, list) else value for name, value in row.items()}
-
-
-@cache
-def _source(module: str) -> str:
-    if module == "__main__":
-        module = sys.modules[module].__spec__.name  # type: ignore[union-attr]
-    return version_of((module,))
-
-
-def _plain(value: object) -> object:
-    """JSON value of an argument; TypeError if there is none."""
-    if isinstance(value, range):
-        return [value.start, value.stop, value.step]
-    raise TypeError(f"a task is given {type(value).__name__}, of which no key can be made: {value!r:.60}")
-
-
-def key_of(function: Callable[..., object], *arguments: object) -> str:
-    """Hash of a function's name, of every source that it can reach, and of its arguments."""
-    given = to_jsonable_python(arguments, fallback=_plain)
-    return missions.digest([code_version(), _source(function.__module__), function.__qualname__, given])
-
-
-_BATCH_STEPS = 20_000_000
-"""Filter steps that a process computes before it reports: a third of a second."""
 
 
 class ExecutionOptions(TypedDict, total=False):
@@ -127,16 +101,14 @@ class Flown:
             raise CampaignError(f"{self.store.folder}: result {key} vanished while the campaign ran")
         return found
 
-    def row(self, plan: CellPlan) -> Record:
-        """The row of a cell under the name that this plan gives it, its facts included; CampaignError if it is gone."""
-        row: Record = self._stored(plan.key)[0]
-        if self.design.facts:
-            row = row | self._stored(key_of(self.design.facts, plan.motion))[0][plan.follower]
-        return {"key": plan.key, "mission": plan.scenario.name} | row
+    def cell(self, plan: CellPlan) -> tuple[Record, Arrays]:
+        """The row of a cell under the name that this plan gives it, with its facts, and its arrays over runs.
 
-    def runs(self, plan: CellPlan) -> Arrays:
-        """The arrays over runs of a cell by name; CampaignError if it is gone."""
-        return self._stored(plan.key)[1]
+        Raises CampaignError if it is gone.
+        """
+        (row, arrays), facts = self._stored(plan.key), self.design.facts
+        measured = self._stored(key_of(facts, plan.motion))[0][plan.follower] if facts else {}
+        return {"key": plan.key, "mission": plan.scenario.name} | row | measured, arrays
 
     def steps(self, plan: CellPlan) -> Arrays:
         """The arrays over steps of a cell that keeps them, by name; CampaignError if it is gone."""
@@ -145,7 +117,7 @@ class Flown:
     @property
     def rows(self) -> list[Record]:
         """The rows of all cells, in the order of the design."""
-        return [self.row(plan) for plan in self.design.cells]
+        return [self.cell(plan)[0] for plan in self.design.cells]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,27 +133,23 @@ class _Job:
     size: int = 1
     """For the progress display."""
 
-    def is_missing(self, store: Store) -> bool:
-        """Whether a result is not stored."""
-        return any(store.get(key) is None for key in self.keys)
 
-
-def _batches(plans: Sequence[CellPlan], workers: int) -> Iterator[tuple[CellPlan, ...]]:
+def _batches(plans: Iterable[CellPlan], workers: int) -> Iterator[list[CellPlan]]:
     """Cells of one mission at a time, few enough for a steady progress and many enough to share the mission."""
-    total = sum(plan.size for plan in plans)
-    limit = min(_BATCH_STEPS, max(total // (4 * workers), 1))
     by_mission = sorted(plans, key=lambda plan: plan.motion)
+    limit = min(_BATCH_STEPS, sum(plan.size for plan in by_mission) // (4 * workers))
     for _, mission in groupby(by_mission, key=lambda plan: plan.motion):
-        batch: list[CellPlan] = []
+        batch, size = list[CellPlan](), 0
         for plan in mission:
-            if batch and sum(p.size for p in batch) + plan.size > limit:
-                yield tuple(batch)
-                batch = []
+            if batch and size + plan.size > limit:
+                yield batch
+                batch, size = [], 0
             batch.append(plan)
-        yield tuple(batch)
+            size += plan.size
+        yield batch
 
 
-def _attempt(name: Name, work: Callable[[], list[Result]]) -> tuple[Name, list[Result] | str]:
+def _attempt(name: Any, work: Callable[[], list[Result]]) -> tuple[Any, list[Result] | str]:
     """Results of some work by its name, or why it has none."""
     try:
         return name, work()
@@ -189,14 +157,14 @@ def _attempt(name: Name, work: Callable[[], list[Result]]) -> tuple[Name, list[R
         return name, str(error).splitlines()[0]
 
 
-def _compute(what: str, jobs: Iterable[_Job], store: Store, pool: Pool, quiet: bool = False) -> dict[Any, str]:
-    """Compute in parallel what is not stored, and store each result as it is done.
+def _compute(what: str, jobs: Sequence[_Job], store: Store, pool: Pool, quiet: bool = False) -> dict[Any, str]:
+    """Compute in parallel, and store each result as it is done.
 
     The order is random, so that processes which share a folder share the work.
 
     Args:
         what: label of the progress display.
-        jobs: to be done.
+        jobs: to be done, if another process does not store their results meanwhile.
         store: for the results.
         pool: entered.
         quiet: show no progress.
@@ -204,16 +172,15 @@ def _compute(what: str, jobs: Iterable[_Job], store: Store, pool: Pool, quiet: b
     Returns:
         Why work failed, by its name.
     """
-    failed, by_name = {}, {job.name: job for job in jobs}
-    with progress(what, sum(job.size for job in by_name.values()), quiet=quiet) as advance:
+    failed, sizes = {}, {job.name: job.size for job in jobs}
+    with progress(what, sum(sizes.values()), quiet=quiet) as advance:
 
         def missing() -> Iterator[tuple[Any, Callable[[], list[Result]]]]:
-            for job in random.sample([*by_name.values()], len(by_name)):
-                # another process may have stored its results meanwhile
-                if job.is_missing(store):
-                    yield job.name, job.work()
-                else:
+            for job in random.sample(jobs, len(jobs)):
+                if store.has(*job.keys):
                     advance(job.size)
+                else:
+                    yield job.name, job.work()
 
         for name, found in pool.each(_attempt, missing()):
             if isinstance(found, str):
@@ -221,7 +188,7 @@ def _compute(what: str, jobs: Iterable[_Job], store: Store, pool: Pool, quiet: b
             else:
                 for result in found:
                     store.put(*result)
-            advance(by_name[name].size)
+            advance(sizes[name])
     return failed
 
 
@@ -282,27 +249,22 @@ def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpa
     workers, cluster, quiet = options.get("workers"), options.get("cluster"), options.get("quiet", False)
     pool = Pool(len(os.sched_getaffinity(0)) if workers is None else workers, cluster)
     store, facts = Store(folder, force=options.get("force", False)), design.facts
-    keys = {name: key_of(task.func, task.args, task.keywords) for name, task in design.tasks.items()}
-
-    def missing_of(jobs: Iterable[_Job]) -> list[_Job]:
-        return [job for job in jobs if job.is_missing(store)]
-
+    keys = {name: key_of(task) for name, task in design.tasks.items()}
     # of plans of the same cell, one that keeps what any of them asks for
-    plans = {plan.key: plan for plan in sorted(design.cells, key=lambda plan: plan.keep_steps)}
-    cells = [plan for plan in plans.values() if any(store.get(key) is None for key in plan.keys)]
-    unmeasured = [plan for plan in plans.values() if facts and store.get(key_of(facts, plan.motion)) is None]
-    flights = missing_of(
+    plans = {plan.key: plan for plan in sorted(design.cells, key=lambda plan: plan.keep_steps)}.values()
+    cells = [plan for plan in plans if not store.has(*plan.keys)]
+    measured = {plan.motion: [key_of(facts, plan.motion)] for plan in plans} if facts else {}
+    unmeasured = [plan for plan in plans if not store.has(*measured.get(plan.motion, ()))]
+    flights = [
         _Job(
-            name=motion,
-            keys=[motion, key_of(facts, motion)] if facts else [motion],
-            work=partial(partial, _fly, scenario, motion, facts),
+            name=motion, keys=[motion, *measured.get(motion, ())], work=partial(partial, _fly, scenario, motion, facts)
         )
         for motion, scenario in {plan.motion: plan.scenario for plan in (*cells, *unmeasured)}.items()
-    )
-    tasks = missing_of(
-        _Job(name=name, keys=[keys[name]], work=partial(partial, _rows, keys[name], task))
-        for name, task in design.tasks.items()
-    )
+    ]
+    tasks = [
+        _Job(name=name, keys=[key], work=partial(partial, _rows, key, design.tasks[name])) for name, key in keys.items()
+    ]
+    flights, tasks = ([job for job in jobs if not store.has(*job.keys)] for jobs in (flights, tasks))
     pool.size = min(pool.size, max(len(cells), len(flights), len(tasks), 1))
     if cluster is None and not quiet:
         if cells:
@@ -319,17 +281,11 @@ def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpa
         def work(batch: Sequence[CellPlan]) -> Callable[[], list[Result]]:
             return partial(compute, mission(batch[0].scenario, store), batch)
 
-        batches = _batches([plan for plan in cells if plan.motion not in failures], pool.size)
-        jobs = [
-            _Job(
-                name=batch[0].key,
-                keys=[key for plan in batch for key in plan.keys],
-                work=partial(work, batch),
-                size=len(batch),
-            )
-            for batch in batches
+        batches = [
+            _Job(name=i, keys=[key for plan in batch for key in plan.keys], work=partial(work, batch), size=len(batch))
+            for i, batch in enumerate(_batches((c for c in cells if c.motion not in failures), pool.size))
         ]
-        _compute("cells", jobs, store, pool, quiet)
+        _compute("cells", batches, store, pool, quiet)
     rows = {name: store.get(key) for name, key in keys.items()}
     found = {name: result[0] for name, result in rows.items() if result is not None}
     return Flown(design=design, store=store, failures=failures, tasks=found)

@@ -1,7 +1,5 @@
 """Missions: the motion of a mission is simulated once and serves all its cells."""
 
-import hashlib
-import json
 from dataclasses import replace
 from functools import cache, lru_cache, partial
 from typing import TypeVar
@@ -9,10 +7,8 @@ from typing import TypeVar
 import numpy as np
 from pydantic import BaseModel
 
-from experiments.campaign.store import CampaignError
-from experiments.campaign.version import code_version
+from experiments.campaign.store import CampaignError, key_of
 from laisn.failure import LaisnError
-from laisn.plugins import plugin_source
 from sim.motion import simulate_motion
 from sim.scenario.section import keys_per_run
 from sim.scenario.settings import Acoustics, Leader, Navigation, Scenario, Sensors
@@ -24,11 +20,6 @@ from sim.vehicle.mjcf import transmitter_places
 from sim.vehicle.plant import PlantError
 
 Section = TypeVar("Section", bound=BaseModel)
-
-
-def digest(content: object) -> str:
-    """Hash of a JSON value."""
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:24]
 
 
 def without(section: Section, *names: str) -> Section:
@@ -43,6 +34,11 @@ def content_of(scenario: Scenario) -> Scenario:
     This is what campaigns compute in place of the scenario, and what their keys are made of: nothing else can matter.
     """
     return without(scenario, "run", "epoch", "origin_latitude_deg", "origin_longitude_deg", "video")
+
+
+def nameless(scenario: Scenario) -> Scenario:
+    """The scenario under a name that all share, for keys."""
+    return scenario.model_copy(update={"name": "mission"})
 
 
 def motion_of(scenario: Scenario) -> Scenario:
@@ -67,26 +63,18 @@ def observed_of(scenario: Scenario, follower: int) -> Scenario:
         for name in ("surface_echo_probability", "bottom_echo_probability")
     }
     own = {
-        "name": "mission",
         "seed": 1,
         "sensors": without(sensors, *keys_per_run(Sensors)).model_copy(update={"own": own_tables(scenario)}),
         "followers": tuple(without(one, "sensors", "name") for one in scenario.followers),
         "acoustics": without(acoustics, *keys_per_run(Acoustics)).model_copy(update=echoes),
         "navigation": Navigation(variant="tight", assume={"transmitters": scenario.navigation.transmitters}),
     }
-    return content_of(scenario).model_copy(update=own)
-
-
-def key_of(scenario: Scenario, *others: object) -> str:
-    """Hash of a scenario but for its name, of the code version, of plugins, and of others."""
-    names = scenario.navigation.variant, *(table.sensor for table in scenario.sensors.own)
-    own = [source.decode("utf-8") for source in map(plugin_source, names) if source]
-    return digest([code_version(), scenario.model_dump(mode="json", exclude={"name"}), *others, *own])
+    return nameless(content_of(scenario)).model_copy(update=own)
 
 
 def motion_key(scenario: Scenario) -> str:
-    """Hash of everything that may change how the vehicles move, and of the code version."""
-    return key_of(motion_of(scenario))
+    """Key of everything that may change how the vehicles move."""
+    return key_of(nameless(motion_of(scenario)))
 
 
 def sited(trajectory: Trajectory, leader: Leader) -> Trajectory:
@@ -114,7 +102,7 @@ class Mission:
 
     def __init__(self, scenario: Scenario, trajectory: Trajectory) -> None:
         """Take the motion of a scenario, or of another one that moves alike."""
-        self._motion = motion_of(scenario).model_dump(exclude={"name"})
+        self._motion = nameless(motion_of(scenario))
         self._sited = cache(partial(sited, trajectory))
         self._observed = cache(self._observe)
 
@@ -127,7 +115,7 @@ class Mission:
         Raises:
             LaisnError: the scenario's vehicles move otherwise.
         """
-        if motion_of(scenario).model_dump(exclude={"name"}) != self._motion:
+        if nameless(motion_of(scenario)) != self._motion:
             raise LaisnError(f"scenario {scenario.name!r} moves otherwise than the mission that was simulated")
         return self._sited(scenario.leader), self._observed(observed_of(scenario, follower), follower)
 

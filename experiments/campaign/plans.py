@@ -10,7 +10,7 @@ from experiments.campaign import missions
 from experiments.campaign.bound import geometry_of, least_rms, noise_of
 from experiments.campaign.cells import Cell, CellResult
 from experiments.campaign.montecarlo import histories, simulate_many
-from experiments.campaign.store import Arrays, Record, Result
+from experiments.campaign.store import Arrays, Record, Result, key_of
 from experiments.campaign.version import code_version
 from laisn import metrics
 from laisn.arrays import Floats
@@ -47,13 +47,13 @@ class CellPlan:
 
     @cached_property
     def key(self) -> str:
-        """Hash of all that is computed, of the number of runs and of the code version."""
-        return missions.key_of(self.content, self.runs, self.follower)
+        """Key of its row and of its arrays over runs."""
+        return key_of(missions.nameless(self.content), self.runs, self.follower)
 
     @property
     def steps_key(self) -> str:
         """Key of errors at each step over all runs."""
-        return missions.digest([self.key, "steps"])
+        return key_of(self.key, "steps")
 
     @property
     def keys(self) -> tuple[str, ...]:

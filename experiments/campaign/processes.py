@@ -1,6 +1,7 @@
 """Processes that compute: local ones of joblib, or the workers of a Dask cluster."""
 
 import asyncio
+import importlib
 import importlib.util
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -102,15 +103,14 @@ class Pool:
 def _connect(address: str) -> tuple[Any, int]:
     """A client of a Dask cluster whose workers have this version, and its number of threads."""
     try:
-        import distributed
+        distributed: Any = importlib.import_module("distributed")
     except ImportError:
         raise LaisnError("--cluster needs Dask: pip install laisn-sim[cluster]") from None
 
     async def ask() -> None:
         # certificates of tls:// come from Dask's configuration
-        security: Callable[..., Any] = distributed.Security
-        call: Callable[..., Any] = distributed.rpc
-        async with call(address, connection_args=security().get_connection_args("client")) as scheduler:
+        arguments = distributed.Security().get_connection_args("client")
+        async with distributed.rpc(address, connection_args=arguments) as scheduler:
             await scheduler.identity()
 
     try:
@@ -121,8 +121,7 @@ def _connect(address: str) -> tuple[Any, int]:
         if address.startswith("tls:"):
             why += "; tls:// needs certificates, named under distributed.comm.tls in Dask's configuration"
         raise LaisnError(f"no Dask scheduler answers at {address}: {why}") from None
-    new_client: Callable[..., Any] = distributed.Client
-    client = new_client(address, timeout=_CONNECT_S)
+    client = distributed.Client(address, timeout=_CONNECT_S)
     try:
         _require_same_version(client, address)
         return client, sum(client.nthreads().values())

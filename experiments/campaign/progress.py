@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Protocol
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
 from rich.table import Column, Table
 from rich.text import Text
@@ -17,7 +17,6 @@ from sim.screen import plain
 _LINE_EVERY_S = 10.0
 _COMPILING = "compiling (once)"
 _COUNT_EVERY_S = 0.5
-_COLUMNS = TextColumn("{task.description:<9}"), BarColumn(), TimeRemainingColumn(elapsed_when_finished=True)
 
 
 class Advance(Protocol):
@@ -58,6 +57,15 @@ def show_table(
     console.print(table)
 
 
+def _bars(console: Console, *columns: ProgressColumn) -> Bars:
+    """Bars with names and the time left or taken, which on anything but a terminal show nothing."""
+    left = TimeRemainingColumn(elapsed_when_finished=True)
+    return Bars(
+        TextColumn("{task.description:<9}"), BarColumn(), *columns, left, console=console,
+        disable=not console.is_terminal, get_time=lambda: time.monotonic(), speed_estimate_period=3600.0,
+    )  # fmt: skip
+
+
 @contextmanager
 def compiling_shown(bars: Bars | None = None) -> Iterator[None]:
     """Report that code is compiled: on a terminal with the number of functions, and in a log with one line.
@@ -68,8 +76,7 @@ def compiling_shown(bars: Bars | None = None) -> Iterator[None]:
     # a process that only shows progress does not load the compiler
     from laisn.compiled import count_stored
 
-    errors = Console(stderr=True)
-    shown = bars or Bars(*_COLUMNS, console=errors, disable=not errors.is_terminal)
+    shown = bars or _bars(Console(stderr=True))
     ended, before = threading.Event(), count_stored()
 
     def watch() -> None:
@@ -97,7 +104,7 @@ def compiling_shown(bars: Bars | None = None) -> Iterator[None]:
 @contextmanager
 def phases(console: Console) -> Iterator[Phase]:
     """A bar for each phase of a flight, with the time left or taken; none in a log."""
-    with Bars(*_COLUMNS, console=console, disable=not console.is_terminal) as bars, compiling_shown(bars):
+    with _bars(console) as bars, compiling_shown(bars):
 
         @contextmanager
         def phase(name: str) -> Iterator[Update]:
@@ -123,25 +130,16 @@ def progress(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]
     if quiet or total == 0:
         yield lambda count=1: None
         return
-    if console.is_terminal:
-        columns = (TextColumn(f"{what:<8}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        with Bars(*columns, console=console) as bars:
-            task = bars.add_task(what, total=total)
-            yield lambda count=1: bars.advance(task, count)
-        return
-    done, early = 0, 0
-    start = shown = time.monotonic()
+    with _bars(console, MofNCompleteColumn()) as bars:
+        task, shown = bars.add_task(what, total=total), time.monotonic()
 
-    def advance(count: int = 1) -> None:
-        nonlocal done, early, start, shown
-        now = time.monotonic()
-        if done == 0:
-            start, early = now, count
-        done += count
-        if done == total or now - shown >= _LINE_EVERY_S:
-            rate = (done - early) / (now - start) if done > early and now > start else 0.0
-            pace = f", {rate:.1f}/s, {(total - done) / rate:.0f} s left" if rate else ""
-            console.print(f"{what}: {done}/{total}{pace}", highlight=False)
-            shown = now
+        def advance(count: int = 1) -> None:
+            nonlocal shown
+            bars.advance(task, count)
+            state, now = bars.tasks[task], time.monotonic()
+            if bars.disable and (state.finished or now - shown >= _LINE_EVERY_S):
+                pace = f", {state.speed:.1f}/s, {state.time_remaining:.0f} s left" if state.speed else ""
+                console.print(f"{what}: {state.completed:.0f}/{total}{pace}", highlight=False)
+                shown = now
 
-    yield advance
+        yield advance

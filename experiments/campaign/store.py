@@ -4,20 +4,28 @@ Each stored result is one `.npz` archive, whose members have checksums.
 """
 
 import csv
+import hashlib
 import json
+import sys
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from functools import cache, partial
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
+from pydantic_core import PydanticSerializationError, to_jsonable_python
 
-from experiments.campaign.version import code_version
+from experiments.campaign.version import code_version, version_of
 from laisn.failure import LaisnError, LaisnWarning
+from laisn.plugins import plugin_source
 from sim.files import atomic_write, locked, remove_stale_parts
+from sim.scenario.settings import Scenario
 
 Record = dict[str, Any]
 """A row: column names and plain values."""
@@ -37,6 +45,46 @@ class DamagedResult(LaisnWarning):
 
 class CampaignError(LaisnError):
     """A campaign cannot go on; every finished result is stored."""
+
+
+@cache
+def _source(module: str) -> str:
+    """Version of all that a module can reach."""
+    return version_of([sys.modules[module].__spec__.name if module == "__main__" else module])  # type: ignore[union-attr]
+
+
+def _plain(value: Any) -> object:
+    """A JSON value for what is none; TypeError if there is none."""
+    if isinstance(value, Scenario):
+        names = value.navigation.variant, *(table.sensor for table in value.sensors.own)
+        return [value.model_dump(mode="json"), *(plugin_source(name).decode() for name in names)]
+    if isinstance(value, FunctionType):
+        return [_source(value.__module__), value.__qualname__]
+    if isinstance(value, partial):
+        return [value.func, value.args, value.keywords]
+    if isinstance(value, range):
+        return [value.start, value.stop, value.step]
+    if is_dataclass(value):
+        return {item.name: getattr(value, item.name) for item in fields(value)}
+    try:
+        return to_jsonable_python(value)
+    except PydanticSerializationError:
+        what = f"{type(value).__name__}, of which no key can be made: {value!r:.60}"
+        raise TypeError(f"a result depends on {what}") from None
+
+
+def key_of(*content: object) -> str:
+    """Key of a result: a hash of the code version and of all that makes it.
+
+    Args:
+        content: JSON values, data classes, scenarios with the plugins that they name, and functions with every source
+            that they can reach.
+
+    Raises:
+        TypeError: there is something else.
+    """
+    text = json.dumps([code_version(), *content], sort_keys=True, default=_plain)
+    return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
 def write_table(path: Path, columns: Mapping[str, Any]) -> None:
@@ -153,6 +201,10 @@ class Store:
             what = f"{self.path(key)} cannot be read and is computed again: {error or type(error).__name__}"
             warnings.warn(what, DamagedResult, stacklevel=1)
             return None
+
+    def has(self, *keys: str) -> bool:
+        """Whether all results are stored and intact."""
+        return all(self.get(key) is not None for key in keys)
 
     def put(self, key: str, record: object, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
         """Store a JSON value, in which NumPy's numbers and arrays become plain, and arrays by name."""

@@ -6,7 +6,7 @@ import platform
 from collections.abc import Iterable
 from functools import cache
 from importlib.metadata import version
-from importlib.util import resolve_name
+from modulefinder import ModuleFinder
 from pathlib import Path
 
 from laisn.navigators import code_of_navigators
@@ -27,70 +27,37 @@ _TABLES = {".toml", ".csv"}
 """Data files that a study reads beside its modules."""
 
 
-@cache
-def imported_names(source: bytes, package: str) -> frozenset[str]:
-    """Absolute names of modules, and of what is imported from them, in all import statements of a source.
-
-    Relative imports start from `package`.
-    """
-    names = set()
-    nodes: list[ast.AST] = [ast.parse(source)]
-    for node in nodes:
-        # expressions hold no statements
-        nodes += (inner for inner in ast.iter_child_nodes(node) if not isinstance(inner, ast.expr))
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            base = resolve_name("." * node.level + (node.module or ""), package)
-            names |= {base, *(f"{base}.{alias.name}" for alias in node.names)}
-    return frozenset(names)
-
-
-def _file(module: str, root: Path) -> Path | None:
-    """Source file of a module; None if these packages have no such module."""
-    if module.partition(".")[0] not in (*OWN_PACKAGES, *_IN_CHECKOUT):
-        return None
-    place = root.joinpath(*module.split("."))
-    return next((path for path in (place.with_suffix(".py"), place / "__init__.py") if path.is_file()), None)
-
-
 def reachable(modules: Iterable[str], root: Path = ROOT) -> dict[str, Path]:
     """Source files, below `root`, of modules and of all that they import, directly or not, by module name.
 
-    Raises FileNotFoundError if one of `modules` does not exist.
+    Raises ImportError if one of `modules` does not exist.
     """
-    found: dict[str, Path] = {}
-    names = list(modules)
-    for name in names:
-        if _file(name, root) is None:
-            raise FileNotFoundError(f"{root}: module {name} does not exist")
-    seen = set(names)
-    while names:
-        name = names.pop()
-        path = _file(name, root)
-        if path is not None:
-            found[name] = path
-            parent = name.rpartition(".")[0]
-            package = name if path.name == "__init__.py" else parent
-            # Python runs the packages around a module too
-            new = {parent, *imported_names(path.read_bytes(), package)} - seen
-            seen |= new
-            names += new
-    return found
+    # an installed wheel has other packages beside it
+    others = {path.name.partition(".")[0] for path in root.iterdir()} - {*OWN_PACKAGES, *_IN_CHECKOUT}
+    finder = ModuleFinder([str(root)], excludes=others)
+    for name in modules:
+        finder.import_hook(name)
+    return {name: Path(file) for name, module in finder.modules.items() if (file := vars(module)["__file__"])}
 
 
-def sources(root: Path = ROOT) -> tuple[Path, ...]:
+def sources(modules: Iterable[str] = (), root: Path = ROOT) -> list[Path]:
     """Every file that may change a stored number: the modules that compute it, all that they import, and their data.
 
     Films, logs, pages and commands are not among them, since nothing that computes imports these.
+
+    Args:
+        modules: that compute beside those of all campaigns; the tables beside them count too.
+        root: folder of the packages.
     """
-    found = reachable(_COMPUTING, root)
+    named = tuple(modules)
+    found = reachable((*_COMPUTING, *named), root)
     # of `experiments` the modules alone: its data are published tables and a layout, to compare with and to draw
-    packages = {name.partition(".")[0] for name in found} - {"experiments"}
-    data = (p for package in packages for p in (root / package).rglob("*") if p.suffix in _DATA)
-    return tuple(sorted({*found.values(), *data}))
+    data = {p for package in ("models", "laisn", "sim") for p in (root / package).rglob("*") if p.suffix in _DATA}
+    tables = {p for name in named for p in found[name].parent.iterdir() if p.suffix in _TABLES}
+    return sorted({*found.values(), *data, *tables})
 
 
+@cache
 def _without_docstrings(source: bytes) -> bytes:
     """A source without the lines of statements that are strings alone: these describe code and compute nothing."""
     lines = source.splitlines(keepends=True)
@@ -102,36 +69,20 @@ def _without_docstrings(source: bytes) -> bytes:
     return b"".join(lines)
 
 
-def _digest(files: Iterable[Path], root: Path) -> str:
-    """Hash of names and contents of files, of sources without their docstrings, 12 hexadecimal digits."""
+def version_of(modules: Iterable[str] = (), root: Path = ROOT) -> str:
+    """Hash of names and contents of `sources`, without docstrings, 12 hexadecimal digits."""
     digest = hashlib.sha256()
-    for path in sorted(files):
+    for path in sources(modules, root):
         content = path.read_bytes()
         digest.update(path.relative_to(root).as_posix().encode())
         digest.update(_without_docstrings(content) if path.suffix == ".py" else content)
     return digest.hexdigest()[:12]
 
 
-def fingerprint(root: Path = ROOT) -> str:
-    """Hash of names and contents of `sources`, 12 hexadecimal digits."""
-    return _digest(sources(root), root)
-
-
-def version_of(modules: Iterable[str], root: Path = ROOT) -> str:
-    """Hash of every source that may change the numbers that some modules compute, 12 hexadecimal digits.
-
-    All that they import counts, the tables beside them, and all that any campaign computes with.
-    """
-    named = tuple(modules)
-    found = reachable(named, root)
-    data = (p for name in named for p in found[name].parent.iterdir() if p.suffix in _TABLES)
-    return _digest({*found.values(), *data, *sources(root)}, root)
-
-
 @cache
 def code_version() -> str:
     """Version of the code, such as 0.1.0+3f2a9c81d0e4: results of different versions are never mixed."""
-    return f"{version('laisn-sim')}+{fingerprint()}"
+    return f"{version('laisn-sim')}+{version_of()}"
 
 
 def versions() -> dict[str, str]:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from experiments.campaign.missions import digest, motion_key, motion_of
+from experiments.campaign.missions import motion_key, motion_of
+from experiments.campaign.store import key_of
 from experiments.flight.library import table_of, text_of
 from experiments.study.design import follows_run, points_of, value_at
 from experiments.study.file import Study, refusal
@@ -161,7 +162,7 @@ def _examined(
 
     def infeasible(scenario: Scenario) -> list[str]:
         """What keeps a scenario from being flown, found once for all that move and are filmed alike."""
-        key = digest([motion_of(scenario).model_dump(mode="json"), scenario.video.model_dump(), scenario.epoch])
+        key = key_of(motion_of(scenario), scenario.video.model_dump(), scenario.epoch)
         if key not in found_of:
             found_of[key] = infeasibilities(scenario)
         return found_of[key]

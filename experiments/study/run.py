@@ -136,7 +136,7 @@ def fly_study(plan: Plan, folder: Path, **options: Unpack[ExecutionOptions]) -> 
             if entry.closed_loop:
                 row, lists = _of_runs(entry, cell.follower, [flown.tasks[name] for name in names])
             else:
-                row, lists = flown.row(cell), flown.runs(cell)
+                row, lists = flown.cell(cell)
             labels = _labels(plan, entry, cell.follower)
             outcomes.rows.append(labels | {name: value for name, value in row.items() if name not in _OWN})
             outcomes.runs.append((labels, lists))

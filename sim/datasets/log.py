@@ -22,7 +22,7 @@ from sim.log.channels import Channel, numeric, poses
 from sim.log.contents import Contents, LogError, faults
 from sim.log.reader import read_recording
 from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, PLACES, RECEPTION, RecordType
-from sim.log.writer import log_file
+from sim.log.writer import write_channels
 
 VEHICLE = "vehicle"
 """Name of the vehicle in the log."""
@@ -167,10 +167,8 @@ def write_vehicle_table(table: VehicleTable, path: Path, name: str) -> None:
 
 def _write(path: Path, channels: Sequence[Channel], facts: dict[str, str]) -> None:
     """Write channels, and facts as metadata of a data set."""
-    with faults(path), atomic_write(path) as part, log_file(part) as log:
-        if facts:
-            log.mcap.write_metadata(_RECORD, facts)
-        log.write(channels)
+    with faults(path), atomic_write(path) as part:
+        write_channels(part, channels, describe=lambda mcap: mcap.write_metadata(_RECORD, facts) if facts else None)
 
 
 def is_data_set(path: Path) -> bool:

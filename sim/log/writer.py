@@ -1,16 +1,16 @@
 """A flight written as an MCAP log that Foxglove and Rerun draw; `sim.log.reader` reads it back to the bit."""
 
+import functools
 import heapq
 import json
 import os
-import signal
-import threading
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from importlib.metadata import version
 from io import BufferedWriter, FileIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import foxglove
 import numpy as np
@@ -63,46 +63,19 @@ class _Output(BufferedWriter):
         self.flush()
 
 
-class _DeferredSignals:
-    """Keeps signals from Python code while the SDK runs, which does not survive the exception of a handler."""
-
-    def __init__(self) -> None:
-        self._received: list[int] = []
-        self._handlers: dict[int, Any] = {}
-
-    def defer(self) -> None:
-        """Begin; only the main thread of a process receives signals."""
-        if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-                self._handlers[number] = signal.signal(number, lambda received, _: self._received.append(received))
-
-    def deliver(self) -> None:
-        """End, and let the handlers take what came in between."""
-        for number, handler in self._handlers.items():
-            signal.signal(number, handler)
-        received, self._received[:] = self._received[:1], []
-        for number in received:
-            signal.raise_signal(number)
-
-
-class LogFile(NamedTuple):
-    """An MCAP file to be written; the same calls give the same bytes."""
-
-    output: _Output
-    signals: _DeferredSignals
-    context: Context
-    mcap: MCAPWriter
-
-    def write(self, channels: Sequence[Channel], frames: Iterable[tuple[int, bytes]] = ()) -> None:
-        """Write channels and frames (times [ns] and serialised messages) in order of time, in blocks of ten seconds.
-
-        Each block is in the file before the next one begins. A channel without messages is not in the file.
-        """
-        types = [(c.topic, c.schema) for c in channels] + [("/camera", CompressedVideo.get_schema())]
+def _write(
+    output: _Output,
+    channels: Sequence[Channel],
+    frames: Iterable[tuple[int, bytes]],
+    describe: Callable[[MCAPWriter], None],
+) -> None:
+    context, options = Context(), MCAPWriteOptions(compression_threads=0, compression_level=1, disable_seeking=True)
+    types = [(c.topic, c.schema) for c in channels] + [("/camera", CompressedVideo.get_schema())]
+    mcap = foxglove.open_mcap(output, context=context, writer_options=options)
+    try:
+        describe(mcap)
         log_to = [
-            foxglove.Channel(
-                topic, schema=schema, message_encoding=MessageEncoding.Protobuf, context=self.context
-            ).base.log
+            foxglove.Channel(topic, schema=schema, message_encoding=MessageEncoding.Protobuf, context=context).base.log
             for topic, schema in types
         ]
         streams = [channel.messages(k) for k, channel in enumerate(channels)]
@@ -111,39 +84,46 @@ class LogFile(NamedTuple):
         # messages of equal times are in the order of channels
         for at, k, data in heapq.merge(*streams):
             if at >= end:
-                self.mcap.flush()
-                self.signals.deliver()
-                self.signals.defer()
-                self.output.check()
+                mcap.flush()
+                output.check()
                 end = at + _BLOCK_NS
             log_to[k](data, at)
+        mcap.close()
+        output.check()
+        os.fsync(output.fileno())
+    except BaseException as error:
+        # what the SDK still holds is discarded
+        output.error = output.error or error
+        mcap.close()
+        raise
 
 
-@contextmanager
-def log_file(path: Path) -> Iterator[LogFile]:
-    """A log to write, complete and on the disk when the block ends; if the block fails, it stays without an end.
+def write_channels(
+    path: Path,
+    channels: Sequence[Channel],
+    frames: Iterable[tuple[int, bytes]] = (),
+    describe: Callable[[MCAPWriter], None] = lambda mcap: None,
+) -> None:
+    """Write an MCAP file; the same arguments give the same bytes. If that fails, the file stays without an end.
+
+    Args:
+        path: the file.
+        channels: one without messages is not in the file. Messages of all channels are in order of time, in blocks of
+            ten seconds, each of which is in the file before the next one begins.
+        frames: of the film, times [ns] and serialised messages.
+        describe: writes attachments and metadata.
 
     Raises:
         OSError: it cannot be written.
     """
-    context, options = Context(), MCAPWriteOptions(compression_threads=0, compression_level=1, disable_seeking=True)
-    signals = _DeferredSignals()
-    with _Output(FileIO(path, "wb")) as output:
-        signals.defer()
+    with _Output(FileIO(path, "wb")) as output, ThreadPoolExecutor(1) as thread:
+        # apart from the main thread, where handlers of signals may raise: the SDK does not survive an exception
+        done = thread.submit(_write, output, channels, frames, describe)
         try:
-            mcap = foxglove.open_mcap(output, context=context, writer_options=options)
-            try:
-                yield LogFile(output, signals, context, mcap)
-                mcap.close()
-                output.check()
-                os.fsync(output.fileno())
-            except BaseException as error:
-                # what the SDK still holds is discarded
-                output.error = output.error or error
-                mcap.close()
-                raise
-        finally:
-            signals.deliver()
+            done.result()
+        except BaseException as error:
+            output.error = output.error or error
+            raise
 
 
 def _json(value: object) -> bytes:
@@ -161,7 +141,7 @@ def _frames(video: Iterable[tuple[float, bytes]], clock: Clock) -> Iterator[tupl
         yield at, CompressedVideo(timestamp=timestamp(at), frame_id="camera", data=data, format="h264").encode()
 
 
-def _describe(mcap: MCAPWriter, flight: Flight, summary: str) -> None:
+def _describe(flight: Flight, summary: str, mcap: MCAPWriter) -> None:
     """Attachments and metadata of a flight."""
     at = Clock(flight.scenario.epoch).epoch_ns
     versions = {package: version(package) for package in _PACKAGES}
@@ -215,9 +195,8 @@ def write(
         raise LogError(f"{path}: cannot be written: it is a folder, expected the name of a file")
     partial = partial_path(path)
     try:
-        with log_file(partial) as log:
-            _describe(log.mcap, flight, summary)
-            log.write(filled, _frames(video, Clock(flight.scenario.epoch)))
+        describe = functools.partial(_describe, flight, summary)
+        write_channels(partial, filled, _frames(video, Clock(flight.scenario.epoch)), describe)
         os.replace(partial, path)
     except BaseException as error:
         kept = holds_messages(partial)

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.campaign import campaign
-from experiments.campaign.campaign import Design, Flown, key_of, typed, with_arrays
+from experiments.campaign import campaign, store
+from experiments.campaign.campaign import Design, Flown, typed, with_arrays
 from experiments.campaign.processes import Pool
-from experiments.campaign.store import Arrays, CampaignError, Result, Store
+from experiments.campaign.store import Arrays, CampaignError, Result, Store, key_of
 from experiments.intervals import Interval
 from laisn.failure import LaisnError
 from sim.scenario.settings import Follower, Scenario
@@ -33,10 +33,8 @@ class Square:
 @pytest.fixture(autouse=True)
 def sources(monkeypatch: pytest.MonkeyPatch) -> None:
     """This file is none of the project's packages."""
-    own = campaign._source
-    monkeypatch.setattr(
-        campaign, "_source", lambda module: own("sim.trajectory") if module == __name__ else own(module)
-    )
+    own = store._source
+    monkeypatch.setattr(store, "_source", lambda module: own("sim.trajectory") if module == __name__ else own(module))
 
 
 def square(of: int, times: int = 1) -> list[Square]:
@@ -97,9 +95,9 @@ def test_the_key_is_of_the_sources_and_of_all_that_is_given(monkeypatch: pytest.
     keys = [key_of(square, one, 1), key_of(square, other, 1), key_of(square, one, 2), key_of(alone, one, 1)]
     assert len(set(keys)) == 4
     assert key_of(square, range(3)) != key_of(square, range(1, 3))
-    with pytest.raises(TypeError, match="given object, of which no key"):
+    with pytest.raises(TypeError, match="depends on object, of which no key"):
         key_of(square, object())
-    monkeypatch.setattr(campaign, "_source", lambda module: f"{module} edited")
+    monkeypatch.setattr(store, "_source", lambda module: f"{module} edited")
     assert key_of(square, one, 1) not in keys
 
 

@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 from typer.testing import CliRunner
 
-from experiments.campaign.campaign import key_of
+from experiments.campaign.store import key_of
 from experiments.command.cli import app
 from experiments.studies.estimators import findings, runs, study
 from experiments.studies.estimators.cases import CASES, OFFSETS_M, SEAS, SIGMAS
@@ -220,7 +220,7 @@ def test_settings_are_varied_by_their_factor() -> None:
 def test_the_plan_names_every_task_once_and_flies_every_case() -> None:
     names = [name for name, _ in tasks(Size())]
     assert len(set(names)) == len(names)
-    assert len({key_of(task.func, task.args, task.keywords) for _, task in tasks(Size())}) == len(names)
+    assert len({key_of(task) for _, task in tasks(Size())}) == len(names)
     cases = [name for name in names if name[0] == "case"]
     assert len(cases) == 7 * 2 * 8
     assert sum(1 for name in names if name[0] == "mirror_locks") == 4 * -(-10_000 // 640)

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 import laisn_sim
 from experiments.campaign.cells import Cell
-from experiments.campaign.missions import key_of
 from experiments.campaign.montecarlo import simulate
+from experiments.campaign.store import key_of
 from experiments.command.cli import app
 from laisn.failure import LaisnError
 from laisn.navigators import NAVIGATORS, code_of_navigators, find
