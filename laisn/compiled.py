@@ -60,13 +60,13 @@ def _own_folder(version: Path) -> Path:
     for n in itertools.count():
         own = version / str(n)
         own.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(own, os.O_RDONLY | os.O_CLOEXEC)
+        lock = os.open(own / "lock", os.O_RDWR | os.O_CREAT, 0o600)
         try:
             # held until this process ends
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             break
         except BlockingIOError:
-            os.close(descriptor)
+            os.close(lock)
     for index in version.glob("*/*/*.nbi"):
         folder = own / index.parent.name
         if not (folder / index.name).exists():

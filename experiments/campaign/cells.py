@@ -1,6 +1,7 @@
 """Cells of a campaign: what is flown many times over, and what comes of it."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple, Self
 
@@ -100,14 +101,18 @@ class CellResult(NamedTuple):
     `mirror_locked` and the number of fixes `gated`."""
 
 
-_ERRORS = (
-    ("e_p", "m", 1.0, metric.MAX_P, metric.SUM_P, metric.SQUARES_P, metric.LOWEST_P),
-    ("e_b", "deg", 180.0 / math.pi, metric.MAX_B, metric.SUM_B, metric.SQUARES_B, metric.LOWEST_B),
-)
-"""Name, unit and its factor, and where a tally has maximum, sum and sum of squares of an error; its lowest bin."""
-_GATED = metric.KINDS + FixKind.GATED * LANES
-_OF_RUNS = (metric.MAX_P, metric.SUM_P, metric.MAX_B, metric.SUM_B, metric.LONGEST_MIRROR_LOCK, _GATED)
-"""Where a tally has the figures of single runs."""
+_OF_RUNS = [
+    number // LANES
+    for number in (
+        metric.MAX_P,
+        metric.SUM_P,
+        metric.MAX_B,
+        metric.SUM_B,
+        metric.LONGEST_MIRROR_LOCK,
+        metric.KINDS + FixKind.GATED * LANES,
+    )
+]
+"""Rows of a tally that figures of single runs are made of."""
 
 
 class CellSums:
@@ -132,15 +137,25 @@ class CellSums:
         self._largest = np.maximum(self._largest, table.max(axis=1))
         self._histograms += histograms
         first = runs[0] - self._cell.runs[0]
-        self._runs[:, first : first + len(runs)] = table[[place // LANES for place in _OF_RUNS]]
+        self._runs[:, first : first + len(runs)] = table[_OF_RUNS]
 
     def _mean(self, total: int, count: int) -> float:
         number = self._total[count // LANES]
         return float(self._total[total // LANES] / number) if number else math.nan
 
+    def _moments(self, total: int, squares: int) -> tuple[float, float]:
+        """Mean and standard deviation of an error over all steps of all runs."""
+        values = self._cell.truth.speed.size * len(self._cell.runs)
+        mean = float(self._total[total // LANES] / values)
+        return mean, math.sqrt(max(float(self._total[squares // LANES] / values) - mean * mean, 0.0))
+
+    def _percentiles(self, histogram: Ints, lowest: float, largest: int) -> Iterator[tuple[int, float]]:
+        top = float(self._largest[largest // LANES])
+        return ((p, metric.percentile(histogram, lowest, p / 100.0, top)) for p in PERCENTILES)
+
     def result(self) -> CellResult:
         """What the cell comes to."""
-        steps, number = self._cell.truth.speed.size, len(self._cell.runs)
+        steps, (of_position, of_bearing) = self._cell.truth.speed.size, self._histograms
         largest_p, sum_p, largest_b, sum_b, longest_mirror_lock, gated = self._runs
         gaps = np.diff(self._cell.truth.message_step)
         mirror_locked = longest_mirror_lock >= (float(np.median(gaps)) if gaps.size else float(steps))
@@ -153,17 +168,24 @@ class CellSums:
             "mirror_locked": mirror_locked,
             "gated": gated.astype(np.int64),
         }
-        row: Record = {"seed": self._cell.seed, "runs": number, "steps": steps}
-        percentiles: Record = {}
-        for (name, unit, factor, most, total, squares, lowest), bins in zip(_ERRORS, self._histograms, strict=True):
-            top, values = float(self._largest[most // LANES]), steps * number
-            mean = float(self._total[total // LANES] / values)
-            std = math.sqrt(max(float(self._total[squares // LANES] / values) - mean * mean, 0.0))
-            for what, value in (("max", top), ("mean", mean), ("std", std)):
-                row[f"{name}_{what}_{unit}"] = factor * value
-            for p in PERCENTILES:
-                percentiles[f"{name}_p{p}_{unit}"] = factor * metric.percentile(bins, lowest, p / 100.0, top)
-        row |= percentiles | {
+        e_p_mean, e_p_std = self._moments(metric.SUM_P, metric.SQUARES_P)
+        e_b_mean, e_b_std = self._moments(metric.SUM_B, metric.SQUARES_B)
+        row: Record = {
+            "seed": self._cell.seed,
+            "runs": len(self._cell.runs),
+            "steps": steps,
+            "e_p_max_m": float(self._largest[metric.MAX_P // LANES]),
+            "e_p_mean_m": e_p_mean,
+            "e_p_std_m": e_p_std,
+            "e_b_max_deg": math.degrees(self._largest[metric.MAX_B // LANES]),
+            "e_b_mean_deg": math.degrees(e_b_mean),
+            "e_b_std_deg": math.degrees(e_b_std),
+        }
+        of_positions = self._percentiles(of_position, metric.LOWEST_P, metric.MAX_P)
+        of_bearings = self._percentiles(of_bearing, metric.LOWEST_B, metric.MAX_B)
+        row |= {f"e_p_p{p}_m": value for p, value in of_positions}
+        row |= {f"e_b_p{p}_deg": math.degrees(value) for p, value in of_bearings}
+        row |= {
             "nees": self._mean(metric.SUM_NEES, metric.COUNT_NEES),
             "nis": self._mean(metric.SUM_NIS, metric.COUNT_NIS),
             "mirror_locked_runs": int(np.count_nonzero(mirror_locked)),

@@ -205,8 +205,7 @@ def replay(
         raise LaisnError(f"--smooth: the navigator of a data set ({log}) has no smoother")
 
 
-for _name, _hidden in (("anatomy", True), ("range-budget", False)):
-    app.command(_name, hidden=_hidden)(report_errors(bounds.range_budget))
+app.command("range-budget")(report_errors(bounds.range_budget))
 app.command()(report_errors(bounds.bound))
 
 

@@ -132,7 +132,7 @@ def _path(poses: list[_Line], odometry: Floats) -> tuple[Floats, str]:
 
 
 def _ranges(
-    lines: list[_Line], order: dict[str, int], time: Floats, beacons: list[str]
+    lines: list[_Line], order: dict[str, int], time: Floats, beacons: dict[str, int]
 ) -> tuple[list[tuple[float, int, float]], float | None]:
     """Rows of time, beacon and range, and its random error, from lines EDGE_RANGE.
 
@@ -146,7 +146,7 @@ def _ranges(
             continue
         k = order[pose]
         low, high = time[max(k - 1, 0)], time[min(k + 1, time.size - 1)]
-        rows.append((line.time if low < line.time < high else time[k], beacons.index(beacon), line.values[0]))
+        rows.append((line.time if low < line.time < high else time[k], beacons[beacon], line.values[0]))
         variances.append(line.noise[0])
     sigma = float(np.sqrt(np.median(variances))) if variances and min(variances) > 0.0 else None
     return sorted(rows), sigma
@@ -176,7 +176,7 @@ def read_factor_graph(path: Path) -> RangeData:
     rates = spread[lasted > 0.0] / lasted[lasted > 0.0, None]
     vertices, compared = _path(poses, odometry)
     places = {line.names[0]: line.values for kind in ("VERTEX_XY", "VERTEX_XY:PRIOR") for line in lines[kind]}
-    ranges, sigma = _ranges(lines["EDGE_RANGE"], order, time, list(places))
+    ranges, sigma = _ranges(lines["EDGE_RANGE"], order, time, {name: i for i, name in enumerate(places)})
     begin = next((p for p in lines["VERTEX_SE2:PRIOR"] if p.names[0] == poses[0].names[0]), poses[0]).values
     # of poses at one time the first stays
     path_rows = np.column_stack([time, vertices])[np.append(True, lasted != 0.0)] if len(vertices) else np.empty((0, 3))

@@ -2,10 +2,12 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import reduce
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from laisn.arrays import Bools, Floats, Ints, own_arrays
 from laisn.failure import LaisnError
@@ -57,14 +59,12 @@ def compose(first: Floats, second: Floats) -> Floats:
 
 def _join_equal_times(time: Floats, odometry: Floats) -> tuple[Bools, Floats]:
     """Which poses are not at the time of the one before, shape (n + 1,), and the steps between those."""
-    kept = np.concatenate([[True], np.diff(time) != 0.0])
-    steps, way = [], np.zeros(3)
-    for stays, step in zip(kept[1:].tolist(), odometry, strict=True):
-        way = compose(way, step)
-        if stays:
-            steps.append(way)
-            way = np.zeros(3)
-    return kept, np.array(steps).reshape(-1, 3)
+    kept = np.append(True, np.diff(time) != 0.0)
+    last = np.flatnonzero(kept[1:])
+    first, steps = np.append(0, last[:-1] + 1), odometry[last]
+    for joined in np.flatnonzero(last > first).tolist():
+        steps[joined] = reduce(compose, odometry[first[joined] : last[joined] + 1])
+    return kept, steps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,7 +124,7 @@ class RangeData:
 
     @classmethod
     def collect(
-        cls, *, time: Floats, odometry: Floats, ranges: Sequence[Sequence[float]], remarks: Sequence[str], **more: Any
+        cls, *, time: Floats, odometry: Floats, ranges: npt.ArrayLike, remarks: Sequence[str], **more: Any
     ) -> Self:
         """Data from poses of which some may be at one time, and ranges in any order to beacons of which some may lack.
 

@@ -109,6 +109,8 @@ def read_range_tables(path: Path) -> RangeData:
     odometry, ranges, nodes = (tables[name] for name in _NEEDED)
     names = nodes[:, 0].astype(np.int64).tolist()
     require_unique(names, f"{path}: table TL: node")
+    index = {name: i for i, name in enumerate(names)}
+    beacons = [index.get(node, -1) for node in ranges[:, 2].tolist()]
     return RangeData.collect(
         source=str(path),
         start=np.array([pose[0], pose[1], 0.5 * np.pi - pose[2]]),
@@ -116,7 +118,7 @@ def read_range_tables(path: Path) -> RangeData:
         odometry=np.column_stack([odometry[:, 1], np.zeros(len(odometry)), odometry[:, 2]]),
         beacons=tuple(map(str, names)),
         places=nodes[:, 1:].copy(),
-        ranges=[(at, names.index(int(n)) if int(n) in names else -1, z) for at, _, n, z in ranges.tolist()],
+        ranges=np.column_stack([ranges[:, 0], beacons, ranges[:, 3]]),
         range_sigma=None,
         truth=tables["GT"][:, :3].copy() if "GT" in tables else np.empty((0, 3)),
         remarks=(),

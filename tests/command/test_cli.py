@@ -163,7 +163,7 @@ def test_the_ranges_of_a_log_are_taken_apart(flown: Path, tmp_path: Path) -> Non
     [(["--set", "seed=3"], "--set changes a scenario"), (["--out", "a.xlsx"], "ends in .csv or .parquet")],
 )
 def test_what_cannot_be_taken_apart_is_named(flown: Path, options: list[str], told: str) -> None:
-    result = CliRunner().invoke(app, ["anatomy", str(flown / "first" / "flight.mcap"), *options])
+    result = CliRunner().invoke(app, ["range-budget", str(flown / "first" / "flight.mcap"), *options])
     assert result.exit_code == 2
     assert told in " ".join(result.output.split())
 
