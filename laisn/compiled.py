@@ -44,11 +44,10 @@ def reached_sources() -> list[Path]:
 
 
 def _version() -> str:
-    """Hash of the compiler and of the sources; no entry of numba's index is ever out of date."""
+    """Hash of the compiler and of the sources."""
     digest = hashlib.sha256(f"{sys.version} {numba.__version__} {np.__version__}".encode())
     for path in reached_sources():
-        # numba takes code for current if the file has the time of modification of the index
-        digest.update(f"{path.relative_to(_ROOT)} {path.stat().st_mtime_ns} ".encode() + path.read_bytes())
+        digest.update(f"{path.relative_to(_ROOT)} ".encode() + path.read_bytes())
     return digest.hexdigest()[:16]
 
 

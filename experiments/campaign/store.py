@@ -23,9 +23,8 @@ from pydantic_core import PydanticSerializationError, to_jsonable_python
 
 from experiments.campaign.version import code_version, version_of
 from laisn.failure import LaisnError, LaisnWarning
-from laisn.plugins import plugin_source
+from laisn.plugins import plugin_files
 from sim.files import atomic_write, locked, remove_stale_parts
-from sim.scenario.settings import Scenario
 
 Record = dict[str, Any]
 """A row: column names and plain values."""
@@ -55,9 +54,6 @@ def _source(module: str) -> str:
 
 def _plain(value: Any) -> object:
     """A JSON value for what is none; TypeError if there is none."""
-    if isinstance(value, Scenario):
-        names = value.navigation.variant, *(table.sensor for table in value.sensors.own)
-        return [value.model_dump(mode="json"), *(plugin_source(name).decode() for name in names)]
     if isinstance(value, FunctionType):
         return [_source(value.__module__), value.__qualname__]
     if isinstance(value, partial):
@@ -77,14 +73,18 @@ def key_of(*content: object) -> str:
     """Key of a result: a hash of the code version and of all that makes it.
 
     Args:
-        content: JSON values, data classes, scenarios with the plugins that they name, and functions with every source
-            that they can reach.
+        content: JSON values, data classes, scenarios, and functions with every source that they can reach. The source
+            of a plugin counts where its name is a value.
 
     Raises:
         TypeError: there is something else.
     """
     text = json.dumps([code_version(), *content], sort_keys=True, default=_plain)
-    return hashlib.sha256(text.encode()).hexdigest()[:24]
+    digest = hashlib.sha256(text.encode())
+    for name, file in sorted(plugin_files().items()):
+        if f'"{name}"' in text or f'"{name}:' in text:
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:24]
 
 
 def write_table(path: Path, columns: Mapping[str, Any]) -> None:

@@ -2,6 +2,7 @@
 
 import re
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from typer.testing import CliRunner
 
 import laisn_sim
 from experiments.campaign.cells import Cell
+from experiments.campaign.missions import simulate_mission
 from experiments.campaign.montecarlo import simulate
 from experiments.campaign.store import key_of
 from experiments.command.cli import app
@@ -75,10 +77,12 @@ def test_the_key_of_its_results_holds_its_source(folder: Path) -> None:
     (folder / "another.py").write_text((folder / "dead_reckoning.py").read_text())
     laisn_sim.load_plugin("another.py")
     scenario = laisn_sim.load("reckoned.toml", {"navigation.variant": "another:DeadReckoning"})
-    before = key_of(scenario)
-    assert key_of(scenario) == before
+    # of a cell, and of a task that is given the scenario
+    before = key_of(scenario), key_of(partial(simulate_mission, scenario))
+    assert key_of(scenario) == before[0]
     (folder / "another.py").write_text((folder / "dead_reckoning.py").read_text() + "# another\n")
-    assert key_of(scenario) != before
+    after = key_of(scenario), key_of(partial(simulate_mission, scenario))
+    assert all(new != old for new, old in zip(after, before, strict=True))
 
 
 @pytest.mark.usefixtures("folder")

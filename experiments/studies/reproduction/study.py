@@ -53,7 +53,7 @@ def simulate(
     }
     design = Design(cells=[*plans.values(), *judged.values()], tasks=tasks, what="replications")
     flown = campaign.fly(design, folder, **options)
-    cells = {key: flown.runs(plan) for key, plan in judged.items()}
+    cells = {key: flown.cell(plan)[1] for key, plan in judged.items()}
     return Simulated(entries, plans, flown, replications.Figures.of(cells, [*flown.tasks.values()], runs))
 
 
@@ -106,7 +106,7 @@ def reproduce(
     chosen, published = settings.settings_of(stage or None), settings.published()
     folder = out or Path("out") / f"reproduce-{motion}"
     entries, plans, flown, found = simulate(chosen, folder, motion=motion, runs=runs, seed=seed, **options)
-    rows = {key: flown.row(plan) for key, plan in plans.items()}
+    rows = {key: flown.cell(plan)[0] for key, plan in plans.items()}
     table = table_rows(chosen, entries, rows, published)
     write_table(folder / "tables.parquet", columns_of(table))
     write_csv(folder / "tables.csv", table)
