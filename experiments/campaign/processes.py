@@ -1,7 +1,6 @@
 """Processes that compute: local ones of joblib, or the workers of a Dask cluster."""
 
 import asyncio
-import importlib
 import importlib.util
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -103,14 +102,16 @@ class Pool:
 def _connect(address: str) -> tuple[Any, int]:
     """A client of a Dask cluster whose workers have this version, and its number of threads."""
     try:
-        distributed: Any = importlib.import_module("distributed")
+        import distributed
     except ImportError:
         raise LaisnError("--cluster needs Dask: pip install laisn-sim[cluster]") from None
+    # its types are incomplete
+    dask: Any = distributed
 
     async def ask() -> None:
         # certificates of tls:// come from Dask's configuration
-        arguments = distributed.Security().get_connection_args("client")
-        async with distributed.rpc(address, connection_args=arguments) as scheduler:
+        arguments = dask.Security().get_connection_args("client")
+        async with dask.rpc(address, connection_args=arguments) as scheduler:
             await scheduler.identity()
 
     try:
@@ -121,7 +122,7 @@ def _connect(address: str) -> tuple[Any, int]:
         if address.startswith("tls:"):
             why += "; tls:// needs certificates, named under distributed.comm.tls in Dask's configuration"
         raise LaisnError(f"no Dask scheduler answers at {address}: {why}") from None
-    client = distributed.Client(address, timeout=_CONNECT_S)
+    client = dask.Client(address, timeout=_CONNECT_S)
     try:
         _require_same_version(client, address)
         return client, sum(client.nthreads().values())
