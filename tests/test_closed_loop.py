@@ -11,7 +11,7 @@ import pytest
 from experiments.campaign.missions import simulate_mission
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES, load
-from experiments.studies import closed_loop as study
+from experiments.studies.closed_loop import findings as study
 from experiments.study import measure as study_measure
 from experiments.study.file import study_of
 from experiments.study.measure import records_of_run
@@ -27,7 +27,7 @@ from sim.scenario.settings import Scenario
 from sim.sensing.observation import observe
 from sim.trajectory import Trajectory, Truth
 
-ENTRIES = {entry.arm: entry for entry in plan_of(study_of(study.STUDY, {})).entries}
+ENTRIES = {entry.arm: entry for entry in plan_of(study_of("closed-loop", {})).entries}
 """Arms of the study."""
 
 
@@ -331,7 +331,8 @@ def test_the_record_counts_who_is_lost() -> None:
         ]
         for r in range(5)
     ]
-    found = study.findings_of(dict.fromkeys(ENTRIES, runs))
+    outcomes: Any = SimpleNamespace(by_arm=lambda: dict.fromkeys(ENTRIES, runs))
+    found = study.findings_of({"study": outcomes})
     # medians of 40 missions, and of the runs of the last route
     assert (found["off current tight-2"].value, found["worst current tight-2"].value) == (35.0, 70.0)
     assert found["lost-runs current tight-2"].value == 4

@@ -28,8 +28,9 @@ from experiments.flight.fly import fly
 from experiments.flight.library import FOLDER, names
 from experiments.flight.summary import track_error_rms
 from experiments.pages import flight_report
-from experiments.studies import closed_loop, route_keeping
-from experiments.study.file import StudyFile
+from experiments.studies import route_keeping
+from experiments.study.file import StudyFile, study_of
+from experiments.study.plan import plan_of
 from sim.film import graphics
 from sim.scenario.file import parse
 from sim.scenario.settings import Scenario
@@ -273,7 +274,8 @@ def test_closed_loops_are_as_the_record_says() -> None:
     found = markers.records()["closed-loop"]
     if markers.is_stale(found):
         pytest.skip("the record is of other sources: run make studies")
-    mission = closed_loop.scenario_of("laisn-2 estimate")
+    arms = {entry.arm: entry.scenario for entry in plan_of(study_of("closed-loop", {})).entries}
+    mission = arms["laisn-2 estimate"]
     alone = mission.model_copy(update={"followers": mission.followers[1:2], "duration_s": 200.0})
     flight, _ = fly(alone)
     (measured,) = track_error_rms(flight)

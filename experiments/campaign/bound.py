@@ -1,9 +1,14 @@
 """The Cramér–Rao bound of a mission or a flight, for dead reckoning that takes log and compass as input."""
 
+import math
+
 import numpy as np
 
 from laisn.arrays import Bools, Floats
 from laisn.bound import Geometry, TrueNoise, position_bound
+from laisn.tight.leader import CURRENT_SIGMA
+from laisn.tight.model import model_of
+from laisn.tight.settings import Assume, TightSettings
 from sim.flight import Flight
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.acoustics import propagate
@@ -11,6 +16,8 @@ from sim.trajectory import Trajectory
 
 _ABOUT_MEAN = float(np.sqrt(1.0 - 2.0 / np.pi))
 """Standard deviation of |N(0, 1)|, as which compasses err (paper, Eq. 27)."""
+_WALKS = model_of(TightSettings(assume=Assume(drift=True)))
+"""How fast the tightly coupled navigator lets biases drift, in its slow mode."""
 _UNIFORM = 1.0 / float(np.sqrt(12.0))
 
 
@@ -18,7 +25,8 @@ def noise_of(scenario: Scenario, follower: int = 0) -> TrueNoise:
     """What is truly random in a scenario; of biases, what `navigation.assume` states as known before the mission.
 
     Leader's compass, current, transmitters' offsets and the clock are unknown only where the scenario has such errors,
-    or has them estimated: a bound on those who know less would be too high.
+    or has them estimated: a bound on those who know less would be too high. Biases that are assumed to drift, an
+    estimated current and the clock walk as the navigator assumes.
     """
     own, sensors, acoustics = scenario.sensors_of(follower), scenario.sensors, scenario.acoustics
     assume, estimated = scenario.navigation.assume, scenario.navigation.settings().estimated
@@ -40,6 +48,11 @@ def noise_of(scenario: Scenario, follower: int = 0) -> TrueNoise:
         range_offset=assume.offset_sigma_m if late else 0.0,
         clock_offset=sound * assume.clock_offset_sigma_s if clock else 0.0,
         clock_drift=1e-6 * sound * assume.clock_drift_sigma_ppm if clock else 0.0,
+        speed_walk=math.sqrt(_WALKS.log_walk[0]) if assume.drift else 0.0,
+        heading_walk=math.sqrt(_WALKS.compass_walk[0]) if assume.drift else 0.0,
+        current_walk=math.sqrt(_WALKS.current_walk) if "current" in estimated else 0.0,
+        clock_walk=math.sqrt(_WALKS.clock_walk) if clock else 0.0,
+        leader_way_sigma=CURRENT_SIGMA if estimated & {"current", "leader_heading_bias"} else 0.0,
     )
 
 

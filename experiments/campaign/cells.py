@@ -3,9 +3,10 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import NamedTuple, Self
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
+from scipy.special import chdtri
 
 from experiments.campaign import lane_metrics as metric
 from experiments.campaign.missions import Mission, mission_of, motion_of
@@ -14,6 +15,7 @@ from laisn.arrays import Floats, Ints
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
+from laisn.messages import Measurements
 from laisn.navigators import NavigatorSpec, find, spec_of
 from laisn.settings import NavigationSettings, Settings
 from sim.flight import navigation_settings
@@ -22,6 +24,13 @@ from sim.sensing.errors import SensorErrors, errors_of
 from sim.sensing.observation import MissionTruth
 
 PERCENTILES = (50, 90, 95, 99)
+
+
+class Disturbance(Protocol):
+    """Errors of the user's own, added to what a follower measures."""
+
+    def disturb(self, measurements: Measurements, seed: int, run: int) -> Measurements:
+        """The measurements of a run with the errors; a function of the arguments alone."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,6 +46,7 @@ class Cell:
     runs: range = range(60)
     """Numbers of the runs, in steps of one."""
     follower: int = 0
+    disturbance: Disturbance | None = None
 
     def __post_init__(self) -> None:
         if abs(self.settings.dt - self.truth.dt) > 1e-9:
@@ -51,8 +61,9 @@ class Cell:
 
     @classmethod
     def of(
-        cls, scenario: Scenario, follower: int = 0, runs: int | range = 60, *, mission: Mission | None = None
-    ) -> Self:
+        cls, scenario: Scenario, follower: int = 0, runs: int | range = 60, *, mission: Mission | None = None,
+        disturbance: Disturbance | None = None,
+    ) -> Self:  # fmt: skip
         """The cell of a scenario: its run k is the scenario flown with `run = k`, noise and all.
 
         Args:
@@ -60,6 +71,7 @@ class Cell:
             follower: its index, 0 for the first.
             runs: how many, from run 0 on, or which.
             mission: the scenario's flight; None: it is flown, once for scenarios that follow each other and move alike.
+            disturbance: errors beside the scenario's.
 
         Raises:
             LaisnError: there is no such follower, or the mission is not the scenario's.
@@ -76,6 +88,7 @@ class Cell:
             seed=scenario.seed,
             runs=range(runs) if isinstance(runs, int) else runs,
             follower=follower,
+            disturbance=disturbance,
         )
 
 
@@ -89,6 +102,8 @@ class CellResult(NamedTuple):
     - `e_p_{max,mean,std}_m`, `e_b_{max,mean,std}_deg`, as of `laisn.metrics.Summary`;
     - `e_p_pQ_m`, `e_b_pQ_deg`: percentiles Q of `PERCENTILES`, to within 1 %;
     - `nees`: mean normalised squared error of the position (2 if the covariance is right), where it is not singular;
+    - `nees_inside`: share of steps at which the sum of that over the runs is within its 95 % interval, of χ² with two
+      degrees of freedom a run (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.2); None if no covariance is regular;
     - `nis`: mean normalised squared innovation of the fixes that were used (2 if S is right);
     - `mirror_locked_runs`: runs whose estimate was for a message interval more than 5 m off and at least twice as
       far from the truth as from its mirror image beyond the leader's axis (`laisn.metrics.is_mirror_locked`);
@@ -97,8 +112,8 @@ class CellResult(NamedTuple):
     - `e_p_mean_unlocked_m`: mean E_P of the runs that were not mirror_locked; None if all were.
     """
     runs: Arrays
-    """Of each run, arrays of shape (R,): `run`, `e_p_max_m`, `e_p_mean_m`, `e_b_max_deg`, `e_b_mean_deg`,
-    `mirror_locked` and the number of fixes `gated`."""
+    """Of each run, arrays of shape (R,): `run`, `e_p_max_m`, `e_p_mean_m`, `e_p_rms_m`, `e_b_max_deg`, `e_b_mean_deg`,
+    `mirror_locked`, the number of fixes `gated`, and `nees` and `nis`, NaN where there are none."""
 
 
 _OF_RUNS = [
@@ -106,10 +121,15 @@ _OF_RUNS = [
     for number in (
         metric.MAX_P,
         metric.SUM_P,
+        metric.SQUARES_P,
         metric.MAX_B,
         metric.SUM_B,
         metric.LONGEST_MIRROR_LOCK,
         metric.KINDS + FixKind.GATED * LANES,
+        metric.SUM_NEES,
+        metric.COUNT_NEES,
+        metric.SUM_NIS,
+        metric.COUNT_NIS,
     )
 ]
 """Rows of a tally that figures of single runs are made of."""
@@ -124,8 +144,9 @@ class CellSums:
         self._largest = np.zeros(metric.SIZE // LANES)
         self._histograms = np.zeros((2, metric.BINS), dtype=np.int64)
         self._runs = np.empty((len(_OF_RUNS), len(cell.runs)))
+        self._nees = np.zeros(cell.truth.speed.size)
 
-    def add(self, runs: range, tally: Floats, histograms: Ints) -> None:
+    def add(self, runs: range, tally: Floats, histograms: Ints, nees: Floats) -> None:
         """Add a block; LaisnError naming the run if an estimate left finite numbers."""
         table = tally.reshape(-1, LANES)[:, : len(runs)]
         diverged = np.flatnonzero(~np.isfinite(table[metric.SUM_P // LANES]))
@@ -136,6 +157,7 @@ class CellSums:
             self._total += of_run
         self._largest = np.maximum(self._largest, table.max(axis=1))
         self._histograms += histograms
+        self._nees += nees
         first = runs[0] - self._cell.runs[0]
         self._runs[:, first : first + len(runs)] = table[_OF_RUNS]
 
@@ -153,21 +175,29 @@ class CellSums:
         top = float(self._largest[largest // LANES])
         return ((p, metric.percentile(histogram, lowest, p / 100.0, top)) for p in PERCENTILES)
 
+    def _share_inside(self) -> float | None:
+        low, high = chdtri(2.0 * len(self._cell.runs), np.array([0.975, 0.025]))
+        known = self._nees[np.isfinite(self._nees)]
+        return float(np.mean((known >= low) & (known <= high))) if known.size else None
+
     def result(self) -> CellResult:
         """What the cell comes to."""
         steps, (of_position, of_bearing) = self._cell.truth.speed.size, self._histograms
-        largest_p, sum_p, largest_b, sum_b, longest_mirror_lock, gated = self._runs
+        largest_p, sum_p, squares, largest_b, sum_b, longest_mirror_lock, gated, *normalised = self._runs
         gaps = np.diff(self._cell.truth.message_step)
         mirror_locked = longest_mirror_lock >= (float(np.median(gaps)) if gaps.size else float(steps))
         runs: Arrays = {
             "run": np.array(self._cell.runs, dtype=np.int64),
             "e_p_max_m": largest_p,
             "e_p_mean_m": sum_p / steps,
+            "e_p_rms_m": np.sqrt(squares / steps),
             "e_b_max_deg": np.rad2deg(largest_b),
             "e_b_mean_deg": np.rad2deg(sum_b / steps),
             "mirror_locked": mirror_locked,
             "gated": gated.astype(np.int64),
         }
+        for name, total, count in zip(("nees", "nis"), normalised[::2], normalised[1::2], strict=True):
+            runs[name] = np.divide(total, count, out=np.full(total.size, np.nan), where=count > 0.0)
         e_p_mean, e_p_std = self._moments(metric.SUM_P, metric.SQUARES_P)
         e_b_mean, e_b_std = self._moments(metric.SUM_B, metric.SQUARES_B)
         row: Record = {
@@ -187,6 +217,7 @@ class CellSums:
         row |= {f"e_b_p{p}_deg": math.degrees(value) for p, value in of_bearings}
         row |= {
             "nees": self._mean(metric.SUM_NEES, metric.COUNT_NEES),
+            "nees_inside": self._share_inside(),
             "nis": self._mean(metric.SUM_NIS, metric.COUNT_NIS),
             "mirror_locked_runs": int(np.count_nonzero(mirror_locked)),
             "worst_run": self._cell.runs[int(np.argmax(largest_p))],

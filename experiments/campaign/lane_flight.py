@@ -42,14 +42,17 @@ def truth_record(truth: MissionTruth, errors: SensorErrors) -> TruthRecord:
 @compiled_lanes
 def fly_block(
     truth: TruthRecord, sensors: LaneSensors, t: Tuning, address: Address, lanes_used: int, history: Floats
-) -> tuple[Floats, Ints]:
-    """Tally and histograms of a block; states go to `history`, shape (n, 4 LANES), unless it is empty."""
+) -> tuple[Floats, Ints, Floats]:
+    """Tally, histograms, and the sum over the runs of the NEES of each step, shape (n,).
+
+    States go to `history`, shape (n, 4 LANES), unless it is empty.
+    """
     n, m = truth.own.shape[0], truth.message_step.size
     noise = new_noise(address)
     block = row.new_block(truth.start, t)
     tally = np.zeros(metric.SIZE)
     bins = np.zeros(2 * LANES, dtype=np.int64)
-    histograms = np.zeros((2, metric.BINS), dtype=np.int64)
+    histograms, nees = np.zeros((2, metric.BINS), dtype=np.int64), np.empty(n)
     fixes = lanes.fix_rows(t.variant)
     i = 0
     for k in range(1, n + 1):
@@ -63,7 +66,8 @@ def fly_block(
         if received:
             metric.tally_fixes(block, tally, fixes)
         metric.tally_step(block, tally, bins, (now[3], now[4]), (now[5], now[6], now[7]))
+        nees[k - 1] = metric.sum_nees(tally, lanes_used)
         metric.fill_histograms(bins, histograms, lanes_used)
         if history.size > 0:
             copy_values(block[row.X : row.X + 4 * LANES], history[k - 1])
-    return tally, histograms
+    return tally, histograms, nees

@@ -21,6 +21,8 @@ SUM_P, SQUARES_P, MAX_P, SUM_B, SQUARES_B, MAX_B = (next(_row) for _ in range(6)
 SUM_NEES, COUNT_NEES, SUM_NIS, COUNT_NIS = (next(_row) for _ in range(4))
 # Steps that the estimate has been at the mirror image without a break, and the most of them.
 MIRROR_LOCK, LONGEST_MIRROR_LOCK = (next(_row) for _ in range(2))
+NEES = next(_row)
+"""Of the last step; NaN where the covariance is singular."""
 KINDS = next(_row)
 SIZE = KINDS + len(FixKind) * LANES
 """Numbers of a tally."""
@@ -90,6 +92,7 @@ def tally_step(
         pxx, pxy, pyy = block[row.PXX + lane], block[row.PXY + lane], block[row.PYY + lane]
         nees = normalised_square(estimate.east - truth.east, estimate.north - truth.north, pxx, pxy, pyy)
         known = is_invertible(pxx, pxy, pyy)
+        tally[NEES + lane] = nees if known else np.nan
         tally[SUM_NEES + lane] += nees if known else 0.0
         tally[COUNT_NEES + lane] += 1.0 if known else 0.0
 
@@ -116,6 +119,15 @@ def tally_fixes(block: Floats, tally: Floats, fixes: tuple[int, int, int]) -> No
 
 
 @compiled_lanes
+def sum_nees(tally: Floats, lanes: int) -> float:
+    """Sum over the first `lanes` lanes of the NEES of the last step; NaN where one is unknown."""
+    total = 0.0
+    for lane in range(lanes):
+        total += tally[NEES + lane]
+    return total
+
+
+@compiled_lanes
 def fill_histograms(bins: Ints, histograms: Ints, lanes: int) -> None:
     """Count the errors of a step in the first `lanes` lanes; histograms of position and bearing, shape (2, BINS)."""
     for lane in range(lanes):
@@ -135,7 +147,7 @@ def percentile(histogram: Ints, lowest: float, share: float, largest: float) -> 
 
 
 @compiled_lanes
-def tally_states(states: Floats, truth: Floats, tally: Floats, histograms: Ints, lanes_used: int) -> None:
+def tally_states(states: Floats, truth: Floats, tally: Floats, histograms: Ints, nees: Floats, lanes_used: int) -> None:
     """Add the errors of all steps.
 
     Args:
@@ -143,6 +155,7 @@ def tally_states(states: Floats, truth: Floats, tally: Floats, histograms: Ints,
         truth: x, y of the hydrophone; x, y and heading of the leader; shape (n, 5).
         tally: as of `tally_step`.
         histograms: of position and bearing, shape (2, BINS).
+        nees: receives sums over the runs, as of `sum_nees`, shape (n,).
         lanes_used: how many of the lanes are runs.
     """
     block, bins = np.zeros(row.SIZE), np.zeros(2 * LANES, dtype=np.int64)
@@ -151,4 +164,5 @@ def tally_states(states: Floats, truth: Floats, tally: Floats, histograms: Ints,
             copy_values(states[k, i], block[first : first + LANES])
         now = truth[k]
         tally_step(block, tally, bins, (now[0], now[1]), (now[2], now[3], now[4]))
+        nees[k] = sum_nees(tally, lanes_used)
         fill_histograms(bins, histograms, lanes_used)

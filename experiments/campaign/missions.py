@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from functools import cache, lru_cache, partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from pydantic import BaseModel
@@ -22,10 +22,15 @@ from sim.vehicle.plant import PlantError
 Section = TypeVar("Section", bound=BaseModel)
 
 
+@cache
+def _defaults(kind: type[BaseModel], names: tuple[str, ...]) -> dict[str, Any]:
+    """Defaults of some keys; sections are frozen, so that all may share them."""
+    return {name: kind.model_fields[name].get_default(call_default_factory=True) for name in names}
+
+
 def without(section: Section, *names: str) -> Section:
     """A section of a scenario with these keys at their defaults."""
-    known = type(section).model_fields
-    return section.model_copy(update={name: known[name].get_default(call_default_factory=True) for name in names})
+    return section.model_copy(update=_defaults(type(section), names))
 
 
 def content_of(scenario: Scenario) -> Scenario:

@@ -7,7 +7,7 @@ that `sim.sensing.observation.measure(…, run=k)` gives a single flight.
 
 import os
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
@@ -17,30 +17,39 @@ from experiments.campaign.cells import Cell, CellResult, CellSums
 from experiments.campaign.lane_flight import TruthRecord, fly_block, truth_record
 from experiments.campaign.lane_sensors import LaneSensors, address
 from laisn import lane_rows as row
+from laisn import lanes
 from laisn.arrays import Floats, Ints
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
+from laisn.messages import Measurements
 from laisn.navigators import MissionResult
 from sim.sensing.observation import measure
 
 _NO_HISTORY = np.empty((0, 4 * LANES))
 
 
-def single_run(cell: Cell, run: int) -> MissionResult:
-    """One run of a cell, with the noise that a single flight of it gets; errors as of its navigator."""
-    measured = measure(
-        cell.truth,
-        cell.errors,
-        seed=cell.seed,
-        run=run,
-        follower=cell.follower,
-        transmitters=cell.settings.transmitters,
-    )
-    return cell.spec.fly(cell.settings, measured, cell.truth.start)
+def _measured(cell: Cell, run: int) -> Measurements:
+    """What the follower of a cell measures in a run, with the noise that a single flight of it gets."""
+    transmitters = cell.settings.transmitters
+    found = measure(cell.truth, cell.errors, seed=cell.seed, run=run, follower=cell.follower, transmitters=transmitters)
+    return found if cell.disturbance is None else cell.disturbance.disturb(found, cell.seed, run)
 
 
-def _fly_single_runs(cell: Cell, runs: range) -> tuple[Floats, Ints]:
-    """Tally and histograms of up to LANES runs, as `lane_metrics` has them.
+def single_runs(cell: Cell, runs: Iterable[int]) -> list[MissionResult]:
+    """Runs of a cell one by one, or those of lanes of up to LANES together; errors as of its navigator."""
+    measured, start = [_measured(cell, run) for run in runs], cell.truth.start
+    if not cell.spec.lanes:
+        return [cell.spec.fly(cell.settings, one, start) for one in measured]
+    found = lanes.run(measured, start, cell.settings)  # type: ignore[arg-type]  # the registry's own pair
+    unknown = np.full((cell.truth.speed.size, 3), np.nan)
+    return [
+        MissionResult(found.state[..., i], unknown, found.fix_kind[..., i].ravel().tolist(), 0.0, 0.0)
+        for i in range(len(measured))
+    ]
+
+
+def _fly_single_runs(cell: Cell, runs: range) -> tuple[Floats, Ints, Floats]:
+    """Results of up to LANES runs, as of `fly_block`.
 
     Squared innovations of r numbers have mean r; they count as r/2 updates of a position, whose mean is 2.
 
@@ -53,17 +62,19 @@ def _fly_single_runs(cell: Cell, runs: range) -> tuple[Floats, Ints]:
     truth = cell.truth
     states = np.ones((truth.speed.size, 5, LANES))
     columns = np.zeros((metric.SIZE // LANES, LANES))
-    for lane, run in enumerate(runs):
-        found = single_run(cell, run)
+    for lane, found in enumerate(single_runs(cell, runs)):
         states[:, :2, lane], states[:, 2:, lane] = found.state[:, :2], found.covariance
         columns[metric.SUM_NIS // LANES, lane] = found.squared
         columns[metric.COUNT_NIS // LANES, lane] = 0.5 * found.numbers
         for kind in found.kinds:
             columns[metric.KINDS // LANES + kind, lane] += 1.0
     tally, histograms = columns.ravel(), np.zeros((2, metric.BINS), dtype=np.int64)
-    place = np.column_stack([truth.hydrophone, truth.leader_position, truth.leader_heading])
-    metric.tally_states(states, place, tally, histograms, len(runs))
-    return tally, histograms
+    place, nees = (
+        np.column_stack([truth.hydrophone, truth.leader_position, truth.leader_heading]),
+        np.empty(len(states)),
+    )
+    metric.tally_states(states, place, tally, histograms, nees, len(runs))
+    return tally, histograms, nees
 
 
 def _blocks(cell: Cell) -> Iterator[range]:
@@ -72,8 +83,13 @@ def _blocks(cell: Cell) -> Iterator[range]:
         yield cell.runs[i : i + LANES]
 
 
-def _fly(cell: Cell, truth: TruthRecord, runs: range, history: Floats) -> tuple[Floats, Ints]:
-    if not cell.spec.lanes:
+def _in_lanes(cell: Cell) -> bool:
+    """Whether measurements are made in lanes too."""
+    return cell.spec.lanes and cell.disturbance is None
+
+
+def _fly(cell: Cell, truth: TruthRecord, runs: range, history: Floats) -> tuple[Floats, Ints, Floats]:
+    if not _in_lanes(cell):
         return _fly_single_runs(cell, runs)
     sensors, t = LaneSensors(cell.errors, cell.settings.transmitters), row.tuning(cell.settings)
     return fly_block(truth, sensors, t, address(cell.seed, runs[0], cell.follower), len(runs), history)
@@ -87,13 +103,13 @@ def _tasks(cells: Sequence[Cell]) -> Iterator[tuple[Cell, TruthRecord, range]]:
             yield cell, truth, runs
 
 
-def _flown(cells: Sequence[Cell], workers: int) -> Iterator[tuple[Floats, Ints]]:
+def _flown(cells: Sequence[Cell], workers: int) -> Iterator[tuple[Floats, Ints, Floats]]:
     """Tallies of all blocks in their order."""
     if workers == 1:
         for task in _tasks(cells):
             yield _fly(*task, _NO_HISTORY)
         return
-    pending: deque[Future[tuple[Floats, Ints]]] = deque()
+    pending: deque[Future[tuple[Floats, Ints, Floats]]] = deque()
     with ThreadPoolExecutor(workers) as pool:
         for task in _tasks(cells):
             pending.append(pool.submit(_fly, *task, _NO_HISTORY))
@@ -132,8 +148,8 @@ def simulate(cell: Cell, *, threads: int | None = 1) -> CellResult:
 
 def histories(cell: Cell) -> Floats:
     """States of all runs of a cell after each step: x, y [m], vx, vy [m/s], shape (n, 4, R)."""
-    if not cell.spec.lanes:
-        return np.stack([single_run(cell, run).state for run in cell.runs], axis=-1)
+    if not _in_lanes(cell):
+        return np.stack([found.state for runs in _blocks(cell) for found in single_runs(cell, runs)], axis=-1)
     truth, n = truth_record(cell.truth, cell.errors), cell.truth.speed.size
     parts = []
     for runs in _blocks(cell):

@@ -1,14 +1,16 @@
 """Plans of cells: a scenario flown with the noise of runs 0 … R − 1, its key, and the row that comes of it."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pkgutil import resolve_name
+from typing import Any
 
 import numpy as np
 
 from experiments.campaign import missions
 from experiments.campaign.bound import geometry_of, least_rms, noise_of
-from experiments.campaign.cells import Cell, CellResult
+from experiments.campaign.cells import Cell, CellResult, Disturbance
 from experiments.campaign.montecarlo import histories, simulate_many
 from experiments.campaign.store import Arrays, Record, Result, key_of
 from experiments.campaign.version import code_version
@@ -17,8 +19,9 @@ from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
 from laisn.navigators import find
+from laisn.plugins import find_class
 from sim.scenario.settings import Scenario
-from sim.trajectory import Trajectory
+from sim.trajectory import Trajectory, leveled
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,8 +34,15 @@ class CellPlan:
     scenario: Scenario
     runs: int = 60
     follower: int = 0
+    first_run: int = 0
     keep_steps: bool = False
     """Keep mean and maximum over the runs at each step, for figures."""
+    level_leader: bool = False
+    """Sense and navigate behind a leader that keeps level on the same track."""
+    disturb: Mapping[str, Any] = field(default_factory=dict)
+    """`use`, a `Disturbance` by its name "module:Class" in a plugin or a built-in study, and its arguments; or none."""
+    lag_s: float = 0.0
+    """With a navigator near the bound: what smoothing with so much later messages could reach, beside the bound [s]."""
 
     def __post_init__(self) -> None:
         if self.runs < 1:
@@ -48,7 +58,9 @@ class CellPlan:
     @cached_property
     def key(self) -> str:
         """Key of its row and of its arrays over runs."""
-        return key_of(missions.nameless(self.content), self.runs, self.follower)
+        others = self.runs, self.follower, self.first_run, self.level_leader, self.lag_s, dict(self.disturb)
+        own = [resolve_name(name).disturb for name in [self.disturb.get("use", "")] if name.startswith(OWN_STUDIES)]
+        return key_of(missions.nameless(self.content), *others, *own)
 
     @property
     def steps_key(self) -> str:
@@ -71,15 +83,42 @@ class CellPlan:
         return self.runs * self.scenario.filter_steps
 
 
+OWN_STUDIES = "experiments.studies."
+"""Package of the built-in studies, whose classes study files may name as if they were in a plugin."""
+
+
+def disturbance_of(table: Mapping[str, Any]) -> Disturbance | None:
+    """The disturbance of a table; None of an empty one.
+
+    Raises:
+        LaisnError: there is no such class, or it does not take these arguments.
+    """
+    if not table:
+        return None
+    name, given = str(table.get("use", "")), {key: value for key, value in table.items() if key != "use"}
+    made = resolve_name(name) if name.startswith(OWN_STUDIES) else find_class("disturbance", name, "disturb")
+    try:
+        found: Disturbance = made(**given)
+    except (TypeError, ValueError) as error:
+        raise LaisnError(f"disturb: {name}: {error}") from None
+    return found
+
+
 def _over_bound(plan: CellPlan, result: CellResult, mission: missions.Mission) -> Record:
     """RMS error of a cell beside the least possible; None for navigators that are nowhere near it."""
     if not find(plan.content.navigation.variant).near_bound:
         return {"bound_rms_m": None, "rms_over_bound": None}
-    trajectory, _ = mission.seen(plan.content, plan.follower)
-    least = least_rms(geometry_of(trajectory, plan.content, plan.follower), noise_of(plan.content, plan.follower))
-    bound = float(np.sqrt(np.mean(least**2)))
+    bound, smoothed = (float(np.sqrt(np.mean(_least(plan, mission, lag) ** 2))) for lag in (0.0, plan.lag_s))
     rms = float(np.hypot(result.row["e_p_mean_m"], result.row["e_p_std_m"]))
-    return {"bound_rms_m": bound, "rms_over_bound": rms / bound if bound > 0.0 else None}
+    row = {"bound_rms_m": bound, "rms_over_bound": rms / bound if bound > 0.0 else None}
+    return row | ({"bound_smoothed_rms_m": smoothed} if plan.lag_s else {})
+
+
+def _least(plan: CellPlan, mission: missions.Mission, lag: float = 0.0) -> Floats:
+    """Cramér–Rao bound of the RMS position error after each step, shape (n,), [m]."""
+    trajectory, _ = mission.seen(plan.content, plan.follower)
+    geometry = geometry_of(trajectory, plan.content, plan.follower)
+    return least_rms(geometry, noise_of(plan.content, plan.follower), lag)
 
 
 def _few_runs(cell: Cell) -> Iterator[Floats]:
@@ -118,13 +157,21 @@ def steps_of(cell: Cell) -> Arrays:
 
 def compute(trajectory: Trajectory, plans: Sequence[CellPlan], threads: int = 1) -> list[Result]:
     """Compute cells of one mission: the row and the arrays over runs of each and, where asked for, over steps."""
-    mission, results = missions.Mission(plans[0].scenario, trajectory), list[Result]()
-    cells = [Cell.of(plan.content, plan.follower, plan.runs, mission=mission) for plan in plans]
+    results = list[Result]()
+    behind = {level: missions.Mission(plans[0].scenario, leveled(trajectory) if level else trajectory)
+              for level in {plan.level_leader for plan in plans}}  # fmt: skip
+    cells = [
+        Cell.of(plan.content, plan.follower, range(plan.first_run, plan.first_run + plan.runs),
+                mission=behind[plan.level_leader], disturbance=disturbance_of(plan.disturb))
+        for plan in plans
+    ]  # fmt: skip
     for plan, cell, result in zip(plans, cells, simulate_many(cells, threads=threads), strict=True):
         # plans of other names may share it
         what = {"key": plan.key, "variant": plan.content.navigation.variant, "motion": plan.content.motion}
-        row = what | {"version": code_version()} | result.row | _over_bound(plan, result, mission)
+        row = what | {"version": code_version()} | result.row | _over_bound(plan, result, behind[plan.level_leader])
         results.append((plan.key, row, result.runs))
         if plan.keep_steps:
-            results.append((plan.steps_key, None, steps_of(cell)))
+            near = find(plan.content.navigation.variant).near_bound
+            bound = {"bound_m": _least(plan, behind[plan.level_leader]).astype(np.float32)} if near else {}
+            results.append((plan.steps_key, None, steps_of(cell) | bound))
     return results

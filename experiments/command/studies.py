@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable
 from inspect import signature
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -82,8 +83,9 @@ def _print_effort(study: "Study", workers: int | None) -> None:
     from experiments.study.plan import many, plan_of
     from experiments.study.study import effort_of
 
+    start = perf_counter()
     plan = plan_of(study)
-    effort = effort_of(plan, workers or len(os.sched_getaffinity(0)))
+    effort = effort_of(plan, workers or len(os.sched_getaffinity(0)), perf_counter() - start)
     echo(
         f"{study.name}: {many(len(plan.points), 'point')}, {many(len(plan.arms), 'arm')}, "
         f"{many(study.realizations, 'realization')}, "
@@ -144,30 +146,64 @@ def study(
 ) -> None:
     """Run a study: factors, draws and arms of a file; write tables, intervals and a page."""
     given = {name: value for name, value in locals().items() if value and name not in ("source", "_plugin")}
-    from experiments.study.file import OWN_DESIGN, study_of
-    from experiments.study.study import run_study
+    from experiments.study.file import OWN_DESIGN, built_in, study_of
+    from experiments.study.study import run_built_in, run_study
     from sim.scenario.file import values_of
 
     if source in OWN_DESIGN and not Path(source).exists():
         _run_own(source, given)
         return
-    if quick:
-        raise LaisnError("--quick: a study file sets its runs; change them with --runs")
     if film not in (None, "worst"):
         raise LaisnError(f"--film {film}: expected --film worst")
-    keys = {"vary": _factors(vary or []), "draw": values_of(draw or (), "--draw"), "set": values_of(set_ or ())}
-    asked = study_of(source, keys | {"runs": runs, "realizations": realizations, "seed": seed})
+    keys: dict[str, Any] = {"runs": runs, "realizations": realizations, "seed": seed}
+    keys |= {"vary": _factors(vary or []), "draw": values_of(draw or (), "--draw"), "set": values_of(set_ or ())}
+    parts = {} if Path(source).exists() else built_in(source)
+    if parts and film:
+        raise LaisnError(f"--film: the study {source} has a page of its own, without films")
+    asked = [study_of(str(part), keys, quick=quick) for part in parts.values() or [source]]
     if dry_run:
-        _print_effort(asked, workers)
+        for one in asked:
+            _print_effort(one, workers)
         return
-    folder, film_of = out or Path("out") / asked.name, _film_worst if film else None
-    report = run_study(asked, folder, workers=workers, cluster=cluster, force=force, film=film_of)
+    folder = out or Path("out") / f"{source if parts else asked[0].name}{'-quick' * quick}"
+    if parts:
+        report = run_built_in(source, folder, keys, quick=quick, workers=workers, cluster=cluster, force=force)
+    else:
+        film_of = _film_worst if film else None
+        report = run_study(asked[0], folder, workers=workers, cluster=cluster, force=force, film=film_of)
     echo(f"report in {report}")
+
+
+BUILT_IN = {
+    "bearing": "Study baseline and H_T for followers astern, on the quarter and abeam.",
+    "closed-loop": "Study followers that steer by their own estimates, with each navigator.",
+    "depth": "Study followers below a leader out of trim, with and without broadcast attitude.",
+    "drawn-routes": "Study position errors on random routes of the paper's eight classes.",
+    "estimators": "Compare LAISN-2, the tightly coupled navigator and the Cramér–Rao bound.",
+    "formation": "Study ten followers in formation: currents, waves, losses and navigators.",
+    "gate": "Study LAISN-2's gate rules on pings replaced by echoes.",
+    "loss": "Study current and lost messages that each variant tolerates.",
+}
+"""Built-in studies of files, which `laisn NAME` and `laisn study NAME` run alike, and their help."""
+
+
+def command_of(name: str) -> Callable[..., None]:
+    """The command `laisn NAME` of a built-in study: `laisn study NAME`, with its options."""
+
+    def command(**options: Any) -> None:
+        study(name, **options)
+
+    found = signature(study)
+    parameters = {key: value for key, value in found.parameters.items() if key != "source"}
+    command.__signature__ = found.replace(parameters=[*parameters.values()])  # type: ignore[attr-defined]
+    command.__annotations__ = {key: value.annotation for key, value in parameters.items()}
+    command.__name__, command.__doc__ = name, BUILT_IN[name]
+    return command
 
 
 def _run_own(name: str, options: dict[str, Any]) -> None:
     """Run the command of a study with a design of its own; LaisnError names an option that it lacks."""
-    run = {command.__name__: command for command in (asymmetry, estimators, formation, reproduce)}[name]
+    run = {command.__name__: command for command in (asymmetry, reproduce)}[name]
     foreign = options.keys() - signature(run).parameters.keys()
     if foreign:
         option = min(foreign).strip("_").replace("_", "-")
@@ -231,32 +267,3 @@ def asymmetry(
 
     film_of = asymmetry_film.film if (not quick if film is None else film) and _can_film() else None
     _run_design("asymmetry", run, quick, out, workers=workers, cluster=cluster, force=force, film=film_of)
-
-
-def estimators(
-    quick: QuickOption = False,
-    workers: WorkersOption = None,
-    out: OutOption = None,
-    force: ForceOption = False,
-    cluster: ClusterOption = None,
-) -> None:
-    """Compare LAISN-2, the tightly coupled navigator and the Cramér–Rao bound."""
-    from experiments.studies.estimators.study import run
-
-    _run_design("estimators", run, quick, out, workers=workers, force=force, cluster=cluster)
-
-
-def formation(
-    quick: QuickOption = False,
-    runs: Annotated[
-        int | None, typer.Option(min=1, max=10_000, help="runs of each condition, in place of the study's own number")
-    ] = None,
-    workers: WorkersOption = None,
-    out: OutOption = None,
-    force: ForceOption = False,
-    cluster: ClusterOption = None,
-) -> None:
-    """Study ten followers in formation: currents, waves, losses and navigators."""
-    from experiments.studies.formation.study import run
-
-    _run_design("formation", run, quick, out, runs=runs, workers=workers, force=force, cluster=cluster)

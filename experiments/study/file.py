@@ -1,5 +1,7 @@
 """Study files: what a user asks, as TOML, read and checked key by key."""
 
+import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -8,7 +10,7 @@ from os.path import relpath
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import Discriminator, Field, Tag, ValidationError
+from pydantic import ConfigDict, Discriminator, Field, StringConstraints, Tag, ValidationError
 from scipy import stats
 
 from experiments.flight.library import name_of, names
@@ -24,11 +26,13 @@ from sim.screen import plain, screenful, shortened
 
 FOLDER = Path(__file__).parents[1] / "studies"
 """Studies that ship."""
-OWN_DESIGN = ("asymmetry", "estimators", "formation", "reproduce")
-"""Studies that ship whose design no file can hold; each has a command of its own."""
+OWN_DESIGN = {"asymmetry": "asymmetry", "reproduce": "reproduction"}
+"""Studies that decide from results what to fly next: their commands and folders."""
 METRIC = "e_p_mean_m"
-_OF_ARM = ("name", "title", "every")
-"""Keys of an arm that are none of the scenario."""
+ARM, CASE, SCENARIO = "arm", "case", "scenario"
+"""Names of what varies beside the keys of scenarios: arms, and factors of named settings and of several scenarios."""
+ALONE = "all"
+"""Name of the only arm of a study that names none."""
 Made = TypeVar("Made")
 
 
@@ -66,24 +70,54 @@ class Runs(Section):
     until: Until
 
 
+class Group(Section):
+    """Settings with a name; all other keys are those of the scenario."""
+
+    model_config = ConfigDict(extra="allow")
+
+    name: Annotated[str, StringConstraints(pattern=r"\S")]
+    title: str = Field("", description="in words")
+    disturb: dict[str, Any] = Field({}, description="`use`, a class that adds errors of one's own, and its arguments")
+
+
+class Arm(Group):
+    """Settings that are compared with others on the same noise and the same realizations."""
+
+    every: Annotated[int, Field(ge=1)] = Field(1, description="one of so many runs of a closed loop")
+    level_leader: bool = Field(False, description="ranges and messages of a leader that keeps level on the same track")
+
+
+class Case(Group):
+    """Settings that belong together: a level of the factor "case"."""
+
+    arms: list[str] = Field([], description="the arms that it has; default: all")
+
+
 class StudyFile(Section):
     """The top level of a study file."""
 
     name: Name | None = None
     question: str = Field("", max_length=2000)
-    scenario: Annotated[str, Field(min_length=1)]
+    scenario: Annotated[
+        Annotated[str, Field(min_length=1), Tag("")] | Annotated[list[str], Field(min_length=1), Tag("list")],
+        Discriminator(lambda given: "list" if isinstance(given, list) else ""),
+    ]
     runs: Annotated[
         Annotated[int, Field(ge=1, le=1_000_000), Tag("")] | Annotated[Runs, Tag("table")],
         Discriminator(lambda given: "table" if isinstance(given, Mapping | Runs) else ""),
     ] = 60
+    runs_apart: Annotated[int, Field(ge=0, le=1_000_000)] = 0
     realizations: Annotated[int, Field(ge=1, le=100_000)] = 1
     seed: Annotated[int, Field(ge=0, lt=2**62)] | None = None
     design: Design = "factorial"
     points: Annotated[int, Field(ge=2, le=65536)] | None = None
     set: dict[str, Any] = Field(default_factory=dict)
+    case: list[Case] = Field(default_factory=list)
     vary: dict[str, Any] = Field(default_factory=dict)
     draw: dict[str, Any] = Field(default_factory=dict)
-    arm: list[dict[str, Any]] = Field(default_factory=list)
+    arm: list[Arm] = Field(default_factory=list)
+    steps: bool = False
+    bound_lag_s: Annotated[float, Field(ge=0, le=1e4)] = 0.0
     report: Report = Report()
 
 
@@ -95,12 +129,14 @@ class Study:
     source: str
     """The file, or the scenario that options vary, for messages."""
     question: str
-    scenario: str
-    """Built-in name, or path of a file."""
+    scenarios: Mapping[str, str]
+    """Built-in names, or paths of files, by the names that the study gives them."""
     runs: int
     """Of noise at each point, arm and realization; with `until` a multiple of `batch`."""
     batch: int
     until: Until | None
+    runs_apart: int
+    """How far apart the numbers of the runs of two points are: 0 where all points share their noise."""
     realizations: int
     seed: int | None
     """None: the scenario's."""
@@ -109,15 +145,38 @@ class Study:
     settings: Mapping[str, Any]
     factors: tuple[Factor, ...]
     draws: tuple[Draw, ...]
+    cases: Mapping[str, Mapping[str, Any]]
+    """Named settings, which are the values of the factor "case"."""
     arms: Mapping[str, Mapping[str, Any]]
     """Named settings that are compared on the same noise and realizations."""
-    titles: Mapping[str, str]
-    """Of the arms, in words."""
-    every: Mapping[str, int]
-    """Of the arms: one of so many runs is flown."""
+    groups: Mapping[tuple[str, str], Group]
+    """The arms' and the cases' keys that are none of the scenario's, by kind and name."""
+    steps: bool
+    """Whether errors over time are kept."""
+    bound_lag_s: float
+    """Of messages that the bound of smoothing uses [s]; 0: it is not computed."""
     report: Report
     table: Mapping[str, Any]
     """Content of the file, with the options of the command in their places."""
+
+    def arm(self, name: str) -> Arm:
+        """The keys of an arm that are none of the scenario's."""
+        found = self.groups.get((ARM, name))
+        return found if isinstance(found, Arm) else Arm(name=name)
+
+    def arms_at(self, point: Mapping[str, Any]) -> tuple[str, ...]:
+        """The arms that a point has, by its values."""
+        case = self.groups.get((CASE, point.get(CASE, "")))
+        return tuple(case.arms) if isinstance(case, Case) and case.arms else tuple(self.arms or [ALONE])
+
+    def disturb_at(self, point: Mapping[str, Any], arm: str) -> Mapping[str, Any]:
+        """The errors beside the scenario's that an arm, or else its case, adds at a point."""
+        return self.arm(arm).disturb or getattr(self.groups.get((CASE, point.get(CASE, ""))), "disturb", {})
+
+    def title(self, kind: str, name: str) -> str:
+        """Name of an arm or a case in words."""
+        group = self.groups.get((kind, name))
+        return (group.title if group else "") or name
 
 
 def _names_a_law(table: Mapping[str, Any]) -> bool:
@@ -130,7 +189,7 @@ def _lines_of(error: ValidationError) -> list[str]:
     """A line for each invalid key of the file's own."""
     lines = []
     for found in error.errors(include_url=False, include_context=False):
-        location = tuple(part for part in found["loc"] if part not in ("", "table"))
+        location = tuple(part for part in found["loc"] if part not in ("", "table", "list"))
         key = shortened(plain(key_of(location)), 100)
         if found["type"] == "extra_forbidden":
             model = _SECTIONS.get(location[:-1], StudyFile)
@@ -158,14 +217,6 @@ def _with_files(settings: Mapping[str, Any], rename: Callable[[str], str]) -> di
     return {key: named(value) if is_model_key(key) else value for key, value in settings.items()}
 
 
-def _arm_name_errors(names: Sequence[Any]) -> list[str]:
-    """A line for each arm without a name of its own."""
-    missing = [i for i, name in enumerate(names) if not isinstance(name, str) or not name.strip()]
-    lines = [f"  arm[{i}].name: every arm needs a name of its own" for i in missing]
-    repeated = sorted({str(name) for i, name in enumerate(names) if i not in missing and names.count(name) > 1})
-    return [*lines, f"  arm: names must differ; repeated: {', '.join(repeated)}"] if repeated else lines
-
-
 def _clash(one: tuple[str, str], other: tuple[str, str]) -> str:
     """A line if of two pairs of part and key both set a key, or one a table around the key of the other."""
     (where, given), (part, key) = one, other
@@ -179,18 +230,20 @@ def _clash(one: tuple[str, str], other: tuple[str, str]) -> str:
 
 
 def _overlaps(study: Study) -> list[str]:
-    """A line for each key that two parts of the file set; an arm alone may set a key of [set] anew."""
+    """A line for each key that two parts of the file set; an arm or a case alone may set a key of [set] anew."""
     parts = {"[set]": study.settings, "[vary]": [f.key for f in study.factors], "[draw]": [d.key for d in study.draws]}
     shared = [(part, key) for part, keys in parts.items() for key in keys]
-    every, pairs = [*shared], [*combinations(shared, 2)]
-    for arm, settings in study.arms.items():
-        own = [(f"arm {arm}", key) for key in settings]
-        pairs += [pair for pair in product(shared, own) if pair[0] != ("[set]", pair[1][1])]
-        pairs += combinations(own, 2)
-        every += own
-    owned = [key for key in ("run", "seed", "name") if key in {key for _, key in every}]
-    lines = [line for pair in pairs if (line := _clash(*pair))]
-    return lines + [f"  {key}: belongs to the study; seeds and runs are numbered by it" for key in owned]
+    cases = [(f"case {name}", key) for name, settings in study.cases.items() for key in settings]
+    arms = [(f"arm {name}", key) for name, settings in study.arms.items() for key in settings]
+    pairs = [*combinations(shared, 2), *product(cases, arms)]
+    pairs += [pair for pair in product(shared, (*cases, *arms)) if pair[0] != ("[set]", pair[1][1])]
+    for settings in (*study.cases.items(), *study.arms.items()):
+        pairs += combinations([(f"{settings[0]}", key) for key in settings[1]], 2)
+    every = [*shared, *cases, *arms]
+    owned = {key for _, key in every} & {"seed", "name"}
+    owned |= {key for part, key in (*shared, *arms) if key == "run" and part not in ("[set]", "[vary]")}
+    lines = dict.fromkeys(line for pair in pairs if (line := _clash(*pair)))
+    return [*lines, *(f"  {key}: belongs to the study; seeds and runs are numbered by it" for key in sorted(owned))]
 
 
 def _is_range(table: Mapping[str, Any]) -> bool:
@@ -230,31 +283,32 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
     def settings_of(given: Mapping[str, Any]) -> dict[str, Any]:
         return _with_files(given, lambda name: str(folder / name))
 
-    lines += _arm_name_errors([arm.get("name") for arm in file.arm])
-    arms = {str(arm.get("name", "")): arm for arm in file.arm}
-    every = {name: arm.get("every", 1) for name, arm in arms.items()}
-    lines += [
-        f"  arm {name}: every must be a whole number, 1 or more (given: {number!r:.60})"
-        for name, number in every.items()
-        if not isinstance(number, int) or number < 1
-    ]
-    scenario = file.scenario
-    if scenario not in names() and not Path(scenario).is_absolute():
-        scenario = str(folder / scenario)
+    def groups_of(part: str, given: Sequence[Group]) -> dict[str, dict[str, Any]]:
+        """Settings of arms or cases by their names."""
+        repeated = sorted(name for name, count in Counter(one.name for one in given).items() if count > 1)
+        lines.extend([f"  {part}: names must differ; repeated: {', '.join(repeated)}"] * bool(repeated))
+        return {one.name: settings_of(dotted(one.model_extra or {}, follows_run)) for one in given}
+
+    arms, cases = groups_of("arm", file.arm), groups_of("case", file.case)
+    unknown = {name: case.name for case in file.case for name in case.arms if name not in arms}
+    lines += [f"  case {case}: there is no arm {name!r:.60}" for name, case in unknown.items()]
+    given = [file.scenario] if isinstance(file.scenario, str) else file.scenario
+    scenarios = {one: one if one in names() or Path(one).is_absolute() else str(folder / one) for one in given}
     varied, sampled = settings_of(dotted(file.vary, _is_range)), file.design != "factorial"
     until = file.runs.until if isinstance(file.runs, Runs) else None
     runs = file.runs.batch if isinstance(file.runs, Runs) else file.runs
-    own = {name: {key: value for key, value in arm.items() if key not in _OF_ARM} for name, arm in arms.items()}
+    own = {CASE: [*cases], SCENARIO: given if given is file.scenario else []}
     study = Study(
-        name=file.name or name, source=source, question=file.question.strip(), scenario=scenario, runs=runs,
-        batch=runs, until=until, realizations=file.realizations, seed=file.seed, design=file.design, points=file.points,
-        settings=settings_of(dotted(file.set, follows_run)),
-        factors=made("vary", varied, partial(Factor.of, sampled=sampled)),
-        draws=made("draw", dotted(file.draw, _names_a_law), Draw.of),
-        arms={name: settings_of(dotted(settings, follows_run)) for name, settings in own.items()},
-        titles={name: str(arm.get("title", name)) for name, arm in arms.items()}, every=every,
-        report=file.report, table=table,
+        name=file.name or name, source=source, question=file.question.strip(), scenarios=scenarios, runs=runs,
+        batch=runs, until=until, runs_apart=file.runs_apart, realizations=file.realizations, seed=file.seed,
+        design=file.design, points=file.points, settings=settings_of(dotted(file.set, follows_run)),
+        factors=made("vary", {key: values for key, values in own.items() if values} | varied,
+                     partial(Factor.of, sampled=sampled)),
+        draws=made("draw", dotted(file.draw, _names_a_law), Draw.of), cases=cases, arms=arms,
+        groups={(kind, one.name): one for kind, given in ((CASE, file.case), (ARM, file.arm)) for one in given},
+        steps=file.steps, bound_lag_s=file.bound_lag_s, report=file.report, table=table,
     )  # fmt: skip
+    lines += [f"  vary.{key}: belongs to the study" for key in own if key in varied]
     lines += _overlaps(study)
     if study.until and study.realizations > 1:
         text = "the interval over several realizations does not narrow with runs; ask for one realization"
@@ -264,20 +318,33 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
     return study
 
 
+def built_in(name: str) -> dict[str, Path]:
+    """The study files of a built-in study that has findings and a page of its own, by their names without "study-".
+
+    It is a folder of `findings.py`, `page.md.j2`, and `study.toml` or several `study-PART.toml`; other names have none.
+    """
+    folder = FOLDER / name.replace("-", "_")
+    known = re.fullmatch(r"[a-z-]+", name) and folder.name not in OWN_DESIGN.values()
+    files = sorted(folder.glob("study*.toml")) if known else []
+    return {file.stem.removeprefix("study-"): file for file in files if (folder / "findings.py").is_file()}
+
+
 def shipped() -> tuple[str, ...]:
-    """Names of the studies that ship."""
-    return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
+    """Names of the built-in studies: of files, and of folders with findings and a page of their own."""
+    folders = [path.parent.name.replace("_", "-") for path in FOLDER.glob("*/findings.py")]
+    return tuple(sorted([*(path.stem for path in FOLDER.glob("*.toml")), *filter(built_in, folders)]))
 
 
-def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any]) -> Study:
+def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any], *, quick: bool = False) -> Study:
     """A study with some of its keys replaced.
 
     Args:
         source: a study file, one that ships, the table of one, or a scenario that `keys` make a study of.
         keys: of a study file, what to put in their places; of `vary`, `draw` and `set` key by key. None: as it is.
+        quick: put the keys of the file's own [quick] in their places too.
 
     Raises:
-        StudyError: there is no such study, or nothing varies.
+        StudyError: there is no such study, or nothing varies, or it has no [quick].
     """
     given = {key: value for key, value in keys.items() if value is not None}
     folder, name, source_name = Path(), "study", "study"
@@ -286,7 +353,7 @@ def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any]) -> Study:
     else:
         path, source_name = Path(source), source
         if source in shipped() and not path.exists():
-            path = FOLDER / f"{source}.toml"
+            path = next(iter(built_in(source).values()), FOLDER / f"{source}.toml")
         shown = shortened(plain(source), 200)
         if source not in names() and not path.exists():
             available = ", ".join((*shipped(), *OWN_DESIGN))
@@ -298,10 +365,14 @@ def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any]) -> Study:
             table, name = {"scenario": source}, f"study-{name_of(Path(source))}"
         else:
             raise StudyError(f"{shown} is a scenario: say what to --vary, or give a study")
-    for part in ("vary", "draw", "set"):
-        if isinstance(own := table.get(part, {}), dict) and isinstance(more := given.get(part, {}), dict):
-            given[part] = own | more
-    return of_table(table | given, source_name, name, folder)
+    fewer = table.pop("quick", {})
+    if quick and not (fewer and isinstance(fewer, dict)):
+        raise StudyError(f"{source_name}: --quick: the study has no [quick], keys of its trial run; see also --runs")
+    for more in (fewer if quick else {}, given):
+        merged = {part: table[part] | more[part] for part in ("vary", "draw", "set")
+                  if isinstance(table.get(part), dict) and isinstance(more.get(part), dict)}  # fmt: skip
+        table |= more | merged
+    return of_table(table, source_name, name, folder)
 
 
 def table_in(study: Study, folder: Path) -> dict[str, Any]:
@@ -310,14 +381,17 @@ def table_in(study: Study, folder: Path) -> dict[str, Any]:
     def seen(settings: Mapping[str, Any]) -> dict[str, Any]:
         return _with_files(settings, lambda name: relpath(name, folder))
 
+    def grouped(kind: str, settings: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
+        keys = {*Arm.model_fields, *Case.model_fields}
+        return [study.groups[kind, name].model_dump(include=keys) | seen(own) for name, own in settings.items()]
+
     hulls = {factor.key: list(factor.values) for factor in study.factors if is_model_key(factor.key)}
+    scenarios = [one if one in names() else relpath(one, folder) for one in study.scenarios.values()]
     return {
         **study.table,
-        "scenario": study.scenario if study.scenario in names() else relpath(study.scenario, folder),
+        "scenario": scenarios if isinstance(study.table["scenario"], list) else scenarios[0],
         "set": seen(study.settings),
         "vary": dotted(study.table.get("vary", {}), _is_range) | seen(hulls),
-        "arm": [
-            {"name": name, "title": study.titles[name], "every": study.every[name], **seen(settings)}
-            for name, settings in study.arms.items()
-        ],
+        "case": grouped(CASE, study.cases),
+        "arm": grouped(ARM, study.arms),
     }

@@ -30,6 +30,7 @@ class Metric(NamedTuple):
 _ERRORS = {
     "e_p_mean_m": ("mean E_P", "mean position error of the estimate"),
     "e_p_max_m": ("largest E_P", "largest position error; of a cell, over all its runs"),
+    "e_p_rms_m": ("RMS E_P", "RMS position error of a run"),
     "e_p_std_m": ("σ of E_P", "standard deviation of the position error over steps and runs"),
     "e_b_mean_deg": ("mean E_B", "mean bearing error of the estimate, seen from the leader"),
     "e_b_max_deg": ("largest E_B", "largest bearing error; of a cell, over all its runs"),
@@ -42,7 +43,9 @@ _ERRORS = {
     "mirror_locked_runs": ("runs locked on the mirror image", "number of such runs"),
     "gated": ("gated fixes of a run", "fixes that the gate rejected"),
     "nees": ("NEES", "mean normalised squared position error; 2 if the covariance is right"),
+    "nees_inside": ("share of steps with NEES in χ²", "steps at which the NEES over runs is in its 95 % interval"),
     "bound_rms_m": ("Cramér–Rao bound", "least RMS position error of dead reckoning with ranges; tight only"),
+    "bound_smoothed_rms_m": ("bound of smoothing", "the same with messages up to bound_lag_s later"),
     "rms_over_bound": ("RMS E_P over the bound", "RMS position error over that of the Cramér–Rao bound"),
     "nis": ("NIS", "mean normalised squared innovation; 2 if its covariance is right"),
 }

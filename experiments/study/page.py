@@ -57,9 +57,9 @@ def notable(plan: Plan, results: Results, place: Place) -> tuple[tuple[int, int]
     runs = results.by_run(place, plan.study.report.metric) or results.by_run(place, METRIC) or []
     # a run that contact ended has no value, and is the first to look at
     every = sorted(
-        (math.inf if math.isnan(value) else value, row["realization"], run * plan.study.every.get(place[1], 1))
-        for row, values in zip(results.rows[place], runs, strict=True)
-        for run, value in enumerate(values.tolist())
+        (math.inf if math.isnan(value) else value, row["realization"], int(run))
+        for row, lists, values in zip(results.rows[place], results.runs[place], runs, strict=True)
+        for run, value in zip(lists["run"], values.tolist(), strict=True)
     )
     return every[-1][1:], every[(len(every) - 1) // 2][1:]
 
@@ -83,8 +83,8 @@ def commands(plan: Plan, results: Results) -> str:
         for which, (realization, run) in zip(("worst", "median"), notable(plan, results, place), strict=True):
             realization_text = f" of realization {realization}" if plan.study.realizations > 1 else ""
             lines.append(f"# {_place_text(plan, place)}: {which} run, {run}{realization_text}")
-            settings = plan.by_place[place[0], place[1], realization].settings_at(run)
-            lines.append(fly_line(plan.study.scenario, settings, run))
+            entry = plan.by_place[place[0], place[1], realization]
+            lines.append(fly_line(entry.source, entry.settings_at(run), run))
     return "\n".join(lines)
 
 
@@ -120,7 +120,7 @@ def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], f
                          folded=len(results.rows) > 4),
     }  # fmt: skip
     facts = [
-        ("scenario", study.scenario),
+        ("scenario", ", ".join(study.scenarios)),
         *([("arms", ", ".join(plan.arms))] if study.arms else []),
         ("seed", str(min(row["seed"] for rows in results.rows.values() for row in rows))),
         ("runs", str(study.runs)),

@@ -1,28 +1,36 @@
 """The plan of a study: every scenario that it flies, all of them valid before the first is flown."""
 
 import difflib
-from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from itertools import product
+from typing import Any, NamedTuple
 
-from experiments.campaign.missions import motion_key, motion_of
-from experiments.campaign.store import key_of
+from experiments.campaign.missions import motion_key
+from experiments.campaign.plans import disturbance_of
 from experiments.flight.library import table_of, text_of
 from experiments.study.design import follows_run, points_of, value_at
-from experiments.study.file import Study, refusal
+from experiments.study.file import ALONE, CASE, SCENARIO, Study, refusal
+from experiments.study.file import ARM as ARM
 from experiments.study.metrics import METRICS
+from laisn.failure import LaisnError
+from laisn.lane_rows import LANES
 from sim.feasibility import infeasibilities
 from sim.motion import listeners
 from sim.scenario.file import ScenarioError, assigned, examined, validate
+from sim.scenario.section import Section
 from sim.scenario.settings import Scenario
 
-ARM, FOLLOWER = "arm", "follower"
-"""Names of what varies beside the factors."""
-ALONE = "all"
-"""Name of the only arm of a study that names none."""
+FOLLOWER = "follower"
+"""Name of what varies beside factors and arms."""
 MOST_ENTRIES = 200_000
 """Largest number of scenarios of a study: points times arms times realizations."""
+
+_STILL = ("acoustics", "navigation", "sensors")
+"""Sections that change no motion; see `motion_of`."""
+MOST_RUNS = 2**31 - LANES
+"""Largest number of a run."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +43,11 @@ class Entry:
     settings: Mapping[str, Any]
     """All that differs from the study's scenario, by key."""
     scenario: Scenario
-    """Of run 0."""
+    """Of its first run."""
+    motion: str
+    """Key of its mission, which others may share."""
+    source: str
+    """The scenario that the settings change: built-in name, or path of a file."""
 
     @property
     def place(self) -> tuple[int, str, int]:
@@ -43,18 +55,13 @@ class Entry:
         return self.point, self.arm, self.realization
 
     @cached_property
-    def motion(self) -> str:
-        """Key of its mission, which others may share."""
-        return motion_key(self.scenario)
-
-    @property
     def closed_loop(self) -> bool:
         """Whether each of its runs is another mission."""
         return bool(listeners(self.scenario)) or any(map(follows_run, self.settings.values()))
 
     def settings_at(self, run: int) -> dict[str, Any]:
         """The settings with the values that a run has."""
-        return {key: value_at(value, run) for key, value in self.settings.items()}
+        return {key: value_at(value, run) for key, value in self.settings.items() if key != "run"}
 
     def scenario_at(self, run: int) -> Scenario:
         """The scenario of a run; ScenarioError if it is invalid with the values that this run has."""
@@ -94,7 +101,12 @@ class Plan:
 
     def runs_of(self, entry: Entry) -> range:
         """Numbers of an entry's runs in closed loop."""
-        return range(0, self.study.runs, self.study.every.get(entry.arm, 1))
+        first = entry.scenario.run
+        return range(first, first + self.study.runs, self.study.arm(entry.arm).every)
+
+    def part(self, entries: Sequence[Entry], runs: int) -> "Plan":
+        """The plan of some of the entries with another number of runs."""
+        return replace(self, study=replace(self.study, runs=runs), entries=[*entries])
 
 
 def levels(plan: Plan, name: str) -> list[Any]:
@@ -147,52 +159,85 @@ def _report_errors(study: Study) -> list[str]:
     return lines
 
 
-def _examined(
-    study: Study, table: Mapping[str, Any], points: list[dict[str, Any]], arms: Mapping[str, Mapping[str, Any]]
-) -> tuple[list[Entry], list[str]]:
-    """All entries that are valid, and a line for each error of any other and where in the design it is."""
-    given = table.get("seed")
-    first = study.seed if study.seed is not None else given if isinstance(given, int) else 1
-    drawn = [
-        {draw.key: draw.value(first, realization) for draw in study.draws} for realization in range(study.realizations)
-    ]
+def _examined(study: Study, tables: Mapping[str, Mapping[str, Any]], points: list[dict[str, Any]]) -> "_Examined":
+    """All entries that are valid, and a line for each error of any other and where in the design it is.
+
+    Args:
+        study: to plan.
+        tables: of its scenarios, by their names.
+        points: values of the factors by key.
+    """
     errors: dict[str, list[str]] = {}
     entries: list[Entry] = []
     found_of: dict[str, list[str]] = {}
+    motions: dict[str, str] = {}
+    parts: dict[tuple[str, Section], Section] = {}
+    total, moving = 0, ""
 
     def infeasible(scenario: Scenario) -> list[str]:
         """What keeps a scenario from being flown, found once for all that move and are filmed alike."""
-        key = key_of(motion_of(scenario), scenario.video.model_dump(), scenario.epoch)
-        if key not in found_of:
-            found_of[key] = infeasibilities(scenario)
-        return found_of[key]
+        if moving not in found_of:
+            found_of[moving] = infeasibilities(scenario)
+        return found_of[moving]
+
+    @cache
+    def drawn(first: int, realization: int) -> Mapping[str, Any]:
+        return {draw.key: draw.value(first, realization) for draw in study.draws}
 
     for number, point in enumerate(points):
-        for arm, own in arms.items():
-            for realization in range(study.realizations):
-                settings = {**study.settings, **own, **point, **drawn[realization]}
-                if study.realizations > 1 or study.seed is not None:
-                    settings["seed"] = first + realization
+        name = point.get(SCENARIO, next(iter(tables)))
+        own = {key: value for key, value in point.items() if key not in (SCENARIO, CASE)}
+        given, case = tables[name].get("seed"), study.cases.get(point.get(CASE, ""), {})
+        first = study.seed if study.seed is not None else given if isinstance(given, int) else 1
+        for arm, realization in product(study.arms_at(point), range(study.realizations)):
+            total += 1
+            settings = {**study.settings, **case, **study.arms.get(arm, {}), **own, **drawn(first, realization)}
+            if study.realizations > 1 or study.seed is not None:
+                settings["seed"] = first + realization
+            moving = repr((name, [one for one in settings.items() if not one[0].startswith(_STILL)]))
+            try:
+                changed, lines = _with(tables[name], {key: value_at(value, 0) for key, value in settings.items()})
+            except ValueError as error:
+                changed, lines = dict(tables[name]), [f"  {error}"]
+            scenario, found = examined(changed, infeasible)
+            lines += found
+            if scenario is not None and not lines:
+                if moving not in motions:
+                    motions[moving] = motion_key(scenario)
+                # ten thousand scenarios differ in few sections, and share all others in memory
+                shared = {part: parts.setdefault((part, value), value) for part, value in scenario
+                          if isinstance(value, Section) and not getattr(value, "own", None)}  # fmt: skip
+                scenario = scenario.model_copy(update={**shared, "run": scenario.run + number * study.runs_apart})
+                entry = Entry(
+                    point=number, arm=arm, realization=realization, settings=settings, source=study.scenarios[name],
+                    scenario=scenario, motion=motions[moving],
+                )  # fmt: skip
+                entries.append(entry)
+                if study.arm(arm).every > 1 and not entry.closed_loop:
+                    lines.append(f"  arm {arm}: every applies to closed loops; its runs share one mission")
+                disturb = study.disturb_at(point, arm)
+                if (disturb or study.arm(arm).level_leader) and entry.closed_loop:
+                    text = "disturb and level_leader apply to missions that runs share, not to closed loops"
+                    lines.append(f"  arm {arm}: {text}")
                 try:
-                    changed, lines = _with(table, {key: value_at(value, 0) for key, value in settings.items()})
-                except ValueError as error:
-                    changed, lines = dict(table), [f"  {error}"]
-                scenario, found = examined(changed, infeasible)
-                lines += found
-                where = [f"{key} = {text_of(value)}" for key, value in point.items()]
-                where += [f"arm {arm}"] * bool(study.arms) + [f"realization {realization}"] * (study.realizations > 1)
-                if scenario is not None and not lines:
-                    entry = Entry(point=number, arm=arm, realization=realization, settings=settings, scenario=scenario)
-                    entries.append(entry)
-                    if study.every.get(arm, 1) > 1 and not entry.closed_loop:
-                        lines.append(f"  arm {arm}: every applies to closed loops; its runs share one mission")
-                for line in lines:
-                    errors.setdefault(line, []).append(", ".join(where))
-    every = len(points) * len(arms) * study.realizations
-    return entries, [
-        line if len(places) == every else f"{line}; in {len(places)} of {every} scenarios, first at {places[0]}"
+                    disturbance_of(disturb)
+                except LaisnError as error:
+                    lines.append(f"  arm {arm}: {error}")
+            where = [f"{key} = {text_of(value)}" for key, value in point.items()] if lines else []
+            where += [f"arm {arm}"] * bool(study.arms) + [f"realization {realization}"] * (study.realizations > 1)
+            for line in lines:
+                errors.setdefault(line, []).append(", ".join(where))
+    return _Examined(entries, [
+        line if len(places) == total else f"{line}; in {len(places)} of {total} scenarios, first at {places[0]}"
         for line, places in errors.items()
-    ]
+    ])  # fmt: skip
+
+
+class _Examined(NamedTuple):
+    """Valid entries, and lines of errors."""
+
+    entries: list[Entry]
+    errors: list[str]
 
 
 def plan_of(study: Study) -> Plan:
@@ -203,8 +248,7 @@ def plan_of(study: Study) -> Plan:
             a point, and where in the design it is.
     """
     lines = _report_errors(study)
-    arms = study.arms or {ALONE: {}}
-    each = len(arms) * study.realizations
+    each = max(len(study.arms), 1) * study.realizations
     if each > MOST_ENTRIES:
         lines.append(f"  arm, realizations: {each:,} scenarios at each point, at most {MOST_ENTRIES:,} in all")
         raise refusal(study.source, lines)
@@ -213,16 +257,19 @@ def plan_of(study: Study) -> Plan:
     except ValueError as error:
         lines.append(f"  design: {error}")
     try:
-        table = table_of(study.scenario)
+        tables = {name: table_of(source) for name, source in study.scenarios.items()}
     except ScenarioError as error:
         lines.append(f"  scenario: {error}")
     if lines:
         raise refusal(study.source, lines)
-    entries, errors = _examined(study, table, points, arms)
+    entries, errors = _examined(study, tables, points)
+    last = max((entry.scenario.run for entry in entries), default=0) + (study.until.most if study.until else study.runs)
+    if last > MOST_RUNS:
+        errors.insert(0, f"  runs, runs_apart: the last run is number {last:,}, at most {MOST_RUNS:,}")
     irregular = any(entry.scenario.ocean.waves.kind == "jonswap" for entry in entries)
     if study.realizations > 1 and entries and not study.draws and not irregular:
         text = f"{study.realizations} equal realizations: nothing is drawn in [draw], and there are no irregular waves"
         errors.insert(0, f"  realizations: {text}; ask for more runs instead")
     if errors:
         raise refusal(study.source, errors)
-    return Plan(study=study, points=points, arms=tuple(arms), entries=entries)
+    return Plan(study=study, points=points, arms=tuple(study.arms or [ALONE]), entries=entries)

@@ -1,19 +1,20 @@
 """Flying a study: missions in parallel, each once, then cells; all of it stored, and gone on with after a kill."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
+import pyarrow as pa
 
 from experiments.campaign import campaign, missions
-from experiments.campaign.campaign import Design, ExecutionOptions
+from experiments.campaign.campaign import Design, ExecutionOptions, Facts, Flown, Task
 from experiments.campaign.plans import CellPlan
-from experiments.campaign.store import CampaignError, Record, columns_of
+from experiments.campaign.store import Arrays, CampaignError, Record, columns_of
 from experiments.flight.fly import fly
 from experiments.study.estimate import Results
 from experiments.study.file import Until
@@ -31,10 +32,13 @@ _OWN = ("key", "mission", "version", "motion")
 class Outcomes:
     """All that came out of a study, one entry beside another."""
 
+    plan: Plan
     rows: list[Record]
     """One row of results for each entry and follower."""
     runs: list[tuple[Record, Record]]
     """One pair for each entry and follower: what it is, and lists over runs by name."""
+    steps: list[Arrays]
+    """Errors over time of each entry and follower, as of `steps_of`; empty where the study keeps none."""
     failures: dict[str, list[Entry]] = field(default_factory=dict)
     """Entries that could not be flown, by what happened."""
 
@@ -100,47 +104,85 @@ def _labels(plan: Plan, entry: Entry, follower: int) -> Record:
     }
 
 
-def fly_study(plan: Plan, folder: Path, **options: Unpack[ExecutionOptions]) -> Outcomes:
-    """Fly a study, or what is missing of it; folder, options and errors as of `campaign.fly`.
+Named = tuple[int, tuple[int, str, int], int]
+"""A run of a closed loop: number of the study, place, number of the run."""
+
+
+def _cells(plan: Plan, entry: Entry) -> list[CellPlan]:
+    """The cells of an entry, one for each follower."""
+    return [
+        CellPlan(
+            scenario=entry.scenario,
+            runs=plan.study.runs,
+            follower=follower,
+            first_run=entry.scenario.run,
+            keep_steps=plan.study.steps,
+            level_leader=plan.study.arm(entry.arm).level_leader,
+            disturb=plan.study.disturb_at(plan.points[entry.point], entry.arm),
+            lag_s=plan.study.bound_lag_s,
+        )
+        for follower in range(len(entry.scenario.followers))
+    ]
+
+
+def fly_studies(
+    plans: Sequence[Plan], folder: Path, *, facts: Facts = facts_of, **options: Unpack[ExecutionOptions]
+) -> list[Outcomes]:
+    """Fly studies together, or what is missing of them.
+
+    Args:
+        plans: of the studies, which share missions and cells.
+        folder: of the results.
+        facts: measures the motion of a mission: a record for each follower, whose columns join those of the results.
+        options: as of `campaign.fly`, as are the errors.
 
     Returns:
-        Rows in the order of the plan: the same whatever the workers and interruptions.
+        Of each study the rows in the order of its plan: the same whatever the workers and interruptions.
     """
-    cells = {
-        entry.place: [CellPlan(scenario=entry.scenario, runs=plan.study.runs, follower=follower)
-                      for follower in range(len(entry.scenario.followers))]
-        for entry in plan.entries
-    }  # fmt: skip
-    closed = [entry for entry in plan.entries if entry.closed_loop]
-    tasks = {
-        (entry.place, run): partial(records_of_run, missions.content_of(entry.scenario_at(run)), run)
-        for entry in closed
-        for run in plan.runs_of(entry)
+    cells = [{entry.place: _cells(plan, entry) for entry in plan.entries} for plan in plans]
+    closed = [(i, entry) for i, plan in enumerate(plans) for entry in plan.entries if entry.closed_loop]
+    tasks: dict[Named, Task] = {
+        (i, entry.place, run): partial(records_of_run, missions.content_of(entry.scenario_at(run)), run)
+        for i, entry in closed
+        for run in plans[i].runs_of(entry)
     }
     design = Design(
-        cells=[cell for entry in plan.entries if not entry.closed_loop for cell in cells[entry.place]],
-        facts=facts_of,
+        cells=[cell for plan, own in zip(plans, cells, strict=True)
+               for entry in plan.entries if not entry.closed_loop for cell in own[entry.place]],
+        facts=facts,
         tasks=tasks,
         what="runs",
-        ahead=partial(fly, closed[0].scenario.first_messages) if closed else None,
-    )
+        ahead=partial(fly, closed[0][1].scenario.first_messages) if closed else None,
+    )  # fmt: skip
     flown = campaign.fly(design, folder, tolerant=True, **options)
-    outcomes = Outcomes(rows=[], runs=[])
+    return [_outcomes(i, plan, own, flown) for i, (plan, own) in enumerate(zip(plans, cells, strict=True))]
+
+
+def _outcomes(i: int, plan: Plan, cells: Mapping[tuple[int, str, int], list[CellPlan]], flown: Flown) -> Outcomes:
+    """What came of the i-th study."""
+    outcomes = Outcomes(plan=plan, rows=[], runs=[], steps=[])
     for entry in plan.entries:
-        names = [(entry.place, run) for run in plan.runs_of(entry)] if entry.closed_loop else [entry.motion]
+        runs: list[Named] = [(i, entry.place, run) for run in plan.runs_of(entry)] if entry.closed_loop else []
+        names: list[Any] = runs or [entry.motion]
         what = next((flown.failures[name] for name in names if name in flown.failures), None)
         if what is not None:
             outcomes.failures.setdefault(what, []).append(entry)
             continue
         for cell in cells[entry.place]:
             if entry.closed_loop:
-                row, lists = _of_runs(entry, cell.follower, [flown.tasks[name] for name in names])
+                row, lists = _of_runs(entry, cell.follower, [flown.tasks[name] for name in runs])
             else:
                 row, lists = flown.cell(cell)
             labels = _labels(plan, entry, cell.follower)
             outcomes.rows.append(labels | {name: value for name, value in row.items() if name not in _OWN})
             outcomes.runs.append((labels, lists))
+            outcomes.steps.append(flown.steps(cell) if plan.study.steps and not entry.closed_loop else {})
     return outcomes
+
+
+def fly_study(plan: Plan, folder: Path, **options: Unpack[ExecutionOptions]) -> Outcomes:
+    """Fly one study; see `fly_studies`."""
+    return fly_studies([plan], folder, **options)[0]
 
 
 def _widest(results: Results, metric: str) -> float:
@@ -170,27 +212,29 @@ def runs_wanted(runs: int, widest: float, until: Until, batch: int) -> int:
     return min(batches * batch, until.most)
 
 
-def fly_until_narrow(plan: Plan, folder: Path, **options: Unpack[ExecutionOptions]) -> tuple[Plan, Outcomes]:
-    """Fly a study with as many runs as its file asks for: a number, or batches until all intervals are narrow enough.
+def fly_until_narrow(plans: Sequence[Plan], folder: Path, **options: Unpack[ExecutionOptions]) -> list[Outcomes]:
+    """Fly studies with as many runs as their files ask for: a number, or batches until all intervals are narrow enough.
 
-    The number of runs after each look follows from the results alone. All places have the same number, so that arms
-    stay paired.
+    The number of runs after each look follows from the results alone. All places of a study have the same number, so
+    that arms stay paired.
 
     Returns:
-        The plan with its final number of runs, and its outcomes.
+        The outcomes, whose plans have the final numbers of runs.
 
     Raises:
-        LaisnError: as of `fly_study`, or single runs do not have the metric.
+        LaisnError: as of `fly_studies`, or single runs do not have the metric.
     """
-    until, batch = plan.study.until, plan.study.batch
     while True:
-        outcomes = fly_study(plan, folder, **options)
-        if until is None or plan.study.runs >= until.most:
-            return plan, outcomes
-        runs = runs_wanted(plan.study.runs, _widest(outcomes.results, until.metric), until, batch)
-        if runs == plan.study.runs:
-            return plan, outcomes
-        plan = replace(plan, study=replace(plan.study, runs=runs))
+        outcomes = fly_studies(plans, folder, **options)
+        wanted = [
+            plan.study.runs if until is None
+            else runs_wanted(plan.study.runs, _widest(found.results, until.metric), until, plan.study.batch)
+            for plan, found in zip(plans, outcomes, strict=True) for until in [plan.study.until]
+        ]  # fmt: skip
+        more = [plan.part(plan.entries, runs) for plan, runs in zip(plans, wanted, strict=True)]
+        if [plan.study.runs for plan in plans] == wanted:
+            return outcomes
+        plans = more
         options |= {"force": False}
 
 
@@ -207,9 +251,15 @@ def of_one_type(columns: dict[str, list[Any]]) -> dict[str, list[Any]]:
 def run_columns(runs: list[tuple[Record, Record]]) -> dict[str, Any]:
     """Lists over runs as columns with a row for each run."""
     numbers = [len(next(iter(lists.values()))) for _, lists in runs]
+    entry = np.repeat(np.arange(len(runs)), numbers)
+    measured = {name for _, lists in runs for name in lists}
     columns: dict[str, Any] = {}
     for name in dict.fromkeys(name for labels, lists in runs for name in (*labels, *lists)):
-        parts = [lists.get(name, [labels.get(name)] * n) for (labels, lists), n in zip(runs, numbers, strict=True)]
+        if name not in measured:
+            values = of_one_type({name: [labels.get(name) for labels, _ in runs]})[name]
+            columns[name] = pa.array(values).take(entry)
+            continue
+        parts = [lists.get(name, [None] * n) for (_, lists), n in zip(runs, numbers, strict=True)]
         arrays = all(isinstance(part, np.ndarray) for part in parts)
         columns[name] = np.concatenate(parts) if arrays else of_one_type({name: [*chain(*parts)]})[name]
     return columns

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from html import escape
+from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
@@ -13,18 +14,19 @@ import tomli_w
 from experiments.campaign import missions
 from experiments.campaign.campaign import ExecutionOptions, compile_ahead
 from experiments.campaign.plans import CellPlan, compute
-from experiments.campaign.store import Store, columns_of, write_table
+from experiments.campaign.store import CampaignError, Store, columns_of, write_table
 from experiments.campaign.version import code_version
-from experiments.findings import Finding, Findings, of, read
+from experiments.findings import Finding, Findings, of, read, record
 from experiments.flight.fly import fly
 from experiments.flight.tables import Table
+from experiments.pages import template
 from experiments.pages.page import write
 from experiments.study.effects import main_effects
 from experiments.study.estimate import Results
-from experiments.study.file import Study, study_of, table_in
+from experiments.study.file import Study, built_in, study_of, table_in
 from experiments.study.metrics import METRICS
 from experiments.study.plan import Plan, plan_of
-from experiments.study.run import fly_until_narrow, of_one_type, run_columns
+from experiments.study.run import Outcomes, fly_until_narrow, of_one_type, run_columns
 from laisn.failure import LaisnError
 from sim.files import atomic_write
 
@@ -45,30 +47,38 @@ class Effort(NamedTuple):
     megabytes: float
 
 
-def effort_of(plan: Plan, workers: int) -> Effort:
-    """What a study would take if nothing of it were stored, from one mission that is flown and not stored."""
+def effort_of(plan: Plan, workers: int, planning: float = 0.0) -> Effort:
+    """What a study would take if nothing of it were stored, from one mission that is flown and not kept.
+
+    Missions and cells are computed by the workers; planning [s], storing and reading results is work of this process.
+    """
     entry, runs = plan.entries[0], plan.study.runs
     cells = sum(len(e.scenario.followers) for e in plan.entries)
     if entry.closed_loop:
         fly(entry.scenario.first_messages)
         start = perf_counter()
         fly(entry.scenario)
-        seconds, size = plan.flights * (perf_counter() - start), 4_000 * plan.flights
+        seconds, size = plan.flights * (perf_counter() - start) / workers, 4_000 * plan.flights
     else:
         cell = CellPlan(scenario=entry.scenario, runs=min(runs, 64))
         compile_ahead(cell)
         start = perf_counter()
         trajectory = missions.simulate_mission(entry.scenario)
         flown = perf_counter()
-        compute(trajectory, [cell])
+        results = compute(trajectory, [cell])
         done = perf_counter()
         with TemporaryDirectory() as folder:
             store = Store(Path(folder))
             store.put(entry.motion, None, trajectory.arrays)
-            stored = store.path(entry.motion).stat().st_size
-        seconds = plan.flights * (flown - start) + cells * -(-runs // 64) * (done - flown)
+            stored, begin = store.path(entry.motion).stat().st_size, perf_counter()
+            for key, row, arrays in results:
+                store.put(key, row, arrays)
+            for key in 3 * [cell.key]:  # once for its row, its runs and the facts of its mission
+                store.get(key)
+            kept = perf_counter() - begin
+        seconds = (plan.flights * (flown - start) + cells * -(-runs // 64) * (done - flown)) / workers + cells * kept
         size = plan.flights * stored + cells * (_CELL_BYTES + runs * _RUN_BYTES)
-    return Effort(plan.flights, cells, cells * runs, seconds / workers, size / 1e6)
+    return Effort(plan.flights, cells, cells * runs, planning + seconds, size / 1e6)
 
 
 def record_of(plan: Plan, results: Results) -> Findings:
@@ -87,6 +97,15 @@ def record_of(plan: Plan, results: Results) -> Findings:
         found[f"share of variance: {name}"] = of(share, f"of the variance of {metric} over all points")
     command, modules = f"laisn study {study.source}", ("experiments.study.study",)
     return Findings(study=study.name, command=command, modules=modules, version=code_version(), findings=found)
+
+
+def _write_tables(outcomes: Outcomes, folder: Path) -> None:
+    """Write the tables of a study, and the file that repeats it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with atomic_write(folder / STUDY) as part:
+        part.write_text(tomli_w.dumps(table_in(outcomes.plan.study, folder)), encoding="utf-8")
+    write_table(folder / RESULTS, of_one_type(columns_of(outcomes.rows)))
+    write_table(folder / RUNS, run_columns(outcomes.runs))
 
 
 def run_study(
@@ -111,19 +130,76 @@ def run_study(
         StudyError: a line for each error of the study, before anything is flown.
         LaisnError: as of `fly_until_narrow`, or nothing could be flown.
     """
-    plan, outcomes = fly_until_narrow(plan_of(study), folder, **options)
+    (outcomes,) = fly_until_narrow([plan_of(study)], folder, **options)
+    plan = outcomes.plan
     if not outcomes.rows:
         raise LaisnError("no scenario of the study could be flown: " + "; ".join(outcomes.failures))
     # drawing takes a third of a second to import, and who reads a table draws nothing
     from experiments.study.page import page_of
 
     filmed = film(plan, outcomes.results, folder) if film else None
-    with atomic_write(folder / STUDY) as part:
-        part.write_text(tomli_w.dumps(table_in(plan.study, folder)), encoding="utf-8")
-    write_table(folder / RESULTS, of_one_type(columns_of(outcomes.rows)))
-    write_table(folder / RUNS, run_columns(outcomes.runs))
+    _write_tables(outcomes, folder)
     record_of(plan, outcomes.results).write(folder / RECORD)
     write(page_of(plan, outcomes.results, outcomes.failures, filmed), folder / REPORT)
+    return folder / REPORT
+
+
+def run_built_in(
+    name: str,
+    folder: Path,
+    keys: Mapping[str, Any] | None = None,
+    *,
+    quick: bool = False,
+    **options: Unpack[ExecutionOptions],
+) -> Path:
+    """Run a built-in study whose folder has findings and a page of its own, or what is missing of it.
+
+    Its folder is a package `experiments.studies.NAME` of study files, which are flown together, of
+
+    - `findings.py` with `findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]`, a pure function of the
+      outcomes by the parts of the study, as `built_in` names them;
+    - and for a page of its own `page.md.j2`, with `figures.py` whose `values(found: Findings, outcomes) -> dict` has
+      what the template names; else the page is that of any study.
+
+    Args:
+        name: of the study.
+        folder: of the results: the tables of each file, `results.json` and `report.html`.
+        keys: of study files, as of `study_of`.
+        quick: a trial run.
+        options: as of `campaign.fly`.
+
+    Returns:
+        The page.
+
+    Raises:
+        LaisnError: as of `study_of` and `fly_until_narrow`, or something could not be flown.
+    """
+    files = built_in(name)
+    given = [study_of(str(file), keys or {}, quick=quick) for file in files.values()]
+    flown = fly_until_narrow([plan_of(study) for study in given], folder, **options)
+    failures = {what for one in flown for what in one.failures}
+    if failures:
+        raise CampaignError("; ".join(sorted(failures)))
+    outcomes = dict(zip(files, flown, strict=True))
+    for part, one in outcomes.items():
+        _write_tables(one, folder / part if len(files) > 1 else folder)
+    package = f"experiments.studies.{name.replace('-', '_')}"
+    modules = f"{package}.findings", "experiments.study.run"
+    made = import_module(modules[0]).findings_of(outcomes)
+    record(name, f"laisn {name}", modules, made).write(folder / RECORD)
+    found = read(folder / RECORD)
+    from experiments.study import page
+
+    if (next(iter(files.values())).parent / template.NAME).is_file():
+        facts = [
+            ("runs", ", ".join(dict.fromkeys(f"{one.plan.study.runs:,}" for one in flown))),
+            ("version", found.version),
+            ("repeat it", f"{found.command}{' --quick' if quick else ''}"),
+        ]
+        values = import_module(f"{package}.figures").values(found, outcomes)
+        write(template.page_of(package, facts, {"quick": quick, "found": found, **values}, found), folder / REPORT)
+    else:
+        write(page.page_of(flown[0].plan, flown[0].results, {}), folder / REPORT)
     return folder / REPORT
 
 
@@ -192,6 +268,10 @@ def run(
     **options: Unpack[ExecutionOptions],
 ) -> StudyFolder:
     """Fly a study and give its results; arguments and errors as of `laisn_sim.study`."""
+    if isinstance(source, str) and built_in(source):
+        folder = Path("out") / source if out is None else Path(out)
+        run_built_in(source, folder, keys, **(options | {"quiet": True}))
+        return StudyFolder(folder)
     study = study_of(source if isinstance(source, Mapping) else str(source), keys)
     folder = Path("out") / study.name if out is None else Path(out)
     run_study(study, folder, **(options | {"quiet": True}))

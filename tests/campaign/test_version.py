@@ -9,11 +9,10 @@ import pytest
 
 from experiments.campaign import version
 from experiments.campaign.version import OWN_PACKAGES, ROOT
-from experiments.studies import closed_loop, route_keeping
+from experiments.studies import route_keeping
 from experiments.studies.asymmetry import findings as asymmetry
-from experiments.studies.estimators import findings as estimators
-from experiments.studies.formation import study as formation
 from experiments.studies.reproduction import findings as reproduction
+from experiments.study.file import built_in, shipped
 
 
 @pytest.fixture(scope="module")
@@ -121,8 +120,9 @@ def test_whatever_python_loads_for_a_campaign_is_among_the_sources() -> None:
 
 @pytest.mark.parametrize(
     "modules",
-    [("experiments.study.measure",), reproduction.MODULES, asymmetry.MODULES, estimators.MODULES, formation.MODULES,
-     closed_loop.MODULES, route_keeping.MODULES],
+    [("experiments.study.measure",), reproduction.MODULES, asymmetry.MODULES, route_keeping.MODULES,
+     *((f"experiments.studies.{name.replace('-', '_')}.findings", "experiments.study.run") for name in shipped()
+       if built_in(name))],
 )  # fmt: skip
 def test_no_result_of_a_study_depends_on_how_pages_are_drawn(modules: tuple[str, ...]) -> None:
     drawing = ("experiments.pages", "experiments.command", "sim.film")

@@ -1,48 +1,55 @@
-"""The comparison of estimators: errors that cases add to measurements, and runs by both navigators."""
+"""Errors that the study of the estimators adds to measurements, and its runs."""
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from experiments.studies.estimators.cases import (
-    CASES,
-    DEVIATION,
-    ECHO_CHANCE,
-    LOSS_CHANCE,
-    WRONG,
-    Case,
-    with_errors,
-)
-from experiments.studies.estimators.runs import compare, fly_both, mission
-from laisn import lanes
-from laisn.settings import NavigationSettings
-from laisn.tight.mission import run_mission
-from laisn.tight.settings import TightSettings
-from sim.sensing.observation import measure
-
-BY_NAME = {case.name: case for case in CASES}
+from experiments.campaign.cells import Cell
+from experiments.campaign.montecarlo import simulate, single_runs
+from experiments.studies.estimators.errors import DEVIATION, ECHO_CHANCE, ERRORS, LOSS_CHANCE, Errors
+from experiments.study.file import built_in, study_of
+from experiments.study.plan import Entry, plan_of
+from laisn.messages import Measurements
+from sim.sensing.errors import SensorErrors
+from sim.sensing.observation import MissionTruth, measure
 
 
-def test_every_case_has_errors_that_change_its_measurements() -> None:
+def entry_of(route: str, interval: float, case: str, arm: str) -> Entry:
+    """The entry of the seven cases that a route, an interval, a case and an arm have."""
+    keys = {"scenario": route, "vary": {"timing.message_interval_s": [interval]}}
+    plan = plan_of(study_of(str(built_in("estimators")["cases"]), keys))
+    return next(e for e in plan.entries if e.arm == arm and plan.points[e.point]["case"] == case)
+
+
+def mission(route: str, interval: float) -> tuple[MissionTruth, SensorErrors]:
+    """What the sensors of a follower measure, and their errors."""
+    cell = Cell.of(entry_of(route, interval, "G1", "laisn-2").scenario)
+    return cell.truth, cell.errors
+
+
+def disturbed(clean: Measurements, run: int, *errors: str) -> Measurements:
+    return Errors(errors).disturb(clean, 1, run)
+
+
+def test_every_error_changes_measurements() -> None:
     truth, errors = mission("T7", 5.0)
     clean = measure(truth, errors, seed=1, run=0)
-    for name in {name for case in (*CASES, *WRONG) for name in case.errors}:
-        found = with_errors(clean, Case(name=name, errors=(name,)), 1, 0)
+    for name in ERRORS:
+        found = disturbed(clean, 0, name)
         changed = [a.tobytes() != b.tobytes() for a, b in (
             (found.ranges, clean.ranges), (found.speed, clean.speed), (found.heading, clean.heading)
         )]  # fmt: skip
         assert any(changed), name
-    assert [case.has_bound for case in CASES] == [True, True, False, False, False, False, True]
-    assert len({case.name for case in WRONG}) == len(WRONG) == 14
+    with pytest.raises(ValueError, match="there is no error 'eco'; available: drift, "):
+        Errors(["eco"])
 
 
 def test_ranges_are_late_echoes_or_lost_as_often_as_said() -> None:
     truth, errors = mission("T7", 1.0)
-    case = Case(name="wrong", errors=("echoes", "losses", "late"))
     lost, echoes, total = 0, 0, 0
     for run in range(3):
         clean = measure(truth, errors, seed=1, run=run)
-        dirty = with_errors(clean, case, 1, run)
+        dirty = disturbed(clean, run, "echoes", "losses", "late")
         excess = dirty.ranges - clean.ranges - np.array([0.0, 0.01, 0.0])
         gone = np.isnan(excess).all(axis=1)
         assert np.array_equal(np.isnan(excess).any(axis=1), gone)
@@ -59,14 +66,14 @@ def test_ranges_are_late_echoes_or_lost_as_often_as_said() -> None:
 def test_a_clock_and_common_echoes_move_all_ranges_of_a_message_alike() -> None:
     truth, errors = mission("T7", 1.0)
     clean = measure(truth, errors, seed=1, run=0)
-    late = with_errors(clean, Case(name="clock", errors=("clock",)), 1, 0).ranges - clean.ranges
+    late = disturbed(clean, 0, "clock").ranges - clean.ranges
     # 1500 m/s times 1 ms, and 1 ppm of the time
     expected = 1500.0 * (1e-3 + 1e-6 * clean.dt * clean.message_step)
     np.testing.assert_allclose(late, np.repeat(expected[:, None], 3, axis=1), rtol=0, atol=1e-9)
     excess, n = [], clean.message_step.size
     for run in range(3):
         clean = measure(truth, errors, seed=1, run=run)
-        longer = with_errors(clean, Case(name="common", errors=("common",)), 1, run).ranges - clean.ranges
+        longer = disturbed(clean, run, "common").ranges - clean.ranges
         np.testing.assert_allclose(longer, np.repeat(longer[:, :1], 3, axis=1), rtol=0, atol=1e-9)
         excess.append(longer[longer[:, 0] > 1e-9, 0])
     heard = np.concatenate(excess)
@@ -78,8 +85,7 @@ def test_a_clock_and_common_echoes_move_all_ranges_of_a_message_alike() -> None:
 def test_drift_is_the_same_for_the_same_run_and_leaves_ranges_alone() -> None:
     truth, errors = mission("T7", 5.0)
     clean = measure(truth, errors, seed=1, run=0)
-    case = Case(name="drifting", errors=("drift",))
-    once, again, other = (with_errors(clean, case, 1, run) for run in (0, 0, 1))
+    once, again, other = (disturbed(clean, run, "drift") for run in (0, 0, 1))
     assert once.heading.tobytes() == again.heading.tobytes() != other.heading.tobytes()
     assert np.array_equal(once.ranges, clean.ranges)
     time = clean.dt * np.arange(1, clean.speed.size + 1)
@@ -107,7 +113,7 @@ def test_a_compass_deviates_as_a_sine_of_the_heading_whose_phase_has_nothing_to_
     clean = measure(truth, errors, seed=1, run=0)
     phases = []
     for run in range(200):
-        off = with_errors(clean, Case(name="turned", errors=("deviation",)), 1, run).heading - clean.heading
+        off = disturbed(clean, run, "deviation").heading - clean.heading
         waves = np.column_stack([np.sin(clean.heading), np.cos(clean.heading)])
         weight, *_ = np.linalg.lstsq(waves, off, rcond=None)
         assert np.hypot(*weight) == pytest.approx(DEVIATION, rel=1e-6)
@@ -118,44 +124,28 @@ def test_a_compass_deviates_as_a_sine_of_the_heading_whose_phase_has_nothing_to_
         assert abs(np.mean(np.exp(1j * np.asarray(apart)))) < 0.25
 
 
-@pytest.mark.parametrize("name", ["G1", "G6"])
-def test_the_tightly_coupled_navigator_is_nearer_on_the_same_noise(name: str) -> None:
-    found = compare(BY_NAME[name], "T7", 5.0, runs=2, seed=1)
-    again = compare(BY_NAME[name], "T7", 5.0, runs=2, seed=1)
-    assert np.mean(found["tight_means"]) < 0.5 * np.mean(found["laisn_means"])
-    for who in ("tight_means", "laisn_means"):
-        assert found[who].tolist() == again[who].tolist()
-    assert (found["bound_rms"] is None) == (name != "G1")
-
-
-def test_runs_are_scored_against_the_truth_as_covariances_have_them() -> None:
-    """Two runs by both navigators, each figure once more by loops over the states of each run alone."""
-    truth, errors = mission("T7", 5.0)
-    settings = TightSettings()
-    measured = [measure(truth, errors, seed=2, run=run) for run in range(2)]
-    found = fly_both(truth, measured, settings, 50)
-    summed = np.zeros(truth.speed.size)
-    for i, given in enumerate(measured):
-        states, spread, outcome = run_mission(settings, given, truth.start)
-        off = states[:, :2] - truth.hydrophone
-        matrix = spread[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
-        squares = np.einsum("ni,ni->n", off, np.linalg.solve(matrix, off[..., None])[..., 0])
-        summed += squares
-        distance = np.linalg.norm(off, axis=1)
-        alone = lanes.run([given], truth.start, NavigationSettings()).state[:, :2, 0] - truth.hydrophone
-        used = outcome[np.isfinite(outcome.squared)]
-        expected = {
-            "laisn_means": np.linalg.norm(alone, axis=1).sum() / len(alone),
-            "laisn_squares": np.sum(alone * alone) / len(alone),
-            "tight_means": distance.sum() / distance.size,
-            "tight_squares": (distance @ distance) / distance.size,
-            "largest": max(distance),
-            "normalised": squares.sum() / squares.size,
-            "residuals": sum(used.squared) / sum(used.used),
-        }
-        assert {name: found[name][i] for name in expected} == pytest.approx(expected, rel=1e-9)
-        # ranges of a filter that knows its sensors miss by their σ: 600 of them, half of them with a state
-        assert found["residuals"][i] == pytest.approx(1.0, abs=0.25)
-    low, high = stats.chi2.ppf([0.025, 0.975], 4)
-    assert found["inside"] == np.mean((summed >= low) & (summed <= high))
-    assert found["tight_lost"].tolist() == found["laisn_lost"].tolist() == [0.0, 0.0]
+def test_runs_with_errors_are_navigated_alike_alone_and_in_cells() -> None:
+    """Metrics of a cell whose measurements are disturbed, once more by loops over the states of each run alone."""
+    errors = Errors(["drift", "losses"])
+    for arm in ("laisn-2", "tight"):
+        cell = Cell.of(entry_of("T7", 5.0, "G3", arm).scenario, 0, range(2), disturbance=errors)
+        result, summed = simulate(cell), np.zeros(cell.truth.speed.size)
+        for i in cell.runs:
+            given = measure(cell.truth, cell.errors, seed=12, run=i)
+            (alone,) = single_runs(cell, [i])
+            made = cell.spec.make(cell.settings, cell.truth.start).run(errors.disturb(given, 12, i))
+            np.testing.assert_allclose(alone.state, made.state, rtol=1e-9, atol=1e-9)
+            off = made.state[:, :2] - cell.truth.hydrophone
+            distance = np.linalg.norm(off, axis=1)
+            runs = {name: values[i] for name, values in result.runs.items()}
+            assert runs["e_p_mean_m"] == pytest.approx(distance.mean(), rel=1e-9)
+            assert runs["e_p_rms_m"] == pytest.approx(np.sqrt(np.mean(distance**2)), rel=1e-9)
+            if arm == "tight":
+                matrix = made.covariance[:, :2, :2]
+                squares = np.einsum("ni,ni->n", off, np.linalg.solve(matrix, off[..., None])[..., 0])
+                summed += squares
+                assert runs["nees"] == pytest.approx(squares.mean(), rel=1e-9)
+                assert runs["nis"] == pytest.approx(2.0 * alone.squared / alone.numbers)
+        low, high = stats.chi2.ppf([0.025, 0.975], 4)
+        inside = None if arm == "laisn-2" else np.mean((summed >= low) & (summed <= high))
+        assert result.row["nees_inside"] == inside

@@ -12,12 +12,19 @@ from typer.testing import CliRunner
 
 from experiments.campaign.store import Record
 from experiments.command.cli import app
-from experiments.findings import Finding, Findings
+from experiments.findings import Finding, Findings, record
 from experiments.pages.page import Figures, Text
 from experiments.pages.template import page_of
-from experiments.studies.formation import study
-from experiments.studies.formation.study import CONDITIONS, record_of
-from experiments.study.plan import Plan
+from experiments.studies.formation import figures
+from experiments.studies.formation.findings import findings_of
+from experiments.study import study as studies
+from experiments.study.file import study_of
+from experiments.study.plan import Plan, plan_of
+from experiments.study.run import Outcomes
+from experiments.study.study import run_built_in
+
+PLAN = plan_of(study_of("formation", {}))
+CONDITIONS = {arm: PLAN.study.title("arm", arm) for arm in PLAN.arms}
 
 
 def run_of(rms: float, *, lost: int = 0, turn: float = 3.0) -> list[Record]:
@@ -46,7 +53,23 @@ def findings() -> Findings:
     """Of each condition two runs alike; condition i has distances of i + 1 metres, the third lost followers."""
     found = {name: [run_of(i + 1.0, lost=3 if i == 2 else 0)] * 2 for i, name in enumerate(CONDITIONS)}
     found[[*CONDITIONS][4]] = [run_of(5.0, turn=0.0)] * 2
-    return record_of(found)
+    outcomes: Any = SimpleNamespace(by_arm=lambda: found)
+    return record("formation", "laisn formation", (), findings_of({"study": outcomes}))
+
+
+@pytest.fixture
+def flown(monkeypatch: pytest.MonkeyPatch, findings: Findings) -> list[Any]:
+    """What the command asks for: the plan and the options of each study that is flown."""
+    asked: list[Any] = []
+
+    def fly(plans: list[Plan], folder: Path, **options: Any) -> list[Outcomes]:
+        asked.append((plans[0], options))
+        row = {"point": 0, "arm": "calm", "realization": 0, "follower": "f"}
+        return [Outcomes(plan=plans[0], rows=[row], runs=[(row, {"run": [0]})], steps=[])]
+
+    monkeypatch.setattr(studies, "fly_until_narrow", fly)
+    monkeypatch.setattr("experiments.studies.formation.findings.findings_of", lambda _: findings.findings)
+    return asked
 
 
 def rows(html: str) -> dict[str, list[str]]:
@@ -59,8 +82,8 @@ def rows(html: str) -> dict[str, list[str]]:
     return found
 
 
-def test_each_condition_has_a_row_of_its_numbers(findings: Findings, tmp_path: Path) -> None:
-    html = study.write_page(findings, tmp_path / "report.html").read_text(encoding="utf-8")
+def test_each_condition_has_a_row_of_its_numbers(findings: Findings, flown: list[Any], tmp_path: Path) -> None:
+    html = run_built_in("formation", tmp_path).read_text(encoding="utf-8")
     found = rows(html)
     assert list(found) == [*CONDITIONS.values(), "80", "500", "5000", "0", "2", "5", "10"]
     # the last of three weaves of 5°, and the strongest: period, errors, what its way costs, 1 / J₀(10°) − 1
@@ -153,20 +176,19 @@ def test_rules_quote_the_conditions_that_they_name() -> None:
     assert f"{shares['laisn-3-2']} with LAISN-3(2), and {shares['calm']} with the tightly coupled" in said
 
 
-def test_a_trial_run_is_named(findings: Findings, tmp_path: Path) -> None:
-    whole = study.write_page(findings, tmp_path / "report.html").read_text(encoding="utf-8")
-    quick = study.write_page(findings, tmp_path / "quick.html", quick=True).read_text(encoding="utf-8")
+def test_a_trial_run_is_named(flown: list[Any], tmp_path: Path) -> None:
+    whole = run_built_in("formation", tmp_path).read_text(encoding="utf-8")
+    quick = run_built_in("formation", tmp_path, quick=True).read_text(encoding="utf-8")
     assert "Trial run" in quick
     assert "laisn formation --quick" in quick
     assert "Trial run" not in whole
-    assert "laisn formation --runs 2" in whole
+    assert "laisn formation" in whole
 
 
 def test_the_figure_has_a_mark_for_each_condition_from_above(findings: Findings) -> None:
-    figure, legend = study.picture(findings)
-    (part,) = figure.parts
+    (part,) = figures.picture(findings, CONDITIONS).parts
     marks = {line.marker: line for line in part.lines}
-    assert len(legend) == len(marks) == 3
+    assert len(marks) == 3
     # the first condition at the top, and the worst follower 1.9 times as far off as the nearest
     expected = 1.9 * np.arange(1.0, len(CONDITIONS) + 1)
     np.testing.assert_allclose(marks["D"].x, expected, rtol=1e-5)
@@ -175,26 +197,20 @@ def test_the_figure_has_a_mark_for_each_condition_from_above(findings: Findings)
     assert names[len(CONDITIONS) - 1] == next(iter(CONDITIONS.values()))
 
 
+@pytest.mark.parametrize("command", [["formation"], ["study", "formation"]])
 def test_the_command_flies_what_it_is_told_and_names_the_page(
-    findings: Findings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    flown: list[Any], tmp_path: Path, command: list[str]
 ) -> None:
-    asked = []
-
-    def flown(plan: Plan, folder: Path, **means: Any) -> SimpleNamespace:
-        asked.append((plan.study.runs, plan.entries[0].scenario.duration_s, means))
-        return SimpleNamespace(by_arm=dict)
-
-    monkeypatch.setattr(study, "fly_study", flown)
-    monkeypatch.setattr(study, "record_of", lambda _: findings)
     usual = {"workers": None, "force": False, "cluster": None}
     for told, expected in (
         ([], (60, 1000.0, usual)),
         (["--quick", "--force"], (2, 100.0, usual | {"force": True})),
         (["--runs", "7", "--workers", "1"], (7, 1000.0, usual | {"workers": 1})),
     ):
-        folder = tmp_path / str(len(asked))
-        answer = CliRunner().invoke(app, ["formation", *told, "--out", str(folder)])
+        folder = tmp_path / str(len(flown))
+        answer = CliRunner().invoke(app, [*command, *told, "--out", str(folder)])
         assert answer.exit_code == 0, answer.output
-        assert asked[-1] == expected
+        plan, options = flown[-1]
+        assert (plan.study.runs, plan.entries[0].scenario.duration_s, options) == expected
         assert (folder / "report.html").is_file()
         assert "report in" in answer.output

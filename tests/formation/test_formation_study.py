@@ -2,14 +2,16 @@
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from experiments.findings import read
-from experiments.studies.formation import study
 from experiments.studies.formation.findings import findings_of
 from experiments.study import run as engine
+from experiments.study import study as studies
 from experiments.study.file import study_of
 from experiments.study.measure import records_of_run
 from experiments.study.metrics import METRICS
@@ -17,7 +19,7 @@ from experiments.study.plan import Entry, Plan, plan_of
 from experiments.study.run import Outcomes
 from sim.scenario.settings import Scenario
 
-PLAN = plan_of(study_of(study.STUDY, {}))
+PLAN = plan_of(study_of("formation", {}))
 CONDITIONS = {entry.arm: entry for entry in PLAN.entries}
 
 
@@ -31,7 +33,7 @@ def test_every_condition_is_a_scenario_that_can_be_flown(condition: Entry) -> No
 @pytest.mark.parametrize("condition", CONDITIONS.values(), ids=CONDITIONS)
 def test_numbers_of_a_title_are_those_of_its_condition(condition: Entry) -> None:
     """What a title does not speak of is as in all others: ten followers, three transmitters, a message each second."""
-    made, title = condition.scenario_at(0), study.CONDITIONS[condition.arm]
+    made, title = condition.scenario_at(0), PLAN.study.title("arm", condition.arm)
     sound, sensors, ocean = made.acoustics, made.sensors, made.ocean
 
     def told(words: str, usual: float = 0.0) -> float:
@@ -98,6 +100,11 @@ def test_conditions_say_what_their_titles_say() -> None:
     assert not any(f.guided_by_estimate for f in made("truth").followers)
 
 
+def outcomes_of(by_arm: dict[str, Any]) -> dict[str, Any]:
+    """Outcomes whose rows are given by arm, run and follower."""
+    return {"study": SimpleNamespace(by_arm=lambda: by_arm)}
+
+
 def test_a_record_counts_what_runs_came_to() -> None:
     """Three runs of three followers, of whom one is far worse than the others: no mean is a median."""
     runs = [
@@ -109,7 +116,7 @@ def test_a_record_counts_what_runs_came_to() -> None:
          for each in (1.0, 2.0, 9.0)]
         for i in range(3)
     ]  # fmt: skip
-    found = findings_of({"calm": runs})
+    found = findings_of(outcomes_of({"calm": runs}))
     # of 1, 2, 9, 2, 4, 18, 3, 6, 27
     assert (found["median calm"].value, found["worst calm"].value) == (4.0, 27.0)
     # medians of runs are 2, 4 and 6
@@ -126,7 +133,7 @@ def test_a_record_counts_what_runs_came_to() -> None:
     assert (found["within calm"].value, found["contact calm"].value) == (4.0, pytest.approx(1 / 3, rel=1e-5))
     assert found["runs"].value == 3
     assert [found[f"{what} calm"].unit for what in ("median", "error", "power", "lost")] == ["m", "m", "W", ""]
-    alone = findings_of({"calm": [[row | {"closest_in_layer_m": None} for row in run] for run in runs]})
+    alone = findings_of(outcomes_of({"calm": [[row | {"closest_in_layer_m": None} for row in run] for run in runs]}))
     assert alone["within calm"].value is None
 
 
@@ -135,19 +142,20 @@ def test_runs_are_numbered_from_zero_and_some_conditions_fly_every_other_one(
 ) -> None:
     plans: list[Plan] = []
 
-    def fly(plan: Plan, folder: Path) -> Outcomes:
+    def fly(given: list[Plan], folder: Path) -> list[Outcomes]:
+        (plan,) = given
         plans.append(plan)
-        outcomes = Outcomes(rows=[], runs=[])
+        outcomes = Outcomes(plan=plan, rows=[], runs=[], steps=[])
         for entry in plan.entries:
             runs = list(plan.runs_of(entry))
             for follower in entry.scenario.followers:
                 labels = {"point": 0, "arm": entry.arm, "realization": 0, "follower": follower.name}
                 outcomes.rows.append(labels | dict.fromkeys(METRICS, 1.0))
                 outcomes.runs.append((labels, {"run": runs}))
-        return outcomes
+        return [outcomes]
 
-    monkeypatch.setattr(study, "fly_study", fly)
-    study.run(tmp_path, runs=6)
+    monkeypatch.setattr(studies, "fly_until_narrow", fly)
+    studies.run_built_in("formation", tmp_path, {"runs": 6})
     (plan,) = plans
     numbers = {entry.arm: list(plan.runs_of(entry)) for entry in plan.entries}
     assert numbers["calm"] == [0, 1, 2, 3, 4, 5]
@@ -172,7 +180,7 @@ def test_every_run_of_a_condition_has_values_of_its_own(monkeypatch: pytest.Monk
         engine.fly_study(PLAN, tmp_path)
     (design,) = designs
     place = CONDITIONS["current"].place
-    flown = [design.tasks[place, run].args for run in range(60)]
+    flown = [design.tasks[0, place, run].args for run in range(60)]
     assert [run for _, run in flown] == list(range(60))
     assert [scenario.ocean.current_speed_m_s for scenario, _ in flown[:6]] == [0.1, 0.2, 0.3, 0.4, 0.5, 0.1]
     assert flown[7][0].ocean.current_direction_deg == pytest.approx(7 * 137.508 - 2 * 360)

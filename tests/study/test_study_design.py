@@ -179,7 +179,7 @@ def test_a_study_gives_each_run_its_values_and_every_follower_the_same():
     (entry,) = plan.entries
     assert list(plan.runs_of(entry)) == [0, 2, 4]
     assert plan.flights == 3
-    assert plan.study.titles == {"a": "any direction"}
+    assert plan.study.title("arm", "a") == "any direction"
     made = [entry.scenario_at(run) for run in range(5)]
     assert [scenario.run for scenario in made] == [0, 1, 2, 3, 4]
     assert [scenario.ocean.current_direction_deg for scenario in made] == [0, 90, 180, 270, 0]
@@ -193,7 +193,10 @@ def test_a_study_gives_each_run_its_values_and_every_follower_the_same():
         ({"set": {"ocean.current_speed_m_s": {"cycle": []}}}, r"expected \{ cycle = \[value, …\] \} or \{ rotate = "),
         ({"set": {"ocean.current_speed_m_s": {"rotate": "x"}}}, r"expected \{ cycle"),
         ({"set": {"ocean.current_speed_m_s": {"cycle": [-1.0]}}}, r"ocean.current_speed_m_s: .*greater than or equal"),
-        ({"arm": [{"name": "a", "every": 0}]}, r"arm a: every must be a whole number, 1 or more \(given: 0\)"),
+        (
+            {"arm": [{"name": "a", "every": 0}]},
+            r"arm\[0\].every: Input should be greater .*1 \(given: 0\)",
+        ),
         ({"scenario": "T5", "arm": [{"name": "a", "every": 2}]}, r"arm a: every applies to closed loops"),
         ({"set": {"followers.*.no_key": 1}}, r"followers\[0\].no_key: unknown key"),
     ],

@@ -5,7 +5,8 @@ from functools import partial
 
 import numpy as np
 
-from experiments.studies.estimators.runs import mission
+from experiments.campaign.cells import Cell
+from experiments.flight.library import load
 from laisn import lane_rows as row
 from laisn import lanes
 from laisn.arrays import Floats, Ints
@@ -57,8 +58,9 @@ def _fly(settings: TightSettings, missions: Sequence[Measurements], start: Float
 
 
 def _rows(interval: float) -> Iterator[Row]:
-    truth, errors = mission(ROUTE, interval, 0.0)
-    missions = [measure(truth, errors, seed=1, run=run) for run in range(RUNS)]
+    keys = ["motion=kinematic", "followers.0.depth_m=8", f"timing.message_interval_s={interval}"]
+    cell = Cell.of(load(ROUTE, [*keys, "navigation.variant=laisn-3-2"]))
+    truth, missions = cell.truth, [measure(cell.truth, cell.errors, seed=1, run=run) for run in range(RUNS)]
     per, every = 1e9 / (RUNS * truth.speed.size), f"messages every {interval:g} s"
     own, messages = (rows.reshape(len(rows), -1) for rows in lanes.stacked(missions))
     tuned = row.tuning(NavigationSettings())

@@ -18,7 +18,8 @@ from experiments.pages.figures import Line, Panel
 from experiments.pages.flight_figures import error_parts
 from experiments.pages.style import INK, SERIES, Legend
 from experiments.studies import route_keeping
-from experiments.studies.estimators import study as estimators
+from experiments.studies.estimators import figures as estimators
+from experiments.study.file import built_in, study_of
 from sim.film import render
 from sim.flight import Flight, excerpt
 from sim.motion import simulate_motion
@@ -125,11 +126,11 @@ def main() -> None:
     save(routes(), "routes")
     flown = {name: fly(load(name, ()))[0] for name in {"T5", *(scenario for scenario, _, _ in STILLS.values())}}
     save(errors(flown["T5"]), "errors")
-    estimator_errors, estimator_legend = estimators.picture(records()["estimators"])
+    cases = study_of(str(built_in("estimators")["cases"]), {}).cases
     drawn = physics.all_figures() | {
         "asymmetry": study_pictures.asymmetry(),
         "closed-loop": study_pictures.closed_loop(),
-        "estimators": (drawing.draw(estimator_errors), estimator_legend),
+        "estimators": (drawing.draw(estimators.picture(records()["estimators"], cases)), estimators.LEGEND),
         "real-ranges": study_pictures.real_ranges(),
         "reproduction": study_pictures.reproduction(),
     }

@@ -6,14 +6,14 @@
 import argparse
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from experiments.findings import FILE
-from experiments.studies import closed_loop, coverage, real_ranges, route_keeping
+from experiments.studies import coverage, real_ranges, route_keeping
 from experiments.studies.asymmetry import study as asymmetry
-from experiments.studies.estimators import study as estimators
-from experiments.studies.formation import study as formation
 from experiments.studies.reproduction.study import judge_with_seeds, reproduce
+from experiments.study.study import run_built_in
 from tools.documents import flights, hull_trials
 from tools.documents.markers import RECORDS
 
@@ -25,10 +25,10 @@ STUDIES: dict[str, Callable[[Path], object]] = {
     "reproduce-physics": lambda folder: reproduce(motion="physics", out=folder),
     "reproduce-kinematic": lambda folder: reproduce(motion="kinematic", out=folder),
     "claim-seeds": judge_with_seeds,
-    "closed-loop": closed_loop.run,
-    "formation": formation.run,
+    "closed-loop": partial(run_built_in, "closed-loop"),
+    "formation": partial(run_built_in, "formation"),
     "asymmetry": asymmetry.run,
-    "estimators": estimators.run,
+    "estimators": partial(run_built_in, "estimators"),
     "real-ranges": real_ranges.run,
 }
 """How each is flown into a folder."""

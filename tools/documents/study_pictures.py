@@ -14,10 +14,13 @@ from experiments.pages.figures import Line
 from experiments.pages.style import ESTIMATE, INK, MUTED, SERIES, Legend
 from experiments.studies.asymmetry.design import MAP
 from experiments.studies.asymmetry.fix_map import sweep
-from experiments.studies.closed_loop import scenario_of
+from experiments.study.file import study_of
+from experiments.study.plan import plan_of
 from experiments.studies.real_ranges import DATA
 from experiments.studies.reproduction.figures import agreement
 from experiments.studies.reproduction.study import reproduce
+from experiments.study.file import study_of
+from experiments.study.plan import plan_of
 from laisn.settings import NavigationSettings
 from sim.datasets.log import read_data_set, read_data_set_log, write_data_set
 from tools.documents.drawing import draw, heat, panel
@@ -40,9 +43,9 @@ def asymmetry() -> Drawn:
 
 def closed_loop() -> Drawn:
     """How a mirrored estimate leads a follower away: true and believed distances from the leader's axis."""
-    lines = []
+    lines, missions = [], {entry.arm: entry.scenario for entry in plan_of(study_of("closed-loop", {})).entries}
     for navigator, colour in (("laisn-2", SERIES[1]), ("laisn-3-2", SERIES[0])):
-        mission = scenario_of(f"{navigator} estimate")
+        mission = missions[f"{navigator} estimate"]
         chosen = (mission.followers[ROUTES.index("T5")],)
         flight, _ = fly(mission.model_copy(update={"followers": chosen, "duration_s": 140.0}))
         steps = flight.step_index()

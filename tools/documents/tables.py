@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from experiments.findings import Finding, Findings
 from experiments.flight.library import ROUTES
 from experiments.studies.coverage import LAWS, RUNS
-from experiments.studies.estimators.cases import CASES, SEAS
+from experiments.study.file import built_in, study_of
 
 Records = Mapping[str, Findings]
 
@@ -196,12 +196,14 @@ def _cases(records: Records, keys: Sequence[tuple[str, str]]) -> str:
 
 def estimators(records: Records) -> str:
     """The seven cases of the study of the estimators, messages every 5 s."""
-    return _cases(records, [(f"{case.name}: {case.title}", f"{case.name} 5") for case in CASES])
+    study = study_of(str(built_in("estimators")["cases"]), {})
+    return _cases(records, [(f"{case}: {study.title('case', case)}", f"{case} 5") for case in study.cases])
 
 
 def estimators_at_sea(records: Records) -> str:
     """Physical missions by both navigators, messages every 1 s."""
-    return _cases(records, [(sea["title"], f"sea {name}") for name, sea in SEAS.items()])
+    study = study_of(str(built_in("estimators")["sea"]), {})
+    return _cases(records, [(study.title("case", sea), f"sea {sea}") for sea in study.cases])
 
 
 def coverage(records: Records) -> str:

@@ -1,4 +1,4 @@
-"""What the study found, from the rows of its runs: `experiments.study.measure.records_of_run`."""
+"""What the study found, from the rows of its runs (`experiments.study.measure.records_of_run`)."""
 
 from collections.abc import Mapping, Sequence
 
@@ -7,6 +7,8 @@ import numpy as np
 from experiments.campaign.store import Record
 from experiments.findings import Finding, of, plain
 from experiments.intervals import mean_interval, proportion
+from experiments.studies.formation import limits
+from experiments.study.run import Outcomes
 from laisn.arrays import Floats
 from sim.station_keeping import LOST_M
 
@@ -53,9 +55,10 @@ def of_condition(name: str, runs: Sequence[Sequence[Record]]) -> dict[str, Findi
     return {f"{key} {name}": finding for key, finding in found.items()}
 
 
-def findings_of(found: Mapping[str, Sequence[Sequence[Record]]]) -> dict[str, Finding]:
-    """Findings of all conditions from the rows of their runs."""
+def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
+    """Findings of all conditions, and of the bound behind a weaving leader."""
+    found = outcomes["study"].by_arm()
     named = {"runs": plain(max(len(runs) for runs in found.values()), "runs of most conditions")}
     for name, runs in found.items():
         named |= of_condition(name, runs)
-    return named
+    return named | limits.findings()

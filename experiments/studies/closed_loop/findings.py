@@ -1,36 +1,23 @@
-"""Followers that steer by their own estimates, on all routes: `python -m experiments.studies.closed_loop`.
+"""What the study found, from the rows of all followers of its arms, run by run."""
 
-Flies the leader with eight followers and writes `out/closed-loop/results.json`.
-"""
-
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping
 from statistics import median
 
-from experiments.campaign.store import Record
-from experiments.findings import FILE, Finding, Findings, of, plain, record
+from experiments.findings import Finding, of, plain
 from experiments.flight.library import ROUTES
 from experiments.intervals import proportion
-from experiments.study.file import FOLDER, study_of
-from experiments.study.plan import plan_of
-from experiments.study.run import fly_study
-from sim.scenario.settings import Scenario
+from experiments.study.run import Outcomes
 
-COMMAND = "python -m experiments.studies.closed_loop"
-MODULES = ("experiments.studies.closed_loop",)
-STUDY = str(FOLDER / "closed-loop.toml")
-"""Its arms are a navigator and how it steers: by its estimate, by the truth, or by its estimate in a current."""
 LOST_M = 50.0
 """A follower that ends farther than this from its place is called lost [m]."""
 
 
-def scenario_of(arm: str) -> Scenario:
-    """The scenario of run 0 of an arm."""
-    return next(entry.scenario for entry in plan_of(study_of(STUDY, {})).entries if entry.arm == arm)
+def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
+    """Of each route and navigator, steered by the truth, by its estimate, and by its estimate in currents.
 
-
-def findings_of(found: Mapping[str, Sequence[Sequence[Record]]]) -> Findings:
-    """The record: of each arm of the study the rows of all followers, run by run."""
+    The arms of the study are a navigator and how it steers, the followers the routes.
+    """
+    found = outcomes["study"].by_arm()
     runs = len(next(iter(found.values())))
     named: dict[str, Finding] = {"runs": plain(runs, "runs of each route"), "lost-from": plain(LOST_M, "", "m")}
     for name in dict.fromkeys(arm.rpartition(" ")[0] for arm in found):
@@ -58,14 +45,4 @@ def findings_of(found: Mapping[str, Sequence[Sequence[Record]]]) -> Findings:
         named[f"worst current {name}"] = plain(max(off), "the same; median of runs on the worst route", "m")
         named[f"lost current {name}"] = of(proportion(lost, len(flown)), "share of missions lost in currents, 95 %")
         named[f"lost-runs current {name}"] = plain(lost, "missions lost in currents")
-    return record("closed-loop", COMMAND, MODULES, named)
-
-
-def run(folder: Path, runs: int | None = None) -> None:
-    """Fly all runs, or those that are missing, and write the record into a folder; `runs` in place of the study's."""
-    plan = plan_of(study_of(STUDY, {"runs": runs}))
-    findings_of(fly_study(plan, folder).by_arm()).write(folder / FILE)
-
-
-if __name__ == "__main__":
-    run(Path("out") / "closed-loop")
+    return named

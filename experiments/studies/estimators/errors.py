@@ -1,0 +1,73 @@
+"""Errors that the study adds to the paper's noise."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from laisn.messages import Measurements
+
+SPEED_DRIFT, SPEED_PERIOD = 0.1, 300.0
+"""Sinusoidal drift of the log's bias: amplitude [m/s] and period [s]."""
+HEADING_DRIFT, HEADING_PERIOD = float(np.deg2rad(3.0)), 400.0
+"""Sinusoidal drift of the compass's bias: amplitude [rad] and period [s]."""
+DEVIATION = 0.03
+"""Amplitude of a deviation that goes once round with the heading [rad]."""
+LATE = 0.010
+"""Error by which the front transmitter's range is too long [m]."""
+ECHO_CHANCE = 0.05
+"""Chance of each range that it is that of an echo."""
+ECHO_EXCESS = (0.3, 4.8)
+"""Least and largest excess of an echo's range, drawn evenly between them [m]."""
+COMMON_CHANCE = 0.1
+"""Chance of each message that all its ranges have the same excess, drawn likewise."""
+CLOCK_OFFSET, CLOCK_DRIFT = 1.5, 1.5e-3
+"""Clock offset of 1 ms at the start, as a range [m], and drift of 1 ppm [m/s]."""
+LOSS_CHANCE = 0.2
+"""Chance of each message that none of its pings is received."""
+ERRORS = ("drift", "deviation", "echoes", "losses", "late", "common", "clock")
+
+
+class Errors:
+    """Errors of log, compass and ranges, which study files name with `disturb`."""
+
+    def __init__(self, errors: Sequence[str]) -> None:
+        """Take names of `ERRORS`; ValueError naming one that is none."""
+        for name in errors:
+            if name not in ERRORS:
+                raise ValueError(f"there is no error {name!r}; available: {', '.join(ERRORS)}")
+        self.errors = errors
+
+    def disturb(self, measurements: Measurements, seed: int, run: int) -> Measurements:
+        """Measurements with the errors added; a function of errors and arguments alone."""
+        rng = np.random.default_rng([seed, run])
+        if "drift" in self.errors:
+            time = measurements.dt * np.arange(1, measurements.speed.size + 1)
+            phase = rng.uniform(0.0, 2.0 * np.pi, 2)
+            log = SPEED_DRIFT * np.sin(2.0 * np.pi * time / SPEED_PERIOD + phase[0])
+            compass = HEADING_DRIFT * np.sin(2.0 * np.pi * time / HEADING_PERIOD + phase[1])
+            measurements = replace(
+                measurements, speed=np.maximum(measurements.speed + log, 0.0), heading=measurements.heading + compass
+            )
+        if "deviation" in self.errors:
+            turned = np.random.default_rng([seed, run, 1]).uniform(0.0, 2.0 * np.pi)
+            off = DEVIATION * np.sin(measurements.heading + turned)
+            measurements = replace(measurements, heading=measurements.heading + off)
+        ranges = measurements.ranges.copy()
+        if "clock" in self.errors:
+            ranges += CLOCK_OFFSET + CLOCK_DRIFT * measurements.dt * measurements.message_step[:, None]
+        if "common" in self.errors:
+            late = np.random.default_rng([seed, run, 2])
+            excess = late.uniform(*ECHO_EXCESS, (ranges.shape[0], 1))
+            ranges += np.where(late.random((ranges.shape[0], 1)) < COMMON_CHANCE, excess, 0.0)
+        if "late" in self.errors:
+            ranges[:, 1] += LATE
+        # drawn in any case, so that an error alone is the same as among others
+        echo = rng.random(ranges.shape) < ECHO_CHANCE
+        excess = rng.uniform(*ECHO_EXCESS, ranges.shape)
+        lost = rng.random(ranges.shape[0]) < LOSS_CHANCE
+        if "echoes" in self.errors:
+            ranges += np.where(echo, excess, 0.0)
+        if "losses" in self.errors:
+            ranges[lost] = np.nan
+        return replace(measurements, ranges=ranges)

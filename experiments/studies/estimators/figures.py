@@ -1,0 +1,52 @@
+"""The figure of the study of the estimators, and what else its page shows."""
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import numpy as np
+
+from experiments.findings import Findings
+from experiments.pages.figures import Line, Panel, panel
+from experiments.pages.page import Figures
+from experiments.pages.style import SERIES
+from experiments.studies.estimators.findings import INTERVAL, missions_of
+from experiments.study.plan import levels
+from experiments.study.run import Outcomes
+
+LEGEND = [(SERIES[1], "LAISN-2"), (SERIES[0], "tightly coupled")]
+
+
+def picture(findings: Findings, cases: Collection[str]) -> Panel:
+    """Mean position errors of both navigators, case by case, messages every 5 s; a bar is a 95 % interval."""
+    lines = []
+    for name, title, colour, aside in (
+        ("laisn-2", "LAISN-2", SERIES[1], -0.08),
+        ("error", "tightly coupled", SERIES[0], 0.08),
+    ):
+        found = [findings[f"{name} {case} 5"] for case in cases]
+        ends = [(np.nan, np.nan) if one.low is None or one.high is None else (one.low, one.high) for one in found]
+        low, high = np.array(ends).T
+        y, places = np.array([one.number for one in found]), np.arange(len(found), dtype=np.float64) + aside
+        lines.append(Line(x=places, y=y, colour=colour, marker="o", size=4.5, name=title, interval=(low, high)))
+    drawn = np.concatenate([[*line.y, *line.interval[0], *line.interval[1]] for line in lines if line.interval])
+    return panel(
+        lines, x_label="case", y_label="mean E_P over the routes [m]", height=3.0, y_log=True,
+        y_limits=(float(np.nanmin(drawn)) / 1.5, float(np.nanmax(drawn)) * 1.5),
+        x_ticks={float(i): case for i, case in enumerate(cases)}, x_limits=(-0.5, len(cases) - 0.5),
+    )  # fmt: skip
+
+
+def values(found: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
+    """What the page's template names."""
+    studies = {part: one.plan.study for part, one in outcomes.items()}
+    titles = {part: {name: study.title("case", name) for name in study.cases} for part, study in studies.items()}
+    cases = titles["cases"]
+    return {
+        "ratio": Figures(panels=[picture(found, cases)], legend=LEGEND),
+        "titles": titles,
+        "intervals": levels(outcomes["cases"].plan, INTERVAL),
+        "baselined": [name for name in cases if f"ekf {name} 5" in found.findings],
+        "on_axis": [*studies["locks"].scenarios],
+        "offsets": levels(outcomes["offset"].plan, "leader.middle_offset_m"),
+        "routes": [(one.point["case"], one.figures) for one in missions_of(outcomes["cases"])],
+    }

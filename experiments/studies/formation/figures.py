@@ -1,0 +1,57 @@
+"""The figure of the study of formations, and what else its page shows."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from experiments.findings import Findings
+from experiments.flight.library import load
+from experiments.pages.figures import Line, Panel, panel
+from experiments.pages.page import Figures, share_of, with_limits
+from experiments.pages.style import FULL, SERIES
+from experiments.studies.formation import limits
+from experiments.study.run import Outcomes
+
+_SERIES = {
+    "run-median": (SERIES[0], "o", "median follower's RMS and its 95 % interval"),
+    "worst": (SERIES[1], "D", "worst follower's RMS"),
+    "max": (SERIES[4], "|", "largest distance at any time"),
+}
+"""Findings of the figure: colour, marker and words."""
+
+
+def picture(findings: Findings, conditions: Mapping[str, str]) -> Panel:
+    """Distance from the station in each condition, by its title, the first at the top; a bar is a 95 % interval."""
+    places = np.arange(len(conditions), dtype=np.float64)[::-1]
+    lines = []
+    for key, (colour, marker, text) in _SERIES.items():
+        found = [findings[f"{key} {name}"] for name in conditions]
+        ends = [(np.nan, np.nan) if one.low is None or one.high is None else (one.low, one.high) for one in found]
+        low, high = np.array(ends).T
+        values = np.array([finding.number for finding in found])
+        lines.append(
+            Line(
+                x=values, y=places, colour=colour, marker=marker, size=4.5, name=text, interval=(low, high), across=True
+            )
+        )
+    return panel(
+        lines, x_label="distance from the station [m]", y_label="", width=FULL, height=1.0 + 0.21 * places.size,
+        y_limits=(-0.7, places.size - 0.3), x_log=True,
+        y_ticks=dict(zip(places.tolist(), conditions.values(), strict=True)),
+    )  # fmt: skip
+
+
+def values(found: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
+    """What the page's template names."""
+    study = outcomes["study"].plan.study
+    conditions = {arm: study.title("arm", arm) for arm in study.arms}
+    legend = [(colour, text) for colour, _, text in _SERIES.values()]
+    return {
+        "conditions": conditions,
+        "interval": lambda key, digits=2: with_limits(found[key], digits),
+        "share": lambda key: share_of(found[key]),
+        "stations": Figures(panels=[picture(found, conditions)], legend=legend),
+        "swarm": load("swarm", ()),
+        "limits": limits,
+    }

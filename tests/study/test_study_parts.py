@@ -1,0 +1,125 @@
+"""Cases, several scenarios, level leaders, numbers of runs and errors over time of studies."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.campaign.cells import Cell
+from experiments.campaign.missions import Mission, simulate_mission
+from experiments.campaign.montecarlo import simulate
+from experiments.study.file import StudyError, of_table, study_of
+from experiments.study.plan import Plan, plan_of
+from experiments.study.run import Outcomes, fly_studies, fly_study
+from sim.trajectory import leveled
+
+SHORT: dict[str, Any] = {"scenario": "T5", "runs": 3, "set": {"duration_s": 20.0, "leader.excess_buoyancy_n": 8.0}}
+
+
+def plan(table: dict[str, Any]) -> Plan:
+    return plan_of(of_table(SHORT | table, "s", "s"))
+
+
+def flown(folder: Path, table: dict[str, Any]) -> Outcomes:
+    return fly_study(plan(table), folder, workers=1, quiet=True)
+
+
+def test_cases_scenarios_and_factors_are_crossed_and_a_case_may_have_some_of_the_arms() -> None:
+    cases = [
+        {"name": "calm"},
+        {
+            "name": "current",
+            "title": "a current",
+            "ocean.current_speed_m_s": 0.3,
+            "arms": ["laisn"],
+            "duration_s": 30.0,
+        },
+    ]  # fmt: skip
+    arms = [{"name": "laisn"}, {"name": "tight", "navigation.variant": "tight"}]
+    made = plan({"scenario": ["T2", "T6"], "case": cases, "arm": arms, "vary": {"timing.message_interval_s": [1, 5]}})
+    assert [tuple(point.values()) for point in made.points] == [
+        (case, route, interval) for case in ("calm", "current") for route in ("T2", "T6") for interval in (1, 5)
+    ]
+    assert [*made.points[0]] == ["case", "scenario", "timing.message_interval_s"]
+    arms_of = {number: [e.arm for e in made.entries if e.point == number] for number in range(8)}
+    assert arms_of == {number: ["laisn", "tight"] if number < 4 else ["laisn"] for number in range(8)}
+    assert made.study.title("case", "current") == "a current"
+    for entry in made.entries:
+        scenario, point = entry.scenario, made.points[entry.point]
+        assert scenario.followers[0].route == point["scenario"] == entry.source
+        assert (scenario.duration_s, scenario.ocean.current_speed_m_s) == (
+            (20.0, 0.0) if point["case"] == "calm" else (30.0, 0.3)
+        )
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"case": [{"name": "a"}, {"name": "a"}]}, "case: names must differ; repeated: a"),
+        ({"case": [{"name": "a", "arms": ["b"]}]}, "case a: there is no arm 'b'"),
+        ({"case": [{"title": "a"}]}, r"case\[0\].name: Field required"),
+        ({"case": [{"name": "a", "duration_s": 9.0}], "vary": {"duration_s": [1, 2]}}, "duration_s: stands in "),
+        ({"case": [{"name": "a", "seed": 9}]}, "seed: belongs to the study"),
+        ({"arm": [{"name": "a", "run": 9}]}, "run: belongs to the study"),
+        ({"vary": {"case": ["a"]}}, "vary.case: belongs to the study"),
+        ({"scenario": []}, "scenario: List should have at least 1 item"),
+        ({"scenario": ["T2", "T2"]}, "vary.scenario: a value stands in the list twice"),
+        ({"scenario": ["T2", "T77"]}, "unknown scenario"),
+        ({"vary": {"duration_s": [5, 9]}, "runs_apart": 2**20}, "runs_apart: Input should be less"),
+        ({"vary": {"run": [5, 2**31 - 5]}}, "the last run is number"),
+        ({"scenario": "swarm", "arm": [{"name": "a", "level_leader": True}]}, "level_leader apply to missions"),
+    ],
+)
+def test_errors_of_cases_scenarios_and_runs_are_named(changed: dict[str, Any], message: str) -> None:
+    with pytest.raises(StudyError, match=message):
+        plan(changed)
+
+
+def test_an_arm_may_follow_a_leader_that_keeps_level_on_the_same_track(tmp_path: Path) -> None:
+    arms = [{"name": "real"}, {"name": "level", "level_leader": True}]
+    outcomes = flown(tmp_path, {"arm": arms})
+    scenario = plan({}).entries[0].scenario
+    motion = simulate_mission(scenario)
+    assert np.abs(motion.pitch[:, 0]).max() > np.deg2rad(1.0)
+    for row, (labels, lists), behind in zip(outcomes.rows, outcomes.runs, (motion, leveled(motion)), strict=True):
+        found = simulate(Cell.of(scenario, 0, 3, mission=Mission(scenario, behind)))
+        assert {name: row[name] for name in ("e_p_mean_m", "nees")} == {
+            name: found.row[name] for name in ("e_p_mean_m", "nees")
+        }
+        assert lists["e_p_mean_m"].tolist() == found.runs["e_p_mean_m"].tolist()
+        assert labels["arm"] == row["arm"]
+    assert outcomes.rows[0]["e_p_mean_m"] != outcomes.rows[1]["e_p_mean_m"]
+    assert outcomes.rows[0]["leader_pitch_rms_deg"] == outcomes.rows[1]["leader_pitch_rms_deg"]
+
+
+def test_runs_have_the_noise_of_their_numbers(tmp_path: Path) -> None:
+    """Points may have runs of their own: run 5 is the same wherever it stands."""
+    many = flown(tmp_path, {"runs": 8}).runs[0][1]
+    made = plan(
+        {"set": SHORT["set"] | {"run": 2}, "vary": {"leader.broadcast_attitude": [False, True]}, "runs_apart": 3}
+    )
+    assert [entry.scenario.run for entry in made.entries] == [2, 5]
+    for first, (_, lists) in zip((2, 5), fly_study(made, tmp_path, workers=1, quiet=True).runs, strict=True):
+        assert lists["run"].tolist() == [first, first + 1, first + 2]
+        assert lists["e_p_mean_m"].tolist() == many["e_p_mean_m"][first : first + 3].tolist()
+    part = fly_study(made.part(made.entries[1:], 1), tmp_path, workers=1, quiet=True)
+    assert [lists["run"].tolist() for _, lists in part.runs] == [[5]]
+
+
+def test_studies_fly_together_and_keep_errors_over_time(tmp_path: Path) -> None:
+    one, other = fly_studies([plan({"steps": True}), plan({"runs": 2})], tmp_path, workers=1, quiet=True)
+    (steps,) = one.steps
+    assert steps["e_p_mean_m"].mean() == pytest.approx(one.rows[0]["e_p_mean_m"], rel=1e-6)
+    assert other.steps == [{}]
+    assert (one.rows[0]["runs"], other.rows[0]["runs"]) == (3, 2)
+
+
+def test_a_trial_run_has_the_keys_of_quick() -> None:
+    table = {"scenario": "T5", "quick": {"runs": 2, "set": {"duration_s": 20.0}}, "set": {"duration_s": 50.0}}
+    assert study_of(table, {}).runs == 60
+    quick = study_of(table, {"set": {"seed_": 1}, "runs": None}, quick=True)
+    assert (quick.runs, quick.settings) == (2, {"duration_s": 20.0, "seed_": 1})
+    assert study_of(table, {"runs": 5}, quick=True).runs == 5
+    with pytest.raises(StudyError, match=r"--quick: the study has no \[quick\]"):
+        study_of({"scenario": "T5"}, {}, quick=True)
