@@ -1,6 +1,7 @@
 """The plan of a study: every scenario that it flies, all of them valid before the first is flown."""
 
 import difflib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -27,8 +28,8 @@ FOLLOWER = "follower"
 MOST_ENTRIES = 200_000
 """Largest number of scenarios of a study: points times arms times realizations."""
 
-_STILL = ("acoustics", "navigation", "sensors")
-"""Sections that change no motion; see `motion_of`."""
+_READINGS = re.compile(r"(acoustics|sensors)\.(?!own)")
+"""Keys that change what sensors read, but neither motion nor feasibility."""
 MOST_RUNS = 2**31 - LANES
 """Largest number of a run."""
 
@@ -194,7 +195,7 @@ def _examined(study: Study, tables: Mapping[str, Mapping[str, Any]], points: lis
             settings = {**study.settings, **case, **study.arms.get(arm, {}), **own, **drawn(first, realization)}
             if study.realizations > 1 or study.seed is not None:
                 settings["seed"] = first + realization
-            moving = repr((name, [one for one in settings.items() if not one[0].startswith(_STILL)]))
+            moving = repr((name, [one for one in settings.items() if not _READINGS.match(one[0])]))
             try:
                 changed, lines = _with(tables[name], {key: value_at(value, 0) for key, value in settings.items()})
             except ValueError as error:

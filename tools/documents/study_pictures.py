@@ -14,8 +14,6 @@ from experiments.pages.figures import Line
 from experiments.pages.style import ESTIMATE, INK, MUTED, SERIES, Legend
 from experiments.studies.asymmetry.design import MAP
 from experiments.studies.asymmetry.fix_map import sweep
-from experiments.study.file import study_of
-from experiments.study.plan import plan_of
 from experiments.studies.real_ranges import DATA
 from experiments.studies.reproduction.figures import agreement
 from experiments.studies.reproduction.study import reproduce
