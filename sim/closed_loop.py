@@ -96,7 +96,8 @@ class ClosedLoopState(NamedTuple):
     arrived: Bools
     """Whether a message is in at this filter step, shape (f,)."""
     tilts: Floats
-    """What accelerations add to the leader's measured pitch and roll at each instant, shape (n + 1, 2), [rad]."""
+    """What accelerations add to the leader's measured pitch and roll at each instant, shape (n + 1, 2), [rad]; NaN if
+    these are not broadcast."""
     seen: Records
     """What each follower's last look around showed, of SIGHTING, shape (f, v)."""
     estimates: Records
@@ -158,7 +159,7 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
         readings=records(READING, f),
         inbox=new_inbox(f),
         arrived=np.zeros(f, dtype=np.bool_),
-        tilts=np.zeros((n, 2)),
+        tilts=np.full((n, 2), 0.0 if scenario.leader.broadcast_attitude else np.nan),
         seen=records(SIGHTING, f, f + 1),
         estimates=records(ESTIMATE, f),
         trails=trails,

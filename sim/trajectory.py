@@ -44,6 +44,8 @@ class Body(NamedTuple):
     """[rad]."""
     pitch: Any
     """[rad]."""
+    roll: Any
+    """[rad]."""
 
 
 @elementwise
@@ -200,6 +202,7 @@ class Trajectory(ArrayRecord):
             water=tuple(self.water_velocity[index, vehicle].T),
             heading=self.heading[index, vehicle],
             pitch=self.pitch[index, vehicle],
+            roll=attitude.roll(self.quaternion[index, vehicle]),
         )
 
     @property

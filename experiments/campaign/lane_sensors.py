@@ -12,7 +12,7 @@ from laisn.arrays import Bools, Floats
 from laisn.compiled import compiled_lanes, copy_values
 from laisn.failure import LaisnError
 from laisn.lane_rows import LANES
-from sim.sensing.drift import advanced, weights
+from sim.sensing.ahrs import advanced, weights
 from sim.sensing.errors import (
     SensorErrors,
     heading_reading,

@@ -7,17 +7,22 @@ the angle w by which the gyros walk off in a step:
 
     e_k = (1 − γ)(e_{k−1} + w_k) + γ i_k,    γ = 1 − exp(−Δt / τ).
 
-Accelerations are the same in every run, and go through the filter here; the random part is a Gauss–Markov process with
-correlation time τ, of which `sim.sensing.observation` and `.instant` take the values that are broadcast.
+Accelerations are the same in every run, and go through the filter here. The random part is a first-order Gauss–Markov
+process of correlation time τ, of which `sim.sensing.observation` and `.instant` take the values that are broadcast:
+
+    x(t_i) = a_i x(t_{i−1}) + √(1 − a_i²) n_i,    a_i = exp(−(t_i − t_{i−1}) / τ),
+
+exact at whatever instants it is read (Gelb, Applied Optimal Estimation, 1974).
 """
 
+import math
 from functools import partial
 from itertools import accumulate
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled, elementwise, formula
 from laisn.geometry import signed_angle
 from sim.geometry.attitude import pitch_of, roll_of, rotated
@@ -82,25 +87,22 @@ def apparent_tilt(trajectory: Trajectory) -> Floats:
     return np.column_stack(_shown(trajectory.quaternion[:, 0].T, change.T))
 
 
-def measured_attitude(trajectory: Trajectory, sensors: Sensors) -> Floats:
-    """Pitch and roll as the leader measures them, but for random errors, shape (n, 2), [rad].
+def tilt_errors(trajectory: Trajectory, sensors: Sensors) -> Floats:
+    """What accelerations add to the leader's measured pitch and roll, shape (n, 2), [rad].
 
     The filter starts without error.
     """
     true = np.column_stack([trajectory.pitch[:, 0], trajectory.roll[:, 0]])
     if not sensors.leader_attitude_senses_acceleration:
-        return true
-    share, error = gain(sensors), signed_angle(apparent_tilt(trajectory) - true)
-    step = partial(_filtered, share=share)
-    filtered = [list(accumulate([0.0, *column], step))[1:] for column in error.T.tolist()]
-    return true + np.array(filtered).T
+        return np.zeros_like(true)
+    step = partial(_filtered, share=gain(sensors))
+    errors = signed_angle(apparent_tilt(trajectory) - true).T
+    return np.array([list(accumulate([0.0, *column], step))[1:] for column in errors.tolist()]).T
 
 
 @compiled
 def follow_tilt(share: float, quaternion: Floats, change: Floats, last: Floats, error: Floats) -> None:
-    """Error of measured pitch and roll at an instant, but for random errors, from that of the instant before.
-
-    So compiled code goes on from instant to instant as `measured_attitude` does over a finished mission.
+    """One step of `tilt_errors` in compiled code: from the errors at the instant before to those at an instant.
 
     Args:
         share: `gain` of the filter.
@@ -113,3 +115,34 @@ def follow_tilt(share: float, quaternion: Floats, change: Floats, last: Floats, 
     pitch, roll = _shown((w, x, y, z), (change[0], change[1], change[2]))
     error[0] = _filtered(last[0], signed_angle(pitch - pitch_of(w, x, y, z)), share)
     error[1] = _filtered(last[1], signed_angle(roll - roll_of(w, x, y, z)), share)
+
+
+def weights(step: Ints, dt: float, time: float) -> Floats:
+    """Weights of the last value of a Gauss–Markov process and of the fresh normal, a_i and √(1 − a_i²), shape (m, 2).
+
+    The first value is all fresh: the process has run for long.
+
+    Args:
+        step: at which the process is read, shape (m,), increasing.
+        dt: length of a step [s].
+        time: correlation time τ [s]; 0 for independent values.
+    """
+    kept = np.zeros(step.size)
+    if time > 0.0:
+        # not `np.exp`, which rounds otherwise for arrays than for numbers
+        kept[1:] = [math.exp(-steps * (dt / time)) for steps in np.diff(step).tolist()]
+    return np.column_stack([kept, np.sqrt(1.0 - kept**2)])
+
+
+@formula
+def advanced(last: Any, kept: float, fresh: float, normal: Any) -> Any:
+    """Next value of the process."""
+    return kept * last + fresh * normal
+
+
+def gauss_markov(normals: Floats, step: Ints, dt: float, time: float) -> Floats:
+    """Values of processes, one for each column of normals, shape (m, …); other arguments as of `weights`."""
+    values, last = np.empty_like(normals), np.zeros(normals.shape[1:])
+    for i, (kept, fresh) in enumerate(weights(step, dt, time).tolist()):
+        last = values[i] = advanced(last, kept, fresh, normals[i])
+    return values

@@ -3,6 +3,8 @@
 Numbers and arrays go through the same formulas: those of one instant, those of a finished mission (both by
 `sim.sensing.sensors`), and those of runs side by side (`experiments.campaign.lane_sensors`).
 
+The biases of log and compass may drift as sines about their means, those of each follower at another phase.
+
 Messages are lost one by one, or in bursts. Bursts follow the two-state chain of Gilbert (Bell System Technical Journal
 39, 1960) and Elliott (ibid. 42, 1963): in its good state a channel loses few messages, in its bad state most of them.
 """
@@ -12,13 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from laisn.compiled import formula, select
+from laisn.compiled import elementwise, formula, select
 from laisn.navigators import FARTHEST, FASTEST
 from sim.scenario.section import in_si
 from sim.scenario.sensors import Acoustics, Sensors
 from sim.scenario.settings import Scenario
 from sim.sensing.ahrs import random_error
 
+_GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
+"""The next follower's drift is ahead by this angle, which spreads any number of phases evenly [rad]."""
 _DERIVED = ("leader_position_drift", "leader_gyro", "leader_attitude_senses", "leader_attitude_sigma")
 """Keys that count by what follows from them."""
 
@@ -71,6 +75,14 @@ ERRORS = np.dtype(
 def errors_of(scenario: Scenario, follower: int = 0) -> SensorErrors:
     """The true errors of a follower's and the leader's sensors."""
     return SensorErrors(**_values(scenario.sensors_of(follower), scenario.acoustics))
+
+
+@elementwise
+def drift(e: Any, amplitude: float, phase: float, follower: int, time: Any) -> Any:
+    """Sinusoidal drift of a bias of a follower, by its index, at a time [s]; in the unit of the amplitude."""
+    if amplitude == 0.0:
+        return 0.0
+    return amplitude * np.sin(2.0 * np.pi / e.drift_period * time + (phase + follower * _GOLDEN))
 
 
 @formula

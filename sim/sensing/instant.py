@@ -16,20 +16,11 @@ from laisn.compiled import compiled
 from laisn.swarm import MESSAGE
 from sim.geometry.attitude import heading_of, pitch_of, roll_of
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.sensing import ahrs
 from sim.sensing.acoustics import ARRIVAL, Motion, Sound, follow, received_range, reception_step, sound_of
-from sim.sensing.drift import advanced
+from sim.sensing.ahrs import advanced, gain
 from sim.sensing.errors import ERRORS, errors_of, is_bad, is_lost, loses
 from sim.sensing.noise import Address, Stream, normals_at, uniforms_at
-from sim.sensing.sensors import (
-    NO_DRAW,
-    read_attitude,
-    read_follower,
-    read_leader,
-    read_ranges,
-    true_message,
-    true_own,
-)
+from sim.sensing.sensors import Carrier, read_follower, read_message, read_ranges, true_message, write_true_own
 from sim.trajectory import Body
 
 # compiled code holds numbers, not the members of an enum
@@ -49,11 +40,10 @@ class SensorModel(NamedTuple):
     run: np.uint64
     errors: Records
     """Of each follower, of ERRORS, shape (f,)."""
-    broadcast_attitude: bool
     senses_acceleration: bool
     """The leader takes accelerations for tilt."""
     tilt_share: float
-    """`ahrs.gain` of the leader."""
+    """`sim.sensing.ahrs.gain` of the leader."""
     dt: float
     stride: int
     """Instants from one filter step to the next."""
@@ -69,9 +59,8 @@ def sensor_model_of(scenario: Scenario) -> SensorModel:
         seed=np.uint64(scenario.seed),
         run=np.uint64(scenario.run),
         errors=np.array([tuple(errors_of(scenario, i)) for i in followers], ERRORS).view(np.recarray),
-        broadcast_attitude=leader.broadcast_attitude,
         senses_acceleration=leader.broadcast_attitude and scenario.sensors.leader_attitude_senses_acceleration,
-        tilt_share=ahrs.gain(scenario.sensors),
+        tilt_share=gain(scenario.sensors),
         dt=scenario.timing.filter_step_s,
         stride=round(scenario.timing.filter_step_s / CONTROL_STEP_S),
         message_every=scenario.message_every,
@@ -84,7 +73,7 @@ def body_of(state: State) -> Body:
     """The motion of a vehicle as sensors take it."""
     pose, twist, water = state
     w, x, y, z = pose[3], pose[4], pose[5], pose[6]
-    return Body(pose, twist, water, heading_of(w, x, y, z), pitch_of(w, x, y, z))
+    return Body(pose, twist, water, heading_of(w, x, y, z), pitch_of(w, x, y, z), roll_of(w, x, y, z))
 
 
 @compiled
@@ -98,8 +87,8 @@ def read_instruments(
         reading: out: record of `laisn.swarm.READING`.
     """
     e = s.errors[follower]
-    true_own(e, follower, k * s.dt, body_of(state), depth_sensor, reading)
-    read_follower(e, Address(s.seed, s.run, follower, k), reading, reading, NO_DRAW)
+    write_true_own(e, Carrier(follower, k * s.dt, body_of(state), depth_sensor), reading)
+    read_follower(e, Address(s.seed, s.run, follower, k), reading, reading)
 
 
 class Inbox(NamedTuple):
@@ -134,18 +123,13 @@ def broadcast(s: SensorModel, k: int, state: State, tilt: Floats, fluctuation: F
     """Make the message that the leader sends at filter step k.
 
     Args:
-        tilt: what accelerations add to measured pitch and roll, shape (2,), [rad].
+        tilt: what accelerations add to measured pitch and roll, shape (2,), [rad]; NaN if these are not broadcast.
         fluctuation: Gauss–Markov errors of pitch and roll, of unit variance, shape (2,).
         message: out: of MESSAGE.
     """
-    e, body = s.errors[0], body_of(state)
-    true_message(e, k * s.dt, body, message)
-    read_leader(e, Address(s.seed, s.run, 0, k), message, message, NO_DRAW)
-    message.pitch = message.roll = message.heading_sigma = np.nan
-    if s.broadcast_attitude:
-        w, x, y, z = body.pose[3], body.pose[4], body.pose[5], body.pose[6]
-        measured, offset = (body.pitch + tilt[0], roll_of(w, x, y, z) + tilt[1]), Address(s.seed, s.run, 0, 0)
-        message.pitch, message.roll = read_attitude(e, measured, normals_at(offset, _ATTITUDE), fluctuation)
+    e, sent = s.errors[0], Address(s.seed, s.run, 0, k)
+    true_message(e, k * s.dt, body_of(state), tilt, message)
+    read_message(e, sent, message, normals_at(Address(s.seed, s.run, 0, 0), _ATTITUDE), fluctuation, message)
 
 
 @compiled

@@ -10,20 +10,18 @@ from laisn.messages import LeaderMessage, Measurements
 from laisn.swarm import MESSAGE, READING
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.acoustics import Path, propagate, received_range
-from sim.sensing.ahrs import measured_attitude
-from sim.sensing.drift import gauss_markov
+from sim.sensing.ahrs import gauss_markov, tilt_errors
 from sim.sensing.errors import SensorErrors, errors_of, is_bad, is_lost, loses
 from sim.sensing.noise import STREAMS, Address, Stream, normals, normals_at, uniforms
 from sim.sensing.own_sensors import FollowerState, OwnSensor, own_sensors
 from sim.sensing.sensors import (
-    NO_DRAW,
+    Carrier,
     paths_taken,
-    read_attitude,
-    read_leader,
+    read_message,
     read_own,
     read_ranges,
     true_message,
-    true_own,
+    write_true_own,
 )
 from sim.trajectory import Trajectory
 
@@ -99,12 +97,11 @@ def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Mi
     errors, sound = errors_of(scenario, follower), propagate(trajectory, scenario, follower)
     own, sent = records(READING, n), records(MESSAGE, sound.emission_step.size)
     depth_sensor = trajectory.site_offset[trajectory.site(f"{name}/depth_sensor")]
-    true_own(errors, follower, steps * dt, trajectory.body(v, grid), depth_sensor, own)
-    emitted = sound.emission_step * stride
-    true_message(errors, sound.emission_step * dt, trajectory.body(0, emitted), sent)
-    sent.pitch = sent.roll = sent.heading_sigma = np.nan
+    write_true_own(errors, Carrier(follower, steps * dt, trajectory.body(v, grid), depth_sensor), own)
+    emitted, tilt = sound.emission_step * stride, np.full((2, sound.emission_step.size), np.nan)
     if scenario.leader.broadcast_attitude:
-        sent.pitch, sent.roll = measured_attitude(trajectory, scenario.sensors)[emitted].T
+        tilt = tilt_errors(trajectory, scenario.sensors)[emitted].T
+    true_message(errors, sound.emission_step * dt, trajectory.body(0, emitted), tilt, sent)
     hydrophone = trajectory.site_path(f"{name}/hydrophone", steps * stride)
     ranges = received_range(sound.arrival, sound.message_step[:, None, None], dt)
 
@@ -188,14 +185,12 @@ def measure(
     every = Address(seed, run, follower, np.arange(1, truth.speed.size + 1))
     sent, taken_up = every._replace(step=truth.emission_step), every._replace(step=truth.message_step)
     own, message = records(READING, every.step.size), truth.sent.copy()
-    read_own(errors, every, vars(truth), own, NO_DRAW)
-    read_leader(errors, sent, message, message, NO_DRAW)
+    read_own(errors, every, vars(truth), own)
     # step 0, at which nothing is measured, addresses errors that a run keeps
     offset = normals_at(every._replace(step=0), Stream.LEADER_ATTITUDE)
     drawn = normals_at(sent, Stream.LEADER_ATTITUDE).T
     fluctuation = gauss_markov(drawn, truth.emission_step, truth.dt, errors.leader_tilt_time).T
-    message.pitch, message.roll = read_attitude(errors, (message.pitch, message.roll), offset, fluctuation)
-
+    read_message(errors, sent, truth.sent, offset, fluctuation, message)
     by_echo = np.full((2, *truth.slant_range.shape), np.nan) if truth.echo_range is None else truth.echo_range
     true = np.transpose([truth.slant_range, *by_echo], (2, 0, 1))
     ranges = np.column_stack(read_ranges(errors, transmitters, sent, taken_up, true))

@@ -1,18 +1,18 @@
 """The sensors: what each would read without errors, and its readings.
 
-One set of functions serves one instant and a finished mission: compiled code calls them with numbers and records, under
-way (`sim.sensing.instant`); Python calls them with arrays over filter steps or messages, in dictionaries by the names
-of readings (`sim.sensing.observation`).
+A sensor is an entry of a list. One set of functions serves one instant and a finished mission: compiled code calls them
+with numbers and records, under way (`sim.sensing.instant`); Python calls them with arrays over filter steps or
+messages (`sim.sensing.observation`). Sensors of plugins: `sim.sensing.own_sensors`.
 """
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from laisn.arrays import Floats
+import numpy as np
+
 from laisn.compiled import elementwise, select
 from sim.geometry.attitude import carried
-from sim.sensing.drift import biased
-from sim.sensing.errors import heading_reading, path_taken, plain_reading, range_readings, speed_reading
+from sim.sensing.errors import drift, heading_reading, path_taken, plain_reading, range_readings, speed_reading
 from sim.sensing.noise import Address, Stream, normals_at, uniforms_at
 from sim.trajectory import Body, speed_through_water
 
@@ -20,46 +20,89 @@ from sim.trajectory import Body, speed_through_water
 _ECHO, _RANGE_UNIFORM, _RANGE_SCALE = int(Stream.ECHO), int(Stream.RANGE_UNIFORM), int(Stream.RANGE_SCALE)
 
 
+class Carrier(NamedTuple):
+    """A vehicle with sensors at an instant, or at many of them."""
+
+    follower: int
+    """Its index; of the leader 0."""
+    time: Any
+    """[s]."""
+    body: Body
+    depth_sensor: Any
+    """Offset of its pressure sensor, three numbers [m]."""
+
+
 class Sensor(NamedTuple):
-    """A sensor that reads one number at a time."""
+    """A sensor that reads one number at a time; its functions take numbers or arrays.
+
+    Their first argument `e` is a record or tuple of `sim.sensing.errors`.
+    """
 
     name: str
     """Of its readings."""
-    stream: Stream
-    """Of its noise."""
-    column: int
+    true: Callable[[Any, Carrier], Any]
+    """What it reads without random errors and constant biases."""
+    stream: Stream | None = None
+    """Of its noise; None: it has no errors."""
+    column: int = 0
     """Which of the two normals of a step is its own; sensors of one stream stand side by side in their order."""
-    bias: str
+    bias: str = ""
     """Field of `SensorErrors`; "": it has none."""
-    sigma: str
+    sigma: str = ""
     """Field of `SensorErrors`; "": it has none."""
-    read: Callable[..., Any]
-    """Reading from the true value, bias, standard deviation and normal; numbers or arrays."""
+    read: Callable[..., Any] = plain_reading
+    """Reading from the true value, bias, standard deviation and normal."""
+
+
+@elementwise
+def _log_speed(e: Any, on: Carrier) -> Any:
+    return speed_through_water(on.body.pose, on.body.twist, on.body.water)
+
+
+@elementwise
+def _drifting_speed(e: Any, on: Carrier) -> Any:
+    return _log_speed(e, on) + drift(e, e.speed_drift, e.speed_drift_phase, on.follower, on.time)
+
+
+@elementwise
+def _heading(e: Any, on: Carrier) -> Any:
+    return on.body.heading
+
+
+@elementwise
+def _drifting_heading(e: Any, on: Carrier) -> Any:
+    return on.body.heading + drift(e, e.heading_drift, e.heading_drift_phase, on.follower, on.time)
+
+
+@elementwise
+def _depth(e: Any, on: Carrier) -> Any:
+    return -carried(on.body.pose, on.depth_sensor)[2]
 
 
 OWN = (
-    Sensor("speed", Stream.OWN_MOTION, 0, "speed_bias", "speed_sigma", speed_reading),
-    Sensor("heading", Stream.OWN_MOTION, 1, "heading_bias", "heading_sigma", heading_reading),
-    Sensor("depth", Stream.DEPTH, 0, "", "depth_sigma", plain_reading),
+    Sensor("speed", _drifting_speed, Stream.OWN_MOTION, 0, "speed_bias", "speed_sigma", speed_reading),
+    Sensor("heading", _drifting_heading, Stream.OWN_MOTION, 1, "heading_bias", "heading_sigma", heading_reading),
+    Sensor("depth", _depth, Stream.DEPTH, 0, "", "depth_sigma"),
 )
 """A follower's own sensors that its navigator reads."""
 STEERING = (
-    Sensor("pitch", Stream.TILT, 0, "", "tilt_sigma", plain_reading),
-    Sensor("turning", Stream.GYRO, 0, "", "gyro_sigma", plain_reading),
-    Sensor("pitching", Stream.GYRO, 1, "", "gyro_sigma", plain_reading),
+    Sensor("pitch", elementwise(lambda e, on: on.body.pitch), Stream.TILT, 0, "", "tilt_sigma"),
+    Sensor("turning", elementwise(lambda e, on: on.body.twist[5]), Stream.GYRO, 0, "", "gyro_sigma"),
+    Sensor("pitching", elementwise(lambda e, on: on.body.twist[4]), Stream.GYRO, 1, "", "gyro_sigma"),
 )
 """Those that only steer it."""
 LEADER = (
-    Sensor("speed", Stream.LEADER_MOTION, 0, "leader_speed_bias", "", speed_reading),
-    Sensor("heading", Stream.LEADER_MOTION, 1, "leader_heading_bias", "leader_heading_sigma", heading_reading),
-    Sensor("depth", Stream.LEADER_DEPTH, 0, "", "leader_depth_sigma", plain_reading),
+    Sensor("timestamp", elementwise(lambda e, on: on.time)),
+    Sensor("east", elementwise(lambda e, on: on.body.pose[0] + e.leader_drift_east * on.time)),
+    Sensor("north", elementwise(lambda e, on: on.body.pose[1] + e.leader_drift_north * on.time)),
+    Sensor("speed", _log_speed, Stream.LEADER_MOTION, 0, "leader_speed_bias", "", speed_reading),
+    Sensor(
+        "heading", _heading, Stream.LEADER_MOTION, 1, "leader_heading_bias", "leader_heading_sigma", heading_reading
+    ),
+    Sensor("depth", _depth, Stream.LEADER_DEPTH, 0, "", "leader_depth_sigma"),
 )
-"""The leader's; of its attitude see `read_attitude`."""
-
-Reader = Callable[[Any, Address, Any, Any, tuple[float, float]], None]
-"""Reads a list of sensors: errors, address of the noise, true values and readings by name (they may be the same), and
-NO_DRAW."""
-NO_DRAW = 0.0, 0.0
+"""The leader's; of its attitude see `true_message` and `read_message`."""
+_AT_ORIGIN = 0.0, 0.0, 0.0
 
 
 def _parameter(name: str) -> Callable[[Any], float]:
@@ -69,12 +112,27 @@ def _parameter(name: str) -> Callable[[Any], float]:
     return elementwise(lambda e: getattr(e, name))
 
 
-def reader_of(sensors: Sequence[Sensor]) -> Reader:
-    """A function that reads a list of sensors, in Python and in compiled code, which unrolls the list."""
+def truth_of(sensors: Sequence[Sensor]) -> Callable[[Any, Carrier, Any], None]:
+    """A function that writes what sensors read without errors by name, in Python and in compiled code."""
+    if not sensors:
+        return elementwise(lambda e, on, readings: None)
+    (name, true, *_), write_others = sensors[0], truth_of(sensors[1:])
+
+    @elementwise
+    def write_all(e: Any, on: Carrier, readings: Any) -> None:
+        readings[name] = true(e, on)
+        write_others(e, on, readings)
+
+    return write_all
+
+
+def _reader_of(sensors: Sequence[Sensor]) -> Callable[..., None]:
+    """As `reader_of`; the last argument holds the normals of the sensor before."""
     if not sensors:
         return elementwise(lambda e, address, true, readings, drawn: None)
-    name, stream, column, bias_name, sigma_name, read = sensors[0]
-    bias, sigma, read_others = _parameter(bias_name), _parameter(sigma_name), reader_of(sensors[1:])
+    name, _, stream, column, bias_name, sigma_name, read = sensors[0]
+    assert stream is not None
+    bias, sigma, read_others = _parameter(bias_name), _parameter(sigma_name), _reader_of(sensors[1:])
     # compiled code holds numbers, not the members of an enum
     number = int(stream)
 
@@ -88,55 +146,53 @@ def reader_of(sensors: Sequence[Sensor]) -> Reader:
     return read_all
 
 
-read_own, read_follower, read_leader = reader_of(OWN), reader_of((*OWN, *STEERING)), reader_of(LEADER)
+def reader_of(sensors: Sequence[Sensor]) -> Callable[[Any, Address, Any, Any], None]:
+    """A function that reads a list of sensors, in Python and in compiled code, which unrolls the list.
+
+    It takes errors, address of the noise, and true values and readings by name, which may be the same.
+    """
+    read_all = _reader_of([sensor for sensor in sensors if sensor.stream is not None])
+    return elementwise(lambda e, address, true, readings: read_all(e, address, true, readings, (0.0, 0.0)))
+
+
+write_true_own, read_own = truth_of((*OWN, *STEERING)), reader_of(OWN)
+read_follower = reader_of((*OWN, *STEERING))
+_write_true_leader, _read_leader = truth_of(LEADER), reader_of(LEADER)
 
 
 @elementwise
-def true_own(e: Any, follower: int, time: Any, body: Body, depth_sensor: Floats, true: Any) -> None:
-    """What a follower's own sensors read without random errors and constant biases, by name.
+def true_message(e: Any, time: Any, leader: Body, tilt: Any, message: Any) -> None:
+    """What a message of the leader holds without random errors and constant biases.
 
     Args:
         e: record or tuple of `sim.sensing.errors`.
-        follower: its index.
-        time: [s].
-        body: its motion.
-        depth_sensor: offset of its pressure sensor, shape (3,), [m].
-        true: out.
+        time: of sending [s].
+        leader: its motion then.
+        tilt: what accelerations add to measured pitch and roll [rad]; NaN if these are not broadcast.
+        message: out: of `laisn.swarm.MESSAGE`.
     """
-    speed = speed_through_water(body.pose, body.twist, body.water)
-    true["speed"], true["heading"] = biased(e, follower, time, speed, body.heading)
-    true["depth"] = -carried(body.pose, depth_sensor)[2]
-    true["pitch"], true["turning"], true["pitching"] = body.pitch, body.twist[5], body.twist[4]
+    _write_true_leader(e, Carrier(0, time, leader, _AT_ORIGIN), message)
+    message.pitch, message.roll, message.heading_sigma = leader.pitch + tilt[0], leader.roll + tilt[1], np.nan
 
 
 @elementwise
-def true_message(e: Any, time: Any, leader: Body, true: Any) -> None:
-    """What a message of the leader holds without random errors and constant biases, by name, but for its attitude.
-
-    Arguments as of `true_own`.
-    """
-    true["timestamp"] = time
-    true["east"] = leader.pose[0] + e.leader_drift_east * time
-    true["north"] = leader.pose[1] + e.leader_drift_north * time
-    true["heading"] = leader.heading
-    true["speed"] = speed_through_water(leader.pose, leader.twist, leader.water)
-    true["depth"] = -leader.pose[2]
-
-
-@elementwise
-def read_attitude(e: Any, true: Any, offset: Any, fluctuation: Any) -> Any:
-    """Pitch and roll that the leader broadcasts [rad].
+def read_message(e: Any, sent: Address, true: Any, offset: Any, fluctuation: Any, message: Any) -> None:
+    """What a message holds.
 
     Args:
         e: record or tuple of `sim.sensing.errors`.
-        true: pitch and roll as measured, but for random errors [rad].
-        offset: normals of the errors that a run keeps.
+        sent: address of the noise at the filter step at which it is sent.
+        true: of `true_message`, which may be the same as the message.
+        offset: normals of the errors of pitch and roll that a run keeps.
         fluctuation: values of the Gauss–Markov processes, of unit variance.
+        message: out: of `laisn.swarm.MESSAGE`.
     """
+    _read_leader(e, sent, true, message)
     constant, sigma = e.leader_attitude_offset_sigma, e.leader_tilt_sigma
-    pitch = plain_reading(true[0], 0.0, constant, offset[0])
-    roll = plain_reading(true[1], 0.0, constant, offset[1])
-    return plain_reading(pitch, 0.0, sigma, fluctuation[0]), plain_reading(roll, 0.0, sigma, fluctuation[1])
+    pitch = plain_reading(true.pitch, 0.0, constant, offset[0])
+    roll = plain_reading(true.roll, 0.0, constant, offset[1])
+    message.pitch = plain_reading(pitch, 0.0, sigma, fluctuation[0])
+    message.roll = plain_reading(roll, 0.0, sigma, fluctuation[1])
 
 
 @elementwise

@@ -1,11 +1,12 @@
 """Errors that change slowly: amplitudes, period, phases and directions as the scenario gives them."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from sim.scenario.sensors import Sensors
-from sim.sensing.drift import biased
-from sim.sensing.errors import SensorErrors, errors_of
+from sim.sensing.errors import SensorErrors, drift, errors_of
 from sim.sensing.observation import observe
 from tests.straight import make_scenario, make_trajectory
 
@@ -17,6 +18,13 @@ TOLD = Sensors(
 
 def drifting(sensors: Sensors) -> SensorErrors:
     return errors_of(make_scenario().model_copy(update={"sensors": sensors}))
+
+
+def biased(w: SensorErrors, follower: int, time: Any, speed: Any, heading: Any) -> tuple[Any, Any]:
+    return (
+        speed + drift(w, w.speed_drift, w.speed_drift_phase, follower, time),
+        heading + drift(w, w.heading_drift, w.heading_drift_phase, follower, time),
+    )
 
 
 def test_biases_swing_with_their_amplitudes_periods_and_phases() -> None:

@@ -202,7 +202,7 @@ def test_a_leader_broadcasts_its_place_motion_and_attitude() -> None:
     sensors = with_errors(
         sensors, leader_speed_bias=0.1, leader_heading_bias=0.05, leader_heading_sigma=0.01,
         leader_depth_sigma=0.3, leader_attitude_offset_sigma=0.001, leader_tilt_sigma=0.002,
-    )._replace(broadcast_attitude=True)  # fmt: skip
+    )  # fmt: skip
     body = np.r_[3.0, 4.0, -9.0, attitude.from_euler(1.0, PITCH, 0.2)], np.r_[0.9, 0.7, 0.2, RATES], np.zeros(3)
     message = record(MESSAGE)
     fluctuation = np.array([0.7, -1.3])

@@ -24,7 +24,7 @@ from laisn.arrays import Floats
 from laisn.settings import Variant
 from sim.motion import simulate_motion
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.sensing.ahrs import apparent_tilt, measured_attitude, random_error
+from sim.sensing.ahrs import apparent_tilt, random_error, tilt_errors
 from sim.sensing.observation import SITES
 from sim.trajectory import Trajectory, leveled, tilted
 
@@ -99,7 +99,7 @@ class Pair:
             "depth_offset_rms_m": float(np.sqrt(np.mean(apart[:, 2] ** 2))),
             "fix_error_m": float(moved.mean()),
             "inclinometer_rms_deg": _rms_deg(apparent_tilt(both)[:, 0] - pitch, reading),
-            "ahrs_rms_deg": _rms_deg(measured_attitude(both, ahrs)[:, 0] - pitch, random_error(ahrs).sigma),
+            "ahrs_rms_deg": _rms_deg(tilt_errors(both, ahrs)[:, 0], random_error(ahrs).sigma),
         }
 
 
