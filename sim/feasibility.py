@@ -1,9 +1,9 @@
 """Feasibility of a scenario whose keys are valid: sea, hulls, routes, stations, date, memory and time."""
 
 from collections.abc import Callable
-from functools import partial
+from functools import lru_cache, partial
 from itertools import pairwise
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from sim.assembly import models_of, ocean_of, on_axis, route_of, routes_of, setu
 from sim.contact import HULL_RADIUS_M
 from sim.log.schema import Clock
 from sim.scenario.formation import LEAST_APART_M, LEAST_LAYER_M
-from sim.scenario.point_motion import SPEED_MAX, SPEED_MIN, TURN_RATE, Plan, plan
+from sim.scenario.point_motion import SPEED_MIN, TURN_RATE, Plan, plan
 from sim.scenario.routes import START_SPEED, Route
 from sim.scenario.settings import CONTROL_STEP_S, Follower, Scenario, Vehicle, Video
 from sim.sensing.own_sensors import own_sensors
@@ -80,66 +80,69 @@ def _plan(vehicle: Vehicle, name: str) -> Plan:
     return plan(route_of(vehicle.model_copy(update={"saw_tooth_amplitude_m": 0.0}), name))
 
 
-def _fastest(scenario: Scenario, vehicle: Vehicle) -> float:
-    """Highest mean speed of a leg of a vehicle's route, or that of followers on stations [m/s]."""
+def _leg_speeds(scenario: Scenario, vehicle: Vehicle) -> Floats:
+    """Mean speeds of the legs of a vehicle's route, or the least and the most of followers on stations [m/s]."""
     if isinstance(vehicle, Follower) and vehicle.station:
-        return scenario.formation.max_speed_m_s
-    try:
-        return float(route_of(vehicle, "").leg_speed.max())
-    except LaisnError:
-        return SPEED_MAX  # reported with its route
+        return np.array([scenario.formation.min_along_track_speed_m_s, scenario.formation.max_speed_m_s])
+    return route_of(vehicle, "").leg_speed
 
 
-def _way_errors(scenario: Scenario, vehicle: Vehicle, design: Any) -> list[str]:
+@lru_cache(maxsize=8)
+def _hull(model: str, depth_control: Literal["pitch", "thrust"] | None, dt: float) -> tuple[Any, Any]:
+    """A hull of the user's own in calm water, as a plant named "hull", and its autopilot."""
+    # most scenarios have no such hull, and need no MuJoCo to be looked at
+    from sim.control.autopilot import design
+    from sim.vehicle.mjcf import VehicleSetup
+    from sim.vehicle.plant import Plant
+    from sim.water.ocean import Ocean
+
+    plant = Plant([VehicleSetup(name="hull", model=model, position_m=(0.0, 0.0, -10.0))], Ocean.calm(), dt)
+    return plant, design(plant, (depth_control,))
+
+
+def _speed_errors(scenario: Scenario, vehicle: Vehicle, design: Any) -> list[str]:
     """Speeds that a hull cannot have: more than its thrust, or less than its fins need."""
     from sim.control.autopilot import top_speed
     from sim.vehicle.effectors import FIN, LEAST_WAY
 
-    lines, top, fastest = [], top_speed(design), _fastest(scenario, vehicle)
-    station = isinstance(vehicle, Follower) and vehicle.station is not None
-    if fastest > top and not station:
+    lines, top, speeds = [], top_speed(design), _leg_speeds(scenario, vehicle)
+    slowest, fastest, where = speeds.min(), speeds.max(), "the slowest leg of its route has"
+    if isinstance(vehicle, Follower) and vehicle.station:
+        where = "formation.min_along_track_speed_m_s is"
+    elif fastest > top:
         lines.append(f"its effectors drive it at {top:.2g} m/s at most, the fastest leg of its route has {fastest:.3g}")
-    if design["has_heave"] or FIN not in design["effectors"]["kind"]:
-        return lines
-    slowest, where = scenario.formation.min_along_track_speed_m_s, "formation.min_along_track_speed_m_s is"
-    if not station:
-        try:
-            slowest, where = float(route_of(vehicle, "").leg_speed.min()), "the slowest leg of its route has"
-        except LaisnError:
-            return lines  # reported with its route
-    if slowest < LEAST_WAY:
+    if not design["has_heave"] and FIN in design["effectors"]["kind"] and slowest < LEAST_WAY:
         lines.append(
             f"it has no vertical thrusters and cannot hover: its fins need {LEAST_WAY:g} m/s, {where} {slowest:.3g} m/s"
         )
     return lines
 
 
-def _hull_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:
-    """Errors of a hull of the user's own, and what its autopilot cannot control."""
-    model, role = vehicle.model, "follower" if isinstance(vehicle, Follower) else "leader"
-    if model is None:
+def _hull_errors(key: str, vehicle: Vehicle) -> list[str]:
+    """Errors of the MJCF of a hull of the user's own."""
+    if vehicle.model is None:
         return []
-    # most scenarios have none, and need no MuJoCo to be looked at
-    from sim.control.autopilot import design
-    from sim.control.stability import require_stable
-    from sim.vehicle.mjcf import VehicleSetup
     from sim.vehicle.own_hull import faults_of
-    from sim.vehicle.plant import Plant
-    from sim.water.ocean import Ocean
 
-    lines = faults_of(model, role)
-    if not lines:
-        setup = VehicleSetup(name=key, model=model, position_m=(0.0, 0.0, -10.0))
-        try:
-            plant = Plant([setup], Ocean.calm(), scenario.timing.physics_step_s)
-            designs = design(plant, (vehicle.depth_control,))
-            lines = _way_errors(scenario, vehicle, designs[0])
-            if not lines:
-                require_stable(plant, designs, _fastest(scenario, vehicle))
-        except LaisnError as error:
-            lines = [str(error).removeprefix(f"{key}: ")]
-        except np.linalg.LinAlgError:
-            lines = ["its mass and added mass have no inverse"]
+    role = "follower" if isinstance(vehicle, Follower) else "leader"
+    return [f"{key}.model: {line}" for line in faults_of(vehicle.model, role)]
+
+
+def _control_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:
+    """What the autopilot of a hull of the user's own cannot control."""
+    if vehicle.model is None:
+        return []
+    from sim.control.stability import require_stable
+
+    try:
+        plant, designs = _hull(vehicle.model, vehicle.depth_control, scenario.timing.physics_step_s)
+        lines = _speed_errors(scenario, vehicle, designs[0])
+        if not lines:
+            require_stable(plant, designs, float(_leg_speeds(scenario, vehicle).max()))
+    except LaisnError as error:
+        lines = [str(error).removeprefix("hull: ")]
+    except np.linalg.LinAlgError:
+        lines = ["its mass and added mass have no inverse"]
     return [f"{key}.model: {line}" for line in lines]
 
 
@@ -149,10 +152,7 @@ def _leader_too_fast(scenario: Scenario) -> list[str]:
     depths = [f.layer_m for f in scenario.followers if f.station]
     if not depths:
         return []
-    try:
-        route = route_of(scenario.leader, "leader")
-    except LaisnError:
-        return []  # reported with its route
+    route = route_of(scenario.leader, "leader")
     over_ground = np.diff(route.waypoint, axis=0) / np.diff(route.time)[:, None]
     # between these times the current changes linearly on one leg, so that the speed is highest at one of their ends
     times = np.unique([*route.time, *(time for time, *_ in ocean.current_profile if time < route.time[-1])])
@@ -174,11 +174,7 @@ def _start_overlap(scenario: Scenario) -> list[str]:
     joins = [isinstance(vehicle, Follower) and vehicle.start_m is not None for _, vehicle in scenario.vehicles()]
     if scenario.contact == "mark" and not any(joins):
         return []
-    try:
-        routes = routes_of(scenario)
-    except LaisnError:
-        return []  # reported with its route
-    setups, keys = setups_of(scenario, routes), [key for key, _ in scenario.vehicles()]
+    setups, keys = setups_of(scenario, routes_of(scenario)), [key for key, _ in scenario.vehicles()]
     found = []
     for i, one in enumerate(setups):
         for j, other in enumerate(setups[:i]):
@@ -202,11 +198,8 @@ def _station_conflict(scenario: Scenario) -> list[str]:
     from sim.station_plan import hardest_crossing, nearest_stations
 
     near = scenario.formation.proximity
-    try:
-        crossing = None if near is None else hardest_crossing(scenario, near.range_m)
-        found = nearest_stations(scenario) if near is None else crossing and crossing.meeting
-    except LaisnError:
-        return []  # reported with the leader's route
+    crossing = None if near is None else hardest_crossing(scenario, near.range_m)
+    found = nearest_stations(scenario) if near is None else crossing and crossing.meeting
     if found is None or found.apart_m >= LEAST_APART_M:
         return []
     names = ["the leader's place" if i < 0 else f"followers[{i}].station" for i in found.pair]
@@ -245,9 +238,7 @@ def transmitter_sites(scenario: Scenario) -> Floats:
 def _transmitters_off_axis(scenario: Scenario) -> list[str]:
     """Transmitters of an own hull where navigators of closed loops cannot use them."""
     closed = any(follower.station or follower.guided_by_estimate for follower in scenario.followers)
-    if scenario.leader.model is None or not closed or _errors_of(partial(transmitter_sites, scenario), ""):
-        return []
-    if on_axis(transmitter_sites(scenario)):
+    if scenario.leader.model is None or not closed or on_axis(transmitter_sites(scenario)):
         return []
     return [
         "leader.model: where followers are on stations or steer by their estimates, tx_rear and tx_front must be at "
@@ -270,17 +261,14 @@ def _shift_in_dives(scenario: Scenario, route: Route) -> float:
     return float((sine[:, None] * np.abs(layers - depth[1:, None])).max())
 
 
-def _wide_turns(key: str, vehicle: Vehicle) -> list[str]:
+def _wide_turns(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:
     """A hull that turns more slowly than routes are planned."""
     if vehicle.model is None:
         return []
-    from sim.control.autopilot import design, top_turn_rate
-    from sim.vehicle.mjcf import VehicleSetup
-    from sim.vehicle.plant import Plant
-    from sim.water.ocean import Ocean
+    from sim.control.autopilot import top_turn_rate
 
-    plant = Plant([VehicleSetup(name=key, model=vehicle.model, position_m=(0.0, 0.0, -10.0))], Ocean.calm())
-    rate = top_turn_rate(design(plant, (vehicle.depth_control,))[0], START_SPEED)
+    _, designs = _hull(vehicle.model, vehicle.depth_control, scenario.timing.physics_step_s)
+    rate = top_turn_rate(designs[0], START_SPEED)
     if rate > TURN_RATE:
         return []
     return [
@@ -301,7 +289,7 @@ def cautions(scenario: Scenario) -> list[str]:
     if stations and not spec.near_bound:
         better = ", ".join(repr(name) for name, one in NAVIGATORS.items() if one.near_bound)
         found.append(f"stations are kept by navigator {variant!r}, with errors of metres; {better} keeps them better")
-    if stations and _errors_of(partial(_plan, leader, "leader"), "") == []:
+    if stations:
         route = route_of(leader, "leader")
         rest = float(np.diff(route.time)[route.leg_length == 0].sum())
         if rest:
@@ -314,7 +302,7 @@ def cautions(scenario: Scenario) -> list[str]:
                 "leader.broadcast_attitude and navigation.use_attitude prevent that"
             )
     for key, vehicle in scenario.vehicles():
-        found += _wide_turns(key, vehicle)
+        found += _wide_turns(scenario, key, vehicle)
     if leader.model is not None:
         own = scenario.model_copy(
             update={"leader": leader.model_copy(update={"baseline_m": None, "middle_offset_m": None})}
@@ -336,6 +324,7 @@ def _find_controllers(scenario: Scenario) -> None:
 
 def infeasibilities(scenario: Scenario) -> list[str]:
     """Everything that keeps a scenario from being flown, filmed and logged, beyond `Scenario.inconsistencies`."""
+    shapes: list[str] = []
     found = [
         *_errors_of(partial(Clock, scenario.epoch), "epoch"),
         *film_errors(scenario.duration_s, scenario.video),
@@ -343,19 +332,22 @@ def infeasibilities(scenario: Scenario) -> list[str]:
         *_errors_of(scenario.navigation.settings, ""),
         *_errors_of(partial(own_sensors, scenario), ""),
         *_errors_of(partial(_find_controllers, scenario), ""),
+        *_cost(scenario),
     ]
-    for key, vehicle in scenario.vehicles():
-        found += _hull_errors(scenario, key, vehicle)
     for (key, vehicle), name in zip(scenario.vehicles(), vehicle_names(scenario), strict=True):
-        if isinstance(vehicle, Follower) and vehicle.station:
-            continue
-        where = f"{key}.{'waypoints' if vehicle.waypoints else 'route'}"
-        found += _errors_of(partial(_plan, vehicle, name), where)
+        shapes += _hull_errors(key, vehicle)
+        if not (isinstance(vehicle, Follower) and vehicle.station):
+            where = f"{key}.{'waypoints' if vehicle.waypoints else 'route'}"
+            shapes += _errors_of(partial(_plan, vehicle, name), where)
+    if shapes:
+        # what follows depends on hulls and routes
+        return [*found, *shapes]
+    for key, vehicle in scenario.vehicles():
+        found += _control_errors(scenario, key, vehicle)
     return [
         *found,
         *_leader_too_fast(scenario),
         *_start_overlap(scenario),
         *_station_conflict(scenario),
         *_transmitters_off_axis(scenario),
-        *_cost(scenario),
     ]

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from laisn.arrays import Bools, Floats, Ints, Record, Records, records
+from laisn.arrays import Bools, Floats, Record, Records, records
 from laisn.compiled import compiled
 from sim.assembly import routes_of
 from sim.control.station import FRAME_STATE, STATION, station_at, turn_frame
@@ -157,24 +157,6 @@ def station_keeping(off: Floats, time: Floats) -> StationKeeping:
     )
 
 
-@compiled
-def _closest(position: Floats, least: Floats, when: Ints) -> None:
-    """Least distance of each pair in space and horizontally, shape (v, v, 2), [m], and the instants of it."""
-    n, v = position.shape[0], position.shape[1]
-    least[:] = np.inf
-    for k in range(n):
-        for i in range(v):
-            for j in range(i):
-                x, y = position[k, i, 0] - position[k, j, 0], position[k, i, 1] - position[k, j, 1]
-                z = position[k, i, 2] - position[k, j, 2]
-                level = x * x + y * y
-                for which in range(2):
-                    squared = level + (z * z if which == 0 else 0.0)
-                    if squared < least[i, j, which]:
-                        least[i, j, which] = squared
-                        when[i, j, which] = k
-
-
 @dataclass(frozen=True, kw_only=True)
 class Approach:
     """Two vehicles where they came nearest to each other."""
@@ -184,22 +166,23 @@ class Approach:
     time_s: float
 
 
-def _nearest(trajectory: Trajectory, which: int, pairs: Bools | None = None) -> Approach | None:
-    """The pair that came nearest in space (0) or horizontally (1), of all or of some, shape (v, v); None: of none."""
-    v = len(trajectory.names)
-    least, when = np.empty((v, v, 2)), np.zeros((v, v, 2), dtype=np.int64)
-    _closest(np.ascontiguousarray(trajectory.position), least, when)
-    squared = least[..., which] if pairs is None else np.where(pairs, least[..., which], np.inf)
-    i, j = (int(x) for x in np.unravel_index(int(np.argmin(squared)), squared.shape))
-    if not np.isfinite(squared[i, j]):
-        return None
-    names, time = trajectory.names, float(trajectory.time[when[i, j, which]])
-    return Approach(distance_m=float(np.sqrt(squared[i, j])), pair=(names[j], names[i]), time_s=time)
+def _nearest(trajectory: Trajectory, axes: int, pairs: Bools | None = None) -> Approach | None:
+    """The pair that came nearest in space (3) or horizontally (2), of all or of some, shape (v, v); None: of none."""
+    found, names = None, trajectory.names
+    for i, j in zip(*np.tril_indices(len(names), -1), strict=True):
+        if pairs is None or pairs[i, j]:
+            between = trajectory.position[:, i, :axes] - trajectory.position[:, j, :axes]
+            distance = np.sqrt(sum(part * part for part in between.T))
+            k = int(distance.argmin())
+            if found is None or distance[k] < found.distance_m:
+                time = float(trajectory.time[k])
+                found = Approach(distance_m=float(distance[k]), pair=(names[j], names[i]), time_s=time)
+    return found
 
 
 def closest_approaches(trajectory: Trajectory) -> tuple[Approach, Approach]:
     """The pair that came nearest in space, and the one that came nearest horizontally, whatever their depths."""
-    space, level = _nearest(trajectory, 0), _nearest(trajectory, 1)
+    space, level = _nearest(trajectory, 3), _nearest(trajectory, 2)
     assert space is not None and level is not None  # noqa: PT018
     return space, level
 
@@ -207,4 +190,4 @@ def closest_approaches(trajectory: Trajectory) -> tuple[Approach, Approach]:
 def closest_in_a_layer(scenario: Scenario, trajectory: Trajectory) -> Approach | None:
     """The pair of one layer that came nearest horizontally; None if no layer has two vehicles."""
     depths = np.array([vehicle.layer_m for vehicle in (scenario.leader, *scenario.followers)])
-    return _nearest(trajectory, 1, np.abs(depths[:, None] - depths) < LEAST_LAYER_M)
+    return _nearest(trajectory, 2, np.abs(depths[:, None] - depths) < LEAST_LAYER_M)

@@ -28,12 +28,11 @@ from laisn.arrays import Ints, Record, Records
 from laisn.compiled import compiled
 from laisn.geometry import wrap_angle
 from sim.control.allocation import clip
-from sim.control.anticipation import rate_limited_velocity
 from sim.control.approach import CONSTANT_BEARING, approach, away, give_way
 from sim.control.autopilot import VehicleState
 from sim.control.guidance import SPEED_LEAST
 from sim.control.leader_plan import SPACING, LeaderPlan, correct_planned, extend_as_planned
-from sim.control.station import FRAME_STATE, Target, station_at, turn_frame
+from sim.control.station import FRAME_STATE, Target, rate_limited_velocity, station_at, turn_frame
 from sim.control.trail import extend
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE
 

@@ -150,22 +150,20 @@ class _Navigation(Section):
             LaisnError: there is no such navigator, or a key of `own` is none of its settings.
         """
         spec = find(self.variant)
-        kind, names = spec.settings, {field.name for field in fields(spec.settings)}
+        names = {field.name for field in fields(spec.settings)}
         if OWN_SECTION in spec.sections:
-            return self._own_settings(kind, dict(given or {}))
-        if spec.sections:
-            values = dict(given or {})
-            for name in spec.sections:
-                values |= getattr(self, name).in_si(sound_m_s)
-            return _made(kind, values)
-        section = in_si(dict(self), names)
+            return self._own_settings(spec.settings, names, given or {})
+        values = dict(given or {})
+        for name in spec.sections:
+            values |= getattr(self, name).in_si(sound_m_s)
+        if not spec.sections:
+            values |= in_si(dict(self), names)
         if self.variant not in VARIANTS:
-            # a navigator of one's own without settings of its own
-            del section["variant"]
-        return _made(kind, {**section, **(given or {})})
+            # a navigator of one's own without settings of its own is no variant of LAISN
+            values.pop("variant", None)
+        return _made(spec.settings, values)
 
-    def _own_settings(self, kind: type[Settings], given: dict[str, Any]) -> Settings:
-        names = {field.name for field in fields(kind)}
+    def _own_settings(self, kind: type[Settings], names: set[str], given: Mapping[str, Any]) -> Settings:
         section = in_si(self._section(), names)
         unknown = set(section) - names
         if unknown:

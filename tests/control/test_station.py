@@ -9,9 +9,16 @@ from hypothesis import strategies as st
 
 from laisn.arrays import Floats, Ints, Record, Records, records
 from sim.control import trail as way
-from sim.control.anticipation import AGILITY, rate_limited_velocity
 from sim.control.approach import ALOS, CONSTANT_BEARING, ILOS, approach
-from sim.control.station import FRAME_STATE, STATION, Target, station_at, turn_frame
+from sim.control.station import (
+    AGILITY,
+    FRAME_STATE,
+    STATION,
+    Target,
+    rate_limited_velocity,
+    station_at,
+    turn_frame,
+)
 from sim.scenario.formation import Formation
 from tests.synthetic import record
 
