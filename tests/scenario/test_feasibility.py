@@ -164,7 +164,7 @@ def errors_of(table: dict[str, Any]) -> list[str]:
     with pytest.raises(ScenarioError) as caught:
         scenario_file.validate(table, "mine.toml", feasibility.infeasibilities)
     head, *lines = str(caught.value).splitlines()
-    assert head == f"mine.toml: {len(lines)} errors"
+    assert head == f"mine.toml: {len(lines)} error{'s' if len(lines) > 1 else ''}"
     return [line.strip() for line in lines]
 
 
@@ -226,6 +226,18 @@ def test_an_invalid_key_has_no_consequences() -> None:
     followers = [{"route": "T5", "depth_m": 3.0}]
     with pytest.raises(ScenarioError, match=r"mine.toml: 1 error\n  leader.depth_m: "):
         scenario_file.validate({**table, "followers": followers}, "mine.toml", feasibility.infeasibilities)
+
+
+def test_a_route_that_cannot_be_flown_has_no_consequences() -> None:
+    """That the leader is too fast for its followers is reported once it has a route."""
+    followers = [{"station": {"behind_m": 20.0, "depth_m": 10.0}}]
+    slow = {"max_speed_m_s": 0.9, "outer_max_speed_m_s": 0.9}
+    table = {"name": "a", "duration_s": 900.0, "formation": slow, "followers": followers}
+    (too_fast,) = errors_of(table)
+    assert too_fast.startswith("leader: on the way to waypoint 2 followers at 10 m would need 1 m/s")
+    floor, route = errors_of(table | {"leader": {"route": "T1"}, "ocean": {"floor_depth_m": 9.0}})
+    assert floor.startswith("followers[0] would dive to 10 m")
+    assert route.startswith("leader.route: unknown route 'T1'")
 
 
 def test_followers_without_names_are_numbered() -> None:
