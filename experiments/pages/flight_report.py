@@ -9,7 +9,7 @@ import numpy as np
 from experiments.flight.summary import flight_bounds, mirror_locked_steps
 from experiments.pages import flight_figures, flight_text, range_budget_page
 from experiments.pages.flight_figures import ON_AXIS_DEG
-from experiments.pages.page import Cell, Code, Figures, Film, Table, number, words, write
+from experiments.pages.page import Cell, Code, Figures, Film, number, words, write
 from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, INK, LEADER, MUTED, TRANSMITTERS
 from experiments.pages.template import page_of
 from laisn import metrics
@@ -46,7 +46,7 @@ def _overview(flight: Flight, errors: Errors) -> Figures | None:
 def _error_row(name: str, one: flight_text.EstimateErrors) -> list[Cell]:
     """Position error and consistency of a follower."""
     k = int(one.error.argmax())
-    numbers = [float(one.error.mean()), float(np.percentile(one.error, 95)), float(one.error[k])]
+    numbers = [*map(float, (one.error.mean(), one.error.std(), np.percentile(one.error, 95), one.error[k]))]
     return [
         words(name),
         *map(number, numbers),
@@ -96,32 +96,6 @@ def final_states(flight: Flight) -> list[list[Cell]]:
                 cells = [words(flight.trajectory.names[i + 1]), words(_IN_DEGREES.get(name, name))]
                 rows.append([*cells, number(per * value), number(per * sigma)])
     return rows
-
-
-def _results(summary: Mapping[str, Any]) -> Table:
-    """Errors of every follower, its distances from its place, and how often each kind of fix occurred."""
-    rows = summary["followers"]
-    kinds = [k for k in FixKind if any(row.get("fixes", {}).get(k.name.lower(), 0) for row in rows.values())]
-    on_station = any("station_rms_m" in row for row in rows.values())
-    columns = [f"e_p_{what}_m" for what in ("max", "mean", "std")] + [
-        f"e_b_{what}_deg" for what in ("max", "mean", "std")
-    ]
-    columns += ["track_error_rms_m"] + [f"station_{what}_m" for what in ("rms", "p95", "max") if on_station]
-    table = []
-    for name, row in rows.items():
-        cells = [words(name), *(number(row.get(column)) for column in columns)]
-        if on_station:
-            cells += [number(row.get("joined_s"), 0), words("yes" if row.get("lost") else "")]
-        table.append([*cells, *(number(int(row.get("fixes", {}).get(kind.name.lower(), 0))) for kind in kinds)])
-    heads = ["follower", "max [m]", "mean", "σ", "max [°]", "mean", "σ", "RMS [m]"]
-    heads += ["RMS [m]", "95 %", "max", "joined [s]", "lost"] if on_station else []
-    groups = [("", 1), ("position error", 3), ("bearing error", 3), ("track error", 1)]
-    groups += [("station error, since it joined", 5)] if on_station else []
-    return Table(
-        heads=[*heads, *(FIX_WORDS[kind] for kind in kinds)],
-        rows=table,
-        groups=groups + ([("fixes", len(kinds))] if kinds else []),
-    )
 
 
 def failures(flight: Flight) -> dict[str, Any]:
@@ -181,7 +155,7 @@ def flight_report(
         OSError: the file cannot be written.
     """
     by_name, least = flight_text.errors_by_name(flight), bounds or flight_bounds(flight)
-    values = {
+    values: dict[str, Any] = {
         "name": flight.scenario.name,
         "followers": len(flight.estimates),
         "drawn": len(_drawn(flight)),
@@ -191,8 +165,15 @@ def flight_report(
         "errors": [_error_row(name, one) for name, one in by_name.items()],
         "consistent": flight_text.percent(flight_text.CONSISTENT_SHARE),
         "films": [Film(path=film, caption="The film of the mission.")] if film else [],
-        "results": _results(summary),
-        "on_station": any(follower.station for follower in flight.scenario.followers),
+        "followers_found": summary["followers"],
+        "kinds": [
+            (kind.name.lower(), FIX_WORDS[kind])
+            for kind in FixKind
+            if any(row.get("fixes", {}).get(kind.name.lower()) for row in summary["followers"].values())
+        ],
+        "on_station": any("station_rms_m" in row for row in summary["followers"].values()),
+        "number": number,
+        "words": words,
         "on_axis_deg": f"{ON_AXIS_DEG:g}",
         "rows": [follower_row(flight, i, errors[i], least[i]) for i in _drawn(flight)],
         "states": final_states(flight),

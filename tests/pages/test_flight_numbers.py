@@ -1,6 +1,8 @@
 """Numbers in the report of a flight: each cell and each curve against what was put into the flight."""
 
 import dataclasses
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +11,7 @@ import pytest
 from experiments.flight.range_budget import Cause, RangeErrorBudget
 from experiments.pages import flight_figures, flight_text, range_budget_page
 from experiments.pages.figures import Part
-from experiments.pages.flight_report import _facts, _results, failures, final_states, follower_row
+from experiments.pages.flight_report import _facts, failures, final_states, flight_report, follower_row
 from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, FixKind
 from laisn.tight.estimates import TightEstimates
@@ -26,7 +28,7 @@ def texts(row: Any) -> list[str]:
     return [cell.text for cell in row]
 
 
-def test_the_table_of_results_has_each_figure_under_its_head() -> None:
+def test_the_table_of_details_has_each_figure_under_its_head(tmp_path: Path) -> None:
     route = {
         "e_p_max_m": 1.1, "e_p_mean_m": 1.2, "e_p_std_m": 1.3, "e_b_max_deg": 2.1, "e_b_mean_deg": 2.2,
         "e_b_std_deg": 2.3, "track_error_rms_m": 3.1, "fixes": {"gated": 4, "lost": 0, "two_points": 5},
@@ -35,21 +37,33 @@ def test_the_table_of_results_has_each_figure_under_its_head() -> None:
         "station_rms_m": 6.1, "station_p95_m": 6.2, "station_max_m": 6.3, "joined_s": 7.0, "lost": True,
         "fixes": {"gated": 0, "lost": 0, "two_points": 8},
     }  # fmt: skip
-    table = _results({"followers": {"one": station, "two": route | {"fixes": {}}, "three": route}})
-    errors = ["1.10", "1.20", "1.30", "2.10", "2.20", "2.30", "3.10"]
+    flight = make_flight(20.0, 3)
+    n = flight.step_index().size
+
+    def details(*rows: Any) -> tuple[list[str], list[list[str]]]:
+        """Heads and cells of the table of details."""
+        summary = {"followers": dict(zip(("one", "two", "three"), rows, strict=False))}
+        path = tmp_path / "report.html"
+        flight_report(flight, [(np.zeros(n), np.zeros(n))] * 3, summary, path, None, [np.ones(n)] * 3)
+        table = path.read_text(encoding="utf-8").split("<table>")[2].partition("</table>")[0]
+        cells = [re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row) for row in re.findall(r"<tr[^>]*>(.*?)</tr>", table)]
+        _, heads, *found = [[re.sub(r"<[^>]*>", "", cell) for cell in row] for row in cells]
+        return heads, found
+
+    heads, (first, second, third) = details(station, route | {"fixes": {}}, route)
+    errors = ["2.20", "2.30", "2.10", "3.10"]
     kinds = [FIX_WORDS[kind] for kind in sorted((FixKind.GATED, FixKind.TWO_POINTS))]
-    assert list(table.heads)[-2:] == kinds
-    assert list(table.heads)[1:8] == ["max [m]", "mean", "σ", "max [°]", "mean", "σ", "RMS [m]"]
-    assert list(table.heads)[8:13] == ["RMS [m]", "95 %", "max", "joined [s]", "lost"]
-    first, second, third = ([*texts(row)] for row in table.rows)
+    assert heads[-2:] == kinds
+    assert heads[1:5] == ["mean [°]", "σ [°]", "largest [°]", "RMS [m]"]
+    assert heads[5:10] == ["RMS [m]", "95 % [m]", "largest [m]", "joined [s]", "lost"]
     counts = {"gated": "0", "two_points": "8"}
     of = [counts["two_points" if word == FIX_WORDS[FixKind.TWO_POINTS] else "gated"] for word in kinds]
     assert first == ["one", *errors, "6.10", "6.20", "6.30", "7", "yes", *of]
     assert second == ["two", *errors, "–", "–", "–", "–", "", "0", "0"]
     assert sorted(third[-2:]) == ["4", "5"]
-    alone = _results({"followers": {"three": route}})
-    assert texts(alone.rows[0])[:8] == ["three", *errors]
-    assert len(alone.heads) == 10
+    heads, (alone,) = details(route)
+    assert alone[:5] == ["one", *errors]
+    assert len(heads) == 7
 
 
 def test_what_a_page_says_of_its_flight_are_its_settings(flight: Flight) -> None:
