@@ -124,9 +124,3 @@ def find_controller(name: str) -> Any:
     if not takes_readings(made):
         raise LaisnError(f"controller {name!r}: expected a class with `control(readings, belief, dt)`")
     return made
-
-
-def plugin_source(name: str) -> bytes:
-    """Source of the plugin that a name is in; empty for a class of this project."""
-    file = plugin_files().get(name.partition(":")[0])
-    return file.read_bytes() if file else b""

@@ -18,6 +18,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from sim.datasets.range_data import LARGEST, RangeData, require_unique
+from sim.processes import background_process
 
 _COLUMNS = {"DR": 3, "TD": 4, "TL": 3, "GT": 4, "DRp": 4}
 """Columns of each table."""
@@ -29,21 +30,27 @@ _MOST_NUMBERS = 40_000_000
 _TEXT = re.compile(r"(.*)_DR\.(txt|csv)")
 
 
-def _from_matlab(path: Path) -> dict[str, Floats]:
+def _load(path: Path) -> dict[str, Floats]:
     # data sets in text, and logs, need none of it
     from scipy.io import loadmat, whosmat
 
+    stated = sum(math.prod(shape) for name, shape, _ in whosmat(path) if name in _COLUMNS)
+    if stated > _MOST_NUMBERS:
+        raise LaisnError(f"its tables have {stated:,} numbers, at most {_MOST_NUMBERS:,} are read")
+    found = loadmat(path, variable_names=tuple(_COLUMNS))
+    return {name: found[name] for name in _COLUMNS if name in found}
+
+
+def _from_matlab(path: Path) -> dict[str, Floats]:
     try:
-        stated = sum(math.prod(shape) for name, shape, _ in whosmat(path) if name in _COLUMNS)
-        if stated > _MOST_NUMBERS:
-            raise LaisnError(f"its tables have {stated:,} numbers, at most {_MOST_NUMBERS:,} are read")
-        found = loadmat(path, variable_names=tuple(_COLUMNS))
+        # damaged files crash the library
+        with background_process() as process:
+            return process.submit(_load, path).result()
     except (OSError, LaisnError) as error:
         raise LaisnError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
     except Exception as error:
         # foreign bytes make the library fail in many ways
-        raise LaisnError(f"{path}: no MATLAB file of version 5: {error}") from None
-    return {name: found[name] for name in _COLUMNS if name in found}
+        raise LaisnError(f"{path}: no MATLAB file of version 5, or damaged: {error}") from None
 
 
 def _from_text(path: Path) -> dict[str, Floats]:

@@ -1,6 +1,7 @@
 """Data sets of others: what is read from their files, and what becomes of it in a log."""
 
 import math
+import struct
 from dataclasses import replace
 from pathlib import Path
 
@@ -186,6 +187,16 @@ def test_faults_of_a_graph_are_named(tmp_path: Path, old: str, new: str, words: 
     assert old in GRAPH
     with pytest.raises(LaisnError, match=words):
         read_data_set(graph(tmp_path, GRAPH.replace(old, new)))
+
+
+@pytest.mark.parametrize("kind", [19, 50, 100, 255, 1000, 70_000])
+def test_a_file_that_crashes_the_library_is_damaged(tmp_path: Path, kind: int) -> None:
+    """SciPy reads beyond its table of types where an element has an unknown one, and most often crashes."""
+    path = tmp_path / "a.mat"
+    savemat(path, {"DR": np.ones((4, 3))})
+    path.write_bytes(path.read_bytes().replace(struct.pack("<II", 9, 96), struct.pack("<II", kind, 96)))
+    with pytest.raises(LaisnError, match=r"a\.mat: no MATLAB file of version 5, or damaged: "):
+        read_data_set(path)
 
 
 def test_faults_of_files_are_named(tmp_path: Path) -> None:
