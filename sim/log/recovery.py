@@ -95,10 +95,10 @@ def recover(path: Path, report: Callable[[str], None] = lambda remark: None) -> 
     Raises:
         LogError: the log is complete, or holds no intact message, or the result cannot be written.
     """
-    unfinished, remarks = path.suffix == ".partial", list[str]()
-    target = path.with_suffix("") if unfinished else path.with_name(f"{path.stem}.recovered{path.suffix}")
     if not path.is_file():
         raise LogError(f"{path}: no such file")
+    unfinished, remarks = path.suffix == ".partial", list[str]()
+    target = path.with_suffix("") if unfinished else path.with_name(f"{path.stem}.recovered{path.suffix}")
     try:
         with atomic_write(target) as work:
             problem = _copy(path, work, remarks)

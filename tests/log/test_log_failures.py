@@ -184,8 +184,9 @@ def test_a_finished_log_under_its_partial_name_only_gets_its_name(written: Path,
     partial_path(tmp_path / "a.mcap").write_bytes(written.read_bytes())
     assert recover(tmp_path / "a.mcap.partial").read_bytes() == written.read_bytes()
     assert [p.name for p in tmp_path.iterdir()] == ["a.mcap"]
-    with pytest.raises(LogError, match="no such file"):
-        recover(tmp_path / "a.mcap.partial")
+    for path in (tmp_path / "a.mcap.partial", tmp_path, Path()):
+        with pytest.raises(LogError, match="no such file"):
+            recover(path)
 
 
 def limited(folder: Path, size: int) -> subprocess.CompletedProcess[str]:
