@@ -13,7 +13,6 @@ from experiments.pages.template import page_of
 from experiments.studies.asymmetry import design, figures, findings, study
 from experiments.studies.asymmetry.comparison import paired
 from experiments.studies.asymmetry.design import QUICK_CONDITIONS, Condition, Plan
-from experiments.studies.asymmetry.film import EVERYTHING
 from experiments.studies.asymmetry.paper import Curve
 from tests.asymmetry.test_comparison import row
 
@@ -81,7 +80,7 @@ def made(given: list[Record], flown: tuple[Condition, ...] = (), plan: Plan = PL
     blank: dict[str, Any] = dict.fromkeys(
         ("geometry", "first_minutes", "shares", "one_mission", "film", "maps"), ()
     ) | dict.fromkeys(("points", "closed_form_m", "pitch_deg", "fix_error_m"), 0)
-    blank |= {"everything": EVERYTHING, "abeam": np.zeros(1), "third_m": (0, 0), "flown": flown, "record": found,
+    blank |= {"everything": design.EVERYTHING, "abeam": np.zeros(1), "third_m": (0, 0), "flown": flown, "record": found,
               "example": SimpleNamespace(condition=TRIM)}  # fmt: skip
     values = study.of_missions(paired(given), CURVES, plan)
     return page_of("experiments.studies.asymmetry", [], blank | values | {"offsets": (), "excess": ()} | others, found)

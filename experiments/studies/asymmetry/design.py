@@ -19,6 +19,10 @@ OFFSETS_M: tuple[float, ...] = tuple(_FILE["offsets_m"])
 """Depth of the follower below the leader's mean depth."""
 MAP: dict[str, list[float]] = _FILE["map"]
 """Grid of the map of noiseless fixes, by columns of its table."""
+ROUTE: str = _FILE["example"]["route"]
+OFFSET_M: float = _FILE["example"]["offset_m"]
+EVERYTHING: dict[str, Any] = dotted(_FILE["example"]["set"])
+"""Of the example mission; settings of its range error budget."""
 _ROOM = 10_000
 """Runs that a mission may have: with as many numbers each, no two missions share noise."""
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from experiments.flight.range_budget import Cause, RangeErrorBudget, range_error_budget
 from experiments.flight.summary import position_and_bearing_errors
-from experiments.studies.asymmetry.design import AHRS, Condition
+from experiments.studies.asymmetry.design import AHRS, EVERYTHING, OFFSET_M, ROUTE, Condition
 from laisn.arrays import Floats
 from sim.film.annotations import Annotations, OtherEstimate, RayErrors
 from sim.film.render import render
@@ -18,17 +18,6 @@ from sim.flight import Flight, excerpt, navigate
 from sim.motion import simulate_motion
 from sim.scenario.settings import Video
 
-ROUTE, OFFSET_M = "T6", 10.0
-"""Close by on the quarter and far below: where pitch does much and is easy to see."""
-EVERYTHING = {
-    "acoustics.travel_time": True,
-    "acoustics.ping_slot_s": 0.1,
-    "acoustics.sound_speed_bias_m_s": 3.0,
-    "acoustics.clock_offset_s": 1e-4,
-    "sensors.depth_sigma_m": 0.05,
-    "sensors.leader_depth_sigma_m": 0.05,
-}
-"""Settings of the error budget: all causes at work at once. 0.1 ms is 15 cm."""
 _BEFORE_S, _AFTER_S = 40.0, 20.0
 """Stretch of the mission that is filmed before and after the message of the example [s]."""
 VIDEO = Video(camera="profile", speed_up=4.0, frame_rate_hz=24)

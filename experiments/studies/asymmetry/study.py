@@ -25,7 +25,7 @@ from experiments.pages.template import page_of
 from experiments.studies.asymmetry import comparison, design, figures, findings, fix_map, paper
 from experiments.studies.asymmetry.comparison import Missions, Verdict, paired, select
 from experiments.studies.asymmetry.design import CAUSES, QUICK_CONDITIONS, Condition, Plan
-from experiments.studies.asymmetry.film import EVERYTHING, OFFSET_M, ROUTE, Example, fly_example
+from experiments.studies.asymmetry.film import Example, fly_example
 from experiments.studies.asymmetry.missions import fly_condition
 from experiments.studies.asymmetry.paper import Curve, fly_curves
 from laisn.settings import NavigationSettings
@@ -42,7 +42,7 @@ def of_message(example: Example) -> dict[str, Any]:
     shares = {cause: budget.asymmetry[first, cause] for cause in _SHOWN}
     difference = asymmetry_over_time(budget.time[first], shares, "Difference of the bow's and stern's range errors")
     drawn = figures.message_hull(message), figures.message_top(message)
-    line = example.condition.command(ROUTE, OFFSET_M)
+    line = example.condition.command(design.ROUTE, design.OFFSET_M)
     return {
         "geometry": Figures(panels=drawn, legend=figures.LEGEND[:2]),
         "example": example,
@@ -50,7 +50,7 @@ def of_message(example: Example) -> dict[str, Any]:
         "fix_error_m": np.hypot(*(message.fix - message.hydrophone[:2])),
         "first_minutes": Figures(panels=[difference], legend=legend_of(_SHOWN)),
         "shares": share_table(budget),
-        "everything": EVERYTHING,
+        "everything": design.EVERYTHING,
         "one_mission": Code(text=line, title="Run it, with film and report:"),
     }
 
