@@ -24,6 +24,7 @@ import pytest
 from typer.testing import CliRunner
 
 from experiments.command.cli import app
+from experiments.command.studies import BUILT_IN
 from experiments.flight.fly import fly
 from experiments.flight.library import FOLDER, names
 from experiments.flight.summary import track_error_rms
@@ -43,7 +44,7 @@ DOCUMENTS = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
     *sorted((ROOT / "docs").glob("*.md")),
 ]
-STUDIES = ("reproduce", "asymmetry", "estimators", "formation", "study")
+STUDIES = ("reproduce", "asymmetry", "study", *BUILT_IN)
 FOREIGN = ("apt-get", "pip", "rerun", "source", "srun")
 """Programs that are not ours to try."""
 

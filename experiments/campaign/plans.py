@@ -1,9 +1,10 @@
 """Plans of cells: a scenario flown with the noise of runs 0 … R − 1, its key, and the row that comes of it."""
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pkgutil import resolve_name
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -59,7 +60,7 @@ class CellPlan:
     def key(self) -> str:
         """Key of its row and of its arrays over runs."""
         others = self.runs, self.follower, self.first_run, self.level_leader, self.lag_s, dict(self.disturb)
-        own = [resolve_name(name).disturb for name in [self.disturb.get("use", "")] if name.startswith(OWN_STUDIES)]
+        own = [_disturbing(name).disturb for name in [self.disturb.get("use", "")] if _OWN.fullmatch(name)]
         return key_of(missions.nameless(self.content), *others, *own)
 
     @property
@@ -83,8 +84,21 @@ class CellPlan:
         return self.runs * self.scenario.filter_steps
 
 
-OWN_STUDIES = "experiments.studies."
-"""Package of the built-in studies, whose classes study files may name as if they were in a plugin."""
+_OWN = re.compile(r"(experiments\.studies\.[a-z_]+\.[a-z_]+):[A-Za-z]+")
+"""Names of classes of the built-in studies, which study files may give as if they were in a plugin."""
+
+
+def _disturbing(name: str) -> Any:
+    """The class of a name; LaisnError if there is none, or it cannot disturb measurements."""
+    own = _OWN.fullmatch(name)
+    try:
+        found = getattr(import_module(own[1]), name.partition(":")[2], None) if own else None
+    except ImportError:
+        found = None
+    found = found if own else find_class("disturbance", name, "disturb")
+    if not isinstance(found, type) or not hasattr(found, "disturb") or (own and found.__module__ != own[1]):
+        raise LaisnError(f"disturb.use: {name!r:.100}: expected a class with `disturb(measurements, seed, run)`")
+    return found
 
 
 def disturbance_of(table: Mapping[str, Any]) -> Disturbance | None:
@@ -96,9 +110,8 @@ def disturbance_of(table: Mapping[str, Any]) -> Disturbance | None:
     if not table:
         return None
     name, given = str(table.get("use", "")), {key: value for key, value in table.items() if key != "use"}
-    made = resolve_name(name) if name.startswith(OWN_STUDIES) else find_class("disturbance", name, "disturb")
     try:
-        found: Disturbance = made(**given)
+        found: Disturbance = _disturbing(name)(**given)
     except (TypeError, ValueError) as error:
         raise LaisnError(f"disturb: {name}: {error}") from None
     return found

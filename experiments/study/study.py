@@ -213,8 +213,13 @@ class StudyFolder:
     def __init__(self, folder: str | Path) -> None:
         """Take a folder that `laisn study` wrote; LaisnError if it has no results."""
         self.folder = Path(folder)
-        if not (self.folder / RESULTS).is_file():
+        if not (self.folder / RESULTS).is_file() and not self.parts:
             raise LaisnError(f"{folder}: holds no results of a study ({RESULTS})")
+
+    @cached_property
+    def parts(self) -> Mapping[str, "StudyFolder"]:
+        """The parts of a built-in study of several files, which have tables of their own."""
+        return {path.parent.name: StudyFolder(path.parent) for path in sorted(self.folder.glob(f"*/{RESULTS}"))}
 
     def report(self) -> Path:
         """The page of the study."""
@@ -222,12 +227,16 @@ class StudyFolder:
 
     @cached_property
     def table(self) -> Table:
-        """A row for each point, arm, realization and follower (`results.parquet`)."""
+        """A row for each point, arm, realization and follower (`results.parquet`); with parts, of the first."""
+        if self.parts:
+            return next(iter(self.parts.values())).table
         return Table.read(self.folder / RESULTS)
 
     @cached_property
     def runs(self) -> Table:
         """A row for each run of these (`runs.parquet`)."""
+        if self.parts:
+            return next(iter(self.parts.values())).runs
         return Table.read(self.folder / RUNS)
 
     @property

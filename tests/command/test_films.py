@@ -75,7 +75,7 @@ def test_a_study_with_a_design_of_its_own_runs_as_its_command_does(
     assert refused.exit_code != 0
     assert "--set: unknown option of the study asymmetry" in refused.stderr
     refused = CliRunner().invoke(app, ["study", "loss", "--quick"])
-    assert "--quick: a study file sets its runs" in refused.stderr
+    assert "--quick: the study has no [quick]" in refused.stderr
 
 
 @pytest.mark.usefixtures("without_report")

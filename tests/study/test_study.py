@@ -1,5 +1,6 @@
 """Studies from file to page: faults before flights, paired arms, commands that repeat runs, the same bytes always."""
 
+import re
 import shlex
 import signal
 import subprocess
@@ -19,12 +20,13 @@ from experiments import findings
 from experiments.campaign import campaign
 from experiments.campaign.store import Store
 from experiments.command.cli import app
+from experiments.command.studies import BUILT_IN
 from experiments.flight.fly import fly
 from experiments.flight.library import load
 from experiments.flight.summary import position_and_bearing_errors
 from experiments.study.design import Draw
 from experiments.study.estimate import Results
-from experiments.study.file import FOLDER, StudyError, of_table, shipped, study_of, table_in
+from experiments.study.file import FOLDER, StudyError, built_in, of_table, shipped, study_of, table_in
 from experiments.study.measure import records_of_run
 from experiments.study.metrics import METRICS
 from experiments.study.page import commands
@@ -33,7 +35,6 @@ from experiments.study.run import fly_study, fly_until_narrow
 from experiments.study.study import RECORD, REPORT, RESULTS, RUNS, STUDY, run_study
 from laisn import metrics
 from laisn.failure import LaisnError
-from sim.scenario.file import read
 
 SMALL = """
 scenario = "T5"
@@ -329,11 +330,11 @@ def test_batches_are_flown_until_every_interval_is_narrow_enough(tmp_path):
     found = findings.read(tmp_path / "until" / RECORD).findings
     assert max((f.high - f.low) / 2 for key, f in found.items() if "point" in key) <= wanted
     most = UNTIL | {"until": {"half_width": 1e-6, "most": 30}}
-    plan, outcomes = fly_until_narrow(plan_of(study(SMALL, runs=most, **given)), tmp_path / "most", quiet=True)
-    assert (plan.study.runs, {row["runs"] for row in outcomes.rows}) == (30, {30})
-    cells = UNTIL | {"until": {"metric": "nees", "half_width": 1.0}}
-    with pytest.raises(LaisnError, match="'nees' is not a metric of single runs"):
-        fly_until_narrow(plan_of(study(SMALL, runs=cells, **given)), tmp_path / "until", workers=1, quiet=True)
+    (outcomes,) = fly_until_narrow([plan_of(study(SMALL, runs=most, **given))], tmp_path / "most", quiet=True)
+    assert (outcomes.plan.study.runs, {row["runs"] for row in outcomes.rows}) == (30, {30})
+    cells = UNTIL | {"until": {"metric": "e_p_std_m", "half_width": 1.0}}
+    with pytest.raises(LaisnError, match="'e_p_std_m' is not a metric of single runs"):
+        fly_until_narrow([plan_of(study(SMALL, runs=cells, **given))], tmp_path / "until", workers=1, quiet=True)
 
 
 def rows_and_runs(outcomes):
@@ -445,8 +446,19 @@ def test_drawn_formations_are_the_followers_of_their_sea():
 
 @pytest.mark.parametrize("name", shipped())
 def test_studies_that_ship_are_valid_and_introduce_themselves(name):
-    path = FOLDER / f"{name}.toml"
-    assert path.read_text(encoding="utf-8").startswith("# ")
-    plan = plan_of(of_table(read(path), name, name, FOLDER))
-    assert plan.study.question
-    assert plan.study.name == name
+    for path in built_in(name).values() or [FOLDER / f"{name}.toml"]:
+        assert path.read_text(encoding="utf-8").startswith("# ")
+        plan = plan_of(study_of(str(path), {}))
+        assert plan.study.question
+        assert plan.study.name.startswith(name)
+        if built_in(name):
+            assert plan_of(study_of(str(path), {}, quick=True)).flights <= plan.flights
+
+
+def test_each_study_that_ships_has_a_command_of_its_name():
+    assert set(BUILT_IN) == set(shipped())
+    for name in BUILT_IN:
+        wide = {"COLUMNS": "200"}
+        own, same = (CliRunner().invoke(app, [word, "--help"], env=wide).output for word in (name, "study"))
+        assert set(re.findall(r"--[a-z-]+", own)) == set(re.findall(r"--[a-z-]+", same))
+        assert BUILT_IN[name].split()[0] in own

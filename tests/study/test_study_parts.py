@@ -14,6 +14,7 @@ from experiments.study.plan import Plan, plan_of
 from experiments.study.run import Outcomes, fly_studies, fly_study
 from sim.trajectory import leveled
 
+ERRORS = "experiments.studies.estimators.errors"
 SHORT: dict[str, Any] = {"scenario": "T5", "runs": 3, "set": {"duration_s": 20.0, "leader.excess_buoyancy_n": 8.0}}
 
 
@@ -68,6 +69,11 @@ def test_cases_scenarios_and_factors_are_crossed_and_a_case_may_have_some_of_the
         ({"scenario": ["T2", "T77"]}, "unknown scenario"),
         ({"vary": {"duration_s": [5, 9]}, "runs_apart": 2**20}, "runs_apart: Input should be less"),
         ({"vary": {"run": [5, 2**31 - 5]}}, "the last run is number"),
+        ({"arm": [{"name": "a", "disturb": {"use": f"{ERRORS}:Errors", "errors": ["x"]}}]}, "there is no error 'x'"),
+        ({"arm": [{"name": "a", "disturb": {"use": f"{ERRORS}:np.os.system", "command": "true"}}]}, "not loaded"),
+        ({"arm": [{"name": "a", "disturb": {"use": f"{ERRORS}:Nothing"}}]}, "expected a class with `disturb"),
+        ({"arm": [{"name": "a", "disturb": {"use": f"{ERRORS}:Measurements"}}]}, "expected a class with `disturb"),
+        ({"arm": [{"name": "a", "disturb": {"use": "experiments.studies.no.way:Errors"}}]}, "expected a class with"),
         ({"scenario": "swarm", "arm": [{"name": "a", "level_leader": True}]}, "level_leader apply to missions"),
     ],
 )
