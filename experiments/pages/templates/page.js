@@ -23,11 +23,15 @@ function draw(div) {
   const figure = JSON.parse(text.replace(/var\((--\w+)\)/g, (_, name) => style.getPropertyValue(name).trim()));
   Plotly.react(div, figure.data, figure.layout, { displayModeBar: false, responsive: true });
   if (!drawn.has(div) && div.dataset.link) {
-    div.on("plotly_hover", (event) => follow(div, event.points[0].customdata ?? event.points[0].x));
+    div.on("plotly_hover", ({ points: [point] }) => {
+      const time = point.customdata ?? (isMap(div) ? undefined : point.x);
+      if (time !== undefined) follow(div, time);
+    });
     div.on("plotly_unhover", () => follow(div));
   }
   drawn.add(div);
 }
+const isMap = (div) => div.layout.yaxis.scaleanchor !== undefined;
 let following = false;
 function follow(from, time) {
   if (following) return;
@@ -36,7 +40,7 @@ function follow(from, time) {
     if (div === from || div.dataset.link !== from.dataset.link) continue;
     if (time === undefined) Plotly.Fx.unhover(div);
     else Plotly.Fx.hover(div, div.data.flatMap((trace, curveNumber) => {
-      const times = trace.customdata ?? trace.x;
+      const times = trace.customdata ?? (isMap(div) ? [] : trace.x);
       if (trace.hoverinfo === "skip" || times.length < 2) return [];
       const after = times.findIndex((at) => at >= time);
       return [{ curveNumber, pointNumber: after < 0 ? times.length - 1 : after }];
