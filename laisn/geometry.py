@@ -173,6 +173,17 @@ def given_transmitters(reception: Reception, settings: Settings) -> Floats | Non
     return place_on_body((message.east, message.north, message.depth), attitude, offsets)
 
 
+def place_transmitters(reception: Reception, settings: Settings) -> Floats:
+    """Transmitters (east, north, depth) of a message, given or on the hull, shape (3, 3), [m]; NaN for none."""
+    places = given_transmitters(reception, settings)
+    if places is not None:
+        return places
+    message = reception.message
+    attitude = message.heading, *broadcast_tilt(message, settings)
+    origin = message.east, message.north, message.depth
+    return np.asarray(transmitter_positions(origin, attitude, settings.baseline, settings.middle_offset))
+
+
 @formula
 def horizontal_range(slant_range: float, depth_difference: float) -> float:
     """Horizontal range D = √(R² − Δz²) [m]; 0 where a range error makes R < |Δz|, NaN where R is NaN."""

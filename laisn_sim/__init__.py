@@ -11,7 +11,8 @@ scenario file, and `study("T5", vary={"followers.0.depth_m": [10, 15]})` those o
 NumPy, tuples and ranges are values too. Invalid input raises `LaisnError`, a `ValueError`; `Scenario(...)` alone raises
 pydantic's `ValidationError`, another `ValueError`. A function imports what it needs at its first use.
 
-Classes: `Flight`, `Scenario`, `StudyFolder`, `Table`, `Navigator`, `LaisnError`; see `help(laisn_sim.Flight)`.
+Classes: `Flight`, `Scenario`, `StudyFolder`, `Table`, `Navigator`, `Command`, `Wrench`, `LaisnError`; see
+`help(laisn_sim.Flight)`.
 
 `main` is the entry point of the `laisn` command.
 """
@@ -43,6 +44,8 @@ if TYPE_CHECKING:
     from laisn.failure import LaisnError as LaisnError
     from laisn.navigator import Navigator as Navigator
     from laisn.plugins import load_plugin as load_plugin
+    from sim.own_control import Command as Command
+    from sim.own_control import Wrench as Wrench
     from sim.scenario.settings import Scenario as Scenario
 
 __all__ = [
@@ -65,12 +68,14 @@ _ROOT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
 _PACKAGES = ("models", "laisn", "sim", "experiments")
 _INTERRUPTED = b"laisn: interrupted\n"
 _HOMES = {
+    "Command": "sim.own_control:Command",
     "Flight": "experiments.pages.results:Flight",
     "LaisnError": "laisn.failure:LaisnError",
     "Navigator": "laisn.navigator:Navigator",
     "StudyFolder": "experiments.study.study:StudyFolder",
     "Scenario": "sim.scenario.settings:Scenario",
     "Table": "experiments.flight.tables:Table",
+    "Wrench": "sim.own_control:Wrench",
     "errors": "experiments.flight.tables:errors_table",
     "fly": "experiments.pages.results:fly",
     "load": "experiments.flight.library:loaded",
@@ -168,6 +173,7 @@ def study(
     workers: int | None = None,
     cluster: str | None = None,
     force: bool = False,
+    navigators: Mapping[str, str | type] | None = None,
     **keys: Any,
 ) -> StudyFolder:
     """Run a study, or what is missing of its results, and write its tables and its page.
@@ -178,6 +184,7 @@ def study(
         workers: local processes; None: one for each core.
         cluster: address of a Dask scheduler (tcp://…) to compute on.
         force: compute everything again.
+        navigators: arms by name: a navigator's name, or a class of one's own, at the top of a file of its own.
         keys: of a study file: `runs`, `realizations`, `seed`, `vary`, `draw`, `set`, `arm`, `design`, `points`,
             `report`; they replace those of the source; `vary`, `draw` and `set` do so key by key.
 
@@ -186,5 +193,9 @@ def study(
     """
     _require_own_packages()
     from experiments.study.study import run
+    from laisn.plugins import register
 
+    if navigators is not None:
+        names = {k: v if isinstance(v, str) else register(v, importable=True) for k, v in navigators.items()}
+        keys["arm"] = [{"name": name, "navigation.variant": variant} for name, variant in names.items()]
     return run(source, keys, out, workers=workers, cluster=cluster, force=force)

@@ -225,10 +225,17 @@ def log_export(
     out: Annotated[Path, typer.Argument(parser=folder_option, metavar="OUT", help="folder for the tables")],
     format_: Annotated[str, typer.Option("--format", help="parquet or csv")] = "parquet",
     rerun: Annotated[bool, typer.Option("--rerun", help="write one Rerun recording instead of tables")] = False,
+    pyfg: Annotated[bool, typer.Option("--pyfg", help="write a factor graph of each follower instead")] = False,
 ) -> None:
-    """Export every numeric channel as a table, or a flight as a recording for Rerun."""
+    """Export every numeric channel as a table, or a flight as a recording for Rerun or as factor graphs."""
     from sim.log.export import export, write_recording
 
+    if pyfg:
+        from experiments.command import replaying
+
+        for file in replaying.export_factor_graphs(log, out):
+            echo(file)
+        return
     if rerun:
         out.mkdir(parents=True, exist_ok=True)
         echo(write_recording(log, out / f"{log.stem}.rrd"))
@@ -263,7 +270,7 @@ def log_recover(log: LogArgument) -> None:
     echo(recover(log, lambda remark: echo(f"note: {remark}")))
 
 
-for _study in (studies.study, studies.compare, studies.reproduce, studies.asymmetry):
+for _study in (studies.study, studies.compare, studies.reproduce, studies.asymmetry, studies.rivals):
     app.command()(report_errors(_study))
 for _name in studies.BUILT_IN:
     app.command(_name)(report_errors(studies.command_of(_name)))

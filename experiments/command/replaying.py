@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
 
+import numpy as np
 from rich.console import Console
 
 from experiments.campaign.bound import flight_bound
@@ -20,6 +21,7 @@ from experiments.pages.replay_page import Replayed, write_replay_page
 from laisn.failure import LaisnError
 from laisn.navigators import NAVIGATORS, NavigatorFactory, find
 from laisn.settings import NavigationSettings
+from laisn.tight.settings import TightSettings
 from sim.flight import Flight, navigation_settings, settings_as
 from sim.scenario.file import values_of
 
@@ -120,6 +122,30 @@ def _write_replay(
     page = Path("out") / "replay" / f"{log.stem}.html"
     write_replay_page(vehicles, log, navigator, remarks, page)
     print_line(console, f"report in {page}")
+
+
+def export_factor_graphs(path: Path, out: Path) -> list[Path]:
+    """Write what each follower of a flight measured as `out`/FOLLOWER.pyfg, with its true path; gives the files.
+
+    Raises:
+        LaisnError: the log cannot be read, or holds no flight.
+    """
+    from sim.datasets.factor_graph import write_factor_graph
+    from sim.log import reader
+    from sim.sensing.observation import start_of
+
+    flight = reader.read(path)
+    tight = flight.scenario.model_copy(
+        update={"navigation": flight.scenario.navigation.model_copy(update={"variant": "tight"})}
+    )
+    out.mkdir(parents=True, exist_ok=True)
+    steps, files = np.append(0, flight.step_index()), []
+    for i, name in enumerate(flight.trajectory.names[1:]):
+        place = flight.trajectory.site_path(f"{name}/hydrophone", steps)
+        truth = np.column_stack([flight.trajectory.time[steps], place[:, :2], flight.trajectory.heading[steps, i + 1]])
+        settings, start = settings_as(TightSettings, tight, flight.trajectory, i), start_of(flight.trajectory, i)
+        files.append(write_factor_graph(flight.measurements[i], settings, start, truth, out / f"{name}.pyfg"))
+    return files
 
 
 def show_info(path: Path) -> None:

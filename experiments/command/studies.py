@@ -203,7 +203,7 @@ def command_of(name: str) -> Callable[..., None]:
 
 def _run_own(name: str, options: dict[str, Any]) -> None:
     """Run the command of a study with a design of its own; LaisnError names an option that it lacks."""
-    run = {command.__name__: command for command in (asymmetry, reproduce)}[name]
+    run = {command.__name__: command for command in (asymmetry, reproduce, rivals)}[name]
     foreign = options.keys() - signature(run).parameters.keys()
     if foreign:
         option = min(foreign).strip("_").replace("_", "-")
@@ -267,3 +267,16 @@ def asymmetry(
 
     film_of = asymmetry_film.film if (not quick if film is None else film) and _can_film() else None
     _run_design("asymmetry", run, quick, out, workers=workers, cluster=cluster, force=force, film=film_of)
+
+
+def rivals(
+    quick: QuickOption = False,
+    workers: WorkersOption = None,
+    out: OutOption = None,
+    force: ForceOption = False,
+    cluster: ClusterOption = None,
+) -> None:
+    """Compare all navigators: LAISN, the tightly coupled one, and the rival methods."""
+    from experiments.studies.rivals.study import run
+
+    _run_design("rivals", run, quick, out, workers=workers, force=force, cluster=cluster)

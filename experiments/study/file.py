@@ -26,8 +26,8 @@ from sim.screen import plain, screenful, shortened
 
 FOLDER = Path(__file__).parents[1] / "studies"
 """Studies that ship."""
-OWN_DESIGN = {"asymmetry": "asymmetry", "reproduce": "reproduction"}
-"""Studies that decide from results what to fly next: their commands and folders."""
+OWN_DESIGN = {"asymmetry": "asymmetry", "reproduce": "reproduction", "rivals": "rivals"}
+"""Studies whose design no file can hold: their commands and folders."""
 METRIC = "e_p_mean_m"
 ARM, CASE, SCENARIO = "arm", "case", "scenario"
 """Names of what varies beside the keys of scenarios: arms, and factors of named settings and of several scenarios."""

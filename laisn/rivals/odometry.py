@@ -14,7 +14,7 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.failure import LaisnError
-from laisn.geometry import Triple, broadcast_tilt, given_transmitters, transmitter_positions
+from laisn.geometry import Triple, place_transmitters
 from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.navigators import OnlineNavigator, require_readings
 from laisn.tight.settings import TightSettings
@@ -139,14 +139,7 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         require_readings(self._step, own, reception, "log")
         if not np.all(np.isfinite(reception.message[:6])):
             raise LaisnError(f"step {self._step}: leader message {reception.message} is not finite")
-        places = given_transmitters(reception, self.settings)
-        message = reception.message
-        if places is None:
-            pose = (
-                (message.east, message.north, message.depth),
-                (message.heading, *broadcast_tilt(message, self.settings)),
-            )
-            places = transmitter_positions(*pose, self.settings.baseline, self.settings.middle_offset)
+        places = place_transmitters(reception, self.settings)
         below = places - (0.0, 0.0, own.depth - self.settings.hydrophone_height)
         ranges = np.where(np.isfinite(below).all(axis=1), reception.ranges, np.nan)
         ranges[self.settings.transmitters :] = np.nan

@@ -13,6 +13,7 @@ others they may be the file's own estimate, which no line states.
 
 import re
 from collections import Counter
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,7 +21,11 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
+from laisn.geometry import place_transmitters
+from laisn.messages import Measurements
+from laisn.tight.settings import TightSettings
 from sim.datasets.range_data import LARGEST, RangeData, compose, numbers, require_unique, text_of
+from sim.files import atomic_write
 
 _WORDS = {
     "VERTEX_SE2": (1, 1, 3, 0), "VERTEX_XY": (0, 1, 2, 0), "VERTEX_SE2:PRIOR": (1, 1, 3, 6),
@@ -150,6 +155,67 @@ def _ranges(
         variances.append(line.noise[0])
     sigma = float(np.sqrt(np.median(variances))) if variances and min(variances) > 0.0 else None
     return sorted(rows), sigma
+
+
+def _line(*words: object) -> str:
+    return " ".join(f"{word:.10g}" if isinstance(word, float) else str(word) for word in words) + "\n"
+
+
+def _triangle(*variances: float) -> list[float]:
+    """Upper triangle of a diagonal covariance."""
+    matrix = np.diag(variances)
+    return [float(v) for v in matrix[np.triu_indices(len(variances))]]
+
+
+def write_factor_graph(
+    measured: Measurements, settings: TightSettings, start: Floats, truth: Floats, path: Path
+) -> Path:
+    """Write what a follower measured as a factor graph, with a pose A… at the start and at each message.
+
+    Odometry is that of log and compass in the frame of the pose before; the compass gives turns alone, so that its bias
+    is the error of the first pose's heading. Each transmitter of a message is a landmark at the place that the message
+    gives it. Ranges are reduced to the plane by the depths; their variance holds all errors of a range.
+
+    Args:
+        measured: n filter steps.
+        settings: standard deviations.
+        start: x, y [m] at step 0, shape (2,) or more.
+        truth: of each step from 0 on: time [s], east, north of the hydrophone [m] and heading [rad], shape (n + 1, 4).
+        path: of the file; ends in .pyfg.
+    """
+    speed, heading = (np.concatenate([values[:1], values]) for values in (measured.speed, measured.heading))
+    dt, u = np.diff(truth[:, 0]), np.column_stack([np.sin(heading), np.cos(heading)])
+    v, turned = speed[:, None] * u, 0.5 * np.pi - heading
+    way = np.vstack([np.zeros(2), np.cumsum(0.5 * dt[:, None] * (v[:-1] + v[1:]), axis=0)])
+    steps = [0, *measured.message_step.tolist()]
+    lines = [
+        _line("VERTEX_SE2", float(truth[k, 0]), f"A{i}", *truth[k, 1:3].tolist(), float(0.5 * np.pi - truth[k, 3]))
+        for i, k in enumerate(steps)
+    ]
+    prior = settings.start_sigma**2, settings.start_sigma**2, settings.heading_bias_sigma**2 + settings.heading_sigma**2
+    first = float(truth[0, 0]), "A0", float(start[0]), float(start[1]), float(turned[0])
+    lines.append(_line("VERTEX_SE2:PRIOR", *first, *_triangle(*prior)))
+    sigma = np.linalg.norm([settings.range_sigma, settings.range_scale_sigma, settings.range_scale_bias_sigma])
+    for i, (before, k) in enumerate(pairwise(steps)):
+        time, (s, c) = float(truth[k, 0]), (np.sin(turned[before]), np.cos(turned[before]))
+        ahead, port = np.array([[c, s], [-s, c]]) @ (way[k] - way[before])
+        part, n = dt[before:k], k - before
+        along = (settings.speed_sigma**2 * np.sum(part**2)) + (settings.speed_bias_sigma * np.sum(part)) ** 2
+        across = (settings.heading_sigma * np.mean(speed[before + 1 : k + 1])) ** 2 * np.sum(part**2)
+        spread = _triangle(float(along), float(across), 2.0 * settings.heading_sigma**2 / n + 1e-8)
+        turn = float(np.arctan2(np.sin(turned[k] - turned[before]), np.cos(turned[k] - turned[before])))
+        lines.append(_line("EDGE_SE2", time, f"A{i}", f"A{i + 1}", float(ahead), float(port), turn, *spread))
+        reception, hydrophone = measured.reception(i), measured.last_depth[k - 1] - settings.hydrophone_height
+        places = place_transmitters(reception, settings)
+        for j in np.flatnonzero(np.isfinite(places).all(axis=1) & np.isfinite(reception.ranges)).tolist():
+            landmark, place = f"L{3 * i + j}", places[j, :2].tolist()
+            level = float(np.sqrt(max(reception.ranges[j] ** 2 - (hydrophone - places[j, 2]) ** 2, 0.0)))
+            lines.append(_line("VERTEX_XY", landmark, *place))
+            lines.append(_line("VERTEX_XY:PRIOR", time, landmark, *place, *_triangle(1e-6, 1e-6)))
+            lines.append(_line("EDGE_RANGE", time, f"A{i + 1}", landmark, level, float(sigma) ** 2))
+    with atomic_write(path) as part_file:
+        part_file.write_text("".join(lines), encoding="utf-8")
+    return path
 
 
 def read_factor_graph(path: Path) -> RangeData:

@@ -34,7 +34,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_plugins: None) ->
         (tmp_path / name).write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
-    for file in ("dead_reckoning", "inverted_usbl", "bearing_navigator", "odometry"):
+    for file in ("dead_reckoning", "inverted_usbl", "bearing_navigator", "odometry", "homing"):
         laisn_sim.load_plugin(f"{file}.py")
     return tmp_path
 
@@ -116,6 +116,29 @@ def test_a_class_with_a_step_runs_over_missions_and_in_closed_loops() -> None:
     np.testing.assert_allclose(own.state[-1, :2], navigator.state[:2], atol=1e-9)
     closed = laisn_sim.fly("T5", settings | {"followers.0.guidance_position": "estimate"})
     assert np.isfinite(closed.estimates[0].state).all()
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_study_takes_classes_as_arms() -> None:
+    own = sys.modules["odometry"].Odometry
+    changes = {"duration_s": 20.0, "motion": "kinematic"}
+    results = laisn_sim.study("T3", set=changes, navigators={"mine": own, "EKF": "ekf"}, runs=2, out="arms")
+    rows = {row["arm"]: row["e_p_mean_m"] for row in results.table.rows()}
+    alone = [laisn_sim.fly("T3", changes | {"run": run}, navigator=own) for run in range(2)]
+    assert rows["mine"] == pytest.approx(np.mean([laisn_sim.errors(one)["e_p_m"].mean() for one in alone]), rel=1e-12)
+    assert set(rows) == {"mine", "EKF"}
+    local = type("Local", (own,), {"__module__": "__main__"})
+    with pytest.raises(LaisnError, match="in a file of its own"):
+        laisn_sim.study("T3", navigators={"mine": local})
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_controller_of_the_page_follows_the_leader() -> None:
+    settings = {"followers.0.controller": "homing", "navigation.variant": "ekf", "duration_s": 60.0}
+    flight = laisn_sim.fly("T5", settings)
+    leader, follower = flight.trajectory.position[:, 0, :2], flight.trajectory.position[:, 1, :2]
+    away = np.hypot(*(leader - follower).T)
+    assert abs(away[-1] - 30.0) < min(abs(away[0] - 30.0), 8.0)
 
 
 def test_a_scenario_or_a_log_loads_no_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_plugins: None) -> None:

@@ -13,6 +13,7 @@ from experiments.findings import FILE
 from experiments.studies import coverage, real_ranges, route_keeping
 from experiments.studies.asymmetry import study as asymmetry
 from experiments.studies.reproduction.study import judge_with_seeds, reproduce
+from experiments.studies.rivals import study as rivals
 from experiments.study.study import run_built_in
 from tools.documents import flights, hull_trials
 from tools.documents.markers import RECORDS
@@ -30,6 +31,7 @@ STUDIES: dict[str, Callable[[Path], object]] = {
     "asymmetry": asymmetry.run,
     "estimators": partial(run_built_in, "estimators"),
     "real-ranges": real_ranges.run,
+    "rivals": rivals.run,
 }
 """How each is flown into a folder."""
 

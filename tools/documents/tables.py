@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from experiments.findings import Finding, Findings
 from experiments.flight.library import ROUTES
 from experiments.studies.coverage import LAWS, RUNS
+from experiments.studies.rivals.design import CONDITIONS, INTERVALS, NAVIGATORS
 from experiments.study.file import built_in, study_of
 
 Records = Mapping[str, Findings]
@@ -213,6 +214,31 @@ def coverage(records: Records) -> str:
     return markdown(["coverage of 95 % intervals", *(f"{runs} runs" for runs in RUNS)], rows)
 
 
+def _rivals(records: Records, columns: Mapping[str, tuple[str, str]]) -> str:
+    """A row for each navigator of the study of rival methods: heads, findings with NAME for the navigator, formats."""
+    found, rows = records["rivals"].findings, []
+    for name, title in NAVIGATORS.items():
+        cells = ((found.get(key.replace("NAME", name)), spec) for key, spec in columns.values())
+        rows.append([title, *("–" if finding is None else f"{finding:{spec}}" for finding, spec in cells)])
+    return markdown(["", *columns], rows)
+
+
+def rivals(records: Records) -> str:
+    """Calm water by the interval of messages, consistency, losses and time."""
+    columns = {f"mean E_P [m], every {t:g} s": (f"error NAME calm {t:g}", ".2f i") for t in INTERVALS}
+    more = {"95 % below [m]": ("high NAME calm 5", ".2f"), "NEES": ("nees NAME calm 5", ".3g"),
+            "mirror-locked": ("locked NAME calm 5", ".0% i"), "lost": ("lost NAME calm 5", ".0% i"),
+            "µs per step": ("step NAME", ".1f")}  # fmt: skip
+    return _rivals(records, columns | more)
+
+
+def rivals_conditions(records: Records) -> str:
+    """Mean errors in all conditions, messages every 5 s, and in closed loop."""
+    columns = {title: (f"error NAME {name} 5", ".2f i") for name, (title, _) in CONDITIONS.items()}
+    steered = {"closed loop": ("closed-error NAME", ".2f i"), "lost in it": ("closed-lost NAME", ".0% i")}
+    return _rivals(records, columns | steered)
+
+
 TABLES: dict[str, Callable[[Records], str]] = {
     "ratios": ratios,
     "coverage": coverage,
@@ -223,5 +249,7 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "speed": speed,
     "estimators": estimators,
     "estimators-at-sea": estimators_at_sea,
+    "rivals": rivals,
+    "rivals-conditions": rivals_conditions,
 }
 """Tables by their names in documents."""

@@ -1,0 +1,91 @@
+"""A flight as a factor graph: read back by the importer, and solved by GTSAM."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import laisn_sim
+from experiments.command.cli import app
+from sim.datasets.factor_graph import read_factor_graph
+from sim.flight import Flight
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    # a log and a compass without constant errors, which the graph has no variables for
+    changes = {"sensors.speed_bias_m_s": 0.0, "sensors.heading_bias_deg": 3.0, "acoustics.loss_probability": 0.2}
+    return laisn_sim.fly("T7", {"motion": "kinematic", "duration_s": 120.0, **changes})
+
+
+@pytest.fixture(scope="module")
+def graph(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("graph")
+    log = laisn_sim.write_log(flight, folder / "flight.mcap")
+    result = CliRunner().invoke(app, ["log", "export", str(log), str(folder / "out"), "--pyfg"])
+    assert result.exit_code == 0, result.output
+    return folder / "out" / "follower.pyfg"
+
+
+def test_the_importer_reads_odometry_ranges_and_the_true_path(flight: Flight, graph: Path) -> None:
+    data, (measured,) = read_factor_graph(graph), flight.measurements
+    at = measured.message_step
+    np.testing.assert_allclose(data.time, np.append(0.0, measured.time[at - 1]), atol=1e-9)
+    np.testing.assert_allclose(data.truth[1:, 1:], flight.hydrophone(0)[at - 1, :2], atol=1e-6)
+    received = np.isfinite(measured.ranges)
+    assert 0 < received.sum() == data.ranges.size < received.size
+    # horizontal, of the depths that are measured
+    deeper = measured.depth[at - 1] - measured.message[:, 5] - flight.scenario.navigation.settings().hydrophone_height
+    level = np.sqrt(measured.ranges**2 - deeper[:, None] ** 2)[received]
+    np.testing.assert_allclose(np.sort(data.ranges), np.sort(level), atol=0.02)
+    speed = np.append(measured.speed[0], measured.speed)
+    east = np.append(measured.heading[0], measured.heading)
+    v = speed[:, None] * np.column_stack([np.sin(east), np.cos(east)])
+    way = np.array([0.5 * 0.1 * (v[:-1] + v[1:])[k : k + 10].sum(axis=0) for k in range(0, 1200, 10)])
+    np.testing.assert_allclose(np.hypot(*data.odometry[:, :2].T), np.hypot(*way.T), atol=1e-6)
+
+
+def test_gtsam_finds_the_path_in_it(graph: Path) -> None:
+    gtsam = pytest.importorskip("gtsam")
+    factors, values, noise = gtsam.NonlinearFactorGraph(), gtsam.Values(), gtsam.noiseModel.Gaussian.Covariance
+    truth: dict[str, list[float]] = {}
+
+    def key(name: str) -> int:
+        return int(gtsam.symbol(name[0].lower(), int(name[1:])))
+
+    def full(triangle: list[str], n: int) -> np.ndarray:
+        matrix = np.zeros((n, n))
+        matrix[np.triu_indices(n)] = list(map(float, triangle))
+        return matrix + np.triu(matrix, 1).T
+
+    pose = None
+    lines = [line.split() for line in graph.read_text().splitlines()]
+    for kind, *words in lines:
+        if kind == "VERTEX_SE2":
+            truth[words[1]] = list(map(float, words[2:4]))
+        elif kind == "VERTEX_SE2:PRIOR":
+            pose = gtsam.Pose2(*map(float, words[2:5]))
+            factors.add(gtsam.PriorFactorPose2(key(words[1]), pose, noise(full(words[5:], 3))))
+            values.insert(key(words[1]), pose)
+        elif kind == "EDGE_SE2":
+            step = gtsam.Pose2(*map(float, words[3:6]))
+            factors.add(gtsam.BetweenFactorPose2(key(words[1]), key(words[2]), step, noise(full(words[6:], 3))))
+            assert pose is not None
+            pose = pose.compose(step)
+            values.insert(key(words[2]), pose)
+        elif kind == "VERTEX_XY:PRIOR":
+            place = np.array(words[2:4], dtype=float)
+            factors.add(gtsam.PriorFactorPoint2(key(words[1]), place, noise(full(words[4:], 2))))
+            values.insert(key(words[1]), place)
+        elif kind == "EDGE_RANGE":
+            sigma = gtsam.noiseModel.Isotropic.Sigma(1, float(words[4]) ** 0.5)
+            between = key(words[1]), key(words[2]), float(words[3]), sigma, gtsam.Pose2()
+            factors.add(gtsam.RangeFactorWithTransform2D(*between))
+    found = gtsam.LevenbergMarquardtOptimizer(factors, values).optimize()
+    errors = {
+        name: [np.hypot(*(np.asarray(of.atPose2(key(name)).translation()) - place)) for name, place in truth.items()]
+        for name, of in (("reckoned", values), ("solved", found))
+    }
+    assert np.mean(errors["solved"]) < 0.3 * np.mean(errors["reckoned"])
+    assert np.mean(errors["solved"]) < 1.0

@@ -1,0 +1,168 @@
+"""Controllers and navigators of the user's own in the closed loop: commands, wrenches, effectors, readings."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import laisn_sim
+from laisn.failure import LaisnError
+from laisn.plugins import register, takes_readings
+from sim.closed_loop import simulate_closed_loop
+from sim.flight import Flight, navigate
+
+SEEN: dict[str, list[Any]] = {}
+EAST = np.pi / 2
+
+
+class Holding:
+    """Holds a heading, a speed and a depth, and records what it is called with."""
+
+    def __init__(self, follower: Any) -> None:
+        self.seen = SEEN[follower.name] = []
+
+    def control(self, readings: Any, belief: Any, dt: float) -> Any:
+        self.seen.append((readings, belief, dt))
+        return EAST, 1.2, 11.0
+
+
+class Turning:
+    """A wrench that turns to port, while thrust holds nothing."""
+
+    def __init__(self, follower: Any) -> None:
+        pass
+
+    def control(self, readings: Any, belief: Any, dt: float) -> Any:
+        return laisn_sim.Wrench(surge=5.0, yaw=2.0 - 4.0 * readings.yaw_rate)
+
+
+class Still:
+    """All effectors at rest."""
+
+    def __init__(self, follower: Any) -> None:
+        pass
+
+    def control(self, readings: Any, belief: Any, dt: float) -> Any:
+        return np.zeros(5)
+
+
+class Wrong(Still):
+    """No command."""
+
+    def control(self, readings: Any, belief: Any, dt: float) -> Any:
+        return "fast"
+
+
+class Low:
+    """A controller of all vehicles, which takes no readings."""
+
+    def control(self, k: int, truth: Any) -> None: ...
+
+
+def followers(*made: type) -> list[dict[str, Any]]:
+    apart = [[0.0, 0.0], [0.0, -20.0], [-20.0, -10.0]]
+    return [
+        {
+            "name": one.__name__,
+            "controller": register(one),
+            "depth_m": 11.0,
+            "waypoints": [[0.0, east - 30.0, north], [300.0, east + 270.0, north]],
+        }
+        for one, (east, north) in zip(made, apart, strict=False)
+    ]
+
+
+@pytest.fixture(scope="module")
+def flown() -> tuple[Flight, Any]:
+    station = {"name": "station", "station": {"behind_m": 45.0, "port_m": 10.0, "depth_m": 14.0}}
+    table = {
+        "name": "own", "duration_s": 40.0, "followers": [*followers(Holding, Turning, Still), station],
+        "navigation": {"variant": "inverted-usbl"}, "leader": {"broadcast_attitude": True},
+    }  # fmt: skip
+    scenario = laisn_sim.load(table)
+    trajectory, loop = simulate_closed_loop(scenario)
+    return navigate(scenario, trajectory), loop
+
+
+def test_a_command_is_held_by_the_autopilot(flown: tuple[Flight, Any]) -> None:
+    motion = flown[0].trajectory
+    # readings of compass and log have biases of 5° and 0.2 m/s, and estimates take most of them off
+    assert np.rad2deg(motion.heading[-50:, 1]).mean() == pytest.approx(90.0, abs=4.0)
+    assert motion.depth[-50:, 1].mean() == pytest.approx(11.0, abs=0.3)
+    assert 0.9 < np.hypot(*motion.velocity[-50:, 1, :2].T).mean() < 1.5
+
+
+def test_a_wrench_turns_and_drives_the_hull(flown: tuple[Flight, Any]) -> None:
+    motion = flown[0].trajectory
+    assert np.unwrap(motion.heading[:, 2])[-1] < np.unwrap(motion.heading[:, 2])[0] - 1.0
+    forces = motion.thrust[100:, 2] @ motion.effector_force[2][:, 0]
+    assert forces.mean() == pytest.approx(5.0, rel=0.05)
+
+
+def test_effectors_at_rest_leave_the_hull_to_its_drag(flown: tuple[Flight, Any]) -> None:
+    motion = flown[0].trajectory
+    assert np.abs(motion.thrust[100:, 3]).max() < 1e-6
+    speed = np.hypot(*motion.velocity[:, 3, :2].T)
+    assert speed[-1] < 0.5 * speed[0]
+
+
+def test_readings_and_estimates_are_those_of_the_finished_mission(flown: tuple[Flight, Any]) -> None:
+    """Also those of a navigator that uses bearings, which the loop measures at each message."""
+    flight, loop = flown
+    measured, estimates, calls = flight.measurements[0], flight.estimates[0], SEEN["Holding"]
+    assert len(calls) == 401
+    readings, beliefs = [c[0] for c in calls[1:]], [c[1] for c in calls[1:]]
+    np.testing.assert_allclose([r.speed for r in readings], measured.speed, atol=1e-9)
+    np.testing.assert_allclose([r.heading for r in readings], measured.heading, atol=1e-9)
+    heard = [k for k, r in enumerate(readings, start=1) if r.reception is not None]
+    assert heard == measured.message_step.tolist()
+    bearings = [readings[k - 1].reception.bearing for k in heard]
+    np.testing.assert_allclose(bearings, measured.own["bearing"][np.array(heard) - 1], atol=1e-9)
+    np.testing.assert_allclose([(b.east, b.north) for b in beliefs], estimates.state[:, :2], atol=1e-6)
+    for i, found in enumerate(flight.estimates):
+        np.testing.assert_allclose(loop.state.history.position[1:, i], found.state[:, :2], atol=1e-6)
+    assert {dt for *_, dt in calls} == {0.1}
+
+
+def test_a_command_of_another_kind_is_refused_by_the_name_of_its_follower() -> None:
+    with pytest.raises(LaisnError, match=r"controller of follower returned 'fast'; expected heading, speed and depth"):
+        laisn_sim.fly("T5", {"duration_s": 2.0}, controller=Wrong, navigator=Odometer)
+    assert takes_readings(Wrong)
+    assert not takes_readings(Low)
+
+
+class Odometer:
+    """A navigator that is defined in a script."""
+
+    def __init__(self, settings: Any, start: Any) -> None:
+        self.state, self.covariance = np.array(start, float), np.eye(4)
+
+    def step(self, own: Any, reception: Any, dt: float) -> None:
+        self.state[2:] = own.speed * np.sin(own.heading), own.speed * np.cos(own.heading)
+        self.state[:2] += dt * self.state[2:]
+
+
+def test_a_navigator_of_a_script_flies() -> None:
+    flight = laisn_sim.fly("T5", {"duration_s": 2.0, "motion": "kinematic"}, navigator=Odometer)
+    (measured,), (found,) = flight.measurements, flight.estimates
+    east = 0.1 * (measured.speed * np.sin(measured.heading)).sum()
+    first = found.state[0, 0] - 0.1 * measured.speed[0] * np.sin(measured.heading[0])
+    assert found.state[-1, 0] == pytest.approx(first + east)
+
+
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [
+        ({"followers.0.controller": "mine:Pilot"}, "not loaded: add --plugin mine.py"),
+        ({"followers.0.controller": "a b"}, "followers"),
+        ({"followers.0.controller": "mine:Pilot", "motion": "kinematic"}, "controller needs motion = 'physics'"),
+    ],
+)
+def test_controllers_that_cannot_fly_are_refused(settings: dict[str, object], expected: str) -> None:
+    with pytest.raises(LaisnError, match=expected):
+        laisn_sim.load("T5", settings)
+
+
+def test_a_class_without_readings_is_no_controller_of_a_follower() -> None:
+    with pytest.raises(LaisnError, match=r"expected a class with `control\(readings, belief, dt\)`"):
+        laisn_sim.load("T5", {"followers.0.controller": register(Low)})
