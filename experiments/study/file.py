@@ -361,7 +361,7 @@ def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any], *, quick:
         table = {} if source in names() else read(path)
         if "scenario" in table:
             folder, name = path.parent, name_of(path)
-        elif given.get("vary") or given.get("draw"):
+        elif given.get("vary") or given.get("draw") or given.get("arm"):
             table, name = {"scenario": source}, f"study-{name_of(Path(source))}"
         else:
             raise StudyError(f"{shown} is a scenario: say what to --vary, or give a study")

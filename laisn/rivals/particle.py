@@ -2,9 +2,11 @@
 
 Particles move by the odometry since the last message, each with its own biases; at a message they are weighted by the
 likelihood of all its ranges and resampled where few count (N. Gordon, D. Salmond, A. Smith, IEE Proc. F 140(2), 1993;
-systematic resampling: M. S. Arulampalam et al., IEEE Trans. Signal Process. 50(2), 2002). Biases are constants, which
-resampling would deplete: they are drawn anew from a kernel that keeps mean and covariance (J. Liu, M. West, Combined
-parameter and state estimation in simulation-based filtering, 2001).
+systematic resampling: M. S. Arulampalam et al., IEEE Trans. Signal Process. 50(2), 2002). A likelihood that is much
+narrower than the cloud is applied by steps (progressive correction: C. Musso, N. Oudjane, F. Le Gland, Improving
+regularised particle filters, 2001). Biases are constants, which resampling would deplete: they are drawn anew from a
+kernel that keeps mean and covariance (J. Liu, M. West, Combined parameter and state estimation in simulation-based
+filtering, 2001).
 """
 
 import numpy as np
@@ -17,6 +19,9 @@ from laisn.rivals.settings import RivalSettings
 DISCOUNT = 0.98
 """Discount of Liu and West: the kernel keeps (3 δ − 1) / 2 δ of a bias's deviation from the mean."""
 KEPT = (3.0 * DISCOUNT - 1.0) / (2.0 * DISCOUNT)
+LEAST_SHARE = 0.1
+"""A power of the likelihood is applied first where fewer particles than this share would count."""
+SMALLEST_POWER = 2.0**-10
 _INITIAL = 0
 """Step that addresses the random numbers of the first particles."""
 
@@ -46,8 +51,8 @@ class ParticleFilter(OdometrySums):
         p[:, 1] += way[:, 0] * sine + way[:, 1] * cosine
         p[:, 2:4] += np.sqrt(time) * np.array([LOG_WALK, COMPASS_WALK]) * normals[:, 2:]
 
-    def _weigh(self, below: Floats, ranges: Floats) -> None:
-        """Multiply the weights by the likelihood N(z; h, σ² I + σ_s² s sᵀ) of all ranges."""
+    def _likelihood(self, below: Floats, ranges: Floats) -> Floats:
+        """log N(z; h, σ² I + σ_s² s sᵀ) of all ranges, but for a constant, shape (N,)."""
         settings, received = self.settings, np.flatnonzero(np.isfinite(ranges))
         z = ranges[received]
         away = self.particles[:, None, :2] - below[received, :2]
@@ -59,28 +64,43 @@ class ParticleFilter(OdometrySums):
         whole = small + large * (share**2).sum(axis=1)
         along = (share * residual).sum(axis=1)
         squared = ((residual**2).sum(axis=1) - large * along**2 / whole) / small
-        logarithm = np.log(self.weights) - 0.5 * squared - 0.5 * np.log(whole)
-        weights = np.exp(logarithm - logarithm.max())
-        self.weights = weights / weights.sum()
+        return np.asarray(-0.5 * (squared + np.log(whole)))
 
-    def _resample(self, random: np.random.Generator) -> None:
-        """Systematic resampling, and biases anew from the kernel of Liu and West."""
+    def _resample(self, random: np.random.Generator, first: int) -> None:
+        """Systematic resampling, and states from `first` on anew from the kernel of Liu and West."""
         n = self.weights.size
         positions = (random.random() + np.arange(n)) / n
         chosen = np.minimum(np.searchsorted(np.cumsum(self.weights), positions), n - 1)
         self.particles, self.weights = self.particles[chosen], np.full(n, 1.0 / n)
-        biases = self.particles[:, 2:]
-        mean, spread = biases.mean(axis=0), np.cov(biases.T) + 1e-18 * np.eye(3)
-        fresh = random.standard_normal((n, 3)) @ np.linalg.cholesky((1.0 - KEPT**2) * spread).T
-        self.particles[:, 2:] = KEPT * biases + (1.0 - KEPT) * mean + fresh
+        states = self.particles[:, first:]
+        mean, spread = states.mean(axis=0), np.cov(states.T) + 1e-18 * np.eye(STATES - first)
+        fresh = random.standard_normal(states.shape) @ np.linalg.cholesky((1.0 - KEPT**2) * spread).T
+        self.particles[:, first:] = KEPT * states + (1.0 - KEPT) * mean + fresh
 
     def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
-        random = self._random(self._step, own.heading)
+        random, n, rest = self._random(self._step, own.heading), self.weights.size, 1.0
         self._move(random)
-        self._weigh(below, ranges)
+        while True:
+            # a power of the likelihood that leaves enough particles, as long as the rest of it is not small
+            likelihood, power = self._likelihood(below, ranges), rest
+            weights = _weighted(self.weights, power * likelihood)
+            while 1.0 / np.sum(weights**2) < LEAST_SHARE * n and power > SMALLEST_POWER:
+                power *= 0.5
+                weights = _weighted(self.weights, power * likelihood)
+            self.weights, rest = weights, rest - power
+            if rest <= 0.0:
+                break
+            self._resample(random, first=0)
         self.x = self.weights @ self.particles
         away = self.particles - self.x
         self.P = (self.weights[:, None] * away).T @ away
-        if 1.0 / np.sum(self.weights**2) < 0.5 * self.weights.size:
-            self._resample(random)
+        if 1.0 / np.sum(self.weights**2) < 0.5 * n:
+            self._resample(random, first=2)
         return True
+
+
+def _weighted(weights: Floats, logarithm: Floats) -> Floats:
+    """Weights times exp(logarithm), whose sum is 1."""
+    product = weights * np.exp(logarithm - logarithm.max())
+    total = float(product.sum())
+    return product / total if total > 0.0 else weights

@@ -94,7 +94,7 @@ def test_the_key_of_its_results_holds_its_source(folder: Path) -> None:
         ({"navigation.variant": "math:pi"}, "not loaded: add --plugin math.py"),
         ({"navigation.variant": "dead_reckoning:FixKind"}, "dead_reckoning.py: DeadReckoning"),
         ({"navigation.variant": "inverted_usbl:InvertedUsbl"}, "expected a class with `step("),
-        ({"navigation.variant": "laisn-4"}, "'tight' or 'module:Class' of a plugin"),
+        ({"navigation.variant": "laisn-4"}, "'geodetic' or 'module:Class' of a plugin"),
         ({"navigation.own.current_east_m_s": "fast"}, "navigation.own.current_east: Input should be a valid number"),
         ({"navigation.own.curent_east_m_s": 1.0}, "has no curent_east; it has: current_east, current_north"),
     ],
