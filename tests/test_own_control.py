@@ -86,7 +86,7 @@ def flown() -> tuple[Flight, Any]:
 
 def test_a_command_is_held_by_the_autopilot(flown: tuple[Flight, Any]) -> None:
     motion = flown[0].trajectory
-    # the compass reads 5° and the mean of a one-sided error of 2° too much, and this navigator gives no biases to control
+    # the compass reads 5° and the mean of a one-sided error of 2° too much; this navigator gives control no biases
     held = 90.0 - 5.0 - 2.0 * np.sqrt(2.0 / np.pi)
     assert np.rad2deg(motion.heading[-50:, 1]).mean() == pytest.approx(held, abs=1.0)
     assert motion.depth[-50:, 1].mean() == pytest.approx(11.0, abs=0.3)
