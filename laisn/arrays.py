@@ -84,8 +84,8 @@ def require_offsets(name: str, offsets: Collection[Offset]) -> None:
         )
 
 
-def _is_settled(array: npt.NDArray[Any]) -> bool:
-    """Whether an array lies in one piece, and neither it nor what it is a part of can be written."""
+def _is_read_only(array: npt.NDArray[Any]) -> bool:
+    """Whether an array is contiguous, and neither it nor an array that it is a view of can be written."""
     whole: Any = array
     while isinstance(whole, np.ndarray) and not whole.flags.writeable:
         whole = whole.base
@@ -93,14 +93,14 @@ def _is_settled(array: npt.NDArray[Any]) -> bool:
 
 
 def own_arrays(record: Any) -> None:
-    """Give a frozen record copies of the arrays that it was made of, which nobody can write.
+    """Replace the arrays of a frozen record by read-only copies; to be called from `__post_init__`.
 
-    Whoever made it keeps arrays of its own: they stay writable, and writing them changes no record. An array that
-    nobody can write any more, such as another record's, needs no copy. To be called from `__post_init__`.
+    The caller's arrays stay writable, and writing them does not change the record. A read-only array, such as another
+    record's, is not copied.
     """
     for field in fields(record):
         value = getattr(record, field.name)
-        if isinstance(value, np.ndarray) and not _is_settled(value):
+        if isinstance(value, np.ndarray) and not _is_read_only(value):
             # in the order of the given one, so that sums over it round alike
             own = value.copy(order="K")
             own.flags.writeable = False

@@ -106,6 +106,17 @@ class FixRecord:
     """Covariance of `innovation`, shape (2, 2), [m²]."""
 
 
+_FIX_ARRAYS: dict[str, tuple[str, tuple[int, ...], type]] = {
+    "fix_step": ("step", (), np.int64),
+    "fix_position": ("position", (2,), np.float64),
+    "fix_sigma": ("sigma", (), np.float64),
+    "fix_kind": ("kind", (), np.int64),
+    "innovation": ("innovation", (2,), np.float64),
+    "innovation_covariance": ("innovation_covariance", (2, 2), np.float64),
+}
+"""Arrays of `Estimates` over fixes: attribute of `FixRecord`, shape for each fix, type."""
+
+
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Estimates(ArrayRecord):
     """The estimates of one follower in one mission: n steps (k = 1 … n) and f fixes.
@@ -137,18 +148,11 @@ class Estimates(ArrayRecord):
     @classmethod
     def of(cls, state: Floats, covariance: Floats, fixes: Sequence[FixRecord], **more: Any) -> Self:
         """Estimates of n states and f fixes; `more` are the arrays that a subclass adds."""
-        f = len(fixes)
-        return cls(
-            state=state,
-            covariance=covariance,
-            fix_step=np.array([fix.step for fix in fixes], dtype=np.int64),
-            fix_position=np.array([fix.position for fix in fixes], dtype=np.float64).reshape(f, 2),
-            fix_sigma=np.array([fix.sigma for fix in fixes], dtype=np.float64),
-            fix_kind=np.array([fix.kind for fix in fixes], dtype=np.int64),
-            innovation=np.array([fix.innovation for fix in fixes]).reshape(f, 2),
-            innovation_covariance=np.array([fix.innovation_covariance for fix in fixes]).reshape(f, 2, 2),
-            **more,
-        )
+        arrays: dict[str, Any] = {
+            name: np.array([getattr(fix, attribute) for fix in fixes], kind).reshape(len(fixes), *shape)
+            for name, (attribute, shape, kind) in _FIX_ARRAYS.items()
+        }
+        return cls(state=state, covariance=covariance, **arrays, **more)
 
     @classmethod
     def details(cls) -> tuple[Columns, ...]:
@@ -161,12 +165,7 @@ class Estimates(ArrayRecord):
         return {
             "state": (n, 4),
             "covariance": (n, 4, 4),
-            "fix_step": (f,),
-            "fix_position": (f, 2),
-            "fix_sigma": (f,),
-            "fix_kind": (f,),
-            "innovation": (f, 2),
-            "innovation_covariance": (f, 2, 2),
+            **{name: (f, *shape) for name, (_, shape, _) in _FIX_ARRAYS.items()},
             **{column.attribute: (f, *column.shape) for column in self.details()},
         }
 

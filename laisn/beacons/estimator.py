@@ -83,10 +83,11 @@ def _fresh_variances(settings: BeaconSettings, beacons: int) -> Floats:
     return np.square([*shared, s.current_sigma, s.current_sigma, *own * beacons])
 
 
-def new_belief(settings: BeaconSettings, start: tuple[float, float] | None) -> Belief:
-    """One component at a known start [m], or none; no beacon is known yet."""
-    n = SHARED
-    belief = Belief(
+def _allocate(settings: BeaconSettings, beacons: int) -> Belief:
+    """A mixture without components, over the states of so many beacons."""
+    fresh = _fresh_variances(settings, beacons)
+    n = fresh.size
+    return Belief(
         state=np.zeros((ROOM, n)),
         covariance=np.zeros((ROOM, n, n)),
         weight=np.zeros(ROOM),
@@ -94,11 +95,16 @@ def new_belief(settings: BeaconSettings, start: tuple[float, float] | None) -> B
         states=n,
         alive=np.zeros(1, dtype=np.int64),
         evidence=np.zeros(1),
-        fresh=_fresh_variances(settings, 0),
-        variance=np.zeros(0),
-        rejected=np.zeros(0, dtype=np.int64),
+        fresh=fresh,
+        variance=np.full(beacons, settings.range_sigma**2),
+        rejected=np.zeros(beacons, dtype=np.int64),
         gain=np.zeros(n),
     )
+
+
+def new_belief(settings: BeaconSettings, start: tuple[float, float] | None) -> Belief:
+    """One component at a known start [m], or none; no beacon is known yet."""
+    belief = _allocate(settings, 0)
     if start is not None:
         belief.state[0, :2] = start
         belief.covariance[0] = np.diag(belief.fresh)
@@ -108,22 +114,13 @@ def new_belief(settings: BeaconSettings, start: tuple[float, float] | None) -> B
 
 def with_beacon(belief: Belief, settings: BeaconSettings) -> Belief:
     """Belief with fresh states of one more beacon."""
-    before, beacons = belief.fresh.size, belief.variance.size + 1
-    fresh = _fresh_variances(settings, beacons)
-    state, covariance = np.zeros((ROOM, fresh.size)), np.zeros((ROOM, fresh.size, fresh.size))
+    made, before = _allocate(settings, belief.variance.size + 1), belief.states
     # what is not alive stays untouched, and takes no memory
-    alive, own = slice(int(belief.alive[0])), np.arange(before, fresh.size)
-    state[alive, :before], covariance[alive, :before, :before] = belief.state[alive], belief.covariance[alive]
-    covariance[alive, own, own] = fresh[before:]
-    return belief._replace(
-        state=state,
-        covariance=covariance,
-        states=fresh.size,
-        fresh=fresh,
-        variance=np.append(belief.variance, settings.range_sigma**2),
-        rejected=np.append(belief.rejected, 0),
-        gain=np.zeros(fresh.size),
-    )
+    alive, own = slice(int(belief.alive[0])), np.arange(before, made.states)
+    made.state[alive, :before], made.covariance[alive, :before, :before] = belief.state[alive], belief.covariance[alive]
+    made.covariance[alive, own, own] = made.fresh[before:]
+    made.variance[:-1], made.rejected[:-1] = belief.variance, belief.rejected
+    return made._replace(weight=belief.weight, outcome=belief.outcome, alive=belief.alive, evidence=belief.evidence)
 
 
 @compiled

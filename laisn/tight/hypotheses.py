@@ -193,7 +193,7 @@ def add_ring(b: Belief, m: Model, signal: Signal, weight: float) -> bool:
     """Add two hypotheses of a message with two ranges or more; False if a covariance was not positive definite.
 
     Args:
-        b: the belief; there must be room for three hypotheses more.
+        b: the belief; there must be room for two hypotheses more, and `SPARE`.
         m: settings.
         signal: the message.
         weight: of both together; that of all others is scaled to the rest.

@@ -1,4 +1,4 @@
-"""The leader: its heading on a straight leg, and the current as its own way shows it.
+"""The leader: its mean heading on a straight leg, and the current from its track.
 
 On a straight leg the mean of the headings that it broadcasts replaces each of them. A reading errs at random, and turns
 the arms of the transmitters with it. Linearised there, derivatives and residuals of the ranges err together: a

@@ -1,4 +1,8 @@
-"""Dead reckoning: what log and compass add up to between messages, and what that does to a Gaussian."""
+"""Dead reckoning: readings of log and compass preintegrated between messages, and the prediction of a Gaussian.
+
+The sums A = Σ v u Δt and B = Σ u Δt do not depend on the biases, so that each component is predicted once a message
+(preintegration: Lupton & Sukkarieh, IEEE Trans. Robotics 28, 2012).
+"""
 
 from typing import Any
 
@@ -45,7 +49,7 @@ def preintegrate(b: Belief, m: Model, speed: float, heading: float, dt: float) -
 
 @inlined
 def reset_preintegration(b: Belief) -> None:
-    """Reset the way: the components have been moved by it."""
+    """Begin a new way: the components have been predicted over the last one."""
     o = b.motion
     o.ax = o.ay = o.bx = o.by = o.nxx = o.nxy = o.nyy = o.time = 0.0
 
@@ -83,10 +87,10 @@ def _position_noise(o: Any, m: Model, mode: int, way: tuple[float, float, float,
 
 @compiled
 def predict_component(b: Belief, m: Model, k: int, log_bias: float, compass_bias: float) -> None:
-    """Move component k by the way since the last message, linearised at some biases.
+    """Predict component k over the way since the last message, linearised at some biases.
 
     The true way is r = Rot(b_θ)(A − b_v B), with Rot anticlockwise, as a compass that reads too much has to be turned
-    back. What biases do that wander on the way is added for a straight one.
+    back. P ← F P Fᵀ + Q, with Q of biases that wander for a straight way.
     """
     x, P, n, time, mode = b.state, b.covariance, m.states, b.motion.time, k % m.modes
     way = _way(b.motion, log_bias, compass_bias)

@@ -1,4 +1,4 @@
-"""Positions after the fact: each one smoothed with the messages of some time after it.
+"""Fixed-lag smoothing: each position also uses the messages of some time after it.
 
 A mixture enters the chain of estimates (`laisn.rts`) as one Gaussian with its mean and covariance.
 """
@@ -29,7 +29,7 @@ _SUMS = ("ax", "ay", "bx", "by", "nxx", "nxy", "nyy", "time")
 
 @compiled
 def _predict_components(b: ScalarRecord, m: ScalarRecord, count: int, log_bias: float, compass_bias: float) -> None:
-    """Move the first components by the way in the belief's motion, linearised at some biases."""
+    """Predict the first components over the way in the belief's motion, linearised at some biases."""
     for k in range(count):
         predict_component(b[0], m[0], k, log_bias, compass_bias)
 
@@ -67,19 +67,19 @@ class _Leg:
         self.onward = self.covariance @ self._matrix().T
         self._begin()
         inflate_bias_covariance(before, m, signal[0])
-        self.predicted, self.predicted_covariance = self._moved()
+        self.predicted, self.predicted_covariance = self._predicted()
 
     def _begin(self) -> None:
         """Put the merged Gaussian back to the beginning of the way."""
         self._state[: self._modes.size], self._spread[:] = self.mean, self.covariance
 
-    def _moved(self) -> tuple[Floats, Floats]:
+    def _predicted(self) -> tuple[Floats, Floats]:
         """Mean and covariance after the way in the belief's motion."""
         _predict_components(*self._records, self._modes.size, *self._biases)
         return self._state[0].copy(), np.einsum("k,kij->ij", self._modes, self._spread)
 
     def _matrix(self) -> Floats:
-        """F of the way in the belief's motion: a move is affine in the state, and this what it does to unit vectors."""
+        """Transition matrix F of the way in the belief's motion: a prediction is affine in the state."""
         n, x = self._n, self._state
         x[: n + 1] = np.eye(n + 1, n)
         _predict_components(*self._records, n + 1, *self._biases)
@@ -101,7 +101,7 @@ class _Leg:
         reading = covariance[2:, 2:] - rows[2:] @ self.covariance @ rows[2:].T
         # the position is two of the states that have come so far; velocities depend on those that stay as they are
         rows[:2] = np.eye(2, self._n)
-        moved, spread = self._moved()
+        moved, spread = self._predicted()
         mean[:2], covariance = moved[:2], rows @ spread @ rows.T
         covariance[2:, 2:] += reading
         return mean, covariance, rows @ spread @ rest.T
