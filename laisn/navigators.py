@@ -354,3 +354,9 @@ class SteppedNavigator(OnlineNavigator[Estimates]):
         sigma = math.sqrt(0.5 * max(float(np.trace(self._covariance[:2, :2])), 0.0))
         kind = FixKind.RANGES if received else FixKind.LOST
         return [FixRecord(step=self._step, position=self._state[:2].copy(), sigma=sigma, kind=kind)]
+
+    @property
+    def biases(self) -> tuple[float, float]:
+        """Estimated biases of log [m/s] and compass [rad], 0 unless the class has an attribute of this name."""
+        log, compass = getattr(self._navigator, "biases", (0.0, 0.0))
+        return float(log), float(compass)

@@ -109,4 +109,6 @@ class SeparateNavigators:
             reception = reception_of(messages[i], ranges[i], self.bearings[i]) if received[i] else None
             navigator.step(OwnMotion(*readings[i].tolist()[:3]), reception)
             estimates.position[i], estimates.velocity[i] = np.split(navigator.state, 2)
+            # of the sensors by which the hull is controlled, from a navigator that has them
+            estimates.log_bias[i], estimates.compass_bias[i] = getattr(navigator, "biases", (0.0, 0.0))
         return 0

@@ -86,9 +86,8 @@ def flown() -> tuple[Flight, Any]:
 
 def test_a_command_is_held_by_the_autopilot(flown: tuple[Flight, Any]) -> None:
     motion = flown[0].trajectory
-    # the compass reads 5° and the mean of a one-sided error of 2° too much; this navigator gives control no biases
-    held = 90.0 - 5.0 - 2.0 * np.sqrt(2.0 / np.pi)
-    assert np.rad2deg(motion.heading[-50:, 1]).mean() == pytest.approx(held, abs=1.0)
+    # of the compass, which reads 6.6° too much, the navigator has estimated most; readings themselves would give 83.4°
+    assert np.rad2deg(motion.heading[-50:, 1]).mean() == pytest.approx(90.0, abs=3.0)
     assert motion.depth[-50:, 1].mean() == pytest.approx(11.0, abs=0.3)
     assert 0.9 < np.hypot(*motion.velocity[-50:, 1, :2].T).mean() < 1.5
 
@@ -119,6 +118,8 @@ def test_readings_and_estimates_are_those_of_the_finished_mission(flown: tuple[F
     assert heard == measured.message_step.tolist()
     bearings = [readings[k - 1].reception.bearing for k in heard]
     np.testing.assert_allclose(bearings, measured.own["bearing"][np.array(heard) - 1], atol=1e-9)
+    # 5° and the mean of a one-sided error of 2°, within some standard deviations of an azimuth
+    assert np.rad2deg(beliefs[-1].compass_bias) == pytest.approx(5.0 + 2.0 * np.sqrt(2.0 / np.pi), abs=3.0)
     np.testing.assert_allclose([(b.east, b.north) for b in beliefs], estimates.state[:, :2], atol=1e-6)
     for i, found in enumerate(flight.estimates):
         np.testing.assert_allclose(loop.state.history.position[1:, i], found.state[:, :2], atol=1e-6)

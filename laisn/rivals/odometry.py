@@ -96,6 +96,11 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         self._reading = np.empty((0, 2))
         self._noise = settings.speed_sigma, settings.heading_sigma, settings.slip
 
+    @property
+    def biases(self) -> tuple[float, float]:
+        """Estimated biases of log [m/s] and compass [rad]."""
+        return float(self.x[2]), float(self.x[3])
+
     def step(
         self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
     ) -> list[FixRecord]:
