@@ -22,7 +22,9 @@ from experiments.campaign.plans import CellPlan, compute
 from experiments.campaign.processes import Pool
 from experiments.campaign.progress import compiling_shown, progress
 from experiments.campaign.store import Arrays, CampaignError, Record, Result, Store, key_of
+from laisn.compiled import FOLDER
 from laisn.failure import LaisnError
+from sim.processes import background_process
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
 
@@ -267,8 +269,10 @@ def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpa
     flights, tasks = ([job for job in jobs if not store.has(*job.keys)] for jobs in (flights, tasks))
     pool.size = min(pool.size, max(len(cells), len(flights), len(tasks), 1))
     if cluster is None and not quiet:
-        if cells:
-            compile_ahead(cells[0])
+        if cells and FOLDER:
+            # the compiler's memory goes with its process
+            with background_process() as apart:
+                apart.submit(compile_ahead, cells[0]).result()
         if tasks and design.ahead:
             with compiling_shown():
                 design.ahead()

@@ -31,18 +31,20 @@ def computed(tmp_path_factory):
     return folder, rows
 
 
-@pytest.mark.parametrize(("quiet", "first"), [(False, [(2.0, 1)]), (True, [])])
+@pytest.mark.parametrize(("quiet", "first"), [(False, ["2.0 1"]), (True, [])])
 def test_what_processes_need_is_compiled_before_they_are_timed(tmp_path, monkeypatch, quiet, first):
-    """By the smallest campaign that there is: two messages, one run."""
-    computed, compute = [], campaign.compute
+    """By the smallest campaign that there is, two messages and one run, in a process whose memory it leaves."""
+    noted, compute = tmp_path / "noted", campaign.compute
 
-    def noted(trajectory, plans, threads=1):
-        computed.append((trajectory.time[-1], plans[0].runs))
+    def note(trajectory, plans, threads=1):
+        with noted.open("a") as file:
+            file.write(f"{trajectory.time[-1]} {plans[0].runs}{' here' if os.getpid() == parent else ''}\n")
         return compute(trajectory, plans, threads)
 
-    monkeypatch.setattr(campaign, "compute", noted)
-    run(plans()[:1], tmp_path, workers=1, quiet=quiet)
-    assert computed == [*first, (DURATION, 5)]
+    parent = os.getpid()
+    monkeypatch.setattr(campaign, "compute", note)
+    run(plans()[:1], tmp_path / "out", workers=1, quiet=quiet)
+    assert noted.read_text().splitlines() == [*first, f"{DURATION} 5 here"]
 
 
 def test_two_workers_give_the_bytes_of_one(computed, tmp_path):
