@@ -147,7 +147,7 @@ def run_line(words: list[str], flown: set[str]) -> None:
         assert program in FOREIGN, f"{program} is not known to these documents"
 
 
-@pytest.mark.usefixtures("few_figures", "no_plugins")
+@pytest.mark.usefixtures("no_plugins")
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.stem)
 def test_commands_and_code_work(document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

@@ -34,10 +34,13 @@ class Simulated(NamedTuple):
 
 
 def simulate(
-    chosen: Sequence[Setting], folder: Path, *, motion: Motion, runs: int, seed: int,
+    chosen: Sequence[Setting], folder: Path, *, motion: Motion, runs: int, seed: int, tables: bool = True,
     **options: Unpack[ExecutionOptions],
 ) -> Simulated:  # fmt: skip
-    """Simulate some settings, and all replications of the cells that claims compare; arguments as of `reproduce`."""
+    """Simulate the cells of the tables, if asked for, and all replications of those that claims compare.
+
+    Other arguments as of `reproduce`.
+    """
     entries = settings.entries(chosen, motion=motion, runs=runs, seed=seed)
     drawn = {(f["setting"], mission, f["variant"]) for f in FIGURES for mission in f["missions"]}
     plans = {key: CellPlan(scenario=one.scenario, runs=runs, keep_steps=key in drawn) for key, one in entries.items()}
@@ -51,10 +54,10 @@ def simulate(
         for (setting, route, variant), plan in judged.items()
         if f"{setting} {variant}" == BASE
     }
-    design = Design(cells=[*plans.values(), *judged.values()], tasks=tasks, what="replications")
-    flown = campaign.fly(design, folder, **options)
-    cells = {key: flown.cell(plan)[1] for key, plan in judged.items()}
-    return Simulated(entries, plans, flown, replications.Figures.of(cells, [*flown.tasks.values()], runs))
+    cells = [*plans.values(), *judged.values()] if tables else [*judged.values()]
+    flown = campaign.fly(Design(cells=cells, tasks=tasks, what="replications"), folder, **options)
+    lists = {key: flown.cell(plan)[1] for key, plan in judged.items()}
+    return Simulated(entries, plans, flown, replications.Figures.of(lists, [*flown.tasks.values()], runs))
 
 
 def table_rows(
@@ -147,6 +150,6 @@ def judge_with_seeds(
     """
     verdicts = {}
     for seed in seeds:
-        found = simulate(settings.SETTINGS, folder, motion="physics", runs=runs, seed=seed, **options).figures
-        verdicts[seed] = [ours.verdict for _, ours, _ in claims.judge(found, settings.published())]
+        found = simulate(settings.SETTINGS, folder, motion="physics", runs=runs, seed=seed, tables=False, **options)
+        verdicts[seed] = [ours.verdict for _, ours, _ in claims.judge(found.figures, settings.published())]
     findings.findings_of_seeds(verdicts).write(folder / FILE)
