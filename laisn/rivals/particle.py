@@ -73,8 +73,9 @@ class ParticleFilter(OdometrySums):
         chosen = np.minimum(np.searchsorted(np.cumsum(self.weights), positions), n - 1)
         self.particles, self.weights = self.particles[chosen], np.full(n, 1.0 / n)
         states = self.particles[:, first:]
-        mean, spread = states.mean(axis=0), np.cov(states.T) + 1e-18 * np.eye(STATES - first)
-        fresh = random.standard_normal(states.shape) @ np.linalg.cholesky((1.0 - KEPT**2) * spread).T
+        mean, (variance, axes) = states.mean(axis=0), np.linalg.eigh(np.cov(states.T))
+        root = np.sqrt((1.0 - KEPT**2) * np.maximum(variance, 0.0))
+        fresh = (random.standard_normal(states.shape) * root) @ axes.T
         self.particles[:, first:] = KEPT * states + (1.0 - KEPT) * mean + fresh
 
     def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:

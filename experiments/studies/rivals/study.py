@@ -15,10 +15,10 @@ from experiments.pages.page import Figures, share_of, write
 from experiments.pages.style import FULL, SERIES, Legend
 from experiments.pages.template import page_of
 from experiments.studies.rivals import design
-from experiments.studies.rivals.findings import LOST_M, Runs, findings_of
+from experiments.studies.rivals.findings import LOST_M, findings_of
 from experiments.study.file import study_of
 from experiments.study.plan import plan_of
-from experiments.study.run import fly_study
+from experiments.study.run import fly_studies
 from laisn.navigators import find
 from sim.flight import navigation_settings
 from sim.motion import simulate_motion
@@ -27,7 +27,7 @@ from sim.sensing.observation import measure, observe, start_of
 
 COMMAND = "laisn rivals"
 MODULES = tuple(f"experiments.studies.rivals.{name}" for name in ("design", "findings"))
-RUNS, SLOW_RUNS, CLOSED_RUNS, MAP_RUNS = 4, 2, 2, 4
+RUNS, SLOW_RUNS, CLOSED_RUNS, MAP_RUNS = 3, 2, 2, 4
 QUICK = {"duration_s": 60.0}
 """Settings of a trial run."""
 
@@ -101,11 +101,9 @@ def run(folder: Path, *, quick: bool = False, **options: Unpack[ExecutionOptions
     settings: Mapping[str, Any] = QUICK if quick else {}
     runs = (2, 2, 2, 2) if quick else (RUNS, SLOW_RUNS, CLOSED_RUNS, MAP_RUNS)
 
-    def fly(table: dict[str, Any]) -> dict[str, Runs]:
-        return dict(fly_study(plan_of(study_of(table, {})), folder, **options).by_arm())
-
     tables = (design.open_loop, design.slow, design.closed_loop, design.usbl_map)
-    routes, slow, closed, points = (fly(table(n, settings)) for table, n in zip(tables, runs, strict=True))
+    plans = [plan_of(study_of(table(n, settings), {})) for table, n in zip(tables, runs, strict=True)]
+    routes, slow, closed, points = (outcomes.by_arm() for outcomes in fly_studies(plans, folder, **options))
     found = findings_of(routes | slow, closed, points, step_times_us())
     record("rivals", COMMAND, MODULES, found).write(folder / FILE)
     return write_page(read(folder / FILE), folder / "report.html", quick=quick)
