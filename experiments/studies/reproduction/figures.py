@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from experiments.campaign.store import Arrays, Record
-from experiments.pages.figures import Line, Panel, Part, panel
+from experiments.pages.figures import Line, Panel, Part, decimate, panel
 from experiments.pages.flight_figures import ON_AXIS_DEG, bearing_part
 from experiments.pages.page import Cell, Figures, number, ratio_tone
 from experiments.pages.style import ESTIMATE, FOLLOWER, FRAME, LEADER, SERIES, Colour, Legend
@@ -24,6 +24,8 @@ SLOW_S = 10.0
 """Message interval at which the paper's settings are not known [s]."""
 TONES = {"holds": "yes", "does not hold": "no", "depends": "maybe", "undecided": "", "no data": ""}
 """Colours of verdicts."""
+_POINTS = 300
+"""Of a line over time: there are 96 of them, and a page has at most 6 MB."""
 _GROUPS: Mapping[str, tuple[Colour, str, str]] = {
     "messages every 1 and 5 s, stages 1 to 3": (SERIES[0], "o", "●"),
     "unequal range errors, stage 4": (SERIES[2], "D", "◆"),
@@ -64,10 +66,10 @@ def error_panel(steps: Arrays, title: str) -> Panel:
 
     def errors(metric: str, label: str, limit: float | None) -> Part:
         drawn = ("max", "largest", 0.4, 0.6), ("mean", "mean", 1.2, 1.0)
-        lines = [
-            Line(x=time, y=columns[metric.format(kind)], colour=ESTIMATE, width=width, opacity=opacity, name=name)
-            for kind, name, width, opacity in drawn
-        ]
+        lines = []
+        for kind, name, width, opacity in drawn:
+            x, y = decimate(time, columns[metric.format(kind)], _POINTS)
+            lines.append(Line(x=x, y=y, colour=ESTIMATE, width=width, opacity=opacity, name=name))
         return Part(lines=lines, y_label=label, y_limits=(0.0, limit))
 
     # half a turn of E_B would flatten everything else
