@@ -265,15 +265,19 @@ def _wide_turns(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:
     """A hull that turns more slowly than routes are planned."""
     if vehicle.model is None:
         return []
-    from sim.control.autopilot import top_turn_rate
+    from sim.control.stability import least_radius, steady_turn
 
-    _, designs = _hull(vehicle.model, vehicle.depth_control, scenario.timing.physics_step_s)
-    rate = top_turn_rate(designs[0], START_SPEED)
-    if rate > TURN_RATE:
+    plant, designs = _hull(vehicle.model, vehicle.depth_control, scenario.timing.physics_step_s)
+    route = route_of(vehicle, "") if vehicle.route or vehicle.waypoints else route_of(scenario.leader, "")
+    radius = least_radius(plant, 0, designs[0])
+    if radius == 0.0:
         return []
+    rate, least = steady_turn(plant, 0, designs[0], START_SPEED)
+    short = _errors_of(partial(plan, route, radius), "")
+    what = "legs of its route are too short for that, and it leaves them" if short else "it cuts corners of its route"
     return [
-        f"{key}.model: it turns at {np.rad2deg(rate):.2g}°/s at most at {START_SPEED:g} m/s; routes are planned with "
-        f"{np.rad2deg(TURN_RATE):g}°/s, and it leaves them at sharp corners"
+        f"{key}.model: it turns at {np.rad2deg(rate):.2g}°/s at most at {START_SPEED:g} m/s, in circles of {least:.3g} "
+        f"m; routes are planned with {np.rad2deg(TURN_RATE):g}°/s: {what}"
     ]
 
 

@@ -126,7 +126,9 @@ class OwnControl:
             motion = measured_motion(reading, estimate, CONTROL_STEP_S, memory)
             command, kind = self._routes.command[f + 1], self._kind(f, found)
             if kind is Wrench:
-                apply_wrench(self._routes.autopilots[f + 1], np.array(found, float), motion.surge, command)
+                autopilot = self._routes.autopilot[f + 1]
+                autopilot.wrench[:] = found
+                apply_wrench(self._routes.autopilots[f + 1], motion.surge, autopilot, command)
             elif kind is Command:
                 self._hold(k, f, Command(*map(float, found)), motion)
             else:

@@ -17,6 +17,7 @@ from laisn.failure import LaisnError
 from sim.contact import Ending
 from sim.control.autopilot import AUTOPILOT_MEMORY, DepthControl, control, design, vehicle_state
 from sim.control.guidance import GUIDANCE_MEMORY, begin, reference, steer, track_current
+from sim.control.stability import least_radius
 from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import Trajectory, Truth
@@ -230,7 +231,8 @@ def simulate(
     v = len(plant.names)
     autopilots = design(plant, tuple(depth_control or ["pitch"] * v))
     lead = [float(lag) for lag in 0.25 / autopilots["omega"]]
-    wanted = reference(routes, np.arange(ticks + 1, dtype=np.float64) * TICK, lead)
+    radii = [least_radius(plant, i, d) for i, d in enumerate(autopilots)]
+    wanted = reference(routes, np.arange(ticks + 1, dtype=np.float64) * TICK, lead, radii)
     memory = records(GUIDANCE_MEMORY, v), records(AUTOPILOT_MEMORY, v)
     along = RouteControl(wanted, autopilots, *memory, np.zeros_like(plant.thrust))
     controller = along if make_controller is None else make_controller(plant, along)

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.command import bounds, studies
+from experiments.command import bounds, hull, studies
 from experiments.command.errors import echo, report_errors, run
 from experiments.command.studies import (
     OutOption,
@@ -207,6 +207,7 @@ def replay(
 
 app.command("range-budget")(report_errors(bounds.range_budget))
 app.command()(report_errors(bounds.bound))
+app.command()(report_errors(hull.hull))
 
 
 @log_app.command("info")

@@ -67,7 +67,7 @@ def pseudo_inverse(records: npt.NDArray[np.void], limits: Floats) -> Floats:
 
 
 @compiled
-def at_speed(slow: Floats, fast: Floats, speed: float) -> Floats:
+def at_speed(slow: Floats, fast: Floats, speed: float, out: Floats) -> None:
     """P at a speed, between those of `LEAST_WAY` and `FAST`.
 
     B is the same for both, so that B P = 1 of all that lies between them.
@@ -76,14 +76,13 @@ def at_speed(slow: Floats, fast: Floats, speed: float) -> Floats:
         slow: of `pseudo_inverse`, shape (M, 6).
         fast: of the same effectors.
         speed: along the hull [m/s].
+        out: P, shape (M, 6).
     """
     least = effectors.LEAST_WAY**2
     share = clip((speed * abs(speed) - least) / (FAST**2 - least), 0.0, 1.0)
-    out = np.empty((slow.shape[0], 6))
     for i in range(slow.shape[0]):
         for axis in range(6):
             out[i, axis] = slow[i, axis] + share * (fast[i, axis] - slow[i, axis])
-    return out
 
 
 @compiled

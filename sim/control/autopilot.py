@@ -33,7 +33,7 @@ from laisn.arrays import Floats, Record
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
 from laisn.geometry import signed_angle
-from sim.control.allocation import FAST, HEAVE, PITCH, SURGE, SWAY, YAW, allocate, at_speed, clip, pseudo_inverse
+from sim.control.allocation import FAST, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW, allocate, at_speed, clip, pseudo_inverse
 from sim.geometry.attitude import rotation, transposed
 from sim.vehicle import coefficients, effectors
 from sim.vehicle.plant import Plant
@@ -47,6 +47,10 @@ AUTOPILOT_MEMORY = np.dtype(
         ("pitch_integral", np.float64),  # [N m]
         ("depth_integral", np.float64),  # [N]
         ("pitch_command", np.float64),  # [rad]
+        # room for what a control step computes
+        ("wrench", np.float64, (6,)),
+        ("limits", np.float64, (effectors.MOST, 2)),
+        ("allocation", np.float64, (effectors.MOST, 6)),
     ]
 )
 """Memory of the autopilot of one vehicle, from one control step to the next."""
@@ -83,6 +87,7 @@ DESIGN = np.dtype(
         ("by_pitch", np.float64),  # 1: depth by pitch, 0: by thrust
         ("has_heave", np.float64),  # 1: vertical thrusters, 0: depth by pitch at any speed
         ("density", np.float64),  # [kg/m³]
+        ("scheduled", np.bool_),  # whether the allocation depends on the speed, as with fins
         ("effectors", effectors.EFFECTOR, (effectors.MOST,)),
         # forces per unit of a wrench, at effectors.LEAST_WAY and at allocation.FAST
         ("slow_allocation", np.float64, (effectors.MOST, 6)),
@@ -152,6 +157,7 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
         record["density"] = c["density"]
         record["effectors"][: own.size] = own
         record["slow_allocation"][: own.size], record["fast_allocation"][: own.size] = slow, fast
+        record["scheduled"] = not np.array_equal(slow, fast)
         _require_control(name, record, mode)
     records.flags.writeable = False
     return records
@@ -173,6 +179,22 @@ def _require_control(name: str, record: Any, mode: DepthControl) -> None:
         )
 
 
+def greatest_forces(d: Any, speed: float, axis: int) -> tuple[float, Floats]:
+    """Largest component of a wrench that the effectors give at a speed, [N] or [N m], and their forces for it [N].
+
+    Args:
+        d: record of DESIGN.
+        speed: along the hull [m/s].
+        axis: SURGE … YAW.
+    """
+    limits = np.array([effectors.reach(one, d["density"], speed) for one in d["effectors"]])
+    wrench, command, inverse = np.zeros(6), np.zeros(effectors.MOST), np.empty((effectors.MOST, 6))
+    wrench[axis] = 1e6
+    at_speed(d["slow_allocation"], d["fast_allocation"], speed, inverse)
+    allocate(inverse, limits, wrench, command)
+    return float(wrench[axis]), command
+
+
 def top_speed(d: Any) -> float:
     """Speed at which all thrust ahead balances the drag of surge [m/s], 10 at most.
 
@@ -180,32 +202,9 @@ def top_speed(d: Any) -> float:
         d: record of DESIGN.
     """
     speeds = np.arange(0.0, 10.0, 0.02)
-    command, given = np.zeros(effectors.MOST), np.zeros(speeds.size)
-    for k, speed in enumerate(speeds):
-        limits = np.array([effectors.reach(one, d["density"], speed) for one in d["effectors"]])
-        wrench = np.zeros(6)
-        wrench[SURGE] = 1e6
-        allocate(at_speed(d["slow_allocation"], d["fast_allocation"], speed), limits, wrench, command)
-        given[k] = wrench[SURGE]
+    given = np.array([greatest_forces(d, speed, SURGE)[0] for speed in speeds])
     drag = (d["drag_linear"] * np.exp(-d["drag_fade"] * speeds) + d["drag"] * speeds) * speeds
     return float(speeds[np.argmax(given < drag)] if (given < drag).any() else speeds[-1])
-
-
-def top_turn_rate(d: Any, speed: float) -> float:
-    """Rate of turn at which the largest yaw moment balances the damping at a speed [rad/s].
-
-    Args:
-        d: record of DESIGN.
-        speed: along the hull [m/s].
-    """
-    limits = np.array([effectors.reach(one, d["density"], speed) for one in d["effectors"]])
-    wrench, command = np.zeros(6), np.zeros(effectors.MOST)
-    wrench[YAW] = 1e6
-    allocate(at_speed(d["slow_allocation"], d["fast_allocation"], speed), limits, wrench, command)
-    linear = d["yaw_damping"][0] + d["yaw_damping"][1] * speed
-    # least damping: that of a hull without any has no bound
-    square = max(d["yaw_damping"][2], 1e-9)
-    return float((-linear + np.sqrt(linear**2 + 4.0 * square * wrench[YAW])) / (2.0 * square))
 
 
 @compiled
@@ -298,19 +297,23 @@ def vehicle_state(pose: Floats, twist: Floats, water: Floats) -> VehicleState:
 
 
 @compiled
-def apply_wrench(d: Any, wrench: Floats, surge: float, command: Floats) -> None:
-    """Command effectors so that they give a wrench.
+def apply_wrench(d: Any, surge: float, memory: Record, command: Floats) -> None:
+    """Command effectors so that they give the wrench in the memory of the autopilot.
 
     Args:
         d: record of DESIGN.
-        wrench: wanted; out: what the effectors give of it, shape (6,), [N] and [N m].
         surge: speed through the water along the hull [m/s].
+        memory: record of AUTOPILOT_MEMORY; its wrench is what is wanted, out: what the effectors give of it.
         command: out: in the units of the effectors' states, shape (m,).
     """
-    limits = np.empty((command.size, 2))
+    limits = memory.limits
     for i in range(command.size):
         limits[i, 0], limits[i, 1] = effectors.reach(d.effectors[i], d.density, surge)
-    allocate(at_speed(d.slow_allocation, d.fast_allocation, surge), limits, wrench, command)
+    if d.scheduled:
+        at_speed(d.slow_allocation, d.fast_allocation, surge, memory.allocation)
+        allocate(memory.allocation, limits, memory.wrench, command)
+    else:
+        allocate(d.slow_allocation, limits, memory.wrench, command)
     for i in range(command.size):
         command[i] = effectors.state_for(d.effectors[i], d.density, command[i], surge)
 
@@ -367,9 +370,10 @@ def control(
     nose_up -= d.pitch_munk * surge * (motion.sinking + surge * np.sin(pitch)) / level
     nose_up += memory.pitch_integral + d.righting * pitch_wanted + _damping(d.pitch_damping, way, pitching)
 
-    wrench = np.zeros(6)
+    wrench = memory.wrench
+    wrench[ROLL] = 0.0
     wrench[SURGE], wrench[SWAY], wrench[HEAVE], wrench[PITCH], wrench[YAW] = thrust, side, force, -nose_up, moment
-    apply_wrench(d, wrench, surge, command)
+    apply_wrench(d, surge, memory, command)
     memory.speed_integral += _increment(d.surge_mass * 0.05 * omega * omega * speed_error * dt, thrust, wrench[SURGE])
     memory.heading_integral += _increment(-0.1 * d.yaw_inertia * omega**3 * heading_error * dt, moment, wrench[YAW])
     memory.pitch_integral += _increment(0.1 * d.pitch_inertia * omega**3 * error * dt, nose_up, -wrench[PITCH])

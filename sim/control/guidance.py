@@ -20,14 +20,16 @@ and moves ahead and astern; in a current it heads into it.
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 
 import numpy as np
 
 from laisn.arrays import Floats, Record, Records, records
 from laisn.compiled import compiled
+from laisn.failure import LaisnError
 from laisn.geometry import signed_angle
 from sim.control.allocation import clip
-from sim.scenario.point_motion import ACCELERATION, TURN_RATE, plan
+from sim.scenario.point_motion import ACCELERATION, TURN_RATE, Plan, plan
 from sim.scenario.routes import Route
 
 REFERENCE = np.dtype(
@@ -93,8 +95,27 @@ def _rate(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floa
     return (value(time + 0.5 * width) - value(time - 0.5 * width)) / width
 
 
-def _write_reference(route: Route, time: Floats, lead: float, out: Records) -> None:
-    flown = plan(route)
+def flown_plan(route: Route, least_radius: float) -> Plan:
+    """The plan of a route with turns that a vehicle can make, which begin earlier, on wider arcs that touch the legs.
+
+    Where a leg is too short for such arcs, arcs of 3/4, 1/2 and 1/4 of the radius are tried; the vehicle leaves these.
+
+    Args:
+        route: waypoints and their times.
+        least_radius: of the vehicle's turns [m]; 0: all turns at TURN_RATE.
+
+    Raises:
+        LaisnError: the route cannot be flown at TURN_RATE either.
+    """
+    for radius in (least_radius, 0.75 * least_radius, 0.5 * least_radius, 0.25 * least_radius):
+        if radius > 0.0:
+            with suppress(LaisnError):
+                return plan(route, radius)
+    return plan(route)
+
+
+def _write_reference(route: Route, time: Floats, lead: float, least_radius: float, out: Records) -> None:
+    flown = flown_plan(route, least_radius)
     motion = flown.at(time)
 
     def course(t: Floats) -> Floats:
@@ -116,7 +137,12 @@ def _write_reference(route: Route, time: Floats, lead: float, out: Records) -> N
     out.depth, out.sinking = _mean(depth, time, DEPTH_SMOOTHING), _rate(depth, time, DEPTH_SMOOTHING)
 
 
-def reference(routes: Sequence[Route], time: Floats, lead: Sequence[float] | None = None) -> Records:
+def reference(
+    routes: Sequence[Route],
+    time: Floats,
+    lead: Sequence[float] | None = None,
+    least_radii: Sequence[float] | None = None,
+) -> Records:
     """State in which all vehicles should be: records of REFERENCE, shape (n, v).
 
     Course and depth are smoothed about each instant, for the plan is known ahead; the path is not.
@@ -125,13 +151,14 @@ def reference(routes: Sequence[Route], time: Floats, lead: Sequence[float] | Non
         routes: those of the v vehicles.
         time: shape (n,), [s].
         lead: how early each vehicle's accelerations are given, because its thrusters lag [s]; None: 0.
+        least_radii: of each vehicle's turns [m], as of `flown_plan`; None: 0.
 
     Raises:
         ValueError: a route cannot be flown.
     """
     table = records(REFERENCE, time.size, len(routes))
     for i, route in enumerate(routes):
-        _write_reference(route, time, lead[i] if lead else 0.0, table[:, i])
+        _write_reference(route, time, lead[i] if lead else 0.0, least_radii[i] if least_radii else 0.0, table[:, i])
     return table
 
 

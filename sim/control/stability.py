@@ -9,14 +9,16 @@ Limits of effectors and the slow loops (integrals, depth through pitch) are left
 from typing import Any
 
 import numpy as np
+from scipy.optimize import fsolve
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, at_speed, clip
-from sim.control.autopilot import SPEED_HEAVE, SPEED_PITCH
+from sim.control.autopilot import SPEED_HEAVE, SPEED_PITCH, greatest_forces
+from sim.scenario.point_motion import TURN_RATE
 from sim.scenario.routes import START_SPEED
 from sim.vehicle import coefficients
-from sim.vehicle.effectors import unit_wrenches
+from sim.vehicle.effectors import FIN, THRUSTER, state_for, unit_wrenches
 from sim.vehicle.hydrodynamics import wrench
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Water
@@ -28,6 +30,8 @@ _GROWTH = 0.02
 _DRIFT_M_S, _SPIN_RAD_S = (0.3, 0.3), (0.2, 0.2, 0.2)
 """Sway and heave, and roll, pitch and yaw rates of a brisk turn."""
 _STEP = 1e-4
+TURN_RESERVE = 0.9
+"""Turns are planned with the least radius over this, which leaves some rudder for corrections."""
 HEIGHT = 9
 """Place of the height among velocities (0 to 5) and angles (6 to 8)."""
 
@@ -36,23 +40,23 @@ def _skew(a: Floats) -> Floats:
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
-def _forces(c: Any, rigid: Floats, centre: Floats, state: Floats, water: Water, fitted: Any) -> Floats:
+def _forces(c: Any, rigid: Floats, centre: Floats, state: Floats, water: Water, fitted: tuple[Any, Floats]) -> Floats:
     """Wrench of water, weight and inertia in the body, of velocities (6) and small angles about the body's axes (3)."""
     velocity, spin, angle = state[:3], state[3:6], state[6:]
     to_world = np.eye(3) + _skew(angle) + 0.5 * _skew(angle) @ _skew(angle)
     pose = np.array([0.0, 0.0, -10.0, np.sqrt(1.0 - 0.25 * angle @ angle), *(0.5 * angle)])
-    force, moment, _ = wrench(
-        c, pose, np.concatenate([to_world @ velocity, spin]), 0.0, water, fitted, np.zeros(fitted.size)
-    )
+    force, moment, _ = wrench(c, pose, np.concatenate([to_world @ velocity, spin]), 0.0, water, *fitted)
     weight = to_world.T @ [0.0, 0.0, -rigid[0, 0] * c.gravity]
-    momentum = rigid @ state[:6]
+    momentum, carried = rigid @ state[:6], c.added_mass[:, :3] @ np.cross(spin, velocity)
     return np.concatenate(
         [
-            to_world.T @ np.array(force) + weight - np.cross(spin, momentum[:3]),
+            # `wrench` adds what the solver needs of added mass in the world's frame, which is not accelerated here
+            to_world.T @ np.array(force) + weight - np.cross(spin, momentum[:3]) - carried[:3],
             np.array(moment)
             + np.cross(centre, weight)
             - np.cross(spin, momentum[3:])
-            - np.cross(velocity, momentum[:3]),
+            - np.cross(velocity, momentum[:3])
+            - carried[3:],
         ]
     )
 
@@ -77,26 +81,69 @@ def _law(d: Any, climb: Floats, speed: float) -> Floats:
     return law
 
 
+def _hull(plant: Plant, i: int) -> tuple[Any, Floats, Floats, Any]:
+    """Coefficients, rigid inertia (6×6) about the origin, centre of gravity and effectors of vehicle i."""
+    c = coefficients.read(plant.model, plant.names, plant.ocean.density_kg_m3).view(np.recarray)[i]
+    body = plant.model.body(f"{plant.names[i]}/hull")
+    mass, centre = float(body.mass[0]), np.array(body.ipos)
+    cross = mass * _skew(centre)
+    rigid = np.block([[mass * np.eye(3), -cross], [cross, np.diag(body.inertia) - cross @ _skew(centre)]])
+    return c, rigid, centre, plant.effectors[i, : len(plant.effector_names[i])]
+
+
+def steady_turn(plant: Plant, i: int, d: Any, speed: float) -> tuple[float, float]:
+    """Largest rate of turn of vehicle i at a speed [rad/s], and the radius of that turn [m].
+
+    Sway and yaw balance the forces of the effectors; roll, pitch and heave are left out. Where there is no balance the
+    rate is infinite.
+
+    Args:
+        plant: its vehicles, in calm water.
+        d: its autopilot, a record of DESIGN.
+        speed: along the hull [m/s].
+    """
+    c, rigid, centre, own = _hull(plant, i)
+    forces = greatest_forces(d, speed, YAW)[1][: own.size]
+    states = np.array([state_for(one, d["density"], force, speed) for one, force in zip(own, forces, strict=True)])
+    by_engine = unit_wrenches(own).T @ (states * (own["kind"] == THRUSTER))
+
+    def balance(x: Floats) -> Floats:
+        motion = np.array([speed, x[0], 0.0, 0.0, 0.0, x[1], 0.0, 0.0, 0.0])
+        total = _forces(c, rigid, centre, motion, plant.ocean.water, (own, states)) + by_engine
+        return np.asarray(total[[SWAY, YAW]])
+
+    (sway, rate), _, found, _ = fsolve(balance, [0.0, 0.05], full_output=True)
+    if found != 1 or not rate > 0.0:
+        return np.inf, 0.0
+    return float(rate), float(np.hypot(speed, sway) / rate)
+
+
+def least_radius(plant: Plant, i: int, d: Any) -> float:
+    """Radius with which turns of vehicle i are planned [m]; 0 without fins, or if it turns faster than TURN_RATE."""
+    if FIN not in d["effectors"]["kind"]:
+        return 0.0
+    rate, radius = steady_turn(plant, i, d, START_SPEED)
+    return 0.0 if rate > TURN_RATE else min(radius / TURN_RESERVE, 1e4)
+
+
 def _motion(plant: Plant, i: int, d: Any, about: Floats) -> Floats:
     """Matrix of the linear motion of vehicle i: velocities, angles, height and the lagging wrench, shape (16, 16).
 
     Args:
         about: velocities (6) and angles (3) that it is linear about.
     """
-    c = coefficients.read(plant.model, plant.names, plant.ocean.density_kg_m3).view(np.recarray)[i]
-    body = plant.model.body(f"{plant.names[i]}/hull")
-    mass, centre = float(body.mass[0]), np.array(body.ipos)
-    cross = mass * _skew(centre)
-    rigid = np.block([[mass * np.eye(3), -cross], [cross, np.diag(body.inertia) - cross @ _skew(centre)]])
+    c, rigid, centre, own = _hull(plant, i)
     speed = float(about[0])
     steps = _STEP * np.eye(9)
-    own = plant.effectors[i, : len(plant.effector_names[i])]
+    fitted = own, np.zeros(own.size)
     rates = [
-        _forces(c, rigid, centre, about + step, plant.ocean.water, own)
-        - _forces(c, rigid, centre, about - step, plant.ocean.water, own)
+        _forces(c, rigid, centre, about + step, plant.ocean.water, fitted)
+        - _forces(c, rigid, centre, about - step, plant.ocean.water, fitted)
         for step in steps
     ]
-    given = unit_wrenches(own).T @ at_speed(d["slow_allocation"], d["fast_allocation"], speed)[: own.size]
+    allocation = np.empty((own.size, 6))
+    at_speed(d["slow_allocation"][: own.size], d["fast_allocation"][: own.size], speed, allocation)
+    given = unit_wrenches(own).T @ allocation
     inverse, lag = np.linalg.inv(rigid + c.added_mass), 0.25 / d["omega"]
     matrix = np.zeros((16, 16))
     matrix[:6, :9], matrix[:6, 10:] = inverse @ np.array(rates).T / (2.0 * _STEP), inverse

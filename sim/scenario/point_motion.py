@@ -81,10 +81,17 @@ class Plan(NamedTuple):
 class _Planner:
     """Appends segments and keeps the pose at the end of the last one."""
 
-    def __init__(self, east: float, north: float, course: float, speed: float) -> None:
+    def __init__(self, east: float, north: float, course: float, speed: float, least_radius: float) -> None:
         self.rows: list[tuple[float, ...]] = []
+        self.least_radius = least_radius
         self.time = 0.0
         self.east, self.north, self.course, self.speed = east, north, course, speed
+
+    @property
+    def turn_rate(self) -> float:
+        """Rate of the next turn [rad/s]."""
+        tight = self.speed < self.least_radius * TURN_RATE
+        return self.speed / self.least_radius if tight and self.speed > 0.0 else TURN_RATE
 
     def go(self, duration: float, turn_rate: float = 0.0, acceleration: float = 0.0) -> None:
         """One more segment; one of no duration is left out."""
@@ -103,7 +110,7 @@ def _turn_towards(planner: _Planner, point: list[float]) -> float:
 
     The straight line from the circle to the point touches the circle. Clockwise is positive.
     """
-    radius, course = planner.speed / TURN_RATE, planner.course
+    radius, course = max(planner.speed / TURN_RATE, planner.least_radius), planner.course
     dx, dy = point[0] - planner.east, point[1] - planner.north
     side = 1.0 if signed_angle(np.arctan2(dx, dy) - course) >= 0 else -1.0
     # the circle's centre lies abeam; seen from there the point is at distance d and bearing b
@@ -161,6 +168,9 @@ def _leg(route: Route, k: int, planner: _Planner, cut: float) -> tuple[float, fl
     stops = _stops(route, k)
     find = _leg_speed_to_rest if stops else _leg_speed
     speed = find(straight, left + saved, planner.speed)
+    if speed < planner.least_radius * TURN_RATE:
+        # on an arc of that radius, what it saves is a distance
+        speed = find(straight - planner.least_radius * saved * TURN_RATE, left, planner.speed)
     if not SPEED_MIN <= speed <= SPEED_MAX * (1 + 1e-9):
         asked = f"{max(straight, 0.0) / left:.3g} m/s on average" if left > 0 else "more time"
         raise LaisnError(
@@ -168,7 +178,7 @@ def _leg(route: Route, k: int, planner: _Planner, cut: float) -> tuple[float, fl
             f"{ACCELERATION:.3g} m/s² and speeds from {SPEED_MIN} to {SPEED_MAX:.3g} m/s"
         )
     ramp = abs(speed - planner.speed) / ACCELERATION
-    radius = speed / TURN_RATE
+    radius = max(speed / TURN_RATE, planner.least_radius)
     braking = 0.5 * speed**2 / ACCELERATION if stops else 0.0
     spare = straight - radius * np.tan(cut / 2) - 0.5 * (planner.speed + speed) * ramp - braking
     if spare < -1e-9:
@@ -185,8 +195,12 @@ def _stops(route: Route, k: int) -> bool:
     return k < route.leg_length.size and route.leg_length[k] == 0
 
 
-def plan(route: Route) -> Plan:
+def plan(route: Route, least_radius: float = 0.0) -> Plan:
     """The motion along a route, on time at every waypoint.
+
+    Args:
+        route: waypoints and their times.
+        least_radius: of the turns of a hull that cannot turn at TURN_RATE [m].
 
     Raises:
         LaisnError: the vehicle cannot fly the route; names the route, the waypoint (counted from 1), what it requires
@@ -196,7 +210,7 @@ def plan(route: Route) -> Plan:
     course = np.arctan2(*np.diff(route.waypoint, axis=0).T).tolist()
     start = route.initial_heading
     east, north = points[0]
-    planner = _Planner(east, north, start, route.start_speed)
+    planner = _Planner(east, north, start, route.start_speed, least_radius)
     # the turn that leads from the last corner to the next leg; a start off the first leg is such a corner
     begins_aside = not _stops(route, 0) and abs(signed_angle(course[0] - start)) > 1e-12
     turn = _turn_towards(planner, points[1]) if begins_aside else 0.0
@@ -208,9 +222,9 @@ def plan(route: Route) -> Plan:
         if np.isnan(turn):
             raise LaisnError(
                 f"route {route.name!r}, waypoint {k + 1}: it lies within the turning circle of "
-                f"{planner.speed / TURN_RATE:.3g} m radius that begins at waypoint {k}"
+                f"{max(planner.speed / TURN_RATE, least_radius):.3g} m radius that begins at waypoint {k}"
             )
-        planner.go(abs(turn) / TURN_RATE, turn_rate=float(np.copysign(TURN_RATE, turn)))
+        planner.go(abs(turn) / planner.turn_rate, turn_rate=float(np.copysign(planner.turn_rate, turn)))
         corner = signed_angle(course[k] - planner.course) if k < len(course) and not _stops(route, k) else 0.0
         cut = abs(corner) if abs(corner) <= SHARPEST_CUT else 0.0
         speed, cruise = _leg(route, k, planner, cut)
@@ -222,7 +236,7 @@ def plan(route: Route) -> Plan:
             planner.go(speed / ACCELERATION, acceleration=-ACCELERATION)
             planner.speed = 0.0
         turn = 0.5 * corner
-        planner.go(0.5 * cut / TURN_RATE, turn_rate=float(np.copysign(TURN_RATE, corner)))
+        planner.go(0.5 * cut / planner.turn_rate, turn_rate=float(np.copysign(planner.turn_rate, corner)))
         if corner and not cut:
             turn = _turn_towards(planner, points[k + 1])
     planner.rows.append((planner.time, planner.east, planner.north, planner.course, planner.speed, 0.0, 0.0))

@@ -41,7 +41,27 @@ MOST_POINTS = 16
 THRUSTER, CURVE, PROPELLER, FIN = range(4)
 """Kinds of effectors; MuJoCo itself applies the thrust of the first."""
 SUFFIXES = {CURVE: ".curve", PROPELLER: ".propeller", FIN: ".fin"}
-_PARAMETERS = {PROPELLER: 8, FIN: 4}
+_PARAMETERS: dict[int, dict[str, tuple[float, float]]] = {
+    PROPELLER: {
+        "diameter [m]": (0.0, 1e3),
+        "K_T at J = 0": (0.0, 1e3),
+        "dK_T/dJ": (-1e3, 1e-9),
+        "K_Q at J = 0": (-1e3, 1e3),
+        "dK_Q/dJ": (-1e3, 1e3),
+        "wake fraction": (0.0, 1.0),
+        "thrust deduction": (0.0, 1.0),
+        "share of the torque on the hull": (-1e3, 1e3),
+    },
+    FIN: {
+        "area [m²]": (0.0, 1e3),
+        "slope of the normal force [1/rad]": (0.0, 1e3),
+        "stall angle [rad]": (0.0, np.pi / 2),
+        "drag coefficient": (0.0, 1e3),
+    },
+}
+"""Parameters by kind, with the open intervals of their values."""
+_POSITIVE = ("diameter [m]", "K_T at J = 0", "area [m²]", "slope of the normal force [1/rad]", "stall angle [rad]")
+"""Those that may not be zero; other lower bounds of zero are values."""
 LEAST_WAY = 0.5
 """Speed below which fins count for nothing more, in allocation, and below which hulls that need them lose way [m/s]."""
 
@@ -103,28 +123,27 @@ def _read_kind(model: Any, name: str, record: Any) -> None:
             raise LaisnError(f"actuator {name!r} has several of the numerics {', '.join(SUFFIXES.values())}")
         record["kind"] = kind
         values = model.numeric_data[model.numeric_adr[i] : model.numeric_adr[i] + model.numeric_size[i]]
+        where = f"<numeric name={name + suffix!r}>"
         if kind == CURVE:
             pairs = values.reshape(-1, 2) if values.size % 2 == 0 else np.zeros((0, 2))
             rises = len(pairs) and np.all(np.diff(pairs[:, 0]) > 0) and np.all(np.diff(pairs[:, 1]) >= 0)
-            if not (2 <= len(pairs) <= MOST_POINTS and rises):
-                raise LaisnError(
-                    f"<numeric name={name + suffix!r}> must have 2 to {MOST_POINTS} pairs of state and thrust, rising"
-                )
+            if not (2 <= len(pairs) <= MOST_POINTS and rises and pairs[0, 1] < pairs[-1, 1]):
+                raise LaisnError(f"{where} must have 2 to {MOST_POINTS} pairs of state and thrust, rising")
             record["points"], record["curve"][: len(pairs)] = len(pairs), pairs
             continue
-        if values.size != _PARAMETERS[kind]:
-            raise LaisnError(f"<numeric name={name + suffix!r}> has {values.size} values, not {_PARAMETERS[kind]}")
+        expected = _PARAMETERS[kind]
+        if values.size != len(expected):
+            raise LaisnError(f"{where} has {values.size} values, expected {len(expected)}: {', '.join(expected)}")
         record["parameters"][: values.size] = values
-        wrong = values[0] <= 0 or values[1] <= 0
-        if kind == PROPELLER:
-            wrong |= not (0 <= values[5] < 1 and 0 <= values[6] < 1 and values[2] <= 0)
-        else:
-            across = abs(record["force"][0]) < 1e-9 and abs(np.linalg.norm(record["force"]) - 1) < 1e-6
-            wrong |= not (across and 0 < values[2] < np.pi / 2 and values[3] >= 0)
-        if wrong:
+        for place, (what, (low, high)) in enumerate(expected.items()):
+            if not (low < values[place] < high or (values[place] == low and low == 0.0 and what not in _POSITIVE)):
+                bound = f"{'more than' if what in _POSITIVE or low != 0.0 else 'at least'} {low:g} and below {high:g}"
+                raise LaisnError(f"{where}: value {place + 1}, {what}, must be {bound} (given: {values[place]:g})")
+        across = abs(record["force"][0]) < 1e-9 and abs(np.linalg.norm(record["force"]) - 1.0) < 1e-6
+        if kind == FIN and not across:
+            gear = " ".join(f"{value:g}" for value in record["force"])
             raise LaisnError(
-                f"<numeric name={name + suffix!r}> has impossible values, or the actuator's gear is no unit vector"
-                + (" across the hull" if kind == FIN else "")
+                f"actuator {name!r}: the gear of a fin must be a unit vector across the hull (given: {gear})"
             )
 
 

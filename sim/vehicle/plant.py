@@ -92,7 +92,10 @@ class Plant:
         push = wrenches, data.actuator_moment.reshape(wrenches.shape)
         self._layout: effectors.Layout = (data.moment_rownnz, data.moment_rowadr, data.moment_colind)
         true = coefficients.scaled(coefficients.read(model, self.names, ocean.density_kg_m3), setups)
-        fitted = effectors.scaled_records(self.effectors, setups), self.thrust
+        scaled = effectors.scaled_records(self.effectors, setups)
+        # effectors whose forces MuJoCo does not apply, up to the last of any vehicle
+        own_forces = np.flatnonzero((scaled["kind"] != effectors.THRUSTER).any(axis=0)).max(initial=-1) + 1
+        fitted = np.ascontiguousarray(scaled[:, :own_forces]), self.thrust
         self._loads = true, ocean.water, solver, push, fitted
         self._body = (
             (self.pose, self.twist, self._acceleration, self._gain),

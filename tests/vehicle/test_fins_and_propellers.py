@@ -13,8 +13,10 @@ from experiments.flight.library import vehicle_rows
 from laisn.arrays import Floats
 from sim.control.allocation import PITCH, SURGE, YAW, allocate, at_speed, pseudo_inverse
 from sim.control.autopilot import design, top_speed
+from sim.control.guidance import reference
+from sim.control.stability import least_radius, steady_turn
 from sim.feasibility import cautions
-from sim.scenario.routes import DepthProfile, Route
+from sim.scenario.routes import DepthProfile, Route, library_route
 from sim.simulation import simulate
 from sim.tracking import tracking
 from sim.vehicle import coefficients, effectors
@@ -153,7 +155,9 @@ def test_allocation_by_stern_fins_gives_the_moments_asked_for() -> None:
     wrench[SURGE], wrench[PITCH], wrench[YAW] = 10.0, 1.0, -0.5
     wanted, force = wrench.copy(), np.zeros(5)
     limits = np.array([effectors.reach(one, RHO, 1.3) for one in own])
-    allocate(at_speed(slow, fast, 1.3), limits, wrench, force)
+    inverse = np.empty(slow.shape)
+    at_speed(slow, fast, 1.3, inverse)
+    allocate(inverse, limits, wrench, force)
     np.testing.assert_array_equal(wrench, wanted)
     given = effectors.unit_wrenches(own).T @ force
     np.testing.assert_allclose(given[[SURGE, PITCH, YAW]], wanted[[SURGE, PITCH, YAW]], rtol=1e-12)
@@ -187,7 +191,8 @@ def test_fins_take_over_from_thrusters_as_the_speed_grows() -> None:
     own = plant.effectors[0]
     shares = []
     for speed in (0.3, 1.0, 1.5, 2.5):
-        inverse = at_speed(d["slow_allocation"], d["fast_allocation"], speed)
+        inverse = np.empty((own.size, 6))
+        at_speed(d["slow_allocation"][: own.size], d["fast_allocation"][: own.size], speed, inverse)
         moments = effectors.unit_wrenches(own)[:, PITCH] * inverse[: own.size, PITCH]
         assert moments.sum() == pytest.approx(1.0, rel=1e-9)
         shares.append(moments[own["kind"] == effectors.FIN].sum())
@@ -292,15 +297,29 @@ def test_damping_of_6_by_6_acts_off_the_diagonal() -> None:
     assert moment == pytest.approx((0.0, 0.0, -3.1 * 0.3 - 1.5 * 0.09))
 
 
+def test_the_steady_turn_is_that_of_a_flight() -> None:
+    """Rudder hard over at the speed it settles at: rate and radius of the balance of sway and yaw."""
+    setup = VehicleSetup(name="deep", model="remus100", position_m=(0.0, 0.0, -200.0), speed_m_s=1.0)
+    plant = Plant([setup], Ocean(floor_depth_m=1000.0))
+    plant.step(np.array([[10.0, 0.261799, 0.261799, 0.0, 0.0]]), 8000)
+    velocity = mujoco_rotation(plant).T @ plant.twist[0, :3]
+    autopilot = design(plant_of("remus100"), (None,))[0]
+    rate, radius = steady_turn(plant_of("remus100"), 0, autopilot, float(velocity[0]))
+    assert abs(plant.twist[0, 5]) == pytest.approx(rate, rel=0.05)
+    assert np.hypot(*velocity[:2]) / abs(plant.twist[0, 5]) == pytest.approx(radius, rel=0.05)
+    # in waters without end the largest moment is to port or to starboard alike
+    assert least_radius(plant_of("follower"), 0, design(plant_of("follower"), (None,))[0]) == 0.0
+
+
 def test_hulls_that_turn_slowly_are_cautioned_about() -> None:
-    """Fossen's remus100 has 2 × 0.00665 m², slope 0.5 and ±15° at 0.8 m; yaw damping 7.454 + fins and cross-flow."""
+    plant = plant_of("remus100")
+    rate, radius = steady_turn(plant, 0, design(plant, (None,))[0], 1.0)
     texts = [text for text in cautions(laisn_sim.load("T5", {"leader.model": "remus100"})) if "turns at" in text]
-    moment = 0.5 * RHO * 0.0133 * 0.5 * 0.261799 * 0.8
-    linear = 7.45398 + 0.5 * RHO * 0.0133 * 0.5 * 0.64
-    square = 0.5 * RHO * 0.0152 * 1.1977304 * np.sum(np.abs(np.linspace(-0.8, 0.8, 21)) ** 3)
-    rate = np.rad2deg((-linear + np.sqrt(linear**2 + 4 * square * moment)) / (2 * square))
-    assert texts
-    assert texts[0].startswith(f"leader.model: it turns at {rate:.2g}°/s at most at 1 m/s")
+    assert texts == [
+        f"leader.model: it turns at {np.rad2deg(rate):.2g}°/s at most at 1 m/s, in circles of {radius:.3g} m; routes "
+        "are planned with 10°/s: it cuts corners of its route"
+    ]
+    assert not cautions(laisn_sim.load("T5"))
 
 
 def test_what_a_hull_cannot_do_is_refused_by_name() -> None:
@@ -318,11 +337,12 @@ def test_what_a_hull_cannot_do_is_refused_by_name() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("0.00665 0.5 0.44 0", "0.00665 0.5 0.44", r"rudder_top\.fin'> has 3 values, not 4"),
-        ("0.00665 0.5 0.44 0", "-0.00665 0.5 0.44 0", "impossible values"),
+        ("0.00665 0.5 0.44 0", "0.00665 0.5 0.44", r"rudder_top\.fin'> has 3 values, expected 4: area"),
+        ("0.00665 0.5 0.44 0", "-0.00665 0.5 0.44 0",
+         r"rudder_top\.fin'>: value 1, area \[m²\], must be more than 0 .* \(given: -0\.00665\)"),
         ('name="rudder_top" class="deflection" site="rudder_top" gear="0 1 0', 'name="rudder_top" class="deflection" '
-         'site="rudder_top" gear="1 1 0', "no unit vector across the hull"),
-        ("0.14 0.4566", "0.14", r"propeller\.propeller'> has 7 values, not 8"),
+         'site="rudder_top" gear="1 1 0', r"the gear of a fin must be a unit vector across the hull \(given: 1 1 0\)"),
+        ("0.14 0.4566", "0.14", r"propeller\.propeller'> has 7 values, expected 8: diameter"),
         ('"propeller.propeller"', '"propeller.curve"', None),
     ],
 )  # fmt: skip
@@ -347,3 +367,63 @@ def test_geoms_of_fins_turn_with_the_deflection() -> None:
         assert chord[axis] == pytest.approx(np.sin(deflection))
         assert chord[0] == pytest.approx(np.cos(deflection))
     assert not effectors.MovingFins(spec_of("follower").compile())
+
+
+def odd_hull() -> str:
+    """The follower's hull with three thrusters at odd places and two stern planes; only its MJCF differs."""
+    text = re.sub(r'<(site|general) name="thruster_[^>]*/>', "", mixed_hull())
+    places = {
+        "canted_port": ("-0.6 0.21 0.03", "0.9659 -0.2588 0 0 0 0"),
+        "canted_starboard": ("-0.66 -0.2 -0.02", "0.9659 0.2588 0 0 0 0"),
+        "nose": ("0.5 0.03 0.05", "0 0 1 0 0 0"),
+    }
+    for name, (place, gear) in places.items():
+        text = text.replace('<site name="cg"', f'<site name="{name}" pos="{place}"/><site name="cg"')
+        text = text.replace(
+            "</actuator>",
+            f'<general name="{name}" class="thruster" site="{name}" ctrlrange="-40 60" gear="{gear}"/></actuator>',
+        )
+    return text
+
+
+def test_three_thrusters_at_odd_places_and_two_fins_fly_by_their_mjcf_alone() -> None:
+    text = odd_hull()
+    assert faults_of(text, "follower") == []
+    plant = plant_of(text)
+    assert len(plant.effector_names[0]) == 5
+    depth = DepthProfile(time=np.array([0.0, 40.0, 100.0]), depth=np.array([10.0, 10.0, 12.0]))
+    route = Route.at_speed("bend", [[0, 0], [50, 0], [100, 20], [160, 20]], 1.0, depth)
+    setup = VehicleSetup(name="one", model=text, position_m=(0.0, 0.0, -10.0), heading_rad=np.pi / 2, speed_m_s=1.0)
+    report = tracking(simulate(Plant([setup], Ocean.calm()), [route], 155.0, [None]), [route])[0]
+    assert report.cross_track_rms < 0.5
+    assert report.depth_error_rms < 0.2
+
+
+def test_hulls_that_turn_slowly_plan_wider_turns() -> None:
+    """The arc of the planned turn touches both legs: at a right angle its middle is (√2 − 1) R from the corner."""
+    route = Route.at_speed("corner", [[0, 0], [0, 100], [100, 100]], 1.0, 10.0)
+    time, radius = np.arange(0.0, 200.0, 0.1), 25.0
+    table = reference([route], time, [0.0], [radius])[:, 0]
+    closest = np.hypot(table.east, table.north - 100.0).min()
+    assert closest == pytest.approx((np.sqrt(2) - 1) * radius, rel=1e-4)
+    # on time at the waypoint, as all vehicles
+    assert time[np.argmin(np.hypot(table.east, table.north - 100.0))] == pytest.approx(100.0, abs=0.1)
+    assert np.abs(np.diff(table.course)).max() / 0.1 == pytest.approx(table.speed[1000] / radius, rel=1e-3)
+    # hulls that turn faster, and routes without room for it, keep the turns of all
+    assert reference([route], time, [0.0], [0.1]).tobytes() == reference([route], time).tobytes()
+    short = Route.at_speed("corners", [[0, 0], [0, 7], [7, 7], [7, 14]], 0.5, 10.0)
+    assert reference([short], time, [0.0], [100.0]).tobytes() == reference([short], time).tobytes()
+
+
+def test_remus_rounds_the_corner_of_the_leaders_route() -> None:
+    """Planned with the circle that it can turn; at 10°/s, five times what it turns, it was 29 m off."""
+    route = library_route("L", 10.0)
+    setup = VehicleSetup(
+        name="one", model="remus100", position_m=(0.0, 0.0, -10.0), heading_rad=np.pi / 2, speed_m_s=1.0
+    )
+    plant = Plant([setup], Ocean.calm())
+    radius = least_radius(plant, 0, design(plant, (None,))[0])
+    report = tracking(simulate(plant, [route], 1000.0, [None]), [route])[0]
+    # half way round, the arc is R (1 − cos 45°) from either leg
+    assert report.cross_track_max == pytest.approx(radius * (1 - np.sqrt(0.5)), abs=1.5)
+    assert report.depth_error_rms < 0.2

@@ -1,12 +1,25 @@
-"""Numbers of `docs/physics.md`: hulls set against published figures and closed forms, as the tests set them."""
+"""Numbers of `docs/physics.md` and `docs/vehicles.md`: hulls set against published figures, models and closed forms."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+from scipy.optimize import brentq
 
 from experiments.findings import FILE, Finding, Findings, plain, record
+from laisn.arrays import Floats
 from sim.geometry import attitude
+from sim.scenario.routes import DepthProfile, Route, library_route
+from sim.simulation import simulate
+from sim.tracking import tracking
+from sim.vehicle import coefficients
+from sim.vehicle.effectors import FIN, reach
+from sim.vehicle.estimate import from_dimensions
+from sim.vehicle.hydrodynamics import wrench
+from sim.vehicle.mjcf import VehicleSetup
+from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
+from tests.vehicle import fossen_remus100 as fossen
 from tests.vehicle import test_remus as remus
 from tests.vehicle.tank import Tank, hull
 from tests.vehicle.test_kirchhoff import SPHEROID_ADDED, SPHEROID_INERTIA, SPHEROID_MASS
@@ -61,12 +74,176 @@ def _righting(dt: float) -> Finding:
     return plain(float(np.diff(crossings).mean()), f"righting period at a step of {dt:g} s", "s")
 
 
+REMUS_TERMS = {
+    "published": fossen.Terms(),
+    "hull": fossen.Terms(hull_normal_force=True),
+    "advance": fossen.Terms(axial_advance=True),
+    "fins": fossen.Terms(fin_incidence=True),
+    "all": fossen.OURS,
+    "munk": fossen.Terms(munk=True),
+    "damping": fossen.Terms(steady_damping=True),
+}
+"""Fossen's model with terms replaced, by the names of the findings."""
+MANOEUVRE_S = 100.0
+RUDDER_DEG, RPM = 15.0, 1525.0
+
+
+def _plant(model: str, speed: float = 0.0, heading: float = 0.0, depth: float = 200.0, current: float = 0.0) -> Plant:
+    setup = VehicleSetup(name="v", model=model, position_m=(0.0, 0.0, -depth), speed_m_s=speed, heading_rad=heading)
+    ocean = Ocean(current_speed_m_s=current, current_direction_rad=np.pi / 2, floor_depth_m=1000.0)
+    return Plant([setup], ocean)
+
+
+def remus_flight(rudder: float, plane: float, rpm: float, changes: dict[float, tuple[float, float, float]]) -> Floats:
+    """Position (north, east, down), surge, turn rate and pitch of the shipped REMUS 100 each 0.1 s, shape (n, 6).
+
+    Args:
+        rudder: command [rad], as Fossen's.
+        plane: of the stern planes [rad].
+        rpm: of the propeller [1/min].
+        changes: later commands by time [s].
+    """
+    plant, rows = _plant("remus100"), []
+    for k in range(round(MANOEUVRE_S * 10) + 1):
+        if k:
+            plant.step(np.array([[rpm / 60.0, rudder, rudder, plane, plane]]), 5)
+        x, y, z, *quaternion = plant.pose[0]
+        ahead = attitude.rotate(np.array(quaternion), np.array([1.0, 0.0, 0.0]))
+        pitch = float(attitude.pitch(np.array(quaternion)))
+        rows.append([y, x, -z, plant.twist[0, :3] @ ahead, -plant.twist[0, 5], pitch])
+        rudder, plane, rpm = changes.get(k / 10, (rudder, plane, rpm))
+    out = np.array(rows)
+    out[:, 2] -= out[0, 2]
+    return out
+
+
+def _held(command: tuple[float, float, float], _: float) -> tuple[float, float, float]:
+    return command
+
+
+def _fossen() -> dict[str, Finding]:
+    """Turning circle, dive and propeller step of Fossen's model, term by term, and of ours, for 100 s from rest."""
+    found = {}
+    rudder, plane = np.radians(RUDDER_DEG), np.radians(STERN_PLANE_DEG)
+
+    def steps(t: float) -> tuple[float, float, float]:
+        return np.radians(5.0), plane if t < 50.0 else 0.0, RPM
+
+    ours = remus_flight(np.radians(5.0), plane, RPM, {50.0: (np.radians(5.0), 0.0, RPM)})
+    last = (remus_flight(rudder, 0.0, RPM, {})[-1], remus_flight(0.0, plane, RPM, {})[-1],
+            remus_flight(0.0, 0.0, RPM, {})[-1])  # fmt: skip
+    values = {"ours": (last[0][4], last[1][5], last[2][3], 0.0)}
+    for name, terms in REMUS_TERMS.items():
+        turn, dive, ahead = (
+            fossen.fly(partial(_held, given), MANOEUVRE_S, terms)[1][-1]
+            for given in ((rudder, 0.0, RPM), (0.0, plane, RPM), (0.0, 0.0, RPM))
+        )
+        _, path = fossen.fly(steps, MANOEUVRE_S, terms, (50.0,))
+        apart = float(np.linalg.norm(path[:, :3] - ours[:, :3], axis=1).max())
+        values[name] = turn[11], dive[4], ahead[6], apart
+    for name, (turn_rate, pitch, speed, apart) in values.items():
+        found[f"remus {name} turn"] = plain(
+            float(np.degrees(turn_rate)), f"turn rate after 100 s, rudder 15°: {name}", "°/s"
+        )
+        found[f"remus {name} pitch"] = plain(float(np.degrees(pitch)), f"pitch after 100 s, planes -5°: {name}", "°")
+        found[f"remus {name} speed"] = plain(float(speed), f"speed after 100 s, 1525 /min: {name}", "m/s")
+        found[f"remus {name} apart"] = plain(apart, f"largest distance from ours in 100 s of steps: {name}", "m")
+    return found
+
+
+ESTIMATED = {"remus100": (1.6, 0.19, 31.0294), "lauv": (1.08, 0.15, 18.0), "bluerov2_heavy": (0.457, 0.15, 13.5)}
+"""Length and diameter [m] and mass [kg] for `laisn hull`; of the BlueROV2 a slender stand-in of its length."""
+
+
+def coefficients_of(model: str) -> dict[str, float]:
+    """What a hull's file comes to: inertia, added mass, forces of the water at given velocities, fins and thrust."""
+    plant = _plant(model)
+    (record,) = coefficients.read(plant.model, plant.names, 1026.0)
+    c, body = np.array([record], record.dtype).view(np.recarray)[0], plant.model.body("v/hull")
+    own = plant.effectors[0, : len(plant.effector_names[0])]
+    rest = np.array([0.0, 0.0, -200.0, 1.0, 0.0, 0.0, 0.0])
+
+    def load(axis: int, size: float) -> float:
+        force, moment, _ = wrench(c, rest, size * np.eye(6)[axis], 0.0, plant.ocean.water, own, np.zeros(own.size))
+        return abs(float(np.array([*force, *moment])[axis] - (c.buoyancy if axis == 2 else 0.0)))
+
+    fins = own[own["kind"] == FIN]
+    values = {"inertia in roll": float(body.inertia.min()), "inertia in yaw": float(body.inertia.max())}
+    for i, name in enumerate(("surge", "sway", "heave", "roll", "pitch", "yaw")):
+        values[f"added mass in {name}"] = float(c.added_mass[i, i])
+    values |= {
+        "drag at 1 m/s": load(0, 1.0),
+        "side force at 0.3 m/s of sway": load(1, 0.3),
+        "vertical force at 0.3 m/s of heave": load(2, 0.3),
+        "moment at 0.2 rad/s of pitch": load(4, 0.2),
+        "moment at 0.2 rad/s of yaw": load(5, 0.2),
+        "thrust at rest": float(np.sum([max(reach(one, 1026.0, 0.0)[1] * one["force"][0], 0.0) for one in own])),
+    }
+    for axis, name in ((1, "rudders"), (2, "stern planes")):
+        lift = np.prod(fins["parameters"][:, :2], axis=1) * fins["force"][:, axis] ** 2
+        values[f"force of the {name} per angle"] = 0.5 * 1026.0 * float(lift.sum())
+    return values
+
+
+def _estimates() -> dict[str, Finding]:
+    """Ratios of estimated to published coefficients."""
+    found = {}
+    for model, (length, diameter, mass) in ESTIMATED.items():
+        published, estimated = coefficients_of(model), coefficients_of(from_dimensions(length, diameter, mass).xml())
+        for name, value in published.items():
+            if value > 0.0:
+                ratio = estimated[name] / value
+                found[f"estimate {model} {name}"] = plain(ratio, f"{name}, estimated over published: {model}")
+    return found
+
+
+def _vehicles() -> dict[str, Finding]:
+    """Speeds of the BlueROV2, and how the vehicles keep T5, or a route of 0.5 m/s, and a station in a current."""
+    found = {}
+    thrust = 4 * 30.4 / np.sqrt(2)
+    drags = {"von Benzon": (13.7, 141.0), "Wu": (4.03, 18.18)}
+    for name, (linear, square) in drags.items():
+        speed = brentq(lambda u, a=linear, b=square: a * u + b * u * u - thrust, 0.0, 5.0)
+        found[f"bluerov balance {name}"] = plain(float(speed), f"speed at full thrust by the drag of {name}", "m/s")
+    ahead, turn = _plant("bluerov2_heavy", depth=20.0), _plant("bluerov2_heavy", depth=20.0)
+    horizontal = turn.effectors[0, :4]
+    ahead.step(np.array([[*np.sign(horizontal["force"][:, 0]), 0, 0, 0, 0]]), 1500)
+    turn.step(np.array([[*np.sign(horizontal["torque"][:, 2]), 0, 0, 0, 0]]), 1500)
+    found["bluerov speed"] = plain(float(np.hypot(*ahead.twist[0, :2])), "speed at full thrust, simulated", "m/s")
+    found["bluerov turn"] = plain(
+        float(np.degrees(abs(turn.twist[0, 5]))), "turn rate at full thrust, simulated", "°/s"
+    )
+    rate = np.degrees(np.sqrt(4 * 30.4 * (0.156 + 0.111) / np.sqrt(2) / 1.5))
+    found["bluerov turn balance"] = plain(float(rate), "turn rate by thrust and the paper's damping 1.5 r²", "°/s")
+
+    hover = Route.timed("hover", [[0, 0, 0], [300, 0, 0], [400, 30, 0]], DepthProfile.constant(10.0))
+    plant = _plant("bluerov2_heavy", heading=np.pi / 2, depth=10.0, current=0.3)
+    motion = simulate(plant, [hover], 290.0, [None])
+    off = np.hypot(*motion.position[600:, 0, :2].T)
+    found["bluerov hover"] = plain(float(np.sqrt(np.mean(off**2))), "RMS from a station in 0.3 m/s, 60 to 290 s", "m")
+    for model in ("leader", "follower", "remus100", "lauv", "bluerov2_heavy"):
+        for role, route in (("follower", library_route("T5")), ("leader", library_route("L", 8.0))):
+            if model == "bluerov2_heavy":
+                route = Route.at_speed("square", [[0, 0], [60, 0], [60, 60]], 0.5, 10.0)
+            start, depth = route.waypoint[0], float(route.depth.depth[0])
+            setup = VehicleSetup(
+                name="v", model=model, position_m=(start[0], start[1], -depth), heading_rad=route.initial_heading,
+                speed_m_s=route.start_speed,
+            )  # fmt: skip
+            flown = simulate(Plant([setup], Ocean.calm()), [route], float(route.time[-1]), [None])
+            (report,) = tracking(flown, [route])
+            key = f"route {model} {role}"
+            found[f"{key} off"] = plain(report.cross_track_rms, f"RMS off its route: {model} as {role}", "m")
+            found[f"{key} depth"] = plain(report.depth_error_rms, f"RMS error of depth: {model} as {role}", "m")
+    return found
+
+
 def findings() -> Findings:
-    """Set them in motion."""
-    named = _remus() | {"righting": _righting(0.02)}
+    """Run all trials."""
+    named = _remus() | {"righting": _righting(0.02)} | _fossen() | _vehicles() | _estimates()
     return record("hull-trials", COMMAND, MODULES, named)
 
 
 def run(folder: Path) -> None:
-    """Set them in motion and write the record into a folder."""
+    """Run all trials and write the record into a folder."""
     findings().write(folder / FILE)

@@ -239,6 +239,52 @@ def rivals_conditions(records: Records) -> str:
     return _rivals(records, columns | steered)
 
 
+REMUS_TERMS = {
+    "published": "Fossen's model as published",
+    "hull": "with the hull's normal force in place of lift and induced drag",
+    "advance": "with the propeller's inflow along the axis in place of the whole speed",
+    "fins": "with the incidence of the flow at the fins in place of the deflection alone",
+    "all": "with these three",
+    "ours": "this project, `remus100.xml`",
+    "munk": "as published, with the eight Coriolis terms it removes",
+    "damping": "as published, with damping that does not fade",
+}
+
+
+def fossen(records: Records) -> str:
+    """Fossen's REMUS 100 term by term."""
+    found = records["hull-trials"]
+    rows = [
+        [words, *(f"{found[f'remus {key} {what}']:{spec}}" for what, spec in
+                  (("turn", ".3f"), ("pitch", ".2f"), ("speed", ".3f"), ("apart", ".2f")))]
+        for key, words in REMUS_TERMS.items()
+    ]  # fmt: skip
+    return markdown(["model", "turn rate [°/s]", "pitch [°]", "speed [m/s]", "apart from ours [m]"], rows)
+
+
+def hull_estimates(records: Records) -> str:
+    """Estimated over published coefficients of the shipped vehicles."""
+    found, models = records["hull-trials"], ("remus100", "lauv")
+    names = dict.fromkeys(key.split(" ", 2)[2] for key in found.findings if key.startswith("estimate "))
+    rows = [
+        [name, *(f"{found[key]:.2f}" if (key := f"estimate {model} {name}") in found.findings else "–"
+                 for model in models)]
+        for name in names
+    ]  # fmt: skip
+    return markdown(["estimated / published", *(f"`{model}`" for model in models)], rows)
+
+
+def routes_kept(records: Records) -> str:
+    """Errors of the shipped vehicles on their routes in calm water."""
+    found = records["hull-trials"]
+    rows = [
+        [f"`{model}`", *(f"{found[f'route {model} {role} {what}']:.3f}" for role in ("follower", "leader")
+                         for what in ("off", "depth"))]
+        for model in ("leader", "follower", "remus100", "lauv", "bluerov2_heavy")
+    ]  # fmt: skip
+    return markdown(["vehicle", "T5: off route [m]", "depth [m]", "L: off route [m]", "depth [m]"], rows)
+
+
 TABLES: dict[str, Callable[[Records], str]] = {
     "ratios": ratios,
     "coverage": coverage,
@@ -251,5 +297,8 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "estimators-at-sea": estimators_at_sea,
     "rivals": rivals,
     "rivals-conditions": rivals_conditions,
+    "fossen": fossen,
+    "hull-estimates": hull_estimates,
+    "routes-kept": routes_kept,
 }
 """Tables by their names in documents."""

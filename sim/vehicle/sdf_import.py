@@ -1,0 +1,365 @@
+"""A hull from an SDF file: parameters of gz-sim's Hydrodynamics, Thruster and LiftDrag plugins.
+
+The links become one rigid body, whose frame is Gazebo's (x forward, y port, z up) with the origin in the centre of
+buoyancy. Where the only propeller stands at the front, the nose is taken to be at −x and the body is turned round.
+Gazebo applies the coefficients in the frame of the link, so that those between axes need no change of sign here; the
+diagonal has the signs of SNAME (1950): derivatives of the force, negative where they damp or add mass.
+"""
+
+import re
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from laisn.arrays import Floats
+from laisn.failure import LaisnError
+from sim.geometry import attitude
+from sim.vehicle.hull_file import GRAVITY, EffectorPart, HullFile, Number, still_water_numerics
+
+FORCES, RATES = "xyzkmn", "UVWPQR"
+THRUST = 50.0
+"""Range of a thruster whose plugin has none [N]: a T200 at 16 V."""
+LAG = {"thruster": 0.2, "fin": 0.1}
+"""Gazebo's thrusters and joints have controllers and no lag of their own [s]."""
+
+
+class Frame(NamedTuple):
+    """Pose of a link in the model."""
+
+    place: Floats
+    turn: Floats
+    """Link to model, shape (3, 3)."""
+
+    def at(self, place: Floats) -> Floats:
+        """A point of the link in the model."""
+        return np.asarray(self.place + self.turn @ place)
+
+
+_Range = tuple[float, float]
+_Thruster = tuple[str, Floats, Floats, _Range]
+_Surface = tuple[str, Element, Frame, _Range | None]
+
+
+class Body(NamedTuple):
+    """All links as one body, in the model's frame."""
+
+    mass: float
+    centre: Floats
+    inertia: Floats
+    volume: float
+    buoyancy_centre: Floats
+    low: Floats
+    """Corners of the box about all collisions."""
+    high: Floats
+
+
+def _numbers(text: str | None, count: int, what: str) -> Floats:
+    try:
+        values = np.array([float(word) for word in (text or "").split()])
+    except ValueError:
+        values = np.zeros(0)
+    if values.size != count or not np.all(np.abs(values) < 1e12):
+        raise LaisnError(f"{what}: expected {count} number{'s' if count > 1 else ''} (given: {(text or '')[:40]!r})")
+    return values
+
+
+def _number(parent: Element, name: str, default: float | None = None) -> float:
+    text = parent.findtext(name)
+    if text is None and default is not None:
+        return default
+    return float(_numbers(text, 1, f"<{name}>")[0])
+
+
+def _frame(element: Element, outer: Frame | None = None) -> Frame:
+    pose = element.find("pose")
+    values, scale = np.zeros(6), 1.0
+    if pose is not None:
+        if pose.get("relative_to") or pose.get("rotation_format", "euler_rpy") != "euler_rpy":
+            raise LaisnError(
+                f"<pose> of {element.get('name')!r}: relative_to and quaternions are not read; gz sdf -p FILE prints a "
+                "file without them"
+            )
+        values = _numbers(pose.text, 6, f"<pose> of {element.get('name')!r}")
+        scale = np.pi / 180.0 if pose.get("degrees") in ("1", "true") else 1.0
+    roll, pitch, yaw = values[3:] * scale
+    turn = _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
+    if outer is None:
+        return Frame(values[:3], turn)
+    return Frame(outer.at(values[:3]), outer.turn @ turn)
+
+
+def _about(axis: int, angle: float) -> Floats:
+    """Rotation matrix about a coordinate axis."""
+    return attitude.rotate(np.array([np.cos(angle / 2), *(np.sin(angle / 2) * np.eye(3)[axis])]), np.eye(3)).T
+
+
+def _solid(collision: Element) -> tuple[float, Floats]:
+    """Volume [m³] and half extents [m] of a shape."""
+    shapes: dict[str, Callable[[Element], tuple[float, Floats]]] = {
+        "box": lambda s: (float(np.prod(_numbers(s.findtext("size"), 3, "<size>"))),
+                          _numbers(s.findtext("size"), 3, "<size>") / 2),
+        "sphere": lambda s: (4 / 3 * np.pi * _number(s, "radius") ** 3, np.full(3, _number(s, "radius"))),
+        "ellipsoid": lambda s: (4 / 3 * np.pi * float(np.prod(_numbers(s.findtext("radii"), 3, "<radii>"))),
+                                _numbers(s.findtext("radii"), 3, "<radii>")),
+        "cylinder": lambda s: (np.pi * _number(s, "radius") ** 2 * _number(s, "length"),
+                               np.array([_number(s, "radius"), _number(s, "radius"), _number(s, "length") / 2])),
+        "capsule": lambda s: (np.pi * _number(s, "radius") ** 2 * (_number(s, "length") + 4 / 3 * _number(s, "radius")),
+                              np.array([1, 1, 1]) * _number(s, "radius") + [0, 0, _number(s, "length") / 2]),
+    }  # fmt: skip
+    for name, volume in shapes.items():
+        shape = collision.find(f"geometry/{name}")
+        if shape is not None:
+            return volume(shape)
+    return 0.0, np.zeros(3)
+
+
+def _body(links: dict[str, tuple[Element, Frame]]) -> Body:
+    masses, centres, tensors, volumes, middles = [], [], [], [], []
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for link, frame in links.values():
+        inertial = link.find("inertial")
+        if inertial is not None:
+            own = _frame(inertial, frame)
+            i = inertial.find("inertia")
+            xx, yy, zz, xy, xz, yz = (
+                (_number(i, f"i{a}", d) if i is not None else d)
+                for a, d in (("xx", 1.0), ("yy", 1.0), ("zz", 1.0), ("xy", 0.0), ("xz", 0.0), ("yz", 0.0))
+            )
+            masses.append(_number(inertial, "mass", 1.0))
+            centres.append(own.place)
+            tensors.append(own.turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ own.turn.T)
+        for collision in link.iter("collision"):
+            at = _frame(collision, frame)
+            volume, half = _solid(collision)
+            volumes.append(volume)
+            middles.append(at.place)
+            reach = np.abs(at.turn) @ half
+            low, high = np.minimum(low, at.place - reach), np.maximum(high, at.place + reach)
+    mass = float(np.sum(masses))
+    if not mass > 0.0:
+        raise LaisnError("its links have no mass")
+    centre = np.average(centres, axis=0, weights=masses)
+    inertia = np.zeros((3, 3))
+    for m, c, tensor in zip(masses, centres, tensors, strict=True):
+        arm = c - centre
+        inertia += tensor + m * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    volume = float(np.sum(volumes))
+    middle = np.average(middles, axis=0, weights=volumes) if volume > 0.0 else centre
+    return Body(mass, centre, inertia, volume, middle, low, high)
+
+
+def _plugins(model: Element, kind: str) -> Iterator[Element]:
+    return (one for one in model.iter("plugin") if one.get("name", "").split("::")[-1] == kind)
+
+
+def _coefficients(plugin: Element, remarks: list[str]) -> dict[str, Floats]:
+    """Added mass and damping as 6×6 matrices of A and of D in −D ν and −D |ν| ν."""
+    damping = "quadratic_damping"
+    forms = {"Dot{}": "added_mass", "{}": "linear_damping", "{0}abs{0}": damping, "{0}{0}": damping}
+    found = {kind: np.zeros((6, 6)) for kind in forms.values()}
+    known = {"link_name", "namespace", "water_density", "waterDensity", "default_current", "disable_added_mass",
+             "disable_coriolis", "lookup_current_x", "lookup_current_y", "lookup_current_z"}  # fmt: skip
+    names = {
+        f"{force}{form.format(rate)}": (kind, i, j)
+        for i, force in enumerate(FORCES)
+        for j, rate in enumerate(RATES)
+        for form, kind in forms.items()
+    }
+    for child in plugin:
+        if child.tag not in names:
+            if child.tag not in known:
+                remarks.append(f"<{child.tag}> of Hydrodynamics is not read")
+            continue
+        kind, i, j = names[child.tag]
+        value = float(_numbers(child.text, 1, f"<{child.tag}>")[0])
+        if kind == "added_mass" and i == j and value > 0.0:
+            remarks.append(f"<{child.tag}> is positive, where SNAME has minus the added mass: taken for the added mass")
+            value = -value
+        if kind != "added_mass" and i == j and value > 0.0:
+            raise LaisnError(f"<{child.tag}> must not be positive, since it would drive the hull (given: {value:g})")
+        found[kind][i, j] -= value
+    added = found["added_mass"]
+    if not np.allclose(added, added.T, rtol=1e-6, atol=1e-12):
+        remarks.append("added mass is not symmetric: the mean with its transpose is taken")
+    found["added_mass"] = (added + added.T) / 2
+    if not added.any():
+        remarks.append("there is no added mass: take it from `laisn hull --length … --diameter … --mass …`")
+    return found
+
+
+def _motors(
+    model: Element, links: dict[str, tuple[Element, Frame]], remarks: list[str]
+) -> tuple[
+    list[tuple[str, Floats, Floats, tuple[float, float]]], list[tuple[str, Element, Frame, tuple[float, float] | None]]
+]:
+    """Thrusters (name, place, axis, range) and surfaces (name, plugin, frame, range of the joint or None)."""
+    joints = {joint.get("name", ""): joint for joint in model.iter("joint")}
+    children = {joint.findtext("child", "").split("::")[-1]: joint for joint in joints.values()}
+    thrusters, surfaces = [], []
+    for plugin in _plugins(model, "Thruster"):
+        name = plugin.findtext("joint_name", "").strip()
+        joint = joints.get(name)
+        if joint is None or joint.findtext("child", "").strip() not in links:
+            raise LaisnError(f"Thruster: there is no <joint name={name!r}> with a child link")
+        frame = links[joint.findtext("child", "").strip()][1]
+        axis = frame.turn @ _numbers(joint.findtext("axis/xyz", "0 0 1"), 3, f"<axis> of joint {name!r}")
+        low, high = _number(plugin, "min_thrust_cmd", -THRUST), _number(plugin, "max_thrust_cmd", THRUST)
+        if plugin.find("max_thrust_cmd") is None:
+            remarks.append(f"thruster {name!r} has no max_thrust_cmd (Gazebo: 1000 N): ±{THRUST:g} N")
+        thrusters.append((_name(name), frame.place, axis / np.linalg.norm(axis), (low, high)))
+    for plugin in _plugins(model, "LiftDrag"):
+        link = plugin.findtext("link_name", "").strip()
+        if link not in links:
+            raise LaisnError(f"LiftDrag: there is no <link name={link!r}>")
+        joint = children.get(link)
+        limits = None
+        if joint is not None and joint.get("type") == "revolute":
+            limit = joint.find("axis/limit")
+            limits = (-0.35, 0.35) if limit is None else (_number(limit, "lower", -0.35), _number(limit, "upper", 0.35))
+        surfaces.append((_name(link), plugin, links[link][1], limits))
+    return thrusters, surfaces
+
+
+def _name(text: str) -> str:
+    """A name for an effector: letters, digits and _."""
+    name = re.sub(r"\W+", "_", text, flags=re.ASCII).removesuffix("_joint")[:40]
+    return name if re.match("[A-Za-z]", name) else f"e_{name}"[:40]
+
+
+def from_sdf(text: str) -> tuple[HullFile, list[str]]:
+    """The hull of the first model with a Hydrodynamics plugin in an SDF file.
+
+    Args:
+        text: of the file.
+
+    Returns:
+        The hull, and what was assumed or left out.
+
+    Raises:
+        LaisnError: it is no such file; names element and value.
+    """
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise LaisnError(f"no valid SDF: {error}") from None
+    models = [model for model in root.iter("model") if next(_plugins(model, "Hydrodynamics"), None) is not None]
+    if not models or models[0].find("link") is None:
+        raise LaisnError("has no <model> with links and a Hydrodynamics plugin; gz sdf -p FILE resolves <include>")
+    model, remarks = models[0], [f"only the first of {len(models)} models is read"] * (len(models) > 1)
+    links = {link.get("name", ""): (link, _frame(link)) for link in model.findall("link")}
+    body, plugin = _body(links), next(_plugins(model, "Hydrodynamics"))
+    thrusters, surfaces = _motors(model, links, remarks)
+    if not thrusters:
+        raise LaisnError("has no Thruster plugin")
+    hydrodynamic = links.get(plugin.findtext("link_name", "").strip())
+    if hydrodynamic is None:
+        raise LaisnError(f"Hydrodynamics: there is no <link name={plugin.findtext('link_name', '')!r}>")
+    if not np.allclose(hydrodynamic[1].turn, np.eye(3)):
+        raise LaisnError("the link of Hydrodynamics must not be turned in the model")
+
+    offset = float(np.linalg.norm(body.buoyancy_centre - hydrodynamic[1].place))
+    if offset > 0.01:
+        remarks.append(
+            f"coefficients about the link's origin are taken about the centre of buoyancy, {offset:.2g} m away"
+        )
+    # the only thruster along the hull stands at the stern
+    ahead = [one for one in thrusters if abs(one[2][0]) > 0.9]
+    backwards = len(ahead) == 1 and ahead[0][1][0] > body.buoyancy_centre[0] + 0.25 * (body.high[0] - body.low[0])
+    if backwards:
+        remarks.append("the propeller stands at +x: the nose is taken to be at −x, and the body turned round")
+    flip = np.diag([-1.0, -1.0, 1.0]) if backwards else np.eye(3)
+    six = np.kron(np.eye(2), flip)
+    origin = body.buoyancy_centre
+    size = np.where(np.isfinite(body.high), body.high - body.low, 0.0)
+    length, diameter = max(size[0], 0.1), max(float(np.sqrt(size[1] * size[2])), 0.05)
+    density = _number(plugin, "water_density", _number(plugin, "waterDensity", 998.0))
+    buoyancy = density * body.volume * GRAVITY
+    if not 0.9 < buoyancy / (body.mass * GRAVITY) < 1.1:
+        remarks.append(f"its collisions displace {buoyancy:.4g} N of water, it weighs {body.mass * GRAVITY:.4g} N: "
+                       "the weight is taken for the buoyancy")  # fmt: skip
+        buoyancy = body.mass * GRAVITY
+    matrices = {name: six @ matrix @ six for name, matrix in _coefficients(plugin, remarks).items()}
+
+    def placed(place: Floats) -> tuple[float, float, float]:
+        x, y, z = (float(value) for value in flip @ (place - origin))
+        return x, y, z
+
+    def turned(axis: Floats) -> tuple[float, float, float]:
+        x, y, z = (float(value) for value in flip @ axis)
+        return x, y, z
+
+    parts = [
+        EffectorPart(
+            name=name,
+            place=placed(place),
+            # of a propeller that pushes astern, positive thrust is here ahead
+            axis=turned(axis if (flip @ axis)[0] > -0.9 else -axis),
+            limits=limits if (flip @ axis)[0] > -0.9 else (-limits[1], -limits[0]),
+            lag=LAG["thruster"],
+            source=f"thrust [N]; place and axis of the joint's child link; lag {LAG['thruster']:g} s assumed",
+        )
+        for name, place, axis, limits in thrusters
+    ]
+    fixed: list[tuple[float, float, Floats]] = []
+    for name, surface, frame, limits in surfaces:
+        axis = frame.turn @ _numbers(surface.findtext("upward", "0 0 1"), 3, "<upward>")
+        axis = np.array([0.0, *axis[1:]])
+        if not np.linalg.norm(axis) > 0.9:
+            remarks.append(f"LiftDrag of {name!r} lifts along the hull and is left out")
+            continue
+        axis /= np.linalg.norm(axis)
+        place = frame.at(_numbers(surface.findtext("cp", "0 0 0"), 3, "<cp>"))
+        area, slope = _number(surface, "area", 1.0), _number(surface, "cla", 1.0)
+        if limits is None:
+            fixed.append((area * slope, placed(place)[0], axis))
+            continue
+        span = float(np.sqrt(area))
+        parts.append(
+            EffectorPart(
+                name=name,
+                place=placed(place),
+                axis=turned(axis),
+                limits=limits,
+                lag=LAG["fin"],
+                suffix="fin",
+                parameters=(area, slope, min(_number(surface, "alpha_stall", 0.44), 1.5), 0.0),
+                blade=(span / 2, span / 2),
+                source="state [rad], limits of the joint; area [m²], cla [1/rad], alpha_stall [rad]; no drag at no "
+                f"incidence, as cda is a slope; lag {LAG['fin']:g} s assumed",
+            )
+        )
+    known = "gz-sim Hydrodynamics"
+    numerics: dict[str, Number] = {
+        "added_mass": (matrices["added_mass"], f"6×6 by rows [kg], [kg m²]: {known}, −xDotU …"),
+        "munk_factor": (1.0, "[-]: all Coriolis terms, as in gz-sim"),
+        "linear_damping": (matrices["linear_damping"], f"6×6 by rows [N s/m], [N m s]: {known}, −xU …"),
+        "linear_damping_fade": (np.zeros(6), "[s/m]: does not fade"),
+        "quadratic_damping": (matrices["quadratic_damping"], f"6×6 by rows [N s²/m²], [N m s²]: {known}, −xUabsU …"),
+        "buoyancy": (buoyancy, f"[N]: volume of the collisions, water of {density:g} kg/m³, or the weight"),
+        "displaced_inertia": (body.mass * (length**2 + diameter**2) / 20.0, "[kg m²]: spheroid of its size"),
+        **still_water_numerics(length, diameter),
+    }
+    if fixed:
+        lifts = np.array([lift * axis[1:] ** 2 for lift, _, axis in fixed]).sum(axis=0)
+        places = float(np.average([x for _, x, _ in fixed], weights=[lift for lift, _, _ in fixed]))
+        numerics |= {
+            "fin_x": (places, "[m]: mean place of LiftDrag links without a revolute joint"),
+            "fin_area": (lifts, "[m²]: their area times cla"),
+            "fin_lift_slope": (1.0, "[1/rad]: in the area"),
+        }
+    principal = flip @ body.inertia @ flip
+    inertia = np.concatenate([np.diag(principal), [principal[0, 1], principal[0, 2], principal[1, 2]]])
+    return HullFile(
+        name=_name(model.get("name", "hull")),
+        about=f"Read by laisn hull from the SDF model {model.get('name', '')!r}. Origin: the centre of buoyancy.",
+        length=length,
+        diameter=diameter,
+        mass=(body.mass, "of all links"),
+        inertia=(inertia, "of all links about their common centre"),
+        centre=(placed(body.centre), "of all links"),
+        numerics=numerics,
+        effectors=parts,
+    ), remarks
