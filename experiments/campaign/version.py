@@ -35,6 +35,10 @@ def reachable(modules: Iterable[str], root: Path = ROOT) -> dict[str, Path]:
     # an installed wheel has other packages beside it
     others = {path.name.partition(".")[0] for path in root.iterdir()} - {*OWN_PACKAGES, *_IN_CHECKOUT}
     finder = ModuleFinder([str(root)], excludes=others)
+    # `ModuleFinder` finds no folders without `__init__.py`
+    for folder in (root / "tests", *(root / "tests").rglob("*/")):
+        if folder.is_dir() and not (folder / "__init__.py").exists():
+            finder.add_module(".".join(folder.relative_to(root).parts)).__path__ = [str(folder)]
     for name in modules:
         finder.import_hook(name)
     return {name: Path(file) for name, module in finder.modules.items() if (file := vars(module)["__file__"])}

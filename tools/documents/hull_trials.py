@@ -151,8 +151,8 @@ def _fossen() -> dict[str, Finding]:
     return found
 
 
-ESTIMATED = {"remus100": (1.6, 0.19, 31.0294), "lauv": (1.08, 0.15, 18.0), "bluerov2_heavy": (0.457, 0.15, 13.5)}
-"""Length and diameter [m] and mass [kg] for `laisn hull`; of the BlueROV2 a slender stand-in of its length."""
+ESTIMATED = {"remus100": (1.6, 0.19, 31.0294), "lauv": (1.08, 0.15, 18.0)}
+"""Length and diameter [m] and mass [kg] for `laisn hull`; the BlueROV2 is no slender hull, and refused."""
 
 
 def coefficients_of(model: str) -> dict[str, float]:
