@@ -38,7 +38,7 @@ def reachable(modules: Iterable[str], root: Path = ROOT) -> dict[str, Path]:
     # `ModuleFinder` finds no folders without `__init__.py`
     for folder in (root / "tests", *(root / "tests").rglob("*/")):
         if folder.is_dir() and not (folder / "__init__.py").exists():
-            finder.add_module(".".join(folder.relative_to(root).parts)).__path__ = [str(folder)]
+            vars(finder.add_module(".".join(folder.relative_to(root).parts)))["__path__"] = [str(folder)]
     for name in modules:
         finder.import_hook(name)
     return {name: Path(file) for name, module in finder.modules.items() if (file := vars(module)["__file__"])}
