@@ -218,7 +218,9 @@ class StudyFolder:
 
     @cached_property
     def parts(self) -> Mapping[str, "StudyFolder"]:
-        """The parts of a built-in study of several files, which have tables of their own."""
+        """The parts of a built-in study of several files, which have tables of their own; else none."""
+        if (self.folder / RESULTS).is_file() or not (self.folder / RECORD).is_file():
+            return {}
         return {path.parent.name: StudyFolder(path.parent) for path in sorted(self.folder.glob(f"*/{RESULTS}"))}
 
     def report(self) -> Path:
