@@ -72,7 +72,7 @@ def is_stale(record: Findings) -> bool:
     """Whether the modules of a record have changed since it was made, or do not exist any more."""
     try:
         return bool(record.modules) and record.version != version_of(record.modules)
-    except FileNotFoundError:
+    except (FileNotFoundError, ImportError):
         return True
 
 
