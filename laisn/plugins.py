@@ -69,7 +69,8 @@ def register(made: Any, *, importable: bool = False) -> str:
     """
     module, attribute = made.__module__, re.sub(r"\W", "_", made.__qualname__)
     file = Path(getattr(sys.modules.get(module), "__file__", None) or "")
-    if file.suffix == ".py" and file.stem == module and isinstance(made, type) and attribute == made.__name__:
+    named = isinstance(made, type) and attribute == made.__name__ and module != "__main__"
+    if named and file.suffix == ".py" and file.stem == module:
         load_plugin(file)
     elif importable:
         raise LaisnError(f"{attribute}: other processes import it; define it as a class in a file of its own, mine.py")
