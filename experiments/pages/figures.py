@@ -200,6 +200,10 @@ def numbers(values: Floats) -> list[float | None]:
     return [float(f"{value:.5g}") if np.isfinite(value) else None for value in np.asarray(values, dtype=float).tolist()]
 
 
+_LOG_TICKS = [float(f"{digit}e{power}") for power in range(-6, 7) for digit in (1, 2, 5)]
+"""Plotly itself labels 0.5 on a logarithmic axis as 5."""
+
+
 def _axis(label: str, limits: Limits, log: bool, ticks: Ticks, values: Sequence[Floats]) -> dict[str, Any]:
     axis: dict[str, Any] = {
         "title": {"text": str(symbols(label)), "standoff": 6}, "gridcolor": GRID.css, "zeroline": False,
@@ -207,7 +211,8 @@ def _axis(label: str, limits: Limits, log: bool, ticks: Ticks, values: Sequence[
         "automargin": True,
     }  # fmt: skip
     if log:
-        axis |= {"type": "log", "exponentformat": "none", "dtick": "D2"}
+        axis["type"] = "log"
+        ticks = ticks or _LOG_TICKS
     if limits != (None, None):
         shown = np.concatenate([*values, np.array([end for end in limits if end is not None])])
         low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
