@@ -86,7 +86,11 @@ def _follower(rng: Random, wild: float) -> dict[str, Any]:
     if "station" in made and rng.random() < 0.5:
         behind, port, depth = rng.uniform(4, 40), rng.uniform(-30, 30), rng.uniform(2, 28)
         return {"station": {"behind_m": behind, "port_m": port, "depth_m": depth}}
-    return {key: value for key, value in made.items() if key not in {"station", "start_m"} or rng.random() < wild}
+    return {
+        key: value
+        for key, value in made.items()
+        if key not in {"station", "start_m", "controller"} or rng.random() < wild
+    }
 
 
 def table(seed: int, wild: float = 0.01) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from os.path import relpath
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import ConfigDict, Discriminator, Field, StringConstraints, Tag, ValidationError
+from pydantic import ConfigDict, Discriminator, Field, Tag, ValidationError
 from scipy import stats
 
 from experiments.flight.library import name_of, names
@@ -75,7 +75,7 @@ class Group(Section):
 
     model_config = ConfigDict(extra="allow")
 
-    name: Annotated[str, StringConstraints(pattern=r"\S")]
+    name: str = Field("", description="its own; checked with the names of the others")
     title: str = Field("", description="in words")
     disturb: dict[str, Any] = Field({}, description="`use`, a class that adds errors of one's own, and its arguments")
 
@@ -285,7 +285,9 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
 
     def groups_of(part: str, given: Sequence[Group]) -> dict[str, dict[str, Any]]:
         """Settings of arms or cases by their names."""
-        repeated = sorted(name for name, count in Counter(one.name for one in given).items() if count > 1)
+        lines.extend(f"  {part}[{i}].name: needs a name" for i, one in enumerate(given) if not one.name.strip())
+        names = Counter(one.name for one in given if one.name.strip())
+        repeated = sorted(name for name, count in names.items() if count > 1)
         lines.extend([f"  {part}: names must differ; repeated: {', '.join(repeated)}"] * bool(repeated))
         return {one.name: settings_of(dotted(one.model_extra or {}, follows_run)) for one in given}
 

@@ -44,9 +44,12 @@ def test_noise_is_that_of_the_sensors_and_biases_are_those_assumed() -> None:
         (["navigation.variant=tight"], {}),
         (
             ["navigation.variant=tight", "navigation.assume.exact_leader=false"],
-            {"leader_heading_bias": np.deg2rad(6.0)},
+            {"leader_heading_bias": np.deg2rad(6.0), "leader_way_sigma": 0.05},
         ),
-        (["navigation.variant=tight", "navigation.assume.current=true"], {"current": 0.41}),
+        (
+            ["navigation.variant=tight", "navigation.assume.current=true"],
+            {"current": 0.41, "current_walk": 0.001, "leader_way_sigma": 0.05},
+        ),
         (["navigation.variant=tight", "navigation.assume.offsets=true"], {"range_offset": 0.013}),
     ],
 )  # fmt: skip

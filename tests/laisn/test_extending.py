@@ -50,9 +50,12 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert found == 1
     drag.write_text(text, encoding="utf-8")
     variants, settings = root / "laisn" / "variants.py", root / "laisn" / "settings.py"
-    text, table = variants.read_text(encoding="utf-8"), "def _function("
+    text, table, entry = variants.read_text(encoding="utf-8"), "SINGLE: dict[", '"laisn-closest": laisn_closest,'
     assert text.count(table) == 1
-    variants.write_text(text.replace(table, f"{blocks['laisn/variants.py']}\n\n{table}"), encoding="utf-8")
+    assert f"`{entry}`" in page
+    head, tail = text.split(table)
+    tail = tail.replace("= {\n", f"= {{\n    {entry}\n", 1)
+    variants.write_text(f"{head}{blocks['laisn/variants.py']}\n\n{table}{tail}", encoding="utf-8")
     text, line = settings.read_text(encoding="utf-8"), blocks["laisn/settings.py"].strip()
     assert line.count("\n") == 0
     old = re.findall(r"^Variant = .*$", text, flags=re.MULTILINE)

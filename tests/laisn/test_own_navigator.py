@@ -134,7 +134,7 @@ def test_a_study_takes_classes_as_arms() -> None:
 
 @pytest.mark.usefixtures("folder")
 def test_a_controller_of_the_page_follows_the_leader() -> None:
-    settings = {"followers.0.controller": "homing", "navigation.variant": "ekf", "duration_s": 60.0}
+    settings = {"followers.0.controller": "homing", "navigation.variant": "ekf", "duration_s": 120.0}
     flight = laisn_sim.fly("T5", settings)
     leader, follower = flight.trajectory.position[:, 0, :2], flight.trajectory.position[:, 1, :2]
     away = np.hypot(*(leader - follower).T)

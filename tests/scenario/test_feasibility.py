@@ -68,8 +68,8 @@ def test_a_flight_that_ends_before_the_first_message_is_flown(change: dict[str, 
 
 def test_the_absurd_is_neither_all_refused_nor_all_accepted() -> None:
     """Or the properties above would say nothing."""
-    count = sum(accepted(absurd.table(seed, 0.0)) is not None for seed in range(100))
-    assert 10 < count < 90
+    count = sum(accepted(absurd.table(seed, 0.0)) is not None for seed in range(200))
+    assert 10 < count < 190
 
 
 @pytest.mark.parametrize(

@@ -56,7 +56,8 @@ def results() -> Results:
         values = mean + 0.1 * OFF[6] + 0.01 * OFF[k]
         mirror_locked = np.arange(RUNS) < 10 * (arm == "plain")
         rows.append(row | {"e_p_mean_m": float(values.mean())})
-        runs.append((row, {"e_p_mean_m": values.tolist(), "mirror_locked": mirror_locked.tolist()}))
+        lists = {"run": [*range(RUNS)], "e_p_mean_m": values.tolist(), "mirror_locked": mirror_locked.tolist()}
+        runs.append((row, lists))
     return Results.of(rows, runs)
 
 
