@@ -193,7 +193,7 @@ def test_a_place_counts_for_an_arm_by_its_whole_interval(plan: Plan) -> None:
         row = {"point": point, "arm": arm, "follower": "follower", "realization": 0, "seed": 1}
         values = 2.0 + (arm == "aware") * np.where(np.arange(RUNS) % 2, -1.0, 0.9)
         rows.append(row | {"e_p_mean_m": float(values.mean())})
-        runs.append((row, {"e_p_mean_m": values.tolist()}))
+        runs.append((row, {"run": [*range(values.size)], "e_p_mean_m": values.tolist()}))
     said = page_of(plan, Results.of(rows, runs), {}).summary
     assert said.endswith("aware against plain: lower at 0, higher at 0, undecided at 3 places.")
 
@@ -205,7 +205,7 @@ def test_a_difference_that_no_shown_digit_has_is_not_marked(plan: Plan) -> None:
         row = {"point": point, "arm": arm, "follower": "follower", "realization": 0, "seed": 1}
         values = 2.0 + 0.1 * OFF[6] + (arm == "aware") * (5e-6 + 1e-7 * OFF[point])
         rows.append(row | {"e_p_mean_m": float(values.mean())})
-        runs.append((row, {"e_p_mean_m": values.tolist()}))
+        runs.append((row, {"run": [*range(values.size)], "e_p_mean_m": values.tolist()}))
     page = page_of(plan, Results.of(rows, runs), {})
     assert page.summary.endswith("aware against plain: lower at 0, higher at 0, undecided at 0, the same at 3 places.")
     (table,) = (block for block in page.sections[0].blocks if isinstance(block, Table))
@@ -225,7 +225,8 @@ def test_three_factors_are_answered_by_their_shares_of_the_variance_and_many_pla
          "e_p_mean_m": point["followers.0.depth_m"] + 0.1 * point["leader.depth_m"]}
         for i, point in enumerate(plan.points)
     ]  # fmt: skip
-    page = page_of(plan, Results.of(rows, [(row, {"e_p_mean_m": [row["e_p_mean_m"]]}) for row in rows]), {})
+    lists = [(row, {"run": [0], "e_p_mean_m": [row["e_p_mean_m"]]}) for row in rows]
+    page = page_of(plan, Results.of(rows, lists), {})
     shares, maps, answer = page.sections[0].blocks[1:4]
     assert isinstance(shares, Figures)
     assert isinstance(maps, Figures)
@@ -420,7 +421,7 @@ def test_a_page_has_a_row_for_each_follower_and_names_what_could_not_be_flown() 
     assert len(plan.followers) > 1
     places = [*itertools.product((0, 1), plan.arms, plan.followers)]
     rows = [{"point": p, "arm": arm, "follower": name, "realization": 0, "seed": 1} for p, arm, name in places]
-    runs = [(row, {"e_p_mean_m": [1.0 + i, 2.0 + i]}) for i, row in enumerate(rows)]
+    runs = [(row, {"run": [0, 1], "e_p_mean_m": [1.0 + i, 2.0 + i]}) for i, row in enumerate(rows)]
     page = page_of(plan, Results.of(rows, runs), {"lost\n\nat 3 s": plan.entries[:2]})
     assert [section.title for section in page.sections] == [
         "Answer", "Other metrics", "Differences of arms", "Design", "Runs to look at"
