@@ -154,7 +154,7 @@ def run_built_in(
 ) -> Path:
     """Run a built-in study whose folder has findings and a page of its own, or what is missing of it.
 
-    Its folder is a package `experiments.studies.NAME` of study files, which are flown together, of
+    Its folder is a package in `experiments/studies` of study files, which are flown together, of
 
     - `findings.py` with `findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]`, a pure function of the
       outcomes by the parts of the study, as `built_in` names them;
