@@ -1,7 +1,10 @@
-"""The processes of a film: each renders frames and encodes them in closed groups of pictures."""
+"""The child process of a film: renders its share of the frames and encodes them in closed groups of pictures."""
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+import pickle
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -15,7 +18,6 @@ from sim.film.film_data import FilmData
 from sim.film.overlay import Overlay
 from sim.film.scene import GlScene
 from sim.flight import Flight
-from sim.processes import exit_with_parent
 from sim.scenario.settings import Video
 
 GROUP = 30
@@ -67,7 +69,7 @@ class FrameRenderer:
     """
 
     def __init__(self, job: Job, scene: GlScene) -> None:
-        self.job, video = job, job.video
+        video = job.video
         self._data = FilmData(job.flight, job.errors, video.speed_up, job.follower, job.annotations)
         self._cameras = CameraRig(self._data, video.width_px / video.height_px)
         self._overlay = Overlay(self._data, video)
@@ -117,27 +119,26 @@ def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:
     yield from (bytes(packet) for packet in codec.encode(None))
 
 
-_RENDERERS = list[FrameRenderer]()
-"""The renderer of this process."""
+def main(worker: int, workers: int) -> None:
+    """Render and encode the groups worker, worker + workers … of the job; results are (group, access units)."""
+    job, send = _connect()
+    with closing(GlScene(job.flight, job.video)) as scene:
+        renderer = FrameRenderer(job, scene)
+        for group in range(worker, job.groups, workers):
+            frames = (renderer.frame(float(time)) for time in job.times[group * GROUP : (group + 1) * GROUP])
+            send((group, list(encode(frames, job.video))))
 
 
-def begin(parent: int, log: str, job: Job) -> None:
-    """Prepare a process that renders: it ends with its parent, and what libraries print goes to a file."""
-    exit_with_parent(parent)
-    target = os.open(log, os.O_WRONLY | os.O_APPEND)
-    for stream in (1, 2):
-        os.dup2(target, stream)
-    _RENDERERS[:] = [FrameRenderer(job, GlScene(job.flight, job.video))]
+def main_still(time: float) -> None:
+    """Render one frame of the job; the result is its pixels, shape (height, width, 4)."""
+    job, send = _connect()
+    with closing(GlScene(job.flight, job.video)) as scene:
+        send(FrameRenderer(job, scene).frame(time))
 
 
-def group(number: int) -> tuple[int, list[bytes]]:
-    """Render and encode a group of pictures: its number, and its access units."""
-    (renderer,) = _RENDERERS
-    times = renderer.job.times[number * GROUP : (number + 1) * GROUP]
-    return number, list(encode((renderer.frame(float(time)) for time in times), renderer.job.video))
-
-
-def still(time: float) -> Bytes:
-    """Pixels of one frame, shape (height, width, 4)."""
-    (renderer,) = _RENDERERS
-    return renderer.frame(time)
+def _connect() -> tuple[Job, Callable[[object], None]]:
+    """The job, pickled on standard input, and a function that pickles results to standard output."""
+    output = os.fdopen(os.dup(1), "wb", buffering=0)
+    # what a library prints must not stand between results
+    os.dup2(2, 1)
+    return pickle.load(sys.stdin.buffer), lambda result: pickle.dump(result, output)

@@ -36,18 +36,16 @@ class Backend(NamedTuple):
     """Name of the renderer if it works, or why it does not."""
 
 
-def environment(backend: str, threads: int = 1) -> dict[str, str]:
-    """Variables of the environment with which a process renders by `backend`."""
-    # else PyOpenGL takes GLX if it is imported before MuJoCo has chosen for it
-    chosen = {"PYOPENGL_PLATFORM": backend} if sys.platform == "linux" else {}
-    return {"MUJOCO_GL": backend, "LP_NUM_THREADS": str(threads), "OMP_NUM_THREADS": "1", **chosen}
-
-
-def child(program: str, arguments: tuple[str, ...], backend: str) -> tuple[list[str], dict[str, str]]:
+def child(program: str, arguments: tuple[str, ...], backend: str, threads: int = 1) -> tuple[list[str], dict[str, str]]:
     """Command and environment of a Python process that renders with `backend`; it sees this process's modules."""
     # -P and the handed-over path: a folder `models` or `sim` in the working directory must not be imported instead
     start = f"import sys\nsys.path[:] = {json.dumps(sys.path)}\n{program}"
-    return [sys.executable, "-P", "-c", start, *arguments], os.environ | environment(backend)
+    environment = os.environ | {"MUJOCO_GL": backend, "LP_NUM_THREADS": str(threads), "OMP_NUM_THREADS": "1"}
+    environment.pop("PYOPENGL_PLATFORM", None)
+    if sys.platform == "linux":
+        # else PyOpenGL takes GLX if it is imported before MuJoCo has chosen for it
+        environment["PYOPENGL_PLATFORM"] = backend
+    return [sys.executable, "-P", "-c", start, *arguments], environment
 
 
 def render_ball() -> str:

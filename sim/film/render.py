@@ -1,23 +1,24 @@
 """Flight -> film. Frames are rendered and encoded by child processes, so that no graphics library is needed here."""
 
 import os
-import re
+import pickle
+import subprocess
 from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import BrokenExecutor, as_completed
-from contextlib import closing
+from contextlib import closing, suppress
 from fractions import Fraction
 from io import BytesIO
 from pathlib import Path
-from tempfile import NamedTemporaryFile
-from typing import Any
+from queue import SimpleQueue
+from tempfile import TemporaryFile
+from threading import Thread
+from typing import IO, Any
 
-from joblib.externals.loky import ProcessPoolExecutor
 from PIL import Image
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from sim.files import atomic_write
-from sim.film import frame_renderer, graphics
+from sim.film import graphics
 from sim.film.annotations import NOTHING, Annotations
 from sim.film.frame_renderer import GROUP, Job
 from sim.flight import Flight
@@ -26,6 +27,8 @@ from sim.scenario.settings import Video
 Errors = Sequence[tuple[Floats, Floats]]
 Progress = Callable[[float], None]
 
+_IMPORTS = "from sim.film import frame_renderer"
+"""First line of the program that a child process runs."""
 _LAST_WORDS = 12
 
 
@@ -46,30 +49,56 @@ def _check_file(path: Path, suffix: str) -> None:
         raise RenderError(f"the folder {path.resolve().parent} does not exist")
 
 
-def _results(job: Job, function: Callable[..., Any], values: Sequence[Any], workers: int) -> Generator[Any, None, None]:
-    """Results of a function of `frame_renderer` for some values, as processes give them; none outlives the generator.
-
-    Raises:
-        RenderError: nothing renders here.
-        RendererDiedError: a process died.
-    """
+def _results(job: Job, programs: Sequence[str]) -> Generator[Any, None, None]:
+    """Results of child processes as they arrive; none outlives the generator. RendererDiedError: one died."""
     backend = graphics.working()
     if backend is None:
         raise RenderError(graphics.MISSING)
-    environment = graphics.environment(backend.name, max(1, (os.cpu_count() or 1) // workers))
-    with NamedTemporaryFile() as log:
-        begin = {"initializer": frame_renderer.begin, "initargs": (os.getpid(), log.name, job)}
-        pool = ProcessPoolExecutor(workers, env=environment, **begin)
-        try:
-            for done in as_completed([pool.submit(function, value) for value in values]):
-                yield done.result()
-        except BrokenExecutor as error:
-            words = log.read().decode(errors="replace").strip().splitlines()[-_LAST_WORDS:]
-            how = re.search(r"\{.+\}", str(error))
-            text = f"a process that renders frames died{f', with {how[0]}' if how else ''}"
-            raise RendererDiedError("\n".join([text, *words])) from None
-        finally:
-            pool.shutdown(kill_workers=True)
+    threads = max(1, (os.cpu_count() or 1) // len(programs))
+    content = pickle.dumps(job, protocol=pickle.HIGHEST_PROTOCOL)
+    start = f"from sim.processes import exit_with_parent; exit_with_parent({os.getpid()}); {_IMPORTS}"
+    results: SimpleQueue[Any] = SimpleQueue()
+    children, readers = list[Any](), list[Thread]()
+    try:
+        for program in programs:
+            command, environment = graphics.child(f"{start}; frame_renderer.{program}", (), backend.name, threads)
+            log = TemporaryFile()  # noqa: SIM115 (the reader closes it)
+            pipe = subprocess.PIPE
+            children.append(subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, stderr=log))
+            readers.append(Thread(target=_read, args=(children[-1], log, content, results), daemon=True))
+            readers[-1].start()
+        going = len(children)
+        while going:
+            result = results.get()
+            if isinstance(result, RendererDiedError):
+                raise result
+            if result is None:
+                going -= 1
+            else:
+                yield result
+    finally:
+        for child in children:
+            child.kill()
+        for reader in readers:
+            reader.join()
+
+
+def _read(child: Any, log: IO[bytes], content: bytes, results: SimpleQueue[Any]) -> None:
+    """Send a child its job and collect its results, then None or, if it failed, an error with the end of its log."""
+    with log, child, suppress(BrokenPipeError):
+        with suppress(BrokenPipeError):
+            child.stdin.write(content)
+            child.stdin.close()
+        # the last result of a child that dies may be cut short
+        with suppress(EOFError, pickle.UnpicklingError):
+            while True:
+                results.put(pickle.load(child.stdout))
+        code = child.wait()
+        log.seek(0)
+        words = log.read().decode(errors="replace").strip().splitlines()[-_LAST_WORDS:]
+        how = f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"
+        message = "\n".join([f"a process that renders frames {how}", *words])
+        results.put(RendererDiedError(message) if code else None)
 
 
 def render(
@@ -109,7 +138,7 @@ def render(
     _check_file(path, ".mp4")
     workers = min(workers, job.groups)
     groups: dict[int, list[bytes]] = {}
-    with closing(_results(job, frame_renderer.group, range(job.groups), workers)) as results:
+    with closing(_results(job, [f"main({worker}, {workers})" for worker in range(workers)])) as results:
         for group, found in results:
             groups[group] = found
             if progress:
@@ -172,7 +201,7 @@ def still(
     start, end = float(flight.trajectory.time[0]), float(flight.trajectory.time[-1])
     if not start <= time_s <= end:
         raise RenderError(f"time {time_s:g} s lies outside the mission, {start:g} … {end:g} s")
-    with closing(_results(job, frame_renderer.still, [time_s], 1)) as results:
+    with closing(_results(job, [f"main_still({float(time_s)!r})"])) as results:
         (pixels,) = results
     with atomic_write(path) as part:
         Image.fromarray(pixels).convert("RGB").save(part, format="png")
