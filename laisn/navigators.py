@@ -91,7 +91,6 @@ class NavigatorSpec:
 
         Raises:
             ValueError: the start is not four finite numbers.
-            NotImplementedError: naming a choice that no formula implements.
         """
         navigator = self._class(settings, start)
         made: AnyNavigator = navigator if hasattr(navigator, "run") else SteppedNavigator(navigator, settings)
