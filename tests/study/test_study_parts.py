@@ -59,7 +59,7 @@ def test_cases_scenarios_and_factors_are_crossed_and_a_case_may_have_some_of_the
     [
         ({"case": [{"name": "a"}, {"name": "a"}]}, "case: names must differ; repeated: a"),
         ({"case": [{"name": "a", "arms": ["b"]}]}, "case a: there is no arm 'b'"),
-        ({"case": [{"title": "a"}]}, r"case\[0\].name: Field required"),
+        ({"case": [{"title": "a"}]}, r"case\[0\].name: needs a name"),
         ({"case": [{"name": "a", "duration_s": 9.0}], "vary": {"duration_s": [1, 2]}}, "duration_s: stands in "),
         ({"case": [{"name": "a", "seed": 9}]}, "seed: belongs to the study"),
         ({"arm": [{"name": "a", "run": 9}]}, "run: belongs to the study"),
