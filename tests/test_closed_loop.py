@@ -128,7 +128,7 @@ EXACT = ("sensors.speed_bias_m_s=0", "sensors.speed_sigma_m_s=0", "sensors.headi
 EASTWARD = ("ocean.current_speed_m_s=0.4", "ocean.current_direction_deg=90")
 
 
-def test_who_knows_its_position_swims_as_if_told_the_truth() -> None:
+def test_a_follower_with_exact_estimates_moves_as_with_the_truth() -> None:
     """But for the lag T of its log: while the speed changes by Δv, measured and true speed differ by T Δv of way.
 
     Position feedback takes back a part of that. The route changes its speed at the start, at 45 s and at 95 s.
@@ -175,7 +175,7 @@ def test_commands_are_a_function_of_readings_and_estimates() -> None:
 
 
 @pytest.mark.parametrize("variant", ["laisn-3-2", "tight"])
-def test_who_hears_nothing_drifts_with_the_water(variant: str) -> None:
+def test_a_follower_without_receptions_drifts_with_the_water(variant: str) -> None:
     """Its readings are those of still water, so that it swims as there, and the water takes it 0.4 m/s eastwards."""
     silent = ("leader.waypoints=[[0, 0, 0], [300, 0, 300]]", "followers.0.waypoints=[[0, 20, 0], [300, 20, 300]]",
               "acoustics.max_range_m=1", f"navigation.variant={variant}", *EXACT)  # fmt: skip
@@ -196,7 +196,7 @@ def test_in_a_current_it_keeps_to_its_route(variant: str) -> None:
     assert flown.position[3000:, 1, 1] - flown.time[3000:] == pytest.approx(0.0, abs=1.0)
 
 
-def test_who_hears_nothing_follows_its_log_and_compass_astray() -> None:
+def test_a_follower_without_receptions_follows_the_drift_of_its_log_and_compass() -> None:
     """It keeps 1 m/s northwards by a log that reads 0.2 m/s and a compass that reads 5° too much."""
     scenario = mission(
         "leader.waypoints=[[0, 0, 0], [300, 0, 300]]",
@@ -227,7 +227,7 @@ def test_between_filter_steps_it_dead_reckons(variant: str) -> None:
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
 
 
-def test_who_knows_of_no_place_goes_as_its_route_does() -> None:
+def test_a_follower_without_a_position_goes_parallel_to_its_route() -> None:
     """It hears nothing and was told no start: it makes its turns as planned, and corrects nothing of what they miss."""
     silent = ("navigation.variant=tight", "navigation.assume.known_start=false", "acoustics.max_range_m=0.001", *EXACT)
     lost, _ = simulate_closed_loop(mission(*silent, duration=20.0))

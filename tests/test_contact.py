@@ -100,7 +100,7 @@ def test_contact_ends_a_mission_where_one_that_goes_on_is_marked(changes: dict[s
         np.testing.assert_array_equal(getattr(ended, name), getattr(whole, name)[: ended.time.size])
 
 
-def test_a_fleet_stops_where_its_ending_says() -> None:
+def test_a_fleet_stops_at_its_recorded_end() -> None:
     """At the instant itself, not at the end of the stretch that compiled code flies at once."""
     scenario = meeting()
     routes = routes_of(scenario)
@@ -120,7 +120,7 @@ def test_a_campaign_names_the_mission_that_contact_ends() -> None:
         simulate_mission(meeting(contact="end"))
 
 
-def test_facts_tell_who_touched() -> None:
+def test_facts_list_the_vehicles_in_contact() -> None:
     scenario = meeting()
     assert [row["touched"] for row in facts_of(scenario, simulate_mission(scenario))] == [1.0, 1.0]
 

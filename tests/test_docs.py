@@ -259,7 +259,7 @@ def test_numbers_in_documents_are_those_of_the_records() -> None:
         assert markers.filled(text, found) == text, f"{path.name}: run make figures"
 
 
-def test_routes_are_kept_as_the_record_says() -> None:
+def test_route_errors_match_the_record() -> None:
     """The first minute alone cannot tell, so one whole route is flown; other machines may round otherwise."""
     recorded = markers.records()["route-keeping"]
     reports = route_keeping.measure(route_keeping.scenario(("T8",)))
@@ -270,7 +270,7 @@ def test_routes_are_kept_as_the_record_says() -> None:
             assert abs(old - new) <= 10.0 ** -int(spec[1]), f"{quantity} of {name}: run make studies"
 
 
-def test_closed_loops_are_as_the_record_says() -> None:
+def test_closed_loops_match_the_record() -> None:
     """To fly it all takes minutes: one route in one run must fit the median that is printed for it."""
     found = markers.records()["closed-loop"]
     if markers.is_stale(found):
@@ -292,6 +292,6 @@ def test_built_in_scenarios_introduce_themselves(path: Path) -> None:
     assert CliRunner().invoke(app, ["check", path.stem]).exit_code == 0
 
 
-def test_the_version_is_said_once_and_quoted() -> None:
+def test_the_version_is_stated_once_and_quoted() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
     assert f"\nversion: {project}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")

@@ -41,7 +41,7 @@ RECORD = Findings(
         ("unknown", ".2f", "–"),
     ],
 )
-def test_findings_are_printed_as_asked(key: str, spec: str, text: str) -> None:
+def test_findings_are_printed_in_the_requested_form(key: str, spec: str, text: str) -> None:
     assert format(RECORD[key], spec) == text
 
 
@@ -80,7 +80,7 @@ NO_RECORDS = [
 
 
 @pytest.mark.parametrize("text", NO_RECORDS, ids=range(len(NO_RECORDS)))
-def test_what_is_no_record_is_named(tmp_path: Path, text: str) -> None:
+def test_a_file_that_is_no_record_is_reported(tmp_path: Path, text: str) -> None:
     path = tmp_path / "results.json"
     path.write_text(text)
     with pytest.raises(LaisnError, match=r"results\.json: no record"):

@@ -118,7 +118,7 @@ def test_stations_are_kept_where_sound_takes_its_time() -> None:
     assert np.sqrt(np.mean(off_station(scenario, trajectory) ** 2, axis=0)).max() < 0.6
 
 
-def test_a_run_has_the_same_noise_whoever_else_swims() -> None:
+def test_the_noise_of_a_run_does_not_depend_on_other_vehicles() -> None:
     alone, controller = flown(mission(places=PLACES[:1]))
     among, controllers = flown(mission())
     np.testing.assert_array_equal(controller.state.readings[0], controllers.state.readings[0])
@@ -161,7 +161,7 @@ def test_a_sensor_that_shows_nobody_changes_nothing() -> None:
     np.testing.assert_array_equal(blind.position, wary.position)
 
 
-def test_the_controller_knows_nothing_of_the_truth() -> None:
+def test_the_controller_does_not_use_the_truth() -> None:
     """It is handed readings, beliefs, messages and a clock: arrays made here, with no vehicle behind them."""
     law, memory = Formation().record(), record(FOLLOWER_MEMORY)
     trail, count, station = records(TRAIL, 50), np.zeros(1, dtype=np.int64), record(STATION, 20.0, 5.0, 12.0)
@@ -261,7 +261,7 @@ def test_without_its_attitude_a_leader_that_dives_shifts_its_formation() -> None
     assert largest_distance_in_a_dive(broadcast_attitude=False) == pytest.approx(shift, rel=0.1)
 
 
-def test_followers_turn_by_waypoints_that_they_heard_before_the_turn() -> None:
+def test_followers_turn_by_waypoints_received_before_the_turn() -> None:
     """The leader turns at 45 s; messages come at 30 s and at 60 s. Without waypoints followers go straight on.
 
     Stations 5 and 8 m behind are 10 and 7 m beyond the corner at 60 s. By the truth, for errors of dead reckoning to be
@@ -291,7 +291,7 @@ def test_followers_turn_by_waypoints_that_they_heard_before_the_turn() -> None:
     assert (largest[1] < 0.6).all()
 
 
-def test_who_is_told_the_truth_keeps_its_station_round_the_corner() -> None:
+def test_a_follower_with_true_positions_keeps_its_station_around_the_corner() -> None:
     followers = [
         {"station": {"behind_m": s, "port_m": y, "depth_m": d}, "guidance_position": "truth"} for s, y, d in PLACES
     ]
@@ -348,7 +348,7 @@ def test_a_follower_on_a_route_swims_as_it_does_without_others_on_stations() -> 
         ({"followers": [{"route": "T5"}] * 51}, "at most 50"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_is_named_before_anything_is_flown(table: dict[str, object], told: str) -> None:
+def test_impossible_settings_are_reported_before_the_simulation(table: dict[str, object], told: str) -> None:
     followers = [{"station": {"behind_m": 10.0, "depth_m": 10.0}}]
     with pytest.raises(ValueError, match=told):
         validate({"name": "s", "followers": followers} | table, "test")

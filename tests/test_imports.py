@@ -112,18 +112,18 @@ def knowing(library: str) -> list[str]:
     return [m for m in SOURCES if within(m, "laisn") and line.search(SOURCES[m].read_text(encoding="utf-8"))]
 
 
-def test_laisn_knows_no_simulator() -> None:
+def test_laisn_imports_no_simulator() -> None:
     assert {pair for pair in imported_by("laisn") if not within(pair[1], "laisn")} == set()
     assert knowing("mujoco") == []
 
 
-def test_the_world_speaks_only_the_vocabulary_of_navigation() -> None:
+def test_sim_imports_from_laisn_only_the_shared_types() -> None:
     found = imported_by("sim")
     assert {pair for pair in found if within(pair[1], "experiments")} == set()
     assert {pair for pair in found if within(pair[1], "laisn") and pair[1] not in VOCABULARY} == set()
 
 
-def test_one_module_knows_filterpy() -> None:
+def test_one_module_imports_filterpy() -> None:
     assert knowing("filterpy") == ["laisn.filter"]
 
 
@@ -142,7 +142,7 @@ def test_an_import_within_a_function_has_its_reason() -> None:
     assert not {name for name in LATE if not any(within(one, name) for one in used)}, "allowed, but not used"
 
 
-def test_imports_are_seen_wherever_they_hide(tmp_path: Path) -> None:
+def test_imports_inside_functions_and_branches_are_found(tmp_path: Path) -> None:
     """The reader of imports itself: at the top, relative, of a name within a module, and inside a function."""
     for package in import_graph.PACKAGES:
         (tmp_path / package).mkdir()

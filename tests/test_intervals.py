@@ -75,7 +75,7 @@ def test_values_without_skewness_have_the_limits_of_students_t() -> None:
      ("lognormal", 20, 0.91), ("lognormal", 60, 0.925), ("difference", 20, 0.93), ("difference", 60, 0.94),
      ("ratio", 20, 0.91), ("ratio", 60, 0.93), ("mirror", 20, 0.85), ("mirror", 60, 0.96)],
 )  # fmt: skip
-def test_intervals_hold_the_truth_about_as_often_as_they_say(law: str, runs: int, least: float) -> None:
+def test_intervals_have_about_their_nominal_coverage(law: str, runs: int, least: float) -> None:
     """A tenth of 20 runs locked on the mirror image: 12 % of samples have none of them: at most 88 %."""
     trials = 4000
     assert least <= covered(law, runs, trials) / trials < 0.985
@@ -159,7 +159,7 @@ def test_a_share_of_sums_weighs_missions_by_what_there_is_to_remove() -> None:
     assert share.low < share.value < share.high
 
 
-def test_a_share_holds_the_truth_as_often_as_it_says() -> None:
+def test_the_interval_of_a_share_has_its_nominal_coverage() -> None:
     rng, trials = np.random.default_rng(9), 2000
     outside = 0
     for _ in range(trials):

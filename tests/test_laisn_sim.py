@@ -85,7 +85,7 @@ def test_another_variant_is_navigated_as_it_would_have_been_flown(flight: laisn_
         laisn_sim.navigate(flight, {"leader.depth_m": 3.0})
 
 
-def test_a_navigator_of_ones_own_is_asked(flight: laisn_sim.Flight) -> None:
+def test_a_user_navigator_is_called(flight: laisn_sim.Flight) -> None:
     asked = []
 
     def mine(settings, start):
@@ -269,7 +269,7 @@ def test_a_study_by_keywords_is_that_of_a_file(tmp_path: Path) -> None:
         laisn_sim.StudyFolder(tmp_path / "c")
 
 
-def test_keywords_replace_what_a_study_says_key_by_key() -> None:
+def test_keywords_replace_settings_of_a_study_key_by_key() -> None:
     file = {"scenario": "T5", "runs": 5, "set": {"duration_s": 20}, "vary": {"leader.baseline_m": [1, 2]}}
     found = study_of(
         file, {"runs": None, "realizations": 1, "vary": {"followers.0.depth_m": [9]}, "set": {"duration_s": 30}}

@@ -76,7 +76,7 @@ def made() -> dict[str, Any]:
     ["Trajectory", "Propagation", "MissionTruth", "Measurements", "Estimates", "RangeErrorBudget", "Route",
      "DepthProfile", "Waves", "OtherEstimate", "RayErrors"],
 )  # fmt: skip
-def test_a_record_shares_no_array_with_whoever_made_it(made: dict[str, Any], name: str) -> None:
+def test_a_record_shares_no_array_with_its_caller(made: dict[str, Any], name: str) -> None:
     record = made[name]
     held = {f.name: getattr(record, f.name) for f in fields(record)}
     given = {key: value.copy() for key, value in held.items() if isinstance(value, np.ndarray)}

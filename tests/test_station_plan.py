@@ -165,7 +165,7 @@ def test_layers_are_taken_in_turn() -> None:
         ({"contact": "end", "followers": [{"route": "T5"}] * 2}, r"followers\[0\] and followers\[1\] start 0 m apart"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_is_named_before_anything_is_flown(table: dict[str, Any], text: str) -> None:
+def test_impossible_settings_are_reported_before_the_simulation(table: dict[str, Any], text: str) -> None:
     followers = [{"station": {"behind_m": behind, "depth_m": 10.0}} for behind in (20.0, 30.0)]
     with pytest.raises(ValueError, match=text):
         told({"followers": followers} | table)

@@ -77,7 +77,7 @@ def test_any_site_is_where_scipy_turns_it(trajectory: Trajectory) -> None:
         np.testing.assert_array_equal(moved.site_path("abcd"[s]), moved.site_position[:, s])
 
 
-def test_a_leader_is_tilted_in_pitch_alone_where_nothing_is_said_of_roll(trajectory: Trajectory) -> None:
+def test_a_leader_is_tilted_in_pitch_alone_by_default(trajectory: Trajectory) -> None:
     flown = tilted(trajectory, 0.2)
     np.testing.assert_allclose(flown.pitch[:, 0], 0.2, atol=1e-12)
     np.testing.assert_allclose(flown.roll[:, 0], 0.0, atol=1e-12)

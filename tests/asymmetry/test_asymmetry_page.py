@@ -214,7 +214,7 @@ def test_a_message_is_drawn_from_the_motion() -> None:
     )
 
 
-def test_the_map_says_how_far_closed_form_and_engine_are_apart() -> None:
+def test_the_map_prints_the_difference_of_closed_form_and_engine() -> None:
     """A map made by hand whose engine is 3 mm off the closed form at one point, and 0.876 m abeam at 5° and 10 m."""
     points = [(p, dz, d, b) for p in (0.0, 5.0) for dz in (0.0, 5.0, 10.0) for d in (20.0, 50.0) for b in (90.0, 135.0)]
     columns = dict(zip(("pitch_deg", "depth_offset_m", "range_m", "bearing_deg"), np.array(points).T, strict=True))

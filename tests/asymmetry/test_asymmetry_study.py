@@ -166,7 +166,7 @@ def test_beyond_fifty_metres_any_offset_will_do():
     assert deepest_offset(np.deg2rad(1.0), np.pi / 2, 40.0, 1.0) == 50.0 < 1.0 / np.sin(np.deg2rad(1.0))
 
 
-def test_planner_says_where_no_offset_will_do():
+def test_planner_reports_where_no_offset_suffices():
     # foreshortening alone, D cos B (1 − cos φ) / sin B to first order, is more than the bound
     assert np.isnan(deepest_offset(np.deg2rad(10.0), np.deg2rad(30.0), 100.0, 0.5))
     assert 100.0 * (1 - np.cos(np.deg2rad(10.0))) / np.tan(np.deg2rad(30.0)) > 0.5

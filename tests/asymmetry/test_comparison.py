@@ -165,7 +165,7 @@ def test_a_sensor_is_held_against_a_level_leader_with_the_same() -> None:
     assert excess.judge("error", READINGS, LOOKS, LEVEL_BROADCAST).verdict is Verdict.MET
 
 
-def test_a_remedy_that_frees_captured_runs_is_told_from_one_that_does_not() -> None:
+def test_remedies_that_free_captured_runs_are_distinguished() -> None:
     some = np.arange(64) % 4 != 0
     rows = [row("level", 0.2), row("real", 5.0, some), row("ahrs-0.5", 0.2), row("offset-0.5", 4.0, some)]
     (excess,) = paired(rows)
@@ -173,7 +173,7 @@ def test_a_remedy_that_frees_captured_runs_is_told_from_one_that_does_not() -> N
     assert excess.judge("mirror_lock", CONSTANT, LOOKS).verdict is Verdict.MISSED
 
 
-def test_open_questions_come_with_what_is_removed_and_the_runs_that_would_tell() -> None:
+def test_open_questions_list_the_removed_part_and_the_runs_needed() -> None:
     """Of 40 mirror locks that pitch adds to 64 runs the remedy leaves 5, one more than the aim of 90 % allows."""
     where = {"fix_error_m": 0.4}
     arms = [

@@ -13,7 +13,7 @@ WAYS = {"head": 270.0, "beam": 0.0, "following": 90.0}
 
 
 @pytest.mark.parametrize("condition", CONDITIONS, ids=lambda condition: condition.key)
-def test_a_condition_is_what_its_key_says(condition: Condition) -> None:
+def test_a_condition_has_the_settings_of_its_key(condition: Condition) -> None:
     flown = condition.scenario("T5", 2.0)
     leader, waves = flown.leader, flown.ocean.waves
     values = [float(v) for v in re.findall(r"[\d.]+", condition.key)]

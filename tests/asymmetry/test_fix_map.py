@@ -47,7 +47,7 @@ def test_ranges_are_those_of_the_physical_leader(pitch, offset, reach, bearing):
 
 
 @pytest.mark.parametrize("reach", [10.0, 20.0, 60.0, 100.0])
-def test_abeam_error_is_0_87_m_at_5_degrees_and_10_m_whatever_the_range(reach):
+def test_abeam_error_is_0_87_m_at_5_degrees_and_10_m_for_any_range(reach):
     pitch, offset = np.deg2rad(5.0), 10.0
     point = np.array([[pitch, offset, reach, np.pi / 2]])
     for variant in VARIANTS:
@@ -79,7 +79,7 @@ def test_small_pitch_adds_the_lever_arm_over_the_sine_of_the_bearing():
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_a_follower_that_knows_the_attitude_has_no_error(variant):
+def test_a_follower_with_the_attitude_has_no_error(variant):
     aware = replace(ANYWHERE, variant=variant, use_attitude=True)
     grid = np.array([[p, dz, d, b] for p in (-0.2, 0.1) for dz in (0.0, 10.0) for d in (8.0, 50.0) for b in (0.7, 2.0)])
     error = chart.sweep(grid, aware)

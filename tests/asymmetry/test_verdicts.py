@@ -49,7 +49,7 @@ def test_a_remedy_that_does_enough_is_hardly_ever_called_missed(noise: float) ->
         assert found[Verdict.MET] > 0.9
 
 
-def test_either_is_as_rare_as_said_at_the_very_aim() -> None:
+def test_either_error_has_its_nominal_rate_at_the_target() -> None:
     found, trials = shares(0.9, 0.3, 0.1, trials=600), 600
     # the interval's own error of some tenths of a per cent, beside the scatter of the trials
     most = WRONG + 3 * np.sqrt(WRONG / trials) + 0.005
@@ -83,7 +83,7 @@ def test_captures_are_judged_by_the_same_measure(removed: float, pushed: float) 
     assert verdicts.count(wrong) / trials < WRONG
 
 
-def test_many_runs_tell_what_chance_in_both_arms_hides() -> None:
+def test_many_runs_resolve_a_difference_hidden_by_noise() -> None:
     """Pitch adds mirror locks to a fifth of the runs, of which a remedy leaves 3 %; 4 % more or less come by chance.
 
     By the normal law the last look finds the remedy good enough in 97 % of trials, 1280 runs do in a third.
@@ -108,7 +108,7 @@ def test_aims_are_shares_of_what_pitch_does() -> None:
     assert judge(part, 0.05 * part, 0.99, LOOKS, free).verdict is Verdict.MISSED
 
 
-def test_where_pitch_does_no_harm_nothing_is_said_of_a_remedy() -> None:
+def test_without_pitch_error_no_remedy_is_reported() -> None:
     rng = np.random.default_rng(13)
     nothing, left = 0.1 * rng.normal(size=LOOKS[0]), np.full(LOOKS[0], 0.02)
     free = FREE[: LOOKS[0]]
@@ -117,7 +117,7 @@ def test_where_pitch_does_no_harm_nothing_is_said_of_a_remedy() -> None:
     assert judge(np.zeros(LOOKS[0]), left, 0.9, LOOKS).verdict is Verdict.NO_HARM
 
 
-def test_captured_runs_have_no_say_in_errors() -> None:
+def test_captured_runs_are_excluded_from_errors() -> None:
     part, left = np.full(64, 0.3), np.zeros(64)
     mirror_locked = np.arange(64) < 20
     assert (
@@ -157,7 +157,7 @@ def test_more_runs_are_worth_it_where_they_would_settle_the_question() -> None:
 
 
 @pytest.mark.parametrize("k", [44, 47, 55, 58])
-def test_an_open_question_says_how_many_runs_would_settle_it(k: int) -> None:
+def test_an_open_question_reports_how_many_runs_would_settle_it(k: int) -> None:
     """512 runs over and over, of which the remedy leaves k: some fewer than needed leave it open, some more do not.
 
     Its aim is 51.2 of them.

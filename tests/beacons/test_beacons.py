@@ -105,7 +105,7 @@ def moved(x: Floats, speed: float, heading: float, time: float) -> Floats:
     return y
 
 
-def test_odometry_moves_mean_and_covariance_as_finite_differences_say() -> None:
+def test_odometry_moves_mean_and_covariance_as_finite_differences_do() -> None:
     made = belief()
     n, x, before = made.fresh.size, made.state[0].copy(), made.covariance[0].copy()
     step = 1e-6
@@ -164,7 +164,7 @@ def test_splits_keep_mean_and_covariance_until_a_circle_is_straight() -> None:
         assert predict_range(made, k, z)[2] <= 0.7 * 0.5
 
 
-def test_components_in_one_place_become_one_with_their_moments() -> None:
+def test_components_at_one_position_merge_and_keep_their_moments() -> None:
     made = belief()
     made.covariance[0, X, X] += 4.0
     split(made, ranging((3.0, 1.0), 5.0, sigma=0.05))
@@ -208,7 +208,7 @@ def test_how_good_ranges_are_is_learnt_within_bounds(noise: float, least: float,
 
 
 @pytest.mark.parametrize("medium", MEDIA)
-def test_a_covariance_can_be_believed_where_its_assumptions_hold(medium: str) -> None:
+def test_the_covariance_is_consistent_where_its_assumptions_hold(medium: str) -> None:
     """Errors drawn from the settings: the mean of NEES over runs lies where χ² of two degrees has it."""
     told = MEDIA[medium]
     nees = []

@@ -310,7 +310,7 @@ def test_errors_at_each_step_agree_with_the_summary(tmp_path):
     assert steps["speed_m_s"] == pytest.approx(flown.forward_speed[1:, 1], rel=1e-5)
 
 
-def test_steps_that_are_asked_for_later_are_added(computed, tmp_path):
+def test_steps_requested_later_are_added(computed, tmp_path):
     whole, rows = computed
     folder = shutil.copytree(whole, tmp_path / "copy")
     wanted = [replace(plan, keep_steps=True) for plan in plans()]

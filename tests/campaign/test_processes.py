@@ -36,7 +36,7 @@ def lost_flight(_):
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_mission_that_diverges_says_so_whatever_process_flies_it(workers):
+def test_divergence_is_reported_from_any_process(workers):
     """The flight so far that such an error carries must not be taken for a death of the process."""
     with Pool(workers) as pool, pytest.raises(CampaignError, match="mission 'T6': t = 3 s: the state is lost"):
         list(pool.each(lost_flight, [(1,)]))
@@ -50,7 +50,7 @@ def impatient(monkeypatch):
 
 
 @pytest.mark.usefixtures("impatient")
-def test_no_cluster_is_said_at_once():
+def test_a_missing_cluster_is_reported_at_once():
     begun = time.monotonic()
     pool = Pool(1, "tcp://127.0.0.1:9")
     with pytest.raises(ValueError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
@@ -60,7 +60,7 @@ def test_no_cluster_is_said_at_once():
 
 @pytest.mark.usefixtures("impatient")
 @pytest.mark.parametrize("scheme", ["tcp", "tls"])
-def test_an_address_that_accepts_and_says_nothing_is_no_cluster(scheme):
+def test_an_address_that_accepts_without_an_answer_is_refused(scheme):
     pytest.importorskip("distributed")
     with socket.create_server(("127.0.0.1", 0)) as silent:
         address = f"{scheme}://127.0.0.1:{silent.getsockname()[1]}"

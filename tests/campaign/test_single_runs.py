@@ -57,7 +57,7 @@ def test_metrics_are_those_of_the_histories(scenario: Scenario, cell: Cell, stat
     np.testing.assert_allclose(result.runs["e_p_mean_m"], error.mean(axis=1))
 
 
-def test_messages_are_counted_as_single_flights_tell_of_them(scenario: Scenario) -> None:
+def test_messages_are_counted_as_in_single_flights(scenario: Scenario) -> None:
     cell, kinds = Cell.of(scenario, runs=range(3)), {"nees": [], "nis": [], "used": []}
     counts: dict[str, int] = {}
     for run in range(3):
@@ -87,7 +87,7 @@ def test_neither_threads_nor_blocks_change_a_bit(scenario: Scenario) -> None:
     assert together[1].runs["e_p_mean_m"].tobytes() == alone[0].runs["e_p_mean_m"][:5].tobytes()
 
 
-def test_its_row_tells_the_ratio_to_the_bound(scenario: Scenario) -> None:
+def test_its_row_contains_the_ratio_to_the_bound(scenario: Scenario) -> None:
     trajectory = simulate_motion(scenario)
     (_, row, _), (_, _, steps) = compute(trajectory, [CellPlan(scenario=scenario, runs=4, keep_steps=True)])
     assert steps["time_s"].size == row["steps"]

@@ -53,7 +53,7 @@ def flown(folder: Path, *numbers: int, **how: Any) -> Flown:
     return campaign.fly(design, folder, workers=1, quiet=True, **how)
 
 
-def test_rows_come_back_as_they_were_and_in_the_order_asked_for(tmp_path: Path) -> None:
+def test_rows_are_returned_unchanged_in_the_requested_order(tmp_path: Path) -> None:
     found = flown(tmp_path, 3, 2).tasks
     assert list(found) == [3, 2]
     rows = typed(Square, found[3])
@@ -62,7 +62,7 @@ def test_rows_come_back_as_they_were_and_in_the_order_asked_for(tmp_path: Path) 
     assert np.isnan(rows[0].missing)
 
 
-def test_a_single_row_needs_no_list_and_lists_become_arrays(tmp_path: Path) -> None:
+def test_a_single_row_needs_no_list_and_lists_are_read_as_arrays(tmp_path: Path) -> None:
     (row,) = campaign.fly(Design(tasks={"a": partial(alone, 5)}), tmp_path, workers=1, quiet=True).tasks["a"]
     np.testing.assert_array_equal(with_arrays(row)["list"], np.array([0.1, 0.2]))
     assert with_arrays(row)["of"] == 5
@@ -77,7 +77,7 @@ def test_what_is_stored_is_not_computed_again_unless_forced(tmp_path: Path) -> N
     assert CALLS == [3, 2]
 
 
-def test_a_failure_stops_the_study_after_all_else_is_stored_or_is_told_by_name(tmp_path: Path) -> None:
+def test_a_failure_stops_the_study_after_other_results_are_stored_or_is_reported(tmp_path: Path) -> None:
     with pytest.raises(CampaignError, match=r"^no root of -1$"):
         flown(tmp_path, -1, 2)
     CALLS.clear()

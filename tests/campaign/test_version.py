@@ -97,7 +97,7 @@ def test_a_module_that_nothing_imports_does_not_count(tree: Path, unedited: str)
         new.unlink()
 
 
-def test_a_renamed_entry_is_noticed(tree: Path) -> None:
+def test_a_renamed_entry_is_detected(tree: Path) -> None:
     moved = tree / "sim" / "scenario" / "file.py"
     moved.rename(tree / "file.py")
     try:
@@ -107,7 +107,7 @@ def test_a_renamed_entry_is_noticed(tree: Path) -> None:
         (tree / "file.py").rename(moved)
 
 
-def test_whatever_python_loads_for_a_campaign_is_among_the_sources() -> None:
+def test_every_module_loaded_for_a_campaign_is_among_the_sources() -> None:
     """Python's own list of modules is the judge."""
     code = f"import sys, experiments.campaign.campaign\nown = {OWN_PACKAGES!r}\n"
     code += "print(*(m for m in sys.modules if m.partition('.')[0] in own), sep='\\n')\n"

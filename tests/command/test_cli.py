@@ -86,7 +86,7 @@ def test_only_the_tightly_coupled_navigator_is_smoothed(flown: Path) -> None:
 
 
 @pytest.mark.usefixtures("without_report")
-def test_a_vehicle_that_sinks_through_the_floor_is_told(tmp_path: Path) -> None:
+def test_a_vehicle_that_sinks_through_the_floor_is_reported(tmp_path: Path) -> None:
     sunk = ["--set", "leader.excess_buoyancy_n=-100", "--set", "leader.cg_offset_x_m=0.2"]
     shallow = ["--set", "ocean.floor_depth_m=12", *sunk]
     result = CliRunner().invoke(app, ["fly", "T5", *SHORT, *shallow, "--out", str(tmp_path / "sunk")])
@@ -162,13 +162,13 @@ def test_the_ranges_of_a_log_are_taken_apart(flown: Path, tmp_path: Path) -> Non
     ("options", "told"),
     [(["--set", "seed=3"], "--set changes a scenario"), (["--out", "a.xlsx"], "ends in .csv or .parquet")],
 )
-def test_what_cannot_be_taken_apart_is_named(flown: Path, options: list[str], told: str) -> None:
+def test_inputs_without_a_range_budget_are_reported(flown: Path, options: list[str], told: str) -> None:
     result = CliRunner().invoke(app, ["range-budget", str(flown / "first" / "flight.mcap"), *options])
     assert result.exit_code == 2
     assert told in " ".join(result.output.split())
 
 
-def test_the_command_tells_its_version() -> None:
+def test_the_command_prints_its_version() -> None:
     result = CliRunner().invoke(app, ["--version"])
     assert (result.exit_code, result.output) == (0, f"laisn-sim {version('laisn-sim')}\n")
 

@@ -14,7 +14,7 @@ from tests.command.flights import SHORT, WITHOUT_FILM
 
 
 @pytest.mark.usefixtures("without_report")
-def test_without_graphics_a_flight_says_in_one_line_what_its_film_lacks(
+def test_without_graphics_a_flight_prints_one_line_on_the_missing_film(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(graphics, "working", lambda: None)
@@ -48,9 +48,7 @@ def test_a_renderer_that_dies_costs_the_film_alone_and_gives_exit_code_1(
     assert {path.name for path in (tmp_path / "o").iterdir()} == WITHOUT_FILM
 
 
-def test_the_pitch_study_says_at_once_that_there_will_be_no_film(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_pitch_study_reports_a_missing_film_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(graphics, "working", lambda: None)
     monkeypatch.setattr("experiments.studies.asymmetry.study.run", lambda folder, **_: folder / "report.html")
     asked = CliRunner().invoke(app, ["asymmetry", "--film", "--quick", "--out", str(tmp_path)])

@@ -72,7 +72,7 @@ def failing(error: Exception, monkeypatch: pytest.MonkeyPatch) -> Result:
         (OSError(errno.ENOSPC, "No space left on device", "out/a"), "laisn: out/a: No space left on device"),
     ],
 )
-def test_what_a_user_can_mend_is_one_message_and_exit_code_2(
+def test_user_errors_print_one_message_and_exit_with_code_2(
     error: Exception, told: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     result = failing(error, monkeypatch)
@@ -89,7 +89,7 @@ def test_what_a_user_can_mend_is_one_message_and_exit_code_2(
         RecursionError(),
     ],
 )
-def test_a_fault_of_the_program_is_one_line_that_says_where_its_traceback_is(
+def test_internal_errors_print_one_line_with_the_traceback_path(
     error: Exception, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
@@ -108,7 +108,7 @@ def test_a_fault_of_the_program_is_one_line_that_says_where_its_traceback_is(
     assert written.startswith(f"laisn-sim {version('laisn-sim')}, Python ")
 
 
-def test_a_fault_whose_traceback_finds_no_place_is_told_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_internal_errors_are_reported_without_a_writable_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tempfile, "tempdir", "/dev/null")
     result = failing(RuntimeError("from elsewhere"), monkeypatch)
     assert result.exit_code == 1
@@ -146,7 +146,7 @@ def test_warnings_of_libraries_are_shown_to_developers_alone(
     assert result.stderr == ""
 
 
-def test_a_damaged_result_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_damaged_result_is_reported_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def warn(*_: object, **__: object) -> Path:
         warnings.warn("store/a.npz cannot be read and is computed again: it is empty", DamagedResult, stacklevel=2)
         return tmp_path

@@ -28,7 +28,7 @@ def test_the_push_grows_from_the_sensors_range_to_that_of_full_speed(distance: f
         assert push == pytest.approx((-0.6 * speed, -0.8 * speed))
 
 
-def test_who_sees_nobody_is_pushed_nowhere() -> None:
+def test_without_neighbours_the_avoidance_velocity_is_zero() -> None:
     assert away(LAW, np.concatenate([at(np.nan, 0.0)] * 3).view(np.recarray), 1.0) == (0.0, 0.0)
 
 
@@ -40,7 +40,7 @@ def test_pushes_add_up_to_full_speed_at_most() -> None:
 
 
 @pytest.mark.parametrize("closing", [0.4, 1.0, 1.5])
-def test_two_that_close_up_stop_where_the_law_says(closing: float) -> None:
+def test_two_approaching_vehicles_stop_at_the_distance_of_the_law(closing: float) -> None:
     """As points that go as they are told: where 2 w(d) = c, which is R − (R − F) c / 2W, and never nearer."""
     stop = 5.0 - 2.0 * closing / (2 * 0.8)
     apart, least = 12.0, 12.0

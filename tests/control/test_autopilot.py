@@ -252,7 +252,7 @@ def test_a_lost_state_stops_the_flight_where_it_appears():
     assert np.isfinite(caught.value.trajectory.velocity).all()
 
 
-def test_progress_is_told_seldom():
+def test_progress_is_reported_rarely():
     told = []
     simulate(plant(), [northbound()], 100.0, progress=told.append)
     assert told == pytest.approx([0, 50])

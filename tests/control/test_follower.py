@@ -113,7 +113,7 @@ def test_what_is_wanted_changes_no_faster_than_a_hull_can_follow() -> None:
 
 
 @pytest.mark.parametrize(("spread", "aims"), [(0.99, True), (1.01, False), (np.nan, False)])
-def test_who_does_not_know_its_side_goes_parallel(spread: float, aims: bool) -> None:
+def test_a_follower_with_ambiguous_side_goes_parallel(spread: float, aims: bool) -> None:
     deck = Deck(aside=10.0, max_trail_sigma_m=1.0)
     deck.estimate.spread = spread
     deck.tick()

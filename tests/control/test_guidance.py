@@ -83,7 +83,7 @@ def test_the_vehicle_crabs_against_a_current(water, tells, duration):
     assert abs(flown[-1, 0]) < 0.01
 
 
-def test_an_offset_becomes_a_current_within_bounds():
+def test_an_offset_is_converted_to_a_current_within_bounds():
     """Held 1 m to the east it makes 1/400 m/s of it each second; 5 m count as 2 m, and it ends at 1 m/s."""
     row = guidance.reference([NORTHBOUND], np.zeros(1))[0, 0]
     for offset, seconds, expected in ((1.0, 10.0, 0.025), (5.0, 10.0, 0.05), (-5.0, 500.0, -1.0)):

@@ -55,7 +55,7 @@ def planned(waypoints: int) -> LeaderPlan:
     return plan_of(TRACK, ROUTE.time, waypoints, DT)
 
 
-def test_a_message_tells_the_track_until_the_turn_at_its_last_waypoint() -> None:
+def test_a_message_contains_the_track_until_the_turn_at_its_last_waypoint() -> None:
     """A corner of at most 135° is cut at 10°/s, half of it before the waypoint: 6.75 s."""
     one, two = planned(1).until, planned(2).until
     np.testing.assert_allclose(one[1:400], 40.0 - 6.75)

@@ -94,7 +94,7 @@ def test_a_station_stands_behind_and_to_port() -> None:
 
 
 @pytest.mark.parametrize("port", [-30.0, -10.0, 0.0, 10.0, 30.0])
-def test_stations_in_a_turn_ask_no_more_than_can_be_swum(port: float) -> None:
+def test_station_velocities_in_a_turn_stay_within_the_speed_limit(port: float) -> None:
     """A leader turns left by 90° at 10°/s and 1 m/s, in still water."""
     times = np.arange(0.0, 260.0, 0.1)
     course = np.pi / 2 - np.clip((times - 50.0) * np.deg2rad(10.0), 0.0, np.pi / 2)
@@ -125,7 +125,9 @@ def test_stations_in_a_turn_ask_no_more_than_can_be_swum(port: float) -> None:
 
 @pytest.mark.parametrize("pace", [1.0, 2.5])
 @pytest.mark.parametrize("current", [(0.0, 0.0), (0.3, 0.3), (-0.2, 0.1)])
-def test_a_swing_in_no_time_becomes_a_turn_about_the_same_instant(current: tuple[float, float], pace: float) -> None:
+def test_an_instantaneous_swing_is_replaced_by_a_turn_about_the_same_instant(
+    current: tuple[float, float], pace: float
+) -> None:
     """Leader north, then east; a station on the axis passes the corner 20 s later, at 60 s."""
     times = np.arange(0.0, 121.0)
     points = pace * np.column_stack([np.maximum(times - 40.0, 0.0), np.minimum(times, 40.0)])
@@ -190,7 +192,7 @@ def test_what_is_foreseen_is_between_the_envelopes_on_legs_and_in_bends() -> Non
     assert quick > 50
 
 
-def test_a_curve_turns_no_more_than_is_told() -> None:
+def test_the_turn_rate_of_a_curve_is_limited() -> None:
     """Of an S it is told what both bends are together, and little more: directions at 2000 places on it say so."""
     times = np.arange(0.0, 100.0)
     course = np.where(times < 50.0, 0.04 * times, 4.0 - 0.04 * times)
@@ -227,7 +229,7 @@ def test_at_its_station_a_vehicle_goes_as_the_station_does_less_the_current() ->
 
 
 @given(st.floats(-200, 200), st.floats(-200, 200), st.floats(-0.5, 0.5), st.floats(-0.5, 0.5))
-def test_what_is_asked_can_be_swum(x: float, y: float, u: float, v: float) -> None:
+def test_commanded_velocities_are_feasible(x: float, y: float, u: float, v: float) -> None:
     for kind in (CONSTANT_BEARING, ILOS, ALOS):
         target = Target(0.0, 0.0, 1.0, 0.0, 1.0, 0.0)
         east, north, _ = approach(law(law=kind), target, (x, y), (u, v), 0.1, 0.0)
@@ -237,7 +239,7 @@ def test_what_is_asked_can_be_swum(x: float, y: float, u: float, v: float) -> No
 
 
 @pytest.mark.parametrize("kind", [CONSTANT_BEARING, ILOS, ALOS])
-def test_a_point_that_obeys_arrives(kind: int) -> None:
+def test_a_point_that_follows_the_command_arrives(kind: int) -> None:
     """In a cross current that the first law is told and the others are not."""
     current, place, integral = np.array([0.0, 0.3]), np.array([-30.0, 15.0]), 0.0
     settings = law(law=kind)

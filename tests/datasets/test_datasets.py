@@ -148,7 +148,7 @@ def test_what_a_graph_states_of_its_odometry_is_navigated_by(tmp_path: Path) -> 
         ("A1", 12.9, 12.9), ("A1", 13.0, 11.0), ("A2", 10.5, 13.0), ("A2", 11.5, 11.5), ("A2", 13.5, 13.0),
     ],
 )  # fmt: skip
-def test_the_time_of_a_range_is_believed_between_the_poses_beside_its_own(
+def test_the_time_of_a_range_is_used_between_its_neighbouring_poses(
     tmp_path: Path, pose: str, time: float, taken: float
 ) -> None:
     text = "\n".join(line for line in GRAPH.splitlines() if not line.startswith("EDGE_RANGE"))
@@ -183,7 +183,7 @@ def test_a_graph_without_times_goes_by_the_second(tmp_path: Path) -> None:
         ("VERTEX_SE2", "VERTEX_XY:PRIOR", "expected 8"),
     ],
 )
-def test_faults_of_a_graph_are_named(tmp_path: Path, old: str, new: str, words: str) -> None:
+def test_errors_of_a_graph_are_reported(tmp_path: Path, old: str, new: str, words: str) -> None:
     assert old in GRAPH
     with pytest.raises(LaisnError, match=words):
         read_data_set(graph(tmp_path, GRAPH.replace(old, new)))
@@ -199,7 +199,7 @@ def test_a_file_that_crashes_the_library_is_damaged(tmp_path: Path, kind: int) -
         read_data_set(path)
 
 
-def test_faults_of_files_are_named(tmp_path: Path) -> None:
+def test_errors_of_files_are_reported(tmp_path: Path) -> None:
     (tmp_path / "broken.mat").write_bytes(b"no matrix")
     (tmp_path / "binary.pyfg").write_bytes(b"\xff\xfe\x00")
     (tmp_path / "empty.pyfg").write_text("")
@@ -230,7 +230,7 @@ def test_faults_of_files_are_named(tmp_path: Path) -> None:
         ("DR", 1, 1, math.nan, "table DR, row 2: expected numbers within"),
     ],
 )
-def test_faults_of_tables_are_named(
+def test_errors_of_tables_are_reported(
     tmp_path: Path, table: str, row: int, column: int, value: float, words: str
 ) -> None:
     tables = {name: array for name, array in loadmat(PLAZA / "Plaza2.mat").items() if not name.startswith("_")}

@@ -43,9 +43,7 @@ def table(folder: Path, *, delimiter: str = ",", start: float = 5.0, unit: str =
         ({"start": 1.7e9, "scale": 1e9}, "ns"),
     ],
 )
-def test_a_table_is_read_whatever_its_delimiter_and_clock(
-    tmp_path: Path, options: dict[str, float], format_: str
-) -> None:
+def test_a_table_is_read_with_any_delimiter_and_clock(tmp_path: Path, options: dict[str, float], format_: str) -> None:
     found = read_vehicle_table(table(tmp_path, **options))  # type: ignore[arg-type]
     assert found.remarks[0].startswith(f"time{options.get('unit', '')}: time in {format_}, ")
     assert "speed [kn]: speed in kn" in found.remarks
@@ -105,7 +103,7 @@ def test_angles_without_a_unit_have_one_unit(tmp_path: Path) -> None:
         (",2,90.0,5.0,x,,,,,,,", ",2,90.0", "row 1: 3 cells, the header has 12"),
     ],
 )
-def test_faults_of_a_table_are_named(tmp_path: Path, old: str, new: str, words: str) -> None:
+def test_errors_of_a_table_are_reported(tmp_path: Path, old: str, new: str, words: str) -> None:
     path = table(tmp_path)
     path.write_text(path.read_text(encoding="utf-8-sig").replace(old, new, 1), encoding="utf-8")
     with pytest.raises(LaisnError, match=rf"mine\.csv.*{words}"):

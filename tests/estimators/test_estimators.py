@@ -44,7 +44,7 @@ def test_every_error_changes_measurements() -> None:
         Errors(["eco"])
 
 
-def test_ranges_are_late_echoes_or_lost_as_often_as_said() -> None:
+def test_ranges_are_echoes_or_lost_at_the_set_rates() -> None:
     truth, errors = mission("T7", 1.0)
     lost, echoes, total = 0, 0, 0
     for run in range(3):

@@ -116,7 +116,7 @@ def test_a_bound_leaves_open_what_is_estimated_and_lets_it_walk(assume: dict[str
     assert asdict(noise_of(entry.scenario)) == pytest.approx(asdict(TrueNoise()) | expected, rel=1e-12)
 
 
-def test_the_parts_fly_what_the_study_asks() -> None:
+def test_the_parts_fly_the_settings_of_the_study() -> None:
     whole = {part: plan_of(study_of(str(file), {})) for part, file in built_in("estimators").items()}
     assert {part: (len(plan.points), plan.study.runs) for part, plan in whole.items()} == {
         "cases": (7 * 2 * 8, 60), "clock": (2 * 8, 30), "locks": (4, 10_000), "offset": (6 * 4, 30),
@@ -194,7 +194,7 @@ def test_the_record_has_every_part(page: tuple[Findings, str]) -> None:
     assert "bound G7 5" in record.findings
 
 
-def test_the_page_tells_all_of_it(page: tuple[Findings, str]) -> None:
+def test_the_page_contains_all_results(page: tuple[Findings, str]) -> None:
     record, text = page
     for words in ("At sea", "Model errors", "An unknown clock", "Wrong settings", "A leader that weaves",
                   "Route by route", "Trial run"):  # fmt: skip

@@ -96,7 +96,7 @@ def test_positions_between_steps_lie_on_the_line_between_them(flight):
     assert_allclose(trail[-1], states[2].others[0])
 
 
-def test_a_moment_knows_its_message(flight):
+def test_a_frame_state_has_its_message(flight):
     data = FilmData(flight, errors_of(flight), 4.0)
     assert [data.at(t).message[0] for t in (0.5, 1.0, 1.95, 2.0, 60.0)] == [-1, 0, 0, 1, 59]
 
@@ -223,7 +223,7 @@ def test_pitch_errors_are_those_of_a_tilted_hull(example):
             assert found[message, i] == pytest.approx(used - right, abs=1e-9)
 
 
-def test_both_minds_hear_the_same_and_the_colour_bar_holds_every_error(example):
+def test_both_navigators_receive_the_same_and_the_colour_bar_covers_every_error(example):
     flight, added = asymmetry_film.scene(example)
     told = example.flight.trajectory.time[example.step]
     assert flight.trajectory.time[0] <= told <= flight.trajectory.time[-1]

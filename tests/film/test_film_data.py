@@ -22,7 +22,7 @@ def test_a_moment_interpolates_truth_and_estimate(flight):
     assert np.isnan(data.at(0.0).position_error[0])
 
 
-def test_rays_are_one_at_the_ping_fade_and_are_absent_where_nothing_was_heard(flight):
+def test_rays_are_one_at_the_ping_fade_and_are_absent_without_reception(flight):
     data = FilmData(flight, errors_of(flight), 1.0)
     np.testing.assert_allclose(data.at(5.0).ray[0], 1.0)
     fading = [data.at(5.0 + dt).ray[0, 0] for dt in (0.0, 0.3, 0.6, 0.9)]

@@ -58,7 +58,7 @@ def test_the_nearest_pair_is_found() -> None:
     np.testing.assert_array_equal(pair, points[[1, 3]])
 
 
-def test_the_overlay_draws_rings_and_says_how_far_off() -> None:
+def test_the_overlay_draws_rings_and_prints_the_distance() -> None:
     """On a black picture a ring is bright in the colour of stations, and the labels tell distances."""
     flight = in_formation()
     data = film_data_of(flight, 1)

@@ -43,7 +43,7 @@ def test_a_library_that_is_not_installed_is_called_so(monkeypatch):
     assert graphics._examine("osmesa") == graphics.Backend("osmesa", False, "its library is not installed")
 
 
-def test_a_child_imports_our_modules_whatever_the_working_directory_holds(tmp_path):
+def test_a_child_imports_the_packages_modules_in_any_working_directory(tmp_path):
     for name in ("models", "sim", "json"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").write_text("raise RuntimeError('the wrong module')")

@@ -88,7 +88,7 @@ def test_a_picture_from_below_is_turned_upright() -> None:
     assert (ours.pixels[..., 3] == 255).all()
 
 
-def test_colours_become_those_of_television() -> None:
+def test_colours_are_converted_to_bt709() -> None:
     """ITU-R BT.709 in limited range, as the stream says: a decoder that goes by it finds the colours again."""
     colours = [(255, 255, 255), (0, 0, 0), (255, 64, 217), (255, 242, 64), (9, 66, 92)]
     rgba = np.zeros((128, 160, 4), np.uint8)
@@ -196,7 +196,7 @@ def test_a_curve_shows_the_whole_mission_and_its_cursor_the_present() -> None:
     assert x < pulses[0] < pulses[1] < x + width
 
 
-def test_a_fleet_is_told_apart_on_the_map() -> None:
+def test_vehicles_of_a_fleet_are_distinct_on_the_map() -> None:
     """Vehicles a few metres apart on a mission of a kilometre: the map follows them, north up."""
     flight = make_flight(60.0, 3)
     truth = flight.trajectory
@@ -220,7 +220,7 @@ def test_a_fleet_is_told_apart_on_the_map() -> None:
 
 
 @pytest.mark.parametrize("distance", [3.0, 17.0, 240.0])
-def test_a_scale_bar_is_as_long_as_the_camera_sees_its_metres(distance: float) -> None:
+def test_a_scale_bar_has_the_projected_length_of_its_metres(distance: float) -> None:
     flight = make_flight(5.0)
     overlay = Overlay(FilmData(flight, errors_of(flight), 20.0), Video())
     notes = overlay.canvas = Notebook()

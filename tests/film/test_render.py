@@ -40,7 +40,7 @@ def test_other_impossible_wishes_are_refused(flight, tmp_path):
         render.still(flight, 60.5, tmp_path / "still.png", errors=errors, video=small())
 
 
-def test_without_graphics_one_message_says_what_to_install(flight, tmp_path, monkeypatch):
+def test_without_graphics_one_message_reports_what_to_install(flight, tmp_path, monkeypatch):
     monkeypatch.setattr(graphics, "working", lambda: None)
     with pytest.raises(render.RenderError, match=r"no graphics library works here.*apt-get install") as told:
         render.render(flight, tmp_path / "film.mp4", errors=errors_of(flight), video=small())
@@ -147,7 +147,7 @@ def film(flight, tmp_path_factory):
 
 
 @needs_graphics
-def test_the_film_is_what_was_asked_for_whatever_the_workers(flight, film, tmp_path):
+def test_the_film_has_the_requested_format_for_any_number_of_workers(flight, film, tmp_path):
     shares, (one, _), two = [], film, tmp_path / "two.mp4"
     render.render(flight, two, errors=errors_of(flight), video=small(**FILMED), workers=2, progress=shares.append)
     assert one.read_bytes() == two.read_bytes()

@@ -53,7 +53,7 @@ def test_stations_are_near_within_three_sigma_of_both(
     assert [event.time_s for event in uncertainty_events(known)] == ([pytest.approx(0.1)] if near else [])
 
 
-def test_stations_nearer_than_three_sigma_are_told() -> None:
+def test_stations_nearer_than_three_sigma_are_reported() -> None:
     table = {
         "name": "s",
         "duration_s": 20.0,
@@ -77,7 +77,7 @@ def test_a_shape_stands_for_its_followers() -> None:
         validate(beside, "test")
 
 
-def test_a_leader_that_followers_cannot_keep_up_with_is_named() -> None:
+def test_a_leader_too_fast_for_followers_is_reported() -> None:
     table = {
         "name": "s",
         "duration_s": 100.0,
@@ -88,7 +88,7 @@ def test_a_leader_that_followers_cannot_keep_up_with_is_named() -> None:
         validate(table, "test", feasibility._leader_too_fast)
 
 
-def test_who_gives_way_is_told_with_its_first_time_and_how_long() -> None:
+def test_avoidance_is_reported_with_first_time_and_duration() -> None:
     """One of two abreast closes up at 0.5 m/s from 10.1 m: within 5 m after 10.2 s, as the look at 10.5 s shows."""
     flight = make_flight(20.0, 2)
     table = {

@@ -71,7 +71,7 @@ def test_a_flight_that_fails_leaves_the_earlier_one_and_nothing_else(folder: Pat
 
 
 @pytest.mark.parametrize("log", [LOG, partial_path(Path(LOG)).name])
-def test_a_log_that_was_begun_is_kept_and_named(folder: Path, log: str) -> None:
+def test_an_incomplete_log_is_kept_and_reported(folder: Path, log: str) -> None:
     before = contents(folder)
     with pytest.raises(KeyboardInterrupt) as raised:
         fly(folder, "new", (log,), KeyboardInterrupt)
@@ -84,7 +84,7 @@ def test_a_log_that_was_begun_is_kept_and_named(folder: Path, log: str) -> None:
     assert contents(folder) == dict.fromkeys(FILES, "whole") | {"notes.txt": "mine"}
 
 
-def test_a_first_flight_that_fails_speaks_of_no_earlier_one(tmp_path: Path) -> None:
+def test_a_failed_first_flight_mentions_no_earlier_one(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt) as raised:
         fly(tmp_path / "T5", "new", (), KeyboardInterrupt)
     assert raised.value.__notes__ == ["nothing of this flight is kept"]
@@ -117,7 +117,7 @@ def test_an_interrupt_between_any_two_moves_leaves_the_earlier_flight(
     }
 
 
-def test_no_instant_sees_files_of_two_flights(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_of_two_flights_never_coexist(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A crash may come between any two moves."""
     replace, seen = os.replace, []
 

@@ -164,7 +164,7 @@ def test_the_page_names_the_cause_of_the_asymmetry():
                                   "error, depth measurement.")  # fmt: skip
 
 
-def test_a_follower_that_hears_nothing_has_no_budget():
+def test_a_follower_without_receptions_has_no_budget():
     flight = make_flight(30.0)
     deaf = replace(flight.measurements[0], ranges=np.full_like(flight.measurements[0].ranges, np.nan))
     found = range_budget_page.values(replace(flight, measurements=(deaf,)))

@@ -84,7 +84,7 @@ def test_the_summary_names_those_that_came_nearest(flight: Flight) -> None:
         assert summary[f"closest_{what}_s"] == pytest.approx(trajectory.time[apart[pair].argmin()], abs=0.11)
 
 
-def test_captures_are_told_when_they_begin_and_end(flight: Flight) -> None:
+def test_captures_are_reported_at_start_and_end(flight: Flight) -> None:
     """The second follower's estimate is mirrored in the leader's axis from 10 s to 15 s, and from 28 s on."""
     steps = flight.step_index()
     time, leader = flight.trajectory.time[steps], flight.trajectory.position[steps, 0, :2]
@@ -103,7 +103,7 @@ def test_captures_are_told_when_they_begin_and_end(flight: Flight) -> None:
     assert {event.source for event in events} == {"follower2"}
 
 
-def test_who_leaves_its_water_is_told_once(flight: Flight) -> None:
+def test_leaving_the_water_is_reported_once(flight: Flight) -> None:
     """The leader rises above the surface at 12 s, the first follower sinks below the floor at 20 s, and both again."""
     trajectory = flight.trajectory
     position, time = trajectory.position.copy(), trajectory.time

@@ -48,7 +48,7 @@ def estimates_of(flight: Flight) -> TightEstimates:
     return estimates
 
 
-def test_a_scenario_says_the_same_by_default_as_the_settings_do() -> None:
+def test_a_scenario_has_the_defaults_of_the_settings() -> None:
     """The scenario's σ of everything, in its units, are those of `TightSettings`."""
     one, flown = scenario(), fly(scenario())[0]
     made = navigation_settings(one, flown.trajectory, 0)
@@ -131,7 +131,7 @@ def test_its_log_gives_the_same_flight_to_the_bit(flight: Flight, errors: list[A
     assert bits(reader.read(tmp_path / "a.mcap")) == bits(flight)
 
 
-def test_a_mixture_that_lacks_a_message_is_noticed(flight: Flight, tmp_path: Path) -> None:
+def test_a_mixture_that_lacks_a_message_is_detected(flight: Flight, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     writer.write(flight, path)
     parts = Parts.of(path.read_bytes())
@@ -192,7 +192,7 @@ def _parts(flight: Flight, errors: list[Any]) -> list[str]:
     return [part.y_label for part in over_time.parts]
 
 
-def test_the_report_draws_bound_and_weights_and_says_what_was_found(flight: Flight, errors: list[Any]) -> None:
+def test_the_report_draws_bound_and_weights_and_prints_results(flight: Flight, errors: list[Any]) -> None:
     assert _parts(flight, errors)[-2:] == ["fixes", "weights"]
     names = [row[1].text for row in final_states(flight)]
     assert names == ["log_bias_m_s", "compass_bias_deg", "range_scale_m"]

@@ -32,7 +32,7 @@ def test_the_farthest_station_is_measured_from_the_farther_transmitter() -> None
     assert reach_m(formation()) == pytest.approx(50.0)
 
 
-def test_who_only_listens_shares_the_channel_and_who_asks_does_not() -> None:
+def test_passive_followers_share_the_channel_and_interrogating_ones_do_not() -> None:
     scenario = formation(acoustics={"sound_speed_m_s": 1500.0})
     bits, way = message_bits(scenario), 50.0 / 1500.0
     assert shortest_interval_s(scenario, 80.0) == pytest.approx(bits / 80.0 + way)

@@ -176,7 +176,7 @@ def test_rules_quote_the_conditions_that_they_name() -> None:
     assert f"{shares['laisn-3-2']} with LAISN-3(2), and {shares['calm']} with the tightly coupled" in said
 
 
-def test_a_trial_run_is_named(flown: list[Any], tmp_path: Path) -> None:
+def test_a_trial_run_is_reported(flown: list[Any], tmp_path: Path) -> None:
     whole = run_built_in("formation", tmp_path).read_text(encoding="utf-8")
     quick = run_built_in("formation", tmp_path, quick=True).read_text(encoding="utf-8")
     assert "Trial run" in quick
@@ -198,7 +198,7 @@ def test_the_figure_has_a_mark_for_each_condition_from_above(findings: Findings)
 
 
 @pytest.mark.parametrize("command", [["formation"], ["study", "formation"]])
-def test_the_command_flies_what_it_is_told_and_names_the_page(
+def test_the_command_flies_its_arguments_and_prints_the_page(
     flown: list[Any], tmp_path: Path, command: list[str]
 ) -> None:
     usual = {"workers": None, "force": False, "cluster": None}

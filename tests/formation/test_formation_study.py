@@ -67,7 +67,7 @@ def test_numbers_of_a_title_are_those_of_its_condition(condition: Entry) -> None
     assert PLAN.runs_of(condition).step == (5 if "50 followers" in title else 1)
 
 
-def test_conditions_say_what_their_titles_say() -> None:
+def test_conditions_match_their_titles() -> None:
     def made(name: str, run: int = 0) -> Scenario:
         return CONDITIONS[name].scenario_at(run)
 

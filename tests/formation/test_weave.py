@@ -33,7 +33,7 @@ def test_a_straight_leader_is_straight_ahead() -> None:
 
 
 @pytest.mark.parametrize("amplitude", [2.0, 5.0, 10.0])
-def test_a_weave_costs_what_a_bessel_function_says(amplitude: float) -> None:
+def test_a_weave_costs_the_value_of_a_bessel_function(amplitude: float) -> None:
     """The mean of cos(a sin φ) over a period is J₀(a)."""
     assert longer(amplitude) == pytest.approx(1.0 / j0(np.deg2rad(amplitude)) - 1.0, rel=1e-9)
 

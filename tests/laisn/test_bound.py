@@ -70,7 +70,7 @@ def test_a_scalar_random_walk_reaches_the_riccati_equations_fixed_point() -> Non
     assert north == pytest.approx(0.5 * (np.sqrt(q * q + 4 * q * r) - q), rel=1e-6)
 
 
-def test_on_the_axis_of_two_transmitters_only_the_average_says_anything_aside() -> None:
+def test_on_the_axis_of_two_transmitters_only_the_mean_range_has_information() -> None:
     arms = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
     noise = replace(KNOWN, speed_sigma=0.0, start=3.0)
     geometry = at_rest(20, (0.0, -40.0), arms)
@@ -214,7 +214,7 @@ def test_the_average_is_over_the_positions_that_the_bound_itself_allows() -> Non
     assert np.abs(at_truth / expected - 1.0).max() > 1e-3
 
 
-def test_noise_is_that_of_the_papers_sensors_unless_said_otherwise() -> None:
+def test_noise_is_that_of_the_papers_sensors_by_default() -> None:
     """Section 3.1: |N(0, 2°)| has σ = 2° √(1 − 2/π), a uniform error of 0.01 m has 0.01/√12; drawn many times here."""
     rng = np.random.default_rng(4)
     noise = TrueNoise()
@@ -254,7 +254,7 @@ def test_a_bias_that_wanders_moves_the_position_by_its_integral() -> None:
 
 
 @pytest.mark.parametrize("lag", [0.0, 1.5, 10.0])
-def test_messages_that_say_nothing_change_nothing(lag: float) -> None:
+def test_messages_without_information_change_nothing(lag: float) -> None:
     """A way in one piece or in two, and biases that wander on it: the same covariances of all that they share."""
     noise = TrueNoise(speed_walk=0.02, heading_walk=0.03, current=0.3, current_walk=0.01, start=0.5)
     arms = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.3, 0.0]])
@@ -284,7 +284,7 @@ def test_smoothing_is_least_squares_over_all_messages_that_come_in_time(lag: flo
         assert found[step - 1] == pytest.approx(np.linalg.inv(joint)[step, step], rel=1e-6)
 
 
-def test_the_leaders_way_tells_the_current_in_proportion_to_its_time() -> None:
+def test_information_on_the_current_grows_with_the_time_of_the_leader_track() -> None:
     """A scalar Kalman filter of place and current: 5 s of the leader's way have twice the variance of 10 s."""
     sigma, before = 0.05, 0.4
     noise = replace(KNOWN, speed_sigma=0.0, current=before, leader_way_sigma=sigma, leader_heading_bias=0.1)
@@ -309,7 +309,7 @@ def test_the_leaders_way_tells_the_current_in_proportion_to_its_time() -> None:
     np.testing.assert_allclose(position_bound(told, noise)[49], np.diag([east, north]), rtol=1e-9, atol=1e-12)
 
 
-def test_the_leaders_way_tells_its_compass_apart_from_a_current_that_is_none() -> None:
+def test_without_current_the_leader_track_observes_its_compass_bias() -> None:
     """East at v, heard at right angles: b_L has 1/σ² + T v²/10 σ_c², and the ranges to two transmitters no more."""
     sigma, bias, v = 0.05, 0.1, 1.2
     noise = replace(

@@ -186,7 +186,7 @@ def test_the_update_along_a_line_is_the_textbook_one(seed: int, sigma: float) ->
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_a_range_that_arrives_alone_is_used_if_the_settings_say_so(variant: Variant) -> None:
+def test_a_single_range_is_used_if_the_settings_allow_it(variant: Variant) -> None:
     """With a log that reads a tenth too much, one beacon keeps the distance right; the paper drifts off it."""
     measurements, place = passage(None, lost=(1, 2))
     fast = replace(measurements, speed=np.full(400, 1.1))
@@ -220,7 +220,7 @@ def test_one_range_alone_does_not_close_the_gate_on_the_way_across() -> None:
     np.testing.assert_allclose(navigator.state[:2], there, atol=0.1)
 
 
-def test_compiled_lanes_refuse_what_they_do_not_know() -> None:
+def test_compiled_lanes_refuse_unknown_settings() -> None:
     measurements, _ = passage(None)
     far = replace(SETTINGS, transmitter_offsets=((0.0, 0.0, 0.0), (9.0, 0.0, 0.0)))
     for settings in (replace(SETTINGS, use_single_range=True), far):

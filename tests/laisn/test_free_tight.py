@@ -61,7 +61,7 @@ def test_offsets_from_a_leader_are_places_in_its_messages_for_the_tightly_couple
     np.testing.assert_allclose(placed.state, tight(replace(measurements, message=turned)).state, rtol=0, atol=1e-9)
 
 
-def test_a_range_to_a_place_that_nobody_knows_counts_as_not_received() -> None:
+def test_a_range_to_an_unknown_position_counts_as_not_received() -> None:
     measurements, _ = passage(None)
     assert measurements.transmitters is not None
     places, ranges = measurements.transmitters.copy(), measurements.ranges.copy()
@@ -71,7 +71,7 @@ def test_a_range_to_a_place_that_nobody_knows_counts_as_not_received() -> None:
     np.testing.assert_array_equal(unplaced.state, tight(replace(measurements, ranges=ranges)).state)
 
 
-def test_what_the_tightly_coupled_navigator_and_its_campaigns_cannot_take_is_said() -> None:
+def test_inputs_unsupported_by_the_tightly_coupled_navigator_are_reported() -> None:
     measurements, _ = passage(None)
     assert measurements.transmitters is not None
     with pytest.raises(LaisnError, match="whom no compass of a leader turns"):

@@ -28,7 +28,7 @@ def test_bound_at_the_measured_speed() -> None:
     assert gate.bound(10, 1.2) == pytest.approx(12.0)
 
 
-def test_what_can_just_be_reached_is_believed() -> None:
+def test_a_fix_at_the_reachable_limit_is_accepted() -> None:
     """Three metres east and four north are five, which 5 m/s cover in the second that has passed."""
     gate = opened(Point(1.0, 2.0), gate="v-max", follower_speed_max=5.0, dt=1.0)
     assert gate.passes(Point(4.0, 6.0), 1, 0.0)

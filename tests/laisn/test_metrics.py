@@ -48,7 +48,7 @@ def test_consistency_of_known_covariances() -> None:
 
 
 @pytest.mark.parametrize(("shorter", "expected"), [(2e-4, 1.0), (1e-5, np.nan), (0.0, np.nan)])
-def test_an_ellipse_that_rounding_may_have_flattened_says_nothing(shorter: float, expected: float) -> None:
+def test_an_ellipse_flattened_by_rounding_is_not_used(shorter: float, expected: float) -> None:
     """An error along the long axis, of 1 m; a determinant that rounding made negative makes no negative square."""
     turn = np.array([[0.6, -0.8], [0.8, 0.6]])
     covariance = np.zeros((3, 4, 4))

@@ -99,7 +99,7 @@ def test_the_key_of_its_results_holds_its_source(folder: Path) -> None:
         ({"navigation.own.curent_east_m_s": 1.0}, "has no curent_east; it has: current_east, current_north"),
     ],
 )
-def test_what_it_lacks_is_named(changes: dict[str, object], expected: str) -> None:
+def test_missing_methods_are_reported(changes: dict[str, object], expected: str) -> None:
     with pytest.raises(LaisnError) as error:
         laisn_sim.load("reckoned.toml", changes)
     assert expected in str(error.value)
@@ -245,7 +245,7 @@ def test_the_key_of_a_result_holds_the_source_of_its_sensors(folder: Path) -> No
         ({"sensor": "inverted_usbl"}, r"sensors.own\[0\].sensor"),
     ],
 )
-def test_what_a_sensor_lacks_is_named(own: dict[str, object], expected: str) -> None:
+def test_missing_methods_of_a_sensor_are_reported(own: dict[str, object], expected: str) -> None:
     with pytest.raises(LaisnError, match=expected):
         laisn_sim.load("usbl.toml", {"sensors.own": [own]})
 

@@ -129,7 +129,7 @@ def test_the_filter_on_one_way_travel_times_is_filterpys_on_one_range() -> None:
 
 
 @pytest.mark.parametrize("method", [RangeFilter, OneWayTravelTime])
-def test_a_follower_at_rest_knows_its_place_as_a_mean_of_ranges_does(method: type[DeadReckoning]) -> None:
+def test_a_follower_at_rest_has_the_covariance_of_a_mean_of_ranges(method: type[DeadReckoning]) -> None:
     """Of n ranges from due north, biases known: variance of the northing 1 / (1 / σ₀² + n / σ²)."""
     settings = RivalSettings(range_scale_sigma=0.0, range_sigma=0.5, start_sigma=2.0, speed_sigma=0.0, **EXACT_LOG)
     navigator = method(settings, np.zeros(4))

@@ -66,7 +66,7 @@ def test_how_many_transmitters_there_are() -> None:
         TightSettings(transmitters=3, transmitter_offsets=offsets)
 
 
-def test_nothing_but_the_sensors_is_assumed_unless_said_otherwise() -> None:
+def test_only_sensor_noise_is_assumed_by_default() -> None:
     """docs/tight.md: an exact leader, no drift, no current, no offsets."""
     assert Assume() == Assume(exact_leader=True, drift=False, current=False, offsets=False)
     assert TightSettings().assume == Assume()

@@ -135,7 +135,7 @@ def test_two_places_are_two_where_twice_their_spreads_do_not_meet(half: float, l
     assert out.to_likelier == pytest.approx((0.8 * half * leans, 0.0))
 
 
-def test_the_follower_whose_covariance_is_not_positive_definite_is_told() -> None:
+def test_a_covariance_that_is_not_positive_definite_is_reported() -> None:
     steps, starts = shared_voyage()
     together = mission.new_tight_swarm(replace(ALL_OF_2, dt=DT), starts)
     together.beliefs[1].covariance[:] = -np.eye(12)

@@ -113,7 +113,7 @@ def test_hypotheses_in_one_place_that_differ_in_b_l_stay_two() -> None:
         assert belief.alive == alive
 
 
-def test_how_much_readings_scatter_is_learnt_from_all_legs_and_is_at_most_what_the_settings_say() -> None:
+def test_compass_scatter_is_estimated_from_all_legs_and_limited_by_the_settings() -> None:
     belief, model = made()
     for step, error in enumerate(0.1 * ERRORS):
         average_leader_heading(belief, model, message(step, COURSE + error))

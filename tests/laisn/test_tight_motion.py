@@ -245,7 +245,7 @@ def test_a_blend_has_the_moments_of_two_gaussians() -> None:
 
 
 @pytest.mark.parametrize("exact", [True, False])
-def test_a_leaders_way_tells_the_current_as_filterpy_has_it(exact: bool) -> None:
+def test_the_leader_track_updates_the_current_as_filterpy_does(exact: bool) -> None:
     settings = TightSettings(assume=Assume(exact_leader=exact, current=True))
     model = model_of(settings)
     belief = new_belief(settings, model, (0.0, 0.0))
@@ -278,7 +278,7 @@ def test_a_leaders_way_tells_the_current_as_filterpy_has_it(exact: bool) -> None
 
 
 @pytest.mark.parametrize(("turn", "says"), [(0.19, True), (0.21, False), (-0.21, False), (2 * np.pi, True)])
-def test_a_leader_that_turns_says_nothing_of_the_current(turn: float, says: bool) -> None:
+def test_a_turning_leader_does_not_update_the_current(turn: float, says: bool) -> None:
     """The way between two messages is known on a leg that is nearly straight, to 0.2 rad."""
     settings = TightSettings(assume=Assume(current=True))
     model = model_of(settings)

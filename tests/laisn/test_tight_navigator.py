@@ -127,7 +127,7 @@ def test_online_steps_a_run_and_a_compiled_loop_agree_to_the_bit(assume: Assume,
     assert found.outcome.squared.tobytes() == result.nis.tobytes()
 
 
-def test_errors_are_as_large_as_the_covariance_says_and_as_small_as_the_bound() -> None:
+def test_errors_match_the_covariance_and_approach_the_bound() -> None:
     mission, runs = Mission(steps=3000), 40
     rng = np.random.default_rng(11)
     setting = TightSettings()
@@ -200,7 +200,7 @@ RANGES = Ranges(20.0, 21.0, 20.5)
         (OWN, MESSAGE, RANGES._replace(rear=1e9), "ranges .* expected 0"),
     ],
 )
-def test_broken_measurements_are_named_and_leave_the_estimate_alone(
+def test_invalid_measurements_are_reported_and_leave_the_estimate_unchanged(
     own: OwnMotion, message: LeaderMessage | None, ranges: Ranges | None, says: str
 ) -> None:
     navigator = TightNavigator(TightSettings(), np.array([0.0, 0.0, 1.0, 0.0]))
@@ -231,7 +231,7 @@ def test_lost_ranges_and_messages_widen_the_covariance() -> None:
     np.testing.assert_allclose(silent.state[-1], lost.state[-1], atol=0.02)
 
 
-def test_sides_are_told_heaviest_first_and_the_truth_is_on_one_of_them() -> None:
+def test_hypotheses_are_output_heaviest_first_and_one_is_at_the_truth() -> None:
     """A follower dead astern, which two transmitters on the axis cannot tell from its mirror image."""
     mission = Mission(steps=600)
     angle = mission.leader_heading[0]
@@ -261,7 +261,7 @@ def test_single_ranges_keep_an_estimate_that_one_transmitter_alone_gives() -> No
     assert np.hypot(*off.T).max() < 5.0
 
 
-def test_estimates_and_settings_say_what_is_wrong() -> None:
+def test_invalid_estimates_and_settings_are_reported() -> None:
     with pytest.raises(ValueError, match="transmitters is 4, expected 2 or 3"):
         TightSettings(transmitters=4)
     with pytest.raises(ValueError, match="range_sigma is 0"):

@@ -194,7 +194,7 @@ def test_covariances_along_a_straight_way_north_are_those_of_its_integrals() -> 
         )
 
 
-def test_what_is_foretold_knows_of_turns_and_of_both_drifts() -> None:
+def test_the_prediction_includes_turns_and_both_drifts() -> None:
     """A turn gives a drifting compass 3 % of itself, and the drift changes its mode 0.004 times a second."""
     turn, steps = 0.5, 20
     settings = TightSettings(assume=Assume(drift=True, deviation=True))
@@ -215,7 +215,7 @@ def test_what_is_foretold_knows_of_turns_and_of_both_drifts() -> None:
     ("assume", "transmitters", "known"),
     [(Assume(), 3, True), (Assume(), 2, True), (EVERYTHING, 3, True), (Assume(), 3, False)],
 )
-def test_errors_shrink_and_the_covariance_knows(assume: Assume, transmitters: int, known: bool) -> None:
+def test_smoothing_reduces_errors_and_covariance_consistently(assume: Assume, transmitters: int, known: bool) -> None:
     """Over runs with noise and biases as the settings say: less error and less covariance, and a NEES near 2.
 
     An unknown start stays unknown until the first message.

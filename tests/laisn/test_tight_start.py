@@ -60,9 +60,7 @@ def test_a_single_range_does_not_begin_a_belief() -> None:
 
 @pytest.mark.parametrize("shift", [0.0, 300.0])
 @pytest.mark.parametrize("transmitters", [2, 3])
-def test_an_unknown_start_is_found_among_beacons_wherever_the_leader_says_it_is(
-    transmitters: int, shift: float
-) -> None:
+def test_an_unknown_start_is_found_among_beacons_for_any_leader_position(transmitters: int, shift: float) -> None:
     """Exact ranges of beacons 200 m apart: the place at once, or with two of them both sides until the way tells."""
     measured, place = passage(None)
     message = measured.message.copy()

@@ -75,7 +75,7 @@ def test_same_flight_same_bytes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("type_", [*CORE, PLACED_RECEPTION, ERROR], ids=lambda t: t.name)
-def test_rows_are_what_protobuf_says(type_: RecordType) -> None:
+def test_rows_match_protobuf(type_: RecordType) -> None:
     """Zeros included, which protobuf itself would leave out."""
     random = np.random.default_rng(1)
     n = 50
@@ -151,7 +151,7 @@ def test_poses_transforms_and_errors_are_the_flight(flight: Flight, written: Pat
     assert (state.pitch, state.depth, state.thrust_main) == (t.pitch[100, 0], t.depth[100, 0], t.thrust[100, 0, 0])
 
 
-def test_log_lines_tell_kinds_events_and_outcome(flight: Flight, written: Path) -> None:
+def test_log_lines_list_kinds_events_and_outcome(flight: Flight, written: Path) -> None:
     lines = messages(written, "/log")
     kinds = flight.estimates[0].fix_kind
     assert sum("gross error" in line.message for line in lines) == np.count_nonzero(kinds == FixKind.GATED)

@@ -165,7 +165,7 @@ def test_a_flight_whose_start_or_end_was_cut_is_refused_but_its_measurements_are
         ("/follower1/motion", "/follower1/motion are not at the times of a flight, without a gap"),
     ],
 )
-def test_a_missing_message_of_a_flight_is_noticed(whole: bytes, tmp_path: Path, topic: str, text: str) -> None:
+def test_a_missing_message_of_a_flight_is_detected(whole: bytes, tmp_path: Path, topic: str, text: str) -> None:
     def drop(parts: Parts) -> None:
         places = [i for i, item in enumerate(parts.messages) if item[1].topic == topic]
         del parts.messages[places[len(places) // 2]]

@@ -44,7 +44,7 @@ def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
                 reader(tmp_path / name)
 
 
-def test_no_flipped_bit_is_believed(flight: Flight, written: Path, tmp_path: Path) -> None:
+def test_every_flipped_bit_is_detected(flight: Flight, written: Path, tmp_path: Path) -> None:
     """Damage is refused with one line; what stands behind the data section and was damaged changes no flight."""
     whole, random = written.read_bytes(), np.random.default_rng(2)
     footer = len(whole) - 8 - 29

@@ -124,7 +124,7 @@ def test_rerun_draws_transforms_poses_positions_lines_and_film(written: Path, tm
         assert column in columns
 
 
-def test_a_recording_without_reruns_package_says_what_to_install(
+def test_a_recording_without_reruns_package_reports_what_to_install(
     written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)

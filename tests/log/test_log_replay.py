@@ -118,7 +118,7 @@ def test_gaps_are_named_and_bridged_up_to_a_bound(tmp_path: Path) -> None:
     assert read_recording(write_rows(tmp_path / "b.mcap", cruise([0, 30, 60.1]), [one_ping(40.0)]), "auv").remarks == ()
 
 
-def test_what_cannot_be_used_is_left_out_and_named(tmp_path: Path) -> None:
+def test_unusable_records_are_dropped_and_reported(tmp_path: Path) -> None:
     motion = cruise(0.1 * np.arange(100))
     motion[10] = (motion[10][0], {"speed": np.nan, "heading": 0.0, "depth": 5.0})
     motion[20] = (motion[19][0], {"speed": 2.0, "heading": 0.0, "depth": 5.0})

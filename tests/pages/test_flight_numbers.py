@@ -66,14 +66,14 @@ def test_the_table_of_details_has_each_figure_under_its_head(tmp_path: Path) -> 
     assert len(heads) == 7
 
 
-def test_what_a_page_says_of_its_flight_are_its_settings(flight: Flight) -> None:
+def test_a_page_lists_the_settings_of_its_flight(flight: Flight) -> None:
     scenario = flight.scenario.model_copy(update={"seed": 5, "run": 7})
     told = dict(_facts(dataclasses.replace(flight, scenario=scenario), {}))
     assert (told["Seed, run"], told["Flown"], told["Motion"]) == ("5, 7", "20 s", "physics")
     assert told["Filter step, message interval"] == "0.1 s, 1 s"
 
 
-def test_a_capture_is_told_with_its_share_of_the_mission(flight: Flight) -> None:
+def test_a_capture_is_reported_with_its_share_of_the_mission(flight: Flight) -> None:
     steps = flight.step_index()
     heading, leader = flight.trajectory.heading[steps, 0], flight.trajectory.position[steps, 0, :2]
     truth, (found,) = flight.hydrophone(0)[:, :2], flight.estimates
@@ -89,7 +89,7 @@ def test_a_capture_is_told_with_its_share_of_the_mission(flight: Flight) -> None
     assert found_failures["not_finite"] == []
 
 
-def test_causes_are_told_in_centimetres_by_their_root_mean_square() -> None:
+def test_causes_are_reported_in_centimetres_rms() -> None:
     """A lever arm of ±3 cm at the rear and ∓1 cm at the front in turns, an echo of 1 m once at the rear."""
     share = np.zeros((4, 3, len(Cause)))
     share[:, 0, Cause.LEVER_ARM] = [0.03, -0.03, 0.03, -0.03]
@@ -105,7 +105,7 @@ def test_causes_are_told_in_centimetres_by_their_root_mean_square() -> None:
     np.testing.assert_allclose(panel.parts[0].lines[0].y, [-4.0, 4.0, -4.0, 4.0])
 
 
-def test_beliefs_of_sensors_are_told_in_degrees_where_they_are_angles(flight: Flight) -> None:
+def test_assumed_sensor_angles_are_reported_in_degrees(flight: Flight) -> None:
     names = ("east_m", "north_m", "log_bias_m_s", "compass_bias_rad", "leader_compass_bias_rad")
     found = object.__new__(TightEstimates)
     told: dict[str, Any] = {

@@ -155,7 +155,7 @@ def test_a_flight_that_failed_has_notices(tmp_path, monkeypatch):
     assert Outcome.DIVERGED.value in html
 
 
-def test_a_flight_that_contact_ended_says_who_touched(tmp_path):
+def test_a_flight_ended_by_contact_reports_the_pair(tmp_path):
     """Hulls of two synthetic followers are put into one place for the last instants."""
     flight = make_flight(30.0, 2)
     position = flight.trajectory.position.copy()

@@ -52,7 +52,7 @@ def test_a_page_is_whole_escaped_and_always_the_same():
     assert "prefers-color-scheme: dark" in html
 
 
-def test_a_page_says_what_it_was_made_with():
+def test_a_page_lists_its_software_versions():
     """The packages' own words are the judge."""
     [footer] = re.findall(r"<footer>(.*?)</footer>", page.render(sample_page()))
     packages = {"MuJoCo": mujoco, "NumPy": np, "SciPy": scipy, "Numba": numba}

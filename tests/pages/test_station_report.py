@@ -68,7 +68,7 @@ def test_best_and_worst_keeper_and_the_nearest_pair_are_named() -> None:
     assert f"horizontally leader and follower1, {level:.1f} m" in text
 
 
-def test_who_got_lost_is_named() -> None:
+def test_lost_followers_are_reported() -> None:
     near, far = steady(0.3, 0.5)
     far[far.size // 2 :] = 10.5
     assert "follower2 is lost." in text_of(kept((near, far)))
@@ -76,7 +76,7 @@ def test_who_got_lost_is_named() -> None:
     assert "none is lost." in text_of(kept((near, far)))
 
 
-def test_who_gave_way_is_named_with_the_time_that_it_took() -> None:
+def test_avoidance_is_reported_with_its_duration() -> None:
     """The second follower stands 9.6 m behind the first, and for the last 20 s of a minute 4.9 m, 0.4 m to its side."""
     n = make_flight(60.0, 2).trajectory.time.size
     flight = kept(steady(0.0, 0.4))

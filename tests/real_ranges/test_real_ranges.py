@@ -121,7 +121,7 @@ def test_the_record_has_the_median_the_worst_and_all() -> None:
     }  # fmt: skip
 
 
-def test_ranges_are_told_by_their_scale_and_what_it_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_range_errors_are_reported_as_scale_and_residual(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every range 3 % too long, and in turns 0.5 m too long and too short; the robot drives 1 m/s east."""
     time = np.arange(0.0, 100.0)
     truth = np.column_stack([time, time, np.zeros(100), np.zeros(100)])

@@ -97,7 +97,7 @@ def test_a_claim_holds_up_to_the_edge_of_its_criterion(number: int, figure: Figu
         (8, "muD0.3", TWO, "0.3 m over 0.1 m: {}"),
     ],
 )
-def test_ratios_are_told_with_their_median_and_the_missions_at_both_ends(
+def test_ratios_are_reported_with_their_median_and_extreme_missions(
     number: int, setting: str, variants: tuple[str, ...], said: str
 ) -> None:
     found = judged(number, on_routes(setting, variants, 3.0, 0.5, 1.2, 1.4, 1.6, 1.8, 2.0, 2.2))
@@ -131,7 +131,7 @@ def test_followers_abeam_are_held_against_the_others() -> None:
     assert judged(1, top(0.9, 0.5), kept).verdict == "depends"
 
 
-def test_the_heading_claim_says_how_much_a_line_explains() -> None:
+def test_the_heading_claim_reports_the_explained_variance_of_a_line() -> None:
     distance = dict(zip(ROUTES, (40.0, 55.0, 75.0, 76.0, 38.0, 47.0, 41.0, 77.0), strict=True))
     error = dict(zip(ROUTES, (4.0, 5.0, 8.0, 7.0, 4.5, 4.0, 5.0, 7.5), strict=True))
 

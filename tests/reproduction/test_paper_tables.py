@@ -112,7 +112,7 @@ def test_alternatives_are_held_against_the_rows_that_they_are_like() -> None:
     assert row[3].tone == "ratio-high3"
 
 
-def test_rows_that_are_far_off_are_told_with_what_is_known() -> None:
+def test_deviating_rows_are_reported_with_known_causes() -> None:
     mirror_locked = figures(3.0, mirror_locked_runs=6, e_p_mean_unlocked_m=1.5)
     # 2.0 times as much is far off, 1.99 times is not
     found = made(

@@ -92,7 +92,7 @@ SAID = {
 
 
 @pytest.mark.parametrize("setting", settings.SETTINGS, ids=lambda setting: setting.name)
-def test_a_setting_is_what_its_title_says_in_the_stage_of_its_table(setting):
+def test_a_setting_matches_its_title_in_the_stage_of_its_table(setting):
     found = settings.columns(setting)
     told = {column: float(m[1]) for words, column in SAID.items() if (m := re.search(words, setting.title))}
     assert told

@@ -40,7 +40,7 @@ def accepted(table: dict[str, Any]) -> Scenario | None:
 
 @settings(max_examples=200, deadline=None)
 @given(SEEDS, st.sampled_from((0.0, 0.01, 0.3)))
-def test_every_scenario_that_is_accepted_becomes_a_plant(seed: int, wild: float) -> None:
+def test_every_accepted_scenario_builds_a_plant(seed: int, wild: float) -> None:
     scenario = accepted(absurd.table(seed, wild))
     if scenario is not None:
         Plant(setups_of(scenario, routes_of(scenario)), ocean_of(scenario), scenario.timing.physics_step_s)
@@ -125,7 +125,7 @@ POINTS = 4_000
     ],
     ids=range(14),
 )
-def test_a_file_full_of_nonsense_is_told_on_a_screen(content: bytes, told: str, tmp_path: Path) -> None:
+def test_errors_of_a_nonsense_file_fit_on_a_screen(content: bytes, told: str, tmp_path: Path) -> None:
     path = tmp_path / "own.toml"
     path.write_bytes(content)
     with pytest.raises(ScenarioError) as caught:

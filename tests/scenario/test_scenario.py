@@ -100,7 +100,7 @@ def test_a_fault_names_file_key_and_expectation(change: dict[str, Any], expected
     assert expected in str(caught.value)
 
 
-def test_all_faults_are_told_at_once() -> None:
+def test_all_errors_are_reported_at_once() -> None:
     table = {**MINIMAL, "seed": -1, "duration_s": 0.0, "wind": 3}
     with pytest.raises(ScenarioError, match="3 errors"):
         scenario_file.validate(table, "mine.toml")
@@ -144,7 +144,7 @@ def test_what_cannot_be_flown_names_file_and_key(assignments: list[str], expecte
     assert fault.startswith(f"  {expected}")
 
 
-def test_files_that_cannot_be_read_are_told(tmp_path: Path) -> None:
+def test_unreadable_files_are_reported(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match=r"No such file"):
         scenario_file.read(tmp_path / "none.toml")
     broken = tmp_path / "broken.toml"
@@ -155,7 +155,7 @@ def test_files_that_cannot_be_read_are_told(tmp_path: Path) -> None:
         library.load("T1", ())
 
 
-def test_formations_broadcast_attitude_where_no_key_says_otherwise() -> None:
+def test_formations_broadcast_attitude_by_default() -> None:
     station, shape = {"station": {"behind_m": 9.0, "depth_m": 9.0}}, {"shape": {"kind": "line", "count": 2}}
     for table, expected in (
         ({"followers": [{"route": "T2"}]}, (False, False)),
@@ -267,7 +267,7 @@ CURRENT = {"ocean": {"current_profile": [[0, 0, 0], [10, 0.2, 0]]}}
         ({**DIVE, "leader": DIVING}, []),
     ],
 )
-def test_what_navigators_cannot_cope_with_is_named(change: dict[str, Any], expected: list[str]) -> None:
+def test_settings_unsupported_by_navigators_are_reported(change: dict[str, Any], expected: list[str]) -> None:
     found = cautions(Scenario(**{**MINIMAL, **change}))
     assert len(found) == len(expected)
     assert all(text in line for text, line in zip(expected, found, strict=True))

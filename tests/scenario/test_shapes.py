@@ -33,7 +33,7 @@ def places(kind: Kind, count: int, **told: Any) -> Floats:
                (1 / math.sqrt(5), -4 / math.sqrt(5)), (2 / math.sqrt(5), 6 / math.sqrt(5))]),
     ],
 )  # fmt: skip
-def test_five_followers_stand_as_the_shape_says(kind: Kind, expected: list[tuple[float, float]]) -> None:
+def test_five_followers_have_the_offsets_of_the_shape(kind: Kind, expected: list[tuple[float, float]]) -> None:
     found = places(kind, 5, spacing_m=8.0, behind_m=15.0)
     np.testing.assert_allclose((found[:, :2] - [15.0, 0.0]) / 8.0, expected, atol=1e-6)
 

@@ -174,7 +174,7 @@ def test_images_of_images_are_the_sources():
 ECHOES = SensorErrors(surface_echo_probability=0.2, bottom_echo_probability=0.05)
 
 
-def test_echoes_come_as_often_as_asked_and_on_their_own():
+def test_echoes_occur_at_the_set_rate_independently():
     steps = np.arange(1, 200_001)
     path = locked_path(1, 0, 0, steps, ECHOES)
     for kind, chance in ((Path.SURFACE, 0.2), (Path.BOTTOM, 0.05), (Path.DIRECT, 0.75)):
@@ -206,7 +206,7 @@ def test_loss_has_the_rate_and_the_bursts_of_the_chain():
     assert received(1, 0, 0, steps, SensorErrors()).all()
 
 
-def test_pings_from_beyond_the_maximum_range_are_not_heard():
+def test_pings_from_beyond_the_maximum_range_are_not_received():
     trajectory = make_trajectory((50.0, 0.0, -8.0))
     ranges = observe(trajectory, make_scenario(Acoustics(max_range_m=50.0))).slant_range
     assert np.isnan(ranges[:, REAR]).all()

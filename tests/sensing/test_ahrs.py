@@ -60,7 +60,7 @@ def test_a_hull_that_turns_to_port_seems_to_heel_to_starboard() -> None:
     assert apparent_tilt(circling)[1:] == pytest.approx(np.tile([rise, heel], (199, 1)), abs=1e-12)
 
 
-def test_the_sensor_knows_no_future() -> None:
+def test_the_sensor_is_causal() -> None:
     rng = np.random.default_rng(2)
     rough = moved(rng.normal(size=(60, 3)), attitude.from_euler(0.3, *(0.1 * rng.normal(size=(2, 60)))))
     past = replace(

@@ -62,7 +62,7 @@ def test_perfect_instruments_read_pitch_and_the_rates_of_the_hull() -> None:
     assert read(sensor_model_of(scenario(0.0, 0.0)), 1)[0] == pytest.approx([PITCH, RATES[2], RATES[1]])
 
 
-def test_instruments_err_as_much_as_the_scenario_says_and_each_on_its_own() -> None:
+def test_sensor_errors_have_the_scenarios_deviations_and_are_independent() -> None:
     n = 2000
     found = read(sensor_model_of(scenario(0.5, 0.1)), n)
     sigma = np.deg2rad([0.5, 0.1, 0.1])

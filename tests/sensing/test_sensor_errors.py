@@ -96,7 +96,7 @@ def test_ranges_follow_equation_28(truth: MissionTruth, transmitters: int, centr
     assert measured.ranges == pytest.approx(expected, abs=1e-13, nan_ok=True)
 
 
-def test_followers_hear_the_same_leader(truth: MissionTruth) -> None:
+def test_followers_receive_the_same_leader_readings(truth: MissionTruth) -> None:
     errors = SensorErrors(
         leader_speed_bias=0.1, leader_heading_bias=0.05, leader_heading_sigma=0.02,
         leader_depth_sigma=0.3, leader_tilt_sigma=0.01,

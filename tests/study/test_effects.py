@@ -77,7 +77,7 @@ def test_sampled_ranges_have_their_sobol_indices(design: str) -> None:
     assert INTERACTIONS not in found
 
 
-def test_nothing_is_said_of_a_single_factor_nor_of_what_never_varies(factorial: Plan) -> None:
+def test_a_single_factor_and_constant_columns_are_not_discussed(factorial: Plan) -> None:
     assert main_effects(factorial, results_of(factorial, lambda *_: 3.0), "e_p_mean_m") == {}
     one = plan_of(of_table(TABLE | {"vary": {"leader.depth_m": [5.0, 7.0]}}, "mine.toml", "mine"))
     assert main_effects(one, results_of(one, lambda y, _: y), "e_p_mean_m") == {}

@@ -249,7 +249,7 @@ def test_what_is_not_feasible_is_reported_with_its_points():
         ({"points": 8}, "points belongs to"),
     ],
 )
-def test_a_fault_is_told_with_its_key(changes, told):
+def test_an_error_is_reported_with_its_key(changes, told):
     with pytest.raises(StudyError, match=told):
         plan_of(study(**changes))
 
@@ -306,7 +306,7 @@ UNTIL = {"batch": 20, "until": {"metric": "e_p_mean_m", "half_width": 0.1, "most
         ),
     ],
 )
-def test_a_wrong_number_of_runs_is_told_with_its_key(changes, told):
+def test_a_wrong_number_of_runs_is_reported_with_its_key(changes, told):
     assert told in refused(**changes)
 
 
@@ -399,7 +399,7 @@ def test_followers_on_stations_are_judged_by_the_estimates_that_steered_them(var
     assert len({row["gated"] for row in rows}) > 1, "the mission cannot tell"
 
 
-def test_a_mission_that_cannot_be_flown_is_named_and_the_others_go_on(tmp_path, monkeypatch):
+def test_an_infeasible_mission_is_reported_and_the_others_continue(tmp_path, monkeypatch):
     from experiments.campaign import missions
     from experiments.campaign.store import CampaignError
 
@@ -425,7 +425,7 @@ def test_options_vary_a_scenario_without_a_file(tmp_path):
     assert [r["leader.baseline_m"] for r in pq.read_table(tmp_path / RESULTS).to_pylist()] == [1.0, 2.0]
 
 
-def test_a_dry_run_says_what_a_study_takes_and_leaves_nothing(tmp_path, monkeypatch):
+def test_a_dry_run_prints_the_cost_of_a_study_and_writes_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("mine.toml").write_text(SMALL)
     result = CliRunner().invoke(app, ["study", "mine.toml", "--dry-run"])

@@ -166,7 +166,7 @@ def test_a_run_that_contact_ended_is_the_first_to_look_at(plan: Plan, results: R
         (np.where(np.arange(40) < 10, np.arange(40.0), np.nan), "more"),
     ],
 )
-def test_the_widest_interval_asks_for_more_runs_where_too_few_are_whole(
+def test_the_widest_interval_suggests_more_runs_where_too_few_are_complete(
     results: Results, values: Any, expected: str
 ) -> None:
     """Runs that are all alike need no more; ten that contact left, which differ, have no interval yet."""
@@ -240,7 +240,7 @@ def test_three_factors_are_answered_by_their_shares_of_the_variance_and_many_pla
     assert [float(row[-1].sort) for row in answer.rows] == pytest.approx(values[:30] + values[-30:])
 
 
-def test_the_design_is_told_with_its_numbers(page: Page) -> None:
+def test_the_design_is_reported_with_its_numbers(page: Page) -> None:
     ((text, table),) = (section.blocks for section in page.sections if section.title == "Design")
     assert isinstance(text, Text)
     assert isinstance(table, Table)
@@ -388,7 +388,7 @@ def test_maps_of_arms_have_one_scale() -> None:
         Figure(light(panel.figure))
 
 
-def test_keys_are_named_in_words_with_their_units() -> None:
+def test_keys_have_titles_with_units() -> None:
     for key, label, setting in (
         ("leader.excess_buoyancy_n", "leader's excess buoyancy [N]", "leader's excess buoyancy 2.5 N"),
         ("followers.1.depth_m", "follower 2's depth [m]", "follower 2's depth 2.5 m"),

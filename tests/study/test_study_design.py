@@ -59,7 +59,7 @@ def test_a_sampled_design_has_one_point_in_every_stratum_of_every_factor(design)
         ({"from": 0, "to": 1, "steps": 2, "step": 1}, "unknown step"),
     ],
 )
-def test_a_factor_that_is_none_says_what_was_expected(given, told):
+def test_an_invalid_factor_is_reported_with_the_expectation(given, told):
     with pytest.raises(ValueError, match=told):
         Factor.of("x", given)
 
@@ -111,7 +111,7 @@ def test_draws_of_keys_seas_and_seeds_are_independent():
         ({"choice": 3}, "list"),
     ],
 )
-def test_a_draw_that_is_none_says_what_was_expected(given, told):
+def test_an_invalid_draw_is_reported_with_the_expectation(given, told):
     with pytest.raises(ValueError, match=told):
         Draw.of("x", given)
 

@@ -31,7 +31,7 @@ def test_few_seas_have_the_interval_of_student():
     assert 2.0 - found.low == pytest.approx(4.3027 / math.sqrt(3), rel=1e-4)
 
 
-def test_one_sea_alone_says_nothing_of_others():
+def test_one_realization_gives_no_spread_between_realizations():
     assert math.isnan(over_realizations(np.array([1.0])).low)
 
 

@@ -111,7 +111,7 @@ def by_name(rows: list[Row]) -> dict[tuple[str, str], Row]:
     return {(row.name, row.against): row for row in rows}
 
 
-def test_times_of_navigation_are_told_for_a_step_of_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_times_of_navigation_are_reported_per_step_of_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every work takes 3 s: of 300 steps of one run, of 2000 steps of 60 runs, or of five times as many."""
     monkeypatch.setattr(benchmarks, "least_time", lambda *_: 3.0)
     monkeypatch.setattr(peak, "least_time", lambda *_: 3.0)
@@ -149,7 +149,7 @@ def test_times_of_the_tightly_coupled_navigator_are_held_against_laisn_2_and_the
     assert ("tight, 2 transmitters, all states, messages every 5 s", "aim") not in found
 
 
-def test_times_of_physics_are_told_for_a_step_of_a_fleet(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_times_of_physics_are_reported_per_step_of_a_fleet(monkeypatch: pytest.MonkeyPatch) -> None:
     """In turns 0.1 s of MuJoCo, 0.05 s of what a step needs of it, 0.2 s with water and 0.25 s with autopilots."""
     monkeypatch.setattr(mission, "FLEETS", {1: 100.0})
     times = iter([0.1, 0.05, 0.2, 0.25])
@@ -162,7 +162,7 @@ def test_times_of_physics_are_told_for_a_step_of_a_fleet(monkeypatch: pytest.Mon
     assert found["real-time factor"][1:4] == pytest.approx((400.0, "x", 400.0 / mission.AIMS[1]))
 
 
-def test_a_closed_loop_is_told_beside_the_solver_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_closed_loop_is_reported_beside_the_solver_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """0.2 s of MuJoCo, 0.1 s of the closed loop, 0.16 s of one with sensors, 3 s of a whole run."""
     monkeypatch.setattr(formation, "SWARMS", {10: 100.0})
     monkeypatch.setattr(formation, "least_times", lambda *_: [0.2, 0.1, 0.16])
@@ -178,7 +178,7 @@ def test_a_closed_loop_is_told_beside_the_solver_alone(monkeypatch: pytest.Monke
     assert {f.layer_m for f in formation.swarm(50, 1.0).followers} == {10.0}
 
 
-def test_a_log_is_told_in_thousand_messages_and_megabytes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_log_is_reported_in_thousand_messages_and_megabytes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mission, "fly", lambda _: (synthetic.make_flight(5.0), None))
     monkeypatch.setattr(mission, "least_time", lambda work, _: (work(), 0.5)[1])
     monkeypatch.setattr(mission.writer, "write", lambda _, path, **__: path.write_bytes(bytes(2_500_000)))

@@ -25,7 +25,7 @@ def off_by(flight: Flight, error: Floats) -> Flight:
     return replace(flight, estimates=(replace(estimates, state=state),))
 
 
-def test_flights_are_told_by_errors_and_places(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_flights_are_compared_by_errors_and_positions(monkeypatch: pytest.MonkeyPatch) -> None:
     """The follower is 0.35 rad behind on a circle of 69 m about the centre of the leader's, which is 60 m wide."""
     whole = synthetic.make_flight(660.0)
     time = whole.trajectory.time[whole.step_index()]

@@ -105,7 +105,7 @@ def test_propeller_has_thrust_and_torque_of_its_coefficients() -> None:
 
 @pytest.mark.parametrize("name", ADDED)
 @pytest.mark.parametrize("speed", [0.6, 1.2, 2.0])
-def test_states_give_the_forces_they_are_asked_for(name: str, speed: float) -> None:
+def test_states_give_the_requested_forces(name: str, speed: float) -> None:
     for one in plant_of(name).effectors[0]:
         low, high = effectors.reach(one, RHO, speed)
         for force in np.linspace(low, high, 9):
@@ -145,7 +145,7 @@ def test_state_follows_the_command_with_the_lag_of_the_mjcf() -> None:
     np.testing.assert_allclose(plant.thrust[0], [25.4167, 0.261799, 0.261799, -0.261799, -0.261799], rtol=1e-4)
 
 
-def test_allocation_by_stern_fins_gives_the_moments_asked_for() -> None:
+def test_allocation_by_stern_fins_gives_the_requested_moments() -> None:
     plant = plant_of("remus100")
     own = plant.effectors[0]
     slow, fast = (
@@ -250,7 +250,7 @@ def test_bluerov_has_the_steady_speeds_of_thrust_against_drag() -> None:
     assert abs(plant.twist[0, 5]) == pytest.approx(rate, rel=0.01)
 
 
-def test_lauv_turns_as_its_balances_say() -> None:
+def test_lauv_turns_as_its_balances_predict() -> None:
     """The steady turn of surge, sway and yaw, solved from the equations of uuv_simulator on their own.
 
     Roll, pitch and the height of the fins are left out of them.

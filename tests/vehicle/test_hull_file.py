@@ -137,7 +137,7 @@ def expected_matrices() -> dict[str, Floats]:
     return {"added_mass": added, "linear": linear, "quadratic": square}
 
 
-def test_an_sdf_file_becomes_a_hull_with_its_coefficients() -> None:
+def test_an_sdf_file_is_converted_to_a_hull_with_its_coefficients() -> None:
     file, remarks = from_sdf(SDF)
     text = file.xml()
     assert remarks == []

@@ -130,7 +130,7 @@ def test_hull_left_in_a_beam_sea_does_not_run_ahead() -> None:
     assert abs(tank.pose[0]) < 0.06
 
 
-def test_cross_flow_drag_does_not_know_the_direction_of_a_round_hull() -> None:
+def test_cross_flow_drag_of_a_round_hull_is_independent_of_direction() -> None:
     rotated = []
     for roll in (0.0, 0.6):
         tank = Tank(hull(60.0, [1, 10, 10], cross_flow_drag=[1.1, 1.1], strip_area=0.3), Ocean.calm(), 0.02)
@@ -139,7 +139,7 @@ def test_cross_flow_drag_does_not_know_the_direction_of_a_round_hull() -> None:
     np.testing.assert_allclose(*rotated, atol=1e-9)
 
 
-def test_drag_takes_energy_out_whatever_the_motion() -> None:
+def test_drag_dissipates_energy_for_any_motion() -> None:
     rng = np.random.default_rng(0)
     for name in ("leader", "follower"):
         wet = Tank(models.path(name).read_text(), Ocean.calm(), 0.02)

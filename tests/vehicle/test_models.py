@@ -47,7 +47,7 @@ THRUSTERS = ("thruster_main", "thruster_lateral_bow", "thruster_lateral_stern", 
 
 
 @pytest.mark.parametrize("name", VEHICLES)
-def test_thrusters_push_where_their_names_say(name: str) -> None:
+def test_thrusters_push_in_the_direction_of_their_names(name: str) -> None:
     model = mujoco.MjModel.from_xml_path(str(models.path(name)))
     assert tuple(model.actuator(i).name for i in range(model.nu)) == THRUSTERS
     data = mujoco.MjData(model)
@@ -146,7 +146,7 @@ def test_setup_edits_the_vehicle() -> None:
     assert model.geom("floor").pos[2] + model.hfield_size[0, 2] * model.hfield_data.max() == pytest.approx(-77.0)
 
 
-def test_setup_faults_are_named() -> None:
+def test_setup_errors_are_reported() -> None:
     with pytest.raises(ValueError, match="unknown model 'boat'"):
         compose([VehicleSetup(name="a", model="boat", position_m=(0, 0, 0))])
     with pytest.raises(ValueError, match=r"a: the model 'follower' has no site 'tx_rear'"):

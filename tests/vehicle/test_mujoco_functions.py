@@ -35,7 +35,7 @@ def _in_turn(stages: tuple[int, ...], model: int, data: int, times: int) -> None
             call(stage, model, data)
 
 
-def test_compiled_code_moves_what_python_sees() -> None:
+def test_compiled_code_moves_the_data_of_python() -> None:
     """A ball falls by MuJoCo's semi-implicit Euler: after n steps it is g dt² n (n + 1) / 2 lower."""
     model, data = falling()
     _in_turn(*find(model, data), 100)

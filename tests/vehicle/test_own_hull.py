@@ -85,7 +85,7 @@ def test_an_actuator_whose_site_is_missing_is_named() -> None:
     (FOLLOWER.replace('density="0"', 'density="1026"'), "<option density='1026'> is the sea's to say: 0"),
     (FOLLOWER.replace('density="0"', 'wind="9 0 0"'), "<option wind='9 0 0'> is the sea's to say: leave it out"),
 ])  # fmt: skip
-def test_a_hull_that_cannot_swim_is_told_why(text: str, told: str) -> None:
+def test_an_unusable_hull_is_refused_with_the_reason(text: str, told: str) -> None:
     assert text != FOLLOWER
     faults = faults_of(text, "follower")
     assert any(told in fault for fault in faults), faults

@@ -68,7 +68,7 @@ def test_autopilots_go_by_the_model():
     )
 
 
-def test_an_autopilot_holds_its_speed_with_drag_that_it_does_not_know():
+def test_an_autopilot_holds_its_speed_with_unknown_drag():
     scenario = load("T5", ["duration_s=120", "leader.drag_scale=1.4"])
     more, usual = (missions.simulate_mission(s) for s in (scenario, load("T5", ["duration_s=120"])))
     speeds = [np.hypot(*t.velocity[-300:, 0, :2].T).mean() for t in (more, usual)]
