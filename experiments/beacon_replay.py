@@ -23,7 +23,7 @@ class _Beacons(Section):
     """What is known of odometry and ranges; keys that are not given follow the medium."""
 
     medium: Literal["auto", "air", "water"] = Field(
-        "auto", description="what ranges are measured through; auto: tries both, and believes the likelier one"
+        "auto", description="what ranges are measured through; auto: computes both and takes the likelier one"
     )
     outlier_probability: Annotated[float, Field(gt=0, lt=1)] | None = Field(None, description="chance of a wrong range")
 
@@ -131,9 +131,9 @@ def _settings(recorded: Replayable, given: Beacons, medium: str) -> BeaconSettin
 
 
 def among_beacons(recorded: Replayable, given: Beacons) -> tuple[Estimates, str]:
-    """What the navigator among beacons makes of it, and the medium that it was believed in.
+    """Estimates of the navigator among beacons, and the medium that was assumed.
 
-    Where that is open, every medium is tried: the one in which the ranges are the likeliest is believed.
+    Where that is open, every medium is computed, and the one in which the ranges are the likeliest is taken.
     """
     best: tuple[float, Estimates, str] | None = None
     for medium in MEDIA if given.medium == "auto" else (given.medium,):

@@ -16,7 +16,7 @@ from laisn.arrays import Bools, Floats
 CONFIDENCE = 0.95
 """Confidence of every interval that is printed."""
 FEWEST_RUNS = 20
-"""Fewer runs say too little of their skewness: such an interval is not given."""
+"""Fewer runs do not determine their skewness: no interval is given."""
 
 
 class Interval(NamedTuple):
@@ -105,8 +105,8 @@ def mean_interval(values: Floats, counted: Bools | None = None, confidence: floa
 def difference_of_shares(differences: Floats, confidence: float = CONFIDENCE) -> Interval:
     """Mean over runs of paired differences of outcomes that are 0 or 1, or of a combination of such, within −1 … 1.
 
-    The adjusted Wald interval of Bonett & Price (J. Educ. Behav. Stat. 37, 2012): a run that speaks for either side is
-    added, so that outcomes which no run had are not taken for impossible.
+    The adjusted Wald interval of Bonett & Price (J. Educ. Behav. Stat. 37, 2012): a run that is decisive for either
+    side is added, so that outcomes which no run had are not taken for impossible.
 
     Args:
         differences: of each run, shape (R,).

@@ -77,7 +77,7 @@ def _own_folder(version: Path) -> Path:
 
 
 def find_folder() -> Path | None:
-    """Folder for the code of these sources, below one that nobody but this user can enter; None if there is none."""
+    """Folder for the code of these sources, below one that only this user can enter; None if there is none."""
     home = os.environ.get("XDG_CACHE_HOME", "")
     try:
         place = (Path(home) if os.path.isabs(home) else Path.home() / ".cache") / "laisn-sim" / "compiled"

@@ -25,7 +25,7 @@ from laisn.tight.settings import TightSettings
 
 
 class AnyNavigator(Protocol):
-    """Whatever turns the measurements of a mission into estimates."""
+    """A navigator: converts the measurements of a mission into estimates."""
 
     def run(self, measurements: Measurements) -> Estimates:
         """Estimates of a whole mission from the start."""

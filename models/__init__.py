@@ -1,4 +1,4 @@
-"""Vehicles and ocean in MuJoCo's XML (MJCF), and the one place that knows where they lie."""
+"""Vehicles and ocean in MuJoCo's XML (MJCF), and the paths of their files."""
 
 from pathlib import Path
 

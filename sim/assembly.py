@@ -107,7 +107,7 @@ def routes_of(scenario: Scenario) -> tuple[Route, ...]:
     """Routes of all vehicles, the leader's first; of a follower on a station, its start and straight on from there.
 
     Raises:
-        ValueError: a route is unknown or asks for more than the vehicle can do; names vehicle and waypoint.
+        ValueError: a route is unknown or infeasible for the vehicle; names vehicle and waypoint.
     """
     leader = route_of(scenario.leader, "leader")
     return (

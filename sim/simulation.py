@@ -29,7 +29,7 @@ from sim.water.ocean import Water, water_velocity
 TICK = CONTROL_STEP_S
 """Interval of guidance, autopilot and recording [s]."""
 NAVIGATION_FAILED = -1
-"""Fault of a navigator; the number of its follower, from 1, is given with it."""
+"""Code of a failed navigator; the number of its follower, from 1, is given with it."""
 _PROGRESS_TICKS = 500
 
 
@@ -78,7 +78,7 @@ class RouteControl(NamedTuple):
     autopilot: Records
     """Of AUTOPILOT_MEMORY, shape (v,)."""
     command: Floats
-    """Thrust asked of each effector, shape (v, m), [N]."""
+    """Commanded thrust of each effector, shape (v, m), [N]."""
 
     @compiled
     def control(self, k: int, truth: Truth) -> int:

@@ -276,5 +276,5 @@ def test_keywords_replace_settings_of_a_study_key_by_key() -> None:
     )
     assert (found.runs, dict(found.settings)) == (5, {"duration_s": 30})
     assert [(f.key, f.values) for f in found.factors] == [("leader.baseline_m", (1, 2)), ("followers.0.depth_m", (9,))]
-    with pytest.raises(laisn_sim.LaisnError, match="T5 is a scenario: say what to --vary"):
+    with pytest.raises(laisn_sim.LaisnError, match="T5 is a scenario: give --vary"):
         study_of("T5", {})

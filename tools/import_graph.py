@@ -35,7 +35,7 @@ def statements(body: Iterable[ast.AST]) -> Iterator[ast.AST]:
 
 @cache
 def import_statements(path: Path) -> tuple[tuple[ast.Import | ast.ImportFrom, bool], ...]:
-    """All imports of a source, as it was when it was first asked for, and whether each stands within a function."""
+    """All imports of a source, as of the first call, and whether each stands within a function."""
     tree = ast.parse(path.read_bytes()).body
     functions = [node for node in statements(tree) if isinstance(node, ast.FunctionDef)]
     late = {id(node) for function in functions for node in statements(function.body)}

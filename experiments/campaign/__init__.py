@@ -2,7 +2,7 @@
 
 Takes a design of scenarios with numbers of runs, and of tasks; gives rows, each computed once and kept under a key of
 everything that made it, with the version of the code. Results depend neither on workers nor on interruptions. It must
-not know what a study wants to show: no page, no figure, no claim.
+not depend on the purpose of a study: no page, no figure, no claim.
 
 Imports: laisn sim
 """

@@ -25,8 +25,8 @@ def noise_of(scenario: Scenario, follower: int = 0) -> TrueNoise:
     """What is truly random in a scenario; of biases, what `navigation.assume` states as known before the mission.
 
     Leader's compass, current, transmitters' offsets and the clock are unknown only where the scenario has such errors,
-    or has them estimated: a bound on those who know less would be too high. Biases that are assumed to drift, an
-    estimated current and the clock walk as the navigator assumes.
+    or has them estimated: a bound for estimators with less prior information would be too high. Biases that
+    are assumed to drift, an estimated current and the clock walk as the navigator assumes.
     """
     own, sensors, acoustics = scenario.sensors_of(follower), scenario.sensors, scenario.acoustics
     assume, estimated = scenario.navigation.assume, scenario.navigation.settings().estimated
@@ -70,7 +70,7 @@ def geometry_of(
         scenario: of the mission.
         follower: its index, 0 for the first.
         received: of which of the m messages each ping arrived, shape (m, 3); None: all did.
-        transmitters: how many are used; None: as many as the follower listens to.
+        transmitters: how many are used; None: as many as the follower uses.
     """
     dt = scenario.timing.filter_step_s
     stride = round(dt / CONTROL_STEP_S)

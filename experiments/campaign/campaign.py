@@ -252,7 +252,7 @@ def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpa
     pool = Pool(len(os.sched_getaffinity(0)) if workers is None else workers, cluster)
     store, facts = Store(folder, force=options.get("force", False)), design.facts
     keys = {name: key_of(task) for name, task in design.tasks.items()}
-    # of plans of the same cell, one that keeps what any of them asks for
+    # of plans of the same cell, one that keeps what any of them requests
     plans = {plan.key: plan for plan in sorted(design.cells, key=lambda plan: plan.keep_steps)}.values()
     cells = [plan for plan in plans if not store.has(*plan.keys)]
     measured = {plan.motion: [key_of(facts, plan.motion)] for plan in plans} if facts else {}

@@ -95,7 +95,7 @@ def simulate_mission(scenario: Scenario) -> Trajectory:
     try:
         trajectory = simulate_motion(motion_of(scenario))
     except (EndedError, PlantError) as error:
-        # They carry the motion so far, which no process can hand to another: what they say is what counts.
+        # They carry the motion so far, which no process can hand to another: only their text is compared.
         raise CampaignError(f"mission {scenario.name!r}: {error}") from None
     if not np.all(np.isfinite(trajectory.position)):
         raise CampaignError(f"mission {scenario.name!r}: the simulation left finite numbers")

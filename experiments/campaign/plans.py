@@ -169,7 +169,7 @@ def steps_of(cell: Cell) -> Arrays:
 
 
 def compute(trajectory: Trajectory, plans: Sequence[CellPlan], threads: int = 1) -> list[Result]:
-    """Compute cells of one mission: the row and the arrays over runs of each and, where asked for, over steps."""
+    """Compute cells of one mission: the row and the arrays over runs of each and, on request, over steps."""
     results = list[Result]()
     behind = {level: missions.Mission(plans[0].scenario, leveled(trajectory) if level else trajectory)
               for level in {plan.level_leader for plan in plans}}  # fmt: skip

@@ -128,7 +128,7 @@ def handle_signals() -> None:
 
 
 def run(app: typer.Typer) -> None:
-    """Run the command; exit code 1 if nobody reads standard output any more, 2 if it cannot be written."""
+    """Run the command; exit code 1 if standard output is closed, 2 if it cannot be written."""
     handle_signals()
     for name in ("COLUMNS", "LINES"):
         # 0 columns: there is no terminal, and rich would print nothing

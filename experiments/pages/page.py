@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from experiments.findings import Finding
 
 _SHOWN_VERSIONS = {"python": "Python", "mujoco": "MuJoCo", "numpy": "NumPy", "scipy": "SciPy", "numba": "Numba"}
-"""Libraries that shape numbers, by name; the page says with which versions it was made."""
+"""Libraries that shape numbers, by name; the page lists their versions."""
 _SHORT = 44
 """Text of a table cell up to this length stays on one line."""
 EMBEDDED_FILM_BYTES = 600_000

@@ -2,7 +2,7 @@
 
 Takes a TOML file or options of the command; gives results.parquet, runs.parquet, results.json and report.html. What
 is flown is planned and validated as a whole first, then flown and stored as a campaign, which owns workers and
-resuming. It must not know the paper's or our own studies.
+resuming. It does not depend on the paper's or the project's studies.
 
 Imports: experiments.campaign experiments.findings experiments.flight experiments.intervals experiments.pages laisn sim
 """

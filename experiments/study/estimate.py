@@ -1,4 +1,4 @@
-"""What a study can say of a metric at a point: means with intervals, and paired differences of arms.
+"""Estimates of a metric at a point: means with intervals, and paired differences of arms.
 
 Realizations are drawn independently, and runs have noise of their own; arms share both, so that their differences are
 taken run by run. With several realizations the interval is for the mean over the population of realizations; with one

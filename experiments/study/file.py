@@ -1,4 +1,4 @@
-"""Study files: what a user asks, as TOML, read and checked key by key."""
+"""Study files: the settings of a study as TOML, read and checked key by key."""
 
 import re
 from collections import Counter
@@ -313,7 +313,7 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
     lines += [f"  vary.{key}: belongs to the study" for key in own if key in varied]
     lines += _overlaps(study)
     if study.until and study.realizations > 1:
-        text = "the interval over several realizations does not narrow with runs; ask for one realization"
+        text = "the interval over several realizations does not narrow with runs; use one realization"
         lines.append(f"  runs.until: {text}")
     if lines:
         raise refusal(source, lines)
@@ -366,7 +366,7 @@ def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any], *, quick:
         elif given.get("vary") or given.get("draw") or given.get("arm"):
             table, name = {"scenario": source}, f"study-{name_of(Path(source))}"
         else:
-            raise StudyError(f"{shown} is a scenario: say what to --vary, or give a study")
+            raise StudyError(f"{shown} is a scenario: give --vary, or a study")
     fewer = table.pop("quick", {})
     if quick and not (fewer and isinstance(fewer, dict)):
         raise StudyError(f"{source_name}: --quick: the study has no [quick], keys of its trial run; see also --runs")
@@ -378,7 +378,7 @@ def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any], *, quick:
 
 
 def table_in(study: Study, folder: Path) -> dict[str, Any]:
-    """The table of a study file in a folder that asks for the same: other files are named as seen from there."""
+    """The table of an equivalent study file in a folder: other files are named as seen from there."""
 
     def seen(settings: Mapping[str, Any]) -> dict[str, Any]:
         return _with_files(settings, lambda name: relpath(name, folder))

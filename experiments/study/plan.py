@@ -270,7 +270,7 @@ def plan_of(study: Study) -> Plan:
     irregular = any(entry.scenario.ocean.waves.kind == "jonswap" for entry in entries)
     if study.realizations > 1 and entries and not study.draws and not irregular:
         text = f"{study.realizations} equal realizations: nothing is drawn in [draw], and there are no irregular waves"
-        errors.insert(0, f"  realizations: {text}; ask for more runs instead")
+        errors.insert(0, f"  realizations: {text}; set more runs instead")
     if errors:
         raise refusal(study.source, errors)
     return Plan(study=study, points=points, arms=tuple(study.arms or [ALONE]), entries=entries)

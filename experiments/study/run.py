@@ -213,7 +213,7 @@ def runs_wanted(runs: int, widest: float, until: Until, batch: int) -> int:
 
 
 def fly_until_narrow(plans: Sequence[Plan], folder: Path, **options: Unpack[ExecutionOptions]) -> list[Outcomes]:
-    """Fly studies with as many runs as their files ask for: a number, or batches until all intervals are narrow enough.
+    """Fly studies with as many runs as their files set: a number, or batches until all intervals are narrow enough.
 
     The number of runs after each look follows from the results alone. All places of a study have the same number, so
     that arms stay paired.

@@ -72,7 +72,7 @@ class TightEstimates(Estimates):
 
     @property
     def hypotheses(self) -> Hypotheses:
-        """Both sides of the leader's axis, and whatever else is possible."""
+        """Hypotheses, such as both sides of the leader's axis."""
         return Hypotheses(self.weight, self.hypothesis, self.hypothesis_covariance)
 
     def further_states(self) -> list[FurtherState]:

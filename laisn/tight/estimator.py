@@ -89,7 +89,7 @@ def _turn_growth(turn: Any, direction: tuple[float, float], least: float, time: 
         turn: its record, brought forward.
         direction: sine and cosine of the heading now.
         least: angle from which on it is a turn [rad].
-        time: since this was last asked [s].
+        time: since the last call [s].
     """
     sine, cosine = direction
     started = turn.sin != 0.0 or turn.cos != 0.0

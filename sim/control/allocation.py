@@ -1,4 +1,4 @@
-"""Control allocation: from a wanted wrench to the commands of whatever effectors a vehicle has.
+"""Control allocation: from a wanted wrench to the commands of a vehicle's effectors.
 
 The forces are those of the weighted pseudo-inverse (Fossen, Handbook of Marine Craft Hydrodynamics and Motion
 Control, 2nd ed. 2021, chapter 11),
@@ -24,7 +24,7 @@ SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
 PRIORITY = (PITCH, YAW, HEAVE, SWAY, SURGE)
 """Order in which components are served where limits do not allow all of them."""
 _WANTED = (SURGE, YAW, PITCH, HEAVE, SWAY)
-"""Components that an autopilot asks for, the most needed first."""
+"""Components of the wrench, in order of priority."""
 FAST = 2.0
 """Speed beyond which the weights of fins change no more [m/s]."""
 _LEAST = 1e-6

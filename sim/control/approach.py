@@ -1,4 +1,4 @@
-"""Laws that bring a vehicle to a moving station: the velocity over ground and through the water that they ask for.
+"""Laws that bring a vehicle to a moving station: their commanded velocities over ground and through the water.
 
     constant bearing   v = v_st − U p̃ / √(p̃ᵀp̃ + Δ²), less the estimated current. No integrator: nothing winds up while
                        messages are missing (Breivik and Fossen 2007)
@@ -8,15 +8,15 @@
 
 The two lines of sight follow the station's path; along it all three close up alike.
 
-A follower gives way to vehicles nearby: a velocity away from each is added to the one that it wants,
+A follower gives way to vehicles nearby: a velocity away from each is added to the wanted one,
 
     v = v_wanted − Σ w(d) r̂,   w(d) = W min(max((R − d) / (R − F), 0), 1)
 
-R is the sensor's range, F the range of full speed W. Two followers push each other apart at 2 w(d). Let the velocities
-that they want close up at a rate c: by what they are commanded their distance changes at 2 w(d) − c, so that it stops
+R is the sensor's range, F the range of full speed W. Two followers push each other apart at 2 w(d). Let the wanted
+velocities close up at a rate c: as commanded, their distance changes at 2 w(d) − c, so that it stops
 to shrink where w(d) = c / 2 and never comes below F while c < 2 W. Hulls lag behind commands, which takes the way of
 some seconds more. Beyond R nothing is changed. A hull keeps its steerage way, so that it does not turn back for
-somebody ahead: it slows down.
+a vehicle ahead: it slows down.
 
 Functions take `a` or `f`, the record of `[formation]`, and `p`, that of `[formation.proximity]`.
 """

@@ -10,7 +10,7 @@ slowest effector that turns the hull, 0.3 s or more), where the lag costs the lo
     speed             ω/2; integral ω/10
     depth             ω/5 through pitch, integral ω/20; ω/2 through heave, integral ω/10
 
-Depth is held by one loop that asks for a vertical force. How the force comes about is a mode:
+Depth is held by one loop that commands a vertical force. How the force comes about is a mode:
 
     "pitch"    what hulls of this kind do: the hull pitches to the angle of climb, and by the angle of incidence whose
                lift is the force. What it cannot lift (above 12° of incidence), and everything when it is slow (below
@@ -19,7 +19,7 @@ Depth is held by one loop that asks for a vertical force. How the force comes ab
 
 A hull without vertical thrusters pitches at any speed. It has to keep way on, since fins do nothing at rest.
 
-Effectors: `sim.control.allocation` maps the wrench to whatever effectors there are, moments before forces. Integrals
+Effectors: `sim.control.allocation` maps the wrench to the effectors of the vehicle, moments before forces. Integrals
 stand still while limits withhold their part of the wrench and they would push further (anti-windup by conditional
 integration).
 """
@@ -164,7 +164,7 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
 
 
 def _require_control(name: str, record: Any, mode: DepthControl) -> None:
-    """LaisnError naming what a vehicle cannot do of what its autopilot asks for."""
+    """LaisnError naming the demands of the autopilot that a vehicle cannot meet."""
     needed = {"surge": SURGE, "yaw": YAW} | ({"pitch": PITCH} if mode == "pitch" else {"heave": HEAVE})
     lacking = [axis for axis, column in needed.items() if not record["slow_allocation"][:, column].any()]
     if lacking:
@@ -232,7 +232,7 @@ def _hold_depth(
     speed = max(speed, SPEED_HEAVE)
     high = reference.depth - depth
 
-    # through pitch: the angle of climb, and the incidence that lifts what the integral asks for
+    # through pitch: the angle of climb, and the incidence whose lift the integral demands
     lift = d.lift * speed * speed
     incidence = 0.0
     if by_pitch > 0.0:

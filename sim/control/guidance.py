@@ -164,7 +164,7 @@ def reference(
 
 @compiled
 def begin(reference: Record, heading: float, speed: float, current: tuple[float, float], memory: Record) -> None:
-    """Set up what guidance remembers of a vehicle at its start.
+    """Initialise the memory of guidance for a vehicle at its start.
 
     Args:
         reference: of this instant, record of REFERENCE.

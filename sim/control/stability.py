@@ -62,7 +62,7 @@ def _forces(c: Any, rigid: Floats, centre: Floats, state: Floats, water: Water, 
 
 
 def _law(d: Any, climb: Floats, speed: float) -> Floats:
-    """Wrench that the autopilot asks for by velocities (6), angles (3) and height.
+    """Wrench that the autopilot commands by velocities (6), angles (3) and height.
 
     Args:
         d: record of DESIGN.

@@ -94,7 +94,7 @@ def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:
     Returns:
         H.264 access units, one for each frame: Annex B, no B-frames, ITU-R BT.709 in limited range.
     """
-    # codecs are for children: whoever starts them imports this file too
+    # codecs are for children; their parent process imports this file too
     import av
     from av.video.reformatter import VideoReformatter
 

@@ -16,7 +16,7 @@ BACKENDS = {"linux": ("egl", "osmesa"), "darwin": ("cgl",), "win32": ("wgl",)}.g
 INSTALL = "on Debian and Ubuntu: apt-get install libegl1 libopengl0 libgl1-mesa-dri"
 """What to do where nothing renders."""
 MISSING = f"no graphics library works here (laisn doctor reports why); {INSTALL}"
-"""What to say where a picture was asked for and nothing renders."""
+"""Message where a picture was requested and nothing renders."""
 
 _PATIENCE_S = 60.0
 _BALL = """

@@ -53,7 +53,7 @@ def partial_path(path: Path) -> Path:
 
 @contextmanager
 def faults(path: Path) -> Iterator[None]:
-    """Whatever goes wrong with the file inside becomes a LogError that names it."""
+    """Convert errors of reading the file to a LogError with its name."""
     try:
         yield
     except LogError:

@@ -154,7 +154,7 @@ def _optional(messages: Messages, names: Sequence[str]) -> Floats:
 
 
 def _gaps(path: Path, topic: str, time_ns: Ints, spacing: Ints, longest_gap_s: float) -> list[str]:
-    """What to say of gaps; LogError if one is too long."""
+    """Remarks on gaps; LogError if one is too long."""
     longest_step = _GAP * float(np.median(spacing))
     found = np.flatnonzero(spacing > longest_step)
     named = found[np.argsort(-spacing[found], kind="stable")][:_NAMED]
@@ -205,8 +205,8 @@ def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: 
     time_ns, own = time_ns[finite][last], own[:, finite][:, last]
     if time_ns.size < 2:
         raise LogError(
-            f"{log.path}: {topic} holds {_count(time_ns.size, 'usable message')}; at least two are needed to know the "
-            "filter step"
+            f"{log.path}: {topic} holds {_count(time_ns.size, 'usable message')}; at least two are needed to "
+            "determine the filter step"
         )
     spacing = np.diff(time_ns)
     dt_ns = round(float(np.median(spacing)))
@@ -231,7 +231,7 @@ def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: 
         remarks += [f"{_count(number, 'message')} of {where} left out: {why}"] if number else []
     if absurd.any():
         remarks.append(f"{_count(int(absurd.sum()), 'range')} of {received} taken as not received: no positive number")
-    remarks += [f"{what}: no checksum, damage cannot be noticed" for what in log.unverified if "chunks" in what]
+    remarks += [f"{what}: no checksum, damage cannot be detected" for what in log.unverified if "chunks" in what]
     measurements = Measurements(
         dt=dt_ns / 1e9,
         speed=own[0],

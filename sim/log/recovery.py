@@ -70,7 +70,7 @@ def _copy(path: Path, target: Path, remarks: list[str]) -> str:
         if problem and not times_ns:
             raise LogError(f"{path}: holds no intact message ({problem}); there is nothing to recover")
         if metadata and not whole:
-            remarks.append(f"metadata {', '.join(metadata)}: no checksum, damage cannot be noticed")
+            remarks.append(f"metadata {', '.join(metadata)}: no checksum, damage cannot be detected")
         if remarks:
             writer.add_metadata("recovery", {str(i): text for i, text in enumerate(remarks)})
         writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare

@@ -26,7 +26,7 @@ ACCELERATION = 0.2
 SPEED_MAX = 3.0
 """Top speed of a follower [m/s] (paper, Section 3)."""
 SPEED_MIN = 0.1
-"""A leg that asks for less is refused: a hull without way cannot be steered along it [m/s]."""
+"""A leg with less is refused: a hull without way cannot be steered along it [m/s]."""
 SHARPEST_CUT = float(np.deg2rad(135.0))
 """Sharper corners are not cut: the turn begins at the waypoint, for the touching arc would begin far ahead [rad]."""
 

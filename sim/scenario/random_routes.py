@@ -108,7 +108,7 @@ def random_route(rng: np.random.Generator, route_class: RouteClass, duration: fl
             # a dead end: take back the last legs, or draw another start
             points = points[:-2] if len(points) > 2 else [(0.0, *_about(moving, 0, rng, route_class))]
             failed = 0
-    raise LaisnError(f"no route found in {_TRIES} tries; {route_class} asks for more than the vehicle can do")
+    raise LaisnError(f"no route found in {_TRIES} tries; {route_class} exceeds the limits of the vehicle")
 
 
 def random_waypoints(name: str, address: Sequence[int]) -> tuple[tuple[float, float, float], ...]:

@@ -18,7 +18,7 @@ LEADER_L = ((0.0, 0.0), (500.0, 0.0), (500.0, 500.0))
 """500 m east, then 500 m north (paper, Section 3); east and north [m]."""
 LEADER_DEPTH = 8.0
 FOLLOWER_DEPTH = 10.0
-"""Depths where none is asked for [m]: the follower deeper, so that a pitching leader shows."""
+"""Default depths [m]: the follower deeper, so that a pitching leader shows."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,7 +141,7 @@ class Route:
 
     @property
     def leg_speed(self) -> Floats:
-        """Mean speed that each leg asks for, shape (n − 1,), [m/s]."""
+        """Mean speed that each leg requires, shape (n − 1,), [m/s]."""
         # infinite where hardly any time is given
         with np.errstate(over="ignore"):
             return self.leg_length / np.diff(self.time)

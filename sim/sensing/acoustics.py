@@ -260,7 +260,7 @@ class Propagation:
 
 
 class _Joined:
-    """Arrays side by side along their last axis, joined at the elements that are asked for."""
+    """Arrays side by side along their last axis, joined at the requested elements."""
 
     def __init__(self, *arrays: Floats) -> None:
         self._arrays = arrays

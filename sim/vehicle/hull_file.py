@@ -128,7 +128,7 @@ def numbers(values: npt.ArrayLike) -> str:
 
 
 def still_water_numerics(length: float, diameter: float) -> dict[str, Number]:
-    """Coefficients that say how a hull leaves the water, and that it has no lift and no fixed fins besides."""
+    """Coefficients by which a hull leaves the water, and that it has no lift and no fixed fins besides."""
     n = 10
     x = length * ((np.arange(n) + 0.5) / n - 0.5)
     return {

@@ -27,7 +27,7 @@ _ELEMENTS = {
     "text",
 }  # fmt: skip
 _MOST_VALUES = 1000
-"""Of a numeric; MuJoCo makes room for as many as the file asks for."""
+"""Of a numeric; MuJoCo makes room for as many as the file has."""
 _FINEST = 64
 """Largest parameter of a mesh that MuJoCo builds: facets, or subdivisions."""
 _MOST_ELEMENTS = {"mesh": 20, "geom": 200, "site": 200}
@@ -88,7 +88,7 @@ def _of_the_sea(root: Element) -> Iterator[str]:
     for option in root.iter("option"):
         for name, value in option.items():
             if value.split() != sea.get(name, "").split():
-                yield f"{_quoted(option, name)} is the sea's to say: {sea.get(name, 'leave it out')}"
+                yield f"{_quoted(option, name)} is a property of the sea: {sea.get(name, 'leave it out')}"
 
 
 def _unexpected(text: str) -> list[str]:

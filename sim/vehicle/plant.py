@@ -1,4 +1,4 @@
-"""The plant: vehicles in the ocean, stepped by MuJoCo with the water's forces. It speaks of vehicles, not of qpos."""
+"""The plant: vehicles in the ocean, stepped by MuJoCo with the water's forces. Users see vehicles, not qpos."""
 
 from collections.abc import Sequence
 from typing import Any, NoReturn
@@ -155,7 +155,7 @@ class Plant:
         """Advance by `n_substeps` physics steps under constant commands.
 
         Args:
-            command: asked of each effector, shape (v, m), in the units of its state; limited to its range.
+            command: of each effector, shape (v, m), in the units of its state; limited to its range.
             n_substeps: number of steps of `dt`.
 
         Raises:
@@ -174,7 +174,7 @@ class Plant:
         return self._calls, self._clock, self._body, self._loads
 
     def finish_step(self, fault: Fault) -> None:
-        """Bring the sites to where the vehicles are after `stepping.advance`; PlantError if a fault ended it."""
+        """Bring the sites to where the vehicles are after `stepping.advance`; PlantError if an error ended it."""
         what, which = fault
         if what == stepping.WARNED:
             self._fail(f"MuJoCo warns: {mujoco.mjtWarning(which).name}")

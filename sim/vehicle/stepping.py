@@ -1,10 +1,10 @@
 """A physics step in compiled code: MuJoCo's own functions with the water's forces in their middle.
 
-MuJoCo's semi-implicit Euler is a leapfrog: its velocities belong to the middles of the steps. Forces want those of the
+MuJoCo's semi-implicit Euler is a leapfrog: its velocities belong to the middles of the steps. Forces need those of the
 instant, which are half a step later; the acceleration of the step before brings them there. For the velocities this is
 the rule of Adams and Bashforth, v += dt (3 a - a_before) / 2, at no further evaluation of a force.
 
-`sim.vehicle.plant.Plant` owns what is stepped. Code that steers it, compiled or not, sees `advance`.
+`sim.vehicle.plant.Plant` owns what is stepped. Code that steers it, compiled or not, calls `advance`.
 """
 
 from typing import Any
@@ -77,7 +77,7 @@ def begin(body: Any, command: Floats, half_step: float) -> Fault:
 
 @compiled
 def end(body: Any, half_step: float) -> Fault:
-    """Bring velocities to now, check the state, and remember it as good."""
+    """Bring velocities to now, check the state, and store it as the last valid one."""
     (pose, twist, acceleration, _), _, good, warnings, _ = body
     for i in range(twist.shape[0]):
         for j in range(6):
@@ -100,7 +100,7 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
 
     Args:
         handles: of `Plant.step_handles`, taken after the last step from Python.
-        command: asked of each effector, shape (v, m), in the units of its state.
+        command: of each effector, shape (v, m), in the units of its state.
         n_substeps: number of physics steps.
 
     Returns:

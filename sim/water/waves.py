@@ -49,7 +49,7 @@ class Waves:
     phase_rad: Floats
     """Phases φ, shape (n,)."""
     floor_depth_m: float = FLOOR_DEPTH_M
-    """Depth for which the wavenumbers hold; an `Ocean` asks for its own."""
+    """Depth for which the wavenumbers hold; an `Ocean` sets its own."""
 
     def __post_init__(self) -> None:
         n = self.amplitude_m.size

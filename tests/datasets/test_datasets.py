@@ -407,7 +407,7 @@ def test_a_damaged_log_is_refused_and_recovered_with_a_remark(tmp_path: Path) ->
     log.write_bytes(whole[: int.from_bytes(whole[-28:-20], "little") - 5])
     said: list[str] = []
     rescued = read_data_set_log(recover(log, said.append))
-    assert said[0] == "metadata data set: no checksum, damage cannot be noticed"
+    assert said[0] == "metadata data set: no checksum, damage cannot be detected"
     np.testing.assert_array_equal(rescued.measurements.ranges, original.measurements.ranges)
     np.testing.assert_array_equal(rescued.start, original.start)
 

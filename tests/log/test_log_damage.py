@@ -263,7 +263,7 @@ def test_what_has_no_checksum_is_called_unprotected(tmp_path: Path) -> None:
 
     path = plain_log(tmp_path / "a.mcap", fill, enable_crcs=False, chunk_size=200)
     assert Contents(path).unverified == ("metadata", "7 of 7 chunks")
-    assert read_recording(path, "auv").remarks == ("7 of 7 chunks: no checksum, damage cannot be noticed",)
+    assert read_recording(path, "auv").remarks == ("7 of 7 chunks: no checksum, damage cannot be detected",)
 
 
 PEAK = """

@@ -87,7 +87,7 @@ def test_a_cut_off_log_is_refused_and_recovered(flight: Flight, written: Path, t
     assert part.outcome is Outcome.INTERRUPTED
     n = part.trajectory.time.size
     assert part.trajectory.position.tobytes() == flight.trajectory.position[:n].tobytes()
-    assert said[2] == "metadata conventions, laisn: no checksum, damage cannot be noticed"
+    assert said[2] == "metadata conventions, laisn: no checksum, damage cannot be detected"
     assert re.fullmatch(rf"kept \d+ messages of {(n - 1) / 10:g} s and 4 attachments", said[3])
     assert re.fullmatch(r"left out: damaged or cut off at byte \d+: the file ends within a record", said[4])
     (tmp_path / "cut.mcap").write_bytes(whole[:5000])

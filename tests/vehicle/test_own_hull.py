@@ -82,8 +82,8 @@ def test_an_actuator_whose_site_is_missing_is_named() -> None:
     (FOLLOWER.replace('pos="0 0 0.1"/>', 'pos="0 0 1e300"/>'), "<site pos='0 0 1e300'> must be finite and within ±1e"),
     (FOLLOWER.replace('</body>', '<geom class="fin" size="1 1 1"/>' * 200 + '</body>'), "elements <geom>, at most 200"),
     (FOLLOWER.replace('<asset>', '<asset>' + '<mesh builtin="sphere" params="4"/>' * 20), "has 21 elements <mesh>"),
-    (FOLLOWER.replace('density="0"', 'density="1026"'), "<option density='1026'> is the sea's to say: 0"),
-    (FOLLOWER.replace('density="0"', 'wind="9 0 0"'), "<option wind='9 0 0'> is the sea's to say: leave it out"),
+    (FOLLOWER.replace('density="0"', 'density="1026"'), "<option density='1026'> is a property of the sea: 0"),
+    (FOLLOWER.replace('density="0"', 'wind="9 0 0"'), "<option wind='9 0 0'> is a property of the sea: leave it out"),
 ])  # fmt: skip
 def test_an_unusable_hull_is_refused_with_the_reason(text: str, told: str) -> None:
     assert text != FOLLOWER

@@ -40,7 +40,7 @@ def asymmetry() -> Drawn:
 
 
 def closed_loop() -> Drawn:
-    """How a mirrored estimate leads a follower away: true and believed distances from the leader's axis."""
+    """How a mirrored estimate leads a follower away: true and estimated distances from the leader's axis."""
     lines, missions = [], {entry.arm: entry.scenario for entry in plan_of(study_of("closed-loop", {})).entries}
     for navigator, colour in (("laisn-2", SERIES[1]), ("laisn-3-2", SERIES[0])):
         mission = missions[f"{navigator} estimate"]

@@ -30,13 +30,13 @@ from laisn.arrays import Bools, Floats
 WRONG = 0.025
 """Chance, at most, that a remedy which just misses its aim is called met, and the same the other way round."""
 _OF_ERRORS, _OF_LOCKS = 0.015, 0.01
-"""Chances that the limits are asked for: limits over 64 skewed runs may be crossed half as often again, and those
+"""Confidence of the limits: limits over 64 skewed runs may be crossed half as often again, and those
 of rare mirror locks twice as often and more."""
 _REACH = 0.5
-"""Standard errors by which the mean of d may yet move when it is asked whether more runs would settle a question."""
+"""Standard errors by which the mean of d may yet move in the estimate of how many runs would settle a question."""
 JUDGED_FROM_M = 0.1
 """Remedies are judged on missions in which pitch moves a noiseless fix by this much or more in the mean. That follows
-from the motion alone, whatever the runs come to."""
+from the motion alone, independently of the runs."""
 LOCKS_WANTED = 0.9
 """Share of the mirror locks that pitch adds which any remedy should remove: a run is locked or not, so that 99 % of
 them would take thousands of runs to tell."""

@@ -104,7 +104,7 @@ class Plan:
     offsets_m: tuple[float, ...] = OFFSETS_M
     variants: tuple[Variant, ...] = ("laisn-2", "laisn-3-2")
     looks: tuple[int, ...] = tuple(_FILE["looks"])
-    """Numbers of runs after which verdicts are asked for: of every cell, then of those whose verdict is open."""
+    """Numbers of runs after which verdicts are computed: of every cell, then of those whose verdict is open."""
     duration_s: float = 1000.0
 
     @property

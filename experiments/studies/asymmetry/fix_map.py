@@ -1,7 +1,7 @@
 """What a pitch of the leader does to one noiseless fix, over pitch, depth offset, range and bearing.
 
-Every point of the map is one message to a follower that predicts its own place perfectly and hardly trusts that
-prediction, so that the fix decides; it runs through the campaign engine itself. Beside it stands the closed form of
+Every point of the map is one message to a follower that predicts its own position exactly but gives the prediction
+little weight, so that the fix decides; it runs through the campaign engine itself. Beside it stands the closed form of
 LAISN-2 (derived in docs/asymmetry.md), with the follower at a range D, a bearing B and Δz deeper, and a leader pitched
 up by φ: **pitch turns the fix about the leader**,
 

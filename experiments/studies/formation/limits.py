@@ -1,6 +1,6 @@
 """Limits of a formation that need no simulation: the acoustic channel, the bound behind a weaving leader.
 
-Two transmitters on the axis tell a follower there neither port from starboard nor much of how far it is aside. A leader
+Two transmitters on the axis do not distinguish port from starboard, nor determine the lateral distance well. A leader
 that weaves turns its axis away from them: its heading swings as a sine, the follower goes where the leader went.
 """
 
@@ -32,7 +32,7 @@ def _bits(span: float, step: float) -> int:
 
 
 def message_bits(scenario: Scenario) -> int:
-    """Length of a message: its number within a day, the leader's state, its next waypoints if asked for, a checksum."""
+    """Length of a message: its number within a day, the leader's state, its next waypoints on request, a checksum."""
     place = 2 * _bits(_AREA_M, _STEP_M)
     bits = [
         _bits(_DAY_S, scenario.timing.message_interval_s),
@@ -68,7 +68,7 @@ def shortest_interval_s(scenario: Scenario, rate: float) -> float:
 
 
 def asked_interval_s(scenario: Scenario, rate: float, followers: int) -> float:
-    """The same, were every follower to ask for its own range and be answered: there and back for each [s]."""
+    """The same if every follower interrogates for its own range: there and back for each [s]."""
     way = reach_m(scenario) / scenario.acoustics.sound_speed_m_s
     return followers * (message_bits(scenario) / rate + 2.0 * way)
 
@@ -91,7 +91,7 @@ def geometry(amplitude_deg: float, period_s: float, behind: float) -> Geometry:
     way = np.concatenate([np.zeros((1, 2)), np.cumsum(_SPEED * _STEP * ahead[1:], axis=0)])
     n = time.size - late - 1
     step = np.arange(10, n + 1, 10)
-    # whoever is at the last instant where the leader was `late` steps before
+    # vehicles that at the last instant are where the leader was `late` steps before
     leader, follower = way[late:], way[: n + 1]
     axis = _HALF * ahead[late + step]
     arms = np.stack([np.column_stack([end * axis, np.full(step.size, -_DEEPER)]) for end in (-1.0, 1.0)], axis=1)

@@ -39,7 +39,7 @@ ASTERN_DEG = 10.0
 LATERAL_DEG = (45.0, 135.0)
 """Angle off the bow, either side, that counts as abeam."""
 SECTOR_STEPS = 300
-"""Steps (of 0.1 s) that a mission must spend in a sector to say something about it."""
+"""Steps (of 0.1 s) that a mission must spend in a sector to be counted there."""
 NEAR_BURST_S = 30.0
 """The largest bearing error within this time of 95 % of the follower's top speed counts as that of the burst [s]."""
 TIMED = ("e_p_abeam_m", "e_p_astern_m", "e_b_peaks_at_burst")
@@ -47,7 +47,7 @@ TIMED = ("e_p_abeam_m", "e_p_astern_m", "e_b_peaks_at_burst")
 
 
 def over_time(steps: Arrays) -> dict[str, float]:
-    """What the claims ask of errors over time, named as in `TIMED`; NaN for a sector where the follower hardly is."""
+    """Errors over time that claims use, named as in `TIMED`; NaN for a sector where the follower hardly is."""
     off_bow = np.rad2deg(np.abs(signed_angle(np.deg2rad(steps["bearing_deg"]))))
     abeam = (off_bow >= LATERAL_DEG[0]) & (off_bow <= LATERAL_DEG[1])
     error, time = steps["e_p_mean_m"], steps["time_s"]
@@ -80,8 +80,8 @@ with the exact limits of a proportion."""
 Relation = Literal["<", "≤", ">", "≥"]
 Outcome = Literal["met", "not met", "undecided"]
 MARGIN = 0.01
-"""A figure nearer than this share of its bound cannot be told from it: the paper prints errors of some metres with two
-decimals, so that its own ratios are that uncertain."""
+"""A figure nearer than this share of its bound is indistinguishable from it: the paper prints errors of some metres
+with two decimals, so that its own ratios are that uncertain."""
 HOLDS: Mapping[str, Callable[[Any, Any], Any]] = {
     "<": operator.lt, "≤": operator.le, ">": operator.gt, "≥": operator.ge,
 }  # fmt: skip

@@ -37,7 +37,7 @@ def simulate(
     chosen: Sequence[Setting], folder: Path, *, motion: Motion, runs: int, seed: int, tables: bool = True,
     **options: Unpack[ExecutionOptions],
 ) -> Simulated:  # fmt: skip
-    """Simulate the cells of the tables, if asked for, and all replications of those that claims compare.
+    """Simulate the cells of the tables, on request, and all replications of those that claims compare.
 
     Other arguments as of `reproduce`.
     """

@@ -53,7 +53,7 @@ PING_S, SOUND_M_S = 0.1, 1500.0
 
 
 def shared_interval_s(vehicles: int, reach_m: float) -> float:
-    """Interval at which each of n vehicles gets its range that asks for it in turn: n (ping + 2 r / c) [s]."""
+    """Interval at which each of n vehicles gets its range when they interrogate in turn: n (ping + 2 r / c) [s]."""
     return vehicles * (PING_S + 2.0 * reach_m / SOUND_M_S)
 
 

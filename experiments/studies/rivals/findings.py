@@ -90,7 +90,7 @@ def mapped(found: Mapping[str, Runs]) -> Iterator[tuple[str, Finding]]:
 
 
 def shared(found: Mapping[str, Runs]) -> Iterator[tuple[str, Finding]]:
-    """Errors of vehicles that ask for their ranges in turn, interpolated over the interval, on logarithmic scales."""
+    """Errors of vehicles that interrogate in turn, interpolated over the interval, on logarithmic scales."""
     flown = sorted({*design.INTERVALS, *design.FURTHER})
     for name in design.SHARING:
         arms = [found[design.arm_name(name, "calm", interval)] for interval in flown]
