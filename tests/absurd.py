@@ -1,4 +1,4 @@
-"""Scenarios that nobody would write: keys of the schema with values at their bounds, beyond them, or of other kinds."""
+"""Extreme scenarios: keys of the schema with values at their bounds, beyond them, or of other kinds."""
 
 from random import Random
 from typing import Any

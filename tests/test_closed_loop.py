@@ -44,7 +44,7 @@ def mission(*assignments: str, route: str = "T6", duration: float = 60.0) -> Sce
 
 
 def apart(scenario: Scenario, follower: int = 0) -> Floats:
-    """Believed places that steered, less those that navigating on the finished mission gives, shape (n, 2), [m]."""
+    """Estimated positions used for control, less those of navigation on the finished mission, shape (n, 2), [m]."""
     trajectory, loop = simulate_closed_loop(scenario)
     flight = navigate(scenario, trajectory, new_navigator)
     measured, estimates = flight.measurements[follower], flight.estimates[follower]
@@ -136,19 +136,19 @@ def test_a_follower_with_exact_estimates_moves_as_with_the_truth() -> None:
     exact = (*EXACT, "acoustics.range_tau_m=[0,0,0]", "acoustics.range_scale_mean_m=0",
              "acoustics.range_scale_sigma_m=0")  # fmt: skip
     flight, _ = fly(mission(*exact, duration=100.0))
-    told, _ = fly(mission(*exact, "followers.0.guidance_position=truth", duration=100.0))
+    by_truth, _ = fly(mission(*exact, "followers.0.guidance_position=truth", duration=100.0))
     error = np.hypot(*(flight.estimates[0].state[:, :2] - flight.hydrophone(0)[:, :2]).T)
-    apart = np.linalg.norm(flight.trajectory.position[:, 1] - told.trajectory.position[:, 1], axis=1)
+    apart = np.linalg.norm(flight.trajectory.position[:, 1] - by_truth.trajectory.position[:, 1], axis=1)
     assert error.max() < 0.005
     assert 0.0 < np.median(apart) < 0.01
     assert apart.max() < 0.3
-    speed, lag = told.trajectory.forward_speed[:, 1], 1.0
+    speed, lag = by_truth.trajectory.forward_speed[:, 1], 1.0
     for begin, end in ((0, 440), (440, 900), (900, 1001)):
         assert apart[begin:end].max() < lag * np.ptp(speed[begin:end])
 
 
 def test_commands_are_a_function_of_readings_and_estimates() -> None:
-    """Whatever becomes of the true motion and the water of those who do not steer by the truth."""
+    """For any true motion and water of followers that do not steer by the truth."""
     followers = [{"route": "T6", "guidance_position": "truth"}, {"route": "T6", "guidance_position": "estimate"},
                  {"station": {"behind_m": 15.0, "port_m": 9.0, "depth_m": 14.0}}]  # fmt: skip
     near = {"range_m": 30.0, "full_avoidance_range_m": 3.0}
@@ -228,19 +228,19 @@ def test_between_filter_steps_it_dead_reckons(variant: str) -> None:
 
 
 def test_a_follower_without_a_position_goes_parallel_to_its_route() -> None:
-    """It hears nothing and was told no start: it makes its turns as planned, and corrects nothing of what they miss."""
+    """Without receptions and start it turns as planned, and does not correct the remaining errors."""
     silent = ("navigation.variant=tight", "navigation.assume.known_start=false", "acoustics.max_range_m=0.001", *EXACT)
     lost, _ = simulate_closed_loop(mission(*silent, duration=20.0))
-    told, _ = simulate_closed_loop(mission("followers.0.guidance_position=truth", duration=20.0))
-    astray = np.linalg.norm(lost.position[:, 1] - told.position[:, 1], axis=1)
+    by_truth, _ = simulate_closed_loop(mission("followers.0.guidance_position=truth", duration=20.0))
+    astray = np.linalg.norm(lost.position[:, 1] - by_truth.position[:, 1], axis=1)
     assert 0.02 < astray.max() < 0.5
 
 
 @pytest.mark.parametrize("tilt", [False, True])
 def test_followers_on_routes_and_stations_swim_together(tilt: bool) -> None:
-    """By truth and by estimate, with sensors that do not tell one follower from another: each as it does alone.
+    """By truth and by estimate, with sensors that are equal for all followers: each as alone.
 
-    Whether attitude is broadcast is said, for where it is not, it depends on whether there are stations.
+    Whether attitude is broadcast is set explicitly: the default depends on whether there are stations.
     """
     routes = [{"route": "T6", "guidance_position": by} for by in ("truth", "estimate")]
     stations = [
@@ -274,10 +274,10 @@ def test_the_point_motion_cannot_be_steered() -> None:
 
 def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatch) -> None:
     """Estimates 3 m east and 4 m south of the truth; followers where their routes have them, but for a last stretch."""
-    asked = []
+    calls = []
 
     def flown(scenario: Scenario) -> tuple[Trajectory, Any]:
-        asked.append(scenario)
+        calls.append(scenario)
         kinematic = tuple(f.model_copy(update={"guidance_position": "truth"}) for f in scenario.followers)
         changes = {"motion": "kinematic", "duration_s": 10.0, "followers": kinematic}
         short = scenario.model_copy(update=changes)
@@ -287,7 +287,7 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
         moved = replace(trajectory, position=position)
         hydrophones = [moved.site_path(f"{follower.name}/hydrophone")[:, :2] for follower in short.followers]
         beliefs = [path + np.array([3.0, -4.0]) * (i + 1) for i, path in enumerate(hydrophones)]
-        # at the start it knows its place
+        # at the start its position is known
         history = SimpleNamespace(position=np.stack(beliefs, axis=1))
         swarm = SimpleNamespace(gated=np.zeros(len(beliefs), dtype=np.int64))
         return moved, SimpleNamespace(state=SimpleNamespace(history=history), swarm=swarm)
@@ -300,7 +300,7 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
     assert list(one.values()) == pytest.approx([5.0, 0.0, 0.0], abs=1e-6)
     # for the last 10 of 101 instants
     assert list(other.values()) == pytest.approx([10.0, 8.0 * np.sqrt(10 / 101), 8.0], abs=1e-6)
-    (scenario,) = asked
+    (scenario,) = calls
     assert (scenario.run, scenario.navigation.variant, scenario.navigation.transmitters) == (3, "tight", 2)
     assert {follower.guidance_position for follower in scenario.followers} == {"estimate"}
     assert scenario.ocean.current_speed_m_s == 0.0
@@ -314,8 +314,8 @@ def test_currents_come_from_all_directions() -> None:
     assert np.diff(directions, append=directions[0] + 360.0).max() < 140.0
     assert all(mission.navigation.assume.current for mission in flown)
     assert {follower.guidance_position for follower in flown[0].followers} == {"estimate"}
-    told = ENTRIES["tight-3 truth"].scenario_at(3)
-    assert (told.ocean.current_speed_m_s, told.navigation.assume.current) == (0.0, False)
+    by_truth = ENTRIES["tight-3 truth"].scenario_at(3)
+    assert (by_truth.ocean.current_speed_m_s, by_truth.navigation.assume.current) == (0.0, False)
 
 
 def test_the_record_counts_who_is_lost() -> None:

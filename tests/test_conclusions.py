@@ -1,7 +1,7 @@
 """What README and docs conclude in words follows from the records: who is better, what helps, what is lost.
 
 Numbers in documents are filled in from the records; words are not. Each conclusion stands here with the words that a
-document has for it, and with what the record must say for them to be true. A record that turns one round fails.
+document has for it, and with the condition on the record for them to be true. A record that turns one round fails.
 """
 
 from collections.abc import Callable
@@ -43,7 +43,7 @@ class Conclusion(NamedTuple):
 
 CAUSES = ("trim", "dive", "waves")
 NOTICED = ("leader", "late", "drift")
-"""Faults that the tightly coupled navigator has to be told of."""
+"""Errors that the settings of the tightly coupled navigator must include."""
 NEAR_AXIS = ("T2", "T5", "T7", "T8", "T9")
 
 CONCLUSIONS = (

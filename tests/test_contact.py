@@ -85,7 +85,7 @@ FEELING = {
     "sensors": {"speed_bias_m_s": 0, "speed_sigma_m_s": 0, "heading_bias_deg": 0, "heading_sigma_deg": 0},
     "acoustics": {"range_tau_m": [0, 0, 0], "range_scale_mean_m": 0, "range_scale_sigma_m": 0},
 }
-"""Followers that know where they are."""
+"""Followers with exact positions."""
 
 
 @pytest.mark.parametrize("changes", [{}, {"motion": "kinematic"}], ids=["physics", "points"])

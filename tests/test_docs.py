@@ -7,7 +7,7 @@ How blocks are tried, document by document, in an empty folder:
 - bash: `laisn` and `python` lines are run, in this process. Missions are cut to 20 s (`--set duration_s=20` for
   scenarios), films are left out, and stills are taken at 10 s, of which the first of a document is rendered; of a
   scenario's flights the first has its report drawn.
-  Studies of a file are cut to 20 s, two seas and two runs; the others are asked for their help alone, which must know
+  Studies of a file are cut to 20 s, two seas and two runs; of the others only their help is run, which must list
   the options. `make` targets must exist. Other programs are not ours.
 """
 
@@ -88,7 +88,7 @@ def shortened(words: list[str]) -> list[str]:
 
 
 def unrendered(patch: pytest.MonkeyPatch) -> None:
-    """Have whoever renders get an empty picture, once all that was asked for has been looked at."""
+    """Return an empty picture to the renderer, once its arguments have been checked."""
     program = "import pickle, sys, numpy; pickle.dump(numpy.zeros((2, 2, 4), numpy.uint8), sys.stdout.buffer)"
     patch.setattr(graphics, "child", lambda *_: ([sys.executable, "-c", program], None))
 
@@ -260,7 +260,7 @@ def test_numbers_in_documents_are_those_of_the_records() -> None:
 
 
 def test_route_errors_match_the_record() -> None:
-    """The first minute alone cannot tell, so one whole route is flown; other machines may round otherwise."""
+    """The first minute does not suffice, so one whole route is flown; other machines may round otherwise."""
     recorded = markers.records()["route-keeping"]
     reports = route_keeping.measure(route_keeping.scenario(("T8",)))
     fresh = route_keeping.findings_of(reports, reports[1])

@@ -1,4 +1,4 @@
-"""Files: no partial file under a final name, whatever fails or is killed, and locks between processes."""
+"""Files: no partial file under a final name after errors or kills, and locks between processes."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""Followers on stations: what they sense while they swim, what they know, and how they keep their places."""
+"""Followers on stations: their sensors, their inputs, and station keeping."""
 
 import inspect
 
@@ -114,7 +114,7 @@ def test_stations_are_kept_where_sound_takes_its_time() -> None:
     assert (flight.measurements[0].message_step % 10 == 1).all()
     for i, estimates in enumerate(flight.estimates):
         np.testing.assert_allclose(controller.state.history.position[1:, i], estimates.state[:, :2], rtol=0, atol=1e-9)
-    # the worst station of those who hear at once is allowed as much
+    # the worst station of those that receive at once is allowed as much
     assert np.sqrt(np.mean(off_station(scenario, trajectory) ** 2, axis=0)).max() < 0.6
 
 
@@ -175,11 +175,11 @@ def test_the_controller_does_not_use_the_truth() -> None:
             now = second + 0.1 * tenth
             estimate.position = -5.0, now - 20.0
             steering = keep_station(law, station, (reading, estimate), (trail, count[0]), (now, 0.1), memory, reference)
-    # on its station and told so, it goes on north at the leader's speed, whatever its sensors' biases
+    # on its station by its estimate, it goes on north at the leader's speed, for any sensor biases
     assert steering.wanted == pytest.approx((0.0, 0.0, 1.0), abs=1e-6)
     assert (steering.motion.surge, steering.motion.heading) == pytest.approx((1.0, 0.0), abs=1e-6)
-    told = set(inspect.signature(keep_station).parameters)
-    assert told == {"formation", "station", "senses", "known", "clock", "memory", "reference"}
+    parameters = set(inspect.signature(keep_station).parameters)
+    assert parameters == {"formation", "station", "senses", "known", "clock", "memory", "reference"}
     # nor does it give way by anything but what its sensor shows, here somebody 2 m ahead
     seen = records(SIGHTING, 2)
     seen.range, seen.bearing = (np.nan, 2.0), (np.nan, -0.2)
@@ -190,7 +190,7 @@ def test_the_controller_does_not_use_the_truth() -> None:
 
 
 def quiet_for(seconds: float, formation: Formation, spread: float = 0.0) -> tuple[Floats, Floats]:
-    """Headings and speeds wanted, and depths, of a follower on its station that hears nothing any more."""
+    """Headings and speeds wanted, and depths, of a follower on its station without further receptions."""
     law, memory = formation.record(), record(FOLLOWER_MEMORY)
     trail, count, station = records(TRAIL, 50), np.zeros(1, dtype=np.int64), record(STATION, 20.0, 0.0, 12.0)
     reading, reference = record(READING, 1.0, 0.0, 12.0, 0.0, 0.0, 0.0), record(REFERENCE)
@@ -214,7 +214,7 @@ def test_without_messages_it_slows_down_as_its_place_in_the_trail_gets_uncertain
     for spread in (0.0, 2.0, 3.5):
         wanted, depth = quiet_for(99.0, formation, spread)
         sigma = np.sqrt(spread**2 + (0.1 * 0.1 * np.arange(990)) ** 2)
-        # hulls gain and lose 0.2 m/s each second; what is asked of this one changes by less after the first seconds
+        # hulls gain and lose 0.2 m/s each second; the commands of this one change by less after the first seconds
         expected = 0.5 + 0.5 * np.clip(2.0 - sigma / 3.0, 0.0, 1.0)
         np.testing.assert_allclose(wanted[20:, 2], expected[20:], rtol=0, atol=0.01)
         assert wanted[:, 0] == pytest.approx(0.0, abs=0.01)
@@ -240,14 +240,14 @@ def largest_distance_in_a_dive(**leader: object) -> float:
     """Largest distance from a station behind a leader that dives from 5 to 40 m in 150 s [m]."""
     dive = {"depth_profile": [[0, 5], [30, 5], [180, 40]], **leader}
     places = [(10.0, -20.0, 12.0), (15.0, 30.0, 13.0), (30.0, 0.0, 14.0)]
-    told = {"leader": dive, "ocean": {"floor_depth_m": 60.0}, "navigation": {"variant": "tight"}}
-    scenario = mission(duration=200.0, places=places, **told)
+    tables = {"leader": dive, "ocean": {"floor_depth_m": 60.0}, "navigation": {"variant": "tight"}}
+    scenario = mission(duration=200.0, places=places, **tables)
     trajectory, _ = flown(scenario)
     return float(off_station(scenario, trajectory, true_stations(scenario, trajectory)).max())
 
 
 def test_a_formation_follows_a_leader_that_dives() -> None:
-    """By the leader's pitch, which is broadcast unless a key says otherwise."""
+    """By the leader's pitch, which is broadcast by default."""
     assert largest_distance_in_a_dive() < 2.0
 
 
@@ -265,7 +265,7 @@ def test_followers_turn_by_waypoints_received_before_the_turn() -> None:
     """The leader turns at 45 s; messages come at 30 s and at 60 s. Without waypoints followers go straight on.
 
     Stations 5 and 8 m behind are 10 and 7 m beyond the corner at 60 s. By the truth, for errors of dead reckoning to be
-    left out; the bound is that of followers that hear each second.
+    left out; the bound is that of followers that receive each second.
     """
     places = [(5.0, 10.0, 11.0), (8.0, -9.0, 12.0)]
     followers = [
@@ -332,7 +332,7 @@ def test_a_follower_on_a_route_swims_as_it_does_without_others_on_stations() -> 
 
 
 @pytest.mark.parametrize(
-    ("table", "told"),
+    ("table", "expected"),
     [
         ({"followers": [{"station": {"behind_m": 10.0, "depth_m": 10.0}}] * 2}, "0 m apart in layers 0 m apart"),
         ({"followers": [{"station": {"behind_m": 1.0, "depth_m": 10.0}}]}, "1 m from the leader's place"),
@@ -348,9 +348,9 @@ def test_a_follower_on_a_route_swims_as_it_does_without_others_on_stations() -> 
         ({"followers": [{"route": "T5"}] * 51}, "at most 50"),
     ],
 )  # fmt: skip
-def test_impossible_settings_are_reported_before_the_simulation(table: dict[str, object], told: str) -> None:
+def test_impossible_settings_are_reported_before_the_simulation(table: dict[str, object], expected: str) -> None:
     followers = [{"station": {"behind_m": 10.0, "depth_m": 10.0}}]
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=expected):
         validate({"name": "s", "followers": followers} | table, "test")
 
 

@@ -14,7 +14,7 @@ VOCABULARY = {"laisn", "laisn.arrays", "laisn.messages", "laisn.estimates", "lai
               "laisn.compiled", "laisn.elementary", "laisn.failure", "laisn.metrics", "laisn.navigators",
               "laisn.plugins", "laisn.rivals.settings",
               "laisn.swarm", "laisn.tight.estimates", "laisn.tight.settings"}  # fmt: skip
-"""What the simulator may know of navigation: words, not navigators."""
+"""What the simulator may import of navigation: shared types, not navigators."""
 
 
 LATE = {

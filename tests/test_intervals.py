@@ -202,7 +202,7 @@ def test_many_runs_have_limits_of_second_order(runs: int) -> None:
 
 
 def test_a_study_that_stops_by_its_interval_takes_as_many_runs_as_the_law_needs() -> None:
-    """σ = 1 and half of an interval of 0.1 need (1.96 / 0.1)² = 384 runs; an interval is no wider than asked for."""
+    """σ = 1 and half of an interval of 0.1 need (1.96 / 0.1)² = 384 runs; an interval is no wider than required."""
     found = [coverage.stopped("normal", np.random.default_rng(seed)) for seed in range(50)]
     halves = np.array([(one.high - one.low) / 2 for one in found])
     assert halves.max() <= 0.1

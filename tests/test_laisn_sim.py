@@ -54,9 +54,9 @@ def test_every_name_is_there_explained_and_typed() -> None:
 def test_a_package_of_the_same_name_is_named(tmp_path: Path) -> None:
     (tmp_path / "sim").mkdir()
     (tmp_path / "sim" / "__init__.py").write_text("")
-    told = python("import laisn_sim; laisn_sim.load('T5')", tmp_path).stderr
-    assert "ImportError: `import sim` finds" in told
-    assert str(tmp_path) in told
+    output = python("import laisn_sim; laisn_sim.load('T5')", tmp_path).stderr
+    assert "ImportError: `import sim` finds" in output
+    assert str(tmp_path) in output
 
 
 def test_errors_are_distances_of_the_columns(flight: laisn_sim.Flight) -> None:
@@ -86,14 +86,14 @@ def test_another_variant_is_navigated_as_it_would_have_been_flown(flight: laisn_
 
 
 def test_a_user_navigator_is_called(flight: laisn_sim.Flight) -> None:
-    asked = []
+    calls = []
 
     def mine(settings, start):
-        asked.append((settings.variant, start[:2]))
+        calls.append((settings.variant, start[:2]))
         return laisn_sim.Navigator(settings, start)
 
     again = laisn_sim.navigate(flight, navigator=mine)
-    ((variant, start),) = asked
+    ((variant, start),) = calls
     assert variant == "laisn-2"
     np.testing.assert_array_equal(start, flight.trajectory.site_path("follower/hydrophone")[0, :2])
     assert again.estimates[0].state.tobytes() == flight.estimates[0].state.tobytes()
@@ -107,14 +107,14 @@ def test_truth_and_measurements_are_tables(flight: laisn_sim.Flight) -> None:
     rate = np.gradient(truth["east_m"][follower], truth["time_s"][follower])[1:-1]
     np.testing.assert_allclose(rate, truth["velocity_east_m_s"][follower][1:-1], rtol=0, atol=2e-3)
     # T5 broadcasts every second and sends no attitude
-    heard = ~np.isnan(measured["range_rear_m"])
-    assert heard.sum() == 20
-    np.testing.assert_allclose(measured["time_s"][heard], np.arange(1, 21), rtol=1e-12)
-    np.testing.assert_array_equal(measured["leader_time_s"][heard], flight.measurements[0].message[:, 0])
+    received = ~np.isnan(measured["range_rear_m"])
+    assert received.sum() == 20
+    np.testing.assert_allclose(measured["time_s"][received], np.arange(1, 21), rtol=1e-12)
+    np.testing.assert_array_equal(measured["leader_time_s"][received], flight.measurements[0].message[:, 0])
     assert np.isnan(measured["leader_pitch_deg"]).all()
     radius = np.hypot(measured["leader_east_m"] - truth["east_m"][follower][1:],
-                      measured["leader_north_m"] - truth["north_m"][follower][1:])[heard]  # fmt: skip
-    assert np.abs(measured["range_middle_m"][heard] - radius).max() < 1.0
+                      measured["leader_north_m"] - truth["north_m"][follower][1:])[received]  # fmt: skip
+    assert np.abs(measured["range_middle_m"][received] - radius).max() < 1.0
 
 
 def test_records_of_arrays_print_shapes(flight: laisn_sim.Flight) -> None:

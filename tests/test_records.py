@@ -1,4 +1,4 @@
-"""Records own their arrays: whoever made one can go on writing what it was made of, and nobody can write the record."""
+"""Records own their arrays: their source arrays stay writable, and the record is read-only."""
 
 import ast
 from collections.abc import Iterator
@@ -101,7 +101,7 @@ def test_what_nobody_can_write_is_shared(made: dict[str, Any]) -> None:
     seen, apart = table[0], np.zeros((n, 2))
     for array in (seen, apart):
         array.flags.writeable = False
-    # whoever has the whole can write its rows
+    # the owner of the whole array can write its rows
     other = replace(record, speed=seen, depth=apart[:, 1])
     table[...] = 7
     assert not other.speed.any()

@@ -56,7 +56,7 @@ def test_layers_of_their_own_need_no_distance() -> None:
 
 
 def test_the_leader_is_in_a_layer_too() -> None:
-    """At 8 m, as it is unless something else is said; 10 m of way round its corner are less as the crow flies.
+    """At 8 m, by default; 10 m of way round its corner are less as the crow flies.
 
     Of a quarter of a circle, turned at 10°/s at 1 m/s, and as much straight way before as after it.
     """
@@ -77,7 +77,7 @@ def test_wings_of_a_v_do_not_meet_in_a_right_angle(count: int) -> None:
     assert found.apart_m == pytest.approx(10.0 / np.sqrt(5.0) if count > 2 else 2 * 10 * 2 / np.sqrt(5.0), abs=0.02)
 
 
-def told(table: dict[str, Any]) -> Scenario:
+def scenario_of(table: dict[str, Any]) -> Scenario:
     return validate({"name": "s", "duration_s": 150.0, "leader": LEFT, **table}, "test", feasibility.infeasibilities)
 
 
@@ -86,12 +86,12 @@ GRID = {"kind": "grid", "count": 12, "layer_m": 0.0}
 
 def test_stations_that_meet_in_the_turn_are_refused_unless_followers_give_way() -> None:
     with pytest.raises(ValueError, match=r"followers\[\d+\].station and followers\[\d+\].station, in one layer"):
-        told({"formation": {"shape": GRID}})
-    told({"formation": {"shape": GRID, "proximity": {"range_m": 6.0}}})
+        scenario_of({"formation": {"shape": GRID}})
+    scenario_of({"formation": {"shape": GRID, "proximity": {"range_m": 6.0}}})
     with pytest.raises(ValueError, match=r"sense each other 5\.\d m away, formation.proximity.range_m is 5: give"):
-        told({"formation": {"shape": GRID, "proximity": {}}})
-    told({"formation": {"shape": GRID | {"layer_m": 1.0, "layers": 4}}})
-    told({"formation": {"shape": GRID}, "leader": STRAIGHT})
+        scenario_of({"formation": {"shape": GRID, "proximity": {}}})
+    scenario_of({"formation": {"shape": GRID | {"layer_m": 1.0, "layers": 4}}})
+    scenario_of({"formation": {"shape": GRID}, "leader": STRAIGHT})
 
 
 @pytest.mark.parametrize(
@@ -128,16 +128,16 @@ def test_stations_that_keep_apart_have_nothing_to_give_way_to() -> None:
 def test_followers_that_cannot_give_way_are_refused_in_a_following_current_alone() -> None:
     formation = {"shape": GRID, "proximity": {"range_m": 8.0}}
     for direction in (180.0, 270.0):
-        told({"formation": formation, "ocean": {"current_speed_m_s": 0.5, "current_direction_deg": direction}})
+        scenario_of({"formation": formation, "ocean": {"current_speed_m_s": 0.5, "current_direction_deg": direction}})
     with pytest.raises(ValueError, match=r"close up at 1\.\d+ m/s; to give way takes 0\.9\d+ m/s .* has 0\.49:"):
-        told({"formation": formation, "ocean": {"current_speed_m_s": 0.5, "current_direction_deg": 90.0}})
+        scenario_of({"formation": formation, "ocean": {"current_speed_m_s": 0.5, "current_direction_deg": 90.0}})
 
 
 @pytest.mark.parametrize("ocean", [{}, {"current_speed_m_s": 0.5, "current_direction_deg": 180.0}])
 def test_followers_that_the_plan_lets_give_way_keep_two_metres_apart(ocean: dict[str, float]) -> None:
     """With hardly more range than it takes to brake; without a sensor stations meet within a metre."""
-    told_so = told({"formation": {"shape": GRID, "proximity": {"range_m": 6.0}}, "ocean": ocean})
-    scenario = told_so.model_copy(update={"duration_s": 110.0})
+    with_current = scenario_of({"formation": {"shape": GRID, "proximity": {"range_m": 6.0}}, "ocean": ocean})
+    scenario = with_current.model_copy(update={"duration_s": 110.0})
     planned, (flown, _) = nearest_stations(scenario), simulate_closed_loop(scenario)
     nearest = closest_in_a_layer(scenario, flown)
     assert planned is not None
@@ -147,7 +147,7 @@ def test_followers_that_the_plan_lets_give_way_keep_two_metres_apart(ocean: dict
 
 
 def test_layers_are_taken_in_turn() -> None:
-    scenario = told({"formation": {"shape": GRID | {"layer_m": 1.5, "layers": 4, "depth_m": 9.0}}})
+    scenario = scenario_of({"formation": {"shape": GRID | {"layer_m": 1.5, "layers": 4, "depth_m": 9.0}}})
     assert [f.layer_m for f in scenario.followers] == [9.0, 10.5, 12.0, 13.5] * 3
 
 
@@ -168,4 +168,4 @@ def test_layers_are_taken_in_turn() -> None:
 def test_impossible_settings_are_reported_before_the_simulation(table: dict[str, Any], text: str) -> None:
     followers = [{"station": {"behind_m": behind, "depth_m": 10.0}} for behind in (20.0, 30.0)]
     with pytest.raises(ValueError, match=text):
-        told({"followers": followers} | table)
+        scenario_of({"followers": followers} | table)

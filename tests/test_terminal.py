@@ -61,10 +61,10 @@ def test_visible_text_stays_as_it_is() -> None:
 
 @given(st.lists(NAMES, max_size=60), st.integers(4, 40))
 def test_a_screen_holds_every_message(lines: list[str], rows: int) -> None:
-    told = screenful(lines, rows)
-    assert sum(max(1, -(-len(line) // 80)) for line in told) <= rows + 1
-    left_out = re.fullmatch(r"  … and (\d+) more", told[-1]) if told else None
-    assert len(told) - bool(left_out) + (int(left_out[1]) if left_out else 0) == len(lines)
+    reported = screenful(lines, rows)
+    assert sum(max(1, -(-len(line) // 80)) for line in reported) <= rows + 1
+    left_out = re.fullmatch(r"  … and (\d+) more", reported[-1]) if reported else None
+    assert len(reported) - bool(left_out) + (int(left_out[1]) if left_out else 0) == len(lines)
 
 
 def test_topics_of_a_log_are_no_markup(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -78,10 +78,10 @@ def test_topics_of_a_log_are_no_markup(tmp_path: Path, capsys: pytest.CaptureFix
         writer.add_metadata(nasty, {nasty: nasty})
         writer.finish()  # type: ignore[no-untyped-call]
     replaying.show_info(tmp_path / "[x]")
-    told = capsys.readouterr().out
-    assert "/[x]: 0.00 MB" in told
-    assert told.count("[/red][bold]\\x1b[2J") == 6
-    assert "\x1b" not in told
+    reported = capsys.readouterr().out
+    assert "/[x]: 0.00 MB" in reported
+    assert reported.count("[/red][bold]\\x1b[2J") == 6
+    assert "\x1b" not in reported
 
 
 @pytest.mark.parametrize("folder", ["out[/tmp]", "[red]x", "a\x1b[2Jb"])

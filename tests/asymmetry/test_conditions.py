@@ -1,4 +1,4 @@
-"""Conditions of the pitch study: what their keys and labels say is what is flown."""
+"""Conditions of the pitch study: keys and labels match the simulated settings."""
 
 import re
 

@@ -42,8 +42,8 @@ def physical_ranges(pitch: float, depth_offset: float, reach: float, bearing: fl
 @examples(30)
 def test_ranges_are_those_of_the_physical_leader(pitch, offset, reach, bearing):
     hull = ANYWHERE.baseline, ANYWHERE.middle_offset
-    heard = chart.slant_ranges(np.array([[pitch, offset, reach, bearing]]), hull)
-    assert_allclose(heard[0], physical_ranges(pitch, offset, reach, bearing), rtol=1e-9)
+    received = chart.slant_ranges(np.array([[pitch, offset, reach, bearing]]), hull)
+    assert_allclose(received[0], physical_ranges(pitch, offset, reach, bearing), rtol=1e-9)
 
 
 @pytest.mark.parametrize("reach", [10.0, 20.0, 60.0, 100.0])
@@ -54,8 +54,8 @@ def test_abeam_error_is_0_87_m_at_5_degrees_and_10_m_for_any_range(reach):
         error = chart.sweep(point, replace(ANYWHERE, variant=variant))
         assert_allclose(np.hypot(*error[0]), 0.87, rtol=0.02)
     slant = np.hypot(reach, offset)
-    heard = physical_ranges(*point[0]) - physical_ranges(0.0, offset, reach, np.pi / 2)
-    assert_allclose(heard[:2], np.array([-1, 1]) * offset * 1.0 * np.sin(pitch) / slant, rtol=0.02)
+    received = physical_ranges(*point[0]) - physical_ranges(0.0, offset, reach, np.pi / 2)
+    assert_allclose(received[:2], np.array([-1, 1]) * offset * 1.0 * np.sin(pitch) / slant, rtol=0.02)
 
 
 @given(pitch=st.floats(-0.35, 0.35), offset=st.floats(-15, 15), reach=st.floats(5, 100), bearing=st.floats(0.2, 2.9))

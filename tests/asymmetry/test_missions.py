@@ -1,4 +1,4 @@
-"""Missions of the pitch study: what becomes of an arm's settings, and of the results of its runs."""
+"""Missions of the pitch study: settings of arms, and results of their runs."""
 
 from dataclasses import replace
 from types import SimpleNamespace

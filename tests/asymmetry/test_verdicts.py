@@ -94,7 +94,7 @@ def test_many_runs_resolve_a_difference_hidden_by_noise() -> None:
         chance = rng.choice([-1.0, 0.0, 1.0], size=LOOKS[-1], p=[0.02, 0.96, 0.02])
         left = np.where(kind > 0.0, 1.0 * (rng.random(LOOKS[-1]) < 0.03), chance)
         verdicts.append([judge(kind[:n], left[:n], AIM, LOOKS).verdict for n in (1280, LOOKS[-1])])
-    fewer, all_ = (sum(told[i] is Verdict.MET for told in verdicts) / len(verdicts) for i in (0, 1))
+    fewer, all_ = (sum(outcome[i] is Verdict.MET for outcome in verdicts) / len(verdicts) for i in (0, 1))
     assert fewer < 0.5
     assert all_ > 0.9
 
@@ -137,11 +137,11 @@ def test_more_runs_settle_what_a_first_look_leaves_open() -> None:
 
 
 def test_more_runs_are_worth_it_where_they_would_settle_the_question() -> None:
-    """Pitch mirror locks all of 64 runs, the remedy leaves k: if k/64 stays, to half its standard error, will 384 tell?
+    """Pitch locks all of 64 runs on the mirror image, a remedy leaves k: if k/64 stays to σ/2, do 384 runs decide?
 
     By the normal law: |k/64 − 0.1| + ½ s ≥ z s √(64/384), with s of k/64 and z of two looks at 0.5 % each.
     """
-    looks, told = (64, 384), {}
+    looks, outcome = (64, 384), {}
     # 5 of 64 is at the very edge
     for k in (2, 3, 4, *range(6, 20)):
         left = (np.arange(64) < k).astype(float)
@@ -151,8 +151,8 @@ def test_more_runs_are_worth_it_where_they_would_settle_the_question() -> None:
         expected = abs(k / 64 - 0.1) + 0.5 * spread >= 2.5758 * spread * np.sqrt(64 / 384)
         assert found.runs == 64
         assert found.promising == (expected and found.verdict is Verdict.OPEN), k
-        told[k] = found.promising
-    assert [k for k, worth in told.items() if not worth and k < 12] == [6, 7, 8]
+        outcome[k] = found.promising
+    assert [k for k, worth in outcome.items() if not worth and k < 12] == [6, 7, 8]
     assert not judge(np.ones(384), np.tile(left, 6), 0.9, looks).promising
 
 

@@ -35,22 +35,28 @@ def moments(weight: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, F
 class BeaconOracle:
     """One vehicle; `places` are those of all beacons: east, north and depth."""
 
-    told: BeaconSettings
+    settings: BeaconSettings
     places: Floats
     start: Floats | None
     mixture: list[Component] = field(default_factory=list)
     evidence: float = 0.0
 
     def __post_init__(self) -> None:
-        told, count = self.told, len(self.places)
-        shared = [told.start_sigma, told.start_sigma, told.speed_scale_sigma, told.heading_sigma, told.gyro_bias_sigma]
-        own = [told.range_offset_sigma, told.survey_sigma, told.survey_sigma]
+        settings, count = self.settings, len(self.places)
+        shared = [
+            settings.start_sigma,
+            settings.start_sigma,
+            settings.speed_scale_sigma,
+            settings.heading_sigma,
+            settings.gyro_bias_sigma,
+        ]
+        own = [settings.range_offset_sigma, settings.survey_sigma, settings.survey_sigma]
         self.fresh = np.array(
-            [*shared, told.range_scale_sigma, told.current_sigma, told.current_sigma, *own * count]
+            [*shared, settings.range_scale_sigma, settings.current_sigma, settings.current_sigma, *own * count]
         )**2  # fmt: skip
         self.n = self.fresh.size
-        self.variance, self.rejected = np.full(count, told.range_sigma**2), np.zeros(count, dtype=int)
-        self.heard = 0
+        self.variance, self.rejected = np.full(count, settings.range_sigma**2), np.zeros(count, dtype=int)
+        self.received = 0
         if self.start is not None:
             x = np.concatenate([self.start[:2], np.zeros(self.n - 2)])
             self.mixture = [Component(x, np.diag(self.fresh), 1.0)]
@@ -58,7 +64,7 @@ class BeaconOracle:
     def advance(self, speed: float, heading: float, time: float) -> None:
         """The true way is e^{b_s} v Δt u(θ − b_θ) + c Δt, after the gyro's bias has turned b_θ."""
         unit = np.eye(self.n)
-        walk = self.told.heading_walk**2 * unit[HEADING] + self.told.slip**2 * (unit[X] + unit[Y])
+        walk = self.settings.heading_walk**2 * unit[HEADING] + self.settings.slip**2 * (unit[X] + unit[Y])
         walk += 5e-4**2 * unit[SPEED] * (self.fresh[SPEED] > 0) + 2e-5**2 * unit[GYRO] * (self.fresh[GYRO] > 0)
         walk += 1e-3**2 * (unit[EAST] + unit[NORTH]) * (self.fresh[EAST] > 0)
         drift = np.eye(self.n)
@@ -103,42 +109,44 @@ class BeaconOracle:
         residual = measured - scale * rho - c.x[own] - 0.5 * np.trace(bent)
         return residual, H @ c.P @ H + 0.5 * np.trace(bent @ bent), H, 0.5 * tangent @ C @ tangent / flat
 
-    def learn(self, c: Component, i: int, measured: float, depth: float) -> tuple[bool, float]:
+    def update_with_ranges(self, c: Component, i: int, measured: float, depth: float) -> tuple[bool, float]:
         """Update, unless the range is likelier to be wrong; whether it was used, and how much likelier than wrong."""
         residual, variance, H, _ = self.look(c, i, measured, depth)
         variance += self.variance[i]
-        density = (1.0 - self.told.outlier_probability) * np.exp(-0.5 * residual**2 / variance)
-        ratio = density / np.sqrt(2.0 * np.pi * variance) * self.told.outlier_span / self.told.outlier_probability
+        density = (1.0 - self.settings.outlier_probability) * np.exp(-0.5 * residual**2 / variance)
+        ratio = (
+            density / np.sqrt(2.0 * np.pi * variance) * self.settings.outlier_span / self.settings.outlier_probability
+        )
         if ratio < 1.0:
             return False, 1.0
         gain = c.P @ H / variance
         c.x, c.P = c.x + gain * residual, c.P - np.outer(gain, gain) * variance
         return True, float(ratio)
 
-    def hear(self, i: int, measured: float, depth: float) -> bool:
+    def receive_range(self, i: int, measured: float, depth: float) -> bool:
         """Take a range to beacon i at one's own depth; whether the heaviest component used it."""
-        used, wrong = False, np.log(self.told.outlier_probability / self.told.outlier_span)
+        used, wrong = False, np.log(self.settings.outlier_probability / self.settings.outlier_span)
         if self.mixture:
             self.split(i, measured, depth)
             if self.mixture[0].weight > 0.9:
                 residual, variance, _, _ = self.look(self.mixture[0], i, measured, depth)
-                v, least = self.variance[i], self.told.range_sigma**2
+                v, least = self.variance[i], self.settings.range_sigma**2
                 v += 0.02 * (np.clip(residual**2 - variance, 0.0, 16.0 * v) - v)
                 self.variance[i] = np.clip(v, 0.25 * least, 16.0 * least)
-            told = [self.learn(c, i, measured, depth) for c in self.mixture]
-            for c, (_, ratio) in zip(self.mixture, told, strict=True):
+            updates = [self.update_with_ranges(c, i, measured, depth) for c in self.mixture]
+            for c, (_, ratio) in zip(self.mixture, updates, strict=True):
                 c.weight *= ratio
-            used = told[0][0]
+            used = updates[0][0]
             self.evidence += np.log(self.normalise()) + wrong
             self.rejected[i] = 0 if used else self.rejected[i] + 1
-        self.heard += 1
-        if self.start is None and self.heard <= 8:
+        self.received += 1
+        if self.start is None and self.received <= 8:
             # as likely as that all before were wrong, beside what they are to the others
-            self.add_ring(i, measured, depth, np.exp(min(self.heard * wrong - self.evidence, 700.0)), None)
+            self.add_ring(i, measured, depth, np.exp(min(self.received * wrong - self.evidence, 700.0)), None)
         elif self.rejected[i] >= 8:
             self.rejected[i] = 0
             self.add_ring(i, measured, depth, 0.01, self.mixture[0])
-        self.tidy()
+        self.prune_and_merge()
         return used
 
     def normalise(self) -> float:
@@ -181,7 +189,7 @@ class BeaconOracle:
             c = Component(x.copy(), P.copy(), weight / 48)
             c.x[:2] = self.places[i, :2] + distance * out
             c.P[:2, :2] = along * np.outer(out, out) + across * np.outer(aside, aside)
-            self.learn(c, i, measured, depth)
+            self.update_with_ranges(c, i, measured, depth)
             self.mixture.append(c)
         self.normalise()
 
@@ -190,7 +198,7 @@ class BeaconOracle:
         if k < len(self.mixture):
             self.mixture[k] = last
 
-    def tidy(self) -> None:
+    def prune_and_merge(self) -> None:
         """Nothing lighter than 1e-8, nothing nearer to another than 0.3 squared, 256 at most, the heaviest first."""
         if len(self.mixture) < 2:
             return

@@ -28,17 +28,17 @@ class Errors:
     current: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
-    def drawn(cls, told: BeaconSettings, seed: int) -> Self:
+    def drawn(cls, settings: BeaconSettings, seed: int) -> Self:
         """Errors as the settings expect them."""
         draw = np.random.default_rng([seed, 7]).standard_normal(18)
         return cls(
-            speed_scale=told.speed_scale_sigma * draw[0],
-            heading=told.heading_sigma * draw[1],
-            gyro_bias=told.gyro_bias_sigma * draw[2],
-            range_scale=told.range_scale_sigma * draw[3],
-            offsets=tuple(told.range_offset_sigma * draw[4:8]),
-            places=tuple((told.survey_sigma * a, told.survey_sigma * b) for a, b in draw[8:16].reshape(4, 2)),
-            current=(told.current_sigma * draw[16], told.current_sigma * draw[17]),
+            speed_scale=settings.speed_scale_sigma * draw[0],
+            heading=settings.heading_sigma * draw[1],
+            gyro_bias=settings.gyro_bias_sigma * draw[2],
+            range_scale=settings.range_scale_sigma * draw[3],
+            offsets=tuple(settings.range_offset_sigma * draw[4:8]),
+            places=tuple((settings.survey_sigma * a, settings.survey_sigma * b) for a, b in draw[8:16].reshape(4, 2)),
+            current=(settings.current_sigma * draw[16], settings.current_sigma * draw[17]),
         )
 
 

@@ -26,7 +26,7 @@ class Trip:
 
     seed: int = 0
     steps: int = 30
-    heard: float = 0.5
+    received: float = 0.5
     """Share of ranges that arrive."""
     wrong: float = 0.0
     """Share of these that are wrong."""
@@ -36,7 +36,7 @@ class Trip:
     """Step at which somebody sets the vehicle down elsewhere."""
 
     def readings(self) -> tuple[list[tuple[OwnMotion, Reception, float]], Floats]:
-        """What the vehicle reads and hears in each step, and where it begins."""
+        """Readings and receptions of the vehicle in each step, and its start."""
         rng = np.random.default_rng(self.seed)
         begin = place = np.array([-3.0, 2.0])
         heading, steps = rng.uniform(-3.0, 3.0), []
@@ -47,7 +47,7 @@ class Trip:
             ranges = np.linalg.norm(PLACES - [*place, 4.3], axis=1) * 1.01 + 0.3 * rng.normal(size=3)
             wrong = rng.random(3) < (1.0 if k < self.first_wrong else self.wrong)
             ranges = np.abs(ranges + wrong * rng.uniform(-15.0, 25.0, 3))
-            ranges[rng.random(3) > self.heard] = np.nan
+            ranges[rng.random(3) > self.received] = np.nan
             own = OwnMotion(1.4 + 0.05 * rng.normal(), heading + 0.03 + 0.004 * k, 4.5)
             message = LeaderMessage(float(k), 0.0, 0.0, 0.0, 0.0, 0.0)
             steps.append((own, Reception(message, Ranges(*ranges.tolist()), PLACES), time))
@@ -59,36 +59,36 @@ SOUND = replace(MEDIA["water"], gyro_bias_sigma=0.0, range_sigma=0.2)
 
 
 @pytest.mark.parametrize(
-    ("told", "trip"),
+    ("settings", "trip"),
     [
         (RADIO, Trip()),
         (SOUND, Trip(seed=1, wrong=0.1)),
         (replace(SOUND, known_start=False), Trip(seed=2, steps=9)),
         (replace(RADIO, known_start=False), Trip(seed=3, steps=3, first_wrong=2)),
-        (replace(RADIO, start_sigma=6.0, speed_scale_sigma=0.0), Trip(seed=4, heard=0.7, carried=12)),
+        (replace(RADIO, start_sigma=6.0, speed_scale_sigma=0.0), Trip(seed=4, received=0.7, carried=12)),
     ],
     ids=["radio", "sound", "unknown start", "wrong start", "carried away"],
 )
-def test_an_independent_navigator_agrees(told: BeaconSettings, trip: Trip) -> None:
-    """Mixtures to rounding; splits, wrong ranges, rings and what is learnt of ranges one by one."""
+def test_an_independent_navigator_agrees(settings: BeaconSettings, trip: Trip) -> None:
+    """Mixtures to rounding; splits, wrong ranges, rings and estimated variances of ranges one by one."""
     steps, start = trip.readings()
-    begin = start if told.known_start else None
-    navigator = BeaconNavigator(told, begin)
+    begin = start if settings.known_start else None
+    navigator = BeaconNavigator(settings, begin)
     order: list[int] = []
     for _, reception, _ in steps:
         order += [i for i in range(3) if not np.isnan(reception.ranges[i]) and i not in order]
-    oracle = BeaconOracle(told, PLACES[order], begin)
+    oracle = BeaconOracle(settings, PLACES[order], begin)
     for own, reception, time in steps:
         (update,) = navigator.step(own, reception, time)
         oracle.advance(own.speed, own.heading, time)
-        heard = [i for i in range(3) if not np.isnan(reception.ranges[i])]
-        depth = own.depth - told.hydrophone_height
-        used = [oracle.hear(order.index(i), reception.ranges[i], depth) for i in heard]
+        received = [i for i in range(3) if not np.isnan(reception.ranges[i])]
+        depth = own.depth - settings.hydrophone_height
+        used = [oracle.receive_range(order.index(i), reception.ranges[i], depth) for i in received]
         mean, covariance = oracle.now(own.speed, own.heading)
         np.testing.assert_allclose(navigator.state, mean, rtol=0, atol=1e-7)
         np.testing.assert_allclose(navigator.covariance, covariance, rtol=1e-6, atol=1e-9)
         assert navigator.evidence == pytest.approx(oracle.evidence, abs=1e-7)
-        kind = FixKind.ONE_RANGE if any(used) else (FixKind.GATED if heard else FixKind.LOST)
+        kind = FixKind.ONE_RANGE if any(used) else (FixKind.GATED if received else FixKind.LOST)
         assert update.kind == kind
         np.testing.assert_allclose(update.position, mean[:2], rtol=0, atol=1e-7)
         assert update.sigma == pytest.approx(np.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1])), nan_ok=True)
@@ -152,19 +152,19 @@ def test_positions_are_one_within_a_third_of_their_spread() -> None:
 
 
 def test_settings_of_media_are_those_of_the_documents() -> None:
-    """docs/real-ranges.md has a table of them, in degrees where a name says so."""
+    """docs/real-ranges.md has a table of them, in degrees where a name ends in it."""
     text = (Path(__file__).parents[2] / "docs" / "real-ranges.md").read_text(encoding="utf-8")
     table = re.findall(r"^\| (`.*) \| (.+) \| (.+) \|$", text.partition("| key `beacons.…` |")[2], flags=re.MULTILINE)
-    told = 0
+    counted = 0
     for keys, *columns in table:
         for medium, column in zip(("air", "water"), columns, strict=True):
             for key, value in zip(re.findall(r"`(\w+)`", keys), column.split(", "), strict=True):
                 expected = np.deg2rad(float(value)) if "_deg" in key else float(value)
                 found = getattr(MEDIA[medium], re.sub(r"_(m|m_s|m_sqrt_s|deg|deg_s|deg_sqrt_s)$", "", key))
                 assert found == pytest.approx(expected), key
-                told += 1
+                counted += 1
     others = {"dt", "hydrophone_height", "known_start"}
-    assert told == 2 * len({item.name for item in fields(BeaconSettings)} - others)
+    assert counted == 2 * len({item.name for item in fields(BeaconSettings)} - others)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -45,9 +45,9 @@ def ranging(place: tuple[float, float], measured: float, *, deeper: float = 0.0,
     return Ranging(0, *place, deeper, measured, sigma**2, math.log(0.95), math.log(0.05 / 20.0))
 
 
-def belief(told: BeaconSettings = ALL_ON, place: tuple[float, float] = (3.0, -4.0)) -> Belief:
+def belief(settings: BeaconSettings = ALL_ON, place: tuple[float, float] = (3.0, -4.0)) -> Belief:
     """A belief with one beacon and errors that are correlated with each other."""
-    made = with_beacon(new_belief(told, place), told)
+    made = with_beacon(new_belief(settings, place), settings)
     n = made.fresh.size
     made.state[0, 2:] = 0.02 * RANDOM.standard_normal(n - 2)
     root = RANDOM.standard_normal((n, n)) * 0.05
@@ -182,9 +182,9 @@ def test_components_at_one_position_merge_and_keep_their_moments() -> None:
 
 def test_without_noise_the_errors_of_all_sensors_are_found() -> None:
     true = Errors(speed_scale=0.02, gyro_bias=math.radians(0.3), range_scale=0.07, noise=0.0)
-    told = BeaconSettings(slip=1e-3, range_sigma=0.02, survey_sigma=1e-4, range_offset_sigma=1e-4)
+    settings = BeaconSettings(slip=1e-3, range_sigma=0.02, survey_sigma=1e-4, range_offset_sigma=1e-4)
     measured, truth = round_trip(true, seconds=600)
-    navigator = BeaconNavigator(told, np.array([*truth[0], 0.0, 0.0]))
+    navigator = BeaconNavigator(settings, np.array([*truth[0], 0.0, 0.0]))
     found = navigator.run(measured)
     x = navigator._belief.state[0]
     assert x[SCALE] == pytest.approx(0.07, abs=1e-3)
@@ -195,7 +195,7 @@ def test_without_noise_the_errors_of_all_sensors_are_found() -> None:
 
 @pytest.mark.parametrize(("noise", "least", "most"), [(1.0, 0.79, 1.21), (0.05, 0.25, 0.3), (4.0, 1.7, 2.0)])
 def test_how_good_ranges_are_is_learnt_within_bounds(noise: float, least: float, most: float) -> None:
-    """A data sheet says 0.5 m: twice that is found, and nothing below half of it or above four times it.
+    """With 0.5 m on the data sheet, twice that is estimated, and nothing below half of it or above four times it.
 
     With a gain of 0.02 a variance rests on some hundred ranges: σ is uncertain by 7 %, and three times that is allowed.
     """
@@ -210,12 +210,12 @@ def test_how_good_ranges_are_is_learnt_within_bounds(noise: float, least: float,
 @pytest.mark.parametrize("medium", MEDIA)
 def test_the_covariance_is_consistent_where_its_assumptions_hold(medium: str) -> None:
     """Errors drawn from the settings: the mean of NEES over runs lies where χ² of two degrees has it."""
-    told = MEDIA[medium]
+    settings = MEDIA[medium]
     nees = []
     for seed in range(12):
-        measured, truth = round_trip(Errors.drawn(told, seed), seconds=300, seed=seed, slip=told.slip)
-        start = truth[0] + told.start_sigma * np.random.default_rng(seed).standard_normal(2)
-        found = BeaconNavigator(told, np.array([*start, 0.0, 0.0])).run(measured)
+        measured, truth = round_trip(Errors.drawn(settings, seed), seconds=300, seed=seed, slip=settings.slip)
+        start = truth[0] + settings.start_sigma * np.random.default_rng(seed).standard_normal(2)
+        found = BeaconNavigator(settings, np.array([*start, 0.0, 0.0])).run(measured)
         off = found.state[::100, :2] - truth[1::100]
         nees.append(
             np.mean([e @ np.linalg.solve(p[:2, :2], e) for e, p in zip(off, found.covariance[::100], strict=True)])
@@ -251,20 +251,20 @@ def test_an_unknown_start_is_found_though_its_first_ranges_are_wrong() -> None:
 
 def test_media_differ_in_what_their_evidence_may_be_compared_by() -> None:
     """Densities of wrong ranges are one: they would add to the evidence of one medium alone."""
-    assert len({(told.outlier_probability, told.outlier_span) for told in MEDIA.values()}) == 1
+    assert len({(settings.outlier_probability, settings.outlier_span) for settings in MEDIA.values()}) == 1
 
 
 def test_under_water_a_known_start_is_no_worse_than_none() -> None:
     """With a compass, whose error does not grow at a rate, in the mean over runs; both after a minute."""
-    told = MEDIA["water"]
-    assert told.gyro_bias_sigma == 0.0
+    settings = MEDIA["water"]
+    assert settings.gyro_bias_sigma == 0.0
     off: dict[bool, list[float]] = {True: [], False: []}
     for seed in range(4):
-        measured, truth = round_trip(Errors.drawn(told, seed), seconds=600, seed=seed, slip=told.slip)
-        place = truth[0] + told.start_sigma * np.random.default_rng(seed).standard_normal(2)
+        measured, truth = round_trip(Errors.drawn(settings, seed), seconds=600, seed=seed, slip=settings.slip)
+        place = truth[0] + settings.start_sigma * np.random.default_rng(seed).standard_normal(2)
         for known, errors in off.items():
             start = np.array([*place, 0.0, 0.0]) if known else None
-            found = BeaconNavigator(replace(told, known_start=known), start).run(measured)
+            found = BeaconNavigator(replace(settings, known_start=known), start).run(measured)
             errors.append(float(np.hypot(*(found.state[600:, :2] - truth[601:]).T).mean()))
     assert np.mean(off[True]) <= 1.02 * np.mean(off[False])
 
@@ -334,9 +334,9 @@ def test_absurd_readings_are_named() -> None:
         (fine, reception((-3.0, math.nan, math.nan)), 0.1, "NaN for a missing one"),
         (fine, reception()._replace(transmitters=None), 0.1, "needs beacons"),
     ]
-    for own, heard, time, words in cases:
+    for own, received, time, words in cases:
         with pytest.raises(LaisnError, match=words):
-            BeaconNavigator(BeaconSettings(), start).step(own, heard, time)
+            BeaconNavigator(BeaconSettings(), start).step(own, received, time)
     with pytest.raises(ValueError, match="expected four finite numbers"):
         BeaconNavigator(BeaconSettings(), np.zeros(3))
     with pytest.raises(ValueError, match="slip is -1"):

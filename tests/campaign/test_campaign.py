@@ -1,4 +1,4 @@
-"""Campaigns: the same bytes whatever the workers and interruptions, and nothing lost when something breaks."""
+"""Campaigns: the same bytes for any workers and interruptions, and no loss after an error."""
 
 import itertools
 import os
@@ -88,7 +88,7 @@ def test_killed_at_any_of_30_moments_a_campaign_goes_on_and_gives_the_same_table
         broken = tmp_path / f"{moment}"
         assert os.WTERMSIG(killed_at(moment, broken)) == signal.SIGKILL
         left = {name: content for name, content in contents(broken).items() if not name.endswith(".part")}
-        # whatever has its final name is complete
+        # every file with its final name is complete
         assert left.items() <= whole.items()
         assert os.WIFEXITED(killed_at(-1, broken))
         again = contents(broken)
@@ -131,8 +131,8 @@ def test_two_processes_in_one_folder_share_the_work_and_give_the_same_rows(compu
         child.stdin.write("go\n")
         child.stdin.flush()
     for child in children:
-        said, _ = child.communicate(timeout=120)
-        count, _, found = said.partition(" ")
+        printed, _ = child.communicate(timeout=120)
+        count, _, found = printed.partition(" ")
         counts.append(int(count))
         assert found.strip() == repr(rows)
     # a process that starts late may find everything stored

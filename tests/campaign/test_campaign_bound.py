@@ -16,7 +16,7 @@ ASSUMED = ["speed_bias_sigma_m_s=0.31", "heading_bias_sigma_deg=7", "range_scale
 NOISY = [
     "sensors.speed_sigma_m_s=0.25", "sensors.heading_sigma_deg=3", "sensors.leader_heading_sigma_deg=1.5",
     "acoustics.range_tau_m=[0.03,0.04,0.12]", "acoustics.range_scale_sigma_m=0.07",
-    *(f"navigation.assume.{told}" for told in ASSUMED),
+    *(f"navigation.assume.{assumption}" for assumption in ASSUMED),
 ]  # fmt: skip
 
 
@@ -89,9 +89,9 @@ def test_geometry_is_that_of_straight_ways() -> None:
     assert found.from_leader == pytest.approx(np.column_stack([0.5 * seconds, np.full(20, 4.0)]))
     # rear, front, and 0.1 m to port, which is north
     assert found.arms == pytest.approx(np.tile([[-1.0, 0.0, -3.0], [1.0, 0.0, -3.0], [0.0, 0.1, -3.0]], (20, 1, 1)))
-    heard = np.ones((20, 3), dtype=bool)
-    heard[4, 1] = heard[5] = False
-    some = geometry_of(flown, scenario, received=heard, transmitters=3).arms
+    arrived = np.ones((20, 3), dtype=bool)
+    arrived[4, 1] = arrived[5] = False
+    some = geometry_of(flown, scenario, received=arrived, transmitters=3).arms
     assert np.argwhere(np.isnan(some).all(axis=2)).tolist() == [[4, 1], [5, 0], [5, 1], [5, 2]]
     assert geometry_of(flown, scenario, transmitters=2).arms.shape == (20, 2, 3)
 

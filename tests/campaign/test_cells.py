@@ -31,7 +31,7 @@ from sim.scenario.settings import (
 )
 from sim.trajectory import Trajectory
 
-# the leader turns from the start, so that its inclinometer has accelerations to feel
+# the leader turns from the start, so that its inclinometer has accelerations to sense
 TURNING = tuple((t, 20.0 * float(np.sin(t / 20.0)), 20.0 - 20.0 * float(np.cos(t / 20.0))) for t in range(0, 40, 2))
 
 
@@ -74,8 +74,8 @@ def test_cells_that_differ_in_the_inclinometer_alone_do_not_share_what_they_see(
 
 some = st.sampled_from
 LEADERS = st.builds(
-    lambda baseline, offset, told: Leader(
-        route=None, waypoints=TURNING, baseline_m=baseline, middle_offset_m=offset, broadcast_attitude=told
+    lambda baseline, offset, broadcast: Leader(
+        route=None, waypoints=TURNING, baseline_m=baseline, middle_offset_m=offset, broadcast_attitude=broadcast
     ),
     some([1.0, 2.0]), some([0.1, 0.2]), st.booleans(),
 )  # fmt: skip

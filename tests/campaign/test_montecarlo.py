@@ -114,8 +114,8 @@ def test_metrics_are_those_of_the_histories(variant: Variant) -> None:
     result = simulate(Cell(truth=truth, errors=errors, settings=navigation, seed=4, runs=runs))
 
     used = navigation.transmitters
-    heard = [measure(truth, errors, seed=4, run=run, transmitters=used) for run in runs]
-    alone = [Navigator(navigation, truth.start).run(measurements) for measurements in heard]
+    received = [measure(truth, errors, seed=4, run=run, transmitters=used) for run in runs]
+    alone = [Navigator(navigation, truth.start).run(measurements) for measurements in received]
     position = np.stack([metrics.position_errors(e.state[:, POSITION], truth.hydrophone) for e in alone])
     bearing = np.stack(
         [metrics.bearing_errors(e.state[:, POSITION], truth.hydrophone, truth.leader_position) for e in alone]

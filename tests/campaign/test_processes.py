@@ -1,4 +1,4 @@
-"""Processes that compute: what is said of one that dies, of a mission that fails in it, of no cluster."""
+"""Processes that compute: messages for a dead worker, a failed mission and a missing cluster."""
 
 import os
 import signal

@@ -33,11 +33,11 @@ def lines_of(capsys: pytest.CaptureFixture[str]) -> list[str]:
 
 def test_compiling_is_reported_once_and_not_where_the_cache_has_it(tmp_path: Path) -> None:
     environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
-    told = [
+    answers = [
         subprocess.run([sys.executable, "-c", COMPILES], env=environment, capture_output=True, text=True, check=True)
         for _ in range(2)
     ]
-    assert [answer.stderr for answer in told] == ["compiling (once)\n", ""]
+    assert [answer.stderr for answer in answers] == ["compiling (once)\n", ""]
 
 
 @pytest.mark.parametrize("flight", [True, False])

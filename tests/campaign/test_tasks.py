@@ -1,4 +1,4 @@
-"""Tasks: rows kept under a key of their sources and of what is given, resumed, typed again; failures told by name."""
+"""Tasks: rows stored under a key of sources and input, resumed, with their types; failures reported by name."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -100,7 +100,7 @@ def test_a_flight_replaces_nothing_of_the_users(tmp_path: Path, monkeypatch: pyt
     own.mkdir()
     text = "# my notes\nduration_s = 2\n[[followers]]\nroute = 'T5'\n"
     (own / "scenario.toml").write_text(text)
-    for out, told in (
+    for out, expected in (
         ("own", "scenario.toml"),
         ("", "is empty"),
         (" ", "is empty"),
@@ -108,7 +108,7 @@ def test_a_flight_replaces_nothing_of_the_users(tmp_path: Path, monkeypatch: pyt
     ):
         result = CliRunner().invoke(app, ["fly", "own/scenario.toml", "--no-video", "--out", out])
         assert result.exit_code == 2
-        assert told in result.output
+        assert expected in result.output
     assert files(tmp_path) == {"own/scenario.toml": text.encode()}
 
 
@@ -127,13 +127,13 @@ def test_a_scenario_of_any_name_gets_a_folder_within_out(
     assert [p.name for p in Path("out").iterdir()] == [folder]
 
 
-@pytest.mark.parametrize(("out", "told"), [("first/flight.mcap", "than the input"), ("a.toml", "ends in .mcap")])
-def test_a_replay_replaces_no_log(flown: Path, monkeypatch: pytest.MonkeyPatch, out: str, told: str) -> None:
+@pytest.mark.parametrize(("out", "expected"), [("first/flight.mcap", "than the input"), ("a.toml", "ends in .mcap")])
+def test_a_replay_replaces_no_log(flown: Path, monkeypatch: pytest.MonkeyPatch, out: str, expected: str) -> None:
     monkeypatch.chdir(flown)
     before = files(flown)
     result = CliRunner().invoke(app, ["replay", "first/flight.mcap", "--out", out])
     assert result.exit_code == 2
-    assert told in " ".join(result.output.split())
+    assert expected in " ".join(result.output.split())
     assert files(flown) == before
 
 
@@ -152,20 +152,22 @@ def test_the_ranges_of_a_log_are_taken_apart(flown: Path, tmp_path: Path) -> Non
     assert result.exit_code == 0
     assert "lever arm" in result.output
     heads, *rows = (line.split(",") for line in table.read_text().splitlines())
-    heard = reader.read(log).measurements[0].ranges
-    assert len(rows) == int(np.isfinite(heard).sum())
+    received = reader.read(log).measurements[0].ranges
+    assert len(rows) == int(np.isfinite(received).sum())
     used = [float(row[heads.index("used_range_m")]) for row in rows if row[heads.index("transmitter")] == "rear"]
-    assert 0 < min(heard[:, 0] - used) < max(heard[:, 0] - used) < 1.0  # Δz is 2 m, so that slant ranges are longer
+    assert (
+        0 < min(received[:, 0] - used) < max(received[:, 0] - used) < 1.0
+    )  # Δz is 2 m, so that slant ranges are longer
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "expected"),
     [(["--set", "seed=3"], "--set changes a scenario"), (["--out", "a.xlsx"], "ends in .csv or .parquet")],
 )
-def test_inputs_without_a_range_budget_are_reported(flown: Path, options: list[str], told: str) -> None:
+def test_inputs_without_a_range_budget_are_reported(flown: Path, options: list[str], expected: str) -> None:
     result = CliRunner().invoke(app, ["range-budget", str(flown / "first" / "flight.mcap"), *options])
     assert result.exit_code == 2
-    assert told in " ".join(result.output.split())
+    assert expected in " ".join(result.output.split())
 
 
 def test_the_command_prints_its_version() -> None:
@@ -174,7 +176,7 @@ def test_the_command_prints_its_version() -> None:
 
 
 def test_the_command_installs_completion_of_its_words(monkeypatch: pytest.MonkeyPatch) -> None:
-    # whatever started the tests: in the background there may be no shell above them
+    # for any parent of the tests: in the background there may be no shell above them
     monkeypatch.setattr("shellingham.detect_shell", lambda: ("bash", "/bin/bash"))
     result = CliRunner().invoke(app, ["--show-completion"], prog_name="laisn")
     assert result.exit_code == 0

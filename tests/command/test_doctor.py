@@ -1,4 +1,4 @@
-"""What the command says of a machine, and that it works on one where something is missing."""
+"""Report of the command on a machine, also where libraries are missing."""
 
 import os
 import re
@@ -41,7 +41,7 @@ main()
 
 
 @pytest.mark.parametrize(
-    ("modules", "packages", "told", "remedy"),
+    ("modules", "packages", "expected", "remedy"),
     [
         (
             "numba mujoco",
@@ -62,7 +62,7 @@ main()
     ],
 )
 def test_doctor_names_packages_that_are_missing_and_the_remedy(
-    modules: str, packages: str, told: dict[str, str], remedy: str
+    modules: str, packages: str, expected: dict[str, str], remedy: str
 ) -> None:
     command = [sys.executable, "-c", HIDDEN, modules, packages]
     environment = os.environ | {"COLUMNS": "200"}
@@ -70,7 +70,7 @@ def test_doctor_names_packages_that_are_missing_and_the_remedy(
     assert (result.returncode, result.stderr) == (1, "")
     lines = [line.rstrip() for line in result.stdout.splitlines()]
     faults = dict(line.split(maxsplit=2)[1:] for line in lines if line.startswith("no"))
-    assert {name: fault for name, fault in faults.items() if name not in ("flight", "film")} == told
+    assert {name: fault for name, fault in faults.items() if name not in ("flight", "film")} == expected
     assert [line for line in lines if re.search(remedy, line)]
 
 

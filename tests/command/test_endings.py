@@ -16,7 +16,7 @@ LAISN = [sys.executable, "-c", "from laisn_sim import main; main()"]
 WITHOUT_REPORT = """
 import sys, types
 
-# to draw one takes a second, and nothing is asked of it here
+# to draw one takes a second, and it is not checked here
 module = types.ModuleType("experiments.pages.flight_report")
 module.flight_report = lambda flight, errors, summary, path, *_: path.write_text("")
 sys.modules[module.__name__] = module
@@ -100,7 +100,7 @@ def test_a_child_ends_with_a_parent_that_was_killed() -> None:
 def test_a_signal_ends_a_flight_like_ctrl_c(tmp_path: Path, how: signal.Signals) -> None:
     folder = tmp_path / "out"
     command = [*LAISN, "fly", "T5", "--no-video", "--out", str(folder)]
-    # whoever started the tests may ignore it
+    # the parent of the tests may ignore it
     child = subprocess.Popen(
         command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
         preexec_fn=lambda: signal.signal(how, signal.SIG_DFL),
@@ -108,9 +108,9 @@ def test_a_signal_ends_a_flight_like_ctrl_c(tmp_path: Path, how: signal.Signals)
     while not list(folder.glob("unfinished")) and child.poll() is None:
         time.sleep(0.002)
     child.send_signal(how)
-    _, told = child.communicate(timeout=60)
+    _, reported = child.communicate(timeout=60)
     assert child.returncode == 128 + how
-    assert told == "laisn: interrupted; nothing of this flight is kept\n"
+    assert reported == "laisn: interrupted; nothing of this flight is kept\n"
     assert not folder.exists()
 
 
@@ -203,7 +203,7 @@ def test_a_full_disk_behind_standard_output_is_reported_and_costs_no_file(tmp_pa
         done = subprocess.run([*FLY, str(tmp_path / "out")], cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True)
         listed = subprocess.run([*LAISN, "scenarios"], cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True)
     assert (done.returncode, listed.returncode) == (2, 2)
-    # where this test is the first to compile something, a notice comes before
+    # where this test is the first to compile something, a notice is printed before
     assert done.stderr.removeprefix(NOTICE) == listed.stderr == "laisn: output: No space left on device\n"
     assert (tmp_path / "out" / "summary.json").exists()
 
@@ -242,10 +242,10 @@ def test_ctrl_c_in_a_study_leaves_a_clean_state(tmp_path: Path) -> None:
     while child.poll() is None and not list(tmp_path.glob("out/store/*.npz")):
         time.sleep(0.01)
     os.killpg(child.pid, signal.SIGINT)
-    said, told = child.communicate(timeout=60)
+    printed, reported = child.communicate(timeout=60)
     assert child.returncode == 130
-    assert said == ""
-    lines = [line for line in told.splitlines() if not re.match(r"missions: |cells: |compiling", line)]
+    assert printed == ""
+    lines = [line for line in reported.splitlines() if not re.match(r"missions: |cells: |compiling", line)]
     assert lines == ["laisn: interrupted; finished files are kept, none is half-written"]
     assert not [path for path in (tmp_path / "out").rglob("*") if path.suffix not in {".npz", ".json", ""}]
     until = time.monotonic() + 10.0

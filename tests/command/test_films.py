@@ -1,4 +1,4 @@
-"""The film of a flight: what is said and kept where there is none."""
+"""The film of a flight: messages and files where there is none."""
 
 import shutil
 from pathlib import Path
@@ -51,8 +51,8 @@ def test_a_renderer_that_dies_costs_the_film_alone_and_gives_exit_code_1(
 def test_the_pitch_study_reports_a_missing_film_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(graphics, "working", lambda: None)
     monkeypatch.setattr("experiments.studies.asymmetry.study.run", lambda folder, **_: folder / "report.html")
-    asked = CliRunner().invoke(app, ["asymmetry", "--film", "--quick", "--out", str(tmp_path)])
-    assert asked.stderr == f"no film: {graphics.MISSING}\n"
+    calls = CliRunner().invoke(app, ["asymmetry", "--film", "--quick", "--out", str(tmp_path)])
+    assert calls.stderr == f"no film: {graphics.MISSING}\n"
     assert CliRunner().invoke(app, ["asymmetry", "--quick", "--out", str(tmp_path)]).stderr == ""
 
 

@@ -18,19 +18,19 @@ from tests.command.flights import WITHOUT_FILM, files
 
 
 def interrupted(folder: Path, begun: str, *options: str) -> str:
-    """Press Ctrl-C in a flight of T5 into a folder as soon as a file is there; what is told then."""
+    """Press Ctrl-C in a flight of T5 into a folder as soon as a file is there; the message then."""
     command = [sys.executable, "-m", "experiments.command.cli", "fly", "T5", *options, "--out", str(folder)]
     child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     while not list(folder.glob(begun)) and child.poll() is None:
         time.sleep(0.002)
     child.send_signal(signal.SIGINT)
-    said, told = child.communicate(timeout=60)
-    assert child.returncode == 130, said + told
-    # where this test is the first to compile something, a notice comes before
-    told = told.removeprefix("compiling (once)\n")
-    assert told.startswith("laisn: interrupted; ")
-    assert len(told.splitlines()) == 1
-    return told
+    printed, reported = child.communicate(timeout=60)
+    assert child.returncode == 130, printed + reported
+    # where this test is the first to compile something, a notice is printed before
+    reported = reported.removeprefix("compiling (once)\n")
+    assert reported.startswith("laisn: interrupted; ")
+    assert len(reported.splitlines()) == 1
+    return reported
 
 
 def test_ctrl_c_in_the_simulation_leaves_nothing(tmp_path: Path) -> None:
@@ -42,8 +42,8 @@ def test_ctrl_c_in_the_simulation_leaves_nothing(tmp_path: Path) -> None:
 def test_ctrl_c_in_the_log_leaves_the_earlier_flight(flown: Path, tmp_path: Path) -> None:
     folder = tmp_path / "stopped"
     shutil.copytree(flown / "first", folder)
-    told = interrupted(folder, "unfinished/flight.mcap.partial", "--no-video")
-    assert f"the earlier flight in {folder} is unchanged" in told
+    reported = interrupted(folder, "unfinished/flight.mcap.partial", "--no-video")
+    assert f"the earlier flight in {folder} is unchanged" in reported
     left = files(folder)
     assert {name: left.pop(name) for name in files(flown / "first")} == files(flown / "first")
     assert all(name.startswith("unfinished/") for name in left)
@@ -53,9 +53,9 @@ def test_ctrl_c_in_the_log_leaves_the_earlier_flight(flown: Path, tmp_path: Path
 def test_ctrl_c_in_the_film_leaves_the_earlier_flight_and_the_new_log(flown: Path, tmp_path: Path) -> None:
     folder = tmp_path / "stopped"
     shutil.copytree(flown / "first", folder)
-    told = interrupted(folder, "unfinished/flight.mcap", "--set", "duration_s=200")
+    reported = interrupted(folder, "unfinished/flight.mcap", "--set", "duration_s=200")
     [log] = folder.glob("unfinished/*")
-    assert f"the unfinished flight is in {log.parent}; the earlier flight in {folder} is unchanged" in told
+    assert f"the unfinished flight is in {log.parent}; the earlier flight in {folder} is unchanged" in reported
     left = files(folder)
     assert reader.read(log).trajectory.time[-1] == 200
     assert left.pop(log.relative_to(folder).as_posix())

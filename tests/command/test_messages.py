@@ -1,4 +1,4 @@
-"""What the command says to bad input, of faults that a user can mend, and of bugs."""
+"""Messages of the command for invalid input, user errors and bugs."""
 
 import errno
 import stat
@@ -62,7 +62,7 @@ def failing(error: Exception, monkeypatch: pytest.MonkeyPatch) -> Result:
 
 
 @pytest.mark.parametrize(
-    ("error", "told"),
+    ("error", "wanted"),
     [
         (WorkerDiedError("a worker process died"), "laisn: a worker process died"),
         (CampaignError("the sources changed while it ran"), "laisn: the sources changed while it ran"),
@@ -73,10 +73,10 @@ def failing(error: Exception, monkeypatch: pytest.MonkeyPatch) -> Result:
     ],
 )
 def test_user_errors_print_one_message_and_exit_with_code_2(
-    error: Exception, told: str, monkeypatch: pytest.MonkeyPatch
+    error: Exception, wanted: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     result = failing(error, monkeypatch)
-    assert (result.exit_code, result.output.strip()) == (2, told)
+    assert (result.exit_code, result.output.strip()) == (2, wanted)
 
 
 @pytest.mark.parametrize(

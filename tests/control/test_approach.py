@@ -41,7 +41,7 @@ def test_pushes_add_up_to_full_speed_at_most() -> None:
 
 @pytest.mark.parametrize("closing", [0.4, 1.0, 1.5])
 def test_two_approaching_vehicles_stop_at_the_distance_of_the_law(closing: float) -> None:
-    """As points that go as they are told: where 2 w(d) = c, which is R − (R − F) c / 2W, and never nearer."""
+    """As points that move as commanded: where 2 w(d) = c, which is R − (R − F) c / 2W, and never nearer."""
     stop = 5.0 - 2.0 * closing / (2 * 0.8)
     apart, least = 12.0, 12.0
     for _ in range(4000):
@@ -54,7 +54,7 @@ def test_two_approaching_vehicles_stop_at_the_distance_of_the_law(closing: float
 
 
 def test_a_hull_slows_down_but_keeps_its_way() -> None:
-    """It wants to go east at 1 m/s; pushed back by 0.5 m/s, by more than it has, and aside."""
+    """Wanted velocity 1 m/s east; pushed back by 0.5 m/s, by more than it has, and aside."""
     east = np.pi / 2
     assert give_way(FORMATION, (east, 1.0), (-0.5, 0.0)) == pytest.approx((east, 0.5))
     assert give_way(FORMATION, (east, 1.0), (-2.0, 0.0)) == pytest.approx((east, 0.2))

@@ -54,7 +54,7 @@ def test_allocation_never_exceeds_limits(force, moment, bow, stern, bow_limits, 
     command, given_wrench = allocated(pair(bow, stern, limits), sway=force, yaw=moment)
     assert np.all(command >= limits[:, 0])
     assert np.all(command <= limits[:, 1])
-    # what it says that it gives is what the commands give
+    # the reported wrench is that of the commands
     assert command.sum() == pytest.approx(given_wrench[allocation.SWAY], abs=1e-9)
     assert bow * command[0] - stern * command[1] == pytest.approx(given_wrench[allocation.YAW], abs=1e-9)
 
@@ -181,10 +181,10 @@ def test_depth_is_held_by_trim_against_excess_buoyancy(model, buoyancy):
     flown = simulate(plant(model, buoyancy=buoyancy), [northbound(speed=1.2)], 200.0)
     last = flown.time > 150
     assert flown.depth[last, 0] == pytest.approx(10.0, abs=0.02)
-    # buoyant: the nose stays down; the incidence lifts what the hull's and the fins' coefficients say
+    # buoyant: the nose stays down; the lift of the incidence follows from the hull's and the fins' coefficients
     d = autopilot.design(plant(model), ("pitch",))[0]
     linear = -buoyancy / (d["lift"] * 1.2**2)
-    # cross-flow drag helps: the angle is less than the linear lift alone asks for, but of its order
+    # cross-flow drag helps: the angle is less than the linear lift alone requires, but of its order
     assert 0.6 * abs(linear) < abs(flown.pitch[-1, 0]) < abs(linear)
     assert np.sign(flown.pitch[-1, 0]) == -np.sign(buoyancy)
     assert np.abs(flown.thrust[-1, 0, 3:].sum()) < 0.1 * abs(buoyancy)
@@ -253,9 +253,9 @@ def test_a_lost_state_stops_the_flight_where_it_appears():
 
 
 def test_progress_is_reported_rarely():
-    told = []
-    simulate(plant(), [northbound()], 100.0, progress=told.append)
-    assert told == pytest.approx([0, 50])
+    progress_times = []
+    simulate(plant(), [northbound()], 100.0, progress=progress_times.append)
+    assert progress_times == pytest.approx([0, 50])
 
 
 def test_vehicles_feel_their_way_through_the_water_along_their_own_axes():

@@ -14,7 +14,7 @@ from tests.synthetic import record
 
 DT = 0.1
 LIMIT = 1e6
-"""Thrust that no state here asks for [N]."""
+"""Thrust that no state here requires [N]."""
 
 
 REMEMBERED = ("heading_integral", "speed_integral", "pitch_integral", "depth_integral", "pitch_command")

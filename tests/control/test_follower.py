@@ -20,7 +20,7 @@ DT = 0.1
 
 
 class Deck:
-    """A follower 20 m behind a leader that goes north at 1 m/s, as it hears it for half a minute."""
+    """A follower 20 m behind a leader that goes north at 1 m/s, with receptions for half a minute."""
 
     def __init__(self, aside: float = 0.0, **formation: Any) -> None:
         self.formation, self.memory = Formation(**formation).record(), record(follower.FOLLOWER_MEMORY)
@@ -30,11 +30,11 @@ class Deck:
         self.reading.speed, self.reading.depth, self.estimate.position = 1.0, 12.0, (aside, 10.0)
         init_memory(message(0.0, 0.0, 0.0, 0.0, 1.0), self.trail, self.count, self.memory)
         for second in range(1, 31):
-            said = message(second, 0.0, second, 0.0, 1.0)
-            self.extend_trail(said, second)
+            sent = message(second, 0.0, second, 0.0, 1.0)
+            self.extend_trail(sent, second)
 
-    def extend_trail(self, said: Record, now: float) -> None:
-        extend_trail(self.formation, self.station, said, self.trail, self.count, (now, DT), self.memory)
+    def extend_trail(self, sent: Record, now: float) -> None:
+        extend_trail(self.formation, self.station, sent, self.trail, self.count, (now, DT), self.memory)
 
     def tick(self, now: float = 30.0) -> Steering:
         known = self.trail, self.count[0]
@@ -42,11 +42,11 @@ class Deck:
         return keep_station(self.formation, self.station, senses, known, (now, DT), self.memory, self.reference)
 
     def ticks(self, n: int) -> Floats:
-        """What it feels of surge and heading, and what it wants of heading and speed, shape (n, 4)."""
+        """Measured surge and heading, and wanted heading and speed, shape (n, 4)."""
         rows = []
         for _ in range(n):
-            told = self.tick()
-            rows.append((told.motion.surge, told.motion.heading, told.wanted[0], told.wanted[2]))
+            state = self.tick()
+            rows.append((state.motion.surge, state.motion.heading, state.wanted[0], state.wanted[2]))
         return np.array(rows)
 
 
@@ -58,13 +58,13 @@ def test_a_message_that_was_long_under_way_turns_the_frame_as_far_as_one_that_wa
         deck.station.behind, deck.station.port = 2.0, 12.0
         for second in range(31, 40):
             deck.extend_trail(message(second, second - 30.0, 30.0, np.pi / 2, 1.0), second)
-        said = message(40.0, 10.0, 30.0, np.pi / 2, 1.0)
+        sent = message(40.0, 10.0, 30.0, np.pi / 2, 1.0)
         if not late:
-            deck.extend_trail(said, 40.0)
+            deck.extend_trail(sent, 40.0)
         for now in (40.0, 40.1, 40.2, 40.3):
             deck.tick(now)
         if late:
-            deck.extend_trail(said, 40.4)
+            deck.extend_trail(sent, 40.4)
         deck.tick(40.4)
         frames.append(deck.memory.frame.tolist())
     np.testing.assert_allclose(frames[1], frames[0], rtol=0, atol=1e-12)
@@ -86,12 +86,12 @@ def test_gyros_are_followed_at_once_and_biases_are_taken_off() -> None:
     deck = Deck()
     deck.tick()
     deck.reading.turning, deck.estimate.log_bias, deck.estimate.compass_bias = 0.05, 0.25, 0.1
-    told = deck.tick()
-    # to port is the other way round than headings are counted; the compass still says 0
+    state = deck.tick()
+    # to port is the other way round than headings are counted; the compass still reads 0
     turned = -0.05 * DT
-    assert told.motion.heading == pytest.approx(turned * (1 - DT / 2.0) - 0.1)
-    assert told.motion.surge == pytest.approx(0.75)
-    assert told.motion.turning == 0.05
+    assert state.motion.heading == pytest.approx(turned * (1 - DT / 2.0) - 0.1)
+    assert state.motion.surge == pytest.approx(0.75)
+    assert state.motion.turning == 0.05
 
 
 def test_pitch_and_depth_are_felt_as_they_are_read() -> None:
@@ -167,6 +167,6 @@ def test_silence_takes_it_off_its_station_as_its_place_in_the_trail_gets_uncerta
     ):
         deck = Deck(aside=10.0, **given)
         deck.estimate.position[1], deck.estimate.spread = now - 20.0, 0.3
-        told = deck.tick(now)
-        assert (told.wanted[0] < -0.001) == aims, now
-        assert (told.wanted[0] == pytest.approx(np.deg2rad(4.0) * DT)) == circles, now
+        state = deck.tick(now)
+        assert (state.wanted[0] < -0.001) == aims, now
+        assert (state.wanted[0] == pytest.approx(np.deg2rad(4.0) * DT)) == circles, now

@@ -1,4 +1,4 @@
-"""Guidance on vehicles that obey at once: a point that moves as it is told, in moving water."""
+"""Guidance on vehicles without lag: a point that moves as commanded, in moving water."""
 
 import numpy as np
 import pytest
@@ -16,17 +16,17 @@ NORTHBOUND = Route.timed("north", [[0, 0, 0], [2000, 0, 2000]], 5.0)
 CORNER = Route.timed("corner", [[0, 0, 0], [200, 0, 200], [400, 200, 200]], 5.0)
 
 
-def follow(route, duration, water=(0.0, 0.0), offset=(0.0, 0.0), heading=0.0, tells=True):
-    """Positions, headings and speeds of a point that turns and speeds up as commanded; it knows its water or not."""
+def follow(route, duration, water=(0.0, 0.0), offset=(0.0, 0.0), heading=0.0, known=True):
+    """Positions, headings and speeds of a point that moves as commanded, with a known or an unknown current."""
     table = guidance.reference([route], np.arange(0, duration, DT))[:, 0]
     position = np.array([table[0].east, table[0].north]) + np.array(offset)
     velocity = table[0].speed * np.array([np.sin(heading), np.cos(heading)]) - np.array(water)
     along = float(velocity @ [np.sin(heading), np.cos(heading)])
     memory = record(guidance.GUIDANCE_MEMORY)
-    guidance.begin(table[0], heading, along, water if tells else (0.0, 0.0), memory)
+    guidance.begin(table[0], heading, along, water if known else (0.0, 0.0), memory)
     rows = []
     for row in table:
-        if tells:
+        if known:
             guidance.track_current(water, DT, memory)
         else:
             guidance.integrate_offset(row, position, DT, memory)
@@ -70,11 +70,11 @@ def test_an_along_track_error_is_caught_up():
     assert flown[:, 4].max() <= 1.0 + 0.3
 
 
-@pytest.mark.parametrize(("tells", "duration"), [(True, 120.0), (False, 600.0)])
+@pytest.mark.parametrize(("known", "duration"), [(True, 120.0), (False, 600.0)])
 @pytest.mark.parametrize("water", [(0.5, 0.0), (-0.3, 0.4), (0.0, -0.6)])
-def test_the_vehicle_crabs_against_a_current(water, tells, duration):
-    """By a current that it is told, or by the integral of its offset."""
-    _, flown = follow(NORTHBOUND, duration, water=water, tells=tells)
+def test_the_vehicle_crabs_against_a_current(water, known, duration):
+    """By a known current, or by the integral of its offset."""
+    _, flown = follow(NORTHBOUND, duration, water=water, known=known)
     # what is left of 1 m/s north over ground without the current
     through = np.array([0.0, 1.0]) - water
     psi, speed = flown[-1, 2], flown[-1, 4]

@@ -1,4 +1,4 @@
-"""Trails that go on along the leader's waypoints while nothing is heard: against the trail of one who hears all."""
+"""Trails extended along the leader's waypoints without receptions, against the trail with all receptions."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def said_at(k: int, off: tuple[float, float] = (0.0, 0.0)) -> Record:
 
 
 class Listener:
-    """A follower 15 m behind and 10 m to port that hears what it is told at the seconds that it is told."""
+    """A follower 15 m behind and 10 m to port that receives given messages at given seconds."""
 
     def __init__(self, plan: LeaderPlan) -> None:
         self.plan, self.formation, self.memory = plan, Formation().record(), record(FOLLOWER_MEMORY)
@@ -68,7 +68,7 @@ def test_a_message_contains_the_track_until_the_turn_at_its_last_waypoint() -> N
 
 
 def test_the_trail_of_a_plan_is_that_of_messages() -> None:
-    """The leader turns at 40 s; one follower hears it each second, the other nothing from 21 s to 79 s.
+    """The leader turns at 40 s; one follower receives it each second, the other nothing from 21 s to 79 s.
 
     After a message the frame is where it would be, had no message been missed.
     """
@@ -103,13 +103,13 @@ def test_without_its_waypoints_a_leader_is_taken_to_go_straight_on() -> None:
 
 
 def test_messages_that_come_in_time_leave_no_planned_points() -> None:
-    heard, told = Listener(planned(0)), Listener(planned(2))
+    received, planning = Listener(planned(0)), Listener(planned(2))
     for k in range(1, 801):
         if k % 10 == 0:
-            heard.hear(k)
-            told.hear(k)
-        told.miss(k, k)
-    np.testing.assert_array_equal(told.trail, heard.trail)
+            received.hear(k)
+            planning.hear(k)
+        planning.miss(k, k)
+    np.testing.assert_array_equal(planning.trail, received.trail)
 
 
 def straight(points: int) -> tuple[Records, Ints]:
@@ -128,7 +128,7 @@ def test_planned_points_are_moved_to_where_the_leader_was() -> None:
     np.testing.assert_allclose(trail[:10].east, 0.1 * np.arange(10))
     np.testing.assert_allclose(trail[:10].north, np.arange(10.0))
     np.testing.assert_allclose(trail[:10].time, np.arange(10.0))
-    # a leader that is far away has turned after the plan that was heard, and was on it until then
+    # a leader that is far away has turned after the received plan, and was on it until then
     trail, count = straight(8)
     correct_planned(trail, count, 1, (30.0, 10.0, 40.0))
     assert count[0] == 8

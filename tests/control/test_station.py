@@ -1,4 +1,4 @@
-"""Trail, stations and laws, against closed forms: straight lines, circles, a vehicle that obeys at once."""
+"""Trail, stations and laws, against closed forms: straight lines, circles, a vehicle without lag."""
 
 from collections.abc import Callable
 
@@ -118,7 +118,7 @@ def test_station_velocities_in_a_turn_stay_within_the_speed_limit(port: float) -
     assert frames[-1][0] == pytest.approx(0.0, abs=0.01)
     # a frame that turns is stopped in time
     assert min(frame[0] for frame in frames) > -0.01
-    # the velocity that is told is that of the place, once the trail has bent
+    # the computed velocity is that of the place, once the trail has bent
     moved = np.gradient(np.array(places), 0.1, axis=0)
     np.testing.assert_allclose(np.array(velocities)[300:-2], moved[300:-2], atol=0.12)
 
@@ -136,8 +136,8 @@ def test_an_instantaneous_swing_is_replaced_by_a_turn_about_the_same_instant(
     before, after = np.array([-current[0], pace - current[1]]), np.array([pace - current[0], -current[1]])
     start, end = np.arctan2(*before), np.arctan2(*after)
     for late in (-8.0, -5.0, -2.0, 2.0, 5.0, 8.0):
-        told = rate_limited_velocity(FRAME, station, (trail, count[0]), 60.0 + late, current, memory)
-        through = np.array(told) - current
+        command = rate_limited_velocity(FRAME, station, (trail, count[0]), 60.0 + late, current, memory)
+        through = np.array(command) - current
         # half way between what a hull may have turned to already and what it may still have to turn from
         upper = max(start, end - AGILITY * max(-late, 0.0))
         lower = min(end, start + AGILITY * max(late, 0.0))
@@ -149,10 +149,10 @@ def test_an_instantaneous_swing_is_replaced_by_a_turn_about_the_same_instant(
 
 def test_on_a_straight_way_nothing_is_foreseen() -> None:
     trail, count, ahead = straight()
-    told = rate_limited_velocity(
+    command = rate_limited_velocity(
         FRAME, record(STATION, 20.0, 7.0, 12.0), (trail, count[0]), 60.0, (0.2, -0.1), record(FRAME_STATE, 0.3, 0.0)
     )
-    assert told == pytest.approx(tuple(1.5 * ahead))
+    assert command == pytest.approx(tuple(1.5 * ahead))
 
 
 def between_envelopes(
@@ -168,8 +168,8 @@ def between_envelopes(
     needed -= current[:, None]
     heading = np.unwrap(np.arctan2(*needed))
     reach = AGILITY * np.abs(np.arange(-10.0, 11.0))
-    told = 0.5 * (np.max(heading - reach) + np.min(heading + reach))
-    return np.asarray(np.hypot(*needed[:, 10]) * np.array([np.sin(told), np.cos(told)]) + current)
+    command = 0.5 * (np.max(heading - reach) + np.min(heading + reach))
+    return np.asarray(np.hypot(*needed[:, 10]) * np.array([np.sin(command), np.cos(command)]) + current)
 
 
 def test_what_is_foreseen_is_between_the_envelopes_on_legs_and_in_bends() -> None:
@@ -182,9 +182,9 @@ def test_what_is_foreseen_is_between_the_envelopes_on_legs_and_in_bends() -> Non
     for time in np.arange(60.25, 210.0, 0.7):
         station, memory = record(STATION, 25.0, 8.0, 12.0), record(FRAME_STATE, 0.4, 0.01)
         for current in (np.array([0.0, 0.0]), np.array([0.3, 0.5])):
-            told = rate_limited_velocity(FRAME, station, (trail, n), time, (current[0], current[1]), memory)
+            command = rate_limited_velocity(FRAME, station, (trail, n), time, (current[0], current[1]), memory)
             expected = between_envelopes(trail, n, station, time, current, memory)
-            assert told == pytest.approx(tuple(expected), abs=1e-9)
+            assert command == pytest.approx(tuple(expected), abs=1e-9)
             late = way.arc_at(trail, n, time) - 25.0
             bends = np.ptp(np.unwrap([np.arctan2(*way.at(trail, n, late + j)[2:4]) for j in range(-10, 11)])) > 1.0
             slow, quick = slow + (not bends), quick + bends
@@ -193,19 +193,19 @@ def test_what_is_foreseen_is_between_the_envelopes_on_legs_and_in_bends() -> Non
 
 
 def test_the_turn_rate_of_a_curve_is_limited() -> None:
-    """Of an S it is told what both bends are together, and little more: directions at 2000 places on it say so."""
+    """The turn of an S is that of both bends together, and little more: by directions at 2000 places on it."""
     times = np.arange(0.0, 100.0)
     course = np.where(times < 50.0, 0.04 * times, 4.0 - 0.04 * times)
-    said = course + 0.3
-    trail, count = laid(np.cumsum(np.column_stack([np.sin(course), np.cos(course)]), axis=0), times, said)
+    courses = course + 0.3
+    trail, count = laid(np.cumsum(np.column_stack([np.sin(course), np.cos(course)]), axis=0), times, courses)
     for since in (-8.0, 5.0, 48.5, 80.2, 98.9):
         arcs = np.linspace(since, trail[count[0] - 1].arc, 2000)
         ways = np.array([way.at(trail, count[0], arc)[2:4] for arc in arcs])
         turned = np.abs(np.diff(np.unwrap(np.arctan2(*ways.T)))).sum()
-        told = way.turned_since(trail, count[0], since)
-        assert told >= turned - 1e-9
-        # of the first segment, which comes out of the straight tail, more is told
-        assert told <= turned + (0.1 if since > 1.0 else 1.0)
+        command = way.turned_since(trail, count[0], since)
+        assert command >= turned - 1e-9
+        # for the first segment, which comes out of the straight tail, the result is larger
+        assert command <= turned + (0.1 if since > 1.0 else 1.0)
     assert way.turned_since(trail, 1, -10.0) == 0.0
     # beyond its head the way is straight, but for the last segment, which may not have been passed
     assert way.turned_since(trail, count[0], 150.0) < 0.1
@@ -240,25 +240,25 @@ def test_commanded_velocities_are_feasible(x: float, y: float, u: float, v: floa
 
 @pytest.mark.parametrize("kind", [CONSTANT_BEARING, ILOS, ALOS])
 def test_a_point_that_follows_the_command_arrives(kind: int) -> None:
-    """In a cross current that the first law is told and the others are not."""
+    """In a cross current that is known to the first law and unknown to the others."""
     current, place, integral = np.array([0.0, 0.3]), np.array([-30.0, 15.0]), 0.0
     settings = law(law=kind)
     for k in range(6000):
         target = Target(0.1 * k, 0.0, 1.0, 0.0, 1.0, 0.0)
-        told = (0.0, 0.3) if kind == CONSTANT_BEARING else (0.0, 0.0)
-        east, north, integral = approach(settings, target, (place[0], place[1]), told, 0.1, integral)
+        command = (0.0, 0.3) if kind == CONSTANT_BEARING else (0.0, 0.0)
+        east, north, integral = approach(settings, target, (place[0], place[1]), command, 0.1, integral)
         place = place + 0.1 * (np.array([east, north]) + current)
     off = place - np.array([0.1 * 6000, 0.0])
     assert abs(off[1]) < 0.05
     assert abs(off[0]) < (0.05 if kind == CONSTANT_BEARING else 1.0)
 
 
-@pytest.mark.parametrize(("velocity", "asked"), [((4.0, 3.0), 2.5), ((0.04, 0.03), 0.2), ((0.8, 0.6), 1.0)])
-def test_a_station_too_fast_or_too_slow_is_followed_at_the_limit(velocity: tuple[float, float], asked: float) -> None:
+@pytest.mark.parametrize(("velocity", "calls"), [((4.0, 3.0), 2.5), ((0.04, 0.03), 0.2), ((0.8, 0.6), 1.0)])
+def test_a_station_too_fast_or_too_slow_is_followed_at_the_limit(velocity: tuple[float, float], calls: float) -> None:
     """Along the way of the station, of which nothing is lacking."""
     target = Target(0.0, 0.0, *velocity, *velocity)
     found = approach(law(min_along_track_speed=0.0), target, (0.0, 0.0), (0.0, 0.0), 0.1, 0.0)
-    assert found == pytest.approx((0.8 * asked, 0.6 * asked, 0.0))
+    assert found == pytest.approx((0.8 * calls, 0.6 * calls, 0.0))
 
 
 def test_a_far_station_is_approached_at_the_greatest_speed_and_a_near_one_in_proportion() -> None:

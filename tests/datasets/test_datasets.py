@@ -1,4 +1,4 @@
-"""Data sets of others: what is read from their files, and what becomes of it in a log."""
+"""Data sets of others: reading their files, and converting them to a log."""
 
 import math
 import struct
@@ -61,7 +61,7 @@ def test_a_factor_graph_is_read_as_it_is_written(tmp_path: Path) -> None:
     np.testing.assert_allclose(data.odometry, [[2.0, 0.0, math.pi / 2], [4.0, 0.5, 0.0]])
     assert data.beacons == ("L0", "L1")
     assert data.places.tolist() == [[20.0, 0.0], [0.5, 30.5]]
-    # a time that is not near its pose's says nothing
+    # a time that is not near its pose's has no meaning
     assert data.range_time.tolist() == [11.2, 12.5, 13.0]
     assert data.range_beacon.tolist() == [0, 1, 0]
     assert data.ranges.tolist() == [17.0, 24.0, 18.0]
@@ -135,10 +135,10 @@ def test_what_a_graph_states_of_its_odometry_is_navigated_by(tmp_path: Path) -> 
     text = "\n".join([*poses, *steps, "VERTEX_XY L0 20.0 9.0", "EDGE_RANGE 5.0 A5 L0 17.0 0.09"])
     write_data_set(read_data_set(graph(tmp_path, text)), tmp_path / "a.mcap")
     recorded = read_data_set_log(tmp_path / "a.mcap")
-    told = _settings(recorded, Beacons(), "water")
-    assert (told.range_sigma, told.slip, told.heading_walk) == pytest.approx((0.3, 0.02, 0.003))
-    told = _settings(recorded, Beacons(slip_m_sqrt_s=0.07, heading_walk_deg_sqrt_s=2.0), "water")
-    assert (told.slip, told.heading_walk) == pytest.approx((0.07, math.radians(2.0)))
+    settings = _settings(recorded, Beacons(), "water")
+    assert (settings.range_sigma, settings.slip, settings.heading_walk) == pytest.approx((0.3, 0.02, 0.003))
+    settings = _settings(recorded, Beacons(slip_m_sqrt_s=0.07, heading_walk_deg_sqrt_s=2.0), "water")
+    assert (settings.slip, settings.heading_walk) == pytest.approx((0.07, math.radians(2.0)))
 
 
 @pytest.mark.parametrize(
@@ -311,7 +311,7 @@ def straight(**changes: object) -> RangeData:
     return replace(base, **changes)  # type: ignore[arg-type]
 
 
-def heard(path: Path) -> set[tuple[float, float]]:
+def received(path: Path) -> set[tuple[float, float]]:
     """Ranges and the east of their beacons in a log."""
     measured = read_data_set_log(path).measurements
     assert measured.transmitters is not None
@@ -325,10 +325,10 @@ def heard(path: Path) -> set[tuple[float, float]]:
 
 def test_no_range_is_lost_where_many_come_at_once(tmp_path: Path) -> None:
     write_data_set(straight(), tmp_path / "a.mcap")
-    assert heard(tmp_path / "a.mcap") == {(10 + k, 2 * k) for k in range(5)} | {(15, 0)}
+    assert received(tmp_path / "a.mcap") == {(10 + k, 2 * k) for k in range(5)} | {(15, 0)}
     twice = straight(range_beacon=np.array([0, 0, 1, 1, 1, 0])).among(["a", "b"])
     write_data_set(twice, tmp_path / "b.mcap")
-    assert heard(tmp_path / "b.mcap") == {(10, 0), (11, 0), (12, 2), (13, 2), (14, 2), (15, 0)}
+    assert received(tmp_path / "b.mcap") == {(10, 0), (11, 0), (12, 2), (13, 2), (14, 2), (15, 0)}
     assert not [remark for remark in read_data_set_log(tmp_path / "b.mcap").remarks if "left out" in remark]
 
 
@@ -356,7 +356,7 @@ STEP = st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0
 def test_legs_end_where_poses_composed_one_after_the_other_do(
     steps: list[tuple[float, float, float]], times: list[float], start: tuple[float, float, float]
 ) -> None:
-    """Forwards, backwards and sideways, whatever ranges cut in between; poses are complex numbers here."""
+    """Forwards, backwards and sideways, with any ranges in between; poses are complex numbers here."""
     data = straight(
         start=np.array(start),
         time=np.arange(len(steps) + 1.0),
@@ -405,9 +405,9 @@ def test_a_damaged_log_is_refused_and_recovered_with_a_remark(tmp_path: Path) ->
         read_data_set_log(log)
     # the end of the data section is cut off, with the checksum that covers the metadata
     log.write_bytes(whole[: int.from_bytes(whole[-28:-20], "little") - 5])
-    said: list[str] = []
-    rescued = read_data_set_log(recover(log, said.append))
-    assert said[0] == "metadata data set: no checksum, damage cannot be detected"
+    printed: list[str] = []
+    rescued = read_data_set_log(recover(log, printed.append))
+    assert printed[0] == "metadata data set: no checksum, damage cannot be detected"
     np.testing.assert_array_equal(rescued.measurements.ranges, original.measurements.ranges)
     np.testing.assert_array_equal(rescued.start, original.start)
 
@@ -431,12 +431,12 @@ def run(*words: object) -> str:
 
 def test_the_command_imports_and_replays(tmp_path: Path) -> None:
     log = tmp_path / "a.mcap"
-    said = run("log", "import", PLAZA / "Plaza2.mat", "--out", log, "--beacons", "1,6")
-    assert "beacon 6 at -37.58 m east, 69.23 m north: 432 ranges" in said
+    printed = run("log", "import", PLAZA / "Plaza2.mat", "--out", log, "--beacons", "1,6")
+    assert "beacon 6 at -37.58 m east, 69.23 m north: 432 ranges" in printed
     assert is_data_set(log)
-    said = run("replay", log, "--variant", "tight", "--out", tmp_path / "e.csv")
-    assert "mean error [m]" in said
-    assert "tight, in air" in said
+    printed = run("replay", log, "--variant", "tight", "--out", tmp_path / "e.csv")
+    assert "mean error [m]" in printed
+    assert "tight, in air" in printed
     lines = (tmp_path / "e.csv").read_text().splitlines()
     assert lines[0] == "follower,time_s,x_m,y_m,vx_m_s,vy_m_s"
     assert len(lines) == 1 + read_data_set_log(log).measurements.speed.size

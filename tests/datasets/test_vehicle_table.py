@@ -22,9 +22,9 @@ def table(folder: Path, *, delimiter: str = ",", start: float = 5.0, unit: str =
     lines = [f"time{unit},speed [kn],heading_deg,depth,note,{LEADER}"]
     for k in range(200):
         at = start + 0.1 * k + random.uniform(-0.02, 0.02)
-        heard = f"{k},20.0,45,1.5,8.0,30.5,31.5" if k % 10 == 9 else ",,,,,,"
+        received = f"{k},20.0,45,1.5,8.0,30.5,31.5" if k % 10 == 9 else ",,,,,,"
         lines.append(
-            f"{at * scale:.9g},2,90.0,5.0,x,{heard}" if scale == 1.0 else f"{at * scale:.0f},2,90.0,5.0,x,{heard}"
+            f"{at * scale:.9g},2,90.0,5.0,x,{received}" if scale == 1.0 else f"{at * scale:.0f},2,90.0,5.0,x,{received}"
         )
     path = folder / "mine.csv"
     path.write_text("\n".join(lines).replace(",", delimiter), encoding="utf-8-sig")

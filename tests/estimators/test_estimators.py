@@ -53,9 +53,9 @@ def test_ranges_are_echoes_or_lost_at_the_set_rates() -> None:
         excess = dirty.ranges - clean.ranges - np.array([0.0, 0.01, 0.0])
         gone = np.isnan(excess).all(axis=1)
         assert np.array_equal(np.isnan(excess).any(axis=1), gone)
-        heard = excess[~gone]
-        longer = heard > 1e-9
-        assert np.all((np.abs(heard) < 1e-9) | ((heard > 0.3 - 1e-9) & (heard < 4.8 + 1e-9)))
+        received = excess[~gone]
+        longer = received > 1e-9
+        assert np.all((np.abs(received) < 1e-9) | ((received > 0.3 - 1e-9) & (received < 4.8 + 1e-9)))
         lost, echoes, total = lost + int(gone.sum()), echoes + int(longer.sum()), total + gone.size
         assert np.array_equal(dirty.speed, clean.speed)
     # within five standard deviations of a binomial
@@ -76,10 +76,10 @@ def test_a_clock_and_common_echoes_move_all_ranges_of_a_message_alike() -> None:
         longer = disturbed(clean, run, "common").ranges - clean.ranges
         np.testing.assert_allclose(longer, np.repeat(longer[:, :1], 3, axis=1), rtol=0, atol=1e-9)
         excess.append(longer[longer[:, 0] > 1e-9, 0])
-    heard = np.concatenate(excess)
-    assert heard.min() > 0.3 - 1e-9
-    assert heard.max() < 4.8 + 1e-9
-    assert heard.size / (3 * n) == pytest.approx(0.1, abs=5 * np.sqrt(0.09 / (3 * n)))
+    received = np.concatenate(excess)
+    assert received.min() > 0.3 - 1e-9
+    assert received.max() < 4.8 + 1e-9
+    assert received.size / (3 * n) == pytest.approx(0.1, abs=5 * np.sqrt(0.09 / (3 * n)))
 
 
 def test_drift_is_the_same_for_the_same_run_and_leaves_ranges_alone() -> None:

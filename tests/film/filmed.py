@@ -14,7 +14,7 @@ WHITE: Colour = (1.0, 1.0, 1.0)
 
 
 class Notebook(Canvas):
-    """A canvas that keeps what it is asked to draw."""
+    """A canvas that records its draw calls."""
 
     def __init__(self, width: int = 1280, height: int = 720) -> None:
         super().__init__(width, height)

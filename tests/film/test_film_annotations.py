@@ -129,7 +129,7 @@ def test_an_excerpt_lies_within_the_mission(flight, start, end):
 
 
 def colour_near(image, place, radius=1):
-    """Mean over pixels that lie inside a marker whatever its place between pixels."""
+    """Mean over pixels that lie inside a marker for any of its subpixel positions."""
     x, y = (int(np.floor(v)) for v in place)
     return np.asarray(image)[y - radius : y + radius + 1, x - radius : x + radius + 1].reshape(-1, 3).mean(axis=0)
 
@@ -225,8 +225,8 @@ def test_pitch_errors_are_those_of_a_tilted_hull(example):
 
 def test_both_navigators_receive_the_same_and_the_colour_bar_covers_every_error(example):
     flight, added = asymmetry_film.scene(example)
-    told = example.flight.trajectory.time[example.step]
-    assert flight.trajectory.time[0] <= told <= flight.trajectory.time[-1]
+    example_time = example.flight.trajectory.time[example.step]
+    assert flight.trajectory.time[0] <= example_time <= flight.trajectory.time[-1]
     assert added.rays is not None
     assert np.nanmax(np.abs(added.rays.value)) <= added.rays.limit
     assert np.isfinite(added.rays.value).all()

@@ -59,7 +59,7 @@ def test_the_nearest_pair_is_found() -> None:
 
 
 def test_the_overlay_draws_rings_and_prints_the_distance() -> None:
-    """On a black picture a ring is bright in the colour of stations, and the labels tell distances."""
+    """On a black picture a ring is bright in the colour of stations, and the labels show distances."""
     flight = in_formation()
     data = film_data_of(flight, 1)
     overlay = Overlay(data, Video())

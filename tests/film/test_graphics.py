@@ -37,7 +37,7 @@ def test_a_backend_that_does_not_exist_is_reported_not_raised():
 
 
 def test_a_library_that_is_not_installed_is_called_so(monkeypatch):
-    """PyOpenGL's own words for it say nothing to a newcomer."""
+    """PyOpenGL's own message does not explain it to a newcomer."""
     program = (sys.executable, "-c", "None.glGetError()")
     monkeypatch.setattr(graphics, "child", lambda *_: (program, dict(os.environ)))
     assert graphics._examine("osmesa") == graphics.Backend("osmesa", False, "its library is not installed")

@@ -89,7 +89,7 @@ def test_a_picture_from_below_is_turned_upright() -> None:
 
 
 def test_colours_are_converted_to_bt709() -> None:
-    """ITU-R BT.709 in limited range, as the stream says: a decoder that goes by it finds the colours again."""
+    """ITU-R BT.709 in limited range, as declared in the stream: a decoder that uses it reproduces the colours."""
     colours = [(255, 255, 255), (0, 0, 0), (255, 64, 217), (255, 242, 64), (9, 66, 92)]
     rgba = np.zeros((128, 160, 4), np.uint8)
     for i, colour in enumerate(colours):

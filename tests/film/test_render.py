@@ -1,4 +1,4 @@
-"""Film: what the frames show, the stream that comes out, and what is said where there is none."""
+"""Film: content of frames, the stream, and messages where there is none."""
 
 import os
 import pickle
@@ -42,16 +42,16 @@ def test_other_impossible_wishes_are_refused(flight, tmp_path):
 
 def test_without_graphics_one_message_reports_what_to_install(flight, tmp_path, monkeypatch):
     monkeypatch.setattr(graphics, "working", lambda: None)
-    with pytest.raises(render.RenderError, match=r"no graphics library works here.*apt-get install") as told:
+    with pytest.raises(render.RenderError, match=r"no graphics library works here.*apt-get install") as raised:
         render.render(flight, tmp_path / "film.mp4", errors=errors_of(flight), video=small())
-    assert len(str(told.value).splitlines()) == 1
+    assert len(str(raised.value).splitlines()) == 1
 
 
 # frames
 
 
 def colour_near(image, place, radius=1):
-    """Mean over pixels that lie inside a marker whatever its place between pixels."""
+    """Mean over pixels that lie inside a marker for any of its subpixel positions."""
     x, y = (round(float(v)) for v in place)
     return np.asarray(image)[y - radius : y + radius + 1, x - radius : x + radius + 1].reshape(-1, 3).mean(axis=0)
 

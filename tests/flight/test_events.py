@@ -39,7 +39,7 @@ def test_an_ellipse_is_as_wide_as_its_larger_half_axis() -> None:
 def test_stations_are_near_within_three_sigma_of_both(
     apart: float, near: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Both know their places to 2 m, so that 3 √(2² + 2²) = 8.49 m."""
+    """Both have σ = 2 m, so that 3 √(2² + 2²) = 8.49 m."""
     flight = make_flight(10.0, 2)
     table = {"name": "s", "followers": [{"station": {"behind_m": 20.0, "port_m": p, "depth_m": 12.0}} for p in (0, 9)]}
     covariance = np.tile(4.0 * np.eye(4), (100, 1, 1))

@@ -1,4 +1,4 @@
-"""Shares add up, and each is what a closed form says when it acts alone."""
+"""Shares add up, and each is that of a closed form when it acts alone."""
 
 from dataclasses import replace
 
@@ -46,15 +46,15 @@ def shares_alone(budget: RangeErrorBudget, cause: Cause) -> np.ndarray:
 def test_shares_add_up_to_the_error():
     flight = make_flight(60.0)
     budget = range_error_budget(flight)
-    heard = np.isfinite(budget.used_range)
-    assert heard.any()
-    assert not heard.all()
-    assert_allclose(budget.share.sum(axis=2)[heard], budget.error[heard], rtol=0, atol=1e-9)
+    arrived = np.isfinite(budget.used_range)
+    assert arrived.any()
+    assert not arrived.all()
+    assert_allclose(budget.share.sum(axis=2)[arrived], budget.error[arrived], rtol=0, atol=1e-9)
     # the last number of the chain is the one the follower computes from its measurements
     own = flight.measurements[0]
     # its hydrophone sits higher than its depth sensor
     dz = own.message[:, 5] - (own.depth[own.message_step - 1] - SITES["follower"]["hydrophone"][2])
-    assert_allclose(budget.used_range[heard], np.sqrt(own.ranges**2 - dz[:, None] ** 2)[heard], atol=1e-12)
+    assert_allclose(budget.used_range[arrived], np.sqrt(own.ranges**2 - dz[:, None] ** 2)[arrived], atol=1e-12)
 
 
 def test_shares_add_up_with_everything_at_work():
@@ -139,14 +139,14 @@ def test_random_and_depth_errors_are_what_was_drawn():
 def test_a_file_holds_a_row_for_each_ping_received_and_its_shares_add_up(tmp_path):
     flight = make_flight(60.0, 2)
     rows = list(bounds.records(flight))
-    assert len(rows) == sum(int(np.isfinite(heard.ranges).sum()) for heard in flight.measurements)
+    assert len(rows) == sum(int(np.isfinite(arrived.ranges).sum()) for arrived in flight.measurements)
     for row in rows:
         shares = sum(row[f"{cause.name.lower()}_m"] for cause in Cause)
         assert row["level_range_m"] + shares == pytest.approx(row["used_range_m"], abs=1e-9)
-    heard = flight.measurements[1]
+    arrived = flight.measurements[1]
     front = [row for row in rows if row["follower"] == "follower2" and row["transmitter"] == "front"]
-    received = heard.message_step[np.isfinite(heard.ranges[:, 1])]
-    assert_allclose([row["time_s"] for row in front], received * heard.dt, atol=1e-9)
+    received = arrived.message_step[np.isfinite(arrived.ranges[:, 1])]
+    assert_allclose([row["time_s"] for row in front], received * arrived.dt, atol=1e-9)
 
 
 def test_the_page_names_the_cause_of_the_asymmetry():

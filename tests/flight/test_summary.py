@@ -1,4 +1,4 @@
-"""What is said of a flight: figures of its summary and events for its log, from a flight of formulas."""
+"""Summary of a flight and events for its log, from a flight of formulas."""
 
 import re
 from collections import Counter
@@ -110,8 +110,8 @@ def test_leaving_the_water_is_reported_once(flight: Flight) -> None:
     position[(time > 11.95) & (time < 13) | (time > 25), 0, 2] = 0.05
     position[time > 19.95, 1, 2] = -flight.scenario.ocean.floor_depth_m - 0.05
     events = stray_events(replace(flight, trajectory=replace(trajectory, position=position)))
-    told = [(event.time_s, event.text) for event in events if not re.search("touch|off its route", event.text)]
-    assert told == [
+    reported = [(event.time_s, event.text) for event in events if not re.search("touch|off its route", event.text)]
+    assert reported == [
         (pytest.approx(12.0), "leader breaks the surface"), (pytest.approx(20.0), "follower1 goes below the sea floor"),
     ]  # fmt: skip
     assert all("off its route" in event.text for event in stray_events(flight))

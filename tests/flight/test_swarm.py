@@ -1,4 +1,4 @@
-"""A swarm that thinks while it swims: what steered it is what its measurements say afterwards, and is counted."""
+"""A swarm that steers by its estimates: these are those of its measurements afterwards, and its updates are counted."""
 
 import numpy as np
 import pytest

@@ -178,10 +178,10 @@ def test_the_summary_begins_where_the_start_is_found(flight: Flight, errors: lis
 def test_more_transmitters_and_more_messages_can_be_better(flight: Flight) -> None:
     three = fly(scenario("navigation.assume.transmitters=3"))[0]
     assert np.all(flight_bound(three)[10:] < flight_bound(flight)[10:])
-    (heard,) = flight.measurements
-    ranges = heard.ranges.copy()
+    (received,) = flight.measurements
+    ranges = received.ranges.copy()
     ranges[5:] = np.nan
-    deaf = replace(flight, measurements=(replace(heard, ranges=ranges),))
+    deaf = replace(flight, measurements=(replace(received, ranges=ranges),))
     assert np.array_equal(flight_bound(deaf)[:59], flight_bound(flight)[:59])
     assert np.all(np.diff(flight_bound(deaf)[60:]) > 0.0)
 

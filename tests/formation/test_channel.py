@@ -1,4 +1,4 @@
-"""What a formation asks of a modem, by hand."""
+"""Demands of a formation on a modem, by hand."""
 
 import math
 
@@ -12,8 +12,8 @@ from sim.scenario.settings import Scenario
 def formation(**tables: object) -> Scenario:
     stations = [{"station": {"behind_m": 29.0, "port_m": 40.0, "depth_m": 10.0}},
                 {"station": {"behind_m": 5.0, "port_m": 0.0, "depth_m": 10.0}}]  # fmt: skip
-    told = {"name": "s", "followers": stations, "leader": {"depth_m": 10.0, "baseline_m": 2.0}}
-    return validate(told | {"ocean": {"floor_depth_m": 40.0}} | tables, "test")
+    base = {"name": "s", "followers": stations, "leader": {"depth_m": 10.0, "baseline_m": 2.0}}
+    return validate(base | {"ocean": {"floor_depth_m": 40.0}} | tables, "test")
 
 
 def test_bits_of_a_message_are_those_of_its_quantities() -> None:

@@ -59,17 +59,17 @@ def findings() -> Findings:
 
 @pytest.fixture
 def flown(monkeypatch: pytest.MonkeyPatch, findings: Findings) -> list[Any]:
-    """What the command asks for: the plan and the options of each study that is flown."""
-    asked: list[Any] = []
+    """Calls of the command: the plan and the options of each study that is flown."""
+    calls: list[Any] = []
 
     def fly(plans: list[Plan], folder: Path, **options: Any) -> list[Outcomes]:
-        asked.append((plans[0], options))
+        calls.append((plans[0], options))
         row = {"point": 0, "arm": "calm", "realization": 0, "follower": "f"}
         return [Outcomes(plan=plans[0], rows=[row], runs=[(row, {"run": [0]})], steps=[])]
 
     monkeypatch.setattr(studies, "fly_until_narrow", fly)
     monkeypatch.setattr("experiments.studies.formation.findings.findings_of", lambda _: findings.findings)
-    return asked
+    return calls
 
 
 def rows(html: str) -> dict[str, list[str]]:
@@ -90,7 +90,7 @@ def test_each_condition_has_a_row_of_its_numbers(findings: Findings, flown: list
     near, far = (f"{findings[f'weave 10 40 {behind}'].value:.2f}" for behind in (20, 40))
     assert found["10"] == ["40", near, far, "0.8"]
     assert (found["5"][0], found["0"][0]) == ("80", "–")
-    # who asks takes a turn for each: five times as long for fifty as for ten
+    # interrogations are in turn: five times as long for fifty as for ten
     message, interval, ten, fifty = (float(cell) for cell in found["80"])
     assert message < interval < ten
     assert fifty == pytest.approx(5.0 * ten, abs=0.3)
@@ -120,7 +120,7 @@ def test_rules_quote_the_conditions_that_they_name() -> None:
     none = {"message_bits": lambda _: 1, "reach_m": lambda _: 1.0, "RATES": (), "WEAVES": (), "BEHIND": ()}
     given |= {"limits": SimpleNamespace(**none), "interval": None, "share": None}
     page = page_of("experiments.studies.formation", [], given, findings)
-    said = " ".join(block.text for block in page.sections[-1].blocks if isinstance(block, Text))
+    printed = " ".join(block.text for block in page.sections[-1].blocks if isinstance(block, Text))
     for phrase, key in (
         ("every second the median follower is {} off", "run-median calm"),
         ("every 5 s {}, every", "run-median 5 s"),
@@ -151,7 +151,7 @@ def test_rules_quote_the_conditions_that_they_name() -> None:
         ("{} for the median follower that steers by the truth", "run-median truth"),
         ("truth, and {} at most", "max truth"),
     ):
-        assert phrase.format(f"{values[key]:.2f} m") in said
+        assert phrase.format(f"{values[key]:.2f} m") in printed
     shares = {
         name: f"{values[f'lost {name}']:.0%} (0 to 100 %)".replace("%", " %", 1)
         for name in (
@@ -167,13 +167,14 @@ def test_rules_quote_the_conditions_that_they_name() -> None:
             "5 s loss back",
         )
     }
-    assert f"{shares['5 s loss']} were lost of stations that begin 5 m behind, {shares['5 s loss back']} of" in said
+    assert f"{shares['5 s loss']} were lost of stations that begin 5 m behind, {shares['5 s loss back']} of" in printed
     five = [shares[name] for name in ("calm", "5 s", "10 s", "loss", "bursts")]
-    assert f"Shares of followers lost: {', '.join(five[:4])} and {five[4]}." in said
+    assert f"Shares of followers lost: {', '.join(five[:4])} and {five[4]}." in printed
     assert (
-        f"lost were {shares['laisn-2']} of the followers with LAISN-2, {shares['laisn-3-1']} with LAISN-3(1), " in said
+        f"lost were {shares['laisn-2']} of the followers with LAISN-2, {shares['laisn-3-1']} with LAISN-3(1), "
+        in printed
     )
-    assert f"{shares['laisn-3-2']} with LAISN-3(2), and {shares['calm']} with the tightly coupled" in said
+    assert f"{shares['laisn-3-2']} with LAISN-3(2), and {shares['calm']} with the tightly coupled" in printed
 
 
 def test_a_trial_run_is_reported(flown: list[Any], tmp_path: Path) -> None:
@@ -202,13 +203,13 @@ def test_the_command_flies_its_arguments_and_prints_the_page(
     flown: list[Any], tmp_path: Path, command: list[str]
 ) -> None:
     usual = {"workers": None, "force": False, "cluster": None}
-    for told, expected in (
+    for arguments, expected in (
         ([], (60, 1000.0, usual)),
         (["--quick", "--force"], (2, 100.0, usual | {"force": True})),
         (["--runs", "7", "--workers", "1"], (7, 1000.0, usual | {"workers": 1})),
     ):
         folder = tmp_path / str(len(flown))
-        answer = CliRunner().invoke(app, [*command, *told, "--out", str(folder)])
+        answer = CliRunner().invoke(app, [*command, *arguments, "--out", str(folder)])
         assert answer.exit_code == 0, answer.output
         plan, options = flown[-1]
         assert (plan.study.runs, plan.entries[0].scenario.duration_s, options) == expected

@@ -32,36 +32,36 @@ def test_every_condition_is_a_scenario_that_can_be_flown(condition: Entry) -> No
 
 @pytest.mark.parametrize("condition", CONDITIONS.values(), ids=CONDITIONS)
 def test_numbers_of_a_title_are_those_of_its_condition(condition: Entry) -> None:
-    """What a title does not speak of is as in all others: ten followers, three transmitters, a message each second."""
+    """What a title does not mention is as in all others: ten followers, three transmitters, a message each second."""
     made, title = condition.scenario_at(0), PLAN.study.title("arm", condition.arm)
     sound, sensors, ocean = made.acoustics, made.sensors, made.ocean
 
-    def told(words: str, usual: float = 0.0) -> float:
+    def in_title(words: str, usual: float = 0.0) -> float:
         found = re.search(words, title)
         return float(found[1]) if found else usual
 
-    assert len(made.followers) == told(r"(\d+) followers", 10)
-    assert made.navigation.transmitters == told(r"(\d) transmitters", 2 if title == "LAISN-2" else 3)
-    assert made.timing.message_interval_s == told(r"every (\d+) s", 1)
+    assert len(made.followers) == in_title(r"(\d+) followers", 10)
+    assert made.navigation.transmitters == in_title(r"(\d) transmitters", 2 if title == "LAISN-2" else 3)
+    assert made.timing.message_interval_s == in_title(r"every (\d+) s", 1)
     # a burst of n messages that begins with p takes up p / (p + 1/n) of the time
     bursts = sound.burst_probability / (sound.burst_probability + 1.0 / sound.burst_mean_messages)
-    assert sound.burst_mean_messages == told(r"bursts of (\d+) s", 5)
-    assert 100 * (sound.loss_probability + bursts) == pytest.approx(told(r"(\d+) % (?:of messages )?lost"), abs=0.1)
+    assert sound.burst_mean_messages == in_title(r"bursts of (\d+) s", 5)
+    assert 100 * (sound.loss_probability + bursts) == pytest.approx(in_title(r"(\d+) % (?:of messages )?lost"), abs=0.1)
     assert 100 * (sound.surface_echo_probability + sound.bottom_echo_probability) == pytest.approx(
-        told(r"(\d+) % echoes")
+        in_title(r"(\d+) % echoes")
     )
     speeds = [condition.scenario_at(run).ocean.current_speed_m_s for run in range(6)]
-    greatest = told(r"current up to ([\d.]+) m/s")
+    greatest = in_title(r"current up to ([\d.]+) m/s")
     # the first of five runs has a fifth of the greatest current
-    assert ocean.current_speed_m_s == pytest.approx(told(r"current ([\d.]+) m/s", greatest / 5))
+    assert ocean.current_speed_m_s == pytest.approx(in_title(r"current ([\d.]+) m/s", greatest / 5))
     assert max(speeds) == greatest or not greatest
-    assert ocean.current_shear_per_s == told(r"([\d.]+) m/s less for each metre")
-    assert (ocean.waves.height_m if ocean.waves.kind != "none" else 0.0) == told(r"Hs ([\d.]+) m")
-    assert sensors.leader_heading_bias_deg == told(r"compass (\d+)° off")
+    assert ocean.current_shear_per_s == in_title(r"([\d.]+) m/s less for each metre")
+    assert (ocean.waves.height_m if ocean.waves.kind != "none" else 0.0) == in_title(r"Hs ([\d.]+) m")
+    assert sensors.leader_heading_bias_deg == in_title(r"compass (\d+)° off")
     assert made.navigation.assume.exact_leader != ("leader's compass" in title and "estimated" in title)
     assert made.navigation.assume.current != ("known to be still" in title)
-    assert sensors.speed_drift_m_s == told(r"drift by ([\d.]+) m/s")
-    assert sensors.heading_drift_deg == told(r"m/s and (\d)°")
+    assert sensors.speed_drift_m_s == in_title(r"drift by ([\d.]+) m/s")
+    assert sensors.heading_drift_deg == in_title(r"m/s and (\d)°")
     dive = [[0.0, 5.0], [200.0, 5.0], [350.0, 40.0]] if "dives from 5 to 40 m in 150 s" in title else []
     assert [list(point) for point in made.leader.depth_profile] == dive
     assert PLAN.runs_of(condition).step == (5 if "50 followers" in title else 1)
@@ -168,7 +168,7 @@ def test_runs_are_numbered_from_zero_and_some_conditions_fly_every_other_one(
 
 
 def test_every_run_of_a_condition_has_values_of_its_own(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """What the engine computes is the scenario of each run, whatever other runs have."""
+    """What the engine computes is the scenario of each run, independently of other runs."""
     designs: list[engine.Design] = []
 
     def fly(design: engine.Design, folder: Path, **options: object) -> None:

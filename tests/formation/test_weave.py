@@ -10,25 +10,25 @@ from experiments.studies.formation.limits import BEHIND, WEAVES, findings, geome
 def test_the_follower_is_where_the_leader_was_and_the_transmitters_on_the_axis_now() -> None:
     """Of small swings: heading a sin ωt, so that the way is a v/ω (1 − cos ωt) aside."""
     amplitude, omega, late = np.deg2rad(1.0), 2 * np.pi / 40.0, 20.0
-    told = geometry(1.0, 40.0, late)
-    time = told.dt * told.message_step
-    then = told.dt * np.arange(1, 3001) - late
-    np.testing.assert_allclose(told.heading, amplitude * np.sin(omega * then), rtol=0, atol=1e-12)
+    bound_geometry = geometry(1.0, 40.0, late)
+    time = bound_geometry.dt * bound_geometry.message_step
+    then = bound_geometry.dt * np.arange(1, 3001) - late
+    np.testing.assert_allclose(bound_geometry.heading, amplitude * np.sin(omega * then), rtol=0, atol=1e-12)
     aside = amplitude / omega * (np.cos(omega * time) - np.cos(omega * (time - late)))
-    np.testing.assert_allclose(told.from_leader[:, 0], aside, atol=0.002)
-    np.testing.assert_allclose(told.from_leader[:, 1], -late, atol=0.01)
+    np.testing.assert_allclose(bound_geometry.from_leader[:, 0], aside, atol=0.002)
+    np.testing.assert_allclose(bound_geometry.from_leader[:, 1], -late, atol=0.01)
     heading = amplitude * np.sin(omega * time)
     axis = np.column_stack([np.sin(heading), np.cos(heading)])
-    np.testing.assert_allclose(told.arms[:, 1, :2] - told.arms[:, 0, :2], 2.0 * axis, atol=1e-12)
-    np.testing.assert_array_equal(told.arms[:, :, 2], -10.0)
+    np.testing.assert_allclose(bound_geometry.arms[:, 1, :2] - bound_geometry.arms[:, 0, :2], 2.0 * axis, atol=1e-12)
+    np.testing.assert_array_equal(bound_geometry.arms[:, :, 2], -10.0)
 
 
 def test_a_straight_leader_is_straight_ahead() -> None:
-    told = geometry(0.0, 40.0, 40.0)
-    np.testing.assert_allclose(told.from_leader, np.tile([0.0, -40.0], (300, 1)), atol=1e-9)
-    # whoever is 40 m behind and was there 40 s before swims 1 m/s
-    np.testing.assert_array_equal(told.speed, 1.0)
-    assert (told.dt, told.speed.size) == (0.1, 3000)
+    bound_geometry = geometry(0.0, 40.0, 40.0)
+    np.testing.assert_allclose(bound_geometry.from_leader, np.tile([0.0, -40.0], (300, 1)), atol=1e-9)
+    # a follower 40 m behind, which was there 40 s before, swims 1 m/s
+    np.testing.assert_array_equal(bound_geometry.speed, 1.0)
+    assert (bound_geometry.dt, bound_geometry.speed.size) == (0.1, 3000)
     assert longer(0.0) == 0.0
 
 

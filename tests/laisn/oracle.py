@@ -1,6 +1,6 @@
 """LAISN written a second time, from the paper's equations alone: plain NumPy, 4×4 matrices, complex numbers for places.
 
-It shares no code with `laisn`. Messages are heard whole or not at all. Of the open questions it answers those that
+It shares no code with `laisn`. Messages are received whole or not at all. Of the open questions it answers those that
 `docs/algorithm.md` lists as that page does.
 """
 
@@ -20,7 +20,7 @@ PAIRS = ((0, 1), (0, 2), (1, 2))
 
 @dataclass(frozen=True)
 class Met:
-    """What one pair of circles says: number of intersections, their distance, the fix and its σp."""
+    """Result for a pair of circles: number of intersections, their distance, the fix and its σp."""
 
     number: int
     apart: float

@@ -147,10 +147,10 @@ def batch(geometry: Geometry, noise: TrueNoise) -> Floats:
     moved = np.stack([(a - b) / (2 * step) for (a, _), (b, _) in zip(plus, minus, strict=True)], axis=-1)
     bound = np.empty((n, 2, 2))
     for k in range(n):
-        heard = [i for i, at in enumerate(geometry.message_step) if at <= k + 1]
+        received = [i for i, at in enumerate(geometry.message_step) if at <= k + 1]
         rows = [
             np.stack([(a[i] - b[i]) / (2 * step) for (_, a), (_, b) in zip(plus, minus, strict=True)], axis=-1)
-            for i in heard
+            for i in received
         ]
         # in units of the prior deviations, so that what is known is no unknown
         scaled = np.concatenate([np.zeros((0, sigma.size)), *rows]) * sigma
@@ -171,7 +171,7 @@ EVERYTHING = TrueNoise(
 )
 @pytest.mark.parametrize("transmitters", [2, 3])
 def test_the_recursion_is_least_squares_of_the_whole_mission(known: tuple[str, ...], transmitters: int) -> None:
-    """A bending way, transmitters at depths of their own, some pings lost; whatever is known or unknown."""
+    """A bending way, transmitters at different depths, some pings lost; constants known and unknown."""
     rng = np.random.default_rng(transmitters)
     n, at = 14, np.array([2, 5, 9, 12, 14])
     arms = rng.normal(size=(at.size, 3, 3)) * [2.0, 2.0, 4.0]
@@ -290,7 +290,7 @@ def test_information_on_the_current_grows_with_the_time_of_the_leader_track() ->
     noise = replace(KNOWN, speed_sigma=0.0, current=before, leader_way_sigma=sigma, leader_heading_bias=0.1)
     geometry = at_rest(600, (0.0, -20.0), np.full((3, 3), np.nan), every=50)
     assert position_bound(geometry, noise)[-1, 0, 0] == pytest.approx((60.0 * before) ** 2)
-    # a leader at rest says nothing of its compass
+    # a leader at rest has no information on its compass
     bound = position_bound(replace(geometry, leader_velocity=np.zeros((12, 2))), noise)
     place, cross, current = 0.0, 0.0, before**2
     for _ in range(12):
@@ -302,24 +302,24 @@ def test_information_on_the_current_grows_with_the_time_of_the_leader_track() ->
             2.0 * sigma**2 * current / spread,
         )
     np.testing.assert_allclose(bound[-1], place * np.eye(2), rtol=1e-9, atol=1e-12)
-    # one that heads east at v does not know a current to the north from a compass that is off by current / v
-    v, told = 1.2, replace(geometry, leader_velocity=np.tile([1.2, 0.0], (12, 1)))
+    # one that heads east at v cannot distinguish a current to the north from a compass error of current / v
+    v, observed = 1.2, replace(geometry, leader_velocity=np.tile([1.2, 0.0], (12, 1)))
     east, north = (25.0 * (before**2 - before**4 / spread) for spread in
                    before**2 + 2.0 * sigma**2 + np.array([0.0, (0.1 * v) ** 2]))  # fmt: skip
-    np.testing.assert_allclose(position_bound(told, noise)[49], np.diag([east, north]), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(position_bound(observed, noise)[49], np.diag([east, north]), rtol=1e-9, atol=1e-12)
 
 
 def test_without_current_the_leader_track_observes_its_compass_bias() -> None:
-    """East at v, heard at right angles: b_L has 1/σ² + T v²/10 σ_c², and the ranges to two transmitters no more."""
+    """East at v, received at right angles: b_L has 1/σ² + T v²/10 σ_c², and the ranges to two transmitters no more."""
     sigma, bias, v = 0.05, 0.1, 1.2
     noise = replace(
         KNOWN, speed_sigma=0.0, start=3.0, range_sigma=1e-4, leader_way_sigma=sigma, leader_heading_bias=bias
     )
     arms = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     geometry = at_rest(50, (0.0, -20.0), arms, every=50)
-    told = replace(geometry, leader_velocity=np.array([[v, 0.0]]))
-    for given, known in ((geometry, bias**-2), (told, bias**-2 + 5.0 * v**2 / (10.0 * sigma**2))):
-        # ranges tell the bearing from the leader's axis, which is as wrong as its compass is
+    observed = replace(geometry, leader_velocity=np.array([[v, 0.0]]))
+    for given, known in ((geometry, bias**-2), (observed, bias**-2 + 5.0 * v**2 / (10.0 * sigma**2))):
+        # ranges determine the bearing from the leader's axis, which has the error of its compass
         off = 1.0 / (3.0**-2 + known / 20.0**2)
         assert position_bound(given, noise, averaged=False)[-1, 0, 0] == pytest.approx(off, rel=1e-3)
 

@@ -1,4 +1,4 @@
-"""A filter that is told the truth about its noise: its covariance must be that of its errors."""
+"""A filter with the true noise parameters: its covariance must be that of its errors."""
 
 import numpy as np
 from scipy.stats import chi2

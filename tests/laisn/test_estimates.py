@@ -11,7 +11,7 @@ from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges
 
 
 def estimates(n: int = 6, fixes: tuple[int, ...] = (1, 3, 3, 5, 6)) -> Estimates:
-    """A record whose numbers tell which step or fix they belong to."""
+    """A record whose numbers identify their step or fix."""
     f = np.arange(1.0, len(fixes) + 1)
     return Estimates(
         state=np.arange(1.0, n + 1)[:, None] * [1.0, 10.0, 100.0, 1000.0],
@@ -40,18 +40,18 @@ def test_steps_before_the_first_estimate_are_counted() -> None:
         whole = estimates()
         state = whole.state.copy()
         state[:missing] = np.nan
-        told = {item.name: getattr(whole, item.name) for item in fields(Estimates)} | {"state": state}
-        assert Estimates(**told).unknown == missing
+        arrays = {item.name: getattr(whole, item.name) for item in fields(Estimates)} | {"state": state}
+        assert Estimates(**arrays).unknown == missing
 
 
 def test_arrays_of_another_shape_are_named() -> None:
     whole = estimates()
-    told: dict[str, Any] = {item.name: getattr(whole, item.name) for item in fields(Estimates)}
-    for name, value in told.items():
+    arrays: dict[str, Any] = {item.name: getattr(whole, item.name) for item in fields(Estimates)}
+    for name, value in arrays.items():
         # the number of steps is that of the states, of fixes that of their steps
         short = value[:, :1] if name == "state" else (value[:, None] if name == "fix_step" else value[:-1])
         with pytest.raises(ValueError, match=rf"Estimates\.{name} has shape .* expected"):
-            Estimates(**{**told, name: short})
+            Estimates(**{**arrays, name: short})
 
 
 def test_kinds_keep_the_numbers_that_logs_have() -> None:
@@ -96,7 +96,7 @@ def test_time_is_that_of_equal_steps_or_the_sum_of_their_durations() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "says"),
+    ("changes", "pattern"),
     [
         ({"message_step": np.array([0, 5])}, "must increase within 1 … 5"),
         ({"message_step": np.array([2, 6])}, "must increase within 1 … 5"),
@@ -113,8 +113,8 @@ def test_time_is_that_of_equal_steps_or_the_sum_of_their_durations() -> None:
         ({"transmitters": np.zeros((2, 2, 3))}, "Measurements.transmitters has shape"),
     ],
 )
-def test_measurements_that_do_not_fit_together_are_refused(changes: dict[str, Any], says: str) -> None:
-    with pytest.raises(ValueError, match=says):
+def test_measurements_that_do_not_fit_together_are_refused(changes: dict[str, Any], pattern: str) -> None:
+    with pytest.raises(ValueError, match=pattern):
         measured(**changes)
     # at the ends it is fine
     assert measured(message_step=np.array([1, 5])).message_step.tolist() == [1, 5]

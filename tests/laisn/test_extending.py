@@ -108,8 +108,8 @@ def test_a_new_variant_flies_and_replays(copy: Path) -> None:
         "fly T3 --no-video --set motion=kinematic --set duration_s=20 --out out/{0} --set navigation.variant=laisn-{0}"
     )
     replay = "replay out/best/flight.mcap --variant laisn-closest"
-    told = run(copy, "-c", COMMANDS, fly.format("best"), replay, fly.format("closest"))
-    assert "replayed, laisn-closest" in told
+    output = run(copy, "-c", COMMANDS, fly.format("best"), replay, fly.format("closest"))
+    assert "replayed, laisn-closest" in output
     best, closest = (json.loads((copy / "out" / name / "summary.json").read_text()) for name in ("best", "closest"))
     assert (best["variant"], closest["variant"]) == ("laisn-best", "laisn-closest")
     assert best["e_p_mean_m"] != closest["e_p_mean_m"]

@@ -56,7 +56,7 @@ def test_a_certain_fix_is_taken_over_and_a_second_one_skipped() -> None:
 
 
 def test_a_line_that_is_known_exactly_is_left_alone() -> None:
-    """Of an exact state one range without error says nothing; one with an error of a millimetre does as little."""
+    """One range without error does not change an exact state; nor does one with an error of a millimetre."""
     kalman = Filter(0.1, np.array([1.0, 2.0, 0.0, 0.0]), np.zeros(4))
     skipped = kalman.update_along((4.0, 6.0), (0.6, 0.8), 0.0)
     assert not skipped.applied
@@ -70,7 +70,7 @@ def test_a_line_that_is_known_exactly_is_left_alone() -> None:
 
 
 def test_position_gain_is_about_one_with_the_papers_settings() -> None:
-    """σa0 = 60 m/s² dwarfs β/sep, so that a fix is believed: the gain is P / (P + σp²)."""
+    """σa0 = 60 m/s² dwarfs β/sep, so that a fix decides: the gain is P / (P + σp²)."""
     kalman = Filter(0.1, np.zeros(4), np.zeros(4))
     kalman.predict(60.0)
     variance = (60 * 0.1**2 / 2) ** 2

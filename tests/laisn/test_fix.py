@@ -21,7 +21,7 @@ SETTINGS = NavigationSettings()
 PREDICTED = NavigationSettings(side_rule="predicted")
 
 
-def heard(*radius: float) -> RangeCircles:
+def arrived(*radius: float) -> RangeCircles:
     return RangeCircles(
         Circles(*(Circle(Point(*p), r) for p, r in zip(P.tolist(), radius, strict=True))), turn(EAST), 0.0
     )
@@ -29,7 +29,7 @@ def heard(*radius: float) -> RangeCircles:
 
 def exact(x: float, y: float) -> RangeCircles:
     """Error-free ranges from (x, y)."""
-    return heard(*np.hypot(*(P - [x, y]).T).tolist())
+    return arrived(*np.hypot(*(P - [x, y]).T).tolist())
 
 
 def pair_fixes(
@@ -77,7 +77,7 @@ def test_the_nearer_intersection_is_taken() -> None:
 
 def test_no_intersection_snaps_astern() -> None:
     """|D2 − D1| > L: the follower is put D1 behind P1."""
-    found = found_by("laisn-2", heard(30.0, 32.5, 31.0), (-31.0, 2.0))
+    found = found_by("laisn-2", arrived(30.0, 32.5, 31.0), (-31.0, 2.0))
     assert found == Fix(-31.0, 0.0, 0.0, FixKind.ASTERN, -1.0)
 
 
@@ -89,26 +89,26 @@ def test_intersections_closer_than_t_snap_astern() -> None:
 
 
 def test_one_intersection_is_certain() -> None:
-    found = found_by("laisn-2", heard(3.0, 5.0, 4.0), (-4.0, 1.0))
+    found = found_by("laisn-2", arrived(3.0, 5.0, 4.0), (-4.0, 1.0))
     assert found == Fix(-4.0, 0.0, 0.0, FixKind.TANGENT, -1.0)
 
 
 def test_a_follower_ahead_is_snapped_behind_as_published_and_ahead_with_the_other_rule() -> None:
-    circles = heard(32.2, 30.0, 31.0)
+    circles = arrived(32.2, 30.0, 31.0)
     behind = found_by("laisn-2", circles, (31.0, 1.0))
     np.testing.assert_allclose(place(behind), (-33.2, 0))
     ahead = found_by("laisn-2", circles, (31.0, 1.0), PREDICTED)
     np.testing.assert_allclose(place(ahead), (31.0, 0))
-    still_behind = found_by("laisn-2", heard(30.0, 32.2, 31.0), (-31.0, 1.0), PREDICTED)
+    still_behind = found_by("laisn-2", arrived(30.0, 32.2, 31.0), (-31.0, 1.0), PREDICTED)
     np.testing.assert_allclose(place(still_behind), (-31.0, 0))
 
 
 def test_the_predicted_end_is_that_on_whose_side_of_the_pairs_middle_the_prediction_lies() -> None:
-    circles = heard(32.2, 30.0, 31.0)
+    circles = arrived(32.2, 30.0, 31.0)
     assert place(found_by("laisn-2", circles, (0.05, 3.0), PREDICTED)) == pytest.approx((31.0, 0.0))
     assert place(found_by("laisn-2", circles, (-0.05, 3.0), PREDICTED)) == pytest.approx((-33.2, 0.0))
     # of the pair (1, 3), 1.005 m long on its own axis, the middle lies at (−0.5, 0.05)
-    ahead, behind = (pair_fixes(heard(32.2, 30.0, 31.0), (-0.5 + s, 0.05), PREDICTED)[1] for s in (0.05, -0.05))
+    ahead, behind = (pair_fixes(arrived(32.2, 30.0, 31.0), (-0.5 + s, 0.05), PREDICTED)[1] for s in (0.05, -0.05))
     assert np.hypot(ahead.east, ahead.north - 0.1) == pytest.approx(31.0)
     assert np.hypot(behind.east + 1.0, behind.north) == pytest.approx(32.2)
     assert ahead.east > 0.0 > behind.east
@@ -120,14 +120,14 @@ def test_of_two_points_equally_near_the_one_to_port_is_taken() -> None:
 
 def test_points_as_far_apart_as_t_are_clear() -> None:
     """Radii of 1.25 m about centres 2 m apart meet 1.5 m apart, which binary numbers have exactly."""
-    circles = heard(1.25, 1.25, 1.0)
+    circles = arrived(1.25, 1.25, 1.0)
     for threshold, kind in ((1.5, FixKind.TWO_POINTS), (np.nextafter(1.5, 2.0), FixKind.ASTERN)):
         assert found_by("laisn-2", circles, (0.0, 1.0), NavigationSettings(threshold=threshold)).kind == kind
 
 
 def test_snap_of_every_pair_uses_its_own_axis() -> None:
     """Eq. 23: from P1 against P3 − P1 for (1, 3), from P2 against P2 − P3 for (2, 3)."""
-    circles = heard(30.0, 40.0, 20.0)
+    circles = arrived(30.0, 40.0, 20.0)
     along_13 = np.array([1.0, 0.1]) / np.hypot(1.0, 0.1)
     along_32 = np.array([1.0, -0.1]) / np.hypot(1.0, 0.1)
     positions = [place(snapped) for snapped in pair_fixes(circles, (-9.0, 0.0))]
@@ -138,7 +138,7 @@ def test_snap_of_every_pair_uses_its_own_axis() -> None:
 
 def test_laisn_3_2_weighs_pairs_by_their_certainty() -> None:
     """Eqs. 24 and 25 by hand: pair (1, 2) and (2, 3) meet, (1, 3) does not."""
-    circles = heard(20.0, 20.5, 21.5)
+    circles = arrived(20.0, 20.5, 21.5)
     predicted = (0.0, 20.0)
     main, none, last = pair_fixes(circles, predicted)
     assert none.separation == -1.0
@@ -152,20 +152,20 @@ def test_laisn_3_2_weighs_pairs_by_their_certainty() -> None:
 
 @pytest.mark.parametrize("variant", ["laisn-3-2", "laisn-best", "laisn-main"])
 def test_three_transmitter_variants_snap_on_the_main_axis_if_no_pair_meets(variant: str) -> None:
-    found = found_by(variant, heard(30.0, 33.0, 31.4), (-31.0, 1.0))
+    found = found_by(variant, arrived(30.0, 33.0, 31.4), (-31.0, 1.0))
     assert found == Fix(-31.0, 0.0, 0.0, FixKind.ASTERN, -1.0)
 
 
 def test_best_baseline_takes_the_pair_with_the_widest_intersections() -> None:
-    circles = heard(20.0, 20.5, 20.0)
+    circles = arrived(20.0, 20.5, 20.0)
     widest = max(pair_fixes(circles, (0.0, 20.0)), key=lambda pair: pair.separation)
     assert found_by("laisn-best", circles, (0.0, 20.0)) == widest
 
 
 def test_main_baseline_yields_only_where_it_is_not_clear() -> None:
-    clear = heard(20.0, 20.5, 20.1)
+    clear = arrived(20.0, 20.5, 20.1)
     assert found_by("laisn-main", clear, (0.0, 20.0)) == found_by("laisn-2", clear, (0.0, 20.0))
-    unclear = heard(20.0, 22.5, 20.1)
+    unclear = arrived(20.0, 22.5, 20.1)
     second = pair_fixes(unclear, (0.0, 20.0))[1]
     assert second.kind == FixKind.TWO_POINTS
     assert found_by("laisn-main", unclear, (0.0, 20.0)) == second
@@ -193,7 +193,7 @@ def test_where_no_pair_has_an_intersection_the_first_that_was_received_is_taken(
 
 
 def test_missing_ranges() -> None:
-    without_front = heard(20.0, np.nan, 20.1)
+    without_front = arrived(20.0, np.nan, 20.1)
     assert found_by("laisn-2", without_front, (0.0, 20.0)).kind == FixKind.LOST
     only_13 = pair_fixes(without_front, (0.0, 20.0))[1]
     for variant in ("laisn-best", "laisn-main"):
@@ -202,7 +202,7 @@ def test_missing_ranges() -> None:
     np.testing.assert_allclose(place(fused), place(only_13))
     assert fused.sigma == pytest.approx(only_13.sigma / 3)
     assert fused.kind == FixKind.TWO_POINTS
-    nothing = heard(np.nan, np.nan, 20.1)
+    nothing = arrived(np.nan, np.nan, 20.1)
     for variant in SINGLE:
         assert found_by(variant, nothing, (0.0, 20.0)).kind == FixKind.LOST
 
@@ -230,9 +230,9 @@ def test_pitch_shifts_a_fix_abeam_by_dz_sin_phi(pitch_deg: float, error: float) 
 
 def test_hydrophone_above_the_depth_sensor_is_allowed_for() -> None:
     reception = _reception(0.0, 10.0, 0.0, 40.0)
-    told = to_circles(reception, 18.3, NavigationSettings(hydrophone_height=0.3))
-    np.testing.assert_allclose([circle.radius for circle in told.circles], np.hypot(*(P - [0, 40]).T))
-    assert told.depth_difference == pytest.approx(10.0)
+    range_circles = to_circles(reception, 18.3, NavigationSettings(hydrophone_height=0.3))
+    np.testing.assert_allclose([circle.radius for circle in range_circles.circles], np.hypot(*(P - [0, 40]).T))
+    assert range_circles.depth_difference == pytest.approx(10.0)
 
 
 def test_variance_of_a_fix() -> None:

@@ -30,9 +30,9 @@ length = st.floats(0.0, 500.0)
 def test_durations_of_one_step_change_nothing_to_the_bit(variant: Variant) -> None:
     settings = replace(SETTINGS, variant=variant)
     equal, _ = passage(None)
-    told = replace(equal, durations=np.full(400, 0.5))
-    assert np.array_equal(told.time, equal.time)
-    assert bits(Navigator(settings, START).run(told)) == bits(Navigator(settings, START).run(equal))
+    changed = replace(equal, durations=np.full(400, 0.5))
+    assert np.array_equal(changed.time, equal.time)
+    assert bits(Navigator(settings, START).run(changed)) == bits(Navigator(settings, START).run(equal))
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -106,18 +106,18 @@ def test_offsets_from_a_leader_are_places_in_its_messages() -> None:
     turned = measurements.message.copy()
     turned[:, 3] = np.pi / 2
     offsets = tuple((east, north, -depth) for east, north, depth in BEACONS.tolist())
-    told = Navigator(SETTINGS, START).run(replace(measurements, message=turned))
+    changed = Navigator(SETTINGS, START).run(replace(measurements, message=turned))
     settings = replace(SETTINGS, transmitter_offsets=offsets)
     placed = Navigator(settings, START).run(replace(measurements, message=turned, transmitters=None))
-    np.testing.assert_allclose(placed.state, told.state, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(placed.state, changed.state, rtol=0, atol=1e-9)
 
 
 def test_two_beacons_are_enough_and_a_third_without_a_place_is_not_used() -> None:
     measurements, place = passage(None)
     # heading north: forward is north, port is west
     offsets = tuple((north, -east, -depth) for east, north, depth in BEACONS[:2].tolist())
-    told = replace(SETTINGS, variant="laisn-3-2", transmitter_offsets=offsets)
-    estimates = Navigator(told, START).run(replace(measurements, transmitters=None))
+    changed = replace(SETTINGS, variant="laisn-3-2", transmitter_offsets=offsets)
+    estimates = Navigator(changed, START).run(replace(measurements, transmitters=None))
     assert np.abs(estimates.state[:, :2] - place[1:]).max() < 1e-6
     assert set(estimates.fix_kind.tolist()) == {FixKind.TWO_POINTS}
 
@@ -147,8 +147,8 @@ def free(*radius: float) -> RangeCircles:
 )
 def test_where_circles_of_beacons_miss_each_other_the_fix_lies_midway(rear: float, front: float, east: float) -> None:
     """The paper's point dead astern, −40 m in the first case, would be 81 m off."""
-    heard = free(rear, front, np.nan)
-    found = heard.fix(heard.pairs()[0], Point(41.0, 1.0), Tuning.of(NavigationSettings()))
+    received = free(rear, front, np.nan)
+    found = received.fix(received.pairs()[0], Point(41.0, 1.0), Tuning.of(NavigationSettings()))
     np.testing.assert_allclose((found.east, found.north), (east, 0.0), atol=1e-6)
     assert found.kind == FixKind.ASTERN
 

@@ -32,8 +32,8 @@ def test_the_tightly_coupled_navigator_recovers_the_truth_in_steps_of_any_length
 
 def test_durations_of_one_step_change_nothing_of_the_tightly_coupled_navigator_to_the_bit() -> None:
     equal, _ = passage(None)
-    told = replace(equal, durations=np.full(400, 0.5))
-    assert bits(tight(told)) == bits(tight(equal))
+    changed = replace(equal, durations=np.full(400, 0.5))
+    assert bits(tight(changed)) == bits(tight(equal))
 
 
 def test_a_longer_step_adds_more_noise_to_dead_reckoning() -> None:

@@ -40,7 +40,7 @@ def test_no_gate() -> None:
 
 
 def test_a_vehicle_that_keeps_moving_is_never_locked_out() -> None:
-    """After any number of rejections the bound outgrows whatever distance the vehicle can have covered."""
+    """After any number of rejections the bound exceeds any distance that the vehicle can have covered."""
     gate = opened(Point(0.0, 0.0), gate="v-max", follower_speed_max=3.0, dt=0.1)
     for step in range(10, 10_000, 10):
         travelled = 0.999 * 3.0 * step * 0.1

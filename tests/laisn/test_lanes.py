@@ -1,4 +1,4 @@
-"""One algorithm, two engines: the compiled lanes follow the readable navigator to 1e-9 m, whatever they are fed."""
+"""One algorithm, two engines: the compiled lanes follow the readable navigator to 1e-9 m, for any input."""
 
 from dataclasses import dataclass, replace
 

@@ -126,8 +126,8 @@ def test_an_independent_navigator_agrees(variant: Variant, gate: GateRule, offse
     expected = []
     for k, own in enumerate(zip(spoiled.speed, spoiled.heading, spoiled.depth, strict=True), start=1):
         i = index.get(k)
-        heard = i is not None and not lost[i]
-        oracle.step(*own, message[i] if heard else None, ranges[i] if heard else None)
+        received = i is not None and not lost[i]
+        oracle.step(*own, message[i] if received else None, ranges[i] if received else None)
         expected.append(oracle.x)
     np.testing.assert_allclose(estimates.state[:, :2], np.array(expected)[:, :2], atol=1e-8)
     np.testing.assert_allclose(estimates.state[:, 2:], np.array(expected)[:, 2:], atol=1e-6)
@@ -149,8 +149,8 @@ def test_a_lost_message_is_no_message(variant: Variant) -> None:
     ranges = np.where(lost[:, None], np.nan, measurements.ranges)
     given = {**vars(measurements), "message": message}
     with_lost = Measurements(**{**given, "ranges": ranges})
-    heard = {"message_step": measurements.message_step[~lost], "message": message[~lost], "ranges": ranges[~lost]}
-    both = with_lost, Measurements(**{**given, **heard})
+    received = {"message_step": measurements.message_step[~lost], "message": message[~lost], "ranges": ranges[~lost]}
+    both = with_lost, Measurements(**{**given, **received})
     one, other = (fly(m, start, variant=variant).state.tobytes() for m in both)
     assert one == other
     one, other = (lanes.run([m], start, NavigationSettings(variant=variant)).state.tobytes() for m in both)
@@ -197,13 +197,13 @@ def test_a_gross_error_is_rejected_and_the_filter_recovers() -> None:
 def test_a_long_silence_does_not_lock_the_filter_out() -> None:
     """Dead reckoning with a biased compass drifts away for 60 s; the first message afterwards is accepted."""
     measurements, truth, start = mission(1000, noise=np.random.default_rng(2))
-    heard = (measurements.message_step < 300) | (measurements.message_step > 900)
+    received = (measurements.message_step < 300) | (measurements.message_step > 900)
     silent = Measurements(
         **{
             **vars(measurements),
-            "message_step": measurements.message_step[heard],
-            "message": measurements.message[heard],
-            "ranges": measurements.ranges[heard],
+            "message_step": measurements.message_step[received],
+            "message": measurements.message[received],
+            "ranges": measurements.ranges[received],
         }
     )
     estimates = fly(silent, start)

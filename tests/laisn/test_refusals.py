@@ -53,8 +53,8 @@ def test_the_leaders_pose_and_speed_must_be_finite_and_its_tilt_may_be_missing(n
         with pytest.raises(LaisnError, match=r"step 1: leader message .* is not finite"):
             ALL[name](START).step(OWN, Reception(message, RANGES))
     level = MESSAGE._replace(pitch=np.nan, roll=np.nan, heading_sigma=np.nan)
-    (told,) = ALL[name](START).step(OWN, Reception(level, RANGES))
-    assert told.step == 1
+    (record,) = ALL[name](START).step(OWN, Reception(level, RANGES))
+    assert record.step == 1
 
 
 @pytest.mark.parametrize("name", ALL)

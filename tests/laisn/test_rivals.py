@@ -191,12 +191,12 @@ def test_an_inverted_usbl_places_the_follower_by_range_and_bearing() -> None:
     navigator = InvertedUsbl(settings, np.append(place + np.array([0.3, -0.2]), [0.0, 0.0]))
     bearing = Bearing(azimuth, np.arctan2(deeper, away))
     # the front transmitter of a leader that heads north is 1 m ahead
-    heard = Reception(message(20.0, -6.0), Ranges(np.nan, np.hypot(away, deeper), np.nan), bearing=bearing)
+    received = Reception(message(20.0, -6.0), Ranges(np.nan, np.hypot(away, deeper), np.nan), bearing=bearing)
     for _ in range(4):
-        navigator.step(OwnMotion(0.0, heading, 10.0 + deeper), heard)
+        navigator.step(OwnMotion(0.0, heading, 10.0 + deeper), received)
     assert navigator.state[:2] == pytest.approx(place, abs=2e-3)
     with pytest.raises(LaisnError, match="no azimuth and elevation of an inverted USBL"):
-        navigator.step(OwnMotion(0.0, heading, 18.0), heard._replace(bearing=None))
+        navigator.step(OwnMotion(0.0, heading, 18.0), received._replace(bearing=None))
 
 
 def test_a_geodetic_adjustment_minimises_the_weighted_squares_of_its_observations() -> None:
@@ -225,7 +225,7 @@ def test_a_factor_graph_whose_window_holds_all_is_the_solution_of_the_whole_prob
     """Six messages, all poses, biases and common errors at once by scipy's least squares."""
     settings = replace(SETTINGS, lag=1e3, start_sigma=0.5)
     navigator, rng = by_name("factor-graph", settings, START), np.random.default_rng(5)
-    readings, heard, place = [], [], np.zeros(2)
+    readings, received, place = [], [], np.zeros(2)
     s, c, dt = np.sin(0.3), np.cos(0.3), 0.1
     offsets = np.array([[-s, -c], [s, c], [-0.1 * c, 0.1 * s]])
     for k in range(1, 61):
@@ -238,7 +238,7 @@ def test_a_factor_graph_whose_window_holds_all_is_the_solution_of_the_whole_prob
             leader = message(15.0 + 0.1 * k, 6.0 - 0.05 * k, 0.3)
             true = np.linalg.norm(place - np.array([leader.east, leader.north]) - offsets, axis=1)
             reception = Reception(leader, Ranges(*(true + 0.05 * rng.normal() + 0.003 * rng.normal(size=3))))
-            heard.append(reception)
+            received.append(reception)
         navigator.step(own, reception)
     both = np.array([readings[0], *readings])
     u = np.column_stack([np.sin(both[:, 1]), np.cos(both[:, 1])])
@@ -248,7 +248,7 @@ def test_a_factor_graph_whose_window_holds_all_is_the_solution_of_the_whole_prob
         poses, (log, scale), common = v[:21].reshape(7, 3), v[21:23], v[23:]
         found = [poses[0, :2] / 0.5, [poses[0, 2] / settings.heading_bias_sigma, log / settings.speed_bias_sigma,
                                       scale / settings.range_scale_bias_sigma]]  # fmt: skip
-        for i, reception in enumerate(heard):
+        for i, reception in enumerate(received):
             part, (before, after) = slice(10 * i, 10 * i + 10), poses[i : i + 2]
             way, path, now = steps[0][part].sum(axis=0), steps[1][part].sum(axis=0), u[1:][part]
             across = both[1:, :1][part] * np.column_stack([-now[:, 1], now[:, 0]])

@@ -24,7 +24,7 @@ Step = tuple[list[OwnMotion], list[Reception | None]]
 
 
 def shared_voyage() -> tuple[list[Step], Floats]:
-    """What followers read who hear messages of one leader, each with errors of its own; and where they begin.
+    """Readings of followers that receive messages of one leader, each with errors of its own; and their starts.
 
     Some messages are not in yet with one of them when they are with the others.
     """
@@ -33,25 +33,25 @@ def shared_voyage() -> tuple[list[Step], Floats]:
     mine: list[Step] = []
     for own, reception, _ in steps:
         owns = [OwnMotion(*(np.array(own) + 0.02 * rng.normal(size=3))) for _ in range(FOLLOWERS)]
-        heard: list[Reception | None] = [None] * FOLLOWERS
+        arrived: list[Reception | None] = [None] * FOLLOWERS
         if reception is not None:
             ranges = np.array(reception.ranges) + 0.02 * rng.normal(size=(FOLLOWERS, 3))
             ranges[rng.random(ranges.shape) < 0.1] = np.nan
-            heard = [
+            arrived = [
                 Reception(reception.message, Ranges(*row)) if rng.random() < 0.8 else None for row in ranges.tolist()
             ]
-        mine.append((owns, heard))
+        mine.append((owns, arrived))
     starts = np.column_stack([start + 0.3 * rng.normal(size=(FOLLOWERS, 2)), rng.normal(size=(FOLLOWERS, 2))])
     return mine, starts
 
 
 def tables(step: Step) -> tuple[Records, Bools, Records, Floats]:
     """Readings, who has a message, messages and ranges, as compiled swarms take them."""
-    owns, heard = step
-    received = np.array([h is not None for h in heard])
+    owns, arrived = step
+    received = np.array([h is not None for h in arrived])
     messages, ranges = records(MESSAGE, FOLLOWERS), np.full((FOLLOWERS, 3), 7.0)
     messages.fill(np.nan)
-    for i, reception in enumerate(heard):
+    for i, reception in enumerate(arrived):
         if reception is not None:
             messages[i], ranges[i] = tuple(reception.message), reception.ranges
     readings = records(READING, FOLLOWERS)
@@ -83,14 +83,14 @@ def test_there_is_a_lane_for_each_of_sixty_four_followers_and_no_more() -> None:
         new_lanes(NavigationSettings(), np.zeros((65, 4)))
 
 
-@pytest.mark.parametrize("told", [ALL_OF_2, TightSettings(known_start=False)], ids=["all of 2", "start of 3"])
-def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(told: TightSettings) -> None:
+@pytest.mark.parametrize("settings", [ALL_OF_2, TightSettings(known_start=False)], ids=["all of 2", "start of 3"])
+def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(settings: TightSettings) -> None:
     """Spread is the largest standard deviation of the place at the last message; lean is the way to the likelier of two
     places, where twice their spreads do not meet; the rest are means over the mixture.
     """
-    told = replace(told, dt=DT)
+    settings = replace(settings, dt=DT)
     steps, starts = shared_voyage()
-    together, alone = mission.new_tight_swarm(told, starts), [TightNavigator(told, row) for row in starts]
+    together, alone = mission.new_tight_swarm(settings, starts), [TightNavigator(settings, row) for row in starts]
     out, leant, upright = records(ESTIMATE, FOLLOWERS), 0, 0
     for k, step in enumerate(steps, start=1):
         assert together.navigate(k, *tables(step), out) == 0
@@ -101,14 +101,14 @@ def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(told: TightSet
                 np.testing.assert_allclose(out[i].velocity, navigator.state[2:], rtol=0, atol=1e-12)
             for update in updates:
                 x = update.full_state
-                current = x[6:8] if told.assume.current else np.zeros(2)
+                current = x[6:8] if settings.assume.current else np.zeros(2)
                 found = [out[i].log_bias, out[i].compass_bias, *out[i].current]
                 np.testing.assert_allclose(found, [x[2], x[3], *current], rtol=0, atol=1e-12)
                 off = update.hypothesis - x[:2]
                 spread = update.hypothesis_covariance + off[:, :, None] * off[:, None, :]
                 largest = np.linalg.eigvalsh(np.einsum("h,hij->ij", update.weight, spread))[-1]
                 assert out[i].spread == pytest.approx(np.sqrt(largest), rel=1e-9)
-                if told.assume.drift:
+                if settings.assume.drift:
                     continue
                 lean = np.zeros(2)
                 if update.weight.size > 1:
@@ -118,7 +118,7 @@ def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(told: TightSet
                     lean = off[0] * (np.hypot(*apart) >= 2.0 * spreads.sum())
                 np.testing.assert_allclose(out[i].to_likelier, lean, rtol=0, atol=1e-9)
                 leant, upright = leant + lean.any(), upright + (not lean.any())
-    assert told.assume.drift or min(leant, upright) > 5
+    assert settings.assume.drift or min(leant, upright) > 5
 
 
 @pytest.mark.parametrize(("half", "leans"), [(1.99, False), (2.01, True)])

@@ -18,14 +18,14 @@ def variances(headings: dict[float, float], every: float) -> tuple[float, float]
 
     Both vehicles head where `headings` has it, by time [s], straight lines between.
     """
-    model, heard = model_of(DEVIATING), new_signal()
+    model, signal = model_of(DEVIATING), new_signal()
     belief = new_belief(DEVIATING, model, (0.0, 0.0))
     before = belief.covariance[0].diagonal().copy()
     for k in range(1, round(60.0 / DT) + 1):
-        heard.heading = np.interp(DT * k, list(headings), list(headings.values()))
-        preintegrate(belief, model, 1.0, heard.heading, DT)
+        signal.heading = np.interp(DT * k, list(headings), list(headings.values()))
+        preintegrate(belief, model, 1.0, signal.heading, DT)
         if k % round(every / DT) == 0:
-            inflate_after_turns(belief, model, heard)
+            inflate_after_turns(belief, model, signal)
             reset_preintegration(belief)
     gained = belief.covariance[0].diagonal() - before
     return float(gained[COMPASS]), float(gained[model.leader])

@@ -25,10 +25,10 @@ def made(bias_sigma: float = 0.1) -> tuple[Belief, Model]:
 
 
 def message(step: int, heading: float, course: float = COURSE, way: float = 1.0) -> Signal:
-    heard = new_signal()
-    heard.east, heard.north = way * step * np.sin(course), way * step * np.cos(course)
-    heard.heading, heard.arms = heading, ARMS
-    return heard
+    signal = new_signal()
+    signal.east, signal.north = way * step * np.sin(course), way * step * np.cos(course)
+    signal.heading, signal.arms = heading, ARMS
+    return signal
 
 
 def clockwise(points: Floats, angle: float) -> Floats:
@@ -38,27 +38,27 @@ def clockwise(points: Floats, angle: float) -> Floats:
 
 def scatter(*legs: Floats) -> float:
     """Variance of readings about the means of their legs, and of one reading as large as the settings say."""
-    told = SETTINGS.leader_heading_sigma**2
+    prior = SETTINGS.leader_heading_sigma**2
     within = sum(float(np.sum((leg - leg.mean()) ** 2)) for leg in legs)
-    return min(told, (told + within) / (1 + sum(leg.size - 1 for leg in legs)))
+    return min(prior, (prior + within) / (1 + sum(leg.size - 1 for leg in legs)))
 
 
 def test_the_heading_of_a_leg_is_the_mean_of_its_readings_and_b_l_goes_with_it() -> None:
     belief, model = made()
     used, bias = [], []
     for step, error in enumerate(ERRORS):
-        heard = message(step, COURSE + error)
-        average_leader_heading(belief, model, heard)
-        inflate_bias_covariance(belief, model, heard)
-        used.append(float(heard.heading))
+        signal = message(step, COURSE + error)
+        average_leader_heading(belief, model, signal)
+        inflate_bias_covariance(belief, model, signal)
+        used.append(float(signal.heading))
         bias.append(float(belief.state[0, model.leader]))
-        np.testing.assert_allclose(heard.arms[:, :2], clockwise(ARMS[:, :2], used[-1] - COURSE - error), atol=1e-12)
-        np.testing.assert_array_equal(heard.arms[:, 2], ARMS[:, 2])
+        np.testing.assert_allclose(signal.arms[:, :2], clockwise(ARMS[:, :2], used[-1] - COURSE - error), atol=1e-12)
+        np.testing.assert_array_equal(signal.arms[:, 2], ARMS[:, 2])
     # a direction needs two messages and a straight way three; b_L is wide here, so that the mean is used at once
     assert used[:2] == pytest.approx(COURSE + ERRORS[:2])
     means = [COURSE + ERRORS[2 : n + 1].mean() for n in range(2, ERRORS.size)]
     assert used[2:] == pytest.approx(means, abs=1e-12)
-    # heading less b_L is the true heading, whatever stands for the broadcast one
+    # heading less b_L is the true heading, whatever replaces the broadcast one
     np.testing.assert_allclose(np.diff(bias[2:]), np.diff(means), atol=1e-12)
     # b_L gains the first reading's random error, and no more
     gained = belief.covariance[0, model.leader, model.leader] - 0.1**2
@@ -69,9 +69,9 @@ def test_a_mean_of_few_readings_is_not_used_where_b_l_is_known_better() -> None:
     belief, model = made(bias_sigma=1e-3)
     used = []
     for step, error in enumerate(ERRORS):
-        heard = message(step, COURSE + error)
-        average_leader_heading(belief, model, heard)
-        used.append(float(heard.heading))
+        signal = message(step, COURSE + error)
+        average_leader_heading(belief, model, signal)
+        used.append(float(signal.heading))
     assert used[:5] == pytest.approx(COURSE + ERRORS[:5])
     assert used[5] == pytest.approx(COURSE + ERRORS[2:6].mean(), abs=1e-12)
 
@@ -120,17 +120,17 @@ def test_compass_scatter_is_estimated_from_all_legs_and_limited_by_the_settings(
     assert belief.leader.scatter == pytest.approx(scatter(0.1 * ERRORS[2:]), rel=1e-9)
     at = message(ERRORS.size - 1, 0.0)
     for step, error in enumerate(0.2 * ERRORS):
-        heard = message(step + 1, COURSE + 1.0 + error, COURSE + 1.0)
-        heard.east += at.east
-        heard.north += at.north
-        average_leader_heading(belief, model, heard)
+        signal = message(step + 1, COURSE + 1.0 + error, COURSE + 1.0)
+        signal.east += at.east
+        signal.north += at.north
+        average_leader_heading(belief, model, signal)
     # the first message after the turn has no leg
     assert belief.leader.scatter == pytest.approx(scatter(0.1 * ERRORS[2:], 0.2 * ERRORS[1:]), rel=1e-9)
     wide, _ = made()
     for step, error in enumerate(2.0 * ERRORS):
         average_leader_heading(wide, model, message(step, COURSE + error))
     assert wide.leader.scatter == SETTINGS.leader_heading_sigma**2
-    # what ranges say of the same errors cannot be more
+    # the estimate from ranges of the same errors cannot be larger
     wide.leader.scatter = np.deg2rad(0.5) ** 2
     wide.turn_excess[0] = 1.0
     update_leader_variance(wide, model)

@@ -170,10 +170,10 @@ def test_moments_of_a_half_equal_quadrature(z: float) -> None:
 
 
 def message(ranges: Floats) -> Signal:
-    heard = new_signal()
-    heard.east, heard.north, heard.heading, heard.speed = 40.0, 1.0, np.pi / 2, 1.0
-    heard.arms, heard.ranges = [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.1, 0.0]], ranges
-    return heard
+    signal = new_signal()
+    signal.east, signal.north, signal.heading, signal.speed = 40.0, 1.0, np.pi / 2, 1.0
+    signal.arms, signal.ranges = [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.1, 0.0]], ranges
+    return signal
 
 
 @pytest.mark.parametrize("drift", [False, True])
@@ -256,14 +256,14 @@ def test_the_leader_track_updates_the_current_as_filterpy_does(exact: bool) -> N
         belief.state[0, model.leader] = 0.1
     kalman = KalmanFilter(dim_x=n, dim_z=2)
     kalman.x, kalman.P = belief.state[0, :n].copy(), belief.covariance[0, :n, :n].copy()
-    heard = new_signal()
+    signal = new_signal()
     heading, speed, drift = 0.7, 1.3, np.array([0.2, -0.1])
-    heard.heading, heard.speed = heading, speed
+    signal.heading, signal.speed = heading, speed
     logged = speed * np.array([np.sin(heading), np.cos(heading)])
     for t in range(2):
         at = (logged + drift) * 1.25 * t
-        heard.time, heard.east, heard.north = 1.25 * t, at[0], at[1]
-        update_current_from_leader_track(belief, model, heard)
+        signal.time, signal.east, signal.north = 1.25 * t, at[0], at[1]
+        update_current_from_leader_track(belief, model, signal)
     bias = 0.0 if exact else kalman.x[model.leader]
     angle = heading - bias
     turned = speed * np.array([np.sin(angle), np.cos(angle)])
@@ -277,15 +277,15 @@ def test_the_leader_track_updates_the_current_as_filterpy_does(exact: bool) -> N
     np.testing.assert_allclose(belief.covariance[0, :n, :n], kalman.P, atol=1e-9)
 
 
-@pytest.mark.parametrize(("turn", "says"), [(0.19, True), (0.21, False), (-0.21, False), (2 * np.pi, True)])
-def test_a_turning_leader_does_not_update_the_current(turn: float, says: bool) -> None:
+@pytest.mark.parametrize(("turn", "updates"), [(0.19, True), (0.21, False), (-0.21, False), (2 * np.pi, True)])
+def test_a_turning_leader_does_not_update_the_current(turn: float, updates: bool) -> None:
     """The way between two messages is known on a leg that is nearly straight, to 0.2 rad."""
     settings = TightSettings(assume=Assume(current=True))
     model = model_of(settings)
     belief = new_belief(settings, model, (0.0, 0.0))
-    before, heard = belief.state.copy(), new_signal()
+    before, signal = belief.state.copy(), new_signal()
     for t in range(2):
-        heard.time, heard.east, heard.north = 1.25 * t, 2.0 * t, 0.0
-        heard.heading, heard.speed = 0.7 + turn * t, 1.3
-        update_current_from_leader_track(belief, model, heard)
-    assert np.array_equal(belief.state, before) != says
+        signal.time, signal.east, signal.north = 1.25 * t, 2.0 * t, 0.0
+        signal.heading, signal.speed = 0.7 + turn * t, 1.3
+        update_current_from_leader_track(belief, model, signal)
+    assert np.array_equal(belief.state, before) != updates

@@ -133,7 +133,7 @@ def test_errors_match_the_covariance_and_approach_the_bound() -> None:
     setting = TightSettings()
     squared, normalised = np.empty((runs, 3000)), np.empty((runs, 3000))
     for run in range(runs):
-        # constants are drawn from what the settings say of them
+        # constants are drawn from their distributions in the settings
         measurements = mission.measured(
             rng, log=rng.normal(0, 0.3), compass=rng.normal(0, np.deg2rad(8.0)), scale=rng.normal(0, 0.2)
         )
@@ -187,7 +187,7 @@ RANGES = Ranges(20.0, 21.0, 20.5)
 
 
 @pytest.mark.parametrize(
-    ("own", "message", "ranges", "says"),
+    ("own", "message", "ranges", "pattern"),
     [
         (OWN._replace(speed=np.nan), None, None, "step 1: own motion .* is not finite"),
         (OWN._replace(heading=np.inf), None, None, "is not finite"),
@@ -201,12 +201,12 @@ RANGES = Ranges(20.0, 21.0, 20.5)
     ],
 )
 def test_invalid_measurements_are_reported_and_leave_the_estimate_unchanged(
-    own: OwnMotion, message: LeaderMessage | None, ranges: Ranges | None, says: str
+    own: OwnMotion, message: LeaderMessage | None, ranges: Ranges | None, pattern: str
 ) -> None:
     navigator = TightNavigator(TightSettings(), np.array([0.0, 0.0, 1.0, 0.0]))
     before = navigator.state, navigator.covariance
     reception = None if message is None or ranges is None else Reception(message, ranges)
-    with pytest.raises(ValueError, match=says):
+    with pytest.raises(ValueError, match=pattern):
         navigator.step(own, reception)
     np.testing.assert_array_equal(navigator.state, before[0])
     np.testing.assert_array_equal(navigator.covariance, before[1])
@@ -232,7 +232,7 @@ def test_lost_ranges_and_messages_widen_the_covariance() -> None:
 
 
 def test_hypotheses_are_output_heaviest_first_and_one_is_at_the_truth() -> None:
-    """A follower dead astern, which two transmitters on the axis cannot tell from its mirror image."""
+    """A follower dead astern, which two transmitters on the axis cannot distinguish from its mirror image."""
     mission = Mission(steps=600)
     angle = mission.leader_heading[0]
     mission.follower += np.array([-30.0 * np.sin(angle), -30.0 * np.cos(angle)]) - mission.follower[0]
@@ -243,7 +243,7 @@ def test_hypotheses_are_output_heaviest_first_and_one_is_at_the_truth() -> None:
     assert np.count_nonzero(both) > 10
     assert np.all(np.diff(result.weight, axis=1) <= 0.0)
     assert result.weight.sum(axis=1) == pytest.approx(np.ones(len(result.weight)))
-    # the mean over the mixture is that of what is told of its sides
+    # the mean over the mixture is that of its output hypotheses
     mean = np.nansum(result.weight[:, :, None] * result.hypothesis, axis=1)
     np.testing.assert_allclose(mean, result.full_state[:, :2], atol=1e-9)
 

@@ -44,14 +44,14 @@ class Voyage:
     """Share of messages that are late as a whole."""
     lost: float = 0.0
     alone: tuple[int, int] = (0, 0)
-    """Messages of which only the rear transmitter is heard, by an echo."""
+    """Messages of which only the rear transmitter is received, by an echo."""
     current: tuple[float, float] = (0.0, 0.0)
     jitter: float = 0.0
     """By how much steps differ in length, as a share of Δt."""
     dt: float = 0.5
 
     def readings(self) -> tuple[list[tuple[OwnMotion, Reception | None, float]], Floats]:
-        """What the follower reads and hears in each step, and where it begins."""
+        """Readings and receptions of the follower in each step, and its start."""
         rng, n = np.random.default_rng(self.seed), self.messages * self.every
         times = self.dt * (1.0 + self.jitter * rng.uniform(-1.0, 1.0, n))
         clock = np.cumsum(times)
@@ -98,7 +98,7 @@ class Voyage:
 
 
 def assert_alike(update: Update, oracle: Oracle) -> None:
-    """What a navigator tells of a message is what the oracle's mixture is."""
+    """Output of a navigator for a message is that of the oracle's mixture."""
     if not oracle.sides:
         assert np.all(np.isnan(update.full_state))
         assert (update.weight.size, update.used) == (0, 0)
@@ -129,7 +129,7 @@ ABOUT = {"current": (0.2, -0.1), "jitter": 0.5}
 
 
 @pytest.mark.parametrize(
-    ("told", "voyage"),
+    ("settings", "voyage"),
     [
         (THREE, Voyage(turns=0.05, lost=0.1)),
         (TWO, Voyage(offset=(-20.0, 0.3), turns=0.03)),
@@ -163,11 +163,11 @@ ABOUT = {"current": (0.2, -0.1), "jitter": 0.5}
         "leader's compass, late as a whole",
     ],
 )
-def test_an_independent_navigator_agrees(told: TightSettings, voyage: Voyage) -> None:
+def test_an_independent_navigator_agrees(settings: TightSettings, voyage: Voyage) -> None:
     """Mixtures, biases and covariances to rounding; hypotheses, echoes, alarms and doubts one by one."""
     steps, start = voyage.readings()
-    begin = np.array([*start, 0.0, 0.0]) if told.known_start else None
-    navigator, oracle = TightNavigator(told, begin), Oracle(told, begin)
+    begin = np.array([*start, 0.0, 0.0]) if settings.known_start else None
+    navigator, oracle = TightNavigator(settings, begin), Oracle(settings, begin)
     for own, reception, dt in steps:
         updates = navigator.step(own, reception, dt)
         oracle.step(own, reception, dt)
@@ -182,30 +182,30 @@ def test_an_independent_navigator_agrees(told: TightSettings, voyage: Voyage) ->
 @pytest.mark.parametrize("known", [False, True])
 def test_arms_are_those_of_a_body_that_is_turned_as_a_whole(use_attitude: bool, known: bool) -> None:
     """A leader whose attitude is not broadcast, or not used, is level."""
-    told = TightSettings(baseline=3.0, middle_offset=0.4, use_attitude=use_attitude)
-    heard, heading, pitch, roll = new_signal(), 0.7, 0.2, -0.3
-    heard.heading = heading
-    place_arms(heard, model_of(told), pitch, roll if known else np.nan, 1.5)
+    settings = TightSettings(baseline=3.0, middle_offset=0.4, use_attitude=use_attitude)
+    signal, heading, pitch, roll = new_signal(), 0.7, 0.2, -0.3
+    signal.heading = heading
+    place_arms(signal, model_of(settings), pitch, roll if known else np.nan, 1.5)
     tilt = (pitch, roll) if use_attitude and known else (0.0, 0.0)
     body = np.array([[-1.5, 0.0, 0.0], [1.5, 0.0, 0.0], [0.0, 0.4, 0.0]])
     # east, north and depth of places on a body at the origin, which is 1.5 m deeper than the hydrophone
     expected = place_on_body((0.0, 0.0, 1.5), (heading, *tilt), body)
-    np.testing.assert_allclose(heard.arms, expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(signal.arms, expected, rtol=0, atol=1e-12)
 
 
 def test_a_start_whose_covariance_is_not_positive_definite_is_refused() -> None:
-    """As `receive` says: −1."""
-    told = replace(THREE, known_start=False)
-    belief, model, heard = new_belief(told, model_of(told), None), model_of(told), new_signal()
-    heard.ranges = 20.0, 20.5, 20.2
-    place_arms(heard, model, 0.0, 0.0, 1.0)
+    """As documented in `receive`: −1."""
+    settings = replace(THREE, known_start=False)
+    belief, model, signal = new_belief(settings, model_of(settings), None), model_of(settings), new_signal()
+    signal.ranges = 20.0, 20.5, 20.2
+    place_arms(signal, model, 0.0, 0.0, 1.0)
     belief.fresh[SCALE] = -1.0
-    assert receive(belief, model, heard) == -1
+    assert receive(belief, model, signal) == -1
 
 
 def test_the_record_of_a_mission_is_what_its_messages_changed() -> None:
-    """σ of a fix is the root of half the trace; absent sides weigh nothing; kinds are told by the ranges."""
-    told, dt = replace(ALL_OF_2, dt=0.5, known_start=False), 0.5
+    """σ of a fix is the root of half the trace; absent sides weigh nothing; kinds follow from the ranges."""
+    settings, dt = replace(ALL_OF_2, dt=0.5, known_start=False), 0.5
     steps, _ = Voyage(seed=4, turns=0.05, echoes=0.1, lost=0.2).readings()
     given = [(k, r) for k, (_, r, _) in enumerate(steps, start=1) if r is not None]
     own = np.array([o for o, _, _ in steps])
@@ -213,7 +213,7 @@ def test_the_record_of_a_mission_is_what_its_messages_changed() -> None:
         dt=dt, speed=own[:, 0], heading=own[:, 1], depth=own[:, 2], message_step=np.array([k for k, _ in given]),
         message=np.array([r.message for _, r in given]), ranges=np.array([r.ranges for _, r in given]),
     )  # fmt: skip
-    result, online = TightNavigator(told, None).run(measured), TightNavigator(told, None)
+    result, online = TightNavigator(settings, None).run(measured), TightNavigator(settings, None)
     updates = [u for o, r, _ in steps for u in online.step(o, r)]
     kinds = []
     for i, u in enumerate(updates):
@@ -242,13 +242,13 @@ def test_the_record_of_a_mission_is_what_its_messages_changed() -> None:
 @pytest.mark.parametrize("use_attitude", [False, True])
 @pytest.mark.parametrize("known", [False, True])
 def test_offsets_of_a_hull_are_that_hull(use_attitude: bool, known: bool) -> None:
-    """The same transmitters told as offsets and as baseline and middle offset, tilted where that is told and used."""
+    """The same transmitters as offsets and as baseline and middle offset, tilted where that is broadcast and used."""
     steps, start = Voyage(seed=9, turns=0.05, messages=6, offset=(2.0, 14.0)).readings()
     begin = np.array([*start, 0.0, 0.0])
     offsets = ((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.1, 0.0))
     navigators: list[TightNavigator | Navigator] = []
     for places in ((), offsets):
-        told = TightSettings(use_attitude=use_attitude, hydrophone_height=0.3, transmitter_offsets=places)
+        settings = TightSettings(use_attitude=use_attitude, hydrophone_height=0.3, transmitter_offsets=places)
         paper = NavigationSettings(
             use_attitude=use_attitude,
             hydrophone_height=0.3,
@@ -256,7 +256,7 @@ def test_offsets_of_a_hull_are_that_hull(use_attitude: bool, known: bool) -> Non
             variant="laisn-3-2",
             gate="off",
         )
-        navigators += [TightNavigator(told, begin), Navigator(paper, begin)]
+        navigators += [TightNavigator(settings, begin), Navigator(paper, begin)]
     tight, paper_alone, free, paper_free = navigators
     for own, reception, dt in steps:
         if reception is not None and not known:
@@ -283,7 +283,7 @@ def test_readings_at_the_limits_are_taken_and_those_beyond_them_refused(sign: fl
     step(50.0 * sign)
     step(farthest=1e5 if sign > 0.0 else 0.0)
     step(place=1e8 * sign)
-    for broken, says in (
+    for broken, pattern in (
         ({"speed": 50.0 * beyond * sign}, "the log reads"),
         ({"farthest": 1e5 * beyond if sign > 0.0 else -1e-9}, "expected 0"),
         ({"message": FAR._replace(east=1e8 * beyond * sign)}, "farther than"),
@@ -291,7 +291,7 @@ def test_readings_at_the_limits_are_taken_and_those_beyond_them_refused(sign: fl
         ({"message": FAR._replace(depth=1e8 * beyond * sign)}, "farther than"),
         ({"place": 1e8 * beyond * sign}, "farther than"),
     ):
-        with pytest.raises(LaisnError, match=says):
+        with pytest.raises(LaisnError, match=pattern):
             step(**broken)  # type: ignore[arg-type]
 
 

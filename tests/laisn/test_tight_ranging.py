@@ -43,7 +43,7 @@ def belief(covariance: Floats, mean: Floats = STATE, settings: TightSettings = E
     return made, model
 
 
-def heard(ranges: Floats) -> Signal:
+def signal(ranges: Floats) -> Signal:
     message = new_signal()
     message.east, message.north, message.heading, message.speed = *LEADER, 0.3, 1.0
     message.arms, message.ranges = ARMS, ranges
@@ -58,7 +58,7 @@ def some_covariance(scale: float) -> Floats:
 def test_derivatives_of_ranges_equal_complex_steps() -> None:
     ranges = ranges_of(STATE, 30.0).real
     made, model = belief(np.eye(STATES))
-    assert predict_ranges(made, model, 0, heard(ranges), 0.0, 0.0) == 3
+    assert predict_ranges(made, model, 0, signal(ranges), 0.0, 0.0) == 3
     # the scale's own slope is neglected against 1 in the derivatives by position: b_r is centimetres at tens of metres
     plain = STATE.copy()
     plain[4] = 0.0
@@ -71,7 +71,7 @@ def test_second_derivatives_equal_differences_of_complex_steps() -> None:
     plain[4] = 0.0
     ranges = ranges_of(plain, 30.0).real
     made, model = belief(np.eye(STATES), plain)
-    predict_ranges(made, model, 0, heard(ranges), 0.0, 0.0)
+    predict_ranges(made, model, 0, signal(ranges), 0.0, 0.0)
     step, chosen = 1e-5, [0, 1, 5]
     for j, other in itertools.product(range(3), range(3)):
         unit = np.eye(STATES)[chosen[other]] * step
@@ -87,7 +87,7 @@ def test_expected_ranges_equal_their_mean_over_a_gaussian() -> None:
     plain = STATE.copy()
     plain[4] = 0.0
     made, model = belief(covariance, plain)
-    predict_ranges(made, model, 0, heard(np.zeros(3) + 30.0), 0.0, 0.0)
+    predict_ranges(made, model, 0, signal(np.zeros(3) + 30.0), 0.0, 0.0)
     half = np.random.default_rng(1).normal(size=(500_000, 3)) @ root.T
     draws = np.concatenate([half, -half])
     x, y, bias = plain[0] + draws[:, 0], plain[1] + draws[:, 1], plain[5] + draws[:, 2]
@@ -112,7 +112,7 @@ def test_an_update_equals_filterpys(lost: tuple[int, ...]) -> None:
     kept = [i for i in range(3) if i not in lost]
     made, model = belief(covariance, plain, settings)
     made.leader_variance = 0.0
-    assert update(made, model, 0, heard(ranges)) == len(kept)
+    assert update(made, model, 0, signal(ranges)) == len(kept)
 
     exact = gradient(plain, float(np.nanmax(ranges)))
     hessians = np.array([second(plain, i) for i in range(3)])
@@ -147,7 +147,7 @@ def test_the_subset_of_direct_ranges_is_the_likeliest_of_all(echo: tuple[float, 
     covariance = some_covariance(0.01)
     ranges = ranges_of(plain, 30.0).real + np.array(echo)
     made, model = belief(covariance, plain)
-    predict_ranges(made, model, 0, heard(ranges), 0.0, made.leader_variance)
+    predict_ranges(made, model, 0, signal(ranges), 0.0, made.leader_variance)
     residual, spread = made.work.residual.copy(), made.work.spread.copy()
     best = {}
     for size in range(4):
@@ -158,7 +158,7 @@ def test_the_subset_of_direct_ranges_is_the_likeliest_of_all(echo: tuple[float, 
                 total += multivariate_normal.logpdf(residual[list(used)], cov=spread[np.ix_(used, used)])
             best[used] = total
     likeliest = max(best, key=best.__getitem__)
-    assert update(made, model, 0, heard(ranges)) == len(likeliest)
+    assert update(made, model, 0, signal(ranges)) == len(likeliest)
     assert made.evidence[0] == pytest.approx(best[likeliest], abs=1e-9)
 
 
@@ -167,7 +167,7 @@ def test_a_message_of_which_nothing_came_teaches_nothing() -> None:
     before = made.state.copy(), made.covariance.copy()
     outcome = made.outcome[0]
     made.evidence[0] = outcome["normalised_innovation"] = made.turn_excess[0] = 7.0
-    assert update(made, model, 0, heard(np.full(3, np.nan))) == 0
+    assert update(made, model, 0, signal(np.full(3, np.nan))) == 0
     assert (
         made.evidence[0],
         made.outcome["normalised_innovation"][0],
@@ -180,20 +180,20 @@ def test_a_message_of_which_nothing_came_teaches_nothing() -> None:
 
 def test_a_covariance_that_is_not_positive_definite_is_refused() -> None:
     made, model = belief(-np.eye(STATES))
-    assert update(made, model, 0, heard(ranges_of(STATE, 30.0).real)) == -1
+    assert update(made, model, 0, signal(ranges_of(STATE, 30.0).real)) == -1
     made, model = belief(np.full((STATES, STATES), np.nan))
-    assert update(made, model, 0, heard(ranges_of(STATE, 30.0).real)) == -1
+    assert update(made, model, 0, signal(ranges_of(STATE, 30.0).real)) == -1
 
 
 def test_of_ranges_that_share_an_echo_only_the_difference_is_used() -> None:
-    """Two transmitters 2 m apart, abeam at 10 m east: a delay common to both says nothing of the distance.
+    """Two transmitters 2 m apart, abeam at 10 m east: a delay common to both has no information on the distance.
 
     Ranges are ρ = (10² + 1)^½ each, and H of their difference is (0, 2/ρ). A reflection of 3 m changes a difference
     of 4 cm by 3/ρ of itself, which is a random error beside those of both ranges.
     """
-    told = TightSettings(transmitters=2, range_scale_sigma=0.0)
-    model, sigma, rho = model_of(told), 0.3, np.sqrt(101.0)
-    made, message = new_belief(told, model, (10.0, 0.0)), new_signal()
+    config = TightSettings(transmitters=2, range_scale_sigma=0.0)
+    model, sigma, rho = model_of(config), 0.3, np.sqrt(101.0)
+    made, message = new_belief(config, model, (10.0, 0.0)), new_signal()
     made.covariance[0, :2, :2] = sigma**2 * np.eye(2)
     made.covariance[0, 4, 4] = 0.0
     message.arms = [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]
@@ -203,7 +203,7 @@ def test_of_ranges_that_share_an_echo_only_the_difference_is_used() -> None:
     assert made.state[0, 0] == pytest.approx(10.0, abs=1e-12)
     assert made.covariance[0, 0, 0] == pytest.approx(sigma**2, abs=1e-12)
     # second-order terms of the difference are of the order of 1e-6 m²
-    variance = slope**2 * sigma**2 + 2.0 * told.range_sigma**2 + (3.0 / rho * 0.04) ** 2
+    variance = slope**2 * sigma**2 + 2.0 * config.range_sigma**2 + (3.0 / rho * 0.04) ** 2
     assert made.state[0, 1] == pytest.approx(slope * sigma**2 / variance * 0.04, rel=0.05)
     assert made.covariance[0, 1, 1] == pytest.approx(sigma**2 - (slope * sigma**2) ** 2 / variance, abs=1e-4)
     assert made.outcome[0]["squared"] == pytest.approx(0.04**2 / variance, rel=0.05)

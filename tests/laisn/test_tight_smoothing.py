@@ -166,8 +166,8 @@ def test_covariances_along_a_straight_way_north_are_those_of_its_integrals() -> 
     speed, steps = 1.3, 40
     north = North(SmoothingNavigator(settings, np.zeros(4), 60.0), steps, speed)
     north.fly()
-    before, heard = north.navigator._before[0]
-    way = _Leg(before, heard, north.navigator._model, (0.0, 0.0))
+    before, received = north.navigator._before[0]
+    way = _Leg(before, received, north.navigator._model, (0.0, 0.0))
     model = north.navigator._model
     end, q_log, q_compass = 0.1 * steps, model.log_walk[0], model.compass_walk[0]
     for k in (1, 13, steps - 1):
@@ -201,9 +201,9 @@ def test_the_prediction_includes_turns_and_both_drifts() -> None:
     north = North(SmoothingNavigator(settings, np.zeros(4), 60.0), steps, 1.0)
     north.fly(turn)
     model = north.navigator._model
-    before, heard = north.navigator._before[0]
+    before, received = north.navigator._before[0]
     before["weight"][0, :2] = 0.9, 0.1
-    way = _Leg(before, heard, model, (0.0, 0.0))
+    way = _Leg(before, received, model, (0.0, 0.0))
     slow = 0.5 + 0.4 * np.exp(-2.0 * 0.004 * 0.1 * steps)
     drift = 0.1 * steps * (slow * model.compass_walk[0] + (1.0 - slow) * model.compass_walk[1])
     variance = settings.heading_bias_sigma**2 + (0.03 * turn) ** 2 + drift
@@ -216,7 +216,7 @@ def test_the_prediction_includes_turns_and_both_drifts() -> None:
     [(Assume(), 3, True), (Assume(), 2, True), (EVERYTHING, 3, True), (Assume(), 3, False)],
 )
 def test_smoothing_reduces_errors_and_covariance_consistently(assume: Assume, transmitters: int, known: bool) -> None:
-    """Over runs with noise and biases as the settings say: less error and less covariance, and a NEES near 2.
+    """Over runs with noise and biases of the settings: less error and less covariance, and a NEES near 2.
 
     An unknown start stays unknown until the first message.
     """

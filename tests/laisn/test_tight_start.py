@@ -14,7 +14,7 @@ from tests.laisn.tight_mission import EVERYTHING, Mission
 
 @pytest.mark.parametrize("everything", [False, True])
 def test_three_transmitters_find_an_unknown_start(everything: bool) -> None:
-    """The first message tells where the follower is, but for what its ranges and the leader's compass may be off."""
+    """The first message gives the position, with the errors of its ranges and of the leader's compass."""
     mission = Mission(steps=600)
     setting = TightSettings(assume=EVERYTHING if everything else Assume())
     normalised = []
@@ -65,8 +65,8 @@ def test_an_unknown_start_is_found_among_beacons_for_any_leader_position(transmi
     measured, place = passage(None)
     message = measured.message.copy()
     message[:, 1:3] = shift
-    told = TightSettings(dt=0.5, transmitters=transmitters)
-    result = TightNavigator(told, None).run(replace(measured, message=message))
+    settings = TightSettings(dt=0.5, transmitters=transmitters)
+    result = TightNavigator(settings, None).run(replace(measured, message=message))
     count = 2 if transmitters == 2 else 1
     off, spread = result.hypothesis[0, :count] - place[4], result.hypothesis_covariance[0, :count]
     assert np.einsum("hi,hi->h", off, np.linalg.solve(spread, off[..., None])[..., 0]).min() < 9.0

@@ -28,7 +28,7 @@ class Component:
     evidence: float = 0.0
     taken: int = 0
     squared: float = 0.0
-    surprise: float = 0.0
+    normalised_innovation: float = 0.0
     excess: float = 0.0
 
     def copy(self) -> Component:
@@ -84,7 +84,7 @@ def mix(side: Side, time: float) -> None:
             c.weight = sum(p.weight for p in parts)
 
 
-def tidy(sides: list[Side]) -> None:
+def prune_and_merge(sides: list[Side]) -> None:
     """No side lighter than 1e-5, none nearer to another than 0.3 in squared distance and in b_L, and four at most."""
 
     def drop(h: int) -> None:
@@ -115,7 +115,11 @@ def tidy(sides: list[Side]) -> None:
                     x, P = moments([one, other]) if one.weight + other.weight > 0.0 else (one.x, one.P)
                     top = heaviest([one, other])
                     one.x, one.P, one.weight = x, P, one.weight + other.weight
-                    one.taken, one.squared, one.surprise = top.taken, top.squared, top.surprise
+                    one.taken, one.squared, one.normalised_innovation = (
+                        top.taken,
+                        top.squared,
+                        top.normalised_innovation,
+                    )
                 drop(h)
             else:
                 h += 1

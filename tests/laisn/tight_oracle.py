@@ -30,9 +30,9 @@ from tests.laisn.tight_mixture import (
     mix,
     moments,
     normalise,
-    tidy,
+    prune_and_merge,
 )
-from tests.laisn.tight_ranges import Heard, aside, hear, learn, pair, rotation, split
+from tests.laisn.tight_ranges import Message, aside, pair, rotation, split, to_message, update_with_ranges
 
 
 @dataclass
@@ -48,24 +48,24 @@ class Turn:
 class Oracle:
     """One follower. `step` is that of `TightNavigator`."""
 
-    told: TightSettings
+    settings: TightSettings
     start: Floats | None
     sides: list[Side] = field(default_factory=list)
     used: int = 0
 
     def __post_init__(self) -> None:
-        told, assume = self.told, self.told.assume
+        settings, assume = self.settings, self.settings.assume
         self.fresh = np.zeros(N)
-        self.fresh[PLACE] = told.start_sigma**2
-        self.fresh[LOG], self.fresh[COMPASS] = told.speed_bias_sigma**2, told.heading_bias_sigma**2
-        self.fresh[SCALE] = told.range_scale_bias_sigma**2
-        self.fresh[LEADER] = 0.0 if assume.exact_leader else told.leader_heading_bias_sigma**2
-        self.fresh[[EAST, NORTH]] = told.current_sigma**2 if assume.current else 0.0
-        self.fresh[8 : 7 + told.transmitters] = told.offset_sigma**2 if assume.offsets else 0.0
+        self.fresh[PLACE] = settings.start_sigma**2
+        self.fresh[LOG], self.fresh[COMPASS] = settings.speed_bias_sigma**2, settings.heading_bias_sigma**2
+        self.fresh[SCALE] = settings.range_scale_bias_sigma**2
+        self.fresh[LEADER] = 0.0 if assume.exact_leader else settings.leader_heading_bias_sigma**2
+        self.fresh[[EAST, NORTH]] = settings.current_sigma**2 if assume.current else 0.0
+        self.fresh[8 : 7 + settings.transmitters] = settings.offset_sigma**2 if assume.offsets else 0.0
         if assume.clock:
-            self.fresh[[CLOCK, RATE]] = told.clock_offset_sigma**2, told.clock_drift_sigma**2
+            self.fresh[[CLOCK, RATE]] = settings.clock_offset_sigma**2, settings.clock_drift_sigma**2
         self.clock_walk = 3e-6 if assume.clock else 0.0
-        self.most = self.v = 0.0 if assume.exact_leader else told.leader_heading_sigma**2
+        self.most = self.v = 0.0 if assume.exact_leader else settings.leader_heading_sigma**2
         # variances that biases gain in a second: 0.2 mm/s and 0.15 mrad, or drift, a quarter and 2.5 times of it
         drift = np.array([0.25, 2.5]) if assume.drift else np.ones(1)
         rates = (2.5e-3, 1.7e-3) if assume.drift else (2e-4, 1.5e-4)
@@ -81,7 +81,7 @@ class Oracle:
         self.trapezoids = np.zeros(2, dtype=complex)
         self.last: tuple[float, complex] | None = None
         self.turns: dict[int, Turn] = {}
-        self.leader: list[Heard] = []
+        self.leader: list[Message] = []
         self.places: list[complex] = []
         self.leg: list[float] = []
         self.steady, self.other_v = False, self.v / 16.0
@@ -103,15 +103,15 @@ class Oracle:
         self.readings.append((own.speed, direction, dt))
         self.last = own.speed, direction
         if reception is not None:
-            self.receive(hear(self.told, own, reception))
+            self.receive(to_message(self.settings, own, reception))
 
     def way(self) -> tuple[complex, complex, Floats, float]:
         """A = Σ v u Δt, B = Σ u Δt, the covariance of A's random errors, and the time since the last message."""
         noise, time = np.zeros((2, 2)), 0.0
         for speed, direction, dt in self.readings:
             along, across = pair(direction), pair(1j * direction)
-            noise += (self.told.speed_sigma * dt) ** 2 * np.outer(along, along)
-            noise += (self.told.heading_sigma * speed * dt) ** 2 * np.outer(across, across)
+            noise += (self.settings.speed_sigma * dt) ** 2 * np.outer(along, along)
+            noise += (self.settings.heading_sigma * speed * dt) ** 2 * np.outer(across, across)
             time += dt
         return complex(self.trapezoids[0]), complex(self.trapezoids[1]), noise, time
 
@@ -126,7 +126,7 @@ class Oracle:
         x = F @ c.x
         x[:2] += pair(r) - F[:2, LOG] * log - F[:2, COMPASS] * compass
         Q = np.zeros((N, N))
-        Q[:2, :2] = rotation(compass) @ noise @ rotation(compass).T + self.told.slip**2 * time * np.eye(2)
+        Q[:2, :2] = rotation(compass) @ noise @ rotation(compass).T + self.settings.slip**2 * time * np.eye(2)
         Q[CLOCK:, CLOCK:] = self.clock_walk**2 * np.array([[time**3 / 3, time**2 / 2], [time**2 / 2, time]])
         for state, rate in self.walks[c.mode].items():
             # a bias that wanders from 0, and its integral along a straight way
@@ -149,73 +149,73 @@ class Oracle:
             spread = rows @ c.P @ rows.T
             spread[:2, :2] = moved.P[:2, :2]
             along, across = pair(direction), pair(1j * direction)
-            spread[2:, 2:] += self.told.speed_sigma**2 * np.outer(along, along)
-            spread[2:, 2:] += (self.told.heading_sigma * self.last[0]) ** 2 * np.outer(across, across)
+            spread[2:, 2:] += self.settings.speed_sigma**2 * np.outer(along, along)
+            spread[2:, 2:] += (self.settings.heading_sigma * self.last[0]) ** 2 * np.outer(across, across)
             mean = np.concatenate([moved.x[:2], pair(velocity) + c.x[[EAST, NORTH]]])
             parts.append(Component(mean, spread, c.weight))
         return moments(parts)
 
-    def receive(self, heard: Heard) -> None:
-        """Mix, loosen, move, split, learn, weigh, tidy, doubt; then watch the leader's way."""
+    def receive(self, received: Message) -> None:
+        """Mix modes, inflate, predict, split, update, weigh, prune, reinitialise; then use the leader's track."""
         self.used = 0
-        if not heard.which:
+        if not received.which:
             return
         if not self.sides:
-            if len(heard.which) > 1:
-                self.add_ring(heard, 1.0)
-                self.used = len(heard.which)
+            if len(received.which) > 1:
+                self.add_ring(received, 1.0)
+                self.used = len(received.which)
                 for c in self.all:
                     c.taken, c.squared = self.used, np.nan
                 self.begin()
             return
         for side in self.sides:
             mix(side, self.way()[3])
-        if not self.told.assume.exact_leader:
-            heard = self.steadied(heard)
-        if self.told.assume.deviation:
-            self.loosen(heard)
-        self.sides = [[self.moved_to(c, heard) for c in side] for side in self.sides]
-        if {0, 1} <= set(heard.which):
-            split(self.told, self.sides, heard)
-        self.used = max(learn(self.told, self.v, c, heard) for c in self.all)
+        if not self.settings.assume.exact_leader:
+            received = self.averaged_heading(received)
+        if self.settings.assume.deviation:
+            self.inflate(received)
+        self.sides = [[self.moved_to(c, received) for c in side] for side in self.sides]
+        if {0, 1} <= set(received.which):
+            split(self.settings, self.sides, received)
+        self.used = max(update_with_ranges(self.settings, self.v, c, received) for c in self.all)
         best = max(c.evidence for c in self.all)
         for c in self.all:
             c.weight *= float(np.exp(c.evidence - best))
         normalise(self.sides)
-        if not self.told.assume.exact_leader:
+        if not self.settings.assume.exact_leader:
             variance = min(self.v + 0.1 * sum(c.weight * c.excess for c in self.all), self.scatter())
             self.v = min(max(variance, np.deg2rad(0.1) ** 2), self.most)
-        tidy(self.sides)
-        self.smoothed += 0.15 * (sum(c.weight * c.surprise for c in self.all) - self.smoothed)
-        if len(heard.which) > 1 and self.smoothed >= 3.0:
+        prune_and_merge(self.sides)
+        self.smoothed += 0.15 * (sum(c.weight * c.normalised_innovation for c in self.all) - self.smoothed)
+        if len(received.which) > 1 and self.smoothed >= 3.0:
             self.smoothed = 1.0
-            self.add_ring(heard, 0.002)
+            self.add_ring(received, 0.002)
         self.silent = 0 if self.used else self.silent + 1
         for c in self.all if self.silent >= 3 else []:
             c.P += np.diag([1.0, 1.0, 0.0, np.deg2rad(2.0) ** 2, *np.zeros(N - 4)])
-        self.watch(heard)
+        self.update_current(received)
         self.begin()
 
     def begin(self) -> None:
         self.readings, self.trapezoids = [], np.zeros(2, dtype=complex)
 
-    def steadied(self, heard: Heard) -> Heard:
+    def averaged_heading(self, received: Message) -> Message:
         """A message with the mean heading of a straight leg, where three places of the leader lie on a line.
 
         `leg` holds what the leg's messages read, as if each were read at the leg's present direction. Ways of 0.3 m and
         more have a direction, a line bends by less than 5 mrad, and a reading that is four standard deviations off the
         mean belongs to no leg. The mean is used from four readings on, or once its variance is a tenth of that of b_L.
-        How much a reading scatters is learnt from those of all legs.
+        The scatter of a reading is estimated from those of all legs.
         """
-        self.places = [*self.places[-2:], complex(*heard.place[::-1])]
-        ways, most = np.diff(self.places), self.told.leader_heading_sigma**2
-        told = ways.size == 2 and bool(np.all(abs(ways) > 0.3))
-        bend = float(np.angle(ways[1] / ways[0])) if told else np.inf
+        self.places = [*self.places[-2:], complex(*received.place[::-1])]
+        ways, most = np.diff(self.places), self.settings.leader_heading_sigma**2
+        moving = ways.size == 2 and bool(np.all(abs(ways) > 0.3))
+        bend = float(np.angle(ways[1] / ways[0])) if moving else np.inf
         on_leg = abs(bend) < 0.005
         before = len(self.leg)
         if on_leg:
             self.leg = [reading + bend for reading in self.leg]
-            off = np.angle(np.exp(1j * (heard.heading - np.mean(self.leg)))) if before else 0.0
+            off = np.angle(np.exp(1j * (received.heading - np.mean(self.leg)))) if before else 0.0
             on_leg = bool(abs(off) <= 4.0 * np.sqrt(most))
         if not on_leg:
             if self.steady:
@@ -224,9 +224,9 @@ class Oracle:
                     c.P[LEADER, LEADER] += self.scatter() / before
             self.past_legs.append(np.array(self.leg))
             self.leg, self.steady = [], False
-            return heard
-        mean = float(np.mean(self.leg)) if before else heard.heading
-        self.leg.append(mean + float(np.angle(np.exp(1j * (heard.heading - mean)))))
+            return received
+        mean = float(np.mean(self.leg)) if before else received.heading
+        self.leg.append(mean + float(np.angle(np.exp(1j * (received.heading - mean)))))
         known, most = self.sides[0][0].P[LEADER, LEADER], self.scatter()
         if self.steady:
             for c in self.all:
@@ -237,26 +237,26 @@ class Oracle:
             for c in self.all:
                 c.P[LEADER, LEADER] += most / len(self.leg)
         if not self.steady:
-            return heard
+            return received
         heading = float(np.mean(self.leg))
-        turn = rotation(heard.heading - heading)
+        turn = rotation(received.heading - heading)
 
         def turned(arms: Floats) -> Floats:
             return np.column_stack([arms[:, :2] @ turn.T, arms[:, 2]])
 
-        return replace(heard, heading=heading, arms=turned(heard.arms), axis=turned(heard.axis))
+        return replace(received, heading=heading, arms=turned(received.arms), axis=turned(received.axis))
 
     def scatter(self) -> float:
-        """Variance of readings about the means of their legs: of all so far, and one as large as the settings say."""
+        """Variance of readings about the means of their legs: of all so far, and one as large as in the settings."""
         legs = [np.array(leg) for leg in (*self.past_legs, self.leg) if len(leg)]
         squares = sum(float(np.sum((leg - leg.mean()) ** 2)) for leg in legs)
         return min(self.most, (self.most + squares) / (1 + sum(leg.size - 1 for leg in legs)))
 
-    def loosen(self, heard: Heard) -> None:
+    def inflate(self, received: Message) -> None:
         """A deviation of 3 % of the turn, where it is more than 0.1 rad, of the leader's 0.15 rad."""
         assert self.last is not None
         time = sum(dt for _, _, dt in self.readings)
-        ahead = complex(np.sin(heard.heading), np.cos(heard.heading))
+        ahead = complex(np.sin(received.heading), np.cos(received.heading))
         leaders = [(LEADER, ahead, 0.15)] if self.fresh[LEADER] > 0.0 else []
         for state, direction, least in [(COMPASS, self.last[1], 0.1), *leaders]:
             turn = self.turns.setdefault(state, Turn(direction, still=-time))
@@ -269,24 +269,24 @@ class Oracle:
             for c in self.all:
                 c.P[state, state] += 0.03**2 * (turn.largest**2 - before**2)
 
-    def moved_to(self, c: Component, heard: Heard) -> Component:
+    def moved_to(self, c: Component, received: Message) -> Component:
         """Linearised at the biases that the message suggests, where the way bends by more than 3 mm."""
         there, _ = self.moved(c, c.x[LOG], c.x[COMPASS])
         if 0.5 * c.P[COMPASS, COMPASS] * abs(self.way()[0]) < 0.003:
             return there
-        learn(self.told, self.v, there, heard)
+        update_with_ranges(self.settings, self.v, there, received)
         return self.moved(c, there.x[LOG], there.x[COMPASS])[0]
 
-    def add_ring(self, heard: Heard, share: float) -> None:
-        """Sides of what this message alone says: 96 Gaussians on a ring, those left of the axis and those right of it.
+    def add_ring(self, received: Message, share: float) -> None:
+        """Hypotheses of this message alone: 96 Gaussians on a ring, those left of the axis and those right of it.
 
         The ring is 5 m wide, its Gaussians 0.6 of their distance; near the belief so far, to 10 m, they weigh more.
         """
-        here, modes = moments(self.all)[0][:2] - heard.place if self.sides else None, len(self.walks)
+        here, modes = moments(self.all)[0][:2] - received.place if self.sides else None, len(self.walks)
         variance, self.v = self.v, 0.0
-        near = replace(heard, place=np.zeros(2))
-        centre = heard.arms[np.argmin(heard.ranges)]
-        distance = np.sqrt(max(heard.ranges.min() ** 2 - centre[2] ** 2, 1.0))
+        near = replace(received, place=np.zeros(2))
+        centre = received.arms[np.argmin(received.ranges)]
+        distance = np.sqrt(max(received.ranges.min() ** 2 - centre[2] ** 2, 1.0))
         tried: list[Component] = []
         for bearing in 2.0 * np.pi * (np.arange(96) + 0.5) / 96:
             out = np.array([np.sin(bearing), np.cos(bearing)])
@@ -295,7 +295,7 @@ class Oracle:
             P[LEADER, LEADER] = 0.0
             P[:2, :2] = 25.0 * np.outer(out, out) + (0.6 * 2 * np.pi / 96 * distance) ** 2 * np.outer(around, around)
             c = Component(np.concatenate([centre[:2] + distance * out, np.zeros(N - 2)]), P, 1.0)
-            learn(self.told, self.v, c, near)
+            update_with_ranges(self.settings, self.v, c, near)
             if here is not None:
                 c.evidence += np.log(0.01 + np.exp(-0.5 * np.sum((c.x[:2] - here) ** 2) / 100.0))
             tried.append(c)
@@ -315,35 +315,35 @@ class Oracle:
                 turn[BENT] = -x[1], x[0], 1.0
                 P += self.fresh[LEADER] * np.outer(turn, turn)
                 P[:2, :2] += self.v * np.outer(turn[:2], turn[:2])
-                x[:2] += heard.place
+                x[:2] += received.place
                 weight *= share / total / modes
                 self.sides.append([Component(x.copy(), P.copy(), weight, mode) for mode in range(modes)])
-        tidy(self.sides)
+        prune_and_merge(self.sides)
 
-    def watch(self, heard: Heard) -> None:
+    def update_current(self, received: Message) -> None:
         """The leader's way over ground less that of its log: the current, and what its compass turns the log's way by.
 
         Windows grow from 1 s to 10 s, and begin anew after a turn of more than 0.2 rad.
         """
-        if self.told.assume.exact_leader and not self.told.assume.current:
+        if self.settings.assume.exact_leader and not self.settings.assume.current:
             return
         if not self.leader:
-            self.leader, self.first_time, self.logged = [heard], heard.time, 0.0
+            self.leader, self.first_time, self.logged = [received], received.time, 0.0
             return
         first, last = self.leader[0], self.leader[-1]
-        velocity = [h.speed * complex(np.sin(h.heading), np.cos(h.heading)) for h in (last, heard)]
-        self.logged += 0.5 * (heard.time - last.time) * sum(velocity)
-        window = heard.time - first.time
-        self.leader.append(heard)
-        if abs(np.angle(np.exp(1j * (heard.heading - first.heading)))) > 0.2:
-            self.leader, self.logged = [heard], 0.0
-        elif window >= min(10.0, 1.0 + 0.2 * (heard.time - self.first_time)) - 1e-6:
+        velocity = [h.speed * complex(np.sin(h.heading), np.cos(h.heading)) for h in (last, received)]
+        self.logged += 0.5 * (received.time - last.time) * sum(velocity)
+        window = received.time - first.time
+        self.leader.append(received)
+        if abs(np.angle(np.exp(1j * (received.heading - first.heading)))) > 0.2:
+            self.leader, self.logged = [received], 0.0
+        elif window >= min(10.0, 1.0 + 0.2 * (received.time - self.first_time)) - 1e-6:
             logged = self.logged / window
-            seen = (heard.place - first.place) / window - pair(logged)
+            seen = (received.place - first.place) / window - pair(logged)
             for c in self.all:
                 turned = np.exp(1j * c.x[LEADER]) * logged
                 H = np.zeros((2, N))
                 H[:, [EAST, NORTH]], H[:, LEADER] = np.eye(2), pair(1j * turned)
                 residual = seen - c.x[[EAST, NORTH]] - pair(turned - logged)
                 c.update(residual, H, H @ c.P @ H.T + 0.05**2 * 10.0 / window * np.eye(2))
-            self.leader, self.logged = [heard], 0.0
+            self.leader, self.logged = [received], 0.0

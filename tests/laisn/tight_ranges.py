@@ -24,7 +24,7 @@ def rotation(angle: float) -> Floats:
 
 
 @dataclass
-class Heard:
+class Message:
     """A message: where the leader is, where its transmitters are beside it, and the ranges that came."""
 
     time: float
@@ -39,31 +39,31 @@ class Heard:
     """Arms of the rear and front transmitter, heard or not, shape (2, 3)."""
 
 
-def hear(told: TightSettings, own: OwnMotion, reception: Reception) -> Heard:
+def to_message(settings: TightSettings, own: OwnMotion, reception: Reception) -> Message:
     """Transmitters by Euler rotations: about up, then nose up, then starboard down."""
     message = reception.message
-    tilted = told.use_attitude and not np.isnan(message.pitch) and not np.isnan(message.roll)
+    tilted = settings.use_attitude and not np.isnan(message.pitch) and not np.isnan(message.roll)
     pitch, roll = (message.pitch, message.roll) if tilted else (0.0, 0.0)
     level = np.array([pair(1j * np.exp(-1j * message.heading)), pair(-np.exp(-1j * message.heading))])
     forward = np.array([*np.cos(pitch) * level[0], np.sin(pitch)])
     up = np.array([*-np.sin(pitch) * level[0], np.cos(pitch)])
     port = np.cos(roll) * np.array([*level[1], 0.0]) + np.sin(roll) * up
-    arms = np.outer([-0.5, 0.5, 0.0], told.baseline * forward) + np.outer([0.0, 0.0, told.middle_offset], port)
-    arms[:, 2] = message.depth - (own.depth - told.hydrophone_height) - arms[:, 2]
-    which = [i for i in range(told.transmitters) if not np.isnan(reception.ranges[i])]
+    arms = np.outer([-0.5, 0.5, 0.0], settings.baseline * forward) + np.outer([0.0, 0.0, settings.middle_offset], port)
+    arms[:, 2] = message.depth - (own.depth - settings.hydrophone_height) - arms[:, 2]
+    which = [i for i in range(settings.transmitters) if not np.isnan(reception.ranges[i])]
     place, ranges = np.array([message.east, message.north]), np.array(reception.ranges)[which]
-    return Heard(message.timestamp, place, message.heading, message.speed, arms[which], ranges, which, arms[:2])
+    return Message(message.timestamp, place, message.heading, message.speed, arms[which], ranges, which, arms[:2])
 
 
 def expected(
-    told: TightSettings, v: float, c: Component, heard: Heard, turn: float, left: float
+    settings: TightSettings, v: float, c: Component, received: Message, turn: float, left: float
 ) -> tuple[Floats, Floats, Floats]:
     """Residuals, H and S of the ranges, about an error `turn` of the leader's heading, whose variance v is `left`."""
-    q, t = c.x[:2] - heard.place, len(heard.which)
+    q, t = c.x[:2] - received.place, len(received.which)
     C = c.P[np.ix_(BENT, BENT)].copy()
     C[2, 2] += left
     residual, H, bent = np.empty(t), np.zeros((t, N)), []
-    for j, (arm, i) in enumerate(zip(heard.arms, heard.which, strict=True)):
+    for j, (arm, i) in enumerate(zip(received.arms, received.which, strict=True)):
         s = rotation(c.x[LEADER] + turn) @ arm[:2]
         apart = q - s
         rho = max(np.linalg.norm([*apart, arm[2]]), 0.01)
@@ -71,35 +71,38 @@ def expected(
         g = J.T @ apart / rho
         second = (J.T @ J + np.diag([0.0, 0.0, apart @ s]) - np.outer(g, g)) / rho
         bent.append(second @ C)
-        H[j, BENT], H[j, SCALE] = g, rho / max(heard.ranges.max(), 0.01)
-        if i > 0 and told.assume.offsets:
+        H[j, BENT], H[j, SCALE] = g, rho / max(received.ranges.max(), 0.01)
+        if i > 0 and settings.assume.offsets:
             H[j, 7 + i] = 1.0
         H[j, CLOCK] = 1.0
         mean = rho + H[j, SCALE] * c.x[SCALE] + H[j, 8:] @ c.x[8:] - g[2] * turn + 0.5 * np.trace(bent[-1])
-        residual[j] = heard.ranges[j] - mean
-    S = H @ c.P @ H.T + told.range_scale_sigma**2 * np.outer(H[:, SCALE], H[:, SCALE])
-    S += v * np.outer(H[:, LEADER], H[:, LEADER]) + told.range_sigma**2 * np.eye(t)
+        residual[j] = received.ranges[j] - mean
+    S = H @ c.P @ H.T + settings.range_scale_sigma**2 * np.outer(H[:, SCALE], H[:, SCALE])
+    S += v * np.outer(H[:, LEADER], H[:, LEADER]) + settings.range_sigma**2 * np.eye(t)
     return residual, H, S + 0.5 * np.array([[np.trace(a @ b) for a in bent] for b in bent])
 
 
-def learn(told: TightSettings, v: float, c: Component, heard: Heard) -> int:
+def update_with_ranges(settings: TightSettings, v: float, c: Component, received: Message) -> int:
     """Update with the likeliest subset of the ranges, or with the differences of all; how many numbers that are.
 
     An echo common to all, of a length up to the span with a density of chance / span, leaves the differences. Those may
     be off by as much as a reflection would change them: it adds the same to the square of each range.
     """
-    t = len(heard.which)
-    residual, H, S = expected(told, v, c, heard, 0.0, v)
-    direct, echo = np.log(1.0 - told.outlier_probability), np.log(told.outlier_probability / told.outlier_span)
+    t = len(received.which)
+    residual, H, S = expected(settings, v, c, received, 0.0, v)
+    direct, echo = (
+        np.log(1.0 - settings.outlier_probability),
+        np.log(settings.outlier_probability / settings.outlier_span),
+    )
     cost = echo - np.where(residual < 0.0, 6.0, 0.0)
     subsets = [list(u) for size in range(t, -1, -1) for u in combinations(range(t), size)]
     # rows to multiply the ranges by, a further root of their covariance, and what the hypothesis costs
     kinds = [(np.eye(t)[u], np.zeros(t), len(u) * direct + np.delete(cost, u).sum()) for u in subsets]
     weight = np.linalg.solve(S, np.ones(t))
-    excess, mean = weight @ residual / weight.sum(), heard.ranges.mean()
-    if t > 1 and 0.0 < excess < told.outlier_span:
+    excess, mean = weight @ residual / weight.sum(), received.ranges.mean()
+    if t > 1 and 0.0 < excess < settings.outlier_span:
         differences = np.column_stack([-np.ones(t - 1), np.eye(t - 1)])
-        tilt = excess / max(mean - excess, 0.01) * (heard.ranges - mean)
+        tilt = excess / max(mean - excess, 0.01) * (received.ranges - mean)
         kinds.append((differences, tilt, echo + t * direct))
 
     def likelihood(kind: tuple[Floats, Floats, float]) -> tuple[float, float]:
@@ -109,35 +112,35 @@ def learn(told: TightSettings, v: float, c: Component, heard: Heard) -> int:
 
     A, tilt, _ = best = max(kinds, key=lambda kind: likelihood(kind)[0])
     (c.evidence, c.squared), c.excess, c.taken = likelihood(best), 0.0, len(A)
-    c.surprise = (c.squared + 2.0 * (t - len(A)) * (direct - echo)) / t
+    c.normalised_innovation = (c.squared + 2.0 * (t - len(A)) * (direct - echo)) / t
     S += np.outer(tilt, tilt)
-    if len(A) and not told.assume.exact_leader:
+    if len(A) and not settings.assume.exact_leader:
         by_heading = A @ H[:, LEADER]
-        says = np.linalg.solve(A @ S @ A.T, by_heading)
-        turn, left = v * (says @ A @ residual), v - v**2 * (says @ by_heading)
+        by_residual = np.linalg.solve(A @ S @ A.T, by_heading)
+        turn, left = v * (by_residual @ A @ residual), v - v**2 * (by_residual @ by_heading)
         c.excess = turn**2 + left - v
         if left < 0.5 * v:
-            residual, H, S = expected(told, v, c, heard, turn, left)
+            residual, H, S = expected(settings, v, c, received, turn, left)
             S += np.outer(tilt, tilt)
     if len(A):
         c.update(A @ residual, A @ H, A @ S @ A.T)
     return len(A)
 
 
-def aside(c: Component, heard: Heard) -> tuple[float, Floats]:
+def aside(c: Component, received: Message) -> tuple[float, Floats]:
     """How far a component lies left of the leader's axis, and the derivatives of that."""
-    q = c.x[:2] - heard.place
-    axis = rotation(c.x[LEADER]) @ (heard.axis[1, :2] - heard.axis[0, :2])
+    q = c.x[:2] - received.place
+    axis = rotation(c.x[LEADER]) @ (received.axis[1, :2] - received.axis[0, :2])
     axis /= np.linalg.norm(axis)
-    off = q - rotation(c.x[LEADER]) @ heard.axis[0, :2]
+    off = q - rotation(c.x[LEADER]) @ received.axis[0, :2]
     row = np.zeros(N)
     row[BENT] = -axis[1], axis[0], -axis @ q
     return float(axis[0] * off[1] - axis[1] * off[0]), row
 
 
-def half(c: Component, heard: Heard, sign: float) -> Component:
+def half(c: Component, received: Message, sign: float) -> Component:
     """The part of a component on one side of the axis, by the moments of a truncated normal variable."""
-    lateral, row = aside(c, heard)
+    lateral, row = aside(c, received)
     column = c.P @ row / np.sqrt(row @ c.P @ row)
     z = sign * lateral / np.sqrt(row @ c.P @ row)
     mass = ndtr(z)
@@ -148,14 +151,14 @@ def half(c: Component, heard: Heard, sign: float) -> Component:
     return replace(c, x=c.x + sign * more * column, P=P, weight=c.weight * mass)
 
 
-def split(told: TightSettings, sides: list[Side], heard: Heard) -> None:
+def split(settings: TightSettings, sides: list[Side], received: Message) -> None:
     """Into halves, where the axis is within 3.5 σ and σ is more than 0.3 of where the axis matters."""
     for side in list(sides):
         top = heaviest(side)
-        lateral, row = aside(top, heard)
-        length = np.linalg.norm(heard.axis[1, :2] - heard.axis[0, :2])
-        matters = np.linalg.norm(top.x[:2] - heard.place) * np.sqrt(2.8 * told.range_sigma / length)
+        lateral, row = aside(top, received)
+        length = np.linalg.norm(received.axis[1, :2] - received.axis[0, :2])
+        matters = np.linalg.norm(top.x[:2] - received.place) * np.sqrt(2.8 * settings.range_sigma / length)
         sigma = np.sqrt(row @ top.P @ row)
         if len(sides) < 8 and sigma > 0.3 * matters and abs(lateral) < 3.5 * sigma:
-            sides.append([half(c, heard, -1.0) for c in side])
-            side[:] = [half(c, heard, 1.0) for c in side]
+            sides.append([half(c, received, -1.0) for c in side])
+            side[:] = [half(c, received, 1.0) for c in side]

@@ -1,4 +1,4 @@
-"""The log: equal flights, equal bytes, and channels that say what the flight says."""
+"""The log: equal flights, equal bytes, and channels with the data of the flight."""
 
 import dataclasses
 import functools
@@ -223,12 +223,12 @@ def test_the_documented_channels_are_those_of_the_log(flight: Flight, tmp_path: 
 
 def test_info(written: Path, capsys: pytest.CaptureFixture[str]) -> None:
     replaying.show_info(written)
-    told = " ".join(capsys.readouterr().out.split())
+    reported = " ".join(capsys.readouterr().out.split())
     size = written.stat().st_size / 1e6
-    assert f"{size:.2f} MB, 30 s from 2026-01-01T00:00:00+00:00" in told
-    assert "/follower/reception laisn.Reception 30" in told
-    assert "outcome=COMPLETED, run=0, seed=1" in told
-    assert "checksum" not in told
+    assert f"{size:.2f} MB, 30 s from 2026-01-01T00:00:00+00:00" in reported
+    assert "/follower/reception laisn.Reception 30" in reported
+    assert "outcome=COMPLETED, run=0, seed=1" in reported
+    assert "checksum" not in reported
 
 
 def test_an_epoch_that_no_log_can_hold(flight: Flight, tmp_path: Path) -> None:

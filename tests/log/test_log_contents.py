@@ -105,7 +105,7 @@ NUMBERS = {"double": st.floats(), "sfixed64": st.integers(-(2**63), 2**63 - 1), 
 
 @given(st.lists(st.fixed_dictionaries({}, optional=NUMBERS), min_size=1, max_size=6), st.sampled_from(["", "a"]))
 def test_messages_of_one_length_are_read_by_their_own_fields(rows: list[dict[str, Any]], text: str) -> None:
-    """A double and an integer take the same room: which of them is there says the tag alone."""
+    """A double and an integer take the same room: only the tag distinguishes them."""
     type_ = message_class("proto3")
     written = [type_(**row, string=text) for row in rows]
     read = messages_of(type_, [message.SerializeToString() for message in written])
@@ -169,7 +169,7 @@ def many_messages(path: Path, count: int) -> Path:
     first = OWN_MOTION.message_class(speed=1.0, heading=0.5, depth=0.0).SerializeToString() + b"\xf0\x01\x07"
     content = OWN_MOTION.message_class(speed=1.0, heading=0.0, depth=0.0).SerializeToString()
     with path.open("wb") as stream:
-        # without a summary nothing in the file says where something else lies
+        # without a summary nothing in the file gives offsets of other records
         writer = Writer(
             stream, enable_crcs=False, use_chunking=False, repeat_channels=False, repeat_schemas=False,
             use_statistics=False, use_summary_offsets=False, index_types=IndexType.NONE,

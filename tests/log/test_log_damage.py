@@ -50,7 +50,7 @@ def whole(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 def is_start_of(part: Flight, flight: Flight) -> bool:
-    """Whether a flight is the first n filter steps of another, and says that it was interrupted."""
+    """Whether a flight is the first n filter steps of another, and is marked as interrupted."""
     n = part.measurements[0].speed.size
     begin = excerpt(flight, 0.0, n * flight.measurements[0].dt)
     points = part.trajectory.time.size
@@ -211,10 +211,10 @@ def with_another_baseline(data: bytes, *, checksum: bool) -> bytes:
 
 def test_recovery_leaves_a_damaged_scenario_out(whole: bytes, tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_bytes(with_another_baseline(whole, checksum=True)[:-100])
-    said: list[str] = []
-    path = recover(tmp_path / "a.mcap", said.append)
-    assert said[0] == "attachment 'scenario.toml' is damaged and is left out"
-    assert Contents(path).metadata["recovery"]["0"] == said[0]
+    printed: list[str] = []
+    path = recover(tmp_path / "a.mcap", printed.append)
+    assert printed[0] == "attachment 'scenario.toml' is damaged and is left out"
+    assert Contents(path).metadata["recovery"]["0"] == printed[0]
     with pytest.raises(LogError, match=r"lacks attachment scenario\.toml"):
         read(path)
     # what was measured is not lost, but for the last instant
@@ -324,7 +324,7 @@ def hostile(path: Path, record: bytes, *, size: int, count: int, compress: Any) 
     data = plain_log(
         path, fill, **bare, use_statistics=False, use_summary_offsets=False, index_types=IndexType.NONE
     ).read_bytes()
-    # without a summary nothing in the file says where something else lies
+    # without a summary nothing in the file gives offsets of other records
     end = len(data) - 8 - 29 - 13
     path.write_bytes(data[:end] + chunks + data[end:])
     return path
@@ -372,7 +372,7 @@ def test_topics_of_any_name_have_a_table_of_their_own(tmp_path: Path) -> None:
             plain.add_message(channel, 0, OWN_MOTION.message_class(speed=float(k)).SerializeToString(), 0)
 
     files = export(plain_log(tmp_path / "a.mcap", fill), tmp_path / "tables")
-    # in order of topic: "", "/../x", "/A/B", "/a\0b", "/a/b", "/a_b", "/é/\n"; some disks don't tell case apart
+    # in order of topic: "", "/../x", "/A/B", "/a\0b", "/a/b", "/a_b", "/é/\n"; some file systems ignore case
     stems = ["channel", ".._x", "A_B", "a%00b", "a_b~2", "a_b~3", "%C3%A9_%0A"]
     assert [f.name for f in files] == [f"{stem}.parquet" for stem in stems]
     assert {f.parent for f in files} == {tmp_path / "tables"}

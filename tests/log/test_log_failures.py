@@ -65,7 +65,7 @@ def test_every_flipped_bit_is_detected(flight: Flight, written: Path, tmp_path: 
 
 
 def test_a_cut_off_log_is_refused_and_recovered(flight: Flight, written: Path, tmp_path: Path) -> None:
-    whole, said = written.read_bytes(), list[str]()
+    whole, printed = written.read_bytes(), list[str]()
     for length in (9, len(whole) // 3, len(whole) - 1):
         (tmp_path / "cut.mcap").write_bytes(whole[:length])
         with pytest.raises(
@@ -73,23 +73,23 @@ def test_a_cut_off_log_is_refused_and_recovered(flight: Flight, written: Path, t
         ):
             read(tmp_path / "cut.mcap")
     # all of the data is there
-    rescued = recover(tmp_path / "cut.mcap", said.append)
+    rescued = recover(tmp_path / "cut.mcap", printed.append)
     assert rescued.name == "cut.recovered.mcap"
     assert (tmp_path / "cut.mcap").exists()
     assert bits(read(rescued)) == bits(flight)
     kept = sum(messages.count for messages in Contents(written).topics.values())
-    assert said[0] == f"kept {kept} messages of 30 s and 4 attachments"
-    assert re.fullmatch(r"left out: damaged or cut off at byte \d+: the file ends within a record", said[1])
+    assert printed[0] == f"kept {kept} messages of 30 s and 4 attachments"
+    assert re.fullmatch(r"left out: damaged or cut off at byte \d+: the file ends within a record", printed[1])
     with pytest.raises(LogError, match="is complete"):
         recover(rescued)
     (tmp_path / "cut.mcap").write_bytes(whole[: 2 * len(whole) // 3])
-    part = read(recover(tmp_path / "cut.mcap", said.append))
+    part = read(recover(tmp_path / "cut.mcap", printed.append))
     assert part.outcome is Outcome.INTERRUPTED
     n = part.trajectory.time.size
     assert part.trajectory.position.tobytes() == flight.trajectory.position[:n].tobytes()
-    assert said[2] == "metadata conventions, laisn: no checksum, damage cannot be detected"
-    assert re.fullmatch(rf"kept \d+ messages of {(n - 1) / 10:g} s and 4 attachments", said[3])
-    assert re.fullmatch(r"left out: damaged or cut off at byte \d+: the file ends within a record", said[4])
+    assert printed[2] == "metadata conventions, laisn: no checksum, damage cannot be detected"
+    assert re.fullmatch(rf"kept \d+ messages of {(n - 1) / 10:g} s and 4 attachments", printed[3])
+    assert re.fullmatch(r"left out: damaged or cut off at byte \d+: the file ends within a record", printed[4])
     (tmp_path / "cut.mcap").write_bytes(whole[:5000])
     with pytest.raises(LogError, match="nothing to recover"):
         recover(tmp_path / "cut.mcap")

@@ -62,7 +62,7 @@ const fs = require("fs/promises");
 
 
 def film(frames: int) -> Iterator[tuple[float, bytes]]:
-    """H.264 access units of a grey that brightens, one a second, as the log wants them."""
+    """H.264 access units of a grey that brightens, one a second, as the log requires."""
     encoder = av.CodecContext.create("libx264", "w")
     encoder.width, encoder.height, encoder.pix_fmt = 160, 120, "yuv420p"
     encoder.framerate = Fraction(30)

@@ -190,12 +190,12 @@ def replayed(folder: Path, log: Path, navigation: str, *words: str) -> tuple[lis
 
 @pytest.mark.parametrize("variant", ["laisn-2", "laisn-3-2"])
 def test_beacons_hundreds_of_metres_apart_place_the_vehicle(tmp_path: Path, variant: str) -> None:
-    """Without noise it is where it was, whether the log or the scenario says where the beacons are."""
+    """Without noise the position is exact, whether the log or the scenario places the beacons."""
     # heading north: forward is north, port is west
     offsets = [[north, -east, -depth] for east, north, depth in BEACONS.values()]
-    for placed, told in ((True, ""), (False, f"transmitters_m = {offsets}")):
+    for placed, expected in ((True, ""), (False, f"transmitters_m = {offsets}")):
         log, place = beacon_log(tmp_path / "a.mcap", placed=placed)
-        rows, output = replayed(tmp_path, log, told, "--variant", variant)
+        rows, output = replayed(tmp_path, log, expected, "--variant", variant)
         found = np.array([[float(row["x_m"]), float(row["y_m"])] for row in rows])
         assert np.abs(found - place).max() < 1e-6
         assert "lost" not in output

@@ -68,9 +68,9 @@ def test_the_table_of_details_has_each_figure_under_its_head(tmp_path: Path) -> 
 
 def test_a_page_lists_the_settings_of_its_flight(flight: Flight) -> None:
     scenario = flight.scenario.model_copy(update={"seed": 5, "run": 7})
-    told = dict(_facts(dataclasses.replace(flight, scenario=scenario), {}))
-    assert (told["Seed, run"], told["Flown"], told["Motion"]) == ("5, 7", "20 s", "physics")
-    assert told["Filter step, message interval"] == "0.1 s, 1 s"
+    facts = dict(_facts(dataclasses.replace(flight, scenario=scenario), {}))
+    assert (facts["Seed, run"], facts["Flown"], facts["Motion"]) == ("5, 7", "20 s", "physics")
+    assert facts["Filter step, message interval"] == "0.1 s, 1 s"
 
 
 def test_a_capture_is_reported_with_its_share_of_the_mission(flight: Flight) -> None:
@@ -108,12 +108,12 @@ def test_causes_are_reported_in_centimetres_rms() -> None:
 def test_assumed_sensor_angles_are_reported_in_degrees(flight: Flight) -> None:
     names = ("east_m", "north_m", "log_bias_m_s", "compass_bias_rad", "leader_compass_bias_rad")
     found = object.__new__(TightEstimates)
-    told: dict[str, Any] = {
+    facts: dict[str, Any] = {
         "names": names, "fix_step": np.array([1, 2]),
         "full_state": np.array([[9.0] * 5, [1.0, 2.0, 0.3, np.deg2rad(4.0), np.nan]]),
         "full_sigma": np.array([[9.0] * 5, [0.1, 0.2, 0.03, np.deg2rad(0.5), 1.0]]),
     }  # fmt: skip
-    for name, value in told.items():
+    for name, value in facts.items():
         object.__setattr__(found, name, value)
     known = dataclasses.replace(flight, estimates=(found,))
     assert [texts(row) for row in final_states(known)] == [
@@ -138,13 +138,13 @@ def test_weights_of_hypotheses_are_shown_where_there_ever_were_several(
 ) -> None:
     found = object.__new__(TightEstimates)
     weight = np.array([[1.0, 0.0], [1.0 - second, second], [1.0, 0.0]])
-    told = {
+    facts = {
         "fix_step": np.array([10, 20, 30]),
         "weight": weight,
         "hypothesis": np.zeros((3, 2, 2)),
         "hypothesis_covariance": np.zeros((3, 2, 2, 2)),
     }
-    for name, value in told.items():
+    for name, value in facts.items():
         object.__setattr__(found, name, value)
     part = flight_figures.weights_part(dataclasses.replace(flight, estimates=(found,)), 0)
     assert (part is not None) == shown
@@ -159,7 +159,7 @@ def lines(part: Part) -> list[Floats]:
 
 
 def test_motion_ranges_and_tracks_are_drawn_as_flown(flight: Flight) -> None:
-    truth, (found,), (heard,) = flight.trajectory, flight.estimates, flight.measurements
+    truth, (found,), (received,) = flight.trajectory, flight.estimates, flight.measurements
     expected = {
         "depth [m]": -truth.position[..., 2],
         "pitch [°]": np.rad2deg(truth.pitch),
@@ -172,7 +172,7 @@ def test_motion_ranges_and_tracks_are_drawn_as_flown(flight: Flight) -> None:
         np.testing.assert_allclose(leader[:, 1], values[:, 0])
     *_, last = lines(flight_figures.ranges_part(flight, 0))
     np.testing.assert_allclose(last[:, 0], 1.0 * np.arange(1, 21))
-    np.testing.assert_allclose(last[:, 1], heard.ranges[:, 0])
+    np.testing.assert_allclose(last[:, 1], received.ranges[:, 0])
     (part,) = flight_figures.track_map(flight, [0]).parts
     leader, swum, believed, *ends = lines(part)
     np.testing.assert_allclose(leader, truth.position[1:, 0, :2])

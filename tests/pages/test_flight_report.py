@@ -85,10 +85,10 @@ def test_the_bearing_is_that_from_the_leaders_bow_clockwise():
 def test_a_transmitter_that_is_not_used_is_not_drawn(tmp_path, variant, transmitters):
     flight = make_flight(20.0)
     navigation = flight.scenario.navigation.model_copy(update={"variant": variant})
-    told = dataclasses.replace(flight, scenario=flight.scenario.model_copy(update={"navigation": navigation}))
-    lines = flight_figures.ranges_part(told, 0).lines
+    changed = dataclasses.replace(flight, scenario=flight.scenario.model_copy(update={"navigation": navigation}))
+    lines = flight_figures.ranges_part(changed, 0).lines
     assert {line.colour for line in lines} == set(TRANSMITTERS[:transmitters])
-    html = flight_page(tmp_path, told)
+    html = flight_page(tmp_path, changed)
     assert ("from the middle transmitter" in html) == (transmitters == 3)
 
 

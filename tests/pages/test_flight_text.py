@@ -1,4 +1,4 @@
-"""What the report says first: each sentence against a flight for which the figures are known in closed form."""
+"""First sentences of the report, each against a flight for which the figures are known in closed form."""
 
 import dataclasses
 import re
@@ -53,13 +53,13 @@ def test_the_largest_error_is_reported_with_time_and_place(flight):
     # law of cosines, and of sines for the angle between the follower and the leader's port beam, where the centre is
     apart = np.sqrt(60**2 + 69**2 - 2 * 60 * 69 * np.cos(0.35))
     beam = np.degrees(np.arctan2(69 * np.cos(0.35) - 60, 69 * np.sin(0.35)))
-    said = plain(flight_text.sentences(moved(flight, offsets)))
+    text = plain(flight_text.sentences(moved(flight, offsets)))
     mean = (599 * 0.5 + 5.0) / 600
     assert (
         f"error is {mean:.2f} m; the largest is 5.00 m, at 30 s, with the follower {apart:.0f} m from the leader"
-        in said
+        in text
     )
-    (bearing,) = re.findall(r"at a bearing of (\d+)°", said)
+    (bearing,) = re.findall(r"at a bearing of (\d+)°", text)
     assert int(bearing) == pytest.approx(180 - beam, abs=0.6)
 
 
@@ -85,14 +85,14 @@ def test_errors_near_the_axis_are_separated_from_those_elsewhere(flight):
         found = flight_text.error_numbers(one._replace(bearing=np.full(600, everywhere)))
         assert found["on_axis"] == share
         assert found["error_on_axis"] is None
-    said = plain(flight_text.sentences(moved(flight, offsets)))
-    assert "The follower spent 100 % of the time within 15° of the leader's axis" in said
+    text = plain(flight_text.sentences(moved(flight, offsets)))
+    assert "The follower spent 100 % of the time within 15° of the leader's axis" in text
 
 
 def test_fixes_are_reported_by_their_kind_the_most_frequent_first(flight):
     kinds = [FixKind.GATED, *[FixKind.TWO_POINTS] * 11, *[FixKind.ASTERN] * 3]
-    said = plain(flight_text.sentences(of_kinds(flight, kinds)))
-    assert "Of 60 fixes 73 % chose between two points, 20 % were put on the leader's axis, 6.7 % were rejected." in said
+    text = plain(flight_text.sentences(of_kinds(flight, kinds)))
+    assert "Of 60 fixes 73 % chose between two points, 20 % were put on the leader's axis, 6.7 % were rejected." in text
 
 
 def test_a_wrong_side_is_reported_with_its_share_and_longest_stretch(flight):
@@ -107,9 +107,9 @@ def test_a_wrong_side_is_reported_with_its_share_and_longest_stretch(flight):
     wrong[99:129] = wrong[399:489] = True
     mirrored = moved(flight, np.where(wrong, -2 * side, 0.0)[:, None] * starboard)
     np.testing.assert_array_equal(flight_text.estimate_errors(mirrored, 0).wrong_side, wrong)
-    said = plain(flight_text.sentences(mirrored))
-    assert "For 20 % of the time the estimate was on the wrong side of the leader's axis" in said
-    assert "first at 10 s and for at most 9 s in succession" in said
+    text = plain(flight_text.sentences(mirrored))
+    assert "For 20 % of the time the estimate was on the wrong side of the leader's axis" in text
+    assert "first at 10 s and for at most 9 s in succession" in text
     # half a metre across the axis is no wrong side
     near = moved(flight, np.where(wrong, -np.sign(side) * (np.abs(side) + 0.5), 0.0)[:, None] * starboard)
     assert "The estimate was never on the wrong side" in plain(flight_text.sentences(near))
@@ -122,8 +122,8 @@ def test_consistency_is_reported_by_the_filters_own_ellipse(flight):
     offsets[::5] = [0.0, 2.1]
     one = flight_text.estimate_errors(moved(flight, offsets), 0)
     assert one.outside.mean() == pytest.approx(0.2)
-    said = plain(flight_text.sentences(moved(flight, offsets)))
-    assert "ellipse for 20 % of the time; the expected share for a consistent filter is 14 %" in said
+    text = plain(flight_text.sentences(moved(flight, offsets)))
+    assert "ellipse for 20 % of the time; the expected share for a consistent filter is 14 %" in text
     random = np.random.default_rng(5).normal(0.0, 1.0, (600, 2))
     # binomial: a standard deviation of 1.4 %
     assert flight_text.estimate_errors(moved(flight, random), 0).outside.mean() == pytest.approx(
@@ -157,13 +157,13 @@ def test_several_followers_are_spoken_of_together():
         offsets = np.tile([0.25 * error, 0.0], (300, 1))
         offsets[::5] = [0.0, 4.0 * error]
         flight = moved(flight, offsets, i)
-    said = flight_text.sentences(flight)
-    assert 3 <= len(said) <= 7
+    text = flight_text.sentences(flight)
+    assert 3 <= len(text) <= 7
     assert (
         "The mean position errors of 3 followers lie between 0.25 m (follower2) and 2.00 m (follower3); the largest "
-        "error is 8.00 m (follower3, at 0 s)." in plain(said)
+        "error is 8.00 m (follower3, at 0 s)." in plain(text)
     )
-    assert "Of 90 fixes" in plain(said)
+    assert "Of 90 fixes" in plain(text)
 
 
 def test_three_to_seven_paragraphs_and_none_of_what_diverged(flight):

@@ -1,4 +1,4 @@
-"""What a flight's report says of stations, against a flight for which the distances are known in closed form."""
+"""Stations in a flight's report, against a flight for which the distances are known in closed form."""
 
 import dataclasses
 import re

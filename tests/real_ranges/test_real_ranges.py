@@ -83,8 +83,10 @@ def test_errors_are_those_at_the_times_of_the_survey() -> None:
 
 
 def test_settings_follow_the_medium_but_for_what_is_given() -> None:
-    told = beacons_of({"medium": "water", "heading_sigma_deg": 2, "gyro_bias_sigma_deg_s": 0.1, "slip_m_sqrt_s": 0.3})
-    made = told.over(MEDIA["water"])
+    expected = beacons_of(
+        {"medium": "water", "heading_sigma_deg": 2, "gyro_bias_sigma_deg_s": 0.1, "slip_m_sqrt_s": 0.3}
+    )
+    made = expected.over(MEDIA["water"])
     assert made.heading_sigma == pytest.approx(np.deg2rad(2))
     assert made.gyro_bias_sigma == pytest.approx(np.deg2rad(0.1))
     assert made.slip == 0.3
@@ -106,7 +108,9 @@ def test_variants_among_beacons_lack_the_states_that_they_name() -> None:
         ("tight", {}),
     ):
         assert study.AMONG[name].over(usual) == replace(usual, **{"known_start": True} | lacking)
-    assert {told.medium for name, told in study.AMONG.items() if name not in ("tight", "unknown-start")} == {"air"}
+    assert {expected.medium for name, expected in study.AMONG.items() if name not in ("tight", "unknown-start")} == {
+        "air"
+    }
     assert len(study.AMONG) == 6
 
 
@@ -127,11 +131,11 @@ def test_range_errors_are_reported_as_scale_and_residual(monkeypatch: pytest.Mon
     truth = np.column_stack([time, time, np.zeros(100), np.zeros(100)])
     data = study.read_data_set(study.DATA / "Plaza1.mat")
     places, beacon = np.array([[0.0, 3000.0], [50.0, -4000.0]]), np.arange(90) % 2
-    heard = np.arange(90) + 0.5
-    true = np.hypot(heard - places[beacon, 0], places[beacon, 1])
+    received = np.arange(90) + 0.5
+    true = np.hypot(received - places[beacon, 0], places[beacon, 1])
     spread = np.where(np.arange(90) // 2 % 2, 0.5, -0.5)
     moved = replace(
-        data, truth=truth[:, : data.truth.shape[1]], places=places, range_time=heard, range_beacon=beacon,
+        data, truth=truth[:, : data.truth.shape[1]], places=places, range_time=received, range_beacon=beacon,
         ranges=1.03 * true + spread,
     )  # fmt: skip
     monkeypatch.setattr(study, "read_data_set", lambda _: moved)

@@ -88,7 +88,7 @@ def test_a_claim_holds_up_to_the_edge_of_its_criterion(number: int, figure: Figu
 
 
 @pytest.mark.parametrize(
-    ("number", "setting", "variants", "said"),
+    ("number", "setting", "variants", "printed"),
     [
         (2, "5s", TWO, "5 s over 1 s: {}; 10 s over 1 s: median 1.00, from 1.00 (T2) to 1.00 (T2)"),
         (4, "HT0.2", THREE, "0.2 m over 0.1 m: {}"),
@@ -98,11 +98,11 @@ def test_a_claim_holds_up_to_the_edge_of_its_criterion(number: int, figure: Figu
     ],
 )
 def test_ratios_are_reported_with_their_median_and_extreme_missions(
-    number: int, setting: str, variants: tuple[str, ...], said: str
+    number: int, setting: str, variants: tuple[str, ...], printed: str
 ) -> None:
     found = judged(number, on_routes(setting, variants, 3.0, 0.5, 1.2, 1.4, 1.6, 1.8, 2.0, 2.2))
     # between 1.6 and 1.8 of eight
-    assert found.figures == said.format("median 1.70, from 0.50 (T3) to 3.00 (T2)")
+    assert found.figures == printed.format("median 1.70, from 0.50 (T3) to 3.00 (T2)")
 
 
 def steps(bearing: list[float], error: list[float]) -> dict[str, float]:

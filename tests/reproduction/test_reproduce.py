@@ -193,7 +193,7 @@ def test_results_go_to_a_folder_of_their_motion(monkeypatch):
         raise FlownError(place, len(design.cells))
 
     monkeypatch.setattr(reproduce.campaign, "fly", fly)
-    with pytest.raises(FlownError) as told:
+    with pytest.raises(FlownError) as raised:
         reproduce.reproduce([1], motion="kinematic")
-    assert told.value.args[0] == Path("out") / "reproduce-kinematic"
-    assert told.value.args[1] > 0
+    assert raised.value.args[0] == Path("out") / "reproduce-kinematic"
+    assert raised.value.args[1] > 0

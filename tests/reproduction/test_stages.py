@@ -1,4 +1,4 @@
-"""The stages as data: every published row belongs to one setting, and every setting says what the paper says."""
+"""The stages as data: every published row belongs to one setting, and every setting is that of the paper."""
 
 import csv
 import re
@@ -56,9 +56,9 @@ def test_figures_stand_where_the_paper_prints_them(key, metric, value):
 
 def test_settings_that_the_paper_only_describes_are_flown_too():
     described = [s for s in settings.SETTINGS if s.table == "text"]
-    heard = {s.name: SCENARIOS[s.name, "T5", "laisn-2"].acoustics for s in described}
-    assert heard["muD0.3"].range_scale_mean_m == 0.3
-    assert [a.range_tau_m for name, a in heard.items() if name.startswith("tau")] == [(0.03,) * 3, (0.06,) * 3]
+    received = {s.name: SCENARIOS[s.name, "T5", "laisn-2"].acoustics for s in described}
+    assert received["muD0.3"].range_scale_mean_m == 0.3
+    assert [a.range_tau_m for name, a in received.items() if name.startswith("tau")] == [(0.03,) * 3, (0.06,) * 3]
 
 
 def test_columns_of_a_table_are_the_values_of_its_setting():
@@ -88,15 +88,15 @@ SAID = {
     r"μ_D = ([\d.]+) m": "mu_range_m", r"τ = ([\d.]+) m": "tau_rear_m",
     r"compass ([\d.]+)° off": "mu_heading_leader_deg",
 }  # fmt: skip
-"""What titles say of a setting, and the column that has it."""
+"""Values of a setting in titles, and the column that has it."""
 
 
 @pytest.mark.parametrize("setting", settings.SETTINGS, ids=lambda setting: setting.name)
 def test_a_setting_matches_its_title_in_the_stage_of_its_table(setting):
     found = settings.columns(setting)
-    told = {column: float(m[1]) for words, column in SAID.items() if (m := re.search(words, setting.title))}
-    assert told
-    assert {column: found[column] for column in told} == told
+    stated = {column: float(m[1]) for words, column in SAID.items() if (m := re.search(words, setting.title))}
+    assert stated
+    assert {column: found[column] for column in stated} == stated
     # Tables 1; 2 to 4; 5 and 6; 7; 8 and 9 are those of the five stages (paper, Section 3)
     stage_of = {"1": 1, "2-4": 2, "5": 3, "6": 3, "7": 4, "8": 5, "9": 5, "text": 4}
     model = next(s for s in settings.SETTINGS if s.name == (setting.like or setting.name))
@@ -115,8 +115,8 @@ def test_alternatives_are_named_and_differ_only_in_what_the_paper_leaves_open():
         assert setting.stage == original.stage
         made, like = (SCENARIOS[s.name, "T5", "laisn-2"] for s in (setting, original))
         kept = like.navigation.model_copy(update={key: getattr(made.navigation, key) for key in free})
-        heard = like.acoustics.model_copy(update={"range_error_centred": setting.name in centred})
-        assert made == like.model_copy(update={"navigation": kept, "acoustics": heard})
+        received = like.acoustics.model_copy(update={"range_error_centred": setting.name in centred})
+        assert made == like.model_copy(update={"navigation": kept, "acoustics": received})
     own = {s.name for s in settings.SETTINGS if s.table != "alternative"}
     fixed = [scenario for (name, _, _), scenario in SCENARIOS.items() if name in own]
     assert {(s.navigation.beta_m2, s.navigation.threshold_m, s.navigation.gate) for s in fixed} == {(0.1, 0.1, "v-max")}

@@ -43,7 +43,7 @@ def test_the_study_flies_all_routes_of_the_paper_for_1000_s() -> None:
 
 @pytest.mark.parametrize("name", names()[:-1])
 def test_leader_and_follower_fly_their_routes(name):
-    """They keep to what the README says: 0.07 to 0.21 m off the legs, 0.1 s, 1.6° of pitch and 2.7° of roll."""
+    """They match the README: 0.07 to 0.21 m off the legs, 0.1 s, 1.6° of pitch and 2.7° of roll."""
     routes = (library_route("L"), library_route(name))
     flown = simulate(Plant(setups(routes), Ocean.calm()), routes, 1000.0)
     assert flown.time.size == 10001

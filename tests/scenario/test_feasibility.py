@@ -1,4 +1,4 @@
-"""What is accepted can be flown; what cannot is refused with every fault, on one screen, before anything is spent."""
+"""Accepted scenarios can be flown; others are refused at once with every error, on one screen."""
 
 import json
 import os
@@ -30,8 +30,8 @@ def accepted(table: dict[str, Any]) -> Scenario | None:
     try:
         return scenario_file.validate(table, "absurd.toml", feasibility.infeasibilities)
     except ScenarioError as error:
-        told = str(error)
-    head, *lines = told.split("\n")
+        wanted = str(error)
+    head, *lines = wanted.split("\n")
     assert head.startswith("absurd.toml: ")
     assert 0 < len(lines) <= ROWS
     assert all(plain(line) == line for line in lines)
@@ -67,13 +67,13 @@ def test_a_flight_that_ends_before_the_first_message_is_flown(change: dict[str, 
 
 
 def test_the_absurd_is_neither_all_refused_nor_all_accepted() -> None:
-    """Or the properties above would say nothing."""
+    """Otherwise the properties above would be void."""
     count = sum(accepted(absurd.table(seed, 0.0)) is not None for seed in range(200))
     assert 10 < count < 190
 
 
 @pytest.mark.parametrize(
-    ("assignment", "told"),
+    ("assignment", "wanted"),
     [
         ("leader.middle_offset_m=0", "leader.middle_offset_m: Input should be greater than or equal to 0.001"),
         ("leader.middle_offset_m=-0.1", "leader.middle_offset_m: Input should be greater than or equal to 0.001"),
@@ -91,10 +91,10 @@ def test_the_absurd_is_neither_all_refused_nor_all_accepted() -> None:
         ("followers=1", "followers: Input should be a valid array"),
     ],
 )
-def test_an_override_that_cannot_be_flown_is_refused(assignment: str, told: str) -> None:
+def test_an_override_that_cannot_be_flown_is_refused(assignment: str, wanted: str) -> None:
     with pytest.raises(ScenarioError) as caught:
         library.load_flyable("T5", [assignment])
-    assert told in str(caught.value)
+    assert wanted in str(caught.value)
     assert len(str(caught.value)) < 80 * 24
 
 
@@ -103,7 +103,7 @@ POINTS = 4_000
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "wanted"),
     [
         (b"", "followers: Field required"),
         (b"name = '\xe9'", "cannot be read: not UTF-8 text"),
@@ -125,12 +125,12 @@ POINTS = 4_000
     ],
     ids=range(14),
 )
-def test_errors_of_a_nonsense_file_fit_on_a_screen(content: bytes, told: str, tmp_path: Path) -> None:
+def test_errors_of_a_nonsense_file_fit_on_a_screen(content: bytes, wanted: str, tmp_path: Path) -> None:
     path = tmp_path / "own.toml"
     path.write_bytes(content)
     with pytest.raises(ScenarioError) as caught:
         library.load_flyable(str(path), ())
-    assert told in str(caught.value)
+    assert wanted in str(caught.value)
     assert len(str(caught.value).replace(str(tmp_path), "")) < 80 * 24
 
 
@@ -145,13 +145,13 @@ def test_what_is_no_plain_file_is_refused_at_once(tmp_path: Path) -> None:
     (tmp_path / "folder.toml").mkdir()
     (tmp_path / "link.toml").symlink_to("/dev/zero")
     began = time.monotonic()
-    for name, told in (
+    for name, wanted in (
         ("pipe", "no plain file"),
         ("folder", "a folder"),
         ("link", "no plain file"),
         ("none", "No such"),
     ):
-        with pytest.raises(ScenarioError, match=f"cannot be read: .*{told}"):
+        with pytest.raises(ScenarioError, match=f"cannot be read: .*{wanted}"):
             library.load_flyable(str(tmp_path / f"{name}.toml"), ())
     for source in ("a" * 5000, "a\x00b", "../scenarios/swarm", "a" * 5000 + ".toml", "a\x00.toml", "\x1b[2J"):
         with pytest.raises(ScenarioError) as caught:
@@ -251,16 +251,16 @@ def test_followers_without_names_are_numbered() -> None:
 
 
 @pytest.mark.parametrize(
-    ("assignments", "told"),
+    ("assignments", "wanted"),
     [
         (["duration_s=86400", "timing.physics_step_s=0.0005"], "timing.physics_step_s: 86400 s of 2 vehicles"),
         (["video.speed_up=0.01", "video.width_px=3840"], "video: a film of 1000 s at speed_up = 0.01"),
     ],
 )
-def test_what_would_take_for_ever_is_refused_with_its_cost(assignments: list[str], told: str) -> None:
+def test_what_would_take_for_ever_is_refused_with_its_cost(assignments: list[str], wanted: str) -> None:
     with pytest.raises(ScenarioError) as caught:
         library.load_flyable("T5", assignments)
-    assert told in str(caught.value)
+    assert wanted in str(caught.value)
 
 
 def test_a_day_of_one_follower_is_accepted_and_of_fifty_is_not() -> None:

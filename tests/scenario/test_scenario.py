@@ -1,4 +1,4 @@
-"""Scenario files: round trip, overrides, and what is said about faults."""
+"""Scenario files: round trip, overrides, and messages for errors."""
 
 import tomllib
 from dataclasses import replace
@@ -35,9 +35,9 @@ def test_the_scenarios_defaults_are_those_of_sensors_and_navigator() -> None:
     """The paper's constants stand in the scenario in a user's units, and in SI where they are used."""
     scenario = scenario_file.validate({**MINIMAL, "motion": "kinematic", "duration_s": 1.0}, "mine.toml")
     assert errors_of(scenario) == SensorErrors()
-    told = navigation_settings(scenario, simulate_motion(scenario), 0)
+    chosen = navigation_settings(scenario, simulate_motion(scenario), 0)
     # where the hydrophone sits is the hull's, not a default
-    assert replace(told, hydrophone_height=0.0) == NavigationSettings()
+    assert replace(chosen, hydrophone_height=0.0) == NavigationSettings()
     tight = scenario_file.validate(
         {**MINIMAL, "motion": "kinematic", "duration_s": 1.0, "navigation": {"variant": "tight"}}, "mine.toml"
     )
@@ -167,7 +167,7 @@ def test_formations_broadcast_attitude_by_default() -> None:
     ):
         scenario = Scenario.model_validate(table, strict=False)
         assert (scenario.leader.broadcast_attitude, scenario.navigation.use_attitude) == expected
-        # what is kept of it says the same
+        # the stored file is equivalent
         assert Scenario.model_validate(scenario.model_dump(), strict=False) == scenario
 
 

@@ -14,9 +14,9 @@ from sim.scenario.formation import Shape, followers_of
 Kind = Literal["line", "v", "column", "grid", "ring"]
 
 
-def places(kind: Kind, count: int, **told: Any) -> Floats:
+def places(kind: Kind, count: int, **options: Any) -> Floats:
     """Behind, to port and depth of each follower, in that order, shape (count, 3), [m]."""
-    tables = followers_of(Shape(kind=kind, count=count, **told))
+    tables = followers_of(Shape(kind=kind, count=count, **options))
     assert [table["name"] for table in tables] == [f"follower-{i + 1}" for i in range(count)]
     stations = [table["station"] for table in tables]
     return np.array([[s["behind_m"], s["port_m"], s["depth_m"]] for s in stations])
@@ -67,10 +67,10 @@ def test_shapes_keep_their_spacing(kind: Kind, count: int) -> None:
 
 
 def test_layers_are_taken_in_turn() -> None:
-    told = {"depth_m": 12.0, "layer_m": 1.5}
-    assert places("column", 4, **told)[:, 2].tolist() == [12.0, 13.5, 15.0, 16.5]
-    assert places("column", 4, **told, layers=3)[:, 2].tolist() == [12.0, 13.5, 15.0, 12.0]
-    assert places("column", 4, **told, layers=1)[:, 2].tolist() == [12.0] * 4
+    options = {"depth_m": 12.0, "layer_m": 1.5}
+    assert places("column", 4, **options)[:, 2].tolist() == [12.0, 13.5, 15.0, 16.5]
+    assert places("column", 4, **options, layers=3)[:, 2].tolist() == [12.0, 13.5, 15.0, 12.0]
+    assert places("column", 4, **options, layers=1)[:, 2].tolist() == [12.0] * 4
 
 
 @pytest.mark.parametrize(

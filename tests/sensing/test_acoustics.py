@@ -68,16 +68,16 @@ def test_a_message_is_available_at_the_first_step_after_its_last_ping():
 
 
 def test_laisn_2_does_not_wait_for_the_third_ping():
-    """Once it has stopped listening, it does not hear that ping any more either."""
+    """After the end of its listening window it does not receive that ping either."""
     trajectory = make_trajectory((74.0, 0.0, -8.0))
     two = make_scenario(Acoustics(travel_time=True, ping_slot_s=0.2))
     slots = propagate(trajectory, two)
     # front ping 0.2 s after the rear one, under way for 0.05 s
     assert_array_equal(slots.message_step, slots.emission_step + 3)
-    heard = observe(trajectory, two).slant_range
-    assert np.all(np.isnan(heard[:, MIDDLE]))
-    assert not np.any(np.isnan(heard[:, :MIDDLE]))
-    # where it comes in time, it is heard
+    receptions = observe(trajectory, two).slant_range
+    assert np.all(np.isnan(receptions[:, MIDDLE]))
+    assert not np.any(np.isnan(receptions[:, :MIDDLE]))
+    # where it arrives in time, it is received
     at_once = make_scenario(Acoustics(travel_time=True))
     assert not np.any(np.isnan(observe(trajectory, at_once).slant_range))
 
@@ -243,13 +243,13 @@ def test_a_campaign_meets_the_echoes_and_losses_of_its_flights(acoustics, varian
         heading_pitch_roll=(1.5, 0.05, 0.02),
     )  # fmt: skip
     scenario = make_scenario(acoustics)
-    told = replace(navigation_settings(scenario, trajectory, 0), variant=variant)
+    chosen = replace(navigation_settings(scenario, trajectory, 0), variant=variant)
     scenario = scenario.model_copy(update={"navigation": Navigation(variant=variant)})
     truth, errors = observe(trajectory, scenario), errors_of(scenario)
-    states = histories(Cell(truth=truth, errors=errors, settings=told, runs=range(3)))
+    states = histories(Cell(truth=truth, errors=errors, settings=chosen, runs=range(3)))
     for run in range(3):
-        heard = measure(truth, errors, seed=1, run=run, transmitters=told.transmitters)
-        assert_allclose(Navigator(told, truth.start).run(heard).state, states[..., run], atol=1e-9)
+        receptions = measure(truth, errors, seed=1, run=run, transmitters=chosen.transmitters)
+        assert_allclose(Navigator(chosen, truth.start).run(receptions).state, states[..., run], atol=1e-9)
 
 
 def test_a_reading_of_an_echo_is_the_path_of_the_echo():

@@ -84,10 +84,10 @@ def test_one_follower_has_errors_of_its_own() -> None:
     changed = plain.model_copy(update={"followers": (plain.followers[0], own)})
     pose, twist = np.r_[0.0, 0.0, -10.0, attitude.from_euler(1.0)], np.r_[np.sin(1.0), np.cos(1.0), 0.0, 0.0, 0.0, 0.0]
     readings = records(READING, 2, 2)
-    for i, told in enumerate((plain, changed)):
+    for i, variant in enumerate((plain, changed)):
         for follower in range(2):
             read_instruments(
-                sensor_model_of(told), 7, follower, (pose, twist, np.zeros(3)), np.zeros(3), readings[i, follower]
+                sensor_model_of(variant), 7, follower, (pose, twist, np.zeros(3)), np.zeros(3), readings[i, follower]
             )
     np.testing.assert_array_equal(readings[0, 0], readings[1, 0])
     tilt = np.deg2rad(1.0) * normals(plain.seed, plain.run, Stream.TILT.number(1), [7])[0, 0]
@@ -175,7 +175,7 @@ def test_a_ping_is_received_by_echo_late_clock_and_broken_channel_as_far_as_soun
 
 
 def test_log_compass_and_pressure_err_by_equations_26_and_27() -> None:
-    """Bias and spread of each, with the draws of step, run and follower; the log feels the water along the hull."""
+    """Bias and spread of each, with the draws of step, run and follower; the log measures the water along the hull."""
     seed, run, k = 2, 5, 30
     sensors = sensor_model_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
     errors = sensors.errors[1]

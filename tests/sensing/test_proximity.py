@@ -45,14 +45,14 @@ def test_range_and_bearing_are_those_of_the_hulls_middles() -> None:
 
 
 @pytest.mark.parametrize(
-    ("place", "heard"),
+    ("place", "received"),
     [((4.99, 0, -10), True), ((5.01, 0, -10), False), ((4, 0, -10.7), True), ((4, 0, -10.71), False),
      ((4, 0, -9.29), False), ((0, 4, -9.31), True)],
 )  # fmt: skip
-def test_it_reaches_to_its_range_within_its_fan(place: tuple[float, float, float], heard: bool) -> None:
+def test_it_reaches_to_its_range_within_its_fan(place: tuple[float, float, float], received: bool) -> None:
     """A fan of 20° opens by 4 m tan 10° = 0.705 m at 4 m."""
     found = seen(sensor(**EXACT), 0, poses((90, 90, -10), (0, 0, -10), place))
-    assert np.isfinite(found[2]).all() == heard
+    assert np.isfinite(found[2]).all() == received
 
 
 def test_errors_have_the_spread_of_the_data_sheet_and_no_bias() -> None:
@@ -67,7 +67,7 @@ def test_errors_have_the_spread_of_the_data_sheet_and_no_bias() -> None:
 
 
 def test_the_error_of_a_look_at_a_vehicle_depends_on_no_other() -> None:
-    """Follower 1 looks at vehicle 3 with the draws of its own stream for that, whoever else is there."""
+    """Follower 1 looks at vehicle 3 with the draws of its own stream for that, independently of other vehicles."""
     s = sensor(run=2, range_sigma_m=0.2, bearing_sigma_deg=4.0)
     (draws,) = normals(5, 2, Stream.NEARBY.number(1) + 3, 40)
     places = [(90, 90, -10), (1, 1, -10), (0, 0, -10), (3, 0, -10), (2, 2, -10)]

@@ -128,11 +128,16 @@ def test_sensors_err_by_default_as_in_the_paper() -> None:
 
     Log 0.2 and 0.2 m/s, compass 5° and 2°, τ of 1 cm, ψ of 0.1 and 0.05 m.
     """
-    told = {"speed_bias": 0.2, "speed_sigma": 0.2, "heading_bias": np.deg2rad(5.0), "heading_sigma": np.deg2rad(2.0),
+    scales = {"speed_bias": 0.2, "speed_sigma": 0.2, "heading_bias": np.deg2rad(5.0), "heading_sigma": np.deg2rad(2.0),
             "gyro_sigma": np.deg2rad(0.1), "tilt_sigma": np.deg2rad(0.5), "range_tau": (0.01, 0.01, 0.01),
             "range_scale_mean": 0.1, "range_scale_sigma": 0.05}  # fmt: skip
     given = SensorErrors()
     assert not loses(given)
-    told |= {"sound_speed": 1500.0, "drift_period": 400.0, "burst_mean_messages": 5.0, "burst_loss_probability": 1.0}
+    scales |= {
+        "sound_speed": 1500.0,
+        "drift_period": 400.0,
+        "burst_mean_messages": 5.0,
+        "burst_loss_probability": 1.0,
+    }
     for name, value in given._asdict().items():
-        assert value == pytest.approx(told.get(name, 0.0)), name
+        assert value == pytest.approx(scales.get(name, 0.0)), name

@@ -1,4 +1,4 @@
-"""Studies from file to page: faults before flights, paired arms, commands that repeat runs, the same bytes always."""
+"""Studies from file to page: errors before flights, paired arms, commands that repeat runs, the same bytes always."""
 
 import re
 import shlex
@@ -110,9 +110,9 @@ def test_a_study_in_its_folder_finds_scenario_and_hulls(tmp_path):
 
 def test_every_column_is_a_label_or_a_metric_that_is_explained(flown):
     labels = {"point", "arm", "realization", "follower", "followers.0.depth_m", "ocean.waves.height_m", "run"}
-    told = {"variant", "seed", "runs", "steps", "worst_run"}
+    expected = {"variant", "seed", "runs", "steps", "worst_run"}
     for name in (RESULTS, RUNS):
-        assert set(pq.read_table(flown / name).column_names) <= labels | told | set(METRICS)
+        assert set(pq.read_table(flown / name).column_names) <= labels | expected | set(METRICS)
 
 
 def test_arms_share_their_seas_and_their_noise(flown):
@@ -152,12 +152,12 @@ def test_the_command_of_a_run_repeats_it(flown, tmp_path):
     assert len(lines) == 2 * 2 * 4
     words = shlex.split(lines[-1])
     run = int(words[words.index("--run") + 1])
-    told = rows[1, "attitude", 0, run], rows[1, "attitude", 1, run]
+    expected = rows[1, "attitude", 0, run], rows[1, "attitude", 1, run]
     assert words[0] == "laisn"
     result = CliRunner().invoke(app, [*words[1:], "--no-video", "--out", str(tmp_path / "one")])
     assert result.exit_code == 0, result.output
     alone = findings.json.loads((tmp_path / "one" / "summary.json").read_text())["e_p_mean_m"]
-    assert any(alone == pytest.approx(row["e_p_mean_m"], rel=1e-9) for row in told)
+    assert any(alone == pytest.approx(row["e_p_mean_m"], rel=1e-9) for row in expected)
     everything = sorted(r["e_p_mean_m"] for key, r in rows.items() if key[:2] == (1, "attitude"))
     assert alone == pytest.approx(everything[2], rel=1e-9), "the last line is the median run"
 
@@ -217,7 +217,7 @@ def test_what_is_not_feasible_is_reported_with_its_points():
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "expected"),
     [
         ({"runs": 0}, "runs"),
         ({"speed": 1}, "unknown key of a study"),
@@ -249,8 +249,8 @@ def test_what_is_not_feasible_is_reported_with_its_points():
         ({"points": 8}, "points belongs to"),
     ],
 )
-def test_an_error_is_reported_with_its_key(changes, told):
-    with pytest.raises(StudyError, match=told):
+def test_an_error_is_reported_with_its_key(changes, expected):
+    with pytest.raises(StudyError, match=expected):
         plan_of(study(**changes))
 
 
@@ -262,16 +262,16 @@ def refused(**changes):
 
 def test_all_errors_of_the_files_own_keys_are_reported_at_once():
     text = refused(runs=0, speed=1, report={"metrik": "e_p"}, realizations=0)
-    for told in ("runs: Input", "speed: unknown key", "report.metrik: unknown key", "realizations: "):
-        assert told in text
+    for expected in ("runs: Input", "speed: unknown key", "report.metrik: unknown key", "realizations: "):
+        assert expected in text
     assert len(text.splitlines()) == 5
     text = refused(
         vary={"leader.depth_m": {"from": 0, "to": 9}, "acoustics.clock_offset_s": []},
         draw={"ocean.waves.height_m": {"unifrom": [0, 1]}},
         arm=[{"navigation.variant": "laisn-9"}],
     )
-    for told in ("vary.leader.depth_m: steps", "clock_offset_s: the list", "unknown distribution", "arm[0].name"):
-        assert told in text
+    for expected in ("vary.leader.depth_m: steps", "clock_offset_s: the list", "unknown distribution", "arm[0].name"):
+        assert expected in text
     assert len(text.splitlines()) == 5
     text = refused(scenario="T11", report={"metric": "e_p"})
     assert "unknown scenario 'T11'" in text
@@ -288,7 +288,7 @@ UNTIL = {"batch": 20, "until": {"metric": "e_p_mean_m", "half_width": 0.1, "most
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "expected"),
     [
         ({"runs": UNTIL}, "runs.until: the interval over several realizations does not narrow"),
         ({"realizations": 1, "draw": {}, "runs": {"batch": 20}}, "runs.until: Field required"),
@@ -306,8 +306,8 @@ UNTIL = {"batch": 20, "until": {"metric": "e_p_mean_m", "half_width": 0.1, "most
         ),
     ],
 )
-def test_a_wrong_number_of_runs_is_reported_with_its_key(changes, told):
-    assert told in refused(**changes)
+def test_a_wrong_number_of_runs_is_reported_with_its_key(changes, expected):
+    assert expected in refused(**changes)
 
 
 def test_batches_are_flown_until_every_interval_is_narrow_enough(tmp_path):
@@ -371,11 +371,11 @@ def test_captures_of_single_flights_are_those_of_cells(tmp_path):
     one = study(SMALL, realizations=1, runs=8, arm=[], draw={}, **keys)
     plan = plan_of(one)
     outcomes = fly_study(plan, tmp_path, workers=1, quiet=True)
-    told = outcomes.runs[0][1]["mirror_locked"]
-    for run, mirror_locked in enumerate(told):
+    expected = outcomes.runs[0][1]["mirror_locked"]
+    for run, mirror_locked in enumerate(expected):
         (row,) = records_of_run(plan.entries[0].scenario, run)
         assert row["mirror_locked"] == mirror_locked
-    assert 0 < sum(told) < 8, "the mission cannot tell"
+    assert 0 < sum(expected) < 8, "the mission does not discriminate"
 
 
 @pytest.mark.parametrize("variant", ["laisn-3-1", "tight"])
@@ -396,7 +396,7 @@ def test_followers_on_stations_are_judged_by_the_estimates_that_steered_them(var
         assert row["e_p_max_m"] == pytest.approx(position.max(), rel=1e-9)
         assert row["e_b_mean_deg"] == pytest.approx(np.rad2deg(bearing).mean(), rel=1e-9)
         assert row["gated"] == metrics.fix_counts(estimates)["gated"]
-    assert len({row["gated"] for row in rows}) > 1, "the mission cannot tell"
+    assert len({row["gated"] for row in rows}) > 1, "the mission does not discriminate"
 
 
 def test_an_infeasible_mission_is_reported_and_the_others_continue(tmp_path, monkeypatch):

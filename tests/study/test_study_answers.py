@@ -1,4 +1,4 @@
-"""What a study says of its results: sentences, verdicts, record and the runs to look at, for results made by hand."""
+"""Report of a study: sentences, verdicts, record and the runs to inspect, for results made by hand."""
 
 import itertools
 import math
@@ -71,13 +71,13 @@ def place(point: int, arm: str) -> tuple[int, str, str]:
 
 
 def test_the_answer_names_the_best_the_worst_and_which_arm_wins_where(page: Page, results: Results) -> None:
-    said = page.summary
+    printed = page.summary
     best, worst = (shown(results.estimate(place(*at), "e_p_mean_m"), "m") for at in ((0, "aware"), (1, "aware")))
     assert best.startswith("0.500 m (0.4")
-    assert f"Mean E_P, with 95 % intervals: {best} at best (" in said
-    assert f", {worst} at most (" in said
-    assert "14" not in said
-    assert said.endswith("aware against plain: lower at 1, higher at 1, undecided at 1 places.")
+    assert f"Mean E_P, with 95 % intervals: {best} at best (" in printed
+    assert f", {worst} at most (" in printed
+    assert "14" not in printed
+    assert printed.endswith("aware against plain: lower at 1, higher at 1, undecided at 1 places.")
 
 
 def test_the_answer_is_a_figure_and_a_table_of_every_place_with_differences_and_verdicts(page: Page) -> None:
@@ -104,7 +104,7 @@ def test_the_answer_is_a_figure_and_a_table_of_every_place_with_differences_and_
             assert (difference.text, verdict.text) == ("–", "")
     (other,) = page.sections[1].blocks
     assert isinstance(other, Table)
-    # no other percentile than its head says, and not the metric of the report once more
+    # no other percentile than in its head, and not the metric of the report once more
     assert list(other.heads)[:4] == ["point", "arm", "95th percentile of E_P [m]", "mean E_B [°]"]
     for row, (_, arm) in zip(other.rows, MEANS, strict=True):
         cells = dict(zip(other.heads, row, strict=True))
@@ -142,7 +142,7 @@ def test_worst_and_median_runs_are_those_of_their_place(plan: Plan, results: Res
 
 
 def test_a_run_that_contact_ended_is_the_first_to_look_at(plan: Plan, results: Results) -> None:
-    """It has no error; of what is left the median, with 39 whole runs the twentieth, is told as before."""
+    """It has no error; of what is left the median, with 39 whole runs the twentieth, is reported as before."""
     at = place(0, "plain")
     (values,) = results.by_run(at, "e_p_mean_m") or []
     ended = values.copy()
@@ -194,8 +194,8 @@ def test_a_place_counts_for_an_arm_by_its_whole_interval(plan: Plan) -> None:
         values = 2.0 + (arm == "aware") * np.where(np.arange(RUNS) % 2, -1.0, 0.9)
         rows.append(row | {"e_p_mean_m": float(values.mean())})
         runs.append((row, {"run": [*range(values.size)], "e_p_mean_m": values.tolist()}))
-    said = page_of(plan, Results.of(rows, runs), {}).summary
-    assert said.endswith("aware against plain: lower at 0, higher at 0, undecided at 3 places.")
+    printed = page_of(plan, Results.of(rows, runs), {}).summary
+    assert printed.endswith("aware against plain: lower at 0, higher at 0, undecided at 3 places.")
 
 
 def test_a_difference_that_no_shown_digit_has_is_not_marked(plan: Plan) -> None:
@@ -262,9 +262,9 @@ def test_columns_have_the_units_of_their_names() -> None:
     assert len(plain_) < len(METRICS) / 2
     for name in METRICS.keys() - plain_:
         assert METRICS[name].label.endswith(f" {units[name.rpartition('_')[2]]}"), name
-        for word, said in (("mean", "mean"), ("max", "largest"), ("std", "σ"), ("rms", "RMS")):
+        for word, printed in (("mean", "mean"), ("max", "largest"), ("std", "σ"), ("rms", "RMS")):
             if f"_{word}_" in name and not name.startswith(("energy", "bound")):
-                assert said in METRICS[name].label + METRICS[name].what, name
+                assert printed in METRICS[name].label + METRICS[name].what, name
     assert METRICS["e_b_p95_deg"].label == "95th percentile of E_B [°]"
 
 
@@ -350,12 +350,12 @@ def test_rows_of_closed_loops_are_extremes_roots_and_means_of_their_runs(plan: P
           "track_error_rms_m": 4.0, "closest_approach_m": 6.0, "power_mean_w": 30.0}],
     ]  # fmt: skip
     row, lists = _of_runs(plan.entries[0], 0, found)
-    told = {
+    reported = {
         "runs": 2, "seed": 1, "variant": "laisn-2", "e_p_mean_m": 2.0, "e_p_max_m": 5.0, "e_b_max_deg": 9.0,
         "track_error_rms_m": np.sqrt(12.5), "closest_approach_m": 6.0, "power_mean_w": 20.0, "mirror_locked_runs": 1,
         "fixes_gated": 3, "ended_runs": 1, "worst_run": 1,
     }  # fmt: skip
-    assert {name: row[name] for name in told} == pytest.approx(told)
+    assert {name: row[name] for name in reported} == pytest.approx(reported)
     assert lists["e_p_mean_m"] == [1.0, 3.0]
 
 

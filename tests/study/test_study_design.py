@@ -48,7 +48,7 @@ def test_a_sampled_design_has_one_point_in_every_stratum_of_every_factor(design)
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "expected"),
     [
         ([], "empty"),
         ([1, 1], "twice"),
@@ -59,8 +59,8 @@ def test_a_sampled_design_has_one_point_in_every_stratum_of_every_factor(design)
         ({"from": 0, "to": 1, "steps": 2, "step": 1}, "unknown step"),
     ],
 )
-def test_an_invalid_factor_is_reported_with_the_expectation(given, told):
-    with pytest.raises(ValueError, match=told):
+def test_an_invalid_factor_is_reported_with_the_expectation(given, expected):
+    with pytest.raises(ValueError, match=expected):
         Factor.of("x", given)
 
 
@@ -99,7 +99,7 @@ def test_draws_of_keys_seas_and_seeds_are_independent():
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "expected"),
     [
         (0.3, "one distribution"),
         ({"uniforn": [0, 1]}, "unknown distribution"),
@@ -111,8 +111,8 @@ def test_draws_of_keys_seas_and_seeds_are_independent():
         ({"choice": 3}, "list"),
     ],
 )
-def test_an_invalid_draw_is_reported_with_the_expectation(given, told):
-    with pytest.raises(ValueError, match=told):
+def test_an_invalid_draw_is_reported_with_the_expectation(given, expected):
+    with pytest.raises(ValueError, match=expected):
         Draw.of("x", given)
 
 
@@ -153,7 +153,7 @@ def test_a_formation_is_drawn_for_each_sea_and_keeps_its_distances() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "expected"),
     [
         ({"count": 0}, "formation expects a table with count, spacing_m, .*; count: Input should be greater"),
         ({"cuont": 3}, "count: Field required"),
@@ -161,8 +161,8 @@ def test_a_formation_is_drawn_for_each_sea_and_keeps_its_distances() -> None:
         ({"count": 50, "length_m": 10.0, "width_m": 10.0}, "50 stations 6 m apart do not fit into the area"),
     ],
 )
-def test_a_formation_that_cannot_be_drawn_is_refused(given: object, told: str) -> None:
-    with pytest.raises(ValueError, match=told):
+def test_a_formation_that_cannot_be_drawn_is_refused(given: object, expected: str) -> None:
+    with pytest.raises(ValueError, match=expected):
         Draw.of("followers", {"formation": given})
 
 

@@ -1,4 +1,4 @@
-"""What studies say of means: intervals over realizations and runs in closed form, and differences that are paired."""
+"""Means in studies: intervals over realizations and runs in closed form, and differences that are paired."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Benchmarks: the peers that lanes are compared with do the same work, and the table says what was measured."""
+"""Benchmarks: the peers that lanes are compared with do the same work, and the table contains the measurements."""
 
 from functools import partial
 from time import process_time

@@ -32,19 +32,19 @@ def test_flights_are_compared_by_errors_and_positions(monkeypatch: pytest.Monkey
     error = np.full(time.size, 1.0)
     for at, peak in ((469.0, 9.0), (500.0, 2.5), (591.0, 8.0)):
         error[np.argmin(np.abs(time - at))] = peak
-    asked = []
+    calls = []
     _, seen = Mission(whole.scenario, whole.trajectory).seen(whole.scenario, 0)
     # leaders pitch ever more from flight to flight; that of the following sea by 0.2 rad
     pitched = {n: replace(whole, trajectory=tilted(whole.trajectory, 0.1 * n)) for n in range(1, 5)}
     shown = apparent_tilt(pitched[2].trajectory)[:, 0] - 0.2
 
     def load(name: str, settings: Sequence[str]) -> tuple[str, tuple[str, ...]]:
-        asked.append((name, tuple(settings)))
-        return asked[-1]
+        calls.append((name, tuple(settings)))
+        return calls[-1]
 
     def fly(_: object) -> tuple[Flight, None]:
         sizes = {1: error, 2: np.where(np.arange(time.size) % 4 == 0, 5.0, 1.0)}
-        return off_by(pitched[len(asked)], sizes.get(len(asked), np.full(time.size, float(len(asked))))), None
+        return off_by(pitched[len(calls)], sizes.get(len(calls), np.full(time.size, float(len(calls))))), None
 
     monkeypatch.setattr(flights, "load", load)
     monkeypatch.setattr(flights, "fly", fly)
@@ -65,7 +65,7 @@ def test_flights_are_compared_by_errors_and_positions(monkeypatch: pytest.Monkey
         },
         rel=1e-5,
     )
-    assert asked == [
+    assert calls == [
         ("T5", ()), ("following-sea", ()), ("following-sea-ahrs", ()),
         ("following-sea-ahrs", ("sensors.leader_gyro_time_constant_s=0",)),
     ]  # fmt: skip

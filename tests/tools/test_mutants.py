@@ -1,4 +1,4 @@
-"""Which tests a fault in a source must pass."""
+"""Which tests are run on a mutant of a source."""
 
 import pytest
 

@@ -53,7 +53,7 @@ class Tank:
         if body.find("site[@name='cg']") is None:
             ElementTree.SubElement(body, "site", name="cg")
         actuators = ElementTree.SubElement(root, "actuator")
-        # a lag, as the plant wants it; the tank's thrusts are there at once
+        # a lag, as the plant requires; the tank's thrusts are there at once
         lag = {"dyntype": "filterexact", "dynprm": "1", "ctrllimited": "true", "ctrlrange": "-1e6 1e6"}
         for i, gear in enumerate(thrusters):
             ElementTree.SubElement(
@@ -83,7 +83,7 @@ class Tank:
     def step(self, thrust: npt.ArrayLike = 0.0, n: int = 1) -> None:
         """Advance by n steps of `Plant.step` under thrusts that are there at once, shape (5,)."""
         if self._placed:
-            # a step wants the acceleration of the step before; at the start it is that of the start
+            # a step needs the acceleration of the step before; at the start it is that of the start
             self.acceleration(thrust)
             self._placed = False
         self._step(thrust, n)
@@ -125,7 +125,7 @@ def text(value: npt.ArrayLike) -> str:
 
 
 def hull(mass: float, inertia: npt.ArrayLike, cg: npt.ArrayLike = (0, 0, 0), **numerics: npt.ArrayLike) -> str:
-    """MJCF of a bare hull: neutral, ellipsoid-like strips of no area and no drag, unless `numerics` say otherwise."""
+    """MJCF of a bare hull: neutral, ellipsoid-like strips of no area and no drag, unless `numerics` set others."""
     values: dict[str, npt.ArrayLike] = {
         "added_mass": np.zeros((6, 6)),
         "munk_factor": 1,

@@ -1,4 +1,4 @@
-"""Effectors: what an MJCF has, at whatever places, is what a vehicle swims with."""
+"""Effectors: a vehicle uses those of its MJCF, at any positions."""
 
 import re
 from pathlib import Path

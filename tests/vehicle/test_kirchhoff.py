@@ -64,7 +64,7 @@ def random_hull(seed: int) -> Kirchhoff:
     rng = np.random.default_rng(seed)
     b = rng.normal(size=(6, 6))
     added = b @ b.T + np.diag([2.0, 60, 60, 0.2, 11, 11])
-    # MuJoCo asks for the triangle inequality of principal inertias
+    # MuJoCo requires the triangle inequality of principal inertias
     return Kirchhoff(67.0, np.array([2.0, 13.0, 13.5]), rng.uniform(-0.05, 0.05, 3), np.round((added + added.T) / 2, 9))
 
 

@@ -1,4 +1,4 @@
-"""Every model compiles, steps quietly under random control and is what the documents say of it."""
+"""Every model compiles, steps without warnings under random control and matches the documents."""
 
 import mujoco
 import numpy as np

@@ -1,4 +1,4 @@
-"""Whether compiled code can call MuJoCo is found out at the start, and said in words."""
+"""Whether compiled code can call MuJoCo is checked at the start, and reported."""
 
 import ctypes
 from collections.abc import Iterator
@@ -65,7 +65,7 @@ def test_addresses_of_another_state_are_refused(monkeypatch: pytest.MonkeyPatch)
     get_state = library.mj_getState
 
     class Elsewhere:
-        """The library, had Python told the address of other data."""
+        """The library, with the address of other data from Python."""
 
         @staticmethod
         def mj_getState(model: Any, data: Any, state: Any, which: Any) -> None:  # noqa: N802

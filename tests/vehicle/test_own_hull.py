@@ -59,7 +59,7 @@ def test_an_actuator_whose_site_is_missing_is_named() -> None:
     assert fault == "<general name='thruster_lateral_bow'>: there is no <site name='thruster_lateral_bow'>"
 
 
-@pytest.mark.parametrize(("text", "told"), [
+@pytest.mark.parametrize(("text", "expected"), [
     ("<mujoco><worldbody/></mujoco>", "has no body 'hull'"),
     ("<mujoco><body></mujoco>", "not valid MJCF: "),
     (FOLLOWER.replace('data="3 3 3 0 0 0"', 'data="3 3"'), "name='linear_damping_fade'> has 2 values, expected 6"),
@@ -85,10 +85,10 @@ def test_an_actuator_whose_site_is_missing_is_named() -> None:
     (FOLLOWER.replace('density="0"', 'density="1026"'), "<option density='1026'> is a property of the sea: 0"),
     (FOLLOWER.replace('density="0"', 'wind="9 0 0"'), "<option wind='9 0 0'> is a property of the sea: leave it out"),
 ])  # fmt: skip
-def test_an_unusable_hull_is_refused_with_the_reason(text: str, told: str) -> None:
+def test_an_unusable_hull_is_refused_with_the_reason(text: str, expected: str) -> None:
     assert text != FOLLOWER
     faults = faults_of(text, "follower")
-    assert any(told in fault for fault in faults), faults
+    assert any(expected in fault for fault in faults), faults
 
 
 @pytest.fixture(scope="module")
@@ -125,12 +125,16 @@ def test_errors_of_a_hull_come_with_other_obstacles(folder: Path) -> None:
     """Keys are validated first, what they mean together second; each round reports all of its errors."""
     (folder / "bad.xml").write_text(without("site", "hydrophone"), encoding="utf-8")
     changes = {"followers.0.model": str(folder / "bad.xml"), "ocean.floor_depth_m": 4.0}
-    with pytest.raises(laisn_sim.LaisnError) as told:
+    with pytest.raises(laisn_sim.LaisnError) as expected:
         laisn_sim.load(folder / "mine.toml", changes)
-    assert "followers[0].model: lacks <site name='hydrophone'>, the hydrophone" in str(told.value)
-    assert "floor_depth_m" in str(told.value)
-    for name, told in (("absent.xml", "No such file"), ("/dev/zero", "it is no plain file"), ("/", "it is a folder")):
-        with pytest.raises(laisn_sim.LaisnError, match=rf"leader\.model: cannot be read: {told}"):
+    assert "followers[0].model: lacks <site name='hydrophone'>, the hydrophone" in str(expected.value)
+    assert "floor_depth_m" in str(expected.value)
+    for name, expected in (
+        ("absent.xml", "No such file"),
+        ("/dev/zero", "it is no plain file"),
+        ("/", "it is a folder"),
+    ):
+        with pytest.raises(laisn_sim.LaisnError, match=rf"leader\.model: cannot be read: {expected}"):
             laisn_sim.load("T5", {"leader.model": name})
 
 
@@ -228,8 +232,8 @@ def test_transmitters_are_where_the_own_hull_has_them() -> None:
     assert [t.site_offset[t.site(f"leader/tx_{name}")].tolist() for name in ("rear", "front", "middle")] == [
         [-0.7, 0, 0], [0.7, 0, 0], [0, 0.2, 0]
     ]  # fmt: skip
-    told = navigation_settings(flight.scenario, t, 0)
-    assert (told.baseline, told.middle_offset, told.transmitter_offsets) == (1.4, 0.2, ())
+    expected = navigation_settings(flight.scenario, t, 0)
+    assert (expected.baseline, expected.middle_offset, expected.transmitter_offsets) == (1.4, 0.2, ())
     assert cautions(flight.scenario) == []
     # what is saved and loaded has no other places
     assert laisn_sim.load(flight.scenario).leader.baseline_m is None
@@ -251,8 +255,8 @@ def test_a_key_moves_the_transmitters_of_an_own_hull_and_a_line_reports_it() -> 
 def test_transmitters_on_a_towed_beam_are_navigated_by(variant: str) -> None:
     """12 m behind the leader and below it: who takes them for the hull's would be some 10 m off."""
     flight = flown(moved_leader(**TOWED), {}, navigation={"variant": variant}, duration_s=100.0)
-    told = navigation_settings(flight.scenario, flight.trajectory, 0)
-    assert told.transmitter_offsets == ((-12.0, 0.5, -2.0), (-9.0, -0.5, -2.5), (-10.0, 1.0, -2.0))
+    expected = navigation_settings(flight.scenario, flight.trajectory, 0)
+    assert expected.transmitter_offsets == ((-12.0, 0.5, -2.0), (-9.0, -0.5, -2.5), (-10.0, 1.0, -2.0))
     error = position_errors(flight.estimates[0].state[:, :2], flight.hydrophone(0)[:, :2])
     assert np.median(error) < 2.0
 

@@ -1,4 +1,4 @@
-"""Hulls that are not what their models say: each scale acts on its own force, and the autopilot does not know."""
+"""Hulls that differ from their models: each scale acts on its own force, unknown to the autopilot."""
 
 import numpy as np
 import pytest
