@@ -49,13 +49,13 @@ from laisn.beacons.settings import BeaconSettings
 from laisn.messages import LeaderMessage, Measurements
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.settings import TightSettings
-heard = Measurements(
+measurements = Measurements(
     dt=0.1, speed=np.ones(5), heading=np.zeros(5), depth=np.full(5, 8.0), message_step=np.array([5]),
     message=np.array([LeaderMessage(0.5, 20.0, 0.0, 0.0, 1.0, 4.0)]), ranges=np.array([[21.0, 20.0, 20.5]]),
 )
 start = np.array([0.0, 0.0, 0.0, 1.0])
-TightNavigator(TightSettings(), start).run(heard)
-BeaconNavigator(BeaconSettings(), start).run(replace(heard, transmitters=np.full((1, 3, 3), [20.0, 0.0, 4.0])))
+TightNavigator(TightSettings(), start).run(measurements)
+BeaconNavigator(BeaconSettings(), start).run(replace(measurements, transmitters=np.full((1, 3, 3), [20.0, 0.0, 4.0])))
 """
 """Each compiles what the others do not, the last one the most."""
 

@@ -237,7 +237,7 @@ def test_a_follower_without_a_position_goes_parallel_to_its_route() -> None:
 
 
 @pytest.mark.parametrize("tilt", [False, True])
-def test_followers_on_routes_and_stations_swim_together(tilt: bool) -> None:
+def test_followers_on_routes_and_stations_move_together(tilt: bool) -> None:
     """By truth and by estimate, with sensors that are equal for all followers: each as alone.
 
     Whether attitude is broadcast is set explicitly: the default depends on whether there are stations.
@@ -318,7 +318,7 @@ def test_currents_come_from_all_directions() -> None:
     assert (by_truth.ocean.current_speed_m_s, by_truth.navigation.assume.current) == (0.0, False)
 
 
-def test_the_record_counts_who_is_lost() -> None:
+def test_the_record_counts_lost_followers() -> None:
     """Follower i of run r: error i + r, off its place 10 i, and lost in the first run where i is even."""
     runs = [
         [

@@ -110,7 +110,7 @@ def test_a_fleet_stops_at_its_recorded_end() -> None:
     assert trajectory.time[-1] < 31.0
 
 
-def test_who_meets_nobody_flies_to_the_end() -> None:
+def test_without_contact_a_flight_reaches_its_end() -> None:
     trajectory, outcome = motion_and_outcome(meeting(contact="end", duration_s=10.0))
     assert (trajectory.time[-1], outcome) == (10.0, Outcome.COMPLETED)
 

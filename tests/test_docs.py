@@ -7,7 +7,7 @@ How blocks are tried, document by document, in an empty folder:
 - bash: `laisn` and `python` lines are run, in this process. Missions are cut to 20 s (`--set duration_s=20` for
   scenarios), films are left out, and stills are taken at 10 s, of which the first of a document is rendered; of a
   scenario's flights the first has its report drawn.
-  Studies of a file are cut to 20 s, two seas and two runs; of the others only their help is run, which must list
+  Studies of a file are cut to 20 s, two realizations and two runs; of the others only their help, which must list
   the options. `make` targets must exist. Other programs are not ours.
 """
 

@@ -167,7 +167,7 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_a_number_that_is_not_the_records_is_a_fault(checkout: Path) -> None:
+def test_a_number_that_differs_from_the_record_is_an_error(checkout: Path) -> None:
     assert markers.check() == ([], [])
     page = checkout / "page.md"
     page.write_text(page.read_text(encoding="utf-8").replace("1165696", "1165697"), encoding="utf-8")

@@ -155,7 +155,7 @@ def test_followers_that_sense_each_other_give_way() -> None:
         np.testing.assert_array_equal(controller.state.seen[i].tolist(), seen.tolist())
 
 
-def test_a_sensor_that_shows_nobody_changes_nothing() -> None:
+def test_a_proximity_sensor_without_detections_changes_nothing() -> None:
     blind, _ = flown(mission(duration=20.0))
     wary, _ = flown(mission(duration=20.0, formation={"proximity": {"range_m": 4.0}}))
     np.testing.assert_array_equal(blind.position, wary.position)
@@ -320,7 +320,7 @@ def test_it_joins_its_station_from_anywhere() -> None:
     assert row["station_max_m"] < 4.0
 
 
-def test_a_follower_on_a_route_swims_as_it_does_without_others_on_stations() -> None:
+def test_a_follower_on_a_route_is_independent_of_others_on_stations() -> None:
     """It steers by where it is."""
     route = {"waypoints": [[0, -10, 5], [12, 0, 8], [30, 12, 20]], "depth_m": 10.0}
     tables: dict[str, object] = {"name": "s", "duration_s": 20.0, "ocean": {"current_speed_m_s": 0.2}}

@@ -189,7 +189,7 @@ def test_a_scenario_takes_what_a_file_may_hold() -> None:
             laisn_sim.Scenario(followers=[{"route": "T3"} | wrong])
 
 
-def test_a_scenario_is_written_as_what_differs_from_the_defaults() -> None:
+def test_a_scenario_file_holds_only_differences_from_the_defaults() -> None:
     import sim.scenario.settings
 
     made = laisn_sim.Scenario(**tomllib.loads(FILE))

@@ -93,7 +93,7 @@ def test_a_record_shares_no_array_with_its_caller(made: dict[str, Any], name: st
             held[key][...].flags.writeable = True
 
 
-def test_what_nobody_can_write_is_shared(made: dict[str, Any]) -> None:
+def test_read_only_arrays_are_shared(made: dict[str, Any]) -> None:
     record = made["Measurements"]
     assert np.shares_memory(replace(record, dt=0.2).speed, record.speed)
     n = record.speed.size

@@ -57,7 +57,7 @@ def test_either_error_has_its_nominal_rate_at_the_target() -> None:
     assert found[Verdict.MISSED] < most
 
 
-def test_a_lottery_credits_nobody() -> None:
+def test_random_outcomes_give_no_verdict() -> None:
     """Level leader, real leader and remedy draw their errors, and their mirror locks, from one and the same hat."""
     rng, verdicts = np.random.default_rng(11), []
     for _ in range(150):

@@ -55,21 +55,21 @@ def computed(flown: Trajectory, *plans: CellPlan) -> list[Any]:
 
 def test_cells_that_differ_in_the_inclinometer_alone_do_not_share_what_they_see(flown: Trajectory) -> None:
     leader = Leader(route=None, waypoints=TURNING, broadcast_attitude=True)
-    exact, feels = (
+    exact, sensing = (
         CellPlan(
             scenario=mission(
                 leader=leader,
                 navigation=Navigation(use_attitude=True),
-                sensors=Sensors(leader_attitude_senses_acceleration=felt),
+                sensors=Sensors(leader_attitude_senses_acceleration=senses),
             ),
             runs=3,
         )
-        for felt in (False, True)
+        for senses in (False, True)
     )
-    ([one], [other]) = computed(flown, exact), computed(flown, feels)
+    ([one], [other]) = computed(flown, exact), computed(flown, sensing)
     assert one["e_p_mean_m"] != other["e_p_mean_m"]
-    assert computed(flown, exact, feels) == [one, other]
-    assert computed(flown, feels, exact) == [other, one]
+    assert computed(flown, exact, sensing) == [one, other]
+    assert computed(flown, sensing, exact) == [other, one]
 
 
 some = st.sampled_from

@@ -21,7 +21,7 @@ def die(number):
     return number
 
 
-def test_a_worker_that_dies_is_named_and_costs_nothing_that_was_there():
+def test_a_dead_worker_is_reported_and_stored_results_remain():
     with Pool(2) as pool, pytest.raises(WorkerDiedError, match="the same command goes on"):
         list(pool.each(die, ((i,) for i in range(8))))
 

@@ -38,7 +38,7 @@ def test_a_weave_costs_the_value_of_a_bessel_function(amplitude: float) -> None:
     assert longer(amplitude) == pytest.approx(1.0 / j0(np.deg2rad(amplitude)) - 1.0, rel=1e-9)
 
 
-def test_who_weaves_more_is_better_known_and_who_is_nearer_too() -> None:
+def test_the_bound_shrinks_with_weave_amplitude_and_distance() -> None:
     for behind in BEHIND:
         errors = [least_error(amplitude, 40.0, float(behind)) for amplitude in (0.0, 2.0, 5.0, 10.0)]
         assert errors == sorted(errors, reverse=True)

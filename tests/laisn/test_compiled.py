@@ -124,7 +124,7 @@ def files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.rglob("*.nb?") if path.is_file())
 
 
-def test_code_is_stored_where_nobody_else_can_enter(folder: Path) -> None:
+def test_code_is_stored_in_a_private_folder(folder: Path) -> None:
     assert [added(), added()] == [0, 1]
     assert folder.parents[1].stat().st_mode & 0o777 == 0o700
     assert {path.suffix for path in files(folder)} == {".nbi", ".nbc"}

@@ -194,8 +194,8 @@ def test_a_single_range_is_used_if_the_settings_allow_it(variant: Variant) -> No
 
     def worst(use: bool) -> tuple[float, set[int]]:
         estimates = Navigator(replace(SETTINGS, variant=variant, use_single_range=use), START).run(fast)
-        believed = np.column_stack([estimates.state[:, :2], np.full(400, 9.0)])
-        off = np.linalg.norm(believed - BEACONS[0], axis=1) - distance
+        followed = np.column_stack([estimates.state[:, :2], np.full(400, 9.0)])
+        off = np.linalg.norm(followed - BEACONS[0], axis=1) - distance
         return float(np.abs(off[measurements.message_step - 1]).max()), set(estimates.fix_kind.tolist())
 
     assert worst(use=False)[1] == {FixKind.LOST}

@@ -225,7 +225,7 @@ def test_lanes_do_not_see_each_other() -> None:
         assert alone.state[..., 0].tobytes() == together.state[..., i].tobytes()
 
 
-def test_missions_that_do_not_fit_together_are_named() -> None:
+def test_incompatible_missions_are_reported() -> None:
     measurements, start = missions(ABEAM, 1)
     other, _ = missions(replace(ABEAM, every=3), 1)
     with pytest.raises(ValueError, match="mission 1 has other steps"):

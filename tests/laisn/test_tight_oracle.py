@@ -232,8 +232,8 @@ def test_the_record_of_a_mission_is_what_its_messages_changed() -> None:
         assert np.isnan(result.hypothesis_covariance[i, sides:]).all()
         assert u.received == np.isfinite(measured.ranges[i, :2]).sum()
         whole = FixKind.ONE_RANGE if u.received == 1 else FixKind.RANGES
-        believed = FixKind.GATED if u.used == 0 else (FixKind.PARTLY if u.used < u.received else whole)
-        kinds.append(FixKind.LOST if u.received == 0 or not sides else believed)
+        kind = FixKind.GATED if u.used == 0 else (FixKind.PARTLY if u.used < u.received else whole)
+        kinds.append(FixKind.LOST if u.received == 0 or not sides else kind)
     assert result.fix_kind.tolist() == kinds
     assert len(set(kinds)) > 3
     assert np.isnan(result.innovation).all()

@@ -36,7 +36,7 @@ class Message:
     ranges: Floats
     which: list[int]
     axis: Floats
-    """Arms of the rear and front transmitter, heard or not, shape (2, 3)."""
+    """Arms of the rear and front transmitter, received or not, shape (2, 3)."""
 
 
 def to_message(settings: TightSettings, own: OwnMotion, reception: Reception) -> Message:

@@ -174,10 +174,10 @@ def test_motion_ranges_and_tracks_are_drawn_as_flown(flight: Flight) -> None:
     np.testing.assert_allclose(last[:, 0], 1.0 * np.arange(1, 21))
     np.testing.assert_allclose(last[:, 1], received.ranges[:, 0])
     (part,) = flight_figures.track_map(flight, [0]).parts
-    leader, swum, believed, *ends = lines(part)
+    leader, swum, estimated, *ends = lines(part)
     np.testing.assert_allclose(leader, truth.position[1:, 0, :2])
     np.testing.assert_allclose(swum, flight.hydrophone(0)[:, :2])
-    np.testing.assert_allclose(believed, found.state[:, :2])
+    np.testing.assert_allclose(estimated, found.state[:, :2])
     np.testing.assert_allclose(np.concatenate(ends), [truth.position[-1, 0, :2], flight.hydrophone(0)[-1, :2]])
     for line in part.lines[:3]:
         np.testing.assert_allclose(line.time, truth.time[1:])

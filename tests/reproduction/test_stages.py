@@ -82,7 +82,7 @@ def test_columns_of_a_table_are_the_values_of_its_setting():
         assert by_name[name]["setting"] == name
 
 
-SAID = {
+STATED = {
     r"Δt = ([\d.]+) s": "dt_s", r"Δt_D = ([\d.]+) s": "dt_range_s", r"β = ([\d.]+)": "beta_m2",
     r"\bT = ([\d.]+)": "threshold_m", r"\bL = ([\d.]+) m": "leader_length_m", r"H_T = ([\d.]+) m": "h_t_m",
     r"μ_D = ([\d.]+) m": "mu_range_m", r"τ = ([\d.]+) m": "tau_rear_m",
@@ -94,7 +94,7 @@ SAID = {
 @pytest.mark.parametrize("setting", settings.SETTINGS, ids=lambda setting: setting.name)
 def test_a_setting_matches_its_title_in_the_stage_of_its_table(setting):
     found = settings.columns(setting)
-    stated = {column: float(m[1]) for words, column in SAID.items() if (m := re.search(words, setting.title))}
+    stated = {column: float(m[1]) for words, column in STATED.items() if (m := re.search(words, setting.title))}
     assert stated
     assert {column: found[column] for column in stated} == stated
     # Tables 1; 2 to 4; 5 and 6; 7; 8 and 9 are those of the five stages (paper, Section 3)

@@ -141,7 +141,7 @@ def test_cross_track_is_the_distance_to_the_legs():
     assert cross_track(route, time, position) == pytest.approx([3.0, 3.0, 2.0, 1.0])
 
 
-def test_off_its_place_is_who_is_beside_or_late():
+def test_track_error_includes_lateral_offset_and_delay():
     route = Route.timed("straight", [[0, 0, 0], [100, 0, 100]], 5.0)
     time = np.array([30.0, 50.0, 70.0])
     position = np.array([[3.0, 30.0], [0.0, 46.0], [-3.0, 74.0]])

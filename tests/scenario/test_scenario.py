@@ -93,7 +93,7 @@ def test_defaults_are_the_papers() -> None:
         ({"name": "a/b"}, "name: String should match pattern"),
     ],
 )
-def test_a_fault_names_file_key_and_expectation(change: dict[str, Any], expected: str) -> None:
+def test_an_error_reports_file_key_and_expectation(change: dict[str, Any], expected: str) -> None:
     with pytest.raises(ScenarioError) as caught:
         scenario_file.validate({**MINIMAL, **change}, "mine.toml")
     assert str(caught.value).startswith("mine.toml: ")

@@ -80,7 +80,7 @@ def test_layers_are_taken_in_turn() -> None:
         ({"kind": "grid", "count": 4, "spacing": 9.0}, "formation.shape.spacing: unknown key"),
     ],
 )
-def test_a_shape_at_fault_is_the_only_fault(shape: dict[str, object], fault: str) -> None:
+def test_an_invalid_shape_is_the_only_error(shape: dict[str, object], fault: str) -> None:
     table = {"name": "many", "duration_s": 60.0, "formation": {"shape": shape}}
     with pytest.raises(ValueError, match="1 error\n") as error:
         validate(table, "many.toml", feasibility.infeasibilities)

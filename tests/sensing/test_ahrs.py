@@ -18,7 +18,7 @@ from tests import straight
 from tests.campaign.test_montecarlo import make_truth
 
 G = 9.81
-FEELS = Sensors(leader_attitude_senses_acceleration=True)
+SENSING = Sensors(leader_attitude_senses_acceleration=True)
 
 
 def moved(velocity: Floats, quaternion: Floats) -> Trajectory:
@@ -71,7 +71,7 @@ def test_the_sensor_is_causal() -> None:
             for name in ("position", "velocity", "quaternion", "angular_velocity", "water_velocity", "thrust")
         },
     )
-    np.testing.assert_array_equal(tilt_errors(past, FEELS), tilt_errors(rough, FEELS)[:40])
+    np.testing.assert_array_equal(tilt_errors(past, SENSING), tilt_errors(rough, SENSING)[:40])
 
 
 @pytest.mark.parametrize("time_constant", [0.0, 2.0, 10.0])
@@ -81,7 +81,7 @@ def test_gyros_keep_waves_out(time_constant: float) -> None:
     time = dt * np.arange(1600)
     surge = np.outer(amplitude / omega * np.sin(omega * time), [1.0, 0.0, 0.0])
     hull = moved(surge, attitude.from_euler(np.pi / 2))
-    sensors = FEELS.model_copy(update={"leader_gyro_time_constant_s": time_constant})
+    sensors = SENSING.model_copy(update={"leader_gyro_time_constant_s": time_constant})
     pitch, roll = tilt_errors(hull, sensors)[-800:].T
     share = 1.0 - np.exp(-dt / time_constant) if time_constant else 1.0
     passed = share / abs(1 - (1 - share) * np.exp(-1j * omega * dt))
@@ -96,7 +96,7 @@ def test_gyros_keep_waves_out(time_constant: float) -> None:
 def test_without_accelerations_the_attitude_is_true() -> None:
     rough = moved(np.random.default_rng(1).normal(size=(30, 3)), attitude.from_euler(0.3, 0.1, -0.2))
     assert not tilt_errors(rough, Sensors(leader_gyro_time_constant_s=5.0)).any()
-    assert tilt_errors(rough, FEELS) == pytest.approx(apparent_tilt(rough) - [0.1, -0.2], abs=1e-12)
+    assert tilt_errors(rough, SENSING) == pytest.approx(apparent_tilt(rough) - [0.1, -0.2], abs=1e-12)
 
 
 def test_random_error_is_that_of_the_filter_itself() -> None:

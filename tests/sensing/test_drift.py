@@ -10,7 +10,7 @@ from sim.sensing.errors import SensorErrors, drift, errors_of
 from sim.sensing.observation import observe
 from tests.straight import make_scenario, make_trajectory
 
-TOLD = Sensors(
+DRIFTING = Sensors(
     speed_drift_m_s=0.3, heading_drift_deg=4.0, drift_period_s=200.0, speed_drift_phase_deg=30.0,
     heading_drift_phase_deg=90.0, leader_position_drift_m_s=0.02, leader_position_drift_deg=30.0,
 )  # fmt: skip
@@ -28,7 +28,7 @@ def biased(w: SensorErrors, follower: int, time: Any, speed: Any, heading: Any) 
 
 
 def test_biases_swing_with_their_amplitudes_periods_and_phases() -> None:
-    w = drifting(TOLD)
+    w = drifting(DRIFTING)
     # at the start half of the one and all of the other amplitude, and again after a period
     for time in (0.0, 200.0):
         assert biased(w, 0, time, 1.0, 0.5) == pytest.approx((1.15, 0.5 + np.deg2rad(4.0)))
@@ -39,7 +39,7 @@ def test_biases_swing_with_their_amplitudes_periods_and_phases() -> None:
 
 @pytest.mark.parametrize("silent", ["speed_drift_m_s", "heading_drift_deg"])
 def test_one_bias_may_swing_alone(silent: str) -> None:
-    w = drifting(TOLD.model_copy(update={silent: 0.0}))
+    w = drifting(DRIFTING.model_copy(update={silent: 0.0}))
     speed, heading = biased(w, 0, 0.0, 1.0, 0.5)
     assert (speed == 1.0, heading == 0.5) == (silent == "speed_drift_m_s", silent == "heading_drift_deg")
 
@@ -49,11 +49,11 @@ def test_each_follower_is_ahead_of_the_one_before_by_the_golden_angle() -> None:
     golden = 2 * np.pi * (1 - 2 / (1 + np.sqrt(5)))
     for follower in (1, 2, 5):
         expected = 1.0 + 0.3 * np.sin(np.pi / 6 + 2 * np.pi * 20.0 / 200.0 + follower * golden)
-        assert biased(drifting(TOLD), follower, 20.0, 1.0, 0.5)[0] == pytest.approx(expected)
+        assert biased(drifting(DRIFTING), follower, 20.0, 1.0, 0.5)[0] == pytest.approx(expected)
 
 
 def test_a_motion_is_read_with_the_errors_of_its_instants() -> None:
-    w, time = drifting(TOLD), np.array([0.0, 50.0, 100.0])
+    w, time = drifting(DRIFTING), np.array([0.0, 50.0, 100.0])
     speed, heading = biased(w, 0, time, np.ones(3), np.full(3, 0.5))
     np.testing.assert_allclose(speed, 1.0 + 0.3 * np.sin(np.pi / 6 + np.pi * time / 100.0))
     np.testing.assert_allclose(heading, 0.5 + np.deg2rad(4.0) * np.cos(np.pi * time / 100.0))
@@ -62,7 +62,7 @@ def test_a_motion_is_read_with_the_errors_of_its_instants() -> None:
 def test_a_leader_walks_off_towards_a_compass_direction() -> None:
     """By 2 cm/s towards 30°: 1 cm/s east, 1.73 cm/s north, of the time of sending."""
     scenario = make_scenario()
-    scenario = scenario.model_copy(update={"sensors": TOLD})
+    scenario = scenario.model_copy(update={"sensors": DRIFTING})
     truth = observe(make_trajectory((0.0, 40.0, -10.0), leader=(5.0, 6.0, -9.0)), scenario)
     off = np.column_stack([truth.sent.east, truth.sent.north]) - [5.0, 6.0]
     np.testing.assert_allclose(off, truth.sent.timestamp[:, None] * [0.01, 0.01 * np.sqrt(3.0)], atol=1e-12)

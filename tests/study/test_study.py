@@ -68,7 +68,7 @@ def flown(tmp_path_factory):
     return folder
 
 
-def test_tables_have_a_row_for_each_point_arm_sea_and_follower(flown):
+def test_tables_have_a_row_for_each_point_arm_realization_and_follower(flown):
     table = pq.read_table(flown / RESULTS).to_pylist()
     assert [(r["point"], r["arm"], r["realization"], r["follower"]) for r in table] == [
         (p, arm, realization, "follower") for p in (0, 1) for arm in ("level", "attitude") for realization in (0, 1)
@@ -115,7 +115,7 @@ def test_every_column_is_a_label_or_a_metric_that_is_explained(flown):
         assert set(pq.read_table(flown / name).column_names) <= labels | expected | set(METRICS)
 
 
-def test_arms_share_their_seas_and_their_noise(flown):
+def test_arms_share_realizations_and_noise(flown):
     plan = plan_of(study())
     for entry in plan.entries:
         twin = next(

@@ -308,7 +308,7 @@ def judged_by(plan: Plan, metric: str, **changes: Any) -> Plan:
     return replace(plan, study=replace(plan.study, report=report, **changes))
 
 
-def test_shares_of_seas_are_those_of_their_point(plan: Plan, drawn: Any) -> None:
+def test_shares_of_realizations_are_those_of_their_point(plan: Plan, drawn: Any) -> None:
     rows = [
         {"point": point, "arm": arm, "follower": "follower", "realization": realization, "seed": realization,
          "e_p_p95_m": 10.0 * point + realization}
@@ -323,7 +323,7 @@ def test_shares_of_seas_are_those_of_their_point(plan: Plan, drawn: Any) -> None
             assert line.y == pytest.approx([0, 1 / 3, 1 / 3, 2 / 3, 2 / 3, 1])
 
 
-def test_means_of_seas_stand_over_what_they_drew(plan: Plan, drawn: Any) -> None:
+def test_means_of_realizations_are_plotted_over_their_draws(plan: Plan, drawn: Any) -> None:
     rows = [
         {"point": point, "arm": arm, "follower": "follower", "realization": realization, "seed": realization,
          "wind": 5.0 - realization,

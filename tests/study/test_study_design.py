@@ -90,7 +90,7 @@ def test_choices_come_alike_often():
     assert stats.chisquare([found.count(c) for c in "abc"]).pvalue > 1e-3
 
 
-def test_draws_of_keys_seas_and_seeds_are_independent():
+def test_draws_of_keys_realizations_and_seeds_are_independent():
     one, other = (Draw.of(key, {"uniform": [0, 1]}) for key in ("a", "b"))
     x = [one.value(1, k) for k in range(1000)]
     for y in ([other.value(1, k) for k in range(1000)], [one.value(2, k) for k in range(1000)],
@@ -116,7 +116,7 @@ def test_an_invalid_draw_is_reported_with_the_expectation(given, expected):
         Draw.of("x", given)
 
 
-def test_a_route_is_drawn_for_each_sea_from_its_class(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_route_is_drawn_for_each_realization_from_its_class(monkeypatch: pytest.MonkeyPatch) -> None:
     """Waypoints depend on seed, realization and key alone; of any class all come up."""
     key = "followers.0.waypoints"
     near = Draw.of(key, {"route_class": "50-near-alike"})
@@ -132,7 +132,7 @@ def test_a_route_is_drawn_for_each_sea_from_its_class(monkeypatch: pytest.Monkey
     assert {every.value(3, realization) for realization in range(200)} == set(CLASSES)
 
 
-def test_a_formation_is_drawn_for_each_sea_and_keeps_its_distances() -> None:
+def test_a_formation_is_drawn_for_each_realization_and_keeps_its_distances() -> None:
     area = {"count": 8, "spacing_m": 7.0, "behind_m": 12.0, "length_m": 30.0, "width_m": 50.0, "layer_m": 0.5}
     draw = Draw.of("followers", {"formation": area})
     formations = [draw.value(1, realization) for realization in range(40)]

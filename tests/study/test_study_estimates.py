@@ -23,7 +23,7 @@ from tests import straight
 from tests.synthetic import make_scenario, make_trajectory
 
 
-def test_few_seas_have_the_interval_of_student():
+def test_few_realizations_have_the_interval_of_student():
     """t(0.975, 2) = 4.3027 (any table); the means 1, 2, 3 have s = 1."""
     found = over_realizations(np.array([1.0, 2.0, 3.0]))
     assert found.value == 2.0
@@ -35,7 +35,7 @@ def test_one_realization_gives_no_spread_between_realizations():
     assert math.isnan(over_realizations(np.array([1.0])).low)
 
 
-def test_intervals_over_many_seas_cover_as_often_as_they_promise():
+def test_intervals_over_many_realizations_have_nominal_coverage():
     random = np.random.default_rng(1)
     hits = 0
     for _ in range(300):
@@ -44,7 +44,7 @@ def test_intervals_over_many_seas_cover_as_often_as_they_promise():
     assert 0.90 < hits / 300 < 0.98
 
 
-def test_a_sea_counts_like_any_other_however_its_runs_scatter():
+def test_realizations_have_equal_weight_for_any_scatter_of_runs():
     found = over_runs([np.array([0.0, 4.0]), np.array([4.0, 4.0])])
     assert found.value == 3.0
 
@@ -55,7 +55,7 @@ def test_shares_have_the_limits_of_clopper_and_pearson():
     assert found.low == 0.0
 
 
-def test_an_outcome_that_no_run_of_several_seas_has_is_not_impossible():
+def test_an_outcome_absent_from_several_realizations_has_an_interval():
     """A realization counts as one run: 0 of 12 leaves up to 1 − 0.025^(1/12)."""
     found = over_runs([np.zeros(12)] * 12, shares=True)
     assert (found.value, found.low) == (0.0, 0.0)
@@ -73,7 +73,7 @@ def test_seas_of_one_run_each_have_the_limits_of_clopper_and_pearson():
     assert low.high < share.high < high.high
 
 
-def test_shares_of_seas_have_the_limits_of_as_many_runs_as_scatter_alike():
+def test_shares_of_realizations_have_the_limits_of_the_effective_number_of_runs():
     """Korn and Graubard: p (1 − p) over the variance of the mean, 25, times (t₃₉ / t₃)², from any table of Student's t.
 
     Four realizations of ten runs, of which 1, 2, 5 and 2 have the outcome: their mean is 0.25, its variance 0.03 / 4.
@@ -89,7 +89,7 @@ def test_shares_of_seas_have_the_limits_of_as_many_runs_as_scatter_alike():
     assert (even.low, even.high) == pytest.approx((exact.low, exact.high), rel=1e-9)
 
 
-def test_shares_of_seas_that_differ_cover_as_often_as_they_promise():
+def test_shares_of_different_realizations_have_nominal_coverage():
     """Every realization has a chance of its own, so that its runs are not independent of one another."""
     random = np.random.default_rng(5)
     hits = 0
