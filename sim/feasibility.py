@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from functools import lru_cache, partial
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Ints
 from laisn.failure import LaisnError
 from laisn.navigators import NAVIGATORS, find
 from laisn.plugins import find_controller
@@ -80,24 +80,62 @@ def _plan(vehicle: Vehicle, name: str) -> Plan:
     return plan(route_of(vehicle.model_copy(update={"saw_tooth_amplitude_m": 0.0}), name))
 
 
-def _leg_speeds(scenario: Scenario, vehicle: Vehicle) -> Floats:
-    """Mean speeds of the legs of a vehicle's route, or the least and the most of followers on stations [m/s]."""
+def _through_water(scenario: Scenario, route: Route, depth: float) -> tuple[Floats, Ints]:
+    """Speeds through the water that a route asks for at a depth.
+
+    Returns:
+        Speeds at both ends of intervals in which the current changes linearly on one leg, so that the highest is among
+        them, shape (2, n), [m/s]; and the leg of each interval, shape (n,).
+    """
+    over_ground = np.diff(route.waypoint, axis=0) / np.diff(route.time)[:, None]
+    changes = [time for time, *_ in scenario.ocean.current_profile if time < route.time[-1]]
+    times = np.unique([*route.time, *changes])
+    legs = np.searchsorted(route.time, 0.5 * (times[1:] + times[:-1])) - 1
+    ends = [over_ground[legs] - scenario.ocean.current_at(depth, end) for end in (times[:-1], times[1:])]
+    return np.hypot(*np.moveaxis(ends, -1, 0)), legs
+
+
+def _speeds(scenario: Scenario, vehicle: Vehicle) -> tuple[float, float]:
+    """Lowest and highest speed through the water of a vehicle on its route or station [m/s]."""
     if isinstance(vehicle, Follower) and vehicle.station:
-        return np.array([scenario.formation.min_along_track_speed_m_s, scenario.formation.max_speed_m_s])
-    return route_of(vehicle, "").leg_speed
+        return scenario.formation.min_along_track_speed_m_s, scenario.formation.max_speed_m_s
+    depths = [depth for _, depth in vehicle.depth_profile] or [
+        vehicle.layer_m + side * vehicle.saw_tooth_amplitude_m for side in (-1.0, 1.0)
+    ]
+    route = route_of(vehicle, "")
+    # a current changes linearly with depth
+    found = np.array([_through_water(scenario, route, depth)[0] for depth in (min(depths), max(depths))])
+    return float(found.min()), float(found.max())
+
+
+_OF_HULL = (
+    "model", "depth_control", "cg_offset_x_m", "cg_offset_z_m", "drag_scale", "added_mass_scale", "lift_scale",
+    "thrust_scale",
+)  # fmt: skip
+"""Keys of a vehicle on which its stability depends."""
+_USUAL_STEP_S = 0.02
+"""In physics steps up to this one the project's own hulls are stable at all speeds that a scenario can ask for [s]."""
+
+
+def _hull(scenario: Scenario, vehicle: Vehicle) -> tuple[Any, Any]:
+    """A vehicle alone in calm water, as a plant named "hull", and its autopilot."""
+    role = "follower" if isinstance(vehicle, Follower) else "leader"
+    values = tuple(getattr(vehicle, key) for key in _OF_HULL)
+    return _plant(role, scenario.timing.physics_step_s, scenario.ocean.density_kg_m3, values)
 
 
 @lru_cache(maxsize=8)
-def _hull(model: str, depth_control: Literal["pitch", "thrust"] | None, dt: float) -> tuple[Any, Any]:
-    """A hull of the user's own in calm water, as a plant named "hull", and its autopilot."""
-    # most scenarios have no such hull, and need no MuJoCo to be looked at
+def _plant(role: str, dt: float, density: float, values: tuple[Any, ...]) -> tuple[Any, Any]:
+    # most scenarios have no hull to be looked at, and need no MuJoCo
     from sim.control.autopilot import design
     from sim.vehicle.mjcf import VehicleSetup
     from sim.vehicle.plant import Plant
     from sim.water.ocean import Ocean
 
-    plant = Plant([VehicleSetup(name="hull", model=model, position_m=(0.0, 0.0, -10.0))], Ocean.calm(), dt)
-    return plant, design(plant, (depth_control,))
+    settings = Vehicle.model_construct(**dict(zip(_OF_HULL, values, strict=True)))
+    setup = VehicleSetup(name="hull", model=settings.model or role, position_m=(0.0, 0.0, -10.0), settings=settings)
+    plant = Plant([setup], Ocean(density_kg_m3=density), dt)
+    return plant, design(plant, (settings.depth_control,))
 
 
 def _speed_errors(scenario: Scenario, vehicle: Vehicle, design: Any) -> list[str]:
@@ -105,15 +143,19 @@ def _speed_errors(scenario: Scenario, vehicle: Vehicle, design: Any) -> list[str
     from sim.control.autopilot import top_speed
     from sim.vehicle.effectors import FIN, LEAST_WAY
 
-    lines, top, speeds = [], top_speed(design), _leg_speeds(scenario, vehicle)
-    slowest, fastest, where = speeds.min(), speeds.max(), "the slowest leg of its route has"
+    lines, top, (slowest, fastest) = [], top_speed(design), _speeds(scenario, vehicle)
+    where = "the slowest leg of its route has"
     if isinstance(vehicle, Follower) and vehicle.station:
         where = "formation.min_along_track_speed_m_s is"
     elif fastest > top:
-        lines.append(f"its effectors drive it at {top:.2g} m/s at most, the fastest leg of its route has {fastest:.3g}")
+        lines.append(
+            f"its effectors drive it at {top:.2g} m/s at most, the fastest leg of its route has {fastest:.3g} through "
+            "the water"
+        )
     if not design["has_heave"] and FIN in design["effectors"]["kind"] and slowest < LEAST_WAY:
         lines.append(
-            f"it has no vertical thrusters and cannot hover: its fins need {LEAST_WAY:g} m/s, {where} {slowest:.3g} m/s"
+            f"it has no vertical thrusters and cannot hover: its fins need {LEAST_WAY:g} m/s, {where} "
+            f"{slowest:.3g} m/s through the water"
         )
     return lines
 
@@ -129,37 +171,32 @@ def _hull_errors(key: str, vehicle: Vehicle) -> list[str]:
 
 
 def _control_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:
-    """What the autopilot of a hull of the user's own cannot control."""
-    if vehicle.model is None:
+    """What the autopilot of a vehicle cannot control."""
+    usual = all(getattr(vehicle, name) == Vehicle.model_fields[name].default for name in _OF_HULL[2:])
+    own, waves = vehicle.model is not None, scenario.ocean.waves
+    if not own and (scenario.motion == "kinematic" or (usual and scenario.timing.physics_step_s <= _USUAL_STEP_S)):
         return []
     from sim.control.stability import require_stable
 
     try:
-        plant, designs = _hull(vehicle.model, vehicle.depth_control, scenario.timing.physics_step_s)
-        lines = _speed_errors(scenario, vehicle, designs[0])
+        plant, designs = _hull(scenario, vehicle)
+        lines = _speed_errors(scenario, vehicle, designs[0]) if own else []
         if not lines:
-            require_stable(plant, designs, float(_leg_speeds(scenario, vehicle).max()))
+            orbital = 0.0 if waves.kind == "none" else np.pi * waves.height_m / waves.period_s
+            require_stable(plant, designs, _speeds(scenario, vehicle)[1], float(orbital))
     except LaisnError as error:
         lines = [str(error).removeprefix("hull: ")]
     except np.linalg.LinAlgError:
         lines = ["its mass and added mass have no inverse"]
-    return [f"{key}.model: {line}" for line in lines]
+    return [f"{key}{'.model' if own else ''}: {line}" for line in lines]
 
 
 def _leader_too_fast(scenario: Scenario) -> list[str]:
     """A leader that is faster than followers on stations can be."""
-    fastest, ocean = scenario.formation.max_speed_m_s, scenario.ocean
-    depths = [f.layer_m for f in scenario.followers if f.station]
-    if not depths:
-        return []
-    route = route_of(scenario.leader, "leader")
-    over_ground = np.diff(route.waypoint, axis=0) / np.diff(route.time)[:, None]
-    # between these times the current changes linearly on one leg, so that the speed is highest at one of their ends
-    times = np.unique([*route.time, *(time for time, *_ in ocean.current_profile if time < route.time[-1])])
-    legs = np.searchsorted(route.time, 0.5 * (times[1:] + times[:-1])) - 1
-    for depth in sorted(set(depths)):
-        through = [over_ground[legs] - ocean.current_at(depth, ends) for ends in (times[:-1], times[1:])]
-        speed = np.hypot(*np.transpose(through)).max(axis=-1)
+    fastest, depths = scenario.formation.max_speed_m_s, {f.layer_m for f in scenario.followers if f.station}
+    for depth in sorted(depths):
+        ends, legs = _through_water(scenario, route_of(scenario.leader, "leader"), depth)
+        speed = ends.max(axis=0)
         k = int(np.argmax(speed))
         if speed[k] > fastest:
             return [
@@ -267,7 +304,7 @@ def _wide_turns(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:
         return []
     from sim.control.stability import least_radius, steady_turn
 
-    plant, designs = _hull(vehicle.model, vehicle.depth_control, scenario.timing.physics_step_s)
+    plant, designs = _hull(scenario, vehicle)
     route = route_of(vehicle, "") if vehicle.route or vehicle.waypoints else route_of(scenario.leader, "")
     radius = least_radius(plant, 0, designs[0])
     if radius == 0.0:

@@ -118,7 +118,6 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
     for i, (record, c, name) in enumerate(zip(records, water, plant.names, strict=True)):
         body = model.body(f"{name}/hull")
         mass, added, centre = float(body.mass[0]), np.diag(c["added_mass"]), body.ipos
-        fin = 0.5 * c["density"] * c["fin_lift_slope"] * c["fin_area"]
         own = plant.effectors[i, : len(plant.effector_names[i])]
         slow, fast = (
             pseudo_inverse(own, np.array([effectors.reach(one, c["density"], speed) for one in own]))
@@ -133,23 +132,22 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
         record["drag_linear"], record["drag_fade"] = c["linear_damping"][0], c["linear_damping_fade"][0]
         area, drag_coefficient, lift_slope = c["hull_lift"]
         record["drag"] = 0.5 * c["density"] * area * drag_coefficient + c["quadratic_damping"][0]
-        record["lift"] = 0.5 * c["density"] * area * lift_slope * c["hull_lift_planes"][1] + fin[1]
-        record["fin_side"] = -fin[0] * c["fin_x"]
-        moving = own[own["kind"] == effectors.FIN]
-        # force per incidence and speed², sideways and up, of the fins that move
-        each = 0.5 * c["density"] * np.prod(moving["parameters"][:, :2], axis=1)[:, None] * moving["force"][:, 1:] ** 2
-        record["lift"] += each[:, 1].sum()
-        record["fin_side"] -= each[:, 0] @ moving["place"][:, 0]
+        fins = np.concatenate([own, plant.fixed_fins[i]])
+        fins = fins[fins["kind"] == effectors.FIN]
+        # force per incidence and speed², sideways and up, of each fin
+        each = 0.5 * c["density"] * np.prod(fins["parameters"][:, :2], axis=1)[:, None] * fins["force"][:, 1:] ** 2
+        record["lift"] = 0.5 * c["density"] * area * lift_slope * c["hull_lift_planes"][1] + each[:, 1].sum()
+        by_fins = each.T @ fins["place"][:, 0]
+        record["fin_side"] = -by_fins[0]
         lifts = record["lift"] > 0.0
-        back = fin[1] * c["fin_x"] + each[:, 1] @ moving["place"][:, 0]
-        record["pitch_munk"] = max(c["munk_factor"] * (added[2] - added[0]) + back, 0.0)
+        record["pitch_munk"] = max(c["munk_factor"] * (added[2] - added[0]) + by_fins[1], 0.0)
         if not c["linear_damping_fade"][2]:
             record["lift"] += c["linear_damping"][2]  # of 1 m/s
         strips = 0.5 * c["density"] * np.sum(c["strip_area"] * np.abs(c["strip_x"]) ** 3)
         for plane, axis in enumerate(("pitch", "yaw")):
             other = 1 - plane  # records have sideways first
             across = strips * c["cross_flow_drag"][other] + c["quadratic_damping"][4 + plane]
-            by_way = fin[other] * c["fin_x"] ** 2 + each[:, other] @ moving["place"][:, 0] ** 2
+            by_way = each[:, other] @ fins["place"][:, 0] ** 2
             record[f"{axis}_damping"] = c["linear_damping"][4 + plane], by_way, across
         record["has_heave"] = float(slow[:, HEAVE].any())
         mode = depth_control[i] or ("pitch" if lifts or not record["has_heave"] else "thrust")
@@ -175,7 +173,7 @@ def _require_control(name: str, record: Any, mode: DepthControl) -> None:
     if mode == "pitch" and not record["lift"] > 0.0:
         raise LaisnError(
             f"{name}: depth_control = 'pitch' needs vertical lift of the hull or of level fins (hull_lift, "
-            "hull_lift_planes, fin_area, fin_lift_slope); set depth_control = 'thrust' or give the hull lift"
+            "hull_lift_planes, NAME.fin); set depth_control = 'thrust' or give the hull lift"
         )
 
 

@@ -3,7 +3,8 @@
 The potential flow about a slender hull turns it across its way (Munk moment). Fins and hull lift bring it back, and so
 does the autopilot within its bandwidth; without either the motion diverges. The forces are those of
 `sim.vehicle.hydrodynamics`, linearised by differences; effectors follow the linear law of the autopilot with their lag.
-Limits of effectors and the slow loops (integrals, depth through pitch) are left out.
+Forces are the true ones, with all scales of a setup; the law is that of the MJCF's coefficients. Limits of effectors
+and the slow loops (integrals, depth through pitch) are left out.
 """
 
 from typing import Any
@@ -15,6 +16,7 @@ from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, at_speed, clip
 from sim.control.autopilot import SPEED_HEAVE, SPEED_PITCH, greatest_forces
+from sim.control.guidance import CATCH_UP
 from sim.scenario.point_motion import TURN_RATE
 from sim.scenario.routes import START_SPEED
 from sim.vehicle import coefficients
@@ -27,6 +29,8 @@ _SPEED_STEP = 0.5
 """Speeds are looked at in such steps, from the one at which missions begin [m/s]."""
 _GROWTH = 0.02
 """Slower growth is left to the loops that are left out [1/s]."""
+_CATCHING_UP = 1.0 + CATCH_UP
+"""Guidance asks for so much of the speed of a route at most."""
 _DRIFT_M_S, _SPIN_RAD_S = (0.3, 0.3), (0.2, 0.2, 0.2)
 """Sway and heave, and roll, pitch and yaw rates of a brisk turn."""
 _STEP = 1e-4
@@ -81,14 +85,12 @@ def _law(d: Any, climb: Floats, speed: float) -> Floats:
     return law
 
 
-def _hull(plant: Plant, i: int) -> tuple[Any, Floats, Floats, Any]:
-    """Coefficients, rigid inertia (6×6) about the origin, centre of gravity and effectors of vehicle i."""
-    c = coefficients.read(plant.model, plant.names, plant.ocean.density_kg_m3).view(np.recarray)[i]
+def _body(plant: Plant, i: int) -> tuple[Floats, Floats]:
+    """Rigid inertia (6×6) about the origin, and centre of gravity of vehicle i."""
     body = plant.model.body(f"{plant.names[i]}/hull")
     mass, centre = float(body.mass[0]), np.array(body.ipos)
     cross = mass * _skew(centre)
-    rigid = np.block([[mass * np.eye(3), -cross], [cross, np.diag(body.inertia) - cross @ _skew(centre)]])
-    return c, rigid, centre, plant.effectors[i, : len(plant.effector_names[i])]
+    return np.block([[mass * np.eye(3), -cross], [cross, np.diag(body.inertia) - cross @ _skew(centre)]]), centre
 
 
 def steady_turn(plant: Plant, i: int, d: Any, speed: float) -> tuple[float, float]:
@@ -102,14 +104,19 @@ def steady_turn(plant: Plant, i: int, d: Any, speed: float) -> tuple[float, floa
         d: its autopilot, a record of DESIGN.
         speed: along the hull [m/s].
     """
-    c, rigid, centre, own = _hull(plant, i)
+    rigid, centre = _body(plant, i)
+    c = coefficients.read(plant.model, plant.names, plant.ocean.density_kg_m3).view(np.recarray)[i]
+    own = plant.effectors[i, : len(plant.effector_names[i])]
+    fitted = np.concatenate([own, plant.fixed_fins[i]])
+    # as those of a plant, or another version of the forces would be compiled
+    fitted.flags.writeable = False
     forces = greatest_forces(d, speed, YAW)[1][: own.size]
     states = np.array([state_for(one, d["density"], force, speed) for one, force in zip(own, forces, strict=True)])
     by_engine = unit_wrenches(own).T @ (states * (own["kind"] == THRUSTER))
 
     def balance(x: Floats) -> Floats:
         motion = np.array([speed, x[0], 0.0, 0.0, 0.0, x[1], 0.0, 0.0, 0.0])
-        total = _forces(c, rigid, centre, motion, plant.ocean.water, (own, states)) + by_engine
+        total = _forces(c, rigid, centre, motion, plant.ocean.water, (fitted, states)) + by_engine
         return np.asarray(total[[SWAY, YAW]])
 
     (sway, rate), _, found, _ = fsolve(balance, [0.0, 0.05], full_output=True)
@@ -132,10 +139,11 @@ def _motion(plant: Plant, i: int, d: Any, about: Floats) -> Floats:
     Args:
         about: velocities (6) and angles (3) that it is linear about.
     """
-    c, rigid, centre, own = _hull(plant, i)
+    rigid, centre = _body(plant, i)
+    c, own, settings = plant.true_coefficients.view(np.recarray)[i], plant.effectors[i], plant.setups[i].settings
     speed = float(about[0])
     steps = _STEP * np.eye(9)
-    fitted = own, np.zeros(own.size)
+    fitted = plant.true_effectors[i], np.zeros(own.size)
     rates = [
         _forces(c, rigid, centre, about + step, plant.ocean.water, fitted)
         - _forces(c, rigid, centre, about - step, plant.ocean.water, fitted)
@@ -143,7 +151,9 @@ def _motion(plant: Plant, i: int, d: Any, about: Floats) -> Floats:
     ]
     allocation = np.empty((own.size, 6))
     at_speed(d["slow_allocation"][: own.size], d["fast_allocation"][: own.size], speed, allocation)
-    given = unit_wrenches(own).T @ allocation
+    # forces that act for a unit of what the law asks for
+    scale = np.where(own["kind"] == FIN, settings.lift_scale, settings.thrust_scale)
+    given = (scale[:, None] * unit_wrenches(own)).T @ allocation
     inverse, lag = np.linalg.inv(rigid + c.added_mass), 0.25 / d["omega"]
     matrix = np.zeros((16, 16))
     matrix[:6, :9], matrix[:6, 10:] = inverse @ np.array(rates).T / (2.0 * _STEP), inverse
@@ -154,26 +164,27 @@ def _motion(plant: Plant, i: int, d: Any, about: Floats) -> Floats:
     return matrix
 
 
-def require_stable(plant: Plant, autopilots: Any, fastest: float) -> None:
-    """Check all vehicles of a plant in calm water.
+def require_stable(plant: Plant, autopilots: Any, fastest: float, orbital: float = 0.0) -> None:
+    """Check all vehicles of a plant, with what is changed of their hulls.
 
     Args:
         plant: its vehicles.
         autopilots: of them, records of DESIGN.
-        fastest: speed up to which their motion is to be stable [m/s].
+        fastest: speed through the water up to which their motion is to be stable [m/s].
+        orbital: speed of the water in waves, which counts for the plant's steps alone [m/s].
 
     Raises:
         LaisnError: naming vehicle, speed and plane in which its motion diverges; or its motion, also in a turn, is
             too fast for the plant's steps.
     """
-    turning = np.array([fastest, *_DRIFT_M_S, *_SPIN_RAD_S, 0.0, 0.0, 0.0])
+    turning = np.array([_CATCHING_UP * fastest + orbital, *_DRIFT_M_S, *_SPIN_RAD_S, 0.0, 0.0, 0.0])
     for i, (name, d) in enumerate(zip(plant.names, autopilots, strict=True)):
         matrix = _motion(plant, i, d, turning)
         rate = np.abs(np.linalg.eigvals(matrix)).max() if np.all(np.isfinite(matrix)) else np.inf
         if not rate * plant.dt < 1.0:
             raise LaisnError(
-                f"{name}: its motion changes within {1.0 / rate:.2g} s, too fast for physics steps of {plant.dt:g} s; "
-                "damping, drag areas, levers and fins must fit mass and added mass"
+                f"{name}: its motion changes within {1.0 / rate:.2g} s at {turning[0]:.3g} m/s, too fast for physics "
+                f"steps of {plant.dt:g} s; damping, drag areas, levers and fins must fit mass and added mass"
             )
         for speed in np.arange(START_SPEED, max(fastest, START_SPEED) + _SPEED_STEP, _SPEED_STEP):
             growth, modes = np.linalg.eig(_motion(plant, i, d, np.append(speed, np.zeros(8))))
@@ -184,6 +195,6 @@ def require_stable(plant: Plant, autopilots: Any, fastest: float) -> None:
                 plane = max(planes, key=lambda one: size[list(planes[one])].max())
                 raise LaisnError(
                     f"{name}: the autopilot cannot stabilise {plane} at {speed:g} m/s, they grow by a factor of e in "
-                    f"{1.0 / growth[worst].real:.2g} s; give the hull fins at the stern or hull lift (fin_area, fin_x, "
-                    "fin_lift_slope, hull_lift), or a centre of gravity below its origin"
+                    f"{1.0 / growth[worst].real:.2g} s; give the hull fins at the stern or hull lift (NAME.fin, "
+                    "hull_lift), or a centre of gravity below its origin"
                 )

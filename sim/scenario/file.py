@@ -23,7 +23,7 @@ _DEEPEST = 16
 """Most tables within tables; a scenario needs five."""
 _WIDEST_BITS = 1024
 """Most bits of an integer; more is beyond every number of a scenario, and costly to write down."""
-_MODEL_KEY = re.compile(r"(leader|followers\.(\d+|\*))\.model")
+_MODEL_KEY = re.compile(r"(leader|followers\.(\d+|\*)|formation\.shape)\.model")
 _INDEX = re.compile("0|[1-9][0-9]{0,8}")
 """An index of a list within a dotted key."""
 
@@ -79,8 +79,9 @@ def beside(model: Any, folder: Path) -> Any:
 
 def seen_from(table: dict[str, Any], folder: Path) -> dict[str, Any]:
     """The table of a scenario file in a folder; changed in place: the hulls that it names lie beside the file."""
-    followers = table.get("followers")
-    for vehicle in (table.get("leader"), *(followers if isinstance(followers, list) else ())):
+    followers, formation = table.get("followers"), table.get("formation")
+    shape = formation.get("shape") if isinstance(formation, dict) else None
+    for vehicle in (table.get("leader"), shape, *(followers if isinstance(followers, list) else ())):
         if isinstance(vehicle, dict) and "model" in vehicle:
             vehicle["model"] = beside(vehicle["model"], folder)
     return table

@@ -64,6 +64,7 @@ class Shape(Section):
     layers: Annotated[int, Field(ge=1, le=50)] | None = Field(
         None, description="number of layers, assigned cyclically; default: count"
     )
+    model: str | None = Field(None, description="model of the followers, as of `[[followers]]`")
 
 
 def _line(i: int, count: int) -> Offset:
@@ -105,7 +106,8 @@ def followers_of(shape: Shape) -> list[dict[str, Any]]:
             "port_m": round(port * shape.spacing_m, 6),
             "depth_m": shape.depth_m + i % (shape.layers or shape.count) * shape.layer_m,
         }
-        tables.append({"name": f"follower-{i + 1}", "station": station})
+        hull = {"model": shape.model} if shape.model else {}
+        tables.append({"name": f"follower-{i + 1}", "station": station, **hull})
     return tables
 
 

@@ -27,13 +27,10 @@ NUMERICS: dict[str, tuple[tuple[int, ...], str]] = {
     "cross_flow_drag": ((2,), "-"),
     "strip_x": ((MAX_STRIPS,), "m"),
     "strip_area": ((MAX_STRIPS,), "m²"),
-    "fin_x": ((), "m"),
-    "fin_area": ((2,), "m²"),
-    "fin_lift_slope": ((), "1/rad"),
 }
 """Coefficients of a vehicle as its MJCF gives them: shape and unit. Strips may be fewer than their array holds."""
 
-_SIGNED = ("added_mass", "strip_x", "fin_x")
+_SIGNED = ("added_mass", "strip_x")
 
 MATRICES = {"linear_damping": "linear_coupling", "quadratic_damping": "quadratic_coupling"}
 """Numerics that may have 6×6 values by rows, D of the wrench −D ν or −D |ν| ν, and where those off the diagonal go."""
@@ -111,7 +108,6 @@ def scaled(records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]) -> npt
         for name in (*MATRICES, *MATRICES.values(), "cross_flow_drag"):
             true[name][i] *= settings.drag_scale
         true["hull_lift"][i] *= (1.0, settings.drag_scale, settings.lift_scale)
-        true["fin_lift_slope"][i] *= settings.lift_scale
         true["added_mass"][i] *= settings.added_mass_scale
     _take_roots(true)
     true.flags.writeable = False

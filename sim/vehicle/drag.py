@@ -1,4 +1,4 @@
-"""Viscous forces of the water on a hull and its fins, from the velocity relative to the water.
+"""Viscous forces of the water on a hull, from the velocity relative to the water.
 
 Source: Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021 (damping, lift and cross-flow
 drag of a slender hull); Beard and McLain, Small Unmanned Aircraft, 2012 (lift and drag over incidence).
@@ -100,16 +100,6 @@ def cross_flow(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
 
 
 @compiled
-def fin_lift(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
-    """Normal force of the fixed tail fins, ½ρ S slope U² sin α cos α, from the incidence where they stand."""
-    x = c.fin_x
-    scale = -0.5 * c.density * c.fin_lift_slope * abs(v[0])
-    fy = scale * c.fin_area[0] * (v[1] + x * w[2])
-    fz = scale * c.fin_area[1] * (v[2] - x * w[1])
-    return (0.0, fy, fz), (0.0, -x * fz, x * fy)
-
-
-@compiled
 def viscous(c: Any, v: Vector, w: Vector) -> tuple[tuple[Vector, Vector], ...]:
     """All viscous forces [N] and moments [N m] in the body, by the velocity relative to the water.
 
@@ -118,4 +108,4 @@ def viscous(c: Any, v: Vector, w: Vector) -> tuple[tuple[Vector, Vector], ...]:
         v: velocity relative to the water [m/s].
         w: rate of turn relative to the water [rad/s].
     """
-    return damping(c, v, w), cross_flow(c, v, w), fin_lift(c, v, w), (hull_lift(c, v), (0.0, 0.0, 0.0))
+    return damping(c, v, w), cross_flow(c, v, w), (hull_lift(c, v), (0.0, 0.0, 0.0))

@@ -10,6 +10,8 @@ An actuator is a thruster whose state is its thrust [N], unless the MJCF has a n
     NAME.fin        the state is the deflection [rad], positive where it pushes along the actuator's axis: area [m²],
                     slope of the normal force [1/rad], stall angle [rad], drag coefficient at no incidence
 
+A fixed fin is a site NAME with a numeric NAME.fin and no actuator. It pushes along the site's z axis.
+
 The site of a thruster is fixed in its hull and a free joint counts torque in the body frame, so that a unit of thrust
 has a constant force and torque in the body; only the direction of the force in the world turns with the hull.
 `mj_transmission` finds the same from Jacobians of the whole model, which costs time with the square of the number of
@@ -55,7 +57,7 @@ _PARAMETERS: dict[int, dict[str, tuple[float, float]]] = {
     FIN: {
         "area [m²]": (0.0, 1e3),
         "slope of the normal force [1/rad]": (0.0, 1e3),
-        "stall angle [rad]": (0.0, np.pi / 2),
+        "stall angle [rad]": (0.0, 1.571),
         "drag coefficient": (0.0, 1e3),
     },
 }
@@ -113,6 +115,42 @@ def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
     return records
 
 
+def read_fixed(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
+    """Fixed fins of vehicles, from a compiled model.
+
+    Args:
+        model: MjModel.
+        vehicles: of the model.
+
+    Returns:
+        Records of EFFECTOR with limits of zero, shape (v, q); q is the largest number of any vehicle, and records
+        beyond a vehicle's own are all zeros.
+
+    Raises:
+        LaisnError: a fin has no site in its own hull, or its numeric is wrong.
+    """
+    numerics = [model.numeric(i).name for i in range(model.nnumeric)]
+    fins = [name.removesuffix(SUFFIXES[FIN]) for name in numerics if name.endswith(SUFFIXES[FIN])]
+    fixed = [name for name in fins if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name) < 0]
+    own = [[name for name in fixed if name.startswith(f"{vehicle.name}/")] for vehicle in vehicles]
+    records = np.zeros((len(vehicles), max(map(len, own), default=0)), EFFECTOR)
+    for row, vehicle, names in zip(records, vehicles, own, strict=True):
+        for record, name in zip(row, names, strict=False):
+            site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
+            if site < 0 or model.site_bodyid[site] != vehicle.body:
+                raise LaisnError(
+                    f"<numeric name='{name}.fin'>: there is no actuator {name!r}, nor a site of the body "
+                    f"'{vehicle.name}/hull' for a fixed fin"
+                )
+            force = attitude.rotate(model.site_quat[site], np.array([0.0, 0.0, 1.0]))
+            # rounding of the attitude: an upright fin has no lift
+            force[np.abs(force) < 1e-12] = 0.0
+            record["force"], record["torque"] = force, np.cross(model.site_pos[site], force)
+            record["place"] = model.site_pos[site]
+            _read_kind(model, name, record)
+    return records
+
+
 def _read_kind(model: Any, name: str, record: Any) -> None:
     """Fill in the kind of an effector and its parameters, of the numeric that has its name."""
     for kind, suffix in SUFFIXES.items():
@@ -142,9 +180,7 @@ def _read_kind(model: Any, name: str, record: Any) -> None:
         across = abs(record["force"][0]) < 1e-9 and abs(np.linalg.norm(record["force"]) - 1.0) < 1e-6
         if kind == FIN and not across:
             gear = " ".join(f"{value:g}" for value in record["force"])
-            raise LaisnError(
-                f"actuator {name!r}: the gear of a fin must be a unit vector across the hull (given: {gear})"
-            )
+            raise LaisnError(f"{name!r}: the axis of a fin must be a unit vector across the hull (given: {gear})")
 
 
 class MovingFins:
@@ -219,7 +255,7 @@ def fin_force(record: Any, density: float, deflection: float, local: Vector) -> 
     if square < 1e-12:
         return 0.0, 0.0, 0.0
     speed, sine, cosine = np.sqrt(square), np.sin(deflection), np.cos(deflection)
-    limit = np.sin(p[2])
+    limit = np.sin(min(p[2], 0.5 * np.pi))
     incidence = min(max((u * sine - across * cosine) / speed, -limit), limit)
     scale = 0.5 * density * p[0]
     normal = scale * p[1] * square * incidence * np.sqrt(1.0 - incidence * incidence)
@@ -230,10 +266,10 @@ def fin_force(record: Any, density: float, deflection: float, local: Vector) -> 
 
 @compiled
 def loads(records: Any, state: Floats, density: float, v: Vector, w: Vector) -> tuple[bool, Vector, Vector]:
-    """Forces of all effectors of a vehicle that MuJoCo does not apply itself.
+    """Forces of all effectors and fixed fins of a vehicle that MuJoCo does not apply itself.
 
     Args:
-        records: of EFFECTOR, shape (m,).
+        records: of EFFECTOR, first those with a state, shape (m + q,).
         state: of the effectors, shape (m,).
         density: of the water [kg/m³].
         v: velocity relative to the water, in the body [m/s].
@@ -257,7 +293,7 @@ def loads(records: Any, state: Floats, density: float, v: Vector, w: Vector) -> 
         place = (record.place[0], record.place[1], record.place[2])
         local = plus(v, cross(w, place))
         if record.kind == FIN:
-            part = fin_force(record, density, state[i], local)
+            part = fin_force(record, density, state[i] if i < state.size else 0.0, local)
             force, moment = plus(force, part), plus(moment, cross(place, part))
             continue
         inflow = local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
@@ -336,9 +372,12 @@ def scaled_records(records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]
     """
     true = records.copy()
     for row, setup in zip(true, setups, strict=True):
-        row["parameters"][row["kind"] == FIN, 1] *= setup.settings.lift_scale
-        row["parameters"][row["kind"] == PROPELLER, 1:3] *= setup.settings.thrust_scale
-        row["curve"][..., 1] *= setup.settings.thrust_scale
+        kind, thrust_scale = row["kind"], setup.settings.thrust_scale
+        row["parameters"][kind == FIN, 1] *= setup.settings.lift_scale
+        row["parameters"][kind == PROPELLER, 1:3] *= thrust_scale
+        row["curve"][..., 1] *= thrust_scale
+        row["force"][kind == THRUSTER] *= thrust_scale
+        row["torque"][kind == THRUSTER] *= thrust_scale
     true.flags.writeable = False
     return true
 

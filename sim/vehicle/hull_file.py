@@ -19,16 +19,16 @@ Number = tuple[npt.ArrayLike, str]
 
 @dataclass(frozen=True, kw_only=True)
 class EffectorPart:
-    """One actuator at a site of its own; see `sim.vehicle.effectors` for its kinds."""
+    """One actuator or fixed fin at a site of its own; see `sim.vehicle.effectors` for its kinds."""
 
     name: str
     place: tuple[float, float, float]
     """In the body frame [m]."""
     axis: tuple[float, float, float]
     """Unit vector along which a positive state pushes."""
-    limits: tuple[float, float]
-    """Of the state."""
-    lag: float
+    limits: tuple[float, float] | None = None
+    """Of the state; None: a fixed fin, without actuator."""
+    lag: float = 0.0
     """Time constant of the state [s]."""
     source: str
     """Of limits, lag and parameters."""
@@ -95,9 +95,13 @@ class HullFile:
             if part.suffix == "fin"
         ]
         lines += [f'      <site name="{name}" pos="{numbers(place)}"/>' for name, place in sites.items()]
-        lines += [f'      <site name="{part.name}" pos="{numbers(part.place)}"/>' for part in self.effectors]
+        for part in self.effectors:
+            axis = "" if part.limits else f' zaxis="{numbers(part.axis)}"'
+            lines.append(f'      <site name="{part.name}" pos="{numbers(part.place)}"{axis}/>')
         lines += ["    </body>", "  </worldbody>", "  <actuator>"]
         for part in self.effectors:
+            if part.limits is None:
+                continue
             gain = ' gainprm="0"' if part.suffix else ""
             lines.append(
                 f'    <general name="{part.name}" site="{part.name}" gear="{numbers(part.axis)} 0 0 0" '
@@ -128,7 +132,7 @@ def numbers(values: npt.ArrayLike) -> str:
 
 
 def still_water_numerics(length: float, diameter: float) -> dict[str, Number]:
-    """Coefficients by which a hull leaves the water, and that it has no lift and no fixed fins besides."""
+    """Coefficients by which a hull leaves the water, and that it has no lift besides."""
     n = 10
     x = length * ((np.arange(n) + 0.5) / n - 0.5)
     return {
@@ -138,9 +142,6 @@ def still_water_numerics(length: float, diameter: float) -> dict[str, Number]:
         "cross_flow_drag": ((0.0, 0.0), "[-]: in the quadratic damping"),
         "strip_x": (x, f"[m]: {n} equal lengths, which leave the water one by one"),
         "strip_area": (np.full(n, diameter * length / n), f"[m²]: D L / {n}"),
-        "fin_x": (-0.5 * length, "[m]: no fixed fins"),
-        "fin_area": ((0.0, 0.0), "[m²]: no fixed fins"),
-        "fin_lift_slope": (0.0, "[1/rad]: no fixed fins"),
     }
 
 

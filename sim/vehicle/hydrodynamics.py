@@ -127,7 +127,7 @@ def wrench(
         c: record of `sim.vehicle.coefficients.RECORD`.
         pose: position [m] and quaternion, shape (7,).
         twist: velocity of the origin in the world [m/s], angular velocity in the body [rad/s], shape (6,).
-        fitted: effectors of the vehicle, records of `sim.vehicle.effectors.EFFECTOR`, shape (m,).
+        fitted: effectors and fixed fins of the vehicle, records of `sim.vehicle.effectors.EFFECTOR`, shape (m + q,).
         state: of the effectors, shape (m,).
 
     Returns:
@@ -249,7 +249,8 @@ def apply(
         pose: position and quaternion, shape (v, 7).
         twist: velocity in the world, angular velocity in the body, shape (v, 6).
         solver: where wrench and added mass go; `applied` is overwritten.
-        fitted: effectors, records of `sim.vehicle.effectors.EFFECTOR`, and their states, shape (v, m).
+        fitted: effectors and fixed fins, records of `sim.vehicle.effectors.EFFECTOR`, shape (v, m + q), and the states
+            of the effectors, shape (v, m).
 
     Returns:
         The index of the first vehicle that is lost (its state or wrench is not finite, or beyond LOST), -1 if none.

@@ -140,6 +140,11 @@ def _missing(spec: Any, role: str) -> list[str]:
         for actuator in spec.actuators
         if actuator.trntype == mujoco.mjtTrn.mjTRN_SITE and spec.site(actuator.target) is None
     ]
+    former = [name for name in ("fin_x", "fin_area", "fin_lift_slope") if spec.numeric(name) is not None]
+    if former:
+        lines.append(
+            f"<numeric name={former[0]!r}>: a fixed fin is <site name='NAME' zaxis='…'> with <numeric name='NAME.fin'>"
+        )
     for name in coefficients.NUMERICS:
         numeric = spec.numeric(name)
         fault = coefficients.fault_of(name, None if numeric is None else int(numeric.size))
@@ -170,7 +175,9 @@ def _compiled(text: str) -> list[str]:
     try:
         model = compose([VehicleSetup(name="hull", model=text, position_m=(0.0, 0.0, -10.0))]).compile()
         coefficients.read(model, ["hull"], 1026.0)
-        effectors.read(model, [resolve(model, "hull")])
+        vehicles = [resolve(model, "hull")]
+        effectors.read(model, vehicles)
+        effectors.read_fixed(model, vehicles)
     except ValueError as error:
         return [_first_lines(error)]
     lines = []

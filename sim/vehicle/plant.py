@@ -30,11 +30,15 @@ class Plant:
     """Owns the compiled model and its state, and steps it to second order; see `sim.vehicle.stepping`.
 
     Attributes:
+        setups: as given.
         names: of the vehicles, shape (v,).
         pose: position [m] and quaternion (w, x, y, z), shape (v, 7); a view that follows the state.
         twist: velocity of the origin in the world [m/s] and angular velocity in the body [rad/s], shape (v, 6); a view.
         effectors: records of `sim.vehicle.effectors.EFFECTOR` in the order of the MJCF, shape (v, m), read-only; m is
             the largest number of any vehicle, and records beyond a vehicle's own are zero.
+        fixed_fins: likewise, of `sim.vehicle.effectors.read_fixed`, shape (v, q).
+        true_coefficients: records of `sim.vehicle.coefficients.RECORD` with the setups' scales, shape (v,), read-only.
+        true_effectors: effectors and fixed fins with the setups' scales, shape (v, m + q), read-only.
         effector_names: names of each vehicle's own.
         thrust: states of the effectors, shape (v, m): thrust [N], revolutions per second, deflection [rad], or what a
             thruster's curve is of; a view.
@@ -57,6 +61,7 @@ class Plant:
         spec.option.disableflags |= NO_CONTACT | _NO_JOINT_FORCES
         self.ocean = ocean
         self.dt = dt
+        self.setups = tuple(setups)
         self.names = tuple(s.name for s in setups)
         self.model = model = spec.compile()
         self.data = data = mujoco.MjData(model)
@@ -71,8 +76,8 @@ class Plant:
         self.twist: Floats = data.qvel.reshape(n, 6)
         self.thrust: Floats = data.act.reshape(n, m)
         self.state = self.pose, self.twist, self.thrust
-        self.effectors = effectors.read(model, vehicles)
-        self.effectors.flags.writeable = False
+        self.effectors, self.fixed_fins = effectors.read(model, vehicles), effectors.read_fixed(model, vehicles)
+        self.effectors.flags.writeable = self.fixed_fins.flags.writeable = False
         prefixes = [f"{v.name}/" for v in vehicles]
         self.effector_names = tuple(
             tuple(model.actuator(i).name.removeprefix(prefix) for i in v.actuators[: v.effectors])
@@ -84,19 +89,17 @@ class Plant:
         self._gain = np.empty((n, 6))
         self._last_pose, self._last_twist = np.empty((n, 7)), np.empty((n, 6))
         self._half_step = dt / 2
-        wrenches = (
-            effectors.unit_wrenches(self.effectors) * np.array([s.settings.thrust_scale for s in setups])[:, None, None]
+        nominal = coefficients.read(model, self.names, ocean.density_kg_m3)
+        self.true_coefficients = coefficients.scaled(nominal, setups)
+        self.true_effectors = effectors.scaled_records(
+            np.concatenate([self.effectors, self.fixed_fins], axis=1), setups
         )
+        wrenches = effectors.unit_wrenches(self.true_effectors[:, :m])
         # MuJoCo applies no force of the others, whatever the gain of their actuators is
         wrenches[self.effectors["kind"] != effectors.THRUSTER] = 0.0
         push = wrenches, data.actuator_moment.reshape(wrenches.shape)
         self._layout: effectors.Layout = (data.moment_rownnz, data.moment_rowadr, data.moment_colind)
-        true = coefficients.scaled(coefficients.read(model, self.names, ocean.density_kg_m3), setups)
-        scaled = effectors.scaled_records(self.effectors, setups)
-        # effectors whose forces MuJoCo does not apply, up to the last of any vehicle
-        own_forces = np.flatnonzero((scaled["kind"] != effectors.THRUSTER).any(axis=0)).max(initial=-1) + 1
-        fitted = np.ascontiguousarray(scaled[:, :own_forces]), self.thrust
-        self._loads = true, ocean.water, solver, push, fitted
+        self._loads = self.true_coefficients, ocean.water, solver, push, (self.true_effectors, self.thrust)
         self._body = (
             (self.pose, self.twist, self._acceleration, self._gain),
             data.ctrl.reshape(n, m),

@@ -303,7 +303,6 @@ def from_sdf(text: str) -> tuple[HullFile, list[str]]:
         )
         for name, place, axis, limits in thrusters
     ]
-    fixed: list[tuple[float, float, Floats]] = []
     for name, surface, frame, limits in surfaces:
         axis = frame.turn @ _numbers(surface.findtext("upward", "0 0 1"), 3, "<upward>")
         axis = np.array([0.0, *axis[1:]])
@@ -313,9 +312,6 @@ def from_sdf(text: str) -> tuple[HullFile, list[str]]:
         axis /= np.linalg.norm(axis)
         place = frame.at(_numbers(surface.findtext("cp", "0 0 0"), 3, "<cp>"))
         area, slope = _number(surface, "area", 1.0), _number(surface, "cla", 1.0)
-        if limits is None:
-            fixed.append((area * slope, placed(place)[0], axis))
-            continue
         span = float(np.sqrt(area))
         parts.append(
             EffectorPart(
@@ -323,12 +319,12 @@ def from_sdf(text: str) -> tuple[HullFile, list[str]]:
                 place=placed(place),
                 axis=turned(axis),
                 limits=limits,
-                lag=LAG["fin"],
+                lag=0.0 if limits is None else LAG["fin"],
                 suffix="fin",
                 parameters=(area, slope, min(_number(surface, "alpha_stall", 0.44), 1.5), 0.0),
                 blade=(span / 2, span / 2),
-                source="state [rad], limits of the joint; area [m²], cla [1/rad], alpha_stall [rad]; no drag at no "
-                f"incidence, as cda is a slope; lag {LAG['fin']:g} s assumed",
+                source="area [m²], cla [1/rad], alpha_stall [rad]; no drag at no incidence, as cda is a slope; "
+                + ("fixed" if limits is None else f"state [rad], limits of the joint; lag {LAG['fin']:g} s assumed"),
             )
         )
     known = "gz-sim Hydrodynamics"
@@ -342,14 +338,6 @@ def from_sdf(text: str) -> tuple[HullFile, list[str]]:
         "displaced_inertia": (body.mass * (length**2 + diameter**2) / 20.0, "[kg m²]: spheroid of its size"),
         **still_water_numerics(length, diameter),
     }
-    if fixed:
-        lifts = np.array([lift * axis[1:] ** 2 for lift, _, axis in fixed]).sum(axis=0)
-        places = float(np.average([x for _, x, _ in fixed], weights=[lift for lift, _, _ in fixed]))
-        numerics |= {
-            "fin_x": (places, "[m]: mean place of LiftDrag links without a revolute joint"),
-            "fin_area": (lifts, "[m²]: their area times cla"),
-            "fin_lift_slope": (1.0, "[1/rad]: in the area"),
-        }
     principal = flip @ body.inertia @ flip
     inertia = np.concatenate([np.diag(principal), [principal[0, 1], principal[0, 2], principal[1, 2]]])
     return HullFile(

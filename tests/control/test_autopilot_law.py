@@ -123,12 +123,12 @@ def test_levers_and_coefficients_are_those_of_the_mjcf() -> None:
         given = {
             name: plant.model.numeric(f"{model}/{name}").data
             for name in ("added_mass", "linear_damping", "linear_damping_fade", "quadratic_damping", "hull_lift",
-                         "hull_lift_planes", "fin_x", "fin_area", "fin_lift_slope", "strip_x", "strip_area",
+                         "hull_lift_planes", "fins_upright.fin", "fins_level.fin", "strip_x", "strip_area",
                          "cross_flow_drag")
         }  # fmt: skip
         area, drag, slope = given["hull_lift"]
-        fins = 500.0 * given["fin_lift_slope"][0] * given["fin_area"]
-        back = given["fin_x"][0]
+        fins = [500.0 * float(np.prod(given[f"fins_{pair}.fin"][:2])) for pair in ("upright", "level")]
+        back = plant.model.site(f"{model}/fins_level").pos[0]
         assert d["drag"] == pytest.approx(500.0 * area * drag + given["quadratic_damping"][0])
         assert d["drag_linear"] == given["linear_damping"][0]
         assert d["drag_fade"] == given["linear_damping_fade"][0]

@@ -1,14 +1,16 @@
 """Shapes of formations: where each follower stands, by geometry."""
 
 import math
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import pytest
 
+import models
 from laisn.arrays import Floats
 from sim import feasibility
-from sim.scenario.file import validate
+from sim.scenario.file import seen_from, validate
 from sim.scenario.formation import Shape, followers_of
 
 Kind = Literal["line", "v", "column", "grid", "ring"]
@@ -53,6 +55,14 @@ def test_a_ring_is_a_regular_polygon_whose_neighbours_are_a_spacing_apart(count:
 def test_a_single_follower_stands_on_the_axis_where_a_shape_begins() -> None:
     for kind in ("line", "column", "grid", "ring"):
         np.testing.assert_allclose(places(kind, 1, behind_m=15.0), [[15.0, 0.0, 10.0]], atol=1e-9)
+
+
+def test_followers_of_a_shape_have_its_model(tmp_path: Path) -> None:
+    (tmp_path / "mine.xml").write_text(models.path("lauv").read_text("utf-8"), encoding="utf-8")
+    for name, model in (("remus100", "remus100"), ("mine.xml", "lauv")):
+        table = seen_from({"formation": {"shape": {"kind": "v", "count": 3, "model": name}}}, tmp_path)
+        scenario = validate(table, "a.toml")
+        assert [f.model for f in scenario.followers] == 3 * [models.path(model).read_text("utf-8")]
 
 
 @pytest.mark.parametrize("kind", ["line", "v", "column", "grid", "ring"])

@@ -124,7 +124,13 @@ def text(value: npt.ArrayLike) -> str:
     return " ".join(repr(float(v)) for v in np.ravel(np.asarray(value, dtype=np.float64)))
 
 
-def hull(mass: float, inertia: npt.ArrayLike, cg: npt.ArrayLike = (0, 0, 0), **numerics: npt.ArrayLike) -> str:
+def hull(
+    mass: float,
+    inertia: npt.ArrayLike,
+    cg: npt.ArrayLike = (0, 0, 0),
+    sites: str = "",
+    **numerics: npt.ArrayLike,
+) -> str:
     """MJCF of a bare hull: neutral, ellipsoid-like strips of no area and no drag, unless `numerics` set others."""
     values: dict[str, npt.ArrayLike] = {
         "added_mass": np.zeros((6, 6)),
@@ -140,12 +146,9 @@ def hull(mass: float, inertia: npt.ArrayLike, cg: npt.ArrayLike = (0, 0, 0), **n
         "cross_flow_drag": [0, 0],
         "strip_x": 0,
         "strip_area": 1,
-        "fin_x": 0,
-        "fin_area": [0, 0],
-        "fin_lift_slope": 0,
     }
 
     lines = [f'<numeric name="{k}" data="{text(v)}"/>' for k, v in (values | numerics).items()]
     return f"""<mujoco><worldbody><body name="hull" simple="false"><freejoint/>
-      <inertial pos="{text(cg)}" mass="{mass!r}" diaginertia="{text(inertia)}"/></body></worldbody>
+      <inertial pos="{text(cg)}" mass="{mass!r}" diaginertia="{text(inertia)}"/>{sites}</body></worldbody>
       <custom>{"".join(lines)}</custom></mujoco>"""

@@ -11,6 +11,7 @@ import laisn_sim
 import models
 from experiments.flight.library import vehicle_rows
 from laisn.arrays import Floats
+from sim.assembly import routes_of
 from sim.control.allocation import PITCH, SURGE, YAW, allocate, at_speed, pseudo_inverse
 from sim.control.autopilot import design, top_speed
 from sim.control.guidance import reference
@@ -25,6 +26,7 @@ from sim.vehicle.mjcf import VehicleSetup, spec_of
 from sim.vehicle.own_hull import faults_of
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
+from tests.vehicle import remus_formation
 
 RHO = 1026.0
 ADDED = ("remus100", "lauv", "bluerov2_heavy")
@@ -84,6 +86,13 @@ def test_fin_keeps_the_force_of_its_stall_angle() -> None:
     normal = [np.hypot(*load(one, angle, (1.0, 0.0, 0.0), still)[:2]) for angle in (0.29, 0.3, 0.5, 1.2)]
     assert normal[0] < normal[1]
     np.testing.assert_allclose(normal[1:], 0.5 * RHO * 0.01 * 2.5 * np.sin(0.3) * np.cos(0.3), rtol=1e-9)
+
+
+def test_a_fixed_fin_is_a_moving_one_that_is_not_deflected() -> None:
+    one = record(effectors.FIN, (0, 0.6, 0.8), (-0.7, 0.1, 0.05), 0.01, 2.5, 0.3, 0.02)
+    v, w = (1.2, -0.2, 0.3), (0.1, 0.2, -0.3)
+    _, force, moment = effectors.loads(one, np.zeros(0), RHO, v, w)
+    np.testing.assert_array_equal([*force, *moment], load(one, 0.0, v, w))
 
 
 def test_propeller_has_thrust_and_torque_of_its_coefficients() -> None:
@@ -311,6 +320,18 @@ def test_the_steady_turn_is_that_of_a_flight() -> None:
     assert least_radius(plant_of("follower"), 0, design(plant_of("follower"), (None,))[0]) == 0.0
 
 
+def test_ten_remus_keep_their_stations_behind_a_remus() -> None:
+    """Half a metre off route and station, two decimetres of depth, in calm water with the usual errors."""
+    flight = laisn_sim.fly(remus_formation.table(corners=4))
+    kept = remus_formation.keeping(flight)
+    assert not any(one.lost for one in kept)
+    assert max(one.station_rms_m for one in kept) < 1.0
+    assert remus_formation.depth_rms(flight) < 0.2
+    report = tracking(flight.trajectory.only([0], ()), routes_of(flight.scenario)[:1])[0]
+    assert report.cross_track_rms < 0.5
+    assert report.depth_error_rms < 0.2
+
+
 def test_hulls_that_turn_slowly_are_cautioned_about() -> None:
     plant = plant_of("remus100")
     rate, radius = steady_turn(plant, 0, design(plant, (None,))[0], 1.0)
@@ -341,7 +362,7 @@ def test_what_a_hull_cannot_do_is_refused_by_name() -> None:
         ("0.00665 0.5 0.44 0", "-0.00665 0.5 0.44 0",
          r"rudder_top\.fin'>: value 1, area \[m²\], must be more than 0 .* \(given: -0\.00665\)"),
         ('name="rudder_top" class="deflection" site="rudder_top" gear="0 1 0', 'name="rudder_top" class="deflection" '
-         'site="rudder_top" gear="1 1 0', r"the gear of a fin must be a unit vector across the hull \(given: 1 1 0\)"),
+         'site="rudder_top" gear="1 1 0', r"the axis of a fin must be a unit vector across the hull \(given: 1 1 0\)"),
         ("0.14 0.4566", "0.14", r"propeller\.propeller'> has 7 values, expected 8: diameter"),
         ('"propeller.propeller"', '"propeller.curve"', None),
     ],

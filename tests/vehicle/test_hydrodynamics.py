@@ -15,6 +15,7 @@ from sim.water.waves import Waves
 from tests.vehicle.tank import Tank, hull
 
 G = 9.81
+NO_FINS = {"fins_upright.fin": [1e-12, 3.09, 1.5708, 0.0], "fins_level.fin": [1e-12, 3.09, 1.5708, 0.0]}
 
 
 @pytest.mark.parametrize("thrust", [5.0, 20.0, 60.0])
@@ -56,8 +57,8 @@ def test_parts_of_the_hull_force_are_their_textbook_forms(plane: int, astern: fl
     u, across = astern * speed * np.cos(alpha), speed * np.sin(alpha)
     pressure = 0.5 * rho * speed**2
 
-    def force(**numerics: npt.ArrayLike) -> tuple[Floats, Floats]:
-        tank = Tank(hull(60.0, [1, 10, 10], **numerics), Ocean.calm(), 0.02)
+    def force(sites: str = "", **numerics: npt.ArrayLike) -> tuple[Floats, Floats]:
+        tank = Tank(hull(60.0, [1, 10, 10], sites=sites, **numerics), Ocean.calm(), 0.02)
         tank.place(twist=u * np.eye(6)[0] + across * np.eye(6)[plane])
         applied = tank.water_wrench() - [0, 0, 60.0 * G, 0, 0, 0]
         return applied[:3], applied[3:]
@@ -68,8 +69,10 @@ def test_parts_of_the_hull_force_are_their_textbook_forms(plane: int, astern: fl
     np.testing.assert_allclose(section, expected, atol=1e-9)
     np.testing.assert_allclose(moment, np.cross([0.4, 0, 0], expected), atol=1e-9)
 
-    # fins: a normal force at the tail
-    fins, moment = force(fin_x=-0.9, fin_area=[0.05, 0.05], fin_lift_slope=3.0)
+    # fixed fins: a normal force at the tail
+    pair = '<site name="upright" pos="-0.9 0 0" zaxis="0 1 0"/><site name="level" pos="-0.9 0 0"/>'
+    fin = [0.05, 3.0, 1.5708, 0.0]
+    fins, moment = force(pair, **{"upright.fin": fin, "level.fin": fin})
     expected = -pressure * 0.05 * 3.0 * np.sin(alpha) * np.cos(alpha) * np.eye(3)[plane]
     np.testing.assert_allclose(fins, expected, atol=1e-9)
     np.testing.assert_allclose(moment, np.cross([-0.9, 0, 0], expected), atol=1e-9)
@@ -148,7 +151,7 @@ def test_drag_dissipates_energy_for_any_motion() -> None:
             "quadratic_damping": np.zeros(6),
             "hull_lift": np.zeros(3),
             "cross_flow_drag": np.zeros(2),
-            "fin_area": np.zeros(2),
+            **NO_FINS,
         }
         ideal = Tank(models.path(name).read_text(), Ocean.calm(), 0.02, dry_numerics)
         for _ in range(50):
@@ -166,7 +169,7 @@ def test_drag_dissipates_energy_for_any_motion() -> None:
 def test_hull_runs_straight_by_its_fins(name: str, speed: float) -> None:
     """Eigenvalues of the linearised sway-yaw and heave-pitch motion at constant speed."""
     assert max(_growth(models.path(name), speed, {})) < 0
-    assert max(_growth(models.path(name), speed, {"fin_area": [0, 0]})) > 0
+    assert max(_growth(models.path(name), speed, dict(NO_FINS))) > 0
 
 
 def _growth(path: Path, speed: float, numerics: dict[str, npt.ArrayLike]) -> tuple[float, float]:

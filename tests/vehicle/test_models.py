@@ -164,9 +164,9 @@ def test_missing_numeric_is_named_with_size_and_unit() -> None:
 
 def test_numeric_of_wrong_size_is_named_with_size_and_unit() -> None:
     spec = compose(pair())
-    spec.numeric("lead/fin_area").data = np.array([0.1])
-    spec.numeric("lead/fin_area").size = 1
-    with pytest.raises(ValueError, match=r"'lead': <numeric name='fin_area'> has 1 values, expected 2 values \[m²\]"):
+    spec.numeric("lead/hull_lift").data = np.array([0.1])
+    spec.numeric("lead/hull_lift").size = 1
+    with pytest.raises(ValueError, match=r"'lead': <numeric name='hull_lift'> has 1 values, expected 3 values \[m²"):
         coefficients.read(spec.compile(), ["lead", "T2"], 1026.0)
 
 

@@ -82,6 +82,9 @@ def test_an_actuator_whose_site_is_missing_is_named() -> None:
     (FOLLOWER.replace('pos="0 0 0.1"/>', 'pos="0 0 1e300"/>'), "<site pos='0 0 1e300'> must be finite and within ±1e"),
     (FOLLOWER.replace('</body>', '<geom class="fin" size="1 1 1"/>' * 200 + '</body>'), "elements <geom>, at most 200"),
     (FOLLOWER.replace('<asset>', '<asset>' + '<mesh builtin="sphere" params="4"/>' * 20), "has 21 elements <mesh>"),
+    (FOLLOWER.replace('</custom>', '<numeric name="fin_area" data="0 0"/></custom>'), "<site name='NAME' zaxis='…'>"),
+    (without("site", "fins_level"), "there is no actuator 'hull/fins_level', nor a site of the body 'hull/hull'"),
+    (FOLLOWER.replace('pos="-0.72 0 0" zaxis="0 1 0"', 'pos="-0.72 0 0" zaxis="1 0 0"'), "unit vector across the hull"),
     (FOLLOWER.replace('density="0"', 'density="1026"'), "<option density='1026'> is a property of the sea: 0"),
     (FOLLOWER.replace('density="0"', 'wind="9 0 0"'), "<option wind='9 0 0'> is a property of the sea: leave it out"),
 ])  # fmt: skip
@@ -159,7 +162,10 @@ def test_logs_draw_the_hull_of_the_file() -> None:
     assert repr(drawn(fewer)) == repr(drawn(FOLLOWER))
 
 
-NO_LIFT = {'data="0.2128 0.05596 0.266"': 'data="0.2128 0.05596 0"', 'data="0.027 0.027"': 'data="0.027 0"'}
+NO_LIFT = {
+    'data="0.2128 0.05596 0.266"': 'data="0.2128 0.05596 0"',
+    '<numeric name="fins_level.fin" data="0.027 3.09 1.5708 0"/>': "",
+}
 """A hull whose only lift is that of its upright fins."""
 
 

@@ -75,7 +75,7 @@ def test_a_step_is_mujocos_own_with_the_water_in_its_middle() -> None:
     pose[:], twist[:] = plant.pose, plant.twist
     records = coefficients.read(model, plant.names, plant.ocean.density_kg_m3)
     solver = (model.M_rowadr.astype(np.int64).reshape(2, 6), data.M, data.qfrc_applied.reshape(2, 6))
-    fitted = plant.effectors, np.zeros(plant.effectors.shape)
+    fitted = plant.true_effectors, np.zeros(plant.effectors.shape)
     command = np.array([[30.0, 8, -6, 3, -5], [12, -5, 6, -2, 3]])
     data.ctrl[:] = command.ravel()
 
@@ -106,7 +106,7 @@ def test_a_wrench_beyond_all_numbers_is_found() -> None:
     pose, twist = plant.pose.copy(), np.tile([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], (2, 1))
     pose[1, 3:] = [1.0, 0.0, 0.0, 0.0]
     solver = (plant.model.M_rowadr.astype(np.int64).reshape(2, 6), np.zeros(plant.model.nM), np.zeros((2, 6)))
-    fitted = plant.effectors, np.zeros(plant.effectors.shape)
+    fitted = plant.true_effectors, np.zeros(plant.effectors.shape)
     assert hydrodynamics.apply(records, pose, twist, 0.0, plant.ocean.water, solver, fitted) == -1
     records["linear_damping"][1, :3], records["linear_damping_fade"][1] = 1e308, 0.0
     assert hydrodynamics.apply(records, pose, twist, 0.0, plant.ocean.water, solver, fitted) == 1
@@ -287,7 +287,7 @@ def test_ten_followers_step_as_one_model() -> None:
     command = np.random.default_rng(0).uniform(-10, 30, (11, 5))
     plant.step(command, 500)
     assert plant.pose.shape == (11, 7)
-    assert len(plant.site_names) == 10 + 8 * 10
+    assert len(plant.site_names) == 12 + 10 * 10
 
 
 def test_warning_of_mujoco_stops_the_run() -> None:

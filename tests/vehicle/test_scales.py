@@ -3,9 +3,14 @@
 import numpy as np
 import pytest
 
+import laisn_sim
 from experiments.campaign import missions
 from experiments.flight.library import load
+from laisn.failure import LaisnError
 from sim.control.autopilot import design
+from sim.control.stability import require_stable
+from sim.scenario.point_motion import SPEED_MAX
+from sim.scenario.sea import FASTEST_CURRENT_M_S
 from sim.scenario.vehicles import Vehicle
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
@@ -75,3 +80,27 @@ def test_an_autopilot_holds_its_speed_with_unknown_drag():
     assert speeds[0] == pytest.approx(speeds[1], abs=0.01)
     thrusts = [t.thrust[-300:, 0, 0].mean() for t in (more, usual)]
     assert thrusts[0] / thrusts[1] == pytest.approx(1.4, rel=0.03)
+
+
+LIFT = {"followers.0.lift_scale": 7.2, "followers.0.cg_offset_z_m": -0.077, "duration_s": 20.0}
+
+
+@pytest.mark.parametrize(("speed", "towards"), [(1.14, 0.0), (0.6, 270.0)])
+def test_a_hull_that_its_scales_make_too_fast_for_the_steps_is_refused(speed, towards):
+    """Without the check this motion leaves finite numbers within 8 s."""
+    current = {"ocean.current_speed_m_s": speed, "ocean.current_direction_deg": towards}
+    with pytest.raises(LaisnError, match=r"followers\[0\]: its motion changes within .* too fast for physics steps"):
+        laisn_sim.load("T3", LIFT | current)
+    laisn_sim.load("T3", LIFT | current | {"timing.physics_step_s": 0.01})
+
+
+def test_a_hull_with_scales_is_flown_where_it_is_stable():
+    flight = laisn_sim.fly("T3", LIFT)
+    assert np.abs(np.degrees(flight.trajectory.pitch[:, 1])).max() < 1.0
+
+
+@pytest.mark.parametrize("mode", ["pitch", "thrust"])
+@pytest.mark.parametrize("name", ["leader", "follower"])
+def test_the_projects_hulls_are_stable_at_all_speeds_that_a_scenario_can_ask_for(name, mode):
+    one = Plant([VehicleSetup(name=name, model=name, position_m=(0, 0, -10))], Ocean.calm())
+    require_stable(one, design(one, (mode,)), SPEED_MAX + FASTEST_CURRENT_M_S, orbital=4.0)

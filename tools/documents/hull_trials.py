@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import brentq
 
+import laisn_sim
 from experiments.findings import FILE, Finding, Findings, plain, record
 from laisn.arrays import Floats
+from sim.assembly import routes_of
 from sim.geometry import attitude
 from sim.scenario.routes import DepthProfile, Route, library_route
 from sim.simulation import simulate
@@ -20,6 +22,7 @@ from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
 from tests.vehicle import fossen_remus100 as fossen
+from tests.vehicle import remus_formation
 from tests.vehicle import test_remus as remus
 from tests.vehicle.tank import Tank, hull
 from tests.vehicle.test_kirchhoff import SPHEROID_ADDED, SPHEROID_INERTIA, SPHEROID_MASS
@@ -242,9 +245,24 @@ def _vehicles() -> dict[str, Finding]:
     return found
 
 
+def _formation() -> dict[str, Finding]:
+    """How ten REMUS 100 keep their stations behind a REMUS 100."""
+    flight = laisn_sim.fly(remus_formation.table(corners=18))
+    kept = remus_formation.keeping(flight)
+    rms = [one.station_rms_m for one in kept]
+    leader = tracking(flight.trajectory.only([0], ()), routes_of(flight.scenario)[:1])[0]
+    return {
+        "formation best": plain(min(rms), "least RMS distance from a station, ten REMUS 100", "m"),
+        "formation worst": plain(max(rms), "largest RMS distance from a station, ten REMUS 100", "m"),
+        "formation lost": plain(sum(one.lost for one in kept), "followers lost, ten REMUS 100"),
+        "formation depth": plain(remus_formation.depth_rms(flight), "RMS error of depth, ten REMUS 100", "m"),
+        "formation leader": plain(leader.cross_track_rms, "RMS off its route: REMUS 100 that leads ten", "m"),
+    }
+
+
 def findings() -> Findings:
     """Run all trials."""
-    named = _remus() | {"righting": _righting(0.02)} | _fossen() | _vehicles() | _estimates()
+    named = _remus() | {"righting": _righting(0.02)} | _fossen() | _vehicles() | _formation() | _estimates()
     return record("hull-trials", COMMAND, MODULES, named)
 
 
