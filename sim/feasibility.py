@@ -91,8 +91,8 @@ def _through_water(scenario: Scenario, route: Route, depth: float) -> tuple[Floa
     changes = [time for time, *_ in scenario.ocean.current_profile if time < route.time[-1]]
     times = np.unique([*route.time, *changes])
     legs = np.searchsorted(route.time, 0.5 * (times[1:] + times[:-1])) - 1
-    ends = [over_ground[legs] - scenario.ocean.current_at(depth, end) for end in (times[:-1], times[1:])]
-    return np.hypot(*np.moveaxis(ends, -1, 0)), legs
+    ends = np.stack([over_ground[legs] - scenario.ocean.current_at(depth, end) for end in (times[:-1], times[1:])])
+    return np.hypot(ends[..., 0], ends[..., 1]), legs
 
 
 def _speeds(scenario: Scenario, vehicle: Vehicle) -> tuple[float, float]:

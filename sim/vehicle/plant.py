@@ -99,7 +99,7 @@ class Plant:
         wrenches[self.effectors["kind"] != effectors.THRUSTER] = 0.0
         push = wrenches, data.actuator_moment.reshape(wrenches.shape)
         self._layout: effectors.Layout = (data.moment_rownnz, data.moment_rowadr, data.moment_colind)
-        self._loads = self.true_coefficients, ocean.water, solver, push, (self.true_effectors, self.thrust)
+        self._loads: Any = self.true_coefficients, ocean.water, solver, push, (self.true_effectors, self.thrust)
         self._body = (
             (self.pose, self.twist, self._acceleration, self._gain),
             data.ctrl.reshape(n, m),
