@@ -1,13 +1,12 @@
 """Fixed-lag smoother on a factor graph, by GTSAM's incremental solver.
 
-Variables are the pose at each message, the log's bias, the mean error of ranges and the error that the ranges of one
-message share. A pose is position and compass bias: rotated by that, the odometry since the last message leads from one
-to the next. A range is a `RangeFactorWithTransformBias2D` to a point at the transmitter (F. Dellaert, M. Kaess, Factor
-graphs for robot perception, 2017; M. Kaess et al., iSAM2, Int. J. Robotics Research 31(2), 2012). The estimate of the
-last pose is used, with the odometry since then.
+Variables are the pose at each message, the log's bias, the current, the mean error of ranges and the error that the
+ranges of one message share. A pose is position and compass bias: rotated by that, the odometry since the last message
+leads from one to the next (F. Dellaert, M. Kaess, Factor graphs for robot perception, 2017; M. Kaess et al., iSAM2,
+Int. J. Robotics Research 31(2), 2012). The estimate of the last pose is used, with the odometry since then. The shared
+error is proportional to the range; GTSAM's `RangeFactorWithTransformBias2D` adds one bias to all ranges alike.
 """
 
-import math
 from functools import partial
 from typing import Any
 
@@ -16,11 +15,11 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.messages import OwnMotion, Reception
-from laisn.rivals.odometry import COMPASS_WALK, STATES, OdometrySums
+from laisn.rivals.odometry import COMPASS_WALK, STATES, OdometrySums, slant
 from laisn.rivals.settings import RivalSettings
 
-KNOWN_SIGMA = 1e-4
-"""Standard deviation of what is known: transmitters [m]."""
+RELINEARISE = 1e-3
+"""A variable that moved further since its linearisation is linearised again [m], [rad], [m/s]."""
 _TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
@@ -35,21 +34,40 @@ def _gtsam() -> Any:
     return gtsam
 
 
-def _odometry_error(way: Floats, path: Floats, factor: Any, values: Any, jacobians: list[Floats] | None) -> Floats:
-    """R(b_θ)ᵀ (p₂ − p₁) − (Σ s u Δt − b_v Σ u Δt), and the change of b_θ, of poses (p, b_θ) and the log's bias b_v.
+def _odometry_error(
+    way: Floats, path: Floats, time: float, factor: Any, values: Any, jacobians: list[Floats] | None
+) -> Floats:
+    """R(b_θ)ᵀ (p₂ − p₁ − c t) − (Σ s u Δt − b_v Σ u Δt), and the change of b_θ.
 
-    Jacobians are by the increments of GTSAM's poses, whose positions are in the frame of the pose.
+    Of poses (p, b_θ), the log's bias b_v and the current c. Jacobians are by the increments of GTSAM's poses, whose
+    positions are in the frame of the pose.
     """
-    first, second, log_bias = factor.keys()
+    first, second, log_bias, current = factor.keys()
     one, two = values.atPose2(first), values.atPose2(second)
     rotation = one.rotation().matrix()
-    moved = rotation.T @ (two.translation() - one.translation())
+    moved = rotation.T @ (two.translation() - one.translation() - values.atPoint2(current) * time)
     if jacobians is not None:
-        jacobians[0], jacobians[1], jacobians[2] = -np.eye(3), np.eye(3), np.zeros((3, 1))
+        jacobians[0], jacobians[1], jacobians[2], jacobians[3] = (
+            np.diag([-1.0, -1.0, -1.0]), np.eye(3), np.zeros((3, 1)), np.zeros((3, 2)),
+        )  # fmt: skip
         jacobians[0][:2, 2] = -_TURN @ moved
         jacobians[1][:2, :2] = rotation.T @ two.rotation().matrix()
         jacobians[2][:2, 0] = path
+        jacobians[3][:2] = -time * rotation.T
     return np.array([*(moved - way + values.atDouble(log_bias) * path), two.theta() - one.theta()])
+
+
+def _range_error(
+    transmitter: Floats, z: float, longest: float, factor: Any, values: Any, jacobians: list[Floats] | None
+) -> Floats:
+    """ρ(p) (1 + c / max z) − z of a pose (p, b_θ) and the error c of its message."""
+    key, common = factor.keys()
+    pose, scale = values.atPose2(key), 1.0 + values.atDouble(common) / longest
+    rho, direction = slant(pose.translation(), transmitter)
+    if jacobians is not None:
+        along = scale * direction @ pose.rotation().matrix()
+        jacobians[0], jacobians[1] = np.array([[*along, 0.0]]), np.array([[rho / longest]])
+    return np.array([scale * rho - z])
 
 
 class FactorGraph(OdometrySums):
@@ -61,9 +79,10 @@ class FactorGraph(OdometrySums):
         gtsam = self._gtsam = _gtsam()
         parameters = gtsam.ISAM2Params()
         parameters.relinearizeSkip = 1
+        parameters.setRelinearizeThreshold(RELINEARISE)
         self._smoother = gtsam.IncrementalFixedLagSmoother(settings.lag, parameters)
         self._time, self._messages, self._pose = 0.0, 0, gtsam.symbol("x", 0)
-        self._log_bias, self._range_bias = gtsam.symbol("v", 0), gtsam.symbol("b", 0)
+        self._log_bias, self._range_bias, self._current = (gtsam.symbol(name, 0) for name in "vbw")
         graph, values, sigma = gtsam.NonlinearFactorGraph(), gtsam.Values(), np.sqrt(np.diag(self.P))
         prior, noise = gtsam.Pose2(*self.x[:2], 0.0), gtsam.noiseModel.Diagonal.Sigmas(sigma[[0, 1, 3]])
         graph.add(gtsam.PriorFactorPose2(self._pose, prior, noise))
@@ -71,7 +90,11 @@ class FactorGraph(OdometrySums):
         for key, of in ((self._log_bias, sigma[2]), (self._range_bias, sigma[4])):
             graph.add(gtsam.PriorFactorDouble(key, 0.0, self._sigma(of)))
             values.insert(key, 0.0)
-        self._smoother.update(graph, values, dict.fromkeys((self._pose, self._log_bias, self._range_bias), 0.0))
+        known = gtsam.noiseModel.Isotropic.Sigma(2, max(float(sigma[5]), 1e-6))
+        graph.add(gtsam.PriorFactorPoint2(self._current, np.zeros(2), known))
+        values.insert(self._current, np.zeros(2))
+        self._constants = self._log_bias, self._range_bias, self._current
+        self._smoother.update(graph, values, dict.fromkeys((self._pose, *self._constants), 0.0))
 
     def _sigma(self, sigma: float) -> Any:
         return self._gtsam.noiseModel.Isotropic.Sigma(1, max(float(sigma), 1e-6))
@@ -84,24 +107,18 @@ class FactorGraph(OdometrySums):
         graph, values, common = gtsam.NonlinearFactorGraph(), gtsam.Values(), gtsam.symbol("c", self._messages)
         covariance = np.diag([0.0, 0.0, COMPASS_WALK**2 * since])
         covariance[:2, :2] = noise
-        model, error = gtsam.noiseModel.Gaussian.Covariance(covariance), partial(_odometry_error, way, path)
-        graph.add(gtsam.CustomFactor(model, [before, self._pose, self._log_bias], error))
+        model, error = gtsam.noiseModel.Gaussian.Covariance(covariance), partial(_odometry_error, way, path, since)
+        graph.add(gtsam.CustomFactor(model, [before, self._pose, self._log_bias, self._current], error))
         values.insert(self._pose, gtsam.Pose2(*self.x[:2], self.x[3]))
         graph.add(gtsam.BetweenFactorDouble(self._range_bias, common, 0.0, self._sigma(settings.range_scale_sigma)))
         values.insert(common, float(self.x[4]))
-        new = [self._pose, common, self._log_bias, self._range_bias]
-        for i in np.flatnonzero(np.isfinite(ranges)).tolist():
-            # ranges in the plane: the depths are known
-            level = math.sqrt(max(ranges[i] ** 2 - below[i, 2] ** 2, 1e-4))
-            point, sigma = gtsam.symbol("l", 3 * self._messages + i), settings.range_sigma * ranges[i] / level
-            graph.add(gtsam.PriorFactorPoint2(point, below[i, :2], gtsam.noiseModel.Isotropic.Sigma(2, KNOWN_SIGMA)))
-            graph.add(gtsam.RangeFactorWithTransformBias2D(
-                self._pose, point, common, level, self._sigma(sigma), gtsam.Pose2()
-            ))  # fmt: skip
-            values.insert(point, below[i, :2])
-            new.append(point)
+        received, range_noise = np.flatnonzero(np.isfinite(ranges)), self._sigma(settings.range_sigma)
+        longest = float(ranges[received].max())
+        for transmitter, z in zip(below[received], ranges[received].tolist(), strict=True):
+            error = partial(_range_error, transmitter, z, longest)
+            graph.add(gtsam.CustomFactor(range_noise, [self._pose, common], error))
         try:
-            self._smoother.update(graph, values, dict.fromkeys(new, self._time))
+            self._smoother.update(graph, values, dict.fromkeys((self._pose, common, *self._constants), self._time))
         except RuntimeError as error_of:
             raise ArithmeticError(f"step {self._step}: {error_of}") from None
         pose, turned = self._smoother.calculateEstimatePose2(self._pose), np.eye(3)
@@ -110,10 +127,12 @@ class FactorGraph(OdometrySums):
         self.x = np.array([
             pose.x(), pose.y(), self._smoother.calculateEstimateDouble(self._log_bias), pose.theta(),
             self._smoother.calculateEstimateDouble(self._range_bias),
+            *self._smoother.calculateEstimatePoint2(self._current),
         ])  # fmt: skip
-        # the solver gives marginals: the log's bias counts as independent of the pose until the next message
+        # the solver gives marginals: constants count as independent of the pose until the next message
         self.P = np.zeros((STATES, STATES))
         self.P[np.ix_([0, 1, 3], [0, 1, 3])] = spread
         for i, key in ((2, self._log_bias), (4, self._range_bias)):
             self.P[i, i] = self._smoother.marginalCovariance(key)[0, 0]
+        self.P[5:, 5:] = self._smoother.marginalCovariance(self._current)
         return True

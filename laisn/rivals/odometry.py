@@ -1,9 +1,10 @@
 """Dead reckoning on log and compass, with the covariance of what that leaves: the base of all rival methods.
 
-State x = [x, y, b_v, b_θ, b_r]: position of the hydrophone [m], biases of log [m/s] and compass [rad], and mean of the
-error that the ranges share in proportion to their length [m at the largest]. The vehicle moves through still water with
-the mean velocity of both ends of a step, v = (s − b_v) [sin(θ − b_θ), cos(θ − b_θ)], of log s and compass θ
-(L. Paull, S. Saeedi, M. Seto, H. Li, AUV navigation and localization: a review, IEEE J. Ocean. Eng. 39(1), 2014).
+State x = [x, y, b_v, b_θ, b_r, c_x, c_y]: position of the hydrophone [m], biases of log [m/s] and compass [rad], mean
+of the error that the ranges share in proportion to their length [m at the largest], and current [m/s], which is zero
+unless `assume.current`. The vehicle moves with the mean velocity of both ends of a step,
+v = (s − b_v) [sin(θ − b_θ), cos(θ − b_θ)] + c, of log s and compass θ (L. Paull, S. Saeedi, M. Seto, H. Li, AUV
+navigation and localization: a review, IEEE J. Ocean. Eng. 39(1), 2014).
 """
 
 import math
@@ -14,14 +15,14 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.failure import LaisnError
-from laisn.geometry import Triple, place_transmitters
+from laisn.geometry import place_transmitters
 from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.navigators import OnlineNavigator, require_readings
 from laisn.tight.settings import TightSettings
 
-STATES = 5
-LOG_WALK, COMPASS_WALK = 2e-4, 1.5e-4
-"""Random walks of the biases [m/s/√s], [rad/√s], as of the tightly coupled navigator."""
+STATES = 7
+LOG_WALK, COMPASS_WALK, CURRENT_WALK = 2e-4, 1.5e-4, 1e-3
+"""Random walks of the biases [m/s/√s], [rad/√s], and of a current [m/s/√s], as of the tightly coupled navigator."""
 
 
 @compiled
@@ -30,17 +31,18 @@ def propagate(
     P: Floats,
     readings: Floats,
     durations: Floats,
-    sigma: Triple,
+    sigma: tuple[float, float, float, float],
     out: tuple[Floats, Floats],
 ) -> Floats:
     """Filter steps without a message: x ← f(x), P ← F P Fᵀ + Q.
 
     Args:
-        x: state, shape (5,); brought forward.
-        P: its covariance, shape (5, 5).
+        x: state, shape (7,); brought forward.
+        P: its covariance, shape (7, 7).
         readings: log [m/s] and compass [rad] before the first step and after each of n, shape (n + 1, 2).
         durations: of the steps, shape (n,), [s].
-        sigma: random errors of log [m/s] and compass [rad], and random walk of motion beside the log [m/√s].
+        sigma: random errors of log [m/s] and compass [rad], random walks of motion beside the log [m/√s] and of the
+            current [m/s/√s].
         out: x, y, vx, vy after each step, shape (n, 4), and their covariance, shape (n, 4, 4).
 
     Returns:
@@ -49,19 +51,21 @@ def propagate(
     states, covariances = out
     for k in range(durations.size):
         dt = durations[k]
-        F, Q = np.eye(STATES), np.zeros((STATES, STATES))
+        F, Q, J = np.eye(STATES), np.zeros((STATES, STATES)), np.zeros((2, STATES))
+        F[0, 5] = F[1, 6] = dt
         east = north = water = 0.0
         for end in range(2):
             water, heading = readings[k + end, 0] - x[2], readings[k + end, 1] - x[3]
             east, north = np.sin(heading), np.cos(heading)
-            x[0] += 0.5 * dt * water * east
-            x[1] += 0.5 * dt * water * north
+            x[0] += 0.5 * dt * (water * east + x[5])
+            x[1] += 0.5 * dt * (water * north + x[6])
             F[0, 2] -= 0.5 * dt * east
             F[1, 2] -= 0.5 * dt * north
             F[0, 3] -= 0.5 * dt * water * north
             F[1, 3] += 0.5 * dt * water * east
-        # the velocity's derivatives by the biases, and its random error: along by the log, across by the compass
-        G = np.array([[-east, -water * north], [-north, water * east]])
+        # the velocity's derivatives by the states, and its random error: along by the log, across by the compass
+        J[0, 2], J[0, 3], J[0, 5] = -east, -water * north, 1.0
+        J[1, 2], J[1, 3], J[1, 6] = -north, water * east, 1.0
         along, across = sigma[0] ** 2, (sigma[1] * readings[k + 1, 0]) ** 2
         xx, yy = along * east * east + across * north * north, along * north * north + across * east * east
         W = np.array([[xx, (along - across) * east * north], [(along - across) * east * north, yy]])
@@ -70,17 +74,16 @@ def propagate(
                 Q[i, j] = dt * dt * W[i, j]
             Q[i, i] += sigma[2] ** 2 * dt
         Q[2, 2], Q[3, 3] = LOG_WALK**2 * dt, COMPASS_WALK**2 * dt
+        Q[5, 5] = Q[6, 6] = sigma[3] ** 2 * dt
         P = F @ P @ F.T + Q
-        states[k, 0], states[k, 1], states[k, 2], states[k, 3] = x[0], x[1], water * east, water * north
+        PJ = P @ J.T
+        V = J @ PJ + W
+        states[k, 0], states[k, 1], states[k, 2], states[k, 3] = x[0], x[1], water * east + x[5], water * north + x[6]
         for i in range(2):
             for j in range(2):
-                cross = P[i, 2] * G[j, 0] + P[i, 3] * G[j, 1]
                 covariances[k, i, j] = P[i, j]
-                covariances[k, i, 2 + j] = covariances[k, 2 + j, i] = cross
-                covariances[k, 2 + i, 2 + j] = W[i, j]
-                for m in range(2):
-                    for n in range(2):
-                        covariances[k, 2 + i, 2 + j] += G[i, m] * P[2 + m, 2 + n] * G[j, n]
+                covariances[k, i, 2 + j] = covariances[k, 2 + j, i] = PJ[i, j]
+                covariances[k, 2 + i, 2 + j] = V[i, j]
     return P
 
 
@@ -91,10 +94,11 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         """Begin at a known state; ValueError if the start is not four finite numbers."""
         super().__init__(settings, start, settings.start_sigma)
         biases = settings.speed_bias_sigma, settings.heading_bias_sigma, settings.range_scale_bias_sigma
-        self.x: Floats = np.concatenate([self._state[:2], np.zeros(3)])
-        self.P: Floats = np.diag(np.square([settings.start_sigma, settings.start_sigma, *biases]))
+        current, walk = (settings.current_sigma, CURRENT_WALK) if settings.assume.current else (0.0, 0.0)
+        self.x: Floats = np.concatenate([self._state[:2], np.zeros(STATES - 2)])
+        self.P: Floats = np.diag(np.square([settings.start_sigma, settings.start_sigma, *biases, current, current]))
         self._reading = np.empty((0, 2))
-        self._noise = settings.speed_sigma, settings.heading_sigma, settings.slip
+        self._noise = settings.speed_sigma, settings.heading_sigma, settings.slip, walk
 
     @property
     def biases(self) -> tuple[float, float]:

@@ -27,7 +27,7 @@ _INITIAL = 0
 
 
 class ParticleFilter(OdometrySums):
-    """State [x, y, b_v, b_θ, b_r] of each of N particles; between messages one Gaussian of their moments."""
+    """State [x, y, b_v, b_θ, b_r, c_x, c_y] of each of N particles; between messages one Gaussian of their moments."""
 
     def __init__(self, settings: RivalSettings, start: Floats) -> None:
         """As of `DeadReckoning`."""
@@ -42,14 +42,15 @@ class ParticleFilter(OdometrySums):
         return np.random.Generator(np.random.Philox(key=key, counter=step << 64))
 
     def _move(self, random: np.random.Generator) -> None:
-        """Move all particles by the odometry since the last message: p ← p + R(b_θ) (D − b_v Σ u Δt + w)."""
-        p, normals = self.particles, random.standard_normal((self.weights.size, 4))
+        """Move all particles by the odometry since the last message: p ← p + R(b_θ) (D − b_v Σ u Δt + w) + c t."""
+        p, normals = self.particles, random.standard_normal((self.weights.size, 6))
         way, path, noise, time = self._odometry()
         way = way - p[:, 2:3] * path + normals[:, :2] @ np.linalg.cholesky(noise).T
         sine, cosine = np.sin(p[:, 3]), np.cos(p[:, 3])
-        p[:, 0] += way[:, 0] * cosine - way[:, 1] * sine
-        p[:, 1] += way[:, 0] * sine + way[:, 1] * cosine
-        p[:, 2:4] += np.sqrt(time) * np.array([LOG_WALK, COMPASS_WALK]) * normals[:, 2:]
+        p[:, 0] += way[:, 0] * cosine - way[:, 1] * sine + p[:, 5] * time
+        p[:, 1] += way[:, 0] * sine + way[:, 1] * cosine + p[:, 6] * time
+        walks = np.sqrt(time) * np.array([LOG_WALK, COMPASS_WALK, self._noise[3], self._noise[3]])
+        p[:, [2, 3, 5, 6]] += walks * normals[:, 2:]
 
     def _likelihood(self, below: Floats, ranges: Floats) -> Floats:
         """log N(z; h, σ² I + σ_s² s sᵀ) of all ranges, but for a constant, shape (N,)."""
@@ -58,7 +59,7 @@ class ParticleFilter(OdometrySums):
         away = self.particles[:, None, :2] - below[received, :2]
         rho = np.sqrt((away**2).sum(axis=2) + below[received, 2] ** 2)
         share = rho / z.max()
-        residual = z - rho - share * self.particles[:, 4:]
+        residual = z - rho - share * self.particles[:, 4:5]
         # of the matrix σ² I + σ_s² s sᵀ: determinant and inverse by Sherman and Morrison
         small, large = settings.range_sigma**2, settings.range_scale_sigma**2
         whole = small + large * (share**2).sum(axis=1)

@@ -12,8 +12,8 @@ from laisn.tight.settings import TightSettings
 class RivalSettings(TightSettings):
     """Standard deviations as of the tightly coupled navigator, so that all methods assume the same sensors.
 
-    Of its model assumptions none applies: the leader's heading and the clock count as exact, and no current, offset or
-    drift is estimated.
+    Of its model assumptions `current` alone applies: the leader's heading and the clock count as exact, and no offset
+    or drift is estimated.
     """
 
     POSITIVE = TightSettings.POSITIVE | {"lag", "azimuth_sigma", "elevation_sigma"}
@@ -29,8 +29,8 @@ class RivalSettings(TightSettings):
 
     @property
     def estimated(self) -> frozenset[str]:
-        """No constants beside the biases of log, compass and ranges."""
-        return frozenset()
+        """Constants that are states beside the biases of log, compass and ranges: the current, if assumed."""
+        return super().estimated & {"current"}
 
     def __post_init__(self) -> None:
         if not self.known_start:

@@ -19,6 +19,7 @@ from laisn.rivals.kalman import GeodeticAdjustment, InvertedUsbl, OneWayTravelTi
 from laisn.rivals.odometry import DeadReckoning
 from laisn.rivals.particle import ParticleFilter
 from laisn.rivals.settings import RivalSettings
+from laisn.tight.settings import Assume
 from sim.sensing.errors import SensorErrors
 from sim.sensing.observation import measure
 from tests.campaign.test_montecarlo import ABEAM, make_truth
@@ -43,17 +44,19 @@ def by_filterpy(
     settings: RivalSettings, mission: Measurements, start: Floats, only: int | None = None
 ) -> tuple[Floats, Floats]:
     """Position and covariance after each step, with numerical derivatives of the motion and of the ranges."""
-    kalman = ExtendedKalmanFilter(dim_x=5, dim_z=1)
-    kalman.x = np.r_[start[:2], 0.0, 0.0, 0.0]
+    kalman = ExtendedKalmanFilter(dim_x=7, dim_z=1)
+    kalman.x = np.r_[start[:2], np.zeros(5)]
+    current, walk = (settings.current_sigma, 1e-6) if settings.assume.current else (0.0, 0.0)
     kalman.P = np.diag(np.square([settings.start_sigma] * 2 + [
-        settings.speed_bias_sigma, settings.heading_bias_sigma, settings.range_scale_bias_sigma]))  # fmt: skip
+        settings.speed_bias_sigma, settings.heading_bias_sigma, settings.range_scale_bias_sigma, current, current,
+    ]))  # fmt: skip
     dt = mission.dt
 
     def velocity(x: Floats, speed: float, heading: float) -> Floats:
-        return np.asarray((speed - x[2]) * np.array([np.sin(heading - x[3]), np.cos(heading - x[3])]))
+        return np.asarray((speed - x[2]) * np.array([np.sin(heading - x[3]), np.cos(heading - x[3])]) + x[5:])
 
     def derivative(function, x: Floats) -> Floats:  # type: ignore[no-untyped-def]
-        steps = 1e-6 * np.eye(5)
+        steps = 1e-6 * np.eye(7)
         return np.column_stack([(function(x + step) - function(x - step)) / 2e-6 for step in steps])
 
     arrival = {k: i for i, k in enumerate(mission.message_step.tolist())}
@@ -67,9 +70,10 @@ def by_filterpy(
         heading = now[1] - kalman.x[3]
         turn = np.array([[np.sin(heading), np.cos(heading)], [-np.cos(heading), np.sin(heading)]])
         noise = np.diag([settings.speed_sigma**2, (settings.heading_sigma * now[0]) ** 2])
-        kalman.Q = np.zeros((5, 5))
+        kalman.Q = np.zeros((7, 7))
         kalman.Q[:2, :2] = dt**2 * turn.T @ noise @ turn
         kalman.Q[2, 2], kalman.Q[3, 3] = 4e-8 * dt, 2.25e-8 * dt
+        kalman.Q[5, 5] = kalman.Q[6, 6] = walk * dt
         kalman.F = derivative(moved, kalman.x)
         kalman.P = kalman.F @ kalman.P @ kalman.F.T + kalman.Q
         kalman.x = moved(kalman.x)
@@ -88,14 +92,15 @@ def by_filterpy(
                 away = np.hypot(np.hypot(*(x[:2] - places[used]).T), below)
                 return np.asarray(away * (1.0 + x[4] / np.nanmax(ranges)))
 
-            share = expected(np.r_[kalman.x[:4], 0.0]) / np.nanmax(ranges)
+            share = expected(np.r_[kalman.x[:4], np.zeros(3)]) / np.nanmax(ranges)
             noise = settings.range_sigma**2 * np.eye(used.size)
             noise += settings.range_scale_sigma**2 * np.outer(share, share)
             if used.size:
                 # of the scale's share in the direction's derivative, 1 + b_r / max z, the filter takes 1
                 kalman.update(
-                    ranges[used], lambda x, e=expected, share=share: derivative(lambda y: e(np.r_[y[:4], 0.0]), x)
-                    + np.outer(share, np.eye(5)[4]), expected, R=noise,
+                    ranges[used], lambda x, e=expected, share=share:
+                    derivative(lambda y: e(np.r_[y[:4], np.zeros(3)]), x) + np.outer(share, np.eye(7)[4]),
+                    expected, R=noise,
                 )  # fmt: skip
         before = now
         states.append(kalman.x[:2].copy())
@@ -103,12 +108,13 @@ def by_filterpy(
     return np.array(states), np.array(spreads)
 
 
-@pytest.mark.parametrize("transmitters", [2, 3])
-def test_the_range_filter_is_filterpys(transmitters: int) -> None:
+@pytest.mark.parametrize(("transmitters", "current"), [(2, False), (3, False), (3, True)])
+def test_the_range_filter_is_filterpys(transmitters: int, current: bool) -> None:
     """Also where ranges are missing, which the missions of `make_truth` have."""
     truth = make_truth(offset=ABEAM, attitude=False)
     assert np.any(np.isnan(truth.slant_range[:, :2]))
-    settings = replace(SETTINGS, transmitters=transmitters, hydrophone_height=0.1)
+    assume = Assume(current=current)
+    settings = replace(SETTINGS, transmitters=transmitters, hydrophone_height=0.1, assume=assume)
     mission = measure(truth, SensorErrors(depth_sigma=0.05), seed=3, run=1)
     found = RangeFilter(settings, truth.start).run(mission)
     position, covariance = by_filterpy(settings, mission, truth.start)
@@ -222,15 +228,15 @@ def test_a_geodetic_adjustment_minimises_the_weighted_squares_of_its_observation
 
 
 def test_a_factor_graph_whose_window_holds_all_is_the_solution_of_the_whole_problem() -> None:
-    """Six messages, all poses, biases and common errors at once by scipy's least squares."""
-    settings = replace(SETTINGS, lag=1e3, start_sigma=0.5)
+    """Six messages, all poses, biases, the current and common errors at once by scipy's least squares."""
+    settings = replace(SETTINGS, lag=1e3, start_sigma=0.5, current_sigma=0.1, assume=Assume(current=True))
     navigator, rng = by_name("factor-graph", settings, START), np.random.default_rng(5)
     readings, received, place = [], [], np.zeros(2)
     s, c, dt = np.sin(0.3), np.cos(0.3), 0.1
     offsets = np.array([[-s, -c], [s, c], [-0.1 * c, 0.1 * s]])
     for k in range(1, 61):
         heading = 0.9 + 0.01 * k
-        place = place + dt * np.array([np.sin(heading), np.cos(heading)])
+        place = place + dt * np.array([np.sin(heading) + 0.05, np.cos(heading) - 0.08])
         own = OwnMotion(1.1 + 0.1 * rng.normal(), heading + 0.05 + 0.02 * rng.normal(), 10.0)
         readings.append(own[:2])
         reception = None
@@ -245,27 +251,28 @@ def test_a_factor_graph_whose_window_holds_all_is_the_solution_of_the_whole_prob
     steps = 0.5 * dt * (both[:-1, :1] * u[:-1] + both[1:, :1] * u[1:]), 0.5 * dt * (u[:-1] + u[1:])
 
     def residuals(v: Floats) -> Floats:
-        poses, (log, scale), common = v[:21].reshape(7, 3), v[21:23], v[23:]
+        poses, (log, scale), current, common = v[:21].reshape(7, 3), v[21:23], v[23:25], v[25:]
         found = [poses[0, :2] / 0.5, [poses[0, 2] / settings.heading_bias_sigma, log / settings.speed_bias_sigma,
-                                      scale / settings.range_scale_bias_sigma]]  # fmt: skip
+                                      scale / settings.range_scale_bias_sigma, *current / 0.1]]  # fmt: skip
         for i, reception in enumerate(received):
             part, (before, after) = slice(10 * i, 10 * i + 10), poses[i : i + 2]
             way, path, now = steps[0][part].sum(axis=0), steps[1][part].sum(axis=0), u[1:][part]
             across = both[1:, :1][part] * np.column_stack([-now[:, 1], now[:, 0]])
             noise = dt**2 * (settings.speed_sigma**2 * now.T @ now + settings.heading_sigma**2 * across.T @ across)
             turn = np.array([[np.cos(before[2]), np.sin(before[2])], [-np.sin(before[2]), np.cos(before[2])]])
-            moved = turn @ (after[:2] - before[:2]) - way + log * path
+            moved = turn @ (after[:2] - before[:2] - current) - way + log * path
             found.append(np.linalg.solve(np.linalg.cholesky(noise), moved))
             found.append([(after[2] - before[2]) / (1.5e-4 * np.sqrt(1.0))])
             places = np.array([reception.message.east, reception.message.north]) + offsets
             away = np.linalg.norm(after[:2] - places, axis=1)
-            found.append((away + common[i] - np.array(reception.ranges)) / settings.range_sigma)
+            z = np.array(reception.ranges)
+            found.append((away * (1.0 + common[i] / z.max()) - z) / settings.range_sigma)
             found.append([(common[i] - scale) / settings.range_scale_sigma])
         return np.concatenate(found)
 
-    best = least_squares(residuals, np.zeros(29), x_scale="jac", xtol=1e-14, ftol=1e-14, max_nfev=2000)
+    best = least_squares(residuals, np.zeros(31), x_scale="jac", xtol=1e-14, ftol=1e-14, max_nfev=2000)
     spread = np.linalg.inv(best.jac.T @ best.jac)[18:20, 18:20]
-    assert navigator.x[[0, 1, 3, 2, 4]] == pytest.approx([*best.x[18:23]], abs=3e-2 * np.sqrt(spread.max()))
+    assert navigator.x[[0, 1, 3, 2, 4, 5, 6]] == pytest.approx([*best.x[18:25]], abs=3e-2 * np.sqrt(spread.max()))
     assert navigator.P[:2, :2] == pytest.approx(spread, rel=0.1, abs=0.05 * spread.max())
 
 

@@ -33,8 +33,7 @@ CONDITIONS: dict[str, tuple[str, Mapping[str, Any]]] = {
     "loss": ("half of all messages lost", {"acoustics.loss_probability": 0.5}),
     "bias": ("a compass bias of 10°", {"sensors.heading_bias_deg": 10.0}),
 }
-"""Titles and settings; calm water has the paper's biases, 5° and 0.2 m/s. The tightly coupled navigator alone can
-estimate a current."""
+"""Titles and settings; calm water has the biases of the paper, 5° and 0.2 m/s. Filters estimate the current."""
 INTERVALS = (1.0, 5.0, 10.0)
 """Of messages [s]."""
 USUAL = 5.0
