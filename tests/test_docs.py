@@ -29,13 +29,12 @@ from experiments.flight.fly import fly
 from experiments.flight.library import FOLDER, names
 from experiments.flight.summary import track_error_rms
 from experiments.pages import flight_report
-from experiments.studies import route_keeping
 from experiments.study.file import StudyFile, study_of
 from experiments.study.plan import plan_of
 from sim.film import graphics
 from sim.scenario.file import parse
 from sim.scenario.settings import Scenario
-from tools.documents import markers
+from tools.documents import markers, route_keeping
 from tools.documents import scenario_reference as reference
 from tools.documents.tables import TRACKED
 

@@ -17,8 +17,8 @@ from experiments.intervals import (
     share_removed,
 )
 from experiments.studies import coverage
-from experiments.studies.coverage import covered
 from laisn.arrays import Floats
+from tools.documents.coverage import covered
 
 
 @pytest.mark.parametrize(("count", "of"), [(0, 40), (1, 5), (17, 40), (39, 40), (40, 40), (3, 60_000)])

@@ -204,7 +204,7 @@ def runs_wanted(runs: int, widest: float, until: Until, batch: int) -> int:
     """Runs after the next look at intervals, half of the widest of which is known; as many as there are: no more.
 
     Intervals narrow with the square root of their number (Stein, Ann. Math. Stat. 16, 1945).
-    `experiments.studies.coverage` measures how often the intervals then hold the truth.
+    `tools.documents.coverage` measures how often the intervals then hold the truth.
     """
     if widest <= until.half_width or runs >= until.most:
         return runs

@@ -9,10 +9,10 @@ import pytest
 
 from experiments.campaign import version
 from experiments.campaign.version import OWN_PACKAGES, ROOT
-from experiments.studies import route_keeping
 from experiments.studies.asymmetry import findings as asymmetry
 from experiments.studies.reproduction import findings as reproduction
 from experiments.study.file import built_in, shipped
+from tools.documents import route_keeping
 
 
 @pytest.fixture(scope="module")

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from experiments.beacon_replay import Beacons, Score, among_beacons, beacons_of, score
-from experiments.studies import real_ranges as study
 from laisn.beacons.settings import MEDIA, BeaconSettings
 from laisn.estimates import Estimates
 from laisn.failure import LaisnError
 from laisn.messages import Measurements
 from tools.documents import markers
+from tools.documents import real_ranges as study
 
 
 @cache

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.studies import route_keeping as study
 from sim.geometry import attitude
 from sim.motion import simulate_points
 from sim.scenario.point_motion import SHARPEST_CUT, TURN_RATE, plan
@@ -16,6 +15,7 @@ from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
 from sim.water.waves import Waves
+from tools.documents import route_keeping as study
 
 NAMES = ("leader", "follower")
 

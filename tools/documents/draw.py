@@ -17,13 +17,12 @@ from experiments.flight.summary import position_and_bearing_errors
 from experiments.pages.figures import Line, Panel
 from experiments.pages.flight_figures import error_parts
 from experiments.pages.style import INK, SERIES, Legend
-from experiments.studies import route_keeping
 from experiments.studies.estimators import figures as estimators
 from experiments.study.file import built_in, study_of
 from sim.film import render
 from sim.flight import Flight, excerpt
 from sim.motion import simulate_motion
-from tools.documents import architecture, drawing, physics, study_pictures
+from tools.documents import architecture, drawing, physics, route_keeping, study_pictures
 from tools.documents.markers import records
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "pictures"

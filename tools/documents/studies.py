@@ -10,12 +10,11 @@ from functools import partial
 from pathlib import Path
 
 from experiments.findings import FILE
-from experiments.studies import coverage, real_ranges, route_keeping
 from experiments.studies.asymmetry import study as asymmetry
 from experiments.studies.reproduction.study import judge_with_seeds, reproduce
 from experiments.studies.rivals import study as rivals
 from experiments.study.study import run_built_in
-from tools.documents import flights, hull_trials
+from tools.documents import coverage, flights, hull_trials, real_ranges, route_keeping
 from tools.documents.markers import RECORDS
 
 STUDIES: dict[str, Callable[[Path], object]] = {

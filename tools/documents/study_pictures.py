@@ -14,7 +14,6 @@ from experiments.pages.figures import Line
 from experiments.pages.style import ESTIMATE, INK, MUTED, SERIES, Legend
 from experiments.studies.asymmetry.design import MAP
 from experiments.studies.asymmetry.fix_map import sweep
-from experiments.studies.real_ranges import DATA
 from experiments.studies.reproduction.figures import agreement
 from experiments.studies.reproduction.study import reproduce
 from experiments.study.file import study_of
@@ -22,6 +21,7 @@ from experiments.study.plan import plan_of
 from laisn.settings import NavigationSettings
 from sim.datasets.log import read_data_set, read_data_set_log, write_data_set
 from tools.documents.drawing import draw, heat, panel
+from tools.documents.real_ranges import DATA
 
 Drawn = tuple[Figure, Legend]
 

@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping, Sequence
 
 from experiments.findings import Finding, Findings
 from experiments.flight.library import ROUTES
-from experiments.studies.coverage import LAWS, RUNS
 from experiments.studies.rivals.design import CONDITIONS, INTERVALS, NAVIGATORS
 from experiments.study.file import built_in, study_of
+from tools.documents.coverage import LAWS, RUNS
 
 Records = Mapping[str, Findings]
 

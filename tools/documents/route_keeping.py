@@ -1,6 +1,6 @@
-"""How closely the physical vehicles keep to the published routes: `python -m experiments.studies.route_keeping`.
+"""How closely the physical vehicles keep to the published routes: `python -m tools.documents.studies route-keeping`.
 
-Flies the leader and all eight followers in one calm sea and writes `out/route-keeping/results.json`.
+Simulates the leader and all eight followers in one calm sea.
 """
 
 from collections.abc import Sequence
@@ -15,8 +15,8 @@ from sim.motion import simulate_motion
 from sim.scenario.settings import Follower, Scenario
 from sim.tracking import TrackingReport, tracking
 
-COMMAND = "python -m experiments.studies.route_keeping"
-MODULES = ("experiments.studies.route_keeping",)
+COMMAND = "python -m tools.documents.studies route-keeping"
+MODULES = ("tools.documents.route_keeping",)
 
 
 def scenario(routes: tuple[str, ...] = ROUTES, duration_s: float = 1000.0) -> Scenario:
@@ -65,7 +65,3 @@ def run(folder: Path) -> None:
     """Fly everything and write the record into a folder."""
     planned = measure(scenario(("T8",)).model_copy(update={"motion": "kinematic"}))[1]
     findings_of(measure(scenario()), planned).write(folder / FILE)
-
-
-if __name__ == "__main__":
-    run(Path("out") / "route-keeping")

@@ -1,8 +1,8 @@
-"""The study of real ranges: `python -m experiments.studies.real_ranges` writes `out/real-ranges/results.json`.
+"""The study of real ranges: `python -m tools.documents.studies real-ranges`.
 
 Plaza 1 and 2 are navigated on with two beacons at a time and with all four, from a known start and from none: by dead
 reckoning, LAISN-2, the tightly coupled navigator of a leader's hull, and that among beacons, which also has to do
-without some of its states. Works in a checkout only, where the data are.
+without some of its states.
 """
 
 from collections.abc import Callable, Iterator
@@ -22,8 +22,8 @@ from laisn.tight.navigator import TightNavigator
 from laisn.tight.settings import TightSettings
 from sim.datasets.log import Replayable, read_data_set, read_data_set_log, write_data_set
 
-COMMAND = "python -m experiments.studies.real_ranges"
-MODULES = ("experiments.studies.real_ranges",)
+COMMAND = "python -m tools.documents.studies real-ranges"
+MODULES = ("tools.documents.real_ranges",)
 DATA = ROOT / "tests" / "data" / "plaza"
 SETS = ("Plaza1", "Plaza2")
 SETTLED_S = 60.0
@@ -132,7 +132,3 @@ def run(folder: Path) -> None:
     for name in SETS:
         found |= ranges_of(name) | findings_of(name, scores(name))
     record("real-ranges", COMMAND, MODULES, found).write(folder / FILE)
-
-
-if __name__ == "__main__":
-    run(Path("out") / "real-ranges")

@@ -1,6 +1,7 @@
-"""How often a 95 % interval of `experiments.intervals` holds the true mean: `python -m experiments.studies.coverage`.
+"""How often a 95 % interval of `experiments.intervals` holds the true mean.
 
-Draws runs from laws with a known mean and counts the intervals that hold it. Writes `out/coverage/results.json`.
+`python -m tools.documents.studies coverage` draws runs from laws with a known mean and counts the intervals that hold
+it.
 """
 
 import math
@@ -15,8 +16,8 @@ from experiments.study.file import Until
 from experiments.study.run import runs_wanted
 from laisn.arrays import Floats
 
-COMMAND = "python -m experiments.studies.coverage"
-MODULES = ("experiments.studies.coverage",)
+COMMAND = "python -m tools.documents.studies coverage"
+MODULES = ("tools.documents.coverage",)
 RUNS = (20, 60)
 TRIALS = 10_000
 LOCKED = 0.1
@@ -111,7 +112,3 @@ def findings() -> Findings:
 def run(folder: Path) -> None:
     """Draw everything and write the record into a folder."""
     findings().write(folder / FILE)
-
-
-if __name__ == "__main__":
-    run(Path("out") / "coverage")
