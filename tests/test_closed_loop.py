@@ -331,7 +331,7 @@ def test_the_record_counts_lost_followers() -> None:
         ]
         for r in range(5)
     ]
-    outcomes: Any = SimpleNamespace(by_arm=lambda: dict.fromkeys(ENTRIES, runs))
+    outcomes: Any = SimpleNamespace(runs_by=lambda: dict.fromkeys(ENTRIES, runs))
     found = study.findings_of({"study": outcomes})
     # medians of 40 missions, and of the runs of the last route
     assert (found["off current tight-2"].value, found["worst current tight-2"].value) == (35.0, 70.0)

@@ -16,8 +16,8 @@ from experiments.intervals import (
     ratio_intervals,
     share_removed,
 )
-from experiments.studies import coverage
 from laisn.arrays import Floats
+from tools.documents import coverage
 from tools.documents.coverage import covered
 
 

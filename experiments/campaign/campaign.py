@@ -12,10 +12,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import groupby
 from pathlib import Path
-from typing import Any, TypedDict, TypeVar, Unpack
-
-import numpy as np
-from pydantic import TypeAdapter
+from typing import Any, TypedDict, Unpack
 
 from experiments.campaign import missions
 from experiments.campaign.plans import CellPlan, compute
@@ -28,27 +25,15 @@ from sim.processes import background_process
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
 
-Row = TypeVar("Row")
 Facts = Callable[[Scenario, Trajectory], list[Record]]
 """What is measured of a mission besides: a record for each follower."""
 Task = partial[Any]
 """A function of a module with its arguments: data classes, scenarios, numbers and text.
 
-It returns a list of rows, which are records or data classes, or a single row; it raises `CampaignError` if it cannot
-compute them."""
+It returns a list of rows, which are records or data classes, or a single row, stored as JSON values. It raises
+`CampaignError` if it cannot compute them."""
 _BATCH_STEPS = 20_000_000
 """Filter steps that a process computes before it reports: a third of a second."""
-
-
-def typed(kind: type[Row], rows: Iterable[Record]) -> list[Row]:
-    """Rows as the data classes that they were, if these hold no arrays."""
-    adapter = TypeAdapter(kind)
-    return [adapter.validate_python(row) for row in rows]
-
-
-def with_arrays(row: Record) -> Record:
-    """A row with arrays in place of lists."""
-    return {name: np.array(value) if isinstance(value, list) else value for name, value in row.items()}
 
 
 class ExecutionOptions(TypedDict, total=False):

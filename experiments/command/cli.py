@@ -271,7 +271,7 @@ def log_recover(log: LogArgument) -> None:
     echo(recover(log, lambda remark: echo(f"note: {remark}")))
 
 
-for _study in (studies.study, studies.compare, studies.reproduce, studies.asymmetry, studies.rivals):
+for _study in (studies.study, studies.compare, studies.reproduce, studies.asymmetry):
     app.command()(report_errors(_study))
 for _name in studies.BUILT_IN:
     app.command(_name)(report_errors(studies.command_of(_name)))

@@ -183,6 +183,7 @@ BUILT_IN = {
     "formation": "Study ten followers in formation: currents, waves, losses and navigators.",
     "gate": "Study LAISN-2's gate rules on pings replaced by echoes.",
     "loss": "Study current and lost messages that each variant tolerates.",
+    "rivals": "Compare all navigators: LAISN, the tightly coupled one, and the rival methods.",
 }
 """Built-in studies of files, which `laisn NAME` and `laisn study NAME` run alike, and their help."""
 
@@ -203,7 +204,7 @@ def command_of(name: str) -> Callable[..., None]:
 
 def _run_own(name: str, options: dict[str, Any]) -> None:
     """Run the command of a study with a design of its own; LaisnError names an option that it lacks."""
-    run = {command.__name__: command for command in (asymmetry, reproduce, rivals)}[name]
+    run = {command.__name__: command for command in (asymmetry, reproduce)}[name]
     foreign = options.keys() - signature(run).parameters.keys()
     if foreign:
         option = min(foreign).strip("_").replace("_", "-")
@@ -245,12 +246,6 @@ def reproduce(
     echo(f"report in {report}")
 
 
-def _run_design(name: str, run: Callable[..., Path], quick: bool, out: Path | None, **options: Any) -> None:
-    """Run a study with a design of its own into a folder of its name, unless another one is given."""
-    folder = out or Path("out") / f"{name}{'-quick' if quick else ''}"
-    echo(f"report in {run(folder, quick=quick, **options)}")
-
-
 def asymmetry(
     quick: QuickOption = False,
     workers: WorkersOption = None,
@@ -266,17 +261,6 @@ def asymmetry(
     from experiments.studies.asymmetry.study import run
 
     film_of = asymmetry_film.film if (not quick if film is None else film) and _can_film() else None
-    _run_design("asymmetry", run, quick, out, workers=workers, cluster=cluster, force=force, film=film_of)
-
-
-def rivals(
-    quick: QuickOption = False,
-    workers: WorkersOption = None,
-    out: OutOption = None,
-    force: ForceOption = False,
-    cluster: ClusterOption = None,
-) -> None:
-    """Compare all navigators: LAISN, the tightly coupled one, and the rival methods."""
-    from experiments.studies.rivals.study import run
-
-    _run_design("rivals", run, quick, out, workers=workers, force=force, cluster=cluster)
+    folder = out or Path("out") / f"asymmetry{'-quick' * quick}"
+    report = run(folder, quick=quick, workers=workers, cluster=cluster, force=force, film=film_of)
+    echo(f"report in {report}")

@@ -1,5 +1,4 @@
-"""Studies that ship: files for `laisn study`, and modules and packages of those whose design no file can hold.
+"""Studies that ship: files for `laisn study`, and packages of those with findings or a design of their own.
 
-Imports: experiments.beacon_replay experiments.campaign experiments.findings experiments.flight experiments.intervals
-experiments.study laisn sim
+Imports:
 """

@@ -7,10 +7,10 @@ it is for that realization alone.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from experiments.campaign.store import Record
 from experiments.intervals import (
@@ -45,7 +45,7 @@ def shown(interval: Interval, unit: str = "") -> str:
 
 def _quantile(number: int) -> float:
     """Student's t of a mean of so many values."""
-    return float(student.ppf((1 + CONFIDENCE) / 2, number - 1))
+    return float(stdtrit(number - 1, (1 + CONFIDENCE) / 2))
 
 
 def over_realizations(means: Floats) -> Interval:
@@ -133,6 +133,8 @@ class Results:
 
     rows: Mapping[Place, list[Record]]
     runs: Mapping[Place, list[Record]]
+    _estimates: dict[tuple[Place, str], Interval] = field(default_factory=dict)
+    """Of places and metrics that were asked for: a page shows the same ones in several figures and tables."""
 
     @classmethod
     def of(cls, rows: Sequence[Record], runs: Sequence[tuple[Record, Record]]) -> "Results":
@@ -163,7 +165,10 @@ class Results:
 
     def estimate(self, place: Place, metric: str) -> Interval:
         """Mean of a metric at a place with its interval; NaN where nothing was flown."""
-        return _interval(self.by_run(place, metric), self.by_realization(place, metric), metric)
+        if (place, metric) not in self._estimates:
+            found = _interval(self.by_run(place, metric), self.by_realization(place, metric), metric)
+            self._estimates[place, metric] = found
+        return self._estimates[place, metric]
 
     def difference(self, place: Place, base: str, metric: str) -> Interval:
         """Mean of the arm of a place less that of the arm `base` at the same point, paired by realization and run."""

@@ -26,7 +26,7 @@ from sim.screen import plain, screenful, shortened
 
 FOLDER = Path(__file__).parents[1] / "studies"
 """Studies that ship."""
-OWN_DESIGN = {"asymmetry": "asymmetry", "reproduce": "reproduction", "rivals": "rivals"}
+OWN_DESIGN = {"asymmetry": "asymmetry", "reproduce": "reproduction"}
 """Studies whose design no file can hold: their commands and folders."""
 METRIC = "e_p_mean_m"
 ARM, CASE, SCENARIO = "arm", "case", "scenario"

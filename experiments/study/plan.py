@@ -89,7 +89,7 @@ class Plan:
         """Entries by point, arm and realization."""
         return {entry.place: entry for entry in self.entries}
 
-    @property
+    @cached_property
     def followers(self) -> tuple[str, ...]:
         """Names of the followers; those of the first entry, which has as many as any."""
         return max((tuple(f.name for f in e.scenario.followers) for e in self.entries), key=len)

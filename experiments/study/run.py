@@ -1,10 +1,11 @@
 """Flying a study: missions in parallel, each once, then cells; all of it stored, and gone on with after a kill."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import chain
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -42,10 +43,13 @@ class Outcomes:
     failures: dict[str, list[Entry]] = field(default_factory=dict)
     """Entries that could not be flown, by what happened."""
 
-    def by_arm(self) -> dict[str, list[list[Record]]]:
-        """Records of a study of one point and one realization, by arm: of each run one for each follower.
+    def runs_by(self, name: Callable[[Record], str] = itemgetter("arm")) -> dict[str, list[list[Record]]]:
+        """Records of a study of one realization, by names: of each run one for each follower.
 
         A record has the metrics of the run, and those of the mission that all runs share.
+
+        Args:
+            name: made of a row, which has the values of its point and its arm; the same for no two points with an arm.
 
         Raises:
             CampaignError: an entry could not be flown.
@@ -55,7 +59,7 @@ class Outcomes:
         found: dict[str, list[list[Record]]] = {}
         for row, (labels, lists) in zip(self.rows, self.runs, strict=True):
             number = len(next(iter(lists.values())))
-            runs = found.setdefault(labels["arm"], [[] for _ in range(number)])
+            runs = found.setdefault(name(labels), [[] for _ in range(number)])
             for run, records in enumerate(runs):
                 records.append(row | {name: values[run] for name, values in lists.items()})
         return found
@@ -178,11 +182,6 @@ def _outcomes(i: int, plan: Plan, cells: Mapping[tuple[int, str, int], list[Cell
             outcomes.runs.append((labels, lists))
             outcomes.steps.append(flown.steps(cell) if plan.study.steps and not entry.closed_loop else {})
     return outcomes
-
-
-def fly_study(plan: Plan, folder: Path, **options: Unpack[ExecutionOptions]) -> Outcomes:
-    """Fly one study; see `fly_studies`."""
-    return fly_studies([plan], folder, **options)[0]
 
 
 def _widest(results: Results, metric: str) -> float:

@@ -53,7 +53,7 @@ def findings() -> Findings:
     """Of each condition two runs alike; condition i has distances of i + 1 metres, the third lost followers."""
     found = {name: [run_of(i + 1.0, lost=3 if i == 2 else 0)] * 2 for i, name in enumerate(CONDITIONS)}
     found[[*CONDITIONS][4]] = [run_of(5.0, turn=0.0)] * 2
-    outcomes: Any = SimpleNamespace(by_arm=lambda: found)
+    outcomes: Any = SimpleNamespace(runs_by=lambda: found)
     return record("formation", "laisn formation", (), findings_of({"study": outcomes}))
 
 

@@ -102,7 +102,7 @@ def test_conditions_match_their_titles() -> None:
 
 def outcomes_of(by_arm: dict[str, Any]) -> dict[str, Any]:
     """Outcomes whose rows are given by arm, run and follower."""
-    return {"study": SimpleNamespace(by_arm=lambda: by_arm)}
+    return {"study": SimpleNamespace(runs_by=lambda: by_arm)}
 
 
 def test_a_record_counts_what_runs_came_to() -> None:
@@ -177,7 +177,7 @@ def test_every_run_of_a_condition_has_values_of_its_own(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(engine.campaign, "fly", fly)
     with pytest.raises(InterruptedError):
-        engine.fly_study(PLAN, tmp_path)
+        engine.fly_studies([PLAN], tmp_path)
     (design,) = designs
     place = CONDITIONS["current"].place
     flown = [design.tasks[0, place, run].args for run in range(60)]

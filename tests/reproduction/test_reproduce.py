@@ -15,7 +15,7 @@ from experiments.campaign.plans import steps_of
 from experiments.flight.library import ROUTES, load
 from experiments.studies.reproduction import claims, replications, settings
 from experiments.studies.reproduction import study as reproduce
-from experiments.studies.reproduction.findings import findings_of_seeds
+from tools.documents import claim_seeds
 
 
 @pytest.fixture
@@ -96,7 +96,7 @@ def test_resamples_scatter_as_means_over_replications_do():
 
 def test_seeds_are_compared_by_their_verdicts_on_all_claims():
     one, other = ["holds"] * 10, ["holds"] * 9 + ["undecided"]
-    found = findings_of_seeds({seed: other if seed == 3 else one for seed in range(20)})
+    found = claim_seeds.findings_of({seed: other if seed == 3 else one for seed in range(20)})
     assert (found["same"].value, found["seeds"].value) == (19, 20)
     assert (found["same 1"].value, found["same 10"].value, found["verdict 10"].value) == (20, 19, "holds")
 
@@ -106,7 +106,7 @@ def test_the_study_of_seeds_judges_each_of_them(tmp_path, short, monkeypatch):
     chosen = tuple(s for s in settings.SETTINGS if s.name in ("base", "5s"))
     monkeypatch.setattr(settings, "SETTINGS", chosen)
     monkeypatch.setattr(settings, "published", dict)
-    reproduce.judge_with_seeds(tmp_path, seeds=(3, 4), runs=1, workers=1, quiet=True)
+    claim_seeds.run(tmp_path, seeds=(3, 4), runs=1, workers=1, quiet=True)
     found = findings.read(tmp_path / findings.FILE)
     assert found["seeds"].value == 2
     assert found["verdict 2"].value == "no data"

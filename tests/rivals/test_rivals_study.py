@@ -1,4 +1,4 @@
-"""The study of rival methods: its arms, its findings as functions of rows, and its page."""
+"""The study of rival methods: its design, its findings as functions of rows, and its page."""
 
 from itertools import product
 from pathlib import Path
@@ -8,13 +8,21 @@ import numpy as np
 import pytest
 
 from experiments.findings import read, record
-from experiments.studies.rivals import design, findings
-from experiments.studies.rivals.study import COMMAND, MODULES, write_page
-from experiments.study.file import study_of
-from experiments.study.plan import plan_of
+from experiments.pages.page import render
+from experiments.pages.template import page_of
+from experiments.studies.rivals import figures, findings
+from experiments.study.file import built_in, study_of
+from experiments.study.plan import Plan, plan_of
 from laisn.navigators import NAVIGATORS
 
-TABLES = (design.open_loop, design.slow, design.closed_loop, design.usbl_map)
+PARTS = built_in("rivals")
+ROUTES = [*product(findings.NAVIGATORS, findings.CONDITIONS, findings.INTERVALS)]
+SLOW_CASES = [case for case in ROUTES if case[0] == findings.SLOW and (case[1] == "calm" or case[2] > 1.0)]
+
+
+@pytest.fixture(scope="module")
+def plans() -> dict[str, Plan]:
+    return {part: plan_of(study_of(str(file), {})) for part, file in PARTS.items()}
 
 
 def rows(error: float, runs: int, routes: int, **more: float) -> list[list[dict[str, Any]]]:
@@ -32,29 +40,46 @@ def rows(error: float, runs: int, routes: int, **more: float) -> list[list[dict[
 
 @pytest.fixture(scope="module")
 def found() -> dict[str, Any]:
-    errors = dict(zip(design.NAVIGATORS, (0.9, 0.8, 0.7, 0.3, 9.0, 8.0, 7.0, 0.35, 0.5, 0.4, 0.2), strict=True))
-    arms = {arm["name"]: rows(errors[arm["navigation.variant"]], 4, 8) for arm in design.open_loop(4, {})["arm"]}
-    arms |= {arm["name"]: rows(errors[design.SLOW], 2, 8) for arm in design.slow(2, {})["arm"]}
+    errors = dict(zip(findings.NAVIGATORS, (0.9, 0.8, 0.7, 0.3, 9.0, 8.0, 7.0, 0.35, 0.5, 0.4, 0.2), strict=True))
+    shared = [*product(findings.SHARING, ["calm"], findings.FURTHER)]
+    arms = {findings.case_name(*case): rows(errors[case[0]], 4, 8) for case in (*ROUTES, *shared)
+            if case[0] != findings.SLOW}  # fmt: skip
+    arms |= {findings.case_name(*case): rows(errors[findings.SLOW], 2, 8) for case in SLOW_CASES}
     arms["owtt calm 5"] = rows(7.0, 4, 8, e_p_max_m=60.0)
     for interval, error in ((1.0, 0.1), (2.0, 0.2), (5.0, 0.4), (10.0, 0.8), (20.0, 1.6), (50.0, 4.0)):
         arms[f"ekf calm {interval:g}"] = rows(error, 4, 8)
-    closed = {arm["name"]: rows(1.0, 2, 8) for arm in design.closed_loop(2, {})["arm"]}
-    points = {arm["name"]: rows(0.5, 4, 1) for arm in design.usbl_map(4, {})["arm"]}
+    closed = {name: rows(1.0, 2, 8) for name in findings.NAVIGATORS}
+    factors = product(findings.MAPPED, findings.RANGES_M, findings.BIASES_DEG, findings.BASELINES_M)
+    points = {f"map {name} {reach} {bias:g} {length:g}": rows(0.5, 4, 1) for name, reach, bias, length in factors}
     points["map inverted-usbl 20 0 2"] = rows(0.4, 4, 1)
     points["map inverted-usbl 200 0 2"] = rows(0.6, 4, 1)
-    return findings.findings_of(arms, closed, points, dict.fromkeys(design.NAVIGATORS, 12.5))
+    return findings.findings_of_rows(arms, closed, points, dict.fromkeys(findings.NAVIGATORS, 12.5))
 
 
-def test_every_arm_is_valid_and_every_navigator_is_flown() -> None:
-    assert set(design.NAVIGATORS) == set(NAVIGATORS) - {"laisn-best", "laisn-main"}
-    for table in TABLES:
-        plan = plan_of(study_of(table(2, {}), {}))
-        assert len({entry.arm for entry in plan.entries}) == len(plan.entries)
-        assert all(entry.closed_loop == (table is design.closed_loop) for entry in plan.entries)
-    names = [arm["name"] for table in TABLES[:2] for arm in table(2, {})["arm"]]
-    expected = {design.arm_name(*case) for case in product(design.NAVIGATORS, design.CONDITIONS, design.INTERVALS)}
-    missing = expected - set(names)
-    assert missing == {f"factor-graph {condition} 1" for condition in ("current", "loss", "bias")}
+def test_every_case_is_valid_and_every_navigator_is_simulated(plans: dict[str, Plan]) -> None:
+    assert set(findings.NAVIGATORS) == set(NAVIGATORS) - {"laisn-best", "laisn-main"}
+    for part, plan in plans.items():
+        assert all(entry.closed_loop == (part == "closed") for entry in plan.entries)
+        assert all(entry.scenario.navigation.variant == entry.arm for entry in plan.entries)
+    cases = [
+        (entry.arm, plan.points[entry.point]["case"], plan.points[entry.point][findings.INTERVAL])
+        for plan in (plans[part] for part in ("routes", "slow", "slow-1s"))
+        for entry in plan.entries
+    ]
+    assert len(set(cases)) == len(cases)
+    assert set(ROUTES) - set(cases) == {("factor-graph", condition, 1.0) for condition in ("current", "loss", "bias")}
+    assert {entry.arm for entry in plans["closed"].entries} == set(findings.NAVIGATORS)
+    runs = {part: plan.study.runs for part, plan in plans.items()}
+    assert runs == {"routes": 3, "shared": 3, "slow": 2, "slow-1s": 2, "closed": 2, "map": 4}
+
+
+def test_the_follower_of_the_map_stays_at_its_distance_on_the_quarter(plans: dict[str, Plan]) -> None:
+    plan = plans["map"]
+    for entry in plan.entries:
+        (_, east, north), (end, east_then, north_then) = entry.scenario.followers[0].waypoints
+        assert np.hypot(east, north) == pytest.approx(float(plan.points[entry.point]["case"]), rel=1e-12)
+        assert (east, east_then, end) == (-north, east, 300.0)
+        assert north_then == pytest.approx(north + 300.0, rel=1e-12)
 
 
 def test_findings_are_the_means_shares_and_differences_of_the_rows(found: dict[str, Any]) -> None:
@@ -89,9 +114,11 @@ def test_the_maps_have_their_points_and_their_intervals(found: dict[str, Any]) -
 
 
 def test_the_page_is_made_of_the_record(found: dict[str, Any], tmp_path: Path) -> None:
-    record("rivals", COMMAND, MODULES, found).write(tmp_path / "results.json")
-    page = write_page(read(tmp_path / "results.json"), tmp_path / "report.html").read_text(encoding="utf-8")
+    record("rivals", "laisn rivals", ("experiments.studies.rivals.findings",), found).write(tmp_path / "results.json")
+    kept = read(tmp_path / "results.json")
+    values = {"quick": False, "found": kept, **figures.values(kept, {})}
+    page = render(page_of("experiments.studies.rivals", [], values, kept))
     assert "the best rival, inverted USBL" in page
     assert "−0.10" in page
-    for title in (*design.NAVIGATORS.values(), "Vehicles that share a channel", "better in 1 of 36 points"):
+    for title in (*findings.NAVIGATORS.values(), "Vehicles that share a channel", "better in 1 of 36 points"):
         assert title in page

@@ -31,7 +31,7 @@ from experiments.study.measure import records_of_run
 from experiments.study.metrics import METRICS
 from experiments.study.page import commands
 from experiments.study.plan import plan_of
-from experiments.study.run import fly_study, fly_until_narrow
+from experiments.study.run import fly_studies, fly_until_narrow
 from experiments.study.study import RECORD, REPORT, RESULTS, RUNS, STUDY, run_study
 from laisn import metrics
 from laisn.failure import LaisnError
@@ -147,7 +147,7 @@ def test_another_key_leaves_draws_as_they_were():
 def test_the_command_of_a_run_repeats_it(flown, tmp_path):
     plan = plan_of(study())
     rows = {(r["point"], r["arm"], r["realization"], r["run"]): r for r in pq.read_table(flown / RUNS).to_pylist()}
-    outcomes = fly_study(plan, flown, workers=1, quiet=True)
+    outcomes = fly_studies([plan], flown, workers=1, quiet=True)[0]
     lines = commands(plan, Results.of(outcomes.rows, outcomes.runs)).splitlines()
     assert len(lines) == 2 * 2 * 4
     words = shlex.split(lines[-1])
@@ -313,7 +313,7 @@ def test_a_wrong_number_of_runs_is_reported_with_its_key(changes, expected):
 def test_batches_are_flown_until_every_interval_is_narrow_enough(tmp_path):
     given = {"realizations": 1, "draw": {}, "arm": [], "set": {"duration_s": 20.0}}
     one = study(SMALL, runs=UNTIL, **given)
-    first = Results.of(*rows_and_runs(fly_study(plan_of(one), tmp_path / "first", workers=1, quiet=True)))
+    first = Results.of(*rows_and_runs(fly_studies([plan_of(one)], tmp_path / "first", workers=1, quiet=True)[0]))
     widths = [half_width(first.estimate(place, "e_p_mean_m")) for place in first.rows]
     wanted = 0.6 * max(widths)
     narrow = UNTIL | {"until": UNTIL["until"] | {"half_width": wanted}}
@@ -370,7 +370,7 @@ def test_captures_of_single_flights_are_those_of_cells(tmp_path):
     keys = {"scenario": "T7", "vary": {"followers.0.depth_m": [20]}, "set": {"duration_s": 80.0}}
     one = study(SMALL, realizations=1, runs=8, arm=[], draw={}, **keys)
     plan = plan_of(one)
-    outcomes = fly_study(plan, tmp_path, workers=1, quiet=True)
+    outcomes = fly_studies([plan], tmp_path, workers=1, quiet=True)[0]
     expected = outcomes.runs[0][1]["mirror_locked"]
     for run, mirror_locked in enumerate(expected):
         (row,) = records_of_run(plan.entries[0].scenario, run)

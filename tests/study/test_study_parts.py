@@ -11,7 +11,7 @@ from experiments.campaign.missions import Mission, simulate_mission
 from experiments.campaign.montecarlo import simulate
 from experiments.study.file import StudyError, of_table, study_of
 from experiments.study.plan import Plan, plan_of
-from experiments.study.run import Outcomes, fly_studies, fly_study
+from experiments.study.run import Outcomes, fly_studies
 from sim.trajectory import leveled
 
 ERRORS = "experiments.studies.estimators.errors"
@@ -23,7 +23,7 @@ def plan(table: dict[str, Any]) -> Plan:
 
 
 def flown(folder: Path, table: dict[str, Any]) -> Outcomes:
-    return fly_study(plan(table), folder, workers=1, quiet=True)
+    return fly_studies([plan(table)], folder, workers=1, quiet=True)[0]
 
 
 def test_cases_scenarios_and_factors_are_crossed_and_a_case_may_have_some_of_the_arms() -> None:
@@ -106,10 +106,10 @@ def test_runs_have_the_noise_of_their_numbers(tmp_path: Path) -> None:
         {"set": SHORT["set"] | {"run": 2}, "vary": {"leader.broadcast_attitude": [False, True]}, "runs_apart": 3}
     )
     assert [entry.scenario.run for entry in made.entries] == [2, 5]
-    for first, (_, lists) in zip((2, 5), fly_study(made, tmp_path, workers=1, quiet=True).runs, strict=True):
+    for first, (_, lists) in zip((2, 5), fly_studies([made], tmp_path, workers=1, quiet=True)[0].runs, strict=True):
         assert lists["run"].tolist() == [first, first + 1, first + 2]
         assert lists["e_p_mean_m"].tolist() == many["e_p_mean_m"][first : first + 3].tolist()
-    part = fly_study(made.part(made.entries[1:], 1), tmp_path, workers=1, quiet=True)
+    part = fly_studies([made.part(made.entries[1:], 1)], tmp_path, workers=1, quiet=True)[0]
     assert [lists["run"].tolist() for _, lists in part.runs] == [[5]]
 
 

@@ -11,10 +11,9 @@ from pathlib import Path
 
 from experiments.findings import FILE
 from experiments.studies.asymmetry import study as asymmetry
-from experiments.studies.reproduction.study import judge_with_seeds, reproduce
-from experiments.studies.rivals import study as rivals
+from experiments.studies.reproduction.study import reproduce
 from experiments.study.study import run_built_in
-from tools.documents import coverage, flights, hull_trials, real_ranges, route_keeping
+from tools.documents import claim_seeds, coverage, flights, hull_trials, real_ranges, route_keeping
 from tools.documents.markers import RECORDS
 
 STUDIES: dict[str, Callable[[Path], object]] = {
@@ -24,13 +23,13 @@ STUDIES: dict[str, Callable[[Path], object]] = {
     "coverage": coverage.run,
     "reproduce-physics": lambda folder: reproduce(motion="physics", out=folder),
     "reproduce-kinematic": lambda folder: reproduce(motion="kinematic", out=folder),
-    "claim-seeds": judge_with_seeds,
+    "claim-seeds": claim_seeds.run,
     "closed-loop": partial(run_built_in, "closed-loop"),
     "formation": partial(run_built_in, "formation"),
     "asymmetry": asymmetry.run,
     "estimators": partial(run_built_in, "estimators"),
     "real-ranges": real_ranges.run,
-    "rivals": rivals.run,
+    "rivals": partial(run_built_in, "rivals"),
 }
 """How each is flown into a folder."""
 

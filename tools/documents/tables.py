@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from experiments.findings import Finding, Findings
 from experiments.flight.library import ROUTES
-from experiments.studies.rivals.design import CONDITIONS, INTERVALS, NAVIGATORS
+from experiments.studies.rivals.findings import CONDITIONS, INTERVALS, NAVIGATORS
 from experiments.study.file import built_in, study_of
 from tools.documents.coverage import LAWS, RUNS
 
@@ -234,7 +234,7 @@ def rivals(records: Records) -> str:
 
 def rivals_conditions(records: Records) -> str:
     """Mean errors in all conditions, messages every 5 s, and in closed loop."""
-    columns = {title: (f"error NAME {name} 5", ".2f i") for name, (title, _) in CONDITIONS.items()}
+    columns = {title: (f"error NAME {name} 5", ".2f i") for name, title in CONDITIONS.items()}
     steered = {"closed loop": ("closed-error NAME", ".2f i"), "lost in it": ("closed-lost NAME", ".0% i")}
     return _rivals(records, columns | steered)
 

@@ -22,7 +22,6 @@ from laisn import lane_rows as row
 from laisn import lanes
 from laisn.arrays import Floats
 from laisn.compiled import compiled_lanes
-from laisn.geometry import transmitter_positions
 from laisn.lane_rows import LANES
 from laisn.settings import VARIANTS, NavigationSettings, Tuning
 
@@ -33,7 +32,6 @@ _PREDICTION_SIGMA_M = 1000.0
 _DEEPEST_M = 50.0
 
 
-@compiled_lanes
 def slant_ranges(points: Floats, hull: tuple[float, float]) -> Floats:
     """True slant ranges to the rear, front and middle transmitter of a leader at the origin heading north.
 
@@ -44,15 +42,13 @@ def slant_ranges(points: Floats, hull: tuple[float, float]) -> Floats:
     Returns:
         Ranges of shape (n, 3), [m].
     """
-    ranges = np.empty((points.shape[0], 3))
-    for k in range(points.shape[0]):
-        pitch, depth_offset, reach, bearing = points[k]
-        sites = transmitter_positions((0.0, 0.0, 0.0), (0.0, pitch, 0.0), hull[0], hull[1])
-        east, north = reach * np.sin(bearing), reach * np.cos(bearing)
-        for i in range(3):
-            d_east, d_north, d_depth = sites[i, 0] - east, sites[i, 1] - north, sites[i, 2] - depth_offset
-            ranges[k, i] = np.sqrt(d_east * d_east + d_north * d_north + d_depth * d_depth)
-    return ranges
+    pitch, depth_offset, reach, bearing = points.T
+    zero, half = np.zeros_like(pitch), 0.5 * hull[0]
+    # east, north, depth
+    front = np.stack([zero, half * np.cos(pitch), -half * np.sin(pitch)], axis=1)
+    middle = np.stack([zero - hull[1], zero, zero], axis=1)
+    follower = np.stack([reach * np.sin(bearing), reach * np.cos(bearing), depth_offset], axis=1)
+    return np.asarray(np.linalg.norm(np.stack([-front, front, middle], axis=1) - follower[:, None], axis=2))
 
 
 @compiled_lanes

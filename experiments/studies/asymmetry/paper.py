@@ -37,10 +37,10 @@ class Curve:
     interval_s: float
     depth_offset_m: float | None
     """None for τ, which does not depend on it."""
-    value: tuple[float, ...]
+    value: Sequence[float]
     """τ_rear [m], or pitch [°]."""
-    e_p_mean_m: tuple[float, ...]
-    excess_half_m: tuple[float, ...]
+    e_p_mean_m: Sequence[float]
+    excess_half_m: Sequence[float]
     """Half of the 95 % interval, over runs, of the excess at each value [m]."""
 
     @property

@@ -13,9 +13,9 @@ from typing import Any, Unpack
 import numpy as np
 
 from experiments.campaign import campaign
-from experiments.campaign.campaign import Design, ExecutionOptions, Task, typed, with_arrays
+from experiments.campaign.campaign import Design, ExecutionOptions, Task
 from experiments.campaign.progress import compiling_shown
-from experiments.campaign.store import columns_of, write_table
+from experiments.campaign.store import Record, columns_of, write_table
 from experiments.findings import FILE, Finding, Findings, of
 from experiments.flight.range_budget import Cause
 from experiments.intervals import Interval
@@ -137,8 +137,11 @@ def run(
     flown = campaign.fly(
         Design(tasks=tasks, what="fleets", ahead=partial(_fly_little, causes[0], plan)), folder, **options
     ).tasks
-    rows = [with_arrays(row) for name in fleets for row in flown[name]]
-    curves = typed(Curve, flown[_CURVES])
+    rows: list[Record] = [
+        {column: np.array(value) if isinstance(value, list) else value for column, value in row.items()}
+        for name in fleets for row in flown[name]
+    ]  # fmt: skip
+    curves = [Curve(**row) for row in flown[_CURVES]]
     with compiling_shown():
         chart = fix_map.measure_map(design.MAP, NavigationSettings(side_rule="predicted"))
     example = fly_example(QUICK_CONDITIONS[-1], plan.duration_s)

@@ -17,7 +17,7 @@ def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
 
     The arms of the study are a navigator and how it steers, the followers the routes.
     """
-    found = outcomes["study"].by_arm()
+    found = outcomes["study"].runs_by()
     runs = len(next(iter(found.values())))
     named: dict[str, Finding] = {"runs": plain(runs, "runs of each route"), "lost-from": plain(LOST_M, "", "m")}
     for name in dict.fromkeys(arm.rpartition(" ")[0] for arm in found):

@@ -57,7 +57,7 @@ def of_condition(name: str, runs: Sequence[Sequence[Record]]) -> dict[str, Findi
 
 def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
     """Findings of all conditions, and of the bound behind a weaving leader."""
-    found = outcomes["study"].by_arm()
+    found = outcomes["study"].runs_by()
     named = {"runs": plain(max(len(runs) for runs in found.values()), "runs of most conditions")}
     for name, runs in found.items():
         named |= of_condition(name, runs)

@@ -1,6 +1,5 @@
-"""The records of the reproduction: ratios to the published figures, claims, mirror locks; and verdicts by seed."""
+"""The record of the reproduction: ratios to the published figures, claims and mirror locks."""
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -8,7 +7,7 @@ import numpy as np
 from experiments.campaign.store import Record
 from experiments.findings import Finding, Findings, of, plain, record
 from experiments.intervals import proportion
-from experiments.studies.reproduction.claims import CLAIMS, Claim, Judgement, Verdict
+from experiments.studies.reproduction.claims import Claim, Judgement, Verdict
 from experiments.studies.reproduction.replications import VERDICT_CONFIDENCE
 from experiments.studies.reproduction.settings import Key, Motion, Setting
 from laisn.arrays import Floats
@@ -83,18 +82,3 @@ def findings_of(
         for variant in setting.variants:
             found |= _of_cells(setting, variant, rows, published)
     return record(f"reproduce-{motion}", f"laisn reproduce --motion {motion}", MODULES, found)
-
-
-def findings_of_seeds(verdicts: Mapping[int, Sequence[Verdict]]) -> Findings:
-    """The record of the verdicts on all claims, by seed."""
-    together, same = Counter(tuple(found) for found in verdicts.values()).most_common(1)[0]
-    named: dict[str, Finding] = {
-        "seeds": plain(len(verdicts), "seeds"),
-        "same": plain(same, "seeds whose verdicts on all claims are the commonest ones"),
-        "same share": of(proportion(same, len(verdicts)), "their share of all seeds, 95 %"),
-    }
-    for i, claim in enumerate(CLAIMS):
-        named[f"verdict {claim.number}"] = plain(together[i], f"commonest verdict on claim {claim.number}")
-        alike = sum(found[i] == together[i] for found in verdicts.values())
-        named[f"same {claim.number}"] = plain(alike, f"seeds with this verdict on claim {claim.number}")
-    return record("claim-seeds", "python -m tools.documents.studies claim-seeds", MODULES, named)

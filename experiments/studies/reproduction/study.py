@@ -19,8 +19,6 @@ from experiments.studies.reproduction.replications import BASE, REPLICATIONS, re
 from experiments.studies.reproduction.settings import FIGURES, METRICS, ROUTE, STAGES, Key, Motion, Setting
 from experiments.study.plan import Entry
 
-SEEDS = range(101, 121)
-"""Seeds 1 to 6 served to choose how many replications, and at what confidence, claims are judged by."""
 MOTIONS = {"physics": "rigid bodies in water", "kinematic": "the paper's point motion"}
 
 
@@ -139,17 +137,3 @@ def reproduce(
     report = folder / "report.html"
     write(page_of(__package__, facts, values, record), report)
     return report
-
-
-def judge_with_seeds(
-    folder: Path, seeds: Sequence[int] = SEEDS, runs: int = 60, **options: Unpack[ExecutionOptions]
-) -> None:
-    """Judge the claims on physical missions with every seed, and write the record of their verdicts.
-
-    `runs` are those of each replication; folder and options as of `campaign.fly`.
-    """
-    verdicts = {}
-    for seed in seeds:
-        found = simulate(settings.SETTINGS, folder, motion="physics", runs=runs, seed=seed, tables=False, **options)
-        verdicts[seed] = [ours.verdict for _, ours, _ in claims.judge(found.figures, settings.published())]
-    findings.findings_of_seeds(verdicts).write(folder / FILE)

@@ -1,22 +1,86 @@
-"""Findings of the study of rival methods: pure functions of its rows."""
+"""Findings of the study of rival methods, functions of its rows, and the time of a filter step of each method."""
 
 import math
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from importlib import resources
 from itertools import product
+from time import process_time
 from typing import Any
 
 import numpy as np
 
 from experiments.campaign.store import Record
 from experiments.findings import Finding, of, plain
+from experiments.flight.library import load
 from experiments.intervals import mean_over_missions, proportion
-from experiments.studies.rivals import design
+from experiments.study.run import Outcomes
 from laisn.arrays import Floats
+from laisn.navigators import find
+from sim.flight import navigation_settings
+from sim.motion import simulate_motion
+from sim.sensing.errors import errors_of
+from sim.sensing.observation import measure, observe, start_of
 
+_ROUTES, _SHARED, _CLOSED, _MAP = (
+    tomllib.loads((resources.files(__package__) / f"study-{part}.toml").read_text(encoding="utf-8"))
+    for part in ("routes", "shared", "closed", "map")
+)
+
+
+def _titles(groups: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    return {group["name"]: group["title"] for group in groups}
+
+
+NAVIGATORS, CONDITIONS = _titles(_CLOSED["arm"]), _titles(_ROUTES["case"])
+"""Titles by the names of the registry, and of what is simulated."""
+OURS = ("laisn-2", "laisn-3-1", "laisn-3-2", "tight")
+SLOW = "factor-graph"
+"""Simulated in fewer runs, and with messages every second in calm water alone."""
+INTERVAL = "timing.message_interval_s"
+INTERVALS, FURTHER = (tuple(part["vary"][INTERVAL]) for part in (_ROUTES, _SHARED))
+"""Of messages, and of those on channels that many share [s]."""
+USUAL = 5.0
+SHARING = tuple(_titles(_SHARED["arm"]))
+"""Navigators on such channels."""
+MAPPED, RANGES_M = tuple(_titles(_MAP["arm"])), tuple(_titles(_MAP["case"]))
+BIASES_DEG, BASELINES_M = _MAP["vary"].values()
+"""Factors of the map of LAISN-3(2) and inverted USBL."""
+VEHICLES, REACHES_M = (1, 2, 5, 10, 20, 50), (50.0, 150.0, 500.0)
+"""Factors of the map of a channel that vehicles share."""
+PING_S, SOUND_M_S = 0.1, 1500.0
 LOST_M = 50.0
 """A run whose error, or whose distance from its place at the end, is beyond this is called lost [m]."""
 Runs = Sequence[Sequence[Record]]
-"""Records of an arm: of each run one for each route."""
+"""Records of an arm at a point: of each run one for each route."""
+
+
+def case_name(navigator: str, condition: str, interval: float) -> str:
+    """Name of a navigator's case on the routes."""
+    return f"{navigator} {condition} {interval:g}"
+
+
+def shared_interval_s(vehicles: int, reach_m: float) -> float:
+    """Interval at which each of n vehicles gets its range when they interrogate in turn: n (ping + 2 r / c) [s]."""
+    return vehicles * (PING_S + 2.0 * reach_m / SOUND_M_S)
+
+
+def step_times_us(duration_s: float = 120.0, repeats: int = 3) -> dict[str, float]:
+    """Processor time of a filter step of each navigator, T5 with messages every second, the least of some runs [µs]."""
+    times = {}
+    for name in NAVIGATORS:
+        scenario = load("T5", ["motion=kinematic", f"duration_s={duration_s}", f"navigation.variant={name}"])
+        motion = simulate_motion(scenario)
+        settings, start = navigation_settings(scenario, motion, 0), start_of(motion)
+        measured = measure(observe(motion, scenario), errors_of(scenario, 0), seed=scenario.seed, run=0)
+        taken = []
+        # the first one compiles
+        for _ in range(repeats + 1):
+            begin = process_time()
+            find(name).fly(settings, measured, start)
+            taken.append(process_time() - begin)
+        times[name] = 1e6 * min(taken[1:]) / measured.speed.size
+    return times
 
 
 def per_route(runs: Runs, column: str) -> Floats:
@@ -48,11 +112,11 @@ def difference(one: Runs, other: Runs, what: str) -> Finding:
 
 def compared(found: Mapping[str, Runs]) -> Iterator[tuple[str, Finding]]:
     """Differences of every rival from LAISN-3(2) and from the tightly coupled navigator, and how often it is better."""
-    rivals = [name for name in design.NAVIGATORS if name not in design.OURS]
+    rivals = [name for name in NAVIGATORS if name not in OURS]
     for ours, rival in product(("laisn-3-2", "tight"), rivals):
         better = total = 0
-        for condition, interval in product(design.CONDITIONS, design.INTERVALS):
-            one, other = (design.arm_name(name, condition, interval) for name in (rival, ours))
+        for condition, interval in product(CONDITIONS, INTERVALS):
+            one, other = (case_name(name, condition, interval) for name in (rival, ours))
             if one not in found:
                 continue
             apart = difference(found[one], found[other], f"{rival} less {ours}")
@@ -65,8 +129,8 @@ def compared(found: Mapping[str, Runs]) -> Iterator[tuple[str, Finding]]:
 
 def steered(found: Mapping[str, Runs]) -> Iterator[tuple[str, Finding]]:
     """How followers keep their routes that steer by their estimates."""
-    for name in design.NAVIGATORS:
-        runs = found[design.arm_name(name, "calm", design.USUAL)]
+    for name in NAVIGATORS:
+        runs = found[name]
         yield f"closed-error {name}", of(mean_over_missions([*per_route(runs, "e_p_mean_m")]), "mean E_P, 95 %", "m")
         off = per_route(runs, "track_error_rms_m")
         yield f"closed-off {name}", plain(float(np.median(off)), "RMS off its place, median of missions", "m")
@@ -77,13 +141,13 @@ def steered(found: Mapping[str, Runs]) -> Iterator[tuple[str, Finding]]:
 def mapped(found: Mapping[str, Runs]) -> Iterator[tuple[str, Finding]]:
     """Mean errors over range, compass bias and baseline, and where the inverted USBL is better than LAISN-3(2)."""
     better = total = 0
-    for reach, bias, baseline in product(design.RANGES_M, design.BIASES_DEG, design.BASELINES_M):
-        names = [design.map_name(name, reach, bias, baseline) for name in design.MAPPED]
+    for reach, bias, baseline in product(RANGES_M, BIASES_DEG, BASELINES_M):
+        names = [f"map {name} {reach} {bias:g} {baseline:g}" for name in MAPPED]
         laisn, usbl = (per_route(found[name], "e_p_mean_m")[:1] for name in names)
         for name, errors in zip(names, (laisn, usbl), strict=True):
             yield name, of(mean_over_missions([*errors]), "mean E_P, 95 %", "m")
         apart = of(mean_over_missions([*(usbl - laisn)]), "paired difference of mean E_P, 95 %", "m")
-        yield f"map-less {reach:g} {bias:g} {baseline:g}", apart
+        yield f"map-less {reach} {bias:g} {baseline:g}", apart
         better, total = better + int(apart.high is not None and apart.high < 0.0), total + 1
     yield "map-better", plain(better, "points where the inverted USBL's mean E_P is smaller")
     yield "map-points", plain(total, "points of the map")
@@ -91,37 +155,37 @@ def mapped(found: Mapping[str, Runs]) -> Iterator[tuple[str, Finding]]:
 
 def shared(found: Mapping[str, Runs]) -> Iterator[tuple[str, Finding]]:
     """Errors of vehicles that interrogate in turn, interpolated over the interval, on logarithmic scales."""
-    flown = sorted({*design.INTERVALS, *design.FURTHER})
-    for name in design.SHARING:
-        arms = [found[design.arm_name(name, "calm", interval)] for interval in flown]
+    simulated = sorted({*INTERVALS, *FURTHER})
+    for name in SHARING:
+        arms = [found[case_name(name, "calm", interval)] for interval in simulated]
         errors = [float(per_route(runs, "e_p_mean_m").mean()) for runs in arms]
-        for interval, error in zip(flown, errors, strict=True):
+        for interval, error in zip(simulated, errors, strict=True):
             yield f"interval {name} {interval:g}", plain(error, "mean E_P over routes", "m")
-        for vehicles, reach in product(design.VEHICLES, design.REACHES_M):
-            interval = design.shared_interval_s(vehicles, reach)
-            error = math.exp(np.interp(math.log(interval), np.log(flown), np.log(errors)))
+        for vehicles, reach in product(VEHICLES, REACHES_M):
+            interval = shared_interval_s(vehicles, reach)
+            error = math.exp(np.interp(math.log(interval), np.log(simulated), np.log(errors)))
             yield f"shared {name} {vehicles} {reach:g}", plain(error, "mean E_P where vehicles ask in turn", "m")
-    for vehicles, reach in product(design.VEHICLES, design.REACHES_M):
-        interval = design.shared_interval_s(vehicles, reach)
+    for vehicles, reach in product(VEHICLES, REACHES_M):
+        interval = shared_interval_s(vehicles, reach)
         yield f"turn {vehicles} {reach:g}", plain(interval, "interval of ranges of one vehicle", "s")
 
 
-def findings_of(
+def findings_of_rows(
     routes: Mapping[str, Runs], closed: Mapping[str, Runs], points: Mapping[str, Runs], step_us: Mapping[str, float]
 ) -> dict[str, Finding]:
     """All findings.
 
     Args:
-        routes: records by arm on the routes, in open loop.
-        closed: in closed loop.
-        points: of the map.
+        routes: records by navigator, condition and interval on the routes, in open loop.
+        closed: by navigator, in closed loop.
+        points: of the map, by the names of their findings.
         step_us: processor time of a filter step by navigator [µs].
     """
     found = {name: finding for arm, runs in routes.items() for name, finding in of_arm(arm, runs)}
     for more in (compared(routes), steered(closed), mapped(points), shared(routes)):
         found |= dict(more)
-    calm = {name: found[f"error {design.arm_name(name, 'calm', design.USUAL)}"] for name in design.NAVIGATORS}
-    best = min((name for name in calm if name not in design.OURS), key=lambda name: calm[name].number)
+    calm = {name: found[f"error {case_name(name, 'calm', USUAL)}"] for name in NAVIGATORS}
+    best = min((name for name in calm if name not in OURS), key=lambda name: calm[name].number)
     found["best-rival"] = plain(best, "rival of least mean E_P in calm water, messages every 5 s")
     for ours in ("laisn-3-2", "tight"):
         wins = [finding.number for name, finding in found.items() if name.startswith(f"better-than {ours} ")]
@@ -129,6 +193,21 @@ def findings_of(
     found |= {f"step {name}": plain(time, "processor time of a filter step", "µs") for name, time in step_us.items()}
     return found | {
         "runs": plain(len(next(iter(routes.values()))), "runs of each mission"),
-        "slow-runs": plain(len(routes[design.arm_name(design.SLOW, "calm", design.USUAL)]), "of the factor graph"),
+        "slow-runs": plain(len(routes[case_name(SLOW, "calm", USUAL)]), "of the factor graph"),
         "closed-runs": plain(len(next(iter(closed.values()))), "in closed loop"),
     }
+
+
+def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
+    """All findings from the outcomes of the study's parts; the times of filter steps are measured here."""
+
+    def on_routes(row: Record) -> str:
+        return case_name(row["arm"], row["case"], row[INTERVAL])
+
+    def on_map(row: Record) -> str:
+        return f"map {row['arm']} {row['case']} {row['sensors.heading_bias_deg']:g} {row['leader.baseline_m']:g}"
+
+    routes: dict[str, Runs] = {}
+    for part in ("routes", "shared", "slow", "slow-1s"):
+        routes |= outcomes[part].runs_by(on_routes)
+    return findings_of_rows(routes, outcomes["closed"].runs_by(), outcomes["map"].runs_by(on_map), step_times_us())

@@ -1,0 +1,46 @@
+"""The figure of the study of rival methods, and what else its page shows."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from experiments.findings import Findings
+from experiments.pages.figures import Line, Panel, panel
+from experiments.pages.page import Figures, share_of
+from experiments.pages.style import FULL, SERIES, Legend
+from experiments.studies.rivals import findings as study
+from experiments.studies.rivals.findings import CONDITIONS, NAVIGATORS, USUAL, case_name
+from experiments.study.run import Outcomes
+
+
+def picture(findings: Findings) -> tuple[Panel, Legend]:
+    """Mean position errors of all navigators in all conditions, messages every 5 s; a bar is a 95 % interval."""
+    places = np.arange(len(NAVIGATORS), dtype=np.float64)[::-1]
+    lines, legend = [], []
+    for i, (condition, title) in enumerate(CONDITIONS.items()):
+        found = [findings[f"error {case_name(name, condition, USUAL)}"] for name in NAVIGATORS]
+        ends = [(np.nan, np.nan) if f.low is None or f.high is None else (max(f.low, 1e-2), f.high) for f in found]
+        low, high = np.array(ends).T
+        values = np.array([finding.number for finding in found])
+        y = places + 0.15 * (1.5 - i)
+        lines.append(Line(
+            x=values, y=y, colour=SERIES[i], marker="o", size=4.5, name=title, interval=(low, high), across=True
+        ))  # fmt: skip
+        legend.append((SERIES[i], title))
+    titles = dict(zip(places.tolist(), NAVIGATORS.values(), strict=True))
+    figure = panel(
+        lines, x_label="mean E_P over the routes [m]", y_label="", width=FULL, height=4.2, x_log=True, y_ticks=titles,
+        y_limits=(-0.7, places.size - 0.3),
+    )  # fmt: skip
+    return figure, legend
+
+
+def values(found: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
+    """What the page's template names."""
+    figure, legend = picture(found)
+    return {
+        "study": study,
+        "share": lambda key: share_of(found[key]),
+        "errors": Figures(panels=[figure], legend=legend),
+    }

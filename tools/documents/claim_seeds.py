@@ -1,0 +1,44 @@
+"""Verdicts on the paper's claims with other seeds: `python -m tools.documents.studies claim-seeds`."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Unpack
+
+from experiments.campaign.campaign import ExecutionOptions
+from experiments.findings import FILE, Finding, Findings, of, plain, record
+from experiments.intervals import proportion
+from experiments.studies.reproduction import claims, settings
+from experiments.studies.reproduction.claims import CLAIMS, Verdict
+from experiments.studies.reproduction.findings import MODULES
+from experiments.studies.reproduction.study import simulate
+
+SEEDS = range(101, 121)
+"""Seeds 1 to 6 served to choose how many replications, and at what confidence, claims are judged by."""
+
+
+def findings_of(verdicts: Mapping[int, Sequence[Verdict]]) -> Findings:
+    """The record of the verdicts on all claims, by seed."""
+    together, same = Counter(tuple(found) for found in verdicts.values()).most_common(1)[0]
+    named: dict[str, Finding] = {
+        "seeds": plain(len(verdicts), "seeds"),
+        "same": plain(same, "seeds whose verdicts on all claims are the commonest ones"),
+        "same share": of(proportion(same, len(verdicts)), "their share of all seeds, 95 %"),
+    }
+    for i, claim in enumerate(CLAIMS):
+        named[f"verdict {claim.number}"] = plain(together[i], f"commonest verdict on claim {claim.number}")
+        alike = sum(found[i] == together[i] for found in verdicts.values())
+        named[f"same {claim.number}"] = plain(alike, f"seeds with this verdict on claim {claim.number}")
+    return record("claim-seeds", "python -m tools.documents.studies claim-seeds", MODULES, named)
+
+
+def run(folder: Path, seeds: Sequence[int] = SEEDS, runs: int = 60, **options: Unpack[ExecutionOptions]) -> None:
+    """Judge the claims on physical missions with every seed, and write the record of their verdicts.
+
+    `runs` are those of each replication; folder and options as of `campaign.fly`.
+    """
+    verdicts = {}
+    for seed in seeds:
+        found = simulate(settings.SETTINGS, folder, motion="physics", runs=runs, seed=seed, tables=False, **options)
+        verdicts[seed] = [ours.verdict for _, ours, _ in claims.judge(found.figures, settings.published())]
+    findings_of(verdicts).write(folder / FILE)
