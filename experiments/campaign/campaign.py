@@ -107,20 +107,6 @@ class Flown:
         return [self.cell(plan)[0] for plan in self.design.cells]
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Job:
-    """Work for one process."""
-
-    name: Any
-    """Of its failure."""
-    keys: Sequence[str]
-    """Of its results."""
-    work: Callable[[], Callable[[], list[Result]]]
-    """Makes what a process calls, just before it is handed out."""
-    size: int = 1
-    """For the progress display."""
-
-
 def _batches(plans: Iterable[CellPlan], workers: int) -> Iterator[list[CellPlan]]:
     """Cells of one mission at a time, few enough for a steady progress and many enough to share the mission."""
     by_mission = sorted(plans, key=lambda plan: plan.motion)
@@ -144,30 +130,38 @@ def _attempt(name: Any, work: Callable[[], list[Result]]) -> tuple[Any, list[Res
         return name, str(error).splitlines()[0]
 
 
-def _compute(what: str, jobs: Sequence[_Job], store: Store, pool: Pool, quiet: bool = False) -> dict[Any, str]:
+Work = Callable[[], list[Result]]
+
+
+def _compute(
+    what: str, keys: Mapping[Any, Sequence[str]], work: Callable[[Any], Work], store: Store, pool: Pool,
+    size: Callable[[Any], int] = lambda _: 1, quiet: bool = False,
+) -> dict[Any, str]:  # fmt: skip
     """Compute in parallel, and store each result as it is done.
 
     The order is random, so that processes which share a folder share the work.
 
     Args:
         what: label of the progress display.
-        jobs: to be done, if another process does not store their results meanwhile.
+        keys: of the results of each job, by its name; a job whose results are stored meanwhile is left out.
+        work: makes what a process calls for a job, just before it is handed out.
         store: for the results.
         pool: entered.
+        size: of a job, for the progress display.
         quiet: show no progress.
 
     Returns:
-        Why work failed, by its name.
+        Why jobs failed, by their names.
     """
-    failed, sizes = {}, {job.name: job.size for job in jobs}
-    with progress(what, sum(sizes.values()), quiet=quiet) as advance:
+    failed = {}
+    with progress(what, sum(map(size, keys)), quiet=quiet) as advance:
 
-        def missing() -> Iterator[tuple[Any, Callable[[], list[Result]]]]:
-            for job in random.sample(jobs, len(jobs)):
-                if store.has(*job.keys):
-                    advance(job.size)
+        def missing() -> Iterator[tuple[Any, Work]]:
+            for name in random.sample([*keys], len(keys)):
+                if store.has(*keys[name]):
+                    advance(size(name))
                 else:
-                    yield job.name, job.work()
+                    yield name, work(name)
 
         for name, found in pool.each(_attempt, missing()):
             if isinstance(found, str):
@@ -175,7 +169,7 @@ def _compute(what: str, jobs: Sequence[_Job], store: Store, pool: Pool, quiet: b
             else:
                 for result in found:
                     store.put(*result)
-            advance(sizes[name])
+            advance(size(name))
     return failed
 
 
@@ -242,16 +236,10 @@ def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpa
     cells = [plan for plan in plans if not store.has(*plan.keys)]
     measured = {plan.motion: [key_of(facts, plan.motion)] for plan in plans} if facts else {}
     unmeasured = [plan for plan in plans if not store.has(*measured.get(plan.motion, ()))]
-    flights = [
-        _Job(
-            name=motion, keys=[motion, *measured.get(motion, ())], work=partial(partial, _fly, scenario, motion, facts)
-        )
-        for motion, scenario in {plan.motion: plan.scenario for plan in (*cells, *unmeasured)}.items()
-    ]
-    tasks = [
-        _Job(name=name, keys=[key], work=partial(partial, _rows, key, design.tasks[name])) for name, key in keys.items()
-    ]
-    flights, tasks = ([job for job in jobs if not store.has(*job.keys)] for jobs in (flights, tasks))
+    scenarios = {plan.motion: plan.scenario for plan in (*cells, *unmeasured)}
+    flights = {motion: [motion, *measured.get(motion, ())] for motion in scenarios}
+    tasks = {name: [key] for name, key in keys.items()}
+    flights, tasks = ({n: own for n, own in jobs.items() if not store.has(*own)} for jobs in (flights, tasks))
     pool.size = min(pool.size, max(len(cells), len(flights), len(tasks), 1))
     if cluster is None and not quiet:
         if cells and FOLDER:
@@ -261,20 +249,25 @@ def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpa
         if tasks and design.ahead:
             with compiling_shown():
                 design.ahead()
+
+    def flight(motion: str) -> Work:
+        return partial(_fly, scenarios[motion], motion, facts)
+
+    def task(name: Any) -> Work:
+        return partial(_rows, keys[name], design.tasks[name])
+
     with pool:
-        failures = _compute("missions", flights, store, pool, quiet)
-        failures |= _compute(design.what, tasks, store, pool, quiet)
+        failures = _compute("missions", flights, flight, store, pool, quiet=quiet)
+        failures |= _compute(design.what, tasks, task, store, pool, quiet=quiet)
         if failures and not tolerant:
             raise CampaignError("; ".join(sorted(set(failures.values()))))
+        batches = [*_batches((c for c in cells if c.motion not in failures), pool.size)]
 
-        def work(batch: Sequence[CellPlan]) -> Callable[[], list[Result]]:
-            return partial(compute, mission(batch[0].scenario, store), batch)
+        def batch(i: int) -> Work:
+            return partial(compute, mission(batches[i][0].scenario, store), batches[i])
 
-        batches = [
-            _Job(name=i, keys=[key for plan in batch for key in plan.keys], work=partial(work, batch), size=len(batch))
-            for i, batch in enumerate(_batches((c for c in cells if c.motion not in failures), pool.size))
-        ]
-        _compute("cells", batches, store, pool, quiet)
+        parts = {i: [key for plan in some for key in plan.keys] for i, some in enumerate(batches)}
+        _compute("cells", parts, batch, store, pool, lambda i: len(batches[i]), quiet)
     rows = {name: store.get(key) for name, key in keys.items()}
     found = {name: result[0] for name, result in rows.items() if result is not None}
     return Flown(design=design, store=store, failures=failures, tasks=found)

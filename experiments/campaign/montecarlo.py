@@ -6,9 +6,10 @@ that `sim.sensing.observation.measure(…, run=k)` gives a single flight.
 """
 
 import os
-from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from itertools import islice
 
 import numpy as np
 
@@ -95,29 +96,19 @@ def _fly(cell: Cell, truth: TruthRecord, runs: range, history: Floats) -> tuple[
     return fly_block(truth, sensors, t, address(cell.seed, runs[0], cell.follower), len(runs), history)
 
 
-def _tasks(cells: Sequence[Cell]) -> Iterator[tuple[Cell, TruthRecord, range]]:
-    """All blocks of all cells in their order."""
-    for cell in cells:
-        truth = truth_record(cell.truth, cell.errors)
-        for runs in _blocks(cell):
-            yield cell, truth, runs
-
-
 def _flown(cells: Sequence[Cell], workers: int) -> Iterator[tuple[Floats, Ints, Floats]]:
     """Tallies of all blocks in their order."""
+    blocks = (
+        partial(_fly, cell, truth, runs, _NO_HISTORY)
+        for cell in cells for truth in [truth_record(cell.truth, cell.errors)] for runs in _blocks(cell)
+    )  # fmt: skip
     if workers == 1:
-        for task in _tasks(cells):
-            yield _fly(*task, _NO_HISTORY)
+        yield from (block() for block in blocks)
         return
-    pending: deque[Future[tuple[Floats, Ints, Floats]]] = deque()
     with ThreadPoolExecutor(workers) as pool:
-        for task in _tasks(cells):
-            pending.append(pool.submit(_fly, *task, _NO_HISTORY))
-            # What is under way or waits is bounded, and with it the memory.
-            if len(pending) > 4 * workers:
-                yield pending.popleft().result()
-        while pending:
-            yield pending.popleft().result()
+        # the number of tallies that wait is bounded, and with it the memory
+        while some := list(islice(blocks, 4 * workers)):
+            yield from pool.map(lambda block: block(), some)
 
 
 def simulate_many(cells: Sequence[Cell], *, threads: int | None = None) -> Iterator[CellResult]:

@@ -88,7 +88,7 @@ def _print_effort(study: "Study", workers: int | None) -> None:
     effort = effort_of(plan, workers or len(os.sched_getaffinity(0)), perf_counter() - start)
     echo(
         f"{study.name}: {many(len(plan.points), 'point')}, {many(len(plan.arms), 'arm')}, "
-        f"{many(study.realizations, 'realization')}, "
+        f"{many(study.file.realizations, 'realization')}, "
         f"{many(study.runs, 'run')} of noise{' at first' if study.until else ''}; "
         f"{many(effort.flights, 'flight')}, {many(effort.cells, 'cell')}, "
         f"{many(effort.runs, 'run')}; about {max(effort.seconds, 1):.0f} s and {effort.megabytes:.0f} MB, if nothing "

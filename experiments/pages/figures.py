@@ -8,12 +8,16 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from textwrap import wrap
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from experiments.pages.style import COLOURS, FRAME, GRID, HEIGHT, INK, PAPER, SERIES, WIDTH, Colour, symbols
 from laisn.arrays import Floats
+
+if TYPE_CHECKING:
+    # its special functions take a tenth of a second to import, and a figure needs none
+    from experiments.findings import Finding
 
 DRAWN_POINTS = 600
 """Most points of a line in a panel of the usual width; more cannot be seen at this size."""
@@ -170,6 +174,22 @@ def panel(
     """A panel of one part; further settings as of `Panel`."""
     part = Part(lines=lines, y_label=y_label, y_limits=y_limits, y_log=y_log, ticks=y_ticks, traces=traces)
     return Panel(parts=(part,), **settings)
+
+
+def marks(findings: Sequence["Finding"], places: Floats, *, across: bool = False, **settings: Any) -> Line:
+    """Marks of findings over places, or beside them if `across`, with their intervals as bars.
+
+    Args:
+        findings: n numbers.
+        places: where they stand on the other axis, shape (n,).
+        across: values are on the x axis.
+        settings: as of `Line`.
+    """
+    value, low, high = np.array(
+        [[np.nan if end is None else end for end in (f.number, f.low, f.high)] for f in findings], dtype=np.float64
+    ).T
+    x, y = (value, places) if across else (places, value)
+    return Line(x=x, y=y, size=4.5, interval=(low, high), across=across, **settings)
 
 
 def decimate(x: Floats, y: Floats, points: int = DRAWN_POINTS) -> tuple[Floats, Floats]:

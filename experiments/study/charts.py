@@ -86,7 +86,7 @@ def axis_of(plan: Plan, name: str) -> Axis:
 
 def layout_of(plan: Plan) -> Layout:
     """Layout: as the study states, otherwise chosen."""
-    report, keys = plan.study.report, [factor.key for factor in plan.study.factors]
+    report, keys = plan.study.file.report, [factor.key for factor in plan.study.factors]
     free = [n for n in (*keys, ARM, FOLLOWER) if len(levels(plan, n)) > 1 or n in (report.against, report.lines)]
 
     def taken(*candidates: str) -> str:
@@ -125,7 +125,7 @@ def _values(plan: Plan, results: Results, names: Iterable[str], base: str = "") 
 
     Factors that are left out have one value, or those named single out a point.
     """
-    keys, metric = [factor.key for factor in plan.study.factors if factor.key in names], plan.study.report.metric
+    keys, metric = [factor.key for factor in plan.study.factors if factor.key in names], plan.study.file.report.metric
     # the first point of those that have the same values
     points = {tuple(repr(point[key]) for key in keys): i for i, point in reversed([*enumerate(plan.points)])}
     apart = results.differences(base, metric) if base else {}
@@ -157,7 +157,7 @@ def over_factor(plan: Plan, results: Results, layout: Layout, base: str = "") ->
     axis = axis_of(plan, layout.against)
     value_at = _values(plan, results, (layout.against, layout.lines, *layout.panels), base)
     kinds = levels(plan, layout.lines) if layout.lines else [None]
-    label = METRICS[plan.study.report.metric].label
+    label = METRICS[plan.study.file.report.metric].label
     ends = (-0.6, len(axis.values) - 0.4)
     drawn: dict[str, list[Line]] = {}
     extremes = list[float]()
@@ -172,7 +172,7 @@ def over_factor(plan: Plan, results: Results, layout: Layout, base: str = "") ->
             x, (y, low, high) = np.array([place for place, _ in known]), np.array([v for _, v in known]).T
             extremes += [*y, *low[~np.isnan(low)], *high[~np.isnan(high)]]
             name = value_text(kind) if layout.lines else ""
-            if axis.numeric and plan.study.design == "factorial":
+            if axis.numeric and plan.study.file.design == "factorial":
                 lines.append(Line(x=x, y=y, colour=colour))
             bars = (low, high) if x.size <= _MOST_BARS else None
             lines.append(Line(x=x, y=y, colour=colour, marker="o", size=3.0, name=name or label, interval=bars))
@@ -264,7 +264,7 @@ def effect_bars(effects: Mapping[str, Interval]) -> Figures:
 
 def over_realizations(plan: Plan, results: Results) -> Figures:
     """Share of realizations whose mean is below a value, a panel for each point and follower, a line for each arm."""
-    metric, drawn = plan.study.report.metric, dict[str, list[Line]]()
+    metric, drawn = plan.study.file.report.metric, dict[str, list[Line]]()
     for point, follower in itertools.product(range(len(plan.points)), plan.followers):
         means = [np.sort(results.by_realization((point, arm, follower), metric)) for arm in plan.arms]
         lines = [
@@ -288,7 +288,7 @@ def over_realizations(plan: Plan, results: Results) -> Figures:
 
 def over_draws(plan: Plan, results: Results, point: int) -> Figures:
     """The means of the realizations of a point over each number that was drawn, a panel for each key."""
-    metric, panels = plan.study.report.metric, list[Panel]()
+    metric, panels = plan.study.file.report.metric, list[Panel]()
     label, places = METRICS[metric].label, [(point, arm, plan.followers[0]) for arm in plan.arms]
     for draw in plan.study.draws[:MOST_PANELS]:
         drawn = [[row[draw.key] for row in results.rows.get(place, [])] for place in places]

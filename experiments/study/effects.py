@@ -90,11 +90,11 @@ def main_effects(plan: Plan, results: Results, metric: str) -> dict[str, Interva
     names = factors + [ARM] * (len(plan.arms) > 1) + [FOLLOWER] * (len(plan.followers) > 1)
     given = {name: [plan.points[place[0]][name] for place in places] for name in factors}
     given |= {ARM: [place[1] for place in places], FOLLOWER: [place[2] for place in places]}
-    random = np.random.default_rng([_KEY, plan.study.seed or 0])
+    random = np.random.default_rng([_KEY, plan.study.file.seed or 0])
     coded = {name: _coded(plan, name, given[name]) for name in names}
     resamples = min(_RESAMPLES, max(_MOST_VALUES // len(places), 20))
     found: dict[str, Interval] = {}
-    if plan.study.design == "factorial":
+    if plan.study.file.design == "factorial":
         count = samples.shape[1]
         weights = random.multinomial(count, np.full(count, 1.0 / count), resamples) if count > 1 else np.ones((0, 1))
         known = ~np.isnan(samples)

@@ -107,8 +107,10 @@ class StudyFile(Section):
         Discriminator(lambda given: "table" if isinstance(given, Mapping | Runs) else ""),
     ] = 60
     runs_apart: Annotated[int, Field(ge=0, le=1_000_000)] = 0
+    """How far apart the numbers of the runs of two points are: 0 where all points share their noise."""
     realizations: Annotated[int, Field(ge=1, le=100_000)] = 1
     seed: Annotated[int, Field(ge=0, lt=2**62)] | None = None
+    """None: the scenario's."""
     design: Design = "factorial"
     points: Annotated[int, Field(ge=2, le=65536)] | None = None
     set: dict[str, Any] = Field(default_factory=dict)
@@ -117,7 +119,9 @@ class StudyFile(Section):
     draw: dict[str, Any] = Field(default_factory=dict)
     arm: list[Arm] = Field(default_factory=list)
     steps: bool = False
+    """Whether errors over time are kept."""
     bound_lag_s: Annotated[float, Field(ge=0, le=1e4)] = 0.0
+    """Of messages that the bound of smoothing uses [s]; 0: it is not computed."""
     report: Report = Report()
 
 
@@ -128,20 +132,14 @@ class Study:
     name: str
     source: str
     """The file, or the scenario that options vary, for messages."""
-    question: str
+    file: StudyFile
+    """Its own keys, with the options of the command in their places."""
     scenarios: Mapping[str, str]
     """Built-in names, or paths of files, by the names that the study gives them."""
     runs: int
     """Of noise at each point, arm and realization; with `until` a multiple of `batch`."""
     batch: int
     until: Until | None
-    runs_apart: int
-    """How far apart the numbers of the runs of two points are: 0 where all points share their noise."""
-    realizations: int
-    seed: int | None
-    """None: the scenario's."""
-    design: Design
-    points: int | None
     settings: Mapping[str, Any]
     factors: tuple[Factor, ...]
     draws: tuple[Draw, ...]
@@ -151,11 +149,6 @@ class Study:
     """Named settings that are compared on the same noise and realizations."""
     groups: Mapping[tuple[str, str], Group]
     """The arms' and the cases' keys that are none of the scenario's, by kind and name."""
-    steps: bool
-    """Whether errors over time are kept."""
-    bound_lag_s: float
-    """Of messages that the bound of smoothing uses [s]; 0: it is not computed."""
-    report: Report
     table: Mapping[str, Any]
     """Content of the file, with the options of the command in their places."""
 
@@ -301,18 +294,17 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
     runs = file.runs.batch if isinstance(file.runs, Runs) else file.runs
     own = {CASE: [*cases], SCENARIO: given if given is file.scenario else []}
     study = Study(
-        name=file.name or name, source=source, question=file.question.strip(), scenarios=scenarios, runs=runs,
-        batch=runs, until=until, runs_apart=file.runs_apart, realizations=file.realizations, seed=file.seed,
-        design=file.design, points=file.points, settings=settings_of(dotted(file.set, follows_run)),
+        name=file.name or name, source=source, file=file, scenarios=scenarios, runs=runs,
+        batch=runs, until=until, settings=settings_of(dotted(file.set, follows_run)),
         factors=made("vary", {key: values for key, values in own.items() if values} | varied,
                      partial(Factor.of, sampled=sampled)),
         draws=made("draw", dotted(file.draw, _names_a_law), Draw.of), cases=cases, arms=arms,
         groups={(kind, one.name): one for kind, given in ((CASE, file.case), (ARM, file.arm)) for one in given},
-        steps=file.steps, bound_lag_s=file.bound_lag_s, report=file.report, table=table,
+        table=table,
     )  # fmt: skip
     lines += [f"  vary.{key}: belongs to the study" for key in own if key in varied]
     lines += _overlaps(study)
-    if study.until and study.realizations > 1:
+    if study.until and study.file.realizations > 1:
         text = "the interval over several realizations does not narrow with runs; use one realization"
         lines.append(f"  runs.until: {text}")
     if lines:

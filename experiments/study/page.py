@@ -54,7 +54,7 @@ def _verdict(apart: Interval, value: float, base: float) -> str:
 
 def notable(plan: Plan, results: Results, place: Place) -> tuple[tuple[int, int], tuple[int, int]]:
     """Realization and run of the worst and the median run of a place, by the report's metric if single runs have it."""
-    runs = results.by_run(place, plan.study.report.metric) or results.by_run(place, METRIC) or []
+    runs = results.by_run(place, plan.study.file.report.metric) or results.by_run(place, METRIC) or []
     # a run that contact ended has no value, and is the first to look at
     every = sorted(
         (math.inf if math.isnan(value) else value, row["realization"], int(run))
@@ -68,7 +68,7 @@ def worst_entry(plan: Plan, results: Results) -> tuple[Entry, int, str]:
     """The scenario, run and follower of the worst run of the worst place."""
 
     def size(place: Place) -> float:
-        value = results.estimate(place, plan.study.report.metric).value
+        value = results.estimate(place, plan.study.file.report.metric).value
         return -math.inf if math.isnan(value) else value
 
     place = max(results.rows, key=size)
@@ -81,7 +81,7 @@ def commands(plan: Plan, results: Results) -> str:
     lines = []
     for place in list(results.rows)[:_MOST_COMMANDS]:
         for which, (realization, run) in zip(("worst", "median"), notable(plan, results, place), strict=True):
-            realization_text = f" of realization {realization}" if plan.study.realizations > 1 else ""
+            realization_text = f" of realization {realization}" if plan.study.file.realizations > 1 else ""
             lines.append(f"# {_place_text(plan, place)}: {which} run, {run}{realization_text}")
             entry = plan.by_place[place[0], place[1], realization]
             lines.append(fly_line(entry.source, entry.settings_at(run), run))
@@ -90,7 +90,7 @@ def commands(plan: Plan, results: Results) -> str:
 
 def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], film: Path | None = None) -> Page:
     """The page of a study; `failures` are entries that could not be flown, by what happened, `film` its worst run."""
-    study, report, factors = plan.study, plan.study.report, varied(plan)
+    study, report, factors = plan.study, plan.study.file.report, varied(plan)
     layout, metric = charts.layout_of(plan), METRICS[report.metric]
     found = {place: results.estimate(place, report.metric) for place in results.rows}
     known = sorted((place for place in found if not math.isnan(found[place].value)), key=lambda p: found[p].value)
@@ -99,7 +99,7 @@ def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], f
     half, effects = _MOST_ROWS // 2, main_effects(plan, results, report.metric)
     listed = list(results.rows) if len(results.rows) <= _MOST_ROWS else known[:half] + known[-half:]
     across = layout.against if layout.against in factors else "".join(factors[:1])
-    factorial, asked = study.design == "factorial", any((report.against, report.lines, report.panels))
+    factorial, asked = study.file.design == "factorial", any((report.against, report.lines, report.panels))
     calm = all(entry.scenario.ocean.waves.kind == "none" for entry in plan.entries)
     values = {
         "plan": plan, "study": study, "results": results, "failures": failures, "charts": charts, "layout": layout,
@@ -111,7 +111,7 @@ def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], f
         "found": found, "apart": apart, "effects": effects, "effects_first": bool(effects) and len(factors) > 2,
         "extremes": [(place, shown(found[place], metric.unit)) for place in known[:1] + known[1:][-1:]],
         "verdicts": {a: Counter(text for p, text in said.items() if p[1] == a) for a in plan.arms[1:]},
-        "question": Text(text=study.question), "has_lines": factorial and (asked or len(factors) < 2),
+        "question": Text(text=study.file.question.strip()), "has_lines": factorial and (asked or len(factors) < 2),
         "map_axes": [across, *(f for f in factors if f != across)][:2] if factorial and len(factors) > 1 else [],
         "idle": [draw.key for draw in study.draws if calm and draw.key.startswith("ocean.waves.")],
         "runs": study.runs * sum(len(entry.scenario.followers) for entry in plan.entries),
@@ -124,7 +124,7 @@ def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], f
         *([("arms", ", ".join(plan.arms))] if study.arms else []),
         ("seed", str(min(row["seed"] for rows in results.rows.values() for row in rows))),
         ("runs", str(study.runs)),
-        ("realizations", str(study.realizations)),
+        ("realizations", str(study.file.realizations)),
         ("repeat it", "laisn study study.toml, the file in this folder"),
     ]
     return template.page_of("experiments.study", facts, values)

@@ -146,7 +146,7 @@ def _with(table: Mapping[str, Any], settings: Mapping[str, Any]) -> tuple[dict[s
 
 def _report_errors(study: Study) -> list[str]:
     """A line for each metric and each factor of the report that does not exist."""
-    report, lines = study.report, []
+    report, lines = study.file.report, []
     asked = {"report.metric": report.metric} | ({"runs.until.metric": study.until.metric} if study.until else {})
     for key, metric in asked.items():
         if metric not in METRICS:
@@ -189,11 +189,11 @@ def _examined(study: Study, tables: Mapping[str, Mapping[str, Any]], points: lis
         name = point.get(SCENARIO, next(iter(tables)))
         own = {key: value for key, value in point.items() if key not in (SCENARIO, CASE)}
         given, case = tables[name].get("seed"), study.cases.get(point.get(CASE, ""), {})
-        first = study.seed if study.seed is not None else given if isinstance(given, int) else 1
-        for arm, realization in product(study.arms_at(point), range(study.realizations)):
+        first = study.file.seed if study.file.seed is not None else given if isinstance(given, int) else 1
+        for arm, realization in product(study.arms_at(point), range(study.file.realizations)):
             total += 1
             settings = {**study.settings, **case, **study.arms.get(arm, {}), **own, **drawn(first, realization)}
-            if study.realizations > 1 or study.seed is not None:
+            if study.file.realizations > 1 or study.file.seed is not None:
                 settings["seed"] = first + realization
             moving = repr((name, [one for one in settings.items() if not _READINGS.match(one[0])]))
             try:
@@ -208,7 +208,7 @@ def _examined(study: Study, tables: Mapping[str, Mapping[str, Any]], points: lis
                 # ten thousand scenarios differ in few sections, and share all others in memory
                 shared = {part: parts.setdefault((part, value), value) for part, value in scenario
                           if isinstance(value, Section) and not getattr(value, "own", None)}  # fmt: skip
-                scenario = scenario.model_copy(update={**shared, "run": scenario.run + number * study.runs_apart})
+                scenario = scenario.model_copy(update={**shared, "run": scenario.run + number * study.file.runs_apart})
                 entry = Entry(
                     point=number, arm=arm, realization=realization, settings=settings, source=study.scenarios[name],
                     scenario=scenario, motion=motions[moving],
@@ -225,7 +225,7 @@ def _examined(study: Study, tables: Mapping[str, Mapping[str, Any]], points: lis
                 except LaisnError as error:
                     lines.append(f"  arm {arm}: {error}")
             where = [f"{key} = {text_of(value)}" for key, value in point.items()] if lines else []
-            where += [f"arm {arm}"] * bool(study.arms) + [f"realization {realization}"] * (study.realizations > 1)
+            where += [f"arm {arm}"] * bool(study.arms) + [f"realization {realization}"] * (study.file.realizations > 1)
             for line in lines:
                 errors.setdefault(line, []).append(", ".join(where))
     return _Examined(entries, [
@@ -249,12 +249,14 @@ def plan_of(study: Study) -> Plan:
             a point, and where in the design it is.
     """
     lines = _report_errors(study)
-    each = max(len(study.arms), 1) * study.realizations
+    each = max(len(study.arms), 1) * study.file.realizations
     if each > MOST_ENTRIES:
         lines.append(f"  arm, realizations: {each:,} scenarios at each point, at most {MOST_ENTRIES:,} in all")
         raise refusal(study.source, lines)
     try:
-        points = points_of(study.factors, study.design, study.points, study.seed or 0, MOST_ENTRIES // each)
+        points = points_of(
+            study.factors, study.file.design, study.file.points, study.file.seed or 0, MOST_ENTRIES // each
+        )
     except ValueError as error:
         lines.append(f"  design: {error}")
     try:
@@ -268,8 +270,9 @@ def plan_of(study: Study) -> Plan:
     if last > MOST_RUNS:
         errors.insert(0, f"  runs, runs_apart: the last run is number {last:,}, at most {MOST_RUNS:,}")
     irregular = any(entry.scenario.ocean.waves.kind == "jonswap" for entry in entries)
-    if study.realizations > 1 and entries and not study.draws and not irregular:
-        text = f"{study.realizations} equal realizations: nothing is drawn in [draw], and there are no irregular waves"
+    number = study.file.realizations
+    if number > 1 and entries and not study.draws and not irregular:
+        text = f"{number} equal realizations: nothing is drawn in [draw], and there are no irregular waves"
         errors.insert(0, f"  realizations: {text}; set more runs instead")
     if errors:
         raise refusal(study.source, errors)

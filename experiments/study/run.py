@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from experiments.campaign import campaign, missions
-from experiments.campaign.campaign import Design, ExecutionOptions, Facts, Flown, Task
+from experiments.campaign.campaign import Design, ExecutionOptions, Flown, Task
 from experiments.campaign.plans import CellPlan
 from experiments.campaign.store import Arrays, CampaignError, Record, columns_of
 from experiments.flight.fly import fly
@@ -120,24 +120,21 @@ def _cells(plan: Plan, entry: Entry) -> list[CellPlan]:
             runs=plan.study.runs,
             follower=follower,
             first_run=entry.scenario.run,
-            keep_steps=plan.study.steps,
+            keep_steps=plan.study.file.steps,
             level_leader=plan.study.arm(entry.arm).level_leader,
             disturb=plan.study.disturb_at(plan.points[entry.point], entry.arm),
-            lag_s=plan.study.bound_lag_s,
+            lag_s=plan.study.file.bound_lag_s,
         )
         for follower in range(len(entry.scenario.followers))
     ]
 
 
-def fly_studies(
-    plans: Sequence[Plan], folder: Path, *, facts: Facts = facts_of, **options: Unpack[ExecutionOptions]
-) -> list[Outcomes]:
+def fly_studies(plans: Sequence[Plan], folder: Path, **options: Unpack[ExecutionOptions]) -> list[Outcomes]:
     """Fly studies together, or what is missing of them.
 
     Args:
         plans: of the studies, which share missions and cells.
         folder: of the results.
-        facts: measures the motion of a mission: a record for each follower, whose columns join those of the results.
         options: as of `campaign.fly`, as are the errors.
 
     Returns:
@@ -153,7 +150,7 @@ def fly_studies(
     design = Design(
         cells=[cell for plan, own in zip(plans, cells, strict=True)
                for entry in plan.entries if not entry.closed_loop for cell in own[entry.place]],
-        facts=facts,
+        facts=facts_of,
         tasks=tasks,
         what="runs",
         ahead=partial(fly, closed[0][1].scenario.first_messages) if closed else None,
@@ -180,7 +177,7 @@ def _outcomes(i: int, plan: Plan, cells: Mapping[tuple[int, str, int], list[Cell
             labels = _labels(plan, entry, cell.follower)
             outcomes.rows.append(labels | {name: value for name, value in row.items() if name not in _OWN})
             outcomes.runs.append((labels, lists))
-            outcomes.steps.append(flown.steps(cell) if plan.study.steps and not entry.closed_loop else {})
+            outcomes.steps.append(flown.steps(cell) if plan.study.file.steps and not entry.closed_loop else {})
     return outcomes
 
 

@@ -83,7 +83,7 @@ def effort_of(plan: Plan, workers: int, planning: float = 0.0) -> Effort:
 
 def record_of(plan: Plan, results: Results) -> Findings:
     """The metric of the report at every place, and the arms' differences from the first of them."""
-    study, metric = plan.study, plan.study.report.metric
+    study, metric = plan.study, plan.study.file.report.metric
     unit, what, first = METRICS[metric].unit, METRICS[metric].what, plan.arms[0]
     found: dict[str, Finding] = {}
     apart = results.differences(first, metric)

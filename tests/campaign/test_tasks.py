@@ -125,8 +125,7 @@ def order(folder: Path, stored: Callable[[int], bool], computed: list[int]) -> N
         computed.append(number)
         return list
 
-    jobs = [campaign._Job(name=n, keys=[str(n)], work=partial(work, n)) for n in range(100)]
-    campaign._compute("", jobs, Results(folder, stored), Pool(1), quiet=True)
+    campaign._compute("", {n: [str(n)] for n in range(100)}, work, Results(folder, stored), Pool(1), quiet=True)
 
 
 def test_what_another_process_stores_meanwhile_is_skipped(tmp_path: Path) -> None:

@@ -449,7 +449,7 @@ def test_studies_that_ship_are_valid_and_introduce_themselves(name):
     for path in built_in(name).values() or [FOLDER / f"{name}.toml"]:
         assert path.read_text(encoding="utf-8").startswith("# ")
         plan = plan_of(study_of(str(path), {}))
-        assert plan.study.question
+        assert plan.study.file.question
         assert plan.study.name.startswith(name)
         if built_in(name):
             assert plan_of(study_of(str(path), {}, quick=True)).flights <= plan.flights

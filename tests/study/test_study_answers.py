@@ -304,7 +304,7 @@ def test_differences_are_drawn_from_a_line_of_none(plan: Plan, results: Results,
 
 
 def judged_by(plan: Plan, metric: str, **changes: Any) -> Plan:
-    report = plan.study.report.model_copy(update={"metric": metric})
+    report = plan.study.file.report.model_copy(update={"metric": metric})
     return replace(plan, study=replace(plan.study, report=report, **changes))
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from experiments.findings import Findings
-from experiments.pages.figures import Line, Panel, panel
+from experiments.pages.figures import Panel, marks, panel
 from experiments.pages.page import Figures
 from experiments.pages.style import SERIES
 from experiments.studies.estimators.findings import INTERVAL, missions_of
@@ -23,11 +23,8 @@ def picture(findings: Findings, cases: Collection[str]) -> Panel:
         ("laisn-2", "LAISN-2", SERIES[1], -0.08),
         ("error", "tightly coupled", SERIES[0], 0.08),
     ):
-        found = [findings[f"{name} {case} 5"] for case in cases]
-        ends = [(np.nan, np.nan) if one.low is None or one.high is None else (one.low, one.high) for one in found]
-        low, high = np.array(ends).T
-        y, places = np.array([one.number for one in found]), np.arange(len(found), dtype=np.float64) + aside
-        lines.append(Line(x=places, y=y, colour=colour, marker="o", size=4.5, name=title, interval=(low, high)))
+        found, places = [findings[f"{name} {case} 5"] for case in cases], np.arange(float(len(cases))) + aside
+        lines.append(marks(found, places, colour=colour, marker="o", name=title))
     drawn = np.concatenate([[*line.y, *line.interval[0], *line.interval[1]] for line in lines if line.interval])
     return panel(
         lines, x_label="case", y_label="mean E_P over the routes [m]", height=3.0, y_log=True,

@@ -214,7 +214,8 @@ def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
     """Findings of all parts of the study."""
     parts = {name: missions_of(one) for name, one in outcomes.items()}
     study = outcomes["cases"].plan.study
-    named = {"seed": plain(study.seed, "of all noise"), "runs": plain(study.runs, "runs of each mission of G1 to G7")}
+    seed, runs = study.file.seed, study.runs
+    named = {"seed": plain(seed, "of all noise"), "runs": plain(runs, "runs of each mission of G1 to G7")}
     for key, missions in grouped(parts["cases"], "case", INTERVAL):
         named |= of_missions(key, missions)
         if "ekf" in missions[0].runs:

@@ -7,7 +7,7 @@ import numpy as np
 
 from experiments.findings import Findings
 from experiments.flight.library import load
-from experiments.pages.figures import Line, Panel, panel
+from experiments.pages.figures import Panel, marks, panel
 from experiments.pages.page import Figures, share_of, with_limits
 from experiments.pages.style import FULL, SERIES
 from experiments.studies.formation import limits
@@ -24,17 +24,11 @@ _SERIES = {
 def picture(findings: Findings, conditions: Mapping[str, str]) -> Panel:
     """Distance from the station in each condition, by its title, the first at the top; a bar is a 95 % interval."""
     places = np.arange(len(conditions), dtype=np.float64)[::-1]
-    lines = []
-    for key, (colour, marker, text) in _SERIES.items():
-        found = [findings[f"{key} {name}"] for name in conditions]
-        ends = [(np.nan, np.nan) if one.low is None or one.high is None else (one.low, one.high) for one in found]
-        low, high = np.array(ends).T
-        values = np.array([finding.number for finding in found])
-        lines.append(
-            Line(
-                x=values, y=places, colour=colour, marker=marker, size=4.5, name=text, interval=(low, high), across=True
-            )
-        )
+    lines = [
+        marks([findings[f"{key} {name}"] for name in conditions], places, across=True, colour=colour, marker=marker,
+              name=text)
+        for key, (colour, marker, text) in _SERIES.items()
+    ]  # fmt: skip
     return panel(
         lines, x_label="distance from the station [m]", y_label="", width=FULL, height=1.0 + 0.21 * places.size,
         y_limits=(-0.7, places.size - 0.3), x_log=True,

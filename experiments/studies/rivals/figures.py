@@ -1,12 +1,13 @@
 """The figure of the study of rival methods, and what else its page shows."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from experiments.findings import Findings
-from experiments.pages.figures import Line, Panel, panel
+from experiments.pages.figures import Panel, marks, panel
 from experiments.pages.page import Figures, share_of
 from experiments.pages.style import FULL, SERIES, Legend
 from experiments.studies.rivals import findings as study
@@ -20,13 +21,9 @@ def picture(findings: Findings) -> tuple[Panel, Legend]:
     lines, legend = [], []
     for i, (condition, title) in enumerate(CONDITIONS.items()):
         found = [findings[f"error {case_name(name, condition, USUAL)}"] for name in NAVIGATORS]
-        ends = [(np.nan, np.nan) if f.low is None or f.high is None else (max(f.low, 1e-2), f.high) for f in found]
-        low, high = np.array(ends).T
-        values = np.array([finding.number for finding in found])
-        y = places + 0.15 * (1.5 - i)
-        lines.append(Line(
-            x=values, y=y, colour=SERIES[i], marker="o", size=4.5, name=title, interval=(low, high), across=True
-        ))  # fmt: skip
+        # a bar needs a positive end on a logarithmic axis
+        found = [f if f.low is None else replace(f, low=max(f.low, 1e-2)) for f in found]
+        lines.append(marks(found, places + 0.15 * (1.5 - i), across=True, colour=SERIES[i], marker="o", name=title))
         legend.append((SERIES[i], title))
     titles = dict(zip(places.tolist(), NAVIGATORS.values(), strict=True))
     figure = panel(
