@@ -57,6 +57,14 @@ class Innovation(NamedTuple):
     """False where S was singular and the update was skipped."""
 
 
+def kalman_update(x: Floats, P: Floats, H: Floats, innovation: Floats, R: Floats) -> tuple[Floats, Floats]:
+    """Joseph form: x ← x + K ν, P ← (I − K H) P (I − K H)ᵀ + K R Kᵀ with K = P Hᵀ S⁻¹, S = H P Hᵀ + R."""
+    HP = H @ P
+    K = np.linalg.solve(HP @ H.T + R, HP).T
+    rest = np.eye(x.size) - K @ H
+    return x + K @ innovation, rest @ P @ rest.T + K @ R @ K.T
+
+
 def _motion(dt: float) -> tuple[Floats, Floats]:
     """Transition over a step of constant velocity, and Q for an acceleration of unit variance that is constant over it.
 
@@ -141,10 +149,8 @@ class Filter:
         variance = float(h @ covariance @ h) + sigma**2
         if variance < SINGULAR_VARIANCE:
             return Innovation(residual, variance * np.eye(2), applied=False)
-        gain = covariance @ h / variance
-        rest = np.eye(4) - np.outer(gain, h)
-        self._kalman.x = self._kalman.x + gain * float(residual @ h[:2])
-        self._kalman.P = rest @ covariance @ rest.T + sigma**2 * np.outer(gain, gain)
+        along, noise = np.array([residual @ h[:2]]), np.array([[sigma**2]])
+        self._kalman.x, self._kalman.P = kalman_update(self._kalman.x, covariance, h[None], along, noise)
         return Innovation(residual, variance * np.eye(2), applied=True)
 
     def update_speed(self, speed: float, heading: float, sigma_speed: float, sigma_heading: float) -> None:

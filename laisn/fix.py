@@ -30,6 +30,8 @@ TANGENT = float(FixKind.TANGENT)
 ASTERN = float(FixKind.ASTERN)
 FUSED = float(FixKind.FUSED)
 LOST = float(FixKind.LOST)
+GATED = float(FixKind.GATED)
+SINGULAR = float(FixKind.SINGULAR)
 """Kinds of fix as formulas hold them, among other numbers."""
 
 

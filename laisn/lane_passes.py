@@ -13,17 +13,13 @@ from laisn import lane_rows as row
 from laisn.arrays import Floats
 from laisn.compiled import compiled_lanes, inlined
 from laisn.elementary import sin_cos
-from laisn.estimates import FixKind
 from laisn.filter import expected_acceleration, is_beyond, larger, reach, speed_share, turn_share
-from laisn.fix import LOST, Circle, Fix, Pair, circles, fix_variance, pair_fix
+from laisn.fix import GATED, LOST, SINGULAR, Circle, Fix, Pair, circles, fix_variance, pair_fix
 from laisn.geometry import Point, Turn, is_singular, level_arms, tilted_arms
 from laisn.lane_rows import LANES
 from laisn.messages import Ranges
 from laisn.settings import VARIANTS, Tuning
 from laisn.variants import SINGLE, Pairs
-
-_GATED = float(FixKind.GATED)
-_SINGULAR = float(FixKind.SINGULAR)
 
 
 @compiled_lanes
@@ -62,12 +58,7 @@ def predict(block: Floats, t: Tuning) -> None:
         sigma_a = expected_acceleration(block[row.GAMMA_V + lane], block[row.GAMMA_THETA + lane], t)
         q = sigma_a * sigma_a * (dt * dt)
         q_mixed, q_position = q * (0.5 * dt), q * (0.25 * dt * dt)
-        cxx, cxy, cyx, cyy = (
-            block[row.CXX + lane],
-            block[row.CXY + lane],
-            block[row.CYX + lane],
-            block[row.CYY + lane],
-        )
+        cxx, cxy, cyx, cyy = row.cross_covariance_at(block, lane)
         vxx, vxy, vyy = block[row.VXX + lane] * dt, block[row.VXY + lane] * dt, block[row.VYY + lane] * dt
         block[row.X + lane] += dt * block[row.VX + lane]
         block[row.Y + lane] += dt * block[row.VY + lane]
@@ -90,12 +81,7 @@ def speed_update(block: Floats, t: Tuning) -> None:
         along, across = t.speed_variance, t.heading_variance * (speed * speed)
         rxx, rxy, ryy = s * s * along + c * c * across, s * c * (along - across), c * c * along + s * s * across
         vxx, vxy, vyy = block[row.VXX + lane], block[row.VXY + lane], block[row.VYY + lane]
-        cxx, cxy, cyx, cyy = (
-            block[row.CXX + lane],
-            block[row.CXY + lane],
-            block[row.CYX + lane],
-            block[row.CYY + lane],
-        )
+        cxx, cxy, cyx, cyy = row.cross_covariance_at(block, lane)
         sxx, sxy, syy = vxx + rxx, vxy + rxy, vyy + ryy
         per_det = 1.0 / (sxx * syy - sxy * sxy)
         ixx, ixy, iyy = syy * per_det, -sxy * per_det, sxx * per_det
@@ -134,16 +120,11 @@ def update(block: Floats, t: Tuning, k: int) -> None:
         gated = is_beyond(Point(zx, zy), row.point_at(block, row.ACCEPTED_X, lane), bound)
 
         pxx, pxy, pyy = block[row.PXX + lane], block[row.PXY + lane], block[row.PYY + lane]
-        cxx, cxy, cyx, cyy = (
-            block[row.CXX + lane],
-            block[row.CXY + lane],
-            block[row.CYX + lane],
-            block[row.CYY + lane],
-        )
+        cxx, cxy, cyx, cyy = row.cross_covariance_at(block, lane)
         sxx, syy = pxx + r, pyy + r
         singular = is_singular(sxx, syy)
         lost = kind == LOST
-        kind = kind if lost else (_GATED if gated else (_SINGULAR if singular else kind))
+        kind = kind if lost else (GATED if gated else (SINGULAR if singular else kind))
         used = not (lost or gated or singular)
         block[row.KIND + lane] = kind
         block[row.PASSED + lane] = 1.0 if not (lost or gated) else block[row.PASSED + lane]
@@ -254,17 +235,10 @@ def fix_middle_front(block: Floats, t: Tuning) -> None:
 
 
 @compiled_lanes
-def load_fix(block: Floats, fix: int) -> None:
-    """Choose the fix whose rows begin at `fix`."""
+def copy_fix(block: Floats, source: int, target: int) -> None:
+    """Copy a fix, with its kind and NIS, between the rows that begin at `source` and `target`."""
     for i in range(6 * LANES):
-        block[row.ZX + i] = block[fix + i]
-
-
-@compiled_lanes
-def store_fix(block: Floats, fix: int) -> None:
-    """Copy the chosen fix, with its kind and NIS, back to its rows."""
-    for i in range(6 * LANES):
-        block[fix + i] = block[row.ZX + i]
+        block[target + i] = block[source + i]
 
 
 def _pass(single: Callable[[Pairs, Point], Fix]) -> Choose:

@@ -65,6 +65,12 @@ def point_at(block: Floats, first: int, lane: int) -> Point:
 
 
 @inlined
+def cross_covariance_at(block: Floats, lane: int) -> tuple[float, float, float, float]:
+    """Covariance of position and velocity: CXX, CXY, CYX, CYY."""
+    return block[CXX + lane], block[CXY + lane], block[CYX + lane], block[CYY + lane]
+
+
+@inlined
 def fix_at(block: Floats, first: int, lane: int) -> Fix:
     """The fix whose rows begin at `first`."""
     return Fix(

@@ -14,8 +14,8 @@ from laisn import lane_passes
 from laisn import lane_rows as row
 from laisn.arrays import Bools, Floats, Ints, Records
 from laisn.compiled import compiled_lanes, copy_values
-from laisn.estimates import FixKind
 from laisn.failure import LaisnError
+from laisn.fix import GATED
 from laisn.lane_rows import LANES
 from laisn.messages import LeaderMessage, Measurements
 from laisn.settings import VARIANTS, NavigationSettings, Tuning
@@ -29,9 +29,9 @@ _BROADCAST = [LeaderMessage._fields.index(n) for n in ("east", "north", "heading
 @compiled_lanes
 def _use_pair(block: Floats, t: Tuning, k: int, fix: int) -> None:
     """One of the three updates of LAISN-3(1)."""
-    lane_passes.load_fix(block, fix)
+    lane_passes.copy_fix(block, fix, row.ZX)
     lane_passes.update(block, t, k)
-    lane_passes.store_fix(block, fix)
+    lane_passes.copy_fix(block, row.ZX, fix)
 
 
 @compiled_lanes
@@ -162,9 +162,6 @@ def run(measurements: Sequence[Measurements], start: npt.ArrayLike, settings: Na
     return LaneEstimates(state, kinds)
 
 
-_GATED = float(FixKind.GATED)
-
-
 class LaneSwarm(NamedTuple):
     """LAISN's navigators of f followers; biases and current are no states of theirs."""
 
@@ -202,7 +199,7 @@ class LaneSwarm(NamedTuple):
             velocity[0], velocity[1] = block[row.VX + i], block[row.VY + i]
             if received[i]:
                 for first in fix_rows(self.tuning.variant):
-                    self.gated[i] += first >= 0 and block[first + 3 * LANES + i] == _GATED
+                    self.gated[i] += first >= 0 and block[first + 3 * LANES + i] == GATED
         return 0
 
 

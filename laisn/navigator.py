@@ -13,7 +13,7 @@ from laisn.filter import Filter, Gate, expected_acceleration, larger, speed_shar
 from laisn.fix import Fix, RangeCircles, fix_variance, one_range, to_circles
 from laisn.geometry import Point
 from laisn.messages import LeaderMessage, OwnMotion, Reception
-from laisn.navigators import OnlineNavigator
+from laisn.navigators import OnlineNavigator, require_message
 from laisn.settings import NavigationSettings, Tuning
 from laisn.variants import SEQUENTIAL, SINGLE
 
@@ -57,8 +57,7 @@ class Navigator(OnlineNavigator[Estimates]):
         """Advance by one filter step; see `OnlineNavigator.step`. LAISN-3(1) makes up to three fixes of a message."""
         own = self._begin_step(own, duration)
         if reception is not None:
-            if not np.all(np.isfinite(reception.message[:6])):
-                raise LaisnError(f"step {self._step}: leader message {reception.message} is not finite")
+            require_message(self._step, reception.message)
             if np.any(np.isinf(reception.ranges)):
                 raise LaisnError(
                     f"step {self._step}: range {reception.ranges} is infinite; NaN stands for a missing one"

@@ -16,22 +16,21 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.failure import LaisnError
-from laisn.messages import Measurements, OwnMotion, Reception
+from laisn.messages import LeaderMessage, Measurements, OwnMotion, Reception
 from laisn.plugins import find_class, is_plugin_name
-from laisn.rivals.settings import RivalSettings
 from laisn.settings import VARIANTS, NavigationSettings, Settings
 from laisn.tight.estimates import TightEstimates
-from laisn.tight.settings import TightSettings
+from laisn.tight.settings import RivalSettings, TightSettings
 
 
-class AnyNavigator(Protocol):
+class MissionNavigator(Protocol):
     """A navigator: converts the measurements of a mission into estimates."""
 
     def run(self, measurements: Measurements) -> Estimates:
         """Estimates of a whole mission from the start."""
 
 
-NavigatorFactory = Callable[[Any, Floats], AnyNavigator]
+NavigatorFactory = Callable[[Any, Floats], MissionNavigator]
 """Makes the navigator of one follower from its settings and its start [x, y, vx, vy]."""
 
 
@@ -86,14 +85,14 @@ class NavigatorSpec:
     def _class(self) -> Any:
         return resolve_name(self.factory) if isinstance(self.factory, str) else self.factory
 
-    def make(self, settings: Settings, start: Floats) -> AnyNavigator:
+    def make(self, settings: Settings, start: Floats) -> MissionNavigator:
         """The navigator of one follower at its start [x, y, vx, vy].
 
         Raises:
             ValueError: the start is not four finite numbers.
         """
         navigator = self._class(settings, start)
-        made: AnyNavigator = navigator if hasattr(navigator, "run") else SteppedNavigator(navigator, settings)
+        made: MissionNavigator = navigator if hasattr(navigator, "run") else SteppedNavigator(navigator, settings)
         return made
 
     def new_swarm(self, settings: Settings, starts: Floats) -> Any:
@@ -206,7 +205,7 @@ def spec_of(settings: Settings) -> NavigatorSpec:
     return next(spec for spec in NAVIGATORS.values() if type(settings) is spec.settings)
 
 
-def new_navigator(settings: Settings, start: Floats) -> AnyNavigator:
+def new_navigator(settings: Settings, start: Floats) -> MissionNavigator:
     """The navigator of this project that takes these settings, at its start [x, y, vx, vy]; errors as of `make`."""
     return spec_of(settings).make(settings, start)
 
@@ -225,6 +224,12 @@ def require_readings(step: int, own: OwnMotion, reception: Reception | None, log
     for value in ranges:
         if value < 0.0 or value > FARTHEST:
             raise LaisnError(f"step {step}: ranges {ranges}, expected 0 … {FARTHEST:g} m, NaN for a missing one")
+
+
+def require_message(step: int, message: LeaderMessage) -> None:
+    """LaisnError unless time, pose, speed and depth of the leader are finite."""
+    if not all(map(math.isfinite, message[:6])):
+        raise LaisnError(f"step {step}: leader message {message} is not finite")
 
 
 Result = TypeVar("Result", bound=Estimates)

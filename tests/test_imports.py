@@ -12,7 +12,7 @@ SOURCES = import_graph.modules()
 PACKAGES = [name for name, path in SOURCES.items() if path.name == "__init__.py" and name not in ("laisn", "models")]
 VOCABULARY = {"laisn", "laisn.arrays", "laisn.messages", "laisn.estimates", "laisn.settings", "laisn.geometry",
               "laisn.compiled", "laisn.elementary", "laisn.failure", "laisn.metrics", "laisn.navigators",
-              "laisn.plugins", "laisn.rivals.settings",
+              "laisn.plugins",
               "laisn.swarm", "laisn.tight.estimates", "laisn.tight.settings"}  # fmt: skip
 """What the simulator may import of navigation: shared types, not navigators."""
 

@@ -38,7 +38,7 @@ SHARED, OWN = 8, 3
 
 KEPT = 256
 """Components that are kept from range to range."""
-ROOM = 4 * KEPT
+CAPACITY = 4 * KEPT
 """Components that there is room for while they are split."""
 
 # How fast what is called constant may wander, as variance in a second: biases of real sensors are never quite constant,
@@ -52,13 +52,13 @@ class Belief(NamedTuple):
     """A mixture of Gaussians, its heaviest component first; compiled functions change it in place."""
 
     state: Floats
-    """Mean of each component, shape (ROOM, n)."""
+    """Mean of each component, shape (CAPACITY, n)."""
     covariance: Floats
-    """Its covariance, shape (ROOM, n, n)."""
+    """Its covariance, shape (CAPACITY, n, n)."""
     weight: Floats
-    """Its weight, shape (ROOM,); sum 1 over those alive."""
+    """Its weight, shape (CAPACITY,); sum 1 over those alive."""
     outcome: Records
-    """Whether it used the last range: field `used`, shape (ROOM,)."""
+    """Whether it used the last range: field `used`, shape (CAPACITY,)."""
     states: int
     """n."""
     alive: Ints
@@ -88,10 +88,10 @@ def _allocate(settings: BeaconSettings, beacons: int) -> Belief:
     fresh = _fresh_variances(settings, beacons)
     n = fresh.size
     return Belief(
-        state=np.zeros((ROOM, n)),
-        covariance=np.zeros((ROOM, n, n)),
-        weight=np.zeros(ROOM),
-        outcome=np.zeros(ROOM, dtype=[("used", np.bool_)]),
+        state=np.zeros((CAPACITY, n)),
+        covariance=np.zeros((CAPACITY, n, n)),
+        weight=np.zeros(CAPACITY),
+        outcome=np.zeros(CAPACITY, dtype=[("used", np.bool_)]),
         states=n,
         alive=np.zeros(1, dtype=np.int64),
         evidence=np.zeros(1),
@@ -300,11 +300,11 @@ BEARINGS = 48
 """Gaussians of a ring."""
 STARTERS = 8
 """Number of first ranges, each of which may be the one that gives an unknown start."""
-_SURE = 0.9
+_DOMINANT_WEIGHT = 0.9
 """Errors of ranges are estimated where one component has more weight than this."""
-_PATIENCE = 8
+_MOST_MISSED = 8
 """Ranges of one beacon rejected in a row after which a ring about it is added."""
-_DOUBT = 0.01
+_RING_WEIGHT = 0.01
 """Weight of a ring that is added."""
 
 
@@ -344,7 +344,7 @@ def split(b: Belief, z: Ranging) -> None:
     k = 0
     while k < b.alive[0]:
         _, _, bend = predict_range(b, k, z)
-        if bend > _BEND * math.sqrt(b.variance[z.beacon]) and b.alive[0] + 2 <= ROOM:
+        if bend > _BEND * math.sqrt(b.variance[z.beacon]) and b.alive[0] + 2 <= CAPACITY:
             _split_component(b, k, z)
         else:
             k += 1
@@ -356,7 +356,7 @@ def prune_and_merge(b: Belief) -> None:
     count = mixture.prune_and_merge(b, 1, b.alive[0], _LEAST_WEIGHT, KEPT, -1)
     top = heaviest_hypothesis(b, 1, count)
     if top > 0:
-        spare = ROOM - 1
+        spare = CAPACITY - 1
         copy_component(b, 0, spare)
         copy_component(b, top, 0)
         copy_component(b, spare, top)
@@ -376,7 +376,7 @@ def add_ring(b: Belief, z: Ranging, weight: float, lost: bool) -> None:
             otherwise all are fresh.
     """
     own = SHARED + OWN * z.beacon
-    if b.alive[0] + BEARINGS >= ROOM:
+    if b.alive[0] + BEARINGS >= CAPACITY:
         return
     distance = max(math.sqrt(max(z.range * z.range - z.deeper * z.deeper, 1.0)), 1.0)
     # wide beside all errors of a range, the update with which follows
@@ -417,7 +417,7 @@ def receive(b: Belief, z: Ranging, starter: int) -> bool:
     used = False
     if b.alive[0] > 0:
         split(b, z)
-        if b.weight[0] > _SURE:
+        if b.weight[0] > _DOMINANT_WEIGHT:
             adapt_variance(b, z)
         for k in range(b.alive[0]):
             b.weight[k] *= math.exp(update(b, k, z) - z.wrong)
@@ -426,9 +426,9 @@ def receive(b: Belief, z: Ranging, starter: int) -> bool:
         b.rejected[z.beacon] = 0 if used else b.rejected[z.beacon] + 1
     if starter >= 0:
         add_ring(b, z, math.exp(min((starter + 1) * z.wrong - b.evidence[0], 700.0)), False)
-    elif b.rejected[z.beacon] >= _PATIENCE:
+    elif b.rejected[z.beacon] >= _MOST_MISSED:
         b.rejected[z.beacon] = 0
-        add_ring(b, z, _DOUBT, True)
+        add_ring(b, z, _RING_WEIGHT, True)
     if b.alive[0] > 1:
         prune_and_merge(b)
     return used

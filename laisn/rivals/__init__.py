@@ -3,6 +3,6 @@
 All of them dead-reckon on log and compass between messages (`odometry`) and differ in what they do with a message:
 nothing, a Kalman update (`kalman`), particles (`particle`) or a factor graph (`factor_graph`).
 
-Imports: laisn.arrays laisn.compiled laisn.estimates laisn.failure laisn.geometry laisn.messages laisn.navigators
-laisn.tight.settings
+Imports: laisn.arrays laisn.compiled laisn.estimates laisn.failure laisn.filter laisn.geometry laisn.messages
+laisn.navigators laisn.tight.settings
 """

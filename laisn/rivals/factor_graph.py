@@ -16,7 +16,7 @@ from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.messages import OwnMotion, Reception
 from laisn.rivals.odometry import COMPASS_WALK, STATES, OdometrySums, slant
-from laisn.rivals.settings import RivalSettings
+from laisn.tight.settings import RivalSettings
 
 RELINEARISE = 1e-3
 """A variable that moved further since its linearisation is linearised again [m], [rad], [m/s]."""

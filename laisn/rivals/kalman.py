@@ -6,18 +6,11 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
+from laisn.filter import kalman_update
 from laisn.geometry import signed_angle
 from laisn.messages import OwnMotion, Reception
 from laisn.rivals.odometry import STATES, DeadReckoning, single_transmitter, slant
 from laisn.tight.settings import TightSettings
-
-
-def kalman_update(x: Floats, P: Floats, H: Floats, innovation: Floats, R: Floats) -> tuple[Floats, Floats]:
-    """x ← x + K ν, P ← (I − K H) P (I − K H)ᵀ + K R Kᵀ with K = P Hᵀ S⁻¹, S = H P Hᵀ + R."""
-    HP = H @ P
-    K = np.linalg.solve(HP @ H.T + R, HP).T
-    rest = np.eye(x.size) - K @ H
-    return x + K @ innovation, rest @ P @ rest.T + K @ R @ K.T
 
 
 class RangeFilter(DeadReckoning):

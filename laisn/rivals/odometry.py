@@ -17,7 +17,7 @@ from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.failure import LaisnError
 from laisn.geometry import place_transmitters
 from laisn.messages import Measurements, OwnMotion, Reception
-from laisn.navigators import OnlineNavigator, require_readings
+from laisn.navigators import OnlineNavigator, require_message, require_readings
 from laisn.tight.settings import TightSettings
 
 STATES = 7
@@ -146,8 +146,7 @@ class DeadReckoning(OnlineNavigator[Estimates]):
     def _receive(self, own: OwnMotion, reception: Reception) -> FixRecord:
         """Update with a message: the fix is the estimate after it."""
         require_readings(self._step, own, reception, "log")
-        if not np.all(np.isfinite(reception.message[:6])):
-            raise LaisnError(f"step {self._step}: leader message {reception.message} is not finite")
+        require_message(self._step, reception.message)
         places = place_transmitters(reception, self.settings)
         below = places - (0.0, 0.0, own.depth - self.settings.hydrophone_height)
         ranges = np.where(np.isfinite(below).all(axis=1), reception.ranges, np.nan)

@@ -14,7 +14,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.messages import OwnMotion, Reception
 from laisn.rivals.odometry import COMPASS_WALK, LOG_WALK, STATES, OdometrySums
-from laisn.rivals.settings import RivalSettings
+from laisn.tight.settings import RivalSettings
 
 DISCOUNT = 0.98
 """Discount of Liu and West: the kernel keeps (3 δ − 1) / 2 δ of a bias's deviation from the mean."""

@@ -19,12 +19,12 @@ _BEND = 0.003
 """A compass bias so uncertain that the way bends by more than this is taken from the message first [m]."""
 _SMOOTHING = 0.15
 """Gain of the smoothed NIS."""
-_LEARNING = 0.1
+_VARIANCE_GAIN = 0.1
 """Gain of the estimated variance of the leader's heading, which never exceeds that of the settings."""
 _LEAST_LEADER_VARIANCE = math.radians(0.1) ** 2
-_PATIENCE = 3
+_MOST_MISSED = 3
 """Messages in a row without an accepted range after which the covariance is inflated."""
-_WIDER_POSITION, _WIDER_COMPASS = 1.0, math.radians(2.0) ** 2
+_ADDED_POSITION, _ADDED_COMPASS = 1.0, math.radians(2.0) ** 2
 """Variances that each widening adds, of position along each axis [m²] and of the compass's bias [rad²]."""
 
 _TURN, _LEADER_TURN = 0.1, 0.15
@@ -83,14 +83,7 @@ def mix_modes(b: Belief, m: Model) -> None:
 
 @compiled
 def _turn_growth(turn: Any, direction: tuple[float, float], least: float, time: float) -> float:
-    """Growth of the square of the angle of a turn in a time [rad²].
-
-    Args:
-        turn: its record, brought forward.
-        direction: sine and cosine of the heading now.
-        least: angle from which on it is a turn [rad].
-        time: since the last call [s].
-    """
+    """Growth of the squared angle of a turn of at least `least` [rad²], `time` seconds after the last call."""
     sine, cosine = direction
     started = turn.sin != 0.0 or turn.cos != 0.0
     angle = half_turn_angle(sine * turn.cos - cosine * turn.sin, sine * turn.sin + cosine * turn.cos)
@@ -171,7 +164,7 @@ def update_leader_variance(b: Belief, m: Model) -> None:
     excess = 0.0
     for k in range(b.alive * m.modes):
         excess += b.weight[k] * b.turn_excess[k]
-    variance = min(b.leader_variance + _LEARNING * excess, b.leader.scatter)
+    variance = min(b.leader_variance + _VARIANCE_GAIN * excess, b.leader.scatter)
     b.leader_variance = min(max(variance, _LEAST_LEADER_VARIANCE), m.leader_variance)
 
 
@@ -185,11 +178,11 @@ def _check_consistency(b: Belief, m: Model, signal: Signal, received: int, used:
     if received > 1 and not reinitialise_if_inconsistent(b, m, signal):
         return False
     b.missed_updates = 0.0 if used > 0 else b.missed_updates + 1.0
-    if b.missed_updates >= _PATIENCE:
+    if b.missed_updates >= _MOST_MISSED:
         for k in range(b.alive * m.modes):
-            b.covariance[k, X, X] += _WIDER_POSITION
-            b.covariance[k, Y, Y] += _WIDER_POSITION
-            b.covariance[k, COMPASS, COMPASS] += _WIDER_COMPASS
+            b.covariance[k, X, X] += _ADDED_POSITION
+            b.covariance[k, Y, Y] += _ADDED_POSITION
+            b.covariance[k, COMPASS, COMPASS] += _ADDED_COMPASS
     return True
 
 

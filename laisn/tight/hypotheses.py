@@ -109,7 +109,7 @@ def prune_and_merge(b: Belief, m: Model) -> None:
 _BEARINGS = 96
 _RADIAL_VARIANCE = 25.0
 """Variance of a hypothesis's distance before the update [m²]: wide beside all errors of a range."""
-_ALARM = 3.0
+_INCONSISTENT_NIS = 3.0
 """Smoothed NIS, of which 1 is expected, above which the mixture is inconsistent."""
 _RING_WEIGHT = 0.002
 """Weight that the hypotheses of the ring are given after an alarm."""
@@ -145,17 +145,10 @@ def _nearness(b: Belief, k: int, here: tuple[float, float]) -> float:
 
 @compiled
 def _merge_ring(b: Belief, m: Model, signal: Signal, first: int, here: tuple[float, float]) -> bool:
-    """Update a Gaussian at each bearing, and merge those on either side of the axis.
+    """Update a Gaussian at each bearing, and merge those left and right of the axis into `first` and `first` + modes.
 
-    Args:
-        b: the belief, whose components `first` and `first` + modes become the sum of those left and right of the axis.
-        m: settings.
-        signal: the message, with the leader at the origin and its heading exact.
-        first: see above.
-        here: mean of the belief so far [m], or NaN.
-
-    Returns:
-        False if an update failed.
+    The leader of `signal` is at the origin with an exact heading; `here` is the mean of the belief so far [m], or NaN.
+    False if an update failed.
     """
     nearest, shortest = 0, math.inf
     for i in range(m.transmitters):
@@ -232,7 +225,7 @@ def add_ring(b: Belief, m: Model, signal: Signal, weight: float) -> bool:
 @compiled
 def reinitialise_if_inconsistent(b: Belief, m: Model, signal: Signal) -> bool:
     """Add the hypotheses of this message alone where the smoothed NIS is too large; False as of `add_ring`."""
-    if b.smoothed_nis < _ALARM:
+    if b.smoothed_nis < _INCONSISTENT_NIS:
         return True
     b.smoothed_nis = 1.0
     refresh_output(b, m)

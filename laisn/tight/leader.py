@@ -25,11 +25,11 @@ _STRAIGHT = 0.005
 """Way that bends by less from message to message is straight [rad]."""
 _LEAST_WAY = 0.3
 """Shorter ways between messages have no direction [m]."""
-_AGREES = 4.0
+_OUTLIER_SIGMAS = 4.0
 """Standard deviations of a reading from the mean, beyond which the leader has turned without moving aside."""
-_ENOUGH = 4.0
+_LEAST_MESSAGES = 4.0
 """Messages of a leg after which its mean heading is used; sooner where its variance is little beside that of b_L."""
-_LITTLE = 0.1
+_SMALL_SHARE = 0.1
 
 
 @compiled
@@ -60,7 +60,7 @@ def average_leader_heading(b: Belief, m: Model, signal: Signal) -> None:
     straight = abs(bend) < _STRAIGHT
     signal.shift = signal.added_variance = 0.0
     error = wrap_angle(signal.heading - o.leg_heading - bend)
-    if o.leg > 0.0 and not (straight and error * error <= _AGREES * _AGREES * given):
+    if o.leg > 0.0 and not (straight and error * error <= _OUTLIER_SIGMAS * _OUTLIER_SIGMAS * given):
         if o.steady > 0.0:
             # from here on b_L is again without the mean's random error
             signal.added_variance = o.scatter / o.leg
@@ -79,7 +79,7 @@ def average_leader_heading(b: Belief, m: Model, signal: Signal) -> None:
     if o.steady > 0.0:
         # the way bends half an interval earlier than the heading
         signal.shift, signal.added_variance = shift, 0.25 * bend * bend
-    elif o.leg >= _ENOUGH or o.scatter < _LITTLE * o.leg * b.covariance[0, m.leader, m.leader]:
+    elif o.leg >= _LEAST_MESSAGES or o.scatter < _SMALL_SHARE * o.leg * b.covariance[0, m.leader, m.leader]:
         signal.added_variance = o.scatter / o.leg
         o.steady = 1.0
         o.other_variance, b.leader_variance = b.leader_variance, o.other_variance

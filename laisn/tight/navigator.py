@@ -14,7 +14,7 @@ from laisn.failure import LaisnError
 from laisn.geometry import given_transmitters
 from laisn.messages import OwnMotion, Reception
 from laisn.mixture import mixture_moments
-from laisn.navigators import FARTHEST, OnlineNavigator, require_readings
+from laisn.navigators import FARTHEST, OnlineNavigator, require_message, require_readings
 from laisn.tight.estimates import TightEstimates, kind_of
 from laisn.tight.estimator import place_arms, receive
 from laisn.tight.model import Belief, model_of, new_belief, prior_sigmas
@@ -84,8 +84,7 @@ def _check(step: int, own: OwnMotion, reception: Reception | None) -> None:
     message, places = reception.message, reception.transmitters
     if places is not None and not np.nanmax(np.abs(places), initial=0.0) <= 1e3 * FARTHEST:
         raise LaisnError(f"step {step}: a transmitter is farther than {1e3 * FARTHEST:g} m; NaN stands for none")
-    if not all(map(math.isfinite, message[:6])):
-        raise LaisnError(f"step {step}: leader message {message} is not finite")
+    require_message(step, message)
     if max(abs(message.east), abs(message.north), abs(message.depth)) > 1e3 * FARTHEST:
         raise LaisnError(f"step {step}: the leader is at {message}, farther than {1e3 * FARTHEST:g} m")
 

@@ -218,13 +218,7 @@ def _add_common_echo(b: Belief, signal: Signal, count: int, share: float) -> Non
     """Add to S what a common echo of excess e may do to the differences of the ranges in `work.used`.
 
     A late ping leaves them as they are. A reflection at the surface or the floor adds the same to the square of each
-    range, and so −e (ρ_i − ρ̄) / ρ̄ beside e: a random error that all have in common, of that size.
-
-    Args:
-        b: `work.spread` is changed.
-        signal: the message.
-        count: how many ranges.
-        share: (e / ρ̄)².
+    range, and so −e (ρ_i − ρ̄) / ρ̄ beside e: a random error that all have in common, of that size. `share` is (e / ρ̄)².
     """
     w, mean = b.work, _mean_range(b, signal, count)
     for j in range(count):

@@ -9,10 +9,9 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, WithJsonSc
 from laisn.failure import LaisnError
 from laisn.navigators import NAVIGATORS, OWN_SECTION, find
 from laisn.plugins import is_plugin_name
-from laisn.rivals.settings import RivalSettings
 from laisn.settings import VARIANTS, NavigationSettings, Settings, transmitters_of
 from laisn.tight import settings as assumptions
-from laisn.tight.settings import TightSettings
+from laisn.tight.settings import RivalSettings, TightSettings
 from sim.scenario.section import LISTED, Coordinate, NonNegative, Section, completed, in_si
 
 Offset = Annotated[tuple[Coordinate, Coordinate, Coordinate], LISTED]

@@ -13,7 +13,7 @@ from laisn.arrays import Floats
 from laisn.beacons.settings import BeaconSettings
 
 X, Y, SPEED, HEADING, GYRO, SCALE, EAST, NORTH = range(8)
-ROOM, KEPT = 1024, 256
+CAPACITY, KEPT = 1024, 256
 
 
 @dataclass
@@ -161,7 +161,7 @@ class BeaconOracle:
         while k < len(self.mixture):
             c = self.mixture[k]
             bend = self.look(c, i, measured, depth)[3]
-            if bend <= 0.7 * np.sqrt(self.variance[i]) or len(self.mixture) + 2 > ROOM:
+            if bend <= 0.7 * np.sqrt(self.variance[i]) or len(self.mixture) + 2 > CAPACITY:
                 k += 1
                 continue
             own = 8 + 3 * i
@@ -175,7 +175,7 @@ class BeaconOracle:
 
     def add_ring(self, i: int, measured: float, depth: float, weight: float, top: Component | None) -> None:
         """48 Gaussians on the circle of a range, of fresh errors, or of those of the heaviest component."""
-        if len(self.mixture) + 48 >= ROOM:
+        if len(self.mixture) + 48 >= CAPACITY:
             return
         own, deeper = 8 + 3 * i, self.places[i, 2] - depth
         distance = np.sqrt(max(measured**2 - deeper**2, 1.0))

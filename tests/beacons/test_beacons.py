@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from laisn.arrays import Floats
 from laisn.beacons.estimator import (
+    CAPACITY,
     GYRO,
     HEADING,
-    ROOM,
     SCALE,
     SHARED,
     SPEED,
@@ -157,7 +157,7 @@ def test_splits_keep_mean_and_covariance_until_a_circle_is_straight() -> None:
     made.covariance[0, Y, Y] += 25.0
     before, z = mixture_moments(made), ranging((10.0, 0.0), 30.0)
     split(made, z)
-    assert 5 < made.alive[0] < ROOM - 1
+    assert 5 < made.alive[0] < CAPACITY - 1
     for old, new in zip(before, mixture_moments(made), strict=True):
         np.testing.assert_allclose(new, old, rtol=1e-9, atol=1e-9)
     for k in range(made.alive[0]):

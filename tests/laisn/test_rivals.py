@@ -18,8 +18,7 @@ from laisn.navigators import NAVIGATORS, find
 from laisn.rivals.kalman import GeodeticAdjustment, InvertedUsbl, OneWayTravelTime, RangeFilter
 from laisn.rivals.odometry import DeadReckoning
 from laisn.rivals.particle import ParticleFilter
-from laisn.rivals.settings import RivalSettings
-from laisn.tight.settings import Assume
+from laisn.tight.settings import Assume, RivalSettings
 from sim.sensing.errors import SensorErrors
 from sim.sensing.observation import measure
 from tests.campaign.test_montecarlo import ABEAM, make_truth
