@@ -118,7 +118,7 @@ def dead_reckoning(recorded: Replayable) -> Estimates:
 
 
 def by_laisn(recorded: Replayable, given: NavigationSettings) -> Estimates:
-    """What LAISN makes of it: ranges that come alone move the estimate along their line of sight."""
+    """Estimates of LAISN: single ranges move the estimate along their line of sight."""
     settings = replace(given, dt=recorded.measurements.dt, hydrophone_height=0.0)
     return Navigator(settings, recorded.start).run(recorded.measurements)
 

@@ -96,7 +96,7 @@ class Filter:
         from filterpy.kalman import KalmanFilter
 
         self._kalman = KalmanFilter(dim_x=4, dim_z=2)
-        # one-dimensional: a column would broadcast against the rows of z in silence
+        # one-dimensional: a column would broadcast against the rows of z without an error
         self._kalman.x = np.array(start, dtype=np.float64)
         self._kalman.P = np.diag(np.square(sigma0))
         self._kalman.F, self._unit_noise = _motion(dt)

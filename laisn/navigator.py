@@ -109,7 +109,7 @@ class Navigator(OnlineNavigator[Estimates]):
                 if found.kind != FixKind.LOST:
                     records.append(self._apply_fix(found, circles, own))
             records = records or [self._apply_fix(LOST, circles, own)]
-        # one range leaves the way across open, which the gate's bound must go on to cover
+        # one range leaves the way across open, which the gate's bound must still cover
         if any(record.kind not in (FixKind.GATED, FixKind.LOST, FixKind.ONE_RANGE) for record in records):
             self._gate.accept(self._position(), self._step)
         return records

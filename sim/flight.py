@@ -183,7 +183,7 @@ def navigate(
 
 
 def excerpt(flight: Flight, start: float, end: float) -> Flight:
-    """The part of a flight from `start` to `end`, widened to whole filter steps; the mission's clock goes on.
+    """The part of a flight from `start` to `end`, widened to whole filter steps; times stay those of the mission.
 
     Args:
         flight: the whole mission; its scenario is kept as it is.

@@ -37,7 +37,7 @@ class Crossing(NamedTuple):
     closing_m_s: float
     """Fastest at which the stations come nearer to each other once their followers sense each other."""
     way_m_s: float
-    """Speed through the water of the slower one of those who give way, when they begin to sense each other."""
+    """Speed through the water of the slower of two vehicles when they begin to detect and avoid each other."""
     needed_m_s: float
     """What it takes: its share of the closing, and steerage way besides."""
     braking_m: float

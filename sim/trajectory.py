@@ -27,7 +27,7 @@ class Truth(NamedTuple):
 
     @classmethod
     def empty(cls, instants: int, vehicles: int, effectors: int) -> Self:
-        """Room for so many instants."""
+        """Room for a number of instants."""
         return cls(*(np.empty((instants, vehicles, columns)) for columns in (7, 6, 3, effectors)))
 
 

@@ -1,4 +1,4 @@
-"""What README and docs conclude in words follows from the records: who is better, what helps, what is lost.
+"""Conclusions in words of README and docs follow from the records: comparisons, effects and losses.
 
 Numbers in documents are filled in from the records; words are not. Each conclusion stands here with the words that a
 document has for it, and with the condition on the record for them to be true. A record that turns one round fails.

@@ -1,4 +1,4 @@
-"""Hulls that touch, by geometry, and missions that end with it: the very motion of those that go on, up to there."""
+"""Contact of hulls by geometry, and missions that end with it, with the motion of missions that continue."""
 
 import dataclasses
 from typing import Any
@@ -73,7 +73,7 @@ def test_hulls_touch_where_their_skins_meet() -> None:
 
 
 def meeting(**changes: Any) -> Scenario:
-    """Two followers that swim towards each other, 60 m apart at 1 m/s each, and meet halfway."""
+    """Two followers that move towards each other, 60 m apart at 1 m/s each, and meet halfway."""
     head_on = [{"waypoints": [[0, at, 100], [60, 60 - at, 100]], "depth_m": 12.0} for at in (0, 60)]
     return validate({"name": "s", "duration_s": 40.0, "followers": head_on, **changes}, "test")
 

@@ -180,7 +180,7 @@ def test_the_controller_does_not_use_the_truth() -> None:
     assert (steering.motion.surge, steering.motion.heading) == pytest.approx((1.0, 0.0), abs=1e-6)
     parameters = set(inspect.signature(keep_station).parameters)
     assert parameters == {"formation", "station", "senses", "known", "clock", "memory", "reference"}
-    # nor does it give way by anything but what its sensor shows, here somebody 2 m ahead
+    # avoidance depends on its sensor only, here with a vehicle 2 m ahead
     seen = records(SIGHTING, 2)
     seen.range, seen.bearing = (np.nan, 2.0), (np.nan, -0.2)
     update_avoidance(Proximity().record(), seen, estimate, memory)

@@ -41,11 +41,11 @@ LATE = {
     "numpy": "only the list of vehicles needs it, of what lists scenarios",
     "sim.water.ocean": "as sim.vehicle.own_hull",
     "sim.station_plan": "only scenarios with stations need the plant to be looked at",
-    "sim.feasibility": "the sea and the hulls take half a second, and who reads or lists scenarios needs neither",
+    "sim.feasibility": "the sea and the hulls take half a second, and reading or listing scenarios needs neither",
     "plotly.graph_objects": "it takes a second to import, and pages need text alone",
     "experiments.study.charts": "as experiments.study.page",
     "experiments.pages.flight_report": "a figure needs no templates",
-    "experiments.study.page": "drawing takes a third of a second, and who reads a table draws nothing",
+    "experiments.study.page": "drawing takes a third of a second, and reading a table needs none of it",
 }
 """What may be imported within functions, and why; in the command and in `laisn_sim`, which answer at once, anything."""
 

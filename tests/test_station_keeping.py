@@ -1,4 +1,4 @@
-"""How well followers keep their stations, and who comes near to whom."""
+"""Station keeping of followers, and the closest pairs."""
 
 import numpy as np
 import pytest

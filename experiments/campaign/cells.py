@@ -1,4 +1,4 @@
-"""Cells of a campaign: what is flown many times over, and what comes of it."""
+"""Cells of a campaign: missions flown many times, and their results."""
 
 import math
 from collections.abc import Iterator

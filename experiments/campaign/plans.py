@@ -1,4 +1,4 @@
-"""Plans of cells: a scenario flown with the noise of runs 0 … R − 1, its key, and the row that comes of it."""
+"""Plans of cells: a scenario flown with the noise of runs 0 … R − 1, its key, and the row of its result."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence

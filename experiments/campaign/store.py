@@ -43,7 +43,7 @@ class DamagedResult(LaisnWarning):
 
 
 class CampaignError(LaisnError):
-    """A campaign cannot go on; every finished result is stored."""
+    """A campaign cannot continue; every finished result is stored."""
 
 
 @cache

@@ -89,7 +89,7 @@ def load_flyable(source: str, assignments: Iterable[str]) -> Scenario:
     Raises:
         ScenarioError: names file, key, value and limit of every fault.
     """
-    # sea and hulls take half a second to import, and who reads or lists scenarios needs neither
+    # sea and hulls take half a second to import, and commands that read or list scenarios need neither
     from sim.feasibility import infeasibilities
 
     return validate(*_read(source, assignments), further=infeasibilities)

@@ -64,7 +64,7 @@ def _kept(flight: Flight, follower: int, off: Floats) -> dict[str, Any]:
 
 
 def _nearest(flight: Flight) -> dict[str, Any]:
-    """Vehicles that came nearest to each other: in space, horizontally, horizontally of one layer; who touched."""
+    """Vehicles that came nearest to each other: in space, horizontally, horizontally of one layer; contacts."""
     space, level = closest_approaches(flight.trajectory)
     layer = closest_in_a_layer(flight.scenario, flight.trajectory)
     return {

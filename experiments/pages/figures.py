@@ -105,7 +105,7 @@ class Panel:
 
     @property
     def label(self) -> str:
-        """What is to be seen, for readers who cannot see it."""
+        """Text alternative of the figure."""
         shown = ", ".join(part.y_label for part in self.parts if part.y_label)
         return f"{self.title + ': ' if self.title else ''}{shown or 'values'} over {self.x_label}"
 
@@ -247,7 +247,7 @@ def _axis(label: str, limits: Limits, log: bool, ticks: Ticks, values: Sequence[
 
 
 def _trace(line: Line, points: int | None, place: bool) -> dict[str, Any]:
-    """A line as Plotly has it, decimated to so many points; `place`: of a map."""
+    """A line as Plotly has it, decimated to this number of points; `place`: of a map."""
     x, y = (line.x, line.y) if line.marker or points is None else decimate(line.x, line.y, points)
     shown = "%{x:.1f} m, %{y:.1f} m" if place else "%{y:.4~g}"
     trace: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""The design of a study: factors and the points of their values, and draws, keys that every realization has anew.
+"""The design of a study: factors and the points of their values, and draws, keys that vary by realization.
 
 Points are every combination of lists and ranges of values, or a sample of the ranges. A draw is a function of (seed of
 the study, number of the realization, key): another key, point, arm or worker changes none.
@@ -28,7 +28,7 @@ _POINTS_KEY = 0x0D
 
 
 def _tidy(value: float) -> float | int:
-    """A grid value as somebody would write it: 0.3 and not 0.30000000000000004."""
+    """A grid value as written by hand: 0.3 and not 0.30000000000000004."""
     rounded = float(f"{value:.12g}")
     return int(rounded) if rounded.is_integer() and abs(rounded) < 1e15 else rounded
 

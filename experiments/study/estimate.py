@@ -44,7 +44,7 @@ def shown(interval: Interval, unit: str = "") -> str:
 
 
 def _quantile(number: int) -> float:
-    """Student's t of a mean of so many values."""
+    """Student's t of a mean of this number of values."""
     return float(stdtrit(number - 1, (1 + CONFIDENCE) / 2))
 
 

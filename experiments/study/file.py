@@ -223,7 +223,7 @@ def _clash(one: tuple[str, str], other: tuple[str, str]) -> str:
 
 
 def _overlaps(study: Study) -> list[str]:
-    """A line for each key that two parts of the file set; an arm or a case alone may set a key of [set] anew."""
+    """A line for each key that two parts of the file set; only an arm or a case may override a key of [set]."""
     parts = {"[set]": study.settings, "[vary]": [f.key for f in study.factors], "[draw]": [d.key for d in study.draws]}
     shared = [(part, key) for part, keys in parts.items() for key in keys]
     cases = [(f"case {name}", key) for name, settings in study.cases.items() for key in settings]

@@ -134,7 +134,7 @@ def run_study(
     plan = outcomes.plan
     if not outcomes.rows:
         raise LaisnError("no scenario of the study could be flown: " + "; ".join(outcomes.failures))
-    # drawing takes a third of a second to import, and who reads a table draws nothing
+    # drawing takes a third of a second to import, and reading a table needs none of it
     from experiments.study.page import page_of
 
     filmed = film(plan, outcomes.results, folder) if film else None
@@ -259,7 +259,7 @@ class StudyFolder:
         Raises:
             LaisnError: there is no such column.
         """
-        # drawing takes a third of a second to import, and who reads a table draws nothing
+        # drawing takes a third of a second to import, and reading a table needs none of it
         from experiments.study.charts import arms_over
 
         return arms_over(self.table, x, y)

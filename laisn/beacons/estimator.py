@@ -84,7 +84,7 @@ def _fresh_variances(settings: BeaconSettings, beacons: int) -> Floats:
 
 
 def _allocate(settings: BeaconSettings, beacons: int) -> Belief:
-    """A mixture without components, over the states of so many beacons."""
+    """A mixture without components, over the states of a number of beacons."""
     fresh = _fresh_variances(settings, beacons)
     n = fresh.size
     return Belief(

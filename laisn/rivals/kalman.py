@@ -83,7 +83,7 @@ class GeodeticAdjustment(DeadReckoning):
             self.x[:2] += change
             if np.abs(change).max() < 1e-6:
                 break
-        # mean errors of course and speed act anew until the next message
+        # mean errors of course and speed act again until the next message
         self.P = np.zeros((STATES, STATES))
         self.P[:2, :2], self.P[2:, 2:] = np.linalg.inv(normal), self._biases
         return True

@@ -198,7 +198,7 @@ class OdometrySums(DeadReckoning):
         return super()._advance(readings, durations)
 
     def _odometry(self) -> tuple[Floats, Floats, Floats, float]:
-        """Odometry since the last message, which begins anew.
+        """Odometry since the last message, which is then reset.
 
         Returns:
             Σ s u Δt [m] and Σ u Δt [s], shape (2,), with u of the compass; the covariance of the first, shape (2, 2),

@@ -68,7 +68,7 @@ class ParticleFilter(OdometrySums):
         return np.asarray(-0.5 * (squared + np.log(whole)))
 
     def _resample(self, random: np.random.Generator, first: int) -> None:
-        """Systematic resampling, and states from `first` on anew from the kernel of Liu and West."""
+        """Systematic resampling, and new states from `first` on from the kernel of Liu and West."""
         n = self.weights.size
         positions = (random.random() + np.arange(n)) / n
         chosen = np.minimum(np.searchsorted(np.cumsum(self.weights), positions), n - 1)

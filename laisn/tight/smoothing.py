@@ -140,7 +140,7 @@ class SmoothingNavigator(TightNavigator):
     def _receive(self, own: OwnMotion, reception: Reception) -> Update:
         before = self._records[0].copy()
         update = super()._receive(own, reception)
-        # the way begins anew after a message that was used
+        # the preintegration is reset after a message that was used
         if self._records[0]["motion"]["time"][0] == 0.0:
             self._steps.append(self._step)
             if before["alive"][0]:

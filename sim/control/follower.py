@@ -86,7 +86,7 @@ def extend_trail(
     clock: tuple[float, float],
     memory: Record,
 ) -> None:
-    """Take a message with at least one range: the trail grows, and the frame is turned along it anew.
+    """Take a message with at least one range: the trail grows, and the frame is turned along it.
 
     Since the last message the frame was turned by where the leader was taken to be; now its way there is known.
 
@@ -123,7 +123,7 @@ def init_memory(leader: Record, trail: Records, count: Ints, memory: Record) -> 
 def extend_silent_trail(
     plan: LeaderPlan, trail: Records, count: Ints, clock: tuple[int, float], memory: Record
 ) -> None:
-    """Let the trail go on as the leader planned, while no message is in; nothing without a plan.
+    """Extend the trail by the leader's plan while no message is in; nothing without a plan.
 
     Args:
         plan: of the leader, as its messages carry it.

@@ -192,7 +192,7 @@ def track_current(current: tuple[float, float], dt: float, memory: Record) -> No
 
 @compiled
 def integrate_offset(reference: Record, position: tuple[float, float], dt: float, memory: Record) -> None:
-    """Take what keeps a vehicle off its reference for a current: integral action, for who cannot estimate one.
+    """Treat a persistent offset from the reference as a current: integral action without a current state.
 
     Args:
         reference: of this instant, record of REFERENCE.

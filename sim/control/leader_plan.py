@@ -1,4 +1,4 @@
-"""The leader's route, where its messages carry the next waypoints: the trail goes on along it while no message arrives.
+"""The leader's route, where its messages carry the next waypoints: the trail continues along it between messages.
 
 A follower that has received a waypoint and its time computes the leader's track to it by the rules of the point motion
 (`sim.scenario.point_motion`), and takes the leader to be as far off that track as it was at the last message. Without

@@ -56,7 +56,7 @@ class View:
         return np.stack([right, np.cross(right, forward), forward])
 
     def focal(self, height: int) -> float:
-        """Focal length in a frame of so many rows [px]."""
+        """Focal length in a frame with this number of rows [px]."""
         return float(height / 2 / np.tan(np.radians(self.fovy_deg) / 2))
 
     def project(self, points: Floats, width: int, height: int) -> tuple[Floats, Floats]:

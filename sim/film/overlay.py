@@ -120,7 +120,7 @@ class Overlay:
         self.canvas.shapes(markers, box)
 
     def _lines(self, view: View, box: Box, points: Floats, pieces: int = 1) -> Iterator[tuple[Floats, float]]:
-        """A polyline in about so many pieces: pixels, and place of the middle along the line, in [0, 1]."""
+        """A polyline in about this number of pieces: pixels, and place of the middle along the line, in [0, 1]."""
         left, top, width, height = box
         for pixels, along in view.line(points, width, height):
             step = max(1, -(-(len(pixels) - 1) // pieces))

@@ -23,7 +23,7 @@ _OWN, _RECEIVED = MEASURED
 LONGEST_GAP_S = 10.0
 """Longer gaps between own measurements are not bridged unless requested [s]."""
 _GAP = 2.0
-"""From so many filter steps on, the time between own measurements is called a gap."""
+"""Time between own measurements from which on it is a gap, in filter steps."""
 _SHORTEST_NS, _LONGEST_NS = 10**5, 10**11
 """Filter steps beyond these are reported as unusual [ns]."""
 _NAMED = 5

@@ -9,7 +9,7 @@ from laisn.arrays import Floats
 from sim.scenario.section import LISTED, MOST_POINTS, Angle, NonNegative, Section, require_increasing
 
 FASTEST_CURRENT_M_S = 3.0
-"""Faster water would carry away what can swim at 3 m/s."""
+"""Faster water would carry away vehicles with 3 m/s."""
 
 
 CurrentSpeed = Annotated[float, Field(ge=0, le=FASTEST_CURRENT_M_S)]

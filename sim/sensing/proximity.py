@@ -87,7 +87,7 @@ class Sightings(NamedTuple):
     first_s: Floats
     """When each follower first saw each vehicle, shape (f, v), [s]; NaN: never."""
     spent_s: Floats
-    """How long each follower saw anybody, shape (f,), [s]."""
+    """Time for which each follower detected a vehicle, shape (f,), [s]."""
 
 
 def sightings(scenario: Scenario, trajectory: Trajectory) -> Sightings:

@@ -42,7 +42,7 @@ RECORD = np.dtype(
     align=True,
 )
 """One record per vehicle: the numerics of its MJCF, damping off the diagonals where they have 6×6 values, the world's
-gravity [m/s²] and density [kg/m³], and what each step would have to find anew: the cube roots of `cross_flow_drag`."""
+gravity [m/s²] and density [kg/m³], and what is computed once: the cube roots of `cross_flow_drag`."""
 
 
 def read(model: Any, names: Sequence[str], density: float) -> npt.NDArray[np.void]:
@@ -115,7 +115,7 @@ def scaled(records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]) -> npt
 
 
 def fault_of(name: str, given: int | None) -> str:
-    """What is wrong with a numeric of a vehicle that has so many values, None if it is not there; empty: nothing."""
+    """Error of a numeric of a vehicle by its number of values (None: missing); empty: valid."""
     shape, unit = NUMERICS[name]
     size, strips = int(np.prod(shape)), name.startswith("strip_")
     expected = f"{'1 to ' if strips else ''}{size} value{'s' if size > 1 else ''} [{unit}]"

@@ -82,7 +82,7 @@ def _excesses(root: Element) -> Iterator[str]:
 
 
 def _of_the_sea(root: Element) -> Iterator[str]:
-    """Options that are not those under which all vehicles swim."""
+    """Options that differ from those of all vehicles."""
     sea = ElementTree.parse(models.path("ocean")).getroot().find("option")
     assert sea is not None
     for option in root.iter("option"):

@@ -23,7 +23,7 @@ _NO_JOINT_FORCES = mujoco.mjtDisableBit.mjDSBL_SPRING.value | mujoco.mjtDisableB
 
 
 class PlantError(LaisnError):
-    """A simulation that cannot go on; the text names vehicle, time and the last good state."""
+    """A simulation that cannot continue; the text has vehicle, time and the last valid state."""
 
 
 class Plant:

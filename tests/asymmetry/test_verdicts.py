@@ -13,7 +13,7 @@ AIM = 0.9
 
 
 def trial(rng: np.random.Generator, removed: float, size: float, noise: float) -> tuple[Floats, Floats, Bools]:
-    """What pitch adds to the error of each run, skewed, what a remedy leaves of it, and who is free of mirror locks."""
+    """What pitch adds to the error of each run, skewed, what a remedy leaves of it, and runs without mirror locks."""
     runs = LOOKS[-1]
     part = size * rng.gamma(4.0, 0.25, runs)
     left = (1.0 - removed) * part + noise * (rng.gamma(2.0, size=runs) - 2.0) / np.sqrt(2.0)

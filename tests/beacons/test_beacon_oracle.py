@@ -33,7 +33,7 @@ class Trip:
     first_wrong: int = 0
     """Steps at the start whose ranges are all wrong."""
     carried: int = 1000
-    """Step at which somebody sets the vehicle down elsewhere."""
+    """Step at which the vehicle is moved elsewhere."""
 
     def readings(self) -> tuple[list[tuple[OwnMotion, Reception, float]], Floats]:
         """Readings and receptions of the vehicle in each step, and its start."""

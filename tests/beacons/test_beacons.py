@@ -278,7 +278,7 @@ def test_echoes_are_left_out_and_a_vehicle_carried_away_is_found_again() -> None
     found = BeaconNavigator(BeaconSettings(), start).run(replace(measured, ranges=ranges))
     assert np.hypot(*(found.state[:, :2] - truth[1:]).T).mean() < 0.6
     assert np.mean(found.fix_kind[wrong] == FixKind.GATED) > 0.95
-    # somebody lifts it at 200 s and sets it down 70 m away: odometry sees nothing of it
+    # it is lifted at 200 s and set down 70 m away, without odometry
     away = replace(
         measured, ranges=np.vstack([measured.ranges[:200], round_trip(Errors(), 400, shift=70.0)[0].ranges[200:]])
     )

@@ -1,4 +1,4 @@
-"""Giving way: by hand, and two points that close up on each other against the distance where the law stops them."""
+"""Avoidance: hand calculations, and two approaching points against the distance where the law stops them."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What a follower makes of its readings and estimates, tick by tick: against filters and limits worked out by hand."""
+"""Control of a follower by its readings and estimates, against filters and limits calculated by hand."""
 
 from typing import Any
 

@@ -63,7 +63,7 @@ def small(**changes):
 
 
 def apart(flight, metres):
-    """A flight whose estimate is moved east by so many metres."""
+    """A flight whose estimate is moved east by a number of metres."""
     estimates = tuple(
         dataclasses.replace(e, state=e.state + np.array([metres, 0, 0, 0]), covariance=e.covariance.copy())
         for e in flight.estimates

@@ -31,7 +31,7 @@ def film_data_of(flight: Flight, follower: int = 0) -> FilmData:
 
 
 def test_a_station_straight_behind_is_where_the_leader_was() -> None:
-    """The leader swims at 1 m/s, so that 10 m behind it is where it was 10 s ago."""
+    """The leader moves at 1 m/s, so that 10 m behind it is where it was 10 s ago."""
     flight = in_formation()
     found = film_data_of(flight).at(40.05).station
     leader = flight.trajectory.at(40.05 - BEHIND)[0][0, 0]

@@ -1,4 +1,4 @@
-"""Compiled code from the cache: never of other sources, never somebody else's."""
+"""Compiled code from the cache: never of other sources, never of another user."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""Fixes of every variant, on geometry that can be worked by hand.
+"""Fixes of every variant, on geometry with hand calculations.
 
 The leader lies at the origin and heads east: P1 = (−1, 0), P2 = (1, 0), P3 = (0, 0.1).
 """

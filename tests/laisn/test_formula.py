@@ -1,4 +1,4 @@
-"""Formulas: the same whether Python runs them or compiled code has them inlined, and worked by hand."""
+"""Formulas: the same whether Python runs them or compiled code has them inlined, and by hand calculation."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Metrics on cases that can be worked by hand."""
+"""Metrics on cases with hand calculations."""
 
 import numpy as np
 import pytest

@@ -46,7 +46,7 @@ def shared_voyage() -> tuple[list[Step], Floats]:
 
 
 def tables(step: Step) -> tuple[Records, Bools, Records, Floats]:
-    """Readings, who has a message, messages and ranges, as compiled swarms take them."""
+    """Readings, reception flags, messages and ranges, as compiled swarms take them."""
     owns, arrived = step
     received = np.array([h is not None for h in arrived])
     messages, ranges = records(MESSAGE, FOLLOWERS), np.full((FOLLOWERS, 3), 7.0)

@@ -14,7 +14,7 @@ DEVIATING = TightSettings(assume=Assume(exact_leader=False, deviation=True))
 
 
 def variances(headings: dict[float, float], every: float) -> tuple[float, float]:
-    """Variances that a compass and its leader's have gained in a minute with a message every so many seconds.
+    """Variances that a compass and its leader's have gained in a minute with messages at an interval.
 
     Both vehicles head where `headings` has it, by time [s], straight lines between.
     """

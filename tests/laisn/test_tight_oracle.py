@@ -26,7 +26,7 @@ EVERYTHING = Assume(exact_leader=False, drift=True, deviation=True, current=True
 
 @dataclass(frozen=True, kw_only=True)
 class Voyage:
-    """What happens to a leader and a follower, of whom all else follows from the seed."""
+    """Motion of a leader and a follower; all else follows from the seed."""
 
     seed: int = 0
     messages: int = 20

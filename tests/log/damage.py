@@ -1,4 +1,4 @@
-"""Ways to damage a log, and a program that writes it anew with other contents and every checksum right."""
+"""Ways to damage a log, and a program that rewrites it with other contents and every checksum right."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ MAGIC = b"\x89MCAP0\r\n"
 
 @dataclass
 class Parts:
-    """What is in a log, in order, and how it is to be written anew."""
+    """What is in a log, in order, and how it is rewritten."""
 
     attachments: list[Any] = field(default_factory=list)
     metadata: list[Any] = field(default_factory=list)

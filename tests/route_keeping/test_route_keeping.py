@@ -162,7 +162,7 @@ def test_arrival_is_when_a_waypoint_is_nearest():
 
 
 def test_a_report_is_made_of_root_mean_squares_and_extremes() -> None:
-    """100 m north at 1 m/s, then off by hand at every instant: aside, fast, deep, pitched and rolled."""
+    """100 m north at 1 m/s, with known errors at every instant: lateral, speed, depth, pitch and roll."""
     route = Route.timed("line", [[0, 0, 0], [100, 0, 100]], 5.0)
     flown = simulate_points(("vehicle",), (route,), 120.0)
     wave = np.where(np.arange(flown.time.size) % 2 == 0, 3.0, -1.0)

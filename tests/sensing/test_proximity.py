@@ -1,4 +1,4 @@
-"""What a follower senses nearby: places worked out by hand, errors by their moments, noise by its address."""
+"""What a follower senses nearby: positions in closed form, errors by their moments, noise by its address."""
 
 import numpy as np
 import pytest

@@ -15,7 +15,7 @@ from sim.vehicle.mujoco_functions import UnavailableError, call, find
 
 @pytest.fixture(autouse=True)
 def forget() -> Iterator[None]:
-    """Look for the library anew."""
+    """Search the library again."""
     mujoco_functions.library.cache_clear()
     yield
     mujoco_functions.library.cache_clear()

@@ -259,7 +259,7 @@ def test_a_key_moves_the_transmitters_of_an_own_hull_and_a_line_reports_it() -> 
 
 @pytest.mark.parametrize("variant", ["tight", "laisn-2"])
 def test_transmitters_on_a_towed_beam_are_navigated_by(variant: str) -> None:
-    """12 m behind the leader and below it: who takes them for the hull's would be some 10 m off."""
+    """12 m behind the leader and below it: taken as those of the hull, the error would be some 10 m."""
     flight = flown(moved_leader(**TOWED), {}, navigation={"variant": variant}, duration_s=100.0)
     expected = navigation_settings(flight.scenario, flight.trajectory, 0)
     assert expected.transmitter_offsets == ((-12.0, 0.5, -2.0), (-9.0, -0.5, -2.5), (-10.0, 1.0, -2.0))

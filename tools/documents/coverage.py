@@ -61,7 +61,7 @@ LAWS: Mapping[str, tuple[str, float, Draw]] = {
 
 
 def covered(law: str, runs: int, trials: int = TRIALS, seed: int = 1) -> int:
-    """How many of the intervals of so many trials, of some runs each, hold the truth of a law."""
+    """Number of intervals, of a number of trials with some runs each, that contain the true mean of a distribution."""
     _, truth, draw = LAWS[law]
     rng = np.random.default_rng([seed, runs])
     return sum(found.low <= truth <= found.high for found in ratio_intervals(*draw(rng, (runs, trials))))
@@ -89,7 +89,7 @@ def stopped(law: str, rng: np.random.Generator) -> Interval:
 
 
 def covered_when_stopped(law: str, trials: int = TRIALS, seed: int = 1) -> int:
-    """How many of the intervals of so many such studies hold the truth of a law."""
+    """Number of intervals, of a number of such studies, that contain the true mean of a distribution."""
     rng, mean = np.random.default_rng([seed, 0]), _UNTIL[law][1]
     return sum(found.low <= mean <= found.high for found in (stopped(law, rng) for _ in range(trials)))
 

@@ -57,7 +57,7 @@ def _axes(figure: Figure, bottom: float, height: float) -> Axes:
 
 
 def _draw(axes: Axes, part: Part, points: int) -> None:
-    """Lines, marks and darker ground of a part, its lines decimated to so many points."""
+    """Lines, marks and darker ground of a part, its lines decimated to this number of points."""
     for low, high in part.shaded:
         axes.axhspan(low, high, color=GRID.light, linewidth=0.0)
     for line in part.lines:

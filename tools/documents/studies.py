@@ -1,4 +1,4 @@
-"""All studies of which documents quote numbers: `make studies` flies them anew and keeps their records in the docs.
+"""All studies of which documents quote numbers: `make studies` computes them again and keeps their records in the docs.
 
 `python -m tools.documents.studies NAME …` flies some of them.
 """

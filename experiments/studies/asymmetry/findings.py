@@ -24,7 +24,7 @@ from experiments.studies.asymmetry.paper import Curve, equivalents
 
 MODULES = tuple(f"experiments.studies.asymmetry.{name}" for name in ("findings", "missions", "paper"))
 SETTLING_RUNS = 100_000
-"""Open questions are distinguished by whether so many runs would settle them."""
+"""Open questions are distinguished by whether this number of runs would settle them."""
 STAGE_4_TAU_M = (0.03, 0.06)
 
 

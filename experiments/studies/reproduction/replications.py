@@ -128,7 +128,7 @@ class Figures:
 
     @classmethod
     def of(cls, cells: Mapping[Key, Arrays], timed: Sequence[Sequence[Record]], runs: int) -> Self:
-        """Figures of replications of so many runs each.
+        """Figures of replications of a number of runs each.
 
         Args:
             cells: arrays over the runs of all replications, of each judged cell, missions in the order of `ROUTES`.
