@@ -81,7 +81,7 @@ def _plan(vehicle: Vehicle, name: str) -> Plan:
 
 
 def _through_water(scenario: Scenario, route: Route, depth: float) -> tuple[Floats, Ints]:
-    """Speeds through the water that a route asks for at a depth.
+    """Speeds through the water that a route requires at a depth.
 
     Returns:
         Speeds at both ends of intervals in which the current changes linearly on one leg, so that the highest is among
@@ -114,7 +114,7 @@ _OF_HULL = (
 )  # fmt: skip
 """Keys of a vehicle on which its stability depends."""
 _USUAL_STEP_S = 0.02
-"""In physics steps up to this one the project's own hulls are stable at all speeds that a scenario can ask for [s]."""
+"""In physics steps up to this one the project's own hulls are stable at all speeds of scenarios [s]."""
 
 
 def _hull(scenario: Scenario, vehicle: Vehicle) -> tuple[Any, Any]:
@@ -164,10 +164,10 @@ def _hull_errors(key: str, vehicle: Vehicle) -> list[str]:
     """Errors of the MJCF of a hull of the user's own."""
     if vehicle.model is None:
         return []
-    from sim.vehicle.own_hull import faults_of
+    from sim.vehicle.own_hull import hull_errors
 
     role = "follower" if isinstance(vehicle, Follower) else "leader"
-    return [f"{key}.model: {line}" for line in faults_of(vehicle.model, role)]
+    return [f"{key}.model: {line}" for line in hull_errors(vehicle.model, role)]
 
 
 def _control_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:

@@ -28,7 +28,7 @@ def hull(
     """Print a first MJCF of an own vehicle, with the formula or source of each number."""
     from sim.files import read_text
     from sim.vehicle.estimate import from_dimensions
-    from sim.vehicle.own_hull import faults_of
+    from sim.vehicle.own_hull import hull_errors
     from sim.vehicle.sdf_import import from_sdf
 
     if sdf is not None:
@@ -38,11 +38,11 @@ def hull(
             file, remarks = from_sdf(read_text(sdf, LARGEST_SDF))
         except LaisnError as error:
             raise LaisnError(f"{sdf}: {error}") from None
-        text, faults = file.xml(), faults_of(file.xml(), "leader")
+        text, errors = file.xml(), hull_errors(file.xml(), "leader")
         for remark in remarks:
             typer.echo(plain(f"note: {remark}"), err=True)
-        if faults:
-            raise LaisnError("\n".join([f"{sdf}: the hull cannot be simulated:", *(f"  {fault}" for fault in faults)]))
+        if errors:
+            raise LaisnError("\n".join([f"{sdf}: the hull cannot be simulated:", *(f"  {error}" for error in errors)]))
     else:
         if length is None or diameter is None or mass is None:
             raise LaisnError("give --length, --diameter and --mass, or --sdf FILE")

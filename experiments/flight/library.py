@@ -87,7 +87,7 @@ def load_flyable(source: str, assignments: Iterable[str]) -> Scenario:
     """Load a scenario and check its sea, routes, date and cost as well, so that it can be flown, filmed and logged.
 
     Raises:
-        ScenarioError: names file, key, value and limit of every fault.
+        ScenarioError: names file, key, value and limit of every error.
     """
     # sea and hulls take half a second to import, and commands that read or list scenarios need neither
     from sim.feasibility import infeasibilities
@@ -104,7 +104,7 @@ def loaded(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[s
         changes: values by dotted key, such as {"followers.0.depth_m": 12.0, "navigation.variant": "laisn-3-2"}.
 
     Raises:
-        ScenarioError: names key, value and limit of every fault.
+        ScenarioError: names key, value and limit of every error.
     """
     # as in `load_flyable`
     from sim.feasibility import infeasibilities

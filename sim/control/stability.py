@@ -30,7 +30,7 @@ _SPEED_STEP = 0.5
 _GROWTH = 0.02
 """Slower growth is left to the loops that are left out [1/s]."""
 _CATCHING_UP = 1.0 + CATCH_UP
-"""Guidance asks for so much of the speed of a route at most."""
+"""Largest commanded speed as a multiple of the speed of a route."""
 _DRIFT_M_S, _SPIN_RAD_S = (0.3, 0.3), (0.2, 0.2, 0.2)
 """Sway and heave, and roll, pitch and yaw rates of a brisk turn."""
 _STEP = 1e-4
@@ -151,7 +151,7 @@ def _motion(plant: Plant, i: int, d: Any, about: Floats) -> Floats:
     ]
     allocation = np.empty((own.size, 6))
     at_speed(d["slow_allocation"][: own.size], d["fast_allocation"][: own.size], speed, allocation)
-    # forces that act for a unit of what the law asks for
+    # forces that act for a unit of the commanded ones
     scale = np.where(own["kind"] == FIN, settings.lift_scale, settings.thrust_scale)
     given = (scale[:, None] * unit_wrenches(own)).T @ allocation
     inverse, lag = np.linalg.inv(rigid + c.added_mass), 0.25 / d["omega"]

@@ -19,7 +19,7 @@ from sim.datasets.range_tables import read_range_tables
 from sim.datasets.vehicle_table import VehicleTable
 from sim.files import atomic_write
 from sim.log.channels import Channel, numeric, poses
-from sim.log.contents import Contents, LogError, faults
+from sim.log.contents import Contents, LogError, log_errors
 from sim.log.reader import read_recording
 from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, PLACES, RECEPTION, RecordType
 from sim.log.writer import write_channels
@@ -167,7 +167,7 @@ def write_vehicle_table(table: VehicleTable, path: Path, name: str) -> None:
 
 def _write(path: Path, channels: Sequence[Channel], facts: dict[str, str]) -> None:
     """Write channels, and facts as metadata of a data set."""
-    with faults(path), atomic_write(path) as part:
+    with log_errors(path), atomic_write(path) as part:
         write_channels(part, channels, describe=lambda mcap: mcap.write_metadata(_RECORD, facts) if facts else None)
 
 
@@ -186,7 +186,7 @@ def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
     if _RECORD not in log.metadata:
         raise LogError(f"{path}: no log of a data set; laisn log import FILE --out LOG makes one")
     measured, remarks = read_recording(path, VEHICLE, longest_gap_s)
-    with faults(path):
+    with log_errors(path):
         facts = log.metadata[_RECORD]
         begin_ns = log.topics[f"/{VEHICLE}/motion"].time_ns[0]
         truth = np.empty((0, 3))

@@ -52,7 +52,7 @@ def partial_path(path: Path) -> Path:
 
 
 @contextmanager
-def faults(path: Path) -> Iterator[None]:
+def log_errors(path: Path) -> Iterator[None]:
     """Convert errors of reading the file to a LogError with its name."""
     try:
         yield
@@ -109,7 +109,7 @@ def records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Iter
         DamagedError: the first record that is broken, or the missing end of the file.
         LogError: the file cannot be read, or is no MCAP file.
     """
-    with faults(path), path.open("rb") as stream:
+    with log_errors(path), path.open("rb") as stream:
         size, at, ended = path.stat().st_size, 0, False
         left = _ALLOWANCE + _RATIO * size
         # no record is longer than its file
@@ -258,7 +258,7 @@ class Contents:
         """Parts that no checksum covers, so that damage to them cannot be noticed."""
         schemas, channels = dict[int, Schema](), dict[int, Messages]()
         chunks = bare = 0
-        with faults(path):
+        with log_errors(path):
             for record in records(path):
                 if isinstance(record, Message):
                     channels[record.channel_id].add(record)

@@ -13,7 +13,7 @@ import pyarrow.parquet
 from google.protobuf.descriptor import FieldDescriptor
 
 from sim.files import atomic_write
-from sim.log.contents import Contents, LogError, Messages, faults
+from sim.log.contents import Contents, LogError, Messages, log_errors
 from sim.log.schema import ERROR, POSE_FIELDS
 
 Format = Literal["parquet", "csv"]
@@ -69,7 +69,7 @@ def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path
 
     log, files, taken = Contents(path, has_table), list[Path](), set[str]()
     topics = sorted(log.topics)
-    with faults(path):
+    with log_errors(path):
         start_ns = log.start_ns()
     for topic in topics:
         messages = log.topics.pop(topic)
@@ -82,7 +82,7 @@ def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path
         file = out / f"{name}.{table_format}"
         try:
             out.mkdir(parents=True, exist_ok=True)
-            with faults(path):
+            with log_errors(path):
                 table = _table(messages, start_ns)
             with atomic_write(file) as part, _WRITERS[table_format](part, table.schema) as writer:
                 writer.write_table(table)
@@ -144,7 +144,7 @@ def write_recording(log_path: Path, path: Path) -> Path:
     except ImportError:
         raise LogError("a recording needs Rerun's package; install it with: pip install rerun-sdk") from None
     log = Contents(log_path, lambda topic, _: topic in _SCENES or topic.endswith(("/pose", "/error")))
-    with faults(log_path), atomic_write(path) as part:
+    with log_errors(log_path), atomic_write(path) as part:
         start_ns = log.start_ns()
         # a fixed name: the same log gives the same recording
         stream = rr.RecordingStream("laisn-sim", recording_id=log_path.stem)

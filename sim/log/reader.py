@@ -11,7 +11,7 @@ from laisn.arrays import Bools, Floats, Ints
 from laisn.estimates import Estimates
 from laisn.messages import Measurements
 from sim.flight import Flight, Outcome
-from sim.log.contents import FLIGHT, SCENARIO, VEHICLES, Contents, LogError, Messages, faults
+from sim.log.contents import FLIGHT, SCENARIO, VEHICLES, Contents, LogError, Messages, log_errors
 from sim.log.schema import DETAILS, MEASURED, PLACES, Clock, RecordType, estimated, vehicle_state
 from sim.scenario import file as scenario_file
 from sim.scenario.settings import CONTROL_STEP_S
@@ -101,7 +101,7 @@ def read(path: Path | str) -> Flight:
             f"{', '.join(sorted(log.topics)) or 'no channels'}. Navigation alone needs /FOLLOWER/motion and "
             "/FOLLOWER/reception: laisn replay LOG --scenario FILE"
         )
-    with faults(path):
+    with log_errors(path):
         facts, text = log.metadata[FLIGHT], log.attachments[SCENARIO].decode()
         scenario = scenario_file.validate(scenario_file.parse(text, SCENARIO), f"{path}, {SCENARIO}")
         clock, dt, outcome = Clock(scenario.epoch), scenario.timing.filter_step_s, Outcome[facts["outcome"]]
@@ -178,7 +178,7 @@ def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: 
     """What one follower of a flight, or a real vehicle, received and sensed in `/NAME/motion` and `/NAME/reception`.
 
     Own measurements are the filter steps, each as long as it took. Δt is the median, and the first ends a step of Δt. A
-    reception belongs to the first step at or after it. What is left out, or longer than `longest_gap_s`, says
+    reception belongs to the first step at or after it. What is left out, or longer than `longest_gap_s`, is listed in
     `docs/log.md`.
 
     Raises:
@@ -187,7 +187,7 @@ def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: 
     """
     topic, received = f"/{follower}/motion", f"/{follower}/reception"
     log = Contents(Path(path), lambda channel, _: channel in (topic, received))
-    with faults(log.path):
+    with log_errors(log.path):
         motion = log.require(topic, _OWN.fields)
         needed = [name for name in _RECEIVED.fields if name not in _OPTIONAL]
         reception = log.require(received, needed, _RECEIVED.schema if FLIGHT in log.metadata else None)

@@ -62,7 +62,7 @@ KEYS_ALONE = {"inconsistencies": "ignored"}
 """Context of a validation of every key alone, without `Scenario.inconsistencies`."""
 
 _STAND_IN = {"station": {"behind_m": 10.0, "depth_m": 10.0}}
-"""A follower in place of those of a shape that is at fault."""
+"""A follower in place of those of an invalid shape."""
 
 
 def _has_stations(data: dict[str, Any]) -> bool:

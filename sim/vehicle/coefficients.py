@@ -114,7 +114,7 @@ def scaled(records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]) -> npt
     return true
 
 
-def fault_of(name: str, given: int | None) -> str:
+def numeric_error(name: str, given: int | None) -> str:
     """Error of a numeric of a vehicle by its number of values (None: missing); empty: valid."""
     shape, unit = NUMERICS[name]
     size, strips = int(np.prod(shape)), name.startswith("strip_")
@@ -127,7 +127,7 @@ def fault_of(name: str, given: int | None) -> str:
 
 def _numeric(model: Any, vehicle: str, name: str) -> Floats:
     i = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, f"{vehicle}/{name}")
-    fault = fault_of(name, None if i < 0 else int(model.numeric_size[i]))
+    fault = numeric_error(name, None if i < 0 else int(model.numeric_size[i]))
     if fault:
         raise LaisnError(f"the MJCF of {vehicle!r}: {fault}")
     start, given = model.numeric_adr[i], model.numeric_size[i]

@@ -147,7 +147,7 @@ def _missing(spec: Any, role: str) -> list[str]:
         )
     for name in coefficients.NUMERICS:
         numeric = spec.numeric(name)
-        fault = coefficients.fault_of(name, None if numeric is None else int(numeric.size))
+        fault = coefficients.numeric_error(name, None if numeric is None else int(numeric.size))
         lines += [fault] if fault else []
     return lines
 
@@ -190,7 +190,7 @@ def _compiled(text: str) -> list[str]:
     return lines
 
 
-def faults_of(text: str, role: str) -> list[str]:
+def hull_errors(text: str, role: str) -> list[str]:
     """What the MJCF of a hull lacks to be a vehicle.
 
     Args:

@@ -54,7 +54,7 @@ class Plant:
         """Compose and compile the model, vehicles as `setups` place them.
 
         Raises:
-            LaisnError: the setups or the models' coefficients are at fault.
+            LaisnError: the setups or the models' coefficients are invalid.
         """
         spec = compose(setups, ocean.floor_depth_m, looks=False)
         spec.option.timestep = dt

@@ -194,7 +194,7 @@ def test_without_noise_the_errors_of_all_sensors_are_found() -> None:
 
 
 @pytest.mark.parametrize(("noise", "least", "most"), [(1.0, 0.79, 1.21), (0.05, 0.25, 0.3), (4.0, 1.7, 2.0)])
-def test_how_good_ranges_are_is_learnt_within_bounds(noise: float, least: float, most: float) -> None:
+def test_range_variances_are_estimated_within_bounds(noise: float, least: float, most: float) -> None:
     """With 0.5 m on the data sheet, twice that is estimated, and nothing below half of it or above four times it.
 
     With a gain of 0.02 a variance rests on some hundred ranges: σ is uncertain by 7 %, and three times that is allowed.

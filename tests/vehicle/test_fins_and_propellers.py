@@ -23,7 +23,7 @@ from sim.tracking import tracking
 from sim.vehicle import coefficients, effectors
 from sim.vehicle.drag import coupled_damping
 from sim.vehicle.mjcf import VehicleSetup, spec_of
-from sim.vehicle.own_hull import faults_of
+from sim.vehicle.own_hull import hull_errors
 from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
 from tests.vehicle import remus_formation
@@ -194,7 +194,7 @@ def mixed_hull() -> str:
 
 
 def test_fins_take_over_from_thrusters_as_the_speed_grows() -> None:
-    assert faults_of(mixed_hull(), "follower") == []
+    assert hull_errors(mixed_hull(), "follower") == []
     plant = plant_of(mixed_hull())
     d = design(plant, (None,))[0]
     own = plant.effectors[0]
@@ -211,7 +211,7 @@ def test_fins_take_over_from_thrusters_as_the_speed_grows() -> None:
 @pytest.mark.parametrize("name", ADDED)
 @pytest.mark.parametrize("role", ["leader", "follower"])
 def test_vehicles_have_all_that_a_hull_needs(name: str, role: str) -> None:
-    assert faults_of(models.path(name).read_text("utf-8"), role) == []
+    assert hull_errors(models.path(name).read_text("utf-8"), role) == []
 
 
 def test_vehicles_are_listed_with_effectors_and_limits() -> None:
@@ -370,7 +370,7 @@ def test_what_a_hull_cannot_do_is_refused_by_name() -> None:
 def test_wrong_numerics_of_effectors_are_named(old: str, new: str, message: str | None) -> None:
     text = models.path("remus100").read_text("utf-8")
     assert old in text
-    lines = faults_of(text.replace(old, new, 1), "leader")
+    lines = hull_errors(text.replace(old, new, 1), "leader")
     assert len(lines) == 1
     assert re.search(message or "2 to 16 pairs of state and thrust", lines[0])
 
@@ -409,7 +409,7 @@ def odd_hull() -> str:
 
 def test_three_thrusters_at_odd_places_and_two_fins_fly_by_their_mjcf_alone() -> None:
     text = odd_hull()
-    assert faults_of(text, "follower") == []
+    assert hull_errors(text, "follower") == []
     plant = plant_of(text)
     assert len(plant.effector_names[0]) == 5
     depth = DepthProfile(time=np.array([0.0, 40.0, 100.0]), depth=np.array([10.0, 10.0, 12.0]))

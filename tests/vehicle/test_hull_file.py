@@ -19,7 +19,7 @@ from sim.vehicle import coefficients
 from sim.vehicle.effectors import FIN
 from sim.vehicle.estimate import from_dimensions, helmbold_slope, lamb_factors
 from sim.vehicle.mjcf import VehicleSetup
-from sim.vehicle.own_hull import faults_of
+from sim.vehicle.own_hull import hull_errors
 from sim.vehicle.plant import Plant
 from sim.vehicle.sdf_import import from_sdf
 from sim.water.ocean import Ocean
@@ -57,7 +57,7 @@ def test_slope_of_fins_has_the_limits_of_wing_theory() -> None:
 @pytest.mark.parametrize("fins", ["+", "x"])
 def test_an_estimated_hull_flies(fins: str) -> None:
     text = from_dimensions(*SIZE, fins=fins, propeller=0.14).xml()  # type: ignore[arg-type]
-    assert faults_of(text, "follower") == faults_of(text, "leader") == []
+    assert hull_errors(text, "follower") == hull_errors(text, "leader") == []
     plant = plant_of(text, speed=1.0, heading=np.pi / 2)
     autopilot = design(plant, (None,))
     require_stable(plant, autopilot, 2.0)
@@ -141,7 +141,7 @@ def test_an_sdf_file_is_converted_to_a_hull_with_its_coefficients() -> None:
     file, remarks = from_sdf(SDF)
     text = file.xml()
     assert remarks == []
-    assert faults_of(text, "leader") == []
+    assert hull_errors(text, "leader") == []
     c, wanted = record_of(text), expected_matrices()
     np.testing.assert_allclose(c["added_mass"], wanted["added_mass"])
     for name in ("linear", "quadratic"):
@@ -220,5 +220,5 @@ def test_the_command_prints_a_hull(tmp_path: Path) -> None:
     for given in (dimensions, ["--sdf", str(source)]):
         result = CliRunner().invoke(app, ["hull", *given])
         assert result.exit_code == 0, result.output
-        assert faults_of(result.stdout, "follower") == []
+        assert hull_errors(result.stdout, "follower") == []
     assert from_dimensions(1.8, 0.2, 50.0, "x", 0.14).xml() == CliRunner().invoke(app, ["hull", *dimensions]).stdout

@@ -20,7 +20,7 @@ from sim.log.scene import hull
 from sim.scenario.settings import Scenario
 from sim.vehicle.coefficients import NUMERICS
 from sim.vehicle.mjcf import spec_of
-from sim.vehicle.own_hull import faults_of
+from sim.vehicle.own_hull import hull_errors
 
 FOLLOWER, LEADER = (models.path(name).read_text(encoding="utf-8") for name in ("follower", "leader"))
 SITES = ("depth_sensor", "cg")
@@ -34,15 +34,15 @@ def without(kind: str, name: str, text: str = FOLLOWER) -> str:
 
 
 def test_the_projects_own_hulls_lack_nothing() -> None:
-    assert faults_of(FOLLOWER, "follower") == []
-    assert faults_of(LEADER, "leader") == []
+    assert hull_errors(FOLLOWER, "follower") == []
+    assert hull_errors(LEADER, "leader") == []
 
 
 @pytest.mark.parametrize("name", NUMERICS)
 def test_a_missing_coefficient_is_named_with_its_unit(name: str) -> None:
-    (fault,) = faults_of(without("numeric", name), "follower")
-    assert fault.startswith(f"lacks <numeric name='{name}'>, ")
-    assert fault.endswith(f"[{NUMERICS[name][1]}]")
+    (error,) = hull_errors(without("numeric", name), "follower")
+    assert error.startswith(f"lacks <numeric name='{name}'>, ")
+    assert error.endswith(f"[{NUMERICS[name][1]}]")
 
 
 @pytest.mark.parametrize(("role", "text", "name"), [
@@ -50,13 +50,13 @@ def test_a_missing_coefficient_is_named_with_its_unit(name: str) -> None:
     *(("leader", LEADER, name) for name in ("tx_rear", "tx_front", "tx_middle")),
 ])  # fmt: skip
 def test_a_missing_site_is_named(role: str, text: str, name: str) -> None:
-    (fault,) = faults_of(without("site", name, text), role)
-    assert fault.startswith(f"lacks <site name='{name}'>, ")
+    (error,) = hull_errors(without("site", name, text), role)
+    assert error.startswith(f"lacks <site name='{name}'>, ")
 
 
 def test_an_actuator_whose_site_is_missing_is_named() -> None:
-    (fault,) = faults_of(without("site", "thruster_lateral_bow"), "follower")
-    assert fault == "<general name='thruster_lateral_bow'>: there is no <site name='thruster_lateral_bow'>"
+    (error,) = hull_errors(without("site", "thruster_lateral_bow"), "follower")
+    assert error == "<general name='thruster_lateral_bow'>: there is no <site name='thruster_lateral_bow'>"
 
 
 @pytest.mark.parametrize(("text", "expected"), [
@@ -90,8 +90,8 @@ def test_an_actuator_whose_site_is_missing_is_named() -> None:
 ])  # fmt: skip
 def test_an_unusable_hull_is_refused_with_the_reason(text: str, expected: str) -> None:
     assert text != FOLLOWER
-    faults = faults_of(text, "follower")
-    assert any(expected in fault for fault in faults), faults
+    errors = hull_errors(text, "follower")
+    assert any(expected in error for error in errors), errors
 
 
 @pytest.fixture(scope="module")

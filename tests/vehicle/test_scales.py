@@ -101,6 +101,6 @@ def test_a_hull_with_scales_is_flown_where_it_is_stable():
 
 @pytest.mark.parametrize("mode", ["pitch", "thrust"])
 @pytest.mark.parametrize("name", ["leader", "follower"])
-def test_the_projects_hulls_are_stable_at_all_speeds_that_a_scenario_can_ask_for(name, mode):
+def test_the_projects_hulls_are_stable_at_all_speeds_of_scenarios(name, mode):
     one = Plant([VehicleSetup(name=name, model=name, position_m=(0, 0, -10))], Ocean.calm())
     require_stable(one, design(one, (mode,)), SPEED_MAX + FASTEST_CURRENT_M_S, orbital=4.0)
