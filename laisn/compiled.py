@@ -1,8 +1,8 @@
 """How this project compiles: numba with one set of flags, and a folder in which later processes find the machine code.
 
-Compiled code contains constants and code of other modules, and numba compares only the file of the function itself with
-the one that was compiled. The folder is therefore named by a hash of the versions and of `REACHED`, the sources that
-compiled code can reach.
+Compiled code contains constants and code of other modules, and numba compares only the content of the function's own
+file with that of the compiled one. The folder is therefore named by a hash of the versions and of `REACHED`, the
+sources that compiled code can reach.
 """
 
 import fcntl
@@ -81,8 +81,8 @@ def find_folder() -> Path | None:
     home = os.environ.get("XDG_CACHE_HOME", "")
     try:
         place = (Path(home) if os.path.isabs(home) else Path.home() / ".cache") / "laisn-sim" / "compiled"
-        place.parent.mkdir(parents=True, exist_ok=True)
-        place.mkdir(mode=0o700, exist_ok=True)
+        # parents get the usual mode
+        place.mkdir(mode=0o700, parents=True, exist_ok=True)
         state, version = place.lstat(), place / _version()
         if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.geteuid() or state.st_mode & 0o077:
             return None
@@ -121,11 +121,12 @@ warnings.filterwarnings("ignore", category=errors.NumbaIRAssumptionWarning)
 
 
 def _jit(function: Function, **flags: Any) -> Function:
+    """Compile a function, which releases the lock of the interpreter, so that threads run side by side."""
     # what other projects and closures refer to is not in the name of the folder
     stored = FOLDER is not None and not function.__closure__ and function.__module__.partition(".")[0] in _PROJECT
     config: Any = numba.config
     config.CACHE_DIR = str(FOLDER or "")
-    return cast(Function, numba.njit(error_model="numpy", cache=stored, **flags)(function))
+    return cast(Function, numba.njit(error_model="numpy", nogil=True, cache=stored, **flags)(function))
 
 
 def compiled(function: Function) -> Function:
@@ -133,14 +134,9 @@ def compiled(function: Function) -> Function:
     return _jit(function)
 
 
-def compiled_run(function: Function) -> Function:
-    """Compile a long loop over one run, with the arithmetic of `compiled`; threads run side by side."""
-    return _jit(function, nogil=True)
-
-
 def compiled_lanes(function: Function) -> Function:
-    """Compile a pass over lanes: fused multiply-adds are allowed, NaN keeps its meaning, threads run side by side."""
-    return _jit(function, fastmath={"contract", "nsz"}, nogil=True)
+    """Compile a pass over lanes: fused multiply-adds are allowed, and NaN keeps its meaning."""
+    return _jit(function, fastmath={"contract", "nsz"})
 
 
 def inlined(function: Function) -> Function:

@@ -87,16 +87,14 @@ def read_text(path: Path, max_bytes: int) -> str:
     """
     try:
         status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            raise LaisnError("it is a folder" if stat.S_ISDIR(status.st_mode) else "it is no plain file")
-        if status.st_size > max_bytes:
-            raise LaisnError(f"it has {status.st_size} bytes, there may be {max_bytes}")
-        return path.read_text(encoding="utf-8-sig")
+        if stat.S_ISREG(status.st_mode) and status.st_size <= max_bytes:
+            return path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise LaisnError(error.strerror or str(error)) from None
     except UnicodeDecodeError:
         raise LaisnError("not UTF-8 text") from None
-    except LaisnError:
-        raise
     except ValueError as error:
         raise LaisnError(str(error)) from None  # a NUL in the path
+    if stat.S_ISREG(status.st_mode):
+        raise LaisnError(f"it has {status.st_size} bytes, there may be {max_bytes}")
+    raise LaisnError("it is a folder" if stat.S_ISDIR(status.st_mode) else "it is no plain file")

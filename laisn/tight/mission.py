@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints, Record, Records, records
-from laisn.compiled import compiled, compiled_run, copy_values
+from laisn.compiled import compiled, copy_values
 from laisn.elementary import sin_cos
 from laisn.failure import LaisnError
 from laisn.messages import Measurements
@@ -72,7 +72,7 @@ def _sines(heading: Floats, sine: Floats, cosine: Floats) -> None:
         sine[k], cosine[k] = sin_cos(heading[k])
 
 
-@compiled_run
+@compiled
 def filter_mission(
     b: Belief,
     m: Model,
