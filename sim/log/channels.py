@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
-from itertools import repeat
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -39,8 +38,6 @@ FIX_LINES: dict[FixKind, tuple[Level, str]] = {
 """Level and text of the lines of `/log` for every kind of fix."""
 _OUTCOME_LEVELS: dict[Outcome, Level] = {Outcome.COMPLETED: "info", Outcome.CONTACT: "warning"}
 """Levels of outcomes that are no errors."""
-_BLOCK = 100
-"""Messages of a channel that are made at once."""
 
 
 class Event(NamedTuple):
@@ -65,12 +62,10 @@ class Channel(NamedTuple):
     rows: Callable[[slice], Iterable[bytes]]
     """Serialised messages of a stretch."""
 
-    def messages(self, key: int) -> Iterator[tuple[int, int, bytes]]:
-        """Times [ns], key and serialised messages, made in blocks."""
-        for start in range(0, self.time_ns.size, _BLOCK):
-            part = slice(start, start + _BLOCK)
-            # a whole block at once: in turns with writing it would take half as long again
-            yield from zip(self.time_ns[part].tolist(), repeat(key), list(self.rows(part)))
+    def between(self, start_ns: int, end_ns: int) -> Iterable[tuple[int, bytes]]:
+        """Times [ns] and serialised messages from a time on until before another."""
+        part = slice(*np.searchsorted(self.time_ns, (start_ns, end_ns)).tolist())
+        return zip(self.time_ns[part].tolist(), self.rows(part), strict=True)
 
 
 def numeric(prefix: str, type_: RecordType, time_ns: Ints, arrays: Callable[[str], schema.Array]) -> Channel:

@@ -45,8 +45,9 @@ class Clock:
         return np.asarray(self.epoch_ns + np.rint(np.asarray(time_s, dtype=np.float64) * 1e9).astype(np.int64))
 
 
+@lru_cache(maxsize=1024)
 def timestamp(time_ns: int) -> Timestamp:
-    """A time since 1970 as Foxglove's messages hold it."""
+    """A time since 1970 as Foxglove's messages hold it; many channels have messages at the same times."""
     return Timestamp(sec=time_ns // 10**9, nsec=time_ns % 10**9)
 
 

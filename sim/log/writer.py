@@ -1,7 +1,6 @@
 """A flight written as an MCAP log that Foxglove and Rerun draw; `sim.log.reader` reads it back to the bit."""
 
 import functools
-import heapq
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -9,6 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from importlib.metadata import version
 from io import BufferedWriter, FileIO
+from itertools import pairwise
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,9 @@ from sim.log.recovery import holds_messages
 from sim.log.schema import DETAILS, FIXED, Clock, timestamp
 
 _BLOCK_NS = 10 * 10**9
-"""Time after which what was logged is in the file [ns]."""
+"""What was logged of this time is in the file before more is logged [ns]."""
+_END_NS = 2**63 - 1
+"""After all messages [ns]."""
 _PACKAGES = ("laisn-sim", "mujoco", "numpy", "scipy", "numba", "filterpy", "mcap", "foxglove-sdk")
 _CONVENTIONS = {
     "world": "x east, y north, z up [m]; depth = -z",
@@ -78,16 +81,20 @@ def _write(
             foxglove.Channel(topic, schema=schema, message_encoding=MessageEncoding.Protobuf, context=context).base.log
             for topic, schema in types
         ]
-        streams = [channel.messages(k) for k, channel in enumerate(channels)]
-        streams.append((at, len(channels), data) for at, data in frames)
-        end = 0
-        # messages of equal times are in the order of channels
-        for at, k, data in heapq.merge(*streams):
-            if at >= end:
-                mcap.flush()
-                output.check()
-                end = at + _BLOCK_NS
-            log_to[k](data, at)
+        blocks = sorted({block for c in channels for block in np.unique(c.time_ns // _BLOCK_NS).tolist()})
+        starts, images = [block * _BLOCK_NS for block in blocks], iter(frames)
+        image = next(images, None)
+        for start, end in pairwise([*starts, _END_NS]):
+            messages = [(at, k, data) for k, c in enumerate(channels) for at, data in c.between(start, end)]
+            while image is not None and image[0] < end:
+                messages.append((image[0], len(channels), image[1]))
+                image = next(images, None)
+            # messages of equal times stay in the order of channels
+            messages.sort(key=itemgetter(0))
+            for at, k, data in messages:
+                log_to[k](data, at)
+            mcap.flush()
+            output.check()
         mcap.close()
         output.check()
         os.fsync(output.fileno())
