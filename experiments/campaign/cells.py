@@ -116,34 +116,13 @@ class CellResult(NamedTuple):
     `mirror_locked`, the number of fixes `gated`, and `nees` and `nis`, NaN where there are none."""
 
 
-_OF_RUNS = [
-    number // LANES
-    for number in (
-        metric.MAX_P,
-        metric.SUM_P,
-        metric.SQUARES_P,
-        metric.MAX_B,
-        metric.SUM_B,
-        metric.LONGEST_MIRROR_LOCK,
-        metric.KINDS + FixKind.GATED * LANES,
-        metric.SUM_NEES,
-        metric.COUNT_NEES,
-        metric.SUM_NIS,
-        metric.COUNT_NIS,
-    )
-]
-"""Rows of a tally that figures of single runs are made of."""
-
-
 class CellSums:
     """Adds up the blocks of a cell, which come in the order of runs."""
 
     def __init__(self, cell: Cell) -> None:
         self._cell = cell
-        self._total = np.zeros(metric.SIZE // LANES)
-        self._largest = np.zeros(metric.SIZE // LANES)
+        self._tally = np.empty((metric.SIZE // LANES, len(cell.runs)))
         self._histograms = np.zeros((2, metric.BINS), dtype=np.int64)
-        self._runs = np.empty((len(_OF_RUNS), len(cell.runs)))
         self._nees = np.zeros(cell.truth.speed.size)
 
     def add(self, runs: range, tally: Floats, histograms: Ints, nees: Floats) -> None:
@@ -152,27 +131,27 @@ class CellSums:
         diverged = np.flatnonzero(~np.isfinite(table[metric.SUM_P // LANES]))
         if diverged.size:
             raise LaisnError(f"the estimate of run {runs[int(diverged[0])]} left finite numbers; check the settings")
-        for of_run in table.T:
-            # one after another: rounding must not depend on how runs are split into blocks
-            self._total += of_run
-        self._largest = np.maximum(self._largest, table.max(axis=1))
+        first = runs[0] - self._cell.runs[0]
+        self._tally[:, first : first + len(runs)] = table
         self._histograms += histograms
         self._nees += nees
-        first = runs[0] - self._cell.runs[0]
-        self._runs[:, first : first + len(runs)] = table[_OF_RUNS]
+
+    def _of_runs(self, number: int) -> Floats:
+        """A number of the tally for each run, shape (R,)."""
+        return self._tally[number // LANES]
 
     def _mean(self, total: int, count: int) -> float:
-        number = self._total[count // LANES]
-        return float(self._total[total // LANES] / number) if number else math.nan
+        number = self._of_runs(count).sum()
+        return float(self._of_runs(total).sum() / number) if number else math.nan
 
     def _moments(self, total: int, squares: int) -> tuple[float, float]:
         """Mean and standard deviation of an error over all steps of all runs."""
         values = self._cell.truth.speed.size * len(self._cell.runs)
-        mean = float(self._total[total // LANES] / values)
-        return mean, math.sqrt(max(float(self._total[squares // LANES] / values) - mean * mean, 0.0))
+        mean = float(self._of_runs(total).sum() / values)
+        return mean, math.sqrt(max(float(self._of_runs(squares).sum() / values) - mean * mean, 0.0))
 
     def _percentiles(self, histogram: Ints, lowest: float, largest: int) -> Iterator[tuple[int, float]]:
-        top = float(self._largest[largest // LANES])
+        top = float(self._of_runs(largest).max())
         return ((p, metric.percentile(histogram, lowest, p / 100.0, top)) for p in PERCENTILES)
 
     def _share_inside(self) -> float | None:
@@ -183,31 +162,34 @@ class CellSums:
     def result(self) -> CellResult:
         """What the cell comes to."""
         steps, (of_position, of_bearing) = self._cell.truth.speed.size, self._histograms
-        largest_p, sum_p, squares, largest_b, sum_b, longest_mirror_lock, gated, *normalised = self._runs
+        largest_p, largest_b = self._of_runs(metric.MAX_P), self._of_runs(metric.MAX_B)
         gaps = np.diff(self._cell.truth.message_step)
-        mirror_locked = longest_mirror_lock >= (float(np.median(gaps)) if gaps.size else float(steps))
+        shortest_lock = float(np.median(gaps)) if gaps.size else float(steps)
+        mirror_locked = self._of_runs(metric.LONGEST_MIRROR_LOCK) >= shortest_lock
         runs: Arrays = {
             "run": np.array(self._cell.runs, dtype=np.int64),
             "e_p_max_m": largest_p,
-            "e_p_mean_m": sum_p / steps,
-            "e_p_rms_m": np.sqrt(squares / steps),
+            "e_p_mean_m": self._of_runs(metric.SUM_P) / steps,
+            "e_p_rms_m": np.sqrt(self._of_runs(metric.SQUARES_P) / steps),
             "e_b_max_deg": np.rad2deg(largest_b),
-            "e_b_mean_deg": np.rad2deg(sum_b / steps),
+            "e_b_mean_deg": np.rad2deg(self._of_runs(metric.SUM_B) / steps),
             "mirror_locked": mirror_locked,
-            "gated": gated.astype(np.int64),
+            "gated": self._of_runs(metric.KINDS + FixKind.GATED * LANES).astype(np.int64),
         }
-        for name, total, count in zip(("nees", "nis"), normalised[::2], normalised[1::2], strict=True):
-            runs[name] = np.divide(total, count, out=np.full(total.size, np.nan), where=count > 0.0)
+        normalised = (("nees", metric.SUM_NEES, metric.COUNT_NEES), ("nis", metric.SUM_NIS, metric.COUNT_NIS))
+        for name, total, count in normalised:
+            number = self._of_runs(count)
+            runs[name] = np.divide(self._of_runs(total), number, out=np.full(number.size, np.nan), where=number > 0.0)
         e_p_mean, e_p_std = self._moments(metric.SUM_P, metric.SQUARES_P)
         e_b_mean, e_b_std = self._moments(metric.SUM_B, metric.SQUARES_B)
         row: Record = {
             "seed": self._cell.seed,
             "runs": len(self._cell.runs),
             "steps": steps,
-            "e_p_max_m": float(self._largest[metric.MAX_P // LANES]),
+            "e_p_max_m": float(largest_p.max()),
             "e_p_mean_m": e_p_mean,
             "e_p_std_m": e_p_std,
-            "e_b_max_deg": math.degrees(self._largest[metric.MAX_B // LANES]),
+            "e_b_max_deg": math.degrees(largest_b.max()),
             "e_b_mean_deg": math.degrees(e_b_mean),
             "e_b_std_deg": math.degrees(e_b_std),
         }
@@ -222,7 +204,7 @@ class CellSums:
             "mirror_locked_runs": int(np.count_nonzero(mirror_locked)),
             "worst_run": self._cell.runs[int(np.argmax(largest_p))],
         }
-        fixes = self._total[metric.KINDS // LANES :]
+        fixes = self._tally[metric.KINDS // LANES :].sum(axis=1)
         row |= {f"fixes_{kind.name.lower()}": int(fixes[kind]) for kind in FixKind}
         row["e_p_mean_unlocked_m"] = None if mirror_locked.all() else float(runs["e_p_mean_m"][~mirror_locked].mean())
         return CellResult(row, runs)

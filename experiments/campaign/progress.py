@@ -4,7 +4,6 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from typing import Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, TextColumn, TimeRemainingColumn
@@ -19,13 +18,8 @@ _COMPILING = "compiling (once)"
 _COUNT_EVERY_S = 0.5
 
 
-class Advance(Protocol):
-    """Reports finished items."""
-
-    def __call__(self, count: int = 1) -> None:
-        """`count` more are finished."""
-
-
+Advance = Callable[[int], None]
+"""Reports that so many more items are finished."""
 Update = Callable[[float], None]
 """Reports the share that is done, 0 … 1."""
 Phase = Callable[[str], AbstractContextManager[Update]]
@@ -47,11 +41,8 @@ def show_table(
 ) -> None:
     """Print a table of literal text: names in the first column, at the left, and values at the right of the others."""
     columns = (Column(literal(head), justify="right" if n else "left") for n, head in enumerate(heads))
-    table = Table(*columns, box=None, pad_edge=False)
-    if title:
-        table.title, table.title_justify = literal(title), "left"
-    if caption:
-        table.caption, table.caption_justify = literal(caption), "left"
+    about = {name: literal(text) for name, text in (("title", title), ("caption", caption)) if text}
+    table = Table(*columns, box=None, pad_edge=False, title_justify="left", caption_justify="left", **about)
     for row in rows:
         table.add_row(*map(literal, row))
     console.print(table)
@@ -128,12 +119,12 @@ def progress(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]
     """
     console = Console(stderr=True)
     if quiet or total == 0:
-        yield lambda count=1: None
+        yield lambda count: None
         return
     with _bars(console, MofNCompleteColumn()) as bars:
         task, shown = bars.add_task(what, total=total), time.monotonic()
 
-        def advance(count: int = 1) -> None:
+        def advance(count: int) -> None:
             nonlocal shown
             bars.advance(task, count)
             state, now = bars.tasks[task], time.monotonic()

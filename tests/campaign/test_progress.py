@@ -68,7 +68,7 @@ def test_the_first_item_is_not_in_the_time_left(monkeypatch: pytest.MonkeyPatch,
     monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: clock[0]))
     with progress.progress("cells", 6) as advance:
         for clock[0] in (60.0, 70.0, 80.0, 90.0, 100.0, 110.0):
-            advance()
+            advance(1)
     assert lines_of(capsys) == [
         "cells: 1/6",
         "cells: 2/6, 0.1/s, 40 s left",
@@ -81,7 +81,7 @@ def test_the_first_item_is_not_in_the_time_left(monkeypatch: pytest.MonkeyPatch,
 
 def test_nothing_is_reported_where_nothing_is_to_be_done(capsys: pytest.CaptureFixture[str]) -> None:
     with progress.progress("cells", 0) as advance:
-        advance()
+        advance(1)
     with progress.progress("cells", 3, quiet=True) as advance:
         advance(3)
     assert lines_of(capsys) == []
