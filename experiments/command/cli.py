@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from experiments.command import bounds, hull, studies
-from experiments.command.errors import echo, report_errors, run
+from experiments.command.errors import Commands, echo, run
 from experiments.command.studies import (
     OutOption,
     PluginOption,
@@ -24,6 +24,7 @@ from laisn.failure import LaisnError
 
 app = typer.Typer(
     name="laisn",
+    cls=Commands,
     help="Simulate a leader and its followers under water, navigated by acoustic ranges (LAISN).",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -54,7 +55,6 @@ LogArgument = Annotated[Path, typer.Argument(help="an MCAP log")]
 
 
 @app.command()
-@report_errors
 def fly(
     scenario: ScenarioArgument,
     set_: SetOption = None,
@@ -77,7 +77,6 @@ def fly(
 
 
 @app.command()
-@report_errors
 def scenarios(
     name: Annotated[str | None, typer.Argument(help="print this scenario as TOML, a template for your own")] = None,
 ) -> None:
@@ -91,7 +90,6 @@ def scenarios(
 
 
 @app.command()
-@report_errors
 def vehicles() -> None:
     """List the vehicles with size, mass, effectors and their limits."""
     from experiments.flight import library
@@ -100,7 +98,6 @@ def vehicles() -> None:
 
 
 @app.command()
-@report_errors
 def check(scenario: ScenarioArgument, set_: SetOption = None, _plugin: PluginOption = None) -> None:
     """Validate a scenario without simulating it."""
     from experiments.flight.library import load_flyable
@@ -114,7 +111,6 @@ def check(scenario: ScenarioArgument, set_: SetOption = None, _plugin: PluginOpt
 
 
 @app.command()
-@report_errors
 def doctor() -> None:
     """Report what works on this machine, and what to install for the rest."""
     from experiments.command.doctor import examine
@@ -131,7 +127,6 @@ def _size(text: str) -> dict[str, int]:
 
 
 @app.command()
-@report_errors
 def render(
     source: SourceArgument,
     set_: SetOption = None,
@@ -165,7 +160,6 @@ def render(
 
 
 @app.command()
-@report_errors
 def replay(
     log: Annotated[Path, typer.Argument(help="a log (.mcap) of a flight, or of a real vehicle with its channels")],
     variant: Annotated[
@@ -205,13 +199,12 @@ def replay(
         raise LaisnError(f"--smooth: the navigator of a data set ({log}) has no smoother")
 
 
-app.command("range-budget")(report_errors(bounds.range_budget))
-app.command()(report_errors(bounds.bound))
-app.command()(report_errors(hull.hull))
+app.command("range-budget")(bounds.range_budget)
+app.command()(bounds.bound)
+app.command()(hull.hull)
 
 
 @log_app.command("info")
-@report_errors
 def log_info(log: LogArgument) -> None:
     """Print the contents of a log."""
     from experiments.command import replaying
@@ -220,7 +213,6 @@ def log_info(log: LogArgument) -> None:
 
 
 @log_app.command("export")
-@report_errors
 def log_export(
     log: LogArgument,
     out: Annotated[Path, typer.Argument(parser=folder_option, metavar="OUT", help="folder for the tables")],
@@ -246,7 +238,6 @@ def log_export(
 
 
 @log_app.command("import")
-@report_errors
 def log_import(
     source: Annotated[
         Path, typer.Argument(metavar="FILE", help="a factor graph (.pyfg), NAME.mat or NAME_DR.txt, or a table (.csv)")
@@ -263,7 +254,6 @@ def log_import(
 
 
 @log_app.command("recover")
-@report_errors
 def log_recover(log: LogArgument) -> None:
     """Recover a log that a crash, a full disk or Ctrl-C left unfinished."""
     from sim.log.recovery import recover
@@ -272,9 +262,9 @@ def log_recover(log: LogArgument) -> None:
 
 
 for _study in (studies.study, studies.compare, studies.reproduce, studies.asymmetry):
-    app.command()(report_errors(_study))
+    app.command()(_study)
 for _name in studies.BUILT_IN:
-    app.command(_name)(report_errors(studies.command_of(_name)))
+    app.command(_name)(studies.command_of(_name))
 
 
 def main() -> None:

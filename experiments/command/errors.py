@@ -17,6 +17,8 @@ from types import FrameType
 from typing import Any, ParamSpec, TypeVar
 
 import typer
+from typer.core import TyperGroup
+from typer.exceptions import TyperException
 
 from laisn.failure import LaisnError, LaisnWarning
 from sim.screen import plain, screenful
@@ -81,7 +83,7 @@ def report_errors(command: Callable[P, T]) -> Callable[P, T]:
                 warnings.showwarning = _show_warning
             try:
                 return command(*args, **kwargs)
-            except (typer.Exit, typer.Abort, BrokenPipeError):
+            except (typer.Exit, typer.Abort, TyperException, BrokenPipeError):
                 raise
             except (Exception, KeyboardInterrupt) as error:
                 if debug and not isinstance(error, KeyboardInterrupt):
@@ -91,6 +93,14 @@ def report_errors(command: Callable[P, T]) -> Callable[P, T]:
         raise typer.Exit(code)
 
     return wrapped
+
+
+class Commands(TyperGroup):
+    """Subcommands whose errors are reported by `report_errors`."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the subcommand that the arguments name."""
+        return report_errors(super().invoke)(ctx)
 
 
 def echo(text: object) -> None:

@@ -25,11 +25,8 @@ def _load_plugins(files: list[Path] | None) -> None:
     """Load plugins before the other parameters are read."""
     from laisn.plugins import load_plugin
 
-    try:
-        for file in files or []:
-            load_plugin(file)
-    except LaisnError as error:
-        raise typer.BadParameter(str(error)) from None
+    for file in files or []:
+        load_plugin(file)
 
 
 PluginOption = Annotated[
