@@ -36,16 +36,15 @@ class Backend(NamedTuple):
     """Name of the renderer if it works, or why it does not."""
 
 
-def child(program: str, arguments: tuple[str, ...], backend: str, threads: int = 1) -> tuple[list[str], dict[str, str]]:
+def child(program: str, backend: str, threads: int = 1) -> tuple[list[str], dict[str, str]]:
     """Command and environment of a Python process that renders with `backend`; it sees this process's modules."""
     # -P and the handed-over path: a folder `models` or `sim` in the working directory must not be imported instead
     start = f"import sys\nsys.path[:] = {json.dumps(sys.path)}\n{program}"
-    environment = os.environ | {"MUJOCO_GL": backend, "LP_NUM_THREADS": str(threads), "OMP_NUM_THREADS": "1"}
-    environment.pop("PYOPENGL_PLATFORM", None)
+    chosen = {"MUJOCO_GL": backend, "LP_NUM_THREADS": str(threads), "OMP_NUM_THREADS": "1"}
     if sys.platform == "linux":
         # else PyOpenGL takes GLX if it is imported before MuJoCo has chosen for it
-        environment["PYOPENGL_PLATFORM"] = backend
-    return [sys.executable, "-P", "-c", start, *arguments], environment
+        chosen["PYOPENGL_PLATFORM"] = backend
+    return [sys.executable, "-P", "-c", start], os.environ | chosen
 
 
 def render_ball() -> str:
@@ -72,7 +71,7 @@ def render_ball() -> str:
 
 
 def _examine(backend: str) -> Backend:
-    command, environment = child("from sim.film import graphics; print(graphics.render_ball())", (), backend)
+    command, environment = child("from sim.film import graphics; print(graphics.render_ball())", backend)
     try:
         answer = subprocess.run(
             command, env=environment, capture_output=True, text=True, timeout=_PATIENCE_S, check=False

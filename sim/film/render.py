@@ -61,7 +61,7 @@ def _results(job: Job, programs: Sequence[str]) -> Generator[Any, None, None]:
     children, readers = list[Any](), list[Thread]()
     try:
         for program in programs:
-            command, environment = graphics.child(f"{start}; frame_renderer.{program}", (), backend.name, threads)
+            command, environment = graphics.child(f"{start}; frame_renderer.{program}", backend.name, threads)
             log = TemporaryFile()  # noqa: SIM115 (the reader closes it)
             pipe = subprocess.PIPE
             children.append(subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, stderr=log))

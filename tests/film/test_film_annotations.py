@@ -165,8 +165,8 @@ def shown(flight, tmp_path_factory):
     jobs = {"plain": job, "profile": replace(job, video=Video(camera="profile"), annotations=added(flight))}
     (folder / "jobs").write_bytes(pickle.dumps((jobs, WHEN)))
     arguments = (str(folder / "jobs"), str(folder / "stills.npz"))
-    command, environment = graphics.child(TOGETHER, arguments, graphics.working().name)
-    subprocess.run(command, env=environment, check=True, timeout=120)
+    command, environment = graphics.child(TOGETHER, graphics.working().name)
+    subprocess.run([*command, *arguments], env=environment, check=True, timeout=120)
     render.still(flight, WHEN, folder / "chase.png", errors=errors, video=Video(), annotations=added(flight))
     with np.load(folder / "stills.npz") as stills:
         return {name: stills[name][..., :3] for name in jobs} | {"chase": np.asarray(Image.open(folder / "chase.png"))}

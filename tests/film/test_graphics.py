@@ -25,7 +25,7 @@ def test_working_is_the_first_that_renders():
 
 def test_this_process_keeps_its_environment():
     before = dict(os.environ)
-    graphics.child("pass", (), "egl")
+    graphics.child("pass", "egl")
     graphics.probe()
     assert dict(os.environ) == before
 
@@ -47,7 +47,7 @@ def test_a_child_imports_the_packages_modules_in_any_working_directory(tmp_path)
     for name in ("models", "sim", "json"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").write_text("raise RuntimeError('the wrong module')")
-    command, environment = graphics.child("import json, sim.film.graphics; print(sys.argv[1])", ("fine",), "egl")
+    command, environment = graphics.child("import json, sim.film.graphics; print('fine')", "egl")
     answer = subprocess.run(
         command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=60
     )

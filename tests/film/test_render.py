@@ -122,8 +122,8 @@ np.savez(sys.argv[2], **pictures)
     jobs = [Job(flight=one, errors=errors_of(one), video=small()) for one in (flight, shifted)]
     (tmp_path / "jobs").write_bytes(pickle.dumps(jobs))
     arguments = (str(tmp_path / "jobs"), str(tmp_path / "pictures.npz"))
-    command, environment = graphics.child(program, arguments, graphics.working().name)
-    subprocess.run(command, env=environment, check=True, timeout=120)
+    command, environment = graphics.child(program, graphics.working().name)
+    subprocess.run([*command, *arguments], env=environment, check=True, timeout=120)
     with np.load(tmp_path / "pictures.npz") as pictures:
         steps = pictures["steps"]
         assert steps.max() < 1.5 * np.median(steps)
