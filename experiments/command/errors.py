@@ -9,12 +9,12 @@ import sys
 import tempfile
 import traceback
 import warnings
-from collections.abc import Callable, Iterable
-from functools import wraps
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from types import FrameType
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 import typer
 from typer.core import TyperGroup
@@ -22,9 +22,6 @@ from typer.exceptions import TyperException
 
 from laisn.failure import LaisnError, LaisnWarning
 from sim.screen import plain, screenful
-
-P = ParamSpec("P")
-T = TypeVar("T")
 
 USER_ERROR, INTERNAL_ERROR, INTERRUPTED = 2, 1, 130
 """Exit codes: an error that the user can correct, a bug, Ctrl-C."""
@@ -72,27 +69,24 @@ def _outcome(error: BaseException) -> tuple[int, list[str]]:
     return INTERNAL_ERROR, [f"this is a bug in the program ({what[:200]}); {_report(error)}", *notes]
 
 
-def report_errors(command: Callable[P, T]) -> Callable[P, T]:
-    """Make a command print an error as one message and exit with its code; LAISN_DEBUG=1 shows tracebacks."""
-
-    @wraps(command)
-    def wrapped(*args: P.args, **kwargs: P.kwargs) -> T:
-        debug = bool(os.environ.get("LAISN_DEBUG"))
-        with warnings.catch_warnings():
-            if not debug:
-                warnings.showwarning = _show_warning
-            try:
-                return command(*args, **kwargs)
-            except (typer.Exit, typer.Abort, TyperException, BrokenPipeError):
+@contextmanager
+def report_errors() -> Iterator[None]:
+    """Print an error of the block as one message and exit with its code; LAISN_DEBUG=1 shows tracebacks."""
+    debug = bool(os.environ.get("LAISN_DEBUG"))
+    with warnings.catch_warnings():
+        if not debug:
+            warnings.showwarning = _show_warning
+        try:
+            yield
+            return
+        except (typer.Exit, typer.Abort, TyperException, BrokenPipeError):
+            raise
+        except (Exception, KeyboardInterrupt) as error:
+            if debug and not isinstance(error, KeyboardInterrupt):
                 raise
-            except (Exception, KeyboardInterrupt) as error:
-                if debug and not isinstance(error, KeyboardInterrupt):
-                    raise
-                code, lines = _outcome(error)
-        _print([f"laisn: {lines[0]}", *lines[1:]], "red" if code in (USER_ERROR, INTERNAL_ERROR) else "yellow")
-        raise typer.Exit(code)
-
-    return wrapped
+            code, lines = _outcome(error)
+    _print([f"laisn: {lines[0]}", *lines[1:]], "red" if code in (USER_ERROR, INTERNAL_ERROR) else "yellow")
+    raise typer.Exit(code)
 
 
 class Commands(TyperGroup):
@@ -100,7 +94,8 @@ class Commands(TyperGroup):
 
     def invoke(self, ctx: Any) -> Any:
         """Run the subcommand that the arguments name."""
-        return report_errors(super().invoke)(ctx)
+        with report_errors():
+            return super().invoke(ctx)
 
 
 def echo(text: object) -> None:

@@ -167,8 +167,8 @@ def test_damaged_code_is_removed_by_the_command_and_compiled_again(folder: Path,
     added()
     [kept] = folder.rglob(f"*{suffix}")
     kept.write_bytes(damage)
-    with pytest.raises(typer.Exit):
-        report_errors(added)()
+    with pytest.raises(typer.Exit), report_errors():
+        added()
     assert [added(), added()] == [0, 1]
 
 
