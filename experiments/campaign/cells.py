@@ -138,7 +138,7 @@ class CellSums:
 
     def _of_runs(self, number: int) -> Floats:
         """A number of the tally for each run, shape (R,)."""
-        return self._tally[number // LANES]
+        return np.asarray(self._tally[number // LANES])
 
     def _mean(self, total: int, count: int) -> float:
         number = self._of_runs(count).sum()

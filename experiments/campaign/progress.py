@@ -41,8 +41,10 @@ def show_table(
 ) -> None:
     """Print a table of literal text: names in the first column, at the left, and values at the right of the others."""
     columns = (Column(literal(head), justify="right" if n else "left") for n, head in enumerate(heads))
-    about = {name: literal(text) for name, text in (("title", title), ("caption", caption)) if text}
-    table = Table(*columns, box=None, pad_edge=False, title_justify="left", caption_justify="left", **about)
+    table = Table(
+        *columns, title=literal(title) if title else None, title_justify="left",
+        caption=literal(caption) if caption else None, caption_justify="left", box=None, pad_edge=False,
+    )  # fmt: skip
     for row in rows:
         table.add_row(*map(literal, row))
     console.print(table)
