@@ -107,10 +107,8 @@ def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
                     f"actuator {model.actuator(actuator).name!r} must act at a site of the body "
                     f"'{vehicle.name}/hull', without a reference site"
                 )
-            force, torque = attitude.rotate(model.site_quat[site], model.actuator_gear[actuator].reshape(2, 3))
-            record["force"], record["torque"] = force, torque + np.cross(model.site_pos[site], force)
+            _place(model, site, *model.actuator_gear[actuator].reshape(2, 3), record)
             record["lag"], record["limits"] = model.actuator_dynprm[actuator, 0], model.actuator_ctrlrange[actuator]
-            record["place"] = model.site_pos[site]
             _read_kind(model, model.actuator(actuator).name, record)
     return records
 
@@ -142,13 +140,18 @@ def read_fixed(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
                     f"<numeric name='{name}.fin'>: there is no actuator {name!r}, nor a site of the body "
                     f"'{vehicle.name}/hull' for a fixed fin"
                 )
-            force = attitude.rotate(model.site_quat[site], np.array([0.0, 0.0, 1.0]))
+            _place(model, site, np.array([0.0, 0.0, 1.0]), np.zeros(3), record)
             # rounding of the attitude: an upright fin has no lift
-            force[np.abs(force) < 1e-12] = 0.0
-            record["force"], record["torque"] = force, np.cross(model.site_pos[site], force)
-            record["place"] = model.site_pos[site]
+            record["force"][np.abs(record["force"]) < 1e-12] = 0.0
             _read_kind(model, name, record)
     return records
+
+
+def _place(model: Any, site: int, force: Floats, torque: Floats, record: Any) -> None:
+    """Fill in where an effector is, and its unit force and torque, which are given in the frame of its site."""
+    force, torque = attitude.rotate(model.site_quat[site], np.array([force, torque]))
+    record["force"], record["torque"] = force, torque + np.cross(model.site_pos[site], force)
+    record["place"] = model.site_pos[site]
 
 
 def _read_kind(model: Any, name: str, record: Any) -> None:
@@ -254,8 +257,12 @@ def fin_force(record: Any, density: float, deflection: float, local: Vector) -> 
     square = u * u + across * across
     if square < 1e-12:
         return 0.0, 0.0, 0.0
-    speed, sine, cosine = np.sqrt(square), np.sin(deflection), np.cos(deflection)
-    limit = np.sin(min(p[2], 0.5 * np.pi))
+    speed, sine, cosine, limit = np.sqrt(square), 0.0, 1.0, 1.0
+    # fixed fins, which are met at every step, need no sine
+    if deflection != 0.0:
+        sine, cosine = np.sin(deflection), np.cos(deflection)
+    if p[2] < 0.5 * np.pi:
+        limit = np.sin(p[2])
     incidence = min(max((u * sine - across * cosine) / speed, -limit), limit)
     scale = 0.5 * density * p[0]
     normal = scale * p[1] * square * incidence * np.sqrt(1.0 - incidence * incidence)

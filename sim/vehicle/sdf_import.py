@@ -192,9 +192,7 @@ def _coefficients(plugin: Element, remarks: list[str]) -> dict[str, Floats]:
 
 def _motors(
     model: Element, links: dict[str, tuple[Element, Frame]], remarks: list[str]
-) -> tuple[
-    list[tuple[str, Floats, Floats, tuple[float, float]]], list[tuple[str, Element, Frame, tuple[float, float] | None]]
-]:
+) -> tuple[list[_Thruster], list[_Surface]]:
     """Thrusters (name, place, axis, range) and surfaces (name, plugin, frame, range of the joint or None)."""
     joints = {joint.get("name", ""): joint for joint in model.iter("joint")}
     children = {joint.findtext("child", "").split("::")[-1]: joint for joint in joints.values()}
