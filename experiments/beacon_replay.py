@@ -16,11 +16,16 @@ from laisn.messages import Measurements
 from laisn.navigator import Navigator
 from laisn.settings import NavigationSettings
 from sim.datasets.log import Replayable
-from sim.scenario.section import Section, completed, in_si
+from sim.scenario.section import FurtherKeys, in_si, with_fields_of
 
 
-class _Beacons(Section):
+@with_fields_of(BeaconSettings, without={"dt", "hydrophone_height"}, optional=True)
+class Beacons(FurtherKeys):
     """What is known of odometry and ranges; keys that are not given follow the medium."""
+
+    if TYPE_CHECKING:
+
+        def __init__(self, **keys: Any) -> None: ...
 
     medium: Literal["auto", "air", "water"] = Field(
         "auto", description="what ranges are measured through; auto: computes both and takes the likelier one"
@@ -30,17 +35,6 @@ class _Beacons(Section):
     def over(self, base: BeaconSettings) -> BeaconSettings:
         """Settings with what is given here instead of what stands there."""
         return replace(base, **in_si(self.model_dump(exclude={"medium"}), ()))
-
-
-if TYPE_CHECKING:
-
-    class Beacons(_Beacons):
-        """Its other keys are fields of `BeaconSettings`."""
-
-        def __init__(self, **keys: Any) -> None: ...
-
-else:
-    Beacons = completed(_Beacons, BeaconSettings, without={"dt", "hydrophone_height"}, optional=True)
 
 
 def beacons_of(values: Mapping[str, object]) -> Beacons:

@@ -12,7 +12,7 @@ from laisn.plugins import is_plugin_name
 from laisn.settings import VARIANTS, NavigationSettings, Settings, transmitters_of
 from laisn.tight import settings as assumptions
 from laisn.tight.settings import RivalSettings, TightSettings
-from sim.scenario.section import LISTED, Coordinate, NonNegative, Section, completed, in_si
+from sim.scenario.section import LISTED, Coordinate, FurtherKeys, NonNegative, Section, in_si, with_fields_of
 
 Offset = Annotated[tuple[Coordinate, Coordinate, Coordinate], LISTED]
 _TYPICAL_SOUND_M_S = 1500.0
@@ -32,8 +32,14 @@ def _made(kind: type[Kind], values: Mapping[str, Any]) -> Kind:
     return kind(**given)
 
 
-class _Assume(Section):
+@with_fields_of(TightSettings)
+@with_fields_of(assumptions.Assume)
+class Assume(FurtherKeys):
     """Model assumptions and sensor errors of the tightly coupled navigator; unused by LAISN."""
+
+    if TYPE_CHECKING:
+
+        def __init__(self, **keys: Any) -> None: ...
 
     transmitters: Literal[2, 3] = Field(3, description="number used: rear and front, or all three")
     clock_offset_sigma_s: NonNegative = Field(1e-3, description="σ of the clock offset at the start")
@@ -56,21 +62,13 @@ class _Assume(Section):
         return in_si(dict(self)) | clock
 
 
-if TYPE_CHECKING:
+@with_fields_of(RivalSettings, without={field.name for field in fields(TightSettings)})
+class Rival(FurtherKeys):
+    """Settings of the rival methods beside the standard deviations of `[navigation.assume]`."""
 
-    class Assume(_Assume):
-        """Its other keys are fields of `TightSettings` and of its `Assume`."""
+    if TYPE_CHECKING:
 
         def __init__(self, **keys: Any) -> None: ...
-
-        def __getattr__(self, key: str) -> Any: ...
-
-else:
-    Assume = completed(completed(_Assume, assumptions.Assume), TightSettings)
-
-
-class _Rival(Section):
-    """Settings of the rival methods beside the standard deviations of `[navigation.assume]`."""
 
     particles: Annotated[int, Field(ge=10, le=1_000_000)] = Field(
         RivalSettings.particles, description="particle filter: number of particles"
@@ -81,17 +79,6 @@ class _Rival(Section):
         return in_si(dict(self))
 
 
-if TYPE_CHECKING:
-
-    class Rival(_Rival):
-        """Its other keys are the further fields of `RivalSettings`."""
-
-        def __init__(self, **keys: Any) -> None: ...
-
-else:
-    Rival = completed(_Rival, RivalSettings, without={field.name for field in fields(TightSettings)})
-
-
 class Own(Section):
     """Settings of an own navigator, `variant = "module:Class"`: fields of its `Settings`, with or without unit."""
 
@@ -100,8 +87,13 @@ class Own(Section):
     __pydantic_extra__: dict[str, bool | int | float | str]
 
 
-class _Navigation(Section):
+@with_fields_of(NavigationSettings, positive={"sigma_a0", "sigma_speed", "sigma_heading"})
+class Navigation(FurtherKeys):
     """Navigator of the followers and its settings."""
+
+    if TYPE_CHECKING:
+
+        def __init__(self, **keys: Any) -> None: ...
 
     variant: Annotated[str, WithJsonSchema({"enum": [*NAVIGATORS, "module:Class"]})] = Field(
         NavigationSettings.variant, description="LAISN variant, tightly coupled navigator, or own class"
@@ -189,16 +181,3 @@ class _Navigation(Section):
         if offsets and (len(offsets) < 2 or offsets[0][:2] == offsets[1][:2]):
             raise ValueError("needs a rear and a front transmitter, one before, behind or beside the other")
         return offsets
-
-
-if TYPE_CHECKING:
-
-    class Navigation(_Navigation):
-        """Its other keys are fields of `NavigationSettings`."""
-
-        def __init__(self, **keys: Any) -> None: ...
-
-        def __getattr__(self, key: str) -> Any: ...
-
-else:
-    Navigation = completed(_Navigation, NavigationSettings, positive={"sigma_a0", "sigma_speed", "sigma_heading"})

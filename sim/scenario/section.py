@@ -3,10 +3,10 @@
 import ast
 import inspect
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import fields
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar, Self, cast, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar, cast, get_args, get_type_hints
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, Strict, create_model, model_validator
@@ -22,6 +22,7 @@ Chance = Annotated[float, Field(ge=0, le=1)]
 Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
 Speed = Annotated[float, Field(gt=0, le=5)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+Kind = TypeVar("Kind", bound="Section")
 LISTED = Strict(False)
 """Lets a tuple be given as a list too, as a TOML file has it."""
 
@@ -124,33 +125,34 @@ def _docstrings(kind: type) -> dict[str, str]:
     }
 
 
-def completed(
-    base: type[Section],
-    kind: Any,
-    *,
-    positive: Collection[str] = (),
-    without: Collection[str] = (),
-    optional: bool = False,
-) -> Any:
-    """A section with a key for each field of a navigator's settings, a dataclass, which declares them.
+class FurtherKeys(Section):
+    """A section with keys beside those that its class has, from `with_fields_of`."""
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, key: str) -> Any: ...
+
+
+def with_fields_of(
+    kind: Any, *, positive: Collection[str] = (), without: Collection[str] = (), optional: bool = False
+) -> Callable[[type[Kind]], type[Kind]]:
+    """Give a section a key for each field of a navigator's settings, a dataclass, which declares them.
 
     A key is the field's name with the unit that ends its docstring, degrees in place of radians; the other text of the
-    docstring is its description. Fields without docstring, and those that the section has itself, are left out.
+    docstring is its description. Fields without docstring, and those for which the section has a key, are left out.
 
     Args:
-        base: the section; it takes the place of fields by keys of its own.
         kind: the dataclass; its numbers are not negative, and those of its POSITIVE not zero.
         positive: further fields that must not be zero.
         without: fields that no key sets.
         optional: whether all defaults are None.
     """
     endings = {unit.replace("°", "rad"): ending for ending, (unit, _) in UNITS.items()}
-    own = {split_unit(key)[0] for key in base.model_fields}
     types, texts = get_type_hints(kind), _docstrings(kind)
     keys: dict[str, Any] = {}
     for field in fields(kind):
         text = texts.get(field.name, "")
-        if not text or field.name in {*own, *without}:
+        if not text or field.name in without:
             continue
         unit = re.search(r" \[([^\]]+)\]", text)
         ending, value, kept = endings[unit[1]] if unit else "", field.default, types[field.name]
@@ -163,8 +165,13 @@ def completed(
         text = (text if text[:2].isupper() or text[1] in ":_" else text[0].lower() + text[1:]).removesuffix(".")
         described = Field(None if optional else value, description=text)
         keys[field.name + ending] = (kept | None if optional else kept, described)
-    name = base.__name__.removeprefix("_")
-    return create_model(name, __base__=base, __module__=base.__module__, __doc__=base.__doc__, **keys)
+
+    def add(base: type[Kind]) -> type[Kind]:
+        own = {split_unit(key)[0] for key in base.model_fields}
+        further = {key: field for key, field in keys.items() if split_unit(key)[0] not in own}
+        return create_model(base.__name__, __base__=base, __module__=base.__module__, __doc__=base.__doc__, **further)
+
+    return add
 
 
 def keys_per_run(section: type[Section]) -> list[str]:
