@@ -298,7 +298,7 @@ def _shift_in_dives(scenario: Scenario, route: Route) -> float:
     return float((sine[:, None] * np.abs(layers - depth[1:, None])).max())
 
 
-def _wide_turns(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:
+def _wide_turns(scenario: Scenario, vehicle: Vehicle) -> list[str]:
     """A hull that turns more slowly than routes are planned."""
     if vehicle.model is None:
         return []
@@ -313,7 +313,7 @@ def _wide_turns(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:
     short = _errors_of(partial(plan, route, radius), "")
     what = "legs of its route are too short for that, and it leaves them" if short else "it cuts corners of its route"
     return [
-        f"{key}.model: it turns at {np.rad2deg(rate):.2g}°/s at most at {START_SPEED:g} m/s, in circles of {least:.3g} "
+        f"it turns at {np.rad2deg(rate):.2g}°/s at most at {START_SPEED:g} m/s, in circles of {least:.3g} "
         f"m; routes are planned with {np.rad2deg(TURN_RATE):g}°/s: {what}"
     ]
 
@@ -342,8 +342,11 @@ def cautions(scenario: Scenario) -> list[str]:
                 f"the leader dives and followers do not use its pitch, which shifts stations by up to {shift:.3g} m; "
                 "leader.broadcast_attitude and navigation.use_attitude prevent that"
             )
+    turning: dict[str, list[str]] = {}
     for key, vehicle in scenario.vehicles():
-        found += _wide_turns(scenario, key, vehicle)
+        for text in _wide_turns(scenario, vehicle):
+            turning.setdefault(text, []).append(key)
+    found += [f"{' … '.join(dict.fromkeys((keys[0], keys[-1])))}.model: {text}" for text, keys in turning.items()]
     if leader.model is not None:
         own = scenario.model_copy(
             update={"leader": leader.model_copy(update={"baseline_m": None, "middle_offset_m": None})}

@@ -107,7 +107,8 @@ def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
                     f"actuator {model.actuator(actuator).name!r} must act at a site of the body "
                     f"'{vehicle.name}/hull', without a reference site"
                 )
-            _place(model, site, *model.actuator_gear[actuator].reshape(2, 3), record)
+            force, torque = model.actuator_gear[actuator].reshape(2, 3)
+            _place(model, site, force, torque, record)
             record["lag"], record["limits"] = model.actuator_dynprm[actuator, 0], model.actuator_ctrlrange[actuator]
             _read_kind(model, model.actuator(actuator).name, record)
     return records
