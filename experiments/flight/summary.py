@@ -49,11 +49,6 @@ def mirror_locked_steps(flight: Flight, follower: int) -> Bools:
     )
 
 
-def track_error_rms(flight: Flight) -> list[float]:
-    """RMS distance of each follower from its station, or from where its route has it, [m]."""
-    return [float(np.sqrt(np.mean(off**2))) for off in track_errors(flight.scenario, flight.trajectory).T]
-
-
 def _kept(flight: Flight, follower: int, off: Floats) -> dict[str, Any]:
     """How a follower kept its place, from its distances off it, shape (n,), [m]."""
     row: dict[str, Any] = {"track_error_rms_m": float(np.sqrt(np.mean(off**2)))}
