@@ -15,7 +15,7 @@ from sim.geometry import attitude
 from sim.geometry.geodesy import geodetic
 from sim.log import schema
 from sim.log.scene import ESTIMATE, TRUTH, draw_acoustics, draw_vehicles
-from sim.log.schema import Clock, RecordType, pose, rotation, timestamp, vector
+from sim.log.schema import Clock, RecordType, pose, timestamp, vector
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import Trajectory
 
@@ -119,9 +119,13 @@ def _locations(
 def _transform(
     at: int, parent: str, child: str, xyz: Sequence[float], wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0)
 ) -> fg.FrameTransform:
-    stamp, place, turn = timestamp(at), vector(xyz), rotation(wxyz)
+    w, i, j, k = wxyz
     return fg.FrameTransform(
-        timestamp=stamp, parent_frame_id=parent, child_frame_id=child, translation=place, rotation=turn
+        timestamp=timestamp(at),
+        parent_frame_id=parent,
+        child_frame_id=child,
+        translation=vector(xyz),
+        rotation=fg.Quaternion(x=i, y=j, z=k, w=w),
     )
 
 

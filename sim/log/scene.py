@@ -90,9 +90,11 @@ def hull(model: Any) -> dict[str, list[Any]]:
 
 def _ellipse(position: Sequence[float], covariance: Floats) -> fg.SpherePrimitive:
     """The 95 % ellipse of a horizontal position with a covariance of shape (2, 2), as a flat spheroid."""
-    variance, axes = np.linalg.eigh(covariance)
-    minor, major = (2 * _CONFIDENCE * np.sqrt(np.maximum(variance, 0.0))).tolist()
-    half_turn = math.atan2(axes[1, 1], axes[0, 1]) / 2
+    (xx, xy), (_, yy) = covariance.tolist()
+    mean, apart = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)
+    # eigenvalues, and half of the larger one's direction
+    major, minor = (2 * _CONFIDENCE * math.sqrt(max(variance, 0.0)) for variance in (mean + apart, mean - apart))
+    half_turn = math.atan2(2 * xy, xx - yy) / 4
     place = pose(position, (math.cos(half_turn), 0.0, 0.0, math.sin(half_turn)))
     return _sphere(place, (major, minor, _DISC_M), _UNCERTAINTY)
 

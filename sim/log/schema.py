@@ -57,12 +57,6 @@ def vector(xyz: Sequence[float]) -> Vector3:
     return Vector3(x=x, y=y, z=z)
 
 
-def rotation(wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> Quaternion:
-    """A quaternion of Foxglove's."""
-    w, x, y, z = wxyz
-    return Quaternion(x=x, y=y, z=z, w=w)
-
-
 def pose(xyz: Sequence[float], wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> Pose:
     """A pose of Foxglove's at a position [m] with a quaternion (w, x, y, z)."""
     (x, y, z), (w, i, j, k) = xyz, wxyz

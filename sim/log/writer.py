@@ -77,7 +77,7 @@ def _write(
     mcap = foxglove.open_mcap(output, context=context, writer_options=options)
     try:
         describe(mcap)
-        log_to = [
+        *logs, log_image = [
             foxglove.Channel(topic, schema=schema, message_encoding=MessageEncoding.Protobuf, context=context).base.log
             for topic, schema in types
         ]
@@ -85,14 +85,16 @@ def _write(
         starts, images = [block * _BLOCK_NS for block in blocks], iter(frames)
         image = next(images, None)
         for start, end in pairwise([*starts, _END_NS]):
-            messages = [(at, k, data) for k, c in enumerate(channels) for at, data in c.between(start, end)]
+            messages = [
+                (at, log, data) for log, c in zip(logs, channels, strict=True) for at, data in c.between(start, end)
+            ]
             while image is not None and image[0] < end:
-                messages.append((image[0], len(channels), image[1]))
+                messages.append((image[0], log_image, image[1]))
                 image = next(images, None)
             # messages of equal times stay in the order of channels
             messages.sort(key=itemgetter(0))
-            for at, k, data in messages:
-                log_to[k](data, at)
+            for at, log, data in messages:
+                log(data, at)
             mcap.flush()
             output.check()
         mcap.close()
