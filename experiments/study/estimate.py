@@ -133,7 +133,7 @@ class Results:
 
     rows: Mapping[Place, list[Record]]
     runs: Mapping[Place, list[Record]]
-    _estimates: dict[tuple[Place, str], Interval] = field(default_factory=dict)
+    _estimates: dict[tuple[Place, str], Interval] = field(default_factory=dict, init=False, compare=False)
     """Of places and metrics that were asked for: a page shows the same ones in several figures and tables."""
 
     @classmethod

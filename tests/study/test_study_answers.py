@@ -304,8 +304,9 @@ def test_differences_are_drawn_from_a_line_of_none(plan: Plan, results: Results,
 
 
 def judged_by(plan: Plan, metric: str, **changes: Any) -> Plan:
-    report = plan.study.file.report.model_copy(update={"metric": metric})
-    return replace(plan, study=replace(plan.study, report=report, **changes))
+    file = plan.study.file
+    file = file.model_copy(update={"report": file.report.model_copy(update={"metric": metric})})
+    return replace(plan, study=replace(plan.study, file=file, **changes))
 
 
 def test_shares_of_realizations_are_those_of_their_point(plan: Plan, drawn: Any) -> None:
