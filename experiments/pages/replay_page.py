@@ -144,8 +144,8 @@ def _values(one: Replayed) -> dict[str, Any]:
     worst = int(two_sigma.argmax())
     chart, legend = _map(one)
     hues = [(colour, f"residual of the {name}") for colour, name in zip(TRANSMITTERS, _NAMES, strict=True)]
-    heard = [bool(np.isfinite(column).any()) for column in one.residuals.T]
-    legend += [hue for hue, used in zip(hues, heard, strict=True) if used]
+    received = [bool(np.isfinite(column).any()) for column in one.residuals.T]
+    legend += [hue for hue, used in zip(hues, received, strict=True) if used]
     legend += [(SERIES[2], "NIS")] if np.isfinite(squared).any() else []
     return {
         "name": one.name,

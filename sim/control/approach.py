@@ -118,7 +118,7 @@ def give_way(f: Record, wanted: tuple[float, float], push: tuple[float, float]) 
     """Heading [rad] and speed through the water [m/s] with a velocity added to them, within what a hull can do.
 
     Args:
-        wanted: heading and speed that lead where the follower wants to go.
+        wanted: heading [rad] and speed [m/s] before avoidance.
         push: east and north [m/s].
     """
     heading, speed = wanted
