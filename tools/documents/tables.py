@@ -233,10 +233,15 @@ def rivals(records: Records) -> str:
 
 
 def rivals_conditions(records: Records) -> str:
-    """Mean errors in all conditions, messages every 5 s, and in closed loop."""
-    columns = {title: (f"error NAME {name} 5", ".2f i") for name, title in CONDITIONS.items()}
-    steered = {"closed loop": ("closed-error NAME", ".2f i"), "lost in it": ("closed-lost NAME", ".0% i")}
-    return _rivals(records, columns | steered)
+    """Mean errors in all conditions, messages every 5 s."""
+    return _rivals(records, {title: (f"error NAME {name} 5", ".2f i") for name, title in CONDITIONS.items()})
+
+
+def rivals_closed(records: Records) -> str:
+    """The same in closed loop, and how many are lost."""
+    errors = {title: (f"closed-error NAME {name}", ".2f i") for name, title in CONDITIONS.items()}
+    lost = {f"lost: {title}": (f"closed-lost NAME {name}", ".0% i") for name, title in CONDITIONS.items()}
+    return _rivals(records, errors | lost)
 
 
 REMUS_TERMS = {
@@ -297,6 +302,7 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "estimators-at-sea": estimators_at_sea,
     "rivals": rivals,
     "rivals-conditions": rivals_conditions,
+    "rivals-closed": rivals_closed,
     "fossen": fossen,
     "hull-estimates": hull_estimates,
     "routes-kept": routes_kept,

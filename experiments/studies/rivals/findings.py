@@ -36,7 +36,7 @@ NAVIGATORS, CONDITIONS = _titles(_CLOSED["arm"]), _titles(_ROUTES["case"])
 """Titles by the names of the registry, and of what is simulated."""
 OURS = ("laisn-2", "laisn-3-1", "laisn-3-2", "tight")
 SLOW = "factor-graph"
-"""Simulated in fewer runs, and with messages every second in calm water alone."""
+"""Simulated in fewer runs."""
 INTERVAL = "timing.message_interval_s"
 INTERVALS, FURTHER = (tuple(part["vary"][INTERVAL]) for part in (_ROUTES, _SHARED))
 """Of messages, and of those on channels that many share [s]."""
@@ -128,14 +128,15 @@ def compared(found: Mapping[str, Runs]) -> Iterator[tuple[str, Finding]]:
 
 
 def steered(found: Mapping[str, Runs]) -> Iterator[tuple[str, Finding]]:
-    """How followers keep their routes that steer by their estimates."""
-    for name in NAVIGATORS:
-        runs = found[name]
-        yield f"closed-error {name}", of(mean_over_missions([*per_route(runs, "e_p_mean_m")]), "mean E_P, 95 %", "m")
+    """How followers keep their routes that steer by their estimates, messages every 5 s."""
+    for name, condition in product(NAVIGATORS, CONDITIONS):
+        case = f"{name} {condition}"
+        runs = found[case]
+        yield f"closed-error {case}", of(mean_over_missions([*per_route(runs, "e_p_mean_m")]), "mean E_P, 95 %", "m")
         off = per_route(runs, "track_error_rms_m")
-        yield f"closed-off {name}", plain(float(np.median(off)), "RMS off its place, median of missions", "m")
+        yield f"closed-off {case}", plain(float(np.median(off)), "RMS off its place, median of missions", "m")
         ends = per_route(runs, "track_error_end_m")
-        yield f"closed-lost {name}", _share(ends > LOST_M, f"that end more than {LOST_M:g} m off their place")
+        yield f"closed-lost {case}", _share(ends > LOST_M, f"that end more than {LOST_M:g} m off their place")
 
 
 def mapped(found: Mapping[str, Runs]) -> Iterator[tuple[str, Finding]]:
@@ -177,7 +178,7 @@ def findings_of_rows(
 
     Args:
         routes: records by navigator, condition and interval on the routes, in open loop.
-        closed: by navigator, in closed loop.
+        closed: by navigator and condition, in closed loop.
         points: of the map, by the names of their findings.
         step_us: processor time of a filter step by navigator [µs].
     """
@@ -204,10 +205,14 @@ def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
     def on_routes(row: Record) -> str:
         return case_name(row["arm"], row["case"], row[INTERVAL])
 
+    def steering(row: Record) -> str:
+        return f"{row['arm']} {row['case']}"
+
     def on_map(row: Record) -> str:
         return f"map {row['arm']} {row['case']} {row['sensors.heading_bias_deg']:g} {row['leader.baseline_m']:g}"
 
     routes: dict[str, Runs] = {}
-    for part in ("routes", "shared", "slow", "slow-1s"):
+    for part in ("routes", "shared", "slow"):
         routes |= outcomes[part].runs_by(on_routes)
-    return findings_of_rows(routes, outcomes["closed"].runs_by(), outcomes["map"].runs_by(on_map), step_times_us())
+    closed, points = outcomes["closed"].runs_by(steering), outcomes["map"].runs_by(on_map)
+    return findings_of_rows(routes, closed, points, step_times_us())
