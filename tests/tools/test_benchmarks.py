@@ -151,7 +151,7 @@ def test_times_of_the_tightly_coupled_navigator_are_held_against_laisn_2_and_the
 
 def test_times_of_physics_are_reported_per_step_of_a_fleet(monkeypatch: pytest.MonkeyPatch) -> None:
     """In turns 0.1 s of MuJoCo, 0.05 s of what a step needs of it, 0.2 s with water and 0.25 s with autopilots."""
-    monkeypatch.setattr(mission, "FLEETS", {1: 100.0})
+    monkeypatch.setattr(mission, "FLEETS", {"leader + 1": (1, 100.0)})
     times = iter([0.1, 0.05, 0.2, 0.25])
     monkeypatch.setattr(mission, "least_time", lambda *_: next(times))
     found = {row.name.removeprefix("leader + 1: "): row for row in mission.physics()}
@@ -159,7 +159,7 @@ def test_times_of_physics_are_reported_per_step_of_a_fleet(monkeypatch: pytest.M
     assert found["mj_step alone, no water"].value == pytest.approx(20.0)
     assert found["with hydrodynamics"][1:] == pytest.approx((40.0, "µs/step", 0.5, "mj_step", 10.0))
     assert found["with autopilot and recording"][1:] == pytest.approx((50.0, "µs/step", 0.4, "mj_step", 10.0))
-    assert found["real-time factor"][1:4] == pytest.approx((400.0, "x", 400.0 / mission.AIMS[1]))
+    assert found["real-time factor"][1:4] == pytest.approx((400.0, "x", 400.0 / mission.AIMS["leader + 1"]))
 
 
 def test_a_closed_loop_is_reported_beside_the_solver_alone(monkeypatch: pytest.MonkeyPatch) -> None:
