@@ -15,8 +15,8 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.messages import OwnMotion, Reception
-from laisn.rivals.odometry import COMPASS_WALK, STATES, OdometrySums, slant
-from laisn.tight.settings import RivalSettings
+from laisn.rivals.odometry import STATES, OdometrySums, slant
+from laisn.tight.settings import COMPASS_WALK, RivalSettings
 
 RELINEARISE = 1e-3
 """A variable that moved further since its linearisation is linearised again [m], [rad], [m/s]."""

@@ -64,7 +64,7 @@ class GeodeticAdjustment(DeadReckoning):
     """
 
     def __init__(self, settings: TightSettings, start: Floats) -> None:
-        """As of `DeadReckoning`, with mean errors of course and speed in place of estimated biases."""
+        """As of `DeadReckoning`, with mean errors of course, speed and current in place of estimated states."""
         super().__init__(settings, start)
         self._biases = self.P[2:, 2:].copy()
 

@@ -18,11 +18,9 @@ from laisn.failure import LaisnError
 from laisn.geometry import place_transmitters
 from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.navigators import OnlineNavigator, require_message, require_readings
-from laisn.tight.settings import TightSettings
+from laisn.tight.settings import COMPASS_WALK, CURRENT_WALK, LOG_WALK, TightSettings
 
 STATES = 7
-LOG_WALK, COMPASS_WALK, CURRENT_WALK = 2e-4, 1.5e-4, 1e-3
-"""Random walks of the biases [m/s/√s], [rad/√s], and of a current [m/s/√s], as of the tightly coupled navigator."""
 
 
 @compiled

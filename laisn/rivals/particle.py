@@ -13,8 +13,8 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.messages import OwnMotion, Reception
-from laisn.rivals.odometry import COMPASS_WALK, LOG_WALK, STATES, OdometrySums
-from laisn.tight.settings import RivalSettings
+from laisn.rivals.odometry import STATES, OdometrySums
+from laisn.tight.settings import COMPASS_WALK, LOG_WALK, RivalSettings
 
 DISCOUNT = 0.98
 """Discount of Liu and West: the kernel keeps (3 δ − 1) / 2 δ of a bias's deviation from the mean."""

@@ -24,21 +24,17 @@ import numpy as np
 from laisn.compiled import compiled
 from laisn.elementary import sin_cos
 from laisn.tight.estimates import HYPOTHESES
-from laisn.tight.settings import TightSettings
+from laisn.tight.settings import COMPASS_WALK, CURRENT_WALK, LOG_WALK, TightSettings
 
 X, Y, LOG, COMPASS, SCALE = range(5)
 """Indices of the states that are always there; `Model` has those of the others."""
 ABSENT = -1
 """Index of a state that is switched off."""
 
-# How fast what is called constant may wander, in a second. Biases of real sensors are never quite constant, and a
-# filter that takes them as constant loses track of them for good.
-STEADY_LOG, STEADY_COMPASS = 2e-4, 1.5e-4  # [m/s/√s], [rad/√s]
-_DRIFTING_LOG, _DRIFTING_COMPASS = 2.5e-3, 1.7e-3
+_DRIFTING_LOG, _DRIFTING_COMPASS = 2.5e-3, 1.7e-3  # [m/s/√s], [rad/√s]
 _MODES = (0.25, 2.5)
 """Slow and quick drift, as multiples of these."""
 _LEADER_COMPASS = 5e-5  # [rad/√s]
-_CURRENT_WALK = 1e-3  # [m/s/√s]
 _CLOCK_WALK = 3e-6  # of τ̇ [m/s/√s]: 2 ppb/√s, as of a crystal oscillator whose temperature changes
 _MODE_SWITCHES = 0.004
 """How often drift changes its mode, slow or quick [1/s]."""
@@ -73,7 +69,7 @@ def model_of(settings: TightSettings) -> Model:
     """Settings as compiled code takes them."""
     s, assume = settings, settings.assume
     places = list(prior_sigmas(s))
-    log_walk, compass_walk = (_DRIFTING_LOG, _DRIFTING_COMPASS) if assume.drift else (STEADY_LOG, STEADY_COMPASS)
+    log_walk, compass_walk = (_DRIFTING_LOG, _DRIFTING_COMPASS) if assume.drift else (LOG_WALK, COMPASS_WALK)
     slow, quick = _MODES if assume.drift else (1.0, 1.0)
     integers = {
         "states": len(places),  # n
@@ -93,7 +89,7 @@ def model_of(settings: TightSettings) -> Model:
         "slip_rate": s.slip**2,  # variance of position that motion unseen by the log adds in a second [m²/s]
         "log_walk": ((slow * log_walk) ** 2, (quick * log_walk) ** 2),  # b_v gains in a second, by mode [m²/s³]
         "compass_walk": ((slow * compass_walk) ** 2, (quick * compass_walk) ** 2),  # b_θ likewise [rad²/s]
-        "current_walk": _CURRENT_WALK**2,
+        "current_walk": CURRENT_WALK**2,
         "leader_walk": _LEADER_COMPASS**2,  # b_L likewise [rad²/s]
         "clock_walk": _CLOCK_WALK**2,  # τ̇ likewise [m²/s³]
         "mode_switches": _MODE_SWITCHES,  # rate of changes of the mode [1/s]

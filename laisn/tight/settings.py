@@ -8,6 +8,10 @@ from laisn.arrays import require_probability
 from laisn.failure import LaisnError
 from laisn.settings import Settings
 
+# Biases of real sensors are never quite constant: a filter that takes them as constant loses them for good.
+LOG_WALK, COMPASS_WALK, CURRENT_WALK = 2e-4, 1.5e-4, 1e-3
+"""Random walks that filters on ranges assume of constant biases and currents [m/s/√s], [rad/√s], [m/s/√s]."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Assume:
