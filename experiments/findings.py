@@ -10,7 +10,7 @@ from pathlib import Path
 from experiments.campaign.version import version_of as version_of
 from experiments.intervals import Interval
 from laisn.failure import LaisnError
-from sim.files import atomic_write
+from sim.system import atomic_write
 
 SCHEMA = 1
 """Version of the file's layout: raised when a field changes its meaning."""

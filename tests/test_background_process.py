@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from laisn.failure import LaisnError
-from sim.processes import background_process
+from sim.system import background_process
 
 
 def wait_for(path: Path) -> None:

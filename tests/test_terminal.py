@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from experiments.campaign.progress import literal, print_line
 from experiments.command import replaying
 from experiments.command.cli import app
-from sim.screen import plain, screenful
+from laisn.failure import plain, screenful
 
 NAMES = st.text(st.sampled_from("[]/\\:=#@ab red\x00\x1b\x07\r\n\t\x9b\u202e\u2028\ud800😀°"), max_size=30) | st.text()
 

@@ -21,8 +21,8 @@ from experiments.campaign.progress import compiling_shown, progress
 from experiments.campaign.store import Arrays, CampaignError, Record, Result, Store, key_of
 from laisn.compiled import FOLDER
 from laisn.failure import LaisnError
-from sim.processes import background_process
 from sim.scenario.settings import Scenario
+from sim.system import background_process
 from sim.trajectory import Trajectory
 
 Facts = Callable[[Scenario, Trajectory], list[Record]]

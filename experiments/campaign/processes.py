@@ -15,7 +15,7 @@ from experiments.campaign.store import CampaignError
 from experiments.campaign.version import code_version
 from laisn.failure import LaisnError
 from laisn.plugins import VARIABLE
-from sim.processes import exit_with_parent
+from sim.system import exit_with_parent
 
 Result = TypeVar("Result")
 

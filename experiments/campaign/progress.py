@@ -11,7 +11,7 @@ from rich.progress import Progress as Bars
 from rich.table import Column, Table
 from rich.text import Text
 
-from sim.screen import plain
+from laisn.failure import plain
 
 _LINE_EVERY_S = 10.0
 _COMPILING = "compiling (once)"

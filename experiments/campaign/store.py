@@ -24,7 +24,7 @@ from pydantic_core import PydanticSerializationError, to_jsonable_python
 from experiments.campaign.version import code_version, version_of
 from laisn.failure import LaisnError, LaisnWarning
 from laisn.plugins import plugin_files
-from sim.files import atomic_write, locked, remove_stale_parts
+from sim.system import atomic_write, locked, remove_stale_parts
 
 Record = dict[str, Any]
 """A row: column names and plain values."""

@@ -20,8 +20,7 @@ import typer
 from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
-from laisn.failure import LaisnError, LaisnWarning
-from sim.screen import plain, screenful
+from laisn.failure import LaisnError, LaisnWarning, plain, screenful
 
 USER_ERROR, INTERNAL_ERROR, INTERRUPTED = 2, 1, 130
 """Exit codes: an error that the user can correct, a bug, Ctrl-C."""

@@ -30,8 +30,8 @@ from experiments.flight.summary import flight_bounds, position_and_bearing_error
 from laisn.failure import LaisnError
 from sim.feasibility import cautions
 from sim.flight import Flight, Outcome, navigate
-from sim.processes import background_process
 from sim.scenario.settings import Scenario
+from sim.system import background_process
 
 _LONG_S = 7200.0
 _LEGEND = """E_P, E_B: errors of position and bearing; σ: standard deviation;

@@ -6,8 +6,7 @@ from typing import Annotated
 
 import typer
 
-from laisn.failure import LaisnError
-from sim.screen import plain
+from laisn.failure import LaisnError, plain
 
 LARGEST_SDF = 10_000_000
 """Size of an SDF file [bytes]."""
@@ -26,7 +25,7 @@ def hull(
     ] = None,
 ) -> None:
     """Print a first MJCF of an own vehicle, with the formula or source of each number."""
-    from sim.files import read_text
+    from sim.system import read_text
     from sim.vehicle.estimate import from_dimensions
     from sim.vehicle.own_hull import hull_errors
     from sim.vehicle.sdf_import import from_sdf

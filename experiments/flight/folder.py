@@ -9,8 +9,8 @@ from pathlib import Path
 
 from experiments.campaign.store import FLIGHT_FILE, STUDY_FILE, require_kind
 from laisn.failure import LaisnError
-from sim.files import locked
 from sim.log.contents import partial_path
+from sim.system import locked
 
 LOG, FILM, REPORT = "flight.mcap", "flight.mp4", "report.html"
 SUMMARY, SCENARIO, TIMING, LAYOUT = FLIGHT_FILE, "scenario.toml", "timing.json", "foxglove.json"

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from laisn.failure import plain, shortened
 from sim.scenario.file import ScenarioError, assigned, read, seen_from, validate, values_of
 from sim.scenario.settings import Scenario
-from sim.screen import plain, shortened
 
 FOLDER = Path(__file__).parents[1] / "scenarios"
 ROUTES = tuple(f"T{i}" for i in range(2, 10))

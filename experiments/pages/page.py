@@ -19,7 +19,7 @@ from markupsafe import Markup
 from experiments.campaign.version import versions
 from experiments.pages.figures import Panel
 from experiments.pages.style import Legend, css, symbols
-from sim.files import atomic_write
+from sim.system import atomic_write
 
 if TYPE_CHECKING:
     # its special functions take a tenth of a second to import, and a page needs none

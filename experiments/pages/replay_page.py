@@ -15,9 +15,9 @@ from experiments.pages.style import ESTIMATE, FULL, INK, LEADER, SERIES, TRANSMI
 from experiments.pages.template import page_of
 from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, Estimates, FixKind
+from laisn.failure import plain
 from laisn.messages import LeaderMessage, Measurements
 from laisn.metrics import nis
-from sim.screen import plain
 
 _HEIGHT, _MAP_WIDTH, _TRACK_POINTS = 5.0, 5.4, 1500
 _ELLIPSES = 24

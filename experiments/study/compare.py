@@ -22,12 +22,11 @@ from experiments.study.file import METRIC
 from experiments.study.metrics import METRICS, SHARES
 from experiments.study.study import RESULTS, RUNS, STUDY
 from laisn import metrics
-from laisn.failure import LaisnError
+from laisn.failure import LaisnError, shortened
 from sim.flight import Flight
 from sim.log.reader import read
 from sim.scenario.file import dotted
 from sim.scenario.file import read as read_toml
-from sim.screen import shortened
 
 MOST = len(SERIES)
 

@@ -16,13 +16,12 @@ from scipy import stats
 from experiments.flight.library import name_of, names
 from experiments.intervals import FEWEST_RUNS
 from experiments.study.design import Design, Draw, Factor, follows_run, known
-from laisn.failure import LaisnError
+from laisn.failure import LaisnError, plain, screenful, shortened
 from sim.scenario.file import dotted, is_model_key, plain_values, read
 from sim.scenario.section import Section
 from sim.scenario.settings import Name
 from sim.scenario.validation_errors import key_of
 from sim.scenario.vehicles import is_mjcf
-from sim.screen import plain, screenful, shortened
 
 FOLDER = Path(__file__).parents[1] / "studies"
 """Studies that ship."""

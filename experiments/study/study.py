@@ -28,7 +28,7 @@ from experiments.study.metrics import METRICS
 from experiments.study.plan import Plan, plan_of
 from experiments.study.run import Outcomes, fly_until_narrow, of_one_type, run_columns
 from laisn.failure import LaisnError
-from sim.files import atomic_write
+from sim.system import atomic_write
 
 RESULTS, RUNS, RECORD, REPORT = "results.parquet", "runs.parquet", "results.json", "report.html"
 STUDY = "study.toml"

@@ -3,5 +3,5 @@
 Takes factor graphs (`factor_graph`) and tables of ranges (`range_tables`), gives `RangeData`, and writes it as a log
 from which navigation can be replayed (`log`). It must not navigate or judge anything.
 
-Imports: laisn sim.files sim.log sim.processes
+Imports: laisn sim.log sim.system
 """

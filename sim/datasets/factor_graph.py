@@ -25,7 +25,7 @@ from laisn.geometry import place_transmitters
 from laisn.messages import Measurements
 from laisn.tight.settings import TightSettings
 from sim.datasets.range_data import LARGEST, RangeData, compose, numbers, require_unique, text_of
-from sim.files import atomic_write
+from sim.system import atomic_write
 
 _WORDS = {
     "VERTEX_SE2": (1, 1, 3, 0), "VERTEX_XY": (0, 1, 2, 0), "VERTEX_SE2:PRIOR": (1, 1, 3, 6),

@@ -17,12 +17,12 @@ from sim.datasets.factor_graph import read_factor_graph
 from sim.datasets.range_data import RangeData
 from sim.datasets.range_tables import read_range_tables
 from sim.datasets.vehicle_table import VehicleTable
-from sim.files import atomic_write
 from sim.log.channels import Channel, numeric, poses
 from sim.log.contents import Contents, LogError, log_errors
 from sim.log.reader import read_recording
 from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, PLACES, RECEPTION, RecordType
 from sim.log.writer import write_channels
+from sim.system import atomic_write
 
 VEHICLE = "vehicle"
 """Name of the vehicle in the log."""

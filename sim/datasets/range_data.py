@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from laisn.arrays import Bools, Floats, Ints, own_arrays
 from laisn.failure import LaisnError
-from sim.files import read_text
+from sim.system import read_text
 
 _LARGEST_BYTES = 500_000_000
 """Larger files are refused [bytes]."""

@@ -18,7 +18,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from sim.datasets.range_data import LARGEST, RangeData, require_unique
-from sim.processes import background_process
+from sim.system import background_process
 
 _COLUMNS = {"DR": 3, "TD": 4, "TL": 3, "GT": 4, "DRp": 4}
 """Columns of each table."""

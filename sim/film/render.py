@@ -17,12 +17,12 @@ from PIL import Image
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
-from sim.files import atomic_write
 from sim.film import graphics
 from sim.film.annotations import NOTHING, Annotations
 from sim.film.frame_renderer import GROUP, Job
 from sim.flight import Flight
 from sim.scenario.settings import Video
+from sim.system import atomic_write
 
 Errors = Sequence[tuple[Floats, Floats]]
 Progress = Callable[[float], None]
@@ -56,7 +56,7 @@ def _results(job: Job, programs: Sequence[str]) -> Generator[Any, None, None]:
         raise RenderError(graphics.MISSING)
     threads = max(1, (os.cpu_count() or 1) // len(programs))
     content = pickle.dumps(job, protocol=pickle.HIGHEST_PROTOCOL)
-    start = f"from sim.processes import exit_with_parent; exit_with_parent({os.getpid()}); {_IMPORTS}"
+    start = f"from sim.system import exit_with_parent; exit_with_parent({os.getpid()}); {_IMPORTS}"
     results: SimpleQueue[Any] = SimpleQueue()
     children, readers = list[Any](), list[Thread]()
     try:

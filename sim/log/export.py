@@ -12,9 +12,9 @@ import pyarrow.csv
 import pyarrow.parquet
 from google.protobuf.descriptor import FieldDescriptor
 
-from sim.files import atomic_write
 from sim.log.contents import Contents, LogError, Messages, log_errors
 from sim.log.schema import ERROR, POSE_FIELDS
+from sim.system import atomic_write
 
 Format = Literal["parquet", "csv"]
 _WRITERS = {"parquet": pa.parquet.ParquetWriter, "csv": pa.csv.CSVWriter}

@@ -9,8 +9,8 @@ import numpy as np
 from mcap.records import Attachment, Channel, DataEnd, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
-from sim.files import atomic_write
 from sim.log.contents import FLIGHT, DamagedError, LogError, records
+from sim.system import atomic_write
 
 _INTERRUPTED = "INTERRUPTED"
 """Name of the outcome of a flight whose log was cut off."""

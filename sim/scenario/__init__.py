@@ -5,5 +5,5 @@ Takes a file or keyword arguments; gives a `Scenario` (`settings`; its tables st
 plan by which a point with limits swims a route (`point_motion`). All errors of a file are reported at once (`file`). It
 imports neither MuJoCo nor water nor sensors.
 
-Imports: laisn models sim.files sim.screen
+Imports: laisn models sim.system
 """

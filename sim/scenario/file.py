@@ -10,12 +10,11 @@ from typing import Any
 from pydantic import ValidationError
 
 import models
-from laisn.failure import LaisnError
-from sim.files import read_text
+from laisn.failure import LaisnError, plain, screenful, shortened
 from sim.scenario.settings import KEYS_ALONE, Scenario
 from sim.scenario.validation_errors import lines_of
 from sim.scenario.vehicles import is_mjcf
-from sim.screen import plain, screenful, shortened
+from sim.system import read_text
 
 LARGEST_BYTES = 16_000_000
 """Largest scenario file that is read [bytes]: four routes of the most points that a route may have."""

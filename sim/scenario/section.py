@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, Strict, create_model, model_validator
 
 from laisn.arrays import Record
-from sim.screen import shortened
+from laisn.failure import shortened
 
 Positive = Annotated[float, Field(gt=0, le=1e6)]
 NonNegative = Annotated[float, Field(ge=0, le=1e6)]

@@ -11,13 +11,13 @@ import tomli_w
 from pydantic import AfterValidator, Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from laisn.settings import VARIANTS
-from sim.files import atomic_write
 from sim.scenario.formation import Formation, Shape, Station, followers_of, proximity_inconsistencies, station_conflicts
 from sim.scenario.navigation import Assume, Navigation
 from sim.scenario.sea import FASTEST_CURRENT_M_S, Ocean, Waves
 from sim.scenario.section import CONTROL_STEP_S, LISTED, Name, Positive, Section, Timing, is_multiple
 from sim.scenario.sensors import Acoustics, Sensors
 from sim.scenario.vehicles import Follower, Leader, Vehicle
+from sim.system import atomic_write
 
 __all__ = [
     "CAMERAS", "CONTROL_STEP_S", "KEYS_ALONE", "Acoustics", "Assume", "Follower", "Formation", "Leader", "Name",

@@ -6,8 +6,8 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
+from laisn.failure import ROWS, plain, shortened
 from sim.scenario.settings import Scenario
-from sim.screen import ROWS, plain, shortened
 
 Location = tuple[int | str, ...]
 """Path of a key, such as ("followers", 0, "depth_m")."""

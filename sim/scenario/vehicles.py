@@ -7,7 +7,6 @@ from pydantic import Field, field_validator, model_validator
 
 import models
 from laisn.failure import LaisnError
-from sim.files import read_text
 from sim.scenario.formation import Station
 from sim.scenario.routes import FOLLOWER_DEPTH, LEADER_DEPTH
 from sim.scenario.section import (
@@ -22,6 +21,7 @@ from sim.scenario.section import (
     require_increasing,
 )
 from sim.scenario.sensors import FollowerSensors
+from sim.system import read_text
 
 LONGEST_MODEL = 1_000_000
 """Length of the text of a hull, and size of its file [bytes]."""

@@ -80,7 +80,7 @@ def test_workers_end_with_the_process_that_started_them(tmp_path: Path, how: sig
 
 CHILD = """
 import os, subprocess, sys, time
-code = f"from sim.processes import exit_with_parent; exit_with_parent({os.getpid()}); import time; time.sleep(60)"
+code = f"from sim.system import exit_with_parent; exit_with_parent({os.getpid()}); import time; time.sleep(60)"
 child = subprocess.Popen([sys.executable, "-c", code])
 print(child.pid, flush=True)
 time.sleep(60)

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 
 from experiments.command.fly import fly_and_write
 from experiments.flight import library
+from laisn.failure import ROWS, plain
 from sim import feasibility
 from sim.assembly import ocean_of, routes_of, setups_of
 from sim.scenario import file as scenario_file
 from sim.scenario.file import ScenarioError
 from sim.scenario.settings import Scenario
-from sim.screen import ROWS, plain
 from sim.vehicle.plant import Plant
 
 SEEDS = st.integers(0, 2**64)

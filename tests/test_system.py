@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from experiments.campaign.version import ROOT
-from sim.files import atomic_write, locked, remove_stale_parts
+from sim.system import atomic_write, locked, remove_stale_parts
 
 
 def names(folder: Path) -> list[str]:
@@ -59,7 +59,7 @@ def test_new_files_have_the_mode_of_other_new_files(tmp_path: Path) -> None:
 WRITER = """
 import sys, time
 from pathlib import Path
-from sim.files import atomic_write, locked
+from sim.system import atomic_write, locked
 folder = Path(sys.argv[1])
 with locked(folder), atomic_write(folder / "a.txt") as part:
     part.write_text("half")
