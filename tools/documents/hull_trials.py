@@ -34,6 +34,21 @@ PUBLISHED_SPEED = {300: 0.4860, 500: 0.8314, 750: 1.2542, 1000: 1.6741, 1250: 2.
 PUBLISHED_TURN = {1000: {5: 2.092, 10: 3.488, 15: 4.644}, 1525: {5: 3.609, 10: 5.894, 15: 7.767}}
 """Turn rate [°/s] of a REMUS 100 in Fossen's published code, by propeller speed [1/min] and rudder [°]."""
 STERN_PLANE_DEG = -5.0
+PUBLISHED_BLUEROV = {"turn": 3.9111, "ascent": 0.7146, "descent": 0.7210, "surge": 0.2610, "sway": 0.2438}
+"""Steady speeds [m/s] and turn rate [rad/s] of the BlueROV2 model of von Benzon et al. (2022) in its published Python code.
+
+V. N. Fernandez-Ayala, bluerov2_dynamics, `fossen/BlueROV2.py` (MIT licence, commit aafc093), in steps of 0.01 s for 30 s.
+"""
+_PITCH, _ROLL = 0.16928464600933177, 0.11410268696233682
+"""Voltage of the vertical thrusters that cancels the moment of the horizontal ones at a quarter of their voltage."""
+BLUEROV_COMMANDS = {
+    "turn": (1.0, -1.0, -1.0, 1.0, 0.0, 0.0, 0.0, 0.0),
+    "ascent": (0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0),
+    "descent": (0.0, 0.0, 0.0, 0.0, -1.0, -1.0, -1.0, -1.0),
+    "surge": (0.25, 0.25, -0.25, -0.25, -_PITCH, -_PITCH, _PITCH, _PITCH),
+    "sway": (-0.25, 0.25, -0.25, 0.25, -_ROLL, _ROLL, -_ROLL, _ROLL),
+}
+"""Voltages of the eight thrusters in the trials of the BlueROV2."""
 
 
 def _remus() -> dict[str, Finding]:
@@ -200,6 +215,16 @@ def _estimates() -> dict[str, Finding]:
     return found
 
 
+def bluerov_speed(trial: str) -> float:
+    """Steady speed [m/s] along the body's axis of a trial, or turn rate [rad/s], after 30 s in open loop."""
+    plant = _plant("bluerov2_heavy", depth=100.0)
+    plant.step(np.array([BLUEROV_COMMANDS[trial]]), 1500)
+    if trial == "turn":
+        return abs(float(plant.twist[0, 5]))
+    along = np.array(attitude.rotation(plant.pose[0, 3:])).T @ plant.twist[0, :3]
+    return abs(float(along[{"surge": 0, "sway": 1}.get(trial, 2)]))
+
+
 def _vehicles() -> dict[str, Finding]:
     """Speeds of the BlueROV2, and how the vehicles keep T5, or a route of 0.5 m/s, and a station in a current."""
     found = {}
@@ -223,6 +248,10 @@ def _vehicles() -> dict[str, Finding]:
     rate = np.degrees(np.sqrt(4 * 30.4 * (0.156 + 0.111) / np.sqrt(2) / 1.5))
     found["bluerov turn balance"] = plain(float(rate), "turn rate by thrust and the paper's damping 1.5 r²", "°/s")
 
+    for trial, published in PUBLISHED_BLUEROV.items():
+        unit = "rad/s" if trial == "turn" else "m/s"
+        found[f"bluerov {trial} ours"] = plain(bluerov_speed(trial), f"steady speed of the trial: {trial}", unit)
+        found[f"bluerov {trial} published"] = plain(published, f"the same in the published code: {trial}", unit)
     hover = Route.timed("hover", [[0, 0, 0], [300, 0, 0], [400, 30, 0]], DepthProfile.constant(10.0))
     plant = _plant("bluerov2_heavy", heading=np.pi / 2, depth=10.0, current=0.3)
     motion = simulate(plant, [hover], 290.0, [None])

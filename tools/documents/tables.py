@@ -290,6 +290,19 @@ def routes_kept(records: Records) -> str:
     return markdown(["vehicle", "T5: off route [m]", "depth [m]", "L: off route [m]", "depth [m]"], rows)
 
 
+def bluerov_speeds(records: Records) -> str:
+    """Steady speeds of the BlueROV2 beside those of the published code."""
+    found = records["hull-trials"]
+    trials = {"turn": "turn on the spot, full", "ascent": "ascent, full", "descent": "descent, full",
+              "surge": "surge, a quarter", "sway": "sway, a quarter"}  # fmt: skip
+    rows = [
+        [what, *(f"{found[f'bluerov {trial} {whose}']:.3f}" for whose in ("published", "ours")),
+         found.findings[f"bluerov {trial} ours"].unit]
+        for trial, what in trials.items()
+    ]  # fmt: skip
+    return markdown(["motion, voltage", "published code", "simulation", "unit"], rows)
+
+
 TABLES: dict[str, Callable[[Records], str]] = {
     "ratios": ratios,
     "coverage": coverage,
@@ -306,5 +319,6 @@ TABLES: dict[str, Callable[[Records], str]] = {
     "fossen": fossen,
     "hull-estimates": hull_estimates,
     "routes-kept": routes_kept,
+    "bluerov-speeds": bluerov_speeds,
 }
 """Tables by their names in documents."""
