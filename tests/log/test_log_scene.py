@@ -1,6 +1,8 @@
 """What the log draws: hulls, ellipses and rays where geometry puts them, and a layout that finds its channels."""
 
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +11,9 @@ import numpy as np
 import pytest
 from synthetic import make_flight, messages, short_flight, write_log
 
+import laisn_sim
 import models
+from laisn.arrays import Floats
 from sim.film import annotations as film
 from sim.flight import Flight
 from sim.geometry.geodesy import FLATTENING, SEMI_MAJOR_AXIS, geodetic
@@ -56,6 +60,33 @@ def test_the_hull_in_the_scene_fills_the_model(name: str, written: Path) -> None
     shown = np.concatenate([extent(part) for part in parts])
     np.testing.assert_allclose(shown.min(axis=0), expected.min(axis=0), atol=1e-6)
     np.testing.assert_allclose(shown.max(axis=0), expected.max(axis=0), atol=1e-6)
+
+
+def test_fins_of_the_scene_turn_with_their_deflections(flight: Flight, tmp_path: Path) -> None:
+    """Rudders of a REMUS 100 turn about the vertical axis and stern planes about the lateral one."""
+    scenario = laisn_sim.load("T5", {"leader.model": "remus100", "duration_s": 30})
+    thrust = flight.trajectory.thrust.copy()
+    thrust[:, 0], thrust[10:, 0] = 0.0, [12.0, 0.1, 0.2, -0.1, -0.2]
+    moved = replace(flight, scenario=scenario, trajectory=replace(flight.trajectory, thrust=thrust))
+    first, *_, last = messages(write_log(moved, tmp_path), "/scene/vehicles")
+
+    def turns(update: Any) -> list[Floats]:
+        (shape,) = (e for e in update.entities if e.id == "leader/hull")
+        parts = [part.pose.orientation for part in shape.cubes]
+        return [np.array([q.w, q.x, q.y, q.z]) for q in parts]
+
+    model = models.path("remus100").read_text()
+    boxes = re.findall(r'<geom name="(\w+)" class="fin"', model)
+    assert boxes == ["rudder_top", "rudder_bottom", "stern_plane_port", "stern_plane_starboard"]
+    # a positive rudder pushes the stern to port and a positive plane lifts it
+    expected = [(3, 0.1), (3, 0.2), (2, 0.1), (2, 0.2)]
+    for before, after, (axis, angle) in zip(turns(first), turns(last), expected, strict=True):
+        still, turned = np.empty(4), np.zeros(4)
+        mujoco.mju_negQuat(still, before)
+        mujoco.mju_mulQuat(turned, after, still)
+        wanted = np.zeros(4)
+        wanted[[0, axis]] = np.cos(angle / 2), np.sin(angle / 2)
+        np.testing.assert_allclose(turned, wanted, atol=1e-9)
 
 
 def test_the_scene_is_complete_at_every_second(flight: Flight, written: Path) -> None:

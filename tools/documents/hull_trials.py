@@ -35,9 +35,9 @@ PUBLISHED_TURN = {1000: {5: 2.092, 10: 3.488, 15: 4.644}, 1525: {5: 3.609, 10: 5
 """Turn rate [°/s] of a REMUS 100 in Fossen's published code, by propeller speed [1/min] and rudder [°]."""
 STERN_PLANE_DEG = -5.0
 PUBLISHED_BLUEROV = {"turn": 3.9111, "ascent": 0.7146, "descent": 0.7210, "surge": 0.2610, "sway": 0.2438}
-"""Steady speeds [m/s] and turn rate [rad/s] of the BlueROV2 model of von Benzon et al. (2022) in its published Python code.
+"""Steady speeds [m/s] and turn rate [rad/s] of von Benzon's BlueROV2 in published Python code, in steps of 0.01 s.
 
-V. N. Fernandez-Ayala, bluerov2_dynamics, `fossen/BlueROV2.py` (MIT licence, commit aafc093), in steps of 0.01 s for 30 s.
+V. N. Fernandez-Ayala, bluerov2_dynamics, `fossen/BlueROV2.py` (MIT licence, commit aafc093).
 """
 _PITCH, _ROLL = 0.16928464600933177, 0.11410268696233682
 """Voltage of the vertical thrusters that cancels the moment of the horizontal ones at a quarter of their voltage."""
