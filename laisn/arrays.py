@@ -47,12 +47,8 @@ def require_shapes(record: Any, expected: Mapping[str, tuple[int, ...]]) -> None
 
 
 def require_numbers(record: Any, *, positive: Collection[str] = (), signed: Collection[str] = ()) -> None:
-    """ValueError naming the first number of a record that is not finite, or less than may be.
-
-    Args:
-        record: a dataclass; only its floats are looked at.
-        positive: fields that must not be zero.
-        signed: fields that may be negative.
+    """ValueError naming the first float of a record that is not finite, or less than may be: zero, or what is in
+    `signed`; what is in `positive` must not be zero.
     """
     for field in fields(record):
         value = getattr(record, field.name)
@@ -93,11 +89,7 @@ def _is_read_only(array: npt.NDArray[Any]) -> bool:
 
 
 def own_arrays(record: Any) -> None:
-    """Replace the arrays of a frozen record by read-only copies; to be called from `__post_init__`.
-
-    The caller's arrays stay writable, and writing them does not change the record. A read-only array, such as another
-    record's, is not copied.
-    """
+    """Replace the arrays of a frozen record, in its `__post_init__`, by read-only copies unless they are read-only."""
     for field in fields(record):
         value = getattr(record, field.name)
         if isinstance(value, np.ndarray) and not _is_read_only(value):

@@ -1,13 +1,8 @@
 """Posterior Cramér–Rao bound of dead reckoning with ranges: the log and the compass are inputs with the stated noise.
 
-The recursion of Tichavský, Muravchik & Nehorai, IEEE Trans. Signal Processing 46 (1998), for a motion that log and
-compass give except for noise, and biases that are constant or drift: the information about the state is carried from
-message to message by J ← (Q + F J⁻¹ Fᵀ)⁻¹ + Hᵀ R⁻¹ H. All derivatives are taken at the truth. The state is that of
-`laisn.tight`: position, biases of log and compass, common scale error of ranges, and what else is unknown.
-
-It bounds every estimator of this model and no other. The model assumes nothing about the vehicle's motion: the speed at
-one step gives no information on that at the next. An estimator that assumes slowly varying speed averages the log's
-noise and can be below this bound where the speed does vary slowly: on T3 such a filter reached 0.80 of it.
+The recursion of Tichavský, Muravchik & Nehorai, IEEE Trans. Signal Processing 46 (1998): information about the state is
+carried from message to message by J ← (Q + F J⁻¹ Fᵀ)⁻¹ + Hᵀ R⁻¹ H, with derivatives at the truth and the state of
+`laisn.tight`. It bounds every estimator of this model and no other: one that assumes slowly varying speed can be below.
 """
 
 from dataclasses import dataclass
@@ -16,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from laisn.arrays import Floats, Ints, require_numbers
-from laisn.rts import Chain, smooth
+from laisn.mixture import Chain, smooth
 
 _LINE, _SHARES = np.polynomial.hermite_e.hermegauss(5)
 _NODES = np.stack(np.meshgrid(_LINE, _LINE), axis=2).reshape(-1, 2)
@@ -153,23 +148,12 @@ def _expected_information(
 ) -> Floats:
     """Mean of the information over positions N(away, spread), by Gauss–Hermite quadrature, shape (size, size).
 
-    On the axis of two transmitters the information about the lateral position is zero at the truth alone, and not
-    where an estimator with an error looks.
+    On the axis of two transmitters the information about the lateral position is zero at the truth alone.
     """
     values, vectors = np.linalg.eigh(spread)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     found = _information(away + _NODES @ root.T, arms, noise, first, size)
     return np.asarray(np.einsum("q,qij->ij", _WEIGHTS, found))
-
-
-def _of_leaders_way(velocity: Floats, time: float, noise: TrueNoise, first: dict[str, int], size: int) -> Floats:
-    """Information of the leader's way since the last message, `time` seconds ago, shape (size, size)."""
-    rows = np.zeros((2, size))
-    if "leader_heading_bias" in first:
-        rows[:, first["leader_heading_bias"]] = -velocity[1], velocity[0]
-    if "current" in first:
-        rows[:, first["current"] : first["current"] + 2] = np.eye(2)
-    return np.asarray(rows.T @ rows * (time / (10.0 * noise.leader_way_sigma**2)))
 
 
 class _Way:
@@ -237,12 +221,9 @@ class _Way:
 def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | None = None, lag: float = 0.0) -> Floats:
     """Bound of the position's covariance after each step, shape (n, 2, 2), [m²], for the model stated above.
 
-    Args:
-        geometry: the true mission.
-        noise: what is random in it, and what is known before.
-        averaged: take the mean information over the positions that the bound itself allows, not that at the truth;
-            None: for two transmitters, whose information at the truth is zero on their axis.
-        lag: how much later than a position the messages may be that it rests on [s]: of smoothing, where not 0.
+    `averaged` takes the mean information over the positions that the bound itself allows, not that at the truth; None:
+    for two transmitters, whose information at the truth is zero on their axis. `lag` is how much later than a position
+    the messages may be that it rests on [s]: of smoothing, where not 0.
     """
     n, transmitters = geometry.speed.size, geometry.arms.shape[1]
     variances, first = _states(noise, transmitters)
@@ -271,8 +252,14 @@ def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | Non
             else:
                 gained = _information(away[None], arms, noise, first, size)[0]
             if noise.leader_way_sigma > 0.0 and geometry.leader_velocity is not None:
+                # information of the leader's way since the last message
+                seen, (east, north) = np.zeros((2, size)), geometry.leader_velocity[i]
+                if "leader_heading_bias" in first:
+                    seen[:, first["leader_heading_bias"]] = -north, east
+                if "current" in first:
+                    seen[:, first["current"] : first["current"] + 2] = np.eye(2)
                 time = geometry.dt * (end - begin)
-                gained = gained + _of_leaders_way(geometry.leader_velocity[i], time, noise, first, size)
+                gained = gained + seen.T @ seen * (time / (10.0 * noise.leader_way_sigma**2))
             # (P⁻¹ + I)⁻¹ without the inverse of P, which a known start makes singular
             found = np.linalg.solve(np.eye(size) + covariance @ gained, covariance)
             covariance = np.asarray(0.5 * (found + found.T), dtype=np.float64)
@@ -286,4 +273,4 @@ def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | Non
     messages, steps = geometry.message_step, np.arange(1, n + 1)
     latest = np.searchsorted(messages, steps, side="right")
     last = np.searchsorted(messages, steps + round(lag / geometry.dt), side="right")
-    return smooth(chain, latest, last, (np.zeros((n, 2)), bound), onward).covariance
+    return smooth(chain, latest, last, (np.zeros((n, 2)), bound), onward)[1]

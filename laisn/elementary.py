@@ -49,10 +49,7 @@ _L1, _L2, _L3, _L4, _L5, _L6, _L7, _L8, _L9 = (2.0 / (2 * n + 1) for n in range(
 
 
 def _arctan_coefficients(terms: int) -> list[float]:
-    """Coefficients of arctan(t)/t in powers of t² on |t| ≤ tan π/8, by Chebyshev interpolation.
-
-    The Taylor series converges too slowly.
-    """
+    """Coefficients of arctan(t)/t in powers of t² on |t| ≤ tan π/8, by Chebyshev interpolation."""
     width = _TAN_PI_8**2
     fit = np.polynomial.Chebyshev.interpolate(
         lambda q: np.arctan(np.sqrt(q)) / np.sqrt(q), terms - 1, domain=[0.0, width]

@@ -47,12 +47,10 @@ def expected_acceleration(speed_change: float, turn: float, t: Tuning) -> float:
 
 
 class Innovation(NamedTuple):
-    """Innovation of a position update."""
+    """Innovation of a position update: z − H x̂, shape (2,), [m], and S, shape (2, 2), [m²]."""
 
     residual: Floats
-    """z − H x̂, shape (2,), [m]."""
     covariance: Floats
-    """S, shape (2, 2), [m²]."""
     applied: bool
     """False where S was singular and the update was skipped."""
 
@@ -66,19 +64,10 @@ def kalman_update(x: Floats, P: Floats, H: Floats, innovation: Floats, R: Floats
 
 
 def _motion(dt: float) -> tuple[Floats, Floats]:
-    """Transition over a step of constant velocity, and Q for an acceleration of unit variance that is constant over it.
-
-    Paper, Section 2.1; both of shape (4, 4).
+    """Transition over a step of constant velocity, and Q for a constant unit acceleration (Section 2.1), shape (4,
+    4).
     """
-    position, cross, velocity = dt**4 / 4, dt**3 / 2, dt**2
-    noise = np.array(
-        [
-            [position, 0, cross, 0],
-            [0, position, 0, cross],
-            [cross, 0, velocity, 0],
-            [0, cross, 0, velocity],
-        ]
-    )
+    noise = np.asarray(np.kron([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]], np.eye(2)), dtype=np.float64)
     return np.eye(4) + dt * np.eye(4, k=2), noise
 
 
@@ -86,13 +75,7 @@ class Filter:
     """State [x, y, vx, vy] and its covariance."""
 
     def __init__(self, dt: float, start: Floats, sigma0: Floats) -> None:
-        """Start at a known state.
-
-        Args:
-            dt: filter step [s].
-            start: state, shape (4,).
-            sigma0: its standard deviations, shape (4,).
-        """
+        """Start at a known state and its standard deviations, shapes (4,); `dt` is the filter step [s]."""
         from filterpy.kalman import KalmanFilter
 
         self._kalman = KalmanFilter(dim_x=4, dim_z=2)
@@ -112,10 +95,7 @@ class Filter:
         return np.array(self._kalman.P)
 
     def predict(self, sigma_a: float, duration: float | None = None) -> None:
-        """One step of constant velocity under accelerations of standard deviation σa [m/s²].
-
-        `duration` is that of this step, if it is not the usual one [s].
-        """
+        """One step, of another `duration` than Δt [s] if given, under accelerations of standard deviation σa [m/s²]."""
         if duration is None:
             self._kalman.predict(Q=sigma_a**2 * self._unit_noise)
         else:
@@ -135,13 +115,8 @@ class Filter:
     def update_along(self, position: tuple[float, float], axis: tuple[float, float], sigma: float) -> Innovation:
         """Update with a position that is known along one direction alone, in Joseph form; skipped as the other one.
 
-        Args:
-            position: on the line through the prediction along `axis` [m].
-            axis: unit vector (east, north).
-            sigma: standard deviation along it [m].
-
-        Returns:
-            The residual along the axis as a vector, and the variance of its length times the unit matrix.
+        The position is on the line through the prediction along the unit vector `axis`, with σ along it [m]. Returns
+        the residual along the axis as a vector, and the variance of its length times the unit matrix.
         """
         residual = np.array(position) - self._kalman.x[POSITION]
         h = np.array([axis[0], axis[1], 0.0, 0.0])
@@ -189,12 +164,7 @@ class Gate:
         self._extra += extra
 
     def bound(self, step: int, speed: float) -> float:
-        """Greatest distance that the vehicle can be from the last accepted position at a step [m].
-
-        Args:
-            step: k.
-            speed: measured at this step [m/s]; used by the rule "v-measured".
-        """
+        """Greatest distance from the last accepted position at step k [m], at a measured speed [m/s]."""
         # steps of Δt are counted, not added up, so that this is exact where there are no others
         return reach((step - self._step) * self._tuning.dt + self._extra, speed, self._tuning)
 

@@ -1,9 +1,7 @@
 """The fix of a pair of transmitters from the ranges to them (paper, Sections 2.2 and 2.3).
 
 A *pair* of transmitters gives two circles. Where they meet in two points well apart, the one nearest to the prediction
-is taken; otherwise the follower is put onto the pair's axis behind the leader. `variants` combines pairs. Formulas are
-for all engines; `to_circles` and `RangeCircles` prepare and use them for one follower, with transmitters on a hull or
-anywhere.
+is taken; otherwise the follower is put onto the pair's axis behind the leader. `variants` combines pairs.
 """
 
 import math
@@ -68,7 +66,6 @@ class Fix(NamedTuple):
     """z [m]; of no meaning where LOST."""
     north: float
     sigma: float
-    """σp [m]."""
     kind: float
     """`FixKind` as a float."""
     separation: float
@@ -77,15 +74,8 @@ class Fix(NamedTuple):
 
 @formula
 def circles(origin: Point, arms: Arms, ranges: Ranges, depth_difference: float) -> Circles:
-    """Circles about the transmitters of a leader.
-
-    A slant range shorter than the depth difference counts as a horizontal range of 0.
-
-    Args:
-        origin: the leader's.
-        arms: of its transmitters.
-        ranges: measured.
-        depth_difference: Δz, depth of the hydrophone less that of the leader [m].
+    """Circles about the transmitters of a leader at `origin`, at the depth difference Δz of hydrophone and leader
+    [m].
     """
     east, north, up = arms.front
     middle_east, middle_north, middle_up = arms.middle
@@ -138,10 +128,7 @@ def pair_fix(pair: Pair, heading: Turn, predicted: Point, t: Tuning) -> Fix:
 
 @formula
 def fix_variance(sigma: float, depth_difference: float, t: Tuning) -> float:
-    """Variance of a fix as the filter is given it [m²]: σp not below the floor, and a share for the expected pitch.
-
-    An unknown pitch φ of the leader shifts a fix abeam by Δz sin φ whatever the range.
-    """
+    """Variance of a fix for the filter [m²]: σp above the floor, and Δz sin φ of the pitch that is expected."""
     vertical = depth_difference * t.sine_of_pitch
     least = t.sigma_floor if sigma < t.sigma_floor else sigma
     return vertical * vertical + least * least
@@ -150,9 +137,7 @@ def fix_variance(sigma: float, depth_difference: float, t: Tuning) -> float:
 def _on_line(pair: Pair, kind: float) -> Fix:
     """The point of the line through two transmitters, apart from each other, that fits both ranges best.
 
-    Where the circles lie apart or within each other, it is midway between them; where they meet in two points close
-    together, between these. The rule that the follower is behind the leader has no meaning for beacons, and would be
-    wrong by up to twice the range between them.
+    Among beacons, the rule that the follower is behind the leader would be wrong by up to twice the range between them.
     """
     (rear, d_rear), (front, d_front) = pair.rear, pair.front
     way = front.east - rear.east, front.north - rear.north
@@ -174,7 +159,6 @@ class RangeCircles(NamedTuple):
 
     circles: Circles
     heading: Turn
-    """The leader's."""
     depth_difference: float
     """Δz, depth of the hydrophone less that of the leader [m]."""
     off_hull: bool = False
@@ -193,11 +177,7 @@ class RangeCircles(NamedTuple):
 
 
 def to_circles(reception: Reception, own_depth: float, settings: NavigationSettings) -> RangeCircles:
-    """Circles about the transmitters where message or settings place them, with the horizontal ranges to them.
-
-    A slant range shorter than the depth difference counts as a horizontal range of 0, and one to a transmitter whose
-    position is unknown as not received.
-    """
+    """Circles about the transmitters where message or settings place them, with the horizontal ranges to them."""
     message, places = reception.message, given_transmitters(reception, settings)
     hydrophone, heading = own_depth - settings.hydrophone_height, turn(message.heading)
     depth_difference = hydrophone - message.depth
@@ -224,9 +204,7 @@ class OneRange(NamedTuple):
 def one_range(circles: Circles, predicted: Point) -> OneRange | None:
     """The point nearest to the prediction on the circle of the first range that was received; None if none was.
 
-    The paper has no use for one range alone. Its P_D for the rear transmitter, dead astern of the leader, would be one,
-    but is wrong by up to twice the range for a follower that is elsewhere. Here the range corrects what it measures,
-    the distance, and leaves the direction to the prediction.
+    The paper drops one range alone. Here it corrects what it measures, the distance; the direction is the prediction's.
     """
     for centre, radius in circles:
         east, north = predicted.east - centre.east, predicted.north - centre.north

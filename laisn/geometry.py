@@ -52,9 +52,7 @@ class Chord(NamedTuple):
     """Common chord of two circles, seen from the first centre on the way to the second."""
 
     apart: bool
-    """Whether the centres lie apart."""
     distance: float
-    """Distance between the centres, d [m]."""
     way: Point
     """Unit vector from the first centre to the second; (0, 0) if they coincide."""
     along: float
@@ -71,10 +69,10 @@ def signed_angle(angle: Angle) -> Angle:
 
 @formula
 def wrap_angle(angle: float) -> float:
-    """Angle brought into [−π, π] [rad]; both ends stand for the same direction. For less than 10¹⁵ turns.
+    """Angle brought into [−π, π] [rad], both ends of which are one direction. For less than 10¹⁵ turns.
 
-    Unlike `signed_angle` it divides by nothing, so that loops over lanes stay vectorised, and an angle within the range
-    stays as it is to the bit.
+    It divides by nothing, so that loops over lanes stay vectorised; an angle within the range stays as it is to the
+    bit.
     """
     turns = (angle * _PER_TURN + _ROUNDING) - _ROUNDING
     return angle - turns * _TURN
@@ -123,11 +121,8 @@ def tilted_arms(baseline: float, middle_offset: float, heading: Turn, pitch: Tur
 
 @compiled
 def transmitter_positions(origin: Triple, attitude: Triple, baseline: float, middle_offset: float) -> Floats:
-    """Rows of (east, north, depth) of the rear, front and middle transmitter, shape (3, 3), [m].
-
-    `origin` is the leader's (east, north, depth) and `attitude` its (heading, pitch, roll). The rear and front
-    transmitters sit half a baseline behind and before the origin, the middle one `middle_offset` to its port
-    (paper, Section 2.3 and Figure 1).
+    """Rows of (east, north, depth) of rear, front and middle transmitter, shape (3, 3), [m] (paper, Section 2.3, Figure
+    1), of a leader at `origin` (east, north, depth) in the attitude (heading, pitch, roll) [rad].
     """
     heading, pitch, roll = turn(attitude[0]), turn(attitude[1]), turn(attitude[2])
     arms = tilted_arms(baseline, middle_offset, heading, pitch, roll)
@@ -144,9 +139,8 @@ def transmitter_positions(origin: Triple, attitude: Triple, baseline: float, mid
 def place_on_body(origin: Triple, attitude: Triple, offsets: Floats) -> Floats:
     """Rows of (east, north, depth) of points anywhere on a body, shape (n, 3), [m].
 
-    `origin` is the body's (east, north, depth), and `offsets` has rows of (forward, port, up), shape (n, 3), [m].
-    `attitude` is (heading, pitch, roll) [rad]: the body is turned to its heading, then pitched nose up, then rolled
-    starboard down, about its own axes.
+    `origin` is its (east, north, depth), `offsets` has rows of (forward, port, up), `attitude` is (heading, pitch,
+    roll) [rad]: turned to its heading, then pitched nose up, then rolled starboard down, about its own axes.
     """
     heading, pitch, roll = map(turn, attitude)
     forward, port = np.array(fore_offset(1.0, heading, pitch)), np.array(side_offset(1.0, heading, pitch, roll))

@@ -1,53 +1,148 @@
 """Passes over a block of runs side by side: the Kalman filter, gate and fix of `filter`, `fix` and `variants` in lanes.
 
-Every lane takes every branch and selects; only what is the same for all runs (the variant) branches truly. Covariances
-are kept as 2×2 blocks, and updates are written without cancellation: after a measurement with covariance R, P S⁻¹ R
-stands for P − P S⁻¹ P. That equals the Joseph form up to rounding.
+A block is rows of `LANES` doubles in one flat array, a lane for each run; passes address `block[ROW + lane]`. Rows of
+one array provably do not overlap, so that passes become vector instructions. Every lane takes every branch and selects;
+only what is the same for all runs (the variant) branches truly. After a measurement with covariance R, P S⁻¹ R stands
+for P − P S⁻¹ P, without cancellation; it equals the Joseph form.
 """
 
 from collections.abc import Callable
+from itertools import count
+from typing import cast
 
 import numpy as np
 
-from laisn import lane_rows as row
 from laisn.arrays import Floats
 from laisn.compiled import compiled_lanes, inlined
 from laisn.elementary import sin_cos
+from laisn.failure import LaisnError
 from laisn.filter import expected_acceleration, is_beyond, larger, reach, speed_share, turn_share
 from laisn.fix import GATED, LOST, SINGULAR, Circle, Fix, Pair, circles, fix_variance, pair_fix
 from laisn.geometry import Point, Turn, is_singular, level_arms, tilted_arms
-from laisn.lane_rows import LANES
 from laisn.messages import Ranges
-from laisn.settings import VARIANTS, Tuning
+from laisn.settings import VARIANTS, NavigationSettings, Settings, Tuning
 from laisn.variants import SINGLE, Pairs
+
+LANES = 64
+
+_row = count(0, LANES)
+
+# State and covariance: P are position, V velocity terms, C those between (CXY of x and vy).
+X, Y, VX, VY = (next(_row) for _ in range(4))
+PXX, PXY, PYY, CXX, CXY, CYX, CYY, VXX, VXY, VYY = (next(_row) for _ in range(10))
+# Memory of the last accepted position and of the last measurements.
+ACCEPTED_X, ACCEPTED_Y, ACCEPTED_STEP = (next(_row) for _ in range(3))
+LAST_SPEED, LAST_HEADING, LAST_LEADER_SPEED, LAST_LEADER_HEADING = (next(_row) for _ in range(4))
+# Own measurements of a step, and what follows from them; γ are those of the vehicle that changed most.
+SPEED, HEADING, DEPTH, SIN, COS, GAMMA_V, GAMMA_THETA = (next(_row) for _ in range(7))
+# A message and the ranges measured on it.
+EAST, NORTH, LEADER_HEADING, LEADER_SPEED, LEADER_DEPTH, PITCH, ROLL = (next(_row) for _ in range(7))
+R1, R2, R3 = (next(_row) for _ in range(3))
+# Transmitters, the horizontal ranges to them (NaN where nothing was received), and one's own depth below the leader's.
+X1, Y1, D1, X2, Y2, D2, X3, Y3, D3, DZ = (next(_row) for _ in range(10))
+LEADER_SIN, LEADER_COS = (next(_row) for _ in range(2))
+# The fix of each pair of transmitters and the fix chosen of them: position, σp, kind, separation of two intersections
+# (−1 for fewer), and squared distance from the prediction in units of S (NaN where no update was made).
+ZX12, ZY12, SIGMA12, KIND12, SEP12, NIS12 = (next(_row) for _ in range(6))
+ZX13, ZY13, SIGMA13, KIND13, SEP13, NIS13 = (next(_row) for _ in range(6))
+ZX23, ZY23, SIGMA23, KIND23, SEP23, NIS23 = (next(_row) for _ in range(6))
+ZX, ZY, SIGMA, KIND, SEP, NIS = (next(_row) for _ in range(6))
+# 1 where an update of this message passed the gate.
+PASSED = next(_row)
+SIZE = next(_row)
+
+
+def tuning(settings: Settings) -> Tuning:
+    """Settings of LAISN as lanes take them; LaisnError for those of one vehicle's navigator alone."""
+    laisn = cast(NavigationSettings, settings)
+    if laisn.use_single_range or laisn.transmitter_offsets:
+        raise LaisnError(
+            "use_single_range and transmitter offsets are for single vehicles and their logs; campaigns take "
+            "transmitters on the leader's hull only, and drop a range that arrives alone"
+        )
+    return Tuning.of(laisn)
+
+
+@inlined
+def point_at(block: Floats, first: int, lane: int) -> Point:
+    """The point whose two rows begin at `first`."""
+    return Point(block[first + lane], block[first + LANES + lane])
+
+
+@inlined
+def cross_covariance_at(block: Floats, lane: int) -> tuple[float, float, float, float]:
+    """Covariance of position and velocity: CXX, CXY, CYX, CYY."""
+    return block[CXX + lane], block[CXY + lane], block[CYX + lane], block[CYY + lane]
+
+
+@inlined
+def fix_at(block: Floats, first: int, lane: int) -> Fix:
+    """The fix whose rows begin at `first`."""
+    return Fix(
+        block[first + lane],
+        block[first + LANES + lane],
+        block[first + 2 * LANES + lane],
+        block[first + 3 * LANES + lane],
+        block[first + 4 * LANES + lane],
+    )
+
+
+@inlined
+def put_fix(block: Floats, first: int, lane: int, fix: Fix) -> None:
+    """Write a fix into the rows that begin at `first`."""
+    block[first + lane], block[first + LANES + lane] = fix.east, fix.north
+    block[first + 2 * LANES + lane] = fix.sigma
+    block[first + 3 * LANES + lane] = fix.kind
+    block[first + 4 * LANES + lane] = fix.separation
+
+
+@compiled_lanes
+def new_block(start: Floats, t: Tuning) -> Floats:
+    """A block before its first step: every lane at the start (x, y, vx, vy), with nothing measured yet."""
+    block = np.zeros(SIZE)
+    for lane in range(LANES):
+        block[X + lane], block[Y + lane], block[VX + lane], block[VY + lane] = start
+        block[PXX + lane] = block[PYY + lane] = t.position_variance0
+        block[VXX + lane] = block[VYY + lane] = t.velocity_variance0
+        block[ACCEPTED_X + lane], block[ACCEPTED_Y + lane] = start[0], start[1]
+        block[LAST_SPEED + lane] = block[LAST_HEADING + lane] = np.nan
+        block[LAST_LEADER_SPEED + lane] = block[LAST_LEADER_HEADING + lane] = np.nan
+    return block
+
+
+@compiled_lanes
+def fill(block: Floats, first: int, values: Floats) -> None:
+    """Copy values, shape (rows · LANES,), into the rows from `first` on."""
+    for i in range(values.size):
+        block[first + i] = values[i]
 
 
 @compiled_lanes
 def own_motion(block: Floats, t: Tuning) -> None:
     """Take a step's own measurements: their γ, and the direction of motion."""
     for lane in range(LANES):
-        speed, heading = block[row.SPEED + lane], block[row.HEADING + lane]
-        block[row.GAMMA_V + lane] = speed_share(block[row.LAST_SPEED + lane], speed, t.follower_speed_max)
-        block[row.GAMMA_THETA + lane] = turn_share(block[row.LAST_HEADING + lane], heading)
-        block[row.LAST_SPEED + lane], block[row.LAST_HEADING + lane] = speed, heading
-        block[row.SIN + lane], block[row.COS + lane] = sin_cos(heading)
+        speed, heading = block[SPEED + lane], block[HEADING + lane]
+        block[GAMMA_V + lane] = speed_share(block[LAST_SPEED + lane], speed, t.follower_speed_max)
+        block[GAMMA_THETA + lane] = turn_share(block[LAST_HEADING + lane], heading)
+        block[LAST_SPEED + lane], block[LAST_HEADING + lane] = speed, heading
+        block[SIN + lane], block[COS + lane] = sin_cos(heading)
 
 
 @compiled_lanes
 def leader_motion(block: Floats, t: Tuning) -> None:
     """Take a message's speed and heading, if it has a range: γ becomes that of the vehicle that changed most."""
     for lane in range(LANES):
-        rear, front, middle = block[row.R1 + lane], block[row.R2 + lane], block[row.R3 + lane]
+        rear, front, middle = block[R1 + lane], block[R2 + lane], block[R3 + lane]
         received = rear == rear or front == front or middle == middle
-        last_speed, last_heading = block[row.LAST_LEADER_SPEED + lane], block[row.LAST_LEADER_HEADING + lane]
+        last_speed, last_heading = block[LAST_LEADER_SPEED + lane], block[LAST_LEADER_HEADING + lane]
         # a message without ranges repeats the last one
-        speed = block[row.LEADER_SPEED + lane] if received else last_speed
-        heading = block[row.LEADER_HEADING + lane] if received else last_heading
+        speed = block[LEADER_SPEED + lane] if received else last_speed
+        heading = block[LEADER_HEADING + lane] if received else last_heading
         of_speed = speed_share(last_speed, speed, t.leader_speed_max)
         of_heading = turn_share(last_heading, heading)
-        block[row.GAMMA_V + lane] = larger(of_speed, block[row.GAMMA_V + lane])
-        block[row.GAMMA_THETA + lane] = larger(of_heading, block[row.GAMMA_THETA + lane])
-        block[row.LAST_LEADER_SPEED + lane], block[row.LAST_LEADER_HEADING + lane] = speed, heading
+        block[GAMMA_V + lane] = larger(of_speed, block[GAMMA_V + lane])
+        block[GAMMA_THETA + lane] = larger(of_heading, block[GAMMA_THETA + lane])
+        block[LAST_LEADER_SPEED + lane], block[LAST_LEADER_HEADING + lane] = speed, heading
 
 
 @compiled_lanes
@@ -55,33 +150,33 @@ def predict(block: Floats, t: Tuning) -> None:
     """Constant velocity, with process noise that grows with manoeuvres (paper, Section 2.1)."""
     dt = t.dt
     for lane in range(LANES):
-        sigma_a = expected_acceleration(block[row.GAMMA_V + lane], block[row.GAMMA_THETA + lane], t)
+        sigma_a = expected_acceleration(block[GAMMA_V + lane], block[GAMMA_THETA + lane], t)
         q = sigma_a * sigma_a * (dt * dt)
         q_mixed, q_position = q * (0.5 * dt), q * (0.25 * dt * dt)
-        cxx, cxy, cyx, cyy = row.cross_covariance_at(block, lane)
-        vxx, vxy, vyy = block[row.VXX + lane] * dt, block[row.VXY + lane] * dt, block[row.VYY + lane] * dt
-        block[row.X + lane] += dt * block[row.VX + lane]
-        block[row.Y + lane] += dt * block[row.VY + lane]
-        block[row.PXX + lane] += dt * (2.0 * cxx + vxx) + q_position
-        block[row.PXY + lane] += dt * (cxy + cyx + vxy)
-        block[row.PYY + lane] += dt * (2.0 * cyy + vyy) + q_position
-        block[row.CXX + lane] = cxx + vxx + q_mixed
-        block[row.CXY + lane] = cxy + vxy
-        block[row.CYX + lane] = cyx + vxy
-        block[row.CYY + lane] = cyy + vyy + q_mixed
-        block[row.VXX + lane] += q
-        block[row.VYY + lane] += q
+        cxx, cxy, cyx, cyy = cross_covariance_at(block, lane)
+        vxx, vxy, vyy = block[VXX + lane] * dt, block[VXY + lane] * dt, block[VYY + lane] * dt
+        block[X + lane] += dt * block[VX + lane]
+        block[Y + lane] += dt * block[VY + lane]
+        block[PXX + lane] += dt * (2.0 * cxx + vxx) + q_position
+        block[PXY + lane] += dt * (cxy + cyx + vxy)
+        block[PYY + lane] += dt * (2.0 * cyy + vyy) + q_position
+        block[CXX + lane] = cxx + vxx + q_mixed
+        block[CXY + lane] = cxy + vxy
+        block[CYX + lane] = cyx + vxy
+        block[CYY + lane] = cyy + vyy + q_mixed
+        block[VXX + lane] += q
+        block[VYY + lane] += q
 
 
 @compiled_lanes
 def speed_update(block: Floats, t: Tuning) -> None:
     """Velocity from speed log and compass (paper, Section 2.1)."""
     for lane in range(LANES):
-        speed, s, c = block[row.SPEED + lane], block[row.SIN + lane], block[row.COS + lane]
+        speed, s, c = block[SPEED + lane], block[SIN + lane], block[COS + lane]
         along, across = t.speed_variance, t.heading_variance * (speed * speed)
         rxx, rxy, ryy = s * s * along + c * c * across, s * c * (along - across), c * c * along + s * s * across
-        vxx, vxy, vyy = block[row.VXX + lane], block[row.VXY + lane], block[row.VYY + lane]
-        cxx, cxy, cyx, cyy = row.cross_covariance_at(block, lane)
+        vxx, vxy, vyy = block[VXX + lane], block[VXY + lane], block[VYY + lane]
+        cxx, cxy, cyx, cyy = cross_covariance_at(block, lane)
         sxx, sxy, syy = vxx + rxx, vxy + rxy, vyy + ryy
         per_det = 1.0 / (sxx * syy - sxy * sxy)
         ixx, ixy, iyy = syy * per_det, -sxy * per_det, sxx * per_det
@@ -90,82 +185,78 @@ def speed_update(block: Floats, t: Tuning) -> None:
         k_yx, k_yy = cyx * ixx + cyy * ixy, cyx * ixy + cyy * iyy
         k_ux, k_uy = vxx * ixx + vxy * ixy, vxx * ixy + vxy * iyy
         k_wx, k_wy = vxy * ixx + vyy * ixy, vxy * ixy + vyy * iyy
-        ex, ey = speed * s - block[row.VX + lane], speed * c - block[row.VY + lane]
-        block[row.X + lane] += k_xx * ex + k_xy * ey
-        block[row.Y + lane] += k_yx * ex + k_yy * ey
-        block[row.VX + lane] += k_ux * ex + k_uy * ey
-        block[row.VY + lane] += k_wx * ex + k_wy * ey
-        block[row.PXX + lane] -= k_xx * cxx + k_xy * cxy
-        block[row.PXY + lane] -= k_xx * cyx + k_xy * cyy
-        block[row.PYY + lane] -= k_yx * cyx + k_yy * cyy
-        block[row.CXX + lane] = k_xx * rxx + k_xy * rxy
-        block[row.CXY + lane] = k_xx * rxy + k_xy * ryy
-        block[row.CYX + lane] = k_yx * rxx + k_yy * rxy
-        block[row.CYY + lane] = k_yx * rxy + k_yy * ryy
-        block[row.VXX + lane] = k_ux * rxx + k_uy * rxy
-        block[row.VXY + lane] = k_ux * rxy + k_uy * ryy
-        block[row.VYY + lane] = k_wx * rxy + k_wy * ryy
+        ex, ey = speed * s - block[VX + lane], speed * c - block[VY + lane]
+        block[X + lane] += k_xx * ex + k_xy * ey
+        block[Y + lane] += k_yx * ex + k_yy * ey
+        block[VX + lane] += k_ux * ex + k_uy * ey
+        block[VY + lane] += k_wx * ex + k_wy * ey
+        block[PXX + lane] -= k_xx * cxx + k_xy * cxy
+        block[PXY + lane] -= k_xx * cyx + k_xy * cyy
+        block[PYY + lane] -= k_yx * cyx + k_yy * cyy
+        block[CXX + lane] = k_xx * rxx + k_xy * rxy
+        block[CXY + lane] = k_xx * rxy + k_xy * ryy
+        block[CYX + lane] = k_yx * rxx + k_yy * rxy
+        block[CYY + lane] = k_yx * rxy + k_yy * ryy
+        block[VXX + lane] = k_ux * rxx + k_uy * rxy
+        block[VXY + lane] = k_ux * rxy + k_uy * ryy
+        block[VYY + lane] = k_wx * rxy + k_wy * ryy
 
 
 @compiled_lanes
 def update(block: Floats, t: Tuning, k: int) -> None:
-    """Gate the chosen fix, and update the state with it (paper, Sections 2.1 and 2.4).
-
-    Its kind becomes GATED or SINGULAR where the update is skipped.
-    """
+    """Gate the chosen fix, and update the state (Sections 2.1, 2.4); kind GATED or SINGULAR where that is skipped."""
     for lane in range(LANES):
-        zx, zy, kind = block[row.ZX + lane], block[row.ZY + lane], block[row.KIND + lane]
-        r = fix_variance(block[row.SIGMA + lane], block[row.DZ + lane], t)
-        bound = reach((k - block[row.ACCEPTED_STEP + lane]) * t.dt, block[row.SPEED + lane], t)
-        gated = is_beyond(Point(zx, zy), row.point_at(block, row.ACCEPTED_X, lane), bound)
+        zx, zy, kind = block[ZX + lane], block[ZY + lane], block[KIND + lane]
+        r = fix_variance(block[SIGMA + lane], block[DZ + lane], t)
+        bound = reach((k - block[ACCEPTED_STEP + lane]) * t.dt, block[SPEED + lane], t)
+        gated = is_beyond(Point(zx, zy), point_at(block, ACCEPTED_X, lane), bound)
 
-        pxx, pxy, pyy = block[row.PXX + lane], block[row.PXY + lane], block[row.PYY + lane]
-        cxx, cxy, cyx, cyy = row.cross_covariance_at(block, lane)
+        pxx, pxy, pyy = block[PXX + lane], block[PXY + lane], block[PYY + lane]
+        cxx, cxy, cyx, cyy = cross_covariance_at(block, lane)
         sxx, syy = pxx + r, pyy + r
         singular = is_singular(sxx, syy)
         lost = kind == LOST
         kind = kind if lost else (GATED if gated else (SINGULAR if singular else kind))
         used = not (lost or gated or singular)
-        block[row.KIND + lane] = kind
-        block[row.PASSED + lane] = 1.0 if not (lost or gated) else block[row.PASSED + lane]
+        block[KIND + lane] = kind
+        block[PASSED + lane] = 1.0 if not (lost or gated) else block[PASSED + lane]
 
         per_det = 1.0 / (sxx * syy - pxy * pxy)
         ixx, ixy, iyy = syy * per_det, -pxy * per_det, sxx * per_det
-        ex, ey = zx - block[row.X + lane], zy - block[row.Y + lane]
+        ex, ey = zx - block[X + lane], zy - block[Y + lane]
         fx, fy = ixx * ex + ixy * ey, ixy * ex + iyy * ey
-        block[row.NIS + lane] = ex * fx + ey * fy if used else np.nan
-        block[row.X + lane] += pxx * fx + pxy * fy if used else 0.0
-        block[row.Y + lane] += pxy * fx + pyy * fy if used else 0.0
-        block[row.VX + lane] += cxx * fx + cyx * fy if used else 0.0
-        block[row.VY + lane] += cxy * fx + cyy * fy if used else 0.0
+        block[NIS + lane] = ex * fx + ey * fy if used else np.nan
+        block[X + lane] += pxx * fx + pxy * fy if used else 0.0
+        block[Y + lane] += pxy * fx + pyy * fy if used else 0.0
+        block[VX + lane] += cxx * fx + cyx * fy if used else 0.0
+        block[VY + lane] += cxy * fx + cyy * fy if used else 0.0
         # S⁻¹ C; the velocity's covariance loses Cᵀ S⁻¹ C.
         nxx, nxy = ixx * cxx + ixy * cyx, ixx * cxy + ixy * cyy
         nyx, nyy = ixy * cxx + iyy * cyx, ixy * cxy + iyy * cyy
-        block[row.PXX + lane] = r * (ixx * pxx + ixy * pxy) if used else pxx
-        block[row.PXY + lane] = r * (ixx * pxy + ixy * pyy) if used else pxy
-        block[row.PYY + lane] = r * (ixy * pxy + iyy * pyy) if used else pyy
-        block[row.CXX + lane] = r * nxx if used else cxx
-        block[row.CXY + lane] = r * nxy if used else cxy
-        block[row.CYX + lane] = r * nyx if used else cyx
-        block[row.CYY + lane] = r * nyy if used else cyy
-        block[row.VXX + lane] -= cxx * nxx + cyx * nyx if used else 0.0
-        block[row.VXY + lane] -= cxx * nxy + cyx * nyy if used else 0.0
-        block[row.VYY + lane] -= cxy * nxy + cyy * nyy if used else 0.0
+        block[PXX + lane] = r * (ixx * pxx + ixy * pxy) if used else pxx
+        block[PXY + lane] = r * (ixx * pxy + ixy * pyy) if used else pxy
+        block[PYY + lane] = r * (ixy * pxy + iyy * pyy) if used else pyy
+        block[CXX + lane] = r * nxx if used else cxx
+        block[CXY + lane] = r * nxy if used else cxy
+        block[CYX + lane] = r * nyx if used else cyx
+        block[CYY + lane] = r * nyy if used else cyy
+        block[VXX + lane] -= cxx * nxx + cyx * nyx if used else 0.0
+        block[VXY + lane] -= cxx * nxy + cyx * nyy if used else 0.0
+        block[VYY + lane] -= cxy * nxy + cyy * nyy if used else 0.0
 
 
 @compiled_lanes
 def update_gate(block: Floats, k: int) -> None:
     """Make the gate measure from the position and step of this message, in the lanes that accepted it."""
     for lane in range(LANES):
-        passed = block[row.PASSED + lane] > 0.0
-        block[row.ACCEPTED_X + lane] = block[row.X + lane] if passed else block[row.ACCEPTED_X + lane]
-        block[row.ACCEPTED_Y + lane] = block[row.Y + lane] if passed else block[row.ACCEPTED_Y + lane]
-        block[row.ACCEPTED_STEP + lane] = float(k) if passed else block[row.ACCEPTED_STEP + lane]
-        block[row.PASSED + lane] = 0.0
+        passed = block[PASSED + lane] > 0.0
+        block[ACCEPTED_X + lane] = block[X + lane] if passed else block[ACCEPTED_X + lane]
+        block[ACCEPTED_Y + lane] = block[Y + lane] if passed else block[ACCEPTED_Y + lane]
+        block[ACCEPTED_STEP + lane] = float(k) if passed else block[ACCEPTED_STEP + lane]
+        block[PASSED + lane] = 0.0
 
 
 Choose = Callable[[Floats, Tuning], None]
-"""A pass that makes one fix of three."""
 
 
 @inlined
@@ -182,28 +273,28 @@ def _put_circle(block: Floats, first: int, lane: int, circle: Circle) -> None:
 
 @inlined
 def _circle_at(block: Floats, first: int, lane: int) -> Circle:
-    return Circle(row.point_at(block, first, lane), block[first + 2 * LANES + lane])
+    return Circle(point_at(block, first, lane), block[first + 2 * LANES + lane])
 
 
 @compiled_lanes
 def place_transmitters(block: Floats, t: Tuning) -> None:
     """Transmitters as the message places them, and the horizontal ranges to them."""
     for lane in range(LANES):
-        heading = _turn(block[row.LEADER_HEADING + lane])
-        block[row.LEADER_SIN + lane], block[row.LEADER_COS + lane] = heading.sine, heading.cosine
-        depth_difference = (block[row.DEPTH + lane] - t.hydrophone_height) - block[row.LEADER_DEPTH + lane]
-        block[row.DZ + lane] = depth_difference
+        heading = _turn(block[LEADER_HEADING + lane])
+        block[LEADER_SIN + lane], block[LEADER_COS + lane] = heading.sine, heading.cosine
+        depth_difference = (block[DEPTH + lane] - t.hydrophone_height) - block[LEADER_DEPTH + lane]
+        block[DZ + lane] = depth_difference
         arms = level_arms(t.baseline, t.middle_offset, heading)
         if t.use_attitude:
-            pitch, roll = block[row.PITCH + lane], block[row.ROLL + lane]
+            pitch, roll = block[PITCH + lane], block[ROLL + lane]
             known = pitch == pitch and roll == roll
             pitched, rolled = _turn(pitch if known else 0.0), _turn(roll if known else 0.0)
             arms = tilted_arms(t.baseline, t.middle_offset, heading, pitched, rolled)
-        ranges = Ranges(block[row.R1 + lane], block[row.R2 + lane], block[row.R3 + lane])
-        placed = circles(row.point_at(block, row.EAST, lane), arms, ranges, depth_difference)
-        _put_circle(block, row.X1, lane, placed.rear)
-        _put_circle(block, row.X2, lane, placed.front)
-        _put_circle(block, row.X3, lane, placed.middle)
+        ranges = Ranges(block[R1 + lane], block[R2 + lane], block[R3 + lane])
+        placed = circles(point_at(block, EAST, lane), arms, ranges, depth_difference)
+        _put_circle(block, X1, lane, placed.rear)
+        _put_circle(block, X2, lane, placed.front)
+        _put_circle(block, X3, lane, placed.middle)
 
 
 @inlined
@@ -212,26 +303,26 @@ def _fix_pair(block: Floats, t: Tuning, rows: tuple[int, int, int], from_front: 
     rear, front, out = rows
     for lane in range(LANES):
         pair = Pair(_circle_at(block, rear, lane), _circle_at(block, front, lane), from_front)
-        heading = Turn(block[row.LEADER_SIN + lane], block[row.LEADER_COS + lane])
-        row.put_fix(block, out, lane, pair_fix(pair, heading, row.point_at(block, row.X, lane), t))
+        heading = Turn(block[LEADER_SIN + lane], block[LEADER_COS + lane])
+        put_fix(block, out, lane, pair_fix(pair, heading, point_at(block, X, lane), t))
 
 
 @compiled_lanes
 def fix_rear_front(block: Floats, t: Tuning) -> None:
     """Fix of the pair (1, 2)."""
-    _fix_pair(block, t, (row.X1, row.X2, row.ZX12), False)
+    _fix_pair(block, t, (X1, X2, ZX12), False)
 
 
 @compiled_lanes
 def fix_rear_middle(block: Floats, t: Tuning) -> None:
     """Fix of the pair (1, 3)."""
-    _fix_pair(block, t, (row.X1, row.X3, row.ZX13), False)
+    _fix_pair(block, t, (X1, X3, ZX13), False)
 
 
 @compiled_lanes
 def fix_middle_front(block: Floats, t: Tuning) -> None:
     """Fix of the pair (2, 3), whose rear transmitter is the middle one."""
-    _fix_pair(block, t, (row.X3, row.X2, row.ZX23), True)
+    _fix_pair(block, t, (X3, X2, ZX23), True)
 
 
 @compiled_lanes
@@ -242,17 +333,15 @@ def copy_fix(block: Floats, source: int, target: int) -> None:
 
 
 def _pass(single: Callable[[Pairs, Point], Fix]) -> Choose:
-    """A variant's formula over the lanes."""
-
     @compiled_lanes
     def choose(block: Floats, t: Tuning) -> None:
         for lane in range(LANES):
             pairs = (
-                row.fix_at(block, row.ZX12, lane),
-                row.fix_at(block, row.ZX13, lane),
-                row.fix_at(block, row.ZX23, lane),
+                fix_at(block, ZX12, lane),
+                fix_at(block, ZX13, lane),
+                fix_at(block, ZX23, lane),
             )
-            row.put_fix(block, row.ZX, lane, single(pairs, row.point_at(block, row.X, lane)))
+            put_fix(block, ZX, lane, single(pairs, point_at(block, X, lane)))
 
     return choose
 
@@ -277,4 +366,3 @@ def _by_variant() -> Choose:
 
 
 choose = _by_variant()
-"""Make one fix of those of the three pairs, as the variant does."""

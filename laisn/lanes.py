@@ -1,8 +1,4 @@
-"""LAISN for a block of runs side by side: what `navigator.py` does for one follower, compiled for campaigns and swarms.
-
-One step is a series of short passes over the lanes of a block (`lane_rows.py`), which vectorise. A campaign has a run
-in each lane, a swarm a follower.
-"""
+"""LAISN for a block of runs side by side, one in each lane (`lane_passes`): what `navigator` does for one follower."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -10,13 +6,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from laisn import lane_passes
-from laisn import lane_rows as row
+from laisn import lane_passes as row
 from laisn.arrays import Bools, Floats, Ints, Records
 from laisn.compiled import compiled_lanes, copy_values
 from laisn.failure import LaisnError
 from laisn.fix import GATED
-from laisn.lane_rows import LANES
+from laisn.lane_passes import LANES
 from laisn.messages import LeaderMessage, Measurements
 from laisn.settings import VARIANTS, NavigationSettings, Tuning
 from laisn.variants import SEQUENTIAL
@@ -28,42 +23,41 @@ _BROADCAST = [LeaderMessage._fields.index(n) for n in ("east", "north", "heading
 
 @compiled_lanes
 def _use_pair(block: Floats, t: Tuning, k: int, fix: int) -> None:
-    """One of the three updates of LAISN-3(1)."""
-    lane_passes.copy_fix(block, fix, row.ZX)
-    lane_passes.update(block, t, k)
-    lane_passes.copy_fix(block, row.ZX, fix)
+    row.copy_fix(block, fix, row.ZX)
+    row.update(block, t, k)
+    row.copy_fix(block, row.ZX, fix)
 
 
 @compiled_lanes
 def position_update(block: Floats, t: Tuning, k: int) -> None:
     """Position from the message of step k, by the variant (paper, Sections 2.2 and 2.3)."""
-    lane_passes.place_transmitters(block, t)
-    lane_passes.fix_rear_front(block, t)
+    row.place_transmitters(block, t)
+    row.fix_rear_front(block, t)
     if t.variant == _SEQUENTIAL:
         _use_pair(block, t, k, row.ZX12)
-        lane_passes.fix_rear_middle(block, t)
+        row.fix_rear_middle(block, t)
         _use_pair(block, t, k, row.ZX13)
-        lane_passes.fix_middle_front(block, t)
+        row.fix_middle_front(block, t)
         _use_pair(block, t, k, row.ZX23)
     else:
         if t.transmitters > 2:
-            lane_passes.fix_rear_middle(block, t)
-            lane_passes.fix_middle_front(block, t)
-        lane_passes.choose(block, t)
-        lane_passes.update(block, t, k)
-    lane_passes.update_gate(block, k)
+            row.fix_rear_middle(block, t)
+            row.fix_middle_front(block, t)
+        row.choose(block, t)
+        row.update(block, t, k)
+    row.update_gate(block, k)
 
 
 @compiled_lanes
 def advance(block: Floats, t: Tuning, k: int, received: bool) -> None:
     """Step k: predict, position if a message is received, speed. Rows of measurements must be filled."""
-    lane_passes.own_motion(block, t)
+    row.own_motion(block, t)
     if received:
-        lane_passes.leader_motion(block, t)
-    lane_passes.predict(block, t)
+        row.leader_motion(block, t)
+    row.predict(block, t)
     if received:
         position_update(block, t, k)
-    lane_passes.speed_update(block, t)
+    row.speed_update(block, t)
 
 
 @compiled_lanes
@@ -78,24 +72,17 @@ class LaneEstimates(NamedTuple):
     """Estimates of R runs: n steps, m messages with f fixes each (3 with LAISN-3(1), else 1)."""
 
     state: Floats
-    """State after step k, shape (n, 4, R): x, y [m], vx, vy [m/s]."""
+    """x, y [m], vx, vy [m/s] after step k, shape (n, 4, R)."""
     fix_kind: Ints
     """`FixKind`, shape (m, f, R)."""
 
 
 @compiled_lanes
 def run_block(own: Floats, message_step: Ints, messages: Floats, start: Floats, t: Tuning) -> tuple[Floats, Ints]:
-    """Filter the explicit measurements of a block.
+    """Filter the explicit measurements of a block from a known start, shape (4,).
 
-    Args:
-        own: speed, heading and depth of each step, shape (n, 3, LANES).
-        message_step: shape (m,).
-        messages: values of the rows from EAST to R3 for each message, shape (m, 10, LANES).
-        start: known start, shape (4,).
-        t: settings.
-
-    Returns:
-        States, shape (n, 4, LANES), and kinds of fix, shape (m, f, LANES).
+    `own` has speed, heading and depth of each step, shape (n, 3, LANES), `messages` the rows from EAST to R3, shape (m,
+    10, LANES). Returns states, shape (n, 4, LANES), and kinds of fix, shape (m, f, LANES).
     """
     n, m = own.shape[0], message_step.size
     fixes = fix_rows(t.variant)
@@ -128,19 +115,10 @@ def stacked(missions: Sequence[Measurements]) -> tuple[Floats, Floats]:
 
 
 def run(measurements: Sequence[Measurements], start: npt.ArrayLike, settings: NavigationSettings) -> LaneEstimates:
-    """Estimate R missions that received their messages at the same steps.
+    """Estimate R missions that received their messages at the same steps, from a known start x, y [m], vx, vy [m/s].
 
-    Args:
-        measurements: of each mission, R of them.
-        start: known start x, y [m], vx, vy [m/s], shape (4,).
-        settings: of the navigators.
-
-    Returns:
-        States and kinds of fix.
-
-    Raises:
-        ValueError: missions differ in their steps, the settings' dt is not theirs, or an own measurement or the
-            leader's pose is not finite.
+    ValueError: missions differ in their steps, the settings' dt is not theirs, or an own measurement or the leader's
+    pose is not finite.
     """
     first = measurements[0]
     for number, mission in enumerate(measurements):
@@ -166,10 +144,8 @@ class LaneSwarm(NamedTuple):
     """LAISN's navigators of f followers; biases and current are no states of theirs."""
 
     block: Floats
-    """Lanes, as of `laisn.lane_rows`."""
     tuning: Tuning
     gated: Ints
-    """See `Swarm.gated`."""
 
     @compiled_lanes
     def navigate(
@@ -185,7 +161,10 @@ class LaneSwarm(NamedTuple):
             if any_received:
                 message = messages[i]
                 block[row.EAST + lane], block[row.NORTH + lane] = message.east, message.north
-                block[row.LEADER_HEADING + lane], block[row.LEADER_SPEED + lane] = message.heading, message.speed
+                block[row.LEADER_HEADING + lane], block[row.LEADER_SPEED + lane] = (
+                    message.heading,
+                    message.speed,
+                )
                 block[row.LEADER_DEPTH + lane], block[row.PITCH + lane] = message.depth, message.pitch
                 block[row.ROLL + lane] = message.roll
                 # a message without ranges has the same effect as none
@@ -204,11 +183,7 @@ class LaneSwarm(NamedTuple):
 
 
 def new_lanes(settings: NavigationSettings, starts: Floats) -> LaneSwarm:
-    """Navigators of followers at known starts, rows of x, y [m] and vx, vy [m/s], shape (f, 4).
-
-    Raises:
-        LaisnError: there are more followers than lanes, or the settings are for single vehicles.
-    """
+    """Navigators of followers at starts x, y [m], vx, vy [m/s], shape (f, 4); LaisnError for more than LANES."""
     if len(starts) > LANES:
         raise LaisnError(f"{len(starts)} followers cannot navigate together, at most {LANES}")
     tuning = row.tuning(settings)

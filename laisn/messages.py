@@ -12,7 +12,6 @@ from laisn.arrays import ArrayRecord, Floats, Ints, own_arrays, require_shapes
 BEARING = "bearing"
 """Name of the readings of an inverted USBL among those of other sensors."""
 _BLOCK = 1 << 14
-"""Steps that `Measurements.steps` converts at a time."""
 
 
 class LeaderMessage(NamedTuple):
@@ -107,17 +106,10 @@ class Measurements(ArrayRecord):
 
     def __post_init__(self) -> None:
         n, m = self.speed.size, self.message_step.size
-        expected = {
-            "speed": (n,),
-            "heading": (n,),
-            "depth": (n,),
-            "message_step": (m,),
-            "message": (m, len(LeaderMessage._fields)),
-            "ranges": (m, len(Ranges._fields)),
-        }
-        expected |= {"durations": (n,)} if self.durations is not None else {}
-        expected |= {"transmitters": (m, 3, 3)} if self.transmitters is not None else {}
-        require_shapes(self, expected)
+        expected: dict[str, tuple[int, ...]] = dict.fromkeys(("speed", "heading", "depth", "durations"), (n,))
+        expected |= {"message_step": (m,), "message": (m, len(LeaderMessage._fields)), "ranges": (m, 3)}
+        expected |= {"transmitters": (m, 3, 3)}
+        require_shapes(self, {name: shape for name, shape in expected.items() if getattr(self, name) is not None})
         if m and (self.message_step[0] < 1 or self.message_step[-1] > n or np.any(np.diff(self.message_step) < 1)):
             raise ValueError(f"Measurements.message_step must increase within 1 … {n}")
         if self.durations is not None and not np.all((self.durations > 0) & np.isfinite(self.durations)):

@@ -1,6 +1,6 @@
 """How far estimates are off: position and bearing errors, consistency, mirror locks (paper, Section 3.2)."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,8 +52,8 @@ def is_mirror_locked(estimate: Point, truth: Point, leader: Point, axis: Turn) -
 def is_invertible(pxx: float, pxy: float, pyy: float) -> bool:
     """Whether a position's covariance has an inverse that is more than rounding.
 
-    Not where the position is known exactly, nor where one axis of the ellipse is less than a ten thousandth of the
-    other: the sign of the determinant is chance there.
+    Not where one axis of the ellipse is less than a ten thousandth of the other: the determinant's sign is chance
+    there.
     """
     # "^ True" negates arrays and numbers alike
     return (is_singular(pxx, pyy) ^ True) & (pxx * pyy - pxy * pxy > _FLAT * pxx * pyy)
@@ -87,68 +87,42 @@ def position_errors(estimate: Floats, truth: Floats) -> Floats:
 
 
 def bearing_errors(estimate: Floats, truth: Floats, leader: Floats) -> Floats:
-    """E_B: angle at the leader's true position between estimate and truth, in [0, π].
-
-    The leader's heading cancels, as both bearings are taken from its true pose.
-
-    Args:
-        estimate: shape (n, 2), [m].
-        truth: shape (n, 2), [m].
-        leader: shape (n, 2), [m].
-
-    Returns:
-        Shape (n,), [rad].
-    """
+    """E_B: angle at the leader between estimate and truth, in [0, π], shape (n,); points of shape (n, 2)."""
     (x, y), (true_x, true_y) = (estimate - leader).T, (truth - leader).T
     return np.asarray(np.arctan2(np.abs(true_x * y - true_y * x), true_x * x + true_y * y))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Summary:
-    """The paper's six figures."""
+class Summary(NamedTuple):
+    """The paper's six figures; σ is that about the mean, over all steps."""
 
     e_p_max_m: float
     e_p_mean_m: float
     e_p_std_m: float
-    """σ about the mean, over all steps."""
     e_b_max_deg: float
     e_b_mean_deg: float
     e_b_std_deg: float
 
 
 def summarise(position: Floats, bearing: Floats) -> Summary:
-    """Maximum, mean and standard deviation of E_P [m] and E_B [rad], arrays of any shape.
-
-    Raises:
-        ValueError: there is no step, or an error is not finite.
-    """
+    """Maximum, mean and σ of E_P [m] and E_B [rad]; ValueError without a step, or if an error is not finite."""
     if not position.size or not (np.all(np.isfinite(position)) and np.all(np.isfinite(bearing))):
         raise ValueError("a summary needs at least one step, and finite errors only")
-    degrees = np.rad2deg(bearing)
-    return Summary(
-        e_p_max_m=float(position.max()),
-        e_p_mean_m=float(position.mean()),
-        e_p_std_m=float(position.std()),
-        e_b_max_deg=float(degrees.max()),
-        e_b_mean_deg=float(degrees.mean()),
-        e_b_std_deg=float(degrees.std()),
-    )
+    return Summary(*(float(f()) for e in (position, np.rad2deg(bearing)) for f in (e.max, e.mean, e.std)))
 
 
 def nees(estimates: Estimates, truth: Floats) -> Floats:
-    """Normalised squared error eᵀ P⁻¹ e of the position, shape (n,); 2 on average if P is right.
+    """Normalised squared error eᵀ P⁻¹ e of the position, shape (n,); 2 on average if P is right, NaN where it is
+    singular.
 
-    NaN where the covariance is singular (Bar-Shalom, Li & Kirubarajan 2001, on the consistency of filters). `truth` has
-    shape (n, 2).
+    Bar-Shalom, Li & Kirubarajan 2001, on the consistency of filters. `truth` has shape (n, 2).
     """
     error = estimates.state[:, POSITION] - truth
     return _normalised(error, estimates.covariance[:, POSITION, POSITION])
 
 
 def nis(estimates: Estimates) -> Floats:
-    """Normalised squared innovation of each fix, shape (f,); 2 on average if S is right.
-
-    NaN if it was not used, or was one range alone, which measures one coordinate and not two.
+    """Normalised squared innovation of each fix, shape (f,); 2 on average if S is right; NaN if it had no two
+    coordinates.
     """
     left_out = (FixKind.GATED, FixKind.SINGULAR, FixKind.LOST, FixKind.ONE_RANGE)
     used = ~np.isin(estimates.fix_kind, left_out)
@@ -165,17 +139,7 @@ def _normalised(error: Floats, covariance: Floats) -> Floats:
 
 
 def mirror_locked_steps(estimate: Floats, truth: Floats, leader: Floats, leader_heading: Floats) -> Bools:
-    """Steps at which the estimate is locked on the truth's mirror image: see `is_mirror_locked`.
-
-    Args:
-        estimate: shape (n, 2), [m].
-        truth: shape (n, 2), [m].
-        leader: shape (n, 2), [m].
-        leader_heading: shape (n,), [rad].
-
-    Returns:
-        Shape (n,).
-    """
+    """Steps at which `is_mirror_locked`, shape (n,); of points, shape (n, 2), and headings, shape (n,)."""
     sine, cosine = np.sin(leader_heading), np.cos(leader_heading)
     axis = Turn(sine, cosine)  # type: ignore[arg-type]  # formulas take arrays for numbers
     return np.asarray(is_mirror_locked(_points(estimate), _points(truth), _points(leader), axis))

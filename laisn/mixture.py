@@ -1,4 +1,4 @@
-"""Mixtures of Gaussians: weights, pruning, merging, halves, moments, and the ring of positions that one range allows.
+"""Gaussians: mixtures of them, and fixed-lag smoothing of a chain of them from message to message.
 
 A mixture consists of hypotheses, and each of these of one Gaussian *component* for every mode of the motion: component
 `hypothesis · modes + mode`. The first two states of a component are its position x, y [m]. Compiled functions change a
@@ -6,11 +6,11 @@ mixture in place; the number of its hypotheses is the caller's.
 """
 
 import math
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled
 
 Mixture: TypeAlias = Any
@@ -44,15 +44,8 @@ def blend(mean: Floats, covariance: Floats, one: int, other: int, share: float, 
 
 @compiled
 def update_scalar(mean: Floats, covariance: Floats, gain: Floats, residual: float, variance: float, n: int) -> None:
-    """Kalman update with one number: x += P Hᵀ ν / S, P −= P Hᵀ H P / S.
-
-    Args:
-        mean: x of n states.
-        covariance: P.
-        gain: P Hᵀ.
-        residual: innovation ν.
-        variance: its variance S.
-        n: how many states there are.
+    """Kalman update of n states x and P with one number of residual ν, variance S and gain P Hᵀ: x += P Hᵀ ν / S, P −=
+    P Hᵀ H P / S.
     """
     for i in range(n):
         share = gain[i] / variance
@@ -143,9 +136,8 @@ def merge_components(b: Mixture, i: int, j: int) -> None:
 
 @compiled
 def _is_same(b: Mixture, modes: int, g: int, h: int, further: int) -> bool:
-    """Whether two hypotheses are nearer than their mean spread, by the positions of their heaviest components.
-
-    Those with different values of the state `further` are not merged: their predictions differ.
+    """Whether two hypotheses are nearer than their mean spread, by their heaviest components, in the state `further`
+    too.
     """
     i, j = heaviest(b, modes, g), heaviest(b, modes, h)
     x, P = b.state, b.covariance
@@ -161,18 +153,11 @@ def _is_same(b: Mixture, modes: int, g: int, h: int, further: int) -> bool:
 
 @compiled
 def prune_and_merge(b: Mixture, modes: int, count: int, least_weight: float, kept: int, further: int) -> int:
-    """Prune light hypotheses, merge those at one position, and keep the heaviest; the last fills a gap.
+    """Prune hypotheses lighter than `least_weight`, merge those at one position, and keep the heaviest; how many are
+    left.
 
-    Args:
-        b: the mixture; its weights are not scaled to a sum of 1 again.
-        modes: components of a hypothesis.
-        count: hypotheses.
-        least_weight: lighter ones are pruned.
-        kept: most hypotheses to keep.
-        further: index of a state in which merged hypotheses agree, too; −1 for none.
-
-    Returns:
-        How many hypotheses are left.
+    Merged ones agree in the state `further` too (−1: none). Weights are not scaled to a sum of 1 again; the last
+    hypothesis fills a gap.
     """
     h = 0
     while h < count:
@@ -212,12 +197,9 @@ def mixture_moments(weight: Floats, mean: Floats, covariance: Floats) -> tuple[F
 
 @compiled
 def half_moments(z: float) -> tuple[float, float, float]:
-    """Moments of the half u > 0 of a normal variable u with mean z and variance 1.
-
-    Returns:
-        Its mass Φ(z); by how much its mean is larger, λ = φ(z)/Φ(z); and by how much its variance is smaller, λ(λ + z).
-        An empty half keeps its moments. Johnson, Kotz & Balakrishnan, Continuous Univariate Distributions 1
-        (truncated normal).
+    """Moments of the half u > 0 of a normal variable u with mean z and variance 1: its mass Φ(z); by how much its mean
+    is larger, λ = φ(z)/Φ(z), and its variance smaller, λ(λ + z); zeros where it is empty (Johnson, Kotz & Balakrishnan,
+    Continuous Univariate Distributions 1).
     """
     mass = 0.5 * math.erfc(-z * _SQRT_HALF)
     if mass < _NEGLIGIBLE:
@@ -235,15 +217,10 @@ def place_on_ring(
     direction: tuple[float, float],
     ring: tuple[float, int],
 ) -> None:
-    """Set the position of a component, and its covariance, to one of the Gaussians whose sum is a ring.
+    """Set position and covariance of a component to one of the Gaussians whose sum is a ring.
 
-    Args:
-        mean: of the component, shape (n,); overwritten at x, y.
-        covariance: its covariance, shape (n, n); likewise.
-        centre: of the ring [m].
-        distance: its radius [m].
-        direction: unit vector from the centre to this Gaussian.
-        ring: variance along the radius [m²], and number of Gaussians.
+    It lies in `direction`, a unit vector, at a `distance` from the `centre` [m]; `ring` is the variance along the
+    radius [m²] and the number of Gaussians. Other states stay.
     """
     (ux, uy), (along, bearings) = direction, ring
     across = (_OVERLAP * 2.0 * math.pi / bearings * distance) ** 2
@@ -262,15 +239,11 @@ def add_moments(
     rows: Floats,
     covariance: Floats,
 ) -> None:
-    """Add a component to the moments of x, y, vx, vy about the origin.
+    """Add a component to the moments of x, y, vx, vy about the origin: to the mean and the upper triangle of the
+    moment.
 
-    Args:
-        mean: sum so far, shape (4,).
-        moment: sum of products so far, shape (4, 4); its lower triangle stays.
-        weight: of the component.
-        here: its x, y, vx, vy.
-        rows: their derivatives F by its n states, shape (5, n) or wider; the last row is overwritten.
-        covariance: P of the states, shape (n, n) or larger.
+    `here` are its values, `rows` their derivatives F by its n states, shape (5, n) or wider, whose last row is
+    overwritten, and `covariance` is P of the states.
     """
     n, moved = covariance.shape[0], rows[4]
     for i in range(4):
@@ -287,3 +260,57 @@ def add_moments(
             for h in range(n):
                 value += moved[h] * rows[j, h]
             moment[i, j] += weight * value
+
+
+_SINGULAR = 1e-13
+"""Eigenvalues of a correlation matrix below this are rounding errors: such directions are known exactly."""
+
+
+Gaussians = tuple[Floats, Floats]
+
+
+class Chain(NamedTuple):
+    """Estimates x of s states after each of m messages, or at a known start, each predicted by the one before it."""
+
+    mean: Floats
+    covariance: Floats
+    """Covariance after the message, shape (m, s, s)."""
+    predicted: Floats
+    predicted_covariance: Floats
+    """Covariance just before the message, shape (m, s, s)."""
+    onward: Floats
+    """Covariance of x after this message with x just before the next one, shape (m, s, s)."""
+
+
+def _inverse(covariance: Floats) -> Floats:
+    """Inverses of covariances, shape (m, s, s); zero in directions that are known exactly."""
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    per_sigma = np.divide(1.0, sigma, out=np.zeros_like(sigma), where=sigma > 0.0)
+    scale = per_sigma[:, :, None] * per_sigma[:, None, :]
+    return np.asarray(scale * np.linalg.pinv(scale * covariance, rcond=_SINGULAR, hermitian=True))
+
+
+def smooth(
+    chain: Chain, latest: Ints, last: Ints, filtered: tuple[Floats, Floats], onward: Floats
+) -> tuple[Floats, Floats]:
+    """Smooth n quantities y, of r numbers each, with later messages; mean and covariance as of `filtered`.
+
+    `latest` is the index of the last message at or before y, `last` of the last one to use, shapes (n,); y stays where
+    that is no later one. `filtered` are mean and covariance of y so far, shapes (n, r) and (n, r, r), `onward` its
+    covariance with x just before the next message, shape (n, r, s), read only where that is used.
+    """
+    mean, covariance = filtered[0].copy(), filtered[1].copy()
+    inverse = _inverse(chain.predicted_covariance)
+    gain = chain.onward[:-1] @ inverse[1:]
+    shift, change = chain.mean - chain.predicted, chain.covariance - chain.predicted_covariance
+    which = np.flatnonzero(last > latest)
+    message = latest[which] + 1
+    back = onward[which] @ inverse[message]
+    while which.size:
+        mean[which] += np.einsum("nrs,ns->nr", back, shift[message])
+        covariance[which] += back @ change[message] @ back.swapaxes(1, 2)
+        more = last[which] > message
+        which, message, back = which[more], message[more], back[more]
+        back = back @ gain[message]
+        message = message + 1
+    return mean, covariance

@@ -24,15 +24,7 @@ class Navigator(OnlineNavigator[Estimates]):
     """LAISN on one follower: predict, position update if a message arrived, speed update (paper, Section 2.1)."""
 
     def __init__(self, settings: NavigationSettings, start: Floats) -> None:
-        """Start at a known state.
-
-        Args:
-            settings: variant and constants.
-            start: hydrophone's x, y [m] and velocity [m/s] at step 0, shape (4,).
-
-        Raises:
-            ValueError: the start is not four finite numbers.
-        """
+        """Start at the hydrophone's x, y [m], vx, vy [m/s], shape (4,); ValueError if they are not finite."""
         super().__init__(settings, start, settings.position_sigma0)
         sigma0 = np.repeat([settings.position_sigma0, settings.velocity_sigma0], 2)
         self._filter = Filter(settings.dt, self._state, sigma0)
@@ -58,12 +50,9 @@ class Navigator(OnlineNavigator[Estimates]):
         own = self._begin_step(own, duration)
         if reception is not None:
             require_message(self._step, reception.message)
-            if np.any(np.isinf(reception.ranges)):
-                raise LaisnError(
-                    f"step {self._step}: range {reception.ranges} is infinite; NaN stands for a missing one"
-                )
-            if reception.transmitters is not None and np.any(np.isinf(reception.transmitters)):
-                raise LaisnError(f"step {self._step}: a transmitter is infinitely far; NaN stands for a missing one")
+            for what, values in (("range", reception.ranges), ("transmitter", reception.transmitters)):
+                if values is not None and np.any(np.isinf(values)):
+                    raise LaisnError(f"step {self._step}: {what} {values} is infinite; NaN stands for a missing one")
         if duration is not None:
             self._gate.lengthen(duration - self.settings.dt)
         self._filter.predict(self._acceleration(own, reception), duration)
@@ -74,11 +63,7 @@ class Navigator(OnlineNavigator[Estimates]):
         return records
 
     def _acceleration(self, own: OwnMotion, reception: Reception | None) -> float:
-        """σa [m/s²].
-
-        The leader's changes are those from message to message, in the step in which the later one arrives. A message
-        without ranges is not used.
-        """
+        """σa [m/s²]; the leader's changes are those from message to message. A message without ranges is not used."""
         t = self._tuning
         speed_change = turn = 0.0
         if self._own is not None:

@@ -14,13 +14,11 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar, cast
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.estimates import Estimates, FixKind, FixRecord
+from laisn.estimates import Estimates, FixKind, FixRecord, TightEstimates
 from laisn.failure import LaisnError
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Reception
 from laisn.plugins import find_class, is_plugin_name
-from laisn.settings import VARIANTS, NavigationSettings, Settings
-from laisn.tight.estimates import TightEstimates
-from laisn.tight.settings import RivalSettings, TightSettings
+from laisn.settings import VARIANTS, NavigationSettings, RivalSettings, Settings, TightSettings
 
 
 class MissionNavigator(Protocol):
@@ -31,7 +29,6 @@ class MissionNavigator(Protocol):
 
 
 NavigatorFactory = Callable[[Any, Floats], MissionNavigator]
-"""Makes the navigator of one follower from its settings and its start [x, y, vx, vy]."""
 
 
 class MissionResult(NamedTuple):
@@ -42,7 +39,6 @@ class MissionResult(NamedTuple):
     covariance: Floats
     """Covariance of the position: xx, xy, yy, shape (n, 3), [m²]."""
     kinds: Sequence[int]
-    """`FixKind` of each fix."""
     squared: float
     """Squared innovations of all updates, in units of S."""
     numbers: float
@@ -65,7 +61,6 @@ class NavigatorSpec:
     title: str = ""
     """What reports call it; empty: its name in capitals."""
     estimates: type[Estimates] = Estimates
-    """What `run` returns."""
     lanes: bool = False
     """Whether campaigns run it as lanes of `laisn.lanes`, 64 runs side by side."""
     mission: str = ""
@@ -86,21 +81,13 @@ class NavigatorSpec:
         return resolve_name(self.factory) if isinstance(self.factory, str) else self.factory
 
     def make(self, settings: Settings, start: Floats) -> MissionNavigator:
-        """The navigator of one follower at its start [x, y, vx, vy].
-
-        Raises:
-            ValueError: the start is not four finite numbers.
-        """
+        """The navigator of one follower at its start [x, y, vx, vy]; ValueError if that is not four finite numbers."""
         navigator = self._class(settings, start)
         made: MissionNavigator = navigator if hasattr(navigator, "run") else SteppedNavigator(navigator, settings)
         return made
 
     def new_swarm(self, settings: Settings, starts: Floats) -> Any:
-        """A `laisn.swarm.Swarm` of navigators at their starts [x, y, vx, vy], shape (f, 4).
-
-        Raises:
-            LaisnError: there are more followers than such a swarm may have, or the settings are for single vehicles.
-        """
+        """A `laisn.swarm.Swarm` of navigators at their starts, shape (f, 4); LaisnError if that cannot be."""
         if self.swarm:
             return resolve_name(self.swarm)(settings, starts)
         if isinstance(self._class, type) and not hasattr(self._class, "step"):
@@ -131,14 +118,13 @@ _TIGHT = NavigatorSpec(
     estimates=TightEstimates,
     mission="laisn.tight.mission:fly",
     swarm="laisn.tight.mission:new_tight_swarm",
-    smoother="laisn.tight.smoothing:SmoothingNavigator",
+    smoother="laisn.tight.navigator:SmoothingNavigator",
     beacons="laisn.beacons.navigator:BeaconNavigator",
     near_bound=True,
 )
 
 
 def _rival(factory: str, title: str, sensor: str = "") -> NavigatorSpec:
-    """A rival method, without compiled code of its own."""
     sections = ("assume", "rival")
     return NavigatorSpec(
         factory=f"laisn.rivals.{factory}", settings=RivalSettings, sections=sections, title=title, sensor=sensor
@@ -149,23 +135,19 @@ NAVIGATORS: dict[str, NavigatorSpec] = {
     **dict.fromkeys(VARIANTS, _LAISN),
     "tight": _TIGHT,
     "dead-reckoning": _rival("odometry:DeadReckoning", "dead reckoning"),
-    "ekf": _rival("kalman:RangeFilter", "the extended Kalman filter on ranges"),
-    "owtt": _rival("kalman:OneWayTravelTime", "the filter on one-way travel times of one transmitter"),
-    "particle": _rival("particle:ParticleFilter", "the particle filter"),
+    "ekf": _rival("filters:RangeFilter", "the extended Kalman filter on ranges"),
+    "owtt": _rival("filters:OneWayTravelTime", "the filter on one-way travel times of one transmitter"),
+    "particle": _rival("filters:ParticleFilter", "the particle filter"),
     "factor-graph": _rival("factor_graph:FactorGraph", "the fixed-lag smoother on a factor graph"),
-    "inverted-usbl": _rival("kalman:InvertedUsbl", "the inverted USBL", sensor="inverted-usbl"),
-    "geodetic": _rival("kalman:GeodeticAdjustment", "the geodetic adjustment of dead reckoning"),
+    "inverted-usbl": _rival("filters:InvertedUsbl", "the inverted USBL", sensor="inverted-usbl"),
+    "geodetic": _rival("filters:GeodeticAdjustment", "the geodetic adjustment of dead reckoning"),
 }
-"""Navigators by the names that scenarios and commands accept."""
 
 
 def code_of_navigators() -> list[str]:
     """Modules of all code that the registry names."""
-    code = {
-        name
-        for spec in NAVIGATORS.values()
-        for name in (spec.factory, spec.mission, spec.swarm, spec.smoother, spec.beacons)
-    }
+    specs = NAVIGATORS.values()
+    code = {name for s in specs for name in (s.factory, s.mission, s.swarm, s.smoother, s.beacons)}
     return sorted({str(name).partition(":")[0] for name in code if name} | {"laisn.swarm"})
 
 
@@ -188,11 +170,7 @@ def _own(name: str) -> NavigatorSpec:
 
 
 def find(name: str) -> NavigatorSpec:
-    """The navigator of this name, which may be in a plugin.
-
-    Raises:
-        LaisnError: there is none.
-    """
+    """The navigator of this name, which may be in a plugin; LaisnError if there is none."""
     if name in NAVIGATORS:
         return NAVIGATORS[name]
     if not is_plugin_name(name):
@@ -203,11 +181,6 @@ def find(name: str) -> NavigatorSpec:
 def spec_of(settings: Settings) -> NavigatorSpec:
     """The navigator of this project that takes these settings."""
     return next(spec for spec in NAVIGATORS.values() if type(settings) is spec.settings)
-
-
-def new_navigator(settings: Settings, start: Floats) -> MissionNavigator:
-    """The navigator of this project that takes these settings, at its start [x, y, vx, vy]; errors as of `make`."""
-    return spec_of(settings).make(settings, start)
 
 
 FASTEST = 50.0
@@ -239,16 +212,7 @@ class OnlineNavigator(ABC, Generic[Result]):
     """A navigator under way: at a step, with a state and its covariance. Its `step` begins with `_begin_step`."""
 
     def __init__(self, settings: Any, start: Floats | None, start_sigma: float) -> None:
-        """Begin at a known start, or anywhere.
-
-        Args:
-            settings: of the navigator; `dt` is read here.
-            start: x, y [m], vx, vy [m/s], shape (4,); None: unknown.
-            start_sigma: standard deviation of its place along each axis [m].
-
-        Raises:
-            ValueError: the start is not four finite numbers.
-        """
+        """Begin at x, y [m], vx, vy [m/s], of finite numbers, or anywhere; `start_sigma` is σ of the place [m]."""
         self.settings, self._step, self._depth = settings, 0, math.nan
         self._state, self._covariance = np.full(4, np.nan), np.full((4, 4), np.nan)
         if start is not None:
@@ -276,8 +240,7 @@ class OnlineNavigator(ABC, Generic[Result]):
     def _begin_step(self, own: OwnMotion, duration: float | None) -> OwnMotion:
         """Count a step and check its own motion and duration; own motion, of a missing depth (NaN) with the last one.
 
-        A depth enters a range by its square beside the distance's, and changes little in a few steps. Before the first
-        reading it stays NaN, and ranges cannot be used.
+        A depth changes little in a few steps. Before the first reading it stays NaN, and ranges cannot be used.
         """
         self._step += 1
         if not (math.isfinite(own.speed) and math.isfinite(own.heading)) or math.isinf(own.depth):
@@ -306,11 +269,9 @@ class OnlineNavigator(ABC, Generic[Result]):
         """
 
     def run(self, measurements: Measurements) -> Result:
-        """Estimates of a whole mission of n steps from the start; the same to the bit as `step` in a loop.
+        """Estimates of a whole mission from the start; the same to the bit as `step` in a loop, with its errors.
 
-        Raises:
-            ValueError: the measurements have another filter step than the settings, or the navigator is under way.
-            LaisnError: as `step`.
+        ValueError: the measurements have another filter step than the settings, or the navigator is under way.
         """
         measurements.require_fresh(self._step, self.settings.dt)
         n = measurements.speed.size
@@ -339,11 +300,7 @@ class SteppedNavigator(OnlineNavigator[Estimates]):
     def step(
         self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
     ) -> list[FixRecord]:
-        """Advance by one filter step; a message gives a fix at the estimate.
-
-        Raises:
-            LaisnError: state or covariance have another shape.
-        """
+        """Advance by one filter step; a message gives a fix at the estimate. LaisnError if that has another shape."""
         own = self._begin_step(own, duration)
         self._navigator.step(own, reception, self.settings.dt if duration is None else duration)
         self._state, self._covariance = (np.array(getattr(self._navigator, a), float) for a in ("state", "covariance"))

@@ -43,11 +43,7 @@ def _import(file: Path) -> ModuleType:
 
 
 def load_plugin(file: str | os.PathLike[str]) -> ModuleType:
-    """Import a Python file, whose classes scenarios may then name as "module:Class".
-
-    Raises:
-        LaisnError: there is no such file, its name is that of another module, or it cannot be imported.
-    """
+    """Import a Python file, whose classes scenarios may then name as "module:Class"; LaisnError if that fails."""
     path = Path(file).resolve()
     if path.suffix != ".py" or not path.stem.isidentifier() or not path.is_file():
         raise LaisnError(f"plugin {file}: expected a Python file such as mine.py")
@@ -58,14 +54,9 @@ def load_plugin(file: str | os.PathLike[str]) -> ModuleType:
 
 
 def register(made: Any, *, importable: bool = False) -> str:
-    """Name by which scenarios may use a class, or a function that makes objects of one.
+    """Name by which scenarios may use a class, or a function that makes objects of one, defined anywhere.
 
-    Args:
-        made: that, defined anywhere.
-        importable: whether other processes need it, which import it from its file.
-
-    Raises:
-        LaisnError: it must be importable, but is not at the top of a file of its own.
+    If other processes need it (`importable`), it must be a class at the top of a file of its own, or LaisnError.
     """
     module, attribute = made.__module__, re.sub(r"\W", "_", made.__qualname__)
     file = Path(getattr(sys.modules.get(module), "__file__", None) or "")
@@ -86,15 +77,10 @@ def is_plugin_name(name: str) -> bool:
 
 
 def find_class(kind: str, name: str, method: str = "") -> Any:
-    """A class of a plugin.
+    """A class of a plugin: "module:Class", or "module" alone for the only class of it that has the method; LaisnError
+    if there is none.
 
-    Args:
-        kind: what it is, for messages: "navigator", "sensor".
-        name: "module:Class"; "module" alone for the only class of it that has the method.
-        method: see `name`.
-
-    Raises:
-        LaisnError: no plugin of this name is loaded, or it has no such class.
+    `kind` is what it is, for messages: "navigator", "sensor".
     """
     if name in _REGISTERED:
         return _REGISTERED[name]

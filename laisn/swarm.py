@@ -40,11 +40,9 @@ READING = np.dtype(
         ("pitching", np.float64),
     ]
 )
-"""Readings of one follower's own sensors; navigators read the first three."""
 
 
 MESSAGE = np.dtype([(name, np.float64) for name in LeaderMessage._fields])
-"""A `LeaderMessage`."""
 
 
 class Swarm(Protocol):

@@ -17,7 +17,6 @@ SEQUENTIAL: Variant = "laisn-3-1"
 """The variant that updates with one pair after the other (paper, Section 2.3.1)."""
 
 Pairs = tuple[Fix, Fix, Fix]
-"""Fixes of the pairs (1, 2), (1, 3) and (2, 3)."""
 
 
 @formula
@@ -35,7 +34,6 @@ def laisn_2(pairs: Pairs, predicted: Point) -> Fix:
 
 @formula
 def _meets(fix: Fix) -> bool:
-    """Whether the circles of a pair meet: N > 0."""
     return fix.separation >= 0.0 or fix.kind == TANGENT
 
 
@@ -85,10 +83,7 @@ def _baseline_score(fix: Fix) -> float:
 
 @formula
 def laisn_best(pairs: Pairs, predicted: Point) -> Fix:
-    """The most certain pair alone: N = 1, else the largest distance of intersections (paper, Section 2.3.3).
-
-    If no pair's circles meet, the fix is P_D of the first pair that was received.
-    """
+    """The most certain pair: N = 1, else the largest distance of intersections (Section 2.3.3), else the first P_D."""
     return highest(pairs, _baseline_score(pairs[0]), _baseline_score(pairs[1]), _baseline_score(pairs[2]))
 
 
@@ -100,10 +95,7 @@ def _usable_score(fix: Fix) -> float:
 
 @formula
 def laisn_main(pairs: Pairs, predicted: Point) -> Fix:
-    """The main pair; the others only where it is missing, does not meet, or meets too close (Section 2.3.3).
-
-    If no pair is clear, the fix is P_D of the first pair that was received.
-    """
+    """The main pair, or another where it is missing, does not meet, or meets too close (Section 2.3.3)."""
     return highest(pairs, _usable_score(pairs[0]), _usable_score(pairs[1]), _usable_score(pairs[2]))
 
 
@@ -113,4 +105,3 @@ SINGLE: dict[Variant, Callable[[Pairs, Point], Fix]] = {
     "laisn-best": laisn_best,
     "laisn-main": laisn_main,
 }
-"""The variants with one fix a message."""

@@ -28,18 +28,18 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import Any
 
-    from experiments.flight.files import flight_summary as summary
-    from experiments.flight.files import log_flight as write_log
-    from experiments.flight.files import render as render
     from experiments.flight.library import loaded as load
     from experiments.flight.tables import Table as Table
     from experiments.flight.tables import errors_table as errors
     from experiments.flight.tables import measurements_table as measurements
     from experiments.flight.tables import truth_table as truth
     from experiments.pages.results import Flight as Flight
+    from experiments.pages.results import flight_summary as summary
     from experiments.pages.results import fly as fly
+    from experiments.pages.results import log_flight as write_log
     from experiments.pages.results import navigate as navigate
     from experiments.pages.results import read_log as read_log
+    from experiments.pages.results import render as render
     from experiments.study.study import StudyFolder as StudyFolder
     from laisn.failure import LaisnError as LaisnError
     from laisn.navigator import Navigator as Navigator
@@ -83,16 +83,14 @@ _HOMES = {
     "measurements": "experiments.flight.tables:measurements_table",
     "navigate": "experiments.pages.results:navigate",
     "read_log": "experiments.pages.results:read_log",
-    "render": "experiments.flight.files:render",
-    "summary": "experiments.flight.files:flight_summary",
+    "render": "experiments.pages.results:render",
+    "summary": "experiments.pages.results:flight_summary",
     "truth": "experiments.flight.tables:truth_table",
-    "write_log": "experiments.flight.files:log_flight",
+    "write_log": "experiments.pages.results:log_flight",
 }
-"""Module and name of the classes and functions that are defined elsewhere."""
 
 
 def _exit_interrupted(*_: object) -> None:
-    """End at once with the exit code of an interrupted command."""
     os.write(2, _INTERRUPTED)
     os._exit(130)
 
@@ -149,12 +147,9 @@ def __dir__() -> list[str]:
 
 
 def hull(role: str) -> str:
-    """The MJCF of the project's "leader" or "follower", a start for a hull of one's own.
+    """The MJCF of the project's "leader" or "follower", a start for a hull of one's own; LaisnError if there is none.
 
     A scenario names the file of a hull: `{"route": "T5", "model": "mine.xml"}`.
-
-    Raises:
-        LaisnError: there is no such model.
     """
     _require_own_packages()
     import models

@@ -48,7 +48,7 @@ from laisn.beacons.navigator import BeaconNavigator
 from laisn.beacons.settings import BeaconSettings
 from laisn.messages import LeaderMessage, Measurements
 from laisn.tight.navigator import TightNavigator
-from laisn.tight.settings import TightSettings
+from laisn.settings import TightSettings
 measurements = Measurements(
     dt=0.1, speed=np.ones(5), heading=np.zeros(5), depth=np.full(5, 8.0), message_step=np.array([5]),
     message=np.array([LeaderMessage(0.5, 20.0, 0.0, 0.0, 1.0, 4.0)]), ranges=np.array([[21.0, 20.0, 20.5]]),

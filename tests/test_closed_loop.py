@@ -18,7 +18,6 @@ from experiments.study.measure import records_of_run
 from experiments.study.plan import plan_of
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
-from laisn.navigators import new_navigator
 from sim.closed_loop import guide, simulate_closed_loop
 from sim.flight import navigate
 from sim.motion import simulate_motion
@@ -46,7 +45,7 @@ def mission(*assignments: str, route: str = "T6", duration: float = 60.0) -> Sce
 def apart(scenario: Scenario, follower: int = 0) -> Floats:
     """Estimated positions used for control, less those of navigation on the finished mission, shape (n, 2), [m]."""
     trajectory, loop = simulate_closed_loop(scenario)
-    flight = navigate(scenario, trajectory, new_navigator)
+    flight = navigate(scenario, trajectory)
     measured, estimates = flight.measurements[follower], flight.estimates[follower]
     assert measured.message_step.size > 5
     if scenario.navigation.variant != "tight":
@@ -118,7 +117,7 @@ def test_the_gate_counts_filter_steps() -> None:
 def test_sound_that_takes_its_time_comes_in_later() -> None:
     scenario = mission(*SLOW_SOUND)
     trajectory, _ = simulate_closed_loop(scenario)
-    late = navigate(scenario, trajectory, new_navigator).measurements[0].message_step % scenario.message_every
+    late = navigate(scenario, trajectory).measurements[0].message_step % scenario.message_every
     assert late.size > 50
     assert late.min() >= 3
 
@@ -220,7 +219,7 @@ def test_between_filter_steps_it_dead_reckons(variant: str) -> None:
     """From where its navigator has it, and with the velocity that its navigator gives it."""
     scenario = mission(f"navigation.variant={variant}", "timing.filter_step_s=0.5", duration=10.0)
     trajectory, loop = simulate_closed_loop(scenario)
-    state = navigate(scenario, trajectory, new_navigator).estimates[0].state
+    state = navigate(scenario, trajectory).estimates[0].state
     for beyond in range(5):
         expected = state[:-1, :2] + 0.1 * beyond * state[:-1, 2:]
         found = loop.state.history.position[5 + beyond : -1 : 5, 0]

@@ -9,7 +9,6 @@ from experiments.flight.fly import fly
 from experiments.flight.library import load
 from experiments.flight.summary import position_and_bearing_errors, summarise
 from laisn.arrays import Floats, records
-from laisn.navigators import new_navigator
 from laisn.swarm import ESTIMATE, READING
 from sim.closed_loop import ClosedLoop, PythonClosedLoop, simulate_closed_loop
 from sim.control.follower import (
@@ -66,7 +65,7 @@ def test_the_finished_mission_gives_the_estimates_that_steered_it(variant: str) 
     """LAISN's lanes and its readable navigator agree to rounding; see also test_lanes."""
     scenario = mission(navigation={"variant": variant}, **NOISY)
     trajectory, controller = flown(scenario)
-    flight = navigate(scenario, trajectory, new_navigator)
+    flight = navigate(scenario, trajectory)
     lost = np.isnan(flight.measurements[0].ranges).all(axis=1)
     assert 2 < lost.sum() < 38
     for i, estimates in enumerate(flight.estimates):
@@ -80,7 +79,7 @@ def test_the_finished_mission_gives_the_estimates_that_steered_it(variant: str) 
 def test_the_tight_navigator_steers_by_the_very_estimates(assume: dict[str, object]) -> None:
     scenario = mission(navigation={"variant": "tight", "assume": assume}, **NOISY)
     trajectory, controller = flown(scenario)
-    flight = navigate(scenario, trajectory, new_navigator)
+    flight = navigate(scenario, trajectory)
     for i, estimates in enumerate(flight.estimates):
         np.testing.assert_array_equal(controller.state.history.position[1:, i], estimates.state[:, :2])
 
@@ -88,7 +87,7 @@ def test_the_tight_navigator_steers_by_the_very_estimates(assume: dict[str, obje
 def test_what_is_sensed_under_way_is_what_is_measured_afterwards() -> None:
     scenario = mission(**NOISY)
     trajectory, controller = flown(scenario)
-    flight = navigate(scenario, trajectory, new_navigator)
+    flight = navigate(scenario, trajectory)
     for i, measured in enumerate(flight.measurements):
         last = np.array([measured.speed[-1], measured.heading[-1], measured.depth[-1]])
         np.testing.assert_array_equal(controller.state.readings[i].tolist()[:3], last)
@@ -100,7 +99,7 @@ def test_a_ping_that_is_not_waited_for_comes_too_late() -> None:
     """LAISN-2 takes the message up with the second ping; the third one follows 0.2 s later."""
     scenario = mission(navigation={"variant": "laisn-2"}, acoustics={"ping_slot_s": 0.2}, duration=5.0)
     trajectory, controller = flown(scenario)
-    flight = navigate(scenario, trajectory, new_navigator)
+    flight = navigate(scenario, trajectory)
     assert np.isnan(controller.state.inbox.ranges[:, 2]).all()
     for i, measured in enumerate(flight.measurements):
         np.testing.assert_allclose(controller.state.inbox.ranges[i], measured.ranges[-1], rtol=0, atol=1e-9)
@@ -110,7 +109,7 @@ def test_stations_are_kept_where_sound_takes_its_time() -> None:
     sound = {"travel_time": True, "sound_speed_profile": [[0.0, 1500.0], [20.0, 1500.1]]}
     scenario = mission(navigation={"variant": "tight"}, acoustics=sound)
     trajectory, controller = flown(scenario)
-    flight = navigate(scenario, trajectory, new_navigator)
+    flight = navigate(scenario, trajectory)
     assert (flight.measurements[0].message_step % 10 == 1).all()
     for i, estimates in enumerate(flight.estimates):
         np.testing.assert_allclose(controller.state.history.position[1:, i], estimates.state[:, :2], rtol=0, atol=1e-9)

@@ -13,7 +13,7 @@ PACKAGES = [name for name, path in SOURCES.items() if path.name == "__init__.py"
 VOCABULARY = {"laisn", "laisn.arrays", "laisn.messages", "laisn.estimates", "laisn.settings", "laisn.geometry",
               "laisn.compiled", "laisn.elementary", "laisn.failure", "laisn.metrics", "laisn.navigators",
               "laisn.plugins",
-              "laisn.swarm", "laisn.tight.estimates", "laisn.tight.settings"}  # fmt: skip
+              "laisn.swarm"}  # fmt: skip
 """What the simulator may import of navigation: shared types, not navigators."""
 
 

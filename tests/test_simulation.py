@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from experiments.flight.library import load
-from laisn.navigators import new_navigator
+from laisn.navigators import find
 from laisn.swarm import SeparateNavigators
 from sim.closed_loop import simulate_closed_loop
 from sim.flight import navigate
@@ -76,8 +76,8 @@ def test_a_command_from_python_holds_until_the_next_instant() -> None:
 def test_navigators_in_python_steer_by_their_estimates(variant: str) -> None:
     """What steers is what such a navigator estimates on the finished mission; LAISN's flies as the compiled one."""
     scenario = route(f"navigation.variant={variant}", "acoustics.loss_probability=0.2")
-    own, loop = simulate_closed_loop(scenario, partial(SeparateNavigators, new_navigator))
-    (estimates,) = navigate(scenario, own, new_navigator).estimates
+    own, loop = simulate_closed_loop(scenario, partial(SeparateNavigators, find(scenario.navigation.variant).make))
+    (estimates,) = navigate(scenario, own).estimates
     np.testing.assert_array_equal(loop.state.history.position[1:, 0], estimates.state[:, :2])
     np.testing.assert_array_equal(loop.state.history.velocity[1:, 0], estimates.state[:, 2:])
     if variant == "laisn-3-1":

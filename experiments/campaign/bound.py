@@ -6,9 +6,9 @@ import numpy as np
 
 from laisn.arrays import Bools, Floats
 from laisn.bound import Geometry, TrueNoise, position_bound
-from laisn.tight.leader import CURRENT_SIGMA
+from laisn.settings import Assume, TightSettings
 from laisn.tight.model import model_of
-from laisn.tight.settings import Assume, TightSettings
+from laisn.tight.motion import CURRENT_SIGMA
 from sim.flight import Flight
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.acoustics import propagate

@@ -14,7 +14,7 @@ from experiments.campaign.store import Arrays, Record
 from laisn.arrays import Floats, Ints
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
-from laisn.lane_rows import LANES
+from laisn.lane_passes import LANES
 from laisn.messages import Measurements
 from laisn.navigators import NavigatorSpec, find, spec_of
 from laisn.settings import NavigationSettings, Settings

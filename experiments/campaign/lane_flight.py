@@ -9,11 +9,11 @@ import numpy as np
 
 from experiments.campaign import lane_metrics as metric
 from experiments.campaign.lane_sensors import Address, LaneSensors, new_noise, sense_message, sense_own, sent_rows
-from laisn import lane_rows as row
+from laisn import lane_passes as row
 from laisn import lanes
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled_lanes, copy_values
-from laisn.lane_rows import LANES
+from laisn.lane_passes import LANES
 from laisn.settings import Tuning
 from sim.sensing.errors import SensorErrors
 from sim.sensing.observation import MissionTruth

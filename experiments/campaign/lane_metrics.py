@@ -5,13 +5,13 @@ from itertools import count
 
 import numpy as np
 
-from laisn import lane_rows as row
+from laisn import lane_passes as row
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled_lanes, copy_values, inlined
 from laisn.elementary import to_bits
 from laisn.estimates import FixKind
 from laisn.geometry import Point, turn
-from laisn.lane_rows import LANES
+from laisn.lane_passes import LANES
 from laisn.metrics import bearing_error, is_invertible, is_mirror_locked, normalised_square, squared_error
 
 _LOST = int(FixKind.LOST)

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from laisn import lane_rows as row
+from laisn import lane_passes as row
 from laisn.arrays import Bools, Floats
 from laisn.compiled import compiled_lanes, copy_values
 from laisn.failure import LaisnError
-from laisn.lane_rows import LANES
+from laisn.lane_passes import LANES
 from sim.sensing.ahrs import advanced, weights
 from sim.sensing.errors import (
     SensorErrors,

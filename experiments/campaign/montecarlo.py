@@ -17,11 +17,11 @@ from experiments.campaign import lane_metrics as metric
 from experiments.campaign import lane_sensors as sensing
 from experiments.campaign.cells import Cell, CellResult, CellSums
 from experiments.campaign.lane_flight import TruthRecord, fly_block, truth_record
-from laisn import lane_rows as row
+from laisn import lane_passes as row
 from laisn import lanes
 from laisn.arrays import Floats, Ints
 from laisn.failure import LaisnError
-from laisn.lane_rows import LANES
+from laisn.lane_passes import LANES
 from laisn.messages import Measurements
 from laisn.navigators import MissionResult
 from sim.sensing.observation import measure

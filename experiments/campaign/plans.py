@@ -18,7 +18,7 @@ from experiments.campaign.version import code_version
 from laisn import metrics
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
-from laisn.lane_rows import LANES
+from laisn.lane_passes import LANES
 from laisn.navigators import find
 from laisn.plugins import find_class
 from sim.scenario.settings import Scenario

@@ -68,7 +68,7 @@ def records(flight: "Flight") -> "Iterator[Record]":
     import numpy as np
 
     from experiments.flight.range_budget import Cause, range_error_budget
-    from experiments.pages.range_budget_page import TRANSMITTERS
+    from laisn.messages import Ranges
 
     for i, name in enumerate(flight.trajectory.names[1:]):
         budget = range_error_budget(flight, i)
@@ -76,7 +76,7 @@ def records(flight: "Flight") -> "Iterator[Record]":
             yield {
                 "follower": name,
                 "time_s": float(budget.time[m]),
-                "transmitter": TRANSMITTERS[t],
+                "transmitter": Ranges._fields[t],
                 "level_range_m": float(budget.level_range[m, t]),
                 "used_range_m": float(budget.used_range[m, t]),
                 **{f"{cause.name.lower()}_m": float(budget.share[m, t, cause]) for cause in Cause},
@@ -93,13 +93,14 @@ def range_budget(
 
     from experiments.campaign.progress import print_line, show_table
     from experiments.campaign.store import columns_of, write_csv, write_table
-    from experiments.flight.files import flight_of
     from experiments.flight.range_budget import range_error_budget
-    from experiments.pages.range_budget_page import TRANSMITTERS, share_table
+    from experiments.pages.flight_report import share_table
+    from experiments.pages.results import flight_of
+    from laisn.messages import Ranges
 
     require_output(out, ".csv", ".parquet")
     flight = flight_of(source, set_ or ())
-    console, heads = Console(), ("cause", *TRANSMITTERS, "front − rear, rms", "largest")
+    console, heads = Console(), ("cause", *Ranges._fields, "front − rear, rms", "largest")
     for i, name in enumerate(flight.trajectory.names[1:]):
         shares = share_table(range_error_budget(flight, i))
         lines = [[cell.text for cell in row] for row in shares.rows]

@@ -146,7 +146,7 @@ def render(
     from rich.console import Console
 
     from experiments.campaign.progress import phases
-    from experiments.flight import files
+    from experiments.pages import results as files
     from sim.scenario.settings import Video
 
     given = {"camera": camera, "speed_up": speed_up, **(size or {})}

@@ -12,7 +12,6 @@ import numpy as np
 from rich.console import Console
 
 from experiments.campaign.progress import Update, phases, print_line, show_table
-from experiments.flight.events import flight_events, stray_events
 from experiments.flight.fly import Stopwatch, fly, motion_and_outcome
 from experiments.flight.folder import (
     FILM,
@@ -26,7 +25,13 @@ from experiments.flight.folder import (
     one_flight,
     require_safe,
 )
-from experiments.flight.summary import flight_bounds, position_and_bearing_errors, summarise
+from experiments.flight.summary import (
+    flight_bounds,
+    flight_events,
+    position_and_bearing_errors,
+    stray_events,
+    summarise,
+)
 from laisn.failure import LaisnError
 from sim.feasibility import cautions
 from sim.flight import Flight, Outcome, navigate
@@ -170,8 +175,8 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
                     film_error = _film(draw, write_log if video.in_log else None)
             with phase("report"):
                 report(film if with_video and film_error is None else None, bounds)
-    factor = float(flight.trajectory.time[-1]) / watch.seconds["simulate_s"]
-    timing_text = json.dumps(watch.seconds | {"real_time_factor": factor}, indent=2) + "\n"
+    factor = float(flight.trajectory.time[-1]) / watch["simulate_s"]
+    timing_text = json.dumps(watch | {"real_time_factor": factor}, indent=2) + "\n"
     texts = {SUMMARY: summary_text, SCENARIO: scenario.toml(), TIMING: timing_text, LAYOUT: layout(trajectory.names)}
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")

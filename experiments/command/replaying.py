@@ -15,13 +15,12 @@ from experiments.campaign.bound import flight_bound
 from experiments.campaign.progress import literal, print_line, show_table
 from experiments.campaign.store import write_csv
 from experiments.command.errors import require_output
-from experiments.flight.files import flight_summary, log_flight
 from experiments.flight.summary import consistency
 from experiments.pages.replay_page import Replayed, write_replay_page
+from experiments.pages.results import flight_summary, log_flight
 from laisn.failure import LaisnError
 from laisn.navigators import NAVIGATORS, NavigatorFactory, find
-from laisn.settings import NavigationSettings
-from laisn.tight.settings import TightSettings
+from laisn.settings import NavigationSettings, TightSettings
 from sim.flight import Flight, navigation_settings, settings_as
 from sim.scenario.file import values_of
 

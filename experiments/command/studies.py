@@ -105,8 +105,8 @@ def _can_film() -> bool:
 
 def _film_worst(plan: "Plan", results: "Results", folder: Path) -> Path | None:
     """Film the worst run of the worst point into the folder."""
-    from experiments.flight.files import render
     from experiments.flight.fly import fly
+    from experiments.pages.results import render
     from experiments.study.page import worst_entry
 
     if not _can_film():
@@ -254,10 +254,10 @@ def asymmetry(
     ] = None,
 ) -> None:
     """Study range errors from a pitching leader, and remedies."""
-    from experiments.studies.asymmetry import film as asymmetry_film
+    from experiments.studies.asymmetry.figures import film as asymmetry_film
     from experiments.studies.asymmetry.study import run
 
-    film_of = asymmetry_film.film if (not quick if film is None else film) and _can_film() else None
+    film_of = asymmetry_film if (not quick if film is None else film) and _can_film() else None
     folder = out or Path("out") / f"asymmetry{'-quick' * quick}"
     report = run(folder, quick=quick, workers=workers, cluster=cluster, force=force, film=film_of)
     echo(f"report in {report}")

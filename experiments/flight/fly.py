@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -17,11 +17,8 @@ from sim.simulation import ControllerFactory, DivergedError
 from sim.trajectory import Trajectory
 
 
-@dataclass
-class Stopwatch:
+class Stopwatch(dict[str, float]):
     """Seconds that each phase took."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
@@ -29,7 +26,7 @@ class Stopwatch:
         try:
             yield
         finally:
-            self.seconds[name] = time.perf_counter() - start
+            self[name] = time.perf_counter() - start
 
 
 def motion_and_outcome(
@@ -56,17 +53,15 @@ def fly(
     progress: Callable[[float], None] | None = None,
     make_controller: ControllerFactory | None = None,
 ) -> tuple[Flight, dict[str, float]]:
-    """Fly a scenario with its navigator, and with its controller or another one.
-
-    Returns:
-        The flight, and the seconds that simulation and navigation took.
+    """Fly a scenario, perhaps with another controller; the flight, and the seconds that simulation and navigation
+    took.
     """
     watch = Stopwatch()
     with watch.phase("simulate_s"):
         trajectory, outcome = motion_and_outcome(scenario, progress, make_controller)
     with watch.phase("navigate_s"):
         flight = navigate(scenario, trajectory, outcome=outcome)
-    return flight, watch.seconds
+    return flight, watch
 
 
 def navigate_again(
@@ -74,14 +69,9 @@ def navigate_again(
 ) -> Flight:
     """Navigate once more on the very measurements of a flight; how it moved and what was measured stay as they were.
 
-    Args:
-        flight: as flown, or as read from a log.
-        changes: of its navigation, by dotted key: {"navigation.variant": "laisn-3-2"}.
-        navigator: makes the navigator of a follower from its settings and its start [x, y, vx, vy]; whatever has
-            `run(measurements) -> Estimates` will do. None: the one of the variant.
-
-    Raises:
-        ScenarioError: changes are not valid, or touch more than navigation.
+    `changes` are of its navigation by dotted key: {"navigation.variant": "laisn-3-2"}. `navigator` makes that of a
+    follower from its settings and its start [x, y, vx, vy]: whatever has `run(measurements) -> Estimates`.
+    ScenarioError if changes are invalid, or touch more than navigation.
     """
     changes = {} if changes is None else changes
     if not isinstance(changes, Mapping):

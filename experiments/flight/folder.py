@@ -18,20 +18,13 @@ FILES = (LOG, FILM, REPORT, SUMMARY, SCENARIO, TIMING, LAYOUT)
 """Files of a flight; others in its folder are the user's."""
 
 UNFINISHED = "unfinished"
-"""Subfolder into which a flight is written."""
 _ELSEWHERE = "choose another folder with --out"
 
 
 def require_safe(folder: Path, source: Path | None = None, again: Callable[[], str] = str) -> None:
-    """Refuse a folder in which a flight would replace other files than those of a flight.
+    """Refuse a folder in which a flight would replace other files than those of a flight; LaisnError names them.
 
-    Args:
-        folder: for the results of a flight; it need not exist.
-        source: scenario file of the flight, if there is one.
-        again: returns the text of the scenario that the flight will write; a source of this text may be replaced.
-
-    Raises:
-        LaisnError: names the files and a remedy.
+    `source` is the scenario file of the flight, if there is one. It may be replaced by a copy of its own text, `again`.
     """
     if not folder.is_dir():
         if folder.exists() or folder.is_symlink():
@@ -69,21 +62,17 @@ def _exchange(folder: Path, work: Path) -> None:
     earlier = work / "earlier"
     earlier.mkdir()
     new = [name for name in FILES if (work / name).exists()]
+    moves = [(folder / name, earlier / name) for name in FILES] + [(work / name, folder / name) for name in new]
+    moves += [] if FILM in new else [(earlier / FILM, earlier_film(folder))]
     try:
-        for name in FILES:
-            if (folder / name).exists():
-                os.replace(folder / name, earlier / name)
-        for name in new:
-            os.replace(work / name, folder / name)
-        if (earlier / FILM).exists() and FILM not in new:
-            os.replace(earlier / FILM, earlier_film(folder))
+        for source, target in moves:
+            if source.exists():
+                os.replace(source, target)
     except BaseException:
         # the present places count: an interrupt may occur just after a move
-        for name in new:
-            if not (work / name).exists():
-                os.replace(folder / name, work / name)
-        for path in earlier.iterdir():
-            os.replace(path, folder / path.name)
+        for source, target in reversed(moves):
+            if target.exists() and not source.exists():
+                os.replace(target, source)
         earlier.rmdir()
         raise
 
@@ -107,14 +96,10 @@ def _outcome(folder: Path, work: Path) -> str:
 def one_flight(folder: Path) -> Iterator[Path]:
     """A new folder to write a flight into; when the block ends, its files replace those of an earlier flight together.
 
-    The folder never has files of two flights: those of the earlier one are removed before the first new one is moved,
-    and its film is renamed (`earlier_film`) if the new flight has none. If the block fails or is interrupted, the
-    earlier flight is unchanged, and a note of the exception reports what is kept: the log in `FOLDER/unfinished`, until
-    the next flight, or nothing; an empty folder is removed.
-
-    Raises:
-        LaisnError: another process writes a flight into this folder.
-        OSError: the folder cannot be written.
+    The folder never has files of two flights; the film of the earlier one is renamed (`earlier_film`) if the new flight
+    has none. If the block fails or is interrupted, the earlier flight is unchanged, and a note of the exception reports
+    what is kept: the log in `FOLDER/unfinished`, until the next flight, or nothing. LaisnError if another process
+    writes a flight there, OSError if the folder cannot be written.
     """
     work, new = folder / UNFINISHED, not folder.exists()
     with ExitStack() as stack:

@@ -1,8 +1,10 @@
 """The built-in scenarios, and how a user's scenario is found."""
 
 import json
+import os
 import re
 import shlex
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -26,19 +28,6 @@ _DESCRIPTIONS = {
 }
 
 
-def _built_in(name: str) -> dict[str, Any] | None:
-    if name in ROUTES:
-        return {"name": name, "followers": [{"route": name}]}
-    return read(FOLDER / f"{name}.toml") if name in names() else None
-
-
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except (OSError, ValueError):
-        return False  # no system has a file of such a name
-
-
 def names() -> tuple[str, ...]:
     """All built-in scenarios."""
     return (*ROUTES, *sorted(path.stem for path in FOLDER.glob("*.toml")))
@@ -52,15 +41,16 @@ def name_of(path: Path) -> str:
 
 def table_of(source: str) -> dict[str, Any]:
     """The table of a built-in scenario or of a TOML file, not validated; ScenarioError if there is none."""
-    table = _built_in(source)
-    if table is None:
-        path = Path(source)
-        if path.suffix != ".toml" and not _exists(path):
-            known = f"available: {', '.join(names())}, or a TOML file"
-            raise ScenarioError(f"unknown scenario '{shortened(plain(source), 200)}'; {known}")
-        table = seen_from(read(path), path.parent)
-        table.setdefault("name", name_of(path))
-    return table
+    if source in ROUTES:
+        return {"name": source, "followers": [{"route": source}]}
+    if source in names():
+        return read(FOLDER / f"{source}.toml")
+    path = Path(source)
+    # also of a name that no system has a file of
+    if path.suffix != ".toml" and not os.path.exists(source):
+        known = f"available: {', '.join(names())}, or a TOML file"
+        raise ScenarioError(f"unknown scenario '{shortened(plain(source), 200)}'; {known}")
+    return {"name": name_of(path)} | seen_from(read(path), path.parent)
 
 
 def _read(source: str, assignments: Iterable[str]) -> tuple[dict[str, Any], str]:
@@ -71,24 +61,14 @@ def _read(source: str, assignments: Iterable[str]) -> tuple[dict[str, Any], str]
 
 
 def load(source: str, assignments: Iterable[str]) -> Scenario:
-    """A built-in scenario or a TOML file, with overrides applied.
-
-    Args:
-        source: built-in name, or path of a TOML file.
-        assignments: `key=value` overrides.
-
-    Raises:
-        ScenarioError: there is no such scenario, or it is not valid.
+    """A built-in scenario or a TOML file, with overrides "key=value"; ScenarioError if it does not exist or is
+    invalid.
     """
     return validate(*_read(source, assignments))
 
 
 def load_flyable(source: str, assignments: Iterable[str]) -> Scenario:
-    """Load a scenario and check its sea, routes, date and cost as well, so that it can be flown, filmed and logged.
-
-    Raises:
-        ScenarioError: names file, key, value and limit of every error.
-    """
+    """As `load`, but sea, routes, date and cost are checked too, so that it can be flown, filmed and logged."""
     # sea and hulls take half a second to import, and commands that read or list scenarios need neither
     from sim.feasibility import infeasibilities
 
@@ -96,15 +76,10 @@ def load_flyable(source: str, assignments: Iterable[str]) -> Scenario:
 
 
 def loaded(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str, Any] | None = None) -> Scenario:
-    """Load a mission and check that it can be flown, filmed and logged.
+    """Load a mission and check that it can be flown, filmed and logged; ScenarioError names every error.
 
-    Args:
-        source: built-in name ("T5", "following-sea", …), TOML file, the table that such a file would hold, or a
-            scenario.
-        changes: values by dotted key, such as {"followers.0.depth_m": 12.0, "navigation.variant": "laisn-3-2"}.
-
-    Raises:
-        ScenarioError: names key, value and limit of every error.
+    `source` is a built-in name ("T5", "following-sea", …), a TOML file, the table that it would hold, or a scenario;
+    `changes` are values by dotted key, such as {"followers.0.depth_m": 12.0, "navigation.variant": "laisn-3-2"}.
     """
     # as in `load_flyable`
     from sim.feasibility import infeasibilities
@@ -144,18 +119,22 @@ def fly_line(source: str, settings: Mapping[str, Any], run: int) -> str:
     return shlex.join(words)
 
 
-def show() -> None:
-    """Print the built-in scenarios with a line each."""
+def _print_table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
     # for the terminal alone: Python's users have no use for it
     from rich.console import Console
     from rich.table import Table
 
-    table = Table("scenario", "what happens", box=None, pad_edge=False)
-    for name in names():
-        path = FOLDER / f"{name}.toml"
-        about = _DESCRIPTIONS.get(name) or path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
-        table.add_row(name, about)
+    table = Table(*heads, box=None, pad_edge=False)
+    for row in rows:
+        table.add_row(*row)
     Console().print(table)
+
+
+def show() -> None:
+    """Print the built-in scenarios with a line each."""
+    toml = {name: FOLDER / f"{name}.toml" for name in names() if name not in ROUTES}
+    about = {name: path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ") for name, path in toml.items()}
+    _print_table(("scenario", "what happens"), (_DESCRIPTIONS | about).items())
 
 
 def vehicle_rows() -> list[tuple[str, str, str, str]]:
@@ -169,8 +148,8 @@ def vehicle_rows() -> list[tuple[str, str, str, str]]:
     from sim.vehicle.plant import Plant
     from sim.water.ocean import Ocean
 
-    units = {effectors.THRUSTER: (1.0, "N"), effectors.CURVE: (1.0, ""), effectors.PROPELLER: (60.0, "rpm"),
-             effectors.FIN: (180.0 / np.pi, "°")}  # fmt: skip
+    kinds = {effectors.THRUSTER: ("thruster", 1.0, "N"), effectors.CURVE: ("thruster", 1.0, ""),
+             effectors.PROPELLER: ("propeller", 60.0, "rpm"), effectors.FIN: ("fin", 180.0 / np.pi, "°")}  # fmt: skip
     rows = []
     for name in models.VEHICLES:
         plant = Plant([VehicleSetup(name=name, model=name, position_m=(0.0, 0.0, -10.0))], Ocean.calm())
@@ -185,12 +164,10 @@ def vehicle_rows() -> list[tuple[str, str, str, str]]:
             reach = np.abs(turn.reshape(3, 3)) @ half
             low, high = np.minimum(low, middle - reach), np.maximum(high, middle + reach)
         size = " × ".join(f"{side:.2f}" for side in high - low) + " m"
-        groups: dict[str, int] = {}
+        groups = Counter[str]()
         for one in plant.effectors[0, : len(plant.effector_names[0])]:
-            scale, unit = units[int(one["kind"])]
-            what = {effectors.PROPELLER: "propeller", effectors.FIN: "fin"}.get(int(one["kind"]), "thruster")
-            text = f"{what} {scale * one['limits'][0]:.4g} … {scale * one['limits'][1]:.4g} {unit}".rstrip()
-            groups[text] = groups.get(text, 0) + 1
+            what, scale, unit = kinds[int(one["kind"])]
+            groups[f"{what} {scale * one['limits'][0]:.4g} … {scale * one['limits'][1]:.4g} {unit}".rstrip()] += 1
         mass = float(plant.model.body(f"{name}/hull").mass[0])
         rows.append((name, size, f"{mass:.4g} kg", ", ".join(f"{n} {text}" for text, n in groups.items())))
     return rows
@@ -198,10 +175,4 @@ def vehicle_rows() -> list[tuple[str, str, str, str]]:
 
 def show_vehicles() -> None:
     """Print the vehicles with a line each."""
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table("vehicle", "size of what is seen", "mass", "effectors and limits", box=None, pad_edge=False)
-    for row in vehicle_rows():
-        table.add_row(*row)
-    Console().print(table)
+    _print_table(("vehicle", "size of what is seen", "mass", "effectors and limits"), vehicle_rows())

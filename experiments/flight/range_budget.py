@@ -13,7 +13,6 @@ from enum import IntEnum
 import numpy as np
 
 from laisn.arrays import Floats, Ints, own_arrays
-from laisn.geometry import horizontal_range
 from laisn.messages import LeaderMessage
 from sim.flight import Flight, navigation_settings
 from sim.geometry import attitude
@@ -79,10 +78,8 @@ class RangeErrorBudget:
 
 
 def _on_plane(slant: Floats, depth_difference: Floats) -> Floats:
-    """Horizontal ranges as the follower computes them; shapes (m, 3) and (m,)."""
-    differences = np.repeat(depth_difference, slant.shape[1]).tolist()
-    flat = [horizontal_range(r, dz) for r, dz in zip(slant.ravel().tolist(), differences, strict=True)]
-    return np.array(flat).reshape(slant.shape)
+    """Horizontal ranges as the follower computes them (`horizontal_range`); shapes (m, 3) and (m,)."""
+    return np.asarray(np.sqrt(np.maximum(slant * slant - (depth_difference * depth_difference)[:, None], 0.0)))
 
 
 def _transmitters(trajectory: Trajectory, index: Ints, quaternion: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""Errors of a flight's estimates, and the numbers of `summary.json`."""
+"""Errors of a flight's estimates, the numbers of `summary.json`, and events for its log and report."""
 
 from dataclasses import asdict
 from typing import Any
@@ -9,10 +9,14 @@ from experiments.campaign.bound import flight_bound
 from experiments.campaign.version import versions
 from laisn import metrics
 from laisn.arrays import Bools, Floats
+from sim.assembly import routes_of
 from sim.contact import contacts
 from sim.flight import Flight
+from sim.log.channels import Event
+from sim.scenario.formation import LEAST_LAYER_M
 from sim.sensing.proximity import sightings
-from sim.station_keeping import closest_approaches, closest_in_a_layer, station_keeping, track_errors
+from sim.station_keeping import closest_approaches, closest_in_a_layer, station_keeping, track_errors, true_stations
+from sim.tracking import track_error
 
 
 def position_and_bearing_errors(flight: Flight) -> list[tuple[Floats, Floats]]:
@@ -22,12 +26,8 @@ def position_and_bearing_errors(flight: Flight) -> list[tuple[Floats, Floats]]:
     result = []
     for i, estimates in enumerate(flight.estimates):
         position, truth = estimates.state[:, :2], flight.hydrophone(i)[:, :2]
-        result.append(
-            (
-                metrics.position_errors(position, truth),
-                metrics.bearing_errors(position, truth, leader),
-            )
-        )
+        errors = metrics.position_errors(position, truth), metrics.bearing_errors(position, truth, leader)
+        result.append(errors)
     return result
 
 
@@ -41,46 +41,32 @@ def true_bearing(flight: Flight, follower: int) -> Floats:
 def mirror_locked_steps(flight: Flight, follower: int) -> Bools:
     """Filter steps at which a follower's estimate is locked on the mirror image of the truth, shape (n,)."""
     steps, truth = flight.step_index(), flight.trajectory
-    return metrics.mirror_locked_steps(
-        flight.estimates[follower].state[:, :2],
-        flight.hydrophone(follower)[:, :2],
-        truth.position[steps, 0, :2],
-        truth.heading[steps, 0],
-    )
+    estimate, leader = flight.estimates[follower].state[:, :2], truth.position[steps, 0, :2]
+    return metrics.mirror_locked_steps(estimate, flight.hydrophone(follower)[:, :2], leader, truth.heading[steps, 0])
 
 
 def _kept(flight: Flight, follower: int, off: Floats) -> dict[str, Any]:
     """How a follower kept its place, from its distances off it, shape (n,), [m]."""
     row: dict[str, Any] = {"track_error_rms_m": float(np.sqrt(np.mean(off**2)))}
-    if flight.scenario.followers[follower].station:
-        keeping = asdict(station_keeping(off, flight.trajectory.time))
-        row |= {name: None if value != value else value for name, value in keeping.items()}
-    return row
+    kept = flight.scenario.followers[follower].station and asdict(station_keeping(off, flight.trajectory.time))
+    return row | {name: None if value != value else value for name, value in (kept or {}).items()}
 
 
 def _nearest(flight: Flight) -> dict[str, Any]:
     """Vehicles that came nearest to each other: in space, horizontally, horizontally of one layer; contacts."""
-    space, level = closest_approaches(flight.trajectory)
+    (space, level), found = closest_approaches(flight.trajectory), dict[str, Any]()
     layer = closest_in_a_layer(flight.scenario, flight.trajectory)
-    return {
-        "closest_approach_m": space.distance_m,
-        "closest_approach_pair": list(space.pair),
-        "closest_approach_s": space.time_s,
-        "closest_horizontal_m": level.distance_m,
-        "closest_horizontal_pair": list(level.pair),
-        "closest_horizontal_s": level.time_s,
-        "closest_in_layer_m": None if layer is None else layer.distance_m,
-        "closest_in_layer_pair": None if layer is None else list(layer.pair),
-        "closest_in_layer_s": None if layer is None else layer.time_s,
-        "contacts": [{"time_s": time, "pair": list(pair)} for time, pair in contacts(flight.trajectory)],
-    }
+    for name, one in (("approach", space), ("horizontal", level), ("in_layer", layer)):
+        found[f"closest_{name}_m"] = one and one.distance_m
+        found[f"closest_{name}_pair"] = one and list(one.pair)
+        found[f"closest_{name}_s"] = one and one.time_s
+    return found | {"contacts": [{"time_s": time, "pair": list(pair)} for time, pair in contacts(flight.trajectory)]}
 
 
 def consistency(flight: Flight, follower: int, bound: Floats) -> dict[str, float | None]:
-    """Consistency of a follower's errors with its covariance, and their bound.
+    """Consistency of a follower's errors with its covariance, and their bound, from the first estimate on.
 
-    `nees` is the mean of eᵀ P⁻¹ e over the steps (2 if P is right), and `rms_over_bound` the RMS of E_P over that of
-    the Cramér–Rao bound, both from the first estimate on; None where the covariance is singular, or the bound 0.
+    `nees` is the mean of eᵀ P⁻¹ e (2 if P is right; None: singular), `rms_over_bound` the RMS of E_P over the bound's.
     """
     truth, estimates = flight.hydrophone(follower)[:, :2], flight.estimates[follower]
     squares = np.sum((estimates.state[:, :2] - truth) ** 2, axis=1)
@@ -102,12 +88,8 @@ def flight_bounds(flight: Flight) -> list[Floats]:
 def summarise(
     flight: Flight, errors: list[tuple[Floats, Floats]], bounds: list[Floats] | None = None
 ) -> dict[str, Any]:
-    """What `summary.json` holds: the same for the same scenario and version, whatever the machine.
-
-    Args:
-        flight: as flown.
-        errors: E_P and E_B of every follower.
-        bounds: `flight_bounds`, which take a while; None: they are computed here.
+    """What `summary.json` holds; `bounds` are the `flight_bounds`, which take a while, and are computed here if
+    None.
     """
     bounds = flight_bounds(flight) if bounds is None else bounds
     errors = [(p[e.unknown :], b[e.unknown :]) for (p, b), e in zip(errors, flight.estimates, strict=True)]
@@ -122,10 +104,10 @@ def summarise(
         "outcome": flight.outcome.value,
         "flown_s": float(flight.trajectory.time[-1]),
         "variant": flight.scenario.navigation.variant,
-        **asdict(pooled),
+        **pooled._asdict(),
         **_nearest(flight),
         "followers": {
-            name: asdict(metrics.summarise(*errors[i]))
+            name: metrics.summarise(*errors[i])._asdict()
             | consistency(flight, i, bounds[i])
             | _kept(flight, i, off[:, i])
             | ({"gave_way_s": float(spent[i])} if sensing else {})
@@ -134,3 +116,108 @@ def summarise(
         },
         "versions": versions(),
     }
+
+
+SIGMAS = 3.0
+"""Least distance of two stations, in standard deviations of their followers' relative position error."""
+OFF_ROUTE_M, NEAR_M = 10.0, 1.0
+"""Largest usual distance from the route, and least usual one between two vehicles' origins [m]."""
+
+
+def route_events(flight: Flight) -> list[Event]:
+    """An event where a vehicle is farthest from where its route has it, if that is more than `OFF_ROUTE_M`."""
+    truth, events = flight.trajectory, []
+    for v, route in enumerate(routes_of(flight.scenario)):
+        if v and flight.scenario.followers[v - 1].station is not None:
+            continue
+        off = track_error(route, truth.time, truth.position[:, v, :2])
+        k = int(np.argmax(off))
+        if off[k] > OFF_ROUTE_M:
+            text = f"{truth.names[v]} is {off[k]:.0f} m off its route (maximum), and {off[-1]:.0f} m at the end"
+            events.append(Event(float(truth.time[k]), "warning", text, truth.names[v]))
+    return events
+
+
+def approach_events(flight: Flight) -> list[Event]:
+    """An event where the two nearest vehicles pass each other within `NEAR_M` and do not touch."""
+    nearest, _ = closest_approaches(flight.trajectory)
+    if nearest.distance_m >= NEAR_M or contacts(flight.trajectory):
+        return []
+    text = f"{' and '.join(nearest.pair)} pass within {nearest.distance_m:.2f} m"
+    return [Event(nearest.time_s, "warning", text, nearest.pair[1])]
+
+
+def contact_events(flight: Flight) -> list[Event]:
+    """An event where two hulls first touch; unless that ends the mission, they pass through each other."""
+    return [Event(t, "warning", f"{other} and {one} touch", other) for t, (one, other) in contacts(flight.trajectory)]
+
+
+def giving_way_events(flight: Flight) -> list[Event]:
+    """An event where a follower first gives way to a vehicle that its sensor shows."""
+    names, first = flight.trajectory.names, sightings(flight.scenario, flight.trajectory).first_s
+    return [
+        Event(float(first[i, j]), "info", f"{names[i + 1]} gives way to {names[j]}", names[i + 1])
+        for i, j in np.argwhere(np.isfinite(first))
+    ]
+
+
+def largest_sigma(covariance: Floats) -> Floats:
+    """σ along the larger axis of the ellipses of covariances of shape (n, 2, 2) or larger, shape (n,), [m]."""
+    xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+    largest = (xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)
+    return np.asarray(np.sqrt(np.maximum(largest, 0.0)))
+
+
+def uncertainty_events(flight: Flight) -> list[Event]:
+    """An event where two stations of one layer are first nearer than `SIGMAS` σ of their followers' relative error."""
+    followers, steps, events = flight.scenario.followers, flight.step_index(), []
+    kept = [i for i, follower in enumerate(followers) if follower.station]
+    layered = [
+        (i, j) for a, i in enumerate(kept) for j in kept[:a]
+        if abs(followers[i].layer_m - followers[j].layer_m) < LEAST_LAYER_M
+    ]  # fmt: skip
+    if not layered:
+        return []
+    places = true_stations(flight.scenario, flight.trajectory)[steps]
+    for i, j in layered:
+        apart = np.hypot(places.east[:, i] - places.east[:, j], places.north[:, i] - places.north[:, j])
+        relative = flight.estimates[i].covariance + flight.estimates[j].covariance
+        near = apart < SIGMAS * largest_sigma(relative)
+        if near.any():
+            k = int(np.argmax(near))
+            one, other = followers[i].name, followers[j].name
+            text = f"stations of {one} and {other}, {apart[k]:.1f} m apart, are nearer"
+            text += f" than {SIGMAS:g} sigma of their relative position error"
+            events.append(Event(float(flight.trajectory.time[steps[k]]), "warning", text, one))
+    return events
+
+
+def mirror_lock_events(flight: Flight) -> list[Event]:
+    """An event where an estimate is locked on the mirror image of the truth, and where it is released."""
+    time, events = flight.trajectory.time[flight.step_index()], []
+    for i, name in enumerate(flight.trajectory.names[1:]):
+        mirror_locked = mirror_locked_steps(flight, i)
+        for k in np.flatnonzero(np.diff(mirror_locked.astype(np.int64), prepend=0)):
+            caught = bool(mirror_locked[k])
+            text = "mirror lock: the estimate is at the truth's mirror image" if caught else "mirror lock ends"
+            events.append(Event(float(time[k]), "warning" if caught else "info", text, name))
+    return sorted(events, key=lambda event: event.time_s)
+
+
+def stray_events(flight: Flight) -> list[Event]:
+    """Warnings: a vehicle leaves the water or its route, touches or nearly touches another, or stations are close."""
+    events = [*route_events(flight), *approach_events(flight), *contact_events(flight), *uncertainty_events(flight)]
+    floor, time = flight.scenario.ocean.floor_depth_m, flight.trajectory.time
+    planned = (flight.scenario.leader, *flight.scenario.followers)
+    for name, depth, plan in zip(flight.trajectory.names, flight.trajectory.depth.T, planned, strict=True):
+        surfaced = (depth < 0) & (plan.layer_m > 1)
+        for outside, text in ((depth > floor, "goes below the sea floor"), (surfaced, "breaks the surface")):
+            if outside.any():
+                events.append(Event(float(time[np.argmax(outside)]), "warning", f"{name} {text}", name))
+    return sorted(events, key=lambda event: event.time_s)
+
+
+def flight_events(flight: Flight) -> list[Event]:
+    """All events of a flight, in order of time."""
+    events = [*mirror_lock_events(flight), *giving_way_events(flight), *stray_events(flight)]
+    return sorted(events, key=lambda event: event.time_s)

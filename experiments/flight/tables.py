@@ -20,16 +20,12 @@ if TYPE_CHECKING:
     from sim.flight import Flight
 
 _SHOWN, _NAMED = 5, 12
-"""Rows of a table in a notebook, and columns that its `repr` names."""
 
 
 class Table:
-    """Columns of a result by name.
+    """Columns of a result by name; `arrow` is the `pyarrow.Table`.
 
     `table["e_p_m"]` is a NumPy array; `polars.DataFrame(table)` and `pandas.DataFrame.from_arrow(table)` accept it.
-
-    Attributes:
-        arrow: the `pyarrow.Table`.
     """
 
     def __init__(self, arrow: Any) -> None:
@@ -84,6 +80,10 @@ class Table:
         return f"<table>{caption}<thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
 
 
+def _place(position: npt.NDArray[Any]) -> dict[str, Any]:
+    return {"east_m": position[:, 0], "north_m": position[:, 1], "depth_m": -position[:, 2]}
+
+
 def errors_table(flight: Flight) -> Table:
     """Errors of a flight's estimates over time, a row for each follower and filter step.
 
@@ -97,20 +97,11 @@ def errors_table(flight: Flight) -> Table:
     parts = []
     for i, (position, bearing) in enumerate(position_and_bearing_errors(flight)):
         truth, estimate = flight.hydrophone(i), flight.estimates[i].state
-        columns = {
-            "follower": [flight.trajectory.names[i + 1]] * time.size,
-            "time_s": time,
-            "e_p_m": position,
-            "e_b_deg": np.rad2deg(bearing),
-            "east_m": truth[:, 0],
-            "north_m": truth[:, 1],
-            "depth_m": -truth[:, 2],
-            "estimate_east_m": estimate[:, 0],
-            "estimate_north_m": estimate[:, 1],
-            "bearing_deg": np.rad2deg(true_bearing(flight, i)),
-            "distance_m": np.hypot(*(truth[:, :2] - leader).T),
-            "mirror_locked": mirror_locked_steps(flight, i),
-        }
+        columns = {"follower": [flight.trajectory.names[i + 1]] * time.size, "time_s": time, "e_p_m": position}
+        columns |= {"e_b_deg": np.rad2deg(bearing), **_place(truth)}
+        columns |= {"estimate_east_m": estimate[:, 0], "estimate_north_m": estimate[:, 1]}
+        columns |= {"bearing_deg": np.rad2deg(true_bearing(flight, i))}
+        columns |= {"distance_m": np.hypot(*(truth[:, :2] - leader).T), "mirror_locked": mirror_locked_steps(flight, i)}
         parts.append(pa.table(columns))
     return Table(pa.concat_tables(parts))
 
@@ -125,17 +116,9 @@ def truth_table(flight: Flight) -> Table:
     t = flight.trajectory
     parts = []
     for v, name in enumerate(t.names):
-        columns = {
-            "vehicle": [name] * t.time.size,
-            "time_s": t.time,
-            "east_m": t.position[:, v, 0],
-            "north_m": t.position[:, v, 1],
-            "depth_m": -t.position[:, v, 2],
-            "heading_deg": np.rad2deg(t.heading[:, v]) % 360.0,
-            "pitch_deg": np.rad2deg(t.pitch[:, v]),
-            "roll_deg": np.rad2deg(t.roll[:, v]),
-            "surge_m_s": t.forward_speed[:, v],
-        }
+        columns = {"vehicle": [name] * t.time.size, "time_s": t.time, **_place(t.position[:, v])}
+        columns |= {"heading_deg": np.rad2deg(t.heading[:, v]) % 360.0, "pitch_deg": np.rad2deg(t.pitch[:, v])}
+        columns |= {"roll_deg": np.rad2deg(t.roll[:, v]), "surge_m_s": t.forward_speed[:, v]}
         for what, values in (("velocity", t.velocity), ("water", t.water_velocity)):
             columns |= {f"{what}_{axis}_m_s": values[:, v, j] for j, axis in enumerate(("east", "north", "up"))}
         parts.append(pa.table(columns))
@@ -156,13 +139,8 @@ def measurements_table(flight: Flight) -> Table:
     """
     parts = []
     for name, measured in zip(flight.trajectory.names[1:], flight.measurements, strict=True):
-        columns = {
-            "follower": pa.array([name] * measured.speed.size),
-            "time_s": pa.array(measured.time),
-            "speed_m_s": pa.array(measured.speed),
-            "heading_deg": pa.array(np.rad2deg(measured.heading) % 360.0),
-            "depth_m": pa.array(measured.depth),
-        }
+        columns = {"follower": [name] * measured.speed.size, "time_s": measured.time, "speed_m_s": measured.speed}
+        columns |= {"heading_deg": np.rad2deg(measured.heading) % 360.0, "depth_m": measured.depth}
         received = {f"leader_{column}": measured.message[:, i] for i, column in enumerate(_LEADER)}
         received |= {f"range_{which}_m": measured.ranges[:, i] for i, which in enumerate(Ranges._fields)}
         for column, values in received.items():

@@ -1,7 +1,5 @@
-"""Figures as data: lines and marks over axes, which Plotly draws in the browser.
-
-Colours are names of the page's CSS variables, so that one figure reads on white, in dark mode and on paper. Pages lay
-panels side by side as far as there is room.
+"""Figures as data: lines and marks over axes, which Plotly draws in the browser, in colours of the page's CSS
+variables.
 """
 
 import json
@@ -25,7 +23,6 @@ PIXELS_PER_INCH = 96
 _MOST_LINES, _FEWEST_POINTS = 14, 200
 """Lines of a panel with all their points; of more, each has fewer, so that a page of many vehicles stays small."""
 _TITLE_CHARACTERS = 11
-"""Room in a line of the title [1/inch]."""
 
 Limits = tuple[float | None, float | None]
 """Bottom and top of an axis; None leaves one to the data."""
@@ -48,7 +45,6 @@ class Line:
     dash: str = "-"
     marker: str = ""
     size: float = 2.4
-    """Size of a mark [pt]."""
     opacity: float = 1.0
     name: str = ""
     """What it is, shown with its values under the pointer."""
@@ -56,9 +52,7 @@ class Line:
     """Lower and upper limits of y, or of x if `across`, drawn as bars."""
     across: bool = False
     text: str = ""
-    """Written beside the last point."""
     side: str = "middle right"
-    """Where the text stands, in Plotly's words."""
     time: Floats | None = None
     """Of each point of a map, shape (n,), [s]: where the time cursor of linked panels stands."""
 
@@ -69,7 +63,6 @@ class Part:
 
     lines: Sequence[Line]
     y_label: str
-    """With unit."""
     y_limits: Limits = (None, None)
     y_log: bool = False
     ticks: Ticks = ()
@@ -78,7 +71,6 @@ class Part:
     traces: Sequence[Mapping[str, Any]] = ()
     """What is no line, such as a map of colours, as Plotly describes it."""
     height: float = 1.0
-    """Relative to the other parts of a panel."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,19 +79,15 @@ class Panel:
 
     parts: Sequence[Part]
     x_label: str
-    """With unit."""
     title: str = ""
     equal: bool = False
-    """Both axes to one scale, for maps."""
     x_limits: Limits = (None, None)
     x_log: bool = False
     x_ticks: Ticks = ()
     width: float = WIDTH
     """[inch]; wider panels keep more points."""
     height: float = HEIGHT
-    """[inch]."""
     points: int = DRAWN_POINTS
-    """Most points of a line, were the panel of the usual width."""
     link: str = ""
     """Panels of a page with the same name share a time cursor."""
 
@@ -177,14 +165,7 @@ def panel(
 
 
 def marks(findings: Sequence["Finding"], places: Floats, *, across: bool = False, **settings: Any) -> Line:
-    """Marks of findings over places, or beside them if `across`, with their intervals as bars.
-
-    Args:
-        findings: n numbers.
-        places: where they stand on the other axis, shape (n,).
-        across: values are on the x axis.
-        settings: as of `Line`.
-    """
+    """Marks of n findings over places, shape (n,), or beside them if `across`, with bars of their intervals."""
     value, low, high = np.array(
         [[np.nan if end is None else end for end in (f.number, f.low, f.high)] for f in findings], dtype=np.float64
     ).T
@@ -193,11 +174,7 @@ def marks(findings: Sequence["Finding"], places: Floats, *, across: bool = False
 
 
 def decimate(x: Floats, y: Floats, points: int = DRAWN_POINTS) -> tuple[Floats, Floats]:
-    """Smallest and largest value of each of points/2 stretches, in their order, so that no peak is lost.
-
-    Returns:
-        x and y, of shape (n,), at the same at most `points` + 2 places, the first and last included.
-    """
+    """Smallest and largest value of each of points/2 stretches, in their order, and both ends: no peak is lost."""
     n = y.size
     if n <= points:
         return x, y
@@ -247,7 +224,6 @@ def _axis(label: str, limits: Limits, log: bool, ticks: Ticks, values: Sequence[
 
 
 def _trace(line: Line, points: int | None, place: bool) -> dict[str, Any]:
-    """A line as Plotly has it, decimated to this number of points; `place`: of a map."""
     x, y = (line.x, line.y) if line.marker or points is None else decimate(line.x, line.y, points)
     shown = "%{x:.1f} m, %{y:.1f} m" if place else "%{y:.4~g}"
     trace: dict[str, Any] = {

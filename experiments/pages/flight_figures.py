@@ -4,11 +4,11 @@ Panels of one follower share a time cursor: under the pointer, its map, its erro
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from experiments.flight.events import largest_sigma
-from experiments.flight.summary import true_bearing
+from experiments.flight.summary import largest_sigma, true_bearing
 from experiments.pages.figures import DRAWN_POINTS, Line, Panel, Part, panel
 from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, INK, LEADER, MUTED, SERIES, TRANSMITTERS
 from laisn.arrays import Floats
@@ -22,9 +22,7 @@ SIGMAS = 2.0
 ON_AXIS_DEG = 15.0
 """Within this angle of the leader's axis, ahead or astern, ranges hardly determine the direction."""
 ROW_HEIGHT, STACK_WIDTH, MAP_WIDTH = 5.6, 5.6, 3.3
-"""Height of the panels of a follower's row, and widths of its curves over time and of its maps [inch]."""
 _TRACK_POINTS, _DOTS = 4000, 1200
-"""Points of the tracks of a flight together, and dots of a difference."""
 _FEW_POINTS = 240
 """Points of a line of a follower among several, so that the page stays small."""
 _LEAST_WEIGHT = 1e-3
@@ -108,16 +106,8 @@ def track_map(
         for track, colour, thick, name in (*tracks, *estimates)
     ]
     lines += [Line(x=t[-1:, 0], y=t[-1:, 1], colour=colour, marker="o", size=4.5) for t, colour, *_ in tracks]
-    return panel(
-        lines,
-        x_label="east [m]",
-        y_label="north [m]",
-        title="Routes",
-        equal=True,
-        width=width,
-        height=height,
-        link=link,
-    )
+    size: dict[str, Any] = {"width": width, "height": height, "link": link}
+    return panel(lines, x_label="east [m]", y_label="north [m]", title="Routes", equal=True, **size)
 
 
 def difference(flight: Flight, follower: int) -> Panel:
@@ -136,10 +126,7 @@ def difference(flight: Flight, follower: int) -> Panel:
 
 
 def station_errors(flight: Flight, followers: Sequence[int]) -> list[Panel]:
-    """Distance from the station over time, a panel for each of some followers on stations, all to one scale.
-
-    A panel ends at the distance from which on a follower is lost.
-    """
+    """Distance from the station over time, up to that of a lost follower, a panel for each, all to one scale."""
     truth = flight.trajectory
     off = off_station(flight.scenario, truth)[:, list(followers)]
     top = max(min(1.1 * float(np.nanmax(off, initial=0.0)), LOST_M), 1e-3)
@@ -163,17 +150,13 @@ def motion(flight: Flight) -> Panel:
     )
     # the leader last, above the followers
     order = [*range(1, len(truth.names)), 0]
-    parts = [
-        Part(
-            lines=[
-                Line(x=truth.time, y=values[:, v], colour=FOLLOWER if v else LEADER, width=0.9, name=truth.names[v])
-                for v in order
-            ],
-            y_label=label,
-            y_limits=limits,
-        )
-        for values, label, limits in quantities
-    ]
+    parts = []
+    for values, label, limits in quantities:
+        lines = [
+            Line(x=truth.time, y=values[:, v], colour=FOLLOWER if v else LEADER, width=0.9, name=truth.names[v])
+            for v in order
+        ]
+        parts.append(Part(lines=lines, y_label=label, y_limits=limits))
     return Panel(parts=parts, x_label="time [s]", width=FULL, height=5.2, link="follower0")
 
 

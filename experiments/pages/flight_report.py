@@ -1,24 +1,263 @@
-"""The report of one flight: routes, errors of the estimates, and their causes."""
+"""The report of one flight: routes, errors of the estimates, and their causes; the prose stands in templates."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from experiments.flight.summary import flight_bounds, mirror_locked_steps
-from experiments.pages import flight_figures, flight_text, range_budget_page
-from experiments.pages.flight_figures import ON_AXIS_DEG
-from experiments.pages.page import Cell, Code, Figures, Film, number, words, write
-from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, INK, LEADER, MUTED, TRANSMITTERS
-from experiments.pages.template import page_of
+from experiments.flight.range_budget import LABELS, Cause, RangeErrorBudget, range_error_budget
+from experiments.flight.summary import approach_events, flight_bounds, mirror_locked_steps, route_events, true_bearing
+from experiments.pages import flight_figures, style
+from experiments.pages.figures import Line, Panel, panel
+from experiments.pages.flight_figures import ON_AXIS_DEG, SIGMAS
+from experiments.pages.page import Cell, Code, Figures, Film, Table, number, page_of, paragraphs, words, write
 from laisn import metrics
-from laisn.arrays import Floats
+from laisn.arrays import Bools, Floats
 from laisn.estimates import FIX_WORDS, FixKind
 from laisn.messages import Ranges
+from laisn.metrics import longest_mirror_lock, nees
 from laisn.navigators import find
 from sim.contact import contacts
 from sim.flight import Flight, Outcome
+from sim.sensing.proximity import sightings
+from sim.station_keeping import closest_approaches, off_station, station_keeping
+
+_CAUSES = (Cause.RANDOM, Cause.LEVER_ARM, Cause.MOTION, Cause.DEPTH, Cause.FORESHORTENING, Cause.ECHO)
+COLOUR = dict(zip(_CAUSES, style.SERIES, strict=True))
+"""Colours of causes that affect bow and stern differently; clock and sound speed affect both (nearly) alike."""
+_NOTICEABLE_M = 1e-6
+_DRAWN_FOLLOWERS = 3
+
+
+def _rms(values: Floats) -> float:
+    """Root mean square of finite values, shape (n,); NaN without any."""
+    finite = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(finite**2))) if finite.size else np.nan
+
+
+def _largest(values: Floats) -> float:
+    return float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else np.nan
+
+
+def share_table(budget: RangeErrorBudget, caption: str = "", transmitters: int = 3) -> Table:
+    """RMS of each cause's share in the range errors of so many transmitters, and in the asymmetry of bow and stern."""
+    at_work, apart = [c for c in Cause if _largest(budget.share[..., c]) > _NOTICEABLE_M], budget.asymmetry
+    errors = {c: [_rms(budget.share[:, i, c]) for i in range(transmitters)] for c in at_work}
+    rows = [
+        [words(LABELS[c]), *(number(100 * e, 1) for e in (*errors[c], _rms(apart[:, c]), _largest(apart[:, c])))]
+        for c in at_work
+    ]
+    idle = ", ".join(LABELS[cause] for cause in Cause if cause not in at_work)
+    return Table(
+        heads=("cause", *Ranges._fields[:transmitters], "rms", "largest"),
+        rows=rows,
+        groups=(("", 1), ("share of the range error, rms [cm]", transmitters), ("front less rear [cm]", 2)),
+        caption=f"{caption}Each range error is the exact sum of these shares."
+        + (f" Without effect here: {idle}." if idle else ""),
+    )
+
+
+def asymmetry_over_time(time: Floats, shares: dict[Cause, Floats], title: str, width: float = style.WIDTH) -> Panel:
+    """Shares of causes in D_front − D_rear over time, of shape (m,), [m]; width in [inch]."""
+    lines = [
+        Line(x=time, y=100.0 * share, colour=COLOUR[cause], width=0.8, name=LABELS[cause])
+        for cause, share in shares.items()
+    ]
+    return panel(lines, x_label="time [s]", y_label="in D_front − D_rear [cm]", title=title, width=width)
+
+
+def legend_of(causes: Sequence[Cause]) -> list[tuple[style.Colour, str]]:
+    """Legend of the figure `asymmetry_over_time`: colour and name of each cause."""
+    return [(COLOUR[cause], LABELS[cause]) for cause in causes]
+
+
+def range_budget(flight: Flight) -> dict[str, Any]:
+    """Range error budgets for the template: followers without a ping, figure and tables."""
+    names, used = flight.trajectory.names[1:], flight.scenario.navigation.transmitters
+    silent, drawn, panels, tables = list[str](), set[Cause](), list[Panel](), list[Table]()
+    width = style.FULL if len(names) == 1 else style.HALF
+    for i, name in enumerate(names[:_DRAWN_FOLLOWERS]):
+        budget = range_error_budget(flight, i)
+        if not np.isfinite(budget.error).any():
+            silent.append(name)
+            continue
+        title = name if len(names) > 1 else ""
+        shares = {cause: share for cause in COLOUR if _largest(share := budget.asymmetry[:, cause]) > _NOTICEABLE_M}
+        drawn |= set(shares)
+        panels.append(asymmetry_over_time(budget.time, shares, title, width))
+        tables.append(share_table(budget, f"{name}. " if len(names) > 1 else "", used))
+    legend = legend_of([cause for cause in COLOUR if cause in drawn])
+    return {
+        "silent": silent,
+        "figure": Figures(panels=panels, legend=legend) if panels else None,
+        "first": "" if len(names) <= _DRAWN_FOLLOWERS else f" The first {_DRAWN_FOLLOWERS} of {len(names)} followers.",
+        "tables": tables,
+    }
+
+
+SIDE_M = 1.0
+"""Least distance of estimate and truth from the leader's axis, on opposite sides, at which the side is wrong [m]."""
+CONSISTENT_SHARE = float(np.exp(-(SIGMAS**2) / 2))
+"""Share of errors outside the 2σ ellipse of a consistent filter (Rayleigh distribution)."""
+_RARE = 0.02
+_FIXES = {
+    FixKind.TWO_POINTS: "chose between two points",
+    FixKind.TANGENT: "lay where the circles touch",
+    FixKind.ASTERN: "were put on the leader's axis",
+    FixKind.FUSED: "were weighted means",
+    FixKind.GATED: "were rejected",
+    FixKind.SINGULAR: "were skipped",
+    FixKind.LOST: "failed because ranges were lost",
+    FixKind.ONE_RANGE: "used one range alone",
+    FixKind.RANGES: "used all ranges directly",
+    FixKind.PARTLY: "excluded ranges identified as echoes",
+}
+
+
+class EstimateErrors(NamedTuple):
+    """One follower's estimate compared with the truth, at the n filter steps with an estimate; arrays of shape (n,)."""
+
+    time: Floats
+    error: Floats
+    bearing: Floats
+    """B, in [0, 2π) [rad]."""
+    distance: Floats
+    wrong_side: Bools
+    """Whether the estimate is on the wrong side of the leader's axis."""
+    outside: Bools
+    """Whether the truth is outside the filter's own 2σ ellipse."""
+    kind: Floats
+
+    @property
+    def on_axis(self) -> Bools:
+        """Whether the follower is near the leader's axis, ahead or astern."""
+        folded = np.mod(self.bearing, np.pi)
+        return np.asarray(np.minimum(folded, np.pi - folded) < np.radians(ON_AXIS_DEG))
+
+
+def estimate_errors(flight: Flight, follower: int) -> EstimateErrors:
+    """Errors of a follower's estimate, and its true place relative to the leader."""
+    steps, found = flight.step_index(), flight.estimates[follower]
+    truth, leader = flight.hydrophone(follower)[:, :2], flight.trajectory.position[steps, 0, :2]
+    heading = flight.trajectory.heading[steps, 0]
+    starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
+    estimate = found.state[:, :2]
+    side, estimated_side = (np.einsum("ni,ni->n", point - leader, starboard) for point in (truth, estimate))
+    clear = np.minimum(np.abs(side), np.abs(estimated_side)) >= SIDE_M
+    square, error = nees(found, truth), np.hypot(*(estimate - truth).T)
+    # with an unknown start there is no estimate before the first messages
+    known = np.isfinite(error)
+    return EstimateErrors(
+        time=flight.trajectory.time[steps][known],
+        error=error[known],
+        bearing=true_bearing(flight, follower)[known],
+        distance=np.hypot(*(truth - leader).T)[known],
+        wrong_side=(clear & (side * estimated_side < 0))[known],
+        # with a singular covariance any error is outside
+        outside=np.where(np.isnan(square), np.any(estimate != truth, axis=1), square > SIGMAS**2)[known],
+        kind=found.fix_kind.astype(np.float64),
+    )
+
+
+def errors_by_name(flight: Flight) -> dict[str, EstimateErrors]:
+    """Errors of all followers; none if an estimate is not finite."""
+    if not all(np.isfinite(e.state[e.unknown :]).all() for e in flight.estimates):
+        return {}
+    return {name: estimate_errors(flight, i) for i, name in enumerate(flight.trajectory.names[1:])}
+
+
+def percent(share: float) -> str:
+    """A share in per cent, without decimals from 10 % on; only exact shares are 0 % or 100 %."""
+    if 0 < share < 0.001:
+        return "less than 0.1\N{NO-BREAK SPACE}%"
+    if 0.999 < share < 1:
+        return "more than 99.9\N{NO-BREAK SPACE}%"
+    return f"{100 * share:.{0 if share >= 0.0995 else 1}f}\N{NO-BREAK SPACE}%"
+
+
+def _metres(value: float) -> str:
+    return f"{value:.{2 if value < 9.995 else 1}f}\N{NO-BREAK SPACE}m"
+
+
+def size_numbers(errors: Mapping[str, EstimateErrors]) -> dict[str, Any]:
+    """Mean errors of the best and the worst follower, and the largest error with its time and place."""
+    means = {name: float(one.error.mean()) for name, one in errors.items()}
+    best, worst = min(means, key=means.__getitem__), max(means, key=means.__getitem__)
+    name, one = max(errors.items(), key=lambda item: float(item[1].error.max()))
+    k = int(one.error.argmax())
+    return {
+        "followers": len(errors), "several": len(errors) > 1, "best": best, "worst": worst,
+        "least_mean": means[best], "greatest_mean": means[worst], "largest": float(one.error[k]), "largest_of": name,
+        "largest_s": float(one.time[k]), "largest_distance": float(one.distance[k]),
+        "largest_bearing_deg": float(np.degrees(one.bearing[k])),
+    }  # fmt: skip
+
+
+def error_numbers(one: EstimateErrors) -> dict[str, Any]:
+    """Time near the leader's axis, kinds of fix, time on the wrong side, and time outside the 2σ ellipse."""
+    near, on_axis = one.on_axis, float(one.on_axis.mean())
+    split = _RARE <= on_axis <= 1 - _RARE
+    kinds, counts = np.unique(one.kind, return_counts=True)
+    order, wrong = np.argsort(-counts, kind="stable"), bool(one.wrong_side.any())
+    step = float(one.time[1] - one.time[0] if one.time.size > 1 else one.time[0])
+    return {
+        "axis_deg": f"{ON_AXIS_DEG:g}", "on_axis": on_axis,
+        "error_on_axis": float(one.error[near].mean()) if split else None,
+        "error_off_axis": float(one.error[~near].mean()) if split else None,
+        "fixes": one.kind.size,
+        "kinds": [f"{percent(float(counts[i]) / one.kind.size)} {_FIXES[FixKind(int(kinds[i]))]}" for i in order],
+        "side_m": f"{SIDE_M:g}", "wrong_side": float(one.wrong_side.mean()),
+        "wrong_first_s": float(one.time[int(one.wrong_side.argmax())]) if wrong else None,
+        "wrong_longest_s": longest_mirror_lock(one.wrong_side) * step if wrong else None,
+        "outside": float(one.outside.mean()), "consistent_outside": CONSISTENT_SHARE,
+    }  # fmt: skip
+
+
+def motion_numbers(flight: Flight) -> dict[str, Any]:
+    """Unusual events, station errors from the smallest, closest approaches, and followers that gave way."""
+    truth = flight.trajectory
+    off, spent = off_station(flight.scenario, truth), sightings(flight.scenario, truth).spent_s
+    kept = {
+        truth.names[i + 1]: station_keeping(off[:, i], truth.time)
+        for i, follower in enumerate(flight.scenario.followers)
+        if follower.station
+    }
+    nearest, level = closest_approaches(truth)
+    found = [*route_events(flight), *approach_events(flight)]
+    return {
+        "events": [f"at {event.time_s:.0f} s {event.text}" for event in found],
+        "stations": sorted(({"name": n, "rms": k.station_rms_m} for n, k in kept.items()), key=lambda s: s["rms"]),
+        "lost": [name for name, keeping in kept.items() if keeping.lost],
+        "nearest": nearest, "nearest_level": level, "giving_way": int(np.count_nonzero(spent)) if kept else 0,
+        "gave_way_longest": truth.names[int(spent.argmax()) + 1], "gave_way_s": float(spent.max()),
+    }  # fmt: skip
+
+
+def cause_numbers(budgets: Sequence[RangeErrorBudget]) -> dict[str, Any]:
+    """RMS error of D_front − D_rear, and its largest cause; None where there is no error."""
+    apart = np.concatenate([budget.asymmetry for budget in budgets])
+    there = apart[np.isfinite(apart).all(axis=1)]
+    rms = np.sqrt(np.mean(there**2, axis=0)) if there.size else np.zeros(len(Cause))
+    most = Cause(int(rms.argmax()))
+    if not rms[most]:
+        return {"asymmetry_cm": None}
+    whole = float(np.sqrt(np.mean(there.sum(axis=1) ** 2)))
+    return {"asymmetry_cm": 100 * whole, "cause": LABELS[most], "cause_cm": 100 * float(rms[most])}
+
+
+def sentences(flight: Flight, errors: Mapping[str, EstimateErrors] | None = None) -> list[str]:
+    """Paragraphs on errors, events, stations, geometry, fixes, side, consistency and range errors; none without
+    errors.
+    """
+    errors = errors_by_name(flight) if errors is None else errors
+    if not errors:
+        return []
+    together = EstimateErrors(*(np.concatenate(parts) for parts in zip(*errors.values(), strict=True)))
+    budgets = [range_error_budget(flight, i) for i in range(len(errors))]
+    numbers = size_numbers(errors) | motion_numbers(flight) | error_numbers(together) | cause_numbers(budgets)
+    return paragraphs("experiments.pages", "flight_text.md.j2", numbers, {"m": _metres, "percent": percent})
+
 
 Errors = Sequence[tuple[Floats, Floats]]
 """E_P [m] and E_B [rad] of every follower at filter steps k = 1 … n, shapes (n,)."""
@@ -26,33 +265,25 @@ Errors = Sequence[tuple[Floats, Floats]]
 DRAWN_FOLLOWERS = 12
 """Followers with figures of their own; tables and the map have all of them."""
 _IN_DEGREES = {"compass_bias_rad": "compass_bias_deg", "leader_compass_bias_rad": "leader_compass_bias_deg"}
-VEHICLES = ((LEADER, "leader"), (FOLLOWER, "follower"), (ESTIMATE, "estimate"))
+VEHICLES = ((style.LEADER, "leader"), (style.FOLLOWER, "follower"), (style.ESTIMATE, "estimate"))
 
 
 def _drawn(flight: Flight) -> range:
     return range(min(len(flight.estimates), DRAWN_FOLLOWERS))
 
 
-def _overview(flight: Flight, errors: Errors) -> Figures | None:
-    """Position errors over time, of the worst of several followers beside the others."""
+def _overview(flight: Flight, errors: Errors) -> Figures:
     names = flight.trajectory.names[1:]
-    if len(names) == 1:
-        return None
     worst = max(range(len(names)), key=lambda i: float(np.nanmax(errors[i][0], initial=0.0)))
     panel = flight_figures.position_errors(flight, [position for position, _ in errors], worst)
-    return Figures(panels=[panel], legend=[(ESTIMATE, names[worst]), (MUTED, "other followers")])
+    return Figures(panels=[panel], legend=[(style.ESTIMATE, names[worst]), (style.MUTED, "other followers")])
 
 
-def _error_row(name: str, one: flight_text.EstimateErrors) -> list[Cell]:
-    """Position error and consistency of a follower."""
+def _error_row(name: str, one: EstimateErrors) -> list[Cell]:
     k = int(one.error.argmax())
-    numbers = [*map(float, (one.error.mean(), one.error.std(), np.percentile(one.error, 95), one.error[k]))]
-    return [
-        words(name),
-        *map(number, numbers),
-        number(float(one.time[k]), 0),
-        number(100 * float(one.outside.mean()), 1),
-    ]
+    numbers = map(float, (one.error.mean(), one.error.std(), np.percentile(one.error, 95), one.error[k]))
+    at, outside = number(float(one.time[k]), 0), number(100 * float(one.outside.mean()), 1)
+    return [words(name), *map(number, numbers), at, outside]
 
 
 def follower_row(flight: Flight, follower: int, errors: tuple[Floats, Floats], bound: Floats) -> Figures:
@@ -66,24 +297,11 @@ def follower_row(flight: Flight, follower: int, errors: tuple[Floats, Floats], b
         ],
         title=flight.trajectory.names[follower + 1] if len(flight.estimates) > 1 else "",
         legend=[
-            *VEHICLES, (INK, "2σ by the filter; dotted: its RMS error"), (MUTED, "Cramér–Rao bound of the RMS error"),
-            *((TRANSMITTERS[j], f"range from the {Ranges._fields[j]} transmitter") for j in used),
+            *VEHICLES, (style.INK, "2σ by the filter; dotted: its RMS error"),
+            (style.MUTED, "Cramér–Rao bound of the RMS error"),
+            *((style.TRANSMITTERS[j], f"range from the {Ranges._fields[j]} transmitter") for j in used),
         ],
     )  # fmt: skip
-
-
-def _map(flight: Flight) -> Figures | None:
-    """Map of several followers."""
-    if len(flight.estimates) == 1:
-        return None
-    panel = flight_figures.track_map(flight, range(len(flight.estimates)), width=FULL, height=6.0)
-    return Figures(panels=[panel], legend=VEHICLES)
-
-
-def _stations(flight: Flight) -> Figures | None:
-    """Distances from stations; None without stations."""
-    kept = [i for i in _drawn(flight) if flight.scenario.followers[i].station]
-    return Figures(panels=flight_figures.station_errors(flight, kept), legend=VEHICLES[1:2]) if kept else None
 
 
 def final_states(flight: Flight) -> list[list[Cell]]:
@@ -141,29 +359,22 @@ def flight_report(
     film: Path | None,
     bounds: Sequence[Floats] | None = None,
 ) -> None:
-    """Write the report of one flight.
+    """Write the report of one flight, from its errors and `summary.json`; OSError if that fails.
 
-    Args:
-        flight: as flown.
-        errors: E_P and E_B of every follower.
-        summary: as `summary.json` holds it; `followers` has a row each.
-        path: of the HTML file, in the folder of film and log.
-        film: MP4, embedded if it is small; None: there is none.
-        bounds: `flight_bounds` of the flight; None: they are computed here.
-
-    Raises:
-        OSError: the file cannot be written.
+    `path` is in the folder of film (MP4, embedded if it is small) and log; `bounds` as of `summarise`.
     """
-    by_name, least = flight_text.errors_by_name(flight), bounds or flight_bounds(flight)
+    by_name, least, everyone = errors_by_name(flight), bounds or flight_bounds(flight), range(len(flight.estimates))
+    several, kept = len(everyone) > 1, [i for i in _drawn(flight) if flight.scenario.followers[i].station]
+    tracks = flight_figures.track_map(flight, everyone, width=style.FULL, height=6.0) if several else None
     values: dict[str, Any] = {
         "name": flight.scenario.name,
         "followers": len(flight.estimates),
         "drawn": len(_drawn(flight)),
-        "sentences": flight_text.sentences(flight, by_name) or [f"{flight.outcome.value.capitalize()}."],
+        "sentences": sentences(flight, by_name) or [f"{flight.outcome.value.capitalize()}."],
         **failures(flight),
-        "overview": _overview(flight, errors),
+        "overview": _overview(flight, errors) if several else None,
         "errors": [_error_row(name, one) for name, one in by_name.items()],
-        "consistent": flight_text.percent(flight_text.CONSISTENT_SHARE),
+        "consistent": percent(CONSISTENT_SHARE),
         "films": [Film(path=film, caption="The film of the mission.")] if film else [],
         "followers_found": summary["followers"],
         "kinds": [
@@ -178,9 +389,9 @@ def flight_report(
         "rows": [follower_row(flight, i, errors[i], least[i]) for i in _drawn(flight)],
         "states": final_states(flight),
         "use_attitude": flight.scenario.navigation.use_attitude,
-        "budget": range_budget_page.values(flight),
-        "map": _map(flight),
-        "stations": _stations(flight),
+        "budget": range_budget(flight),
+        "map": tracks and Figures(panels=[tracks], legend=VEHICLES),
+        "stations": kept and Figures(panels=flight_figures.station_errors(flight, kept), legend=VEHICLES[1:2]),
         "motion": Figures(panels=[flight_figures.motion(flight)], legend=VEHICLES[:2]),
         "scenario": Code(text=flight.scenario.toml(), title="scenario.toml", folded=True),
     }

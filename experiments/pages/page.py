@@ -1,34 +1,36 @@
-"""Reports: one self-contained HTML page out of sections of text, tables, figures, code and films.
+"""Reports: one self-contained HTML page of text, tables, figures, code and films, whose prose stands in a template.
 
-A page needs no network and no framework; the same content gives the same bytes.
+A page needs no network and no framework; the same content gives the same bytes. A template is Markdown with numbers by
+name: it starts with `# title` and one paragraph of summary. `## title` begins a section, a blank line ends a paragraph,
+and `> warning: text` is a notice. `{{ n("lost calm", ".0% i") }}` is a finding in a format of `Finding`; `{{ table }}`
+on a line of its own is a table, figure, film or code that the caller passes, or a list of these;
+`{{ figure | caption("text") }}` gives it a caption.
+
+Tables are Markdown: rows between `|`, a row of dashes below the heads, and the caption in the lines below. A row above
+the heads has groups: one that ends in `||` spans two columns. A cell is text, a number, or a `Cell` of the caller's.
 """
 
 import base64
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cache
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from importlib import resources
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, Literal, get_args
 
 import jinja2
 from markupsafe import Markup
 
 from experiments.campaign.version import versions
+from experiments.findings import Finding, Findings
 from experiments.pages.figures import Panel
 from experiments.pages.style import Legend, css, symbols
 from sim.system import atomic_write
 
-if TYPE_CHECKING:
-    # its special functions take a tenth of a second to import, and a page needs none
-    from experiments.findings import Finding
-
 _SHOWN_VERSIONS = {"python": "Python", "mujoco": "MuJoCo", "numpy": "NumPy", "scipy": "SciPy", "numba": "Numba"}
-"""Libraries that shape numbers, by name; the page lists their versions."""
 _SHORT = 44
-"""Text of a table cell up to this length stays on one line."""
 EMBEDDED_FILM_BYTES = 600_000
 """Larger films are linked: Base64 adds a third, Plotly takes 4.8 MB, and a page stays below 6 MB."""
 _POSTER_QUALITY = 80
@@ -38,7 +40,6 @@ _POSTER_QUALITY = 80
 class Text:
     """A paragraph; `code` in back quotes is set as code."""
 
-    kind: ClassVar[str] = "text"
     text: str
 
     @property
@@ -53,7 +54,6 @@ class Text:
 class Code:
     """Preformatted text, such as a scenario or a command."""
 
-    kind: ClassVar[str] = "code"
     text: str
     title: str = ""
     folded: bool = False
@@ -63,7 +63,6 @@ class Code:
 class Notice:
     """Something that the reader must not miss."""
 
-    kind: ClassVar[str] = "notice"
     text: str
     tone: Literal["failure", "warning", "note"] = "note"
 
@@ -77,7 +76,6 @@ class Cell:
     tone: str = ""
     """Class of the page's style: ratio-low2, ratio-low1, ratio-even, ratio-high1 … ratio-high3, yes, no, maybe."""
     title: str = ""
-    """Shown when the pointer rests on the cell."""
 
     @property
     def numeric(self) -> bool:
@@ -100,7 +98,6 @@ class Cell:
 class Table:
     """A sortable table; `groups` is an optional row above the heads: (text, columns)."""
 
-    kind: ClassVar[str] = "table"
     heads: Sequence[str]
     rows: Sequence[Sequence[Cell]]
     caption: str = ""
@@ -123,11 +120,9 @@ class Table:
 class Figures:
     """Panels side by side under one caption; `legend` pairs colours with texts."""
 
-    kind: ClassVar[str] = "figures"
     panels: Sequence[Panel]
     caption: str = ""
     title: str = ""
-    """Set above the panels."""
     legend: Legend = ()
 
     @property
@@ -140,7 +135,6 @@ class Figures:
 class Film:
     """A film beside the page: embedded if small, linked if not."""
 
-    kind: ClassVar[str] = "film"
     path: Path
     caption: str = ""
 
@@ -203,12 +197,12 @@ def number(value: float | int | None, digits: int = 2, tone: str = "", title: st
     return Cell(text=shown, sort=value, tone=tone, title=title)
 
 
-def with_limits(finding: "Finding", digits: int = 2) -> Cell:
+def with_limits(finding: Finding, digits: int = 2) -> Cell:
     """A finding with its interval in brackets, if it has one."""
     return Cell(text=f"{finding:.{digits}f i}".replace(" (– to –)", ""), sort=float(finding.value or 0.0))
 
 
-def share_of(finding: "Finding") -> Cell:
+def share_of(finding: Finding) -> Cell:
     """A finding that is a share, in per cent with its interval; a dash for what the study did not determine."""
     values = [math.nan if value is None else float(value) for value in (finding.value, finding.low, finding.high)]
     share, low, high = (number(100 * value, 1).text for value in values)
@@ -229,21 +223,12 @@ def ratio_tone(ratio: float) -> str:
     return "ratio-even" if level == 0 else f"ratio-{'high' if ratio > 1 else 'low'}{level}"
 
 
-@cache
-def _environment() -> jinja2.Environment:
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_template),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    environment.filters["symbols"] = symbols
-    return environment
-
-
 def _template(name: str) -> str:
     return (resources.files("experiments.pages") / "templates" / name).read_text(encoding="utf-8")
+
+
+def _environment(**settings: Any) -> jinja2.Environment:
+    return jinja2.Environment(trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined, **settings)
 
 
 def render(page: Page) -> str:
@@ -258,10 +243,134 @@ def render(page: Page) -> str:
         "plotly": Markup(plotly.read_text(encoding="utf-8")) if plotly else "",
         "script": Markup(_template("page.js")),
     }
-    return _environment().get_template("page.html").render(page=page, made_with=made_with, **values)
+    environment = _environment(loader=jinja2.FunctionLoader(_template), autoescape=True)
+    environment.filters["symbols"] = symbols
+    return environment.get_template("page.html").render(page=page, made_with=made_with, **values)
 
 
 def write(page: Page, path: Path) -> None:
     """Write the page, whole or not at all."""
     with atomic_write(path) as part:
         part.write_text(render(page), encoding="utf-8")
+
+
+NAME = "page.md.j2"
+_BLOCKS = get_args(Block)
+_MARK = "\0"
+_NUMBER = re.compile(r"(−?\d[\d,]*(?:\.\d+)?)(?: %)?(?: \(.*\)| ± \S+)?")
+"""A cell that is a number: perhaps with its limits, or in per cent."""
+_TONES = ("failure", "warning", "note")
+
+
+def _line(text: str) -> str:
+    return re.sub(r"[ \t\n]+", " ", text).strip(" ")
+
+
+def _paragraph(text: str) -> Text | Notice:
+    words = _line(text)
+    tone, colon, rest = words.removeprefix(">").strip().partition(": ")
+    if text.startswith(">") and colon and tone in _TONES:
+        return Notice(text=rest, tone=tone)  # type: ignore[arg-type]
+    return Text(text=words)
+
+
+def _cell(text: str, placed: Sequence[Any]) -> Any:
+    """A cell that was passed, or one of text, which sorts as a number if it is one."""
+    if text.startswith(_MARK):
+        return placed[int(text.removeprefix(_MARK))]
+    number = _NUMBER.fullmatch(text)
+    sort = float(number[1].replace("−", "-").replace(",", "")) if number else math.inf if text == "–" else ""
+    return Cell(text=text, sort=sort)
+
+
+def _table(text: str, placed: Sequence[Any]) -> Table:
+    lines = [line.strip() for line in text.splitlines()]
+    rows = [line[1:-1].split("|") for line in lines if line.startswith("|")]
+    rule = next(i for i, row in enumerate(rows) if all("-" in cell and not cell.strip("-: ") for cell in row))
+    groups: list[tuple[str, int]] = []
+    for cell in rows[0] if rule == 2 else ():
+        groups = [*groups, (cell.strip(), 1)] if cell else [*groups[:-1], (groups[-1][0], groups[-1][1] + 1)]
+    return Table(
+        heads=[head.strip() for head in rows[rule - 1]],
+        rows=[[_cell(cell.strip(), placed) for cell in row] for row in rows[rule + 1 :]],
+        caption=" ".join(line for line in lines if line and not line.startswith("|")),
+        groups=groups,
+    )
+
+
+def _render(
+    package: str,
+    name: str,
+    values: Mapping[str, Any],
+    filters: Mapping[str, Callable[..., object]] | None = None,
+    finalize: Callable[[object], object] | None = None,
+) -> list[str]:
+    environment = _environment(finalize=finalize, autoescape=False)
+    environment.filters.update(filters or {})
+    source = (resources.files(package) / name).read_text(encoding="utf-8")
+    text = environment.from_string(source).render(values)
+    return [part.strip() for part in re.split(r"\n\s*\n", text) if part.strip()]
+
+
+def paragraphs(
+    package: str, name: str, values: Mapping[str, Any], filters: Mapping[str, Callable[..., str]] | None = None
+) -> list[str]:
+    """Paragraphs of text from a template in a package, each on one line."""
+    return [_line(part) for part in _render(package, name, values, filters)]
+
+
+def page_of(
+    package: str,
+    facts: Sequence[tuple[str, str]],
+    values: Mapping[str, Any],
+    findings: Findings | None = None,
+    name: str = NAME,
+) -> Page:
+    """The page of a template in a package, such as `experiments.studies.formation`.
+
+    The template names `values`: text, numbers, or blocks of the page; and prints `findings` with `n`. LaisnError: there
+    is no finding of a name. ValueError: no title, or text before the first section that is not the summary.
+    """
+    placed: list[Any] = []
+
+    def number(name: str, spec: str, missing: str | None = None) -> str:
+        if findings is None:
+            raise ValueError(f"a template prints {name!r}, but the page has no findings")
+        if missing is not None and name not in findings.findings:
+            return missing
+        return format(findings[name], spec).replace(" (– to –)", "")
+
+    def place(value: object) -> object:
+        if isinstance(value, Cell):
+            placed.append(value)
+            return f"{_MARK}{len(placed) - 1}"
+        blocks: Sequence[Any] = value if isinstance(value, list | tuple) else [value]
+        if not all(isinstance(block, _BLOCKS) for block in blocks):
+            return value
+        placed.extend(blocks)
+        marks = (f"{_MARK}{i}" for i in range(len(placed) - len(blocks), len(placed)))
+        return "\n\n" + "\n\n".join(marks) + "\n\n"
+
+    caption = {"caption": lambda block, text: replace(block, caption=_line(text))}
+    parts = _render(package, name, {**values, "n": number}, caption, finalize=place)
+    title, *rest = parts or [""]
+    if not title.startswith("# ") or not rest:
+        raise ValueError(f"{package}: {name} does not start with a title and a summary")
+    sections: list[tuple[str, list[Block]]] = []
+    for part in rest[1:]:
+        if part.startswith("## "):
+            sections.append((_line(part.removeprefix("## ")), []))
+        elif not sections:
+            raise ValueError(f"{package}: {name} has more than a summary before its first section")
+        elif part.startswith("|"):
+            sections[-1][1].append(_table(part, placed))
+        elif part.startswith(_MARK):
+            sections[-1][1].append(placed[int(part.removeprefix(_MARK))])
+        else:
+            sections[-1][1].append(_paragraph(part))
+    return Page(
+        title=title.removeprefix("# "),
+        summary=_line(rest[0]),
+        facts=facts,
+        sections=[Section(title=head, blocks=blocks) for head, blocks in sections],
+    )

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from experiments.flight.events import largest_sigma
+from experiments.flight.summary import largest_sigma
 from experiments.pages.figures import Line, Panel, Part, panel
-from experiments.pages.page import Figures, number, write
+from experiments.pages.page import Figures, number, page_of, write
 from experiments.pages.style import ESTIMATE, FULL, INK, LEADER, SERIES, TRANSMITTERS, Colour
-from experiments.pages.template import page_of
 from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, Estimates, FixKind
 from laisn.failure import plain

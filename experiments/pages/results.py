@@ -1,40 +1,53 @@
-"""Flights with figures and report, as Python's users get them from `laisn_sim`."""
+"""Flights from a scenario or a log, with figures, report, film and log, as Python's users get them from `laisn_sim`."""
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Iterable, Mapping
 from functools import wraps
 from html import escape
 from pathlib import Path
 from typing import Any, ParamSpec
 
-from experiments.flight.files import fly_mission
-from experiments.flight.fly import navigate_again
-from experiments.flight.summary import flight_bounds, position_and_bearing_errors, summarise
+from pydantic import ValidationError
+
+from experiments.campaign.progress import compiling_shown
+from experiments.flight import fly as flying
+from experiments.flight.library import load_flyable, loaded
+from experiments.flight.summary import flight_bounds, flight_events, position_and_bearing_errors, summarise
 from experiments.pages import flight_figures
 from experiments.pages.figures import plotly
 from laisn.failure import LaisnError
+from laisn.navigators import NavigatorFactory
+from laisn.plugins import register, takes_readings
 from sim import flight as simulated
-from sim.log.reader import read
+from sim.feasibility import film_errors
+from sim.log import reader, writer
+from sim.scenario.settings import Scenario, Video
+from sim.scenario.validation_errors import lines_of
+from sim.simulation import ControllerFactory
 
 _Given = ParamSpec("_Given")
 PLOTS = ("errors", "routes", "motion")
+
+
+def flight_of(source: str, assignments: Iterable[str] = ()) -> simulated.Flight:
+    """Fly a scenario (name or TOML file) with overrides "key=value", or read the log of a flight (`.mcap`)."""
+    path = Path(source)
+    if path.suffix != ".mcap":
+        scenario = load_flyable(source, assignments)
+        with compiling_shown():
+            return flying.fly(scenario)[0]
+    if list(assignments):
+        raise LaisnError(f"{path}: --set changes a scenario; a log is of a finished flight")
+    return reader.read(path)
 
 
 class Flight(simulated.Flight):
     """A flight that can be drawn and reported; in a notebook it shows a row of errors for each follower."""
 
     def plot(self, what: str = "errors", follower: int = 0) -> Any:
-        """A figure of the flight, interactive in a notebook.
-
-        Args:
-            what: "errors", bearing, ranges and fixes of a follower over time; "routes", with estimates; "motion":
-                depth, pitch and speed of all vehicles.
-            follower: index of the follower; of routes, those of all are drawn.
-
-        Returns:
-            A `plotly.graph_objects.Figure`.
-
-        Raises:
-            LaisnError: there is no such figure or follower.
+        """A `plotly.graph_objects.Figure`: "errors", bearing, ranges and fixes of a follower over time; "routes" of all
+        vehicles with estimates; "motion", depth, pitch and speed of all. LaisnError if there is no such figure or
+        follower.
         """
         number = len(self.estimates)
         if what not in PLOTS:
@@ -49,17 +62,7 @@ class Flight(simulated.Flight):
         return plotly(flight_figures.over_time(self, follower, errors[follower], bounds[follower]))
 
     def report(self, path: str | Path | None = None) -> Path:
-        """Write the report of the flight, one HTML page.
-
-        Args:
-            path: of the page; None: NAME.html in the working directory.
-
-        Returns:
-            The path of the page.
-
-        Raises:
-            OSError: the file cannot be written.
-        """
+        """Write the report of the flight, one HTML page, by default NAME.html; its path. OSError if that fails."""
         # templates and tables, which a figure does not need
         from experiments.pages.flight_report import flight_report
 
@@ -79,8 +82,6 @@ class Flight(simulated.Flight):
 
 
 def _with_report(make: Callable[_Given, simulated.Flight]) -> Callable[_Given, Flight]:
-    """The same function, whose flight can be drawn and reported."""
-
     @wraps(make)
     def made(*given: _Given.args, **named: _Given.kwargs) -> Flight:
         return Flight(**vars(make(*given, **named)))
@@ -88,6 +89,83 @@ def _with_report(make: Callable[_Given, simulated.Flight]) -> Callable[_Given, F
     return made
 
 
-fly = _with_report(fly_mission)
-navigate = _with_report(navigate_again)
-read_log = _with_report(read)
+navigate, read_log = _with_report(flying.navigate_again), _with_report(reader.read)
+
+
+@_with_report
+def fly(
+    source: str | Path | Mapping[str, Any] | Scenario,
+    changes: Mapping[str, Any] | None = None,
+    *,
+    navigator: type | NavigatorFactory | None = None,
+    controller: type | ControllerFactory | None = None,
+) -> simulated.Flight:
+    """Fly a mission: its vehicles move, sense and navigate. Source, changes and errors as of `load`.
+
+    The same scenario gives the same flight, to the bit; {"run": 7} among the changes selects the noise of run 7.
+
+    `navigator` is a class of the followers' navigators, or a function of settings and start that makes one;
+    `controller` a class with `control(readings, belief, dt)`, or what makes a controller of all vehicles from the plant
+    and the control of routes. None: those of the scenario. See docs/extending.md.
+    """
+    scenario = loaded(source, changes)
+    given: dict[str, Any] = {} if navigator is None else {"navigation.variant": register(navigator)}
+    if takes_readings(controller):
+        given |= {f"followers.{i}.controller": register(controller) for i in range(len(scenario.followers))}
+        controller = None
+    return flying.fly(loaded(scenario, given) if given else scenario, make_controller=controller)[0]
+
+
+def video_of(video: Video, changes: Mapping[str, object]) -> Video:
+    """Settings of a film with some of them changed; RenderError naming each that is invalid."""
+    # drawing libraries take half a second to import
+    from sim.film.render import RenderError
+
+    try:
+        return Video.model_validate(video.model_dump() | dict(changes))
+    except ValidationError as error:
+        raise RenderError("; ".join(line.strip() for line in lines_of(error))) from None
+
+
+def render(
+    flight: simulated.Flight,
+    path: str | Path,
+    *,
+    time_s: float | None = None,
+    follower: int = 0,
+    progress: Callable[[float], None] | None = None,
+    **video: object,
+) -> Path:
+    """Film a flight (.mp4), or take a picture of it (.png) at the mission time `time_s` [s]; returns the path of the
+    file.
+
+    The camera follows the follower of this index; `progress` is called with the rendered share of a film, 0 … 1;
+    `video` has keys of a scenario's [video]: camera, width_px, height_px, speed_up, … LaisnError: a setting is invalid,
+    or rendering does not work here (`laisn doctor` reports why).
+    """
+    from sim.film import render as film
+
+    file, settings, number = Path(path), video_of(flight.scenario.video, video), len(flight.scenario.followers)
+    if not 0 <= follower < number:
+        raise film.RenderError(f"follower {follower}: expected 0 … {number - 1}")
+    errors = position_and_bearing_errors(flight)
+    if time_s is not None:
+        film.still(flight, time_s, file, errors=errors, video=settings, follower=follower)
+        return file
+    if too_large := film_errors(flight.scenario.duration_s, settings):
+        raise film.RenderError(too_large[0])
+    film.render(flight, file, errors=errors, video=settings, follower=follower, progress=progress)
+    return file
+
+
+def flight_summary(flight: simulated.Flight) -> dict[str, Any]:
+    """Mean, largest and σ of a flight's errors, of all followers and of each, as in `summary.json`."""
+    return summarise(flight, position_and_bearing_errors(flight))
+
+
+def log_flight(flight: simulated.Flight, path: str | Path) -> Path:
+    """Write a flight as an MCAP log for `read_log`, `laisn replay`, Foxglove and Rerun; LaisnError if that fails."""
+    errors = position_and_bearing_errors(flight)
+    summary = json.dumps(summarise(flight, errors), indent=2, allow_nan=False) + "\n"
+    writer.write(flight, Path(path), summary=summary, errors=errors, events=flight_events(flight))
+    return Path(path)

@@ -22,7 +22,6 @@ class Colour(NamedTuple):
     """A colour of the page."""
 
     variable: str
-    """Name of the CSS variable."""
     light: str
     dark: str
 
@@ -55,7 +54,6 @@ MIDDLE = Colour("--middle", "#2f6fd0", "#73b3ff")
 TRANSMITTERS = (REAR, FRONT, MIDDLE)
 """Hues of the film, bright enough for dark pages and dark enough for white ones."""
 Legend = Sequence[tuple[Colour, str]]
-"""Colours and what they stand for."""
 COLOURS = (PAPER, INK, FRAME, GRID, MUTED, *SERIES, LEADER, FOLLOWER, ESTIMATE, *TRANSMITTERS)
 
 WIDTH, HEIGHT = 4.4, 2.5
@@ -63,7 +61,6 @@ WIDTH, HEIGHT = 4.4, 2.5
 FULL = 12.4
 """Width of a panel that stands alone, or of panels side by side together [inch]; the page shows them at this size."""
 HALF = 6.1
-"""Width of a panel of two side by side [inch]."""
 
 
 def css() -> str:

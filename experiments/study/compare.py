@@ -13,7 +13,7 @@ from experiments.campaign.store import read_table
 from experiments.flight.folder import LOG
 from experiments.flight.summary import position_and_bearing_errors
 from experiments.intervals import Interval
-from experiments.pages import template
+from experiments.pages import page as pages
 from experiments.pages.figures import Line, Panel, Part
 from experiments.pages.page import Figures, Page, number, words
 from experiments.pages.style import FULL, SERIES
@@ -143,4 +143,4 @@ def page_of(sources: Sequence[str]) -> Page:
     found = _studies(paths) if all(studies) else _flights(names, [read(log) for log in logs])
     tools = {"words": words, "number": number, "shown": shown, "shortened": shortened}
     facts = [("repeat it", f"laisn compare {' '.join(sources)}")]
-    return template.page_of("experiments.study", facts, {"names": names, **tools, **found}, name="compare.md.j2")
+    return pages.page_of("experiments.study", facts, {"names": names, **tools, **found}, name="compare.md.j2")

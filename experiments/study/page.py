@@ -9,7 +9,7 @@ from typing import Any
 
 from experiments.flight.library import fly_line
 from experiments.intervals import Interval
-from experiments.pages import template
+from experiments.pages import page as pages
 from experiments.pages.page import Cell, Code, Film, Page, Text, number, words
 from experiments.study import charts
 from experiments.study.design import is_number
@@ -127,4 +127,4 @@ def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], f
         ("realizations", str(study.file.realizations)),
         ("repeat it", "laisn study study.toml, the file in this folder"),
     ]
-    return template.page_of("experiments.study", facts, values)
+    return pages.page_of("experiments.study", facts, values)

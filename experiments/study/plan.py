@@ -16,7 +16,7 @@ from experiments.study.file import ALONE, CASE, SCENARIO, Study, refusal
 from experiments.study.file import ARM as ARM
 from experiments.study.metrics import METRICS
 from laisn.failure import LaisnError
-from laisn.lane_rows import LANES
+from laisn.lane_passes import LANES
 from sim.feasibility import infeasibilities
 from sim.motion import listeners
 from sim.scenario.file import ScenarioError, assigned, examined, validate

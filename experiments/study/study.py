@@ -19,7 +19,7 @@ from experiments.campaign.version import code_version
 from experiments.findings import Finding, Findings, of, read, record
 from experiments.flight.fly import fly
 from experiments.flight.tables import Table
-from experiments.pages import template
+from experiments.pages import page as pages
 from experiments.pages.page import write
 from experiments.study.effects import main_effects
 from experiments.study.estimate import Results
@@ -190,14 +190,14 @@ def run_built_in(
     found = read(folder / RECORD)
     from experiments.study import page
 
-    if (next(iter(files.values())).parent / template.NAME).is_file():
+    if (next(iter(files.values())).parent / pages.NAME).is_file():
         facts = [
             ("runs", ", ".join(dict.fromkeys(f"{one.plan.study.runs:,}" for one in flown))),
             ("version", found.version),
             ("repeat it", f"{found.command}{' --quick' if quick else ''}"),
         ]
         values = import_module(f"{package}.figures").values(found, outcomes)
-        write(template.page_of(package, facts, {"quick": quick, "found": found, **values}, found), folder / REPORT)
+        write(pages.page_of(package, facts, {"quick": quick, "found": found, **values}, found), folder / REPORT)
     else:
         write(page.page_of(flown[0].plan, flown[0].results, {}), folder / REPORT)
     return folder / REPORT

@@ -16,7 +16,7 @@ from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.messages import OwnMotion, Reception
 from laisn.rivals.odometry import STATES, OdometrySums, slant
-from laisn.tight.settings import COMPASS_WALK, RivalSettings
+from laisn.settings import COMPASS_WALK, RivalSettings
 
 RELINEARISE = 1e-3
 """A variable that moved further since its linearisation is linearised again [m], [rad], [m/s]."""
@@ -24,7 +24,6 @@ _TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
 def _gtsam() -> Any:
-    """GTSAM, which is optional and takes long to import."""
     try:
         import gtsam
     except ImportError:

@@ -18,7 +18,7 @@ from laisn.failure import LaisnError
 from laisn.geometry import place_transmitters
 from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.navigators import OnlineNavigator, require_message, require_readings
-from laisn.tight.settings import COMPASS_WALK, CURRENT_WALK, LOG_WALK, TightSettings
+from laisn.settings import COMPASS_WALK, CURRENT_WALK, LOG_WALK, TightSettings
 
 STATES = 7
 
@@ -32,19 +32,11 @@ def propagate(
     sigma: tuple[float, float, float, float],
     out: tuple[Floats, Floats],
 ) -> Floats:
-    """Filter steps without a message: x ← f(x), P ← F P Fᵀ + Q.
+    """Filter steps without a message: x ← f(x), P ← F P Fᵀ + Q; returns P.
 
-    Args:
-        x: state, shape (7,); brought forward.
-        P: its covariance, shape (7, 7).
-        readings: log [m/s] and compass [rad] before the first step and after each of n, shape (n + 1, 2).
-        durations: of the steps, shape (n,), [s].
-        sigma: random errors of log [m/s] and compass [rad], random walks of motion beside the log [m/√s] and of the
-            current [m/s/√s].
-        out: x, y, vx, vy after each step, shape (n, 4), and their covariance, shape (n, 4, 4).
-
-    Returns:
-        P after the steps.
+    `readings` are log [m/s] and compass [rad] before the first step and after each of n, shape (n + 1, 2), `durations`
+    of the steps [s]. `sigma` are random errors of log and compass, random walks of motion beside the log [m/√s] and of
+    the current [m/s/√s]. `out` gets x, y, vx, vy after each step, shape (n, 4), and their covariance, shape (n, 4, 4).
     """
     states, covariances = out
     for k in range(durations.size):
@@ -160,16 +152,10 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         return FixRecord(step=self._step, position=self._state[:2], sigma=spread, kind=kind)
 
     def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
-        """Update `x` and `P` with a message.
+        """Update `x` and `P` with the readings and the message of this step; whether the ranges were used.
 
-        Args:
-            below: transmitters: east, north, depth below the hydrophone, shape (3, 3), [m].
-            ranges: slant ranges, shape (3,), [m]; NaN where none is to be used, not all.
-            own: readings at this step.
-            reception: of the message.
-
-        Returns:
-            Whether the ranges were used.
+        `below` has the transmitters: east, north, depth below the hydrophone, shape (3, 3), [m]; `ranges` the slant
+        ranges, shape (3,), [m], NaN where none is to be used, not all.
         """
         return False
 
@@ -196,11 +182,8 @@ class OdometrySums(DeadReckoning):
         return super()._advance(readings, durations)
 
     def _odometry(self) -> tuple[Floats, Floats, Floats, float]:
-        """Odometry since the last message, which is then reset.
-
-        Returns:
-            Σ s u Δt [m] and Σ u Δt [s], shape (2,), with u of the compass; the covariance of the first, shape (2, 2),
-            [m²]; and the time [s].
+        """Odometry since the last message, which is then reset: Σ s u Δt [m] and Σ u Δt [s], shape (2,), with u of the
+        compass; the covariance of the first, shape (2, 2), [m²]; and the time [s].
         """
         *way, xx, xy, yy, time = self._sums.tolist()
         self._sums = np.zeros(8)

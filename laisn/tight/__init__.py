@@ -5,5 +5,5 @@ consistent covariance, biases, and both sides of the leader's axis while two tra
 Everything between is compiled (`estimator`), the same code whether one follower navigates online or a campaign runs.
 
 Imports: laisn.arrays laisn.compiled laisn.elementary laisn.estimates laisn.failure laisn.geometry laisn.messages
-laisn.mixture laisn.navigators laisn.rts laisn.settings laisn.swarm
+laisn.mixture laisn.navigators laisn.settings laisn.swarm
 """

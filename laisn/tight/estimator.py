@@ -10,15 +10,18 @@ from laisn.elementary import half_turn_angle, sin_cos
 from laisn.geometry import Turn, level_arms, tilted_arms, turn
 from laisn.mixture import blend, copy_component, normalise
 from laisn.tight.hypotheses import add_ring, prune_and_merge, reinitialise_if_inconsistent, split
-from laisn.tight.leader import average_leader_heading, update_current_from_leader_track
 from laisn.tight.model import ABSENT, COMPASS, LOG, SPARE, Belief, Model, X, Y, refresh_output
-from laisn.tight.own_motion import predict_component, reset_preintegration
+from laisn.tight.motion import (
+    average_leader_heading,
+    predict_component,
+    reset_preintegration,
+    update_current_from_leader_track,
+)
 from laisn.tight.ranging import Signal, update
 
 _BEND = 0.003
 """A compass bias so uncertain that the way bends by more than this is taken from the message first [m]."""
 _SMOOTHING = 0.15
-"""Gain of the smoothed NIS."""
 _VARIANCE_GAIN = 0.1
 """Gain of the estimated variance of the leader's heading, which never exceeds that of the settings."""
 _LEAST_LEADER_VARIANCE = math.radians(0.1) ** 2
@@ -35,14 +38,9 @@ _SETTLED = 10.0
 
 @compiled
 def place_arms(signal: Signal, m: Model, pitch: float, roll: float, deeper: float) -> None:
-    """Fill in the arms of the transmitters at the broadcast heading.
+    """Fill in the arms of the transmitters at the broadcast heading, pitch and roll [rad] (level where either is NaN).
 
-    Args:
-        signal: a message; `arms` is overwritten, and without a depth no range counts as received.
-        m: settings.
-        pitch: as broadcast [rad] …
-        roll: … likewise; the leader is taken as level where either is NaN.
-        deeper: how much deeper the leader's origin is than the hydrophone [m]; NaN if that is not known.
+    The leader's origin is `deeper` than the hydrophone [m]; NaN: unknown, so that no range counts as received.
     """
     if deeper != deeper:
         for i in range(3):
@@ -99,11 +97,7 @@ def _turn_growth(turn: Any, direction: tuple[float, float], least: float, time: 
 
 @compiled
 def inflate_after_turns(b: Belief, m: Model, signal: Signal) -> None:
-    """Widen the compasses' biases by what turns since the last message may have changed of them.
-
-    A compass errs by another bias on another heading. What a turn may have changed of it is a share of the whole turn,
-    however many messages come while it lasts.
-    """
+    """Inflate the compasses' biases by a share of the whole turns since the last message."""
     o = b.motion
     own, leader = _turn_growth(b.turn, (o.sin, o.cos), _TURN, o.time), 0.0
     if m.leader != ABSENT:
@@ -116,9 +110,7 @@ def inflate_after_turns(b: Belief, m: Model, signal: Signal) -> None:
 
 @compiled
 def inflate_bias_covariance(b: Belief, m: Model, signal: Signal) -> None:
-    """Inflate bias covariances before an update: by deviations, and by the error of the heading that stands for the
-    broadcast one, with which b_L moves.
-    """
+    """Inflate bias covariances before an update: by deviations, and by the error of the leg's heading."""
     if m.deviation > 0.0:
         inflate_after_turns(b, m, signal)
     if m.leader != ABSENT:
@@ -205,12 +197,9 @@ def _initialise(b: Belief, m: Model, signal: Signal, received: int) -> int:
 def receive(b: Belief, m: Model, signal: Signal) -> int:
     """Take a message: predict all components to its instant and update them with its ranges.
 
-    A message without ranges changes nothing: the way since the last one continues. With an unknown start the
-    first message with two ranges makes the belief.
-
-    Returns:
-        The most ranges that a hypothesis used; −1 if a covariance was not positive definite, after which the belief is
-        not to be used any more.
+    A message without ranges changes nothing: the way since the last one continues. With an unknown start the first
+    message with two ranges makes the belief. Returns the most ranges that a hypothesis used; −1 if a covariance was not
+    positive definite, after which the belief is not to be used any more.
     """
     received = 0
     for i in range(m.transmitters):

@@ -1,12 +1,10 @@
 """Hypotheses: both sides of the leader's axis, and initialisation from one message.
 
 Two transmitters cannot distinguish port from starboard. A hypothesis that reaches across the axis is split there into
-its two halves, so that each is one-sided and its ranges nearly linear. Halves that the data do not support lose their
-weight; halves that meet are merged again.
-
-For an unknown start, and for a mixture that is inconsistent with the ranges, the prior is a ring about the nearest
-transmitter, as a sum of Gaussians with fresh biases, one for each bearing. Each is updated with the ranges; what is
-left on either side of the axis is merged into one hypothesis.
+its two halves, so that each is one-sided and its ranges nearly linear; unsupported ones are pruned, coinciding ones
+merged. For an unknown start, and for a mixture that is inconsistent with the ranges, the prior is a ring about the
+nearest transmitter: a sum of Gaussians, one for each bearing, each updated with the ranges and merged on either side of
+the axis.
 """
 
 import math
@@ -14,34 +12,21 @@ import math
 from laisn import mixture
 from laisn.compiled import compiled
 from laisn.elementary import sin_cos
-from laisn.mixture import (
-    copy_component,
-    copy_hypothesis,
-    half_moments,
-    heaviest,
-    merge_components,
-    normalise,
-    place_on_ring,
-    reset_component,
-)
-from laisn.tight.estimates import HYPOTHESES
+from laisn.estimates import HYPOTHESES
 from laisn.tight.model import ABSENT, CAPACITY, SPARE, Belief, Model, X, Y, refresh_output
 from laisn.tight.ranging import Signal, update
 
 _SPLIT = 0.3
 """Least lateral standard deviation of a split, as a share of the distance ℓ_c at which the axis matters."""
 _REACH = 3.5
-"""Farthest axis of a split, in lateral standard deviations."""
 _LEAST_WEIGHT = 1e-5
 
 
 @compiled
 def _lateral(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, float, float]:
-    """Distance ℓ of component k to the left of the line from transmitter 1 to 2; P ∇ℓ goes into `b.gain`.
-
-    Returns:
-        ℓ [m], its variance ∇ℓᵀ P ∇ℓ [m²], and the distance at which the axis matters, ℓ_c [m]: where the difference of
-        both ranges has bent by 1.4 of their errors.
+    """Distance ℓ of component k to the left of the line from transmitter 1 to 2 [m], with P ∇ℓ in `b.gain`; its
+    variance [m²]; and the distance ℓ_c at which the axis matters [m]: where the difference of both ranges has bent by
+    1.4 of their errors.
     """
     x, P, arms, gain, turning = b.state, b.covariance, signal.arms, b.gain, m.leader != ABSENT
     s, c = sin_cos(x[k, m.leader] if turning else 0.0)
@@ -69,7 +54,7 @@ def _keep_half(b: Belief, m: Model, k: int, signal: Signal, side: float) -> None
     x, P, gain = b.state, b.covariance, b.gain
     lateral, variance, _ = _lateral(b, m, k, signal)
     sigma = math.sqrt(variance)
-    mass, shift, narrowing = half_moments(side * lateral / sigma)
+    mass, shift, narrowing = mixture.half_moments(side * lateral / sigma)
     b.weight[k] *= mass
     for i in range(m.states):
         gain[i] /= sigma
@@ -80,20 +65,15 @@ def _keep_half(b: Belief, m: Model, k: int, signal: Signal, side: float) -> None
 
 
 @compiled
-def _reaches_across(b: Belief, m: Model, k: int, signal: Signal) -> bool:
-    """Whether component k is wide enough at the axis for both of its sides to matter."""
-    lateral, variance, critical = _lateral(b, m, k, signal)
-    return variance > (_SPLIT * critical) ** 2 and abs(lateral) < _REACH * math.sqrt(variance)
-
-
-@compiled
 def split(b: Belief, m: Model, signal: Signal) -> None:
-    """Split every hypothesis that reaches across the leader's axis."""
+    """Split every hypothesis that is wide enough at the leader's axis for both of its sides to matter."""
     for h in range(b.alive):
-        if b.alive < CAPACITY and _reaches_across(b, m, heaviest(b, m.modes, h), signal):
+        lateral, variance, critical = _lateral(b, m, mixture.heaviest(b, m.modes, h), signal)
+        across = variance > (_SPLIT * critical) ** 2 and abs(lateral) < _REACH * math.sqrt(variance)
+        if b.alive < CAPACITY and across:
             other = b.alive
             b.alive += 1
-            copy_hypothesis(b, m.modes, h, other)
+            mixture.copy_hypothesis(b, m.modes, h, other)
             for mode in range(m.modes):
                 _keep_half(b, m, h * m.modes + mode, signal, 1.0)
                 _keep_half(b, m, other * m.modes + mode, signal, -1.0)
@@ -103,7 +83,7 @@ def split(b: Belief, m: Model, signal: Signal) -> None:
 def prune_and_merge(b: Belief, m: Model) -> None:
     """Prune and merge hypotheses, and keep the heaviest few; those with different leader headings are not merged."""
     b.alive = mixture.prune_and_merge(b, m.modes, b.alive, _LEAST_WEIGHT, HYPOTHESES, m.leader)
-    normalise(b.weight, b.alive * m.modes)
+    mixture.normalise(b.weight, b.alive * m.modes)
 
 
 _BEARINGS = 96
@@ -135,20 +115,10 @@ def _rotate_to_bias(b: Belief, m: Model, k: int) -> None:
 
 
 @compiled
-def _nearness(b: Belief, k: int, here: tuple[float, float]) -> float:
-    """Logarithm of the prior of component k where the belief has been `here` [m]; 0 if that is NaN."""
-    dx, dy = b.state[k, X] - here[0], b.state[k, Y] - here[1]
-    if dx != dx:
-        return 0.0
-    return math.log(_FAR_WEIGHT + math.exp(-0.5 * (dx * dx + dy * dy) / (_POSITION_SIGMA * _POSITION_SIGMA)))
-
-
-@compiled
 def _merge_ring(b: Belief, m: Model, signal: Signal, first: int, here: tuple[float, float]) -> bool:
     """Update a Gaussian at each bearing, and merge those left and right of the axis into `first` and `first` + modes.
 
-    The leader of `signal` is at the origin with an exact heading; `here` is the mean of the belief so far [m], or NaN.
-    False if an update failed.
+    The leader is at the origin with an exact heading; `here` is the mean so far [m], or NaN. False if an update failed.
     """
     nearest, shortest = 0, math.inf
     for i in range(m.transmitters):
@@ -160,22 +130,26 @@ def _merge_ring(b: Belief, m: Model, signal: Signal, first: int, here: tuple[flo
     ex, ey = signal.arms[1, 0] - ax, signal.arms[1, 1] - ay
     best = -math.inf
     for h in range(2):
-        reset_component(b, first + h * m.modes, b.fresh)
+        mixture.reset_component(b, first + h * m.modes, b.fresh)
     for merging in (False, True):
         for j in range(_BEARINGS):
             direction = sin_cos(2.0 * math.pi * (j + 0.5) / _BEARINGS)
-            reset_component(b, SPARE, b.fresh)
+            mixture.reset_component(b, SPARE, b.fresh)
             if m.leader != ABSENT:
                 b.covariance[SPARE, m.leader, m.leader] = 0.0
             ring = (_RADIAL_VARIANCE, _BEARINGS)
-            place_on_ring(b.state[SPARE], b.covariance[SPARE], centre, distance, direction, ring)
+            mixture.place_on_ring(b.state[SPARE], b.covariance[SPARE], centre, distance, direction, ring)
             if update(b, m, SPARE, signal) < 0:
                 return False
-            evidence = b.evidence[SPARE] + _nearness(b, SPARE, here)
+            evidence = b.evidence[SPARE]
+            dx, dy = b.state[SPARE, X] - here[0], b.state[SPARE, Y] - here[1]
+            if dx == dx:
+                square = (dx * dx + dy * dy) / (_POSITION_SIGMA * _POSITION_SIGMA)
+                evidence += math.log(_FAR_WEIGHT + math.exp(-0.5 * square))
             if merging:
                 left = ex * (b.state[SPARE, Y] - ay) - ey * (b.state[SPARE, X] - ax) > 0.0
                 b.weight[SPARE] = math.exp(evidence - best)
-                merge_components(b, first if left else first + m.modes, SPARE)
+                mixture.merge_components(b, first if left else first + m.modes, SPARE)
             else:
                 best = max(best, evidence)
     return True
@@ -183,13 +157,10 @@ def _merge_ring(b: Belief, m: Model, signal: Signal, first: int, here: tuple[flo
 
 @compiled
 def add_ring(b: Belief, m: Model, signal: Signal, weight: float) -> bool:
-    """Add two hypotheses of a message with two ranges or more; False if a covariance was not positive definite.
+    """Add two hypotheses of a message with two ranges or more, of `weight` together; that of all others is scaled to
+    the rest.
 
-    Args:
-        b: the belief; there must be room for two hypotheses more, and `SPARE`.
-        m: settings.
-        signal: the message.
-        weight: of both together; that of all others is scaled to the rest.
+    There must be room for two more, and `SPARE`. False if a covariance was not positive definite.
     """
     first = b.alive * m.modes
     here = (b.output.x - signal.east, b.output.y - signal.north)
@@ -207,7 +178,7 @@ def add_ring(b: Belief, m: Model, signal: Signal, weight: float) -> bool:
         k = b.alive * m.modes
         if h == 1 and k == first:
             # nothing was left on the other side
-            copy_component(b, first + m.modes, first)
+            mixture.copy_component(b, first + m.modes, first)
         if b.weight[k] > 0.0:
             if m.leader != ABSENT:
                 _rotate_to_bias(b, m, k)
@@ -215,9 +186,9 @@ def add_ring(b: Belief, m: Model, signal: Signal, weight: float) -> bool:
             b.state[k, Y] += signal.north
             b.weight[k] *= weight / (total * m.modes)
             for mode in range(1, m.modes):
-                copy_component(b, k, k + mode)
+                mixture.copy_component(b, k, k + mode)
             b.alive += 1
-    normalise(b.weight, b.alive * m.modes)
+    mixture.normalise(b.weight, b.alive * m.modes)
     prune_and_merge(b, m)
     return True
 

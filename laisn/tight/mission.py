@@ -11,17 +11,17 @@ import numpy as np
 from laisn.arrays import Bools, Floats, Ints, Record, Records, records
 from laisn.compiled import compiled, copy_values
 from laisn.elementary import sin_cos
+from laisn.estimates import kind_of
 from laisn.failure import LaisnError
 from laisn.messages import Measurements
 from laisn.mixture import heaviest, heaviest_hypothesis, hypothesis_weight
 from laisn.navigators import MissionResult
+from laisn.settings import TightSettings
 from laisn.swarm import MESSAGE
-from laisn.tight.estimates import kind_of
 from laisn.tight.estimator import place_arms, receive
 from laisn.tight.model import COMPASS, LOG, Belief, Model, X, Y, model_of, new_belief
-from laisn.tight.own_motion import moments, position, preintegrate, preintegrate_direction, velocity
+from laisn.tight.motion import moments, position, preintegrate, preintegrate_direction, velocity
 from laisn.tight.ranging import Signal, new_signal
-from laisn.tight.settings import TightSettings
 
 OUTCOME = np.dtype(
     [
@@ -30,7 +30,6 @@ OUTCOME = np.dtype(
         ("squared", np.float64),  # their squared residuals in units of S; NaN if none was used
     ]
 )
-"""Result of a message."""
 
 
 class MissionEstimates(NamedTuple):
@@ -66,13 +65,6 @@ def record_outcome(b: Belief, m: Model, used: int, outcome: Any) -> None:
 
 
 @compiled
-def _sines(heading: Floats, sine: Floats, cosine: Floats) -> None:
-    """Sines and cosines of all headings in one loop, which is vectorised; shape (n,)."""
-    for k in range(heading.shape[0]):
-        sine[k], cosine[k] = sin_cos(heading[k])
-
-
-@compiled
 def filter_mission(
     b: Belief,
     m: Model,
@@ -83,26 +75,17 @@ def filter_mission(
     messages: tuple[Records, Floats, Floats],
     found: MissionEstimates,
 ) -> int:
-    """Estimate a whole mission.
+    """Estimate a whole mission; the step at which a covariance was not positive definite, or 0.
 
-    Args:
-        b: a new belief.
-        m: settings.
-        signal: room for a message.
-        speed: log after each step, shape (n,), [m/s].
-        heading: compass after each step, shape (n,), [rad].
-        message_step: shape (m,), from 1.
-        messages: records of MESSAGE, shape (m,), rows of `Ranges`, shape (m, 3), and the follower's depth at each
-            message, shape (m,), [m].
-        found: overwritten.
-
-    Returns:
-        The step at which a covariance was not positive definite; 0 if none was.
+    Takes a new belief, room for a message, readings of log and compass after each step, shape (n,), and of m messages,
+    at steps from 1, records of MESSAGE, rows of `Ranges`, and the follower's depth [m].
     """
     i, (message, ranges, depth), (states, covariances, outcome) = 0, messages, found
     n = speed.shape[0]
     sine, cosine = np.empty(n), np.empty(n)
-    _sines(heading, sine, cosine)
+    # a loop of its own, which is vectorised
+    for k in range(n):
+        sine[k], cosine[k] = sin_cos(heading[k])
     for k in range(n):
         preintegrate_direction(b, m, speed[k], sine[k], cosine[k], m.dt)
         if i < message_step.size and message_step[i] == k + 1:
@@ -125,20 +108,11 @@ def filter_mission(
 def run_mission(
     settings: TightSettings, measurements: Measurements, start: Floats | None, *, covariance: bool = True
 ) -> MissionEstimates:
-    """States and covariances of a mission, to the bit those of `TightNavigator`.
+    """States and covariances of a mission, to the bit those of `TightNavigator`; NaN before a start is found.
 
-    Args:
-        settings: of the navigator.
-        measurements: of the mission, n steps.
-        start: x, y at step 0, shape (2,) or more, [m]; None, or `known_start` False: unknown.
-        covariance: compute velocities, covariances and results of messages too, which takes most of the time.
-
-    Returns:
-        What was found; NaN before a start is.
-
-    Raises:
-        ArithmeticError: a covariance is not positive definite.
-        LaisnError: steps differ in length, or transmitters are on no leader's hull; `TightNavigator` takes these.
+    Without `covariance` neither velocities, covariances nor results of messages are computed, which take most of the
+    time. ArithmeticError: a covariance is not positive definite. LaisnError: steps differ in length, or transmitters
+    are on no leader's hull; `TightNavigator` takes these.
     """
     if measurements.durations is not None or measurements.transmitters is not None or settings.transmitter_offsets:
         raise LaisnError("campaigns take steps of equal length, and transmitters on the leader's hull only")
@@ -219,27 +193,19 @@ def _write_outputs(b: Belief, m: Model, out: Any) -> None:
 
 
 class TightSwarm(NamedTuple):
-    """Tightly coupled navigators of f followers."""
+    """Tightly coupled navigators of f followers, with room for a message and its result; see `Swarm`."""
 
     beliefs: Any
-    """`Belief` of each follower, shape (f,)."""
     model: Model
-    """Of all of them."""
     signal: Signal
-    """Room for a message."""
     outcome: Records
-    """Room for its result, shape (1,)."""
     gated: Ints
-    """See `Swarm.gated`."""
 
     @compiled
     def navigate(
         self, step: int, readings: Records, received: Bools, messages: Records, ranges: Floats, estimates: Any
     ) -> int:
-        """Advance by one filter step, the same to the bit as `TightNavigator.step`; see `laisn.swarm.Swarm.navigate`.
-
-        The step's number is not read.
-        """
+        """Advance by one filter step, the same to the bit as `TightNavigator.step`; see `Swarm.navigate`."""
         beliefs, m, signal, outcomes, gated = self
         outcome = outcomes[0]
         for i in range(beliefs.size):
@@ -258,10 +224,7 @@ class TightSwarm(NamedTuple):
 
 
 def new_tight_swarm(settings: TightSettings, starts: Floats) -> TightSwarm:
-    """Navigators of followers at their starts, rows of x, y [m] and more, shape (f, 2) or wider.
-
-    Unknown starts are not read.
-    """
+    """Navigators of followers at their starts, rows of x, y [m] first, not read where starts are unknown."""
     model = model_of(settings)
     known = [(float(row[0]), float(row[1])) if settings.known_start else None for row in starts]
     beliefs = np.stack([new_belief(settings, model, start) for start in known]).view(np.recarray)

@@ -23,13 +23,12 @@ import numpy as np
 
 from laisn.compiled import compiled
 from laisn.elementary import sin_cos
-from laisn.tight.estimates import HYPOTHESES
-from laisn.tight.settings import COMPASS_WALK, CURRENT_WALK, LOG_WALK, TightSettings
+from laisn.estimates import HYPOTHESES
+from laisn.settings import COMPASS_WALK, CURRENT_WALK, LOG_WALK, TightSettings
 
 X, Y, LOG, COMPASS, SCALE = range(5)
 """Indices of the states that are always there; `Model` has those of the others."""
-ABSENT = -1
-"""Index of a state that is switched off."""
+ABSENT = -1  # of a state that is switched off
 
 _DRIFTING_LOG, _DRIFTING_COMPASS = 2.5e-3, 1.7e-3  # [m/s/√s], [rad/√s]
 _MODES = (0.25, 2.5)
@@ -37,7 +36,6 @@ _MODES = (0.25, 2.5)
 _LEADER_COMPASS = 5e-5  # [rad/√s]
 _CLOCK_WALK = 3e-6  # of τ̇ [m/s/√s]: 2 ppb/√s, as of a crystal oscillator whose temperature changes
 _MODE_SWITCHES = 0.004
-"""How often drift changes its mode, slow or quick [1/s]."""
 _DEVIATION = 0.03
 """Change of a compass's bias in a turn, as a share of the turn, where it has a deviation."""
 
@@ -108,7 +106,6 @@ def model_of(settings: TightSettings) -> Model:
 
 
 CAPACITY = 2 * HYPOTHESES
-"""Hypotheses that there is room for while they are split."""
 
 MOST_STATES = 12
 """Room for n; the arrays of a belief have one shape for all settings, so that all share one compiled code."""

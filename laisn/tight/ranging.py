@@ -34,7 +34,6 @@ _SIGNAL = np.dtype((np.record, np.dtype([
 ])))  # fmt: skip
 
 Signal: TypeAlias = Any
-"""A message and its ranges as a record with the fields of `_SIGNAL`."""
 
 
 def new_signal() -> Signal:
@@ -44,21 +43,12 @@ def new_signal() -> Signal:
 
 @compiled
 def predict_ranges(b: Belief, m: Model, k: int, signal: Signal, turn: float, turn_variance: float) -> int:
-    """Residuals of the ranges for component k, with rows of derivatives and covariances; all into `b.work`.
+    """Residuals of the ranges for component k, with rows of derivatives and covariances, into `b.work`; how many there
+    are.
 
-    Second-order terms follow Bar-Shalom, Li & Kirubarajan 2001 (second-order EKF): ½ tr(H P) in the mean and
-    ½ tr(H_i P H_j P) in the covariance, over position and leader's compass.
-
-    Args:
-        b: the belief; `b.work` is overwritten.
-        m: settings.
-        k: the component.
-        signal: the message.
-        turn: random error of the leader's heading about which to linearise [rad].
-        turn_variance: what is left of its variance for the second-order terms [rad²].
-
-    Returns:
-        How many ranges there are; their indices are in `b.work.received` and `b.work.used`.
+    Second-order terms follow Bar-Shalom, Li & Kirubarajan 2001 (second-order EKF): ½ tr(H P) in the mean and ½ tr(H_i P
+    H_j P) in the covariance, over position and leader's compass. It is linearised about a random error of the leader's
+    heading, `turn`, of whose variance `turn_variance` is left [rad²].
     """
     w, x, P = b.work, b.state, b.covariance
     turning = m.leader != ABSENT
@@ -182,10 +172,8 @@ def _marginalise_common_echo(b: Belief, count: int) -> tuple[float, float, float
     """Whitened residuals of an echo common to all ranges in `work.used`, whose excess e has a flat prior.
 
     With S = L Lᵀ, whitened residuals ν and u = L⁻¹ 1 the density is ∫ N(z − ẑ − e 1; S) de, in which only the part of ν
-    across u is left: the differences of the ranges. Follows `_likelihood`; `work.white` is overwritten.
-
-    Returns:
-        Likeliest e [m]; by how much the squared residuals are smaller, ê² uᵀu; and the logarithm of uᵀu.
+    across u is left. Follows `_likelihood`; `work.white` is overwritten. Returns the likeliest e [m], by how much the
+    squared residuals are smaller, ê² uᵀu, and log uᵀu.
     """
     w = b.work
     size, match = 0.0, 0.0
@@ -206,7 +194,6 @@ def _marginalise_common_echo(b: Belief, count: int) -> tuple[float, float, float
 
 @inlined
 def _mean_range(b: Belief, signal: Signal, count: int) -> float:
-    """Mean of the ranges in `work.used` [m]."""
     total = 0.0
     for j in range(count):
         total += signal.ranges[b.work.used[j]]
@@ -228,21 +215,8 @@ def _add_common_echo(b: Belief, signal: Signal, count: int, share: float) -> Non
 
 
 @inlined
-def _excludes_echoes(b: Belief, m: Model, count: int, squared: float) -> bool:
-    """Whether no range can be an echo: leaving any out would cost more likelihood than it could gain."""
-    largest = 0.0
-    for j in range(count):
-        i = b.work.used[j]
-        largest = max(largest, b.work.spread[i, i])
-    return bool(0.5 * squared < m.log_accepted - m.log_rejected - 0.5 * (_LOG_TURN + log(largest)))
-
-
-@inlined
 def _update_component(b: Belief, m: Model, k: int, count: int) -> None:
-    """x += W ν and P −= W Wᵀ with W = P Hᵀ root⁻ᵀ and whitened residuals ν, over the ranges in `work.used`.
-
-    Of ranges that share an echo, W without its part along that.
-    """
+    """x += W ν and P −= W Wᵀ with W = P Hᵀ root⁻ᵀ, less its part along a shared echo, and whitened residuals ν."""
     w, x, P = b.work, b.state, b.covariance
     for h in range(m.states):
         for j in range(count):
@@ -267,10 +241,8 @@ def _update_component(b: Belief, m: Model, k: int, count: int) -> None:
 
 @inlined
 def _leader_turn(b: Belief, count: int) -> tuple[float, float]:
-    """Mean and variance of the random error w of the leader's heading, given the whitened residuals.
-
-    A priori w has mean 0 and variance v; with g the derivative of the ranges by the heading, it is then
-    v gᵀ S⁻¹ e, and v − v² gᵀ S⁻¹ g.
+    """Mean and variance of the random error w of the leader's heading, given the whitened residuals: a priori 0 and v;
+    with g the derivative of the ranges by the heading, v gᵀ S⁻¹ e, and v − v² gᵀ S⁻¹ g.
     """
     w, v = b.work, b.leader_variance
     match, size = 0.0, 0.0
@@ -304,8 +276,7 @@ def _use_subset(b: Belief, received: int, mask: int) -> int:
 def _select_ranges(b: Belief, m: Model, k: int, signal: Signal, received: int, density: float) -> int:
     """Leave out the ranges that look like echoes: the likeliest of all subsets, or all ranges with a common echo.
 
-    Sets `b.evidence[k]`, `b.work.mask` and `b.work.shared`; `density` is that of all ranges together. Returns how many
-    stay in `b.work.used`.
+    Sets `b.evidence[k]`, `b.work.mask` and `b.work.shared`; returns how many stay in `b.work.used`.
     """
     w, everything = b.work, (1 << received) - 1
     best, w.mask = density + received * m.log_accepted, everything
@@ -340,14 +311,12 @@ def _select_ranges(b: Belief, m: Model, k: int, signal: Signal, received: int, d
 
 @compiled
 def update(b: Belief, m: Model, k: int, signal: Signal) -> int:
-    """Update component k with the ranges of a message, of which it leaves out those that look like echoes.
+    """Update component k with the ranges of a message, of which it leaves out those that look like echoes; how many it
+    used.
 
-    Sets `outcome`, `evidence` and `turn_excess` of it. Where the leader's heading
+    −1: a covariance was not positive definite. Sets `outcome`, `evidence` and `turn_excess`. Where the leader's heading
     errs at random and the ranges determine by how much, they are linearised about that: about the broadcast heading,
-    the derivatives would err together with the residuals, which in hundreds of messages adds up to a bias.
-
-    Returns:
-        How many ranges it used; −1 if a covariance was not positive definite.
+    derivatives and residuals would err together, which in hundreds of messages adds up to a bias.
     """
     v = b.leader_variance
     b.work.mask, b.work.shared = 7, 0
@@ -360,9 +329,13 @@ def update(b: Belief, m: Model, k: int, signal: Signal) -> int:
     density, squared = _likelihood(b, received)
     if density != density:
         return -1
-    used = received
+    used, largest = received, 0.0
     b.evidence[k] = density + received * m.log_accepted
-    if not _excludes_echoes(b, m, received, squared):
+    for j in range(received):
+        i = b.work.used[j]
+        largest = max(largest, b.work.spread[i, i])
+    # no range can be an echo where leaving any out would cost more likelihood than it could gain
+    if not 0.5 * squared < m.log_accepted - m.log_rejected - 0.5 * (_LOG_TURN + log(largest)):
         used = _select_ranges(b, m, k, signal, received, density)
         density, squared = _likelihood(b, used)
         if b.work.shared:

@@ -23,7 +23,7 @@ from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.geometry import place_transmitters
 from laisn.messages import Measurements
-from laisn.tight.settings import TightSettings
+from laisn.settings import TightSettings
 from sim.datasets.range_data import LARGEST, RangeData, compose, numbers, require_unique, text_of
 from sim.system import atomic_write
 

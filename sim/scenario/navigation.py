@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, cast
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, WithJsonSchema, field_validator
 
+from laisn import settings as assumptions
 from laisn.failure import LaisnError
 from laisn.navigators import NAVIGATORS, OWN_SECTION, find
 from laisn.plugins import is_plugin_name
-from laisn.settings import VARIANTS, NavigationSettings, Settings, transmitters_of
-from laisn.tight import settings as assumptions
-from laisn.tight.settings import RivalSettings, TightSettings
+from laisn.settings import VARIANTS, NavigationSettings, RivalSettings, Settings, TightSettings, transmitters_of
 from sim.scenario.section import LISTED, Coordinate, FurtherKeys, NonNegative, Section, in_si, with_fields_of
 
 Offset = Annotated[tuple[Coordinate, Coordinate, Coordinate], LISTED]

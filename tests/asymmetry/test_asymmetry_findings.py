@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from experiments.campaign.store import Record
-from experiments.studies.asymmetry.comparison import paired, removed_in_all
 from experiments.studies.asymmetry.design import AHRS, Plan
-from experiments.studies.asymmetry.findings import findings_of
-from experiments.studies.asymmetry.paper import Curve, equivalents
+from experiments.studies.asymmetry.findings import Curve, equivalents, findings_of, paired, removed_in_all
 from tests.asymmetry.test_comparison import row
 
 PLAN = Plan(routes=("T3", "T4"), offsets_m=(0.0, 10.0), variants=("laisn-2",))

@@ -8,12 +8,10 @@ import pytest
 from scipy import stats
 
 from experiments.campaign.store import Record
-from experiments.pages.page import Page, Table, Text
-from experiments.pages.template import page_of
+from experiments.pages.page import Page, Table, Text, page_of
 from experiments.studies.asymmetry import design, figures, findings, study
-from experiments.studies.asymmetry.comparison import paired
 from experiments.studies.asymmetry.design import QUICK_CONDITIONS, Condition, Plan
-from experiments.studies.asymmetry.paper import Curve
+from experiments.studies.asymmetry.findings import Curve, paired
 from tests.asymmetry.test_comparison import row
 
 RUNS = 64
@@ -88,7 +86,7 @@ def made(given: list[Record], flown: tuple[Condition, ...] = (), plan: Plan = PL
 
 @pytest.fixture(autouse=True)
 def _no_drawing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("experiments.pages.template.replace", lambda block, **_: block)
+    monkeypatch.setattr("experiments.pages.page.replace", lambda block, **_: block)
 
 
 def tables(page: Page, section: str) -> list[list[list[str]]]:

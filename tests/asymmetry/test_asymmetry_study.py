@@ -1,6 +1,7 @@
 """The pitch study on missions: arithmetic of its tables against closed forms, and a smoke run."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -11,7 +12,6 @@ from experiments.campaign import campaign
 from experiments.campaign.montecarlo import histories
 from experiments.flight.library import ROUTES, load
 from experiments.studies.asymmetry import study as asymmetry
-from experiments.studies.asymmetry.comparison import mean_added, paired
 from experiments.studies.asymmetry.design import (
     AHRS,
     ARMS,
@@ -26,9 +26,9 @@ from experiments.studies.asymmetry.design import (
     REAL,
     Plan,
 )
+from experiments.studies.asymmetry.findings import Curve, mean_added, paired
 from experiments.studies.asymmetry.fix_map import deepest_offset, worst_error
-from experiments.studies.asymmetry.missions import fly_condition, pair
-from experiments.studies.asymmetry.paper import Curve
+from experiments.studies.asymmetry.missions import fly_condition, pairs
 from laisn.compiled import FOLDER
 from laisn.navigator import Navigator
 from sim.flight import navigate
@@ -98,8 +98,7 @@ def test_attitude_of_an_ahrs_removes_what_pitch_does(rows):
 
 def test_level_and_real_leader_differ_in_nothing_but_the_ranges():
     condition = QUICK_CONDITIONS[0]
-    trajectory = simulate_motion(condition.fleet(("T6",), 5.0, 20.0))
-    mission = pair(trajectory, 0, condition, "T6", 5.0)
+    (mission,) = pairs(condition, 5.0, replace(SHORT, routes=("T6",), duration_s=20.0))
     real, level = (leader.seen(mission.scenario(), 0)[1] for leader in (mission.real, mission.level))
     for name in ("speed", "heading", "depth", "hydrophone", "message_step"):
         assert_allclose(getattr(real, name), getattr(level, name), atol=1e-12, err_msg=name)
@@ -111,8 +110,7 @@ def test_level_and_real_leader_differ_in_nothing_but_the_ranges():
 
 def test_a_mission_of_a_fleet_is_the_mission_flown_alone():
     condition = QUICK_CONDITIONS[2]
-    fleet_motion = simulate_motion(condition.fleet(("T3", "T6"), 10.0, 20.0))
-    together = pair(fleet_motion, 1, condition, "T6", 10.0).motion
+    together = pairs(condition, 10.0, replace(SHORT, duration_s=20.0))[1].motion
     alone = simulate_motion(condition.scenario("T6", 10.0, 20.0))
     assert_allclose(together.position, alone.position, atol=1e-9)
     assert_allclose(together.pitch, alone.pitch, atol=1e-9)
@@ -173,7 +171,7 @@ def test_planner_reports_where_no_offset_suffices():
 
 
 def test_what_missions_need_is_compiled_ahead():
-    asymmetry._fly_little(QUICK_CONDITIONS[0], SHORT)
+    fly_condition(QUICK_CONDITIONS[0], 0.0, SHORT.least)
     stored = set(FOLDER.rglob("*.nbc"))
     assert stored
     fly_condition(QUICK_CONDITIONS[0], 10.0, SHORT)
@@ -206,6 +204,6 @@ def test_a_run_of_the_study_is_the_flight_of_its_command():
     condition, duration = QUICK_CONDITIONS[2], 30.0
     flown = condition.scenario("T6", 5.0, duration).model_copy(update={"run": 3})
     alone = navigate(flown, simulate_motion(flown), Navigator)
-    mission = pair(simulate_motion(condition.fleet(("T3", "T6"), 5.0, duration)), 1, condition, "T6", 5.0)
+    mission = pairs(condition, 5.0, replace(SHORT, duration_s=duration))[1]
     states = histories(mission.cell(REAL, "laisn-2", range(4)))
     assert_allclose(alone.estimates[0].state, states[..., 3], atol=1e-6)

@@ -7,7 +7,17 @@ import numpy as np
 import pytest
 
 from experiments.campaign.store import Record
-from experiments.studies.asymmetry.comparison import (
+from experiments.studies.asymmetry.design import (
+    AHRS,
+    CONSTANT,
+    EXACT,
+    LEVEL_BROADCAST,
+    QUICK_CONDITIONS,
+    READINGS,
+    REAL,
+    Arm,
+)
+from experiments.studies.asymmetry.findings import (
     QUESTIONS,
     ComparedMission,
     Question,
@@ -19,16 +29,6 @@ from experiments.studies.asymmetry.comparison import (
     select,
     undecided,
     with_verdicts,
-)
-from experiments.studies.asymmetry.design import (
-    AHRS,
-    CONSTANT,
-    EXACT,
-    LEVEL_BROADCAST,
-    QUICK_CONDITIONS,
-    READINGS,
-    REAL,
-    Arm,
 )
 from experiments.studies.asymmetry.fix_map import closed_form_error, fix_error
 from experiments.studies.asymmetry.missions import Pair, _rms_deg

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from experiments.campaign.cells import Cell, CellResult
-from experiments.studies.asymmetry import missions, paper
+from experiments.studies.asymmetry import missions
 from experiments.studies.asymmetry.design import (
     AHRS,
     ARMS,
@@ -22,8 +22,8 @@ from experiments.studies.asymmetry.design import (
     ROUGH,
     Plan,
 )
+from experiments.studies.asymmetry.findings import Curve
 from experiments.studies.asymmetry.missions import Pair
-from experiments.studies.asymmetry.paper import Curve
 from sim.scenario.settings import Sensors
 from sim.sensing.ahrs import random_error
 from sim.trajectory import tilted
@@ -96,8 +96,8 @@ def test_the_excess_of_a_curve_is_paired_run_by_run(monkeypatch: pytest.MonkeyPa
     def simulated(cell: Any) -> Any:
         return CellResult({"e_p_mean_m": float(errors[cell].mean())}, {"e_p_mean_m": errors[cell]})
 
-    monkeypatch.setattr(paper, "simulate", simulated)
-    curve = paper.curve_of({0.0: 0, -2.0: 1}, "T3", 5.0, 2.0)  # type: ignore[dict-item]
+    monkeypatch.setattr(missions, "simulate", simulated)
+    curve = missions.curve_of({0.0: 0, -2.0: 1}, "T3", 5.0, 2.0)  # type: ignore[dict-item]
     excess = curve.excess_at(-2.0)
     assert excess.value == pytest.approx(0.4 + own.mean())
     half = 1.959964 * own.std(ddof=1) / 20.0
@@ -114,19 +114,19 @@ def test_a_curve_that_dips_counts_as_flat_there() -> None:
 def test_curves_widen_the_rear_error_and_lower_the_bow(monkeypatch: pytest.MonkeyPatch) -> None:
     """With a transmitter 1 m before and behind: R_rear² − R_front² = 4 (x cos φ − Δz sin φ), φ the pitch."""
     seen: list[tuple[dict[float, Cell], Any]] = []
-    monkeypatch.setattr(paper, "curve_of", lambda cells, *where: seen.append((cells, where)))
-    monkeypatch.setattr(paper, "INTERVALS_S", (1.0, 5.0))
-    paper.fly_curves(Plan(routes=("T3",), offsets_m=(0.0, 2.0), looks=(4,), duration_s=20.0))
+    monkeypatch.setattr(missions, "curve_of", lambda cells, *where: seen.append((cells, where)))
+    monkeypatch.setattr(missions, "INTERVALS_S", (1.0, 5.0))
+    missions.fly_curves(Plan(routes=("T3",), offsets_m=(0.0, 2.0), looks=(4,), duration_s=20.0))
     (tilts, of_pitch), (_, of_first), (wider, of_tau) = seen
-    assert (tuple(tilts), of_pitch) == (paper.PITCH_DEG, ("T3", 5.0, 2.0))
-    assert (tuple(wider), of_first, of_tau) == (paper.TAU_M, ("T3", 1.0), ("T3", 5.0))
+    assert (tuple(tilts), of_pitch) == (missions.PITCH_DEG, ("T3", 5.0, 2.0))
+    assert (tuple(wider), of_first, of_tau) == (missions.TAU_M, ("T3", 1.0), ("T3", 5.0))
     over_pitch, over_tau = [*tilts.values()], [*wider.values()]
-    assert [cell.errors.range_tau for cell in over_tau] == [(t, 0.01, 0.01) for t in paper.TAU_M]
+    assert [cell.errors.range_tau for cell in over_tau] == [(t, 0.01, 0.01) for t in missions.TAU_M]
     assert {cell.errors.range_tau for cell in over_pitch} == {(0.01, 0.01, 0.01)}
     ranges = [cell.truth.slant_range for cell in over_pitch]
     differences = np.array([r[:, 0] ** 2 - r[:, 1] ** 2 for r in ranges])
     ahead = differences[0] / 4.0
-    pitch = np.deg2rad(paper.PITCH_DEG)[:, None]
+    pitch = np.deg2rad(missions.PITCH_DEG)[:, None]
     assert pitch.min() < -0.2
     assert differences == pytest.approx(4.0 * (ahead * np.cos(pitch) - 2.0 * np.sin(pitch)), abs=0.15)
     assert all(len(cell.runs) == 4 for cell in over_pitch)

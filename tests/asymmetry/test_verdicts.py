@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from experiments.studies.asymmetry.comparison import WRONG, Judgement, Verdict, judge
 from experiments.studies.asymmetry.design import Plan
+from experiments.studies.asymmetry.findings import WRONG, Judgement, Verdict, judge
 from laisn.arrays import Bools, Floats
 
 LOOKS = Plan().looks

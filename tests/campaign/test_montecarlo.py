@@ -122,7 +122,7 @@ def test_metrics_are_those_of_the_histories(variant: Variant) -> None:
     )
     row, of_runs = result
     expected = metrics.summarise(position, bearing)
-    for name, value in vars(expected).items():
+    for name, value in expected._asdict().items():
         assert row[name] == pytest.approx(value, abs=1e-8), name
     assert row["nees"] == pytest.approx(np.nanmean([metrics.nees(e, truth.hydrophone) for e in alone]), rel=1e-6)
     assert row["nis"] == pytest.approx(np.nanmean(np.concatenate([metrics.nis(e) for e in alone])), rel=1e-6)

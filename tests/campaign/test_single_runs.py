@@ -11,8 +11,8 @@ from experiments.flight.fly import fly
 from experiments.flight.library import load
 from laisn import metrics
 from laisn.arrays import Floats
+from laisn.estimates import TightEstimates
 from laisn.failure import LaisnError
-from laisn.tight.estimates import TightEstimates
 from sim.motion import simulate_motion
 from sim.scenario.settings import Scenario
 

@@ -21,7 +21,7 @@ from experiments.study.plan import Plan, plan_of
 from experiments.study.run import Outcomes
 from experiments.study.study import run_built_in
 from laisn.bound import TrueNoise
-from laisn.tight.settings import TightSettings
+from laisn.settings import TightSettings
 from sim.scenario.routes import library_route
 
 PARTS = {part: plan_of(study_of(str(file), {}, quick=True)) for part, file in built_in("estimators").items()}

@@ -14,10 +14,10 @@ from synthetic import make_flight
 from typer.testing import CliRunner
 
 from experiments.command.cli import app
-from experiments.studies.asymmetry import film as asymmetry_film
+from experiments.studies.asymmetry import figures
 from experiments.studies.asymmetry import study as asymmetry
 from experiments.studies.asymmetry.design import QUICK_CONDITIONS
-from experiments.studies.asymmetry.film import fly_example
+from experiments.studies.asymmetry.figures import fly_example
 from laisn.geometry import horizontal_range
 from sim.film import graphics, render
 from sim.film.annotations import ESTIMATE, NOTHING, Annotations, OtherEstimate, RayErrors, diverging
@@ -212,7 +212,7 @@ def test_pitch_errors_are_those_of_a_tilted_hull(example):
     flight = example.flight
     truth, level = flight.trajectory, leveled(flight.trajectory)
     sites = [truth.site(f"leader/{name}") for name in ("tx_rear", "tx_front", "tx_middle")]
-    found = asymmetry_film.pitch_errors(flight)
+    found = figures.pitch_errors(flight)
     for message in (3, 17, 38):
         step = flight.measurements[0].message_step[message] * flight.stride
         hydrophone = truth.site_at("follower/hydrophone", truth.time[step])[0]
@@ -224,7 +224,7 @@ def test_pitch_errors_are_those_of_a_tilted_hull(example):
 
 
 def test_both_navigators_receive_the_same_and_the_colour_bar_covers_every_error(example):
-    flight, added = asymmetry_film.scene(example)
+    flight, added = figures.scene(example)
     example_time = example.flight.trajectory.time[example.step]
     assert flight.trajectory.time[0] <= example_time <= flight.trajectory.time[-1]
     assert added.rays is not None
@@ -240,10 +240,10 @@ def test_both_navigators_receive_the_same_and_the_colour_bar_covers_every_error(
 @needs_graphics
 def test_the_pitch_film_is_rendered(example, tmp_path):
     video = Video(camera="profile", width_px=320, height_px=180, speed_up=40.0, frame_rate_hz=10)
-    path = asymmetry_film.film(example, tmp_path, video)
+    path = figures.film(example, tmp_path, video)
     assert path == tmp_path / "film.mp4"
     assert list(tmp_path.iterdir()) == [path]
-    flight, _ = asymmetry_film.scene(example)
+    flight, _ = figures.scene(example)
     length = flight.trajectory.time[-1] - flight.trajectory.time[0]
     with av.open(str(path)) as film:
         frames = sum(1 for _ in film.decode(video=0))
@@ -261,5 +261,5 @@ def test_the_command_films_if_wanted_where_something_renders(monkeypatch, tmp_pa
     monkeypatch.setattr(asymmetry, "run", lambda folder, **rest: given.update(rest) or folder / "report.html")
     answer = CliRunner().invoke(app, ["asymmetry", "--out", str(tmp_path), *options])
     assert answer.exit_code == 0
-    assert given["film"] is (asymmetry_film.film if wanted and backend else None)
+    assert given["film"] is (figures.film if wanted and backend else None)
     assert answer.stderr == (f"no film: {graphics.MISSING}\n" if wanted and backend is None else "")

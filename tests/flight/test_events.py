@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.flight import events as flight_events
-from experiments.flight.events import contact_events, giving_way_events, largest_sigma, uncertainty_events
+from experiments.flight import summary as flight_events
 from experiments.flight.fly import fly
+from experiments.flight.summary import contact_events, giving_way_events, largest_sigma, uncertainty_events
 from laisn.arrays import records
 from sim import feasibility
 from sim.scenario.file import validate

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from experiments.command import bounds
 from experiments.flight.range_budget import Cause, RangeErrorBudget, range_error_budget
-from experiments.pages import range_budget_page
+from experiments.pages import flight_report
 from sim.flight import Flight, excerpt
 from sim.scenario.settings import Acoustics, Navigation, Scenario
 from sim.sensing.acoustics import propagate
@@ -152,7 +152,7 @@ def test_a_file_holds_a_row_for_each_ping_received_and_its_shares_add_up(tmp_pat
 def test_the_page_names_the_cause_of_the_asymmetry():
     """Abeam of a leader at 5°, 10 m deeper: bow less stern is off by Δz L sin φ / D, and by nothing else."""
     trajectory = make_trajectory((20.0, 0.0, -8.0 - DEPTH_OFFSET), heading_pitch_roll=(0.0, PITCH, 0.0))
-    table = range_budget_page.share_table(range_error_budget(flight_of(make_scenario(), trajectory, QUIET)))
+    table = flight_report.share_table(range_error_budget(flight_of(make_scenario(), trajectory, QUIET)))
     shown = {row[0].text: [cell.sort for cell in row[1:]] for row in table.rows}
     expected = 100 * DEPTH_OFFSET * 2 * HALF * np.sin(PITCH) / np.hypot(20.0, HALF)
     rear, front, middle, rms, largest = shown.pop("lever arm")
@@ -167,7 +167,7 @@ def test_the_page_names_the_cause_of_the_asymmetry():
 def test_a_follower_without_receptions_has_no_budget():
     flight = make_flight(30.0)
     deaf = replace(flight.measurements[0], ranges=np.full_like(flight.measurements[0].ranges, np.nan))
-    found = range_budget_page.values(replace(flight, measurements=(deaf,)))
+    found = flight_report.range_budget(replace(flight, measurements=(deaf,)))
     assert (found["silent"], found["figure"], found["tables"]) == (["follower"], None, [])
     assert list(bounds.records(replace(flight, measurements=(deaf,)))) == []
 

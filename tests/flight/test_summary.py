@@ -8,9 +8,10 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from experiments.flight.events import mirror_lock_events, stray_events
 from experiments.flight.summary import (
+    mirror_lock_events,
     position_and_bearing_errors,
+    stray_events,
     summarise,
 )
 from experiments.pages import results

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from laisn.estimates import FixKind
-from laisn.navigators import new_navigator
 from sim.closed_loop import simulate_closed_loop
 from sim.flight import navigate
 from sim.scenario.file import validate
@@ -22,7 +21,7 @@ def test_what_steered_a_swarm_is_what_navigators_make_of_its_measurements(varian
     scenario = validate(table, "test")
     trajectory, loop = simulate_closed_loop(scenario)
     history, gated = loop.state.history.position, loop.swarm.gated
-    flight = navigate(scenario, trajectory, new_navigator)
+    flight = navigate(scenario, trajectory)
     assert trajectory.time[-1] == pytest.approx(12.0)
     for i, estimates in enumerate(flight.estimates):
         np.testing.assert_allclose(history[1:, i], estimates.state[:, :2], rtol=0, atol=1e-9)

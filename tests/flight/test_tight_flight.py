@@ -12,12 +12,9 @@ from experiments.flight.fly import fly
 from experiments.flight.library import load
 from experiments.flight.summary import position_and_bearing_errors, summarise
 from experiments.pages.flight_report import final_states, follower_row
-from laisn.estimates import FixKind
+from laisn.estimates import FixKind, TightEstimates
 from laisn.failure import LaisnError
-from laisn.navigators import new_navigator
-from laisn.settings import NavigationSettings
-from laisn.tight.estimates import TightEstimates
-from laisn.tight.settings import TightSettings
+from laisn.settings import NavigationSettings, TightSettings
 from sim.film.film_data import FilmData
 from sim.flight import SLIP_M_SQRT_S, Flight, excerpt, navigate, navigation_settings, settings_as
 from sim.log import reader, writer
@@ -118,7 +115,7 @@ def test_studies_of_laisn_are_given_its_settings_alone(flight: Flight) -> None:
 
 
 def test_it_is_flown_as_it_navigates_afterwards(flight: Flight) -> None:
-    again = navigate(flight.scenario, flight.trajectory, new_navigator)
+    again = navigate(flight.scenario, flight.trajectory)
     assert bits(again.estimates) == bits(flight.estimates)
     estimates = estimates_of(flight)
     assert set(estimates.fix_kind.tolist()) == {FixKind.RANGES}

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from synthetic import make_flight
 
-from experiments.flight.events import approach_events, route_events
-from experiments.pages.flight_text import sentences
+from experiments.flight.summary import approach_events, route_events
+from experiments.pages.flight_report import sentences
 from sim.assembly import routes_of
 from sim.contact import contacts
 from sim.scenario.point_motion import plan

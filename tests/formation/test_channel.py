@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from experiments.studies.formation.limits import asked_interval_s, message_bits, reach_m, shortest_interval_s
+from experiments.studies.formation.findings import asked_interval_s, message_bits, reach_m, shortest_interval_s
 from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
 

@@ -13,8 +13,7 @@ from typer.testing import CliRunner
 from experiments.campaign.store import Record
 from experiments.command.cli import app
 from experiments.findings import Finding, Findings, record
-from experiments.pages.page import Figures, Text
-from experiments.pages.template import page_of
+from experiments.pages.page import Figures, Text, page_of
 from experiments.studies.formation import figures
 from experiments.studies.formation.findings import findings_of
 from experiments.study import study as studies

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import j0
 
-from experiments.studies.formation.limits import BEHIND, WEAVES, findings, geometry, least_error, longer
+from experiments.studies.formation.findings import BEHIND, WEAVES, geometry, least_error, longer, weave_findings
 
 
 def test_the_follower_is_where_the_leader_was_and_the_transmitters_on_the_axis_now() -> None:
@@ -44,6 +44,6 @@ def test_the_bound_shrinks_with_weave_amplitude_and_distance() -> None:
         assert errors == sorted(errors, reverse=True)
         assert errors[-1] < 0.6 * errors[0]
     assert all(least_error(a, p, 20.0) < least_error(a, p, 40.0) for a, p in WEAVES)
-    found = findings()
+    found = weave_findings()
     assert len(found) == len(WEAVES) * (len(BEHIND) + 1)
     assert found["weave 5 40 20"].value == pytest.approx(least_error(5.0, 40.0, 20.0), rel=1e-5)

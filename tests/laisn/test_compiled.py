@@ -17,7 +17,7 @@ from experiments.campaign import lane_metrics
 from experiments.command.errors import report_errors
 from laisn import compiled as compilation
 from laisn.compiled import compiled, compiled_lanes
-from laisn.lane_rows import LANES
+from laisn.lane_passes import LANES
 from tools import import_graph
 
 ROOT = import_graph.ROOT
@@ -25,7 +25,7 @@ ROOT = import_graph.ROOT
 CAPTURES = """
 import numpy as np
 from experiments.campaign import lane_metrics as metric
-from laisn import lane_rows as row
+from laisn import lane_passes as row
 
 # leader at the origin, heading north; the follower 1 m east of its axis, all estimates 1 m west of it
 block, tally, bins = np.zeros(row.SIZE), np.zeros(metric.SIZE), np.zeros(2 * row.LANES, dtype=np.int64)
@@ -42,7 +42,7 @@ import sys
 import numpy as np
 from experiments.campaign.lane_metrics import fill_histograms
 from laisn.compiled import FOLDER
-from laisn.lane_rows import LANES
+from laisn.lane_passes import LANES
 
 counts = np.zeros((2, 1), dtype={kind})
 if {wait}:

@@ -6,13 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from laisn.estimates import FixKind
+from laisn.estimates import FixKind, TightEstimates
 from laisn.failure import LaisnError
 from laisn.messages import Measurements, OwnMotion
-from laisn.tight.estimates import TightEstimates
+from laisn.settings import Assume, TightSettings
 from laisn.tight.mission import run_mission
 from laisn.tight.navigator import TightNavigator
-from laisn.tight.settings import Assume, TightSettings
 from tests.laisn.passages import BEACONS, START, passage
 from tests.synthetic import bits
 

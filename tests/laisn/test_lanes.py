@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from laisn import POSITION, VELOCITY, lanes
 from laisn.arrays import Floats, Ints
 from laisn.estimates import FixKind
-from laisn.lane_rows import LANES
+from laisn.lane_passes import LANES
 from laisn.messages import Measurements
 from laisn.navigator import Navigator
 from laisn.settings import VARIANTS, GateRule, NavigationSettings, SideRule, Variant

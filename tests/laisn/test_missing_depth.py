@@ -13,10 +13,9 @@ from laisn.estimates import FixKind
 from laisn.messages import Measurements
 from laisn.navigator import Navigator
 from laisn.navigators import OnlineNavigator
-from laisn.settings import NavigationSettings
+from laisn.settings import NavigationSettings, TightSettings
 from laisn.tight.mission import run_mission
 from laisn.tight.navigator import TightNavigator
-from laisn.tight.settings import TightSettings
 from tests.beacons.round_trip import Errors, round_trip
 from tests.laisn.tight_mission import Mission
 

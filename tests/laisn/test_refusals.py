@@ -13,9 +13,8 @@ from laisn.failure import LaisnError
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.metrics import summarise
 from laisn.navigator import Navigator
-from laisn.settings import NavigationSettings
+from laisn.settings import NavigationSettings, TightSettings
 from laisn.tight.navigator import TightNavigator
-from laisn.tight.settings import TightSettings
 
 START = np.array([-10.0, 10.0, 0.0, 1.0])
 OWN, MESSAGE = OwnMotion(1.0, 0.0, 8.0), LeaderMessage(0.1, 0.0, 0.0, 0.0, 1.0, 8.0, 0.1, 0.1, 0.1)

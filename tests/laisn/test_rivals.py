@@ -15,10 +15,9 @@ from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.messages import Bearing, LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.navigators import NAVIGATORS, find
-from laisn.rivals.kalman import GeodeticAdjustment, InvertedUsbl, OneWayTravelTime, RangeFilter
+from laisn.rivals.filters import GeodeticAdjustment, InvertedUsbl, OneWayTravelTime, ParticleFilter, RangeFilter
 from laisn.rivals.odometry import DeadReckoning
-from laisn.rivals.particle import ParticleFilter
-from laisn.tight.settings import Assume, RivalSettings
+from laisn.settings import Assume, RivalSettings
 from sim.sensing.errors import SensorErrors
 from sim.sensing.observation import measure
 from tests.campaign.test_montecarlo import ABEAM, make_truth

@@ -8,8 +8,7 @@ import pytest
 
 from laisn.beacons.settings import BeaconSettings
 from laisn.bound import TrueNoise
-from laisn.settings import NavigationSettings, transmitters_of
-from laisn.tight.settings import Assume, TightSettings
+from laisn.settings import Assume, NavigationSettings, TightSettings, transmitters_of
 
 SIGNED = {"hydrophone_height", "middle_offset"}
 POSITIVE: dict[type, set[str]] = {

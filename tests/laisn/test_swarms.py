@@ -10,12 +10,11 @@ from laisn.failure import LaisnError
 from laisn.lanes import new_lanes
 from laisn.messages import OwnMotion, Ranges, Reception
 from laisn.navigator import Navigator
-from laisn.settings import NavigationSettings
+from laisn.settings import NavigationSettings, TightSettings
 from laisn.swarm import ESTIMATE, MESSAGE, READING, SeparateNavigators
 from laisn.tight import mission
 from laisn.tight.model import refresh_output
 from laisn.tight.navigator import TightNavigator
-from laisn.tight.settings import TightSettings
 from tests.laisn.test_tight_oracle import ALL_OF_2, Voyage
 from tests.synthetic import record
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from laisn.settings import Assume, TightSettings
 from laisn.tight.estimator import inflate_after_turns
 from laisn.tight.model import COMPASS, model_of, new_belief
-from laisn.tight.own_motion import preintegrate, reset_preintegration
+from laisn.tight.motion import preintegrate, reset_preintegration
 from laisn.tight.ranging import new_signal
-from laisn.tight.settings import Assume, TightSettings
 from tests.laisn.tight_mission import DT
 
 DEVIATING = TightSettings(assume=Assume(exact_leader=False, deviation=True))

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from laisn.arrays import Floats
+from laisn.settings import Assume, TightSettings
 from laisn.tight.estimator import inflate_bias_covariance, update_leader_variance
 from laisn.tight.hypotheses import prune_and_merge
-from laisn.tight.leader import average_leader_heading
 from laisn.tight.model import Belief, Model, model_of, new_belief
+from laisn.tight.motion import average_leader_heading
 from laisn.tight.ranging import Signal, new_signal
-from laisn.tight.settings import Assume, TightSettings
 
 SETTINGS = TightSettings(assume=Assume(exact_leader=False))
 ERRORS = np.deg2rad([0.5, -1.2, 2.0, 0.3, -0.8, 1.5, 0.1, -0.4, 0.9, -1.1])

@@ -11,13 +11,19 @@ from scipy.stats import norm
 
 from laisn.arrays import Floats
 from laisn.mixture import blend, half_moments
+from laisn.settings import Assume, TightSettings
 from laisn.tight.estimator import mix_modes
 from laisn.tight.hypotheses import prune_and_merge, split
-from laisn.tight.leader import update_current_from_leader_track
 from laisn.tight.model import Belief, Model, model_of, new_belief, refresh_output
-from laisn.tight.own_motion import moments, position, predict_component, preintegrate, reset_preintegration
+from laisn.tight.motion import (
+    moments,
+    position,
+    predict_component,
+    preintegrate,
+    reset_preintegration,
+    update_current_from_leader_track,
+)
 from laisn.tight.ranging import Signal, new_signal
-from laisn.tight.settings import Assume, TightSettings
 
 SETTINGS = TightSettings(assume=Assume(exact_leader=False, current=True, offsets=True, clock=True), slip=0.02)
 N = 12

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from laisn import swarm
 from laisn.arrays import Floats, records
 from laisn.bound import Geometry, TrueNoise, position_bound
+from laisn.estimates import TightEstimates
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
-from laisn.tight.estimates import TightEstimates
+from laisn.settings import Assume, TightSettings
 from laisn.tight.mission import OUTCOME, MissionEstimates, filter_mission, run_mission
 from laisn.tight.model import model_of, new_belief
 from laisn.tight.navigator import TightNavigator
 from laisn.tight.ranging import new_signal
-from laisn.tight.settings import Assume, TightSettings
 from tests.laisn.tight_mission import DT, EVERYTHING, Mission
 
 

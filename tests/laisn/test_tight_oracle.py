@@ -11,13 +11,12 @@ from laisn.failure import LaisnError
 from laisn.geometry import place_on_body
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.navigator import Navigator
-from laisn.settings import NavigationSettings
+from laisn.settings import Assume, NavigationSettings, TightSettings
 from laisn.tight.estimator import place_arms, receive
 from laisn.tight.hypotheses import prune_and_merge
 from laisn.tight.model import model_of, new_belief
 from laisn.tight.navigator import TightNavigator, Update
 from laisn.tight.ranging import new_signal
-from laisn.tight.settings import Assume, TightSettings
 from tests.laisn.tight_mixture import SCALE, heaviest, moments, weight_of
 from tests.laisn.tight_oracle import Oracle
 

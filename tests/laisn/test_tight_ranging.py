@@ -10,9 +10,9 @@ from filterpy.kalman import KalmanFilter
 from scipy.stats import multivariate_normal
 
 from laisn.arrays import Floats
+from laisn.settings import Assume, TightSettings
 from laisn.tight.model import Belief, Model, model_of, new_belief
 from laisn.tight.ranging import Signal, new_signal, predict_ranges, update
-from laisn.tight.settings import Assume, TightSettings
 
 EVERYTHING = TightSettings(assume=Assume(exact_leader=False, drift=False, current=True, offsets=True, clock=True))
 STATES = 12

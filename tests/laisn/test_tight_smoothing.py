@@ -9,11 +9,10 @@ import pytest
 from laisn.arrays import Floats, Ints
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from laisn.metrics import nees
-from laisn.rts import Chain, smooth
+from laisn.mixture import Chain, smooth
+from laisn.settings import Assume, TightSettings
 from laisn.tight.model import COMPASS, LOG, X, Y
-from laisn.tight.navigator import TightNavigator
-from laisn.tight.settings import Assume, TightSettings
-from laisn.tight.smoothing import SmoothingNavigator, _Leg
+from laisn.tight.navigator import SmoothingNavigator, TightNavigator, _Leg
 from tests.laisn.tight_mission import EVERYTHING, Mission
 
 LAG = 4

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from laisn.settings import Assume, TightSettings
 from laisn.tight.mission import run_mission
 from laisn.tight.navigator import TightNavigator
-from laisn.tight.settings import Assume, TightSettings
 from tests.laisn.passages import passage
 from tests.laisn.tight_mission import EVERYTHING, Mission
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.messages import LeaderMessage, Measurements
-from laisn.tight.settings import Assume
+from laisn.settings import Assume
 
 EVERYTHING = Assume(exact_leader=False, drift=True, deviation=True, current=True, offsets=True, clock=True)
 DT = 0.1

@@ -12,7 +12,7 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.messages import OwnMotion, Reception
-from laisn.tight.settings import TightSettings
+from laisn.settings import TightSettings
 from tests.laisn.tight_mixture import (
     BENT,
     CLOCK,

@@ -10,7 +10,7 @@ from scipy.special import ndtr
 
 from laisn.arrays import Floats
 from laisn.messages import OwnMotion, Reception
-from laisn.tight.settings import TightSettings
+from laisn.settings import TightSettings
 from tests.laisn.tight_mixture import BENT, CLOCK, LEADER, SCALE, Component, N, Side, heaviest, log_density
 
 

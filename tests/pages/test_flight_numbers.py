@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from experiments.flight.range_budget import Cause, RangeErrorBudget
-from experiments.pages import flight_figures, flight_text, range_budget_page
+from experiments.pages import flight_figures, flight_report
 from experiments.pages.figures import Part
-from experiments.pages.flight_report import _facts, failures, final_states, flight_report, follower_row
+from experiments.pages.flight_report import _facts, failures, final_states, follower_row
 from laisn.arrays import Floats
-from laisn.estimates import FIX_WORDS, FixKind
-from laisn.tight.estimates import TightEstimates
+from laisn.estimates import FIX_WORDS, FixKind, TightEstimates
 from sim.flight import Flight
 from tests.synthetic import make_flight
 
@@ -44,7 +43,7 @@ def test_the_table_of_details_has_each_figure_under_its_head(tmp_path: Path) -> 
         """Heads and cells of the table of details."""
         summary = {"followers": dict(zip(("one", "two", "three"), rows, strict=False))}
         path = tmp_path / "report.html"
-        flight_report(flight, [(np.zeros(n), np.zeros(n))] * 3, summary, path, None, [np.ones(n)] * 3)
+        flight_report.flight_report(flight, [(np.zeros(n), np.zeros(n))] * 3, summary, path, None, [np.ones(n)] * 3)
         table = path.read_text(encoding="utf-8").split("<table>")[2].partition("</table>")[0]
         cells = [re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row) for row in re.findall(r"<tr[^>]*>(.*?)</tr>", table)]
         _, heads, *found = [[re.sub(r"<[^>]*>", "", cell) for cell in row] for row in cells]
@@ -96,12 +95,12 @@ def test_causes_are_reported_in_centimetres_rms() -> None:
     share[:, 1, Cause.LEVER_ARM] = [-0.01, 0.01, -0.01, 0.01]
     share[1, 0, Cause.ECHO] = 1.0
     budget = RangeErrorBudget(time=np.arange(4.0), level_range=np.ones((4, 3)), used_range=np.ones((4, 3)), share=share)
-    table = range_budget_page.share_table(budget, transmitters=2)
+    table = flight_report.share_table(budget, transmitters=2)
     assert [texts(row) for row in table.rows] == [
         ["lever arm", "3.0", "1.0", "4.0", "4.0"], ["echo", "50.0", "0.0", "50.0", "100.0"],
     ]  # fmt: skip
     assert table.heads == ("cause", "rear", "front", "rms", "largest")
-    panel = range_budget_page.asymmetry_over_time(budget.time, {Cause.LEVER_ARM: budget.asymmetry[:, 1]}, "")
+    panel = flight_report.asymmetry_over_time(budget.time, {Cause.LEVER_ARM: budget.asymmetry[:, 1]}, "")
     np.testing.assert_allclose(panel.parts[0].lines[0].y, [-4.0, 4.0, -4.0, 4.0])
 
 
@@ -200,8 +199,8 @@ def test_marks_of_fixes_stand_at_their_times_in_the_row_of_their_kind(flight: Fl
 
 def test_kinds_of_fix_have_the_same_words_in_figures_and_sentences() -> None:
     """Each kind has words of its own; those of fixes that were no use are the same in both places."""
-    assert set(FIX_WORDS) == set(flight_text._FIXES) == set(FixKind)
-    for words in (FIX_WORDS, flight_text._FIXES):
+    assert set(FIX_WORDS) == set(flight_report._FIXES) == set(FixKind)
+    for words in (FIX_WORDS, flight_report._FIXES):
         assert len(set(words.values())) == len(FixKind)
     for kind in (FixKind.GATED, FixKind.SINGULAR, FixKind.LOST, FixKind.TWO_POINTS, FixKind.ONE_RANGE):
-        assert FIX_WORDS[kind] in flight_text._FIXES[kind]
+        assert FIX_WORDS[kind] in flight_report._FIXES[kind]

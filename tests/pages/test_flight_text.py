@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from experiments.flight.range_budget import LABELS, Cause, range_error_budget
-from experiments.pages import flight_text
+from experiments.pages import flight_report
 from laisn.estimates import FixKind
 from tests.synthetic import make_flight
 
@@ -53,7 +53,7 @@ def test_the_largest_error_is_reported_with_time_and_place(flight):
     # law of cosines, and of sines for the angle between the follower and the leader's port beam, where the centre is
     apart = np.sqrt(60**2 + 69**2 - 2 * 60 * 69 * np.cos(0.35))
     beam = np.degrees(np.arctan2(69 * np.cos(0.35) - 60, 69 * np.sin(0.35)))
-    text = plain(flight_text.sentences(moved(flight, offsets)))
+    text = plain(flight_report.sentences(moved(flight, offsets)))
     mean = (599 * 0.5 + 5.0) / 600
     assert (
         f"error is {mean:.2f} m; the largest is 5.00 m, at 30 s, with the follower {apart:.0f} m from the leader"
@@ -72,26 +72,26 @@ def test_errors_near_the_axis_are_separated_from_those_elsewhere(flight):
     offsets[:150] = [0.0, 0.5]
     offsets[:50] = [0.0, 2.0]
     offsets[150:240], offsets[240:] = [0.0, 0.6], [0.0, 0.1]
-    one = flight_text.estimate_errors(moved(flight, offsets), 0)
+    one = flight_report.estimate_errors(moved(flight, offsets), 0)
     bearing = np.full(600, np.pi / 2)
     bearing[:75], bearing[75:150] = np.radians(14.9), np.radians(180 - 14.9)
     bearing[150:160] = np.radians(180 + 15.1)
-    found = flight_text.error_numbers(one._replace(bearing=bearing))
+    found = flight_report.error_numbers(one._replace(bearing=bearing))
     assert found["on_axis"] == 0.25
     assert found["error_on_axis"] == pytest.approx(1.0)
     assert found["error_off_axis"] == pytest.approx(0.2)
     np.testing.assert_allclose(one.distance, np.hypot(*away.T))
     for everywhere, share in ((0.0, 1.0), (np.pi / 2, 0.0)):
-        found = flight_text.error_numbers(one._replace(bearing=np.full(600, everywhere)))
+        found = flight_report.error_numbers(one._replace(bearing=np.full(600, everywhere)))
         assert found["on_axis"] == share
         assert found["error_on_axis"] is None
-    text = plain(flight_text.sentences(moved(flight, offsets)))
+    text = plain(flight_report.sentences(moved(flight, offsets)))
     assert "The follower spent 100 % of the time within 15° of the leader's axis" in text
 
 
 def test_fixes_are_reported_by_their_kind_the_most_frequent_first(flight):
     kinds = [FixKind.GATED, *[FixKind.TWO_POINTS] * 11, *[FixKind.ASTERN] * 3]
-    text = plain(flight_text.sentences(of_kinds(flight, kinds)))
+    text = plain(flight_report.sentences(of_kinds(flight, kinds)))
     assert "Of 60 fixes 73 % chose between two points, 20 % were put on the leader's axis, 6.7 % were rejected." in text
 
 
@@ -106,38 +106,38 @@ def test_a_wrong_side_is_reported_with_its_share_and_longest_stretch(flight):
     wrong = np.zeros(600, dtype=bool)
     wrong[99:129] = wrong[399:489] = True
     mirrored = moved(flight, np.where(wrong, -2 * side, 0.0)[:, None] * starboard)
-    np.testing.assert_array_equal(flight_text.estimate_errors(mirrored, 0).wrong_side, wrong)
-    text = plain(flight_text.sentences(mirrored))
+    np.testing.assert_array_equal(flight_report.estimate_errors(mirrored, 0).wrong_side, wrong)
+    text = plain(flight_report.sentences(mirrored))
     assert "For 20 % of the time the estimate was on the wrong side of the leader's axis" in text
     assert "first at 10 s and for at most 9 s in succession" in text
     # half a metre across the axis is no wrong side
     near = moved(flight, np.where(wrong, -np.sign(side) * (np.abs(side) + 0.5), 0.0)[:, None] * starboard)
-    assert "The estimate was never on the wrong side" in plain(flight_text.sentences(near))
+    assert "The estimate was never on the wrong side" in plain(flight_report.sentences(near))
 
 
 def test_consistency_is_reported_by_the_filters_own_ellipse(flight):
     """A Rayleigh distribution is above 2σ with probability exp(−2); and one error in five lies outside by hand."""
-    assert pytest.approx(0.1353, abs=1e-4) == flight_text.CONSISTENT_SHARE
+    assert pytest.approx(0.1353, abs=1e-4) == flight_report.CONSISTENT_SHARE
     offsets = np.tile([1.9, 0.0], (600, 1))
     offsets[::5] = [0.0, 2.1]
-    one = flight_text.estimate_errors(moved(flight, offsets), 0)
+    one = flight_report.estimate_errors(moved(flight, offsets), 0)
     assert one.outside.mean() == pytest.approx(0.2)
-    text = plain(flight_text.sentences(moved(flight, offsets)))
+    text = plain(flight_report.sentences(moved(flight, offsets)))
     assert "ellipse for 20 % of the time; the expected share for a consistent filter is 14 %" in text
     random = np.random.default_rng(5).normal(0.0, 1.0, (600, 2))
     # binomial: a standard deviation of 1.4 %
-    assert flight_text.estimate_errors(moved(flight, random), 0).outside.mean() == pytest.approx(
-        flight_text.CONSISTENT_SHARE, abs=0.045
+    assert flight_report.estimate_errors(moved(flight, random), 0).outside.mean() == pytest.approx(
+        flight_report.CONSISTENT_SHARE, abs=0.045
     )
     # certain filters: right where they are exact, wrong where they are not
     certain = moved(flight, np.where(np.arange(600)[:, None] < 450, 0.0, 0.01), sigma=0.0)
-    assert flight_text.estimate_errors(certain, 0).outside.mean() == pytest.approx(0.25)
+    assert flight_report.estimate_errors(certain, 0).outside.mean() == pytest.approx(0.25)
 
 
 def test_the_cause_is_the_largest_share_of_the_asymmetry():
     """The synthetic ranges are straight lines between tilted hulls with up to 1 cm of noise: of 2 m, 3° take little."""
     flight = make_flight(60.0)
-    sentence = flight_text.sentences(flight)[-1]
+    sentence = flight_report.sentences(flight)[-1]
     budget = range_error_budget(flight)
     apart = budget.asymmetry[np.isfinite(budget.asymmetry).all(axis=1)]
     rms = np.sqrt((apart**2).mean(axis=0))
@@ -147,7 +147,7 @@ def test_the_cause_is_the_largest_share_of_the_asymmetry():
     error = budget.error[np.isfinite(budget.asymmetry).all(axis=1)]
     assert f"an RMS error of {100 * np.sqrt(np.mean((error[:, 1] - error[:, 0]) ** 2)):.2g} cm" in sentence
     nothing = dataclasses.replace(budget, share=np.full_like(budget.share, np.nan))
-    assert flight_text.cause_numbers([nothing]) == {"asymmetry_cm": None}
+    assert flight_report.cause_numbers([nothing]) == {"asymmetry_cm": None}
 
 
 def test_several_followers_are_spoken_of_together():
@@ -157,7 +157,7 @@ def test_several_followers_are_spoken_of_together():
         offsets = np.tile([0.25 * error, 0.0], (300, 1))
         offsets[::5] = [0.0, 4.0 * error]
         flight = moved(flight, offsets, i)
-    text = flight_text.sentences(flight)
+    text = flight_report.sentences(flight)
     assert 3 <= len(text) <= 7
     assert (
         "The mean position errors of 3 followers lie between 0.25 m (follower2) and 2.00 m (follower3); the largest "
@@ -167,10 +167,10 @@ def test_several_followers_are_spoken_of_together():
 
 
 def test_three_to_seven_paragraphs_and_none_of_what_diverged(flight):
-    assert 3 <= len(flight_text.sentences(flight)) <= 7
+    assert 3 <= len(flight_report.sentences(flight)) <= 7
     state = flight.estimates[0].state.copy()
     state[-1] = np.nan
-    assert flight_text.sentences(with_estimates(flight, state=state)) == []
+    assert flight_report.sentences(with_estimates(flight, state=state)) == []
 
 
 @pytest.mark.parametrize(
@@ -179,4 +179,4 @@ def test_three_to_seven_paragraphs_and_none_of_what_diverged(flight):
      (0.9999, "more than 99.9 %"), (1.0, "100 %")],
 )  # fmt: skip
 def test_shares_never_round_to_nothing_or_all(share, words):
-    assert plain([flight_text.percent(share)]) == words
+    assert plain([flight_report.percent(share)]) == words

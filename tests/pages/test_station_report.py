@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.pages import flight_figures, flight_text
-from experiments.pages.flight_report import flight_report
+from experiments.pages import flight_figures, flight_report
 from laisn.arrays import Floats
 from sim.flight import Flight
 from sim.scenario.formation import Formation, Proximity, Station
@@ -54,7 +53,7 @@ def steady(first: float, second: float) -> tuple[Floats, Floats]:
 
 
 def text_of(flight: Flight) -> str:
-    return " ".join(flight_text.sentences(flight)).replace("\N{NO-BREAK SPACE}", " ")
+    return " ".join(flight_report.sentences(flight)).replace("\N{NO-BREAK SPACE}", " ")
 
 
 def test_best_and_worst_keeper_and_the_nearest_pair_are_named() -> None:
@@ -137,7 +136,7 @@ def test_the_report_has_columns_and_a_section_of_stations(tmp_path: Path) -> Non
     n = flight.measurements[0].speed.size
     errors = [(np.zeros(n), np.zeros(n))] * 2
     path = tmp_path / "report.html"
-    flight_report(flight, errors, {"followers": rows}, path, None)
+    flight_report.flight_report(flight, errors, {"followers": rows}, path, None)
     html = path.read_text(encoding="utf-8")
     assert "station error, since it joined" in columns(html)
     assert 'id="stations"' in html
@@ -150,7 +149,7 @@ def test_the_report_of_routes_has_none(tmp_path: Path) -> None:
     flight = make_flight(20.0, 2)
     n = flight.measurements[0].speed.size
     path = tmp_path / "report.html"
-    flight_report(
+    flight_report.flight_report(
         flight, [(np.zeros(n), np.zeros(n))] * 2, {"followers": {"follower1": {}, "follower2": {}}}, path, None
     )
     html = path.read_text(encoding="utf-8")

@@ -8,8 +8,7 @@ import jinja2
 import pytest
 
 from experiments.findings import Finding, Findings
-from experiments.pages.page import Cell, Code, Figures, Notice, Page, Table, Text
-from experiments.pages.template import page_of
+from experiments.pages.page import Cell, Code, Figures, Notice, Page, Table, Text, page_of
 from laisn.failure import LaisnError
 
 FINDINGS = Findings(

@@ -9,8 +9,20 @@ from scipy import stats
 
 from experiments.flight.library import ROUTES
 from experiments.intervals import Interval
-from experiments.studies.reproduction.claims import CLAIMS, JUDGED, Judgement, Verdict, verdict_of
-from experiments.studies.reproduction.replications import TIMED, Figures, Judged, Kind, Outcome, Relation, over_time
+from experiments.studies.reproduction.findings import (
+    CLAIMS,
+    JUDGED,
+    TIMED,
+    Figures,
+    Judged,
+    Judgement,
+    Kind,
+    Outcome,
+    Relation,
+    Verdict,
+    over_time,
+    verdict_of,
+)
 from experiments.studies.reproduction.settings import METRICS, SETTINGS
 from laisn.arrays import Floats
 

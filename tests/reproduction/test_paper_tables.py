@@ -6,11 +6,9 @@ from typing import Any
 
 import pytest
 
-from experiments.pages.page import Cell, Figures, Page, Table, Text, ratio_tone
-from experiments.pages.template import page_of
-from experiments.studies.reproduction.claims import Claim, Judgement
+from experiments.pages.page import Cell, Figures, Page, Table, Text, page_of, ratio_tone
 from experiments.studies.reproduction.figures import page_values
-from experiments.studies.reproduction.findings import findings_of
+from experiments.studies.reproduction.findings import Claim, Judgement, findings_of
 from experiments.studies.reproduction.settings import METRICS, SETTINGS, Key, Setting
 
 BASE, GATE, SLOW, ASYMMETRIC, TEXT = (

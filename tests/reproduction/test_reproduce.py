@@ -13,7 +13,8 @@ from experiments.campaign.cells import Cell
 from experiments.campaign.montecarlo import simulate
 from experiments.campaign.plans import steps_of
 from experiments.flight.library import ROUTES, load
-from experiments.studies.reproduction import claims, replications, settings
+from experiments.studies.reproduction import findings as claims
+from experiments.studies.reproduction import settings
 from experiments.studies.reproduction import study as reproduce
 from tools.documents import claim_seeds
 
@@ -75,10 +76,10 @@ def test_replications_have_the_figures_of_their_runs(short, tmp_path, monkeypatc
             assert each["base laisn-2", metric].shape == (4, 8)
             assert each["base laisn-2", metric][number, at] == pytest.approx(figure(table[metric]), rel=1e-12)
         steps = steps_of(Cell.of(scenario, runs=range(3 * number, 3 * number + 3)))
-        wanted = replications.over_time(steps)["e_p_astern_m"]
+        wanted = claims.over_time(steps)["e_p_astern_m"]
         assert each["base laisn-2", "e_p_astern_m"][number, at] == pytest.approx(wanted, nan_ok=True)
     assert each["base laisn-2", "e_p_mean_m"][0, at] != each["base laisn-2", "e_p_mean_m"][1, at]
-    assert {("base laisn-2", name) for name in replications.TIMED} <= each.keys()
+    assert {("base laisn-2", name) for name in claims.TIMED} <= each.keys()
     assert ("base laisn-3-2", "e_p_abeam_m") not in each
 
 
@@ -86,7 +87,7 @@ def test_resamples_scatter_as_means_over_replications_do():
     rng = np.random.default_rng(3)
     shared = rng.normal(10.0, 1.0, (20, 8))
     each = {("a", "x"): shared, ("b", "x"): shared + rng.normal(0.0, 0.5, (20, 8))}
-    figures = replications.Figures(each=each)
+    figures = claims.Figures(each=each)
     first, other = (figures.known(name, "x") for name in "ab")
     assert first[0] == pytest.approx(shared.mean(axis=0))
     assert first[1:, 0].std() == pytest.approx(shared[:, 0].std() / np.sqrt(20), rel=0.1)
@@ -115,7 +116,7 @@ def test_the_study_of_seeds_judges_each_of_them(tmp_path, short, monkeypatch):
 
 def test_claims_on_the_published_tables():
     distance = np.array([[42.3, 54.7, 76.5, 74.7, 39.5, 45.6, 40.8, 76.1]] * 2)
-    ours = replications.Figures(each={("base laisn-2", "distance_m"): distance})
+    ours = claims.Figures(each={("base laisn-2", "distance_m"): distance})
     verdicts = {c.number: theirs.verdict for c, _, theirs in claims.judge(ours, settings.published())}
     # μ_D = 0.3 has no published table; what the paper claims, its own tables bear out
     assert verdicts.pop(8) == "no data"
@@ -130,7 +131,7 @@ def verdict(number, figure):
         for v in s.variants
         for x in (*settings.METRICS, "distance_m")
     }
-    return claims.CLAIMS[number - 1].judge(replications.Figures(each=each, exact=True)).verdict
+    return claims.CLAIMS[number - 1].judge(claims.Figures(each=each, exact=True)).verdict
 
 
 @pytest.mark.parametrize(("five", "ten", "expected"), [
@@ -167,9 +168,9 @@ def test_errors_abeam_and_astern_take_their_sector():
     error = np.repeat([1.0, 5.0, 99.0, 3.0], 400)
     steps = {"bearing_deg": bearing, "e_p_mean_m": error, "e_b_max_deg": error, "speed_m_s": error}
     steps["time_s"] = np.arange(error.size)
-    found = replications.over_time(steps)
+    found = claims.over_time(steps)
     assert (found["e_p_abeam_m"], found["e_p_astern_m"]) == (2.0, 5.0)
-    found = replications.over_time({name: values[:400] for name, values in steps.items()})
+    found = claims.over_time({name: values[:400] for name, values in steps.items()})
     assert found["e_p_abeam_m"] == 1.0
     assert np.isnan(found["e_p_astern_m"])
 

@@ -8,10 +8,17 @@ import pytest
 
 from experiments.intervals import Interval
 from experiments.studies.reproduction import figures as page_figures
-from experiments.studies.reproduction.claims import CLAIMS, Judgement, Verdict
 from experiments.studies.reproduction.figures import Cells
-from experiments.studies.reproduction.findings import findings_of, listed, ratios
-from experiments.studies.reproduction.replications import Judged, mean_distance
+from experiments.studies.reproduction.findings import (
+    CLAIMS,
+    Judged,
+    Judgement,
+    Verdict,
+    findings_of,
+    listed,
+    mean_distance,
+    ratios,
+)
 from experiments.studies.reproduction.settings import METRICS, SETTINGS, Key
 from tests.reproduction.test_paper_tables import page_with
 from tests.synthetic import make_scenario, make_trajectory

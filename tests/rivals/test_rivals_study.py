@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from experiments.findings import read, record
-from experiments.pages.page import render
-from experiments.pages.template import page_of
+from experiments.pages.page import page_of, render
 from experiments.studies.rivals import figures, findings
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import Plan, plan_of

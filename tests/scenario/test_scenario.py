@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from experiments.flight import library
-from laisn.settings import NavigationSettings
-from laisn.tight.settings import TightSettings
+from laisn.settings import NavigationSettings, TightSettings
 from sim.assembly import ocean_of
 from sim.feasibility import cautions, infeasibilities
 from sim.flight import navigation_settings

@@ -82,7 +82,7 @@ def test_the_answer_names_the_best_the_worst_and_which_arm_wins_where(page: Page
 
 def test_the_answer_is_a_figure_and_a_table_of_every_place_with_differences_and_verdicts(page: Page) -> None:
     answer = page.sections[0]
-    assert [block.kind for block in answer.blocks] == ["text", "figures", "table"]
+    assert [type(block) for block in answer.blocks] == [Text, Figures, Table]
     (table,) = (block for block in answer.blocks if isinstance(block, Table))
     heads = list(table.heads)
     apart = {

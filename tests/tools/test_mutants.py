@@ -13,7 +13,7 @@ from tools.mutants.cover import covering, distances
         ("laisn/tight/hypotheses.py", "tests/laisn/test_swarms.py"),
         ("sim/vehicle/hydrodynamics.py", "tests/vehicle/test_hydrodynamics.py"),
         ("experiments/intervals.py", "tests/test_intervals.py"),
-        ("experiments/studies/asymmetry/comparison.py", "tests/asymmetry/test_comparison.py"),
+        ("experiments/studies/asymmetry/findings.py", "tests/asymmetry/test_comparison.py"),
     ],
 )
 def test_the_covering_a_source_are_those_of_its_name_and_room(file: str, first: str) -> None:

@@ -7,14 +7,13 @@ import numpy as np
 
 from experiments.campaign.cells import Cell
 from experiments.flight.library import load
-from laisn import lane_rows as row
+from laisn import lane_passes as row
 from laisn import lanes
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled_lanes
 from laisn.messages import Measurements
-from laisn.settings import NavigationSettings, Tuning
+from laisn.settings import Assume, NavigationSettings, TightSettings, Tuning
 from laisn.tight.mission import run_mission
-from laisn.tight.settings import Assume, TightSettings
 from sim.sensing.observation import measure
 from tools.benchmarks.peak import peak_flops
 from tools.benchmarks.row import Row, least_times

@@ -20,7 +20,7 @@ from experiments.campaign.montecarlo import simulate
 from experiments.findings import Finding, Findings, of, plain
 from experiments.findings import record as make_record
 from experiments.intervals import Interval
-from laisn import lane_rows as row
+from laisn import lane_passes as row
 from laisn import lanes
 from laisn.arrays import Floats
 from laisn.filter import Filter

@@ -8,9 +8,9 @@ from typing import Unpack
 from experiments.campaign.campaign import ExecutionOptions
 from experiments.findings import FILE, Finding, Findings, of, plain, record
 from experiments.intervals import proportion
-from experiments.studies.reproduction import claims, settings
-from experiments.studies.reproduction.claims import CLAIMS, Verdict
-from experiments.studies.reproduction.findings import MODULES
+from experiments.studies.reproduction import findings as claims
+from experiments.studies.reproduction import settings
+from experiments.studies.reproduction.findings import CLAIMS, MODULES, Verdict
 from experiments.studies.reproduction.study import simulate
 
 SEEDS = range(101, 121)

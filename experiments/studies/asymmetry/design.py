@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from typing import Any
 
@@ -16,7 +16,6 @@ from sim.scenario.settings import Scenario
 _FILE = tomllib.loads((resources.files(__package__) / "study.toml").read_text(encoding="utf-8"))
 SEED: int = _FILE["seed"]
 OFFSETS_M: tuple[float, ...] = tuple(_FILE["offsets_m"])
-"""Depth of the follower below the leader's mean depth."""
 MAP: dict[str, list[float]] = _FILE["map"]
 """Grid of the map of noiseless fixes, by columns of its table."""
 ROUTE: str = _FILE["example"]["route"]
@@ -71,7 +70,6 @@ CALM, *_OTHERS = _CONDITIONS
 CONDITIONS = tuple(_OTHERS)
 QUICK_CONDITIONS = tuple(c for c in CONDITIONS if c.key in _FILE["quick"])
 CAUSES: dict[str, str] = {key: cause["title"] for key, cause in _FILE["cause"].items() if key != CALM.cause}
-"""Causes of pitch, and their names on the page."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,11 +81,9 @@ class Arm:
     level: bool = False
     """Behind a leader that has the real one's track and keeps level."""
     set: Mapping[str, Any] = field(default_factory=dict, hash=False)
-    """What differs from the condition's scenario."""
     wanted: float = 0.0
     """Share of the pitch-driven error that a remedy should remove; 0: it is none."""
     variants: tuple[Variant, ...] = ("laisn-2", "laisn-3-2")
-    """Simulated in this arm."""
 
 
 ARMS = TypeAdapter(tuple[Arm, ...]).validate_python(_FILE["arm"])
@@ -111,6 +107,11 @@ class Plan:
     def runs(self) -> int:
         """Runs of every cell."""
         return self.looks[0]
+
+    @property
+    def least(self) -> "Plan":
+        """So little that compiling is all that takes time."""
+        return replace(self, routes=self.routes[:1], duration_s=2.0, looks=(1,))
 
 
 QUICK = Plan(routes=("T3", "T8"), offsets_m=(0.0, 5.0, 10.0), variants=("laisn-2",), looks=(64,), duration_s=200.0)

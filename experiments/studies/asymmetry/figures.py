@@ -1,22 +1,32 @@
-"""Drawings of the pitch study: one message to scale, the map around the leader, errors over pitch, results."""
+"""Drawings of the pitch study: one message to scale, the map around the leader, errors over pitch; and its film.
+
+The film shows the leader that pitches, rays in the colour of their errors, and two estimates.
+"""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import NamedTuple, Self
 
 import numpy as np
 
+from experiments.flight.range_budget import Cause, RangeErrorBudget, range_error_budget
+from experiments.flight.summary import position_and_bearing_errors
 from experiments.pages.figures import Line, Panel, numbers, panel
 from experiments.pages.style import FULL, INK, MUTED, SERIES, Colour
-from experiments.studies.asymmetry.comparison import Missions, select
-from experiments.studies.asymmetry.design import AHRS, CAUSES, LEVEL, REAL
+from experiments.studies.asymmetry.design import AHRS, CAUSES, EVERYTHING, LEVEL, OFFSET_M, REAL, ROUTE, Condition
+from experiments.studies.asymmetry.findings import Missions, select
 from experiments.studies.asymmetry.fix_map import Chart
 from laisn.arrays import Bools, Floats
+from sim.film.annotations import Annotations, OtherEstimate, RayErrors
+from sim.film.render import render
+from sim.flight import Flight, excerpt, navigate
+from sim.motion import simulate_motion
+from sim.scenario.settings import Video
 from sim.sensing.acoustics import TRANSMITTERS
 from sim.trajectory import Trajectory
 
 LEVEL_COLOUR, REAL_COLOUR, AWARE_COLOUR = SERIES[2], SERIES[1], SERIES[0]
-"""Colours of the level leader, the real one, and of a follower that receives the leader's attitude."""
 LEGEND = ((LEVEL_COLOUR, "level leader"), (REAL_COLOUR, "real leader"), (AWARE_COLOUR, "AHRS broadcast"))
 CAUSE_COLOURS = {"trim": SERIES[0], "dive": SERIES[2], "waves": SERIES[1]}
 ERROR_LEVELS_M = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
@@ -31,9 +41,7 @@ class Message(NamedTuple):
     pitch: float
     hydrophone: Floats
     transmitters: Floats
-    """Rear and front, shape (2, 3)."""
     assumed: Floats
-    """Where the follower assumes them, likewise."""
 
     @classmethod
     def of(cls, trajectory: Trajectory, step: int) -> Self:
@@ -68,7 +76,6 @@ def _path(points: Floats, colour: Colour, dash: str = "-", marker: str = "", **w
 
 
 def _scene(lines: Sequence[Line], low: Floats, high: Floats, y_label: str, title: str) -> Panel:
-    """A panel between two corners, both axes to one scale."""
     return panel(
         lines, x_label="forward of the leader [m]", y_label=y_label, title=title, height=3.4, equal=True,
         x_limits=(low[0], high[0]), y_limits=(low[1], high[1]),
@@ -109,8 +116,11 @@ def message_top(message: Message) -> Panel:
     return _scene(lines, points.min(axis=0) - pad, points.max(axis=0) + pad, "port [m]", "From above, to scale")
 
 
-def _heat(bearing_deg: Floats, range_m: Floats, error: Floats, title: str) -> Panel:
-    """Position error over bearing, shape (b,), and range, shape (r,): error of shape (r, b), [m]."""
+def around_leader(chart: Chart, depth_offset: float) -> Panel:
+    """Errors of LAISN-2 around a leader pitched by 5°, over bearing and range, from the map."""
+    here = chosen(chart, pitch_deg=5.0, depth_offset_m=depth_offset)
+    range_m, bearing_deg = np.unique(chart["range_m"][here]), np.unique(chart["bearing_deg"][here])
+    error = chart["error_laisn-2_m"][here].reshape(range_m.size, bearing_deg.size)
     around, closed = np.append(bearing_deg, bearing_deg[0] + 360.0), np.concatenate([error, error[:, :1]], axis=1)
     # bands of equal width to Plotly
     band = np.interp(closed, [*ERROR_LEVELS_M, 1e3], np.arange(len(ERROR_LEVELS_M) + 1))
@@ -125,7 +135,8 @@ def _heat(bearing_deg: Floats, range_m: Floats, error: Floats, title: str) -> Pa
                      "ticktext": [f"{level:g}" for level in ERROR_LEVELS_M[1:]]},
     }  # fmt: skip
     return panel(
-        [], x_label="bearing B of the follower [°]", y_label="range [m]", title=title, width=FULL / 2, height=3.4,
+        [], x_label="bearing B of the follower [°]", y_label="range [m]", width=FULL / 2, height=3.4,
+        title=f"LAISN-2, pitch 5°, follower {depth_offset:g} m below",
         traces=[contours], x_limits=(0.0, 360.0), x_ticks=range(0, 361, 45), y_log=True, y_ticks=(5, 10, 20, 50, 100),
         y_limits=(float(range_m[0]), float(range_m[-1])),
     )  # fmt: skip
@@ -134,14 +145,6 @@ def _heat(bearing_deg: Floats, range_m: Floats, error: Floats, title: str) -> Pa
 def chosen(chart: Chart, **fixed: float) -> Bools:
     """Which points of the map have these values in its columns."""
     return np.all([np.isclose(chart[name], value) for name, value in fixed.items()], axis=0)  # type: ignore[no-any-return]
-
-
-def around_leader(chart: Chart, depth_offset: float) -> Panel:
-    """Errors of LAISN-2 around a leader pitched by 5°, from the map."""
-    here = chosen(chart, pitch_deg=5.0, depth_offset_m=depth_offset)
-    reach, bearing = np.unique(chart["range_m"][here]), np.unique(chart["bearing_deg"][here])
-    error = chart["error_laisn-2_m"][here].reshape(reach.size, bearing.size)
-    return _heat(bearing, reach, error, f"LAISN-2, pitch 5°, follower {depth_offset:g} m below")
 
 
 def excess_over_lever(missions: Missions) -> Panel:
@@ -178,3 +181,71 @@ def over_offset(missions: Missions) -> list[Panel]:
         panel(lines, x_label=x_label, y_label=y_label, title=title, y_limits=(0.0, top))
         for title, lines in drawn.items()
     ]
+
+
+_BEFORE_S, _AFTER_S = 40.0, 20.0
+VIDEO = Video(camera="profile", speed_up=4.0, frame_rate_hz=24)
+_AWARE_COLOUR = (0.30, 1.0, 0.60)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Example:
+    """A flight with the paper's acoustics, and the range errors of the same motion with every cause at work."""
+
+    condition: Condition
+    flight: Flight
+    budget: RangeErrorBudget
+    step: int
+    """Recorded point of a message with a large pitch at a short range."""
+
+
+def fly_example(condition: Condition, duration: float) -> Example:
+    """Simulate a condition with one follower, and take its range errors apart."""
+    one, everything = (condition.scenario(ROUTE, OFFSET_M, duration, settings) for settings in ({}, EVERYTHING))
+    trajectory = simulate_motion(one)
+    flight = navigate(one, trajectory)
+    away = trajectory.position[:, 1, :2] - trajectory.position[:, 0, :2]
+    pings = flight.measurements[0].message_step * flight.stride
+    step = int(pings[np.argmax(np.abs(trajectory.pitch[pings, 0]) / np.hypot(*away[pings].T))])
+    budget = range_error_budget(navigate(everything, trajectory))
+    return Example(condition=condition, flight=flight, budget=budget, step=step)
+
+
+def pitch_errors(flight: Flight) -> Floats:
+    """What pitch and roll of the leader alone add to the horizontal ranges of each message, shape (m, 3), [m]."""
+    budget = range_error_budget(flight)
+    received = flight.measurements[0].message_step
+    errors = np.full((received.size, 3), np.nan)
+    at = np.searchsorted(flight.trajectory.time[received * flight.stride], budget.time)
+    errors[at] = budget.share[..., Cause.FORESHORTENING] + budget.share[..., Cause.LEVER_ARM]
+    return errors
+
+
+def scene(example: Example) -> tuple[Flight, Annotations]:
+    """What the film shows: the stretch about the message of the example, and an estimate by the broadcast pitch."""
+    level, time = example.flight, example.flight.trajectory.time
+    # truth and all other noise are the same: random numbers belong to their sensor
+    aware = navigate(example.condition.scenario(ROUTE, OFFSET_M, round(float(time[-1]), 6), AHRS.set), level.trajectory)
+    message = float(time[example.step])
+    start, end = max(float(time[0]), message - _BEFORE_S), min(float(time[-1]), message + _AFTER_S)
+    shown = excerpt(level, start, end)
+    shown = replace(shown, scenario=level.scenario.model_copy(update={"name": example.condition.key}))
+    received = time[level.measurements[0].message_step * level.stride]
+    errors = pitch_errors(level)[(received > shown.trajectory.time[0]) & (received <= shown.trajectory.time[-1])]
+    largest = float(np.nanmax(np.abs(errors), initial=1e-3))
+    digit = 10.0 ** np.floor(np.log10(largest))
+    position = excerpt(aware, start, end).estimates[0].state[:, :2]
+    return shown, Annotations(
+        caption=f"The leader pitches: estimates of a follower {OFFSET_M:g} m below",
+        label="level leader assumed",
+        others=(OtherEstimate(label="leader's pitch broadcast", colour=_AWARE_COLOUR, position=position),),
+        rays=RayErrors(label="range error from pitch", value=errors, limit=float(np.ceil(largest / digit) * digit)),
+    )
+
+
+def film(example: Example, folder: Path, video: Video = VIDEO) -> Path:
+    """Render the film of a flight of the study as `film.mp4` into a folder; RendererDiedError if that fails."""
+    flight, added = scene(example)
+    path = folder / "film.mp4"
+    render(flight, path, errors=position_and_bearing_errors(flight), video=video, annotations=added)
+    return path

@@ -1,28 +1,293 @@
-"""What the pitch study found, number by number: its record, `results.json`."""
+"""What the pitch study found: arms compared run by run, verdicts on remedies, and its record, `results.json`.
+
+Errors and mirror locks (estimates at the mirror image beyond the leader's axis) are judged separately. For either, let
+r_i be the outcome of run i behind the real leader, l_i behind the level one, a_i with the remedy and b_i behind a level
+leader with the same equipment, or simply l_i: its mean error, or 1 if it is locked and 0 if not. A remedy meets its aim
+if it removes the share q of what pitch adds,
+
+    mean(d) ≤ 0,    d_i = (a_i − b_i) − (1 − q)(r_i − l_i).
+
+All arms of a run share their noise, so that d_i is a paired difference; errors are compared in runs that no arm of the
+comparison has locked. Met: the whole interval of mean(d) is at or below zero; missed: it is wholly above; open:
+neither. Where the first runs do not show that pitch adds anything, there is nothing that a remedy could remove.
+
+Stage 4 of the paper gives one transmitter a larger uniform error, τ_rear U(0, 1) of Eq. 28, and names a leader out of
+trim as a reason. A level leader with τ_rear raised and a leader pitched by a constant angle that raise the mean
+position error by the same amount are equivalent (`Curve`).
+"""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
 from itertools import product
+from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy.special import ndtri
 
+from experiments import intervals
 from experiments.campaign.store import Record
 from experiments.findings import Finding, Findings, of, plain, record
-from experiments.intervals import CONFIDENCE, proportion
-from experiments.studies.asymmetry.comparison import (
-    OF_RUNS,
-    QUESTIONS,
-    Missions,
-    Verdict,
-    mean_error,
-    paired,
-    removed_in_all,
-    select,
-)
-from experiments.studies.asymmetry.design import ARMS, BROADCASTS, CAUSES, LEVEL, REAL, REMEDIES, Arm, Plan
-from experiments.studies.asymmetry.paper import Curve, equivalents
+from experiments.intervals import CONFIDENCE, Interval, proportion
+from experiments.studies.asymmetry import design
+from experiments.studies.asymmetry.design import LEVEL, REAL, REMEDIES, Arm, Plan
+from laisn.arrays import Bools, Floats
 
-MODULES = tuple(f"experiments.studies.asymmetry.{name}" for name in ("findings", "missions", "paper"))
+WRONG = 0.025
+"""Chance, at most, that a remedy which just misses its aim is called met, and the same the other way round."""
+_OF_ERRORS, _OF_LOCKS = 0.015, 0.01
+"""Confidence of the limits: limits over 64 skewed runs may be crossed half as often again, and those
+of rare mirror locks twice as often and more."""
+_REACH = 0.5
+"""Standard errors by which the mean of d may yet move in the estimate of how many runs would settle a question."""
+JUDGED_FROM_M = 0.1
+"""Remedies are judged on missions in which pitch moves a noiseless fix by this much or more in the mean. That follows
+from the motion alone, independently of the runs."""
+LOCKS_WANTED = 0.9
+"""Share of the mirror locks that pitch adds which any remedy should remove: a run is locked or not, so that 99 % of
+them would take thousands of runs to tell."""
+Question = Literal["error", "mirror_lock"]
+OF_RUNS: Mapping[Question, str] = {"error": "e_p_run_mean_m", "mirror_lock": "mirror_locked_run"}
+"""What a remedy is judged by: errors of runs without mirror lock, and mirror locks; and columns of a row with a value
+for each run: mean E_P [m], and whether it was locked on the mirror image."""
+QUESTIONS = tuple(OF_RUNS)
+JUDGEMENTS = (*((arm, LEVEL) for arm in REMEDIES), (design.READINGS, design.LEVEL_BROADCAST))
+
+
+class Verdict(StrEnum):
+    """Judgement of one remedy on one mission."""
+
+    MET = "met"
+    OPEN = "open"
+    MISSED = "missed"
+    NO_HARM = "no harm shown"
+
+
+class Judgement(NamedTuple):
+    """A verdict and what it rests on."""
+
+    verdict: Verdict
+    runs: int
+    """Number of runs after which it fell, or on which the question is still open."""
+    promising: bool = False
+    """The question is open, and more runs, up to the last look, would settle it if the mean stayed about as it is."""
+    needed: float = math.nan
+    """Runs that would settle a question that is open, if mean and scatter stayed as they are; else NaN."""
+
+
+def judge(part: Floats, left: Floats, wanted: float, looks: Sequence[int], free: Bools | None = None) -> Judgement:
+    """Judge after each look until the question is settled; each look has its part of the chance of a wrong verdict.
+
+    `part` is what pitch adds to each run without the remedy, r − l, `left` what it adds with it, a − b, both of shape
+    (R,): errors [m], or mirror locks (−1, 0, 1). The remedy should remove the share `wanted`. `free` are the runs that
+    count, of errors; None: mirror locks, of which all do.
+    """
+
+    def interval(values: Floats, runs: int, confidence: float) -> Interval:
+        if free is None:
+            return intervals.difference_of_shares(values[:runs], confidence)
+        return intervals.mean_interval(values[:runs], free[:runs], confidence)
+
+    if not interval(part, looks[0], 1.0 - 2.0 * WRONG).low > 0.0:
+        return Judgement(Verdict.NO_HARM, looks[0])
+    confidence = 1.0 - 2.0 * (_OF_LOCKS if free is None else _OF_ERRORS) / len(looks)
+    judgement, slack = Judgement(Verdict.OPEN, looks[0]), _REACH / float(ndtri((1.0 + confidence) / 2.0))
+    for runs in (look for look in looks if look <= part.size):
+        rest = interval(left - (1.0 - wanted) * part, runs, confidence)
+        if rest.high <= 0.0 or rest.low > 0.0:
+            return Judgement(Verdict.MET if rest.high <= 0.0 else Verdict.MISSED, runs)
+        # whether the last run would settle it
+        still, up, down = math.sqrt(runs / looks[-1]), rest.high - rest.value, rest.value - rest.low
+        met, missed = rest.value - slack * down + still * up <= 0.0, rest.value + slack * up - still * down > 0.0
+        promising = runs < looks[-1] and (met or missed)
+        # an interval of many runs is symmetric about the mean, and shrinks with the square root of their number
+        needed = runs * ((rest.high - rest.low) / (2.0 * rest.value)) ** 2 if rest.value else math.inf
+        judgement = Judgement(Verdict.OPEN, runs, promising, needed)
+    return judgement
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparedMission:
+    """One mission of one variant in all its arms: rows by the keys of the arms."""
+
+    arms: Mapping[str, Record]
+
+    @property
+    def real(self) -> Record:
+        """Behind the leader that pitches."""
+        return self.arms[REAL.key]
+
+    @property
+    def added(self) -> float:
+        """What pitch adds to the mean position error, locked runs included [m]."""
+        return float(self.real["e_p_mean_m"] - self.arms[LEVEL.key]["e_p_mean_m"])
+
+    @property
+    def judged(self) -> bool:
+        """Whether remedies are judged on this mission."""
+        return bool(self.real["fix_error_m"] >= JUDGED_FROM_M)
+
+    @property
+    def lever(self) -> float:
+        """Δz sin φ, both root mean square [m]."""
+        return float(self.real["depth_offset_rms_m"] * np.sin(np.deg2rad(self.real["pitch_rms_deg"])))
+
+    def first_runs(self, arm: Arm, question: Question = "error") -> Floats:
+        """Mean error [m], or 1 if locked, of each of the first runs, shape (R,)."""
+        return np.array(self.arms[arm.key][OF_RUNS[question]][: self.real["runs"]], dtype=np.float64)
+
+    def compared(self, question: Question, arm: Arm, base: Arm = LEVEL) -> tuple[Floats, Floats, Bools]:
+        """What pitch adds to each run, what a remedy leaves of it, and the runs that no arm of the comparison locks."""
+        rows = [self.arms[one.key] for one in (REAL, LEVEL, arm, base)]
+        runs = min(len(row[OF_RUNS[question]]) for row in rows)
+        locked, outcomes = (
+            np.array([row[OF_RUNS[of]][:runs] for row in rows], dtype=np.float64) for of in ("mirror_lock", question)
+        )
+        real, level, remedy, other = outcomes
+        return real - level, remedy - other, np.logical_not(locked.any(axis=0))
+
+    def judge(self, question: Question, arm: Arm, looks: Sequence[int], base: Arm = LEVEL) -> Judgement:
+        """Whether a remedy removes the share that it should of the errors, or of the mirror locks, that pitch adds."""
+        part, left, free = self.compared(question, arm, base)
+        of_errors = question == "error"
+        return judge(part, left, arm.wanted if of_errors else LOCKS_WANTED, looks, free if of_errors else None)
+
+
+Missions = Sequence[ComparedMission]
+
+
+def paired(rows: Iterable[Record]) -> list[ComparedMission]:
+    """Rows of the same mission and variant, put together."""
+    found: dict[tuple[object, ...], dict[str, Record]] = {}
+    for row in rows:
+        key = tuple(row[name] for name in ("condition", "route", "depth_offset_m", "variant"))
+        found.setdefault(key, {})[row["arm"]] = row
+    return [ComparedMission(arms=arms) for arms in found.values()]
+
+
+def undecided(mission: ComparedMission, looks: Sequence[int], flown: int) -> list[str]:
+    """Keys of the arms, in the order of flying, that must be flown on to settle what is open on a mission in all its
+    arms.
+
+    `flown` is the number of runs of the arms that were flown on so far; what was left behind with fewer stays as it is.
+    """
+    wanted: set[str] = set()
+    for arm, base in JUDGEMENTS if mission.judged else ():
+        if {arm.key, base.key} <= mission.arms.keys():
+            questions = QUESTIONS if base is LEVEL else QUESTIONS[:1]
+            judged = [mission.judge(question, arm, looks, base) for question in questions]
+            if any(one.promising and one.runs == flown for one in judged):
+                wanted |= {LEVEL.key, REAL.key, arm.key, base.key}
+    return [key for key in mission.arms if key in wanted]
+
+
+def with_verdicts(mission: ComparedMission, looks: Sequence[int]) -> list[Record]:
+    """The rows of a mission with verdicts on errors and mirror locks: of remedies, if they are judged on it."""
+    judged = {arm.key: arm for arm in REMEDIES if mission.judged}
+
+    def verdict(question: Question, key: str) -> str:
+        return str(mission.judge(question, judged[key], looks).verdict) if key in judged else ""
+
+    return [row | {f"{q}_verdict": verdict(q, key) for q in QUESTIONS} for key, row in mission.arms.items()]
+
+
+def select(missions: Missions, *, judged: bool = False, **wanted: object) -> list[ComparedMission]:
+    """Missions whose columns have these values, None being any; `judged`: only those on which remedies are judged."""
+    given = {name: value for name, value in wanted.items() if value is not None}
+    return [
+        m for m in missions if (m.judged or not judged) and all(m.real[name] == value for name, value in given.items())
+    ]
+
+
+def mean_error(missions: Missions, arm: Arm) -> Interval:
+    """Mean error of an arm over missions, locked runs included [m]."""
+    return intervals.mean_over_missions([m.first_runs(arm) for m in missions])
+
+
+def added(missions: Missions, arm: Arm, base: Arm = LEVEL, question: Question = "error") -> list[Floats]:
+    """What an arm adds to another, run by run and mission by mission, locked runs included."""
+    return [m.first_runs(arm, question) - m.first_runs(base, question) for m in missions]
+
+
+def mean_added(missions: Missions, arm: Arm, base: Arm = LEVEL) -> Interval:
+    """What an arm adds to the mean error of another over missions, locked runs included [m]."""
+    return intervals.mean_over_missions(added(missions, arm, base))
+
+
+def locks_added(missions: Missions) -> Interval:
+    """Number of the first runs that pitch locks on the mirror image."""
+    share = intervals.mean_over_missions(added(missions, REAL, question="mirror_lock"))
+    return Interval(*(sum(m.real["runs"] for m in missions) * value for value in share))
+
+
+def removed_in_all(
+    missions: Missions, arm: Arm, question: Question = "error", confidence: float = CONFIDENCE
+) -> Interval:
+    """Share that a remedy removes of what pitch adds to missions, added up: to errors, or to mirror locks."""
+    part, left = added(missions, REAL, question=question), added(missions, arm, question=question)
+    return intervals.share_removed(list(zip(part, left, strict=True)), confidence)
+
+
+INTERVALS_S = (1.0, 5.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """Mean position error of LAISN-2 on a route over τ_rear, or over pitch at a depth offset."""
+
+    route: str
+    interval_s: float
+    depth_offset_m: float | None
+    value: Sequence[float]
+    """τ_rear [m], or pitch [°]."""
+    e_p_mean_m: Sequence[float]
+    excess_half_m: Sequence[float]
+    """Half of the 95 % interval, over runs, of the excess at each value [m]."""
+
+    @property
+    def excess(self) -> Floats:
+        """Mean error above that of the first value, [m]."""
+        return np.asarray(self.e_p_mean_m) - self.e_p_mean_m[0]
+
+    def excess_at(self, value: float) -> Interval:
+        """The excess at one of the values that were flown, with its interval [m]."""
+        place = self.value.index(value)
+        excess, half = float(self.excess[place]), self.excess_half_m[place]
+        return Interval(excess, excess - half, excess + half)
+
+    def equivalent(self, excess: float) -> float:
+        """Size of the value at which the curve has that excess; NaN below zero and beyond the curve's end.
+
+        Between the flown values the excess counts as linear; where noise makes a curve dip, its largest value so far.
+        """
+        grown = np.maximum.accumulate(self.excess)
+        return float(np.interp(excess, grown, np.abs(self.value))) if 0.0 <= excess <= grown[-1] else math.nan
+
+
+def equivalents(curves: Sequence[Curve], tau: float, depth_offset: float) -> dict[str, Interval]:
+    """Pitch that raises LAISN-2's mean error as a τ_rear does, and at the limits of its excess, by route, [°].
+
+    Messages come every 5 s, as in the paper's Stage 4. NaN: there is no excess, or more than at any pitch flown.
+    """
+    over_tau = {c.route: c for c in curves if c.depth_offset_m is None and c.interval_s == INTERVALS_S[1]}
+    found = {}
+    for curve in sorted((c for c in curves if c.depth_offset_m == depth_offset), key=lambda c: c.route):
+        if curve.route in over_tau:
+            value, low, high = over_tau[curve.route].excess_at(tau)
+            found[curve.route] = Interval(*(curve.equivalent(e) for e in (value, max(low, 0.0), high)))
+    return found
+
+
+def tau_equivalent(missions: Missions, curves: Sequence[Curve]) -> float:
+    """τ_rear that raises the error as pitch does, mean over missions, messages every second [m]; NaN if none does."""
+    over_tau = {c.route: c for c in curves if c.depth_offset_m is None and c.interval_s == INTERVALS_S[0]}
+    taus = [over_tau[m.real["route"]].equivalent(m.added) for m in missions]
+    known = [tau for tau in taus if not math.isnan(tau)]
+    return float(np.mean(known)) if known else math.nan
+
+
+MODULES = tuple(f"experiments.studies.asymmetry.{name}" for name in ("findings", "missions"))
 SETTLING_RUNS = 100_000
 """Open questions are distinguished by whether this number of runs would settle them."""
 STAGE_4_TAU_M = (0.03, 0.06)
@@ -42,14 +307,14 @@ def _errors(missions: Missions, plan: Plan) -> dict[str, Finding]:
 def _on_routes(missions: Missions, plan: Plan, cause: str) -> dict[str, Finding]:
     """The least and the largest share that attitude broadcasts remove on any route, with limits for all together."""
     found = {}
-    together = 1.0 - (1.0 - CONFIDENCE) / (len(plan.routes) * len(CAUSES))
+    together = 1.0 - (1.0 - CONFIDENCE) / (len(plan.routes) * len(design.CAUSES))
     by_route = [select(missions, variant="laisn-2", cause=cause, route=route) for route in plan.routes]
-    for arm in BROADCASTS:
+    for arm in design.BROADCASTS:
         flown = [chosen for chosen in by_route if chosen and arm.key in chosen[0].arms]
         shares = [removed_in_all(chosen, arm, confidence=together) for chosen in flown]
-        for name, share in (("least", min(shares)), ("largest", max(shares))) if shares else ():
+        for name, extreme in (("least", min), ("largest", max)) if shares else ():
             what = f"{name} share removed of what pitch adds on a route, limits that hold for all routes and causes"
-            found[f"{name} {arm.key} {cause}"] = of(share, what)
+            found[f"{name} {arm.key} {cause}"] = of(extreme(shares), what)
     return found
 
 
@@ -76,7 +341,7 @@ def _remedies(missions: Missions, plan: Plan, variant: str, cause: str | None) -
     everywhere = select(missions, variant=variant, cause=cause)
     chosen = select(everywhere, judged=True)
     found = {f"judged {group}": plain(len(chosen), "missions on which remedies are judged")}
-    for arm in (a for a in ARMS if everywhere and a.key in everywhere[0].arms):
+    for arm in (a for a in design.ARMS if everywhere and a.key in everywhere[0].arms):
         rows, name = [m.arms[arm.key] for m in everywhere], f"{arm.key} {group}"
         locked = proportion(sum(row["mirror_locked_runs"] for row in rows), sum(row["runs"] for row in rows))
         found[f"mirror-locked {name}"] = of(locked, "probability of a mirror lock, missions of any kind")
@@ -112,9 +377,9 @@ def findings_of(plan: Plan, rows: Sequence[Record], curves: Sequence[Curve], com
         "runs": plain(sum(len(r[OF_RUNS["error"]]) for r in rows), "runs flown"),
     }
     found |= _errors(missions, plan)
-    for cause in CAUSES:
+    for cause in design.CAUSES:
         found |= _on_routes(missions, plan, cause)
-    for variant, cause_or_all in product(plan.variants, (*CAUSES, None)):
+    for variant, cause_or_all in product(plan.variants, (*design.CAUSES, None)):
         found |= _remedies(missions, plan, variant, cause_or_all)
     found |= _stage_4(curves, [o for o in plan.offsets_m if o > 0])
     return record("asymmetry", command, MODULES, found)

@@ -18,11 +18,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import bisect
 
-from laisn import lane_rows as row
+from laisn import lane_passes as row
 from laisn import lanes
 from laisn.arrays import Floats
 from laisn.compiled import compiled_lanes
-from laisn.lane_rows import LANES
+from laisn.lane_passes import LANES
 from laisn.settings import VARIANTS, NavigationSettings, Tuning
 
 Grid = Mapping[str, Sequence[float]]
@@ -33,14 +33,11 @@ _DEEPEST_M = 50.0
 
 
 def slant_ranges(points: Floats, hull: tuple[float, float]) -> Floats:
-    """True slant ranges to the rear, front and middle transmitter of a leader at the origin heading north.
+    """True slant ranges to rear, front and middle transmitter of a leader at the origin heading north, shape (n, 3),
+    [m].
 
-    Args:
-        points: pitch [rad], depth offset [m], horizontal range [m], bearing [rad], shape (n, 4).
-        hull: baseline, middle offset [m].
-
-    Returns:
-        Ranges of shape (n, 3), [m].
+    `points` are pitch [rad], depth offset [m], horizontal range [m], bearing [rad], shape (n, 4); `hull` is baseline
+    and middle offset [m].
     """
     pitch, depth_offset, reach, bearing = points.T
     zero, half = np.zeros_like(pitch), 0.5 * hull[0]
@@ -68,12 +65,7 @@ def _sweep(points: Floats, ranges: Floats, t: Tuning, error: Floats) -> None:
 
 
 def sweep(points: Floats, settings: NavigationSettings) -> Floats:
-    """Position errors of noiseless fixes east and north (the leader heads north), shape (n, 2), [m].
-
-    Args:
-        points: as of `slant_ranges`.
-        settings: of the follower; gate and prior are replaced.
-    """
+    """Position errors of noiseless fixes east and north, shape (n, 2), [m]; the leader heads north."""
     alone = replace(settings, gate="off", position_sigma0=_PREDICTION_SIGMA_M)
     error = np.empty((points.shape[0], 2))
     _sweep(points, slant_ranges(points, (alone.baseline, alone.middle_offset)), row.tuning(alone), error)
@@ -91,10 +83,7 @@ def _turned_cosine(
 def fix_error(
     pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, reach: npt.ArrayLike, bearing: npt.ArrayLike
 ) -> Floats:
-    """Position error of a fix of LAISN-2 [m]; arguments broadcast, [rad] and [m].
-
-    Where the circles do not meet, the fix lies on the nearer end of the leader's axis: the least that pitch can do.
-    """
+    """Position error of a fix of LAISN-2 [m], on the leader's axis where the circles do not meet; [rad] and [m]."""
     turned = np.arccos(np.clip(_turned_cosine(pitch, depth_offset, reach, bearing), -1.0, 1.0))
     return np.asarray(2.0 * np.asarray(reach) * np.sin(np.abs(turned - np.arccos(np.cos(bearing))) / 2.0))
 
@@ -105,12 +94,7 @@ def closed_form_error(*point: npt.ArrayLike) -> Floats:
 
 
 def measure_map(grid: Grid, settings: NavigationSettings) -> Chart:
-    """The map as columns with a row per point: position errors of each variant, range errors and closed forms.
-
-    Args:
-        grid: values of the first four columns, as in `study.toml`.
-        settings: of the follower; the variant is replaced.
-    """
+    """The map as columns with a row per point: position errors of each variant, range errors and closed forms."""
     table = np.array(list(product(*grid.values())), dtype=np.float64)
     points = np.column_stack(
         [np.deg2rad(v) if name.endswith("deg") else v for name, v in zip(grid, table.T, strict=True)]

@@ -1,8 +1,6 @@
-"""Missions of the pitch study: a leader and one follower in a condition, simulated in all arms on the same noise.
+"""Missions of the pitch study: a leader and one follower in a condition, navigated in all arms on the same noise.
 
-A condition is simulated with followers on all routes in the water at once. Each of them then navigates many times with
-the same noise behind the leader as it moved (real) and behind one that kept level, and with every remedy. Two arms of a
-mission differ in the pitch, or the remedy, and in nothing else. No two missions share noise.
+Two arms differ in the pitch, or the remedy, and in nothing else. No two missions share noise.
 """
 
 from collections.abc import Mapping
@@ -17,8 +15,9 @@ from experiments.campaign.cells import Cell
 from experiments.campaign.missions import Mission
 from experiments.campaign.montecarlo import simulate
 from experiments.campaign.store import Record
-from experiments.studies.asymmetry.comparison import OF_RUNS, paired, undecided, with_verdicts
-from experiments.studies.asymmetry.design import AHRS, ARMS, INFLATED, Arm, Condition, Plan
+from experiments.intervals import mean_over_missions
+from experiments.studies.asymmetry.design import AHRS, ARMS, CALM, INFLATED, Arm, Condition, Plan
+from experiments.studies.asymmetry.findings import INTERVALS_S, OF_RUNS, Curve, paired, undecided, with_verdicts
 from experiments.studies.asymmetry.fix_map import fix_error
 from laisn.arrays import Floats
 from laisn.settings import Variant
@@ -28,8 +27,14 @@ from sim.sensing.ahrs import apparent_tilt, random_error, tilt_errors
 from sim.sensing.observation import SITES
 from sim.trajectory import Trajectory, leveled, tilted
 
+TAU_M = (0.01, 0.03, 0.06, 0.1, 0.2, 0.4, 0.8, 1.6)
+"""τ of the rear transmitter; the first is the paper's usual one, 0.03 and 0.06 are those of its Stage 4."""
+PITCH_DEG = (0.0, -1.0, -2.0, -3.0, -5.0, -7.5, -10.0, -15.0)
+"""Nose down, as excess buoyancy makes a leader swim; astern, where most followers are, the lever arm and foreshortening
+then add up."""
 
-def _rms_deg(error: Floats, sigma: float = 0.0) -> float:
+
+def _rms_deg(error: Floats, sigma: float) -> float:
     """Root mean square of an error over time and of an independent random one, both in [rad]."""
     return float(np.rad2deg(np.sqrt(np.mean(error**2) + sigma**2)))
 
@@ -77,12 +82,10 @@ class Pair:
 
     @cached_property
     def facts(self) -> dict[str, float]:
-        """Pitch and geometry of the mission: columns of its rows.
+        """Pitch of the leader and geometry of the mission: columns of its rows.
 
-        - `pitch_rms_deg`, `pitch_max_deg`: of the leader; `range_mean_m`: mean horizontal distance;
-        - `depth_offset_rms_m`: true root mean square of Δz;
-        - `fix_error_m`: mean over the messages of what pitch does to a noiseless fix of LAISN-2, in closed form;
-        - `inclinometer_rms_deg`, `ahrs_rms_deg`: errors of pitch by the AHRS's inclinometer, and by the AHRS.
+        `fix_error_m` is the mean over the messages of what pitch does to a noiseless fix of LAISN-2, in closed form;
+        `inclinometer_rms_deg` and `ahrs_rms_deg` are errors of pitch by the AHRS's inclinometer, and by the AHRS.
         """
         both, pitch = self.motion, self.motion.pitch[:, 0]
         apart = both.position[:, 1] - both.position[:, 0]
@@ -103,13 +106,16 @@ class Pair:
         }
 
 
-def pair(fleet: Trajectory, follower: int, condition: Condition, route: str, offset: float) -> Pair:
-    """Leader and one follower out of a fleet, with the sites that sensing needs."""
-    return Pair(motion=fleet.only((0, follower + 1), SITES), condition=condition, route=route, offset=offset)
+def pairs(condition: Condition, offset: float, plan: Plan) -> list[Pair]:
+    """Missions of a condition at a depth offset, simulated as one fleet of followers on all routes."""
+    fleet = simulate_motion(condition.fleet(plan.routes, offset, plan.duration_s))
+    return [
+        Pair(motion=fleet.only((0, i + 1), SITES), condition=condition, route=route, offset=offset)
+        for i, route in enumerate(plan.routes)
+    ]
 
 
 def _row(cell: Cell) -> Record:
-    """Figures of a cell by the columns of `CellResult.row`, and outcomes of its runs by `OF_RUNS`."""
     figures, runs = simulate(cell)
     outcomes = {OF_RUNS["error"]: runs["e_p_mean_m"], OF_RUNS["mirror_lock"]: runs["mirror_locked"]}
     return {"first_run": cell.runs[0], **figures, **outcomes}
@@ -118,8 +124,8 @@ def _row(cell: Cell) -> Record:
 def fly_mission(mission: Pair, plan: Plan) -> list[Record]:
     """Navigate a mission in every arm and variant: a row for each, figures of which are those of the first runs.
 
-    Arms whose verdict is open after a look are flown on to the next, unless even the last would hardly settle it. Only
-    outcomes of single runs grow: figures do not depend on what came out.
+    Arms whose verdict is open after a look are flown on, unless even the last would hardly settle it. Only outcomes
+    grow.
     """
     rows = []
     for variant in plan.variants:
@@ -143,10 +149,38 @@ def fly_mission(mission: Pair, plan: Plan) -> list[Record]:
 
 
 def fly_condition(condition: Condition, offset: float, plan: Plan) -> list[Record]:
-    """Simulate one condition with followers on all routes at a depth offset.
+    """Rows of all missions of a condition at a depth offset."""
+    return [row for mission in pairs(condition, offset, plan) for row in fly_mission(mission, plan)]
 
-    Fleets of this size are quickest: the price of a step grows faster than the number of vehicles.
-    """
-    trajectory = simulate_motion(condition.fleet(plan.routes, offset, plan.duration_s))
-    missions = [pair(trajectory, i, condition, route, offset) for i, route in enumerate(plan.routes)]
-    return [row for mission in missions for row in fly_mission(mission, plan)]
+
+def curve_of(cells: Mapping[float, Cell], route: str, interval_s: float, depth_offset_m: float | None = None) -> Curve:
+    """The curve of cells by their values; what runs of the same number share of noise drops out of the excess."""
+    results = [simulate(cell) for cell in cells.values()]
+    means = [result.runs["e_p_mean_m"] for result in results]
+    intervals = [mean_over_missions([mean - means[0]]) for mean in means]
+    return Curve(
+        route=route,
+        interval_s=interval_s,
+        depth_offset_m=depth_offset_m,
+        value=tuple(cells),
+        e_p_mean_m=tuple(result.row["e_p_mean_m"] for result in results),
+        excess_half_m=tuple(interval.high - interval.value for interval in intervals),
+    )
+
+
+def fly_curves(plan: Plan) -> list[Curve]:
+    """Simulate all routes of a plan in a calm sea: over τ, and over pitch at each depth offset but zero."""
+    offsets = [offset for offset in plan.offsets_m if offset > 0.0]
+    curves = []
+    for offset in offsets:
+        for flown in pairs(CALM, offset, plan):
+            runs, level, route = flown.runs(0, plan.runs), flown.tilted(0.0), flown.route
+            one = flown.scenario({"timing.message_interval_s": INTERVALS_S[1]})
+            tilts = {degrees: Cell.of(one, 0, runs, mission=flown.tilted(degrees)) for degrees in PITCH_DEG}
+            curves.append(curve_of(tilts, route, INTERVALS_S[1], offset))
+            for interval in INTERVALS_S if offset == offsets[0] else ():
+                settings = {"timing.message_interval_s": interval}
+                wider = {tau: {"acoustics.range_tau_m": [tau, *one.acoustics.range_tau_m[1:]]} for tau in TAU_M}
+                cells = {tau: Cell.of(flown.scenario(settings | w), 0, runs, mission=level) for tau, w in wider.items()}
+                curves.append(curve_of(cells, route, interval))
+    return curves

@@ -1,8 +1,4 @@
-"""The pitch study: what a leader that is not level does to its followers, where it matters, and what helps.
-
-`run` simulates what is missing of the study, and writes its tables and its page, whose text is page.md.j2. Tasks go to
-disk one by one, so that a study that was killed goes on where it stopped.
-"""
+"""The pitch study: what a leader that is not level does to its followers, where it matters, and what helps."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
@@ -16,23 +12,20 @@ from experiments.campaign import campaign
 from experiments.campaign.campaign import Design, ExecutionOptions, Task
 from experiments.campaign.progress import compiling_shown
 from experiments.campaign.store import Record, columns_of, write_table
-from experiments.findings import FILE, Finding, Findings, of
+from experiments.findings import FILE, Finding, of
 from experiments.flight.range_budget import Cause
 from experiments.intervals import Interval
-from experiments.pages.page import Cell, Code, Figures, Film, share_of, write
-from experiments.pages.range_budget_page import asymmetry_over_time, legend_of, share_table
-from experiments.pages.template import page_of
-from experiments.studies.asymmetry import comparison, design, figures, findings, fix_map, paper
-from experiments.studies.asymmetry.comparison import Missions, Verdict, paired, select
-from experiments.studies.asymmetry.design import CAUSES, QUICK_CONDITIONS, Condition, Plan
-from experiments.studies.asymmetry.film import Example, fly_example
-from experiments.studies.asymmetry.missions import fly_condition
-from experiments.studies.asymmetry.paper import Curve, fly_curves
+from experiments.pages.flight_report import asymmetry_over_time, legend_of, share_table
+from experiments.pages.page import Cell, Code, Figures, Film, page_of, share_of, write
+from experiments.studies.asymmetry import design, figures, findings, fix_map
+from experiments.studies.asymmetry.design import CAUSES, QUICK_CONDITIONS, Plan
+from experiments.studies.asymmetry.figures import Example, fly_example
+from experiments.studies.asymmetry.findings import Curve, Missions, Verdict, paired, select
+from experiments.studies.asymmetry.missions import fly_condition, fly_curves
 from laisn.settings import NavigationSettings
 
 _CURVES = "curves"
 _SHOWN = (Cause.LEVER_ARM, Cause.RANDOM, Cause.MOTION)
-"""Causes of range errors that are drawn over time."""
 
 
 def of_message(example: Example) -> dict[str, Any]:
@@ -93,8 +86,7 @@ def of_missions(missions: Missions, curves: Sequence[Curve], plan: Plan) -> dict
         "missions": missions,
         "plan": plan,
         "design": design,
-        "comparison": comparison,
-        "paper": paper,
+        "findings": findings,
         "curves": curves,
         "deepest": fix_map.deepest_offset,
         "radians": np.deg2rad,
@@ -105,11 +97,6 @@ def of_missions(missions: Missions, curves: Sequence[Curve], plan: Plan) -> dict
     }
 
 
-def _fly_little(condition: Condition, plan: Plan) -> None:
-    """Fly so little of a study that compiling is all that takes time."""
-    fly_condition(condition, plan.offsets_m[0], replace(plan, routes=plan.routes[:1], duration_s=2.0, looks=(1,)))
-
-
 def run(
     folder: Path,
     *,
@@ -117,26 +104,19 @@ def run(
     film: Callable[[Example, Path], Path] | None = None,
     **options: Unpack[ExecutionOptions],
 ) -> Path:
-    """Simulate the study, or what is missing of it, and write tables and page.
+    """Simulate the study, or what is missing of it, and write tables and page, which is returned.
 
-    Args:
-        folder: as of `campaign.fly`.
-        quick: a first look: three conditions, two routes, short missions.
-        film: renders the film of the example into the folder; None: there is none.
-        options: as of `campaign.fly`.
-
-    Returns:
-        The page.
+    `quick` is a first look: three conditions, two routes, short missions. `film` renders the film of the example into
+    the folder. Folder and options as of `campaign.fly`.
     """
     plan, causes = (design.QUICK, QUICK_CONDITIONS) if quick else (Plan(), design.CONDITIONS)
     fleets: dict[Any, Task] = {
         (c.key, offset): partial(fly_condition, c, offset, plan) for c in causes for offset in plan.offsets_m
     }
-    # the longest first, so that no process waits for another at the end
+    # the longest first, so that no process waits for another at the end; before it the least, to compile
     tasks = {_CURVES: partial(fly_curves, plan), **fleets}
-    flown = campaign.fly(
-        Design(tasks=tasks, what="fleets", ahead=partial(_fly_little, causes[0], plan)), folder, **options
-    ).tasks
+    ahead = partial(fly_condition, causes[0], plan.offsets_m[0], plan.least)
+    flown = campaign.fly(Design(tasks=tasks, what="fleets", ahead=ahead), folder, **options).tasks
     rows: list[Record] = [
         {column: np.array(value) if isinstance(value, list) else value for column, value in row.items()}
         for name in fleets for row in flown[name]
@@ -155,24 +135,18 @@ def run(
     write_table(folder / "missions.parquet", {**columns_of(rows), "fly": lines})
     write_table(folder / "equivalents.parquet", columns_of([asdict(curve) for curve in curves]))
     write_table(folder / "map.parquet", {name: values.astype(np.float32) for name, values in chart.items()})
-    values = {"flown": causes, "film": [], **of_message(example), **of_map(chart)}
+    values = {"flown": causes, "film": [], "record": record, **of_message(example), **of_map(chart)}
     values |= of_missions(paired(rows), curves, plan)
-    page = folder / "report.html"
-    write_page(page, values, record)
-    # the page is there before the film, so that one that fails costs nothing else
-    if film:
-        write_page(page, values | {"film": [Film(path=film(example, folder))]}, record)
-    return page
-
-
-def write_page(page: Path, values: dict[str, Any], record: Findings) -> None:
-    """Write the page of a record and of the values that its template names."""
-    plan: Plan = values["plan"]
     facts = [
-        ("conditions", str(len(values["flown"]))),
+        ("conditions", str(len(causes))),
         ("runs", f"{record['runs']:,d} of {plan.duration_s:g} s on {record['missions']:d} missions"),
         ("seed", str(design.SEED)),
         ("version", record.version),
         ("repeat with", record.command),
     ]
-    write(page_of(__package__, facts, values | {"record": record}, record), page)
+    page = folder / "report.html"
+    write(page_of(__package__, facts, values, record), page)
+    # the page is there before the film, so that one that fails costs nothing else
+    if film:
+        write(page_of(__package__, facts, values | {"film": [Film(path=film(example, folder))]}, record), page)
+    return page

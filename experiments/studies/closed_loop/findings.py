@@ -13,10 +13,7 @@ LOST_M = 50.0
 
 
 def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
-    """Of each route and navigator, steered by the truth, by its estimate, and by its estimate in currents.
-
-    The arms of the study are a navigator and how it steers, the followers the routes.
-    """
+    """Of each route (a follower) and navigator, steered by the truth, by its estimate, and so in currents."""
     found = outcomes["study"].runs_by()
     runs = len(next(iter(found.values())))
     named: dict[str, Finding] = {"runs": plain(runs, "runs of each route"), "lost-from": plain(LOST_M, "", "m")}

@@ -14,9 +14,7 @@ HEADING_DRIFT, HEADING_PERIOD = float(np.deg2rad(3.0)), 400.0
 DEVIATION = 0.03
 """Amplitude of a deviation that goes once round with the heading [rad]."""
 LATE = 0.010
-"""Error by which the front transmitter's range is too long [m]."""
 ECHO_CHANCE = 0.05
-"""Chance of each range that it is that of an echo."""
 ECHO_EXCESS = (0.3, 4.8)
 """Least and largest excess of an echo's range, drawn evenly between them [m]."""
 COMMON_CHANCE = 0.1
@@ -24,7 +22,6 @@ COMMON_CHANCE = 0.1
 CLOCK_OFFSET, CLOCK_DRIFT = 1.5, 1.5e-3
 """Clock offset of 1 ms at the start, as a range [m], and drift of 1 ppm [m/s]."""
 LOSS_CHANCE = 0.2
-"""Chance of each message that none of its pings is received."""
 ERRORS = ("drift", "deviation", "echoes", "losses", "late", "common", "clock")
 
 

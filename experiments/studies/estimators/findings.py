@@ -40,10 +40,13 @@ class Mission:
         """A metric of all runs, shape (R,)."""
         return np.array(self.runs[arm][metric], dtype=np.float64)
 
+    def rms(self, arm: str = "tight") -> float:
+        """RMS error of all runs [m]."""
+        return float(np.sqrt(np.mean(self.column("e_p_rms_m", arm) ** 2)))
+
     @property
     def figures(self) -> dict[str, Any]:
         """Figures of all runs by both navigators."""
-        rms, laisn_rms = (float(np.sqrt(np.mean(self.column("e_p_rms_m", arm) ** 2))) for arm in ("tight", "laisn-2"))
         error, laisn = (float(self.column("e_p_mean_m", arm).mean()) for arm in ("tight", "laisn-2"))
         return {
             "route": self.route,
@@ -51,9 +54,9 @@ class Mission:
             "error": error,
             "laisn": laisn,
             "ratio": error / laisn,
-            "rms": rms,
-            "over_bound": None if self.bound is None else rms / self.bound,
-            "bound_over_laisn": None if self.bound is None else self.bound / laisn_rms,
+            "rms": self.rms(),
+            "over_bound": None if self.bound is None else self.rms() / self.bound,
+            "bound_over_laisn": None if self.bound is None else self.bound / self.rms("laisn-2"),
             "largest": float(self.column("e_p_max_m").max()),
             "nees": float(self.column("nees").mean()),
             "inside": self.rows["tight"]["nees_inside"],
@@ -106,29 +109,23 @@ def of_missions(key: str, missions: Sequence[Mission]) -> dict[str, Finding]:
     each = [one.figures for one in missions]
     column = {name: [one[name] for one in each] for name in each[0]}
     lost, laisn_lost = sum(column["mirror_locked"]), sum(column["laisn_mirror_locked"])
+    laisn, nis = (over_routes(missions, *key) for key in (("e_p_mean_m", "laisn-2"), ("nis",)))
+    inside, locked = "share of instants whose mean eᵀP⁻¹e is within its 95 % χ² interval", "locked on the mirror image"
     found = {
         "ratio": of(median_ratio(missions), f"mean E_P over LAISN-2's, median of {several}, 95 %"),
         "worst": plain(max(column["ratio"]), f"the same, largest of {several}"),
         "error": of(mean_of(over_routes(missions, "e_p_mean_m")), f"mean E_P, mean of {several}, 95 %", "m"),
-        "laisn-2": of(
-            mean_of(over_routes(missions, "e_p_mean_m", "laisn-2")), f"of LAISN-2, mean of {several}, 95 %", "m"
-        ),
+        "laisn-2": of(mean_of(laisn), f"of LAISN-2, mean of {several}, 95 %", "m"),
         "largest": plain(max(column["largest"]), f"largest E_P of {several}", "m"),
         "nees": of(mean_of(over_routes(missions, "nees")), f"mean eᵀP⁻¹e, mean of {several}, 95 %; right: 2"),
         "nees-least": plain(min(column["nees"]), f"smallest of {several}"),
         "nees-most": plain(max(column["nees"]), f"largest of {several}"),
-        "inside": plain(
-            float(np.mean(column["inside"])), "share of instants whose mean eᵀP⁻¹e is within its 95 % χ² interval"
-        ),
+        "inside": plain(float(np.mean(column["inside"])), inside),
         # of a range, where the engine counts pairs
-        "nis": of(
-            mean_of(0.5 * over_routes(missions, "nis")), f"squared residual of a range, mean of {several}; right: 1"
-        ),
-        "mirror-locked": of(proportion(lost, runs), "share of runs locked on the mirror image, 95 %"),
-        "mirror-locked-runs": plain(lost, f"runs locked on the mirror image of {runs}"),
-        "mirror-locked-laisn-2": of(
-            proportion(laisn_lost, runs), "share of LAISN-2's runs locked on the mirror image, 95 %"
-        ),
+        "nis": of(mean_of(0.5 * nis), f"squared residual of a range, mean of {several}; right: 1"),
+        "mirror-locked": of(proportion(lost, runs), f"share of runs {locked}, 95 %"),
+        "mirror-locked-runs": plain(lost, f"runs {locked} of {runs}"),
+        "mirror-locked-laisn-2": of(proportion(laisn_lost, runs), f"share of LAISN-2's runs {locked}, 95 %"),
     }
     smoothed = [one.rows["tight"].get("bound_smoothed_rms_m") for one in missions]
     if None not in smoothed:
@@ -143,11 +140,7 @@ def of_missions(key: str, missions: Sequence[Mission]) -> dict[str, Finding]:
 
 
 def of_clocks(missions: Sequence[Mission]) -> dict[str, Finding]:
-    """Findings of an unknown clock before the leader's first turn and after it.
-
-    On a straight leg a clock's drift, the log's bias and, far astern, the distance change all ranges alike. After a
-    turn they can be separated.
-    """
+    """Findings of an unknown clock before the leader's first turn, where it is not observable, and after it."""
     found, turn = {}, float(library_route("L").time[1])
     pairs = [[where(missions, scenario=route, case=case)[0].steps["tight"] for case in ("unknown", "exact")]
              for route in dict.fromkeys(one.route for one in missions)]  # fmt: skip
@@ -175,13 +168,12 @@ def of_plain_filter(key: str, missions: Sequence[Mission]) -> dict[str, Finding]
     theirs, means = (over_routes(missions, "e_p_mean_m", arm) for arm in ("tight", "ekf"))
     normalised, lost = over_routes(missions, "nees", "ekf"), over_routes(missions, "mirror_locked", "ekf")
     whole = ratio_intervals(theirs.sum(axis=1, keepdims=True), means.sum(axis=1, keepdims=True))[0]
+    share, what = proportion(int(lost.sum()), lost.size), "share of a plain EKF's runs locked on the mirror image, 95 %"
     found = {
         f"ekf {key}": of(mean_of(means), f"mean E_P of a plain EKF, mean of {several}, 95 %", "m"),
         f"over-ekf {key}": of(whole, f"{over}, {several}, 95 %"),
         f"ekf-nees {key}": of(mean_of(normalised), f"mean eᵀP⁻¹e of a plain EKF, {several}, 95 %; right: 2"),
-        f"ekf-mirror-locked {key}": of(
-            proportion(int(lost.sum()), lost.size), "share of a plain EKF's runs locked on the mirror image, 95 %"
-        ),
+        f"ekf-mirror-locked {key}": of(share, what),
     }
     for one, ratio in zip(missions, ratio_intervals(theirs, means), strict=True):
         found[f"over-ekf {key} {one.route}"] = of(ratio, f"{over}, 95 %")
@@ -229,8 +221,7 @@ def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
     named |= of_clocks(parts["clock"])
     for one in parts["weave"]:
         key = f"{one.point['case']} {one.route}"
-        rms = float(np.sqrt(np.mean(one.column("e_p_rms_m") ** 2)))
-        named[f"rms {key}"] = plain(rms, "RMS E_P with two transmitters", "m")
+        named[f"rms {key}"] = plain(one.rms(), "RMS E_P with two transmitters", "m")
         named[f"rms-bound {key}"] = plain(one.bound, "its bound", "m")
     for one in parts["locks"]:
         named |= of_mirror_locks(one)

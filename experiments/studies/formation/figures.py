@@ -10,7 +10,7 @@ from experiments.flight.library import load
 from experiments.pages.figures import Panel, marks, panel
 from experiments.pages.page import Figures, share_of, with_limits
 from experiments.pages.style import FULL, SERIES
-from experiments.studies.formation import limits
+from experiments.studies.formation import findings as limits
 from experiments.study.run import Outcomes
 
 _SERIES = {
@@ -18,7 +18,6 @@ _SERIES = {
     "worst": (SERIES[1], "D", "worst follower's RMS"),
     "max": (SERIES[4], "|", "largest distance at any time"),
 }
-"""Findings of the figure: colour, marker and words."""
 
 
 def picture(findings: Findings, conditions: Mapping[str, str]) -> Panel:

@@ -1,25 +1,122 @@
-"""What the study found, from the rows of its runs (`experiments.study.measure.records_of_run`)."""
+"""What the study found, from the rows of its runs, and limits that need no simulation.
 
+These are of the acoustic channel, and the bound behind a leader that weaves, so that the axis of its two transmitters,
+along which they determine little, turns away from the follower.
+"""
+
+import math
 from collections.abc import Mapping, Sequence
+from functools import cache
 
 import numpy as np
 
 from experiments.campaign.store import Record
 from experiments.findings import Finding, of, plain
 from experiments.intervals import mean_interval, proportion
-from experiments.studies.formation import limits
 from experiments.study.run import Outcomes
 from laisn.arrays import Floats
+from laisn.bound import Geometry, TrueNoise, position_bound
+from sim.scenario.settings import Scenario
 from sim.station_keeping import LOST_M
+
+RATES = (80, 500, 5000)
+"""Bit rates that modems of little, middling and much bandwidth offer [bit/s]; JANUS (STANAG 4748) has 80."""
+CHECK_BITS = 16
+_AREA_M, _STEP_M = 20_000.0, 0.01
+"""Side of the square that positions lie in, and their resolution: far below any follower's uncertainty."""
+_STEP_RAD = math.radians(0.1)
+_FASTEST_M_S, _STEP_M_S = 5.0, 0.01
+_TILT_RAD = math.radians(90.0)
+"""Pitch and roll lie within half of this to either side."""
+_DAY_S = 86_400.0
+
+
+def _bits(span: float, step: float) -> int:
+    """Bits that distinguish the steps of a span."""
+    return math.ceil(math.log2(span / step))
+
+
+def message_bits(scenario: Scenario) -> int:
+    """Length of a message: its number within a day, the leader's state, its next waypoints on request, a checksum."""
+    place, leader = 2 * _bits(_AREA_M, _STEP_M), scenario.leader
+    bits = _bits(_DAY_S, scenario.timing.message_interval_s) + place + CHECK_BITS
+    bits += _bits(2.0 * math.pi, _STEP_RAD) + _bits(_FASTEST_M_S, _STEP_M_S)
+    bits += _bits(scenario.ocean.floor_depth_m, _STEP_M) + leader.broadcast_waypoints * (_bits(_DAY_S, 1.0) + place)
+    return bits + (2 * _bits(_TILT_RAD, _STEP_RAD) if leader.broadcast_attitude else 0)
+
+
+def reach_m(scenario: Scenario) -> float:
+    """Distance from the transmitter that is farther away to the farthest station [m]."""
+    half, depth = 0.5 * (scenario.leader.baseline_m or 0.0), scenario.leader.layer_m
+    stations = [follower.station for follower in scenario.followers if follower.station]
+    return max(math.hypot(abs(s.behind_m) + half, s.port_m, s.depth_m - depth) for s in stations)
+
+
+def shortest_interval_s(scenario: Scenario, rate: float) -> float:
+    """Time from one broadcast to the next at a bit rate: pings, message, and its way to the farthest follower [s]."""
+    sound = scenario.acoustics
+    way = reach_m(scenario) / sound.sound_speed_m_s
+    return 3.0 * sound.ping_slot_s + message_bits(scenario) / rate + way
+
+
+def asked_interval_s(scenario: Scenario, rate: float, followers: int) -> float:
+    """The same if every follower interrogates for its own range: there and back for each [s]."""
+    way = reach_m(scenario) / scenario.acoustics.sound_speed_m_s
+    return followers * (message_bits(scenario) / rate + 2.0 * way)
+
+
+WEAVES = ((0.0, 40.0), (2.0, 40.0), (5.0, 20.0), (5.0, 40.0), (5.0, 80.0), (10.0, 40.0))
+"""Amplitudes [°] and periods [s] of a weaving leader's heading."""
+BEHIND = (20, 40)
+_SPEED, _DEEPER, _HALF, _STEP = 1.0, 10.0, 1.0, 0.1
+"""Of both vehicles [m/s]; the follower below the leader [m]; half the transmitters' distance [m]; filter step [s]."""
+_SECONDS = 300
+
+
+def geometry(amplitude_deg: float, period_s: float, behind: float) -> Geometry:
+    """The mission of a follower so far behind a leader that weaves [m], a message each second."""
+    late = round(behind / _SPEED / _STEP)
+    time = _STEP * np.arange(-late, round(_SECONDS / _STEP) + 1)
+    heading = np.deg2rad(amplitude_deg) * np.sin(2.0 * np.pi * time / period_s)
+    ahead = np.stack([np.sin(heading), np.cos(heading)], axis=1)
+    way = np.concatenate([np.zeros((1, 2)), np.cumsum(_SPEED * _STEP * ahead[1:], axis=0)])
+    n = time.size - late - 1
+    step = np.arange(10, n + 1, 10)
+    # vehicles that at the last instant are where the leader was `late` steps before
+    leader, follower = way[late:], way[: n + 1]
+    axis = _HALF * ahead[late + step]
+    arms = np.stack([np.column_stack([end * axis, np.full(step.size, -_DEEPER)]) for end in (-1.0, 1.0)], axis=1)
+    away, speed = follower[step] - leader[step], np.full(n, _SPEED)
+    return Geometry(dt=_STEP, speed=speed, heading=heading[1 : n + 1], message_step=step, from_leader=away, arms=arms)
+
+
+def longer(amplitude_deg: float) -> float:
+    """Way that a weave costs, as a share of the way made good: 1 / mean cos θ − 1."""
+    swing = np.deg2rad(amplitude_deg) * np.sin(2.0 * np.pi * (np.arange(720) + 0.5) / 720)
+    return float(1.0 / np.mean(np.cos(swing)) - 1.0)
+
+
+@cache
+def least_error(amplitude_deg: float, period_s: float, behind: float) -> float:
+    """Root of the mean square error that no estimator of these ranges can undercut, over a mission [m]."""
+    bound = position_bound(geometry(amplitude_deg, period_s, behind), TrueNoise(start=0.01))
+    return float(np.sqrt(np.mean(np.trace(bound, axis1=1, axis2=2))))
+
+
+def weave_findings() -> dict[str, Finding]:
+    """Least errors by weave and station, and what each weave costs of way."""
+    named = {}
+    for amplitude, period in WEAVES:
+        name = f"weave {amplitude:g} {period:g}"
+        for behind in BEHIND:
+            what = f"least RMS error {behind} m behind, leader's heading swings by {amplitude:g}° each {period:g} s"
+            named[f"{name} {behind}"] = plain(least_error(amplitude, period, float(behind)), what, "m")
+        named[f"{name} way"] = plain(longer(amplitude), "way that this weave costs, as a share of the way made good")
+    return named
 
 
 def of_condition(name: str, runs: Sequence[Sequence[Record]]) -> dict[str, Finding]:
-    """Findings of one condition; intervals are over runs.
-
-    Args:
-        name: of the condition.
-        runs: a row for each follower of each run.
-    """
+    """Findings of one condition, from a row for each follower of each run; intervals are over runs."""
 
     def column(metric: str) -> Floats:
         """A metric of all runs and followers, shape (R, f); NaN where there is none."""
@@ -61,4 +158,4 @@ def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
     named = {"runs": plain(max(len(runs) for runs in found.values()), "runs of most conditions")}
     for name, runs in found.items():
         named |= of_condition(name, runs)
-    return named | limits.findings()
+    return named | weave_findings()

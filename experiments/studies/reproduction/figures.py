@@ -11,9 +11,7 @@ from experiments.pages.flight_figures import ON_AXIS_DEG, bearing_part
 from experiments.pages.page import Cell, Figures, number, ratio_tone
 from experiments.pages.style import ESTIMATE, FOLLOWER, FRAME, LEADER, SERIES, Colour, Legend
 from experiments.studies.reproduction import settings
-from experiments.studies.reproduction.claims import Claim, Judgement
-from experiments.studies.reproduction.findings import ratios
-from experiments.studies.reproduction.replications import MARGIN, REPLICATIONS, VERDICT_CONFIDENCE
+from experiments.studies.reproduction.findings import MARGIN, REPLICATIONS, VERDICT_CONFIDENCE, Claim, Judgement, ratios
 from experiments.studies.reproduction.settings import FIGURES, METRICS, VARIANT_NAMES, Key, Setting
 from laisn.settings import Variant
 from sim.trajectory import Trajectory
@@ -23,7 +21,6 @@ FAR = 2.0
 SLOW_S = 10.0
 """Message interval at which the paper's settings are not known [s]."""
 TONES = {"holds": "yes", "does not hold": "no", "depends": "maybe", "undecided": "", "no data": ""}
-"""Colours of verdicts."""
 _POINTS = 300
 """Of a line over time: there are 96 of them, and a page has at most 6 MB."""
 _GROUPS: Mapping[str, tuple[Colour, str, str]] = {
@@ -32,14 +29,10 @@ _GROUPS: Mapping[str, tuple[Colour, str, str]] = {
     "leader's compass off, stage 5": (SERIES[3], "s", "■"),
     "messages every 10 s": (SERIES[1], "^", "▲"),
 }
-"""Kinds of published rows: colour, marker and its sign."""
 
 
 def agreement(table: Sequence[Record]) -> tuple[Panel, Legend]:
-    """Our mean E_P over the paper's, of all published rows of tables.parquet.
-
-    The diagonal is agreement, the band a factor of two.
-    """
+    """Our mean E_P over the paper's, of all rows of tables.parquet: agreement on the diagonal, a band of factor two."""
     usual, *others = _GROUPS
     names, span = dict(zip((4, 5, 0), others, strict=True)), np.array([0.15, 40.0])
     pairs: dict[str, list[tuple[float, float]]] = {name: [] for name in _GROUPS}
@@ -65,9 +58,8 @@ def error_panel(steps: Arrays, title: str) -> Panel:
     time = columns["time_s"]
 
     def errors(metric: str, label: str, limit: float | None) -> Part:
-        drawn = ("max", "largest", 0.4, 0.6), ("mean", "mean", 1.2, 1.0)
         lines = []
-        for kind, name, width, opacity in drawn:
+        for kind, name, width, opacity in (("max", "largest", 0.4, 0.6), ("mean", "mean", 1.2, 1.0)):
             x, y = decimate(time, columns[metric.format(kind)], _POINTS)
             lines.append(Line(x=x, y=y, colour=ESTIMATE, width=width, opacity=opacity, name=name))
         return Part(lines=lines, y_label=label, y_limits=(0.0, limit))

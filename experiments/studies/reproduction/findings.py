@@ -1,17 +1,359 @@
-"""The record of the reproduction: ratios to the published figures, claims and mirror locks."""
+"""The record of the reproduction: the paper's claims of `claims.toml`, judged, ratios to its figures, and mirror locks.
 
-from collections.abc import Mapping, Sequence
+Claims are judged on figures of the eight missions: means over replications of the paper's experiment, each with noise
+of its own, which all cells share; and on the published figures, as far as they have them.
+"""
+
+import math
+import operator
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal, Self
 
 import numpy as np
+import numpy.typing as npt
+from pydantic import TypeAdapter
+from scipy.special import stdtrit
 
-from experiments.campaign.store import Record
+from experiments.campaign.cells import Cell
+from experiments.campaign.missions import mission_of, motion_of
+from experiments.campaign.plans import steps_of
+from experiments.campaign.store import Arrays, Record
 from experiments.findings import Finding, Findings, of, plain, record
-from experiments.intervals import proportion
-from experiments.studies.reproduction.claims import Claim, Judgement, Verdict
-from experiments.studies.reproduction.replications import VERDICT_CONFIDENCE
-from experiments.studies.reproduction.settings import Key, Motion, Setting
-from laisn.arrays import Floats
+from experiments.flight.library import ROUTES
+from experiments.intervals import Interval, proportion
+from experiments.studies.reproduction.settings import METRICS, VARIANT_NAMES, Key, Motion, Setting, data
+from laisn.arrays import Bools, Floats
+from laisn.geometry import signed_angle
 from laisn.settings import Variant
+from sim.scenario.settings import Scenario
+from sim.trajectory import Trajectory
+
+REPLICATIONS = 20
+RESAMPLES = 2000
+VERDICT_CONFIDENCE = 0.998
+"""Of the interval of each criterion; of all 26 together 95 % (Bonferroni)."""
+COMPARED = ("e_p_mean_m", "e_p_max_m", "e_b_max_deg")
+BASE = "base laisn-2"
+"""The cell whose errors over time they take into account."""
+ASTERN_DEG = 10.0
+"""A follower within this angle of dead astern counts as astern."""
+LATERAL_DEG = (45.0, 135.0)
+"""Angle off the bow, either side, that counts as abeam."""
+SECTOR_STEPS = 300
+"""Steps (of 0.1 s) that a mission must spend in a sector to be counted there."""
+NEAR_BURST_S = 30.0
+"""The largest bearing error within this time of 95 % of the follower's top speed counts as that of the burst [s]."""
+TIMED = ("e_p_abeam_m", "e_p_astern_m", "e_b_peaks_at_burst")
+"""Mean E_P [m] abeam and astern, and whether the largest E_B of all runs is that of the burst: 1 or 0."""
+
+
+def over_time(steps: Arrays) -> dict[str, float]:
+    """Errors over time that claims use, named as in `TIMED`; NaN for a sector where the follower hardly is."""
+    off_bow = np.rad2deg(np.abs(signed_angle(np.deg2rad(steps["bearing_deg"]))))
+    abeam = (off_bow >= LATERAL_DEG[0]) & (off_bow <= LATERAL_DEG[1])
+    error, time = steps["e_p_mean_m"], steps["time_s"]
+    sectors = (abeam, off_bow >= 180.0 - ASTERN_DEG)
+    means = (float(error[sector].mean()) if sector.sum() >= SECTOR_STEPS else np.nan for sector in sectors)
+    fastest = time[steps["speed_m_s"] >= 0.95 * steps["speed_m_s"].max()]
+    away = np.min(np.abs(time[np.argmax(steps["e_b_max_deg"])] - fastest))
+    return dict(zip(TIMED, (*means, float(away <= NEAR_BURST_S)), strict=True))
+
+
+def mean_distance(flight: Trajectory) -> float:
+    """Mean distance of the first follower's hydrophone and the leader [m]."""
+    site = flight.site(f"{flight.names[1]}/hydrophone")
+    return float(np.hypot(*(flight.site_position[:, site, :2] - flight.position[:, 0, :2]).T).mean())
+
+
+def replicate_over_time(scenario: Scenario, runs: int, replications: int) -> list[Record]:
+    """Of each replication of a mission, `runs` runs each, what `over_time` finds, and the mean distance."""
+    mission = mission_of(motion_of(scenario))
+    distance = {"distance_m": mean_distance(mission.seen(scenario, 0)[0])}
+    numbers = (range(k * runs, (k + 1) * runs) for k in range(replications))
+    return [over_time(steps_of(Cell.of(scenario, runs=some, mission=mission))) | distance for some in numbers]
+
+
+Kind = Literal["ratio", "share", "replications"]
+"""A ratio, whose interval is symmetric in its logarithm; a share, whose interval is symmetric; a share of replications,
+with the exact limits of a proportion."""
+Relation = Literal["<", "≤", ">", "≥"]
+Outcome = Literal["met", "not met", "undecided"]
+MARGIN = 0.01
+"""A figure nearer than this share of its bound is indistinguishable from it: the paper prints errors of some metres
+with two decimals, so that its own ratios are that uncertain."""
+HOLDS: Mapping[str, Callable[[Any, Any], Any]] = {
+    "<": operator.lt, "≤": operator.le, ">": operator.gt, "≥": operator.ge,
+}  # fmt: skip
+
+
+class NoDataError(LookupError):
+    """Figures that a claim needs are missing."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judged:
+    """A criterion with its interval, which is a point where there are no resamples."""
+
+    what: str
+    interval: Interval
+    relation: Relation
+    bound: float
+    margin: float = MARGIN
+    """0 where figures are taken as exact."""
+
+    @property
+    def outcome(self) -> Outcome:
+        """Undecided where the interval contains the bound, or comes nearer to it than the margin."""
+        bounds = self.bound * (1.0 - self.margin), self.bound * (1.0 + self.margin)
+        ends = [HOLDS[self.relation](end, bound) for end in self.interval[1:] for bound in bounds]
+        return "met" if all(ends) else "undecided" if any(ends) else "not met"
+
+    def __str__(self) -> str:
+        """Figure, limits, bound and outcome."""
+        value, low, high = self.interval
+        limits = "" if low == high == value else f" ({low:.2f} to {high:.2f})"
+        return f"{self.what}: {value:.2f}{limits} {self.relation} {self.bound:g}: {self.outcome}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figures:
+    """Figures of the eight missions by setting with variant ("base laisn-2") and metric."""
+
+    each: Mapping[tuple[str, str], Floats]
+    exact: bool = False
+
+    @classmethod
+    def of(cls, cells: Mapping[Key, Arrays], timed: Sequence[Sequence[Record]], runs: int) -> Self:
+        """Figures of replications of so many runs each.
+
+        `cells` are arrays over the runs of all replications of each judged cell, missions in the order of `ROUTES`;
+        `timed` are rows of `replicate_over_time` of all missions, or none.
+        """
+        found: dict[tuple[str, str], list[Floats]] = {}
+        for (setting, _, variant), lists in cells.items():
+            for metric in COMPARED:
+                each = lists[metric].reshape(-1, runs)
+                figure = each.max(axis=1) if "_max_" in metric else each.mean(axis=1)
+                found.setdefault((f"{setting} {variant}", metric), []).append(figure)
+        for name in (*TIMED, "distance_m") if timed else ():
+            found[BASE, name] = [np.array([row[name] for row in rows]) for rows in timed]
+        return cls(each={key: np.column_stack(missions) for key, missions in found.items()})
+
+    @property
+    def count(self) -> int:
+        """Number of replications."""
+        return len(next(iter(self.each.values())))
+
+    @cached_property
+    def _weights(self) -> Floats:
+        """Of the replications in their mean, and in those of replications drawn again, shape (1 + `RESAMPLES`, K)."""
+        mean = np.full((1, self.count), 1.0 / self.count)
+        if self.exact:
+            return mean
+        drawn = np.random.default_rng([self.count, RESAMPLES]).multinomial(self.count, mean[0], size=RESAMPLES)
+        return np.concatenate([mean, drawn / self.count])
+
+    def known(self, cell: str, metric: str) -> Floats:
+        """Means over replications, and over replications drawn again, alike in all cells, shape (1 + B, 8); NaN for
+        none.
+        """
+        values = self.each.get((cell, metric))
+        if values is None:
+            return np.full((1, len(ROUTES)), math.nan)
+        # not by BLAS, whose sums depend on processor and threads
+        return np.asarray(np.einsum("bk,km->bm", self._weights, values))
+
+    def means(self, cell: str, metric: str = "e_p_mean_m") -> Floats:
+        """As `known`; NoDataError where there are none."""
+        found = self.known(cell, metric)
+        if not np.all(np.isfinite(found)):
+            raise NoDataError
+        return found
+
+    def interval(self, values: Floats, kind: Kind = "ratio") -> Interval:
+        """Interval of a figure over missions, of the means and of resamples, shape (1 + B,); a point if `exact`.
+
+        The standard error of a t interval is the bootstrap's, whose variance is K / (K − 1) times too small (Davison &
+        Hinkley 1997, section 2.2).
+        """
+        value, drawn, count = float(values[0]), values[1:], self.count
+        if self.exact:
+            return Interval(value, value, value)
+        if kind == "replications":
+            return proportion(round(value * count), count, VERDICT_CONFIDENCE)
+        quantile = float(stdtrit(count - 1, (1.0 + VERDICT_CONFIDENCE) / 2.0))
+        wide = quantile * math.sqrt(count / (count - 1))
+        if kind == "share":
+            half = wide * float(drawn.std())
+            return Interval(value, value - half, value + half)
+        factor = math.exp(wide * float(np.log(drawn).std()))
+        return Interval(value, value / factor, value * factor)
+
+    def judge(self, what: str, values: Floats, relation: Relation, bound: float, kind: Kind = "ratio") -> Judged:
+        """A criterion: a figure over missions as of `interval`, and the bound that it must keep."""
+        margin = 0.0 if self.exact else MARGIN
+        return Judged(what=what, interval=self.interval(values, kind), relation=relation, bound=bound, margin=margin)
+
+
+Verdict = Literal["holds", "does not hold", "depends", "undecided", "no data"]
+HEADING = "heading5 laisn-2"
+LATERAL, BURST = np.isin(ROUTES, ("T3", "T4")), np.isin(ROUTES, ("T8",))
+"""Missions of followers that stay abeam, and with a burst of speed, as the paper names them; shape (8,)."""
+
+Evaluated = tuple[Sequence[Judged], str]
+"""The criteria of a claim on some figures, and the numbers behind them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judgement:
+    """The verdict on a claim, and the numbers behind it."""
+
+    verdict: Verdict
+    figures: str
+    criteria: Sequence[Judged] = ()
+
+
+def verdict_of(outcomes: Sequence[Outcome]) -> Verdict:
+    """All met: holds; none: does not hold; some: depends; undecided where that hangs on a criterion that is."""
+    if "met" in outcomes and "not met" in outcomes:
+        return "depends"
+    return "undecided" if "undecided" in outcomes else "holds" if "met" in outcomes else "does not hold"
+
+
+def _spread(ratio: Floats, names: Sequence[str] | npt.NDArray[np.str_]) -> str:
+    """Median and range of a ratio over missions, with the missions at both ends."""
+    low, high = int(np.argmin(ratio)), int(np.argmax(ratio))
+    return f"median {np.median(ratio):.2f}, from {ratio[low]:.2f} ({names[low]}) to {ratio[high]:.2f} ({names[high]})"
+
+
+def _statistic(name: str, ratio: Floats) -> Floats:
+    if name.startswith("share"):
+        _, relation, limit = name.split()
+        return np.asarray(np.mean(HOLDS[relation](ratio, float(limit)), axis=-1))
+    values = np.abs(np.log(ratio)) if name.endswith("change") else ratio
+    found = np.asarray(np.quantile(values, 0.9 if name.startswith("nine tenths") else 0.5, axis=-1))
+    return np.exp(found) if name.endswith("change") else found
+
+
+def _median_over_others(values: Floats, at: Bools) -> Floats:
+    return _statistic("median", values[:, at]) / _statistic("median", values[:, ~at])
+
+
+def _of_ratios(claim: "Claim", figures: Figures) -> Evaluated:
+    ratios, texts = [], []
+    for given in claim.ratios:
+        metric, chosen, cells = given.get("metric", "e_p_mean_m"), given.get("missions", ROUTES), given["of"]
+        at = np.isin(ROUTES, chosen)
+        above, below = (
+            np.concatenate([figures.means(cell, metric)[:, at] for cell in given[side]], axis=-1)
+            for side in ("of", "over")
+        )
+        ratios.append(above / below)
+        variants = [f" {VARIANT_NAMES[cell.split()[1]]}" if len(cells) > 1 else "" for cell in cells]
+        names = [f"{mission}{variant}" for variant in variants for mission in chosen]
+        texts.append(f"{given['name']}: {_spread(ratios[-1][0], names)}")
+    criteria = []
+    for what, i, name, relation, bound in claim.criteria:
+        kind: Kind = "share" if name.startswith("share") else "ratio"
+        criteria.append(figures.judge(what, _statistic(name, ratios[i]), relation, bound, kind))
+    return criteria, "; ".join(texts)
+
+
+def _lateral(figures: Figures) -> Evaluated:
+    error, largest = figures.means(BASE, "e_p_max_m"), figures.each[BASE, "e_p_max_m"]
+    below = largest[:, LATERAL].max(axis=1) < largest[:, ~LATERAL].min(axis=1)
+    what = "share of replications with E_P max abeam below each other"
+    criteria = [
+        figures.judge("median E_P max, abeam over the others", _median_over_others(error, LATERAL), "<", 1.0),
+        figures.judge(what, np.mean(below, keepdims=True), ">", 0.5, "replications"),
+    ]
+    abeam, astern = (figures.known(BASE, f"e_p_{where}_m") for where in ("abeam", "astern"))
+    both = np.isfinite(abeam + astern).all(axis=0)
+    if not both.any():
+        return criteria, f"E_P max [m]: {_spread(error[0], ROUTES)}"
+    ratio = (astern / abeam)[:, both]
+    better = np.mean(ratio > 1.0, axis=1)
+    criteria.append(figures.judge("share of missions better abeam than astern", better, ">", 0.5, "share"))
+    return criteria, f"mean E_P astern over abeam within a mission: {_spread(ratio[0], np.array(ROUTES)[both])}"
+
+
+def _heading(figures: Figures) -> Evaluated:
+    error, distance = figures.means(HEADING), figures.means(BASE, "distance_m")
+    growth = error / figures.means(BASE)
+    grown, elsewhere = (_statistic("median", growth[:, at]) for at in (LATERAL, ~LATERAL))
+    slope = np.sum(error * distance, axis=1) / np.sum(distance**2, axis=1)
+    # of a line through the origin: what it leaves over the spread about the mean
+    left = np.sum((error - slope[:, None] * distance) ** 2, axis=1)
+    spread = np.sum((error - error.mean(axis=1, keepdims=True)) ** 2, axis=1)
+    fit = 1.0 - np.divide(left, spread, out=np.ones_like(left), where=spread > 0.0)
+    least = np.minimum(grown / elsewhere, grown / 5.0)
+    return [
+        figures.judge("growth abeam, over that elsewhere and over 5", least, ">", 1.0),
+        figures.judge("variance that the line explains", fit, "≥", 0.8, "share"),
+    ], (
+        f"E_P grows {grown[0]:.1f} times abeam, {elsewhere[0]:.1f} times on the others (medians); "
+        f"E_P = {slope[0]:.3f} × mean distance ({np.rad2deg(slope[0]):.1f}°)"
+    )
+
+
+def _burst(figures: Figures) -> Evaluated:
+    error, largest = figures.means(BASE, "e_b_max_deg"), figures.each[BASE, "e_b_max_deg"]
+    most = largest[:, BURST].max(axis=1) > largest[:, ~BURST].max(axis=1)
+    shares = {"with the largest E_B in a burst": np.mean(most, keepdims=True)}
+    near = figures.known(BASE, "e_b_peaks_at_burst")[:, BURST]
+    if np.isfinite(near).all():
+        shares[f"with the peak within {NEAR_BURST_S:.0f} s of the burst"] = near.mean(axis=1)
+    over, what = _median_over_others(error, BURST), "largest E_B, median of the bursts over the others'"
+    return [
+        figures.judge(what, over, ">", 1.0),
+        *(figures.judge(f"share of replications {w}", v, ">", 0.5, "replications") for w, v in shares.items()),
+    ], f"largest E_B [°]: {_spread(error[0], ROUTES)}"
+
+
+_TESTS = {"lateral": _lateral, "heading": _heading, "burst": _burst}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Claim:
+    """A claim of the paper, its criterion in words, and what decides it; see `claims.toml`."""
+
+    number: int
+    text: str
+    criterion: str
+    ratios: Sequence[Mapping[str, Any]] = ()
+    criteria: Sequence[tuple[str, int, str, Relation, float]] = ()
+    """Words, number of the ratio, statistic, relation and bound."""
+    test: str = ""
+
+    def judge(self, figures: Figures) -> Judgement:
+        """The verdict on figures of the missions."""
+        try:
+            criteria, text = _TESTS[self.test](figures) if self.test else _of_ratios(self, figures)
+        except NoDataError:
+            missing = "the rows that this test needs were not run, or are not in the tables"
+            return Judgement(verdict="no data", figures=missing)
+        return Judgement(verdict=verdict_of([one.outcome for one in criteria]), figures=text, criteria=criteria)
+
+
+CLAIMS = TypeAdapter(tuple[Claim, ...]).validate_python(tomllib.loads(data("claims.toml"))["claim"])
+_COMPARED = (cell for claim in CLAIMS for ratio in claim.ratios for side in ("of", "over") for cell in ratio[side])
+JUDGED = frozenset([BASE, HEADING, *_COMPARED])
+
+
+def judge(ours: Figures, published: Mapping[Key, Mapping[str, float]]) -> list[tuple[Claim, Judgement, Judgement]]:
+    """Every claim on our figures and on the published ones, which have our distances."""
+    each = {
+        (f"{setting} {variant}", metric): np.array([[published[setting, route, variant][metric] for route in ROUTES]])
+        for setting, variant in dict.fromkeys((setting, variant) for setting, _, variant in published)
+        for metric in METRICS
+    }
+    each |= {key: values[:1] for key, values in ours.each.items() if key[1] == "distance_m"}
+    theirs = Figures(each=each, exact=True)
+    return [(claim, claim.judge(ours), claim.judge(theirs)) for claim in CLAIMS]
+
 
 MODULES = ("experiments.studies.reproduction.findings",)
 VERDICTS: tuple[Verdict, ...] = ("holds", "depends", "does not hold", "undecided", "no data")
@@ -29,19 +371,13 @@ def ratios(
 ) -> Floats:  # fmt: skip
     """Our figure over the published one on each mission that has both; an alternative is held against its like."""
     printed = setting.like or setting.name
-    return np.array(
-        [
-            row[metric] / published[printed, mission, flown][metric]
-            for (name, mission, flown), row in rows.items()
-            if (name, flown) == (setting.name, variant) and (printed, mission, flown) in published
-        ]
-    )
+    mine = {(printed, m, v): row for (s, m, v), row in rows.items() if (s, v) == (setting.name, variant)}
+    return np.array([row[metric] / published[key][metric] for key, row in mine.items() if key in published])
 
 
 def _of_cells(
     setting: Setting, variant: Variant, rows: Mapping[Key, Record], published: Mapping[Key, Mapping[str, float]]
 ) -> dict[str, Finding]:
-    """Findings of the cells of one setting and variant."""
     found, name = {}, f"{setting.name} {variant}"
     mine = {mission: row for (s, mission, v), row in rows.items() if (s, v) == (setting.name, variant)}
     to_theirs = ratios(rows, published, setting, variant, "e_p_mean_m")

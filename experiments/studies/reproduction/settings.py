@@ -21,9 +21,7 @@ from sim.scenario.routes import LEADER_DEPTH
 
 Motion = Literal["physics", "kinematic"]
 Key = tuple[str, str, Variant]
-"""Setting, mission, variant."""
 ROUTE = "followers.0.route"
-"""Factor of the study."""
 METRICS = {
     "e_p_max_m": "E_P max [m]", "e_b_max_deg": "E_B max [°]", "e_p_mean_m": "E_P mean [m]",
     "e_b_mean_deg": "E_B mean [°]", "e_p_std_m": "σ E_P [m]", "e_b_std_deg": "σ E_B [°]",
@@ -75,10 +73,7 @@ def settings_of(stages: Iterable[int] | None) -> tuple[Setting, ...]:
 
 
 def entries(chosen: Iterable[Setting], *, motion: Motion, runs: int, seed: int) -> dict[Key, Entry]:
-    """The study of some settings: these are its arms, with each of their variants, and the missions its points.
-
-    Point motion stays in the plane, as in the paper: the follower has the leader's depth.
-    """
+    """Settings as arms, with each of their variants, and missions as points; point motion is at the leader's depth."""
     arms = [{"name": f"{s.name} {v}", **s.set, "navigation.variant": v} for s in chosen for v in s.variants]
     common = {"motion": motion} | ({"followers.0.depth_m": LEADER_DEPTH} if motion == "kinematic" else {})
     table = {"scenario": ROUTES[0], "seed": seed, "runs": runs, "set": common, "vary": {ROUTE: [*ROUTES]}, "arm": arms}

@@ -12,10 +12,9 @@ from experiments.campaign.plans import CellPlan
 from experiments.campaign.store import Record, columns_of, write_csv, write_table
 from experiments.findings import FILE
 from experiments.flight.library import fly_line
-from experiments.pages.page import Figures, write
-from experiments.pages.template import page_of
-from experiments.studies.reproduction import claims, figures, findings, replications, settings
-from experiments.studies.reproduction.replications import BASE, REPLICATIONS, replicate_over_time
+from experiments.pages.page import Figures, page_of, write
+from experiments.studies.reproduction import figures, findings, settings
+from experiments.studies.reproduction.findings import BASE, REPLICATIONS, replicate_over_time
 from experiments.studies.reproduction.settings import FIGURES, METRICS, ROUTE, STAGES, Key, Motion, Setting
 from experiments.study.plan import Entry
 
@@ -28,24 +27,21 @@ class Simulated(NamedTuple):
     entries: Mapping[Key, Entry]
     plans: Mapping[Key, CellPlan]
     flown: Flown
-    figures: replications.Figures
+    figures: findings.Figures
 
 
 def simulate(
     chosen: Sequence[Setting], folder: Path, *, motion: Motion, runs: int, seed: int, tables: bool = True,
     **options: Unpack[ExecutionOptions],
 ) -> Simulated:  # fmt: skip
-    """Simulate the cells of the tables, on request, and all replications of those that claims compare.
-
-    Other arguments as of `reproduce`.
-    """
+    """Simulate the cells of the tables, on request, and all replications of those that claims compare."""
     entries = settings.entries(chosen, motion=motion, runs=runs, seed=seed)
     drawn = {(f["setting"], mission, f["variant"]) for f in FIGURES for mission in f["missions"]}
     plans = {key: CellPlan(scenario=one.scenario, runs=runs, keep_steps=key in drawn) for key, one in entries.items()}
     judged = {
         key: replace(plan, runs=REPLICATIONS * runs, keep_steps=False)
         for key, plan in plans.items()
-        if f"{key[0]} {key[2]}" in claims.JUDGED
+        if f"{key[0]} {key[2]}" in findings.JUDGED
     }
     tasks = {
         route: partial(replicate_over_time, plan.scenario, runs, REPLICATIONS)
@@ -55,7 +51,7 @@ def simulate(
     cells = [*plans.values(), *judged.values()] if tables else [*judged.values()]
     flown = campaign.fly(Design(cells=cells, tasks=tasks, what="replications"), folder, **options)
     lists = {key: flown.cell(plan)[1] for key, plan in judged.items()}
-    return Simulated(entries, plans, flown, replications.Figures.of(lists, [*flown.tasks.values()], runs))
+    return Simulated(entries, plans, flown, findings.Figures.of(lists, [*flown.tasks.values()], runs))
 
 
 def table_rows(
@@ -88,21 +84,11 @@ def reproduce(
     out: Path | None = None,
     **options: Unpack[ExecutionOptions],
 ) -> Path:
-    """Fly the paper's stages, write `tables.parquet`, `tables.csv`, `results.json` and `report.html`.
+    """Fly stages of the paper (none: all), write `tables.parquet`, `tables.csv`, `results.json` and the report, which
+    it returns.
 
-    Args:
-        stage: stages to fly; None or none: all five.
-        motion: rigid bodies in water, or the paper's point motion.
-        runs: of each cell.
-        seed: key of all random numbers.
-        out: folder; None: out/reproduce-MOTION.
-        options: as of `campaign.fly`.
-
-    Returns:
-        The report.
-
-    Raises:
-        LaisnError: unknown stage or motion, no runs, or as of `campaign.fly`.
+    `out` is out/reproduce-MOTION unless given; options as of `campaign.fly`. LaisnError: unknown stage or motion, or no
+    runs.
     """
     chosen, published = settings.settings_of(stage or None), settings.published()
     folder = out or Path("out") / f"reproduce-{motion}"
@@ -111,7 +97,7 @@ def reproduce(
     table = table_rows(chosen, entries, rows, published)
     write_table(folder / "tables.parquet", columns_of(table))
     write_csv(folder / "tables.csv", table)
-    judgements = claims.judge(found, published)
+    judgements = findings.judge(found, published)
     record = findings.findings_of(chosen, rows, published, judgements, motion)
     record.write(folder / FILE)
 

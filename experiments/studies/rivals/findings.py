@@ -174,14 +174,7 @@ def shared(found: Mapping[str, Runs]) -> Iterator[tuple[str, Finding]]:
 def findings_of_rows(
     routes: Mapping[str, Runs], closed: Mapping[str, Runs], points: Mapping[str, Runs], step_us: Mapping[str, float]
 ) -> dict[str, Finding]:
-    """All findings.
-
-    Args:
-        routes: records by navigator, condition and interval on the routes, in open loop.
-        closed: by navigator and condition, in closed loop.
-        points: of the map, by the names of their findings.
-        step_us: processor time of a filter step by navigator [µs].
-    """
+    """All findings, from records in open loop, in closed loop and of the map, and times of filter steps [µs]."""
     found = {name: finding for arm, runs in routes.items() for name, finding in of_arm(arm, runs)}
     for more in (compared(routes), steered(closed), mapped(points), shared(routes)):
         found |= dict(more)

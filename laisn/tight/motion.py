@@ -1,17 +1,24 @@
-"""Dead reckoning: readings of log and compass preintegrated between messages, and the prediction of a Gaussian.
+"""Motion between messages: dead reckoning of the follower, and heading and current from the leader's track.
 
-The sums A = Σ v u Δt and B = Σ u Δt do not depend on the biases, so that each component is predicted once a message
-(preintegration: Lupton & Sukkarieh, IEEE Trans. Robotics 28, 2012).
+Readings are preintegrated: the sums A = Σ v u Δt and B = Σ u Δt do not depend on the biases, so that each component is
+predicted once a message (Lupton & Sukkarieh, IEEE Trans. Robotics 28, 2012).
+
+On a straight leg of the leader's exact positions the mean of its headings replaces each of them: the random error of
+one reading would err together in derivatives and residuals of the ranges (Fuller, Measurement Error Models, 1987). The
+leader's way over ground, less what its log and compass measure, shows the current, and in still water its compass bias.
 """
 
+import math
 from typing import Any
 
 import numpy as np
 
 from laisn.compiled import compiled, inlined
 from laisn.elementary import sin_cos
-from laisn.mixture import add_moments
+from laisn.geometry import angle_between, wrap_angle
+from laisn.mixture import add_moments, update_scalar
 from laisn.tight.model import ABSENT, COMPASS, LOG, Belief, Model, X, Y
+from laisn.tight.ranging import Signal
 
 
 @inlined
@@ -39,9 +46,8 @@ def preintegrate_direction(b: Belief, m: Model, speed: float, sine: float, cosin
 
 @compiled
 def preintegrate(b: Belief, m: Model, speed: float, heading: float, dt: float) -> None:
-    """One filter step of duration `dt` [s], with the readings of log [m/s] and compass [rad] at its end.
-
-    The way is that of the mean velocity of both ends: a turn would otherwise be a step late.
+    """One filter step of `dt` [s] at the mean velocity of both ends, with the readings of log and compass at its
+    end.
     """
     sine, cosine = sin_cos(heading)
     preintegrate_direction(b, m, speed, sine, cosine, dt)
@@ -66,10 +72,9 @@ def _way(o: Any, log_bias: float, compass_bias: float) -> tuple[float, float, fl
 
 @inlined
 def _position_noise(o: Any, m: Model, mode: int, way: tuple[float, float, float, float, float, float]) -> Any:
-    """Covariance xx, xy, yy that a component's position gains on a way as of `_way` [m²].
-
-    The random errors of the readings, turned by the compass bias; slip; and biases of log and compass, and the current,
-    that wander on a straight way.
+    """Covariance xx, xy, yy that a component's position gains on a way as of `_way` [m²]: random errors of the
+    readings, turned by the compass bias; slip; and biases of log and compass, and the current, that wander on a
+    straight way.
     """
     c, s, way_x, way_y, by_log_x, by_log_y = way
     time, third = o.time, o.time / 3.0
@@ -206,10 +211,7 @@ def _add_component(b: Belief, m: Model, k: int, origin: tuple[float, float]) -> 
 
 @compiled
 def moments(b: Belief, m: Model) -> None:
-    """Put mean and covariance of (x, y, vx, vy) over the mixture into `b.now`; between messages too, after a step.
-
-    NaN if there is no hypothesis yet.
-    """
+    """Put mean and covariance of (x, y, vx, vy) over the mixture into `b.now`; NaN if there is no hypothesis yet."""
     nothing = 0.0 if b.alive else np.nan
     for i in range(4):
         b.now[i] = nothing
@@ -224,3 +226,129 @@ def moments(b: Belief, m: Model) -> None:
             b.now_covariance[i, j] -= b.now[i] * b.now[j]
             b.now_covariance[j, i] = b.now_covariance[i, j]
     b.now[0], b.now[1] = origin
+
+
+_STRAIGHT = 0.005
+"""Way that bends by less from message to message is straight [rad]."""
+_LEAST_WAY = 0.3
+"""Shorter ways between messages have no direction [m]."""
+_OUTLIER_SIGMAS = 4.0
+"""Standard deviations of a reading from the mean, beyond which the leader has turned without moving aside."""
+_LEAST_MESSAGES = 4.0
+"""Messages of a leg after which its mean heading is used; sooner where its variance is little beside that of b_L."""
+_SMALL_SHARE = 0.1
+
+
+@compiled
+def average_leader_heading(b: Belief, m: Model, signal: Signal) -> None:
+    """Replace the heading of a message by the leg's, with the arms; sets `signal.shift` and `signal.added_variance`."""
+    o, given = b.leader, m.leader_variance
+    dx, dy, before = signal.east - o.at_x, signal.north - o.at_y, o.track
+    o.at_x, o.at_y = signal.east, signal.north
+    o.track = math.atan2(dx, dy) if dx * dx + dy * dy > _LEAST_WAY * _LEAST_WAY else math.nan
+    # by which the leader's way turned at the last message; NaN if that is unknown
+    bend = wrap_angle(o.track - before)
+    straight = abs(bend) < _STRAIGHT
+    signal.shift = signal.added_variance = 0.0
+    error = wrap_angle(signal.heading - o.leg_heading - bend)
+    if o.leg > 0.0 and not (straight and error * error <= _OUTLIER_SIGMAS * _OUTLIER_SIGMAS * given):
+        if o.steady > 0.0:
+            # from here on b_L is again without the mean's random error
+            signal.added_variance = o.scatter / o.leg
+            o.other_variance, b.leader_variance = b.leader_variance, o.other_variance
+        o.leg = o.steady = 0.0
+        return
+    if not straight:
+        return
+    o.leg += 1.0
+    shift = error / o.leg if o.leg > 1.0 else 0.0
+    o.leg_heading = o.leg_heading + bend + shift if o.leg > 1.0 else signal.heading
+    if o.leg > 1.0:
+        o.squares += error * (error - shift)
+        o.compared += 1.0
+        o.scatter = min((given + o.squares) / (1.0 + o.compared), given)
+    if o.steady > 0.0:
+        # the way bends half an interval earlier than the heading
+        signal.shift, signal.added_variance = shift, 0.25 * bend * bend
+    elif o.leg >= _LEAST_MESSAGES or o.scatter < _SMALL_SHARE * o.leg * b.covariance[0, m.leader, m.leader]:
+        signal.added_variance = o.scatter / o.leg
+        o.steady = 1.0
+        o.other_variance, b.leader_variance = b.leader_variance, o.other_variance
+    if o.steady > 0.0:
+        change = wrap_angle(o.leg_heading - signal.heading)
+        signal.heading += change
+        s, c = sin_cos(change)
+        for i in range(3):
+            ax, ay = signal.arms[i, 0], signal.arms[i, 1]
+            signal.arms[i, 0], signal.arms[i, 1] = c * ax + s * ay, c * ay - s * ax
+
+
+_WINDOW = 10.0
+"""Longest window [s]; at the start it is shorter, so that something is known soon."""
+_FIRST_WINDOW = 1.0
+_GROWTH = 0.2
+_TURN = 0.2
+"""A window with more turn than this is not used: the way between messages is too uncertain [rad]."""
+CURRENT_SIGMA = 0.05
+"""Standard deviation of the mean current over a window of 10 s [m/s]."""
+
+
+@compiled
+def _begin_window(b: Belief, signal: Signal) -> None:
+    o = b.leader
+    o.window_time, o.window_x, o.window_y = signal.time, signal.east, signal.north
+    o.logged_x = o.logged_y = 0.0
+    o.first_heading = signal.heading
+
+
+@compiled
+def _update_component(
+    b: Belief, m: Model, k: int, seen: tuple[float, float], logged: tuple[float, float], variance: float
+) -> None:
+    """Updates with z = c + v_L [u(θ_L − b_L) − u(θ_L)], east and north, linearised once; `logged` is v_L u(θ_L)."""
+    x, P, gain, turning = b.state[k], b.covariance[k], b.gain, m.leader != ABSENT
+    bias = x[m.leader] if turning else 0.0
+    c, s = math.cos(bias), math.sin(bias)
+    turned = (c * logged[0] - s * logged[1], s * logged[0] + c * logged[1])
+    for axis in range(2):
+        # ∂z/∂b_L; ∂z/∂c is 1
+        slope = -turned[1] if axis == 0 else turned[0]
+        residual, spread, state = seen[axis] - (turned[axis] - logged[axis]), variance, m.current + axis
+        for i in range(m.states):
+            gain[i] = P[i, state] if m.current != ABSENT else 0.0
+            if turning:
+                gain[i] += slope * P[i, m.leader]
+        if turning:
+            residual -= slope * (x[m.leader] - bias)
+            spread += slope * gain[m.leader]
+        if m.current != ABSENT:
+            residual -= x[state]
+            spread += gain[state]
+        update_scalar(x, P, gain, residual, spread, m.states)
+
+
+@compiled
+def update_current_from_leader_track(b: Belief, m: Model, signal: Signal) -> None:
+    """Take a message's pose and speed; at the end of a window update all components with the current it shows."""
+    o = b.leader
+    sx, sy = signal.speed * math.sin(signal.heading), signal.speed * math.cos(signal.heading)
+    if o.window_time != o.window_time:
+        o.first_time = signal.time
+        _begin_window(b, signal)
+    else:
+        elapsed = signal.time - o.last_time
+        o.logged_x += 0.5 * elapsed * (o.velocity_x + sx)
+        o.logged_y += 0.5 * elapsed * (o.velocity_y + sy)
+        turn = angle_between(signal.heading, o.first_heading)
+        window = signal.time - o.window_time
+        wanted = min(_WINDOW, _FIRST_WINDOW + _GROWTH * (signal.time - o.first_time))
+        if turn > _TURN:
+            _begin_window(b, signal)
+        elif window >= wanted - 1e-6:
+            per = 1.0 / window
+            logged = (per * o.logged_x, per * o.logged_y)
+            seen = (per * (signal.east - o.window_x) - logged[0], per * (signal.north - o.window_y) - logged[1])
+            for k in range(b.alive * m.modes):
+                _update_component(b, m, k, seen, logged, CURRENT_SIGMA * CURRENT_SIGMA * 10.0 * per)
+            _begin_window(b, signal)
+    o.velocity_x, o.velocity_y, o.last_time = sx, sy, signal.time
