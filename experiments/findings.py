@@ -41,11 +41,10 @@ class Finding:
         return float(self.value) if isinstance(self.value, int | float) else math.nan
 
     def __format__(self, spec: str) -> str:
-        """Format as text: a Python format; `low` or `high` before it for a limit; ` i` after it adds the limits, ` ±`
-        half of the interval.
+        """Format as text by a Python format, with a space before the percent sign and a typographic minus sign.
 
-        A space stands before the percent sign, and minus signs are typographic: format(share, ".0% i") gives
-        "98 % (97 to 99 %)".
+        `low` or `high` before it: a limit; ` i` after it: with the limits; ` ±`: with half of the interval. So
+        format(share, ".0% i") gives "98 % (97 to 99 %)".
         """
         match = re.fullmatch(r"(?:(low|high) ?)?(\S*?)( i| ±)?", spec)
         if match is None:
@@ -90,9 +89,9 @@ class Findings:
     command: str
     """Command that computes the findings again."""
     modules: tuple[str, ...]
-    """Modules where the numbers are made, as in `version_of`."""
+    """Modules where the numbers are made."""
     version: str
-    """Version of the sources that made the numbers."""
+    """`version_of` these."""
     findings: Mapping[str, Finding] = field(default_factory=dict)
 
     def __getitem__(self, key: str) -> Finding:
@@ -126,19 +125,12 @@ def record(study: str, command: str, modules: tuple[str, ...], found: Mapping[st
 
 
 def read(path: Path) -> Findings:
-    """A record.
-
-    Raises:
-        LaisnError: it is not there, or no record of this schema.
-    """
+    """A record; LaisnError if it is not there, or no record of this schema."""
     try:
         given = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise LaisnError(f"{path}: no record of a study: {error}") from None
-    if not isinstance(given, dict) or given.pop("schema", None) != SCHEMA:
-        raise LaisnError(f"{path}: no record of schema {SCHEMA}; make it anew with make studies")
-    try:
+        if given.pop("schema", None) != SCHEMA:
+            raise LaisnError(f"its schema is not {SCHEMA}; make it anew with make studies")
         found = {name: Finding(**finding) for name, finding in given.pop("findings").items()}
         return Findings(**given | {"modules": tuple(given["modules"])}, findings=found)
-    except (KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, RecursionError, KeyError, TypeError, AttributeError) as error:
         raise LaisnError(f"{path}: no record of a study: {error}") from None

@@ -26,14 +26,6 @@ class Interval(NamedTuple):
     low: float
     high: float
 
-    def beyond(self, aim: float) -> bool:
-        """Whether all of it is at or above a value."""
-        return self.low >= aim
-
-    def short(self, aim: float) -> bool:
-        """Whether all of it is below a value."""
-        return self.high < aim
-
 
 def proportion(count: int, of: int, confidence: float = CONFIDENCE) -> Interval:
     """Share of trials with an outcome, with the exact limits of Clopper and Pearson (Biometrika 26, 1934).

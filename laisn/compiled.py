@@ -33,8 +33,8 @@ REACHED = ("laisn/**/*.py", "sim/**/*.py", "experiments/campaign/lane_*.py")
 _APART = ("sim/datasets", "sim/film", "sim/log")
 """Folders among them that no compiled module imports."""
 _ROOT = Path(__file__).resolve().parents[1]
-_PROJECT = ("laisn", "sim", "experiments")
-_KEPT_VERSIONS, _KEPT_S = 8, 86_400.0
+_KEPT_S = 7 * 86_400.0
+"""Code of other versions is removed when it has not been used for so long."""
 
 
 def reached_sources() -> list[Path]:
@@ -43,21 +43,12 @@ def reached_sources() -> list[Path]:
     return [path for path in found if not path.relative_to(_ROOT).as_posix().startswith(_APART)]
 
 
-def _version() -> str:
-    """Hash of the compiler and of the sources."""
-    digest = hashlib.sha256(f"{sys.version} {numba.__version__} {np.__version__}".encode())
-    for path in reached_sources():
-        digest.update(f"{path.relative_to(_ROOT)} ".encode() + path.read_bytes())
-    return digest.hexdigest()[:16]
-
-
 def _own_folder(version: Path) -> Path:
     """The first numbered folder that no running process uses, with links to the code in the others.
 
     Two processes that store different signatures of a function in one folder would give both files one name.
     """
-    for n in itertools.count():
-        own = version / str(n)
+    for own in (version / str(n) for n in itertools.count()):
         own.mkdir(parents=True, exist_ok=True)
         lock = os.open(own / "lock", os.O_RDWR | os.O_CREAT, 0o600)
         try:
@@ -79,19 +70,21 @@ def _own_folder(version: Path) -> Path:
 def find_folder() -> Path | None:
     """Folder for the code of these sources, below one that only this user can enter; None if there is none."""
     home = os.environ.get("XDG_CACHE_HOME", "")
+    digest = hashlib.sha256(f"{sys.version} {numba.__version__} {np.__version__}".encode())
+    for path in reached_sources():
+        digest.update(f"{path.relative_to(_ROOT)} ".encode() + path.read_bytes())
     try:
         place = (Path(home) if os.path.isabs(home) else Path.home() / ".cache") / "laisn-sim" / "compiled"
         # parents get the usual mode
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
-        state, version = place.lstat(), place / _version()
+        state, version = place.lstat(), place / digest.hexdigest()[:16]
         if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.geteuid() or state.st_mode & 0o077:
             return None
         own = _own_folder(version)
         os.utime(version)
-        for old in sorted(place.iterdir(), key=lambda folder: folder.stat().st_mtime)[:-_KEPT_VERSIONS]:
-            # a process of that version may run for a day
-            if old.stat().st_mtime < time.time() - _KEPT_S:
-                shutil.rmtree(old, ignore_errors=True)
+        for other in place.iterdir():
+            if other.stat().st_mtime < time.time() - _KEPT_S:
+                shutil.rmtree(other, ignore_errors=True)
     except (OSError, RuntimeError):
         # RuntimeError: this user has no home
         return None
@@ -110,33 +103,32 @@ def count_stored() -> int:
 def remove_if_damaged(error: BaseException) -> bool:
     """Whether numba raised an error while it read or wrote stored code, as after a power failure; removes that code."""
     frames = traceback.extract_tb(error.__traceback__)
-    damaged = FOLDER is not None and any(Path(frame.filename).match("numba/core/caching.py") for frame in frames)
-    if damaged:
-        shutil.rmtree(cast(Path, FOLDER).parent, ignore_errors=True)
-    return damaged
+    if FOLDER is None or not any(Path(frame.filename).match("numba/core/caching.py") for frame in frames):
+        return False
+    shutil.rmtree(FOLDER.parent, ignore_errors=True)
+    return True
 
 
 # numba warns of names of its own where formulas with branches are inlined into one another
 warnings.filterwarnings("ignore", category=errors.NumbaIRAssumptionWarning)
 
 
-def _jit(function: Function, **flags: Any) -> Function:
-    """Compile a function, which releases the lock of the interpreter, so that threads run side by side."""
+def compiled(function: Function, **flags: Any) -> Function:
+    """Compile a function of arrays and scalars; division by zero gives inf or NaN as in NumPy.
+
+    It releases the lock of the interpreter, so that threads run side by side.
+    """
     # what other projects and closures refer to is not in the name of the folder
-    stored = FOLDER is not None and not function.__closure__ and function.__module__.partition(".")[0] in _PROJECT
+    own = not function.__closure__ and function.__module__.startswith(("laisn.", "sim.", "experiments."))
     config: Any = numba.config
     config.CACHE_DIR = str(FOLDER or "")
-    return cast(Function, numba.njit(error_model="numpy", nogil=True, cache=stored, **flags)(function))
-
-
-def compiled(function: Function) -> Function:
-    """Compile a function of arrays and scalars; division by zero gives inf or NaN as in NumPy."""
-    return _jit(function)
+    jit = numba.njit(error_model="numpy", nogil=True, cache=own and FOLDER is not None, **flags)
+    return cast(Function, jit(function))
 
 
 def compiled_lanes(function: Function) -> Function:
     """Compile a pass over lanes: fused multiply-adds are allowed, and NaN keeps its meaning."""
-    return _jit(function, fastmath={"contract", "nsz"})
+    return compiled(function, fastmath={"contract", "nsz"})
 
 
 def inlined(function: Function) -> Function:
@@ -159,6 +151,14 @@ def formula(function: Function) -> Function:
     return register_jitable(inline="always")(function)
 
 
+def elementwise(function: Function) -> Function:
+    """A formula that compiled code calls with numbers and Python with arrays of them too.
+
+    It selects by `select`, `np.minimum` …; `if` is for what all elements share.
+    """
+    return register_jitable(error_model="numpy")(function)
+
+
 def select(condition: Any, chosen: Any, other: Any) -> Any:
     """`np.where`, which in compiled code is `chosen if condition else other` of numbers."""
     return np.where(condition, chosen, other)
@@ -167,11 +167,3 @@ def select(condition: Any, chosen: Any, other: Any) -> Any:
 @overload(select, strict=False)
 def _select(condition: Any, chosen: Any, other: Any) -> Any:
     return lambda condition, chosen, other: chosen if condition else other
-
-
-def elementwise(function: Function) -> Function:
-    """A formula that compiled code calls with numbers and Python with arrays of them too.
-
-    It selects by `select`, `np.minimum` …; `if` is for what all elements share.
-    """
-    return register_jitable(error_model="numpy")(function)

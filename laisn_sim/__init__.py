@@ -193,4 +193,4 @@ def study(
     if navigators is not None:
         names = {k: v if isinstance(v, str) else register(v, importable=True) for k, v in navigators.items()}
         keys["arm"] = [{"name": name, "navigation.variant": variant} for name, variant in names.items()]
-    return run(source, keys, out, workers=workers, cluster=cluster, force=force)
+    return run(source, keys, out, workers=workers, cluster=cluster, force=force, quiet=True)

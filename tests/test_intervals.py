@@ -107,8 +107,6 @@ def test_few_runs_bound_nothing() -> None:
     assert interval.value == 1.0
     assert math.isnan(interval.low)
     assert math.isnan(interval.high)
-    assert not interval.beyond(0.5)
-    assert not interval.short(2.0)
     assert math.isnan(mean_interval(np.ones(64), np.zeros(64, dtype=bool)).value)
 
 
@@ -178,12 +176,6 @@ def test_a_share_of_nothing_has_no_limits() -> None:
     assert math.isnan(share_removed([(barely, noise[1])]).low)
     zero = share_removed([(np.zeros(30), noise[1, :30])])
     assert math.isnan(zero.value)
-
-
-def test_beyond_and_short_need_the_whole_interval() -> None:
-    interval = Interval(0.9, 0.85, 0.95)
-    assert (interval.beyond(0.85), interval.beyond(0.86)) == (True, False)
-    assert (interval.short(0.96), interval.short(0.95)) == (True, False)
 
 
 @pytest.mark.parametrize("runs", [700, 1280])

@@ -61,7 +61,6 @@ def geometry_of(
     scenario: Scenario,
     follower: int = 0,
     received: Bools | None = None,
-    transmitters: int | None = None,
 ) -> Geometry:
     """The true geometry of a mission as one follower's sensors meet it.
 
@@ -70,7 +69,6 @@ def geometry_of(
         scenario: of the mission.
         follower: its index, 0 for the first.
         received: of which of the m messages each ping arrived, shape (m, 3); None: all did.
-        transmitters: how many are used; None: as many as the follower uses.
     """
     dt = scenario.timing.filter_step_s
     stride = round(dt / CONTROL_STEP_S)
@@ -79,7 +77,7 @@ def geometry_of(
     sound = propagate(trajectory, scenario, follower)
     arrived, sent = (sound.message_step - first), (sound.emission_step - first) * stride
     hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone", arrived * stride)
-    leader, used = trajectory.position[sent, 0, :2], transmitters or scenario.navigation.transmitters
+    leader, used = trajectory.position[sent, 0, :2], scenario.navigation.transmitters
     arms = sound.transmitter[:, :used].copy()
     arms[..., :2] -= leader[:, None]
     arms[..., 2] = hydrophone[:, None, 2] - arms[..., 2]

@@ -10,7 +10,6 @@ import random
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
-from itertools import groupby
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -32,6 +31,7 @@ Task = partial[Any]
 
 It returns a list of rows, which are records or data classes, or a single row, stored as JSON values. It raises
 `CampaignError` if it cannot compute them."""
+_Work = Callable[[], list[Result]]
 _BATCH_STEPS = 20_000_000
 """Filter steps that a process computes before it reports: a third of a second."""
 
@@ -89,10 +89,7 @@ class Flown:
         return found
 
     def cell(self, plan: CellPlan) -> tuple[Record, Arrays]:
-        """The row of a cell under the name that this plan gives it, with its facts, and its arrays over runs.
-
-        Raises CampaignError if it is gone.
-        """
+        """The row of a cell under this plan's name, with its facts, and its arrays over runs; CampaignError: gone."""
         (row, arrays), facts = self._stored(plan.key), self.design.facts
         measured = self._stored(key_of(facts, plan.motion))[0][plan.follower] if facts else {}
         return {"key": plan.key, "mission": plan.scenario.name} | row | measured, arrays
@@ -107,22 +104,21 @@ class Flown:
         return [self.cell(plan)[0] for plan in self.design.cells]
 
 
-def _batches(plans: Iterable[CellPlan], workers: int) -> Iterator[list[CellPlan]]:
+def _batches(plans: Iterable[CellPlan], workers: int) -> list[list[CellPlan]]:
     """Cells of one mission at a time, few enough for a steady progress and many enough to share the mission."""
     by_mission = sorted(plans, key=lambda plan: plan.motion)
     limit = min(_BATCH_STEPS, sum(plan.size for plan in by_mission) // (4 * workers))
-    for _, mission in groupby(by_mission, key=lambda plan: plan.motion):
-        batch, size = list[CellPlan](), 0
-        for plan in mission:
-            if batch and size + plan.size > limit:
-                yield batch
-                batch, size = [], 0
-            batch.append(plan)
-            size += plan.size
-        yield batch
+    batches, size = list[list[CellPlan]](), 0
+    for plan in by_mission:
+        if not batches or batches[-1][0].motion != plan.motion or size + plan.size > limit:
+            batches.append([])
+            size = 0
+        batches[-1].append(plan)
+        size += plan.size
+    return batches
 
 
-def _attempt(name: Any, work: Callable[[], list[Result]]) -> tuple[Any, list[Result] | str]:
+def _attempt(name: Any, work: _Work) -> tuple[Any, list[Result] | str]:
     """Results of some work by its name, or why it has none."""
     try:
         return name, work()
@@ -130,33 +126,19 @@ def _attempt(name: Any, work: Callable[[], list[Result]]) -> tuple[Any, list[Res
         return name, str(error).splitlines()[0]
 
 
-Work = Callable[[], list[Result]]
-
-
 def _compute(
-    what: str, keys: Mapping[Any, Sequence[str]], work: Callable[[Any], Work], store: Store, pool: Pool,
+    what: str, keys: Mapping[Any, Sequence[str]], work: Callable[[Any], _Work], store: Store, pool: Pool,
     size: Callable[[Any], int] = lambda _: 1, quiet: bool = False,
 ) -> dict[Any, str]:  # fmt: skip
-    """Compute in parallel, and store each result as it is done.
+    """Compute in parallel, and store each result as it is done; gives why jobs failed, by their names.
 
-    The order is random, so that processes which share a folder share the work.
-
-    Args:
-        what: label of the progress display.
-        keys: of the results of each job, by its name; a job whose results are stored meanwhile is left out.
-        work: makes what a process calls for a job, just before it is handed out.
-        store: for the results.
-        pool: entered.
-        size: of a job, for the progress display.
-        quiet: show no progress.
-
-    Returns:
-        Why jobs failed, by their names.
+    The order is random, so that processes which share a folder share the work: a job whose results, of these `keys`,
+    are stored meanwhile is left out. `work` makes what a process calls for a job, just before it is handed out.
     """
     failed = {}
     with progress(what, sum(map(size, keys)), quiet=quiet) as advance:
 
-        def missing() -> Iterator[tuple[Any, Work]]:
+        def missing() -> Iterator[tuple[Any, _Work]]:
             for name in random.sample([*keys], len(keys)):
                 if store.has(*keys[name]):
                     advance(size(name))
@@ -186,7 +168,6 @@ def _fly(scenario: Scenario, motion: str, facts: Facts | None) -> list[Result]:
 
 
 def _rows(key: str, task: Task) -> list[Result]:
-    """The rows of a task."""
     found = task()
     rows = found if isinstance(found, list) else [found]
     return [(key, [row if isinstance(row, dict) else asdict(row) for row in rows], {})]
@@ -204,7 +185,7 @@ def mission(scenario: Scenario, store: Store) -> Trajectory:
 
 
 def compile_ahead(plan: CellPlan) -> None:
-    """Compile here, with a word, what each process would else compile for itself before its first result."""
+    """Compile here, with a notice, what each process would else compile for itself before its first result."""
     short = plan.scenario.first_messages
     with compiling_shown():
         compute(missions.simulate_mission(short), [replace(plan, scenario=short, runs=1)])
@@ -250,10 +231,10 @@ def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpa
             with compiling_shown():
                 design.ahead()
 
-    def flight(motion: str) -> Work:
+    def flight(motion: str) -> _Work:
         return partial(_fly, scenarios[motion], motion, facts)
 
-    def task(name: Any) -> Work:
+    def task(name: Any) -> _Work:
         return partial(_rows, keys[name], design.tasks[name])
 
     with pool:
@@ -261,12 +242,12 @@ def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpa
         failures |= _compute(design.what, tasks, task, store, pool, quiet=quiet)
         if failures and not tolerant:
             raise CampaignError("; ".join(sorted(set(failures.values()))))
-        batches = [*_batches((c for c in cells if c.motion not in failures), pool.size)]
+        batches = _batches((cell for cell in cells if cell.motion not in failures), pool.size)
+        parts = {i: [key for plan in some for key in plan.keys] for i, some in enumerate(batches)}
 
-        def batch(i: int) -> Work:
+        def batch(i: int) -> _Work:
             return partial(compute, mission(batches[i][0].scenario, store), batches[i])
 
-        parts = {i: [key for plan in some for key in plan.keys] for i, some in enumerate(batches)}
         _compute("cells", parts, batch, store, pool, lambda i: len(batches[i]), quiet)
     rows = {name: store.get(key) for name, key in keys.items()}
     found = {name: result[0] for name, result in rows.items() if result is not None}

@@ -4,7 +4,6 @@ from dataclasses import replace
 from functools import cache, lru_cache, partial
 from typing import Any, TypeVar
 
-import numpy as np
 from pydantic import BaseModel
 
 from experiments.campaign.store import CampaignError, key_of
@@ -28,9 +27,9 @@ def _defaults(kind: type[BaseModel], names: tuple[str, ...]) -> dict[str, Any]:
     return {name: kind.model_fields[name].get_default(call_default_factory=True) for name in names}
 
 
-def without(section: Section, *names: str) -> Section:
-    """A section of a scenario with these keys at their defaults."""
-    return section.model_copy(update=_defaults(type(section), names))
+def _without(section: Section, *names: str, **changes: Any) -> Section:
+    """A section of a scenario with these keys at their defaults, and others changed."""
+    return section.model_copy(update=_defaults(type(section), names) | changes)
 
 
 def content_of(scenario: Scenario) -> Scenario:
@@ -38,7 +37,7 @@ def content_of(scenario: Scenario) -> Scenario:
 
     This is what campaigns compute in place of the scenario, and what their keys are made of: nothing else can matter.
     """
-    return without(scenario, "run", "epoch", "origin_latitude_deg", "origin_longitude_deg", "video")
+    return _without(scenario, "run", "epoch", "origin_latitude_deg", "origin_longitude_deg", "video")
 
 
 def nameless(scenario: Scenario) -> Scenario:
@@ -48,16 +47,12 @@ def nameless(scenario: Scenario) -> Scenario:
 
 def motion_of(scenario: Scenario) -> Scenario:
     """The scenario with everything at its default that does not change how vehicles move; this is what is flown."""
-    moving = {
-        "leader": without(scenario.leader, "broadcast_attitude").model_copy(
-            update={"baseline_m": None, "middle_offset_m": None}
-        ),
-        "timing": without(scenario.timing, "filter_step_s", "message_interval_s"),
-    }
-    return without(content_of(scenario), "sensors", "acoustics", "navigation").model_copy(update=moving)
+    leader = _without(scenario.leader, "broadcast_attitude", baseline_m=None, middle_offset_m=None)
+    timing = _without(scenario.timing, "filter_step_s", "message_interval_s")
+    return _without(content_of(scenario), "sensors", "acoustics", "navigation", leader=leader, timing=timing)
 
 
-def observed_of(scenario: Scenario, follower: int) -> Scenario:
+def _observed_of(scenario: Scenario, follower: int) -> Scenario:
     """The scenario with everything at its default that does not change what `observe` finds of a follower.
 
     Scenarios that differ in random errors and constant biases alone share one truth.
@@ -69,9 +64,9 @@ def observed_of(scenario: Scenario, follower: int) -> Scenario:
     }
     own = {
         "seed": 1,
-        "sensors": without(sensors, *keys_per_run(Sensors)).model_copy(update={"own": own_tables(scenario)}),
-        "followers": tuple(without(one, "sensors", "name") for one in scenario.followers),
-        "acoustics": without(acoustics, *keys_per_run(Acoustics)).model_copy(update=echoes),
+        "sensors": _without(sensors, *keys_per_run(Sensors), own=own_tables(scenario)),
+        "followers": tuple(_without(one, "sensors", "name") for one in scenario.followers),
+        "acoustics": _without(acoustics, *keys_per_run(Acoustics), **echoes),
         "navigation": Navigation(variant="tight", assume={"transmitters": scenario.navigation.transmitters}),
     }
     return nameless(content_of(scenario)).model_copy(update=own)
@@ -93,13 +88,10 @@ def sited(trajectory: Trajectory, leader: Leader) -> Trajectory:
 def simulate_mission(scenario: Scenario) -> Trajectory:
     """Motion of a mission's vehicles; CampaignError naming it, and how it ended, if that was before its time."""
     try:
-        trajectory = simulate_motion(motion_of(scenario))
+        return sited(simulate_motion(motion_of(scenario)), scenario.leader)
     except (EndedError, PlantError) as error:
         # They carry the motion so far, which no process can hand to another: only their text is compared.
         raise CampaignError(f"mission {scenario.name!r}: {error}") from None
-    if not np.all(np.isfinite(trajectory.position)):
-        raise CampaignError(f"mission {scenario.name!r}: the simulation left finite numbers")
-    return sited(trajectory, scenario.leader)
 
 
 class Mission:
@@ -122,7 +114,7 @@ class Mission:
         """
         if nameless(motion_of(scenario)) != self._motion:
             raise LaisnError(f"scenario {scenario.name!r} moves otherwise than the mission that was simulated")
-        return self._sited(scenario.leader), self._observed(observed_of(scenario, follower), follower)
+        return self._sited(scenario.leader), self._observed(_observed_of(scenario, follower), follower)
 
 
 @lru_cache(maxsize=4)

@@ -5,7 +5,6 @@ import importlib.util
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
-from types import TracebackType
 from typing import Any, Self, TypeVar
 
 import joblib
@@ -33,12 +32,15 @@ def _begin_worker(parent: int, plugins: str) -> None:
 
 
 def _with_version(function: Callable[..., Result], *arguments: Any) -> tuple[str, Result]:
-    """A result, and the version of the code that computed it."""
     return code_version(), function(*arguments)
 
 
 class Pool:
-    """A pool of processes; use it as a context. With one local worker everything is computed in this process."""
+    """A pool of processes; use it as a context. With one local worker everything is computed in this process.
+
+    Attributes:
+        size: number of processes.
+    """
 
     def __init__(self, workers: int, cluster: str | None = None) -> None:
         """Prepare local processes, which start with the first work, or the address of a Dask scheduler in their place.
@@ -54,10 +56,11 @@ class Pool:
     def __enter__(self) -> Self:
         """Connect to the cluster, if there is one; LaisnError if it cannot be used."""
         if self._cluster is not None:
-            self._client, self.size = _connect(self._cluster)
+            self._client = _connect(self._cluster)
+            self.size = sum(self._client.nthreads().values())
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, _: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Leave the cluster; local processes end with this one, or at once if something failed."""
         if self._client is not None:
             self._client.close()
@@ -71,10 +74,8 @@ class Pool:
             WorkerDiedError: a process died.
             CampaignError: a process has other sources.
         """
-        options: dict[str, Any] = {"backend": "sequential"}
-        if self._client is not None:
-            options = {"backend": "dask"}
-        elif self.size > 1:
+        options: dict[str, Any] = {"backend": "dask" if self._client is not None else "sequential"}
+        if self._client is None and self.size > 1:
             begin = os.getpid(), os.environ.get(VARIABLE, "")
             options = {"backend": "loky", "initializer": _begin_worker, "initargs": begin}
         with joblib.parallel_config(n_jobs=self.size, **options):
@@ -99,8 +100,8 @@ class Pool:
                 raise
 
 
-def _connect(address: str) -> tuple[Any, int]:
-    """A client of a Dask cluster whose workers have this version, and its number of threads."""
+def _connect(address: str) -> Any:
+    """A client of a Dask cluster all of whose workers have this version; LaisnError names those that have not."""
     try:
         import distributed
     except ImportError:
@@ -124,23 +125,18 @@ def _connect(address: str) -> tuple[Any, int]:
         raise LaisnError(f"no Dask scheduler answers at {address}: {why}") from None
     client = dask.Client(address, timeout=_CONNECT_S)
     try:
-        _require_same_version(client, address)
-        return client, sum(client.nthreads().values())
+        # a function of the standard library: a worker without this package could not even take one of ours
+        specs = client.run(importlib.util.find_spec, "experiments", on_error="return")
+        lacking = sorted(name for name, spec in specs.items() if spec is None or isinstance(spec, BaseException))
+        if lacking or not specs:
+            where = f"on these workers of {address}: {', '.join(lacking)}"
+            none = f"the Dask scheduler at {address} has no workers"
+            raise LaisnError(f"laisn-sim is not installed {where}" if lacking else none)
+        versions = client.run(code_version, on_error="return")
+        others = sorted(f"{name} ({version})" for name, version in versions.items() if version != code_version())
+        if others:
+            raise LaisnError(f"this is version {code_version()}, but workers of {address} have: {', '.join(others)}")
     except BaseException:
         client.close()
         raise
-
-
-def _require_same_version(client: Any, address: str) -> None:
-    """LaisnError naming workers of a cluster that cannot compute for this version."""
-    # a function of the standard library: a worker without this package could not even take one of ours
-    found = client.run(importlib.util.find_spec, "experiments", on_error="return")
-    if not found:
-        raise LaisnError(f"the Dask scheduler at {address} has no workers")
-    lacking = sorted(name for name, spec in found.items() if spec is None or isinstance(spec, BaseException))
-    if lacking:
-        raise LaisnError(f"laisn-sim is not installed on these workers of {address}: {', '.join(lacking)}")
-    versions = client.run(code_version, on_error="return")
-    others = sorted(f"{name} ({version})" for name, version in versions.items() if version != code_version())
-    if others:
-        raise LaisnError(f"this is version {code_version()}, but workers of {address} have: {', '.join(others)}")
+    return client

@@ -17,7 +17,6 @@ _LINE_EVERY_S = 10.0
 _COMPILING = "compiling (once)"
 _COUNT_EVERY_S = 0.5
 
-
 Advance = Callable[[int], None]
 """Reports that so many more items are finished."""
 Update = Callable[[float], None]
@@ -63,8 +62,7 @@ def _bars(console: Console, *columns: ProgressColumn) -> Bars:
 def compiling_shown(bars: Bars | None = None) -> Iterator[None]:
     """Report that code is compiled: on a terminal with the number of functions, and in a log with one line.
 
-    Counts what this process and those beside it store in the folder of compiled code. Without bars, the report is on
-    standard error.
+    Counts what this process and those beside it store. Without bars, the report is on standard error.
     """
     # a process that only shows progress does not load the compiler
     from laisn.compiled import count_stored
@@ -110,14 +108,10 @@ def phases(console: Console) -> Iterator[Phase]:
 
 @contextmanager
 def progress(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]:
-    """A bar on a terminal, a line every ten seconds in a log; nothing if there is nothing to do.
+    """A bar on a terminal, a line every ten seconds in a log; nothing if there is nothing to do, or `quiet`.
 
-    In a log, rate and time left do not count the first item, which waited for processes and compilers to start.
-
-    Args:
-        what: is counted, such as "cells".
-        total: number of them.
-        quiet: show nothing.
+    `total` items are counted, which `what` names. In a log, rate and time left do not count the first item, which
+    waited for processes and compilers to start.
     """
     console = Console(stderr=True)
     if quiet or total == 0:

@@ -9,7 +9,6 @@ import json
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, is_dataclass
 from functools import cache, partial
 from pathlib import Path
 from types import FunctionType
@@ -19,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic_core import PydanticSerializationError, to_jsonable_python
+from pydantic_core import to_jsonable_python
 
 from experiments.campaign.version import code_version, version_of
 from laisn.failure import LaisnError, LaisnWarning
@@ -30,10 +29,11 @@ Record = dict[str, Any]
 """A row: column names and plain values."""
 Arrays = dict[str, npt.NDArray[Any]]
 """Columns of a result by name, arrays of shape (n,)."""
-
 Result = tuple[str, Any, Arrays]
 """Key, JSON value and arrays of a result that is stored."""
 
+STUDY_FILE, FLIGHT_FILE = "campaign.json", "summary.json"
+"""A file that each folder of a study, and each folder of a flight, has."""
 _RECORD = "record"
 """Array that holds the JSON of a stored record."""
 
@@ -52,21 +52,15 @@ def _source(module: str) -> str:
     return version_of([sys.modules[module].__spec__.name if module == "__main__" else module])  # type: ignore[union-attr]
 
 
-def _plain(value: Any) -> object:
-    """A JSON value for what is none; TypeError if there is none."""
+def _plain(value: object) -> list[Any]:
+    """What stands for a value in a key that pydantic cannot write; TypeError if nothing does."""
     if isinstance(value, FunctionType):
         return [_source(value.__module__), value.__qualname__]
     if isinstance(value, partial):
         return [value.func, value.args, value.keywords]
     if isinstance(value, range):
         return [value.start, value.stop, value.step]
-    if is_dataclass(value):
-        return {item.name: getattr(value, item.name) for item in fields(value)}
-    try:
-        return to_jsonable_python(value)
-    except PydanticSerializationError:
-        what = f"{type(value).__name__}, of which no key can be made: {value!r:.60}"
-        raise TypeError(f"a result depends on {what}") from None
+    raise TypeError(f"a result depends on {type(value).__name__}, of which no key can be made: {value!r:.60}")
 
 
 def key_of(*content: object) -> str:
@@ -79,7 +73,7 @@ def key_of(*content: object) -> str:
     Raises:
         TypeError: there is something else.
     """
-    text = json.dumps([code_version(), *content], sort_keys=True, default=_plain)
+    text = json.dumps(to_jsonable_python([code_version(), *content], fallback=_plain), sort_keys=True)
     digest = hashlib.sha256(text.encode())
     for name, file in sorted(plugin_files().items()):
         if f'"{name}"' in text or f'"{name}:' in text:
@@ -119,64 +113,57 @@ def columns_of(rows: Sequence[Record]) -> dict[str, list[Any]]:
 
 def write_csv(path: Path, rows: Sequence[Record]) -> None:
     """Write rows as CSV, numbers with all their digits."""
-    columns = columns_of(rows)
     with atomic_write(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows(zip(*columns.values(), strict=True))
-
-
-STUDY_FILE, FLIGHT_FILE = "campaign.json", "summary.json"
-"""A file that each folder of a study, and each folder of a flight, has."""
+        writer = csv.DictWriter(file, dict.fromkeys(name for row in rows for name in row))
+        writer.writeheader()
+        writer.writerows(rows)
 
 
 def require_kind(folder: Path, other: str, found: str) -> None:
-    """Refuse a folder with results of the other kind: "flight" or "study", recognised by a file; raises LaisnError."""
+    """LaisnError if a folder holds results of the other kind, "flight" or "study", as this file shows."""
     if (folder / found).exists():
         raise LaisnError(f"{folder}: holds the results of a {other} ({found}); choose another folder with --out")
 
 
 class Store:
-    """The results folder of a campaign; any number of processes may work in it at once.
-
-    Raises LaisnError if the folder holds results of another version and `force` is not set.
-    """
+    """The results folder of a campaign; any number of processes may work in it at once."""
 
     def __init__(self, folder: Path, *, force: bool = False) -> None:
-        """Open or make the folder; `force`: stored results count as missing, those of another version are removed."""
+        """Open or make the folder.
+
+        Args:
+            folder: of the results.
+            force: stored results count as missing; those of another version are removed.
+
+        Raises:
+            LaisnError: the folder holds a flight, or results of another version and `force` is not set.
+        """
         require_kind(folder, "flight", FLIGHT_FILE)
-        self.folder = folder
-        self._results = folder / "store"
-        self._force = force
-        self._written: set[str] = set()
+        self.folder, self._results = folder, folder / "store"
+        self._force, self._written = force, set[str]()
         self._results.mkdir(parents=True, exist_ok=True)
+        manifest, found = folder / STUDY_FILE, None
         with locked(folder):
-            self._require_version()
+            try:
+                found = str(json.loads(manifest.read_text(encoding="utf-8"))["version"])
+            except FileNotFoundError:
+                pass
+            except (ValueError, KeyError, TypeError, RecursionError):
+                # keys of results hold their version too
+                warnings.warn(f"{manifest} cannot be read and is written again", DamagedResult, stacklevel=2)
+            if found is not None and found != code_version():
+                if not force:
+                    raise LaisnError(
+                        f"{folder} holds results of version {found}, this is {code_version()}; "
+                        "choose another folder with --out, or replace them with --force"
+                    )
+                for path in self._results.iterdir():
+                    path.unlink(missing_ok=True)
+            if found != code_version():
+                with atomic_write(manifest) as part:
+                    part.write_text(json.dumps({"version": code_version()}) + "\n", encoding="utf-8")
         for each in (folder, self._results):
             remove_stale_parts(each)
-
-    def _require_version(self) -> None:
-        """Make the folder one of this version, or refuse."""
-        manifest, found = self.folder / STUDY_FILE, None
-        try:
-            found = str(json.loads(manifest.read_text(encoding="utf-8"))["version"])
-        except FileNotFoundError:
-            pass
-        except (ValueError, KeyError, TypeError, RecursionError):
-            # keys of results hold their version too
-            warnings.warn(f"{manifest} cannot be read and is written again", DamagedResult, stacklevel=1)
-        if found == code_version():
-            return
-        if found is not None:
-            if not self._force:
-                raise LaisnError(
-                    f"{self.folder} holds results of version {found}, this is {code_version()}; "
-                    "choose another folder with --out, or replace them with --force"
-                )
-            for path in self._results.iterdir():
-                path.unlink(missing_ok=True)
-        with atomic_write(manifest) as part:
-            part.write_text(json.dumps({"version": code_version()}) + "\n", encoding="utf-8")
 
     def path(self, key: str) -> Path:
         """File of a result."""

@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 """Folder of this project's packages."""
 OWN_PACKAGES = ("models", "laisn", "sim", "experiments")
 _IN_CHECKOUT = ("tools", "tests")
-"""Packages outside the wheel, in which some records of the documents are computed."""
+"""Outside the wheel: some records of the documents are computed there."""
 PACKAGES = ("mujoco", "numpy", "scipy", "filterpy", "numba", "mcap", "av", "pyarrow")
 """Dependencies that shape results."""
 
@@ -45,7 +45,7 @@ def reachable(modules: Iterable[str], root: Path = ROOT) -> dict[str, Path]:
 
 
 def sources(modules: Iterable[str] = (), root: Path = ROOT) -> list[Path]:
-    """Every file that may change a stored number: the modules that compute it, all that they import, and their data.
+    """Every file that may change a stored number: modules that compute, all that they import, and their data.
 
     Films, logs, pages and commands are not among them, since nothing that computes imports these.
 

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.command import bounds, hull, studies
+from experiments.command import analyses, studies
 from experiments.command.errors import Commands, echo, run
 from experiments.command.studies import (
     OutOption,
@@ -199,9 +199,9 @@ def replay(
         raise LaisnError(f"--smooth: the navigator of a data set ({log}) has no smoother")
 
 
-app.command("range-budget")(bounds.range_budget)
-app.command()(bounds.bound)
-app.command()(hull.hull)
+app.command("range-budget")(analyses.range_budget)
+app.command()(analyses.bound)
+app.command()(analyses.hull)
 
 
 @log_app.command("info")

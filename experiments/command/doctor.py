@@ -57,7 +57,8 @@ def _package_errors() -> dict[str, str]:
 
 
 def _first_line(error: BaseException) -> str:
-    return f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
+    kind = "" if isinstance(error, LaisnError) else f"{type(error).__name__}: "
+    return kind + str(error).partition("\n")[0]
 
 
 def _try_to_fly() -> tuple[str, str]:
@@ -73,8 +74,7 @@ def _try_to_fly() -> tuple[str, str]:
     except Exception as error:
         # any failure of this machine
         return _first_line(error), "no flight"
-    failed = written.film_error
-    return "", "" if failed is None else str(failed) if isinstance(failed, LaisnError) else _first_line(failed)
+    return "", _first_line(written.film_error) if written.film_error else ""
 
 
 def examine() -> int:

@@ -61,11 +61,11 @@ def _outcome(error: BaseException) -> tuple[int, list[str]]:
     if isinstance(error, OSError) and error.errno is not None:
         # of the system: a full disk, a folder without permission
         return USER_ERROR, [f"{error.filename or 'output'}: {error.strerror}", *notes]
-    what = f"{type(error).__name__}: {plain(error)}" if str(error) else type(error).__name__
+    what = (f"{type(error).__name__}: {plain(error)}" if str(error) else type(error).__name__)[:200]
     compiled = sys.modules.get("laisn.compiled")
     if compiled is not None and compiled.remove_if_damaged(error):
-        return USER_ERROR, [f"compiled code could not be read and is removed ({what[:200]}); run the command again"]
-    return INTERNAL_ERROR, [f"this is a bug in the program ({what[:200]}); {_report(error)}", *notes]
+        return USER_ERROR, [f"compiled code could not be read and is removed ({what}); run the command again"]
+    return INTERNAL_ERROR, [f"this is a bug in the program ({what}); {_report(error)}", *notes]
 
 
 @contextmanager
@@ -104,11 +104,9 @@ def echo(text: object) -> None:
 
 def require_output(out: Path | None, *suffixes: str, source: Path | None = None) -> None:
     """LaisnError if the file that `--out` names has another suffix, or is the source."""
-    if out is None:
-        return
-    if out.suffix not in suffixes:
+    if out is not None and out.suffix not in suffixes:
         raise LaisnError(f"--out: expected a file name that ends in {' or '.join(suffixes)} (given: {out})")
-    if source is not None and out.exists() and source.exists() and out.samefile(source):
+    if out is not None and source is not None and out.exists() and source.exists() and out.samefile(source):
         raise LaisnError(f"--out: expected another file than the input (given: {out})")
 
 

@@ -1,7 +1,7 @@
 """Simulate one scenario and write log, film, report and numbers."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
@@ -44,7 +44,7 @@ NEES: 2 on average for a consistent filter; × bound: RMS of E_P over the bound"
 
 
 def _show_stations(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
-    """Print station errors, and the closest approaches of two vehicles, of all and of one layer."""
+    """Station errors, and the closest approaches of two vehicles, of all and of one layer."""
     rows = []
     for name, row in summary["followers"].items():
         if "station_rms_m" in row:
@@ -100,20 +100,6 @@ class Written(NamedTuple):
     """Error that prevented a requested film: a `LaisnError`, or a bug."""
 
 
-def _film(film: Callable[[], Any], write_log: Callable[..., Any] | None) -> Exception | None:
-    """Render the film and add it to the log; returns the error that prevented it."""
-    try:
-        frames = film()
-    except OSError:
-        raise
-    except Exception as error:
-        # the other results are complete without a film
-        return error
-    if write_log is not None:
-        write_log(video=frames)
-    return None
-
-
 def _draw_report(*arguments: Any) -> None:
     from experiments.pages.flight_report import flight_report
 
@@ -153,7 +139,8 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
         summary = summarise(flight, errors, bounds)
         summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
         write_log = partial(writer.write, flight, folder / LOG, summary=summary_text, errors=errors, events=events)
-        film, film_error = folder / FILM, None
+        film = folder / FILM
+        film_error: Exception | None = None
 
         # the log first, so that it is kept if the film fails
         report = partial(_draw_report, flight, errors, summary, folder / REPORT)
@@ -169,10 +156,17 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
             if with_video:
                 from sim.film.render import render
 
-                video = scenario.video
                 with phase("video") as update:
-                    draw = partial(render, flight, film, errors=errors, video=video, progress=update)
-                    film_error = _film(draw, write_log if video.in_log else None)
+                    try:
+                        frames = render(flight, film, errors=errors, video=scenario.video, progress=update)
+                    except OSError:
+                        raise
+                    except Exception as error:
+                        # the other results are complete without a film
+                        film_error = error
+                    else:
+                        if scenario.video.in_log:
+                            write_log(video=frames)
             with phase("report"):
                 report(film if with_video and film_error is None else None, bounds)
     factor = float(flight.trajectory.time[-1]) / watch["simulate_s"]
@@ -184,14 +178,10 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
 
 
 def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source: Path | None = None) -> None:
-    """Simulate a scenario, print a summary, and write every result into a folder, as of `folder.one_flight`.
+    """Simulate a scenario, print a summary, and write every result into a folder; errors as of `folder.one_flight`.
 
-    `source` is the file of the scenario, which a changed scenario does not replace.
-
-    Raises:
-        LaisnError: the folder has files of the same names, but no flight.
-        OSError, LogError: the folder cannot be written.
-        Exception: a bug prevented the film; all else is written.
+    `source` is the file of the scenario, which a changed scenario does not replace. An exception that is a bug which
+    prevented the film is raised after all else is written.
     """
     console = Console()
     require_safe(folder, source, scenario.toml)

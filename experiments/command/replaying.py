@@ -1,4 +1,7 @@
-"""Navigation on measurements of logs and data sets, fixed-lag smoothing, and the contents of a log."""
+"""Navigation on measurements of logs and data sets, fixed-lag smoothing, and the contents of a log.
+
+LaisnError: a log cannot be read, an argument is invalid, or a variant cannot be smoothed.
+"""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -34,9 +37,6 @@ def replay(
     """Navigate on the measurements of a flight's log and print errors beside those of the log.
 
     `out` is a log for the new estimates, which are smoothed with messages of up to `smooth_s` later.
-
-    Raises:
-        LaisnError: the log cannot be read, an argument is invalid, or the variant cannot be smoothed.
     """
     from experiments.command.fly import show
     from experiments.flight.fly import navigate_again
@@ -66,9 +66,6 @@ def replay_measurements(
     The log has `/NAME/motion` and `/NAME/reception` of every follower of the scenario `source`. Of the scenario, names
     and starts of the followers, the leader's baseline and the navigation are used; the filter steps are those of the
     log. A single range of a message is used, unless the scenario sets `use_single_range = false`.
-
-    Raises:
-        LaisnError: as of `replay`; the scenario is invalid, or the log has too long a gap or lacks a channel.
     """
     from experiments.flight.library import load_flyable
     from sim.log import reader
@@ -124,11 +121,7 @@ def _write_replay(
 
 
 def export_factor_graphs(path: Path, out: Path) -> list[Path]:
-    """Write what each follower of a flight measured as `out`/FOLLOWER.pyfg, with its true path; gives the files.
-
-    Raises:
-        LaisnError: the log cannot be read, or holds no flight.
-    """
+    """Write what each follower of a flight measured as `out`/FOLLOWER.pyfg, with its true path; gives the files."""
     from sim.datasets.factor_graph import write_factor_graph
     from sim.log import reader
     from sim.sensing.observation import start_of
@@ -198,11 +191,7 @@ def show_smoothing(console: Console, filtered: Flight, smoothed: Flight, lag_s: 
 
 
 def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
-    """Write a data set, or the table of a vehicle's measurements, as a log.
-
-    Raises:
-        LaisnError: the file cannot be read or lacks a beacon, or the log's name is invalid.
-    """
+    """Write a data set, or the table of a vehicle's measurements, as a log."""
     from sim.datasets.log import VEHICLE, read_data_set, write_data_set, write_vehicle_table
     from sim.datasets.vehicle_table import read_vehicle_table
 
@@ -237,9 +226,6 @@ def replay_data_set(
     """Navigate on the log of a data set; print errors beside those of dead reckoning and write a page.
 
     Assignments are `navigation.key=value` of LAISN or `beacons.key=value` of the navigator among beacons.
-
-    Raises:
-        LaisnError: the log cannot be read, or an argument is invalid.
     """
     from experiments.beacon_replay import among_beacons, beacons_of, by_laisn, dead_reckoning, score
     from experiments.flight.library import load_flyable
@@ -267,13 +253,10 @@ def replay_data_set(
     rows = []
     for name, found in (("dead reckoning", dead_reckoning(recorded)), (title, estimates)):
         errors = score(found, measured, recorded.truth)
-        figures = [
-            "–" if math.isnan(value) else f"{value:.2f}" if value < _LARGE else f"{value:.0e}" for value in errors
-        ]
+        figures = ["–" if math.isnan(e) else f"{e:.2f}" if e < _LARGE else f"{e:.0e}" for e in errors]
         x, y = found.state[-1, :2]
         rows.append([name, *figures, f"{x:.2f}, {y:.2f}"])
     show_table(Console(), heads, rows)
-    vehicle = Replayed(
-        name=VEHICLE, measured=measured, estimates=estimates, path=recorded.truth, mean_error=errors.mean
-    )
+    truth, mean = recorded.truth, errors.mean
+    vehicle = Replayed(name=VEHICLE, measured=measured, estimates=estimates, path=truth, mean_error=mean)
     _write_replay([vehicle], path, title, recorded.remarks, out)

@@ -4,7 +4,6 @@ import os
 from collections.abc import Callable
 from inspect import signature
 from pathlib import Path
-from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -14,7 +13,6 @@ from laisn.failure import LaisnError
 
 if TYPE_CHECKING:
     from experiments.study.estimate import Results
-    from experiments.study.file import Study
     from experiments.study.plan import Plan
 
 ScenarioArgument = Annotated[str, typer.Argument(help="T2 … T9, another built-in name, or a TOML file")]
@@ -76,23 +74,6 @@ def _factors(assignments: list[str]) -> dict[str, Any]:
     return {key: listed(value) for key, value in values_of(assignments, "--vary").items()}
 
 
-def _print_effort(study: "Study", workers: int | None) -> None:
-    from experiments.study.plan import many, plan_of
-    from experiments.study.study import effort_of
-
-    start = perf_counter()
-    plan = plan_of(study)
-    effort = effort_of(plan, workers or len(os.sched_getaffinity(0)), perf_counter() - start)
-    echo(
-        f"{study.name}: {many(len(plan.points), 'point')}, {many(len(plan.arms), 'arm')}, "
-        f"{many(study.file.realizations, 'realization')}, "
-        f"{many(study.runs, 'run')} of noise{' at first' if study.until else ''}; "
-        f"{many(effort.flights, 'flight')}, {many(effort.cells, 'cell')}, "
-        f"{many(effort.runs, 'run')}; about {max(effort.seconds, 1):.0f} s and {effort.megabytes:.0f} MB, if nothing "
-        "is stored yet"
-    )
-
-
 def _can_film() -> bool:
     """Whether films can be rendered; prints why not."""
     from sim.film import graphics
@@ -143,32 +124,31 @@ def study(
 ) -> None:
     """Run a study: factors, draws and arms of a file; write tables, intervals and a page."""
     given = {name: value for name, value in locals().items() if value and name not in ("source", "_plugin")}
-    from experiments.study.file import OWN_DESIGN, built_in, study_of
-    from experiments.study.study import run_built_in, run_study
+    from experiments.study.file import OWN_DESIGN
+    from experiments.study.study import effort_text, parts_of, run, studies_of
     from sim.scenario.file import values_of
 
     if source in OWN_DESIGN and not Path(source).exists():
-        _run_own(source, given)
+        own = {"asymmetry": asymmetry, "reproduce": reproduce}[source]
+        if foreign := given.keys() - signature(own).parameters.keys():
+            option = min(foreign).strip("_").replace("_", "-")
+            known = f"`laisn {source} --help` lists its options"
+            raise LaisnError(f"--{option}: unknown option of the study {source}; {known}")
+        own(**given)
         return
     if film not in (None, "worst"):
         raise LaisnError(f"--film {film}: expected --film worst")
     keys: dict[str, Any] = {"runs": runs, "realizations": realizations, "seed": seed}
     keys |= {"vary": _factors(vary or []), "draw": values_of(draw or (), "--draw"), "set": values_of(set_ or ())}
-    parts = {} if Path(source).exists() else built_in(source)
-    if parts and film:
+    if film and parts_of(source):
         raise LaisnError(f"--film: the study {source} has a page of its own, without films")
-    asked = [study_of(str(part), keys, quick=quick) for part in parts.values() or [source]]
     if dry_run:
-        for one in asked:
-            _print_effort(one, workers)
+        for one in studies_of(source, keys, quick=quick):
+            echo(effort_text(one, workers or len(os.sched_getaffinity(0))))
         return
-    folder = out or Path("out") / f"{source if parts else asked[0].name}{'-quick' * quick}"
-    if parts:
-        report = run_built_in(source, folder, keys, quick=quick, workers=workers, cluster=cluster, force=force)
-    else:
-        film_of = _film_worst if film else None
-        report = run_study(asked[0], folder, workers=workers, cluster=cluster, force=force, film=film_of)
-    echo(f"report in {report}")
+    film_of = _film_worst if film else None
+    found = run(source, keys, out, quick=quick, film=film_of, workers=workers, cluster=cluster, force=force)
+    echo(f"report in {found.report()}")
 
 
 BUILT_IN = {
@@ -197,16 +177,6 @@ def command_of(name: str) -> Callable[..., None]:
     command.__annotations__ = {key: value.annotation for key, value in parameters.items()}
     command.__name__, command.__doc__ = name, BUILT_IN[name]
     return command
-
-
-def _run_own(name: str, options: dict[str, Any]) -> None:
-    """Run the command of a study with a design of its own; LaisnError names an option that it lacks."""
-    run = {command.__name__: command for command in (asymmetry, reproduce)}[name]
-    foreign = options.keys() - signature(run).parameters.keys()
-    if foreign:
-        option = min(foreign).strip("_").replace("_", "-")
-        raise LaisnError(f"--{option}: unknown option of the study {name}; `laisn {name} --help` lists its options")
-    run(**options)
 
 
 def compare(

@@ -24,12 +24,10 @@ _MOST_TICKS = 8
 _MOST_BARS = 200
 """Points of a panel beyond which intervals would hide them."""
 
-_OWNERS = re.compile(r"^(leader|followers\.(\d+|\*))\.")
-
 
 def _words(name: str) -> tuple[str, str]:
     """A key of the scenario in words, and its unit."""
-    owner = _OWNERS.match(name)
+    owner = re.match(r"(leader|followers\.(\d+|\*))\.", name)
     text, unit = without_unit(name[owner.end() :] if owner else name.partition(".")[2] or name)
     words = text.replace("_", " ").replace(".", " ")
     if owner:
@@ -43,6 +41,13 @@ def label_of(name: str) -> str:
     """A key of the scenario in words with its unit: "leader's excess buoyancy [N]" of leader.excess_buoyancy_n."""
     words, unit = _words(name)
     return f"{words} [{unit}]" if unit else words
+
+
+def value_text(value: object) -> str:
+    """A value of a factor as text."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def setting_text(name: str, value: object) -> str:
@@ -102,13 +107,6 @@ def layout_of(plan: Plan) -> Layout:
     return Layout(against, lines, tuple(sorted(free, key=lambda n: n != report.panels)))
 
 
-def value_text(value: object) -> str:
-    """A value of a factor as text."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
 def _legend(values: Sequence[object]) -> Legend:
     """What the colours of lines stand for; nothing for a single line."""
     return [(colour, value_text(value)) for colour, value in zip(SERIES, values, strict=False) if len(values) > 1]
@@ -123,7 +121,7 @@ def combinations(plan: Plan, names: Sequence[str]) -> list[dict[str, Any]]:
 def _values(plan: Plan, results: Results, names: Iterable[str], base: str = "") -> Callable[..., Interval]:
     """The report's metric at a place, or its difference from an arm, by the values of factors with these names.
 
-    Factors that are left out have one value, or those named single out a point.
+    Factors that are left out have one value, or the others single out a point.
     """
     keys, metric = [factor.key for factor in plan.study.factors if factor.key in names], plan.study.file.report.metric
     # the first point of those that have the same values
@@ -144,13 +142,9 @@ def _few(words: Mapping[float, str]) -> dict[float, str]:
 
 
 def over_factor(plan: Plan, results: Results, layout: Layout, base: str = "") -> Figures:
-    """Panels of the report's metric over a factor, with intervals and one scale.
+    """Panels of the report's metric over a factor, with intervals and one scale; none without a factor.
 
-    Args:
-        plan: of the study.
-        results: of the study.
-        layout: of the panels; without a factor against which to draw there are none.
-        base: arm from which paired differences are drawn, with a line at no difference.
+    `base` is the arm from which paired differences are drawn, with a line at no difference.
     """
     if not layout.against:
         return Figures(panels=[])
@@ -199,8 +193,8 @@ def over_factor(plan: Plan, results: Results, layout: Layout, base: str = "") ->
 
 def differences(plan: Plan, results: Results) -> Figures:
     """Paired differences of all arms from the first one over a factor."""
-    layout = layout_of(plan)
-    names = [name for name in (layout.against, layout.lines, *layout.panels) if name not in ("", ARM)]
+    against, lines, panels = layout_of(plan)
+    names = [name for name in (against, lines, *panels) if name not in ("", ARM)]
     return over_factor(plan, results, Layout("".join(names[:1]), ARM, tuple(names[1:])), plan.arms[0])
 
 

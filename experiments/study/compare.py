@@ -32,7 +32,7 @@ MOST = len(SERIES)
 
 
 def _differing(tables: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
-    # a table that holds nothing is no setting, such as [set] where other studies have keys in theirs
+    """Values that are not the same in all tables; one that holds nothing, such as [set], is no setting."""
     keys = dict.fromkeys(key for table in tables for key, value in table.items() if value != {})
     found = {key: [table.get(key) for table in tables] for key in keys}
     return {key: values for key, values in found.items() if any(value != values[0] for value in values)}
@@ -47,17 +47,11 @@ def _flights(names: Sequence[str], flights: Sequence[Flight]) -> dict[str, Any]:
     """What the template shows of flights."""
     errors = [position_and_bearing_errors(flight)[0] for flight in flights]
     times = [flight.trajectory.time[flight.step_index()] for flight in flights]
-    parts = [
-        Part(
-            lines=[
-                Line(x=t, y=scale * e[place], colour=colour, name=name)
-                for t, e, colour, name in zip(times, errors, SERIES, names, strict=False)
-            ],
-            y_label=label,
-            y_limits=(0.0, None),
-        )
-        for place, label, scale in ((0, "E_P [m]", 1.0), (1, "E_B [°]", 180.0 / math.pi))
-    ]
+    parts = []
+    for place, label, scale in ((0, "E_P [m]", 1.0), (1, "E_B [°]", 180.0 / math.pi)):
+        each = zip(times, errors, SERIES, names, strict=False)
+        lines = [Line(x=t, y=scale * e[place], colour=colour, name=name) for t, e, colour, name in each]
+        parts.append(Part(lines=lines, y_label=label, y_limits=(0.0, None)))
     curves = Panel(parts=parts, x_label="time [s]", width=FULL, height=4.4)
     found = [metrics.summarise(position, bearing) for position, bearing in errors]
     first = errors[0][0]
@@ -83,12 +77,12 @@ def paired(folders: Sequence[Path], metric: str) -> dict[tuple[str, ...], list[I
             raise LaisnError(f"{folder}: its runs have no {metric!r}")
     measured = {"point", "realization", "seed", "run", "gated", *METRICS}
     shared = [k for k in tables[0][0] if k not in measured and all(k in table[0] for table in tables)]
-    drawn = [
-        k
-        for k in shared
-        if any(len({r[k] for r in t if r["realization"] == 0}) < len({r[k] for r in t}) for t in tables)
-    ]
-    keys = [k for k in shared if k not in drawn and len({repr(row[k]) for table in tables for row in table}) > 1]
+
+    def is_drawn(key: str) -> bool:
+        """Whether it differs between realizations."""
+        return any(len({r[key] for r in t if not r["realization"]}) < len({r[key] for r in t}) for t in tables)
+
+    keys = [k for k in shared if not is_drawn(k) and len({repr(row[k]) for table in tables for row in table}) > 1]
     values = []
     for table in tables:
         own = defaultdict[tuple[str, ...], dict[tuple[int, int], float]](dict)
@@ -120,10 +114,7 @@ def _studies(folders: Sequence[Path]) -> dict[str, Any]:
 
 
 def page_of(sources: Sequence[str]) -> Page:
-    """A page that shows flights, or studies, side by side.
-
-    Args:
-        sources: folders of flights or of studies, or logs; two to six, all of one kind.
+    """A page that shows flights, or studies, side by side; sources are two to six folders of one kind, or logs.
 
     Raises:
         LaisnError: one is neither, kinds are mixed, or a log cannot be read.

@@ -8,7 +8,7 @@ import hashlib
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal
 
@@ -67,25 +67,23 @@ class Factor:
             if len({repr(value) for value in given}) < len(given):
                 raise ValueError("a value stands in the list twice")
             return cls(key=key, values=tuple(given))
-        if not isinstance(given, dict) or not {"from", "to"} <= set(given):
+        if not isinstance(given, dict) or not {"from", "to"} <= given.keys():
             raise ValueError(f"expected a list, or a table with from, to and steps (given: {given!r:.60})")
-        unknown = sorted(set(given) - set(_RANGE))
-        if unknown:
+        if unknown := sorted(given.keys() - set(_RANGE)):
             raise ValueError(f"unknown {', '.join(unknown)} of a range; known here: {', '.join(_RANGE)}")
         low, high, scale, steps = given["from"], given["to"], given.get("scale", "linear"), given.get("steps")
         if not is_number(low) or not is_number(high) or low == high:
             raise ValueError(f"from and to must be two different numbers (given: {low!r}, {high!r})")
         if scale not in ("linear", "log"):
             raise ValueError(f'scale must be "linear" or "log" (given: {scale!r})')
-        if scale == "log" and not (low > 0 and high > 0):
+        if scale == "log" and min(low, high) <= 0:
             raise ValueError(f"a logarithmic range needs positive ends (given: {low!r}, {high!r})")
         whole = cls(key=key, low=float(low), high=float(high), log=scale == "log")
         if sampled:
             return whole
         if not isinstance(steps, int) or isinstance(steps, bool) or not 2 <= steps <= 10_000:
             raise ValueError(f"steps must be a whole number, 2 to 10000 (given: {steps!r})")
-        grid = tuple(_tidy(whole.at(i / (steps - 1))) for i in range(steps))
-        return cls(key=key, values=grid, low=whole.low, high=whole.high, log=whole.log)
+        return replace(whole, values=tuple(_tidy(whole.at(i / (steps - 1))) for i in range(steps)))
 
     def at(self, share: float) -> Any:
         """The value a share of the way, 0 … 1, through the list or range."""
@@ -157,8 +155,6 @@ def value_at(value: Any, run: int) -> Any:
 
 _DRAW_KEY = 0xD3A3
 """Keeps these random numbers apart from all others that come from the same seed."""
-
-
 _LISTED: Mapping[str, tuple[str, Callable[..., Any]]] = {
     "uniform": ("[low, high]", lambda low, high: stats.uniform(low, high - low)),
     "normal": ("[mean, sigma]", lambda mean, sigma: stats.norm(mean, sigma)),
@@ -194,10 +190,10 @@ def _of_distribution(name: str, given: object) -> Quantile:
         law = law_of()
     except (TypeError, ZeroDivisionError) as error:
         raise ValueError(f"{expected}: {error}") from None
-    if not all(math.isfinite(float(law.ppf(share))) for share in (0.01, 0.5, 0.99)):
+    if not np.isfinite(law.ppf([0.01, 0.5, 0.99])).all():
         raise ValueError(f"{expected}, and has no values with these parameters")
-    whole = isinstance(law.dist, stats.rv_discrete)
-    return lambda share, _: int(law.ppf(share)) if whole else float(law.ppf(share))
+    kind = int if isinstance(law.dist, stats.rv_discrete) else float
+    return lambda share, _: kind(law.ppf(share))
 
 
 def _of_choice(values: object) -> Quantile:
@@ -224,14 +220,11 @@ def _of_formation(given: object) -> Quantile:
     return lambda _, address: scattered_followers(area, address)
 
 
-_OWN: Mapping[str, Callable[[object], Quantile]] = {
+LAWS: Mapping[str, Callable[[object], Quantile]] = {
     "choice": _of_choice, "route_class": _of_route_class, "formation": _of_formation,
+    **{name: partial(_of_distribution, name) for name in sorted({*_LISTED, *_NAMED})},
 }  # fmt: skip
-
-
-def known(name: str) -> bool:
-    """Whether there is a law of this name."""
-    return name in _LISTED or name in _NAMED or name in _OWN
+"""Laws of draws by their names: each makes the values of its parameters."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,11 +246,9 @@ class Draw:
         if not isinstance(given, dict) or len(given) != 1:
             raise ValueError(f"expected one distribution, such as {{ uniform = [0.2, 0.8] }} (given: {given!r:.60})")
         ((name, parameters),) = given.items()
-        if not known(name):
-            available = ", ".join([*_OWN, *sorted({*_LISTED, *_NAMED})])
-            raise ValueError(f"unknown distribution {name!r:.40}; available: {available}")
-        quantile = _OWN[name](parameters) if name in _OWN else _of_distribution(name, parameters)
-        return cls(key=key, law=f"{name} {parameters}", quantile=quantile)
+        if name not in LAWS:
+            raise ValueError(f"unknown distribution {name!r:.40}; available: {', '.join(LAWS)}")
+        return cls(key=key, law=f"{name} {parameters}", quantile=LAWS[name](parameters))
 
     def value(self, seed: int, realization: int) -> Any:
         """What a realization has of it."""

@@ -1,11 +1,10 @@
 """Study files: the settings of a study as TOML, read and checked key by key."""
 
 import re
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import combinations, product
+from itertools import combinations
 from os.path import relpath
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -15,7 +14,7 @@ from scipy import stats
 
 from experiments.flight.library import name_of, names
 from experiments.intervals import FEWEST_RUNS
-from experiments.study.design import Design, Draw, Factor, follows_run, known
+from experiments.study.design import LAWS, Design, Draw, Factor, follows_run
 from laisn.failure import LaisnError, plain, screenful, shortened
 from sim.scenario.file import dotted, is_model_key, plain_values, read
 from sim.scenario.section import Section
@@ -33,6 +32,7 @@ ARM, CASE, SCENARIO = "arm", "case", "scenario"
 ALONE = "all"
 """Name of the only arm of a study that names none."""
 Made = TypeVar("Made")
+Named = TypeVar("Named", bound="Group")
 
 
 class StudyError(LaisnError):
@@ -77,6 +77,16 @@ class Group(Section):
     name: str = Field("", description="its own; checked with the names of the others")
     title: str = Field("", description="in words")
     disturb: dict[str, Any] = Field({}, description="`use`, a class that adds errors of one's own, and its arguments")
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Keys of the scenario."""
+        return self.model_extra or {}
+
+    @property
+    def own(self) -> dict[str, Any]:
+        """All other keys."""
+        return self.model_dump(exclude=set(self.settings))
 
 
 class Arm(Group):
@@ -123,6 +133,11 @@ class StudyFile(Section):
     """Of messages that the bound of smoothing uses [s]; 0: it is not computed."""
     report: Report = Report()
 
+    @property
+    def batch(self) -> int:
+        """Runs of each place before the first look at intervals, and without `until` all of them."""
+        return self.runs.batch if isinstance(self.runs, Runs) else self.runs
+
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
@@ -136,45 +151,47 @@ class Study:
     scenarios: Mapping[str, str]
     """Built-in names, or paths of files, by the names that the study gives them."""
     runs: int
-    """Of noise at each point, arm and realization; with `until` a multiple of `batch`."""
-    batch: int
-    until: Until | None
+    """Of noise at each point, arm and realization."""
     settings: Mapping[str, Any]
     factors: tuple[Factor, ...]
     draws: tuple[Draw, ...]
-    cases: Mapping[str, Mapping[str, Any]]
+    cases: Mapping[str, Case]
     """Named settings, which are the values of the factor "case"."""
-    arms: Mapping[str, Mapping[str, Any]]
+    arms: Mapping[str, Arm]
     """Named settings that are compared on the same noise and realizations."""
-    groups: Mapping[tuple[str, str], Group]
-    """The arms' and the cases' keys that are none of the scenario's, by kind and name."""
     table: Mapping[str, Any]
     """Content of the file, with the options of the command in their places."""
 
+    @property
+    def until(self) -> Until | None:
+        """When the runs are enough; None: their number is given."""
+        return self.file.runs.until if isinstance(self.file.runs, Runs) else None
+
     def arm(self, name: str) -> Arm:
-        """The keys of an arm that are none of the scenario's."""
-        found = self.groups.get((ARM, name))
-        return found if isinstance(found, Arm) else Arm(name=name)
+        """An arm by its name, or the only one of a study without."""
+        return self.arms.get(name, Arm(name=name))
+
+    def case_at(self, point: Mapping[str, Any]) -> Case:
+        """The case of a point, by its values; an empty one of a study without."""
+        return self.cases.get(point.get(CASE, ""), Case())
 
     def arms_at(self, point: Mapping[str, Any]) -> tuple[str, ...]:
         """The arms that a point has, by its values."""
-        case = self.groups.get((CASE, point.get(CASE, "")))
-        return tuple(case.arms) if isinstance(case, Case) and case.arms else tuple(self.arms or [ALONE])
+        return tuple(self.case_at(point).arms or self.arms or [ALONE])
 
     def disturb_at(self, point: Mapping[str, Any], arm: str) -> Mapping[str, Any]:
         """The errors beside the scenario's that an arm, or else its case, adds at a point."""
-        return self.arm(arm).disturb or getattr(self.groups.get((CASE, point.get(CASE, ""))), "disturb", {})
+        return self.arm(arm).disturb or self.case_at(point).disturb
 
     def title(self, kind: str, name: str) -> str:
         """Name of an arm or a case in words."""
-        group = self.groups.get((kind, name))
-        return (group.title if group else "") or name
+        return (self.case_at({CASE: name}) if kind == CASE else self.arm(name)).title or name
 
 
 def _names_a_law(table: Mapping[str, Any]) -> bool:
     """Whether a table is a distribution, perhaps one that is misspelled, and no part of a key."""
     ((name, given), *others) = table.items()
-    return not others and (known(name) or hasattr(stats, name) or isinstance(given, list))
+    return not others and (name in LAWS or hasattr(stats, name) or isinstance(given, list))
 
 
 def _lines_of(error: ValidationError) -> list[str]:
@@ -209,9 +226,8 @@ def _with_files(settings: Mapping[str, Any], rename: Callable[[str], str]) -> di
     return {key: named(value) if is_model_key(key) else value for key, value in settings.items()}
 
 
-def _clash(one: tuple[str, str], other: tuple[str, str]) -> str:
-    """A line if of two pairs of part and key both set a key, or one a table around the key of the other."""
-    (where, given), (part, key) = one, other
+def _clash(where: str, given: str, part: str, key: str) -> str:
+    """A line if two parts both set a key, or one a table around the key of the other."""
     if key == given:
         return f"  {key}: stands in {where} and in {part}; remove one"
     inner, outer = (key, given) if key.startswith(f"{given}.") else (given, key)
@@ -223,18 +239,18 @@ def _clash(one: tuple[str, str], other: tuple[str, str]) -> str:
 
 def _overlaps(study: Study) -> list[str]:
     """A line for each key that two parts of the file set; only an arm or a case may override a key of [set]."""
-    parts = {"[set]": study.settings, "[vary]": [f.key for f in study.factors], "[draw]": [d.key for d in study.draws]}
-    shared = [(part, key) for part, keys in parts.items() for key in keys]
-    cases = [(f"case {name}", key) for name, settings in study.cases.items() for key in settings]
-    arms = [(f"arm {name}", key) for name, settings in study.arms.items() for key in settings]
-    pairs = [*combinations(shared, 2), *product(cases, arms)]
-    pairs += [pair for pair in product(shared, (*cases, *arms)) if pair[0] != ("[set]", pair[1][1])]
-    for settings in (*study.cases.items(), *study.arms.items()):
-        pairs += combinations([(f"{settings[0]}", key) for key in settings[1]], 2)
-    every = [*shared, *cases, *arms]
-    owned = {key for _, key in every} & {"seed", "name"}
-    owned |= {key for part, key in (*shared, *arms) if key == "run" and part not in ("[set]", "[vary]")}
-    lines = dict.fromkeys(line for pair in pairs if (line := _clash(*pair)))
+    shared = {"[set]": study.settings, "[vary]": [f.key for f in study.factors], "[draw]": [d.key for d in study.draws]}
+    parts = [(part, key) for part, keys in shared.items() for key in keys]
+    parts += [(f"case {name}", key) for name, case in study.cases.items() for key in case.settings]
+    parts += [(f"arm {name}", key) for name, arm in study.arms.items() for key in arm.settings]
+    lines: dict[str, None] = {}
+    for (where, given), (part, key) in combinations(parts, 2):
+        apart = where != part and where.partition(" ")[0] == part.partition(" ")[0]
+        overrides = where == "[set]" and key == given and part not in shared
+        if not apart and not overrides and (line := _clash(where, given, part, key)):
+            lines[line] = None
+    with_run = ("[draw]", "arm ")
+    owned = {key for part, key in parts if key in ("seed", "name") or (key == "run" and part.startswith(with_run))}
     return [*lines, *(f"  {key}: belongs to the study; seeds and runs are numbered by it" for key in sorted(owned))]
 
 
@@ -244,16 +260,9 @@ def _is_range(table: Mapping[str, Any]) -> bool:
 
 
 def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Path()) -> Study:
-    """A study from a table of keys, such as options of a command.
+    """A study from the table of a study file; StudyError has a line for each error of the file's own keys.
 
-    Args:
-        table: as of a study file.
-        source: for messages.
-        name: of the study, if the table has none.
-        folder: that a scenario's file stands in.
-
-    Raises:
-        StudyError: a line for each error of the file's own keys.
+    `source` is for messages, `name` of the study if the table has none; files are named as seen from `folder`.
     """
     table = plain_values(table, source)
     try:
@@ -275,32 +284,33 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
     def settings_of(given: Mapping[str, Any]) -> dict[str, Any]:
         return _with_files(given, lambda name: str(folder / name))
 
-    def groups_of(part: str, given: Sequence[Group]) -> dict[str, dict[str, Any]]:
-        """Settings of arms or cases by their names."""
+    def groups_of(part: str, given: Sequence[Named]) -> dict[str, Named]:
+        """Arms or cases by their names, their settings by dotted keys."""
         lines.extend(f"  {part}[{i}].name: needs a name" for i, one in enumerate(given) if not one.name.strip())
-        names = Counter(one.name for one in given if one.name.strip())
-        repeated = sorted(name for name, count in names.items() if count > 1)
-        lines.extend([f"  {part}: names must differ; repeated: {', '.join(repeated)}"] * bool(repeated))
-        return {one.name: settings_of(dotted(one.model_extra or {}, follows_run)) for one in given}
+        names = [one.name for one in given if one.name.strip()]
+        if repeated := sorted({name for name in names if names.count(name) > 1}):
+            lines.append(f"  {part}: names must differ; repeated: {', '.join(repeated)}")
+        return {one.name: type(one)(**one.own, **settings_of(dotted(one.settings, follows_run))) for one in given}
 
     arms, cases = groups_of("arm", file.arm), groups_of("case", file.case)
-    unknown = {name: case.name for case in file.case for name in case.arms if name not in arms}
-    lines += [f"  case {case}: there is no arm {name!r:.60}" for name, case in unknown.items()]
+    for case in file.case:
+        lines += [f"  case {case.name}: there is no arm {name!r:.60}" for name in case.arms if name not in arms]
     given = [file.scenario] if isinstance(file.scenario, str) else file.scenario
-    scenarios = {one: one if one in names() or Path(one).is_absolute() else str(folder / one) for one in given}
-    varied, sampled = settings_of(dotted(file.vary, _is_range)), file.design != "factorial"
-    until = file.runs.until if isinstance(file.runs, Runs) else None
-    runs = file.runs.batch if isinstance(file.runs, Runs) else file.runs
     own = {CASE: [*cases], SCENARIO: given if given is file.scenario else []}
+    varied, factor = settings_of(dotted(file.vary, _is_range)), partial(Factor.of, sampled=file.design != "factorial")
     study = Study(
-        name=file.name or name, source=source, file=file, scenarios=scenarios, runs=runs,
-        batch=runs, until=until, settings=settings_of(dotted(file.set, follows_run)),
-        factors=made("vary", {key: values for key, values in own.items() if values} | varied,
-                     partial(Factor.of, sampled=sampled)),
-        draws=made("draw", dotted(file.draw, _names_a_law), Draw.of), cases=cases, arms=arms,
-        groups={(kind, one.name): one for kind, given in ((CASE, file.case), (ARM, file.arm)) for one in given},
+        name=file.name or name,
+        source=source,
+        file=file,
+        scenarios={one: one if one in names() or Path(one).is_absolute() else str(folder / one) for one in given},
+        runs=file.batch,
+        settings=settings_of(dotted(file.set, follows_run)),
+        factors=made("vary", {key: values for key, values in own.items() if values} | varied, factor),
+        draws=made("draw", dotted(file.draw, _names_a_law), Draw.of),
+        cases=cases,
+        arms=arms,
         table=table,
-    )  # fmt: skip
+    )
     lines += [f"  vary.{key}: belongs to the study" for key in own if key in varied]
     lines += _overlaps(study)
     if study.until and study.file.realizations > 1:
@@ -312,9 +322,9 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
 
 
 def built_in(name: str) -> dict[str, Path]:
-    """The study files of a built-in study that has findings and a page of its own, by their names without "study-".
+    """The files of a built-in study with findings of its own, by their names without "study-"; none of other names.
 
-    It is a folder of `findings.py`, `page.md.j2`, and `study.toml` or several `study-PART.toml`; other names have none.
+    Its folder has `findings.py`, and `study.toml` or several `study-PART.toml`.
     """
     folder = FOLDER / name.replace("-", "_")
     known = re.fullmatch(r"[a-z-]+", name) and folder.name not in OWN_DESIGN.values()
@@ -369,14 +379,10 @@ def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any], *, quick:
 
 
 def table_in(study: Study, folder: Path) -> dict[str, Any]:
-    """The table of an equivalent study file in a folder: other files are named as seen from there."""
+    """The table of an equivalent study file in a folder; other files are named as seen from there."""
 
     def seen(settings: Mapping[str, Any]) -> dict[str, Any]:
         return _with_files(settings, lambda name: relpath(name, folder))
-
-    def grouped(kind: str, settings: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-        keys = {*Arm.model_fields, *Case.model_fields}
-        return [study.groups[kind, name].model_dump(include=keys) | seen(own) for name, own in settings.items()]
 
     hulls = {factor.key: list(factor.values) for factor in study.factors if is_model_key(factor.key)}
     scenarios = [one if one in names() else relpath(one, folder) for one in study.scenarios.values()]
@@ -385,6 +391,6 @@ def table_in(study: Study, folder: Path) -> dict[str, Any]:
         "scenario": scenarios if isinstance(study.table["scenario"], list) else scenarios[0],
         "set": seen(study.settings),
         "vary": dotted(study.table.get("vary", {}), _is_range) | seen(hulls),
-        "case": grouped(CASE, study.cases),
-        "arm": grouped(ARM, study.arms),
+        "case": [one.own | seen(one.settings) for one in study.cases.values()],
+        "arm": [one.own | seen(one.settings) for one in study.arms.values()],
     }

@@ -26,13 +26,9 @@ TURNING_RAD_S = 1e-3
 def disc_power(thrust: Floats, inflow: Floats, density: float) -> Floats:
     """Power of ideal actuator discs, |T| (v / 2 + √(v² / 4 + |T| / 2ρA)), [W].
 
-    Rankine-Froude momentum theory (Newman, Marine Hydrodynamics, 1977; Breslin & Andersen, 1994). Water that comes from
+    Rankine-Froude momentum theory (Newman, Marine Hydrodynamics, 1977; Breslin & Andersen, 1994). Thrust [N] has any
+    sign; the inflow [m/s] is the disc's speed through the water, positive the way it pushes. Water that comes from
     behind a disc is taken for still.
-
-    Args:
-        thrust: [N], any sign.
-        inflow: speed of the disc through the water, positive the way it pushes, [m/s].
-        density: of the water [kg/m³].
     """
     area = np.pi * DISC_DIAMETER_M**2 / 4
     size, speed = np.abs(thrust), np.maximum(inflow, 0.0)
@@ -125,20 +121,6 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
     return found
 
 
-def _flown(scenario: Scenario) -> tuple[Trajectory, Outcome, list[Floats], list[int]]:
-    """Motion of a run and its outcome, each follower's estimated positions, shape (n, 2), [m], and its gated fixes."""
-    stride = round(scenario.timing.filter_step_s / CONTROL_STEP_S)
-    try:
-        trajectory, loop = simulate_closed_loop(scenario)
-    except (ContactError, DivergedError) as error:
-        outcome = Outcome.CONTACT if isinstance(error, ContactError) else Outcome.DIVERGED
-        unknown = np.full(((error.trajectory.time.size - 1) // stride, 2), np.nan)
-        followers = len(scenario.followers)
-        return error.trajectory, outcome, [unknown] * followers, [0] * followers
-    estimates = list(np.moveaxis(loop.state.history.position[stride::stride], 1, 0))
-    return trajectory, Outcome.COMPLETED, estimates, loop.swarm.gated.tolist()
-
-
 _OF_ENDED = ("run", "touched", "ended")
 
 
@@ -151,17 +133,23 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
         CampaignError: the simulation left finite numbers.
     """
     one = scenario.model_copy(update={"run": run})
-    trajectory, outcome, estimates, gated = _flown(one)
-    ended = outcome is Outcome.CONTACT
-    if not ended and outcome is not Outcome.COMPLETED:
-        raise CampaignError(f"run {run}: {outcome.value}")
+    stride, ended = round(one.timing.filter_step_s / CONTROL_STEP_S), False
+    try:
+        trajectory, loop = simulate_closed_loop(one)
+        estimates, gated = loop.state.history.position[stride::stride], loop.swarm.gated.tolist()
+    except DivergedError:
+        raise CampaignError(f"run {run}: {Outcome.DIVERGED.value}") from None
+    except ContactError as error:
+        trajectory, ended = error.trajectory, True
+        followers = len(one.followers)
+        estimates = np.full(((trajectory.time.size - 1) // stride, followers, 2), np.nan)
+        gated = [0] * followers
+    steps = slice(stride, len(estimates) * stride + 1, stride)
+    leader, heading = trajectory.position[steps, 0, :2], trajectory.heading[steps, 0]
     rows = []
-    for i, (estimate, facts) in enumerate(zip(estimates, facts_of(one, trajectory), strict=True)):
-        n = estimate.shape[0]
-        stride = (trajectory.time.size - 1) // n
-        steps = slice(stride, n * stride + 1, stride)
+    for i, facts in enumerate(facts_of(one, trajectory)):
+        estimate = estimates[:, i]
         truth = trajectory.site_path(f"{trajectory.names[i + 1]}/hydrophone")[steps, :2]
-        leader, heading = trajectory.position[steps, 0, :2], trajectory.heading[steps, 0]
         position = metrics.position_errors(estimate, truth)
         degrees = np.rad2deg(metrics.bearing_errors(estimate, truth, leader))
         row: Record = {

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from experiments.campaign.cells import PERCENTILES
+from experiments.campaign.montecarlo import PERCENTILES
 from laisn.estimates import FixKind
 
 UNITS = {

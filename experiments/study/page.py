@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from experiments.flight.library import fly_line
 from experiments.intervals import Interval
@@ -13,8 +12,7 @@ from experiments.pages import page as pages
 from experiments.pages.page import Cell, Code, Film, Page, Text, number, words
 from experiments.study import charts
 from experiments.study.design import is_number
-from experiments.study.effects import main_effects
-from experiments.study.estimate import Place, Results, digits, shown
+from experiments.study.estimate import Place, Results, digits, main_effects, shown
 from experiments.study.file import METRIC
 from experiments.study.metrics import METRICS
 from experiments.study.plan import Entry, Plan, many, varied
@@ -38,10 +36,6 @@ def _place_text(plan: Plan, place: Place) -> str:
 
 def _cell(interval: Interval) -> Cell:
     return Cell(text=shown(interval), sort=number(interval.value).sort)
-
-
-def _factor_cell(value: Any) -> Cell:
-    return Cell(text=charts.value_text(value), sort=value if is_number(value) else "")
 
 
 def _verdict(apart: Interval, value: float, base: float) -> str:
@@ -105,7 +99,8 @@ def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], f
         "plan": plan, "study": study, "results": results, "failures": failures, "charts": charts, "layout": layout,
         "metrics": METRICS, "metric": metric, "columns": [c for c in _COLUMNS if c != report.metric],
         "words": words, "many": many, "place_text": partial(_place_text, plan), "cell": _cell,
-        "factor_cell": _factor_cell, "verdict": said.get, "tones": _TONES, "listed_places": listed,
+        "factor_cell": lambda value: Cell(text=charts.value_text(value), sort=value if is_number(value) else ""),
+        "verdict": said.get, "tones": _TONES, "listed_places": listed,
         "listed": lambda values: ", ".join(map(charts.value_text, values)),
         "changes": lambda settings: ", ".join(f"{key} = {charts.value_text(v)}" for key, v in settings.items()),
         "found": found, "apart": apart, "effects": effects, "effects_first": bool(effects) and len(factors) > 2,

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 from experiments.campaign.missions import motion_key
 from experiments.campaign.plans import disturbance_of
@@ -130,16 +130,16 @@ def many(number: int, noun: str) -> str:
 
 
 def _with(table: Mapping[str, Any], settings: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """A table with the settings in it, and a line for each that has no place there."""
+    """A table with the settings of the first run in it, and a line for each that is invalid or has no place there."""
     try:
-        return assigned(table, settings), []
-    except ScenarioError:
+        return assigned(table, {key: value_at(value, 0) for key, value in settings.items()}), []
+    except ValueError:
         pass
     result, lines = dict(table), []
     for key, value in settings.items():
         try:
-            result = assigned(result, {key: value})
-        except ScenarioError as error:
+            result = assigned(result, {key: value_at(value, 0)})
+        except ValueError as error:
             lines.append(f"  {error}")
     return result, lines
 
@@ -160,14 +160,24 @@ def _report_errors(study: Study) -> list[str]:
     return lines
 
 
-def _examined(study: Study, tables: Mapping[str, Mapping[str, Any]], points: list[dict[str, Any]]) -> "_Examined":
-    """All entries that are valid, and a line for each error of any other and where in the design it is.
+def _arm_errors(study: Study, point: Mapping[str, Any], entry: Entry) -> list[str]:
+    """A line for each key of an arm, or of its case, that does not apply to an entry."""
+    arm, disturb, found = study.arm(entry.arm), study.disturb_at(point, entry.arm), []
+    if arm.every > 1 and not entry.closed_loop:
+        found.append("every applies to closed loops; its runs share one mission")
+    if (disturb or arm.level_leader) and entry.closed_loop:
+        found.append("disturb and level_leader apply to missions that runs share, not to closed loops")
+    try:
+        disturbance_of(disturb)
+    except LaisnError as error:
+        found.append(str(error))
+    return [f"  arm {entry.arm}: {text}" for text in found]
 
-    Args:
-        study: to plan.
-        tables: of its scenarios, by their names.
-        points: values of the factors by key.
-    """
+
+def _examined(
+    study: Study, tables: Mapping[str, Mapping[str, Any]], points: list[dict[str, Any]]
+) -> tuple[list[Entry], list[str]]:
+    """All entries that are valid, and a line for each error of any other and where in the design it is."""
     errors: dict[str, list[str]] = {}
     entries: list[Entry] = []
     found_of: dict[str, list[str]] = {}
@@ -176,7 +186,7 @@ def _examined(study: Study, tables: Mapping[str, Mapping[str, Any]], points: lis
     total, moving = 0, ""
 
     def infeasible(scenario: Scenario) -> list[str]:
-        """What keeps a scenario from being flown, found once for all that move and are filmed alike."""
+        """Found once for all scenarios that move and are filmed alike."""
         if moving not in found_of:
             found_of[moving] = infeasibilities(scenario)
         return found_of[moving]
@@ -188,18 +198,15 @@ def _examined(study: Study, tables: Mapping[str, Mapping[str, Any]], points: lis
     for number, point in enumerate(points):
         name = point.get(SCENARIO, next(iter(tables)))
         own = {key: value for key, value in point.items() if key not in (SCENARIO, CASE)}
-        given, case = tables[name].get("seed"), study.cases.get(point.get(CASE, ""), {})
+        given, case = tables[name].get("seed"), study.case_at(point).settings
         first = study.file.seed if study.file.seed is not None else given if isinstance(given, int) else 1
         for arm, realization in product(study.arms_at(point), range(study.file.realizations)):
             total += 1
-            settings = {**study.settings, **case, **study.arms.get(arm, {}), **own, **drawn(first, realization)}
+            settings = {**study.settings, **case, **study.arm(arm).settings, **own, **drawn(first, realization)}
             if study.file.realizations > 1 or study.file.seed is not None:
                 settings["seed"] = first + realization
             moving = repr((name, [one for one in settings.items() if not _READINGS.match(one[0])]))
-            try:
-                changed, lines = _with(tables[name], {key: value_at(value, 0) for key, value in settings.items()})
-            except ValueError as error:
-                changed, lines = dict(tables[name]), [f"  {error}"]
+            changed, lines = _with(tables[name], settings)
             scenario, found = examined(changed, infeasible)
             lines += found
             if scenario is not None and not lines:
@@ -214,31 +221,15 @@ def _examined(study: Study, tables: Mapping[str, Mapping[str, Any]], points: lis
                     scenario=scenario, motion=motions[moving],
                 )  # fmt: skip
                 entries.append(entry)
-                if study.arm(arm).every > 1 and not entry.closed_loop:
-                    lines.append(f"  arm {arm}: every applies to closed loops; its runs share one mission")
-                disturb = study.disturb_at(point, arm)
-                if (disturb or study.arm(arm).level_leader) and entry.closed_loop:
-                    text = "disturb and level_leader apply to missions that runs share, not to closed loops"
-                    lines.append(f"  arm {arm}: {text}")
-                try:
-                    disturbance_of(disturb)
-                except LaisnError as error:
-                    lines.append(f"  arm {arm}: {error}")
+                lines += _arm_errors(study, point, entry)
             where = [f"{key} = {text_of(value)}" for key, value in point.items()] if lines else []
             where += [f"arm {arm}"] * bool(study.arms) + [f"realization {realization}"] * (study.file.realizations > 1)
             for line in lines:
                 errors.setdefault(line, []).append(", ".join(where))
-    return _Examined(entries, [
+    return entries, [
         line if len(places) == total else f"{line}; in {len(places)} of {total} scenarios, first at {places[0]}"
         for line, places in errors.items()
-    ])  # fmt: skip
-
-
-class _Examined(NamedTuple):
-    """Valid entries, and lines of errors."""
-
-    entries: list[Entry]
-    errors: list[str]
+    ]
 
 
 def plan_of(study: Study) -> Plan:

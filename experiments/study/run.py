@@ -1,7 +1,7 @@
 """Flying a study: missions in parallel, each once, then cells; all of it stored, and gone on with after a kill."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import chain
@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from experiments.campaign import campaign, missions
-from experiments.campaign.campaign import Design, ExecutionOptions, Flown, Task
+from experiments.campaign.campaign import Design, ExecutionOptions, Task
 from experiments.campaign.plans import CellPlan
 from experiments.campaign.store import Arrays, CampaignError, Record, columns_of
 from experiments.flight.fly import fly
@@ -46,13 +46,10 @@ class Outcomes:
     def runs_by(self, name: Callable[[Record], str] = itemgetter("arm")) -> dict[str, list[list[Record]]]:
         """Records of a study of one realization, by names: of each run one for each follower.
 
-        A record has the metrics of the run, and those of the mission that all runs share.
+        A record has the metrics of the run, and those of the mission that all runs share. `name` makes a name of a
+        row, which has the values of its point and its arm: the same for no two points with an arm.
 
-        Args:
-            name: made of a row, which has the values of its point and its arm; the same for no two points with an arm.
-
-        Raises:
-            CampaignError: an entry could not be flown.
+        Raises CampaignError if an entry could not be flown.
         """
         if self.failures:
             raise CampaignError("; ".join(sorted(self.failures)))
@@ -95,21 +92,10 @@ def _of_runs(entry: Entry, follower: int, found: Sequence[list[Record]]) -> tupl
 
 
 def _labels(plan: Plan, entry: Entry, follower: int) -> Record:
-    point = plan.points[entry.point]
     drawn = {draw.key: entry.settings[draw.key] for draw in plan.study.draws}
     name = entry.scenario.followers[follower].name
-    return {
-        "point": entry.point,
-        **point,
-        "arm": entry.arm,
-        "realization": entry.realization,
-        "follower": name,
-        **drawn,
-    }
-
-
-Named = tuple[int, tuple[int, str, int], int]
-"""A run of a closed loop: number of the study, place, number of the run."""
+    where = {"arm": entry.arm, "realization": entry.realization, "follower": name}
+    return {"point": entry.point, **plan.points[entry.point], **where, **drawn}
 
 
 def _cells(plan: Plan, entry: Entry) -> list[CellPlan]:
@@ -130,55 +116,52 @@ def _cells(plan: Plan, entry: Entry) -> list[CellPlan]:
 
 
 def fly_studies(plans: Sequence[Plan], folder: Path, **options: Unpack[ExecutionOptions]) -> list[Outcomes]:
-    """Fly studies together, or what is missing of them.
-
-    Args:
-        plans: of the studies, which share missions and cells.
-        folder: of the results.
-        options: as of `campaign.fly`, as are the errors.
+    """Fly studies, which share missions and cells, together, or what is missing of them; options as of `campaign.fly`.
 
     Returns:
         Of each study the rows in the order of its plan: the same whatever the workers and interruptions.
+
+    Raises:
+        LaisnError: as of `campaign.fly`.
     """
-    cells = [{entry.place: _cells(plan, entry) for entry in plan.entries} for plan in plans]
-    closed = [(i, entry) for i, plan in enumerate(plans) for entry in plan.entries if entry.closed_loop]
-    tasks: dict[Named, Task] = {
-        (i, entry.place, run): partial(records_of_run, missions.content_of(entry.scenario_at(run)), run)
-        for i, entry in closed
-        for run in plans[i].runs_of(entry)
+    entries = [(i, plan, entry) for i, plan in enumerate(plans) for entry in plan.entries]
+    cells = {(i, entry.place): _cells(plan, entry) for i, plan, entry in entries if not entry.closed_loop}
+    closed = {(i, entry.place): (entry, plan.runs_of(entry)) for i, plan, entry in entries if entry.closed_loop}
+    tasks: dict[Any, Task] = {
+        (*name, run): partial(records_of_run, missions.content_of(entry.scenario_at(run)), run)
+        for name, (entry, runs) in closed.items()
+        for run in runs
     }
+    first = next((entry.scenario for entry, _ in closed.values()), None)
     design = Design(
-        cells=[cell for plan, own in zip(plans, cells, strict=True)
-               for entry in plan.entries if not entry.closed_loop for cell in own[entry.place]],
+        cells=[cell for own in cells.values() for cell in own],
         facts=facts_of,
         tasks=tasks,
         what="runs",
-        ahead=partial(fly, closed[0][1].scenario.first_messages) if closed else None,
-    )  # fmt: skip
+        ahead=partial(fly, first.first_messages) if first else None,
+    )
     flown = campaign.fly(design, folder, tolerant=True, **options)
-    return [_outcomes(i, plan, own, flown) for i, (plan, own) in enumerate(zip(plans, cells, strict=True))]
-
-
-def _outcomes(i: int, plan: Plan, cells: Mapping[tuple[int, str, int], list[CellPlan]], flown: Flown) -> Outcomes:
-    """What came of the i-th study."""
-    outcomes = Outcomes(plan=plan, rows=[], runs=[], steps=[])
-    for entry in plan.entries:
-        runs: list[Named] = [(i, entry.place, run) for run in plan.runs_of(entry)] if entry.closed_loop else []
-        names: list[Any] = runs or [entry.motion]
+    found = [Outcomes(plan=plan, rows=[], runs=[], steps=[]) for plan in plans]
+    for i, plan, entry in entries:
+        name, outcomes = (i, entry.place), found[i]
+        names: list[Any] = [(*name, run) for run in closed[name][1]] if entry.closed_loop else [entry.motion]
         what = next((flown.failures[name] for name in names if name in flown.failures), None)
         if what is not None:
             outcomes.failures.setdefault(what, []).append(entry)
             continue
-        for cell in cells[entry.place]:
+        for follower in range(len(entry.scenario.followers)):
+            steps: Arrays = {}
             if entry.closed_loop:
-                row, lists = _of_runs(entry, cell.follower, [flown.tasks[name] for name in runs])
+                row, lists = _of_runs(entry, follower, [flown.tasks[name] for name in names])
             else:
+                cell = cells[name][follower]
                 row, lists = flown.cell(cell)
-            labels = _labels(plan, entry, cell.follower)
+                steps = flown.steps(cell) if cell.keep_steps else {}
+            labels = _labels(plan, entry, follower)
             outcomes.rows.append(labels | {name: value for name, value in row.items() if name not in _OWN})
             outcomes.runs.append((labels, lists))
-            outcomes.steps.append(flown.steps(cell) if plan.study.file.steps and not entry.closed_loop else {})
-    return outcomes
+            outcomes.steps.append(steps)
+    return found
 
 
 def _widest(results: Results, metric: str) -> float:
@@ -212,10 +195,7 @@ def fly_until_narrow(plans: Sequence[Plan], folder: Path, **options: Unpack[Exec
     """Fly studies with as many runs as their files set: a number, or batches until all intervals are narrow enough.
 
     The number of runs after each look follows from the results alone. All places of a study have the same number, so
-    that arms stay paired.
-
-    Returns:
-        The outcomes, whose plans have the final numbers of runs.
+    that arms stay paired. The plans of the outcomes have the final numbers.
 
     Raises:
         LaisnError: as of `fly_studies`, or single runs do not have the metric.
@@ -223,14 +203,13 @@ def fly_until_narrow(plans: Sequence[Plan], folder: Path, **options: Unpack[Exec
     while True:
         outcomes = fly_studies(plans, folder, **options)
         wanted = [
-            plan.study.runs if until is None
-            else runs_wanted(plan.study.runs, _widest(found.results, until.metric), until, plan.study.batch)
-            for plan, found in zip(plans, outcomes, strict=True) for until in [plan.study.until]
+            study.runs if study.until is None
+            else runs_wanted(study.runs, _widest(found.results, study.until.metric), study.until, study.file.batch)
+            for found in outcomes for study in [found.plan.study]
         ]  # fmt: skip
-        more = [plan.part(plan.entries, runs) for plan, runs in zip(plans, wanted, strict=True)]
-        if [plan.study.runs for plan in plans] == wanted:
+        if wanted == [plan.study.runs for plan in plans]:
             return outcomes
-        plans = more
+        plans = [plan.part(plan.entries, runs) for plan, runs in zip(plans, wanted, strict=True)]
         options |= {"force": False}
 
 

@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import Any, NamedTuple, Unpack
+from typing import Any, Unpack
 
 import tomli_w
 
@@ -21,11 +21,10 @@ from experiments.flight.fly import fly
 from experiments.flight.tables import Table
 from experiments.pages import page as pages
 from experiments.pages.page import write
-from experiments.study.effects import main_effects
-from experiments.study.estimate import Results
+from experiments.study.estimate import Results, main_effects
 from experiments.study.file import Study, built_in, study_of, table_in
 from experiments.study.metrics import METRICS
-from experiments.study.plan import Plan, plan_of
+from experiments.study.plan import Plan, many, plan_of
 from experiments.study.run import Outcomes, fly_until_narrow, of_one_type, run_columns
 from laisn.failure import LaisnError
 from sim.system import atomic_write
@@ -36,29 +35,25 @@ _CELL_BYTES = 2_000
 """Bytes of a stored cell and its row in the tables; a run adds `_RUN_BYTES`."""
 _RUN_BYTES = 80
 
-
-class Effort(NamedTuple):
-    """What a study would take."""
-
-    flights: int
-    cells: int
-    runs: int
-    seconds: float
-    megabytes: float
+FilmOf = Callable[[Plan, Results, Path], Path | None]
+"""Makes the film that is to stand on a study's page, in its folder; None: there is none."""
 
 
-def effort_of(plan: Plan, workers: int, planning: float = 0.0) -> Effort:
-    """What a study would take if nothing of it were stored, from one mission that is flown and not kept.
+def effort_text(study: Study, workers: int) -> str:
+    """The size of a study, and what it would take if nothing were stored, from one mission that is flown and not kept.
 
-    Missions and cells are computed by the workers; planning [s], storing and reading results is work of this process.
+    Missions and cells are computed by the workers; planning, storing and reading results is work of this process.
     """
-    entry, runs = plan.entries[0], plan.study.runs
+    begin = perf_counter()
+    plan = plan_of(study)
+    seconds, entry, runs = perf_counter() - begin, plan.entries[0], study.runs
     cells = sum(len(e.scenario.followers) for e in plan.entries)
     if entry.closed_loop:
         fly(entry.scenario.first_messages)
         start = perf_counter()
         fly(entry.scenario)
-        seconds, size = plan.flights * (perf_counter() - start) / workers, 4_000 * plan.flights
+        seconds += plan.flights * (perf_counter() - start) / workers
+        size = 4_000 * plan.flights
     else:
         cell = CellPlan(scenario=entry.scenario, runs=min(runs, 64))
         compile_ahead(cell)
@@ -70,15 +65,21 @@ def effort_of(plan: Plan, workers: int, planning: float = 0.0) -> Effort:
         with TemporaryDirectory() as folder:
             store = Store(Path(folder))
             store.put(entry.motion, None, trajectory.arrays)
-            stored, begin = store.path(entry.motion).stat().st_size, perf_counter()
+            stored, kept = store.path(entry.motion).stat().st_size, perf_counter()
             for key, row, arrays in results:
                 store.put(key, row, arrays)
             for key in 3 * [cell.key]:  # once for its row, its runs and the facts of its mission
                 store.get(key)
-            kept = perf_counter() - begin
-        seconds = (plan.flights * (flown - start) + cells * -(-runs // 64) * (done - flown)) / workers + cells * kept
+            seconds += cells * (perf_counter() - kept)
+        seconds += (plan.flights * (flown - start) + cells * -(-runs // 64) * (done - flown)) / workers
         size = plan.flights * stored + cells * (_CELL_BYTES + runs * _RUN_BYTES)
-    return Effort(plan.flights, cells, cells * runs, planning + seconds, size / 1e6)
+    return (
+        f"{study.name}: {many(len(plan.points), 'point')}, {many(len(plan.arms), 'arm')}, "
+        f"{many(study.file.realizations, 'realization')}, "
+        f"{many(runs, 'run')} of noise{' at first' if study.until else ''}; "
+        f"{many(plan.flights, 'flight')}, {many(cells, 'cell')}, {many(cells * runs, 'run')}; "
+        f"about {max(seconds, 1):.0f} s and {size / 1e6:.0f} MB, if nothing is stored yet"
+    )
 
 
 def record_of(plan: Plan, results: Results) -> Findings:
@@ -108,19 +109,13 @@ def _write_tables(outcomes: Outcomes, folder: Path) -> None:
     write_table(folder / RUNS, run_columns(outcomes.runs))
 
 
-def run_study(
-    study: Study,
-    folder: Path,
-    *,
-    film: Callable[[Plan, Results, Path], Path | None] | None = None,
-    **options: Unpack[ExecutionOptions],
-) -> Path:
+def run_study(study: Study, folder: Path, *, film: FilmOf | None = None, **options: Unpack[ExecutionOptions]) -> Path:
     """Fly a study, or what is missing of it, and write tables, record and page: the same outcomes give the same bytes.
 
     Args:
         study: as read from its file.
         folder: of the results.
-        film: makes the film that is to stand on the page; None: there is none.
+        film: of the page; None: there is none.
         options: as of `campaign.fly`.
 
     Returns:
@@ -154,12 +149,10 @@ def run_built_in(
 ) -> Path:
     """Run a built-in study whose folder has findings and a page of its own, or what is missing of it.
 
-    Its folder is a package in `experiments/studies` of study files, which are flown together, of
-
-    - `findings.py` with `findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]`, a pure function of the
-      outcomes by the parts of the study, as `built_in` names them;
-    - and for a page of its own `page.md.j2`, with `figures.py` whose `values(found: Findings, outcomes) -> dict` has
-      what the template names; else the page is that of any study.
+    Its folder is a package in `experiments/studies` of study files, which are flown together; `findings.py` with
+    `findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]`, a pure function of the outcomes by the parts
+    of the study; and for a page of its own `page.md.j2`, with `figures.py` whose `values(found: Findings, outcomes) ->
+    dict` has what the template names. Else the page is that of any study.
 
     Args:
         name: of the study.
@@ -177,18 +170,16 @@ def run_built_in(
     files = built_in(name)
     given = [study_of(str(file), keys or {}, quick=quick) for file in files.values()]
     flown = fly_until_narrow([plan_of(study) for study in given], folder, **options)
-    failures = {what for one in flown for what in one.failures}
-    if failures:
+    if failures := {what for one in flown for what in one.failures}:
         raise CampaignError("; ".join(sorted(failures)))
     outcomes = dict(zip(files, flown, strict=True))
     for part, one in outcomes.items():
         _write_tables(one, folder / part if len(files) > 1 else folder)
     package = f"experiments.studies.{name.replace('-', '_')}"
     modules = f"{package}.findings", "experiments.study.run"
-    made = import_module(modules[0]).findings_of(outcomes)
-    record(name, f"laisn {name}", modules, made).write(folder / RECORD)
+    record(name, f"laisn {name}", modules, import_module(modules[0]).findings_of(outcomes)).write(folder / RECORD)
     found = read(folder / RECORD)
-    from experiments.study import page
+    from experiments.study.page import page_of
 
     if (next(iter(files.values())).parent / pages.NAME).is_file():
         facts = [
@@ -197,9 +188,10 @@ def run_built_in(
             ("repeat it", f"{found.command}{' --quick' if quick else ''}"),
         ]
         values = import_module(f"{package}.figures").values(found, outcomes)
-        write(pages.page_of(package, facts, {"quick": quick, "found": found, **values}, found), folder / REPORT)
+        page = pages.page_of(package, facts, {"quick": quick, "found": found, **values}, found)
     else:
-        write(page.page_of(flown[0].plan, flown[0].results, {}), folder / REPORT)
+        page = page_of(flown[0].plan, flown[0].results, {})
+    write(page, folder / REPORT)
     return folder / REPORT
 
 
@@ -227,19 +219,19 @@ class StudyFolder:
         """The page of the study."""
         return self.folder / REPORT
 
+    def _table(self, name: str) -> Table:
+        first = next(iter(self.parts.values())).folder if self.parts else self.folder
+        return Table.read(first / name)
+
     @cached_property
     def table(self) -> Table:
         """A row for each point, arm, realization and follower (`results.parquet`); with parts, of the first."""
-        if self.parts:
-            return next(iter(self.parts.values())).table
-        return Table.read(self.folder / RESULTS)
+        return self._table(RESULTS)
 
     @cached_property
     def runs(self) -> Table:
         """A row for each run of these (`runs.parquet`)."""
-        if self.parts:
-            return next(iter(self.parts.values())).runs
-        return Table.read(self.folder / RUNS)
+        return self._table(RUNS)
 
     @property
     def findings(self) -> Mapping[str, Finding]:
@@ -254,12 +246,8 @@ class StudyFolder:
             y: column of a metric.
 
         Returns:
-            A `plotly.graph_objects.Figure`, interactive in a notebook.
-
-        Raises:
-            LaisnError: there is no such column.
+            A `plotly.graph_objects.Figure`; LaisnError if there is no such column.
         """
-        # drawing takes a third of a second to import, and reading a table needs none of it
         from experiments.study.charts import arms_over
 
         return arms_over(self.table, x, y)
@@ -272,18 +260,32 @@ class StudyFolder:
         return f'<p><a href="{report}">{report}</a></p>{self.table._repr_html_()}'
 
 
+def parts_of(source: str | Path | Mapping[str, Any]) -> Mapping[str, Path]:
+    """The files of a built-in study with findings of its own, as of `built_in`; none of anything else."""
+    return {} if isinstance(source, Mapping) or Path(source).exists() else built_in(str(source))
+
+
+def studies_of(source: str | Path | Mapping[str, Any], keys: Mapping[str, Any], *, quick: bool = False) -> list[Study]:
+    """The studies of a source, several of some built-in ones; arguments and errors as of `study_of`."""
+    files = [str(path) for path in parts_of(source).values()]
+    given = files or [source if isinstance(source, Mapping) else str(source)]
+    return [study_of(one, keys, quick=quick) for one in given]
+
+
 def run(
     source: str | Path | Mapping[str, Any],
     keys: Mapping[str, Any],
     out: str | Path | None,
+    *,
+    quick: bool = False,
+    film: FilmOf | None = None,
     **options: Unpack[ExecutionOptions],
 ) -> StudyFolder:
-    """Fly a study and give its results; arguments and errors as of `laisn_sim.study`."""
-    if isinstance(source, str) and built_in(source):
-        folder = Path("out") / source if out is None else Path(out)
-        run_built_in(source, folder, keys, **(options | {"quiet": True}))
-        return StudyFolder(folder)
-    study = study_of(source if isinstance(source, Mapping) else str(source), keys)
-    folder = Path("out") / study.name if out is None else Path(out)
-    run_study(study, folder, **(options | {"quiet": True}))
+    """Run any study and give its results; arguments and errors as of `laisn_sim.study` and `run_study`."""
+    (first, *_), parts = studies_of(source, keys, quick=quick), parts_of(source)
+    folder = Path(out or Path("out") / f"{source if parts else first.name}{'-quick' * quick}")
+    if parts:
+        run_built_in(str(source), folder, keys, quick=quick, **options)
+    else:
+        run_study(first, folder, film=film, **options)
     return StudyFolder(folder)

@@ -1,7 +1,7 @@
 """Errors of sensors and ranges in SI units, and the formulas by which they add to the truth (paper, Eqs. 26–28).
 
 Numbers and arrays go through the same formulas: those of one instant, those of a finished mission (both by
-`sim.sensing.sensors`), and those of runs side by side (`experiments.campaign.lane_sensors`).
+`sim.sensing.sensors`), and those of runs side by side (`experiments.campaign.lane_flight`).
 
 The biases of log and compass may drift as sines about their means, those of each follower at another phase.
 

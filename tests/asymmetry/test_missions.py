@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.campaign.cells import Cell, CellResult
+from experiments.campaign.montecarlo import Cell, CellResult
 from experiments.studies.asymmetry import missions
 from experiments.studies.asymmetry.design import (
     AHRS,

@@ -8,7 +8,7 @@ import pytest
 from experiments.campaign.bound import geometry_of, least_rms, noise_of
 from experiments.flight.library import load
 from laisn.bound import TrueNoise
-from sim.scenario.settings import Acoustics
+from sim.scenario.settings import Acoustics, Navigation, Scenario
 from tests import straight
 
 ASSUMED = ["speed_bias_sigma_m_s=0.31", "heading_bias_sigma_deg=7", "range_scale_bias_sigma_m=0.23",
@@ -18,6 +18,12 @@ NOISY = [
     "acoustics.range_tau_m=[0.03,0.04,0.12]", "acoustics.range_scale_sigma_m=0.07",
     *(f"navigation.assume.{assumption}" for assumption in ASSUMED),
 ]  # fmt: skip
+
+
+def using(scenario: Scenario, transmitters: int) -> Scenario:
+    """The scenario with a navigator that uses so many transmitters."""
+    navigation = Navigation(variant="tight", assume={"transmitters": transmitters})
+    return scenario.model_copy(update={"navigation": navigation})
 
 
 def folded(sigma_deg: float) -> float:
@@ -66,7 +72,7 @@ def test_sound_that_takes_its_time_leaves_the_leader_where_it_was() -> None:
     )
     water = flown.water_velocity.copy()
     water[...] = [0.3, -0.2, 0.0]
-    found = geometry_of(replace(flown, water_velocity=water), scenario, transmitters=3)
+    found = geometry_of(replace(flown, water_velocity=water), using(scenario, 3))
     sent = np.arange(1.0, found.message_step.size + 1)
     assert found.message_step.tolist() == [10 * k + 1 for k in range(1, found.message_step.size + 1)]
     east = 1.5 * (sent + 0.1) - sent
@@ -80,7 +86,7 @@ def test_geometry_is_that_of_straight_ways() -> None:
     flown = straight.make_trajectory(
         (0.0, 4.0, -11.0), leader_velocity=(1.0, 0.0, 0.0), follower_velocity=(1.5, 0.0, 0.0)
     )
-    found = geometry_of(flown, scenario, transmitters=3)
+    found = geometry_of(flown, using(scenario, 3))
     assert found.dt == 0.1
     assert found.speed == pytest.approx(np.full(200, 1.5))
     assert found.heading == pytest.approx(np.full(200, np.pi / 2))
@@ -91,16 +97,16 @@ def test_geometry_is_that_of_straight_ways() -> None:
     assert found.arms == pytest.approx(np.tile([[-1.0, 0.0, -3.0], [1.0, 0.0, -3.0], [0.0, 0.1, -3.0]], (20, 1, 1)))
     arrived = np.ones((20, 3), dtype=bool)
     arrived[4, 1] = arrived[5] = False
-    some = geometry_of(flown, scenario, received=arrived, transmitters=3).arms
+    some = geometry_of(flown, using(scenario, 3), received=arrived).arms
     assert np.argwhere(np.isnan(some).all(axis=2)).tolist() == [[4, 1], [5, 0], [5, 1], [5, 2]]
-    assert geometry_of(flown, scenario, transmitters=2).arms.shape == (20, 2, 3)
+    assert geometry_of(flown, using(scenario, 2)).arms.shape == (20, 2, 3)
 
 
 def test_the_least_error_grows_as_the_root_of_two_noisy_ways_before_any_message() -> None:
     """Straight north at 1 m/s for a second: the log errs along, the compass across; each step adds their squares."""
     scenario = straight.make_scenario()
     flown = straight.make_trajectory((0.0, 4.0, -11.0), follower_velocity=(1.0, 0.0, 0.0))
-    geometry = geometry_of(flown, scenario, transmitters=3)
+    geometry = geometry_of(flown, using(scenario, 3))
     noise = TrueNoise(speed_sigma=0.2, heading_sigma=0.05, speed_bias=0.0, heading_bias=0.0)
     steps = np.arange(1.0, 10.0)
     assert least_rms(geometry, noise)[:9] == pytest.approx(0.1 * np.sqrt(steps * (0.2**2 + 0.05**2)), rel=1e-6)

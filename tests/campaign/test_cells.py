@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
 
 from experiments.campaign import missions
-from experiments.campaign.cells import Cell
 from experiments.campaign.missions import Mission, motion_of
-from experiments.campaign.montecarlo import histories
+from experiments.campaign.montecarlo import Cell, histories
 from experiments.campaign.plans import CellPlan, compute
 from laisn.failure import LaisnError
 from laisn.navigator import Navigator

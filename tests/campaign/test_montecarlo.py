@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.campaign import lane_metrics
-from experiments.campaign.cells import PERCENTILES, Cell, CellResult
-from experiments.campaign.montecarlo import histories, simulate, simulate_many
+from experiments.campaign.montecarlo import PERCENTILES, Cell, CellResult, histories, simulate, simulate_many
 from laisn import POSITION, metrics
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled

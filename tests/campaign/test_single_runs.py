@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from experiments.campaign.bound import geometry_of, least_rms, noise_of
-from experiments.campaign.cells import Cell
-from experiments.campaign.montecarlo import histories, simulate, simulate_many
+from experiments.campaign.montecarlo import Cell, histories, simulate, simulate_many
 from experiments.campaign.plans import CellPlan, compute
 from experiments.flight.fly import fly
 from experiments.flight.library import load

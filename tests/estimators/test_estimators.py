@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from experiments.campaign.cells import Cell
-from experiments.campaign.montecarlo import simulate, single_runs
+from experiments.campaign.montecarlo import Cell, simulate, single_runs
 from experiments.studies.estimators.errors import DEVIATION, ECHO_CHANCE, ERRORS, LOSS_CHANCE, Errors
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import Entry, plan_of

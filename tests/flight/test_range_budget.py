@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from experiments.command import bounds
+from experiments.command import analyses
 from experiments.flight.range_budget import Cause, RangeErrorBudget, range_error_budget
 from experiments.pages import flight_report
 from sim.flight import Flight, excerpt
@@ -138,7 +138,7 @@ def test_random_and_depth_errors_are_what_was_drawn():
 
 def test_a_file_holds_a_row_for_each_ping_received_and_its_shares_add_up(tmp_path):
     flight = make_flight(60.0, 2)
-    rows = list(bounds.records(flight))
+    rows = list(analyses.records(flight))
     assert len(rows) == sum(int(np.isfinite(arrived.ranges).sum()) for arrived in flight.measurements)
     for row in rows:
         shares = sum(row[f"{cause.name.lower()}_m"] for cause in Cause)
@@ -169,7 +169,7 @@ def test_a_follower_without_receptions_has_no_budget():
     deaf = replace(flight.measurements[0], ranges=np.full_like(flight.measurements[0].ranges, np.nan))
     found = flight_report.range_budget(replace(flight, measurements=(deaf,)))
     assert (found["silent"], found["figure"], found["tables"]) == (["follower"], None, [])
-    assert list(bounds.records(replace(flight, measurements=(deaf,)))) == []
+    assert list(analyses.records(replace(flight, measurements=(deaf,)))) == []
 
 
 def test_a_stretch_of_a_flight_has_the_shares_that_the_whole_has_then():

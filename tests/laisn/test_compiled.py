@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numba
@@ -180,24 +181,16 @@ def test_other_errors_leave_compiled_code_alone(folder: Path) -> None:
     assert added() == 1
 
 
-def test_old_versions_make_room_unless_they_were_used_today(folder: Path) -> None:
-    present = folder.parent
-    for i in range(20):
-        old = present.with_name(f"{i:016x}")
-        old.mkdir()
-        os.utime(old, (i, i))
-    used = [present.with_name(f"{i:016x}") for i in range(100, 110)]
-    for path in used:
-        path.mkdir()
-    # the fixture's folder is the oldest by now, and in use by this process
+def test_code_of_versions_that_were_not_used_for_a_week_is_removed(folder: Path) -> None:
+    present, now = folder.parent, time.time()
+    for days in (6, 8, 100):
+        other = present.with_name(f"{days:016x}")
+        other.mkdir()
+        os.utime(other, (now - 86_400 * days,) * 2)
+    # the fixture's folder is in use by this process
     os.utime(present, (0, 0))
     assert compilation.find_folder() is not None
-    assert set(present.parent.iterdir()) == {present, *used}
-    for path in used:
-        os.utime(path, (50, 50))
-    assert compilation.find_folder() is not None
-    assert len({*present.parent.iterdir()} - {*used}) == 1
-    assert len([*present.parent.iterdir()]) == 8
+    assert set(present.parent.iterdir()) == {present, present.with_name(f"{6:016x}")}
 
 
 def test_processes_side_by_side_store_code_apart_and_a_later_one_finds_what_each_has_stored(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 CAMPAIGN = """
 import numpy as np
 
-from experiments.campaign.cells import Cell
+from experiments.campaign.montecarlo import Cell
 from experiments.campaign.montecarlo import histories
 from experiments.flight.library import load
 from laisn.navigator import Navigator

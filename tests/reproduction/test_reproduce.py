@@ -9,8 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from experiments import findings
-from experiments.campaign.cells import Cell
-from experiments.campaign.montecarlo import simulate
+from experiments.campaign.montecarlo import Cell, simulate
 from experiments.campaign.plans import steps_of
 from experiments.flight.library import ROUTES, load
 from experiments.studies.reproduction import findings as claims

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from experiments.campaign.cells import Cell
-from experiments.campaign.montecarlo import histories
+from experiments.campaign.montecarlo import Cell, histories
 from laisn.compiled import compiled
 from laisn.navigator import Navigator
 from sim.flight import navigation_settings

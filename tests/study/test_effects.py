@@ -5,8 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from experiments.study.effects import INTERACTIONS, explained, main_effects
-from experiments.study.estimate import Results
+from experiments.study.estimate import INTERACTIONS, Results, explained, main_effects
 from experiments.study.file import of_table
 from experiments.study.plan import Plan, plan_of
 

@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.campaign.cells import Cell
 from experiments.campaign.missions import Mission, simulate_mission
-from experiments.campaign.montecarlo import simulate
+from experiments.campaign.montecarlo import Cell, simulate
 from experiments.study.file import StudyError, of_table, study_of
 from experiments.study.plan import Plan, plan_of
 from experiments.study.run import Outcomes, fly_studies

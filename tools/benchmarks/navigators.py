@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from experiments.campaign.cells import Cell
+from experiments.campaign.montecarlo import Cell
 from experiments.flight.library import load
 from laisn import lane_passes as row
 from laisn import lanes

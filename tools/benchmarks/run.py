@@ -15,8 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.campaign.cells import Cell
-from experiments.campaign.montecarlo import simulate
+from experiments.campaign.montecarlo import Cell, simulate
 from experiments.findings import Finding, Findings, of, plain
 from experiments.findings import record as make_record
 from experiments.intervals import Interval

@@ -31,7 +31,7 @@ PACKAGES = {
     "sim": r"sim/((geometry|water|vehicle|sensing|control)/.+|scenario/(point_motion|\w*routes|shapes)\.py"
     r"|(closed_loop|excerpt|flight|\w*fleet|motion|station_keeping|tracking|trajectory)\.py)",
     "experiments": r"experiments/(intervals|findings|beacon_replay|studies/\w+"
-    r"|campaign/(bound|cells|lane_\w+|montecarlo|tight_runs)"
+    r"|campaign/(bound|lane_\w+|montecarlo)"
     r"|pages/flight_report|flight/(range_budget|summary|tables)"
     r"|(studies/)?(asymmetry|reproduction|estimators|formation|study)"
     r"/(?!\w*(page|chart|figure|film|report|example))\w+)\.py|tools/documents/(tables|hull_trials|flights)\.py",

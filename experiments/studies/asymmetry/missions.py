@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from experiments.campaign.cells import Cell
 from experiments.campaign.missions import Mission
-from experiments.campaign.montecarlo import simulate
+from experiments.campaign.montecarlo import Cell, simulate
 from experiments.campaign.store import Record
 from experiments.intervals import mean_over_missions
 from experiments.studies.asymmetry.design import AHRS, ARMS, CALM, INFLATED, Arm, Condition, Plan

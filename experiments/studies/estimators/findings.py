@@ -74,7 +74,7 @@ def missions_of(outcomes: Outcomes) -> list[Mission]:
         for row, (_, lists), of_steps in arms:
             rows[row["arm"]], runs[row["arm"]], steps[row["arm"]] = row, lists, of_steps
         point = outcomes.plan.points[number]
-        settings = study.cases.get(point.get("case", ""), {})
+        settings = study.case_at(point).settings
         wrong = study.disturb_at(point, "tight") or settings.get("sensors.leader_heading_bias_deg")
         bound = None if wrong else next((row["bound_rms_m"] for row in rows.values() if row.get("bound_rms_m")), None)
         missions.append(Mission(point=point, rows=rows, runs=runs, steps=steps, bound=bound))

@@ -17,8 +17,8 @@ import numpy.typing as npt
 from pydantic import TypeAdapter
 from scipy.special import stdtrit
 
-from experiments.campaign.cells import Cell
 from experiments.campaign.missions import mission_of, motion_of
+from experiments.campaign.montecarlo import Cell
 from experiments.campaign.plans import steps_of
 from experiments.campaign.store import Arrays, Record
 from experiments.findings import Finding, Findings, of, plain, record

@@ -1,5 +1,6 @@
-"""Subcommands for the Cramér–Rao bound and the range error budget, on the terminal and in a file."""
+"""Subcommands that compute and print: the Cramér–Rao bound, the range error budget, a hull from its dimensions."""
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -8,11 +9,14 @@ import typer
 
 from experiments.command.errors import require_output
 from experiments.command.studies import ScenarioArgument, SetOption, SourceArgument
+from laisn.failure import LaisnError, plain
 
 if TYPE_CHECKING:
     from experiments.campaign.store import Record
     from sim.flight import Flight
 
+LARGEST_SDF = 10_000_000
+"""Size of an SDF file [bytes]."""
 _QUARTERS = 4
 
 
@@ -27,9 +31,8 @@ def bound(
     from rich.console import Console
 
     from experiments.campaign.bound import geometry_of, least_rms, noise_of
-    from experiments.campaign.cells import Cell
     from experiments.campaign.missions import mission_of, motion_of
-    from experiments.campaign.montecarlo import simulate
+    from experiments.campaign.montecarlo import Cell, simulate
     from experiments.campaign.progress import compiling_shown, print_line, show_table
     from experiments.campaign.store import write_csv
     from experiments.flight.library import load_flyable
@@ -54,8 +57,8 @@ def bound(
             lines.append([follower.name, *cells])
             time = flown.timing.filter_step_s * np.arange(1, least.size + 1)
             rows += [
-                {"follower": follower.name, "time_s": float(t), "bound_m": float(value)}
-                for t, value in zip(time, least, strict=True)
+                {"follower": follower.name, "time_s": t, "bound_m": value}
+                for t, value in zip(time.tolist(), least.tolist(), strict=True)
             ]
     show_table(Console(), heads, lines, "least RMS position error [m]")
     if out is not None:
@@ -112,3 +115,40 @@ def range_budget(
         else:
             write_table(out, columns_of(rows))
         print_line(console, out)
+
+
+def hull(
+    length: Annotated[float | None, typer.Option(help="length of the hull [m]")] = None,
+    diameter: Annotated[float | None, typer.Option(help="diameter of the hull [m]")] = None,
+    mass: Annotated[float | None, typer.Option(help="mass with all that floods [kg]; the hull is neutral")] = None,
+    fins: Annotated[str, typer.Option(help="'+': rudders and stern planes, 'x': four fins at 45°")] = "+",
+    propeller: Annotated[
+        float | None, typer.Option(help="diameter of the propeller [m]; default: 0.7 of the hull")
+    ] = None,
+    sdf: Annotated[
+        Path | None, typer.Option(help="read gz-sim's Hydrodynamics, Thruster and LiftDrag from this SDF file instead")
+    ] = None,
+) -> None:
+    """Print a first MJCF of an own vehicle, with the formula or source of each number."""
+    from sim.system import read_text
+    from sim.vehicle.estimate import from_dimensions
+    from sim.vehicle.own_hull import hull_errors
+    from sim.vehicle.sdf_import import from_sdf
+
+    if sdf is None:
+        if length is None or diameter is None or mass is None:
+            raise LaisnError("give --length, --diameter and --mass, or --sdf FILE")
+        text = from_dimensions(length, diameter, mass, fins, propeller).xml()  # type: ignore[arg-type]  # it names them
+    else:
+        if any(value is not None for value in (length, diameter, mass, propeller)):
+            raise LaisnError("--sdf: the file has the dimensions; leave --length, --diameter, --mass, --propeller out")
+        try:
+            file, remarks = from_sdf(read_text(sdf, LARGEST_SDF))
+        except LaisnError as error:
+            raise LaisnError(f"{sdf}: {error}") from None
+        text = file.xml()
+        for remark in remarks:
+            typer.echo(plain(f"note: {remark}"), err=True)
+        if errors := hull_errors(text, "leader"):
+            raise LaisnError("\n".join([f"{sdf}: the hull cannot be simulated:", *(f"  {error}" for error in errors)]))
+    sys.stdout.write(text)
