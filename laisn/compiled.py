@@ -1,8 +1,7 @@
 """How this project compiles: numba with one set of flags, and a folder in which later processes find the machine code.
 
-Compiled code contains constants and code of other modules, and numba compares only the content of the function's own
-file with that of the compiled one. The folder is therefore named by a hash of the versions and of `REACHED`, the
-sources that compiled code can reach.
+Compiled code contains constants of other modules, and numba compares only the function's own file. The folder is
+therefore named by a hash of the versions and of `REACHED`, the sources that compiled code can reach.
 """
 
 import fcntl

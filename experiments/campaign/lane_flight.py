@@ -36,11 +36,10 @@ _FIRST, _SECOND, _THIRD = 0, LANES, 2 * LANES
 
 
 class LaneSensors(NamedTuple):
-    """Sensors of the followers of a block."""
+    """Sensors of the followers of a block, which use so many of the leader's transmitters."""
 
     errors: SensorErrors
     transmitters: int
-    """How many of the leader's the followers use."""
 
 
 class Address(NamedTuple):
@@ -217,15 +216,9 @@ def _read_ranges(block: Floats, noise: Noise, sensors: LaneSensors, sent: Floats
 def sense_message(
     block: Floats, noise: Noise, sensors: LaneSensors, sent: Floats, depth: float, steps: tuple[int, int]
 ) -> None:
-    """Receive a message, measure its ranges and read one's depth.
+    """Receive a message, measure its ranges and read one's depth: the block's rows DEPTH and EAST … R3 are filled.
 
-    Args:
-        block: its rows DEPTH and EAST … R3 are filled.
-        noise: of the block.
-        sensors: of the followers.
-        sent: a row of `sent_rows`.
-        depth: true depth of the follower's sensor [m].
-        steps: of reception and of emission.
+    `sent` is a row of `sent_rows`, `depth` true [m], `steps` those of reception and of emission.
     """
     draws, address, errors = noise.draws, noise.address, sensors.errors
     east, north, heading, speed, leader_depth = sent[0], sent[1], sent[2], sent[3], sent[4]

@@ -59,14 +59,9 @@ def _bin(value: float, first: int) -> np.int64:
 def tally_step(
     block: Floats, tally: Floats, bins: Ints, hydrophone: tuple[float, float], leader: tuple[float, float, float]
 ) -> None:
-    """Add the errors of a step.
+    """Add the errors of a step of a block of estimates to its tally, and their histogram bins, two rows, to `bins`.
 
-    Args:
-        block: of estimates.
-        tally: its sums.
-        bins: receives the histogram bins of position and bearing error, two rows.
-        hydrophone: true x, y [m].
-        leader: true x, y [m] and heading [rad].
+    Hydrophone: true x, y [m]; leader: true x, y [m] and heading [rad].
     """
     truth, origin = Point(hydrophone[0], hydrophone[1]), Point(leader[0], leader[1])
     axis = turn(leader[2])
@@ -148,14 +143,14 @@ def percentile(histogram: Ints, lowest: float, share: float, largest: float) -> 
 
 @compiled_lanes
 def tally_states(states: Floats, truth: Floats, tally: Floats, histograms: Ints, nees: Floats, lanes_used: int) -> None:
-    """Add the errors of all steps.
+    """Add the errors of all steps; tally, histograms and nees as of `fly_block`.
 
     Args:
         states: x, y and covariance xx, xy, yy of each step and lane, shape (n, 5, LANES).
         truth: x, y of the hydrophone; x, y and heading of the leader; shape (n, 5).
-        tally: as of `tally_step`.
+        tally: sums of the block.
         histograms: of position and bearing, shape (2, BINS).
-        nees: receives sums over the runs, as of `sum_nees`, shape (n,).
+        nees: receives sums over the runs, shape (n,).
         lanes_used: how many of the lanes are runs.
     """
     block, bins = np.zeros(row.SIZE), np.zeros(2 * LANES, dtype=np.int64)

@@ -129,7 +129,7 @@ def study(
     from sim.scenario.file import values_of
 
     if source in OWN_DESIGN and not Path(source).exists():
-        own = {"asymmetry": asymmetry, "reproduce": reproduce}[source]
+        own: Callable[..., None] = asymmetry if source == "asymmetry" else reproduce
         if foreign := given.keys() - signature(own).parameters.keys():
             option = min(foreign).strip("_").replace("_", "-")
             known = f"`laisn {source} --help` lists its options"

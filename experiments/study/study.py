@@ -268,8 +268,9 @@ def parts_of(source: str | Path | Mapping[str, Any]) -> Mapping[str, Path]:
 def studies_of(source: str | Path | Mapping[str, Any], keys: Mapping[str, Any], *, quick: bool = False) -> list[Study]:
     """The studies of a source, several of some built-in ones; arguments and errors as of `study_of`."""
     files = [str(path) for path in parts_of(source).values()]
-    given = files or [source if isinstance(source, Mapping) else str(source)]
-    return [study_of(one, keys, quick=quick) for one in given]
+    if files:
+        return [study_of(one, keys, quick=quick) for one in files]
+    return [study_of(source if isinstance(source, Mapping) else str(source), keys, quick=quick)]
 
 
 def run(
