@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from functools import partial
 from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -167,16 +168,9 @@ BUILT_IN = {
 
 def command_of(name: str) -> Callable[..., None]:
     """The command `laisn NAME` of a built-in study: `laisn study NAME`, with its options."""
-
-    def command(**options: Any) -> None:
-        study(name, **options)
-
-    found = signature(study)
-    parameters = {key: value for key, value in found.parameters.items() if key != "source"}
-    command.__signature__ = found.replace(parameters=[*parameters.values()])  # type: ignore[attr-defined]
-    command.__annotations__ = {key: value.annotation for key, value in parameters.items()}
-    command.__name__, command.__doc__ = name, BUILT_IN[name]
-    return command
+    command: Any = partial(study, name)
+    command.__annotations__, command.__name__, command.__doc__ = study.__annotations__, name, BUILT_IN[name]
+    return command  # type: ignore[no-any-return]
 
 
 def compare(
