@@ -1,9 +1,8 @@
 """The world: vehicles in water, what they sense, how it is logged and filmed.
 
-Rooms, from the ground up: `geometry`, `scenario`, `water`, `vehicle`, `control`, `sensing`; then `log` and `film`. The
-files beside them join these: `assembly` makes sea and vehicles of a scenario, `simulation` makes the `Trajectory` of
-rigid hulls, `motion` that of a scenario, `closed_loop` controls followers by their estimates, and `flight` holds all of
-a mission. Of `laisn` only its vocabulary is known here, never a navigator.
+From the ground up: `attitude`, `scenario`, `water`, `vehicle`, `control`, `trajectory`, `sensing`; `assembly` makes sea
+and vehicles of a scenario, `simulation` the `Trajectory`, `closed_loop` controls followers by their estimates, `flight`
+holds all of a mission; then `log` and `film`. Of `laisn` only shared types are imported.
 
 Imports: laisn models
 """

@@ -7,19 +7,13 @@ from sim.scenario.point_motion import SPEED_MIN
 from sim.scenario.routes import DepthProfile, Route, library_route
 from sim.scenario.settings import Follower, Scenario, Vehicle
 from sim.vehicle.mjcf import VehicleSetup
-from sim.water.ocean import Ocean
-from sim.water.waves import Waves
+from sim.water import Ocean, Waves
 
-_WAVES_KEY = 0x5EA
-"""Keeps the sea's random numbers apart from all others that come from the same seed."""
+_WAVES_KEY = 0x5EA  # keeps the sea's random numbers apart from all others that come from the same seed
 
 
 def ocean_of(scenario: Scenario) -> Ocean:
-    """The sea; its waves depend on the seed and not on the run.
-
-    Raises:
-        ValueError: the waves would break.
-    """
+    """The sea; its waves depend on the seed and not on the run. ValueError if they would break."""
     water, waves = scenario.ocean, scenario.ocean.waves
     direction = float(np.deg2rad(waves.direction_deg))
     components = Waves.none()
@@ -81,8 +75,7 @@ def models_of(scenario: Scenario) -> tuple[str, ...]:
 def on_axis(sites: Floats) -> bool:
     """Whether transmitters are where a baseline and an offset describe them: fore and aft, and abeam, at one height.
 
-    Args:
-        sites: rear, front, middle from the leader's position, shape (3, 3), [m].
+    `sites` are rear, front, middle from the leader's position, shape (3, 3), [m].
     """
     half, aside = sites[1, 0], sites[2, 1]
     return bool(half > 0 and aside > 0 and np.array_equal(sites, [[-half, 0, 0], [half, 0, 0], [0, aside, 0]]))
@@ -106,8 +99,7 @@ def _stand_in(follower: Follower, scenario: Scenario, leader: Route) -> Route:
 def routes_of(scenario: Scenario) -> tuple[Route, ...]:
     """Routes of all vehicles, the leader's first; of a follower on a station, its start and straight on from there.
 
-    Raises:
-        ValueError: a route is unknown or infeasible for the vehicle; names vehicle and waypoint.
+    ValueError if a route is unknown or infeasible for the vehicle; names vehicle and waypoint.
     """
     leader = route_of(scenario.leader, "leader")
     return (

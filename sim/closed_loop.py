@@ -1,12 +1,9 @@
 """Followers that steer by their own estimates: the controller of a closed loop.
 
-What such a follower measures depends on where its estimates have led it, so that sensing and navigation are part of the
-simulation: at each instant `sense`, at filter steps the followers' navigators, `guide`. The navigators are a
-`laisn.swarm.Swarm`. Noise is addressed by step, so that navigating on the finished mission gives the estimates that
-steered it.
-
-A follower keeps a station or a route. On either, guidance and autopilot have nothing but readings, messages and
-estimates: position, heading, speed, depth and current are those that the follower measures or estimates itself.
+Sensing and navigation are part of the simulation: at each instant `sense`, at filter steps the followers' navigators,
+a `laisn.swarm.Swarm`, then `guide`. Noise is addressed by step, so that navigating on the finished mission gives the
+estimates that steered it. Guidance and autopilot of a station or a route have nothing but readings, messages and
+estimates.
 """
 
 from collections.abc import Sequence
@@ -21,6 +18,7 @@ from laisn.messages import BEARING, Bearing
 from laisn.navigators import find
 from laisn.swarm import ESTIMATE, MESSAGE, READING, SeparateNavigators, Swarm, SwarmFactory, reception_of
 from sim.assembly import routes_of
+from sim.attitude import carried
 from sim.control.autopilot import control, vehicle_state
 from sim.control.follower import (
     FOLLOWER_MEMORY,
@@ -32,23 +30,23 @@ from sim.control.follower import (
     update_avoidance,
 )
 from sim.control.guidance import REFERENCE, begin, integrate_offset, steer, track_current
-from sim.control.leader_plan import SPACING, LeaderPlan, plan_of
-from sim.control.trail import TRAIL
+from sim.control.trail import SPACING, TRAIL, LeaderPlan, plan_of
 from sim.flight import navigation_settings
-from sim.geometry.attitude import carried
-from sim.motion import simulate_motion
 from sim.own_control import OwnControl
 from sim.scenario.formation import Proximity
 from sim.scenario.settings import Scenario
 from sim.scenario.vehicles import Follower
 from sim.sensing.acoustics import Motion, site_at
-from sim.sensing.ahrs import follow_tilt
+from sim.sensing.errors import follow_tilt
 from sim.sensing.instant import (
     NO_MESSAGE,
     RECEIVED,
+    SIGHTING,
     Inbox,
     SensorModel,
     is_under_way,
+    look,
+    look_interval,
     new_inbox,
     read_instruments,
     receive,
@@ -56,10 +54,9 @@ from sim.sensing.instant import (
 )
 from sim.sensing.noise import STREAMS, normals
 from sim.sensing.observation import start_of
-from sim.sensing.own_sensors import FollowerState, OwnSensor, own_sensors
-from sim.sensing.proximity import SIGHTING, look, look_interval
-from sim.simulation import TICK, RouteControl, standing, steer_along_route
-from sim.station_keeping import stations_of
+from sim.sensing.sensors import FollowerState, OwnSensor, own_sensors
+from sim.simulation import TICK, RouteControl, simulate_motion, standing, steer_along_route
+from sim.stations import stations_of
 from sim.trajectory import Trajectory, Truth, speed_through_water
 from sim.vehicle.plant import Plant
 
@@ -70,48 +67,31 @@ ON_ROUTE, ON_ROUTE_BY_ESTIMATE, BY_OWN_CONTROL, ON_STATION_BY_TRUTH, ON_STATION 
 class ClosedLoopState(NamedTuple):
     """All that control works on beside the truth and the navigators; f followers."""
 
-    formation: Record
-    """Settings of `[formation]`."""
-    proximity: Record
-    """Settings of `[formation.proximity]`."""
+    formation: Record  # settings of `[formation]`
+    proximity: Record  # settings of `[formation.proximity]`
     sensors: SensorModel
-    look_every: int
-    """Ticks from one look around to the next; 0: there is none."""
-    kinds: Ints
-    """ON_ROUTE … ON_STATION of each follower, shape (f,)."""
-    estimates_current: bool
-    """Whether the navigators estimate a current."""
-    plan: LeaderPlan
-    """The leader's, as far as its messages carry it."""
-    stations: Records
-    """Of STATION, shape (f,)."""
+    look_every: int  # ticks from one look around to the next; 0: there is none
+    kinds: Ints  # ON_ROUTE … ON_STATION of each follower, shape (f,)
+    estimates_current: bool  # whether the navigators estimate a current
+    plan: LeaderPlan  # the leader's, as far as its messages carry it
+    stations: Records  # of STATION, shape (f,)
     sites: tuple[Floats, Floats, Floats]
     """Offsets of the transmitters, shape (3, 3), of hydrophones and of pressure sensors, shape (f, 3), [m]."""
     routes: RouteControl
     """Control along routes, of the leader and of followers that steer by the truth; it holds all commands."""
-    readings: Records
-    """Readings of each follower's sensors, of `laisn.swarm.READING`, shape (f,)."""
-    inbox: Inbox
-    """What each follower has received."""
-    arrived: Bools
-    """Whether a message is in at this filter step, shape (f,)."""
+    readings: Records  # readings of each follower's sensors, of `laisn.swarm.READING`, shape (f,)
+    inbox: Inbox  # what each follower has received
+    arrived: Bools  # whether a message is in at this filter step, shape (f,)
     tilts: Floats
     """What accelerations add to the leader's measured pitch and roll at each instant, shape (n + 1, 2), [rad]; NaN if
     these are not broadcast."""
-    seen: Records
-    """What each follower's last look around showed, of SIGHTING, shape (f, v)."""
-    estimates: Records
-    """Estimate of each navigator, records of `laisn.swarm.ESTIMATE`, shape (f,)."""
-    trails: Records
-    """Trail of the leader as each follower has received it, of TRAIL, shape (f, room)."""
-    counts: Ints
-    """Points of the trails, shape (f, 1)."""
-    memory: Records
-    """Memory of each follower, of FOLLOWER_MEMORY, shape (f,)."""
-    reference: Records
-    """Reference of the autopilot of one follower at a time, of REFERENCE, shape (1,)."""
-    history: Records
-    """Estimates at each instant, records of `laisn.swarm.ESTIMATE`, shape (n + 1, f)."""
+    seen: Records  # what each follower's last look around showed, of SIGHTING, shape (f, v)
+    estimates: Records  # estimate of each navigator, records of `laisn.swarm.ESTIMATE`, shape (f,)
+    trails: Records  # trail of the leader as each follower has received it, of TRAIL, shape (f, room)
+    counts: Ints  # points of the trails, shape (f, 1)
+    memory: Records  # memory of each follower, of FOLLOWER_MEMORY, shape (f,)
+    reference: Records  # reference of the autopilot of one follower at a time, of REFERENCE, shape (1,)
+    history: Records  # estimates at each instant, records of `laisn.swarm.ESTIMATE`, shape (n + 1, f)
 
 
 def _kind(follower: Follower) -> int:
@@ -183,9 +163,6 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
     """All sensors at instant k, and messages that are in; whether it is a filter step, at which navigators are due.
 
     Between filter steps followers dead-reckon.
-
-    Args:
-        a: readings, inbox, arrivals, trails and estimated positions are brought forward.
     """
     stride = a.sensors.stride
     if k > 0 and a.sensors.senses_acceleration:
@@ -224,11 +201,8 @@ def _true_estimate(
     """Replace readings and estimates of a follower that steers by the truth: pose, twist and velocity of the water."""
     pose, twist, water = body
     motion = vehicle_state(pose, twist, water)
-    reading.speed, reading.heading, reading.depth = (
-        speed_through_water(pose, twist, water),
-        motion.heading,
-        motion.depth,
-    )
+    reading.speed = speed_through_water(pose, twist, water)
+    reading.heading, reading.depth = motion.heading, motion.depth
     reading.pitch, reading.turning, reading.pitching = motion.pitch, motion.turning, motion.pitching
     track_current((water[0], water[1]), TICK, guidance)
     estimate.log_bias = estimate.compass_bias = estimate.spread = 0.0
@@ -240,7 +214,7 @@ def _true_estimate(
 
 @compiled
 def _follow_route(k: int, f: int, a: ClosedLoopState) -> None:
-    """Find the command of a follower that keeps to its route by its own readings and estimates."""
+    """Find the command of a follower that keeps to its route by its readings and estimates."""
     routes, i, estimate = a.routes, f + 1, a.estimates[f]
     reference, guidance = routes.reference[k, i], routes.guidance[i]
     motion = measured_motion(a.readings[f], estimate, TICK, a.memory[f])
@@ -260,50 +234,38 @@ def _follow_route(k: int, f: int, a: ClosedLoopState) -> None:
 
 @compiled
 def guide(k: int, truth: Truth, a: ClosedLoopState) -> None:
-    """Find the commands of all vehicles that hold from instant k until k + 1.
+    """Find the commands of all vehicles that hold from instant k until k + 1, and record the estimates.
 
     Of the truth until then only that of the leader and of followers that steer by the truth is read.
-
-    Args:
-        a: memories and commands are brought forward; estimates are recorded.
     """
     routes = a.routes
     steer_along_route(k, truth, 0, routes)
     for f in range(a.kinds.size):
         i, reading, estimate = f + 1, a.readings[f], a.estimates[f]
         a.history[k, f] = estimate
-        if a.kinds[f] == BY_OWN_CONTROL:
-            continue
         if a.kinds[f] == ON_ROUTE:
             steer_along_route(k, truth, i, routes)
-            continue
-        if a.kinds[f] == ON_ROUTE_BY_ESTIMATE:
+        elif a.kinds[f] == ON_ROUTE_BY_ESTIMATE:
             _follow_route(k, f, a)
+        if a.kinds[f] < ON_STATION_BY_TRUTH:
             continue
         if a.kinds[f] == ON_STATION_BY_TRUTH:
             body, guidance = (truth.pose[k, i], truth.twist[k, i], truth.water[k, i]), routes.guidance[i]
             if k == 0:
                 guidance.current[0], guidance.current[1] = body[2][0], body[2][1]
             _true_estimate(body, a.sites[1][f], guidance, reading, estimate)
-        steering = keep_station(
-            a.formation,
-            a.stations[f],
-            (reading, estimate),
-            (a.trails[f], a.counts[f, 0]),
-            (k * TICK, TICK),
-            a.memory[f],
-            a.reference[0],
-        )
-        autopilot, memory, command = routes.autopilots[i], routes.autopilot[i], routes.command[i]
-        control(autopilot, steering.wanted, a.reference[0], steering.motion, TICK, memory, command)
+        trail, clock = (a.trails[f], a.counts[f, 0]), (k * TICK, TICK)
+        senses, memory = (reading, estimate), a.memory[f]
+        steering = keep_station(a.formation, a.stations[f], senses, trail, clock, memory, a.reference[0])
+        wanted, motion = steering.wanted, steering.motion
+        control(routes.autopilots[i], wanted, a.reference[0], motion, TICK, routes.autopilot[i], routes.command[i])
 
 
 class ClosedLoop(NamedTuple):
     """Controller of a leader on its route and followers that sense and navigate under way."""
 
     state: ClosedLoopState
-    swarm: Swarm
-    """The followers' navigators, with a compiled `navigate`."""
+    swarm: Swarm  # the followers' navigators, with a compiled `navigate`
 
     @compiled
     def control(self, k: int, truth: Truth) -> int:
@@ -319,15 +281,12 @@ class ClosedLoop(NamedTuple):
 
 
 class PythonClosedLoop:
-    """The same controller with navigators, sensors or controllers that Python calls."""
+    """The same controller with navigators, sensors or controllers that Python calls.
+
+    `sensors` are the inverted USBL of each follower, one or none.
+    """
 
     def __init__(self, state: ClosedLoopState, swarm: Swarm, own: OwnControl, sensors: Sequence[OwnSensor]) -> None:
-        """Take what `ClosedLoop` takes; `navigate` need not be compiled.
-
-        Args:
-            own: controllers of the user's own.
-            sensors: inverted USBL of each follower, one or none.
-        """
         self.state, self.swarm, self._own, self._sensors = state, swarm, own, sensors
 
     def control(self, k: int, truth: Truth) -> int:
@@ -380,11 +339,8 @@ def closed_loop_of(
 ) -> ClosedLoop | PythonClosedLoop:
     """The closed loop of a scenario, at its start.
 
-    Args:
-        make_swarm: makes the followers' navigators; None: the scenario's own.
-
-    Raises:
-        LaisnError: the followers' hydrophones are not equally high above their pressure sensors.
+    `make_swarm` makes the followers' navigators; None: the scenario's own. LaisnError if the followers' hydrophones are
+    not equally high above their pressure sensors.
     """
     still, numbers = standing(plant), range(len(scenario.followers))
     settings = [navigation_settings(scenario, still, i) for i in numbers]
@@ -407,9 +363,6 @@ def simulate_closed_loop(
     scenario: Scenario, make_swarm: SwarmFactory | None = None
 ) -> tuple[Trajectory, ClosedLoop | PythonClosedLoop]:
     """Simulate a scenario whose followers all navigate under way, also those that steer by the truth.
-
-    Args:
-        make_swarm: makes the followers' navigators; None: the scenario's own.
 
     Returns:
         The motion, and the closed loop at its end: `state.history` holds the estimates, `swarm.gated` counts fixes.

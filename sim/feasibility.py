@@ -12,23 +12,29 @@ from laisn.failure import LaisnError
 from laisn.navigators import NAVIGATORS, find
 from laisn.plugins import find_controller
 from sim.assembly import models_of, ocean_of, on_axis, route_of, routes_of, setups_of, vehicle_names
-from sim.contact import HULL_RADIUS_M
+from sim.control.autopilot import design, top_speed
+from sim.control.stability import least_radius, require_stable, steady_turn
 from sim.log.schema import Clock
 from sim.scenario.formation import LEAST_APART_M, LEAST_LAYER_M
-from sim.scenario.point_motion import SPEED_MIN, TURN_RATE, Plan, plan
+from sim.scenario.point_motion import SPEED_MIN, TURN_RATE, plan
 from sim.scenario.routes import START_SPEED, Route
 from sim.scenario.settings import CONTROL_STEP_S, Follower, Scenario, Vehicle, Video
-from sim.sensing.own_sensors import own_sensors
+from sim.sensing.sensors import own_sensors
+from sim.stations import hardest_crossing, nearest_stations
+from sim.tracking import HULL_RADIUS_M
+from sim.vehicle.effectors import FIN, LEAST_WAY
+from sim.vehicle.mjcf import VehicleSetup, spec_of, transmitter_places
+from sim.vehicle.own_hull import hull_errors
+from sim.vehicle.plant import Plant
+from sim.water import Ocean
 
 MOST_INSTANTS = 2_000_000
 """Most instants times vehicles: two vehicles for a day. A million takes 1.1 GB of memory and 0.45 GB of log."""
-MOST_PHYSICS_STEPS = 200_000_000
-"""Most physics steps times vehicles, about an hour on one core."""
+MOST_PHYSICS_STEPS = 200_000_000  # most physics steps times vehicles, about an hour on one core
 MOST_PIXELS = 120_000_000_000
 """Most pixels of a film: 72 minutes at 1280 × 720 and 30 Hz, which is a day and a half at 30 times its pace."""
 
-_LARGE_SHIFT_M = 1.0
-"""A diving leader that shifts stations by more than this is worth a warning [m]."""
+_LARGE_SHIFT_M = 1.0  # a diving leader that shifts stations by more than this is worth a warning [m]
 
 
 def frames(duration_s: float, video: Video) -> int:
@@ -75,17 +81,10 @@ def _errors_of(build: Callable[[], object], where: str) -> list[str]:
     return []
 
 
-def _plan(vehicle: Vehicle, name: str) -> Plan:
-    # a saw-tooth that leaves the water is an error of its own
-    return plan(route_of(vehicle.model_copy(update={"saw_tooth_amplitude_m": 0.0}), name))
-
-
 def _through_water(scenario: Scenario, route: Route, depth: float) -> tuple[Floats, Ints]:
-    """Speeds through the water that a route requires at a depth.
+    """Speeds through the water that a route requires at a depth, and their legs, shape (n,).
 
-    Returns:
-        Speeds at both ends of intervals in which the current changes linearly on one leg, so that the highest is among
-        them, shape (2, n), [m/s]; and the leg of each interval, shape (n,).
+    Speeds are those at both ends of intervals in which the current changes linearly on one leg, shape (2, n), [m/s].
     """
     over_ground = np.diff(route.waypoint, axis=0) / np.diff(route.time)[:, None]
     changes = [time for time, *_ in scenario.ocean.current_profile if time < route.time[-1]]
@@ -109,40 +108,30 @@ def _speeds(scenario: Scenario, vehicle: Vehicle) -> tuple[float, float]:
 
 
 _OF_HULL = (
-    "model", "depth_control", "cg_offset_x_m", "cg_offset_z_m", "drag_scale", "added_mass_scale", "lift_scale",
-    "thrust_scale",
+    "depth_control", "cg_offset_x_m", "cg_offset_z_m", "drag_scale", "added_mass_scale", "lift_scale", "thrust_scale",
 )  # fmt: skip
-"""Keys of a vehicle on which its stability depends."""
+"""Keys of a vehicle, beside its model, on which its stability depends."""
 _USUAL_STEP_S = 0.02
 """In physics steps up to this one the project's own hulls are stable at all speeds of scenarios [s]."""
 
 
 def _hull(scenario: Scenario, vehicle: Vehicle) -> tuple[Any, Any]:
     """A vehicle alone in calm water, as a plant named "hull", and its autopilot."""
-    role = "follower" if isinstance(vehicle, Follower) else "leader"
+    model = vehicle.model or ("follower" if isinstance(vehicle, Follower) else "leader")
     values = tuple(getattr(vehicle, key) for key in _OF_HULL)
-    return _plant(role, scenario.timing.physics_step_s, scenario.ocean.density_kg_m3, values)
+    return _plant(model, scenario.timing.physics_step_s, scenario.ocean.density_kg_m3, values)
 
 
 @lru_cache(maxsize=8)
-def _plant(role: str, dt: float, density: float, values: tuple[Any, ...]) -> tuple[Any, Any]:
-    # most scenarios have no hull to be looked at, and need no MuJoCo
-    from sim.control.autopilot import design
-    from sim.vehicle.mjcf import VehicleSetup
-    from sim.vehicle.plant import Plant
-    from sim.water.ocean import Ocean
-
+def _plant(model: str, dt: float, density: float, values: tuple[Any, ...]) -> tuple[Any, Any]:
     settings = Vehicle.model_construct(**dict(zip(_OF_HULL, values, strict=True)))
-    setup = VehicleSetup(name="hull", model=settings.model or role, position_m=(0.0, 0.0, -10.0), settings=settings)
+    setup = VehicleSetup(name="hull", model=model, position_m=(0.0, 0.0, -10.0), settings=settings)
     plant = Plant([setup], Ocean(density_kg_m3=density), dt)
     return plant, design(plant, (settings.depth_control,))
 
 
 def _speed_errors(scenario: Scenario, vehicle: Vehicle, design: Any) -> list[str]:
     """Speeds that a hull cannot have: more than its thrust, or less than its fins need."""
-    from sim.control.autopilot import top_speed
-    from sim.vehicle.effectors import FIN, LEAST_WAY
-
     lines, top, (slowest, fastest) = [], top_speed(design), _speeds(scenario, vehicle)
     where = "the slowest leg of its route has"
     if isinstance(vehicle, Follower) and vehicle.station:
@@ -160,24 +149,12 @@ def _speed_errors(scenario: Scenario, vehicle: Vehicle, design: Any) -> list[str
     return lines
 
 
-def _hull_errors(key: str, vehicle: Vehicle) -> list[str]:
-    """Errors of the MJCF of a hull of the user's own."""
-    if vehicle.model is None:
-        return []
-    from sim.vehicle.own_hull import hull_errors
-
-    role = "follower" if isinstance(vehicle, Follower) else "leader"
-    return [f"{key}.model: {line}" for line in hull_errors(vehicle.model, role)]
-
-
 def _control_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:
     """What the autopilot of a vehicle cannot control."""
-    usual = all(getattr(vehicle, name) == Vehicle.model_fields[name].default for name in _OF_HULL[2:])
+    usual = all(getattr(vehicle, name) == Vehicle.model_fields[name].default for name in _OF_HULL[1:])
     own, waves = vehicle.model is not None, scenario.ocean.waves
     if not own and (scenario.motion == "kinematic" or (usual and scenario.timing.physics_step_s <= _USUAL_STEP_S)):
         return []
-    from sim.control.stability import require_stable
-
     try:
         plant, designs = _hull(scenario, vehicle)
         lines = _speed_errors(scenario, vehicle, designs[0]) if own else []
@@ -231,9 +208,6 @@ def _station_conflict(scenario: Scenario) -> list[str]:
     alone = all(b - a >= LEAST_LAYER_M for a, b in pairwise(sorted([*layers, scenario.leader.layer_m])))
     if not layers or alone:
         return []
-    # following stations takes the plant's libraries, which most scenarios need not wait for
-    from sim.station_plan import hardest_crossing, nearest_stations
-
     near = scenario.formation.proximity
     crossing = None if near is None else hardest_crossing(scenario, near.range_m)
     found = nearest_stations(scenario) if near is None else crossing and crossing.meeting
@@ -248,22 +222,19 @@ def _station_conflict(scenario: Scenario) -> list[str]:
     if near is None or crossing is None:
         text += f"; at least {LEAST_APART_M:g} m are needed: {elsewhere}, or formation.proximity to give way by"
         return [text]
-    text += f" and close up at {crossing.closing_m_s:.2g} m/s"
+    text += f" and close up at {crossing.closing_m_s:.2g} m/s; "
+    reach = LEAST_APART_M + crossing.braking_m
     if crossing.way_m_s < crossing.needed_m_s:
-        text += f"; to give way takes {crossing.needed_m_s:.2g} m/s through the water, one of them has "
-        text += f"{crossing.way_m_s:.2g}: {elsewhere}, or another course in this current"
-        return [text]
-    if near.range_m < LEAST_APART_M + crossing.braking_m:
-        text += f"; to brake in time they have to sense each other {LEAST_APART_M + crossing.braking_m:.2g} m away, "
-        text += f"formation.proximity.range_m is {near.range_m:g}: {elsewhere}, or a longer range"
-        return [text]
+        text += f"to give way takes {crossing.needed_m_s:.2g} m/s through the water, one of them has "
+        return [f"{text}{crossing.way_m_s:.2g}: {elsewhere}, or another course in this current"]
+    if near.range_m < reach:
+        text += f"to brake in time they have to sense each other {reach:.2g} m away, formation.proximity.range_m is "
+        return [f"{text}{near.range_m:g}: {elsewhere}, or a longer range"]
     return []
 
 
 def transmitter_sites(scenario: Scenario) -> Floats:
     """Rear, front and middle transmitter: forward, port, and up from the leader's depth sensor, shape (3, 3), [m]."""
-    from sim.vehicle.mjcf import spec_of, transmitter_places
-
     spec = spec_of(models_of(scenario)[0])
     places = {name: np.array(spec.site(name).pos) for name in ("tx_rear", "tx_front", "tx_middle")}
     for name, (axis, value) in transmitter_places(scenario.leader).items():
@@ -302,8 +273,6 @@ def _wide_turns(scenario: Scenario, vehicle: Vehicle) -> list[str]:
     """A hull that turns more slowly than routes are planned."""
     if vehicle.model is None:
         return []
-    from sim.control.stability import least_radius, steady_turn
-
     plant, designs = _hull(scenario, vehicle)
     route = route_of(vehicle, "") if vehicle.route or vehicle.waypoints else route_of(scenario.leader, "")
     radius = least_radius(plant, 0, designs[0])
@@ -360,12 +329,6 @@ def cautions(scenario: Scenario) -> list[str]:
     return found
 
 
-def _find_controllers(scenario: Scenario) -> None:
-    for follower in scenario.followers:
-        if follower.controller:
-            find_controller(follower.controller)
-
-
 def infeasibilities(scenario: Scenario) -> list[str]:
     """Everything that keeps a scenario from being flown, filmed and logged, beyond `Scenario.inconsistencies`."""
     shapes: list[str] = []
@@ -375,14 +338,22 @@ def infeasibilities(scenario: Scenario) -> list[str]:
         *_errors_of(partial(ocean_of, scenario), "ocean.waves"),
         *_errors_of(scenario.navigation.settings, ""),
         *_errors_of(partial(own_sensors, scenario), ""),
-        *_errors_of(partial(_find_controllers, scenario), ""),
+        *(
+            line
+            for f in scenario.followers
+            if f.controller
+            for line in _errors_of(partial(find_controller, f.controller), "")
+        ),
         *_cost(scenario),
     ]
     for (key, vehicle), name in zip(scenario.vehicles(), vehicle_names(scenario), strict=True):
-        shapes += _hull_errors(key, vehicle)
+        role = "follower" if isinstance(vehicle, Follower) else "leader"
+        shapes += [f"{key}.model: {line}" for line in (hull_errors(vehicle.model, role) if vehicle.model else ())]
         if not (isinstance(vehicle, Follower) and vehicle.station):
             where = f"{key}.{'waypoints' if vehicle.waypoints else 'route'}"
-            shapes += _errors_of(partial(_plan, vehicle, name), where)
+            # a saw-tooth that leaves the water is an error of its own
+            level = vehicle.model_copy(update={"saw_tooth_amplitude_m": 0.0})
+            shapes += _errors_of(partial(lambda *of: plan(route_of(*of)), level, name), where)
     if shapes:
         # what follows depends on hulls and routes
         return [*found, *shapes]

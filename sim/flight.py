@@ -86,10 +86,7 @@ class Flight:
         )
 
     def hydrophone(self, follower: int) -> Floats:
-        """True position of a follower's hydrophone at filter steps k = 1 … n, shape (n, 3), [m].
-
-        This is the point that the follower estimates.
-        """
+        """True position of a follower's hydrophone, which it estimates, at filter steps, shape (n, 3), [m]."""
         name = self.trajectory.names[follower + 1]
         return self.trajectory.site_path(f"{name}/hydrophone", self.step_index())
 
@@ -108,26 +105,20 @@ def _transmitters(scenario: Scenario, trajectory: Trajectory) -> dict[str, Any]:
     return {"transmitter_offsets": chosen or tuple(tuple(site) for site in sites.tolist())}
 
 
-def _hydrophone_height(scenario: Scenario, trajectory: Trajectory, follower: int) -> float:
-    """Height of the hydrophone above the depth sensor for a navigator [m]."""
-    if scenario.navigation.hydrophone_height_m is not None:
-        return float(scenario.navigation.hydrophone_height_m)
-    name = trajectory.names[follower + 1]
-    hydrophone, depth_sensor = (trajectory.site(f"{name}/{site}") for site in ("hydrophone", "depth_sensor"))
-    return float(trajectory.site_offset[hydrophone, 2] - trajectory.site_offset[depth_sensor, 2])
-
-
 def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: int) -> Settings:
     """Settings of a follower's navigator: the scenario's, and where its hydrophone sits.
 
     Raises:
         LaisnError: the scenario's navigator is a user's own and cannot be found, or does not have these settings.
     """
-    sound = scenario.acoustics
+    sound, name, height = scenario.acoustics, trajectory.names[follower + 1], scenario.navigation.hydrophone_height_m
+    if height is None:
+        hydrophone, sensor = (trajectory.site(f"{name}/{site}") for site in ("hydrophone", "depth_sensor"))
+        height = trajectory.site_offset[hydrophone, 2] - trajectory.site_offset[sensor, 2]
     given = {
         **_transmitters(scenario, trajectory),
         "dt": scenario.timing.filter_step_s,
-        "hydrophone_height": _hydrophone_height(scenario, trajectory, follower),
+        "hydrophone_height": float(height),
         "use_attitude": scenario.navigation.use_attitude,
         "slip": SLIP_M_SQRT_S if scenario.motion == "physics" else 0.0,
     }
@@ -151,13 +142,9 @@ def navigate(
     navigator: NavigatorFactory | None = None,
     outcome: Outcome = Outcome.COMPLETED,
 ) -> Flight:
-    """Sense a trajectory with the scenario's noise, and let every follower navigate on what it senses.
+    """Sense a trajectory, or the part that was flown, with the scenario's noise, and let every follower navigate on it.
 
-    Args:
-        scenario: seed, run, errors and settings.
-        trajectory: its truth, or the part of it that was flown.
-        navigator: makes one navigator for each follower; None: the scenario's own.
-        outcome: of the motion.
+    `navigator` makes one navigator for each follower; None: the scenario's own. `outcome` is that of the motion.
     """
     measurements, estimates = [], []
     make = navigator or find(scenario.navigation.variant).make
@@ -185,11 +172,7 @@ def navigate(
 def excerpt(flight: Flight, start: float, end: float) -> Flight:
     """The part of a flight from `start` to `end`, widened to whole filter steps; times stay those of the mission.
 
-    Args:
-        flight: the whole mission; its scenario is kept as it is.
-
-    Raises:
-        ValueError: that stretch is empty or leaves the mission.
+    ValueError if that stretch is empty or leaves the mission.
     """
     truth, dt = flight.trajectory, flight.measurements[0].dt
     begin = float(truth.time[0])

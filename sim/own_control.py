@@ -1,10 +1,10 @@
 """Controllers of the user's own: a follower's class computes its commands from readings and the estimate, in Python."""
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Floats, Record, records
+from laisn.arrays import Record, records
 from laisn.failure import LaisnError
 from laisn.messages import Reception
 from laisn.plugins import find_controller
@@ -19,20 +19,13 @@ from sim.vehicle.plant import Plant
 class Readings(NamedTuple):
     """What a follower measures at a control step; the values of a filter step stay until the next one."""
 
-    time: float
-    """Since the start [s]."""
-    speed: float
-    """Speed log, along the hull [m/s]."""
-    heading: float
-    """Compass θ, clockwise from north [rad]."""
-    depth: float
-    """Pressure sensor [m]."""
-    pitch: float
-    """Inclinometer, positive nose up [rad]."""
-    yaw_rate: float
-    """Gyro about the hull's upward axis, positive to port [rad/s]."""
-    pitch_rate: float
-    """Gyro about the hull's port axis, positive nose down [rad/s]."""
+    time: float  # since the start [s]
+    speed: float  # speed log, along the hull [m/s]
+    heading: float  # compass θ, clockwise from north [rad]
+    depth: float  # pressure sensor [m]
+    pitch: float  # inclinometer, positive nose up [rad]
+    yaw_rate: float  # gyro about the hull's upward axis, positive to port [rad/s]
+    pitch_rate: float  # gyro about the hull's port axis, positive nose down [rad/s]
     reception: Reception | None
     """Message of the leader and its ranges, at the control step at which they arrive; otherwise None."""
 
@@ -40,63 +33,42 @@ class Readings(NamedTuple):
 class Belief(NamedTuple):
     """Estimate of a follower's navigator, brought forward by its velocity between filter steps."""
 
-    east: float
-    """Position of the hydrophone [m]; NaN before there is an estimate."""
+    east: float  # position of the hydrophone [m]; NaN before there is an estimate
     north: float
-    east_velocity: float
-    """Velocity over ground [m/s]."""
+    east_velocity: float  # velocity over ground [m/s]
     north_velocity: float
-    log_bias: float
-    """Of the navigator, 0 if it estimates none [m/s]."""
-    compass_bias: float
-    """[rad]."""
-    east_current: float
-    """[m/s]."""
+    log_bias: float  # of the navigator, 0 if it estimates none [m/s]
+    compass_bias: float  # [rad]
+    east_current: float  # [m/s]
     north_current: float
 
 
 class Command(NamedTuple):
     """What an autopilot is to hold; it turns and accelerates within the limits of routes."""
 
-    heading: float
-    """Clockwise from north [rad]."""
-    speed: float
-    """Through the water [m/s]."""
-    depth: float
-    """[m]."""
+    heading: float  # clockwise from north [rad]
+    speed: float  # through the water [m/s]
+    depth: float  # [m]
 
 
 class Wrench(NamedTuple):
     """Force and moment about the hull's axes, which the effectors give as far as they can."""
 
-    surge: float = 0.0
-    """Forward [N]."""
-    sway: float = 0.0
-    """To port [N]."""
-    heave: float = 0.0
-    """Upward [N]."""
-    roll: float = 0.0
-    """About the forward axis [N m]."""
-    pitch: float = 0.0
-    """About the port axis, positive nose down [N m]."""
-    yaw: float = 0.0
-    """About the upward axis, positive to port [N m]."""
-
-
-class OwnController(Protocol):
-    """A class of the user's own, made of the follower's table of the scenario."""
-
-    def control(self, readings: Readings, belief: Belief, dt: float) -> Command | Wrench | Floats:
-        """Compute what holds for the next `dt` seconds.
-
-        Returns:
-            A `Command` or a tuple of its three numbers, a `Wrench`, or an array of the states of all effectors, in the
-            order of the hull's actuators, shape (m,): N, rad/s or rad.
-        """
+    surge: float = 0.0  # forward [N]
+    sway: float = 0.0  # to port [N]
+    heave: float = 0.0  # upward [N]
+    roll: float = 0.0  # about the forward axis [N m]
+    pitch: float = 0.0  # about the port axis, positive nose down [N m]
+    yaw: float = 0.0  # about the upward axis, positive to port [N m]
 
 
 class OwnControl:
-    """Calls the controllers of a scenario's followers and writes what they command."""
+    """Calls the controllers of a scenario's followers and writes what they command.
+
+    A controller is made of the follower's table. Its `control(readings, belief, dt)` returns what holds for the next
+    `dt` seconds: a `Command` or a tuple of its three numbers, a `Wrench`, or an array of the states of all effectors,
+    in the order of the hull's actuators, shape (m,): N, rad/s or rad.
+    """
 
     def __init__(self, scenario: Scenario, plant: Plant, routes: RouteControl) -> None:
         """Make the controllers; LaisnError if there is no such class."""
@@ -106,15 +78,12 @@ class OwnControl:
         self._routes, self._reference = routes, records(REFERENCE, 1)[0]
 
     def __bool__(self) -> bool:
-        """Whether there are any."""
         return bool(self._controllers)
 
     def command(self, k: int, received: list[Reception | None], known: tuple[Any, Any, Any]) -> None:
         """Write the commands that hold from instant k on.
 
-        Args:
-            received: receptions of this instant by follower.
-            known: records of READING, ESTIMATE and FOLLOWER_MEMORY, shape (f,).
+        `received` are receptions of this instant by follower, `known` records of READING, ESTIMATE and FOLLOWER_MEMORY.
         """
         for f, controller in self._controllers.items():
             reading, estimate, memory = (table[f] for table in known)

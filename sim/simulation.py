@@ -1,4 +1,4 @@
-"""The simulation loop: controllers, MuJoCo and the water make a Trajectory.
+"""The simulation loop: controllers, MuJoCo and the water make a Trajectory; or the paper's point motion makes it.
 
 A controller is a NamedTuple whose `control` is compiled, or any other object with such a method. There is one loop.
 With a NamedTuple it is compiled and chooses the method by its type; with any other object it runs as Python.
@@ -14,22 +14,23 @@ from numba.extending import overload_method
 from laisn.arrays import Floats, Records, records
 from laisn.compiled import compiled, copy_values
 from laisn.failure import LaisnError
-from sim.contact import Ending
+from sim import attitude
+from sim.assembly import ocean_of, routes_of, setups_of, vehicle_names
 from sim.control.autopilot import AUTOPILOT_MEMORY, DepthControl, control, design, vehicle_state
 from sim.control.guidance import GUIDANCE_MEMORY, begin, reference, steer, track_current
 from sim.control.stability import least_radius
+from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
-from sim.scenario.settings import CONTROL_STEP_S
+from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.tracking import contacts, first_touch
 from sim.trajectory import Trajectory, Truth
 from sim.vehicle.effectors import THRUSTER
 from sim.vehicle.plant import Plant, PlantError
 from sim.vehicle.stepping import FINE, Fault, advance
-from sim.water.ocean import Water, water_velocity
+from sim.water import Water, water_velocity
 
-TICK = CONTROL_STEP_S
-"""Interval of guidance, autopilot and recording [s]."""
-NAVIGATION_FAILED = -1
-"""Code of a failed navigator; the number of its follower, from 1, is given with it."""
+TICK = CONTROL_STEP_S  # interval of guidance, autopilot and recording [s]
+NAVIGATION_FAILED = -1  # code of a failed navigator; the number of its follower, from 1, is given with it
 _PROGRESS_TICKS = 500
 
 
@@ -51,12 +52,8 @@ class Controller(Protocol):
     def control(self, k: int, truth: Truth) -> int | None:
         """Write the commands that hold from instant k until k + 1 into the array that it was made with.
 
-        Args:
-            k: instant; all are controlled in order, the last one of the mission as well.
-            truth: motion until instant k; later instants hold no values yet.
-
-        Returns:
-            Number, from 1, of the follower whose navigator failed; 0 or None if none did.
+        All instants are controlled in order, the last one as well; later ones of the truth hold no values yet. Returns
+        the number, from 1, of the follower whose navigator failed; 0 or None if none did.
         """
 
 
@@ -69,16 +66,11 @@ def _control(controller, k, truth):  # type: ignore[no-untyped-def]
 class RouteControl(NamedTuple):
     """Controller of v vehicles along their routes, by the truth."""
 
-    reference: Records
-    """Of `sim.control.guidance.REFERENCE` at all instants, shape (n, v)."""
-    autopilots: Records
-    """Of `sim.control.autopilot.DESIGN`, shape (v,)."""
-    guidance: Records
-    """Of GUIDANCE_MEMORY, shape (v,)."""
-    autopilot: Records
-    """Of AUTOPILOT_MEMORY, shape (v,)."""
-    command: Floats
-    """Commanded thrust of each effector, shape (v, m), [N]."""
+    reference: Records  # of `sim.control.guidance.REFERENCE` at all instants, shape (n, v)
+    autopilots: Records  # of `sim.control.autopilot.DESIGN`, shape (v,)
+    guidance: Records  # of GUIDANCE_MEMORY, shape (v,)
+    autopilot: Records  # of AUTOPILOT_MEMORY, shape (v,)
+    command: Floats  # commanded thrust of each effector, shape (v, m), [N]
 
     @compiled
     def control(self, k: int, truth: Truth) -> int:
@@ -88,6 +80,8 @@ class RouteControl(NamedTuple):
         return 0
 
 
+Ending = Callable[[Floats, Floats], int | None]
+"""What ends a mission early: of positions and attitudes, as of `first_touch`, the first instant that does."""
 ControllerFactory = Callable[[Plant, RouteControl], Controller]
 """Makes a controller of a plant at its start; it may use the control of routes, and writes its `command`."""
 
@@ -105,14 +99,7 @@ def record_state(k: int, state: tuple[Floats, Floats, Floats], water: Water, tru
 
 @compiled
 def steer_along_route(k: int, truth: Truth, i: int, routes: RouteControl) -> None:
-    """Find the command of vehicle i, by its true motion, that holds from the recorded instant k until k + 1.
-
-    Args:
-        k: instant.
-        truth: motion until then.
-        i: vehicle.
-        routes: memory is brought forward, set up at k = 0; command is written.
-    """
+    """Find the command of vehicle i, by its true motion, that holds from the recorded instant k until k + 1."""
     reference, guidance = routes.reference[k, i], routes.guidance[i]
     pose, water = truth.pose[k, i], truth.water[k, i]
     motion, current = vehicle_state(pose, truth.twist[k, i], water), (water[0], water[1])
@@ -136,8 +123,7 @@ def _simulate(
     Args:
         span: first and last instant; physics steps from one to the next.
         plant: `Plant.step_handles`; pose, twist and thrust; the water.
-        controller: called at each instant.
-        command: that it writes, shape (v, m), [N].
+        controller: called at each instant; it writes `command`, shape (v, m), [N].
         truth: room for all instants.
 
     Returns:
@@ -215,8 +201,8 @@ def simulate(
         routes: one for each vehicle.
         duration: [s]; a multiple of 0.1 s.
         depth_control: of each vehicle, as of `design`; empty: "pitch" for all.
-        make_controller: makes another controller than that of routes, compiled or in Python; None: there is none.
-        ending: what ends the flight before its time; None: nothing does.
+        make_controller: makes another controller than that of routes, compiled or in Python.
+        ending: what ends the flight before its time.
         progress: called with the mission time [s], every 50 s of it.
 
     Returns:
@@ -262,3 +248,97 @@ def simulate(
     # nothing else may hold them
     del truth, new, wanted, along, controller
     return _trajectory(plant, arrays, ticks + 1)
+
+
+class ContactError(EndedError):
+    """Vehicles touched, in a scenario whose missions end with that."""
+
+
+def simulate_points(
+    names: tuple[str, ...], routes: Sequence[Route], duration: float, plant: Plant | None = None
+) -> Trajectory:
+    """The point motion of a fleet for a time [s]: hulls level and on their courses, still water, no thrust.
+
+    The hulls have the sites of a plant's. LaisnError if a route cannot be flown.
+    """
+    time: Floats = np.arange(round(duration / CONTROL_STEP_S) + 1, dtype=np.float64) * CONTROL_STEP_S
+    n, v = time.size, len(routes)
+    position, velocity = np.empty((n, v, 3)), np.empty((n, v, 3))
+    heading, turn_rate = np.empty((n, v)), np.empty((n, v))
+    for i, route in enumerate(routes):
+        motion = plan(route).at(time)
+        depth, sinking = route.depth.at(time)
+        position[:, i] = np.column_stack([motion.east, motion.north, -depth])
+        level = motion.speed * np.array([np.sin(motion.course), np.cos(motion.course)])
+        velocity[:, i] = np.column_stack([*level, -sinking])
+        heading[:, i], turn_rate[:, i] = motion.course, motion.turn_rate
+    zero = np.zeros((n, v))
+    return Trajectory(
+        names=names,
+        time=time,
+        position=position,
+        quaternion=attitude.from_euler(heading),
+        velocity=velocity,
+        angular_velocity=np.stack([zero, zero, -turn_rate], axis=-1),
+        water_velocity=np.zeros((n, v, 3)),
+        thrust=np.zeros((n, v, 0)),
+        effector_force=np.zeros((v, 0, 3)),
+        site_names=plant.site_names if plant else (),
+        site_vehicle=plant.site_vehicle if plant else np.zeros(0, np.int64),
+        site_offset=plant.site_offset if plant else np.zeros((0, 3)),
+    )
+
+
+def listeners(scenario: Scenario) -> list[str]:
+    """Keys by which the motion of followers depends on their estimates: stations, or steering by them."""
+    followers = list(enumerate(scenario.followers))
+    kept = [f"followers.{i}.station" for i, follower in followers if follower.station]
+    kept += [f"followers.{i}.controller" for i, follower in followers if follower.controller]
+    return kept + [f"followers.{i}.guidance_position = 'estimate'" for i, f in followers if f.guided_by_estimate]
+
+
+def simulate_motion(
+    scenario: Scenario,
+    progress: Callable[[float], None] | None = None,
+    make_controller: ControllerFactory | None = None,
+) -> Trajectory:
+    """Simulate a scenario's vehicles.
+
+    Args:
+        scenario: `motion` chooses rigid bodies in water, or point motion in still water with the same sites.
+        progress: called now and then with the share that is done, 0 … 1.
+        make_controller: makes another controller than that of routes; that of `sim.closed_loop` is needed if there are
+            `listeners`.
+
+    Raises:
+        LaisnError: a route cannot be flown, the sea is impossible, or the controller that is needed is missing.
+        DivergedError: the simulation left finite numbers.
+        ContactError: vehicles touched, and that ends the scenario's mission.
+    """
+    keys = listeners(scenario)
+    if keys and make_controller is None:
+        raise LaisnError(
+            f"scenario {scenario.name!r}: {keys[0]}: its path depends on the noise of the run, so that no campaign can "
+            "fly it once for all runs; use `laisn fly --run N`"
+        )
+    routes = routes_of(scenario)
+    plant = Plant(setups_of(scenario, routes), ocean_of(scenario), scenario.timing.physics_step_s)
+    if scenario.motion == "kinematic":
+        trajectory = simulate_points(vehicle_names(scenario), routes, scenario.duration_s, plant)
+    else:
+        trajectory = simulate(
+            plant,
+            routes,
+            scenario.duration_s,
+            [vehicle.depth_control for vehicle in (scenario.leader, *scenario.followers)],
+            make_controller=make_controller,
+            # it may stop soon after the first contact
+            ending=first_touch if scenario.contact == "end" else None,
+            progress=None if progress is None else lambda time: progress(time / scenario.duration_s),
+        )
+    met = contacts(trajectory) if scenario.contact == "end" else []
+    if not met:
+        return trajectory
+    time, (one, other) = met[0]
+    touched = f"at {time:g} s {one} and {other} touched, which ended the mission"
+    raise ContactError(touched, trajectory.part(0, max(round(time / trajectory.dt), 1)))

@@ -1,48 +1,29 @@
-"""How well a fleet kept to its routes, and how its hulls rolled and pitched on the way."""
+"""How near vehicles came to their routes and to one another, and hulls that touch.
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+Vehicles pass through each other in the simulation: the solver's contacts are off, as no hull here has the stiffness
+and damping that would make the outcome of a collision credible. Contact is detected by geometry.
+"""
+
+from typing import NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Ints
+from sim import attitude
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
 from sim.trajectory import Trajectory
 
-
-@dataclass(frozen=True, kw_only=True)
-class TrackingReport:
-    """One vehicle on its route, from the start to the last waypoint (or the end of the trajectory)."""
-
-    name: str
-    cross_track_rms: float
-    """Distance to the straight legs between waypoints [m]; cut corners count as they are."""
-    cross_track_max: float
-    arrival_error_max: float
-    """Largest difference between the time at which a waypoint is nearest and its time on the route [s]."""
-    speed_error_rms: float
-    """Error of the speed over ground against the point motion along the same route [m/s]."""
-    depth_error_rms: float
-    """Error of the depth against that of the route or profile [m]."""
-    depth_error_max: float
-    pitch_max: float
-    """Largest size of the pitch [rad]."""
-    pitch_std: float
-    roll_max: float
-    roll_std: float
+LEADER_HALF_M, FOLLOWER_HALF_M = 1.0, 0.7
+"""Half the length of the straight part of a hull [m] …"""
+HULL_RADIUS_M = 0.1
+"""… and its radius [m]."""
 
 
 def cross_track(route: Route, time: Floats, position: Floats) -> Floats:
-    """Distance to the leg that is due, the one before or the one after, whichever is nearest.
+    """Distance to the leg that is due, the one before or the one after, whichever is nearest, shape (n,), [m].
 
-    Args:
-        route: its waypoints.
-        time: shape (n,), [s].
-        position: east and north, shape (n, 2), [m].
-
-    Returns:
-        Shape (n,), [m].
+    `time` has shape (n,), [s], and `position`, east and north, shape (n, 2), [m].
     """
     last = route.time.size - 2
     due = np.clip(np.searchsorted(route.time, time, side="right") - 1, 0, last)
@@ -65,55 +46,67 @@ def track_error(route: Route, time: Floats, position: Floats) -> Floats:
     return np.hypot(position[:, 0] - place.east, position[:, 1] - place.north)
 
 
-def arrival_errors(route: Route, time: Floats, position: Floats) -> Floats:
-    """When each waypoint is nearest, less its time on the route; arguments as of `cross_track`.
+class Contact(NamedTuple):
+    """Two hulls where they first touch."""
 
-    A waypoint is looked for until half a leg before and after it; those where the vehicle stops, and those later than
-    the last instant, are left out.
+    time_s: float
+    pair: tuple[str, str]  # their names, the leader before followers, followers in their order
 
-    Returns:
-        Shape (number of waypoints passed,), [s].
+
+def _dot(one: Floats, other: Floats) -> Floats:
+    """Dot products of vectors, shape (n, 3), added up in the same order on every machine."""
+    return np.asarray(one[..., 0] * other[..., 0] + one[..., 1] * other[..., 1] + one[..., 2] * other[..., 2])
+
+
+def hull_gap(between: Floats, one: Floats, other: Floats, halves: tuple[float, float]) -> Floats:
+    """Distances of two straight hulls' axes at n instants, shape (n,), [m].
+
+    Args:
+        between: from the middle of the first to that of the second, shape (n, 3), [m].
+        one: unit vectors along the first hull, shape (n, 3).
+        other: likewise of the second.
+        halves: half their lengths [m].
     """
-    middle = 0.5 * (route.time[:-1] + route.time[1:])
-    begin, end = np.concatenate([route.time[:1], middle]), np.concatenate([middle, [np.inf]])
-    errors = []
-    rests = route.leg_length == 0
-    stops = np.append(rests, False) | np.append(False, rests)
-    for due, waypoint, first, until, is_stop in zip(route.time, route.waypoint, begin, end, stops, strict=True):
-        if due > time[-1] + 1e-9:
-            break
-        if is_stop:
-            continue
-        window = np.flatnonzero((time >= first) & (time <= until))
-        errors.append(time[window[np.hypot(*(position[window] - waypoint).T).argmin()]] - due)
-    return np.array(errors)
+    along, ahead, across = _dot(one, other), _dot(one, between), _dot(other, between)
+    # nearest points s and t along the axes, each within its hull (Ericson, Real-Time Collision Detection, 2005)
+    sine_squared = 1.0 - along * along
+    crossed = sine_squared > 1e-9
+    s = np.where(crossed, (ahead - along * across) / np.where(crossed, sine_squared, 1.0), 0.0)
+    s = np.clip(s, -halves[0], halves[0])
+    t = np.clip(along * s - across, -halves[1], halves[1])
+    s = np.clip(along * t + ahead, -halves[0], halves[0])
+    nearest = between + t[..., None] * other - s[..., None] * one
+    return np.sqrt(_dot(nearest, nearest))
 
 
-def tracking(trajectory: Trajectory, routes: Sequence[Route]) -> tuple[TrackingReport, ...]:
-    """How each vehicle of a trajectory kept to its route."""
-    reports = []
-    for i, (name, route) in enumerate(zip(trajectory.names, routes, strict=True)):
-        n = int(np.searchsorted(trajectory.time, route.time[-1] + 1e-9, side="right"))
-        time, position = trajectory.time[:n], trajectory.position[:n, i, :2]
-        off = cross_track(route, time, position)
-        late = arrival_errors(route, trajectory.time, trajectory.position[:, i, :2])
-        intended = plan(route).at(time)
-        speed_error = np.hypot(*trajectory.velocity[:n, i, :2].T) - intended.speed
-        depth_error = trajectory.depth[:n, i] - route.depth.at(time)[0]
-        pitch, roll = trajectory.pitch[:n, i], trajectory.roll[:n, i]
-        reports.append(
-            TrackingReport(
-                name=name,
-                cross_track_rms=float(np.sqrt(np.mean(off**2))),
-                cross_track_max=float(off.max()),
-                arrival_error_max=float(np.abs(late).max(initial=0.0)),
-                speed_error_rms=float(np.sqrt(np.mean(speed_error**2))),
-                depth_error_rms=float(np.sqrt(np.mean(depth_error**2))),
-                depth_error_max=float(np.abs(depth_error).max()),
-                pitch_max=float(np.abs(pitch).max()),
-                pitch_std=float(pitch.std()),
-                roll_max=float(np.abs(roll).max()),
-                roll_std=float(roll.std()),
-            )
-        )
-    return tuple(reports)
+def _first_contacts(position: Floats, quaternion: Floats) -> Ints:
+    """First instant at which the hulls of each pair touch, shape (v, v), below the diagonal; −1 if they never do."""
+    axis, count = np.stack(attitude.forward(quaternion), axis=-1), position.shape[1]
+    half = [LEADER_HALF_M, *[FOLLOWER_HALF_M] * (count - 1)]
+    first = np.full((count, count), -1)
+    for i in range(count):
+        for j in range(i):
+            between = position[:, i] - position[:, j]
+            near = np.flatnonzero(_dot(between, between) <= (half[i] + half[j] + 2.0 * HULL_RADIUS_M) ** 2)
+            gap = hull_gap(between[near], axis[near, j], axis[near, i], (half[j], half[i]))
+            first[i, j] = next(iter(near[gap < 2.0 * HULL_RADIUS_M]), -1)
+    return first
+
+
+def contacts(trajectory: Trajectory) -> list[Contact]:
+    """Every pair of vehicles whose hulls touch, when they first do, in order of time."""
+    first = _first_contacts(trajectory.position, trajectory.quaternion)
+    found = [
+        Contact(float(trajectory.time[first[i, j]]), (trajectory.names[j], trajectory.names[i]))
+        for i, j in np.argwhere(first >= 0)
+    ]
+    return sorted(found)
+
+
+def first_touch(position: Floats, quaternion: Floats) -> int | None:
+    """First of n instants at which any two of v hulls touch; None if none do.
+
+    Positions of the hulls' middles have shape (n, v, 3), [m], and attitudes, body to world, shape (n, v, 4).
+    """
+    first = _first_contacts(position, quaternion)
+    return int(first[first >= 0].min()) if (first >= 0).any() else None

@@ -10,20 +10,16 @@ import numpy.typing as npt
 
 from laisn.arrays import ArrayRecord, Floats, Ints, own_arrays, require_shapes
 from laisn.compiled import elementwise
-from sim.geometry import attitude
+from sim import attitude
 
 
 class Truth(NamedTuple):
     """Motion of v vehicles at n instants as the simulation records it, one instant after the other."""
 
-    pose: Floats
-    """Position [m] and quaternion (w, x, y, z), shape (n, v, 7)."""
-    twist: Floats
-    """Velocity in the world [m/s] and angular velocity in the body [rad/s], shape (n, v, 6)."""
-    water: Floats
-    """Velocity of the water in the world, shape (n, v, 3), [m/s]."""
-    thrust: Floats
-    """Of the effectors, shape (n, v, m), [N]."""
+    pose: Floats  # position [m] and quaternion (w, x, y, z), shape (n, v, 7)
+    twist: Floats  # velocity in the world [m/s] and angular velocity in the body [rad/s], shape (n, v, 6)
+    water: Floats  # velocity of the water in the world, shape (n, v, 3), [m/s]
+    thrust: Floats  # of the effectors, shape (n, v, m), [N]
 
     @classmethod
     def empty(cls, instants: int, vehicles: int, effectors: int) -> Self:
@@ -34,42 +30,30 @@ class Truth(NamedTuple):
 class Body(NamedTuple):
     """Motion of a vehicle at an instant, or at many of them: numbers or arrays."""
 
-    pose: Any
-    """Position [m] and quaternion, seven components."""
-    twist: Any
-    """Velocity in the world [m/s] and angular velocity in the body [rad/s], six components."""
-    water: Any
-    """Velocity of the water, three components [m/s]."""
-    heading: Any
-    """[rad]."""
-    pitch: Any
-    """[rad]."""
-    roll: Any
-    """[rad]."""
+    pose: Any  # position [m] and quaternion, seven components
+    twist: Any  # velocity in the world [m/s] and angular velocity in the body [rad/s], six components
+    water: Any  # velocity of the water, three components [m/s]
+    heading: Any  # [rad]
+    pitch: Any  # [rad]
+    roll: Any  # [rad]
 
 
 @elementwise
 def speed_through_water(pose: Any, twist: Any, water: Any) -> Any:
-    """Speed through the water along the hull, as a speed log measures it [m/s]; numbers or arrays.
-
-    Args:
-        pose: position and quaternion.
-        twist: of which the first three are the velocity in the world [m/s].
-        water: velocity of the water [m/s].
-    """
+    """Speed through the water along the hull, as a speed log measures it [m/s]; numbers or arrays."""
     east, north, up = attitude.forward_of(pose[3:7])
     return east * (twist[0] - water[0]) + north * (twist[1] - water[1]) + up * (twist[2] - water[2])
 
 
 @elementwise
 def pose_between(u: Any, dt: float, pose: tuple[Any, Any], velocity: tuple[Any, Any]) -> Any:
-    """Pose between two instants: position by cubic Hermite, attitude by spherical interpolation.
+    """Pose between two instants: position by cubic Hermite, attitude by spherical interpolation; numbers or arrays.
 
     Args:
         u: how far between them, 0 … 1.
         dt: time from one to the other [s].
-        pose: at both: position [m] and quaternion, seven numbers or arrays.
-        velocity: of the body origin at both, three numbers or arrays [m/s].
+        pose: at both: position [m] and quaternion.
+        velocity: of the body origin at both [m/s].
     """
     one, other = pose
     here, there = velocity
@@ -222,18 +206,10 @@ class Trajectory(ArrayRecord):
         return path
 
     def only(self, vehicles: Sequence[int], sites: Collection[str]) -> Self:
-        """Some of the vehicles, the leader among them, with those of their sites that have one of these names.
-
-        Args:
-            vehicles: their indices, increasing, 0 first.
-            sites: names without vehicle, such as "hydrophone".
-        """
+        """Some of the vehicles by index, increasing, 0 first, with those of their sites that have these names."""
         chosen = np.asarray(vehicles)
-        kept = [
-            i
-            for i, name in enumerate(self.site_names)
-            if self.site_vehicle[i] in chosen and name.rpartition("/")[2] in sites
-        ]
+        of_chosen = np.isin(self.site_vehicle, chosen)
+        kept = [i for i, name in enumerate(self.site_names) if of_chosen[i] and name.rpartition("/")[2] in sites]
         return replace(
             self,
             names=tuple(self.names[v] for v in chosen),
@@ -276,10 +252,8 @@ class Trajectory(ArrayRecord):
     def site_at(self, name: str, time: npt.ArrayLike) -> Floats:
         """One site between grid points, shape (m, 3), [m]; `time` as in `at`."""
         s = self.site(name)
-        position, quaternion = self.at(time)
-        v = self.site_vehicle[s]
-        pose = (*position[:, v].T, *quaternion[:, v].T)
-        return np.column_stack(attitude.carried(pose, self.site_offset[s]))
+        pose = [*(part[:, self.site_vehicle[s]].T for part in self.at(time))]
+        return np.column_stack(attitude.carried((*pose[0], *pose[1]), self.site_offset[s]))
 
     @property
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
@@ -296,15 +270,9 @@ class Trajectory(ArrayRecord):
 
 
 def tilted(trajectory: Trajectory, pitch: npt.ArrayLike, roll: npt.ArrayLike = 0.0) -> Trajectory:
-    """The trajectory with the leader's pitch and roll replaced; its track, depth and heading stay.
+    """The trajectory with the leader's pitch, nose up, and roll, starboard down, replaced: one or shape (n,), [rad].
 
-    Args:
-        trajectory: to be copied; vehicle 0 is the leader.
-        pitch: positive nose up, one for all instants or shape (n,), [rad].
-        roll: positive starboard down, likewise.
-
-    Returns:
-        A trajectory whose leader's sites sit where that attitude puts them.
+    Track, depth and heading stay; the leader's sites sit where that attitude puts them.
     """
     quaternion = trajectory.quaternion.copy()
     quaternion[:, 0] = attitude.from_euler(trajectory.heading[:, 0], pitch, roll)

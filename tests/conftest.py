@@ -36,7 +36,7 @@ fly(load("T5", ["duration_s=2"]))
 """
 CAMPAIGN = """
 from experiments.campaign.plans import CellPlan, compute
-from sim.motion import simulate_motion
+from sim.simulation import simulate_motion
 from sim.scenario.settings import Follower, Scenario
 scenario = Scenario(motion="kinematic", duration_s=2, followers=(Follower(route="T5"),))
 compute(simulate_motion(scenario), [CellPlan(scenario=scenario, runs=1, keep_steps=True)])

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from sim.geometry import attitude
+from sim import attitude
 from sim.scenario.settings import Acoustics, Follower, Leader, Ocean, Scenario, Timing
 from sim.trajectory import Trajectory
 

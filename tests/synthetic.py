@@ -12,8 +12,8 @@ from laisn.arrays import Floats, Record, records
 from laisn.estimates import Estimates, FixKind
 from laisn.messages import LeaderMessage, Measurements
 from laisn.swarm import MESSAGE
+from sim import attitude
 from sim.flight import Flight
-from sim.geometry import attitude
 from sim.log import writer
 from sim.log.channels import Event
 from sim.scenario.settings import CONTROL_STEP_S, Acoustics, Follower, Leader, Scenario, Timing

@@ -20,10 +20,10 @@ from laisn.arrays import Floats
 from laisn.estimates import FixKind
 from sim.closed_loop import guide, simulate_closed_loop
 from sim.flight import navigate
-from sim.motion import simulate_motion
 from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
 from sim.sensing.observation import observe
+from sim.simulation import simulate_motion
 from sim.trajectory import Trajectory, Truth
 
 ENTRIES = {entry.arm: entry for entry in plan_of(study_of("closed-loop", {})).entries}

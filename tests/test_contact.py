@@ -12,13 +12,13 @@ from experiments.flight.fly import motion_and_outcome
 from experiments.study.estimate import Results
 from experiments.study.measure import facts_of, records_of_run
 from experiments.study.run import _of_runs
+from sim import attitude
 from sim.assembly import ocean_of, routes_of, setups_of
-from sim.contact import contacts, first_touch, hull_gap
 from sim.flight import Outcome
-from sim.geometry import attitude
 from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
 from sim.simulation import simulate
+from sim.tracking import contacts, first_touch, hull_gap
 from sim.vehicle.plant import Plant
 from tests.synthetic import make_flight
 

@@ -104,7 +104,7 @@ def test_the_version_is_that_of_what_makes_the_numbers(tmp_path: Path) -> None:
     before = version_of(modules, tmp_path)
     for name, counts in (
         ("experiments/intervals.py", True), ("experiments/studies/asymmetry/findings.py", True),
-        ("sim/water/waves.py", True), ("experiments/studies/asymmetry/figures.py", False),
+        ("sim/water.py", True), ("experiments/studies/asymmetry/figures.py", False),
         ("experiments/pages/page.py", False), ("experiments/studies/reproduction/claims.toml", True),
         ("experiments/studies/reproduction/page.md.j2", False), ("experiments/studies/depth.toml", False),
     ):  # fmt: skip

@@ -22,12 +22,12 @@ from sim.control.guidance import REFERENCE
 from sim.control.station import STATION
 from sim.control.trail import TRAIL
 from sim.flight import navigate
-from sim.motion import simulate_motion
 from sim.scenario.file import validate
 from sim.scenario.formation import Formation, Proximity
 from sim.scenario.settings import Scenario
-from sim.sensing.proximity import SIGHTING, look
-from sim.station_keeping import (
+from sim.sensing.instant import SIGHTING, look
+from sim.simulation import simulate_motion
+from sim.stations import (
     off_station,
     true_stations,
 )

@@ -14,10 +14,10 @@ from laisn.navigator import Navigator
 from sim.assembly import ocean_of, routes_of
 from sim.film.annotations import OtherEstimate, RayErrors
 from sim.flight import navigate
-from sim.motion import simulate_motion
 from sim.scenario.settings import Acoustics, Follower, Ocean, Scenario, Waves
 from sim.sensing.acoustics import propagate, sound_of
 from sim.sensing.observation import observe
+from sim.simulation import simulate_motion
 
 ROOT = Path(__file__).resolve().parents[1]
 LOOSE = ("sim/log/",)

@@ -11,9 +11,8 @@ from laisn.navigators import find
 from laisn.swarm import SeparateNavigators
 from sim.closed_loop import simulate_closed_loop
 from sim.flight import navigate
-from sim.motion import simulate_motion
 from sim.scenario.settings import Scenario
-from sim.simulation import RouteControl
+from sim.simulation import RouteControl, simulate_motion
 from sim.trajectory import Truth
 from sim.vehicle.plant import Plant
 

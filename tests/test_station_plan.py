@@ -9,8 +9,7 @@ from sim import feasibility
 from sim.closed_loop import simulate_closed_loop
 from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
-from sim.station_keeping import closest_in_a_layer
-from sim.station_plan import hardest_crossing, nearest_stations
+from sim.stations import closest_in_a_layer, hardest_crossing, nearest_stations
 
 LEFT = {"waypoints": [[0, 0, 0], [60, 60, 0], [200, 60, 140]]}
 STRAIGHT = {"waypoints": [[0, 0, 0], [200, 200, 0]]}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sim.geometry import attitude
+from sim import attitude
 from sim.trajectory import Trajectory, tilted
 
 RADIUS, RATE = 20.0, 0.05

@@ -68,7 +68,7 @@ def imports(root: Path = ROOT, packages: tuple[str, ...] = PACKAGES) -> Imports:
 def package_of(module: str) -> str:
     """The package of a module, at most two names deep; a module directly in `sim` or `experiments` stands for itself.
 
-    Such as "sim.water" of "sim.water.waves", and "sim.flight" of "sim.flight".
+    Such as "sim.water" of "sim.water", and "sim.flight" of "sim.flight".
     """
     package, *rest = module.split(".")
     return package if package in ("laisn", "models") or not rest else f"{package}.{rest[0]}"

@@ -16,9 +16,9 @@ from laisn.compiled import compiled_lanes, copy_values
 from laisn.failure import LaisnError
 from laisn.lane_passes import LANES
 from laisn.settings import Tuning
-from sim.sensing.ahrs import advanced, weights
 from sim.sensing.errors import (
     SensorErrors,
+    advanced,
     heading_reading,
     is_bad,
     is_lost,
@@ -27,6 +27,7 @@ from sim.sensing.errors import (
     plain_reading,
     range_readings,
     speed_reading,
+    weights,
 )
 from sim.sensing.noise import Stream, two_normals, two_units, uniform, words
 from sim.sensing.observation import MissionTruth

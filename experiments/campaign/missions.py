@@ -8,12 +8,11 @@ from pydantic import BaseModel
 
 from experiments.campaign.store import CampaignError, key_of
 from laisn.failure import LaisnError
-from sim.motion import simulate_motion
 from sim.scenario.section import keys_per_run
 from sim.scenario.settings import Acoustics, Leader, Navigation, Scenario, Sensors
 from sim.sensing.observation import MissionTruth, observe
-from sim.sensing.own_sensors import own_tables
-from sim.simulation import EndedError
+from sim.sensing.sensors import own_tables
+from sim.simulation import EndedError, simulate_motion
 from sim.trajectory import Trajectory
 from sim.vehicle.mjcf import transmitter_places
 from sim.vehicle.plant import PlantError

@@ -131,7 +131,7 @@ def hull(
 ) -> None:
     """Print a first MJCF of an own vehicle, with the formula or source of each number."""
     from sim.system import read_text
-    from sim.vehicle.estimate import from_dimensions
+    from sim.vehicle.hull_file import from_dimensions
     from sim.vehicle.own_hull import hull_errors
     from sim.vehicle.sdf_import import from_sdf
 

@@ -69,8 +69,8 @@ def replay_measurements(
     """
     from experiments.flight.library import load_flyable
     from sim.log import reader
-    from sim.motion import simulate_motion
     from sim.sensing.observation import start_of
+    from sim.simulation import simulate_motion
 
     require_output(out, ".csv", source=path)
     scenario = load_flyable(source, assignments)
@@ -230,7 +230,7 @@ def replay_data_set(
     from experiments.beacon_replay import among_beacons, beacons_of, by_laisn, dead_reckoning, score
     from experiments.flight.library import load_flyable
     from sim.datasets.log import VEHICLE, read_data_set_log
-    from sim.motion import simulate_motion
+    from sim.simulation import simulate_motion
 
     require_output(out, ".csv", source=path)
     among, values, recorded = find(variant).beacons, values_of(assignments), read_data_set_log(path, longest_gap_s)

@@ -9,11 +9,10 @@ from typing import Any
 
 from laisn.navigators import NavigatorFactory, find
 from sim.flight import Flight, Outcome, navigate, navigation_settings
-from sim.motion import ContactError, listeners, simulate_motion
 from sim.scenario.file import ScenarioError, assigned, validate
 from sim.scenario.settings import Scenario
 from sim.sensing.observation import start_of
-from sim.simulation import ControllerFactory, DivergedError
+from sim.simulation import ContactError, ControllerFactory, DivergedError, listeners, simulate_motion
 from sim.trajectory import Trajectory
 
 

@@ -146,13 +146,13 @@ def vehicle_rows() -> list[tuple[str, str, str, str]]:
     from sim.vehicle import effectors
     from sim.vehicle.mjcf import VehicleSetup
     from sim.vehicle.plant import Plant
-    from sim.water.ocean import Ocean
+    from sim.water import Ocean
 
     kinds = {effectors.THRUSTER: ("thruster", 1.0, "N"), effectors.CURVE: ("thruster", 1.0, ""),
              effectors.PROPELLER: ("propeller", 60.0, "rpm"), effectors.FIN: ("fin", 180.0 / np.pi, "°")}  # fmt: skip
     rows = []
     for name in models.VEHICLES:
-        plant = Plant([VehicleSetup(name=name, model=name, position_m=(0.0, 0.0, -10.0))], Ocean.calm())
+        plant = Plant([VehicleSetup(name=name, model=name, position_m=(0.0, 0.0, -10.0))], Ocean())
         looks = mujoco.MjModel.from_xml_path(str(models.path(name)))
         # boxes about the visible parts, turned into the hull's frame
         low, high = np.full(3, np.inf), np.full(3, -np.inf)

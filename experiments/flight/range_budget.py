@@ -14,8 +14,8 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints, own_arrays
 from laisn.messages import LeaderMessage
+from sim import attitude
 from sim.flight import Flight, navigation_settings
-from sim.geometry import attitude
 from sim.sensing.acoustics import TRANSMITTERS, Path, propagate
 from sim.sensing.errors import errors_of
 from sim.sensing.observation import locked_path

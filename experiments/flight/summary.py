@@ -10,13 +10,12 @@ from experiments.campaign.version import versions
 from laisn import metrics
 from laisn.arrays import Bools, Floats
 from sim.assembly import routes_of
-from sim.contact import contacts
 from sim.flight import Flight
 from sim.log.channels import Event
 from sim.scenario.formation import LEAST_LAYER_M
-from sim.sensing.proximity import sightings
-from sim.station_keeping import closest_approaches, closest_in_a_layer, station_keeping, track_errors, true_stations
-from sim.tracking import track_error
+from sim.sensing.instant import sightings
+from sim.stations import closest_approaches, closest_in_a_layer, station_keeping, track_errors, true_stations
+from sim.tracking import contacts, track_error
 
 
 def position_and_bearing_errors(flight: Flight) -> list[tuple[Floats, Floats]]:

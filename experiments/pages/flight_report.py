@@ -18,10 +18,10 @@ from laisn.estimates import FIX_WORDS, FixKind
 from laisn.messages import Ranges
 from laisn.metrics import longest_mirror_lock, nees
 from laisn.navigators import find
-from sim.contact import contacts
 from sim.flight import Flight, Outcome
-from sim.sensing.proximity import sightings
-from sim.station_keeping import closest_approaches, off_station, station_keeping
+from sim.sensing.instant import sightings
+from sim.stations import closest_approaches, off_station, station_keeping
+from sim.tracking import contacts
 
 _CAUSES = (Cause.RANDOM, Cause.LEVER_ARM, Cause.MOTION, Cause.DEPTH, Cause.FORESHORTENING, Cause.ECHO)
 COLOUR = dict(zip(_CAUSES, style.SERIES, strict=True))

@@ -21,8 +21,8 @@ from laisn.plugins import register, takes_readings
 from sim import flight as simulated
 from sim.feasibility import film_errors
 from sim.log import reader, writer
+from sim.scenario.file import lines_of
 from sim.scenario.settings import Scenario, Video
-from sim.scenario.validation_errors import lines_of
 from sim.simulation import ControllerFactory
 
 _Given = ParamSpec("_Given")

@@ -18,7 +18,7 @@ from scipy import stats
 from scipy.stats import qmc
 
 from sim.scenario.formation import Scatter, scattered_followers
-from sim.scenario.random_routes import CLASSES, random_waypoints
+from sim.scenario.point_motion import CLASSES, random_waypoints
 
 Design = Literal["factorial", "latin-hypercube", "sobol"]
 

@@ -16,10 +16,9 @@ from experiments.flight.library import name_of, names
 from experiments.intervals import FEWEST_RUNS
 from experiments.study.design import LAWS, Design, Draw, Factor, follows_run
 from laisn.failure import LaisnError, plain, screenful, shortened
-from sim.scenario.file import dotted, is_model_key, plain_values, read
+from sim.scenario.file import dotted, is_model_key, key_of, plain_values, read
 from sim.scenario.section import Section
 from sim.scenario.settings import Name
-from sim.scenario.validation_errors import key_of
 from sim.scenario.vehicles import is_mjcf
 
 FOLDER = Path(__file__).parents[1] / "studies"

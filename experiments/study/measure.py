@@ -7,14 +7,12 @@ from laisn import metrics
 from laisn.arrays import Bools, Floats
 from sim.assembly import routes_of
 from sim.closed_loop import simulate_closed_loop
-from sim.contact import contacts
 from sim.flight import Outcome
-from sim.motion import ContactError
 from sim.scenario.formation import LEAST_LAYER_M
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.simulation import DivergedError
-from sim.station_keeping import station_keeping, track_errors, true_stations
-from sim.tracking import cross_track
+from sim.simulation import ContactError, DivergedError
+from sim.stations import station_keeping, track_errors, true_stations
+from sim.tracking import contacts, cross_track
 from sim.trajectory import Trajectory
 
 DISC_DIAMETER_M = 0.1

@@ -18,10 +18,10 @@ from experiments.study.metrics import METRICS
 from laisn.failure import LaisnError
 from laisn.lane_passes import LANES
 from sim.feasibility import infeasibilities
-from sim.motion import listeners
 from sim.scenario.file import ScenarioError, assigned, examined, validate
 from sim.scenario.section import Section
 from sim.scenario.settings import Scenario
+from sim.simulation import listeners
 
 FOLLOWER = "follower"
 """Name of what varies beside factors and arms."""

@@ -23,10 +23,8 @@ SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
 """Components of a wrench in the body frame: forces [N], moments about the body's origin [N m]."""
 PRIORITY = (PITCH, YAW, HEAVE, SWAY, SURGE)
 """Order in which components are served where limits do not allow all of them."""
-_WANTED = (SURGE, YAW, PITCH, HEAVE, SWAY)
-"""Components of the wrench, in order of priority."""
-FAST = 2.0
-"""Speed beyond which the weights of fins change no more [m/s]."""
+_WANTED = (SURGE, YAW, PITCH, HEAVE, SWAY)  # order in which components are looked for that effectors can give
+FAST = 2.0  # speed beyond which the weights of fins change no more [m/s]
 _LEAST = 1e-6
 """Smallest singular value at which a component counts as given; forces and moments are over the largest of one
 effector."""
@@ -68,15 +66,9 @@ def pseudo_inverse(records: npt.NDArray[np.void], limits: Floats) -> Floats:
 
 @compiled
 def at_speed(slow: Floats, fast: Floats, speed: float, out: Floats) -> None:
-    """P at a speed, between those of `LEAST_WAY` and `FAST`.
+    """Write P at a speed along the hull, between those of `LEAST_WAY` and `FAST`, shape (M, 6).
 
     B is the same for both, so that B P = 1 of all that lies between them.
-
-    Args:
-        slow: of `pseudo_inverse`, shape (M, 6).
-        fast: of the same effectors.
-        speed: along the hull [m/s].
-        out: P, shape (M, 6).
     """
     least = effectors.LEAST_WAY**2
     share = clip((speed * abs(speed) - least) / (FAST**2 - least), 0.0, 1.0)
@@ -93,7 +85,7 @@ def allocate(inverse: Floats, limits: Floats, wrench: Floats, command: Floats) -
         inverse: of `at_speed`, zero in rows beyond the vehicle's effectors, shape (M, 6).
         limits: lowest and highest force, shape (M, 2), [N].
         wrench: wanted; out: what the forces give of it, shape (6,), [N] and [N m].
-        command: out, shape (m,), m ≤ M, [N].
+        command: out: forces, shape (m,), m ≤ M, [N].
     """
     m = command.size
     within = True

@@ -22,6 +22,8 @@ A hull without vertical thrusters pitches at any speed. It has to keep way on, s
 Effectors: `sim.control.allocation` maps the wrench to the effectors of the vehicle, moments before forces. Integrals
 stand still while limits withhold their part of the wrench and they would push further (anti-windup by conditional
 integration).
+
+Functions take `d`, a record of DESIGN, `memory`, of AUTOPILOT_MEMORY, and `reference`, of `sim.control.guidance`.
 """
 
 from typing import Any, Literal, NamedTuple
@@ -33,8 +35,8 @@ from laisn.arrays import Floats, Record
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
 from laisn.geometry import signed_angle
+from sim.attitude import rotation, transposed
 from sim.control.allocation import FAST, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW, allocate, at_speed, clip, pseudo_inverse
-from sim.geometry.attitude import rotation, transposed
 from sim.vehicle import coefficients, effectors
 from sim.vehicle.plant import Plant
 
@@ -55,14 +57,11 @@ AUTOPILOT_MEMORY = np.dtype(
 )
 """Memory of the autopilot of one vehicle, from one control step to the next."""
 
-CLIMB_MAX = float(np.deg2rad(20.0))
-"""Steepest climb and dive [rad]."""
+CLIMB_MAX = float(np.deg2rad(20.0))  # steepest climb and dive [rad]
 INCIDENCE_MAX = float(np.deg2rad(12.0))
 """Most incidence that is used for lift [rad]; hulls of this kind stall soon after."""
-PITCH_RATE_MAX = float(np.deg2rad(5.0))
-"""Largest rate of the pitch command [rad/s]."""
-LEAST_LAG = 0.3
-"""Effectors that follow faster make the loops no faster, which run ten times a second [s]."""
+PITCH_RATE_MAX = float(np.deg2rad(5.0))  # largest rate of the pitch command [rad/s]
+LEAST_LAG = 0.3  # effectors that follow faster make the loops no faster, which run ten times a second [s]
 SPEED_HEAVE, SPEED_PITCH = 0.3, 0.6
 """Speeds below which the vertical thrusters alone hold depth, and above which the hull does [m/s]."""
 
@@ -99,15 +98,12 @@ DESIGN = np.dtype(
 
 
 def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.NDArray[np.void]:
-    """Autopilots of all vehicles, from their MJCF as the plant has compiled it.
+    """Autopilots of all vehicles, from their MJCF as the plant has compiled it: records of DESIGN, shape (v,).
 
     Args:
         plant: of v vehicles.
         depth_control: how each vehicle holds its depth, shape (v,); None: by pitch if its hull or fins lift or it has
             no vertical thrusters, else by thrust.
-
-    Returns:
-        Records of DESIGN, shape (v,), read-only.
 
     Raises:
         LaisnError: a vehicle's effectors or hull lack what its autopilot needs; the text names it.
@@ -178,13 +174,7 @@ def _require_control(name: str, record: Any, mode: DepthControl) -> None:
 
 
 def greatest_forces(d: Any, speed: float, axis: int) -> tuple[float, Floats]:
-    """Largest component of a wrench that the effectors give at a speed, [N] or [N m], and their forces for it [N].
-
-    Args:
-        d: record of DESIGN.
-        speed: along the hull [m/s].
-        axis: SURGE … YAW.
-    """
+    """Largest component of a wrench that the effectors give at a speed, [N] or [N m], and their forces for it [N]."""
     limits = np.array([effectors.reach(one, d["density"], speed) for one in d["effectors"]])
     wrench, command, inverse = np.zeros(6), np.zeros(effectors.MOST), np.empty((effectors.MOST, 6))
     wrench[axis] = 1e6
@@ -194,11 +184,7 @@ def greatest_forces(d: Any, speed: float, axis: int) -> tuple[float, Floats]:
 
 
 def top_speed(d: Any) -> float:
-    """Speed at which all thrust ahead balances the drag of surge [m/s], 10 at most.
-
-    Args:
-        d: record of DESIGN.
-    """
+    """Speed at which all thrust ahead balances the drag of surge [m/s], 10 at most."""
     speeds = np.arange(0.0, 10.0, 0.02)
     given = np.array([greatest_forces(d, speed, SURGE)[0] for speed in speeds])
     drag = (d["drag_linear"] * np.exp(-d["drag_fade"] * speeds) + d["drag"] * speeds) * speeds
@@ -258,22 +244,14 @@ def _hold_depth(
 class VehicleState(NamedTuple):
     """Motion of a vehicle, measured or true."""
 
-    surge: float
-    """Speed through the water along the hull [m/s]."""
-    sway: float
-    """Speed through the water to port [m/s]; 0 where nothing measures it."""
-    heading: float
-    """[rad]."""
-    turning: float
-    """Rate of turn about the hull's upward axis, positive to port [rad/s]."""
-    pitch: float
-    """Positive nose up [rad]."""
-    pitching: float
-    """Rate of turn about the hull's port axis, positive nose down [rad/s]."""
-    depth: float
-    """[m]."""
-    sinking: float
-    """[m/s]."""
+    surge: float  # speed through the water along the hull [m/s]
+    sway: float  # speed through the water to port [m/s]; 0 where nothing measures it
+    heading: float  # [rad]
+    turning: float  # rate of turn about the hull's upward axis, positive to port [rad/s]
+    pitch: float  # positive nose up [rad]
+    pitching: float  # rate of turn about the hull's port axis, positive nose down [rad/s]
+    depth: float  # [m]
+    sinking: float  # [m/s]
 
 
 @compiled
@@ -296,12 +274,10 @@ def vehicle_state(pose: Floats, twist: Floats, water: Floats) -> VehicleState:
 
 @compiled
 def apply_wrench(d: Any, surge: float, memory: Record, command: Floats) -> None:
-    """Command effectors so that they give the wrench in the memory of the autopilot.
+    """Command effectors so that they give the wrench in the memory, out: what they give of it.
 
     Args:
-        d: record of DESIGN.
         surge: speed through the water along the hull [m/s].
-        memory: record of AUTOPILOT_MEMORY; its wrench is what is wanted, out: what the effectors give of it.
         command: out: in the units of the effectors' states, shape (m,).
     """
     limits = memory.limits
@@ -329,12 +305,11 @@ def control(
     """Commands of one vehicle's effectors.
 
     Args:
-        d: record of DESIGN.
         wanted: heading [rad], its rate [rad/s], speed through the water [m/s], as of `steer`.
-        reference: record of `sim.control.guidance.REFERENCE`; its accelerations, depth and sinking are read.
+        reference: accelerations, depth and sinking are read.
         motion: how the vehicle moves.
         dt: since the last call [s].
-        memory: record of AUTOPILOT_MEMORY; brought forward.
+        memory: brought forward.
         command: out: in the units of the effectors' states, shape (m,).
     """
     heading_wanted, turn_wanted, speed_wanted = wanted

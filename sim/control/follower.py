@@ -1,22 +1,34 @@
 """Station keeping: from readings, messages and estimates to heading, speed and depth.
 
-Nothing here is the truth. A follower has its log, compass, gyros, inclinometer and pressure sensor, the leader's
-messages, and what its navigator makes of them: its place, the biases of log and compass, the current.
+A follower has its log, compass, gyros, inclinometer and pressure sensor, the leader's messages, and the estimates of
+its navigator: its place, the biases of log and compass, the current; never the truth.
+
+Laws that bring it to its moving station (`approach`):
+
+    constant bearing   v = v_st − U p̃ / √(p̃ᵀp̃ + Δ²), less the estimated current. No integrator: nothing winds up while
+                       messages are missing (Breivik and Fossen 2007)
+    ILOS               line of sight with an integral of the cross-track error in place of the current
+                       (Børhaug, Pavlov and Pettersen 2008)
+    ALOS               line of sight with an adaptive crab angle (Fossen 2023)
+
+The two lines of sight follow the station's path; along it all three close up alike. It gives way to vehicles nearby:
+a velocity away from each is added to the wanted one,
+
+    v = v_wanted − Σ w(d) r̂,   w(d) = W min(max((R − d) / (R − F), 0), 1)
+
+R is the sensor's range, F the range of full speed W. Two followers whose wanted velocities close up at a rate c stop
+to come nearer where w(d) = c / 2, and never come below F while c < 2 W, but for the lag of their hulls.
 
 Where messages stay away it goes on along the extrapolated trail by dead reckoning. The uncertainty of its place in that
-trail grows with the age a of the last message,
-
-    σ² = σ_place² + (σ_v a)²,
-
+trail grows with the age a of the last message, σ² = σ_place² + (σ_v a)²,
 σ_place being the navigator's and σ_v that of the leader's mean velocity since then about its last one. Up to
 `max_trail_sigma` it makes for its station; from there on it goes parallel to the leader's way, and slows down in
 proportion until σ is twice that. After a long silence it circles or surfaces, until it receives again.
 
 Where it may be at either of two places, as with two transmitters on either side of the leader's axis, it steers by the
-likelier one. By their mean it would not steer at all, and both would stay as likely as they are; when it makes for the
-station from one of them, ranges soon show whether that was the right one.
+likelier one, so that ranges soon show whether it was the right one; by their mean both would stay as likely.
 
-Functions take records of `[formation]` and `[formation.proximity]`, of STATION, and of `laisn.swarm.READING` and
+Functions take `formation` and `proximity`, records of these sections, of STATION, and of `laisn.swarm.READING` and
 `ESTIMATE`; `trail` and `count` as of `sim.control.trail`; and `memory`, of FOLLOWER_MEMORY, which they bring forward.
 """
 
@@ -28,13 +40,113 @@ from laisn.arrays import Ints, Record, Records
 from laisn.compiled import compiled
 from laisn.geometry import wrap_angle
 from sim.control.allocation import clip
-from sim.control.approach import CONSTANT_BEARING, approach, away, give_way
 from sim.control.autopilot import VehicleState
 from sim.control.guidance import SPEED_LEAST
-from sim.control.leader_plan import SPACING, LeaderPlan, correct_planned, extend_as_planned
 from sim.control.station import FRAME_STATE, Target, rate_limited_velocity, station_at, turn_frame
-from sim.control.trail import extend
+from sim.control.trail import SPACING, LeaderPlan, correct_planned, extend, extend_as_planned
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE
+
+CONSTANT_BEARING, ILOS, ALOS = range(3)  # values of `formation.law`
+
+
+@compiled
+def _line_of_sight(
+    a: Record, t: Target, off: tuple[float, float], dt: float, integral: float
+) -> tuple[float, float, float]:
+    """Velocity through the water, east and north, and the integral brought forward."""
+    speed = np.hypot(t.velocity_east, t.velocity_north)
+    course = np.arctan2(t.velocity_east, t.velocity_north) if speed > 0.0 else np.arctan2(t.way_east, t.way_north)
+    sine, cosine = np.sin(course), np.cos(course)
+    along, across = off[0] * sine + off[1] * cosine, off[0] * cosine - off[1] * sine
+    wanted = speed - a.approach_speed * along / np.sqrt(along * along + a.lookahead * a.lookahead)
+    if a.law == ILOS:
+        pulled = across + a.integral * integral
+        integral += dt * a.lookahead * across / (a.lookahead * a.lookahead + pulled * pulled)
+        heading = course - np.arctan(pulled / a.lookahead)
+    else:
+        # the crab angle itself is what is integrated
+        gain = a.integral / (a.lookahead * a.lookahead)
+        rate = gain * a.lookahead * across / np.sqrt(a.lookahead * a.lookahead + across * across)
+        integral = clip(integral + dt * rate, -0.8, 0.8)
+        heading = course - integral - np.arctan(across / a.lookahead)
+    return wanted * np.sin(heading), wanted * np.cos(heading), integral
+
+
+@compiled
+def approach(
+    a: Record, t: Target, place: tuple[float, float], current: tuple[float, float], dt: float, integral: float
+) -> tuple[float, float, float]:
+    """Velocity through the water that leads to a station, its size within the limits.
+
+    Args:
+        a: record of `[formation]`.
+        t: the station.
+        place: estimate of the vehicle's place [m].
+        current: estimate of the current [m/s].
+        dt: since the last call [s].
+        integral: of the cross-track error, where the law has one.
+
+    Returns:
+        Velocity east and north [m/s], and the integral brought forward.
+    """
+    x, y = place[0] - t.east, place[1] - t.north
+    if a.law == CONSTANT_BEARING:
+        scale = a.approach_speed / np.sqrt(x * x + y * y + a.lookahead * a.lookahead)
+        east = t.velocity_east - scale * x - current[0]
+        north = t.velocity_north - scale * y - current[1]
+    else:
+        east, north, integral = _line_of_sight(a, t, (x, y), dt, integral)
+    # a hull without way cannot be steered, nor one that goes astern
+    way_east, way_north = t.way_east - current[0], t.way_north - current[1]
+    way = np.hypot(way_east, way_north)
+    if way > 0.0:
+        way_east, way_north = way_east / way, way_north / way
+        lacking = max(a.min_along_track_speed - (east * way_east + north * way_north), 0.0)
+        east, north = east + lacking * way_east, north + lacking * way_north
+    size = np.hypot(east, north)
+    if size > 0.0:
+        scale = clip(size, a.min_speed, a.max_speed) / size
+        east, north = east * scale, north * scale
+    return east, north, integral
+
+
+@compiled
+def away(p: Record, seen: Records, heading: float) -> tuple[float, float]:
+    """Velocity away from all vehicles in sight, east and north, no more than the full speed [m/s].
+
+    Args:
+        p: record of `[formation.proximity]`.
+        seen: `range` [m] and `bearing` of each vehicle, to starboard [rad], shape (v,); NaN: nothing.
+        heading: own measured one [rad].
+    """
+    east, north = 0.0, 0.0
+    for j in range(seen.shape[0]):
+        if seen[j].range == seen[j].range:
+            share = (p.range - seen[j].range) / (p.range - p.full_avoidance_range)
+            speed = p.max_avoidance_speed * clip(share, 0.0, 1.0)
+            towards = heading + seen[j].bearing
+            east, north = east - speed * np.sin(towards), north - speed * np.cos(towards)
+    size = np.hypot(east, north)
+    if size > p.max_avoidance_speed:
+        east, north = east * p.max_avoidance_speed / size, north * p.max_avoidance_speed / size
+    return east, north
+
+
+@compiled
+def give_way(f: Record, wanted: tuple[float, float], push: tuple[float, float]) -> tuple[float, float]:
+    """Heading [rad] and speed through the water [m/s] with a velocity added to them, within what a hull can do.
+
+    Args:
+        f: record of `[formation]`.
+        wanted: heading [rad] and speed [m/s] before avoidance.
+        push: east and north [m/s].
+    """
+    heading, speed = wanted
+    sine, cosine = np.sin(heading), np.cos(heading)
+    along = max(speed + push[0] * sine + push[1] * cosine, f.min_along_track_speed)
+    across = push[0] * cosine - push[1] * sine
+    return heading + np.arctan2(across, along), min(np.hypot(along, across), f.max_speed)
+
 
 FOLLOWER_MEMORY = np.dtype(
     [
@@ -53,26 +165,19 @@ FOLLOWER_MEMORY = np.dtype(
 )
 """Memory of one follower, from one control step to the next."""
 
-_LOG_TIME = 1.0
-"""Time constant of the log's low-pass [s]."""
-_COMPASS_TIME = 2.0
-"""The compass's readings are followed with this time constant, a gyro's at once [s]."""
-_DIVE_RATE = 0.2
-"""A new depth is taken up at this rate [m/s]."""
-_SURFACE = 0.2
-"""Depth at which a follower lies at the surface [m]."""
-_CIRCLE = float(np.deg2rad(4.0))
-"""Rate at which a follower circles that has given up [rad/s]."""
+_LOG_TIME = 1.0  # time constant of the log's low-pass [s]
+_COMPASS_TIME = 2.0  # the compass's readings are followed with this time constant, a gyro's at once [s]
+_DIVE_RATE = 0.2  # a new depth is taken up at this rate [m/s]
+_SURFACE = 0.2  # depth at which a follower lies at the surface [m]
+_CIRCLE = float(np.deg2rad(4.0))  # rate at which a follower circles that has given up [rad/s]
 
-CONTINUE, CIRCLE, SURFACE = range(3)
-"""Values of `formation.timeout_action`."""
+CONTINUE, CIRCLE, SURFACE = range(3)  # values of `formation.timeout_action`
 
 
 class Steering(NamedTuple):
     """What the autopilot is to do."""
 
-    wanted: tuple[float, float, float]
-    """Heading [rad], its rate [rad/s], speed through the water [m/s]."""
+    wanted: tuple[float, float, float]  # heading [rad], its rate [rad/s], speed through the water [m/s]
     motion: VehicleState
 
 
@@ -88,7 +193,7 @@ def extend_trail(
 ) -> None:
     """Take a message with at least one range: the trail grows, and the frame is turned along it.
 
-    Since the last message the frame was turned by where the leader was taken to be; now its way there is known.
+    Since the last message the frame was turned along the extrapolated trail; now the way there is known.
 
     Args:
         message: of `laisn.swarm.MESSAGE`.
@@ -108,11 +213,7 @@ def extend_trail(
 
 @compiled
 def init_memory(leader: Record, trail: Records, count: Ints, memory: Record) -> None:
-    """Set up the memory of a follower at its start; its own motion follows from its first readings.
-
-    Args:
-        leader: where the leader starts; a message of `laisn.swarm.MESSAGE`.
-    """
+    """Set up the memory of a follower at its start, by the place of the leader, a message of `laisn.swarm.MESSAGE`."""
     memory.frame.heading = memory.kept_frame.heading = leader.heading
     extend(trail, count, leader.east, leader.north, leader.timestamp, (leader.speed, leader.heading))
     memory.log, memory.compass = np.nan, np.nan
@@ -125,9 +226,7 @@ def extend_silent_trail(
 ) -> None:
     """Extend the trail by the leader's plan while no message is in; nothing without a plan.
 
-    Args:
-        plan: of the leader, as its messages carry it.
-        clock: control step, and its length [s].
+    `clock` is the control step, and its length [s].
     """
     k, dt = clock
     if plan.until.size > 0 and k % round(SPACING / dt) == 0 and k * dt - memory.last_received > 0.5 * SPACING:
@@ -136,11 +235,7 @@ def extend_silent_trail(
 
 @compiled
 def update_avoidance(proximity: Record, seen: Records, estimate: Record, memory: Record) -> None:
-    """Take a look around by the proximity sensor: from now on the follower gives way to what is nearby.
-
-    Args:
-        seen: as of `sim.control.approach.away`.
-    """
+    """Take a look around by the proximity sensor: from now on the follower gives way to what is nearby."""
     heading = memory.compass - estimate.compass_bias
     memory.push[0], memory.push[1] = away(proximity, seen, heading)
 

@@ -16,7 +16,8 @@ integral of the offset from the reference (`integrate_offset`).
 Where the route stops, the velocity over ground leads back to the place. In still water the vehicle keeps its course
 and moves ahead and astern; in a current it heads into it.
 
-`dt` is the time since the last call [s].
+Functions take `reference`, the record of REFERENCE of this instant; `position`, true or estimated, and currents, east
+and north [m], [m/s]; `dt`, the time since the last call [s]; and `memory`, of GUIDANCE_MEMORY, brought forward.
 """
 
 from collections.abc import Callable, Sequence
@@ -56,19 +57,14 @@ GUIDANCE_MEMORY = np.dtype(
 
 TURN_SMOOTHING = 1.2
 """A turn sets in and ends over this time [s]: four times the lag of the thrusters, as no hull jumps to 10°/s."""
-DEPTH_SMOOTHING = 6.0
-"""A change of the rate of depth takes this time [s], in which a hull pitches by 20° at leisure."""
+DEPTH_SMOOTHING = 6.0  # a change of the rate of depth takes this time [s], in which a hull pitches by 20° at leisure
 LOOKAHEAD_TIME = 4.0
 """The lookahead distance is the way of this time [s], so that cross-track errors fade with this time constant; several
 times slower than the heading loop."""
-LOOKAHEAD_MIN = 2.0
-"""The lookahead is at least this long: a hull length [m]."""
-ALONG_TRACK_TIME = 8.0
-"""Along-track errors fade with this time constant [s]; slower than the speed loop."""
-CATCH_UP = 0.3
-"""The speed correction is at most this share of the reference speed."""
-CURRENT_TIME = 10.0
-"""Time constant of the current's low-pass [s]; longer than a wave's period."""
+LOOKAHEAD_MIN = 2.0  # the lookahead is at least this long: a hull length [m]
+ALONG_TRACK_TIME = 8.0  # along-track errors fade with this time constant [s]; slower than the speed loop
+CATCH_UP = 0.3  # the speed correction is at most this share of the reference speed
+CURRENT_TIME = 10.0  # time constant of the current's low-pass [s]; longer than a wave's period
 OFFSET_GAIN = 1.0 / 400.0
 """Change of the integrated current per offset [1/s²]: with the proportional part, poles at 1/40 and 1/10 per second
 along the track, at 1/100 and 1/4 across."""
@@ -76,10 +72,8 @@ OFFSET_MOST = 2.0
 """Offset along an axis that is integrated at most [m] …"""
 INTEGRAL_MOST = 1.0
 """… and the current along an axis that comes of it at most [m/s]."""
-SPEED_LEAST = 0.1
-"""Least speed through the water on the way; slower, a hull has no heading to keep [m/s]."""
-HOLD_SPEED = 0.3
-"""Greatest speed along an axis that leads back to the place where a route stops [m/s]."""
+SPEED_LEAST = 0.1  # least speed through the water on the way; slower, a hull has no heading to keep [m/s]
+HOLD_SPEED = 0.3  # greatest speed along an axis that leads back to the place where a route stops [m/s]
 
 
 def _mean(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floats:
@@ -96,16 +90,10 @@ def _rate(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floa
 
 
 def flown_plan(route: Route, least_radius: float) -> Plan:
-    """The plan of a route with turns that a vehicle can make, which begin earlier, on wider arcs that touch the legs.
+    """The plan of a route with turns of a least radius [m], 0 for TURN_RATE, which begin earlier and touch the legs.
 
     Where a leg is too short for such arcs, arcs of 3/4, 1/2 and 1/4 of the radius are tried; the vehicle leaves these.
-
-    Args:
-        route: waypoints and their times.
-        least_radius: of the vehicle's turns [m]; 0: all turns at TURN_RATE.
-
-    Raises:
-        LaisnError: the route cannot be flown at TURN_RATE either.
+    LaisnError if the route cannot be flown at TURN_RATE either.
     """
     for radius in (least_radius, 0.75 * least_radius, 0.5 * least_radius, 0.25 * least_radius):
         if radius > 0.0:
@@ -154,7 +142,7 @@ def reference(
         least_radii: of each vehicle's turns [m], as of `flown_plan`; None: 0.
 
     Raises:
-        ValueError: a route cannot be flown.
+        LaisnError: a route cannot be flown.
     """
     table = records(REFERENCE, time.size, len(routes))
     for i, route in enumerate(routes):
@@ -164,15 +152,7 @@ def reference(
 
 @compiled
 def begin(reference: Record, heading: float, speed: float, current: tuple[float, float], memory: Record) -> None:
-    """Initialise the memory of guidance for a vehicle at its start.
-
-    Args:
-        reference: of this instant, record of REFERENCE.
-        heading: of the vehicle [rad].
-        speed: through the water, along the hull [m/s].
-        current: east and north; zero where it is not known [m/s].
-        memory: record of GUIDANCE_MEMORY; overwritten.
-    """
+    """Initialise the memory of guidance for a vehicle at its start, by its heading and speed through the water."""
     memory.heading = reference.course + signed_angle(heading - reference.course)
     memory.speed = max(speed, SPEED_LEAST)
     memory.current[0], memory.current[1] = current
@@ -180,25 +160,14 @@ def begin(reference: Record, heading: float, speed: float, current: tuple[float,
 
 @compiled
 def track_current(current: tuple[float, float], dt: float, memory: Record) -> None:
-    """Follow a current, true or estimated, by a low-pass.
-
-    Args:
-        current: east and north [m/s].
-        memory: record of GUIDANCE_MEMORY; `current` is brought forward.
-    """
+    """Follow a current, true or estimated, by a low-pass."""
     for i in range(2):
         memory.current[i] += (current[i] - memory.current[i]) * dt / CURRENT_TIME
 
 
 @compiled
 def integrate_offset(reference: Record, position: tuple[float, float], dt: float, memory: Record) -> None:
-    """Treat a persistent offset from the reference as a current: integral action without a current state.
-
-    Args:
-        reference: of this instant, record of REFERENCE.
-        position: true or estimated, east and north [m].
-        memory: record of GUIDANCE_MEMORY; `current` is brought forward.
-    """
+    """Treat a persistent offset from the reference as a current: integral action without a current state."""
     place = reference.east, reference.north
     for i in range(2):
         offset = clip(position[i] - place[i], -OFFSET_MOST, OFFSET_MOST)
@@ -213,24 +182,14 @@ def limit_command(heading: float, speed: float, dt: float, memory: Record) -> tu
     turn = signed_angle(heading - before)
     memory.heading += clip(turn, -TURN_RATE * dt, TURN_RATE * dt)
     memory.speed += clip(speed - memory.speed, -ACCELERATION * dt, ACCELERATION * dt)
-    return (
-        memory.heading,
-        (memory.heading - before) / dt,
-        memory.speed,
-    )
+    return memory.heading, (memory.heading - before) / dt, memory.speed
 
 
 @compiled
 def _hold(
     course: tuple[float, float], offset: tuple[float, float], dt: float, memory: Record
 ) -> tuple[float, float, float]:
-    """As `steer`, where the route stops.
-
-    Args:
-        course: of the reference, a unit vector.
-        offset: way to the place, east and north [m].
-        memory: as of `steer`.
-    """
+    """As `steer`, where the route stops, by the reference's course, a unit vector, and the way to the place [m]."""
     through_east = clip(offset[0] / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory.current[0]
     through_north = clip(offset[1] / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory.current[1]
     # the smaller this velocity, the more the heading is that of the course
@@ -242,11 +201,6 @@ def _hold(
 @compiled
 def steer(reference: Record, position: tuple[float, float], dt: float, memory: Record) -> tuple[float, float, float]:
     """Heading and speed through the water that lead back to the reference.
-
-    Args:
-        reference: of this instant, record of REFERENCE.
-        position: true or estimated, east and north [m].
-        memory: record of GUIDANCE_MEMORY; the commands are brought forward, the current is read.
 
     Returns:
         heading, continuous, turning at 10°/s at most [rad]; its rate, clockwise [rad/s]; speed through the water,

@@ -23,21 +23,15 @@ from sim.vehicle import coefficients
 from sim.vehicle.effectors import FIN, THRUSTER, state_for, unit_wrenches
 from sim.vehicle.hydrodynamics import wrench
 from sim.vehicle.plant import Plant
-from sim.water.ocean import Water
+from sim.water import Water
 
-_SPEED_STEP = 0.5
-"""Speeds are looked at in such steps, from the one at which missions begin [m/s]."""
-_GROWTH = 0.02
-"""Slower growth is left to the loops that are left out [1/s]."""
-_CATCHING_UP = 1.0 + CATCH_UP
-"""Largest commanded speed as a multiple of the speed of a route."""
-_DRIFT_M_S, _SPIN_RAD_S = (0.3, 0.3), (0.2, 0.2, 0.2)
-"""Sway and heave, and roll, pitch and yaw rates of a brisk turn."""
+_SPEED_STEP = 0.5  # speeds are looked at in such steps, from the one at which missions begin [m/s]
+_GROWTH = 0.02  # slower growth is left to the loops that are left out [1/s]
+_CATCHING_UP = 1.0 + CATCH_UP  # largest commanded speed as a multiple of the speed of a route
+_DRIFT_M_S, _SPIN_RAD_S = (0.3, 0.3), (0.2, 0.2, 0.2)  # sway and heave, and roll, pitch and yaw rates of a brisk turn
 _STEP = 1e-4
-TURN_RESERVE = 0.9
-"""Turns are planned with the least radius over this, which leaves some rudder for corrections."""
-HEIGHT = 9
-"""Place of the height among velocities (0 to 5) and angles (6 to 8)."""
+TURN_RESERVE = 0.9  # turns are planned with the least radius over this, which leaves some rudder for corrections
+HEIGHT = 9  # place of the height among velocities (0 to 5) and angles (6 to 8)
 
 
 def _skew(a: Floats) -> Floats:
@@ -66,13 +60,7 @@ def _forces(c: Any, rigid: Floats, centre: Floats, state: Floats, water: Water, 
 
 
 def _law(d: Any, climb: Floats, speed: float) -> Floats:
-    """Wrench that the autopilot commands by velocities (6), angles (3) and height.
-
-    Args:
-        d: record of DESIGN.
-        climb: rate of climb by the same, shape (10,).
-        speed: [m/s].
-    """
+    """Wrench that the autopilot commands by velocities (6), angles (3) and height, as is `climb`, the rate of climb."""
     law, omega = np.zeros((6, 10)), d["omega"]
     thrust = 1.0 - d["by_pitch"] * clip((speed - SPEED_HEAVE) / (SPEED_PITCH - SPEED_HEAVE), 0.0, 1.0)
     thrust *= d["has_heave"]
@@ -94,15 +82,10 @@ def _body(plant: Plant, i: int) -> tuple[Floats, Floats]:
 
 
 def steady_turn(plant: Plant, i: int, d: Any, speed: float) -> tuple[float, float]:
-    """Largest rate of turn of vehicle i at a speed [rad/s], and the radius of that turn [m].
+    """Largest rate of turn of vehicle i in calm water at a speed along the hull [rad/s], and the turn's radius [m].
 
     Sway and yaw balance the forces of the effectors; roll, pitch and heave are left out. Where there is no balance the
-    rate is infinite.
-
-    Args:
-        plant: its vehicles, in calm water.
-        d: its autopilot, a record of DESIGN.
-        speed: along the hull [m/s].
+    rate is infinite. `d` is its autopilot, a record of DESIGN.
     """
     rigid, centre = _body(plant, i)
     c = coefficients.read(plant.model, plant.names, plant.ocean.density_kg_m3).view(np.recarray)[i]
@@ -136,8 +119,7 @@ def least_radius(plant: Plant, i: int, d: Any) -> float:
 def _motion(plant: Plant, i: int, d: Any, about: Floats) -> Floats:
     """Matrix of the linear motion of vehicle i: velocities, angles, height and the lagging wrench, shape (16, 16).
 
-    Args:
-        about: velocities (6) and angles (3) that it is linear about.
+    It is linear about velocities (6) and angles (3).
     """
     rigid, centre = _body(plant, i)
     c, own, settings = plant.true_coefficients.view(np.recarray)[i], plant.effectors[i], plant.setups[i].settings

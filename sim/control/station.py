@@ -12,7 +12,7 @@ the envelopes that fall and rise at that rate (McShane 1934). A swing in no time
 what changes slowly enough stays as it is.
 
 Functions take `f`, the record of `[formation]`; `station`, a record of STATION; `trail`, the leader's and how many
-points it has; and `dt`, a time step [s].
+points it has; `dt`, a time step, and `time`, now [s]; and `state`, of FRAME_STATE.
 """
 
 from typing import NamedTuple
@@ -25,15 +25,12 @@ from laisn.geometry import wrap_angle
 from sim.control.allocation import clip
 from sim.control.trail import arc_at, at, pace, turned_since
 
-STATION = np.dtype([("behind", np.float64), ("port", np.float64), ("depth", np.float64)])
-"""A station [m]."""
+STATION = np.dtype([("behind", np.float64), ("port", np.float64), ("depth", np.float64)])  # a station [m]
 FRAME_STATE = np.dtype([("heading", np.float64), ("rate", np.float64)])
 """State of a frame: its heading [rad] and its rate [rad/s]."""
 
-_NEAREST = 5.0
-"""A station nearer to the trail is turned as if it were this far aside [m]."""
-AGILITY = float(np.deg2rad(8.0))
-"""Rate of turn that a follower counts on [rad/s]; 10°/s is what it is allowed."""
+_NEAREST = 5.0  # a station nearer to the trail is turned as if it were this far aside [m]
+AGILITY = float(np.deg2rad(8.0))  # rate of turn that a follower counts on [rad/s]; 10°/s is what it is allowed
 STEP = 1.0
 """It looks ahead and back in steps of this time [s] …"""
 STEPS = 10
@@ -45,20 +42,17 @@ _LITTLE = float(np.sin(AGILITY * STEP))
 class Target(NamedTuple):
     """Where a station is now, and how it moves."""
 
-    east: float
-    """[m]."""
+    east: float  # [m]
     north: float
-    velocity_east: float
-    """Over ground [m/s]."""
+    velocity_east: float  # over ground [m/s]
     velocity_north: float
-    way_east: float
-    """Velocity over ground of the leader, when it was there [m/s]."""
+    way_east: float  # velocity over ground of the leader, when it was there [m/s]
     way_north: float
 
 
 @compiled
 def _turn(f: Record, speeds: tuple[float, float], port: float, towards: float, dt: float, state: Record) -> None:
-    """Turn the frame towards a course; the leader's speeds are those over ground now, and through the water then."""
+    """Turn the frame towards a course, by the leader's speeds over ground now and through the water then."""
     over_ground, through = speeds
     width = max(abs(port), _NEAREST)
     off = wrap_angle(towards - state.heading)
@@ -80,12 +74,7 @@ def _turn(f: Record, speeds: tuple[float, float], port: float, towards: float, d
 def turn_frame(
     f: Record, station: Record, trail: tuple[Records, int], span: tuple[float, float], dt: float, state: Record
 ) -> None:
-    """Turn a station's frame from one time to another, along the trail as it is known now.
-
-    Args:
-        span: from and to [s].
-        state: record of FRAME_STATE; brought forward.
-    """
+    """Turn a station's frame from one time to another [s], along the trail as it is known now."""
     points, count = trail
     over_ground = pace(points, count)
     for i in range(round((span[1] - span[0]) / dt)):
@@ -99,12 +88,7 @@ def turn_frame(
 
 @compiled
 def station_at(f: Record, station: Record, trail: tuple[Records, int], time: float, state: Record) -> Target:
-    """Where a station is, by its frame as it stands.
-
-    Args:
-        time: now [s].
-        state: record of FRAME_STATE.
-    """
+    """Where a station is, by its frame as it stands."""
     points, count = trail
     port, over_ground = station.port, pace(points, count)
     arc = arc_at(points, count, time) - station.behind
@@ -124,20 +108,13 @@ class _Outlook(NamedTuple):
     """A station about an instant, as far as the trail is known."""
 
     trail: Records
-    points: int
-    """How many points the trail has."""
-    arc: float
-    """Length of the way to where the station is in the trail [m]."""
-    pace: float
-    """Speed over ground of the leader [m/s]."""
-    port: float
-    """Distance of the station to port [m]."""
-    heading: float
-    """Of its frame [rad]."""
-    rate: float
-    """Rate of turn of its frame [rad/s]."""
-    current: tuple[float, float]
-    """As the follower estimates it, east and north [m/s]."""
+    points: int  # how many points the trail has
+    arc: float  # length of the way to where the station is in the trail [m]
+    pace: float  # speed over ground of the leader [m/s]
+    port: float  # distance of the station to port [m]
+    heading: float  # of its frame [rad]
+    rate: float  # rate of turn of its frame [rad/s]
+    current: tuple[float, float]  # as the follower estimates it, east and north [m/s]
 
 
 @compiled
@@ -154,11 +131,7 @@ def _through_water(o: _Outlook, later: float) -> tuple[float, float]:
 def _turns_slowly(o: _Outlook, preview: float, speed: float) -> bool:
     """Whether all headings that are looked at are surely nearer to the one needed now than a hull turns in a step.
 
-    So it is on straight legs, most of the time, and nothing has to be looked at.
-
-    Args:
-        preview: how much later than now all is looked at [s].
-        speed: through the water that is needed then [m/s].
+    So it is on straight legs, most of the time. `speed` through the water is needed `preview` later than now.
     """
     reach = STEPS * STEP
     bend = turned_since(o.trail, o.points, o.arc + (preview - reach) * o.pace)
@@ -167,12 +140,7 @@ def _turns_slowly(o: _Outlook, preview: float, speed: float) -> bool:
 
 @compiled
 def _between_envelopes(o: _Outlook, preview: float, heading: float) -> float:
-    """Heading in the middle of the envelopes.
-
-    Args:
-        preview: how much later than now is looked at [s].
-        heading: that is needed then [rad].
-    """
+    """Heading in the middle of the envelopes about the heading that is needed `preview` later than now [rad]."""
     upper = lower = heading
     for side in (-1.0, 1.0):
         then = heading
@@ -188,13 +156,7 @@ def _between_envelopes(o: _Outlook, preview: float, heading: float) -> float:
 def rate_limited_velocity(
     f: Record, station: Record, trail: tuple[Records, int], time: float, current: tuple[float, float], state: Record
 ) -> tuple[float, float]:
-    """Velocity over ground with which a hull stays nearest to its station, east and north [m/s].
-
-    Args:
-        time: now [s].
-        current: as the follower estimates it, east and north [m/s].
-        state: record of FRAME_STATE.
-    """
+    """Velocity over ground with which a hull stays nearest to its station in a current, east and north [m/s]."""
     points, count = trail
     arc = arc_at(points, count, time) - station.behind
     o = _Outlook(points, count, arc, pace(points, count), station.port, state.heading, state.rate, current)

@@ -1,17 +1,25 @@
-"""The leader's trail: its received positions, by the length of its way.
+"""The leader's trail: its received positions, by the length of its way, and its planned ones between messages.
 
 A smooth curve leads through the positions (cubic Hermite segments with mean slopes, as Catmull and Rom 1974). Beyond
 its head the leader is taken to go on as it went over the last seconds; before its tail, to have come straight.
 
-Functions take `trail`, records of TRAIL of shape (room,), and `count`, how many points it has, at least one; `extend`
-begins a trail, overwrites it from `count` on, and brings `count`, of shape (1,), forward.
+Where the leader's messages carry its next waypoints, a follower computes the leader's track to them by the rules of the
+point motion (`sim.scenario.point_motion`), and takes the leader to be as far off that track as it was at the last
+message. Without waypoints it assumes that the leader keeps its course.
+
+Functions take `trail`, records of TRAIL of shape (room,), and `count`, how many points it has, at least one; those that
+change the trail bring `count`, of shape (1,), forward.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Ints, Records
+from laisn.arrays import Floats, Ints, Records, records
 from laisn.compiled import compiled
 from laisn.geometry import wrap_angle
+from sim.control.guidance import REFERENCE
+from sim.scenario.point_motion import SHARPEST_CUT, TURN_RATE
 
 TRAIL = np.dtype(
     [
@@ -29,13 +37,10 @@ TRAIL = np.dtype(
 )
 """One point of a trail."""
 
-SHORTEST = 0.3
-"""Points of a trail are at least this far apart [m]: below it, a way would be made of waves and rounding."""
-PACE_TIME = 10.0
-"""The pace is the mean over this time [s]."""
+SHORTEST = 0.3  # points of a trail are at least this far apart [m]: below it, a way would be made of waves and rounding
+PACE_TIME = 10.0  # the pace is the mean over this time [s]
 
-TAIL = 20.0
-"""Before its first point the trail is taken to have come straight, as it went on for so long [m]."""
+TAIL = 20.0  # before its first point the trail is taken to have come straight, as it went on for so long [m]
 
 Place = tuple[float, float, float, float, float]
 """East and north [m]; the way's direction, a unit vector east and north; the leader's speed through the water there
@@ -105,14 +110,7 @@ def _mean_speed(trail: Records, last: int) -> float:
 
 @compiled
 def extend(trail: Records, count: Ints, east: float, north: float, time: float, motion: tuple[float, float]) -> None:
-    """Add where the leader was to its trail.
-
-    Args:
-        east: [m].
-        north: [m].
-        time: [s], later than before.
-        motion: speed through the water [m/s] and heading [rad].
-    """
+    """Add where the leader was to its trail: east, north [m], time [s], later than before, speed and heading."""
     n = count[0]
     through, heading = motion
     if n == 0:
@@ -180,8 +178,7 @@ def _straight(trail: Records, i: int, ahead: tuple[float, float], beyond: float)
 def _before(trail: Records, count: int, arc: float) -> int:
     """The last point that is not beyond a length of the way, which lies between the ends of a trail.
 
-    It is sought from where it would be at an even pace: bisection would touch all of a long trail, which no cache holds
-    of many followers.
+    The search starts at an even pace: bisection would touch all of a long trail, beyond the cache for many followers.
     """
     last = count - 1
     low = min(int(arc / trail[last].arc * last), last - 1)
@@ -201,11 +198,7 @@ def _head(trail: Records, count: int) -> int:
 
 @compiled
 def turned_since(trail: Records, count: int, arc: float) -> float:
-    """By how much the way turns at most from a length of it on, to port and to starboard added up [rad].
-
-    Args:
-        arc: length of the way, as of `at` [m].
-    """
+    """By how much the way turns at most from a length of it on [m], to port and to starboard added up [rad]."""
     last = count - 1
     if arc <= 0.0 or trail[last].arc <= 0.0:
         return float(trail[last].turned)
@@ -215,11 +208,7 @@ def turned_since(trail: Records, count: int, arc: float) -> float:
 
 @compiled
 def at(trail: Records, count: int, arc: float) -> Place:
-    """The trail at a length of the way.
-
-    Args:
-        arc: length of the way; less than that of the first point or more than that of the last is straight on [m].
-    """
+    """The trail at a length of the way [m]; before the first point and after the last it is straight."""
     last = count - 1
     if arc <= 0.0 or trail[last].arc <= 0.0:
         return _straight(trail, 0, (trail[0].slope_east, trail[0].slope_north), arc)
@@ -244,3 +233,91 @@ def at(trail: Records, count: int, arc: float) -> Place:
         ahead_north,
         (1.0 - u) * trail[low].through + u * trail[high].through,
     )
+
+
+SPACING = 1.0  # planned points follow each other in a trail after this time [s]
+_HALF_TURN = 0.5 * SHARPEST_CUT / TURN_RATE  # a turn begins at most so long before its waypoint [s]
+_OFF_PLAN = 5.0  # a leader farther off its plan than this has left it after the last waypoint that was received [m]
+
+
+class LeaderPlan(NamedTuple):
+    """The leader's track as a follower computes it from waypoints, at n control steps."""
+
+    track: Records  # of REFERENCE, of which place and course are read, shape (n,)
+    until: Floats
+    """Time until which a message sent at each step gives the track, shape (n,), [s]; of no length: none does."""
+
+
+def plan_of(track: Records, times: Floats, waypoints: int, dt: float) -> LeaderPlan:
+    """The plan of a leader whose messages carry its next waypoints.
+
+    The track is known until the turn at the last of them, which depends on the next leg, or until the end of the route.
+
+    Args:
+        track: the leader's reference at n control steps, records of REFERENCE, shape (n,).
+        times: of the leader's waypoints, increasing, shape (w,), [s].
+        waypoints: how many a message carries; 0: none.
+        dt: control step [s].
+    """
+    if waypoints == 0:
+        return LeaderPlan(records(REFERENCE, 0), np.zeros(0))
+    last = np.searchsorted(times, dt * np.arange(len(track)), side="right") + waypoints - 1
+    until = np.append(times[:-1] - _HALF_TURN, np.inf)[np.minimum(last, times.size - 1)]
+    # the start is known, but no message has been sent yet
+    until[0] = -np.inf
+    return LeaderPlan(np.ascontiguousarray(track), until)
+
+
+@compiled
+def extend_as_planned(
+    plan: LeaderPlan, trail: Records, count: Ints, received: tuple[float, int], clock: tuple[int, float]
+) -> None:
+    """Add where the leader is by the plan to its trail, if the last message had the plan for now.
+
+    Args:
+        received: time of the last message [s], and how many points the trail had with it; the others are planned ones.
+        clock: control step, and its length [s].
+    """
+    (k, dt), (last, points) = clock, received
+    if k * dt > plan.until[round(last / dt)]:
+        return
+    # of a leader that stands still, planned points take the place of the one that was received
+    head = points - 1
+    since = round(trail[head].time / dt)
+    if k <= since:
+        return
+    east = trail[head].east + plan.track[k].east - plan.track[since].east
+    north = trail[head].north + plan.track[k].north - plan.track[since].north
+    heading = trail[head].heading + plan.track[k].course - plan.track[since].course
+    extend(trail, count, east, north, k * dt, (trail[head].through, heading))
+
+
+@compiled
+def correct_planned(trail: Records, count: Ints, received: int, message: tuple[float, float, float]) -> None:
+    """Move planned points of a trail to where the leader was by the message after them; later ones are dropped.
+
+    Its distance from the plan is taken to have grown evenly since the message before.
+
+    Args:
+        received: how many points it had after the last message, at least one.
+        message: east, north [m] and time [s].
+    """
+    total, (east, north, time) = count[0], message
+    count[0] = received
+    if total == received:
+        return
+    begin, last = trail[received - 1].time, total - 1
+    while last >= received and trail[last].time > time - 0.5 * SPACING:
+        last -= 1
+    if last < received:
+        return
+    planned_east, planned_north, _, _, _ = at(trail, total, arc_at(trail, total, time))
+    off_east, off_north = east - planned_east, north - planned_north
+    if np.hypot(off_east, off_north) > _OFF_PLAN:
+        off_east = off_north = 0.0
+    for i in range(received, last + 1):
+        when = trail[i].time
+        share = (when - begin) / (time - begin)
+        motion = trail[i].through, trail[i].heading
+        # a point is written where it was read, or before
+        extend(trail, count, trail[i].east + share * off_east, trail[i].north + share * off_north, when, motion)

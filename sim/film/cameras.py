@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from laisn.arrays import Floats
+from sim import attitude
 from sim.film.film_data import FilmData, FrameState
-from sim.geometry import attitude
 
 _SMOOTHING_S = 0.8
 """Standard deviation of the smoothing of a camera's swing, in seconds of film."""

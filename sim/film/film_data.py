@@ -9,10 +9,10 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.estimates import FixKind
+from sim import attitude
 from sim.film.annotations import NOTHING, Annotations
 from sim.flight import Flight
-from sim.geometry import attitude
-from sim.station_keeping import true_stations
+from sim.stations import true_stations
 
 TRANSMITTERS = ("tx_rear", "tx_front", "tx_middle")
 

@@ -1,6 +1,6 @@
 """What the film shows of the sea: a floor and a height field of the surface that travel with the camera, fog, light.
 
-Looks alone: nothing here acts on a vehicle. The surface is the simulated one (`sim.water.ocean.Ocean.elevation`).
+Looks alone: nothing here acts on a vehicle. The surface is the simulated one (`sim.water.Ocean.elevation`).
 """
 
 from typing import Any
@@ -12,7 +12,7 @@ from laisn.arrays import Floats
 from sim.assembly import models_of
 from sim.flight import Flight
 from sim.vehicle.mjcf import VehicleSetup, compose
-from sim.water.ocean import Ocean
+from sim.water import Ocean
 
 WATER = (0.035, 0.26, 0.36)
 """Colour of the fog, and so of all that is far, so that no band remains at the horizon."""

@@ -10,9 +10,9 @@ from foxglove import messages as fg
 
 from laisn.arrays import Floats, Ints
 from laisn.estimates import FixKind
+from sim import attitude
+from sim.attitude import geodetic
 from sim.flight import Flight, Outcome
-from sim.geometry import attitude
-from sim.geometry.geodesy import geodetic
 from sim.log import schema
 from sim.log.scene import ESTIMATE, TRUTH, draw_acoustics, draw_vehicles
 from sim.log.schema import Clock, RecordType, pose, timestamp, vector

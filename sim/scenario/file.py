@@ -1,46 +1,93 @@
-"""Scenario files: TOML in and out, overrides, and error messages."""
+"""Scenario files: TOML in and out, overrides, and errors as lines that name key, expectation and value."""
 
+import difflib
 import json
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 import models
-from laisn.failure import LaisnError, plain, screenful, shortened
+from laisn.failure import ROWS, LaisnError, plain, screenful, shortened
 from sim.scenario.settings import KEYS_ALONE, Scenario
-from sim.scenario.validation_errors import lines_of
 from sim.scenario.vehicles import is_mjcf
 from sim.system import read_text
 
+Location = tuple[int | str, ...]  # path of a key, such as ("followers", 0, "depth_m")
+
+
+def key_of(location: Location) -> str:
+    """The path as it is printed: `followers[0].depth_m`."""
+    text = ""
+    for part in location:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
+    return text or "scenario"
+
+
+def _section(location: Location) -> type[BaseModel] | None:
+    """The model that a key path ends in."""
+    model: type[BaseModel] = Scenario
+    for part in location:
+        if isinstance(part, int):
+            continue
+        field = model.model_fields.get(part)
+        if field is None:
+            return None
+        candidates = (field.annotation, *get_args(field.annotation))
+        nested = next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), None)
+        if nested is None:
+            return None
+        model = nested
+    return model
+
+
+def _unknown(location: Location) -> str:
+    model = _section(location[:-1])
+    known = list(model.model_fields) if model else []
+    close = difflib.get_close_matches(shortened(str(location[-1]), 80), known, n=1, cutoff=0.5)
+    hint = f"did you mean {close[0]!r}?" if close else f"known here: {', '.join(known)}"
+    return f"  {shortened(plain(key_of(location)), 100)}: unknown key; {hint}"
+
+
+def _line(error: Mapping[str, Any]) -> str:
+    """An error in a line: key, what is expected, what was given."""
+    if error["type"] == "extra_forbidden":
+        return _unknown(error["loc"])
+    key = shortened(plain(key_of(error["loc"])), 100)
+    message = error["msg"].removeprefix("Value error, ")
+    given = error["input"]
+    if isinstance(given, dict | BaseModel) or error["type"] == "missing":
+        return f"  {key}: {message}"
+    shown = shortened(repr(given) if not isinstance(given, list | str) else repr(given[:80]), 80)
+    return f"  {key}: {message} (given: {plain(shown)})"
+
+
+def lines_of(error: ValidationError) -> list[str]:
+    """A line for each error of a validation; empty ones beyond what a screen holds."""
+    errors = error.errors(include_url=False, include_context=False)
+    parents = {one["loc"][:n] for one in errors for n in range(len(one["loc"]))}
+    # pydantic leaves an invalid item out of its list, which may then seem too short
+    errors = [one for one in errors if one["type"] != "too_short" or one["loc"] not in parents]
+    return [*map(_line, errors[:ROWS]), *[""] * len(errors[ROWS:])]
+
+
 LARGEST_BYTES = 16_000_000
 """Largest scenario file that is read [bytes]: four routes of the most points that a route may have."""
-_DEEPEST = 16
-"""Most tables within tables; a scenario needs five."""
-_WIDEST_BITS = 1024
-"""Most bits of an integer; more is beyond every number of a scenario, and costly to write down."""
+_DEEPEST = 16  # most tables within tables; a scenario needs five
+_WIDEST_BITS = 1024  # most bits of an integer; more is beyond every number of a scenario, and costly to write down
 _MODEL_KEY = re.compile(r"(leader|followers\.(\d+|\*)|formation\.shape)\.model")
-_INDEX = re.compile("0|[1-9][0-9]{0,8}")
-"""An index of a list within a dotted key."""
+_INDEX = re.compile("0|[1-9][0-9]{0,8}")  # an index of a list within a dotted key
 
 
 class ScenarioError(LaisnError):
     """A scenario that is invalid or not feasible; the text names source, key, value and expectation of every error."""
 
 
-def _no_checks(scenario: Scenario) -> Iterable[str]:
-    return ()
-
-
 def _json_ready(value: object, depth: int = 0) -> object:
-    """A value with what JSON lacks as text, which validation refuses with its key.
-
-    Raises:
-        RecursionError: tables or lists nest deeper than those of any scenario.
-    """
+    """A value with what JSON lacks as text, which validation refuses; RecursionError if it nests too deep."""
     if depth > _DEEPEST:
         raise RecursionError
     if hasattr(value, "tolist"):
@@ -57,8 +104,8 @@ def _json_ready(value: object, depth: int = 0) -> object:
     return str(value).encode(errors="backslashreplace").decode()
 
 
-def plain_values(table: Mapping[str, Any], source: str) -> Any:
-    """A copy of a table that JSON can hold; ScenarioError if it nests too deep."""
+def plain_values(table: Any, source: str) -> Any:
+    """A copy of a table or value that JSON can hold; ScenarioError if it nests too deep."""
     try:
         return _json_ready(table)
     except RecursionError:
@@ -87,7 +134,7 @@ def seen_from(table: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def examined(
-    table: dict[str, Any], further: Callable[[Scenario], Iterable[str]] = _no_checks
+    table: dict[str, Any], further: Callable[[Scenario], Iterable[str]] = lambda _: ()
 ) -> tuple[Scenario | None, list[str]]:
     """The scenario, None if a key is invalid, and a line for each error; arguments as of `validate`.
 
@@ -101,17 +148,12 @@ def examined(
 
 
 def validate(
-    table: Mapping[str, Any], source: str, further: Callable[[Scenario], Iterable[str]] = _no_checks
+    table: Mapping[str, Any], source: str, further: Callable[[Scenario], Iterable[str]] = lambda _: ()
 ) -> Scenario:
     """A scenario from a table of keys.
 
-    Args:
-        table: as read from TOML.
-        source: name of the file, for messages.
-        further: lists more errors of a scenario whose keys are valid, as `sim.feasibility` does.
-
-    Raises:
-        ScenarioError: with one line for every error, as many as a screen holds.
+    `source` is the name of the file, for messages; `further` lists more errors of a scenario whose keys are valid, as
+    `sim.feasibility` does. ScenarioError with one line for every error, as many as a screen holds.
     """
     scenario, lines = examined(plain_values(table, source), further)
     if lines or scenario is None:
@@ -128,8 +170,7 @@ def parse(text: str, source: str) -> dict[str, Any]:
         raise ScenarioError(f"{source}: not valid TOML: lists or tables nest too deep") from None
     except ValueError as error:
         raise ScenarioError(f"{source}: not valid TOML: {shortened(plain(error), 300)}") from None
-    table: dict[str, Any] = plain_values(given, source)
-    return table
+    return plain_values(given, source)  # type: ignore[no-any-return]
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -178,11 +219,9 @@ def _each_key(table: Mapping[str, Any], key: str) -> list[str]:
 
 
 def dotted(table: Mapping[str, Any], is_value: Callable[[Any], bool] = lambda _: False) -> dict[str, Any]:
-    """Values of a table by their dotted keys, such as `followers.0.depth_m`: what `assigned` puts in place.
+    """Values of a table of tables and lists of tables by their dotted keys, such as `followers.0.depth_m`.
 
-    Args:
-        table: of tables, and of lists of tables.
-        is_value: whether a table is a value itself, and no part of a key; an empty one always is.
+    `is_value` is whether a table is a value itself, and no part of a key; an empty one always is.
     """
     found: dict[str, Any] = {}
     for name, value in table.items():
@@ -197,15 +236,14 @@ def dotted(table: Mapping[str, Any], is_value: Callable[[Any], bool] = lambda _:
 
 
 def assigned(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
-    """A copy of a table with values put at dotted keys, such as `followers.0.depth_m`, or `followers.*.depth_m` of all.
+    """A copy of a table with values put at dotted keys, such as `followers.0.depth_m`, or `followers.*.depth_m`.
 
-    Raises:
-        ScenarioError: a key leads through something that is no table or list.
+    ScenarioError if a key leads through something that is no table or list.
     """
     result: dict[str, Any] = plain_values(table, "scenario")
     for key, value in settings.items():
         for one in _each_key(result, str(key)):
-            _put(result, one, plain_values({"value": value}, one)["value"])
+            _put(result, one, plain_values(value, one))
     return result
 
 

@@ -1,7 +1,7 @@
 """Formation: shapes, stations in the leader's trail, how followers keep them, and how they give way to each other."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -14,8 +14,7 @@ Metres = Annotated[float, Field(ge=-1000, le=1000)]
 LEAST_APART_M = 3.0
 """Stations are refused that come nearer than this to each other, or to the leader: 2 m to keep clear of each other, and
 three standard deviations of the difference of two followers that are 0.25 m off each [m]."""
-LEAST_LAYER_M = 1.0
-"""Layers that are farther apart than this keep followers apart wherever they are [m]."""
+LEAST_LAYER_M = 1.0  # layers that are farther apart than this keep followers apart wherever they are [m]
 
 
 class Station(Section):
@@ -44,10 +43,6 @@ class Proximity(Section):
     max_avoidance_speed_m_s: Speed = Field(0.8, description="maximum avoidance speed, added to the guidance velocity")
 
 
-Offset = tuple[float, float]
-"""Behind the leader and to port, in spacings."""
-
-
 class Shape(Section):
     """Generates the followers, in place of `[[followers]]`."""
 
@@ -67,40 +62,28 @@ class Shape(Section):
     model: str | None = Field(None, description="model of the followers, as of `[[followers]]`")
 
 
-def _line(i: int, count: int) -> Offset:
-    return 0.0, i - 0.5 * (count - 1)
-
-
-def _wings(i: int, count: int) -> Offset:
-    rank, side = i // 2 + 1, 1.0 if i % 2 == 0 else -1.0
-    # twice as far aside as behind: at 45° all of a wing would meet where the leader turns by 90°
-    return (rank - 1) * math.sqrt(0.2), side * rank * 2.0 * math.sqrt(0.2)
-
-
-def _column(i: int, count: int) -> Offset:
-    return float(i), 0.0
-
-
-def _grid(i: int, count: int) -> Offset:
-    return float(i // 4), i % 4 - 0.5 * (min(count, 4) - 1)
-
-
-def _ring(i: int, count: int) -> Offset:
+def _offset(kind: str, i: int, count: int) -> tuple[float, float]:
+    """Place of follower i behind the leader and to port, in spacings."""
+    if kind == "line":
+        return 0.0, i - 0.5 * (count - 1)
+    if kind == "v":
+        rank, side = i // 2 + 1, 1.0 if i % 2 == 0 else -1.0
+        # twice as far aside as behind: at 45° all of a wing would meet where the leader turns by 90°
+        return (rank - 1) * math.sqrt(0.2), side * rank * 2.0 * math.sqrt(0.2)
+    if kind == "column":
+        return float(i), 0.0
+    if kind == "grid":
+        return float(i // 4), i % 4 - 0.5 * (min(count, 4) - 1)
     radius = 0.5 / math.sin(math.pi / count) if count > 1 else 0.0
     angle = 2.0 * math.pi * i / count
     return radius * (1.0 - math.cos(angle)), radius * math.sin(angle)
-
-
-_PLACES: dict[str, Callable[[int, int], Offset]] = {
-    "line": _line, "v": _wings, "column": _column, "grid": _grid, "ring": _ring,
-}  # fmt: skip
 
 
 def followers_of(shape: Shape) -> list[dict[str, Any]]:
     """Tables of the followers of a shape: names and stations, each in its layer."""
     tables = []
     for i in range(shape.count):
-        behind, port = _PLACES[shape.kind](i, shape.count)
+        behind, port = _offset(shape.kind, i, shape.count)
         station = {
             "behind_m": round(shape.behind_m + behind * shape.spacing_m, 6),
             "port_m": round(port * shape.spacing_m, 6),
@@ -125,19 +108,13 @@ class Scatter(Section):
     )
 
 
-_TRIES = 1000
-"""Stations drawn for one follower before the area counts as full."""
+_TRIES = 1000  # stations drawn for one follower before the area counts as full
 
 
 def scattered_followers(area: Scatter, address: Sequence[int]) -> list[dict[str, Any]]:
     """Tables of followers on stations drawn evenly over an area, each again until it keeps its distance.
 
-    Args:
-        area: of the stations.
-        address: key of the random numbers.
-
-    Raises:
-        ValueError: the area is too small for so many.
+    `address` is the key of the random numbers. ValueError if the area is too small for so many.
     """
     rng, places = np.random.default_rng(address), list[tuple[float, float]]()
     while len(places) < area.count:
@@ -225,8 +202,8 @@ def station_conflicts(stations: list[tuple[str, Station]]) -> list[str]:
     """Pairs of stations, or of a station and the leader, that leave no room for two hulls."""
     found: list[str] = []
     for key, a in stations:
-        if math.hypot(a.behind_m, a.port_m) < LEAST_APART_M:
-            text = f"{key}.station is {math.hypot(a.behind_m, a.port_m):.3g} m from the leader's place"
+        if (near := math.hypot(a.behind_m, a.port_m)) < LEAST_APART_M:
+            text = f"{key}.station is {near:.3g} m from the leader's place"
             found.append(f"{text}; stations are at least {LEAST_APART_M:g} m from it")
     needed = f"at least {LEAST_APART_M:g} m or {LEAST_LAYER_M:g} m are needed"
     return found + [

@@ -132,8 +132,7 @@ class Navigation(FurtherKeys):
         """Settings of the navigator.
 
         Args:
-            given: what stands elsewhere, by the names of fields, and counts unless a key of the navigator's own section
-                states otherwise: filter step, transmitters, hydrophone …
+            given: what stands elsewhere, by the names of fields, which keys of the navigator's own section replace.
             sound_m_s: speed of sound as the navigator assumes, by which errors of a clock become ranges [m/s].
 
         Raises:

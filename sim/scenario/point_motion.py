@@ -6,10 +6,13 @@ A route becomes a plan of segments on which acceleration and turn rate are const
 
 Corners are cut by the arc that touches both legs; its middle is the arrival at the waypoint, at the waypoint's time.
 The leg's speed follows from that in closed form. Before a stop the leg ends with a ramp down to rest at the waypoint;
-after it the vehicle turns on the spot. The same plan is the reference that `sim.control.guidance` follows,
-so that the paper's motion and the physical one differ by the physics alone.
+after it the vehicle turns on the spot. The same plan is the reference of `sim.control.guidance`.
+
+Follower routes are drawn at random from those that can be flown so, in the classes of the paper (Section 3).
 """
 
+from collections.abc import Sequence
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -17,16 +20,12 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.geometry import signed_angle
-from sim.scenario.routes import Route
+from sim.scenario.routes import FOLLOWER_DEPTH, Route, library_route
 
-TURN_RATE = float(np.deg2rad(10.0))
-"""Turn rate in every turn [rad/s] (paper, Section 3)."""
-ACCELERATION = 0.2
-"""Rate of every change of speed [m/s²] (paper, Section 3)."""
-SPEED_MAX = 3.0
-"""Top speed of a follower [m/s] (paper, Section 3)."""
-SPEED_MIN = 0.1
-"""A leg with less is refused: a hull without way cannot be steered along it [m/s]."""
+TURN_RATE = float(np.deg2rad(10.0))  # turn rate in every turn [rad/s] (paper, Section 3)
+ACCELERATION = 0.2  # rate of every change of speed [m/s²] (paper, Section 3)
+SPEED_MAX = 3.0  # top speed of a follower [m/s] (paper, Section 3)
+SPEED_MIN = 0.1  # a leg with less is refused: a hull without way cannot be steered along it [m/s]
 SHARPEST_CUT = float(np.deg2rad(135.0))
 """Sharper corners are not cut: the turn begins at the waypoint, for the touching arc would begin far ahead [rad]."""
 
@@ -36,13 +35,10 @@ class Motion(NamedTuple):
 
     east: Floats
     north: Floats
-    course: Floats
-    """Compass direction of motion, continuous (not wrapped) [rad]."""
+    course: Floats  # compass direction of motion, continuous (not wrapped) [rad]
     speed: Floats
-    turn_rate: Floats
-    """Rate of turn, clockwise [rad/s]."""
-    acceleration: Floats
-    """Change of the speed over time [m/s²]."""
+    turn_rate: Floats  # rate of turn, clockwise [rad/s]
+    acceleration: Floats  # change of the speed over time [m/s²]
 
 
 def _later(begin: Motion, dt: Floats | float) -> Motion:
@@ -62,8 +58,7 @@ def _later(begin: Motion, dt: Floats | float) -> Motion:
 class Plan(NamedTuple):
     """Segments of constant acceleration and turn rate, each array of shape (m,); the last one has no end."""
 
-    start: Floats
-    """Time at which the segment begins [s]."""
+    start: Floats  # time at which the segment begins [s]
     east: Floats
     north: Floats
     course: Floats
@@ -106,10 +101,7 @@ class _Planner:
 
 
 def _turn_towards(planner: _Planner, point: list[float]) -> float:
-    """Signed turn [rad] after which the vehicle heads for a point; NaN if the point lies within the turning circle.
-
-    The straight line from the circle to the point touches the circle. Clockwise is positive.
-    """
+    """Signed turn [rad] after which the vehicle heads for a point; NaN if the point lies within the turning circle."""
     radius, course = max(planner.speed / TURN_RATE, planner.least_radius), planner.course
     dx, dy = point[0] - planner.east, point[1] - planner.north
     side = 1.0 if signed_angle(np.arctan2(dx, dy) - course) >= 0 else -1.0
@@ -153,8 +145,7 @@ def _leg_speed_to_rest(distance: float, time: float, speed: float) -> float:
 def _leg(route: Route, k: int, planner: _Planner, cut: float) -> tuple[float, float]:
     """Speed [m/s], and time at that speed [s], of the straight way to the turn at waypoint k; LaisnError if impossible.
 
-    The planner has left the last turn and heads for the waypoint, where a corner of `cut` [rad] is to be cut, or where
-    it stops (`cut` is 0 then).
+    The planner heads for the waypoint, where a corner of `cut` [rad] is to be cut, or where it stops (`cut` is 0).
     """
     where = f"route {route.name!r}, waypoint {k + 1}"
     mean_speed = route.leg_speed[k - 1]
@@ -196,15 +187,10 @@ def _stops(route: Route, k: int) -> bool:
 
 
 def plan(route: Route, least_radius: float = 0.0) -> Plan:
-    """The motion along a route, on time at every waypoint.
+    """The motion along a route, on time at every waypoint, with turns of a least radius [m].
 
-    Args:
-        route: waypoints and their times.
-        least_radius: of the turns of a hull that cannot turn at TURN_RATE [m].
-
-    Raises:
-        LaisnError: the vehicle cannot fly the route; names the route, the waypoint (counted from 1), what it requires
-            and the limit.
+    LaisnError if the vehicle cannot fly the route; names the route, the waypoint (counted from 1), what it requires and
+    the limit.
     """
     points = route.waypoint.tolist()
     course = np.arctan2(*np.diff(route.waypoint, axis=0).T).tolist()
@@ -241,3 +227,108 @@ def plan(route: Route, least_radius: float = 0.0) -> Plan:
             turn = _turn_towards(planner, points[k + 1])
     planner.rows.append((planner.time, planner.east, planner.north, planner.course, planner.speed, 0.0, 0.0))
     return Plan(*np.array(planner.rows).T)
+
+
+_TRIES = 4000  # waypoints drawn for one route before the class counts as impossible; seldom more than 300 are needed
+_CHECK_INTERVAL = 1.0  # distances to the leader are checked at this interval [s]
+
+
+class RouteClass(NamedTuple):
+    """What the routes of a class have in common.
+
+    Waypoints are drawn in polar coordinates about the leader: its distance evenly, and its bearing evenly astern.
+    """
+
+    distance_max: float  # largest distance to the leader, at all times [m]
+    leg_time: tuple[float, float]  # time from waypoint to waypoint, drawn evenly between [s]
+    heading_difference_max: float
+    """Largest angle of a leg to the leader's course at one of its ends, whichever is closer to the leg [rad]."""
+    distance_min: float = 5.0
+    bearings: tuple[float, float] = (float(np.deg2rad(100.0)), float(np.deg2rad(260.0)))
+    """Relative bearings from the leader, clockwise from its bow [rad]."""
+    speed_min: float = 0.3  # least mean speed of a leg [m/s]
+
+
+CLASSES: dict[str, RouteClass] = {
+    f"{distance}-{legs}-{headings}": RouteClass(
+        distance_max=float(distance),
+        leg_time={"near": (40.0, 80.0), "far": (120.0, 280.0)}[legs],
+        heading_difference_max=float(np.deg2rad({"alike": 30.0, "drastic": 110.0}[headings])),
+    )
+    for distance, legs, headings in product((50, 100), ("near", "far"), ("alike", "drastic"))
+}
+"""The paper's constraints, combined: greatest distance to the leader, waypoints near or far apart, headings alike or
+drastically different: "50-near-alike" … "100-far-drastic"."""
+
+
+def _about(leader: Motion, i: int, rng: np.random.Generator, route_class: RouteClass) -> tuple[float, float]:
+    """A point near the leader as it is at instant i: east and north [m]."""
+    bearing = leader.course[i] + rng.uniform(*route_class.bearings)
+    distance = rng.uniform(route_class.distance_min, route_class.distance_max)
+    return float(leader.east[i] + distance * np.sin(bearing)), float(leader.north[i] + distance * np.cos(bearing))
+
+
+def _acceptable(
+    points: list[tuple[float, float, float]], route_class: RouteClass, time: Floats, leader: Motion
+) -> bool:
+    """Whether the route through all points so far can be flown and keeps to its class."""
+    route = Route.timed("random", points, FOLLOWER_DEPTH, start_heading=float(leader.course[0]))
+    if route.leg_speed[-1] < route_class.speed_min:
+        return False
+    leg = np.arctan2(*(route.waypoint[-1] - route.waypoint[-2]))
+    ends = np.searchsorted(time, route.time[-2:] - 1e-9)
+    off = np.abs(signed_angle(leader.course[ends] - leg))
+    if off.min() > route_class.heading_difference_max:
+        return False
+    try:
+        motion = plan(route).at(time[: ends[1] + 1])
+    except LaisnError:
+        return False
+    n = motion.east.size
+    distance = np.hypot(motion.east - leader.east[:n], motion.north - leader.north[:n])
+    return bool(distance.min() >= route_class.distance_min and distance.max() <= route_class.distance_max)
+
+
+def random_route(rng: np.random.Generator, route_class: RouteClass, duration: float = 1000.0) -> Route:
+    """A follower's route about the leader's L that the vehicle can fly; what it cannot fly is drawn again.
+
+    The route is a function of the state of `rng`; it keeps to its class until `duration`, the time of the last waypoint
+    [s]. LaisnError if no route of the class was found.
+    """
+    time = np.arange(0.0, duration + _CHECK_INTERVAL, _CHECK_INTERVAL)
+    moving = plan(library_route("L")).at(time)
+    start = (0.0, *_about(moving, 0, rng, route_class))
+    points, failed = [start], 0
+    for _ in range(_TRIES):
+        due = points[-1][0] + rng.uniform(*route_class.leg_time)
+        # whole seconds lie on the grid of the check; what would leave a short last leg goes to the end
+        due = duration if due > duration - route_class.leg_time[0] else float(round(due))
+        candidate = (due, *_about(moving, int(np.searchsorted(time, due - 1e-9)), rng, route_class))
+        if _acceptable([*points, candidate], route_class, time, moving):
+            points.append(candidate)
+            failed = 0
+        else:
+            failed += 1
+        if points[-1][0] == duration:
+            return Route.timed("random", points, FOLLOWER_DEPTH, start_heading=float(moving.course[0]))
+        if failed == 100:
+            # a dead end: take back the last legs, or draw another start
+            points = points[:-2] if len(points) > 2 else [(0.0, *_about(moving, 0, rng, route_class))]
+            failed = 0
+    raise LaisnError(f"no route found in {_TRIES} tries; {route_class} exceeds the limits of the vehicle")
+
+
+def random_waypoints(name: str, address: Sequence[int]) -> tuple[tuple[float, float, float], ...]:
+    """Waypoints of a drawn route of a class that can also be flown from its first course: time [s], east, north [m].
+
+    `address` is the key of the random numbers. LaisnError if no such route was found.
+    """
+    for attempt in range(100):
+        route = random_route(np.random.default_rng([*address, attempt]), CLASSES[name])
+        points = np.column_stack([route.time, route.waypoint.round(1)])
+        try:
+            plan(Route.timed(name, points, FOLLOWER_DEPTH))
+        except LaisnError:
+            continue
+        return tuple((float(t), float(x), float(y)) for t, x, y in points)
+    raise LaisnError(f"no route of class {name} can be flown")

@@ -12,25 +12,20 @@ import numpy.typing as npt
 from laisn.arrays import Floats, own_arrays
 from laisn.failure import LaisnError
 
-START_SPEED = 1.0
-"""Speed at which missions begin [m/s] (paper, Section 3.1)."""
+START_SPEED = 1.0  # speed at which missions begin [m/s] (paper, Section 3.1)
 LEADER_L = ((0.0, 0.0), (500.0, 0.0), (500.0, 500.0))
 """500 m east, then 500 m north (paper, Section 3); east and north [m]."""
 LEADER_DEPTH = 8.0
-FOLLOWER_DEPTH = 10.0
-"""Default depths [m]: the follower deeper, so that a pitching leader shows."""
+FOLLOWER_DEPTH = 10.0  # default depths [m]: the follower deeper, so that a pitching leader shows
 
 
 @dataclass(frozen=True, kw_only=True)
 class DepthProfile:
     """Depth over time, linear between points; before the first and after the last point it is held."""
 
-    time: Floats
-    """Time of each point, from 0, shape (n,), [s]."""
-    depth: Floats
-    """Depth at each point, shape (n,), positive down, [m]."""
-    period: float | None = None
-    """The profile repeats after this time [s]; None: it does not."""
+    time: Floats  # time of each point, from 0, shape (n,), [s]
+    depth: Floats  # depth at each point, shape (n,), positive down, [m]
+    period: float | None = None  # the profile repeats after this time [s]; None: it does not
 
     def __post_init__(self) -> None:
         own_arrays(self)
@@ -81,15 +76,11 @@ class Route:
     """
 
     name: str
-    time: Floats
-    """Arrival at the waypoints, shape (n,), n ≥ 2, from 0, [s]."""
-    waypoint: Floats
-    """East and north, shape (n, 2), [m]."""
+    time: Floats  # arrival at the waypoints, shape (n,), n ≥ 2, from 0, [s]
+    waypoint: Floats  # east and north, shape (n, 2), [m]
     depth: DepthProfile
-    start_heading: float | None = None
-    """Compass heading at the first waypoint [rad]; None: along the first leg."""
-    start_speed: float = START_SPEED
-    """Speed at the first waypoint [m/s]; nothing where the route begins with a stop."""
+    start_heading: float | None = None  # compass heading at the first waypoint [rad]; None: along the first leg
+    start_speed: float = START_SPEED  # speed at the first waypoint [m/s]; nothing where the route begins with a stop
 
     def __post_init__(self) -> None:
         if not self.leg_length.any():
@@ -159,17 +150,11 @@ def names() -> tuple[str, ...]:
 
 
 def library_route(name: str, depth: float | DepthProfile | None = None) -> Route:
-    """A route of the library: "L" of the leader, "T2" … "T9" of the followers.
+    """A route of the library: "L" of the leader, "T2" … "T9" of the followers, at a depth [m] or profile.
 
     The published follower routes exist as pictures only; these fit them in distance, bearing and speed
-    (`sim/scenario/data`). Followers start at their first waypoint heading east at 1 m/s.
-
-    Args:
-        name: one of `names()`.
-        depth: constant [m] or profile; None: 8 m for the leader, 10 m for followers.
-
-    Raises:
-        LaisnError: there is no such route.
+    (`sim/scenario/data`). Followers start at their first waypoint heading east at 1 m/s. The depth is 8 m for the
+    leader and 10 m for followers, unless it is given. LaisnError if there is no such route.
     """
     if name == "L":
         return Route.at_speed("L", LEADER_L, START_SPEED, LEADER_DEPTH if depth is None else depth)

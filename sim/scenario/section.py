@@ -9,7 +9,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar, cast, get_args, get_type_hints
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, Strict, create_model, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, create_model, model_validator
 
 from laisn.arrays import Record
 from laisn.failure import shortened
@@ -23,18 +23,15 @@ Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
 Speed = Annotated[float, Field(gt=0, le=5)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 Kind = TypeVar("Kind", bound="Section")
-LISTED = Strict(False)
-"""Lets a tuple be given as a list too, as a TOML file has it."""
+LISTED = Strict(False)  # lets a tuple be given as a list too, as a TOML file has it
 
 
 class PerRun:
     """In the annotation of a key: it changes what runs read and nothing before, as random errors and biases do."""
 
 
-CONTROL_STEP_S = 0.1
-"""Interval of the autopilot and of the recorded truth [s]."""
-MOST_POINTS = 100_000
-"""Most points of a route or a profile: one a second for more than a day."""
+CONTROL_STEP_S = 0.1  # interval of the autopilot and of the recorded truth [s]
+MOST_POINTS = 100_000  # most points of a route or a profile: one a second for more than a day
 
 
 _DEGREE = np.pi / 180.0
@@ -74,6 +71,16 @@ def require_increasing(points: Sequence[tuple[float, ...]], what: str, unit: str
         if after[0] <= before[0]:
             order = "later" if unit == "s" else "deeper"
             raise ValueError(f"{what} {number} at {after[0]:g} {unit} is not {order} than the one before")
+
+
+def increasing(what: str, unit: str, begins_at_zero: bool = True) -> AfterValidator:
+    """Validation of the points of a profile by `require_increasing`."""
+
+    def checked(points: Any) -> Any:
+        require_increasing(points, what, unit, begins_at_zero)
+        return points
+
+    return AfterValidator(checked)
 
 
 class Section(BaseModel):

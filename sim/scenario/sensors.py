@@ -2,9 +2,9 @@
 
 from typing import TYPE_CHECKING, Annotated, Self
 
-from pydantic import ConfigDict, Field, create_model, field_validator, model_validator
+from pydantic import ConfigDict, Field, create_model, model_validator
 
-from sim.scenario.section import LISTED, MOST_POINTS, Chance, NonNegative, PerRun, Positive, Section, require_increasing
+from sim.scenario.section import LISTED, MOST_POINTS, Chance, NonNegative, PerRun, Positive, Section, increasing
 
 SoundSpeed = Annotated[float, Field(ge=1300, le=1700)]
 SpeedAtDepth = Annotated[tuple[NonNegative, SoundSpeed], LISTED]
@@ -119,7 +119,7 @@ class Acoustics(Section):
     )
     sound_speed_m_s: SoundSpeed = Field(1500.0, description="speed of sound, true and assumed")
     sound_speed_bias_m_s: Annotated[float, Field(ge=-100, le=100)] = Field(0.0, description="assumed minus true speed")
-    sound_speed_profile: Annotated[tuple[SpeedAtDepth, ...], LISTED] = Field(
+    sound_speed_profile: Annotated[tuple[SpeedAtDepth, ...], LISTED, increasing("point", "m", False)] = Field(
         (),
         max_length=MOST_POINTS,
         description="[[depth_m, speed_m_s], …], linear interpolation; replaces the true sound_speed_m_s",
@@ -140,12 +140,6 @@ class Acoustics(Section):
     burst_mean_messages: Annotated[float, Field(ge=1, le=10000), PerRun] = Field(5.0, description="mean burst length")
     burst_loss_probability: LossProbability = Field(1.0, description="probability of message loss within a burst")
     max_range_m: NonNegative = Field(0.0, description="maximum range of reception; 0: no limit")
-
-    @field_validator("sound_speed_profile")
-    @classmethod
-    def _depths_increase(cls, points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-        require_increasing(points, "point", "m", begins_at_zero=False)
-        return points
 
     @model_validator(mode="after")
     def _chances_add_up(self) -> Self:

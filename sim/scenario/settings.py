@@ -1,7 +1,6 @@
 """A mission as data: everything a user may set, validated, frozen. Degrees and units stand in the names."""
 
 import math
-from collections import Counter
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
@@ -10,14 +9,89 @@ import numpy as np
 import tomli_w
 from pydantic import AfterValidator, Field, ValidationError, ValidationInfo, field_validator, model_validator
 
+from laisn.arrays import Floats
 from laisn.settings import VARIANTS
 from sim.scenario.formation import Formation, Shape, Station, followers_of, proximity_inconsistencies, station_conflicts
 from sim.scenario.navigation import Assume, Navigation
-from sim.scenario.sea import FASTEST_CURRENT_M_S, Ocean, Waves
-from sim.scenario.section import CONTROL_STEP_S, LISTED, Name, Positive, Section, Timing, is_multiple
+from sim.scenario.section import (
+    CONTROL_STEP_S,
+    LISTED,
+    MOST_POINTS,
+    Angle,
+    Name,
+    NonNegative,
+    Positive,
+    Section,
+    Timing,
+    increasing,
+    is_multiple,
+)
 from sim.scenario.sensors import Acoustics, Sensors
 from sim.scenario.vehicles import Follower, Leader, Vehicle
 from sim.system import atomic_write
+
+FASTEST_CURRENT_M_S = 3.0  # faster water would carry away vehicles with 3 m/s
+
+
+CurrentSpeed = Annotated[float, Field(ge=0, le=FASTEST_CURRENT_M_S)]
+TimedCurrent = Annotated[tuple[NonNegative, CurrentSpeed, Angle], LISTED]
+
+
+class Waves(Section):
+    """Surface waves (linear)."""
+
+    kind: Literal["none", "regular", "jonswap"] = "none"
+    height_m: Annotated[float, Field(ge=0, le=20)] = Field(
+        0.5, description="height H of regular waves, significant height Hs of JONSWAP"
+    )
+    period_s: Annotated[float, Field(gt=0.5, le=30)] = Field(4.0, description="period T, or peak period Tp")
+    direction_deg: Angle = Field(90.0, description="compass direction of propagation")
+    peak_enhancement: Annotated[float, Field(ge=1, le=10)] = Field(3.3, description="γ of JONSWAP")
+    components: Annotated[int, Field(ge=1, le=200)] = Field(100, description="number of JONSWAP components")
+    spreading_deg: Annotated[float, Field(ge=0, le=60)] = Field(0.0, description="σ of JONSWAP directions")
+
+
+class Ocean(Section):
+    """Water and sea floor."""
+
+    density_kg_m3: Annotated[float, Field(ge=950, le=1100)] = 1026.0
+    floor_depth_m: Annotated[float, Field(ge=2, le=11000)] = Field(30.0, description="depth of the sea floor")
+    current_speed_m_s: CurrentSpeed = Field(0.0, description="current at the surface")
+    current_direction_deg: Angle = Field(0.0, description="compass direction towards which it flows")
+    current_shear_per_s: Annotated[float, Field(ge=-1, le=1)] = Field(
+        0.0, description="decrease of the current with depth"
+    )
+    current_profile: Annotated[tuple[TimedCurrent, ...], LISTED, increasing("current", "s")] = Field(
+        (),
+        max_length=MOST_POINTS,
+        description="[[time_s, speed_m_s, direction_deg], …] of the surface current, components interpolated "
+        "linearly, constant after the last; replaces current_speed_m_s and, except for shear, "
+        "current_direction_deg",
+    )
+    waves: Waves = Waves()
+
+    @property
+    def moves(self) -> bool:
+        """Whether there is a current at the surface."""
+        return any(speed for _, speed, _ in self.current_profile or [(0.0, self.current_speed_m_s, 0.0)])
+
+    def current_change(self) -> Floats:
+        """The profile as time [s], east and north [m/s], shape (n, 3)."""
+        points = np.reshape(self.current_profile, (-1, 3))
+        towards = np.deg2rad(points[:, 2])
+        return np.column_stack([points[:, 0], points[:, 1] * np.sin(towards), points[:, 1] * np.cos(towards)])
+
+    def current_at(self, depth: Floats | float, time: Floats | float) -> Floats:
+        """Current, east and north; depth [m] and time [s] broadcast to the leading shape of the answer, [m/s]."""
+        towards = np.deg2rad(self.current_direction_deg)
+        speed = 0.0 if self.current_profile else self.current_speed_m_s
+        along = np.asarray(speed - self.current_shear_per_s * np.asarray(depth))
+        steady = along[..., None] * np.array([np.sin(towards), np.cos(towards)])
+        if not self.current_profile:
+            return np.asarray(steady)
+        change = self.current_change()
+        return np.asarray(steady + np.stack([np.interp(time, change[:, 0], part) for part in change.T[1:]], axis=-1))
+
 
 __all__ = [
     "CAMERAS", "CONTROL_STEP_S", "KEYS_ALONE", "Acoustics", "Assume", "Follower", "Formation", "Leader", "Name",
@@ -36,7 +110,6 @@ CAMERAS = {
     "orbit": "around all vehicles, once in forty seconds of film",
 }
 """Names of the cameras and what they show."""
-_NAMES = list(CAMERAS)
 
 
 def _known(name: str) -> str:
@@ -49,7 +122,7 @@ class Video(Section):
     """The film of the mission."""
 
     camera: Annotated[Name, AfterValidator(_known)] = Field(
-        "chase", description=f"{', '.join(_NAMES[:-1])} or {_NAMES[-1]}"
+        "chase", description=" or ".join(", ".join(CAMERAS).rsplit(", ", 1))
     )
     width_px: Annotated[int, Field(ge=160, le=3840, multiple_of=2)] = 1280
     height_px: Annotated[int, Field(ge=120, le=2160, multiple_of=2)] = 720
@@ -61,26 +134,7 @@ class Video(Section):
 KEYS_ALONE = {"inconsistencies": "ignored"}
 """Context of a validation of every key alone, without `Scenario.inconsistencies`."""
 
-_STAND_IN = {"station": {"behind_m": 10.0, "depth_m": 10.0}}
-"""A follower in place of those of an invalid shape."""
-
-
-def _has_stations(data: dict[str, Any]) -> bool:
-    """Whether a scenario, not yet validated, has followers on stations."""
-    formation, followers = data.get("formation"), data.get("followers")
-    if isinstance(formation, dict) and formation.get("shape"):
-        return True
-    tables = followers if isinstance(followers, (list, tuple)) else ()
-    return any(f.get("station") if isinstance(f, dict) else getattr(f, "station", None) for f in tables)
-
-
-def _with_default(table: Any, key: str, value: Any) -> Any:
-    """A table with a value for a key that it does not have; what is no table is left to the validation."""
-    if table is None or isinstance(table, dict):
-        return {key: value, **(table or {})}
-    if isinstance(table, Section) and key not in table.model_fields_set:
-        return table.model_copy(update={key: value})
-    return table
+_STAND_IN = {"station": {"behind_m": 10.0, "depth_m": 10.0}}  # a follower in place of those of an invalid shape
 
 
 class Scenario(Section):
@@ -123,30 +177,14 @@ class Scenario(Section):
     def _followers_of_a_shape(cls, data: Any) -> Any:
         """Followers in place of the shape that makes them; errors of a shape are reported with its key."""
         formation = data.get("formation") if isinstance(data, dict) else None
-        given = formation.get("shape") if isinstance(formation, dict) else None
-        if not isinstance(given, dict) or not isinstance(formation, dict) or data.get("followers"):
+        if not isinstance(formation, dict) or not isinstance(formation.get("shape"), dict) or data.get("followers"):
             return data
         try:
-            followers = followers_of(Shape.model_validate(given, strict=False))
+            followers = followers_of(Shape.model_validate(formation["shape"], strict=False))
         except ValidationError:
             # the shape is reported; that it has made no followers is no further error
             return {**data, "followers": [_STAND_IN]}
         return {**data, "followers": followers, "formation": {**formation, "shape": None}}
-
-    @model_validator(mode="before")
-    @classmethod
-    def _attitude_in_formations(cls, data: Any) -> Any:
-        """Leaders of formations broadcast pitch and roll, and followers use them, unless a key sets it."""
-        if not isinstance(data, dict) or not _has_stations(data):
-            return data
-        leader = _with_default(data.get("leader"), "broadcast_attitude", True)
-        broadcast = (
-            leader.get("broadcast_attitude")
-            if isinstance(leader, dict)
-            else getattr(leader, "broadcast_attitude", False)
-        )
-        navigation = _with_default(data.get("navigation"), "use_attitude", broadcast)
-        return {**data, "leader": leader, "navigation": navigation}
 
     @field_validator("epoch")
     @classmethod
@@ -171,6 +209,17 @@ class Scenario(Section):
         )
 
     @model_validator(mode="after")
+    def _attitude_in_formations(self) -> Self:
+        """Leaders of formations broadcast pitch and roll, and followers use them, unless a key sets it."""
+        if any(follower.station for follower in self.followers):
+            for key, name, value in (("leader", "broadcast_attitude", True), ("navigation", "use_attitude", None)):
+                section = getattr(self, key)
+                if name not in section.model_fields_set:
+                    default = self.leader.broadcast_attitude if value is None else value
+                    self.__dict__[key] = section.model_copy(update={name: default})
+        return self
+
+    @model_validator(mode="after")
     def _is_consistent(self, info: ValidationInfo) -> Self:
         found = [] if info.context == KEYS_ALONE else self.inconsistencies()
         if found:
@@ -180,22 +229,19 @@ class Scenario(Section):
     def inconsistencies(self) -> list[str]:
         """Keys that contradict each other: names, steps, floor, current, what one setting needs of another."""
         found = []
-        counts = Counter(["leader", *(f.name for f in self.followers)])
-        repeated = sorted(name for name, count in counts.items() if count > 1)
-        if repeated:
+        names = ["leader", *(f.name for f in self.followers)]
+        if repeated := sorted({name for name in names if names.count(name) > 1}):
             found.append(f"vehicle names must differ; repeated: {', '.join(repeated)}")
         if not is_multiple(self.duration_s, self.timing.filter_step_s):
-            text = f"duration_s = {self.duration_s:g} is no multiple of filter_step_s = {self.timing.filter_step_s:g}"
-            found.append(text)
+            step = self.timing.filter_step_s
+            found.append(f"duration_s = {self.duration_s:g} is no multiple of filter_step_s = {step:g}")
         for key, vehicle in self.vehicles():
             found += self._depth_errors(key, vehicle)
         for key, follower in self.vehicles()[1:]:
             if not isinstance(follower, Follower) or self.motion == "physics":
                 continue
-            if follower.station:
-                found.append(f"{key}.station needs motion = 'physics'")
-            elif follower.controller:
-                found.append(f"{key}.controller needs motion = 'physics'")
+            if follower.station or follower.controller:
+                found.append(f"{key}.{'station' if follower.station else 'controller'} needs motion = 'physics'")
             elif follower.guided_by_estimate:
                 found.append(
                     f"{key}.guidance_position = 'estimate' needs motion = 'physics'; the paper's point motion keeps to "

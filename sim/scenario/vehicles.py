@@ -18,13 +18,13 @@ from sim.scenario.section import (
     Positive,
     Scale,
     Section,
+    increasing,
     require_increasing,
 )
 from sim.scenario.sensors import FollowerSensors
 from sim.system import read_text
 
-LONGEST_MODEL = 1_000_000
-"""Length of the text of a hull, and size of its file [bytes]."""
+LONGEST_MODEL = 1_000_000  # length of the text of a hull, and size of its file [bytes]
 TimedPoint = Annotated[tuple[NonNegative, Coordinate, Coordinate], LISTED]
 TimedDepth = Annotated[tuple[NonNegative, NonNegative], LISTED]
 
@@ -50,7 +50,7 @@ class Vehicle(Section):
         "its text; default: the project's hull",
     )
     depth_m: NonNegative = Field(LEADER_DEPTH, description="depth held by the autopilot")
-    depth_profile: Annotated[tuple[TimedDepth, ...], LISTED] = Field(
+    depth_profile: Annotated[tuple[TimedDepth, ...], LISTED, increasing("depth", "s")] = Field(
         (), max_length=MOST_POINTS, description="[[time_s, depth_m], …], linear interpolation; replaces depth_m"
     )
     saw_tooth_amplitude_m: NonNegative = Field(0.0, description="amplitude of a saw-tooth about the depth")
@@ -96,12 +96,6 @@ class Vehicle(Section):
         if points and (len(points) < 2 or points[0][0] != 0):
             raise ValueError("needs at least two waypoints, the first at time 0")
         require_increasing(points, "waypoint", "s")
-        return points
-
-    @field_validator("depth_profile")
-    @classmethod
-    def _depths_in_order(cls, points: tuple[TimedDepth, ...]) -> tuple[TimedDepth, ...]:
-        require_increasing(points, "depth", "s")
         return points
 
     @property

@@ -4,5 +4,5 @@ Takes a `Trajectory`; gives `MissionTruth` (what one follower's sensors see with
 `Measurements` of a run (`observation`). `instant` calls the same `sensors` under way. Noise is counter-based (`noise`):
 a draw is a function of seed, run, stream and step. No navigator and no estimate is used.
 
-Imports: laisn sim.geometry sim.scenario sim.trajectory sim.water
+Imports: laisn sim.attitude sim.scenario sim.trajectory sim.water
 """

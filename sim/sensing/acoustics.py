@@ -7,28 +7,91 @@ A ping leaves its transmitter at t_e, where that site then is, and arrives at t_
 solved for t_a itself, whatever the time step. The follower gets t_e from the message, reads t_a on its own clock and
 assumes a constant speed of sound c_b: R = c_b (t_a + clock error − t_e).
 
-A flat, level boundary sends an echo that seems to come from the mirror image of its source (Medwin & Clay, Fundamentals
-of Acoustical Oceanography, 1998). The echo's path is longer than the direct one; a receiver that misses the direct
-arrival and takes the echo for it measures a range that is too long: the gross error of paper Section 2.4.
+A ray that is straight and not level spends equal times at equal depth steps, so that its mean slowness is the mean of
+1/c over the depths it crosses (Medwin & Clay, Fundamentals of Acoustical Oceanography, 1998: ray bending is neglected,
+which over 100 m and usual gradients of 0.1 /s changes a path by less than a millimetre). A flat, level boundary sends
+an echo that seems to come from the mirror image of its source (ibid.); a receiver that takes it for the direct arrival
+measures a range that is too long: the gross error of paper Section 2.4.
 
 All of this is the same in every run; random errors, echoes and losses come on top.
 """
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
+import numpy.typing as npt
 
 from laisn.arrays import Floats, Ints, Record, Records, own_arrays, records
 from laisn.compiled import elementwise, select
-from sim.geometry.attitude import carried
+from sim.attitude import carried
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.trajectory import Trajectory, Truth, pose_between
-from sim.water.sound import SoundProfile, mean_slowness, speed_at
 
-TRANSMITTERS = ("leader/tx_rear", "leader/tx_front", "leader/tx_middle")
-"""Sites of P1, P2 and P3."""
+_LEVEL_M = 1e-3
+"""Depth steps below this have the slowness of their middle: the quotient of two small differences would round."""
+
+
+class SoundProfile(NamedTuple):
+    """Speed of sound, linear between n depths and constant above the first and below the last."""
+
+    depth: Floats  # shape (n,), increasing, [m]
+    speed: Floats  # speed of sound at each depth, shape (n,), [m/s]
+    crossing: Floats  # time to cross vertically from the first depth to each, shape (n,), [s]
+
+    @classmethod
+    def through(cls, points: npt.ArrayLike) -> Self:
+        """Points [[depth, speed], …], shape (n, 2), [m] and [m/s]; one point is a constant speed."""
+        depth, speed = np.array(points, dtype=np.float64).T.copy()
+        layers = np.diff(depth) / speed[:-1] * _delay(np.diff(speed) / speed[:-1])
+        return cls(depth, speed, np.concatenate([[0.0], np.cumsum(layers)]))
+
+
+@elementwise
+def _delay(growth: Any) -> Any:
+    """ln(1 + g) / g: time through a layer whose speed grows by a share g, in that at its first speed."""
+    constant = growth == 0.0
+    return np.log1p(growth) / (growth + constant) + constant
+
+
+@elementwise
+def _layer(p: SoundProfile, depth: Any) -> Any:
+    """Index of the last depth of the profile that is not below another one; 0, if that is above all."""
+    i = 0
+    for j in range(1, p.depth.size):
+        i = i + (p.depth[j] <= depth)
+    return i
+
+
+@elementwise
+def speed_at(p: SoundProfile, depth: Any) -> Any:
+    """Speed of sound at a depth [m/s]."""
+    i = _layer(p, depth)
+    j = np.minimum(i + 1, p.depth.size - 1)
+    step = p.depth[j] - p.depth[i]
+    share = np.maximum(depth - p.depth[i], 0.0) / (step + (step == 0.0))
+    return p.speed[i] + share * (p.speed[j] - p.speed[i])
+
+
+@elementwise
+def _vertical_time(p: SoundProfile, depth: Any) -> Any:
+    """Time of a vertical ray from the first depth of the profile down to another one [s]."""
+    i = _layer(p, depth)
+    growth = (speed_at(p, depth) - p.speed[i]) / p.speed[i]
+    return p.crossing[i] + (depth - p.depth[i]) / p.speed[i] * _delay(growth)
+
+
+@elementwise
+def mean_slowness(p: SoundProfile, upper: Any, lower: Any) -> Any:
+    """Mean of 1/c between two depths, in either order [s/m]."""
+    span = lower - upper
+    level = np.abs(span) < _LEVEL_M
+    mean = (_vertical_time(p, lower) - _vertical_time(p, upper)) / (span + level)
+    return select(level, 1.0 / speed_at(p, 0.5 * (upper + lower)), mean)
+
+
+TRANSMITTERS = ("leader/tx_rear", "leader/tx_front", "leader/tx_middle")  # sites of P1, P2 and P3
 
 _ITERATIONS = 6
 """Iterations for the arrival time: each gains a factor of c / speed of the hydrophone, some 500; six leave nothing."""
@@ -49,30 +112,19 @@ _DIRECT, _SURFACE = int(Path.DIRECT), int(Path.SURFACE)
 class Sound(NamedTuple):
     """How sound gets to a follower, for compiled code too."""
 
-    on_grid: bool
-    """All pings leave and arrive at an instant that is recorded."""
+    on_grid: bool  # all pings leave and arrive at an instant that is recorded
     travels: bool
-    slot: float
-    """From one ping of a message to the next [s]."""
-    paths: tuple[bool, bool, bool]
-    """Whether each `Path` has a chance to be taken."""
-    floor: float
-    """Depth [m]."""
-    max_range: float
-    """[m]."""
-    transmitters: int
-    """How many pings of a message a follower waits for."""
+    slot: float  # from one ping of a message to the next [s]
+    paths: tuple[bool, bool, bool]  # whether each `Path` has a chance to be taken
+    floor: float  # depth [m]
+    max_range: float  # [m]
+    transmitters: int  # how many pings of a message a follower waits for
     profile: SoundProfile
-    varies: bool
-    """Sound has another speed at another depth."""
-    ratio: float
-    """Range that the follower computes for a metre of path, where it has not."""
-    assumed_speed: float
-    """Speed of sound that the follower assumes, c_b [m/s]."""
-    clock_offset: float
-    """[s]."""
-    clock_drift: float
-    """[s/s]."""
+    varies: bool  # sound has another speed at another depth
+    ratio: float  # range that the follower computes for a metre of path, where it has not
+    assumed_speed: float  # speed of sound that the follower assumes, c_b [m/s]
+    clock_offset: float  # [s]
+    clock_drift: float  # [s/s]
 
 
 def sound_of(scenario: Scenario) -> Sound:
@@ -100,10 +152,8 @@ class Motion(NamedTuple):
     """Motion of vehicles as far as it is known."""
 
     truth: Truth
-    begin: float
-    """Time of its first instant [s]."""
-    last: int
-    """Index of the last instant that is known; at least 1."""
+    begin: float  # time of its first instant [s]
+    last: int  # index of the last instant that is known; at least 1
 
 
 ARRIVAL = np.dtype(
@@ -163,13 +213,10 @@ def path_slowness(profile: SoundProfile, path: int, source: Any, receiver: Any, 
 def _follow_ping(
     s: Sound, known: Motion, receiver: tuple[int, Floats], path: int, ping: tuple[Any, Any], arrival: Record
 ) -> None:
-    """Follow a ping by one path to a vehicle, as far as the motion is known.
+    """Follow a ping by one `Path` to a vehicle, as far as the motion is known.
 
     Args:
-        s: how sound travels.
-        known: the motion.
         receiver: index of the vehicle, and offset of its hydrophone, shape (3,), [m].
-        path: `Path`.
         ping: when it leaves [s], and its transmitter then: east, north and up [m].
         arrival: out: of ARRIVAL.
     """
@@ -191,8 +238,6 @@ def follow(s: Sound, known: Motion, sites: tuple[Floats, Floats], vehicle: int, 
     """Follow all pings of a message to a vehicle, as far as the motion is known; or those of many messages.
 
     Args:
-        s: how sound travels.
-        known: the motion.
         sites: offsets of the transmitters, shape (3, 3), and of the hydrophone, shape (3,), [m].
         vehicle: index of the receiver's.
         sent: when the message is sent [s]; shape () or (m,).
@@ -238,17 +283,12 @@ class Propagation:
     Arrays over paths are ordered as `Path`; paths without a chance to be taken hold NaN.
     """
 
-    emission_step: Ints
-    """Filter step at which a message is sent, shape (m,)."""
+    emission_step: Ints  # filter step at which a message is sent, shape (m,)
     message_step: Ints
     """First filter step by which all pings that the follower receives are in, echoes that may be taken for them
     included, shape (m,)."""
-    emission_time: Floats
-    """Time at which each ping leaves, shape (m, 3), [s]."""
-    transmitter: Floats
-    """Where each ping left, shape (m, 3, 3), the last axis in the world, [m]."""
-    arrival: Records
-    """How each ping arrives by each path; of ARRIVAL, shape (m, 3 transmitters, 3 paths)."""
+    transmitter: Floats  # where each ping left, shape (m, 3, 3), the last axis in the world, [m]
+    arrival: Records  # how each ping arrives by each path; of ARRIVAL, shape (m, 3 transmitters, 3 paths)
 
     def __post_init__(self) -> None:
         own_arrays(self)
@@ -277,13 +317,9 @@ def motion_of(t: Trajectory) -> Motion:
 
 
 def propagate(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Propagation:
-    """Follow the sound of all messages of a mission to one follower.
+    """Follow the sound of all messages of a mission to one follower; those that are not in by its end are left out.
 
-    Messages that are not in by the last filter step are left out.
-
-    Args:
-        trajectory: of a mission, or a stretch of it that begins at a filter step; messages sent after that are
-            followed.
+    The trajectory may be a stretch that begins at a filter step; messages sent after that are followed.
     """
     dt, every = scenario.timing.filter_step_s, scenario.message_every
     s, known = sound_of(scenario), motion_of(trajectory)
@@ -305,7 +341,6 @@ def propagate(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> 
     return Propagation(
         emission_step=steps[kept],
         message_step=message_step[kept],
-        emission_time=sent[kept],
         transmitter=np.stack(transmitter, axis=1)[kept],
         arrival=np.moveaxis(arrivals, -1, 0)[kept],
     )

@@ -7,19 +7,147 @@ The biases of log and compass may drift as sines about their means, those of eac
 
 Messages are lost one by one, or in bursts. Bursts follow the two-state chain of Gilbert (Bell System Technical Journal
 39, 1960) and Elliott (ibid. 42, 1963): in its good state a channel loses few messages, in its bad state most of them.
+
+The leader measures pitch and roll by an inclinometer, alone or steadied by gyros (AHRS). An inclinometer takes the
+specific force a − g for the vertical, so that a hull that accelerates, as in waves, reads
+wrong by up to a / g. A complementary filter follows the gyros at once and the inclinometer slowly (Mahony, Hamel &
+Pflimlin, IEEE Transactions on Automatic Control 53, 2008). Its error e is linear in the inclinometer's error i and in
+the angle w by which the gyros walk off in a step:
+
+    e_k = (1 − γ)(e_{k−1} + w_k) + γ i_k,    γ = 1 − exp(−Δt / τ).
+
+Accelerations are the same in every run, and go through the filter here. The random part is a first-order Gauss–Markov
+process of correlation time τ, exact at whatever instants it is read (Gelb, Applied Optimal Estimation, 1974):
+
+    x(t_i) = a_i x(t_{i−1}) + √(1 − a_i²) n_i,    a_i = exp(−(t_i − t_{i−1}) / τ).
 """
 
+import math
 from collections import namedtuple
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from itertools import accumulate
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from laisn.compiled import elementwise, formula, select
+from laisn.arrays import Floats, Ints
+from laisn.compiled import compiled, elementwise, formula, select
+from laisn.geometry import signed_angle
 from laisn.navigators import FARTHEST, FASTEST
+from sim.attitude import pitch_of, roll_of, rotated
 from sim.scenario.section import in_si
 from sim.scenario.sensors import Acoustics, Sensors
-from sim.scenario.settings import Scenario
-from sim.sensing.ahrs import random_error
+from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.trajectory import Trajectory
+from sim.water import GRAVITY
+
+_SECONDS_AN_HOUR = 3600.0
+
+
+class RandomError(NamedTuple):
+    """Random error of a measured angle, after the filter has run for long."""
+
+    sigma: float  # standard deviation [rad]
+    time: float  # correlation time; 0: each reading has its own [s]
+
+
+def gain(sensors: Sensors) -> float:
+    """γ: share of the inclinometer in each step of the filter; 1 without gyros."""
+    if sensors.leader_gyro_time_constant_s == 0.0:
+        return 1.0
+    return float(-np.expm1(-CONTROL_STEP_S / sensors.leader_gyro_time_constant_s))
+
+
+def random_error(sensors: Sensors) -> RandomError:
+    """Random error of the leader's pitch and roll."""
+    reading = float(np.deg2rad(sensors.leader_attitude_sigma_deg))
+    if sensors.leader_gyro_time_constant_s == 0.0:
+        return RandomError(reading, 0.0)
+    share = gain(sensors)
+    walk = np.deg2rad(sensors.leader_gyro_random_walk_deg_sqrt_h) * np.sqrt(CONTROL_STEP_S / _SECONDS_AN_HOUR)
+    kept = 1.0 - share
+    variance = (share**2 * reading**2 + kept**2 * walk**2) / (1.0 - kept**2)
+    return RandomError(float(np.sqrt(variance)), sensors.leader_gyro_time_constant_s)
+
+
+@elementwise
+def _shown(quaternion: Any, change: Any) -> Any:
+    """Pitch and roll that specific force seems to show, from attitude and change of velocity in a control step."""
+    force = change[0] / CONTROL_STEP_S, change[1] / CONTROL_STEP_S, change[2] / CONTROL_STEP_S + GRAVITY
+    to_body = quaternion[0], -quaternion[1], -quaternion[2], -quaternion[3]
+    forward, port, up = rotated(to_body, force)
+    return np.arctan2(forward, np.hypot(port, up)), np.arctan2(port, up)
+
+
+@formula
+def _filtered(last: float, error: float, share: float) -> float:
+    """e_k = (1 − γ) e_{k−1} + γ i_k."""
+    return last + share * (error - last)
+
+
+def apparent_tilt(trajectory: Trajectory) -> Floats:
+    """Pitch and roll that specific force seems to show at the leader's origin, shape (n, 2), [rad].
+
+    Accelerations are means over the interval that ends at an instant; the first instant has those of the second.
+    """
+    change = np.diff(trajectory.velocity[:, 0], axis=0)
+    change = np.concatenate([change[:1], change])
+    return np.column_stack(_shown(trajectory.quaternion[:, 0].T, change.T))
+
+
+def tilt_errors(trajectory: Trajectory, sensors: Sensors) -> Floats:
+    """What accelerations add to the leader's measured pitch and roll, from none at the start, shape (n, 2), [rad]."""
+    true = np.column_stack([trajectory.pitch[:, 0], trajectory.roll[:, 0]])
+    if not sensors.leader_attitude_senses_acceleration:
+        return np.zeros_like(true)
+    step = partial(_filtered, share=gain(sensors))
+    errors = signed_angle(apparent_tilt(trajectory) - true).T
+    return np.array([list(accumulate([0.0, *column], step))[1:] for column in errors.tolist()]).T
+
+
+@compiled
+def follow_tilt(share: float, quaternion: Floats, change: Floats, last: Floats, error: Floats) -> None:
+    """One step of `tilt_errors` in compiled code: from the errors at the instant before to those at an instant.
+
+    Args:
+        share: `gain` of the filter.
+        quaternion: attitude at the instant, shape (4,).
+        change: of the velocity since the instant before, shape (3,), [m/s].
+        last: error at the instant before, shape (2,), [rad].
+        error: out: at this one, shape (2,), [rad].
+    """
+    w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
+    pitch, roll = _shown((w, x, y, z), (change[0], change[1], change[2]))
+    error[0] = _filtered(last[0], signed_angle(pitch - pitch_of(w, x, y, z)), share)
+    error[1] = _filtered(last[1], signed_angle(roll - roll_of(w, x, y, z)), share)
+
+
+def weights(step: Ints, dt: float, time: float) -> Floats:
+    """Weights of the last value of a Gauss–Markov process and of the fresh normal, a_i and √(1 − a_i²), shape (m, 2).
+
+    The first value is all fresh. `step` at which the process is read has shape (m,), `dt` is its length [s], and `time`
+    the correlation time τ [s]; 0 for independent values.
+    """
+    kept = np.zeros(step.size)
+    if time > 0.0:
+        # not `np.exp`, which rounds otherwise for arrays than for numbers
+        kept[1:] = [math.exp(-steps * (dt / time)) for steps in np.diff(step).tolist()]
+    return np.column_stack([kept, np.sqrt(1.0 - kept**2)])
+
+
+@formula
+def advanced(last: Any, kept: float, fresh: float, normal: Any) -> Any:
+    """Next value of the process."""
+    return kept * last + fresh * normal
+
+
+def gauss_markov(normals: Floats, step: Ints, dt: float, time: float) -> Floats:
+    """Values of processes, one for each column of normals, shape (m, …); other arguments as of `weights`."""
+    values, last = np.empty_like(normals), np.zeros(normals.shape[1:])
+    for i, (kept, fresh) in enumerate(weights(step, dt, time).tolist()):
+        last = values[i] = advanced(last, kept, fresh, normals[i])
+    return values
+
 
 _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 """The next follower's drift is ahead by this angle, which spreads any number of phases evenly [rad]."""
@@ -113,11 +241,9 @@ def _range_reading(true: Any, longest: Any, tau: float, uniform: Any, psi: Any) 
 def range_readings(e: SensorErrors, transmitters: int, true: Any, uniform: Any, normal: Any) -> Any:
     """Ranges of a message to the rear, front and middle transmitter (paper, Eq. 28); NaN where none is received.
 
-    A receiver rejects what is no range: zero, negative, or beyond `FARTHEST`.
-
-    N_T, the number of transmitters in use, is 2 with LAISN-2 and 3 with LAISN-3 (Sections 2.2 and 2.3). ψ counts in
-    proportion to the longest range to them. The middle one, which LAISN-2 has no use for, is scaled by the longest of
-    all.
+    A receiver rejects what is no range: zero, negative, or beyond `FARTHEST`. N_T, the number of transmitters in use,
+    is 2 with LAISN-2 and 3 with LAISN-3 (Sections 2.2 and 2.3). ψ counts in proportion to the longest range to them.
+    The middle one, which LAISN-2 has no use for, is scaled by the longest of all.
     """
     psi, centre = e.range_scale_mean + e.range_scale_sigma * normal, 0.5 * e.range_error_centred
     of_two = np.fmax(np.fmax(true[0], true[1]), 0.0)
@@ -151,9 +277,7 @@ def is_lost(bad: bool, uniform: float, e: SensorErrors) -> bool:
 @formula
 def path_taken(uniform: Any, e: SensorErrors) -> Any:
     """`Path` that the receiver takes for the direct one by a draw in (0, 1); numbers or arrays."""
-    surface, either = (
-        uniform < e.surface_echo_probability,
-        uniform < e.surface_echo_probability + e.bottom_echo_probability,
-    )
+    surface = uniform < e.surface_echo_probability
+    either = uniform < e.surface_echo_probability + e.bottom_echo_probability
     # 1 for the surface, 2 for the bottom: a draw below the first chance is below the sum of both
     return 2 * either - 1 * surface

@@ -1,7 +1,9 @@
-"""What followers read and receive at one instant, in compiled code: for followers that steer by it.
+"""What followers read, receive and see nearby at one instant, in compiled code: for followers that steer by it.
 
 Sensors, sound and noise are those of `sim.sensing.sensors` and `sim.sensing.acoustics`; what the past has left of an
-error is kept from instant to instant.
+error is kept from instant to instant. The proximity sensor looks all around in a level fan. It senses every vehicle
+within its range and its fan, whatever lies between, and takes hulls for points at their middles; its errors are drawn
+for each look of one follower at one vehicle.
 
 Functions take `s`, the sensors; `k`, a filter step, from 1; and `follower`, an index; the follower's vehicle is the one
 after.
@@ -13,15 +15,15 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints, Record, Records, records
 from laisn.compiled import compiled
+from laisn.geometry import signed_angle
 from laisn.swarm import MESSAGE
-from sim.geometry.attitude import heading_of, pitch_of, roll_of
+from sim.attitude import heading_of, pitch_of, roll_of
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.acoustics import ARRIVAL, Motion, Sound, follow, received_range, reception_step, sound_of
-from sim.sensing.ahrs import advanced, gain
-from sim.sensing.errors import ERRORS, errors_of, is_bad, is_lost, loses
-from sim.sensing.noise import Address, Stream, normals_at, uniforms_at
+from sim.sensing.errors import ERRORS, advanced, errors_of, gain, is_bad, is_lost, loses
+from sim.sensing.noise import STREAMS, Address, Stream, normals_at, two_normals, two_units, uniforms_at, words
 from sim.sensing.sensors import Carrier, read_follower, read_message, read_ranges, true_message, write_true_own
-from sim.trajectory import Body
+from sim.trajectory import Body, Trajectory
 
 # compiled code holds numbers, not the members of an enum
 _ATTITUDE, _LOSS = int(Stream.LEADER_ATTITUDE), int(Stream.LOSS)
@@ -29,8 +31,7 @@ _ATTITUDE, _LOSS = int(Stream.LEADER_ATTITUDE), int(Stream.LOSS)
 NO_MESSAGE, NO_RANGES, RECEIVED = range(3)
 """Outcome of a filter step: no message is in; one is, of which no ping was received; one with ranges is."""
 
-State = tuple[Floats, Floats, Floats]
-"""Pose, twist and water velocity of a vehicle, shapes (7,), (6,) and (3,)."""
+State = tuple[Floats, Floats, Floats]  # pose, twist and water velocity of a vehicle, shapes (7,), (6,) and (3,)
 
 
 class SensorModel(NamedTuple):
@@ -38,17 +39,12 @@ class SensorModel(NamedTuple):
 
     seed: np.uint64
     run: np.uint64
-    errors: Records
-    """Of each follower, of ERRORS, shape (f,)."""
-    senses_acceleration: bool
-    """The leader takes accelerations for tilt."""
-    tilt_share: float
-    """`sim.sensing.ahrs.gain` of the leader."""
+    errors: Records  # of each follower, of ERRORS, shape (f,)
+    senses_acceleration: bool  # the leader takes accelerations for tilt
+    tilt_share: float  # `sim.sensing.errors.gain` of the leader
     dt: float
-    stride: int
-    """Instants from one filter step to the next."""
-    message_every: int
-    """Filter steps from one message to the next."""
+    stride: int  # instants from one filter step to the next
+    message_every: int  # filter steps from one message to the next
     sound: Sound
 
 
@@ -80,12 +76,7 @@ def body_of(state: State) -> Body:
 def read_instruments(
     s: SensorModel, k: int, follower: int, state: State, depth_sensor: Floats, reading: Record
 ) -> None:
-    """Read a follower's own sensors at filter step k.
-
-    Args:
-        depth_sensor: its offset, shape (3,), [m].
-        reading: out: record of `laisn.swarm.READING`.
-    """
+    """Read a follower's own sensors at filter step k into a record of `laisn.swarm.READING`."""
     e = s.errors[follower]
     write_true_own(e, Carrier(follower, k * s.dt, body_of(state), depth_sensor), reading)
     read_follower(e, Address(s.seed, s.run, follower, k), reading, reading)
@@ -94,67 +85,45 @@ def read_instruments(
 class Inbox(NamedTuple):
     """What f followers have received from the leader; brought forward by `receive`."""
 
-    message: Records
-    """Last message of each, of MESSAGE, shape (f,)."""
+    message: Records  # last message of each, of MESSAGE, shape (f,)
     ranges: Floats
     """Its ranges to rear, front and middle transmitter, shape (f, 3), [m]; NaN where nothing was received."""
-    over: Ints
-    """How many messages each no longer waits for, shape (f,)."""
-    last_sent: Ints
-    """Filter step at which the last message was sent, shape (f,); 0: there is none."""
-    bad: Floats
-    """Whether each channel is in its bad state, shape (f,)."""
-    fluctuation: Floats
-    """Gauss–Markov errors of pitch and roll in the last message, of unit variance, shape (f, 2)."""
-    outcome: Ints
-    """NO_MESSAGE, NO_RANGES or RECEIVED at this filter step, shape (f,)."""
+    over: Ints  # how many messages each no longer waits for, shape (f,)
+    last_sent: Ints  # filter step at which the last message was sent, shape (f,); 0: there is none
+    bad: Floats  # whether each channel is in its bad state, shape (f,)
+    fluctuation: Floats  # Gauss–Markov errors of pitch and roll in the last message, of unit variance, shape (f, 2)
+    outcome: Ints  # NO_MESSAGE, NO_RANGES or RECEIVED at this filter step, shape (f,)
 
 
 def new_inbox(followers: int) -> Inbox:
     """Nothing received yet."""
-    f = followers
-    counts = (np.zeros(f, dtype=np.int64) for _ in range(3))
-    return Inbox(records(MESSAGE, f), np.full((f, 3), np.nan), next(counts), next(counts), np.zeros(f),
-                 np.zeros((f, 2)), next(counts))  # fmt: skip
+    over, last_sent, outcome = np.zeros((3, followers), dtype=np.int64)
+    ranges, fluctuation = np.full((followers, 3), np.nan), np.zeros((followers, 2))
+    return Inbox(records(MESSAGE, followers), ranges, over, last_sent, np.zeros(followers), fluctuation, outcome)
 
 
 @compiled
-def broadcast(s: SensorModel, k: int, state: State, tilt: Floats, fluctuation: Floats, message: Record) -> None:
-    """Make the message that the leader sends at filter step k.
+def broadcast(s: SensorModel, k: int, state: State, tilt: Floats, since: int, fluctuation: Floats, out: Record) -> None:
+    """Make the message that the leader sends at filter step k, so many steps after the one before (0: there is none).
 
     Args:
         tilt: what accelerations add to measured pitch and roll, shape (2,), [rad]; NaN if these are not broadcast.
-        fluctuation: Gauss–Markov errors of pitch and roll, of unit variance, shape (2,).
-        message: out: of MESSAGE.
+        fluctuation: Gauss–Markov errors of pitch and roll, of unit variance, shape (2,); brought forward.
+        out: of MESSAGE.
     """
-    e, sent = s.errors[0], Address(s.seed, s.run, 0, k)
-    true_message(e, k * s.dt, body_of(state), tilt, message)
-    read_message(e, sent, message, normals_at(Address(s.seed, s.run, 0, 0), _ATTITUDE), fluctuation, message)
-
-
-@compiled
-def _fluctuate(s: SensorModel, k: int, since: int, fluctuation: Floats) -> None:
-    """Bring errors of pitch and roll forward to filter step k from the message before, so many steps ago (0: none)."""
-    kept, time = 0.0, s.errors[0].leader_tilt_time
-    if since > 0 and time > 0.0:
-        kept = np.exp(-since * (s.dt / time))
-    fresh, drawn = np.sqrt(1.0 - kept * kept), normals_at(Address(s.seed, s.run, 0, k), _ATTITUDE)
+    e, sent, kept = s.errors[0], Address(s.seed, s.run, 0, k), 0.0
+    if since > 0 and e.leader_tilt_time > 0.0:
+        kept = np.exp(-since * (s.dt / e.leader_tilt_time))
+    fresh, drawn = np.sqrt(1.0 - kept * kept), normals_at(sent, _ATTITUDE)
     fluctuation[0] = advanced(fluctuation[0], kept, fresh, drawn[0])
     fluctuation[1] = advanced(fluctuation[1], kept, fresh, drawn[1])
+    true_message(e, k * s.dt, body_of(state), tilt, out)
+    read_message(e, sent, out, normals_at(Address(s.seed, s.run, 0, 0), _ATTITUDE), fluctuation, out)
 
 
 @compiled
 def _measure_ranges(s: SensorModel, k: int, sent: int, follower: int, arrivals: Records, inbox: Inbox) -> int:
-    """Measure the ranges of a message that is in.
-
-    Args:
-        sent: filter step at which it was sent.
-        arrivals: of its pings, as `sim.sensing.acoustics.follow` writes them.
-        inbox: ranges and state of the channel are brought forward.
-
-    Returns:
-        NO_RANGES or RECEIVED.
-    """
+    """Measure the ranges of a message that is in, sent at filter step `sent`: NO_RANGES or RECEIVED."""
     ranges, e, true = inbox.ranges[follower], s.errors[follower], np.empty((3, 3))
     at, now = Address(s.seed, s.run, follower, sent), Address(s.seed, s.run, follower, k)
     for i in range(3):
@@ -199,8 +168,92 @@ def receive(
         # of two messages within one filter step the follower keeps the first
         if inbox.outcome[follower] == NO_MESSAGE:
             at, before, fluctuation = sent * s.stride, inbox.last_sent[follower], inbox.fluctuation[follower]
-            _fluctuate(s, sent, sent - before if before > 0 else 0, fluctuation)
+            since = sent - before if before > 0 else 0
             inbox.last_sent[follower] = sent
             leader = truth.pose[at, 0], truth.twist[at, 0], truth.water[at, 0]
-            broadcast(s, sent, leader, tilts[at], fluctuation, inbox.message[follower])
+            broadcast(s, sent, leader, tilts[at], since, fluctuation, inbox.message[follower])
             inbox.outcome[follower] = _measure_ranges(s, k, sent, follower, arrivals, inbox)
+
+
+SIGHTING = np.dtype(
+    [
+        ("range", np.float64),  # [m]; NaN: nothing was sensed
+        ("bearing", np.float64),  # to starboard of the own heading [rad]
+    ]
+)
+"""What a look shows of one vehicle."""
+
+_U = np.uint64
+_NEARBY = int(Stream.NEARBY)
+
+
+def look_interval(scenario: Scenario) -> int:
+    """Ticks from one look of the followers to the next; 0: they have no sensor."""
+    proximity = scenario.formation.proximity
+    return round(proximity.period_s / CONTROL_STEP_S) if proximity else 0
+
+
+@compiled
+def look(address: tuple[np.uint64, np.uint64], p: Record, k: int, follower: int, poses: Floats, seen: Records) -> None:
+    """Look around.
+
+    Args:
+        address: seed and run of the noise.
+        p: record of `[formation.proximity]`.
+        k: tick, from 1.
+        follower: index of who looks; its vehicle is the one after.
+        poses: of all vehicles, shape (v, 7) or more columns.
+        seen: out: of every vehicle, of SIGHTING, shape (v,).
+    """
+    own, steepest = follower + 1, np.sin(0.5 * p.aperture)
+    heading = heading_of(poses[own, 3], poses[own, 4], poses[own, 5], poses[own, 6])
+    for j in range(poses.shape[0]):
+        seen[j].range = seen[j].bearing = np.nan
+        x, y, z = poses[j, 0] - poses[own, 0], poses[j, 1] - poses[own, 1], poses[j, 2] - poses[own, 2]
+        distance = np.sqrt(x * x + y * y + z * z)
+        if j == own or distance > p.range or abs(z) > steepest * distance:
+            continue
+        w0, w1, w2, w3 = words(address[0], address[1], _U(STREAMS * follower + _NEARBY + j), _U(k))
+        first, second = two_units(w0, w1, w2, w3)
+        long, aside = two_normals(first, second)
+        seen[j].range = max(distance + p.range_sigma * long, 0.0)
+        seen[j].bearing = signed_angle(np.arctan2(x, y) - heading + p.bearing_sigma * aside)
+
+
+@compiled
+def _sightings(
+    address: tuple[np.uint64, np.uint64], p: Record, every: int, poses: Floats, first: Floats, looks: Floats
+) -> None:
+    """First tick at which each follower saw each vehicle, −1: never, shape (f, v), and looks that showed any, (f,)."""
+    first[:], looks[:] = -1.0, 0.0
+    seen = np.empty(poses.shape[1], SIGHTING)
+    for k in range(every, poses.shape[0], every):
+        for i in range(looks.size):
+            look(address, p, k, i, poses[k], seen)
+            showed = 0.0
+            for j in range(seen.shape[0]):
+                if seen[j].range == seen[j].range:
+                    showed = 1.0
+                    if first[i, j] < 0.0:
+                        first[i, j] = k
+            looks[i] += showed
+
+
+class Sightings(NamedTuple):
+    """What followers of a flight sensed nearby."""
+
+    first_s: Floats  # when each follower first saw each vehicle, shape (f, v), [s]; NaN: never
+    spent_s: Floats  # time for which each follower detected a vehicle, shape (f,), [s]
+
+
+def sightings(scenario: Scenario, trajectory: Trajectory) -> Sightings:
+    """What the followers' sensors showed on the way, which they steered by; nothing where they have none."""
+    proximity, f, every = scenario.formation.proximity, len(scenario.followers), look_interval(scenario)
+    first, looks = np.full((f, f + 1), -1.0), np.zeros(f)
+    if proximity:
+        poses = np.concatenate([trajectory.position, trajectory.quaternion], axis=2)
+        _sightings((_U(scenario.seed), _U(scenario.run)), proximity.record(), every, poses, first, looks)
+    # followers on routes have no sensor
+    on_route = [follower.station is None for follower in scenario.followers]
+    first[on_route], looks[on_route] = -1.0, 0.0
+    return Sightings(np.where(first < 0.0, np.nan, first * CONTROL_STEP_S), looks * every * CONTROL_STEP_S)

@@ -20,10 +20,8 @@ from laisn.compiled import compiled, inlined
 from laisn.elementary import fma, from_bits, integer, log, sin_cos_quarter, to_bits, turned
 from laisn.failure import LaisnError
 
-LEADER_STREAMS = 128
-"""Streams from here on belong to the leader and are the same for all followers."""
-STREAMS = 256
-"""Room for streams of one follower; follower f uses numbers f STREAMS + stream."""
+LEADER_STREAMS = 128  # streams from here on belong to the leader and are the same for all followers
+STREAMS = 256  # room for streams of one follower; follower f uses numbers f STREAMS + stream
 
 _U = np.uint64
 _MULTIPLIER_0 = _U(0xD2511F53)
@@ -42,30 +40,18 @@ _WORD_UNIT = 2.0**-32
 class Stream(IntEnum):
     """What a draw is for. A number never changes its meaning: results of a seed would change with it."""
 
-    OWN_MOTION = 0
-    """Normals at every step: speed log, compass."""
-    DEPTH = 1
-    """Normal at every step: the follower's pressure sensor."""
-    RANGE_UNIFORM = 2
-    """Uniforms at a reception: rear, front, middle transmitter."""
-    RANGE_SCALE = 3
-    """Normal at a reception: ψ, shared by the transmitters."""
-    ECHO = 4
-    """Uniforms and normals at a reception: multipath."""
-    LOSS = 5
-    """Uniforms at a reception: lost messages and ranges."""
-    GYRO = 6
-    """Normals at every step: rates of turn about the hull's up and port axes."""
-    TILT = 7
-    """Normal at every step: the follower's inclinometer."""
-    NEARBY = 64
-    """Normals at a look at a vehicle: of vehicle v on stream 64 + v, the leader being vehicle 0."""
-    LEADER_MOTION = LEADER_STREAMS
-    """Normals at an emission: the leader's speed log, compass."""
-    LEADER_DEPTH = LEADER_STREAMS + 1
-    """Normal at an emission: the leader's pressure sensor."""
-    LEADER_ATTITUDE = LEADER_STREAMS + 2
-    """Normals at an emission: the leader's pitch, roll."""
+    OWN_MOTION = 0  # normals at every step: speed log, compass
+    DEPTH = 1  # normal at every step: the follower's pressure sensor
+    RANGE_UNIFORM = 2  # uniforms at a reception: rear, front, middle transmitter
+    RANGE_SCALE = 3  # normal at a reception: ψ, shared by the transmitters
+    ECHO = 4  # uniforms and normals at a reception: multipath
+    LOSS = 5  # uniforms at a reception: lost messages and ranges
+    GYRO = 6  # normals at every step: rates of turn about the hull's up and port axes
+    TILT = 7  # normal at every step: the follower's inclinometer
+    NEARBY = 64  # normals at a look at a vehicle: of vehicle v on stream 64 + v, the leader being vehicle 0
+    LEADER_MOTION = LEADER_STREAMS  # normals at an emission: the leader's speed log, compass
+    LEADER_DEPTH = LEADER_STREAMS + 1  # normal at an emission: the leader's pressure sensor
+    LEADER_ATTITUDE = LEADER_STREAMS + 2  # normals at an emission: the leader's pitch, roll
 
     def number(self, follower: int = 0) -> int:
         """Number of the stream for a follower (0, 1, …); the leader's streams have one for all."""
@@ -168,16 +154,13 @@ def _address(
 
 
 def normals(seed: int, run: int, stream: int, steps: npt.ArrayLike) -> Floats:
-    """Standard normals, two for each step.
+    """Standard normals, two for each step, shape (m, 2), independent over columns, steps, streams, runs and seeds.
 
     Args:
         seed: of the whole study, below 2⁶⁴.
         run: of the campaign, below 2³².
         stream: `Stream.number(follower)`.
         steps: filter steps k, shape (m,), below 2³².
-
-    Returns:
-        Shape (m, 2): independent over both columns, steps, streams, runs and seeds.
 
     Raises:
         ValueError: a part of the address is out of its range.
@@ -191,13 +174,12 @@ def uniforms(seed: int, run: int, stream: int, steps: npt.ArrayLike) -> Floats:
 
 
 class Address(NamedTuple):
-    """Where draws come from: numbers in compiled code; in Python the step may be an array."""
+    """Where draws come from: numbers in compiled code; in Python the step may be an array, shape (m,)."""
 
     seed: Any
     run: Any
     follower: Any
     step: Any
-    """Filter step, shape () or (m,)."""
 
 
 def normals_at(address: Address, stream: int) -> Any:

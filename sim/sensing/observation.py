@@ -10,12 +10,13 @@ from laisn.messages import LeaderMessage, Measurements
 from laisn.swarm import MESSAGE, READING
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.acoustics import Path, propagate, received_range
-from sim.sensing.ahrs import gauss_markov, tilt_errors
-from sim.sensing.errors import SensorErrors, errors_of, is_bad, is_lost, loses
+from sim.sensing.errors import SensorErrors, errors_of, gauss_markov, is_bad, is_lost, loses, tilt_errors
 from sim.sensing.noise import STREAMS, Address, Stream, normals, normals_at, uniforms
-from sim.sensing.own_sensors import FollowerState, OwnSensor, own_sensors
 from sim.sensing.sensors import (
     Carrier,
+    FollowerState,
+    OwnSensor,
+    own_sensors,
     paths_taken,
     read_message,
     read_own,
@@ -33,24 +34,15 @@ SITES = ("tx_rear", "tx_front", "tx_middle", "depth_sensor", "hydrophone")
 class MissionTruth:
     """What one follower's sensors see of a mission, without errors: n filter steps (k = 1 … n) and m messages."""
 
-    dt: float
-    """Filter step Δt [s]."""
-    start: Floats
-    """State of the hydrophone at step 0: x, y [m] and velocity through the water [m/s], shape (4,)."""
-    speed: Floats
-    """Speed of the follower through the water, along its hull, shape (n,), [m/s]."""
-    heading: Floats
-    """Heading of the follower, shape (n,), [rad]."""
-    depth: Floats
-    """Depth of the follower's depth sensor, shape (n,), [m]."""
-    hydrophone: Floats
-    """Horizontal position that is estimated, shape (n, 2), [m]."""
-    leader_position: Floats
-    """Horizontal position of the leader's body origin, shape (n, 2), [m]."""
-    leader_heading: Floats
-    """Heading of the leader, shape (n,), [rad]."""
-    message_step: Ints
-    """Step k at which a message is available, shape (m,), increasing."""
+    dt: float  # filter step Δt [s]
+    start: Floats  # state of the hydrophone at step 0: x, y [m] and velocity through the water [m/s], shape (4,)
+    speed: Floats  # speed of the follower through the water, along its hull, shape (n,), [m/s]
+    heading: Floats  # heading of the follower, shape (n,), [rad]
+    depth: Floats  # depth of the follower's depth sensor, shape (n,), [m]
+    hydrophone: Floats  # horizontal position that is estimated, shape (n, 2), [m]
+    leader_position: Floats  # horizontal position of the leader's body origin, shape (n, 2), [m]
+    leader_heading: Floats  # heading of the leader, shape (n,), [rad]
+    message_step: Ints  # step k at which a message is available, shape (m,), increasing
     emission_step: Ints
     """Step at which the leader sent it, shape (m,): address of the leader's noise, which all followers share."""
     sent: Records
@@ -75,16 +67,11 @@ def start_of(trajectory: Trajectory, follower: int = 0) -> Floats:
 
 
 def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> MissionTruth:
-    """What the sensors of one follower see of a trajectory, without errors.
+    """What the sensors of one follower see of a trajectory of a mission from its start, without errors.
 
     Ranges come from `sim.sensing.acoustics`: with the paper's settings they are distances between the transmitter sites
-    and the hydrophone site at the instant of the ping.
-
-    Args:
-        trajectory: of a mission from its start, on the control grid.
-
-    Raises:
-        ValueError: the trajectory begins later, or is too short for one filter step.
+    and the hydrophone site at the instant of the ping. ValueError if the trajectory begins later, or is too short for
+    one filter step.
     """
     dt, v, name = scenario.timing.filter_step_s, follower + 1, trajectory.names[follower + 1]
     stride = round(dt / CONTROL_STEP_S)
@@ -142,13 +129,7 @@ def received(seed: int, run: int, follower: int, emission_step: Ints, e: SensorE
     """Whether each message arrives, shape (m,).
 
     The chain starts in its good state before the first message; all transmitters share a message's fate.
-
-    Args:
-        seed: of the study.
-        run: of the campaign.
-        follower: 0, 1, …
-        emission_step: filter step at which each message was sent, shape (m,), increasing, none left out.
-        e: the chances of loss.
+    `emission_step` is that at which each message was sent, shape (m,), increasing, none left out.
     """
     drawn = uniforms(seed, run, Stream.LOSS.number(follower), emission_step)
     arrived, bad = np.empty(len(drawn), dtype=np.bool_), False
@@ -173,11 +154,8 @@ def measure(
         errors: of its sensors.
         seed: key of all random numbers.
         run: of the campaign, 0, 1, …
-        follower: index of the follower; followers share the leader's errors and nothing else.
-        transmitters: N_T, how many of the leader's the follower uses, rear and front first.
-
-    Returns:
-        The measurements, without the leader's statement about its heading.
+        follower: its index; followers share the leader's errors and nothing else.
+        transmitters: N_T, how many of the leader's it uses, rear and front first.
 
     Raises:
         LaisnError: seed or run is out of range.

@@ -1,35 +1,41 @@
-"""The sensors: what each would read without errors, and its readings.
+"""The sensors: what each would read without errors, and its readings; shipped ones and those of plugins.
 
 A sensor is an entry of a list. One set of functions serves one instant and a finished mission: compiled code calls them
 with numbers and records, under way (`sim.sensing.instant`); Python calls them with arrays over filter steps or
-messages (`sim.sensing.observation`). Sensors of plugins: `sim.sensing.own_sensors`.
+messages (`sim.sensing.observation`). Further sensors of a follower come from tables `[[sensors.own]]` of a scenario.
 """
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from laisn.arrays import Floats
 from laisn.compiled import elementwise, select
-from sim.geometry.attitude import carried
+from laisn.failure import LaisnError
+from laisn.messages import BEARING
+from laisn.navigators import NAVIGATORS
+from laisn.plugins import find_class
+from sim.attitude import carried, rotate
+from sim.scenario.section import in_si
+from sim.scenario.sensors import OwnSensor as OwnSensorTable
+from sim.scenario.settings import Scenario
 from sim.sensing.errors import drift, heading_reading, path_taken, plain_reading, range_readings, speed_reading
 from sim.sensing.noise import Address, Stream, normals_at, uniforms_at
 from sim.trajectory import Body, speed_through_water
 
-# compiled code holds numbers, not the members of an enum
+# compiled code needs numbers, not the members of an enum
 _ECHO, _RANGE_UNIFORM, _RANGE_SCALE = int(Stream.ECHO), int(Stream.RANGE_UNIFORM), int(Stream.RANGE_SCALE)
 
 
 class Carrier(NamedTuple):
     """A vehicle with sensors at an instant, or at many of them."""
 
-    follower: int
-    """Its index; of the leader 0."""
-    time: Any
-    """[s]."""
+    follower: int  # its index; of the leader 0
+    time: Any  # [s]
     body: Body
-    depth_sensor: Any
-    """Offset of its pressure sensor, three numbers [m]."""
+    depth_sensor: Any  # offset of its pressure sensor, three numbers [m]
 
 
 class Sensor(NamedTuple):
@@ -38,20 +44,14 @@ class Sensor(NamedTuple):
     Their first argument `e` is a record or tuple of `sim.sensing.errors`.
     """
 
-    name: str
-    """Of its readings."""
-    true: Callable[[Any, Carrier], Any]
-    """What it reads without random errors and constant biases."""
-    stream: Stream | None = None
-    """Of its noise; None: it has no errors."""
+    name: str  # of its readings
+    true: Callable[[Any, Carrier], Any]  # what it reads without random errors and constant biases
+    stream: Stream | None = None  # of its noise; None: it has no errors
     column: int = 0
     """Which of the two normals of a step is its own; sensors of one stream stand side by side in their order."""
-    bias: str = ""
-    """Field of `SensorErrors`; "": it has none."""
-    sigma: str = ""
-    """Field of `SensorErrors`; "": it has none."""
-    read: Callable[..., Any] = plain_reading
-    """Reading from the true value, bias, standard deviation and normal."""
+    bias: str = ""  # field of `SensorErrors`; "": it has none
+    sigma: str = ""  # field of `SensorErrors`; "": it has none
+    read: Callable[..., Any] = plain_reading  # reading from the true value, bias, standard deviation and normal
 
 
 @elementwise
@@ -132,9 +132,12 @@ def _reader_of(sensors: Sequence[Sensor]) -> Callable[..., None]:
         return elementwise(lambda e, address, true, readings, drawn: None)
     name, _, stream, column, bias_name, sigma_name, read = sensors[0]
     assert stream is not None
-    bias, sigma, read_others = _parameter(bias_name), _parameter(sigma_name), _reader_of(sensors[1:])
-    # compiled code holds numbers, not the members of an enum
-    number = int(stream)
+    bias, sigma, read_others, number = (
+        _parameter(bias_name),
+        _parameter(sigma_name),
+        _reader_of(sensors[1:]),
+        int(stream),
+    )
 
     @elementwise
     def read_all(e: Any, address: Address, true: Any, readings: Any, drawn: tuple[float, float]) -> None:
@@ -227,3 +230,90 @@ def read_ranges(e: Any, transmitters: int, sent: Address, received: Address, tru
     ranges = _along(true[0], paths[0]), _along(true[1], paths[1]), _along(true[2], paths[2])
     drawn, normal = uniforms_at(received, _RANGE_UNIFORM), normals_at(received, _RANGE_SCALE)[0]
     return range_readings(e, transmitters, ranges, drawn, normal)
+
+
+class FollowerState(NamedTuple):
+    """True state of a follower at filter steps k = 1 … n."""
+
+    time: Floats  # shape (n,), [s]
+    position: Floats  # of the body origin in the world, shape (n, 3), [m]
+    quaternion: Floats  # attitude from body to world, (w, x, y, z), shape (n, 4)
+    velocity: Floats  # in the world, shape (n, 3), [m/s]
+    angular_velocity: Floats  # in the body frame, shape (n, 3), [rad/s]
+    water_velocity: Floats  # in the world, shape (n, 3), [m/s]
+    hydrophone: Floats  # in the world, shape (n, 3), [m]
+    source: Floats
+    """Where the pings left that are received at a step, from the rear, front and middle transmitter, in the world,
+    shape (n, 3, 3), [m]; NaN where none is received."""
+
+
+class OwnSensor(Protocol):
+    """A sensor: a frozen dataclass whose fields are its parameters, keys of its table, in SI units and radians."""
+
+    @property
+    def name(self) -> str:
+        """Of its readings in `Measurements.own`."""
+
+    @property
+    def stream(self) -> int:
+        """Number of its noise, 16 … 63, for no other sensor."""
+
+    @property
+    def acoustic(self) -> bool:
+        """Whether it reads pings, and nothing where all pings of a message are lost."""
+
+    def true(self, state: FollowerState) -> Floats:
+        """What it would read without errors, shape (n, c); NaN where it reads nothing."""
+
+    def read(self, true: Floats, normals: Floats) -> Floats:
+        """Its readings, shape (n, c), of true values and two standard normals a step, shape (n, 2)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class InvertedUsbl:
+    """Inverted USBL of a follower: azimuth, positive to starboard, and elevation of the
+    leader's front transmitter in its own hull [rad]."""
+
+    name = BEARING
+    stream = 15
+    acoustic = True
+
+    azimuth_sigma: float = float(np.deg2rad(1.0))
+    azimuth_bias: float = 0.0
+    """As of a head that is mounted askew."""
+    elevation_sigma: float = float(np.deg2rad(1.0))
+
+    def true(self, state: FollowerState) -> Floats:
+        """Directions without errors, shape (n, 2)."""
+        to_hull = state.quaternion * np.array([1.0, -1.0, -1.0, -1.0])
+        forward, port, up = rotate(to_hull, state.source[:, 1] - state.hydrophone).T
+        return np.column_stack([np.arctan2(-port, forward), np.arctan2(up, np.hypot(forward, port))])
+
+    def read(self, true: Floats, normals: Floats) -> Floats:
+        """Readings of true directions."""
+        error = normals * (self.azimuth_sigma, self.elevation_sigma) + (self.azimuth_bias, 0.0)
+        return np.asarray(true + error)
+
+
+SHIPPED: Mapping[str, type[Any]] = {"inverted-usbl": InvertedUsbl}
+"""Sensors of this project by the names that scenarios accept; all are off by default."""
+
+
+def own_tables(scenario: Scenario) -> tuple[Any, ...]:
+    """Tables of a scenario's further sensors: its own, after the one that its navigator needs."""
+    variant, given = scenario.navigation.variant, scenario.sensors.own
+    needed = NAVIGATORS[variant].sensor if variant in NAVIGATORS else ""
+    there = not needed or any(table.sensor == needed for table in given)
+    return given if there else (OwnSensorTable(sensor=needed), *given)
+
+
+def own_sensors(scenario: Scenario) -> tuple[OwnSensor, ...]:
+    """A scenario's further sensors; LaisnError if one cannot be found, or does not have a key of its table."""
+    sensors = []
+    for table in own_tables(scenario):
+        made = SHIPPED.get(table.sensor) or find_class("sensor", table.sensor)
+        try:
+            sensors.append(made(**in_si(table.model_extra or {}, getattr(made, "__dataclass_fields__", ()))))
+        except TypeError as error:
+            raise LaisnError(f"sensors.own: {table.sensor}: {error}") from None
+    return tuple(sensors)

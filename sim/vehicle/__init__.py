@@ -4,5 +4,5 @@ Takes the MJCF files of `models`, where all coefficients live, an `Ocean` and th
 and thrust after each step (`plant`). In between: names resolved once (`mjcf`), coefficients and effectors as records,
 and the forces of the water in Fossen's form (`hydrodynamics`). It does not depend on where vehicles are to go.
 
-Imports: laisn models sim.geometry sim.scenario sim.water
+Imports: laisn models sim.attitude sim.scenario sim.water
 """

@@ -46,15 +46,10 @@ gravity [m/s²] and density [kg/m³], and what is computed once: the cube roots 
 
 
 def read(model: Any, names: Sequence[str], density: float) -> npt.NDArray[np.void]:
-    """Hydrodynamic coefficients of vehicles, from the numerics of a compiled model.
-
-    Args:
-        model: the compiled MjModel.
-        names: of vehicles, prefixes of their numerics.
-        density: of the water [kg/m³].
+    """Hydrodynamic coefficients of vehicles by their names, from the numerics of a compiled model.
 
     Returns:
-        Records of RECORD, shape (v,), read-only.
+        Records of RECORD, shape (v,), read-only; `density` is that of the water [kg/m³].
 
     Raises:
         LaisnError: a numeric is missing, of the wrong size or negative, or the added mass is not symmetric positive
@@ -70,9 +65,7 @@ def read(model: Any, names: Sequence[str], density: float) -> npt.NDArray[np.voi
             if numeric in ("strip_x", "strip_area"):
                 record[numeric][: value.size] = value
             elif numeric in MATRICES and value.size == 36:
-                whole = value.reshape(6, 6)
-                record[numeric] = np.diag(whole)
-                record[MATRICES[numeric]] = whole - np.diag(np.diag(whole))
+                record[numeric], record[MATRICES[numeric]] = own, value.reshape(6, 6) - np.diag(own)
                 record["coupled"] |= int(record[MATRICES[numeric]].any())
             else:
                 record[numeric] = value.reshape(shape)
@@ -97,12 +90,7 @@ def _take_roots(records: npt.NDArray[np.void]) -> None:
 
 
 def scaled(records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]) -> npt.NDArray[np.void]:
-    """What the water really does to vehicles whose MJCF is not quite right: records with the setups' scales applied.
-
-    Args:
-        records: of `read`, shape (v,).
-        setups: of the same vehicles; a scale of 1 changes no bit.
-    """
+    """What the water really does to vehicles whose MJCF is not quite right: records with the setups' scales applied."""
     true = records.copy()
     for i, settings in enumerate(setup.settings for setup in setups):
         for name in (*MATRICES, *MATRICES.values(), "cross_flow_drag"):

@@ -28,20 +28,17 @@ import numpy.typing as npt
 from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
-from sim.geometry import attitude
-from sim.geometry.attitude import Vector, cross, plus, rotation, scaled, times
+from sim import attitude
+from sim.attitude import Vector, cross, plus, rotation, scaled, times
 from sim.vehicle.mjcf import Vehicle, VehicleSetup
 
 Layout = tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int32]]
 """Layout of MuJoCo's sparse matrix of moments: numbers of entries and their addresses by row, and their columns."""
 
 
-MOST = 16
-"""Largest number of effectors of a vehicle."""
-MOST_POINTS = 16
-"""Largest number of points of a thruster's curve."""
-THRUSTER, CURVE, PROPELLER, FIN = range(4)
-"""Kinds of effectors; MuJoCo itself applies the thrust of the first."""
+MOST = 16  # largest number of effectors of a vehicle
+MOST_POINTS = 16  # largest number of points of a thruster's curve
+THRUSTER, CURVE, PROPELLER, FIN = range(4)  # kinds of effectors; MuJoCo itself applies the thrust of the first
 SUFFIXES = {CURVE: ".curve", PROPELLER: ".propeller", FIN: ".fin"}
 _PARAMETERS: dict[int, dict[str, tuple[float, float]]] = {
     PROPELLER: {
@@ -85,17 +82,10 @@ EFFECTOR = np.dtype(
 
 
 def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
-    """Effectors of vehicles, from a compiled model.
+    """Effectors of vehicles, from a compiled model: records of EFFECTOR in the order of the MJCF, shape (v, m).
 
-    Args:
-        model: MjModel.
-        vehicles: of the model.
-
-    Returns:
-        Records of EFFECTOR in the order of the MJCF, shape (v, m); actuators that pad a vehicle are all zeros.
-
-    Raises:
-        LaisnError: an actuator does not act at a site of its own hull, or its numeric is wrong.
+    Actuators that pad a vehicle are all zeros. LaisnError if an actuator does not act at a site of its own hull, or its
+    numeric is wrong.
     """
     records = np.zeros((len(vehicles), len(vehicles[0].actuators)), EFFECTOR)
     for row, vehicle in zip(records, vehicles, strict=True):
@@ -115,18 +105,10 @@ def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
 
 
 def read_fixed(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
-    """Fixed fins of vehicles, from a compiled model.
+    """Fixed fins of vehicles, from a compiled model: records of EFFECTOR with limits of zero, shape (v, q).
 
-    Args:
-        model: MjModel.
-        vehicles: of the model.
-
-    Returns:
-        Records of EFFECTOR with limits of zero, shape (v, q); q is the largest number of any vehicle, and records
-        beyond a vehicle's own are all zeros.
-
-    Raises:
-        LaisnError: a fin has no site in its own hull, or its numeric is wrong.
+    q is the largest number of any vehicle, and records beyond a vehicle's own are all zeros. LaisnError if a fin has no
+    site in its own hull, or its numeric is wrong.
     """
     numerics = [model.numeric(i).name for i in range(model.nnumeric)]
     fins = [name.removesuffix(SUFFIXES[FIN]) for name in numerics if name.endswith(SUFFIXES[FIN])]
@@ -188,11 +170,7 @@ def _read_kind(model: Any, name: str, record: Any) -> None:
 
 
 class MovingFins:
-    """The geoms of a compiled model that have the names of fins, turned as the fins are.
-
-    Args:
-        model: MjModel with looks.
-    """
+    """The geoms of a compiled model with looks that have the names of fins, turned as the fins are."""
 
     def __init__(self, model: Any) -> None:
         self._model = model
@@ -313,12 +291,9 @@ def loads(records: Any, state: Floats, density: float, v: Vector, w: Vector) -> 
 
 @compiled
 def reach(record: Any, density: float, speed: float) -> tuple[float, float]:
-    """Least and largest force along the axis of an effector at a speed through the water [N].
+    """Least and largest force along the axis of an effector at a speed along the hull [N].
 
-    Args:
-        record: of EFFECTOR.
-        density: of the water [kg/m³].
-        speed: along the hull [m/s]; of fins, at least `LEAST_WAY` is assumed.
+    Of fins, at least `LEAST_WAY` is assumed.
     """
     low, high = record.limits[0], record.limits[1]
     if record.kind == CURVE:
@@ -342,14 +317,7 @@ def fin_lift(record: Any, density: float, speed: float) -> float:
 
 @compiled
 def state_for(record: Any, density: float, force: float, speed: float) -> float:
-    """State of an effector that gives a force along its axis, at a speed through the water.
-
-    Args:
-        record: of EFFECTOR.
-        density: of the water [kg/m³].
-        force: wanted, within `reach` [N].
-        speed: along the hull [m/s].
-    """
+    """State of an effector that gives a force along its axis, within `reach` [N], at a speed along the hull."""
     if record.kind == FIN:
         return force / fin_lift(record, density, speed)
     if record.kind == PROPELLER:
@@ -372,12 +340,7 @@ def state_for(record: Any, density: float, force: float, speed: float) -> float:
 
 
 def scaled_records(records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]) -> npt.NDArray[np.void]:
-    """What effectors really give whose MJCF is not quite right: records with the setups' scales applied.
-
-    Args:
-        records: of `read`, shape (v, m).
-        setups: of the same vehicles.
-    """
+    """What effectors really give whose MJCF is not quite right: records of `read` with the setups' scales applied."""
     true = records.copy()
     for row, setup in zip(true, setups, strict=True):
         kind, thrust_scale = row["kind"], setup.settings.thrust_scale
@@ -391,25 +354,13 @@ def scaled_records(records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]
 
 
 def unit_wrenches(records: npt.NDArray[np.void]) -> Floats:
-    """Force and torque about the body's origin of a unit of force along the axis, in the body frame.
-
-    Args:
-        records: of `read`, shape (v, m).
-
-    Returns:
-        Shape (v, m, 6), [-] and [m].
-    """
+    """Force and torque about the body's origin of a unit of force along the axis, in the body, shape (v, m, 6)."""
     return np.concatenate([records["force"], records["torque"]], axis=-1)
 
 
 @compiled
 def lay_out(layout: Layout, per_vehicle: int) -> None:
-    """Have MuJoCo's matrix of moments hold all six of each actuator; `mj_forward` leaves out those of zero.
-
-    Args:
-        layout: `moment_rownnz`, `moment_rowadr` and `moment_colind`; overwritten.
-        per_vehicle: number of actuators of a vehicle.
-    """
+    """Have MuJoCo's matrix of moments hold all six of each actuator; `mj_forward` leaves out those of zero."""
     entries, address, column = layout
     for i in range(entries.size):
         entries[i], address[i] = 6, 6 * i

@@ -1,20 +1,27 @@
-"""The MJCF of a hull, written from numbers: each coefficient with the formula or source that it comes from."""
+"""The MJCF of a hull, written from numbers with their formulas or sources, and a first hull from its dimensions.
+
+Coefficients of a slender body of revolution by textbook formulas: Lamb, Hydrodynamics, 6th ed. 1932, articles 114 and
+373 (added mass of a spheroid); Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021, Section
+8.4.2 and chapter 9; Hoerner, Fluid-Dynamic Drag, 1965; Anderson, Fundamentals of Aerodynamics (Helmbold's equation);
+Allen, Vorus and Prestero, OCEANS 2000 (REMUS 100).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import resources
+from typing import Literal
 from xml.sax.saxutils import escape
 
+import jinja2
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import brentq
 
-from laisn.arrays import Floats
+from laisn.failure import LaisnError
+from sim.water import GRAVITY
 
-GRAVITY = 9.81
-"""Of the sea's MJCF [m/s²]."""
-DENSITY = 1026.0
-"""Of sea water, where nothing else is given [kg/m³]."""
-Number = tuple[npt.ArrayLike, str]
-"""Values, and where they come from."""
+DENSITY = 1026.0  # of sea water, where nothing else is given [kg/m³]
+Number = tuple[npt.ArrayLike, str]  # values, and where they come from
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,21 +29,15 @@ class EffectorPart:
     """One actuator or fixed fin at a site of its own; see `sim.vehicle.effectors` for its kinds."""
 
     name: str
-    place: tuple[float, float, float]
-    """In the body frame [m]."""
-    axis: tuple[float, float, float]
-    """Unit vector along which a positive state pushes."""
-    limits: tuple[float, float] | None = None
-    """Of the state; None: a fixed fin, without actuator."""
-    lag: float = 0.0
-    """Time constant of the state [s]."""
-    source: str
-    """Of limits, lag and parameters."""
+    place: npt.ArrayLike  # in the body frame [m]
+    axis: npt.ArrayLike  # unit vector along which a positive state pushes
+    limits: tuple[float, float] | None = None  # of the state; None: a fixed fin, without actuator
+    lag: float = 0.0  # time constant of the state [s]
+    source: str  # of limits, lag and parameters
     suffix: str = ""
     """Of the numeric with its parameters: "curve", "propeller", "fin"; empty: a thruster, of thrust [N]."""
     parameters: tuple[float, ...] = ()
-    blade: tuple[float, float] = (0.0, 0.0)
-    """Half chord and half span of the box that shows a fin [m]."""
+    blade: tuple[float, float] = (0.0, 0.0)  # half chord and half span of the box that shows a fin [m]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,24 +45,18 @@ class HullFile:
     """A hull with the origin of its body frame in the centre of buoyancy; x forward, y port, z up."""
 
     name: str
-    about: str
-    """Where it comes from, for the head of the file."""
-    length: float
-    """For looks and places of instruments [m]."""
+    about: str  # where it comes from, for the head of the file
+    length: float  # for looks and places of instruments [m]
     diameter: float
-    mass: Number
-    """[kg]."""
-    inertia: Number
-    """About the centre of gravity: xx, yy, zz, or with xy, xz, yz [kg m²]."""
-    centre: Number
-    """Of gravity, in the body frame [m]."""
-    numerics: dict[str, Number]
-    """By the names of `sim.vehicle.coefficients.NUMERICS`."""
+    mass: Number  # [kg]
+    inertia: Number  # about the centre of gravity: xx, yy, zz, or with xy, xz, yz [kg m²]
+    centre: Number  # of gravity, in the body frame [m]
+    numerics: dict[str, Number]  # by the names of `sim.vehicle.coefficients.NUMERICS`
     effectors: Sequence[EffectorPart]
 
     def xml(self) -> str:
         """Text of the file."""
-        radius, half, (mass, mass_source) = 0.5 * self.diameter, 0.5 * self.length, self.mass
+        radius, half = 0.5 * self.diameter, 0.5 * self.length
         sites = {
             "tx_rear": (-half, 0, 0),
             "tx_front": (half, 0, 0),
@@ -70,59 +65,11 @@ class HullFile:
             "depth_sensor": (0, 0, 0),
             "cg": self.centre[0],
         }
-        inertia = np.ravel(np.asarray(self.inertia[0], dtype=np.float64))
-        lines = [
-            "<mujoco>",
-            f"  <!-- {_comment(self.about)} -->",
-            '  <compiler angle="radian" autolimits="true"/>',
-            '  <option timestep="0.02" integrator="Euler" density="0" viscosity="0" gravity="0 0 -9.81"/>',
-            "  <worldbody>",
-            '    <body name="hull" simple="false">',
-            '      <freejoint name="free"/>',
-            *_remark(f"mass [kg]: {mass_source}", 6),
-            *_remark(f"inertia [kg m²]: {self.inertia[1]}", 6),
-            *_remark(f"centre of gravity [m]: {self.centre[1]}", 6),
-            f'      <inertial pos="{numbers(self.centre[0])}" mass="{numbers(mass)}" '
-            f'{"diaginertia" if inertia.size == 3 else "fullinertia"}="{numbers(inertia)}"/>',
-            f'      <geom name="looks" type="capsule" size="{numbers([radius, max(half - radius, 0.01)])}" '
-            'zaxis="1 0 0" mass="0" contype="0" conaffinity="0" rgba="0.93 0.80 0.12 1"/>',
-        ]
-        lines += [
-            f'      <geom name="{part.name}" type="box" size="{numbers([*part.blade, 0.004])}" '
-            f'pos="{numbers(part.place)}" zaxis="{numbers(part.axis)}" mass="0" contype="0" conaffinity="0" '
-            'rgba="0.85 0.20 0.12 1"/>'
-            for part in self.effectors
-            if part.suffix == "fin"
-        ]
-        lines += [f'      <site name="{name}" pos="{numbers(place)}"/>' for name, place in sites.items()]
-        for part in self.effectors:
-            axis = "" if part.limits else f' zaxis="{numbers(part.axis)}"'
-            lines.append(f'      <site name="{part.name}" pos="{numbers(part.place)}"{axis}/>')
-        lines += ["    </body>", "  </worldbody>", "  <actuator>"]
-        for part in self.effectors:
-            if part.limits is None:
-                continue
-            gain = ' gainprm="0"' if part.suffix else ""
-            lines.append(
-                f'    <general name="{part.name}" site="{part.name}" gear="{numbers(part.axis)} 0 0 0" '
-                f'dyntype="filterexact" dynprm="{numbers(part.lag)}"{gain} ctrlrange="{numbers(part.limits)}"/>'
-            )
-        lines += ["  </actuator>", "  <custom>"]
-        for name, (values, source) in self.numerics.items():
-            lines += [*_remark(source, 4), f'    <numeric name="{name}" data="{numbers(values)}"/>']
-        for part in self.effectors:
-            lines += _remark(f"{part.name}: {part.source}", 4)
-            if part.suffix:
-                lines.append(f'    <numeric name="{part.name}.{part.suffix}" data="{numbers(part.parameters)}"/>')
-        return "\n".join([*lines, "  </custom>", "</mujoco>", ""])
-
-
-def _comment(text: str) -> str:
-    return escape(text).replace("--", "‐‐")
-
-
-def _remark(text: str, indent: int) -> list[str]:
-    return [f"{' ' * indent}<!-- {_comment(text)} -->"]
+        template = resources.files("sim.vehicle").joinpath("hull.xml.j2").read_text("utf-8")
+        environment = jinja2.Environment(trim_blocks=True, keep_trailing_newline=True, undefined=jinja2.StrictUndefined)
+        environment.filters |= {"numbers": numbers, "comment": lambda text: escape(text).replace("--", "‐‐")}
+        capsule = radius, max(half - radius, 0.01)
+        return environment.from_string(template).render(hull=self, sites=sites, capsule=capsule)
 
 
 def numbers(values: npt.ArrayLike) -> str:
@@ -145,6 +92,165 @@ def still_water_numerics(length: float, diameter: float) -> dict[str, Number]:
     }
 
 
-def diagonal(values: npt.ArrayLike) -> Floats:
-    """The 6×6 matrix with these six values on its diagonal."""
-    return np.diag(np.asarray(values, dtype=np.float64))
+TOP_SPEED = 2.5  # speed that the propeller is geared for [m/s]
+FULLNESS = (0.45, 1.0)  # least and largest mass, as a share of the water in the cylinder of length and diameter
+FIN_ASPECT = 1.3  # span over chord of one fin; the hull mirrors it
+MARGIN = 1.15  # moment of the fins over the Munk moment of the hull; the leader's hull has 1.16
+_DRAG, _CROSS_FLOW, _PLATE = 0.42, 1.1, 1.2
+_K_T, _K_Q, _WAKE, _DEDUCTION = (0.4566, -0.41737), (0.0700, -0.058504), 0.056, 0.1
+
+
+def lamb_factors(length: float, diameter: float) -> tuple[float, float, float]:
+    """Added mass along and across a prolate spheroid over its displaced mass, and of inertia (Lamb 1932)."""
+    e = np.sqrt(1.0 - (diameter / length) ** 2)
+    log = np.log((1.0 + e) / (1.0 - e))
+    alpha = 2.0 * (1.0 - e**2) / e**3 * (0.5 * log - e)
+    beta = 1.0 / e**2 - (1.0 - e**2) / (2.0 * e**3) * log
+    turning = e**4 * (beta - alpha) / ((2.0 - e**2) * (2.0 * e**2 - (2.0 - e**2) * (beta - alpha)))
+    return float(alpha / (2.0 - alpha)), float(beta / (2.0 - beta)), float(turning)
+
+
+def helmbold_slope(aspect: float) -> float:
+    """Lift slope of a wing of small aspect ratio [1/rad] (Helmbold; Anderson)."""
+    return float(2.0 * np.pi * aspect / (2.0 + np.sqrt(4.0 + aspect**2)))
+
+
+def from_dimensions(
+    length: float, diameter: float, mass: float, fins: Literal["x", "+"] = "+", propeller: float | None = None
+) -> HullFile:
+    """A neutral torpedo with four moving tail fins and one propeller.
+
+    Args:
+        length: of the hull [m].
+        diameter: largest [m].
+        mass: with all that floods [kg].
+        fins: two upright and two level ones, or four at 45°.
+        propeller: diameter [m]; None: 0.7 of the hull's.
+
+    Raises:
+        LaisnError: the dimensions are not those of a slender neutral hull.
+    """
+    for name, value in (("length", length), ("diameter", diameter), ("mass", mass), ("propeller", propeller or 1.0)):
+        if not 0.0 < value < 1e6:
+            raise LaisnError(f"{name}: expected a positive number (given: {value:g})")
+    if length < 3.0 * diameter:
+        raise LaisnError(
+            f"length {length:g} m, diameter {diameter:g} m: the formulas are those of slender hulls, at least three "
+            "times as long as thick"
+        )
+    cylinder = DENSITY * np.pi * diameter**2 / 4.0 * length
+    if not FULLNESS[0] <= mass / cylinder <= FULLNESS[1]:
+        low, high = (share * cylinder for share in FULLNESS)
+        raise LaisnError(
+            f"mass {mass:g} kg: a neutral hull of {length:g} m and {diameter:g} m has {low:.3g} to {high:.3g} kg"
+        )
+    if fins not in ("x", "+"):
+        raise LaisnError(f"fins: expected 'x' or '+' (given: {fins!r})")
+    a, b, screw = length / 2, diameter / 2, propeller or 0.7 * diameter
+    if screw > 2.0 * diameter:
+        raise LaisnError(f"propeller {screw:g} m: at most twice the diameter of the hull, {2 * diameter:g} m")
+    roll_inertia, inertia = 0.4 * mass * b**2, mass * (a**2 + b**2) / 5.0
+    along, across, turning = lamb_factors(length, diameter)
+    added = np.array([along * mass, across * mass, across * mass, 0.3 * roll_inertia, *2 * [turning * inertia]])
+    drop, area = 0.1 * diameter, 0.7 * length * diameter
+    rigid = [mass, mass, mass, roll_inertia + mass * drop**2, inertia + mass * drop**2, inertia]
+    whole = added + np.array(rigid)
+    weight = mass * GRAVITY
+    roll_rate, pitch_rate = np.sqrt(weight * drop / whole[3:5])
+    linear = whole * [1 / 20, 1 / 20, 1 / 20, 2 * 0.3 * roll_rate, 2 * 0.8 * pitch_rate, 1.0]
+    frontal = _DRAG * np.pi * b**2 / area
+    aspect = diameter**2 / area
+    lift = np.pi * aspect / (1.0 + np.sqrt(1.0 + (aspect / 2.0) ** 2))
+
+    n = 10
+    ends = np.linspace(-1.0, 1.0, n + 1)
+    side = np.diff(ends * np.sqrt(1.0 - ends**2) + np.arcsin(ends)) * a * b  # of the spheroid
+    slope, fin_x = helmbold_slope(2.0 * FIN_ASPECT), -0.45 * length
+    pair = MARGIN * (added[1] - added[0]) / (0.5 * DENSITY * slope * -fin_x)
+    span = float(np.sqrt(FIN_ASPECT * pair / 2.0))
+    middle = 0.6 * b + span / 2.0
+    rolling = 4 * 0.5 * DENSITY * _PLATE * pair / 2.0 * middle**3
+
+    numerics: dict[str, Number] = {
+        "added_mass": (
+            np.diag(added),
+            "6×6 by rows [kg], [kg m²]: Lamb's factors of the spheroid of L and D, times mass and inertia (Lamb 1932; "
+            "Fossen 2021, 8.4.2); in roll 0.3 of the inertia (Fossen's remus100)",
+        ),
+        "munk_factor": (1.0, "[-]: all Coriolis and Munk terms, as of potential flow"),
+        "linear_damping": (
+            linear,
+            "[N s/m], [N m s]: time constants 20 s in surge, sway, heave, 1 s in yaw; relative damping 0.3 in roll, "
+            "0.8 in pitch (low speeds; Fossen's remus100)",
+        ),
+        "linear_damping_fade": ((3, 3, 3, 0, 0, 0), "[s/m]: fades as exp(−3 U), where drag and lift take over"),
+        "quadratic_damping": (
+            (0, 0, 0, rolling, 0, 0),
+            "[N m s²]: fins as plates across the flow of roll, coefficient 1.2 (Hoerner 1965), at mid span",
+        ),
+        "buoyancy": (weight, "[N]: the weight, m g"),
+        "displaced_inertia": (inertia, "[kg m²]: displaced water, m (a² + b²) / 5"),
+        **still_water_numerics(length, diameter),
+        "hull_lift": (
+            (area, frontal, lift),
+            "area 0.7 L D [m²]; drag 0.42 on the frontal area (Allen et al. 2000); slope π A / (1 + √(1 + A²/4)) "
+            "[1/rad], A = D² / area (Beard and McLain 2012)",
+        ),
+        "cross_flow_drag": ((_CROSS_FLOW, _CROSS_FLOW), "[-]: circular cylinder (Hoerner 1965)"),
+        "strip_x": (a * (ends[1:] + ends[:-1]) / 2.0, f"[m]: middles of {n} equal lengths"),
+        "strip_area": (side, "[m²]: side view of the spheroid, length by length"),
+    }
+    load = 0.5 * DENSITY * area * frontal * TOP_SPEED**2
+
+    def missing_thrust(rate: float) -> float:
+        advance = (1.0 - _WAKE) * TOP_SPEED / (rate * screw)
+        return (1.0 - _DEDUCTION) * DENSITY * rate**2 * screw**4 * (_K_T[0] + _K_T[1] * advance) - load
+
+    rate = float(brentq(missing_thrust, 1e-3, 1e4))
+    parts = [
+        EffectorPart(
+            name="propeller",
+            place=(-a, 0.0, 0.0),
+            axis=(1.0, 0.0, 0.0),
+            limits=(-rate, rate),
+            lag=1.0,
+            suffix="propeller",
+            parameters=(screw, *_K_T, *_K_Q, _WAKE, _DEDUCTION, 1.0),
+            source=f"state [1/s], up to that for {TOP_SPEED:g} m/s; diameter [m], K_T and K_Q falling linearly with J "
+            "(Wageningen B, 3 blades, as in Fossen's remus100), wake fraction 0.056 (Allen et al. 2000), thrust "
+            "deduction 0.1, all of the torque on the hull; lag 1 s (remus100)",
+        )
+    ]
+    begin = 45.0 if fins == "x" else 0.0
+    for name, angle in zip(
+        ("port", "top", "starboard", "bottom"), np.deg2rad(begin + 90.0 * np.arange(4)), strict=True
+    ):
+        # the fins of a pair push the same way
+        push = angle + np.pi / 2.0 if name in ("port", "bottom") else angle - np.pi / 2.0
+        parts.append(
+            EffectorPart(
+                name=f"fin_{name}",
+                place=(fin_x, middle * float(np.cos(angle)), middle * float(np.sin(angle))),
+                axis=(0.0, float(np.cos(push)), float(np.sin(push))),
+                limits=(-0.35, 0.35),
+                lag=0.1,
+                suffix="fin",
+                parameters=(pair / 2.0, slope, 0.44, 0.01),
+                blade=(span / FIN_ASPECT / 2.0, span / 2.0),
+                source=f"state [rad]; area [m²]: the pair has {MARGIN:g} times the Munk moment of the hull; slope "
+                f"[1/rad]: Helmbold at twice the aspect ratio {FIN_ASPECT:g}; stall 0.44 rad, ±0.35 rad and lag 0.1 s "
+                "assumed; drag 0.01 of a thin profile (Hoerner 1965)",
+            )
+        )
+    return HullFile(
+        name="hull",
+        about=f"Estimated: laisn hull, length {length:g} m, diameter {diameter:g} m, mass {mass:g} kg, fins {fins}, "
+        f"propeller {screw:g} m. Each number has its formula; replace it by a measured one.",
+        length=length,
+        diameter=diameter,
+        mass=(mass, "as given; neutral in sea water"),
+        inertia=((roll_inertia, inertia, inertia), "homogeneous spheroid, 2/5 m b² and m (a² + b²) / 5"),
+        centre=((0.0, 0.0, -drop), "0.1 D below the centre of buoyancy (REMUS 100 has 0.02 m)"),
+        numerics=numerics,
+        effectors=parts,
+    )

@@ -1,14 +1,18 @@
 """Forces of the water on rigid hulls, in Fossen's form, from the velocity relative to the water.
 
-Added mass and its Coriolis terms: Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021, and
-Lamb, Hydrodynamics, 6th ed. 1932, both for still water. Water that moves differently from place to place: Taylor, The
+Added mass and its Coriolis terms, damping, lift and cross-flow drag: Fossen, Handbook of Marine Craft Hydrodynamics and
+Motion Control, 2nd ed. 2021, and Lamb, Hydrodynamics, 6th ed. 1932, both for still water; lift and drag over incidence:
+Beard and McLain, Small Unmanned Aircraft, 2012. Water that moves differently from place to place: Taylor, The
 forces on a body placed in a curved or converging stream of fluid, Proc. R. Soc. A 120, 1928; Auton, Hunt and
 Prud'homme, The force exerted on a body in inviscid unsteady non-uniform rotational flow, J. Fluid Mech. 197, 1988. The
 flow is taken as linear over the hull: its velocity, gradient and rates are those at the centre of buoyancy, where the
-body frame has its origin. Viscous forces: `sim.vehicle.drag`.
+body frame has its origin.
 
 Each physics step: `mj_step1`, or its parts → `apply` → `mj_factorM` → `mj_step2`. `apply` writes the wrench to
 `qfrc_applied` and adds the added mass to `M`, so that it acts on accelerations that MuJoCo has yet to solve for.
+
+Functions take `c`, a record of `sim.vehicle.coefficients.RECORD`; `v` and `w`, velocity and rate of turn relative to
+the water, in the body [m/s], [rad/s]; they give force [N] and moment about the origin [N m].
 """
 
 from typing import Any
@@ -17,10 +21,102 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled
-from sim.geometry.attitude import Matrix, Vector, cross, minus, plus, rotation, scaled, times, transposed
-from sim.vehicle.drag import coupled_damping, viscous
+from sim.attitude import Matrix, Vector, cross, minus, plus, rotation, scaled, times, transposed
 from sim.vehicle.effectors import loads
-from sim.water.ocean import AMPLITUDE, Water, elevation_at, flow
+from sim.water import AMPLITUDE, Water, elevation_at, flow
+
+
+@compiled
+def _faded(fade: float, speed: float, fade_before: float, left_before: float) -> float:
+    """Share of an axis's linear damping that is left: mostly all, or that of the axis before, which is known."""
+    if fade == 0.0:
+        return 1.0
+    if fade == fade_before:
+        return left_before
+    return float(np.exp(-fade * speed))
+
+
+@compiled
+def damping(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+    """Linear damping, which may fade as exp(−fade U), and quadratic damping −d |ν| ν, axis by axis."""
+    speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    lin, fade, quad = c.linear_damping, c.linear_damping_fade, c.quadratic_damping
+    left_x = _faded(fade[0], speed, np.nan, 1.0)
+    left_y = _faded(fade[1], speed, fade[0], left_x)
+    left_z = _faded(fade[2], speed, fade[1], left_y)
+    left_roll = _faded(fade[3], speed, fade[2], left_z)
+    left_pitch = _faded(fade[4], speed, fade[3], left_roll)
+    left_yaw = _faded(fade[5], speed, fade[4], left_pitch)
+    force = (
+        -(lin[0] * left_x + quad[0] * abs(v[0])) * v[0],
+        -(lin[1] * left_y + quad[1] * abs(v[1])) * v[1],
+        -(lin[2] * left_z + quad[2] * abs(v[2])) * v[2],
+    )
+    moment = (
+        -(lin[3] * left_roll + quad[3] * abs(w[0])) * w[0],
+        -(lin[4] * left_pitch + quad[4] * abs(w[1])) * w[1],
+        -(lin[5] * left_yaw + quad[5] * abs(w[2])) * w[2],
+    )
+    return force, moment
+
+
+@compiled
+def coupled_damping(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+    """Damping off the diagonals, −(D + D_q |ν_j|) ν_j, which does not fade."""
+    nu = (v[0], v[1], v[2], w[0], w[1], w[2])
+    out = np.zeros(6)
+    for i in range(6):
+        for j in range(6):
+            out[i] -= (c.linear_coupling[i, j] + c.quadratic_coupling[i, j] * abs(nu[j])) * nu[j]
+    return (out[0], out[1], out[2]), (out[3], out[4], out[5])
+
+
+@compiled
+def hull_lift(c: Any, v: Vector) -> Vector:
+    """Drag and lift of the hull at incidence α, as a force along its axis and one across it.
+
+    Along the axis acts −½ρ S CD0 U² cos α |cos α|, across it −½ρ S (CD0 + a) U² sin α |cos α|. At small incidence this
+    is the drag CD0 against the flow and the lift a α across it (slope a of a wing of the hull's plan). Towards 90° both
+    fade and leave the hull to `cross_flow`. A round hull has no sharp edge to be sucked forward at, so its lift never
+    pushes it along its axis. Both planes add to one incidence; `hull_lift_planes` may leave one of them out.
+    """
+    area, drag, slope = c.hull_lift[0], c.hull_lift[1], c.hull_lift[2]
+    side, up = c.hull_lift_planes[0] * v[1], c.hull_lift_planes[1] * v[2]
+    in_plane = v[0] * v[0] + side * side + up * up
+    if in_plane == 0.0:
+        return 0.0, 0.0, 0.0
+    total = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    scale = -0.5 * c.density * area * abs(v[0]) * (total / in_plane)
+    normal = scale * (drag + slope)
+    return scale * drag * v[0], normal * side, normal * up
+
+
+@compiled
+def cross_flow(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+    """Drag of the hull's sections across the flow, strip by strip (Fossen 2021).
+
+    With both coefficients C equal, a strip of side area A has −½ρ A C |U| U of its own cross-flow U; unequal ones
+    scale each axis by the cube root of its C: C |U| U along either axis alone, and always against the motion.
+    """
+    root_y, root_z = c.cross_flow_root[0], c.cross_flow_root[1]
+    fy = fz = my = mz = 0.0
+    for i in range(c.n_strips):
+        x = c.strip_x[i]
+        side, up = root_y * (v[1] + x * w[2]), root_z * (v[2] - x * w[1])
+        scale = -0.5 * c.density * c.strip_area[i] * np.sqrt(side * side + up * up)
+        dy, dz = scale * root_y * side, scale * root_z * up
+        fy += dy
+        fz += dz
+        my -= x * dz
+        mz += x * dy
+    return (0.0, fy, fz), (0.0, my, mz)
+
+
+@compiled
+def viscous(c: Any, v: Vector, w: Vector) -> tuple[tuple[Vector, Vector], ...]:
+    """All viscous forces and moments."""
+    return damping(c, v, w), cross_flow(c, v, w), (hull_lift(c, v), (0.0, 0.0, 0.0))
+
 
 LOST = 1e3
 """A speed [m/s] or rate [rad/s] that no vehicle has: the integration has failed, though numbers are finite yet."""
@@ -92,13 +188,10 @@ def convergence(gradient: Matrix, axis: Vector, momentum: Vector, angular: Vecto
 
 @compiled
 def immersion(c: Any, position: Vector, axis: Vector, time: float, water: Water) -> tuple[float, float]:
-    """How much of a hull is in the water, and where the missing part was.
+    """Share of a hull that is in the water, and Σ (dry share · x) of the strips [m].
 
     A strip's section leaves the water evenly from the moment the surface touches its top until it is a radius below
     its middle; strips count by their side area.
-
-    Returns:
-        The share immersed in [0, 1], and Σ (dry share · x) of the strips [m].
     """
     reach, waves = 0.0, water[1]
     for i in range(waves.shape[1]):
@@ -124,7 +217,6 @@ def wrench(
     """All that the water does to one vehicle, but for added mass times acceleration.
 
     Args:
-        c: record of `sim.vehicle.coefficients.RECORD`.
         pose: position [m] and quaternion, shape (7,).
         twist: velocity of the origin in the world [m/s], angular velocity in the body [rad/s], shape (6,).
         fitted: effectors and fixed fins of the vehicle, records of `sim.vehicle.effectors.EFFECTOR`, shape (m + q,).
@@ -180,11 +272,7 @@ def wrench(
     share, dry_arm = immersion(c, position, axis, time, water)
     lift = (0.0, 0.0, share * c.buoyancy)
     lost = cross((dry_arm, 0.0, 0.0), times(to_body, (0.0, 0.0, -c.buoyancy)))
-    return (
-        plus(scaled(share, times(to_world, force)), lift),
-        plus(scaled(share, moment), lost),
-        share,
-    )
+    return plus(scaled(share, times(to_world, force)), lift), plus(scaled(share, moment), lost), share
 
 
 @compiled

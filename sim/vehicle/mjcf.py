@@ -10,7 +10,7 @@ import numpy as np
 
 import models
 from laisn.failure import LaisnError
-from sim.geometry import attitude
+from sim import attitude
 from sim.scenario import vehicles
 
 
@@ -21,12 +21,9 @@ class VehicleSetup:
     name: str
     model: str
     """A model of the project by its name for `models.path`, "leader" or "follower", or the text of an MJCF file."""
-    position_m: tuple[float, float, float]
-    """Position (east, north, up) of the body origin in the world, at the start."""
-    heading_rad: float = 0.0
-    """Compass, at the start."""
-    speed_m_s: float = 0.0
-    """Forward, over ground, at the start."""
+    position_m: tuple[float, float, float]  # position (east, north, up) of the body origin in the world, at the start
+    heading_rad: float = 0.0  # compass, at the start
+    speed_m_s: float = 0.0  # forward, over ground, at the start
     settings: vehicles.Vehicle = field(default_factory=vehicles.Vehicle.model_construct)
     """What is changed of the MJCF: trim, true over nominal coefficients, places of a leader's transmitters."""
 
@@ -37,26 +34,20 @@ class Vehicle:
 
     name: str
     body: int
-    qpos: int
-    """First of its seven entries in `qpos`."""
+    qpos: int  # first of its seven entries in `qpos`
     actuators: tuple[int, ...]
     """MuJoCo's ids of its actuators, in the order of the MJCF; of all vehicles alike, since `compose` pads."""
-    effectors: int
-    """Number of the MJCF's own actuators; those that follow exert no force."""
+    effectors: int  # number of the MJCF's own actuators; those that follow exert no force
 
 
 def compose(setups: Sequence[VehicleSetup], floor_depth_m: float | None = None, *, looks: bool = True) -> mujoco.MjSpec:
     """The ocean with vehicles attached, each under the prefix "name/".
 
-    Args:
-        setups: of the vehicles.
-        floor_depth_m: None leaves the floor where the MJCF has it.
-        looks: with the vehicles' geoms, which have no mass and touch nothing, but which MuJoCo moves at every step.
-
-    Raises:
-        LaisnError: there is no such model, or a vehicle lacks the site that is to be moved.
+    `floor_depth_m` None leaves the floor where the MJCF has it. `looks` are the vehicles' geoms, which have no mass and
+    touch nothing, but which MuJoCo moves at every step. LaisnError if there is no such model, or a vehicle lacks the
+    site that is to be moved.
     """
-    spec = _read(models.path("ocean").read_text("utf-8")).copy()
+    spec = spec_of("ocean")
     if floor_depth_m is not None:
         # crests of the relief reach up to the floor's depth, so that what is above it is clear
         spec.geom("floor").pos[2] = -floor_depth_m - spec.hfield("floor").size[2]
@@ -80,23 +71,12 @@ def _pad(vehicle: mujoco.MjSpec, count: int) -> None:
         actuator.ctrllimited, actuator.ctrlrange = True, np.array([-1.0, 1.0])
 
 
-def spec_of(model: str) -> mujoco.MjSpec:
-    """A vehicle's own MJCF without keyframes, to be changed: of a model of the project, or of the text of a file.
+def spec_of(model: str, looks: bool = True) -> mujoco.MjSpec:
+    """A vehicle's own MJCF without keyframes, to be changed: of a model by name, or of the text of a file.
 
-    Raises:
-        ValueError: there is no such model, or the text is not valid MJCF.
+    ValueError if there is no such model, or the text is not valid MJCF.
     """
-    return _attachable(_text_of(model), looks=True).copy()
-
-
-def _text_of(model: str) -> str:
-    return model if model.lstrip().startswith("<") else models.path(model).read_text("utf-8")
-
-
-@lru_cache(maxsize=1)
-def _read(text: str) -> mujoco.MjSpec:
-    """MJCF as it was read, to be copied, which takes an eighth of the time."""
-    return mujoco.MjSpec.from_string(text)
+    return _attachable(model if vehicles.is_mjcf(model) else models.path(model).read_text("utf-8"), looks).copy()
 
 
 @lru_cache(maxsize=8)
@@ -122,7 +102,7 @@ def transmitter_places(settings: vehicles.Vehicle) -> dict[str, tuple[int, float
 
 def _edited(setup: VehicleSetup, looks: bool) -> mujoco.MjSpec:
     """The vehicle's own MJCF with what the setup changes of it."""
-    spec = _attachable(_text_of(setup.model), looks).copy()
+    spec = spec_of(setup.model, looks)
     hull = spec.body("hull")
     if hull is None:
         raise LaisnError(f"{setup.name}: the model {setup.model!r} is no vehicle, it has no body 'hull'")

@@ -26,24 +26,16 @@ _ELEMENTS = {
     "inertial", "geom", "site", "camera", "light", "actuator", "general", "keyframe", "key", "custom", "numeric",
     "text",
 }  # fmt: skip
-_MOST_VALUES = 1000
-"""Of a numeric; MuJoCo makes room for as many as the file has."""
-_FINEST = 64
-"""Largest parameter of a mesh that MuJoCo builds: facets, or subdivisions."""
+_MOST_VALUES = 1000  # of a numeric; MuJoCo makes room for as many as the file has
+_FINEST = 64  # largest parameter of a mesh that MuJoCo builds: facets, or subdivisions
 _MOST_ELEMENTS = {"mesh": 20, "geom": 200, "site": 200}
 """Largest number of elements of a kind: each mesh takes memory, and MuJoCo moves each site at every step."""
-_LARGEST = 1e9
-"""Largest size of a number."""
-_FARTHEST_M = 1000.0
-"""Farthest site from the origin along an axis [m]."""
+_LARGEST = 1e9  # largest size of a number
+_FARTHEST_M = 1000.0  # farthest site from the origin along an axis [m]
 _NOT_FINITE = re.compile(r"[+-]?(nan(\(\w*\))?|inf(inity)?)", re.IGNORECASE)
 """Numbers as C reads them that are not finite."""
-_NAME = re.compile("[A-Za-z][A-Za-z0-9_]{0,39}")
-"""A name of an actuator, which also names a column of the log."""
-_SITES = {
-    "depth_sensor": "where the pressure sensor sits",
-    "cg": "the centre of gravity",
-}
+_NAME = re.compile("[A-Za-z][A-Za-z0-9_]{0,39}")  # a name of an actuator, which also names a column of the log
+_SITES = {"depth_sensor": "where the pressure sensor sits", "cg": "the centre of gravity"}
 _INSTRUMENTS = {
     "leader": dict.fromkeys(("tx_rear", "tx_front", "tx_middle"), "a transmitter"),
     "follower": {"hydrophone": "the hydrophone"},
@@ -92,14 +84,7 @@ def _of_the_sea(root: Element) -> Iterator[str]:
 
 
 def _unexpected(text: str) -> list[str]:
-    """What a hull may not hold.
-
-    Args:
-        text: of its file.
-
-    Returns:
-        A line for each thing that has no place there; empty if there is none.
-    """
+    """A line for each thing that the text of a hull may not hold."""
     outside = _FILES.search(text)
     if outside:
         return [f"names other files ({outside[0].strip()}): a hull is one file; looks are made of plain geoms"]
@@ -110,11 +95,6 @@ def _unexpected(text: str) -> list[str]:
     unknown = sorted({element.tag for element in root.iter()} - _ELEMENTS)
     lines = [f"may not hold <{tag[:40]}>: a hull is one body, and its looks are plain geoms" for tag in unknown]
     return [*lines, *_excesses(root), *_of_the_sea(root)]
-
-
-def _first_lines(error: Exception) -> str:
-    """What MuJoCo reports, and the line that names the element."""
-    return ", ".join(str(error).splitlines()[:2])
 
 
 def _missing(spec: Any, role: str) -> list[str]:
@@ -179,7 +159,7 @@ def _compiled(text: str) -> list[str]:
         effectors.read(model, vehicles)
         effectors.read_fixed(model, vehicles)
     except ValueError as error:
-        return [_first_lines(error)]
+        return [", ".join(str(error).splitlines()[:2])]
     lines = []
     if model.na != model.nu:
         lines.append('every actuator must have a state of its own: <general dyntype="filterexact" dynprm="0.3"/>')
@@ -191,14 +171,9 @@ def _compiled(text: str) -> list[str]:
 
 
 def hull_errors(text: str, role: str) -> list[str]:
-    """What the MJCF of a hull lacks to be a vehicle.
+    """A line for each site, actuator and coefficient that the MJCF of a hull lacks or has wrong.
 
-    Args:
-        text: of the file.
-        role: "leader" or "follower", which carry other instruments.
-
-    Returns:
-        A line for each site, actuator and coefficient that is missing or wrong; empty if there is none.
+    The role is "leader" or "follower", which carry other instruments.
     """
     lines = _unexpected(text)
     if lines:
@@ -206,7 +181,7 @@ def hull_errors(text: str, role: str) -> list[str]:
     try:
         spec = mujoco.MjSpec.from_string(text)
     except ValueError as error:
-        return [f"not valid MJCF: {_first_lines(error)}"]
+        return [f"not valid MJCF: {', '.join(str(error).splitlines()[:2])}"]
     if spec.body("hull") is None:
         return ["has no body 'hull'"]
     return _missing(spec, role) + _misbuilt(spec) or _compiled(text)

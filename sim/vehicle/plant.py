@@ -8,11 +8,11 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints
 from laisn.failure import LaisnError
-from sim.geometry import attitude
-from sim.vehicle import coefficients, effectors, hydrodynamics, mujoco_functions, stepping
+from sim import attitude
+from sim.vehicle import coefficients, effectors, hydrodynamics, stepping
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 from sim.vehicle.stepping import LOST, Fault
-from sim.water.ocean import Ocean, water_velocity
+from sim.water import Ocean, water_velocity
 
 NO_CONTACT = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT.value | mujoco.mjtDisableBit.mjDSBL_CONTACT.value
 """Hulls pass through one another and through the floor, whatever their geoms are."""
@@ -121,7 +121,7 @@ class Plant:
         mujoco.mj_forward(model, data)
         self._last_pose[:], self._last_twist[:] = self.pose, self.twist
         self._find_accelerations()
-        self._calls = mujoco_functions.find(model, data)
+        self._calls = stepping.find(model, data)
 
     def _find_accelerations(self) -> None:
         """Find the accelerations of the start, which the first step takes for those of a step before."""
@@ -155,11 +155,7 @@ class Plant:
         return out
 
     def step(self, command: Floats, n_substeps: int = 1) -> None:
-        """Advance by `n_substeps` physics steps under constant commands.
-
-        Args:
-            command: of each effector, shape (v, m), in the units of its state; limited to its range.
-            n_substeps: number of steps of `dt`.
+        """Advance by `n_substeps` physics steps under constant commands, shape (v, m), in the units of the states.
 
         Raises:
             ValueError: the command has the wrong shape.
@@ -167,9 +163,8 @@ class Plant:
         """
         if command.shape != self.thrust.shape:
             raise ValueError(f"command has shape {command.shape}, expected {self.thrust.shape}")
-        self.finish_step(
-            stepping.advance(self.step_handles(), np.ascontiguousarray(command, dtype=np.float64), n_substeps)
-        )
+        given = np.ascontiguousarray(command, dtype=np.float64)
+        self.finish_step(stepping.advance(self.step_handles(), given, n_substeps))
 
     def step_handles(self) -> Any:
         """Arguments of `stepping.advance`, at the present time."""

@@ -7,7 +7,8 @@ diagonal has the signs of SNAME (1950): derivatives of the force, negative where
 """
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -16,31 +17,24 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
-from sim.geometry import attitude
-from sim.vehicle.hull_file import GRAVITY, EffectorPart, HullFile, Number, still_water_numerics
+from sim import attitude
+from sim.vehicle.hull_file import EffectorPart, HullFile, Number, still_water_numerics
+from sim.water import GRAVITY
 
 FORCES, RATES = "xyzkmn", "UVWPQR"
-THRUST = 50.0
-"""Range of a thruster whose plugin has none [N]: a T200 at 16 V."""
-LAG = {"thruster": 0.2, "fin": 0.1}
-"""Gazebo's thrusters and joints have controllers and no lag of their own [s]."""
+THRUST = 50.0  # range of a thruster whose plugin has none [N]: a T200 at 16 V
+LAG = {"thruster": 0.2, "fin": 0.1}  # Gazebo's thrusters and joints have controllers and no lag of their own [s]
 
 
 class Frame(NamedTuple):
     """Pose of a link in the model."""
 
     place: Floats
-    turn: Floats
-    """Link to model, shape (3, 3)."""
+    turn: Floats  # link to model, shape (3, 3)
 
     def at(self, place: Floats) -> Floats:
         """A point of the link in the model."""
         return np.asarray(self.place + self.turn @ place)
-
-
-_Range = tuple[float, float]
-_Thruster = tuple[str, Floats, Floats, _Range]
-_Surface = tuple[str, Element, Frame, _Range | None]
 
 
 class Body(NamedTuple):
@@ -51,8 +45,7 @@ class Body(NamedTuple):
     inertia: Floats
     volume: float
     buoyancy_centre: Floats
-    low: Floats
-    """Corners of the box about all collisions."""
+    low: Floats  # corners of the box about all collisions
     high: Floats
 
 
@@ -98,21 +91,17 @@ def _about(axis: int, angle: float) -> Floats:
 
 def _solid(collision: Element) -> tuple[float, Floats]:
     """Volume [m³] and half extents [m] of a shape."""
-    shapes: dict[str, Callable[[Element], tuple[float, Floats]]] = {
-        "box": lambda s: (float(np.prod(_numbers(s.findtext("size"), 3, "<size>"))),
-                          _numbers(s.findtext("size"), 3, "<size>") / 2),
-        "sphere": lambda s: (4 / 3 * np.pi * _number(s, "radius") ** 3, np.full(3, _number(s, "radius"))),
-        "ellipsoid": lambda s: (4 / 3 * np.pi * float(np.prod(_numbers(s.findtext("radii"), 3, "<radii>"))),
-                                _numbers(s.findtext("radii"), 3, "<radii>")),
-        "cylinder": lambda s: (np.pi * _number(s, "radius") ** 2 * _number(s, "length"),
-                               np.array([_number(s, "radius"), _number(s, "radius"), _number(s, "length") / 2])),
-        "capsule": lambda s: (np.pi * _number(s, "radius") ** 2 * (_number(s, "length") + 4 / 3 * _number(s, "radius")),
-                              np.array([1, 1, 1]) * _number(s, "radius") + [0, 0, _number(s, "length") / 2]),
-    }  # fmt: skip
-    for name, volume in shapes.items():
-        shape = collision.find(f"geometry/{name}")
-        if shape is not None:
-            return volume(shape)
+    for shape in collision.iterfind("geometry/*"):
+        if shape.tag in ("box", "ellipsoid"):
+            name, share, volume = ("size", 0.5, 1.0) if shape.tag == "box" else ("radii", 1.0, 4 / 3 * np.pi)
+            size = _numbers(shape.findtext(name), 3, f"<{name}>")
+            return volume * float(np.prod(size)), share * size
+        if shape.tag in ("sphere", "cylinder", "capsule"):
+            radius = _number(shape, "radius")
+            length = 0.0 if shape.tag == "sphere" else _number(shape, "length")
+            ends = 0.0 if shape.tag == "cylinder" else radius
+            volume = np.pi * radius**2 * (length + 4 / 3 * ends)
+            return volume, np.array([radius, radius, length / 2 + ends])
     return 0.0, np.zeros(3)
 
 
@@ -190,13 +179,9 @@ def _coefficients(plugin: Element, remarks: list[str]) -> dict[str, Floats]:
     return found
 
 
-def _motors(
-    model: Element, links: dict[str, tuple[Element, Frame]], remarks: list[str]
-) -> tuple[list[_Thruster], list[_Surface]]:
-    """Thrusters (name, place, axis, range) and surfaces (name, plugin, frame, range of the joint or None)."""
+def _thrusters(model: Element, links: dict[str, tuple[Element, Frame]], remarks: list[str]) -> Iterator[EffectorPart]:
+    """Thrusters in the model's frame."""
     joints = {joint.get("name", ""): joint for joint in model.iter("joint")}
-    children = {joint.findtext("child", "").split("::")[-1]: joint for joint in joints.values()}
-    thrusters, surfaces = [], []
     for plugin in _plugins(model, "Thruster"):
         name = plugin.findtext("joint_name", "").strip()
         joint = joints.get(name)
@@ -204,21 +189,50 @@ def _motors(
             raise LaisnError(f"Thruster: there is no <joint name={name!r}> with a child link")
         frame = links[joint.findtext("child", "").strip()][1]
         axis = frame.turn @ _numbers(joint.findtext("axis/xyz", "0 0 1"), 3, f"<axis> of joint {name!r}")
-        low, high = _number(plugin, "min_thrust_cmd", -THRUST), _number(plugin, "max_thrust_cmd", THRUST)
+        limits = _number(plugin, "min_thrust_cmd", -THRUST), _number(plugin, "max_thrust_cmd", THRUST)
         if plugin.find("max_thrust_cmd") is None:
             remarks.append(f"thruster {name!r} has no max_thrust_cmd (Gazebo: 1000 N): ±{THRUST:g} N")
-        thrusters.append((_name(name), frame.place, axis / np.linalg.norm(axis), (low, high)))
+        yield EffectorPart(
+            name=_name(name),
+            place=frame.place,
+            axis=axis / np.linalg.norm(axis),
+            limits=limits,
+            lag=LAG["thruster"],
+            source=f"thrust [N]; place and axis of the joint's child link; lag {LAG['thruster']:g} s assumed",
+        )
+
+
+def _fins(model: Element, links: dict[str, tuple[Element, Frame]], remarks: list[str]) -> Iterator[EffectorPart]:
+    """Fins, which lift across the hull, in the model's frame."""
+    children = {joint.findtext("child", "").split("::")[-1]: joint for joint in model.iter("joint")}
     for plugin in _plugins(model, "LiftDrag"):
         link = plugin.findtext("link_name", "").strip()
         if link not in links:
             raise LaisnError(f"LiftDrag: there is no <link name={link!r}>")
-        joint = children.get(link)
-        limits = None
+        name, frame, joint = _name(link), links[link][1], children.get(link)
+        limits: tuple[float, float] | None = None
         if joint is not None and joint.get("type") == "revolute":
             limit = joint.find("axis/limit")
             limits = (-0.35, 0.35) if limit is None else (_number(limit, "lower", -0.35), _number(limit, "upper", 0.35))
-        surfaces.append((_name(link), plugin, links[link][1], limits))
-    return thrusters, surfaces
+        axis = frame.turn @ _numbers(plugin.findtext("upward", "0 0 1"), 3, "<upward>")
+        axis = np.array([0.0, *axis[1:]])
+        if not np.linalg.norm(axis) > 0.9:
+            remarks.append(f"LiftDrag of {name!r} lifts along the hull and is left out")
+            continue
+        area, slope = _number(plugin, "area", 1.0), _number(plugin, "cla", 1.0)
+        span = float(np.sqrt(area))
+        yield EffectorPart(
+            name=name,
+            place=frame.at(_numbers(plugin.findtext("cp", "0 0 0"), 3, "<cp>")),
+            axis=axis / np.linalg.norm(axis),
+            limits=limits,
+            lag=0.0 if limits is None else LAG["fin"],
+            suffix="fin",
+            parameters=(area, slope, min(_number(plugin, "alpha_stall", 0.44), 1.5), 0.0),
+            blade=(span / 2, span / 2),
+            source="area [m²], cla [1/rad], alpha_stall [rad]; no drag at no incidence, as cda is a slope; "
+            + ("fixed" if limits is None else f"state [rad], limits of the joint; lag {LAG['fin']:g} s assumed"),
+        )
 
 
 def _name(text: str) -> str:
@@ -228,16 +242,9 @@ def _name(text: str) -> str:
 
 
 def from_sdf(text: str) -> tuple[HullFile, list[str]]:
-    """The hull of the first model with a Hydrodynamics plugin in an SDF file.
+    """The hull of the first model with a Hydrodynamics plugin in the text of an SDF file; what was assumed or left out.
 
-    Args:
-        text: of the file.
-
-    Returns:
-        The hull, and what was assumed or left out.
-
-    Raises:
-        LaisnError: it is no such file; names element and value.
+    LaisnError if it is no such file; names element and value.
     """
     try:
         root = ElementTree.fromstring(text)
@@ -249,7 +256,7 @@ def from_sdf(text: str) -> tuple[HullFile, list[str]]:
     model, remarks = models[0], [f"only the first of {len(models)} models is read"] * (len(models) > 1)
     links = {link.get("name", ""): (link, _frame(link)) for link in model.findall("link")}
     body, plugin = _body(links), next(_plugins(model, "Hydrodynamics"))
-    thrusters, surfaces = _motors(model, links, remarks)
+    thrusters, fins = list(_thrusters(model, links, remarks)), list(_fins(model, links, remarks))
     if not thrusters:
         raise LaisnError("has no Thruster plugin")
     hydrodynamic = links.get(plugin.findtext("link_name", "").strip())
@@ -264,8 +271,8 @@ def from_sdf(text: str) -> tuple[HullFile, list[str]]:
             f"coefficients about the link's origin are taken about the centre of buoyancy, {offset:.2g} m away"
         )
     # the only thruster along the hull stands at the stern
-    ahead = [one for one in thrusters if abs(one[2][0]) > 0.9]
-    backwards = len(ahead) == 1 and ahead[0][1][0] > body.buoyancy_centre[0] + 0.25 * (body.high[0] - body.low[0])
+    ahead = [np.asarray(one.place)[0] for one in thrusters if abs(np.asarray(one.axis)[0]) > 0.9]
+    backwards = len(ahead) == 1 and ahead[0] > body.buoyancy_centre[0] + 0.25 * (body.high[0] - body.low[0])
     if backwards:
         remarks.append("the propeller stands at +x: the nose is taken to be at −x, and the body turned round")
     flip = np.diag([-1.0, -1.0, 1.0]) if backwards else np.eye(3)
@@ -281,50 +288,13 @@ def from_sdf(text: str) -> tuple[HullFile, list[str]]:
         buoyancy = body.mass * GRAVITY
     matrices = {name: six @ matrix @ six for name, matrix in _coefficients(plugin, remarks).items()}
 
-    def placed(place: Floats) -> tuple[float, float, float]:
-        x, y, z = (float(value) for value in flip @ (place - origin))
-        return x, y, z
+    def placed(part: EffectorPart) -> EffectorPart:
+        """The part in the body frame; of a propeller that pushes astern, positive thrust is ahead."""
+        place, axis, limits = flip @ (np.asarray(part.place) - origin), flip @ np.asarray(part.axis), part.limits
+        if limits and not part.suffix and axis[0] <= -0.9:
+            axis, limits = -axis, (-limits[1], -limits[0])
+        return replace(part, place=place, axis=axis, limits=limits)
 
-    def turned(axis: Floats) -> tuple[float, float, float]:
-        x, y, z = (float(value) for value in flip @ axis)
-        return x, y, z
-
-    parts = [
-        EffectorPart(
-            name=name,
-            place=placed(place),
-            # of a propeller that pushes astern, positive thrust is here ahead
-            axis=turned(axis if (flip @ axis)[0] > -0.9 else -axis),
-            limits=limits if (flip @ axis)[0] > -0.9 else (-limits[1], -limits[0]),
-            lag=LAG["thruster"],
-            source=f"thrust [N]; place and axis of the joint's child link; lag {LAG['thruster']:g} s assumed",
-        )
-        for name, place, axis, limits in thrusters
-    ]
-    for name, surface, frame, limits in surfaces:
-        axis = frame.turn @ _numbers(surface.findtext("upward", "0 0 1"), 3, "<upward>")
-        axis = np.array([0.0, *axis[1:]])
-        if not np.linalg.norm(axis) > 0.9:
-            remarks.append(f"LiftDrag of {name!r} lifts along the hull and is left out")
-            continue
-        axis /= np.linalg.norm(axis)
-        place = frame.at(_numbers(surface.findtext("cp", "0 0 0"), 3, "<cp>"))
-        area, slope = _number(surface, "area", 1.0), _number(surface, "cla", 1.0)
-        span = float(np.sqrt(area))
-        parts.append(
-            EffectorPart(
-                name=name,
-                place=placed(place),
-                axis=turned(axis),
-                limits=limits,
-                lag=0.0 if limits is None else LAG["fin"],
-                suffix="fin",
-                parameters=(area, slope, min(_number(surface, "alpha_stall", 0.44), 1.5), 0.0),
-                blade=(span / 2, span / 2),
-                source="area [m²], cla [1/rad], alpha_stall [rad]; no drag at no incidence, as cda is a slope; "
-                + ("fixed" if limits is None else f"state [rad], limits of the joint; lag {LAG['fin']:g} s assumed"),
-            )
-        )
     known = "gz-sim Hydrodynamics"
     numerics: dict[str, Number] = {
         "added_mass": (matrices["added_mass"], f"6×6 by rows [kg], [kg m²]: {known}, −xDotU …"),
@@ -345,7 +315,7 @@ def from_sdf(text: str) -> tuple[HullFile, list[str]]:
         diameter=diameter,
         mass=(body.mass, "of all links"),
         inertia=(inertia, "of all links about their common centre"),
-        centre=(placed(body.centre), "of all links"),
+        centre=(flip @ (body.centre - origin), "of all links"),
         numerics=numerics,
-        effectors=parts,
+        effectors=[placed(part) for part in (*thrusters, *fins)],
     ), remarks

@@ -32,7 +32,7 @@ from experiments.studies.asymmetry.missions import fly_condition, pairs
 from laisn.compiled import FOLDER
 from laisn.navigator import Navigator
 from sim.flight import navigate
-from sim.motion import simulate_motion
+from sim.simulation import simulate_motion
 
 SHORT = Plan(routes=("T3", "T6"), offsets_m=(0.0, 10.0), variants=("laisn-2",), looks=(24,),
              duration_s=40.0)  # fmt: skip

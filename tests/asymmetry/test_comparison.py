@@ -32,7 +32,7 @@ from experiments.studies.asymmetry.findings import (
 )
 from experiments.studies.asymmetry.fix_map import closed_form_error, fix_error
 from experiments.studies.asymmetry.missions import Pair, _rms_deg
-from sim.sensing.ahrs import random_error
+from sim.sensing.errors import random_error
 from sim.trajectory import tilted
 from tests.synthetic import make_scenario, make_trajectory
 

@@ -15,7 +15,7 @@ import models
 from experiments.studies.asymmetry import fix_map as chart
 from laisn.geometry import angle_between
 from laisn.settings import VARIANTS, NavigationSettings
-from sim.geometry import attitude
+from sim import attitude
 from sim.trajectory import leveled, tilted
 from tests.synthetic import make_scenario, make_trajectory
 

@@ -25,7 +25,7 @@ from experiments.studies.asymmetry.design import (
 from experiments.studies.asymmetry.findings import Curve
 from experiments.studies.asymmetry.missions import Pair
 from sim.scenario.settings import Sensors
-from sim.sensing.ahrs import random_error
+from sim.sensing.errors import random_error
 from sim.trajectory import tilted
 from tests.synthetic import make_scenario, make_trajectory
 

@@ -16,7 +16,6 @@ from laisn.failure import LaisnError
 from laisn.navigator import Navigator
 from laisn_sim import hull
 from sim.flight import navigate
-from sim.motion import simulate_motion
 from sim.scenario.settings import (
     Acoustics,
     Follower,
@@ -28,6 +27,7 @@ from sim.scenario.settings import (
     Timing,
     Waves,
 )
+from sim.simulation import simulate_motion
 from sim.trajectory import Trajectory
 
 # the leader turns from the start, so that its inclinometer has accelerations to sense

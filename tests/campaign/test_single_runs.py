@@ -12,8 +12,8 @@ from laisn import metrics
 from laisn.arrays import Floats
 from laisn.estimates import TightEstimates
 from laisn.failure import LaisnError
-from sim.motion import simulate_motion
 from sim.scenario.settings import Scenario
+from sim.simulation import simulate_motion
 
 
 @pytest.fixture(scope="module")

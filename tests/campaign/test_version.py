@@ -42,7 +42,7 @@ def after_edits(root: Path, *names: str, text: str = "\n# edited\n") -> str:
 
 @pytest.mark.parametrize(
     "name",
-    ["sim/water/waves.py", "sim/sensing/noise.py", "sim/scenario/file.py", "laisn/variants.py",
+    ["sim/water.py", "sim/sensing/noise.py", "sim/scenario/file.py", "laisn/variants.py",
      "laisn/metrics.py", "experiments/campaign/montecarlo.py", "experiments/campaign/missions.py",
      "models/follower.xml", "sim/scenario/data/followers_T2_T9.json"],
 )  # fmt: skip
@@ -51,11 +51,11 @@ def test_an_edit_of_what_computes_makes_another_version(tree: Path, unedited: st
 
 
 def test_a_docstring_is_no_part_of_the_version(tree: Path, unedited: str) -> None:
-    assert after_edits(tree, "sim/water/waves.py", text='\n"""Other\n\nwords."""\n') == after_edits(
-        tree, "sim/water/waves.py", text='\n"""Words."""\n'
+    assert after_edits(tree, "sim/water.py", text='\n"""Other\n\nwords."""\n') == after_edits(
+        tree, "sim/water.py", text='\n"""Words."""\n'
     )
-    assert after_edits(tree, "sim/water/waves.py", text='\nclass Tide: "words"\n') != unedited
-    assert after_edits(tree, "sim/water/waves.py", text='\nTIDE = """words"""\n') != unedited
+    assert after_edits(tree, "sim/water.py", text='\nclass Tide: "words"\n') != unedited
+    assert after_edits(tree, "sim/water.py", text='\nTIDE = """words"""\n') != unedited
 
 
 def test_edits_of_what_draws_writes_or_compares_keep_the_version(tree: Path, unedited: str) -> None:
@@ -81,9 +81,9 @@ def test_a_module_counts_from_its_first_import_on(tree: Path, text: str) -> None
     new = tree / "sim" / "tides.py"
     try:
         new.write_text("HEIGHT = 1.0\n")
-        used = after_edits(tree, "sim/water/ocean.py", text=text)
+        used = after_edits(tree, "sim/sensing/noise.py", text=text)
         new.write_text("HEIGHT = 2.0\n")
-        assert after_edits(tree, "sim/water/ocean.py", text=text) != used
+        assert after_edits(tree, "sim/sensing/noise.py", text=text) != used
     finally:
         new.unlink()
 
@@ -114,7 +114,7 @@ def test_every_module_loaded_for_a_campaign_is_among_the_sources() -> None:
     loaded = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     files = {path.relative_to(ROOT).with_suffix("").as_posix() for path in version.sources() if path.suffix == ".py"}
     known = {file.removesuffix("/__init__").replace("/", ".") for file in files}
-    assert {"sim.motion", "experiments.campaign.montecarlo"} <= set(loaded.split())
+    assert {"sim.simulation", "experiments.campaign.montecarlo"} <= set(loaded.split())
     assert set(loaded.split()) <= known
 
 

@@ -14,7 +14,7 @@ from sim.simulation import DivergedError, simulate
 from sim.vehicle import effectors
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
-from sim.water.ocean import Ocean
+from sim.water import Ocean
 from tests.synthetic import record
 
 thrust = st.floats(-200, 200)
@@ -109,7 +109,7 @@ def plant(model="leader", *, ocean=None, depth=10.0, buoyancy=0.0, speed=1.0):
         speed_m_s=speed,
         settings=Vehicle.model_construct(excess_buoyancy_n=buoyancy),
     )
-    return Plant([setup], ocean or Ocean.calm())
+    return Plant([setup], ocean or Ocean())
 
 
 def northbound(depth=None, speed=1.0):

@@ -9,7 +9,7 @@ from sim.control.autopilot import VehicleState
 from sim.control.guidance import REFERENCE
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
-from sim.water.ocean import Ocean
+from sim.water import Ocean
 from tests.synthetic import record
 
 DT = 0.1
@@ -74,7 +74,7 @@ def law(
 @pytest.mark.parametrize("deeper", [0.4, -0.3, 8.0, -8.0])
 def test_commands_and_memory_follow_the_law(mode: autopilot.DepthControl, way: float, deeper: float) -> None:
     """At all speeds and depths, with every state and every rate off by something."""
-    plant = Plant([VehicleSetup(name="leader", model="leader", position_m=(0.0, 0.0, -10.0))], Ocean.calm())
+    plant = Plant([VehicleSetup(name="leader", model="leader", position_m=(0.0, 0.0, -10.0))], Ocean())
     records = autopilot.design(plant, (mode,)).copy()
     records["effectors"]["limits"] = [-LIMIT, LIMIT]
     records["drag_fade"], records["drag_linear"] = 0.7, 3.0
@@ -104,7 +104,7 @@ def test_commands_and_memory_follow_the_law(mode: autopilot.DepthControl, way: f
 
 def test_a_hull_turns_about_its_origin_wherever_its_mass_lies() -> None:
     """Steiner: a centre 0.3 m ahead adds 0.09 m to both moments of inertia, and no righting."""
-    plant = Plant([VehicleSetup(name="leader", model="leader", position_m=(0.0, 0.0, -10.0))], Ocean.calm())
+    plant = Plant([VehicleSetup(name="leader", model="leader", position_m=(0.0, 0.0, -10.0))], Ocean())
     (before,) = autopilot.design(plant, ("pitch",)).copy()
     body = plant.model.body("leader/hull")
     body.ipos[0] += 0.3

@@ -6,9 +6,8 @@ import pytest
 from laisn.arrays import Ints, Record, Records, records
 from sim.control.follower import FOLLOWER_MEMORY, extend_silent_trail, extend_trail, init_memory
 from sim.control.guidance import REFERENCE
-from sim.control.leader_plan import LeaderPlan, correct_planned, plan_of
 from sim.control.station import STATION, station_at, turn_frame
-from sim.control.trail import TRAIL, extend
+from sim.control.trail import TRAIL, LeaderPlan, correct_planned, extend, plan_of
 from sim.scenario.formation import Formation
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route

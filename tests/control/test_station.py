@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from laisn.arrays import Floats, Ints, Record, Records, records
 from sim.control import trail as way
-from sim.control.approach import ALOS, CONSTANT_BEARING, ILOS, approach
+from sim.control.follower import ALOS, CONSTANT_BEARING, ILOS, approach
 from sim.control.station import (
     AGILITY,
     FRAME_STATE,

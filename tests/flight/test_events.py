@@ -13,8 +13,8 @@ from sim import feasibility
 from sim.scenario.file import validate
 from sim.scenario.formation import Formation
 from sim.scenario.settings import Scenario
-from sim.sensing.proximity import sightings
-from sim.station_keeping import STATION_PLACE
+from sim.sensing.instant import sightings
+from sim.stations import STATION_PLACE
 from tests.synthetic import make_flight
 
 

@@ -9,8 +9,8 @@ from synthetic import make_flight
 from experiments.flight.summary import approach_events, route_events
 from experiments.pages.flight_report import sentences
 from sim.assembly import routes_of
-from sim.contact import contacts
 from sim.scenario.point_motion import plan
+from sim.tracking import contacts
 
 
 def placed(position):

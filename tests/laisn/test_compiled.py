@@ -243,7 +243,7 @@ INTERRUPTED = """
 import os
 import signal
 import numpy as np
-from sim.geometry import attitude
+from sim import attitude
 
 if INTERRUPT:
     signal.setitimer(signal.ITIMER_REAL, 0.2)

@@ -39,11 +39,11 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copytree(ROOT / package, root / package)
     page = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
     blocks = dict(re.findall(r"^```python\n# ((?:laisn|sim)/\S+)\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE))
-    assert set(blocks) == {"laisn/variants.py", "laisn/settings.py", "sim/vehicle/drag.py"}
+    assert set(blocks) == {"laisn/variants.py", "laisn/settings.py", "sim/vehicle/hydrodynamics.py"}
     drag = root / "sim" / "vehicle" / "drag.py"
     text, found = re.subn(
         r"^@compiled\ndef damping\(.*?\n\n\n",
-        lambda _: f"{blocks['sim/vehicle/drag.py']}\n\n",
+        lambda _: f"{blocks['sim/vehicle/hydrodynamics.py']}\n\n",
         drag.read_text(encoding="utf-8"),
         flags=re.DOTALL | re.MULTILINE,
     )
@@ -68,14 +68,14 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 DRAG = """
 import numpy as np
-from sim.vehicle import coefficients, drag
+from sim.vehicle import coefficients, hydrodynamics
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
-from sim.water.ocean import Ocean
+from sim.water import Ocean
 
-plant = Plant([VehicleSetup(name="a", model="follower", position_m=(0.0, 0.0, -10.0), speed_m_s=1.0)], Ocean.calm())
+plant = Plant([VehicleSetup(name="a", model="follower", position_m=(0.0, 0.0, -10.0), speed_m_s=1.0)], Ocean())
 c = coefficients.read(plant.model, plant.names, 1026.0).view(np.recarray)[0]
-force, moment = drag.viscous(c, (0.0, 0.0, 0.0), (0.3, 0.0, 0.4))[0]
+force, moment = hydrodynamics.viscous(c, (0.0, 0.0, 0.0), (0.3, 0.0, 0.4))[0]
 # roll damps by 0.034 N m s² times the resultant of 0.5 rad/s, where the file's law takes the roll's own 0.3 rad/s
 assert abs(moment[0] + (0.58853 + 0.034 * 0.5) * 0.3) < 1e-12, moment
 plant.step(np.zeros_like(plant.thrust), 10)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from laisn import geometry
 from laisn.geometry import Point, turn
-from sim.geometry import attitude
+from sim import attitude
 
 COORDINATE = st.floats(-200, 200)
 RADIUS = st.floats(0, 200)

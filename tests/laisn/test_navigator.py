@@ -9,7 +9,7 @@ from laisn.estimates import Estimates, FixKind
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.navigator import Navigator
 from laisn.settings import VARIANTS, GateRule, NavigationSettings, Variant
-from sim.geometry import attitude
+from sim import attitude
 from tests.laisn.oracle import Oracle
 
 DT = 0.1

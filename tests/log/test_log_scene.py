@@ -14,9 +14,9 @@ from synthetic import make_flight, messages, short_flight, write_log
 import laisn_sim
 import models
 from laisn.arrays import Floats
+from sim.attitude import FLATTENING, SEMI_MAJOR_AXIS, geodetic
 from sim.film import annotations as film
 from sim.flight import Flight
-from sim.geometry.geodesy import FLATTENING, SEMI_MAJOR_AXIS, geodetic
 from sim.log.contents import Contents
 from sim.log.layout import ESTIMATE, FOLLOWER, LEADER, layout
 

@@ -5,17 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.geometry import attitude
-from sim.motion import simulate_points
+from sim import attitude
 from sim.scenario.point_motion import SHARPEST_CUT, TURN_RATE, plan
 from sim.scenario.routes import Route, library_route, names
-from sim.simulation import simulate
-from sim.tracking import TrackingReport, arrival_errors, cross_track, track_error, tracking
+from sim.simulation import simulate, simulate_points
+from sim.tracking import cross_track, track_error
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
-from sim.water.ocean import Ocean
-from sim.water.waves import Waves
+from sim.water import Ocean, Waves
 from tools.documents import route_keeping as study
+from tools.documents.route_keeping import TrackingReport, arrival_errors, tracking
 
 NAMES = ("leader", "follower")
 
@@ -45,7 +44,7 @@ def test_the_study_flies_all_routes_of_the_paper_for_1000_s() -> None:
 def test_leader_and_follower_fly_their_routes(name):
     """They match the README: 0.07 to 0.21 m off the legs, 0.1 s, 1.6° of pitch and 2.7° of roll."""
     routes = (library_route("L"), library_route(name))
-    flown = simulate(Plant(setups(routes), Ocean.calm()), routes, 1000.0)
+    flown = simulate(Plant(setups(routes), Ocean()), routes, 1000.0)
     assert flown.time.size == 10001
     assert flown.position[0, 1, :2].tolist() == routes[1].waypoint[0].tolist()
     for report in tracking(flown, routes):
@@ -78,7 +77,7 @@ STOP = Route.timed("stop", [[0, 0, 0], [60, 60, 0], [120, 60, 0], [200, 60, 60]]
 @pytest.mark.parametrize(
     ("sea", "off"),
     [
-        (Ocean.calm(), 0.05),
+        (Ocean(), 0.05),
         (Ocean(current_change=np.array([[0.0, 0.0, 0.0], [60.0, 0.0, 0.0], [100.0, 0.2, -0.2]])), 1.0),
     ],
 )
@@ -99,14 +98,14 @@ def test_a_hull_holds_its_place_at_a_stop(sea: Ocean, off: float) -> None:
 
 def test_the_same_flight_gives_the_same_bytes():
     routes = (library_route("L"), library_route("T7"))
-    a, b = (simulate(Plant(setups(routes), Ocean.calm()), routes, 50.0) for _ in range(2))
+    a, b = (simulate(Plant(setups(routes), Ocean()), routes, 50.0) for _ in range(2))
     assert a.position.tobytes() == b.position.tobytes()
     assert a.thrust.tobytes() == b.thrust.tobytes()
 
 
 def test_the_record_is_that_of_the_plant():
     routes = (library_route("L"), library_route("T7"))
-    plant = Plant(setups(routes), Ocean.calm())
+    plant = Plant(setups(routes), Ocean())
     flown = simulate(plant, routes, 20.0)
     assert plant.time == pytest.approx(20.0)
     assert np.array_equal(flown.position[-1], plant.pose[:, :3])

@@ -1,5 +1,8 @@
 """The point motion, against closed forms."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -7,9 +10,9 @@ from hypothesis import strategies as st
 
 from laisn.failure import LaisnError
 from laisn.geometry import signed_angle
-from sim.motion import Sites, simulate_points
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route, library_route, names
+from sim.simulation import simulate_points
 
 TURN_RATE, ACCELERATION = np.deg2rad(10.0), 0.2
 RADIUS = 1.0 / TURN_RATE
@@ -164,8 +167,12 @@ def test_any_route_is_met_on_time_or_refused(steps):
 
 def test_a_fleet_moves_level_on_its_course():
     routes = (library_route("L"), library_route("T4", 12.0))
-    sites = Sites(("leader/bow", "follower/top"), np.array([0, 1]), np.array([[1.0, 0, 0], [0, 0, 0.1]]))
-    flown = simulate_points(("leader", "follower"), routes, 1000.0, sites=sites)
+    plant: Any = SimpleNamespace(
+        site_names=("leader/bow", "follower/top"),
+        site_vehicle=np.array([0, 1]),
+        site_offset=np.array([[1.0, 0, 0], [0, 0, 0.1]]),
+    )
+    flown = simulate_points(("leader", "follower"), routes, 1000.0, plant)
     assert flown.time.size == 10001
     assert flown.time[-1] == pytest.approx(1000.0)
     assert np.abs(flown.pitch).max() < 1e-12

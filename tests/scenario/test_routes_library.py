@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.scenario import routes
-from sim.scenario.point_motion import plan
-from sim.scenario.random_routes import CLASSES, random_route, random_waypoints
+from sim.scenario.point_motion import CLASSES, plan, random_route, random_waypoints
 from sim.scenario.routes import DepthProfile, Route
 
 MISSION = np.arange(0.0, 1000.05, 0.1)

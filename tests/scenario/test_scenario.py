@@ -13,11 +13,11 @@ from laisn.settings import NavigationSettings, TightSettings
 from sim.assembly import ocean_of
 from sim.feasibility import cautions, infeasibilities
 from sim.flight import navigation_settings
-from sim.motion import simulate_motion
 from sim.scenario import file as scenario_file
 from sim.scenario.file import ScenarioError
 from sim.scenario.settings import Follower, Leader, Scenario, Station
 from sim.sensing.errors import SensorErrors, errors_of
+from sim.simulation import simulate_motion
 
 MINIMAL: dict[str, Any] = {"name": "mine", "followers": [{"route": "T5"}]}
 

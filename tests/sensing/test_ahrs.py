@@ -8,10 +8,9 @@ import pytest
 
 from laisn.arrays import Floats
 from laisn.messages import LeaderMessage
-from sim.geometry import attitude
+from sim import attitude
 from sim.scenario.settings import Sensors
-from sim.sensing.ahrs import apparent_tilt, random_error, tilt_errors
-from sim.sensing.errors import SensorErrors, errors_of
+from sim.sensing.errors import SensorErrors, apparent_tilt, errors_of, random_error, tilt_errors
 from sim.sensing.observation import MissionTruth, measure, observe
 from sim.trajectory import Trajectory
 from tests import straight

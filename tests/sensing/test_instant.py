@@ -7,7 +7,7 @@ import pytest
 
 from laisn.arrays import Floats, records
 from laisn.swarm import MESSAGE, READING
-from sim.geometry import attitude
+from sim import attitude
 from sim.scenario.sensors import FollowerSensors
 from sim.scenario.settings import Scenario, Sensors
 from sim.sensing.acoustics import Motion
@@ -205,13 +205,13 @@ def test_a_leader_broadcasts_its_place_motion_and_attitude() -> None:
     )  # fmt: skip
     body = np.r_[3.0, 4.0, -9.0, attitude.from_euler(1.0, PITCH, 0.2)], np.r_[0.9, 0.7, 0.2, RATES], np.zeros(3)
     message = record(MESSAGE)
-    fluctuation = np.array([0.7, -1.3])
-    broadcast(sensors, k, body, np.array([0.02, -0.03]), fluctuation, message)
-    motion, depth = (normals(seed, run, s, [k])[0] for s in (Stream.LEADER_MOTION, Stream.LEADER_DEPTH))
+    broadcast(sensors, k, body, np.array([0.02, -0.03]), 0, np.zeros(2), message)
+    streams = (Stream.LEADER_MOTION, Stream.LEADER_DEPTH, Stream.LEADER_ATTITUDE)
+    motion, depth, tilt = (normals(seed, run, s, [k])[0] for s in streams)
     offset = normals(seed, run, Stream.LEADER_ATTITUDE, [0])[0]
     expected = [
         k * sensors.dt, 3.0, 4.0, 1.0 + 0.05 + 0.01 * abs(motion[1]),
         attitude.forward(body[0][3:]) @ body[1][:3] + 0.1, 9.0 + 0.3 * depth[0],
-        PITCH + 0.02 + 0.001 * offset[0] + 0.002 * 0.7, 0.2 - 0.03 + 0.001 * offset[1] - 0.002 * 1.3,
+        PITCH + 0.02 + 0.001 * offset[0] + 0.002 * tilt[0], 0.2 - 0.03 + 0.001 * offset[1] + 0.002 * tilt[1],
     ]  # fmt: skip
     assert message.tolist() == pytest.approx([*expected, np.nan], nan_ok=True)

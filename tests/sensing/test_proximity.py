@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from laisn.arrays import Floats, records
-from sim.geometry import attitude
+from sim import attitude
 from sim.scenario.settings import Scenario
+from sim.sensing.instant import SIGHTING, look, look_interval
 from sim.sensing.noise import Stream, normals
-from sim.sensing.proximity import SIGHTING, look, look_interval
 
 STEPS = 4000
 

@@ -9,7 +9,7 @@ from scipy import stats
 from experiments.study.design import Draw, Factor, points_of, value_at
 from experiments.study.file import StudyError, of_table
 from experiments.study.plan import plan_of
-from sim.scenario.random_routes import CLASSES
+from sim.scenario.point_motion import CLASSES
 
 
 def test_a_range_is_a_grid_with_both_ends():

@@ -16,9 +16,9 @@ from experiments.study.estimate import Results, over_realizations, over_runs
 from experiments.study.measure import DISC_DIAMETER_M, disc_power, facts_of, records_of_run, thruster_power
 from laisn.arrays import records
 from laisn.swarm import ESTIMATE
-from sim import station_keeping
+from sim import stations
 from sim.scenario.formation import Station
-from sim.station_keeping import track_errors
+from sim.stations import STATION_PLACE, track_errors
 from tests import straight
 from tests.synthetic import make_scenario, make_trajectory
 
@@ -197,7 +197,7 @@ def test_facts_of_a_mission_are_those_of_its_motion():
 
 
 def test_nothing_is_compiled_for_stations_where_there_are_none(monkeypatch):
-    monkeypatch.setattr(station_keeping, "stations_along", None)
+    monkeypatch.setattr(stations, "stations_along", None)
     flown = straight.make_trajectory((0.0, 40.0, -10.0))
     assert track_errors(straight.make_scenario(), flown).shape == (flown.time.size, 1)
 
@@ -250,7 +250,7 @@ def test_a_run_is_measured_by_its_stations_errors_and_powers(monkeypatch: pytest
     # on legs 0.1 to 1 m off, in the turn, the last 11 of 31 instants, up to 1.2 to 12 m
     turning = np.arange(n) >= n - 11
     far = np.where(turning[:, None], np.linspace(-2.4, 1.2, n)[:, None] * each, 0.1 * each)
-    frame = records(station_keeping.STATION_PLACE, n, 10)
+    frame = records(STATION_PLACE, n, 10)
     frame.rate[turning] = -1.1e-3
     frame.rate[~turning] = 0.9e-3
     loop = SimpleNamespace(state=SimpleNamespace(history=estimates), swarm=SimpleNamespace(gated=np.zeros(10, int)))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from laisn.arrays import Floats
-from sim.geometry import attitude
+from sim import attitude
 from tests.vehicle import test_remus as remus
 from tests.vehicle.test_kirchhoff import SPHEROID_ADDED, SPHEROID_INERTIA, SPHEROID_MASS
 from tools.documents import hull_trials

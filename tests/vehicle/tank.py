@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 import models
 from laisn.arrays import Floats
-from sim.geometry import attitude
+from sim import attitude
 from sim.vehicle import coefficients
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
-from sim.water.ocean import Ocean
+from sim.water import Ocean
 
 AXES = np.eye(6)[[0, 1, 2, 4, 5]]
 """Thrusters that push ahead, to port and up and turn about port and up: force and moment about the origin, (5, 6)."""

@@ -11,7 +11,7 @@ from sim.scenario.routes import DepthProfile, Route
 from sim.simulation import simulate
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
-from sim.water.ocean import Ocean
+from sim.water import Ocean
 
 SITES = """<site name="a" class="thruster" pos="-0.8 0.02 0"/><site name="b" class="thruster" pos="0.5 0 0.05"/>
 <site name="c" class="thruster" pos="-0.4 0 0"/>"""
@@ -33,7 +33,7 @@ def setup(name: str, model: str) -> VehicleSetup:
 
 
 def test_records_are_those_of_the_mjcf() -> None:
-    plant = Plant([setup("one", three_thrusters()), setup("two", "follower")], Ocean.calm())
+    plant = Plant([setup("one", three_thrusters()), setup("two", "follower")], Ocean())
     assert plant.effector_names[0] == ("ahead", "aside", "up")
     assert len(plant.effector_names[1]) == 5
     own = plant.effectors[0]
@@ -53,11 +53,11 @@ def test_records_are_those_of_the_mjcf() -> None:
 
 def test_three_thrusters_at_odd_places_follow_a_route(tmp_path: Path) -> None:
     """The autopilot gives what they can give: surge, yaw and pitch; heave and sway are left to the hull."""
-    plant = Plant([setup("one", three_thrusters())], Ocean.calm())
+    plant = Plant([setup("one", three_thrusters())], Ocean())
     depth = DepthProfile(time=np.array([0.0, 40.0]), depth=np.array([10.0, 12.0]))
     route = Route.at_speed("turn", [[0, 0], [60, 0], [60, 60]], 1.0, depth)
     flown = simulate(plant, [route], 110.0)
-    usual = simulate(Plant([setup("one", "follower")], Ocean.calm()), [route], 110.0)
+    usual = simulate(Plant([setup("one", "follower")], Ocean()), [route], 110.0)
     apart = np.linalg.norm(flown.position - usual.position, axis=2)
     assert apart[-1, 0] < 0.1
     assert np.sqrt(np.mean(apart**2)) < 0.3

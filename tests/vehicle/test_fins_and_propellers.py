@@ -19,15 +19,15 @@ from sim.control.stability import least_radius, steady_turn
 from sim.feasibility import cautions
 from sim.scenario.routes import DepthProfile, Route, library_route
 from sim.simulation import simulate
-from sim.tracking import tracking
 from sim.vehicle import coefficients, effectors
-from sim.vehicle.drag import coupled_damping
+from sim.vehicle.hydrodynamics import coupled_damping
 from sim.vehicle.mjcf import VehicleSetup, spec_of
 from sim.vehicle.own_hull import hull_errors
 from sim.vehicle.plant import Plant
-from sim.water.ocean import Ocean
+from sim.water import Ocean
 from tests.vehicle import remus_formation
 from tools.documents.hull_trials import PUBLISHED_BLUEROV, bluerov_speed
+from tools.documents.route_keeping import tracking
 
 RHO = 1026.0
 ADDED = ("remus100", "lauv", "bluerov2_heavy")
@@ -39,7 +39,7 @@ def plant_of(*names: str, speed: float = 0.0) -> Plant:
             VehicleSetup(name=f"v{i}", model=name, position_m=(0.0, 20.0 * i, -10.0), speed_m_s=speed)
             for i, name in enumerate(names)
         ],
-        Ocean.calm(),
+        Ocean(),
     )
 
 
@@ -229,7 +229,7 @@ def test_torpedoes_keep_route_and_depth(name: str) -> None:
     depth = DepthProfile(time=np.array([0.0, 60.0, 140.0]), depth=np.array([10.0, 10.0, 14.0]))
     route = Route.at_speed("turns", [[0, 0], [90, 0], [170, 14], [260, 14]], 1.2, depth)
     setup = VehicleSetup(name="one", model=name, position_m=(0.0, 0.0, -10.0), heading_rad=np.pi / 2, speed_m_s=1.2)
-    report = tracking(simulate(Plant([setup], Ocean.calm()), [route], 215.0, [None]), [route])[0]
+    report = tracking(simulate(Plant([setup], Ocean()), [route], 215.0, [None]), [route])[0]
     assert report.cross_track_rms < 0.5
     assert report.depth_error_rms < 0.2
 
@@ -239,7 +239,7 @@ def test_bluerov_keeps_route_and_depth_at_half_a_metre_a_second() -> None:
     setup = VehicleSetup(
         name="one", model="bluerov2_heavy", position_m=(0.0, 0.0, -10.0), heading_rad=np.pi / 2, speed_m_s=0.5
     )
-    report = tracking(simulate(Plant([setup], Ocean.calm()), [route], 155.0, [None]), [route])[0]
+    report = tracking(simulate(Plant([setup], Ocean()), [route], 155.0, [None]), [route])[0]
     assert report.cross_track_rms < 0.5
     assert report.depth_error_rms < 0.2
 
@@ -422,7 +422,7 @@ def test_three_thrusters_at_odd_places_and_two_fins_fly_by_their_mjcf_alone() ->
     depth = DepthProfile(time=np.array([0.0, 40.0, 100.0]), depth=np.array([10.0, 10.0, 12.0]))
     route = Route.at_speed("bend", [[0, 0], [50, 0], [100, 20], [160, 20]], 1.0, depth)
     setup = VehicleSetup(name="one", model=text, position_m=(0.0, 0.0, -10.0), heading_rad=np.pi / 2, speed_m_s=1.0)
-    report = tracking(simulate(Plant([setup], Ocean.calm()), [route], 155.0, [None]), [route])[0]
+    report = tracking(simulate(Plant([setup], Ocean()), [route], 155.0, [None]), [route])[0]
     assert report.cross_track_rms < 0.5
     assert report.depth_error_rms < 0.2
 
@@ -449,7 +449,7 @@ def test_remus_rounds_the_corner_of_the_leaders_route() -> None:
     setup = VehicleSetup(
         name="one", model="remus100", position_m=(0.0, 0.0, -10.0), heading_rad=np.pi / 2, speed_m_s=1.0
     )
-    plant = Plant([setup], Ocean.calm())
+    plant = Plant([setup], Ocean())
     radius = least_radius(plant, 0, design(plant, (None,))[0])
     report = tracking(simulate(plant, [route], 1000.0, [None]), [route])[0]
     # half way round, the arc is R (1 − cos 45°) from either leg

@@ -14,22 +14,22 @@ from sim.control.autopilot import design, top_speed
 from sim.control.stability import require_stable
 from sim.scenario.routes import Route
 from sim.simulation import simulate
-from sim.tracking import tracking
 from sim.vehicle import coefficients
 from sim.vehicle.effectors import FIN
-from sim.vehicle.estimate import from_dimensions, helmbold_slope, lamb_factors
+from sim.vehicle.hull_file import from_dimensions, helmbold_slope, lamb_factors
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.own_hull import hull_errors
 from sim.vehicle.plant import Plant
 from sim.vehicle.sdf_import import from_sdf
-from sim.water.ocean import Ocean
+from sim.water import Ocean
+from tools.documents.route_keeping import tracking
 
 SIZE = 1.8, 0.2, 50.0
 
 
 def plant_of(text: str, speed: float = 0.0, heading: float = 0.0) -> Plant:
     place = {"position_m": (0.0, 0.0, -10.0), "speed_m_s": speed, "heading_rad": heading}
-    return Plant([VehicleSetup(name="own", model=text, **place)], Ocean.calm())  # type: ignore[arg-type]
+    return Plant([VehicleSetup(name="own", model=text, **place)], Ocean())  # type: ignore[arg-type]
 
 
 def record_of(text: str) -> np.void:

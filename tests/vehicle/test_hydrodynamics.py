@@ -9,9 +9,8 @@ from scipy.optimize import brentq
 
 import models
 from laisn.arrays import Floats
-from sim.geometry import attitude
-from sim.water.ocean import Ocean
-from sim.water.waves import Waves
+from sim import attitude
+from sim.water import Ocean, Waves
 from tests.vehicle.tank import Tank, hull
 
 G = 9.81
@@ -21,7 +20,7 @@ NO_FINS = {"fins_upright.fin": [1e-12, 3.09, 1.5708, 0.0], "fins_level.fin": [1e
 @pytest.mark.parametrize("thrust", [5.0, 20.0, 60.0])
 def test_terminal_speed_is_where_drag_balances_thrust(thrust: float) -> None:
     """0.42 on the frontal area (Allen et al. 2000), and linear damping that fades as exp(−3 u)."""
-    tank = Tank(models.path("follower").read_text(), Ocean.calm(), 0.02)
+    tank = Tank(models.path("follower").read_text(), Ocean(), 0.02)
     tank.step([thrust, 0, 0, 0, 0], 10000)
     linear = (31.0294 + 0.83891) / 20.0
 
@@ -40,7 +39,7 @@ def test_damping_fades_with_speed_and_grows_with_its_square_on_each_axis(twist: 
 
     def wrench(share: float) -> Floats:
         given = {"linear_damping": share * linear, "linear_damping_fade": fade, "quadratic_damping": share * quadratic}
-        tank = Tank(models.path("follower").read_text(), Ocean.calm(), 0.02, given)
+        tank = Tank(models.path("follower").read_text(), Ocean(), 0.02, given)
         tank.place(twist=twist)
         return tank.water_wrench()
 
@@ -58,7 +57,7 @@ def test_parts_of_the_hull_force_are_their_textbook_forms(plane: int, astern: fl
     pressure = 0.5 * rho * speed**2
 
     def force(sites: str = "", **numerics: npt.ArrayLike) -> tuple[Floats, Floats]:
-        tank = Tank(hull(60.0, [1, 10, 10], sites=sites, **numerics), Ocean.calm(), 0.02)
+        tank = Tank(hull(60.0, [1, 10, 10], sites=sites, **numerics), Ocean(), 0.02)
         tank.place(twist=u * np.eye(6)[0] + across * np.eye(6)[plane])
         applied = tank.water_wrench() - [0, 0, 60.0 * G, 0, 0, 0]
         return applied[:3], applied[3:]
@@ -89,7 +88,7 @@ def test_parts_of_the_hull_force_are_their_textbook_forms(plane: int, astern: fl
 @pytest.mark.parametrize(("name", "length", "diameter"), [("leader", 2.0, 0.25), ("follower", 1.6, 0.19)])
 def test_broadside_drag_is_that_of_cylinders(name: str, length: float, diameter: float, plane: int) -> None:
     """Coefficient 1.1 (Hoerner 1965) on the side view of the spheroid, and no force along the axis."""
-    tank = Tank(models.path(name).read_text(), Ocean.calm(), 0.02, {"linear_damping": np.zeros(6)})
+    tank = Tank(models.path(name).read_text(), Ocean(), 0.02, {"linear_damping": np.zeros(6)})
     tank.place(twist=0.5 * np.eye(6)[plane])
     force = tank.water_wrench()[:3] - [0, 0, tank.coefficients["buoyancy"]]
     side_view = np.pi / 4 * length * diameter
@@ -99,7 +98,7 @@ def test_broadside_drag_is_that_of_cylinders(name: str, length: float, diameter:
 
 @pytest.mark.parametrize("name", ["leader", "follower"])
 def test_force_is_odd_in_surge_and_has_no_jump_where_it_turns(name: str) -> None:
-    tank = Tank(models.path(name).read_text(), Ocean.calm(), 0.02)
+    tank = Tank(models.path(name).read_text(), Ocean(), 0.02)
 
     def force(u: float) -> Floats:
         tank.place(twist=[u, 0.5, 0.3, 0, 0, 0])
@@ -117,7 +116,7 @@ def test_force_is_odd_in_surge_and_has_no_jump_where_it_turns(name: str) -> None
 @pytest.mark.parametrize("surge", [1e-3, -1e-3])
 def test_hull_pushed_sideways_does_not_run_ahead(surge: float) -> None:
     """20 N of lateral thrust for 30 s: the surge that there was at first does not grow."""
-    tank = Tank(models.path("leader").read_text(), Ocean.calm(), 0.02)
+    tank = Tank(models.path("leader").read_text(), Ocean(), 0.02)
     tank.place(twist=surge * np.eye(6)[0])
     tank.step([0, 20, 0, 0, 0], 1500)
     assert tank.pose[1] > 5.0
@@ -136,7 +135,7 @@ def test_hull_left_in_a_beam_sea_does_not_run_ahead() -> None:
 def test_cross_flow_drag_of_a_round_hull_is_independent_of_direction() -> None:
     rotated = []
     for roll in (0.0, 0.6):
-        tank = Tank(hull(60.0, [1, 10, 10], cross_flow_drag=[1.1, 1.1], strip_area=0.3), Ocean.calm(), 0.02)
+        tank = Tank(hull(60.0, [1, 10, 10], cross_flow_drag=[1.1, 1.1], strip_area=0.3), Ocean(), 0.02)
         tank.place(quaternion=attitude.from_euler(0.0, 0.0, roll), twist=[1.0, 0.0, 0.5, 0, 0, 0])
         rotated.append(tank.water_wrench()[:3])
     np.testing.assert_allclose(*rotated, atol=1e-9)
@@ -145,7 +144,7 @@ def test_cross_flow_drag_of_a_round_hull_is_independent_of_direction() -> None:
 def test_drag_dissipates_energy_for_any_motion() -> None:
     rng = np.random.default_rng(0)
     for name in ("leader", "follower"):
-        wet = Tank(models.path(name).read_text(), Ocean.calm(), 0.02)
+        wet = Tank(models.path(name).read_text(), Ocean(), 0.02)
         dry_numerics = {
             "linear_damping": np.zeros(6),
             "quadratic_damping": np.zeros(6),
@@ -153,7 +152,7 @@ def test_drag_dissipates_energy_for_any_motion() -> None:
             "cross_flow_drag": np.zeros(2),
             **NO_FINS,
         }
-        ideal = Tank(models.path(name).read_text(), Ocean.calm(), 0.02, dry_numerics)
+        ideal = Tank(models.path(name).read_text(), Ocean(), 0.02, dry_numerics)
         for _ in range(50):
             twist = rng.normal(size=6) * [2, 1, 1, 1, 1, 1]
             power = []
@@ -174,7 +173,7 @@ def test_hull_runs_straight_by_its_fins(name: str, speed: float) -> None:
 
 def _growth(path: Path, speed: float, numerics: dict[str, npt.ArrayLike]) -> tuple[float, float]:
     """Largest growth rates [1/s] in the horizontal and in the vertical plane."""
-    tank = Tank(path.read_text(), Ocean.calm(), 0.02, numerics)
+    tank = Tank(path.read_text(), Ocean(), 0.02, numerics)
 
     def rate(v: float, w: float, q: float, r: float, pitch: float) -> Floats:
         body = np.array([speed, v, w, 0, q, r])
@@ -208,7 +207,7 @@ def test_buoyancy_fades_as_the_hull_emerges() -> None:
         strip_area=areas,
         linear_damping=[2, 60, 60, 1, 11, 11],
     )
-    tank = Tank(xml, Ocean.calm(), 0.02)
+    tank = Tank(xml, Ocean(), 0.02)
     tank.place([0, 0, -5])
     highest = -5.0
     for _ in range(5000):

@@ -8,8 +8,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from laisn.arrays import Floats
-from sim.geometry import attitude
-from sim.water.ocean import Ocean
+from sim import attitude
+from sim.water import Ocean
 from tests.vehicle.tank import Tank, hull
 
 G = 9.81
@@ -78,7 +78,7 @@ def test_acceleration_is_kirchhoffs(seed: int) -> None:
     rotation = euler_rotation(q)
     thrusters = np.vstack([wrench, np.zeros((4, 6))])
     body = hull(ideal.mass, ideal.inertia, ideal.cg, added_mass=ideal.added)
-    tank = Tank(body, Ocean.calm(), 1e-3, thrusters=thrusters)
+    tank = Tank(body, Ocean(), 1e-3, thrusters=thrusters)
     tank.place([3, -4, -50], q, [*rotation @ nu[:3], *nu[3:]])
     expected = ideal.acceleration(q, nu, wrench)
     # the acceleration of a point in the world, from components in a turning frame
@@ -97,7 +97,7 @@ def test_motion_without_drag_keeps_energy_and_follows_an_independent_integration
 
     ends, drifts = [], []
     for dt in (8e-3, 4e-3, 2e-3):
-        tank = Tank(hull(ideal.mass, ideal.inertia, ideal.cg, added_mass=ideal.added), Ocean.calm(), dt)
+        tank = Tank(hull(ideal.mass, ideal.inertia, ideal.cg, added_mass=ideal.added), Ocean(), dt)
         tank.place(start[:3], q, [*euler_rotation(q) @ nu[:3], *nu[3:]])
         tank.step(n=round(duration / dt))
         ends.append(np.concatenate([tank.pose, tank.body_velocity]) - reference)
@@ -123,12 +123,12 @@ SPHEROID_MASS, SPHEROID_INERTIA = 96.698, np.array([0.87028, 19.77479, 19.77479]
     ],
 )
 def test_spheroid_accelerates_as_potential_flow_has_it(thrust: list[float], axis: int, expected: float) -> None:
-    tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, added_mass=SPHEROID_ADDED), Ocean.calm(), 0.02)
+    tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, added_mass=SPHEROID_ADDED), Ocean(), 0.02)
     assert tank.acceleration(thrust)[axis] == pytest.approx(expected, abs=5e-4)
 
 
 def test_righting_moment_is_weight_times_arm() -> None:
-    tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -0.02), added_mass=SPHEROID_ADDED), Ocean.calm(), 0.02)
+    tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -0.02), added_mass=SPHEROID_ADDED), Ocean(), 0.02)
     tank.place(quaternion=attitude.from_euler(0.0, np.radians(30)))
     # nose up by 30°: the couple about port turns it down, and what holds it there is its opposite
     moment = SPHEROID_MASS * G * 0.02 * np.sin(np.radians(30))
@@ -144,7 +144,7 @@ def _small_oscillation_period(mass: float, inertia: float, added: Floats, arm: f
 
 def test_hull_rights_itself_at_the_pendulum_period() -> None:
     arm = 0.02
-    tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -arm), added_mass=SPHEROID_ADDED), Ocean.calm(), 0.002)
+    tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -arm), added_mass=SPHEROID_ADDED), Ocean(), 0.002)
     tank.place(quaternion=attitude.from_euler(0.0, np.radians(1)))
     times: list[float] = []
     previous = 1.0

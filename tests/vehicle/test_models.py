@@ -10,7 +10,7 @@ from sim.scenario.vehicles import Leader
 from sim.vehicle import coefficients
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 from sim.vehicle.plant import Plant
-from sim.water.ocean import Ocean
+from sim.water import Ocean
 
 VEHICLES = ("leader", "follower")
 SIZES = {"leader": (2.0, 0.25), "follower": (1.6, 0.19)}
@@ -173,7 +173,7 @@ def test_numeric_of_wrong_size_is_named_with_size_and_unit() -> None:
 @pytest.mark.parametrize("name", VEHICLES)
 def test_composed_vehicles_step_under_random_control(name: str) -> None:
     rng = np.random.default_rng(3)
-    plant = Plant([VehicleSetup(name="v", model=name, position_m=(0, 0, -30))], Ocean.calm())
+    plant = Plant([VehicleSetup(name="v", model=name, position_m=(0, 0, -30))], Ocean())
     for _ in range(500):
         plant.step(rng.uniform(-200, 200, (1, 5)), 5)
     assert np.isfinite(plant.pose).all()

@@ -8,9 +8,8 @@ from scipy.spatial.transform import Rotation
 
 import models
 from laisn.arrays import Floats
-from sim.geometry import attitude
-from sim.water.ocean import Ocean
-from sim.water.waves import Waves
+from sim import attitude
+from sim.water import Ocean, Waves
 from tests.vehicle.tank import Tank, hull
 
 G = 9.81
@@ -28,7 +27,7 @@ def test_drifting_with_a_uniform_current_there_is_exactly_no_force() -> None:
 def test_motion_in_a_uniform_current_is_the_motion_in_still_water_carried_along() -> None:
     ocean = Ocean(current_speed_m_s=0.7, current_direction_rad=1.1)
     drift = ocean.velocity(np.zeros((1, 3)), 0.0)[0]
-    still, moving = (Tank(models.path("leader").read_text(), o, 0.02) for o in (Ocean.calm(), ocean))
+    still, moving = (Tank(models.path("leader").read_text(), o, 0.02) for o in (Ocean(), ocean))
     for tank, velocity in ((still, np.zeros(3)), (moving, drift)):
         tank.place([0, 0, -20], attitude.from_euler(0.3), [*velocity, 0, 0, 0])
         tank.step([30, 4, 2, 0.3, 1.0], 500)

@@ -8,13 +8,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from laisn.arrays import Floats
-from sim.geometry import attitude
+from sim import attitude
 from sim.scenario.vehicles import Vehicle
 from sim.vehicle import coefficients, effectors, hydrodynamics
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 from sim.vehicle.plant import Plant, PlantError
-from sim.water.ocean import Ocean
-from sim.water.waves import Waves
+from sim.water import Ocean, Waves
 
 EAST = np.pi / 2
 
@@ -34,7 +33,7 @@ def rough_sea() -> Ocean:
 
 
 def test_neutral_hulls_hang_still_for_ten_minutes() -> None:
-    plant = Plant(setups(), Ocean.calm())
+    plant = Plant(setups(), Ocean())
     start = plant.pose.copy()
     plant.step(np.zeros((2, 5)), 30000)
     assert plant.time == pytest.approx(600.0)
@@ -43,7 +42,7 @@ def test_neutral_hulls_hang_still_for_ten_minutes() -> None:
 
 
 def test_hull_rights_itself() -> None:
-    plant = Plant(setups(), Ocean.calm())
+    plant = Plant(setups(), Ocean())
     plant.pose[:, 3:] = attitude.from_euler(EAST, np.radians(25), np.radians(40))
     plant.step(np.zeros((2, 5)), 6000)
     np.testing.assert_allclose(attitude.pitch(plant.pose[:, 3:]), 0.0, atol=1e-4)
@@ -51,7 +50,7 @@ def test_hull_rights_itself() -> None:
 
 
 def test_views_follow_the_state() -> None:
-    plant = Plant(setups(speed_m_s=1.5), Ocean.calm())
+    plant = Plant(setups(speed_m_s=1.5), Ocean())
     np.testing.assert_allclose(plant.twist[:, :3], [[1.5, 0, 0]] * 2, atol=1e-12)
     assert np.shares_memory(plant.pose, plant.data.qpos)
     assert np.shares_memory(plant.twist, plant.data.qvel)
@@ -101,7 +100,7 @@ def test_a_step_is_mujocos_own_with_the_water_in_its_middle() -> None:
 
 def test_a_wrench_beyond_all_numbers_is_found() -> None:
     """Three forces of 10³⁰⁸ N, each of them finite."""
-    plant = Plant(setups(), Ocean.calm())
+    plant = Plant(setups(), Ocean())
     records = coefficients.read(plant.model, plant.names, 1026.0).copy()
     pose, twist = plant.pose.copy(), np.tile([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], (2, 1))
     pose[1, 3:] = [1.0, 0.0, 0.0, 0.0]
@@ -115,7 +114,7 @@ def test_a_wrench_beyond_all_numbers_is_found() -> None:
 
 def test_moments_of_thrusters_are_those_of_mujoco() -> None:
     """Thrusters may point and twist anywhere, and hulls may lie anyhow."""
-    plant = Plant(setups(), Ocean.calm())
+    plant = Plant(setups(), Ocean())
     model, rng = plant.model, np.random.default_rng(6)
     model.site_quat[:] = Rotation.random(model.nsite, rng=rng).as_quat()
     model.site_sameframe[:] = 0
@@ -135,7 +134,7 @@ def test_moments_of_thrusters_are_those_of_mujoco() -> None:
 
 
 def test_thruster_elsewhere_than_at_its_hull_is_refused() -> None:
-    plant = Plant(setups(), Ocean.calm())
+    plant = Plant(setups(), Ocean())
     vehicles = [resolve(plant.model, name) for name in plant.names]
     plant.model.actuator_trnid[6, 0] = plant.model.actuator_trnid[0, 0]
     with pytest.raises(ValueError, match="actuator 'T2/thruster_lateral_bow' must act at a site of the body 'T2/hull'"):
@@ -143,7 +142,7 @@ def test_thruster_elsewhere_than_at_its_hull_is_refused() -> None:
 
 
 def test_thrust_follows_the_command_with_its_lag_and_within_its_limits() -> None:
-    plant = Plant(setups(), Ocean.calm())
+    plant = Plant(setups(), Ocean())
     plant.step(np.full((2, 5), 1e4), 15)
     # a first-order lag of 0.3 s reaches 1 − 1/e after 0.3 s
     np.testing.assert_allclose(plant.thrust, (1 - np.exp(-1)) * plant.effectors["limits"][..., 1], rtol=1e-9)
@@ -192,7 +191,7 @@ def test_water_velocity_is_the_oceans_at_the_vehicles() -> None:
 
 @pytest.mark.parametrize(("vehicle", "speed"), [(0, 2.5), (1, 3.0)])
 def test_speed_is_reached_with_reserve(vehicle: int, speed: float) -> None:
-    plant = Plant(setups(depth=100.0), Ocean.calm())
+    plant = Plant(setups(depth=100.0), Ocean())
     command = np.zeros((2, 5))
     command[:, 0] = 0.8 * plant.effectors["limits"][:, 0, 1]
     plant.step(command, 3000)
@@ -201,7 +200,7 @@ def test_speed_is_reached_with_reserve(vehicle: int, speed: float) -> None:
 
 def test_speed_changes_by_two_tenths_per_second() -> None:
     """Even close to the full 3 m/s, where drag takes most of the thrust."""
-    plant = Plant(setups(depth=100.0, speed_m_s=2.8), Ocean.calm())
+    plant = Plant(setups(depth=100.0, speed_m_s=2.8), Ocean())
     command = np.zeros((2, 5))
     command[:, 0] = plant.effectors["limits"][:, 0, 1]
     plant.step(command, 50)
@@ -213,7 +212,7 @@ def test_speed_changes_by_two_tenths_per_second() -> None:
 @pytest.mark.parametrize("speed", [1.0, 2.0])
 def test_turns_ten_degrees_per_second(speed: float) -> None:
     """Half of the lateral thrust, bow to port and stern to starboard, turns faster than asked."""
-    plant = Plant(setups(depth=100.0, speed_m_s=speed), Ocean.calm())
+    plant = Plant(setups(depth=100.0, speed_m_s=speed), Ocean())
     command = np.zeros((2, 5))
     command[:, 0] = [12 * speed**2, 7 * speed**2]
     command[:, 1] = 0.6 * plant.effectors["limits"][:, 1, 1]
@@ -223,7 +222,7 @@ def test_turns_ten_degrees_per_second(speed: float) -> None:
 
 
 def test_vertical_thrusters_outweigh_excess_buoyancy() -> None:
-    plant = Plant(setups(excess_buoyancy_n=12.0), Ocean.calm())
+    plant = Plant(setups(excess_buoyancy_n=12.0), Ocean())
     command = np.zeros((2, 5))
     command[:, 3:] = -6.0
     plant.step(command, 3000)
@@ -245,13 +244,13 @@ def test_nothing_flies() -> None:
 
 
 def test_command_of_wrong_shape_is_refused() -> None:
-    plant = Plant(setups(), Ocean.calm())
+    plant = Plant(setups(), Ocean())
     with pytest.raises(ValueError, match=r"shape \(5,\), expected \(2, 5\)"):
         plant.step(np.zeros(5))
 
 
 def test_lost_state_names_vehicle_time_and_last_good_state() -> None:
-    plant = Plant(setups(), Ocean.calm())
+    plant = Plant(setups(), Ocean())
     plant.step(np.zeros((2, 5)), 50)
     good = plant.pose.copy()
     plant.twist[1, 0] = np.nan
@@ -262,7 +261,7 @@ def test_lost_state_names_vehicle_time_and_last_good_state() -> None:
 
 @pytest.mark.parametrize(("vehicle", "name"), [(0, "leader"), (1, "T2")])
 def test_command_that_is_not_finite_is_refused(vehicle: int, name: str) -> None:
-    plant = Plant(setups(), Ocean.calm())
+    plant = Plant(setups(), Ocean())
     command = np.zeros((2, 5))
     command[vehicle, 3] = np.inf
     with pytest.raises(PlantError, match=f"the command of {name} is not finite"):
@@ -271,7 +270,7 @@ def test_command_that_is_not_finite_is_refused(vehicle: int, name: str) -> None:
 
 def test_integration_that_fails_is_stopped_before_mujoco_complains(capfd: pytest.CaptureFixture[str]) -> None:
     """Steps of 5 s are far too long: the hulls tumble ever faster."""
-    plant = Plant(setups(), Ocean.calm(), dt=5.0)
+    plant = Plant(setups(), Ocean(), dt=5.0)
     plant.twist[:] = 1.0
     with pytest.raises(PlantError, match=r"the state of \S+ is lost") as caught:
         plant.step(np.full((2, 5), 30.0), 300)
@@ -291,7 +290,7 @@ def test_ten_followers_step_as_one_model() -> None:
 
 
 def test_warning_of_mujoco_stops_the_run() -> None:
-    plant = Plant(setups(), Ocean.calm())
+    plant = Plant(setups(), Ocean())
     plant.data.warning[int(mujoco.mjtWarning.mjWARN_INERTIA)].number = 1
     with pytest.raises(PlantError, match="MuJoCo warns: mjWARN_INERTIA"):
         plant.step(np.zeros((2, 5)))

@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from laisn.arrays import Floats
-from sim.geometry import attitude
-from sim.water.ocean import Ocean
+from sim import attitude
+from sim.water import Ocean
 from tests.vehicle.tank import Tank
 
 XML = Path(__file__).with_name("remus100.xml").read_text()
@@ -54,7 +54,7 @@ def run(
     rpm: float, duration: float, rudder_deg: float = 0.0, stern_plane_deg: float = 0.0, dt: float = DT
 ) -> tuple[Tank, Floats]:
     """Start from rest; returns the tank at the end and the velocity over time in Fossen's body frame, shape (n, 6)."""
-    tank = Tank(XML, Ocean.calm(), dt, thrusters=THRUSTERS)
+    tank = Tank(XML, Ocean(), dt, thrusters=THRUSTERS)
     tank.place([0, 0, -500])
     # lags: 1 s of the propeller, 0.1 s of the fins; what a command of the start has become by the time t
     time = dt * np.arange(round(duration / dt))

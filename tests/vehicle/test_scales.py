@@ -10,11 +10,11 @@ from laisn.failure import LaisnError
 from sim.control.autopilot import design
 from sim.control.stability import require_stable
 from sim.scenario.point_motion import SPEED_MAX
-from sim.scenario.sea import FASTEST_CURRENT_M_S
+from sim.scenario.settings import FASTEST_CURRENT_M_S
 from sim.scenario.vehicles import Vehicle
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
-from sim.water.ocean import Ocean
+from sim.water import Ocean
 
 
 def plant(speed=0.0, **scales):
@@ -102,5 +102,5 @@ def test_a_hull_with_scales_is_flown_where_it_is_stable():
 @pytest.mark.parametrize("mode", ["pitch", "thrust"])
 @pytest.mark.parametrize("name", ["leader", "follower"])
 def test_the_projects_hulls_are_stable_at_all_speeds_of_scenarios(name, mode):
-    one = Plant([VehicleSetup(name=name, model=name, position_m=(0, 0, -10))], Ocean.calm())
+    one = Plant([VehicleSetup(name=name, model=name, position_m=(0, 0, -10))], Ocean())
     require_stable(one, design(one, (mode,)), SPEED_MAX + FASTEST_CURRENT_M_S, orbital=4.0)

@@ -20,7 +20,7 @@ from sim.log import writer
 from sim.log.contents import Contents
 from sim.scenario.settings import Follower, Scenario
 from sim.simulation import simulate
-from sim.vehicle import mujoco_functions
+from sim.vehicle import stepping
 from sim.vehicle.mjcf import compose, spec_of
 from sim.vehicle.plant import NO_CONTACT, Plant
 from tools.benchmarks.row import Row, least_time
@@ -44,11 +44,11 @@ def _scenario(followers: int, duration: float, model: str = "follower") -> Scena
 
 
 @compiled
-def _stages(calls: mujoco_functions.Calls, steps: int) -> None:
+def _stages(calls: stepping.Calls, steps: int) -> None:
     stages, model, data = calls
     for _ in range(steps):
         for stage in stages:
-            mujoco_functions.call(stage, model, data)
+            stepping.call(stage, model, data)
 
 
 def physics() -> list[Row]:
@@ -74,7 +74,7 @@ def physics() -> list[Row]:
         data = mujoco.MjData(model)
         bare = least_time(partial(mujoco.mj_step, model, data, steps), 3) / steps * 1e6
         dry, wet = Plant(setups, ocean, dt), Plant(setups, ocean, dt)
-        calls = mujoco_functions.find(dry.model, dry.data)
+        calls = stepping.find(dry.model, dry.data)
         floor = least_time(partial(_stages, calls, steps), 3) / steps * 1e6
         with_water = least_time(partial(wet.step, thrust, steps), 3) / steps * 1e6
         fleets = [Plant(setups, ocean, dt) for _ in range(4)]

@@ -21,7 +21,7 @@ from experiments.studies.estimators import figures as estimators
 from experiments.study.file import built_in, study_of
 from sim.film import render
 from sim.flight import Flight, excerpt
-from sim.motion import simulate_motion
+from sim.simulation import simulate_motion
 from tools.documents import architecture, drawing, physics, route_keeping, study_pictures
 from tools.documents.markers import records
 

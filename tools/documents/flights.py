@@ -10,7 +10,7 @@ from experiments.flight.fly import fly
 from experiments.flight.library import load
 from experiments.flight.summary import position_and_bearing_errors
 from sim.flight import Flight
-from sim.sensing.ahrs import apparent_tilt
+from sim.sensing.errors import apparent_tilt
 from sim.sensing.observation import MissionTruth
 
 COMMAND = "python -m tools.documents.studies flights"

@@ -9,23 +9,23 @@ from scipy.optimize import brentq
 import laisn_sim
 from experiments.findings import FILE, Finding, Findings, plain, record
 from laisn.arrays import Floats
+from sim import attitude
 from sim.assembly import routes_of
-from sim.geometry import attitude
 from sim.scenario.routes import DepthProfile, Route, library_route
 from sim.simulation import simulate
-from sim.tracking import tracking
 from sim.vehicle import coefficients
 from sim.vehicle.effectors import FIN, reach
-from sim.vehicle.estimate import from_dimensions
+from sim.vehicle.hull_file import from_dimensions
 from sim.vehicle.hydrodynamics import wrench
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
-from sim.water.ocean import Ocean
+from sim.water import Ocean
 from tests.vehicle import fossen_remus100 as fossen
 from tests.vehicle import remus_formation
 from tests.vehicle import test_remus as remus
 from tests.vehicle.tank import Tank, hull
 from tests.vehicle.test_kirchhoff import SPHEROID_ADDED, SPHEROID_INERTIA, SPHEROID_MASS
+from tools.documents.route_keeping import tracking
 
 COMMAND = "python -m tools.documents.studies hull-trials"
 MODULES = ("tools.documents.hull_trials",)
@@ -79,7 +79,7 @@ def _remus() -> dict[str, Finding]:
 
 def _righting(dt: float) -> Finding:
     """Period of a hull in ideal water that is let go at 1°."""
-    tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -0.02), added_mass=SPHEROID_ADDED), Ocean.calm(), dt)
+    tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -0.02), added_mass=SPHEROID_ADDED), Ocean(), dt)
     tank.place(quaternion=attitude.from_euler(0.0, np.radians(1)))
     crossings: list[float] = []
     before = 1.0
@@ -266,7 +266,7 @@ def _vehicles() -> dict[str, Finding]:
                 name="v", model=model, position_m=(start[0], start[1], -depth), heading_rad=route.initial_heading,
                 speed_m_s=route.start_speed,
             )  # fmt: skip
-            flown = simulate(Plant([setup], Ocean.calm()), [route], float(route.time[-1]), [None])
+            flown = simulate(Plant([setup], Ocean()), [route], float(route.time[-1]), [None])
             (report,) = tracking(flown, [route])
             key = f"route {model} {role}"
             found[f"{key} off"] = plain(report.cross_track_rms, f"RMS off its route: {model} as {role}", "m")

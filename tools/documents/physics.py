@@ -5,9 +5,8 @@ from matplotlib.figure import Figure
 
 from experiments.pages.figures import Line
 from experiments.pages.style import FRAME, MUTED, SERIES, Legend
-from sim.geometry import attitude
-from sim.water.ocean import Ocean
-from sim.water.waves import Waves
+from sim import attitude
+from sim.water import Ocean, Waves
 from tests.vehicle import test_remus as remus
 from tests.vehicle.tank import Tank, hull
 from tests.vehicle.test_kirchhoff import SPHEROID_ADDED, SPHEROID_INERTIA, SPHEROID_MASS
@@ -52,7 +51,7 @@ def remus_turn() -> Drawn:
 def pendulum() -> Drawn:
     """Pitch of a hull in ideal water that is let go at 1°, beside the closed form."""
     arm, dt, duration = 0.02, 0.002, 45.0
-    tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -arm), added_mass=SPHEROID_ADDED), Ocean.calm(), dt)
+    tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -arm), added_mass=SPHEROID_ADDED), Ocean(), dt)
     tank.place(quaternion=attitude.from_euler(0.0, np.radians(1)))
     pitch = []
     for _ in range(round(duration / dt)):

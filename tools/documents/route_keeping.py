@@ -4,19 +4,100 @@ Simulates the leader and all eight followers in one calm sea.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from experiments.findings import FILE, Finding, Findings, plain, record
 from experiments.flight.library import ROUTES
+from laisn.arrays import Floats
 from sim.assembly import routes_of
-from sim.motion import simulate_motion
+from sim.scenario.point_motion import plan
+from sim.scenario.routes import Route
 from sim.scenario.settings import Follower, Scenario
-from sim.tracking import TrackingReport, tracking
+from sim.simulation import simulate_motion
+from sim.tracking import cross_track
+from sim.trajectory import Trajectory
 
 COMMAND = "python -m tools.documents.studies route-keeping"
 MODULES = ("tools.documents.route_keeping",)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackingReport:
+    """One vehicle on its route, from the start to the last waypoint (or the end of the trajectory)."""
+
+    name: str
+    cross_track_rms: float
+    """Distance to the straight legs between waypoints [m]; cut corners count as they are."""
+    cross_track_max: float
+    arrival_error_max: float
+    """Largest difference between the time at which a waypoint is nearest and its time on the route [s]."""
+    speed_error_rms: float
+    """Error of the speed over ground against the point motion along the same route [m/s]."""
+    depth_error_rms: float
+    """Error of the depth against that of the route or profile [m]."""
+    depth_error_max: float
+    pitch_max: float
+    """Largest size of the pitch [rad]."""
+    pitch_std: float
+    roll_max: float
+    roll_std: float
+
+
+def arrival_errors(route: Route, time: Floats, position: Floats) -> Floats:
+    """When each waypoint is nearest, less its time on the route; arguments as of `cross_track`.
+
+    A waypoint is looked for until half a leg before and after it; those where the vehicle stops, and those later than
+    the last instant, are left out.
+
+    Returns:
+        Shape (number of waypoints passed,), [s].
+    """
+    middle = 0.5 * (route.time[:-1] + route.time[1:])
+    begin, end = np.concatenate([route.time[:1], middle]), np.concatenate([middle, [np.inf]])
+    errors = []
+    rests = route.leg_length == 0
+    stops = np.append(rests, False) | np.append(False, rests)
+    for due, waypoint, first, until, is_stop in zip(route.time, route.waypoint, begin, end, stops, strict=True):
+        if due > time[-1] + 1e-9:
+            break
+        if is_stop:
+            continue
+        window = np.flatnonzero((time >= first) & (time <= until))
+        errors.append(time[window[np.hypot(*(position[window] - waypoint).T).argmin()]] - due)
+    return np.array(errors)
+
+
+def tracking(trajectory: Trajectory, routes: Sequence[Route]) -> tuple[TrackingReport, ...]:
+    """How each vehicle of a trajectory kept to its route."""
+    reports = []
+    for i, (name, route) in enumerate(zip(trajectory.names, routes, strict=True)):
+        n = int(np.searchsorted(trajectory.time, route.time[-1] + 1e-9, side="right"))
+        time, position = trajectory.time[:n], trajectory.position[:n, i, :2]
+        off = cross_track(route, time, position)
+        late = arrival_errors(route, trajectory.time, trajectory.position[:, i, :2])
+        intended = plan(route).at(time)
+        speed_error = np.hypot(*trajectory.velocity[:n, i, :2].T) - intended.speed
+        depth_error = trajectory.depth[:n, i] - route.depth.at(time)[0]
+        pitch, roll = trajectory.pitch[:n, i], trajectory.roll[:n, i]
+        reports.append(
+            TrackingReport(
+                name=name,
+                cross_track_rms=float(np.sqrt(np.mean(off**2))),
+                cross_track_max=float(off.max()),
+                arrival_error_max=float(np.abs(late).max(initial=0.0)),
+                speed_error_rms=float(np.sqrt(np.mean(speed_error**2))),
+                depth_error_rms=float(np.sqrt(np.mean(depth_error**2))),
+                depth_error_max=float(np.abs(depth_error).max()),
+                pitch_max=float(np.abs(pitch).max()),
+                pitch_std=float(pitch.std()),
+                roll_max=float(np.abs(roll).max()),
+                roll_std=float(roll.std()),
+            )
+        )
+    return tuple(reports)
 
 
 def scenario(routes: tuple[str, ...] = ROUTES, duration_s: float = 1000.0) -> Scenario:

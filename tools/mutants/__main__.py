@@ -28,8 +28,8 @@ from tools.mutants.trial import Tried, attempt, enter_copy, mutants_of, time_of
 
 PACKAGES = {
     "laisn": r"laisn/.+",
-    "sim": r"sim/((geometry|water|vehicle|sensing|control)/.+|scenario/(point_motion|\w*routes|shapes)\.py"
-    r"|(closed_loop|excerpt|flight|\w*fleet|motion|station_keeping|tracking|trajectory)\.py)",
+    "sim": r"sim/((vehicle|sensing|control)/.+|scenario/(point_motion|routes|formation)\.py"
+    r"|(attitude|closed_loop|flight|simulation|stations|tracking|trajectory|water)\.py)",
     "experiments": r"experiments/(intervals|findings|beacon_replay|studies/\w+"
     r"|campaign/(bound|lane_\w+|montecarlo)"
     r"|pages/flight_report|flight/(range_budget|summary|tables)"

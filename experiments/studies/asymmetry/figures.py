@@ -21,9 +21,9 @@ from laisn.arrays import Bools, Floats
 from sim.film.annotations import Annotations, OtherEstimate, RayErrors
 from sim.film.render import render
 from sim.flight import Flight, excerpt, navigate
-from sim.motion import simulate_motion
 from sim.scenario.settings import Video
 from sim.sensing.acoustics import TRANSMITTERS
+from sim.simulation import simulate_motion
 from sim.trajectory import Trajectory
 
 LEVEL_COLOUR, REAL_COLOUR, AWARE_COLOUR = SERIES[2], SERIES[1], SERIES[0]

@@ -20,10 +20,10 @@ from experiments.studies.asymmetry.findings import INTERVALS_S, OF_RUNS, Curve, 
 from experiments.studies.asymmetry.fix_map import fix_error
 from laisn.arrays import Floats
 from laisn.settings import Variant
-from sim.motion import simulate_motion
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.sensing.ahrs import apparent_tilt, random_error, tilt_errors
+from sim.sensing.errors import apparent_tilt, random_error, tilt_errors
 from sim.sensing.observation import SITES
+from sim.simulation import simulate_motion
 from sim.trajectory import Trajectory, leveled, tilted
 
 TAU_M = (0.01, 0.03, 0.06, 0.1, 0.2, 0.4, 0.8, 1.6)

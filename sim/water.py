@@ -1,4 +1,4 @@
-"""The water: a current that shears with depth and changes in time, and waves that ride on it.
+"""The water: a current that shears with depth and changes in time, and linear (Airy) waves that ride on it.
 
 Velocity of the water at depth −z and time t: u = U(z) + V(t) + Σ waves, U(z) = (speed + shear z) along one compass
 direction, V(t) the same at all places and linear between points in time. A wave's phase moves with the surface
@@ -6,18 +6,154 @@ current: at a fixed place it is k·(x − ∫V dt) − (ω + k·U(0)) t + φ; in
 amplitude stay what they are (Phillips, The Dynamics of the Upper Ocean, 2nd ed. 1977, section 2.6). Above the
 still surface the waves' velocity stays what it is at z = 0, as linear theory has no water there, and so do all its
 derivatives but those with z, which are nil.
+
+Waves: Faltinsen, Sea Loads on Ships and Offshore Structures, 1990 (Airy); DNV-RP-C205, 2010, Section 3.5.5 (JONSWAP).
 """
 
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Floats, own_arrays
+from laisn.arrays import Floats, own_arrays, require_shapes
 from laisn.compiled import compiled
 from laisn.elementary import exp, sin_cos
-from sim.geometry.attitude import Matrix, Vector
-from sim.water.waves import FLOOR_DEPTH_M, Waves
+from laisn.failure import LaisnError
+from sim.attitude import Matrix, Vector
+
+GRAVITY = 9.81  # gravity, which pulls on the surface here as it pulls on bodies in models/ocean.xml [m/s²]
+
+
+FLOOR_DEPTH_M = 40.0  # depth of the floor of a sea unless it is given [m]
+
+
+def wavenumber(omega: npt.ArrayLike, depth_m: float) -> Floats:
+    """Solve ω² = g k tanh(k h) for k [1/m] by Newton's method; ω > 0 [rad/s], h [m]."""
+    omega = np.asarray(omega, dtype=np.float64)
+    k0h = omega**2 * depth_m / GRAVITY
+    # start of Guo (2002), within 0.75 % everywhere, so that a few steps reach machine precision
+    kh = k0h * (1.0 - np.exp(-(k0h**1.25))) ** -0.4
+    for _ in range(6):
+        tanh = np.tanh(kh)
+        kh = kh - (kh * tanh - k0h) / (tanh + kh * (1.0 - tanh**2))
+    return np.asarray(kh / depth_m)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Waves:
+    """Components η = Σ a cos(k·x − ω t + φ), ω being what someone drifting with the current sees.
+
+    Raises ValueError if the shapes disagree.
+    """
+
+    amplitude_m: Floats  # amplitudes a, shape (n,)
+    wavenumber_1_m: Floats  # wave numbers east and north, towards where the wave runs, shape (n, 2)
+    omega_rad_s: Floats  # angular frequencies ω, shape (n,)
+    phase_rad: Floats  # phases φ, shape (n,)
+    floor_depth_m: float = FLOOR_DEPTH_M  # depth for which the wavenumbers hold; an `Ocean` sets its own
+
+    def __post_init__(self) -> None:
+        n = self.amplitude_m.size
+        shapes = {"amplitude_m": (n,), "wavenumber_1_m": (n, 2), "omega_rad_s": (n,), "phase_rad": (n,)}
+        require_shapes(self, shapes)
+        own_arrays(self)
+
+    @classmethod
+    def none(cls) -> Self:
+        """A flat sea."""
+        empty = np.zeros(0)
+        return cls(amplitude_m=empty, wavenumber_1_m=np.zeros((0, 2)), omega_rad_s=empty, phase_rad=empty)
+
+    @classmethod
+    def regular(
+        cls,
+        *,
+        height_m: float,
+        period_s: float,
+        direction_rad: float = 0.0,
+        phase_rad: float = 0.0,
+        floor_depth_m: float = FLOOR_DEPTH_M,
+    ) -> Self:
+        """One component; height crest to trough, `direction_rad` is the compass direction it runs towards.
+
+        Raises:
+            LaisnError: the height is more than such a wave can have.
+        """
+        omega = np.array([2 * np.pi / period_s])
+        k = wavenumber(omega, floor_depth_m)
+        _require_unbroken("height_m", height_m, float(k[0]), floor_depth_m)
+        towards = np.array([[np.sin(direction_rad), np.cos(direction_rad)]])
+        return cls(
+            amplitude_m=np.array([height_m / 2]),
+            wavenumber_1_m=k[:, None] * towards,
+            omega_rad_s=omega,
+            phase_rad=np.array([float(phase_rad)]),
+            floor_depth_m=floor_depth_m,
+        )
+
+    @classmethod
+    def jonswap(
+        cls,
+        rng: np.random.Generator,
+        *,
+        significant_height_m: float,
+        peak_period_s: float,
+        direction_rad: float = 0.0,
+        spread_rad: float = 0.0,
+        floor_depth_m: float = FLOOR_DEPTH_M,
+        peakedness: float = 3.3,
+        n_components: int = 100,
+    ) -> Self:
+        """An irregular sea: JONSWAP spectrum, phases and places within the frequency bins drawn from `rng`.
+
+        Each component has the energy of its bin, so that 4 √(Σ a²/2) is the significant height exactly. `spread_rad`
+        is the standard deviation of the components' directions (0: long-crested).
+
+        Raises:
+            LaisnError: the height is more than a regular wave of the peak's length could have.
+        """
+        peak = 2 * np.pi / peak_period_s
+        k_peak = float(wavenumber(peak, floor_depth_m))
+        _require_unbroken("significant_height_m", significant_height_m, k_peak, floor_depth_m)
+        edges, energy = _jonswap_bins(peakedness, n_components)
+        omega = peak * rng.uniform(edges[:-1], edges[1:])
+        amplitude = significant_height_m / 4 * np.sqrt(2 * energy)
+        phase = rng.uniform(0.0, 2 * np.pi, n_components)
+        direction = direction_rad + spread_rad * rng.standard_normal(n_components)
+        towards = np.stack([np.sin(direction), np.cos(direction)], axis=1)
+        return cls(
+            amplitude_m=amplitude,
+            wavenumber_1_m=wavenumber(omega, floor_depth_m)[:, None] * towards,
+            omega_rad_s=omega,
+            phase_rad=phase,
+            floor_depth_m=floor_depth_m,
+        )
+
+
+def _jonswap_bins(peakedness: float, n: int) -> tuple[Floats, Floats]:
+    """Edges of n bins in multiples of the peak's frequency, shape (n + 1,), and the share of energy in each, (n,).
+
+    Bins are narrow in frequency and in energy alike: their edges divide the mean of both shares evenly, so that no
+    bin holds more than 2/n of the energy, however sharp the peak, nor of the range, however thin the tail.
+    """
+    # 99 % of the energy of the spectrum lies between these frequencies
+    grid = np.linspace(0.6, 3.0, 24_001)
+    bell = np.exp(-((grid - 1) ** 2) / (2 * np.where(grid <= 1, 0.07, 0.09) ** 2))
+    density = grid**-5.0 * np.exp(-1.25 * grid**-4.0) * peakedness**bell
+    energy = np.concatenate([[0.0], np.cumsum(density[1:] + density[:-1])])
+    energy /= energy[-1]
+    share = (energy + np.linspace(0.0, 1.0, grid.size)) / 2
+    edges = np.interp(np.linspace(0.0, 1.0, n + 1), share, grid)
+    return edges, np.diff(np.interp(edges, grid, energy))
+
+
+def _require_unbroken(name: str, height_m: float, wavenumber_1_m: float, floor_depth_m: float) -> None:
+    """Miche's limit of steepness, 0.142 tanh(k h) (Miche 1944)."""
+    highest = 0.142 * np.tanh(wavenumber_1_m * floor_depth_m) * 2 * np.pi / wavenumber_1_m
+    if not 0 <= height_m <= highest:
+        raise LaisnError(f"{name}={height_m} must lie between 0 and {highest:.3g} m, where waves of this length break")
+
 
 Water = tuple[Floats, Floats, Floats]
 """An ocean as compiled functions take it (a plain tuple: numba takes four times as long to open a named one).
@@ -43,27 +179,18 @@ _LEAST_EXPONENT = -700.0
 class Ocean:
     """Current, waves, density and depth of a sea."""
 
-    current_speed_m_s: float = 0.0
-    """Speed of the current at the surface."""
-    current_direction_rad: float = 0.0
-    """Compass direction that the current runs towards."""
-    current_shear_1_s: float = 0.0
-    """Loss of speed per metre of depth."""
+    current_speed_m_s: float = 0.0  # speed of the current at the surface
+    current_direction_rad: float = 0.0  # compass direction that the current runs towards
+    current_shear_1_s: float = 0.0  # loss of speed per metre of depth
     current_change: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     """Velocity V that is added at all depths: time [s], east and north [m/s], shape (m, 3), times increasing from 0;
     linear between the points, constant after the last."""
     density_kg_m3: float = 1026.0
     floor_depth_m: float = FLOOR_DEPTH_M
-    waves: Waves = field(default_factory=Waves.none)
-    """Made for the same depth."""
+    waves: Waves = field(default_factory=Waves.none)  # made for the same depth
 
     def __post_init__(self) -> None:
         own_arrays(self)
-
-    @classmethod
-    def calm(cls) -> "Ocean":
-        """No current, no waves."""
-        return cls()
 
     @property
     def water(self) -> Water:
@@ -132,14 +259,8 @@ def change_at(time: float, change: Floats) -> tuple[float, float, float, float, 
             high = middle
     _, ux, uy, ax, ay, dx, dy = change[low]
     dt = time - change[low, 0]
-    return (
-        ux + ax * dt,
-        uy + ay * dt,
-        ax,
-        ay,
-        dx + (ux + 0.5 * ax * dt) * dt,
-        dy + (uy + 0.5 * ay * dt) * dt,
-    )
+    run = dx + (ux + 0.5 * ax * dt) * dt, dy + (uy + 0.5 * ay * dt) * dt
+    return ux + ax * dt, uy + ay * dt, ax, ay, run[0], run[1]
 
 
 @compiled
@@ -160,11 +281,8 @@ def elevation_at(x: float, y: float, time: float, water: Water) -> float:
 def _orbits(waves: Floats, x: float, y: float, below: float, time: float) -> Floats:
     """How each component moves the water at a depth −`below` within the sea, [m/s].
 
-    Sums over components cannot be vectorised without changing their order; this, which costs most, can.
-
-    Returns:
-        Level speed times the cosine and the sine of its phase, upward speed times the cosine and the sine, shape
-        (4, n).
+    Level speed times the cosine and the sine of its phase, upward speed likewise, shape (4, n). Sums over components
+    cannot be vectorised without changing their order; this, which costs most, can.
     """
     out = np.empty((4, waves.shape[1]))
     for i in range(waves.shape[1]):
@@ -205,12 +323,7 @@ def velocity_at(position: Vector, time: float, water: Water) -> Vector:
 def flow(
     position: Vector, velocity: Vector, axis: Vector, time: float, water: Water
 ) -> tuple[Vector, Vector, Matrix, Vector, Vector]:
-    """The water at a point that moves with `velocity`, all in the world.
-
-    Args:
-        position: of the point [m].
-        velocity: of the point [m/s].
-        axis: unit vector of a hull.
+    """The water at a point that moves with `velocity`, all in the world; `axis` is the unit vector of a hull.
 
     Returns:
         velocity u of the water [m/s]; its rate of change as met along the point's path [m/s²]; its gradient, rows
@@ -221,10 +334,8 @@ def flow(
     vx, vy, ax, ay, run_x, run_y = change_at(time, change)
     if waves.shape[1] > 0:
         # waves are carried along with the changing current
-        place, relative = (
-            (position[0] - run_x, position[1] - run_y, position[2]),
-            (velocity[0] - vx, velocity[1] - vy, velocity[2]),
-        )
+        place = position[0] - run_x, position[1] - run_y, position[2]
+        relative = velocity[0] - vx, velocity[1] - vy, velocity[2]
         stream, rate, gradient, turning, squeeze = _flow_in_waves(place, relative, axis, time, (current, waves))
         stream, rate = (stream[0] + vx, stream[1] + vy, stream[2]), (rate[0] + ax, rate[1] + ay, rate[2])
         return stream, rate, gradient, turning, squeeze
@@ -290,11 +401,7 @@ def _flow_in_waves(
         cx += omega * p * ex
         cy += omega * p * ey
         cz += omega * q
-    gradient = (
-        (gxx, gxy, varies * gxz + sx),
-        (gxy, gyy, varies * gyz + sy),
-        (gxz, gyz, varies * gzz),
-    )
+    gradient = (gxx, gxy, varies * gxz + sx), (gxy, gyy, varies * gyz + sy), (gxz, gyz, varies * gzz)
     return (ux, uy, uz), (dx, dy, dz), gradient, (bx, by, bz), (cx, cy, cz)
 
 

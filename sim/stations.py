@@ -1,23 +1,28 @@
-"""How well followers kept their stations, and how near vehicles came to one another."""
+"""Stations in the leader's trail: where they are, how followers kept them, and which of them meet.
+
+Where the leader turns by 90°, stations that are as far ahead of each other as they are aside meet: each follows the
+trail at its own distance, and takes up the new direction only after it. Before a flight, stations are therefore
+followed along the leader's plan.
+"""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Bools, Floats, Record, Records, records
+from laisn.arrays import Bools, Floats, Ints, Record, Records, records
 from laisn.compiled import compiled
-from sim.assembly import routes_of
+from sim.assembly import route_of, routes_of
 from sim.control.station import FRAME_STATE, STATION, station_at, turn_frame
 from sim.control.trail import TRAIL, extend
-from sim.scenario.formation import LEAST_LAYER_M, Formation
+from sim.scenario.formation import LEAST_APART_M, LEAST_LAYER_M, Formation
+from sim.scenario.point_motion import ACCELERATION, plan
 from sim.scenario.settings import Scenario
 from sim.tracking import track_error
 from sim.trajectory import Trajectory
 
-LOST_M = 10.0
-"""A follower that was ever farther than this from its station is called lost [m]."""
-JOINED_M = 2.0
-"""A follower has joined when it first is nearer than this to its station [m]."""
+LOST_M = 10.0  # a follower that was ever farther than this from its station is called lost [m]
+JOINED_M = 2.0  # a follower has joined when it first is nearer than this to its station [m]
 STATION_PLACE = np.dtype(
     [
         ("east", np.float64),  # [m]
@@ -54,7 +59,7 @@ def _stations(
 def stations_along(
     leader: Floats, speed: Floats, heading: Floats, stations: Records, formation: Formation, dt: float
 ) -> Records:
-    """Where stations are if the leader goes along a way.
+    """Where stations are if the leader goes along a way: records of STATION_PLACE, shape (n, f).
 
     Args:
         leader: east and north at n instants, shape (n, 2), [m].
@@ -63,9 +68,6 @@ def stations_along(
         stations: records of STATION, shape (f,).
         formation: how frames turn.
         dt: between instants [s].
-
-    Returns:
-        Records of STATION_PLACE, shape (n, f).
     """
     out = records(STATION_PLACE, leader.shape[0], stations.shape[0])
     place, through, ahead = (np.ascontiguousarray(values) for values in (leader, speed, heading))
@@ -83,12 +85,9 @@ def stations_of(scenario: Scenario) -> Records:
 
 
 def true_stations(scenario: Scenario, trajectory: Trajectory) -> Records:
-    """Where each follower's station truly was: in the leader's true trail, at every instant.
+    """Where each follower's station truly was, in the leader's true trail: records of STATION_PLACE, shape (n, f).
 
     A follower without a station has that of the leader itself, which means nothing.
-
-    Returns:
-        Records of STATION_PLACE, shape (n, f).
     """
     leader, speed = trajectory.position[:, 0, :2], trajectory.forward_speed[:, 0]
     return stations_along(
@@ -102,21 +101,16 @@ class StationKeeping:
 
     joined_s: float
     """When it was first within 2 m of its station [s]; NaN: never, and the other figures are those of all the time."""
-    station_rms_m: float
-    """Horizontal distance of its hydrophone from the station, root mean square [m]."""
-    station_p95_m: float
-    """Distance from the station that it exceeds for 5 % of the time [m]."""
-    station_max_m: float
-    """Largest distance from the station [m]."""
-    lost: bool
-    """Whether it was ever more than 10 m off its station, or never joined."""
+    station_rms_m: float  # horizontal distance of its hydrophone from the station, root mean square [m]
+    station_p95_m: float  # distance from the station that it exceeds for 5 % of the time [m]
+    station_max_m: float  # largest distance from the station [m]
+    lost: bool  # whether it was ever more than 10 m off its station, or never joined
 
 
 def off_station(scenario: Scenario, trajectory: Trajectory, stations: Records | None = None) -> Floats:
     """Horizontal distance of each follower's hydrophone from its station, shape (n, f), [m]; NaN of one without.
 
-    Args:
-        stations: of `true_stations`; None: they are found here.
+    `stations` are those of `true_stations`; None: they are found here.
     """
     off = np.full((trajectory.time.size, len(scenario.followers)), np.nan)
     kept = [i for i, follower in enumerate(scenario.followers) if follower.station]
@@ -191,3 +185,99 @@ def closest_in_a_layer(scenario: Scenario, trajectory: Trajectory) -> Approach |
     """The pair of one layer that came nearest horizontally; None if no layer has two vehicles."""
     depths = np.array([vehicle.layer_m for vehicle in (scenario.leader, *scenario.followers)])
     return _nearest(trajectory, 2, np.abs(depths[:, None] - depths) < LEAST_LAYER_M)
+
+
+_STEP_S = 0.5  # stations are followed in steps of this time; they move by half a metre in it [s]
+
+
+class Encounter(NamedTuple):
+    """Two stations of one layer where they are nearest to each other on the leader's route."""
+
+    pair: tuple[int, int]  # numbers of their followers from 0 on; −1 is the leader
+    apart_m: float
+    time_s: float
+
+
+class Crossing(NamedTuple):
+    """Two stations of one layer that meet, and what their followers have to give way with."""
+
+    meeting: Encounter
+    closing_m_s: float  # fastest at which the stations come nearer to each other once their followers sense each other
+    way_m_s: float
+    """Speed through the water of the slower of two vehicles when they begin to detect and avoid each other."""
+    needed_m_s: float  # what it takes: its share of the closing, and steerage way besides
+    braking_m: float  # distance that they come nearer in until they have lost what they close up at
+
+
+class _Followed(NamedTuple):
+    """Stations of f followers and the leader, followed along the leader's plan."""
+
+    numbers: list[int]  # of followers, −1 for the leader at the end, shape (f + 1,)
+    pairs: Ints  # rows of two that are in one layer, shape (p, 2)
+    time: Floats  # shape (n,), [s]
+    way: Floats  # east and north, shape (n, f + 1, 2), [m]
+    drift: Floats  # current in each one's layer, shape (n, f + 1, 2), [m/s]
+
+    def meeting(self, i: int, j: int) -> tuple[Encounter, Floats]:
+        """Where a pair is nearest to each other, and its distance, shape (n,), [m]."""
+        apart = np.hypot(*(self.way[:, i] - self.way[:, j]).T)
+        k = int(apart.argmin())
+        return Encounter((self.numbers[j], self.numbers[i]), float(apart[k]), float(self.time[k])), apart
+
+
+def _follow(scenario: Scenario) -> _Followed | None:
+    """Stations along the leader's plan; None if no layer has two."""
+    kept = [(i, f.station) for i, f in enumerate(scenario.followers) if f.station]
+    places = np.array([[s.behind_m, s.port_m, s.depth_m] for _, s in kept] + [[0.0, 0.0, scenario.leader.layer_m]])
+    alike = np.abs(places[:, None, 2] - places[None, :, 2]) < LEAST_LAYER_M
+    pairs = np.argwhere(np.tril(alike, -1))
+    if not pairs.size:
+        return None
+    time = np.arange(0.0, scenario.duration_s + _STEP_S, _STEP_S)
+    leader = plan(route_of(scenario.leader, "leader")).at(time)
+    drift = np.broadcast_to(scenario.ocean.current_at(places[:, 2], time[:, None]), (time.size, len(places), 2))
+    over_ground = leader.speed * np.array([np.sin(leader.course), np.cos(leader.course)])
+    through, way = np.hypot(*(over_ground - drift[:, -1].T)), np.column_stack([leader.east, leader.north])
+    stations = records(STATION, len(places))
+    stations.behind, stations.port, stations.depth = places.T
+    found = stations_along(way, through, leader.course, stations, scenario.formation, _STEP_S)
+    places = np.stack([found.east, found.north], axis=-1)
+    return _Followed([i for i, _ in kept] + [-1], pairs, time, places, drift)
+
+
+def nearest_stations(scenario: Scenario) -> Encounter | None:
+    """The two stations of one layer that come nearest to each other; None if no layer has two."""
+    followed = _follow(scenario)
+    met = [] if followed is None else [followed.meeting(i, j)[0] for i, j in followed.pairs]
+    return min(met, key=lambda one: one.apart_m, default=None)
+
+
+def hardest_crossing(scenario: Scenario, reach_m: float) -> Crossing | None:
+    """Of stations of one layer that meet, the two whose followers have the least way to lose for what it takes.
+
+    Who gives way loses way through the water, and keeps steerage way: in a following current little is left to lose.
+
+    Args:
+        reach_m: distance at which followers sense each other.
+
+    Returns:
+        None if no two come as near as stations of one layer must not.
+    """
+    followed, crossings = _follow(scenario), []
+    if followed is None:
+        return None
+    for i, j in followed.pairs:
+        meeting, apart = followed.meeting(i, j)
+        if meeting.apart_m >= LEAST_APART_M:
+            continue
+        nearest = int(apart.argmin())
+        outside = np.flatnonzero(apart[:nearest] >= reach_m)
+        sensed = int(outside[-1]) if outside.size else 0
+        closing = -float(np.diff(apart[sensed : nearest + 1], prepend=apart[sensed]).min()) / _STEP_S
+        # the leader does not give way
+        able = [n for n in (i, j) if followed.numbers[n] >= 0]
+        step = (followed.way[sensed + 1] - followed.way[sensed]) / _STEP_S - followed.drift[sensed]
+        way = min(float(np.hypot(*step[n])) for n in able)
+        needed = closing / len(able) + scenario.formation.min_along_track_speed_m_s
+        crossings.append(Crossing(meeting, closing, way, needed, closing**2 / (2.0 * len(able) * ACCELERATION)))
+    return min(crossings, key=lambda crossing: crossing.way_m_s - crossing.needed_m_s, default=None)
