@@ -69,10 +69,7 @@ def ratio_intervals(above: Floats, below: Floats, confidence: float = CONFIDENCE
     Args:
         above: of each run, a column for each ratio, shape (R, k).
         below: likewise, not negative; 0: the run does not count.
-        confidence: of the intervals.
-
-    Returns:
-        An interval for each column; limits are NaN where fewer than `FEWEST_RUNS` count, all where none does.
+        confidence: of the intervals, one for each column; limits are NaN where fewer than `FEWEST_RUNS` count.
     """
     runs = np.count_nonzero(below, axis=0).astype(np.float64)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -95,14 +92,10 @@ def mean_interval(values: Floats, counted: Bools | None = None, confidence: floa
 
 
 def difference_of_shares(differences: Floats, confidence: float = CONFIDENCE) -> Interval:
-    """Mean over runs of paired differences of outcomes that are 0 or 1, or of a combination of such, within −1 … 1.
+    """Mean over runs, shape (R,), of paired differences of outcomes that are 0 or 1, or of combinations, in −1 … 1.
 
     The adjusted Wald interval of Bonett & Price (J. Educ. Behav. Stat. 37, 2012): a run that is decisive for either
     side is added, so that outcomes which no run had are not taken for impossible.
-
-    Args:
-        differences: of each run, shape (R,).
-        confidence: of the interval.
     """
     adjusted = np.append(differences, [1.0, -1.0])
     half = float(ndtri((1.0 + confidence) / 2.0)) * float(adjusted.std()) / math.sqrt(adjusted.size)
@@ -118,11 +111,9 @@ def _mean_and_covariance(missions: Sequence[Floats]) -> tuple[Floats, Floats]:
 
 
 def mean_over_missions(missions: Sequence[Floats], confidence: float = CONFIDENCE) -> Interval:
-    """Mean over missions of the means over their runs: what other noise on the same missions would change.
+    """Mean over missions of the means over their runs, shape (R,) each: what other noise on these would change.
 
-    Args:
-        missions: values of the runs of each mission, shape (R,) each.
-        confidence: of the interval, by the normal law for a sum of many runs.
+    The interval is by the normal law for a sum of many runs.
     """
     total, covariance = _mean_and_covariance([mission[:, None] for mission in missions])
     half = float(ndtri((1.0 + confidence) / 2.0)) * math.sqrt(float(covariance[0, 0]))
@@ -132,12 +123,8 @@ def mean_over_missions(missions: Sequence[Floats], confidence: float = CONFIDENC
 def share_removed(missions: Sequence[tuple[Floats, Floats]], confidence: float = CONFIDENCE) -> Interval:
     """Share of a sum over missions that is taken away, 1 − Σ mean(left) / Σ mean(part), by Fieller's theorem.
 
-    Args:
-        missions: of each mission what there is to remove and what is left of it, run by run, shape (R,) each.
-        confidence: of the interval (Fieller, J. R. Stat. Soc. B 16, 1954).
-
-    Returns:
-        The share; limits are NaN where the sum to remove cannot be distinguished from zero.
+    Each mission has what there is to remove and what is left of it, run by run, shape (R,) each (Fieller, J. R. Stat.
+    Soc. B 16, 1954). Limits are NaN where the sum to remove cannot be distinguished from zero.
     """
     total, covariance = _mean_and_covariance([np.column_stack(pair) for pair in missions])
     part, left = (float(v) for v in total)

@@ -100,12 +100,10 @@ def least_rms(geometry: Geometry, noise: TrueNoise, lag: float = 0.0) -> Floats:
 
 
 def flight_bound(flight: Flight, follower: int = 0, lag: float = 0.0) -> Floats:
-    """Least RMS of one follower's position error after each step, from the pings that it received, shape (n,), [m].
+    """Least RMS of one follower's position error after each step, shape (n,), [m], from the pings that it received.
 
-    With a lag [s], messages of up to so much later are used too.
-
-    That of the ranges, log and compass of this flight, with constant biases: sideslip, drift and echoes only raise what
-    can be reached.
+    With a lag [s], messages of up to so much later are used too. Ranges, log and compass are those of this flight, with
+    constant biases: sideslip, drift and echoes only raise what can be reached.
     """
     scenario, received = flight.scenario, np.isfinite(flight.measurements[follower].ranges)
     geometry = geometry_of(flight.trajectory, scenario, follower, received)

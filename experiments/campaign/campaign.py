@@ -192,16 +192,13 @@ def compile_ahead(plan: CellPlan) -> None:
 
 
 def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpack[ExecutionOptions]) -> Flown:
-    """Compute a design, or what is missing of it.
+    """Compute a design, or what is missing of it; results do not depend on workers and interruptions.
 
     Args:
         design: the cells and tasks.
         folder: of the results; made if it does not exist.
         tolerant: go on without what cannot be flown.
         options: as of `ExecutionOptions`.
-
-    Returns:
-        Results that do not depend on workers and interruptions.
 
     Raises:
         LaisnError: the folder is of another version, the cluster cannot be used, or an estimate diverged.

@@ -97,8 +97,7 @@ class Cell:
             disturbance: errors beside the scenario's.
 
         Raises:
-            LaisnError: there is no such follower, or the mission is not the scenario's.
-            CampaignError: the mission cannot be flown.
+            LaisnError: there is no such follower, or the mission is not the scenario's, or it cannot be flown.
         """
         if not 0 <= follower < len(scenario.followers):
             raise LaisnError(f"follower is {follower}, the scenario has {len(scenario.followers)}")

@@ -36,11 +36,7 @@ def _with_version(function: Callable[..., Result], *arguments: Any) -> tuple[str
 
 
 class Pool:
-    """A pool of processes; use it as a context. With one local worker everything is computed in this process.
-
-    Attributes:
-        size: number of processes.
-    """
+    """A pool of `size` processes; use it as a context. With one local worker everything is computed in this process."""
 
     def __init__(self, workers: int, cluster: str | None = None) -> None:
         """Prepare local processes, which start with the first work, or the address of a Dask scheduler in their place.

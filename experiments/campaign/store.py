@@ -129,11 +129,7 @@ class Store:
     """The results folder of a campaign; any number of processes may work in it at once."""
 
     def __init__(self, folder: Path, *, force: bool = False) -> None:
-        """Open or make the folder.
-
-        Args:
-            folder: of the results.
-            force: stored results count as missing; those of another version are removed.
+        """Open or make the folder; `force`: stored results count as missing, those of another version are removed.
 
         Raises:
             LaisnError: the folder holds a flight, or results of another version and `force` is not set.

@@ -64,10 +64,7 @@ def paired(folders: Sequence[Path], metric: str) -> dict[tuple[str, ...], list[I
     """For every place that studies share with the first of them: its mean, and the others' paired differences.
 
     Places are identified by the factors, arm and follower that all studies have; runs of the same seed and number are
-    paired. None: a study has other seeds or runs there.
-
-    Raises:
-        LaisnError: there is no such metric of single runs.
+    paired. None: a study has other seeds or runs there. LaisnError: there is no such metric of single runs.
     """
     tables = []
     for folder in folders:

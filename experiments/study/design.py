@@ -51,15 +51,9 @@ class Factor:
 
     @classmethod
     def of(cls, key: str, given: object, *, sampled: bool = False) -> "Factor":
-        """A factor as a file gives it.
+        """A factor as a file gives it: a list of values, or a table with `from`, `to`, `steps` and `scale`.
 
-        Args:
-            key: of the scenario.
-            given: a list of values, or a table with `from`, `to`, `steps` and `scale` ("linear" or "log").
-            sampled: the design draws values from the range, so that it needs no steps.
-
-        Raises:
-            ValueError: states what was expected.
+        A sampled design draws values from the range, so that it needs no steps. ValueError states what was expected.
         """
         if isinstance(given, list):
             if not given:
@@ -238,11 +232,7 @@ class Draw:
 
     @classmethod
     def of(cls, key: str, given: object) -> "Draw":
-        """A draw as a file gives it: a table with the name of one law and its parameters.
-
-        Raises:
-            ValueError: states what was expected.
-        """
+        """A draw as a file gives it: a table of one law's name and parameters; ValueError states what was expected."""
         if not isinstance(given, dict) or len(given) != 1:
             raise ValueError(f"expected one distribution, such as {{ uniform = [0.2, 0.8] }} (given: {given!r:.60})")
         ((name, parameters),) = given.items()

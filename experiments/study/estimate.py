@@ -61,10 +61,8 @@ def _quantile(number: int) -> float:
 def over_realizations(means: Floats) -> Interval:
     """Mean over realizations, shape (S,): `mean_interval` of at least `FEWEST_RUNS`, else Student's t, which needs two.
 
-    Limits are NaN where all realizations have the same: nothing is known of how they scatter.
-
-    Each realization's mean holds the scatter of its runs already, so that runs are not drawn again (Davison & Hinkley,
-    Bootstrap Methods and their Application, 1997, section 3.8).
+    Limits are NaN where all realizations have the same. Each one's mean holds the scatter of its runs already, so that
+    runs are not drawn again (Davison & Hinkley, Bootstrap Methods and their Application, 1997, section 3.8).
     """
     mean = float(means.mean())
     if means.size < 2 or np.ptp(means) == 0:

@@ -343,10 +343,7 @@ def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any], *, quick:
     Args:
         source: a study file, one that ships, the table of one, or a scenario that `keys` make a study of.
         keys: of a study file, what to put in their places; of `vary`, `draw` and `set` key by key. None: as it is.
-        quick: put the keys of the file's own [quick] in their places too.
-
-    Raises:
-        StudyError: there is no such study, or nothing varies, or it has no [quick].
+        quick: put the keys of the file's own [quick] in their places too; StudyError if there are none.
     """
     given = {key: value for key, value in keys.items() if value is not None}
     folder, name, source_name = Path(), "study", "study"

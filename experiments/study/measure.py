@@ -126,9 +126,7 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
     """Simulates a run in closed loop; its results for each follower, by the names of a cell's lists and of `facts_of`.
 
     A run that contact ended has no other results than that: a mean over missions of unlike length would hide it.
-
-    Raises:
-        CampaignError: the simulation left finite numbers.
+    CampaignError: the simulation left finite numbers.
     """
     one = scenario.model_copy(update={"run": run})
     stride, ended = round(one.timing.filter_step_s / CONTROL_STEP_S), False

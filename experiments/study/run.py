@@ -116,13 +116,9 @@ def _cells(plan: Plan, entry: Entry) -> list[CellPlan]:
 
 
 def fly_studies(plans: Sequence[Plan], folder: Path, **options: Unpack[ExecutionOptions]) -> list[Outcomes]:
-    """Fly studies, which share missions and cells, together, or what is missing of them; options as of `campaign.fly`.
+    """Fly studies, which share missions and cells, together, or what is missing of them; as of `campaign.fly`.
 
-    Returns:
-        Of each study the rows in the order of its plan: the same whatever the workers and interruptions.
-
-    Raises:
-        LaisnError: as of `campaign.fly`.
+    Each has rows in the order of its plan: the same whatever the workers and interruptions.
     """
     entries = [(i, plan, entry) for i, plan in enumerate(plans) for entry in plan.entries]
     cells = {(i, entry.place): _cells(plan, entry) for i, plan, entry in entries if not entry.closed_loop}

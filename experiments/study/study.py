@@ -119,11 +119,7 @@ def run_study(study: Study, folder: Path, *, film: FilmOf | None = None, **optio
         options: as of `campaign.fly`.
 
     Returns:
-        The page.
-
-    Raises:
-        StudyError: a line for each error of the study, before anything is flown.
-        LaisnError: as of `fly_until_narrow`, or nothing could be flown.
+        The page; LaisnError as of `plan_of` and `fly_until_narrow`, or if nothing could be flown.
     """
     (outcomes,) = fly_until_narrow([plan_of(study)], folder, **options)
     plan = outcomes.plan
