@@ -83,15 +83,12 @@ def plain(value: float | int | str | None, what: str, unit: str = "") -> Finding
 
 @dataclass(frozen=True, kw_only=True)
 class Findings:
-    """All that a study found."""
+    """All that a study found, the command that computes it again, and the modules that do, with their version."""
 
     study: str
     command: str
-    """Command that computes the findings again."""
     modules: tuple[str, ...]
-    """Modules where the numbers are made."""
     version: str
-    """`version_of` these."""
     findings: Mapping[str, Finding] = field(default_factory=dict)
 
     def __getitem__(self, key: str) -> Finding:

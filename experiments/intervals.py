@@ -14,7 +14,6 @@ from scipy.special import betaincinv, ndtri, stdtrit
 from laisn.arrays import Bools, Floats
 
 CONFIDENCE = 0.95
-"""Confidence of every interval that is printed."""
 FEWEST_RUNS = 20
 """Fewer runs do not determine their skewness: no interval is given."""
 

@@ -44,9 +44,7 @@ class ExecutionOptions(TypedDict, total=False):
     cluster: str | None
     """Address of a Dask scheduler (tcp://…); its workers compute instead."""
     force: bool
-    """Compute everything again."""
     quiet: bool
-    """Show no progress."""
 
 
 @dataclass(frozen=True, kw_only=True)

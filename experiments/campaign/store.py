@@ -35,7 +35,6 @@ Result = tuple[str, Any, Arrays]
 STUDY_FILE, FLIGHT_FILE = "campaign.json", "summary.json"
 """A file that each folder of a study, and each folder of a flight, has."""
 _RECORD = "record"
-"""Array that holds the JSON of a stored record."""
 
 
 class DamagedResult(LaisnWarning):

@@ -12,7 +12,6 @@ from pathlib import Path
 from laisn.navigators import code_of_navigators
 
 ROOT = Path(__file__).resolve().parents[2]
-"""Folder of this project's packages."""
 OWN_PACKAGES = ("models", "laisn", "sim", "experiments")
 _IN_CHECKOUT = ("tools", "tests")
 """Outside the wheel: some records of the documents are computed there."""

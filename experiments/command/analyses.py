@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from sim.flight import Flight
 
 LARGEST_SDF = 10_000_000
-"""Size of an SDF file [bytes]."""
 _QUARTERS = 4
 
 

@@ -111,7 +111,6 @@ def require_output(out: Path | None, *suffixes: str, source: Path | None = None)
 
 
 _signals: list[int] = []
-"""Received signals that end this process."""
 
 
 def _interrupt(number: int, _: FrameType | None) -> None:

@@ -163,7 +163,6 @@ _NAMED = (
 )  # fmt: skip
 """Distributions of scipy.stats that a table of parameters names: their quantiles take microseconds at any parameter."""
 _LARGEST = 1e9
-"""Largest size of a parameter."""
 Quantile = Callable[[float, list[int]], Any]
 """The value at a share, 0 … 1, of a law; what needs more than one random number takes them from the address."""
 

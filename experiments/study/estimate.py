@@ -27,8 +27,7 @@ from experiments.study.metrics import SHARES
 from experiments.study.plan import ARM, FOLLOWER, Plan, levels, varied
 from laisn.arrays import Floats, Ints
 
-Place = tuple[int, str, str]
-"""Point, arm and follower."""
+Place = tuple[int, str, str]  # point, arm and follower
 NOTHING = Interval(math.nan, math.nan, math.nan)
 """What there is where nothing was flown."""
 INTERACTIONS = "interactions"

@@ -22,7 +22,6 @@ from sim.scenario.settings import Name
 from sim.scenario.vehicles import is_mjcf
 
 FOLDER = Path(__file__).parents[1] / "studies"
-"""Studies that ship."""
 OWN_DESIGN = {"asymmetry": "asymmetry", "reproduce": "reproduction"}
 """Studies whose design no file can hold: their commands and folders."""
 METRIC = "e_p_mean_m"
@@ -127,7 +126,6 @@ class StudyFile(Section):
     draw: dict[str, Any] = Field(default_factory=dict)
     arm: list[Arm] = Field(default_factory=list)
     steps: bool = False
-    """Whether errors over time are kept."""
     bound_lag_s: Annotated[float, Field(ge=0, le=1e4)] = 0.0
     """Of messages that the bound of smoothing uses [s]; 0: it is not computed."""
     report: Report = Report()

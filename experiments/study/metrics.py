@@ -22,7 +22,6 @@ class Metric(NamedTuple):
     """A column of results.parquet or runs.parquet."""
 
     label: str
-    """Name on the axis of a figure, with unit."""
     what: str
     unit: str = ""
 
@@ -95,6 +94,5 @@ METRICS: dict[str, Metric] = {
     for name, (label, what) in (_ERRORS | _PERCENTILES | _FIXES | _MISSION).items()
     for _, unit in [without_unit(name)]
 }
-"""Metrics by their columns in the tables."""
 SHARES = frozenset({"mirror_locked", "lost", "touched", "ended"})
 """Metrics that a run either has or has not: 1 or 0."""

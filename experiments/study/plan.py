@@ -24,14 +24,12 @@ from sim.scenario.settings import Scenario
 from sim.simulation import listeners
 
 FOLLOWER = "follower"
-"""Name of what varies beside factors and arms."""
 MOST_ENTRIES = 200_000
 """Largest number of scenarios of a study: points times arms times realizations."""
 
 _READINGS = re.compile(r"(acoustics|sensors)\.(?!own)")
 """Keys that change what sensors read, but neither motion nor feasibility."""
 MOST_RUNS = 2**31 - LANES
-"""Largest number of a run."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +80,6 @@ class Plan:
     """Values of the factors by key."""
     arms: tuple[str, ...]
     entries: list[Entry]
-    """Entries ordered by point, arm and realization."""
 
     @cached_property
     def by_place(self) -> dict[tuple[int, str, int], Entry]:

@@ -35,7 +35,6 @@ class Outcomes:
 
     plan: Plan
     rows: list[Record]
-    """One row of results for each entry and follower."""
     runs: list[tuple[Record, Record]]
     """One pair for each entry and follower: what it is, and lists over runs by name."""
     steps: list[Arrays]
