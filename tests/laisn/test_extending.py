@@ -40,7 +40,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     page = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
     blocks = dict(re.findall(r"^```python\n# ((?:laisn|sim)/\S+)\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE))
     assert set(blocks) == {"laisn/variants.py", "laisn/settings.py", "sim/vehicle/hydrodynamics.py"}
-    drag = root / "sim" / "vehicle" / "drag.py"
+    drag = root / "sim" / "vehicle" / "hydrodynamics.py"
     text, found = re.subn(
         r"^@compiled\ndef damping\(.*?\n\n\n",
         lambda _: f"{blocks['sim/vehicle/hydrodynamics.py']}\n\n",
