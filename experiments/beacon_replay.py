@@ -2,14 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from operator import itemgetter
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, ValidationError
 
 from laisn.arrays import Floats
-from laisn.beacons.navigator import BeaconNavigator
-from laisn.beacons.settings import MEDIA, BeaconSettings
+from laisn.beacons.navigator import MEDIA, BeaconNavigator, BeaconSettings
 from laisn.estimates import Estimates
 from laisn.failure import LaisnError
 from laisn.messages import Measurements
@@ -34,47 +34,37 @@ class Beacons(FurtherKeys):
 
     def over(self, base: BeaconSettings) -> BeaconSettings:
         """Settings with what is given here instead of what stands there."""
-        return replace(base, **in_si(self.model_dump(exclude={"medium"}), ()))
+        return replace(base, **in_si(self.model_dump(exclude={"medium"})))
 
 
 def beacons_of(values: Mapping[str, object]) -> Beacons:
-    """Settings by their keys.
-
-    Raises:
-        LaisnError: a key is not known or a value out of its range; the text names all that are at fault.
-    """
+    """Settings by their keys; LaisnError naming all keys that are unknown and values out of their range."""
     try:
         return Beacons.model_validate(dict(values))
     except ValidationError as error:
-        lines = []
-        for fault in error.errors():
-            key = ".".join(str(part) for part in fault["loc"][:1])
+        lines = ["settings of beacons:"]
+        for one in error.errors():
+            key = one["loc"][0]
             known = "" if key in Beacons.model_fields else f"; known: {', '.join(Beacons.model_fields)}"
-            lines.append(f"  beacons.{key}: {fault['msg']}{known}")
-        raise LaisnError("\n".join(["settings of beacons:", *lines])) from None
+            lines.append(f"  beacons.{key}: {one['msg']}{known}")
+        raise LaisnError("\n".join(lines)) from None
 
 
 class Score(NamedTuple):
-    """How far estimates are from a path, surveyed or stated by the data set, at its times."""
+    """Distances of estimates from a path, surveyed or stated by the data set, at its times [m]."""
 
     mean: float
-    """Mean distance [m]."""
     rms: float
-    """Root of the mean squared distance [m]."""
     high: float
-    """95 % of distances are shorter [m]."""
+    """95 % are shorter [m]."""
     nees: float
-    """Mean squared error in units of the covariance: 2 if that can be believed."""
+    """Mean squared error in units of the covariance: 2 if that is consistent."""
 
 
 def score(estimates: Estimates, measured: Measurements, truth: Floats, since_s: float = 0.0) -> Score:
-    """Errors at all times of a surveyed path at which there is an estimate.
+    """Errors at all times from `since_s` on of a surveyed path at which there is an estimate.
 
-    Args:
-        estimates: of the mission.
-        measured: what they were made of.
-        truth: time since the start [s], east and north [m], shape (t, 3).
-        since_s: count from this time on [s].
+    Rows of the path are time since the start [s], east and north [m], shape (t, 3).
     """
     time = measured.time
     known = np.isfinite(estimates.state[:, 0])
@@ -98,17 +88,9 @@ def score(estimates: Estimates, measured: Measurements, truth: Floats, since_s: 
 
 
 def dead_reckoning(recorded: Replayable) -> Estimates:
-    """What odometry alone makes of the mission."""
-    measured = recorded.measurements
-    none = slice(0, 0)
-    silent = replace(
-        measured,
-        message_step=measured.message_step[none],
-        message=measured.message[none],
-        ranges=measured.ranges[none],
-        transmitters=None,
-    )
-    return BeaconNavigator(MEDIA["air"], recorded.start).run(silent)
+    """Estimates of odometry alone."""
+    none = {name: getattr(recorded.measurements, name)[:0] for name in ("message_step", "message", "ranges")}
+    return BeaconNavigator(MEDIA["air"], recorded.start).run(replace(recorded.measurements, **none, transmitters=None))
 
 
 def by_laisn(recorded: Replayable, given: NavigationSettings) -> Estimates:
@@ -118,10 +100,9 @@ def by_laisn(recorded: Replayable, given: NavigationSettings) -> Estimates:
 
 
 def _settings(recorded: Replayable, given: Beacons, medium: str) -> BeaconSettings:
-    base = replace(MEDIA[medium], dt=recorded.measurements.dt)
-    stated = {name: getattr(recorded, name) for name in ("range_sigma", "slip", "heading_walk")}
-    base = replace(base, **{name: value for name, value in stated.items() if value is not None})
-    return given.over(base)
+    names = ("range_sigma", "slip", "heading_walk")
+    stated = {name: value for name in names if (value := getattr(recorded, name)) is not None}
+    return given.over(replace(MEDIA[medium], dt=recorded.measurements.dt, **stated))
 
 
 def among_beacons(recorded: Replayable, given: Beacons) -> tuple[Estimates, str]:
@@ -129,11 +110,9 @@ def among_beacons(recorded: Replayable, given: Beacons) -> tuple[Estimates, str]
 
     Where that is open, every medium is computed, and the one in which the ranges are the likeliest is taken.
     """
-    best: tuple[float, Estimates, str] | None = None
+    found = list[tuple[float, Estimates, str]]()
     for medium in MEDIA if given.medium == "auto" else (given.medium,):
         navigator = BeaconNavigator(_settings(recorded, given, medium), recorded.start)
         estimates = navigator.run(recorded.measurements)
-        if best is None or navigator.evidence > best[0]:
-            best = navigator.evidence, estimates, medium
-    assert best is not None
-    return best[1], best[2]
+        found.append((navigator.evidence, estimates, medium))
+    return max(found, key=itemgetter(0))[1:]

@@ -10,6 +10,7 @@ from laisn.arrays import Floats, Ints
 from laisn.estimates import Estimates
 from laisn.failure import LaisnError
 from laisn.messages import Measurements
+from laisn.metrics import bearing_errors, position_errors
 from laisn.navigators import NAVIGATORS, NavigatorFactory, find
 from laisn.settings import Settings
 from sim.assembly import on_axis
@@ -187,3 +188,12 @@ def excerpt(flight: Flight, start: float, end: float) -> Flight:
         measurements=tuple(m.part(first, last) for m in flight.measurements),
         estimates=tuple(e.part(first, last) for e in flight.estimates),
     )
+
+
+def position_and_bearing_errors(flight: Flight) -> list[tuple[Floats, Floats]]:
+    """E_P [m] and E_B [rad] of every follower at filter steps k = 1 … n, shapes (n,)."""
+    leader, result = flight.trajectory.position[flight.step_index(), 0, :2], []
+    for i, estimates in enumerate(flight.estimates):
+        position, truth = estimates.state[:, :2], flight.hydrophone(i)[:, :2]
+        result.append((position_errors(position, truth), bearing_errors(position, truth, leader)))
+    return result

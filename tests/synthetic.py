@@ -8,7 +8,7 @@ import numpy as np
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from laisn.arrays import Floats, Record, records
+from laisn.arrays import Record, records
 from laisn.estimates import Estimates, FixKind
 from laisn.messages import LeaderMessage, Measurements
 from laisn.swarm import MESSAGE
@@ -189,14 +189,6 @@ def make_flight(
     return Flight(scenario=scenario, trajectory=trajectory, measurements=measurements, estimates=estimates)
 
 
-def errors_of(flight: Flight) -> list[tuple[Floats, Floats]]:
-    """Horizontal position errors [m], and numbers that stand for bearing errors, of every follower."""
-    return [
-        (np.linalg.norm(e.state[:, :2] - flight.hydrophone(i)[:, :2], axis=1), 1e-3 * e.state[:, 3])
-        for i, e in enumerate(flight.estimates)
-    ]
-
-
 def bits(value: Any) -> Any:
     """Nested records with arrays as bytes, so that `==` means equal to the bit, NaN and the sign of zero included."""
     if isinstance(value, np.ndarray):
@@ -215,7 +207,7 @@ def write_log(flight: Flight, folder: Path) -> Path:
     """The log of a flight in a folder, with a summary, errors and an event."""
     path = folder / "mission.mcap"
     events = [Event(12.0, "warning", "mirror lock", "follower")]
-    writer.write(flight, path, summary='{"runs": 1}', errors=errors_of(flight), events=events)
+    writer.write(flight, path, summary='{"runs": 1}', events=events)
     return path
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from experiments.flight.fly import fly
 from experiments.flight.library import load
-from experiments.flight.summary import position_and_bearing_errors, summarise
+from experiments.flight.summary import summarise
 from laisn.arrays import Floats, records
 from laisn.swarm import ESTIMATE, READING
 from sim.closed_loop import ClosedLoop, PythonClosedLoop, simulate_closed_loop
@@ -21,7 +21,7 @@ from sim.control.follower import (
 from sim.control.guidance import REFERENCE
 from sim.control.station import STATION
 from sim.control.trail import TRAIL
-from sim.flight import navigate
+from sim.flight import navigate, position_and_bearing_errors
 from sim.scenario.file import validate
 from sim.scenario.formation import Formation, Proximity
 from sim.scenario.settings import Scenario

@@ -12,7 +12,7 @@ import pytest
 from experiments.flight.range_budget import range_error_budget
 from laisn.navigator import Navigator
 from sim.assembly import ocean_of, routes_of
-from sim.film.annotations import OtherEstimate, RayErrors
+from sim.film.film_data import OtherEstimate, RayErrors
 from sim.flight import navigate
 from sim.scenario.settings import Acoustics, Follower, Ocean, Scenario, Waves
 from sim.sensing.acoustics import propagate, sound_of

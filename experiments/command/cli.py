@@ -233,7 +233,7 @@ def log_export(
         out.mkdir(parents=True, exist_ok=True)
         echo(write_recording(log, out / f"{log.stem}.rrd"))
         return
-    for file in export(log, out, format_):  # type: ignore[arg-type]  # export names the formats
+    for file in export(log, out, format_):
         echo(file)
 
 
@@ -256,7 +256,7 @@ def log_import(
 @log_app.command("recover")
 def log_recover(log: LogArgument) -> None:
     """Recover a log that a crash, a full disk or Ctrl-C left unfinished."""
-    from sim.log.recovery import recover
+    from sim.log.contents import recover
 
     echo(recover(log, lambda remark: echo(f"note: {remark}")))
 

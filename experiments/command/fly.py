@@ -25,16 +25,10 @@ from experiments.flight.folder import (
     one_flight,
     require_safe,
 )
-from experiments.flight.summary import (
-    flight_bounds,
-    flight_events,
-    position_and_bearing_errors,
-    stray_events,
-    summarise,
-)
+from experiments.flight.summary import flight_bounds, flight_events, stray_events, summarise
 from laisn.failure import LaisnError
 from sim.feasibility import cautions
-from sim.flight import Flight, Outcome, navigate
+from sim.flight import Flight, Outcome, navigate, position_and_bearing_errors
 from sim.scenario.settings import Scenario
 from sim.system import background_process
 
@@ -112,7 +106,7 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
     Progress appears on `console`.
     """
     from sim.log import writer
-    from sim.log.layout import layout
+    from sim.log.scene import layout
 
     watch = Stopwatch()
     # a report without a film is drawn beside the log, by a process that imports libraries during the simulation;
@@ -138,7 +132,7 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
         bounds = flight_bounds(flight)
         summary = summarise(flight, errors, bounds)
         summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
-        write_log = partial(writer.write, flight, folder / LOG, summary=summary_text, errors=errors, events=events)
+        write_log = partial(writer.write, flight, folder / LOG, summary=summary_text, events=events)
         film = folder / FILM
         film_error: Exception | None = None
 
@@ -154,11 +148,13 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
             with phase("log"):
                 write_log()
             if with_video:
+                from sim.film.frame_renderer import Job
                 from sim.film.render import render
 
+                job = Job(flight=flight, video=scenario.video)
                 with phase("video") as update:
                     try:
-                        frames = render(flight, film, errors=errors, video=scenario.video, progress=update)
+                        frames = render(job, film, progress=update)
                     except OSError:
                         raise
                     except Exception as error:

@@ -43,7 +43,7 @@ def replay(
     from sim.log import reader
 
     require_output(out, ".mcap", source=path)
-    smoothing = smoothing_factory(variant, smooth_s)
+    smoothing = _smoother(variant, smooth_s)
     flown = reader.read(path)
     changes = values_of([f"navigation.variant={variant}", *assignments])
     again = navigate_again(flown, changes)
@@ -53,7 +53,7 @@ def replay(
         console.print(literal(title, "bold"))
         show(console, flight, flight_summary(flight))
     if smooth_s is not None:
-        show_smoothing(console, again, smoothed, smooth_s)
+        _show_smoothing(console, again, smoothed, smooth_s)
     if out is not None:
         print_line(console, f"log in {log_flight(smoothed, out)}")
 
@@ -75,7 +75,7 @@ def replay_measurements(
     require_output(out, ".csv", source=path)
     scenario = load_flyable(source, assignments)
     navigation = scenario.navigation
-    make = smoothing_factory(navigation.variant, smooth_s) or find(navigation.variant).make
+    make = _smoother(navigation.variant, smooth_s) or find(navigation.variant).make
     if "use_single_range" not in navigation.model_fields_set:
         single = navigation.model_copy(update={"use_single_range": True})
         scenario = scenario.model_copy(update={"navigation": single})
@@ -145,14 +145,14 @@ def show_info(path: Path) -> None:
     from sim.log.contents import Contents
 
     log, console = Contents(path, lambda topic, _: False), Console()
-    times = [int(at) for t in log.topics.values() if t.count for at in (t.time_ns.min(), t.time_ns.max())]
+    times = [at for found in log.topics.values() for at in found.times]
     begin, end = min(times, default=0), max(times, default=0)
     start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=begin // 1000)
     print_line(
         console, f"{path}: {path.stat().st_size / 1e6:.2f} MB, {(end - begin) / 1e9:g} s from {start.isoformat()}"
     )
     topics = sorted(log.topics.items())
-    rows = [(topic, found.schema.name if found.schema else "", str(found.count)) for topic, found in topics]
+    rows = [(topic, found.schema.name if found.schema else "", str(len(found.times))) for topic, found in topics]
     show_table(console, ("channel", "schema", "messages"), rows)
     for name, data in log.attachments.items():
         print_line(console, f"attachment {name}: {len(data)} bytes")
@@ -162,7 +162,7 @@ def show_info(path: Path) -> None:
         print_line(console, f"{what}: no checksum, damage is not detected", "note:")
 
 
-def smoothing_factory(variant: str, lag_s: float | None) -> NavigatorFactory | None:
+def _smoother(variant: str, lag_s: float | None) -> NavigatorFactory | None:
     """Factory of navigators that smooth with messages of up to `lag_s` later, None for None; LaisnError if invalid."""
     if lag_s is None:
         return None
@@ -175,7 +175,7 @@ def smoothing_factory(variant: str, lag_s: float | None) -> NavigatorFactory | N
     return partial(resolve_name(smoother), lag=lag_s)
 
 
-def show_smoothing(console: Console, filtered: Flight, smoothed: Flight, lag_s: float) -> None:
+def _show_smoothing(console: Console, filtered: Flight, smoothed: Flight, lag_s: float) -> None:
     """Print RMS errors of every follower, their bounds, and NEES, filtered and smoothed."""
     rows = []
     for i, name in enumerate(filtered.trajectory.names[1:]):
@@ -201,7 +201,7 @@ def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
         if beacons is not None:
             raise LaisnError(f"--beacons {beacons}: {source} is the table of a vehicle, whose ranges have no beacons")
         table = read_vehicle_table(source)
-        write_vehicle_table(table, out, "follower")
+        write_vehicle_table(table, out)
         for remark in table.remarks:
             print_line(console, remark)
         print_line(console, f"log in {out}; to navigate on it: laisn replay {out} --scenario FILE")

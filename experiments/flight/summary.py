@@ -18,18 +18,6 @@ from sim.stations import closest_approaches, closest_in_a_layer, station_keeping
 from sim.tracking import contacts, track_error
 
 
-def position_and_bearing_errors(flight: Flight) -> list[tuple[Floats, Floats]]:
-    """E_P [m] and E_B [rad] of every follower at filter steps k = 1 … n, shapes (n,)."""
-    steps = flight.step_index()
-    leader = flight.trajectory.position[steps, 0, :2]
-    result = []
-    for i, estimates in enumerate(flight.estimates):
-        position, truth = estimates.state[:, :2], flight.hydrophone(i)[:, :2]
-        errors = metrics.position_errors(position, truth), metrics.bearing_errors(position, truth, leader)
-        result.append(errors)
-    return result
-
-
 def true_bearing(flight: Flight, follower: int) -> Floats:
     """B of a follower's hydrophone from the leader's true pose, in [0, 2π), shape (n,), [rad]."""
     steps = flight.step_index()

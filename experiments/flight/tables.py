@@ -10,9 +10,10 @@ import numpy as np
 import pyarrow as pa
 
 from experiments.campaign.store import arrow_table
-from experiments.flight.summary import mirror_locked_steps, position_and_bearing_errors, true_bearing
+from experiments.flight.summary import mirror_locked_steps, true_bearing
 from laisn.failure import LaisnError
 from laisn.messages import Ranges
+from sim.flight import position_and_bearing_errors
 
 if TYPE_CHECKING:
     import numpy.typing as npt

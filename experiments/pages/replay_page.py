@@ -18,9 +18,7 @@ from laisn.failure import plain
 from laisn.messages import LeaderMessage, Measurements
 from laisn.metrics import nis
 
-_HEIGHT, _MAP_WIDTH, _TRACK_POINTS = 5.0, 5.4, 1500
-_ELLIPSES = 24
-"""Ellipses along the path of a vehicle."""
+_HEIGHT, _MAP_WIDTH, _TRACK_POINTS, _ELLIPSES = 5.0, 5.4, 1500, 24
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 41)
 _NAMES = ("rear or first transmitter", "front or second", "middle or third")
 
@@ -40,7 +38,7 @@ class Replayed:
     baseline: float = np.nan
     """From the rear to the front transmitter, where messages do not hold their positions [m]."""
     path: Floats | None = None
-    """Surveyed reference path: time [s], east, north [m], shape (t, 3); None: there is none."""
+    """Surveyed reference path: time [s], east, north [m], shape (t, 3)."""
     mean_error: float = np.nan
     """Mean distance from that path [m]."""
 

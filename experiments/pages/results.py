@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from experiments.campaign.progress import compiling_shown
 from experiments.flight import fly as flying
 from experiments.flight.library import load_flyable, loaded
-from experiments.flight.summary import flight_bounds, flight_events, position_and_bearing_errors, summarise
+from experiments.flight.summary import flight_bounds, flight_events, summarise
 from experiments.pages import flight_figures
 from experiments.pages.figures import plotly
 from laisn.failure import LaisnError
@@ -20,6 +20,7 @@ from laisn.navigators import NavigatorFactory
 from laisn.plugins import register, takes_readings
 from sim import flight as simulated
 from sim.feasibility import film_errors
+from sim.flight import position_and_bearing_errors
 from sim.log import reader, writer
 from sim.scenario.file import lines_of
 from sim.scenario.settings import Scenario, Video
@@ -144,17 +145,18 @@ def render(
     or rendering does not work here (`laisn doctor` reports why).
     """
     from sim.film import render as film
+    from sim.film.frame_renderer import Job
 
     file, settings, number = Path(path), video_of(flight.scenario.video, video), len(flight.scenario.followers)
     if not 0 <= follower < number:
         raise film.RenderError(f"follower {follower}: expected 0 … {number - 1}")
-    errors = position_and_bearing_errors(flight)
+    job = Job(flight=flight, video=settings, follower=follower)
     if time_s is not None:
-        film.still(flight, time_s, file, errors=errors, video=settings, follower=follower)
+        film.still(job, time_s, file)
         return file
     if too_large := film_errors(flight.scenario.duration_s, settings):
         raise film.RenderError(too_large[0])
-    film.render(flight, file, errors=errors, video=settings, follower=follower, progress=progress)
+    film.render(job, file, progress=progress)
     return file
 
 
@@ -165,7 +167,6 @@ def flight_summary(flight: simulated.Flight) -> dict[str, Any]:
 
 def log_flight(flight: simulated.Flight, path: str | Path) -> Path:
     """Write a flight as an MCAP log for `read_log`, `laisn replay`, Foxglove and Rerun; LaisnError if that fails."""
-    errors = position_and_bearing_errors(flight)
-    summary = json.dumps(summarise(flight, errors), indent=2, allow_nan=False) + "\n"
-    writer.write(flight, Path(path), summary=summary, errors=errors, events=flight_events(flight))
+    summary = json.dumps(flight_summary(flight), indent=2, allow_nan=False) + "\n"
+    writer.write(flight, Path(path), summary=summary, events=flight_events(flight))
     return Path(path)

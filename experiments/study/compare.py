@@ -11,7 +11,6 @@ import numpy as np
 
 from experiments.campaign.store import read_table
 from experiments.flight.folder import LOG
-from experiments.flight.summary import position_and_bearing_errors
 from experiments.intervals import Interval
 from experiments.pages import page as pages
 from experiments.pages.figures import Line, Panel, Part
@@ -23,7 +22,7 @@ from experiments.study.metrics import METRICS, SHARES
 from experiments.study.study import RESULTS, RUNS, STUDY
 from laisn import metrics
 from laisn.failure import LaisnError, shortened
-from sim.flight import Flight
+from sim.flight import Flight, position_and_bearing_errors
 from sim.log.reader import read
 from sim.scenario.file import dotted
 from sim.scenario.file import read as read_toml

@@ -19,7 +19,6 @@ import numpy as np
 
 from laisn import mixture
 from laisn.arrays import Floats, Ints, Records
-from laisn.beacons.settings import BeaconSettings
 from laisn.compiled import compiled
 from laisn.mixture import (
     add_moments,
@@ -32,14 +31,12 @@ from laisn.mixture import (
 )
 
 X, Y, SPEED, HEADING, GYRO, SCALE, EAST, NORTH = range(8)
-"""Indices of the states that all beacons share."""
 SHARED, OWN = 8, 3
-"""Number of states that all beacons share, and of those of each one."""
+"""Number of states that all beacons share, which have these indices, and of those of each one."""
 
 KEPT = 256
-"""Components that are kept from range to range."""
 CAPACITY = 4 * KEPT
-"""Components that there is room for while they are split."""
+"""Components that are kept from range to range, and that there is room for while they are split."""
 
 # How fast what is called constant may wander, as variance in a second: biases of real sensors are never quite constant,
 # and a filter that takes them as constant loses track of them for good.
@@ -54,15 +51,14 @@ class Belief(NamedTuple):
     state: Floats
     """Mean of each component, shape (CAPACITY, n)."""
     covariance: Floats
-    """Its covariance, shape (CAPACITY, n, n)."""
+    """Shape (CAPACITY, n, n)."""
     weight: Floats
-    """Its weight, shape (CAPACITY,); sum 1 over those alive."""
+    """Shape (CAPACITY,); sum 1 over those alive."""
     outcome: Records
     """Whether it used the last range: field `used`, shape (CAPACITY,)."""
     states: int
-    """n."""
     alive: Ints
-    """How many components there are, shape (1,)."""
+    """Number of components, shape (1,)."""
     evidence: Floats
     """Logarithm of the probability density of all ranges so far, shape (1,)."""
     fresh: Floats
@@ -75,66 +71,12 @@ class Belief(NamedTuple):
     """Room for P Hᵀ, shape (n,)."""
 
 
-def _fresh_variances(settings: BeaconSettings, beacons: int) -> Floats:
-    """Variances of the states before the mission, shape (n,)."""
-    s = settings
-    shared = [s.start_sigma] * 2 + [s.speed_scale_sigma, s.heading_sigma, s.gyro_bias_sigma, s.range_scale_sigma]
-    own = [s.range_offset_sigma, s.survey_sigma, s.survey_sigma]
-    return np.square([*shared, s.current_sigma, s.current_sigma, *own * beacons])
-
-
-def _allocate(settings: BeaconSettings, beacons: int) -> Belief:
-    """A mixture without components, over the states of a number of beacons."""
-    fresh = _fresh_variances(settings, beacons)
-    n = fresh.size
-    return Belief(
-        state=np.zeros((CAPACITY, n)),
-        covariance=np.zeros((CAPACITY, n, n)),
-        weight=np.zeros(CAPACITY),
-        outcome=np.zeros(CAPACITY, dtype=[("used", np.bool_)]),
-        states=n,
-        alive=np.zeros(1, dtype=np.int64),
-        evidence=np.zeros(1),
-        fresh=fresh,
-        variance=np.full(beacons, settings.range_sigma**2),
-        rejected=np.zeros(beacons, dtype=np.int64),
-        gain=np.zeros(n),
-    )
-
-
-def new_belief(settings: BeaconSettings, start: tuple[float, float] | None) -> Belief:
-    """One component at a known start [m], or none; no beacon is known yet."""
-    belief = _allocate(settings, 0)
-    if start is not None:
-        belief.state[0, :2] = start
-        belief.covariance[0] = np.diag(belief.fresh)
-        belief.weight[0], belief.alive[0] = 1.0, 1
-    return belief
-
-
-def with_beacon(belief: Belief, settings: BeaconSettings) -> Belief:
-    """Belief with fresh states of one more beacon."""
-    made, before = _allocate(settings, belief.variance.size + 1), belief.states
-    # what is not alive stays untouched, and takes no memory
-    alive, own = slice(int(belief.alive[0])), np.arange(before, made.states)
-    made.state[alive, :before], made.covariance[alive, :before, :before] = belief.state[alive], belief.covariance[alive]
-    made.covariance[alive, own, own] = made.fresh[before:]
-    made.variance[:-1], made.rejected[:-1] = belief.variance, belief.rejected
-    return made._replace(weight=belief.weight, outcome=belief.outcome, alive=belief.alive, evidence=belief.evidence)
-
-
 @compiled
 def predict(b: Belief, errors: tuple[float, float], speed: float, heading: float, time: float) -> None:
-    """One step of odometry, whose mean speed and heading are measured.
+    """One step of odometry, whose mean speed [m/s] and heading [rad] are measured, in a time [s].
 
-    The true way is e^{b_s} v Δt u(θ − b_θ) + c Δt, with u the direction of a compass heading.
-
-    Args:
-        b: the belief.
-        errors: random walk of the position that odometry does not see [m/√s], and of the heading [rad/√s].
-        speed: mean over the step [m/s].
-        heading: of the way in the step [rad].
-        time: that the step takes [s].
+    The true way is e^{b_s} v Δt u(θ − b_θ) + c Δt, with u the direction of a compass heading. `errors` are the random
+    walk of the position that odometry does not see [m/√s], and of the heading [rad/√s].
     """
     n, (slip, heading_walk) = b.states, errors
     for k in range(b.alive[0]):
@@ -171,10 +113,7 @@ def predict(b: Belief, errors: tuple[float, float], speed: float, heading: float
 def moments(b: Belief, speed: float, heading: float) -> tuple[Floats, Floats]:
     """Mean of x, y, vx, vy over the mixture, shape (4,), and its covariance, shape (4, 4); NaN if it is empty.
 
-    Args:
-        b: the belief.
-        speed: last reading of the odometry [m/s] …
-        heading: … and of the gyro [rad].
+    Speed [m/s] and heading [rad] are the last readings of odometry and gyro.
     """
     mean, covariance, rows = np.zeros(4), np.zeros((4, 4)), np.zeros((5, b.states))
     if b.alive[0] == 0:
@@ -214,16 +153,15 @@ class Ranging(NamedTuple):
     """A range as compiled code takes it."""
 
     beacon: int
-    """Which beacon, from 0."""
+    """Counted from 0."""
     east: float
-    """Its surveyed place [m]."""
     north: float
+    """Its surveyed place [m]."""
     deeper: float
     """How much deeper it is than the receiver [m]."""
     range: float
-    """Measured, along the line of sight [m]."""
     variance: float
-    """Variance of the settings' random error [m²]."""
+    """Of the settings' random error [m²]."""
     accepted: float
     """Logarithm of the chance that the range is right."""
     wrong: float
@@ -296,10 +234,8 @@ def adapt_variance(b: Belief, z: Ranging) -> None:
 _BEND = 0.7
 """A component is split where a circle bends away from its tangent by more than this share of a range's error."""
 _LEAST_WEIGHT = 1e-8
-BEARINGS = 48
-"""Gaussians of a ring."""
-STARTERS = 8
-"""Number of first ranges, each of which may be the one that gives an unknown start."""
+BEARINGS, STARTERS = 48, 8
+"""Gaussians of a ring, and number of first ranges, each of which may be the one that gives an unknown start."""
 _DOMINANT_WEIGHT = 0.9
 """Errors of ranges are estimated where one component has more weight than this."""
 _MOST_MISSED = 8
@@ -366,14 +302,10 @@ def prune_and_merge(b: Belief) -> None:
 
 @compiled
 def add_ring(b: Belief, z: Ranging, weight: float, lost: bool) -> None:
-    """Add a ring of components about a beacon; nothing where there is no room.
+    """Add a ring of components about a beacon, of a weight where that of all others is 1; nothing without room.
 
-    Args:
-        b: the belief.
-        z: the range.
-        weight: of the ring, where that of all others is 1.
-        lost: the other states are those of the heaviest component, with the heading as uncertain as at the start;
-            otherwise all are fresh.
+    If lost, the other states are those of the heaviest component, with the heading as uncertain as at the start;
+    otherwise all are fresh.
     """
     own = SHARED + OWN * z.beacon
     if b.alive[0] + BEARINGS >= CAPACITY:
@@ -401,18 +333,11 @@ def add_ring(b: Belief, z: Ranging, weight: float, lost: bool) -> None:
 
 @compiled
 def receive(b: Belief, z: Ranging, starter: int) -> bool:
-    """Take a range.
+    """Take a range; whether the heaviest component used it.
 
     With an unknown start each of the first ranges may be the first right one: the ring of the m-th has the weight of
-    all earlier ones being wrong, beside the evidence of the components so far.
-
-    Args:
-        b: the belief.
-        z: the range.
-        starter: number m of this range with an unknown start, from 0; −1 with a known one, or after `STARTERS`.
-
-    Returns:
-        Whether the heaviest component used it.
+    all earlier ones being wrong, beside the evidence of the components so far. `starter` is the number m, from 0; −1
+    with a known start, or after `STARTERS`.
     """
     used = False
     if b.alive[0] > 0:

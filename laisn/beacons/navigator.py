@@ -1,13 +1,13 @@
 """One vehicle among beacons, online, step by step: odometry and ranges in, estimates out."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
-from laisn.arrays import Floats
-from laisn.beacons.estimator import STARTERS, Belief, Ranging, moments, new_belief, predict, receive, with_beacon
-from laisn.beacons.settings import BeaconSettings
+from laisn.arrays import Floats, require_numbers, require_probability
+from laisn.beacons.estimator import CAPACITY, STARTERS, Belief, Ranging, moments, predict, receive
 from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.failure import LaisnError
 from laisn.messages import Measurements, OwnMotion, Reception
@@ -15,6 +15,111 @@ from laisn.navigators import OnlineNavigator, require_readings
 
 MOST_BEACONS = 64
 """More places than this are not those of beacons at rest."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BeaconSettings:
+    """Settings of the navigator among beacons: standard deviations of its sensors, without their signs.
+
+    The defaults are those of a wheeled vehicle with radio ranges, `MEDIA` has others. Raises ValueError naming the
+    field if a value is out of its range.
+    """
+
+    POSITIVE: ClassVar[frozenset[str]] = frozenset({"dt", "start_sigma", "range_sigma", "outlier_span"})
+    """Numbers that must not be zero."""
+
+    dt: float = 0.1
+    """Filter step Δt [s]; steps of other lengths may come between."""
+    hydrophone_height: float = 0.0
+    """Height of the receiver above the depth sensor when level [m]."""
+    known_start: bool = True
+    """The start is given. Otherwise the first ranges give it."""
+    start_sigma: float = 1.0
+    """Standard deviation of the position at the start, along each axis [m]."""
+    heading_sigma: float = float(np.deg2rad(5.0))
+    """Standard deviation of the heading's error at the start [rad]."""
+    gyro_bias_sigma: float = float(np.deg2rad(0.5))
+    """Standard deviation of the rate at which that error grows [rad/s]; 0 for a compass."""
+    speed_scale_sigma: float = 0.03
+    """Standard deviation of the logarithm of true over measured speed."""
+    slip: float = 0.05
+    """Motion that odometry does not see, in a second, along each axis [m/√s]."""
+    heading_walk: float = float(np.deg2rad(0.0573))
+    """Random walk of the heading's error beside that rate, in a second [rad/√s]."""
+    current_sigma: float = 0.0
+    """Standard deviation of a current that carries the vehicle, along each axis [m/s]; 0 for none."""
+    range_sigma: float = 0.5
+    """Random error of each range [m]; the estimate for each beacon stays between half and four times this."""
+    range_scale_sigma: float = 0.1
+    """Standard deviation of the scale error that all ranges share: of radio. Sound under water has 0.003."""
+    range_offset_sigma: float = 0.1
+    """Standard deviation of each beacon's constant error of range [m]."""
+    survey_sigma: float = 0.1
+    """Standard deviation of each beacon's place, along each axis [m]."""
+    outlier_probability: float = 0.05
+    """Chance that a range is wrong altogether."""
+    outlier_span: float = 20.0
+    """Width of the span in which wrong ranges lie [m]; the same for all `MEDIA`, so that their evidence compares."""
+
+    def __post_init__(self) -> None:
+        require_probability("outlier_probability", self.outlier_probability)
+        require_numbers(self, positive=self.POSITIVE, signed={"hydrophone_height"})
+
+
+MEDIA = {
+    "air": BeaconSettings(),
+    "water": BeaconSettings(
+        gyro_bias_sigma=0.0,
+        slip=0.2,
+        current_sigma=0.1,
+        range_scale_sigma=0.003,
+        survey_sigma=1.0,
+    ),
+}
+"""What ranges are measured through: radio on land, or sound under water, where a vehicle has a compass and drifts."""
+
+
+def _allocate(settings: BeaconSettings, beacons: int) -> Belief:
+    """A mixture without components, over the states of a number of beacons."""
+    s = settings
+    shared = [s.start_sigma] * 2 + [s.speed_scale_sigma, s.heading_sigma, s.gyro_bias_sigma, s.range_scale_sigma]
+    own = [s.range_offset_sigma, s.survey_sigma, s.survey_sigma]
+    fresh = np.square([*shared, s.current_sigma, s.current_sigma, *own * beacons])
+    n = fresh.size
+    return Belief(
+        state=np.zeros((CAPACITY, n)),
+        covariance=np.zeros((CAPACITY, n, n)),
+        weight=np.zeros(CAPACITY),
+        outcome=np.zeros(CAPACITY, dtype=[("used", np.bool_)]),
+        states=n,
+        alive=np.zeros(1, dtype=np.int64),
+        evidence=np.zeros(1),
+        fresh=fresh,
+        variance=np.full(beacons, settings.range_sigma**2),
+        rejected=np.zeros(beacons, dtype=np.int64),
+        gain=np.zeros(n),
+    )
+
+
+def new_belief(settings: BeaconSettings, start: tuple[float, float] | None) -> Belief:
+    """One component at a known start [m], or none; no beacon is known yet."""
+    belief = _allocate(settings, 0)
+    if start is not None:
+        belief.state[0, :2] = start
+        belief.covariance[0] = np.diag(belief.fresh)
+        belief.weight[0], belief.alive[0] = 1.0, 1
+    return belief
+
+
+def with_beacon(belief: Belief, settings: BeaconSettings) -> Belief:
+    """Belief with fresh states of one more beacon."""
+    made, before = _allocate(settings, belief.variance.size + 1), belief.states
+    # what is not alive stays untouched, and takes no memory
+    alive, own = slice(int(belief.alive[0])), np.arange(before, made.states)
+    made.state[alive, :before], made.covariance[alive, :before, :before] = belief.state[alive], belief.covariance[alive]
+    made.covariance[alive, own, own] = made.fresh[before:]
+    made.variance[:-1], made.rejected[:-1] = belief.variance, belief.rejected
+    return made._replace(weight=belief.weight, outcome=belief.outcome, alive=belief.alive, evidence=belief.evidence)
 
 
 def _received_ranges(reception: Reception) -> list[tuple[Floats, float]]:
@@ -31,15 +136,10 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
     """
 
     def __init__(self, settings: BeaconSettings, start: Floats | None) -> None:
-        """Start at a known place, or anywhere.
+        """Start at the receiver's x, y [m] and velocity [m/s] at step 0, shape (4,); ValueError if one is not finite.
 
-        Args:
-            settings: sensors, and what is known.
-            start: receiver's x, y [m] and velocity [m/s] at step 0, shape (4,); None, or `known_start` False: unknown,
-                so that estimates are NaN until the first range. The heading is known either way.
-
-        Raises:
-            ValueError: the start is not four finite numbers.
+        None, or `known_start` False: unknown, so that estimates are NaN until the first range. The heading is known
+        either way.
         """
         super().__init__(settings, start if settings.known_start else None, settings.start_sigma)
         self._belief: Belief = new_belief(settings, self._start)
@@ -89,7 +189,7 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
         return super().run(replace(measurements, dt=self.settings.dt, durations=durations))
 
     def _beacon(self, place: tuple[float, float]) -> int:
-        """Number of the beacon at a surveyed place; a new place is a new beacon."""
+        """Number of the beacon at a surveyed place, which may be new."""
         if place not in self._beacons:
             if len(self._beacons) == MOST_BEACONS:
                 raise LaisnError(

@@ -11,9 +11,10 @@ Times are in s, or in ns where one is too large for s. Vertices of poses are the
 others they may be the file's own estimate, which no line states.
 """
 
+import math
 import re
 from collections import Counter
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -38,8 +39,6 @@ _POSE = re.compile(r"([A-KM-Za-km-z])([0-9]{1,15})")
 
 
 class _Line(NamedTuple):
-    """A line of the file."""
-
     time: float
     """0 where it has none [s]."""
     names: list[str]
@@ -48,7 +47,7 @@ class _Line(NamedTuple):
 
 
 def _parsed(text: str, source: str) -> dict[str, list[_Line]]:
-    """Lines by their kind, with times in s; LaisnError naming the first that cannot be understood."""
+    """Lines by their kind, with times in s; LaisnError naming the first that is invalid."""
     lines: dict[str, list[_Line]] = {kind: [] for kind in _WORDS}
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.split()
@@ -74,31 +73,11 @@ def _parsed(text: str, source: str) -> dict[str, list[_Line]]:
     return {kind: [line._replace(time=1e-9 * line.time) for line in some] for kind, some in lines.items()}
 
 
-def _robot(lines: dict[str, list[_Line]], source: str) -> tuple[str, list[str]]:
-    """The robot with the most poses, and remarks on others."""
-    poses = Counter(m[1] for line in lines["VERTEX_SE2"] if (m := _POSE.fullmatch(line.names[0])))
-    if not poses:
-        raise LaisnError(
-            f"{source}: no planar pose (VERTEX_SE2) of a robot, called by a letter and a number such as A0"
-        )
-    robot = max(poses, key=lambda letter: (poses[letter], -ord(letter)))
-    others = sorted(set(poses) - {robot})
-    return robot, [f"of several robots {robot} is taken; left out: {', '.join(others)}"] if others else []
-
-
-def _times(poses: list[_Line], source: str) -> tuple[Floats, list[str]]:
-    """Times of poses [s]; where all have the same, a second apart."""
-    time = np.array([line.time for line in poses])
-    if np.ptp(time) > 0.0:
-        return time, []
-    return np.arange(time.size, dtype=np.float64), [f"{source} has no times: poses are taken to be a second apart"]
-
-
-def _odometry(lines: dict[str, list[_Line]], order: dict[str, int], source: str) -> tuple[Floats, Floats, list[str]]:
-    """Steps from each pose to the next, variances of their three numbers, and remarks on other edges."""
+def _odometry(lines: list[_Line], order: dict[str, int], source: str) -> tuple[Floats, Floats, int]:
+    """Steps from each pose to the next, variances of their three numbers, and the number of other edges."""
     steps, variances = np.full((2, len(order) - 1, 3), np.nan)
     closures = 0
-    for line in lines["EDGE_SE2"]:
+    for line in lines:
         first, second = (order.get(name) for name in line.names)
         if first is not None and second == first + 1:
             if not np.isnan(steps[first, 0]):
@@ -115,25 +94,7 @@ def _odometry(lines: dict[str, list[_Line]], order: dict[str, int], source: str)
             f"{source}: no odometry (EDGE_SE2) from {names[gaps[0]]} to {names[gaps[0] + 1]}, nor in "
             f"{gaps.size - 1} other places of {len(steps)}"
         )
-    return steps, variances, [f"edges left out that are no steps of odometry: {closures}"] if closures else []
-
-
-def _walk(rates: Floats) -> float | None:
-    """Random walk of which variances per second are given, [unit/√s], by their median; None where that is zero."""
-    rate = float(np.median(rates)) if rates.size else 0.0
-    return float(np.sqrt(rate)) if rate > 0.0 else None
-
-
-def _path(poses: list[_Line], odometry: Floats) -> tuple[Floats, str]:
-    """East and north of the path to compare with, shape (n + 1, 2) or (0, 2), [m], and a remark on it."""
-    vertices = np.array([line.values for line in poses])
-    composed = [vertices[0]]
-    for step in odometry:
-        composed.append(compose(composed[-1], step))
-    off = np.hypot(*(np.array(composed) - vertices)[:, :2].T)
-    if off.max() <= _SAME_PATH * np.hypot(*odometry[:, :2].T).sum():
-        return np.empty((0, 2)), "vertices are composed of the odometry: there is no path to compare with"
-    return vertices[:, :2], "the path to compare with is that of the vertices, which may be the file's own estimate"
+    return steps, variances, closures
 
 
 def _ranges(
@@ -157,6 +118,69 @@ def _ranges(
     return sorted(rows), sigma
 
 
+def read_factor_graph(path: Path) -> RangeData:
+    """The odometry and ranges of one robot in a planar factor graph: that with the most poses.
+
+    Places of landmarks are those of their priors, or else of their vertices. The path to compare with is that of the
+    poses' vertices, unless these are only composed of the odometry. The start is that of the first pose's prior, or
+    else of its vertex. Odometry's covariances give `slip` and `heading_walk`, their medians per second.
+
+    Raises:
+        LaisnError: the file cannot be read, is no planar graph, or lacks odometry or ranges; the text names the line.
+    """
+    source, remarks = str(path), list[str]()
+    lines = _parsed(text_of(path), source)
+    robots = Counter(m[1] for line in lines["VERTEX_SE2"] if (m := _POSE.fullmatch(line.names[0])))
+    if not robots:
+        raise LaisnError(
+            f"{source}: no planar pose (VERTEX_SE2) of a robot, called by a letter and a number such as A0"
+        )
+    robot = max(robots, key=lambda letter: (robots[letter], -ord(letter)))
+    if others := sorted(set(robots) - {robot}):
+        remarks.append(f"of several robots {robot} is taken; left out: {', '.join(others)}")
+    poses = [line for line in lines["VERTEX_SE2"] if line.names[0].startswith(robot) and _POSE.fullmatch(line.names[0])]
+    poses.sort(key=lambda line: int(line.names[0][1:]))
+    for kind in ("VERTEX_SE2", "VERTEX_XY", "VERTEX_XY:PRIOR"):
+        require_unique((line.names[0] for line in lines[kind]), f"{source}: {kind}")
+    order = {line.names[0]: k for k, line in enumerate(poses)}
+    time = np.array([line.time for line in poses])
+    if np.ptp(time) == 0.0:
+        time = np.arange(time.size, dtype=np.float64)
+        remarks.append(f"{source} has no times: poses are taken to be a second apart")
+    odometry, spread, closures = _odometry(lines["EDGE_SE2"], order, source)
+    remarks += [f"edges left out that are no steps of odometry: {closures}"] if closures else []
+    lasted = np.diff(time)
+    rates = spread[lasted > 0.0] / lasted[lasted > 0.0, None]
+    slip, walk = (float(np.median(rate)) if rate.size else 0.0 for rate in (rates[:, :2].mean(axis=1), rates[:, 2]))
+    vertices = np.array([line.values for line in poses])
+    composed = np.array(list(accumulate(odometry, compose, initial=vertices[0])))
+    off = np.hypot(*(composed - vertices)[:, :2].T)
+    if off.max() <= _SAME_PATH * np.hypot(*odometry[:, :2].T).sum():
+        remarks.append("vertices are composed of the odometry: there is no path to compare with")
+        truth = np.empty((0, 3))
+    else:
+        remarks.append("the path to compare with is that of the vertices, which may be the file's own estimate")
+        # of poses at one time the first stays
+        truth = np.column_stack([time, vertices[:, :2]])[np.append(True, lasted != 0.0)]
+    places = {line.names[0]: line.values for kind in ("VERTEX_XY", "VERTEX_XY:PRIOR") for line in lines[kind]}
+    ranges, sigma = _ranges(lines["EDGE_RANGE"], order, time, {name: i for i, name in enumerate(places)})
+    begin = next((p for p in lines["VERTEX_SE2:PRIOR"] if p.names[0] == poses[0].names[0]), poses[0]).values
+    return RangeData.collect(
+        source=source,
+        start=np.array([begin[0], begin[1], 0.5 * np.pi - begin[2]]),
+        time=time,
+        odometry=odometry,
+        beacons=tuple(places),
+        places=np.array(list(places.values()), dtype=np.float64).reshape(-1, 2),
+        ranges=ranges,
+        range_sigma=sigma,
+        truth=truth,
+        slip=math.sqrt(max(slip, 0.0)) or None,
+        heading_walk=math.sqrt(max(walk, 0.0)) or None,
+        remarks=remarks,
+    )
+
+
 def _line(*words: object) -> str:
     return " ".join(f"{word:.10g}" if isinstance(word, float) else str(word) for word in words) + "\n"
 
@@ -176,12 +200,8 @@ def write_factor_graph(
     is the error of the first pose's heading. Each transmitter of a message is a landmark at the place that the message
     gives it. Ranges are reduced to the plane by the depths; their variance holds all errors of a range.
 
-    Args:
-        measured: n filter steps.
-        settings: standard deviations.
-        start: x, y [m] at step 0, shape (2,) or more.
-        truth: of each step from 0 on: time [s], east, north of the hydrophone [m] and heading [rad], shape (n + 1, 4).
-        path: of the file; ends in .pyfg.
+    `start` is x, y [m] at step 0, shape (2,) or more; `truth` of each step from 0 on: time [s], east, north of the
+    hydrophone [m] and heading [rad], shape (n + 1, 4).
     """
     speed, heading = (np.concatenate([values[:1], values]) for values in (measured.speed, measured.heading))
     dt, u = np.diff(truth[:, 0]), np.column_stack([np.sin(heading), np.cos(heading)])
@@ -216,47 +236,3 @@ def write_factor_graph(
     with atomic_write(path) as part_file:
         part_file.write_text("".join(lines), encoding="utf-8")
     return path
-
-
-def read_factor_graph(path: Path) -> RangeData:
-    """The odometry and ranges of one robot in a planar factor graph.
-
-    Places of landmarks are those of their priors, or else of their vertices. The path to compare with is that of the
-    poses' vertices, unless these are only composed of the odometry. The start is that of the first pose's prior, or
-    else of its vertex. Odometry's covariances give `slip` and `heading_walk`, their medians per second.
-
-    Raises:
-        LaisnError: the file cannot be read, is no planar graph, or lacks odometry or ranges; the text names the line.
-    """
-    source = str(path)
-    lines = _parsed(text_of(path), source)
-    robot, remarks = _robot(lines, source)
-    poses = [line for line in lines["VERTEX_SE2"] if line.names[0].startswith(robot) and _POSE.fullmatch(line.names[0])]
-    poses.sort(key=lambda line: int(line.names[0][1:]))
-    for kind in ("VERTEX_SE2", "VERTEX_XY", "VERTEX_XY:PRIOR"):
-        require_unique((line.names[0] for line in lines[kind]), f"{source}: {kind}")
-    order = {line.names[0]: k for k, line in enumerate(poses)}
-    time, untimed = _times(poses, source)
-    odometry, spread, closures = _odometry(lines, order, source)
-    lasted = np.diff(time)
-    rates = spread[lasted > 0.0] / lasted[lasted > 0.0, None]
-    vertices, compared = _path(poses, odometry)
-    places = {line.names[0]: line.values for kind in ("VERTEX_XY", "VERTEX_XY:PRIOR") for line in lines[kind]}
-    ranges, sigma = _ranges(lines["EDGE_RANGE"], order, time, {name: i for i, name in enumerate(places)})
-    begin = next((p for p in lines["VERTEX_SE2:PRIOR"] if p.names[0] == poses[0].names[0]), poses[0]).values
-    # of poses at one time the first stays
-    path_rows = np.column_stack([time, vertices])[np.append(True, lasted != 0.0)] if len(vertices) else np.empty((0, 3))
-    return RangeData.collect(
-        source=source,
-        start=np.array([begin[0], begin[1], 0.5 * np.pi - begin[2]]),
-        time=time,
-        odometry=odometry,
-        beacons=tuple(places),
-        places=np.array(list(places.values()), dtype=np.float64).reshape(-1, 2),
-        ranges=ranges,
-        range_sigma=sigma,
-        truth=path_rows,
-        slip=_walk(rates[:, :2].mean(axis=1)),
-        heading_walk=_walk(rates[:, 2]),
-        remarks=(*remarks, *untimed, *closures, compared),
-    )

@@ -14,13 +14,12 @@ from laisn.arrays import Floats, Ints
 from laisn.failure import LaisnError
 from laisn.messages import LeaderMessage, Measurements, Ranges
 from sim.datasets.factor_graph import read_factor_graph
-from sim.datasets.range_data import RangeData
-from sim.datasets.range_tables import read_range_tables
+from sim.datasets.range_data import RangeData, read_range_tables
 from sim.datasets.vehicle_table import VehicleTable
 from sim.log.channels import Channel, numeric, poses
 from sim.log.contents import Contents, LogError, log_errors
 from sim.log.reader import read_recording
-from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, PLACES, RECEPTION, RecordType
+from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, PLACES, POSE_FIELDS, RECEPTION
 from sim.log.writer import write_channels
 from sim.system import atomic_write
 
@@ -48,8 +47,7 @@ def read_data_set(path: Path) -> RangeData:
             f"{path}: the name should end in .pyfg (a factor graph), or be that of a .mat or a _DR.txt (a data set of "
             "ranging radios)"
         )
-    data = reader(path)
-    return replace(data, remarks=(*data.remarks, *data.doubtful()))
+    return reader(path)
 
 
 class Replayable(NamedTuple):
@@ -59,11 +57,9 @@ class Replayable(NamedTuple):
     start: Floats
     """x, y [m] and velocity [m/s] at step 0, shape (4,)."""
     range_sigma: float | None
-    """Random error of a range as the data set states it [m]."""
+    """This and the two below as of `RangeData`."""
     slip: float | None
-    """Random walk of the position in its odometry [m/√s]."""
     heading_walk: float | None
-    """Random walk of the heading likewise [rad/√s]."""
     truth: Floats
     """Time since the start [s], east and north [m], shape (t, 3)."""
     remarks: tuple[str, ...]
@@ -93,8 +89,9 @@ def _channels(data: RangeData) -> Iterator[Channel]:
     times, slot = _slots(data)
     end, speed, heading = replace(data, range_time=times).legs()
     # the first ends a step that begins at rest, so that the next one begins at the start
-    motion = {"speed": np.append(0.0, speed), "heading": np.append(heading[0], heading)}
-    yield _channel(OWN_MOTION, np.append(data.time[0], end), motion | {"depth": np.zeros(end.size + 1)})
+    depth = np.zeros(end.size + 1)
+    motion = {"speed": np.append(0.0, speed), "heading": np.append(heading[0], heading), "depth": depth}
+    yield numeric(f"/{VEHICLE}", OWN_MOTION, _nanoseconds(np.append(data.time[0], end)), motion)
 
     # what was received at one time is one reception
     time, row = np.unique(times, return_inverse=True)
@@ -106,7 +103,8 @@ def _channels(data: RangeData) -> Iterator[Channel]:
     ranges[row, slot] = data.ranges
     transmitters[row, slot, :2] = data.places[data.range_beacon]
     transmitters[row, slot, 2] = 0.0
-    yield _channel(PLACED_RECEPTION, time, {"message": message, "ranges": ranges, "transmitters": transmitters})
+    arrays = {"message": message, "ranges": ranges, "transmitters": transmitters}
+    yield numeric(f"/{VEHICLE}", PLACED_RECEPTION, _nanoseconds(time), arrays)
 
     at, *place = data.truth[np.argsort(data.truth[:, 0], kind="stable")].T
     turn = np.tile([1.0, 0.0, 0.0, 0.0], (at.size, 1))
@@ -117,18 +115,8 @@ def _nanoseconds(time: Floats) -> Ints:
     return np.rint(time * 1e9).astype(np.int64)
 
 
-def _channel(type_: RecordType, time: Floats, arrays: dict[str, Floats]) -> Channel:
-    return numeric(f"/{VEHICLE}", type_, _nanoseconds(time), arrays.__getitem__)
-
-
 def write_data_set(data: RangeData, path: Path) -> None:
-    """Write a data set as a log that `laisn replay` navigates on.
-
-    The same data give the same bytes.
-
-    Raises:
-        LogError: the file cannot be written.
-    """
+    """Write a data set as a log that `laisn replay` navigates on; LogError if it cannot be written."""
     facts = {
         "source": Path(data.source).name,
         "beacons": ",".join(data.beacons),
@@ -139,13 +127,8 @@ def write_data_set(data: RangeData, path: Path) -> None:
     _write(path, list(_channels(data)), facts)
 
 
-def write_vehicle_table(table: VehicleTable, path: Path, name: str) -> None:
-    """Write the measurements of a vehicle as a log that `laisn replay` navigates on.
-
-    Args:
-        table: its measurements.
-        path: the log.
-        name: of the vehicle.
+def write_vehicle_table(table: VehicleTable, path: Path) -> None:
+    """Write the measurements of a vehicle, named "follower", as a log that `laisn replay` navigates on.
 
     Raises:
         LogError: the file cannot be written.
@@ -161,14 +144,13 @@ def write_vehicle_table(table: VehicleTable, path: Path, name: str) -> None:
             array.attribute: np.column_stack([table.columns.get(field, empty) for field in array.names])[rows]
             for array in type_.columns
         }
-        channels.append(numeric(f"/{name}", type_, table.time_ns[rows], arrays.__getitem__))
+        channels.append(numeric("/follower", type_, table.time_ns[rows], arrays))
     _write(path, channels, {})
 
 
 def _write(path: Path, channels: Sequence[Channel], facts: dict[str, str]) -> None:
-    """Write channels, and facts as metadata of a data set."""
     with log_errors(path), atomic_write(path) as part:
-        write_channels(part, channels, describe=lambda mcap: mcap.write_metadata(_RECORD, facts) if facts else None)
+        write_channels(part, channels, lambda mcap: mcap.write_metadata(_RECORD, facts) if facts else None)
 
 
 def is_data_set(path: Path) -> bool:
@@ -182,19 +164,18 @@ def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
     Raises:
         LogError: the log is damaged or of something else, or has too long a gap.
     """
-    log = Contents(path, lambda topic, _: topic in (f"/{VEHICLE}/pose", f"/{VEHICLE}/motion"))
+    pose, motion = f"/{VEHICLE}/pose", f"/{VEHICLE}/motion"
+    log = Contents(path, lambda topic, _: topic == pose)
     if _RECORD not in log.metadata:
         raise LogError(f"{path}: no log of a data set; laisn log import FILE --out LOG makes one")
     measured, remarks = read_recording(path, VEHICLE, longest_gap_s)
     with log_errors(path):
         facts = log.metadata[_RECORD]
-        begin_ns = log.topics[f"/{VEHICLE}/motion"].time_ns[0]
         truth = np.empty((0, 3))
-        if f"/{VEHICLE}/pose" in log.topics:
-            poses = log.topics[f"/{VEHICLE}/pose"]
+        if pose in log.topics:
             # the first step of Δt ends where the data set begins
-            since = (poses.time_ns - begin_ns) / 1e9 + measured.dt
-            truth = np.column_stack([since, poses.table(("pose.position.x", "pose.position.y"))])
+            since = (log.topics[pose].time_ns - log.topics[motion].time_ns.min()) / 1e9 + measured.dt
+            truth = np.column_stack([since, log.topics[pose].table(POSE_FIELDS[:2])])
         start = np.array([float(facts["start_east"]), float(facts["start_north"]), 0.0, 0.0])
         sigma, slip, walk = (float(value) if (value := facts.get(name)) else None for name in _STATED)
     return Replayable(measured, start, sigma, slip, walk, truth, remarks)

@@ -1,5 +1,18 @@
-"""What data sets of ranges have in common: odometry, beacons, ranges, and perhaps the true path."""
+"""Odometry and ranges to beacons of a data set.
 
+Those of Djugash, Hamner & Roth 2009, "Navigating with Ranging Radios", are five tables in MATLAB or text files:
+
+    DR   time, distance driven, change of heading          odometry
+    TD   time, sender, receiver, range                     ranges to the receivers
+    TL   node, x, y                                        surveyed places of the nodes
+    GT   time, x, y, heading                               surveyed path; may be missing
+    DRp  time, x, y, heading                               odometry summed up from the start on; may be missing
+
+Times are in s, places in m, headings in rad anticlockwise from east.
+"""
+
+import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import reduce
@@ -9,16 +22,24 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Bools, Floats, Ints, own_arrays
+from laisn.arrays import Floats, Ints, own_arrays
 from laisn.failure import LaisnError
-from sim.system import read_text
+from sim.system import background_process, read_text
 
 _LARGEST_BYTES = 500_000_000
 """Larger files are refused [bytes]."""
 LARGEST = 4e9
 """Larger numbers are no measurements, and no times in seconds."""
-SLOWEST, FASTEST = 0.01, 50.0
+_SLOWEST, _FASTEST = 0.01, 50.0
 """Mean speeds beyond these are doubtful [m/s]."""
+_COLUMNS = {"DR": 3, "TD": 4, "TL": 3, "GT": 4, "DRp": 4}
+"""Columns of each table."""
+_NEEDED = ("DR", "TD", "TL")
+_NODES = {"TD": [1, 2], "TL": [0]}
+"""Columns of nodes' numbers."""
+_MOST_NUMBERS = 40_000_000
+"""In all tables; a compressed file of few bytes may state any number."""
+_TEXT = re.compile(r"(.*)_DR\.(txt|csv)")
 
 
 def text_of(path: Path) -> str:
@@ -57,16 +78,6 @@ def compose(first: Floats, second: Floats) -> Floats:
     return np.asarray(first + turned)
 
 
-def _join_equal_times(time: Floats, odometry: Floats) -> tuple[Bools, Floats]:
-    """Which poses are not at the time of the one before, shape (n + 1,), and the steps between those."""
-    kept = np.append(True, np.diff(time) != 0.0)
-    last = np.flatnonzero(kept[1:])
-    first, steps = np.append(0, last[:-1] + 1), odometry[last]
-    for joined in np.flatnonzero(last > first).tolist():
-        steps[joined] = reduce(compose, odometry[first[joined] : last[joined] + 1])
-    return kept, steps
-
-
 @dataclass(frozen=True, kw_only=True)
 class RangeData:
     """A vehicle's odometry over n steps, and its m ranges to b beacons.
@@ -83,7 +94,6 @@ class RangeData:
     odometry: Floats
     """Way ahead and to port [m], and turn anticlockwise [rad], from each pose to the next, shape (n, 3)."""
     beacons: tuple[str, ...]
-    """Their names."""
     places: Floats
     """Where they were surveyed: east, north, shape (b, 2), [m]."""
     range_time: Floats
@@ -135,7 +145,11 @@ class RangeData:
             remarks: further remarks.
             more: other fields.
         """
-        kept, steps = _join_equal_times(time, odometry)
+        kept = np.append(True, np.diff(time) != 0.0)
+        last = np.flatnonzero(kept[1:])
+        first, steps = np.append(0, last[:-1] + 1), odometry[last]
+        for joined in np.flatnonzero(last > first).tolist():
+            steps[joined] = reduce(compose, odometry[first[joined] : last[joined] + 1])
         table = np.array(ranges, dtype=np.float64).reshape(-1, 3)
         known, positive = table[:, 1] >= 0, table[:, 2] > 0
         received = table[known & positive]
@@ -145,29 +159,23 @@ class RangeData:
             "ranges left out that are not positive": int(np.count_nonzero(known & ~positive)),
             "poses at the time of the one before, joined to it": int(np.count_nonzero(~kept)),
         }
+        remarks = [*remarks, *(f"{what}: {number}" for what, number in counts.items() if number)]
+        way, duration = float(np.hypot(*steps[:, :2].T).sum()), float(time[-1] - time[0])
+        if way >= 1.0 and duration > 0.0 and not _SLOWEST * duration <= way <= _FASTEST * duration:
+            speed = way / duration
+            remarks.append(f"a way of {way:.0f} m in {duration:g} s, {speed:.2g} m/s: are the times in seconds?")
         return cls(
             time=time[kept],
             odometry=steps,
             range_time=received[:, 0],
             range_beacon=received[:, 1].astype(np.int64),
             ranges=received[:, 2],
-            remarks=(*remarks, *(f"{what}: {number}" for what, number in counts.items() if number)),
+            remarks=tuple(remarks),
             **more,
         )
 
-    def doubtful(self) -> tuple[str, ...]:
-        """A remark if the mean speed is none of a vehicle, as where milliseconds are taken for seconds."""
-        way, duration = float(np.hypot(*self.odometry[:, :2].T).sum()), float(self.time[-1] - self.time[0])
-        if way < 1.0 or SLOWEST <= way / duration <= FASTEST:
-            return ()
-        return (f"a way of {way:.0f} m in {duration:g} s, {way / duration:.2g} m/s: are the times in seconds?",)
-
     def among(self, names: Sequence[str]) -> Self:
-        """Data with the ranges to some beacons only, in the order of their names.
-
-        Raises:
-            LaisnError: there is no such beacon; the text names those that there are.
-        """
+        """Data with the ranges to some beacons only, in the order of their names; LaisnError naming one that lacks."""
         unknown = [name for name in names if name not in self.beacons]
         if unknown or not names:
             raise LaisnError(
@@ -190,8 +198,7 @@ class RangeData:
     def legs(self) -> tuple[Floats, Floats, Floats]:
         """The way as odometry has it, cut where a range was measured, so that each has its own place on it.
 
-        Returns:
-            Of each piece, straight and of even speed, its end [s], speed [m/s] and compass direction [rad], shape (k,).
+        Of each piece, straight and of even speed, its end [s], speed [m/s] and compass direction [rad], shape (k,).
         """
         ahead, port, turn = self.odometry.T
         facing = self.start[2] - np.concatenate([[0.0], np.cumsum(turn)])[:-1]
@@ -201,3 +208,89 @@ class RangeData:
         end = np.union1d(self.time[1:], self.range_time[within])
         step = np.searchsorted(self.time, end) - 1
         return end, speed[step], heading[step]
+
+
+def _load_matlab(path: Path) -> dict[str, Floats]:
+    # data sets in text, and logs, need none of it
+    from scipy.io import loadmat, whosmat
+
+    stated = sum(math.prod(shape) for name, shape, _ in whosmat(path) if name in _COLUMNS)
+    if stated > _MOST_NUMBERS:
+        raise LaisnError(f"its tables have {stated:,} numbers, at most {_MOST_NUMBERS:,} are read")
+    found = loadmat(path, variable_names=tuple(_COLUMNS))
+    return {name: found[name] for name in _COLUMNS if name in found}
+
+
+def _from_matlab(path: Path) -> dict[str, Floats]:
+    try:
+        # damaged files crash the library
+        with background_process() as process:
+            return process.submit(_load_matlab, path).result()
+    except (OSError, LaisnError) as error:
+        raise LaisnError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
+    except Exception as error:
+        # foreign bytes make the library fail in many ways
+        raise LaisnError(f"{path}: no MATLAB file of version 5, or damaged: {error}") from None
+
+
+def _from_text(path: Path) -> dict[str, Floats]:
+    """Tables of `NAME_DR.txt` and those beside it."""
+    match = _TEXT.fullmatch(path.name)
+    if match is None:
+        raise LaisnError(f"{path}: name the table of odometry, such as Plaza1_DR.txt; the others are found beside it")
+    tables = {}
+    for name in _COLUMNS:
+        table = path.with_name(f"{match[1]}_{name}.{match[2]}")
+        if not table.is_file():
+            continue
+        try:
+            tables[name] = np.loadtxt(
+                table, delimiter="," if match[2] == "csv" else None, ndmin=2, encoding="utf-8-sig"
+            )
+        except (OSError, ValueError) as error:
+            raise LaisnError(f"{table}: no table of numbers: {error}") from None
+    return tables
+
+
+def read_range_tables(path: Path) -> RangeData:
+    """A data set of ranging radios: a MATLAB file with all tables, or the text file `NAME_DR.txt` beside the others.
+
+    Raises:
+        LaisnError: a file cannot be read, or a table, a column or the pose at the start is missing.
+    """
+    tables = _from_matlab(path) if path.suffix == ".mat" else _from_text(path)
+    missing = [name for name in _NEEDED if name not in tables]
+    if missing:
+        raise LaisnError(f"{path}: lacks {', '.join(missing)}; it has {', '.join(tables) or 'none of the tables'}")
+    for name, table in tables.items():
+        if not np.issubdtype(table.dtype, np.number) or table.ndim != 2 or table.shape[1] != _COLUMNS[name]:
+            raise LaisnError(f"{path}: table {name} has the shape {table.shape}, expected {_COLUMNS[name]} columns")
+        whole = table[:, _NODES.get(name, [])]
+        usable = np.all(np.abs(table) <= LARGEST, axis=1) & np.all(whole == np.rint(whole), axis=1)
+        if not usable.all():
+            raise LaisnError(
+                f"{path}: table {name}, row {int(np.argmin(usable)) + 1}: expected numbers within ±{LARGEST:g}, and "
+                "whole ones for nodes"
+            )
+        tables[name] = np.asarray(table, dtype=np.float64)
+    odometry, ranges, nodes = (tables[name] for name in _NEEDED)
+    poses = [tables[name] for name in ("DRp", "GT") if name in tables]
+    start = next((before[-1] for table in poses if len(before := table[table[:, 0] < odometry[0, 0]])), None)
+    if start is None:
+        raise LaisnError(f"{path}: neither DRp nor GT has a pose before the first odometry, at {odometry[0, 0]:.3f} s")
+    names = nodes[:, 0].astype(np.int64).tolist()
+    require_unique(names, f"{path}: table TL: node")
+    index = {name: i for i, name in enumerate(names)}
+    beacons = [index.get(node, -1) for node in ranges[:, 2].tolist()]
+    return RangeData.collect(
+        source=str(path),
+        start=np.array([start[1], start[2], 0.5 * np.pi - start[3]]),
+        time=np.concatenate([start[:1], odometry[:, 0]]),
+        odometry=np.column_stack([odometry[:, 1], np.zeros(len(odometry)), odometry[:, 2]]),
+        beacons=tuple(map(str, names)),
+        places=nodes[:, 1:].copy(),
+        ranges=np.column_stack([ranges[:, 0], beacons, ranges[:, 3]]),
+        range_sigma=None,
+        truth=tables["GT"][:, :3].copy() if "GT" in tables else np.empty((0, 3)),
+        remarks=(),
+    )

@@ -19,7 +19,6 @@ from sim.datasets.range_data import LARGEST, numbers, text_of
 from sim.log.schema import OWN_MOTION, PLACES, RECEPTION
 
 _TIME = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
-"""Nanoseconds of each unit of time."""
 _SPEED = {"m/s": 1.0, "m_s": 1.0, "kn": 1852.0 / 3600.0, "km/h": 1.0 / 3.6}
 _ANGLE = {"rad": 1.0, "deg": math.pi / 180.0, "°": math.pi / 180.0}
 _LENGTH = {"m": 1.0, "cm": 0.01, "km": 1000.0, "ft": 0.3048}
@@ -31,14 +30,13 @@ _EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 
 
 class VehicleTable(NamedTuple):
-    """Own measurements and receptions of a table."""
+    """Own measurements and receptions of a table, and what was taken for what."""
 
     time_ns: Ints
     """Of each row, increasing, shape (n,), [ns]."""
     columns: dict[str, Floats]
     """By the names of the log's fields, shape (n,), in SI units; NaN where a cell is empty."""
     remarks: tuple[str, ...]
-    """What was taken for what, a sentence each."""
 
 
 def _units(field: str) -> dict[str, float]:
@@ -99,9 +97,9 @@ def read_vehicle_table(path: Path) -> VehicleTable:
     missing += [] if any(field.startswith("range_") for field in by_field) else ["range_rear"]
     if missing:
         raise LaisnError(f"{path}: lacks columns {', '.join(missing)}; its columns: {', '.join(heads)}")
-    wrong = next((k for k, row in enumerate(rows) if len(row) != len(heads)), None)
-    if wrong is not None:
-        raise LaisnError(f"{path}, row {wrong + 1}: {len(rows[wrong])} cells, the header has {len(heads)}")
+    for k, row in enumerate(rows, start=1):
+        if len(row) != len(heads):
+            raise LaisnError(f"{path}, row {k}: {len(row)} cells, the header has {len(heads)}")
     if delimiter != ",":
         # a decimal comma is only possible beside another delimiter
         rows = [[cell.replace(",", ".") for cell in row] for row in rows]
@@ -111,17 +109,16 @@ def read_vehicle_table(path: Path) -> VehicleTable:
         raise LaisnError(f"{path}, column {heads[place]}: times before 1970, or negative ones")
     remarks = [f"{heads[place]}: time in {format_}, {np.ptp(time_ns) / 1e9:g} s"]
     by_field = {field: column for field, column in by_field.items() if field not in _TIME_NAMES}
-    values = {
+    columns = {
         field: numbers((row[i] for row in rows), f"{path}, column {heads[i]}") for field, (i, _) in by_field.items()
     }
-    bare = [np.abs(values[field]) for field, (_, given) in by_field.items() if _units(field) is _ANGLE and not given]
+    bare = [np.abs(columns[field]) for field, (_, given) in by_field.items() if _units(field) is _ANGLE and not given]
     # no angle in radians is that large, and one table has one unit
     degrees = bool(bare) and np.nanmax(bare, initial=0.0) > 4.0 * math.pi
-    columns = {}
     for field, (i, given) in by_field.items():
         units = _units(field)
         known = given or ("deg" if degrees and units is _ANGLE else next(iter(units)))
-        columns[field] = values[field] * units[known]
+        columns[field] = columns[field] * units[known]
         remarks.append(f"{heads[i]}: {field} in {known}")
     unused = [head for head, (field, _) in zip(heads, named, strict=True) if not field]
     remarks += [f"not used: {', '.join(unused)}"] if unused else []

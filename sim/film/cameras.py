@@ -33,9 +33,8 @@ class View:
     """A camera without roll, unless `up` is given. Raises ValueError if it stands on its target."""
 
     position: Floats
-    """Shape (3,), [m]."""
     target: Floats
-    """Shape (3,), [m]."""
+    """Shape (3,), as `position`, [m]."""
     up: Floats = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     fovy_deg: float = 45.0
     """Vertical field of view."""
@@ -102,16 +101,11 @@ class Shot(NamedTuple):
     surface: bool
     """Whether the sea's surface is drawn; seen from above, it would hide everything."""
     insets_left: bool = False
-    """Whether insets begin at the left edge, for a view whose vehicles keep to the right."""
+    """Whether insets begin at the left edge: the vehicles keep to the right."""
 
 
 class CameraRig:
-    """Places a named camera at any instant of the data.
-
-    Args:
-        data: what is filmed.
-        aspect: width by height of the frame.
-    """
+    """Places a named camera at any instant of the data; `aspect` is width by height of the frame."""
 
     def __init__(self, data: FilmData, aspect: float) -> None:
         self._aspect, follower = aspect, data.follower
@@ -154,7 +148,7 @@ class CameraRig:
         return np.asarray((1 - u) * values[i] + u * values[min(i + 1, self._time.size - 1)])
 
     def _in_water(self, position: Floats) -> Floats:
-        """The camera, kept between surface and floor."""
+        """A camera's position, kept between surface and floor."""
         z = np.clip(position[2], self._floor + _CLEARANCE_M, -_CLEARANCE_M)
         return np.array([position[0], position[1], z])
 

@@ -24,9 +24,8 @@ Colour = tuple[float, ...]
 Place = tuple[float, float, float, float]
 """Left, top, width, height [px]."""
 PALE: Colour = (0.80, 0.92, 0.97)
-"""Colour of values."""
 DIM: Colour = (0.60, 0.76, 0.83)
-"""Colour of their names."""
+"""Colours of values and of their names."""
 
 _LEAST_TEXT = 0.8
 """Least size of text relative to that at 720 rows: smaller digits lose their strokes."""
@@ -35,20 +34,18 @@ _DIAMOND = np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]])
 
 
 class Stroke(NamedTuple):
-    """A polyline."""
+    """A polyline through points, shape (n, 2), [px]."""
 
     points: Floats
-    """Shape (n, 2), [px]."""
     colour: Colour
     width: float = 2.0
     dashed: bool = False
 
 
 class Shape(NamedTuple):
-    """A filled polygon."""
+    """A filled polygon with corners, shape (n, 2), [px]."""
 
     points: Floats
-    """Corners, shape (n, 2), [px]."""
     fill: Colour
     edge: Colour | None = None
 
@@ -76,12 +73,7 @@ def _mask(words: str, size: int, bold: bool, anchor: str) -> tuple[Floats, int, 
 
 
 class Canvas:
-    """Pixels count from the top left; sizes are in pixels times `scale`, which is 1 at 720 rows.
-
-    Args:
-        width: of the frame [px].
-        height: of the frame [px].
-    """
+    """Pixels count from the top left; sizes are in pixels times `scale`, which is 1 at 720 rows."""
 
     def __init__(self, width: int, height: int) -> None:
         self.width, self.height = width, height
@@ -89,9 +81,7 @@ class Canvas:
         self.text_scale = max(self.scale, _LEAST_TEXT)
         """Pixels to a unit of text size: text shrinks with the frame only as far as it can be read."""
         figure = new_figure(width, height)
-        # matplotlib's own classes carry few types
-        make: Any = FigureCanvasAgg
-        agg = make(figure)
+        agg: Any = FigureCanvasAgg(figure)
         self._renderer = agg.get_renderer()
         # kept, for making one takes longer than drawing what a frame has
         self._lines: Any = LineCollection([], capstyle="butt", joinstyle="round")
@@ -145,15 +135,7 @@ class Canvas:
     def text(
         self, at: tuple[float, float], words: str, colour: Colour = (1, 1, 1), size: float = 14, anchor: str = "la"
     ) -> None:
-        """Draw text on whole pixels.
-
-        Args:
-            at: of the anchor [px].
-            words: one line.
-            colour: of the text.
-            size: below zero it means bold.
-            anchor: as in Pillow.
-        """
+        """Draw a line of text on whole pixels, with an anchor as in Pillow; a size below zero means bold."""
         if not words:
             return
         mask, dx, dy = _mask(words, self.text_size(size), size < 0, anchor)

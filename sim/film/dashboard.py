@@ -17,9 +17,8 @@ from matplotlib.transforms import IdentityTransform
 
 from laisn.arrays import Bytes, Floats
 from laisn.estimates import FIX_WORDS
-from sim.film.annotations import ESTIMATE, LEADER, STATION, TRUTH, RayErrors, diverging
 from sim.film.canvas import DIM, PALE, Canvas, Colour, Place, Stroke, new_figure
-from sim.film.film_data import FilmData, FrameState
+from sim.film.film_data import ESTIMATE, LEADER, STATION, TRUTH, FilmData, FrameState, RayErrors, diverging
 
 Trail = tuple[Floats, Colour]
 """Positions, shape (p, 3), [m], and the colour of their line."""
@@ -63,13 +62,7 @@ def round_length(longest_m: float) -> float:
 
 
 class Dashboard:
-    """Panels of one film.
-
-    Args:
-        data: what is filmed.
-        canvas: of the frames.
-        show_pitch: whether the film is about the leader's pitch, whose curve then replaces that of the bearing error.
-    """
+    """Panels of one film; if it is about the leader's pitch, that curve replaces the one of the bearing error."""
 
     def __init__(self, data: FilmData, canvas: Canvas, show_pitch: bool = False) -> None:
         self._data, self._follower, self._added = data, data.follower, data.annotations

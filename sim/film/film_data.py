@@ -1,4 +1,7 @@
-"""What a film shows of a flight at any instant: a pure function of time, so that frames may be drawn in any order."""
+"""What a film shows of a flight at any instant: a pure function of time, so that frames may be drawn in any order.
+
+A study adds other estimates beside the follower's own, and errors that colour its rays.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,24 +9,102 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from laisn.arrays import Floats, Ints
+from laisn.arrays import Floats, Ints, own_arrays
 from laisn.estimates import FixKind
 from sim import attitude
-from sim.film.annotations import NOTHING, Annotations
-from sim.flight import Flight
+from sim.flight import Flight, position_and_bearing_errors
 from sim.stations import true_stations
+
+RGB = tuple[float, float, float]
+"""Red, green, blue, each in [0, 1]."""
 
 TRANSMITTERS = ("tx_rear", "tx_front", "tx_middle")
 
 _AFTERGLOW_S = 0.45
 """Time constant of a ray's fading, in seconds of film: pings closer together than that blend into a steady ray."""
-_TRAIL_S = 5.0
-"""Length of a trail, in seconds of film."""
-_TRAIL_POINT_S = 0.04
-"""Spacing of the points of a trail, in seconds of film."""
+_TRAIL_S, _TRAIL_POINT_S = 5.0, 0.04
+"""Length of a trail, and spacing of its points, in seconds of film."""
 _LEAST_WEIGHT = 0.01
 """Hypotheses of less weight are not shown."""
+
+LEADER: RGB = (1.0, 0.68, 0.20)
+"""Trail and label of the leader, after its hull."""
+TRUTH: RGB = (1.0, 0.95, 0.25)
+"""Trail and position of a follower, after its hull."""
+ESTIMATE: RGB = (1.0, 0.25, 0.85)
+"""A follower's estimate of its own position."""
+STATION: RGB = (0.45, 1.0, 1.0)
+"""Station of a follower in formation."""
+TRANSMITTER_COLOURS: tuple[RGB, ...] = ((0.95, 0.97, 1.0), (0.35, 1.0, 0.55), (0.45, 0.70, 1.0))
+"""Rear, front and middle transmitter and their rays; distinct from leader and follower, also to colour-blind eyes."""
+
+_SHARES = (-1.0, 0.0, 1.0)
+_COLOURS = np.array([[0.22, 0.56, 1.0], [0.97, 0.97, 0.95], [1.0, 0.26, 0.20]])
+"""Blue for less, red for more; the middle is pale, so that it shows on a dark sea."""
+_UNKNOWN: RGB = (0.45, 0.55, 0.60)
+
+
+def diverging(shares: npt.ArrayLike) -> Floats:
+    """Colours of values in [-1, 1], symmetric about 0 and constant beyond; shape (…) gives shape (…, 3)."""
+    values = np.asarray(shares, dtype=np.float64)
+    colours = np.stack([np.interp(values, _SHARES, channel) for channel in _COLOURS.T], axis=-1)
+    return np.where(np.isnan(values)[..., None], _UNKNOWN, colours)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OtherEstimate:
+    """Another navigator's estimate from the filmed follower's measurements."""
+
+    label: str
+    colour: RGB
+    position: Floats
+    """Estimated position (x, y) at filter steps k = 1 … n, shape (n, 2), [m]."""
+
+    def __post_init__(self) -> None:
+        own_arrays(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RayErrors:
+    """Errors that colour the rays of the filmed follower.
+
+    Raises ValueError if the limit is not positive.
+    """
+
+    label: str
+    value: Floats
+    """Error of each message's range from the rear, front, middle transmitter, shape (m, 3), [m]; NaN where unknown."""
+    limit: float
+    """Value at the ends of the colour bar [m]."""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.limit) and self.limit > 0):
+            raise ValueError(f"the colour bar ends at {self.limit:g} m, expected a positive number")
+        own_arrays(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Annotations:
+    """Additions to a film; the default adds nothing."""
+
+    caption: str = ""
+    """What the film shows: a line at the upper edge, with a legend."""
+    label: str = "estimate"
+    """Name of the follower's own estimate in the legend."""
+    others: tuple[OtherEstimate, ...] = ()
+    rays: RayErrors | None = None
+
+    def ray_colours(self, message: int) -> tuple[RGB, ...]:
+        """Colours of the filmed follower's rays, rear, front and middle; message -1 stands for none."""
+        if self.rays is None:
+            return TRANSMITTER_COLOURS
+        shares = self.rays.value[message] / self.rays.limit if message >= 0 else np.full(3, np.nan)
+        return tuple((float(r), float(g), float(b)) for r, g, b in diverging(shares))
+
+
+NOTHING = Annotations()
 
 
 class Hypothesis(NamedTuple):
@@ -41,9 +122,9 @@ class FrameState:
     """Everything one frame shows; v vehicles, f followers. Angles in [rad]."""
 
     time: float
-    """Time of the mission [s]."""
+    """Of the mission [s]."""
     film_time: float
-    """Time since the film began [s]."""
+    """Since the film began [s]."""
     position: Floats
     """Body origins in the world, shape (v, 3), [m]."""
     quaternion: Floats
@@ -51,9 +132,8 @@ class FrameState:
     effectors: Floats
     """States of the effectors, shape (v, m)."""
     heading: Floats
-    """Shape (v,)."""
     pitch: Floats
-    """Shape (v,)."""
+    """Shape (v,), as `heading`."""
     speed: Floats
     """Speed through the water, shape (v,), [m/s]."""
     transmitter: Floats
@@ -79,26 +159,16 @@ class FrameState:
     fix_kind: tuple[FixKind | None, ...]
     """Outcome of the last message, per follower."""
     position_error: Floats
-    """Shape (f,), [m]; NaN before the first step."""
     bearing_error: Floats
-    """Shape (f,); NaN before the first step."""
+    """Shape (f,), as `position_error`, [m]; NaN before the first step."""
 
 
 class FilmData:
-    """A flight, ready to be filmed.
+    """A flight, ready to be filmed; see `Job`. `speed_up` are seconds of mission in a second of film."""
 
-    Args:
-        flight: the mission.
-        errors: position error [m] and bearing error [rad] of each follower at steps k = 1 … n, each of shape (n,).
-        speed_up: seconds of mission in a second of film.
-        follower: index of the follower that is filmed.
-        annotations: what a study adds.
-    """
-
-    def __init__(self, flight: Flight, errors: Sequence[tuple[Floats, Floats]], speed_up: float, follower: int = 0,
-                 annotations: Annotations = NOTHING) -> None:  # fmt: skip
+    def __init__(self, flight: Flight, speed_up: float, follower: int = 0, annotations: Annotations = NOTHING) -> None:
         self.flight, self.speed_up, self.follower, self.annotations = flight, speed_up, follower, annotations
-        self.position_error, self.bearing_error = (np.stack(kind) for kind in zip(*errors, strict=True))
+        self.position_error, self.bearing_error = np.stack(position_and_bearing_errors(flight), axis=1)
         truth = flight.trajectory
         self.start, self.end = float(truth.time[0]), float(truth.time[-1])
         self.dt = flight.measurements[0].dt
@@ -125,11 +195,7 @@ class FilmData:
         return min(int((time - self.start) / self.dt + 1e-9), self.steps.size)
 
     def at(self, time: float) -> FrameState:
-        """State at mission time `time` [s].
-
-        Raises:
-            ValueError: the time lies outside the mission.
-        """
+        """State at a mission time [s]; ValueError if it lies outside the mission."""
         truth = self.flight.trajectory
         positions, quaternions = truth.at(time)
         position, quaternion = positions[0], quaternions[0]

@@ -3,7 +3,7 @@
 import os
 import pickle
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from fractions import Fraction
@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from laisn.arrays import Bytes, Floats
-from sim.film.annotations import NOTHING, Annotations
 from sim.film.cameras import CameraRig
-from sim.film.film_data import FilmData
+from sim.film.film_data import NOTHING, Annotations, FilmData
 from sim.film.overlay import Overlay
 from sim.film.scene import GlScene
 from sim.flight import Flight
@@ -39,12 +38,12 @@ _LIMITED = 1
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """What all children of one film have in common."""
+    """What is filmed."""
 
     flight: Flight
-    errors: Sequence[tuple[Floats, Floats]]
     video: Video
     follower: int = 0
+    """Index of the follower that the film keeps to."""
     annotations: Annotations = NOTHING
 
     @property
@@ -61,16 +60,11 @@ class Job:
 
 
 class FrameRenderer:
-    """Scene, cameras and overlay of one film, put together.
-
-    Args:
-        job: the film.
-        scene: the open scene.
-    """
+    """Scene, cameras and overlay of one film, put together."""
 
     def __init__(self, job: Job, scene: GlScene) -> None:
         video = job.video
-        self._data = FilmData(job.flight, job.errors, video.speed_up, job.follower, job.annotations)
+        self._data = FilmData(job.flight, video.speed_up, job.follower, job.annotations)
         self._cameras = CameraRig(self._data, video.width_px / video.height_px)
         self._overlay = Overlay(self._data, video)
         self._scene, self._camera = scene, video.camera
@@ -85,14 +79,9 @@ class FrameRenderer:
 
 
 def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:
-    """Encode one group of pictures.
+    """H.264 access units of a group of pictures, frames of shape (height, width, 4).
 
-    Args:
-        frames: shape (height, width, 4) each.
-        video: size and frame rate.
-
-    Returns:
-        H.264 access units, one for each frame: Annex B, no B-frames, ITU-R BT.709 in limited range.
+    Annex B, no B-frames, ITU-R BT.709 in limited range.
     """
     # codecs are for children; their parent process imports this file too
     import av
@@ -108,12 +97,8 @@ def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:
     # one for all frames: a new one costs a millisecond
     reformatter = VideoReformatter()
     for number, pixels in enumerate(frames):
-        picture = reformatter.reformat(
-            av.VideoFrame.from_ndarray(pixels, format="rgba"),
-            format="yuv420p",
-            dst_colorspace=_BT709,
-            dst_color_range=_LIMITED,
-        )
+        frame = av.VideoFrame.from_ndarray(pixels, format="rgba")
+        picture = reformatter.reformat(frame, format="yuv420p", dst_colorspace=_BT709, dst_color_range=_LIMITED)
         picture.pts, picture.time_base = number, codec.time_base
         yield from (bytes(packet) for packet in codec.encode(picture))
     yield from (bytes(packet) for packet in codec.encode(None))

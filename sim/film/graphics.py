@@ -14,9 +14,7 @@ BACKENDS = {"linux": ("egl", "osmesa"), "darwin": ("cgl",), "win32": ("wgl",)}.g
 """Values of MUJOCO_GL worth trying, the best first."""
 
 INSTALL = "on Debian and Ubuntu: apt-get install libegl1 libopengl0 libgl1-mesa-dri"
-"""What to do where nothing renders."""
 MISSING = f"no graphics library works here (laisn doctor reports why); {INSTALL}"
-"""Message where a picture was requested and nothing renders."""
 
 _PATIENCE_S = 60.0
 _BALL = """
@@ -48,11 +46,7 @@ def child(program: str, backend: str, threads: int = 1) -> tuple[list[str], dict
 
 
 def render_ball() -> str:
-    """Render a red ball on black in this process; the renderer's name if that is what comes out.
-
-    Raises:
-        RuntimeError: a context was made, but the picture is wrong.
-    """
+    """Name of the renderer that draws a red ball on black in this process; RuntimeError if the picture is wrong."""
     # a library that is missing breaks the import
     import mujoco
     from OpenGL import GL

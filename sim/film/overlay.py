@@ -7,11 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from laisn.arrays import Floats
-from sim.film.annotations import ESTIMATE, LEADER, STATION, TRANSMITTER_COLOURS, TRUTH
 from sim.film.cameras import Shot, View
 from sim.film.canvas import PALE, Canvas, Colour, Place, Shape, Stroke, corners
 from sim.film.dashboard import SIGMAS, Dashboard, Trail, round_length
-from sim.film.film_data import FilmData, FrameState
+from sim.film.film_data import ESTIMATE, LEADER, STATION, TRANSMITTER_COLOURS, TRUTH, FilmData, FrameState
 from sim.film.scene import Box
 from sim.scenario.settings import Video
 
@@ -28,22 +27,17 @@ _DARK: Colour = (0.0, 0.05, 0.08, 0.9)
 _WHITE: Colour = (1.0, 1.0, 1.0, 0.75)
 _LABEL_SIZE = 13
 _LABEL_GAP = 3.0
-_MARKER = 8.0
-"""Half the side of the square that a marker keeps free, at 720 rows [px]."""
-_LABEL_STEP = 22.0
-"""Distance from one row of places for labels to the next, at 720 rows [px]."""
-_LABEL_ROWS = 5
-_LABEL_ASIDE = (16.0, 70.0)
+_LABEL_ROWS, _LABEL_STEP, _LABEL_ASIDE = 5, 22.0, (16.0, 70.0)
+"""Rows of places for labels, the distance between them, and distances aside from the point, at 720 rows [px]."""
+_MARKER, _FOOT = 8.0, 24.0
+"""Half the side of the square that a marker keeps free, and height of the footer, at 720 rows [px]."""
 _LABEL_GROUND: Colour = (0.0, 0.05, 0.08, 0.55)
-_FOOT = 24.0
-"""Height of the strip at the lower edge that belongs to the footer, at 720 rows [px]."""
 
 
 class Label(NamedTuple):
-    """Words for a point of the frame."""
+    """Words for a point of the frame, shape (2,), [px]."""
 
     at: Floats
-    """Place of the label on the frame, shape (2,), [px]."""
     words: str
     colour: Colour
     rise: float
@@ -51,12 +45,7 @@ class Label(NamedTuple):
 
 
 class Overlay:
-    """Draws over the frames of one film.
-
-    Args:
-        data: what is filmed.
-        video: camera and size of the frames.
-    """
+    """Draws over the frames of one film."""
 
     def __init__(self, data: FilmData, video: Video) -> None:
         self._data, self._added, self._follower = data, data.annotations, data.follower
@@ -266,10 +255,6 @@ def metres_per_pixel(view: View, point: Floats) -> float:
     return float(max(ahead, 0.15)) / view.focal(720)
 
 
-def _overlap(a: Place, b: Place) -> bool:
-    return a[0] < b[0] + b[2] and b[0] < a[0] + a[2] and a[1] < b[1] + b[3] and b[1] < a[1] + a[3]
-
-
 def _places(label: Label, width: float, height: float, scale: float) -> list[tuple[Place, Floats]]:
     """Places for the words, the most wanted first, with the end of the line that leads there."""
     found = []
@@ -282,15 +267,10 @@ def _places(label: Label, width: float, height: float, scale: float) -> list[tup
 
 
 def place_labels(labels: Iterable[Label], taken: Iterable[Place], canvas: Canvas) -> list[tuple[Label, Place, Floats]]:
-    """Place labels by a pure function of one frame, so that frames may be drawn in any order.
+    """Each label, the most important first, with its area and the end of its line, shape (2,), [px].
 
-    Args:
-        labels: the most important first.
-        taken: areas that labels must keep clear of.
-        canvas: measures the words.
-
-    Returns:
-        Each label with its area and the end of its line, shape (2,), [px]; labels without room are left out.
+    Areas keep clear of those that are taken; labels without room are left out. A pure function of one frame, so that
+    frames may be drawn in any order.
     """
     s = canvas.scale
     labels, full = list(labels), list(taken)
@@ -303,8 +283,9 @@ def place_labels(labels: Iterable[Label], taken: Iterable[Place], canvas: Canvas
         width, height = width + 2 * _LABEL_GAP * s, height + 2 * _LABEL_GAP * s
         for area, end in _places(label, width, height, s):
             left, top = area[:2]
-            inside = left >= 0 and top >= 0 and left + width <= canvas.width and top + height <= canvas.height
-            if inside and not any(_overlap(area, other) for other in (*full, *markers)):
+            right, bottom, others = left + width, top + height, [*full, *markers]
+            inside = left >= 0 and top >= 0 and right <= canvas.width and bottom <= canvas.height
+            if inside and all(left >= x + w or x >= right or top >= y + h or y >= bottom for x, y, w, h in others):
                 full.append(area)
                 placed.append((label, area, end))
                 break

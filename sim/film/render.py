@@ -15,17 +15,11 @@ from typing import IO, Any
 
 from PIL import Image
 
-from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from sim.film import graphics
-from sim.film.annotations import NOTHING, Annotations
 from sim.film.frame_renderer import GROUP, Job
-from sim.flight import Flight
 from sim.scenario.settings import Video
 from sim.system import atomic_write
-
-Errors = Sequence[tuple[Floats, Floats]]
-Progress = Callable[[float], None]
 
 _IMPORTS = "from sim.film import frame_renderer"
 """First line of the program that a child process runs."""
@@ -102,39 +96,25 @@ def _read(child: Any, log: IO[bytes], content: bytes, results: SimpleQueue[Any])
 
 
 def render(
-    flight: Flight,
-    path: Path,
-    *,
-    errors: Errors,
-    video: Video,
-    follower: int = 0,
-    workers: int = 2,
-    progress: Progress | None = None,
-    annotations: Annotations = NOTHING,
+    job: Job, path: Path, *, workers: int = 2, progress: Callable[[float], None] | None = None
 ) -> list[tuple[float, bytes]]:
     """Film a flight: H.264 in MP4, yuv420p, index first. The file appears when it is whole.
 
     Frames and bytes do not depend on the number of workers.
 
     Args:
-        flight: the mission.
+        job: what is filmed.
         path: of the film, ending in .mp4; overwritten.
-        errors: position error [m] and bearing error [rad] of each follower at steps k = 1 … n, each of shape (n,).
-        video: camera, size and speed.
-        follower: index of the follower that the film keeps to.
         workers: processes that render.
         progress: called with the share done, in [0, 1].
-        annotations: what a study adds to the frames.
 
     Returns:
-        The film once more, as a log takes it: mission time [s] and H.264 access unit of each frame (Annex B, no
-        B-frames, headers with every IDR frame).
+        The film as a log takes it: mission time [s] and H.264 access unit of each frame.
 
     Raises:
         RenderError: a setting is impossible, or nothing renders here.
         RendererDiedError: a child died.
     """
-    job = Job(flight=flight, errors=errors, video=video, follower=follower, annotations=annotations)
     _check_file(path, ".mp4")
     workers = min(workers, job.groups)
     groups: dict[int, list[bytes]] = {}
@@ -171,34 +151,15 @@ def _write_mp4(path: Path, units: Sequence[bytes], video: Video) -> None:
             target.mux(packet)
 
 
-def still(
-    flight: Flight,
-    time_s: float,
-    path: Path,
-    *,
-    errors: Errors,
-    video: Video,
-    follower: int = 0,
-    annotations: Annotations = NOTHING,
-) -> None:
-    """One frame of the film as PNG, with smoothed edges.
-
-    Args:
-        flight: the mission.
-        time_s: mission time of the frame.
-        path: of the picture, ending in .png; overwritten.
-        errors: as of `render`.
-        video: camera and size.
-        follower: index of the follower that the picture keeps to.
-        annotations: as of `render`.
+def still(job: Job, time_s: float, path: Path) -> None:
+    """The frame at a mission time [s] as a file that ends in .png; an existing one is overwritten.
 
     Raises:
         RenderError: a setting is impossible, the time outside the mission, or nothing renders here.
         RendererDiedError: the child died.
     """
-    job = Job(flight=flight, errors=errors, video=video, follower=follower, annotations=annotations)
     _check_file(path, ".png")
-    start, end = float(flight.trajectory.time[0]), float(flight.trajectory.time[-1])
+    start, end = float(job.flight.trajectory.time[0]), float(job.flight.trajectory.time[-1])
     if not start <= time_s <= end:
         raise RenderError(f"time {time_s:g} s lies outside the mission, {start:g} … {end:g} s")
     with closing(_results(job, [f"main_still({float(time_s)!r})"])) as results:

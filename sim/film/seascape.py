@@ -98,12 +98,7 @@ def build(flight: Flight, width_px: int, height_px: int) -> Any:
 
 
 class Sea:
-    """Floor and moving surface of a model made by `build`.
-
-    Args:
-        model: the compiled model.
-        ocean: whose waves are shown.
-    """
+    """Floor and moving surface, with the waves of an ocean, of a model made by `build`."""
 
     def __init__(self, model: Any, ocean: Ocean) -> None:
         self._model = model

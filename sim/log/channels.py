@@ -1,7 +1,6 @@
 """A flight as channels of timed messages, serialised on demand."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -12,15 +11,14 @@ from laisn.arrays import Floats, Ints
 from laisn.estimates import FixKind
 from sim import attitude
 from sim.attitude import geodetic
-from sim.flight import Flight, Outcome
+from sim.flight import Flight, Outcome, position_and_bearing_errors
 from sim.log import schema
 from sim.log.scene import ESTIMATE, TRUTH, draw_acoustics, draw_vehicles
-from sim.log.schema import Clock, RecordType, pose, timestamp, vector
+from sim.log.schema import Clock, RecordType, pose, quaternion, timestamp, vector
 from sim.scenario.settings import CONTROL_STEP_S
-from sim.trajectory import Trajectory
 
-Errors = tuple[Floats, Floats]
-"""E_P [m] and E_B [rad] of a follower at filter steps k = 1 … n, shapes (n,)."""
+Frame = tuple[float, bytes]
+"""Time since the start [s] and H.264 access unit (Annex B, no B-frames, parameter sets with every key frame)."""
 Level = Literal["debug", "info", "warning", "error"]
 
 FIX_LINES: dict[FixKind, tuple[Level, str]] = {
@@ -37,7 +35,6 @@ FIX_LINES: dict[FixKind, tuple[Level, str]] = {
 }
 """Level and text of the lines of `/log` for every kind of fix."""
 _OUTCOME_LEVELS: dict[Outcome, Level] = {Outcome.COMPLETED: "info", Outcome.CONTACT: "warning"}
-"""Levels of outcomes that are no errors."""
 
 
 class Event(NamedTuple):
@@ -56,23 +53,17 @@ class Channel(NamedTuple):
 
     topic: str
     schema: Schema
-    """Type of its messages."""
     time_ns: Ints
     """Time of each message since 1970, shape (n,), [ns]."""
     rows: Callable[[slice], Iterable[bytes]]
     """Serialised messages of a stretch."""
 
-    def between(self, start_ns: int, end_ns: int) -> Iterable[tuple[int, bytes]]:
-        """Times [ns] and serialised messages from a time on until before another."""
-        part = slice(*np.searchsorted(self.time_ns, (start_ns, end_ns)).tolist())
-        return zip(self.time_ns[part].tolist(), self.rows(part), strict=True)
 
-
-def numeric(prefix: str, type_: RecordType, time_ns: Ints, arrays: Callable[[str], schema.Array]) -> Channel:
+def numeric(prefix: str, type_: RecordType, time_ns: Ints, arrays: Mapping[str, schema.Array]) -> Channel:
     """A channel of numbers: messages at times, shape (n,), [ns], from arrays by attribute, n rows each."""
 
     def rows(part: slice) -> list[bytes]:
-        return type_.rows(time_ns[part], lambda attribute: arrays(attribute)[part])
+        return type_.rows({column.attribute: arrays[column.attribute][part] for column in type_.columns})
 
     return Channel(f"{prefix}/{type_.topic}", type_.schema, time_ns, rows)
 
@@ -100,83 +91,68 @@ def _locations(
     flight: Flight, topic: str, time_ns: Ints, position: Floats, covariance: Floats | None = None
 ) -> Channel:
     """Positions, shape (n, 3), [m], on the map; horizontal covariances, shape (n, 2, 2), make them estimates."""
-    kinds, origin = fg.LocationFixPositionCovarianceType, flight.scenario
+    kinds, whole = fg.LocationFixPositionCovarianceType, np.zeros((time_ns.size, 3, 3))
     # Rerun 0.41 writes invalid points for a fix without a colour
-    look: dict[str, Any] = {"position_covariance_type": kinds.Unknown, "color": TRUTH}
-    whole = np.zeros((time_ns.size, 3, 3))
+    kind, color = (kinds.Unknown, TRUTH) if covariance is None else (kinds.Known, ESTIMATE)
     if covariance is not None:
-        look = {"position_covariance_type": kinds.Known, "color": ESTIMATE}
         whole[:, :2, :2] = covariance
 
     def fix_at(at: int, place: Sequence[float], spread: list[float]) -> fg.LocationFix:
         fixed: dict[str, Any] = dict(zip(("latitude", "longitude", "altitude"), place, strict=True))
-        return fg.LocationFix(timestamp=timestamp(at), frame_id="world", position_covariance=spread, **fixed, **look)
+        return fg.LocationFix(
+            timestamp=timestamp(at), frame_id="world", color=color, position_covariance=spread,
+            position_covariance_type=kind, **fixed,
+        )  # fmt: skip
 
-    place = geodetic(position, origin.origin_latitude_deg, origin.origin_longitude_deg)
+    place = geodetic(position, flight.scenario.origin_latitude_deg, flight.scenario.origin_longitude_deg)
     return _channel(topic, fg.LocationFix, time_ns, fix_at, place, whole.reshape(-1, 9))
 
 
-def _transform(
-    at: int, parent: str, child: str, xyz: Sequence[float], wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0)
-) -> fg.FrameTransform:
-    w, i, j, k = wxyz
-    return fg.FrameTransform(
-        timestamp=timestamp(at),
-        parent_frame_id=parent,
-        child_frame_id=child,
-        translation=vector(xyz),
-        rotation=fg.Quaternion(x=i, y=j, z=k, w=w),
-    )
+def _transforms(topic: str, time_ns: Ints, parents: Iterable[str], children: Sequence[str], *places: Floats) -> Channel:
+    """Frames in their parents, from positions, shape (n, c, 3), [m], and quaternions (w, x, y, z), shape (n, c, 4)."""
+    frames = list(zip(parents, children, strict=True))
 
+    def transforms_at(at: int, *places: Any) -> fg.FrameTransforms:
+        return fg.FrameTransforms(
+            transforms=[
+                fg.FrameTransform(
+                    timestamp=timestamp(at), parent_frame_id=parent, child_frame_id=child, translation=vector(xyz),
+                    rotation=quaternion(wxyz),
+                )
+                for (parent, child), xyz, wxyz in zip(frames, *places, strict=True)
+            ]
+        )  # fmt: skip
 
-def _transforms(t: Trajectory, time_ns: Ints) -> Iterator[Channel]:
-    """World to vehicles; and at the start vehicles to their sites."""
-
-    def moving(at: int, *places: Any) -> fg.FrameTransforms:
-        frames = [_transform(at, "world", *placed) for placed in zip(t.names, *places, strict=True)]
-        return fg.FrameTransforms(transforms=frames)
-
-    def fixed(at: int) -> fg.FrameTransforms:
-        sites = zip(t.site_vehicle.tolist(), t.site_names, t.site_offset.tolist(), strict=True)
-        return fg.FrameTransforms(transforms=[_transform(at, t.names[v], *site) for v, *site in sites])
-
-    yield _channel("/tf", fg.FrameTransforms, time_ns, moving, t.position, t.quaternion)
-    yield _channel("/tf_static", fg.FrameTransforms, time_ns[:1], fixed)
+    return _channel(topic, fg.FrameTransforms, time_ns, transforms_at, *places)
 
 
 def _truth(flight: Flight, clock: Clock) -> Iterator[Channel]:
     """Transforms, poses, states and map positions of all vehicles."""
     t = flight.trajectory
     time_ns, second = clock.ns(t.time), round(1.0 / CONTROL_STEP_S)
-    yield from _transforms(t, time_ns)
+    yield _transforms("/tf", time_ns, ["world"] * len(t.names), t.names, t.position, t.quaternion)
+    upright = np.tile([1.0, 0.0, 0.0, 0.0], (1, len(t.site_names), 1))
+    parents = [t.names[v] for v in t.site_vehicle]
+    yield _transforms("/tf_static", time_ns[:1], parents, t.site_names, t.site_offset[None], upright)
     for v, name in enumerate(t.names):
         effectors = t.effector_names[v] if t.effector_names else ()
-
-        def arrays(attribute: str, v: int = v, m: int = len(effectors)) -> schema.Array:
-            array: schema.Array = getattr(t, attribute)
-            return array if attribute == "time" else array[:, v, :m] if attribute == "thrust" else array[:, v]
-
-        yield numeric(f"/{name}", schema.vehicle_state(effectors), time_ns, arrays)
+        type_ = schema.vehicle_state(effectors)
+        arrays = {c.attribute: getattr(t, c.attribute)[:, v] for c in type_.columns if c.attribute != "time"}
+        arrays |= {"time": t.time, "thrust": t.thrust[:, v, : len(effectors)]}
+        yield numeric(f"/{name}", type_, time_ns, arrays)
         yield poses(f"/{name}/pose", time_ns, t.position[:, v], t.quaternion[:, v])
         yield _locations(flight, f"/{name}/fix", time_ns[::second], t.position[::second, v])
 
 
-def _follower(flight: Flight, clock: Clock, f: int, errors: Errors | None) -> Iterator[Channel]:
+def _follower(flight: Flight, clock: Clock, f: int, errors: tuple[Floats, Floats]) -> Iterator[Channel]:
     """What a follower measured and estimated, and its errors."""
     m, e, name = flight.measurements[f], flight.estimates[f], flight.trajectory.names[f + 1]
     time_ns = clock.ns(m.dt * np.arange(1, m.speed.size + 1))
     for record, types in ((m, schema.MEASURED), (e, schema.estimated(type(e)))):
         for type_ in types:
             at = time_ns[getattr(record, type_.steps) - 1] if type_.steps else time_ns
-            yield numeric(f"/{name}", type_, at, partial(getattr, record))
-    if errors is not None:
-        if any(error.shape != time_ns.shape for error in errors):
-            raise ValueError(
-                f"errors of {name} have shapes {[e.shape for e in errors]}, expected {time_ns.shape} twice"
-            )
-        yield numeric(
-            f"/{name}", schema.ERROR, time_ns, dict(zip(schema.ERROR.fields, errors, strict=True)).__getitem__
-        )
+            yield numeric(f"/{name}", type_, at, vars(record))
+    yield numeric(f"/{name}", schema.ERROR, time_ns, dict(zip(schema.ERROR.fields, errors, strict=True)))
     position = np.column_stack([e.state[:, :2], -m.depth])
     yield poses(f"/{name}/estimate", time_ns, position, attitude.from_euler(m.heading))
     second = max(1, round(1.0 / m.dt))
@@ -213,22 +189,29 @@ def _scene(flight: Flight, clock: Clock) -> Iterator[Channel]:
         yield _channel(f"/scene/{what}", fg.SceneUpdate, clock.ns(times), draw, np.arange(times.size))
 
 
-def channels(flight: Flight, errors: Sequence[Errors], events: Iterable[Event]) -> list[Channel]:
-    """All channels of a flight but the video.
+def _camera(video: Sequence[Frame], clock: Clock) -> Channel:
+    time_ns = clock.ns([time_s for time_s, _ in video])
+    if np.any(np.diff(time_ns) < 0):
+        raise ValueError("video frames must be in order of time")
 
-    Args:
-        errors: for each follower; or none at all, and there are no error channels.
-        events: lines for `/log` besides those about fixes.
+    def rows(part: slice) -> Iterator[bytes]:
+        for at, (_, data) in zip(time_ns[part].tolist(), video[part], strict=True):
+            yield fg.CompressedVideo(timestamp=timestamp(at), frame_id="camera", data=data, format="h264").encode()
 
-    Raises:
-        ValueError: errors of another length than the estimates, or an epoch before 1970.
-    """
-    clock, followers = Clock(flight.scenario.epoch), range(len(flight.measurements))
-    if errors and len(errors) != len(followers):
-        raise ValueError(f"errors of {len(errors)} followers given, the flight has {len(followers)}")
+    return Channel("/camera", fg.CompressedVideo.get_schema(), time_ns, rows)
+
+
+def channels(flight: Flight, events: Iterable[Event], video: Sequence[Frame]) -> list[Channel]:
+    """All channels of a flight; ValueError for frames out of order, or an epoch before 1970."""
+    clock = Clock(flight.scenario.epoch)
     return [
         *_truth(flight, clock),
-        *(channel for f in followers for channel in _follower(flight, clock, f, errors[f] if errors else None)),
+        *(
+            c
+            for f, errors in enumerate(position_and_bearing_errors(flight))
+            for c in _follower(flight, clock, f, errors)
+        ),
         *_scene(flight, clock),
         _events(flight, clock, events),
+        _camera(video, clock),
     ]

@@ -1,11 +1,11 @@
-"""What is in a log: one pass over its records verifies every checksum and gives the messages as columns of numbers."""
+"""An MCAP file: one pass verifies its checksums and gives messages as columns; recovery keeps what is intact."""
 
 import os
 import struct
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import IO, Any
@@ -19,19 +19,22 @@ from mcap.exceptions import EndOfFile, InvalidMagic
 from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import MAGIC_SIZE, CRCValidationError, StreamReader, breakup_chunk
 from mcap.well_known import MessageEncoding
+from mcap.writer import CompressionType, Writer
 
 from laisn.arrays import Floats, Ints
 from laisn.failure import LaisnError
 from sim.log.schema import Clock, fixed_layout, message_class_of
 from sim.scenario import file as scenario_file
+from sim.system import atomic_write
 
 SCENARIO, VEHICLES, SUMMARY, VERSIONS = "scenario.toml", "vehicles.json", "summary.json", "versions.json"
 """Attachments of a log."""
 FLIGHT = "laisn"
 """Metadata record by which the log of a flight is known."""
+_INTERRUPTED = "INTERRUPTED"
+"""Name of the outcome of a flight whose log was cut off."""
 _ALLOWANCE, _RATIO = 8 << 20, 16
 """A file of n bytes may decompress to 8 MiB + 16 n; flights decompress to 6 n."""
-Values = npt.NDArray[Any] | list[Any]
 
 
 class LogError(LaisnError):
@@ -73,8 +76,8 @@ def _intact(stream: IO[bytes], attachment: Attachment) -> bool:
     return stored in (bytes(4), builder.end()[-4:])  # type: ignore[no-untyped-call]  # the library leaves it bare
 
 
-def _decompressed(chunk: Chunk, most: int) -> Chunk:
-    """A chunk decompressed as a stream: at once, any size that it states would be allocated."""
+def _records_of(chunk: Chunk, most: int) -> list[McapRecord]:
+    """Decompress as a stream: at once, any size that the chunk states would be allocated."""
     size, data = chunk.uncompressed_size, chunk.data
     if size > most:
         raise ValueError(f"a chunk of {len(data)} bytes would decompress to {size}, too many")
@@ -86,28 +89,14 @@ def _decompressed(chunk: Chunk, most: int) -> Chunk:
         raise ValueError(f"a chunk is compressed by {chunk.compression!r}; expected zstd, lz4 or nothing")
     if len(data) != size:
         raise ValueError("the size of a chunk does not match")
-    return replace(chunk, compression="", data=data)
+    return breakup_chunk(replace(chunk, compression="", data=data), validate_crc=True)
 
 
-def _reason(error: Exception) -> str:
-    """What is wrong with a record by which the library failed."""
-    if isinstance(error, CRCValidationError):
-        return f"the checksum of {'a chunk' if isinstance(error.record, Chunk) else 'the data section'} does not match"
-    return "the file ends within a record" if isinstance(error, (EndOfFile, struct.error)) else str(error)
+def _records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Iterator[McapRecord]:
+    """The data section in order, each record after its checksum was verified; a chunk is followed by what is in it.
 
-
-def records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Iterator[McapRecord]:
-    """The data section of an MCAP file in order, each record after its checksum was verified.
-
-    Metadata have no checksum but that of the section as a whole, at its end. Each chunk is followed by what is in it.
-
-    Args:
-        path: the file.
-        on_damaged: is called for a damaged attachment, which is left out; None: it raises.
-
-    Raises:
-        DamagedError: the first record that is broken, or the missing end of the file.
-        LogError: the file cannot be read, or is no MCAP file.
+    Metadata have no checksum but that of the whole section, at its end. A damaged attachment is left out and passed to
+    `on_damaged`; without that, or for any other broken record or a missing end, DamagedError.
     """
     with log_errors(path), path.open("rb") as stream:
         size, at, ended = path.stat().st_size, 0, False
@@ -117,7 +106,7 @@ def records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Iter
         try:
             for record in reader.records:
                 if isinstance(record, Chunk):
-                    inner = breakup_chunk(_decompressed(record, left), validate_crc=True)
+                    inner = _records_of(record, left)
                     left -= record.uncompressed_size
                     yield record
                     yield from inner
@@ -137,47 +126,29 @@ def records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Iter
         except Exception as error:
             if size < MAGIC_SIZE or (isinstance(error, InvalidMagic) and at == 0):
                 raise LogError(f"{path}: no MCAP file") from error
-            raise DamagedError(path, f"damaged or cut off at byte {at}: {_reason(error)}") from error
+            reason = "the file ends within a record" if isinstance(error, (EndOfFile, struct.error)) else str(error)
+            if isinstance(error, CRCValidationError):
+                what = "a chunk" if isinstance(error.record, Chunk) else "the data section"
+                reason = f"the checksum of {what} does not match"
+            raise DamagedError(path, f"damaged or cut off at byte {at}: {reason}") from error
 
 
-def _value(message: Any, path: Sequence[tuple[str, bool]]) -> Any:
-    """A single value, by the names of nested fields and whether they have presence; None if one of them is not set."""
-    for name, has_presence in path:
-        if has_presence and not message.HasField(name):
-            return None
-        message = getattr(message, name)
-    return message
-
-
+@dataclass
 class Messages:
-    """The messages of a topic, of a schema (None: unknown) and an encoding; if they are not kept, their times alone."""
+    """The messages of a topic, in order of time."""
 
-    def __init__(self, schema: Any, encoding: str = MessageEncoding.Protobuf) -> None:
-        self.schema, self.encoding, self.kept = schema, encoding, True
-        self._times, self.data = array("q"), list[bytes]()
-
-    def add(self, message: Message) -> None:
-        """Append a message."""
-        self._times.append(message.log_time)
-        if self.kept:
-            self.data.append(message.data)
-
-    def sort(self) -> None:
-        """Bring the messages into the order of their log time; those of equal time stay as they came."""
-        if self.kept and np.any(self.time_ns[1:] < self.time_ns[:-1]):
-            order = np.argsort(self.time_ns, kind="stable")
-            self._times = array("q", self.time_ns[order].tobytes())
-            self.data = [self.data[i] for i in order.tolist()]
-
-    @property
-    def count(self) -> int:
-        """How many there are."""
-        return len(self._times)
+    schema: Any
+    """Of the file; None: unknown."""
+    encoding: str = MessageEncoding.Protobuf
+    kept: bool = True
+    """Whether data are kept, or times alone."""
+    times: "array[int]" = field(default_factory=lambda: array("q"))
+    data: list[bytes] = field(default_factory=list)
 
     @property
     def time_ns(self) -> Ints:
         """Log times since 1970, shape (n,), [ns]."""
-        return np.asarray(self._times)
+        return np.asarray(self.times)
 
     @property
     def is_protobuf(self) -> bool:
@@ -186,7 +157,7 @@ class Messages:
 
     @cached_property
     def message_class(self) -> Any:
-        """The protobuf class of the messages, by the schema in the file; for messages that `is_protobuf`."""
+        """Protobuf class of the messages; for messages that `is_protobuf`."""
         return message_class_of(self.schema)
 
     def path(self, name: str) -> list[Any]:
@@ -200,17 +171,15 @@ class Messages:
             descriptor = field.message_type
         return found
 
-    def columns(self, names: Sequence[str]) -> list[Values]:
-        """Values by the names of their fields ("pose.position.x"), n each; enumerations are numbers.
+    def columns(self, names: Sequence[str]) -> list[npt.NDArray[Any] | list[Any]]:
+        """Values by the names of their fields ("pose.position.x"), n each; None for a field that is not set.
 
-        Messages with a number of eight bytes in every field, as those of a flight, are read as arrays. A field that has
-        presence and is not set gives None; of numbers, `table` makes it NaN.
-
-        Raises ValueError if a message is malformed, or a field holds no single value.
+        Messages with a number of eight bytes in every field, as those of a flight, are read as arrays. ValueError if a
+        message is malformed, or a field holds no single value.
         """
         paths = [self.path(name) for name in names]
-        for name, (*_, field) in zip(names, paths, strict=True):
-            if field.is_repeated or field.message_type is not None:
+        for name, (*_, last) in zip(names, paths, strict=True):
+            if last.is_repeated or last.message_type is not None:
                 raise ValueError(f"field {name} holds no single value")
         layout = fixed_layout(self.message_class)
         if layout and {len(data) for data in self.data} == {len(layout.example)}:
@@ -218,15 +187,23 @@ class Messages:
             each, example = block.view(np.uint8).reshape(block.size, -1), np.frombuffer(layout.example, np.uint8)
             if np.all(each[:, layout.tags] == example[layout.tags]):
                 return [block[name].copy() for name in names]
-        steps = [[(field.name, field.has_presence) for field in path] for path in paths]
-        found = [list[Any]() for _ in names]
+
+        def value(message: Any, path: list[tuple[str, bool]]) -> Any:
+            for name, has_presence in path:
+                if has_presence and not message.HasField(name):
+                    return None
+                message = getattr(message, name)
+            return message
+
+        steps = [[(part.name, part.has_presence) for part in path] for path in paths]
+        found: list[Any] = [[] for _ in names]
         for message in map(self.message_class.FromString, self.data):
             for values, path in zip(found, steps, strict=True):
-                values.append(_value(message, path))
-        return list(found)
+                values.append(value(message, path))
+        return found
 
     def table(self, names: Sequence[str]) -> Floats:
-        """Numbers by the names of their fields, NaN for what is absent, not to be written, shape (n, len(names))."""
+        """Numbers by the names of their fields, NaN for what is absent, read-only, shape (n, len(names))."""
         result = np.empty((len(self.data), len(names)))
         for k, values in enumerate(self.columns(names)):
             result[:, k] = values
@@ -234,23 +211,17 @@ class Messages:
         return result
 
 
-Choice = Callable[[str, Messages], bool]
-"""Whether the messages of a channel are kept, by its topic and the channel without messages."""
-
-
 class Contents:
     """What a log holds; read in one pass. Channels of the same topic are one.
 
-    Args:
-        path: the log.
-        wanted: of other channels, only the times of the messages are kept.
+    Of topics that are not `wanted`, given the topic and its empty channel, only the times of messages are kept.
 
     Raises:
         LogError: it cannot be read, is no MCAP file or is damaged, decompresses to more than is plausible, or a channel
             has messages of several types.
     """
 
-    def __init__(self, path: Path, wanted: Choice = lambda topic, messages: True) -> None:
+    def __init__(self, path: Path, wanted: Callable[[str, Messages], bool] = lambda topic, messages: True) -> None:
         self.path = path
         self.attachments, self.topics = dict[str, bytes](), dict[str, Messages]()
         self.metadata = dict[str, dict[str, str]]()
@@ -259,9 +230,12 @@ class Contents:
         schemas, channels = dict[int, Schema](), dict[int, Messages]()
         chunks = bare = 0
         with log_errors(path):
-            for record in records(path):
+            for record in _records(path):
                 if isinstance(record, Message):
-                    channels[record.channel_id].add(record)
+                    channel = channels[record.channel_id]
+                    channel.times.append(record.log_time)
+                    if channel.kept:
+                        channel.data.append(record.data)
                 elif isinstance(record, Schema):
                     schemas.setdefault(record.id, record)
                 elif isinstance(record, Channel) and record.id not in channels:
@@ -280,11 +254,13 @@ class Contents:
                     chunks, bare = chunks + 1, bare + (not record.uncompressed_crc)
                 elif isinstance(record, DataEnd) and not record.data_section_crc:
                     self.unverified = ("metadata", *([f"{bare} of {chunks} chunks"] if bare else []))
-            for messages in self.topics.values():
-                messages.sort()
+            for m in self.topics.values():
+                if m.kept and np.any(m.time_ns[1:] < m.time_ns[:-1]):
+                    order = np.argsort(m.time_ns, kind="stable").tolist()
+                    m.times, m.data = array("q", [m.times[i] for i in order]), [m.data[i] for i in order]
 
     def start_ns(self) -> int:
-        """When the mission began: the epoch of its scenario, or in other logs the first message kept [ns]."""
+        """Start of the mission: the epoch of its scenario, or in other logs the first message kept [ns]."""
         if SCENARIO in self.attachments:
             return Clock(scenario_file.parse(self.attachments[SCENARIO].decode(), SCENARIO)["epoch"]).epoch_ns
         return min((int(m.time_ns[0]) for m in self.topics.values() if m.data), default=0)
@@ -292,10 +268,7 @@ class Contents:
     def require(self, topic: str, names: Sequence[str], empty: Any = None) -> Messages:
         """The messages of a topic that have fields of these names.
 
-        Args:
-            topic: of the channel.
-            names: of the fields.
-            empty: schema of a channel that is not in the file if it has no message; None: it must be there.
+        A channel without a message, which is not in the file, has the schema `empty`; None: it must be there.
 
         Raises:
             LogError: there is no such channel or field; the text names the topics or fields that there are.
@@ -310,3 +283,96 @@ class Contents:
             known = ", ".join(f.name for f in messages.message_class.DESCRIPTOR.fields)
             raise LogError(f"{self.path}: channel {topic} lacks {', '.join(missing)}; its fields: {known}")
         return messages
+
+
+def holds_messages(path: Path) -> bool:
+    """Whether a partial log holds an intact block of messages."""
+    try:
+        return any(isinstance(record, Message) for record in _records(path))
+    except LogError:
+        return False
+
+
+def _copy(path: Path, target: Path, remarks: list[str]) -> str:
+    """Write what is intact as a finished log; returns what is wrong with the log, "" for nothing.
+
+    Of a flight that was cut off, the last instant is left out, as it may lack some of its messages.
+    """
+    schemas, channels, metadata = {0: 0}, dict[int, int](), dict[str, dict[str, str]]()
+    times_ns, held, attachments, whole, problem = array("Q"), list[Message](), 0, False, ""
+    with target.open("wb") as stream:
+        # the library's own writer keeps all that a record holds
+        writer = Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
+        writer.start()
+
+        def write_held() -> None:
+            for m in held:
+                writer.add_message(channels[m.channel_id], m.log_time, m.data, m.publish_time, m.sequence)
+                times_ns.append(m.log_time)
+            held.clear()
+
+        try:
+            for r in _records(path, remarks.append):
+                whole = isinstance(r, DataEnd)
+                if isinstance(r, Message):
+                    if held and held[0].log_time != r.log_time:
+                        write_held()
+                    held.append(r)
+                elif isinstance(r, Schema) and r.id not in schemas:
+                    schemas[r.id] = writer.register_schema(r.name, r.encoding, r.data)
+                elif isinstance(r, Channel) and r.id not in channels:
+                    type_ = schemas.get(r.schema_id, 0)
+                    channels[r.id] = writer.register_channel(r.topic, r.message_encoding, type_, r.metadata)
+                elif isinstance(r, Attachment):
+                    writer.add_attachment(r.create_time, r.log_time, r.name, r.media_type, r.data)
+                    attachments += 1
+                elif isinstance(r, Metadata):
+                    writer.add_metadata(r.name, r.metadata)
+                    metadata[r.name] = r.metadata
+        except DamagedError as error:
+            problem = error.problem
+        if FLIGHT in metadata and not whole:
+            # of records with one name, the last one counts
+            writer.add_metadata(FLIGHT, metadata[FLIGHT] | {"outcome": _INTERRUPTED})
+        else:
+            write_held()
+        if problem and not times_ns:
+            raise LogError(f"{path}: holds no intact message ({problem}); there is nothing to recover")
+        if metadata and not whole:
+            remarks.append(f"metadata {', '.join(metadata)}: no checksum, damage cannot be detected")
+        if remarks:
+            writer.add_metadata("recovery", {str(i): text for i, text in enumerate(remarks)})
+        writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare
+    span_s = np.ptp(times_ns) / 1e9 if times_ns else 0.0
+    remarks += [f"kept {len(times_ns)} messages of {span_s:g} s and {attachments} attachments", f"left out: {problem}"]
+    return problem
+
+
+def recover(path: Path, report: Callable[[str], None] = lambda remark: None) -> Path:
+    """Finish a log with everything before its first broken record, and give it its name.
+
+    A flight that was cut off ends with its last complete instant, with the outcome "interrupted". A damaged attachment
+    is left out. An unfinished log, "NAME.partial", becomes NAME; a damaged one stays beside "NAME.recovered" + suffix.
+    `report` takes a sentence for what was kept, was left out, or could not be checked for damage.
+
+    Raises:
+        LogError: the log is complete, or holds no intact message, or the result cannot be written.
+    """
+    if not path.is_file():
+        raise LogError(f"{path}: no such file")
+    unfinished, remarks = path.suffix == ".partial", list[str]()
+    target = path.with_suffix("") if unfinished else path.with_name(f"{path.stem}.recovered{path.suffix}")
+    try:
+        with atomic_write(target) as work:
+            problem = _copy(path, work, remarks)
+            if not problem and not unfinished:
+                raise LogError(f"{path}: is complete; there is nothing to recover")
+            if not problem:
+                os.replace(path, work)
+    except OSError as error:
+        raise LogError(f"{target}: cannot be written: {error.strerror or error}") from error
+    if unfinished:
+        path.unlink(missing_ok=True)
+    for text in remarks if problem else ():
+        report(text)
+    return target

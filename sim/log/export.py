@@ -1,9 +1,10 @@
 """Export of logs: a Parquet or CSV file for each channel, or a recording for Rerun."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from itertools import count
+from operator import attrgetter
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -16,18 +17,15 @@ from sim.log.contents import Contents, LogError, Messages, log_errors
 from sim.log.schema import ERROR, POSE_FIELDS
 from sim.system import atomic_write
 
-Format = Literal["parquet", "csv"]
 _WRITERS = {"parquet": pa.parquet.ParquetWriter, "csv": pa.csv.CSVWriter}
 _UNSIGNED = (FieldDescriptor.CPPTYPE_UINT32, FieldDescriptor.CPPTYPE_UINT64)
-_TIMELINE = "mission"
-"""Name of the time in a recording."""
-_LINE_M = 0.03
-"""Radius of lines in a recording [m]."""
+_TIMELINE, _LINE_M = "mission", 0.03
+"""Name of the time, and radius of lines [m], in a recording."""
 _SCENES = ("/scene/vehicles", "/scene/acoustics")
 
 
 def _leaves(descriptor: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Paths and descriptors of the numbers and texts of a message, without lists and bytes."""
+    """Paths and descriptors of numbers and texts of a message."""
     for field in descriptor.fields:
         name = f"{prefix}{field.name}"
         if field.is_repeated or field.type == field.TYPE_BYTES:
@@ -39,7 +37,7 @@ def _leaves(descriptor: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _table(messages: Messages, start_ns: int) -> Any:
-    """All messages of a channel: times, then fields; enumerations by their names where these are known."""
+    """Times, then fields; enumerations by their names where these are known."""
     leaves = dict(_leaves(messages.message_class.DESCRIPTOR))
     columns: dict[str, Any] = {"time_s": (messages.time_ns - start_ns) / 1e9, "log_time_ns": messages.time_ns}
     for (name, leaf), values in zip(leaves.items(), messages.columns(list(leaves)), strict=True):
@@ -51,12 +49,12 @@ def _table(messages: Messages, start_ns: int) -> Any:
     return pa.table(columns)
 
 
-def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path]:
-    """Write every protobuf channel with plain numbers or texts as a table; scenes, transforms and video are left out.
+def export(path: Path, out: Path, table_format: str = "parquet") -> list[Path]:
+    """Write every protobuf channel with plain numbers or texts as a table; returns the files, in order of topic.
 
     Every row begins with `time_s`, the mission time (without a scenario, since the first message of any table), and
     `log_time_ns`, the log time since 1970; a channel's field of such a name ends in "~2". The table of
-    "/follower/estimate" is "follower_estimate.parquet" in the folder `out`. Returns the files, in order of topic.
+    "/follower/estimate" is "follower_estimate.parquet" in the folder `out`.
 
     Raises:
         LogError: the log is damaged or has nothing to export, the format is unknown, or the folder cannot be written.
@@ -95,49 +93,49 @@ def export(path: Path, out: Path, table_format: Format = "parquet") -> list[Path
     return files
 
 
-def _xyz(vectors: Iterable[Any]) -> list[tuple[float, float, float]]:
-    return [(v.x, v.y, v.z) for v in vectors]
-
-
-def _rgba(primitives: Any) -> list[list[int]]:
-    return [[round(255 * c) for c in (p.color.r, p.color.g, p.color.b, p.color.a)] for p in primitives]
+def _numbers(values: Any, names: str, prefix: str = "") -> Any:
+    """Attributes with names of one letter of messages within others, shape (n, len(names))."""
+    get = attrgetter(*(f"{prefix}{name}" for name in names))
+    return np.array([get(value) for value in values]).reshape(-1, len(names))
 
 
 def _entities(rr: Any, entity: Any) -> Iterator[tuple[str, Any]]:
     """Rerun's archetypes of an entity of a scene; empty ones remove those of the previous instant."""
 
-    def solids(primitives: Any, **sizes: Any) -> dict[str, Any]:
-        turns = [(q.x, q.y, q.z, q.w) for q in (p.pose.orientation for p in primitives)]
-        centers, colors = _xyz(p.pose.position for p in primitives), _rgba(primitives)
-        return {"centers": centers, "quaternions": turns, "colors": colors, "fill_mode": "solid", **sizes}
+    def look(primitives: Any) -> dict[str, Any]:
+        return {
+            "centers": _numbers(primitives, "xyz", "pose.position."),
+            "quaternions": _numbers(primitives, "xyzw", "pose.orientation."),
+            "colors": _numbers(primitives, "rgba", "color."),
+            "fill_mode": "solid",
+        }
 
-    def half(primitives: Any) -> Any:
-        return np.array(_xyz(p.size for p in primitives)).reshape(-1, 3) / 2
-
-    length, radius = 2 * half(entity.cylinders)[:, 2], half(entity.cylinders)[:, 0]
-    yield "cylinders", rr.Cylinders3D(**solids(entity.cylinders, lengths=length, radii=radius))
-    yield "spheres", rr.Ellipsoids3D(**solids(entity.spheres, half_sizes=half(entity.spheres)))
-    yield "boxes", rr.Boxes3D(**solids(entity.cubes, half_sizes=half(entity.cubes)))
+    half = {kind: _numbers(getattr(entity, kind), "xyz", "size.") / 2 for kind in ("cylinders", "spheres", "cubes")}
+    length, radius = 2 * half["cylinders"][:, 2], half["cylinders"][:, 0]
+    yield "cylinders", rr.Cylinders3D(**look(entity.cylinders), lengths=length, radii=radius)
+    yield "spheres", rr.Ellipsoids3D(**look(entity.spheres), half_sizes=half["spheres"])
+    yield "boxes", rr.Boxes3D(**look(entity.cubes), half_sizes=half["cubes"])
     strips = list[Any]()
     for line in entity.lines:
-        points = _xyz(line.points)
-        pairs = line.type == line.LINE_LIST
-        strips += [points[i : i + 2] for i in range(0, len(points), 2)] if pairs else [points]
-    yield "lines", rr.LineStrips3D(strips, colors=_rgba(entity.lines)[:1], radii=[_LINE_M])
-    for i, (mesh, color) in enumerate(zip(entity.triangles, _rgba(entity.triangles), strict=True)):
-        placed = solids([mesh])
+        points = _numbers(line.points, "xyz")
+        strips += list(points.reshape(-1, 2, 3)) if line.type == line.LINE_LIST else [points]
+    colors = _numbers(entity.lines, "rgba", "color.")[:1]
+    yield "lines", rr.LineStrips3D(strips, colors=colors, radii=[_LINE_M])
+    for i, mesh in enumerate(entity.triangles):
+        placed, faces = look([mesh]), np.reshape(mesh.indices, (-1, 3))
         yield f"mesh{i}", rr.Transform3D(translation=placed["centers"][0], quaternion=placed["quaternions"][0])
-        faces = np.reshape(mesh.indices, (-1, 3))
-        yield f"mesh{i}", rr.Mesh3D(vertex_positions=_xyz(mesh.points), triangle_indices=faces, albedo_factor=color)
+        yield (
+            f"mesh{i}",
+            rr.Mesh3D(
+                vertex_positions=_numbers(mesh.points, "xyz"), triangle_indices=faces, albedo_factor=placed["colors"][0]
+            ),
+        )
 
 
 def write_recording(log_path: Path, path: Path) -> Path:
     """Write scenes, moving vehicles and position errors of a flight as one `.rrd` file for Rerun.
 
-    Rerun opens the MCAP log as well, but shows its scenes there as messages only.
-
-    Raises:
-        LogError: the log cannot be read, or Rerun's package is not installed.
+    Of an MCAP log Rerun shows scenes as messages only. LogError if the log cannot be read, or Rerun is not installed.
     """
     try:
         import rerun as rr
@@ -156,9 +154,8 @@ def write_recording(log_path: Path, path: Path) -> Path:
             for at, data in zip(messages.time_ns.tolist(), messages.data, strict=True):
                 stream.set_time(_TIMELINE, duration=(at - start_ns) / 1e9)
                 for entity in messages.message_class.FromString(data).entities:
-                    fixed = entity.frame_locked
                     # entities that move with a vehicle are children of its transform, logged once
-                    root = f"world/{entity.id}" if fixed else f"world/scene/{entity.id}"
+                    fixed, root = entity.frame_locked, f"world/{'' if entity.frame_locked else 'scene/'}{entity.id}"
                     for name, archetype in _entities(rr, entity) if entity.id not in hulls else ():
                         stream.log(f"{root}/{name}", archetype, static=fixed)
                     hulls |= {entity.id} if fixed else set()

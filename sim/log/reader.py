@@ -18,16 +18,14 @@ from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import OF_VEHICLES, Trajectory
 
 CORE = (vehicle_state(()), *MEASURED, *estimated(Estimates), *DETAILS.values())
-"""Types of the channels that make up a flight; all other channels are derived from them."""
+"""Types of the channels that make up a flight."""
 _OWN, _RECEIVED = MEASURED
 LONGEST_GAP_S = 10.0
 """Longer gaps between own measurements are not bridged unless requested [s]."""
-_GAP = 2.0
-"""Time between own measurements from which on it is a gap, in filter steps."""
+_GAP, _NAMED = 2.0, 5
+"""Time between own measurements from which on it is a gap, in filter steps; and most gaps that are named."""
 _SHORTEST_NS, _LONGEST_NS = 10**5, 10**11
 """Filter steps beyond these are reported as unusual [ns]."""
-_NAMED = 5
-"""Most gaps that are named."""
 _OPTIONAL = ("leader_pitch", "leader_roll", "leader_heading_sigma", "range_middle")
 """Fields of a reception that a vehicle's log may lack; they read as NaN, "not broadcast"."""
 _POSE = slice(0, 6)
@@ -39,7 +37,6 @@ class Recording(NamedTuple):
 
     measurements: Measurements
     remarks: tuple[str, ...]
-    """A sentence each."""
 
 
 def _record(log: Contents, name: str, types: Sequence[RecordType], grid_ns: Ints) -> dict[str, Any]:
@@ -64,15 +61,11 @@ def _record(log: Contents, name: str, types: Sequence[RecordType], grid_ns: Ints
 
 def _trajectory(log: Contents, grid_ns: Ints) -> Trajectory:
     """The truth at these times, shape (n,), [ns]."""
-    table = json.loads(log.attachments[VEHICLES])
-    force, effectors = (
-        np.reshape(table["effector_force"], (len(table["names"]), -1, 3)),
-        table["effector_names"] or [()] * len(table["names"]),
-    )
-    found = list[Any]()
-    for name, own in zip(table["names"], effectors, strict=True):
-        found.append(_record(log, name, [vehicle_state(tuple(own))], grid_ns))
-        found[-1]["thrust"] = np.pad(found[-1]["thrust"], ((0, 0), (0, force.shape[1] - len(own))))
+    table, found = json.loads(log.attachments[VEHICLES]), list[dict[str, Any]]()
+    force = np.reshape(table["effector_force"], (len(table["names"]), -1, 3))
+    for name, own in zip(table["names"], table["effector_names"] or [()] * len(force), strict=True):
+        arrays = _record(log, name, [vehicle_state(tuple(own))], grid_ns)
+        found.append(arrays | {"thrust": np.pad(arrays["thrust"], ((0, 0), (0, force.shape[1] - len(own))))})
     return Trajectory(
         names=tuple(table["names"]),
         time=found[0]["time"],
@@ -105,7 +98,7 @@ def read(path: Path | str) -> Flight:
         facts, text = log.metadata[FLIGHT], log.attachments[SCENARIO].decode()
         scenario = scenario_file.validate(scenario_file.parse(text, SCENARIO), f"{path}, {SCENARIO}")
         clock, dt, outcome = Clock(scenario.epoch), scenario.timing.filter_step_s, Outcome[facts["outcome"]]
-        last = log.require("/leader/state", ()).count - 1
+        last = len(log.require("/leader/state", ()).times) - 1
         steps = last // round(dt / CONTROL_STEP_S)
         trajectory = _trajectory(log, clock.ns(CONTROL_STEP_S * np.arange(last + 1)))
         names, vehicles = trajectory.names, ("leader", *(follower.name for follower in scenario.followers))
@@ -118,18 +111,13 @@ def read(path: Path | str) -> Flight:
             )
         steps_ns = clock.ns(dt * np.arange(1, steps + 1))
         kind = next((kind for kind, type_ in DETAILS.items() if facts.get(type_.topic) == "True"), Estimates)
-        measurements, estimates = list[Measurements](), list[Estimates]()
-        for name in names[1:]:
-            measurements.append(Measurements(dt=dt, **_record(log, name, MEASURED, steps_ns)))
-            estimates.append(kind(**_record(log, name, estimated(kind), steps_ns)))
-            if not np.array_equal(np.unique(estimates[-1].fix_step), measurements[-1].message_step):
+        measured = tuple(Measurements(dt=dt, **_record(log, name, MEASURED, steps_ns)) for name in names[1:])
+        estimates = tuple(kind(**_record(log, name, estimated(kind), steps_ns)) for name in names[1:])
+        for name, m, e in zip(names[1:], measured, estimates, strict=True):
+            if not np.array_equal(np.unique(e.fix_step), m.message_step):
                 raise LogError(f"{path}: {name} has receptions without a fix, or fixes without a reception")
         return Flight(
-            scenario=scenario,
-            trajectory=trajectory,
-            measurements=tuple(measurements),
-            estimates=tuple(estimates),
-            outcome=outcome,
+            scenario=scenario, trajectory=trajectory, measurements=measured, estimates=estimates, outcome=outcome
         )
 
 
@@ -158,19 +146,18 @@ def _gaps(path: Path, topic: str, time_ns: Ints, spacing: Ints, longest_gap_s: f
     longest_step = _GAP * float(np.median(spacing))
     found = np.flatnonzero(spacing > longest_step)
     named = found[np.argsort(-spacing[found], kind="stable")][:_NAMED]
-    begin = time_ns[named] - time_ns[0]
+    begin, number = time_ns[named] - time_ns[0], _count(found.size, "gap")
     places = ", ".join(f"{s / 1e9:.3g} s at {b / 1e9:.3f} s" for s, b in zip(spacing[named], begin, strict=True))
-    more = f" and {found.size - named.size} shorter ones" if found.size > named.size else ""
+    places += f" and {found.size - named.size} shorter ones" if found.size > named.size else ""
     if spacing.max() / 1e9 > max(longest_gap_s, longest_step / 1e9):
         raise LogError(
-            f"{path}: {topic} has {_count(found.size, 'gap')} ({places}{more}); gaps of up to {longest_gap_s:g} s are "
-            "bridged. Cut the log there, or allow longer ones: --longest-gap SECONDS"
+            f"{path}: {topic} has {number} ({places}); gaps of up to {longest_gap_s:g} s are bridged. Cut the log "
+            "there, or allow longer ones: --longest-gap SECONDS"
         )
-    return [f"{_count(found.size, 'gap')} in {topic} bridged: {places}{more}"] if found.size else []
+    return [f"{number} in {topic} bridged: {places}"] if found.size else []
 
 
 def _last_of_equals(values: Ints) -> Bools:
-    """Which elements of an ordered array are the last of their value, shape (n,)."""
     return np.append(np.diff(values) > 0, True)[: values.size]
 
 

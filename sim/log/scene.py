@@ -1,11 +1,12 @@
-"""What Foxglove draws in three dimensions: hulls, trails and uncertainty at 1 Hz, rays and ranges at each ping."""
+"""What Foxglove draws: hulls, trails and uncertainty at 1 Hz, rays and ranges at each ping; and a layout of panels."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
+from foxglove import layouts as fl
 from foxglove import messages as fg
 
 from laisn.arrays import Floats, Ints
@@ -18,16 +19,14 @@ from sim.vehicle.effectors import MovingFins
 from sim.vehicle.mjcf import spec_of
 
 Draw = Callable[[int, int], fg.SceneUpdate]
-"""Draws one instant: time since 1970 [ns], and index on its own time grid."""
+"""Draws the instant of a time since 1970 [ns] and an index on its own time grid."""
 
-TRAIL_S = 100
+_TRAIL_S = 100
 """Length of the trails [s], a point every second."""
 _CONFIDENCE = math.sqrt(-2.0 * math.log(0.05))
 """Half axes of the 95 % ellipse in standard deviations: the quantile of a Rayleigh distribution."""
-_DISC_M = 0.02
-"""Thickness of range discs and of the ellipse [m]."""
-_FIX_M = 0.4
-"""Diameter of a fix [m]."""
+_DISC_M, _FIX_M = 0.02, 0.4
+"""Thickness of range discs and of the ellipse, and diameter of a fix [m]."""
 
 TRUTH = fg.Color(r=0.95, g=0.62, b=0.08, a=0.9)
 ESTIMATE = fg.Color(r=0.85, g=0.15, b=0.75, a=0.9)
@@ -36,6 +35,8 @@ _RAY = fg.Color(r=0.20, g=0.75, b=0.95, a=0.9)
 _RANGE = fg.Color(r=0.20, g=0.75, b=0.95, a=0.05)
 _ACCEPTED = fg.Color(r=0.15, g=0.80, b=0.25, a=1.0)
 _REJECTED = fg.Color(r=0.90, g=0.15, b=0.10, a=1.0)
+LEADER_HUE, FOLLOWER_HUE, ESTIMATE_HUE = "#ffad33", "#fff240", "#ff40d9"
+"""Colours of the film."""
 
 
 def _points(position: Floats) -> list[fg.Point3]:
@@ -43,7 +44,6 @@ def _points(position: Floats) -> list[fg.Point3]:
 
 
 def _line(kind: fg.LinePrimitiveLineType, color: fg.Color, points: list[fg.Point3]) -> fg.LinePrimitive:
-    """A line two pixels wide."""
     return fg.LinePrimitive(type=kind, thickness=2.0, scale_invariant=True, points=points, color=color)
 
 
@@ -61,23 +61,21 @@ def hull(model: Any) -> dict[str, list[Any]]:
     kinds = mujoco.mjtGeom
     for geom in range(model.ngeom):
         kind, material, turn = kinds(model.geom_type[geom]), model.geom_matid[geom], model.geom_quat[geom]
-        position, half = model.geom_pos[geom], model.geom_size[geom]
+        position, size = model.geom_pos[geom], (2 * model.geom_size[geom]).tolist()
         rgba = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
         color = fg.Color(**dict(zip("rgba", rgba.tolist(), strict=True)))
-        place, width = pose(position.tolist(), turn.tolist()), 2 * float(half[0])
+        place, (width, length, _) = pose(position.tolist(), turn.tolist()), size
         if kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
-            parts["cylinders"].append(_cylinder(place, (width, width, 2 * float(half[1])), color))
+            parts["cylinders"].append(_cylinder(place, (width, width, length), color))
         if kind == kinds.mjGEOM_CAPSULE:
             end = np.zeros(3)
-            mujoco.mju_rotVecQuat(end, np.array([0.0, 0.0, half[1]]), turn)
-            parts["spheres"] += [
-                _sphere(pose(p.tolist()), [width] * 3, color) for p in (position - end, position + end)
-            ]
+            mujoco.mju_rotVecQuat(end, np.array([0.0, 0.0, length / 2]), turn)
+            ends = [pose(p.tolist()) for p in (position - end, position + end)]
+            parts["spheres"] += [_sphere(there, [width] * 3, color) for there in ends]
         elif kind == kinds.mjGEOM_BOX:
-            parts["cubes"].append(fg.CubePrimitive(pose=place, size=vector((2 * half).tolist()), color=color))
+            parts["cubes"].append(fg.CubePrimitive(pose=place, size=vector(size), color=color))
         elif kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
-            size = [width] * 3 if kind == kinds.mjGEOM_SPHERE else (2 * half).tolist()
-            parts["spheres"].append(_sphere(place, size, color))
+            parts["spheres"].append(_sphere(place, [width] * 3 if kind == kinds.mjGEOM_SPHERE else size, color))
         elif kind == kinds.mjGEOM_MESH:
             mesh = model.geom_dataid[geom]
             vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]].astype(np.float64)
@@ -113,10 +111,9 @@ def _ellipses(estimates: Estimates, row: int, z: float) -> list[fg.SpherePrimiti
 
 
 def draw_vehicles(flight: Flight, index: Ints) -> Draw:
-    """Hulls, trails of truth and estimate, and 95 % ellipses; every update is complete, so that seeking shows it all.
+    """Hulls, trails of truth and estimate, and 95 % ellipses, at points of the trajectory a second apart, shape (n,).
 
-    Args:
-        index: points of the trajectory to draw at, a second apart, shape (n,).
+    Every update is complete, so that seeking shows it all.
     """
     names = flight.trajectory.names
     compiled = [spec_of(model).compile() for model in models_of(flight.scenario)]
@@ -134,7 +131,7 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
         stamp, entities = timestamp(time_ns), []
 
         def trail(name: str, color: fg.Color, points: list[fg.Point3], **more: Any) -> fg.SceneEntity:
-            lines = [_line(fg.LinePrimitiveLineType.LineStrip, color, points[-TRAIL_S - 1 :])]
+            lines = [_line(fg.LinePrimitiveLineType.LineStrip, color, points[-_TRAIL_S - 1 :])]
             return fg.SceneEntity(timestamp=stamp, id=name, frame_id="world", lines=lines, **more)
 
         for v, (name, parts, points) in enumerate(zip(names, hulls, trails, strict=True)):
@@ -188,11 +185,7 @@ def _ping(
 
 
 def draw_acoustics(flight: Flight, steps: Ints) -> Draw:
-    """Rays from the transmitters, discs of the horizontal ranges at the hydrophone's depth, and the fixes (red: gated).
-
-    Args:
-        steps: filter steps at which any follower receives a message, shape (n,).
-    """
+    """Rays, discs of horizontal ranges at the hydrophone's depth, fixes (red: gated), at filter steps, shape (n,)."""
     truth, index = flight.trajectory, steps * flight.stride
     ends = [name for name in truth.site_names if name.rpartition("/")[2].startswith(("tx_", "hydrophone"))]
     paths = {name: truth.site_path(name, index) for name in ends}
@@ -204,3 +197,68 @@ def draw_acoustics(flight: Flight, steps: Ints) -> Draw:
         return fg.SceneUpdate(entities=pings)
 
     return draw
+
+
+def _scene_panel(leader: str, followers: Sequence[str]) -> fl.ThreeDeePanel:
+    scenes = ("/scene/vehicles", "/scene/acoustics")
+    axis = fl.BaseRendererPoseTopicSettings(visible=True, type="axis", axis_scale=1.5)
+    shown = fl.BaseRendererSceneUpdateTopicSettings(visible=True)
+    topics: dict[str, fl.BaseRendererTopicSettings] = dict.fromkeys(scenes, shown)
+    topics |= {f"/{name}/estimate": axis for name in followers}
+    grid = fl.BaseRendererGridLayerSettings(
+        visible=True, label="Grid", size=1000, divisions=100, line_width=1, color="#ffffff22"
+    )
+    camera = fl.ThreeDeeCameraState(
+        perspective=True, distance=120, phi=55, theta_offset=45, fovy=45, near=0.1, far=5000
+    )
+    transforms = fl.BaseRendererTransforms(show_label=False, axis_size=1)
+    config = fl.ThreeDeeConfig(
+        follow_tf=leader, follow_mode="follow-position", camera_state=camera, topics=topics, layers={"grid": grid},
+        scene=fl.BaseRendererSceneSettings(background_color="#0b2a3a", transforms=transforms),
+    )  # fmt: skip
+    return fl.ThreeDeePanel(title="Scene", config=config)
+
+
+def _map_panel(leader: str, followers: Sequence[str]) -> fl.MapPanel:
+    colours = {f"/{leader}/fix": LEADER_HUE} | {f"/{name}/fix": FOLLOWER_HUE for name in followers}
+    colours |= {f"/{name}/estimate/fix": ESTIMATE_HUE for name in followers}
+    config = fl.MapConfig(layer="map", zoom_level=15, follow_topic=f"/{leader}/fix", topic_colors=colours)
+    return fl.MapPanel(title="Map", config=config)
+
+
+def _plot(title: str, paths: Iterable[tuple[str, str]]) -> fl.PlotPanel:
+    """Curves over time, each a message path and its label."""
+    curves = [
+        fl.PlotSeries(value=path, label=label, enabled=True, timestamp_method="receiveTime") for path, label in paths
+    ]
+    config = fl.PlotConfig(
+        paths=curves, show_legend=True, legend_display="floating", is_synced=True, x_axis_val="timestamp"
+    )
+    return fl.PlotPanel(title=title, config=config)
+
+
+def _split(direction: Literal["row", "column"], *parts: tuple[float, fl.Content]) -> fl.SplitContainer:
+    """Parts beside ("row") or above one another ("column"), each with its share in percent."""
+    items = [fl.SplitItem(proportion=share, content=content) for share, content in parts]
+    return fl.SplitContainer(direction=direction, items=items)
+
+
+def layout(names: Sequence[str]) -> str:
+    """A layout for Foxglove, as JSON, for vehicles of these names, the leader first."""
+    leader, *followers = names
+    ranges = [
+        (f"/{name}/reception.range_{transmitter}", f"{name}, {transmitter}" if len(followers) > 1 else transmitter)
+        for name in followers
+        for transmitter in ("rear", "front", "middle")
+    ]
+    distance = _plot("Position error E_P [m]", ((f"/{name}/error.position_error", name) for name in followers))
+    bearing = _plot("Bearing error E_B [deg]", ((f"/{name}/error.bearing_error.@rad2deg", name) for name in followers))
+    pitch = _plot("Pitch [deg]", ((f"/{name}/state.pitch.@rad2deg", name) for name in names))
+    lines = fl.LogPanel(title="Log", config=fl.LogConfig(min_log_level=2, topic_to_render="/log"))
+    camera = fl.ImageConfig(image_mode=fl.ImageModeConfig(image_topic="/camera"))
+    views = _split("row", (50, fl.ImagePanel(title="Camera", config=camera)), (50, _map_panel(leader, followers)))
+    pictures = _split("column", (60, _scene_panel(leader, followers)), (40, views))
+    curves = _split(
+        "column", (25, distance), (25, bearing), (20, _plot("Ranges [m]", ranges)), (13.5, pitch), (16.5, lines)
+    )
+    return fl.Layout(content=_split("row", (60, pictures), (40, curves))).to_json() + "\n"

@@ -1,6 +1,6 @@
 """The table of numeric channels: which arrays of a flight their messages hold, as protobuf types and as bytes."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import cache, cached_property, lru_cache
@@ -24,14 +24,10 @@ from laisn.navigators import NAVIGATORS
 
 Array = npt.NDArray[Any]
 _FORMATS = {Field.TYPE_DOUBLE: "<f8", Field.TYPE_SFIXED64: "<i8", Field.TYPE_FIXED64: "<u8"}
-"""Numbers of eight bytes."""
 
 
 class Clock:
-    """Converts times since the start of the mission [s] to times since 1970 [ns].
-
-    Raises LaisnError if the epoch lies before 1970.
-    """
+    """Converts times since the start of the mission [s] to times since 1970 [ns]; LaisnError for an epoch before."""
 
     def __init__(self, epoch: str) -> None:
         since_1970 = datetime.fromisoformat(epoch) - datetime(1970, 1, 1, tzinfo=UTC)
@@ -57,11 +53,15 @@ def vector(xyz: Sequence[float]) -> Vector3:
     return Vector3(x=x, y=y, z=z)
 
 
+def quaternion(wxyz: Sequence[float]) -> Quaternion:
+    """A quaternion of Foxglove's from (w, x, y, z)."""
+    w, x, y, z = wxyz
+    return Quaternion(x=x, y=y, z=z, w=w)
+
+
 def pose(xyz: Sequence[float], wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> Pose:
     """A pose of Foxglove's at a position [m] with a quaternion (w, x, y, z)."""
-    (x, y, z), (w, i, j, k) = xyz, wxyz
-    # written out: most messages of a log are poses, and two more calls would take as long again
-    return Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=i, y=j, z=k, w=w))
+    return Pose(position=vector(xyz), orientation=quaternion(wxyz))
 
 
 def message_class_of(schema: Any) -> Any:
@@ -81,7 +81,7 @@ class FixedLayout(NamedTuple):
 
 @lru_cache(maxsize=64)
 def fixed_layout(message_class: Any) -> FixedLayout | None:
-    """The layout of messages of a type; None if it has other fields."""
+    """The layout of messages of a type; None if one of its fields is no number of eight bytes."""
     fields = sorted(message_class.DESCRIPTOR.fields, key=lambda field: field.number)
     if not fields or any(field.type not in _FORMATS or field.is_repeated for field in fields):
         return None
@@ -94,11 +94,7 @@ def fixed_layout(message_class: Any) -> FixedLayout | None:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordType:
-    """Messages of one channel: numbers, all float64 or int64, in SI units and radians.
-
-    Its protobuf type is described at run time in the package `laisn`, with explicit presence, so that a number that was
-    not set can be distinguished from zero.
-    """
+    """Messages of one channel: numbers, all float64 or int64, in SI units and radians."""
 
     name: str
     topic: str
@@ -115,7 +111,7 @@ class RecordType:
 
     @cached_property
     def schema(self) -> Schema:
-        """The type as a log holds it."""
+        """A protobuf type in the package `laisn`, whose fields have presence: absent numbers are not zero."""
         files = descriptor_pb2.FileDescriptorSet()
         fields = files.file.add(name=f"laisn/{self.name}.proto", package="laisn").message_type.add(name=self.name).field
         integers = {name for array in self.columns if array.integer for name in array.names}
@@ -129,13 +125,13 @@ class RecordType:
         """The protobuf class."""
         return message_class_of(self.schema)
 
-    def rows(self, time_ns: Ints, arrays: Callable[[str], Array]) -> list[bytes]:
-        """Serialised messages, from their times [ns] and the arrays of the attributes, n rows each."""
-        layout = fixed_layout(self.message_class)
+    def rows(self, arrays: Mapping[str, Array]) -> list[bytes]:
+        """Serialised messages, from the arrays of the attributes, n rows each."""
+        layout, n = fixed_layout(self.message_class), len(arrays[self.columns[0].attribute])
         assert layout is not None
-        block = np.frombuffer(bytearray(layout.example * time_ns.size), layout.dtype)
+        block = np.frombuffer(bytearray(layout.example * n), layout.dtype)
         for array in self.columns:
-            table = arrays(array.attribute).reshape(time_ns.size, len(array.names))
+            table = arrays[array.attribute].reshape(n, len(array.names))
             for k, name in enumerate(array.names):
                 block[name] = table[:, k]
         whole, length = block.tobytes(), block.itemsize
@@ -143,12 +139,10 @@ class RecordType:
 
     def arrays(self, table: Callable[[Sequence[str]], Floats]) -> dict[str, Array]:
         """Arrays by attribute, from a function that gives the numbers of fields as columns."""
-        found = {array: table(array.names) for array in self.columns}
+        found = [(a, table(a.names)) for a in self.columns]
         return {
-            array.attribute: numbers.reshape(len(numbers), *array.shape).astype(
-                np.int64 if array.integer else float, copy=False
-            )
-            for array, numbers in found.items()
+            a.attribute: numbers.reshape(len(numbers), *a.shape).astype(np.int64 if a.integer else float, copy=False)
+            for a, numbers in found
         }
 
 
@@ -193,7 +187,7 @@ def vehicle_state(effectors: tuple[str, ...]) -> RecordType:
 
 
 FIXED = ("names", "effector_names", "effector_force", "site_names", "site_vehicle", "site_offset")
-"""What a log holds of a trajectory beside the channels."""
+"""Arrays of a trajectory that are attached."""
 OWN_MOTION = RecordType(name="OwnMotion", topic="motion", columns=_numbers(*OwnMotion._fields))
 _RECEIVED = _array("message", "leader", LeaderMessage._fields), _array("ranges", "range", Ranges._fields)
 RECEPTION = RecordType(name="Reception", topic="reception", columns=_RECEIVED, steps="message_step")
@@ -217,11 +211,9 @@ FIX = RecordType(
     steps="fix_step",
 )
 DETAILS = {
-    kind: RecordType(
-        name=kind.DETAILS.name.title(), topic=kind.DETAILS.name, columns=kind.DETAILS.columns, steps="fix_step"
-    )
+    kind: RecordType(name=own.name.title(), topic=own.name, columns=own.columns, steps="fix_step")
     for kind in {spec.estimates: None for spec in NAVIGATORS.values()}
-    if kind.DETAILS
+    if (own := kind.DETAILS)
 }
 """What navigators log of each message beside the fix, by the class of their estimates."""
 ERROR = RecordType(name="Error", topic="error", columns=_numbers("position_error", "bearing_error"))

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from laisn.arrays import Floats
-from laisn.beacons.estimator import Ranging, add_ring, new_belief, prune_and_merge, split, with_beacon
-from laisn.beacons.navigator import BeaconNavigator
-from laisn.beacons.settings import MEDIA, BeaconSettings
+from laisn.beacons.estimator import Ranging, add_ring, prune_and_merge, split
+from laisn.beacons.navigator import MEDIA, BeaconNavigator, BeaconSettings, new_belief, with_beacon
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception

@@ -21,16 +21,13 @@ from laisn.beacons.estimator import (
     Ranging,
     X,
     Y,
-    new_belief,
     predict,
     predict_range,
     prune_and_merge,
     split,
     update,
-    with_beacon,
 )
-from laisn.beacons.navigator import BeaconNavigator
-from laisn.beacons.settings import MEDIA, BeaconSettings
+from laisn.beacons.navigator import MEDIA, BeaconNavigator, BeaconSettings, new_belief, with_beacon
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception

@@ -81,7 +81,7 @@ def press_ctrl_c_after_the_log(flight: object, errors: object, summary: object, 
         ("sim.log.writer.os.fsync", {"flight.mcap.partial"}),  # the log is written but has no name yet
         ("sim.film.render.render", {"flight.mcap"}),
         ("experiments.pages.flight_report.flight_report", {"flight.mcap"}),
-        ("sim.log.layout.layout", {"flight.mcap", "report.html"}),
+        ("sim.log.scene.layout", {"flight.mcap", "report.html"}),
         ("experiments.flight.folder._exchange", WITHOUT_FILM),
     ],
 )

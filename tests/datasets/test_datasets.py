@@ -18,8 +18,7 @@ from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from sim.datasets.log import is_data_set, read_data_set, read_data_set_log, write_data_set
 from sim.datasets.range_data import RangeData
-from sim.log.contents import LogError
-from sim.log.recovery import recover
+from sim.log.contents import LogError, recover
 from tests.log.damage import Parts
 
 PLAZA = Path(__file__).resolve().parents[1] / "data" / "plaza"

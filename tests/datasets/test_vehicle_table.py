@@ -48,7 +48,7 @@ def test_a_table_is_read_with_any_delimiter_and_clock(tmp_path: Path, options: d
     assert found.remarks[0].startswith(f"time{options.get('unit', '')}: time in {format_}, ")
     assert "speed [kn]: speed in kn" in found.remarks
     assert found.remarks[-1] == "not used: note"
-    write_vehicle_table(found, tmp_path / "a.mcap", "follower")
+    write_vehicle_table(found, tmp_path / "a.mcap")
     measured, remarks = read_recording(tmp_path / "a.mcap")
     assert remarks == ()
     assert measured.dt == pytest.approx(0.1, abs=0.01)

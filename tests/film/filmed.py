@@ -1,4 +1,4 @@
-"""What tests of the film share: errors and settings of small films, and a canvas that keeps what is drawn."""
+"""What tests of the film share: settings of small films, and a canvas that keeps what is drawn."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -48,14 +48,6 @@ class Notebook(Canvas):
 
 def overlap(a: Place, b: Place) -> bool:
     return not (a[0] + a[2] <= b[0] or b[0] + b[2] <= a[0] or a[1] + a[3] <= b[1] or b[1] + b[3] <= a[1])
-
-
-def errors_of(flight):
-    """E_P from its definition; E_B plays no role in what is tested."""
-    return [
-        (np.linalg.norm(e.state[:, :2] - flight.hydrophone(i)[:, :2], axis=1), np.zeros(len(e.state)))
-        for i, e in enumerate(flight.estimates)
-    ]
 
 
 def small(**changes):

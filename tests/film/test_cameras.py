@@ -7,7 +7,6 @@ import pytest
 
 from sim.film.cameras import CameraRig, View
 from sim.film.film_data import FilmData
-from tests.film.filmed import errors_of
 
 
 def test_projection_is_that_of_a_pinhole():
@@ -35,7 +34,7 @@ def test_a_camera_cannot_stand_on_its_target():
 
 @pytest.mark.parametrize("camera", ["chase", "top", "pip", "side", "profile", "orbit"])
 def test_cameras_keep_leader_and_follower_in_the_frame(flight, camera):
-    data = FilmData(flight, errors_of(flight), 20.0)
+    data = FilmData(flight, 20.0)
     rig = CameraRig(data, 16 / 9)
     for t in np.linspace(0.0, 60.0, 25):
         state = data.at(t)
@@ -57,7 +56,7 @@ def test_the_chasing_camera_keeps_the_estimate_clear_of_the_panels(flight, aside
     state = found.state.copy()
     state[:, :2] = flight.hydrophone(0)[:, :2] + aside * right
     parted = dataclasses.replace(flight, estimates=(dataclasses.replace(found, state=state),))
-    data = FilmData(parted, errors_of(parted), 20.0)
+    data = FilmData(parted, 20.0)
     rig = CameraRig(data, 16 / 9)
     for t in np.linspace(5.0, 55.0, 11):
         state = data.at(t)

@@ -20,9 +20,8 @@ from experiments.studies.asymmetry.design import QUICK_CONDITIONS
 from experiments.studies.asymmetry.figures import fly_example
 from laisn.geometry import horizontal_range
 from sim.film import graphics, render
-from sim.film.annotations import ESTIMATE, NOTHING, Annotations, OtherEstimate, RayErrors, diverging
 from sim.film.cameras import CameraRig
-from sim.film.film_data import FilmData
+from sim.film.film_data import ESTIMATE, NOTHING, Annotations, FilmData, OtherEstimate, RayErrors, diverging
 from sim.film.frame_renderer import Job
 from sim.flight import excerpt
 from sim.scenario.settings import Video
@@ -32,14 +31,6 @@ needs_graphics = pytest.mark.skipif(
     graphics.working() is None, reason="no graphics library renders here: " + graphics.INSTALL
 )
 COLOUR = (0.30, 1.0, 0.60)
-
-
-def errors_of(flight):
-    """E_P from its definition; E_B plays no role in what is tested."""
-    return [
-        (np.linalg.norm(e.state[:, :2] - flight.hydrophone(i)[:, :2], axis=1), np.zeros(len(e.state)))
-        for i, e in enumerate(flight.estimates)
-    ]
 
 
 def beside(flight, east, north):
@@ -74,9 +65,10 @@ def test_colours_diverge_symmetrically_and_saturate():
 
 def test_rays_take_the_colours_of_their_message():
     rays = RayErrors(label="error", value=np.array([[-0.1, 0.0, 0.1], [np.nan, 0.2, -0.05]]), limit=0.1)
-    assert_allclose(rays.colours(0), diverging([-1.0, 0.0, 1.0]))
-    assert_allclose(rays.colours(1), diverging([np.nan, 1.0, -0.5]))
-    assert_allclose(rays.colours(-1), diverging([np.nan] * 3))
+    colours = Annotations(rays=rays).ray_colours
+    assert_allclose(colours(0), diverging([-1.0, 0.0, 1.0]))
+    assert_allclose(colours(1), diverging([np.nan, 1.0, -0.5]))
+    assert_allclose(colours(-1), diverging([np.nan] * 3))
     with pytest.raises(ValueError, match="colour bar ends at 0 m"):
         replace(rays, limit=0.0)
 
@@ -84,7 +76,7 @@ def test_rays_take_the_colours_of_their_message():
 def test_positions_between_steps_lie_on_the_line_between_them(flight):
     n = np.arange(1.0, 601.0)
     other = OtherEstimate(label="other", colour=COLOUR, position=np.stack([n, -2 * n], axis=1))
-    data = FilmData(flight, errors_of(flight), 4.0, 0, Annotations(others=(other,)))
+    data = FilmData(flight, 4.0, 0, Annotations(others=(other,)))
     states = [data.at(time) for time in (0.0, 10.0, 10.05, 60.0)]
     places = np.concatenate([state.others for state in states])
     assert_allclose(places[:, 0], [1.0, 100.0, 100.5, 600.0])
@@ -97,7 +89,7 @@ def test_positions_between_steps_lie_on_the_line_between_them(flight):
 
 
 def test_a_frame_state_has_its_message(flight):
-    data = FilmData(flight, errors_of(flight), 4.0)
+    data = FilmData(flight, 4.0)
     assert [data.at(t).message[0] for t in (0.5, 1.0, 1.95, 2.0, 60.0)] == [-1, 0, 0, 1, 59]
 
 
@@ -108,8 +100,8 @@ def test_an_excerpt_shows_what_the_whole_shows(flight):
     part = excerpt(flight, 20.0, 41.0)
     assert_allclose(part.trajectory.time[[0, -1]], [20.0, 41.0])
     assert part.measurements[0].speed.size == 210
-    whole = FilmData(flight, errors_of(flight), 4.0)
-    cut = FilmData(part, errors_of(part), 4.0)
+    whole = FilmData(flight, 4.0)
+    cut = FilmData(part, 4.0)
     for time in (21.0, 30.03, 41.0):
         there, here = whole.at(time), cut.at(time)
         for name in ("position", "quaternion", "estimate", "covariance", "ray", "ranges", "position_error"):
@@ -160,14 +152,13 @@ with closing(GlScene(jobs["plain"].flight, jobs["plain"].video)) as scene:
 @pytest.fixture(scope="module")
 def shown(flight, tmp_path_factory):
     """Stills with what is added, by camera, and a plain one; of one process, for a start takes longer than a still."""
-    folder, errors = tmp_path_factory.mktemp("shown"), errors_of(flight)
-    job = Job(flight=flight, errors=errors, video=Video())
+    folder, job = tmp_path_factory.mktemp("shown"), Job(flight=flight, video=Video())
     jobs = {"plain": job, "profile": replace(job, video=Video(camera="profile"), annotations=added(flight))}
     (folder / "jobs").write_bytes(pickle.dumps((jobs, WHEN)))
     arguments = (str(folder / "jobs"), str(folder / "stills.npz"))
     command, environment = graphics.child(TOGETHER, graphics.working().name)
     subprocess.run([*command, *arguments], env=environment, check=True, timeout=120)
-    render.still(flight, WHEN, folder / "chase.png", errors=errors, video=Video(), annotations=added(flight))
+    render.still(replace(job, annotations=added(flight)), WHEN, folder / "chase.png")
     with np.load(folder / "stills.npz") as stills:
         return {name: stills[name][..., :3] for name in jobs} | {"chase": np.asarray(Image.open(folder / "chase.png"))}
 
@@ -175,9 +166,9 @@ def shown(flight, tmp_path_factory):
 @needs_graphics
 @pytest.mark.parametrize("camera", ["chase", "profile"])
 def test_the_other_estimate_and_the_rays_have_their_colours_where_they_should(flight, shown, camera):
-    when, video, errors = WHEN, Video(camera=camera), errors_of(flight)
+    when, video = WHEN, Video(camera=camera)
     image = shown[camera]
-    data = FilmData(flight, errors, video.speed_up)
+    data = FilmData(flight, video.speed_up)
     state = data.at(when)
     view = CameraRig(data, 1280 / 720).shot(camera, state).view
     (place,), _ = view.project(state.hydrophone[0] + [2.5, 0.0, 0.0], 1280, 720)
@@ -191,8 +182,7 @@ def test_the_other_estimate_and_the_rays_have_their_colours_where_they_should(fl
 
 @needs_graphics
 def test_the_curve_of_the_other_estimate_is_drawn_where_one_is_given(shown):
-    for rendering in (render.render, render.still):
-        assert inspect.signature(rendering).parameters["annotations"].default == Annotations() == NOTHING
+    assert inspect.signature(Job).parameters["annotations"].default == Annotations() == NOTHING
     # the panel of the position error: left edge 16, top 288, 292 × 92 px
     panels = [shown[name][290:378, 16:308].astype(float) for name in ("plain", Video().camera)]
     # green more than anything else: the panel itself is blue, the other curve magenta

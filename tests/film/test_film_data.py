@@ -8,11 +8,10 @@ from sim.assembly import ocean_of
 from sim.film.film_data import FilmData
 from sim.film.seascape import Sea
 from sim.scenario.settings import Waves
-from tests.film.filmed import errors_of
 
 
 def test_a_moment_interpolates_truth_and_estimate(flight):
-    data = FilmData(flight, errors_of(flight), 20.0)
+    data = FilmData(flight, 20.0)
     state = data.at(30.05)
     np.testing.assert_allclose(state.position, flight.trajectory.at(30.05)[0][0])
     np.testing.assert_allclose(state.hydrophone[0], flight.trajectory.site_at("follower/hydrophone", 30.05)[0])
@@ -23,7 +22,7 @@ def test_a_moment_interpolates_truth_and_estimate(flight):
 
 
 def test_rays_are_one_at_the_ping_fade_and_are_absent_without_reception(flight):
-    data = FilmData(flight, errors_of(flight), 1.0)
+    data = FilmData(flight, 1.0)
     np.testing.assert_allclose(data.at(5.0).ray[0], 1.0)
     fading = [data.at(5.0 + dt).ray[0, 0] for dt in (0.0, 0.3, 0.6, 0.9)]
     assert (np.diff(fading) < 0).all()
@@ -37,13 +36,13 @@ def test_rays_are_one_at_the_ping_fade_and_are_absent_without_reception(flight):
 
 
 def test_rays_of_frequent_pings_do_not_flicker(flight):
-    data = FilmData(flight, errors_of(flight), 20.0)
+    data = FilmData(flight, 20.0)
     strength = [data.at(t).ray[0, 0] for t in np.arange(10.0, 40.0, 20 / 30)]
     assert np.ptp(strength) < 0.15
 
 
 def test_trail_points_stay_in_place_while_time_goes_on(flight):
-    data = FilmData(flight, errors_of(flight), 20.0)
+    data = FilmData(flight, 20.0)
     early, late = (data.trails(data.at(time))[1] for time in (30.0, 30.7))
     old = {tuple(p) for p in early[:-1]}
     assert len(old & {tuple(p) for p in late[:-1]}) >= len(old) - 1

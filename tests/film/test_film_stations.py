@@ -26,8 +26,7 @@ def in_formation() -> Flight:
 
 
 def film_data_of(flight: Flight, follower: int = 0) -> FilmData:
-    n = flight.measurements[0].speed.size
-    return FilmData(flight, [(np.zeros(n), np.zeros(n))] * len(flight.estimates), 20.0, follower)
+    return FilmData(flight, 20.0, follower)
 
 
 def test_a_station_straight_behind_is_where_the_leader_was() -> None:

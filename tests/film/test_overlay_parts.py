@@ -18,7 +18,7 @@ from sim.film.dashboard import Dashboard, format_half_axes, round_length
 from sim.film.film_data import FilmData
 from sim.film.overlay import Overlay
 from sim.scenario.settings import Video
-from tests.film.filmed import WHITE, Notebook, errors_of, overlap
+from tests.film.filmed import WHITE, Notebook, overlap
 
 # text
 
@@ -137,7 +137,8 @@ def test_text_of_panels_can_be_read_and_keeps_clear_of_other_text(size: tuple[in
     flight = make_flight(60.0)
     navigation = flight.scenario.navigation.model_copy(update={"variant": variant})
     flight = dataclasses.replace(flight, scenario=flight.scenario.model_copy(update={"navigation": navigation}))
-    data = FilmData(flight, [(np.full(600, 123.456), np.full(600, 3.0))], 20.0)
+    data = FilmData(flight, 20.0)
+    data.position_error[:], data.bearing_error[:] = 123.456, 3.0
     board, state = Dashboard(data, Canvas(*size)), data.at(60.0)
     still = static_boxes(board, size[1])
     for kind in FixKind:
@@ -177,7 +178,8 @@ def test_a_curve_shows_the_whole_mission_and_its_cursor_the_present() -> None:
     flight = make_flight(60.0)
     values = np.zeros(600)
     values[199:202], values[399:402], values[500:] = 7.0, 7.0, 2.0
-    data = FilmData(flight, [(values, np.zeros(600))], 20.0)
+    data = FilmData(flight, 20.0)
+    data.position_error[:], data.bearing_error[:] = values, 0.0
     board = Dashboard(data, Canvas(1280, 720))
     ours, state = Notebook(), data.at(30.1)
     ours.pixels[:] = (0, 0, 0, 255)
@@ -202,7 +204,7 @@ def test_vehicles_of_a_fleet_are_distinct_on_the_map() -> None:
     truth = flight.trajectory
     far = truth.position + np.linspace(0.0, 1000.0, truth.time.size)[:, None, None] * [1.0, 0.0, 0.0]
     flight = dataclasses.replace(flight, trajectory=dataclasses.replace(truth, position=far))
-    data = FilmData(flight, errors_of(flight), 20.0)
+    data = FilmData(flight, 20.0)
     board, notes, state = Dashboard(data, Canvas(1280, 720)), Notebook(), data.at(30.0)
     board.draw(notes, state, [])
     left, top, width, height = board.places[3]
@@ -222,7 +224,7 @@ def test_vehicles_of_a_fleet_are_distinct_on_the_map() -> None:
 @pytest.mark.parametrize("distance", [3.0, 17.0, 240.0])
 def test_a_scale_bar_has_the_projected_length_of_its_metres(distance: float) -> None:
     flight = make_flight(5.0)
-    overlay = Overlay(FilmData(flight, errors_of(flight), 20.0), Video())
+    overlay = Overlay(FilmData(flight, 20.0), Video())
     notes = overlay.canvas = Notebook()
     view = View(position=np.zeros(3), target=np.array([0.0, distance, 0.0]), plane_m=distance)
     overlay._scale_bar(view, (0, 0, 1280, 720), (20.0, 600.0), 120 / 1280)

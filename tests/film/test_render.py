@@ -14,36 +14,39 @@ import pytest
 from PIL import Image
 
 from sim.film import graphics, render
-from sim.film.annotations import ESTIMATE, TRUTH
 from sim.film.cameras import CameraRig
-from sim.film.film_data import FilmData
+from sim.film.film_data import ESTIMATE, TRUTH, FilmData
 from sim.film.frame_renderer import GROUP, Job
 from sim.film.seascape import WATER
 from sim.scenario.settings import CAMERAS, Video
-from tests.film.filmed import apart, errors_of, small
+from tests.film.filmed import apart, small
 
 needs_graphics = pytest.mark.skipif(
     graphics.working() is None, reason="no graphics library renders here: " + graphics.INSTALL
 )
 
 
+def job_of(flight, **video):
+    return Job(flight=flight, video=small(**video))
+
+
 # settings that cannot be
 
 
 def test_other_impossible_wishes_are_refused(flight, tmp_path):
-    errors = errors_of(flight)
+    job = job_of(flight)
     with pytest.raises(render.RenderError, match=r"should end in \.mp4"):
-        render.render(flight, tmp_path / "film.avi", errors=errors, video=small())
+        render.render(job, tmp_path / "film.avi")
     with pytest.raises(render.RenderError, match=r"folder .* does not exist"):
-        render.render(flight, tmp_path / "nowhere" / "film.mp4", errors=errors, video=small())
+        render.render(job, tmp_path / "nowhere" / "film.mp4")
     with pytest.raises(render.RenderError, match="outside the mission, 0 … 60 s"):
-        render.still(flight, 60.5, tmp_path / "still.png", errors=errors, video=small())
+        render.still(job, 60.5, tmp_path / "still.png")
 
 
 def test_without_graphics_one_message_reports_what_to_install(flight, tmp_path, monkeypatch):
     monkeypatch.setattr(graphics, "working", lambda: None)
     with pytest.raises(render.RenderError, match=r"no graphics library works here.*apt-get install") as raised:
-        render.render(flight, tmp_path / "film.mp4", errors=errors_of(flight), video=small())
+        render.render(job_of(flight), tmp_path / "film.mp4")
     assert len(str(raised.value).splitlines()) == 1
 
 
@@ -60,13 +63,13 @@ def colour_near(image, place, radius=1):
 def test_a_still_shows_markers_where_the_vehicles_are_and_no_band_at_the_horizon(flight, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shifted = apart(flight, 2.5)
-    errors, video, when = errors_of(shifted), Video(), 40.0
+    video, when = Video(), 40.0
     path = tmp_path / "still.png"
-    render.still(shifted, when, path, errors=errors, video=video)
+    render.still(Job(flight=shifted, video=video), when, path)
     assert [p.name for p in tmp_path.iterdir()] == ["still.png"]
     image = Image.open(path)
     assert image.size == (1280, 720)
-    data = FilmData(shifted, errors, video.speed_up)
+    data = FilmData(shifted, video.speed_up)
     state = data.at(when)
     view = CameraRig(data, 1280 / 720).shot("chase", state).view
     (truth,), _ = view.project(state.hydrophone, 1280, 720)
@@ -119,7 +122,7 @@ with closing(GlScene(job.flight, job.video)) as scene:
 np.savez(sys.argv[2], **pictures)
 """
     shifted = apart(flight, 2.5)
-    jobs = [Job(flight=one, errors=errors_of(one), video=small()) for one in (flight, shifted)]
+    jobs = [job_of(one) for one in (flight, shifted)]
     (tmp_path / "jobs").write_bytes(pickle.dumps(jobs))
     arguments = (str(tmp_path / "jobs"), str(tmp_path / "pictures.npz"))
     command, environment = graphics.child(program, graphics.working().name)
@@ -143,13 +146,13 @@ FILMED = {"frame_rate_hz": 25, "speed_up": 48.0}
 def film(flight, tmp_path_factory):
     """A film by one worker, and its access units with their times."""
     path = tmp_path_factory.mktemp("film") / "one.mp4"
-    return path, render.render(flight, path, errors=errors_of(flight), video=small(**FILMED), workers=1)
+    return path, render.render(job_of(flight, **FILMED), path, workers=1)
 
 
 @needs_graphics
 def test_the_film_has_the_requested_format_for_any_number_of_workers(flight, film, tmp_path):
     shares, (one, _), two = [], film, tmp_path / "two.mp4"
-    render.render(flight, two, errors=errors_of(flight), video=small(**FILMED), workers=2, progress=shares.append)
+    render.render(job_of(flight, **FILMED), two, workers=2, progress=shares.append)
     assert one.read_bytes() == two.read_bytes()
     assert [p.name for folder in (one.parent, tmp_path) for p in folder.iterdir()] == ["one.mp4", "two.mp4"]
     assert shares[-1] == 1.0
@@ -190,7 +193,7 @@ def test_a_child_that_dies_leaves_no_film_and_its_last_words(flight, tmp_path, m
     # before it has loaded what renders, which takes a second
     monkeypatch.setattr(render, "_IMPORTS", "raise ZeroDivisionError('in the child')")
     with pytest.raises(render.RendererDiedError, match=r"(?s)ended with code 1\n.*ZeroDivisionError: in the child$"):
-        render.render(flight, tmp_path / "film.mp4", errors=errors_of(flight), video=small(), workers=1)
+        render.render(job_of(flight), tmp_path / "film.mp4", workers=1)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -199,20 +202,19 @@ def test_an_interrupt_leaves_no_film_and_no_children(tmp_path):
     program = f"""
 import sys
 sys.path.insert(0, {str(Path(__file__).parents[1])!r})
-import numpy as np
 from pathlib import Path
 from synthetic import make_flight
 from sim.film import render
+from sim.film.frame_renderer import Job
 from sim.scenario.settings import Video
 # one that is never done, and has nothing to load
 render._IMPORTS = "import os, pickle, sys, time; frame_renderer = time; " + \
     "frame_renderer.main = lambda *_: (os.write(1, pickle.dumps((0, []))), time.sleep(60))"
 flight = make_flight(10.0)
-errors = [(np.zeros(100), np.zeros(100))]
 def progress(share):
     print("going", flush=True)
-render.render(flight, Path({str(tmp_path / "film.mp4")!r}), errors=errors, video=Video(speed_up=1.0), workers=1,
-    progress=progress)
+job = Job(flight=flight, video=Video(speed_up=1.0))
+render.render(job, Path({str(tmp_path / "film.mp4")!r}), workers=1, progress=progress)
 """
     environment = os.environ | {"TMPDIR": str(tmp_path)}
     parent = subprocess.Popen(

@@ -8,17 +8,12 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from experiments.flight.summary import (
-    mirror_lock_events,
-    position_and_bearing_errors,
-    stray_events,
-    summarise,
-)
+from experiments.flight.summary import mirror_lock_events, stray_events, summarise
 from experiments.pages import results
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
 from sim.assembly import routes_of
-from sim.flight import Flight
+from sim.flight import Flight, position_and_bearing_errors
 from sim.tracking import track_error
 from tests.synthetic import make_flight
 

@@ -10,13 +10,21 @@ import pytest
 from experiments.campaign.bound import flight_bound
 from experiments.flight.fly import fly
 from experiments.flight.library import load
-from experiments.flight.summary import position_and_bearing_errors, summarise
+from experiments.flight.summary import summarise
 from experiments.pages.flight_report import final_states, follower_row
 from laisn.estimates import FixKind, TightEstimates
 from laisn.failure import LaisnError
 from laisn.settings import NavigationSettings, TightSettings
 from sim.film.film_data import FilmData
-from sim.flight import SLIP_M_SQRT_S, Flight, excerpt, navigate, navigation_settings, settings_as
+from sim.flight import (
+    SLIP_M_SQRT_S,
+    Flight,
+    excerpt,
+    navigate,
+    navigation_settings,
+    position_and_bearing_errors,
+    settings_as,
+)
 from sim.log import reader, writer
 from sim.log.contents import LogError
 from sim.scenario.settings import Assume, Scenario
@@ -123,8 +131,8 @@ def test_it_is_flown_as_it_navigates_afterwards(flight: Flight) -> None:
     assert np.isnan(estimates.full_state[:, 5:]).all()
 
 
-def test_its_log_gives_the_same_flight_to_the_bit(flight: Flight, errors: list[Any], tmp_path: Path) -> None:
-    writer.write(flight, tmp_path / "a.mcap", errors=errors)
+def test_its_log_gives_the_same_flight_to_the_bit(flight: Flight, tmp_path: Path) -> None:
+    writer.write(flight, tmp_path / "a.mcap")
     assert bits(reader.read(tmp_path / "a.mcap")) == bits(flight)
 
 
@@ -145,8 +153,8 @@ def test_an_excerpt_keeps_the_mixtures_of_its_messages(flight: Flight) -> None:
     np.testing.assert_array_equal(part.state, whole.state[100:200])
 
 
-def test_the_film_shows_every_side_and_they_average_to_the_estimate(flight: Flight, errors: list[Any]) -> None:
-    data, estimates = FilmData(flight, errors, 10.0), estimates_of(flight)
+def test_the_film_shows_every_side_and_they_average_to_the_estimate(flight: Flight) -> None:
+    data, estimates = FilmData(flight, 10.0), estimates_of(flight)
     several = 0
     for time in np.arange(1.05, 40.0, 1.7):
         state = data.at(float(time))

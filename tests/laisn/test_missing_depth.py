@@ -7,8 +7,7 @@ import pytest
 
 from laisn import lanes
 from laisn.arrays import Floats
-from laisn.beacons.navigator import BeaconNavigator
-from laisn.beacons.settings import BeaconSettings
+from laisn.beacons.navigator import BeaconNavigator, BeaconSettings
 from laisn.estimates import FixKind
 from laisn.messages import Measurements
 from laisn.navigator import Navigator

@@ -7,8 +7,7 @@ import pytest
 
 from laisn import lanes
 from laisn.arrays import Floats
-from laisn.beacons.navigator import BeaconNavigator
-from laisn.beacons.settings import BeaconSettings
+from laisn.beacons.navigator import BeaconNavigator, BeaconSettings
 from laisn.failure import LaisnError
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.metrics import summarise

@@ -21,9 +21,8 @@ from mcap.writer import IndexType, Writer
 from mcap_protobuf.schema import register_schema
 from synthetic import make_flight, messages, write_log
 
-from sim.log.contents import Contents, LogError, Messages
+from sim.log.contents import Contents, LogError, Messages, recover
 from sim.log.reader import read_recording
-from sim.log.recovery import recover
 from sim.log.schema import OWN_MOTION, RECEPTION
 
 KIND = descriptor_pb2.FieldDescriptorProto
@@ -63,9 +62,7 @@ def message_class(syntax: str, *, numbers: bool = False) -> Any:
 
 def messages_of(type_: Any, written: list[bytes]) -> Messages:
     """Messages whose type need not be found in a schema."""
-    result = Messages(None, "protobuf")
-    for data in written:
-        result.add(Message(0, 0, data, 0, 0))
+    result = Messages(None, data=written)
     result.message_class = type_
     return result
 

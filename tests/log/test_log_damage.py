@@ -24,13 +24,12 @@ from synthetic import bits, make_flight
 
 from sim.flight import Flight, Outcome, excerpt
 from sim.log import writer
-from sim.log.contents import Contents, LogError
+from sim.log.contents import Contents, LogError, recover
 from sim.log.export import export
 from sim.log.reader import read, read_recording
-from sim.log.recovery import recover
 from sim.log.schema import OWN_MOTION, RECEPTION
 
-FOLLOWER_CHANNELS = ("motion", "reception", "filter", "innovation", "estimate", "estimate/fix")
+FOLLOWER_CHANNELS = ("motion", "reception", "filter", "innovation", "estimate", "estimate/fix", "error")
 
 
 @pytest.fixture(scope="module")
@@ -269,10 +268,10 @@ def test_what_has_no_checksum_is_called_unprotected(tmp_path: Path) -> None:
 PEAK = """
 import sys
 from pathlib import Path
-from sim.log.contents import LogError
-from sim.log import reader, recovery, export
+from sim.log.contents import LogError, recover
+from sim.log import reader, export
 path = Path(sys.argv[1])
-for use in (reader.read, reader.read_recording, lambda p: export.export(p, p.parent / "t"), recovery.recover):
+for use in (reader.read, reader.read_recording, lambda p: export.export(p, p.parent / "t"), recover):
     try:
         use(path)
         print("done")

@@ -15,10 +15,10 @@ import laisn_sim
 import models
 from laisn.arrays import Floats
 from sim.attitude import FLATTENING, SEMI_MAJOR_AXIS, geodetic
-from sim.film import annotations as film
+from sim.film import film_data as film
 from sim.flight import Flight
 from sim.log.contents import Contents
-from sim.log.layout import ESTIMATE, FOLLOWER, LEADER, layout
+from sim.log.scene import ESTIMATE_HUE, FOLLOWER_HUE, LEADER_HUE, layout
 
 
 @pytest.fixture(scope="module")
@@ -172,5 +172,5 @@ def test_layout_names_channels_and_fields_of_the_flights_own_vehicles(followers:
 
 
 def test_the_layout_has_the_colours_of_the_film() -> None:
-    for written, (r, g, b) in ((LEADER, film.LEADER), (FOLLOWER, film.TRUTH), (ESTIMATE, film.ESTIMATE)):
+    for written, (r, g, b) in ((LEADER_HUE, film.LEADER), (FOLLOWER_HUE, film.TRUTH), (ESTIMATE_HUE, film.ESTIMATE)):
         np.testing.assert_allclose([int(written[i : i + 2], 16) for i in (1, 3, 5)], 255 * np.array([r, g, b]), atol=1)

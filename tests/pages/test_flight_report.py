@@ -11,7 +11,7 @@ from experiments.pages import figures, flight_figures
 from experiments.pages.flight_figures import without_wraps
 from experiments.pages.flight_report import flight_report
 from experiments.pages.style import ESTIMATE, FOLLOWER, FRONT, LEADER, MIDDLE, TRANSMITTERS
-from sim.film import annotations as film
+from sim.film import film_data as film
 from sim.flight import Outcome
 from tests.pages.markup import checked
 from tests.synthetic import make_flight

@@ -23,7 +23,6 @@ from experiments.command.cli import app
 from experiments.command.studies import BUILT_IN
 from experiments.flight.fly import fly
 from experiments.flight.library import load
-from experiments.flight.summary import position_and_bearing_errors
 from experiments.study.design import Draw
 from experiments.study.estimate import Results
 from experiments.study.file import FOLDER, StudyError, built_in, of_table, shipped, study_of, table_in
@@ -35,6 +34,7 @@ from experiments.study.run import fly_studies, fly_until_narrow
 from experiments.study.study import RECORD, REPORT, RESULTS, RUNS, STUDY, run_study
 from laisn import metrics
 from laisn.failure import LaisnError
+from sim.flight import position_and_bearing_errors
 
 SMALL = """
 scenario = "T5"

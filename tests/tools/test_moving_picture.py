@@ -11,6 +11,7 @@ from PIL import Image
 
 from experiments.flight.library import load
 from sim.assembly import routes_of
+from sim.film.frame_renderer import Job
 from sim.flight import Flight
 from tests import synthetic
 from tools.documents import draw
@@ -35,9 +36,9 @@ def test_the_whole_turn_of_the_formation_is_in_it() -> None:
 def test_it_is_the_film_of_a_stretch_from_above(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     filmed: list[tuple[Flight, Any]] = []
 
-    def render(flight: Flight, path: Path, *, errors: Any, video: Any) -> None:
-        filmed.append((flight, video))
-        assert len(errors) == len(flight.scenario.followers)
+    def render(job: Job, path: Path) -> None:
+        video = job.video
+        filmed.append((job.flight, video))
         with av.open(str(path), "w") as film:
             stream: Any = film.add_stream("libx264", rate=Fraction(video.frame_rate_hz))
             stream.width, stream.height, stream.pix_fmt = video.width_px, video.height_px, "yuv420p"

@@ -12,10 +12,10 @@ import numpy as np
 
 from experiments.flight.fly import fly
 from experiments.flight.library import load
-from experiments.flight.summary import position_and_bearing_errors
 from laisn.compiled import compiled
 from sim.assembly import ocean_of, routes_of, setups_of
 from sim.film import graphics, render
+from sim.film.frame_renderer import Job
 from sim.log import writer
 from sim.log.contents import Contents
 from sim.scenario.settings import Follower, Scenario
@@ -93,11 +93,10 @@ def physics() -> list[Row]:
 def log() -> list[Row]:
     """Writing the log of a mission of 1000 s."""
     flight, _ = fly(load("T5", ()))
-    errors = position_and_bearing_errors(flight)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "flight.mcap"
-        seconds = least_time(lambda: writer.write(flight, path, errors=errors), 3)
-        messages = sum(channel.count for channel in Contents(path, lambda topic, _: False).topics.values())
+        seconds = least_time(lambda: writer.write(flight, path), 3)
+        messages = sum(len(channel.times) for channel in Contents(path, lambda topic, _: False).topics.values())
         size = path.stat().st_size
     return [
         Row("messages", messages / 1000, "k"),
@@ -111,7 +110,6 @@ def film() -> list[Row]:
     if graphics.working() is None:
         return [Row(f"not measured: {graphics.INSTALL}", np.nan, "")]
     flight, _ = fly(load("T5", ()))
-    errors = position_and_bearing_errors(flight)
     # 300 frames spread over the whole mission
     frames, video = 300, flight.scenario.video
     length = float(flight.trajectory.time[-1] - flight.trajectory.time[0])
@@ -120,9 +118,8 @@ def film() -> list[Row]:
     begin = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "film.mp4"
-        render.render(
-            flight, path, errors=errors, video=paced, progress=lambda done: marks.append((time.perf_counter(), done))
-        )
+        job = Job(flight=flight, video=paced)
+        render.render(job, path, progress=lambda done: marks.append((time.perf_counter(), done)))
     seconds = time.perf_counter() - begin
     (first, already), (last, _) = marks[0], marks[-1]
     rate = frames * (1.0 - already) / max(last - first, 1e-9)

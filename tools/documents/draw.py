@@ -13,14 +13,14 @@ from PIL import Image
 
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES, load
-from experiments.flight.summary import position_and_bearing_errors
 from experiments.pages.figures import Line, Panel
 from experiments.pages.flight_figures import error_parts
 from experiments.pages.style import INK, SERIES, Legend
 from experiments.studies.estimators import figures as estimators
 from experiments.study.file import built_in, study_of
 from sim.film import render
-from sim.flight import Flight, excerpt
+from sim.film.frame_renderer import Job
+from sim.flight import Flight, excerpt, position_and_bearing_errors
 from sim.simulation import simulate_motion
 from tools.documents import architecture, drawing, physics, route_keeping, study_pictures
 from tools.documents.markers import records
@@ -66,7 +66,7 @@ def photograph(name: str, flight: Flight, time: float, camera: str) -> None:
     video = flight.scenario.video.model_copy(update={"camera": camera, "width_px": 1280, "height_px": 720})
     with tempfile.TemporaryDirectory() as folder:
         picture = Path(folder) / "still.png"
-        render.still(flight, time, picture, errors=position_and_bearing_errors(flight), video=video)
+        render.still(Job(flight=flight, video=video), time, picture)
         Image.open(picture).convert("RGB").save(FOLDER / f"{name}.jpg", quality=84, optimize=True, progressive=True)
 
 
@@ -78,7 +78,7 @@ def moving_picture(name: str, flight: Flight, span: tuple[float, float]) -> None
     )
     with tempfile.TemporaryDirectory() as folder:
         film = Path(folder) / "film.mp4"
-        render.render(part, film, errors=position_and_bearing_errors(part), video=video)
+        render.render(Job(flight=part, video=video), film)
         first, *others = frames(film)
     path, step = FOLDER / f"{name}.webp", round(1000 / FRAMES_HZ)
     first.save(path, save_all=True, append_images=others, duration=step, loop=0, quality=30, method=2)

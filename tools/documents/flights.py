@@ -8,8 +8,7 @@ from experiments.campaign.missions import Mission
 from experiments.findings import FILE, Finding, Findings, plain, record
 from experiments.flight.fly import fly
 from experiments.flight.library import load
-from experiments.flight.summary import position_and_bearing_errors
-from sim.flight import Flight
+from sim.flight import Flight, position_and_bearing_errors
 from sim.sensing.errors import apparent_tilt
 from sim.sensing.observation import MissionTruth
 

@@ -11,14 +11,14 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from experiments.flight.range_budget import Cause, RangeErrorBudget, range_error_budget
-from experiments.flight.summary import position_and_bearing_errors
 from experiments.pages.figures import Line, Panel, numbers, panel
 from experiments.pages.style import FULL, INK, MUTED, SERIES, Colour
 from experiments.studies.asymmetry.design import AHRS, CAUSES, EVERYTHING, LEVEL, OFFSET_M, REAL, ROUTE, Condition
 from experiments.studies.asymmetry.findings import Missions, select
 from experiments.studies.asymmetry.fix_map import Chart
 from laisn.arrays import Bools, Floats
-from sim.film.annotations import Annotations, OtherEstimate, RayErrors
+from sim.film.film_data import Annotations, OtherEstimate, RayErrors
+from sim.film.frame_renderer import Job
 from sim.film.render import render
 from sim.flight import Flight, excerpt, navigate
 from sim.scenario.settings import Video
@@ -247,5 +247,5 @@ def film(example: Example, folder: Path, video: Video = VIDEO) -> Path:
     """Render the film of a flight of the study as `film.mp4` into a folder; RendererDiedError if that fails."""
     flight, added = scene(example)
     path = folder / "film.mp4"
-    render(flight, path, errors=position_and_bearing_errors(flight), video=video, annotations=added)
+    render(Job(flight=flight, video=video, annotations=added), path)
     return path
