@@ -18,7 +18,7 @@ import shlex
 import sys
 import tomllib
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ from experiments.pages import flight_report
 from experiments.study.file import StudyFile, study_of
 from experiments.study.plan import plan_of
 from sim.film import graphics
-from sim.scenario.file import parse
+from sim.scenario.file import parse, validate
 from sim.scenario.settings import Scenario
 from sim.stations import track_errors
 from tools.documents import markers, route_keeping
@@ -238,6 +238,39 @@ def test_keys_exist(document: Path) -> None:
             assert re.sub(r"\.(\d+|N)", "", mentioned) in known | sections, f"{mentioned} is no key of a scenario"
     for section in re.findall(r"`\[+([\w.]+)\]+`", prose(document)):
         assert section in known | sections | set(StudyFile.model_fields) | {"quick"}, f"there is no section {section}"
+
+
+def files_of_documents() -> list[tuple[Path, str, dict[str, Any]]]:
+    """Documents, names and contents of all TOML files that they show."""
+    return [
+        (document, text.split()[1], tomllib.loads(text))
+        for document in DOCUMENTS
+        for language, text in blocks(document)
+        if language == "toml"
+    ]
+
+
+def test_missions_and_studies_of_documents_have_different_folders() -> None:
+    """A folder out/NAME holds either."""
+    named = {
+        kind: {name for _, name, table in files_of_documents() if ("scenario" in table) == kind} for kind in (0, 1)
+    }
+    assert all(named.values())
+    assert not named[0] & named[1]
+
+
+def test_stations_of_documents_are_kept_by_an_able_navigator() -> None:
+    kept = {
+        f"{document.name}, {name}": validate(table, name).navigation.variant
+        for document, name, table in files_of_documents()
+        if "scenario" not in table and re.search(r"'(station|shape)':", repr(table))
+    }
+    assert "formation.md, pair.toml" in kept
+    assert set(kept.values()) == {"tight"}
+
+
+def test_the_readme_names_the_licence_of_bundled_codecs() -> None:
+    assert re.search(r"`av` wheel[^.]*codecs under the GPL", " ".join((ROOT / "README.md").read_text("utf-8").split()))
 
 
 def test_python_examples_are_only_those_in_the_folder() -> None:

@@ -1,6 +1,7 @@
 """The face for Python: light to import, one name for a thing as in the files, the same numbers as the command's."""
 
 import os
+import pydoc
 import subprocess
 import sys
 import tomllib
@@ -12,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from pydantic import ValidationError
 
 import laisn_sim
 from experiments.study.file import study_of
@@ -49,6 +51,10 @@ def test_every_name_is_there_explained_and_typed() -> None:
         laisn_sim.flie  # noqa: B018
     for package in ("laisn_sim", "models", "laisn", "sim", "experiments"):
         assert (ROOT / package / "py.typed").is_file()
+
+
+def test_help_is_a_few_screens() -> None:
+    assert 24 < len(pydoc.render_doc(laisn_sim).splitlines()) < 200
 
 
 def test_a_package_of_the_same_name_is_named(tmp_path: Path) -> None:
@@ -143,11 +149,15 @@ class Returning:
     (lambda flight: laisn_sim.fly("T5", {3: 4}), "3: unknown key"),
     (lambda flight: laisn_sim.navigate(flight, 3), "changes: expected a table"),
     (lambda flight: laisn_sim.navigate(flight, navigator=Returning), "NoneType from `run`; expected .*Estimates"),
+    (lambda flight: laisn_sim.fly("T5", {"duration_s": 2}, navigator=Returning), "NoneType from `run`; expected"),
+    (lambda flight: laisn_sim.study("T5", vary=3), r"vary: .*valid dictionary \(given: 3\)"),
+    (lambda flight: laisn_sim.load({"followers": []}), "followers: .*at least 1 item"),
     (lambda flight: laisn_sim.hull("../tests/vehicle/remus100"), "unknown model .*available: bluerov2_heavy, follower"),
     (lambda flight: laisn_sim.hull("bluerov"), "unknown model 'bluerov'"),
     (lambda flight: laisn_sim.load("T5", {"followers.00.depth_m": 12}), "followers.00.depth_m is no key"),
     (lambda flight: laisn_sim.load("T5", {"followers.\uff10.depth_m": 12}), "is no key"),
 ])  # fmt: skip
+@pytest.mark.usefixtures("no_plugins")
 def test_wrong_arguments_are_refused(flight: laisn_sim.Flight, call: Any, text: str) -> None:
     with pytest.raises(laisn_sim.LaisnError, match=text):
         call(flight)
@@ -184,6 +194,8 @@ def test_a_scenario_takes_what_a_file_may_hold() -> None:
     assert made == validate(table, "file") == laisn_sim.load(table)
     assert [f.name for f in made.followers] == ["follower-1", "follower-2"]
     assert laisn_sim.Scenario(followers=[{"route": "T3"}]).name == "mission"
+    with pytest.raises(ValidationError, match=r"followers\n.*at least 1 item"):
+        laisn_sim.Scenario(followers=[])
     for wrong in ({"depth_m": "deep"}, {"rute": "T3"}, {"waypoints": [[0, 0], [20, 20, 0]]}):
         with pytest.raises(ValueError, match=f"followers.0.{next(iter(wrong))}"):
             laisn_sim.Scenario(followers=[{"route": "T3"} | wrong])

@@ -10,6 +10,7 @@ from typing import Any
 
 from experiments.campaign.missions import motion_key
 from experiments.campaign.plans import disturbance_of
+from experiments.campaign.progress import Advance, progress
 from experiments.flight.library import table_of, text_of
 from experiments.study.design import follows_run, points_of, value_at
 from experiments.study.file import ALONE, CASE, SCENARIO, Study, refusal
@@ -29,6 +30,8 @@ MOST_ENTRIES = 200_000
 
 _READINGS = re.compile(r"(acoustics|sensors)\.(?!own)")
 """Keys that change what sensors read, but neither motion nor feasibility."""
+_SHOWN = 1000
+"""Least number of scenarios whose planning shows progress; fewer take a second or so."""
 MOST_RUNS = 2**31 - LANES
 
 
@@ -172,7 +175,7 @@ def _arm_errors(study: Study, point: Mapping[str, Any], entry: Entry) -> list[st
 
 
 def _examined(
-    study: Study, tables: Mapping[str, Mapping[str, Any]], points: list[dict[str, Any]]
+    study: Study, tables: Mapping[str, Mapping[str, Any]], points: list[dict[str, Any]], advance: Advance
 ) -> tuple[list[Entry], list[str]]:
     """All entries that are valid, and a line for each error of any other and where in the design it is."""
     errors: dict[str, list[str]] = {}
@@ -223,14 +226,19 @@ def _examined(
             where += [f"arm {arm}"] * bool(study.arms) + [f"realization {realization}"] * (study.file.realizations > 1)
             for line in lines:
                 errors.setdefault(line, []).append(", ".join(where))
+            advance(1)
     return entries, [
         line if len(places) == total else f"{line}; in {len(places)} of {total} scenarios, first at {places[0]}"
         for line, places in errors.items()
     ]
 
 
-def plan_of(study: Study) -> Plan:
+def plan_of(study: Study, *, quiet: bool = True) -> Plan:
     """Plan a study.
+
+    Args:
+        study: to plan.
+        quiet: show no progress.
 
     Raises:
         StudyError: a line for each error of report, design and scenario; or, where these are right, for each error of
@@ -253,7 +261,9 @@ def plan_of(study: Study) -> Plan:
         lines.append(f"  scenario: {error}")
     if lines:
         raise refusal(study.source, lines)
-    entries, errors = _examined(study, tables, points)
+    total = study.file.realizations * sum(len(study.arms_at(point)) for point in points)
+    with progress("scenarios", total, quiet=quiet or total < _SHOWN) as advance:
+        entries, errors = _examined(study, tables, points, advance)
     last = max((entry.scenario.run for entry in entries), default=0) + (study.until.most if study.until else study.runs)
     if last > MOST_RUNS:
         errors.insert(0, f"  runs, runs_apart: the last run is number {last:,}, at most {MOST_RUNS:,}")

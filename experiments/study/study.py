@@ -45,7 +45,7 @@ def effort_text(study: Study, workers: int) -> str:
     Missions and cells are computed by the workers; planning, storing and reading results is work of this process.
     """
     begin = perf_counter()
-    plan = plan_of(study)
+    plan = plan_of(study, quiet=False)
     seconds, entry, runs = perf_counter() - begin, plan.entries[0], study.runs
     cells = sum(len(e.scenario.followers) for e in plan.entries)
     if entry.closed_loop:
@@ -121,7 +121,7 @@ def run_study(study: Study, folder: Path, *, film: FilmOf | None = None, **optio
     Returns:
         The page; LaisnError as of `plan_of` and `fly_until_narrow`, or if nothing could be flown.
     """
-    (outcomes,) = fly_until_narrow([plan_of(study)], folder, **options)
+    (outcomes,) = fly_until_narrow([plan_of(study, quiet=options.get("quiet", False))], folder, **options)
     plan = outcomes.plan
     if not outcomes.rows:
         raise LaisnError("no scenario of the study could be flown: " + "; ".join(outcomes.failures))
@@ -165,7 +165,8 @@ def run_built_in(
     """
     files = built_in(name)
     given = [study_of(str(file), keys or {}, quick=quick) for file in files.values()]
-    flown = fly_until_narrow([plan_of(study) for study in given], folder, **options)
+    quiet = options.get("quiet", False)
+    flown = fly_until_narrow([plan_of(study, quiet=quiet) for study in given], folder, **options)
     if failures := {what for one in flown for what in one.failures}:
         raise CampaignError("; ".join(sorted(failures)))
     outcomes = dict(zip(files, flown, strict=True))

@@ -26,8 +26,8 @@ from laisn.arrays import Floats, Ints, own_arrays
 from laisn.failure import LaisnError
 from sim.system import background_process, read_text
 
-_LARGEST_BYTES = 500_000_000
-"""Larger files are refused [bytes]."""
+_LARGEST_BYTES = 100_000_000
+"""Larger files are refused [bytes]; a table takes 20 times its size in memory."""
 LARGEST = 4e9
 """Larger numbers are no measurements, and no times in seconds."""
 _SLOWEST, _FASTEST = 0.01, 50.0
@@ -37,7 +37,7 @@ _COLUMNS = {"DR": 3, "TD": 4, "TL": 3, "GT": 4, "DRp": 4}
 _NEEDED = ("DR", "TD", "TL")
 _NODES = {"TD": [1, 2], "TL": [0]}
 """Columns of nodes' numbers."""
-_MOST_NUMBERS = 40_000_000
+_MOST_NUMBERS = 10_000_000
 """In all tables; a compressed file of few bytes may state any number."""
 _TEXT = re.compile(r"(.*)_DR\.(txt|csv)")
 
@@ -210,13 +210,16 @@ class RangeData:
         return end, speed[step], heading[step]
 
 
+def _require_readable(stated: int, where: str = "") -> None:
+    if stated > _MOST_NUMBERS:
+        raise LaisnError(f"{where}its tables have {stated:,} numbers or more, at most {_MOST_NUMBERS:,} are read")
+
+
 def _load_matlab(path: Path) -> dict[str, Floats]:
     # data sets in text, and logs, need none of it
     from scipy.io import loadmat, whosmat
 
-    stated = sum(math.prod(shape) for name, shape, _ in whosmat(path) if name in _COLUMNS)
-    if stated > _MOST_NUMBERS:
-        raise LaisnError(f"its tables have {stated:,} numbers, at most {_MOST_NUMBERS:,} are read")
+    _require_readable(sum(math.prod(shape) for name, shape, _ in whosmat(path) if name in _COLUMNS))
     found = loadmat(path, variable_names=tuple(_COLUMNS))
     return {name: found[name] for name in _COLUMNS if name in found}
 
@@ -238,17 +241,20 @@ def _from_text(path: Path) -> dict[str, Floats]:
     match = _TEXT.fullmatch(path.name)
     if match is None:
         raise LaisnError(f"{path}: name the table of odometry, such as Plaza1_DR.txt; the others are found beside it")
-    tables = {}
+    tables = dict[str, Floats]()
     for name in _COLUMNS:
         table = path.with_name(f"{match[1]}_{name}.{match[2]}")
         if not table.is_file():
             continue
         try:
+            if (size := table.stat().st_size) > _LARGEST_BYTES:
+                raise ValueError(f"it has {size} bytes, there may be {_LARGEST_BYTES}")
             tables[name] = np.loadtxt(
                 table, delimiter="," if match[2] == "csv" else None, ndmin=2, encoding="utf-8-sig"
             )
         except (OSError, ValueError) as error:
             raise LaisnError(f"{table}: no table of numbers: {error}") from None
+        _require_readable(sum(found.size for found in tables.values()), f"{path}: ")
     return tables
 
 

@@ -77,7 +77,7 @@ def lines_of(error: ValidationError) -> list[str]:
 LARGEST_BYTES = 16_000_000
 """Largest scenario file that is read [bytes]: four routes of the most points that a route may have."""
 _DEEPEST = 16  # most tables within tables; a scenario needs five
-_WIDEST_BITS = 1024  # most bits of an integer; more is beyond every number of a scenario, and costly to write down
+_WIDEST_BITS = 1023  # most bits of an integer; larger ones have no float, and are costly to write down
 _MODEL_KEY = re.compile(r"(leader|followers\.(\d+|\*)|formation\.shape)\.model")
 _INDEX = re.compile("0|[1-9][0-9]{0,8}")  # an index of a list within a dotted key
 

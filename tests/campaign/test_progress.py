@@ -2,10 +2,12 @@
 
 import io
 import os
+import re
 import subprocess
 import sys
 import threading
 import time
+import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,6 +15,7 @@ import pytest
 from rich.console import Console
 
 from experiments.campaign import progress
+from experiments.campaign.version import ROOT
 
 COMPILES = """
 from rich.console import Console
@@ -85,3 +88,11 @@ def test_nothing_is_reported_where_nothing_is_to_be_done(capsys: pytest.CaptureF
     with progress.progress("cells", 3, quiet=True) as advance:
         advance(3)
     assert lines_of(capsys) == []
+
+
+def test_the_oldest_rich_allowed_prints_no_empty_line() -> None:
+    """Bars that are switched off print one before version 14.3."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    (bound,) = (text for text in project["dependencies"] if text.startswith("rich"))
+    assert bound.startswith("rich>=")
+    assert tuple(map(int, re.findall(r"[0-9]+", bound))) >= (14, 3)

@@ -88,10 +88,21 @@ def test_only_the_tightly_coupled_navigator_is_smoothed(flown: Path) -> None:
 @pytest.mark.usefixtures("without_report")
 def test_a_vehicle_that_sinks_through_the_floor_is_reported(tmp_path: Path) -> None:
     sunk = ["--set", "leader.excess_buoyancy_n=-100", "--set", "leader.cg_offset_x_m=0.2"]
-    shallow = ["--set", "ocean.floor_depth_m=12", *sunk]
+    shallow = ["--set", "ocean.floor_depth_m=12", "--set", "ocean.current_speed_m_s=0.1", *sunk]
     result = CliRunner().invoke(app, ["fly", "T5", *SHORT, *shallow, "--out", str(tmp_path / "sunk")])
     assert result.exit_code == 0, result.stderr
     assert "leader goes below the sea floor" in result.stdout
+    assert "NEES: 2 on average for a consistent filter" in result.stdout
+    assert STILL_WATER in result.stdout
+
+
+STILL_WATER = "warning: there is a current; navigator 'laisn-2' assumes still water\n"
+
+
+def test_a_check_prints_what_a_navigator_does_not_assume() -> None:
+    result = CliRunner().invoke(app, ["check", "T5", "--set", "ocean.current_speed_m_s=0.1"])
+    assert (result.exit_code, result.stdout.startswith(STILL_WATER)) == (0, True)
+    assert "warning" not in CliRunner().invoke(app, ["check", "T5"]).stdout
 
 
 def test_a_flight_replaces_nothing_of_the_users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,8 @@
 
 import math
 import struct
+import tracemalloc
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +18,7 @@ from experiments.beacon_replay import Beacons, _settings
 from experiments.command.cli import app
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
+from sim.datasets import range_data
 from sim.datasets.log import is_data_set, read_data_set, read_data_set_log, write_data_set
 from sim.datasets.range_data import RangeData
 from sim.log.contents import LogError, recover
@@ -175,6 +178,11 @@ def test_a_graph_without_times_goes_by_the_second(tmp_path: Path) -> None:
         ("VERTEX_SE2 13.0 A2", "VERTEX_SE2 10.5 A2", "from 11.000000 s to 10.500000 s between poses 1 and 2"),
         ("VERTEX_SE2 11.0 A1", "VERTEX_SE2 11.0 A0", "VERTEX_SE2 A0 is given twice"),
         ("VERTEX_XY L1", "VERTEX_XY L0", "VERTEX_XY L0 is given twice"),
+        (
+            "VERTEX_SE2:PRIOR",
+            "VERTEX_XY:PRIOR 10.0 L1 9 9 0.01 0 0.01\nVERTEX_SE2:PRIOR",
+            "VERTEX_XY:PRIOR L1 is given twice",
+        ),
         ("EDGE_SE2 13.0 A0 A2", "EDGE_SE2 13.0 A1 A2", r"odometry \(EDGE_SE2\) from A1 to A2 is given twice"),
         ("24.0 0.25", "1e300 0.25", r"line 15: EDGE_RANGE: 1e\+300 is not within"),
         ("24.0 0.25", "24.0 1e300", r"line 15: EDGE_RANGE: 1e\+300 is not within"),
@@ -241,15 +249,65 @@ def test_errors_of_tables_are_reported(
 
 
 def test_a_small_file_of_large_tables_is_refused_before_they_are_read(tmp_path: Path) -> None:
-    """Compressed zeros: 100 MB of bytes as 100 kB; other variables of a file are not read at all."""
+    """Compressed zeros: 12 MB of bytes as 12 kB; other variables of a file are not read at all."""
     tables = {name: array for name, array in loadmat(PLAZA / "Plaza2.mat").items() if not name.startswith("_")}
-    zeros = np.zeros((13_000_000, 4), dtype=np.int8)
+    zeros = np.zeros((3_000_000, 4), dtype=np.int8)
     savemat(tmp_path / "bomb.mat", tables | {"GT": zeros}, do_compression=True)
     savemat(tmp_path / "more.mat", tables | {"map": zeros}, do_compression=True)
     assert (tmp_path / "bomb.mat").stat().st_size < 1_000_000
-    with pytest.raises(LaisnError, match=r"bomb\.mat: its tables have 52,.* numbers, at most 40,000,000 are read"):
+    with pytest.raises(LaisnError, match=r"bomb\.mat: its tables have 12,.* numbers or more, at most 10,000,000"):
         read_data_set(tmp_path / "bomb.mat")
     assert read_data_set(tmp_path / "more.mat").ranges.size == read_data_set(PLAZA / "Plaza2.mat").ranges.size
+
+
+def test_text_beyond_the_bounds_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, rows in (("DR", 300), ("TD", 300), ("TL", 3)):
+        np.savetxt(tmp_path / f"many_{name}.txt", np.ones((rows, 4 if name == "TD" else 3)))
+    monkeypatch.setattr(range_data, "_MOST_NUMBERS", 1000)
+    with pytest.raises(LaisnError, match=r"many_DR\.txt: its tables have 2,100 numbers or more, at most 1,000"):
+        read_data_set(tmp_path / "many_DR.txt")
+    monkeypatch.setattr(range_data, "_LARGEST_BYTES", 7000)
+    with pytest.raises(LaisnError, match=r"many_DR\.txt: no table of numbers: it has \d+ bytes, there may be 7000"):
+        read_data_set(tmp_path / "many_DR.txt")
+    monkeypatch.setattr(range_data, "_LARGEST_BYTES", 500)
+    with pytest.raises(LaisnError, match=r"graph\.pyfg: cannot be read: it has \d+ bytes, there may be 500"):
+        read_data_set(graph(tmp_path))
+
+
+def graph_of_ranges(folder: Path, count: int) -> Path:
+    lines = [f"EDGE_RANGE {10 + k * 3e-4:.4f} A{k % 3} L0 {17 + k * 1e-4:.4f} 0.09" for k in range(count)]
+    return graph(folder, GRAPH + "\n".join(lines))
+
+
+def tables_of_ranges(folder: Path, count: int) -> Path:
+    random = np.random.default_rng(1)
+    ranges = [np.linspace(1, 9, count), np.zeros(count), random.integers(1, 3, count), random.uniform(9, 99, count)]
+    steps = np.column_stack([np.arange(1.0, 11.0), np.ones(10), np.zeros(10)])
+    nodes = [[1, 0, 0], [2, 50, 9]]
+    for name, table in {"DR": steps, "TL": nodes, "DRp": [[0, 0, 0, 0]], "TD": np.column_stack(ranges)}.items():
+        np.savetxt(folder / f"made_{name}.txt", table)
+    return folder / "made_DR.txt"
+
+
+@pytest.mark.parametrize("write", [graph_of_ranges, tables_of_ranges])
+def test_a_million_ranges_are_imported_in_1500_megabytes(tmp_path: Path, write: Callable[[Path, int], Path]) -> None:
+    """By the memory of 5,000, after what is loaded once."""
+    write_data_set(read_data_set(write(tmp_path, 9)), tmp_path / "a.mcap")
+    path = write(tmp_path, 5000)
+    tracemalloc.start()
+    try:
+        data = read_data_set(path)
+        write_data_set(data, tmp_path / "a.mcap")
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert data.ranges.size >= 5000
+    assert peak < 5000 * 1500
+
+
+@pytest.mark.parametrize("mark", ["\ufeff", ""])
+def test_a_mark_of_the_byte_order_is_taken(tmp_path: Path, mark: str) -> None:
+    assert read_data_set(graph(tmp_path, mark + GRAPH)).time.tolist() == [10.0, 11.0, 13.0]
 
 
 def test_ranges_that_are_not_positive_are_left_out_with_a_remark(tmp_path: Path) -> None:

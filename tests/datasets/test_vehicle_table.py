@@ -100,6 +100,7 @@ def test_angles_without_a_unit_have_one_unit(tmp_path: Path) -> None:
         ("depth,note", "dpth,note", "lacks columns depth; its columns: time"),
         ("range_rear,range_front", "a,b", "lacks columns range_rear"),
         (",2,90.0,5.0,x,", ",2,north,5.0,x,", "column heading_deg: could not convert"),
+        ("30.5", "1e300", r"column range_rear: 1e\+300 is not within"),
         (",2,90.0,5.0,x,,,,,,,", ",2,90.0", "row 1: 3 cells, the header has 12"),
     ],
 )

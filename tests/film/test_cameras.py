@@ -5,6 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from experiments.flight.library import load
+from sim import attitude
 from sim.film.cameras import CameraRig, View
 from sim.film.film_data import FilmData
 
@@ -45,6 +47,26 @@ def test_cameras_keep_leader_and_follower_in_the_frame(flight, camera):
         assert (pixels <= [1280, 720]).all()
         if shot.surface:
             assert shot.view.position[2] < 0
+
+
+@pytest.mark.parametrize("pitch_deg", [-15.0, 15.0])
+def test_the_film_of_the_diving_leader_shows_its_pitch(flight, pitch_deg):
+    """Its hull of 2 m takes a tenth of the picture at least, and leans by half of its pitch or more."""
+    truth = flight.trajectory
+    tilted = attitude.from_euler(truth.heading[:, 0], np.full(truth.time.size, np.deg2rad(pitch_deg)))
+    quaternion = truth.quaternion.copy()
+    quaternion[:, 0] = tilted
+    diving = dataclasses.replace(flight, trajectory=dataclasses.replace(truth, quaternion=quaternion))
+    data = FilmData(diving, 20.0)
+    rig = CameraRig(data, 16 / 9)
+    for t in np.linspace(5.0, 55.0, 11):
+        state = data.at(t)
+        ends = attitude.rotate(state.quaternion[:1], np.array([[-1.0, 0, 0], [1.0, 0, 0]]))
+        view = rig.shot(load("diving", ()).video.camera, state).view
+        (stern, bow), _ = view.project(state.position[0] + ends, 1280, 720)
+        across, up = np.abs(bow[0] - stern[0]), (stern[1] - bow[1]) * np.sign(pitch_deg)
+        assert np.hypot(across, up) > 128
+        assert np.rad2deg(np.arctan2(up, across)) > abs(pitch_deg) / 2
 
 
 @pytest.mark.parametrize("aside", [-6.0, -3.0, 0.0, 3.0, 6.0])

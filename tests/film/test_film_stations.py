@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from synthetic import make_flight
 
+from experiments.flight.library import load
 from sim.film.cameras import CameraRig
 from sim.film.film_data import FilmData
 from sim.film.overlay import Overlay, nearest, place_labels
@@ -84,6 +85,11 @@ def test_the_overlay_draws_rings_and_prints_the_distance() -> None:
     assert "9.1 m apart, the nearest" in words
     others = [label.words for label in Overlay(film_data_of(flight), Video())._labels(state, shot.view)]
     assert not [word for word in others if word.startswith("station")]
+
+
+def test_the_swarm_is_filmed_from_behind() -> None:
+    """From above its map hides the vehicles."""
+    assert load("swarm", ()).video.camera == Video().camera == "chase"
 
 
 def test_every_follower_of_ten_has_a_label() -> None:

@@ -157,6 +157,7 @@ def test_text_of_panels_can_be_read_and_keeps_clear_of_other_text(size: tuple[in
             # extents of static text hold room below its baseline
             shrunk = (left + 1, top + 2, width - 2, height - 5)
             assert not [other for other in names[:i] if overlap(shrunk, boxes[other])], name
+        assert not [words for words in boxes if "_" in words]
     assert min(text.get_fontsize() for text in static_text(board)) >= 8
     left, top, width, height = zip(*board.places, strict=True)
     assert min(left) > 0

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from experiments.command.cli import app
 from laisn.arrays import Floats
+from laisn.messages import LeaderMessage
 from sim.log.contents import LogError
 from sim.log.export import export
 from sim.log.reader import read, read_recording
@@ -141,6 +142,21 @@ def test_unusable_records_are_dropped_and_reported(tmp_path: Path) -> None:
     assert np.isnan(m.ranges[2]).all()
 
 
+def test_what_a_vehicle_does_not_record_is_absent_without_a_remark(tmp_path: Path) -> None:
+    """Protobuf reads an unset number as zero: no third range, and neither pitch nor roll, in 300 receptions."""
+    times = np.arange(1.0, 301.0)
+    receptions = [
+        (float(at), {**POSE, "leader_timestamp": at, "range_rear": 40.0, "range_front": 41.0}) for at in times
+    ]
+    m, remarks = read_recording(write_rows(tmp_path / "a.mcap", cruise(times), receptions), "auv")
+    assert remarks == ()
+    assert m.ranges[:, :2].tolist() == [[40.0, 41.0]] * 300
+    assert np.isnan(m.ranges[:, 2]).all()
+    message = LeaderMessage(*m.message.T)
+    assert np.isnan([message.pitch, message.roll]).all()
+    assert message.heading.tolist() == [0.0] * 300
+
+
 def test_fewer_than_two_samples_make_no_steps(tmp_path: Path) -> None:
     for motion in ([], cruise([1.0]), [(k, {"speed": np.nan}) for k in range(5)]):
         with pytest.raises(LogError, match=r"(lacks channel|holds [01] usable messages?; at least two are needed)"):
@@ -240,8 +256,9 @@ def test_a_channel_without_the_fields_is_named(tmp_path: Path) -> None:
             export(tmp_path / "b.mcap", tmp_path / "tables")
 
 
-def test_a_real_vehicles_log_is_replayed_by_command(tmp_path: Path) -> None:
+def test_a_real_vehicles_log_is_replayed_by_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Dead reckoning north at 1 m/s, as the ranges are refused: 40 steps of 0.05 s are 2 m."""
+    monkeypatch.chdir(tmp_path)
     write_foreign(tmp_path / "auv.mcap", speed=1.0)
     (tmp_path / "auv.toml").write_text(
         'duration_s = 20\n[leader]\nwaypoints = [[0, 0, 0], [20, 0, 20]]\n[[followers]]\nname = "auv"\n'
@@ -255,6 +272,8 @@ def test_a_real_vehicles_log_is_replayed_by_command(tmp_path: Path) -> None:
     # its one range, of 40 m, would move it farther than it can have come
     assert "2 rejected" in result.output
     assert "note:" not in result.output
+    assert "report in out/replay/auv.html" in result.output
+    assert "2σ ellipses" in Path("out/replay/auv.html").read_text(encoding="utf-8")
     rows = list(csv.DictReader(out.open(encoding="utf-8")))
     assert len(rows) == 40
     assert float(rows[-1]["time_s"]) == pytest.approx(2.0)

@@ -74,5 +74,6 @@ def test_the_page_names_uncertainty_error_and_remarks(tmp_path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     assert "auv: the 2σ position uncertainty is 4.00 m (median) and at most 4.00 m, at 1 s." in text
     assert "Its mean error is 3.00 m." in text
-    for words in ("a gap of 3 s", "4 two points", "Replay of auv.mcap", "surveyed path", "range residual [m]"):
+    drawn = ("estimate, with 2σ ellipses", "2σ of position [m]", "range residual [m]", "NIS per quantity")
+    for words in ("a gap of 3 s", "4 two points", "Replay of auv.mcap", "surveyed path", *drawn):
         assert words in text

@@ -1,13 +1,17 @@
 """Stations in a flight's report, against a flight for which the distances are known in closed form."""
 
 import dataclasses
+import io
 import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
+from experiments.command.fly import show
+from experiments.flight.summary import position_and_bearing_errors, summarise
 from experiments.pages import flight_figures, flight_report
 from laisn.arrays import Floats
 from sim.flight import Flight
@@ -119,6 +123,23 @@ def columns(html: str) -> list[str]:
     """Heads of the table of details, the second one, with the groups above them."""
     (_, head, *_) = re.findall(r"<thead>(.*?)</thead>", html, flags=re.DOTALL)
     return [re.sub(r"<.*?>", "", cell).strip() for cell in re.findall(r"<th.*?</th>", head, flags=re.DOTALL)]
+
+
+def test_the_terminal_shows_each_figure_under_its_head() -> None:
+    flight = kept((np.linspace(0.1, 0.9, 601), np.linspace(0.2, 2.9, 601)))
+    summary, printed = summarise(flight, position_and_bearing_errors(flight)), io.StringIO()
+    show(Console(file=printed, width=120), flight, summary)
+    head, *lines = printed.getvalue().splitlines()
+    for line, (name, row) in zip(lines, summary["followers"].items(), strict=False):
+        assert line.startswith(name)
+        for title, figure in (
+            ("RMS", f"{row['station_rms_m']:.2f} m"),
+            ("95 %", f"{row['station_p95_m']:.2f} m"),
+            ("max", f"{row['station_max_m']:.2f} m"),
+            ("E_P: mean", f"{row['e_p_mean_m']:.2f} m"),
+            ("joined at", f"{row['joined_s']:.0f} s"),
+        ):
+            assert line[: head.index(title) + len(title)].endswith(f" {figure}"), title
 
 
 def test_the_report_has_columns_and_a_section_of_stations(tmp_path: Path) -> None:

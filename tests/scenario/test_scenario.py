@@ -15,9 +15,11 @@ from sim.feasibility import cautions, infeasibilities
 from sim.flight import navigation_settings
 from sim.scenario import file as scenario_file
 from sim.scenario.file import ScenarioError
+from sim.scenario.section import split_unit
 from sim.scenario.settings import Follower, Leader, Scenario, Station
 from sim.sensing.errors import SensorErrors, errors_of
 from sim.simulation import simulate_motion
+from tools.documents import scenario_reference as reference
 
 MINIMAL: dict[str, Any] = {"name": "mine", "followers": [{"route": "T5"}]}
 
@@ -97,6 +99,28 @@ def test_an_error_reports_file_key_and_expectation(change: dict[str, Any], expec
         scenario_file.validate({**MINIMAL, **change}, "mine.toml")
     assert str(caught.value).startswith("mine.toml: ")
     assert expected in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "unit", "scale"),
+    [("gyro_sigma_deg_s", "°/s", np.pi / 180), ("slip_m_sqrt_s", "m/√s", 1.0), ("heading_sigma_deg", "°", np.pi / 180)],
+)
+def test_the_reference_explains_the_unit_of_a_key(key: str, unit: str, scale: float) -> None:
+    _, written, factor = split_unit(key)
+    assert (written, factor) == (unit, pytest.approx(scale, rel=1e-15))
+    head, *rows = reference.text().split(f"`{key}`")
+    assert rows
+    ending = key.removeprefix(split_unit(key)[0])
+    assert f"`{ending}` ({unit})" in head
+
+
+def test_the_reference_calls_heading_errors_one_sided() -> None:
+    rows = reference.text().splitlines()
+    own, leader = (
+        next(row for row in rows if row.startswith(f"| `{key}heading_sigma_deg`")) for key in ("", "leader_")
+    )
+    assert "to starboard, the absolute value of a normal number" in own
+    assert "one-sided" in leader
 
 
 def test_all_errors_are_reported_at_once() -> None:

@@ -55,6 +55,8 @@ leader.broadcast_attitude = true
 navigation.use_attitude = true
 """
 FILES = (RESULTS, RUNS, RECORD, REPORT, STUDY)
+WIDE = 2**1024 - 1
+"""An integer of 1024 bits, which is beyond all floats."""
 
 
 def study(text=SMALL, **changes):
@@ -225,6 +227,32 @@ def test_what_is_not_feasible_is_reported_with_its_points():
             {"set": {"ocean.waves.kind": "regular"}, "draw": {"ocean.waves": {"choice": [{"kind": "none"}]}}},
             r"\[draw\] sets ocean.waves, \[set\] sets ocean.waves.kind; .* is part of ocean.waves",
         ),
+        (
+            {
+                "vary": {"ocean.waves.direction_deg": [0, 90]},
+                "draw": {"ocean.waves": {"choice": [{"kind": "none"}]}},
+            },
+            r"\[draw\] sets ocean.waves, \[vary\] sets ocean.waves.direction_deg; .* is part of ocean.waves",
+        ),
+        (
+            {"vary": {"ocean.current_profile.0": [[0, 0.1, 90]]}, "set": {"ocean.current_profile": []}},
+            r"\[vary\] sets ocean.current_profile.0, \[set\] sets ocean.current_profile; .*remove one",
+        ),
+        ({"vary": {"followers.00.depth_m": [10, 12]}}, "followers.00.depth_m is no key"),
+        ({"draw": {"followers.\uff10.depth_m": {"uniform": [9, 11]}}, "vary": {}}, "depth_m is no key"),
+        (
+            {"vary": {f"leader.k{i}": [1, 2] for i in range(30)}},
+            r"design: 1,073,741,824 points, at most 50,000 with these arms",
+        ),
+        (
+            {"vary": {"leader.depth_m": {"from": 0, "to": WIDE, "steps": 3}}},
+            "from and to must be two different numbers",
+        ),
+        ({"draw": {"leader.depth_m": {"uniform": [0, WIDE]}}}, r"a parameter is a number within ±1e\+09"),
+        ({"set": {"leader.depth_m": {"rotate": WIDE}}}, "expected { cycle = .* or { rotate"),
+        ({"draw": {"leader.depth_m": {"uniform": "ab"}}}, r"uniform expects \[low, high\]"),
+        ({"draw": {"leader.depth_m": {"uniform": ["a", 1]}}}, r"a parameter is a number within ±1e\+09"),
+        ({"draw": {"leader.depth_m": {"ksone": {"n": 1e6}}}}, "unknown distribution 'ksone'"),
         (
             {
                 "draw": {"ocean.waves": {"choice": [{"kind": "none"}]}},
@@ -432,6 +460,22 @@ def test_a_dry_run_prints_the_cost_of_a_study_and_writes_nothing(tmp_path, monke
     assert result.exit_code == 0, result.output
     assert "4 flights, 8 cells, 24 runs" in result.output
     assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
+
+
+@pytest.mark.parametrize("options", [[], ["--dry-run"]])
+def test_points_are_counted_before_they_are_listed(tmp_path, options):
+    ranges = [f'"{key}" = {{ from = 0, to = 1, steps = 1000 }}' for key in ("leader.a", "leader.b", "leader.c")]
+    (tmp_path / "many.toml").write_text("\n".join(['scenario = "T5"', "[vary]", *ranges]))
+    result = CliRunner().invoke(app, ["study", str(tmp_path / "many.toml"), *options])
+    assert result.exit_code == 2
+    assert "1,000,000,000 points, at most 200,000" in result.output
+
+
+@pytest.mark.parametrize(("steps", "shown"), [(10, []), (1000, ["scenarios: 1000/1000"])])
+def test_planning_many_scenarios_shows_progress(capsys, steps, shown):
+    many = {"from": 0, "to": 1, "steps": steps}
+    plan_of(of_table({"scenario": "T5", "vary": {"acoustics.range_scale_mean_m": many}}, "s", "s"), quiet=False)
+    assert [line.partition(",")[0] for line in capsys.readouterr().err.splitlines()][-1:] == shown
 
 
 def test_drawn_formations_are_the_followers_of_their_sea():

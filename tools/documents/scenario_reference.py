@@ -1,10 +1,12 @@
 """The scenario reference, generated from the models: every key with unit, default, bounds and meaning."""
 
+import textwrap
 from pathlib import Path
 from typing import Any, get_origin
 
 from pydantic import BaseModel
 
+from sim.scenario.section import UNITS
 from sim.scenario.sensors import FollowerSensors
 from sim.scenario.settings import Scenario
 from sim.scenario.vehicles import Vehicle
@@ -21,8 +23,9 @@ A scenario is a TOML file. It needs one `[[followers]]` table with a route; ever
 - `laisn check FILE` validates a file.
 - `--set KEY=VALUE` changes a key from the command line.
 
-A key ends with its unit: `_m`, `_s`, `_m_s` (m/s), `_m_s2` (m/s²), `_deg`, `_deg_s` (°/s), `_n` (newton), `_ppm`
-(10⁻⁶). Values are choices, or an interval: `(` and `)` exclude the limit. Numbers without an upper limit are at
+{units}
+
+Values are choices, or an interval: `(` and `)` exclude the limit. Numbers without an upper limit are at
 most 10⁶.
 
 *Generated from `sim/scenario/settings.py` by `python -m tools.documents.scenario_reference`.*
@@ -98,7 +101,10 @@ def _sections(model: type[BaseModel], path: str = "") -> list[tuple[str, type[Ba
 
 def text() -> str:
     """The whole reference as Markdown."""
-    lines = [_INTRODUCTION, *_table("Top level", Scenario), *_table("`[leader]` and `[[followers]]`", Vehicle)]
+    listed = ", ".join(f"`{ending}` ({unit})" for ending, (unit, _) in reversed(UNITS.items()))
+    units = textwrap.fill(f"A key ends with its unit: {listed}.", 120)
+    lines = [_INTRODUCTION.format(units=units), *_table("Top level", Scenario)]
+    lines += _table("`[leader]` and `[[followers]]`", Vehicle)
     for title, model in _sections(Scenario):
         lines += _table(f"`{title}`", model)
     return "\n".join(lines) + "\n"
