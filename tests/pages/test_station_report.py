@@ -11,10 +11,10 @@ import pytest
 from rich.console import Console
 
 from experiments.command.fly import show
-from experiments.flight.summary import position_and_bearing_errors, summarise
+from experiments.flight.summary import summarise
 from experiments.pages import flight_figures, flight_report
 from laisn.arrays import Floats
-from sim.flight import Flight
+from sim.flight import Flight, position_and_bearing_errors
 from sim.scenario.formation import Formation, Proximity, Station
 from sim.scenario.settings import Follower
 from tests.synthetic import make_flight
