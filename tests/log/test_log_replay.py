@@ -2,11 +2,13 @@
 
 import csv
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from foxglove.messages import PoseInFrame
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.writer import Writer
 from mcap_protobuf.writer import Writer as ProtobufWriter
 from typer.testing import CliRunner
@@ -142,13 +144,24 @@ def test_unusable_records_are_dropped_and_reported(tmp_path: Path) -> None:
     assert np.isnan(m.ranges[2]).all()
 
 
-def test_what_a_vehicle_does_not_record_is_absent_without_a_remark(tmp_path: Path) -> None:
+def without_presence(type_: RecordType) -> Any:
+    """The message class of a type whose fields do not distinguish an unset number from zero."""
+    files = FileDescriptorSet.FromString(type_.schema.data)
+    for file in files.file:
+        file.syntax = "proto3"
+    return message_class_of(SimpleNamespace(name=type_.schema.name, data=files.SerializeToString()))
+
+
+@pytest.mark.parametrize("presence", [True, False])
+def test_what_a_vehicle_does_not_record_is_absent_without_a_remark(tmp_path: Path, presence: bool) -> None:
     """Protobuf reads an unset number as zero: no third range, and neither pitch nor roll, in 300 receptions."""
+    schema = RECEPTION if presence else SimpleNamespace(message_class=without_presence(RECEPTION))
     times = np.arange(1.0, 301.0)
     receptions = [
         (float(at), {**POSE, "leader_timestamp": at, "range_rear": 40.0, "range_front": 41.0}) for at in times
     ]
-    m, remarks = read_recording(write_rows(tmp_path / "a.mcap", cruise(times), receptions), "auv")
+    log = write_rows(tmp_path / "a.mcap", cruise(times), receptions, schema)  # type: ignore[arg-type]
+    m, remarks = read_recording(log, "auv")
     assert remarks == ()
     assert m.ranges[:, :2].tolist() == [[40.0, 41.0]] * 300
     assert np.isnan(m.ranges[:, 2]).all()
