@@ -30,7 +30,7 @@ from laisn.failure import LaisnError
 from sim.feasibility import cautions
 from sim.flight import Flight, Outcome, navigate, position_and_bearing_errors
 from sim.scenario.settings import Scenario
-from sim.system import background_process
+from sim.system import background_process, return_large_blocks
 
 _LONG_S = 7200.0
 _LEGEND = """E_P, E_B: errors of position and bearing; σ: standard deviation;
@@ -112,6 +112,8 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
     # a report without a film is drawn beside the log, by a process that imports libraries during the simulation;
     # not that of a long mission: the process would need the memory of a second flight
     beside = not with_video and scenario.duration_s <= _LONG_S
+    if scenario.duration_s > _LONG_S:
+        return_large_blocks()
     imports = partial(import_module, "experiments.pages.flight_report") if beside else None
     with background_process(imports) as background, phases(console) as shown:
 

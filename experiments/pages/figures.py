@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 DRAWN_POINTS = 600
 """Most points of a line in a panel of the usual width; more cannot be seen at this size."""
 PIXELS_PER_INCH = 96
+_KEPT_POINTS = 20_000
+"""Most points that a line keeps; panels take fewer of them."""
 _MOST_LINES, _FEWEST_POINTS = 14, 200
 """Lines of a panel with all their points; of more, each has fewer, so that a page of many vehicles stays small."""
 _TITLE_CHARACTERS = 11
@@ -55,6 +57,12 @@ class Line:
     side: str = "middle right"
     time: Floats | None = None
     """Of each point of a map, shape (n,), [s]: where the time cursor of linked panels stands."""
+
+    def __post_init__(self) -> None:
+        # until the page is written, a long mission's arrays would be kept once for each line
+        if self.y.size > _KEPT_POINTS and not self.marker and self.time is None and self.interval is None:
+            for name, values in zip(("x", "y"), decimate(self.x, self.y, _KEPT_POINTS), strict=True):
+                object.__setattr__(self, name, values)
 
 
 @dataclass(frozen=True, kw_only=True)
