@@ -25,7 +25,8 @@ def interrupted(folder: Path, begun: str, *options: str) -> str:
         time.sleep(0.002)
     child.send_signal(signal.SIGINT)
     printed, reported = child.communicate(timeout=60)
-    assert child.returncode == 130, printed + reported
+    # a shell reports 130 for both: CPython ends by the signal if the interrupt met an `exec`, as in imports
+    assert child.returncode in (130, -signal.SIGINT), printed + reported
     # where this test is the first to compile something, a notice is printed before
     reported = reported.removeprefix("compiling (once)\n")
     assert reported.startswith("laisn: interrupted; ")

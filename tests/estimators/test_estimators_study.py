@@ -135,7 +135,7 @@ def test_the_parts_fly_the_settings_of_the_study() -> None:
 
 def test_a_leader_that_weaves_keeps_to_its_legs_by_5_degrees_and_to_its_corners() -> None:
     route = library_route("L")
-    points = np.array(PARTS["weave"].study.cases["weaving"]["leader.waypoints"])
+    points = np.array(PARTS["weave"].study.cases["weaving"].settings["leader.waypoints"])
     corners = points[np.isin(points[:, 0], route.time)]
     np.testing.assert_allclose(corners[:, 1:], route.waypoint, atol=1e-9)
     heading = np.arctan2(*np.diff(points[:, 1:], axis=0).T)

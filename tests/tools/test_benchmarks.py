@@ -182,7 +182,7 @@ def test_a_log_is_reported_in_thousand_messages_and_megabytes(monkeypatch: pytes
     monkeypatch.setattr(mission, "fly", lambda _: (synthetic.make_flight(5.0), None))
     monkeypatch.setattr(mission, "least_time", lambda work, _: (work(), 0.5)[1])
     monkeypatch.setattr(mission.writer, "write", lambda _, path, **__: path.write_bytes(bytes(2_500_000)))
-    counted = SimpleNamespace(topics={name: SimpleNamespace(count=15_000) for name in ("truth", "fix")})
+    counted = SimpleNamespace(topics={name: SimpleNamespace(times=range(15_000)) for name in ("truth", "fix")})
     monkeypatch.setattr(mission, "Contents", lambda *_: counted)
     found = {row.name: row for row in mission.log()}
     assert found["messages"][1:3] == (30.0, "k")

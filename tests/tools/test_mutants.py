@@ -13,7 +13,7 @@ from tools.mutants.cover import covering, distances
         ("laisn/tight/hypotheses.py", "tests/laisn/test_swarms.py"),
         ("sim/vehicle/hydrodynamics.py", "tests/vehicle/test_hydrodynamics.py"),
         ("experiments/intervals.py", "tests/test_intervals.py"),
-        ("experiments/studies/asymmetry/findings.py", "tests/asymmetry/test_comparison.py"),
+        ("experiments/studies/asymmetry/findings.py", "tests/asymmetry/test_asymmetry_findings.py"),
     ],
 )
 def test_the_covering_a_source_are_those_of_its_name_and_room(file: str, first: str) -> None:
@@ -23,8 +23,8 @@ def test_the_covering_a_source_are_those_of_its_name_and_room(file: str, first: 
 
 
 def test_a_source_without_a_test_of_its_name_has_those_that_import_it_through_others() -> None:
-    assert distances()["tests/laisn/test_lanes.py"]["laisn.lane_passes"] > 1
-    assert "tests/laisn/test_lanes.py" in covering("laisn/lane_passes.py")
+    assert distances()["tests/scenario/test_scenario.py"]["sim.scenario.navigation"] > 1
+    assert "tests/scenario/test_scenario.py" in covering("sim/scenario/navigation.py")
 
 
 def test_what_tests_share_counts_as_theirs() -> None:
