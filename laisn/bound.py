@@ -230,7 +230,9 @@ def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | Non
     size = variances.size
     mean = averaged if averaged is not None else transmitters < 3
     covariance: Floats = np.diag(variances)
-    bound, onward = np.empty((n, 2, 2)), np.zeros((n, 2, size))
+    # of smoothing alone, and as large as the bounds of a whole mission
+    smoothed = lag > 0.0
+    bound, onward = np.empty((n, 2, 2)), np.zeros((n if smoothed else 0, 2, size))
     predicted, after, between = [covariance], [covariance], []
     ahead = geometry.dt * np.stack([np.sin(geometry.heading), np.cos(geometry.heading)], axis=1)
     for i, (begin, end) in enumerate(pairwise([0, *geometry.message_step.tolist(), n])):
@@ -239,13 +241,15 @@ def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | Non
         way = _Way(geometry.speed[begin:end], ahead[begin:end], geometry.dt, noise, first, size)
         step = way.matrix()
         bound[begin:end] = way.rows @ covariance @ way.rows.swapaxes(1, 2) + way.added()
-        onward[begin:end] = way.rows @ covariance @ step.T + way.onward()
-        between.append(covariance @ step.T)
-        if begin:
-            onward[begin - 1] = between[-1][:2]
+        if smoothed:
+            onward[begin:end] = way.rows @ covariance @ step.T + way.onward()
+            between.append(covariance @ step.T)
+            if begin:
+                onward[begin - 1] = between[-1][:2]
         covariance = step @ covariance @ step.T + way.noise()
         if i < geometry.message_step.size:
-            predicted.append(covariance)
+            if smoothed:
+                predicted.append(covariance)
             away, arms = geometry.from_leader[i], geometry.arms[i]
             if mean:
                 gained = _expected_information(away, covariance[:2, :2], arms, noise, first, size)
@@ -264,8 +268,9 @@ def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | Non
             found = np.linalg.solve(np.eye(size) + covariance @ gained, covariance)
             covariance = np.asarray(0.5 * (found + found.T), dtype=np.float64)
             bound[end - 1] = covariance[:2, :2]
-            after.append(covariance)
-    if lag <= 0.0:
+            if smoothed:
+                after.append(covariance)
+    if not smoothed:
         return bound
     links = len(after)
     nothing = np.zeros((links, size))
