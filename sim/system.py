@@ -134,7 +134,7 @@ def background_process(first: Callable[[], object] | None = None) -> Iterator[Pr
 def return_large_blocks() -> None:
     """Let the C library return every freed block of 1 MB or more to the system, where it has such a setting.
 
-    Otherwise glibc keeps freed arrays of up to 32 MB, and the peak of a long mission is a third higher.
+    Otherwise glibc keeps freed arrays of up to 32 MB for itself, which raises the peak of a long mission.
     """
     with suppress(AttributeError):
         ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, 1 << 20)
