@@ -152,12 +152,12 @@ class Trajectory(ArrayRecord):
         """Compass heading, clockwise from north in [0, 2π), shape (n, v), [rad]."""
         return attitude.heading(self.quaternion)
 
-    @cached_property
+    @property
     def pitch(self) -> Floats:
         """Positive nose up, shape (n, v), [rad]."""
         return attitude.pitch(self.quaternion)
 
-    @cached_property
+    @property
     def roll(self) -> Floats:
         """Positive starboard down, shape (n, v), [rad]."""
         return attitude.roll(self.quaternion)
@@ -185,7 +185,7 @@ class Trajectory(ArrayRecord):
             twist=(*self.velocity[index, vehicle].T, *self.angular_velocity[index, vehicle].T),
             water=tuple(self.water_velocity[index, vehicle].T),
             heading=self.heading[index, vehicle],
-            pitch=self.pitch[index, vehicle],
+            pitch=attitude.pitch(self.quaternion[index, vehicle]),
             roll=attitude.roll(self.quaternion[index, vehicle]),
         )
 

@@ -16,6 +16,7 @@ from sim.log import schema
 from sim.log.scene import ESTIMATE, TRUTH, draw_acoustics, draw_vehicles
 from sim.log.schema import Clock, RecordType, pose, quaternion, timestamp, vector
 from sim.scenario.settings import CONTROL_STEP_S
+from sim.trajectory import OF_VEHICLES, Trajectory
 
 Frame = tuple[float, bytes]
 """Time since the start [s] and H.264 access unit (Annex B, no B-frames, parameter sets with every key frame)."""
@@ -59,7 +60,20 @@ class Channel(NamedTuple):
     """Serialised messages of a stretch."""
 
 
-def numeric(prefix: str, type_: RecordType, time_ns: Ints, arrays: Mapping[str, schema.Array]) -> Channel:
+class _Computed:
+    """A column whose rows are computed when they are written: whole, those of a day would take much memory."""
+
+    def __init__(self, rows: Callable[[slice], schema.Array]) -> None:
+        self._rows = rows
+
+    def __getitem__(self, part: slice) -> schema.Array:
+        return self._rows(part)
+
+
+Column = schema.Array | _Computed
+
+
+def numeric(prefix: str, type_: RecordType, time_ns: Ints, arrays: Mapping[str, Column]) -> Channel:
     """A channel of numbers: messages at times, shape (n,), [ns], from arrays by attribute, n rows each."""
 
     def rows(part: slice) -> list[bytes]:
@@ -68,7 +82,7 @@ def numeric(prefix: str, type_: RecordType, time_ns: Ints, arrays: Mapping[str, 
     return Channel(f"{prefix}/{type_.topic}", type_.schema, time_ns, rows)
 
 
-def _channel(topic: str, type_: Any, time_ns: Ints, encode: Callable[..., Any], *columns: schema.Array) -> Channel:
+def _channel(topic: str, type_: Any, time_ns: Ints, encode: Callable[..., Any], *columns: Column) -> Channel:
     """Messages of a type of Foxglove's, each made from its time [ns] and its row of every column, shape (n, …)."""
 
     def rows(part: slice) -> Iterator[bytes]:
@@ -78,7 +92,7 @@ def _channel(topic: str, type_: Any, time_ns: Ints, encode: Callable[..., Any], 
     return Channel(topic, type_.get_schema(), time_ns, rows)
 
 
-def poses(topic: str, time_ns: Ints, position: Floats, quaternion: Floats) -> Channel:
+def poses(topic: str, time_ns: Ints, position: Column, quaternion: Column) -> Channel:
     """Positions, shape (n, 3), [m], and quaternions (w, x, y, z), shape (n, 4), in the world."""
 
     def pose_at(at: int, xyz: Sequence[float], wxyz: Sequence[float]) -> fg.PoseInFrame:
@@ -91,11 +105,15 @@ def _locations(
     flight: Flight, topic: str, time_ns: Ints, position: Floats, covariance: Floats | None = None
 ) -> Channel:
     """Positions, shape (n, 3), [m], on the map; horizontal covariances, shape (n, 2, 2), make them estimates."""
-    kinds, whole = fg.LocationFixPositionCovarianceType, np.zeros((time_ns.size, 3, 3))
+    kinds = fg.LocationFixPositionCovarianceType
     # Rerun 0.41 writes invalid points for a fix without a colour
     kind, color = (kinds.Unknown, TRUTH) if covariance is None else (kinds.Known, ESTIMATE)
-    if covariance is not None:
-        whole[:, :2, :2] = covariance
+
+    def spreads(part: slice) -> Floats:
+        whole = np.zeros((len(time_ns[part]), 3, 3))
+        if covariance is not None:
+            whole[:, :2, :2] = covariance[part]
+        return whole.reshape(-1, 9)
 
     def fix_at(at: int, place: Sequence[float], spread: list[float]) -> fg.LocationFix:
         fixed: dict[str, Any] = dict(zip(("latitude", "longitude", "altitude"), place, strict=True))
@@ -105,7 +123,7 @@ def _locations(
         )  # fmt: skip
 
     place = geodetic(position, flight.scenario.origin_latitude_deg, flight.scenario.origin_longitude_deg)
-    return _channel(topic, fg.LocationFix, time_ns, fix_at, place, whole.reshape(-1, 9))
+    return _channel(topic, fg.LocationFix, time_ns, fix_at, place, _Computed(spreads))
 
 
 def _transforms(topic: str, time_ns: Ints, parents: Iterable[str], children: Sequence[str], *places: Floats) -> Channel:
@@ -126,6 +144,17 @@ def _transforms(topic: str, time_ns: Ints, parents: Iterable[str], children: Seq
     return _channel(topic, fg.FrameTransforms, time_ns, transforms_at, *places)
 
 
+def _state(t: Trajectory, v: int, effectors: int) -> dict[str, Column]:
+    """Columns of the true state of vehicle v."""
+    computed: dict[str, Column] = {
+        "depth": _Computed(lambda part: -t.position[part, v, 2]),
+        "pitch": _Computed(lambda part: attitude.pitch(t.quaternion[part, v])),
+        "roll": _Computed(lambda part: attitude.roll(t.quaternion[part, v])),
+    }
+    kept = {name: getattr(t, name)[:, v] for name in (*OF_VEHICLES, "heading", "forward_speed")}
+    return computed | kept | {"time": t.time, "thrust": t.thrust[:, v, :effectors]}
+
+
 def _truth(flight: Flight, clock: Clock) -> Iterator[Channel]:
     """Transforms, poses, states and map positions of all vehicles."""
     t = flight.trajectory
@@ -137,9 +166,7 @@ def _truth(flight: Flight, clock: Clock) -> Iterator[Channel]:
     for v, name in enumerate(t.names):
         effectors = t.effector_names[v] if t.effector_names else ()
         type_ = schema.vehicle_state(effectors)
-        arrays = {c.attribute: getattr(t, c.attribute)[:, v] for c in type_.columns if c.attribute != "time"}
-        arrays |= {"time": t.time, "thrust": t.thrust[:, v, : len(effectors)]}
-        yield numeric(f"/{name}", type_, time_ns, arrays)
+        yield numeric(f"/{name}", type_, time_ns, _state(t, v, len(effectors)))
         yield poses(f"/{name}/pose", time_ns, t.position[:, v], t.quaternion[:, v])
         yield _locations(flight, f"/{name}/fix", time_ns[::second], t.position[::second, v])
 
@@ -153,8 +180,9 @@ def _follower(flight: Flight, clock: Clock, f: int, errors: tuple[Floats, Floats
             at = time_ns[getattr(record, type_.steps) - 1] if type_.steps else time_ns
             yield numeric(f"/{name}", type_, at, vars(record))
     yield numeric(f"/{name}", schema.ERROR, time_ns, dict(zip(schema.ERROR.fields, errors, strict=True)))
-    position = np.column_stack([e.state[:, :2], -m.depth])
-    yield poses(f"/{name}/estimate", time_ns, position, attitude.from_euler(m.heading))
+    position = _Computed(lambda part: np.column_stack([e.state[part, :2], -m.depth[part]]))
+    quaternion = _Computed(lambda part: attitude.from_euler(m.heading[part]))
+    yield poses(f"/{name}/estimate", time_ns, position, quaternion)
     second = max(1, round(1.0 / m.dt))
     each = slice(second - 1, None, second)
     yield _locations(flight, f"/{name}/estimate/fix", time_ns[each], position[each], e.covariance[each, :2, :2])

@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import re
 import time
+import tracemalloc
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from experiments.command import replaying
 from laisn.estimates import FixKind
 from sim.flight import Flight, Outcome, position_and_bearing_errors
 from sim.log import writer
+from sim.log.channels import channels
 from sim.log.contents import Contents, LogError
 from sim.log.export import export
 from sim.log.reader import CORE, read, read_recording
@@ -50,6 +52,21 @@ def test_reading_gives_the_same_flight_to_the_bit(tmp_path: Path, options: dict[
     assert bits(read(tmp_path / "a.mcap")) == bits(flight)
     for i, name in enumerate(flight.trajectory.names[1:]):
         assert bits(read_recording(tmp_path / "a.mcap", name).measurements) == bits(flight.measurements[i])
+
+
+def test_channels_hold_little_beside_the_flight() -> None:
+    flight = make_flight(3000.0)
+    truth, estimates = flight.trajectory, flight.estimates[0]
+    held = sum(array.nbytes for array in truth.arrays.values()) + estimates.state.nbytes + estimates.covariance.nbytes
+    # heading and speed are kept with the trajectory, and imports with the process
+    channels(flight, (), ())
+    tracemalloc.start()
+    try:
+        made = channels(flight, (), ())
+        assert tracemalloc.get_traced_memory()[0] < held / 3
+    finally:
+        tracemalloc.stop()
+    assert sum(len(channel.time_ns) for channel in made) > 150_000
 
 
 def test_odd_numbers_and_several_fixes_a_step_survive(tmp_path: Path) -> None:

@@ -31,6 +31,7 @@ from sim.sensing.errors import SensorErrors
 from sim.sensing.observation import MissionTruth, measure
 from tools.benchmarks import mission as benchmarks_mission
 from tools.benchmarks.formation import formation
+from tools.benchmarks.memory import memory
 from tools.benchmarks.navigators import filter_only, tight
 from tools.benchmarks.peak import peak_flops
 from tools.benchmarks.row import Row, least_time
@@ -183,6 +184,7 @@ BENCHMARKS: dict[str, Callable[[], list[Row]]] = {
     "log": benchmarks_mission.log,
     "film": benchmarks_mission.film,
     "command": benchmarks_mission.command,
+    "memory": memory,
 }
 
 
@@ -235,7 +237,7 @@ def main() -> None:
     for name in names:
         if cores:
             # what several processes do is measured on all cores, all else on one
-            os.sched_setaffinity(0, cores if name in ("film", "command") else {min(cores)})
+            os.sched_setaffinity(0, cores if name in ("film", "command", "memory") else {min(cores)})
         measured[name] = [BENCHMARKS[name]() for _ in range(given.rounds)]
         print(f"{name}\n{table(measured[name][-1])}\n", flush=True)
     path = RECORDS / "benchmarks.json" if given.record else given.out
