@@ -20,7 +20,7 @@ from sim.scenario.point_motion import SPEED_MIN, TURN_RATE, plan
 from sim.scenario.routes import START_SPEED, Route
 from sim.scenario.settings import CONTROL_STEP_S, Follower, Scenario, Vehicle, Video
 from sim.sensing.sensors import own_sensors
-from sim.stations import hardest_crossing, nearest_stations
+from sim.stations import crossings
 from sim.tracking import HULL_RADIUS_M
 from sim.vehicle.effectors import FIN, LEAST_WAY
 from sim.vehicle.mjcf import VehicleSetup, spec_of, transmitter_places
@@ -209,24 +209,25 @@ def _station_conflict(scenario: Scenario) -> list[str]:
     if not layers or alone:
         return []
     near = scenario.formation.proximity
-    crossing = None if near is None else hardest_crossing(scenario, near.range_m)
-    found = nearest_stations(scenario) if near is None else crossing and crossing.meeting
-    if found is None or found.apart_m >= LEAST_APART_M:
+    met = [one for one in crossings(scenario, near.range_m if near else 0.0) if one.apart_m < LEAST_APART_M]
+    if not met:
         return []
-    names = ["the leader's place" if i < 0 else f"followers[{i}].station" for i in found.pair]
+    # the nearest; or the one with the least way to lose for what it takes
+    worst = min(met, key=lambda one: one.way_m_s - one.needed_m_s if near else one.apart_m)
+    names = ["the leader's place" if i < 0 else f"followers[{i}].station" for i in worst.pair]
     text = (
-        f"{' and '.join(names)}, in one layer, come within {found.apart_m:.2g} m of each other at {found.time_s:g} s "
+        f"{' and '.join(names)}, in one layer, come within {worst.apart_m:.2g} m of each other at {worst.time_s:g} s "
         f"of the leader's route"
     )
     elsewhere = f"give them layers {LEAST_LAYER_M:g} m apart, other places"
-    if near is None or crossing is None:
+    if near is None:
         text += f"; at least {LEAST_APART_M:g} m are needed: {elsewhere}, or formation.proximity to give way by"
         return [text]
-    text += f" and close up at {crossing.closing_m_s:.2g} m/s; "
-    reach = LEAST_APART_M + crossing.braking_m
-    if crossing.way_m_s < crossing.needed_m_s:
-        text += f"to give way takes {crossing.needed_m_s:.2g} m/s through the water, one of them has "
-        return [f"{text}{crossing.way_m_s:.2g}: {elsewhere}, or another course in this current"]
+    text += f" and close up at {worst.closing_m_s:.2g} m/s; "
+    reach = LEAST_APART_M + worst.braking_m
+    if worst.way_m_s < worst.needed_m_s:
+        text += f"to give way takes {worst.needed_m_s:.2g} m/s through the water, one of them has "
+        return [f"{text}{worst.way_m_s:.2g}: {elsewhere}, or another course in this current"]
     if near.range_m < reach:
         text += f"to brake in time they have to sense each other {reach:.2g} m away, formation.proximity.range_m is "
         return [f"{text}{near.range_m:g}: {elsewhere}, or a longer range"]

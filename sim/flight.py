@@ -49,10 +49,8 @@ class Flight:
 
     scenario: Scenario
     trajectory: Trajectory
-    measurements: tuple[Measurements, ...]
-    """One for each follower."""
-    estimates: tuple[Estimates, ...]
-    """One for each follower."""
+    measurements: tuple[Measurements, ...]  # one for each follower
+    estimates: tuple[Estimates, ...]  # one for each follower
     outcome: Outcome = Outcome.COMPLETED
 
     def __post_init__(self) -> None:

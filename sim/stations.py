@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Bools, Floats, Ints, Record, Records, records
+from laisn.arrays import Bools, Floats, Record, Records, records
 from laisn.compiled import compiled
 from sim.assembly import route_of, routes_of
 from sim.control.station import FRAME_STATE, STATION, station_at, turn_frame
 from sim.control.trail import TRAIL, extend
-from sim.scenario.formation import LEAST_APART_M, LEAST_LAYER_M, Formation
+from sim.scenario.formation import LEAST_LAYER_M, Formation
 from sim.scenario.point_motion import ACCELERATION, plan
 from sim.scenario.settings import Scenario
 from sim.tracking import track_error
@@ -151,8 +151,7 @@ def station_keeping(off: Floats, time: Floats) -> StationKeeping:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Approach:
+class Approach(NamedTuple):
     """Two vehicles where they came nearest to each other."""
 
     distance_m: float
@@ -169,8 +168,7 @@ def _nearest(trajectory: Trajectory, axes: int, pairs: Bools | None = None) -> A
             distance = np.sqrt(sum(part * part for part in between.T))
             k = int(distance.argmin())
             if found is None or distance[k] < found.distance_m:
-                time = float(trajectory.time[k])
-                found = Approach(distance_m=float(distance[k]), pair=(names[j], names[i]), time_s=time)
+                found = Approach(float(distance[k]), (names[j], names[i]), float(trajectory.time[k]))
     return found
 
 
@@ -190,18 +188,15 @@ def closest_in_a_layer(scenario: Scenario, trajectory: Trajectory) -> Approach |
 _STEP_S = 0.5  # stations are followed in steps of this time; they move by half a metre in it [s]
 
 
-class Encounter(NamedTuple):
-    """Two stations of one layer where they are nearest to each other on the leader's route."""
+class Crossing(NamedTuple):
+    """Two stations of one layer where they are nearest to each other on the leader's route, and what giving way takes.
+
+    Who gives way loses way through the water, and keeps steerage way: in a following current little is left to lose.
+    """
 
     pair: tuple[int, int]  # numbers of their followers from 0 on; −1 is the leader
     apart_m: float
     time_s: float
-
-
-class Crossing(NamedTuple):
-    """Two stations of one layer that meet, and what their followers have to give way with."""
-
-    meeting: Encounter
     closing_m_s: float  # fastest at which the stations come nearer to each other once their followers sense each other
     way_m_s: float
     """Speed through the water of the slower of two vehicles when they begin to detect and avoid each other."""
@@ -209,30 +204,17 @@ class Crossing(NamedTuple):
     braking_m: float  # distance that they come nearer in until they have lost what they close up at
 
 
-class _Followed(NamedTuple):
-    """Stations of f followers and the leader, followed along the leader's plan."""
+def crossings(scenario: Scenario, reach_m: float = 0.0) -> list[Crossing]:
+    """All pairs of stations of one layer, the leader's place included, followed along the leader's plan.
 
-    numbers: list[int]  # of followers, −1 for the leader at the end, shape (f + 1,)
-    pairs: Ints  # rows of two that are in one layer, shape (p, 2)
-    time: Floats  # shape (n,), [s]
-    way: Floats  # east and north, shape (n, f + 1, 2), [m]
-    drift: Floats  # current in each one's layer, shape (n, f + 1, 2), [m/s]
-
-    def meeting(self, i: int, j: int) -> tuple[Encounter, Floats]:
-        """Where a pair is nearest to each other, and its distance, shape (n,), [m]."""
-        apart = np.hypot(*(self.way[:, i] - self.way[:, j]).T)
-        k = int(apart.argmin())
-        return Encounter((self.numbers[j], self.numbers[i]), float(apart[k]), float(self.time[k])), apart
-
-
-def _follow(scenario: Scenario) -> _Followed | None:
-    """Stations along the leader's plan; None if no layer has two."""
+    `reach_m` is the distance at which followers sense each other.
+    """
     kept = [(i, f.station) for i, f in enumerate(scenario.followers) if f.station]
+    numbers = [i for i, _ in kept] + [-1]
     places = np.array([[s.behind_m, s.port_m, s.depth_m] for _, s in kept] + [[0.0, 0.0, scenario.leader.layer_m]])
-    alike = np.abs(places[:, None, 2] - places[None, :, 2]) < LEAST_LAYER_M
-    pairs = np.argwhere(np.tril(alike, -1))
+    pairs = np.argwhere(np.tril(np.abs(places[:, None, 2] - places[:, 2]) < LEAST_LAYER_M, -1))
     if not pairs.size:
-        return None
+        return []
     time = np.arange(0.0, scenario.duration_s + _STEP_S, _STEP_S)
     leader = plan(route_of(scenario.leader, "leader")).at(time)
     drift = np.broadcast_to(scenario.ocean.current_at(places[:, 2], time[:, None]), (time.size, len(places), 2))
@@ -240,44 +222,25 @@ def _follow(scenario: Scenario) -> _Followed | None:
     through, way = np.hypot(*(over_ground - drift[:, -1].T)), np.column_stack([leader.east, leader.north])
     stations = records(STATION, len(places))
     stations.behind, stations.port, stations.depth = places.T
-    found = stations_along(way, through, leader.course, stations, scenario.formation, _STEP_S)
-    places = np.stack([found.east, found.north], axis=-1)
-    return _Followed([i for i, _ in kept] + [-1], pairs, time, places, drift)
-
-
-def nearest_stations(scenario: Scenario) -> Encounter | None:
-    """The two stations of one layer that come nearest to each other; None if no layer has two."""
-    followed = _follow(scenario)
-    met = [] if followed is None else [followed.meeting(i, j)[0] for i, j in followed.pairs]
-    return min(met, key=lambda one: one.apart_m, default=None)
-
-
-def hardest_crossing(scenario: Scenario, reach_m: float) -> Crossing | None:
-    """Of stations of one layer that meet, the two whose followers have the least way to lose for what it takes.
-
-    Who gives way loses way through the water, and keeps steerage way: in a following current little is left to lose.
-
-    Args:
-        reach_m: distance at which followers sense each other.
-
-    Returns:
-        None if no two come as near as stations of one layer must not.
-    """
-    followed, crossings = _follow(scenario), []
-    if followed is None:
-        return None
-    for i, j in followed.pairs:
-        meeting, apart = followed.meeting(i, j)
-        if meeting.apart_m >= LEAST_APART_M:
-            continue
+    placed = stations_along(way, through, leader.course, stations, scenario.formation, _STEP_S)
+    way, found = np.stack([placed.east, placed.north], axis=-1), []
+    for i, j in pairs:
+        apart = np.hypot(*(way[:, i] - way[:, j]).T)
         nearest = int(apart.argmin())
-        outside = np.flatnonzero(apart[:nearest] >= reach_m)
-        sensed = int(outside[-1]) if outside.size else 0
+        sensed = int(np.flatnonzero(apart[:nearest] >= reach_m)[-1:].sum())
         closing = -float(np.diff(apart[sensed : nearest + 1], prepend=apart[sensed]).min()) / _STEP_S
         # the leader does not give way
-        able = [n for n in (i, j) if followed.numbers[n] >= 0]
-        step = (followed.way[sensed + 1] - followed.way[sensed]) / _STEP_S - followed.drift[sensed]
-        way = min(float(np.hypot(*step[n])) for n in able)
-        needed = closing / len(able) + scenario.formation.min_along_track_speed_m_s
-        crossings.append(Crossing(meeting, closing, way, needed, closing**2 / (2.0 * len(able) * ACCELERATION)))
-    return min(crossings, key=lambda crossing: crossing.way_m_s - crossing.needed_m_s, default=None)
+        able = [n for n in (i, j) if numbers[n] >= 0]
+        step = (way[sensed + 1] - way[sensed]) / _STEP_S - drift[sensed]
+        found.append(
+            Crossing(
+                (numbers[j], numbers[i]),
+                float(apart[nearest]),
+                float(time[nearest]),
+                closing,
+                way_m_s=min(float(np.hypot(*step[n])) for n in able),
+                needed_m_s=closing / len(able) + scenario.formation.min_along_track_speed_m_s,
+                braking_m=closing**2 / (2.0 * len(able) * ACCELERATION),
+            )
+        )
+    return found

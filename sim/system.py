@@ -16,11 +16,9 @@ from pathlib import Path
 
 from laisn.failure import LaisnError
 
-_STALE_S = 3600.0
-"""Age at which a temporary file belongs to a process that was killed."""
+_STALE_S = 3600.0  # age at which a temporary file belongs to a process that was killed
 _CHECK_PARENT_S = 0.5
-_M_MMAP_THRESHOLD = -3
-"""Of malloc.h of the GNU C library."""
+_M_MMAP_THRESHOLD = -3  # of malloc.h of the GNU C library
 
 
 @contextmanager

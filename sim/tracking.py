@@ -14,10 +14,8 @@ from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
 from sim.trajectory import Trajectory
 
-LEADER_HALF_M, FOLLOWER_HALF_M = 1.0, 0.7
-"""Half the length of the straight part of a hull [m] …"""
-HULL_RADIUS_M = 0.1
-"""… and its radius [m]."""
+LEADER_HALF_M, FOLLOWER_HALF_M = 1.0, 0.7  # half the length of the straight part of a hull [m] …
+HULL_RADIUS_M = 0.1  # … and its radius [m]
 
 
 def cross_track(route: Route, time: Floats, position: Floats) -> Floats:

@@ -85,20 +85,13 @@ class Trajectory(ArrayRecord):
     Raises ValueError if shapes disagree or the time grid is not uniform.
     """
 
-    names: tuple[str, ...]
-    """Vehicle names, the leader first, shape (v,)."""
-    time: Floats
-    """Time of each instant, shape (n,), uniform, [s]."""
-    position: Floats
-    """Body origins in the world, shape (n, v, 3), [m]."""
-    quaternion: Floats
-    """Attitude as a quaternion from body to world, (w, x, y, z), shape (n, v, 4)."""
-    velocity: Floats
-    """Velocity of the body origins in the world, shape (n, v, 3), [m/s]."""
-    angular_velocity: Floats
-    """Angular velocity in the body frame, shape (n, v, 3), [rad/s]."""
-    water_velocity: Floats
-    """Velocity of the water at the body origins in the world, shape (n, v, 3), [m/s]."""
+    names: tuple[str, ...]  # vehicle names, the leader first, shape (v,)
+    time: Floats  # time of each instant, shape (n,), uniform, [s]
+    position: Floats  # body origins in the world, shape (n, v, 3), [m]
+    quaternion: Floats  # attitude as a quaternion from body to world, (w, x, y, z), shape (n, v, 4)
+    velocity: Floats  # velocity of the body origins in the world, shape (n, v, 3), [m/s]
+    angular_velocity: Floats  # angular velocity in the body frame, shape (n, v, 3), [rad/s]
+    water_velocity: Floats  # velocity of the water at the body origins in the world, shape (n, v, 3), [m/s]
     thrust: Floats
     """State of the effectors, shape (n, v, m): thrust [N], of a propeller [1/s], of a fin [rad].
 
@@ -108,12 +101,9 @@ class Trajectory(ArrayRecord):
     """Names of each vehicle's effectors, in the order of its MJCF; empty for point motion."""
     effector_force: Floats
     """Force of a unit of thrust of each effector in the body frame, shape (v, m, 3), [-]; 0 for other states."""
-    site_names: tuple[str, ...]
-    """Sites as "vehicle/site", shape (s,)."""
-    site_vehicle: Ints
-    """Index of the vehicle that carries the site, shape (s,)."""
-    site_offset: Floats
-    """Position of the site in its vehicle's body frame, shape (s, 3), [m]."""
+    site_names: tuple[str, ...]  # sites as "vehicle/site", shape (s,)
+    site_vehicle: Ints  # index of the vehicle that carries the site, shape (s,)
+    site_offset: Floats  # position of the site in its vehicle's body frame, shape (s, 3), [m]
 
     def __post_init__(self) -> None:
         n, v, s = self.time.size, len(self.names), len(self.site_names)

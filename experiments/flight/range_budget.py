@@ -18,7 +18,8 @@ from sim import attitude
 from sim.flight import Flight, navigation_settings
 from sim.sensing.acoustics import TRANSMITTERS, Path, propagate
 from sim.sensing.errors import errors_of
-from sim.sensing.observation import locked_path
+from sim.sensing.noise import Address
+from sim.sensing.sensors import paths_taken
 from sim.trajectory import Trajectory
 
 
@@ -104,7 +105,8 @@ def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
     hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone", fix)
     depth_difference = -trajectory.position[sent, 0, 2] + hydrophone[:, 2]
 
-    path = locked_path(scenario.seed, scenario.run, follower, emission, errors_of(scenario, follower))
+    sender = Address(scenario.seed, scenario.run, follower, emission)
+    path = np.column_stack(paths_taken(errors_of(scenario, follower), sender))
 
     def taken(values: Floats) -> Floats:
         return np.asarray(np.take_along_axis(values[row], path[:, :, None], axis=2)[:, :, 0])

@@ -68,10 +68,8 @@ CURRENT_TIME = 10.0  # time constant of the current's low-pass [s]; longer than 
 OFFSET_GAIN = 1.0 / 400.0
 """Change of the integrated current per offset [1/s²]: with the proportional part, poles at 1/40 and 1/10 per second
 along the track, at 1/100 and 1/4 across."""
-OFFSET_MOST = 2.0
-"""Offset along an axis that is integrated at most [m] …"""
-INTEGRAL_MOST = 1.0
-"""… and the current along an axis that comes of it at most [m/s]."""
+OFFSET_MOST = 2.0  # offset along an axis that is integrated at most [m] …
+INTEGRAL_MOST = 1.0  # … and the current along an axis that comes of it at most [m/s]
 SPEED_LEAST = 0.1  # least speed through the water on the way; slower, a hull has no heading to keep [m/s]
 HOLD_SPEED = 0.3  # greatest speed along an axis that leads back to the place where a route stops [m/s]
 

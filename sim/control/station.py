@@ -31,10 +31,8 @@ FRAME_STATE = np.dtype([("heading", np.float64), ("rate", np.float64)])
 
 _NEAREST = 5.0  # a station nearer to the trail is turned as if it were this far aside [m]
 AGILITY = float(np.deg2rad(8.0))  # rate of turn that a follower counts on [rad/s]; 10°/s is what it is allowed
-STEP = 1.0
-"""It looks ahead and back in steps of this time [s] …"""
-STEPS = 10
-"""… and so many of them."""
+STEP = 1.0  # it looks ahead and back in steps of this time [s] …
+STEPS = 10  # … and so many of them
 _LITTLE = float(np.sin(AGILITY * STEP))
 """A velocity that changes by less than this share of itself turns by less than a hull does in a step."""
 

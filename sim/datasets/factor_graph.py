@@ -33,14 +33,12 @@ _WORDS = {
     "VERTEX_XY:PRIOR": (1, 1, 2, 3), "EDGE_SE2": (1, 2, 3, 6), "EDGE_RANGE": (1, 2, 1, 1), "EDGE_SE2_XY": (1, 2, 2, 3),
 }  # fmt: skip
 """How many times, names, measured numbers and numbers of noise a line of each kind has."""
-_SAME_PATH = 1e-4
-"""Vertices that differ from the odometry by less than this share of the way are composed of it."""
+_SAME_PATH = 1e-4  # vertices that differ from the odometry by less than this share of the way are composed of it
 _POSE = re.compile(r"([A-KM-Za-km-z])([0-9]{1,15})")
 
 
 class _Line(NamedTuple):
-    time: float
-    """0 where it has none [s]."""
+    time: float  # 0 where it has none [s]
     names: list[str]
     values: list[float]
     noise: list[float]

@@ -23,16 +23,12 @@ from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, PLACES, POSE_FIELDS, RE
 from sim.log.writer import write_channels
 from sim.system import atomic_write
 
-VEHICLE = "vehicle"
-"""Name of the vehicle in the log."""
+VEHICLE = "vehicle"  # name of the vehicle in the log
 _READERS = {".pyfg": read_factor_graph, ".mat": read_range_tables, ".txt": read_range_tables, ".csv": read_range_tables}
-_RECORD = "data set"
-"""Metadata record by which such a log is known."""
-_STATED = ("range_sigma", "slip", "heading_walk")
-"""What it holds of the sensors' errors, as the data set states them."""
+_RECORD = "data set"  # metadata record by which such a log is known
+_STATED = ("range_sigma", "slip", "heading_walk")  # what it holds of the sensors' errors, as the data set states them
 _SLOTS = Ranges._fields
-_APART = 1e-6
-"""Between ranges of one instant that one reception cannot hold [s]."""
+_APART = 1e-6  # between ranges of one instant that one reception cannot hold [s]
 
 
 def read_data_set(path: Path) -> RangeData:
@@ -54,14 +50,11 @@ class Replayable(NamedTuple):
     """A data set read back from its log."""
 
     measurements: Measurements
-    start: Floats
-    """x, y [m] and velocity [m/s] at step 0, shape (4,)."""
-    range_sigma: float | None
-    """This and the two below as of `RangeData`."""
+    start: Floats  # x, y [m] and velocity [m/s] at step 0, shape (4,)
+    range_sigma: float | None  # this and the two below as of `RangeData`
     slip: float | None
     heading_walk: float | None
-    truth: Floats
-    """Time since the start [s], east and north [m], shape (t, 3)."""
+    truth: Floats  # time since the start [s], east and north [m], shape (t, 3)
     remarks: tuple[str, ...]
 
 

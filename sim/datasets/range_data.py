@@ -26,19 +26,13 @@ from laisn.arrays import Floats, Ints, own_arrays
 from laisn.failure import LaisnError
 from sim.system import background_process, read_text
 
-_LARGEST_BYTES = 100_000_000
-"""Larger files are refused [bytes]; a table takes 20 times its size in memory."""
-LARGEST = 4e9
-"""Larger numbers are no measurements, and no times in seconds."""
-_SLOWEST, _FASTEST = 0.01, 50.0
-"""Mean speeds beyond these are doubtful [m/s]."""
-_COLUMNS = {"DR": 3, "TD": 4, "TL": 3, "GT": 4, "DRp": 4}
-"""Columns of each table."""
+_LARGEST_BYTES = 100_000_000  # larger files are refused [bytes]; a table takes 20 times its size in memory
+LARGEST = 4e9  # larger numbers are no measurements, and no times in seconds
+_SLOWEST, _FASTEST = 0.01, 50.0  # mean speeds beyond these are doubtful [m/s]
+_COLUMNS = {"DR": 3, "TD": 4, "TL": 3, "GT": 4, "DRp": 4}  # columns of each table
 _NEEDED = ("DR", "TD", "TL")
-_NODES = {"TD": [1, 2], "TL": [0]}
-"""Columns of nodes' numbers."""
-_MOST_NUMBERS = 10_000_000
-"""In all tables; a compressed file of few bytes may state any number."""
+_NODES = {"TD": [1, 2], "TL": [0]}  # columns of nodes' numbers
+_MOST_NUMBERS = 10_000_000  # in all tables; a compressed file of few bytes may state any number
 _TEXT = re.compile(r"(.*)_DR\.(txt|csv)")
 
 
@@ -85,33 +79,22 @@ class RangeData:
     Raises LaisnError if times do not increase, a number is not finite, or a range is to no beacon.
     """
 
-    source: str
-    """Where it is from, for messages."""
-    start: Floats
-    """East, north [m] and compass heading [rad] at the first time, shape (3,)."""
-    time: Floats
-    """Time of each pose that odometry joins, shape (n + 1,), [s]."""
+    source: str  # where it is from, for messages
+    start: Floats  # east, north [m] and compass heading [rad] at the first time, shape (3,)
+    time: Floats  # time of each pose that odometry joins, shape (n + 1,), [s]
     odometry: Floats
     """Way ahead and to port [m], and turn anticlockwise [rad], from each pose to the next, shape (n, 3)."""
     beacons: tuple[str, ...]
-    places: Floats
-    """Where they were surveyed: east, north, shape (b, 2), [m]."""
-    range_time: Floats
-    """When each range was measured, shape (m,), [s]."""
-    range_beacon: Ints
-    """To which beacon, counted from 0, shape (m,)."""
-    ranges: Floats
-    """Shape (m,), [m]."""
-    range_sigma: float | None
-    """Random error of a range as the data set states it [m]; None: it does not."""
-    truth: Floats
-    """Time [s], east and north [m] of the path to compare with, shape (t, 3); empty if there is none."""
+    places: Floats  # where they were surveyed: east, north, shape (b, 2), [m]
+    range_time: Floats  # when each range was measured, shape (m,), [s]
+    range_beacon: Ints  # to which beacon, counted from 0, shape (m,)
+    ranges: Floats  # shape (m,), [m]
+    range_sigma: float | None  # random error of a range as the data set states it [m]; None: it does not
+    truth: Floats  # time [s], east and north [m] of the path to compare with, shape (t, 3); empty if there is none
     slip: float | None = None
     """Random walk of the position that the data set states for its odometry, along each axis [m/√s]; None: none."""
-    heading_walk: float | None = None
-    """Random walk of the heading likewise [rad/√s]."""
-    remarks: tuple[str, ...] = ()
-    """What was left out or taken for granted, a sentence each."""
+    heading_walk: float | None = None  # random walk of the heading likewise [rad/√s]
+    remarks: tuple[str, ...] = ()  # what was left out or taken for granted, a sentence each
 
     def __post_init__(self) -> None:
         for item in fields(self):

@@ -25,17 +25,14 @@ _LENGTH = {"m": 1.0, "cm": 0.01, "km": 1000.0, "ft": 0.3048}
 _TIME_NAMES = ("time", "timestamp", "t", "datetime")
 _FIELDS = (*OWN_MOTION.fields, *RECEPTION.fields, *PLACES.names)
 _NEEDED = (*OWN_MOTION.fields, "leader_east", "leader_north", "leader_heading", "leader_speed", "leader_depth")
-_EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
-"""A time beyond these is counted from 1970 in this unit."""
+_EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))  # a time beyond these is counted from 1970 in this unit
 
 
 class VehicleTable(NamedTuple):
     """Own measurements and receptions of a table, and what was taken for what."""
 
-    time_ns: Ints
-    """Of each row, increasing, shape (n,), [ns]."""
-    columns: dict[str, Floats]
-    """By the names of the log's fields, shape (n,), in SI units; NaN where a cell is empty."""
+    time_ns: Ints  # of each row, increasing, shape (n,), [ns]
+    columns: dict[str, Floats]  # by the names of the log's fields, shape (n,), in SI units; NaN where a cell is empty
     remarks: tuple[str, ...]
 
 

@@ -22,7 +22,7 @@ from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.acoustics import ARRIVAL, Motion, Sound, follow, received_range, reception_step, sound_of
 from sim.sensing.errors import ERRORS, advanced, errors_of, gain, is_bad, is_lost, loses
 from sim.sensing.noise import STREAMS, Address, Stream, normals_at, two_normals, two_units, uniforms_at, words
-from sim.sensing.sensors import Carrier, read_follower, read_message, read_ranges, true_message, write_true_own
+from sim.sensing.sensors import read_message, read_own, read_ranges, read_steering, true_message, true_own
 from sim.trajectory import Body, Trajectory
 
 # compiled code holds numbers, not the members of an enum
@@ -77,9 +77,10 @@ def read_instruments(
     s: SensorModel, k: int, follower: int, state: State, depth_sensor: Floats, reading: Record
 ) -> None:
     """Read a follower's own sensors at filter step k into a record of `laisn.swarm.READING`."""
-    e = s.errors[follower]
-    write_true_own(e, Carrier(follower, k * s.dt, body_of(state), depth_sensor), reading)
-    read_follower(e, Address(s.seed, s.run, follower, k), reading, reading)
+    e, address, body = s.errors[follower], Address(s.seed, s.run, follower, k), body_of(state)
+    true_own(e, follower, k * s.dt, body, depth_sensor, reading)
+    read_own(e, address, reading, reading)
+    read_steering(e, address, body, reading)
 
 
 class Inbox(NamedTuple):

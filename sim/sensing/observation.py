@@ -13,16 +13,14 @@ from sim.sensing.acoustics import Path, propagate, received_range
 from sim.sensing.errors import SensorErrors, errors_of, gauss_markov, is_bad, is_lost, loses, tilt_errors
 from sim.sensing.noise import STREAMS, Address, Stream, normals, normals_at, uniforms
 from sim.sensing.sensors import (
-    Carrier,
     FollowerState,
     OwnSensor,
     own_sensors,
-    paths_taken,
     read_message,
     read_own,
     read_ranges,
     true_message,
-    write_true_own,
+    true_own,
 )
 from sim.trajectory import Trajectory
 
@@ -84,7 +82,7 @@ def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Mi
     errors, sound = errors_of(scenario, follower), propagate(trajectory, scenario, follower)
     own, sent = records(READING, n), records(MESSAGE, sound.emission_step.size)
     depth_sensor = trajectory.site_offset[trajectory.site(f"{name}/depth_sensor")]
-    write_true_own(errors, Carrier(follower, steps * dt, trajectory.body(v, grid), depth_sensor), own)
+    true_own(errors, follower, steps * dt, trajectory.body(v, grid), depth_sensor, own)
     emitted, tilt = sound.emission_step * stride, np.full((2, sound.emission_step.size), np.nan)
     if scenario.leader.broadcast_attitude:
         tilt = tilt_errors(trajectory, scenario.sensors)[emitted].T
@@ -139,11 +137,6 @@ def received(seed: int, run: int, follower: int, emission_step: Ints, e: SensorE
     return arrived
 
 
-def locked_path(seed: int, run: int, follower: int, emission_step: Ints, e: SensorErrors) -> Ints:
-    """`Path` that the receiver takes, for each message and transmitter, shape (m, 3); arguments as of `received`."""
-    return np.column_stack(paths_taken(e, Address(seed, run, follower, emission_step)))
-
-
 def measure(
     truth: MissionTruth, errors: SensorErrors, *, seed: int, run: int, follower: int = 0, transmitters: int = 3
 ) -> Measurements:
@@ -163,7 +156,7 @@ def measure(
     every = Address(seed, run, follower, np.arange(1, truth.speed.size + 1))
     sent, taken_up = every._replace(step=truth.emission_step), every._replace(step=truth.message_step)
     own, message = records(READING, every.step.size), truth.sent.copy()
-    read_own(errors, every, vars(truth), own)
+    read_own(errors, every, truth, own)
     # step 0, at which nothing is measured, addresses errors that a run keeps
     offset = normals_at(every._replace(step=0), Stream.LEADER_ATTITUDE)
     drawn = normals_at(sent, Stream.LEADER_ATTITUDE).T

@@ -1,11 +1,11 @@
 """The sensors: what each would read without errors, and its readings; shipped ones and those of plugins.
 
-A sensor is an entry of a list. One set of functions serves one instant and a finished mission: compiled code calls them
-with numbers and records, under way (`sim.sensing.instant`); Python calls them with arrays over filter steps or
-messages (`sim.sensing.observation`). Further sensors of a follower come from tables `[[sensors.own]]` of a scenario.
+One set of formulas serves one instant and a finished mission: compiled code calls them with numbers and records, under
+way (`sim.sensing.instant`); Python calls them with arrays over filter steps or messages (`sim.sensing.observation`).
+Their first argument `e` is a record or tuple of `sim.sensing.errors`. Further sensors of a follower come from tables
+`[[sensors.own]]` of a scenario.
 """
 
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -26,141 +26,45 @@ from sim.sensing.noise import Address, Stream, normals_at, uniforms_at
 from sim.trajectory import Body, speed_through_water
 
 # compiled code needs numbers, not the members of an enum
+_OWN_MOTION, _DEPTH, _TILT, _GYRO = int(Stream.OWN_MOTION), int(Stream.DEPTH), int(Stream.TILT), int(Stream.GYRO)
+_LEADER_MOTION, _LEADER_DEPTH = int(Stream.LEADER_MOTION), int(Stream.LEADER_DEPTH)
 _ECHO, _RANGE_UNIFORM, _RANGE_SCALE = int(Stream.ECHO), int(Stream.RANGE_UNIFORM), int(Stream.RANGE_SCALE)
 
 
-class Carrier(NamedTuple):
-    """A vehicle with sensors at an instant, or at many of them."""
+@elementwise
+def true_own(e: Any, follower: int, time: Any, body: Body, depth_sensor: Any, true: Any) -> None:
+    """What log, compass and pressure sensor of a follower read without random errors and constant biases.
 
-    follower: int  # its index; of the leader 0
-    time: Any  # [s]
-    body: Body
-    depth_sensor: Any  # offset of its pressure sensor, three numbers [m]
-
-
-class Sensor(NamedTuple):
-    """A sensor that reads one number at a time; its functions take numbers or arrays.
-
-    Their first argument `e` is a record or tuple of `sim.sensing.errors`.
+    Args:
+        e: errors.
+        follower: index.
+        time: [s].
+        body: motion of its vehicle.
+        depth_sensor: offset of the pressure sensor, shape (3,), [m].
+        true: out: of `laisn.swarm.READING`.
     """
-
-    name: str  # of its readings
-    true: Callable[[Any, Carrier], Any]  # what it reads without random errors and constant biases
-    stream: Stream | None = None  # of its noise; None: it has no errors
-    column: int = 0
-    """Which of the two normals of a step is its own; sensors of one stream stand side by side in their order."""
-    bias: str = ""  # field of `SensorErrors`; "": it has none
-    sigma: str = ""  # field of `SensorErrors`; "": it has none
-    read: Callable[..., Any] = plain_reading  # reading from the true value, bias, standard deviation and normal
+    speed = speed_through_water(body.pose, body.twist, body.water)
+    true.speed = speed + drift(e, e.speed_drift, e.speed_drift_phase, follower, time)
+    true.heading = body.heading + drift(e, e.heading_drift, e.heading_drift_phase, follower, time)
+    true.depth = -carried(body.pose, depth_sensor)[2]
 
 
 @elementwise
-def _log_speed(e: Any, on: Carrier) -> Any:
-    return speed_through_water(on.body.pose, on.body.twist, on.body.water)
+def read_own(e: Any, address: Address, true: Any, reading: Any) -> None:
+    """Read log, compass and pressure sensor: of `true_own`, which may be the same record as the reading."""
+    log, compass = normals_at(address, _OWN_MOTION)
+    reading.speed = speed_reading(true.speed, e.speed_bias, e.speed_sigma, log)
+    reading.heading = heading_reading(true.heading, e.heading_bias, e.heading_sigma, compass)
+    reading.depth = plain_reading(true.depth, 0.0, e.depth_sigma, normals_at(address, _DEPTH)[0])
 
 
 @elementwise
-def _drifting_speed(e: Any, on: Carrier) -> Any:
-    return _log_speed(e, on) + drift(e, e.speed_drift, e.speed_drift_phase, on.follower, on.time)
-
-
-@elementwise
-def _heading(e: Any, on: Carrier) -> Any:
-    return on.body.heading
-
-
-@elementwise
-def _drifting_heading(e: Any, on: Carrier) -> Any:
-    return on.body.heading + drift(e, e.heading_drift, e.heading_drift_phase, on.follower, on.time)
-
-
-@elementwise
-def _depth(e: Any, on: Carrier) -> Any:
-    return -carried(on.body.pose, on.depth_sensor)[2]
-
-
-OWN = (
-    Sensor("speed", _drifting_speed, Stream.OWN_MOTION, 0, "speed_bias", "speed_sigma", speed_reading),
-    Sensor("heading", _drifting_heading, Stream.OWN_MOTION, 1, "heading_bias", "heading_sigma", heading_reading),
-    Sensor("depth", _depth, Stream.DEPTH, 0, "", "depth_sigma"),
-)
-"""A follower's own sensors that its navigator reads."""
-STEERING = (
-    Sensor("pitch", elementwise(lambda e, on: on.body.pitch), Stream.TILT, 0, "", "tilt_sigma"),
-    Sensor("turning", elementwise(lambda e, on: on.body.twist[5]), Stream.GYRO, 0, "", "gyro_sigma"),
-    Sensor("pitching", elementwise(lambda e, on: on.body.twist[4]), Stream.GYRO, 1, "", "gyro_sigma"),
-)
-"""Those that only steer it."""
-LEADER = (
-    Sensor("timestamp", elementwise(lambda e, on: on.time)),
-    Sensor("east", elementwise(lambda e, on: on.body.pose[0] + e.leader_drift_east * on.time)),
-    Sensor("north", elementwise(lambda e, on: on.body.pose[1] + e.leader_drift_north * on.time)),
-    Sensor("speed", _log_speed, Stream.LEADER_MOTION, 0, "leader_speed_bias", "", speed_reading),
-    Sensor(
-        "heading", _heading, Stream.LEADER_MOTION, 1, "leader_heading_bias", "leader_heading_sigma", heading_reading
-    ),
-    Sensor("depth", _depth, Stream.LEADER_DEPTH, 0, "", "leader_depth_sigma"),
-)
-"""The leader's; of its attitude see `true_message` and `read_message`."""
-_AT_ORIGIN = 0.0, 0.0, 0.0
-
-
-def _parameter(name: str) -> Callable[[Any], float]:
-    """A function that gives a field of the errors, or zero for ""."""
-    if not name:
-        return elementwise(lambda e: 0.0)
-    return elementwise(lambda e: getattr(e, name))
-
-
-def truth_of(sensors: Sequence[Sensor]) -> Callable[[Any, Carrier, Any], None]:
-    """A function that writes what sensors read without errors by name, in Python and in compiled code."""
-    if not sensors:
-        return elementwise(lambda e, on, readings: None)
-    (name, true, *_), write_others = sensors[0], truth_of(sensors[1:])
-
-    @elementwise
-    def write_all(e: Any, on: Carrier, readings: Any) -> None:
-        readings[name] = true(e, on)
-        write_others(e, on, readings)
-
-    return write_all
-
-
-def _reader_of(sensors: Sequence[Sensor]) -> Callable[..., None]:
-    """As `reader_of`; the last argument holds the normals of the sensor before."""
-    if not sensors:
-        return elementwise(lambda e, address, true, readings, drawn: None)
-    name, _, stream, column, bias_name, sigma_name, read = sensors[0]
-    assert stream is not None
-    bias, sigma, read_others, number = (
-        _parameter(bias_name),
-        _parameter(sigma_name),
-        _reader_of(sensors[1:]),
-        int(stream),
-    )
-
-    @elementwise
-    def read_all(e: Any, address: Address, true: Any, readings: Any, drawn: tuple[float, float]) -> None:
-        if column == 0:
-            drawn = normals_at(address, number)
-        readings[name] = read(true[name], bias(e), sigma(e), drawn[column])
-        read_others(e, address, true, readings, drawn)
-
-    return read_all
-
-
-def reader_of(sensors: Sequence[Sensor]) -> Callable[[Any, Address, Any, Any], None]:
-    """A function that reads a list of sensors, in Python and in compiled code, which unrolls the list.
-
-    It takes errors, address of the noise, and true values and readings by name, which may be the same.
-    """
-    read_all = _reader_of([sensor for sensor in sensors if sensor.stream is not None])
-    return elementwise(lambda e, address, true, readings: read_all(e, address, true, readings, (0.0, 0.0)))
-
-
-write_true_own, read_own = truth_of((*OWN, *STEERING)), reader_of(OWN)
-read_follower = reader_of((*OWN, *STEERING))
-_write_true_leader, _read_leader = truth_of(LEADER), reader_of(LEADER)
+def read_steering(e: Any, address: Address, body: Body, reading: Any) -> None:
+    """Read inclinometer and gyros of a follower, which only steer it, into a record of `laisn.swarm.READING`."""
+    about_up, about_port = normals_at(address, _GYRO)
+    reading.pitch = plain_reading(body.pitch, 0.0, e.tilt_sigma, normals_at(address, _TILT)[0])
+    reading.turning = plain_reading(body.twist[5], 0.0, e.gyro_sigma, about_up)
+    reading.pitching = plain_reading(body.twist[4], 0.0, e.gyro_sigma, about_port)
 
 
 @elementwise
@@ -168,14 +72,18 @@ def true_message(e: Any, time: Any, leader: Body, tilt: Any, message: Any) -> No
     """What a message of the leader holds without random errors and constant biases.
 
     Args:
-        e: record or tuple of `sim.sensing.errors`.
+        e: errors.
         time: of sending [s].
         leader: its motion then.
         tilt: what accelerations add to measured pitch and roll [rad]; NaN if these are not broadcast.
         message: out: of `laisn.swarm.MESSAGE`.
     """
-    _write_true_leader(e, Carrier(0, time, leader, _AT_ORIGIN), message)
-    message.pitch, message.roll, message.heading_sigma = leader.pitch + tilt[0], leader.roll + tilt[1], np.nan
+    message.timestamp = time
+    message.east = leader.pose[0] + e.leader_drift_east * time
+    message.north = leader.pose[1] + e.leader_drift_north * time
+    message.speed = speed_through_water(leader.pose, leader.twist, leader.water)
+    message.heading, message.depth, message.heading_sigma = leader.heading, -leader.pose[2], np.nan
+    message.pitch, message.roll = leader.pitch + tilt[0], leader.roll + tilt[1]
 
 
 @elementwise
@@ -183,19 +91,20 @@ def read_message(e: Any, sent: Address, true: Any, offset: Any, fluctuation: Any
     """What a message holds.
 
     Args:
-        e: record or tuple of `sim.sensing.errors`.
+        e: errors.
         sent: address of the noise at the filter step at which it is sent.
         true: of `true_message`, which may be the same as the message.
         offset: normals of the errors of pitch and roll that a run keeps.
         fluctuation: values of the Gauss–Markov processes, of unit variance.
         message: out: of `laisn.swarm.MESSAGE`.
     """
-    _read_leader(e, sent, true, message)
+    log, compass = normals_at(sent, _LEADER_MOTION)
+    message.speed = speed_reading(true.speed, e.leader_speed_bias, 0.0, log)
+    message.heading = heading_reading(true.heading, e.leader_heading_bias, e.leader_heading_sigma, compass)
+    message.depth = plain_reading(true.depth, 0.0, e.leader_depth_sigma, normals_at(sent, _LEADER_DEPTH)[0])
     constant, sigma = e.leader_attitude_offset_sigma, e.leader_tilt_sigma
-    pitch = plain_reading(true.pitch, 0.0, constant, offset[0])
-    roll = plain_reading(true.roll, 0.0, constant, offset[1])
-    message.pitch = plain_reading(pitch, 0.0, sigma, fluctuation[0])
-    message.roll = plain_reading(roll, 0.0, sigma, fluctuation[1])
+    message.pitch = true.pitch + constant * offset[0] + sigma * fluctuation[0]
+    message.roll = true.roll + constant * offset[1] + sigma * fluctuation[1]
 
 
 @elementwise
@@ -279,8 +188,7 @@ class InvertedUsbl:
     acoustic = True
 
     azimuth_sigma: float = float(np.deg2rad(1.0))
-    azimuth_bias: float = 0.0
-    """As of a head that is mounted askew."""
+    azimuth_bias: float = 0.0  # as of a head that is mounted askew
     elevation_sigma: float = float(np.deg2rad(1.0))
 
     def true(self, state: FollowerState) -> Floats:
@@ -295,10 +203,6 @@ class InvertedUsbl:
         return np.asarray(true + error)
 
 
-SHIPPED: Mapping[str, type[Any]] = {"inverted-usbl": InvertedUsbl}
-"""Sensors of this project by the names that scenarios accept; all are off by default."""
-
-
 def own_tables(scenario: Scenario) -> tuple[Any, ...]:
     """Tables of a scenario's further sensors: its own, after the one that its navigator needs."""
     variant, given = scenario.navigation.variant, scenario.sensors.own
@@ -311,7 +215,7 @@ def own_sensors(scenario: Scenario) -> tuple[OwnSensor, ...]:
     """A scenario's further sensors; LaisnError if one cannot be found, or does not have a key of its table."""
     sensors = []
     for table in own_tables(scenario):
-        made = SHIPPED.get(table.sensor) or find_class("sensor", table.sensor)
+        made = InvertedUsbl if table.sensor == "inverted-usbl" else find_class("sensor", table.sensor)
         try:
             sensors.append(made(**in_si(table.model_extra or {}, getattr(made, "__dataclass_fields__", ()))))
         except TypeError as error:

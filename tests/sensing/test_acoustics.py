@@ -25,7 +25,9 @@ from sim.sensing.acoustics import (
     speed_at,
 )
 from sim.sensing.errors import SensorErrors, errors_of
-from sim.sensing.observation import locked_path, measure, observe, received
+from sim.sensing.noise import Address
+from sim.sensing.observation import measure, observe, received
+from sim.sensing.sensors import paths_taken
 from tests.straight import make_scenario, make_trajectory
 
 REAR, FRONT, MIDDLE = range(3)
@@ -183,18 +185,18 @@ ECHOES = SensorErrors(surface_echo_probability=0.2, bottom_echo_probability=0.05
 
 def test_echoes_occur_at_the_set_rate_independently():
     steps = np.arange(1, 200_001)
-    path = locked_path(1, 0, 0, steps, ECHOES)
+    path = np.column_stack(paths_taken(ECHOES, Address(1, 0, 0, steps)))
     for kind, chance in ((Path.SURFACE, 0.2), (Path.BOTTOM, 0.05), (Path.DIRECT, 0.75)):
         share = (path == kind).mean(axis=0)
         assert_allclose(share, chance, atol=4.5 * np.sqrt(chance * (1 - chance) / steps.size))
     both = np.mean((path[:, REAR] == Path.SURFACE) & (path[:, FRONT] == Path.SURFACE))
     assert_allclose(both, 0.04, atol=4.5 * np.sqrt(0.04 / steps.size))
-    assert_array_equal(path[1000:1005], locked_path(1, 0, 0, steps[1000:1005], ECHOES))
+    assert_array_equal(path[1000:1005], np.column_stack(paths_taken(ECHOES, Address(1, 0, 0, steps[1000:1005]))))
 
 
 def test_common_echoes_are_as_often_and_of_all_pings_of_a_message():
     steps = np.arange(1, 200_001)
-    path = locked_path(1, 0, 0, steps, ECHOES._replace(common_echoes=True))
+    path = np.column_stack(paths_taken(ECHOES._replace(common_echoes=True), Address(1, 0, 0, steps)))
     assert_array_equal(path, np.repeat(path[:, :1], 3, axis=1))
     for kind, chance in ((Path.SURFACE, 0.2), (Path.BOTTOM, 0.05)):
         assert_allclose((path == kind).mean(), chance, atol=4.5 * np.sqrt(chance * (1 - chance) / steps.size))
@@ -265,7 +267,7 @@ def test_a_reading_of_an_echo_is_the_path_of_the_echo():
     errors = errors_of(scenario)._replace(range_tau=(0.0, 0.0, 0.0), range_scale_mean=0.0, range_scale_sigma=0.0)
     truth = observe(trajectory, scenario)
     read = measure(truth, errors, seed=1, run=2).ranges
-    path = locked_path(1, 2, 0, truth.emission_step, errors)
+    path = np.column_stack(paths_taken(errors, Address(1, 2, 0, truth.emission_step)))
     sound = propagate(trajectory, scenario)
     assert_allclose(read, np.take_along_axis(sound.range, path[..., None], axis=2)[..., 0], rtol=1e-15)
     assert {int(p) for p in np.unique(path)} == {0, 1, 2}
