@@ -30,7 +30,7 @@ from sim.control.follower import (
     update_avoidance,
 )
 from sim.control.guidance import REFERENCE, begin, integrate_offset, steer, track_current
-from sim.control.trail import SPACING, TRAIL, LeaderPlan, plan_of
+from sim.control.station import SPACING, TRAIL, LeaderPlan, plan_of
 from sim.flight import navigation_settings
 from sim.own_control import OwnControl
 from sim.scenario.formation import Proximity
@@ -56,7 +56,7 @@ from sim.sensing.noise import STREAMS, normals
 from sim.sensing.observation import start_of
 from sim.sensing.sensors import FollowerState, OwnSensor, own_sensors
 from sim.simulation import TICK, RouteControl, simulate_motion, standing, steer_along_route
-from sim.stations import stations_of
+from sim.tracking import stations_of
 from sim.trajectory import Trajectory, Truth, speed_through_water
 from sim.vehicle.plant import Plant
 
@@ -256,8 +256,7 @@ def guide(k: int, truth: Truth, a: ClosedLoopState) -> None:
             _true_estimate(body, a.sites[1][f], guidance, reading, estimate)
         trail, clock = (a.trails[f], a.counts[f, 0]), (k * TICK, TICK)
         senses, memory = (reading, estimate), a.memory[f]
-        steering = keep_station(a.formation, a.stations[f], senses, trail, clock, memory, a.reference[0])
-        wanted, motion = steering.wanted, steering.motion
+        wanted, motion = keep_station(a.formation, a.stations[f], senses, trail, clock, memory, a.reference[0])
         control(routes.autopilots[i], wanted, a.reference[0], motion, TICK, routes.autopilot[i], routes.command[i])
 
 

@@ -20,8 +20,7 @@ from sim.scenario.point_motion import SPEED_MIN, TURN_RATE, plan
 from sim.scenario.routes import START_SPEED, Route
 from sim.scenario.settings import CONTROL_STEP_S, Follower, Scenario, Vehicle, Video
 from sim.sensing.sensors import own_sensors
-from sim.stations import crossings
-from sim.tracking import HULL_RADIUS_M
+from sim.tracking import HULL_RADIUS_M, crossings
 from sim.vehicle.effectors import FIN, LEAST_WAY
 from sim.vehicle.mjcf import VehicleSetup, spec_of, transmitter_places
 from sim.vehicle.own_hull import hull_errors

@@ -25,8 +25,7 @@ from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.tracking import contacts, first_touch
 from sim.trajectory import Trajectory, Truth
 from sim.vehicle.effectors import THRUSTER
-from sim.vehicle.plant import Plant, PlantError
-from sim.vehicle.stepping import FINE, Fault, advance
+from sim.vehicle.plant import FINE, Fault, Plant, PlantError, advance
 from sim.water import Water, water_velocity
 
 TICK = CONTROL_STEP_S  # interval of guidance, autopilot and recording [s]

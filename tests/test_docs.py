@@ -34,7 +34,7 @@ from experiments.study.plan import plan_of
 from sim.film import graphics
 from sim.scenario.file import parse, validate
 from sim.scenario.settings import Scenario
-from sim.stations import track_errors
+from sim.tracking import track_errors
 from tools.documents import markers, route_keeping
 from tools.documents import scenario_reference as reference
 from tools.documents.tables import TRACKED

@@ -19,15 +19,14 @@ from sim.control.follower import (
     update_avoidance,
 )
 from sim.control.guidance import REFERENCE
-from sim.control.station import STATION
-from sim.control.trail import TRAIL
+from sim.control.station import STATION, TRAIL
 from sim.flight import navigate, position_and_bearing_errors
 from sim.scenario.file import validate
 from sim.scenario.formation import Formation, Proximity
 from sim.scenario.settings import Scenario
 from sim.sensing.instant import SIGHTING, look
 from sim.simulation import simulate_motion
-from sim.stations import (
+from sim.tracking import (
     off_station,
     true_stations,
 )

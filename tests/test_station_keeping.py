@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from experiments.flight.fly import fly
-from sim.stations import closest_approaches, closest_in_a_layer, station_keeping
+from sim.tracking import closest_approaches, closest_in_a_layer, station_keeping
 from tests.test_formation import mission
 
 

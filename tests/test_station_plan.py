@@ -10,7 +10,7 @@ from sim.closed_loop import simulate_closed_loop
 from sim.scenario.file import validate
 from sim.scenario.formation import LEAST_APART_M
 from sim.scenario.settings import Scenario
-from sim.stations import Crossing, closest_in_a_layer, crossings
+from sim.tracking import Crossing, closest_in_a_layer, crossings
 
 LEFT = {"waypoints": [[0, 0, 0], [60, 60, 0], [200, 60, 140]]}
 STRAIGHT = {"waypoints": [[0, 0, 0], [200, 200, 0]]}

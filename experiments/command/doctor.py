@@ -103,12 +103,12 @@ def examine() -> int:
         table.add_row("", "", escape(f"in the project's folder: {remedy}"))
     else:
         from laisn.compiled import FOLDER
-        from sim.vehicle import stepping
+        from sim.vehicle import plant
 
         try:
-            stepping.library()
+            plant.library()
             row(True, "compiled steps", "compiled code calls MuJoCo")
-        except stepping.UnavailableError as error:
+        except plant.UnavailableError as error:
             row(False, "compiled steps", str(error))
         writable = "laisn-sim/compiled in XDG_CACHE_HOME or ~/.cache must be writable and have mode 0700"
         missing = f"not stored, every command compiles: {writable}"

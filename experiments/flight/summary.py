@@ -14,8 +14,15 @@ from sim.flight import Flight
 from sim.log.channels import Event
 from sim.scenario.formation import LEAST_LAYER_M
 from sim.sensing.instant import sightings
-from sim.stations import closest_approaches, closest_in_a_layer, station_keeping, track_errors, true_stations
-from sim.tracking import contacts, track_error
+from sim.tracking import (
+    closest_approaches,
+    closest_in_a_layer,
+    contacts,
+    station_keeping,
+    track_error,
+    track_errors,
+    true_stations,
+)
 
 
 def true_bearing(flight: Flight, follower: int) -> Floats:

@@ -15,7 +15,7 @@ from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, FixKind
 from laisn.messages import Ranges
 from sim.flight import Flight
-from sim.stations import LOST_M, off_station
+from sim.tracking import LOST_M, off_station
 
 SIGMAS = 2.0
 """Size of the drawn uncertainty in standard deviations of the filter."""

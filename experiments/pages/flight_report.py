@@ -20,8 +20,7 @@ from laisn.metrics import longest_mirror_lock, nees
 from laisn.navigators import find
 from sim.flight import Flight, Outcome
 from sim.sensing.instant import sightings
-from sim.stations import closest_approaches, off_station, station_keeping
-from sim.tracking import contacts
+from sim.tracking import closest_approaches, contacts, off_station, station_keeping
 
 _CAUSES = (Cause.RANDOM, Cause.LEVER_ARM, Cause.MOTION, Cause.DEPTH, Cause.FORESHORTENING, Cause.ECHO)
 COLOUR = dict(zip(_CAUSES, style.SERIES, strict=True))

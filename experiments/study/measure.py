@@ -11,8 +11,7 @@ from sim.flight import Outcome
 from sim.scenario.formation import LEAST_LAYER_M
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.simulation import ContactError, DivergedError
-from sim.stations import station_keeping, track_errors, true_stations
-from sim.tracking import contacts, cross_track
+from sim.tracking import contacts, cross_track, station_keeping, track_errors, true_stations
 from sim.trajectory import Trajectory
 
 DISC_DIAMETER_M = 0.1

@@ -29,7 +29,7 @@ Where it may be at either of two places, as with two transmitters on either side
 likelier one, so that ranges soon show whether it was the right one; by their mean both would stay as likely.
 
 Functions take `formation` and `proximity`, records of these sections, of STATION, and of `laisn.swarm.READING` and
-`ESTIMATE`; `trail` and `count` as of `sim.control.trail`; and `memory`, of FOLLOWER_MEMORY, which they bring forward.
+`ESTIMATE`; `trail` and `count` as of `sim.control.station`; and `memory`, of FOLLOWER_MEMORY, which they bring forward.
 """
 
 from typing import NamedTuple
@@ -42,8 +42,18 @@ from laisn.geometry import wrap_angle
 from sim.control.allocation import clip
 from sim.control.autopilot import VehicleState
 from sim.control.guidance import SPEED_LEAST
-from sim.control.station import FRAME_STATE, Target, rate_limited_velocity, station_at, turn_frame
-from sim.control.trail import SPACING, LeaderPlan, correct_planned, extend, extend_as_planned
+from sim.control.station import (
+    FRAME_STATE,
+    SPACING,
+    LeaderPlan,
+    Target,
+    correct_planned,
+    extend,
+    extend_as_planned,
+    rate_limited_velocity,
+    station_at,
+    turn_frame,
+)
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE
 
 CONSTANT_BEARING, ILOS, ALOS = range(3)  # values of `formation.law`
@@ -256,20 +266,6 @@ def measured_motion(reading: Record, estimate: Record, dt: float, memory: Record
 
 
 @compiled
-def _foreseen(
-    formation: Record, station: Record, known: tuple[Records, int], now: float, estimate: Record, memory: Record
-) -> Target:
-    """The station, and the velocity that takes a hull along with it."""
-    current = 0.0, 0.0
-    if formation.law == CONSTANT_BEARING:
-        # laws with an integral have that in place of the current
-        current = estimate.current[0], estimate.current[1]
-    t = station_at(formation, station, known, now, memory.frame)
-    east, north = rate_limited_velocity(formation, station, known, now, current, memory.frame)
-    return Target(t.east, t.north, east, north, t.way_east, t.way_north)
-
-
-@compiled
 def _to_station(
     formation: Record, target: Target, estimate: Record, sigma: float, dt: float, memory: Record
 ) -> tuple[float, float]:
@@ -289,15 +285,6 @@ def _to_station(
             place = target.east + along * ahead_east, target.north + along * ahead_north
     east, north, memory.integral = approach(formation, target, place, current, dt, memory.integral)
     return east, north
-
-
-@compiled
-def _sink_to(depth: float, dt: float, memory: Record, reference: Record) -> None:
-    """Bring the depth that is wanted nearer to another one."""
-    step = clip(depth - memory.depth_wanted, -_DIVE_RATE * dt, _DIVE_RATE * dt)
-    memory.depth_wanted += step
-    reference.turn_acceleration = reference.acceleration = 0.0
-    reference.depth, reference.sinking = memory.depth_wanted, step / dt
 
 
 @compiled
@@ -335,7 +322,12 @@ def keep_station(
     else:
         if silent > 0.5 * dt:
             turn_frame(formation, station, known, (now - dt, now), dt, memory.frame)
-        target = _foreseen(formation, station, known, now, estimate, memory)
+        t, current = station_at(station, known, now, memory.frame), (0.0, 0.0)
+        if formation.law == CONSTANT_BEARING:
+            # laws with an integral have that in place of the current
+            current = estimate.current[0], estimate.current[1]
+        along = rate_limited_velocity(formation, station, known, now, current, memory.frame)
+        target = Target(t.east, t.north, along[0], along[1], t.way_east, t.way_north)
         sigma = float(np.hypot(estimate.spread, formation.leader_velocity_sigma * max(silent, 0.0)))
         east, north = _to_station(formation, target, estimate, sigma, dt, memory)
         heading, speed = np.arctan2(east, north), np.hypot(east, north)
@@ -346,7 +338,10 @@ def keep_station(
     push = memory.push[0], memory.push[1]
     if push[0] != 0.0 or push[1] != 0.0:
         heading, speed = give_way(formation, (heading, speed), push)
-    _sink_to(depth, dt, memory, reference)
+    sinking = clip(depth - memory.depth_wanted, -_DIVE_RATE * dt, _DIVE_RATE * dt)
+    memory.depth_wanted += sinking
+    reference.turn_acceleration = reference.acceleration = 0.0
+    reference.depth, reference.sinking = memory.depth_wanted, sinking / dt
     turn = clip(wrap_angle(heading - memory.heading_wanted), -TURN_RATE * dt, TURN_RATE * dt)
     memory.heading_wanted += turn
     change = clip(speed - memory.speed_wanted, -ACCELERATION * dt, ACCELERATION * dt)

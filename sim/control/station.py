@@ -1,5 +1,13 @@
 """A follower's station: a place in the leader's trail, and aside of it in a frame that turns slowly.
 
+The trail holds the leader's received positions, by the length of its way, and its planned ones between messages. A
+smooth curve leads through the positions (cubic Hermite segments with mean slopes, as Catmull and Rom 1974). Beyond its
+head the leader is taken to go on as it went over the last seconds; before its tail, to have come straight.
+
+Where the leader's messages carry its next waypoints, a follower computes the leader's track to them by the rules of the
+point motion (`sim.scenario.point_motion`), and takes the leader to be as far off that track as it was at the last
+message. Without waypoints it assumes that the leader keeps its course.
+
 A station s behind and y to port stands at trail(S − s) + y · port(ψ). The frame's heading ψ follows the trail no faster
 than the station can be swum: on the inside of a turn the follower must keep way through the water, on the outside it
 must keep up. The leader's instantaneous heading would not do: 80 m astern, a weave of 5° would swing it by 7 m.
@@ -11,19 +19,324 @@ change no faster than a hull can is nearest to what the station needs from now o
 the envelopes that fall and rise at that rate (McShane 1934). A swing in no time becomes a turn about the same instant;
 what changes slowly enough stays as it is.
 
-Functions take `f`, the record of `[formation]`; `station`, a record of STATION; `trail`, the leader's and how many
-points it has; `dt`, a time step, and `time`, now [s]; and `state`, of FRAME_STATE.
+Functions of the trail take `trail`, records of TRAIL of shape (room,), and `count`, how many points it has, at least
+one; those that change the trail bring `count`, of shape (1,), forward. Functions of a station take `f`, the record of
+`[formation]`; `station`, a record of STATION; `trail`, the leader's and how many points it has; `dt`, a time step, and
+`time`, now [s]; and `state`, of FRAME_STATE.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Record, Records
+from laisn.arrays import Floats, Ints, Record, Records, records
 from laisn.compiled import compiled
 from laisn.geometry import wrap_angle
 from sim.control.allocation import clip
-from sim.control.trail import arc_at, at, pace, turned_since
+from sim.control.guidance import REFERENCE
+from sim.scenario.point_motion import SHARPEST_CUT, TURN_RATE
+
+TRAIL = np.dtype(
+    [
+        ("east", np.float64),  # [m]
+        ("north", np.float64),
+        ("arc", np.float64),  # length of the way to there [m]
+        ("time", np.float64),  # [s]
+        ("through", np.float64),  # the leader's broadcast speed through the water [m/s]
+        ("heading", np.float64),  # its broadcast heading [rad]
+        ("slope_east", np.float64),  # slope of the curve, per metre of way
+        ("slope_north", np.float64),
+        ("turned", np.float64),  # bound of what the curve has turned until there, both sides added up [rad]
+        ("pace", np.float64),  # the leader's mean speed over ground over the last seconds [m/s]
+    ]
+)
+"""One point of a trail."""
+
+SHORTEST = 0.3  # points of a trail are at least this far apart [m]: below it, a way would be made of waves and rounding
+PACE_TIME = 10.0  # the pace is the mean over this time [s]
+
+TAIL = 20.0  # before its first point the trail is taken to have come straight, as it went on for so long [m]
+
+Place = tuple[float, float, float, float, float]
+"""East and north [m]; the way's direction, a unit vector east and north; the leader's speed through the water there
+[m/s]."""
+
+
+@compiled
+def _chord(trail: Records, a: int, b: int) -> tuple[float, float]:
+    """East and north from point a to point b, for a metre of way; nothing where there is none."""
+    length = trail[b].arc - trail[a].arc
+    if length <= 0.0:
+        return 0.0, 0.0
+    return (trail[b].east - trail[a].east) / length, (trail[b].north - trail[a].north) / length
+
+
+@compiled
+def _tail(trail: Records, count: int) -> tuple[float, float]:
+    """Direction of the first stretch of a trail; the shorter it is yet, the more that of the heading motion there."""
+    course = trail[0].heading
+    i = 1
+    while i < count - 1 and trail[i].arc < TAIL:
+        i += 1
+    made = np.arctan2(trail[i].east - trail[0].east, trail[i].north - trail[0].north)
+    course += wrap_angle(made - course) * min(trail[i].arc / TAIL, 1.0)
+    return np.sin(course), np.cos(course)
+
+
+@compiled
+def _slope(trail: Records, count: int, i: int) -> tuple[float, float]:
+    """East and north of the direction of the curve at point i; it begins as it came, and at its head bends on."""
+    last = count - 1
+    if i == 0:
+        return _tail(trail, count)
+    if count == 2:
+        return _chord(trail, 0, 1)
+    if i < last:
+        return _chord(trail, i - 1, i + 1)
+    x, y = _chord(trail, last - 1, last)
+    mean_x, mean_y = _chord(trail, last - 2, last)
+    return 2.0 * x - mean_x, 2.0 * y - mean_y
+
+
+@compiled
+def _turn_to(trail: Records, i: int) -> float:
+    """Angle that the curve turns by at most from the point before to point i, to either side added up [rad].
+
+    A derivative of Hermite's cubic is a Bézier curve, which turns no more than the polygon of its three points.
+    """
+    length = trail[i].arc - trail[i - 1].arc
+    ax, ay = length * trail[i - 1].slope_east, length * trail[i - 1].slope_north
+    bx, by = length * trail[i].slope_east, length * trail[i].slope_north
+    mx = 3.0 * (trail[i].east - trail[i - 1].east) - ax - bx
+    my = 3.0 * (trail[i].north - trail[i - 1].north) - ay - by
+    first = np.arctan2(ax * my - ay * mx, ax * mx + ay * my)
+    second = np.arctan2(mx * by - my * bx, mx * bx + my * by)
+    return float(abs(first) + abs(second))
+
+
+@compiled
+def _mean_speed(trail: Records, last: int) -> float:
+    """Mean speed over ground over the last seconds until a point that has one before it [m/s]."""
+    i = last - 1
+    while i > 0 and trail[last].time - trail[i].time < PACE_TIME - 1e-6:
+        i -= 1
+    return float((trail[last].arc - trail[i].arc) / (trail[last].time - trail[i].time))
+
+
+@compiled
+def extend(trail: Records, count: Ints, east: float, north: float, time: float, motion: tuple[float, float]) -> None:
+    """Add where the leader was to its trail: east, north [m], time [s], later than before, speed and heading."""
+    n = count[0]
+    through, heading = motion
+    if n == 0:
+        trail[0].east, trail[0].north, trail[0].arc, trail[0].time = east, north, 0.0, time
+        trail[0].through, trail[0].heading = through, heading
+        trail[0].slope_east, trail[0].slope_north = np.sin(heading), np.cos(heading)
+        trail[0].turned, trail[0].pace = 0.0, through
+        count[0] = 1
+        return
+    # the head moves on until it is far enough from the point before
+    if n > 1 and trail[n - 1].arc - trail[n - 2].arc < SHORTEST:
+        n -= 1
+    step = np.hypot(east - trail[n - 1].east, north - trail[n - 1].north)
+    # a way that bends evenly is longer than its chord
+    half = 0.5 * abs(wrap_angle(heading - trail[n - 1].heading))
+    if 1e-3 < half < 1.5:
+        step *= half / np.sin(half)
+    trail[n].east, trail[n].north, trail[n].time = east, north, time
+    trail[n].through, trail[n].heading = through, heading
+    trail[n].arc = trail[n - 1].arc + step
+    trail[n].pace = _mean_speed(trail, n)
+    count[0] = n + 1
+    # the slope at the head hangs on three points, that at the tail on the first stretch
+    first = n - 1 if trail[n - 1].arc >= TAIL else 0
+    for i in range(first, n + 1):
+        trail[i].slope_east, trail[i].slope_north = _slope(trail, n + 1, i)
+    for i in range(max(first, 1), n + 1):
+        trail[i].turned = trail[i - 1].turned + _turn_to(trail, i)
+
+
+@compiled
+def pace(trail: Records, count: int) -> float:
+    """Mean speed over ground at the end of a trail [m/s]; that through the water where there is no way yet."""
+    return float(trail[count - 1].pace)
+
+
+@compiled
+def arc_at(trail: Records, count: int, time: float) -> float:
+    """Length of the way at a time [s]; after the last point the leader is taken to have kept its pace [m]."""
+    last = count - 1
+    if time >= trail[last].time:
+        return float(trail[last].arc + pace(trail, count) * (time - trail[last].time))
+    i = last
+    while i > 1 and trail[i - 1].time > time:
+        i -= 1
+    share = (time - trail[i - 1].time) / (trail[i].time - trail[i - 1].time)
+    return float(trail[i - 1].arc + share * (trail[i].arc - trail[i - 1].arc))
+
+
+@compiled
+def _unit(east: float, north: float) -> tuple[float, float]:
+    """Direction of a vector, north if it has none."""
+    length = np.sqrt(east * east + north * north)
+    return (east / length, north / length) if length > 0.0 else (0.0, 1.0)
+
+
+@compiled
+def _straight(trail: Records, i: int, ahead: tuple[float, float], beyond: float) -> Place:
+    """A place so far beyond point i in a direction."""
+    east, north = trail[i].east + beyond * ahead[0], trail[i].north + beyond * ahead[1]
+    return east, north, ahead[0], ahead[1], trail[i].through
+
+
+@compiled
+def _before(trail: Records, count: int, arc: float) -> int:
+    """The last point that is not beyond a length of the way, which lies between the ends of a trail.
+
+    The search starts at an even pace: bisection would touch all of a long trail, beyond the cache for many followers.
+    """
+    last = count - 1
+    low = min(int(arc / trail[last].arc * last), last - 1)
+    while trail[low].arc > arc:
+        low -= 1
+    while trail[low + 1].arc <= arc:
+        low += 1
+    return low
+
+
+@compiled
+def _head(trail: Records, count: int) -> int:
+    """The last point with a useful slope, which one too near to the point before it does not have."""
+    last = count - 1
+    return last - 1 if trail[last].arc - trail[last - 1].arc < SHORTEST and count > 2 else last
+
+
+@compiled
+def turned_since(trail: Records, count: int, arc: float) -> float:
+    """By how much the way turns at most from a length of it on [m], to port and to starboard added up [rad]."""
+    last = count - 1
+    if arc <= 0.0 or trail[last].arc <= 0.0:
+        return float(trail[last].turned)
+    since = last - 1 if arc >= trail[last].arc else _before(trail, count, arc)
+    return float(trail[last].turned - trail[since].turned)
+
+
+@compiled
+def at(trail: Records, count: int, arc: float) -> Place:
+    """The trail at a length of the way [m]; before the first point and after the last it is straight."""
+    last = count - 1
+    if arc <= 0.0 or trail[last].arc <= 0.0:
+        return _straight(trail, 0, (trail[0].slope_east, trail[0].slope_north), arc)
+    if arc >= trail[last].arc:
+        i = _head(trail, count)
+        return _straight(trail, last, _unit(trail[i].slope_east, trail[i].slope_north), arc - trail[last].arc)
+    low = _before(trail, count, arc)
+    high = low + 1
+    length = trail[high].arc - trail[low].arc
+    u = (arc - trail[low].arc) / length
+    ax, ay = length * trail[low].slope_east, length * trail[low].slope_north
+    bx, by = length * trail[high].slope_east, length * trail[high].slope_north
+    dx, dy = trail[high].east - trail[low].east, trail[high].north - trail[low].north
+    # Hermite's cubic about the first point, and its derivative by u
+    p, q, r = u * (1.0 - u) * (1.0 - u), u * u * (3.0 - 2.0 * u), u * u * (u - 1.0)
+    dp, dq, dr = (1.0 - u) * (1.0 - 3.0 * u), 6.0 * u * (1.0 - u), u * (3.0 * u - 2.0)
+    ahead_east, ahead_north = _unit(dp * ax + dr * bx + dq * dx, dp * ay + dr * by + dq * dy)
+    return (
+        trail[low].east + p * ax + r * bx + q * dx,
+        trail[low].north + p * ay + r * by + q * dy,
+        ahead_east,
+        ahead_north,
+        (1.0 - u) * trail[low].through + u * trail[high].through,
+    )
+
+
+SPACING = 1.0  # planned points follow each other in a trail after this time [s]
+_HALF_TURN = 0.5 * SHARPEST_CUT / TURN_RATE  # a turn begins at most so long before its waypoint [s]
+_OFF_PLAN = 5.0  # a leader farther off its plan than this has left it after the last waypoint that was received [m]
+
+
+class LeaderPlan(NamedTuple):
+    """The leader's track as a follower computes it from waypoints, at n control steps."""
+
+    track: Records  # of REFERENCE, of which place and course are read, shape (n,)
+    until: Floats
+    """Time until which a message sent at each step gives the track, shape (n,), [s]; of no length: none does."""
+
+
+def plan_of(track: Records, times: Floats, waypoints: int, dt: float) -> LeaderPlan:
+    """The plan of a leader whose messages carry its next waypoints.
+
+    The track is known until the turn at the last of them, which depends on the next leg, or until the end of the route.
+
+    Args:
+        track: the leader's reference at n control steps, records of REFERENCE, shape (n,).
+        times: of the leader's waypoints, increasing, shape (w,), [s].
+        waypoints: how many a message carries; 0: none.
+        dt: control step [s].
+    """
+    if waypoints == 0:
+        return LeaderPlan(records(REFERENCE, 0), np.zeros(0))
+    last = np.searchsorted(times, dt * np.arange(len(track)), side="right") + waypoints - 1
+    until = np.append(times[:-1] - _HALF_TURN, np.inf)[np.minimum(last, times.size - 1)]
+    # the start is known, but no message has been sent yet
+    until[0] = -np.inf
+    return LeaderPlan(np.ascontiguousarray(track), until)
+
+
+@compiled
+def extend_as_planned(
+    plan: LeaderPlan, trail: Records, count: Ints, received: tuple[float, int], clock: tuple[int, float]
+) -> None:
+    """Add where the leader is by the plan to its trail, if the last message had the plan for now.
+
+    Args:
+        received: time of the last message [s], and how many points the trail had with it; the others are planned ones.
+        clock: control step, and its length [s].
+    """
+    (k, dt), (last, points) = clock, received
+    if k * dt > plan.until[round(last / dt)]:
+        return
+    # of a leader that stands still, planned points take the place of the one that was received
+    head = points - 1
+    since = round(trail[head].time / dt)
+    if k <= since:
+        return
+    east = trail[head].east + plan.track[k].east - plan.track[since].east
+    north = trail[head].north + plan.track[k].north - plan.track[since].north
+    heading = trail[head].heading + plan.track[k].course - plan.track[since].course
+    extend(trail, count, east, north, k * dt, (trail[head].through, heading))
+
+
+@compiled
+def correct_planned(trail: Records, count: Ints, received: int, message: tuple[float, float, float]) -> None:
+    """Move planned points of a trail to where the leader was by the message after them; later ones are dropped.
+
+    Its distance from the plan is taken to have grown evenly since the message before.
+
+    Args:
+        received: how many points it had after the last message, at least one.
+        message: east, north [m] and time [s].
+    """
+    total, (east, north, time) = count[0], message
+    count[0] = received
+    if total == received:
+        return
+    begin, last = trail[received - 1].time, total - 1
+    while last >= received and trail[last].time > time - 0.5 * SPACING:
+        last -= 1
+    if last < received:
+        return
+    planned_east, planned_north, _, _, _ = at(trail, total, arc_at(trail, total, time))
+    off_east, off_north = east - planned_east, north - planned_north
+    if np.hypot(off_east, off_north) > _OFF_PLAN:
+        off_east = off_north = 0.0
+    for i in range(received, last + 1):
+        when = trail[i].time
+        share = (when - begin) / (time - begin)
+        motion = trail[i].through, trail[i].heading
+        # a point is written where it was read, or before
+        extend(trail, count, trail[i].east + share * off_east, trail[i].north + share * off_north, when, motion)
+
 
 STATION = np.dtype([("behind", np.float64), ("port", np.float64), ("depth", np.float64)])  # a station [m]
 FRAME_STATE = np.dtype([("heading", np.float64), ("rate", np.float64)])
@@ -85,7 +398,7 @@ def turn_frame(
 
 
 @compiled
-def station_at(f: Record, station: Record, trail: tuple[Records, int], time: float, state: Record) -> Target:
+def station_at(station: Record, trail: tuple[Records, int], time: float, state: Record) -> Target:
     """Where a station is, by its frame as it stands."""
     points, count = trail
     port, over_ground = station.port, pace(points, count)

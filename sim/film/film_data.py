@@ -15,7 +15,7 @@ from laisn.arrays import Floats, Ints, own_arrays
 from laisn.estimates import FixKind
 from sim import attitude
 from sim.flight import Flight, position_and_bearing_errors
-from sim.stations import true_stations
+from sim.tracking import true_stations
 
 RGB = tuple[float, float, float]
 """Red, green, blue, each in [0, 1]."""

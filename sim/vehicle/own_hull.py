@@ -4,11 +4,10 @@ The text is checked before MuJoCo reads it: MuJoCo lays out a height field of a 
 times, and warns in a file of its own where it leaves out a hull's options of the sea. A hull needs none of that.
 """
 
-import math
 import re
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
-from itertools import chain
 from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -26,14 +25,12 @@ _ELEMENTS = {
     "inertial", "geom", "site", "camera", "light", "actuator", "general", "keyframe", "key", "custom", "numeric",
     "text",
 }  # fmt: skip
-_MOST_VALUES = 1000  # of a numeric; MuJoCo makes room for as many as the file has
-_FINEST = 64  # largest parameter of a mesh that MuJoCo builds: facets, or subdivisions
+_LARGEST = 1e9  # largest size of a number
+_MOST = {("numeric", "size"): 1000, ("mesh", "params"): 64}
+"""Largest numbers of attributes by which MuJoCo makes room for values, and facets or subdivisions."""
 _MOST_ELEMENTS = {"mesh": 20, "geom": 200, "site": 200}
 """Largest number of elements of a kind: each mesh takes memory, and MuJoCo moves each site at every step."""
-_LARGEST = 1e9  # largest size of a number
 _FARTHEST_M = 1000.0  # farthest site from the origin along an axis [m]
-_NOT_FINITE = re.compile(r"[+-]?(nan(\(\w*\))?|inf(inity)?)", re.IGNORECASE)
-"""Numbers as C reads them that are not finite."""
 _NAME = re.compile("[A-Za-z][A-Za-z0-9_]{0,39}")  # a name of an actuator, which also names a column of the log
 _SITES = {"depth_sensor": "where the pressure sensor sits", "cg": "the centre of gravity"}
 _INSTRUMENTS = {
@@ -42,59 +39,44 @@ _INSTRUMENTS = {
 }
 
 
-def _numbers(text: str) -> Iterator[float]:
-    """The numbers in the value of an attribute."""
-    for word in text.split():
-        if _NOT_FINITE.fullmatch(word):
-            yield math.nan
-        with suppress(ValueError):
-            yield float(word)
-
-
 def _quoted(element: Element, name: str) -> str:
     return f"<{element.tag} {name}={element.get(name, '')[:40]!r}>"
 
 
-def _excesses(root: Element) -> Iterator[str]:
-    """Numbers that are not finite, or larger than those of any hull, and too many elements."""
-    for tag, most in _MOST_ELEMENTS.items():
-        count = sum(1 for _ in root.iter(tag))
-        if count > most:
-            yield f"has {count} elements <{tag}>, at most {most}"
-    for element in root.iter():
-        for name, value in element.items():
-            if not all(abs(number) <= _LARGEST for number in _numbers(value)):
-                yield f"{_quoted(element, name)} must be finite and within ±{_LARGEST:g}"
-    for element, name, most in chain(
-        ((numeric, "size", _MOST_VALUES) for numeric in root.iter("numeric")),
-        ((mesh, "params", _FINEST) for mesh in root.iter("mesh")),
-    ):
-        if max(_numbers(element.get(name, "")), default=0.0) > most:
-            yield f"{_quoted(element, name)} may be {most} at most"
+def _within(text: str, most: float) -> bool:
+    """Whether all numbers in the value of an attribute are finite and not beyond a bound."""
+    for word in text.split():
+        with suppress(ValueError):
+            # C also reads nan(1)
+            if not abs(float(re.sub(r"\(\w*\)$", "", word))) <= most:
+                return False
+    return True
 
 
-def _of_the_sea(root: Element) -> Iterator[str]:
-    """Options that differ from those of all vehicles."""
-    sea = ElementTree.parse(models.path("ocean")).getroot().find("option")
-    assert sea is not None
-    for option in root.iter("option"):
-        for name, value in option.items():
-            if value.split() != sea.get(name, "").split():
-                yield f"{_quoted(option, name)} is a property of the sea: {sea.get(name, 'leave it out')}"
-
-
-def _unexpected(text: str) -> list[str]:
+def _unexpected(text: str) -> Iterator[str]:
     """A line for each thing that the text of a hull may not hold."""
-    outside = _FILES.search(text)
-    if outside:
-        return [f"names other files ({outside[0].strip()}): a hull is one file; looks are made of plain geoms"]
+    if outside := _FILES.search(text):
+        yield f"names other files ({outside[0].strip()}): a hull is one file; looks are made of plain geoms"
+        return
     try:
-        root = ElementTree.fromstring(text)
+        elements = list(ElementTree.fromstring(text).iter())
     except (ElementTree.ParseError, ValueError) as error:
-        return [f"not valid MJCF: {error}"]
-    unknown = sorted({element.tag for element in root.iter()} - _ELEMENTS)
-    lines = [f"may not hold <{tag[:40]}>: a hull is one body, and its looks are plain geoms" for tag in unknown]
-    return [*lines, *_excesses(root), *_of_the_sea(root)]
+        yield f"not valid MJCF: {error}"
+        return
+    counts = Counter(element.tag for element in elements)
+    for tag in sorted(set(counts) - _ELEMENTS):
+        yield f"may not hold <{tag[:40]}>: a hull is one body, and its looks are plain geoms"
+    for tag, largest in _MOST_ELEMENTS.items():
+        if counts[tag] > largest:
+            yield f"has {counts[tag]} elements <{tag}>, at most {largest}"
+    sea = next(ElementTree.parse(models.path("ocean")).iter("option"))
+    for element in elements:
+        for name, value in element.items():
+            most = _MOST.get((element.tag, name), _LARGEST)
+            if not _within(value, most):
+                yield f"{_quoted(element, name)} must be finite and within ±{most:g}"
+            if element.tag == "option" and value.split() != sea.get(name, "").split():
+                yield f"{_quoted(element, name)} is a property of the sea: {sea.get(name, 'leave it out')}"
 
 
 def _missing(spec: Any, role: str) -> list[str]:
@@ -120,11 +102,6 @@ def _missing(spec: Any, role: str) -> list[str]:
         for actuator in spec.actuators
         if actuator.trntype == mujoco.mjtTrn.mjTRN_SITE and spec.site(actuator.target) is None
     ]
-    former = [name for name in ("fin_x", "fin_area", "fin_lift_slope") if spec.numeric(name) is not None]
-    if former:
-        lines.append(
-            f"<numeric name={former[0]!r}>: a fixed fin is <site name='NAME' zaxis='…'> with <numeric name='NAME.fin'>"
-        )
     for name in coefficients.NUMERICS:
         numeric = spec.numeric(name)
         fault = coefficients.numeric_error(name, None if numeric is None else int(numeric.size))
@@ -175,8 +152,7 @@ def hull_errors(text: str, role: str) -> list[str]:
 
     The role is "leader" or "follower", which carry other instruments.
     """
-    lines = _unexpected(text)
-    if lines:
+    if lines := list(_unexpected(text)):
         return lines
     try:
         spec = mujoco.MjSpec.from_string(text)

@@ -14,27 +14,16 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
-from sim import attitude
 from sim.vehicle.hull_file import EffectorPart, HullFile, Number, still_water_numerics
 from sim.water import GRAVITY
 
 FORCES, RATES = "xyzkmn", "UVWPQR"
 THRUST = 50.0  # range of a thruster whose plugin has none [N]: a T200 at 16 V
 LAG = {"thruster": 0.2, "fin": 0.1}  # Gazebo's thrusters and joints have controllers and no lag of their own [s]
-
-
-class Frame(NamedTuple):
-    """Pose of a link in the model."""
-
-    place: Floats
-    turn: Floats  # link to model, shape (3, 3)
-
-    def at(self, place: Floats) -> Floats:
-        """A point of the link in the model."""
-        return np.asarray(self.place + self.turn @ place)
 
 
 class Body(NamedTuple):
@@ -45,8 +34,7 @@ class Body(NamedTuple):
     inertia: Floats
     volume: float
     buoyancy_centre: Floats
-    low: Floats  # corners of the box about all collisions
-    high: Floats
+    size: Floats  # of the box about all collisions
 
 
 def _numbers(text: str | None, count: int, what: str) -> Floats:
@@ -66,9 +54,9 @@ def _number(parent: Element, name: str, default: float | None = None) -> float:
     return float(_numbers(text, 1, f"<{name}>")[0])
 
 
-def _frame(element: Element, outer: Frame | None = None) -> Frame:
-    pose = element.find("pose")
-    values, scale = np.zeros(6), 1.0
+def _frame(element: Element, outer: Floats | None = None) -> Floats:
+    """Pose of an element in the model, by that of what holds it, as a homogeneous 4×4 matrix."""
+    pose, frame = element.find("pose"), np.eye(4)
     if pose is not None:
         if pose.get("relative_to") or pose.get("rotation_format", "euler_rpy") != "euler_rpy":
             raise LaisnError(
@@ -76,17 +64,10 @@ def _frame(element: Element, outer: Frame | None = None) -> Frame:
                 "file without them"
             )
         values = _numbers(pose.text, 6, f"<pose> of {element.get('name')!r}")
-        scale = np.pi / 180.0 if pose.get("degrees") in ("1", "true") else 1.0
-    roll, pitch, yaw = values[3:] * scale
-    turn = _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
-    if outer is None:
-        return Frame(values[:3], turn)
-    return Frame(outer.at(values[:3]), outer.turn @ turn)
-
-
-def _about(axis: int, angle: float) -> Floats:
-    """Rotation matrix about a coordinate axis."""
-    return attitude.rotate(np.array([np.cos(angle / 2), *(np.sin(angle / 2) * np.eye(3)[axis])]), np.eye(3)).T
+        # fixed axes: roll, then pitch, then yaw
+        turn = Rotation.from_euler("xyz", values[3:], degrees=pose.get("degrees") in ("1", "true"))
+        frame[:3, :3], frame[:3, 3] = turn.as_matrix(), values[:3]
+    return frame if outer is None else outer @ frame
 
 
 def _solid(collision: Element) -> tuple[float, Floats]:
@@ -105,39 +86,33 @@ def _solid(collision: Element) -> tuple[float, Floats]:
     return 0.0, np.zeros(3)
 
 
-def _body(links: dict[str, tuple[Element, Frame]]) -> Body:
-    masses, centres, tensors, volumes, middles = [], [], [], [], []
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+def _body(links: dict[str, tuple[Element, Floats]]) -> Body:
+    masses, centres, tensors, volumes, corners = [], [], [], [], []
     for link, frame in links.values():
-        inertial = link.find("inertial")
-        if inertial is not None:
-            own = _frame(inertial, frame)
-            i = inertial.find("inertia")
-            xx, yy, zz, xy, xz, yz = (
-                (_number(i, f"i{a}", d) if i is not None else d)
-                for a, d in (("xx", 1.0), ("yy", 1.0), ("zz", 1.0), ("xy", 0.0), ("xz", 0.0), ("yz", 0.0))
-            )
+        if (inertial := link.find("inertial")) is not None:
+            own, i = _frame(inertial, frame), inertial.find("inertia")
+            i = Element("inertia") if i is None else i
+            xx, yy, zz = (_number(i, name, 1.0) for name in ("ixx", "iyy", "izz"))
+            xy, xz, yz = (_number(i, name, 0.0) for name in ("ixy", "ixz", "iyz"))
             masses.append(_number(inertial, "mass", 1.0))
-            centres.append(own.place)
-            tensors.append(own.turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ own.turn.T)
+            centres.append(own[:3, 3])
+            tensors.append(own[:3, :3] @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ own[:3, :3].T)
         for collision in link.iter("collision"):
-            at = _frame(collision, frame)
-            volume, half = _solid(collision)
+            at, (volume, half) = _frame(collision, frame), _solid(collision)
+            reach = np.abs(at[:3, :3]) @ half
             volumes.append(volume)
-            middles.append(at.place)
-            reach = np.abs(at.turn) @ half
-            low, high = np.minimum(low, at.place - reach), np.maximum(high, at.place + reach)
-    mass = float(np.sum(masses))
+            corners.append((at[:3, 3] - reach, at[:3, 3] + reach))
+    mass, volume = float(np.sum(masses)), float(np.sum(volumes))
     if not mass > 0.0:
         raise LaisnError("its links have no mass")
     centre = np.average(centres, axis=0, weights=masses)
-    inertia = np.zeros((3, 3))
-    for m, c, tensor in zip(masses, centres, tensors, strict=True):
-        arm = c - centre
-        inertia += tensor + m * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    volume = float(np.sum(volumes))
-    middle = np.average(middles, axis=0, weights=volumes) if volume > 0.0 else centre
-    return Body(mass, centre, inertia, volume, middle, low, high)
+    arms = np.array(centres) - centre
+    inertia = np.sum(tensors, axis=0)
+    for m, arm in zip(masses, arms, strict=True):
+        inertia += m * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    box = np.array(corners) if corners else np.zeros((1, 2, 3))
+    middle = np.average(box.mean(axis=1), axis=0, weights=volumes) if volume > 0.0 else centre
+    return Body(mass, centre, inertia, volume, middle, box[:, 1].max(axis=0) - box[:, 0].min(axis=0))
 
 
 def _plugins(model: Element, kind: str) -> Iterator[Element]:
@@ -179,7 +154,7 @@ def _coefficients(plugin: Element, remarks: list[str]) -> dict[str, Floats]:
     return found
 
 
-def _thrusters(model: Element, links: dict[str, tuple[Element, Frame]], remarks: list[str]) -> Iterator[EffectorPart]:
+def _thrusters(model: Element, links: dict[str, tuple[Element, Floats]], remarks: list[str]) -> Iterator[EffectorPart]:
     """Thrusters in the model's frame."""
     joints = {joint.get("name", ""): joint for joint in model.iter("joint")}
     for plugin in _plugins(model, "Thruster"):
@@ -188,13 +163,13 @@ def _thrusters(model: Element, links: dict[str, tuple[Element, Frame]], remarks:
         if joint is None or joint.findtext("child", "").strip() not in links:
             raise LaisnError(f"Thruster: there is no <joint name={name!r}> with a child link")
         frame = links[joint.findtext("child", "").strip()][1]
-        axis = frame.turn @ _numbers(joint.findtext("axis/xyz", "0 0 1"), 3, f"<axis> of joint {name!r}")
+        axis = frame[:3, :3] @ _numbers(joint.findtext("axis/xyz", "0 0 1"), 3, f"<axis> of joint {name!r}")
         limits = _number(plugin, "min_thrust_cmd", -THRUST), _number(plugin, "max_thrust_cmd", THRUST)
         if plugin.find("max_thrust_cmd") is None:
             remarks.append(f"thruster {name!r} has no max_thrust_cmd (Gazebo: 1000 N): ±{THRUST:g} N")
         yield EffectorPart(
             name=_name(name),
-            place=frame.place,
+            place=frame[:3, 3],
             axis=axis / np.linalg.norm(axis),
             limits=limits,
             lag=LAG["thruster"],
@@ -202,7 +177,7 @@ def _thrusters(model: Element, links: dict[str, tuple[Element, Frame]], remarks:
         )
 
 
-def _fins(model: Element, links: dict[str, tuple[Element, Frame]], remarks: list[str]) -> Iterator[EffectorPart]:
+def _fins(model: Element, links: dict[str, tuple[Element, Floats]], remarks: list[str]) -> Iterator[EffectorPart]:
     """Fins, which lift across the hull, in the model's frame."""
     children = {joint.findtext("child", "").split("::")[-1]: joint for joint in model.iter("joint")}
     for plugin in _plugins(model, "LiftDrag"):
@@ -214,8 +189,8 @@ def _fins(model: Element, links: dict[str, tuple[Element, Frame]], remarks: list
         if joint is not None and joint.get("type") == "revolute":
             limit = joint.find("axis/limit")
             limits = (-0.35, 0.35) if limit is None else (_number(limit, "lower", -0.35), _number(limit, "upper", 0.35))
-        axis = frame.turn @ _numbers(plugin.findtext("upward", "0 0 1"), 3, "<upward>")
-        axis = np.array([0.0, *axis[1:]])
+        axis = frame[:3, :3] @ _numbers(plugin.findtext("upward", "0 0 1"), 3, "<upward>")
+        axis[0] = 0.0
         if not np.linalg.norm(axis) > 0.9:
             remarks.append(f"LiftDrag of {name!r} lifts along the hull and is left out")
             continue
@@ -223,7 +198,7 @@ def _fins(model: Element, links: dict[str, tuple[Element, Frame]], remarks: list
         span = float(np.sqrt(area))
         yield EffectorPart(
             name=name,
-            place=frame.at(_numbers(plugin.findtext("cp", "0 0 0"), 3, "<cp>")),
+            place=frame[:3, :3] @ _numbers(plugin.findtext("cp", "0 0 0"), 3, "<cp>") + frame[:3, 3],
             axis=axis / np.linalg.norm(axis),
             limits=limits,
             lag=0.0 if limits is None else LAG["fin"],
@@ -262,24 +237,23 @@ def from_sdf(text: str) -> tuple[HullFile, list[str]]:
     hydrodynamic = links.get(plugin.findtext("link_name", "").strip())
     if hydrodynamic is None:
         raise LaisnError(f"Hydrodynamics: there is no <link name={plugin.findtext('link_name', '')!r}>")
-    if not np.allclose(hydrodynamic[1].turn, np.eye(3)):
+    if not np.allclose(hydrodynamic[1][:3, :3], np.eye(3)):
         raise LaisnError("the link of Hydrodynamics must not be turned in the model")
 
-    offset = float(np.linalg.norm(body.buoyancy_centre - hydrodynamic[1].place))
+    offset = float(np.linalg.norm(body.buoyancy_centre - hydrodynamic[1][:3, 3]))
     if offset > 0.01:
         remarks.append(
             f"coefficients about the link's origin are taken about the centre of buoyancy, {offset:.2g} m away"
         )
     # the only thruster along the hull stands at the stern
     ahead = [np.asarray(one.place)[0] for one in thrusters if abs(np.asarray(one.axis)[0]) > 0.9]
-    backwards = len(ahead) == 1 and ahead[0] > body.buoyancy_centre[0] + 0.25 * (body.high[0] - body.low[0])
+    backwards = len(ahead) == 1 and ahead[0] > body.buoyancy_centre[0] + 0.25 * body.size[0]
     if backwards:
         remarks.append("the propeller stands at +x: the nose is taken to be at −x, and the body turned round")
     flip = np.diag([-1.0, -1.0, 1.0]) if backwards else np.eye(3)
     six = np.kron(np.eye(2), flip)
     origin = body.buoyancy_centre
-    size = np.where(np.isfinite(body.high), body.high - body.low, 0.0)
-    length, diameter = max(size[0], 0.1), max(float(np.sqrt(size[1] * size[2])), 0.05)
+    length, diameter = max(body.size[0], 0.1), max(float(np.sqrt(body.size[1] * body.size[2])), 0.05)
     density = _number(plugin, "water_density", _number(plugin, "waterDensity", 998.0))
     buoyancy = density * body.volume * GRAVITY
     if not 0.9 < buoyancy / (body.mass * GRAVITY) < 1.1:

@@ -10,8 +10,7 @@ from laisn.swarm import ESTIMATE, READING
 from sim.control import follower
 from sim.control.follower import Steering, extend_trail, init_memory, keep_station
 from sim.control.guidance import REFERENCE
-from sim.control.station import STATION
-from sim.control.trail import TRAIL
+from sim.control.station import STATION, TRAIL
 from sim.scenario.formation import Formation
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE
 from tests.synthetic import message, record

@@ -6,8 +6,7 @@ import pytest
 from laisn.arrays import Ints, Record, Records, records
 from sim.control.follower import FOLLOWER_MEMORY, extend_silent_trail, extend_trail, init_memory
 from sim.control.guidance import REFERENCE
-from sim.control.station import STATION, station_at, turn_frame
-from sim.control.trail import TRAIL, LeaderPlan, correct_planned, extend, plan_of
+from sim.control.station import STATION, TRAIL, LeaderPlan, correct_planned, extend, plan_of, station_at, turn_frame
 from sim.scenario.formation import Formation
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
@@ -46,7 +45,7 @@ class Listener:
             turn_frame(self.formation, self.station, known, ((k - 1) * DT, k * DT), DT, self.memory.frame)
 
     def place(self, k: int) -> tuple[float, float]:
-        target = station_at(self.formation, self.station, (self.trail, self.count[0]), k * DT, self.memory.frame)
+        target = station_at(self.station, (self.trail, self.count[0]), k * DT, self.memory.frame)
         return target.east, target.north
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from laisn.arrays import Floats, Ints, Record, Records, records
-from sim.control import trail as way
+from sim.control import station as way
 from sim.control.follower import ALOS, CONSTANT_BEARING, ILOS, approach
 from sim.control.station import (
     AGILITY,
@@ -87,7 +87,7 @@ def test_a_leader_that_hardly_moves_leaves_no_trail_of_its_trembling() -> None:
 def test_a_station_stands_behind_and_to_port() -> None:
     trail, count, ahead = straight()
     memory = record(FRAME_STATE, 0.3, 0.0)
-    target = station_at(FRAME, record(STATION, 20.0, 7.0, 12.0), (trail, count[0]), 60.0, memory)
+    target = station_at(record(STATION, 20.0, 7.0, 12.0), (trail, count[0]), 60.0, memory)
     expected = (90.0 - 20.0) * ahead + 7.0 * np.array([-ahead[1], ahead[0]])
     assert (target.east, target.north) == pytest.approx(tuple(expected))
     assert (target.velocity_east, target.velocity_north) == pytest.approx(tuple(1.5 * ahead))
@@ -108,7 +108,7 @@ def test_station_velocities_in_a_turn_stay_within_the_speed_limit(port: float) -
         way.extend(trail, count, points[k, 0], points[k, 1], time, (1.0, course[k]))
         if k:
             turn_frame(FRAME, station, (trail, count[0]), (time - 0.1, time), 0.1, memory)
-        target = station_at(FRAME, station, (trail, count[0]), time, memory)
+        target = station_at(station, (trail, count[0]), time, memory)
         places.append((target.east, target.north))
         velocities.append((target.velocity_east, target.velocity_north))
         frames.append(memory.tolist())

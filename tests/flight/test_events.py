@@ -14,7 +14,7 @@ from sim.scenario.file import validate
 from sim.scenario.formation import Formation
 from sim.scenario.settings import Scenario
 from sim.sensing.instant import sightings
-from sim.stations import STATION_PLACE
+from sim.tracking import STATION_PLACE
 from tests.synthetic import make_flight
 
 

@@ -16,9 +16,9 @@ from experiments.study.estimate import Results, over_realizations, over_runs
 from experiments.study.measure import DISC_DIAMETER_M, disc_power, facts_of, records_of_run, thruster_power
 from laisn.arrays import records
 from laisn.swarm import ESTIMATE
-from sim import stations
+from sim import tracking
 from sim.scenario.formation import Station
-from sim.stations import STATION_PLACE, track_errors
+from sim.tracking import STATION_PLACE, track_errors
 from tests import straight
 from tests.synthetic import make_scenario, make_trajectory
 
@@ -197,7 +197,7 @@ def test_facts_of_a_mission_are_those_of_its_motion():
 
 
 def test_nothing_is_compiled_for_stations_where_there_are_none(monkeypatch):
-    monkeypatch.setattr(stations, "stations_along", None)
+    monkeypatch.setattr(tracking, "stations_along", None)
     flown = straight.make_trajectory((0.0, 40.0, -10.0))
     assert track_errors(straight.make_scenario(), flown).shape == (flown.time.size, 1)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from laisn.arrays import Floats
 from sim.flight import Flight
-from sim.stations import StationKeeping, off_station, station_keeping
+from sim.tracking import StationKeeping, off_station, station_keeping
 
 SPEED, RADIUS, CORNER = 1.2, 120.0, np.pi / 18.0
 """Speed on the route [m/s], radius of the circle about which its corners lie [m], and their angle [rad]."""

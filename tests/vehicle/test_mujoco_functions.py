@@ -9,16 +9,16 @@ import mujoco
 import pytest
 
 from laisn.compiled import compiled
-from sim.vehicle import stepping
-from sim.vehicle.stepping import UnavailableError, call, find
+from sim.vehicle import plant
+from sim.vehicle.plant import UnavailableError, call, find
 
 
 @pytest.fixture(autouse=True)
 def forget() -> Iterator[None]:
     """Search the library again."""
-    stepping.library.cache_clear()
+    plant.library.cache_clear()
     yield
-    stepping.library.cache_clear()
+    plant.library.cache_clear()
 
 
 def falling() -> tuple[Any, Any]:
@@ -61,7 +61,7 @@ def test_library_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch, tmp
 def test_addresses_of_another_state_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     (model, data), (_, other) = falling(), falling()
     other.qpos[0] = 1.0
-    library = stepping.library()
+    library = plant.library()
     get_state = library.mj_getState
 
     class Elsewhere:
@@ -71,6 +71,6 @@ def test_addresses_of_another_state_are_refused(monkeypatch: pytest.MonkeyPatch)
         def mj_getState(model: Any, data: Any, state: Any, which: Any) -> None:  # noqa: N802
             get_state(model, ctypes.c_void_p(other._address), state, which)
 
-    monkeypatch.setattr(stepping, "library", Elsewhere)
+    monkeypatch.setattr(plant, "library", Elsewhere)
     with pytest.raises(UnavailableError, match="sees another state"):
         find(model, data)

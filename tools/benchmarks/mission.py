@@ -20,9 +20,8 @@ from sim.log import writer
 from sim.log.contents import Contents
 from sim.scenario.settings import Follower, Scenario
 from sim.simulation import simulate
-from sim.vehicle import stepping
 from sim.vehicle.mjcf import compose, spec_of
-from sim.vehicle.plant import NO_CONTACT, Plant
+from sim.vehicle.plant import NO_CONTACT, Calls, Plant, call, find
 from tools.benchmarks.row import Row, least_time
 
 FLEETS = {
@@ -44,11 +43,11 @@ def _scenario(followers: int, duration: float, model: str = "follower") -> Scena
 
 
 @compiled
-def _stages(calls: stepping.Calls, steps: int) -> None:
+def _stages(calls: Calls, steps: int) -> None:
     stages, model, data = calls
     for _ in range(steps):
         for stage in stages:
-            stepping.call(stage, model, data)
+            call(stage, model, data)
 
 
 def physics() -> list[Row]:
@@ -74,7 +73,7 @@ def physics() -> list[Row]:
         data = mujoco.MjData(model)
         bare = least_time(partial(mujoco.mj_step, model, data, steps), 3) / steps * 1e6
         dry, wet = Plant(setups, ocean, dt), Plant(setups, ocean, dt)
-        calls = stepping.find(dry.model, dry.data)
+        calls = find(dry.model, dry.data)
         floor = least_time(partial(_stages, calls, steps), 3) / steps * 1e6
         with_water = least_time(partial(wet.step, thrust, steps), 3) / steps * 1e6
         fleets = [Plant(setups, ocean, dt) for _ in range(4)]

@@ -17,7 +17,7 @@ from experiments.study.run import Outcomes
 from laisn.arrays import Floats
 from laisn.bound import Geometry, TrueNoise, position_bound
 from sim.scenario.settings import Scenario
-from sim.stations import LOST_M
+from sim.tracking import LOST_M
 
 RATES = (80, 500, 5000)
 """Bit rates that modems of little, middling and much bandwidth offer [bit/s]; JANUS (STANAG 4748) has 80."""
