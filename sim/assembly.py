@@ -110,18 +110,17 @@ def routes_of(scenario: Scenario) -> tuple[Route, ...]:
 
 def setups_of(scenario: Scenario, routes: tuple[Route, ...]) -> tuple[VehicleSetup, ...]:
     """All vehicles at the start of their routes."""
-    setups = []
     vehicles = (scenario.leader, *scenario.followers)
-    for vehicle, name, model, route in zip(vehicles, vehicle_names(scenario), models_of(scenario), routes, strict=True):
-        east, north = (float(c) for c in route.waypoint[0])
-        setups.append(
-            VehicleSetup(
-                name=name,
-                model=model,
-                position_m=(east, north, -float(route.depth.depth[0])),
-                heading_rad=route.initial_heading,
-                speed_m_s=route.start_speed,
-                settings=vehicle,
-            )
+    return tuple(
+        VehicleSetup(
+            name=name,
+            model=model,
+            position_m=(float(route.waypoint[0, 0]), float(route.waypoint[0, 1]), -float(route.depth.depth[0])),
+            heading_rad=route.initial_heading,
+            speed_m_s=route.start_speed,
+            settings=vehicle,
         )
-    return tuple(setups)
+        for vehicle, name, model, route in zip(
+            vehicles, vehicle_names(scenario), models_of(scenario), routes, strict=True
+        )
+    )

@@ -151,14 +151,6 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
 
 
 @compiled
-def _lean(k: int, truth: Truth, a: ClosedLoopState) -> None:
-    """What accelerations make of the leader's pitch and roll; the first instant has those of the second."""
-    for i in range(k - 1 if k == 1 else k, k + 1):
-        change = truth.twist[k, 0, :3] - truth.twist[k - 1, 0, :3]
-        follow_tilt(a.sensors.tilt_share, truth.pose[i, 0, 3:], change, a.tilts[max(i - 1, 0)], a.tilts[i])
-
-
-@compiled
 def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
     """All sensors at instant k, and messages that are in; whether it is a filter step, at which navigators are due.
 
@@ -166,7 +158,10 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
     """
     stride = a.sensors.stride
     if k > 0 and a.sensors.senses_acceleration:
-        _lean(k, truth, a)
+        change = truth.twist[k, 0, :3] - truth.twist[k - 1, 0, :3]
+        # the first instant has the acceleration of the second
+        for i in range(k - 1 if k == 1 else k, k + 1):
+            follow_tilt(a.sensors.tilt_share, truth.pose[i, 0, 3:], change, a.tilts[max(i - 1, 0)], a.tilts[i])
     if k % stride != 0:
         for i in range(a.kinds.size):
             estimate = a.estimates[i]

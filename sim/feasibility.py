@@ -36,14 +36,9 @@ MOST_PIXELS = 120_000_000_000
 _LARGE_SHIFT_M = 1.0  # a diving leader that shifts stations by more than this is worth a warning [m]
 
 
-def frames(duration_s: float, video: Video) -> int:
-    """Number of frames of a film of a mission."""
-    return max(1, round(duration_s / video.speed_up * video.frame_rate_hz))
-
-
 def film_errors(duration_s: float, video: Video) -> list[str]:
     """Errors of the film: too many pixels."""
-    count = frames(duration_s, video)
+    count = max(1, round(duration_s / video.speed_up * video.frame_rate_hz))
     if count * video.width_px * video.height_px <= MOST_PIXELS:
         return []
     most = MOST_PIXELS // (video.width_px * video.height_px)
@@ -168,7 +163,6 @@ def _control_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]
 
 
 def _leader_too_fast(scenario: Scenario) -> list[str]:
-    """A leader that is faster than followers on stations can be."""
     fastest, depths = scenario.formation.max_speed_m_s, {f.layer_m for f in scenario.followers if f.station}
     for depth in sorted(depths):
         ends, legs = _through_water(scenario, route_of(scenario.leader, "leader"), depth)
@@ -338,14 +332,10 @@ def infeasibilities(scenario: Scenario) -> list[str]:
         *_errors_of(partial(ocean_of, scenario), "ocean.waves"),
         *_errors_of(scenario.navigation.settings, ""),
         *_errors_of(partial(own_sensors, scenario), ""),
-        *(
-            line
-            for f in scenario.followers
-            if f.controller
-            for line in _errors_of(partial(find_controller, f.controller), "")
-        ),
         *_cost(scenario),
     ]
+    for follower in scenario.followers:
+        found += _errors_of(partial(find_controller, follower.controller), "") if follower.controller else []
     for (key, vehicle), name in zip(scenario.vehicles(), vehicle_names(scenario), strict=True):
         role = "follower" if isinstance(vehicle, Follower) else "leader"
         shapes += [f"{key}.model: {line}" for line in (hull_errors(vehicle.model, role) if vehicle.model else ())]

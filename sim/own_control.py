@@ -92,21 +92,21 @@ class OwnControl:
             biases = estimate.log_bias, estimate.compass_bias
             belief = Belief(*map(float, (*estimate.position, *estimate.velocity, *biases, *estimate.current)))
             found = controller.control(readings, belief, CONTROL_STEP_S)
+            self._require_valid(f, found)
             motion = measured_motion(reading, estimate, CONTROL_STEP_S, memory)
-            command, kind = self._routes.command[f + 1], self._kind(f, found)
-            if kind is Wrench:
-                autopilot = self._routes.autopilot[f + 1]
+            command, autopilot = self._routes.command[f + 1], self._routes.autopilot[f + 1]
+            if isinstance(found, Wrench):
                 autopilot.wrench[:] = found
                 apply_wrench(self._routes.autopilots[f + 1], motion.surge, autopilot, command)
-            elif kind is Command:
-                self._hold(k, f, Command(*map(float, found)), motion)
-            else:
+            elif isinstance(found, np.ndarray):
                 command[: len(found)] = found
+            else:
+                self._hold(k, f, Command(*map(float, found)), motion)
 
-    def _kind(self, f: int, found: Any) -> type[Any]:
-        """What a controller has returned; LaisnError naming its follower if it is neither of the three."""
+    def _require_valid(self, f: int, found: Any) -> None:
+        """LaisnError naming the follower if its controller has returned none of the three."""
         size = self._effectors[f]
-        expected = {Wrench: 6, Command: 3}.get(type(found), size if isinstance(found, np.ndarray) else 3)
+        expected = 6 if isinstance(found, Wrench) else size if isinstance(found, np.ndarray) else 3
         try:
             values = np.asarray(found, dtype=np.float64)
         except (TypeError, ValueError):
@@ -116,7 +116,6 @@ class OwnControl:
                 f"controller of {self._names[f]} returned {found!r:.80}; expected heading, speed and depth, a Wrench, "
                 f"or an array of the states of {size} effectors, all finite"
             )
-        return Wrench if type(found) is Wrench else np.ndarray if isinstance(found, np.ndarray) else Command
 
     def _hold(self, k: int, f: int, wanted: Command, motion: Any) -> None:
         routes, i, reference = self._routes, f + 1, self._reference

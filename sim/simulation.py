@@ -79,8 +79,6 @@ class RouteControl(NamedTuple):
         return 0
 
 
-Ending = Callable[[Floats, Floats], int | None]
-"""What ends a mission early: of positions and attitudes, as of `first_touch`, the first instant that does."""
 ControllerFactory = Callable[[Plant, RouteControl], Controller]
 """Makes a controller of a plant at its start; it may use the control of routes, and writes its `command`."""
 
@@ -119,14 +117,8 @@ def _simulate(
 ) -> tuple[int, Fault]:
     """Step, record and control from one instant to another.
 
-    Args:
-        span: first and last instant; physics steps from one to the next.
-        plant: `Plant.step_handles`; pose, twist and thrust; the water.
-        controller: called at each instant; it writes `command`, shape (v, m), [N].
-        truth: room for all instants.
-
-    Returns:
-        The last instant that is recorded, and what ended the simulation there, if it is not FINE.
+    `span` are first and last instant, and physics steps from one to the next; `plant` its `step_handles`, state and
+    water. The controller writes `command`. Gives the last instant that is recorded, and what ended the simulation.
     """
     first, last, substeps = span
     handles, state, water = plant
@@ -190,7 +182,7 @@ def simulate(
     depth_control: Sequence[DepthControl | None] = (),
     *,
     make_controller: ControllerFactory | None = None,
-    ending: Ending | None = None,
+    ending: Callable[[Floats, Floats], int | None] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
     """Simulate all vehicles of a plant.
@@ -201,7 +193,7 @@ def simulate(
         duration: [s]; a multiple of 0.1 s.
         depth_control: of each vehicle, as of `design`; empty: "pitch" for all.
         make_controller: makes another controller than that of routes, compiled or in Python.
-        ending: what ends the flight before its time.
+        ending: as `first_touch`: of positions and attitudes, the first instant that ends the flight before its time.
         progress: called with the mission time [s], every 50 s of it.
 
     Returns:

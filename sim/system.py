@@ -25,11 +25,7 @@ _M_MMAP_THRESHOLD = -3  # of malloc.h of the GNU C library
 def atomic_write(path: Path) -> Iterator[Path]:
     """Write a file so that its final name never shows a partial file, whatever processes write it at once.
 
-    Args:
-        path: to be created or replaced when the block ends; if the block fails, `path` stays as it was.
-
-    Yields:
-        Path of a temporary file in the same folder, for the block to create.
+    Yields the path of a temporary file, for the block to create; if the block fails, `path` stays as it was.
     """
     part = path.with_name(f".{path.name}.{secrets.token_hex(6)}.part")
     try:

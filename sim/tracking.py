@@ -69,11 +69,8 @@ def _dot(one: Floats, other: Floats) -> Floats:
 def hull_gap(between: Floats, one: Floats, other: Floats, halves: tuple[float, float]) -> Floats:
     """Distances of two straight hulls' axes at n instants, shape (n,), [m].
 
-    Args:
-        between: from the middle of the first to that of the second, shape (n, 3), [m].
-        one: unit vectors along the first hull, shape (n, 3).
-        other: likewise of the second.
-        halves: half their lengths [m].
+    `between` leads from the middle of the first to that of the second, shape (n, 3), [m]; `one` and `other` are unit
+    vectors along them, shape (n, 3), and `halves` half their lengths [m].
     """
     along, ahead, across = _dot(one, other), _dot(one, between), _dot(other, between)
     # nearest points s and t along the axes, each within its hull (Ericson, Real-Time Collision Detection, 2005)
@@ -160,13 +157,8 @@ def stations_along(
 ) -> Records:
     """Where stations are if the leader goes along a way: records of STATION_PLACE, shape (n, f).
 
-    Args:
-        leader: east and north at n instants, shape (n, 2), [m].
-        speed: through the water, shape (n,), [m/s].
-        heading: shape (n,), [rad].
-        stations: records of STATION, shape (f,).
-        formation: how frames turn.
-        dt: between instants [s].
+    `leader` is its east and north at n instants dt [s] apart, shape (n, 2), [m], with its speed through the water [m/s]
+    and heading [rad], shape (n,). `stations` are records of STATION, shape (f,); `formation` states how frames turn.
     """
     out = records(STATION_PLACE, leader.shape[0], stations.shape[0])
     place, through, ahead = (np.ascontiguousarray(values) for values in (leader, speed, heading))

@@ -49,11 +49,8 @@ def speed_through_water(pose: Any, twist: Any, water: Any) -> Any:
 def pose_between(u: Any, dt: float, pose: tuple[Any, Any], velocity: tuple[Any, Any]) -> Any:
     """Pose between two instants: position by cubic Hermite, attitude by spherical interpolation; numbers or arrays.
 
-    Args:
-        u: how far between them, 0 … 1.
-        dt: time from one to the other [s].
-        pose: at both: position [m] and quaternion.
-        velocity: of the body origin at both [m/s].
+    `u`, 0 … 1, is how far between them, `dt` the time from one to the other [s]; `pose` and `velocity` of the body's
+    origin [m/s] are those at both.
     """
     one, other = pose
     here, there = velocity
@@ -108,19 +105,9 @@ class Trajectory(ArrayRecord):
     def __post_init__(self) -> None:
         n, v, s = self.time.size, len(self.names), len(self.site_names)
         m = self.thrust.shape[2]
-        expected = {
-            "time": (n,),
-            "position": (n, v, 3),
-            "quaternion": (n, v, 4),
-            "velocity": (n, v, 3),
-            "angular_velocity": (n, v, 3),
-            "water_velocity": (n, v, 3),
-            "thrust": (n, v, m),
-            "effector_force": (v, m, 3),
-            "site_vehicle": (s,),
-            "site_offset": (s, 3),
-        }
-        require_shapes(self, expected)
+        expected = {name: (n, v, size) for name, size in zip(OF_VEHICLES, (3, 4, 3, 3, 3, m), strict=True)}
+        others = {"time": (n,), "effector_force": (v, m, 3), "site_vehicle": (s,), "site_offset": (s, 3)}
+        require_shapes(self, expected | others)
         own_arrays(self)
         steps = np.diff(self.time)
         if n < 2 or steps.min() <= 0 or np.ptp(steps) > 1e-9:
@@ -217,16 +204,9 @@ class Trajectory(ArrayRecord):
         return replace(self, **parts)
 
     def at(self, time: npt.ArrayLike) -> tuple[Floats, Floats]:
-        """Poses between grid points: positions by cubic Hermite, attitudes by spherical interpolation.
+        """Positions, shape (m, v, 3), [m], and quaternions, shape (m, v, 4), between grid points (`pose_between`).
 
-        Args:
-            time: instants within the grid, shape (m,), [s].
-
-        Returns:
-            Positions, shape (m, v, 3), [m], and quaternions, shape (m, v, 4).
-
-        Raises:
-            ValueError: an instant lies outside the grid.
+        `time` has shape (m,), [s]; ValueError if an instant lies outside the grid.
         """
         instants = np.atleast_1d(np.asarray(time, dtype=np.float64))
         start, end = self.time[0], self.time[-1]

@@ -51,7 +51,6 @@ class Waves:
     wavenumber_1_m: Floats  # wave numbers east and north, towards where the wave runs, shape (n, 2)
     omega_rad_s: Floats  # angular frequencies ω, shape (n,)
     phase_rad: Floats  # phases φ, shape (n,)
-    floor_depth_m: float = FLOOR_DEPTH_M  # depth for which the wavenumbers hold; an `Ocean` sets its own
 
     def __post_init__(self) -> None:
         n = self.amplitude_m.size
@@ -75,11 +74,7 @@ class Waves:
         phase_rad: float = 0.0,
         floor_depth_m: float = FLOOR_DEPTH_M,
     ) -> Self:
-        """One component; height crest to trough, `direction_rad` is the compass direction it runs towards.
-
-        Raises:
-            LaisnError: the height is more than such a wave can have.
-        """
+        """One component; height crest to trough, running towards a compass direction; LaisnError if it would break."""
         omega = np.array([2 * np.pi / period_s])
         k = wavenumber(omega, floor_depth_m)
         _require_unbroken("height_m", height_m, float(k[0]), floor_depth_m)
@@ -89,7 +84,6 @@ class Waves:
             wavenumber_1_m=k[:, None] * towards,
             omega_rad_s=omega,
             phase_rad=np.array([float(phase_rad)]),
-            floor_depth_m=floor_depth_m,
         )
 
     @classmethod
@@ -108,10 +102,8 @@ class Waves:
         """An irregular sea: JONSWAP spectrum, phases and places within the frequency bins drawn from `rng`.
 
         Each component has the energy of its bin, so that 4 √(Σ a²/2) is the significant height exactly. `spread_rad`
-        is the standard deviation of the components' directions (0: long-crested).
-
-        Raises:
-            LaisnError: the height is more than a regular wave of the peak's length could have.
+        is the standard deviation of the components' directions (0: long-crested). LaisnError if a regular wave of the
+        peak's length and this height would break.
         """
         peak = 2 * np.pi / peak_period_s
         k_peak = float(wavenumber(peak, floor_depth_m))
@@ -127,7 +119,6 @@ class Waves:
             wavenumber_1_m=wavenumber(omega, floor_depth_m)[:, None] * towards,
             omega_rad_s=omega,
             phase_rad=phase,
-            floor_depth_m=floor_depth_m,
         )
 
 

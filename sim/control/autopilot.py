@@ -1,9 +1,8 @@
 """Autopilot: from heading, speed and depth wanted to a wrench, and by allocation to commands, ten times a second.
 
-Every loop gives the vehicle the dynamics of a well damped second (speed: first) order system, from its own inertia and
-drag: PID by pole placement with feedforward of the reference (Fossen, Handbook of Marine Craft Hydrodynamics and Motion
-Control, 2nd ed. 2021). There is one number to choose, the bandwidth of the attitude loops: ω = 1 / (4 × lag of the
-slowest effector that turns the hull, 0.3 s or more), where the lag costs the loop little damping. All others follow:
+PID by pole placement with feedforward of the reference (Fossen, Handbook of Marine Craft Hydrodynamics and Motion
+Control, 2nd ed. 2021). The bandwidth of the attitude loops is ω = 1 / (4 × lag of the slowest effector that turns the
+hull, 0.3 s or more), where the lag costs the loop little damping. All others follow:
 
     heading, pitch    ω, relative damping 1; integral ω/10
     sway              side slip is taken out with ω/2, so that the vehicle goes where it points, also in turns
@@ -17,11 +16,8 @@ Depth is held by one loop that commands a vertical force. How the force comes ab
                0.6 m/s the share grows, to all below 0.3 m/s), the vertical thrusters carry.
     "thrust"   the vertical thrusters carry all, the hull is held level.
 
-A hull without vertical thrusters pitches at any speed. It has to keep way on, since fins do nothing at rest.
-
-Effectors: `sim.control.allocation` maps the wrench to the effectors of the vehicle, moments before forces. Integrals
-stand still while limits withhold their part of the wrench and they would push further (anti-windup by conditional
-integration).
+A hull without vertical thrusters pitches at any speed. Integrals stand still while limits withhold their part of the
+wrench and they would push further (anti-windup by conditional integration).
 
 Functions take `d`, a record of DESIGN, `memory`, of AUTOPILOT_MEMORY, and `reference`, of `sim.control.guidance`.
 """
@@ -256,13 +252,7 @@ class VehicleState(NamedTuple):
 
 @compiled
 def vehicle_state(pose: Floats, twist: Floats, water: Floats) -> VehicleState:
-    """True motion of a vehicle.
-
-    Args:
-        pose: position and quaternion, shape (7,).
-        twist: velocity in the world, angular velocity in the body, shape (6,).
-        water: velocity of the water in the world, shape (3,), [m/s].
-    """
+    """True motion of a vehicle, from rows of `sim.trajectory.Truth`."""
     forward, port, _ = transposed(rotation(pose[3:7]))
     flow = (twist[0] - water[0], twist[1] - water[1], twist[2] - water[2])
     surge = flow[0] * forward[0] + flow[1] * forward[1] + flow[2] * forward[2]
@@ -274,11 +264,9 @@ def vehicle_state(pose: Floats, twist: Floats, water: Floats) -> VehicleState:
 
 @compiled
 def apply_wrench(d: Any, surge: float, memory: Record, command: Floats) -> None:
-    """Command effectors so that they give the wrench in the memory, out: what they give of it.
+    """Command effectors, in the units of their states, to give the wrench in the memory; out: what they give of it.
 
-    Args:
-        surge: speed through the water along the hull [m/s].
-        command: out: in the units of the effectors' states, shape (m,).
+    `surge` is the speed through the water along the hull [m/s].
     """
     limits = memory.limits
     for i in range(command.size):

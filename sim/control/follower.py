@@ -1,9 +1,8 @@
 """Station keeping: from readings, messages and estimates to heading, speed and depth.
 
 A follower has its log, compass, gyros, inclinometer and pressure sensor, the leader's messages, and the estimates of
-its navigator: its place, the biases of log and compass, the current; never the truth.
-
-Laws that bring it to its moving station (`approach`):
+its navigator: its place, the biases of log and compass, the current; never the truth. docs/formation.md describes what
+it does. Laws that bring it to its moving station (`approach`):
 
     constant bearing   v = v_st − U p̃ / √(p̃ᵀp̃ + Δ²), less the estimated current. No integrator: nothing winds up while
                        messages are missing (Breivik and Fossen 2007)
@@ -12,18 +11,9 @@ Laws that bring it to its moving station (`approach`):
     ALOS               line of sight with an adaptive crab angle (Fossen 2023)
 
 The two lines of sight follow the station's path; along it all three close up alike. It gives way to vehicles nearby:
-a velocity away from each is added to the wanted one,
-
-    v = v_wanted − Σ w(d) r̂,   w(d) = W min(max((R − d) / (R − F), 0), 1)
-
-R is the sensor's range, F the range of full speed W. Two followers whose wanted velocities close up at a rate c stop
-to come nearer where w(d) = c / 2, and never come below F while c < 2 W, but for the lag of their hulls.
-
-Where messages stay away it goes on along the extrapolated trail by dead reckoning. The uncertainty of its place in that
-trail grows with the age a of the last message, σ² = σ_place² + (σ_v a)²,
-σ_place being the navigator's and σ_v that of the leader's mean velocity since then about its last one. Up to
-`max_trail_sigma` it makes for its station; from there on it goes parallel to the leader's way, and slows down in
-proportion until σ is twice that. After a long silence it circles or surfaces, until it receives again.
+v = v_wanted − Σ w(d) r̂, w(d) = W min(max((R − d) / (R − F), 0), 1), with R the sensor's range and F that of full speed
+W. Two followers whose wanted velocities close up at a rate c stop to come nearer where w(d) = c / 2, and never come
+below F while c < 2 W, but for the lag of their hulls.
 
 Where it may be at either of two places, as with two transmitters on either side of the leader's axis, it steers by the
 likelier one, so that ranges soon show whether it was the right one; by their mean both would stay as likely.
@@ -88,16 +78,9 @@ def approach(
 ) -> tuple[float, float, float]:
     """Velocity through the water that leads to a station, its size within the limits.
 
-    Args:
-        a: record of `[formation]`.
-        t: the station.
-        place: estimate of the vehicle's place [m].
-        current: estimate of the current [m/s].
-        dt: since the last call [s].
-        integral: of the cross-track error, where the law has one.
-
-    Returns:
-        Velocity east and north [m/s], and the integral brought forward.
+    Takes the record of `[formation]`, the station, estimates of place [m] and current [m/s], the time since the last
+    call [s] and the integral of the cross-track error, where the law has one. Gives velocity east and north [m/s], and
+    the integral brought forward.
     """
     x, y = place[0] - t.east, place[1] - t.north
     if a.law == CONSTANT_BEARING:
@@ -124,10 +107,7 @@ def approach(
 def away(p: Record, seen: Records, heading: float) -> tuple[float, float]:
     """Velocity away from all vehicles in sight, east and north, no more than the full speed [m/s].
 
-    Args:
-        p: record of `[formation.proximity]`.
-        seen: `range` [m] and `bearing` of each vehicle, to starboard [rad], shape (v,); NaN: nothing.
-        heading: own measured one [rad].
+    `p` is the record of `[formation.proximity]`, `seen` of `sim.sensing.instant.SIGHTING`, shape (v,).
     """
     east, north = 0.0, 0.0
     for j in range(seen.shape[0]):
@@ -144,13 +124,7 @@ def away(p: Record, seen: Records, heading: float) -> tuple[float, float]:
 
 @compiled
 def give_way(f: Record, wanted: tuple[float, float], push: tuple[float, float]) -> tuple[float, float]:
-    """Heading [rad] and speed through the water [m/s] with a velocity added to them, within what a hull can do.
-
-    Args:
-        f: record of `[formation]`.
-        wanted: heading [rad] and speed [m/s] before avoidance.
-        push: east and north [m/s].
-    """
+    """Heading [rad] and speed through the water [m/s] with a velocity, east and north, added, as a hull can do it."""
     heading, speed = wanted
     sine, cosine = np.sin(heading), np.cos(heading)
     along = max(speed + push[0] * sine + push[1] * cosine, f.min_along_track_speed)

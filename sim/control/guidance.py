@@ -134,7 +134,7 @@ def reference(
     Course and depth are smoothed about each instant, for the plan is known ahead; the path is not.
 
     Args:
-        routes: those of the v vehicles.
+        routes: shape (v,).
         time: shape (n,), [s].
         lead: how early each vehicle's accelerations are given, because its thrusters lag [s]; None: 0.
         least_radii: of each vehicle's turns [m], as of `flown_plan`; None: 0.

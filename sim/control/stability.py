@@ -20,7 +20,7 @@ from sim.control.guidance import CATCH_UP
 from sim.scenario.point_motion import TURN_RATE
 from sim.scenario.routes import START_SPEED
 from sim.vehicle import coefficients
-from sim.vehicle.effectors import FIN, THRUSTER, state_for, unit_wrenches
+from sim.vehicle.effectors import FIN, state_for, unit_wrenches
 from sim.vehicle.hydrodynamics import wrench
 from sim.vehicle.plant import Plant
 from sim.water import Water
@@ -95,11 +95,10 @@ def steady_turn(plant: Plant, i: int, d: Any, speed: float) -> tuple[float, floa
     fitted.flags.writeable = False
     forces = greatest_forces(d, speed, YAW)[1][: own.size]
     states = np.array([state_for(one, d["density"], force, speed) for one, force in zip(own, forces, strict=True)])
-    by_engine = unit_wrenches(own).T @ (states * (own["kind"] == THRUSTER))
 
     def balance(x: Floats) -> Floats:
         motion = np.array([speed, x[0], 0.0, 0.0, 0.0, x[1], 0.0, 0.0, 0.0])
-        total = _forces(c, rigid, centre, motion, plant.ocean.water, (fitted, states)) + by_engine
+        total = _forces(c, rigid, centre, motion, plant.ocean.water, (fitted, states))
         return np.asarray(total[[SWAY, YAW]])
 
     (sway, rate), _, found, _ = fsolve(balance, [0.0, 0.05], full_output=True)

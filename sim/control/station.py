@@ -12,12 +12,10 @@ A station s behind and y to port stands at trail(S − s) + y · port(ψ). The f
 than the station can be swum: on the inside of a turn the follower must keep way through the water, on the outside it
 must keep up. The leader's instantaneous heading would not do: 80 m astern, a weave of 5° would swing it by 7 m.
 
-A hull turns at a limited rate, the velocity that its station needs may not. In a following current a station's velocity
-through the water may swing by 180° where its way over ground bends by 90°. A follower that begins to turn when its
-station does is late, and several metres off. `rate_limited_velocity` has instead the heading that of all headings which
-change no faster than a hull can is nearest to what the station needs from now on and needed just before: the middle of
-the envelopes that fall and rise at that rate (McShane 1934). A swing in no time becomes a turn about the same instant;
-what changes slowly enough stays as it is.
+A hull turns at a limited rate, the velocity that its station needs may not: in a following current it may swing by 180°
+where the way over ground bends by 90°. `rate_limited_velocity` has the heading that of all headings which change no
+faster than a hull can is nearest to what the station needs from now on and needed just before: the middle of the
+envelopes that fall and rise at that rate (McShane 1934). A swing in no time becomes a turn about the same instant.
 
 Functions of the trail take `trail`, records of TRAIL of shape (room,), and `count`, how many points it has, at least
 one; those that change the trail bring `count`, of shape (1,), forward. Functions of a station take `f`, the record of
@@ -115,15 +113,6 @@ def _turn_to(trail: Records, i: int) -> float:
 
 
 @compiled
-def _mean_speed(trail: Records, last: int) -> float:
-    """Mean speed over ground over the last seconds until a point that has one before it [m/s]."""
-    i = last - 1
-    while i > 0 and trail[last].time - trail[i].time < PACE_TIME - 1e-6:
-        i -= 1
-    return float((trail[last].arc - trail[i].arc) / (trail[last].time - trail[i].time))
-
-
-@compiled
 def extend(trail: Records, count: Ints, east: float, north: float, time: float, motion: tuple[float, float]) -> None:
     """Add where the leader was to its trail: east, north [m], time [s], later than before, speed and heading."""
     n = count[0]
@@ -146,7 +135,10 @@ def extend(trail: Records, count: Ints, east: float, north: float, time: float, 
     trail[n].east, trail[n].north, trail[n].time = east, north, time
     trail[n].through, trail[n].heading = through, heading
     trail[n].arc = trail[n - 1].arc + step
-    trail[n].pace = _mean_speed(trail, n)
+    since = n - 1
+    while since > 0 and time - trail[since].time < PACE_TIME - 1e-6:
+        since -= 1
+    trail[n].pace = (trail[n].arc - trail[since].arc) / (time - trail[since].time)
     count[0] = n + 1
     # the slope at the head hangs on three points, that at the tail on the first stretch
     first = n - 1 if trail[n - 1].arc >= TAIL else 0
@@ -205,13 +197,6 @@ def _before(trail: Records, count: int, arc: float) -> int:
 
 
 @compiled
-def _head(trail: Records, count: int) -> int:
-    """The last point with a useful slope, which one too near to the point before it does not have."""
-    last = count - 1
-    return last - 1 if trail[last].arc - trail[last - 1].arc < SHORTEST and count > 2 else last
-
-
-@compiled
 def turned_since(trail: Records, count: int, arc: float) -> float:
     """By how much the way turns at most from a length of it on [m], to port and to starboard added up [rad]."""
     last = count - 1
@@ -228,7 +213,8 @@ def at(trail: Records, count: int, arc: float) -> Place:
     if arc <= 0.0 or trail[last].arc <= 0.0:
         return _straight(trail, 0, (trail[0].slope_east, trail[0].slope_north), arc)
     if arc >= trail[last].arc:
-        i = _head(trail, count)
+        # a point too near to the one before it has no useful slope
+        i = last - 1 if trail[last].arc - trail[last - 1].arc < SHORTEST and count > 2 else last
         return _straight(trail, last, _unit(trail[i].slope_east, trail[i].slope_north), arc - trail[last].arc)
     low = _before(trail, count, arc)
     high = low + 1
@@ -267,12 +253,8 @@ def plan_of(track: Records, times: Floats, waypoints: int, dt: float) -> LeaderP
     """The plan of a leader whose messages carry its next waypoints.
 
     The track is known until the turn at the last of them, which depends on the next leg, or until the end of the route.
-
-    Args:
-        track: the leader's reference at n control steps, records of REFERENCE, shape (n,).
-        times: of the leader's waypoints, increasing, shape (w,), [s].
-        waypoints: how many a message carries; 0: none.
-        dt: control step [s].
+    `track` is the leader's reference at n control steps dt [s] apart, records of REFERENCE, shape (n,); `times` are
+    those of its waypoints, increasing, shape (w,), [s], of which a message carries so many.
     """
     if waypoints == 0:
         return LeaderPlan(records(REFERENCE, 0), np.zeros(0))
@@ -425,7 +407,7 @@ class _Outlook(NamedTuple):
     port: float  # distance of the station to port [m]
     heading: float  # of its frame [rad]
     rate: float  # rate of turn of its frame [rad/s]
-    current: tuple[float, float]  # as the follower estimates it, east and north [m/s]
+    current: tuple[float, float]  # estimated, east and north [m/s]
 
 
 @compiled

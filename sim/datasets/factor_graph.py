@@ -52,15 +52,13 @@ def _parsed(text: str, source: str) -> dict[str, list[_Line]]:
         if not words or words[0].startswith("#"):
             continue
         kind = words[0]
-        if "SE3" in kind or "XYZ" in kind:
-            raise LaisnError(f"{source}, line {number}: {kind} belongs to a graph in space; only planar ones are read")
+        where = f"{source}, line {number}: {kind[:40]!r}"
         if kind not in _WORDS:
-            raise LaisnError(f"{source}, line {number}: {kind[:40]!r} is no kind of line; known: {', '.join(_WORDS)}")
-        times, names, values, noise = _WORDS[kind]
-        expected = 1 + times + names + values + noise
+            raise LaisnError(f"{where} is no kind of line of a planar graph; known: {', '.join(_WORDS)}")
+        (times, names, values, noise), where = _WORDS[kind], f"{source}, line {number}: {kind}"
+        first, expected = 1 + times + names, 1 + times + names + values + noise
         if len(words) != expected:
-            raise LaisnError(f"{source}, line {number}: {kind} with {len(words)} words, expected {expected}")
-        first, where = 1 + times + names, f"{source}, line {number}: {kind}"
+            raise LaisnError(f"{where} with {len(words)} words, expected {expected}")
         time = numbers(words[1 : 1 + times], where, 1e9 * LARGEST).tolist()
         given = numbers(words[first:], where).tolist()
         if not np.all(np.isfinite([*time, *given])):
@@ -184,7 +182,6 @@ def _line(*words: object) -> str:
 
 
 def _triangle(*variances: float) -> list[float]:
-    """Upper triangle of a diagonal covariance."""
     matrix = np.diag(variances)
     return [float(v) for v in matrix[np.triu_indices(len(variances))]]
 

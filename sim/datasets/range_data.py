@@ -193,16 +193,13 @@ class RangeData:
         return end, speed[step], heading[step]
 
 
-def _require_readable(stated: int, where: str = "") -> None:
-    if stated > _MOST_NUMBERS:
-        raise LaisnError(f"{where}its tables have {stated:,} numbers or more, at most {_MOST_NUMBERS:,} are read")
-
-
 def _load_matlab(path: Path) -> dict[str, Floats]:
     # data sets in text, and logs, need none of it
     from scipy.io import loadmat, whosmat
 
-    _require_readable(sum(math.prod(shape) for name, shape, _ in whosmat(path) if name in _COLUMNS))
+    stated = sum(math.prod(shape) for name, shape, _ in whosmat(path) if name in _COLUMNS)
+    if stated > _MOST_NUMBERS:
+        raise LaisnError(f"its tables have {stated:,} numbers, at most {_MOST_NUMBERS:,} are read")
     found = loadmat(path, variable_names=tuple(_COLUMNS))
     return {name: found[name] for name in _COLUMNS if name in found}
 
@@ -220,24 +217,18 @@ def _from_matlab(path: Path) -> dict[str, Floats]:
 
 
 def _from_text(path: Path) -> dict[str, Floats]:
-    """Tables of `NAME_DR.txt` and those beside it."""
     match = _TEXT.fullmatch(path.name)
     if match is None:
         raise LaisnError(f"{path}: name the table of odometry, such as Plaza1_DR.txt; the others are found beside it")
     tables = dict[str, Floats]()
     for name in _COLUMNS:
-        table = path.with_name(f"{match[1]}_{name}.{match[2]}")
-        if not table.is_file():
-            continue
-        try:
-            if (size := table.stat().st_size) > _LARGEST_BYTES:
-                raise ValueError(f"it has {size} bytes, there may be {_LARGEST_BYTES}")
-            tables[name] = np.loadtxt(
-                table, delimiter="," if match[2] == "csv" else None, ndmin=2, encoding="utf-8-sig"
-            )
-        except (OSError, ValueError) as error:
-            raise LaisnError(f"{table}: no table of numbers: {error}") from None
-        _require_readable(sum(found.size for found in tables.values()), f"{path}: ")
+        table, delimiter = path.with_name(f"{match[1]}_{name}.{match[2]}"), "," if match[2] == "csv" else None
+        if table.is_file():
+            lines = text_of(table).splitlines()
+            try:
+                tables[name] = np.loadtxt(lines, delimiter=delimiter, ndmin=2)
+            except ValueError as error:
+                raise LaisnError(f"{table}: no table of numbers: {error}") from None
     return tables
 
 

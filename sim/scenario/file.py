@@ -169,7 +169,7 @@ def parse(text: str, source: str) -> dict[str, Any]:
     except RecursionError:
         raise ScenarioError(f"{source}: not valid TOML: lists or tables nest too deep") from None
     except ValueError as error:
-        raise ScenarioError(f"{source}: not valid TOML: {shortened(plain(error), 300)}") from None
+        raise ScenarioError(f"{source}: not valid TOML: {shortened(plain(error), 300)}") from error
     return plain_values(given, source)  # type: ignore[no-any-return]
 
 
@@ -185,13 +185,11 @@ def read(path: Path) -> dict[str, Any]:
 def value_of(text: str, source: str) -> Any:
     """A value on the command line: TOML, or text without quotes; `source` is for messages."""
     try:
-        return plain_values(tomllib.loads(f"value = {text}"), source)["value"]
-    except tomllib.TOMLDecodeError:
-        return text
-    except RecursionError:
-        raise ScenarioError(f"{source}: lists or tables nest too deep") from None
-    except ValueError as error:
-        raise ScenarioError(f"{source}: {shortened(plain(error), 300)}") from None
+        return parse(f"value = {text}", source)["value"]
+    except ScenarioError as error:
+        if isinstance(error.__cause__, tomllib.TOMLDecodeError):
+            return text
+        raise
 
 
 def _put(table: dict[str, Any], key: str, value: object) -> None:

@@ -79,18 +79,19 @@ def _offset(kind: str, i: int, count: int) -> tuple[float, float]:
     return radius * (1.0 - math.cos(angle)), radius * math.sin(angle)
 
 
+def _table(i: int, behind: float, port: float, depth: float) -> dict[str, Any]:
+    return {"name": f"follower-{i + 1}", "station": {"behind_m": behind, "port_m": port, "depth_m": depth}}
+
+
 def followers_of(shape: Shape) -> list[dict[str, Any]]:
     """Tables of the followers of a shape: names and stations, each in its layer."""
     tables = []
     for i in range(shape.count):
         behind, port = _offset(shape.kind, i, shape.count)
-        station = {
-            "behind_m": round(shape.behind_m + behind * shape.spacing_m, 6),
-            "port_m": round(port * shape.spacing_m, 6),
-            "depth_m": shape.depth_m + i % (shape.layers or shape.count) * shape.layer_m,
-        }
+        depth = shape.depth_m + i % (shape.layers or shape.count) * shape.layer_m
+        behind, port = shape.behind_m + behind * shape.spacing_m, port * shape.spacing_m
         hull = {"model": shape.model} if shape.model else {}
-        tables.append({"name": f"follower-{i + 1}", "station": station, **hull})
+        tables.append(_table(i, round(behind, 6), round(port, 6), depth) | hull)
     return tables
 
 
@@ -126,11 +127,7 @@ def scattered_followers(area: Scatter, address: Sequence[int]) -> list[dict[str,
                 break
         else:
             raise ValueError(f"{area.count} stations {area.spacing_m:g} m apart do not fit into the area")
-    return [
-        {"name": f"follower-{i + 1}",
-         "station": {"behind_m": x, "port_m": y, "depth_m": area.depth_m + i * area.layer_m}}
-        for i, (x, y) in enumerate(places)
-    ]  # fmt: skip
+    return [_table(i, x, y, area.depth_m + i * area.layer_m) for i, (x, y) in enumerate(places)]
 
 
 class Formation(Section):

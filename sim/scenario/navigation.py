@@ -52,14 +52,6 @@ class Assume(FurtherKeys):
         TightSettings.outlier_probability, description="probability that a range is an echo's"
     )
 
-    def in_si(self, sound_m_s: float) -> dict[str, Any]:
-        """Values by the names of `TightSettings`; errors of the clock are ranges there."""
-        clock = {
-            "clock_offset_sigma": sound_m_s * self.clock_offset_sigma_s,
-            "clock_drift_sigma": 1e-6 * sound_m_s * self.clock_drift_sigma_ppm,
-        }
-        return in_si(dict(self)) | clock
-
 
 @with_fields_of(RivalSettings, without={field.name for field in fields(TightSettings)})
 class Rival(FurtherKeys):
@@ -72,10 +64,6 @@ class Rival(FurtherKeys):
     particles: Annotated[int, Field(ge=10, le=1_000_000)] = Field(
         RivalSettings.particles, description="particle filter: number of particles"
     )
-
-    def in_si(self, sound_m_s: float) -> dict[str, Any]:
-        """Values by the names of `RivalSettings`."""
-        return in_si(dict(self))
 
 
 class Own(Section):
@@ -144,7 +132,10 @@ class Navigation(FurtherKeys):
             return self._own_settings(spec.settings, names, given or {})
         values = dict(given or {})
         for name in spec.sections:
-            values |= getattr(self, name).in_si(sound_m_s)
+            values |= in_si(dict(getattr(self, name)))
+        for name in {"clock_offset_sigma", "clock_drift_sigma"} & set(values):
+            # errors of the clock are those of ranges
+            values[name] *= sound_m_s
         if not spec.sections:
             values |= in_si(dict(self), names)
         if self.variant not in VARIANTS:

@@ -3,7 +3,7 @@
 import ast
 import inspect
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import fields
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar, cast, get_args, get_type_hints
@@ -63,21 +63,16 @@ def in_si(table: Mapping[str, Any], fields: Collection[str] = ()) -> dict[str, A
     return found
 
 
-def require_increasing(points: Sequence[tuple[float, ...]], what: str, unit: str, begins_at_zero: bool = True) -> None:
-    """ValueError naming the first point of a profile whose first number is not more than that of the one before."""
-    if begins_at_zero and points and points[0][0] != 0:
-        raise ValueError(f"the first {what} must stand at time 0")
-    for number, (before, after) in enumerate(pairwise(points), start=2):
-        if after[0] <= before[0]:
-            order = "later" if unit == "s" else "deeper"
-            raise ValueError(f"{what} {number} at {after[0]:g} {unit} is not {order} than the one before")
-
-
-def increasing(what: str, unit: str, begins_at_zero: bool = True) -> AfterValidator:
-    """Validation of the points of a profile by `require_increasing`."""
+def increasing(what: str, unit: str) -> AfterValidator:
+    """Validation of the points of a profile: the first number increases; it is a time [s] from 0 on, or a depth."""
 
     def checked(points: Any) -> Any:
-        require_increasing(points, what, unit, begins_at_zero)
+        if unit == "s" and points and points[0][0] != 0:
+            raise ValueError(f"the first {what} must stand at time 0")
+        for number, (before, after) in enumerate(pairwise(points), start=2):
+            if after[0] <= before[0]:
+                order = "later" if unit == "s" else "deeper"
+                raise ValueError(f"{what} {number} at {after[0]:g} {unit} is not {order} than the one before")
         return points
 
     return AfterValidator(checked)

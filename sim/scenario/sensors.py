@@ -119,7 +119,7 @@ class Acoustics(Section):
     )
     sound_speed_m_s: SoundSpeed = Field(1500.0, description="speed of sound, true and assumed")
     sound_speed_bias_m_s: Annotated[float, Field(ge=-100, le=100)] = Field(0.0, description="assumed minus true speed")
-    sound_speed_profile: Annotated[tuple[SpeedAtDepth, ...], LISTED, increasing("point", "m", False)] = Field(
+    sound_speed_profile: Annotated[tuple[SpeedAtDepth, ...], LISTED, increasing("point", "m")] = Field(
         (),
         max_length=MOST_POINTS,
         description="[[depth_m, speed_m_s], …], linear interpolation; replaces the true sound_speed_m_s",

@@ -19,7 +19,6 @@ from sim.scenario.section import (
     Scale,
     Section,
     increasing,
-    require_increasing,
 )
 from sim.scenario.sensors import FollowerSensors
 from sim.system import read_text
@@ -38,7 +37,7 @@ class Vehicle(Section):
     """Keys of leader and followers."""
 
     route: Name | None = Field(None, description="library route: L, T2 … T9")
-    waypoints: Annotated[tuple[TimedPoint, ...], LISTED] = Field(
+    waypoints: Annotated[tuple[TimedPoint, ...], LISTED, increasing("waypoint", "s")] = Field(
         (),
         max_length=MOST_POINTS,
         description="[[time_s, east_m, north_m], …], times increase from 0; replaces route; a position given twice in "
@@ -90,14 +89,6 @@ class Vehicle(Section):
             raise ValueError("cannot be read: it is no XML")
         return text
 
-    @field_validator("waypoints")
-    @classmethod
-    def _waypoints_in_order(cls, points: tuple[TimedPoint, ...]) -> tuple[TimedPoint, ...]:
-        if points and (len(points) < 2 or points[0][0] != 0):
-            raise ValueError("needs at least two waypoints, the first at time 0")
-        require_increasing(points, "waypoint", "s")
-        return points
-
     @property
     def layer_m(self) -> float:
         """Depth that the vehicle holds where there is no profile."""
@@ -105,8 +96,8 @@ class Vehicle(Section):
 
     @model_validator(mode="after")
     def _one_route(self) -> Self:
-        if not self.route and not self.waypoints:
-            raise ValueError("a vehicle needs a route of the library or waypoints of its own")
+        if not self.route and len(self.waypoints) < 2:
+            raise ValueError("a vehicle needs a route of the library or two waypoints of its own at least")
         return self
 
 
@@ -176,8 +167,8 @@ class Follower(Vehicle):
 
     @model_validator(mode="after")
     def _one_route(self) -> Self:
-        if not self.route and not self.waypoints and not self.station:
-            raise ValueError("a follower needs a route of the library, waypoints of its own or a station")
+        if not self.route and len(self.waypoints) < 2 and not self.station:
+            raise ValueError("a follower needs a route of the library, two waypoints of its own at least or a station")
         if self.station and (self.route or self.waypoints or self.depth_profile or self.saw_tooth_amplitude_m):
             raise ValueError("a follower on a station has no route, waypoints, depth_profile or saw-tooth beside it")
         if self.start_m and not self.station:

@@ -213,12 +213,9 @@ def path_slowness(profile: SoundProfile, path: int, source: Any, receiver: Any, 
 def _follow_ping(
     s: Sound, known: Motion, receiver: tuple[int, Floats], path: int, ping: tuple[Any, Any], arrival: Record
 ) -> None:
-    """Follow a ping by one `Path` to a vehicle, as far as the motion is known.
+    """Follow a ping by one `Path` to a vehicle, as far as the motion is known; writes a record of ARRIVAL.
 
-    Args:
-        receiver: index of the vehicle, and offset of its hydrophone, shape (3,), [m].
-        ping: when it leaves [s], and its transmitter then: east, north and up [m].
-        arrival: out: of ARRIVAL.
+    `receiver` is the vehicle's index, and the offset of its hydrophone [m]; `ping` when it leaves [s], and from where.
     """
     (vehicle, hydrophone), (leaves, source) = receiver, ping
     there, apparent = site_at(s, known, vehicle, hydrophone, leaves), image(source, path, s.floor)

@@ -156,7 +156,6 @@ _DERIVED = ("leader_position_drift", "leader_gyro", "leader_attitude_senses", "l
 
 
 def _values(sensors: Sensors, acoustics: Acoustics) -> dict[str, Any]:
-    """Fields of `SensorErrors`."""
     given = in_si({**dict(sensors), **dict(acoustics)})
     declared = {
         name: value

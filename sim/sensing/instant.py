@@ -196,14 +196,12 @@ def look_interval(scenario: Scenario) -> int:
 
 @compiled
 def look(address: tuple[np.uint64, np.uint64], p: Record, k: int, follower: int, poses: Floats, seen: Records) -> None:
-    """Look around.
+    """Look around at tick k, from 1.
 
     Args:
         address: seed and run of the noise.
         p: record of `[formation.proximity]`.
-        k: tick, from 1.
-        follower: index of who looks; its vehicle is the one after.
-        poses: of all vehicles, shape (v, 7) or more columns.
+        poses: of all vehicles, shape (v, 7).
         seen: out: of every vehicle, of SIGHTING, shape (v,).
     """
     own, steepest = follower + 1, np.sin(0.5 * p.aperture)
@@ -221,25 +219,6 @@ def look(address: tuple[np.uint64, np.uint64], p: Record, k: int, follower: int,
         seen[j].bearing = signed_angle(np.arctan2(x, y) - heading + p.bearing_sigma * aside)
 
 
-@compiled
-def _sightings(
-    address: tuple[np.uint64, np.uint64], p: Record, every: int, poses: Floats, first: Floats, looks: Floats
-) -> None:
-    """First tick at which each follower saw each vehicle, −1: never, shape (f, v), and looks that showed any, (f,)."""
-    first[:], looks[:] = -1.0, 0.0
-    seen = np.empty(poses.shape[1], SIGHTING)
-    for k in range(every, poses.shape[0], every):
-        for i in range(looks.size):
-            look(address, p, k, i, poses[k], seen)
-            showed = 0.0
-            for j in range(seen.shape[0]):
-                if seen[j].range == seen[j].range:
-                    showed = 1.0
-                    if first[i, j] < 0.0:
-                        first[i, j] = k
-            looks[i] += showed
-
-
 class Sightings(NamedTuple):
     """What followers of a flight sensed nearby."""
 
@@ -250,11 +229,16 @@ class Sightings(NamedTuple):
 def sightings(scenario: Scenario, trajectory: Trajectory) -> Sightings:
     """What the followers' sensors showed on the way, which they steered by; nothing where they have none."""
     proximity, f, every = scenario.formation.proximity, len(scenario.followers), look_interval(scenario)
-    first, looks = np.full((f, f + 1), -1.0), np.zeros(f)
-    if proximity:
-        poses = np.concatenate([trajectory.position, trajectory.quaternion], axis=2)
-        _sightings((_U(scenario.seed), _U(scenario.run)), proximity.record(), every, poses, first, looks)
-    # followers on routes have no sensor
-    on_route = [follower.station is None for follower in scenario.followers]
-    first[on_route], looks[on_route] = -1.0, 0.0
-    return Sightings(np.where(first < 0.0, np.nan, first * CONTROL_STEP_S), looks * every * CONTROL_STEP_S)
+    first, spent = np.full((f, f + 1), np.nan), np.zeros(f)
+    for i, follower in enumerate(scenario.followers):
+        # followers on routes have no sensor
+        if proximity is None or follower.station is None:
+            continue
+        apart = trajectory.position[every::every] - trajectory.position[every::every, [i + 1]]
+        distance = np.sqrt(apart[..., 0] ** 2 + apart[..., 1] ** 2 + apart[..., 2] ** 2)
+        steepest = np.sin(0.5 * np.deg2rad(proximity.aperture_deg))
+        seen = (distance <= proximity.range_m) & (np.abs(apart[..., 2]) <= steepest * distance)
+        seen[:, i + 1] = False
+        first[i, seen.any(axis=0)] = (seen.argmax(axis=0)[seen.any(axis=0)] + 1) * every * CONTROL_STEP_S
+        spent[i] = np.count_nonzero(seen.any(axis=1)) * every * CONTROL_STEP_S
+    return Sightings(first, spent)

@@ -156,14 +156,8 @@ def _address(
 def normals(seed: int, run: int, stream: int, steps: npt.ArrayLike) -> Floats:
     """Standard normals, two for each step, shape (m, 2), independent over columns, steps, streams, runs and seeds.
 
-    Args:
-        seed: of the whole study, below 2⁶⁴.
-        run: of the campaign, below 2³².
-        stream: `Stream.number(follower)`.
-        steps: filter steps k, shape (m,), below 2³².
-
-    Raises:
-        ValueError: a part of the address is out of its range.
+    `stream` is `Stream.number(follower)`, `steps` are filter steps k, shape (m,). ValueError if the seed is not below
+    2⁶⁴, or another part of the address not below 2³².
     """
     return _draws(*_address(seed, run, stream, steps))[:, :2]
 

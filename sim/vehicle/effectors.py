@@ -1,4 +1,4 @@
-"""Effectors: the actuators of an MJCF as records, their forces, and their moments, which MuJoCo needs at every step.
+"""Effectors: the actuators of an MJCF as records, and their forces; MuJoCo has their states follow the commands.
 
 An actuator is a thruster whose state is its thrust [N], unless the MJCF has a numeric of its name and a suffix:
 
@@ -11,11 +11,6 @@ An actuator is a thruster whose state is its thrust [N], unless the MJCF has a n
                     slope of the normal force [1/rad], stall angle [rad], drag coefficient at no incidence
 
 A fixed fin is a site NAME with a numeric NAME.fin and no actuator. It pushes along the site's z axis.
-
-The site of a thruster is fixed in its hull and a free joint counts torque in the body frame, so that a unit of thrust
-has a constant force and torque in the body; only the direction of the force in the world turns with the hull.
-`mj_transmission` finds the same from Jacobians of the whole model, which costs time with the square of the number of
-vehicles.
 """
 
 from collections.abc import Sequence
@@ -29,16 +24,12 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
 from sim import attitude
-from sim.attitude import Vector, cross, plus, rotation, scaled, times
+from sim.attitude import Vector, cross, plus, scaled
 from sim.vehicle.mjcf import Vehicle, VehicleSetup
-
-Layout = tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int32]]
-"""Layout of MuJoCo's sparse matrix of moments: numbers of entries and their addresses by row, and their columns."""
-
 
 MOST = 16  # largest number of effectors of a vehicle
 MOST_POINTS = 16  # largest number of points of a thruster's curve
-THRUSTER, CURVE, PROPELLER, FIN = range(4)  # kinds of effectors; MuJoCo itself applies the thrust of the first
+THRUSTER, CURVE, PROPELLER, FIN = range(4)  # kinds of effectors
 SUFFIXES = {CURVE: ".curve", PROPELLER: ".propeller", FIN: ".fin"}
 _PARAMETERS: dict[int, dict[str, tuple[float, float]]] = {
     PROPELLER: {
@@ -197,13 +188,8 @@ class MovingFins:
 def propeller_load(p: Floats, density: float, rate: float, inflow: float) -> tuple[float, float]:
     """Thrust, less its deduction [N], and torque on the hull [N m] (Fossen 2021, chapter 9).
 
-    K_T and K_Q fall linearly with J = (1 − w) u / (n D). Astern, and in water from behind, they are those of J = 0.
-
-    Args:
-        p: parameters of a propeller.
-        density: of the water [kg/m³].
-        rate: n [1/s].
-        inflow: u, speed of the propeller along its axis [m/s].
+    K_T and K_Q fall linearly with J = (1 − w) u / (n D), with `rate` n [1/s] and `inflow` u, the speed of the propeller
+    along its axis [m/s]. Astern, and in water from behind, they are those of J = 0. `p` are its parameters.
     """
     size = density * p[0] ** 3 * abs(rate)
     own, advance = rate * p[0], (1.0 - p[5]) * max(inflow, 0.0) if rate > 0.0 else 0.0
@@ -251,8 +237,8 @@ def fin_force(record: Any, density: float, deflection: float, local: Vector) -> 
 
 
 @compiled
-def loads(records: Any, state: Floats, density: float, v: Vector, w: Vector) -> tuple[bool, Vector, Vector]:
-    """Forces of all effectors and fixed fins of a vehicle that MuJoCo does not apply itself.
+def loads(records: Any, state: Floats, density: float, v: Vector, w: Vector) -> tuple[Vector, Vector, Vector, Vector]:
+    """Forces of all effectors and fixed fins of a vehicle.
 
     Args:
         records: of EFFECTOR, first those with a state, shape (m + q,).
@@ -262,19 +248,23 @@ def loads(records: Any, state: Floats, density: float, v: Vector, w: Vector) -> 
         w: rate of turn relative to the water [rad/s].
 
     Returns:
-        Whether there are any; force [N] and moment about the origin [N m] in the body.
+        Force [N] and moment about the origin [N m], in the body, of thrusters whose state is the thrust; likewise of
+        all others, which fade where the hull leaves the water.
     """
-    found, force, moment = False, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    thrust, torque = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for i in range(records.shape[0]):
         record = records[i]
-        if record.kind == THRUSTER:
-            continue
-        found = True
         e, arm = record.force, record.torque
         axis, lever = (e[0], e[1], e[2]), (arm[0], arm[1], arm[2])
+        if record.kind == THRUSTER:
+            # records beyond the states pad the fixed fins
+            if i < state.size:
+                thrust, torque = plus(thrust, scaled(state[i], axis)), plus(torque, scaled(state[i], lever))
+            continue
         if record.kind == CURVE:
-            thrust = thrust_on_curve(record, state[i])
-            force, moment = plus(force, scaled(thrust, axis)), plus(moment, scaled(thrust, lever))
+            push = thrust_on_curve(record, state[i])
+            force, moment = plus(force, scaled(push, axis)), plus(moment, scaled(push, lever))
             continue
         place = (record.place[0], record.place[1], record.place[2])
         local = plus(v, cross(w, place))
@@ -283,10 +273,10 @@ def loads(records: Any, state: Floats, density: float, v: Vector, w: Vector) -> 
             force, moment = plus(force, part), plus(moment, cross(place, part))
             continue
         inflow = local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
-        thrust, torque = propeller_load(record.parameters, density, state[i], inflow)
-        force = plus(force, scaled(thrust, axis))
-        moment = plus(moment, plus(scaled(thrust, lever), scaled(torque, axis)))
-    return found, force, moment
+        push, twist = propeller_load(record.parameters, density, state[i], inflow)
+        force = plus(force, scaled(push, axis))
+        moment = plus(moment, plus(scaled(push, lever), scaled(twist, axis)))
+    return thrust, torque, force, moment
 
 
 @compiled
@@ -356,32 +346,3 @@ def scaled_records(records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]
 def unit_wrenches(records: npt.NDArray[np.void]) -> Floats:
     """Force and torque about the body's origin of a unit of force along the axis, in the body, shape (v, m, 6)."""
     return np.concatenate([records["force"], records["torque"]], axis=-1)
-
-
-@compiled
-def lay_out(layout: Layout, per_vehicle: int) -> None:
-    """Have MuJoCo's matrix of moments hold all six of each actuator; `mj_forward` leaves out those of zero."""
-    entries, address, column = layout
-    for i in range(entries.size):
-        entries[i], address[i] = 6, 6 * i
-        for j in range(6):
-            column[6 * i + j] = 6 * (i // per_vehicle) + j
-
-
-@compiled
-def turn(wrenches: Floats, pose: Floats, moments: Floats) -> None:
-    """Write the moments of all actuators, shape (v, m, 6): force in the world, torque in the body.
-
-    Args:
-        wrenches: of `unit_wrenches`, shape (v, m, 6).
-        pose: position and quaternion, shape (v, 7).
-        moments: overwritten.
-    """
-    for v in range(pose.shape[0]):
-        to_world = rotation(pose[v, 3:7])
-        for i in range(wrenches.shape[1]):
-            w = wrenches[v, i]
-            force = times(to_world, (w[0], w[1], w[2]))
-            for j in range(3):
-                moments[v, i, j] = force[j]
-                moments[v, i, 3 + j] = w[3 + j]

@@ -150,12 +150,9 @@ def _inertia_times(inertia: Floats, v: Vector, w: Vector) -> tuple[Vector, Vecto
 def kirchhoff(munk_factor: float, v: Vector, spin: Vector, momentum: Vector, angular: Vector) -> tuple[Vector, Vector]:
     """Coriolis and Munk force and moment of added mass (Fossen 2021; Lamb 1932).
 
-    Args:
-        munk_factor: share of the terms with pitch and yaw rates and moments that is kept; 1 is potential flow.
-        v: velocity relative to the water, in the body [m/s].
-        spin: angular velocity of the body frame itself, in the body [rad/s].
-        momentum: added mass times velocities relative to the water, in the body [kg m/s].
-        angular: its moment about the origin [kg m²/s].
+    All in the body: `munk_factor` is the share of the terms with pitch and yaw rates and moments that is kept (1:
+    potential flow), `spin` the rate of the body frame itself [rad/s], `momentum` added mass times velocities relative
+    to the water [kg m/s], and `angular` its moment about the origin [kg m²/s].
     """
     munk = cross(v, momentum)
     kept = (spin[0], munk_factor * spin[1], munk_factor * spin[2])
@@ -224,7 +221,7 @@ def wrench(
 
     Returns:
         force in the world [N], moment about the origin in the body [N m], share of the hull that is immersed. All
-        forces fade with that share; thrusters that MuJoCo applies do not.
+        forces fade with that share, but those of thrusters.
     """
     to_world = rotation(pose[3:7])
     to_body = transposed(to_world)
@@ -251,9 +248,8 @@ def wrench(
     if c.coupled:
         part = coupled_damping(c, v, w)
         force, moment = plus(force, part[0]), plus(moment, part[1])
-    moving = loads(fitted, state, c.density, v, w)
-    if moving[0]:
-        force, moment = plus(force, moving[1]), plus(moment, moving[2])
+    thrust, torque, others, their_moment = loads(fitted, state, c.density, v, w)
+    force, moment = plus(force, others), plus(moment, their_moment)
 
     # the solver applies added mass to the body's own acceleration; what the water brings of it is added here
     part = _inertia_times(
@@ -272,7 +268,9 @@ def wrench(
     share, dry_arm = immersion(c, position, axis, time, water)
     lift = (0.0, 0.0, share * c.buoyancy)
     lost = cross((dry_arm, 0.0, 0.0), times(to_body, (0.0, 0.0, -c.buoyancy)))
-    return plus(scaled(share, times(to_world, force)), lift), plus(scaled(share, moment), lost), share
+    # what holds the hull up does not turn with it
+    total = plus(times(to_world, plus(scaled(share, force), thrust)), lift)
+    return total, plus(plus(scaled(share, moment), torque), lost), share
 
 
 @compiled

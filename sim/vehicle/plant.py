@@ -34,8 +34,6 @@ STAGES = ("mj_kinematics", "mj_comPos", "mj_makeM", "mj_fwdVelocity", "mj_factor
 
 Calls = tuple[tuple[int, int, int, int, int, int], int, int]  # addresses of STAGES, of the model and of the data
 
-_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
-
 
 class UnavailableError(LaisnError):
     """Compiled code cannot call MuJoCo here; the message gives the reason."""
@@ -61,20 +59,11 @@ def library() -> ctypes.CDLL:
 def find(model: Any, data: Any) -> Calls:
     """Addresses with which compiled code steps an MjModel and its MjData; they hold as long as these live.
 
-    Raises:
-        UnavailableError: this release of MuJoCo was not tried, its library is missing, or it sees another state behind
-            the addresses than Python does.
+    UnavailableError: this release of MuJoCo was not tried, or its library is missing.
     """
     shared = library()
-    model_address, data_address = int(model._address), int(data._address)
-    seen, expected = np.full((2, mujoco.mj_stateSize(model, _STATE)), np.nan)
-    mujoco.mj_getState(model, data, expected, _STATE)
-    pointers = (ctypes.c_void_p(address) for address in (model_address, data_address, seen.ctypes.data))
-    shared.mj_getState(*pointers, ctypes.c_int(_STATE))
-    if not np.array_equal(seen, expected):
-        raise UnavailableError("MuJoCo's library sees another state than its Python package")
     stages = (cast(int, ctypes.cast(getattr(shared, name), ctypes.c_void_p).value) for name in STAGES)
-    return cast(Calls, (tuple(stages), model_address, data_address))
+    return cast(Calls, (tuple(stages), int(model._address), int(data._address)))
 
 
 def _emit_call(_: Any, function: Any, model: Any, data: Any) -> Any:
@@ -108,29 +97,26 @@ def load(
     clock: tuple[float, float],
     water: Water,
     solver: hydrodynamics.Solver,
-    push: tuple[Floats, Floats],
     fitted: tuple[Any, Floats],
 ) -> int:
-    """Bring velocities from the middle of the last step to now, then `effectors.turn` and `hydrodynamics.apply`.
+    """Bring velocities from the middle of the last step to now, then `hydrodynamics.apply`.
 
     Args:
         state: pose and twist; acceleration of the last step and, overwritten, what it adds to the twist, shape (v, 6).
         clock: time and half a step [s].
-        push: unit wrenches and moments of `turn`.
     """
     pose, twist, acceleration, gain = state
     for i in range(twist.shape[0]):
         for j in range(6):
             gain[i, j] = clock[1] * acceleration[i, j]
             twist[i, j] += gain[i, j]
-    effectors.turn(push[0], pose, push[1])
     return hydrodynamics.apply(coefficients, pose, twist, clock[0], water, solver, fitted)
 
 
 @compiled
 def begin(body: Any, command: Floats, half_step: float) -> Fault:
     """Check state and command, give the command to MuJoCo, and take velocities to the middle of the step before."""
-    (pose, twist, acceleration, _), control, _, _, layout = body
+    (pose, twist, acceleration, _), control, _, _ = body
     lost = _lost(pose, twist)
     if lost >= 0:
         return LOST, lost
@@ -139,7 +125,6 @@ def begin(body: Any, command: Floats, half_step: float) -> Fault:
         return NOT_FINITE, bad
     for i in range(control.shape[0]):
         copy_values(command[i], control[i])
-    effectors.lay_out(layout, control.shape[1])
     for i in range(twist.shape[0]):
         for j in range(6):
             twist[i, j] -= half_step * acceleration[i, j]
@@ -149,7 +134,7 @@ def begin(body: Any, command: Floats, half_step: float) -> Fault:
 @compiled
 def end(body: Any, half_step: float) -> Fault:
     """Bring velocities to now, check the state, and store it as the last valid one."""
-    (pose, twist, acceleration, _), _, good, warnings, _ = body
+    (pose, twist, acceleration, _), _, good, warnings = body
     for i in range(twist.shape[0]):
         for j in range(6):
             twist[i, j] += half_step * acceleration[i, j]
@@ -177,7 +162,7 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
     Returns:
         The argument of `Plant.finish_step`, to be called from Python.
     """
-    (stages, model, data), clock, body, (records, water, solver, push, fitted) = handles
+    (stages, model, data), clock, body, (records, water, solver, fitted) = handles
     kinematics, centres, inertia, velocity, factor, finish = stages
     state, dt = body[0], clock[1]
     twist, gain = state[1], state[3]
@@ -188,7 +173,7 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
         call(kinematics, model, data)
         call(centres, model, data)
         call(inertia, model, data)
-        lost = load(records, state, (clock[0], 0.5 * dt), water, solver, push, fitted)
+        lost = load(records, state, (clock[0], 0.5 * dt), water, solver, fitted)
         if lost >= 0:
             return LOST, lost
         call(velocity, model, data)
@@ -275,24 +260,19 @@ class Plant:
         self._acceleration: Floats = data.qacc.reshape(n, 6)
         self._gain = np.empty((n, 6))
         self._last_pose, self._last_twist = np.empty((n, 7)), np.empty((n, 6))
-        self._half_step = dt / 2
         nominal = coefficients.read(model, self.names, ocean.density_kg_m3)
         self.true_coefficients = coefficients.scaled(nominal, setups)
         self.true_effectors = effectors.scaled_records(
             np.concatenate([self.effectors, self.fixed_fins], axis=1), setups
         )
-        wrenches = effectors.unit_wrenches(self.true_effectors[:, :m])
-        # MuJoCo applies no force of the others, whatever the gain of their actuators is
-        wrenches[self.effectors["kind"] != effectors.THRUSTER] = 0.0
-        push = wrenches, data.actuator_moment.reshape(wrenches.shape)
-        self._layout: effectors.Layout = (data.moment_rownnz, data.moment_rowadr, data.moment_colind)
-        self._loads: Any = self.true_coefficients, ocean.water, solver, push, (self.true_effectors, self.thrust)
+        # all forces are those of `effectors.loads`; MuJoCo's way to them costs the square of the number of vehicles
+        model.actuator_gainprm[:] = model.actuator_biasprm[:] = 0.0
+        self._loads: Any = self.true_coefficients, ocean.water, solver, (self.true_effectors, self.thrust)
         self._body = (
             (self.pose, self.twist, self._acceleration, self._gain),
             data.ctrl.reshape(n, m),
             (self._last_pose, self._last_twist),
             data.warning.number,
-            self._layout,
         )
         self._clock = np.array([0.0, dt])
 
@@ -306,29 +286,16 @@ class Plant:
             forward = attitude.rotate(self.pose[i, 3:], np.array([1.0, 0.0, 0.0]))
             self.twist[i, :3] = setup.speed_m_s * forward
         mujoco.mj_forward(model, data)
-        self._last_pose[:], self._last_twist[:] = self.pose, self.twist
-        self._find_accelerations()
         self._calls = find(model, data)
-
-    def _find_accelerations(self) -> None:
-        """Find the accelerations of the start, which the first step takes for those of a step before."""
-        model, data = self.model, self.data
+        # the first step takes the accelerations of the start for those of a step before
         self._acceleration[:] = 0.0
-        effectors.lay_out(self._layout, self.thrust.shape[1])
-        # what `mj_step1` does, less what free hulls do not have (contacts, tendons, sensors), what is not used
-        # (cameras, lights) and what `effectors` does for less
+        start = data.qpos.copy(), data.qvel.copy()
+        self._last_pose[:], self._last_twist[:] = self.pose, self.twist
+        self.step(np.zeros((n, m)))
+        data.qpos[:], data.qvel[:] = start
+        data.time = data.act[:] = 0.0
+        self._last_pose[:], self._last_twist[:] = self.pose, self.twist
         mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_makeM(model, data)
-        records, *loads = self._loads
-        lost = load(records, self._body[0], (data.time, self._half_step), *loads)
-        if lost >= 0:
-            self.finish_step((LOST, lost))
-        mujoco.mj_fwdVelocity(model, data)
-        mujoco.mj_factorM(model, data)
-        mujoco.mj_fwdActuation(model, data)
-        mujoco.mj_fwdAcceleration(model, data)
-        mujoco.mj_fwdConstraint(model, data)
 
     @property
     def time(self) -> float:

@@ -155,7 +155,6 @@ def _coefficients(plugin: Element, remarks: list[str]) -> dict[str, Floats]:
 
 
 def _thrusters(model: Element, links: dict[str, tuple[Element, Floats]], remarks: list[str]) -> Iterator[EffectorPart]:
-    """Thrusters in the model's frame."""
     joints = {joint.get("name", ""): joint for joint in model.iter("joint")}
     for plugin in _plugins(model, "Thruster"):
         name = plugin.findtext("joint_name", "").strip()

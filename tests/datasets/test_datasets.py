@@ -168,9 +168,17 @@ def test_a_graph_without_times_goes_by_the_second(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("VERTEX_XY L0 20.0", "VERTEX_XYZ L0 20.0", "line 7: VERTEX_XYZ belongs to a graph in space"),
-        ("VERTEX_SE2 10.0 A0", "VERTEX_SE3:QUAT 10.0 A0", "line 1: VERTEX_SE3:QUAT belongs to a graph in space"),
-        ("EDGE_RANGE 12.5", "EDGE_SONAR 12.5", "line 15: 'EDGE_SONAR' is no kind of line; known: VERTEX_SE2, "),
+        ("VERTEX_XY L0 20.0", "VERTEX_XYZ L0 20.0", "line 7: 'VERTEX_XYZ' is no kind of line of a planar graph"),
+        (
+            "VERTEX_SE2 10.0 A0",
+            "VERTEX_SE3:QUAT 10.0 A0",
+            "line 1: 'VERTEX_SE3:QUAT' is no kind of line",
+        ),
+        (
+            "EDGE_RANGE 12.5",
+            "EDGE_SONAR 12.5",
+            "'EDGE_SONAR' is no kind of line of a planar graph; known: VERTEX_SE2, ",
+        ),
         ("24.0 0.25", "24.0", "line 15: EDGE_RANGE with 5 words, expected 6"),
         ("24.0 0.25", "far 0.25", "line 15: EDGE_RANGE: could not convert string to float: 'far'"),
         ("24.0 0.25", "nan 0.25", "line 15: EDGE_RANGE holds a number that is not finite"),
@@ -255,7 +263,7 @@ def test_a_small_file_of_large_tables_is_refused_before_they_are_read(tmp_path: 
     savemat(tmp_path / "bomb.mat", tables | {"GT": zeros}, do_compression=True)
     savemat(tmp_path / "more.mat", tables | {"map": zeros}, do_compression=True)
     assert (tmp_path / "bomb.mat").stat().st_size < 1_000_000
-    with pytest.raises(LaisnError, match=r"bomb\.mat: its tables have 12,.* numbers or more, at most 10,000,000"):
+    with pytest.raises(LaisnError, match=r"bomb\.mat: its tables have 12,.* numbers, at most 10,000,000"):
         read_data_set(tmp_path / "bomb.mat")
     assert read_data_set(tmp_path / "more.mat").ranges.size == read_data_set(PLAZA / "Plaza2.mat").ranges.size
 
@@ -263,11 +271,8 @@ def test_a_small_file_of_large_tables_is_refused_before_they_are_read(tmp_path: 
 def test_text_beyond_the_bounds_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, rows in (("DR", 300), ("TD", 300), ("TL", 3)):
         np.savetxt(tmp_path / f"many_{name}.txt", np.ones((rows, 4 if name == "TD" else 3)))
-    monkeypatch.setattr(range_data, "_MOST_NUMBERS", 1000)
-    with pytest.raises(LaisnError, match=r"many_DR\.txt: its tables have 2,100 numbers or more, at most 1,000"):
-        read_data_set(tmp_path / "many_DR.txt")
     monkeypatch.setattr(range_data, "_LARGEST_BYTES", 7000)
-    with pytest.raises(LaisnError, match=r"many_DR\.txt: no table of numbers: it has \d+ bytes, there may be 7000"):
+    with pytest.raises(LaisnError, match=r"many_DR\.txt: cannot be read: it has \d+ bytes, there may be 7000"):
         read_data_set(tmp_path / "many_DR.txt")
     monkeypatch.setattr(range_data, "_LARGEST_BYTES", 500)
     with pytest.raises(LaisnError, match=r"graph\.pyfg: cannot be read: it has \d+ bytes, there may be 500"):

@@ -9,6 +9,7 @@ import pytest
 import laisn_sim
 from sim.scenario.routes import DepthProfile, Route
 from sim.simulation import simulate
+from sim.vehicle.effectors import loads
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water import Ocean
@@ -45,10 +46,12 @@ def test_records_are_those_of_the_mjcf() -> None:
     # what pads the shorter vehicle is zero, and stays without thrust
     assert not own["force"][3:].any()
     plant.step(np.full((2, 5), 10.0), 2)
-    force = plant.data.qfrc_actuator.reshape(2, 6)[0]
-    # equal thrusts, heading east: 1 ahead, 1 to port and 0.2 + 1 up, and their torques
-    torque = np.cross(places, own["force"][:3]).sum(axis=0)
-    np.testing.assert_allclose(force / force[0], [1, 1, 1.2, *torque], atol=1e-2)
+    still = 0.0, 0.0, 0.0
+    thrust, torque, *others = loads(plant.true_effectors[0], plant.thrust[0], 1026.0, still, still)
+    assert not np.any(others)
+    # equal thrusts: 1 ahead, 1 to port and 0.2 + 1 up, and their torques
+    expected = [1, 1, 1.2, *np.cross(places, own["force"][:3]).sum(axis=0)]
+    np.testing.assert_allclose(np.array([*thrust, *torque]) / thrust[0], expected, atol=1e-12)
 
 
 def test_three_thrusters_at_odd_places_follow_a_route(tmp_path: Path) -> None:

@@ -53,8 +53,8 @@ def record(
 
 
 def load(one: Floats, state: float, v: tuple[float, float, float], w: tuple[float, float, float]) -> Floats:
-    found, force, moment = effectors.loads(one, np.array([state]), RHO, v, w)
-    assert found
+    thrust, torque, force, moment = effectors.loads(one, np.array([state]), RHO, v, w)
+    assert not any((*thrust, *torque))
     return np.array([*force, *moment])
 
 
@@ -92,7 +92,7 @@ def test_fin_keeps_the_force_of_its_stall_angle() -> None:
 def test_a_fixed_fin_is_a_moving_one_that_is_not_deflected() -> None:
     one = record(effectors.FIN, (0, 0.6, 0.8), (-0.7, 0.1, 0.05), 0.01, 2.5, 0.3, 0.02)
     v, w = (1.2, -0.2, 0.3), (0.1, 0.2, -0.3)
-    _, force, moment = effectors.loads(one, np.zeros(0), RHO, v, w)
+    _, _, force, moment = effectors.loads(one, np.zeros(0), RHO, v, w)
     np.testing.assert_array_equal([*force, *moment], load(one, 0.0, v, w))
 
 

@@ -1,6 +1,5 @@
 """Whether compiled code can call MuJoCo is checked at the start, and reported."""
 
-import ctypes
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -56,21 +55,3 @@ def test_library_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch, tmp
     (tmp_path / "libmujoco.so.4.0.0").write_bytes(b"no library")
     with pytest.raises(UnavailableError, match=r"libmujoco\.so\.4\.0\.0 cannot be loaded"):
         find(*falling())
-
-
-def test_addresses_of_another_state_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    (model, data), (_, other) = falling(), falling()
-    other.qpos[0] = 1.0
-    library = plant.library()
-    get_state = library.mj_getState
-
-    class Elsewhere:
-        """The library, with the address of other data from Python."""
-
-        @staticmethod
-        def mj_getState(model: Any, data: Any, state: Any, which: Any) -> None:  # noqa: N802
-            get_state(model, ctypes.c_void_p(other._address), state, which)
-
-    monkeypatch.setattr(plant, "library", Elsewhere)
-    with pytest.raises(UnavailableError, match="sees another state"):
-        find(model, data)

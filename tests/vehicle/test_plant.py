@@ -1,5 +1,6 @@
 """The plant: what it shows of the state, what it can do, and how it fails."""
 
+import copy
 from typing import Any
 
 import mujoco
@@ -67,9 +68,11 @@ def test_views_follow_the_state() -> None:
 
 
 def test_a_step_is_mujocos_own_with_the_water_in_its_middle() -> None:
-    """The plant leaves out parts of `mj_step1`; with all of them the vehicles move alike."""
+    """The plant leaves out parts of `mj_step1`; with all of them, and thrust by MuJoCo, the vehicles move alike."""
     plant = Plant(setups(speed_m_s=1.0), rough_sea())
-    model, data = plant.model, mujoco.MjData(plant.model)
+    model = copy.copy(plant.model)
+    model.actuator_gainprm[:, 0] = 1.0
+    data = mujoco.MjData(model)
     pose, twist = data.qpos.reshape(2, 7), data.qvel.reshape(2, 6)
     pose[:], twist[:] = plant.pose, plant.twist
     records = coefficients.read(model, plant.names, plant.ocean.density_kg_m3)
@@ -125,9 +128,8 @@ def test_moments_of_thrusters_are_those_of_mujoco() -> None:
     mujoco.mj_forward(model, data)
     expected = np.zeros((model.nu, model.nv))
     mujoco.mju_sparse2dense(expected, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
-    moments = np.empty((2, 5, 6))
-    wrenches = effectors.unit_wrenches(effectors.read(model, [resolve(model, name) for name in plant.names]))
-    effectors.turn(wrenches, pose, moments)
+    moments = effectors.unit_wrenches(effectors.read(model, [resolve(model, name) for name in plant.names]))
+    moments[..., :3] = attitude.rotate(pose[:, None, 3:], moments[..., :3])
     np.testing.assert_allclose(moments[0], expected[:5, :6], atol=1e-12)
     np.testing.assert_allclose(moments[1], expected[5:, 6:], atol=1e-12)
     assert not expected[:5, 6:].any()
