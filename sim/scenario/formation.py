@@ -2,10 +2,10 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from sim.scenario.section import CONTROL_STEP_S, NonNegative, Positive, Section, Speed, is_multiple
 
@@ -133,13 +133,6 @@ def scattered_followers(area: Scatter, address: Sequence[int]) -> list[dict[str,
 class Formation(Section):
     """Guidance of followers on stations."""
 
-    ORDERED = (
-        ("min_speed_m_s", "max_speed_m_s"),
-        ("min_along_track_speed_m_s", "max_speed_m_s"),
-        ("timeout_speed_m_s", "max_speed_m_s"),
-        ("inner_min_speed_m_s", "outer_max_speed_m_s"),
-    )
-
     shape: Shape | None = Field(None, description="generates the followers, in place of [[followers]]")
     proximity: Proximity | None = Field(None, description="short-range sensor for avoidance")
     law: Literal["constant-bearing", "ilos", "alos"] = Field(
@@ -185,6 +178,14 @@ class Formation(Section):
     timeout_action: Literal["continue", "circle", "surface"] = Field(
         "circle", description="action after message_timeout_s without messages"
     )
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        lower = "min_speed_m_s", "min_along_track_speed_m_s", "timeout_speed_m_s"
+        for low, high in (*((key, "max_speed_m_s") for key in lower), ("inner_min_speed_m_s", "outer_max_speed_m_s")):
+            if getattr(self, low) > getattr(self, high):
+                raise ValueError(f"{low} = {getattr(self, low):g} is more than {high} = {getattr(self, high):g}")
+        return self
 
 
 def _pairs(stations: list[tuple[str, Station]]) -> Iterator[tuple[str, float, float]]:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import fields
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar, cast, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar, cast, get_args, get_type_hints
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, create_model, model_validator
@@ -81,17 +81,7 @@ def increasing(what: str, unit: str) -> AfterValidator:
 class Section(BaseModel):
     """A table of the scenario file: unknown keys, NaN and infinity are refused."""
 
-    ORDERED: ClassVar[tuple[tuple[str, str], ...]] = ()
-    """Pairs of keys of which the first may not be more than the second."""
-
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
-
-    @model_validator(mode="after")
-    def _in_order(self) -> Self:
-        for low, high in self.ORDERED:
-            if getattr(self, low) > getattr(self, high):
-                raise ValueError(f"{low} = {getattr(self, low):g} is more than {high} = {getattr(self, high):g}")
-        return self
 
     def record(self) -> Record:
         """Numbers and choices as compiled code takes them, by names without units, in SI units and radians.

@@ -80,7 +80,7 @@ def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
     """
     records = np.zeros((len(vehicles), len(vehicles[0].actuators)), EFFECTOR)
     for row, vehicle in zip(records, vehicles, strict=True):
-        for record, actuator in zip(row[: vehicle.effectors], vehicle.actuators, strict=False):
+        for record, actuator in zip(row[: len(vehicle.effectors)], vehicle.actuators, strict=False):
             site, reference = model.actuator_trnid[actuator]
             at_site = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_SITE.value and reference < 0
             if not at_site or model.site_bodyid[site] != vehicle.body:

@@ -37,7 +37,7 @@ class Vehicle:
     qpos: int  # first of its seven entries in `qpos`
     actuators: tuple[int, ...]
     """MuJoCo's ids of its actuators, in the order of the MJCF; of all vehicles alike, since `compose` pads."""
-    effectors: int  # number of the MJCF's own actuators; those that follow exert no force
+    effectors: tuple[str, ...]  # names of the MJCF's own actuators; those that follow exert no force
 
 
 def compose(setups: Sequence[VehicleSetup], floor_depth_m: float | None = None, *, looks: bool = True) -> mujoco.MjSpec:
@@ -124,8 +124,8 @@ def _edited(setup: VehicleSetup, looks: bool) -> mujoco.MjSpec:
 def resolve(model: Any, name: str) -> Vehicle:
     """Ids of the vehicle `name`; LaisnError if the model has no such vehicle or it has no actuator."""
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"{name}/hull")
-    names = [model.actuator(i).name for i in range(model.nu)]
-    actuators = tuple(i for i, actuator in enumerate(names) if actuator.startswith(f"{name}/"))
+    names = [model.actuator(i).name.partition("/") for i in range(model.nu)]
+    actuators = tuple(i for i, (vehicle, _, _) in enumerate(names) if vehicle == name)
     if body < 0 or not actuators:
         missing = [f"the body {name}/hull"] * (body < 0) + [f"an actuator of {name}"] * (not actuators)
         raise LaisnError(f"the model lacks {' and '.join(missing)}")
@@ -135,5 +135,5 @@ def resolve(model: Any, name: str) -> Vehicle:
         body=body,
         qpos=int(model.jnt_qposadr[joint]),
         actuators=actuators,
-        effectors=sum(not names[i].startswith(f"{name}/{_UNUSED}") for i in actuators),
+        effectors=tuple(names[i][2] for i in actuators if not names[i][2].startswith(_UNUSED)),
     )

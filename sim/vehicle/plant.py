@@ -218,7 +218,6 @@ class Plant:
         site_names: "vehicle/site" of all sites, shape (s,).
         site_vehicle: index of the vehicle that carries a site, shape (s,).
         site_offset: of the sites in their vehicle's body frame, shape (s, 3), [m].
-        site_positions: of the sites in the world, shape (s, 3), [m]; a view, up to date after `step`.
         model, data: MuJoCo's own, without what is only seen of the vehicles.
     """
 
@@ -250,11 +249,7 @@ class Plant:
         self.state = self.pose, self.twist, self.thrust
         self.effectors, self.fixed_fins = effectors.read(model, vehicles), effectors.read_fixed(model, vehicles)
         self.effectors.flags.writeable = self.fixed_fins.flags.writeable = False
-        prefixes = [f"{v.name}/" for v in vehicles]
-        self.effector_names = tuple(
-            tuple(model.actuator(i).name.removeprefix(prefix) for i in v.actuators[: v.effectors])
-            for v, prefix in zip(vehicles, prefixes, strict=True)
-        )
+        self.effector_names = tuple(v.effectors for v in vehicles)
         rows = model.M_rowadr.astype(np.int64).reshape(n, 6)
         solver: hydrodynamics.Solver = (rows, data.M, data.qfrc_applied.reshape(n, 6))
         self._acceleration: Floats = data.qacc.reshape(n, 6)
@@ -280,7 +275,6 @@ class Plant:
         bodies = [v.body for v in vehicles]
         self.site_vehicle: Ints = np.array([bodies.index(b) for b in model.site_bodyid], dtype=np.int64)
         self.site_offset: Floats = model.site_pos.copy()
-        self.site_positions: Floats = data.site_xpos
 
         for i, setup in enumerate(setups):
             forward = attitude.rotate(self.pose[i, 3:], np.array([1.0, 0.0, 0.0]))
@@ -295,7 +289,6 @@ class Plant:
         data.qpos[:], data.qvel[:] = start
         data.time = data.act[:] = 0.0
         self._last_pose[:], self._last_twist[:] = self.pose, self.twist
-        mujoco.mj_kinematics(model, data)
 
     @property
     def time(self) -> float:
@@ -326,7 +319,7 @@ class Plant:
         return self._calls, self._clock, self._body, self._loads
 
     def finish_step(self, fault: Fault) -> None:
-        """Bring the sites to where the vehicles are after `advance`; PlantError if an error ended it."""
+        """PlantError if an error ended `advance`."""
         what, which = fault
         if what == WARNED:
             self._fail(f"MuJoCo warns: {mujoco.mjtWarning(which).name}")
@@ -334,7 +327,6 @@ class Plant:
             self._fail(f"the command of {self.names[which]} is not finite")
         if what == LOST:
             self._fail(f"the state of {self.names[which]} is lost")
-        mujoco.mj_kinematics(self.model, self.data)
 
     def _fail(self, what: str) -> NoReturn:
         message = f"t = {self.time:.3f} s: {what}; last good pose and twist by vehicle:"
