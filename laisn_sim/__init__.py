@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from laisn.failure import LaisnError as LaisnError
     from laisn.navigator import Navigator as Navigator
     from laisn.plugins import load_plugin as load_plugin
-    from sim.own_control import Command as Command
-    from sim.own_control import Wrench as Wrench
+    from sim.closed_loop import Command as Command
+    from sim.closed_loop import Wrench as Wrench
     from sim.scenario.settings import Scenario as Scenario
 
 __all__ = [
@@ -68,14 +68,14 @@ _ROOT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
 _PACKAGES = ("models", "laisn", "sim", "experiments")
 _INTERRUPTED = b"laisn: interrupted\n"
 _HOMES = {
-    "Command": "sim.own_control:Command",
+    "Command": "sim.closed_loop:Command",
     "Flight": "experiments.pages.results:Flight",
     "LaisnError": "laisn.failure:LaisnError",
     "Navigator": "laisn.navigator:Navigator",
     "StudyFolder": "experiments.study.study:StudyFolder",
     "Scenario": "sim.scenario.settings:Scenario",
     "Table": "experiments.flight.tables:Table",
-    "Wrench": "sim.own_control:Wrench",
+    "Wrench": "sim.closed_loop:Wrench",
     "errors": "experiments.flight.tables:errors_table",
     "fly": "experiments.pages.results:fly",
     "load": "experiments.flight.library:loaded",

@@ -293,13 +293,10 @@ def simulate_motion(
     progress: Callable[[float], None] | None = None,
     make_controller: ControllerFactory | None = None,
 ) -> Trajectory:
-    """Simulate a scenario's vehicles.
+    """Simulate a scenario's vehicles: rigid bodies in water, or point motion in still water with the same sites.
 
-    Args:
-        scenario: `motion` chooses rigid bodies in water, or point motion in still water with the same sites.
-        progress: called now and then with the share that is done, 0 … 1.
-        make_controller: makes another controller than that of routes; that of `sim.closed_loop` is needed if there are
-            `listeners`.
+    `progress` is called now and then with the share that is done, 0 … 1. `make_controller` makes another controller
+    than that of routes; that of `sim.closed_loop` is needed if there are `listeners`.
 
     Raises:
         LaisnError: a route cannot be flown, the sea is impossible, or the controller that is needed is missing.

@@ -111,7 +111,7 @@ def contacts(trajectory: Trajectory) -> list[Contact]:
 def first_touch(position: Floats, quaternion: Floats) -> int | None:
     """First of n instants at which any two of v hulls touch; None if none do.
 
-    Positions of the hulls' middles have shape (n, v, 3), [m], and attitudes, body to world, shape (n, v, 4).
+    Positions have shape (n, v, 3), [m], and attitudes, body to world, shape (n, v, 4).
     """
     first = _first_contacts(position, quaternion)
     return int(first[first >= 0].min()) if (first >= 0).any() else None

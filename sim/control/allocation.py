@@ -37,14 +37,10 @@ def clip(value: float, low: float, high: float) -> float:
 
 
 def pseudo_inverse(records: npt.NDArray[np.void], limits: Floats) -> Floats:
-    """P of the components that a vehicle's effectors can give independently of each other; zero for the others.
+    """P of the components that a vehicle's effectors can give independently of each other, shape (m, 6), [-], [1/m].
 
-    Args:
-        records: of `sim.vehicle.effectors.read` for one vehicle, shape (m,).
-        limits: least and largest force of each, of `sim.vehicle.effectors.reach` at some speed, shape (m, 2), [N].
-
-    Returns:
-        Shape (m, 6), [-] and [1/m].
+    It is zero for the others. `limits` are least and largest force of each record of `sim.vehicle.effectors.EFFECTOR`,
+    of `reach` at some speed, shape (m, 2), [N].
     """
     unit = effectors.unit_wrenches(records)  # Bᵀ
     reach = np.abs(limits).max(axis=1)

@@ -96,13 +96,8 @@ DESIGN = np.dtype(
 def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.NDArray[np.void]:
     """Autopilots of all vehicles, from their MJCF as the plant has compiled it: records of DESIGN, shape (v,).
 
-    Args:
-        plant: of v vehicles.
-        depth_control: how each vehicle holds its depth, shape (v,); None: by pitch if its hull or fins lift or it has
-            no vertical thrusters, else by thrust.
-
-    Raises:
-        LaisnError: a vehicle's effectors or hull lack what its autopilot needs; the text names it.
+    A vehicle without `depth_control` holds its depth by pitch if its hull or fins lift or it has no vertical thrusters,
+    else by thrust. LaisnError if its effectors or hull lack what its autopilot needs; the text names it.
     """
     model = plant.model
     water = coefficients.read(model, plant.names, plant.ocean.density_kg_m3)

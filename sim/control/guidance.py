@@ -133,14 +133,8 @@ def reference(
 
     Course and depth are smoothed about each instant, for the plan is known ahead; the path is not.
 
-    Args:
-        routes: shape (v,).
-        time: shape (n,), [s].
-        lead: how early each vehicle's accelerations are given, because its thrusters lag [s]; None: 0.
-        least_radii: of each vehicle's turns [m], as of `flown_plan`; None: 0.
-
-    Raises:
-        LaisnError: a route cannot be flown.
+    `time` has shape (n,), [s]. `lead` is how early each vehicle's accelerations are given, because its thrusters lag
+    [s], and `least_radii` are of its turns [m], as of `flown_plan`; None: 0. LaisnError if a route cannot be flown.
     """
     table = records(REFERENCE, time.size, len(routes))
     for i, route in enumerate(routes):

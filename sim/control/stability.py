@@ -148,15 +148,9 @@ def _motion(plant: Plant, i: int, d: Any, about: Floats) -> Floats:
 def require_stable(plant: Plant, autopilots: Any, fastest: float, orbital: float = 0.0) -> None:
     """Check all vehicles of a plant, with what is changed of their hulls.
 
-    Args:
-        plant: its vehicles.
-        autopilots: of them, records of DESIGN.
-        fastest: speed through the water up to which their motion is to be stable [m/s].
-        orbital: speed of the water in waves, which counts for the plant's steps alone [m/s].
-
-    Raises:
-        LaisnError: naming vehicle, speed and plane in which its motion diverges; or its motion, also in a turn, is
-            too fast for the plant's steps.
+    Their motion is to be stable up to the speed `fastest` through the water [m/s]; `orbital`, that of the water in
+    waves, counts for the plant's steps alone. LaisnError names vehicle, speed and plane in which its motion diverges,
+    or a motion, also in a turn, that is too fast for the plant's steps.
     """
     turning = np.array([_CATCHING_UP * fastest + orbital, *_DRIFT_M_S, *_SPIN_RAD_S, 0.0, 0.0, 0.0])
     for i, (name, d) in enumerate(zip(plant.names, autopilots, strict=True)):

@@ -121,12 +121,9 @@ class RangeData:
     ) -> Self:
         """Data from poses of which some may be at one time, and ranges in any order to beacons of which some may lack.
 
-        Args:
-            time: of each pose, shape (n + 1,), [s]; poses at the time of the one before are joined to it.
-            odometry: steps between them, shape (n, 3).
-            ranges: rows of time [s], beacon and range [m]; those to beacon −1, and those not positive, are left out.
-            remarks: further remarks.
-            more: other fields.
+        Poses at the `time` of the one before, shape (n + 1,), [s], are joined to it; `odometry` are the steps between
+        them, shape (n, 3). Of `ranges`, rows of time [s], beacon and range [m], those to beacon −1 and those not
+        positive are left out. `more` are other fields.
         """
         kept = np.append(True, np.diff(time) != 0.0)
         last = np.flatnonzero(kept[1:])

@@ -196,27 +196,24 @@ def _pairs(stations: list[tuple[str, Station]]) -> Iterator[tuple[str, float, fl
             yield f"{key}.station and {other}.station", apart, abs(a.depth_m - b.depth_m)
 
 
-def station_conflicts(stations: list[tuple[str, Station]]) -> list[str]:
-    """Pairs of stations, or of a station and the leader, that leave no room for two hulls."""
-    found: list[str] = []
-    for key, a in stations:
+def station_inconsistencies(proximity: Proximity | None, stations: list[tuple[str, Station]]) -> list[str]:
+    """Stations without room for two hulls, and settings with which followers cannot give way to each other."""
+    key, found, needed = "formation.proximity", list[str](), f"at least {LEAST_APART_M:g} m"
+    for name, a in stations:
         if (near := math.hypot(a.behind_m, a.port_m)) < LEAST_APART_M:
-            text = f"{key}.station is {near:.3g} m from the leader's place"
-            found.append(f"{text}; stations are at least {LEAST_APART_M:g} m from it")
-    needed = f"at least {LEAST_APART_M:g} m or {LEAST_LAYER_M:g} m are needed"
-    return found + [
-        f"{keys} are {apart:.3g} m apart in layers {layers:.3g} m apart; {needed}"
-        for keys, apart, layers in _pairs(stations)
-        if apart < LEAST_APART_M and layers < LEAST_LAYER_M
-    ]
-
-
-def proximity_inconsistencies(proximity: Proximity | None, stations: list[tuple[str, Station]]) -> list[str]:
-    """Settings with which followers cannot give way to each other by the short-range sensor."""
+            text = f"{name}.station is {near:.3g} m from the leader's place"
+            found.append(f"{text}; stations are {needed} from it")
+    for names, apart, layers in _pairs(stations):
+        if apart < LEAST_APART_M and layers < LEAST_LAYER_M:
+            text = f"{names} are {apart:.3g} m apart in layers {layers:.3g} m apart"
+            found.append(f"{text}; {needed} or {LEAST_LAYER_M:g} m are needed")
+        if proximity and apart < proximity.range_m and layers < LEAST_LAYER_M:
+            found.append(
+                f"{names} are {apart:.3g} m apart in one layer, within {key}.range_m = {proximity.range_m:g}: their "
+                "followers would push each other away for ever"
+            )
     if proximity is None:
-        return []
-    key = "formation.proximity"
-    found: list[str] = []
+        return found
     if not stations:
         found.append(f"{key} is for followers on stations; there are none")
     if proximity.full_avoidance_range_m >= proximity.range_m:
@@ -226,9 +223,4 @@ def proximity_inconsistencies(proximity: Proximity | None, stations: list[tuple[
         )
     if not is_multiple(proximity.period_s, CONTROL_STEP_S):
         found.append(f"{key}.period_s = {proximity.period_s:g} is no multiple of {CONTROL_STEP_S:g}")
-    return found + [
-        f"{keys} are {apart:.3g} m apart in one layer, within {key}.range_m = {proximity.range_m:g}: their followers "
-        "would push each other away for ever"
-        for keys, apart, layers in _pairs(stations)
-        if apart < proximity.range_m and layers < LEAST_LAYER_M
-    ]
+    return found

@@ -117,14 +117,10 @@ class Navigation(FurtherKeys):
         return {key: value for section in sections if section for key, value in section.model_dump().items()}
 
     def settings(self, given: Mapping[str, Any] | None = None, sound_m_s: float = _TYPICAL_SOUND_M_S) -> Settings:
-        """Settings of the navigator.
+        """Settings of the navigator: what is `given` by the names of fields, and replaced by keys of its own section.
 
-        Args:
-            given: what stands elsewhere, by the names of fields, which keys of the navigator's own section replace.
-            sound_m_s: speed of sound as the navigator assumes, by which errors of a clock become ranges [m/s].
-
-        Raises:
-            LaisnError: there is no such navigator, or a key of `own` is none of its settings.
+        By the speed of sound that it assumes errors of a clock become ranges. LaisnError if there is no such navigator,
+        or a key of `own` is none of its settings.
         """
         spec = find(self.variant)
         names = {field.name for field in fields(spec.settings)}

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, ValidationError, ValidationInfo, fie
 
 from laisn.arrays import Floats
 from laisn.settings import VARIANTS
-from sim.scenario.formation import Formation, Shape, Station, followers_of, proximity_inconsistencies, station_conflicts
+from sim.scenario.formation import Formation, Shape, Station, followers_of, station_inconsistencies
 from sim.scenario.navigation import Assume, Navigation
 from sim.scenario.section import (
     CONTROL_STEP_S,
@@ -250,8 +250,7 @@ class Scenario(Section):
         if self.formation.shape:
             found.append("formation.shape makes the followers; there are [[followers]] beside it")
         stations = [(f"followers[{i}]", f.station) for i, f in enumerate(self.followers) if f.station]
-        found += station_conflicts(stations)
-        found += proximity_inconsistencies(self.formation.proximity, stations)
+        found += station_inconsistencies(self.formation.proximity, stations)
         found += self._closed_loop_errors(bool(stations))
         if self.leader.broadcast_waypoints and not stations:
             found.append("leader.broadcast_waypoints is for followers on stations; there are none")

@@ -107,14 +107,9 @@ def tilt_errors(trajectory: Trajectory, sensors: Sensors) -> Floats:
 
 @compiled
 def follow_tilt(share: float, quaternion: Floats, change: Floats, last: Floats, error: Floats) -> None:
-    """One step of `tilt_errors` in compiled code: from the errors at the instant before to those at an instant.
+    """One step of `tilt_errors` in compiled code: from the errors at the instant before, shape (2,), to those at this.
 
-    Args:
-        share: `gain` of the filter.
-        quaternion: attitude at the instant, shape (4,).
-        change: of the velocity since the instant before, shape (3,), [m/s].
-        last: error at the instant before, shape (2,), [rad].
-        error: out: at this one, shape (2,), [rad].
+    `share` is the `gain` of the filter, `change` that of the velocity since then, shape (3,), [m/s].
     """
     w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
     pitch, roll = _shown((w, x, y, z), (change[0], change[1], change[2]))

@@ -142,16 +142,8 @@ def measure(
 ) -> Measurements:
     """Everything that one follower measures in a run: exactly the noise of that run in a campaign.
 
-    Args:
-        truth: of the mission.
-        errors: of its sensors.
-        seed: key of all random numbers.
-        run: of the campaign, 0, 1, …
-        follower: its index; followers share the leader's errors and nothing else.
-        transmitters: N_T, how many of the leader's it uses, rear and front first.
-
-    Raises:
-        LaisnError: seed or run is out of range.
+    Followers share the leader's errors and nothing else. `transmitters` is N_T, how many of the leader's it uses, rear
+    and front first. LaisnError if seed or run is out of range.
     """
     every = Address(seed, run, follower, np.arange(1, truth.speed.size + 1))
     sent, taken_up = every._replace(step=truth.emission_step), every._replace(step=truth.message_step)

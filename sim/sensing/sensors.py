@@ -35,13 +35,7 @@ _ECHO, _RANGE_UNIFORM, _RANGE_SCALE = int(Stream.ECHO), int(Stream.RANGE_UNIFORM
 def true_own(e: Any, follower: int, time: Any, body: Body, depth_sensor: Any, true: Any) -> None:
     """What log, compass and pressure sensor of a follower read without random errors and constant biases.
 
-    Args:
-        e: errors.
-        follower: index.
-        time: [s].
-        body: motion of its vehicle.
-        depth_sensor: offset of the pressure sensor, shape (3,), [m].
-        true: out: of `laisn.swarm.READING`.
+    `depth_sensor` is the pressure sensor's offset, shape (3,), [m]. Writes a record of `laisn.swarm.READING`.
     """
     speed = speed_through_water(body.pose, body.twist, body.water)
     true.speed = speed + drift(e, e.speed_drift, e.speed_drift_phase, follower, time)
@@ -71,12 +65,8 @@ def read_steering(e: Any, address: Address, body: Body, reading: Any) -> None:
 def true_message(e: Any, time: Any, leader: Body, tilt: Any, message: Any) -> None:
     """What a message of the leader holds without random errors and constant biases.
 
-    Args:
-        e: errors.
-        time: of sending [s].
-        leader: its motion then.
-        tilt: what accelerations add to measured pitch and roll [rad]; NaN if these are not broadcast.
-        message: out: of `laisn.swarm.MESSAGE`.
+    `tilt` is what accelerations add to measured pitch and roll [rad]; NaN if these are not broadcast. Writes a record
+    of `laisn.swarm.MESSAGE`.
     """
     message.timestamp = time
     message.east = leader.pose[0] + e.leader_drift_east * time
@@ -88,15 +78,10 @@ def true_message(e: Any, time: Any, leader: Body, tilt: Any, message: Any) -> No
 
 @elementwise
 def read_message(e: Any, sent: Address, true: Any, offset: Any, fluctuation: Any, message: Any) -> None:
-    """What a message holds.
+    """What a message holds, by that of `true_message`, which may be the same record.
 
-    Args:
-        e: errors.
-        sent: address of the noise at the filter step at which it is sent.
-        true: of `true_message`, which may be the same as the message.
-        offset: normals of the errors of pitch and roll that a run keeps.
-        fluctuation: values of the Gauss–Markov processes, of unit variance.
-        message: out: of `laisn.swarm.MESSAGE`.
+    `sent` is the address of the noise at the filter step at which it is sent, `offset` normals of the errors of pitch
+    and roll that a run keeps, and `fluctuation` values of the Gauss–Markov processes, of unit variance.
     """
     log, compass = normals_at(sent, _LEADER_MOTION)
     message.speed = speed_reading(true.speed, e.leader_speed_bias, 0.0, log)

@@ -330,16 +330,8 @@ def apply(
 ) -> int:
     """Give every vehicle its wrench and its added mass, between `mj_step1` and `mj_factorM`.
 
-    Args:
-        coefficients: records of `sim.vehicle.coefficients.RECORD`, shape (v,).
-        pose: position and quaternion, shape (v, 7).
-        twist: velocity in the world, angular velocity in the body, shape (v, 6).
-        solver: where wrench and added mass go; `applied` is overwritten.
-        fitted: effectors and fixed fins, records of `sim.vehicle.effectors.EFFECTOR`, shape (v, m + q), and the states
-            of the effectors, shape (v, m).
-
-    Returns:
-        The index of the first vehicle that is lost (its state or wrench is not finite, or beyond LOST), -1 if none.
+    Arguments are those of `wrench` for all vehicles. Returns the index of the first vehicle that is lost (its state or
+    wrench is not finite, or beyond LOST), -1 if none.
     """
     row_address, mass, applied = solver
     for i in range(pose.shape[0]):

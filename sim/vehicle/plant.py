@@ -154,13 +154,8 @@ def end(body: Any, half_step: float) -> Fault:
 def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
     """Advance a plant from compiled code, as `Plant.step` does.
 
-    Args:
-        handles: of `Plant.step_handles`, taken after the last step from Python.
-        command: of each effector, shape (v, m), in the units of its state.
-        n_substeps: number of physics steps.
-
-    Returns:
-        The argument of `Plant.finish_step`, to be called from Python.
+    `handles` are of `Plant.step_handles`, taken after the last step from Python. Returns the argument of
+    `Plant.finish_step`, to be called from Python.
     """
     (stages, model, data), clock, body, (records, water, solver, fitted) = handles
     kinematics, centres, inertia, velocity, factor, finish = stages
