@@ -30,14 +30,12 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 REACHED = ("laisn/**/*.py", "sim/**/*.py", "experiments/campaign/lane_*.py")
 """Sources that compiled code reads: a compiled module imports from them alone."""
 _APART = ("sim/datasets", "sim/film", "sim/log")
-"""Folders among them that no compiled module imports."""
 _ROOT = Path(__file__).resolve().parents[1]
 _KEPT_S = 7 * 86_400.0
 """Code of other versions is removed when it has not been used for so long."""
 
 
 def reached_sources() -> list[Path]:
-    """Sources whose content names the folder."""
     found = [path for pattern in REACHED for path in sorted(_ROOT.glob(pattern))]
     return [path for path in found if not path.relative_to(_ROOT).as_posix().startswith(_APART)]
 
@@ -74,7 +72,6 @@ def find_folder() -> Path | None:
         digest.update(f"{path.relative_to(_ROOT)} ".encode() + path.read_bytes())
     try:
         place = (Path(home) if os.path.isabs(home) else Path.home() / ".cache") / "laisn-sim" / "compiled"
-        # parents get the usual mode
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
         state, version = place.lstat(), place / digest.hexdigest()[:16]
         if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.geteuid() or state.st_mode & 0o077:
@@ -85,13 +82,13 @@ def find_folder() -> Path | None:
             if other.stat().st_mtime < time.time() - _KEPT_S:
                 shutil.rmtree(other, ignore_errors=True)
     except (OSError, RuntimeError):
-        # RuntimeError: this user has no home
+        # the latter: this user has no home
         return None
     return own
 
 
 FOLDER = find_folder()
-"""Where this process stores machine code; None: nowhere, and each process compiles what it calls."""
+"""Where this process stores machine code; None: nowhere."""
 
 
 def count_stored() -> int:
@@ -100,7 +97,7 @@ def count_stored() -> int:
 
 
 def remove_if_damaged(error: BaseException) -> bool:
-    """Whether numba raised an error while it read or wrote stored code, as after a power failure; removes that code."""
+    """Whether an error came from reading or writing stored code, as after a power failure; removes that code."""
     frames = traceback.extract_tb(error.__traceback__)
     if FOLDER is None or not any(Path(frame.filename).match("numba/core/caching.py") for frame in frames):
         return False
@@ -113,10 +110,7 @@ warnings.filterwarnings("ignore", category=errors.NumbaIRAssumptionWarning)
 
 
 def compiled(function: Function, **flags: Any) -> Function:
-    """Compile a function of arrays and scalars; division by zero gives inf or NaN as in NumPy.
-
-    It releases the lock of the interpreter, so that threads run side by side.
-    """
+    """Compile a function, which releases the interpreter's lock; division by zero gives inf or NaN as in NumPy."""
     # what other projects and closures refer to is not in the name of the folder
     own = not function.__closure__ and function.__module__.startswith(("laisn.", "sim.", "experiments."))
     config: Any = numba.config

@@ -1,25 +1,19 @@
-"""Errors and warnings that users can act on, and their text for a terminal.
-
-Nothing that others wrote steers a terminal, and no message is longer than a screen.
-"""
+"""Errors and warnings that users can act on, and their text, at most a screen, without control characters."""
 
 import math
 import unicodedata
 from collections.abc import Iterable
+from itertools import accumulate
 
 COLUMNS, ROWS = 80, 20
 """A small terminal, less the lines around a message."""
 
 _STEERING = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
-"""Categories of Unicode whose characters move the cursor, turn the line around, show nothing, or cannot be encoded."""
+"""Categories of Unicode that are not visible."""
 
 
 class LaisnError(ValueError):
-    """What was given cannot be used, or the machine lacks something; the text states what was expected and what exists.
-
-    The command shows the text alone. Any other exception is a bug. It is a `ValueError`, so that
-    callers from Python may catch it without knowing this class.
-    """
+    """What was given cannot be used, or the machine lacks something; any other exception is a bug."""
 
 
 class LaisnWarning(UserWarning):
@@ -42,17 +36,8 @@ def shortened(text: str, limit: int) -> str:
 
 
 def screenful(lines: Iterable[str], rows: int = ROWS) -> list[str]:
-    """The lines, made plain, that fit into `rows` rows of 80 columns; the last one counts those left out.
-
-    A line takes as many rows as it needs, but one alone may not take them all.
-    """
-    given = list(lines)
-    shown: list[str] = []
-    left = rows
-    for number, line in enumerate(given):
-        text = shortened(plain(shortened(line, COLUMNS * rows)), COLUMNS * max(1, rows // 2))
-        left -= max(1, math.ceil(len(text) / COLUMNS))
-        if left < (number < len(given) - 1):
-            return [*shown, f"  … and {len(given) - number} more"]
-        shown.append(text)
-    return shown
+    """Lines, made plain, at most `rows` / 2 rows of 80 columns each, that fit; the last one counts the others."""
+    texts = [shortened(plain(line), COLUMNS * (rows // 2)) for line in lines]
+    ends = accumulate(max(1, math.ceil(len(text) / COLUMNS)) for text in texts)
+    shown = sum(end <= rows - (number < len(texts)) for number, end in enumerate(ends, start=1))
+    return texts if shown == len(texts) else [*texts[:shown], f"  … and {len(texts) - shown} more"]

@@ -6,7 +6,6 @@ import multiprocessing
 import os
 import secrets
 import signal
-import stat
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -23,10 +22,7 @@ _M_MMAP_THRESHOLD = -3  # of malloc.h of the GNU C library
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """Write a file so that its final name never shows a partial file, whatever processes write it at once.
-
-    Yields the path of a temporary file, for the block to create; if the block fails, `path` stays as it was.
-    """
+    """Yield a path for the block to create a file at, which replaces `path`, whole, when the block has succeeded."""
     part = path.with_name(f".{path.name}.{secrets.token_hex(6)}.part")
     try:
         yield part
@@ -38,7 +34,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 
 def remove_stale_parts(folder: Path) -> None:
-    """Remove temporary files that killed processes left in a folder; others may still be written."""
+    """Remove temporary files of `atomic_write` that killed processes left in a folder."""
     for part in folder.glob(".*.part"):
         # another process may rename it
         with suppress(FileNotFoundError):
@@ -56,9 +52,10 @@ def locked(folder: Path, *, wait: bool = True) -> Iterator[None]:
     try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-        except OSError as error:
-            if isinstance(error, BlockingIOError):
-                raise
+        except BlockingIOError:
+            raise
+        except OSError:
+            pass
         yield
     finally:
         os.close(handle)
@@ -67,15 +64,14 @@ def locked(folder: Path, *, wait: bool = True) -> Iterator[None]:
 def read_text(path: Path, max_bytes: int) -> str:
     """Text of a regular file that a user names, without a byte order mark; a pipe or a device might never end.
 
-    Raises:
-        LaisnError: the file cannot be read, is not regular, is too large or is not UTF-8; gives the reason alone.
+    LaisnError, with the reason alone, if the file cannot be read, is not regular, is too large or is not UTF-8.
     """
     try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            raise LaisnError("it is a folder" if stat.S_ISDIR(status.st_mode) else "it is no plain file")
-        if status.st_size > max_bytes:
-            raise LaisnError(f"it has {status.st_size} bytes, there may be {max_bytes}")
+        if not path.is_file():
+            path.stat()
+            raise LaisnError("it is a folder" if path.is_dir() else "it is no plain file")
+        if (size := path.stat().st_size) > max_bytes:
+            raise LaisnError(f"it has {size} bytes, there may be {max_bytes}")
         return path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise LaisnError(error.strerror or str(error)) from None
@@ -87,10 +83,7 @@ def read_text(path: Path, max_bytes: int) -> str:
 
 
 def exit_with_parent(parent: int) -> None:
-    """Exit this process when its parent, of this number, has ended, even if that was killed; leave Ctrl-C to it.
-
-    To be called from the main thread.
-    """
+    """Exit this process when its parent, of this number, has ended, even if that was killed; leave Ctrl-C to it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def watch() -> None:
@@ -103,11 +96,7 @@ def exit_with_parent(parent: int) -> None:
 
 @contextmanager
 def background_process(first: Callable[[], object] | None = None) -> Iterator[ProcessPoolExecutor]:
-    """An executor of one process, forked at its first task; if the block fails, it is killed.
-
-    Args:
-        first: task that it starts with, such as imports.
-    """
+    """An executor of one process, forked at its first task, perhaps `first`; if the block fails, it is killed."""
     executor = ProcessPoolExecutor(
         1, multiprocessing.get_context("fork"), initializer=exit_with_parent, initargs=(os.getpid(),)
     )

@@ -15,7 +15,7 @@ from laisn.swarm import MESSAGE
 from sim import attitude
 from sim.flight import Flight
 from sim.log import writer
-from sim.log.channels import Event
+from sim.log.writer import Event
 from sim.scenario.settings import CONTROL_STEP_S, Acoustics, Follower, Leader, Scenario, Timing
 from sim.trajectory import Trajectory
 

@@ -21,46 +21,36 @@ Section = TypeVar("Section", bound=BaseModel)
 
 
 @cache
-def _defaults(kind: type[BaseModel], names: tuple[str, ...]) -> dict[str, Any]:
-    """Defaults of some keys; sections are frozen, so that all may share them."""
-    return {name: kind.model_fields[name].get_default(call_default_factory=True) for name in names}
+def _default(kind: type[BaseModel], name: str) -> Any:
+    return kind.model_fields[name].get_default(call_default_factory=True)
 
 
 def _without(section: Section, *names: str, **changes: Any) -> Section:
     """A section of a scenario with these keys at their defaults, and others changed."""
-    return section.model_copy(update=_defaults(type(section), names) | changes)
+    return section.model_copy(update={name: _default(type(section), name) for name in names} | changes)
 
 
 def content_of(scenario: Scenario) -> Scenario:
-    """The scenario with everything at its default that changes no number of a campaign.
-
-    This is what campaigns compute in place of the scenario, and what their keys are made of: nothing else can matter.
-    """
+    """The scenario with everything at its default that changes no number of a campaign, to compute and to make keys."""
     return _without(scenario, "run", "epoch", "origin_latitude_deg", "origin_longitude_deg", "video")
 
 
 def nameless(scenario: Scenario) -> Scenario:
-    """The scenario under a name that all share, for keys."""
     return scenario.model_copy(update={"name": "mission"})
 
 
 def motion_of(scenario: Scenario) -> Scenario:
-    """The scenario with everything at its default that does not change how vehicles move; this is what is flown."""
+    """The scenario with everything at its default that does not change how vehicles move, to be flown."""
     leader = _without(scenario.leader, "broadcast_attitude", baseline_m=None, middle_offset_m=None)
     timing = _without(scenario.timing, "filter_step_s", "message_interval_s")
     return _without(content_of(scenario), "sensors", "acoustics", "navigation", leader=leader, timing=timing)
 
 
 def _observed_of(scenario: Scenario, follower: int) -> Scenario:
-    """The scenario with everything at its default that does not change what `observe` finds of a follower.
-
-    Scenarios that differ in random errors and constant biases alone share one truth.
-    """
+    """The scenario with everything at its default, such as random errors, that does not change what `observe` finds."""
     sensors, acoustics = scenario.sensors_of(follower), scenario.acoustics
-    echoes = {
-        name: float(getattr(acoustics, name) > 0.0) / 2
-        for name in ("surface_echo_probability", "bottom_echo_probability")
-    }
+    chances = ("surface_echo_probability", "bottom_echo_probability")
+    echoes = {name: float(getattr(acoustics, name) > 0.0) / 2 for name in chances}
     own = {
         "seed": 1,
         "sensors": _without(sensors, *keys_per_run(Sensors), own=own_tables(scenario)),
@@ -89,15 +79,14 @@ def simulate_mission(scenario: Scenario) -> Trajectory:
     try:
         return sited(simulate_motion(motion_of(scenario)), scenario.leader)
     except (EndedError, PlantError) as error:
-        # They carry the motion so far, which no process can hand to another: only their text is compared.
+        # they carry the motion so far, which no process can hand to another
         raise CampaignError(f"mission {scenario.name!r}: {error}") from None
 
 
 class Mission:
-    """A mission whose motion is known; what its cells share is computed once, and depends on the arguments alone."""
+    """The motion of a scenario, or of others that move alike; what its cells share is computed once."""
 
     def __init__(self, scenario: Scenario, trajectory: Trajectory) -> None:
-        """Take the motion of a scenario, or of another one that moves alike."""
         self._motion = nameless(motion_of(scenario))
         self._sited = cache(partial(sited, trajectory))
         self._observed = cache(self._observe)
@@ -106,11 +95,7 @@ class Mission:
         return observe(self._sited(scenario.leader), scenario, follower)
 
     def seen(self, scenario: Scenario, follower: int) -> tuple[Trajectory, MissionTruth]:
-        """The motion with a scenario's transmitters, and what one follower sees of it.
-
-        Raises:
-            LaisnError: the scenario's vehicles move otherwise.
-        """
+        """Motion with a scenario's transmitters, and what one follower sees; LaisnError if vehicles move otherwise."""
         if nameless(motion_of(scenario)) != self._motion:
             raise LaisnError(f"scenario {scenario.name!r} moves otherwise than the mission that was simulated")
         return self._sited(scenario.leader), self._observed(_observed_of(scenario, follower), follower)

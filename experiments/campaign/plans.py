@@ -1,10 +1,10 @@
 """Plans of cells: a scenario flown with the noise of some runs, its key, and the row of its result."""
 
-import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from importlib import import_module
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -24,10 +24,7 @@ from sim.trajectory import Trajectory, leveled
 
 @dataclass(frozen=True, kw_only=True)
 class CellPlan:
-    """What a cell is to be: a scenario, the number of its runs and what to keep.
-
-    Raises LaisnError if there is no run, or no such follower.
-    """
+    """A scenario, the number of its runs and what to keep; LaisnError if there is no run, or no such follower."""
 
     scenario: Scenario
     runs: int = 60
@@ -50,24 +47,22 @@ class CellPlan:
 
     @cached_property
     def content(self) -> Scenario:
-        """What is computed of the scenario."""
         return missions.content_of(self.scenario)
 
     @cached_property
     def key(self) -> str:
         """Key of its row and of its arrays over runs."""
         others = self.runs, self.follower, self.first_run, self.level_leader, self.lag_s, dict(self.disturb)
-        own = [_disturbing(name).disturb for name in [self.disturb.get("use", "")] if _OWN.fullmatch(name)]
+        name = self.disturb.get("use", "")
+        own = [_disturbing(name).disturb] if name.startswith(_OWN) else []
         return key_of(missions.nameless(self.content), *others, *own)
 
     @property
     def steps_key(self) -> str:
-        """Key of errors at each step over all runs."""
         return key_of(self.key, "steps")
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """Keys of all its results."""
         return (self.key, self.steps_key) if self.keep_steps else (self.key,)
 
     @cached_property
@@ -81,17 +76,16 @@ class CellPlan:
         return self.runs * self.scenario.filter_steps
 
 
-_OWN = re.compile(r"(experiments\.studies\.[a-z_]+\.[a-z_]+):([A-Za-z]+)")
-"""Names of classes of the built-in studies, which study files may give as if they were in a plugin."""
+_OWN = "experiments.studies."
+"""Start of names of classes of the built-in studies, which study files may give as if they were in a plugin."""
 
 
 def _disturbing(name: str) -> Any:
     """The class of a name; LaisnError if there is none, or it cannot disturb measurements."""
-    if own := _OWN.fullmatch(name):
-        try:
-            found = getattr(import_module(own[1]), own[2], None)
-        except ImportError:
-            found = None
+    found = None
+    if name.startswith(_OWN):
+        with suppress(ImportError, AttributeError, ValueError):
+            found = resolve_name(name)
     else:
         found = find_class("disturbance", name, "disturb")
     if not isinstance(found, type) or not hasattr(found, "disturb"):
@@ -104,11 +98,11 @@ def disturbance_of(table: Mapping[str, Any]) -> Disturbance | None:
     if not table:
         return None
     name, given = str(table.get("use", "")), {key: value for key, value in table.items() if key != "use"}
+    made = _disturbing(name)
     try:
-        found: Disturbance = _disturbing(name)(**given)
+        return made(**given)  # type: ignore[no-any-return]
     except (TypeError, ValueError) as error:
         raise LaisnError(f"disturb: {name}: {error}") from None
-    return found
 
 
 def steps_of(cell: Cell) -> Arrays:
@@ -120,19 +114,16 @@ def steps_of(cell: Cell) -> Arrays:
             bearing = metrics.bearing_errors(found, truth.hydrophone, leader)
             errors = np.stack([metrics.position_errors(found, truth.hydrophone), np.rad2deg(bearing)])
             total, largest = total + errors, np.maximum(largest, errors)
-    away = truth.hydrophone - leader
+    away, mean = truth.hydrophone - leader, total / len(cell.runs)
     direction = np.arctan2(away[:, 0], away[:, 1]) - truth.leader_heading
     columns = {
         "time_s": truth.dt * np.arange(1, truth.speed.size + 1),
-        "e_p_mean_m": total[0] / len(cell.runs),
-        "e_p_max_m": largest[0],
-        "e_b_mean_deg": total[1] / len(cell.runs),
-        "e_b_max_deg": largest[1],
+        "e_p_mean_m": mean[0], "e_p_max_m": largest[0], "e_b_mean_deg": mean[1], "e_b_max_deg": largest[1],
         "bearing_deg": np.rad2deg(np.mod(direction, 2 * np.pi)),
         "distance_m": np.hypot(*away.T),
         "speed_m_s": truth.speed,
-    }
-    # Single precision is a micrometre here, and halves what figures must read.
+    }  # fmt: skip
+    # micrometres here, in half the room
     return {name: np.asarray(values, dtype=np.float32) for name, values in columns.items()}
 
 
@@ -140,12 +131,11 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan], threads: int = 1)
     """Compute cells of one mission: the row and the arrays over runs of each and, on request, over steps."""
     levels = {plan.level_leader for plan in plans}
     behind = {n: missions.Mission(plans[0].scenario, leveled(trajectory) if n else trajectory) for n in levels}
-    cells = [
-        Cell.of(plan.content, plan.follower, range(plan.first_run, plan.first_run + plan.runs),
-                mission=behind[plan.level_leader], disturbance=disturbance_of(plan.disturb))
-        for plan in plans
-    ]  # fmt: skip
-    results = list[Result]()
+    cells, results = list[Cell](), list[Result]()
+    for plan in plans:
+        runs, disturbance = range(plan.first_run, plan.first_run + plan.runs), disturbance_of(plan.disturb)
+        mission = behind[plan.level_leader]
+        cells.append(Cell.of(plan.content, plan.follower, runs, mission=mission, disturbance=disturbance))
     for plan, cell, result in zip(plans, cells, simulate_many(cells, threads=threads), strict=True):
         scenario, variant, steps = plan.content, plan.content.navigation.variant, Arrays()
         # plans of other names may share it

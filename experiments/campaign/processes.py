@@ -1,10 +1,10 @@
 """Processes that compute: local ones of joblib, or the workers of a Dask cluster."""
 
 import asyncio
-import importlib.util
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
+from importlib import import_module
 from typing import Any, Self, TypeVar
 
 import joblib
@@ -36,13 +36,13 @@ def _with_version(function: Callable[..., Result], *arguments: Any) -> tuple[str
 
 
 class Pool:
-    """A pool of `size` processes; use it as a context. With one local worker everything is computed in this process."""
+    """A pool of `size` local processes, or of the workers of the Dask scheduler at an address; use it as a context.
+
+    With one local worker everything is computed in this process. LaisnError if there is no worker, or the cluster
+    cannot be used.
+    """
 
     def __init__(self, workers: int, cluster: str | None = None) -> None:
-        """Prepare local processes, which start with the first work, or the address of a Dask scheduler in their place.
-
-        Raises LaisnError if there is no worker.
-        """
         if workers < 1:
             raise LaisnError(f"workers is {workers}, expected at least 1")
         self.size = workers
@@ -50,36 +50,29 @@ class Pool:
         self._client: Any = None
 
     def __enter__(self) -> Self:
-        """Connect to the cluster, if there is one; LaisnError if it cannot be used."""
         if self._cluster is not None:
             self._client = _connect(self._cluster)
             self.size = sum(self._client.nthreads().values())
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Leave the cluster; local processes end with this one, or at once if something failed."""
+        # local processes end with this one, or at once if something failed
         if self._client is not None:
             self._client.close()
         elif kind is not None and self.size > 1:
             get_reusable_executor().shutdown(kill_workers=True)
 
     def each(self, function: Callable[..., Result], arguments: Iterable[tuple[Any, ...]]) -> Iterator[Result]:
-        """Results of a function over argument tuples, in the order of completion.
-
-        Raises:
-            WorkerDiedError: a process died.
-            CampaignError: a process has other sources.
-        """
-        options: dict[str, Any] = {"backend": "dask" if self._client is not None else "sequential"}
+        """Results of a function in the order of completion; CampaignError if a process died or has other sources."""
+        options: dict[str, Any] = {"backend": "sequential" if self._client is None else "dask"}
         if self._client is None and self.size > 1:
             begin = os.getpid(), os.environ.get(VARIABLE, "")
             options = {"backend": "loky", "initializer": _begin_worker, "initargs": begin}
+        calls = (joblib.delayed(_with_version)(function, *given) for given in arguments)
         with joblib.parallel_config(n_jobs=self.size, **options):
-            parallel = joblib.Parallel(
-                return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs", max_nbytes=None
-            )
+            parallel = joblib.Parallel(return_as="generator_unordered", batch_size=1, max_nbytes=None)
             try:
-                for version, result in parallel(joblib.delayed(_with_version)(function, *given) for given in arguments):
+                for version, result in parallel(calls):
                     if version != code_version():
                         raise CampaignError(
                             f"a worker has version {version}, the campaign began with {code_version()}: "
@@ -97,7 +90,7 @@ class Pool:
 
 
 def _connect(address: str) -> Any:
-    """A client of a Dask cluster all of whose workers have this version; LaisnError names those that have not."""
+    """A client of a Dask cluster; LaisnError if it does not answer, or names workers that have not this version."""
     try:
         import distributed
     except ImportError:
@@ -119,20 +112,16 @@ def _connect(address: str) -> Any:
         if address.startswith("tls:"):
             why += "; tls:// needs certificates, named under distributed.comm.tls in Dask's configuration"
         raise LaisnError(f"no Dask scheduler answers at {address}: {why}") from None
+
+    def version_there() -> str:
+        # sent by value: a worker without this package could not import a function of it
+        return str(import_module("experiments.campaign.version").code_version())
+
     client = dask.Client(address, timeout=_CONNECT_S)
-    try:
-        # a function of the standard library: a worker without this package could not even take one of ours
-        specs = client.run(importlib.util.find_spec, "experiments", on_error="return")
-        lacking = sorted(name for name, spec in specs.items() if spec is None or isinstance(spec, BaseException))
-        if lacking or not specs:
-            where = f"on these workers of {address}: {', '.join(lacking)}"
-            none = f"the Dask scheduler at {address} has no workers"
-            raise LaisnError(f"laisn-sim is not installed {where}" if lacking else none)
-        versions = client.run(code_version, on_error="return")
-        others = sorted(f"{name} ({version})" for name, version in versions.items() if version != code_version())
-        if others:
-            raise LaisnError(f"this is version {code_version()}, but workers of {address} have: {', '.join(others)}")
-    except BaseException:
+    found = client.run(version_there, on_error="return")
+    others = ", ".join(sorted(f"{name} ({version})" for name, version in found.items() if version != code_version()))
+    if others or not found:
         client.close()
-        raise
+        lacking = f"laisn-sim {code_version()} is not installed on these workers of {address}: {others}"
+        raise LaisnError(lacking if others else f"the Dask scheduler at {address} has no workers")
     return client

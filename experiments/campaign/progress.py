@@ -1,21 +1,18 @@
 """Progress of a command on a terminal or in a log, and literal text for both."""
 
-import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, TextColumn, TimeRemainingColumn
-from rich.progress import Progress as Bars
+from rich.console import Console, RenderableType
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Column, Table
 from rich.text import Text
 
 from laisn.failure import plain
 
 _LINE_EVERY_S = 10.0
-_COMPILING = "compiling (once)"
-_COUNT_EVERY_S = 0.5
+_REFRESH_HZ = 2.0
 
 Advance = Callable[[int], None]
 """Reports that so many more items are finished."""
@@ -49,53 +46,47 @@ def show_table(
     console.print(table)
 
 
-def _bars(console: Console, *columns: ProgressColumn) -> Bars:
-    """Bars with names and the time left or taken, which on anything but a terminal show nothing."""
-    left = TimeRemainingColumn(elapsed_when_finished=True)
-    return Bars(
-        TextColumn("{task.description:<9}"), BarColumn(), *columns, left, console=console,
-        disable=not console.is_terminal, get_time=lambda: time.monotonic(), speed_estimate_period=3600.0,
-    )  # fmt: skip
+class _Bars(Progress):
+    """Bars with names and the time left or taken; on anything but a terminal they show nothing."""
+
+    def __init__(self, console: Console, *columns: ProgressColumn) -> None:
+        super().__init__(
+            TextColumn("{task.description:<9}"), BarColumn(), *columns, TimeRemainingColumn(elapsed_when_finished=True),
+            console=console, disable=not console.is_terminal, get_time=lambda: time.monotonic(),
+            speed_estimate_period=3600.0, refresh_per_second=_REFRESH_HZ,
+        )  # fmt: skip
 
 
-@contextmanager
-def compiling_shown(bars: Bars | None = None) -> Iterator[None]:
-    """Report that code is compiled: on a terminal with the number of functions, and in a log with one line.
+class _CompilingBars(_Bars):
+    """Bars above the number of functions that this process and those beside it compile; in a log, a last line."""
 
-    Counts what this process and those beside it store. Without bars, the report is on standard error.
-    """
-    # a process that only shows progress does not load the compiler
-    from laisn.compiled import count_stored
+    def __init__(self, console: Console) -> None:
+        # a process that only shows progress does not load the compiler
+        from laisn import compiled
 
-    shown = bars or _bars(Console(stderr=True))
-    ended, before = threading.Event(), count_stored()
+        self._count, self._before = compiled.count_stored, compiled.count_stored()
+        super().__init__(console)
 
-    def watch() -> None:
-        done = False
-        while not (functions := count_stored() - before) and not done:
-            done = ended.wait(_COUNT_EVERY_S)
-        if functions and shown.disable:
-            shown.console.print(_COMPILING)
-        elif functions:
-            with nullcontext() if bars else shown:
-                task = shown.add_task(_COMPILING, total=None)
-                while not ended.wait(_COUNT_EVERY_S):
-                    shown.update(task, description=f"{_COMPILING}: {count_stored() - before} functions")
-                shown.update(task, total=1.0, completed=1)
+    def get_renderables(self) -> Iterator[RenderableType]:
+        yield from super().get_renderables()
+        if functions := self._count() - self._before:
+            yield f"compiling (once): {functions} functions"
 
-    watcher = threading.Thread(target=watch, daemon=True)
-    watcher.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        watcher.join()
+    def stop(self) -> None:
+        super().stop()
+        if self.disable and self._count() > self._before:
+            self.console.print("compiled (once)")
+
+
+def compiling_shown() -> AbstractContextManager[Progress]:
+    """Report on standard error how many functions the block compiles."""
+    return _CompilingBars(Console(stderr=True))
 
 
 @contextmanager
 def phases(console: Console) -> Iterator[Phase]:
-    """A bar for each phase of a flight, with the time left or taken; none in a log."""
-    with _bars(console) as bars, compiling_shown(bars):
+    """A bar for each phase of a flight, and the number of functions that are compiled."""
+    with _CompilingBars(console) as bars:
 
         @contextmanager
         def phase(name: str) -> Iterator[Update]:
@@ -110,14 +101,14 @@ def phases(console: Console) -> Iterator[Phase]:
 def progress(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]:
     """A bar on a terminal, a line every ten seconds in a log; nothing if there is nothing to do, or `quiet`.
 
-    `total` items are counted, which `what` names. In a log, rate and time left do not count the first item, which
-    waited for processes and compilers to start.
+    `total` items are counted, which `what` names. Rate and time left do not count the first item, which waited for
+    processes and compilers to start.
     """
     console = Console(stderr=True)
     if quiet or total == 0:
         yield lambda count: None
         return
-    with _bars(console, MofNCompleteColumn()) as bars:
+    with _Bars(console, MofNCompleteColumn()) as bars:
         task, shown = bars.add_task(what, total=total), time.monotonic()
 
         def advance(count: int) -> None:

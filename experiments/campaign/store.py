@@ -1,7 +1,4 @@
-"""Results on disk: tables of studies as Parquet, and a store of single results under keys of all that made them.
-
-Each stored result is one `.npz` archive, whose members have checksums.
-"""
+"""Results on disk: tables of studies as Parquet, and a store of single results under keys of all that made them."""
 
 import csv
 import hashlib
@@ -26,9 +23,9 @@ from laisn.plugins import plugin_files
 from sim.system import atomic_write, locked, remove_stale_parts
 
 Record = dict[str, Any]
-"""A row: column names and plain values."""
+"""A row: plain values by column."""
 Arrays = dict[str, npt.NDArray[Any]]
-"""Columns of a result by name, arrays of shape (n,)."""
+"""Columns of a result, shape (n,) each."""
 Result = tuple[str, Any, Arrays]
 """Key, JSON value and arrays of a result that is stored."""
 
@@ -47,7 +44,6 @@ class CampaignError(LaisnError):
 
 @cache
 def _source(module: str) -> str:
-    """Version of all that a module can reach."""
     return version_of([sys.modules[module].__spec__.name if module == "__main__" else module])  # type: ignore[union-attr]
 
 
@@ -65,12 +61,8 @@ def _plain(value: object) -> list[Any]:
 def key_of(*content: object) -> str:
     """Key of a result: a hash of the code version and of all that makes it.
 
-    Args:
-        content: JSON values, data classes, scenarios, and functions with every source that they can reach. The source
-            of a plugin counts where its name is a value.
-
-    Raises:
-        TypeError: there is something else.
+    That is JSON values, data classes, scenarios, functions with every source that they can reach, and the sources of
+    plugins whose names are values. TypeError if there is something else.
     """
     text = json.dumps(to_jsonable_python([code_version(), *content], fallback=_plain), sort_keys=True)
     digest = hashlib.sha256(text.encode())
@@ -100,8 +92,7 @@ def arrow_table(path: Path) -> Any:
 
 def read_table(path: Path) -> list[Record]:
     """The rows in a file of `write_table`; LaisnError if the file is damaged."""
-    rows: list[Record] = arrow_table(path).to_pylist()
-    return rows
+    return arrow_table(path).to_pylist()  # type: ignore[no-any-return]
 
 
 def columns_of(rows: Sequence[Record]) -> dict[str, list[Any]]:
@@ -113,7 +104,7 @@ def columns_of(rows: Sequence[Record]) -> dict[str, list[Any]]:
 def write_csv(path: Path, rows: Sequence[Record]) -> None:
     """Write rows as CSV, numbers with all their digits."""
     with atomic_write(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, dict.fromkeys(name for row in rows for name in row))
+        writer = csv.DictWriter(file, columns_of(rows))
         writer.writeheader()
         writer.writerows(rows)
 
@@ -130,14 +121,13 @@ class Store:
     def __init__(self, folder: Path, *, force: bool = False) -> None:
         """Open or make the folder; `force`: stored results count as missing, those of another version are removed.
 
-        Raises:
-            LaisnError: the folder holds a flight, or results of another version and `force` is not set.
+        LaisnError if the folder holds a flight, or results of another version and `force` is not set.
         """
         require_kind(folder, "flight", FLIGHT_FILE)
         self.folder, self._results = folder, folder / "store"
         self._force, self._written = force, set[str]()
         self._results.mkdir(parents=True, exist_ok=True)
-        manifest, found = folder / STUDY_FILE, None
+        manifest, found, version = folder / STUDY_FILE, "", code_version()
         with locked(folder):
             try:
                 found = str(json.loads(manifest.read_text(encoding="utf-8"))["version"])
@@ -146,22 +136,21 @@ class Store:
             except (ValueError, KeyError, TypeError, RecursionError):
                 # keys of results hold their version too
                 warnings.warn(f"{manifest} cannot be read and is written again", DamagedResult, stacklevel=2)
-            if found is not None and found != code_version():
+            if found not in ("", version):
                 if not force:
                     raise LaisnError(
-                        f"{folder} holds results of version {found}, this is {code_version()}; "
+                        f"{folder} holds results of version {found}, this is {version}; "
                         "choose another folder with --out, or replace them with --force"
                     )
                 for path in self._results.iterdir():
                     path.unlink(missing_ok=True)
-            if found != code_version():
+            if found != version:
                 with atomic_write(manifest) as part:
-                    part.write_text(json.dumps({"version": code_version()}) + "\n", encoding="utf-8")
+                    part.write_text(json.dumps({"version": version}) + "\n", encoding="utf-8")
         for each in (folder, self._results):
             remove_stale_parts(each)
 
     def path(self, key: str) -> Path:
-        """File of a result."""
         return self._results / f"{key}.npz"
 
     def get(self, key: str) -> tuple[Any, Arrays] | None:
@@ -185,7 +174,6 @@ class Store:
             return None
 
     def has(self, *keys: str) -> bool:
-        """Whether all results are stored and intact."""
         return all(self.get(key) is not None for key in keys)
 
     def put(self, key: str, record: object, arrays: Mapping[str, npt.NDArray[Any]]) -> None:

@@ -119,7 +119,6 @@ def doctor() -> None:
 
 
 def _size(text: str) -> dict[str, int]:
-    """Width and height of frames by their names in a scenario."""
     sides = re.fullmatch(r"(\d{1,9})x(\d{1,9})", text)
     if sides is None:
         raise typer.BadParameter("expected WIDTHxHEIGHT, such as 1280x720")
@@ -224,16 +223,15 @@ def log_export(
     from sim.log.export import export, write_recording
 
     if pyfg:
-        from experiments.command import replaying
+        from experiments.command.replaying import export_factor_graphs
 
-        for file in replaying.export_factor_graphs(log, out):
-            echo(file)
-        return
-    if rerun:
+        files = export_factor_graphs(log, out)
+    elif rerun:
         out.mkdir(parents=True, exist_ok=True)
-        echo(write_recording(log, out / f"{log.stem}.rrd"))
-        return
-    for file in export(log, out, format_):
+        files = [write_recording(log, out / f"{log.stem}.rrd")]
+    else:
+        files = export(log, out, format_)
+    for file in files:
         echo(file)
 
 
@@ -268,7 +266,6 @@ for _name in studies.BUILT_IN:
 
 
 def main() -> None:
-    """Entry point of the console script."""
     # Child processes that render select their own library; a missing one must not break other commands.
     os.environ["MUJOCO_GL"] = "disable"
     # Modules stay loaded to the end; searching them for garbage costs each mission a quarter of a second.

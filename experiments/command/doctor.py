@@ -23,7 +23,6 @@ def _name(requirement: str) -> str:
 
 
 def _version(name: str) -> str:
-    """Version of an installed package; empty if it is not installed."""
     try:
         return version(name)
     except PackageNotFoundError:

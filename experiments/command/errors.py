@@ -37,7 +37,7 @@ def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__
 
 
 def _report(error: BaseException) -> str:
-    """Write the traceback into a file that only this user can read; its path, or why there is none."""
+    """Write the traceback into a file that only this user can read; where it is, or why there is none."""
     system = f"laisn-sim {version('laisn-sim')}, Python {platform.python_version()} on {platform.platform()}"
     text = f"{system}\n{shlex.join(sys.argv)}\n\n{''.join(traceback.format_exception(error))}"
     try:
@@ -92,7 +92,6 @@ class Commands(TyperGroup):
     """Subcommands whose errors are reported by `report_errors`."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the subcommand that the arguments name."""
         with report_errors():
             return super().invoke(ctx)
 

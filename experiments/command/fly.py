@@ -86,8 +86,6 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
 
 
 class Written(NamedTuple):
-    """A flight whose results are written."""
-
     flight: Flight
     summary: dict[str, Any]
     film_error: Exception | None
@@ -101,10 +99,7 @@ def _draw_report(*arguments: Any) -> None:
 
 
 def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_video: bool) -> Written:
-    """Simulate a scenario and write its files into an empty folder; OSError or LogError if that fails.
-
-    Progress appears on `console`.
-    """
+    """Simulate a scenario and write its files into an empty folder; OSError or LogError if that fails."""
     from sim.log import writer
     from sim.log.scene import layout
 

@@ -1,7 +1,4 @@
-"""Navigation on measurements of logs and data sets, fixed-lag smoothing, and the contents of a log.
-
-LaisnError: a log cannot be read, an argument is invalid, or a variant cannot be smoothed.
-"""
+"""Navigation on measurements of logs and data sets, fixed-lag smoothing, and the contents of a log."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -223,10 +220,7 @@ def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
 def replay_data_set(
     path: Path, variant: str, assignments: Sequence[str], out: Path | None, longest_gap_s: float
 ) -> None:
-    """Navigate on the log of a data set; print errors beside those of dead reckoning and write a page.
-
-    Assignments are `navigation.key=value` of LAISN or `beacons.key=value` of the navigator among beacons.
-    """
+    """Navigate on the log of a data set; print errors beside those of dead reckoning and write a page."""
     from experiments.beacon_replay import among_beacons, beacons_of, by_laisn, dead_reckoning, score
     from experiments.flight.library import load_flyable
     from sim.datasets.log import VEHICLE, read_data_set_log

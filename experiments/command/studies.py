@@ -21,7 +21,6 @@ SourceArgument = Annotated[str, typer.Argument(help="a scenario, or a log (.mcap
 
 
 def _load_plugins(files: list[Path] | None) -> None:
-    """Load plugins before the other parameters are read."""
     from laisn.plugins import load_plugin
 
     for file in files or []:
@@ -44,7 +43,6 @@ SetOption = Annotated[
 
 
 def folder_option(text: str) -> Path:
-    """The folder of an option; refuses an empty name."""
     if not text.strip():
         raise typer.BadParameter("the folder name is empty; '.' is the current folder")
     return Path(text)
@@ -86,7 +84,6 @@ def _can_film() -> bool:
 
 
 def _film_worst(plan: "Plan", results: "Results", folder: Path) -> Path | None:
-    """Film the worst run of the worst point into the folder."""
     from experiments.flight.fly import fly
     from experiments.pages.results import render
     from experiments.study.page import worst_entry

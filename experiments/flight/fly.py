@@ -52,9 +52,7 @@ def fly(
     progress: Callable[[float], None] | None = None,
     make_controller: ControllerFactory | None = None,
 ) -> tuple[Flight, dict[str, float]]:
-    """Fly a scenario, perhaps with another controller; the flight, and the seconds that simulation and navigation
-    took.
-    """
+    """Fly a scenario, perhaps with another controller; the flight, and the seconds of simulation and navigation."""
     watch = Stopwatch()
     with watch.phase("simulate_s"):
         trajectory, outcome = motion_and_outcome(scenario, progress, make_controller)

@@ -29,7 +29,6 @@ _DESCRIPTIONS = {
 
 
 def names() -> tuple[str, ...]:
-    """All built-in scenarios."""
     return (*ROUTES, *sorted(path.stem for path in FOLDER.glob("*.toml")))
 
 
@@ -61,9 +60,7 @@ def _read(source: str, assignments: Iterable[str]) -> tuple[dict[str, Any], str]
 
 
 def load(source: str, assignments: Iterable[str]) -> Scenario:
-    """A built-in scenario or a TOML file, with overrides "key=value"; ScenarioError if it does not exist or is
-    invalid.
-    """
+    """A built-in scenario or a TOML file, with overrides "key=value"; ScenarioError: missing or invalid."""
     return validate(*_read(source, assignments))
 
 
@@ -131,7 +128,6 @@ def _print_table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
 
 
 def show() -> None:
-    """Print the built-in scenarios with a line each."""
     toml = {name: FOLDER / f"{name}.toml" for name in names() if name not in ROUTES}
     about = {name: path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ") for name, path in toml.items()}
     _print_table(("scenario", "what happens"), (_DESCRIPTIONS | about).items())
@@ -174,5 +170,4 @@ def vehicle_rows() -> list[tuple[str, str, str, str]]:
 
 
 def show_vehicles() -> None:
-    """Print the vehicles with a line each."""
     _print_table(("vehicle", "size of what is seen", "mass", "effectors and limits"), vehicle_rows())

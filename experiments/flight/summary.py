@@ -11,7 +11,7 @@ from laisn import metrics
 from laisn.arrays import Bools, Floats
 from sim.assembly import routes_of
 from sim.flight import Flight
-from sim.log.channels import Event
+from sim.log.writer import Event
 from sim.scenario.formation import LEAST_LAYER_M
 from sim.sensing.instant import sightings
 from sim.tracking import (
@@ -75,16 +75,13 @@ def consistency(flight: Flight, follower: int, bound: Floats) -> dict[str, float
 
 
 def flight_bounds(flight: Flight) -> list[Floats]:
-    """Cramér–Rao bound of every follower, as of `flight_bound`."""
     return [flight_bound(flight, i) for i in range(len(flight.estimates))]
 
 
 def summarise(
     flight: Flight, errors: list[tuple[Floats, Floats]], bounds: list[Floats] | None = None
 ) -> dict[str, Any]:
-    """What `summary.json` holds; `bounds` are the `flight_bounds`, which take a while, and are computed here if
-    None.
-    """
+    """What `summary.json` holds; `bounds` are the `flight_bounds`, computed here if None."""
     bounds = flight_bounds(flight) if bounds is None else bounds
     errors = [(p[e.unknown :], b[e.unknown :]) for (p, b), e in zip(errors, flight.estimates, strict=True)]
     pooled = metrics.summarise(np.concatenate([e for e, _ in errors]), np.concatenate([b for _, b in errors]))

@@ -30,7 +30,6 @@ class Table:
     """
 
     def __init__(self, arrow: Any) -> None:
-        """Wrap a `pyarrow.Table`."""
         self.arrow = arrow
 
     @classmethod
@@ -40,7 +39,6 @@ class Table:
 
     @property
     def columns(self) -> list[str]:
-        """Names of the columns."""
         return list(self.arrow.column_names)
 
     def __len__(self) -> int:

@@ -1,6 +1,4 @@
-"""Figures as data: lines and marks over axes, which Plotly draws in the browser, in colours of the page's CSS
-variables.
-"""
+"""Figures as data: lines and marks over axes, drawn by Plotly in the browser in colours of the page's CSS."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -120,7 +118,6 @@ class Panel:
 
     @property
     def json(self) -> str:
-        """The figure as text for a page."""
         return json.dumps(self.figure, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c")
 
     def _layout(self) -> dict[str, Any]:

@@ -1,7 +1,4 @@
-"""The figures of one flight's report: for one follower, or for all vehicles.
-
-Panels of one follower share a time cursor: under the pointer, its map, its errors and its ranges show one instant.
-"""
+"""Figures of one flight's report; panels of one follower share a time cursor."""
 
 from collections.abc import Sequence
 from typing import Any

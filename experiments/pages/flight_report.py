@@ -67,7 +67,6 @@ def asymmetry_over_time(time: Floats, shares: dict[Cause, Floats], title: str, w
 
 
 def legend_of(causes: Sequence[Cause]) -> list[tuple[style.Colour, str]]:
-    """Legend of the figure `asymmetry_over_time`: colour and name of each cause."""
     return [(COLOUR[cause], LABELS[cause]) for cause in causes]
 
 
@@ -100,18 +99,6 @@ SIDE_M = 1.0
 CONSISTENT_SHARE = float(np.exp(-(SIGMAS**2) / 2))
 """Share of errors outside the 2σ ellipse of a consistent filter (Rayleigh distribution)."""
 _RARE = 0.02
-_FIXES = {
-    FixKind.TWO_POINTS: "chose between two points",
-    FixKind.TANGENT: "lay where the circles touch",
-    FixKind.ASTERN: "were put on the leader's axis",
-    FixKind.FUSED: "were weighted means",
-    FixKind.GATED: "were rejected",
-    FixKind.SINGULAR: "were skipped",
-    FixKind.LOST: "failed because ranges were lost",
-    FixKind.ONE_RANGE: "used one range alone",
-    FixKind.RANGES: "used all ranges directly",
-    FixKind.PARTLY: "excluded ranges identified as echoes",
-}
 
 
 class EstimateErrors(NamedTuple):
@@ -205,7 +192,7 @@ def error_numbers(one: EstimateErrors) -> dict[str, Any]:
         "error_on_axis": float(one.error[near].mean()) if split else None,
         "error_off_axis": float(one.error[~near].mean()) if split else None,
         "fixes": one.kind.size,
-        "kinds": [f"{percent(float(counts[i]) / one.kind.size)} {_FIXES[FixKind(int(kinds[i]))]}" for i in order],
+        "kinds": [f"{FIX_WORDS[FixKind(int(kinds[i]))]} {percent(float(counts[i]) / one.kind.size)}" for i in order],
         "side_m": f"{SIDE_M:g}", "wrong_side": float(one.wrong_side.mean()),
         "wrong_first_s": float(one.time[int(one.wrong_side.argmax())]) if wrong else None,
         "wrong_longest_s": longest_mirror_lock(one.wrong_side) * step if wrong else None,
@@ -246,9 +233,7 @@ def cause_numbers(budgets: Sequence[RangeErrorBudget]) -> dict[str, Any]:
 
 
 def sentences(flight: Flight, errors: Mapping[str, EstimateErrors] | None = None) -> list[str]:
-    """Paragraphs on errors, events, stations, geometry, fixes, side, consistency and range errors; none without
-    errors.
-    """
+    """Paragraphs on errors, events, stations, geometry, fixes, consistency and range errors; none without errors."""
     errors = errors_by_name(flight) if errors is None else errors
     if not errors:
         return []

@@ -61,8 +61,6 @@ class Code:
 
 @dataclass(frozen=True, kw_only=True)
 class Notice:
-    """Something that the reader must not miss."""
-
     text: str
     tone: Literal["failure", "warning", "note"] = "note"
 
@@ -90,7 +88,6 @@ class Cell:
 
     @property
     def key(self) -> str:
-        """What the page sorts by."""
         return repr(self.sort) if self.numeric else str(self.sort or self.text)
 
 
@@ -165,21 +162,16 @@ Block = Text | Code | Notice | Table | Figures | Film
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """A headed part of a page."""
-
     title: str
     blocks: Sequence[Block]
 
     @property
     def anchor(self) -> str:
-        """Id to link to."""
         return "".join(c if c.isalnum() else "-" for c in self.title.lower()).strip("-")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Page:
-    """A report."""
-
     title: str
     summary: str
     facts: Sequence[tuple[str, str]]
@@ -210,7 +202,6 @@ def share_of(finding: Finding) -> Cell:
 
 
 def words(text: str, tone: str = "", title: str = "") -> Cell:
-    """A cell of text."""
     return Cell(text=text, tone=tone, title=title)
 
 

@@ -30,8 +30,6 @@ def _poses(measured: Measurements) -> list[Floats]:
 
 @dataclass(frozen=True, kw_only=True)
 class Replayed:
-    """One vehicle's replay."""
-
     name: str
     measured: Measurements
     estimates: Estimates
@@ -136,7 +134,6 @@ def _over_time(one: Replayed) -> Panel:
 
 
 def _values(one: Replayed) -> dict[str, Any]:
-    """Numbers and figures of one vehicle for the template."""
     two_sigma, squared = 2.0 * one.sigma, one.nis
     worst = int(two_sigma.argmax())
     chart, legend = _map(one)

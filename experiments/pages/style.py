@@ -19,8 +19,6 @@ def symbols(text: str) -> Markup:
 
 
 class Colour(NamedTuple):
-    """A colour of the page."""
-
     variable: str
     light: str
     dark: str

@@ -28,11 +28,9 @@ from sim.scenario import file as scenario_file
 from sim.system import atomic_write
 
 SCENARIO, VEHICLES, SUMMARY, VERSIONS = "scenario.toml", "vehicles.json", "summary.json", "versions.json"
-"""Attachments of a log."""
 FLIGHT = "laisn"
-"""Metadata record by which the log of a flight is known."""
+"""Metadata record that every log of a flight has."""
 _INTERRUPTED = "INTERRUPTED"
-"""Name of the outcome of a flight whose log was cut off."""
 _ALLOWANCE, _RATIO = 8 << 20, 16
 """A file of n bytes may decompress to 8 MiB + 16 n; flights decompress to 6 n."""
 
@@ -95,8 +93,8 @@ def _records_of(chunk: Chunk, most: int) -> list[McapRecord]:
 def _records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Iterator[McapRecord]:
     """The data section in order, each record after its checksum was verified; a chunk is followed by what is in it.
 
-    Metadata have no checksum but that of the whole section, at its end. A damaged attachment is left out and passed to
-    `on_damaged`; without that, or for any other broken record or a missing end, DamagedError.
+    A damaged attachment is left out and passed to `on_damaged`; without that, or for any other broken record or a
+    missing end, DamagedError.
     """
     with log_errors(path), path.open("rb") as stream:
         size, at, ended = path.stat().st_size, 0, False
@@ -138,10 +136,10 @@ class Messages:
     """The messages of a topic, in order of time."""
 
     schema: Any
-    """Of the file; None: unknown."""
+    """None: unknown."""
     encoding: str = MessageEncoding.Protobuf
     kept: bool = True
-    """Whether data are kept, or times alone."""
+    """Data are kept, not times alone."""
     times: "array[int]" = field(default_factory=lambda: array("q"))
     data: list[bytes] = field(default_factory=list)
 
@@ -157,7 +155,6 @@ class Messages:
 
     @cached_property
     def message_class(self) -> Any:
-        """Protobuf class of the messages; for messages that `is_protobuf`."""
         return message_class_of(self.schema)
 
     def path(self, name: str) -> list[Any]:
@@ -172,15 +169,12 @@ class Messages:
         return found
 
     def columns(self, names: Sequence[str]) -> list[npt.NDArray[Any] | list[Any]]:
-        """Values by the names of their fields ("pose.position.x"), n each; None for a field that is not set.
-
-        Messages with a number of eight bytes in every field, as those of a flight, are read as arrays. ValueError if a
-        message is malformed, or a field holds no single value.
-        """
+        """Values of fields ("pose.position.x"), n each, None where unset; ValueError: malformed, or no single value."""
         paths = [self.path(name) for name in names]
         for name, (*_, last) in zip(names, paths, strict=True):
             if last.is_repeated or last.message_type is not None:
                 raise ValueError(f"field {name} holds no single value")
+        # messages with a number of eight bytes in every field, as those of a flight
         layout = fixed_layout(self.message_class)
         if layout and {len(data) for data in self.data} == {len(layout.example)}:
             block = np.frombuffer(b"".join(self.data), layout.dtype)
@@ -212,13 +206,10 @@ class Messages:
 
 
 class Contents:
-    """What a log holds; read in one pass. Channels of the same topic are one.
+    """What a log holds; of topics that are not `wanted` (by name and empty channel), the times of messages alone.
 
-    Of topics that are not `wanted`, given the topic and its empty channel, only the times of messages are kept.
-
-    Raises:
-        LogError: it cannot be read, is no MCAP file or is damaged, decompresses to more than is plausible, or a channel
-            has messages of several types.
+    LogError if it cannot be read, is no MCAP file or is damaged, decompresses to more than is plausible, or a topic has
+    messages of several types.
     """
 
     def __init__(self, path: Path, wanted: Callable[[str, Messages], bool] = lambda topic, messages: True) -> None:
@@ -268,10 +259,8 @@ class Contents:
     def require(self, topic: str, names: Sequence[str], empty: Any = None) -> Messages:
         """The messages of a topic that have fields of these names.
 
-        A channel without a message, which is not in the file, has the schema `empty`; None: it must be there.
-
-        Raises:
-            LogError: there is no such channel or field; the text names the topics or fields that there are.
+        A channel without a message, which is not in the file, has the schema `empty`; None: it must be there. LogError
+        if there is no such channel or field.
         """
         messages = self.topics.get(topic, empty and Messages(empty))
         if messages is None:
@@ -294,30 +283,27 @@ def holds_messages(path: Path) -> bool:
 
 
 def _copy(path: Path, target: Path, remarks: list[str]) -> str:
-    """Write what is intact as a finished log; returns what is wrong with the log, "" for nothing.
-
-    Of a flight that was cut off, the last instant is left out, as it may lack some of its messages.
-    """
+    """Write what is intact as a finished log; returns what is wrong with the log, "" for nothing."""
     schemas, channels, metadata = {0: 0}, dict[int, int](), dict[str, dict[str, str]]()
-    times_ns, held, attachments, whole, problem = array("Q"), list[Message](), 0, False, ""
+    times_ns, instant, attachments, whole, problem = array("Q"), list[Message](), 0, False, ""
     with target.open("wb") as stream:
         # the library's own writer keeps all that a record holds
         writer = Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
         writer.start()
 
-        def write_held() -> None:
-            for m in held:
+        def write_instant() -> None:
+            for m in instant:
                 writer.add_message(channels[m.channel_id], m.log_time, m.data, m.publish_time, m.sequence)
                 times_ns.append(m.log_time)
-            held.clear()
+            instant.clear()
 
         try:
             for r in _records(path, remarks.append):
                 whole = isinstance(r, DataEnd)
                 if isinstance(r, Message):
-                    if held and held[0].log_time != r.log_time:
-                        write_held()
-                    held.append(r)
+                    if instant and instant[0].log_time != r.log_time:
+                        write_instant()
+                    instant.append(r)
                 elif isinstance(r, Schema) and r.id not in schemas:
                     schemas[r.id] = writer.register_schema(r.name, r.encoding, r.data)
                 elif isinstance(r, Channel) and r.id not in channels:
@@ -332,10 +318,10 @@ def _copy(path: Path, target: Path, remarks: list[str]) -> str:
         except DamagedError as error:
             problem = error.problem
         if FLIGHT in metadata and not whole:
-            # of records with one name, the last one counts
+            # the last instant may lack messages; of records with one name, the last one counts
             writer.add_metadata(FLIGHT, metadata[FLIGHT] | {"outcome": _INTERRUPTED})
         else:
-            write_held()
+            write_instant()
         if problem and not times_ns:
             raise LogError(f"{path}: holds no intact message ({problem}); there is nothing to recover")
         if metadata and not whole:
@@ -349,14 +335,11 @@ def _copy(path: Path, target: Path, remarks: list[str]) -> str:
 
 
 def recover(path: Path, report: Callable[[str], None] = lambda remark: None) -> Path:
-    """Finish a log with everything before its first broken record, and give it its name.
+    """Finish a log with everything before its first broken record but damaged attachments; the path of the result.
 
-    A flight that was cut off ends with its last complete instant, with the outcome "interrupted". A damaged attachment
-    is left out. An unfinished log, "NAME.partial", becomes NAME; a damaged one stays beside "NAME.recovered" + suffix.
-    `report` takes a sentence for what was kept, was left out, or could not be checked for damage.
-
-    Raises:
-        LogError: the log is complete, or holds no intact message, or the result cannot be written.
+    A flight that was cut off ends with its last complete instant, with the outcome "interrupted". An unfinished log,
+    "NAME.partial", becomes NAME; a damaged one stays beside "NAME.recovered" + suffix. `report` takes remarks. LogError
+    if the log is complete, or holds no intact message, or the result cannot be written.
     """
     if not path.is_file():
         raise LogError(f"{path}: no such file")

@@ -20,7 +20,6 @@ from sim.system import atomic_write
 _WRITERS = {"parquet": pa.parquet.ParquetWriter, "csv": pa.csv.CSVWriter}
 _UNSIGNED = (FieldDescriptor.CPPTYPE_UINT32, FieldDescriptor.CPPTYPE_UINT64)
 _TIMELINE, _LINE_M = "mission", 0.03
-"""Name of the time, and radius of lines [m], in a recording."""
 _SCENES = ("/scene/vehicles", "/scene/acoustics")
 
 
@@ -53,11 +52,9 @@ def export(path: Path, out: Path, table_format: str = "parquet") -> list[Path]:
     """Write every protobuf channel with plain numbers or texts as a table; returns the files, in order of topic.
 
     Every row begins with `time_s`, the mission time (without a scenario, since the first message of any table), and
-    `log_time_ns`, the log time since 1970; a channel's field of such a name ends in "~2". The table of
-    "/follower/estimate" is "follower_estimate.parquet" in the folder `out`.
-
-    Raises:
-        LogError: the log is damaged or has nothing to export, the format is unknown, or the folder cannot be written.
+    `log_time_ns`, since 1970; a channel's field of such a name ends in "~2". The table of "/follower/estimate" is
+    "follower_estimate.parquet" in the folder `out`.
+    LogError if the log is damaged or has nothing to export, the format is unknown, or the folder cannot be written.
     """
     if table_format not in _WRITERS:
         raise LogError(f"unknown format {table_format!r}; available: {', '.join(_WRITERS)}")
@@ -122,21 +119,13 @@ def _entities(rr: Any, entity: Any) -> Iterator[tuple[str, Any]]:
     colors = _numbers(entity.lines, "rgba", "color.")[:1]
     yield "lines", rr.LineStrips3D(strips, colors=colors, radii=[_LINE_M])
     for i, mesh in enumerate(entity.triangles):
-        placed, faces = look([mesh]), np.reshape(mesh.indices, (-1, 3))
+        placed, faces, points = look([mesh]), np.reshape(mesh.indices, (-1, 3)), _numbers(mesh.points, "xyz")
         yield f"mesh{i}", rr.Transform3D(translation=placed["centers"][0], quaternion=placed["quaternions"][0])
-        yield (
-            f"mesh{i}",
-            rr.Mesh3D(
-                vertex_positions=_numbers(mesh.points, "xyz"), triangle_indices=faces, albedo_factor=placed["colors"][0]
-            ),
-        )
+        yield f"mesh{i}", rr.Mesh3D(vertex_positions=points, triangle_indices=faces, albedo_factor=placed["colors"][0])
 
 
 def write_recording(log_path: Path, path: Path) -> Path:
-    """Write scenes, moving vehicles and position errors of a flight as one `.rrd` file for Rerun.
-
-    Of an MCAP log Rerun shows scenes as messages only. LogError if the log cannot be read, or Rerun is not installed.
-    """
+    """Write scenes, moving vehicles and position errors of a flight as an `.rrd` file; LogError if that fails."""
     try:
         import rerun as rr
     except ImportError:
@@ -166,12 +155,11 @@ def write_recording(log_path: Path, path: Path) -> Path:
             index = [rr.TimeColumn(_TIMELINE, duration=(messages.time_ns - start_ns) / 1e9)]
             if topic.endswith("/pose"):
                 xyz, turn = np.split(log.require(topic, POSE_FIELDS).table(POSE_FIELDS), [3], axis=1)
-                columns = rr.Transform3D.columns(translation=xyz, quaternion=turn)
-                rr.send_columns(f"world/{name}", indexes=index, columns=columns, recording=stream)
+                entity, columns = f"world/{name}", rr.Transform3D.columns(translation=xyz, quaternion=turn)
             else:
                 error = log.require(topic, ERROR.fields).table(ERROR.fields[:1])
-                columns = rr.Scalars.columns(scalars=error[:, 0])
-                rr.send_columns(f"errors/{name}/E_P", indexes=index, columns=columns, recording=stream)
+                entity, columns = f"errors/{name}/E_P", rr.Scalars.columns(scalars=error[:, 0])
+            rr.send_columns(entity, indexes=index, columns=columns, recording=stream)
         stream.flush()
         stream.disconnect()
     return path

@@ -22,14 +22,11 @@ CORE = (vehicle_state(()), *MEASURED, *estimated(Estimates), *DETAILS.values())
 _OWN, _RECEIVED = MEASURED
 LONGEST_GAP_S = 10.0
 """Longer gaps between own measurements are not bridged unless requested [s]."""
-_GAP, _NAMED = 2.0, 5
-"""Time between own measurements from which on it is a gap, in filter steps; and most gaps that are named."""
-_SHORTEST_NS, _LONGEST_NS = 10**5, 10**11
-"""Filter steps beyond these are reported as unusual [ns]."""
+_GAP, _NAMED = 2.0, 5  # shortest gap, in filter steps, and most gaps that are named
+_SHORTEST_NS, _LONGEST_NS = 10**5, 10**11  # of usual filter steps
 _OPTIONAL = ("leader_pitch", "leader_roll", "leader_heading_sigma", "range_middle")
 """Fields of a reception that a vehicle's log may lack; they read as NaN, "not broadcast"."""
-_POSE = slice(0, 6)
-"""Columns of a message that a navigator cannot do without."""
+_POSE = slice(0, 6)  # columns of a message that a navigator cannot do without
 
 
 class Recording(NamedTuple):
@@ -53,7 +50,9 @@ def _record(log: Contents, name: str, types: Sequence[RecordType], grid_ns: Ints
             complete = np.array_equal(found.setdefault(type_.steps, step + 1), step + 1)
         if not complete or np.any(step == grid_ns.size) or np.any(grid_ns[step] != messages.time_ns):
             raise LogError(f"{log.path}: the messages of {topic} are not at the times of a flight, without a gap")
-        found |= type_.arrays(messages.table)
+        for a in type_.columns:
+            numbers = messages.table(a.names).astype(np.int64 if a.integer else np.float64, copy=False)
+            found[a.attribute] = numbers.reshape(len(numbers), *a.shape)
         # hours of messages would fill the memory beside their numbers
         log.topics.pop(topic, None)
     return found
@@ -79,11 +78,7 @@ def _trajectory(log: Contents, grid_ns: Ints) -> Trajectory:
 
 
 def read(path: Path | str) -> Flight:
-    """The flight that `sim.log.writer.write` wrote, equal to the bit.
-
-    Raises:
-        LogError: the log is damaged, or was not written by the simulator; the text names what is missing.
-    """
+    """The flight that `sim.log.writer.write` wrote, equal to the bit; LogError if it is damaged, or lacks something."""
     path = Path(path)
     log = Contents(path, lambda topic, _: topic.endswith(tuple(f"/{type_.topic}" for type_ in CORE)))
     missing = [f"attachment {name}" for name in (SCENARIO, VEHICLES) if name not in log.attachments]
@@ -101,9 +96,6 @@ def read(path: Path | str) -> Flight:
         last = len(log.require("/leader/state", ()).times) - 1
         steps = last // round(dt / CONTROL_STEP_S)
         trajectory = _trajectory(log, clock.ns(CONTROL_STEP_S * np.arange(last + 1)))
-        names, vehicles = trajectory.names, ("leader", *(follower.name for follower in scenario.followers))
-        if names != vehicles:
-            raise LogError(f"{path}: it holds {', '.join(names)}; its scenario has {', '.join(vehicles)}")
         if outcome is Outcome.COMPLETED and steps != scenario.filter_steps:
             raise LogError(
                 f"{path}: a completed mission of {scenario.duration_s:g} s has {scenario.filter_steps} filter steps, "
@@ -111,9 +103,10 @@ def read(path: Path | str) -> Flight:
             )
         steps_ns = clock.ns(dt * np.arange(1, steps + 1))
         kind = next((kind for kind, type_ in DETAILS.items() if facts.get(type_.topic) == "True"), Estimates)
-        measured = tuple(Measurements(dt=dt, **_record(log, name, MEASURED, steps_ns)) for name in names[1:])
-        estimates = tuple(kind(**_record(log, name, estimated(kind), steps_ns)) for name in names[1:])
-        for name, m, e in zip(names[1:], measured, estimates, strict=True):
+        names = trajectory.names[1:]
+        measured = tuple(Measurements(dt=dt, **_record(log, name, MEASURED, steps_ns)) for name in names)
+        estimates = tuple(kind(**_record(log, name, estimated(kind), steps_ns)) for name in names)
+        for name, m, e in zip(names, measured, estimates, strict=True):
             if not np.array_equal(np.unique(e.fix_step), m.message_step):
                 raise LogError(f"{path}: {name} has receptions without a fix, or fixes without a reception")
         return Flight(
@@ -165,12 +158,8 @@ def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: 
     """What one follower of a flight, or a real vehicle, received and sensed in `/NAME/motion` and `/NAME/reception`.
 
     Own measurements are the filter steps, each as long as it took. Δt is the median, and the first ends a step of Δt. A
-    reception belongs to the first step at or after it. What is left out, or longer than `longest_gap_s`, is listed in
-    `docs/log.md`.
-
-    Raises:
-        LogError: the log is damaged, lacks a channel or a field, has fewer than two own measurements, or too long a
-            gap.
+    reception belongs to the first step at or after it (`docs/log.md`). LogError if the log is damaged, lacks a channel
+    or a field, has fewer than two own measurements, or a gap longer than `longest_gap_s`.
     """
     topic, received = f"/{follower}/motion", f"/{follower}/reception"
     log = Contents(Path(path), lambda channel, _: channel in (topic, received))

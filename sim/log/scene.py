@@ -1,12 +1,14 @@
 """What Foxglove draws: hulls, trails and uncertainty at 1 Hz, rays and ranges at each ping; and a layout of panels."""
 
+import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, Literal
+from collections.abc import Callable, Mapping, Sequence
+from importlib import resources
+from typing import Any
 
+import jinja2
 import mujoco
 import numpy as np
-from foxglove import layouts as fl
 from foxglove import messages as fg
 
 from laisn.arrays import Floats, Ints
@@ -21,12 +23,9 @@ from sim.vehicle.mjcf import spec_of
 Draw = Callable[[int, int], fg.SceneUpdate]
 """Draws the instant of a time since 1970 [ns] and an index on its own time grid."""
 
-_TRAIL_S = 100
-"""Length of the trails [s], a point every second."""
-_CONFIDENCE = math.sqrt(-2.0 * math.log(0.05))
-"""Half axes of the 95 % ellipse in standard deviations: the quantile of a Rayleigh distribution."""
-_DISC_M, _FIX_M = 0.02, 0.4
-"""Thickness of range discs and of the ellipse, and diameter of a fix [m]."""
+_TRAIL_S = 100  # a point every second
+_CONFIDENCE = math.sqrt(-2.0 * math.log(0.05))  # 95 % of a Rayleigh distribution
+_DISC_M, _FIX_M = 0.02, 0.4  # thickness of discs and ellipses, diameter of a fix
 
 TRUTH = fg.Color(r=0.95, g=0.62, b=0.08, a=0.9)
 ESTIMATE = fg.Color(r=0.85, g=0.15, b=0.75, a=0.9)
@@ -111,10 +110,7 @@ def _ellipses(estimates: Estimates, row: int, z: float) -> list[fg.SpherePrimiti
 
 
 def draw_vehicles(flight: Flight, index: Ints) -> Draw:
-    """Hulls, trails of truth and estimate, and 95 % ellipses, at points of the trajectory a second apart, shape (n,).
-
-    Every update is complete, so that seeking shows it all.
-    """
+    """Complete updates of hulls, trails and 95 % ellipses at points of the trajectory a second apart, shape (n,)."""
     names = flight.trajectory.names
     compiled = [spec_of(model).compile() for model in models_of(flight.scenario)]
     hulls, fins = [hull(model) for model in compiled], [MovingFins(model) for model in compiled]
@@ -199,66 +195,10 @@ def draw_acoustics(flight: Flight, steps: Ints) -> Draw:
     return draw
 
 
-def _scene_panel(leader: str, followers: Sequence[str]) -> fl.ThreeDeePanel:
-    scenes = ("/scene/vehicles", "/scene/acoustics")
-    axis = fl.BaseRendererPoseTopicSettings(visible=True, type="axis", axis_scale=1.5)
-    shown = fl.BaseRendererSceneUpdateTopicSettings(visible=True)
-    topics: dict[str, fl.BaseRendererTopicSettings] = dict.fromkeys(scenes, shown)
-    topics |= {f"/{name}/estimate": axis for name in followers}
-    grid = fl.BaseRendererGridLayerSettings(
-        visible=True, label="Grid", size=1000, divisions=100, line_width=1, color="#ffffff22"
-    )
-    camera = fl.ThreeDeeCameraState(
-        perspective=True, distance=120, phi=55, theta_offset=45, fovy=45, near=0.1, far=5000
-    )
-    transforms = fl.BaseRendererTransforms(show_label=False, axis_size=1)
-    config = fl.ThreeDeeConfig(
-        follow_tf=leader, follow_mode="follow-position", camera_state=camera, topics=topics, layers={"grid": grid},
-        scene=fl.BaseRendererSceneSettings(background_color="#0b2a3a", transforms=transforms),
-    )  # fmt: skip
-    return fl.ThreeDeePanel(title="Scene", config=config)
-
-
-def _map_panel(leader: str, followers: Sequence[str]) -> fl.MapPanel:
-    colours = {f"/{leader}/fix": LEADER_HUE} | {f"/{name}/fix": FOLLOWER_HUE for name in followers}
-    colours |= {f"/{name}/estimate/fix": ESTIMATE_HUE for name in followers}
-    config = fl.MapConfig(layer="map", zoom_level=15, follow_topic=f"/{leader}/fix", topic_colors=colours)
-    return fl.MapPanel(title="Map", config=config)
-
-
-def _plot(title: str, paths: Iterable[tuple[str, str]]) -> fl.PlotPanel:
-    """Curves over time, each a message path and its label."""
-    curves = [
-        fl.PlotSeries(value=path, label=label, enabled=True, timestamp_method="receiveTime") for path, label in paths
-    ]
-    config = fl.PlotConfig(
-        paths=curves, show_legend=True, legend_display="floating", is_synced=True, x_axis_val="timestamp"
-    )
-    return fl.PlotPanel(title=title, config=config)
-
-
-def _split(direction: Literal["row", "column"], *parts: tuple[float, fl.Content]) -> fl.SplitContainer:
-    """Parts beside ("row") or above one another ("column"), each with its share in percent."""
-    items = [fl.SplitItem(proportion=share, content=content) for share, content in parts]
-    return fl.SplitContainer(direction=direction, items=items)
-
-
 def layout(names: Sequence[str]) -> str:
     """A layout for Foxglove, as JSON, for vehicles of these names, the leader first."""
-    leader, *followers = names
-    ranges = [
-        (f"/{name}/reception.range_{transmitter}", f"{name}, {transmitter}" if len(followers) > 1 else transmitter)
-        for name in followers
-        for transmitter in ("rear", "front", "middle")
-    ]
-    distance = _plot("Position error E_P [m]", ((f"/{name}/error.position_error", name) for name in followers))
-    bearing = _plot("Bearing error E_B [deg]", ((f"/{name}/error.bearing_error.@rad2deg", name) for name in followers))
-    pitch = _plot("Pitch [deg]", ((f"/{name}/state.pitch.@rad2deg", name) for name in names))
-    lines = fl.LogPanel(title="Log", config=fl.LogConfig(min_log_level=2, topic_to_render="/log"))
-    camera = fl.ImageConfig(image_mode=fl.ImageModeConfig(image_topic="/camera"))
-    views = _split("row", (50, fl.ImagePanel(title="Camera", config=camera)), (50, _map_panel(leader, followers)))
-    pictures = _split("column", (60, _scene_panel(leader, followers)), (40, views))
-    curves = _split(
-        "column", (25, distance), (25, bearing), (20, _plot("Ranges [m]", ranges)), (13.5, pitch), (16.5, lines)
-    )
-    return fl.Layout(content=_split("row", (60, pictures), (40, curves))).to_json() + "\n"
+    template = resources.files("sim.log").joinpath("foxglove.json.j2").read_text("utf-8")
+    environment = jinja2.Environment(trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined)
+    hues = {"leader": LEADER_HUE, "follower": FOLLOWER_HUE, "estimate": ESTIMATE_HUE}
+    text = environment.from_string(template).render(leader=names[0], followers=list(names[1:]), hues=hues)
+    return json.dumps(json.loads(text)) + "\n"

@@ -1,6 +1,6 @@
 """The table of numeric channels: which arrays of a flight their messages hold, as protobuf types and as bytes."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import cache, cached_property, lru_cache
@@ -16,7 +16,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto as Field
 from mcap.well_known import SchemaEncoding
 
-from laisn.arrays import Floats, Ints
+from laisn.arrays import Ints
 from laisn.estimates import Columns
 from laisn.failure import LaisnError
 from laisn.messages import LeaderMessage, OwnMotion, Ranges
@@ -48,15 +48,11 @@ def timestamp(time_ns: int) -> Timestamp:
 
 
 def vector(xyz: Sequence[float]) -> Vector3:
-    """A vector of Foxglove's."""
-    x, y, z = xyz
-    return Vector3(x=x, y=y, z=z)
+    return Vector3(**dict(zip("xyz", xyz, strict=True)))
 
 
 def quaternion(wxyz: Sequence[float]) -> Quaternion:
-    """A quaternion of Foxglove's from (w, x, y, z)."""
-    w, x, y, z = wxyz
-    return Quaternion(x=x, y=y, z=z, w=w)
+    return Quaternion(**dict(zip("wxyz", wxyz, strict=True)))
 
 
 def pose(xyz: Sequence[float], wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> Pose:
@@ -97,8 +93,7 @@ class RecordType:
     """Messages of one channel: numbers, all float64 or int64, in SI units and radians."""
 
     name: str
-    topic: str
-    """How its topics end."""
+    topic: str  # end of its topics
     columns: tuple[Columns, ...]
     """Arrays of a record, and the fields of a message that hold their numbers."""
     steps: str = ""
@@ -106,7 +101,6 @@ class RecordType:
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """Names of all numbers."""
         return tuple(dict.fromkeys(name for array in self.columns for name in array.names))
 
     @cached_property
@@ -114,15 +108,14 @@ class RecordType:
         """A protobuf type in the package `laisn`, whose fields have presence: absent numbers are not zero."""
         files = descriptor_pb2.FileDescriptorSet()
         fields = files.file.add(name=f"laisn/{self.name}.proto", package="laisn").message_type.add(name=self.name).field
-        integers = {name for array in self.columns if array.integer for name in array.names}
+        integer = {name: array.integer for array in self.columns for name in array.names}
         for number, name in enumerate(self.fields, start=1):
-            type_ = Field.TYPE_SFIXED64 if name in integers else Field.TYPE_DOUBLE
+            type_ = Field.TYPE_SFIXED64 if integer[name] else Field.TYPE_DOUBLE
             fields.add(name=name, number=number, type=type_, label=Field.LABEL_OPTIONAL)
         return Schema(name=f"laisn.{self.name}", encoding=SchemaEncoding.Protobuf, data=files.SerializeToString())
 
     @cached_property
     def message_class(self) -> Any:
-        """The protobuf class."""
         return message_class_of(self.schema)
 
     def rows(self, arrays: Mapping[str, Array]) -> list[bytes]:
@@ -137,17 +130,8 @@ class RecordType:
         whole, length = block.tobytes(), block.itemsize
         return [whole[i : i + length] for i in range(0, len(whole), length)]
 
-    def arrays(self, table: Callable[[Sequence[str]], Floats]) -> dict[str, Array]:
-        """Arrays by attribute, from a function that gives the numbers of fields as columns."""
-        found = [(a, table(a.names)) for a in self.columns]
-        return {
-            a.attribute: numbers.reshape(len(numbers), *a.shape).astype(np.int64 if a.integer else float, copy=False)
-            for a, numbers in found
-        }
-
 
 def _array(attribute: str, prefix: str, *axes: Sequence[str]) -> Columns:
-    """Fields named by a prefix and the index along each axis."""
     names = tuple("_".join(filter(None, (prefix, *index))) for index in product(*axes))
     return Columns(attribute, names, tuple(len(axis) for axis in axes))
 
@@ -222,5 +206,4 @@ MEASURED = (OWN_MOTION, RECEPTION)
 
 
 def estimated(kind: type) -> tuple[RecordType, ...]:
-    """Channels of a follower's estimates of this class."""
     return (FILTER_STATE, FIX, *([DETAILS[kind]] if kind in DETAILS else []))

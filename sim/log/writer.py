@@ -1,26 +1,33 @@
-"""A flight written as an MCAP log that Foxglove and Rerun draw; `sim.log.reader` reads it back to the bit."""
+"""A flight as channels of timed messages, written as an MCAP log that Foxglove and Rerun draw."""
 
 import json
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from importlib.metadata import version
-from io import BufferedWriter, FileIO
+from io import BytesIO
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import foxglove
 import numpy as np
-from foxglove import Context
+from foxglove import messages as fg
 from foxglove.mcap import MCAPWriteOptions, MCAPWriter
 from mcap.well_known import MessageEncoding
 
-from sim.flight import Flight
-from sim.log.channels import Channel, Event, Frame, channels
+from laisn.arrays import Floats, Ints
+from laisn.estimates import FIX_WORDS, FixKind
+from sim import attitude
+from sim.attitude import geodetic
+from sim.flight import Flight, Outcome, position_and_bearing_errors
+from sim.log import schema
 from sim.log.contents import FLIGHT, SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, holds_messages, partial_path
-from sim.log.schema import DETAILS, FIXED, Clock
+from sim.log.scene import ESTIMATE, TRUTH, draw_acoustics, draw_vehicles
+from sim.log.schema import Clock, RecordType, pose, quaternion, timestamp, vector
+from sim.scenario.settings import CONTROL_STEP_S
+from sim.trajectory import OF_VEHICLES, Trajectory
 
 _BLOCK_NS = 10 * 10**9
 """What was logged of this time is in the file before more is logged [ns]."""
@@ -38,53 +45,217 @@ _CONVENTIONS = {
     "estimate": "the follower's estimate of its hydrophone's position, with measured depth and heading",
     "time": "log, publish and message time: scenario epoch plus mission time",
 }
+Frame = tuple[float, bytes]
+"""Time since the start [s] and H.264 access unit (Annex B, no B-frames, parameter sets with every key frame)."""
+Level = Literal["debug", "info", "warning", "error"]
+
+_FIX_LEVELS: dict[FixKind, Level] = {
+    **dict.fromkeys((FixKind.ASTERN, FixKind.SINGULAR, FixKind.ONE_RANGE, FixKind.PARTLY), "info"),
+    **dict.fromkeys((FixKind.GATED, FixKind.LOST), "warning"),
+}
+_OUTCOME_LEVELS: dict[Outcome, Level] = {Outcome.COMPLETED: "info", Outcome.CONTACT: "warning"}
 
 
-class _Output(BufferedWriter):
-    """A file that keeps its first error and discards what follows: the SDK logs errors of its output and continues."""
+class Event(NamedTuple):
+    """A line of `/log` that does not follow from the flight itself, such as a mirror lock."""
 
-    error: BaseException | None = None
-
-    def write(self, data: Any) -> int:
-        try:
-            return super().write(data) if self.error is None else len(data)
-        except BaseException as error:
-            self.error = error
-            return len(data)
-
-    def check(self) -> None:
-        """Flush the file, or raise the first error of writing."""
-        if self.error is not None:
-            raise self.error
-        self.flush()
+    time_s: float
+    level: Level
+    text: str
+    source: str = "laisn"
+    """A vehicle, or the program."""
 
 
-def _write(output: _Output, channels: Sequence[Channel], describe: Callable[[MCAPWriter], None]) -> None:
-    context, options = Context(), MCAPWriteOptions(compression_threads=0, compression_level=1, disable_seeking=True)
-    mcap, proto = foxglove.open_mcap(output, context=context, writer_options=options), MessageEncoding.Protobuf
-    try:
-        describe(mcap)
-        made = [foxglove.Channel(c.topic, schema=c.schema, message_encoding=proto, context=context) for c in channels]
-        for block in sorted({block for c in channels for block in np.unique(c.time_ns // _BLOCK_NS).tolist()}):
-            messages = list[tuple[int, Any, bytes]]()
-            for own, c in zip(made, channels, strict=True):
-                part = slice(*np.searchsorted(c.time_ns, [block * _BLOCK_NS, (block + 1) * _BLOCK_NS]).tolist())
-                times = c.time_ns[part].tolist()
-                messages += [(at, own.base.log, data) for at, data in zip(times, c.rows(part), strict=True)]
-            # messages of equal times stay in the order of channels
-            messages.sort(key=itemgetter(0))
-            for at, log, data in messages:
-                log(data, at)
-            mcap.flush()
-            output.check()
-        mcap.close()
-        output.check()
-        os.fsync(output.fileno())
-    except BaseException as error:
-        # what the SDK still holds is discarded
-        output.error = output.error or error
-        mcap.close()
-        raise
+class Channel(NamedTuple):
+    topic: str
+    schema: foxglove.Schema
+    time_ns: Ints
+    """Time of each message since 1970, shape (n,), [ns]."""
+    rows: Callable[[slice], Iterable[bytes]]
+    """Serialised messages of a stretch."""
+
+
+Column = schema.Array | Callable[[slice], schema.Array]
+"""Rows, or what computes a stretch of them when they are written: whole, those of a day would take much memory."""
+
+
+def _stretch(column: Column, part: slice) -> schema.Array:
+    return column(part) if callable(column) else column[part]
+
+
+def numeric(prefix: str, type_: RecordType, time_ns: Ints, arrays: Mapping[str, Column]) -> Channel:
+    """A channel of numbers: messages at times, shape (n,), [ns], from arrays by attribute, n rows each."""
+
+    def rows(part: slice) -> list[bytes]:
+        return type_.rows({column.attribute: _stretch(arrays[column.attribute], part) for column in type_.columns})
+
+    return Channel(f"{prefix}/{type_.topic}", type_.schema, time_ns, rows)
+
+
+def _channel(topic: str, type_: Any, time_ns: Ints, encode: Callable[..., Any], *columns: Column) -> Channel:
+    """Messages of a type of Foxglove's, each made from its time [ns] and its row of every column, shape (n, …)."""
+
+    def rows(part: slice) -> Iterator[bytes]:
+        values = (_stretch(column, part).tolist() for column in columns)
+        return (encode(*row).encode() for row in zip(time_ns[part].tolist(), *values, strict=True))
+
+    return Channel(topic, type_.get_schema(), time_ns, rows)
+
+
+def poses(topic: str, time_ns: Ints, position: Column, quaternion: Column) -> Channel:
+    """Positions, shape (n, 3), [m], and quaternions (w, x, y, z), shape (n, 4), in the world."""
+
+    def pose_at(at: int, xyz: Sequence[float], wxyz: Sequence[float]) -> fg.PoseInFrame:
+        return fg.PoseInFrame(timestamp=timestamp(at), frame_id="world", pose=pose(xyz, wxyz))
+
+    return _channel(topic, fg.PoseInFrame, time_ns, pose_at, position, quaternion)
+
+
+def _locations(
+    flight: Flight, topic: str, time_ns: Ints, position: Floats, covariance: Floats | None = None
+) -> Channel:
+    """Positions, shape (n, 3), [m], on the map; horizontal covariances, shape (n, 2, 2), make them estimates."""
+    kinds = fg.LocationFixPositionCovarianceType
+    # Rerun 0.41 writes invalid points for a fix without a colour
+    kind, color = (kinds.Unknown, TRUTH) if covariance is None else (kinds.Known, ESTIMATE)
+
+    def spreads(part: slice) -> Floats:
+        whole = np.zeros((len(time_ns[part]), 3, 3))
+        whole[:, :2, :2] = 0.0 if covariance is None else covariance[part]
+        return whole.reshape(-1, 9)
+
+    def fix_at(at: int, place: Sequence[float], spread: list[float]) -> fg.LocationFix:
+        latitude, longitude, altitude = place
+        return fg.LocationFix(
+            timestamp=timestamp(at), frame_id="world", color=color, position_covariance=spread,
+            position_covariance_type=kind, latitude=latitude, longitude=longitude, altitude=altitude,
+        )  # fmt: skip
+
+    place = geodetic(position, flight.scenario.origin_latitude_deg, flight.scenario.origin_longitude_deg)
+    return _channel(topic, fg.LocationFix, time_ns, fix_at, place, spreads)
+
+
+def _transforms(topic: str, time_ns: Ints, parents: Iterable[str], children: Sequence[str], *places: Floats) -> Channel:
+    """Frames in their parents, from positions, shape (n, c, 3), [m], and quaternions (w, x, y, z), shape (n, c, 4)."""
+    frames = list(zip(parents, children, strict=True))
+
+    def transform(at: int, frame: tuple[str, str], xyz: Sequence[float], wxyz: Sequence[float]) -> fg.FrameTransform:
+        names = dict(zip(("parent_frame_id", "child_frame_id"), frame, strict=True))
+        return fg.FrameTransform(timestamp=timestamp(at), translation=vector(xyz), rotation=quaternion(wxyz), **names)
+
+    def transforms_at(at: int, *places: Any) -> fg.FrameTransforms:
+        return fg.FrameTransforms(transforms=[transform(at, *each) for each in zip(frames, *places, strict=True)])
+
+    return _channel(topic, fg.FrameTransforms, time_ns, transforms_at, *places)
+
+
+def _state(t: Trajectory, v: int, effectors: int) -> dict[str, Column]:
+    """Columns of the true state of vehicle v."""
+    computed: dict[str, Column] = {
+        "depth": lambda part: -t.position[part, v, 2],
+        "pitch": lambda part: attitude.pitch(t.quaternion[part, v]),
+        "roll": lambda part: attitude.roll(t.quaternion[part, v]),
+    }
+    kept = {name: getattr(t, name)[:, v] for name in (*OF_VEHICLES, "heading", "forward_speed")}
+    return computed | kept | {"time": t.time, "thrust": t.thrust[:, v, :effectors]}
+
+
+def _truth(flight: Flight, clock: Clock) -> Iterator[Channel]:
+    t = flight.trajectory
+    time_ns, second = clock.ns(t.time), round(1.0 / CONTROL_STEP_S)
+    yield _transforms("/tf", time_ns, ["world"] * len(t.names), t.names, t.position, t.quaternion)
+    upright = np.tile([1.0, 0.0, 0.0, 0.0], (1, len(t.site_names), 1))
+    parents = [t.names[v] for v in t.site_vehicle]
+    yield _transforms("/tf_static", time_ns[:1], parents, t.site_names, t.site_offset[None], upright)
+    for v, name in enumerate(t.names):
+        effectors = t.effector_names[v] if t.effector_names else ()
+        type_ = schema.vehicle_state(effectors)
+        yield numeric(f"/{name}", type_, time_ns, _state(t, v, len(effectors)))
+        yield poses(f"/{name}/pose", time_ns, t.position[:, v], t.quaternion[:, v])
+        yield _locations(flight, f"/{name}/fix", time_ns[::second], t.position[::second, v])
+
+
+def _follower(flight: Flight, clock: Clock, f: int, errors: tuple[Floats, Floats]) -> Iterator[Channel]:
+    m, e, name = flight.measurements[f], flight.estimates[f], flight.trajectory.names[f + 1]
+    time_ns = clock.ns(m.dt * np.arange(1, m.speed.size + 1))
+    for record, types in ((m, schema.MEASURED), (e, schema.estimated(type(e)))):
+        for type_ in types:
+            at = time_ns[getattr(record, type_.steps) - 1] if type_.steps else time_ns
+            yield numeric(f"/{name}", type_, at, vars(record))
+    yield numeric(f"/{name}", schema.ERROR, time_ns, dict(zip(schema.ERROR.fields, errors, strict=True)))
+
+    def position(part: slice) -> Floats:
+        return np.column_stack([e.state[part, :2], -m.depth[part]])
+
+    yield poses(f"/{name}/estimate", time_ns, position, lambda part: attitude.from_euler(m.heading[part]))
+    second = max(1, round(1.0 / m.dt))
+    each = slice(second - 1, None, second)
+    yield _locations(flight, f"/{name}/estimate/fix", time_ns[each], position(each), e.covariance[each, :2, :2])
+
+
+def _events(flight: Flight, clock: Clock, events: Iterable[Event]) -> Channel:
+    """Lines of `/log`: the kind of every fix, the events, and last the outcome."""
+    lines = list(events)
+    for name, m, e in zip(flight.trajectory.names[1:], flight.measurements, flight.estimates, strict=True):
+        for step, kind in zip(e.fix_step.tolist(), e.fix_kind.tolist(), strict=True):
+            fix = FixKind(kind)
+            lines.append(Event(step * m.dt, _FIX_LEVELS.get(fix, "debug"), f"fix: {FIX_WORDS[fix]}", name))
+    level = _OUTCOME_LEVELS.get(flight.outcome, "error")
+    lines.append(Event(float(flight.trajectory.time[-1]), level, flight.outcome.value))
+    lines.sort(key=lambda line: line.time_s)
+
+    def line_at(at: int, i: int) -> fg.Log:
+        level = getattr(fg.LogLevel, lines[i].level.capitalize())
+        return fg.Log(timestamp=timestamp(at), level=level, message=lines[i].text, name=lines[i].source)
+
+    time_ns = clock.ns([line.time_s for line in lines])
+    return _channel("/log", fg.Log, time_ns, line_at, np.arange(time_ns.size))
+
+
+def _scene(flight: Flight, clock: Clock) -> Iterator[Channel]:
+    t = flight.trajectory
+    seconds = np.arange(0, t.time.size, round(1.0 / CONTROL_STEP_S), dtype=np.int64)
+    received: Ints = np.unique(np.concatenate([m.message_step for m in flight.measurements]))
+    for what, times, draw in (
+        ("vehicles", t.time[seconds], draw_vehicles(flight, seconds)),
+        ("acoustics", received * flight.measurements[0].dt, draw_acoustics(flight, received)),
+    ):
+        yield _channel(f"/scene/{what}", fg.SceneUpdate, clock.ns(times), draw, np.arange(times.size))
+
+
+def _camera(video: Sequence[Frame], clock: Clock) -> Channel:
+    time_ns = clock.ns([time_s for time_s, _ in video])
+    if np.any(np.diff(time_ns) < 0):
+        raise ValueError("video frames must be in order of time")
+
+    def frame_at(at: int, i: int) -> fg.CompressedVideo:
+        return fg.CompressedVideo(timestamp=timestamp(at), frame_id="camera", data=video[i][1], format="h264")
+
+    return _channel("/camera", fg.CompressedVideo, time_ns, frame_at, np.arange(time_ns.size))
+
+
+def channels(flight: Flight, events: Iterable[Event], video: Sequence[Frame]) -> list[Channel]:
+    clock = Clock(flight.scenario.epoch)
+    found = [*_truth(flight, clock)]
+    for f, errors in enumerate(position_and_bearing_errors(flight)):
+        found += _follower(flight, clock, f, errors)
+    return [*found, *_scene(flight, clock), _events(flight, clock, events), _camera(video, clock)]
+
+
+class _Block(BytesIO):
+    """What was written since the last `take`; positions count from the start of the file."""
+
+    taken = 0
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
+        return self.taken + super().seek(offset - (self.taken if whence == os.SEEK_SET else 0), whence)
+
+    def take(self) -> bytes:
+        data = self.getvalue()
+        super().seek(0)
+        self.truncate()
+        self.taken += len(data)
+        return data
 
 
 def write_channels(path: Path, channels: Sequence[Channel], describe: Callable[[MCAPWriter], None]) -> None:
@@ -93,29 +264,49 @@ def write_channels(path: Path, channels: Sequence[Channel], describe: Callable[[
     Messages of all channels are in order of time, in blocks of ten seconds, each of which is in the file before the
     next one begins; a channel without messages is not in it. `describe` writes attachments and metadata.
     """
-    with _Output(FileIO(path, "wb")) as output, ThreadPoolExecutor(1) as thread:
-        # apart from the main thread, where handlers of signals may raise: the SDK does not survive an exception
-        done = thread.submit(_write, output, channels, describe)
+    options = MCAPWriteOptions(compression_threads=0, compression_level=1, disable_seeking=True)
+    block, context, proto = _Block(), foxglove.Context(), MessageEncoding.Protobuf
+    # the SDK only logs errors of its output, and does not survive the exceptions of signals, which the main thread gets
+    with path.open("wb") as file, ThreadPoolExecutor(1) as thread:
+        mcap = thread.submit(foxglove.open_mcap, block, context=context, writer_options=options).result()
+        made = [foxglove.Channel(c.topic, schema=c.schema, message_encoding=proto, context=context) for c in channels]
+
+        def fill(number: int) -> None:
+            messages = list[tuple[int, Any, bytes]]()
+            for own, c in zip(made, channels, strict=True):
+                part = slice(*np.searchsorted(c.time_ns, [number * _BLOCK_NS, (number + 1) * _BLOCK_NS]).tolist())
+                times = c.time_ns[part].tolist()
+                messages += [(at, own.base.log, data) for at, data in zip(times, c.rows(part), strict=True)]
+            # messages of equal times stay in the order of channels
+            messages.sort(key=itemgetter(0))
+            for at, log, data in messages:
+                log(data, at)
+            mcap.flush()
+
         try:
-            done.result()
-        except BaseException as error:
-            output.error = output.error or error
-            raise
+            thread.submit(describe, mcap).result()
+            for number in sorted({number for c in channels for number in np.unique(c.time_ns // _BLOCK_NS).tolist()}):
+                thread.submit(fill, number).result()
+                file.write(block.take())
+                file.flush()
+        finally:
+            thread.submit(mcap.close).result()
+        file.write(block.take())
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def _json(value: object) -> bytes:
-    return json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False).encode()
+    # float64 keep all their bits
+    return json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False, default=np.ndarray.tolist).encode()
 
 
 def _describe(flight: Flight, summary: str, mcap: MCAPWriter) -> None:
-    """Attachments and metadata of a flight."""
     at = Clock(flight.scenario.epoch).epoch_ns
-    # JSON keeps float64 to the bit
-    values = {name: getattr(flight.trajectory, name) for name in FIXED}
     files = {
         SCENARIO: flight.scenario.toml().encode(),
         SUMMARY: summary.encode(),
-        VEHICLES: _json({name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values.items()}),
+        VEHICLES: _json({name: getattr(flight.trajectory, name) for name in schema.FIXED}),
         VERSIONS: _json({package: version(package) for package in _PACKAGES}),
     }
     for name, data in files.items():
@@ -127,7 +318,7 @@ def _describe(flight: Flight, summary: str, mcap: MCAPWriter) -> None:
         "filter_step_s": repr(flight.measurements[0].dt),
         "seed": str(flight.scenario.seed),
         "run": str(flight.scenario.run),
-    } | {type_.topic: str(type(flight.estimates[0]) is kind) for kind, type_ in DETAILS.items()}
+    } | {type_.topic: str(type(flight.estimates[0]) is kind) for kind, type_ in schema.DETAILS.items()}
     mcap.write_metadata(FLIGHT, facts)
 
 
@@ -139,21 +330,15 @@ def write(
     events: Iterable[Event] = (),
     video: Sequence[Frame] = (),
 ) -> None:
-    """Write a flight; the same arguments give the same bytes.
+    """Write a flight from the start of its mission; the same arguments give the same bytes.
 
-    The file grows under `partial_path(path)` and gets its name when it is complete. If writing fails, what can be
-    recovered with `sim.log.contents.recover` stays there, and nothing else.
-
-    Args:
-        flight: from the start of its mission.
-        path: the log; an existing one is replaced.
-        summary: JSON text, attached as it is.
-        events: lines for `/log` besides those about fixes.
-        video: frames in order of time.
+    The file grows under `partial_path(path)` and gets its name when it is complete, in place of an existing one. If
+    writing fails, what can be recovered with `sim.log.contents.recover` stays there, and nothing else. `summary` is
+    JSON text, attached as it is; `events` are lines for `/log` besides those about fixes.
 
     Raises:
         LogError: the file cannot be written, or the flight begins within its mission.
-        ValueError: frames are out of order, or the epoch lies before 1970.
+        ValueError: frames of `video` are out of order, or the epoch lies before 1970.
     """
     if flight.trajectory.time[0] != 0:
         raise LogError(f"{path}: a log begins with its mission; this flight at {flight.trajectory.time[0]:g} s of it")

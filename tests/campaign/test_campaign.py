@@ -232,7 +232,7 @@ def test_a_cluster_gives_the_same_bytes_and_bare_workers_are_refused_at_once(com
             with distributed.Client(address) as client:
                 client.wait_for_workers(2, timeout=60)
             begun = time.monotonic()
-            with pytest.raises(ValueError, match=r"laisn-sim is not installed on these workers of tcp://"):
+            with pytest.raises(ValueError, match=r"is not installed on these workers of tcp://"):
                 run(plans(), tmp_path / "refused", cluster=address, quiet=True)
             assert time.monotonic() - begun < 10
         finally:

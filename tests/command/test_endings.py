@@ -23,7 +23,7 @@ sys.modules[module.__name__] = module
 from laisn_sim import main
 main()
 """
-NOTICE = "compiling (once)\n"
+NOTICE = "compiled (once)\n"
 FLY = [sys.executable, "-c", WITHOUT_REPORT, "fly", "T5", "--set", "duration_s=2", "--no-video", "--out"]
 
 
@@ -245,7 +245,7 @@ def test_ctrl_c_in_a_study_leaves_a_clean_state(tmp_path: Path) -> None:
     printed, reported = child.communicate(timeout=60)
     assert child.returncode == 130
     assert printed == ""
-    lines = [line for line in reported.splitlines() if not re.match(r"missions: |cells: |compiling", line)]
+    lines = [line for line in reported.splitlines() if not re.match(r"missions: |cells: |compiled", line)]
     assert lines == ["laisn: interrupted; finished files are kept, none is half-written"]
     assert not [path for path in (tmp_path / "out").rglob("*") if path.suffix not in {".npz", ".json", ""}]
     until = time.monotonic() + 10.0

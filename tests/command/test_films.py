@@ -40,7 +40,7 @@ def test_a_renderer_that_dies_costs_the_film_alone_and_gives_exit_code_1(
     assert "no film: a bug in the program" in result.stdout.splitlines()
     assert f"results in {tmp_path / 'o'}" in result.stdout.splitlines()
     [fault] = tmp_path.glob("laisn-failure-*.txt")
-    assert len(result.stderr.removeprefix("compiling (once)\n").splitlines()) == 1
+    assert len(result.stderr.removeprefix("compiled (once)\n").splitlines()) == 1
     assert "ended with code 1" in result.stderr
     assert f"the traceback is in {fault}" in result.stderr
     assert "Traceback" not in result.output

@@ -28,7 +28,7 @@ def interrupted(folder: Path, begun: str, *options: str) -> str:
     # a shell reports 130 for both: CPython ends by the signal if the interrupt met an `exec`, as in imports
     assert child.returncode in (130, -signal.SIGINT), printed + reported
     # where this test is the first to compile something, a notice is printed before
-    reported = reported.removeprefix("compiling (once)\n")
+    reported = reported.removeprefix("compiled (once)\n")
     assert reported.startswith("laisn: interrupted; ")
     assert len(reported.splitlines()) == 1
     return reported

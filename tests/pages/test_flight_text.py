@@ -92,7 +92,7 @@ def test_errors_near_the_axis_are_separated_from_those_elsewhere(flight):
 def test_fixes_are_reported_by_their_kind_the_most_frequent_first(flight):
     kinds = [FixKind.GATED, *[FixKind.TWO_POINTS] * 11, *[FixKind.ASTERN] * 3]
     text = plain(flight_report.sentences(of_kinds(flight, kinds)))
-    assert "Of 60 fixes 73 % chose between two points, 20 % were put on the leader's axis, 6.7 % were rejected." in text
+    assert "Kinds of the 60 fixes: two points 73 %, on the axis 20 %, rejected 6.7 %." in text
 
 
 def test_a_wrong_side_is_reported_with_its_share_and_longest_stretch(flight):
