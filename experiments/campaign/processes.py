@@ -21,10 +21,6 @@ Result = TypeVar("Result")
 _CONNECT_S = 3
 
 
-class WorkerDiedError(CampaignError):
-    """A process that computed has died; everything it had reported is stored."""
-
-
 def _begin_worker(parent: int, plugins: str) -> None:
     """Prepare a local process; joblib starts new ones where the arguments differ from those before."""
     os.environ[VARIABLE] = plugins
@@ -82,7 +78,7 @@ class Pool:
             except Exception as error:
                 # Dask is optional, so its exception goes by its name
                 if isinstance(error, BrokenProcessPool) or type(error).__name__ == "KilledWorker":
-                    raise WorkerDiedError(
+                    raise CampaignError(
                         "a worker process died, probably out of memory; every finished result is stored, "
                         "and the same command goes on from there (fewer --workers need less memory)"
                     ) from error

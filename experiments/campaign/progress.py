@@ -18,8 +18,6 @@ Advance = Callable[[int], None]
 """Reports that so many more items are finished."""
 Update = Callable[[float], None]
 """Reports the share that is done, 0 … 1."""
-Phase = Callable[[str], AbstractContextManager[Update]]
-"""Shows a named phase for as long as its context lasts."""
 
 
 def literal(text: object, style: str = "") -> Text:
@@ -84,7 +82,7 @@ def compiling_shown() -> AbstractContextManager[Progress]:
 
 
 @contextmanager
-def phases(console: Console) -> Iterator[Phase]:
+def phases(console: Console) -> Iterator[Callable[[str], AbstractContextManager[Update]]]:
     """A bar for each phase of a flight, and the number of functions that are compiled."""
     with _CompilingBars(console) as bars:
 

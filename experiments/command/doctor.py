@@ -69,11 +69,11 @@ def _try_to_fly() -> tuple[str, str]:
         from experiments.flight.library import load_flyable
 
         with TemporaryDirectory(prefix="laisn-") as folder, compiling_shown():
-            written = write_flight(load_flyable("T5", small), Path(folder), Console(quiet=True), with_video=True)
+            *_, film_error = write_flight(load_flyable("T5", small), Path(folder), Console(quiet=True), with_video=True)
     except Exception as error:
         # any failure of this machine
         return _first_line(error), "no flight"
-    return "", _first_line(written.film_error) if written.film_error else ""
+    return "", _first_line(film_error) if film_error else ""
 
 
 def examine() -> int:

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -85,21 +85,19 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
         print_line(console, f"(at {summary['flown_s']:g} s)", flight.outcome.value, colour)
 
 
-class Written(NamedTuple):
-    flight: Flight
-    summary: dict[str, Any]
-    film_error: Exception | None
-    """Error that prevented a requested film: a `LaisnError`, or a bug."""
-
-
 def _draw_report(*arguments: Any) -> None:
     from experiments.pages.flight_report import flight_report
 
     flight_report(*arguments)
 
 
-def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_video: bool) -> Written:
-    """Simulate a scenario and write its files into an empty folder; OSError or LogError if that fails."""
+def write_flight(
+    scenario: Scenario, folder: Path, console: Console, *, with_video: bool
+) -> tuple[Flight, dict[str, Any], Exception | None]:
+    """Simulate a scenario and write its files into an empty folder; OSError or LogError if that fails.
+
+    Returns the flight, its summary, and the error, a `LaisnError` or a bug, that prevented a requested film.
+    """
     from sim.log import writer
     from sim.log.scene import layout
 
@@ -167,7 +165,7 @@ def write_flight(scenario: Scenario, folder: Path, console: Console, *, with_vid
     texts = {SUMMARY: summary_text, SCENARIO: scenario.toml(), TIMING: timing_text, LAYOUT: layout(trajectory.names)}
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
-    return Written(flight, summary, film_error)
+    return flight, summary, film_error
 
 
 def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source: Path | None = None) -> None:
@@ -179,18 +177,18 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source:
     console = Console()
     require_safe(folder, source, scenario.toml)
     with one_flight(folder) as work:
-        written = write_flight(scenario, work, Console(stderr=True), with_video=with_video)
+        flight, summary, film_error = write_flight(scenario, work, Console(stderr=True), with_video=with_video)
         renamed = (folder / FILM).exists() and not (work / FILM).exists() and earlier_film(folder)
-    show(console, written.flight, written.summary)
+    show(console, flight, summary)
     for caution in cautions(scenario):
         print_line(console, caution, "warning:")
-    for event in stray_events(written.flight):
+    for event in stray_events(flight):
         print_line(console, f"at {event.time_s:g} s {event.text}", "warning:")
-    bug = not isinstance(written.film_error, LaisnError)
-    if written.film_error:
-        print_line(console, "a bug in the program" if bug else written.film_error, "no film:")
+    bug = not isinstance(film_error, LaisnError)
+    if film_error:
+        print_line(console, "a bug in the program" if bug else film_error, "no film:")
     if renamed:
         print_line(console, f"the film of the earlier flight is now {renamed}", "note:")
     print_line(console, f"results in {folder}")
-    if written.film_error and bug:
-        raise written.film_error
+    if film_error and bug:
+        raise film_error

@@ -18,7 +18,7 @@ from laisn.estimates import FIX_WORDS, FixKind
 from laisn.messages import Ranges
 from laisn.metrics import longest_mirror_lock, nees
 from laisn.navigators import find
-from sim.flight import Flight, Outcome
+from sim.flight import Flight
 from sim.sensing.instant import sightings
 from sim.tracking import closest_approaches, contacts, off_station, station_keeping
 
@@ -300,22 +300,10 @@ def final_states(flight: Flight) -> list[list[Cell]]:
     return rows
 
 
-def failures(flight: Flight) -> dict[str, Any]:
-    """Values for the notices: end of the mission, contacts, estimates that are not finite, and mirror locks."""
-    names, finite = flight.trajectory.names[1:], [np.isfinite(e.state[e.unknown :]).all() for e in flight.estimates]
-    mirror_locked = {
-        name: 100 * float(np.mean(mirror_locked_steps(flight, i))) for i, name in enumerate(names) if finite[i]
-    }
-    return {
-        "ended_by": "" if flight.outcome is Outcome.COMPLETED else flight.outcome.value,
-        "end_tone": "warning" if flight.outcome is Outcome.CONTACT else "failure",
-        "flown_s": f"{flight.trajectory.time[-1]:g}",
-        "duration_s": f"{flight.scenario.duration_s:g}",
-        "contacts": [(f"{time:g}", pair) for time, pair in contacts(flight.trajectory)],
-        "not_finite": [name for name, good in zip(names, finite, strict=True) if not good],
-        "mirror_locked": {name: f"{share:.1f}" for name, share in mirror_locked.items() if share},
-        "mirror_lock_error_m": f"{metrics.MIRROR_LOCK_ERROR:g}",
-    }
+def mirror_locks(flight: Flight, names: Sequence[str]) -> dict[str, float]:
+    """Shares of the time in which estimates of these followers are at the mirror image, above 0 [%]."""
+    steps = {name: mirror_locked_steps(flight, flight.trajectory.names.index(name) - 1) for name in names}
+    return {name: 100 * float(np.mean(locked)) for name, locked in steps.items() if locked.any()}
 
 
 def _facts(flight: Flight, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -348,14 +336,19 @@ def flight_report(
     `path` is in the folder of film (MP4, embedded if it is small) and log; `bounds` as of `summarise`.
     """
     by_name, least, everyone = errors_by_name(flight), bounds or flight_bounds(flight), range(len(flight.estimates))
+    names = flight.trajectory.names[1:]
+    finite = [names[i] for i, e in enumerate(flight.estimates) if np.isfinite(e.state[e.unknown :]).all()]
     several, kept = len(everyone) > 1, [i for i in _drawn(flight) if flight.scenario.followers[i].station]
     tracks = flight_figures.track_map(flight, everyone, width=style.FULL, height=6.0) if several else None
     values: dict[str, Any] = {
-        "name": flight.scenario.name,
-        "followers": len(flight.estimates),
+        "flight": flight,
+        "followers": len(names),
         "drawn": len(_drawn(flight)),
         "sentences": sentences(flight, by_name) or [f"{flight.outcome.value.capitalize()}."],
-        **failures(flight),
+        "contacts": contacts(flight.trajectory),
+        "not_finite": [name for name in names if name not in finite],
+        "mirror_locked": mirror_locks(flight, finite),
+        "mirror_lock_error_m": metrics.MIRROR_LOCK_ERROR,
         "overview": _overview(flight, errors) if several else None,
         "errors": [_error_row(name, one) for name, one in by_name.items()],
         "consistent": percent(CONSISTENT_SHARE),
@@ -372,7 +365,6 @@ def flight_report(
         "on_axis_deg": f"{ON_AXIS_DEG:g}",
         "rows": [follower_row(flight, i, errors[i], least[i]) for i in _drawn(flight)],
         "states": final_states(flight),
-        "use_attitude": flight.scenario.navigation.use_attitude,
         "budget": range_budget(flight),
         "map": tracks and Figures(panels=[tracks], legend=VEHICLES),
         "stations": kept and Figures(panels=flight_figures.station_errors(flight, kept), legend=VEHICLES[1:2]),

@@ -8,7 +8,7 @@ import time
 import pytest
 
 from experiments.campaign import missions, processes
-from experiments.campaign.processes import Pool, WorkerDiedError
+from experiments.campaign.processes import Pool
 from experiments.campaign.store import CampaignError
 from laisn.failure import LaisnError
 from sim.scenario.settings import Follower, Scenario
@@ -22,7 +22,7 @@ def die(number):
 
 
 def test_a_dead_worker_is_reported_and_stored_results_remain():
-    with Pool(2) as pool, pytest.raises(WorkerDiedError, match="the same command goes on"):
+    with Pool(2) as pool, pytest.raises(CampaignError, match="the same command goes on"):
         list(pool.each(die, ((i,) for i in range(8))))
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from experiments.campaign.processes import WorkerDiedError
 from experiments.campaign.store import CampaignError, DamagedResult
 from experiments.command.cli import app
 from laisn.failure import LaisnError
@@ -66,7 +65,7 @@ def failing(error: Exception, monkeypatch: pytest.MonkeyPatch) -> Result:
 @pytest.mark.parametrize(
     ("error", "wanted"),
     [
-        (WorkerDiedError("a worker process died"), "laisn: a worker process died"),
+        (CampaignError("a worker process died"), "laisn: a worker process died"),
         (CampaignError("the sources changed while it ran"), "laisn: the sources changed while it ran"),
         (PlantError("the state of T2 is lost"), "laisn: the state of T2 is lost"),
         (LaisnError("unknown stage 9"), "laisn: unknown stage 9"),

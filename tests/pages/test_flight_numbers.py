@@ -11,7 +11,7 @@ import pytest
 from experiments.flight.range_budget import Cause, RangeErrorBudget
 from experiments.pages import flight_figures, flight_report
 from experiments.pages.figures import Part
-from experiments.pages.flight_report import _facts, failures, final_states, follower_row
+from experiments.pages.flight_report import _facts, final_states, follower_row, mirror_locks
 from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, FixKind, TightEstimates
 from sim.flight import Flight
@@ -82,10 +82,7 @@ def test_a_capture_is_reported_with_its_share_of_the_mission(flight: Flight) -> 
     # for 25 of 200 steps
     state[:, :2] = truth - np.where(np.arange(200) < 25, 2 * side, 0.0)[:, None] * starboard
     caught = dataclasses.replace(flight, estimates=(dataclasses.replace(found, state=state),))
-    found_failures = failures(caught)
-    assert found_failures["mirror_locked"] == {"follower": "12.5"}
-    assert found_failures["mirror_lock_error_m"] == "5"
-    assert found_failures["not_finite"] == []
+    assert mirror_locks(caught, ["follower"]) == {"follower": 12.5}
 
 
 def test_causes_are_reported_in_centimetres_rms() -> None:
