@@ -150,16 +150,13 @@ def vehicle_rows() -> list[tuple[str, str, str, str]]:
     for name in models.VEHICLES:
         plant = Plant([VehicleSetup(name=name, model=name, position_m=(0.0, 0.0, -10.0))], Ocean())
         looks = mujoco.MjModel.from_xml_path(str(models.path(name)))
+        data = mujoco.MjData(looks)
+        mujoco.mj_kinematics(looks, data)
         # boxes about the visible parts, turned into the hull's frame
-        low, high = np.full(3, np.inf), np.full(3, -np.inf)
-        for geom in range(looks.ngeom):
-            turn = np.zeros(9)
-            mujoco.mju_quat2Mat(turn, looks.geom_quat[geom])
-            centre, half = looks.geom_aabb[geom].reshape(2, 3)
-            middle = looks.geom_pos[geom] + turn.reshape(3, 3) @ centre
-            reach = np.abs(turn.reshape(3, 3)) @ half
-            low, high = np.minimum(low, middle - reach), np.maximum(high, middle + reach)
-        size = " × ".join(f"{side:.2f}" for side in high - low) + " m"
+        turn, (centre, half) = data.geom_xmat.reshape(-1, 3, 3), np.moveaxis(looks.geom_aabb.reshape(-1, 2, 3), 1, 0)
+        middle, reach = data.geom_xpos + np.einsum("gij,gj->gi", turn, centre), np.einsum("gij,gj->gi", abs(turn), half)
+        sides = np.max(middle + reach, axis=0) - np.min(middle - reach, axis=0)
+        size = " × ".join(f"{side:.2f}" for side in sides) + " m"
         groups = Counter[str]()
         for one in plant.effectors[0, : len(plant.effector_names[0])]:
             what, scale, unit = kinds[int(one["kind"])]

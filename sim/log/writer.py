@@ -119,20 +119,16 @@ def _locations(
     # Rerun 0.41 writes invalid points for a fix without a colour
     kind, color = (kinds.Unknown, TRUTH) if covariance is None else (kinds.Known, ESTIMATE)
 
-    def spreads(part: slice) -> Floats:
-        whole = np.zeros((len(time_ns[part]), 3, 3))
-        whole[:, :2, :2] = 0.0 if covariance is None else covariance[part]
-        return whole.reshape(-1, 9)
-
-    def fix_at(at: int, place: Sequence[float], spread: list[float]) -> fg.LocationFix:
+    def fix_at(at: int, place: Sequence[float], spread: Sequence[Sequence[float]]) -> fg.LocationFix:
         latitude, longitude, altitude = place
         return fg.LocationFix(
-            timestamp=timestamp(at), frame_id="world", color=color, position_covariance=spread,
-            position_covariance_type=kind, latitude=latitude, longitude=longitude, altitude=altitude,
+            timestamp=timestamp(at), frame_id="world", color=color, position_covariance_type=kind, latitude=latitude,
+            longitude=longitude, altitude=altitude, position_covariance=[*spread[0], 0.0, *spread[1], *[0.0] * 4],
         )  # fmt: skip
 
     place = geodetic(position, flight.scenario.origin_latitude_deg, flight.scenario.origin_longitude_deg)
-    return _channel(topic, fg.LocationFix, time_ns, fix_at, place, spreads)
+    spread = np.zeros((time_ns.size, 2, 2)) if covariance is None else covariance
+    return _channel(topic, fg.LocationFix, time_ns, fix_at, place, spread)
 
 
 def _transforms(topic: str, time_ns: Ints, parents: Iterable[str], children: Sequence[str], *places: Floats) -> Channel:

@@ -163,7 +163,7 @@ def test_several_followers_are_spoken_of_together():
         "The mean position errors of 3 followers lie between 0.25 m (follower2) and 2.00 m (follower3); the largest "
         "error is 8.00 m (follower3, at 0 s)." in plain(text)
     )
-    assert "Of 90 fixes" in plain(text)
+    assert "Kinds of the 90 fixes" in plain(text)
 
 
 def test_three_to_seven_paragraphs_and_none_of_what_diverged(flight):
