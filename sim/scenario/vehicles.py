@@ -97,7 +97,7 @@ class Vehicle(Section):
     @model_validator(mode="after")
     def _one_route(self) -> Self:
         if not self.route and len(self.waypoints) < 2:
-            raise ValueError("a vehicle needs a route of the library or two waypoints of its own at least")
+            raise ValueError("a vehicle needs a route of the library or waypoints of its own, two at least")
         return self
 
 
@@ -168,7 +168,7 @@ class Follower(Vehicle):
     @model_validator(mode="after")
     def _one_route(self) -> Self:
         if not self.route and len(self.waypoints) < 2 and not self.station:
-            raise ValueError("a follower needs a route of the library, two waypoints of its own at least or a station")
+            raise ValueError("a follower needs a route of the library, waypoints of its own or a station; two waypoints at least")
         if self.station and (self.route or self.waypoints or self.depth_profile or self.saw_tooth_amplitude_m):
             raise ValueError("a follower on a station has no route, waypoints, depth_profile or saw-tooth beside it")
         if self.start_m and not self.station:
