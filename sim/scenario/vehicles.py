@@ -168,7 +168,8 @@ class Follower(Vehicle):
     @model_validator(mode="after")
     def _one_route(self) -> Self:
         if not self.route and len(self.waypoints) < 2 and not self.station:
-            raise ValueError("a follower needs a route of the library, waypoints of its own or a station; two waypoints at least")
+            needed = "a route of the library, waypoints of its own or a station"
+            raise ValueError(f"a follower needs {needed}; waypoints are two at least")
         if self.station and (self.route or self.waypoints or self.depth_profile or self.saw_tooth_amplitude_m):
             raise ValueError("a follower on a station has no route, waypoints, depth_profile or saw-tooth beside it")
         if self.start_m and not self.station:
