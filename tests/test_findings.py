@@ -98,8 +98,7 @@ def test_the_version_is_that_of_what_makes_the_numbers(tmp_path: Path) -> None:
     for package in ("models", "laisn", "sim", "experiments"):
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
     modules = (
-        "experiments.studies.asymmetry.findings", "experiments.studies.asymmetry.missions",
-        "experiments.studies.reproduction.findings",
+        "experiments.studies.asymmetry.findings", "experiments.study.run", "experiments.studies.reproduction.findings",
     )  # fmt: skip
     before = version_of(modules, tmp_path)
     for name, counts in (

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
 from experiments.campaign import missions
-from experiments.campaign.plans import CellPlan, compute
+from experiments.campaign.plans import CellPlan, Facts, compute
 from experiments.campaign.processes import Pool
 from experiments.campaign.progress import compiling_shown, progress
 from experiments.campaign.store import Arrays, CampaignError, Record, Result, Store, key_of
@@ -24,15 +24,13 @@ from sim.scenario.settings import Scenario
 from sim.system import background_process
 from sim.trajectory import Trajectory
 
-Facts = Callable[[Scenario, Trajectory], list[Record]]
-"""What is measured of a mission besides: a record for each follower."""
 Task = partial[Any]
 """A function of a module with its arguments: data classes, scenarios, numbers and text.
 
 It returns a list of rows, which are records or data classes, or a single row, stored as JSON values. It raises
 `CampaignError` if it cannot compute them."""
 _Work = Callable[[], list[Result]]
-_BATCH_STEPS = 20_000_000
+BATCH_STEPS = 20_000_000
 """Filter steps that a process computes before it reports: a third of a second."""
 
 
@@ -105,7 +103,7 @@ class Flown:
 def _batches(plans: Iterable[CellPlan], workers: int) -> list[list[CellPlan]]:
     """Cells of one mission at a time, few enough for a steady progress and many enough to share the mission."""
     by_mission = sorted(plans, key=lambda plan: plan.motion)
-    limit = min(_BATCH_STEPS, sum(plan.size for plan in by_mission) // (4 * workers))
+    limit = min(BATCH_STEPS, sum(plan.size for plan in by_mission) // (4 * workers))
     batches, size = list[list[CellPlan]](), 0
     for plan in by_mission:
         if not batches or batches[-1][0].motion != plan.motion or size + plan.size > limit:

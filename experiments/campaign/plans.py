@@ -1,6 +1,6 @@
 """Plans of cells: a scenario flown with the noise of some runs, its key, and the row of its result."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -18,8 +18,12 @@ from laisn import metrics
 from laisn.failure import LaisnError
 from laisn.navigators import find
 from laisn.plugins import find_class
+from sim.scenario.file import assigned, validate
 from sim.scenario.settings import Scenario
-from sim.trajectory import Trajectory, leveled
+from sim.trajectory import Trajectory, tilted
+
+Facts = Callable[[Scenario, Trajectory], list[Record]]
+"""What is measured of a mission besides: a record for each follower."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,8 +36,11 @@ class CellPlan:
     first_run: int = 0
     keep_steps: bool = False
     """Keep mean and maximum over the runs at each step, for figures."""
-    level_leader: bool = False
-    """Sense and navigate behind a leader that keeps level on the same track."""
+    leader_pitch_deg: float | None = None
+    """Sense and navigate behind a leader that keeps this pitch on the same track; None: its own."""
+    measured: Mapping[str, str] = field(default_factory=dict)
+    """Keys of the scenario whose values are measured of the mission, and the columns of `facts` that they take."""
+    facts: Facts | None = None
     disturb: Mapping[str, Any] = field(default_factory=dict)
     """`use`, a `Disturbance` by its name "module:Class" in a plugin or a built-in study, and its arguments; or none."""
     lag_s: float = 0.0
@@ -52,10 +59,19 @@ class CellPlan:
     @cached_property
     def key(self) -> str:
         """Key of its row and of its arrays over runs."""
-        others = self.runs, self.follower, self.first_run, self.level_leader, self.lag_s, dict(self.disturb)
+        others: tuple[Any, ...] = self.runs, self.follower, self.first_run, self.leader_pitch_deg, self.lag_s
+        others += (dict(self.disturb), dict(self.measured), self.facts)
         name = self.disturb.get("use", "")
         own = [_disturbing(name).disturb] if name.startswith(_OWN) else []
         return key_of(missions.nameless(self.content), *others, *own)
+
+    def content_behind(self, trajectory: Trajectory) -> Scenario:
+        """What is computed of the scenario, with the values that are measured of its mission."""
+        if not (self.measured and self.facts):
+            return self.content
+        found = self.facts(self.scenario, trajectory)[self.follower]
+        given = {key: found.get(name) for key, name in self.measured.items()}
+        return validate(assigned(self.content.model_dump(mode="json"), given), self.scenario.name)
 
     @property
     def steps_key(self) -> str:
@@ -129,20 +145,22 @@ def steps_of(cell: Cell) -> Arrays:
 
 def compute(trajectory: Trajectory, plans: Sequence[CellPlan], threads: int = 1) -> list[Result]:
     """Compute cells of one mission: the row and the arrays over runs of each and, on request, over steps."""
-    levels = {plan.level_leader for plan in plans}
-    behind = {n: missions.Mission(plans[0].scenario, leveled(trajectory) if n else trajectory) for n in levels}
+    behind = {}
+    for pitch in {plan.leader_pitch_deg for plan in plans}:
+        motion = trajectory if pitch is None else tilted(trajectory, np.deg2rad(pitch))
+        behind[pitch] = missions.Mission(plans[0].scenario, motion)
     cells, results = list[Cell](), list[Result]()
     for plan in plans:
         runs, disturbance = range(plan.first_run, plan.first_run + plan.runs), disturbance_of(plan.disturb)
-        mission = behind[plan.level_leader]
-        cells.append(Cell.of(plan.content, plan.follower, runs, mission=mission, disturbance=disturbance))
+        content, mission = plan.content_behind(trajectory), behind[plan.leader_pitch_deg]
+        cells.append(Cell.of(content, plan.follower, runs, mission=mission, disturbance=disturbance))
     for plan, cell, result in zip(plans, cells, simulate_many(cells, threads=threads), strict=True):
         scenario, variant, steps = plan.content, plan.content.navigation.variant, Arrays()
         # plans of other names may share it
         row: Record = {"key": plan.key, "variant": variant, "motion": scenario.motion, "version": code_version()}
         row |= result.row | {"bound_rms_m": None, "rms_over_bound": None}
         if find(variant).near_bound:
-            seen, _ = behind[plan.level_leader].seen(scenario, plan.follower)
+            seen, _ = behind[plan.leader_pitch_deg].seen(scenario, plan.follower)
             geometry, noise = geometry_of(seen, scenario, plan.follower), noise_of(scenario, plan.follower)
             least = least_rms(geometry, noise)
             bound, rms = float(np.sqrt(np.mean(least**2))), float(np.hypot(row["e_p_mean_m"], row["e_p_std_m"]))

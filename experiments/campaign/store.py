@@ -5,8 +5,9 @@ import hashlib
 import json
 import sys
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, partial
+from itertools import chain
 from pathlib import Path
 from types import FunctionType
 from typing import Any
@@ -72,10 +73,16 @@ def key_of(*content: object) -> str:
     return digest.hexdigest()[:24]
 
 
-def write_table(path: Path, columns: Mapping[str, Any]) -> None:
-    """Write a Parquet file with page checksums; the same content gives the same bytes."""
-    with atomic_write(path) as part:
-        pq.write_table(pa.table(dict(columns)), part, compression="zstd", write_page_checksum=True)
+def write_table(path: Path, columns: Mapping[str, Any] | Iterator[pa.Table]) -> None:
+    """Write columns, or tables one below the other, as Parquet with page checksums; same content, same bytes."""
+    tables = iter([pa.table(dict(columns))]) if isinstance(columns, Mapping) else columns
+    first = next(tables)
+    with (
+        atomic_write(path) as part,
+        pq.ParquetWriter(part, first.schema, compression="zstd", write_page_checksum=True) as writer,
+    ):
+        for table in chain([first], tables):
+            writer.write_table(table)
 
 
 def arrow_table(path: Path) -> Any:
@@ -162,7 +169,10 @@ class Store:
                 if damaged := archive.zip.testzip():
                     raise ValueError(f"wrong checksum of {damaged}")
                 arrays = dict(archive)
-            found, names, record = json.loads(arrays.pop(_RECORD).tobytes())
+            # ten thousand records share the names of their columns in memory
+            found, names, record = json.loads(
+                arrays.pop(_RECORD).tobytes(), object_pairs_hook=lambda pairs: {sys.intern(k): v for k, v in pairs}
+            )
             if (found, names) != (key, [*arrays]):
                 raise ValueError("it lacks arrays, or is another result's")
             return record, arrays

@@ -83,13 +83,11 @@ def _can_film() -> bool:
     return works
 
 
-def _film_worst(plan: "Plan", results: "Results", folder: Path) -> Path | None:
+def _film_worst(plan: "Plan", results: "Results", folder: Path) -> Path:
     from experiments.flight.fly import fly
     from experiments.pages.results import render
     from experiments.study.page import worst_entry
 
-    if not _can_film():
-        return None
     entry, run, _ = worst_entry(plan, results)
     return render(fly(entry.scenario_at(run))[0], folder / "worst.mp4")
 
@@ -114,7 +112,9 @@ def study(
     seed: Annotated[int | None, typer.Option(min=0, max=2**62 - 1, help="key of all random numbers")] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="print the size of the study and stop")] = False,
     quick: QuickOption = False,
-    film: Annotated[str | None, typer.Option(metavar="worst", help="film the worst run of the worst point")] = None,
+    film: Annotated[
+        str | None, typer.Option(metavar="worst|example", help="film the worst run; of asymmetry, its example")
+    ] = None,
     workers: WorkersOption = None,
     out: OutOption = None,
     force: ForceOption = False,
@@ -127,29 +127,28 @@ def study(
     from sim.scenario.file import values_of
 
     if source in OWN_DESIGN and not Path(source).exists():
-        own: Callable[..., None] = asymmetry if source == "asymmetry" else reproduce
-        if foreign := given.keys() - signature(own).parameters.keys():
+        if foreign := given.keys() - signature(reproduce).parameters.keys():
             option = min(foreign).strip("_").replace("_", "-")
             known = f"`laisn {source} --help` lists its options"
             raise LaisnError(f"--{option}: unknown option of the study {source}; {known}")
-        own(**given)
+        reproduce(**given)
         return
-    if film not in (None, "worst"):
-        raise LaisnError(f"--film {film}: expected --film worst")
+    wanted = "example" if parts_of(source) else "worst"
+    if film not in (None, wanted):
+        raise LaisnError(f"--film {film}: expected --film {wanted}")
     keys: dict[str, Any] = {"runs": runs, "realizations": realizations, "seed": seed}
     keys |= {"vary": _factors(vary or []), "draw": values_of(draw or (), "--draw"), "set": values_of(set_ or ())}
-    if film and parts_of(source):
-        raise LaisnError(f"--film: the study {source} has a page of its own, without films")
     if dry_run:
         for one in studies_of(source, keys, quick=quick):
             echo(effort_text(one, workers or len(os.sched_getaffinity(0))))
         return
-    film_of = _film_worst if film else None
+    film_of = _film_worst if film and _can_film() else None
     found = run(source, keys, out, quick=quick, film=film_of, workers=workers, cluster=cluster, force=force)
     echo(f"report in {found.report()}")
 
 
 BUILT_IN = {
+    "asymmetry": "Study range errors from a pitching leader, and remedies.",
     "bearing": "Study baseline and H_T for followers astern, on the quarter and abeam.",
     "closed-loop": "Study followers that steer by their own estimates, with each navigator.",
     "depth": "Study followers below a leader out of trim, with and without broadcast attitude.",
@@ -201,24 +200,4 @@ def reproduce(
         stage, motion=motion,  # type: ignore[arg-type]  # reproduce refuses other motions
         runs=runs, seed=seed, workers=workers, out=out, force=force, cluster=cluster,
     )  # fmt: skip
-    echo(f"report in {report}")
-
-
-def asymmetry(
-    quick: QuickOption = False,
-    workers: WorkersOption = None,
-    out: OutOption = None,
-    force: ForceOption = False,
-    cluster: ClusterOption = None,
-    film: Annotated[
-        bool | None, typer.Option("--film/--no-film", help="film one condition (default: unless --quick)")
-    ] = None,
-) -> None:
-    """Study range errors from a pitching leader, and remedies."""
-    from experiments.studies.asymmetry.figures import film as asymmetry_film
-    from experiments.studies.asymmetry.study import run
-
-    film_of = asymmetry_film if (not quick if film is None else film) and _can_film() else None
-    folder = out or Path("out") / f"asymmetry{'-quick' * quick}"
-    report = run(folder, quick=quick, workers=workers, cluster=cluster, force=force, film=film_of)
     echo(f"report in {report}")

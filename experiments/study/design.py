@@ -23,6 +23,8 @@ from sim.scenario.point_motion import CLASSES, random_waypoints
 Design = Literal["factorial", "latin-hypercube", "sobol"]
 
 _RANGE = ("from", "to", "steps", "scale")
+RULES = ("cycle", "rotate", "sum", "measured")
+"""Values that follow the run, other keys of the study, or the mission."""
 _POINTS_KEY = 0x0D
 """Keeps the random numbers of designs apart from those of realizations."""
 
@@ -124,9 +126,14 @@ def points_of(
     return [{f.key: f.at(float(share)) for f, share in zip(factors, row, strict=True)} for row in shares]
 
 
+def is_rule(value: object, *names: str) -> bool:
+    """Whether a value is a table with one of these names alone, of any rule unless some are given."""
+    return isinstance(value, Mapping) and len(value) == 1 and bool({*(names or RULES)} & value.keys())
+
+
 def follows_run(value: object) -> bool:
-    """Whether a value of the scenario differs from run to run: a table with `cycle` or `rotate` alone."""
-    return isinstance(value, Mapping) and len(value) == 1 and bool({"cycle", "rotate"} & value.keys())
+    """Whether a value of the scenario differs from run to run."""
+    return is_rule(value, "cycle", "rotate")
 
 
 def value_at(value: Any, run: int) -> Any:

@@ -14,7 +14,7 @@ from scipy import stats
 
 from experiments.flight.library import name_of, names
 from experiments.intervals import FEWEST_RUNS
-from experiments.study.design import LAWS, Design, Draw, Factor, follows_run
+from experiments.study.design import LAWS, Design, Draw, Factor, is_rule
 from laisn.failure import LaisnError, plain, screenful, shortened
 from sim.scenario.file import dotted, is_model_key, key_of, plain_values, read
 from sim.scenario.section import Section
@@ -22,7 +22,7 @@ from sim.scenario.settings import Name
 from sim.scenario.vehicles import is_mjcf
 
 FOLDER = Path(__file__).parents[1] / "studies"
-OWN_DESIGN = {"asymmetry": "asymmetry", "reproduce": "reproduction"}
+OWN_DESIGN = {"reproduce": "reproduction"}
 """Studies whose design no file can hold: their commands and folders."""
 METRIC = "e_p_mean_m"
 ARM, CASE, SCENARIO = "arm", "case", "scenario"
@@ -84,14 +84,16 @@ class Group(Section):
     @property
     def own(self) -> dict[str, Any]:
         """All other keys."""
-        return self.model_dump(exclude=set(self.settings))
+        return self.model_dump(exclude=set(self.settings), exclude_none=True)
 
 
 class Arm(Group):
     """Settings that are compared with others on the same noise and the same realizations."""
 
     every: Annotated[int, Field(ge=1)] = Field(1, description="one of so many runs of a closed loop")
-    level_leader: bool = Field(False, description="ranges and messages of a leader that keeps level on the same track")
+    leader_pitch_deg: Annotated[float, Field(ge=-90, le=90)] | None = Field(
+        None, description="ranges and messages of a leader that keeps this pitch on the same track"
+    )
 
 
 class Case(Group):
@@ -287,7 +289,7 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
         names = [one.name for one in given if one.name.strip()]
         if repeated := sorted({name for name in names if names.count(name) > 1}):
             lines.append(f"  {part}: names must differ; repeated: {', '.join(repeated)}")
-        return {one.name: type(one)(**one.own, **settings_of(dotted(one.settings, follows_run))) for one in given}
+        return {one.name: type(one)(**one.own, **settings_of(dotted(one.settings, is_rule))) for one in given}
 
     arms, cases = groups_of("arm", file.arm), groups_of("case", file.case)
     for case in file.case:
@@ -301,7 +303,7 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
         file=file,
         scenarios={one: one if one in names() or Path(one).is_absolute() else str(folder / one) for one in given},
         runs=file.batch,
-        settings=settings_of(dotted(file.set, follows_run)),
+        settings=settings_of(dotted(file.set, is_rule)),
         factors=made("vary", {key: values for key, values in own.items() if values} | varied, factor),
         draws=made("draw", dotted(file.draw, _names_a_law), Draw.of),
         cases=cases,

@@ -1,6 +1,7 @@
 """What a mission and a run in closed loop are measured by: `facts_of` its motion, `records_of_run` with its errors."""
 
 import numpy as np
+import numpy.typing as npt
 
 from experiments.campaign.store import CampaignError, Record
 from laisn import metrics
@@ -48,6 +49,26 @@ def thruster_power(trajectory: Trajectory, vehicle: int, density: float) -> Floa
     return np.asarray(disc_power(thrust, inflow, density).sum(axis=1))
 
 
+def turned_cosine(
+    pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, reach: npt.ArrayLike, bearing: npt.ArrayLike
+) -> Floats:
+    """cos B̂ of a fix that the leader's pitch turns about the leader; beyond ±1 where the circles do not meet."""
+    lever = np.asarray(depth_offset) / np.asarray(reach) * np.sin(pitch)
+    return np.asarray(np.cos(bearing) * np.cos(pitch) - lever)
+
+
+def pitch_fix_error(
+    pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, reach: npt.ArrayLike, bearing: npt.ArrayLike
+) -> Floats:
+    """Position error of a noiseless fix of LAISN-2 from the leader's pitch (docs/asymmetry.md), [rad] and [m].
+
+    The follower is so far below the leader, away from it and off its bow. Where circles do not meet, the fix is on the
+    leader's axis.
+    """
+    turned = np.arccos(np.clip(turned_cosine(pitch, depth_offset, reach, bearing), -1.0, 1.0))
+    return np.asarray(2.0 * np.asarray(reach) * np.sin(np.abs(turned - np.arccos(np.cos(bearing))) / 2.0))
+
+
 def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
@@ -73,6 +94,7 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
     routes, time, position = routes_of(scenario), trajectory.time, trajectory.position
     stations = true_stations(scenario, trajectory) if any(f.station for f in scenario.followers) else None
     off = track_errors(scenario, trajectory, stations)
+    sent = np.arange(round(1.0 / CONTROL_STEP_S), time.size, round(1.0 / CONTROL_STEP_S))
     density, span = scenario.ocean.density_kg_m3, float(time[-1] - time[0])
     touching = {name for contact in contacts(trajectory) for name in contact.pair}
     layers = np.array([vehicle.layer_m for vehicle in (scenario.leader, *scenario.followers)])
@@ -85,6 +107,7 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
         power = mean if scenario.motion == "physics" and np.isfinite(mean) else None
         return {
             "pitch_rms_deg": _rms(np.rad2deg(trajectory.pitch[:, v])),
+            "pitch_max_deg": float(np.abs(np.rad2deg(trajectory.pitch[:, v])).max()),
             "depth_error_rms_m": _rms(depth_error(v)),
             "power_mean_w": power,
             "energy_j": None if power is None else power * span,
@@ -95,6 +118,10 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
     for v, follower in enumerate(scenario.followers, start=1):
         own = off[:, v - 1]
         apart = np.delete(position, v, axis=1) - position[:, v : v + 1]
+        away = position[:, v] - position[:, 0]
+        east, north, up = away[sent].T
+        off_bow = np.arctan2(east, north) - trajectory.heading[sent, 0]
+        moved = pitch_fix_error(trajectory.pitch[sent, 0], -up, np.maximum(np.hypot(east, north), 1e-9), off_bow)
         level = np.hypot(apart[..., 0], apart[..., 1]).min(axis=0)
         layer = level[np.abs(np.delete(layers, v) - layers[v]) < LEAST_LAYER_M]
         row: Record = {
@@ -106,7 +133,9 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
             "closest_horizontal_m": float(level.min()),
             "closest_in_layer_m": float(layer.min()) if layer.size else None,
             "touched": float(trajectory.names[v] in touching),
-            "range_mean_m": float(np.hypot(*(position[:, v, :2] - position[:, 0, :2]).T).mean()),
+            "range_mean_m": float(np.hypot(*away[:, :2].T).mean()),
+            "depth_offset_rms_m": _rms(away[:, 2]),
+            "pitch_fix_error_m": float(moved.mean()) if sent.size else None,
         }
         if follower.station and stations is not None:
             row |= _station(own, np.abs(stations.rate[:, v - 1]) > TURNING_RAD_S, time)

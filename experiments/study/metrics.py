@@ -57,7 +57,7 @@ _FIXES = {
     f"fixes_{kind.name.lower()}": (f"fixes: {kind.name.lower().replace('_', ' ')}", "number over all runs")
     for kind in FixKind
 }
-_MISSION = {
+MISSION = {
     "track_error_rms_m": (
         "RMS distance from its place",
         "RMS distance from where the route or station has the follower",
@@ -78,10 +78,17 @@ _MISSION = {
     "closest_horizontal_m": ("smallest horizontal distance from another vehicle", "whatever their depths"),
     "closest_in_layer_m": ("smallest horizontal distance in a layer", "of vehicles less than 1 m above or below"),
     "range_mean_m": ("mean horizontal distance from the leader", "mean horizontal distance from the leader"),
+    "depth_offset_rms_m": ("RMS depth below the leader", "RMS depth of the follower below, or above, the leader"),
+    "pitch_fix_error_m": (
+        "error of a fix from the leader's pitch",
+        "what the leader's pitch moves a noiseless LAISN-2 fix by, mean of a fix each second",
+    ),
     "pitch_rms_deg": ("RMS pitch", "RMS pitch of the follower"),
+    "pitch_max_deg": ("largest pitch", "largest pitch of the follower, up or down"),
     "power_mean_w": ("mean power of the thrusters", "mean power of the follower's thrusters"),
     "energy_j": ("energy of the thrusters", "energy of the follower's thrusters over the mission"),
     "leader_pitch_rms_deg": ("RMS pitch of the leader", "RMS pitch of the leader"),
+    "leader_pitch_max_deg": ("largest pitch of the leader", "largest pitch of the leader, up or down"),
     "leader_depth_error_rms_m": ("RMS error of the leader's depth", "RMS error of the leader's depth"),
     "leader_power_mean_w": ("mean power of the leader's thrusters", "mean power of the leader's thrusters"),
     "leader_energy_j": ("energy of the leader's thrusters", "energy of the leader's thrusters over the mission"),
@@ -91,7 +98,7 @@ _MISSION = {
 
 METRICS: dict[str, Metric] = {
     name: Metric(f"{label} [{unit}]" if unit else label, what, unit)
-    for name, (label, what) in (_ERRORS | _PERCENTILES | _FIXES | _MISSION).items()
+    for name, (label, what) in (_ERRORS | _PERCENTILES | _FIXES | MISSION).items()
     for _, unit in [without_unit(name)]
 }
 SHARES = frozenset({"mirror_locked", "lost", "touched", "ended"})

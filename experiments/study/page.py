@@ -78,7 +78,8 @@ def commands(plan: Plan, results: Results) -> str:
             realization_text = f" of realization {realization}" if plan.study.file.realizations > 1 else ""
             lines.append(f"# {_place_text(plan, place)}: {which} run, {run}{realization_text}")
             entry = plan.by_place[place[0], place[1], realization]
-            lines.append(fly_line(entry.source, entry.settings_at(run), run))
+            measured = {key: results.rows[place][0][key] for key in entry.measured}
+            lines.append(fly_line(entry.source, entry.settings_at(run) | measured, run))
     return "\n".join(lines)
 
 

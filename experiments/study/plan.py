@@ -3,7 +3,7 @@
 import difflib
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from itertools import product
 from typing import Any
@@ -12,10 +12,10 @@ from experiments.campaign.missions import motion_key
 from experiments.campaign.plans import disturbance_of
 from experiments.campaign.progress import Advance, progress
 from experiments.flight.library import table_of, text_of
-from experiments.study.design import follows_run, points_of, value_at
+from experiments.study.design import follows_run, is_number, is_rule, points_of, value_at
 from experiments.study.file import ALONE, CASE, SCENARIO, Study, refusal
 from experiments.study.file import ARM as ARM
-from experiments.study.metrics import METRICS
+from experiments.study.metrics import METRICS, MISSION
 from laisn.failure import LaisnError
 from laisn.lane_passes import LANES
 from sim.feasibility import infeasibilities
@@ -50,6 +50,8 @@ class Entry:
     """Key of its mission, which others may share."""
     source: str
     """The scenario that the settings change: built-in name, or path of a file."""
+    measured: Mapping[str, str] = field(default_factory=dict)
+    """Columns of the mission that further keys take, by key."""
 
     @property
     def place(self) -> tuple[int, str, int]:
@@ -129,6 +131,29 @@ def many(number: int, noun: str) -> str:
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
+def _resolved(settings: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str], list[str]]:
+    """Settings with numbers for sums and without variables, columns that keys take, and a line for each invalid one."""
+    found, measured, used, lines = dict(settings), dict[str, str](), set[str](), list[str]()
+    for key, value in settings.items():
+        if is_rule(value, "sum"):
+            parts = value["sum"] if isinstance(value["sum"], list) else [value["sum"]]
+            numbers = [settings.get(part) if isinstance(part, str) else part for part in parts]
+            used.update(part for part in parts if isinstance(part, str))
+            if all(map(is_number, numbers)):
+                found[key] = sum(numbers)
+            else:
+                text = f"a sum is a list of numbers and of keys that the study sets to numbers (given: {parts!r:.80})"
+                lines.append(f"  {key}: {text}")
+        elif is_rule(value, "measured"):
+            measured[key] = str(found.pop(key)["measured"])
+            if measured[key] not in MISSION:
+                lines.append(f"  {key}: unknown column of a mission {measured[key]!r:.60}; known: {', '.join(MISSION)}")
+    for name in used - Scenario.model_fields.keys():
+        if "." not in name:
+            found.pop(name, None)
+    return found, measured, lines
+
+
 def _with(table: Mapping[str, Any], settings: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
     """A table with the settings of the first run in it, and a line for each that is invalid or has no place there."""
     try:
@@ -165,8 +190,9 @@ def _arm_errors(study: Study, point: Mapping[str, Any], entry: Entry) -> list[st
     arm, disturb, found = study.arm(entry.arm), study.disturb_at(point, entry.arm), []
     if arm.every > 1 and not entry.closed_loop:
         found.append("every applies to closed loops; its runs share one mission")
-    if (disturb or arm.level_leader) and entry.closed_loop:
-        found.append("disturb and level_leader apply to missions that runs share, not to closed loops")
+    if (disturb or entry.measured or arm.leader_pitch_deg is not None) and entry.closed_loop:
+        text = "disturb, leader_pitch_deg and measured apply to missions that runs share, not to closed loops"
+        found.append(text)
     try:
         disturbance_of(disturb)
     except LaisnError as error:
@@ -205,10 +231,12 @@ def _examined(
             settings = {**study.settings, **case, **study.arm(arm).settings, **own, **drawn(first, realization)}
             if study.file.realizations > 1 or study.file.seed is not None:
                 settings["seed"] = first + realization
+            settings, measured, lines = _resolved(settings)
             moving = repr((name, [one for one in settings.items() if not _READINGS.match(one[0])]))
-            changed, lines = _with(tables[name], settings)
+            # any number will do to find out whether a key exists that is to be measured
+            changed, invalid = _with(tables[name], settings | dict.fromkeys(measured, 1.0))
             scenario, found = examined(changed, infeasible)
-            lines += found
+            lines += invalid + found
             if scenario is not None and not lines:
                 if moving not in motions:
                     motions[moving] = motion_key(scenario)
@@ -218,7 +246,7 @@ def _examined(
                 scenario = scenario.model_copy(update={**shared, "run": scenario.run + number * study.file.runs_apart})
                 entry = Entry(
                     point=number, arm=arm, realization=realization, settings=settings, source=study.scenarios[name],
-                    scenario=scenario, motion=motions[moving],
+                    scenario=scenario, motion=motions[moving], measured=measured,
                 )  # fmt: skip
                 entries.append(entry)
                 lines += _arm_errors(study, point, entry)

@@ -1,8 +1,9 @@
 """Flying a study: missions in parallel, each once, then cells; all of it stored, and gone on with after a kill."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import chain
 from operator import itemgetter
@@ -25,6 +26,7 @@ from laisn.failure import LaisnError
 
 _MOST_GROWTH = 10.0
 """By which the number of runs grows at most from one look at their intervals to the next."""
+_TABLE_ROWS = 60_000
 _OWN = ("key", "mission", "version", "motion")
 """Columns of a cell's row that no table of results has."""
 
@@ -106,7 +108,9 @@ def _cells(plan: Plan, entry: Entry) -> list[CellPlan]:
             follower=follower,
             first_run=entry.scenario.run,
             keep_steps=plan.study.file.steps,
-            level_leader=plan.study.arm(entry.arm).level_leader,
+            leader_pitch_deg=plan.study.arm(entry.arm).leader_pitch_deg,
+            measured=entry.measured,
+            facts=facts_of if entry.measured else None,
             disturb=plan.study.disturb_at(plan.points[entry.point], entry.arm),
             lag_s=plan.study.file.bound_lag_s,
         )
@@ -151,6 +155,7 @@ def fly_studies(plans: Sequence[Plan], folder: Path, **options: Unpack[Execution
             else:
                 cell = cells[name][follower]
                 row, lists = flown.cell(cell)
+                row |= {key: row[name] for key, name in entry.measured.items()}
                 steps = flown.steps(cell) if cell.keep_steps else {}
             labels = _labels(plan, entry, follower)
             outcomes.rows.append(labels | {name: value for name, value in row.items() if name not in _OWN})
@@ -208,6 +213,37 @@ def fly_until_narrow(plans: Sequence[Plan], folder: Path, **options: Unpack[Exec
         options |= {"force": False}
 
 
+Choice = Mapping[tuple[int, str, int], int]
+"""Numbers of runs by point, arm and realization."""
+
+
+def fly_further(
+    found: Mapping[str, Outcomes], choose: Callable[[Mapping[str, Outcomes]], Mapping[str, Choice]], folder: Path,
+    **options: Unpack[ExecutionOptions],
+) -> None:  # fmt: skip
+    """Add runs to outcomes as long as a function of them chooses some, by the names of the outcomes.
+
+    Lists over runs grow; rows stay those of the first runs. CampaignError: something cannot be flown.
+    """
+    where = itemgetter("point", "arm", "realization", "follower")
+    options |= {"force": False}
+    while chosen := choose(found):
+        for name, numbers in chosen.items():
+            plan, lists_at = found[name].plan, {where(labels): lists for labels, lists in found[name].runs}
+            entries = defaultdict[int, list[Entry]](list)
+            for place, number in numbers.items():
+                entry = plan.by_place[place]
+                flown = len(lists_at[*place, entry.scenario.followers[0].name]["run"])
+                scenario = entry.scenario.model_copy(update={"run": entry.scenario.run + flown})
+                entries[number - flown].append(replace(entry, scenario=scenario))
+            for more in fly_studies([plan.part(some, n) for n, some in entries.items()], folder, **options):
+                if more.failures:
+                    raise CampaignError("; ".join(sorted(more.failures)))
+                for labels, lists in more.runs:
+                    grown = lists_at[where(labels)]
+                    grown |= {column: np.append(values, lists[column]) for column, values in grown.items()}
+
+
 def of_one_type(columns: dict[str, list[Any]]) -> dict[str, list[Any]]:
     """Columns of one type each: where a factor's values are of several, they stand as text."""
     for name, values in columns.items():
@@ -218,18 +254,24 @@ def of_one_type(columns: dict[str, list[Any]]) -> dict[str, list[Any]]:
     return columns
 
 
-def run_columns(runs: list[tuple[Record, Record]]) -> dict[str, Any]:
-    """Lists over runs as columns with a row for each run."""
-    numbers = [len(next(iter(lists.values()))) for _, lists in runs]
-    entry = np.repeat(np.arange(len(runs)), numbers)
-    measured = {name for _, lists in runs for name in lists}
-    columns: dict[str, Any] = {}
-    for name in dict.fromkeys(name for labels, lists in runs for name in (*labels, *lists)):
-        if name not in measured:
-            values = of_one_type({name: [labels.get(name) for labels, _ in runs]})[name]
-            columns[name] = pa.array(values).take(entry)
-            continue
-        parts = [lists.get(name, [None] * n) for (_, lists), n in zip(runs, numbers, strict=True)]
-        arrays = all(isinstance(part, np.ndarray) for part in parts)
-        columns[name] = np.concatenate(parts) if arrays else of_one_type({name: [*chain(*parts)]})[name]
-    return columns
+def run_tables(runs: Sequence[tuple[Record, Record]]) -> Iterator[pa.Table]:
+    """Lists over runs as tables with a row for each run; arrays as several of some thousand rows, to keep copies small.
+
+    A column that some lacks has no value there.
+    """
+    labels = pa.table(of_one_type(columns_of([own for own, _ in runs])))
+    kinds = {name: values for _, lists in reversed(runs) for name, values in lists.items()}
+    names = dict.fromkeys(name for _, lists in runs for name in lists)
+    whole = not all(isinstance(values, np.ndarray) for values in kinds.values())
+    sizes = np.array([len(next(iter(lists.values()))) for _, lists in runs])
+    group = np.zeros_like(sizes) if whole else (sizes.cumsum() - sizes) // _TABLE_ROWS
+    for number in np.unique(group):
+        (chosen,) = np.nonzero(group == number)
+        columns: dict[str, Any] = {}
+        for name in names:
+            parts = [runs[i][1].get(name, [None] * sizes[i]) for i in chosen]
+            arrays = all(isinstance(part, np.ndarray) for part in parts)
+            values = np.concatenate(parts) if arrays else of_one_type({name: [*chain(*parts)]})[name]
+            columns[name] = pa.array(values, type=None if whole else pa.from_numpy_dtype(kinds[name].dtype))
+        own = labels.take(np.repeat(chosen, sizes[chosen]))
+        yield pa.table(dict(zip(own.column_names, own.columns, strict=True)) | columns)

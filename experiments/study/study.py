@@ -12,7 +12,7 @@ from typing import Any, Unpack
 import tomli_w
 
 from experiments.campaign import missions
-from experiments.campaign.campaign import ExecutionOptions, compile_ahead
+from experiments.campaign.campaign import BATCH_STEPS, ExecutionOptions, compile_ahead
 from experiments.campaign.plans import CellPlan, compute
 from experiments.campaign.store import CampaignError, Store, columns_of, write_table
 from experiments.campaign.version import code_version
@@ -25,8 +25,9 @@ from experiments.study.estimate import Results, main_effects
 from experiments.study.file import Study, built_in, study_of, table_in
 from experiments.study.metrics import METRICS
 from experiments.study.plan import Plan, many, plan_of
-from experiments.study.run import Outcomes, fly_until_narrow, of_one_type, run_columns
+from experiments.study.run import Outcomes, fly_further, fly_until_narrow, of_one_type, run_tables
 from laisn.failure import LaisnError
+from laisn.lane_passes import LANES
 from sim.system import atomic_write
 
 RESULTS, RUNS, RECORD, REPORT = "results.parquet", "runs.parquet", "results.json", "report.html"
@@ -34,15 +35,18 @@ STUDY = "study.toml"
 _CELL_BYTES = 2_000
 """Bytes of a stored cell and its row in the tables; a run adds `_RUN_BYTES`."""
 _RUN_BYTES = 80
+_TRIED = 17
+"""Cells that are computed for an estimate of the time, of which the first is not counted."""
 
 FilmOf = Callable[[Plan, Results, Path], Path | None]
 """Makes the film that is to stand on a study's page, in its folder; None: there is none."""
 
 
 def effort_text(study: Study, workers: int) -> str:
-    """The size of a study, and what it would take if nothing were stored, from one mission that is flown and not kept.
+    """The size of a study, and what it would take if nothing were stored.
 
-    Missions and cells are computed by the workers; planning, storing and reading results is work of this process.
+    One mission is flown, and cells of it are computed, as a process does it; nothing of it is kept. Planning, storing
+    and reading results is work of this process.
     """
     begin = perf_counter()
     plan = plan_of(study, quiet=False)
@@ -55,23 +59,30 @@ def effort_text(study: Study, workers: int) -> str:
         seconds += plan.flights * (perf_counter() - start) / workers
         size = 4_000 * plan.flights
     else:
-        cell = CellPlan(scenario=entry.scenario, runs=min(runs, 64))
-        compile_ahead(cell)
+        alike = [e for e in plan.entries if e.motion == entry.motion][:_TRIED]
+        tried = [CellPlan(scenario=e.scenario, runs=min(runs, LANES)) for e in alike]
+        compile_ahead(tried[0])
         start = perf_counter()
         trajectory = missions.simulate_mission(entry.scenario)
         flown = perf_counter()
-        results = compute(trajectory, [cell])
+        one = compute(trajectory, tried[:1])
+        first = perf_counter()
+        results = compute(trajectory, tried[1:]) or one
         done = perf_counter()
+        # what the cells of a mission share is computed once for each batch of them
+        each = (done - first) / len(results) if len(tried) > 1 else first - flown
+        shared = max(first - flown - each, 0.0)
+        batches = max(plan.flights, 4 * workers, sum(cell.size for cell in tried) / len(tried) * cells / BATCH_STEPS)
         with TemporaryDirectory() as folder:
             store = Store(Path(folder))
             store.put(entry.motion, None, trajectory.arrays)
             stored, kept = store.path(entry.motion).stat().st_size, perf_counter()
             for key, row, arrays in results:
                 store.put(key, row, arrays)
-            for key in 3 * [cell.key]:  # once for its row, its runs and the facts of its mission
-                store.get(key)
-            seconds += cells * (perf_counter() - kept)
-        seconds += (plan.flights * (flown - start) + cells * -(-runs // 64) * (done - flown)) / workers
+                for _ in range(3):  # for its row, its runs and the facts of its mission
+                    store.get(key)
+            seconds += cells * (perf_counter() - kept) / len(results)
+        seconds += (plan.flights * (flown - start) + batches * shared + cells * -(-runs // LANES) * each) / workers
         size = plan.flights * stored + cells * (_CELL_BYTES + runs * _RUN_BYTES)
     return (
         f"{study.name}: {many(len(plan.points), 'point')}, {many(len(plan.arms), 'arm')}, "
@@ -106,7 +117,7 @@ def _write_tables(outcomes: Outcomes, folder: Path) -> None:
     with atomic_write(folder / STUDY) as part:
         part.write_text(tomli_w.dumps(table_in(outcomes.plan.study, folder)), encoding="utf-8")
     write_table(folder / RESULTS, of_one_type(columns_of(outcomes.rows)))
-    write_table(folder / RUNS, run_columns(outcomes.runs))
+    write_table(folder / RUNS, run_tables(outcomes.runs))
 
 
 def run_study(study: Study, folder: Path, *, film: FilmOf | None = None, **options: Unpack[ExecutionOptions]) -> Path:
@@ -141,28 +152,35 @@ def run_built_in(
     keys: Mapping[str, Any] | None = None,
     *,
     quick: bool = False,
+    film: bool = False,
     **options: Unpack[ExecutionOptions],
 ) -> Path:
     """Run a built-in study whose folder has findings and a page of its own, or what is missing of it.
 
     Its folder is a package in `experiments/studies` of study files, which are flown together; `findings.py` with
     `findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]`, a pure function of the outcomes by the parts
-    of the study; and for a page of its own `page.md.j2`, with `figures.py` whose `values(found: Findings, outcomes) ->
-    dict` has what the template names. Else the page is that of any study.
+    of the study, and perhaps `further_runs(outcomes)`, which chooses runs that are flown on, as of `fly_further`; and
+    for a page of its own `page.md.j2`, with `figures.py` whose `values(found: Findings, outcomes) -> dict` has what the
+    template names and `tables` that are written too, and perhaps `film(values, folder)`. Else the page is that of any
+    study.
 
     Args:
         name: of the study.
         folder: of the results: the tables of each file, `results.json` and `report.html`.
         keys: of study files, as of `study_of`.
-        quick: a trial run.
+        quick: a trial run, without further runs.
+        film: make the film of the study.
         options: as of `campaign.fly`.
 
     Returns:
         The page.
 
     Raises:
-        LaisnError: as of `study_of` and `fly_until_narrow`, or something could not be flown.
+        LaisnError: as of `study_of` and `fly_until_narrow`, something could not be flown, or the study has no film.
     """
+    package = f"experiments.studies.{name.replace('-', '_')}"
+    if film and not hasattr(import_module(f"{package}.figures"), "film"):
+        raise LaisnError(f"--film: the study {name} has a page of its own, without films")
     files = built_in(name)
     given = [study_of(str(file), keys or {}, quick=quick) for file in files.values()]
     quiet = options.get("quiet", False)
@@ -170,11 +188,13 @@ def run_built_in(
     if failures := {what for one in flown for what in one.failures}:
         raise CampaignError("; ".join(sorted(failures)))
     outcomes = dict(zip(files, flown, strict=True))
+    modules = f"{package}.findings", "experiments.study.run"
+    findings = import_module(modules[0])
+    if hasattr(findings, "further_runs") and not quick:
+        fly_further(outcomes, findings.further_runs, folder, **options)
     for part, one in outcomes.items():
         _write_tables(one, folder / part if len(files) > 1 else folder)
-    package = f"experiments.studies.{name.replace('-', '_')}"
-    modules = f"{package}.findings", "experiments.study.run"
-    record(name, f"laisn {name}", modules, import_module(modules[0]).findings_of(outcomes)).write(folder / RECORD)
+    record(name, f"laisn {name}", modules, findings.findings_of(outcomes)).write(folder / RECORD)
     found = read(folder / RECORD)
     from experiments.study.page import page_of
 
@@ -184,11 +204,18 @@ def run_built_in(
             ("version", found.version),
             ("repeat it", f"{found.command}{' --quick' if quick else ''}"),
         ]
-        values = import_module(f"{package}.figures").values(found, outcomes)
-        page = pages.page_of(package, facts, {"quick": quick, "found": found, **values}, found)
+        figures = import_module(f"{package}.figures")
+        values = {"quick": quick, "found": found, **figures.values(found, outcomes)}
+        for table, columns in values.pop("tables", {}).items():
+            write_table(folder / f"{table}.parquet", columns)
+        page = pages.page_of(package, facts, values, found)
     else:
         page = page_of(flown[0].plan, flown[0].results, {})
     write(page, folder / REPORT)
+    if film:
+        # the page is there before the film, so that one that fails costs nothing else
+        shown = values | {"film": [pages.Film(path=figures.film(values, folder))]}
+        write(pages.page_of(package, facts, shown, found), folder / REPORT)
     return folder / REPORT
 
 
@@ -283,7 +310,7 @@ def run(
     (first, *_), parts = studies_of(source, keys, quick=quick), parts_of(source)
     folder = Path(out or Path("out") / f"{source if parts else first.name}{'-quick' * quick}")
     if parts:
-        run_built_in(str(source), folder, keys, quick=quick, **options)
+        run_built_in(str(source), folder, keys, quick=quick, film=film is not None, **options)
     else:
         run_study(first, folder, film=film, **options)
     return StudyFolder(folder)

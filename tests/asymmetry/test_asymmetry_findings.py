@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from experiments.campaign.store import Record
-from experiments.studies.asymmetry.design import AHRS, Plan
-from experiments.studies.asymmetry.findings import Curve, equivalents, findings_of, paired, removed_in_all
+from experiments.studies.asymmetry.findings import AHRS, Curve, equivalents, findings_of_rows, paired, removed_in_all
 from tests.asymmetry.test_comparison import row
 
-PLAN = Plan(routes=("T3", "T4"), offsets_m=(0.0, 10.0), variants=("laisn-2",))
 WOBBLE = 0.01 * np.cos(np.arange(64.0))
 
 
@@ -32,7 +30,7 @@ def rows() -> list[Record]:
         ]
     # pitch moves no fix here, and yet half the runs are mirror-locked: it is not judged, but its mirror locks count;
     # one arm was flown on
-    where = {"route": "T3", "depth_offset_m": 0.0, "condition": "trim-12N", "fix_error_m": 0.0}
+    where = {"route": "T3", "depth_offset_m": 0.0, "condition": "trim-12N", "pitch_fix_error_m": 0.0}
     half = np.arange(64) < 32
     return [
         *made, row("level", 0.2, flown=96, **where), row("real", 0.2, half, **where),
@@ -54,7 +52,7 @@ CURVES = [
 
 
 def test_the_record_is_that_of_the_rows() -> None:
-    found = findings_of(PLAN, rows(), CURVES, "laisn asymmetry")
+    found = findings_of_rows(rows(), CURVES)
     assert (found["missions"].value, found["cells"].value, found["runs"].value) == (3, 9, 9 * 64 + 32)
     assert (found["first-runs"].value, found["most-runs"].value) == (64, 5120)
     assert found["error trim-12N 10 laisn-2 level"].value == pytest.approx(0.2, abs=1e-3)

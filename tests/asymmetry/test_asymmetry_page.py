@@ -8,17 +8,21 @@ import pytest
 from scipy import stats
 
 from experiments.campaign.store import Record
+from experiments.findings import record
 from experiments.pages.page import Page, Table, Text, page_of
-from experiments.studies.asymmetry import design, figures, findings, study
-from experiments.studies.asymmetry.design import QUICK_CONDITIONS, Condition, Plan
-from experiments.studies.asymmetry.findings import Curve, paired
+from experiments.studies.asymmetry import figures, findings
+from experiments.studies.asymmetry.findings import REMEDIES, Curve, paired
+from experiments.study.file import built_in, study_of
+from experiments.study.plan import plan_of
 from tests.asymmetry.test_comparison import row
 
 RUNS = 64
-PLAN = Plan(routes=("T3", "T4"), offsets_m=(10.0,), variants=("laisn-2",), looks=(RUNS,))
+STUDY = study_of(str(built_in("asymmetry")["missions"]), {})
+TITLES = {name.rpartition(" ")[0]: arm.title for name, arm in STUDY.arms.items()}
+TITLES |= {name: case.title for name, case in STUDY.cases.items()}
 WOBBLE = np.tile([1.0, -1.0], RUNS // 2)
 """Errors of standard deviation 1; over 64 runs their mean has half a 95 % interval of 1.96 / √63."""
-TRIM = QUICK_CONDITIONS[0]
+TRIM = "trim-12N"
 
 
 def half(sigma: float) -> float:
@@ -35,12 +39,12 @@ def curve(route: str, value: tuple[float, ...], interval: float, offset: float |
 
 
 CURVES = [
-    *(curve(route, (0.01, 0.03, 0.06, 0.1), interval) for route in PLAN.routes for interval in (1.0, 5.0)),
-    *(curve(route, (0.0, -1.0, -3.0, -6.0), 5.0, 10.0) for route in PLAN.routes),
+    *(curve(route, (0.01, 0.03, 0.06, 0.1), interval) for route in ("T3", "T4") for interval in (1.0, 5.0)),
+    *(curve(route, (0.0, -1.0, -3.0, -6.0), 5.0, 10.0) for route in ("T3", "T4")),
 ]
 
 
-def rows(condition: str = TRIM.key, cause: str = "trim", **changes: Any) -> list[Record]:
+def rows(condition: str = TRIM, cause: str = "trim", **changes: Any) -> list[Record]:
     """On T3 pitch adds 1 m and 4 locks, on T4 3 m and none; of it sensors leave what is written here."""
     made = []
     for route, added, lost in (("T3", 1.0, 4), ("T4", 3.0, 0)):
@@ -72,15 +76,16 @@ def verdicts(error: str, mirror_lock: str) -> list[Record]:
 EVERY = [r for cause in ("trim", "dive", "waves") for r in rows(f"{cause}-x", cause)]
 
 
-def made(given: list[Record], flown: tuple[Condition, ...] = (), plan: Plan = PLAN, **others: Any) -> Page:
+def made(given: list[Record], **others: Any) -> Page:
     """The page of rows, without pictures, and blanks in place of the message and the map."""
-    found = findings.findings_of(plan, given, CURVES, "laisn asymmetry")
+    looks = (RUNS,)
+    found = record("asymmetry", "laisn asymmetry", (), findings.findings_of_rows(given, CURVES, looks))
     blank: dict[str, Any] = dict.fromkeys(
         ("geometry", "first_minutes", "shares", "one_mission", "film", "maps"), ()
     ) | dict.fromkeys(("points", "closed_form_m", "pitch_deg", "fix_error_m"), 0)
-    blank |= {"everything": design.EVERYTHING, "abeam": np.zeros(1), "third_m": (0, 0), "flown": flown, "record": found,
-              "example": SimpleNamespace(condition=TRIM)}  # fmt: skip
-    values = study.of_missions(paired(given), CURVES, plan)
+    blank |= {"everything": figures.EVERYTHING, "abeam": np.zeros(1), "third_m": (0, 0), "found": found,
+              "example": SimpleNamespace(title="")}  # fmt: skip
+    values = figures.of_missions(paired(given), CURVES, TITLES | {f"{c}-x": c for c in findings.CAUSES}, looks)
     return page_of("experiments.studies.asymmetry", [], blank | values | {"offsets": (), "excess": ()} | others, found)
 
 
@@ -107,16 +112,16 @@ def test_the_page_begins_with_the_answer() -> None:
     assert page.summary.endswith("on 6 missions.")
     assert page.sections[0].title == "Result"
     ((*remedies,),) = tables(page, "Result")
-    assert [cells[0] for cells in remedies] == [arm.label for arm in design.REMEDIES]
+    assert [cells[0] for cells in remedies] == [TITLES[arm] for arm in REMEDIES]
     assert [cells[1].partition(" (")[0] for cells in remedies] == ["99 %", "95 %", "70 %", "40 %", "60 %", "−20 %"]
-    unmoved = [r | {"fix_error_m": 0.0} for r in EVERY]
+    unmoved = [r | {"pitch_fix_error_m": 0.0} for r in EVERY]
     assert "moves no fix" in made(unmoved).summary
 
 
 def test_a_condition_has_its_means_over_routes() -> None:
-    (cells,) = tables(made(EVERY + rows(), (TRIM,)), "On missions")[0]
+    (cells,) = [one for one in tables(made(EVERY + rows()), "On missions")[0] if one[0] == TITLES[TRIM]]
     # pitch as of `row`
-    assert cells[:3] == [TRIM.label, "10", "5.0 / 6.0"]
+    assert cells[:3] == [TITLES[TRIM], "10", "5.0 / 6.0"]
     assert cells[3] == f"0.50 ± {half(0.1):.2f}"
     assert cells[4] == f"2.50 ± {half(0.3):.2f}"
     assert cells[5] == f"2.00 ± {half(0.2):.2f}"
@@ -131,7 +136,7 @@ def test_a_condition_has_its_means_over_routes() -> None:
 def test_three_transmitters_have_a_column_of_their_own() -> None:
     """What pitch adds to them is half of what it adds to two."""
     three = [r | {"variant": "laisn-3-2", "e_p_run_mean_m": 0.5 * r["e_p_run_mean_m"]} for r in rows()]
-    (cells,) = tables(made([*EVERY, *rows(), *three], (TRIM,)), "On missions")[0]
+    (cells,) = [one for one in tables(made([*EVERY, *rows(), *three]), "On missions")[0] if one[0] == TITLES[TRIM]]
     assert cells[5:7] == [f"2.00 ± {half(0.2):.2f}", f"1.00 ± {half(0.1):.2f}"]
 
 
@@ -154,8 +159,8 @@ def test_remedies_have_their_share_of_the_sum_and_their_verdicts() -> None:
     exact, none = (stats.binomtest(k, 128).proportion_ci(0.95, "exact") for k in (4, 0))
     by_arm = {cells[2]: cells[3:] for cells in locks if cells[1] == "trim"}
     assert by_arm["real leader"] == [f"3.12 % ({100 * exact.low:.2f} to {100 * exact.high:.2f} %)", "–"]
-    assert by_arm[design.AHRS.label][0] == f"0.00 % (0.00 to {100 * none.high:.2f} %)"
-    assert by_arm[design.AHRS.label][1].startswith("100.0 (")
+    assert by_arm[TITLES[findings.AHRS]][0] == f"0.00 % (0.00 to {100 * none.high:.2f} %)"
+    assert by_arm[TITLES[findings.AHRS]][1].startswith("100.0 (")
     assert routes[0][1] == f"1.00 ± {1.959964 * 0.2 / np.sqrt(RUNS - 1):.2f}"
     assert [cell.partition(" ")[0] for cell in routes[1][2:5]] == ["99.0", "95.0", "70.0"]
     # against a level leader with the same sensor 0.2 of 1 m and 0.8 of 3 m stay
@@ -196,7 +201,8 @@ def test_figures_of_missions_are_levers_added_errors_and_medians() -> None:
 
 def test_a_message_is_drawn_from_the_motion() -> None:
     """A fix turns about the leader: cos B̂ = cos B cos φ − (Δz / D) sin φ."""
-    flown = study.fly_example(TRIM, 60.0)
+    keys = {"set": {"duration_s": 60.0}, "scenario": ["T6"]}
+    flown = figures.fly_example(plan_of(study_of(str(built_in("asymmetry")["missions"]), keys)))
     message = figures.Message.of(flown.flight.trajectory, flown.step)
     ahead, port, up = message.hydrophone
     reach = np.hypot(ahead, port)
@@ -223,7 +229,7 @@ def test_the_map_prints_the_difference_of_closed_form_and_engine() -> None:
     form[0] = np.nan
     third = np.where(np.arange(len(points)) % 8 == 0, -0.003, 0.001)
     columns |= {"error_laisn-2_m": engine, "error_closed_form_m": form, "error_laisn-3-2_m": engine + third}
-    printed = text_of(made(EVERY, **study.of_map(columns) | {"maps": ()}))
+    printed = text_of(made(EVERY, **figures.of_map(columns) | {"maps": ()}))
     assert "At 5° and 10 m the error abeam is 0.876 to 1.100 m, whatever the range" in printed
     assert "differ from those of LAISN-2 by 0.001 m in the median, and by less than 0.003 m at 95 %" in printed
     assert "Over all 24 points of the map, closed form and simulation differ by at most 0.003 m" in printed

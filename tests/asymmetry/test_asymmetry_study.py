@@ -1,7 +1,9 @@
-"""The pitch study on missions: arithmetic of its tables against closed forms, and a smoke run."""
+"""The pitch study on missions: arithmetic of its tables against closed forms, its design, and a smoke run."""
 
 import itertools
-from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -9,64 +11,66 @@ import pytest
 from numpy.testing import assert_allclose
 
 from experiments.campaign import campaign
-from experiments.campaign.montecarlo import histories
-from experiments.flight.library import ROUTES, load
-from experiments.studies.asymmetry import study as asymmetry
-from experiments.studies.asymmetry.design import (
+from experiments.studies.asymmetry import figures
+from experiments.studies.asymmetry.findings import (
     AHRS,
     ARMS,
-    CALM,
-    CONDITIONS,
     EXACT,
     LEVEL,
     LEVEL_BROADCAST,
-    OFFSETS_M,
-    QUICK_CONDITIONS,
+    LOOKS,
     READINGS,
-    REAL,
-    Plan,
+    Curve,
+    curves_of,
+    judged_rows,
+    mean_added,
+    paired,
 )
-from experiments.studies.asymmetry.findings import Curve, mean_added, paired
 from experiments.studies.asymmetry.fix_map import deepest_offset, worst_error
-from experiments.studies.asymmetry.missions import fly_condition, pairs
-from laisn.compiled import FOLDER
-from laisn.navigator import Navigator
-from sim.flight import navigate
-from sim.simulation import simulate_motion
+from experiments.study.file import built_in, study_of
+from experiments.study.plan import Plan, plan_of
+from experiments.study.run import fly_studies
+from experiments.study.study import run_built_in
+from laisn.failure import LaisnError
 
-SHORT = Plan(routes=("T3", "T6"), offsets_m=(0.0, 10.0), variants=("laisn-2",), looks=(24,),
-             duration_s=40.0)  # fmt: skip
+FILES = built_in("asymmetry")
+TRIM = {"name": "trim-12N", "leader.excess_buoyancy_n": 12.0}
+SHORT = {"scenario": ["T3", "T6"], "runs": 24, "case": [TRIM], "vary": {"offset_m": [0.0, 10.0]},
+         "set": {"duration_s": 40.0}}  # fmt: skip
+
+
+def plan(part: str = "missions", keys: dict[str, Any] | None = None) -> Plan:
+    return plan_of(study_of(str(FILES[part]), keys or {}))
 
 
 @pytest.fixture(scope="module")
-def rows():
-    return [row for offset in SHORT.offsets_m for row in fly_condition(QUICK_CONDITIONS[0], offset, SHORT)]
+def rows(tmp_path_factory):
+    found = fly_studies([plan(keys=SHORT)], tmp_path_factory.mktemp("rows"), workers=1, quiet=True)
+    return [row for row in judged_rows({"missions": found[0]}) if row["variant"] == "laisn-2"]
 
 
 def test_every_mission_is_flown_in_every_arm(rows):
-    assert len(rows) == len(SHORT.routes) * len(SHORT.offsets_m) * len(ARMS)
-    places = {(row["route"], row["depth_offset_m"]) for row in rows}
-    assert places == {(t, o) for t in SHORT.routes for o in SHORT.offsets_m}
+    assert len(rows) == 4 * len(ARMS)
+    assert {(row["route"], row["depth_offset_m"]) for row in rows} == set(itertools.product(("T3", "T6"), (0.0, 10.0)))
     for row in rows:
-        assert row["pitch_rms_deg"] > 1.0
+        assert row["leader_pitch_rms_deg"] > 1.0
         assert row["runs"] == len(row["e_p_run_mean_m"]) == len(row["mirror_locked_run"]) == 24
         assert row["e_p_mean_m"] == pytest.approx(np.mean(row["e_p_run_mean_m"]), rel=1e-9)
         assert row["mirror_locked_runs"] == sum(row["mirror_locked_run"])
+        if row["arm"] == "expected":
+            assert row["navigation.expected_pitch_deg"] == row["leader_pitch_rms_deg"]
 
 
-def test_no_two_missions_share_noise(rows):
-    numbers = [
-        range(c.first_run(route, offset), c.first_run(route, offset) + 10_000)
-        for c in (CALM, *CONDITIONS)
-        for route in ROUTES
-        for offset in OFFSETS_M
-    ]
-    ordered = sorted(numbers, key=lambda r: r.start)
-    assert all(a.stop <= b.start for a, b in itertools.pairwise(ordered))
-    assert ordered[-1].stop < 2**31
-    assert max(Plan().looks) <= 10_000
-    for row in rows:
-        assert row["first_run"] == QUICK_CONDITIONS[0].first_run(row["route"], row["depth_offset_m"])
+def test_no_two_missions_share_noise():
+    whole = [plan(part) for part in ("pitch", "missions")]
+    first = sorted({entry.scenario.run for one in whole for entry in one.entries})
+    assert len(first) == (1 + 24) * 8 * 4
+    assert all(b - a >= max(LOOKS) for a, b in itertools.pairwise(first))
+    # τ and pitch are compared on the same noise
+    alike = {(whole[0].points[e.point]["scenario"], e.scenario.run) for e in whole[0].entries
+             if whole[0].points[e.point]["offset_m"] == 2.0}  # fmt: skip
+    tau = plan("tau")
+    assert {(tau.points[e.point]["scenario"], e.scenario.run) for e in tau.entries} == alike
 
 
 def removed(mission, arm):
@@ -77,12 +81,11 @@ def removed(mission, arm):
 
 def test_exact_attitude_gives_the_level_leaders_error(rows):
     for excess in paired(rows):
-        exact, level = (excess.arms[arm.key]["e_p_mean_m"] for arm in (EXACT, LEVEL))
+        exact, level = (excess.arms[arm]["e_p_mean_m"] for arm in (EXACT, LEVEL))
         assert_allclose(exact, level, rtol=0.02)
         if excess.real["depth_offset_m"] == 10.0:
             assert excess.added > 0.1
             assert removed(excess, EXACT) > 0.95
-            assert excess.arms[EXACT.key]["error_verdict"] in ("met", "no harm shown")
 
 
 def test_attitude_of_an_ahrs_removes_what_pitch_does(rows):
@@ -91,37 +94,61 @@ def test_attitude_of_an_ahrs_removes_what_pitch_does(rows):
             assert removed(excess, AHRS) > 0.9
             # with the same sensor on a level leader, what pitch still does is less than what the sensor does
             assert abs(mean_added([excess], READINGS, LEVEL_BROADCAST).value) < 0.02 * excess.added
-        # gyros and calm water: little is left of half a degree
-        assert 0.02 < excess.real["ahrs_rms_deg"] < 0.1
-        assert excess.real["inclinometer_rms_deg"] >= 0.5
 
 
-def test_level_and_real_leader_differ_in_nothing_but_the_ranges():
-    condition = QUICK_CONDITIONS[0]
-    (mission,) = pairs(condition, 5.0, replace(SHORT, routes=("T6",), duration_s=20.0))
-    real, level = (leader.seen(mission.scenario(), 0)[1] for leader in (mission.real, mission.level))
-    for name in ("speed", "heading", "depth", "hydrophone", "message_step"):
-        assert_allclose(getattr(real, name), getattr(level, name), atol=1e-12, err_msg=name)
-    # the leader's log reads along its hull, which pitches
-    for name in set(real.sent.dtype.names) - {"speed", "pitch"}:
-        assert_allclose(real.sent[name], level.sent[name], atol=1e-12, err_msg=name)
-    assert np.abs(real.slant_range - level.slant_range)[:, :2].max() > 1e-3
+def test_arms_differ_in_the_leaders_sensor_and_in_what_followers_make_of_it():
+    arms = {e.arm.removesuffix(" laisn-2"): e for e in plan(keys=SHORT).entries if e.arm.endswith(" laisn-2")}
+    study = plan(keys=SHORT).study
+    assert [*arms] == [*dict.fromkeys(arms)]
+    assert {*arms} == {*ARMS}
+    assert {a for a in arms if study.arm(f"{a} laisn-2").leader_pitch_deg == 0.0} == {"level", "level-0.5"}
+    aware = {arm for arm, entry in arms.items() if entry.scenario.navigation.use_attitude}
+    assert aware == {"level-0.5", "attitude-0", "ahrs-0.5", "attitude-0.5", "attitude-2", "offset-0.5"}
+    sigma = {arm: entry.scenario.sensors.leader_attitude_sigma_deg for arm, entry in arms.items()}
+    wanted = {"level-0.5": 0.5, "ahrs-0.5": 0.5, "attitude-0.5": 0.5, "attitude-2": 2.0}
+    assert sigma == dict.fromkeys(arms, 0.0) | wanted
+    offset = {arm for arm, entry in arms.items() if entry.scenario.sensors.leader_attitude_offset_sigma_deg == 0.5}
+    assert offset == {"offset-0.5"}
+    gyros = {arm for arm, entry in arms.items() if entry.scenario.sensors.leader_attitude_senses_acceleration}
+    assert gyros == {"ahrs-0.5"}
+    assert {arm: dict(entry.measured) for arm, entry in arms.items() if entry.measured} == {
+        "expected": {"navigation.expected_pitch_deg": "leader_pitch_rms_deg"}
+    }
 
 
-def test_a_mission_of_a_fleet_is_the_mission_flown_alone():
-    condition = QUICK_CONDITIONS[2]
-    together = pairs(condition, 10.0, replace(SHORT, duration_s=20.0))[1].motion
-    alone = simulate_motion(condition.scenario("T6", 10.0, 20.0))
-    assert_allclose(together.position, alone.position, atol=1e-9)
-    assert_allclose(together.pitch, alone.pitch, atol=1e-9)
+def test_curves_widen_the_rear_error_and_lower_the_bow():
+    tau, pitch = plan("tau"), plan("pitch")
+    assert [e.scenario.acoustics.range_tau_m for e in tau.entries[:8]] == [
+        (float(e.arm.split()[0]), 0.01, 0.01) for e in tau.entries[:8]
+    ]
+    assert {e.scenario.timing.message_interval_s for e in tau.entries[:8]} == {1.0}
+    assert {e.scenario.timing.message_interval_s for e in (*tau.entries[8:16], *pitch.entries)} == {5.0}
+    for name, arm in pitch.study.arms.items():
+        assert arm.leader_pitch_deg == float(name.split()[0]) <= 0.0
+    assert {arm.leader_pitch_deg for arm in tau.study.arms.values()} == {0.0}
 
 
-def test_commands_name_the_scenario_that_is_flown():
-    for condition in CONDITIONS:
-        words = condition.command("T5", 10.0, run=7).split()
-        assert words[:5] == ["laisn", "fly", "T5", "--run", str(condition.first_run("T5", 10.0) + 7)]
-        sets = [words[i + 1] for i, word in enumerate(words) if word == "--set"]
-        assert load("T5", sets) == condition.scenario("T5", 10.0)
+def test_the_excess_of_a_curve_is_paired_run_by_run():
+    """Runs scatter by 1 m alike at all values, and by 0.1 m about what the second value adds, 0.4 m."""
+    rng = np.random.default_rng(2)
+    noise, own = rng.normal(size=400), 0.1 * rng.normal(size=400)
+    errors = {"0 5": 2.0 + noise, "-2 5": 2.4 + noise + own}
+    rows = [{"point": 0, "arm": arm, "scenario": "T3", "offset_m": 2.0, "e_p_mean_m": e.mean()}
+            for arm, e in errors.items()]  # fmt: skip
+    outcomes: Any = SimpleNamespace(rows=rows, runs=[({}, {"e_p_mean_m": e}) for e in errors.values()])
+    (curve,) = curves_of(outcomes)
+    assert (curve.route, curve.interval_s, curve.depth_offset_m, curve.value) == ("T3", 5.0, 2.0, (0.0, -2.0))
+    excess = curve.excess_at(-2.0)
+    assert excess.value == pytest.approx(0.4 + own.mean())
+    half = 1.959964 * own.std(ddof=1) / 20.0
+    assert (excess.low, excess.high) == pytest.approx((excess.value - half, excess.value + half))
+    assert curve.excess_half_m[0] == 0.0
+
+
+def test_a_curve_that_dips_counts_as_flat_there() -> None:
+    curve = Curve(route="T3", interval_s=1.0, depth_offset_m=5.0, value=(0.0, -1.0, -2.0, -4.0),
+                  e_p_mean_m=(0.3, 0.6, 0.5, 1.0), excess_half_m=(0.0, 0.1, 0.1, 0.1))  # fmt: skip
+    assert curve.equivalent(0.35) == pytest.approx(2.25)
 
 
 def test_equivalent_value_inverts_a_curve():
@@ -170,40 +197,27 @@ def test_planner_reports_where_no_offset_suffices():
     assert 100.0 * (1 - np.cos(np.deg2rad(10.0))) / np.tan(np.deg2rad(30.0)) > 0.5
 
 
-def test_what_missions_need_is_compiled_ahead():
-    fly_condition(QUICK_CONDITIONS[0], 0.0, SHORT.least)
-    stored = set(FOLDER.rglob("*.nbc"))
-    assert stored
-    fly_condition(QUICK_CONDITIONS[0], 10.0, SHORT)
-    assert set(FOLDER.rglob("*.nbc")) == stored
-
-
-def test_quick_study_is_resumable_and_repeatable(tmp_path, monkeypatch):
-    report = asymmetry.run(tmp_path, quick=True, workers=1, quiet=True)
+def test_quick_study_is_resumable_and_repeatable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    report = run_built_in("asymmetry", tmp_path, {"set": {"duration_s": 40.0}}, quick=True, workers=1, quiet=True)
     first = report.read_bytes()
     assert b"How much does the leader" in first
     missions = pq.read_table(tmp_path / "missions.parquet")
-    assert set(missions["condition"].to_pylist()) == {c.key for c in QUICK_CONDITIONS}
+    assert set(missions["condition"].to_pylist()) == {"trim-12N", "dive-4m", "waves-1m-following-2m"}
     for name in ("map", "equivalents"):
         assert pq.read_table(tmp_path / f"{name}.parquet").num_rows > 0
 
     def never(*_: object) -> None:
-        raise AssertionError("a stored task was computed again")
+        raise AssertionError("a stored cell was computed again")
 
     def fail(*_: object) -> None:
         raise RuntimeError("a process that renders frames ended with code 1")
 
-    monkeypatch.setattr(campaign, "_rows", never)
+    monkeypatch.setattr(campaign, "compute", never)
+    monkeypatch.setattr(figures, "film", fail)
     report.unlink()
+    keys = {"set": {"duration_s": 40.0}}
     with pytest.raises(RuntimeError, match="renders frames"):
-        asymmetry.run(tmp_path, quick=True, workers=1, quiet=True, film=fail)
+        run_built_in("asymmetry", tmp_path, keys, quick=True, film=True, workers=1, quiet=True)
     assert report.read_bytes() == first
-
-
-def test_a_run_of_the_study_is_the_flight_of_its_command():
-    condition, duration = QUICK_CONDITIONS[2], 30.0
-    flown = condition.scenario("T6", 5.0, duration).model_copy(update={"run": 3})
-    alone = navigate(flown, simulate_motion(flown), Navigator)
-    mission = pairs(condition, 5.0, replace(SHORT, duration_s=duration))[1]
-    states = histories(mission.cell(REAL, "laisn-2", range(4)))
-    assert_allclose(alone.estimates[0].state, states[..., 3], atol=1e-6)
+    with pytest.raises(LaisnError, match="without films"):
+        run_built_in("formation", tmp_path, film=True)

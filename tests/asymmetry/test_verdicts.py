@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from experiments.studies.asymmetry.design import Plan
-from experiments.studies.asymmetry.findings import WRONG, Judgement, Verdict, judge
+from experiments.studies.asymmetry.findings import LOOKS, WRONG, Judgement, Verdict, judge
 from laisn.arrays import Bools, Floats
 
-LOOKS = Plan().looks
 FREE = np.ones(LOOKS[-1], dtype=bool)
 AIM = 0.9
 

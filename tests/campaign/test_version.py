@@ -9,7 +9,6 @@ import pytest
 
 from experiments.campaign import version
 from experiments.campaign.version import OWN_PACKAGES, ROOT
-from experiments.studies.asymmetry import findings as asymmetry
 from experiments.studies.reproduction import findings as reproduction
 from experiments.study.file import built_in, shipped
 from tools.documents import route_keeping
@@ -120,7 +119,7 @@ def test_every_module_loaded_for_a_campaign_is_among_the_sources() -> None:
 
 @pytest.mark.parametrize(
     "modules",
-    [("experiments.study.measure",), reproduction.MODULES, asymmetry.MODULES, route_keeping.MODULES,
+    [("experiments.study.measure",), reproduction.MODULES, route_keeping.MODULES,
      *((f"experiments.studies.{name.replace('-', '_')}.findings", "experiments.study.run") for name in shipped()
        if built_in(name))],
 )  # fmt: skip

@@ -48,12 +48,21 @@ def test_a_renderer_that_dies_costs_the_film_alone_and_gives_exit_code_1(
     assert {path.name for path in (tmp_path / "o").iterdir()} == WITHOUT_FILM
 
 
-def test_the_pitch_study_reports_a_missing_film_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(graphics, "working", lambda: None)
-    monkeypatch.setattr("experiments.studies.asymmetry.study.run", lambda folder, **_: folder / "report.html")
-    calls = CliRunner().invoke(app, ["asymmetry", "--film", "--quick", "--out", str(tmp_path)])
-    assert calls.stderr == f"no film: {graphics.MISSING}\n"
+@pytest.mark.parametrize("backend", [graphics.Backend("egl", True, "a renderer"), None])
+def test_the_pitch_study_films_its_example_where_something_renders(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, backend: graphics.Backend | None
+) -> None:
+    given: dict[str, Any] = {}
+    monkeypatch.setattr(graphics, "working", lambda: backend)
+    monkeypatch.setattr("experiments.study.study.run_built_in", lambda *_, **options: given.update(options))
+    (tmp_path / "results.parquet").touch()
+    answer = CliRunner().invoke(app, ["asymmetry", "--film", "example", "--quick", "--out", str(tmp_path)])
+    assert (answer.exit_code, given["film"]) == (0, backend is not None)
+    assert answer.stderr == ("" if backend else f"no film: {graphics.MISSING}\n")
     assert CliRunner().invoke(app, ["asymmetry", "--quick", "--out", str(tmp_path)]).stderr == ""
+    assert not given["film"]
+    refused = CliRunner().invoke(app, ["asymmetry", "--film", "worst"])
+    assert "expected --film example" in refused.stderr
 
 
 def test_a_study_with_a_design_of_its_own_runs_as_its_command_does(
@@ -61,17 +70,17 @@ def test_a_study_with_a_design_of_its_own_runs_as_its_command_does(
 ) -> None:
     given: list[dict[str, Any]] = []
     monkeypatch.setattr(
-        "experiments.studies.asymmetry.study.run",
-        lambda folder, **options: given.append({"folder": folder, **options}) or folder / "report.html",
+        "experiments.studies.reproduction.study.reproduce",
+        lambda stage, **options: given.append({"stage": stage, **options}) or tmp_path / "report.html",
     )
-    options = ["--quick", "--workers", "2", "--force", "--out", str(tmp_path)]
-    first = CliRunner().invoke(app, ["asymmetry", *options])
-    second = CliRunner().invoke(app, ["study", "asymmetry", *options])
+    options = ["--runs", "2", "--workers", "2", "--force", "--out", str(tmp_path)]
+    first = CliRunner().invoke(app, ["reproduce", *options])
+    second = CliRunner().invoke(app, ["study", "reproduce", *options])
     assert (first.exit_code, first.output) == (second.exit_code, second.output) == (0, first.output)
     assert given[0] == given[1]
-    refused = CliRunner().invoke(app, ["study", "asymmetry", "--set", "duration_s=3"])
+    refused = CliRunner().invoke(app, ["study", "reproduce", "--set", "duration_s=3"])
     assert refused.exit_code != 0
-    assert "--set: unknown option of the study asymmetry" in refused.stderr
+    assert "--set: unknown option of the study reproduce" in refused.stderr
     refused = CliRunner().invoke(app, ["study", "loss", "--quick"])
     assert "--quick: the study has no [quick]" in refused.stderr
 

@@ -11,13 +11,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from synthetic import make_flight
-from typer.testing import CliRunner
 
-from experiments.command.cli import app
 from experiments.studies.asymmetry import figures
-from experiments.studies.asymmetry import study as asymmetry
-from experiments.studies.asymmetry.design import QUICK_CONDITIONS
 from experiments.studies.asymmetry.figures import fly_example
+from experiments.study.file import built_in, study_of
+from experiments.study.plan import plan_of
 from laisn.geometry import horizontal_range
 from sim.film import graphics, render
 from sim.film.cameras import CameraRig
@@ -45,7 +43,8 @@ def flight():
 
 @pytest.fixture(scope="module")
 def example():
-    return fly_example(QUICK_CONDITIONS[-1], 40.0)
+    keys = {"set": {"duration_s": 40.0}, "scenario": ["T6"]}
+    return fly_example(plan_of(study_of(str(built_in("asymmetry")["missions"]), keys)))
 
 
 # what is added
@@ -230,7 +229,7 @@ def test_both_navigators_receive_the_same_and_the_colour_bar_covers_every_error(
 @needs_graphics
 def test_the_pitch_film_is_rendered(example, tmp_path):
     video = Video(camera="profile", width_px=320, height_px=180, speed_up=40.0, frame_rate_hz=10)
-    path = figures.film(example, tmp_path, video)
+    path = figures.film({"example": example}, tmp_path, video)
     assert path == tmp_path / "film.mp4"
     assert list(tmp_path.iterdir()) == [path]
     flight, _ = figures.scene(example)
@@ -238,18 +237,3 @@ def test_the_pitch_film_is_rendered(example, tmp_path):
     with av.open(str(path)) as film:
         frames = sum(1 for _ in film.decode(video=0))
     assert frames == max(1, round(length / 40.0 * 10))
-
-
-@pytest.mark.parametrize("backend", [graphics.Backend("egl", True, "a renderer"), None])
-@pytest.mark.parametrize(
-    ("options", "wanted"),
-    [([], True), (["--no-film"], False), (["--quick"], False), (["--quick", "--film"], True)],
-)
-def test_the_command_films_if_wanted_where_something_renders(monkeypatch, tmp_path, options, wanted, backend):
-    given = {}
-    monkeypatch.setattr(graphics, "working", lambda: backend)
-    monkeypatch.setattr(asymmetry, "run", lambda folder, **rest: given.update(rest) or folder / "report.html")
-    answer = CliRunner().invoke(app, ["asymmetry", "--out", str(tmp_path), *options])
-    assert answer.exit_code == 0
-    assert given["film"] is (figures.film if wanted and backend else None)
-    assert answer.stderr == (f"no film: {graphics.MISSING}\n" if wanted and backend is None else "")

@@ -10,7 +10,7 @@ from experiments.campaign.missions import Mission, simulate_mission
 from experiments.campaign.montecarlo import Cell, simulate
 from experiments.study.file import StudyError, of_table, study_of
 from experiments.study.plan import Plan, plan_of
-from experiments.study.run import Outcomes, fly_studies
+from experiments.study.run import Choice, Outcomes, fly_further, fly_studies
 from sim.trajectory import leveled
 
 ERRORS = "experiments.studies.estimators.errors"
@@ -73,7 +73,10 @@ def test_cases_scenarios_and_factors_are_crossed_and_a_case_may_have_some_of_the
         ({"arm": [{"name": "a", "disturb": {"use": f"{ERRORS}:Nothing"}}]}, "expected a class with `disturb"),
         ({"arm": [{"name": "a", "disturb": {"use": f"{ERRORS}:Measurements"}}]}, "expected a class with `disturb"),
         ({"arm": [{"name": "a", "disturb": {"use": "experiments.studies.no.way:Errors"}}]}, "expected a class with"),
-        ({"scenario": "swarm", "arm": [{"name": "a", "level_leader": True}]}, "level_leader apply to missions"),
+        (
+            {"scenario": "swarm", "arm": [{"name": "a", "leader_pitch_deg": 0}]},
+            "leader_pitch_deg and measured apply to missions",
+        ),
     ],
 )
 def test_errors_of_cases_scenarios_and_runs_are_named(changed: dict[str, Any], message: str) -> None:
@@ -82,7 +85,7 @@ def test_errors_of_cases_scenarios_and_runs_are_named(changed: dict[str, Any], m
 
 
 def test_an_arm_may_follow_a_leader_that_keeps_level_on_the_same_track(tmp_path: Path) -> None:
-    arms = [{"name": "real"}, {"name": "level", "level_leader": True}]
+    arms = [{"name": "real"}, {"name": "level", "leader_pitch_deg": 0}]
     outcomes = flown(tmp_path, {"arm": arms})
     scenario = plan({}).entries[0].scenario
     motion = simulate_mission(scenario)
@@ -96,6 +99,57 @@ def test_an_arm_may_follow_a_leader_that_keeps_level_on_the_same_track(tmp_path:
         assert labels["arm"] == row["arm"]
     assert outcomes.rows[0]["e_p_mean_m"] != outcomes.rows[1]["e_p_mean_m"]
     assert outcomes.rows[0]["leader_pitch_rms_deg"] == outcomes.rows[1]["leader_pitch_rms_deg"]
+
+
+def test_sums_follow_other_keys_and_variables_of_the_study() -> None:
+    deeper = {"followers.0.depth_m": {"sum": ["leader.depth_m", "offset_m", 1.0]}, "leader.depth_m": 8.0}
+    cases = [{"name": "deep"}, {"name": "shallow", "leader.depth_m": 3.0}]
+    made = plan({"set": SHORT["set"] | deeper, "vary": {"offset_m": [2.0, 5.0]}, "case": cases})
+    assert [entry.scenario.followers[0].depth_m for entry in made.entries] == [11.0, 14.0, 6.0, 9.0]
+    assert [point["offset_m"] for point in made.points] == [2.0, 5.0, 2.0, 5.0]
+    assert all("offset_m" not in entry.settings for entry in made.entries)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"set": {"followers.0.depth_m": {"sum": ["leader.depth_m", 2.0]}}}, "keys that the study sets to numbers"),
+        ({"vary": {"offset_m": [1.0]}}, "offset_m: unknown key"),
+        ({"set": {"navigation.expected_pitch_deg": {"measured": "no_m"}}}, "unknown column of a mission 'no_m'"),
+        ({"set": {"navigation.pitch_deg": {"measured": "leader_pitch_rms_deg"}}}, "navigation.pitch_deg: unknown key"),
+        ({"scenario": "swarm", "set": {"navigation.expected_pitch_deg": {"measured": "leader_pitch_rms_deg"}}},
+         "measured apply to missions that runs share"),
+    ],
+)  # fmt: skip
+def test_errors_of_sums_and_measured_values_are_named(changed: dict[str, Any], message: str) -> None:
+    with pytest.raises(StudyError, match=message):
+        plan(changed)
+
+
+def test_a_measured_value_is_that_of_the_mission(tmp_path: Path) -> None:
+    key = "navigation.expected_pitch_deg"
+    arms = [{"name": "measured", key: {"measured": "leader_pitch_rms_deg"}}]
+    (row,) = flown(tmp_path, {"arm": arms}).rows
+    given = flown(tmp_path, {"set": SHORT["set"] | {key: row["leader_pitch_rms_deg"]}}).rows[0]
+    assert row[key] == row["leader_pitch_rms_deg"] > 1.0
+    assert row["e_p_mean_m"] == given["e_p_mean_m"]
+    assert row["e_p_mean_m"] != flown(tmp_path, {}).rows[0]["e_p_mean_m"]
+
+
+def test_runs_that_a_study_adds_are_those_of_a_longer_study(tmp_path: Path) -> None:
+    arms = [{"name": "a"}, {"name": "b", "navigation.gate": "off"}]
+    found, asked = {"part": flown(tmp_path, {"arm": arms})}, []
+
+    def choose(outcomes: Any) -> dict[str, Choice]:
+        asked.append([len(lists["run"]) for _, lists in outcomes["part"].runs])
+        return {"part": {(0, "b", 0): 5}} if len(asked) == 1 else {}
+
+    fly_further(found, choose, tmp_path, workers=1, quiet=True)
+    assert asked == [[3, 3], [3, 5]]
+    whole = flown(tmp_path / "whole", {"arm": arms, "runs": 5})
+    for name, values in found["part"].runs[1][1].items():
+        assert values.tolist() == pytest.approx(whole.runs[1][1][name].tolist(), nan_ok=True)
+    assert found["part"].rows[1]["runs"] == 3
 
 
 def test_runs_have_the_noise_of_their_numbers(tmp_path: Path) -> None:

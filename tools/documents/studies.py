@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 
 from experiments.findings import FILE
-from experiments.studies.asymmetry import study as asymmetry
 from experiments.studies.reproduction.study import reproduce
 from experiments.study.study import run_built_in
 from tools.documents import claim_seeds, coverage, flights, hull_trials, real_ranges, route_keeping
@@ -26,7 +25,7 @@ STUDIES: dict[str, Callable[[Path], object]] = {
     "claim-seeds": claim_seeds.run,
     "closed-loop": partial(run_built_in, "closed-loop"),
     "formation": partial(run_built_in, "formation"),
-    "asymmetry": asymmetry.run,
+    "asymmetry": partial(run_built_in, "asymmetry"),
     "estimators": partial(run_built_in, "estimators"),
     "real-ranges": real_ranges.run,
     "rivals": partial(run_built_in, "rivals"),

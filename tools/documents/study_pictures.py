@@ -12,8 +12,7 @@ from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES
 from experiments.pages.figures import Line
 from experiments.pages.style import ESTIMATE, INK, MUTED, SERIES, Legend
-from experiments.studies.asymmetry.design import MAP
-from experiments.studies.asymmetry.fix_map import sweep
+from experiments.studies.asymmetry.fix_map import MAP, sweep
 from experiments.studies.reproduction.figures import agreement
 from experiments.studies.reproduction.study import reproduce
 from experiments.study.file import study_of

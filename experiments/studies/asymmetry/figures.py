@@ -3,25 +3,36 @@
 The film shows the leader that pitches, rays in the colour of their errors, and two estimates.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from experiments.campaign.progress import compiling_shown
+from experiments.campaign.store import columns_of
+from experiments.findings import Finding, Findings, of
+from experiments.flight.library import fly_line, table_of
 from experiments.flight.range_budget import Cause, RangeErrorBudget, range_error_budget
+from experiments.intervals import Interval
 from experiments.pages.figures import Line, Panel, numbers, panel
+from experiments.pages.flight_report import asymmetry_over_time, legend_of, share_table
+from experiments.pages.page import Cell, Code, Figures, share_of
 from experiments.pages.style import FULL, INK, MUTED, SERIES, Colour
-from experiments.studies.asymmetry.design import AHRS, CAUSES, EVERYTHING, LEVEL, OFFSET_M, REAL, ROUTE, Condition
-from experiments.studies.asymmetry.findings import Missions, select
-from experiments.studies.asymmetry.fix_map import Chart
+from experiments.studies.asymmetry import findings, fix_map
+from experiments.studies.asymmetry.findings import AHRS, CAUSES, LEVEL, REAL, Curve, Missions, paired, select
+from experiments.studies.asymmetry.fix_map import MAP, Chart
+from experiments.study.plan import Plan
+from experiments.study.run import Outcomes
 from laisn.arrays import Bools, Floats
+from laisn.settings import NavigationSettings
 from sim.film.film_data import Annotations, OtherEstimate, RayErrors
 from sim.film.frame_renderer import Job
 from sim.film.render import render
 from sim.flight import Flight, excerpt, navigate
-from sim.scenario.settings import Video
+from sim.scenario.file import assigned, validate
+from sim.scenario.settings import Scenario, Video
 from sim.sensing.acoustics import TRANSMITTERS
 from sim.simulation import simulate_motion
 from sim.trajectory import Trajectory
@@ -32,6 +43,15 @@ CAUSE_COLOURS = {"trim": SERIES[0], "dive": SERIES[2], "waves": SERIES[1]}
 ERROR_LEVELS_M = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 ERROR_COLOURS = ("#e8f1f8", "#c3dcee", "#8fbfdf", "#f3d19a", "#ea9a5c", "#d1602f", "#8e2a12")
 """Blue below half a metre, orange to brown above; the last for 4 m and more."""
+EXAMPLE, ROUTE, OFFSET_M = "waves-1m-following-2m", "T6", 10.0
+"""Mission of the film and of the range error budget: close by on the quarter and far below, where pitch does much and
+is easy to see."""
+EVERYTHING: Mapping[str, float] = {
+    "acoustics.travel_time": True, "acoustics.ping_slot_s": 0.1, "acoustics.sound_speed_bias_m_s": 3.0,
+    "acoustics.clock_offset_s": 1e-4, "sensors.depth_sigma_m": 0.05, "sensors.leader_depth_sigma_m": 0.05,
+}  # fmt: skip
+"""All causes of range errors at work at once, in the budget alone; 0.1 ms is 15 cm."""
+_SHOWN = (Cause.LEVER_ARM, Cause.RANDOM, Cause.MOTION)
 _TURN = np.linspace(0.0, 2.0 * np.pi, 181)
 
 
@@ -170,9 +190,7 @@ def over_offset(missions: Missions) -> list[Panel]:
         here = select(missions, cause=cause)
         offsets = sorted({m.real["depth_offset_m"] for m in here})
         for arm, (colour, name), dash in zip((LEVEL, REAL, AHRS), LEGEND, ("-", "-", "--"), strict=True):
-            error = [
-                np.median([m.arms[arm.key]["e_p_mean_m"] for m in select(here, depth_offset_m=o)]) for o in offsets
-            ]
+            error = [np.median([m.arms[arm]["e_p_mean_m"] for m in select(here, depth_offset_m=o)]) for o in offsets]
             line = Line(x=np.array(offsets), y=np.array(error), colour=colour, width=1.4, dash=dash)
             drawn.setdefault(title, []).extend((line, replace(line, marker="o", name=name)))
     top = 1.05 * max(float(line.y.max()) for lines in drawn.values() for line in lines)
@@ -192,23 +210,32 @@ _AWARE_COLOUR = (0.30, 1.0, 0.60)
 class Example:
     """A flight with the paper's acoustics, and the range errors of the same motion with every cause at work."""
 
-    condition: Condition
+    title: str
+    """Of the condition."""
+    command: str
     flight: Flight
+    aware: Scenario
+    """With the broadcast attitude of an AHRS."""
     budget: RangeErrorBudget
     step: int
     """Recorded point of a message with a large pitch at a short range."""
 
 
-def fly_example(condition: Condition, duration: float) -> Example:
-    """Simulate a condition with one follower, and take its range errors apart."""
-    one, everything = (condition.scenario(ROUTE, OFFSET_M, duration, settings) for settings in ({}, EVERYTHING))
+def fly_example(plan: Plan) -> Example:
+    """Simulate the example of a plan of the study, and take its range errors apart."""
+    points = [i for i, p in enumerate(plan.points) if (p["case"], p["offset_m"]) == (EXAMPLE, OFFSET_M)]
+    settings = plan.by_place[points[0], f"{REAL} laisn-2", 0].settings_at(0)
+    changes: tuple[Mapping[str, Any], ...] = ({}, EVERYTHING, plan.study.arm(f"{AHRS} laisn-2").settings)
+    one, everything, aware = (validate(assigned(table_of(ROUTE), {**settings, **more}), EXAMPLE) for more in changes)
     trajectory = simulate_motion(one)
     flight = navigate(one, trajectory)
     away = trajectory.position[:, 1, :2] - trajectory.position[:, 0, :2]
     pings = flight.measurements[0].message_step * flight.stride
     step = int(pings[np.argmax(np.abs(trajectory.pitch[pings, 0]) / np.hypot(*away[pings].T))])
-    budget = range_error_budget(navigate(everything, trajectory))
-    return Example(condition=condition, flight=flight, budget=budget, step=step)
+    return Example(
+        title=plan.study.title("case", EXAMPLE), command=fly_line(ROUTE, settings, 0), flight=flight, aware=aware,
+        budget=range_error_budget(navigate(everything, trajectory)), step=step,
+    )  # fmt: skip
 
 
 def pitch_errors(flight: Flight) -> Floats:
@@ -225,11 +252,11 @@ def scene(example: Example) -> tuple[Flight, Annotations]:
     """What the film shows: the stretch about the message of the example, and an estimate by the broadcast pitch."""
     level, time = example.flight, example.flight.trajectory.time
     # truth and all other noise are the same: random numbers belong to their sensor
-    aware = navigate(example.condition.scenario(ROUTE, OFFSET_M, round(float(time[-1]), 6), AHRS.set), level.trajectory)
+    aware = navigate(example.aware, level.trajectory)
     message = float(time[example.step])
     start, end = max(float(time[0]), message - _BEFORE_S), min(float(time[-1]), message + _AFTER_S)
     shown = excerpt(level, start, end)
-    shown = replace(shown, scenario=level.scenario.model_copy(update={"name": example.condition.key}))
+    shown = replace(shown, scenario=level.scenario.model_copy(update={"name": EXAMPLE}))
     received = time[level.measurements[0].message_step * level.stride]
     errors = pitch_errors(level)[(received > shown.trajectory.time[0]) & (received <= shown.trajectory.time[-1])]
     largest = float(np.nanmax(np.abs(errors), initial=1e-3))
@@ -243,9 +270,102 @@ def scene(example: Example) -> tuple[Flight, Annotations]:
     )
 
 
-def film(example: Example, folder: Path, video: Video = VIDEO) -> Path:
-    """Render the film of a flight of the study as `film.mp4` into a folder; RendererDiedError if that fails."""
-    flight, added = scene(example)
+def film(values: Mapping[str, Any], folder: Path, video: Video = VIDEO) -> Path:
+    """Render the film of the example among the page's values as `film.mp4`; RendererDiedError if that fails."""
+    flight, added = scene(values["example"])
     path = folder / "film.mp4"
     render(Job(flight=flight, video=video, annotations=added), path)
     return path
+
+
+def of_message(example: Example) -> dict[str, Any]:
+    """Values of the page on the ranges of one message and of the minutes around it."""
+    budget, message = example.budget, Message.of(example.flight.trajectory, example.step)
+    first = budget.time <= 200.0
+    shares = {cause: budget.asymmetry[first, cause] for cause in _SHOWN}
+    difference = asymmetry_over_time(budget.time[first], shares, "Difference of the bow's and stern's range errors")
+    drawn = message_hull(message), message_top(message)
+    return {
+        "geometry": Figures(panels=drawn, legend=LEGEND[:2]),
+        "example": example,
+        "pitch_deg": np.rad2deg(message.pitch),
+        "fix_error_m": np.hypot(*(message.fix - message.hydrophone[:2])),
+        "first_minutes": Figures(panels=[difference], legend=legend_of(_SHOWN)),
+        "shares": share_table(budget),
+        "everything": EVERYTHING,
+        "one_mission": Code(text=example.command, title="Run it, with film and report:"),
+    }
+
+
+def of_map(chart: fix_map.Chart) -> dict[str, Any]:
+    """Values of the page on the map: where around the leader its pitch matters."""
+    drawn = [around_leader(chart, offset) for offset in (0.0, 5.0)]
+    closed_form, two = chart["error_closed_form_m"], chart["error_laisn-2_m"]
+    met = closed_form > 0.0
+    return {
+        "maps": Figures(panels=drawn),
+        "abeam": two[chosen(chart, pitch_deg=5.0, depth_offset_m=10.0, bearing_deg=90.0)],
+        "points": two.size,
+        "closed_form_m": np.abs(two - closed_form)[met].max(),
+        "third_m": np.quantile(np.abs(chart["error_laisn-3-2_m"] - two)[met], (0.5, 0.95)),
+    }
+
+
+def against(finding: Finding | Interval, aim: float) -> Cell:
+    """A share with its interval, green if the whole of it is beyond its aim, red if it is short of it."""
+    found = of(finding, "") if isinstance(finding, Interval) else finding
+    tone = "yes" if found.low is not None and found.low >= aim else ""
+    return replace(share_of(found), tone="no" if found.high is not None and found.high < aim else tone)
+
+
+def of_missions(
+    missions: Missions, curves: Sequence[Curve], titles: Mapping[str, str], looks: Sequence[int] = findings.LOOKS
+) -> dict[str, Any]:
+    """Values and functions of the page on missions: what pitch adds, and what remains of it with each remedy.
+
+    `titles` are the words for conditions and arms by their names.
+    """
+    two = select(missions, variant="laisn-2")
+    judged = select(two, judged=True)
+    paired_verdicts = [m.judge("error", findings.READINGS, looks, findings.LEVEL_BROADCAST).verdict for m in judged]
+    return {
+        "offsets": Figures(panels=over_offset(two), legend=LEGEND),
+        "worst": max(judged, key=lambda m: m.added, default=None),
+        "excess": Figures(
+            panels=[excess_over_lever(two)],
+            legend=[(colour, CAUSES[cause]) for cause, colour in CAUSE_COLOURS.items()],
+        ),
+        "missed_paired": paired_verdicts.count(findings.Verdict.MISSED),
+        "open_paired": paired_verdicts.count(findings.Verdict.OPEN),
+        "missions": missions,
+        "conditions": list(dict.fromkeys(m.real["condition"] for m in missions)),
+        "offsets_m": sorted({m.real["depth_offset_m"] for m in missions}),
+        "routes": list(dict.fromkeys(m.real["route"] for m in missions)),
+        "variants": [v for v in findings.VARIANTS if select(missions, variant=v)],
+        "titles": titles,
+        "study": findings,
+        "curves": curves,
+        "deepest": fix_map.deepest_offset,
+        "radians": np.deg2rad,
+        "stage_4_taus": findings.STAGE_4_TAU_M,
+        "names": {"laisn-2": "LAISN-2", "laisn-3-2": "LAISN-3(2)"},
+        "shown": lambda interval, spec: format(of(interval, ""), spec).replace(" (– to –)", ""),
+        "against": against,
+    }
+
+
+def values(found: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
+    """What the page's template names, and tables that are written beside those of the parts."""
+    plan, rows, curves = outcomes["missions"].plan, findings.judged_rows(outcomes), findings.all_curves(outcomes)
+    arms = {name.rpartition(" ")[0]: arm.title for name, arm in plan.study.arms.items()}
+    titles = arms | {name: case.title for name, case in plan.study.cases.items()}
+    with compiling_shown():
+        chart = fix_map.measure_map(MAP, NavigationSettings(side_rule="predicted"))
+    of_runs = findings.OF_RUNS.values()
+    tables = {
+        "missions": columns_of([{name: row[name] for name in row if name not in of_runs} for row in rows]),
+        "equivalents": columns_of([asdict(curve) for curve in curves]),
+        "map": {name: column.astype(np.float32) for name, column in chart.items()},
+    }
+    shown = of_message(fly_example(plan)) | of_map(chart) | of_missions(paired(rows), curves, titles)
+    return shown | {"tables": tables, "film": []}

@@ -20,7 +20,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from itertools import product
+from itertools import groupby, pairwise, product
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -28,12 +28,25 @@ from scipy.special import ndtri
 
 from experiments import intervals
 from experiments.campaign.store import Record
-from experiments.findings import Finding, Findings, of, plain, record
+from experiments.findings import Finding, of, plain
 from experiments.intervals import CONFIDENCE, Interval, proportion
-from experiments.studies.asymmetry import design
-from experiments.studies.asymmetry.design import LEVEL, REAL, REMEDIES, Arm, Plan
+from experiments.study.run import Choice, Outcomes
 from laisn.arrays import Bools, Floats
 
+CAUSES = {"trim": "trim", "dive": "depth changes", "waves": "waves"}
+"""What makes the leader pitch, in words, by the beginning of the names of conditions."""
+VARIANTS = ("laisn-2", "laisn-3-2")
+BROADCASTS = EXACT, AHRS, READINGS = ("attitude-0", "ahrs-0.5", "attitude-0.5")
+"""Attitude broadcasts that are compared on every route."""
+LEVEL, REAL, LEVEL_BROADCAST = ("level", "real", "level-0.5")
+ROUGH, CONSTANT, INFLATED = ("attitude-2", "offset-0.5", "expected")
+REMEDIES = (*BROADCASTS, ROUGH, CONSTANT, INFLATED)
+ARMS = (LEVEL, REAL, LEVEL_BROADCAST, *REMEDIES)
+"""Arms without their variants; a remedy is held against the level leader."""
+WANTED = dict.fromkeys(REMEDIES, 0.9) | {EXACT: 0.99}
+"""Share of the pitch-driven error that a remedy should remove."""
+LOOKS = (64, 192, 512, 1280, 5120)
+"""Numbers of runs after which verdicts are computed: of every cell, then of those whose verdict is open."""
 WRONG = 0.025
 """Chance, at most, that a remedy which just misses its aim is called met, and the same the other way round."""
 _OF_ERRORS, _OF_LOCKS = 0.015, 0.01
@@ -52,7 +65,7 @@ OF_RUNS: Mapping[Question, str] = {"error": "e_p_run_mean_m", "mirror_lock": "mi
 """What a remedy is judged by: errors of runs without mirror lock, and mirror locks; and columns of a row with a value
 for each run: mean E_P [m], and whether it was locked on the mirror image."""
 QUESTIONS = tuple(OF_RUNS)
-JUDGEMENTS = (*((arm, LEVEL) for arm in REMEDIES), (design.READINGS, design.LEVEL_BROADCAST))
+JUDGEMENTS = (*((arm, LEVEL) for arm in REMEDIES), (READINGS, LEVEL_BROADCAST))
 
 
 class Verdict(StrEnum):
@@ -116,30 +129,30 @@ class ComparedMission:
     @property
     def real(self) -> Record:
         """Behind the leader that pitches."""
-        return self.arms[REAL.key]
+        return self.arms[REAL]
 
     @property
     def added(self) -> float:
         """What pitch adds to the mean position error, locked runs included [m]."""
-        return float(self.real["e_p_mean_m"] - self.arms[LEVEL.key]["e_p_mean_m"])
+        return float(self.real["e_p_mean_m"] - self.arms[LEVEL]["e_p_mean_m"])
 
     @property
     def judged(self) -> bool:
         """Whether remedies are judged on this mission."""
-        return bool(self.real["fix_error_m"] >= JUDGED_FROM_M)
+        return bool(self.real["pitch_fix_error_m"] >= JUDGED_FROM_M)
 
     @property
     def lever(self) -> float:
         """Δz sin φ, both root mean square [m]."""
-        return float(self.real["depth_offset_rms_m"] * np.sin(np.deg2rad(self.real["pitch_rms_deg"])))
+        return float(self.real["depth_offset_rms_m"] * np.sin(np.deg2rad(self.real["leader_pitch_rms_deg"])))
 
-    def first_runs(self, arm: Arm, question: Question = "error") -> Floats:
+    def first_runs(self, arm: str, question: Question = "error") -> Floats:
         """Mean error [m], or 1 if locked, of each of the first runs, shape (R,)."""
-        return np.array(self.arms[arm.key][OF_RUNS[question]][: self.real["runs"]], dtype=np.float64)
+        return np.array(self.arms[arm][OF_RUNS[question]][: self.real["runs"]], dtype=np.float64)
 
-    def compared(self, question: Question, arm: Arm, base: Arm = LEVEL) -> tuple[Floats, Floats, Bools]:
+    def compared(self, question: Question, arm: str, base: str = LEVEL) -> tuple[Floats, Floats, Bools]:
         """What pitch adds to each run, what a remedy leaves of it, and the runs that no arm of the comparison locks."""
-        rows = [self.arms[one.key] for one in (REAL, LEVEL, arm, base)]
+        rows = [self.arms[key] for key in (REAL, LEVEL, arm, base)]
         runs = min(len(row[OF_RUNS[question]]) for row in rows)
         locked, outcomes = (
             np.array([row[OF_RUNS[of]][:runs] for row in rows], dtype=np.float64) for of in ("mirror_lock", question)
@@ -147,11 +160,11 @@ class ComparedMission:
         real, level, remedy, other = outcomes
         return real - level, remedy - other, np.logical_not(locked.any(axis=0))
 
-    def judge(self, question: Question, arm: Arm, looks: Sequence[int], base: Arm = LEVEL) -> Judgement:
+    def judge(self, question: Question, arm: str, looks: Sequence[int], base: str = LEVEL) -> Judgement:
         """Whether a remedy removes the share that it should of the errors, or of the mirror locks, that pitch adds."""
         part, left, free = self.compared(question, arm, base)
         of_errors = question == "error"
-        return judge(part, left, arm.wanted if of_errors else LOCKS_WANTED, looks, free if of_errors else None)
+        return judge(part, left, WANTED[arm] if of_errors else LOCKS_WANTED, looks, free if of_errors else None)
 
 
 Missions = Sequence[ComparedMission]
@@ -166,6 +179,18 @@ def paired(rows: Iterable[Record]) -> list[ComparedMission]:
     return [ComparedMission(arms=arms) for arms in found.values()]
 
 
+def rows_of(outcomes: Outcomes) -> list[Record]:
+    """A row for each mission, variant and arm: figures of the first runs, and outcomes of all."""
+    rows = []
+    for row, (_, lists) in zip(outcomes.rows, outcomes.runs, strict=True):
+        arm, _, variant = row["arm"].rpartition(" ")
+        where = {"condition": row["case"], "cause": row["case"].partition("-")[0], "route": row["scenario"],
+                 "depth_offset_m": row["offset_m"], "variant": variant, "arm": arm}  # fmt: skip
+        of_runs = {OF_RUNS["error"]: lists["e_p_mean_m"], OF_RUNS["mirror_lock"]: lists["mirror_locked"]}
+        rows.append(row | where | of_runs)
+    return rows
+
+
 def undecided(mission: ComparedMission, looks: Sequence[int], flown: int) -> list[str]:
     """Keys of the arms, in the order of flying, that must be flown on to settle what is open on a mission in all its
     arms.
@@ -174,22 +199,33 @@ def undecided(mission: ComparedMission, looks: Sequence[int], flown: int) -> lis
     """
     wanted: set[str] = set()
     for arm, base in JUDGEMENTS if mission.judged else ():
-        if {arm.key, base.key} <= mission.arms.keys():
+        if {arm, base} <= mission.arms.keys():
             questions = QUESTIONS if base is LEVEL else QUESTIONS[:1]
             judged = [mission.judge(question, arm, looks, base) for question in questions]
             if any(one.promising and one.runs == flown for one in judged):
-                wanted |= {LEVEL.key, REAL.key, arm.key, base.key}
+                wanted |= {LEVEL, REAL, arm, base}
     return [key for key in mission.arms if key in wanted]
+
+
+def further_runs(outcomes: Mapping[str, Outcomes], looks: Sequence[int] = LOOKS) -> dict[str, Choice]:
+    """Runs up to the next look of arms whose verdict is open, unless even the last would hardly settle it."""
+    wanted: dict[tuple[int, str, int], int] = {}
+    for mission in paired(rows_of(outcomes["missions"])):
+        flown = max(len(row[OF_RUNS["error"]]) for row in mission.arms.values())
+        for look, further in pairwise(looks):
+            for arm in undecided(mission, looks, look) if look == flown else ():
+                row = mission.arms[arm]
+                wanted[row["point"], f"{arm} {row['variant']}", row["realization"]] = further
+    return {"missions": wanted} if wanted else {}
 
 
 def with_verdicts(mission: ComparedMission, looks: Sequence[int]) -> list[Record]:
     """The rows of a mission with verdicts on errors and mirror locks: of remedies, if they are judged on it."""
-    judged = {arm.key: arm for arm in REMEDIES if mission.judged}
 
-    def verdict(question: Question, key: str) -> str:
-        return str(mission.judge(question, judged[key], looks).verdict) if key in judged else ""
+    def verdict(question: Question, arm: str) -> str:
+        return str(mission.judge(question, arm, looks).verdict) if mission.judged and arm in REMEDIES else ""
 
-    return [row | {f"{q}_verdict": verdict(q, key) for q in QUESTIONS} for key, row in mission.arms.items()]
+    return [row | {f"{q}_verdict": verdict(q, arm) for q in QUESTIONS} for arm, row in mission.arms.items()]
 
 
 def select(missions: Missions, *, judged: bool = False, **wanted: object) -> list[ComparedMission]:
@@ -200,17 +236,17 @@ def select(missions: Missions, *, judged: bool = False, **wanted: object) -> lis
     ]
 
 
-def mean_error(missions: Missions, arm: Arm) -> Interval:
+def mean_error(missions: Missions, arm: str) -> Interval:
     """Mean error of an arm over missions, locked runs included [m]."""
     return intervals.mean_over_missions([m.first_runs(arm) for m in missions])
 
 
-def added(missions: Missions, arm: Arm, base: Arm = LEVEL, question: Question = "error") -> list[Floats]:
+def added(missions: Missions, arm: str, base: str = LEVEL, question: Question = "error") -> list[Floats]:
     """What an arm adds to another, run by run and mission by mission, locked runs included."""
     return [m.first_runs(arm, question) - m.first_runs(base, question) for m in missions]
 
 
-def mean_added(missions: Missions, arm: Arm, base: Arm = LEVEL) -> Interval:
+def mean_added(missions: Missions, arm: str, base: str = LEVEL) -> Interval:
     """What an arm adds to the mean error of another over missions, locked runs included [m]."""
     return intervals.mean_over_missions(added(missions, arm, base))
 
@@ -222,7 +258,7 @@ def locks_added(missions: Missions) -> Interval:
 
 
 def removed_in_all(
-    missions: Missions, arm: Arm, question: Question = "error", confidence: float = CONFIDENCE
+    missions: Missions, arm: str, question: Question = "error", confidence: float = CONFIDENCE
 ) -> Interval:
     """Share that a remedy removes of what pitch adds to missions, added up: to errors, or to mirror locks."""
     part, left = added(missions, REAL, question=question), added(missions, arm, question=question)
@@ -265,6 +301,25 @@ class Curve:
         return float(np.interp(excess, grown, np.abs(self.value))) if 0.0 <= excess <= grown[-1] else math.nan
 
 
+def curves_of(outcomes: Outcomes) -> list[Curve]:
+    """The curves of a part over the values that its arms are named by; the noise that arms share drops out."""
+    found, every = [], zip(outcomes.rows, outcomes.runs, strict=True)
+    for (_, interval), flown in groupby(every, key=lambda one: (one[0]["point"], one[0]["arm"].split()[1])):
+        rows, runs = zip(*flown, strict=True)
+        means = [lists["e_p_mean_m"] for _, lists in runs]
+        limits = [intervals.mean_over_missions([mean - means[0]]) for mean in means]
+        curve = Curve(
+            route=rows[0]["scenario"],
+            interval_s=float(interval),
+            depth_offset_m=rows[0].get("offset_m"),
+            value=tuple(float(row["arm"].split()[0]) for row in rows),
+            e_p_mean_m=tuple(row["e_p_mean_m"] for row in rows),
+            excess_half_m=tuple(limit.high - limit.value for limit in limits),
+        )
+        found.append(curve)
+    return found
+
+
 def equivalents(curves: Sequence[Curve], tau: float, depth_offset: float) -> dict[str, Interval]:
     """Pitch that raises LAISN-2's mean error as a τ_rear does, and at the limits of its excess, by route, [°].
 
@@ -287,42 +342,42 @@ def tau_equivalent(missions: Missions, curves: Sequence[Curve]) -> float:
     return float(np.mean(known)) if known else math.nan
 
 
-MODULES = tuple(f"experiments.studies.asymmetry.{name}" for name in ("findings", "missions"))
 SETTLING_RUNS = 100_000
 """Open questions are distinguished by whether this number of runs would settle them."""
 STAGE_4_TAU_M = (0.03, 0.06)
 
 
-def _errors(missions: Missions, plan: Plan) -> dict[str, Finding]:
+def _errors(missions: Missions) -> dict[str, Finding]:
     """Mean error over the routes at the largest depth offset, behind the level and the real leader, by condition."""
-    found, offset = {}, plan.offsets_m[-1]
-    for condition, variant in product(dict.fromkeys(m.real["condition"] for m in missions), plan.variants):
+    found, offset = {}, max(m.real["depth_offset_m"] for m in missions)
+    for condition, variant in product(dict.fromkeys(m.real["condition"] for m in missions), VARIANTS):
         chosen = select(missions, condition=condition, depth_offset_m=offset, variant=variant)
         for arm in (LEVEL, REAL) if chosen else ():
-            name = f"error {condition} {offset:g} {variant} {arm.key}"
+            name = f"error {condition} {offset:g} {variant} {arm}"
             found[name] = of(mean_error(chosen, arm), "mean E_P over the routes, 95 % over runs", "m")
     return found
 
 
-def _on_routes(missions: Missions, plan: Plan, cause: str) -> dict[str, Finding]:
+def _on_routes(missions: Missions, cause: str) -> dict[str, Finding]:
     """The least and the largest share that attitude broadcasts remove on any route, with limits for all together."""
     found = {}
-    together = 1.0 - (1.0 - CONFIDENCE) / (len(plan.routes) * len(design.CAUSES))
-    by_route = [select(missions, variant="laisn-2", cause=cause, route=route) for route in plan.routes]
-    for arm in design.BROADCASTS:
-        flown = [chosen for chosen in by_route if chosen and arm.key in chosen[0].arms]
+    routes = dict.fromkeys(m.real["route"] for m in missions)
+    together = 1.0 - (1.0 - CONFIDENCE) / (len(routes) * len(CAUSES))
+    by_route = [select(missions, variant="laisn-2", cause=cause, route=route) for route in routes]
+    for arm in BROADCASTS:
+        flown = [chosen for chosen in by_route if chosen and arm in chosen[0].arms]
         shares = [removed_in_all(chosen, arm, confidence=together) for chosen in flown]
         for name, extreme in (("least", min), ("largest", max)) if shares else ():
             what = f"{name} share removed of what pitch adds on a route, limits that hold for all routes and causes"
-            found[f"{name} {arm.key} {cause}"] = of(extreme(shares), what)
+            found[f"{name} {arm} {cause}"] = of(extreme(shares), what)
     return found
 
 
-def _verdicts(chosen: Missions, arm: Arm, name: str, looks: Sequence[int]) -> dict[str, Finding]:
+def _verdicts(chosen: Missions, arm: str, name: str, looks: Sequence[int]) -> dict[str, Finding]:
     """Number of missions on which a remedy comes to each verdict, and of those that stay open for long."""
     found = {}
     for question in QUESTIONS:
-        given = [m.arms[arm.key][f"{question}_verdict"] for m in chosen]
+        given = [m.arms[arm][f"{question}_verdict"] for m in chosen]
         for verdict in (Verdict.MET, Verdict.OPEN, Verdict.MISSED):
             what = f"missions, of {len(given)} judged, with this verdict on {question}s"
             found[f"{question} {verdict} {name}"] = plain(given.count(verdict), what)
@@ -335,14 +390,14 @@ def _verdicts(chosen: Missions, arm: Arm, name: str, looks: Sequence[int]) -> di
     return found
 
 
-def _remedies(missions: Missions, plan: Plan, variant: str, cause: str | None) -> dict[str, Finding]:
+def _remedies(missions: Missions, variant: str, cause: str | None, looks: Sequence[int]) -> dict[str, Finding]:
     """What each arm does on the missions of a variant, of one cause or of all."""
     group = f"{variant} {cause or 'all'}"
     everywhere = select(missions, variant=variant, cause=cause)
     chosen = select(everywhere, judged=True)
     found = {f"judged {group}": plain(len(chosen), "missions on which remedies are judged")}
-    for arm in (a for a in design.ARMS if everywhere and a.key in everywhere[0].arms):
-        rows, name = [m.arms[arm.key] for m in everywhere], f"{arm.key} {group}"
+    for arm in (a for a in ARMS if everywhere and a in everywhere[0].arms):
+        rows, name = [m.arms[arm] for m in everywhere], f"{arm} {group}"
         locked = proportion(sum(row["mirror_locked_runs"] for row in rows), sum(row["runs"] for row in rows))
         found[f"mirror-locked {name}"] = of(locked, "probability of a mirror lock, missions of any kind")
         if arm in REMEDIES and chosen:
@@ -350,7 +405,7 @@ def _remedies(missions: Missions, plan: Plan, variant: str, cause: str | None) -
             found[f"removed {name}"] = of(removed_in_all(chosen, arm), what)
             what = "share removed of the mirror locks that pitch adds, 95 %"
             found[f"mirror-locks-removed {name}"] = of(removed_in_all(everywhere, arm, "mirror_lock"), what)
-            found |= _verdicts(chosen, arm, name, plan.looks)
+            found |= _verdicts(chosen, arm, name, looks)
     return found
 
 
@@ -366,20 +421,36 @@ def _stage_4(curves: Sequence[Curve], offsets: Sequence[float]) -> dict[str, Fin
     return found
 
 
-def findings_of(plan: Plan, rows: Sequence[Record], curves: Sequence[Curve], command: str) -> Findings:
-    """The record of a study: all that documents may quote."""
+def findings_of_rows(
+    rows: Sequence[Record], curves: Sequence[Curve], looks: Sequence[int] = LOOKS
+) -> dict[str, Finding]:
+    """All findings, from rows with verdicts and curves."""
     missions = paired(rows)
     found = {
         "missions": plain(len({(r["condition"], r["route"], r["depth_offset_m"]) for r in rows}), "missions flown"),
         "cells": plain(len(rows), "missions, arms and variants"),
-        "first-runs": plain(plan.runs, "runs of every cell"),
-        "most-runs": plain(plan.looks[-1], "runs of cells whose verdict was open"),
+        "first-runs": plain(looks[0], "runs of every cell"),
+        "most-runs": plain(looks[-1], "runs of cells whose verdict was open"),
         "runs": plain(sum(len(r[OF_RUNS["error"]]) for r in rows), "runs flown"),
     }
-    found |= _errors(missions, plan)
-    for cause in design.CAUSES:
-        found |= _on_routes(missions, plan, cause)
-    for variant, cause_or_all in product(plan.variants, (*design.CAUSES, None)):
-        found |= _remedies(missions, plan, variant, cause_or_all)
-    found |= _stage_4(curves, [o for o in plan.offsets_m if o > 0])
-    return record("asymmetry", command, MODULES, found)
+    found |= _errors(missions)
+    for cause in CAUSES:
+        found |= _on_routes(missions, cause)
+    for variant, cause_or_all in product(VARIANTS, (*CAUSES, None)):
+        found |= _remedies(missions, variant, cause_or_all, looks)
+    return found | _stage_4(curves, sorted({c.depth_offset_m for c in curves if c.depth_offset_m}))
+
+
+def judged_rows(outcomes: Mapping[str, Outcomes]) -> list[Record]:
+    """Rows of all missions, with verdicts."""
+    return [row for mission in paired(rows_of(outcomes["missions"])) for row in with_verdicts(mission, LOOKS)]
+
+
+def all_curves(outcomes: Mapping[str, Outcomes]) -> list[Curve]:
+    """Curves over τ, and over pitch."""
+    return [*curves_of(outcomes["tau"]), *curves_of(outcomes["pitch"])]
+
+
+def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
+    """Findings of all parts of the study."""
+    return findings_of_rows(judged_rows(outcomes), all_curves(outcomes))

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import bisect
 
+from experiments.study.measure import pitch_fix_error, turned_cosine
 from laisn import lane_passes as row
 from laisn import lanes
 from laisn.arrays import Floats
@@ -27,6 +28,12 @@ from laisn.settings import VARIANTS, NavigationSettings, Tuning
 
 Grid = Mapping[str, Sequence[float]]
 Chart = Mapping[str, Floats]
+MAP: Grid = {
+    "pitch_deg": range(21), "depth_offset_m": (0.0, 1.0, 2.0, 5.0, 7.5, 10.0, 15.0),
+    "range_m": (5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0),
+    "bearing_deg": range(0, 360, 5),
+}  # fmt: skip
+"""Pitch of the leader, nose up; depth of the follower below it, horizontal distance, and bearing off the bow."""
 _PREDICTION_SIGMA_M = 1000.0
 """Far above every σp, so that the fix decides."""
 _DEEPEST_M = 50.0
@@ -72,25 +79,9 @@ def sweep(points: Floats, settings: NavigationSettings) -> Floats:
     return error
 
 
-def _turned_cosine(
-    pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, reach: npt.ArrayLike, bearing: npt.ArrayLike
-) -> Floats:
-    """cos B̂; beyond ±1 where the circles do not meet."""
-    lever = np.asarray(depth_offset) / np.asarray(reach) * np.sin(pitch)
-    return np.asarray(np.cos(bearing) * np.cos(pitch) - lever)
-
-
-def fix_error(
-    pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, reach: npt.ArrayLike, bearing: npt.ArrayLike
-) -> Floats:
-    """Position error of a fix of LAISN-2 [m], on the leader's axis where the circles do not meet; [rad] and [m]."""
-    turned = np.arccos(np.clip(_turned_cosine(pitch, depth_offset, reach, bearing), -1.0, 1.0))
-    return np.asarray(2.0 * np.asarray(reach) * np.sin(np.abs(turned - np.arccos(np.cos(bearing))) / 2.0))
-
-
 def closed_form_error(*point: npt.ArrayLike) -> Floats:
-    """As `fix_error`, but NaN where the circles do not meet."""
-    return np.where(np.abs(_turned_cosine(*point)) <= 1.0, fix_error(*point), np.nan)
+    """As `pitch_fix_error`, but NaN where the circles do not meet."""
+    return np.where(np.abs(turned_cosine(*point)) <= 1.0, pitch_fix_error(*point), np.nan)
 
 
 def measure_map(grid: Grid, settings: NavigationSettings) -> Chart:
