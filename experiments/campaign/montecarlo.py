@@ -6,12 +6,11 @@ to the bit. Run k takes exactly the noise that `sim.sensing.observation.measure(
 """
 
 import math
-import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import islice
+from itertools import chain, islice
 from typing import NamedTuple, Protocol, Self
 
 import numpy as np
@@ -261,41 +260,20 @@ def _fly(cell: Cell, truth: lane_flight.TruthRecord, runs: range, history: Float
     return lane_flight.fly_block(truth, sensors, t, address, len(runs), history)
 
 
-def _flown(cells: Sequence[Cell], workers: int) -> Iterator[_Block]:
-    """Results of all blocks in their order."""
-    blocks = (
-        partial(_fly, cell, truth, runs)
-        for cell in cells for truth in [lane_flight.truth_record(cell.truth, cell.errors)] for runs in cell.blocks
-    )  # fmt: skip
-    if workers == 1:
-        yield from (block() for block in blocks)
-        return
-    with ThreadPoolExecutor(workers) as pool:
-        # the number of tallies that wait is bounded, and with it the memory
-        while some := list(islice(blocks, 4 * workers)):
-            yield from pool.map(lambda block: block(), some)
-
-
-def simulate_many(cells: Sequence[Cell], *, threads: int | None = None) -> Iterator[CellResult]:
-    """Fly all cells; blocks of all of them share the threads.
-
-    Args:
-        cells: of the campaign.
-        threads: to compute with; None for all cores that this process may use.
-
-    Yields:
-        The result of each cell, in their order, as soon as it is complete.
+def simulate(cell: Cell, *, threads: int = 1) -> CellResult:
+    """Fly a cell with so many threads.
 
     Raises:
         ValueError: an estimate left finite numbers, or a seed or run is out of range.
     """
-    flown = _flown(cells, threads or len(os.sched_getaffinity(0)))
-    yield from (_summed(cell, flown) for cell in cells)
-
-
-def simulate(cell: Cell, *, threads: int | None = 1) -> CellResult:
-    """Fly one cell; arguments and errors as in `simulate_many`."""
-    return next(simulate_many([cell], threads=threads))
+    fly = partial(_fly, cell, lane_flight.truth_record(cell.truth, cell.errors))
+    if threads == 1:
+        return _summed(cell, map(fly, cell.blocks))
+    blocks = iter(cell.blocks)
+    with ThreadPoolExecutor(threads) as pool:
+        # the number of tallies that wait is bounded, and with it the memory
+        batches = iter(lambda: [*islice(blocks, 4 * threads)], [])
+        return _summed(cell, chain.from_iterable(pool.map(fly, some) for some in batches))
 
 
 def histories(cell: Cell) -> Floats:

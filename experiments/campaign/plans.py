@@ -11,7 +11,7 @@ import numpy as np
 
 from experiments.campaign import missions
 from experiments.campaign.bound import geometry_of, least_rms, noise_of
-from experiments.campaign.montecarlo import Cell, Disturbance, histories, simulate_many
+from experiments.campaign.montecarlo import Cell, Disturbance, histories, simulate
 from experiments.campaign.store import Arrays, Record, Result, key_of
 from experiments.campaign.version import code_version
 from laisn import metrics
@@ -143,18 +143,18 @@ def steps_of(cell: Cell) -> Arrays:
     return {name: np.asarray(values, dtype=np.float32) for name, values in columns.items()}
 
 
-def compute(trajectory: Trajectory, plans: Sequence[CellPlan], threads: int = 1) -> list[Result]:
+def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
     """Compute cells of one mission: the row and the arrays over runs of each and, on request, over steps."""
     behind = {}
     for pitch in {plan.leader_pitch_deg for plan in plans}:
         motion = trajectory if pitch is None else tilted(trajectory, np.deg2rad(pitch))
         behind[pitch] = missions.Mission(plans[0].scenario, motion)
-    cells, results = list[Cell](), list[Result]()
+    results = list[Result]()
     for plan in plans:
         runs, disturbance = range(plan.first_run, plan.first_run + plan.runs), disturbance_of(plan.disturb)
         content, mission = plan.content_behind(trajectory), behind[plan.leader_pitch_deg]
-        cells.append(Cell.of(content, plan.follower, runs, mission=mission, disturbance=disturbance))
-    for plan, cell, result in zip(plans, cells, simulate_many(cells, threads=threads), strict=True):
+        cell = Cell.of(content, plan.follower, runs, mission=mission, disturbance=disturbance)
+        result = simulate(cell)
         scenario, variant, steps = plan.content, plan.content.navigation.variant, Arrays()
         # plans of other names may share it
         row: Record = {"key": plan.key, "variant": variant, "motion": scenario.motion, "version": code_version()}

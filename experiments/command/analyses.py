@@ -1,5 +1,6 @@
 """Subcommands that compute and print: the Cramér–Rao bound, the range error budget, a hull from its dimensions."""
 
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -50,7 +51,7 @@ def bound(
             bounds = [float(np.sqrt(np.mean(part**2))) for part in (*np.array_split(least, _QUARTERS), least)]
             cells = [f"{value:.3f}" for value in bounds]
             if runs:
-                found = simulate(Cell.of(flown, i, runs, mission=mission), threads=None).row
+                found = simulate(Cell.of(flown, i, runs, mission=mission), threads=len(os.sched_getaffinity(0))).row
                 rms = float(np.hypot(found["e_p_mean_m"], found["e_p_std_m"]))
                 cells += [f"{rms:.3f}", f"{rms / bounds[-1]:.2f}", f"{found['nees']:.3g}"]
             lines.append([follower.name, *cells])

@@ -14,8 +14,6 @@ from typing import Any, Literal
 
 import numpy as np
 from pydantic import ValidationError
-from scipy import stats
-from scipy.stats import qmc
 
 from sim.scenario.formation import Scatter, scattered_followers
 from sim.scenario.point_motion import CLASSES, random_waypoints
@@ -120,6 +118,9 @@ def points_of(
     if design == "sobol" and number & (number - 1):
         near = 2 ** round(math.log2(number))
         raise ValueError(f"a sobol design has a power of two points, such as {near} (given: {number})")
+    # as in `_of_distribution`
+    from scipy.stats import qmc
+
     random = np.random.default_rng([_POINTS_KEY, seed])
     sampler = qmc.LatinHypercube if design == "latin-hypercube" else qmc.Sobol
     shares = sampler(d=len(factors), rng=random).random(number)
@@ -156,13 +157,13 @@ def value_at(value: Any, run: int) -> Any:
 
 _DRAW_KEY = 0xD3A3
 """Keeps these random numbers apart from all others that come from the same seed."""
-_LISTED: Mapping[str, tuple[str, Callable[..., Any]]] = {
-    "uniform": ("[low, high]", lambda low, high: stats.uniform(low, high - low)),
-    "normal": ("[mean, sigma]", lambda mean, sigma: stats.norm(mean, sigma)),
-    "truncnorm": ("[mean, sigma, low, high]", lambda mean, sigma, low, high: stats.truncnorm(
+_LISTED: Mapping[str, tuple[str, Callable[..., tuple[float, ...]]]] = {
+    "uniform": ("[low, high]", lambda low, high: (low, high - low)),
+    "normal": ("[mean, sigma]", lambda mean, sigma: (mean, sigma)),
+    "truncnorm": ("[mean, sigma, low, high]", lambda mean, sigma, low, high: (
         (low - mean) / sigma, (high - mean) / sigma, mean, sigma)),
 }  # fmt: skip
-"""Distributions whose parameters may stand in a list."""
+"""Distributions whose parameters may stand in a list, and those of scipy.stats that they are."""
 _NAMED = (
     "bernoulli", "beta", "binom", "cauchy", "expon", "gamma", "geom", "gumbel_l", "gumbel_r", "invgamma", "laplace",
     "logistic", "lognorm", "norm", "pareto", "poisson", "randint", "rayleigh", "t", "triang", "truncnorm", "uniform",
@@ -175,12 +176,17 @@ Quantile = Callable[[float, list[int]], Any]
 
 
 def _of_distribution(name: str, given: object) -> Quantile:
+    # 45 MB and a second to import, and most studies draw nothing
+    from scipy import stats
+
     form, make = _LISTED.get(name, ("a table of its parameters in scipy.stats", None))
+    family: Any = getattr(stats, "norm" if name == "normal" else name)
     expected = f"{name} expects {form} (given: {given!r:.60})"
+    law_of: Callable[[], Any]
     if isinstance(given, dict):
-        values, law_of = [*given.values()], partial(getattr(stats, "norm" if name == "normal" else name), **given)
+        values, law_of = [*given.values()], lambda: family(**given)
     elif isinstance(given, list) and make:
-        values, law_of = given, partial(make, *given)
+        values, law_of = given, lambda: family(*make(*given))
     else:
         raise ValueError(expected)
     for value in values:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 from pydantic import ConfigDict, Discriminator, Field, Tag, ValidationError
-from scipy import stats
 
 from experiments.flight.library import name_of, names
 from experiments.intervals import FEWEST_RUNS
@@ -189,6 +188,8 @@ class Study:
 
 def _names_a_law(table: Mapping[str, Any]) -> bool:
     """Whether a table is a distribution, perhaps one that is misspelled, and no part of a key."""
+    from scipy import stats
+
     ((name, given), *others) = table.items()
     return not others and (name in LAWS or hasattr(stats, name) or isinstance(given, list))
 

@@ -269,7 +269,7 @@ def run_tables(runs: Sequence[tuple[Record, Record]]) -> Iterator[pa.Table]:
         (chosen,) = np.nonzero(group == number)
         columns: dict[str, Any] = {}
         for name in names:
-            parts = [runs[i][1].get(name, [None] * sizes[i]) for i in chosen]
+            parts = [runs[i][1].get(name, [None] * sizes[i]) for i in chosen.tolist()]
             arrays = all(isinstance(part, np.ndarray) for part in parts)
             values = np.concatenate(parts) if arrays else of_one_type({name: [*chain(*parts)]})[name]
             columns[name] = pa.array(values, type=None if whole else pa.from_numpy_dtype(kinds[name].dtype))

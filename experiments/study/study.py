@@ -72,7 +72,7 @@ def effort_text(study: Study, workers: int) -> str:
         # what the cells of a mission share is computed once for each batch of them
         each = (done - first) / len(results) if len(tried) > 1 else first - flown
         shared = max(first - flown - each, 0.0)
-        batches = max(plan.flights, 4 * workers, sum(cell.size for cell in tried) / len(tried) * cells / BATCH_STEPS)
+        batches = max(plan.flights, 4 * workers, cells * runs * entry.scenario.filter_steps / BATCH_STEPS)
         with TemporaryDirectory() as folder:
             store = Store(Path(folder))
             store.put(entry.motion, None, trajectory.arrays)

@@ -36,10 +36,10 @@ def test_what_processes_need_is_compiled_before_they_are_timed(tmp_path, monkeyp
     """By the smallest campaign that there is, two messages and one run, in a process whose memory it leaves."""
     noted, compute = tmp_path / "noted", campaign.compute
 
-    def note(trajectory, plans, threads=1):
+    def note(trajectory, plans):
         with noted.open("a") as file:
             file.write(f"{trajectory.time[-1]} {plans[0].runs}{' here' if os.getpid() == parent else ''}\n")
-        return compute(trajectory, plans, threads)
+        return compute(trajectory, plans)
 
     parent = os.getpid()
     monkeypatch.setattr(campaign, "compute", note)
@@ -103,10 +103,10 @@ from experiments.campaign import campaign
 from tests.campaign.plans import plans, run
 computed, compute = [], campaign.compute
 
-def counted(trajectory, plans, threads=1):
+def counted(trajectory, plans):
     computed.extend(plan.key for plan in plans)
     time.sleep(0.1)
-    return compute(trajectory, plans, threads)
+    return compute(trajectory, plans)
 
 campaign.compute = counted
 print("ready", flush=True)
