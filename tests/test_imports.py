@@ -25,6 +25,7 @@ LATE = {
     "mujoco": "so does a graphics library that MuJoCo lacks",
     "av": "codecs are needed by films alone",
     "scipy.io": "data sets in MATLAB's format alone need it",
+    "scipy.stats": "45 MB and two thirds of a second, and only draws of studies need it",
     "scipy.ndimage": "a fifth of a second, and only children that render place cameras",
     "filterpy": "all of scipy.stats, two thirds of a second",
     "laisn.compiled": "the compiler takes half a second to load, and only showing progress needs none",

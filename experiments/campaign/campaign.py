@@ -8,7 +8,7 @@ results.
 import os
 import random
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
@@ -27,8 +27,7 @@ from sim.trajectory import Trajectory
 Task = partial[Any]
 """A function of a module with its arguments: data classes, scenarios, numbers and text.
 
-It returns a list of rows, which are records or data classes, or a single row, stored as JSON values. It raises
-`CampaignError` if it cannot compute them."""
+It returns a list of records, stored as JSON values. It raises `CampaignError` if it cannot compute them."""
 _Work = Callable[[], list[Result]]
 BATCH_STEPS = 20_000_000
 """Filter steps that a process computes before it reports: a third of a second."""
@@ -164,9 +163,7 @@ def _fly(scenario: Scenario, motion: str, facts: Facts | None) -> list[Result]:
 
 
 def _rows(key: str, task: Task) -> list[Result]:
-    found = task()
-    rows = found if isinstance(found, list) else [found]
-    return [(key, [row if isinstance(row, dict) else asdict(row) for row in rows], {})]
+    return [(key, task(), {})]
 
 
 def mission(scenario: Scenario, store: Store) -> Trajectory:

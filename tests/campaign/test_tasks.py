@@ -1,7 +1,6 @@
 """Tasks: rows stored under a key of sources and input, resumed; failures reported by name."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,16 +19,6 @@ from sim.scenario.settings import Follower, Scenario
 CALLS: list[int] = []
 
 
-@dataclass(frozen=True, kw_only=True)
-class Square:
-    """A row of several kinds of values."""
-
-    of: int
-    values: tuple[float, ...]
-    limits: Interval
-    missing: float = float("nan")
-
-
 @pytest.fixture(autouse=True)
 def sources(monkeypatch: pytest.MonkeyPatch) -> None:
     """This file is none of the project's packages."""
@@ -37,15 +26,16 @@ def sources(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(store, "_source", lambda module: own("sim.trajectory") if module == __name__ else own(module))
 
 
-def square(of: int, times: int = 1) -> list[Square]:
+def square(of: int, times: int = 1) -> list[dict[str, Any]]:
     CALLS.append(of)
     if of < 0:
         raise CampaignError(f"no root of {of}\nand a second line")
-    return [Square(of=of, values=(of * of / 3.0,) * (k + 1), limits=Interval(1.0, 0.5, 2.0)) for k in range(times)]
+    row = {"of": of, "limits": Interval(1.0, 0.5, 2.0), "missing": float("nan")}
+    return [row | {"values": (of * of / 3.0,) * (k + 1)} for k in range(times)]
 
 
-def alone(of: int) -> dict[str, Any]:
-    return {"of": of, "list": [0.1, 0.2]}
+def other(of: int) -> list[dict[str, Any]]:
+    return [{"of": of}]
 
 
 def flown(folder: Path, *numbers: int, **how: Any) -> Flown:
@@ -59,11 +49,6 @@ def test_rows_are_returned_unchanged_in_the_requested_order(tmp_path: Path) -> N
     assert [row["values"] for row in found[3]] == [[3.0], [3.0, 3.0]]
     assert found[3][0]["limits"] == [1.0, 0.5, 2.0]
     assert np.isnan(found[3][0]["missing"])
-
-
-def test_a_single_row_needs_no_list(tmp_path: Path) -> None:
-    (row,) = campaign.fly(Design(tasks={"a": partial(alone, 5)}), tmp_path, workers=1, quiet=True).tasks["a"]
-    assert row == {"of": 5, "list": [0.1, 0.2]}
 
 
 def test_what_is_stored_is_not_computed_again_unless_forced(tmp_path: Path) -> None:
@@ -89,8 +74,8 @@ def test_a_design_of_nothing_is_refused() -> None:
 
 
 def test_the_key_is_of_the_sources_and_of_all_that_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
-    one, other = (Scenario(name="one", followers=(Follower(route=route),)) for route in ("T5", "T6"))
-    keys = [key_of(square, one, 1), key_of(square, other, 1), key_of(square, one, 2), key_of(alone, one, 1)]
+    one, two = (Scenario(name="one", followers=(Follower(route=route),)) for route in ("T5", "T6"))
+    keys = [key_of(square, one, 1), key_of(square, two, 1), key_of(square, one, 2), key_of(other, one, 1)]
     assert len(set(keys)) == 4
     assert key_of(square, range(3)) != key_of(square, range(1, 3))
     with pytest.raises(TypeError, match="depends on object, of which no key"):
