@@ -69,7 +69,10 @@ def test_cases_scenarios_and_factors_are_crossed_and_a_case_may_have_some_of_the
         ({"vary": {"duration_s": [5, 9]}, "runs_apart": 2**20}, "runs_apart: Input should be less"),
         ({"vary": {"run": [5, 2**31 - 5]}}, "the last run is number"),
         ({"arm": [{"name": "a", "disturb": {"use": f"{ERRORS}:Errors", "errors": ["x"]}}]}, "there is no error 'x'"),
-        ({"arm": [{"name": "a", "disturb": {"use": f"{ERRORS}:np.os.system", "command": "true"}}]}, "not loaded"),
+        (
+            {"arm": [{"name": "a", "disturb": {"use": f"{ERRORS}:np.os.system", "command": "true"}}]},
+            "expected a class with",
+        ),
         ({"arm": [{"name": "a", "disturb": {"use": f"{ERRORS}:Nothing"}}]}, "expected a class with `disturb"),
         ({"arm": [{"name": "a", "disturb": {"use": f"{ERRORS}:Measurements"}}]}, "expected a class with `disturb"),
         ({"arm": [{"name": "a", "disturb": {"use": "experiments.studies.no.way:Errors"}}]}, "expected a class with"),
