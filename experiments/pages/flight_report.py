@@ -237,7 +237,8 @@ def sentences(flight: Flight, errors: Mapping[str, EstimateErrors] | None = None
     errors = errors_by_name(flight) if errors is None else errors
     if not errors:
         return []
-    together = EstimateErrors(*(np.concatenate(parts) for parts in zip(*errors.values(), strict=True)))
+    first, *others = errors.values()
+    together = EstimateErrors(*map(np.concatenate, zip(first, *others, strict=True))) if others else first
     budgets = [range_error_budget(flight, i) for i in range(len(errors))]
     numbers = size_numbers(errors) | motion_numbers(flight) | error_numbers(together) | cause_numbers(budgets)
     return paragraphs("experiments.pages", "flight_text.md.j2", numbers, {"m": _metres, "percent": percent})
@@ -338,19 +339,23 @@ def flight_report(
     by_name, least, everyone = errors_by_name(flight), bounds or flight_bounds(flight), range(len(flight.estimates))
     names = flight.trajectory.names[1:]
     finite = [names[i] for i, e in enumerate(flight.estimates) if np.isfinite(e.state[e.unknown :]).all()]
+    text = sentences(flight, by_name) or [f"{flight.outcome.value.capitalize()}."]
+    error_rows = [_error_row(name, one) for name, one in by_name.items()]
+    # large arrays of a long mission, before figures are drawn
+    del by_name
     several, kept = len(everyone) > 1, [i for i in _drawn(flight) if flight.scenario.followers[i].station]
     tracks = flight_figures.track_map(flight, everyone, width=style.FULL, height=6.0) if several else None
     values: dict[str, Any] = {
         "flight": flight,
         "followers": len(names),
         "drawn": len(_drawn(flight)),
-        "sentences": sentences(flight, by_name) or [f"{flight.outcome.value.capitalize()}."],
+        "sentences": text,
         "contacts": contacts(flight.trajectory),
         "not_finite": [name for name in names if name not in finite],
         "mirror_locked": mirror_locks(flight, finite),
         "mirror_lock_error_m": metrics.MIRROR_LOCK_ERROR,
         "overview": _overview(flight, errors) if several else None,
-        "errors": [_error_row(name, one) for name, one in by_name.items()],
+        "errors": error_rows,
         "consistent": percent(CONSISTENT_SHARE),
         "films": [Film(path=film, caption="The film of the mission.")] if film else [],
         "followers_found": summary["followers"],
