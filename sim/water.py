@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats, own_arrays, require_shapes
-from laisn.compiled import compiled
+from laisn.compiled import compiled, inlined
 from laisn.elementary import exp, sin_cos
 from laisn.failure import LaisnError
 from sim.attitude import Matrix, Vector
@@ -310,7 +310,7 @@ def velocity_at(position: Vector, time: float, water: Water) -> Vector:
     return ux, uy, uz
 
 
-@compiled
+@inlined
 def flow(
     position: Vector, velocity: Vector, axis: Vector, time: float, water: Water
 ) -> tuple[Vector, Vector, Matrix, Vector, Vector]:
@@ -328,14 +328,14 @@ def flow(
         place = position[0] - run_x, position[1] - run_y, position[2]
         relative = velocity[0] - vx, velocity[1] - vy, velocity[2]
         stream, rate, gradient, turning, squeeze = _flow_in_waves(place, relative, axis, time, (current, waves))
-        stream, rate = (stream[0] + vx, stream[1] + vy, stream[2]), (rate[0] + ax, rate[1] + ay, rate[2])
-        return stream, rate, gradient, turning, squeeze
-    # most seas are calm, and need neither sums over waves nor room for them
-    sx, sy, z, vz = current[2], current[3], position[2], velocity[2]
-    none = (0.0, 0.0, 0.0)
-    gradient = ((0.0, 0.0, sx), (0.0, 0.0, sy), none)
-    stream = (current[0] + sx * z + vx, current[1] + sy * z + vy, 0.0)
-    return stream, (sx * vz + ax, sy * vz + ay, 0.0), gradient, none, none
+    else:
+        # most seas are calm, and need neither sums over waves nor room for them
+        sx, sy, z, vz = current[2], current[3], position[2], velocity[2]
+        none = (0.0, 0.0, 0.0)
+        stream, rate = (current[0] + sx * z, current[1] + sy * z, 0.0), (sx * vz, sy * vz, 0.0)
+        gradient, turning, squeeze = ((0.0, 0.0, sx), (0.0, 0.0, sy), none), none, none
+    stream, rate = (stream[0] + vx, stream[1] + vy, stream[2]), (rate[0] + ax, rate[1] + ay, rate[2])
+    return stream, rate, gradient, turning, squeeze
 
 
 @compiled

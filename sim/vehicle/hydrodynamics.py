@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from laisn.arrays import Floats, Ints
-from laisn.compiled import compiled
+from laisn.compiled import compiled, inlined
 from sim.attitude import Matrix, Vector, cross, minus, plus, rotation, scaled, times, transposed
 from sim.vehicle.effectors import loads
 from sim.water import AMPLITUDE, Water, elevation_at, flow
@@ -183,7 +183,7 @@ def convergence(gradient: Matrix, axis: Vector, momentum: Vector, angular: Vecto
     return scaled(-1.0, times(to_momentum, momentum)), turning
 
 
-@compiled
+@inlined
 def immersion(c: Any, position: Vector, axis: Vector, time: float, water: Water) -> tuple[float, float]:
     """Share of a hull that is in the water, and Σ (dry share · x) of the strips [m].
 
@@ -194,17 +194,16 @@ def immersion(c: Any, position: Vector, axis: Vector, time: float, water: Water)
     for i in range(waves.shape[1]):
         reach += abs(waves[AMPLITUDE, i])
     ends = max(abs(c.strip_x[0]), abs(c.strip_x[c.n_strips - 1]))
-    if position[2] + abs(axis[2]) * ends + c.hull_radius <= -reach:
-        return 1.0, 0.0
+    deep = position[2] + abs(axis[2]) * ends + c.hull_radius <= -reach
     area = wet = arm = 0.0
-    for i in range(c.n_strips):
+    for i in range(0 if deep else c.n_strips):
         p = plus(position, scaled(c.strip_x[i], axis))
         below = elevation_at(p[0], p[1], time, water) - p[2]
         share = min(max(0.5 + 0.5 * below / c.hull_radius, 0.0), 1.0)
         area += c.strip_area[i]
         wet += share * c.strip_area[i]
         arm += (1.0 - share) * c.strip_area[i] * c.strip_x[i]
-    return wet / area, arm / area
+    return (1.0, 0.0) if deep else (wet / area, arm / area)
 
 
 @compiled
@@ -334,17 +333,18 @@ def apply(
     wrench is not finite, or beyond LOST), -1 if none.
     """
     row_address, mass, applied = solver
-    for i in range(pose.shape[0]):
-        if beyond(twist[i : i + 1], LOST) == 0:
-            return i
-        c = coefficients[i]
-        force, moment, share = wrench(c, pose[i], twist[i], time, water, fitted[0][i], fitted[1][i])
-        total = 0.0
+    lost = beyond(twist, LOST)
+    # one way out, and numbers in place of rows: compiled code would count references to arrays for each vehicle
+    for i in range(0 if lost >= 0 else pose.shape[0]):
+        at = (pose[i, 0], pose[i, 1], pose[i, 2], pose[i, 3], pose[i, 4], pose[i, 5], pose[i, 6])
+        motion = (twist[i, 0], twist[i, 1], twist[i, 2], twist[i, 3], twist[i, 4], twist[i, 5])
+        c, total = coefficients[i], 0.0
+        force, moment, share = wrench(c, at, motion, time, water, fitted[0][i], fitted[1][i])
         for j in range(3):
             applied[i, j] = force[j]
             applied[i, 3 + j] = moment[j]
             total += abs(force[j]) + abs(moment[j])
-        if not total < np.inf:
-            return i
-        _add_to_inertia(mass, row_address[i], c.added_mass, share, rotation(pose[i, 3:7]))
-    return -1
+        if lost < 0 and not total < np.inf:
+            lost = i
+        _add_to_inertia(mass, row_address[i], c.added_mass, share, rotation(at[3:7]))
+    return lost
