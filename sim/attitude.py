@@ -54,8 +54,8 @@ def scaled(factor: float, a: Vector) -> Vector:
 
 
 @compiled
-def rotation(quaternion: Floats) -> Matrix:
-    """Rotation matrix, body to world, of a unit quaternion (w, x, y, z)."""
+def rotation(quaternion: Any) -> Matrix:
+    """Rotation matrix, body to world, of a unit quaternion: four numbers or an array (w, x, y, z)."""
     w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
     return (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),

@@ -109,15 +109,20 @@ _USUAL_STEP_S = 0.02
 """In physics steps up to this one the project's own hulls are stable at all speeds of scenarios [s]."""
 
 
-def _hull(scenario: Scenario, vehicle: Vehicle) -> tuple[Any, Any]:
-    """A vehicle alone in calm water, as a plant named "hull", and its autopilot."""
+Hull = tuple[str, float, float, tuple[Any, ...]]
+"""Model of a vehicle, physics step [s], density of the water [kg/m³] and values of `_OF_HULL`."""
+
+
+def _hull(scenario: Scenario, vehicle: Vehicle) -> Hull:
     model = vehicle.model or ("follower" if isinstance(vehicle, Follower) else "leader")
     values = tuple(getattr(vehicle, key) for key in _OF_HULL)
-    return _plant(model, scenario.timing.physics_step_s, scenario.ocean.density_kg_m3, values)
+    return model, scenario.timing.physics_step_s, scenario.ocean.density_kg_m3, values
 
 
 @lru_cache(maxsize=8)
-def _plant(model: str, dt: float, density: float, values: tuple[Any, ...]) -> tuple[Any, Any]:
+def _plant(hull: Hull) -> tuple[Any, Any]:
+    """A vehicle alone in calm water, as a plant named "hull", and its autopilot."""
+    model, dt, density, values = hull
     settings = Vehicle.model_construct(**dict(zip(_OF_HULL, values, strict=True)))
     setup = VehicleSetup(name="hull", model=model, position_m=(0.0, 0.0, -10.0), settings=settings)
     plant = Plant([setup], Ocean(density_kg_m3=density), dt)
@@ -143,6 +148,16 @@ def _speed_errors(scenario: Scenario, vehicle: Vehicle, design: Any) -> list[str
     return lines
 
 
+@lru_cache(maxsize=1024)
+def _stability_error(hull: Hull, fastest: float, orbital: float) -> str:
+    """What `require_stable` reports; "": nothing. A study has many scenarios with the same hulls and speeds."""
+    try:
+        require_stable(*_plant(hull), fastest, orbital)
+    except LaisnError as error:
+        return str(error)
+    return ""
+
+
 def _control_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:
     """What the autopilot of a vehicle cannot control."""
     usual = all(getattr(vehicle, name) == Vehicle.model_fields[name].default for name in _OF_HULL[1:])
@@ -150,11 +165,12 @@ def _control_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]
     if not own and (scenario.motion == "kinematic" or (usual and scenario.timing.physics_step_s <= _USUAL_STEP_S)):
         return []
     try:
-        plant, designs = _hull(scenario, vehicle)
-        lines = _speed_errors(scenario, vehicle, designs[0]) if own else []
+        hull = _hull(scenario, vehicle)
+        lines = _speed_errors(scenario, vehicle, _plant(hull)[1][0]) if own else []
         if not lines:
             orbital = 0.0 if waves.kind == "none" else np.pi * waves.height_m / waves.period_s
-            require_stable(plant, designs, _speeds(scenario, vehicle)[1], float(orbital))
+            text = _stability_error(hull, _speeds(scenario, vehicle)[1], float(orbital))
+            lines = [text.removeprefix("hull: ")] if text else []
     except LaisnError as error:
         lines = [str(error).removeprefix("hull: ")]
     except np.linalg.LinAlgError:
@@ -267,7 +283,7 @@ def _wide_turns(scenario: Scenario, vehicle: Vehicle) -> list[str]:
     """A hull that turns more slowly than routes are planned."""
     if vehicle.model is None:
         return []
-    plant, designs = _hull(scenario, vehicle)
+    plant, designs = _plant(_hull(scenario, vehicle))
     route = route_of(vehicle, "") if vehicle.route or vehicle.waypoints else route_of(scenario.leader, "")
     radius = least_radius(plant, 0, designs[0])
     if radius == 0.0:

@@ -208,13 +208,13 @@ def immersion(c: Any, position: Vector, axis: Vector, time: float, water: Water)
 
 @compiled
 def wrench(
-    c: Any, pose: Floats, twist: Floats, time: float, water: Water, fitted: Any, state: Floats
+    c: Any, pose: Any, twist: Any, time: float, water: Water, fitted: Any, state: Floats
 ) -> tuple[Vector, Vector, float]:
     """All that the water does to one vehicle, but for added mass times acceleration.
 
     Args:
-        pose: position [m] and quaternion, shape (7,).
-        twist: velocity of the origin in the world [m/s], angular velocity in the body [rad/s], shape (6,).
+        pose: position [m] and quaternion, seven numbers.
+        twist: velocity of the origin in the world [m/s], angular velocity in the body [rad/s], six numbers.
         fitted: effectors and fixed fins of the vehicle, records of `sim.vehicle.effectors.EFFECTOR`, shape (m + q,).
         state: of the effectors, shape (m,).
 

@@ -106,6 +106,12 @@ def _missing(spec: Any, role: str) -> list[str]:
         numeric = spec.numeric(name)
         fault = coefficients.numeric_error(name, None if numeric is None else int(numeric.size))
         lines += [fault] if fault else []
+    # those of effectors have a point: rudder.fin
+    lines += [
+        f"<numeric name={numeric.name[:40]!r}> has no meaning; available: {', '.join(coefficients.NUMERICS)}"
+        for numeric in spec.numerics
+        if numeric.name not in coefficients.NUMERICS and "." not in numeric.name
+    ]
     return lines
 
 
@@ -142,6 +148,8 @@ def _compiled(text: str) -> list[str]:
         lines.append('every actuator must have a state of its own: <general dyntype="filterexact" dynprm="0.3"/>')
     if not model.actuator_ctrllimited.all():
         lines.append("every actuator must have a ctrlrange, its least and its largest thrust [N]")
+    if model.actuator_forcelimited.any():
+        lines.append("no actuator may have a forcerange: ctrlrange limits the thrust")
     if model.body_simple[model.body("hull/hull").id]:
         lines.append("the body 'hull' must have simple=\"false\", so that the added mass fits into its inertia matrix")
     return lines

@@ -85,6 +85,8 @@ def test_an_actuator_whose_site_is_missing_is_named() -> None:
     (without("site", "fins_level"), "there is no actuator 'hull/fins_level', nor a site of the body 'hull/hull'"),
     (FOLLOWER.replace('pos="-0.72 0 0" zaxis="0 1 0"', 'pos="-0.72 0 0" zaxis="1 0 0"'), "unit vector across the hull"),
     (FOLLOWER.replace('density="0"', 'density="1026"'), "<option density='1026'> is a property of the sea: 0"),
+    (FOLLOWER.replace('</custom>', '<numeric name="fin_x" data="-0.72"/></custom>'), "'fin_x'> has no meaning"),
+    (FOLLOWER.replace('ctrlrange="-40', 'forcerange="-1 1" ctrlrange="-40'), "no actuator may have a forcerange"),
     (FOLLOWER.replace('density="0"', 'wind="9 0 0"'), "<option wind='9 0 0'> is a property of the sea: leave it out"),
 ])  # fmt: skip
 def test_an_unusable_hull_is_refused_with_the_reason(
