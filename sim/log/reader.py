@@ -209,14 +209,7 @@ def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: 
         remarks.append(f"{_count(int(absurd.sum()), 'range')} of {received} taken as not received: no positive number")
     remarks += [f"{what}: no checksum, damage cannot be detected" for what in log.unverified if "chunks" in what]
     measurements = Measurements(
-        dt=dt_ns / 1e9,
-        speed=own[0],
-        heading=own[1],
-        depth=own[2],
-        message_step=step[kept],
-        message=message[kept],
-        ranges=ranges[kept],
-        durations=durations,
-        transmitters=None if np.all(np.isnan(places)) else places[kept],
-    )
+        dt=dt_ns / 1e9, speed=own[0], heading=own[1], depth=own[2], message_step=step[kept], message=message[kept],
+        ranges=ranges[kept], durations=durations, transmitters=None if np.all(np.isnan(places)) else places[kept],
+    )  # fmt: skip
     return Recording(measurements, tuple(remarks))

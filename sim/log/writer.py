@@ -32,19 +32,7 @@ from sim.trajectory import OF_VEHICLES, Trajectory
 _BLOCK_NS = 10 * 10**9
 """What was logged of this time is in the file before more is logged [ns]."""
 _PACKAGES = ("laisn-sim", "mujoco", "numpy", "scipy", "numba", "filterpy", "mcap", "foxglove-sdk")
-_CONVENTIONS = {
-    "world": "x east, y north, z up [m]; depth = -z",
-    "body": "x forward, y port, z up; origin at the centre of buoyancy",
-    "units": "SI and radians, but latitude and longitude in degrees",
-    "heading": "compass: clockwise from north",
-    "pitch": "positive nose up",
-    "roll": "positive starboard down",
-    "quaternion": "body to world; Foxglove stores x, y, z, w",
-    "angular_velocity": "in the body frame",
-    "pose": "the truth",
-    "estimate": "the follower's estimate of its hydrophone's position, with measured depth and heading",
-    "time": "log, publish and message time: scenario epoch plus mission time",
-}
+_CONVENTIONS: dict[str, str] = json.loads((Path(__file__).parent / "conventions.json").read_text(encoding="utf-8"))
 Frame = tuple[float, bytes]
 """Time since the start [s] and H.264 access unit (Annex B, no B-frames, parameter sets with every key frame)."""
 Level = Literal["debug", "info", "warning", "error"]
@@ -67,6 +55,8 @@ class Event(NamedTuple):
 
 
 class Channel(NamedTuple):
+    """Messages of one topic, in order of time."""
+
     topic: str
     schema: foxglove.Schema
     time_ns: Ints
@@ -231,6 +221,7 @@ def _camera(video: Sequence[Frame], clock: Clock) -> Channel:
 
 
 def channels(flight: Flight, events: Iterable[Event], video: Sequence[Frame]) -> list[Channel]:
+    """All channels of a flight; ValueError for frames out of order, or an epoch before 1970."""
     clock = Clock(flight.scenario.epoch)
     found = [*_truth(flight, clock)]
     for f, errors in enumerate(position_and_bearing_errors(flight)):
@@ -309,22 +300,14 @@ def _describe(flight: Flight, summary: str, mcap: MCAPWriter) -> None:
         media = f"application/{name.rpartition('.')[2]}"
         mcap.attach(log_time=at, create_time=at, name=name, media_type=media, data=data)
     mcap.write_metadata("conventions", _CONVENTIONS)
-    facts = {
-        "outcome": flight.outcome.name,
-        "filter_step_s": repr(flight.measurements[0].dt),
-        "seed": str(flight.scenario.seed),
-        "run": str(flight.scenario.run),
-    } | {type_.topic: str(type(flight.estimates[0]) is kind) for kind, type_ in schema.DETAILS.items()}
+    facts = {"outcome": flight.outcome.name, "filter_step_s": repr(flight.measurements[0].dt)}
+    facts |= {"seed": str(flight.scenario.seed), "run": str(flight.scenario.run)}
+    facts |= {type_.topic: str(type(flight.estimates[0]) is kind) for kind, type_ in schema.DETAILS.items()}
     mcap.write_metadata(FLIGHT, facts)
 
 
 def write(
-    flight: Flight,
-    path: Path,
-    *,
-    summary: str = "{}",
-    events: Iterable[Event] = (),
-    video: Sequence[Frame] = (),
+    flight: Flight, path: Path, *, summary: str = "{}", events: Iterable[Event] = (), video: Sequence[Frame] = ()
 ) -> None:
     """Write a flight from the start of its mission; the same arguments give the same bytes.
 
