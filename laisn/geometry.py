@@ -4,6 +4,7 @@ import math
 from typing import NamedTuple, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled, formula
@@ -210,3 +211,23 @@ def common_chord(first: Point, first_radius: float, second: Point, second_radius
 def is_singular(variance_x: float, variance_y: float) -> bool:
     """Whether a position of these variances is known exactly, but for rounding [m²]."""
     return 0.5 * (variance_x + variance_y) < SINGULAR_VARIANCE
+
+
+def turned_cosine(
+    pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, reach: npt.ArrayLike, bearing: npt.ArrayLike
+) -> Floats:
+    """cos B̂ of a fix that the leader's pitch turns about the leader; beyond ±1 where the circles do not meet."""
+    lever = np.asarray(depth_offset) / np.asarray(reach) * np.sin(pitch)
+    return np.asarray(np.cos(bearing) * np.cos(pitch) - lever)
+
+
+def pitch_fix_error(
+    pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, reach: npt.ArrayLike, bearing: npt.ArrayLike
+) -> Floats:
+    """Position error of a noiseless fix of LAISN-2 from the leader's pitch (docs/asymmetry.md), [rad] and [m].
+
+    The follower is so far below the leader, away from it and off its bow. Where circles do not meet, the fix is on the
+    leader's axis.
+    """
+    turned = np.arccos(np.clip(turned_cosine(pitch, depth_offset, reach, bearing), -1.0, 1.0))
+    return np.asarray(2.0 * np.asarray(reach) * np.sin(np.abs(turned - np.arccos(np.cos(bearing))) / 2.0))

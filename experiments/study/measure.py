@@ -1,11 +1,11 @@
 """What a mission and a run in closed loop are measured by: `facts_of` its motion, `records_of_run` with its errors."""
 
 import numpy as np
-import numpy.typing as npt
 
 from experiments.campaign.store import CampaignError, Record
 from laisn import metrics
 from laisn.arrays import Bools, Floats
+from laisn.geometry import pitch_fix_error
 from sim.assembly import routes_of
 from sim.closed_loop import simulate_closed_loop
 from sim.flight import Outcome
@@ -47,26 +47,6 @@ def thruster_power(trajectory: Trajectory, vehicle: int, density: float) -> Floa
         return np.full(len(thrust), np.nan)
     inflow = surge[:, None] * trajectory.effector_force[vehicle, :, 0] * np.sign(thrust)
     return np.asarray(disc_power(thrust, inflow, density).sum(axis=1))
-
-
-def turned_cosine(
-    pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, reach: npt.ArrayLike, bearing: npt.ArrayLike
-) -> Floats:
-    """cos B̂ of a fix that the leader's pitch turns about the leader; beyond ±1 where the circles do not meet."""
-    lever = np.asarray(depth_offset) / np.asarray(reach) * np.sin(pitch)
-    return np.asarray(np.cos(bearing) * np.cos(pitch) - lever)
-
-
-def pitch_fix_error(
-    pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, reach: npt.ArrayLike, bearing: npt.ArrayLike
-) -> Floats:
-    """Position error of a noiseless fix of LAISN-2 from the leader's pitch (docs/asymmetry.md), [rad] and [m].
-
-    The follower is so far below the leader, away from it and off its bow. Where circles do not meet, the fix is on the
-    leader's axis.
-    """
-    turned = np.arccos(np.clip(turned_cosine(pitch, depth_offset, reach, bearing), -1.0, 1.0))
-    return np.asarray(2.0 * np.asarray(reach) * np.sin(np.abs(turned - np.arccos(np.cos(bearing))) / 2.0))
 
 
 def _rms(values: Floats) -> float:

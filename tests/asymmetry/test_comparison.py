@@ -29,7 +29,8 @@ from experiments.studies.asymmetry.findings import (
     with_verdicts,
 )
 from experiments.studies.asymmetry.fix_map import closed_form_error
-from experiments.study.measure import facts_of, pitch_fix_error
+from experiments.study.measure import facts_of
+from laisn.geometry import pitch_fix_error
 from sim.trajectory import tilted
 from tests.synthetic import make_scenario, make_trajectory
 

@@ -170,6 +170,10 @@ def test_facts_of_a_mission_are_those_of_its_motion():
     still = math.sqrt(2 * scenario.ocean.density_kg_m3 * area)
     north, down = 40.0 + 0.03 * time, 0.01 * time
     off = track_errors(scenario, flown)[:, 0]
+    # abeam, the fix is moved along the leader by Δz sin φ and keeps its distance
+    each, below = north[10::10], (depth + down - 9.0)[10::10]
+    along = below * math.sin(math.radians(5.0))
+    moved = np.hypot(along, each - np.sqrt(each**2 - along**2))
     assert facts == pytest.approx(
         {
             "track_error_rms_m": math.sqrt(sum(off**2) / off.size),
@@ -184,10 +188,14 @@ def test_facts_of_a_mission_are_those_of_its_motion():
             "touched": 0.0,
             "closest_approach_m": min(np.hypot(north, depth + down - 9.0)),
             "range_mean_m": 40.3,
+            "depth_offset_rms_m": math.sqrt(sum((depth + down - 9.0) ** 2) / time.size),
+            "pitch_fix_error_m": sum(moved) / 20,
             "pitch_rms_deg": 0.0,
+            "pitch_max_deg": 0.0,
             "power_mean_w": 27.0 / still,
             "energy_j": 20.0 * 27.0 / still,
             "leader_pitch_rms_deg": 5.0,
+            "leader_pitch_max_deg": 5.0,
             "leader_depth_error_rms_m": 1.0,
             "leader_power_mean_w": 64.0 / still,
             "leader_energy_j": 20.0 * 64.0 / still,

@@ -18,11 +18,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import bisect
 
-from experiments.study.measure import pitch_fix_error, turned_cosine
 from laisn import lane_passes as row
 from laisn import lanes
 from laisn.arrays import Floats
 from laisn.compiled import compiled_lanes
+from laisn.geometry import pitch_fix_error, turned_cosine
 from laisn.lane_passes import LANES
 from laisn.settings import VARIANTS, NavigationSettings, Tuning
 
