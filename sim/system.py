@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from laisn.failure import LaisnError
 
@@ -95,14 +96,30 @@ def exit_with_parent(parent: int) -> None:
 
 
 @contextmanager
-def background_process(first: Callable[[], object] | None = None) -> Iterator[ProcessPoolExecutor]:
-    """An executor of one process, forked at its first task, perhaps `first`; if the block fails, it is killed."""
+def _signals_after() -> Iterator[None]:
+    """Signals of the block reach their handlers after it; the hooks of a fork discard what handlers raise."""
+    came, before = list[int](), dict[int, Any]()
+    if threading.current_thread() is threading.main_thread():
+        numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        before = {number: signal.signal(number, lambda one, _: came.append(one)) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for number in came:
+            signal.raise_signal(number)
+
+
+@contextmanager
+def background_process(first: Callable[[], object] = os.getpid) -> Iterator[ProcessPoolExecutor]:
+    """An executor of one process, which begins with the task `first`; if the block fails, it is killed."""
     executor = ProcessPoolExecutor(
         1, multiprocessing.get_context("fork"), initializer=exit_with_parent, initargs=(os.getpid(),)
     )
     others = multiprocessing.active_children()
     try:
-        if first is not None:
+        with _signals_after():
             executor.submit(first)
         yield executor
     except BaseException:

@@ -77,3 +77,26 @@ def test_a_block_that_fails_kills_the_task(tmp_path: Path) -> None:
     assert time.monotonic() - start < 30
     with pytest.raises(ProcessLookupError):
         os.kill(int(begun.read_text()), 0)
+
+
+def test_a_signal_during_the_fork_reaches_its_handler() -> None:
+    """Python prints and discards what a handler raises within a hook of the fork."""
+    parent, sent = os.getpid(), list[int]()
+
+    def send() -> None:
+        if os.getpid() == parent and not sent:
+            sent.append(signal.SIGTERM)
+            os.kill(parent, signal.SIGTERM)
+
+    os.register_at_fork(after_in_parent=send)
+
+    def interrupt(number: int, _: object) -> None:
+        raise KeyboardInterrupt(signal.Signals(number).name)
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        with pytest.raises(KeyboardInterrupt, match="SIGTERM"), background_process():
+            pytest.fail("the block begins in spite of the signal")
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert sent

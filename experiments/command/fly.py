@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -107,8 +107,8 @@ def write_flight(
     beside = not with_video and scenario.duration_s <= _LONG_S
     if scenario.duration_s > _LONG_S:
         return_large_blocks()
-    imports = partial(import_module, "experiments.pages.flight_report") if beside else None
-    with background_process(imports) as background, phases(console) as shown:
+    imports = partial(import_module, "experiments.pages.flight_report")
+    with background_process(imports) if beside else nullcontext() as background, phases(console) as shown:
 
         @contextmanager
         def phase(name: str) -> Iterator[Update]:
@@ -133,7 +133,7 @@ def write_flight(
 
         # the log first, so that it is kept if the film fails
         report = partial(_draw_report, flight, errors, summary, folder / REPORT)
-        if beside:
+        if background:
             with phase("report"):
                 drawn = background.submit(report, None, bounds)
                 with phase("log"):
