@@ -1,6 +1,7 @@
 """Processes that compute: local ones of joblib, or the workers of a Dask cluster."""
 
 import asyncio
+import multiprocessing
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
@@ -83,6 +84,12 @@ class Pool:
                         "and the same command goes on from there (fewer --workers need less memory)"
                     ) from error
                 raise
+
+
+def release_workers() -> None:
+    """End local processes, so that drawing a page does not need memory beside theirs; a later pool starts others."""
+    if multiprocessing.active_children():
+        get_reusable_executor().shutdown()
 
 
 def _connect(address: str) -> Any:

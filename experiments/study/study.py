@@ -14,6 +14,7 @@ import tomli_w
 from experiments.campaign import missions
 from experiments.campaign.campaign import BATCH_STEPS, ExecutionOptions, compile_ahead
 from experiments.campaign.plans import CellPlan, compute
+from experiments.campaign.processes import release_workers
 from experiments.campaign.store import CampaignError, Store, columns_of, write_table
 from experiments.campaign.version import code_version
 from experiments.findings import Finding, Findings, of, read, record
@@ -136,6 +137,7 @@ def run_study(study: Study, folder: Path, *, film: FilmOf | None = None, **optio
     plan = outcomes.plan
     if not outcomes.rows:
         raise LaisnError("no scenario of the study could be flown: " + "; ".join(outcomes.failures))
+    release_workers()
     # drawing takes a third of a second to import, and reading a table needs none of it
     from experiments.study.page import page_of
 
@@ -192,6 +194,7 @@ def run_built_in(
     findings = import_module(modules[0])
     if hasattr(findings, "further_runs") and not quick:
         fly_further(outcomes, findings.further_runs, folder, **options)
+    release_workers()
     for part, one in outcomes.items():
         _write_tables(one, folder / part if len(files) > 1 else folder)
     record(name, f"laisn {name}", modules, findings.findings_of(outcomes)).write(folder / RECORD)

@@ -1,5 +1,6 @@
 """Studies from file to page: errors before flights, paired arms, commands that repeat runs, the same bytes always."""
 
+import multiprocessing
 import re
 import shlex
 import signal
@@ -177,6 +178,7 @@ def test_two_workers_after_a_kill_give_the_same_bytes(flown, tmp_path):
     process.wait()
     assert not (out / REPORT).exists(), "it was killed too late"
     run_study(study(), out, workers=2, quiet=True)
+    assert multiprocessing.active_children() == [], "workers would keep their memory"
     for name in FILES:
         assert (out / name).read_bytes() == (flown / name).read_bytes(), name
 

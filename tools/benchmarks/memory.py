@@ -88,7 +88,7 @@ def memory() -> list[Row]:
             out = str(here / f"{hours} h")
             peaks.append(peak_of("fly", str(here / f"{hours}.toml"), "--no-video", "--out", out))
         many = ("study", str(here / "study.toml"), "--workers", str(WORKERS))
-        study = [peak_of(*many, "--out", str(here / name)) for name in ("first", "again")][1]
+        study = [peak_of(*many, "--out", str(here / name)) for name in ("study", "again")][1]
     growth = (peaks[1] - peaks[0]) / (HOURS[1] - HOURS[0])
     return [
         Row(f"laisn fly, a mission of {HOURS[0]} h", peaks[0], "MB"),
