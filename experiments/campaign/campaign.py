@@ -31,6 +31,8 @@ It returns a list of records, stored as JSON values. It raises `CampaignError` i
 _Work = Callable[[], list[Result]]
 BATCH_STEPS = 20_000_000
 """Filter steps that a process computes before it reports: a third of a second."""
+_MANY_RUNS = 10_000
+"""Cells of so many runs take seconds, in which threads use all cores."""
 
 
 class ExecutionOptions(TypedDict, total=False):
@@ -211,6 +213,10 @@ def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpa
     flights = {motion: [motion, *measured.get(motion, ())] for motion in scenarios}
     tasks = {name: [key] for name, key in keys.items()}
     flights, tasks = ({n: own for n, own in jobs.items() if not store.has(*own)} for jobs in (flights, tasks))
+    one_mission = len({plan.motion for plan in cells}) == 1 and cluster is None and not tasks
+    if one_mission and all(plan.runs >= _MANY_RUNS and plan.in_lanes for plan in cells):
+        # compiled lanes run side by side in threads, without the memory of processes
+        cells, pool.size = [replace(plan, threads=pool.size) for plan in cells], 1
     pool.size = min(pool.size, max(len(cells), len(flights), len(tasks), 1))
     if cluster is None and not quiet:
         if cells and FOLDER:

@@ -41,6 +41,8 @@ class CellPlan:
     measured: Mapping[str, str] = field(default_factory=dict)
     """Keys of the scenario whose values are measured of the mission, and the columns of `facts` that they take."""
     facts: Facts | None = None
+    threads: int = 1
+    """That compute it; the result does not depend on them."""
     disturb: Mapping[str, Any] = field(default_factory=dict)
     """`use`, a `Disturbance` by its name "module:Class" in a plugin or a built-in study, and its arguments; or none."""
     lag_s: float = 0.0
@@ -85,6 +87,11 @@ class CellPlan:
     def motion(self) -> str:
         """Key of its mission, which others may share."""
         return missions.motion_key(self.scenario)
+
+    @property
+    def in_lanes(self) -> bool:
+        """Whether compiled code flies its runs side by side."""
+        return find(self.content.navigation.variant).lanes
 
     @property
     def size(self) -> int:
@@ -154,7 +161,7 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
         runs, disturbance = range(plan.first_run, plan.first_run + plan.runs), disturbance_of(plan.disturb)
         content, mission = plan.content_behind(trajectory), behind[plan.leader_pitch_deg]
         cell = Cell.of(content, plan.follower, runs, mission=mission, disturbance=disturbance)
-        result = simulate(cell)
+        result = simulate(cell, threads=plan.threads)
         scenario, variant, steps = plan.content, plan.content.navigation.variant, Arrays()
         # plans of other names may share it
         row: Record = {"key": plan.key, "variant": variant, "motion": scenario.motion, "version": code_version()}

@@ -53,6 +53,21 @@ def test_two_workers_give_the_bytes_of_one(computed, tmp_path):
     assert contents(tmp_path / "two") == contents(folder)
 
 
+def test_large_cells_of_one_mission_share_a_process_and_give_the_same_bytes(tmp_path, monkeypatch):
+    one, noted, compute = plans()[:1], [], campaign.compute
+    run(one, tmp_path / "one", workers=1, quiet=True)
+
+    def note(trajectory, plans):
+        noted.extend((os.getpid(), plan.threads) for plan in plans)
+        return compute(trajectory, plans)
+
+    monkeypatch.setattr(campaign, "_MANY_RUNS", one[0].runs)
+    monkeypatch.setattr(campaign, "compute", note)
+    run(one, tmp_path / "threads", workers=2, quiet=True)
+    assert noted == [(os.getpid(), 2)]
+    assert contents(tmp_path / "threads") == contents(tmp_path / "one")
+
+
 def killed_at(moment: int, folder, kill=lambda: os.kill(os.getpid(), signal.SIGKILL)):
     """Fly and write tables in a copy of this process that is killed at a file operation; the number of operations."""
     child = os.fork()
