@@ -16,7 +16,6 @@ from typing import Any
 
 from laisn.failure import LaisnError
 
-_STALE_S = 3600.0  # age at which a temporary file belongs to a process that was killed
 _CHECK_PARENT_S = 0.5
 _M_MMAP_THRESHOLD = -3  # of malloc.h of the GNU C library
 
@@ -32,15 +31,6 @@ def atomic_write(path: Path) -> Iterator[Path]:
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
-
-
-def remove_stale_parts(folder: Path) -> None:
-    """Remove temporary files of `atomic_write` that killed processes left in a folder."""
-    for part in folder.glob(".*.part"):
-        # another process may rename it
-        with suppress(FileNotFoundError):
-            if part.stat(follow_symlinks=False).st_mtime < time.time() - _STALE_S:
-                part.unlink()
 
 
 @contextmanager

@@ -6,6 +6,7 @@ import json
 import sys
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import cache, partial
 from itertools import chain
 from pathlib import Path
@@ -21,7 +22,7 @@ from pydantic_core import to_jsonable_python
 from experiments.campaign.version import code_version, version_of
 from laisn.failure import LaisnError, LaisnWarning
 from laisn.plugins import plugin_files
-from sim.system import atomic_write, locked, remove_stale_parts
+from sim.system import atomic_write, locked
 
 Record = dict[str, Any]
 """A row: plain values by column."""
@@ -116,12 +117,6 @@ def write_csv(path: Path, rows: Sequence[Record]) -> None:
         writer.writerows(rows)
 
 
-def require_kind(folder: Path, other: str, found: str) -> None:
-    """LaisnError if a folder holds results of the other kind, "flight" or "study", as this file shows."""
-    if (folder / found).exists():
-        raise LaisnError(f"{folder}: holds the results of a {other} ({found}); choose another folder with --out")
-
-
 class Store:
     """The results folder of a campaign; any number of processes may work in it at once."""
 
@@ -130,19 +125,16 @@ class Store:
 
         LaisnError if the folder holds a flight, or results of another version and `force` is not set.
         """
-        require_kind(folder, "flight", FLIGHT_FILE)
+        if (folder / FLIGHT_FILE).exists():
+            raise LaisnError(f"{folder}: holds a flight ({FLIGHT_FILE}); choose another folder with --out")
         self.folder, self._results = folder, folder / "store"
         self._force, self._written = force, set[str]()
         self._results.mkdir(parents=True, exist_ok=True)
         manifest, found, version = folder / STUDY_FILE, "", code_version()
         with locked(folder):
-            try:
+            # keys of results hold their version too, so that a damaged manifest may be written again
+            with suppress(FileNotFoundError, ValueError, KeyError, TypeError, RecursionError):
                 found = str(json.loads(manifest.read_text(encoding="utf-8"))["version"])
-            except FileNotFoundError:
-                pass
-            except (ValueError, KeyError, TypeError, RecursionError):
-                # keys of results hold their version too
-                warnings.warn(f"{manifest} cannot be read and is written again", DamagedResult, stacklevel=2)
             if found not in ("", version):
                 if not force:
                     raise LaisnError(
@@ -154,8 +146,6 @@ class Store:
             if found != version:
                 with atomic_write(manifest) as part:
                     part.write_text(json.dumps({"version": version}) + "\n", encoding="utf-8")
-        for each in (folder, self._results):
-            remove_stale_parts(each)
 
     def path(self, key: str) -> Path:
         return self._results / f"{key}.npz"

@@ -130,10 +130,6 @@ def handle_signals() -> None:
 def run(app: typer.Typer) -> None:
     """Run the command; exit code 1 if standard output is closed, 2 if it cannot be written."""
     handle_signals()
-    for name in ("COLUMNS", "LINES"):
-        # 0 columns: there is no terminal, and rich would print nothing
-        if not os.environ.get(name, "").strip("0"):
-            os.environ.pop(name, None)
     if not os.environ.get("LAISN_DEBUG"):
         # warnings of libraries in child processes
         os.environ.setdefault("PYTHONWARNINGS", "ignore")

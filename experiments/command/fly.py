@@ -21,7 +21,6 @@ from experiments.flight.folder import (
     SCENARIO,
     SUMMARY,
     TIMING,
-    earlier_film,
     one_flight,
     require_safe,
 )
@@ -178,7 +177,6 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source:
     require_safe(folder, source, scenario.toml)
     with one_flight(folder) as work:
         flight, summary, film_error = write_flight(scenario, work, Console(stderr=True), with_video=with_video)
-        renamed = (folder / FILM).exists() and not (work / FILM).exists() and earlier_film(folder)
     show(console, flight, summary)
     for caution in cautions(scenario):
         print_line(console, caution, "warning:")
@@ -187,8 +185,6 @@ def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source:
     bug = not isinstance(film_error, LaisnError)
     if film_error:
         print_line(console, "a bug in the program" if bug else film_error, "no film:")
-    if renamed:
-        print_line(console, f"the film of the earlier flight is now {renamed}", "note:")
     print_line(console, f"results in {folder}")
     if film_error and bug:
         raise film_error

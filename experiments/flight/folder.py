@@ -4,10 +4,9 @@ import os
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from itertools import count
 from pathlib import Path
 
-from experiments.campaign.store import FLIGHT_FILE, STUDY_FILE, require_kind
+from experiments.campaign.store import FLIGHT_FILE, STUDY_FILE
 from laisn.failure import LaisnError
 from sim.log.contents import partial_path
 from sim.system import locked
@@ -30,7 +29,8 @@ def require_safe(folder: Path, source: Path | None = None, again: Callable[[], s
         if folder.exists() or folder.is_symlink():
             raise LaisnError(f"{folder}: is a file, results need a folder; {_ELSEWHERE}")
         return
-    require_kind(folder, "study", STUDY_FILE)
+    if (folder / STUDY_FILE).exists():
+        raise LaisnError(f"{folder}: holds a study ({STUDY_FILE}); {_ELSEWHERE}")
     present = [folder / name for name in FILES if os.path.lexists(folder / name)]
     for path in present:
         if path.is_symlink() or not path.is_file():
@@ -51,35 +51,13 @@ def require_safe(folder: Path, source: Path | None = None, again: Callable[[], s
         )
 
 
-def earlier_film(folder: Path) -> Path:
-    """An unused name for the film of an earlier flight, which a flight without a film does not replace."""
-    names = (f"earlier{f'-{n}' if n else ''}.mp4" for n in count())
-    return next(path for name in names if not os.path.lexists(path := folder / name))
-
-
 def _exchange(folder: Path, work: Path) -> None:
-    """Replace the files of the earlier flight by those in `work`; if that fails, restore them."""
-    earlier = work / "earlier"
-    earlier.mkdir()
-    new = [name for name in FILES if (work / name).exists()]
-    moves = [(folder / name, earlier / name) for name in FILES] + [(work / name, folder / name) for name in new]
-    moves += [] if FILM in new else [(earlier / FILM, earlier_film(folder))]
-    try:
-        for source, target in moves:
-            if source.exists():
-                os.replace(source, target)
-    except BaseException:
-        # the present places count: an interrupt may occur just after a move
-        for source, target in reversed(moves):
-            if target.exists() and not source.exists():
-                os.replace(target, source)
-        earlier.rmdir()
-        raise
-
-
-def _remove_empty(folder: Path) -> None:
-    with suppress(OSError):
-        folder.rmdir()
+    """Replace the files of the earlier flight by those in `work`: its summary goes first, the new one comes last."""
+    for name in (SUMMARY, *FILES):
+        (folder / name).unlink(missing_ok=True)
+    for name in sorted(FILES, key=SUMMARY.__eq__):
+        if (work / name).exists():
+            os.replace(work / name, folder / name)
 
 
 def _outcome(folder: Path, work: Path) -> str:
@@ -88,24 +66,20 @@ def _outcome(folder: Path, work: Path) -> str:
     if not kept:
         shutil.rmtree(work, ignore_errors=True)
     text = f"the unfinished flight is in {work}" if kept else "nothing of this flight is kept"
-    earlier = any((folder / name).exists() for name in FILES)
-    return f"{text}; the earlier flight in {folder} is unchanged" if earlier else text
+    return f"{text}; the earlier flight in {folder} is unchanged" if (folder / SUMMARY).exists() else text
 
 
 @contextmanager
 def one_flight(folder: Path) -> Iterator[Path]:
     """A new folder to write a flight into; when the block ends, its files replace those of an earlier flight together.
 
-    The folder never has files of two flights; the film of the earlier one is renamed (`earlier_film`) if the new flight
-    has none. If the block fails or is interrupted, the earlier flight is unchanged, and a note of the exception reports
-    what is kept: the log in `FOLDER/unfinished`, until the next flight, or nothing. LaisnError if another process
-    writes a flight there, OSError if the folder cannot be written.
+    The folder never has files of two flights. If the block fails or is interrupted, the earlier flight is unchanged,
+    and a note of the exception reports what is kept: the log in `FOLDER/unfinished`, until the next flight, or nothing.
+    LaisnError if another process writes a flight there, OSError if the folder cannot be written.
     """
     work, new = folder / UNFINISHED, not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
-        if new:
-            stack.callback(_remove_empty, folder)
-        folder.mkdir(parents=True, exist_ok=True)
         try:
             stack.enter_context(locked(folder, wait=False))
         except BlockingIOError:
@@ -114,8 +88,11 @@ def one_flight(folder: Path) -> Iterator[Path]:
         try:
             work.mkdir()
             yield work
-            _exchange(folder, work)
         except BaseException as error:
             error.add_note(_outcome(folder, work))
+            if new:
+                with suppress(OSError):
+                    folder.rmdir()
             raise
+        _exchange(folder, work)
         shutil.rmtree(work, ignore_errors=True)

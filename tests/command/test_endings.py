@@ -181,14 +181,6 @@ def test_ctrl_c_at_the_very_end_kills_without_a_traceback() -> None:
     assert done.stdout.startswith("laisn-sim ")
 
 
-@pytest.mark.parametrize("columns", ["0", "00", "", "40"])
-def test_a_terminal_without_columns_shows_all_the_same(columns: str) -> None:
-    environment = os.environ | {"COLUMNS": columns, "LINES": columns}
-    done = subprocess.run([*LAISN, "vehicles"], cwd=ROOT, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0
-    assert "leader" in done.stdout
-
-
 def test_a_poor_encoding_costs_letters_and_nothing_else(tmp_path: Path) -> None:
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}
     done = subprocess.run([*FLY, str(tmp_path / "out")], cwd=ROOT, env=environment, capture_output=True, text=True)

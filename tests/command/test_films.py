@@ -1,6 +1,5 @@
 """The film of a flight: messages and files where there is none."""
 
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,7 @@ from typer.testing import CliRunner
 from experiments.command.cli import app
 from sim.film import graphics
 from sim.film.render import RendererDiedError
-from tests.command.flights import SHORT, WITHOUT_FILM
+from tests.command.flights import WITHOUT_FILM
 
 
 @pytest.mark.usefixtures("without_report")
@@ -83,16 +82,3 @@ def test_a_study_with_a_design_of_its_own_runs_as_its_command_does(
     assert "--set: unknown option of the study reproduce" in refused.stderr
     refused = CliRunner().invoke(app, ["study", "loss", "--quick"])
     assert "--quick: the study has no [quick]" in refused.stderr
-
-
-@pytest.mark.usefixtures("without_report")
-def test_a_flight_without_film_renames_the_earlier_film(flown: Path, tmp_path: Path) -> None:
-    shutil.copytree(flown / "first", tmp_path / "T5")
-    (tmp_path / "T5" / "flight.mp4").write_bytes(b"film")
-    (tmp_path / "T5" / "notes.txt").write_text("mine")
-    result = CliRunner().invoke(app, ["fly", "T5", *SHORT, "--out", str(tmp_path / "T5")])
-    assert result.exit_code == 0
-    assert "the film of the earlier flight is now" in result.output
-    names = {path.name for path in (tmp_path / "T5").iterdir()}
-    assert names == {*WITHOUT_FILM, "notes.txt", "earlier.mp4"}
-    assert (tmp_path / "T5" / "earlier.mp4").read_bytes() == b"film"
