@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import Any, NamedTuple, TypedDict, Unpack
 
 from experiments.campaign import missions
 from experiments.campaign.plans import CellPlan, Facts, compute
@@ -19,7 +19,6 @@ from experiments.campaign.processes import Pool
 from experiments.campaign.progress import compiling_shown, progress
 from experiments.campaign.store import Arrays, CampaignError, Record, Result, Store, key_of
 from laisn.compiled import FOLDER
-from laisn.failure import LaisnError
 from sim.scenario.settings import Scenario
 from sim.system import background_process
 from sim.trajectory import Trajectory
@@ -48,10 +47,7 @@ class ExecutionOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, kw_only=True)
 class Design:
-    """What a study flies.
-
-    Raises LaisnError if that is nothing.
-    """
+    """What a study flies."""
 
     cells: Sequence[CellPlan] = ()
     facts: Facts | None = None
@@ -62,10 +58,6 @@ class Design:
     """What the tasks are called while they are waited for."""
     ahead: Callable[[], object] | None = None
     """Compiles in this process what each worker would else compile for itself before its first task."""
-
-    def __post_init__(self) -> None:
-        if not self.cells and not self.tasks:
-            raise LaisnError("there is nothing to fly: the design has neither cells nor tasks")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +93,18 @@ class Flown:
         return [self.cell(plan)[0] for plan in self.design.cells]
 
 
-def _batches(plans: Iterable[CellPlan], workers: int) -> list[list[CellPlan]]:
+class _Job(NamedTuple):
+    """Work for a process."""
+
+    keys: Sequence[str]
+    """Of its results."""
+    work: Callable[[], _Work]
+    """Makes what the process calls, just before it is handed out."""
+    size: int = 1
+    """How many items it counts for."""
+
+
+def _batches(plans: Iterable[CellPlan], store: Store, workers: int) -> dict[int, _Job]:
     """Cells of one mission at a time, few enough for a steady progress and many enough to share the mission."""
     by_mission = sorted(plans, key=lambda plan: plan.motion)
     limit = min(BATCH_STEPS, sum(plan.size for plan in by_mission) // (4 * workers))
@@ -112,7 +115,12 @@ def _batches(plans: Iterable[CellPlan], workers: int) -> list[list[CellPlan]]:
             size = 0
         batches[-1].append(plan)
         size += plan.size
-    return batches
+
+    def job(batch: list[CellPlan]) -> _Job:
+        keys = [key for plan in batch for key in plan.keys]
+        return _Job(keys, lambda: partial(compute, mission(batch[0].scenario, store), batch), len(batch))
+
+    return dict(enumerate(map(job, batches)))
 
 
 def _attempt(name: Any, work: _Work) -> tuple[Any, list[Result] | str]:
@@ -123,24 +131,21 @@ def _attempt(name: Any, work: _Work) -> tuple[Any, list[Result] | str]:
         return name, str(error).splitlines()[0]
 
 
-def _compute(
-    what: str, keys: Mapping[Any, Sequence[str]], work: Callable[[Any], _Work], store: Store, pool: Pool,
-    size: Callable[[Any], int] = lambda _: 1, quiet: bool = False,
-) -> dict[Any, str]:  # fmt: skip
+def _compute(what: str, jobs: Mapping[Any, _Job], store: Store, pool: Pool, quiet: bool = False) -> dict[Any, str]:
     """Compute in parallel, and store each result as it is done; gives why jobs failed, by their names.
 
-    The order is random, so that processes which share a folder share the work: a job whose results, of these `keys`,
-    are stored meanwhile is left out. `work` makes what a process calls for a job, just before it is handed out.
+    The order is random, so that processes which share a folder share the work: a job whose results are stored meanwhile
+    is left out.
     """
     failed = {}
-    with progress(what, sum(map(size, keys)), quiet=quiet) as advance:
+    with progress(what, sum(job.size for job in jobs.values()), quiet=quiet) as advance:
 
         def missing() -> Iterator[tuple[Any, _Work]]:
-            for name in random.sample([*keys], len(keys)):
-                if store.has(*keys[name]):
-                    advance(size(name))
+            for name in random.sample([*jobs], len(jobs)):
+                if store.has(*jobs[name].keys):
+                    advance(jobs[name].size)
                 else:
-                    yield name, work(name)
+                    yield name, jobs[name].work()
 
         for name, found in pool.each(_attempt, missing()):
             if isinstance(found, str):
@@ -148,7 +153,7 @@ def _compute(
             else:
                 for result in found:
                     store.put(*result)
-            advance(size(name))
+            advance(jobs[name].size)
     return failed
 
 
@@ -157,11 +162,11 @@ def _flight(scenario: Scenario, motion: str, trajectory: Trajectory) -> Result:
     return motion, None, missions.sited(trajectory, missions.motion_of(scenario).leader).arrays
 
 
-def _fly(scenario: Scenario, motion: str, facts: Facts | None) -> list[Result]:
-    """A mission and its facts."""
-    trajectory = missions.simulate_mission(scenario)
-    measured: list[Result] = [(key_of(facts, motion), facts(scenario, trajectory), {})] if facts else []
-    return [_flight(scenario, motion, trajectory), *measured]
+def _fly(plan: CellPlan, facts: Facts | None) -> list[Result]:
+    """The mission of a cell and its facts."""
+    trajectory = missions.simulate_mission(plan.scenario)
+    measured: list[Result] = [(key_of(facts, plan.motion), facts(plan.scenario, trajectory), {})] if facts else []
+    return [_flight(plan.scenario, plan.motion, trajectory), *measured]
 
 
 def _rows(key: str, task: Task) -> list[Result]:
@@ -203,16 +208,18 @@ def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpa
     workers, cluster, quiet = options.get("workers"), options.get("cluster"), options.get("quiet", False)
     pool = Pool(len(os.sched_getaffinity(0)) if workers is None else workers, cluster)
     store, facts = Store(folder, force=options.get("force", False)), design.facts
-    keys = {name: key_of(task) for name, task in design.tasks.items()}
     # of plans of the same cell, one that keeps what any of them requests
     plans = {plan.key: plan for plan in sorted(design.cells, key=lambda plan: plan.keep_steps)}.values()
     cells = [plan for plan in plans if not store.has(*plan.keys)]
     measured = {plan.motion: [key_of(facts, plan.motion)] for plan in plans} if facts else {}
     unmeasured = [plan for plan in plans if not store.has(*measured.get(plan.motion, ()))]
-    scenarios = {plan.motion: plan.scenario for plan in (*cells, *unmeasured)}
-    flights = {motion: [motion, *measured.get(motion, ())] for motion in scenarios}
-    tasks = {name: [key] for name, key in keys.items()}
-    flights, tasks = ({n: own for n, own in jobs.items() if not store.has(*own)} for jobs in (flights, tasks))
+    flights = {
+        plan.motion: _Job([plan.motion, *measured.get(plan.motion, ())], partial(partial, _fly, plan, facts))
+        for plan in (*cells, *unmeasured)
+    }
+    keys = {name: key_of(task) for name, task in design.tasks.items()}
+    tasks = {n: _Job([key], partial(partial, _rows, key, design.tasks[n])) for n, key in keys.items()}
+    flights, tasks = ({n: j for n, j in jobs.items() if not store.has(*j.keys)} for jobs in (flights, tasks))
     one_mission = len({plan.motion for plan in cells}) == 1 and cluster is None and not tasks
     if one_mission and all(plan.runs >= _MANY_RUNS and plan.in_lanes for plan in cells):
         # compiled lanes run side by side in threads, without the memory of processes
@@ -226,25 +233,12 @@ def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpa
         if tasks and design.ahead:
             with compiling_shown():
                 design.ahead()
-
-    def flight(motion: str) -> _Work:
-        return partial(_fly, scenarios[motion], motion, facts)
-
-    def task(name: Any) -> _Work:
-        return partial(_rows, keys[name], design.tasks[name])
-
     with pool:
-        failures = _compute("missions", flights, flight, store, pool, quiet=quiet)
-        failures |= _compute(design.what, tasks, task, store, pool, quiet=quiet)
+        failures = _compute("missions", flights, store, pool, quiet) | _compute(design.what, tasks, store, pool, quiet)
         if failures and not tolerant:
             raise CampaignError("; ".join(sorted(set(failures.values()))))
-        batches = _batches((cell for cell in cells if cell.motion not in failures), pool.size)
-        parts = {i: [key for plan in some for key in plan.keys] for i, some in enumerate(batches)}
-
-        def batch(i: int) -> _Work:
-            return partial(compute, mission(batches[i][0].scenario, store), batches[i])
-
-        _compute("cells", parts, batch, store, pool, lambda i: len(batches[i]), quiet)
+        batches = _batches((cell for cell in cells if cell.motion not in failures), store, pool.size)
+        _compute("cells", batches, store, pool, quiet)
     rows = {name: store.get(key) for name, key in keys.items()}
     found = {name: result[0] for name, result in rows.items() if result is not None}
     return Flown(design=design, store=store, failures=failures, tasks=found)

@@ -203,9 +203,7 @@ def test_results_of_another_version_are_refused_and_kept(tmp_path):
     assert contents(other) == kept
 
 
-def test_no_cells_runs_or_workers_are_refused(tmp_path):
-    with pytest.raises(ValueError, match="nothing to fly"):
-        run([], tmp_path, quiet=True)
+def test_no_runs_or_workers_are_refused():
     with pytest.raises(ValueError, match="runs is 0, expected at least 1"):
         CellPlan(scenario=scenario(), runs=0)
     with pytest.raises(ValueError, match="workers is 0"):

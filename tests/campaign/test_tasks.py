@@ -13,7 +13,6 @@ from experiments.campaign.campaign import Design, Flown
 from experiments.campaign.processes import Pool
 from experiments.campaign.store import Arrays, CampaignError, Result, Store, key_of
 from experiments.intervals import Interval
-from laisn.failure import LaisnError
 from sim.scenario.settings import Follower, Scenario
 
 CALLS: list[int] = []
@@ -68,11 +67,6 @@ def test_a_failure_stops_the_study_after_other_results_are_stored_or_is_reported
     assert (CALLS, list(found.tasks), found.failures) == ([-1], [2], {-1: "no root of -1"})
 
 
-def test_a_design_of_nothing_is_refused() -> None:
-    with pytest.raises(LaisnError, match="nothing to fly"):
-        Design()
-
-
 def test_the_key_is_of_the_sources_and_of_all_that_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
     one, two = (Scenario(name="one", followers=(Follower(route=route),)) for route in ("T5", "T6"))
     keys = [key_of(square, one, 1), key_of(square, two, 1), key_of(square, one, 2), key_of(other, one, 1)]
@@ -110,7 +104,8 @@ def order(folder: Path, stored: Callable[[int], bool], computed: list[int]) -> N
         computed.append(number)
         return list
 
-    campaign._compute("", {n: [str(n)] for n in range(100)}, work, Results(folder, stored), Pool(1), quiet=True)
+    jobs = {n: campaign._Job([str(n)], partial(work, n)) for n in range(100)}
+    campaign._compute("", jobs, Results(folder, stored), Pool(1), quiet=True)
 
 
 def test_what_another_process_stores_meanwhile_is_skipped(tmp_path: Path) -> None:
