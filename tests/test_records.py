@@ -12,7 +12,6 @@ import pytest
 from experiments.flight.range_budget import range_error_budget
 from laisn.navigator import Navigator
 from sim.assembly import ocean_of, routes_of
-from sim.film.film_data import OtherEstimate, RayErrors
 from sim.flight import navigate
 from sim.scenario.settings import Acoustics, Follower, Ocean, Scenario, Waves
 from sim.sensing.acoustics import propagate, sound_of
@@ -60,8 +59,6 @@ def records() -> dict[str, Any]:
         flight.estimates[0], range_error_budget(flight),
         route, route.depth,
         ocean_of(scenario).waves, sound_of(scenario).profile,
-        OtherEstimate(label="other", colour=(0.0, 0.0, 0.0), position=np.zeros((4, 2))),
-        RayErrors(label="error", value=np.zeros((4, 3)), limit=1.0),
     )  # fmt: skip
     return {type(record).__name__: record for record in made}
 

@@ -1,4 +1,4 @@
-"""The panels of a film: numbers and curves at the left, map and colour bar at the right, a caption between them.
+"""The panels of a film: numbers and curves at the left, a map at the right.
 
 All that stays as it is from frame to frame, curves of the whole mission included, is drawn once by matplotlib; a frame
 adds the numbers, cursors on the curves, and vehicles on the map.
@@ -18,7 +18,7 @@ from matplotlib.transforms import IdentityTransform
 from laisn.arrays import Bytes, Floats
 from laisn.estimates import FIX_WORDS
 from sim.film.canvas import DIM, PALE, Canvas, Colour, Place, Stroke, new_figure
-from sim.film.film_data import ESTIMATE, LEADER, STATION, TRUTH, FilmData, FrameState, RayErrors, diverging
+from sim.film.film_data import ESTIMATE, LEADER, STATION, TRANSMITTER_COLOURS, TRUTH, FilmData, FrameState
 
 Trail = tuple[Floats, Colour]
 """Positions, shape (p, 3), [m], and the colour of their line."""
@@ -65,7 +65,7 @@ class Dashboard:
     """Panels of one film; if it is about the leader's pitch, that curve replaces the one of the bearing error."""
 
     def __init__(self, data: FilmData, canvas: Canvas, show_pitch: bool = False) -> None:
-        self._data, self._follower, self._added = data, data.follower, data.annotations
+        self._data, self._follower = data, data.follower
         s, t = canvas.scale, canvas.text_scale
         self._s, self._t, self._size, self._short = s, t, (canvas.width, canvas.height), canvas.height < _SHORT
         left, top, width, gap, side = 16 * s, 16 * s, 292 * s, 6 * s, 232 * s
@@ -75,20 +75,14 @@ class Dashboard:
         curves: list[Place] = [(left, first + n * (height + gap), width, height) for n in range(2 - self._short)]
         corner = canvas.width - side - left
         self._map: Place = (corner, top, side, side)
-        bar: Place = (corner, top + side + gap, side, 72 * t)
-        beside = left + width + gap
-        caption: Place = (beside, top, corner - gap - beside, 60 * s)
         self.scale: Place = (left, canvas.height - 26 * s - 32 * t, 240 * s, 36 * t)
         """Where the scale of the picture stands."""
-        lefts, rights = [self._numbers, *curves], [self._map, *([bar] if self._added.rays else [])]
-        words = [caption] if self._added.caption else []
-        self.places: list[Place] = [*lefts, *rights, *words]
+        self.places: list[Place] = [self._numbers, *curves, self._map]
         """Places of all panels."""
-        lower_left, lower_right = (max(y + h for _, y, _, h in column) for column in (lefts, rights))
+        lowest = max(y + h for _, y, _, h in (self._numbers, *curves))
         self.covered: list[Place] = [
-            (0.0, 0.0, left + width, lower_left),
-            (corner, 0.0, canvas.width - corner, lower_right),
-            *words,
+            (0.0, 0.0, left + width, lowest),
+            (corner, 0.0, canvas.width - corner, top + side),
         ]
         """Where nothing of the picture is drawn: between panels, snippets of lines would remain."""
 
@@ -99,16 +93,11 @@ class Dashboard:
                 Rectangle((x, canvas.height - y - height), width, height, fc=(*_PANEL, 0.55), ec=(*_EDGE, 0.35), lw=s,
                           zorder=-1, transform=IdentityTransform())
             )  # fmt: skip
-        quantities = self._quantities(show_pitch)
         self._curves = [
-            (self._add_curve(place, label, values), values)
-            for place, (label, values) in zip(curves, quantities, strict=False)
+            (self._add_curve(place, label, colour, values), colour, values)
+            for place, (label, colour, values) in zip(curves, self._quantities(show_pitch), strict=False)
         ]
         self._add_map()
-        if self._added.rays:
-            self._add_colour_bar(bar, self._added.rays)
-        if self._added.caption:
-            self._add_caption(caption)
         self._layers = self._drawn()
 
     # what stays
@@ -137,31 +126,25 @@ class Dashboard:
         axes.tick_params(length=0, pad=3, colors=DIM, labelsize=10.5 * self._t)
         return axes
 
-    def _quantities(self, show_pitch: bool) -> list[tuple[str, list[tuple[Colour, Floats]]]]:
-        """Label and curves, each a colour and values at filter steps, of what the panels of curves show."""
+    def _quantities(self, show_pitch: bool) -> list[tuple[str, Colour, Floats]]:
+        """Label, colour and values at filter steps of the curves."""
         data, follower = self._data, self._follower
-        truth = data.flight.hydrophone(follower)[:, :2]
-        errors: list[tuple[Colour, Floats]] = [
-            *((other.colour, np.linalg.norm(other.position - truth, axis=1)) for other in self._added.others),
-            (ESTIMATE, data.position_error[follower]),
-        ]
-        position = ("position error [m]", errors)
+        position = ("position error [m]", ESTIMATE, data.position_error[follower])
         if show_pitch:
             # pitch is the cause of what the errors show, and stands above them
             pitch = np.degrees(data.flight.trajectory.pitch[data.flight.step_index(), 0])
-            return [("leader's pitch [°]", [(LEADER, pitch)]), position]
+            return [("leader's pitch [°]", LEADER, pitch), position]
         station_error = data.station_error(follower)
         if station_error is not None:
-            return [position, ("distance from station [m]", [(STATION, station_error)])]
-        return [position, ("bearing error [°]", [(ESTIMATE, np.degrees(np.abs(data.bearing_error[follower])))])]
+            return [position, ("distance from station [m]", STATION, station_error)]
+        return [position, ("bearing error [°]", ESTIMATE, np.degrees(np.abs(data.bearing_error[follower])))]
 
-    def _add_curve(self, place: Place, label: str, curves: list[tuple[Colour, Floats]]) -> Axes:
+    def _add_curve(self, place: Place, label: str, colour: Colour, values: Floats) -> Axes:
         left, top, width, height = place
         t, data = self._t, self._data
         axes = self._axes((left + 46 * t, top + 26 * t, width - 66 * t, height - 45 * t))
-        for colour, values in curves:
-            axes.plot(data.steps, values, color=colour, lw=1.5 * self._s, clip_on=False)
-        finite = np.concatenate([values[np.isfinite(values)] for _, values in curves])
+        axes.plot(data.steps, values, color=colour, lw=1.5 * self._s, clip_on=False)
+        finite = values[np.isfinite(values)]
         low, high = 1.08 * finite.min(initial=0.0), 1.08 * finite.max(initial=0.0)
         axes.set_ylim(low, high if high > low else 1.0)
         axes.set_xlim(data.start, float(data.steps[-1]))
@@ -193,8 +176,7 @@ class Dashboard:
                 shown = v in (0, self._follower + 1)
                 axes.plot(*tracks[:, v].T, color=TRUTH if v else LEADER, alpha=0.7 if shown else 0.35, lw=1.6 * s)
             own = data.flight.estimates[self._follower].state
-            for colour, track in [*((o.colour, o.position) for o in self._added.others), (ESTIMATE, own)]:
-                axes.plot(*track[:, :2].T, color=colour, alpha=0.6, lw=1.1 * s)
+            axes.plot(*own[:, :2].T, color=ESTIMATE, alpha=0.6, lw=1.1 * s)
         length = round_length(0.4 * 2 * self._reach)
         x, y, across = left + 12 * s, self._size[1] - top - 14 * s, length / 2 / self._reach * width
         bar = ([x, x, x + across, x + across], [y + 4 * s, y, y, y + 4 * s])
@@ -202,36 +184,6 @@ class Dashboard:
         self.figure.add_artist(Line2D(*bar, **look))
         self._write((x, top + 18 * s), f"{length:g} m", PALE, 12, "left", "top")
         self._write((left + width - 10 * s, top + 10 * s), "N ↑", PALE, -12, "right", "top")
-
-    def _add_colour_bar(self, place: Place, rays: RayErrors) -> None:
-        """What the colours of the rays mean."""
-        (left, top, width, _), t = place, self._t
-        axes = self._axes((left + 24 * t, top + 29 * t, width - 48 * t, 9 * t))
-        gradient = diverging(np.linspace(-1.0, 1.0, 256))[None]
-        axes.imshow(gradient, aspect="auto", extent=(-rays.limit, rays.limit, 0.0, 1.0))
-        axes.set_yticks([])
-        axes.set_xticks([-rays.limit, 0.0, rays.limit], [f"−{rays.limit:g}", "0", f"+{rays.limit:g}"])
-        self._write((left + 12 * t, top + 8 * t), f"{rays.label} [m]", PALE, 12, "left", "top")
-        self._write((left + 12 * t, top + 68 * t), "too short", PALE, 11, "left", "baseline")
-        self._write((left + width - 12 * t, top + 68 * t), "too long", PALE, 11, "right", "baseline")
-
-    def _add_caption(self, place: Place) -> None:
-        """What the film is about, and below it what its marks mean."""
-        (left, top, width, height), s = place, self._s
-        middle = left + width / 2
-        self._write((middle, top + 25 * s), self._added.caption, (1, 1, 1), -16 * s / self._t, "center", "baseline")
-        others = [("D", o.colour, o.label) for o in self._added.others]
-        marks = [("o", TRUTH, "truth"), ("D", ESTIMATE, self._added.label), *others]
-        self.figure.legend(
-            handles=[Line2D([], [], marker=m, ls="", ms=7 * s, color=colour, label=name) for m, colour, name in marks],
-            loc="lower center",
-            bbox_to_anchor=(middle / self._size[0], 1 - (top + height) / self._size[1]),
-            ncols=len(marks),
-            frameon=False,
-            labelcolor="linecolor",
-            prop={"size": 13 * s, "weight": "bold"},
-            handletextpad=0.1,
-        )
 
     # what changes
 
@@ -280,7 +232,7 @@ class Dashboard:
         heads = zip(_COLUMNS, vehicles, (LEADER, TRUTH), strict=True)
         transmitters = range(data.flight.scenario.navigation.transmitters)
         # names in the colours of the rays, as their legend
-        rays = self._added.ray_colours(state.message[f])
+        rays = TRANSMITTER_COLOURS
         right = [-12.0 - 65.0 * (len(transmitters) - 1 - i) for i in transmitters]
         ranges = ["–" if np.isnan(state.ranges[f, i]) else f"{state.ranges[f, i]:.2f}" for i in transmitters]
         return [
@@ -297,13 +249,12 @@ class Dashboard:
 
     def _draw_cursors(self, canvas: Canvas, time: float) -> None:
         step, strokes, dots = self._data.step(time), [], []
-        for axes, curves in self._curves:
+        for axes, colour, values in self._curves:
             ends = axes.transData.transform([(time, limit) for limit in axes.get_ylim()])
             strokes.append(Stroke(self._downward(ends), (*PALE, 0.8), 1.5))
-            for colour, values in curves:
-                if step and np.isfinite(values[step - 1]):
-                    now = axes.transData.transform([(self._data.steps[step - 1], values[step - 1])])
-                    dots.append(canvas.disc(self._downward(now)[0], 3.5, colour, PALE))
+            if step and np.isfinite(values[step - 1]):
+                now = axes.transData.transform([(self._data.steps[step - 1], values[step - 1])])
+                dots.append(canvas.disc(self._downward(now)[0], 3.5, colour, PALE))
         canvas.strokes(strokes)
         canvas.shapes(dots)
 
@@ -323,8 +274,6 @@ class Dashboard:
         if self._moves:
             lines = [Stroke(pixels(points), (*colour[:3], 0.5), 1.2) for points, colour in trails]
             canvas.strokes(lines, self._map)
-        estimates = [(o.colour, now) for o, now in zip(self._added.others, state.others, strict=True)]
-        marks = [canvas.diamond(pixels(now), 4.5, colour)
-                 for colour, now in [*estimates, (ESTIMATE, state.estimate[self._follower])]]  # fmt: skip
+        marks = [canvas.diamond(pixels(state.estimate[self._follower]), 4.5, ESTIMATE)]
         marks += [canvas.disc(at, 3.4, TRUTH if v else LEADER) for v, at in enumerate(pixels(fleet))]
         canvas.shapes(marks, self._map)

@@ -1,10 +1,6 @@
-"""The child process of a film: renders its share of the frames and encodes them in closed groups of pictures."""
+"""Frames of a film, and their encoding in closed groups of pictures."""
 
-import os
-import pickle
-import sys
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import closing
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -13,7 +9,7 @@ import numpy as np
 
 from laisn.arrays import Bytes, Floats
 from sim.film.cameras import CameraRig
-from sim.film.film_data import NOTHING, Annotations, FilmData
+from sim.film.film_data import FilmData
 from sim.film.overlay import Overlay
 from sim.film.scene import GlScene
 from sim.flight import Flight
@@ -44,7 +40,6 @@ class Job:
     video: Video
     follower: int = 0
     """Index of the follower that the film keeps to."""
-    annotations: Annotations = NOTHING
 
     @property
     def times(self) -> Floats:
@@ -64,7 +59,7 @@ class FrameRenderer:
 
     def __init__(self, job: Job, scene: GlScene) -> None:
         video = job.video
-        self._data = FilmData(job.flight, video.speed_up, job.follower, job.annotations)
+        self._data = FilmData(job.flight, video.speed_up, job.follower)
         self._cameras = CameraRig(self._data, video.width_px / video.height_px)
         self._overlay = Overlay(self._data, video)
         self._scene, self._camera = scene, video.camera
@@ -102,28 +97,3 @@ def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:
         picture.pts, picture.time_base = number, codec.time_base
         yield from (bytes(packet) for packet in codec.encode(picture))
     yield from (bytes(packet) for packet in codec.encode(None))
-
-
-def main(worker: int, workers: int) -> None:
-    """Render and encode the groups worker, worker + workers … of the job; results are (group, access units)."""
-    job, send = _connect()
-    with closing(GlScene(job.flight, job.video)) as scene:
-        renderer = FrameRenderer(job, scene)
-        for group in range(worker, job.groups, workers):
-            frames = (renderer.frame(float(time)) for time in job.times[group * GROUP : (group + 1) * GROUP])
-            send((group, list(encode(frames, job.video))))
-
-
-def main_still(time: float) -> None:
-    """Render one frame of the job; the result is its pixels, shape (height, width, 4)."""
-    job, send = _connect()
-    with closing(GlScene(job.flight, job.video)) as scene:
-        send(FrameRenderer(job, scene).frame(time))
-
-
-def _connect() -> tuple[Job, Callable[[object], None]]:
-    """The job, pickled on standard input, and a function that pickles results to standard output."""
-    output = os.fdopen(os.dup(1), "wb", buffering=0)
-    # what a library prints must not stand between results
-    os.dup2(2, 1)
-    return pickle.load(sys.stdin.buffer), lambda result: pickle.dump(result, output)

@@ -1,98 +1,76 @@
 """Flight -> film. Frames are rendered and encoded by child processes, so that no graphics library is needed here."""
 
 import os
-import pickle
-import subprocess
-from collections.abc import Callable, Generator, Sequence
-from contextlib import closing, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from fractions import Fraction
+from functools import cache
 from io import BytesIO
 from pathlib import Path
-from queue import SimpleQueue
-from tempfile import TemporaryFile
-from threading import Thread
-from typing import IO, Any
+from typing import Any
 
 from PIL import Image
 
+from laisn.arrays import Bytes
 from laisn.failure import LaisnError
 from sim.film import graphics
-from sim.film.frame_renderer import GROUP, Job
+from sim.film.frame_renderer import GROUP, FrameRenderer, Job, encode
+from sim.film.scene import GlScene
 from sim.scenario.settings import Video
-from sim.system import atomic_write
+from sim.system import atomic_write, exit_with_parent
 
-_IMPORTS = "from sim.film import frame_renderer"
-"""First line of the program that a child process runs."""
-_LAST_WORDS = 12
+_job: Job  # of a child process
 
 
 class RenderError(LaisnError):
     """A film that cannot be made, and why."""
 
 
-class RendererDiedError(RuntimeError):
-    """A process that renders ended before its work was done; the text states how, and its last output."""
-
-
 def _check_file(path: Path, suffix: str) -> None:
     if path.suffix.lower() != suffix:
         raise RenderError(f"{path} should end in {suffix}")
-    if path.is_dir():
-        raise RenderError(f"{path} is a folder; give the file another name")
     if not path.resolve().parent.is_dir():
         raise RenderError(f"the folder {path.resolve().parent} does not exist")
 
 
-def _results(job: Job, programs: Sequence[str]) -> Generator[Any, None, None]:
-    """Results of child processes as they arrive; none outlives the generator. RendererDiedError: one died."""
+def _begin(parent: int, job: Job) -> None:
+    """Prepare a child process; what graphics libraries print is dropped."""
+    global _job
+    exit_with_parent(parent)
+    _job, nowhere = job, os.open(os.devnull, os.O_WRONLY)
+    for stream in (1, 2):
+        os.dup2(nowhere, stream)
+
+
+@cache
+def _renderer() -> FrameRenderer:
+    return FrameRenderer(_job, GlScene(_job.flight, _job.video))
+
+
+def _frame(time: float) -> Bytes:
+    return _renderer().frame(time)
+
+
+def _encoded(group: int) -> list[bytes]:
+    times = _job.times[group * GROUP : (group + 1) * GROUP].tolist()
+    return list(encode(map(_renderer().frame, times), _job.video))
+
+
+@contextmanager
+def _children(job: Job, workers: int) -> Iterator[Any]:
+    """An executor of child processes that render a job."""
+    # stills and films alone need it
+    from joblib.externals.loky import ProcessPoolExecutor
+
     backend = graphics.working()
     if backend is None:
         raise RenderError(graphics.MISSING)
-    threads = max(1, (os.cpu_count() or 1) // len(programs))
-    content = pickle.dumps(job, protocol=pickle.HIGHEST_PROTOCOL)
-    start = f"from sim.system import exit_with_parent; exit_with_parent({os.getpid()}); {_IMPORTS}"
-    results: SimpleQueue[Any] = SimpleQueue()
-    children, readers = list[Any](), list[Thread]()
+    environment = graphics.environment(backend.name, max(1, (os.cpu_count() or 1) // workers))
+    executor = ProcessPoolExecutor(workers, initializer=_begin, initargs=(os.getpid(), job), env=environment)
     try:
-        for program in programs:
-            command, environment = graphics.child(f"{start}; frame_renderer.{program}", backend.name, threads)
-            log = TemporaryFile()  # noqa: SIM115 (the reader closes it)
-            pipe = subprocess.PIPE
-            children.append(subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, stderr=log))
-            readers.append(Thread(target=_read, args=(children[-1], log, content, results), daemon=True))
-            readers[-1].start()
-        going = len(children)
-        while going:
-            result = results.get()
-            if isinstance(result, RendererDiedError):
-                raise result
-            if result is None:
-                going -= 1
-            else:
-                yield result
+        yield executor
     finally:
-        for child in children:
-            child.kill()
-        for reader in readers:
-            reader.join()
-
-
-def _read(child: Any, log: IO[bytes], content: bytes, results: SimpleQueue[Any]) -> None:
-    """Send a child its job and collect its results, then None or, if it failed, an error with the end of its log."""
-    with log, child, suppress(BrokenPipeError):
-        with suppress(BrokenPipeError):
-            child.stdin.write(content)
-            child.stdin.close()
-        # the last result of a child that dies may be cut short
-        with suppress(EOFError, pickle.UnpicklingError):
-            while True:
-                results.put(pickle.load(child.stdout))
-        code = child.wait()
-        log.seek(0)
-        words = log.read().decode(errors="replace").strip().splitlines()[-_LAST_WORDS:]
-        how = f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"
-        message = "\n".join([f"a process that renders frames {how}", *words])
-        results.put(RendererDiedError(message) if code else None)
+        executor.shutdown(kill_workers=True)
 
 
 def render(
@@ -100,7 +78,7 @@ def render(
 ) -> list[tuple[float, bytes]]:
     """Film a flight: H.264 in MP4, yuv420p, index first. The file appears when it is whole.
 
-    Frames and bytes do not depend on the number of workers.
+    Frames and bytes do not depend on the number of workers. The exception of a child process is raised here.
 
     Args:
         job: what is filmed.
@@ -113,17 +91,15 @@ def render(
 
     Raises:
         RenderError: a setting is impossible, or nothing renders here.
-        RendererDiedError: a child died.
     """
     _check_file(path, ".mp4")
-    workers = min(workers, job.groups)
-    groups: dict[int, list[bytes]] = {}
-    with closing(_results(job, [f"main({worker}, {workers})" for worker in range(workers)])) as results:
-        for group, found in results:
-            groups[group] = found
+    units = list[bytes]()
+    with _children(job, min(workers, job.groups)) as children:
+        groups = [children.submit(_encoded, group) for group in range(job.groups)]
+        for done, group in enumerate(groups, start=1):
+            units += group.result()
             if progress:
-                progress(len(groups) / job.groups)
-    units = [unit for group in range(job.groups) for unit in groups[group]]
+                progress(done / len(groups))
     with atomic_write(path) as part:
         _write_mp4(part, units, job.video)
     return list(zip(job.times.tolist(), units, strict=True))
@@ -156,13 +132,12 @@ def still(job: Job, time_s: float, path: Path) -> None:
 
     Raises:
         RenderError: a setting is impossible, the time outside the mission, or nothing renders here.
-        RendererDiedError: the child died.
     """
     _check_file(path, ".png")
     start, end = float(job.flight.trajectory.time[0]), float(job.flight.trajectory.time[-1])
     if not start <= time_s <= end:
         raise RenderError(f"time {time_s:g} s lies outside the mission, {start:g} … {end:g} s")
-    with closing(_results(job, [f"main_still({float(time_s)!r})"])) as results:
-        (pixels,) = results
+    with _children(job, 1) as children:
+        pixels = children.submit(_frame, time_s).result()
     with atomic_write(path) as part:
         Image.fromarray(pixels).convert("RGB").save(part, format="png")

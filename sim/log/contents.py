@@ -5,15 +5,13 @@ import struct
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import IO, Any
 
-import lz4.frame
 import numpy as np
 import numpy.typing as npt
-import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.exceptions import EndOfFile, InvalidMagic
 from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, McapRecord, Message, Metadata, Schema
@@ -31,8 +29,6 @@ SCENARIO, VEHICLES, SUMMARY, VERSIONS = "scenario.toml", "vehicles.json", "summa
 FLIGHT = "laisn"
 """Metadata record that every log of a flight has."""
 _INTERRUPTED = "INTERRUPTED"
-_ALLOWANCE, _RATIO = 8 << 20, 16
-"""A file of n bytes may decompress to 8 MiB + 16 n; flights decompress to 6 n."""
 
 
 class LogError(LaisnError):
@@ -74,22 +70,6 @@ def _intact(stream: IO[bytes], attachment: Attachment) -> bool:
     return stored in (bytes(4), builder.end()[-4:])  # type: ignore[no-untyped-call]  # the library leaves it bare
 
 
-def _records_of(chunk: Chunk, most: int) -> list[McapRecord]:
-    """Decompress as a stream: at once, any size that the chunk states would be allocated."""
-    size, data = chunk.uncompressed_size, chunk.data
-    if size > most:
-        raise ValueError(f"a chunk of {len(data)} bytes would decompress to {size}, too many")
-    if chunk.compression == "zstd":
-        data = zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)
-    elif chunk.compression == "lz4":
-        data = bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1))
-    elif chunk.compression:
-        raise ValueError(f"a chunk is compressed by {chunk.compression!r}; expected zstd, lz4 or nothing")
-    if len(data) != size:
-        raise ValueError("the size of a chunk does not match")
-    return breakup_chunk(replace(chunk, compression="", data=data), validate_crc=True)
-
-
 def _records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Iterator[McapRecord]:
     """The data section in order, each record after its checksum was verified; a chunk is followed by what is in it.
 
@@ -98,14 +78,12 @@ def _records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Ite
     """
     with log_errors(path), path.open("rb") as stream:
         size, at, ended = path.stat().st_size, 0, False
-        left = _ALLOWANCE + _RATIO * size
         # no record is longer than its file
         reader = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=size)
         try:
             for record in reader.records:
                 if isinstance(record, Chunk):
-                    inner = _records_of(record, left)
-                    left -= record.uncompressed_size
+                    inner = breakup_chunk(record, validate_crc=True)
                     yield record
                     yield from inner
                 elif isinstance(record, Attachment) and not _intact(stream, record):
@@ -208,8 +186,7 @@ class Messages:
 class Contents:
     """What a log holds; of topics that are not `wanted` (by name and empty channel), the times of messages alone.
 
-    LogError if it cannot be read, is no MCAP file or is damaged, decompresses to more than is plausible, or a topic has
-    messages of several types.
+    LogError if it cannot be read, is no MCAP file or is damaged, or a topic has messages of several types.
     """
 
     def __init__(self, path: Path, wanted: Callable[[str, Messages], bool] = lambda topic, messages: True) -> None:
@@ -219,7 +196,7 @@ class Contents:
         self.unverified: tuple[str, ...] = ()
         """Parts that no checksum covers, so that damage to them cannot be noticed."""
         schemas, channels = dict[int, Schema](), dict[int, Messages]()
-        chunks = bare = 0
+        bare = 0
         with log_errors(path):
             for record in _records(path):
                 if isinstance(record, Message):
@@ -242,9 +219,9 @@ class Contents:
                 elif isinstance(record, Metadata):
                     self.metadata[record.name] = record.metadata
                 elif isinstance(record, Chunk):
-                    chunks, bare = chunks + 1, bare + (not record.uncompressed_crc)
+                    bare += not record.uncompressed_crc
                 elif isinstance(record, DataEnd) and not record.data_section_crc:
-                    self.unverified = ("metadata", *([f"{bare} of {chunks} chunks"] if bare else []))
+                    self.unverified = ("metadata", *([f"{bare} chunks"] if bare else []))
             for m in self.topics.values():
                 if m.kept and np.any(m.time_ns[1:] < m.time_ns[:-1]):
                     order = np.argsort(m.time_ns, kind="stable").tolist()
@@ -272,14 +249,6 @@ class Contents:
             known = ", ".join(f.name for f in messages.message_class.DESCRIPTOR.fields)
             raise LogError(f"{self.path}: channel {topic} lacks {', '.join(missing)}; its fields: {known}")
         return messages
-
-
-def holds_messages(path: Path) -> bool:
-    """Whether a partial log holds an intact block of messages."""
-    try:
-        return any(isinstance(record, Message) for record in _records(path))
-    except LogError:
-        return False
 
 
 def _copy(path: Path, target: Path, remarks: list[str]) -> str:

@@ -23,7 +23,7 @@ from sim import attitude
 from sim.attitude import geodetic
 from sim.flight import Flight, Outcome, position_and_bearing_errors
 from sim.log import schema
-from sim.log.contents import FLIGHT, SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, holds_messages, partial_path
+from sim.log.contents import FLIGHT, SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, partial_path
 from sim.log.scene import ESTIMATE, TRUTH, draw_acoustics, draw_vehicles
 from sim.log.schema import Clock, RecordType, pose, quaternion, timestamp, vector
 from sim.scenario.settings import CONTROL_STEP_S
@@ -329,7 +329,7 @@ def write(
         write_channels(partial, filled, lambda mcap: _describe(flight, summary, mcap))
         os.replace(partial, path)
     except BaseException as error:
-        kept = holds_messages(partial)
+        kept = partial.is_file() and partial.stat().st_size > 0
         if not kept:
             with suppress(OSError):
                 partial.unlink()

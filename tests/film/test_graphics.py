@@ -36,13 +36,6 @@ def test_a_backend_that_does_not_exist_is_reported_not_raised():
     assert "no-such-backend" in found.detail
 
 
-def test_a_library_that_is_not_installed_is_called_so(monkeypatch):
-    """PyOpenGL's own message does not explain it to a newcomer."""
-    program = (sys.executable, "-c", "None.glGetError()")
-    monkeypatch.setattr(graphics, "child", lambda *_: (program, dict(os.environ)))
-    assert graphics._examine("osmesa") == graphics.Backend("osmesa", False, "its library is not installed")
-
-
 def test_a_child_imports_the_packages_modules_in_any_working_directory(tmp_path):
     for name in ("models", "sim", "json"):
         (tmp_path / name).mkdir()

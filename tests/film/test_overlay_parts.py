@@ -189,7 +189,7 @@ def test_a_curve_shows_the_whole_mission_and_its_cursor_the_present() -> None:
     dot = ours.polygons[0].mean(axis=0)
     # the axis spans 0 to 60 s: pulses about 20.1 s and 40.1 s lie as far on either side of the cursor
     assert cursor[0, 0] == pytest.approx(dot[0], abs=0.5)
-    axes, _ = board._curves[0]
+    axes, _, _ = board._curves[0]
     x, y, width, height = board.places[1]
     pulses = [axes.transData.transform((20.1 + 20 * n, 3.5))[0] for n in (0, 1)]
     assert cursor[0, 0] - pulses[0] == pytest.approx(pulses[1] - cursor[0, 0], abs=0.6)
