@@ -13,17 +13,14 @@ from sim import attitude
 from sim.flight import Flight, position_and_bearing_errors
 from sim.tracking import true_stations
 
-RGB = tuple[float, float, float]
-"""Red, green, blue, each in [0, 1]."""
+RGB = tuple[float, float, float]  # red, green, blue, each in [0, 1]
 
 TRANSMITTERS = ("tx_rear", "tx_front", "tx_middle")
 
 _AFTERGLOW_S = 0.45
 """Time constant of a ray's fading, in seconds of film: pings closer together than that blend into a steady ray."""
-_TRAIL_S, _TRAIL_POINT_S = 5.0, 0.04
-"""Length of a trail, and spacing of its points, in seconds of film."""
-_LEAST_WEIGHT = 0.01
-"""Hypotheses of less weight are not shown."""
+_TRAIL_S, _TRAIL_POINT_S = 5.0, 0.04  # length of a trail, and spacing of its points, in seconds of film
+_LEAST_WEIGHT = 0.01  # hypotheses of less weight are not shown
 
 LEADER: RGB = (1.0, 0.68, 0.20)  # trail and label
 TRUTH: RGB = (1.0, 0.95, 0.25)  # trail and position of a follower

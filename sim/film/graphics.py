@@ -29,8 +29,7 @@ class Backend(NamedTuple):
 
     name: str
     works: bool
-    detail: str
-    """Name of the renderer if it works, or why it does not."""
+    detail: str  # name of the renderer if it works, or why it does not
 
 
 def environment(backend: str, threads: int = 1) -> dict[str, str]:

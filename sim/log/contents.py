@@ -26,8 +26,7 @@ from sim.scenario import file as scenario_file
 from sim.system import atomic_write
 
 SCENARIO, VEHICLES, SUMMARY, VERSIONS = "scenario.toml", "vehicles.json", "summary.json", "versions.json"
-FLIGHT = "laisn"
-"""Metadata record that every log of a flight has."""
+FLIGHT = "laisn"  # metadata record that every log of a flight has
 _INTERRUPTED = "INTERRUPTED"
 
 
@@ -113,11 +112,9 @@ def _records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Ite
 class Messages:
     """The messages of a topic, in order of time."""
 
-    schema: Any
-    """None: unknown."""
+    schema: Any  # None: unknown
     encoding: str = MessageEncoding.Protobuf
-    kept: bool = True
-    """Data are kept, not times alone."""
+    kept: bool = True  # data are kept, not times alone
     times: "array[int]" = field(default_factory=lambda: array("q"))
     data: list[bytes] = field(default_factory=list)
 
@@ -193,8 +190,7 @@ class Contents:
         self.path = path
         self.attachments, self.topics = dict[str, bytes](), dict[str, Messages]()
         self.metadata = dict[str, dict[str, str]]()
-        self.unverified: tuple[str, ...] = ()
-        """Parts that no checksum covers, so that damage to them cannot be noticed."""
+        self.unverified: tuple[str, ...] = ()  # parts that no checksum covers, so that damage to them cannot be noticed
         schemas, channels = dict[int, Schema](), dict[int, Messages]()
         bare = 0
         with log_errors(path):

@@ -29,8 +29,7 @@ from sim.log.schema import Clock, RecordType, pose, quaternion, timestamp, vecto
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import OF_VEHICLES, Trajectory
 
-_BLOCK_NS = 10 * 10**9
-"""What was logged of this time is in the file before more is logged [ns]."""
+_BLOCK_NS = 10 * 10**9  # what was logged of this time is in the file before more is logged [ns]
 _PACKAGES = ("laisn-sim", "mujoco", "numpy", "scipy", "numba", "filterpy", "mcap", "foxglove-sdk")
 _CONVENTIONS: dict[str, str] = json.loads((Path(__file__).parent / "conventions.json").read_text(encoding="utf-8"))
 Frame = tuple[float, bytes]
@@ -50,8 +49,7 @@ class Event(NamedTuple):
     time_s: float
     level: Level
     text: str
-    source: str = "laisn"
-    """A vehicle, or the program."""
+    source: str = "laisn"  # a vehicle, or the program
 
 
 class Channel(NamedTuple):
@@ -59,10 +57,8 @@ class Channel(NamedTuple):
 
     topic: str
     schema: foxglove.Schema
-    time_ns: Ints
-    """Time of each message since 1970, shape (n,), [ns]."""
-    rows: Callable[[slice], Iterable[bytes]]
-    """Serialised messages of a stretch."""
+    time_ns: Ints  # time of each message since 1970, shape (n,), [ns]
+    rows: Callable[[slice], Iterable[bytes]]  # serialised messages of a stretch
 
 
 Column = schema.Array | Callable[[slice], schema.Array]

@@ -1,7 +1,6 @@
 """Data sets of others: reading their files, and converting them to a log."""
 
 import math
-import struct
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
@@ -92,20 +91,6 @@ def test_times_in_nanoseconds_are_read_in_seconds(tmp_path: Path) -> None:
     assert data.slip == pytest.approx(math.sqrt(0.0075), rel=1e-6)
 
 
-def test_milliseconds_taken_for_seconds_are_doubted(tmp_path: Path) -> None:
-    """6.5 m in 3 s are a vehicle's way, in 3000 s they are not."""
-    words = [line.split() for line in GRAPH.splitlines()]
-    for w in words:
-        if w and w[0] not in ("VERTEX_XY", "#"):
-            w[1] = str(1000 * float(w[1]))
-    text = "\n".join(" ".join(w) for w in words)
-    assert not [remark for remark in read_data_set(graph(tmp_path)).remarks if "seconds" in remark]
-    assert (
-        read_data_set(graph(tmp_path, text)).remarks[-1]
-        == "a way of 6 m in 3000 s, 0.002 m/s: are the times in seconds?"
-    )
-
-
 def test_poses_of_one_time_are_joined(tmp_path: Path) -> None:
     """A1 is at the time of A0 or of A2: the way ends where it did, in one step; its range keeps its time."""
     for at, first in (("10.0", "11.2"), ("13.0", "13.0")):
@@ -194,7 +179,6 @@ def test_a_graph_without_times_goes_by_the_second(tmp_path: Path) -> None:
         ("EDGE_SE2 13.0 A0 A2", "EDGE_SE2 13.0 A1 A2", r"odometry \(EDGE_SE2\) from A1 to A2 is given twice"),
         ("24.0 0.25", "1e300 0.25", r"line 15: EDGE_RANGE: 1e\+300 is not within"),
         ("24.0 0.25", "24.0 1e300", r"line 15: EDGE_RANGE: 1e\+300 is not within"),
-        ("A2", "A²", "2 poses; odometry needs three"),
         ("VERTEX_SE2", "VERTEX_XY:PRIOR", "expected 8"),
     ],
 )
@@ -202,16 +186,6 @@ def test_errors_of_a_graph_are_reported(tmp_path: Path, old: str, new: str, word
     assert old in GRAPH
     with pytest.raises(LaisnError, match=words):
         read_data_set(graph(tmp_path, GRAPH.replace(old, new)))
-
-
-@pytest.mark.parametrize("kind", [19, 50, 100, 255, 1000, 70_000])
-def test_a_file_that_crashes_the_library_is_damaged(tmp_path: Path, kind: int) -> None:
-    """SciPy reads beyond its table of types where an element has an unknown one, and most often crashes."""
-    path = tmp_path / "a.mat"
-    savemat(path, {"DR": np.ones((4, 3))})
-    path.write_bytes(path.read_bytes().replace(struct.pack("<II", 9, 96), struct.pack("<II", kind, 96)))
-    with pytest.raises(LaisnError, match=r"a\.mat: no MATLAB file of version 5, or damaged: "):
-        read_data_set(path)
 
 
 def test_errors_of_files_are_reported(tmp_path: Path) -> None:
@@ -254,18 +228,6 @@ def test_errors_of_tables_are_reported(
     savemat(tmp_path / "odd.mat", tables)
     with pytest.raises(LaisnError, match=words):
         read_data_set(tmp_path / "odd.mat")
-
-
-def test_a_small_file_of_large_tables_is_refused_before_they_are_read(tmp_path: Path) -> None:
-    """Compressed zeros: 12 MB of bytes as 12 kB; other variables of a file are not read at all."""
-    tables = {name: array for name, array in loadmat(PLAZA / "Plaza2.mat").items() if not name.startswith("_")}
-    zeros = np.zeros((3_000_000, 4), dtype=np.int8)
-    savemat(tmp_path / "bomb.mat", tables | {"GT": zeros}, do_compression=True)
-    savemat(tmp_path / "more.mat", tables | {"map": zeros}, do_compression=True)
-    assert (tmp_path / "bomb.mat").stat().st_size < 1_000_000
-    with pytest.raises(LaisnError, match=r"bomb\.mat: its tables have 12,.* numbers, at most 10,000,000"):
-        read_data_set(tmp_path / "bomb.mat")
-    assert read_data_set(tmp_path / "more.mat").ranges.size == read_data_set(PLAZA / "Plaza2.mat").ranges.size
 
 
 def test_text_beyond_the_bounds_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -441,10 +403,8 @@ def test_legs_end_where_poses_composed_one_after_the_other_do(
     ("changes", "words"),
     [
         ({"time": np.array([0.0, 1.0, 1.0, 3.0])}, "from 1.000000 s to 1.000000 s between poses 1 and 2"),
-        ({"time": np.array([-5.0, 1.0, 2.0, 3.0])}, "times begin at -5 s, expected 0 s or later"),
         ({"ranges": np.full(6, np.inf)}, "ranges must be finite and within"),
         ({"ranges": np.empty(0), "range_time": np.empty(0), "range_beacon": np.empty(0)}, "holds no range"),
-        ({"time": np.array([0.0, 1.0]), "odometry": np.ones((1, 3))}, "2 poses; odometry needs three"),
     ],
 )
 def test_data_that_make_no_mission_are_refused(changes: dict[str, object], words: str) -> None:
@@ -513,7 +473,7 @@ def test_the_command_names_what_it_cannot_do(tmp_path: Path) -> None:
     assert "ends in .mcap" in run("log", "import", PLAZA / "Plaza2.mat", "--out", tmp_path / "a.log")
     write_data_set(straight(), log)
     tight = ("replay", log, "--variant", "tight", "--set")
-    assert "beacons.slip: Extra inputs are not permitted; known: medium, " in run(*tight, "beacons.slip=1")
+    assert "beacons.slip: Extra inputs are not permitted\nknown: medium, " in run(*tight, "beacons.slip=1")
     assert "Input should be 'auto', 'air' or 'water'" in run(*tight, "beacons.medium=mud")
     assert "expected beacons.… for the variant tight" in run(*tight, "navigation.threshold_m=1")
     assert "expected beacons.… for the variant tight" in run(*tight, "sensors.speed_bias_m_s=1")
