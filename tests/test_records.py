@@ -71,7 +71,7 @@ def made() -> dict[str, Any]:
 @pytest.mark.parametrize(
     "name",
     ["Trajectory", "Propagation", "MissionTruth", "Measurements", "Estimates", "RangeErrorBudget", "Route",
-     "DepthProfile", "Waves", "OtherEstimate", "RayErrors"],
+     "DepthProfile", "Waves"],
 )  # fmt: skip
 def test_a_record_shares_no_array_with_its_caller(made: dict[str, Any], name: str) -> None:
     record = made[name]

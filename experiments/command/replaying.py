@@ -96,13 +96,15 @@ def _report(
 ) -> None:  # fmt: skip
     """Print a row for each of `shown` and the remarks on a log; write those `kept` as CSV and into out/replay."""
     console, columns = Console(), ("follower", "time_s", "x_m", "y_m", "vx_m_s", "vy_m_s")
+    with_path = any(one.path is not None for one in shown)
+    heads = ("mean error [m]", "RMS [m]", "95 % [m]", "NEES") if with_path else ("steps", "Δt [s]", "fixes")
     rows = []
     for one in shown:
-        values = (*one.score, *one.estimates.state[-1, :2])
-        figures = ["–" if math.isnan(value) else f"{value:.2f}" for value in values]
-        rows.append([one.name, f"{one.measured.time.size}", f"{one.measured.dt:g}", one.fixes, *figures])
-    heads = ("", "steps", "Δt [s]", "fixes", "mean error [m]", "RMS [m]", "95 % [m]", "NEES", "x [m]", "y [m]")
-    show_table(console, heads, rows)
+        errors = ["–" if math.isnan(value) else f"{value:.2f}" for value in one.score]
+        counts = [f"{one.measured.time.size}", f"{one.measured.dt:g}", one.fixes]
+        place = [f"{value:.2f}" for value in one.estimates.state[-1, :2]]
+        rows.append([one.name, *(errors if with_path else counts), *place])
+    show_table(console, ("", *heads, "x [m]", "y [m]"), rows)
     for remark in remarks:
         print_line(console, remark, "note:")
     if out is not None:
@@ -155,8 +157,6 @@ def show_info(path: Path) -> None:
         print_line(console, f"attachment {name}: {len(data)} bytes")
     for name, record in log.metadata.items():
         print_line(console, f"metadata {name}: {', '.join(f'{k}={v}' for k, v in record.items())}")
-    for what in log.unverified:
-        print_line(console, f"{what}: no checksum, damage is not detected", "note:")
 
 
 def _smoother(variant: str, lag_s: float | None) -> NavigatorFactory | None:

@@ -1,14 +1,11 @@
 """Factor graphs in the text format of PyFactorGraph (`.pyfg`): planar poses, odometry, ranges, landmarks, priors.
 
-A line is a kind and its fields. A pose is called by a letter for its robot and a number, a landmark by L and a number;
-headings are anticlockwise from east. Noise is given as the upper triangle of a covariance.
+A pose is called by a letter for its robot and a number, a landmark by L and a number; headings are anticlockwise from
+east. Noise is the upper triangle of a covariance. Times are in s, or in ns where one is too large for s.
 
     VERTEX_SE2 time pose x y heading            VERTEX_XY landmark x y
     VERTEX_SE2:PRIOR time pose x y heading …    VERTEX_XY:PRIOR time landmark x y …
     EDGE_SE2 time pose pose ahead port turn …   EDGE_RANGE time one other range variance
-
-Times are in s, or in ns where one is too large for s. Vertices of poses are the true path in simulated graphs; in
-others they may be the file's own estimate, which no line states.
 """
 
 import math
@@ -86,10 +83,7 @@ def _odometry(lines: list[_Line], order: dict[str, int], source: str) -> tuple[F
     gaps = np.flatnonzero(np.isnan(steps[:, 0]))
     if gaps.size:
         names = list(order)
-        raise LaisnError(
-            f"{source}: no odometry (EDGE_SE2) from {names[gaps[0]]} to {names[gaps[0] + 1]}, nor in "
-            f"{gaps.size - 1} other places of {len(steps)}"
-        )
+        raise LaisnError(f"{source}: no odometry (EDGE_SE2) from {names[gaps[0]]} to {names[gaps[0] + 1]}")
     return steps, variances, closures
 
 
@@ -128,9 +122,7 @@ def read_factor_graph(path: Path) -> RangeData:
     lines = _parsed(text_of(path), source)
     robots = Counter(m[1] for line in lines["VERTEX_SE2"] if (m := _POSE.fullmatch(line.names[0])))
     if not robots:
-        raise LaisnError(
-            f"{source}: no planar pose (VERTEX_SE2) of a robot, called by a letter and a number such as A0"
-        )
+        raise LaisnError(f"{source}: no planar pose (VERTEX_SE2) of a robot, called by a letter and a number, A0")
     robot = max(robots, key=lambda letter: (robots[letter], -ord(letter)))
     if others := sorted(set(robots) - {robot}):
         remarks.append(f"of several robots {robot} is taken; left out: {', '.join(others)}")
@@ -162,19 +154,11 @@ def read_factor_graph(path: Path) -> RangeData:
     ranges, sigma = _ranges(lines["EDGE_RANGE"], order, time, {name: i for i, name in enumerate(places)})
     begin = next((p for p in lines["VERTEX_SE2:PRIOR"] if p.names[0] == poses[0].names[0]), poses[0]).values
     return RangeData.collect(
-        source=source,
-        start=np.array([begin[0], begin[1], 0.5 * np.pi - begin[2]]),
-        time=time,
-        odometry=odometry,
-        beacons=tuple(places),
-        places=np.array(list(places.values()), dtype=np.float64).reshape(-1, 2),
-        ranges=ranges,
-        range_sigma=sigma,
-        truth=truth,
-        slip=math.sqrt(max(slip, 0.0)) or None,
-        heading_walk=math.sqrt(max(walk, 0.0)) or None,
-        remarks=remarks,
-    )
+        source=source, start=np.array([begin[0], begin[1], 0.5 * np.pi - begin[2]]), time=time, odometry=odometry,
+        beacons=tuple(places), places=np.array(list(places.values()), dtype=np.float64).reshape(-1, 2), ranges=ranges,
+        range_sigma=sigma, truth=truth, slip=math.sqrt(max(slip, 0.0)) or None,
+        heading_walk=math.sqrt(max(walk, 0.0)) or None, remarks=remarks,
+    )  # fmt: skip
 
 
 def _line(*words: object) -> str:

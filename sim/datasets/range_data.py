@@ -146,23 +146,17 @@ class RangeData:
     def among(self, names: Sequence[str]) -> Self:
         """Data with the ranges to some beacons only, in the order of their names; LaisnError naming one that lacks."""
         unknown = [name for name in names if name not in self.beacons]
-        if unknown or not names:
-            raise LaisnError(
-                f"{self.source}: no beacon {', '.join(unknown) or 'is named'}; available: {', '.join(self.beacons)}"
-            )
+        if unknown:
+            raise LaisnError(f"{self.source}: no beacon {', '.join(unknown)}; available: {', '.join(self.beacons)}")
         chosen = list(dict.fromkeys(names))
         index = [self.beacons.index(name) for name in chosen]
         kept = np.isin(self.range_beacon, index)
         number = np.full(len(self.beacons), -1, dtype=np.int64)
         number[index] = np.arange(len(index))
         return replace(
-            self,
-            beacons=tuple(chosen),
-            places=self.places[index],
-            range_time=self.range_time[kept],
-            range_beacon=number[self.range_beacon[kept]],
-            ranges=self.ranges[kept],
-        )
+            self, beacons=tuple(chosen), places=self.places[index], range_time=self.range_time[kept],
+            range_beacon=number[self.range_beacon[kept]], ranges=self.ranges[kept],
+        )  # fmt: skip
 
     def legs(self) -> tuple[Floats, Floats, Floats]:
         """The way as odometry has it, cut where a range was measured, so that each has its own place on it.
@@ -239,14 +233,10 @@ def read_range_tables(path: Path) -> RangeData:
     index = {name: i for i, name in enumerate(names)}
     beacons = [index.get(node, -1) for node in ranges[:, 2].tolist()]
     return RangeData.collect(
-        source=str(path),
-        start=np.array([start[1], start[2], 0.5 * np.pi - start[3]]),
+        source=str(path), start=np.array([start[1], start[2], 0.5 * np.pi - start[3]]),
         time=np.concatenate([start[:1], odometry[:, 0]]),
         odometry=np.column_stack([odometry[:, 1], np.zeros(len(odometry)), odometry[:, 2]]),
-        beacons=tuple(map(str, names)),
-        places=nodes[:, 1:].copy(),
-        ranges=np.column_stack([ranges[:, 0], beacons, ranges[:, 3]]),
-        range_sigma=None,
-        truth=tables["GT"][:, :3].copy() if "GT" in tables else np.empty((0, 3)),
-        remarks=(),
-    )
+        beacons=tuple(map(str, names)), places=nodes[:, 1:].copy(),
+        ranges=np.column_stack([ranges[:, 0], beacons, ranges[:, 3]]), range_sigma=None,
+        truth=tables["GT"][:, :3].copy() if "GT" in tables else np.empty((0, 3)), remarks=(),
+    )  # fmt: skip

@@ -55,7 +55,7 @@ def _ticks(most: int, low: float, high: float) -> list[float]:
 
 def _line(points: Floats, colour: Colour, width: float) -> Iterator[Stroke]:
     """A line through many points, shape (n, 2), [px], without those that do not show; broken at NaN."""
-    return (Stroke(part, colour, width) for part in Path(points).to_polygons(closed_only=False))
+    return (Stroke(np.asarray(part), colour, width) for part in Path(points).to_polygons(closed_only=False))
 
 
 class Dashboard:

@@ -69,7 +69,6 @@ class GlScene:
         self._gl.make_current()
         self._context = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
-        self._read_one_mipmap()
         self._scene = mujoco.MjvScene(self._model, _MAX_GEOMS)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = True
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False  # see `_add_backdrop`
@@ -141,17 +140,6 @@ class GlScene:
         GL.glFogf(GL.GL_FOG_START, start)
         GL.glFogf(GL.GL_FOG_END, end)
         self._sight = end
-
-    def _read_one_mipmap(self) -> None:
-        """Take a pixel of a texture from the nearest of its sizes alone: on a processor, two cost as much again."""
-        # as in `_fog`
-        from OpenGL import GL
-
-        flat = mujoco.mjtTexture.mjTEXTURE_2D.value
-        for texture, kind in zip(self._context.texture, self._model.tex_type, strict=False):
-            if kind == flat:
-                GL.glBindTexture(GL.GL_TEXTURE_2D, int(texture))
-                GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR_MIPMAP_NEAREST)
 
     def _render(self, state: FrameState, view: View, box: Box) -> None:
         left, top, width, height = box

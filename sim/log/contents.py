@@ -15,7 +15,7 @@ import numpy.typing as npt
 from mcap.data_stream import RecordBuilder
 from mcap.exceptions import EndOfFile, InvalidMagic
 from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import MAGIC_SIZE, CRCValidationError, StreamReader, breakup_chunk
+from mcap.stream_reader import MAGIC_SIZE, CRCValidationError, StreamReader
 from mcap.well_known import MessageEncoding
 from mcap.writer import CompressionType, Writer
 
@@ -70,7 +70,7 @@ def _intact(stream: IO[bytes], attachment: Attachment) -> bool:
 
 
 def _records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Iterator[McapRecord]:
-    """The data section in order, each record after its checksum was verified; a chunk is followed by what is in it.
+    """The data section in order, each record after its checksum was verified, those of chunks included.
 
     A damaged attachment is left out and passed to `on_damaged`; without that, or for any other broken record or a
     missing end, DamagedError.
@@ -78,14 +78,10 @@ def _records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Ite
     with log_errors(path), path.open("rb") as stream:
         size, at, ended = path.stat().st_size, 0, False
         # no record is longer than its file
-        reader = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=size)
+        reader = StreamReader(stream, validate_crcs=True, record_size_limit=size)
         try:
             for record in reader.records:
-                if isinstance(record, Chunk):
-                    inner = breakup_chunk(record, validate_crc=True)
-                    yield record
-                    yield from inner
-                elif isinstance(record, Attachment) and not _intact(stream, record):
+                if isinstance(record, Attachment) and not _intact(stream, record):
                     if on_damaged is None:
                         raise ValueError(f"the checksum of attachment {record.name!r} does not match")
                     on_damaged(f"attachment {record.name!r} is damaged and is left out")
@@ -190,9 +186,7 @@ class Contents:
         self.path = path
         self.attachments, self.topics = dict[str, bytes](), dict[str, Messages]()
         self.metadata = dict[str, dict[str, str]]()
-        self.unverified: tuple[str, ...] = ()  # parts that no checksum covers, so that damage to them cannot be noticed
         schemas, channels = dict[int, Schema](), dict[int, Messages]()
-        bare = 0
         with log_errors(path):
             for record in _records(path):
                 if isinstance(record, Message):
@@ -214,10 +208,6 @@ class Contents:
                     self.attachments[record.name] = record.data
                 elif isinstance(record, Metadata):
                     self.metadata[record.name] = record.metadata
-                elif isinstance(record, Chunk):
-                    bare += not record.uncompressed_crc
-                elif isinstance(record, DataEnd) and not record.data_section_crc:
-                    self.unverified = ("metadata", *([f"{bare} chunks"] if bare else []))
             for m in self.topics.values():
                 if m.kept and np.any(m.time_ns[1:] < m.time_ns[:-1]):
                     order = np.argsort(m.time_ns, kind="stable").tolist()
@@ -289,8 +279,6 @@ def _copy(path: Path, target: Path, remarks: list[str]) -> str:
             write_instant()
         if problem and not times_ns:
             raise LogError(f"{path}: holds no intact message ({problem}); there is nothing to recover")
-        if metadata and not whole:
-            remarks.append(f"metadata {', '.join(metadata)}: no checksum, damage cannot be detected")
         if remarks:
             writer.add_metadata("recovery", {str(i): text for i, text in enumerate(remarks)})
         writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare

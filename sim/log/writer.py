@@ -1,12 +1,11 @@
 """A flight as channels of timed messages, written as an MCAP log that Foxglove and Rerun draw."""
 
+import errno
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from importlib.metadata import version
-from io import BytesIO
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -225,22 +224,6 @@ def channels(flight: Flight, events: Iterable[Event], video: Sequence[Frame]) ->
     return [*found, *_scene(flight, clock), _events(flight, clock, events), _camera(video, clock)]
 
 
-class _Block(BytesIO):
-    """What was written since the last `take`; positions count from the start of the file."""
-
-    taken = 0
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
-        return self.taken + super().seek(offset - (self.taken if whence == os.SEEK_SET else 0), whence)
-
-    def take(self) -> bytes:
-        data = self.getvalue()
-        super().seek(0)
-        self.truncate()
-        self.taken += len(data)
-        return data
-
-
 def write_channels(path: Path, channels: Sequence[Channel], describe: Callable[[MCAPWriter], None]) -> None:
     """Write an MCAP file; the same arguments give the same bytes. If that fails, the file stays without an end.
 
@@ -248,13 +231,13 @@ def write_channels(path: Path, channels: Sequence[Channel], describe: Callable[[
     next one begins; a channel without messages is not in it. `describe` writes attachments and metadata.
     """
     options = MCAPWriteOptions(compression_threads=0, compression_level=1, disable_seeking=True)
-    block, context, proto = _Block(), foxglove.Context(), MessageEncoding.Protobuf
-    # the SDK only logs errors of its output, and does not survive the exceptions of signals, which the main thread gets
-    with path.open("wb") as file, ThreadPoolExecutor(1) as thread:
-        mcap = thread.submit(foxglove.open_mcap, block, context=context, writer_options=options).result()
-        made = [foxglove.Channel(c.topic, schema=c.schema, message_encoding=proto, context=context) for c in channels]
-
-        def fill(number: int) -> None:
+    context, proto, size = foxglove.Context(), MessageEncoding.Protobuf, 0
+    path.touch()  # the SDK does not state why it cannot
+    mcap = foxglove.open_mcap(path, allow_overwrite=True, context=context, writer_options=options)
+    made = [foxglove.Channel(c.topic, schema=c.schema, message_encoding=proto, context=context) for c in channels]
+    try:
+        describe(mcap)
+        for number in sorted({number for c in channels for number in np.unique(c.time_ns // _BLOCK_NS).tolist()}):
             messages = list[tuple[int, Any, bytes]]()
             for own, c in zip(made, channels, strict=True):
                 part = slice(*np.searchsorted(c.time_ns, [number * _BLOCK_NS, (number + 1) * _BLOCK_NS]).tolist())
@@ -265,17 +248,17 @@ def write_channels(path: Path, channels: Sequence[Channel], describe: Callable[[
             for at, log, data in messages:
                 log(data, at)
             mcap.flush()
-
-        try:
-            thread.submit(describe, mcap).result()
-            for number in sorted({number for c in channels for number in np.unique(c.time_ns // _BLOCK_NS).tolist()}):
-                thread.submit(fill, number).result()
-                file.write(block.take())
-                file.flush()
-        finally:
-            thread.submit(mcap.close).result()
-        file.write(block.take())
-        file.flush()
+            size = path.stat().st_size
+        mcap.close()
+    except BaseException as error:
+        with suppress(RuntimeError):
+            mcap.close()
+        with suppress(OSError):
+            os.truncate(path, size)
+        if isinstance(error, RuntimeError):
+            raise OSError(errno.EIO, "the file cannot grow, the disk may be full") from error
+        raise
+    with path.open("rb") as file:
         os.fsync(file.fileno())
 
 

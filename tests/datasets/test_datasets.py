@@ -412,7 +412,7 @@ def test_data_that_make_no_mission_are_refused(changes: dict[str, object], words
         straight(**changes)
 
 
-def test_a_damaged_log_is_refused_and_recovered_with_a_remark(tmp_path: Path) -> None:
+def test_a_damaged_log_is_refused_and_recovered(tmp_path: Path) -> None:
     data = straight(
         time=np.arange(41.0), odometry=np.tile([1.0, 0.0, 0.0], (40, 1)), range_time=np.arange(1.5, 37.5, 6.0)
     )
@@ -427,9 +427,7 @@ def test_a_damaged_log_is_refused_and_recovered_with_a_remark(tmp_path: Path) ->
         read_data_set_log(log)
     # the end of the data section is cut off, with the checksum that covers the metadata
     log.write_bytes(whole[: int.from_bytes(whole[-28:-20], "little") - 5])
-    printed: list[str] = []
-    rescued = read_data_set_log(recover(log, printed.append))
-    assert printed[0] == "metadata data set: no checksum, damage cannot be detected"
+    rescued = read_data_set_log(recover(log))
     np.testing.assert_array_equal(rescued.measurements.ranges, original.measurements.ranges)
     np.testing.assert_array_equal(rescued.start, original.start)
 

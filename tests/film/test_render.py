@@ -16,7 +16,7 @@ from PIL import Image
 from sim.film import graphics, render
 from sim.film.cameras import CameraRig
 from sim.film.film_data import ESTIMATE, TRUTH, FilmData
-from sim.film.frame_renderer import GROUP, Job
+from sim.film.render import GROUP, Job
 from sim.film.seascape import WATER
 from sim.scenario.settings import CAMERAS, Video
 from tests.film.filmed import apart, small
@@ -98,7 +98,7 @@ import mujoco
 import numpy as np
 from sim.scenario.settings import CAMERAS
 from contextlib import closing
-from sim.film.frame_renderer import FrameRenderer
+from sim.film.render import FrameRenderer
 from sim.film.scene import GlScene
 job, shifted = pickle.load(open(sys.argv[1], "rb"))
 pictures = {}
@@ -208,7 +208,7 @@ sys.path.insert(0, {str(Path(__file__).parents[1])!r})
 from synthetic import make_flight
 from pathlib import Path
 from sim.film import render
-from sim.film.frame_renderer import Job
+from sim.film.render import Job
 from sim.scenario.settings import Video
 def progress(share):
     print("going", flush=True)

@@ -19,7 +19,7 @@ from sim.log import writer
 from sim.log.contents import Contents, LogError, recover
 from sim.log.export import export
 from sim.log.reader import read, read_recording
-from sim.log.schema import OWN_MOTION, RECEPTION
+from sim.log.schema import OWN_MOTION
 
 FOLLOWER_CHANNELS = ("motion", "reception", "filter", "innovation", "estimate", "estimate/fix", "error")
 
@@ -125,7 +125,6 @@ def test_what_another_program_rewrote_is_read_as_it_is(
 
     path = rewritten(whole, tmp_path / "a.mcap", otherwise)
     assert bits(read(path)) == bits(flight)
-    assert Contents(path).unverified == ()
 
 
 def test_a_flight_whose_start_or_end_was_cut_is_refused_but_its_measurements_are_read(
@@ -217,8 +216,6 @@ def test_attachments_have_checksums_of_their_own(whole: bytes, tmp_path: Path) -
     path.write_bytes(without_data_checksum(with_another_baseline(whole, checksum=True)))
     with pytest.raises(LogError, match=r"at byte \d+: the checksum of attachment 'scenario\.toml' does not match"):
         read(path)
-    path.write_bytes(without_data_checksum(whole))
-    assert Contents(path).unverified == ("metadata",)
 
 
 def test_a_chunk_is_verified_where_the_data_section_has_no_checksum(whole: bytes, tmp_path: Path) -> None:
@@ -236,25 +233,6 @@ def plain_log(path: Path, fill: Any, **options: Any) -> Path:
         fill(plain)
         plain.finish()  # type: ignore[no-untyped-call]
     return path
-
-
-def test_what_has_no_checksum_is_called_unprotected(tmp_path: Path) -> None:
-    def fill(plain: Writer) -> None:
-        channel = plain.register_channel("/auv/motion", "protobuf", register_schema(plain, OWN_MOTION.message_class))
-        for k in range(20):
-            plain.add_message(
-                channel,
-                k * 10**8,
-                OWN_MOTION.message_class(speed=1.0, heading=0.0, depth=1.0).SerializeToString(),
-                k * 10**8,
-            )
-        channel = plain.register_channel("/auv/reception", "protobuf", register_schema(plain, RECEPTION.message_class))
-        values = dict.fromkeys(RECEPTION.fields, 1.0)
-        plain.add_message(channel, 0, RECEPTION.message_class(**values).SerializeToString(), 0)
-
-    path = plain_log(tmp_path / "a.mcap", fill, enable_crcs=False, chunk_size=200)
-    assert Contents(path).unverified == ("metadata", "7 chunks")
-    assert read_recording(path, "auv").remarks == ("7 chunks: no checksum, damage cannot be detected",)
 
 
 def test_topics_of_any_name_have_a_table_of_their_own(tmp_path: Path) -> None:

@@ -210,7 +210,7 @@ def fly_example(plan: Plan) -> Example:
     """Simulate the example of a plan of the study, and take its range errors apart."""
     points = [i for i, p in enumerate(plan.points) if (p["case"], p["offset_m"]) == (EXAMPLE, OFFSET_M)]
     settings = plan.by_place[points[0], f"{REAL} laisn-2", 0].settings_at(0)
-    one, everything = (validate(assigned(table_of(ROUTE), settings | more), EXAMPLE) for more in ({}, EVERYTHING))
+    one, everything = (validate(assigned(table_of(ROUTE), {**settings, **more}), EXAMPLE) for more in ({}, EVERYTHING))
     trajectory = simulate_motion(one)
     flight = navigate(one, trajectory)
     away = trajectory.position[:, 1, :2] - trajectory.position[:, 0, :2]
