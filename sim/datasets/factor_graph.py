@@ -8,7 +8,6 @@ east. Noise is the upper triangle of a covariance. Times are in s, or in ns wher
     EDGE_SE2 time pose pose ahead port turn …   EDGE_RANGE time one other range variance
 """
 
-import math
 import re
 from collections import Counter
 from itertools import accumulate, pairwise
@@ -89,8 +88,8 @@ def _odometry(lines: list[_Line], order: dict[str, int], source: str) -> tuple[F
 
 def _ranges(
     lines: list[_Line], order: dict[str, int], time: Floats, beacons: dict[str, int]
-) -> tuple[list[tuple[float, int, float]], float | None]:
-    """Rows of time, beacon and range, and its random error, from lines EDGE_RANGE.
+) -> tuple[list[tuple[float, int, float]], float]:
+    """Rows of time, beacon and range, and its random error, 0 if unknown, from lines EDGE_RANGE.
 
     The time of a range is that in its line if it lies between the poses beside its own, and otherwise its pose's.
     """
@@ -104,7 +103,7 @@ def _ranges(
         low, high = time[max(k - 1, 0)], time[min(k + 1, time.size - 1)]
         rows.append((line.time if low < line.time < high else time[k], beacons[beacon], line.values[0]))
         variances.append(line.noise[0])
-    sigma = float(np.sqrt(np.median(variances))) if variances and min(variances) > 0.0 else None
+    sigma = float(np.sqrt(np.median(variances))) if variances and min(variances) > 0.0 else 0.0
     return sorted(rows), sigma
 
 
@@ -139,7 +138,8 @@ def read_factor_graph(path: Path) -> RangeData:
     remarks += [f"edges left out that are no steps of odometry: {closures}"] if closures else []
     lasted = np.diff(time)
     rates = spread[lasted > 0.0] / lasted[lasted > 0.0, None]
-    slip, walk = (float(np.median(rate)) if rate.size else 0.0 for rate in (rates[:, :2].mean(axis=1), rates[:, 2]))
+    spreads = {"slip": rates[:, :2].mean(axis=1), "heading_walk": rates[:, 2]}
+    stated = {name: float(np.sqrt(max(np.median(rate), 0.0))) for name, rate in spreads.items() if rate.size}
     vertices = np.array([line.values for line in poses])
     composed = np.array(list(accumulate(odometry, compose, initial=vertices[0])))
     off = np.hypot(*(composed - vertices)[:, :2].T)
@@ -151,13 +151,13 @@ def read_factor_graph(path: Path) -> RangeData:
         # of poses at one time the first stays
         truth = np.column_stack([time, vertices[:, :2]])[np.append(True, lasted != 0.0)]
     places = {line.names[0]: line.values for kind in ("VERTEX_XY", "VERTEX_XY:PRIOR") for line in lines[kind]}
-    ranges, sigma = _ranges(lines["EDGE_RANGE"], order, time, {name: i for i, name in enumerate(places)})
+    order_of_beacons = {name: i for i, name in enumerate(places)}
+    ranges, stated["range_sigma"] = _ranges(lines["EDGE_RANGE"], order, time, order_of_beacons)
     begin = next((p for p in lines["VERTEX_SE2:PRIOR"] if p.names[0] == poses[0].names[0]), poses[0]).values
     return RangeData.collect(
         source=source, start=np.array([begin[0], begin[1], 0.5 * np.pi - begin[2]]), time=time, odometry=odometry,
         beacons=tuple(places), places=np.array(list(places.values()), dtype=np.float64).reshape(-1, 2), ranges=ranges,
-        range_sigma=sigma, truth=truth, slip=math.sqrt(max(slip, 0.0)) or None,
-        heading_walk=math.sqrt(max(walk, 0.0)) or None, remarks=remarks,
+        truth=truth, stated={name: value for name, value in stated.items() if value > 0.0}, remarks=remarks,
     )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ In the log its beacons are transmitters of a leader that lies still, and the veh
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -50,9 +50,7 @@ class Replayable(NamedTuple):
 
     measurements: Measurements
     start: Floats  # x, y [m] and velocity [m/s] at step 0, shape (4,)
-    range_sigma: float | None  # this and the two below as of `RangeData`
-    slip: float | None
-    heading_walk: float | None
+    stated: dict[str, Any]  # numbers, as of `RangeData`
     truth: Floats  # time since the start [s], east and north [m], shape (t, 3)
     remarks: tuple[str, ...]
 
@@ -114,7 +112,7 @@ def write_data_set(data: RangeData, path: Path) -> None:
         "beacons": ",".join(data.beacons),
         "start_east": repr(float(data.start[0])),
         "start_north": repr(float(data.start[1])),
-        **{name: "" if (value := getattr(data, name)) is None else repr(value) for name in _STATED},
+        **{name: repr(value) for name, value in data.stated.items()},
     }
     _write(path, list(_channels(data)), facts)
 
@@ -169,5 +167,5 @@ def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
             since = (log.topics[pose].time_ns - log.topics[motion].time_ns.min()) / 1e9 + measured.dt
             truth = np.column_stack([since, log.topics[pose].table(POSE_FIELDS[:2])])
         start = np.array([float(facts["start_east"]), float(facts["start_north"]), 0.0, 0.0])
-        sigma, slip, walk = (float(value) if (value := facts.get(name)) else None for name in _STATED)
-    return Replayable(measured, start, sigma, slip, walk, truth, remarks)
+        stated = {name: float(facts[name]) for name in _STATED if facts.get(name)}
+    return Replayable(measured, start, stated, truth, remarks)

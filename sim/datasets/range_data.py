@@ -12,8 +12,8 @@ Times are in s, places in m, headings in rad anticlockwise from east.
 """
 
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import reduce
 from pathlib import Path
 from typing import Any, Self
@@ -86,11 +86,9 @@ class RangeData:
     range_time: Floats  # when each range was measured, shape (m,), [s]
     range_beacon: Ints  # to which beacon, counted from 0, shape (m,)
     ranges: Floats  # shape (m,), [m]
-    range_sigma: float | None  # random error of a range as the data set states it [m]; None: it does not
     truth: Floats  # time [s], east and north [m] of the path to compare with, shape (t, 3); empty if there is none
-    slip: float | None = None
-    """Random walk of the position that the data set states for its odometry, along each axis [m/√s]; None: none."""
-    heading_walk: float | None = None  # random walk of the heading likewise [rad/√s]
+    stated: Mapping[str, float] = field(default_factory=dict)
+    """Settings of `BeaconSettings` that the data set states: `range_sigma`, `slip`, `heading_walk`."""
     remarks: tuple[str, ...] = ()  # what was left out or taken for granted, a sentence each
 
     def __post_init__(self) -> None:
@@ -237,6 +235,6 @@ def read_range_tables(path: Path) -> RangeData:
         time=np.concatenate([start[:1], odometry[:, 0]]),
         odometry=np.column_stack([odometry[:, 1], np.zeros(len(odometry)), odometry[:, 2]]),
         beacons=tuple(map(str, names)), places=nodes[:, 1:].copy(),
-        ranges=np.column_stack([ranges[:, 0], beacons, ranges[:, 3]]), range_sigma=None,
+        ranges=np.column_stack([ranges[:, 0], beacons, ranges[:, 3]]),
         truth=tables["GT"][:, :3].copy() if "GT" in tables else np.empty((0, 3)), remarks=(),
     )  # fmt: skip

@@ -1,13 +1,12 @@
 """Cameras of the film: where they stand and what they look at, as pure functions of time."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from laisn.arrays import Floats
-from sim import attitude
 from sim.film.film_data import FilmData, FrameState
 
 _SMOOTHING_S = 0.8  # standard deviation of the smoothing of a camera's swing, in seconds of film
@@ -17,7 +16,6 @@ _NEAR_M = 0.15
 _CLEARANCE_M = 1.2
 _FREE = (0.26, 0.79, 0.04)  # left, right and upper edge of what the panels leave free, as shares of the frame
 _SIGHT_DOWN_M = 42.0  # how far below the vehicles the view from above reaches
-_ORBIT_FILM_S = 40.0
 _PROFILE_TURN = np.radians(152.0)
 """From the bearing of the follower to that of the camera `profile`, seen from the leader: a camera so far around sees
 the leader at one side of the frame's middle and a far follower some 27° from it, at the other."""
@@ -175,21 +173,6 @@ class CameraRig:
         plane = float(eye[2] - at[2])
         return View(position=eye, target=at, up=np.array([0.0, 1.0, 0.0]), fovy_deg=60.0, plane_m=plane)
 
-    def _beside(self, target: Floats, direction: Floats, fovy_deg: float, wide: float, high: float, deep: float
-                ) -> View:  # fmt: skip
-        """A view of vehicles between the panels: `wide` across, `high` up and `deep` along the line of sight [m]."""
-        left, right, _ = _FREE
-        slope = np.tan(np.radians(fovy_deg) / 2)
-        across = wide / ((right - left) * slope * self._aspect)
-        far = max(float(np.hypot(across, deep)), high / (0.25 * slope) + deep, 6.0)
-        eye = self._in_water(target + far * direction)
-        # close below the surface, that would end in a line
-        eye[2] = min(eye[2], 0.5 * target[2])
-        view = View(position=eye, target=target, fovy_deg=fovy_deg)
-        frame = 2 * float(np.linalg.norm(target - eye)) * slope * self._aspect
-        shift = (0.5 - (left + right) / 2) * frame * view.axes[0]
-        return replace(view, position=eye + shift, target=target + shift)
-
     def _top(self, state: FrameState, bottom: float) -> tuple[View, tuple[float, float]]:
         """View from above, vehicles within the part of the frame that panels leave free, down to the share `bottom`."""
         left, right, top = _FREE
@@ -224,27 +207,7 @@ class CameraRig:
         if camera in ("top", "pip"):
             view, fog = self._top(state, 0.66 if camera == "pip" else 0.95)
             return Shot(view, (close_follower, close_leader) if camera == "pip" else (), fog, False)
-        if camera == "follower":
-            offsets = np.array([[-1.1, 0.0, 0.55], [6.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-            eye, ahead, up = attitude.rotate(state.quaternion[follower][None], offsets)
-            view = View(position=at + eye, target=at + ahead, up=up, fovy_deg=55.0)
-            return Shot(view, (close_leader,), near_fog, True)
         if camera == "profile":
             inset = (self._estimate_from_above(state), follower)
             return Shot(self._profile(state), (inset,), near_fog, True, insets_left=self._side > 0)
-        if camera == "leader":
-            return Shot(self._close(state, leader, 4.6), (close_follower,), near_fog, True)
-        centre, half = self._now(self._centre, state.time), self._now(self._half, state.time)
-        # to the ends of the hulls
-        radius, high = float(np.hypot(half[0], half[1])) + 1.0, float(half[2])
-        if camera == "side":
-            ahead = self._towards_leader(state.time)
-            view = self._beside(centre, np.array([ahead[1], -ahead[0], 0.0]), 40.0, radius, high, 0.0)
-        else:
-            angle = 2 * np.pi * state.film_time / _ORBIT_FILM_S
-            view = self._beside(centre, np.array([np.cos(angle), np.sin(angle), 0.10]), 50.0, radius, high, radius)
-        distance = float(np.linalg.norm(view.target - view.position))
-        fog = (0.25 * distance, max(150.0, 2.3 * distance))
-        if camera == "side":
-            return Shot(replace(view, plane_m=distance), (close_follower,), fog, True)
-        return Shot(view, (), fog, True)
+        return Shot(self._close(state, leader, 4.6), (close_follower,), near_fog, True)

@@ -43,7 +43,6 @@ class FrameState:
     """Everything one frame shows; v vehicles, f followers. Positions in the world [m], angles [rad]."""
 
     time: float  # of the mission [s]
-    film_time: float  # since the film began [s]
     position: Floats  # body origins, shape (v, 3)
     quaternion: Floats  # attitudes from body to world, (w, x, y, z), shape (v, 4)
     effectors: Floats  # states of the effectors, shape (v, m)
@@ -108,7 +107,6 @@ class FilmData:
         before = k == 0
         return FrameState(
             time=time,
-            film_time=(time - self.start) / self.speed_up,
             position=position,
             quaternion=quaternion,
             effectors=truth.thrust[i],

@@ -86,8 +86,7 @@ class Overlay:
             self._scale_bar(view, box, (left + 10 * c.scale, top + height - 26 * c.text_scale), 0.35)
         if board:
             board.draw(c, state, trails)
-            words = "" if shot.view.axes[2][2] < -0.99 else " at mid-distance"
-            self._scale_bar(shot.view, self._box, board.scale[:2], 0.12, words)
+            self._scale_bar(shot.view, self._box, board.scale[:2], 0.12)
         draw_labels(self._labels(state, shot.view), [*boxes, *covered, *([board.scale] if board else [])], c)
         self._draw_footer()
 
@@ -206,7 +205,7 @@ class Overlay:
                 found.append(Label(at, words, colour, (side * clear if side else -20.0) * c.scale))
         return found
 
-    def _scale_bar(self, view: View, box: Box, at: tuple[float, float], share: float, words: str = "") -> None:
+    def _scale_bar(self, view: View, box: Box, at: tuple[float, float], share: float) -> None:
         """A bar of a round length, at most a share of the box's width, where one scale holds."""
         if view.plane_m:
             (x, y), s = at, self.canvas.scale
@@ -215,7 +214,7 @@ class Overlay:
             across = length * pixels_per_m
             bar = np.array([[x, y - 4 * s], [x, y], [x + across, y], [x + across, y - 4 * s]])
             self.canvas.strokes([Stroke(bar, (*PALE, 0.95), 2.0)])
-            self.canvas.text((x, y + 4 * s), f"{length:g} m{words}", PALE, 12)
+            self.canvas.text((x, y + 4 * s), f"{length:g} m", PALE, 12)
 
     def _draw_footer(self) -> None:
         c, scenario = self.canvas, self._data.flight.scenario

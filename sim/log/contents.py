@@ -1,7 +1,6 @@
 """An MCAP file: one pass verifies its checksums and gives messages as columns; recovery keeps what is intact."""
 
 import os
-import struct
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,9 +12,9 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 from mcap.data_stream import RecordBuilder
-from mcap.exceptions import EndOfFile, InvalidMagic
-from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import MAGIC_SIZE, CRCValidationError, StreamReader
+from mcap.exceptions import InvalidMagic
+from mcap.records import Attachment, Channel, DataEnd, Footer, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import MAGIC_SIZE, StreamReader
 from mcap.well_known import MessageEncoding
 from mcap.writer import CompressionType, Writer
 
@@ -97,11 +96,7 @@ def _records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Ite
         except Exception as error:
             if size < MAGIC_SIZE or (isinstance(error, InvalidMagic) and at == 0):
                 raise LogError(f"{path}: no MCAP file") from error
-            reason = "the file ends within a record" if isinstance(error, (EndOfFile, struct.error)) else str(error)
-            if isinstance(error, CRCValidationError):
-                what = "a chunk" if isinstance(error.record, Chunk) else "the data section"
-                reason = f"the checksum of {what} does not match"
-            raise DamagedError(path, f"damaged or cut off at byte {at}: {reason}") from error
+            raise DamagedError(path, f"damaged or cut off at byte {at}: {type(error).__name__} {error}") from error
 
 
 @dataclass

@@ -33,7 +33,7 @@ WIDE = 7.0
 STILLS = {
     "mission": ("T8", 420.0, "chase"),
     "swarm": ("swarm", 530.0, "top"),
-    "waves": ("following-sea", 200.0, "orbit"),
+    "waves": ("following-sea", 200.0, "profile"),
     "diving": ("diving", 75.0, "profile"),
 }
 """Name of the picture: built-in scenario, mission time [s], camera."""
