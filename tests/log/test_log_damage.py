@@ -215,7 +215,7 @@ def test_attachments_have_checksums_of_their_own(whole: bytes, tmp_path: Path) -
     path = tmp_path / "a.mcap"
     path.write_bytes(without_data_checksum(with_another_baseline(whole, checksum=True)))
     with pytest.raises(
-        LogError, match=r"at byte \d+: ValueError the checksum of attachment 'scenario\.toml' does not match"
+        LogError, match=r"at byte \d+: .*the checksum of attachment 'scenario\.toml' does not match"
     ):
         read(path)
 
