@@ -62,18 +62,10 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
     ]
     show_table(console, ["follower", *(head for head, _, _ in columns)], rows)
     if stations:
-        for what, where in (("closest_approach", ""), ("closest_in_layer", " in one depth layer, horizontally")):
-            if summary[f"{what}_m"] is not None:
-                pair, metres, at_s = (summary[f"{what}_{name}"] for name in ("pair", "m", "s"))
-                text = f"{' and '.join(pair)}, {metres:.1f} m at {at_s:.0f} s"
-                print_line(console, text, f"closest approach{where}:", "")
+        text = f"{' and '.join(summary['closest_approach_pair'])}, {summary['closest_approach_m']:.1f} m"
+        print_line(console, text, "closest approach:", "")
     else:
         console.print(_LEGEND, style="dim", highlight=False)
-    gave_way = {name: row["gave_way_s"] for name, row in followers.items() if row.get("gave_way_s")}
-    if gave_way:
-        longest = max(gave_way, key=gave_way.__getitem__)
-        number = f"{len(gave_way)} of {len(followers)} followers gave way"
-        print_line(console, f"{number}, {longest} longest ({gave_way[longest]:.0f} s)", "avoidance:", "")
     if flight.outcome is not Outcome.COMPLETED:
         colour = "yellow" if flight.outcome is Outcome.CONTACT else "red"
         print_line(console, f"(at {summary['flown_s']:g} s)", flight.outcome.value, colour)

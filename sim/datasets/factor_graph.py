@@ -21,7 +21,7 @@ from laisn.failure import LaisnError
 from laisn.geometry import place_transmitters
 from laisn.messages import Measurements
 from laisn.settings import TightSettings
-from sim.datasets.range_data import LARGEST, RangeData, compose, numbers, require_unique, text_of
+from sim.datasets.range_data import LARGEST, RangeData, compose, numbers, text_of
 from sim.system import atomic_write
 
 _WORDS = {
@@ -72,8 +72,6 @@ def _odometry(lines: list[_Line], order: dict[str, int], source: str) -> tuple[F
     for line in lines:
         first, second = (order.get(name) for name in line.names)
         if first is not None and second == first + 1:
-            if not np.isnan(steps[first, 0]):
-                raise LaisnError(f"{source}: odometry (EDGE_SE2) from {' to '.join(line.names)} is given twice")
             steps[first] = line.values
             # of the upper triangle xx, xy, xθ, yy, yθ, θθ
             variances[first] = line.noise[0], line.noise[3], line.noise[5]
@@ -127,8 +125,6 @@ def read_factor_graph(path: Path) -> RangeData:
         remarks.append(f"of several robots {robot} is taken; left out: {', '.join(others)}")
     poses = [line for line in lines["VERTEX_SE2"] if line.names[0].startswith(robot) and _POSE.fullmatch(line.names[0])]
     poses.sort(key=lambda line: int(line.names[0][1:]))
-    for kind in ("VERTEX_SE2", "VERTEX_XY", "VERTEX_XY:PRIOR"):
-        require_unique((line.names[0] for line in lines[kind]), f"{source}: {kind}")
     order = {line.names[0]: k for k, line in enumerate(poses)}
     time = np.array([line.time for line in poses])
     if np.ptp(time) == 0.0:

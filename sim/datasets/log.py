@@ -31,17 +31,10 @@ _APART = 1e-6  # between ranges of one instant that one reception cannot hold [s
 
 
 def read_data_set(path: Path) -> RangeData:
-    """The odometry and ranges in a file.
-
-    Raises:
-        LaisnError: its name ends in nothing that is known, or it cannot be read.
-    """
+    """The odometry and ranges in a file; LaisnError if its name ends in nothing that is known, or it cannot be read."""
     reader = _READERS.get(path.suffix)
     if reader is None:
-        raise LaisnError(
-            f"{path}: the name should end in .pyfg (a factor graph), or be that of a .mat or a _DR.txt (a data set of "
-            "ranging radios)"
-        )
+        raise LaisnError(f"{path}: the name should end in .pyfg (a factor graph), .mat or _DR.txt (ranging radios)")
     return reader(path)
 
 
@@ -106,7 +99,7 @@ def _nanoseconds(time: Floats) -> Ints:
 
 
 def write_data_set(data: RangeData, path: Path) -> None:
-    """Write a data set as a log that `laisn replay` navigates on; LogError if it cannot be written."""
+    """Write a data set as a log that `laisn replay` navigates on; OSError if it cannot be written."""
     facts = {
         "source": Path(data.source).name,
         "beacons": ",".join(data.beacons),
@@ -118,11 +111,7 @@ def write_data_set(data: RangeData, path: Path) -> None:
 
 
 def write_vehicle_table(table: VehicleTable, path: Path) -> None:
-    """Write the measurements of a vehicle, named "follower", as a log that `laisn replay` navigates on.
-
-    Raises:
-        LogError: the file cannot be written.
-    """
+    """Write the measurements of a vehicle, named "follower", as a log that `laisn replay` navigates on."""
     empty = np.full(table.time_ns.size, np.nan)
     own = np.all([np.isfinite(table.columns[field]) for field in OWN_MOTION.fields], axis=0)
     ranges = [values for field, values in table.columns.items() if field.startswith("range_")]
@@ -139,7 +128,7 @@ def write_vehicle_table(table: VehicleTable, path: Path) -> None:
 
 
 def _write(path: Path, channels: Sequence[Channel], facts: dict[str, str]) -> None:
-    with log_errors(path), atomic_write(path) as part:
+    with atomic_write(path) as part:
         write_channels(part, channels, lambda mcap: mcap.write_metadata(_RECORD, facts) if facts else None)
 
 
@@ -149,11 +138,7 @@ def is_data_set(path: Path) -> bool:
 
 
 def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
-    """Measurements and truth of a log that `write_data_set` wrote.
-
-    Raises:
-        LogError: the log is damaged or of something else, or has too long a gap.
-    """
+    """Measurements and truth of a log that `write_data_set` wrote; LogError as of `read_recording`."""
     pose, motion = f"/{VEHICLE}/pose", f"/{VEHICLE}/motion"
     log = Contents(path, lambda topic, _: topic == pose)
     if _RECORD not in log.metadata:

@@ -29,7 +29,6 @@ _LARGEST_BYTES = 100_000_000  # larger files are refused [bytes]; a table takes 
 LARGEST = 4e9  # larger numbers are no measurements, and no times in seconds
 _COLUMNS = {"DR": 3, "TD": 4, "TL": 3, "GT": 4, "DRp": 4}  # columns of each table
 _NEEDED = ("DR", "TD", "TL")
-_NODES = {"TD": [1, 2], "TL": [0]}  # columns of nodes' numbers
 _TEXT = re.compile(r"(.*)_DR\.(txt|csv)")
 
 
@@ -51,15 +50,6 @@ def numbers(words: Iterable[str], where: str, largest: float = LARGEST) -> Float
     if beyond.size:
         raise LaisnError(f"{where}: {beyond[0]:g} is not within ±{largest:g}")
     return values
-
-
-def require_unique(names: Iterable[object], where: str) -> None:
-    """LaisnError naming the first name that comes a second time."""
-    seen = set[object]()
-    for name in names:
-        if name in seen:
-            raise LaisnError(f"{where} {name} is given twice")
-        seen.add(name)
 
 
 def compose(first: Floats, second: Floats) -> Floats:
@@ -213,13 +203,6 @@ def read_range_tables(path: Path) -> RangeData:
     for name, table in tables.items():
         if not np.issubdtype(table.dtype, np.number) or table.ndim != 2 or table.shape[1] != _COLUMNS[name]:
             raise LaisnError(f"{path}: table {name} has the shape {table.shape}, expected {_COLUMNS[name]} columns")
-        whole = table[:, _NODES.get(name, [])]
-        usable = np.all(np.abs(table) <= LARGEST, axis=1) & np.all(whole == np.rint(whole), axis=1)
-        if not usable.all():
-            raise LaisnError(
-                f"{path}: table {name}, row {int(np.argmin(usable)) + 1}: expected numbers within ±{LARGEST:g}, and "
-                "whole ones for nodes"
-            )
         tables[name] = np.asarray(table, dtype=np.float64)
     odometry, ranges, nodes = (tables[name] for name in _NEEDED)
     poses = [tables[name] for name in ("DRp", "GT") if name in tables]
@@ -227,7 +210,6 @@ def read_range_tables(path: Path) -> RangeData:
     if start is None:
         raise LaisnError(f"{path}: neither DRp nor GT has a pose before the first odometry, at {odometry[0, 0]:.3f} s")
     names = nodes[:, 0].astype(np.int64).tolist()
-    require_unique(names, f"{path}: table TL: node")
     index = {name: i for i, name in enumerate(names)}
     beacons = [index.get(node, -1) for node in ranges[:, 2].tolist()]
     return RangeData.collect(

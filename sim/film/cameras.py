@@ -25,7 +25,7 @@ _PROFILE_LEADER = np.radians(6.5)
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """A camera without roll, unless `up` is given. Raises ValueError if it stands on its target."""
+    """A camera without roll, unless `up` is given."""
 
     position: Floats
     target: Floats  # shape (3,), as `position`, [m]
@@ -33,10 +33,6 @@ class View:
     fovy_deg: float = 45.0  # vertical field of view
     plane_m: float | None = None
     """How far ahead the vehicles lie if all lie about as far, so that one scale holds for them [m]."""
-
-    def __post_init__(self) -> None:
-        if not np.linalg.norm(self.target - self.position) > 0:
-            raise ValueError(f"a camera at {self.position} cannot look at itself")
 
     @cached_property
     def axes(self) -> Floats:

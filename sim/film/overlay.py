@@ -124,9 +124,8 @@ class Overlay:
     def _trails(self, state: FrameState) -> list[Trail]:
         """Trails of all vehicles and of the filmed follower's estimate, which lies on top."""
         trails, f = self._data.trails(state), len(state.estimate)
-        return list(
-            zip([*trails[: f + 1], trails[f + 1 + self._follower]], [LEADER, *[TRUTH] * f, ESTIMATE], strict=True)
-        )
+        shown = [*trails[: f + 1], trails[f + 1 + self._follower]]
+        return list(zip(shown, [LEADER, *[TRUTH] * f, ESTIMATE], strict=True))
 
     def _ellipses(self, state: FrameState, view: View, box: Box) -> Iterator[Stroke]:
         """The filters' uncertainty about their estimates, where it is large enough to be seen."""

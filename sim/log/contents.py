@@ -83,7 +83,7 @@ def _records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Ite
                 if isinstance(record, Attachment) and not _intact(stream, record):
                     if on_damaged is None:
                         raise ValueError(f"the checksum of attachment {record.name!r} does not match")
-                    on_damaged(f"attachment {record.name!r} is damaged and is left out")
+                    on_damaged(f"attachment {record.name!r} is damaged")
                 elif isinstance(record, Footer) and not ended:
                     raise ValueError("the data section has no end")
                 elif not ended:
@@ -232,10 +232,11 @@ class Contents:
         return messages
 
 
-def _copy(path: Path, target: Path, remarks: list[str]) -> str:
-    """Write what is intact as a finished log; returns what is wrong with the log, "" for nothing."""
+def _copy(path: Path, target: Path) -> list[str]:
+    """Write what is intact as a finished log; returns remarks on what was kept and left out."""
     schemas, channels, metadata = {0: 0}, dict[int, int](), dict[str, dict[str, str]]()
-    times_ns, instant, attachments, whole, problem = array("Q"), list[Message](), 0, False, ""
+    times_ns, instant, attachments, whole = array("Q"), list[Message](), 0, False
+    left_out = list[str]()
     with target.open("wb") as stream:
         # the library's own writer keeps all that a record holds
         writer = Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
@@ -248,7 +249,7 @@ def _copy(path: Path, target: Path, remarks: list[str]) -> str:
             instant.clear()
 
         try:
-            for r in _records(path, remarks.append):
+            for r in _records(path, left_out.append):
                 whole = isinstance(r, DataEnd)
                 if isinstance(r, Message):
                     if instant and instant[0].log_time != r.log_time:
@@ -266,44 +267,35 @@ def _copy(path: Path, target: Path, remarks: list[str]) -> str:
                     writer.add_metadata(r.name, r.metadata)
                     metadata[r.name] = r.metadata
         except DamagedError as error:
-            problem = error.problem
+            left_out.append(error.problem)
         if FLIGHT in metadata and not whole:
             # the last instant may lack messages; of records with one name, the last one counts
             writer.add_metadata(FLIGHT, metadata[FLIGHT] | {"outcome": _INTERRUPTED})
         else:
             write_instant()
-        if problem and not times_ns:
-            raise LogError(f"{path}: holds no intact message ({problem}); there is nothing to recover")
-        if remarks:
-            writer.add_metadata("recovery", {str(i): text for i, text in enumerate(remarks)})
+        if left_out and not times_ns:
+            raise LogError(f"{path}: holds no intact message ({left_out[-1]}); there is nothing to recover")
+        if left_out:
+            writer.add_metadata("recovery", {str(i): text for i, text in enumerate(left_out)})
         writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare
     span_s = np.ptp(times_ns) / 1e9 if times_ns else 0.0
-    remarks += [f"kept {len(times_ns)} messages of {span_s:g} s and {attachments} attachments", f"left out: {problem}"]
-    return problem
+    kept = f"kept {len(times_ns)} messages of {span_s:g} s and {attachments} attachments"
+    return [kept, *(f"left out: {text}" for text in left_out)]
 
 
 def recover(path: Path, report: Callable[[str], None] = lambda remark: None) -> Path:
     """Finish a log with everything before its first broken record but damaged attachments; the path of the result.
 
     A flight that was cut off ends with its last complete instant, with the outcome "interrupted". An unfinished log,
-    "NAME.partial", becomes NAME; a damaged one stays beside "NAME.recovered" + suffix. `report` takes remarks. LogError
-    if the log is complete, or holds no intact message, or the result cannot be written.
+    "NAME.partial", becomes NAME; another one stays beside "NAME.recovered" + suffix. `report` takes remarks. LogError
+    if the log holds no intact message.
     """
-    if not path.is_file():
-        raise LogError(f"{path}: no such file")
-    unfinished, remarks = path.suffix == ".partial", list[str]()
+    unfinished = path.suffix == ".partial"
     target = path.with_suffix("") if unfinished else path.with_name(f"{path.stem}.recovered{path.suffix}")
-    try:
-        with atomic_write(target) as work:
-            problem = _copy(path, work, remarks)
-            if not problem and not unfinished:
-                raise LogError(f"{path}: is complete; there is nothing to recover")
-            if not problem:
-                os.replace(path, work)
-    except OSError as error:
-        raise LogError(f"{target}: cannot be written: {error.strerror or error}") from error
+    with atomic_write(target) as work:
+        remarks = _copy(path, work)
     if unfinished:
-        path.unlink(missing_ok=True)
-    for text in remarks if problem else ():
+        path.unlink()
+    for text in remarks:
         report(text)
     return target

@@ -301,8 +301,6 @@ def write(
     if flight.trajectory.time[0] != 0:
         raise LogError(f"{path}: a log begins with its mission; this flight at {flight.trajectory.time[0]:g} s of it")
     filled = channels(flight, events, video)
-    if path.is_dir():
-        raise LogError(f"{path}: cannot be written: it is a folder, expected the name of a file")
     partial = partial_path(path)
     try:
         write_channels(partial, filled, lambda mcap: _describe(flight, summary, mcap))
