@@ -42,8 +42,12 @@ def beacons_of(values: Mapping[str, object]) -> Beacons:
     try:
         return Beacons.model_validate(dict(values))
     except ValidationError as error:
-        lines = [f"beacons.{one['loc'][0]}: {one['msg']}" for one in error.errors()]
-        raise LaisnError("\n".join([*lines, f"known: {', '.join(Beacons.model_fields)}"])) from None
+        lines = ["settings of beacons:"]
+        for one in error.errors():
+            key = one["loc"][0]
+            known = "" if key in Beacons.model_fields else f"; known: {', '.join(Beacons.model_fields)}"
+            lines.append(f"  beacons.{key}: {one['msg']}{known}")
+        raise LaisnError("\n".join(lines)) from None
 
 
 class Score(NamedTuple):
@@ -51,8 +55,10 @@ class Score(NamedTuple):
 
     mean: float
     rms: float
-    high: float  # 95 % are shorter [m]
-    nees: float  # mean squared error in units of the covariance: 2 if that is consistent
+    high: float
+    """95 % are shorter [m]."""
+    nees: float
+    """Mean squared error in units of the covariance: 2 if that is consistent."""
 
 
 def score(estimates: Estimates, measured: Measurements, truth: Floats, since_s: float = 0.0) -> Score:
@@ -94,7 +100,9 @@ def by_laisn(recorded: Replayable, given: NavigationSettings) -> Estimates:
 
 
 def _settings(recorded: Replayable, given: Beacons, medium: str) -> BeaconSettings:
-    return given.over(replace(MEDIA[medium], dt=recorded.measurements.dt, **recorded.stated))
+    names = ("range_sigma", "slip", "heading_walk")
+    stated = {name: value for name in names if (value := getattr(recorded, name)) is not None}
+    return given.over(replace(MEDIA[medium], dt=recorded.measurements.dt, **stated))
 
 
 def among_beacons(recorded: Replayable, given: Beacons) -> tuple[Estimates, str]:

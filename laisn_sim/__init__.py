@@ -8,7 +8,8 @@
 
 Settings have the names of the files: `Scenario(followers=[{"route": "T5", "depth_m": 12}])` takes the keys of a
 scenario file, and `study("T5", vary={"followers.0.depth_m": [10, 15]})` those of a study file. Numbers and arrays of
-NumPy, tuples and ranges are values too. Invalid input raises `LaisnError`, a `ValueError`.
+NumPy, tuples and ranges are values too. Invalid input raises `LaisnError`, a `ValueError`; `Scenario(...)` alone raises
+pydantic's `ValidationError`, another `ValueError`. A function imports what it needs at its first use.
 
 Classes: `Flight`, `Scenario`, `StudyFolder`, `Table`, `Navigator`, `Command`, `Wrench`, `LaisnError`; see
 `help(laisn_sim.Flight)`.
@@ -48,11 +49,24 @@ if TYPE_CHECKING:
     from sim.scenario.settings import Scenario as Scenario
 
 __all__ = [
-    "errors", "fly", "hull", "load", "load_plugin", "measurements", "navigate", "read_log", "render", "study",
-    "summary", "truth", "write_log",
-]  # fmt: skip
+    "errors",
+    "fly",
+    "hull",
+    "load",
+    "load_plugin",
+    "measurements",
+    "navigate",
+    "read_log",
+    "render",
+    "study",
+    "summary",
+    "truth",
+    "write_log",
+]
 
 _ROOT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
+_PACKAGES = ("models", "laisn", "sim", "experiments")
+_INTERRUPTED = b"laisn: interrupted\n"
 _HOMES = {
     "Command": "sim.closed_loop:Command",
     "Flight": "experiments.pages.results:Flight",
@@ -76,31 +90,60 @@ _HOMES = {
 }
 
 
+def _exit_interrupted(*_: object) -> None:
+    os.write(2, _INTERRUPTED)
+    os._exit(130)
+
+
 def main() -> None:
     """Run the command with this project's packages, even if PYTHONPATH has others of the same names."""
-    sys.path.insert(0, _ROOT)
     try:
+        import signal
+
+        # until the command handles signals, there is nothing to clean up; an exception within an import could be lost
+        # or end in a traceback
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            signal.signal(signal.SIGINT, _exit_interrupted)
+        sys.path.insert(0, _ROOT)
         from experiments.command.cli import main as command
 
         command()
     except KeyboardInterrupt:
         # outside of a command, which would report what is kept
-        sys.stderr.write("laisn: interrupted\n")
+        sys.stderr.write(_INTERRUPTED.decode())
         sys.exit(130)
+
+
+def _require_own_packages() -> None:
+    """ImportError if Python would import another package of the same name, such as a folder `models`."""
+    from importlib.util import find_spec
+
+    for name in _PACKAGES:
+        spec = find_spec(name)
+        place = os.path.realpath(spec.origin) if spec is not None and spec.origin else "nothing"
+        if place != os.path.join(_ROOT, name, "__init__.py"):
+            raise ImportError(
+                f"`import {name}` finds {place}, expected the package of laisn_sim in {_ROOT}: rename the former, or "
+                "remove its folder from sys.path (the folder of the running script is its first entry)"
+            )
 
 
 def __getattr__(name: str) -> object:
     """Import a class or function at its first use."""
     if name not in _HOMES:
-        raise AttributeError(f"module 'laisn_sim' has no attribute {name!r}; available: {', '.join(__dir__())}")
-    from pkgutil import resolve_name
+        raise AttributeError(
+            f"module 'laisn_sim' has no attribute {name!r}; available: {', '.join(sorted((*__all__, *_HOMES)))}"
+        )
+    from importlib import import_module
 
-    found = globals()[name] = resolve_name(_HOMES[name])
+    _require_own_packages()
+    module, _, attribute = _HOMES[name].partition(":")
+    found = globals()[name] = getattr(import_module(module), attribute)
     return found
 
 
 def __dir__() -> list[str]:
-    return sorted({"hull", "study", *_HOMES})
+    return sorted({*globals(), *__all__, *_HOMES})
 
 
 def hull(role: str) -> str:
@@ -108,6 +151,7 @@ def hull(role: str) -> str:
 
     A scenario names the file of a hull: `{"route": "T5", "model": "mine.xml"}`.
     """
+    _require_own_packages()
     import models
     from laisn.failure import LaisnError
 
@@ -142,6 +186,7 @@ def study(
     Raises:
         LaisnError: a line for each invalid key, before the first simulation; or the folder or cluster cannot be used.
     """
+    _require_own_packages()
     from experiments.study.study import run
     from laisn.plugins import register
 

@@ -57,6 +57,14 @@ def test_help_is_a_few_screens() -> None:
     assert 24 < len(pydoc.render_doc(laisn_sim).splitlines()) < 200
 
 
+def test_a_package_of_the_same_name_is_named(tmp_path: Path) -> None:
+    (tmp_path / "sim").mkdir()
+    (tmp_path / "sim" / "__init__.py").write_text("")
+    output = python("import laisn_sim; laisn_sim.load('T5')", tmp_path).stderr
+    assert "ImportError: `import sim` finds" in output
+    assert str(tmp_path) in output
+
+
 def test_errors_are_distances_of_the_columns(flight: laisn_sim.Flight) -> None:
     table = laisn_sim.errors(flight)
     apart = np.hypot(table["estimate_east_m"] - table["east_m"], table["estimate_north_m"] - table["north_m"])

@@ -12,6 +12,7 @@ import pytest
 from experiments.flight.range_budget import range_error_budget
 from laisn.navigator import Navigator
 from sim.assembly import ocean_of, routes_of
+from sim.film.film_data import OtherEstimate, RayErrors
 from sim.flight import navigate
 from sim.scenario.settings import Acoustics, Follower, Ocean, Scenario, Waves
 from sim.sensing.acoustics import propagate, sound_of
@@ -59,6 +60,8 @@ def records() -> dict[str, Any]:
         flight.estimates[0], range_error_budget(flight),
         route, route.depth,
         ocean_of(scenario).waves, sound_of(scenario).profile,
+        OtherEstimate(label="other", colour=(0.0, 0.0, 0.0), position=np.zeros((4, 2))),
+        RayErrors(label="error", value=np.zeros((4, 3)), limit=1.0),
     )  # fmt: skip
     return {type(record).__name__: record for record in made}
 
@@ -71,7 +74,7 @@ def made() -> dict[str, Any]:
 @pytest.mark.parametrize(
     "name",
     ["Trajectory", "Propagation", "MissionTruth", "Measurements", "Estimates", "RangeErrorBudget", "Route",
-     "DepthProfile", "Waves"],
+     "DepthProfile", "Waves", "OtherEstimate", "RayErrors"],
 )  # fmt: skip
 def test_a_record_shares_no_array_with_its_caller(made: dict[str, Any], name: str) -> None:
     record = made[name]

@@ -130,7 +130,9 @@ def render(
     source: SourceArgument,
     set_: SetOption = None,
     _plugin: PluginOption = None,
-    camera: Annotated[str | None, typer.Option(help="chase, pip, top, leader or profile")] = None,
+    camera: Annotated[
+        str | None, typer.Option(help="chase, pip, top, side, follower, leader, profile or orbit")
+    ] = None,
     size: Annotated[
         dict[str, int] | None, typer.Option(parser=_size, metavar="WIDTHxHEIGHT", help="such as 1920x1080")
     ] = None,

@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 
 from experiments.campaign.progress import Update, phases, print_line, show_table
@@ -35,37 +36,49 @@ _LEGEND = """E_P, E_B: errors of position and bearing; σ: standard deviation;
 NEES: 2 on average for a consistent filter; × bound: RMS of E_P over the bound"""
 
 
-_METRES, _DEGREES, _FACTOR = "{:.2f} m", "{:.2f}°", "{:.3g}"
-_ERRORS = (
-    ("E_P: max", "e_p_max_m", _METRES), ("mean", "e_p_mean_m", _METRES), ("σ", "e_p_std_m", _METRES),
-    ("E_B: max", "e_b_max_deg", _DEGREES), ("mean", "e_b_mean_deg", _DEGREES), ("σ", "e_b_std_deg", _DEGREES),
-    ("NEES", "nees", _FACTOR), ("× bound", "rms_over_bound", _FACTOR), ("track error", "track_error_rms_m", _METRES),
-)  # fmt: skip
-_STATIONS = (
-    ("station error: RMS", "station_rms_m", _METRES), ("95 %", "station_p95_m", _METRES),
-    ("max", "station_max_m", _METRES), ("E_P: mean", "e_p_mean_m", _METRES), ("joined at", "joined_s", "{:.0f} s"),
-    ("lost", "lost", "{}"),
-)  # fmt: skip
-"""Columns of the tables of followers: head, key of the summary, format."""
+def _show_stations(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
+    """Station errors, and the closest approaches of two vehicles, of all and of one layer."""
+    rows = []
+    for name, row in summary["followers"].items():
+        if "station_rms_m" in row:
+            off = (f"{row[f'station_{what}_m']:.2f} m" for what in ("rms", "p95", "max"))
+            joined = "never" if row["joined_s"] is None else f"{row['joined_s']:.0f} s"
+            rows.append([name, *off, f"{row['e_p_mean_m']:.2f} m", joined, "lost" if row["lost"] else ""])
+    heads = ("follower", "station error: RMS", "95 %", "max", "E_P: mean", "joined at", "")
+    show_table(console, heads, rows)
+    truth, pair = flight.trajectory, summary["closest_approach_pair"]
+    positions = truth.position[np.argmin(np.abs(truth.time - summary["closest_approach_s"]))]
+    one, other = (positions[truth.names.index(name), :2] for name in pair)
+    level = float(np.hypot(*(one - other)))
+    text = f"{' and '.join(pair)}, {summary['closest_approach_m']:.1f} m ({level:.1f} m horizontally)"
+    print_line(console, f"{text} at {summary['closest_approach_s']:.0f} s", "closest approach:", "")
+    if summary["closest_in_layer_m"] is not None:
+        text = f"{' and '.join(summary['closest_in_layer_pair'])}, {summary['closest_in_layer_m']:.1f} m horizontally"
+        text += f" at {summary['closest_in_layer_s']:.0f} s"
+        print_line(console, text, "closest approach in one depth layer:", "")
 
 
 def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
     """Print a table of errors, and the outcome if the mission was not completed."""
-    followers = summary["followers"]
-    stations = any("station_rms_m" in row for row in followers.values())
     steered = any(follower.guided_by_estimate for follower in flight.scenario.followers)
-    columns = _STATIONS if stations else _ERRORS if steered else _ERRORS[:-1]
-    rows = [
-        [name, *("–" if row.get(key) is None else form.format(row[key]) for _, key, form in columns)]
-        for name, row in followers.items()
-        if not stations or "station_rms_m" in row
-    ]
-    show_table(console, ["follower", *(head for head, _, _ in columns)], rows)
-    if stations:
-        text = f"{' and '.join(summary['closest_approach_pair'])}, {summary['closest_approach_m']:.1f} m"
-        print_line(console, text, "closest approach:", "")
+    if any("station_rms_m" in row for row in summary["followers"].values()):
+        _show_stations(console, flight, summary)
     else:
+        heads = ("follower", "E_P: max", "mean", "σ", "E_B: max", "mean", "σ", "NEES", "× bound")
+        rows = []
+        for name, row in summary["followers"].items():
+            metres = (f"{row[f'e_p_{what}_m']:.2f} m" for what in ("max", "mean", "std"))
+            degrees = (f"{row[f'e_b_{what}_deg']:.2f}°" for what in ("max", "mean", "std"))
+            consistent = ("–" if row[key] is None else f"{row[key]:.3g}" for key in ("nees", "rms_over_bound"))
+            off = [f"{row['track_error_rms_m']:.2f} m"] if steered else []
+            rows.append([name, *metres, *degrees, *consistent, *off])
+        show_table(console, [*heads, *(["track error"] if steered else [])], rows)
         console.print(_LEGEND, style="dim", highlight=False)
+    gave_way = {name: row["gave_way_s"] for name, row in summary["followers"].items() if row.get("gave_way_s")}
+    if gave_way:
+        longest = max(gave_way, key=gave_way.__getitem__)
+        number = f"{len(gave_way)} of {len(summary['followers'])} followers gave way"
+        print_line(console, f"{number}, {longest} longest ({gave_way[longest]:.0f} s)", "avoidance:", "")
     if flight.outcome is not Outcome.COMPLETED:
         colour = "yellow" if flight.outcome is Outcome.CONTACT else "red"
         print_line(console, f"(at {summary['flown_s']:g} s)", flight.outcome.value, colour)
@@ -129,7 +142,8 @@ def write_flight(
             with phase("log"):
                 write_log()
             if with_video:
-                from sim.film.render import Job, render
+                from sim.film.frame_renderer import Job
+                from sim.film.render import render
 
                 job = Job(flight=flight, video=scenario.video)
                 with phase("video") as update:

@@ -24,6 +24,9 @@ from laisn.settings import NavigationSettings, TightSettings
 from sim.flight import Flight, navigation_settings, settings_as
 from sim.scenario.file import values_of
 
+_LARGE = 1e5
+"""Errors beyond this are printed by their order of magnitude [m]."""
+
 
 def replay(
     path: Path, variant: str, assignments: Iterable[str], out: Path | None, smooth_s: float | None = None
@@ -76,7 +79,8 @@ def replay_measurements(
     # two steps are enough for the starts of the routes
     short = {"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s}
     begin = simulate_motion(scenario.model_copy(update=short))
-    remarks, vehicles = list[str](), list[Replayed]()
+    heads = ("follower", "steps", "Δt [s]", "fixes", "x [m]", "y [m]")
+    rows, remarks, vehicles = list[list[str]](), list[str](), list[Replayed]()
     for i, name in enumerate(begin.names[1:]):
         measured, found = reader.read_recording(path, name, longest_gap_s)
         remarks += found
@@ -86,36 +90,30 @@ def replay_measurements(
         except ArithmeticError as error:
             raise LaisnError(f"{path}: {name}: the navigator diverged: {error}") from error
         baseline = scenario.leader.baseline_m or math.nan
-        vehicles.append(Replayed(name=name, measured=measured, estimates=estimates, baseline=baseline))
-    _report(vehicles, vehicles, path, navigation.variant, dict.fromkeys(remarks), out)
+        vehicle = Replayed(name=name, measured=measured, estimates=estimates, baseline=baseline)
+        x, y = estimates.state[-1, :2]
+        rows.append([name, f"{len(estimates.state)}", f"{measured.dt:g}", vehicle.fixes, f"{x:.2f}", f"{y:.2f}"])
+        vehicles.append(vehicle)
+    show_table(Console(), heads, rows)
+    _write_replay(vehicles, path, navigation.variant, list(dict.fromkeys(remarks)), out)
 
 
-def _report(
-    shown: Sequence[Replayed], kept: Sequence[Replayed], log: Path, navigator: str, remarks: Iterable[str],
-    out: Path | None,
-) -> None:  # fmt: skip
-    """Print a row for each of `shown` and the remarks on a log; write those `kept` as CSV and into out/replay."""
+def _write_replay(
+    vehicles: Sequence[Replayed], log: Path, navigator: str, remarks: Sequence[str], out: Path | None
+) -> None:
+    """Print the remarks on a log, and write the estimates into a CSV file and the page into out/replay."""
     console, columns = Console(), ("follower", "time_s", "x_m", "y_m", "vx_m_s", "vy_m_s")
-    with_path = any(one.path is not None for one in shown)
-    heads = ("mean error [m]", "RMS [m]", "95 % [m]", "NEES") if with_path else ("steps", "Δt [s]", "fixes")
-    rows = []
-    for one in shown:
-        errors = ["–" if math.isnan(value) else f"{value:.2f}" for value in one.score]
-        counts = [f"{one.measured.time.size}", f"{one.measured.dt:g}", one.fixes]
-        place = [f"{value:.2f}" for value in one.estimates.state[-1, :2]]
-        rows.append([one.name, *(errors if with_path else counts), *place])
-    show_table(console, ("", *heads, "x [m]", "y [m]"), rows)
     for remark in remarks:
         print_line(console, remark, "note:")
     if out is not None:
         write_csv(out, [
             dict(zip(columns, (one.name, time_s, *state), strict=True))
-            for one in kept
+            for one in vehicles
             for time_s, state in zip(one.measured.time.tolist(), one.estimates.state.tolist(), strict=True)
         ])  # fmt: skip
         print_line(console, out)
     page = Path("out") / "replay" / f"{log.stem}.html"
-    write_replay_page(kept, log, navigator, list(remarks), page)
+    write_replay_page(vehicles, log, navigator, remarks, page)
     print_line(console, f"report in {page}")
 
 
@@ -157,6 +155,8 @@ def show_info(path: Path) -> None:
         print_line(console, f"attachment {name}: {len(data)} bytes")
     for name, record in log.metadata.items():
         print_line(console, f"metadata {name}: {', '.join(f'{k}={v}' for k, v in record.items())}")
+    for what in log.unverified:
+        print_line(console, f"{what}: no checksum, damage is not detected", "note:")
 
 
 def _smoother(variant: str, lag_s: float | None) -> NavigatorFactory | None:
@@ -221,7 +221,7 @@ def replay_data_set(
     path: Path, variant: str, assignments: Sequence[str], out: Path | None, longest_gap_s: float
 ) -> None:
     """Navigate on the log of a data set; print errors beside those of dead reckoning and write a page."""
-    from experiments.beacon_replay import among_beacons, beacons_of, by_laisn, dead_reckoning
+    from experiments.beacon_replay import among_beacons, beacons_of, by_laisn, dead_reckoning, score
     from experiments.flight.library import load_flyable
     from sim.datasets.log import VEHICLE, read_data_set_log
     from sim.simulation import simulate_motion
@@ -242,8 +242,15 @@ def replay_data_set(
         scenario = load_flyable("T5", [*changes, "motion=kinematic", "duration_s=2"])
         motion = simulate_motion(scenario)
         estimates, title = by_laisn(recorded, settings_as(NavigationSettings, scenario, motion, 0)), variant
-    measured, truth = recorded.measurements, recorded.truth
-    vehicle = Replayed(name=VEHICLE, measured=measured, estimates=estimates, path=truth)
-    shown = [replace(vehicle, name=name, estimates=found)
-             for name, found in (("dead reckoning", dead_reckoning(recorded)), (title, estimates))]  # fmt: skip
-    _report(shown, [vehicle], path, title, recorded.remarks, out)
+    measured = recorded.measurements
+    heads = ("", "mean error [m]", "RMS [m]", "95 % [m]", "NEES", "ends at x, y [m]")
+    rows = []
+    for name, found in (("dead reckoning", dead_reckoning(recorded)), (title, estimates)):
+        errors = score(found, measured, recorded.truth)
+        figures = ["–" if math.isnan(e) else f"{e:.2f}" if e < _LARGE else f"{e:.0e}" for e in errors]
+        x, y = found.state[-1, :2]
+        rows.append([name, *figures, f"{x:.2f}, {y:.2f}"])
+    show_table(Console(), heads, rows)
+    truth, mean = recorded.truth, errors.mean
+    vehicle = Replayed(name=VEHICLE, measured=measured, estimates=estimates, path=truth, mean_error=mean)
+    _write_replay([vehicle], path, title, recorded.remarks, out)

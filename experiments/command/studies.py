@@ -112,7 +112,9 @@ def study(
     seed: Annotated[int | None, typer.Option(min=0, max=2**62 - 1, help="key of all random numbers")] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="print the size of the study and stop")] = False,
     quick: QuickOption = False,
-    film: Annotated[str | None, typer.Option(metavar="worst", help="film the worst run")] = None,
+    film: Annotated[
+        str | None, typer.Option(metavar="worst|example", help="film the worst run; of asymmetry, its example")
+    ] = None,
     workers: WorkersOption = None,
     out: OutOption = None,
     force: ForceOption = False,
@@ -121,7 +123,7 @@ def study(
     """Run a study: factors, draws and arms of a file; write tables, intervals and a page."""
     given = {name: value for name, value in locals().items() if value and name not in ("source", "_plugin")}
     from experiments.study.file import OWN_DESIGN
-    from experiments.study.study import effort_text, run, studies_of
+    from experiments.study.study import effort_text, parts_of, run, studies_of
     from sim.scenario.file import values_of
 
     if source in OWN_DESIGN and not Path(source).exists():
@@ -131,8 +133,9 @@ def study(
             raise LaisnError(f"--{option}: unknown option of the study {source}; {known}")
         reproduce(**given)
         return
-    if film not in (None, "worst"):
-        raise LaisnError(f"--film {film}: expected --film worst")
+    wanted = "example" if parts_of(source) else "worst"
+    if film not in (None, wanted):
+        raise LaisnError(f"--film {film}: expected --film {wanted}")
     keys: dict[str, Any] = {"runs": runs, "realizations": realizations, "seed": seed}
     keys |= {"vary": _factors(vary or []), "draw": values_of(draw or (), "--draw"), "set": values_of(set_ or ())}
     if dry_run:

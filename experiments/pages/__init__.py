@@ -3,5 +3,5 @@
 Takes flights and numbers; gives one file that needs no network. `page` and `figures` are the vocabulary of all
 reports, `flight_report` describes one flight, and `results` has flights as Python's users get them.
 
-Imports: experiments.beacon_replay experiments.campaign experiments.findings experiments.flight laisn sim
+Imports: experiments.campaign experiments.findings experiments.flight laisn sim
 """

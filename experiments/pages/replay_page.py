@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from experiments.beacon_replay import Score, score
 from experiments.flight.summary import largest_sigma
 from experiments.pages.figures import Line, Panel, Part, panel
 from experiments.pages.page import Figures, number, page_of, write
@@ -34,13 +33,12 @@ class Replayed:
     name: str
     measured: Measurements
     estimates: Estimates
-    baseline: float = np.nan  # from the rear to the front transmitter, where messages do not hold their positions [m]
-    path: Floats | None = None  # surveyed reference path: time [s], east, north [m], shape (t, 3)
-
-    @property
-    def score(self) -> Score:
-        """Errors against the reference path, NaN without one."""
-        return score(self.estimates, self.measured, np.empty((0, 3)) if self.path is None else self.path)
+    baseline: float = np.nan
+    """From the rear to the front transmitter, where messages do not hold their positions [m]."""
+    path: Floats | None = None
+    """Surveyed reference path: time [s], east, north [m], shape (t, 3)."""
+    mean_error: float = np.nan
+    """Mean distance from that path [m]."""
 
     @property
     def fixes(self) -> str:
@@ -152,7 +150,7 @@ def _values(one: Replayed) -> dict[str, Any]:
         "largest": number(float(two_sigma[worst])).text,
         "largest_s": number(float(one.measured.time[worst]), 0).text,
         "mean_nis": number(float(np.nanmean(squared)) if np.isfinite(squared).any() else None).text,
-        "mean_error": number(one.score.mean).text,
+        "mean_error": number(one.mean_error).text,
         "figure": Figures(panels=[chart, _over_time(one)], legend=legend),
     }
 

@@ -145,7 +145,7 @@ def render(
     or rendering does not work here (`laisn doctor` reports why).
     """
     from sim.film import render as film
-    from sim.film.render import Job
+    from sim.film.frame_renderer import Job
 
     file, settings, number = Path(path), video_of(flight.scenario.video, video), len(flight.scenario.followers)
     if not 0 <= follower < number:

@@ -154,6 +154,7 @@ def run_built_in(
     keys: Mapping[str, Any] | None = None,
     *,
     quick: bool = False,
+    film: bool = False,
     **options: Unpack[ExecutionOptions],
 ) -> Path:
     """Run a built-in study whose folder has findings and a page of its own, or what is missing of it.
@@ -162,22 +163,26 @@ def run_built_in(
     `findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]`, a pure function of the outcomes by the parts
     of the study, and perhaps `further_runs(outcomes)`, which chooses runs that are flown on, as of `fly_further`; and
     for a page of its own `page.md.j2`, with `figures.py` whose `values(found: Findings, outcomes) -> dict` has what the
-    template names and `tables` that are written too. Else the page is that of any study.
+    template names and `tables` that are written too, and perhaps `film(values, folder)`. Else the page is that of any
+    study.
 
     Args:
         name: of the study.
         folder: of the results: the tables of each file, `results.json` and `report.html`.
         keys: of study files, as of `study_of`.
         quick: a trial run, without further runs.
+        film: make the film of the study.
         options: as of `campaign.fly`.
 
     Returns:
         The page.
 
     Raises:
-        LaisnError: as of `study_of` and `fly_until_narrow`, or something could not be flown.
+        LaisnError: as of `study_of` and `fly_until_narrow`, something could not be flown, or the study has no film.
     """
     package = f"experiments.studies.{name.replace('-', '_')}"
+    if film and not hasattr(import_module(f"{package}.figures"), "film"):
+        raise LaisnError(f"--film: the study {name} has a page of its own, without films")
     files = built_in(name)
     given = [study_of(str(file), keys or {}, quick=quick) for file in files.values()]
     quiet = options.get("quiet", False)
@@ -210,6 +215,10 @@ def run_built_in(
     else:
         page = page_of(flown[0].plan, flown[0].results, {})
     write(page, folder / REPORT)
+    if film:
+        # the page is there before the film, so that one that fails costs nothing else
+        shown = values | {"film": [pages.Film(path=figures.film(values, folder))]}
+        write(pages.page_of(package, facts, shown, found), folder / REPORT)
     return folder / REPORT
 
 
@@ -304,9 +313,7 @@ def run(
     (first, *_), parts = studies_of(source, keys, quick=quick), parts_of(source)
     folder = Path(out or Path("out") / f"{source if parts else first.name}{'-quick' * quick}")
     if parts:
-        if film:
-            raise LaisnError(f"--film: the study {source} has a page of its own, without films")
-        run_built_in(str(source), folder, keys, quick=quick, **options)
+        run_built_in(str(source), folder, keys, quick=quick, film=film is not None, **options)
     else:
         run_study(first, folder, film=film, **options)
     return StudyFolder(folder)

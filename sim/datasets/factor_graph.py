@@ -1,13 +1,17 @@
 """Factor graphs in the text format of PyFactorGraph (`.pyfg`): planar poses, odometry, ranges, landmarks, priors.
 
-A pose is called by a letter for its robot and a number, a landmark by L and a number; headings are anticlockwise from
-east. Noise is the upper triangle of a covariance. Times are in s, or in ns where one is too large for s.
+A line is a kind and its fields. A pose is called by a letter for its robot and a number, a landmark by L and a number;
+headings are anticlockwise from east. Noise is given as the upper triangle of a covariance.
 
     VERTEX_SE2 time pose x y heading            VERTEX_XY landmark x y
     VERTEX_SE2:PRIOR time pose x y heading …    VERTEX_XY:PRIOR time landmark x y …
     EDGE_SE2 time pose pose ahead port turn …   EDGE_RANGE time one other range variance
+
+Times are in s, or in ns where one is too large for s. Vertices of poses are the true path in simulated graphs; in
+others they may be the file's own estimate, which no line states.
 """
 
+import math
 import re
 from collections import Counter
 from itertools import accumulate, pairwise
@@ -21,7 +25,7 @@ from laisn.failure import LaisnError
 from laisn.geometry import place_transmitters
 from laisn.messages import Measurements
 from laisn.settings import TightSettings
-from sim.datasets.range_data import LARGEST, RangeData, compose, numbers, text_of
+from sim.datasets.range_data import LARGEST, RangeData, compose, numbers, require_unique, text_of
 from sim.system import atomic_write
 
 _WORDS = {
@@ -72,6 +76,8 @@ def _odometry(lines: list[_Line], order: dict[str, int], source: str) -> tuple[F
     for line in lines:
         first, second = (order.get(name) for name in line.names)
         if first is not None and second == first + 1:
+            if not np.isnan(steps[first, 0]):
+                raise LaisnError(f"{source}: odometry (EDGE_SE2) from {' to '.join(line.names)} is given twice")
             steps[first] = line.values
             # of the upper triangle xx, xy, xθ, yy, yθ, θθ
             variances[first] = line.noise[0], line.noise[3], line.noise[5]
@@ -80,14 +86,17 @@ def _odometry(lines: list[_Line], order: dict[str, int], source: str) -> tuple[F
     gaps = np.flatnonzero(np.isnan(steps[:, 0]))
     if gaps.size:
         names = list(order)
-        raise LaisnError(f"{source}: no odometry (EDGE_SE2) from {names[gaps[0]]} to {names[gaps[0] + 1]}")
+        raise LaisnError(
+            f"{source}: no odometry (EDGE_SE2) from {names[gaps[0]]} to {names[gaps[0] + 1]}, nor in "
+            f"{gaps.size - 1} other places of {len(steps)}"
+        )
     return steps, variances, closures
 
 
 def _ranges(
     lines: list[_Line], order: dict[str, int], time: Floats, beacons: dict[str, int]
-) -> tuple[list[tuple[float, int, float]], float]:
-    """Rows of time, beacon and range, and its random error, 0 if unknown, from lines EDGE_RANGE.
+) -> tuple[list[tuple[float, int, float]], float | None]:
+    """Rows of time, beacon and range, and its random error, from lines EDGE_RANGE.
 
     The time of a range is that in its line if it lies between the poses beside its own, and otherwise its pose's.
     """
@@ -101,7 +110,7 @@ def _ranges(
         low, high = time[max(k - 1, 0)], time[min(k + 1, time.size - 1)]
         rows.append((line.time if low < line.time < high else time[k], beacons[beacon], line.values[0]))
         variances.append(line.noise[0])
-    sigma = float(np.sqrt(np.median(variances))) if variances and min(variances) > 0.0 else 0.0
+    sigma = float(np.sqrt(np.median(variances))) if variances and min(variances) > 0.0 else None
     return sorted(rows), sigma
 
 
@@ -119,12 +128,16 @@ def read_factor_graph(path: Path) -> RangeData:
     lines = _parsed(text_of(path), source)
     robots = Counter(m[1] for line in lines["VERTEX_SE2"] if (m := _POSE.fullmatch(line.names[0])))
     if not robots:
-        raise LaisnError(f"{source}: no planar pose (VERTEX_SE2) of a robot, called by a letter and a number, A0")
+        raise LaisnError(
+            f"{source}: no planar pose (VERTEX_SE2) of a robot, called by a letter and a number such as A0"
+        )
     robot = max(robots, key=lambda letter: (robots[letter], -ord(letter)))
     if others := sorted(set(robots) - {robot}):
         remarks.append(f"of several robots {robot} is taken; left out: {', '.join(others)}")
     poses = [line for line in lines["VERTEX_SE2"] if line.names[0].startswith(robot) and _POSE.fullmatch(line.names[0])]
     poses.sort(key=lambda line: int(line.names[0][1:]))
+    for kind in ("VERTEX_SE2", "VERTEX_XY", "VERTEX_XY:PRIOR"):
+        require_unique((line.names[0] for line in lines[kind]), f"{source}: {kind}")
     order = {line.names[0]: k for k, line in enumerate(poses)}
     time = np.array([line.time for line in poses])
     if np.ptp(time) == 0.0:
@@ -134,8 +147,7 @@ def read_factor_graph(path: Path) -> RangeData:
     remarks += [f"edges left out that are no steps of odometry: {closures}"] if closures else []
     lasted = np.diff(time)
     rates = spread[lasted > 0.0] / lasted[lasted > 0.0, None]
-    spreads = {"slip": rates[:, :2].mean(axis=1), "heading_walk": rates[:, 2]}
-    stated = {name: float(np.sqrt(max(np.median(rate), 0.0))) for name, rate in spreads.items() if rate.size}
+    slip, walk = (float(np.median(rate)) if rate.size else 0.0 for rate in (rates[:, :2].mean(axis=1), rates[:, 2]))
     vertices = np.array([line.values for line in poses])
     composed = np.array(list(accumulate(odometry, compose, initial=vertices[0])))
     off = np.hypot(*(composed - vertices)[:, :2].T)
@@ -147,14 +159,22 @@ def read_factor_graph(path: Path) -> RangeData:
         # of poses at one time the first stays
         truth = np.column_stack([time, vertices[:, :2]])[np.append(True, lasted != 0.0)]
     places = {line.names[0]: line.values for kind in ("VERTEX_XY", "VERTEX_XY:PRIOR") for line in lines[kind]}
-    order_of_beacons = {name: i for i, name in enumerate(places)}
-    ranges, stated["range_sigma"] = _ranges(lines["EDGE_RANGE"], order, time, order_of_beacons)
+    ranges, sigma = _ranges(lines["EDGE_RANGE"], order, time, {name: i for i, name in enumerate(places)})
     begin = next((p for p in lines["VERTEX_SE2:PRIOR"] if p.names[0] == poses[0].names[0]), poses[0]).values
     return RangeData.collect(
-        source=source, start=np.array([begin[0], begin[1], 0.5 * np.pi - begin[2]]), time=time, odometry=odometry,
-        beacons=tuple(places), places=np.array(list(places.values()), dtype=np.float64).reshape(-1, 2), ranges=ranges,
-        truth=truth, stated={name: value for name, value in stated.items() if value > 0.0}, remarks=remarks,
-    )  # fmt: skip
+        source=source,
+        start=np.array([begin[0], begin[1], 0.5 * np.pi - begin[2]]),
+        time=time,
+        odometry=odometry,
+        beacons=tuple(places),
+        places=np.array(list(places.values()), dtype=np.float64).reshape(-1, 2),
+        ranges=ranges,
+        range_sigma=sigma,
+        truth=truth,
+        slip=math.sqrt(max(slip, 0.0)) or None,
+        heading_walk=math.sqrt(max(walk, 0.0)) or None,
+        remarks=remarks,
+    )
 
 
 def _line(*words: object) -> str:

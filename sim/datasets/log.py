@@ -6,7 +6,7 @@ In the log its beacons are transmitters of a leader that lies still, and the veh
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,10 +31,17 @@ _APART = 1e-6  # between ranges of one instant that one reception cannot hold [s
 
 
 def read_data_set(path: Path) -> RangeData:
-    """The odometry and ranges in a file; LaisnError if its name ends in nothing that is known, or it cannot be read."""
+    """The odometry and ranges in a file.
+
+    Raises:
+        LaisnError: its name ends in nothing that is known, or it cannot be read.
+    """
     reader = _READERS.get(path.suffix)
     if reader is None:
-        raise LaisnError(f"{path}: the name should end in .pyfg (a factor graph), .mat or _DR.txt (ranging radios)")
+        raise LaisnError(
+            f"{path}: the name should end in .pyfg (a factor graph), or be that of a .mat or a _DR.txt (a data set of "
+            "ranging radios)"
+        )
     return reader(path)
 
 
@@ -43,7 +50,9 @@ class Replayable(NamedTuple):
 
     measurements: Measurements
     start: Floats  # x, y [m] and velocity [m/s] at step 0, shape (4,)
-    stated: dict[str, Any]  # numbers, as of `RangeData`
+    range_sigma: float | None  # this and the two below as of `RangeData`
+    slip: float | None
+    heading_walk: float | None
     truth: Floats  # time since the start [s], east and north [m], shape (t, 3)
     remarks: tuple[str, ...]
 
@@ -99,19 +108,23 @@ def _nanoseconds(time: Floats) -> Ints:
 
 
 def write_data_set(data: RangeData, path: Path) -> None:
-    """Write a data set as a log that `laisn replay` navigates on; OSError if it cannot be written."""
+    """Write a data set as a log that `laisn replay` navigates on; LogError if it cannot be written."""
     facts = {
         "source": Path(data.source).name,
         "beacons": ",".join(data.beacons),
         "start_east": repr(float(data.start[0])),
         "start_north": repr(float(data.start[1])),
-        **{name: repr(value) for name, value in data.stated.items()},
+        **{name: "" if (value := getattr(data, name)) is None else repr(value) for name in _STATED},
     }
     _write(path, list(_channels(data)), facts)
 
 
 def write_vehicle_table(table: VehicleTable, path: Path) -> None:
-    """Write the measurements of a vehicle, named "follower", as a log that `laisn replay` navigates on."""
+    """Write the measurements of a vehicle, named "follower", as a log that `laisn replay` navigates on.
+
+    Raises:
+        LogError: the file cannot be written.
+    """
     empty = np.full(table.time_ns.size, np.nan)
     own = np.all([np.isfinite(table.columns[field]) for field in OWN_MOTION.fields], axis=0)
     ranges = [values for field, values in table.columns.items() if field.startswith("range_")]
@@ -128,7 +141,7 @@ def write_vehicle_table(table: VehicleTable, path: Path) -> None:
 
 
 def _write(path: Path, channels: Sequence[Channel], facts: dict[str, str]) -> None:
-    with atomic_write(path) as part:
+    with log_errors(path), atomic_write(path) as part:
         write_channels(part, channels, lambda mcap: mcap.write_metadata(_RECORD, facts) if facts else None)
 
 
@@ -138,7 +151,11 @@ def is_data_set(path: Path) -> bool:
 
 
 def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
-    """Measurements and truth of a log that `write_data_set` wrote; LogError as of `read_recording`."""
+    """Measurements and truth of a log that `write_data_set` wrote.
+
+    Raises:
+        LogError: the log is damaged or of something else, or has too long a gap.
+    """
     pose, motion = f"/{VEHICLE}/pose", f"/{VEHICLE}/motion"
     log = Contents(path, lambda topic, _: topic == pose)
     if _RECORD not in log.metadata:
@@ -152,5 +169,5 @@ def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
             since = (log.topics[pose].time_ns - log.topics[motion].time_ns.min()) / 1e9 + measured.dt
             truth = np.column_stack([since, log.topics[pose].table(POSE_FIELDS[:2])])
         start = np.array([float(facts["start_east"]), float(facts["start_north"]), 0.0, 0.0])
-        stated = {name: float(facts[name]) for name in _STATED if facts.get(name)}
-    return Replayable(measured, start, stated, truth, remarks)
+        sigma, slip, walk = (float(value) if (value := facts.get(name)) else None for name in _STATED)
+    return Replayable(measured, start, sigma, slip, walk, truth, remarks)

@@ -11,9 +11,10 @@ Those of Djugash, Hamner & Roth 2009, "Navigating with Ranging Radios", are five
 Times are in s, places in m, headings in rad anticlockwise from east.
 """
 
+import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import reduce
 from pathlib import Path
 from typing import Any, Self
@@ -23,12 +24,15 @@ import numpy.typing as npt
 
 from laisn.arrays import Floats, Ints, own_arrays
 from laisn.failure import LaisnError
-from sim.system import read_text
+from sim.system import background_process, read_text
 
 _LARGEST_BYTES = 100_000_000  # larger files are refused [bytes]; a table takes 20 times its size in memory
 LARGEST = 4e9  # larger numbers are no measurements, and no times in seconds
+_SLOWEST, _FASTEST = 0.01, 50.0  # mean speeds beyond these are doubtful [m/s]
 _COLUMNS = {"DR": 3, "TD": 4, "TL": 3, "GT": 4, "DRp": 4}  # columns of each table
 _NEEDED = ("DR", "TD", "TL")
+_NODES = {"TD": [1, 2], "TL": [0]}  # columns of nodes' numbers
+_MOST_NUMBERS = 10_000_000  # in all tables; a compressed file of few bytes may state any number
 _TEXT = re.compile(r"(.*)_DR\.(txt|csv)")
 
 
@@ -50,6 +54,15 @@ def numbers(words: Iterable[str], where: str, largest: float = LARGEST) -> Float
     if beyond.size:
         raise LaisnError(f"{where}: {beyond[0]:g} is not within ±{largest:g}")
     return values
+
+
+def require_unique(names: Iterable[object], where: str) -> None:
+    """LaisnError naming the first name that comes a second time."""
+    seen = set[object]()
+    for name in names:
+        if name in seen:
+            raise LaisnError(f"{where} {name} is given twice")
+        seen.add(name)
 
 
 def compose(first: Floats, second: Floats) -> Floats:
@@ -76,9 +89,11 @@ class RangeData:
     range_time: Floats  # when each range was measured, shape (m,), [s]
     range_beacon: Ints  # to which beacon, counted from 0, shape (m,)
     ranges: Floats  # shape (m,), [m]
+    range_sigma: float | None  # random error of a range as the data set states it [m]; None: it does not
     truth: Floats  # time [s], east and north [m] of the path to compare with, shape (t, 3); empty if there is none
-    stated: Mapping[str, float] = field(default_factory=dict)
-    """Settings of `BeaconSettings` that the data set states: `range_sigma`, `slip`, `heading_walk`."""
+    slip: float | None = None
+    """Random walk of the position that the data set states for its odometry, along each axis [m/√s]; None: none."""
+    heading_walk: float | None = None  # random walk of the heading likewise [rad/√s]
     remarks: tuple[str, ...] = ()  # what was left out or taken for granted, a sentence each
 
     def __post_init__(self) -> None:
@@ -86,12 +101,16 @@ class RangeData:
             value = getattr(self, item.name)
             if isinstance(value, np.ndarray) and not np.all(np.abs(value) <= LARGEST):
                 raise LaisnError(f"{self.source}: {item.name} must be finite and within ±{LARGEST:g}")
+        if self.time.size < 3:
+            raise LaisnError(f"{self.source}: {self.time.size} poses; odometry needs three at least")
         late = np.flatnonzero(np.diff(self.time) <= 0.0)
         if late.size:
             raise LaisnError(
                 f"{self.source}: the time goes from {self.time[late[0]]:.6f} s to {self.time[late[0] + 1]:.6f} s "
                 f"between poses {late[0]} and {late[0] + 1}; times must increase"
             )
+        if self.time[0] < 0.0:
+            raise LaisnError(f"{self.source}: times begin at {self.time[0]:g} s, expected 0 s or later")
         if not self.ranges.size:
             raise LaisnError(f"{self.source}: holds no range between the vehicle and a beacon whose place is known")
         own_arrays(self)
@@ -121,6 +140,10 @@ class RangeData:
             "poses at the time of the one before, joined to it": int(np.count_nonzero(~kept)),
         }
         remarks = [*remarks, *(f"{what}: {number}" for what, number in counts.items() if number)]
+        way, duration = float(np.hypot(*steps[:, :2].T).sum()), float(time[-1] - time[0])
+        if way >= 1.0 and duration > 0.0 and not _SLOWEST * duration <= way <= _FASTEST * duration:
+            speed = way / duration
+            remarks.append(f"a way of {way:.0f} m in {duration:g} s, {speed:.2g} m/s: are the times in seconds?")
         return cls(
             time=time[kept],
             odometry=steps,
@@ -134,17 +157,23 @@ class RangeData:
     def among(self, names: Sequence[str]) -> Self:
         """Data with the ranges to some beacons only, in the order of their names; LaisnError naming one that lacks."""
         unknown = [name for name in names if name not in self.beacons]
-        if unknown:
-            raise LaisnError(f"{self.source}: no beacon {', '.join(unknown)}; available: {', '.join(self.beacons)}")
+        if unknown or not names:
+            raise LaisnError(
+                f"{self.source}: no beacon {', '.join(unknown) or 'is named'}; available: {', '.join(self.beacons)}"
+            )
         chosen = list(dict.fromkeys(names))
         index = [self.beacons.index(name) for name in chosen]
         kept = np.isin(self.range_beacon, index)
         number = np.full(len(self.beacons), -1, dtype=np.int64)
         number[index] = np.arange(len(index))
         return replace(
-            self, beacons=tuple(chosen), places=self.places[index], range_time=self.range_time[kept],
-            range_beacon=number[self.range_beacon[kept]], ranges=self.ranges[kept],
-        )  # fmt: skip
+            self,
+            beacons=tuple(chosen),
+            places=self.places[index],
+            range_time=self.range_time[kept],
+            range_beacon=number[self.range_beacon[kept]],
+            ranges=self.ranges[kept],
+        )
 
     def legs(self) -> tuple[Floats, Floats, Floats]:
         """The way as odometry has it, cut where a range was measured, so that each has its own place on it.
@@ -161,14 +190,24 @@ class RangeData:
         return end, speed[step], heading[step]
 
 
-def _from_matlab(path: Path) -> dict[str, Floats]:
+def _load_matlab(path: Path) -> dict[str, Floats]:
     # data sets in text, and logs, need none of it
-    from scipy.io import loadmat
+    from scipy.io import loadmat, whosmat
 
+    stated = sum(math.prod(shape) for name, shape, _ in whosmat(path) if name in _COLUMNS)
+    if stated > _MOST_NUMBERS:
+        raise LaisnError(f"its tables have {stated:,} numbers, at most {_MOST_NUMBERS:,} are read")
+    found = loadmat(path, variable_names=tuple(_COLUMNS))
+    return {name: found[name] for name in _COLUMNS if name in found}
+
+
+def _from_matlab(path: Path) -> dict[str, Floats]:
     try:
-        return {name: table for name, table in loadmat(path).items() if name in _COLUMNS}
-    except OSError as error:
-        raise LaisnError(f"{path}: {error.strerror or error}") from None
+        # damaged files crash the library
+        with background_process() as process:
+            return process.submit(_load_matlab, path).result()
+    except (OSError, LaisnError) as error:
+        raise LaisnError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
     except Exception as error:
         # foreign bytes make the library fail in many ways
         raise LaisnError(f"{path}: no MATLAB file of version 5, or damaged: {error}") from None
@@ -203,6 +242,13 @@ def read_range_tables(path: Path) -> RangeData:
     for name, table in tables.items():
         if not np.issubdtype(table.dtype, np.number) or table.ndim != 2 or table.shape[1] != _COLUMNS[name]:
             raise LaisnError(f"{path}: table {name} has the shape {table.shape}, expected {_COLUMNS[name]} columns")
+        whole = table[:, _NODES.get(name, [])]
+        usable = np.all(np.abs(table) <= LARGEST, axis=1) & np.all(whole == np.rint(whole), axis=1)
+        if not usable.all():
+            raise LaisnError(
+                f"{path}: table {name}, row {int(np.argmin(usable)) + 1}: expected numbers within ±{LARGEST:g}, and "
+                "whole ones for nodes"
+            )
         tables[name] = np.asarray(table, dtype=np.float64)
     odometry, ranges, nodes = (tables[name] for name in _NEEDED)
     poses = [tables[name] for name in ("DRp", "GT") if name in tables]
@@ -210,13 +256,18 @@ def read_range_tables(path: Path) -> RangeData:
     if start is None:
         raise LaisnError(f"{path}: neither DRp nor GT has a pose before the first odometry, at {odometry[0, 0]:.3f} s")
     names = nodes[:, 0].astype(np.int64).tolist()
+    require_unique(names, f"{path}: table TL: node")
     index = {name: i for i, name in enumerate(names)}
     beacons = [index.get(node, -1) for node in ranges[:, 2].tolist()]
     return RangeData.collect(
-        source=str(path), start=np.array([start[1], start[2], 0.5 * np.pi - start[3]]),
+        source=str(path),
+        start=np.array([start[1], start[2], 0.5 * np.pi - start[3]]),
         time=np.concatenate([start[:1], odometry[:, 0]]),
         odometry=np.column_stack([odometry[:, 1], np.zeros(len(odometry)), odometry[:, 2]]),
-        beacons=tuple(map(str, names)), places=nodes[:, 1:].copy(),
+        beacons=tuple(map(str, names)),
+        places=nodes[:, 1:].copy(),
         ranges=np.column_stack([ranges[:, 0], beacons, ranges[:, 3]]),
-        truth=tables["GT"][:, :3].copy() if "GT" in tables else np.empty((0, 3)), remarks=(),
-    )  # fmt: skip
+        range_sigma=None,
+        truth=tables["GT"][:, :3].copy() if "GT" in tables else np.empty((0, 3)),
+        remarks=(),
+    )

@@ -77,7 +77,11 @@ def _times(words: list[str], unit: str, where: str) -> tuple[Ints, str]:
 
 
 def read_vehicle_table(path: Path) -> VehicleTable:
-    """Measurements of a text table; delimiter, units and format of time are detected; LaisnError if it is invalid."""
+    """Measurements of a text table; header, delimiter, units and format of time are detected.
+
+    Raises:
+        LaisnError: it cannot be read, lacks a column, or a cell is no number; the text names the line.
+    """
     lines = [line for line in text_of(path).splitlines() if line.strip() and not line.startswith("#")]
     if len(lines) < 3:
         raise LaisnError(f"{path}: {len(lines)} lines; a header and two rows are needed at least")

@@ -1,21 +1,26 @@
 """Cameras of the film: where they stand and what they look at, as pure functions of time."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from laisn.arrays import Floats
+from sim import attitude
 from sim.film.film_data import FilmData, FrameState
 
-_SMOOTHING_S = 0.8  # standard deviation of the smoothing of a camera's swing, in seconds of film
+_SMOOTHING_S = 0.8
+"""Standard deviation of the smoothing of a camera's swing, in seconds of film."""
 _STEADY_S = 3.0
 """Standard deviation of the smoothing for a camera that stays put while waves move its subject, in mission seconds."""
 _NEAR_M = 0.15
 _CLEARANCE_M = 1.2
-_FREE = (0.26, 0.79, 0.04)  # left, right and upper edge of what the panels leave free, as shares of the frame
-_SIGHT_DOWN_M = 42.0  # how far below the vehicles the view from above reaches
+_FREE = (0.26, 0.79, 0.04)
+"""Left, right and upper edge of what the panels leave free, as shares of the frame."""
+_SIGHT_DOWN_M = 42.0
+"""How far below the vehicles the view from above reaches."""
+_ORBIT_FILM_S = 40.0
 _PROFILE_TURN = np.radians(152.0)
 """From the bearing of the follower to that of the camera `profile`, seen from the leader: a camera so far around sees
 the leader at one side of the frame's middle and a far follower some 27° from it, at the other."""
@@ -25,14 +30,20 @@ _PROFILE_LEADER = np.radians(6.5)
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """A camera without roll, unless `up` is given."""
+    """A camera without roll, unless `up` is given. Raises ValueError if it stands on its target."""
 
     position: Floats
-    target: Floats  # shape (3,), as `position`, [m]
+    target: Floats
+    """Shape (3,), as `position`, [m]."""
     up: Floats = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
-    fovy_deg: float = 45.0  # vertical field of view
+    fovy_deg: float = 45.0
+    """Vertical field of view."""
     plane_m: float | None = None
     """How far ahead the vehicles lie if all lie about as far, so that one scale holds for them [m]."""
+
+    def __post_init__(self) -> None:
+        if not np.linalg.norm(self.target - self.position) > 0:
+            raise ValueError(f"a camera at {self.position} cannot look at itself")
 
     @cached_property
     def axes(self) -> Floats:
@@ -83,10 +94,14 @@ class Shot(NamedTuple):
     """One frame's cameras and how far they see."""
 
     view: View
-    insets: tuple[tuple[View, int], ...]  # pictures in the picture: camera, and the vehicle that it shows
-    fog: tuple[float, float]  # where fog begins and where it hides everything [m]
-    surface: bool  # whether the sea's surface is drawn; seen from above, it would hide everything
-    insets_left: bool = False  # whether insets begin at the left edge: the vehicles keep to the right
+    insets: tuple[tuple[View, int], ...]
+    """Pictures in the picture: camera, and the vehicle that it shows."""
+    fog: tuple[float, float]
+    """Where fog begins and where it hides everything [m]."""
+    surface: bool
+    """Whether the sea's surface is drawn; seen from above, it would hide everything."""
+    insets_left: bool = False
+    """Whether insets begin at the left edge: the vehicles keep to the right."""
 
 
 class CameraRig:
@@ -169,6 +184,21 @@ class CameraRig:
         plane = float(eye[2] - at[2])
         return View(position=eye, target=at, up=np.array([0.0, 1.0, 0.0]), fovy_deg=60.0, plane_m=plane)
 
+    def _beside(self, target: Floats, direction: Floats, fovy_deg: float, wide: float, high: float, deep: float
+                ) -> View:  # fmt: skip
+        """A view of vehicles between the panels: `wide` across, `high` up and `deep` along the line of sight [m]."""
+        left, right, _ = _FREE
+        slope = np.tan(np.radians(fovy_deg) / 2)
+        across = wide / ((right - left) * slope * self._aspect)
+        far = max(float(np.hypot(across, deep)), high / (0.25 * slope) + deep, 6.0)
+        eye = self._in_water(target + far * direction)
+        # close below the surface, that would end in a line
+        eye[2] = min(eye[2], 0.5 * target[2])
+        view = View(position=eye, target=target, fovy_deg=fovy_deg)
+        frame = 2 * float(np.linalg.norm(target - eye)) * slope * self._aspect
+        shift = (0.5 - (left + right) / 2) * frame * view.axes[0]
+        return replace(view, position=eye + shift, target=target + shift)
+
     def _top(self, state: FrameState, bottom: float) -> tuple[View, tuple[float, float]]:
         """View from above, vehicles within the part of the frame that panels leave free, down to the share `bottom`."""
         left, right, top = _FREE
@@ -203,7 +233,27 @@ class CameraRig:
         if camera in ("top", "pip"):
             view, fog = self._top(state, 0.66 if camera == "pip" else 0.95)
             return Shot(view, (close_follower, close_leader) if camera == "pip" else (), fog, False)
+        if camera == "follower":
+            offsets = np.array([[-1.1, 0.0, 0.55], [6.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+            eye, ahead, up = attitude.rotate(state.quaternion[follower][None], offsets)
+            view = View(position=at + eye, target=at + ahead, up=up, fovy_deg=55.0)
+            return Shot(view, (close_leader,), near_fog, True)
         if camera == "profile":
             inset = (self._estimate_from_above(state), follower)
             return Shot(self._profile(state), (inset,), near_fog, True, insets_left=self._side > 0)
-        return Shot(self._close(state, leader, 4.6), (close_follower,), near_fog, True)
+        if camera == "leader":
+            return Shot(self._close(state, leader, 4.6), (close_follower,), near_fog, True)
+        centre, half = self._now(self._centre, state.time), self._now(self._half, state.time)
+        # to the ends of the hulls
+        radius, high = float(np.hypot(half[0], half[1])) + 1.0, float(half[2])
+        if camera == "side":
+            ahead = self._towards_leader(state.time)
+            view = self._beside(centre, np.array([ahead[1], -ahead[0], 0.0]), 40.0, radius, high, 0.0)
+        else:
+            angle = 2 * np.pi * state.film_time / _ORBIT_FILM_S
+            view = self._beside(centre, np.array([np.cos(angle), np.sin(angle), 0.10]), 50.0, radius, high, radius)
+        distance = float(np.linalg.norm(view.target - view.position))
+        fog = (0.25 * distance, max(150.0, 2.3 * distance))
+        if camera == "side":
+            return Shot(replace(view, plane_m=distance), (close_follower,), fog, True)
+        return Shot(view, (), fog, True)

@@ -1,4 +1,4 @@
-"""A frame to draw on: lines and shapes by matplotlib's Agg renderer, text by Pillow, all in one buffer.
+"""A frame to draw on: lines, shapes and images by matplotlib's Agg renderer, text by Pillow, all in one buffer.
 
 Measured for a frame of the film: Agg draws lines as fast as Skia does, Pillow draws text thirty times as fast as
 Agg does, and keeping the masks of the words saves most of the rest.
@@ -19,12 +19,16 @@ from PIL import Image, ImageDraw, ImageFont
 
 from laisn.arrays import Bytes, Floats
 
-Colour = tuple[float, ...]  # red, green, blue and, where given, opacity, each in [0, 1]
-Place = tuple[float, float, float, float]  # left, top, width, height [px]
+Colour = tuple[float, ...]
+"""Red, green, blue and, where given, opacity, each in [0, 1]."""
+Place = tuple[float, float, float, float]
+"""Left, top, width, height [px]."""
 PALE: Colour = (0.80, 0.92, 0.97)
-DIM: Colour = (0.60, 0.76, 0.83)  # colours of values and of their names
+DIM: Colour = (0.60, 0.76, 0.83)
+"""Colours of values and of their names."""
 
-_LEAST_TEXT = 0.8  # least size of text relative to that at 720 rows: smaller digits lose their strokes
+_LEAST_TEXT = 0.8
+"""Least size of text relative to that at 720 rows: smaller digits lose their strokes."""
 _CIRCLE = np.column_stack([f(np.linspace(0.0, 2 * np.pi, 24, endpoint=False)) for f in (np.cos, np.sin)])
 _DIAMOND = np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]])
 
@@ -44,6 +48,11 @@ class Shape(NamedTuple):
     points: Floats
     fill: Colour
     edge: Colour | None = None
+
+
+def new_figure(width: int, height: int) -> Figure:
+    """A transparent matplotlib figure with a point for each pixel."""
+    return Figure(figsize=(width / 72, height / 72), dpi=72, facecolor="none")
 
 
 @lru_cache(maxsize=64)
@@ -71,7 +80,7 @@ class Canvas:
         self.scale = height / 720
         self.text_scale = max(self.scale, _LEAST_TEXT)
         """Pixels to a unit of text size: text shrinks with the frame only as far as it can be read."""
-        figure = Figure(figsize=(width / 72, height / 72), dpi=72)
+        figure = new_figure(width, height)
         agg: Any = FigureCanvasAgg(figure)
         self._renderer = agg.get_renderer()
         # kept, for making one takes longer than drawing what a frame has
@@ -80,7 +89,8 @@ class Canvas:
         for collection in (self._lines, self._polygons):
             collection.set_transform(Affine2D().scale(1, -1).translate(0, height))
             collection.set_figure(figure)
-        self.pixels: Bytes = np.asarray(agg.buffer_rgba())  # the frame, top row first, shape (height, width, 4)
+        self.pixels: Bytes = np.asarray(agg.buffer_rgba())
+        """The frame, top row first, shape (height, width, 4)."""
 
     def load(self, picture: Bytes) -> None:
         """Start from a rendered picture, bottom row first, shape (height, width, 3)."""
@@ -117,6 +127,10 @@ class Canvas:
     def diamond(self, at: Floats, radius: float, fill: Colour, edge: Colour | None = None) -> Shape:
         """A square on its corner about `at`, shape (2,)."""
         return Shape(at + radius * self.scale * _DIAMOND, fill, edge)
+
+    def image(self, rgba: Bytes, left: int, top: int) -> None:
+        """Lay an image with straight alpha over the frame, bottom row first, shape (h, w, 4)."""
+        self._renderer.draw_image(self._renderer.new_gc(), left, self.height - top - len(rgba), rgba)
 
     def text(
         self, at: tuple[float, float], words: str, colour: Colour = (1, 1, 1), size: float = 14, anchor: str = "la"

@@ -1,28 +1,42 @@
-"""The panels of a film: numbers and curves of the whole mission at the left, a map at the right."""
+"""The panels of a film: numbers and curves at the left, map and colour bar at the right, a caption between them.
 
-from collections.abc import Iterator, Sequence
+All that stays as it is from frame to frame, curves of the whole mission included, is drawn once by matplotlib; a frame
+adds the numbers, cursors on the curves, and vehicles on the map.
+"""
+
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from matplotlib.path import Path
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import IdentityTransform
 
-from laisn.arrays import Floats
+from laisn.arrays import Bytes, Floats
 from laisn.estimates import FIX_WORDS
-from sim.film.canvas import DIM, PALE, Canvas, Colour, Place, Shape, Stroke, corners
-from sim.film.film_data import ESTIMATE, LEADER, STATION, TRANSMITTER_COLOURS, TRUTH, FilmData, FrameState
+from sim.film.canvas import DIM, PALE, Canvas, Colour, Place, Stroke, new_figure
+from sim.film.film_data import ESTIMATE, LEADER, STATION, TRUTH, FilmData, FrameState, RayErrors, diverging
 
-Trail = tuple[Floats, Colour]  # positions, shape (p, 3), [m], and the colour of their line
+Trail = tuple[Floats, Colour]
+"""Positions, shape (p, 3), [m], and the colour of their line."""
 Text = tuple[float, str, Colour, float]
 """Distance from the left edge of a panel, or from the right one if negative, words, colour and size."""
 
-SIGMAS = 2.0  # half axes of the ellipse of uncertainty in standard deviations
+SIGMAS = 2.0
+"""Half axes of the ellipse of uncertainty in standard deviations."""
 _SHORT = 576
 """Frames of fewer rows have the short panel of numbers and one curve: text that can be read leaves no room for more."""
 _PANEL: Colour = (0.01, 0.06, 0.10)
 _EDGE: Colour = (0.55, 0.80, 0.90)
-_FLEET_SHARE = 0.25  # a map of the whole mission shows several followers apart if they take at least this share of it
+_FLEET_SHARE = 0.25
+"""A map of the whole mission shows several followers apart if they take at least this share of it."""
 _TRANSMITTERS = ("rear", "front", "middle")
-_COLUMNS = (-106.0, -12.0)  # right edges of the leader's and the follower's numbers
+_COLUMNS = (-106.0, -12.0)
+"""Right edges of the leader's and the follower's numbers."""
+_MARGIN_PX = 2
 
 
 def clock(seconds: float) -> str:
@@ -47,24 +61,13 @@ def round_length(longest_m: float) -> float:
     return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= longest_m))
 
 
-def _ticks(most: int, low: float, high: float) -> list[float]:
-    """Round values between two limits, about `most` of them."""
-    values = MaxNLocator(most, steps=[1, 2, 5, 10]).tick_values(low, high)
-    return [float(value) + 0.0 for value in values if low <= value <= high]
-
-
-def _line(points: Floats, colour: Colour, width: float) -> Iterator[Stroke]:
-    """A line through many points, shape (n, 2), [px], without those that do not show; broken at NaN."""
-    return (Stroke(np.asarray(part), colour, width) for part in Path(points).to_polygons(closed_only=False))
-
-
 class Dashboard:
     """Panels of one film; if it is about the leader's pitch, that curve replaces the one of the bearing error."""
 
     def __init__(self, data: FilmData, canvas: Canvas, show_pitch: bool = False) -> None:
-        self._data, self._follower = data, data.follower
+        self._data, self._follower, self._added = data, data.follower, data.annotations
         s, t = canvas.scale, canvas.text_scale
-        self._s, self._t, self._short = s, t, canvas.height < _SHORT
+        self._s, self._t, self._size, self._short = s, t, (canvas.width, canvas.height), canvas.height < _SHORT
         left, top, width, gap, side = 16 * s, 16 * s, 292 * s, 6 * s, 232 * s
         rows = self._rows(data.at(data.start))
         self._numbers: Place = (left, top, width, (9 + sum(height for height, _ in rows)) * t)
@@ -72,69 +75,104 @@ class Dashboard:
         curves: list[Place] = [(left, first + n * (height + gap), width, height) for n in range(2 - self._short)]
         corner = canvas.width - side - left
         self._map: Place = (corner, top, side, side)
+        bar: Place = (corner, top + side + gap, side, 72 * t)
+        beside = left + width + gap
+        caption: Place = (beside, top, corner - gap - beside, 60 * s)
         self.scale: Place = (left, canvas.height - 26 * s - 32 * t, 240 * s, 36 * t)
         """Where the scale of the picture stands."""
-        self.places: list[Place] = [self._numbers, *curves, self._map]  # places of all panels
-        lowest = max(y + h for _, y, _, h in (self._numbers, *curves))
+        lefts, rights = [self._numbers, *curves], [self._map, *([bar] if self._added.rays else [])]
+        words = [caption] if self._added.caption else []
+        self.places: list[Place] = [*lefts, *rights, *words]
+        """Places of all panels."""
+        lower_left, lower_right = (max(y + h for _, y, _, h in column) for column in (lefts, rights))
         self.covered: list[Place] = [
-            (0.0, 0.0, left + width, lowest),
-            (corner, 0.0, canvas.width - corner, top + side),
+            (0.0, 0.0, left + width, lower_left),
+            (corner, 0.0, canvas.width - corner, lower_right),
+            *words,
         ]
         """Where nothing of the picture is drawn: between panels, snippets of lines would remain."""
-        # what all frames have: lines, those of the map, and texts with their anchors
-        self._lines, self._tracks = list[Stroke](), list[Stroke]()
-        self._texts: list[tuple[tuple[float, float], str, Colour, float, str]] = []
+
+        self.figure = new_figure(*self._size)
+        """Static content of all panels."""
+        for x, y, width, height in self.places:
+            self.figure.add_artist(
+                Rectangle((x, canvas.height - y - height), width, height, fc=(*_PANEL, 0.55), ec=(*_EDGE, 0.35), lw=s,
+                          zorder=-1, transform=IdentityTransform())
+            )  # fmt: skip
+        quantities = self._quantities(show_pitch)
         self._curves = [
-            self._add_curve(place, *quantity)
-            for place, quantity in zip(curves, self._quantities(show_pitch), strict=False)
+            (self._add_curve(place, label, values), values)
+            for place, (label, values) in zip(curves, quantities, strict=False)
         ]
         self._add_map()
+        if self._added.rays:
+            self._add_colour_bar(bar, self._added.rays)
+        if self._added.caption:
+            self._add_caption(caption)
+        self._layers = self._drawn()
 
-    def _quantities(self, show_pitch: bool) -> list[tuple[str, Colour, Floats]]:
-        """Label, colour and values at filter steps of the curves."""
+    # what stays
+
+    def _drawn(self) -> list[tuple[int, int, Bytes]]:
+        """The figure as an image with straight alpha for each panel: left, top [px] and rows, the lowest first."""
+        agg: Any = FigureCanvasAgg(self.figure)
+        agg.draw()
+        whole, found = np.asarray(agg.buffer_rgba()), []
+        for x, y, width, height in self.places:
+            left, top = (max(0, int(v) - _MARGIN_PX) for v in (x, y))
+            part = whole[top : int(y + height) + _MARGIN_PX, left : int(x + width) + _MARGIN_PX]
+            found.append((left, top, np.ascontiguousarray(part[::-1])))
+        return found
+
+    def _write(self, at: tuple[float, float], words: str, colour: Colour, size: float, ha: str, va: str) -> None:
+        """Static text at an anchor, with matplotlib's names of alignments; bold if size < 0."""
+        x, y, weight = at[0] / self._size[0], 1 - at[1] / self._size[1], "bold" if size < 0 else "normal"
+        self.figure.text(x, y, words, color=colour, fontsize=abs(size) * self._t, fontweight=weight, ha=ha, va=va)
+
+    def _axes(self, place: Place) -> Axes:
+        """Axes without a frame at a place."""
+        (x, y, width, height), (columns, rows) = place, self._size
+        axes = self.figure.add_axes((x / columns, 1 - (y + height) / rows, width / columns, height / rows))
+        axes.set_frame_on(False)
+        axes.tick_params(length=0, pad=3, colors=DIM, labelsize=10.5 * self._t)
+        return axes
+
+    def _quantities(self, show_pitch: bool) -> list[tuple[str, list[tuple[Colour, Floats]]]]:
+        """Label and curves, each a colour and values at filter steps, of what the panels of curves show."""
         data, follower = self._data, self._follower
-        position = ("position error [m]", ESTIMATE, data.position_error[follower])
+        truth = data.flight.hydrophone(follower)[:, :2]
+        errors: list[tuple[Colour, Floats]] = [
+            *((other.colour, np.linalg.norm(other.position - truth, axis=1)) for other in self._added.others),
+            (ESTIMATE, data.position_error[follower]),
+        ]
+        position = ("position error [m]", errors)
         if show_pitch:
             # pitch is the cause of what the errors show, and stands above them
             pitch = np.degrees(data.flight.trajectory.pitch[data.flight.step_index(), 0])
-            return [("leader's pitch [°]", LEADER, pitch), position]
+            return [("leader's pitch [°]", [(LEADER, pitch)]), position]
         station_error = data.station_error(follower)
         if station_error is not None:
-            return [position, ("distance from station [m]", STATION, station_error)]
-        return [position, ("bearing error [°]", ESTIMATE, np.degrees(np.abs(data.bearing_error[follower])))]
+            return [position, ("distance from station [m]", [(STATION, station_error)])]
+        return [position, ("bearing error [°]", [(ESTIMATE, np.degrees(np.abs(data.bearing_error[follower])))])]
 
-    def _across(self, axes: Place, time: Floats | float) -> Floats:
-        """Columns of times on the axes of a curve [px]."""
-        start, end = self._data.start, self._data.steps[-1]
-        return np.asarray(axes[0] + (time - start) / (end - start) * axes[2])
-
-    def _add_curve(self, place: Place, label: str, colour: Colour, values: Floats) -> tuple[Place, Colour, Floats]:
-        """Add the lines and texts of a curve; its axes, its colour and its points, shape (n, 2), [px]."""
-        (left, top, width, height), s, t, data = place, self._s, self._t, self._data
-        axes: Place = (left + 46 * t, top + 26 * t, width - 66 * t, height - 45 * t)
-        finite = values[np.isfinite(values)]
+    def _add_curve(self, place: Place, label: str, curves: list[tuple[Colour, Floats]]) -> Axes:
+        left, top, width, height = place
+        t, data = self._t, self._data
+        axes = self._axes((left + 46 * t, top + 26 * t, width - 66 * t, height - 45 * t))
+        for colour, values in curves:
+            axes.plot(data.steps, values, color=colour, lw=1.5 * self._s, clip_on=False)
+        finite = np.concatenate([values[np.isfinite(values)] for _, values in curves])
         low, high = 1.08 * finite.min(initial=0.0), 1.08 * finite.max(initial=0.0)
-        high = high if high > low else 1.0
-        rows = axes[1] + (high - values) / (high - low) * axes[3]
-        points = np.column_stack([self._across(axes, data.steps), rows])
-        for tick in _ticks(3, low, high):
-            y = axes[1] + (high - tick) / (high - low) * axes[3]
-            self._lines.append(Stroke(np.array([[axes[0], y], [axes[0] + axes[2], y]]), (*_EDGE, 0.22), 1.0))
-            self._texts.append(((axes[0] - 7 * t, y), f"{tick:g}", DIM, 11, "rm"))
-        for tick in _ticks(2 if s < t else 5, data.start, float(data.steps[-1])):
-            at = float(self._across(axes, tick)), axes[1] + axes[3] + 3 * t
-            self._texts.append((at, f"{tick:g}", DIM, 11, "ma"))
-        self._lines += _line(points, colour, 1.5)
-        self._texts.append(((left + 12 * s, top + 17 * t), label, PALE, 12, "ls"))
-        if s >= t:
-            self._texts.append(((left + width - 12 * t, top + 17 * t), "time [s]", DIM, 11, "rs"))
-        return axes, colour, points
-
-    def _on_map(self, points: Floats, centre: Floats) -> Floats:
-        """Places of points, shape (…, 2 or more), [m], on the map about a centre [px]."""
-        left, top, width, height = self._map
-        shifted = (points[..., :2] - centre) * (width / 2 / self._reach)
-        return np.asarray(shifted * [1.0, -1.0] + [left + width / 2, top + height / 2])
+        axes.set_ylim(low, high if high > low else 1.0)
+        axes.set_xlim(data.start, float(data.steps[-1]))
+        axes.tick_params(axis="y", pad=7 * t)
+        axes.grid(axis="y", color=(*_EDGE, 0.22), lw=self._s)
+        axes.yaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
+        axes.xaxis.set_major_locator(MaxNLocator(2 if self._s < self._t else 5, steps=[1, 2, 5, 10]))
+        self._write((left + 12 * self._s, top + 17 * t), label, PALE, 12, "left", "baseline")
+        if self._s >= self._t:
+            self._write((left + width - 12 * t, top + 17 * t), "time [s]", DIM, 11, "right", "baseline")
+        return axes
 
     def _add_map(self) -> None:
         data, (left, top, width, _), s = self._data, self._map, self._s
@@ -147,26 +185,62 @@ class Dashboard:
         if self._moves:
             self._reach = 0.75 * fleet
         else:
+            axes = self._axes(self._map)
+            axes.set_axis_off()
+            axes.set_xlim(self._centre[0] - self._reach, self._centre[0] + self._reach)
+            axes.set_ylim(self._centre[1] - self._reach, self._centre[1] + self._reach)
             for v in range(tracks.shape[1]):
-                colour = (*(TRUTH if v else LEADER), 0.7 if v in (0, self._follower + 1) else 0.35)
-                self._tracks += _line(self._on_map(tracks[:, v], self._centre), colour, 1.6)
+                shown = v in (0, self._follower + 1)
+                axes.plot(*tracks[:, v].T, color=TRUTH if v else LEADER, alpha=0.7 if shown else 0.35, lw=1.6 * s)
             own = data.flight.estimates[self._follower].state
-            self._tracks += _line(self._on_map(own, self._centre), (*ESTIMATE, 0.6), 1.1)
+            for colour, track in [*((o.colour, o.position) for o in self._added.others), (ESTIMATE, own)]:
+                axes.plot(*track[:, :2].T, color=colour, alpha=0.6, lw=1.1 * s)
         length = round_length(0.4 * 2 * self._reach)
-        x, y, across = left + 12 * s, top + 14 * s, length / 2 / self._reach * width
-        bar = [[x, y - 4 * s], [x, y], [x + across, y], [x + across, y - 4 * s]]
-        self._lines.append(Stroke(np.array(bar), PALE, 2.0))
-        self._texts.append(((x, top + 29 * s), f"{length:g} m", PALE, 12, "ls"))
-        self._texts.append(((left + width - 10 * s, top + 20 * s), "N ↑", PALE, -12, "rs"))
+        x, y, across = left + 12 * s, self._size[1] - top - 14 * s, length / 2 / self._reach * width
+        bar = ([x, x, x + across, x + across], [y + 4 * s, y, y, y + 4 * s])
+        look: Any = {"color": PALE, "lw": 2 * s, "transform": IdentityTransform()}
+        self.figure.add_artist(Line2D(*bar, **look))
+        self._write((x, top + 18 * s), f"{length:g} m", PALE, 12, "left", "top")
+        self._write((left + width - 10 * s, top + 10 * s), "N ↑", PALE, -12, "right", "top")
+
+    def _add_colour_bar(self, place: Place, rays: RayErrors) -> None:
+        """What the colours of the rays mean."""
+        (left, top, width, _), t = place, self._t
+        axes = self._axes((left + 24 * t, top + 29 * t, width - 48 * t, 9 * t))
+        gradient = diverging(np.linspace(-1.0, 1.0, 256))[None]
+        axes.imshow(gradient, aspect="auto", extent=(-rays.limit, rays.limit, 0.0, 1.0))
+        axes.set_yticks([])
+        axes.set_xticks([-rays.limit, 0.0, rays.limit], [f"−{rays.limit:g}", "0", f"+{rays.limit:g}"])
+        self._write((left + 12 * t, top + 8 * t), f"{rays.label} [m]", PALE, 12, "left", "top")
+        self._write((left + 12 * t, top + 68 * t), "too short", PALE, 11, "left", "baseline")
+        self._write((left + width - 12 * t, top + 68 * t), "too long", PALE, 11, "right", "baseline")
+
+    def _add_caption(self, place: Place) -> None:
+        """What the film is about, and below it what its marks mean."""
+        (left, top, width, height), s = place, self._s
+        middle = left + width / 2
+        self._write((middle, top + 25 * s), self._added.caption, (1, 1, 1), -16 * s / self._t, "center", "baseline")
+        others = [("D", o.colour, o.label) for o in self._added.others]
+        marks = [("o", TRUTH, "truth"), ("D", ESTIMATE, self._added.label), *others]
+        self.figure.legend(
+            handles=[Line2D([], [], marker=m, ls="", ms=7 * s, color=colour, label=name) for m, colour, name in marks],
+            loc="lower center",
+            bbox_to_anchor=(middle / self._size[0], 1 - (top + height) / self._size[1]),
+            ncols=len(marks),
+            frameon=False,
+            labelcolor="linecolor",
+            prop={"size": 13 * s, "weight": "bold"},
+            handletextpad=0.1,
+        )
+
+    # what changes
 
     def draw(self, canvas: Canvas, state: FrameState, trails: Sequence[Trail]) -> None:
         """Draw all panels on a frame, with recent tracks of vehicles and estimates."""
-        canvas.shapes([Shape(corners(place), (*_PANEL, 0.55), (*_EDGE, 0.35)) for place in self.places])
-        canvas.strokes(self._lines)
+        for column, row, layer in self._layers:
+            canvas.image(layer, column, row)
         self._draw_cursors(canvas, state.time)
         self._draw_map(canvas, state, trails)
-        for text in self._texts:
-            canvas.text(*text)
         left, baseline, width, _ = self._numbers
         for height, texts in self._rows(state):
             baseline += height * self._t
@@ -206,7 +280,7 @@ class Dashboard:
         heads = zip(_COLUMNS, vehicles, (LEADER, TRUTH), strict=True)
         transmitters = range(data.flight.scenario.navigation.transmitters)
         # names in the colours of the rays, as their legend
-        rays = TRANSMITTER_COLOURS
+        rays = self._added.ray_colours(state.message[f])
         right = [-12.0 - 65.0 * (len(transmitters) - 1 - i) for i in transmitters]
         ranges = ["–" if np.isnan(state.ranges[f, i]) else f"{state.ranges[f, i]:.2f}" for i in transmitters]
         return [
@@ -223,19 +297,34 @@ class Dashboard:
 
     def _draw_cursors(self, canvas: Canvas, time: float) -> None:
         step, strokes, dots = self._data.step(time), [], []
-        for axes, colour, points in self._curves:
-            x = float(self._across(axes, time))
-            strokes.append(Stroke(np.array([[x, axes[1]], [x, axes[1] + axes[3]]]), (*PALE, 0.8), 1.5))
-            if step and np.isfinite(points[step - 1, 1]):
-                dots.append(canvas.disc(points[step - 1], 3.5, colour, PALE))
+        for axes, curves in self._curves:
+            ends = axes.transData.transform([(time, limit) for limit in axes.get_ylim()])
+            strokes.append(Stroke(self._downward(ends), (*PALE, 0.8), 1.5))
+            for colour, values in curves:
+                if step and np.isfinite(values[step - 1]):
+                    now = axes.transData.transform([(self._data.steps[step - 1], values[step - 1])])
+                    dots.append(canvas.disc(self._downward(now)[0], 3.5, colour, PALE))
         canvas.strokes(strokes)
         canvas.shapes(dots)
 
+    def _downward(self, points: Floats) -> Floats:
+        """Points of the figure, shape (n, 2), counted from the top left [px]."""
+        return np.asarray(points * [1.0, -1.0] + [0.0, self._size[1]])
+
     def _draw_map(self, canvas: Canvas, state: FrameState, trails: Sequence[Trail]) -> None:
+        left, top, width, height = self._map
         fleet = state.position[:, :2]
         centre = (fleet.min(axis=0) + fleet.max(axis=0)) / 2 if self._moves else self._centre
-        moving = [Stroke(self._on_map(points, centre), (*colour[:3], 0.5), 1.2) for points, colour in trails]
-        canvas.strokes(moving if self._moves else self._tracks, self._map)
-        marks = [canvas.diamond(self._on_map(state.estimate[self._follower], centre), 4.5, ESTIMATE)]
-        marks += [canvas.disc(at, 3.4, TRUTH if v else LEADER) for v, at in enumerate(self._on_map(fleet, centre))]
+
+        def pixels(points: Floats) -> Floats:
+            shifted = (points[..., :2] - centre) * (width / 2 / self._reach)
+            return np.asarray(shifted * [1.0, -1.0] + [left + width / 2, top + height / 2])
+
+        if self._moves:
+            lines = [Stroke(pixels(points), (*colour[:3], 0.5), 1.2) for points, colour in trails]
+            canvas.strokes(lines, self._map)
+        estimates = [(o.colour, now) for o, now in zip(self._added.others, state.others, strict=True)]
+        marks = [canvas.diamond(pixels(now), 4.5, colour)
+                 for colour, now in [*estimates, (ESTIMATE, state.estimate[self._follower])]]  # fmt: skip
+        marks += [canvas.disc(at, 3.4, TRUTH if v else LEADER) for v, at in enumerate(pixels(fleet))]
         canvas.shapes(marks, self._map)

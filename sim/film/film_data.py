@@ -1,4 +1,7 @@
-"""What a film shows of a flight at any instant: a pure function of time, so that frames may be drawn in any order."""
+"""What a film shows of a flight at any instant: a pure function of time, so that frames may be drawn in any order.
+
+A study adds other estimates beside the follower's own, and errors that colour its rays.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,68 +9,165 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Ints, own_arrays
 from laisn.estimates import FixKind
 from sim import attitude
 from sim.flight import Flight, position_and_bearing_errors
 from sim.tracking import true_stations
 
-RGB = tuple[float, float, float]  # red, green, blue, each in [0, 1]
+RGB = tuple[float, float, float]
+"""Red, green, blue, each in [0, 1]."""
 
 TRANSMITTERS = ("tx_rear", "tx_front", "tx_middle")
 
 _AFTERGLOW_S = 0.45
 """Time constant of a ray's fading, in seconds of film: pings closer together than that blend into a steady ray."""
-_TRAIL_S, _TRAIL_POINT_S = 5.0, 0.04  # length of a trail, and spacing of its points, in seconds of film
-_LEAST_WEIGHT = 0.01  # hypotheses of less weight are not shown
+_TRAIL_S, _TRAIL_POINT_S = 5.0, 0.04
+"""Length of a trail, and spacing of its points, in seconds of film."""
+_LEAST_WEIGHT = 0.01
+"""Hypotheses of less weight are not shown."""
 
-LEADER: RGB = (1.0, 0.68, 0.20)  # trail and label
-TRUTH: RGB = (1.0, 0.95, 0.25)  # trail and position of a follower
-ESTIMATE: RGB = (1.0, 0.25, 0.85)  # a follower's estimate of its own position
-STATION: RGB = (0.45, 1.0, 1.0)  # of a follower in formation
+LEADER: RGB = (1.0, 0.68, 0.20)
+"""Trail and label of the leader, after its hull."""
+TRUTH: RGB = (1.0, 0.95, 0.25)
+"""Trail and position of a follower, after its hull."""
+ESTIMATE: RGB = (1.0, 0.25, 0.85)
+"""A follower's estimate of its own position."""
+STATION: RGB = (0.45, 1.0, 1.0)
+"""Station of a follower in formation."""
 TRANSMITTER_COLOURS: tuple[RGB, ...] = ((0.95, 0.97, 1.0), (0.35, 1.0, 0.55), (0.45, 0.70, 1.0))
 """Rear, front and middle transmitter and their rays; distinct from leader and follower, also to colour-blind eyes."""
+
+_SHARES = (-1.0, 0.0, 1.0)
+_COLOURS = np.array([[0.22, 0.56, 1.0], [0.97, 0.97, 0.95], [1.0, 0.26, 0.20]])
+"""Blue for less, red for more; the middle is pale, so that it shows on a dark sea."""
+_UNKNOWN: RGB = (0.45, 0.55, 0.60)
+
+
+def diverging(shares: npt.ArrayLike) -> Floats:
+    """Colours of values in [-1, 1], symmetric about 0 and constant beyond; shape (…) gives shape (…, 3)."""
+    values = np.asarray(shares, dtype=np.float64)
+    colours = np.stack([np.interp(values, _SHARES, channel) for channel in _COLOURS.T], axis=-1)
+    return np.where(np.isnan(values)[..., None], _UNKNOWN, colours)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OtherEstimate:
+    """Another navigator's estimate from the filmed follower's measurements."""
+
+    label: str
+    colour: RGB
+    position: Floats
+    """Estimated position (x, y) at filter steps k = 1 … n, shape (n, 2), [m]."""
+
+    def __post_init__(self) -> None:
+        own_arrays(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RayErrors:
+    """Errors that colour the rays of the filmed follower.
+
+    Raises ValueError if the limit is not positive.
+    """
+
+    label: str
+    value: Floats
+    """Error of each message's range from the rear, front, middle transmitter, shape (m, 3), [m]; NaN where unknown."""
+    limit: float
+    """Value at the ends of the colour bar [m]."""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.limit) and self.limit > 0):
+            raise ValueError(f"the colour bar ends at {self.limit:g} m, expected a positive number")
+        own_arrays(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Annotations:
+    """Additions to a film; the default adds nothing."""
+
+    caption: str = ""
+    """What the film shows: a line at the upper edge, with a legend."""
+    label: str = "estimate"
+    """Name of the follower's own estimate in the legend."""
+    others: tuple[OtherEstimate, ...] = ()
+    rays: RayErrors | None = None
+
+    def ray_colours(self, message: int) -> tuple[RGB, ...]:
+        """Colours of the filmed follower's rays, rear, front and middle; message -1 stands for none."""
+        if self.rays is None:
+            return TRANSMITTER_COLOURS
+        shares = self.rays.value[message] / self.rays.limit if message >= 0 else np.full(3, np.nan)
+        return tuple((float(r), float(g), float(b)) for r, g, b in diverging(shares))
+
+
+NOTHING = Annotations()
 
 
 class Hypothesis(NamedTuple):
     """One component of a follower's position estimate."""
 
     weight: float
-    centre: Floats  # shape (3,), [m]; at the true depth
-    covariance: Floats  # horizontal, shape (2, 2), [m²]
+    centre: Floats
+    """Shape (3,), [m]; at the true depth."""
+    covariance: Floats
+    """Horizontal covariance, shape (2, 2), [m²]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FrameState:
-    """Everything one frame shows; v vehicles, f followers. Positions in the world [m], angles [rad]."""
+    """Everything one frame shows; v vehicles, f followers. Angles in [rad]."""
 
-    time: float  # of the mission [s]
-    position: Floats  # body origins, shape (v, 3)
-    quaternion: Floats  # attitudes from body to world, (w, x, y, z), shape (v, 4)
-    effectors: Floats  # states of the effectors, shape (v, m)
-    heading: Floats  # shape (v,)
-    pitch: Floats  # shape (v,)
-    speed: Floats  # through the water, shape (v,), [m/s]
-    transmitter: Floats  # rear, front and middle, shape (3, 3)
-    hydrophone: Floats  # shape (f, 3)
-    estimate: Floats  # estimated hydrophone, shape (f, 3); at the true depth, for the filter is planar
-    covariance: Floats  # of the estimated position, shape (f, 2, 2), [m²]
-    station: Floats  # true stations of the followers, shape (f, 3); NaN for a follower on a route
+    time: float
+    """Of the mission [s]."""
+    film_time: float
+    """Since the film began [s]."""
+    position: Floats
+    """Body origins in the world, shape (v, 3), [m]."""
+    quaternion: Floats
+    """Attitudes from body to world, (w, x, y, z), shape (v, 4)."""
+    effectors: Floats
+    """States of the effectors, shape (v, m)."""
+    heading: Floats
+    pitch: Floats
+    """Shape (v,), as `heading`."""
+    speed: Floats
+    """Speed through the water, shape (v,), [m/s]."""
+    transmitter: Floats
+    """Transmitters in the world, rear, front and middle, shape (3, 3), [m]."""
+    hydrophone: Floats
+    """Hydrophones in the world, shape (f, 3), [m]."""
+    estimate: Floats
+    """Estimated hydrophone, shape (f, 3), [m]; drawn at the true depth, for the filter is planar."""
+    others: Floats
+    """Other estimates of the filmed follower's hydrophone, shape (o, 3), [m]; likewise."""
+    covariance: Floats
+    """Covariance of the estimated position, shape (f, 2, 2), [m²]."""
+    station: Floats
+    """True stations of the followers, shape (f, 3), [m]; NaN for a follower on a route."""
     hypotheses: tuple[tuple[Hypothesis, ...], ...]
     """Hypotheses of each follower's position; the estimate alone if there is only one."""
-    ray: Floats  # strength of each range's ray, 1 at the ping, 0 where nothing was received, shape (f, 3)
-    ranges: Floats  # last slant ranges measured, shape (f, 3), [m]; NaN if none
-    fix_kind: tuple[FixKind | None, ...]  # outcome of the last message, per follower
-    position_error: Floats  # shape (f,), [m]; NaN before the first step
-    bearing_error: Floats  # shape (f,); likewise
+    ray: Floats
+    """Strength of each range's ray, 1 at the ping, 0 where nothing was received, shape (f, 3)."""
+    ranges: Floats
+    """Last slant ranges measured, shape (f, 3), [m]; NaN if none."""
+    message: Ints
+    """Index of the last message, shape (f,); -1 before the first."""
+    fix_kind: tuple[FixKind | None, ...]
+    """Outcome of the last message, per follower."""
+    position_error: Floats
+    bearing_error: Floats
+    """Shape (f,), as `position_error`, [m]; NaN before the first step."""
 
 
 class FilmData:
-    """A flight, ready to be filmed; `speed_up` are seconds of mission in a second of film, `follower` is filmed."""
+    """A flight, ready to be filmed; see `Job`. `speed_up` are seconds of mission in a second of film."""
 
-    def __init__(self, flight: Flight, speed_up: float, follower: int = 0) -> None:
-        self.flight, self.speed_up, self.follower = flight, speed_up, follower
+    def __init__(self, flight: Flight, speed_up: float, follower: int = 0, annotations: Annotations = NOTHING) -> None:
+        self.flight, self.speed_up, self.follower, self.annotations = flight, speed_up, follower, annotations
         self.position_error, self.bearing_error = np.stack(position_and_bearing_errors(flight), axis=1)
         truth = flight.trajectory
         self.start, self.end = float(truth.time[0]), float(truth.time[-1])
@@ -85,6 +185,10 @@ class FilmData:
             self._stations[..., 0], self._stations[..., 1] = places.east, places.north
             self._stations[..., 2] = [-one.station.depth_m if one.station else np.nan for one in followers]
             self._stations[:, [one.station is None for one in followers]] = np.nan
+        self._estimates = [
+            *((f, estimates.state[:, :2]) for f, estimates in enumerate(flight.estimates)),
+            *((follower, other.position) for other in annotations.others),
+        ]
 
     def step(self, time: float) -> int:
         """Number k of the last filter step before a mission time [s]; 0 before the first."""
@@ -102,11 +206,13 @@ class FilmData:
         k = self.step(time)
         hydrophone = sites[self._hydrophones]
         followers = range(len(hydrophone))
-        estimate = np.array([[*self._estimate(f, [time])[0], hydrophone[f, 2]] for f in followers])
-        ray, ranges, kinds = zip(*(self._reception(f, k, time) for f in followers), strict=True)
+        estimates = np.array([[*self.interpolated(p, [time])[0], hydrophone[f, 2]] for f, p in self._estimates])
+        estimate, others = estimates[: len(hydrophone)], estimates[len(hydrophone) :]
+        ray, ranges, message, kinds = zip(*(self._reception(f, k, time) for f in followers), strict=True)
         before = k == 0
         return FrameState(
             time=time,
+            film_time=(time - self.start) / self.speed_up,
             position=position,
             quaternion=quaternion,
             effectors=truth.thrust[i],
@@ -116,11 +222,13 @@ class FilmData:
             transmitter=sites[self._transmitters],
             hydrophone=hydrophone,
             estimate=estimate,
+            others=others,
             station=(1 - u) * self._stations[j] + u * self._stations[min(j + 1, truth.time.size - 1)],
             hypotheses=tuple(self._hypotheses(f, max(k, 1), estimate[f]) for f in followers),
             covariance=np.stack([self.flight.estimates[f].covariance[max(k, 1) - 1, :2, :2] for f in followers]),
             ray=np.stack(ray),
             ranges=np.stack(ranges),
+            message=np.array(message),
             fix_kind=kinds,
             position_error=np.full(len(followers), np.nan) if before else self.position_error[:, k - 1],
             bearing_error=np.full(len(followers), np.nan) if before else self.bearing_error[:, k - 1],
@@ -137,9 +245,6 @@ class FilmData:
         """Values at filter steps, shape (n, c), at p other times, shape (p, c); constant beyond the ends."""
         return np.column_stack([np.interp(times, self.steps, column) for column in values.T])
 
-    def _estimate(self, follower: int, times: Floats | Sequence[float]) -> Floats:
-        return self.interpolated(self.flight.estimates[follower].state[:, :2], times)
-
     def _hypotheses(self, follower: int, k: int, now: Floats) -> tuple[Hypothesis, ...]:
         """Hypotheses after the last message before step k, moved as the estimate has moved since, to `now`."""
         estimates = self.flight.estimates[follower]
@@ -152,33 +257,35 @@ class FilmData:
                 return tuple(Hypothesis(float(weight[h]), np.array([*centre[h], now[2]]), covariance[h]) for h in shown)
         return (Hypothesis(1.0, now, estimates.covariance[k - 1, :2, :2]),)
 
-    def _reception(self, follower: int, k: int, time: float) -> tuple[Floats, Floats, FixKind | None]:
+    def _reception(self, follower: int, k: int, time: float) -> tuple[Floats, Floats, int, FixKind | None]:
         measured = self.flight.measurements[follower]
         last = int(np.searchsorted(measured.message_step, k, side="right")) - 1
         if last < 0:
-            return np.zeros(3), np.full(3, np.nan), None
+            return np.zeros(3), np.full(3, np.nan), -1, None
         age = (time - self.start - measured.message_step[last] * self.dt) / self.speed_up
         ranges = measured.ranges[last]
         fixes = self.flight.estimates[follower]
         made = int(np.searchsorted(fixes.fix_step, k, side="right")) - 1
         kind = FixKind(int(fixes.fix_kind[made])) if made >= 0 else None
-        return np.where(np.isnan(ranges), 0.0, np.exp(-max(age, 0.0) / _AFTERGLOW_S)), ranges, kind
+        return np.where(np.isnan(ranges), 0.0, np.exp(-max(age, 0.0) / _AFTERGLOW_S)), ranges, last, kind
 
     @cached_property
     def _trails(self) -> tuple[Floats, Floats]:
-        """Instants, shape (g,), [s], and points, shape (1 + 2 f, g, 3), [m], of all trails; see `trails`."""
+        """Instants, shape (g,), [s], and points, shape (v + f + o, g, 3), [m], of all trails; see `trails`."""
         truth = self.flight.trajectory
         grid = truth.time[:: max(1, round(_TRAIL_POINT_S * self.speed_up / truth.dt))]
         hydrophones = [truth.site_at(f"{name}/hydrophone", grid) for name in truth.names[1:]]
-        estimates = [np.column_stack([self._estimate(f, grid), path[:, 2]]) for f, path in enumerate(hydrophones)]
+        estimates = [np.column_stack([self.interpolated(positions, grid), hydrophones[f][:, 2]])
+                     for f, positions in self._estimates]  # fmt: skip
         return grid, np.stack([truth.at(grid)[0][:, 0], *hydrophones, *estimates])
 
     def trails(self, state: FrameState) -> Floats:
-        """Recent positions of leader, followers' hydrophones and estimates, oldest first, shape (1 + 2 f, p, 3), [m].
+        """Recent positions, oldest first, shape (v + f + o, p, 3), [m].
 
-        Points lie on a grid that stays in place while time goes on, or the trails would seem to crawl.
+        The leader's body origin, the followers' hydrophones, their estimates, the other estimates. Points lie on a grid
+        that stays in place while time goes on, or the trails would seem to crawl.
         """
         grid, points = self._trails
         shown = (grid <= state.time) & (grid >= state.time - _TRAIL_S * self.speed_up)
-        now = np.vstack([state.position[:1], state.hydrophone, state.estimate])
+        now = np.vstack([state.position[:1], state.hydrophone, state.estimate, state.others])
         return np.concatenate([points[:, shown], now[:, None]], axis=1)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from functools import cache
@@ -29,21 +30,19 @@ class Backend(NamedTuple):
 
     name: str
     works: bool
-    detail: str  # name of the renderer if it works, or why it does not
+    detail: str
+    """Name of the renderer if it works, or why it does not."""
 
 
-def environment(backend: str, threads: int = 1) -> dict[str, str]:
-    """Environment variables of a process that renders with `backend`."""
-    chosen = {"MUJOCO_GL": backend, "LP_NUM_THREADS": str(threads), "OMP_NUM_THREADS": "1"}
-    # else PyOpenGL takes GLX if it is imported before MuJoCo has chosen for it
-    return chosen | ({"PYOPENGL_PLATFORM": backend} if sys.platform == "linux" else {})
-
-
-def child(program: str, backend: str) -> tuple[list[str], dict[str, str]]:
+def child(program: str, backend: str, threads: int = 1) -> tuple[list[str], dict[str, str]]:
     """Command and environment of a Python process that renders with `backend`; it sees this process's modules."""
     # -P and the handed-over path: a folder `models` or `sim` in the working directory must not be imported instead
     start = f"import sys\nsys.path[:] = {json.dumps(sys.path)}\n{program}"
-    return [sys.executable, "-P", "-c", start], os.environ | environment(backend)
+    chosen = {"MUJOCO_GL": backend, "LP_NUM_THREADS": str(threads), "OMP_NUM_THREADS": "1"}
+    if sys.platform == "linux":
+        # else PyOpenGL takes GLX if it is imported before MuJoCo has chosen for it
+        chosen["PYOPENGL_PLATFORM"] = backend
+    return [sys.executable, "-P", "-c", start], os.environ | chosen
 
 
 def render_ball() -> str:
@@ -66,11 +65,16 @@ def render_ball() -> str:
 
 
 def _examine(backend: str) -> Backend:
-    command, given = child("from sim.film import graphics; print(graphics.render_ball())", backend)
+    command, environment = child("from sim.film import graphics; print(graphics.render_ball())", backend)
     try:
-        answer = subprocess.run(command, env=given, capture_output=True, text=True, timeout=_PATIENCE_S, check=False)
+        answer = subprocess.run(
+            command, env=environment, capture_output=True, text=True, timeout=_PATIENCE_S, check=False
+        )
     except subprocess.TimeoutExpired:
         return Backend(backend, False, f"gave no picture within {_PATIENCE_S:g} s")
+    # PyOpenGL looks a function up in a library that it did not find
+    if re.search(r"'NoneType' object has no attribute '(gl|egl)\w+'", answer.stderr):
+        return Backend(backend, False, "its library is not installed")
     lines = (answer.stdout if answer.returncode == 0 else answer.stderr).strip().splitlines()
     # the exit may crash in the driver after a good picture, and the last line of a traceback is the reason
     return Backend(backend, answer.returncode == 0 and bool(lines), lines[-1] if lines else "ended without a word")

@@ -19,8 +19,10 @@ _HULL_CLEAR_M = 0.45
 _ELLIPSE_PX = 9.0
 """Half axis from which an ellipse of uncertainty is drawn, at 720 rows: below it would lie under the marker."""
 _ELLIPSE = np.linspace(0.0, 2 * np.pi, 49)
-_LABELS = 16  # followers beyond these go without a label
-_SMALL = (640, 360)  # frames below this size go without panels [px]
+_LABELS = 16
+"""Followers beyond these go without a label."""
+_SMALL = (640, 360)
+"""Frames below this size go without panels [px]."""
 _DARK: Colour = (0.0, 0.05, 0.08, 0.9)
 _WHITE: Colour = (1.0, 1.0, 1.0, 0.75)
 _LABEL_SIZE = 13
@@ -38,14 +40,15 @@ class Label(NamedTuple):
     at: Floats
     words: str
     colour: Colour
-    rise: float  # length of the line to the words [px]; above the point if negative, below it if positive
+    rise: float
+    """Length of the line to the words [px]; above the point if negative, below it if positive."""
 
 
 class Overlay:
     """Draws over the frames of one film."""
 
     def __init__(self, data: FilmData, video: Video) -> None:
-        self._data, self._follower = data, data.follower
+        self._data, self._added, self._follower = data, data.annotations, data.follower
         self.canvas = Canvas(video.width_px, video.height_px)
         self._box: Box = (0, 0, video.width_px, video.height_px)
         self._transmitters = range(data.flight.scenario.navigation.transmitters)
@@ -86,7 +89,8 @@ class Overlay:
             self._scale_bar(view, box, (left + 10 * c.scale, top + height - 26 * c.text_scale), 0.35)
         if board:
             board.draw(c, state, trails)
-            self._scale_bar(shot.view, self._box, board.scale[:2], 0.12)
+            words = "" if shot.view.axes[2][2] < -0.99 else " at mid-distance"
+            self._scale_bar(shot.view, self._box, board.scale[:2], 0.12, words)
         draw_labels(self._labels(state, shot.view), [*boxes, *covered, *([board.scale] if board else [])], c)
         self._draw_footer()
 
@@ -116,16 +120,18 @@ class Overlay:
     def _rays(self, state: FrameState, view: View, box: Box) -> Iterator[Stroke]:
         for f, i in np.argwhere(state.ray > 0.03):
             if i in self._transmitters:
-                colour, clear = TRANSMITTER_COLOURS[i], float(state.ray[f, i]) * (0.7 if f == self._follower else 0.3)
+                filmed = f == self._follower
+                colours = self._added.ray_colours(state.message[f]) if filmed else TRANSMITTER_COLOURS
+                clear = float(state.ray[f, i]) * (0.7 if filmed else 0.3)
                 for pixels, _ in self._lines(view, box, np.array([state.transmitter[i], state.hydrophone[f]])):
-                    yield Stroke(pixels, (*colour, 0.16 * clear), 7.0)
-                    yield Stroke(pixels, (*colour, 0.85 * clear), 1.8)
+                    yield Stroke(pixels, (*colours[i], 0.16 * clear), 7.0)
+                    yield Stroke(pixels, (*colours[i], 0.85 * clear), 1.8)
 
     def _trails(self, state: FrameState) -> list[Trail]:
-        """Trails of all vehicles and of the filmed follower's estimate, which lies on top."""
+        """Trails of all vehicles, of the other estimates and of the filmed follower's own, which lies on top."""
         trails, f = self._data.trails(state), len(state.estimate)
-        shown = [*trails[: f + 1], trails[f + 1 + self._follower]]
-        return list(zip(shown, [LEADER, *[TRUTH] * f, ESTIMATE], strict=True))
+        colours = [LEADER, *[TRUTH] * f, *(other.colour for other in self._added.others), ESTIMATE]
+        return list(zip([*trails[: f + 1], *trails[2 * f + 1 :], trails[f + 1 + self._follower]], colours, strict=True))
 
     def _ellipses(self, state: FrameState, view: View, box: Box) -> Iterator[Stroke]:
         """The filters' uncertainty about their estimates, where it is large enough to be seen."""
@@ -146,11 +152,14 @@ class Overlay:
         c, shapes = self.canvas, list[Shape]()
         links = [level_axis(state)] if self._level_axis else []
         links += [nearest(state.position)] if self._data.on_stations else []
-        there = state.hydrophone
+        colours = self._added.ray_colours(state.message[self._follower])
+        own, there = state.hydrophone[self._follower], state.hydrophone
+        others = [(own, o, other.colour) for o, other in zip(state.others, self._added.others, strict=True)]
+        others += [(hydrophone, e, ESTIMATE) for hydrophone, e in zip(there, state.estimate, strict=True)]
         marks: list[tuple[Any, Floats, float, Colour, Colour, list[Floats]]] = [
-            *((c.disc, state.transmitter[i], 2.6, TRANSMITTER_COLOURS[i], _DARK, []) for i in self._transmitters),
+            *((c.disc, state.transmitter[i], 2.6, colours[i], _DARK, []) for i in self._transmitters),
             *((c.disc, s, 9.0, (*STATION, 0.15), STATION, [s, h]) for s, h in zip(state.station, there, strict=True)),
-            *((c.diamond, e, 6.0, ESTIMATE, _DARK, [h, e]) for h, e in zip(there, state.estimate, strict=True)),
+            *((c.diamond, estimate, 6.0, colour, _DARK, [h, estimate]) for h, estimate, colour in others),
             *((c.disc, hydrophone, 4.5, TRUTH, _DARK, []) for hydrophone in there),
         ]
         for make, point, radius, fill, outline, link in marks:
@@ -184,13 +193,15 @@ class Overlay:
         wanted: list[tuple[Floats, str, Colour, int]] = [
             (leader, f"{names[0]}{pitch}, {apart:.0f} m away", LEADER, -1),
             (truth, names[f + 1], TRUTH, -1),
-            (state.estimate[f], off("estimate", state.estimate[f]), ESTIMATE, 1),
+            (state.estimate[f], off(self._added.label, state.estimate[f]), ESTIMATE, 1),
             (state.station[f], off("station", state.station[f]), STATION, 1),
         ]
         if self._data.on_stations:
             pair = nearest(state.position)
             distance = f"{float(np.linalg.norm(pair[1] - pair[0])):.1f} m apart, the nearest"
             wanted.append((pair.mean(axis=0), distance, (1.0, 1.0, 1.0), 1))
+        for other, there in zip(self._added.others, state.others, strict=True):
+            wanted.append((there, off(other.label, there), other.colour, 1))
         rest = [i for i in range(len(state.hydrophone)) if i != f][: _LABELS - 1]
         wanted += [(state.hydrophone[i], names[i + 1], TRUTH, -1) for i in rest]
         if self._level_axis:
@@ -204,7 +215,7 @@ class Overlay:
                 found.append(Label(at, words, colour, (side * clear if side else -20.0) * c.scale))
         return found
 
-    def _scale_bar(self, view: View, box: Box, at: tuple[float, float], share: float) -> None:
+    def _scale_bar(self, view: View, box: Box, at: tuple[float, float], share: float, words: str = "") -> None:
         """A bar of a round length, at most a share of the box's width, where one scale holds."""
         if view.plane_m:
             (x, y), s = at, self.canvas.scale
@@ -213,7 +224,7 @@ class Overlay:
             across = length * pixels_per_m
             bar = np.array([[x, y - 4 * s], [x, y], [x + across, y], [x + across, y - 4 * s]])
             self.canvas.strokes([Stroke(bar, (*PALE, 0.95), 2.0)])
-            self.canvas.text((x, y + 4 * s), f"{length:g} m", PALE, 12)
+            self.canvas.text((x, y + 4 * s), f"{length:g} m{words}", PALE, 12)
 
     def _draw_footer(self) -> None:
         c, scenario = self.canvas, self._data.flight.scenario

@@ -1,161 +1,98 @@
 """Flight -> film. Frames are rendered and encoded by child processes, so that no graphics library is needed here."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+import pickle
+import subprocess
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing, suppress
 from fractions import Fraction
-from functools import cache
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from queue import SimpleQueue
+from tempfile import TemporaryFile
+from threading import Thread
+from typing import IO, Any
 
-import numpy as np
-from joblib.externals.loky import ProcessPoolExecutor
 from PIL import Image
 
-from laisn.arrays import Bytes, Floats
 from laisn.failure import LaisnError
 from sim.film import graphics
-from sim.film.cameras import CameraRig
-from sim.film.film_data import FilmData
-from sim.film.overlay import Overlay
-from sim.film.scene import GlScene
-from sim.flight import Flight
+from sim.film.frame_renderer import GROUP, Job
 from sim.scenario.settings import Video
-from sim.system import atomic_write, exit_with_parent
+from sim.system import atomic_write
 
-GROUP = 30  # frames of a group of pictures. Each begins with an IDR frame and is encoded by itself, by whichever child
-
-_X264 = {
-    "preset": "ultrafast",
-    "crf": "23",
-    "bf": "0",
-    "g": str(GROUP),
-    # children are the parallelism; headers with every IDR frame let a reader start there
-    "threads": "1",
-    # what the preset leaves out and costs little: smooth borders of blocks, and transforms that suit a smooth sea
-    "x264-params": f"repeat-headers=1:annexb=1:scenecut=0:keyint={GROUP}:min-keyint={GROUP}:deblock=0,0:8x8dct=1",
-}
-_BT709 = 1
-_LIMITED = 1
-
-
-@dataclass(frozen=True, kw_only=True)
-class Job:
-    """What is filmed."""
-
-    flight: Flight
-    video: Video
-    follower: int = 0  # index of the follower that the film keeps to
-
-    @property
-    def times(self) -> Floats:
-        """Mission time of each frame, shape (frames,), [s]."""
-        time, video = self.flight.trajectory.time, self.video
-        frames = max(1, round(float(time[-1] - time[0]) / video.speed_up * video.frame_rate_hz))
-        return np.asarray(time[0] + np.arange(frames) * video.speed_up / video.frame_rate_hz)
-
-    @property
-    def groups(self) -> int:
-        """Number of groups of pictures."""
-        return -(-self.times.size // GROUP)
-
-
-class FrameRenderer:
-    """Scene, cameras and overlay of one film, put together."""
-
-    def __init__(self, job: Job, scene: GlScene) -> None:
-        video = job.video
-        self._data = FilmData(job.flight, video.speed_up, job.follower)
-        self._cameras = CameraRig(self._data, video.width_px / video.height_px)
-        self._overlay = Overlay(self._data, video)
-        self._scene, self._camera = scene, video.camera
-
-    def frame(self, time: float) -> Bytes:
-        """The frame at mission time `time` [s], top row first, shape (height, width, 4); reused at every call."""
-        state = self._data.at(time)
-        shot = self._cameras.shot(self._camera, state)
-        self._overlay.canvas.load(self._scene.picture(state, shot, self._overlay.inset_boxes(shot)))
-        self._overlay.draw(state, shot)
-        return self._overlay.canvas.pixels
-
-
-def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:
-    """H.264 access units of a group of pictures, frames of shape (height, width, 4).
-
-    Annex B, no B-frames, ITU-R BT.709 in limited range.
-    """
-    # codecs take a tenth of a second to load, and stills need none
-    import av
-    from av.video.reformatter import VideoReformatter
-
-    codec: Any = av.CodecContext.create("libx264", "w")
-    codec.width, codec.height, codec.pix_fmt = video.width_px, video.height_px, "yuv420p"
-    codec.framerate = Fraction(video.frame_rate_hz)
-    codec.time_base = 1 / codec.framerate
-    codec.colorspace = codec.color_primaries = codec.color_trc = _BT709
-    codec.color_range = _LIMITED
-    codec.options = _X264
-    # one for all frames: a new one costs a millisecond
-    reformatter = VideoReformatter()
-    for number, pixels in enumerate(frames):
-        frame = av.VideoFrame.from_ndarray(pixels, format="rgba")
-        picture = reformatter.reformat(frame, format="yuv420p", dst_colorspace=_BT709, dst_color_range=_LIMITED)
-        picture.pts, picture.time_base = number, codec.time_base
-        yield from (bytes(packet) for packet in codec.encode(picture))
-    yield from (bytes(packet) for packet in codec.encode(None))
-
-
-_job: Job  # of a child process
+_IMPORTS = "from sim.film import frame_renderer"
+"""First line of the program that a child process runs."""
+_LAST_WORDS = 12
 
 
 class RenderError(LaisnError):
     """A film that cannot be made, and why."""
 
 
+class RendererDiedError(RuntimeError):
+    """A process that renders ended before its work was done; the text states how, and its last output."""
+
+
 def _check_file(path: Path, suffix: str) -> None:
     if path.suffix.lower() != suffix:
         raise RenderError(f"{path} should end in {suffix}")
+    if path.is_dir():
+        raise RenderError(f"{path} is a folder; give the file another name")
     if not path.resolve().parent.is_dir():
         raise RenderError(f"the folder {path.resolve().parent} does not exist")
 
 
-def _begin(parent: int, job: Job) -> None:
-    """Prepare a child process; what graphics libraries print is dropped."""
-    global _job
-    exit_with_parent(parent)
-    _job, nowhere = job, os.open(os.devnull, os.O_WRONLY)
-    for stream in (1, 2):
-        os.dup2(nowhere, stream)
-
-
-@cache
-def _renderer() -> FrameRenderer:
-    return FrameRenderer(_job, GlScene(_job.flight, _job.video))
-
-
-def _frame(time: float) -> Bytes:
-    return _renderer().frame(time)
-
-
-def _encoded(group: int) -> list[bytes]:
-    times = _job.times[group * GROUP : (group + 1) * GROUP].tolist()
-    return list(encode(map(_renderer().frame, times), _job.video))
-
-
-@contextmanager
-def _children(job: Job, workers: int) -> Iterator[Any]:
-    """An executor of child processes that render a job."""
+def _results(job: Job, programs: Sequence[str]) -> Generator[Any, None, None]:
+    """Results of child processes as they arrive; none outlives the generator. RendererDiedError: one died."""
     backend = graphics.working()
     if backend is None:
         raise RenderError(graphics.MISSING)
-    environment = graphics.environment(backend.name, max(1, (os.cpu_count() or 1) // workers))
-    executor = ProcessPoolExecutor(workers, initializer=_begin, initargs=(os.getpid(), job), env=environment)
+    threads = max(1, (os.cpu_count() or 1) // len(programs))
+    content = pickle.dumps(job, protocol=pickle.HIGHEST_PROTOCOL)
+    start = f"from sim.system import exit_with_parent; exit_with_parent({os.getpid()}); {_IMPORTS}"
+    results: SimpleQueue[Any] = SimpleQueue()
+    children, readers = list[Any](), list[Thread]()
     try:
-        yield executor
+        for program in programs:
+            command, environment = graphics.child(f"{start}; frame_renderer.{program}", backend.name, threads)
+            log = TemporaryFile()  # noqa: SIM115 (the reader closes it)
+            pipe = subprocess.PIPE
+            children.append(subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, stderr=log))
+            readers.append(Thread(target=_read, args=(children[-1], log, content, results), daemon=True))
+            readers[-1].start()
+        going = len(children)
+        while going:
+            result = results.get()
+            if isinstance(result, RendererDiedError):
+                raise result
+            if result is None:
+                going -= 1
+            else:
+                yield result
     finally:
-        executor.shutdown(kill_workers=True)
+        for child in children:
+            child.kill()
+        for reader in readers:
+            reader.join()
+
+
+def _read(child: Any, log: IO[bytes], content: bytes, results: SimpleQueue[Any]) -> None:
+    """Send a child its job and collect its results, then None or, if it failed, an error with the end of its log."""
+    with log, child, suppress(BrokenPipeError):
+        with suppress(BrokenPipeError):
+            child.stdin.write(content)
+            child.stdin.close()
+        # the last result of a child that dies may be cut short
+        with suppress(EOFError, pickle.UnpicklingError):
+            while True:
+                results.put(pickle.load(child.stdout))
+        code = child.wait()
+        log.seek(0)
+        words = log.read().decode(errors="replace").strip().splitlines()[-_LAST_WORDS:]
+        how = f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"
+        message = "\n".join([f"a process that renders frames {how}", *words])
+        results.put(RendererDiedError(message) if code else None)
 
 
 def render(
@@ -163,7 +100,7 @@ def render(
 ) -> list[tuple[float, bytes]]:
     """Film a flight: H.264 in MP4, yuv420p, index first. The file appears when it is whole.
 
-    Frames and bytes do not depend on the number of workers. The exception of a child process is raised here.
+    Frames and bytes do not depend on the number of workers.
 
     Args:
         job: what is filmed.
@@ -176,15 +113,17 @@ def render(
 
     Raises:
         RenderError: a setting is impossible, or nothing renders here.
+        RendererDiedError: a child died.
     """
     _check_file(path, ".mp4")
-    units = list[bytes]()
-    with _children(job, min(workers, job.groups)) as children:
-        groups = [children.submit(_encoded, group) for group in range(job.groups)]
-        for done, group in enumerate(groups, start=1):
-            units += group.result()
+    workers = min(workers, job.groups)
+    groups: dict[int, list[bytes]] = {}
+    with closing(_results(job, [f"main({worker}, {workers})" for worker in range(workers)])) as results:
+        for group, found in results:
+            groups[group] = found
             if progress:
-                progress(done / len(groups))
+                progress(len(groups) / job.groups)
+    units = [unit for group in range(job.groups) for unit in groups[group]]
     with atomic_write(path) as part:
         _write_mp4(part, units, job.video)
     return list(zip(job.times.tolist(), units, strict=True))
@@ -217,12 +156,13 @@ def still(job: Job, time_s: float, path: Path) -> None:
 
     Raises:
         RenderError: a setting is impossible, the time outside the mission, or nothing renders here.
+        RendererDiedError: the child died.
     """
     _check_file(path, ".png")
     start, end = float(job.flight.trajectory.time[0]), float(job.flight.trajectory.time[-1])
     if not start <= time_s <= end:
         raise RenderError(f"time {time_s:g} s lies outside the mission, {start:g} … {end:g} s")
-    with _children(job, 1) as children:
-        pixels = children.submit(_frame, time_s).result()
+    with closing(_results(job, [f"main_still({float(time_s)!r})"])) as results:
+        (pixels,) = results
     with atomic_write(path) as part:
         Image.fromarray(pixels).convert("RGB").save(part, format="png")

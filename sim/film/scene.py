@@ -8,6 +8,7 @@ import numpy as np
 from laisn.arrays import Bytes, Floats
 from sim.assembly import ocean_of
 from sim.film import seascape
+from sim.film.antialiasing import smooth
 from sim.film.cameras import Shot, View
 from sim.film.film_data import ESTIMATE, FrameState
 from sim.flight import Flight
@@ -20,35 +21,12 @@ Box = tuple[int, int, int, int]
 _GHOST_ALPHA = 0.30
 _GHOST_FULL_M = 1.5
 _GHOST_LEAST = 0.05
-_INSIDE = ("nozzle", "band")  # parts that shine through a translucent hull and make blotches of it
+_INSIDE = ("nozzle", "band")
+"""Parts that shine through a translucent hull and make blotches of it."""
 _MAX_GEOMS = 6000
 _INSET_FOG = (3.0, 110.0)
-_HULL_REACH_M = 1.5  # reach from a vehicle's middle to beyond its ends, propeller included
-_CONTRAST = 16
-"""Smallest difference of green, of 255, that counts as an edge: hulls against water do, sand and sheen do not."""
-
-
-def soften(source: Bytes, target: Bytes, rows: slice, columns: slice) -> None:
-    """Average pixels at edges in a part of a picture, shape (h, w, 3), with their four neighbours, into `target`.
-
-    On a processor four samples a pixel cost as much again as the whole frame. The part must not touch the border.
-    """
-    green = source[rows, columns, 1].astype(np.int16)
-    down, right = (np.abs(np.diff(green, axis=axis)) > _CONTRAST for axis in (0, 1))
-    edge = np.zeros(green.shape, dtype=np.bool_)
-    for side, here, there in ((down, np.s_[1:], np.s_[:-1]), (right, np.s_[:, 1:], np.s_[:, :-1])):
-        edge[here] |= side
-        edge[there] |= side
-    i, j = np.nonzero(edge)
-    i, j = i + rows.start, j + columns.start
-    around = sum(source[i + di, j + dj].astype(np.uint16) for di, dj in ((-1, 0), (1, 0), (0, -1), (0, 1)))
-    target[i, j] = (4 * source[i, j].astype(np.uint16) + around) // 8
-
-
-def _within(middle: float, reach: float, first: int, last: int, size: int) -> slice:
-    """Pixels within reach of a middle, from `first` to before `last`, without those of the frame's border."""
-    low, high = max(first, 1), min(last, size - 1)
-    return slice(int(np.clip(middle - reach, low, high)), int(np.clip(middle + reach, low, high)))
+_HULL_REACH_M = 1.5
+"""Reach from a vehicle's middle to beyond its ends, propeller included."""
 
 
 class GlScene:
@@ -69,6 +47,7 @@ class GlScene:
         self._gl.make_current()
         self._context = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+        self._read_one_mipmap()
         self._scene = mujoco.MjvScene(self._model, _MAX_GEOMS)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = True
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False  # see `_add_backdrop`
@@ -113,10 +92,10 @@ class GlScene:
         mujoco.mjr_readPixels(self._pixels, None, mujoco.MjrRect(*whole), self._context)
         self._smooth[:] = self._pixels
         for view, box in zip((shot.view, *(view for view, _ in shot.insets)), (whole, *insets), strict=True):
-            self._soften_hulls(state, view, box)
+            self._smooth_hulls(state, view, box)
         return self._smooth
 
-    def _soften_hulls(self, state: FrameState, view: View, box: Box) -> None:
+    def _smooth_hulls(self, state: FrameState, view: View, box: Box) -> None:
         """Smooth the edges of what is seen near a vehicle; all else is water, without edges."""
         left, top, width, height = box
         pixels, ahead = view.project(state.position, width, height)
@@ -126,11 +105,11 @@ class GlScene:
             # a hull about the lens may be anywhere in the frame
             near = distance < 1.2 * _HULL_REACH_M
             reach = np.inf if near else view.focal(height) * _HULL_REACH_M / (distance - _HULL_REACH_M)
-            columns = _within(left + x, reach, left, left + width, self.width)
+            x0, x1 = (int(np.clip(v, 0, width)) for v in (x - reach, x + reach))
+            y0, y1 = (int(np.clip(v, 0, height)) for v in (y - reach, y + reach))
             # rows of a picture that was read from OpenGL count from below
-            bottom = self.height - top - height
-            rows = _within(self.height - top - y, reach, bottom, bottom + height, self.height)
-            soften(self._pixels, self._smooth, rows, columns)
+            first = self.height - (top + y1)
+            smooth(self._pixels, self._smooth, left + x0, first, x1 - x0, y1 - y0)
 
     def _fog(self, start: float, end: float) -> None:
         # loads the graphics library, which a process that only imports this file may not have
@@ -140,6 +119,17 @@ class GlScene:
         GL.glFogf(GL.GL_FOG_START, start)
         GL.glFogf(GL.GL_FOG_END, end)
         self._sight = end
+
+    def _read_one_mipmap(self) -> None:
+        """Take a pixel of a texture from the nearest of its sizes alone: on a processor, two cost as much again."""
+        # as in `_fog`
+        from OpenGL import GL
+
+        flat = mujoco.mjtTexture.mjTEXTURE_2D.value
+        for texture, kind in zip(self._context.texture, self._model.tex_type, strict=False):
+            if kind == flat:
+                GL.glBindTexture(GL.GL_TEXTURE_2D, int(texture))
+                GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR_MIPMAP_NEAREST)
 
     def _render(self, state: FrameState, view: View, box: Box) -> None:
         left, top, width, height = box

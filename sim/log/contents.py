@@ -1,20 +1,23 @@
 """An MCAP file: one pass verifies its checksums and gives messages as columns; recovery keeps what is intact."""
 
 import os
+import struct
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import IO, Any
 
+import lz4.frame
 import numpy as np
 import numpy.typing as npt
+import zstandard
 from mcap.data_stream import RecordBuilder
-from mcap.exceptions import InvalidMagic
-from mcap.records import Attachment, Channel, DataEnd, Footer, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import MAGIC_SIZE, StreamReader
+from mcap.exceptions import EndOfFile, InvalidMagic
+from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import MAGIC_SIZE, CRCValidationError, StreamReader, breakup_chunk
 from mcap.well_known import MessageEncoding
 from mcap.writer import CompressionType, Writer
 
@@ -25,8 +28,11 @@ from sim.scenario import file as scenario_file
 from sim.system import atomic_write
 
 SCENARIO, VEHICLES, SUMMARY, VERSIONS = "scenario.toml", "vehicles.json", "summary.json", "versions.json"
-FLIGHT = "laisn"  # metadata record that every log of a flight has
+FLIGHT = "laisn"
+"""Metadata record that every log of a flight has."""
 _INTERRUPTED = "INTERRUPTED"
+_ALLOWANCE, _RATIO = 8 << 20, 16
+"""A file of n bytes may decompress to 8 MiB + 16 n; flights decompress to 6 n."""
 
 
 class LogError(LaisnError):
@@ -68,22 +74,44 @@ def _intact(stream: IO[bytes], attachment: Attachment) -> bool:
     return stored in (bytes(4), builder.end()[-4:])  # type: ignore[no-untyped-call]  # the library leaves it bare
 
 
+def _records_of(chunk: Chunk, most: int) -> list[McapRecord]:
+    """Decompress as a stream: at once, any size that the chunk states would be allocated."""
+    size, data = chunk.uncompressed_size, chunk.data
+    if size > most:
+        raise ValueError(f"a chunk of {len(data)} bytes would decompress to {size}, too many")
+    if chunk.compression == "zstd":
+        data = zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)
+    elif chunk.compression == "lz4":
+        data = bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1))
+    elif chunk.compression:
+        raise ValueError(f"a chunk is compressed by {chunk.compression!r}; expected zstd, lz4 or nothing")
+    if len(data) != size:
+        raise ValueError("the size of a chunk does not match")
+    return breakup_chunk(replace(chunk, compression="", data=data), validate_crc=True)
+
+
 def _records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Iterator[McapRecord]:
-    """The data section in order, each record after its checksum was verified, those of chunks included.
+    """The data section in order, each record after its checksum was verified; a chunk is followed by what is in it.
 
     A damaged attachment is left out and passed to `on_damaged`; without that, or for any other broken record or a
     missing end, DamagedError.
     """
     with log_errors(path), path.open("rb") as stream:
         size, at, ended = path.stat().st_size, 0, False
+        left = _ALLOWANCE + _RATIO * size
         # no record is longer than its file
-        reader = StreamReader(stream, validate_crcs=True, record_size_limit=size)
+        reader = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=size)
         try:
             for record in reader.records:
-                if isinstance(record, Attachment) and not _intact(stream, record):
+                if isinstance(record, Chunk):
+                    inner = _records_of(record, left)
+                    left -= record.uncompressed_size
+                    yield record
+                    yield from inner
+                elif isinstance(record, Attachment) and not _intact(stream, record):
                     if on_damaged is None:
                         raise ValueError(f"the checksum of attachment {record.name!r} does not match")
-                    on_damaged(f"attachment {record.name!r} is damaged")
+                    on_damaged(f"attachment {record.name!r} is damaged and is left out")
                 elif isinstance(record, Footer) and not ended:
                     raise ValueError("the data section has no end")
                 elif not ended:
@@ -96,16 +124,22 @@ def _records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Ite
         except Exception as error:
             if size < MAGIC_SIZE or (isinstance(error, InvalidMagic) and at == 0):
                 raise LogError(f"{path}: no MCAP file") from error
-            raise DamagedError(path, f"damaged or cut off at byte {at}: {type(error).__name__} {error}") from error
+            reason = "the file ends within a record" if isinstance(error, (EndOfFile, struct.error)) else str(error)
+            if isinstance(error, CRCValidationError):
+                what = "a chunk" if isinstance(error.record, Chunk) else "the data section"
+                reason = f"the checksum of {what} does not match"
+            raise DamagedError(path, f"damaged or cut off at byte {at}: {reason}") from error
 
 
 @dataclass
 class Messages:
     """The messages of a topic, in order of time."""
 
-    schema: Any  # None: unknown
+    schema: Any
+    """None: unknown."""
     encoding: str = MessageEncoding.Protobuf
-    kept: bool = True  # data are kept, not times alone
+    kept: bool = True
+    """Data are kept, not times alone."""
     times: "array[int]" = field(default_factory=lambda: array("q"))
     data: list[bytes] = field(default_factory=list)
 
@@ -174,14 +208,18 @@ class Messages:
 class Contents:
     """What a log holds; of topics that are not `wanted` (by name and empty channel), the times of messages alone.
 
-    LogError if it cannot be read, is no MCAP file or is damaged, or a topic has messages of several types.
+    LogError if it cannot be read, is no MCAP file or is damaged, decompresses to more than is plausible, or a topic has
+    messages of several types.
     """
 
     def __init__(self, path: Path, wanted: Callable[[str, Messages], bool] = lambda topic, messages: True) -> None:
         self.path = path
         self.attachments, self.topics = dict[str, bytes](), dict[str, Messages]()
         self.metadata = dict[str, dict[str, str]]()
+        self.unverified: tuple[str, ...] = ()
+        """Parts that no checksum covers, so that damage to them cannot be noticed."""
         schemas, channels = dict[int, Schema](), dict[int, Messages]()
+        chunks = bare = 0
         with log_errors(path):
             for record in _records(path):
                 if isinstance(record, Message):
@@ -203,6 +241,10 @@ class Contents:
                     self.attachments[record.name] = record.data
                 elif isinstance(record, Metadata):
                     self.metadata[record.name] = record.metadata
+                elif isinstance(record, Chunk):
+                    chunks, bare = chunks + 1, bare + (not record.uncompressed_crc)
+                elif isinstance(record, DataEnd) and not record.data_section_crc:
+                    self.unverified = ("metadata", *([f"{bare} of {chunks} chunks"] if bare else []))
             for m in self.topics.values():
                 if m.kept and np.any(m.time_ns[1:] < m.time_ns[:-1]):
                     order = np.argsort(m.time_ns, kind="stable").tolist()
@@ -232,11 +274,18 @@ class Contents:
         return messages
 
 
-def _copy(path: Path, target: Path) -> list[str]:
-    """Write what is intact as a finished log; returns remarks on what was kept and left out."""
+def holds_messages(path: Path) -> bool:
+    """Whether a partial log holds an intact block of messages."""
+    try:
+        return any(isinstance(record, Message) for record in _records(path))
+    except LogError:
+        return False
+
+
+def _copy(path: Path, target: Path, remarks: list[str]) -> str:
+    """Write what is intact as a finished log; returns what is wrong with the log, "" for nothing."""
     schemas, channels, metadata = {0: 0}, dict[int, int](), dict[str, dict[str, str]]()
-    times_ns, instant, attachments, whole = array("Q"), list[Message](), 0, False
-    left_out = list[str]()
+    times_ns, instant, attachments, whole, problem = array("Q"), list[Message](), 0, False, ""
     with target.open("wb") as stream:
         # the library's own writer keeps all that a record holds
         writer = Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
@@ -249,7 +298,7 @@ def _copy(path: Path, target: Path) -> list[str]:
             instant.clear()
 
         try:
-            for r in _records(path, left_out.append):
+            for r in _records(path, remarks.append):
                 whole = isinstance(r, DataEnd)
                 if isinstance(r, Message):
                     if instant and instant[0].log_time != r.log_time:
@@ -267,35 +316,46 @@ def _copy(path: Path, target: Path) -> list[str]:
                     writer.add_metadata(r.name, r.metadata)
                     metadata[r.name] = r.metadata
         except DamagedError as error:
-            left_out.append(error.problem)
+            problem = error.problem
         if FLIGHT in metadata and not whole:
             # the last instant may lack messages; of records with one name, the last one counts
             writer.add_metadata(FLIGHT, metadata[FLIGHT] | {"outcome": _INTERRUPTED})
         else:
             write_instant()
-        if left_out and not times_ns:
-            raise LogError(f"{path}: holds no intact message ({left_out[-1]}); there is nothing to recover")
-        if left_out:
-            writer.add_metadata("recovery", {str(i): text for i, text in enumerate(left_out)})
+        if problem and not times_ns:
+            raise LogError(f"{path}: holds no intact message ({problem}); there is nothing to recover")
+        if metadata and not whole:
+            remarks.append(f"metadata {', '.join(metadata)}: no checksum, damage cannot be detected")
+        if remarks:
+            writer.add_metadata("recovery", {str(i): text for i, text in enumerate(remarks)})
         writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare
     span_s = np.ptp(times_ns) / 1e9 if times_ns else 0.0
-    kept = f"kept {len(times_ns)} messages of {span_s:g} s and {attachments} attachments"
-    return [kept, *(f"left out: {text}" for text in left_out)]
+    remarks += [f"kept {len(times_ns)} messages of {span_s:g} s and {attachments} attachments", f"left out: {problem}"]
+    return problem
 
 
 def recover(path: Path, report: Callable[[str], None] = lambda remark: None) -> Path:
     """Finish a log with everything before its first broken record but damaged attachments; the path of the result.
 
     A flight that was cut off ends with its last complete instant, with the outcome "interrupted". An unfinished log,
-    "NAME.partial", becomes NAME; another one stays beside "NAME.recovered" + suffix. `report` takes remarks. LogError
-    if the log holds no intact message.
+    "NAME.partial", becomes NAME; a damaged one stays beside "NAME.recovered" + suffix. `report` takes remarks. LogError
+    if the log is complete, or holds no intact message, or the result cannot be written.
     """
-    unfinished = path.suffix == ".partial"
+    if not path.is_file():
+        raise LogError(f"{path}: no such file")
+    unfinished, remarks = path.suffix == ".partial", list[str]()
     target = path.with_suffix("") if unfinished else path.with_name(f"{path.stem}.recovered{path.suffix}")
-    with atomic_write(target) as work:
-        remarks = _copy(path, work)
+    try:
+        with atomic_write(target) as work:
+            problem = _copy(path, work, remarks)
+            if not problem and not unfinished:
+                raise LogError(f"{path}: is complete; there is nothing to recover")
+            if not problem:
+                os.replace(path, work)
+    except OSError as error:
+        raise LogError(f"{target}: cannot be written: {error.strerror or error}") from error
     if unfinished:
-        path.unlink()
-    for text in remarks:
+        path.unlink(missing_ok=True)
+    for text in remarks if problem else ():
         report(text)
     return target

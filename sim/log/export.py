@@ -54,7 +54,7 @@ def export(path: Path, out: Path, table_format: str = "parquet") -> list[Path]:
     Every row begins with `time_s`, the mission time (without a scenario, since the first message of any table), and
     `log_time_ns`, since 1970; a channel's field of such a name ends in "~2". The table of "/follower/estimate" is
     "follower_estimate.parquet" in the folder `out`.
-    LogError if the log is damaged or has nothing to export, or the format is unknown.
+    LogError if the log is damaged or has nothing to export, the format is unknown, or the folder cannot be written.
     """
     if table_format not in _WRITERS:
         raise LogError(f"unknown format {table_format!r}; available: {', '.join(_WRITERS)}")
@@ -75,11 +75,14 @@ def export(path: Path, out: Path, table_format: str = "parquet") -> list[Path]:
         name = next(n for k in count(1) if (n := f"{name}~{k}" if k > 1 else name).lower() not in taken)
         taken.add(name.lower())
         file = out / f"{name}.{table_format}"
-        out.mkdir(parents=True, exist_ok=True)
-        with log_errors(path):
-            table = _table(messages, start_ns)
-        with atomic_write(file) as part, _WRITERS[table_format](part, table.schema) as writer:
-            writer.write_table(table)
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            with log_errors(path):
+                table = _table(messages, start_ns)
+            with atomic_write(file) as part, _WRITERS[table_format](part, table.schema) as writer:
+                writer.write_table(table)
+        except OSError as error:
+            raise LogError(f"{file}: cannot be written: {error.strerror or error}") from error
         files.append(file)
     if not files:
         available = ", ".join(topics) or "none"

@@ -20,8 +20,10 @@ from sim.trajectory import OF_VEHICLES, Trajectory
 CORE = (vehicle_state(()), *MEASURED, *estimated(Estimates), *DETAILS.values())
 """Types of the channels that make up a flight."""
 _OWN, _RECEIVED = MEASURED
-LONGEST_GAP_S = 10.0  # longer gaps between own measurements are not bridged unless requested [s]
-_GAP = 2.0  # shortest gap, in filter steps
+LONGEST_GAP_S = 10.0
+"""Longer gaps between own measurements are not bridged unless requested [s]."""
+_GAP, _NAMED = 2.0, 5  # shortest gap, in filter steps, and most gaps that are named
+_SHORTEST_NS, _LONGEST_NS = 10**5, 10**11  # of usual filter steps
 _OPTIONAL = ("leader_pitch", "leader_roll", "leader_heading_sigma", "range_middle")
 """Fields of a reception that a vehicle's log may lack; they read as NaN, "not broadcast"."""
 _POSE = slice(0, 6)  # columns of a message that a navigator cannot do without
@@ -84,7 +86,8 @@ def read(path: Path | str) -> Flight:
     if missing:
         raise LogError(
             f"{path}: holds no flight: it lacks {', '.join(missing)}; available: "
-            f"{', '.join(sorted(log.topics)) or 'no channels'}"
+            f"{', '.join(sorted(log.topics)) or 'no channels'}. Navigation alone needs /FOLLOWER/motion and "
+            "/FOLLOWER/reception: laisn replay LOG --scenario FILE"
         )
     with log_errors(path):
         facts, text = log.metadata[FLIGHT], log.attachments[SCENARIO].decode()
@@ -111,6 +114,10 @@ def read(path: Path | str) -> Flight:
         )
 
 
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
 def _optional(messages: Messages, names: Sequence[str]) -> Floats:
     """Numbers by the names of their fields, NaN for those that are not in a message, shape (n, len(names)).
 
@@ -128,13 +135,19 @@ def _optional(messages: Messages, names: Sequence[str]) -> Floats:
 
 
 def _gaps(path: Path, topic: str, time_ns: Ints, spacing: Ints, longest_gap_s: float) -> list[str]:
-    """A remark on gaps; LogError if one is too long."""
-    longest_step, worst = _GAP * float(np.median(spacing)), int(np.argmax(spacing))
-    found, gap_s, at_s = spacing > longest_step, spacing[worst] / 1e9, (time_ns[worst] - time_ns[0]) / 1e9
-    text = f"gaps in {topic}: {np.count_nonzero(found)}, the longest {gap_s:.3g} s at {at_s:.3f} s"
-    if gap_s > max(longest_gap_s, longest_step / 1e9):
-        raise LogError(f"{path}: {text}; cut the log there, or bridge more than {longest_gap_s:g} s: --longest-gap")
-    return [f"{text}, bridged"] if found.any() else []
+    """Remarks on gaps; LogError if one is too long."""
+    longest_step = _GAP * float(np.median(spacing))
+    found = np.flatnonzero(spacing > longest_step)
+    named = found[np.argsort(-spacing[found], kind="stable")][:_NAMED]
+    begin, number = time_ns[named] - time_ns[0], _count(found.size, "gap")
+    places = ", ".join(f"{s / 1e9:.3g} s at {b / 1e9:.3f} s" for s, b in zip(spacing[named], begin, strict=True))
+    places += f" and {found.size - named.size} shorter ones" if found.size > named.size else ""
+    if spacing.max() / 1e9 > max(longest_gap_s, longest_step / 1e9):
+        raise LogError(
+            f"{path}: {topic} has {number} ({places}); gaps of up to {longest_gap_s:g} s are bridged. Cut the log "
+            "there, or allow longer ones: --longest-gap SECONDS"
+        )
+    return [f"{number} in {topic} bridged: {places}"] if found.size else []
 
 
 def _last_of_equals(values: Ints) -> Bools:
@@ -168,11 +181,14 @@ def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: 
     time_ns, own = time_ns[finite][last], own[:, finite][:, last]
     if time_ns.size < 2:
         raise LogError(
-            f"{log.path}: {topic} holds {time_ns.size} usable messages; at least two are needed for the filter step"
+            f"{log.path}: {topic} holds {_count(time_ns.size, 'usable message')}; at least two are needed to "
+            "determine the filter step"
         )
     spacing = np.diff(time_ns)
     dt_ns = round(float(np.median(spacing)))
     remarks = _gaps(log.path, topic, time_ns, spacing, longest_gap_s)
+    if not _SHORTEST_NS < dt_ns < _LONGEST_NS:
+        remarks.append(f"{topic} comes every {dt_ns / 1e9:g} s: are the log times in nanoseconds?")
     durations = None if np.all(spacing == dt_ns) else np.append(float(dt_ns), spacing) / 1e9
     step = np.searchsorted(time_ns, heard_ns).astype(np.int64) + 1
     within = (heard_ns > time_ns[0] - dt_ns) & (step <= time_ns.size)
@@ -188,9 +204,10 @@ def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: 
     )
     for which, where, why in left_out:
         number = int(np.count_nonzero(which))
-        remarks += [f"messages of {where} left out, {why}: {number}"] if number else []
+        remarks += [f"{_count(number, 'message')} of {where} left out: {why}"] if number else []
     if absurd.any():
-        remarks.append(f"ranges of {received} taken as not received, no positive number: {absurd.sum()}")
+        remarks.append(f"{_count(int(absurd.sum()), 'range')} of {received} taken as not received: no positive number")
+    remarks += [f"{what}: no checksum, damage cannot be detected" for what in log.unverified if "chunks" in what]
     measurements = Measurements(
         dt=dt_ns / 1e9, speed=own[0], heading=own[1], depth=own[2], message_step=step[kept], message=message[kept],
         ranges=ranges[kept], durations=durations, transmitters=None if np.all(np.isnan(places)) else places[kept],

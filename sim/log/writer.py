@@ -1,11 +1,12 @@
 """A flight as channels of timed messages, written as an MCAP log that Foxglove and Rerun draw."""
 
-import errno
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from importlib.metadata import version
+from io import BytesIO
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -22,13 +23,14 @@ from sim import attitude
 from sim.attitude import geodetic
 from sim.flight import Flight, Outcome, position_and_bearing_errors
 from sim.log import schema
-from sim.log.contents import FLIGHT, SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, partial_path
+from sim.log.contents import FLIGHT, SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, holds_messages, partial_path
 from sim.log.scene import ESTIMATE, TRUTH, draw_acoustics, draw_vehicles
 from sim.log.schema import Clock, RecordType, pose, quaternion, timestamp, vector
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import OF_VEHICLES, Trajectory
 
-_BLOCK_NS = 10 * 10**9  # what was logged of this time is in the file before more is logged [ns]
+_BLOCK_NS = 10 * 10**9
+"""What was logged of this time is in the file before more is logged [ns]."""
 _PACKAGES = ("laisn-sim", "mujoco", "numpy", "scipy", "numba", "filterpy", "mcap", "foxglove-sdk")
 _CONVENTIONS: dict[str, str] = json.loads((Path(__file__).parent / "conventions.json").read_text(encoding="utf-8"))
 Frame = tuple[float, bytes]
@@ -48,7 +50,8 @@ class Event(NamedTuple):
     time_s: float
     level: Level
     text: str
-    source: str = "laisn"  # a vehicle, or the program
+    source: str = "laisn"
+    """A vehicle, or the program."""
 
 
 class Channel(NamedTuple):
@@ -56,8 +59,10 @@ class Channel(NamedTuple):
 
     topic: str
     schema: foxglove.Schema
-    time_ns: Ints  # time of each message since 1970, shape (n,), [ns]
-    rows: Callable[[slice], Iterable[bytes]]  # serialised messages of a stretch
+    time_ns: Ints
+    """Time of each message since 1970, shape (n,), [ns]."""
+    rows: Callable[[slice], Iterable[bytes]]
+    """Serialised messages of a stretch."""
 
 
 Column = schema.Array | Callable[[slice], schema.Array]
@@ -224,6 +229,22 @@ def channels(flight: Flight, events: Iterable[Event], video: Sequence[Frame]) ->
     return [*found, *_scene(flight, clock), _events(flight, clock, events), _camera(video, clock)]
 
 
+class _Block(BytesIO):
+    """What was written since the last `take`; positions count from the start of the file."""
+
+    taken = 0
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
+        return self.taken + super().seek(offset - (self.taken if whence == os.SEEK_SET else 0), whence)
+
+    def take(self) -> bytes:
+        data = self.getvalue()
+        super().seek(0)
+        self.truncate()
+        self.taken += len(data)
+        return data
+
+
 def write_channels(path: Path, channels: Sequence[Channel], describe: Callable[[MCAPWriter], None]) -> None:
     """Write an MCAP file; the same arguments give the same bytes. If that fails, the file stays without an end.
 
@@ -231,13 +252,13 @@ def write_channels(path: Path, channels: Sequence[Channel], describe: Callable[[
     next one begins; a channel without messages is not in it. `describe` writes attachments and metadata.
     """
     options = MCAPWriteOptions(compression_threads=0, compression_level=1, disable_seeking=True)
-    context, proto, size = foxglove.Context(), MessageEncoding.Protobuf, 0
-    path.touch()  # the SDK does not state why it cannot
-    mcap = foxglove.open_mcap(path, allow_overwrite=True, context=context, writer_options=options)
-    made = [foxglove.Channel(c.topic, schema=c.schema, message_encoding=proto, context=context) for c in channels]
-    try:
-        describe(mcap)
-        for number in sorted({number for c in channels for number in np.unique(c.time_ns // _BLOCK_NS).tolist()}):
+    block, context, proto = _Block(), foxglove.Context(), MessageEncoding.Protobuf
+    # the SDK only logs errors of its output, and does not survive the exceptions of signals, which the main thread gets
+    with path.open("wb") as file, ThreadPoolExecutor(1) as thread:
+        mcap = thread.submit(foxglove.open_mcap, block, context=context, writer_options=options).result()
+        made = [foxglove.Channel(c.topic, schema=c.schema, message_encoding=proto, context=context) for c in channels]
+
+        def fill(number: int) -> None:
             messages = list[tuple[int, Any, bytes]]()
             for own, c in zip(made, channels, strict=True):
                 part = slice(*np.searchsorted(c.time_ns, [number * _BLOCK_NS, (number + 1) * _BLOCK_NS]).tolist())
@@ -248,17 +269,17 @@ def write_channels(path: Path, channels: Sequence[Channel], describe: Callable[[
             for at, log, data in messages:
                 log(data, at)
             mcap.flush()
-            size = path.stat().st_size
-        mcap.close()
-    except BaseException as error:
-        with suppress(RuntimeError):
-            mcap.close()
-        with suppress(OSError):
-            os.truncate(path, size)
-        if isinstance(error, RuntimeError):
-            raise OSError(errno.EIO, "the file cannot grow, the disk may be full") from error
-        raise
-    with path.open("rb") as file:
+
+        try:
+            thread.submit(describe, mcap).result()
+            for number in sorted({number for c in channels for number in np.unique(c.time_ns // _BLOCK_NS).tolist()}):
+                thread.submit(fill, number).result()
+                file.write(block.take())
+                file.flush()
+        finally:
+            thread.submit(mcap.close).result()
+        file.write(block.take())
+        file.flush()
         os.fsync(file.fileno())
 
 
@@ -301,12 +322,14 @@ def write(
     if flight.trajectory.time[0] != 0:
         raise LogError(f"{path}: a log begins with its mission; this flight at {flight.trajectory.time[0]:g} s of it")
     filled = channels(flight, events, video)
+    if path.is_dir():
+        raise LogError(f"{path}: cannot be written: it is a folder, expected the name of a file")
     partial = partial_path(path)
     try:
         write_channels(partial, filled, lambda mcap: _describe(flight, summary, mcap))
         os.replace(partial, path)
     except BaseException as error:
-        kept = partial.is_file() and partial.stat().st_size > 0
+        kept = holds_messages(partial)
         if not kept:
             with suppress(OSError):
                 partial.unlink()

@@ -103,8 +103,11 @@ CAMERAS = {
     "chase": "behind the follower, looking towards the leader; inset: the leader close by",
     "pip": "from above, both vehicles in one picture; insets: leader and follower close by",
     "top": "from above, all vehicles in one picture, north up",
+    "side": "from the side at their depth, between surface and floor; inset: the follower close by",
+    "follower": "what the follower would see, along its hull; inset: the leader close by",
     "leader": "the leader close by; inset: the follower close by",
     "profile": "the leader in profile, the follower beyond; inset: follower and estimate from above",
+    "orbit": "around all vehicles, once in forty seconds of film",
 }
 """Names of the cameras and what they show."""
 

@@ -81,7 +81,7 @@ def made(given: list[Record], **others: Any) -> Page:
     looks = (RUNS,)
     found = record("asymmetry", "laisn asymmetry", (), findings.findings_of_rows(given, CURVES, looks))
     blank: dict[str, Any] = dict.fromkeys(
-        ("geometry", "first_minutes", "shares", "one_mission", "maps"), ()
+        ("geometry", "first_minutes", "shares", "one_mission", "film", "maps"), ()
     ) | dict.fromkeys(("points", "closed_form_m", "pitch_deg", "fix_error_m"), 0)
     blank |= {"everything": figures.EVERYTHING, "abeam": np.zeros(1), "third_m": (0, 0), "found": found,
               "example": SimpleNamespace(title="")}  # fmt: skip

@@ -11,6 +11,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from experiments.campaign import campaign
+from experiments.studies.asymmetry import figures
 from experiments.studies.asymmetry.findings import (
     AHRS,
     ARMS,
@@ -29,7 +30,7 @@ from experiments.studies.asymmetry.fix_map import deepest_offset, worst_error
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import Plan, plan_of
 from experiments.study.run import fly_studies
-from experiments.study.study import run, run_built_in
+from experiments.study.study import run_built_in
 from laisn.failure import LaisnError
 
 FILES = built_in("asymmetry")
@@ -211,9 +212,14 @@ def test_quick_study_is_resumable_and_repeatable(tmp_path: Path, monkeypatch: py
     def never(*_: object) -> None:
         raise AssertionError("a stored cell was computed again")
 
+    def fail(*_: object) -> None:
+        raise RuntimeError("a process that renders frames ended with code 1")
+
     monkeypatch.setattr(campaign, "compute", never)
+    monkeypatch.setattr(figures, "film", fail)
     report.unlink()
-    run_built_in("asymmetry", tmp_path, keys, quick=True, workers=1, quiet=True)
+    with pytest.raises(RuntimeError, match="renders frames"):
+        run_built_in("asymmetry", tmp_path, keys, quick=True, film=True, workers=1, quiet=True)
     assert report.read_bytes() == first
     with pytest.raises(LaisnError, match="without films"):
-        run("formation", {}, tmp_path, film=lambda *_: None)
+        run_built_in("formation", tmp_path, film=True)

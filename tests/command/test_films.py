@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 from experiments.command.cli import app
 from sim.film import graphics
+from sim.film.render import RendererDiedError
 from tests.command.flights import WITHOUT_FILM
 
 
@@ -28,7 +29,7 @@ def test_a_renderer_that_dies_costs_the_film_alone_and_gives_exit_code_1(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def die(*_: object, **__: object) -> None:
-        raise RuntimeError("a process that renders frames was killed")
+        raise RendererDiedError("a process that renders frames ended with code 1\nZeroDivisionError: of the child")
 
     monkeypatch.setattr("sim.film.render.render", die)
     monkeypatch.setenv("TMPDIR", str(tmp_path))
@@ -39,27 +40,28 @@ def test_a_renderer_that_dies_costs_the_film_alone_and_gives_exit_code_1(
     assert f"results in {tmp_path / 'o'}" in result.stdout.splitlines()
     [fault] = tmp_path.glob("laisn-failure-*.txt")
     assert len(result.stderr.removeprefix("compiled (once)\n").splitlines()) == 1
+    assert "ended with code 1" in result.stderr
     assert f"the traceback is in {fault}" in result.stderr
     assert "Traceback" not in result.output
-    assert "a process that renders frames was killed" in fault.read_text()
+    assert "ZeroDivisionError: of the child" in fault.read_text()
     assert {path.name for path in (tmp_path / "o").iterdir()} == WITHOUT_FILM
 
 
 @pytest.mark.parametrize("backend", [graphics.Backend("egl", True, "a renderer"), None])
-def test_a_study_films_its_worst_run_where_something_renders(
+def test_the_pitch_study_films_its_example_where_something_renders(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, backend: graphics.Backend | None
 ) -> None:
     given: dict[str, Any] = {}
     monkeypatch.setattr(graphics, "working", lambda: backend)
-    monkeypatch.setattr("experiments.study.study.run_study", lambda *_, **options: given.update(options))
+    monkeypatch.setattr("experiments.study.study.run_built_in", lambda *_, **options: given.update(options))
     (tmp_path / "results.parquet").touch()
-    answer = CliRunner().invoke(app, ["loss", "--film", "worst", "--out", str(tmp_path)])
-    assert (answer.exit_code, given["film"] is not None) == (0, backend is not None)
+    answer = CliRunner().invoke(app, ["asymmetry", "--film", "example", "--quick", "--out", str(tmp_path)])
+    assert (answer.exit_code, given["film"]) == (0, backend is not None)
     assert answer.stderr == ("" if backend else f"no film: {graphics.MISSING}\n")
-    assert CliRunner().invoke(app, ["loss", "--out", str(tmp_path)]).stderr == ""
+    assert CliRunner().invoke(app, ["asymmetry", "--quick", "--out", str(tmp_path)]).stderr == ""
     assert not given["film"]
-    refused = CliRunner().invoke(app, ["loss", "--film", "example"])
-    assert "expected --film worst" in refused.stderr
+    refused = CliRunner().invoke(app, ["asymmetry", "--film", "worst"])
+    assert "expected --film example" in refused.stderr
 
 
 def test_a_study_with_a_design_of_its_own_runs_as_its_command_does(

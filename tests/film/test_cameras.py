@@ -29,7 +29,12 @@ def test_a_line_is_cut_at_the_lens():
     assert view.line(np.array([[-5.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]), 200, 200) == []
 
 
-@pytest.mark.parametrize("camera", ["chase", "top", "pip", "profile"])
+def test_a_camera_cannot_stand_on_its_target():
+    with pytest.raises(ValueError, match="cannot look at itself"):
+        View(position=np.ones(3), target=np.ones(3))
+
+
+@pytest.mark.parametrize("camera", ["chase", "top", "pip", "side", "profile", "orbit"])
 def test_cameras_keep_leader_and_follower_in_the_frame(flight, camera):
     data = FilmData(flight, 20.0)
     rig = CameraRig(data, 16 / 9)

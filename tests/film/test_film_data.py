@@ -7,7 +7,6 @@ from synthetic import make_flight
 from sim.assembly import ocean_of
 from sim.film.film_data import FilmData
 from sim.film.seascape import Sea
-from sim.flight import excerpt
 from sim.scenario.settings import Waves
 
 
@@ -60,22 +59,3 @@ def test_the_drawn_sea_is_the_simulated_sea():
     drawn = sea.elevation(x, y, 12.3)
     assert np.abs(drawn - ocean.elevation(x[None, :], y[:, None], 12.3)).max() <= 1e-9
     assert np.ptp(drawn) > 0.9
-
-
-def test_an_excerpt_shows_what_the_whole_shows(flight):
-    part = excerpt(flight, 20.0, 41.0)
-    np.testing.assert_allclose(part.trajectory.time[[0, -1]], [20.0, 41.0])
-    assert part.measurements[0].speed.size == 210
-    whole = FilmData(flight, 4.0)
-    cut = FilmData(part, 4.0)
-    for time in (21.0, 30.03, 41.0):
-        there, here = whole.at(time), cut.at(time)
-        for name in ("position", "quaternion", "estimate", "covariance", "ray", "ranges", "position_error"):
-            np.testing.assert_allclose(getattr(here, name), getattr(there, name), atol=1e-9, err_msg=name)
-        assert here.fix_kind == there.fix_kind
-
-
-@pytest.mark.parametrize(("start", "end"), [(-1.0, 5.0), (5.0, 61.0), (9.0, 9.0), (9.0, 8.0)])
-def test_an_excerpt_lies_within_the_mission(flight, start, end):
-    with pytest.raises(ValueError, match="from 0 to 60 s"):
-        excerpt(flight, start, end)

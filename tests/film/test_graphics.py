@@ -36,6 +36,13 @@ def test_a_backend_that_does_not_exist_is_reported_not_raised():
     assert "no-such-backend" in found.detail
 
 
+def test_a_library_that_is_not_installed_is_called_so(monkeypatch):
+    """PyOpenGL's own message does not explain it to a newcomer."""
+    program = (sys.executable, "-c", "None.glGetError()")
+    monkeypatch.setattr(graphics, "child", lambda *_: (program, dict(os.environ)))
+    assert graphics._examine("osmesa") == graphics.Backend("osmesa", False, "its library is not installed")
+
+
 def test_a_child_imports_the_packages_modules_in_any_working_directory(tmp_path):
     for name in ("models", "sim", "json"):
         (tmp_path / name).mkdir()
@@ -70,7 +77,7 @@ def test_no_module_loads_a_graphics_library_when_it_is_imported():
     command = [sys.executable, "-c", BLOCKED, "models", "laisn", "sim", "experiments"]
     child = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     assert child.returncode == 0, child.stderr
-    filming = {"sim.film.render", "sim.film.scene", "experiments.command.cli"}
+    filming = {"sim.film.render", "sim.film.scene", "sim.film.frame_renderer", "experiments.command.cli"}
     assert filming <= set(child.stdout.split())
 
 

@@ -1,6 +1,10 @@
 """Damaged, rewritten and hostile logs: refused, or recovered up to the damage; never another flight."""
 
+import re
 import struct
+import subprocess
+import sys
+import zlib
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -9,8 +13,12 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet
 import pytest
+import zstandard
 from damage import Parts, damaged
-from mcap.writer import CompressionType, Writer
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import Chunk
+from mcap.writer import CompressionType, IndexType, Writer
 from mcap_protobuf.schema import register_schema
 from synthetic import bits, make_flight
 
@@ -19,7 +27,7 @@ from sim.log import writer
 from sim.log.contents import Contents, LogError, recover
 from sim.log.export import export
 from sim.log.reader import read, read_recording
-from sim.log.schema import OWN_MOTION
+from sim.log.schema import OWN_MOTION, RECEPTION
 
 FOLLOWER_CHANNELS = ("motion", "reception", "filter", "innovation", "estimate", "estimate/fix", "error")
 
@@ -125,6 +133,7 @@ def test_what_another_program_rewrote_is_read_as_it_is(
 
     path = rewritten(whole, tmp_path / "a.mcap", otherwise)
     assert bits(read(path)) == bits(flight)
+    assert Contents(path).unverified == ()
 
 
 def test_a_flight_whose_start_or_end_was_cut_is_refused_but_its_measurements_are_read(
@@ -203,8 +212,8 @@ def test_recovery_leaves_a_damaged_scenario_out(whole: bytes, tmp_path: Path) ->
     (tmp_path / "a.mcap").write_bytes(with_another_baseline(whole, checksum=True)[:-100])
     printed: list[str] = []
     path = recover(tmp_path / "a.mcap", printed.append)
-    assert printed[1] == "left out: attachment 'scenario.toml' is damaged"
-    assert Contents(path).metadata["recovery"]["0"] == "attachment 'scenario.toml' is damaged"
+    assert printed[0] == "attachment 'scenario.toml' is damaged and is left out"
+    assert Contents(path).metadata["recovery"]["0"] == printed[0]
     with pytest.raises(LogError, match=r"lacks attachment scenario\.toml"):
         read(path)
     # what was measured is not lost, but for the last instant
@@ -214,8 +223,10 @@ def test_recovery_leaves_a_damaged_scenario_out(whole: bytes, tmp_path: Path) ->
 def test_attachments_have_checksums_of_their_own(whole: bytes, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_bytes(without_data_checksum(with_another_baseline(whole, checksum=True)))
-    with pytest.raises(LogError, match=r"at byte \d+: .*the checksum of attachment 'scenario\.toml' does not match"):
+    with pytest.raises(LogError, match=r"at byte \d+: the checksum of attachment 'scenario\.toml' does not match"):
         read(path)
+    path.write_bytes(without_data_checksum(whole))
+    assert Contents(path).unverified == ("metadata",)
 
 
 def test_a_chunk_is_verified_where_the_data_section_has_no_checksum(whole: bytes, tmp_path: Path) -> None:
@@ -233,6 +244,121 @@ def plain_log(path: Path, fill: Any, **options: Any) -> Path:
         fill(plain)
         plain.finish()  # type: ignore[no-untyped-call]
     return path
+
+
+def test_what_has_no_checksum_is_called_unprotected(tmp_path: Path) -> None:
+    def fill(plain: Writer) -> None:
+        channel = plain.register_channel("/auv/motion", "protobuf", register_schema(plain, OWN_MOTION.message_class))
+        for k in range(20):
+            plain.add_message(
+                channel,
+                k * 10**8,
+                OWN_MOTION.message_class(speed=1.0, heading=0.0, depth=1.0).SerializeToString(),
+                k * 10**8,
+            )
+        channel = plain.register_channel("/auv/reception", "protobuf", register_schema(plain, RECEPTION.message_class))
+        values = dict.fromkeys(RECEPTION.fields, 1.0)
+        plain.add_message(channel, 0, RECEPTION.message_class(**values).SerializeToString(), 0)
+
+    path = plain_log(tmp_path / "a.mcap", fill, enable_crcs=False, chunk_size=200)
+    assert Contents(path).unverified == ("metadata", "7 of 7 chunks")
+    assert read_recording(path, "auv").remarks == ("7 of 7 chunks: no checksum, damage cannot be detected",)
+
+
+PEAK = """
+import sys
+from pathlib import Path
+from sim.log.contents import LogError, recover
+from sim.log import reader, export
+path = Path(sys.argv[1])
+for use in (reader.read, reader.read_recording, lambda p: export.export(p, p.parent / "t"), recover):
+    try:
+        use(path)
+        print("done")
+    except LogError as error:
+        print(error)
+# the resource usage of a process also counts what its parent took before it was started
+status = Path("/proc/self/status").read_text().splitlines()
+print(next(float(line.split()[1]) / 1e3 for line in status if line.startswith("VmHWM")))
+"""
+
+
+def peak_of_reading(path: Path) -> tuple[list[str], float]:
+    """What the readers print of a file, and the most memory that a process with all of them takes [MB]."""
+    done = subprocess.run([sys.executable, "-c", PEAK, str(path)], capture_output=True, text=True, check=True)
+    *lines, peak = done.stdout.splitlines()
+    return lines, float(peak)
+
+
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
+def test_a_small_log_does_not_unfold_without_bound(tmp_path: Path, compression: CompressionType) -> None:
+    """Gigabytes of zeros in a small file are refused before they are decompressed."""
+
+    def fill(plain: Writer) -> None:
+        schema = register_schema(plain, OWN_MOTION.message_class)
+        channels = [plain.register_channel(f"/follower/{name}", "protobuf", schema) for name in ("motion", "reception")]
+        for _ in range(30):
+            for channel in channels:
+                plain.add_message(channel, 0, bytes(8 << 20), 0)
+
+    path = plain_log(tmp_path / "a.mcap", fill, compression=compression, chunk_size=8 << 20)
+    lines, peak = peak_of_reading(path)
+    assert all(re.search(r"a\.mcap: damaged or cut off at byte \d+: .* would decompress to", x) for x in lines[:3])
+    assert peak < 500
+    assert not (tmp_path / "t").exists()
+
+
+def hostile(path: Path, record: bytes, *, size: int, count: int, compress: Any) -> Path:
+    """A file of `size` bytes: as many chunks as fit of `count` records."""
+
+    def fill(plain: Writer) -> None:
+        plain.register_channel("/follower/motion", "protobuf", register_schema(plain, OWN_MOTION.message_class))
+        plain.register_channel("/follower/reception", "protobuf", register_schema(plain, RECEPTION.message_class))
+
+    many, chunk = count * record, RecordBuilder()
+    Chunk("zstd", compress(many), 0, 0, zlib.crc32(many), len(many)).write(chunk)
+    chunks = chunk.end()
+    chunks *= max(1, size // len(chunks))
+    bare = {"enable_crcs": False, "use_chunking": False, "repeat_channels": False, "repeat_schemas": False}
+    data = plain_log(
+        path, fill, **bare, use_statistics=False, use_summary_offsets=False, index_types=IndexType.NONE
+    ).read_bytes()
+    # without a summary nothing in the file gives offsets of other records
+    end = len(data) - 8 - 29 - 13
+    path.write_bytes(data[:end] + chunks + data[end:])
+    return path
+
+
+EMPTY_MESSAGE = struct.pack("<BQHIQQ", Opcode.MESSAGE, 22, 1, 0, 0, 0)
+CHANNEL = struct.pack("<BQHHIBII", Opcode.CHANNEL, 17, 7, 0, 1, 97, 0, 0)
+
+
+@pytest.mark.parametrize(("record", "size"), [(EMPTY_MESSAGE, 1_000_000), (CHANNEL, 1)], ids=["messages", "channels"])
+def test_many_small_records_do_not_fill_the_memory(tmp_path: Path, record: bytes, size: int) -> None:
+    count = (23 << 20) // len(record)
+    path = hostile(tmp_path / "a.mcap", record, size=size, count=count, compress=zstandard.compress)
+    assert path.stat().st_size < 1_010_000
+    assert peak_of_reading(path)[1] < 500
+
+
+def test_a_chunk_that_lies_about_its_size_is_refused(tmp_path: Path) -> None:
+    """By its record, and by the frame of its compressor, which states a thousand gigabytes."""
+    path = hostile(tmp_path / "a.mcap", EMPTY_MESSAGE, size=1, count=1000, compress=zstandard.compress)
+    data = bytearray(path.read_bytes())
+    place = data.index(struct.pack("<Q", 31_000))
+    data[place : place + 8] = struct.pack("<Q", 30_999)
+    path.write_bytes(data)
+    with pytest.raises(LogError, match=r"the size of a chunk does not match"):
+        read_recording(path)
+
+    def frame(content: bytes) -> bytes:
+        header = struct.pack("<IBBQ", 0xFD2FB528, 0b1100_0000, 0x50, 10**12)
+        return header + struct.pack("<I", len(content[:900]) << 3 | 1)[:3] + content[:900]
+
+    path = hostile(tmp_path / "b.mcap", EMPTY_MESSAGE, size=1, count=1000, compress=frame)
+    lines, peak = peak_of_reading(path)
+    assert all("damaged or cut off at byte" in line for line in lines[:3])
+    assert peak < 500
 
 
 def test_topics_of_any_name_have_a_table_of_their_own(tmp_path: Path) -> None:

@@ -43,6 +43,7 @@ def vehicle(**changes: Any) -> Replayed:
         "estimates": estimates,
         "baseline": 2.0,
         "path": path,
+        "mean_error": 3.0,
     }
     return Replayed(**given | changes)  # type: ignore[arg-type]
 

@@ -19,7 +19,7 @@ from experiments.pages.style import INK, SERIES, Legend
 from experiments.studies.estimators import figures as estimators
 from experiments.study.file import built_in, study_of
 from sim.film import render
-from sim.film.render import Job
+from sim.film.frame_renderer import Job
 from sim.flight import Flight, excerpt, position_and_bearing_errors
 from sim.simulation import simulate_motion
 from tools.documents import architecture, drawing, physics, route_keeping, study_pictures
@@ -33,7 +33,7 @@ WIDE = 7.0
 STILLS = {
     "mission": ("T8", 420.0, "chase"),
     "swarm": ("swarm", 530.0, "top"),
-    "waves": ("following-sea", 200.0, "profile"),
+    "waves": ("following-sea", 200.0, "orbit"),
     "diving": ("diving", 75.0, "profile"),
 }
 """Name of the picture: built-in scenario, mission time [s], camera."""

@@ -1,7 +1,11 @@
-"""Drawings of the pitch study: one message to scale, the map around the leader, errors over pitch."""
+"""Drawings of the pitch study: one message to scale, the map around the leader, errors over pitch; and its film.
+
+The film shows the leader that pitches, rays in the colour of their errors, and two estimates.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -23,8 +27,12 @@ from experiments.study.plan import Plan
 from experiments.study.run import Outcomes
 from laisn.arrays import Bools, Floats
 from laisn.settings import NavigationSettings
-from sim.flight import Flight, navigate
+from sim.film.film_data import Annotations, OtherEstimate, RayErrors
+from sim.film.frame_renderer import Job
+from sim.film.render import render
+from sim.flight import Flight, excerpt, navigate
 from sim.scenario.file import assigned, validate
+from sim.scenario.settings import Scenario, Video
 from sim.sensing.acoustics import TRANSMITTERS
 from sim.simulation import simulate_motion
 from sim.trajectory import Trajectory
@@ -36,7 +44,7 @@ ERROR_LEVELS_M = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 ERROR_COLOURS = ("#e8f1f8", "#c3dcee", "#8fbfdf", "#f3d19a", "#ea9a5c", "#d1602f", "#8e2a12")
 """Blue below half a metre, orange to brown above; the last for 4 m and more."""
 EXAMPLE, ROUTE, OFFSET_M = "waves-1m-following-2m", "T6", 10.0
-"""Mission of the range error budget: close by on the quarter and far below, where pitch does much and
+"""Mission of the film and of the range error budget: close by on the quarter and far below, where pitch does much and
 is easy to see."""
 EVERYTHING: Mapping[str, float] = {
     "acoustics.travel_time": True, "acoustics.ping_slot_s": 0.1, "acoustics.sound_speed_bias_m_s": 3.0,
@@ -193,6 +201,11 @@ def over_offset(missions: Missions) -> list[Panel]:
     ]
 
 
+_BEFORE_S, _AFTER_S = 40.0, 20.0
+VIDEO = Video(camera="profile", speed_up=4.0, frame_rate_hz=24)
+_AWARE_COLOUR = (0.30, 1.0, 0.60)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Example:
     """A flight with the paper's acoustics, and the range errors of the same motion with every cause at work."""
@@ -201,6 +214,8 @@ class Example:
     """Of the condition."""
     command: str
     flight: Flight
+    aware: Scenario
+    """With the broadcast attitude of an AHRS."""
     budget: RangeErrorBudget
     step: int
     """Recorded point of a message with a large pitch at a short range."""
@@ -210,16 +225,57 @@ def fly_example(plan: Plan) -> Example:
     """Simulate the example of a plan of the study, and take its range errors apart."""
     points = [i for i, p in enumerate(plan.points) if (p["case"], p["offset_m"]) == (EXAMPLE, OFFSET_M)]
     settings = plan.by_place[points[0], f"{REAL} laisn-2", 0].settings_at(0)
-    one, everything = (validate(assigned(table_of(ROUTE), {**settings, **more}), EXAMPLE) for more in ({}, EVERYTHING))
+    changes: tuple[Mapping[str, Any], ...] = ({}, EVERYTHING, plan.study.arm(f"{AHRS} laisn-2").settings)
+    one, everything, aware = (validate(assigned(table_of(ROUTE), {**settings, **more}), EXAMPLE) for more in changes)
     trajectory = simulate_motion(one)
     flight = navigate(one, trajectory)
     away = trajectory.position[:, 1, :2] - trajectory.position[:, 0, :2]
     pings = flight.measurements[0].message_step * flight.stride
     step = int(pings[np.argmax(np.abs(trajectory.pitch[pings, 0]) / np.hypot(*away[pings].T))])
     return Example(
-        title=plan.study.title("case", EXAMPLE), command=fly_line(ROUTE, settings, 0), flight=flight,
+        title=plan.study.title("case", EXAMPLE), command=fly_line(ROUTE, settings, 0), flight=flight, aware=aware,
         budget=range_error_budget(navigate(everything, trajectory)), step=step,
     )  # fmt: skip
+
+
+def pitch_errors(flight: Flight) -> Floats:
+    """What pitch and roll of the leader alone add to the horizontal ranges of each message, shape (m, 3), [m]."""
+    budget = range_error_budget(flight)
+    received = flight.measurements[0].message_step
+    errors = np.full((received.size, 3), np.nan)
+    at = np.searchsorted(flight.trajectory.time[received * flight.stride], budget.time)
+    errors[at] = budget.share[..., Cause.FORESHORTENING] + budget.share[..., Cause.LEVER_ARM]
+    return errors
+
+
+def scene(example: Example) -> tuple[Flight, Annotations]:
+    """What the film shows: the stretch about the message of the example, and an estimate by the broadcast pitch."""
+    level, time = example.flight, example.flight.trajectory.time
+    # truth and all other noise are the same: random numbers belong to their sensor
+    aware = navigate(example.aware, level.trajectory)
+    message = float(time[example.step])
+    start, end = max(float(time[0]), message - _BEFORE_S), min(float(time[-1]), message + _AFTER_S)
+    shown = excerpt(level, start, end)
+    shown = replace(shown, scenario=level.scenario.model_copy(update={"name": EXAMPLE}))
+    received = time[level.measurements[0].message_step * level.stride]
+    errors = pitch_errors(level)[(received > shown.trajectory.time[0]) & (received <= shown.trajectory.time[-1])]
+    largest = float(np.nanmax(np.abs(errors), initial=1e-3))
+    digit = 10.0 ** np.floor(np.log10(largest))
+    position = excerpt(aware, start, end).estimates[0].state[:, :2]
+    return shown, Annotations(
+        caption=f"The leader pitches: estimates of a follower {OFFSET_M:g} m below",
+        label="level leader assumed",
+        others=(OtherEstimate(label="leader's pitch broadcast", colour=_AWARE_COLOUR, position=position),),
+        rays=RayErrors(label="range error from pitch", value=errors, limit=float(np.ceil(largest / digit) * digit)),
+    )
+
+
+def film(values: Mapping[str, Any], folder: Path, video: Video = VIDEO) -> Path:
+    """Render the film of the example among the page's values as `film.mp4`; RendererDiedError if that fails."""
+    flight, added = scene(values["example"])
+    path = folder / "film.mp4"
+    render(Job(flight=flight, video=video, annotations=added), path)
+    return path
 
 
 def of_message(example: Example) -> dict[str, Any]:
@@ -312,4 +368,4 @@ def values(found: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
         "map": {name: column.astype(np.float32) for name, column in chart.items()},
     }
     shown = of_message(fly_example(plan)) | of_map(chart) | of_missions(paired(rows), curves, titles)
-    return shown | {"tables": tables}
+    return shown | {"tables": tables, "film": []}

@@ -1,0 +1,72 @@
+"""Smooth edges without multisampling; compiled code stands apart, with no import but of `laisn`."""
+
+import numpy as np
+
+from laisn.arrays import Bytes
+from laisn.compiled import compiled, inlined
+
+_CONTRAST = 20
+"""Smallest difference of brightness, of 255, that counts as an edge: hulls against water do, sand and sheen do not."""
+_EDGE_PX = 16
+"""How far along an edge its ends are looked for, at most."""
+
+
+@inlined
+def _brightness(picture: Bytes, row: int, column: int) -> float:
+    return (2 * int(picture[row, column, 0]) + 5 * int(picture[row, column, 1]) + int(picture[row, column, 2])) / 8.0
+
+
+@compiled
+def _end(source: Bytes, row: int, column: int, along: tuple[int, int], over: tuple[int, int], mean: float, limit: float
+         ) -> tuple[int, float]:  # fmt: skip
+    """Steps to where an edge ends, and by how much the brightness astride of it then differs from `mean`."""
+    height, width = source.shape[0], source.shape[1]
+    difference = 0.0
+    for n in range(1, _EDGE_PX + 1):
+        i, j = row + n * along[0], column + n * along[1]
+        if not (0 <= i < height and 0 <= j < width):
+            return n, 0.0
+        here, there = _brightness(source, i, j), _brightness(source, i + over[0], j + over[1])
+        difference = (here + there) / 2.0 - mean
+        if abs(difference) >= limit:
+            return n, difference
+    return _EDGE_PX, difference
+
+
+@compiled
+def smooth(source: Bytes, target: Bytes, left: int, top: int, width: int, height: int) -> None:
+    """Write the smoothed edges of a part of a picture, in the manner of FXAA 3 (T. Lottes, NVIDIA, 2011).
+
+    On a processor four samples a pixel cost as much again as the whole frame, this a hundredth. `target` is another
+    array with the picture of `source`, shape (rows, columns, 3).
+    """
+    rows, columns = source.shape[0], source.shape[1]
+    for i in range(max(top, 1), min(top + height, rows - 1)):
+        for j in range(max(left, 1), min(left + width, columns - 1)):
+            m = _brightness(source, i, j)
+            n, s = _brightness(source, i - 1, j), _brightness(source, i + 1, j)
+            w, e = _brightness(source, i, j - 1), _brightness(source, i, j + 1)
+            if max(m, n, s, w, e) - min(m, n, s, w, e) < _CONTRAST:
+                continue
+            nw, ne = _brightness(source, i - 1, j - 1), _brightness(source, i - 1, j + 1)
+            sw, se = _brightness(source, i + 1, j - 1), _brightness(source, i + 1, j + 1)
+            level = abs(nw + sw - 2 * w) + 2 * abs(n + s - 2 * m) + abs(ne + se - 2 * e)
+            upright = abs(nw + ne - 2 * n) + 2 * abs(w + e - 2 * m) + abs(sw + se - 2 * s)
+            before, after = (n, s) if level >= upright else (w, e)
+            # the edge runs between this pixel and that of its two neighbours which differs more
+            side = -1 if abs(before - m) >= abs(after - m) else 1
+            beyond = before if side < 0 else after
+            over = (side, 0) if level >= upright else (0, side)
+            mean, limit = (m + beyond) / 2.0, abs(beyond - m) / 4.0
+            along = (0, 1) if level >= upright else (1, 0)
+            back = (-along[0], -along[1])
+            first, at_first = _end(source, i, j, back, over, mean, limit)
+            last, at_last = _end(source, i, j, along, over, mean, limit)
+            nearest, there = (first, at_first) if first < last else (last, at_last)
+            # towards the nearer end the other side takes over, or this side does, which then is left as it is
+            if (there < 0) == (m < mean):
+                continue
+            share = 0.5 - nearest / (first + last)
+            for channel in range(3):
+                own, other = float(source[i, j, channel]), float(source[i + over[0], j + over[1], channel])
+                target[i, j, channel] = np.uint8((1 - share) * own + share * other + 0.5)
