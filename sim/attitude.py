@@ -1,9 +1,7 @@
 """Attitude from quaternions (w, x, y, z), body (forward, port, up) to world (east, north, up), vectors, and the map.
 
-3-vectors and 3×3 matrices are tuples: compiled, they live in registers and cost no memory.
-
-`scipy.spatial.transform.Rotation` computes the same; tests compare both. It is not called here, since on
-arrays as long as a flight it takes two to seven times as long, and importing it delays every command by 0.4 s.
+3-vectors and 3×3 matrices are tuples, which compiled code keeps in registers. `scipy.spatial.transform.Rotation`, with
+which tests compare, takes two to seven times as long on a flight's arrays, and 0.4 s to import.
 """
 
 import math
@@ -154,41 +152,34 @@ def roll_of(w: float, x: float, y: float, z: float) -> float:
 
 
 @compiled
-def _angles(rows: Floats, which: int) -> Floats:
-    """Heading (0), pitch (1) or roll (2) of attitudes of shape (n, 4).
-
-    One attitude and many of them get the same bits, which NumPy's own functions of arrays do not promise.
-    """
-    found = np.empty(rows.shape[0])
+def _angles(rows: Floats, angles: Floats) -> None:
+    """Heading, pitch and roll of attitudes, shape (n, 4): the same bits for one as for many, unlike NumPy's."""
     for k in range(rows.shape[0]):
         w, x, y, z = rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3]
-        if which == 0:
-            found[k] = heading_of(w, x, y, z)
-        elif which == 1:
-            found[k] = pitch_of(w, x, y, z)
-        else:
-            found[k] = roll_of(w, x, y, z)
-    return found
+        angles[0, k], angles[1, k], angles[2, k] = heading_of(w, x, y, z), pitch_of(w, x, y, z), roll_of(w, x, y, z)
 
 
-def _angle(quaternion: Floats, which: int) -> Floats:
+def heading_pitch_roll(quaternion: Floats) -> Floats:
+    """Compass heading in [0, 2π), pitch (nose up) and roll (starboard down), shape (3, …), [rad]."""
     rows = np.ascontiguousarray(quaternion, dtype=np.float64).reshape(-1, 4)
-    return _angles(rows, which).reshape(quaternion.shape[:-1])
+    angles = np.empty((3, len(rows)))
+    _angles(rows, angles)
+    return angles.reshape(3, *quaternion.shape[:-1])
 
 
 def heading(quaternion: Floats) -> Floats:
     """Compass heading in [0, 2π), shape (…,), [rad]."""
-    return _angle(quaternion, 0)
+    return heading_pitch_roll(quaternion)[0]
 
 
 def pitch(quaternion: Floats) -> Floats:
     """Pitch, positive nose up, shape (…,), [rad]."""
-    return _angle(quaternion, 1)
+    return heading_pitch_roll(quaternion)[1]
 
 
 def roll(quaternion: Floats) -> Floats:
     """Roll, positive starboard down, shape (…,), [rad]."""
-    return _angle(quaternion, 2)
+    return heading_pitch_roll(quaternion)[2]
 
 
 @elementwise

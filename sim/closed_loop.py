@@ -38,8 +38,8 @@ from sim.scenario.formation import Proximity
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.scenario.vehicles import Follower
 from sim.sensing.acoustics import Motion, site_at
-from sim.sensing.errors import follow_tilt
-from sim.sensing.instant import (
+from sim.sensing.noise import STREAMS, normals
+from sim.sensing.observation import (
     NO_MESSAGE,
     RECEIVED,
     SIGHTING,
@@ -52,10 +52,9 @@ from sim.sensing.instant import (
     read_instruments,
     receive,
     sensor_model_of,
+    start_of,
 )
-from sim.sensing.noise import STREAMS, normals
-from sim.sensing.observation import start_of
-from sim.sensing.sensors import FollowerState, OwnSensor, own_sensors
+from sim.sensing.sensors import FollowerState, OwnSensor, follow_tilt, own_sensors
 from sim.simulation import TICK, RouteControl, simulate_motion, standing, steer_along_route
 from sim.tracking import stations_of
 from sim.trajectory import Trajectory, Truth, speed_through_water

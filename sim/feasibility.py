@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from functools import lru_cache, partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -16,24 +15,20 @@ from sim.control.autopilot import design, top_speed
 from sim.control.stability import least_radius, require_stable, steady_turn
 from sim.log.schema import Clock
 from sim.scenario.formation import LEAST_APART_M, LEAST_LAYER_M
-from sim.scenario.point_motion import SPEED_MIN, TURN_RATE, plan
+from sim.scenario.point_motion import TURN_RATE, plan
 from sim.scenario.routes import START_SPEED, Route
 from sim.scenario.settings import CONTROL_STEP_S, Follower, Scenario, Vehicle, Video
 from sim.sensing.sensors import own_sensors
-from sim.tracking import HULL_RADIUS_M, crossings
+from sim.tracking import HULL_RADIUS_M, closest_stations
 from sim.vehicle.effectors import FIN, LEAST_WAY
 from sim.vehicle.mjcf import VehicleSetup, spec_of, transmitter_places
 from sim.vehicle.own_hull import hull_errors
 from sim.vehicle.plant import Plant
 from sim.water import Ocean
 
-MOST_INSTANTS = 2_000_000
-"""Most instants times vehicles: two vehicles for a day. A million takes 1.1 GB of memory and 0.45 GB of log."""
-MOST_PHYSICS_STEPS = 200_000_000  # most physics steps times vehicles, about an hour on one core
-MOST_PIXELS = 120_000_000_000
-"""Most pixels of a film: 72 minutes at 1280 × 720 and 30 Hz, which is a day and a half at 30 times its pace."""
-
-_LARGE_SHIFT_M = 1.0  # a diving leader that shifts stations by more than this is worth a warning [m]
+MOST_INSTANTS = 2_000_000  # instants times vehicles: two vehicles for a day; a million takes 1.1 GB of memory
+MOST_PHYSICS_STEPS = 200_000_000  # physics steps times vehicles, about an hour on one core
+MOST_PIXELS = 120_000_000_000  # of a film: 72 minutes at 1280 × 720 and 30 Hz
 
 
 def film_errors(duration_s: float, video: Video) -> list[str]:
@@ -105,28 +100,22 @@ _OF_HULL = (
     "depth_control", "cg_offset_x_m", "cg_offset_z_m", "drag_scale", "added_mass_scale", "lift_scale", "thrust_scale",
 )  # fmt: skip
 """Keys of a vehicle, beside its model, on which its stability depends."""
-_USUAL_STEP_S = 0.02
-"""In physics steps up to this one the project's own hulls are stable at all speeds of scenarios [s]."""
+_USUAL_STEP_S = 0.02  # in physics steps up to this one the project's own hulls are stable at all speeds [s]
 
 
-Hull = tuple[str, float, float, tuple[Any, ...]]
-"""Model of a vehicle, physics step [s], density of the water [kg/m³] and values of `_OF_HULL`."""
-
-
-def _hull(scenario: Scenario, vehicle: Vehicle) -> Hull:
+def _hull(scenario: Scenario, vehicle: Vehicle) -> tuple[Vehicle, float, float]:
+    """What the stability of a vehicle depends on: its hull, the physics step [s] and the density of the water."""
     model = vehicle.model or ("follower" if isinstance(vehicle, Follower) else "leader")
-    values = tuple(getattr(vehicle, key) for key in _OF_HULL)
-    return model, scenario.timing.physics_step_s, scenario.ocean.density_kg_m3, values
+    hull = Vehicle.model_construct(model=model, **{key: getattr(vehicle, key) for key in _OF_HULL})
+    return hull, scenario.timing.physics_step_s, scenario.ocean.density_kg_m3
 
 
 @lru_cache(maxsize=8)
-def _plant(hull: Hull) -> tuple[Any, Any]:
+def _plant(hull: Vehicle, dt: float, density: float) -> tuple[Any, Any]:
     """A vehicle alone in calm water, as a plant named "hull", and its autopilot."""
-    model, dt, density, values = hull
-    settings = Vehicle.model_construct(**dict(zip(_OF_HULL, values, strict=True)))
-    setup = VehicleSetup(name="hull", model=model, position_m=(0.0, 0.0, -10.0), settings=settings)
+    setup = VehicleSetup(name="hull", model=str(hull.model), position_m=(0.0, 0.0, -10.0), settings=hull)
     plant = Plant([setup], Ocean(density_kg_m3=density), dt)
-    return plant, design(plant, (settings.depth_control,))
+    return plant, design(plant, (hull.depth_control,))
 
 
 def _speed_errors(scenario: Scenario, vehicle: Vehicle, design: Any) -> list[str]:
@@ -149,13 +138,9 @@ def _speed_errors(scenario: Scenario, vehicle: Vehicle, design: Any) -> list[str
 
 
 @lru_cache(maxsize=1024)
-def _stability_error(hull: Hull, fastest: float, orbital: float) -> str:
-    """What `require_stable` reports; "": nothing. A study has many scenarios with the same hulls and speeds."""
-    try:
-        require_stable(*_plant(hull), fastest, orbital)
-    except LaisnError as error:
-        return str(error)
-    return ""
+def _stability_errors(hull: tuple[Vehicle, float, float], fastest: float, orbital: float) -> list[str]:
+    """What `require_stable` reports; a study has many scenarios with the same hulls and speeds."""
+    return _errors_of(lambda: require_stable(*_plant(*hull), fastest, orbital), "hull")
 
 
 def _control_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:
@@ -164,18 +149,14 @@ def _control_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]
     own, waves = vehicle.model is not None, scenario.ocean.waves
     if not own and (scenario.motion == "kinematic" or (usual and scenario.timing.physics_step_s <= _USUAL_STEP_S)):
         return []
-    try:
-        hull = _hull(scenario, vehicle)
-        lines = _speed_errors(scenario, vehicle, _plant(hull)[1][0]) if own else []
-        if not lines:
-            orbital = 0.0 if waves.kind == "none" else np.pi * waves.height_m / waves.period_s
-            text = _stability_error(hull, _speeds(scenario, vehicle)[1], float(orbital))
-            lines = [text.removeprefix("hull: ")] if text else []
-    except LaisnError as error:
-        lines = [str(error).removeprefix("hull: ")]
-    except np.linalg.LinAlgError:
-        lines = ["its mass and added mass have no inverse"]
-    return [f"{key}{'.model' if own else ''}: {line}" for line in lines]
+    hull = _hull(scenario, vehicle)
+    lines = _errors_of(partial(_plant, *hull), "hull")
+    if own and not lines:
+        lines = _speed_errors(scenario, vehicle, _plant(*hull)[1][0])
+    if not lines:
+        orbital = 0.0 if waves.kind == "none" else np.pi * waves.height_m / waves.period_s
+        lines = _stability_errors(hull, _speeds(scenario, vehicle)[1], float(orbital))
+    return [f"{key}{'.model' if own else ''}: {line.removeprefix('hull: ')}" for line in lines]
 
 
 def _leader_too_fast(scenario: Scenario) -> list[str]:
@@ -212,35 +193,15 @@ def _start_overlap(scenario: Scenario) -> list[str]:
 
 
 def _station_conflict(scenario: Scenario) -> list[str]:
-    """Stations of one layer that meet where the leader turns, of followers that cannot give way."""
-    layers = sorted(f.layer_m for f in scenario.followers if f.station)
-    alone = all(b - a >= LEAST_LAYER_M for a, b in pairwise(sorted([*layers, scenario.leader.layer_m])))
-    if not layers or alone:
+    """Stations of one layer that meet where the leader turns, of followers without a sensor to give way by."""
+    near = None if scenario.formation.proximity else closest_stations(scenario)
+    if near is None or near.distance_m >= LEAST_APART_M:
         return []
-    near = scenario.formation.proximity
-    met = [one for one in crossings(scenario, near.range_m if near else 0.0) if one.apart_m < LEAST_APART_M]
-    if not met:
-        return []
-    # the nearest; or the one with the least way to lose for what it takes
-    worst = min(met, key=lambda one: one.way_m_s - one.needed_m_s if near else one.apart_m)
-    names = ["the leader's place" if i < 0 else f"followers[{i}].station" for i in worst.pair]
-    text = (
-        f"{' and '.join(names)}, in one layer, come within {worst.apart_m:.2g} m of each other at {worst.time_s:g} s "
-        f"of the leader's route"
-    )
-    elsewhere = f"give them layers {LEAST_LAYER_M:g} m apart, other places"
-    if near is None:
-        text += f"; at least {LEAST_APART_M:g} m are needed: {elsewhere}, or formation.proximity to give way by"
-        return [text]
-    text += f" and close up at {worst.closing_m_s:.2g} m/s; "
-    reach = LEAST_APART_M + worst.braking_m
-    if worst.way_m_s < worst.needed_m_s:
-        text += f"to give way takes {worst.needed_m_s:.2g} m/s through the water, one of them has "
-        return [f"{text}{worst.way_m_s:.2g}: {elsewhere}, or another course in this current"]
-    if near.range_m < reach:
-        text += f"to brake in time they have to sense each other {reach:.2g} m away, formation.proximity.range_m is "
-        return [f"{text}{near.range_m:g}: {elsewhere}, or a longer range"]
-    return []
+    return [
+        f"{' and '.join(near.pair)}, in one layer, come within {near.distance_m:.2g} m of each other at "
+        f"{near.time_s:g} s of the leader's route; at least {LEAST_APART_M:g} m are needed: give them layers "
+        f"{LEAST_LAYER_M:g} m apart, other places, or formation.proximity to give way by"
+    ]
 
 
 def transmitter_sites(scenario: Scenario) -> Floats:
@@ -264,26 +225,11 @@ def _transmitters_off_axis(scenario: Scenario) -> list[str]:
     ]
 
 
-def _shift_in_dives(scenario: Scenario, route: Route) -> float:
-    """How far a leader that dives shifts stations at most, whose followers assume it level [m].
-
-    At pitch θ the difference of the ranges to its ends is that of a place Δz sin θ farther along its axis, where Δz is
-    the difference of depths.
-    """
-    time = np.arange(0.0, scenario.duration_s + 1.0)
-    depth = route.depth.depth_at(time)
-    leg = np.clip(np.searchsorted(route.time, time[:-1], side="right") - 1, 0, route.leg_speed.size - 1)
-    sinking = np.abs(np.diff(depth))
-    sine = sinking / np.hypot(sinking, np.maximum(route.leg_speed[leg], SPEED_MIN))
-    layers = np.array([follower.station.depth_m for follower in scenario.followers if follower.station])
-    return float((sine[:, None] * np.abs(layers - depth[1:, None])).max())
-
-
 def _wide_turns(scenario: Scenario, vehicle: Vehicle) -> list[str]:
     """A hull that turns more slowly than routes are planned."""
     if vehicle.model is None:
         return []
-    plant, designs = _plant(_hull(scenario, vehicle))
+    plant, designs = _plant(*_hull(scenario, vehicle))
     route = route_of(vehicle, "") if vehicle.route or vehicle.waypoints else route_of(scenario.leader, "")
     radius = least_radius(plant, 0, designs[0])
     if radius == 0.0:
@@ -299,7 +245,7 @@ def _wide_turns(scenario: Scenario, vehicle: Vehicle) -> list[str]:
 
 def cautions(scenario: Scenario) -> list[str]:
     """What a flyable scenario has that its navigators or followers cannot cope with, a line each."""
-    found, variant, leader = [], scenario.navigation.variant, scenario.leader
+    found, variant = [], scenario.navigation.variant
     spec, settings = find(variant), scenario.navigation.settings()
     stations = any(follower.station for follower in scenario.followers)
     if scenario.motion == "physics" and scenario.ocean.moves and "current" not in settings.estimated:
@@ -309,33 +255,11 @@ def cautions(scenario: Scenario) -> list[str]:
     if stations and not spec.near_bound:
         better = ", ".join(repr(name) for name, one in NAVIGATORS.items() if one.near_bound)
         found.append(f"stations are kept by navigator {variant!r}, with errors of metres; {better} keeps them better")
-    if stations:
-        route = route_of(leader, "leader")
-        rest = float(np.diff(route.time)[route.leg_length == 0].sum())
-        if rest:
-            way = rest * scenario.formation.min_along_track_speed_m_s
-            found.append(f"the leader stops for {rest:g} s; followers on stations go on, by about {way:.3g} m")
-        shift = 0.0 if scenario.navigation.use_attitude else _shift_in_dives(scenario, route)
-        if shift > _LARGE_SHIFT_M:
-            found.append(
-                f"the leader dives and followers do not use its pitch, which shifts stations by up to {shift:.3g} m; "
-                "leader.broadcast_attitude and navigation.use_attitude prevent that"
-            )
     turning: dict[str, list[str]] = {}
     for key, vehicle in scenario.vehicles():
         for text in _wide_turns(scenario, vehicle):
             turning.setdefault(text, []).append(key)
     found += [f"{' … '.join(dict.fromkeys((keys[0], keys[-1])))}.model: {text}" for text, keys in turning.items()]
-    if leader.model is not None:
-        own = scenario.model_copy(
-            update={"leader": leader.model_copy(update={"baseline_m": None, "middle_offset_m": None})}
-        )
-        for key, axis, rows in (("baseline_m", 0, [0, 1]), ("middle_offset_m", 1, [2])):
-            there, hull = (transmitter_sites(one)[rows, axis] for one in (scenario, own))
-            if not np.allclose(there, hull, rtol=0.0, atol=1e-9):
-                now, own_place = (", ".join(f"{value:.3g}" for value in place) for place in (there, hull))
-                moved = "tx_rear and tx_front to x" if axis == 0 else "tx_middle to y"
-                found.append(f"leader.{key} moves {moved} = {now} m; the hull has {own_place} m")
     return found
 
 

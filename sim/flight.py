@@ -16,8 +16,8 @@ from laisn.settings import Settings
 from sim.assembly import on_axis
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.acoustics import TRANSMITTERS
-from sim.sensing.errors import errors_of
 from sim.sensing.observation import measure, observe, start_of
+from sim.sensing.sensors import errors_of
 from sim.trajectory import Trajectory
 
 SLIP_M_SQRT_S = 0.007

@@ -23,7 +23,7 @@ from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.tracking import contacts, first_touch
-from sim.trajectory import Trajectory, Truth
+from sim.trajectory import OF_VEHICLES, Trajectory, Truth
 from sim.vehicle.effectors import THRUSTER
 from sim.vehicle.plant import FINE, Fault, Plant, PlantError, advance
 from sim.water import Water, water_velocity
@@ -134,31 +134,14 @@ def _simulate(
     return last, (FINE, -1)
 
 
-def _trajectory(plant: Plant, arrays: list[Floats], instants: int) -> Trajectory:
-    """What is recorded of the first instants, which are two or more.
-
-    Takes the arrays of a `Truth` out of their list one by one, so that a long mission is not held twice.
-    """
-
-    def taken(*columns: slice) -> list[Floats]:
-        whole = arrays.pop(0)[:instants]
-        parts = [whole[..., some].copy() for some in columns]
-        for part in parts:
-            part.flags.writeable = False
-        return parts
-
-    position, quaternion = taken(slice(3), slice(3, None))
-    velocity, angular_velocity = taken(slice(3), slice(3, None))
-    water, thrust = taken(slice(None)) + taken(slice(None))
+def _trajectory(plant: Plant, truth: Truth, instants: int) -> Trajectory:
+    """What is recorded of the first instants, which are two or more; the arrays are no longer written to."""
+    for array in truth:
+        array.flags.writeable = False
     return Trajectory(
         names=plant.names,
         time=np.arange(instants, dtype=np.float64) * TICK,
-        position=position,
-        quaternion=quaternion,
-        velocity=velocity,
-        angular_velocity=angular_velocity,
-        water_velocity=water,
-        thrust=thrust,
+        **dict(zip(OF_VEHICLES, (array[:instants] for array in truth), strict=True)),
         site_names=plant.site_names,
         site_vehicle=plant.site_vehicle.copy(),
         site_offset=plant.site_offset.copy(),
@@ -172,7 +155,7 @@ def standing(plant: Plant) -> Trajectory:
     truth = Truth.empty(2, *plant.thrust.shape)
     for k in range(2):
         record_state(k, plant.state, plant.ocean.water, truth)
-    return _trajectory(plant, list(truth), 2)
+    return _trajectory(plant, truth, 2)
 
 
 def simulate(
@@ -227,18 +210,15 @@ def simulate(
         except PlantError as error:
             if k < 1:
                 raise
-            raise DivergedError(str(error), _trajectory(plant, list(truth), k + 1)) from error
+            raise DivergedError(str(error), _trajectory(plant, truth, k + 1)) from error
         new = truth.pose[first : last + 1]
         end = None if ending is None else ending(new[..., :3], new[..., 3:])
         if end is not None:
-            return _trajectory(plant, list(truth), max(first + end, 1) + 1)
+            return _trajectory(plant, truth, max(first + end, 1) + 1)
         if progress is not None and last < ticks:
             progress(last // _PROGRESS_TICKS * _PROGRESS_TICKS * TICK)
         first = last + 1
-    arrays = list(truth)
-    # nothing else may hold them
-    del truth, new, wanted, along, controller
-    return _trajectory(plant, arrays, ticks + 1)
+    return _trajectory(plant, truth, ticks + 1)
 
 
 class ContactError(EndedError):
@@ -254,23 +234,17 @@ def simulate_points(
     """
     time: Floats = np.arange(round(duration / CONTROL_STEP_S) + 1, dtype=np.float64) * CONTROL_STEP_S
     n, v = time.size, len(routes)
-    position, velocity = np.empty((n, v, 3)), np.empty((n, v, 3))
-    heading, turn_rate = np.empty((n, v)), np.empty((n, v))
+    pose, twist = np.empty((n, v, 7)), np.zeros((n, v, 6))
     for i, route in enumerate(routes):
-        motion = plan(route).at(time)
-        depth, sinking = route.depth.at(time)
-        position[:, i] = np.column_stack([motion.east, motion.north, -depth])
+        motion, (depth, sinking) = plan(route).at(time), route.depth.at(time)
+        pose[:, i] = np.column_stack([motion.east, motion.north, -depth, attitude.from_euler(motion.course)])
         level = motion.speed * np.array([np.sin(motion.course), np.cos(motion.course)])
-        velocity[:, i] = np.column_stack([*level, -sinking])
-        heading[:, i], turn_rate[:, i] = motion.course, motion.turn_rate
-    zero = np.zeros((n, v))
+        twist[:, i, :3], twist[:, i, 5] = np.column_stack([*level, -sinking]), -motion.turn_rate
     return Trajectory(
         names=names,
         time=time,
-        position=position,
-        quaternion=attitude.from_euler(heading),
-        velocity=velocity,
-        angular_velocity=np.stack([zero, zero, -turn_rate], axis=-1),
+        pose=pose,
+        twist=twist,
         water_velocity=np.zeros((n, v, 3)),
         thrust=np.zeros((n, v, 0)),
         effector_force=np.zeros((v, 0, 3)),

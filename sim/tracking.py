@@ -5,9 +5,10 @@ and damping that would make the outcome of a collision credible. Contact is dete
 
 Where the leader turns by 90°, stations that are as far ahead of each other as they are aside meet: each follows the
 trail at its own distance, and takes up the new direction only after it. Before a flight, stations are therefore
-followed along the leader's plan (`crossings`).
+followed along the leader's plan (`closest_stations`).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -19,7 +20,7 @@ from sim import attitude
 from sim.assembly import route_of, routes_of
 from sim.control.station import FRAME_STATE, STATION, TRAIL, extend, station_at, turn_frame
 from sim.scenario.formation import LEAST_LAYER_M, Formation
-from sim.scenario.point_motion import ACCELERATION, plan
+from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
@@ -250,22 +251,27 @@ class Approach(NamedTuple):
     time_s: float
 
 
-def _nearest(trajectory: Trajectory, axes: int, pairs: Bools | None = None) -> Approach | None:
-    """The pair that came nearest in space (3) or horizontally (2), of all or of some, shape (v, v); None: of none."""
-    found, names = None, trajectory.names
-    for i, j in zip(*np.tril_indices(len(names), -1), strict=True):
+def _nearest(names: Sequence[str], time: Floats, places: Floats, pairs: Bools | None = None) -> Approach | None:
+    """The pair that came nearest at places of shape (n, v, 2 or 3), of all or of some, shape (v, v); None: of none."""
+    found = None
+    for i, j in np.argwhere(np.tri(len(names), k=-1)).tolist():
         if pairs is None or pairs[i, j]:
-            between = trajectory.position[:, i, :axes] - trajectory.position[:, j, :axes]
+            between = places[:, i] - places[:, j]
             distance = np.sqrt(sum(part * part for part in between.T))
             k = int(distance.argmin())
             if found is None or distance[k] < found.distance_m:
-                found = Approach(float(distance[k]), (names[j], names[i]), float(trajectory.time[k]))
+                found = Approach(float(distance[k]), (names[j], names[i]), float(time[k]))
     return found
+
+
+def _in_one_layer(depth: Floats) -> Bools:
+    return np.abs(depth[:, None] - depth) < LEAST_LAYER_M
 
 
 def closest_approaches(trajectory: Trajectory) -> tuple[Approach, Approach]:
     """The pair that came nearest in space, and the one that came nearest horizontally, whatever their depths."""
-    space, level = _nearest(trajectory, 3), _nearest(trajectory, 2)
+    names, time, position = trajectory.names, trajectory.time, trajectory.position
+    space, level = _nearest(names, time, position), _nearest(names, time, position[..., :2])
     assert space is not None and level is not None  # noqa: PT018
     return space, level
 
@@ -273,65 +279,26 @@ def closest_approaches(trajectory: Trajectory) -> tuple[Approach, Approach]:
 def closest_in_a_layer(scenario: Scenario, trajectory: Trajectory) -> Approach | None:
     """The pair of one layer that came nearest horizontally; None if no layer has two vehicles."""
     depths = np.array([vehicle.layer_m for vehicle in (scenario.leader, *scenario.followers)])
-    return _nearest(trajectory, 2, np.abs(depths[:, None] - depths) < LEAST_LAYER_M)
+    return _nearest(trajectory.names, trajectory.time, trajectory.position[..., :2], _in_one_layer(depths))
 
 
 _STEP_S = 0.5  # stations are followed in steps of this time; they move by half a metre in it [s]
 
 
-class Crossing(NamedTuple):
-    """Two stations of one layer where they are nearest to each other on the leader's route, and what giving way takes.
-
-    Who gives way loses way through the water, and keeps steerage way: in a following current little is left to lose.
-    """
-
-    pair: tuple[int, int]  # numbers of their followers from 0 on; −1 is the leader
-    apart_m: float
-    time_s: float
-    closing_m_s: float  # fastest at which the stations come nearer to each other once their followers sense each other
-    way_m_s: float
-    """Speed through the water of the slower of two vehicles when they begin to detect and avoid each other."""
-    needed_m_s: float  # what it takes: its share of the closing, and steerage way besides
-    braking_m: float  # distance that they come nearer in until they have lost what they close up at
-
-
-def crossings(scenario: Scenario, reach_m: float = 0.0) -> list[Crossing]:
-    """All pairs of stations of one layer, the leader's place included, followed along the leader's plan.
-
-    `reach_m` is the distance at which followers sense each other.
-    """
-    kept = [(i, f.station) for i, f in enumerate(scenario.followers) if f.station]
-    numbers = [i for i, _ in kept] + [-1]
-    places = np.array([[s.behind_m, s.port_m, s.depth_m] for _, s in kept] + [[0.0, 0.0, scenario.leader.layer_m]])
-    pairs = np.argwhere(np.tril(np.abs(places[:, None, 2] - places[:, 2]) < LEAST_LAYER_M, -1))
-    if not pairs.size:
-        return []
+def closest_stations(scenario: Scenario) -> Approach | None:
+    """The stations of one layer, the leader's place included, that come nearest along its plan; None: none do."""
+    kept = [(f"followers[{i}].station", f.station) for i, f in enumerate(scenario.followers) if f.station]
+    places = np.array([(0.0, 0.0, scenario.leader.layer_m), *((s.behind_m, s.port_m, s.depth_m) for _, s in kept)])
+    pairs = _in_one_layer(places[:, 2])
+    if np.count_nonzero(pairs) == len(places):
+        return None
     time = np.arange(0.0, scenario.duration_s + _STEP_S, _STEP_S)
     leader = plan(route_of(scenario.leader, "leader")).at(time)
-    drift = np.broadcast_to(scenario.ocean.current_at(places[:, 2], time[:, None]), (time.size, len(places), 2))
-    over_ground = leader.speed * np.array([np.sin(leader.course), np.cos(leader.course)])
-    through, way = np.hypot(*(over_ground - drift[:, -1].T)), np.column_stack([leader.east, leader.north])
+    drift = np.broadcast_to(scenario.ocean.current_at(scenario.leader.layer_m, time), (time.size, 2))
+    through = np.hypot(*(leader.speed * np.array([np.sin(leader.course), np.cos(leader.course)]) - drift.T))
     stations = records(STATION, len(places))
     stations.behind, stations.port, stations.depth = places.T
+    way = np.column_stack([leader.east, leader.north])
     placed = stations_along(way, through, leader.course, stations, scenario.formation, _STEP_S)
-    way, found = np.stack([placed.east, placed.north], axis=-1), []
-    for i, j in pairs:
-        apart = np.hypot(*(way[:, i] - way[:, j]).T)
-        nearest = int(apart.argmin())
-        sensed = int(np.flatnonzero(apart[:nearest] >= reach_m)[-1:].sum())
-        closing = -float(np.diff(apart[sensed : nearest + 1], prepend=apart[sensed]).min()) / _STEP_S
-        # the leader does not give way
-        able = [n for n in (i, j) if numbers[n] >= 0]
-        step = (way[sensed + 1] - way[sensed]) / _STEP_S - drift[sensed]
-        found.append(
-            Crossing(
-                (numbers[j], numbers[i]),
-                float(apart[nearest]),
-                float(time[nearest]),
-                closing,
-                way_m_s=min(float(np.hypot(*step[n])) for n in able),
-                needed_m_s=closing / len(able) + scenario.formation.min_along_track_speed_m_s,
-                braking_m=closing**2 / (2.0 * len(able) * ACCELERATION),
-            )
-        )
-    return found
+    names = ["the leader's place", *(key for key, _ in kept)]
+    return _nearest(names, time, np.stack([placed.east, placed.north], axis=-1), pairs)

@@ -46,7 +46,7 @@ def speed_through_water(pose: Any, twist: Any, water: Any) -> Any:
 
 
 @elementwise
-def pose_between(u: Any, dt: float, pose: tuple[Any, Any], velocity: tuple[Any, Any]) -> Any:
+def pose_between(u: Any, dt: float, pose: Any, velocity: Any) -> Any:
     """Pose between two instants: position by cubic Hermite, attitude by spherical interpolation; numbers or arrays.
 
     `u`, 0 … 1, is how far between them, `dt` the time from one to the other [s]; `pose` and `velocity` of the body's
@@ -69,10 +69,8 @@ def pose_between(u: Any, dt: float, pose: tuple[Any, Any], velocity: tuple[Any, 
     )
 
 
-_BLOCK = 1 << 16
-"""Instants that are computed at a time, so that intermediate values of a long mission take little memory."""
-OF_VEHICLES = ("position", "quaternion", "velocity", "angular_velocity", "water_velocity", "thrust")
-"""Arrays of shape (n, v, …)."""
+_BLOCK = 1 << 16  # instants that are computed at a time, so that intermediate values take little memory
+OF_VEHICLES = ("pose", "twist", "water_velocity", "thrust")  # arrays of shape (n, v, …)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -84,10 +82,8 @@ class Trajectory(ArrayRecord):
 
     names: tuple[str, ...]  # vehicle names, the leader first, shape (v,)
     time: Floats  # time of each instant, shape (n,), uniform, [s]
-    position: Floats  # body origins in the world, shape (n, v, 3), [m]
-    quaternion: Floats  # attitude as a quaternion from body to world, (w, x, y, z), shape (n, v, 4)
-    velocity: Floats  # velocity of the body origins in the world, shape (n, v, 3), [m/s]
-    angular_velocity: Floats  # angular velocity in the body frame, shape (n, v, 3), [rad/s]
+    pose: Floats  # body origins in the world [m], and quaternions from body to world (w, x, y, z), shape (n, v, 7)
+    twist: Floats  # velocities in the world [m/s] and angular velocities in the body frame [rad/s], shape (n, v, 6)
     water_velocity: Floats  # velocity of the water at the body origins in the world, shape (n, v, 3), [m/s]
     thrust: Floats
     """State of the effectors, shape (n, v, m): thrust [N], of a propeller [1/s], of a fin [rad].
@@ -105,7 +101,7 @@ class Trajectory(ArrayRecord):
     def __post_init__(self) -> None:
         n, v, s = self.time.size, len(self.names), len(self.site_names)
         m = self.thrust.shape[2]
-        expected = {name: (n, v, size) for name, size in zip(OF_VEHICLES, (3, 4, 3, 3, 3, m), strict=True)}
+        expected = {name: (n, v, size) for name, size in zip(OF_VEHICLES, (7, 6, 3, m), strict=True)}
         others = {"time": (n,), "effector_force": (v, m, 3), "site_vehicle": (s,), "site_offset": (s, 3)}
         require_shapes(self, expected | others)
         own_arrays(self)
@@ -123,6 +119,26 @@ class Trajectory(ArrayRecord):
         if name not in self.site_names:
             raise ValueError(f"unknown site {name!r}; available: {', '.join(self.site_names)}")
         return self.site_names.index(name)
+
+    @property
+    def position(self) -> Floats:
+        """Body origins in the world, shape (n, v, 3), [m]."""
+        return self.pose[..., :3]
+
+    @property
+    def quaternion(self) -> Floats:
+        """Attitude from body to world, (w, x, y, z), shape (n, v, 4)."""
+        return self.pose[..., 3:]
+
+    @property
+    def velocity(self) -> Floats:
+        """Velocity of the body origins in the world, shape (n, v, 3), [m/s]."""
+        return self.twist[..., :3]
+
+    @property
+    def angular_velocity(self) -> Floats:
+        """Angular velocity in the body frame, shape (n, v, 3), [rad/s]."""
+        return self.twist[..., 3:]
 
     @cached_property
     def heading(self) -> Floats:
@@ -150,21 +166,15 @@ class Trajectory(ArrayRecord):
         speed = np.empty(self.position.shape[:2])
         for first in range(0, len(speed), _BLOCK):
             some = slice(first, first + _BLOCK)
-            pose = np.concatenate([self.position[some], self.quaternion[some]], axis=2)
-            parts = (np.moveaxis(values, 2, 0) for values in (pose, self.velocity[some], self.water_velocity[some]))
-            speed[some] = speed_through_water(*parts)
+            arrays = self.pose[some], self.twist[some], self.water_velocity[some]
+            speed[some] = speed_through_water(*(np.moveaxis(array, 2, 0) for array in arrays))
         return speed
 
     def body(self, vehicle: int, index: Ints | slice) -> Body:
         """Motion of one vehicle at instants; views of the arrays if the index is a slice."""
-        return Body(
-            pose=(*self.position[index, vehicle].T, *self.quaternion[index, vehicle].T),
-            twist=(*self.velocity[index, vehicle].T, *self.angular_velocity[index, vehicle].T),
-            water=tuple(self.water_velocity[index, vehicle].T),
-            heading=self.heading[index, vehicle],
-            pitch=attitude.pitch(self.quaternion[index, vehicle]),
-            roll=attitude.roll(self.quaternion[index, vehicle]),
-        )
+        _, pitch, roll = attitude.heading_pitch_roll(self.quaternion[index, vehicle])
+        arrays = self.pose, self.twist, self.water_velocity
+        return Body(*(array[index, vehicle].T for array in arrays), self.heading[index, vehicle], pitch, roll)
 
     @property
     def site_position(self) -> Floats:
@@ -178,8 +188,7 @@ class Trajectory(ArrayRecord):
         for first in range(0, len(path), _BLOCK):
             some = slice(first, first + _BLOCK)
             at = some if index is None else index[some]
-            pose = (*self.position[at, v].T, *self.quaternion[at, v].T)
-            path[some] = np.column_stack(attitude.carried(pose, self.site_offset[s]))
+            path[some] = np.column_stack(attitude.carried(self.pose[at, v].T, self.site_offset[s]))
         return path
 
     def only(self, vehicles: Sequence[int], sites: Collection[str]) -> Self:
@@ -214,16 +223,15 @@ class Trajectory(ArrayRecord):
             raise ValueError(f"time {instants.min():g} … {instants.max():g} s lies outside {start:g} … {end:g} s")
         place = np.clip((instants - start) / self.dt, 0.0, self.time.size - 1)
         i = np.minimum(place.astype(np.int64), self.time.size - 2)
-        ends = [(np.concatenate([self.position[j], self.quaternion[j]], axis=2), self.velocity[j]) for j in (i, i + 1)]
-        pose, velocity = (tuple(np.moveaxis(end, 2, 0) for end in pair) for pair in zip(*ends, strict=True))
-        found = pose_between((place - i)[:, None], self.dt, pose, velocity)
-        return np.stack(found[:3], axis=-1), np.stack(found[3:], axis=-1)
+        ends = [[np.moveaxis(array[j], 2, 0) for j in (i, i + 1)] for array in (self.pose, self.twist)]
+        found = np.stack(pose_between((place - i)[:, None], self.dt, *ends), axis=-1)
+        return found[..., :3], found[..., 3:]
 
     def site_at(self, name: str, time: npt.ArrayLike) -> Floats:
         """One site between grid points, shape (m, 3), [m]; `time` as in `at`."""
         s = self.site(name)
-        pose = [*(part[:, self.site_vehicle[s]].T for part in self.at(time))]
-        return np.column_stack(attitude.carried((*pose[0], *pose[1]), self.site_offset[s]))
+        pose = np.concatenate(self.at(time), axis=2)[:, self.site_vehicle[s]]
+        return np.column_stack(attitude.carried(pose.T, self.site_offset[s]))
 
     @property
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
@@ -244,9 +252,9 @@ def tilted(trajectory: Trajectory, pitch: npt.ArrayLike, roll: npt.ArrayLike = 0
 
     Track, depth and heading stay; the leader's sites sit where that attitude puts them.
     """
-    quaternion = trajectory.quaternion.copy()
-    quaternion[:, 0] = attitude.from_euler(trajectory.heading[:, 0], pitch, roll)
-    return replace(trajectory, quaternion=quaternion)
+    pose = trajectory.pose.copy()
+    pose[:, 0, 3:] = attitude.from_euler(trajectory.heading[:, 0], pitch, roll)
+    return replace(trajectory, pose=pose)
 
 
 def leveled(trajectory: Trajectory) -> Trajectory:

@@ -16,7 +16,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Floats, own_arrays, require_shapes
+from laisn.arrays import Floats, own_arrays
 from laisn.compiled import compiled, inlined
 from laisn.elementary import exp, sin_cos
 from laisn.failure import LaisnError
@@ -42,10 +42,7 @@ def wavenumber(omega: npt.ArrayLike, depth_m: float) -> Floats:
 
 @dataclass(frozen=True, kw_only=True)
 class Waves:
-    """Components η = Σ a cos(k·x − ω t + φ), ω being what someone drifting with the current sees.
-
-    Raises ValueError if the shapes disagree.
-    """
+    """Components η = Σ a cos(k·x − ω t + φ), ω being what someone drifting with the current sees."""
 
     amplitude_m: Floats  # amplitudes a, shape (n,)
     wavenumber_1_m: Floats  # wave numbers east and north, towards where the wave runs, shape (n, 2)
@@ -53,9 +50,6 @@ class Waves:
     phase_rad: Floats  # phases φ, shape (n,)
 
     def __post_init__(self) -> None:
-        n = self.amplitude_m.size
-        shapes = {"amplitude_m": (n,), "wavenumber_1_m": (n, 2), "omega_rad_s": (n,), "phase_rad": (n,)}
-        require_shapes(self, shapes)
         own_arrays(self)
 
     @classmethod
@@ -219,11 +213,6 @@ class Ocean:
         """Amplitude, kx, ky, ω, ω at a fixed place and phase of the waves, units as in `water`, shape (n, 6)."""
         return self.water[1][: PHASE + 1].T
 
-    def elevation(self, x: npt.ArrayLike, y: npt.ArrayLike, time: float) -> Floats:
-        """Height of the surface above z = 0; x and y broadcast to the shape of the answer, [m], [s]."""
-        x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
-        return _elevations(x.ravel(), y.ravel(), time, self.water).reshape(x.shape)
-
     def velocity(self, position: Floats, time: float) -> Floats:
         """Velocity of the water in the world at points of shape (n, 3), [m]; the answer likewise, [m/s]."""
         out = np.empty_like(position)
@@ -288,26 +277,6 @@ def _orbits(waves: Floats, x: float, y: float, below: float, time: float) -> Flo
         out[2, i] = upward * cos
         out[3, i] = upward * sin
     return out
-
-
-@compiled
-def velocity_at(position: Vector, time: float, water: Water) -> Vector:
-    """Velocity of the water at a point, in the world; [m], [s], [m/s]."""
-    x, y, z = position
-    current, waves, change = water
-    ux, uy, uz = current[0] + current[2] * z, current[1] + current[3] * z, 0.0
-    if change.shape[0] > 0:
-        vx, vy, _, _, run_x, run_y = change_at(time, change)
-        ux, uy, x, y = ux + vx, uy + vy, x - run_x, y - run_y
-    below = max(min(z, 0.0), -current[4])
-    if waves.shape[1] == 0:
-        return ux, uy, uz
-    orbits = _orbits(waves, x, y, below, time)
-    for i in range(waves.shape[1]):
-        ux += orbits[0, i] * waves[EAST, i]
-        uy += orbits[0, i] * waves[NORTH, i]
-        uz += orbits[3, i]
-    return ux, uy, uz
 
 
 @inlined
@@ -400,15 +369,5 @@ def _flow_in_waves(
 def water_velocity(position: Floats, time: float, water: Water, out: Floats) -> None:
     """Write the velocity of the water at points of shape (n, 3) to `out`, likewise."""
     for i in range(position.shape[0]):
-        point = (position[i, 0], position[i, 1], position[i, 2])
-        u = velocity_at(point, time, water)
-        for j in range(3):
-            out[i, j] = u[j]
-
-
-@compiled
-def _elevations(x: Floats, y: Floats, time: float, water: Water) -> Floats:
-    out = np.empty(x.size)
-    for i in range(x.size):
-        out[i] = elevation_at(x[i], y[i], time, water)
-    return out
+        place = position[i, 0], position[i, 1], position[i, 2]
+        out[i, 0], out[i, 1], out[i, 2] = flow(place, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), time, water)[0]

@@ -53,10 +53,8 @@ def make_trajectory(
     return Trajectory(
         names=("leader", "follower"),
         time=time,
-        position=start + time[:, None, None] * velocity,
-        quaternion=np.broadcast_to(turned, (n, v, 4)).copy(),
-        velocity=np.broadcast_to(velocity, (n, v, 3)).copy(),
-        angular_velocity=np.zeros((n, v, 3)),
+        pose=np.concatenate([start + time[:, None, None] * velocity, np.broadcast_to(turned, (n, v, 4))], axis=2),
+        twist=np.broadcast_to(np.hstack([velocity, np.zeros((v, 3))]), (n, v, 6)).copy(),
         water_velocity=np.zeros((n, v, 3)),
         thrust=np.zeros((n, v, 0)),
         effector_force=np.zeros((v, 0, 3)),

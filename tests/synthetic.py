@@ -87,10 +87,8 @@ def make_trajectory(scenario: Scenario) -> Trajectory:
     return Trajectory(
         names=names,
         time=time,
-        position=position,
-        quaternion=attitude.from_euler(np.pi / 2 - angle, pitch, roll),
-        velocity=velocity,
-        angular_velocity=turning,
+        pose=np.concatenate([position, attitude.from_euler(np.pi / 2 - angle, pitch, roll)], axis=2),
+        twist=np.concatenate([velocity, turning], axis=2),
         water_velocity=np.broadcast_to([0.10, -0.05, 0.0], position.shape).copy(),
         thrust=thrust,
         effector_names=(EFFECTORS,) * len(names),
@@ -99,6 +97,15 @@ def make_trajectory(scenario: Scenario) -> Trajectory:
         site_vehicle=np.array([v for _, v, _ in sites]),
         site_offset=np.array([offset for _, _, offset in sites]),
     )
+
+
+def moved(trajectory: Trajectory, **parts: Any) -> Trajectory:
+    """The trajectory with other positions, quaternions, velocities, angular velocities or other fields."""
+    pose, twist = (
+        np.concatenate([parts.pop(name, getattr(trajectory, name)) for name in names], axis=2)
+        for names in (("position", "quaternion"), ("velocity", "angular_velocity"))
+    )
+    return dataclasses.replace(trajectory, pose=pose, twist=twist, **parts)
 
 
 def make_measurements(scenario: Scenario, trajectory: Trajectory, follower: int) -> Measurements:

@@ -155,12 +155,7 @@ def test_commands_are_a_function_of_readings_and_estimates() -> None:
         {"name": "mixed", "duration_s": 5.0, "followers": followers, "formation": {"proximity": near}}, "test"
     )
     flown, loop = simulate_closed_loop(scenario)
-    truth = Truth(
-        np.concatenate([flown.position, flown.quaternion], axis=2),
-        np.concatenate([flown.velocity, flown.angular_velocity], axis=2),
-        flown.water_velocity.copy(),
-        flown.thrust.copy(),
-    )
+    truth = Truth(*(array.copy() for array in (flown.pose, flown.twist, flown.water_velocity, flown.thrust)))
     other = deepcopy(truth)
     for array in other:
         array[50, 1:] += np.linspace(0.1, 0.7, array[50, 1:].size).reshape(array[50, 1:].shape)

@@ -8,9 +8,8 @@ import pytest
 from sim import feasibility
 from sim.closed_loop import simulate_closed_loop
 from sim.scenario.file import validate
-from sim.scenario.formation import LEAST_APART_M
 from sim.scenario.settings import Scenario
-from sim.tracking import Crossing, closest_in_a_layer, crossings
+from sim.tracking import closest_in_a_layer, closest_stations
 
 LEFT = {"waypoints": [[0, 0, 0], [60, 60, 0], [200, 60, 140]]}
 STRAIGHT = {"waypoints": [[0, 0, 0], [200, 200, 0]]}
@@ -21,10 +20,6 @@ def mission(*places: tuple[float, float, float], leader: object = LEFT, **format
     followers = [{"station": {"behind_m": s, "port_m": y, "depth_m": d}} for s, y, d in places]
     table = {"name": "s", "duration_s": 150.0, "leader": leader, "followers": followers, "formation": formation}
     return validate(table, "test")
-
-
-def nearest_stations(scenario: Scenario) -> Crossing | None:
-    return min(crossings(scenario), key=lambda one: one.apart_m, default=None)
 
 
 @pytest.mark.parametrize(
@@ -40,23 +35,23 @@ def test_after_a_right_angle_stations_stand_where_the_way_behind_and_aside_put_t
     other: tuple[float, float], apart: float
 ) -> None:
     """One stands 10 m behind and 5 m to port; on the second leg they are Δy − Δs apart along it, and no way aside."""
-    found = nearest_stations(mission((10.0, 5.0, 12.0), (*other, 12.0), **STIFF))
+    found = closest_stations(mission((10.0, 5.0, 12.0), (*other, 12.0), **STIFF))
     assert found is not None
-    assert found.apart_m == pytest.approx(apart, abs=0.02)
-    assert found.pair == (0, 1)
+    assert found.distance_m == pytest.approx(apart, abs=0.02)
+    assert found.pair == ("followers[0].station", "followers[1].station")
     if apart < 5.0:
         # the second one has gone round the corner by then
         assert 60.0 + 15.0 < found.time_s < 60.0 + 30.0
 
 
 def test_on_a_straight_way_they_keep_their_distance() -> None:
-    found = nearest_stations(mission((10.0, 5.0, 12.0), (20.0, 15.0, 12.5), (12.0, 5.0, 13.5), leader=STRAIGHT))
+    found = closest_stations(mission((10.0, 5.0, 12.0), (20.0, 15.0, 12.5), (12.0, 5.0, 13.5), leader=STRAIGHT))
     assert found is not None
-    assert found.apart_m == pytest.approx(np.hypot(10.0, 10.0), abs=1e-6)
+    assert found.distance_m == pytest.approx(np.hypot(10.0, 10.0), abs=1e-6)
 
 
 def test_layers_of_their_own_need_no_distance() -> None:
-    assert nearest_stations(mission((10.0, 5.0, 12.0), (20.0, 15.0, 13.0))) is None
+    assert closest_stations(mission((10.0, 5.0, 12.0), (20.0, 15.0, 13.0))) is None
 
 
 def test_the_leader_is_in_a_layer_too() -> None:
@@ -66,9 +61,10 @@ def test_the_leader_is_in_a_layer_too() -> None:
     """
     radius = 1.0 / np.deg2rad(10.0)
     apart = np.sqrt(2.0) * (radius + 0.5 * (10.0 - 0.5 * np.pi * radius))
-    found = nearest_stations(mission((10.0, 0.0, 8.5)))
+    found = closest_stations(mission((10.0, 0.0, 8.5)))
     assert found is not None
-    assert (found.pair, found.apart_m) == ((0, -1), pytest.approx(apart, abs=0.1))
+    assert found.pair == ("the leader's place", "followers[0].station")
+    assert found.distance_m == pytest.approx(apart, abs=0.1)
 
 
 @pytest.mark.parametrize("count", [2, 5, 12])
@@ -76,9 +72,9 @@ def test_wings_of_a_v_do_not_meet_in_a_right_angle(count: int) -> None:
     """Twice as far aside as behind, a wing's neighbours at 10 m are 10 (2 − 1) / √5 m apart on the second leg."""
     shape = {"kind": "v", "count": count, "layer_m": 0.0}
     formation = {"shape": shape, **STIFF}
-    found = nearest_stations(validate({"name": "s", "duration_s": 180.0, "leader": LEFT, "formation": formation}, "t"))
+    found = closest_stations(validate({"name": "s", "duration_s": 180.0, "leader": LEFT, "formation": formation}, "t"))
     assert found is not None
-    assert found.apart_m == pytest.approx(10.0 / np.sqrt(5.0) if count > 2 else 2 * 10 * 2 / np.sqrt(5.0), abs=0.02)
+    assert found.distance_m == pytest.approx(10.0 / np.sqrt(5.0) if count > 2 else 2 * 10 * 2 / np.sqrt(5.0), abs=0.02)
 
 
 def scenario_of(table: dict[str, Any]) -> Scenario:
@@ -92,51 +88,8 @@ def test_stations_that_meet_in_the_turn_are_refused_unless_followers_give_way() 
     with pytest.raises(ValueError, match=r"followers\[\d+\].station and followers\[\d+\].station, in one layer"):
         scenario_of({"formation": {"shape": GRID}})
     scenario_of({"formation": {"shape": GRID, "proximity": {"range_m": 6.0}}})
-    with pytest.raises(ValueError, match=r"sense each other 5\.\d m away, formation.proximity.range_m is 5: give"):
-        scenario_of({"formation": {"shape": GRID, "proximity": {}}})
     scenario_of({"formation": {"shape": GRID | {"layer_m": 1.0, "layers": 4}}})
     scenario_of({"formation": {"shape": GRID}, "leader": STRAIGHT})
-
-
-@pytest.mark.parametrize(
-    ("place", "depth", "share"),
-    [((50.0, 45.0), 12.0, 0.5), ((50.0, 45.0), 25.0, 0.5), ((40.0, 40.0), 8.0, 1.0)],
-)
-def test_who_gives_way_needs_its_share_of_the_closing_and_steerage_way(
-    place: tuple[float, float], depth: float, share: float
-) -> None:
-    """Of two that meet round a right angle at 1 m/s, one has yet to turn: they close up at √2 m/s, less the hundredth
-    that its rounded corner keeps them off the diagonal. The leader gives way to nobody. Before the corner the current
-    takes of their way what it has in their layer.
-    """
-    other = () if share == 1.0 else ((10.0, 5.0, depth),)
-    scenario = mission(*other, (*place, depth), **STIFF)
-    ocean = {"current_speed_m_s": 0.3, "current_direction_deg": 90.0, "current_shear_per_s": 0.005}
-    for current, way in ((None, 1.0), (ocean, 1.0 - (0.3 - 0.005 * depth))):
-        sea = scenario.ocean.model_copy(update=current or {})
-        (crossing,) = [
-            one for one in crossings(scenario.model_copy(update={"ocean": sea}), 40.0) if one.apart_m < LEAST_APART_M
-        ]
-        assert crossing.apart_m == pytest.approx(0.0, abs=0.02)
-        assert crossing.closing_m_s == pytest.approx(np.sqrt(2.0), abs=0.02)
-        assert crossing.needed_m_s == pytest.approx(share * np.sqrt(2.0) + 0.2, abs=0.02)
-        # both brake at 0.2 m/s², or one alone
-        assert crossing.braking_m == pytest.approx(share * 2.0 / (2.0 * 0.2), abs=0.1)
-        assert crossing.way_m_s == pytest.approx(way, abs=0.01)
-
-
-def test_stations_that_keep_apart_have_nothing_to_give_way_to() -> None:
-    (apart,) = crossings(mission((10.0, 5.0, 12.0), (20.0, 25.0, 12.0), **STIFF), 8.0)
-    assert apart.apart_m >= LEAST_APART_M
-    assert not crossings(mission((10.0, 5.0, 12.0), (20.0, 15.0, 13.0), **STIFF), 8.0)
-
-
-def test_followers_that_cannot_give_way_are_refused_in_a_following_current_alone() -> None:
-    formation = {"shape": GRID, "proximity": {"range_m": 8.0}}
-    for direction in (180.0, 270.0):
-        scenario_of({"formation": formation, "ocean": {"current_speed_m_s": 0.5, "current_direction_deg": direction}})
-    with pytest.raises(ValueError, match=r"close up at 1\.\d+ m/s; to give way takes 0\.9\d+ m/s .* has 0\.49:"):
-        scenario_of({"formation": formation, "ocean": {"current_speed_m_s": 0.5, "current_direction_deg": 90.0}})
 
 
 @pytest.mark.parametrize("ocean", [{}, {"current_speed_m_s": 0.5, "current_direction_deg": 180.0}])
@@ -144,11 +97,11 @@ def test_followers_that_the_plan_lets_give_way_keep_two_metres_apart(ocean: dict
     """With hardly more range than it takes to brake; without a sensor stations meet within a metre."""
     with_current = scenario_of({"formation": {"shape": GRID, "proximity": {"range_m": 6.0}}, "ocean": ocean})
     scenario = with_current.model_copy(update={"duration_s": 110.0})
-    planned, (flown, _) = nearest_stations(scenario), simulate_closed_loop(scenario)
+    planned, (flown, _) = closest_stations(scenario), simulate_closed_loop(scenario)
     nearest = closest_in_a_layer(scenario, flown)
     assert planned is not None
     assert nearest is not None
-    assert planned.apart_m < 1.0
+    assert planned.distance_m < 1.0
     assert 2.0 < nearest.distance_m < 6.0
 
 

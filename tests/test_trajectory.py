@@ -1,6 +1,5 @@
 """Trajectory: interpolation, sites, files."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from sim import attitude
 from sim.trajectory import Trajectory, tilted
+from tests import synthetic
 
 RADIUS, RATE = 20.0, 0.05
 
@@ -30,10 +30,8 @@ def trajectory() -> Trajectory:
     return Trajectory(
         names=("leader", "follower"),
         time=time,
-        position=np.stack([position, position + shift], axis=1),
-        quaternion=np.stack([quaternion, quaternion], axis=1),
-        velocity=np.stack([velocity, velocity], axis=1),
-        angular_velocity=np.zeros((n, 2, 3)),
+        pose=np.stack([np.hstack([place, quaternion]) for place in (position, position + shift)], axis=1),
+        twist=np.stack([np.hstack([velocity, np.zeros((n, 3))])] * 2, axis=1),
         water_velocity=np.zeros((n, 2, 3)),
         thrust=np.zeros((n, 2, 0)),
         effector_force=np.zeros((2, 0, 3)),
@@ -64,7 +62,7 @@ def test_sites_are_carried_by_the_hull(trajectory: Trajectory) -> None:
 def test_any_site_is_where_scipy_turns_it(trajectory: Trajectory) -> None:
     rng = np.random.default_rng(5)
     turns = Rotation.random(602, rng=rng)
-    moved = replace(
+    moved = synthetic.moved(
         trajectory,
         quaternion=turns.as_quat()[:, [3, 0, 1, 2]].reshape(301, 2, 4),
         site_names=("a", "b", "c", "d"),

@@ -16,7 +16,9 @@ from laisn.compiled import compiled_lanes, copy_values
 from laisn.failure import LaisnError
 from laisn.lane_passes import LANES
 from laisn.settings import Tuning
-from sim.sensing.errors import (
+from sim.sensing.noise import Stream, two_normals, two_units, uniform, words
+from sim.sensing.observation import MissionTruth, fluctuation_weights
+from sim.sensing.sensors import (
     SensorErrors,
     advanced,
     heading_reading,
@@ -27,10 +29,7 @@ from sim.sensing.errors import (
     plain_reading,
     range_readings,
     speed_reading,
-    weights,
 )
-from sim.sensing.noise import Stream, two_normals, two_units, uniform, words
-from sim.sensing.observation import MissionTruth
 
 # Rows of draws.
 _FIRST, _SECOND, _THIRD = 0, LANES, 2 * LANES
@@ -75,7 +74,7 @@ def sent_rows(truth: MissionTruth, errors: SensorErrors) -> Floats:
         [
             sent.east, sent.north, sent.heading, sent.speed, sent.depth, sent.pitch, sent.roll,
             truth.slant_range, *echoes,
-            weights(truth.emission_step, truth.dt, errors.leader_tilt_time),
+            fluctuation_weights(truth, errors),
         ]
     )  # fmt: skip
 

@@ -31,8 +31,8 @@ from laisn.navigators import MissionResult, NavigatorSpec, find, spec_of
 from laisn.settings import NavigationSettings, Settings
 from sim.flight import navigation_settings
 from sim.scenario.settings import Scenario
-from sim.sensing.errors import SensorErrors, errors_of
 from sim.sensing.observation import MissionTruth, measure
+from sim.sensing.sensors import SensorErrors, errors_of
 
 PERCENTILES = (50, 90, 95, 99)
 _NO_HISTORY = np.empty((0, 4 * LANES))

@@ -17,9 +17,8 @@ from laisn.messages import LeaderMessage
 from sim import attitude
 from sim.flight import Flight, navigation_settings
 from sim.sensing.acoustics import TRANSMITTERS, Path, propagate
-from sim.sensing.errors import errors_of
 from sim.sensing.noise import Address
-from sim.sensing.sensors import paths_taken
+from sim.sensing.sensors import errors_of, paths_taken
 from sim.trajectory import Trajectory
 
 

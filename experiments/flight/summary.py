@@ -13,7 +13,7 @@ from sim.assembly import routes_of
 from sim.flight import Flight
 from sim.log.writer import Event
 from sim.scenario.formation import LEAST_LAYER_M
-from sim.sensing.instant import sightings
+from sim.sensing.observation import sightings
 from sim.tracking import (
     closest_approaches,
     closest_in_a_layer,

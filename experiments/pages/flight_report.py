@@ -19,7 +19,7 @@ from laisn.messages import Ranges
 from laisn.metrics import longest_mirror_lock, nees
 from laisn.navigators import find
 from sim.flight import Flight
-from sim.sensing.instant import sightings
+from sim.sensing.observation import sightings
 from sim.tracking import closest_approaches, contacts, off_station, station_keeping
 
 _CAUSES = (Cause.RANDOM, Cause.LEVER_ARM, Cause.MOTION, Cause.DEPTH, Cause.FORESHORTENING, Cause.ECHO)

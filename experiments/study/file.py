@@ -264,7 +264,7 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
 
     `source` is for messages, `name` of the study if the table has none; files are named as seen from `folder`.
     """
-    table = plain_values(table, source)
+    table = plain_values(table)
     try:
         file = StudyFile.model_validate(table)
     except ValidationError as error:

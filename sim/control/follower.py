@@ -107,7 +107,7 @@ def approach(
 def away(p: Record, seen: Records, heading: float) -> tuple[float, float]:
     """Velocity away from all vehicles in sight, east and north, no more than the full speed [m/s].
 
-    `p` is the record of `[formation.proximity]`, `seen` of `sim.sensing.instant.SIGHTING`, shape (v,).
+    `p` is the record of `[formation.proximity]`, `seen` of `sim.sensing.observation.SIGHTING`, shape (v,).
     """
     east, north = 0.0, 0.0
     for j in range(seen.shape[0]):

@@ -15,7 +15,7 @@ from sim.log.contents import FLIGHT, SCENARIO, VEHICLES, Contents, LogError, Mes
 from sim.log.schema import DETAILS, MEASURED, PLACES, Clock, RecordType, estimated, vehicle_state
 from sim.scenario import file as scenario_file
 from sim.scenario.settings import CONTROL_STEP_S
-from sim.trajectory import OF_VEHICLES, Trajectory
+from sim.trajectory import Trajectory
 
 CORE = (vehicle_state(()), *MEASURED, *estimated(Estimates), *DETAILS.values())
 """Types of the channels that make up a flight."""
@@ -65,6 +65,10 @@ def _trajectory(log: Contents, grid_ns: Ints) -> Trajectory:
     for name, own in zip(table["names"], table["effector_names"] or [()] * len(force), strict=True):
         arrays = _record(log, name, [vehicle_state(tuple(own))], grid_ns)
         found.append(arrays | {"thrust": np.pad(arrays["thrust"], ((0, 0), (0, force.shape[1] - len(own))))})
+    state = {name: np.stack([arrays.pop(name) for arrays in found], axis=1) for name in ("water_velocity", "thrust")}
+    for name, parts in (("pose", ("position", "quaternion")), ("twist", ("velocity", "angular_velocity"))):
+        both = (np.concatenate([arrays.pop(part) for part in parts], axis=1) for arrays in found)
+        state[name] = np.stack([*both], axis=1)
     return Trajectory(
         names=tuple(table["names"]),
         time=found[0]["time"],
@@ -73,7 +77,7 @@ def _trajectory(log: Contents, grid_ns: Ints) -> Trajectory:
         site_offset=np.array(table["site_offset"]).reshape(-1, 3),
         effector_names=tuple(map(tuple, table["effector_names"])),
         effector_force=force,
-        **{attribute: np.stack([arrays[attribute] for arrays in found], axis=1) for attribute in OF_VEHICLES},
+        **state,
     )
 
 

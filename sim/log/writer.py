@@ -27,7 +27,7 @@ from sim.log.contents import FLIGHT, SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogE
 from sim.log.scene import ESTIMATE, TRUTH, draw_acoustics, draw_vehicles
 from sim.log.schema import Clock, RecordType, pose, quaternion, timestamp, vector
 from sim.scenario.settings import CONTROL_STEP_S
-from sim.trajectory import OF_VEHICLES, Trajectory
+from sim.trajectory import Trajectory
 
 _BLOCK_NS = 10 * 10**9
 """What was logged of this time is in the file before more is logged [ns]."""
@@ -138,11 +138,12 @@ def _transforms(topic: str, time_ns: Ints, parents: Iterable[str], children: Seq
 def _state(t: Trajectory, v: int, effectors: int) -> dict[str, Column]:
     """Columns of the true state of vehicle v."""
     computed: dict[str, Column] = {
-        "depth": lambda part: -t.position[part, v, 2],
+        "depth": lambda part: -t.pose[part, v, 2],
         "pitch": lambda part: attitude.pitch(t.quaternion[part, v]),
         "roll": lambda part: attitude.roll(t.quaternion[part, v]),
     }
-    kept = {name: getattr(t, name)[:, v] for name in (*OF_VEHICLES, "heading", "forward_speed")}
+    names = "position", "quaternion", "velocity", "angular_velocity", "water_velocity", "heading", "forward_speed"
+    kept = {name: getattr(t, name)[:, v] for name in names}
     return computed | kept | {"time": t.time, "thrust": t.thrust[:, v, :effectors]}
 
 

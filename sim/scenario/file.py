@@ -1,7 +1,6 @@
 """Scenario files: TOML in and out, overrides, and errors as lines that name key, expectation and value."""
 
 import difflib
-import json
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
@@ -9,6 +8,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import to_json, to_jsonable_python
 
 import models
 from laisn.failure import ROWS, LaisnError, plain, screenful, shortened
@@ -74,10 +74,7 @@ def lines_of(error: ValidationError) -> list[str]:
     return [*map(_line, errors[:ROWS]), *[""] * len(errors[ROWS:])]
 
 
-LARGEST_BYTES = 16_000_000
-"""Largest scenario file that is read [bytes]: four routes of the most points that a route may have."""
-_DEEPEST = 16  # most tables within tables; a scenario needs five
-_WIDEST_BITS = 1023  # most bits of an integer; larger ones have no float, and are costly to write down
+LARGEST_BYTES = 16_000_000  # of a scenario file: four routes of the most points that a route may have
 _MODEL_KEY = re.compile(r"(leader|followers\.(\d+|\*)|formation\.shape)\.model")
 _INDEX = re.compile("0|[1-9][0-9]{0,8}")  # an index of a list within a dotted key
 
@@ -86,30 +83,9 @@ class ScenarioError(LaisnError):
     """A scenario that is invalid or not feasible; the text names source, key, value and expectation of every error."""
 
 
-def _json_ready(value: object, depth: int = 0) -> object:
-    """A value with what JSON lacks as text, which validation refuses; RecursionError if it nests too deep."""
-    if depth > _DEEPEST:
-        raise RecursionError
-    if hasattr(value, "tolist"):
-        value = value.tolist()  # numbers and arrays of NumPy
-    if isinstance(value, Mapping):
-        return {str(key): _json_ready(item, depth + 1) for key, item in value.items()}
-    if isinstance(value, list | tuple | range):
-        return [_json_ready(item, depth + 1) for item in value]
-    if isinstance(value, int) and value.bit_length() > _WIDEST_BITS:
-        return f"an integer of {value.bit_length()} bits"
-    if isinstance(value, int | float) or value is None:
-        return value
-    # a lone surrogate, which JSON cannot hold, comes from a command line that is no UTF-8
-    return str(value).encode(errors="backslashreplace").decode()
-
-
-def plain_values(table: Any, source: str) -> Any:
-    """A copy of a table or value that JSON can hold; ScenarioError if it nests too deep."""
-    try:
-        return _json_ready(table)
-    except RecursionError:
-        raise ScenarioError(f"{source}: lists or tables nest more than {_DEEPEST} deep, a scenario's five") from None
+def plain_values(table: Any) -> Any:
+    """A copy of a table or value that JSON can hold: numbers and arrays of NumPy as Python's, other objects as text."""
+    return to_jsonable_python(table, fallback=lambda one: one.tolist() if hasattr(one, "tolist") else str(one))
 
 
 def is_model_key(key: str) -> bool:
@@ -141,7 +117,7 @@ def examined(
     All keys are validated first, then their consistency.
     """
     try:
-        scenario = Scenario.model_validate_json(json.dumps(table), context=KEYS_ALONE)
+        scenario = Scenario.model_validate_json(to_json(table), context=KEYS_ALONE)
     except ValidationError as error:
         return None, lines_of(error)
     return scenario, [f"  {text}" for text in (*scenario.inconsistencies(), *further(scenario))]
@@ -155,7 +131,7 @@ def validate(
     `source` is the name of the file, for messages; `further` lists more errors of a scenario whose keys are valid, as
     `sim.feasibility` does. ScenarioError with one line for every error, as many as a screen holds.
     """
-    scenario, lines = examined(plain_values(table, source), further)
+    scenario, lines = examined(plain_values(table), further)
     if lines or scenario is None:
         head = f"{source}: {len(lines)} error{'s' if len(lines) != 1 else ''}"
         raise ScenarioError("\n".join(screenful([head, *lines])))
@@ -165,12 +141,9 @@ def validate(
 def parse(text: str, source: str) -> dict[str, Any]:
     """The table in a TOML text, as JSON can hold it; ScenarioError names line and column of a syntax error."""
     try:
-        given = tomllib.loads(text)
-    except RecursionError:
-        raise ScenarioError(f"{source}: not valid TOML: lists or tables nest too deep") from None
+        return plain_values(tomllib.loads(text))  # type: ignore[no-any-return]
     except ValueError as error:
         raise ScenarioError(f"{source}: not valid TOML: {shortened(plain(error), 300)}") from error
-    return plain_values(given, source)  # type: ignore[no-any-return]
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -193,10 +166,7 @@ def value_of(text: str, source: str) -> Any:
 
 
 def _put(table: dict[str, Any], key: str, value: object) -> None:
-    """Put a value at a dotted key; ScenarioError if the key leads through something that is no table or list.
-
-    A list index has one form, 0 and not 00, so that equal keys are equal texts.
-    """
+    """Put a value at a dotted key; ScenarioError if the key leads through something that is no table or list."""
     place: Any = table
     *parents, last = (int(part) if _INDEX.fullmatch(part) else part for part in key.strip().split("."))
     try:
@@ -238,10 +208,10 @@ def assigned(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str,
 
     ScenarioError if a key leads through something that is no table or list.
     """
-    result: dict[str, Any] = plain_values(table, "scenario")
+    result: dict[str, Any] = plain_values(table)
     for key, value in settings.items():
         for one in _each_key(result, str(key)):
-            _put(result, one, plain_values(value, one))
+            _put(result, one, plain_values(value))
     return result
 
 

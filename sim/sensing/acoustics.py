@@ -18,7 +18,7 @@ All of this is the same in every run; random errors, echoes and losses come on t
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, NamedTuple, Self, cast
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -296,21 +296,9 @@ class Propagation:
         return np.asarray(self.arrival.length * self.arrival.ratio + self.arrival.clock_range)
 
 
-class _Joined:
-    """Arrays side by side along their last axis, joined at the requested elements."""
-
-    def __init__(self, *arrays: Floats) -> None:
-        self._arrays = arrays
-
-    def __getitem__(self, index: Any) -> Floats:
-        return np.concatenate([array[index] for array in self._arrays], axis=-1)
-
-
 def motion_of(t: Trajectory) -> Motion:
     """Motion of all vehicles."""
-    pose, twist = _Joined(t.position, t.quaternion), _Joined(t.velocity, t.angular_velocity)
-    truth = Truth(cast(Any, pose), cast(Any, twist), t.water_velocity, t.thrust)
-    return Motion(truth, float(t.time[0]), t.time.size - 1)
+    return Motion(Truth(t.pose, t.twist, t.water_velocity, t.thrust), float(t.time[0]), t.time.size - 1)
 
 
 def propagate(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Propagation:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -28,8 +28,7 @@ class VehicleSetup:
     """What is changed of the MJCF: trim, true over nominal coefficients, places of a leader's transmitters."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Vehicle:
+class Vehicle(NamedTuple):
     """A vehicle of a compiled model: the ids of its parts."""
 
     name: str
@@ -122,18 +121,9 @@ def _edited(setup: VehicleSetup, looks: bool) -> mujoco.MjSpec:
 
 
 def resolve(model: Any, name: str) -> Vehicle:
-    """Ids of the vehicle `name`; LaisnError if the model has no such vehicle or it has no actuator."""
+    """Ids of the vehicle `name`."""
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"{name}/hull")
     names = [model.actuator(i).name.partition("/") for i in range(model.nu)]
     actuators = tuple(i for i, (vehicle, _, _) in enumerate(names) if vehicle == name)
-    if body < 0 or not actuators:
-        missing = [f"the body {name}/hull"] * (body < 0) + [f"an actuator of {name}"] * (not actuators)
-        raise LaisnError(f"the model lacks {' and '.join(missing)}")
-    joint = model.body_jntadr[body]
-    return Vehicle(
-        name=name,
-        body=body,
-        qpos=int(model.jnt_qposadr[joint]),
-        actuators=actuators,
-        effectors=tuple(names[i][2] for i in actuators if not names[i][2].startswith(_UNUSED)),
-    )
+    effectors = tuple(names[i][2] for i in actuators if not names[i][2].startswith(_UNUSED))
+    return Vehicle(name, body, int(model.jnt_qposadr[model.body_jntadr[body]]), actuators, effectors)

@@ -35,32 +35,17 @@ STAGES = ("mj_kinematics", "mj_comPos", "mj_makeM", "mj_fwdVelocity", "mj_factor
 Calls = tuple[tuple[int, int, int, int, int, int], int, int]  # addresses of STAGES, of the model and of the data
 
 
-class UnavailableError(LaisnError):
-    """Compiled code cannot call MuJoCo here; the message gives the reason."""
-
-
 @cache
 def library() -> ctypes.CDLL:
-    """The shared library behind the Python package; UnavailableError if it is not there or not the release expected."""
+    """The shared library behind the Python package; LaisnError if compiled calls were not tried with its release."""
     if mujoco.__version__ != TRIED:
-        raise UnavailableError(f"MuJoCo is {mujoco.__version__}, compiled steps were tried with {TRIED} alone")
-    folder = Path(mujoco.__file__).parent
-    names = (f"libmujoco.so.{TRIED}", f"libmujoco.{TRIED}.dylib", "mujoco.dll")
-    found = [folder / name for name in names if (folder / name).is_file()]
-    if not found:
-        raise UnavailableError(f"{folder} holds none of {', '.join(names)}")
-    try:
-        loaded = ctypes.CDLL(str(found[0]))
-    except OSError as error:
-        raise UnavailableError(f"{found[0]} cannot be loaded: {error}") from error
-    return loaded
+        raise LaisnError(f"MuJoCo is {mujoco.__version__}, compiled steps were tried with {TRIED} alone")
+    names = f"libmujoco.so.{TRIED}", f"libmujoco.{TRIED}.dylib", "mujoco.dll"
+    return ctypes.CDLL(str(next(path for path in Path(mujoco.__file__).parent.iterdir() if path.name in names)))
 
 
 def find(model: Any, data: Any) -> Calls:
-    """Addresses with which compiled code steps an MjModel and its MjData; they hold as long as these live.
-
-    UnavailableError: this release of MuJoCo was not tried, or its library is missing.
-    """
+    """Addresses with which compiled code steps an MjModel and its MjData; they hold as long as these live."""
     shared = library()
     stages = (cast(int, ctypes.cast(getattr(shared, name), ctypes.c_void_p).value) for name in STAGES)
     return cast(Calls, (tuple(stages), int(model._address), int(data._address)))
@@ -197,31 +182,24 @@ class Plant:
     """Owns the compiled model and its state, and steps it to second order.
 
     Attributes:
-        setups: as given.
         names: of the vehicles, shape (v,).
-        pose: position [m] and quaternion (w, x, y, z), shape (v, 7); a view that follows the state.
-        twist: velocity of the origin in the world [m/s] and angular velocity in the body [rad/s], shape (v, 6); a view.
-        effectors: records of `sim.vehicle.effectors.EFFECTOR` in the order of the MJCF, shape (v, m), read-only; m is
-            the largest number of any vehicle, and records beyond a vehicle's own are zero.
-        fixed_fins: likewise, of `sim.vehicle.effectors.read_fixed`, shape (v, q).
-        true_coefficients: records of `sim.vehicle.coefficients.RECORD` with the setups' scales, shape (v,), read-only.
-        true_effectors: effectors and fixed fins with the setups' scales, shape (v, m + q), read-only.
-        effector_names: names of each vehicle's own.
+        pose: position [m] and quaternion (w, x, y, z), shape (v, 7); a view that follows the state, as the next two.
+        twist: velocity of the origin in the world [m/s] and angular velocity in the body [rad/s], shape (v, 6).
         thrust: states of the effectors, shape (v, m): thrust [N], revolutions per second, deflection [rad], or what a
-            thruster's curve is of; a view.
-        state: pose, twist and thrust, for compiled code that reads them.
+            thruster's curve is of; m is the largest number of any vehicle.
+        state: pose, twist and thrust, for compiled code.
+        effectors: records of `sim.vehicle.effectors.EFFECTOR` in the order of the MJCF, shape (v, m), zero beyond a
+            vehicle's own; with `fixed_fins` likewise, shape (v, q), as `true_effectors` with the setups' scales.
+        true_coefficients: records of `sim.vehicle.coefficients.RECORD` with the setups' scales, shape (v,).
+        effector_names: names of each vehicle's own.
         site_names: "vehicle/site" of all sites, shape (s,).
         site_vehicle: index of the vehicle that carries a site, shape (s,).
         site_offset: of the sites in their vehicle's body frame, shape (s, 3), [m].
-        model, data: MuJoCo's own, without what is only seen of the vehicles.
+        model, data: MuJoCo's own, without geoms of the vehicles.
     """
 
     def __init__(self, setups: Sequence[VehicleSetup], ocean: Ocean, dt: float = 0.02) -> None:
-        """Compose and compile the model, vehicles as `setups` place them.
-
-        Raises:
-            LaisnError: the setups or the models' coefficients are invalid.
-        """
+        """Compose and compile the model; LaisnError if the setups or the models' coefficients are invalid."""
         spec = compose(setups, ocean.floor_depth_m, looks=False)
         spec.option.timestep = dt
         spec.option.disableflags |= NO_CONTACT | _NO_JOINT_FORCES
@@ -235,9 +213,6 @@ class Plant:
         n = len(setups)
         vehicles = [resolve(model, name) for name in self.names]
         m = len(vehicles[0].actuators)
-        actuators = sum((v.actuators for v in vehicles), ())
-        if [v.qpos for v in vehicles] != list(range(0, 7 * n, 7)) or actuators != tuple(range(m * n)):
-            raise ValueError(f"the state of the model is not {n} free bodies with {m} actuators each")
         self.pose: Floats = data.qpos.reshape(n, 7)
         self.twist: Floats = data.qvel.reshape(n, 6)
         self.thrust: Floats = data.act.reshape(n, m)

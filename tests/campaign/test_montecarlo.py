@@ -13,8 +13,8 @@ from laisn.compiled import compiled
 from laisn.navigator import Navigator
 from laisn.settings import VARIANTS, NavigationSettings, Variant
 from laisn.swarm import MESSAGE
-from sim.sensing.errors import SensorErrors
 from sim.sensing.observation import MissionTruth, measure
+from sim.sensing.sensors import SensorErrors
 
 DT = 0.1
 

@@ -18,7 +18,7 @@ def test_a_damaged_flight_is_flown_again_with_a_warning(tmp_path, damage):
     [path] = (tmp_path / "store").iterdir()
     whole = path.read_bytes()
     if damage == "another archive":
-        np.savez(path, position=flown.position)
+        np.savez(path, pose=flown.pose)
     else:
         path.write_bytes({"empty": b"", "garbage": b"PK no archive", "cut off": whole[: len(whole) // 2]}[damage])
     with pytest.warns(DamagedResult, match=rf"{path.name} cannot be read and is computed again: .") as caught:
@@ -44,8 +44,8 @@ def test_no_flipped_byte_of_a_flight_changes_a_number(tmp_path):
         if found is None:
             refused += [warning.category for warning in caught] == [DamagedResult]
         else:
-            assert found[1]["position"].tobytes() == flown.position.tobytes()
-            assert found[1]["velocity"].tobytes() == flown.velocity.tobytes()
+            assert found[1]["pose"].tobytes() == flown.pose.tobytes()
+            assert found[1]["twist"].tobytes() == flown.twist.tobytes()
     assert refused > 50
 
 

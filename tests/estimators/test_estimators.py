@@ -9,8 +9,8 @@ from experiments.studies.estimators.errors import DEVIATION, ECHO_CHANCE, ERRORS
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import Entry, plan_of
 from laisn.messages import Measurements
-from sim.sensing.errors import SensorErrors
 from sim.sensing.observation import MissionTruth, measure
+from sim.sensing.sensors import SensorErrors
 
 
 def entry_of(route: str, interval: float, case: str, arm: str) -> Entry:

@@ -9,6 +9,7 @@ from experiments.flight.library import load
 from sim import attitude
 from sim.film.cameras import CameraRig, View
 from sim.film.film_data import FilmData
+from tests import synthetic
 
 
 def test_projection_is_that_of_a_pinhole():
@@ -56,7 +57,7 @@ def test_the_film_of_the_diving_leader_shows_its_pitch(flight, pitch_deg):
     tilted = attitude.from_euler(truth.heading[:, 0], np.full(truth.time.size, np.deg2rad(pitch_deg)))
     quaternion = truth.quaternion.copy()
     quaternion[:, 0] = tilted
-    diving = dataclasses.replace(flight, trajectory=dataclasses.replace(truth, quaternion=quaternion))
+    diving = dataclasses.replace(flight, trajectory=synthetic.moved(truth, quaternion=quaternion))
     data = FilmData(diving, 20.0)
     rig = CameraRig(data, 16 / 9)
     for t in np.linspace(5.0, 55.0, 11):

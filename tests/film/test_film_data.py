@@ -8,6 +8,7 @@ from sim.assembly import ocean_of
 from sim.film.film_data import FilmData
 from sim.film.seascape import Sea
 from sim.scenario.settings import Waves
+from tests.water.test_ocean import elevation
 
 
 def test_a_moment_interpolates_truth_and_estimate(flight):
@@ -57,5 +58,5 @@ def test_the_drawn_sea_is_the_simulated_sea():
     sea._steepness = np.hypot(sea._waves[:, 1], sea._waves[:, 2])
     x, y = sea.grid(np.array([40.0, -7.0, 0.0]), 100.0)
     drawn = sea.elevation(x, y, 12.3)
-    assert np.abs(drawn - ocean.elevation(x[None, :], y[:, None], 12.3)).max() <= 1e-9
+    assert np.abs(drawn - elevation(ocean, x[None, :], y[:, None], 12.3)).max() <= 1e-9
     assert np.ptp(drawn) > 0.9

@@ -18,6 +18,7 @@ from sim.film.dashboard import Dashboard, format_half_axes, round_length
 from sim.film.film_data import FilmData
 from sim.film.overlay import Overlay
 from sim.scenario.settings import Video
+from tests import synthetic
 from tests.film.filmed import WHITE, Notebook, overlap
 
 # text
@@ -204,7 +205,7 @@ def test_vehicles_of_a_fleet_are_distinct_on_the_map() -> None:
     flight = make_flight(60.0, 3)
     truth = flight.trajectory
     far = truth.position + np.linspace(0.0, 1000.0, truth.time.size)[:, None, None] * [1.0, 0.0, 0.0]
-    flight = dataclasses.replace(flight, trajectory=dataclasses.replace(truth, position=far))
+    flight = dataclasses.replace(flight, trajectory=synthetic.moved(truth, position=far))
     data = FilmData(flight, 20.0)
     board, notes, state = Dashboard(data, Canvas(1280, 720)), Notebook(), data.at(30.0)
     board.draw(notes, state, [])

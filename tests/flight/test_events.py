@@ -13,8 +13,9 @@ from sim import feasibility
 from sim.scenario.file import validate
 from sim.scenario.formation import Formation
 from sim.scenario.settings import Scenario
-from sim.sensing.instant import sightings
+from sim.sensing.observation import sightings
 from sim.tracking import STATION_PLACE
+from tests import synthetic
 from tests.synthetic import make_flight
 
 
@@ -100,7 +101,7 @@ def test_avoidance_is_reported_with_first_time_and_duration() -> None:
     position = np.zeros_like(trajectory.position)
     position[:, 0] = 500.0
     position[:, 2, 0] = 10.1 - 0.5 * trajectory.time
-    moved = replace(flight, scenario=validate(table, "test"), trajectory=replace(trajectory, position=position))
+    moved = replace(flight, scenario=validate(table, "test"), trajectory=synthetic.moved(trajectory, position=position))
     assert [(event.time_s, event.level, event.text) for event in giving_way_events(moved)] == [
         (pytest.approx(10.5), "info", "follower1 gives way to follower2"),
         (pytest.approx(10.5), "info", "follower2 gives way to follower1"),

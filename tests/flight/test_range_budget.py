@@ -12,8 +12,8 @@ from experiments.pages import flight_report
 from sim.flight import Flight, excerpt
 from sim.scenario.settings import Acoustics, Navigation, Scenario
 from sim.sensing.acoustics import propagate
-from sim.sensing.errors import SensorErrors, errors_of
 from sim.sensing.observation import measure, observe
+from sim.sensing.sensors import SensorErrors, errors_of
 from sim.trajectory import Trajectory
 from tests.straight import make_scenario, make_trajectory
 from tests.synthetic import SITES, make_estimates, make_flight

@@ -15,6 +15,7 @@ from laisn.estimates import FixKind
 from sim.assembly import routes_of
 from sim.flight import Flight, position_and_bearing_errors
 from sim.tracking import track_error
+from tests import synthetic
 from tests.synthetic import make_flight
 
 
@@ -103,7 +104,7 @@ def test_leaving_the_water_is_reported_once(flight: Flight) -> None:
     position, time = trajectory.position.copy(), trajectory.time
     position[(time > 11.95) & (time < 13) | (time > 25), 0, 2] = 0.05
     position[time > 19.95, 1, 2] = -flight.scenario.ocean.floor_depth_m - 0.05
-    events = stray_events(replace(flight, trajectory=replace(trajectory, position=position)))
+    events = stray_events(replace(flight, trajectory=synthetic.moved(trajectory, position=position)))
     reported = [(event.time_s, event.text) for event in events if not re.search("touch|off its route", event.text)]
     assert reported == [
         (pytest.approx(12.0), "leader breaks the surface"), (pytest.approx(20.0), "follower1 goes below the sea floor"),

@@ -18,8 +18,8 @@ from laisn.navigators import NAVIGATORS, find
 from laisn.rivals.filters import GeodeticAdjustment, InvertedUsbl, OneWayTravelTime, ParticleFilter, RangeFilter
 from laisn.rivals.odometry import DeadReckoning
 from laisn.settings import Assume, RivalSettings
-from sim.sensing.errors import SensorErrors
 from sim.sensing.observation import measure
+from sim.sensing.sensors import SensorErrors
 from tests.campaign.test_montecarlo import ABEAM, make_truth
 
 SETTINGS = RivalSettings()

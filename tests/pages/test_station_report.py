@@ -17,6 +17,7 @@ from laisn.arrays import Floats
 from sim.flight import Flight, position_and_bearing_errors
 from sim.scenario.formation import Formation, Proximity, Station
 from sim.scenario.settings import Follower
+from tests import synthetic
 from tests.synthetic import make_flight
 
 STATIONS = ((10.0, 10.0), (20.0, 12.0))
@@ -39,7 +40,7 @@ def kept(offs: tuple[Floats, Floats], seconds: float = 60.0) -> Flight:
     level = np.zeros_like(truth.quaternion)
     # body x to the north
     level[..., 0] = level[..., 3] = np.sqrt(0.5)
-    moved = dataclasses.replace(
+    moved = synthetic.moved(
         truth,
         position=position,
         velocity=velocity,
@@ -87,9 +88,7 @@ def test_avoidance_is_reported_with_its_duration() -> None:
     position[..., 2] = -10.0
     position[n - 200 :, 2, 1] += 5.1
     wary = flight.scenario.model_copy(update={"formation": Formation(proximity=Proximity(range_sigma_m=0.0))})
-    near = dataclasses.replace(
-        flight, scenario=wary, trajectory=dataclasses.replace(flight.trajectory, position=position)
-    )
+    near = dataclasses.replace(flight, scenario=wary, trajectory=synthetic.moved(flight.trajectory, position=position))
     # looks every half second from 40.5 to 60 s; each sees the other
     assert "Followers that gave way to others: 2; follower1 for the longest time, 20 s." in text_of(near)
     assert "gave way" not in text_of(flight)

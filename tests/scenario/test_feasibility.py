@@ -81,12 +81,7 @@ def test_the_absurd_is_neither_all_refused_nor_all_accepted() -> None:
         ("timing.physics_step_s=1e-7", "timing.physics_step_s: Input should be greater than or equal to 0.0001"),
         ("video.speed_up=1e-12", "video: a film of 1000 s at speed_up = 1e-12 and 30 Hz has 3e+16 frames"),
         ("followers.0.waypoints=[[0,0,0],[1e308,1e308,0]]", "followers[0].waypoints[1][0]: Input should be less"),
-        ("a" + ".a" * 3000 + "=1", "nest more than 16 deep"),
         ("seed=" + "9" * 5000, "value has 5000 digits"),
-        ("seed=0x" + "f" * 5000, "seed: Input should be a valid integer (given: 'an integer of 20000 bits')"),
-        ("seed=" + "[" * 3000 + "]" * 3000, "lists or tables nest too deep"),
-        ("seed=" + "[" * 30 + "]" * 30, "nest more than 16 deep"),
-        ("name=\udcff", "name: String should match pattern"),
         ("followers.0=1", "followers[0]: Input should be an object"),
         ("followers=1", "followers: Input should be a valid array"),
     ],
@@ -112,9 +107,6 @@ POINTS = 4_000
             b"name = 'x'\nseed = " + b"9" * 5000,
             "value has 5000 digits",
         ),
-        (b"a = " + b"[" * 3000 + b"]" * 3000, "not valid TOML: lists or tables nest too deep"),
-        (b"a = " + b"{a = " * 3000 + b"1" + b"}" * 3000, "not valid TOML: lists or tables nest too deep"),
-        (b"a" + b".a" * 3000 + b" = 1", "lists or tables nest more than 16 deep"),
         (b"epoch = 2026-13-45", "not valid TOML"),
         (b"k" * 100_000 + b" = 1\n", "unknown key; known here: name, seed"),
         (b"\n".join(b"k%d = 1" % i for i in range(POINTS)), f"{POINTS + 1} errors"),
@@ -123,7 +115,7 @@ POINTS = 4_000
         (FOLLOWER * 1 + b"[[followers]]\n" * POINTS, f"{POINTS + 1} errors"),
         (b"#" * (scenario_file.LARGEST_BYTES + 1), "it has 16000001 bytes, there may be 16000000"),
     ],
-    ids=range(14),
+    ids=range(11),
 )
 def test_errors_of_a_nonsense_file_fit_on_a_screen(content: bytes, wanted: str, tmp_path: Path) -> None:
     path = tmp_path / "own.toml"

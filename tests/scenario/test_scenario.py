@@ -17,7 +17,7 @@ from sim.scenario import file as scenario_file
 from sim.scenario.file import ScenarioError
 from sim.scenario.section import split_unit
 from sim.scenario.settings import Follower, Leader, Scenario, Station
-from sim.sensing.errors import SensorErrors, errors_of
+from sim.sensing.sensors import SensorErrors, errors_of
 from sim.simulation import simulate_motion
 from tools.documents import scenario_reference as reference
 
@@ -257,13 +257,6 @@ def test_bounds_in_the_wrong_order_are_refused_by_both_names(formation: dict[str
 
 
 STATION = {"station": {"behind_m": 10.0, "depth_m": 9.0}}
-DIVING = {"depth_profile": [[0, 5], [30, 5], [180, 40]]}
-DIVE = {
-    "duration_s": 200.0,
-    "followers": [STATION],
-    "navigation": {"variant": "tight"},
-    "ocean": {"floor_depth_m": 60.0},
-}
 CURRENT = {"ocean": {"current_profile": [[0, 0, 0], [10, 0.2, 0]]}}
 
 
@@ -277,17 +270,6 @@ CURRENT = {"ocean": {"current_profile": [[0, 0, 0], [10, 0.2, 0]]}}
         ({**CURRENT, "navigation": {"variant": "tight", "assume": {"current": True}}}, []),
         ({"followers": [STATION]}, ["stations are kept by navigator 'laisn-2'"]),
         ({"followers": [STATION], "navigation": {"variant": "tight"}}, []),
-        (
-            {
-                "followers": [STATION],
-                "navigation": {"variant": "tight"},
-                "leader": {"route": None, "waypoints": [[0, 0, 0], [60, 50, 0], [90, 50, 0], [150, 90, 0]]},
-            },
-            ["the leader stops for 30 s; followers on stations go on, by about 6 m"],
-        ),
-        # 31 m sin(atan(35 / 150)) at the end of the dive
-        ({**DIVE, "leader": {**DIVING, "broadcast_attitude": False}}, ["which shifts stations by up to 7.04 m"]),
-        ({**DIVE, "leader": DIVING}, []),
     ],
 )
 def test_settings_unsupported_by_navigators_are_reported(change: dict[str, Any], expected: list[str]) -> None:

@@ -24,10 +24,9 @@ from sim.sensing.acoustics import (
     propagate,
     speed_at,
 )
-from sim.sensing.errors import SensorErrors, errors_of
 from sim.sensing.noise import Address
 from sim.sensing.observation import measure, observe, received
-from sim.sensing.sensors import paths_taken
+from sim.sensing.sensors import SensorErrors, errors_of, paths_taken
 from tests.straight import make_scenario, make_trajectory
 
 REAR, FRONT, MIDDLE = range(3)

@@ -10,10 +10,10 @@ from laisn.arrays import Floats
 from laisn.messages import LeaderMessage
 from sim import attitude
 from sim.scenario.settings import Sensors
-from sim.sensing.errors import SensorErrors, apparent_tilt, errors_of, random_error, tilt_errors
 from sim.sensing.observation import MissionTruth, measure, observe
-from sim.trajectory import Trajectory
-from tests import straight
+from sim.sensing.sensors import SensorErrors, apparent_tilt, errors_of, random_error, tilt_errors
+from sim.trajectory import OF_VEHICLES, Trajectory
+from tests import straight, synthetic
 from tests.campaign.test_montecarlo import make_truth
 
 G = 9.81
@@ -30,7 +30,7 @@ def moved(velocity: Floats, quaternion: Floats) -> Trajectory:
     }
     pair["velocity"][:, 0] = velocity
     pair["quaternion"][:, 0] = quaternion
-    return replace(still, time=0.1 * np.arange(n, dtype=np.float64), **pair)
+    return synthetic.moved(still, time=0.1 * np.arange(n, dtype=np.float64), **pair)
 
 
 def test_a_hull_at_rest_shows_its_tilt() -> None:
@@ -65,10 +65,7 @@ def test_the_sensor_is_causal() -> None:
     past = replace(
         rough,
         time=rough.time[:40],
-        **{
-            name: getattr(rough, name)[:40]
-            for name in ("position", "velocity", "quaternion", "angular_velocity", "water_velocity", "thrust")
-        },
+        **{name: getattr(rough, name)[:40] for name in OF_VEHICLES},
     )
     np.testing.assert_array_equal(tilt_errors(past, SENSING), tilt_errors(rough, SENSING)[:40])
 

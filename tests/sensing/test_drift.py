@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sim.scenario.sensors import Sensors
-from sim.sensing.errors import SensorErrors, drift, errors_of
 from sim.sensing.observation import observe
+from sim.sensing.sensors import SensorErrors, drift, errors_of
 from tests.straight import make_scenario, make_trajectory
 
 DRIFTING = Sensors(

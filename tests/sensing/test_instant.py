@@ -11,7 +11,8 @@ from sim import attitude
 from sim.scenario.sensors import FollowerSensors
 from sim.scenario.settings import Scenario, Sensors
 from sim.sensing.acoustics import Motion
-from sim.sensing.instant import (
+from sim.sensing.noise import Stream, normals, uniforms
+from sim.sensing.observation import (
     NO_RANGES,
     RECEIVED,
     SensorModel,
@@ -21,7 +22,6 @@ from sim.sensing.instant import (
     receive,
     sensor_model_of,
 )
-from sim.sensing.noise import Stream, normals, uniforms
 from sim.trajectory import Truth
 from tests.synthetic import make_scenario, record
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from sim.scenario.settings import Acoustics, Sensors
-from sim.sensing.errors import errors_of
 from sim.sensing.observation import observe, start_of
+from sim.sensing.sensors import errors_of
 from sim.trajectory import OF_VEHICLES
 from tests import synthetic
 
@@ -90,7 +90,7 @@ def test_a_motion_is_observed_from_its_start() -> None:
     """The leader's attitude errs by what was before."""
     scenario = synthetic.make_scenario(20.0)
     whole = synthetic.make_trajectory(scenario)
-    over_time = ("time", "position", "quaternion", "velocity", "angular_velocity", "water_velocity", "thrust")
+    over_time = ("time", *OF_VEHICLES)
     later = replace(whole, **{name: getattr(whole, name)[80:] for name in over_time})
     with pytest.raises(ValueError, match="begins at 8 s"):
         observe(later, scenario)

@@ -6,8 +6,8 @@ import pytest
 from laisn.arrays import Floats, records
 from sim import attitude
 from sim.scenario.settings import Scenario
-from sim.sensing.instant import SIGHTING, look, look_interval
 from sim.sensing.noise import Stream, normals
+from sim.sensing.observation import SIGHTING, look, look_interval
 
 STEPS = 4000
 

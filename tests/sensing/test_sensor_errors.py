@@ -6,9 +6,9 @@ import pytest
 from laisn.arrays import Floats
 from laisn.messages import LeaderMessage, Measurements
 from laisn.swarm import MESSAGE
-from sim.sensing.errors import SensorErrors, loses
 from sim.sensing.noise import Stream, normals, uniforms
 from sim.sensing.observation import MissionTruth, measure
+from sim.sensing.sensors import SensorErrors, loses
 
 SEED, RUN = 11, 4
 STEPS, SENT = 40, np.array([5, 10, 20, 39])

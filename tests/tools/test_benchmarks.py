@@ -11,8 +11,8 @@ from experiments.findings import version_of
 from laisn import lanes
 from laisn.lane_passes import LANES
 from laisn.settings import NavigationSettings
-from sim.sensing.errors import SensorErrors
 from sim.sensing.observation import measure
+from sim.sensing.sensors import SensorErrors
 from tests import synthetic
 from tools.benchmarks import formation, mission, navigators, peak
 from tools.benchmarks import run as benchmarks

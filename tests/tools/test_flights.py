@@ -11,7 +11,7 @@ import pytest
 from experiments.campaign.missions import Mission
 from laisn.arrays import Floats
 from sim.flight import Flight
-from sim.sensing.errors import apparent_tilt
+from sim.sensing.sensors import apparent_tilt
 from sim.trajectory import tilted
 from tests import synthetic
 from tools.documents import flights

@@ -74,14 +74,7 @@ def test_an_actuator_whose_site_is_missing_is_named() -> None:
     (FOLLOWER.replace("0 29.43764 0 0 0 0", "0 -0.5 0 0 0 0"), "hull: added_mass must be symmetric and positive semi"),
     (FOLLOWER.replace('<camera name="chase"', '<body name="arm"/><camera name="chase"'), "no body beside 'hull'"),
     (FOLLOWER.replace('<asset>', '<asset><hfield name="h" nrow="30000" ncol="30000" size="1 1 1 1"/>'), "<hfield>"),
-    (FOLLOWER.replace('<asset>', '<asset><mesh name="m" builtin="cone" params="1e6 0.3"/>'), "within ±64"),
-    (FOLLOWER.replace('</custom>', '<numeric name="a" size="1000000000"/></custom>'), "within ±1000"),
     (FOLLOWER.replace('<worldbody>', '<worldbody><replicate count="1000000"><site/></replicate>'), "<replicate>"),
-    (FOLLOWER.replace('mass="31.0294"', 'mass="NaN"'), "<inertial mass='NaN'> must be finite"),
-    (FOLLOWER.replace('mass="31.0294"', 'mass="nan(1)"'), "<inertial mass='nan(1)'> must be finite"),
-    (FOLLOWER.replace('pos="0 0 0.1"/>', 'pos="0 0 1e300"/>'), "<site pos='0 0 1e300'> must be finite and within ±1e"),
-    (FOLLOWER.replace('</body>', '<geom class="fin" size="1 1 1"/>' * 200 + '</body>'), "elements <geom>, at most 200"),
-    (FOLLOWER.replace('<asset>', '<asset>' + '<mesh builtin="sphere" params="4"/>' * 20), "has 21 elements <mesh>"),
     (without("site", "fins_level"), "there is no actuator 'hull/fins_level', nor a site of the body 'hull/hull'"),
     (FOLLOWER.replace('pos="-0.72 0 0" zaxis="0 1 0"', 'pos="-0.72 0 0" zaxis="1 0 0"'), "unit vector across the hull"),
     (FOLLOWER.replace('density="0"', 'density="1026"'), "<option density='1026'> is a property of the sea: 0"),
@@ -203,7 +196,6 @@ def test_what_an_autopilot_cannot_control_is_refused_by_name(tmp_path: Path) -> 
         ("10.78728 7.45398", "1e5 7.45398", "too fast for physics steps of 0.02 s"),
         ("0.56 0.72", "0.56 100", "too fast for physics steps of 0.02 s"),
         ('data="1.1 1.1"', 'data="1.1 -1.1"', "cross_flow_drag must not be negative"),
-        ('pos="0 0 0.1"', 'pos="1e8 0 0.1"', "<site name='hydrophone'>: pos must be within ±1000 m"),
         ('size="0.008 0.03"', 'size="0 0.03"', "size 0 must be positive in geom, Element name 'hull/mast'"),
     ],
 )
@@ -255,14 +247,11 @@ def test_transmitters_are_where_the_own_hull_has_them() -> None:
     assert again == flight.scenario
 
 
-def test_a_key_moves_the_transmitters_of_an_own_hull_and_a_line_reports_it() -> None:
+def test_a_key_moves_the_transmitters_of_an_own_hull() -> None:
     flight = flown(moved_leader(**SHORT), {"baseline_m": 1.0})
     t = flight.trajectory
     assert t.site_offset[t.site("leader/tx_front"), 0] == 0.5
     assert t.site_offset[t.site("leader/tx_middle"), 1] == 0.2
-    assert cautions(flight.scenario) == [
-        "leader.baseline_m moves tx_rear and tx_front to x = -0.5, 0.5 m; the hull has -0.7, 0.7 m"
-    ]
 
 
 @pytest.mark.parametrize("variant", ["tight", "laisn-2"])

@@ -27,8 +27,8 @@ from laisn.messages import Measurements
 from laisn.navigator import Navigator
 from laisn.settings import NavigationSettings
 from laisn.swarm import MESSAGE
-from sim.sensing.errors import SensorErrors
 from sim.sensing.observation import MissionTruth, measure
+from sim.sensing.sensors import SensorErrors
 from tools.benchmarks import mission as benchmarks_mission
 from tools.benchmarks.formation import formation
 from tools.benchmarks.memory import memory

@@ -9,8 +9,8 @@ from experiments.findings import FILE, Finding, Findings, plain, record
 from experiments.flight.fly import fly
 from experiments.flight.library import load
 from sim.flight import Flight, position_and_bearing_errors
-from sim.sensing.errors import apparent_tilt
 from sim.sensing.observation import MissionTruth
+from sim.sensing.sensors import apparent_tilt
 
 COMMAND = "python -m tools.documents.studies flights"
 MODULES = ("tools.documents.flights",)

@@ -18,8 +18,8 @@ from experiments.study.run import Outcomes
 from laisn.arrays import Floats
 from laisn.navigators import find
 from sim.flight import navigation_settings
-from sim.sensing.errors import errors_of
 from sim.sensing.observation import measure, observe, start_of
+from sim.sensing.sensors import errors_of
 from sim.simulation import simulate_motion
 
 _ROUTES, _SHARED, _CLOSED, _MAP = (
