@@ -159,12 +159,13 @@ def _angles(rows: Floats, angles: Floats) -> None:
         angles[0, k], angles[1, k], angles[2, k] = heading_of(w, x, y, z), pitch_of(w, x, y, z), roll_of(w, x, y, z)
 
 
-def heading_pitch_roll(quaternion: Floats) -> Floats:
-    """Compass heading in [0, 2π), pitch (nose up) and roll (starboard down), shape (3, …), [rad]."""
+def heading_pitch_roll(quaternion: Floats) -> tuple[Floats, Floats, Floats]:
+    """Compass heading in [0, 2π), pitch (nose up) and roll (starboard down), each of shape (…,), [rad]."""
     rows = np.ascontiguousarray(quaternion, dtype=np.float64).reshape(-1, 4)
     angles = np.empty((3, len(rows)))
     _angles(rows, angles)
-    return angles.reshape(3, *quaternion.shape[:-1])
+    heading, pitch, roll = angles.reshape(3, *quaternion.shape[:-1])
+    return heading, pitch, roll
 
 
 def heading(quaternion: Floats) -> Floats:

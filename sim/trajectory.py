@@ -172,9 +172,8 @@ class Trajectory(ArrayRecord):
 
     def body(self, vehicle: int, index: Ints | slice) -> Body:
         """Motion of one vehicle at instants; views of the arrays if the index is a slice."""
-        _, pitch, roll = attitude.heading_pitch_roll(self.quaternion[index, vehicle])
-        arrays = self.pose, self.twist, self.water_velocity
-        return Body(*(array[index, vehicle].T for array in arrays), self.heading[index, vehicle], pitch, roll)
+        pose, twist, water = (array[index, vehicle].T for array in (self.pose, self.twist, self.water_velocity))
+        return Body(pose, twist, water, *attitude.heading_pitch_roll(pose[3:].T))
 
     @property
     def site_position(self) -> Floats:
