@@ -15,25 +15,19 @@ _WAVES_KEY = 0x5EA  # keeps the sea's random numbers apart from all others that 
 def ocean_of(scenario: Scenario) -> Ocean:
     """The sea; its waves depend on the seed and not on the run. ValueError if they would break."""
     water, waves = scenario.ocean, scenario.ocean.waves
-    direction = float(np.deg2rad(waves.direction_deg))
+    towards = {"direction_rad": float(np.deg2rad(waves.direction_deg)), "floor_depth_m": water.floor_depth_m}
     components = Waves.none()
     if waves.kind == "regular":
-        components = Waves.regular(
-            height_m=waves.height_m,
-            period_s=waves.period_s,
-            direction_rad=direction,
-            floor_depth_m=water.floor_depth_m,
-        )
+        components = Waves.regular(height_m=waves.height_m, period_s=waves.period_s, **towards)
     elif waves.kind == "jonswap":
         components = Waves.jonswap(
             np.random.default_rng([_WAVES_KEY, scenario.seed]),
             significant_height_m=waves.height_m,
             peak_period_s=waves.period_s,
-            direction_rad=direction,
             spread_rad=float(np.deg2rad(waves.spreading_deg)),
-            floor_depth_m=water.floor_depth_m,
             peakedness=waves.peak_enhancement,
             n_components=waves.components,
+            **towards,
         )
     return Ocean(
         current_speed_m_s=0.0 if water.current_profile else water.current_speed_m_s,

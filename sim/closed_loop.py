@@ -1,10 +1,9 @@
 """Followers that steer by their own estimates: the controller of a closed loop.
 
-Sensing and navigation are part of the simulation: at each instant `sense`, at filter steps the followers' navigators,
-a `laisn.swarm.Swarm`, then `guide`. Noise is addressed by step, so that navigating on the finished mission gives the
-estimates that steered it. Guidance and autopilot of a station or a route have nothing but readings, messages and
-estimates. A follower may have a controller of the user's own, a class whose Python code computes its commands from
-readings and the estimate (`OwnControl`).
+At each instant `sense`, at filter steps the followers' navigators, a `laisn.swarm.Swarm`, then `guide`. Noise is
+addressed by step, so that navigating on the finished mission gives the estimates that steered it. Guidance and
+autopilot have nothing but readings, messages and estimates. A follower may have a controller of the user's own, whose
+Python code computes its commands from these (`OwnControl`).
 """
 
 from collections.abc import Sequence
@@ -37,24 +36,10 @@ from sim.flight import navigation_settings
 from sim.scenario.formation import Proximity
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.scenario.vehicles import Follower
+from sim.sensing import observation
 from sim.sensing.acoustics import Motion, site_at
 from sim.sensing.noise import STREAMS, normals
-from sim.sensing.observation import (
-    NO_MESSAGE,
-    RECEIVED,
-    SIGHTING,
-    Inbox,
-    SensorModel,
-    is_under_way,
-    look,
-    look_interval,
-    new_inbox,
-    read_instruments,
-    receive,
-    sensor_model_of,
-    start_of,
-)
-from sim.sensing.sensors import FollowerState, OwnSensor, follow_tilt, own_sensors
+from sim.sensing.sensors import OwnSensor, follow_tilt, follower_state, own_sensors
 from sim.simulation import TICK, RouteControl, simulate_motion, standing, steer_along_route
 from sim.tracking import stations_of
 from sim.trajectory import Trajectory, Truth, speed_through_water
@@ -69,7 +54,7 @@ class ClosedLoopState(NamedTuple):
 
     formation: Record  # settings of `[formation]`
     proximity: Record  # settings of `[formation.proximity]`
-    sensors: SensorModel
+    sensors: observation.SensorModel
     look_every: int  # ticks from one look around to the next; 0: there is none
     kinds: Ints  # ON_ROUTE … ON_STATION of each follower, shape (f,)
     estimates_current: bool  # whether the navigators estimate a current
@@ -80,7 +65,7 @@ class ClosedLoopState(NamedTuple):
     routes: RouteControl
     """Control along routes, of the leader and of followers that steer by the truth; it holds all commands."""
     readings: Records  # readings of each follower's sensors, of `laisn.swarm.READING`, shape (f,)
-    inbox: Inbox  # what each follower has received
+    inbox: observation.Inbox  # what each follower has received
     arrived: Bools  # whether a message is in at this filter step, shape (f,)
     tilts: Floats
     """What accelerations add to the leader's measured pitch and roll at each instant, shape (n + 1, 2), [rad]; NaN if
@@ -124,8 +109,8 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
     return ClosedLoopState(
         formation=scenario.formation.record(),
         proximity=(scenario.formation.proximity or Proximity()).record(),
-        sensors=sensor_model_of(scenario),
-        look_every=look_interval(scenario),
+        sensors=observation.sensor_model_of(scenario),
+        look_every=observation.look_interval(scenario),
         kinds=kinds,
         estimates_current="current" in navigation.settings().estimated,
         plan=plan,
@@ -137,10 +122,10 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
         ),
         routes=routes,
         readings=records(READING, f),
-        inbox=new_inbox(f),
+        inbox=observation.new_inbox(f),
         arrived=np.zeros(f, dtype=np.bool_),
         tilts=np.full((n, 2), 0.0 if scenario.leader.broadcast_attitude else np.nan),
-        seen=records(SIGHTING, f, f + 1),
+        seen=records(observation.SIGHTING, f, f + 1),
         estimates=records(ESTIMATE, f),
         trails=trails,
         counts=counts,
@@ -171,17 +156,17 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
     step = k // stride
     for i in range(a.kinds.size):
         body = truth.pose[k, i + 1], truth.twist[k, i + 1], truth.water[k, i + 1]
-        read_instruments(a.sensors, step, i, body, a.sites[2][i], a.readings[i])
+        observation.read_instruments(a.sensors, step, i, body, a.sites[2][i], a.readings[i])
         on_station = a.kinds[i] >= ON_STATION_BY_TRUTH
         if k > 0 and a.look_every > 0 and k % a.look_every == 0 and on_station:
-            look((a.sensors.seed, a.sensors.run), a.proximity, k, i, truth.pose[k], a.seen[i])
+            observation.look((a.sensors.seed, a.sensors.run), a.proximity, k, i, truth.pose[k], a.seen[i])
             update_avoidance(a.proximity, a.seen[i], a.estimates[i], a.memory[i])
         a.arrived[i] = False
         # few calls, for what is handed over costs more than the question
-        if is_under_way(step, i, a.sensors.message_every, a.inbox):
-            receive(a.sensors, step, i, (a.sites[0], a.sites[1]), Motion(truth, 0.0, k), a.tilts, a.inbox)
-            a.arrived[i] = a.inbox.outcome[i] != NO_MESSAGE
-            if a.inbox.outcome[i] == RECEIVED and on_station:
+        if observation.is_under_way(step, i, a.sensors.message_every, a.inbox):
+            observation.receive(a.sensors, step, i, (a.sites[0], a.sites[1]), Motion(truth, 0.0, k), a.tilts, a.inbox)
+            a.arrived[i] = a.inbox.outcome[i] != observation.NO_MESSAGE
+            if a.inbox.outcome[i] == observation.RECEIVED and on_station:
                 clock, message = (k * TICK, TICK), a.inbox.message[i]
                 extend_trail(a.formation, a.stations[i], message, a.trails[i], a.counts[i], clock, a.memory[i])
         if on_station:
@@ -365,11 +350,7 @@ class OwnControl:
         """LaisnError naming the follower if its controller has returned none of the three."""
         size = self._effectors[f]
         expected = 6 if isinstance(found, Wrench) else size if isinstance(found, np.ndarray) else 3
-        try:
-            values = np.asarray(found, dtype=np.float64)
-        except (TypeError, ValueError):
-            values = np.empty(0)
-        if values.shape != (expected,) or not np.all(np.isfinite(values)):
+        if np.shape(found) != (expected,) or not np.isfinite(np.asarray(found, dtype=np.float64)).all():
             raise LaisnError(
                 f"controller of {self._names[f]} returned {found!r:.80}; expected heading, speed and depth, a Wrench, "
                 f"or an array of the states of {size} effectors, all finite"
@@ -421,21 +402,13 @@ class PythonClosedLoop:
         """What the inverted USBL of a follower measures of a message that is in at instant k."""
         state, (sensor, *_), one = self.state, self._sensors, slice(k, k + 1)
         s, inbox = state.sensors, state.inbox
-        if inbox.outcome[f] != RECEIVED:
+        if inbox.outcome[f] != observation.RECEIVED:
             return Bearing(np.nan, np.nan)
-        pose, twist, known = truth.pose[one, f + 1], truth.twist[one, f + 1], Motion(truth, 0.0, k)
+        motion, known = tuple(a[one, f + 1] for a in (truth.pose, truth.twist, truth.water)), Motion(truth, 0.0, k)
         leaves = inbox.last_sent[f] * s.dt + s.sound.slot * np.arange(3)
         source = [site_at(s.sound, known, 0, offset, at) for offset, at in zip(state.sites[0], leaves, strict=True)]
-        seen = FollowerState(
-            time=np.array([k * TICK]),
-            position=pose[:, :3],
-            quaternion=pose[:, 3:],
-            velocity=twist[:, :3],
-            angular_velocity=twist[:, 3:],
-            water_velocity=truth.water[one, f + 1],
-            hydrophone=np.array([carried(pose[0], state.sites[1][f])]),
-            source=np.array([source]),
-        )
+        hydrophone = np.array([carried(motion[0][0], state.sites[1][f])])
+        seen = follower_state(np.array([k * TICK]), motion, hydrophone, np.array([source]))
         noise = normals(int(s.seed), int(s.run), STREAMS * f + sensor.stream, [k // s.stride])
         return Bearing(*sensor.read(sensor.true(seen), noise)[0].tolist())
 
@@ -455,7 +428,7 @@ def closed_loop_of(
             f"scenario {scenario.name!r}: followers that navigate under way need hydrophones of one height above their "
             "depth sensors"
         )
-    starts = np.array([start_of(still, i) for i in numbers])
+    starts = np.array([observation.start_of(still, i) for i in numbers])
     make = make_swarm or find(scenario.navigation.variant).new_swarm
     swarm: Swarm = make(settings[0], starts)
     state = init_closed_loop(scenario, plant, routes)
@@ -470,11 +443,8 @@ def simulate_closed_loop(
 ) -> tuple[Trajectory, ClosedLoop | PythonClosedLoop]:
     """Simulate a scenario whose followers all navigate under way, also those that steer by the truth.
 
-    Returns:
-        The motion, and the closed loop at its end: `state.history` holds the estimates, `swarm.gated` counts fixes.
-
-    Raises:
-        LaisnError, DivergedError, ContactError: as of `simulate_motion`.
+    Gives the motion, and the closed loop at its end: `state.history` holds the estimates, `swarm.gated` counts fixes.
+    Errors are those of `simulate_motion`.
     """
     loops: list[ClosedLoop | PythonClosedLoop] = []
 

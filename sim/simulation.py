@@ -115,10 +115,9 @@ def _simulate(
     command: Floats,
     truth: Truth,
 ) -> tuple[int, Fault]:
-    """Step, record and control from one instant to another.
+    """Step, record and control from the first to the last instant of `span`, with so many physics steps in between.
 
-    `span` are first and last instant, and physics steps from one to the next; `plant` its `step_handles`, state and
-    water. The controller writes `command`. Gives the last instant that is recorded, and what ended the simulation.
+    Gives the last instant that is recorded, and what ended the simulation.
     """
     first, last, substeps = span
     handles, state, water = plant
@@ -168,24 +167,15 @@ def simulate(
     ending: Callable[[Floats, Floats], int | None] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
-    """Simulate all vehicles of a plant.
+    """Simulate all vehicles of a plant, from where they are, along a route each for a time [s], a multiple of 0.1 s.
 
-    Args:
-        plant: at its start, which is where the vehicles begin, whatever the routes are; moved on to the end.
-        routes: one for each vehicle.
-        duration: [s]; a multiple of 0.1 s.
-        depth_control: of each vehicle, as of `design`; empty: "pitch" for all.
-        make_controller: makes another controller than that of routes, compiled or in Python.
-        ending: as `first_touch`: of positions and attitudes, the first instant that ends the flight before its time.
-        progress: called with the mission time [s], every 50 s of it.
+    `depth_control` is of each vehicle, as of `design`; empty: "pitch" for all. `make_controller` makes another
+    controller than that of routes. `ending` gives, of positions and attitudes, the first instant that ends the flight
+    before its time, as `first_touch`. `progress` is called with the mission time [s], every 50 s of it. Gives the truth
+    every 0.1 s.
 
-    Returns:
-        Truth every 0.1 s, time 0 and `duration` included, or the instant that ended the flight.
-
-    Raises:
-        LaisnError: a route cannot be flown.
-        DivergedError: the simulation left finite numbers; PlantError if it did so at its start.
-        ArithmeticError: naming the follower whose navigator failed.
+    Raises: LaisnError: a route cannot be flown. DivergedError: the simulation left finite numbers; PlantError if it did
+    so at its start. ArithmeticError: naming the follower whose navigator failed.
     """
     substeps, ticks = round(TICK / plant.dt), round(duration / TICK)
     v = len(plant.names)

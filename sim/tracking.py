@@ -1,11 +1,8 @@
 """How near vehicles came to their routes, to their stations and to one another, and hulls that touch.
 
-Vehicles pass through each other in the simulation: the solver's contacts are off, as no hull here has the stiffness
-and damping that would make the outcome of a collision credible. Contact is detected by geometry.
-
-Where the leader turns by 90°, stations that are as far ahead of each other as they are aside meet: each follows the
-trail at its own distance, and takes up the new direction only after it. Before a flight, stations are therefore
-followed along the leader's plan (`closest_stations`).
+Vehicles pass through each other in the simulation; contact is detected by geometry. Where the leader turns by 90°,
+stations that are as far ahead of each other as they are aside meet: before a flight, they are followed along the
+leader's plan (`closest_stations`).
 """
 
 from collections.abc import Sequence
@@ -159,7 +156,7 @@ def stations_along(
     """Where stations are if the leader goes along a way: records of STATION_PLACE, shape (n, f).
 
     `leader` is its east and north at n instants dt [s] apart, shape (n, 2), [m], with its speed through the water [m/s]
-    and heading [rad], shape (n,). `stations` are records of STATION, shape (f,); `formation` states how frames turn.
+    and heading [rad], shape (n,). `stations` are records of STATION, shape (f,).
     """
     out = records(STATION_PLACE, leader.shape[0], stations.shape[0])
     place, through, ahead = (np.ascontiguousarray(values) for values in (leader, speed, heading))

@@ -254,8 +254,3 @@ def tilted(trajectory: Trajectory, pitch: npt.ArrayLike, roll: npt.ArrayLike = 0
     pose = trajectory.pose.copy()
     pose[:, 0, 3:] = attitude.from_euler(trajectory.heading[:, 0], pitch, roll)
     return replace(trajectory, pose=pose)
-
-
-def leveled(trajectory: Trajectory) -> Trajectory:
-    """The trajectory with a level leader: what the paper's follower assumes."""
-    return tilted(trajectory, 0.0)

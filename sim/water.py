@@ -1,11 +1,9 @@
 """The water: a current that shears with depth and changes in time, and linear (Airy) waves that ride on it.
 
 Velocity of the water at depth −z and time t: u = U(z) + V(t) + Σ waves, U(z) = (speed + shear z) along one compass
-direction, V(t) the same at all places and linear between points in time. A wave's phase moves with the surface
-current: at a fixed place it is k·(x − ∫V dt) − (ω + k·U(0)) t + φ; in a uniform current that changes, wave number and
-amplitude stay what they are (Phillips, The Dynamics of the Upper Ocean, 2nd ed. 1977, section 2.6). Above the
-still surface the waves' velocity stays what it is at z = 0, as linear theory has no water there, and so do all its
-derivatives but those with z, which are nil.
+direction, V(t) linear between points in time. A wave's phase moves with the surface current: at a fixed place it is
+k·(x − ∫V dt) − (ω + k·U(0)) t + φ (Phillips, The Dynamics of the Upper Ocean, 2nd ed. 1977, section 2.6). Above the
+still surface the waves' velocity stays what it is at z = 0.
 
 Waves: Faltinsen, Sea Loads on Ships and Offshore Structures, 1990 (Airy); DNV-RP-C205, 2010, Section 3.5.5 (JONSWAP).
 """
@@ -95,9 +93,9 @@ class Waves:
     ) -> Self:
         """An irregular sea: JONSWAP spectrum, phases and places within the frequency bins drawn from `rng`.
 
-        Each component has the energy of its bin, so that 4 √(Σ a²/2) is the significant height exactly. `spread_rad`
-        is the standard deviation of the components' directions (0: long-crested). LaisnError if a regular wave of the
-        peak's length and this height would break.
+        Each component has the energy of its bin, so that 4 √(Σ a²/2) is the significant height exactly. `spread_rad` is
+        the standard deviation of directions. LaisnError if a regular wave of the peak's length and this height would
+        break.
         """
         peak = 2 * np.pi / peak_period_s
         k_peak = float(wavenumber(peak, floor_depth_m))
@@ -117,11 +115,7 @@ class Waves:
 
 
 def _jonswap_bins(peakedness: float, n: int) -> tuple[Floats, Floats]:
-    """Edges of n bins in multiples of the peak's frequency, shape (n + 1,), and the share of energy in each, (n,).
-
-    Bins are narrow in frequency and in energy alike: their edges divide the mean of both shares evenly, so that no
-    bin holds more than 2/n of the energy, however sharp the peak, nor of the range, however thin the tail.
-    """
+    """Edges of n bins in multiples of the peak's frequency, (n + 1,), and shares of energy, (n,), at most 2/n each."""
     # 99 % of the energy of the spectrum lies between these frequencies
     grid = np.linspace(0.6, 3.0, 24_001)
     bell = np.exp(-((grid - 1) ** 2) / (2 * np.where(grid <= 1, 0.07, 0.09) ** 2))
@@ -222,11 +216,7 @@ class Ocean:
 
 @compiled
 def change_at(time: float, change: Floats) -> tuple[float, float, float, float, float, float]:
-    """The changing part of the current at a time [s].
-
-    Returns:
-        Velocity [m/s], its rate of change [m/s²] and way since the first point [m], each east and north.
-    """
+    """Velocity [m/s] of the changing part of the current, its rate [m/s²], way since the first point [m], in pairs."""
     m = change.shape[0]
     if m == 0:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -259,11 +249,7 @@ def elevation_at(x: float, y: float, time: float, water: Water) -> float:
 
 @compiled
 def _orbits(waves: Floats, x: float, y: float, below: float, time: float) -> Floats:
-    """How each component moves the water at a depth −`below` within the sea, [m/s].
-
-    Level speed times the cosine and the sine of its phase, upward speed likewise, shape (4, n). Sums over components
-    cannot be vectorised without changing their order; this, which costs most, can.
-    """
+    """Level velocity of each component times cosine and sine of its phase, upward velocity likewise, shape (4, n)."""
     out = np.empty((4, waves.shape[1]))
     for i in range(waves.shape[1]):
         phase = waves[KX, i] * x + waves[KY, i] * y - waves[FIXED_OMEGA, i] * time + waves[PHASE, i]
@@ -285,10 +271,9 @@ def flow(
 ) -> tuple[Vector, Vector, Matrix, Vector, Vector]:
     """The water at a point that moves with `velocity`, all in the world; `axis` is the unit vector of a hull.
 
-    Returns:
-        velocity u of the water [m/s]; its rate of change as met along the point's path [m/s²]; its gradient, rows
-        u, columns x [1/s]; the rate, along the path, of the gradient taken along `axis` [1/s²]; the gradient along
-        `axis` of the particles' (linear) acceleration [1/s²].
+    Gives the velocity u of the water [m/s]; its rate of change along the point's path [m/s²]; its gradient, rows u,
+    columns x [1/s]; the rate, along the path, of the gradient along `axis` [1/s²]; and the gradient along `axis` of the
+    particles' (linear) acceleration [1/s²].
     """
     current, waves, change = water
     vx, vy, ax, ay, run_x, run_y = change_at(time, change)

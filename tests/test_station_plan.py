@@ -113,7 +113,6 @@ def test_layers_are_taken_in_turn() -> None:
 @pytest.mark.parametrize(
     ("table", "text"),
     [
-        ({"formation": {"proximity": {}}, "followers": [{"route": "T5"}]}, "is for followers on stations"),
         ({"formation": {"proximity": {"full_avoidance_range_m": 5.0}}},
          r"full_avoidance_range_m = 5 is not less than formation.proximity.range_m = 5"),
         ({"formation": {"proximity": {"period_s": 0.25}}}, r"period_s = 0.25 is no multiple of 0.1"),

@@ -1,15 +1,10 @@
 """Control allocation: from a wanted wrench to the commands of a vehicle's effectors.
 
 The forces are those of the weighted pseudo-inverse (Fossen, Handbook of Marine Craft Hydrodynamics and Motion
-Control, 2nd ed. 2021, chapter 11),
-
-    u = P τ,    P = W⁻¹ Bᵀ (B W⁻¹ Bᵀ)⁻¹,
-
-with the wrenches of unit forces as the columns of B and W = diag(1 / range²), so that effectors work in proportion to
-their ranges. Those of fins grow with the square of the speed, and W with them (`at_speed`); `sim.vehicle.effectors`
-finds the states that give the forces. Where limits do not allow u, moments come before forces: components of τ are
-added one after another in the order of `PRIORITY`, each with the largest share that keeps all effectors within their
-limits.
+Control, 2nd ed. 2021, chapter 11), u = P τ, P = W⁻¹ Bᵀ (B W⁻¹ Bᵀ)⁻¹, with the wrenches of unit forces as the columns of
+B and W = diag(1 / range²). Ranges of fins, and W with them, grow with the square of the speed (`at_speed`). Where
+limits do not allow u, components of τ are added one after another in the order of `PRIORITY`, each with the largest
+share that keeps all effectors within their limits.
 """
 
 import numpy as np
@@ -77,11 +72,8 @@ def at_speed(slow: Floats, fast: Floats, speed: float, out: Floats) -> None:
 def allocate(inverse: Floats, limits: Floats, wrench: Floats, command: Floats) -> None:
     """Forces of effectors that give a wrench, or of it what limits allow.
 
-    Args:
-        inverse: of `at_speed`, zero in rows beyond the vehicle's effectors, shape (M, 6).
-        limits: lowest and highest force, shape (M, 2), [N].
-        wrench: wanted; out: what the forces give of it, shape (6,), [N] and [N m].
-        command: out: forces, shape (m,), m ≤ M, [N].
+    `inverse` is of `at_speed`, shape (M, 6), `limits` are lowest and highest forces, shape (M, 2), [N], and `wrench` is
+    wanted, shape (6,), [N], [N m]; out: what is given of it, and the forces, `command`, shape (m,), m ≤ M, [N].
     """
     m = command.size
     within = True

@@ -2,22 +2,16 @@
 
 PID by pole placement with feedforward of the reference (Fossen, Handbook of Marine Craft Hydrodynamics and Motion
 Control, 2nd ed. 2021). The bandwidth of the attitude loops is ω = 1 / (4 × lag of the slowest effector that turns the
-hull, 0.3 s or more), where the lag costs the loop little damping. All others follow:
+hull, 0.3 s or more). All others follow:
 
     heading, pitch    ω, relative damping 1; integral ω/10
     sway              side slip is taken out with ω/2, so that the vehicle goes where it points, also in turns
     speed             ω/2; integral ω/10
     depth             ω/5 through pitch, integral ω/20; ω/2 through heave, integral ω/10
 
-Depth is held by one loop that commands a vertical force. How the force comes about is a mode:
-
-    "pitch"    what hulls of this kind do: the hull pitches to the angle of climb, and by the angle of incidence whose
-               lift is the force. What it cannot lift (above 12° of incidence), and everything when it is slow (below
-               0.6 m/s the share grows, to all below 0.3 m/s), the vertical thrusters carry.
-    "thrust"   the vertical thrusters carry all, the hull is held level.
-
-A hull without vertical thrusters pitches at any speed. Integrals stand still while limits withhold their part of the
-wrench and they would push further (anti-windup by conditional integration).
+By pitch, the hull climbs and dives, and takes the incidence whose lift holds its depth; what it cannot lift, and all of
+it when it is slow, vertical thrusters carry, where it has them. By thrust, they carry all. Integrals stand still while
+limits withhold their part of the wrench and they would push further (conditional integration).
 
 Functions take `d`, a record of DESIGN, `memory`, of AUTOPILOT_MEMORY, and `reference`, of `sim.control.guidance`.
 """
@@ -285,15 +279,10 @@ def control(
     memory: Record,
     command: Floats,
 ) -> None:
-    """Commands of one vehicle's effectors.
+    """Write the commands of one vehicle's effectors, in the units of their states, to `command`, shape (m,).
 
-    Args:
-        wanted: heading [rad], its rate [rad/s], speed through the water [m/s], as of `steer`.
-        reference: accelerations, depth and sinking are read.
-        motion: how the vehicle moves.
-        dt: since the last call [s].
-        memory: brought forward.
-        command: out: in the units of the effectors' states, shape (m,).
+    `wanted` are heading [rad], its rate [rad/s] and speed through the water [m/s], as of `steer`; of the reference,
+    accelerations, depth and sinking are read; `dt` is the time since the last call [s].
     """
     heading_wanted, turn_wanted, speed_wanted = wanted
     surge, sway, heading, pitch = motion.surge, motion.sway, motion.heading, motion.pitch

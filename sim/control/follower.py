@@ -1,22 +1,15 @@
-"""Station keeping: from readings, messages and estimates to heading, speed and depth.
+"""Station keeping: from readings, messages and estimates to heading, speed and depth (docs/formation.md).
 
-A follower has its log, compass, gyros, inclinometer and pressure sensor, the leader's messages, and the estimates of
-its navigator: its place, the biases of log and compass, the current; never the truth. docs/formation.md describes what
-it does. Laws that bring it to its moving station (`approach`):
+Laws that bring a follower to its moving station (`approach`); along its path all three close up alike:
 
-    constant bearing   v = v_st − U p̃ / √(p̃ᵀp̃ + Δ²), less the estimated current. No integrator: nothing winds up while
-                       messages are missing (Breivik and Fossen 2007)
+    constant bearing   v = v_st − U p̃ / √(p̃ᵀp̃ + Δ²), less the estimated current (Breivik and Fossen 2007)
     ILOS               line of sight with an integral of the cross-track error in place of the current
                        (Børhaug, Pavlov and Pettersen 2008)
     ALOS               line of sight with an adaptive crab angle (Fossen 2023)
 
-The two lines of sight follow the station's path; along it all three close up alike. It gives way to vehicles nearby:
-v = v_wanted − Σ w(d) r̂, w(d) = W min(max((R − d) / (R − F), 0), 1), with R the sensor's range and F that of full speed
-W. Two followers whose wanted velocities close up at a rate c stop to come nearer where w(d) = c / 2, and never come
-below F while c < 2 W, but for the lag of their hulls.
-
-Where it may be at either of two places, as with two transmitters on either side of the leader's axis, it steers by the
-likelier one, so that ranges soon show whether it was the right one; by their mean both would stay as likely.
+It gives way to vehicles nearby: v = v_wanted − Σ w(d) r̂, w(d) = W min(max((R − d) / (R − F), 0), 1), with R the
+sensor's range and F that of full speed W. Where it may be at either of two places, it steers by the likelier one, so
+that ranges soon show whether it was the right one.
 
 Functions take `formation` and `proximity`, records of these sections, of STATION, and of `laisn.swarm.READING` and
 `ESTIMATE`; `trail` and `count` as of `sim.control.station`; and `memory`, of FOLLOWER_MEMORY, which they bring forward.
@@ -76,11 +69,10 @@ def _line_of_sight(
 def approach(
     a: Record, t: Target, place: tuple[float, float], current: tuple[float, float], dt: float, integral: float
 ) -> tuple[float, float, float]:
-    """Velocity through the water that leads to a station, its size within the limits.
+    """Velocity through the water that leads to a station, its size within the limits, east and north [m/s].
 
     Takes the record of `[formation]`, the station, estimates of place [m] and current [m/s], the time since the last
-    call [s] and the integral of the cross-track error, where the law has one. Gives velocity east and north [m/s], and
-    the integral brought forward.
+    call [s] and the integral of the cross-track error, which it also gives, brought forward.
     """
     x, y = place[0] - t.east, place[1] - t.north
     if a.law == CONSTANT_BEARING:
@@ -175,13 +167,10 @@ def extend_trail(
     clock: tuple[float, float],
     memory: Record,
 ) -> None:
-    """Take a message with at least one range: the trail grows, and the frame is turned along it.
+    """Take a message with at least one range: the trail grows, and the frame is turned along it anew.
 
-    Since the last message the frame was turned along the extrapolated trail; now the way there is known.
-
-    Args:
-        message: of `laisn.swarm.MESSAGE`.
-        clock: time, no earlier than that of the message, and step of the frame [s].
+    `message` is a record of `laisn.swarm.MESSAGE`, `clock` the time, no earlier than that of the message, and step of
+    the frame [s].
     """
     now, dt = clock
     time, before, received = message.timestamp, memory.last_received, memory.received_points
@@ -208,10 +197,7 @@ def init_memory(leader: Record, trail: Records, count: Ints, memory: Record) -> 
 def extend_silent_trail(
     plan: LeaderPlan, trail: Records, count: Ints, clock: tuple[int, float], memory: Record
 ) -> None:
-    """Extend the trail by the leader's plan while no message is in; nothing without a plan.
-
-    `clock` is the control step, and its length [s].
-    """
+    """Extend the trail by the leader's plan while no message is in; `clock` is the control step and its length [s]."""
     k, dt = clock
     if plan.until.size > 0 and k % round(SPACING / dt) == 0 and k * dt - memory.last_received > 0.5 * SPACING:
         extend_as_planned(plan, trail, count, (memory.last_received, memory.received_points), clock)
@@ -273,11 +259,9 @@ def keep_station(
 ) -> Steering:
     """Heading, speed and depth that bring a follower to its station, and its measured motion.
 
-    Args:
-        senses: records of `laisn.swarm.READING` and `laisn.swarm.ESTIMATE`.
-        known: the leader's trail as received, records of TRAIL, and how many points it has, at least one.
-        clock: time, and time since the last call [s].
-        reference: out: of the autopilot, record of REFERENCE; the place is not written.
+    `senses` are records of `laisn.swarm.READING` and `ESTIMATE`, `known` the leader's trail and how many points it has,
+    at least one, `clock` the time and that since the last call [s]; `reference`, of REFERENCE, is written but for the
+    place.
     """
     (reading, estimate), (now, dt) = senses, clock
     starts = memory.log != memory.log

@@ -1,20 +1,14 @@
 """Guidance: from where a vehicle should be now, and where it is, to the heading and speed that bring it there.
 
-The route's point motion (`sim.scenario.point_motion`) is the reference; it already turns at 10°/s, changes speed at
-0.2 m/s², cuts corners and is on time. Guidance rounds off where turns and changes of depth begin and end, corrects
-course and speed, and takes the current off:
+The route's point motion (`sim.scenario.point_motion`) is the reference, with turns and changes of depth rounded off:
 
     course   line of sight to a point ahead on the path: atan(cross-track error / lookahead)
              (Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021)
     speed    in proportion to the along-track error, within a bound
 
-The velocity over ground that follows, less the current, is the velocity through the water: its direction is the
-heading (the vehicle crabs), its size the speed. The current is the true one or the one that a navigator estimates,
-low-passed, so that waves do not steer (`track_current`). For a vehicle whose navigator estimates none, it is the
-integral of the offset from the reference (`integrate_offset`).
-
-Where the route stops, the velocity over ground leads back to the place. In still water the vehicle keeps its course
-and moves ahead and astern; in a current it heads into it.
+The velocity over ground that follows, less the current, is that through the water. The current is the true or the
+estimated one, low-passed (`track_current`); without an estimate, an integral of the offset (`integrate_offset`). Where
+the route stops, the velocity over ground leads back to the place.
 
 Functions take `reference`, the record of REFERENCE of this instant; `position`, true or estimated, and currents, east
 and north [m], [m/s]; `dt`, the time since the last call [s]; and `memory`, of GUIDANCE_MEMORY, brought forward.
@@ -22,6 +16,7 @@ and north [m], [m/s]; `dt`, the time since the last call [s]; and `memory`, of G
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 
 import numpy as np
 
@@ -104,14 +99,10 @@ def _write_reference(route: Route, time: Floats, lead: float, least_radius: floa
     flown = flown_plan(route, least_radius)
     motion = flown.at(time)
 
-    def course(t: Floats) -> Floats:
-        return np.interp(t, flown.start, flown.course)
+    course, speed = (partial(np.interp, xp=flown.start, fp=values) for values in (flown.course, flown.speed))
 
     def turn_rate(t: Floats) -> Floats:
         return _rate(course, t, TURN_SMOOTHING)
-
-    def speed(t: Floats) -> Floats:
-        return np.interp(t, flown.start, flown.speed)
 
     def depth(t: Floats) -> Floats:
         return route.depth.depth_at(np.maximum(t, 0.0))
@@ -129,12 +120,11 @@ def reference(
     lead: Sequence[float] | None = None,
     least_radii: Sequence[float] | None = None,
 ) -> Records:
-    """State in which all vehicles should be: records of REFERENCE, shape (n, v).
+    """State in which all vehicles should be at instants of shape (n,), [s]: records of REFERENCE, shape (n, v).
 
-    Course and depth are smoothed about each instant, for the plan is known ahead; the path is not.
-
-    `time` has shape (n,), [s]. `lead` is how early each vehicle's accelerations are given, because its thrusters lag
-    [s], and `least_radii` are of its turns [m], as of `flown_plan`; None: 0. LaisnError if a route cannot be flown.
+    Course and depth are smoothed about each instant, the path is not. `lead` is how early each vehicle's accelerations
+    are given [s], `least_radii` are of its turns [m], as of `flown_plan`; None: 0. LaisnError if a route cannot be
+    flown.
     """
     table = records(REFERENCE, time.size, len(routes))
     for i, route in enumerate(routes):
@@ -194,9 +184,8 @@ def _hold(
 def steer(reference: Record, position: tuple[float, float], dt: float, memory: Record) -> tuple[float, float, float]:
     """Heading and speed through the water that lead back to the reference.
 
-    Returns:
-        heading, continuous, turning at 10°/s at most [rad]; its rate, clockwise [rad/s]; speed through the water,
-        changing at 0.2 m/s² at most, and negative only where the route stops [m/s].
+    Gives the heading, continuous, turning at 10°/s at most [rad]; its rate, clockwise [rad/s]; and the speed, changing
+    at 0.2 m/s² at most, and negative only where the route stops [m/s].
     """
     sin, cos = np.sin(reference.course), np.cos(reference.course)
     east, north = reference.east - position[0], reference.north - position[1]

@@ -1,10 +1,8 @@
 """Whether an autopilot stabilises its hull: eigenvalues of the motion about a straight course, speed by speed.
 
-The potential flow about a slender hull turns it across its way (Munk moment). Fins and hull lift bring it back, and so
-does the autopilot within its bandwidth; without either the motion diverges. The forces are those of
-`sim.vehicle.hydrodynamics`, linearised by differences; effectors follow the linear law of the autopilot with their lag.
-Forces are the true ones, with all scales of a setup; the law is that of the MJCF's coefficients. Limits of effectors
-and the slow loops (integrals, depth through pitch) are left out.
+The forces are those of `sim.vehicle.hydrodynamics`, with all scales of a setup, linearised by differences; effectors
+follow the linear law of the autopilot, designed for the MJCF's coefficients, with their lag. Limits of effectors and
+the slow loops (integrals, depth through pitch) are left out.
 """
 
 from typing import Any
@@ -84,8 +82,8 @@ def _body(plant: Plant, i: int) -> tuple[Floats, Floats]:
 def steady_turn(plant: Plant, i: int, d: Any, speed: float) -> tuple[float, float]:
     """Largest rate of turn of vehicle i in calm water at a speed along the hull [rad/s], and the turn's radius [m].
 
-    Sway and yaw balance the forces of the effectors; roll, pitch and heave are left out. Where there is no balance the
-    rate is infinite. `d` is its autopilot, a record of DESIGN.
+    Sway and yaw balance the effectors; without a balance the rate is infinite. `d` is its autopilot, a record of
+    DESIGN.
     """
     rigid, centre = _body(plant, i)
     c = coefficients.read(plant.model, plant.names, plant.ocean.density_kg_m3).view(np.recarray)[i]
@@ -116,10 +114,7 @@ def least_radius(plant: Plant, i: int, d: Any) -> float:
 
 
 def _motion(plant: Plant, i: int, d: Any, about: Floats) -> Floats:
-    """Matrix of the linear motion of vehicle i: velocities, angles, height and the lagging wrench, shape (16, 16).
-
-    It is linear about velocities (6) and angles (3).
-    """
+    """Matrix of the motion of vehicle i about 6 velocities and 3 angles: these, height and lagging wrench, (16, 16)."""
     rigid, centre = _body(plant, i)
     c, own, settings = plant.true_coefficients.view(np.recarray)[i], plant.effectors[i], plant.setups[i].settings
     speed = float(about[0])
@@ -146,11 +141,10 @@ def _motion(plant: Plant, i: int, d: Any, about: Floats) -> Floats:
 
 
 def require_stable(plant: Plant, autopilots: Any, fastest: float, orbital: float = 0.0) -> None:
-    """Check all vehicles of a plant, with what is changed of their hulls.
+    """LaisnError naming vehicle, speed and plane where the motion of a plant's vehicles diverges, up to a speed [m/s].
 
-    Their motion is to be stable up to the speed `fastest` through the water [m/s]; `orbital`, that of the water in
-    waves, counts for the plant's steps alone. LaisnError names vehicle, speed and plane in which its motion diverges,
-    or a motion, also in a turn, that is too fast for the plant's steps.
+    Or a motion, also in a turn and with the speed `orbital` of the water in waves [m/s], that is too fast for its
+    steps.
     """
     turning = np.array([_CATCHING_UP * fastest + orbital, *_DRIFT_M_S, *_SPIN_RAD_S, 0.0, 0.0, 0.0])
     for i, (name, d) in enumerate(zip(plant.names, autopilots, strict=True)):

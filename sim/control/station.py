@@ -1,21 +1,13 @@
 """A follower's station: a place in the leader's trail, and aside of it in a frame that turns slowly.
 
-The trail holds the leader's received positions, by the length of its way, and its planned ones between messages. A
-smooth curve leads through the positions (cubic Hermite segments with mean slopes, as Catmull and Rom 1974). Beyond its
-head the leader is taken to go on as it went over the last seconds; before its tail, to have come straight.
-
-Where the leader's messages carry its next waypoints, a follower computes the leader's track to them by the rules of the
-point motion (`sim.scenario.point_motion`), and takes the leader to be as far off that track as it was at the last
-message. Without waypoints it assumes that the leader keeps its course.
+The trail is a smooth curve through the leader's received positions, by the length of its way (cubic Hermite segments
+with mean slopes, as Catmull and Rom 1974), and through planned ones between messages that carry the leader's next
+waypoints. Beyond its head the leader is taken to go on as it went over the last seconds.
 
 A station s behind and y to port stands at trail(S − s) + y · port(ψ). The frame's heading ψ follows the trail no faster
-than the station can be swum: on the inside of a turn the follower must keep way through the water, on the outside it
-must keep up. The leader's instantaneous heading would not do: 80 m astern, a weave of 5° would swing it by 7 m.
-
-A hull turns at a limited rate, the velocity that its station needs may not: in a following current it may swing by 180°
-where the way over ground bends by 90°. `rate_limited_velocity` has the heading that of all headings which change no
-faster than a hull can is nearest to what the station needs from now on and needed just before: the middle of the
-envelopes that fall and rise at that rate (McShane 1934). A swing in no time becomes a turn about the same instant.
+than the station can be swum. A hull turns at a limited rate, the velocity that its station needs may not:
+`rate_limited_velocity` has the heading in the middle of the envelopes that fall and rise at that rate (McShane 1934),
+nearest to what the station needs from now on and needed just before.
 
 Functions of the trail take `trail`, records of TRAIL of shape (room,), and `count`, how many points it has, at least
 one; those that change the trail bring `count`, of shape (1,), forward. Functions of a station take `f`, the record of
@@ -98,10 +90,7 @@ def _slope(trail: Records, count: int, i: int) -> tuple[float, float]:
 
 @compiled
 def _turn_to(trail: Records, i: int) -> float:
-    """Angle that the curve turns by at most from the point before to point i, to either side added up [rad].
-
-    A derivative of Hermite's cubic is a Bézier curve, which turns no more than the polygon of its three points.
-    """
+    """Bound of the angle by which the curve turns to point i from the one before, that of its Bézier polygon [rad]."""
     length = trail[i].arc - trail[i - 1].arc
     ax, ay = length * trail[i - 1].slope_east, length * trail[i - 1].slope_north
     bx, by = length * trail[i].slope_east, length * trail[i].slope_north
@@ -183,10 +172,7 @@ def _straight(trail: Records, i: int, ahead: tuple[float, float], beyond: float)
 
 @compiled
 def _before(trail: Records, count: int, arc: float) -> int:
-    """The last point that is not beyond a length of the way, which lies between the ends of a trail.
-
-    The search starts at an even pace: bisection would touch all of a long trail, beyond the cache for many followers.
-    """
+    """The last point not beyond a length of the way within a trail; bisection would touch all of a long one."""
     last = count - 1
     low = min(int(arc / trail[last].arc * last), last - 1)
     while trail[low].arc > arc:
@@ -250,11 +236,10 @@ class LeaderPlan(NamedTuple):
 
 
 def plan_of(track: Records, times: Floats, waypoints: int, dt: float) -> LeaderPlan:
-    """The plan of a leader whose messages carry its next waypoints.
+    """The plan of a leader whose messages carry so many of its next waypoints, at times of shape (w,), increasing, [s].
 
     The track is known until the turn at the last of them, which depends on the next leg, or until the end of the route.
-    `track` is the leader's reference at n control steps dt [s] apart, records of REFERENCE, shape (n,); `times` are
-    those of its waypoints, increasing, shape (w,), [s], of which a message carries so many.
+    `track` is the leader's reference at n control steps dt [s] apart, records of REFERENCE, shape (n,).
     """
     if waypoints == 0:
         return LeaderPlan(records(REFERENCE, 0), np.zeros(0))
@@ -271,9 +256,8 @@ def extend_as_planned(
 ) -> None:
     """Add where the leader is by the plan to its trail, if the last message had the plan for now.
 
-    Args:
-        received: time of the last message [s], and how many points the trail had with it; the others are planned ones.
-        clock: control step, and its length [s].
+    `received` are the time of that message [s] and how many points the trail had with it, `clock` control step and its
+    length [s].
     """
     (k, dt), (last, points) = clock, received
     if k * dt > plan.until[round(last / dt)]:
@@ -293,11 +277,8 @@ def extend_as_planned(
 def correct_planned(trail: Records, count: Ints, received: int, message: tuple[float, float, float]) -> None:
     """Move planned points of a trail to where the leader was by the message after them; later ones are dropped.
 
-    Its distance from the plan is taken to have grown evenly since the message before.
-
-    Args:
-        received: how many points it had after the last message, at least one.
-        message: east, north [m] and time [s].
+    Its distance from the plan is taken to have grown evenly since the message before, after which the trail had
+    `received` points. `message` has east, north [m] and time [s].
     """
     total, (east, north, time) = count[0], message
     count[0] = received
@@ -422,10 +403,7 @@ def _through_water(o: _Outlook, later: float) -> tuple[float, float]:
 
 @compiled
 def _turns_slowly(o: _Outlook, preview: float, speed: float) -> bool:
-    """Whether all headings that are looked at are surely nearer to the one needed now than a hull turns in a step.
-
-    So it is on straight legs, most of the time. `speed` through the water is needed `preview` later than now.
-    """
+    """Whether headings nearby surely differ by less than a hull turns in a step, as on straight legs."""
     reach = STEPS * STEP
     bend = turned_since(o.trail, o.points, o.arc + (preview - reach) * o.pace)
     return bool(o.pace * bend + abs(o.port * o.rate * o.rate) * reach < _LITTLE * speed)

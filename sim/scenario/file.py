@@ -126,10 +126,10 @@ def examined(
 def validate(
     table: Mapping[str, Any], source: str, further: Callable[[Scenario], Iterable[str]] = lambda _: ()
 ) -> Scenario:
-    """A scenario from a table of keys.
+    """A scenario from a table of keys; ScenarioError with a line for every error, as many as a screen holds.
 
     `source` is the name of the file, for messages; `further` lists more errors of a scenario whose keys are valid, as
-    `sim.feasibility` does. ScenarioError with one line for every error, as many as a screen holds.
+    `sim.feasibility` does.
     """
     scenario, lines = examined(plain_values(table), further)
     if lines or scenario is None:

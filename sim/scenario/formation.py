@@ -1,7 +1,8 @@
 """Formation: shapes, stations in the leader's trail, how followers keep them, and how they give way to each other."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from itertools import combinations
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -188,14 +189,6 @@ class Formation(Section):
         return self
 
 
-def _pairs(stations: list[tuple[str, Station]]) -> Iterator[tuple[str, float, float]]:
-    """Keys of each pair of stations, and their distances across and in depth [m]."""
-    for i, (key, a) in enumerate(stations):
-        for other, b in stations[:i]:
-            apart = math.hypot(a.behind_m - b.behind_m, a.port_m - b.port_m)
-            yield f"{key}.station and {other}.station", apart, abs(a.depth_m - b.depth_m)
-
-
 def station_inconsistencies(proximity: Proximity | None, stations: list[tuple[str, Station]]) -> list[str]:
     """Stations without room for two hulls, and settings with which followers cannot give way to each other."""
     key, found, needed = "formation.proximity", list[str](), f"at least {LEAST_APART_M:g} m"
@@ -203,7 +196,9 @@ def station_inconsistencies(proximity: Proximity | None, stations: list[tuple[st
         if (near := math.hypot(a.behind_m, a.port_m)) < LEAST_APART_M:
             text = f"{name}.station is {near:.3g} m from the leader's place"
             found.append(f"{text}; stations are {needed} from it")
-    for names, apart, layers in _pairs(stations):
+    for (other, b), (name, a) in combinations(stations, 2):
+        apart, layers = math.hypot(a.behind_m - b.behind_m, a.port_m - b.port_m), abs(a.depth_m - b.depth_m)
+        names = f"{name}.station and {other}.station"
         if apart < LEAST_APART_M and layers < LEAST_LAYER_M:
             text = f"{names} are {apart:.3g} m apart in layers {layers:.3g} m apart"
             found.append(f"{text}; {needed} or {LEAST_LAYER_M:g} m are needed")
@@ -214,8 +209,6 @@ def station_inconsistencies(proximity: Proximity | None, stations: list[tuple[st
             )
     if proximity is None:
         return found
-    if not stations:
-        found.append(f"{key} is for followers on stations; there are none")
     if proximity.full_avoidance_range_m >= proximity.range_m:
         found.append(
             f"{key}.full_avoidance_range_m = {proximity.full_avoidance_range_m:g} is not less than {key}.range_m = "

@@ -4,11 +4,9 @@ A route becomes a plan of segments on which acceleration and turn rate are const
 
     turn out of the last corner │ ramp to the leg's speed │ constant speed │ half of the next turn …
 
-Corners are cut by the arc that touches both legs; its middle is the arrival at the waypoint, at the waypoint's time.
-The leg's speed follows from that in closed form. Before a stop the leg ends with a ramp down to rest at the waypoint;
-after it the vehicle turns on the spot. The same plan is the reference of `sim.control.guidance`.
-
-Follower routes are drawn at random from those that can be flown so, in the classes of the paper (Section 3).
+Corners are cut by the arc that touches both legs; its middle is the arrival at the waypoint, at its time. Before a stop
+the leg ends with a ramp down to rest; after it the vehicle turns on the spot. Follower routes are drawn at random in
+the classes of the paper (Section 3).
 """
 
 from collections.abc import Sequence
@@ -115,10 +113,7 @@ def _turn_towards(planner: _Planner, point: list[float]) -> float:
 
 
 def _leg_speed(distance: float, time: float, speed: float) -> float:
-    """Speed v that, reached from `speed` by a ramp, covers `distance` in `time`; NaN if no ramp is short enough.
-
-    distance = v time ∓ (v − speed)² / (2 acceleration): the ramp up loses, the ramp down gains.
-    """
+    """Speed v after a ramp for `distance` in `time`, d = v t ∓ (v − speed)² / (2 acceleration); NaN: there is none."""
     missing = distance - speed * time
     root = time * time - 2.0 * abs(missing) / ACCELERATION
     if time <= 0 or root < 0:
@@ -127,10 +122,7 @@ def _leg_speed(distance: float, time: float, speed: float) -> float:
 
 
 def _leg_speed_to_rest(distance: float, time: float, speed: float) -> float:
-    """Speed v that, reached from `speed` by a ramp, covers `distance` in `time`, ended by a ramp to rest.
-
-    distance = v time ∓ (v − speed)² / (2 acceleration) − v² / (2 acceleration); NaN if no ramps are short enough.
-    """
+    """Speed as of `_leg_speed`, with a ramp to rest at the end, d = … − v² / (2 acceleration)."""
     if time <= 0:
         return float("nan")
     if distance < speed * time - 0.5 * speed**2 / ACCELERATION:
@@ -143,10 +135,7 @@ def _leg_speed_to_rest(distance: float, time: float, speed: float) -> float:
 
 
 def _leg(route: Route, k: int, planner: _Planner, cut: float) -> tuple[float, float]:
-    """Speed [m/s], and time at that speed [s], of the straight way to the turn at waypoint k; LaisnError if impossible.
-
-    The planner heads for the waypoint, where a corner of `cut` [rad] is to be cut, or where it stops (`cut` is 0).
-    """
+    """Speed [m/s], and time at it [s], on the straight way to waypoint k, whose corner of `cut` [rad] is to be cut."""
     where = f"route {route.name!r}, waypoint {k + 1}"
     mean_speed = route.leg_speed[k - 1]
     if mean_speed > SPEED_MAX * (1 + 1e-9):
@@ -290,10 +279,9 @@ def _acceptable(
 
 
 def random_route(rng: np.random.Generator, route_class: RouteClass, duration: float = 1000.0) -> Route:
-    """A follower's route about the leader's L that the vehicle can fly; what it cannot fly is drawn again.
+    """A follower's route about the leader's L that the vehicle can fly, in its class until its end at `duration` [s].
 
-    The route is a function of the state of `rng`; it keeps to its class until `duration`, the time of the last waypoint
-    [s]. LaisnError if no route of the class was found.
+    It is a function of the state of `rng`. LaisnError if no route of the class was found.
     """
     time = np.arange(0.0, duration + _CHECK_INTERVAL, _CHECK_INTERVAL)
     moving = plan(library_route("L")).at(time)

@@ -152,9 +152,9 @@ def names() -> tuple[str, ...]:
 def library_route(name: str, depth: float | DepthProfile | None = None) -> Route:
     """A route of the library: "L" of the leader, "T2" … "T9" of the followers, at a depth [m] or profile.
 
-    The published follower routes exist as pictures only; these fit them in distance, bearing and speed
-    (`sim/scenario/data`). Followers start at their first waypoint heading east at 1 m/s. The depth is 8 m for the
-    leader and 10 m for followers, unless it is given. LaisnError if there is no such route.
+    The published follower routes are pictures; these fit them in distance, bearing and speed (`sim/scenario/data`), and
+    start heading east at 1 m/s. The depth is 8 m for the leader and 10 m for followers, unless it is given. LaisnError
+    if there is no such route.
     """
     if name == "L":
         return Route.at_speed("L", LEADER_L, START_SPEED, LEADER_DEPTH if depth is None else depth)

@@ -131,13 +131,9 @@ def with_fields_of(
     """Give a section a key for each field of a navigator's settings, a dataclass, which declares them.
 
     A key is the field's name with the unit that ends its docstring, degrees in place of radians; the other text of the
-    docstring is its description. Fields without docstring, and those for which the section has a key, are left out.
-
-    Args:
-        kind: the dataclass; its numbers are not negative, and those of its POSITIVE not zero.
-        positive: further fields that must not be zero.
-        without: fields that no key sets.
-        optional: whether all defaults are None.
+    docstring is its description. Fields without docstring, those in `without`, and those for which the section has a
+    key are left out. Numbers are not negative, and those in POSITIVE and `positive` not zero; `optional`: all defaults
+    are None.
     """
     endings = {unit.replace("°", "rad"): ending for ending, (unit, _) in UNITS.items()}
     types, texts = get_type_hints(kind), _docstrings(kind)

@@ -252,8 +252,6 @@ class Scenario(Section):
         stations = [(f"followers[{i}]", f.station) for i, f in enumerate(self.followers) if f.station]
         found += station_inconsistencies(self.formation.proximity, stations)
         found += self._closed_loop_errors(bool(stations))
-        if self.leader.broadcast_waypoints and not stations:
-            found.append("leader.broadcast_waypoints is for followers on stations; there are none")
         if self.navigation.use_attitude and not self.leader.broadcast_attitude:
             found.append("navigation.use_attitude needs leader.broadcast_attitude = true")
         places, used = len(self.navigation.transmitters_m), self.navigation.transmitters

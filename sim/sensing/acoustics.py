@@ -7,13 +7,9 @@ A ping leaves its transmitter at t_e, where that site then is, and arrives at t_
 solved for t_a itself, whatever the time step. The follower gets t_e from the message, reads t_a on its own clock and
 assumes a constant speed of sound c_b: R = c_b (t_a + clock error − t_e).
 
-A ray that is straight and not level spends equal times at equal depth steps, so that its mean slowness is the mean of
-1/c over the depths it crosses (Medwin & Clay, Fundamentals of Acoustical Oceanography, 1998: ray bending is neglected,
-which over 100 m and usual gradients of 0.1 /s changes a path by less than a millimetre). A flat, level boundary sends
-an echo that seems to come from the mirror image of its source (ibid.); a receiver that takes it for the direct arrival
-measures a range that is too long: the gross error of paper Section 2.4.
-
-All of this is the same in every run; random errors, echoes and losses come on top.
+Rays are straight: their mean slowness is the mean of 1/c over the depths they cross (Medwin & Clay, Fundamentals of
+Acoustical Oceanography, 1998). A flat, level boundary sends an echo that seems to come from the mirror image of its
+source (ibid.); taken for the direct arrival it is the gross error of paper Section 2.4. Random errors come on top.
 """
 
 from dataclasses import dataclass
@@ -213,10 +209,7 @@ def path_slowness(profile: SoundProfile, path: int, source: Any, receiver: Any, 
 def _follow_ping(
     s: Sound, known: Motion, receiver: tuple[int, Floats], path: int, ping: tuple[Any, Any], arrival: Record
 ) -> None:
-    """Follow a ping by one `Path` to a vehicle, as far as the motion is known; writes a record of ARRIVAL.
-
-    `receiver` is the vehicle's index, and the offset of its hydrophone [m]; `ping` when it leaves [s], and from where.
-    """
+    """Follow a ping, when and from where it leaves, by one `Path` to a vehicle's hydrophone; writes an ARRIVAL."""
     (vehicle, hydrophone), (leaves, source) = receiver, ping
     there, apparent = site_at(s, known, vehicle, hydrophone, leaves), image(source, path, s.floor)
     time, ratio = leaves, s.ratio
@@ -232,16 +225,11 @@ def _follow_ping(
 
 @elementwise
 def follow(s: Sound, known: Motion, sites: tuple[Floats, Floats], vehicle: int, sent: Any, arrivals: Records) -> Any:
-    """Follow all pings of a message to a vehicle, as far as the motion is known; or those of many messages.
+    """Follow all pings of a message, or of m, to a vehicle by its index, as far as the motion is known.
 
-    Args:
-        sites: offsets of the transmitters, shape (3, 3), and of the hydrophone, shape (3,), [m].
-        vehicle: index of the receiver's.
-        sent: when the message is sent [s]; shape () or (m,).
-        arrivals: out: of ARRIVAL, shape (3 transmitters, 3 paths) or (3, 3, m).
-
-    Returns:
-        When the last ping that is waited for is in [s]; right as soon as that is not later than what is known.
+    `sites` are offsets of the transmitters, shape (3, 3), and of the hydrophone, shape (3,), [m]; `sent` is when a
+    message is sent [s]; `arrivals`, out, are of ARRIVAL, shape (3 transmitters, 3 paths, …). Gives when the last ping
+    that is waited for is in [s], which is right as soon as that is known.
     """
     transmitters, hydrophone = sites
     complete = sent
@@ -275,10 +263,7 @@ def reception_step(complete: Any, dt: float) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Propagation:
-    """Sound of m messages on its three paths; arrays over transmitters hold rear, front, middle.
-
-    Arrays over paths are ordered as `Path`; paths without a chance to be taken hold NaN.
-    """
+    """Sound of m messages: transmitters are rear, front and middle, paths in the order of `Path`."""
 
     emission_step: Ints  # filter step at which a message is sent, shape (m,)
     message_step: Ints

@@ -1,7 +1,6 @@
 """Counter-based random numbers: any draw from (seed, run, stream, step), alone and in any order.
 
-A draw is a function of its address, so results depend neither on blocks, threads nor order, a single flight can take
-exactly the noise of run k of a campaign, and a new sensor on a new stream leaves the noise of all others as it was.
+Results depend neither on blocks, threads nor order, and a single flight has exactly the noise of run k of a campaign.
 
 The generator is Philox4x32-10 (Salmon, Moraes, Dror & Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011):
 counter (step, run, stream, 0), key the 64-bit seed. Its four 32-bit words give two normals or up to four uniforms.
@@ -156,8 +155,8 @@ def _address(
 def normals(seed: int, run: int, stream: int, steps: npt.ArrayLike) -> Floats:
     """Standard normals, two for each step, shape (m, 2), independent over columns, steps, streams, runs and seeds.
 
-    `stream` is `Stream.number(follower)`, `steps` are filter steps k, shape (m,). ValueError if the seed is not below
-    2⁶⁴, or another part of the address not below 2³².
+    `stream` is `Stream.number(follower)`, `steps` are filter steps k, shape (m,). LaisnError if seed or run is too
+    large.
     """
     return _draws(*_address(seed, run, stream, steps))[:, :2]
 

@@ -24,17 +24,7 @@ from laisn.messages import LeaderMessage, Measurements
 from laisn.swarm import MESSAGE, READING
 from sim.attitude import heading_of, pitch_of, roll_of
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.sensing.acoustics import (
-    ARRIVAL,
-    Motion,
-    Path,
-    Sound,
-    follow,
-    propagate,
-    received_range,
-    reception_step,
-    sound_of,
-)
+from sim.sensing import acoustics, sensors
 from sim.sensing.noise import (
     STREAMS,
     Address,
@@ -46,27 +36,6 @@ from sim.sensing.noise import (
     uniforms,
     uniforms_at,
     words,
-)
-from sim.sensing.sensors import (
-    ERRORS,
-    FollowerState,
-    OwnSensor,
-    SensorErrors,
-    advanced,
-    errors_of,
-    gain,
-    is_bad,
-    is_lost,
-    loses,
-    own_sensors,
-    read_message,
-    read_own,
-    read_ranges,
-    read_steering,
-    tilt_errors,
-    true_message,
-    true_own,
-    weights,
 )
 from sim.trajectory import Body, Trajectory
 
@@ -90,7 +59,7 @@ class SensorModel(NamedTuple):
     dt: float
     stride: int  # instants from one filter step to the next
     message_every: int  # filter steps from one message to the next
-    sound: Sound
+    sound: acoustics.Sound
 
 
 def sensor_model_of(scenario: Scenario) -> SensorModel:
@@ -99,13 +68,13 @@ def sensor_model_of(scenario: Scenario) -> SensorModel:
     return SensorModel(
         seed=np.uint64(scenario.seed),
         run=np.uint64(scenario.run),
-        errors=np.array([tuple(errors_of(scenario, i)) for i in followers], ERRORS).view(np.recarray),
+        errors=np.array([tuple(sensors.errors_of(scenario, i)) for i in followers], sensors.ERRORS).view(np.recarray),
         senses_acceleration=leader.broadcast_attitude and scenario.sensors.leader_attitude_senses_acceleration,
-        tilt_share=gain(scenario.sensors),
+        tilt_share=sensors.gain(scenario.sensors),
         dt=scenario.timing.filter_step_s,
         stride=round(scenario.timing.filter_step_s / CONTROL_STEP_S),
         message_every=scenario.message_every,
-        sound=sound_of(scenario),
+        sound=acoustics.sound_of(scenario),
     )
 
 
@@ -123,9 +92,9 @@ def read_instruments(
 ) -> None:
     """Read a follower's own sensors at filter step k into a record of `laisn.swarm.READING`."""
     e, address, body = s.errors[follower], Address(s.seed, s.run, follower, k), body_of(state)
-    true_own(e, follower, k * s.dt, body, depth_sensor, reading)
-    read_own(e, address, reading, reading)
-    read_steering(e, address, body, reading)
+    sensors.true_own(e, follower, k * s.dt, body, depth_sensor, reading)
+    sensors.read_own(e, address, reading, reading)
+    sensors.read_steering(e, address, body, reading)
 
 
 class Inbox(NamedTuple):
@@ -152,17 +121,15 @@ def new_inbox(followers: int) -> Inbox:
 def broadcast(s: SensorModel, k: int, state: State, tilt: Floats, since: int, fluctuation: Floats, out: Record) -> None:
     """Make the message that the leader sends at filter step k, so many steps after the one before (0: there is none).
 
-    Args:
-        tilt: what accelerations add to measured pitch and roll, shape (2,), [rad]; NaN if these are not broadcast.
-        fluctuation: Gauss–Markov errors of pitch and roll, of unit variance, shape (2,); brought forward.
-        out: of MESSAGE.
+    `tilt` is what accelerations add to measured pitch and roll, shape (2,), [rad]; NaN if these are not broadcast.
+    `fluctuation` are their Gauss–Markov errors, of unit variance, shape (2,), brought forward; `out` is of MESSAGE.
     """
     e, sent = s.errors[0], Address(s.seed, s.run, 0, k)
-    (kept, fresh), drawn = weights(since, s.dt, e.leader_tilt_time), normals_at(sent, _ATTITUDE)
-    fluctuation[0] = advanced(fluctuation[0], kept, fresh, drawn[0])
-    fluctuation[1] = advanced(fluctuation[1], kept, fresh, drawn[1])
-    true_message(e, k * s.dt, body_of(state), tilt, out)
-    read_message(e, sent, out, normals_at(Address(s.seed, s.run, 0, 0), _ATTITUDE), fluctuation, out)
+    (kept, fresh), drawn = sensors.weights(since, s.dt, e.leader_tilt_time), normals_at(sent, _ATTITUDE)
+    fluctuation[0] = sensors.advanced(fluctuation[0], kept, fresh, drawn[0])
+    fluctuation[1] = sensors.advanced(fluctuation[1], kept, fresh, drawn[1])
+    sensors.true_message(e, k * s.dt, body_of(state), tilt, out)
+    sensors.read_message(e, sent, out, normals_at(Address(s.seed, s.run, 0, 0), _ATTITUDE), fluctuation, out)
 
 
 @compiled
@@ -172,13 +139,13 @@ def _measure_ranges(s: SensorModel, k: int, sent: int, follower: int, arrivals: 
     at, now = Address(s.seed, s.run, follower, sent), Address(s.seed, s.run, follower, k)
     for i in range(3):
         for path in range(3):
-            true[i, path] = received_range(arrivals[i, path], k, s.dt)
-    ranges[0], ranges[1], ranges[2] = read_ranges(e, s.sound.transmitters, at, now, true)
-    if loses(e):
+            true[i, path] = acoustics.received_range(arrivals[i, path], k, s.dt)
+    ranges[0], ranges[1], ranges[2] = sensors.read_ranges(e, s.sound.transmitters, at, now, true)
+    if sensors.loses(e):
         fate = uniforms_at(at, _LOSS)
-        in_burst = is_bad(inbox.bad[follower] > 0.0, fate[0], e)
+        in_burst = sensors.is_bad(inbox.bad[follower] > 0.0, fate[0], e)
         inbox.bad[follower] = 1.0 if in_burst else 0.0
-        if is_lost(in_burst, fate[1], e):
+        if sensors.is_lost(in_burst, fate[1], e):
             ranges[:] = np.nan
     return RECEIVED if ranges[0] == ranges[0] or ranges[1] == ranges[1] or ranges[2] == ranges[2] else NO_RANGES
 
@@ -191,22 +158,26 @@ def is_under_way(k: int, follower: int, message_every: int, inbox: Inbox) -> boo
 
 @compiled
 def receive(
-    s: SensorModel, k: int, follower: int, sites: tuple[Floats, Floats], known: Motion, tilts: Floats, inbox: Inbox
+    s: SensorModel,
+    k: int,
+    follower: int,
+    sites: tuple[Floats, Floats],
+    known: acoustics.Motion,
+    tilts: Floats,
+    inbox: Inbox,
 ) -> None:
     """Take up the message that is in at filter step k, if there is one.
 
-    Args:
-        sites: offsets of the transmitters, shape (3, 3), and of the followers' hydrophones, shape (f, 3), [m].
-        known: the motion until now.
-        tilts: what accelerations add to the leader's measured pitch and roll at each instant, shape (n, 2), [rad].
-        inbox: brought forward.
+    `sites` are offsets of the transmitters, shape (3, 3), and of the followers' hydrophones, shape (f, 3), [m], `tilts`
+    what accelerations add to the leader's measured pitch and roll at each instant, shape (n, 2), [rad]; the inbox is
+    brought forward.
     """
     inbox.outcome[follower] = NO_MESSAGE
-    truth, arrivals, to_follower = known.truth, np.empty((3, 3), ARRIVAL), (sites[0], sites[1][follower])
+    truth, arrivals, to_follower = known.truth, np.empty((3, 3), acoustics.ARRIVAL), (sites[0], sites[1][follower])
     while is_under_way(k, follower, s.message_every, inbox):
         sent = (inbox.over[follower] + 1) * s.message_every
-        complete = follow(s.sound, known, to_follower, follower + 1, sent * s.dt, arrivals)
-        if reception_step(complete, s.dt) > k:
+        complete = acoustics.follow(s.sound, known, to_follower, follower + 1, sent * s.dt, arrivals)
+        if acoustics.reception_step(complete, s.dt) > k:
             return
         inbox.over[follower] += 1
         # of two messages within one filter step the follower keeps the first
@@ -239,13 +210,9 @@ def look_interval(scenario: Scenario) -> int:
 
 @compiled
 def look(address: tuple[np.uint64, np.uint64], p: Record, k: int, follower: int, poses: Floats, seen: Records) -> None:
-    """Look around at tick k, from 1.
+    """Look around at tick k, from 1, by seed and run of the noise and the record of `[formation.proximity]`.
 
-    Args:
-        address: seed and run of the noise.
-        p: record of `[formation.proximity]`.
-        poses: of all vehicles, shape (v, 7).
-        seen: out: of every vehicle, of SIGHTING, shape (v,).
+    `poses` are of all vehicles, shape (v, 7); `seen`, out, is what is sensed of each, of SIGHTING, shape (v,).
     """
     own, steepest = follower + 1, np.sin(0.5 * p.aperture)
     heading = heading_of(poses[own, 3], poses[own, 4], poses[own, 5], poses[own, 6])
@@ -313,7 +280,7 @@ class MissionTruth:
     """Slant range to the rear, front and middle transmitter, shape (m, 3), [m]; NaN where nothing is received."""
     echo_range: Floats | None = None
     """Slant range by way of the surface and of the bottom, shape (2, m, 3), [m]; None if echoes are not modelled."""
-    own: tuple[tuple[OwnSensor, Floats], ...] = ()
+    own: tuple[tuple[sensors.OwnSensor, Floats], ...] = ()
     """Sensors of the user's own and what they would read without errors, shape (n, …)."""
 
     def __post_init__(self) -> None:
@@ -330,9 +297,7 @@ def start_of(trajectory: Trajectory, follower: int = 0) -> Floats:
 def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> MissionTruth:
     """What the sensors of one follower see of a trajectory of a mission from its start, without errors.
 
-    Ranges come from `sim.sensing.acoustics`: with the paper's settings they are distances between the transmitter sites
-    and the hydrophone site at the instant of the ping. ValueError if the trajectory begins later, or is too short for
-    one filter step.
+    ValueError if the trajectory begins later, or is too short for one filter step.
     """
     dt, v, name = scenario.timing.filter_step_s, follower + 1, trajectory.names[follower + 1]
     stride = round(dt / CONTROL_STEP_S)
@@ -342,31 +307,25 @@ def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Mi
     if trajectory.time[0] != 0.0:
         raise ValueError(f"the trajectory begins at {trajectory.time[0]:g} s; what is sensed depends on all before")
     steps, grid = np.arange(1, n + 1), slice(stride, n * stride + 1, stride)
-    errors, sound = errors_of(scenario, follower), propagate(trajectory, scenario, follower)
+    errors, sound = sensors.errors_of(scenario, follower), acoustics.propagate(trajectory, scenario, follower)
     own, sent = records(READING, n), records(MESSAGE, sound.emission_step.size)
     depth_sensor = trajectory.site_offset[trajectory.site(f"{name}/depth_sensor")]
-    true_own(errors, follower, steps * dt, trajectory.body(v, grid), depth_sensor, own)
+    sensors.true_own(errors, follower, steps * dt, trajectory.body(v, grid), depth_sensor, own)
     emitted, tilt = sound.emission_step * stride, np.full((2, sound.emission_step.size), np.nan)
     if scenario.leader.broadcast_attitude:
-        tilt = tilt_errors(trajectory, scenario.sensors)[emitted].T
-    true_message(errors, sound.emission_step * dt, trajectory.body(0, emitted), tilt, sent)
+        tilt = sensors.tilt_errors(trajectory, scenario.sensors)[emitted].T
+    sensors.true_message(errors, sound.emission_step * dt, trajectory.body(0, emitted), tilt, sent)
     hydrophone = trajectory.site_path(f"{name}/hydrophone", steps * stride)
-    ranges = received_range(sound.arrival, sound.message_step[:, None, None], dt)
+    ranges = acoustics.received_range(sound.arrival, sound.message_step[:, None, None], dt)
 
     @cache
-    def state() -> FollowerState:
+    def state() -> sensors.FollowerState:
         source = np.full((n, 3, 3), np.nan)
-        source[sound.message_step - 1] = np.where(np.isnan(ranges[:, :, [Path.DIRECT]]), np.nan, sound.transmitter)
-        return FollowerState(
-            time=trajectory.time[grid],
-            position=trajectory.position[grid, v],
-            quaternion=trajectory.quaternion[grid, v],
-            velocity=trajectory.velocity[grid, v],
-            angular_velocity=trajectory.angular_velocity[grid, v],
-            water_velocity=trajectory.water_velocity[grid, v],
-            hydrophone=hydrophone,
-            source=source,
+        source[sound.message_step - 1] = np.where(
+            np.isnan(ranges[:, :, [acoustics.Path.DIRECT]]), np.nan, sound.transmitter
         )
+        motion = trajectory.pose[grid, v], trajectory.twist[grid, v], trajectory.water_velocity[grid, v]
+        return sensors.follower_state(trajectory.time[grid], motion, hydrophone, source)
 
     return MissionTruth(
         dt=dt,
@@ -380,51 +339,51 @@ def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Mi
         message_step=sound.message_step,
         emission_step=sound.emission_step,
         sent=sent,
-        slant_range=ranges[:, :, Path.DIRECT],
-        echo_range=np.moveaxis(ranges[:, :, Path.SURFACE :], 2, 0),
-        own=tuple((sensor, sensor.true(state())) for sensor in own_sensors(scenario)),
+        slant_range=ranges[:, :, acoustics.Path.DIRECT],
+        echo_range=np.moveaxis(ranges[:, :, acoustics.Path.SURFACE :], 2, 0),
+        own=tuple((sensor, sensor.true(state())) for sensor in sensors.own_sensors(scenario)),
     )
 
 
-def fluctuation_weights(truth: MissionTruth, errors: SensorErrors) -> Floats:
+def fluctuation_weights(truth: MissionTruth, errors: sensors.SensorErrors) -> Floats:
     """`weights` of the errors of the leader's pitch and roll in each message, shape (m, 2)."""
     since = np.diff(truth.emission_step, prepend=truth.emission_step[:1]).tolist()
-    return np.array([weights(steps, truth.dt, errors.leader_tilt_time) for steps in since]).reshape(-1, 2)
+    return np.array([sensors.weights(steps, truth.dt, errors.leader_tilt_time) for steps in since]).reshape(-1, 2)
 
 
-def received(seed: int, run: int, follower: int, emission_step: Ints, e: SensorErrors) -> Bools:
+def received(seed: int, run: int, follower: int, emission_step: Ints, e: sensors.SensorErrors) -> Bools:
     """Whether each message arrives, shape (m,), by the steps at which all messages until then were sent, shape (m,).
 
     The chain starts in its good state before the first message; all transmitters share a message's fate.
     """
     drawn, bad = uniforms(seed, run, Stream.LOSS.number(follower), emission_step)[:, :2].tolist(), False
-    fates = [(bad := is_bad(bad, change, e), fate) for change, fate in drawn]
-    return np.array([not is_lost(was_bad, fate, e) for was_bad, fate in fates], dtype=np.bool_)
+    fates = [(bad := sensors.is_bad(bad, change, e), fate) for change, fate in drawn]
+    return np.array([not sensors.is_lost(was_bad, fate, e) for was_bad, fate in fates], dtype=np.bool_)
 
 
 def measure(
-    truth: MissionTruth, errors: SensorErrors, *, seed: int, run: int, follower: int = 0, transmitters: int = 3
+    truth: MissionTruth, errors: sensors.SensorErrors, *, seed: int, run: int, follower: int = 0, transmitters: int = 3
 ) -> Measurements:
     """Everything that one follower measures in a run: exactly the noise of that run in a campaign.
 
-    Followers share the leader's errors and nothing else. `transmitters` is N_T, how many of the leader's it uses, rear
-    and front first. LaisnError if seed or run is out of range.
+    `transmitters` is N_T, how many of the leader's it uses, rear and front first. LaisnError if seed or run is too
+    large.
     """
     every = Address(seed, run, follower, np.arange(1, truth.speed.size + 1))
     sent, taken_up = every._replace(step=truth.emission_step), every._replace(step=truth.message_step)
     own, message = records(READING, every.step.size), truth.sent.copy()
-    read_own(errors, every, truth, own)
+    sensors.read_own(errors, every, truth, own)
     # step 0, at which nothing is measured, addresses errors that a run keeps
     offset = normals_at(every._replace(step=0), Stream.LEADER_ATTITUDE)
     drawn = normals_at(sent, Stream.LEADER_ATTITUDE)
     fluctuation, last = np.empty_like(drawn), np.zeros(2)
     for i, (kept, fresh) in enumerate(fluctuation_weights(truth, errors).tolist()):
-        last = fluctuation[:, i] = advanced(last, kept, fresh, drawn[:, i])
-    read_message(errors, sent, truth.sent, offset, fluctuation, message)
+        last = fluctuation[:, i] = sensors.advanced(last, kept, fresh, drawn[:, i])
+    sensors.read_message(errors, sent, truth.sent, offset, fluctuation, message)
     by_echo = np.full((2, *truth.slant_range.shape), np.nan) if truth.echo_range is None else truth.echo_range
     true = np.transpose([truth.slant_range, *by_echo], (2, 0, 1))
-    ranges = np.column_stack(read_ranges(errors, transmitters, sent, taken_up, true))
-    if loses(errors):
+    ranges = np.column_stack(sensors.read_ranges(errors, transmitters, sent, taken_up, true))
+    if sensors.loses(errors):
         ranges[~received(seed, run, follower, truth.emission_step, errors)] = np.nan
     lost = truth.message_step[np.isnan(ranges).all(axis=1)] - 1
     extra = {}

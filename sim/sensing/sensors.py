@@ -52,13 +52,6 @@ _ECHO, _RANGE_UNIFORM, _RANGE_SCALE = int(Stream.ECHO), int(Stream.RANGE_UNIFORM
 _SECONDS_AN_HOUR = 3600.0
 
 
-class RandomError(NamedTuple):
-    """Random error of a measured angle, after the filter has run for long."""
-
-    sigma: float  # standard deviation [rad]
-    time: float  # correlation time; 0: each reading has its own [s]
-
-
 def gain(sensors: Sensors) -> float:
     """γ: share of the inclinometer in each step of the filter; 1 without gyros."""
     if sensors.leader_gyro_time_constant_s == 0.0:
@@ -66,16 +59,16 @@ def gain(sensors: Sensors) -> float:
     return float(-np.expm1(-CONTROL_STEP_S / sensors.leader_gyro_time_constant_s))
 
 
-def random_error(sensors: Sensors) -> RandomError:
-    """Random error of the leader's pitch and roll."""
+def random_error(sensors: Sensors) -> tuple[float, float]:
+    """Standard deviation [rad] and correlation time [s] of the leader's pitch and roll errors; 0: each has its own."""
     reading = float(np.deg2rad(sensors.leader_attitude_sigma_deg))
     if sensors.leader_gyro_time_constant_s == 0.0:
-        return RandomError(reading, 0.0)
+        return reading, 0.0
     share = gain(sensors)
     walk = np.deg2rad(sensors.leader_gyro_random_walk_deg_sqrt_h) * np.sqrt(CONTROL_STEP_S / _SECONDS_AN_HOUR)
     kept = 1.0 - share
     variance = (share**2 * reading**2 + kept**2 * walk**2) / (1.0 - kept**2)
-    return RandomError(float(np.sqrt(variance)), sensors.leader_gyro_time_constant_s)
+    return float(np.sqrt(variance)), sensors.leader_gyro_time_constant_s
 
 
 @elementwise
@@ -115,10 +108,7 @@ def tilt_errors(trajectory: Trajectory, sensors: Sensors) -> Floats:
 
 @compiled
 def follow_tilt(share: float, quaternion: Floats, change: Floats, last: Floats, error: Floats) -> None:
-    """One step of `tilt_errors` in compiled code: from the errors at the instant before, shape (2,), to those at this.
-
-    `share` is the `gain` of the filter, `change` that of the velocity since then, shape (3,), [m/s].
-    """
+    """One step of `tilt_errors` in compiled code: from the errors at the last instant to those at this, shape (2,)."""
     w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
     pitch, roll = _shown((w, x, y, z), (change[0], change[1], change[2]))
     error[0] = _filtered(last[0], signed_angle(pitch - pitch_of(w, x, y, z)), share)
@@ -156,8 +146,8 @@ def _values(sensors: Sensors, acoustics: Acoustics) -> dict[str, Any]:
     }
     tilt, towards = random_error(sensors), np.deg2rad(sensors.leader_position_drift_deg)
     return declared | {
-        "leader_tilt_sigma": tilt.sigma,
-        "leader_tilt_time": tilt.time,
+        "leader_tilt_sigma": tilt[0],
+        "leader_tilt_time": tilt[1],
         "leader_drift_east": float(sensors.leader_position_drift_m_s * np.sin(towards)),
         "leader_drift_north": float(sensors.leader_position_drift_m_s * np.cos(towards)),
     }
@@ -223,9 +213,9 @@ def _range_reading(true: Any, longest: Any, tau: float, uniform: Any, psi: Any) 
 def range_readings(e: SensorErrors, transmitters: int, true: Any, uniform: Any, normal: Any) -> Any:
     """Ranges of a message to the rear, front and middle transmitter (paper, Eq. 28); NaN where none is received.
 
-    A receiver rejects what is no range: zero, negative, or beyond `FARTHEST`. N_T, the number of transmitters in use,
-    is 2 with LAISN-2 and 3 with LAISN-3 (Sections 2.2 and 2.3). ψ counts in proportion to the longest range to them.
-    The middle one, which LAISN-2 has no use for, is scaled by the longest of all.
+    A receiver rejects zero, negative ranges and those beyond `FARTHEST`. N_T is 2 with LAISN-2 and 3 with LAISN-3
+    (Sections 2.2 and 2.3); ψ counts in proportion to the longest range to those in use. The middle one, which LAISN-2
+    has no use for, is scaled by the longest of all.
     """
     psi, centre = e.range_scale_mean + e.range_scale_sigma * normal, 0.5 * e.range_error_centred
     of_two = np.fmax(np.fmax(true[0], true[1]), 0.0)
@@ -344,13 +334,8 @@ def _along(true: Any, path: Any) -> Any:
 def read_ranges(e: Any, transmitters: int, sent: Address, received: Address, true: Any) -> Any:
     """Ranges of messages that are not lost, to the rear, front and middle transmitter [m].
 
-    Args:
-        e: record or tuple of `sim.sensing.sensors`.
-        transmitters: how many of the leader's the follower uses.
-        sent: address of the noise at the filter step at which a message is sent.
-        received: at the one at which it is received.
-        true: range by each path from each transmitter, shape (3 transmitters, 3 paths, …), [m]; NaN where nothing
-            is received.
+    `sent` and `received` are addresses of the noise at the filter steps at which a message is sent and received, `true`
+    ranges by each path from each transmitter, shape (3 transmitters, 3 paths, …), [m]; NaN where nothing is received.
     """
     paths = 0, 0, 0
     if e.surface_echo_probability + e.bottom_echo_probability > 0.0:
@@ -375,20 +360,18 @@ class FollowerState(NamedTuple):
     shape (n, 3, 3), [m]; NaN where none is received."""
 
 
+def follower_state(time: Floats, motion: tuple[Floats, Floats, Floats], *places: Floats) -> FollowerState:
+    """The state of poses, twists and velocities of the water, shapes (n, 7), (n, 6) and (n, 3), and two places."""
+    pose, twist, water = motion
+    return FollowerState(time, pose[:, :3], pose[:, 3:], twist[:, :3], twist[:, 3:], water, *places)
+
+
 class OwnSensor(Protocol):
     """A sensor: a frozen dataclass whose fields are its parameters, keys of its table, in SI units and radians."""
 
-    @property
-    def name(self) -> str:
-        """Of its readings in `Measurements.own`."""
-
-    @property
-    def stream(self) -> int:
-        """Number of its noise, 16 … 63, for no other sensor."""
-
-    @property
-    def acoustic(self) -> bool:
-        """Whether it reads pings, and nothing where all pings of a message are lost."""
+    name: str  # of its readings in `Measurements.own`
+    stream: int  # number of its noise, 16 … 63, for no other sensor
+    acoustic: bool  # whether it reads pings, and nothing where all pings of a message are lost
 
     def true(self, state: FollowerState) -> Floats:
         """What it would read without errors, shape (n, c); NaN where it reads nothing."""

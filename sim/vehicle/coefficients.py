@@ -46,10 +46,10 @@ gravity [m/s²] and density [kg/m³], and what is computed once: the cube roots 
 
 
 def read(model: Any, names: Sequence[str], density: float) -> npt.NDArray[np.void]:
-    """Hydrodynamic coefficients of vehicles by their names, from the numerics of a compiled model.
+    """Hydrodynamic coefficients of vehicles by name in a compiled model, in water of a density [kg/m³].
 
-    They are records of RECORD, shape (v,), read-only; `density` is that of the water [kg/m³]. LaisnError if a numeric
-    is missing, of the wrong size or negative, or the added mass is not symmetric positive semidefinite.
+    Records of RECORD, shape (v,), read-only. LaisnError if a numeric is missing, of the wrong size or negative, or the
+    added mass is not symmetric positive semidefinite.
     """
     records = np.zeros(len(names), RECORD)
     for record, name in zip(records, names, strict=True):

@@ -2,8 +2,7 @@
 
 An actuator is a thruster whose state is its thrust [N], unless the MJCF has a numeric of its name and a suffix:
 
-    NAME.curve      thruster; the state is any quantity, the curve has pairs of state and thrust [N], both increasing;
-                    equal thrusts make a dead zone
+    NAME.curve      thruster; the state is any quantity, the curve has pairs of state and thrust [N], both increasing
     NAME.propeller  the state is revolutions per second: diameter [m], K_T at J = 0, its slope dK_T/dJ, K_Q and its
                     slope, wake fraction, thrust deduction, and the share of the torque that turns the hull (negative
                     for a propeller of the other hand)
@@ -61,7 +60,7 @@ EFFECTOR = np.dtype(
 def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
     """Effectors of vehicles, from a compiled model: records of EFFECTOR in the order of the MJCF, shape (v, m).
 
-    Actuators that pad a vehicle are all zeros. LaisnError if an actuator does not act at a site of its own hull, or its
+    Records that pad a vehicle are zero. LaisnError if an actuator does not act at a site of its own hull, or its
     numeric is wrong.
     """
     records = np.zeros((len(vehicles), len(vehicles[0].actuators)), EFFECTOR)
@@ -82,11 +81,7 @@ def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
 
 
 def read_fixed(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
-    """Fixed fins of vehicles, from a compiled model: records of EFFECTOR with limits of zero, shape (v, q).
-
-    q is the largest number of any vehicle, and records beyond a vehicle's own are all zeros. LaisnError if a fin has no
-    site in its own hull, or its numeric is wrong.
-    """
+    """Fixed fins of vehicles, from a compiled model: likewise, with limits of zero, shape (v, q)."""
     numerics = [model.numeric(i).name for i in range(model.nnumeric)]
     fins = [name.removesuffix(SUFFIXES[FIN]) for name in numerics if name.endswith(SUFFIXES[FIN])]
     fixed = [name for name in fins if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name) < 0]
@@ -198,9 +193,8 @@ def thrust_on_curve(record: Any, state: float) -> float:
 def fin_force(record: Any, density: float, deflection: float, local: Vector) -> Vector:
     """Force of a fin by the velocity of its place relative to the water, in the body [N].
 
-    Across the deflected chord acts ½ρ S a U² sin α |cos α|, with α the incidence of the flow on the chord. Beyond the
-    stall angle the force of that angle is kept (an assumption). Without suction at the leading edge the force tilts
-    back with the fin, which is its induced drag. Along the flow acts ½ρ S C_D0 U².
+    Across the deflected chord acts ½ρ S a U² sin α |cos α|, with α the incidence of the flow on the chord, beyond the
+    stall angle that of this angle (an assumption): it tilts back with the fin. Along the flow acts ½ρ S C_D0 U².
     """
     e, p = record.force, record.parameters
     u, across = local[0], local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
@@ -223,18 +217,11 @@ def fin_force(record: Any, density: float, deflection: float, local: Vector) -> 
 
 @compiled
 def loads(records: Any, state: Floats, density: float, v: Vector, w: Vector) -> tuple[Vector, Vector, Vector, Vector]:
-    """Forces of all effectors and fixed fins of a vehicle.
+    """Forces of all effectors and fixed fins of a vehicle, records of EFFECTOR, those with a state first.
 
-    Args:
-        records: of EFFECTOR, first those with a state, shape (m + q,).
-        state: of the effectors, shape (m,).
-        density: of the water [kg/m³].
-        v: velocity relative to the water, in the body [m/s].
-        w: rate of turn relative to the water [rad/s].
-
-    Returns:
-        Force [N] and moment about the origin [N m], in the body, of thrusters whose state is the thrust; likewise of
-        all others, which fade where the hull leaves the water.
+    `state` has shape (m,), the density is in [kg/m³], `v` and `w` are velocity and rate of turn relative to the water,
+    in the body. Gives force [N] and moment about the origin [N m], in the body, of thrusters whose state is the thrust,
+    and of all others, which fade where the hull leaves the water.
     """
     thrust, torque = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -266,10 +253,7 @@ def loads(records: Any, state: Floats, density: float, v: Vector, w: Vector) -> 
 
 @compiled
 def reach(record: Any, density: float, speed: float) -> tuple[float, float]:
-    """Least and largest force along the axis of an effector at a speed along the hull [N].
-
-    Of fins, at least `LEAST_WAY` is assumed.
-    """
+    """Least and largest force along an effector's axis at a speed along the hull, of fins at least `LEAST_WAY`, [N]."""
     low, high = record.limits[0], record.limits[1]
     if record.kind == CURVE:
         return thrust_on_curve(record, low), thrust_on_curve(record, high)

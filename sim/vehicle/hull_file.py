@@ -1,9 +1,8 @@
 """The MJCF of a hull, written from numbers with their formulas or sources, and a first hull from its dimensions.
 
-Coefficients of a slender body of revolution by textbook formulas: Lamb, Hydrodynamics, 6th ed. 1932, articles 114 and
-373 (added mass of a spheroid); Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021, Section
-8.4.2 and chapter 9; Hoerner, Fluid-Dynamic Drag, 1965; Anderson, Fundamentals of Aerodynamics (Helmbold's equation);
-Allen, Vorus and Prestero, OCEANS 2000 (REMUS 100).
+Coefficients of a slender body of revolution: Lamb, Hydrodynamics, 6th ed. 1932, articles 114 and 373; Fossen, Handbook
+of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021, Section 8.4.2 and chapter 9; Hoerner, Fluid-Dynamic
+Drag, 1965; Anderson, Fundamentals of Aerodynamics; Allen, Vorus and Prestero, OCEANS 2000 (REMUS 100).
 """
 
 from collections.abc import Sequence
@@ -118,17 +117,10 @@ def helmbold_slope(aspect: float) -> float:
 def from_dimensions(
     length: float, diameter: float, mass: float, fins: Literal["x", "+"] = "+", propeller: float | None = None
 ) -> HullFile:
-    """A neutral torpedo with four moving tail fins and one propeller.
+    """A neutral torpedo with four tail fins that move, two upright and two level or all at 45°, and one propeller.
 
-    Args:
-        length: of the hull [m].
-        diameter: largest [m].
-        mass: with all that floods [kg].
-        fins: two upright and two level ones, or four at 45°.
-        propeller: diameter [m]; None: 0.7 of the hull's.
-
-    Raises:
-        LaisnError: the dimensions are not those of a slender neutral hull.
+    Length, largest diameter and the propeller's, by default 0.7 of that, are in [m], the mass, with all that floods, in
+    [kg]. LaisnError if the dimensions are not those of a slender neutral hull.
     """
     for name, value in (("length", length), ("diameter", diameter), ("mass", mass), ("propeller", propeller or 1.0)):
         if not 0.0 < value < 1e6:

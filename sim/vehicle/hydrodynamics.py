@@ -1,15 +1,13 @@
-"""Forces of the water on rigid hulls, in Fossen's form, from the velocity relative to the water.
+"""Forces of the water on rigid hulls, in Fossen's form, from the velocity relative to the water (docs/physics.md).
 
 Added mass and its Coriolis terms, damping, lift and cross-flow drag: Fossen, Handbook of Marine Craft Hydrodynamics and
-Motion Control, 2nd ed. 2021, and Lamb, Hydrodynamics, 6th ed. 1932, both for still water; lift and drag over incidence:
-Beard and McLain, Small Unmanned Aircraft, 2012. Water that moves differently from place to place: Taylor, The
-forces on a body placed in a curved or converging stream of fluid, Proc. R. Soc. A 120, 1928; Auton, Hunt and
-Prud'homme, The force exerted on a body in inviscid unsteady non-uniform rotational flow, J. Fluid Mech. 197, 1988. The
-flow is taken as linear over the hull: its velocity, gradient and rates are those at the centre of buoyancy, where the
-body frame has its origin.
+Motion Control, 2nd ed. 2021, and Lamb, Hydrodynamics, 6th ed. 1932; lift and drag over incidence: Beard and McLain,
+Small Unmanned Aircraft, 2012. Water that moves differently from place to place: Taylor, Proc. R. Soc. A 120, 1928;
+Auton, Hunt and Prud'homme, J. Fluid Mech. 197, 1988. The flow is taken as linear over the hull about the centre of
+buoyancy, where the body frame has its origin.
 
-Each physics step: `mj_step1`, or its parts → `apply` → `mj_factorM` → `mj_step2`. `apply` writes the wrench to
-`qfrc_applied` and adds the added mass to `M`, so that it acts on accelerations that MuJoCo has yet to solve for.
+`apply` writes the wrench to `qfrc_applied` and adds the added mass to `M` between `mj_step1` and `mj_factorM`, so that
+it acts on accelerations that MuJoCo has yet to solve for.
 
 Functions take `c`, a record of `sim.vehicle.coefficients.RECORD`; `v` and `w`, velocity and rate of turn relative to
 the water, in the body [m/s], [rad/s]; they give force [N] and moment about the origin [N m].
@@ -75,10 +73,9 @@ def coupled_damping(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
 def hull_lift(c: Any, v: Vector) -> Vector:
     """Drag and lift of the hull at incidence α, as a force along its axis and one across it.
 
-    Along the axis acts −½ρ S CD0 U² cos α |cos α|, across it −½ρ S (CD0 + a) U² sin α |cos α|. At small incidence this
-    is the drag CD0 against the flow and the lift a α across it (slope a of a wing of the hull's plan). Towards 90° both
-    fade and leave the hull to `cross_flow`. A round hull has no sharp edge to be sucked forward at, so its lift never
-    pushes it along its axis. Both planes add to one incidence; `hull_lift_planes` may leave one of them out.
+    Along the axis acts −½ρ S CD0 U² cos α |cos α|, across it −½ρ S (CD0 + a) U² sin α |cos α|. Towards 90° both fade
+    and leave the hull to `cross_flow`. A round hull has no sharp edge to be sucked forward at, so its lift never pushes
+    it along its axis. `hull_lift_planes` may leave one plane out.
     """
     area, drag, slope = c.hull_lift[0], c.hull_lift[1], c.hull_lift[2]
     side, up = c.hull_lift_planes[0] * v[1], c.hull_lift_planes[1] * v[2]
@@ -131,28 +128,24 @@ applied: `qfrc_applied`, shape (v, 6).
 
 
 @compiled
-def _inertia_times(inertia: Floats, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+def _row_times(a: Floats, i: int, v: Vector, w: Vector) -> float:
+    return float(a[i, 0] * v[0] + a[i, 1] * v[1] + a[i, 2] * v[2] + a[i, 3] * w[0] + a[i, 4] * w[1] + a[i, 5] * w[2])
+
+
+@compiled
+def _inertia_times(a: Floats, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     """6×6 matrix times (v, w)."""
-    a = inertia
-    x = (v[0], v[1], v[2], w[0], w[1], w[2])
-    rows = (
-        a[0, 0] * x[0] + a[0, 1] * x[1] + a[0, 2] * x[2] + a[0, 3] * x[3] + a[0, 4] * x[4] + a[0, 5] * x[5],
-        a[1, 0] * x[0] + a[1, 1] * x[1] + a[1, 2] * x[2] + a[1, 3] * x[3] + a[1, 4] * x[4] + a[1, 5] * x[5],
-        a[2, 0] * x[0] + a[2, 1] * x[1] + a[2, 2] * x[2] + a[2, 3] * x[3] + a[2, 4] * x[4] + a[2, 5] * x[5],
-        a[3, 0] * x[0] + a[3, 1] * x[1] + a[3, 2] * x[2] + a[3, 3] * x[3] + a[3, 4] * x[4] + a[3, 5] * x[5],
-        a[4, 0] * x[0] + a[4, 1] * x[1] + a[4, 2] * x[2] + a[4, 3] * x[3] + a[4, 4] * x[4] + a[4, 5] * x[5],
-        a[5, 0] * x[0] + a[5, 1] * x[1] + a[5, 2] * x[2] + a[5, 3] * x[3] + a[5, 4] * x[4] + a[5, 5] * x[5],
-    )
-    return (rows[0], rows[1], rows[2]), (rows[3], rows[4], rows[5])
+    force = _row_times(a, 0, v, w), _row_times(a, 1, v, w), _row_times(a, 2, v, w)
+    return force, (_row_times(a, 3, v, w), _row_times(a, 4, v, w), _row_times(a, 5, v, w))
 
 
 @compiled
 def kirchhoff(munk_factor: float, v: Vector, spin: Vector, momentum: Vector, angular: Vector) -> tuple[Vector, Vector]:
-    """Coriolis and Munk force and moment of added mass (Fossen 2021; Lamb 1932).
+    """Coriolis and Munk force and moment of added mass (Fossen 2021; Lamb 1932), all in the body.
 
-    All in the body: `munk_factor` is the share of the terms with pitch and yaw rates and moments that is kept (1:
-    potential flow), `spin` the rate of the body frame itself [rad/s], `momentum` added mass times velocities relative
-    to the water [kg m/s], and `angular` its moment about the origin [kg m²/s].
+    `munk_factor` is the share of the terms with pitch and yaw rates and moments that is kept, `spin` the rate of the
+    body frame [rad/s], `momentum` added mass times velocities relative to the water [kg m/s], `angular` its moment
+    about the origin [kg m²/s].
     """
     munk = cross(v, momentum)
     kept = (spin[0], munk_factor * spin[1], munk_factor * spin[2])
@@ -166,16 +159,13 @@ def convergence(gradient: Matrix, axis: Vector, momentum: Vector, angular: Vecto
     """Force and moment on added mass in water that moves differently from place to place (Taylor 1928).
 
     The energy of the disturbed water, ½ (v − u)·M_A (v − u), changes with the place of the hull, since u does:
-    Lagrange's equations give −(∇u)ᵀ p, p = M_A (v − u). With the rate of u along the hull's path this makes
-    M_A (Du/Dt + (u − v) × curl u) of a sphere's added mass (Auton, Hunt and Prud'homme 1988). Along a slender hull,
-    strips at x have the relative velocity −x (∇u) e besides, with its own Munk moment, and an own momentum, subject to
-    the force above.
+    Lagrange's equations give −(∇u)ᵀ p, p = M_A (v − u). With the rate of u along the hull's path this makes M_A (Du/Dt
+    + (u − v) × curl u) of a sphere's added mass (Auton, Hunt and Prud'homme 1988). Along a slender hull, strips at x
+    have the relative velocity −x (∇u) e besides, with its own Munk moment, and an own momentum, subject to the force
+    above.
 
-    Args:
-        gradient: of the water's velocity, rows u, columns x, [1/s]; all in one frame.
-        axis: e, unit vector along the hull.
-        momentum: p, of added mass relative to the water [kg m/s].
-        angular: its moment about the origin [kg m²/s].
+    All is in one frame: `gradient` ∇u, rows u, columns x [1/s]; `axis` e, a unit vector along the hull; `momentum` p
+    [kg m/s]; `angular`, its moment about the origin [kg m²/s].
     """
     to_momentum = transposed(gradient)
     first = cross(angular, axis)  # ∫ x dp along the hull
@@ -212,15 +202,10 @@ def wrench(
 ) -> tuple[Vector, Vector, float]:
     """All that the water does to one vehicle, but for added mass times acceleration.
 
-    Args:
-        pose: position [m] and quaternion, seven numbers.
-        twist: velocity of the origin in the world [m/s], angular velocity in the body [rad/s], six numbers.
-        fitted: effectors and fixed fins of the vehicle, records of `sim.vehicle.effectors.EFFECTOR`, shape (m + q,).
-        state: of the effectors, shape (m,).
-
-    Returns:
-        force in the world [N], moment about the origin in the body [N m], share of the hull that is immersed. All
-        forces fade with that share, but those of thrusters.
+    Takes position [m] and quaternion, seven numbers; velocity of the origin in the world [m/s] and angular velocity in
+    the body [rad/s], six; effectors and fixed fins, records of `sim.vehicle.effectors.EFFECTOR`, shape (m + q,), and
+    the states of the former, shape (m,). Gives the force in the world [N], the moment about the origin in the body [N
+    m], and the share of the hull that is immersed; all forces fade with it, but those of thrusters.
     """
     to_world = rotation(pose[3:7])
     to_body = transposed(to_world)
@@ -284,27 +269,16 @@ def _between(x: Vector, m: Floats, y: Vector) -> float:
 
 @compiled
 def _add_to_inertia(mass: Floats, row_address: Ints, added: Floats, share: float, r: Matrix) -> None:
-    """Add the rotated added mass to the lower triangle of one free body's block of MuJoCo's `M`.
-
-    Its rows are world velocities and body rates, so that the blocks are R A R', B R' and C of [[A, B'], [B, C]].
-    """
-    low = row_address[0]
-    mass[low] += share * _between(r[0], added, r[0])
-    low = row_address[1]
-    mass[low] += share * _between(r[1], added, r[0])
-    mass[low + 1] += share * _between(r[1], added, r[1])
-    low = row_address[2]
-    mass[low] += share * _between(r[2], added, r[0])
-    mass[low + 1] += share * _between(r[2], added, r[1])
-    mass[low + 2] += share * _between(r[2], added, r[2])
+    """Add rotated added mass to the lower triangle of a body's block of `M`: R A R', B R', C of [[A, B'], [B, C]]."""
+    for i in range(3):
+        for j in range(i + 1):
+            mass[row_address[i] + j] += share * _between(r[i], added, r[j])
     for i in range(3, 6):
-        low = row_address[i]
         a = added[i, 0], added[i, 1], added[i, 2]
-        mass[low] += share * (a[0] * r[0][0] + a[1] * r[0][1] + a[2] * r[0][2])
-        mass[low + 1] += share * (a[0] * r[1][0] + a[1] * r[1][1] + a[2] * r[1][2])
-        mass[low + 2] += share * (a[0] * r[2][0] + a[1] * r[2][1] + a[2] * r[2][2])
+        for j in range(3):
+            mass[row_address[i] + j] += share * (a[0] * r[j][0] + a[1] * r[j][1] + a[2] * r[j][2])
         for j in range(3, i + 1):
-            mass[low + j] += share * added[i, j]
+            mass[row_address[i] + j] += share * added[i, j]
 
 
 @compiled
@@ -327,10 +301,9 @@ def apply(
     solver: Solver,
     fitted: tuple[Any, Floats],
 ) -> int:
-    """Give every vehicle its wrench and its added mass, between `mj_step1` and `mj_factorM`.
+    """Give every vehicle its wrench and its added mass; arguments are those of `wrench` for all vehicles.
 
-    Arguments are those of `wrench` for all vehicles. Returns the index of the first vehicle that is lost (its state or
-    wrench is not finite, or beyond LOST), -1 if none.
+    Returns the index of the first vehicle that is lost (its state or wrench is not finite, or beyond LOST), -1 if none.
     """
     row_address, mass, applied = solver
     lost = beyond(twist, LOST)

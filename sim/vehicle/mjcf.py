@@ -42,9 +42,8 @@ class Vehicle(NamedTuple):
 def compose(setups: Sequence[VehicleSetup], floor_depth_m: float | None = None, *, looks: bool = True) -> mujoco.MjSpec:
     """The ocean with vehicles attached, each under the prefix "name/".
 
-    `floor_depth_m` None leaves the floor where the MJCF has it. `looks` are the vehicles' geoms, which have no mass and
-    touch nothing, but which MuJoCo moves at every step. LaisnError if there is no such model, or a vehicle lacks the
-    site that is to be moved.
+    `floor_depth_m` None leaves the floor where the MJCF has it; `looks` are the vehicles' geoms, which MuJoCo moves at
+    every step. LaisnError if there is no such model, or a vehicle lacks a site that is to be moved.
     """
     spec = spec_of("ocean")
     if floor_depth_m is not None:

@@ -1,12 +1,11 @@
 """The plant: vehicles in the ocean, stepped by MuJoCo with the water's forces. Users see vehicles, not qpos.
 
-A physics step is compiled code: MuJoCo's own C functions with the water's forces in their middle. From Python a call
-costs more than such a function's work on two hulls. Compiled code calls it by its address in the library that the
-`mujoco` package ships, with the addresses of MuJoCo's own model and data.
+A physics step is compiled code, which calls MuJoCo's C functions by their addresses in the library of the `mujoco`
+package, with the water's forces in their middle; from Python a call costs more than its work on two hulls.
 
 MuJoCo's semi-implicit Euler is a leapfrog: its velocities belong to the middles of the steps. Forces need those of the
-instant, which are half a step later; the acceleration of the step before brings them there. For the velocities this is
-the rule of Adams and Bashforth, v += dt (3 a - a_before) / 2, at no further evaluation of a force.
+instant, half a step later, to which the acceleration of the step before brings them: for the velocities the rule of
+Adams and Bashforth, v += dt (3 a - a_before) / 2, at no further evaluation of a force.
 """
 
 import ctypes
@@ -86,9 +85,8 @@ def load(
 ) -> int:
     """Bring velocities from the middle of the last step to now, then `hydrodynamics.apply`.
 
-    Args:
-        state: pose and twist; acceleration of the last step and, overwritten, what it adds to the twist, shape (v, 6).
-        clock: time and half a step [s].
+    `state` is pose, twist, acceleration of the last step and, overwritten, what it adds to the twist, shape (v, 6);
+    `clock` is time and half a step [s].
     """
     pose, twist, acceleration, gain = state
     for i in range(twist.shape[0]):
@@ -137,10 +135,9 @@ def end(body: Any, half_step: float) -> Fault:
 
 @compiled
 def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
-    """Advance a plant from compiled code, as `Plant.step` does.
+    """Advance a plant as `Plant.step` does, by handles of `Plant.step_handles` taken after the last step from Python.
 
-    `handles` are of `Plant.step_handles`, taken after the last step from Python. Returns the argument of
-    `Plant.finish_step`, to be called from Python.
+    Returns the argument of `Plant.finish_step`, to be called from Python.
     """
     (stages, model, data), clock, body, (records, water, solver, fitted) = handles
     kinematics, centres, inertia, velocity, factor, finish = stages
@@ -274,9 +271,7 @@ class Plant:
     def step(self, command: Floats, n_substeps: int = 1) -> None:
         """Advance by `n_substeps` physics steps under constant commands, shape (v, m), in the units of the states.
 
-        Raises:
-            ValueError: the command has the wrong shape.
-            PlantError: the state or a command is not finite, a vehicle is faster than any can be, or MuJoCo warns.
+        PlantError if the state or a command is not finite, a vehicle is faster than any can be, or MuJoCo warns.
         """
         if command.shape != self.thrust.shape:
             raise ValueError(f"command has shape {command.shape}, expected {self.thrust.shape}")

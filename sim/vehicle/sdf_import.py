@@ -1,9 +1,8 @@
 """A hull from an SDF file: parameters of gz-sim's Hydrodynamics, Thruster and LiftDrag plugins.
 
-The links become one rigid body, whose frame is Gazebo's (x forward, y port, z up) with the origin in the centre of
-buoyancy. Where the only propeller stands at the front, the nose is taken to be at −x and the body is turned round.
-Gazebo applies the coefficients in the frame of the link, so that those between axes need no change of sign here; the
-diagonal has the signs of SNAME (1950): derivatives of the force, negative where they damp or add mass.
+The links become one rigid body with the origin in the centre of buoyancy. Where the only propeller stands at the front,
+the nose is taken to be at −x and the body is turned round. Gazebo applies coefficients in the frame of the link; those
+between axes keep their signs, the diagonal has those of SNAME (1950): negative where they damp or add mass.
 """
 
 import re

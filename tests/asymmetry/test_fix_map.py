@@ -16,7 +16,7 @@ from experiments.studies.asymmetry import fix_map as chart
 from laisn.geometry import angle_between
 from laisn.settings import VARIANTS, NavigationSettings
 from sim import attitude
-from sim.trajectory import leveled, tilted
+from sim.trajectory import tilted
 from tests.synthetic import make_scenario, make_trajectory
 
 ANYWHERE = NavigationSettings(side_rule="predicted")
@@ -117,5 +117,5 @@ def test_tilting_moves_nothing_but_the_leaders_attitude():
     assert_allclose(angle_between(pitched.heading[5, 0], trajectory.heading[5, 0]), 0.0, atol=1e-12)
     assert_allclose(pitched.position, trajectory.position)
     assert_allclose(pitched.quaternion[:, 1], trajectory.quaternion[:, 1])
-    again = tilted(leveled(trajectory), trajectory.pitch[:, 0], trajectory.roll[:, 0])
+    again = tilted(tilted(trajectory, 0.0), trajectory.pitch[:, 0], trajectory.roll[:, 0])
     assert_allclose(again.site_position, trajectory.site_position, atol=1e-9)

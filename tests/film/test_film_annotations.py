@@ -23,7 +23,7 @@ from sim.film.film_data import ESTIMATE, NOTHING, Annotations, FilmData, OtherEs
 from sim.film.frame_renderer import Job
 from sim.flight import excerpt
 from sim.scenario.settings import Video
-from sim.trajectory import leveled
+from sim.trajectory import tilted
 
 needs_graphics = pytest.mark.skipif(
     graphics.working() is None, reason="no graphics library renders here: " + graphics.INSTALL
@@ -199,7 +199,7 @@ def test_the_curve_of_the_other_estimate_is_drawn_where_one_is_given(shown):
 
 def test_pitch_errors_are_those_of_a_tilted_hull(example):
     flight = example.flight
-    truth, level = flight.trajectory, leveled(flight.trajectory)
+    truth, level = flight.trajectory, tilted(flight.trajectory, 0.0)
     sites = [truth.site(f"leader/{name}") for name in ("tx_rear", "tx_front", "tx_middle")]
     found = figures.pitch_errors(flight)
     for message in (3, 17, 38):

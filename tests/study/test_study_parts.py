@@ -11,7 +11,7 @@ from experiments.campaign.montecarlo import Cell, simulate
 from experiments.study.file import StudyError, of_table, study_of
 from experiments.study.plan import Plan, plan_of
 from experiments.study.run import Choice, Outcomes, fly_further, fly_studies
-from sim.trajectory import leveled
+from sim.trajectory import tilted
 
 ERRORS = "experiments.studies.estimators.errors"
 SHORT: dict[str, Any] = {"scenario": "T5", "runs": 3, "set": {"duration_s": 20.0, "leader.excess_buoyancy_n": 8.0}}
@@ -93,7 +93,7 @@ def test_an_arm_may_follow_a_leader_that_keeps_level_on_the_same_track(tmp_path:
     scenario = plan({}).entries[0].scenario
     motion = simulate_mission(scenario)
     assert np.abs(motion.pitch[:, 0]).max() > np.deg2rad(1.0)
-    for row, (labels, lists), behind in zip(outcomes.rows, outcomes.runs, (motion, leveled(motion)), strict=True):
+    for row, (labels, lists), behind in zip(outcomes.rows, outcomes.runs, (motion, tilted(motion, 0.0)), strict=True):
         found = simulate(Cell.of(scenario, 0, 3, mission=Mission(scenario, behind)))
         assert {name: row[name] for name in ("e_p_mean_m", "nees")} == {
             name: found.row[name] for name in ("e_p_mean_m", "nees")
