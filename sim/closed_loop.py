@@ -45,8 +45,7 @@ from sim.tracking import stations_of
 from sim.trajectory import Trajectory, Truth, speed_through_water
 from sim.vehicle.plant import Plant
 
-ON_ROUTE, ON_ROUTE_BY_ESTIMATE, BY_OWN_CONTROL, ON_STATION_BY_TRUTH, ON_STATION = range(5)
-"""What a follower keeps to, and what it steers by."""
+ON_ROUTE, ON_ROUTE_BY_ESTIMATE, BY_OWN_CONTROL, ON_STATION_BY_TRUTH, ON_STATION = range(5)  # kinds of followers
 
 
 class ClosedLoopState(NamedTuple):
@@ -60,16 +59,12 @@ class ClosedLoopState(NamedTuple):
     estimates_current: bool  # whether the navigators estimate a current
     plan: LeaderPlan  # the leader's, as far as its messages carry it
     stations: Records  # of STATION, shape (f,)
-    sites: tuple[Floats, Floats, Floats]
-    """Offsets of the transmitters, shape (3, 3), of hydrophones and of pressure sensors, shape (f, 3), [m]."""
-    routes: RouteControl
-    """Control along routes, of the leader and of followers that steer by the truth; it holds all commands."""
+    sites: tuple[Floats, Floats, Floats]  # of transmitters, shape (3, 3), hydrophones and pressure sensors, (f, 3) [m]
+    routes: RouteControl  # control of the leader and of followers that steer by the truth; it holds all commands
     readings: Records  # readings of each follower's sensors, of `laisn.swarm.READING`, shape (f,)
     inbox: observation.Inbox  # what each follower has received
     arrived: Bools  # whether a message is in at this filter step, shape (f,)
-    tilts: Floats
-    """What accelerations add to the leader's measured pitch and roll at each instant, shape (n + 1, 2), [rad]; NaN if
-    these are not broadcast."""
+    tilts: Floats  # what accelerations add to the leader's measured pitch and roll, shape (n + 1, 2) [rad]; else NaN
     seen: Records  # what each follower's last look around showed, of SIGHTING, shape (f, v)
     estimates: Records  # estimate of each navigator, records of `laisn.swarm.ESTIMATE`, shape (f,)
     trails: Records  # trail of the leader as each follower has received it, of TRAIL, shape (f, room)
@@ -269,8 +264,7 @@ class Readings(NamedTuple):
     pitch: float  # inclinometer, positive nose up [rad]
     yaw_rate: float  # gyro about the hull's upward axis, positive to port [rad/s]
     pitch_rate: float  # gyro about the hull's port axis, positive nose down [rad/s]
-    reception: Reception | None
-    """Message of the leader and its ranges, at the control step at which they arrive; otherwise None."""
+    reception: Reception | None  # of the leader's message, at the control step at which it arrives
 
 
 class Belief(NamedTuple):
@@ -404,7 +398,8 @@ class PythonClosedLoop:
         s, inbox = state.sensors, state.inbox
         if inbox.outcome[f] != observation.RECEIVED:
             return Bearing(np.nan, np.nan)
-        motion, known = tuple(a[one, f + 1] for a in (truth.pose, truth.twist, truth.water)), Motion(truth, 0.0, k)
+        motion = truth.pose[one, f + 1], truth.twist[one, f + 1], truth.water[one, f + 1]
+        known = Motion(truth, 0.0, k)
         leaves = inbox.last_sent[f] * s.dt + s.sound.slot * np.arange(3)
         source = [site_at(s.sound, known, 0, offset, at) for offset, at in zip(state.sites[0], leaves, strict=True)]
         hydrophone = np.array([carried(motion[0][0], state.sites[1][f])])

@@ -96,10 +96,9 @@ def _speeds(scenario: Scenario, vehicle: Vehicle) -> tuple[float, float]:
     return float(found.min()), float(found.max())
 
 
-_OF_HULL = (
+_OF_HULL = (  # keys of a vehicle, beside its model, on which its stability depends
     "depth_control", "cg_offset_x_m", "cg_offset_z_m", "drag_scale", "added_mass_scale", "lift_scale", "thrust_scale",
 )  # fmt: skip
-"""Keys of a vehicle, beside its model, on which its stability depends."""
 _USUAL_STEP_S = 0.02  # in physics steps up to this one the project's own hulls are stable at all speeds [s]
 
 

@@ -79,8 +79,7 @@ class RouteControl(NamedTuple):
         return 0
 
 
-ControllerFactory = Callable[[Plant, RouteControl], Controller]
-"""Makes a controller of a plant at its start; it may use the control of routes, and writes its `command`."""
+ControllerFactory = Callable[[Plant, RouteControl], Controller]  # which writes the `command` of that of routes
 
 
 @compiled

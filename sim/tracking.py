@@ -117,7 +117,7 @@ def first_touch(position: Floats, quaternion: Floats) -> int | None:
 
 LOST_M = 10.0  # a follower that was ever farther than this from its station is called lost [m]
 JOINED_M = 2.0  # a follower has joined when it first is nearer than this to its station [m]
-STATION_PLACE = np.dtype(
+STATION_PLACE = np.dtype(  # where a station is at one instant
     [
         ("east", np.float64),  # [m]
         ("north", np.float64),
@@ -125,7 +125,6 @@ STATION_PLACE = np.dtype(
         ("rate", np.float64),  # its rate of turn [rad/s]
     ]
 )
-"""Where a station is at one instant."""
 
 
 @compiled
@@ -188,8 +187,7 @@ def true_stations(scenario: Scenario, trajectory: Trajectory) -> Records:
 class StationKeeping:
     """How one follower kept its station, since it joined it."""
 
-    joined_s: float
-    """When it was first within 2 m of its station [s]; NaN: never, and the other figures are those of all the time."""
+    joined_s: float  # when first within 2 m of its station [s]; NaN: never, and the others are of all the time
     station_rms_m: float  # horizontal distance of its hydrophone from the station, root mean square [m]
     station_p95_m: float  # distance from the station that it exceeds for 5 % of the time [m]
     station_max_m: float  # largest distance from the station [m]

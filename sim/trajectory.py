@@ -85,15 +85,9 @@ class Trajectory(ArrayRecord):
     pose: Floats  # body origins in the world [m], and quaternions from body to world (w, x, y, z), shape (n, v, 7)
     twist: Floats  # velocities in the world [m/s] and angular velocities in the body frame [rad/s], shape (n, v, 6)
     water_velocity: Floats  # velocity of the water at the body origins in the world, shape (n, v, 3), [m/s]
-    thrust: Floats
-    """State of the effectors, shape (n, v, m): thrust [N], of a propeller [1/s], of a fin [rad].
-
-    m is the largest number of any vehicle; the others have zeros.
-    """
-    effector_names: tuple[tuple[str, ...], ...] = ()
-    """Names of each vehicle's effectors, in the order of its MJCF; empty for point motion."""
-    effector_force: Floats
-    """Force of a unit of thrust of each effector in the body frame, shape (v, m, 3), [-]; 0 for other states."""
+    thrust: Floats  # state of the effectors, shape (n, v, m): thrust [N], of a propeller [1/s], of a fin [rad]; else 0
+    effector_names: tuple[tuple[str, ...], ...] = ()  # of each vehicle's effectors; empty for point motion
+    effector_force: Floats  # of a unit of thrust in the body frame, shape (v, m, 3), [-]; 0 for other states
     site_names: tuple[str, ...]  # sites as "vehicle/site", shape (s,)
     site_vehicle: Ints  # index of the vehicle that carries the site, shape (s,)
     site_offset: Floats  # position of the site in its vehicle's body frame, shape (s, 3), [m]

@@ -150,8 +150,7 @@ a ω / (1 − exp(−2kh)) [m/s]; exp(−2kh), the share of the wave's mirror im
 START, SET, ACCELERATION, RUN = 0, slice(1, 3), slice(3, 5), slice(5, 7)
 """Columns of a changing current: time [s]; velocity then [m/s], its rate of change from then on [m/s²] and the way of
 the water since the first point [m], each east and north."""
-_LEAST_EXPONENT = -700.0
-"""Keeps exp(kz) above zero; what is left of a wave is nothing there, and so is its mirror image."""
+_LEAST_EXPONENT = -700.0  # keeps exp(kz) above zero
 
 
 @dataclass(frozen=True, kw_only=True)

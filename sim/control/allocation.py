@@ -14,15 +14,11 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled
 from sim.vehicle import effectors
 
-SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
-"""Components of a wrench in the body frame: forces [N], moments about the body's origin [N m]."""
-PRIORITY = (PITCH, YAW, HEAVE, SWAY, SURGE)
-"""Order in which components are served where limits do not allow all of them."""
+SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)  # components of a wrench in the body frame [N], [N m]
+PRIORITY = (PITCH, YAW, HEAVE, SWAY, SURGE)  # order in which components are served where limits bind
 _WANTED = (SURGE, YAW, PITCH, HEAVE, SWAY)  # order in which components are looked for that effectors can give
 FAST = 2.0  # speed beyond which the weights of fins change no more [m/s]
-_LEAST = 1e-6
-"""Smallest singular value at which a component counts as given; forces and moments are over the largest of one
-effector."""
+_LEAST = 1e-6  # smallest singular value of a component that is given, over the largest force or moment of an effector
 
 
 @compiled

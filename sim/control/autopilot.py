@@ -32,7 +32,7 @@ from sim.vehicle.plant import Plant
 
 DepthControl = Literal["pitch", "thrust"]
 
-AUTOPILOT_MEMORY = np.dtype(
+AUTOPILOT_MEMORY = np.dtype(  # of one vehicle, from one control step to the next
     [
         ("heading_integral", np.float64),  # [N m]
         ("speed_integral", np.float64),  # [N]
@@ -45,17 +45,14 @@ AUTOPILOT_MEMORY = np.dtype(
         ("allocation", np.float64, (effectors.MOST, 6)),
     ]
 )
-"""Memory of the autopilot of one vehicle, from one control step to the next."""
 
 CLIMB_MAX = float(np.deg2rad(20.0))  # steepest climb and dive [rad]
-INCIDENCE_MAX = float(np.deg2rad(12.0))
-"""Most incidence that is used for lift [rad]; hulls of this kind stall soon after."""
+INCIDENCE_MAX = float(np.deg2rad(12.0))  # most incidence used for lift [rad]; hulls of this kind stall soon after
 PITCH_RATE_MAX = float(np.deg2rad(5.0))  # largest rate of the pitch command [rad/s]
 LEAST_LAG = 0.3  # effectors that follow faster make the loops no faster, which run ten times a second [s]
-SPEED_HEAVE, SPEED_PITCH = 0.3, 0.6
-"""Speeds below which the vertical thrusters alone hold depth, and above which the hull does [m/s]."""
+SPEED_HEAVE, SPEED_PITCH = 0.3, 0.6  # below, vertical thrusters alone hold depth; above, the hull does [m/s]
 
-DESIGN = np.dtype(
+DESIGN = np.dtype(  # parameters of the autopilot of one vehicle; rows beyond its effectors are zero
     [
         ("omega", np.float64),  # bandwidth of the attitude loops [rad/s]
         ("surge_mass", np.float64),  # [kg], added mass included, as below
@@ -84,7 +81,6 @@ DESIGN = np.dtype(
     ],
     align=True,
 )
-"""Parameters of the autopilot of one vehicle; rows beyond its effectors are zero."""
 
 
 def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.NDArray[np.void]:

@@ -124,7 +124,7 @@ def give_way(f: Record, wanted: tuple[float, float], push: tuple[float, float]) 
     return heading + np.arctan2(across, along), min(np.hypot(along, across), f.max_speed)
 
 
-FOLLOWER_MEMORY = np.dtype(
+FOLLOWER_MEMORY = np.dtype(  # of one follower, from one control step to the next
     [
         ("frame", FRAME_STATE),
         ("kept_frame", FRAME_STATE),  # as it was at the last message
@@ -139,7 +139,6 @@ FOLLOWER_MEMORY = np.dtype(
         ("received_points", np.int64),  # points of the trail with that message; later ones are planned
     ]
 )
-"""Memory of one follower, from one control step to the next."""
 
 _LOG_TIME = 1.0  # time constant of the log's low-pass [s]
 _COMPASS_TIME = 2.0  # the compass's readings are followed with this time constant, a gyro's at once [s]

@@ -16,7 +16,6 @@ and north [m], [m/s]; `dt`, the time since the last call [s]; and `memory`, of G
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import partial
 
 import numpy as np
 
@@ -28,7 +27,7 @@ from sim.control.allocation import clip
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE, Plan, plan
 from sim.scenario.routes import Route
 
-REFERENCE = np.dtype(
+REFERENCE = np.dtype(  # state in which a vehicle should be at one instant
     [
         ("east", np.float64),  # [m]
         ("north", np.float64),
@@ -40,29 +39,22 @@ REFERENCE = np.dtype(
         ("sinking", np.float64),  # [m/s]
     ]
 )
-"""State in which a vehicle should be at one instant."""
-GUIDANCE_MEMORY = np.dtype(
+GUIDANCE_MEMORY = np.dtype(  # of one vehicle, from one control step to the next
     [
         ("heading", np.float64),  # command [rad]
         ("speed", np.float64),  # command [m/s]
         ("current", np.float64, (2,)),  # east and north [m/s]
     ]
 )
-"""Memory of guidance of one vehicle, from one control step to the next."""
 
-TURN_SMOOTHING = 1.2
-"""A turn sets in and ends over this time [s]: four times the lag of the thrusters, as no hull jumps to 10°/s."""
+TURN_SMOOTHING = 1.2  # a turn sets in and ends over this time, four times the lag of the thrusters [s]
 DEPTH_SMOOTHING = 6.0  # a change of the rate of depth takes this time [s], in which a hull pitches by 20° at leisure
-LOOKAHEAD_TIME = 4.0
-"""The lookahead distance is the way of this time [s], so that cross-track errors fade with this time constant; several
-times slower than the heading loop."""
+LOOKAHEAD_TIME = 4.0  # the lookahead is the way of this time, the time constant of cross-track errors [s]
 LOOKAHEAD_MIN = 2.0  # the lookahead is at least this long: a hull length [m]
 ALONG_TRACK_TIME = 8.0  # along-track errors fade with this time constant [s]; slower than the speed loop
 CATCH_UP = 0.3  # the speed correction is at most this share of the reference speed
 CURRENT_TIME = 10.0  # time constant of the current's low-pass [s]; longer than a wave's period
-OFFSET_GAIN = 1.0 / 400.0
-"""Change of the integrated current per offset [1/s²]: with the proportional part, poles at 1/40 and 1/10 per second
-along the track, at 1/100 and 1/4 across."""
+OFFSET_GAIN = 1.0 / 400.0  # of the integrated current [1/s²]: poles along at 1/40 and 1/10, across at 1/100 and 1/4
 OFFSET_MOST = 2.0  # offset along an axis that is integrated at most [m] …
 INTEGRAL_MOST = 1.0  # … and the current along an axis that comes of it at most [m/s]
 SPEED_LEAST = 0.1  # least speed through the water on the way; slower, a hull has no heading to keep [m/s]
@@ -99,7 +91,11 @@ def _write_reference(route: Route, time: Floats, lead: float, least_radius: floa
     flown = flown_plan(route, least_radius)
     motion = flown.at(time)
 
-    course, speed = (partial(np.interp, xp=flown.start, fp=values) for values in (flown.course, flown.speed))
+    def course(t: Floats) -> Floats:
+        return np.interp(t, flown.start, flown.course)
+
+    def speed(t: Floats) -> Floats:
+        return np.interp(t, flown.start, flown.speed)
 
     def turn_rate(t: Floats) -> Floats:
         return _rate(course, t, TURN_SMOOTHING)

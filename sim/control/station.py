@@ -26,7 +26,7 @@ from sim.control.allocation import clip
 from sim.control.guidance import REFERENCE
 from sim.scenario.point_motion import SHARPEST_CUT, TURN_RATE
 
-TRAIL = np.dtype(
+TRAIL = np.dtype(  # one point of a trail
     [
         ("east", np.float64),  # [m]
         ("north", np.float64),
@@ -40,16 +40,13 @@ TRAIL = np.dtype(
         ("pace", np.float64),  # the leader's mean speed over ground over the last seconds [m/s]
     ]
 )
-"""One point of a trail."""
 
 SHORTEST = 0.3  # points of a trail are at least this far apart [m]: below it, a way would be made of waves and rounding
 PACE_TIME = 10.0  # the pace is the mean over this time [s]
 
 TAIL = 20.0  # before its first point the trail is taken to have come straight, as it went on for so long [m]
 
-Place = tuple[float, float, float, float, float]
-"""East and north [m]; the way's direction, a unit vector east and north; the leader's speed through the water there
-[m/s]."""
+Place = tuple[float, float, float, float, float]  # place [m], unit vector of the way, speed through water [m/s]
 
 
 @compiled
@@ -231,8 +228,7 @@ class LeaderPlan(NamedTuple):
     """The leader's track as a follower computes it from waypoints, at n control steps."""
 
     track: Records  # of REFERENCE, of which place and course are read, shape (n,)
-    until: Floats
-    """Time until which a message sent at each step gives the track, shape (n,), [s]; of no length: none does."""
+    until: Floats  # until when a message sent at each step gives the track, shape (n,), [s]; of no length: none does
 
 
 def plan_of(track: Records, times: Floats, waypoints: int, dt: float) -> LeaderPlan:
@@ -302,15 +298,13 @@ def correct_planned(trail: Records, count: Ints, received: int, message: tuple[f
 
 
 STATION = np.dtype([("behind", np.float64), ("port", np.float64), ("depth", np.float64)])  # a station [m]
-FRAME_STATE = np.dtype([("heading", np.float64), ("rate", np.float64)])
-"""State of a frame: its heading [rad] and its rate [rad/s]."""
+FRAME_STATE = np.dtype([("heading", np.float64), ("rate", np.float64)])  # heading [rad] and its rate [rad/s]
 
 _NEAREST = 5.0  # a station nearer to the trail is turned as if it were this far aside [m]
 AGILITY = float(np.deg2rad(8.0))  # rate of turn that a follower counts on [rad/s]; 10°/s is what it is allowed
 STEP = 1.0  # it looks ahead and back in steps of this time [s] …
 STEPS = 10  # … and so many of them
-_LITTLE = float(np.sin(AGILITY * STEP))
-"""A velocity that changes by less than this share of itself turns by less than a hull does in a step."""
+_LITTLE = float(np.sin(AGILITY * STEP))  # a velocity that changes by a smaller share turns less than a hull
 
 
 class Target(NamedTuple):

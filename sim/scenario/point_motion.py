@@ -24,8 +24,7 @@ TURN_RATE = float(np.deg2rad(10.0))  # turn rate in every turn [rad/s] (paper, S
 ACCELERATION = 0.2  # rate of every change of speed [m/s²] (paper, Section 3)
 SPEED_MAX = 3.0  # top speed of a follower [m/s] (paper, Section 3)
 SPEED_MIN = 0.1  # a leg with less is refused: a hull without way cannot be steered along it [m/s]
-SHARPEST_CUT = float(np.deg2rad(135.0))
-"""Sharper corners are not cut: the turn begins at the waypoint, for the touching arc would begin far ahead [rad]."""
+SHARPEST_CUT = float(np.deg2rad(135.0))  # sharper corners are not cut: the arc would begin far ahead [rad]
 
 
 class Motion(NamedTuple):
@@ -230,15 +229,14 @@ class RouteClass(NamedTuple):
 
     distance_max: float  # largest distance to the leader, at all times [m]
     leg_time: tuple[float, float]  # time from waypoint to waypoint, drawn evenly between [s]
-    heading_difference_max: float
-    """Largest angle of a leg to the leader's course at one of its ends, whichever is closer to the leg [rad]."""
+    heading_difference_max: float  # of a leg to the leader's course at one of its ends, whichever is closer [rad]
     distance_min: float = 5.0
     bearings: tuple[float, float] = (float(np.deg2rad(100.0)), float(np.deg2rad(260.0)))
     """Relative bearings from the leader, clockwise from its bow [rad]."""
     speed_min: float = 0.3  # least mean speed of a leg [m/s]
 
 
-CLASSES: dict[str, RouteClass] = {
+CLASSES: dict[str, RouteClass] = {  # of the paper, by distance, waypoints near or far apart, headings alike or not
     f"{distance}-{legs}-{headings}": RouteClass(
         distance_max=float(distance),
         leg_time={"near": (40.0, 80.0), "far": (120.0, 280.0)}[legs],
@@ -246,8 +244,6 @@ CLASSES: dict[str, RouteClass] = {
     )
     for distance, legs, headings in product((50, 100), ("near", "far"), ("alike", "drastic"))
 }
-"""The paper's constraints, combined: greatest distance to the leader, waypoints near or far apart, headings alike or
-drastically different: "50-near-alike" … "100-far-drastic"."""
 
 
 def _about(leader: Motion, i: int, rng: np.random.Generator, route_class: RouteClass) -> tuple[float, float]:

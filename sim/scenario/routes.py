@@ -13,8 +13,7 @@ from laisn.arrays import Floats, own_arrays
 from laisn.failure import LaisnError
 
 START_SPEED = 1.0  # speed at which missions begin [m/s] (paper, Section 3.1)
-LEADER_L = ((0.0, 0.0), (500.0, 0.0), (500.0, 500.0))
-"""500 m east, then 500 m north (paper, Section 3); east and north [m]."""
+LEADER_L = ((0.0, 0.0), (500.0, 0.0), (500.0, 500.0))  # east and north [m] (paper, Section 3)
 LEADER_DEPTH = 8.0
 FOLLOWER_DEPTH = 10.0  # default depths [m]: the follower deeper, so that a pitching leader shows
 

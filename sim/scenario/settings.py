@@ -99,7 +99,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-CAMERAS = {
+CAMERAS = {  # names of the cameras and what they show
     "chase": "behind the follower, looking towards the leader; inset: the leader close by",
     "pip": "from above, both vehicles in one picture; insets: leader and follower close by",
     "top": "from above, all vehicles in one picture, north up",
@@ -109,7 +109,6 @@ CAMERAS = {
     "profile": "the leader in profile, the follower beyond; inset: follower and estimate from above",
     "orbit": "around all vehicles, once in forty seconds of film",
 }
-"""Names of the cameras and what they show."""
 
 
 def _known(name: str) -> str:
@@ -131,8 +130,7 @@ class Video(Section):
     in_log: bool = Field(True, description="also store a film in the log, channel /camera")
 
 
-KEYS_ALONE = {"inconsistencies": "ignored"}
-"""Context of a validation of every key alone, without `Scenario.inconsistencies`."""
+KEYS_ALONE = {"inconsistencies": "ignored"}  # context of a validation without `Scenario.inconsistencies`
 
 _STAND_IN = {"station": {"behind_m": 10.0, "depth_m": 10.0}}  # a follower in place of those of an invalid shape
 

@@ -25,8 +25,7 @@ from sim.attitude import carried
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.trajectory import Trajectory, Truth, pose_between
 
-_LEVEL_M = 1e-3
-"""Depth steps below this have the slowness of their middle: the quotient of two small differences would round."""
+_LEVEL_M = 1e-3  # smaller depth steps have the slowness of their middle: quotients of small differences round [m]
 
 
 class SoundProfile(NamedTuple):
@@ -89,8 +88,7 @@ def mean_slowness(p: SoundProfile, upper: Any, lower: Any) -> Any:
 
 TRANSMITTERS = ("leader/tx_rear", "leader/tx_front", "leader/tx_middle")  # sites of P1, P2 and P3
 
-_ITERATIONS = 6
-"""Iterations for the arrival time: each gains a factor of c / speed of the hydrophone, some 500; six leave nothing."""
+_ITERATIONS = 6  # for the arrival time: each gains a factor of c / speed of the hydrophone, some 500
 
 
 class Path(IntEnum):
@@ -152,7 +150,7 @@ class Motion(NamedTuple):
     last: int  # index of the last instant that is known; at least 1
 
 
-ARRIVAL = np.dtype(
+ARRIVAL = np.dtype(  # how a ping arrives by one path; its time is NaN if that has no chance to be taken
     [
         ("time", np.float64),  # [s]
         ("length", np.float64),  # of the path [m]
@@ -161,7 +159,6 @@ ARRIVAL = np.dtype(
         ("range", np.float64),  # slant range before random errors [m]; NaN out of range, by the direct path's length
     ]
 )
-"""How a ping arrives by one path; its time is NaN if that has no chance to be taken."""
 
 
 @elementwise
@@ -266,9 +263,7 @@ class Propagation:
     """Sound of m messages: transmitters are rear, front and middle, paths in the order of `Path`."""
 
     emission_step: Ints  # filter step at which a message is sent, shape (m,)
-    message_step: Ints
-    """First filter step by which all pings that the follower receives are in, echoes that may be taken for them
-    included, shape (m,)."""
+    message_step: Ints  # filter step by which all pings that the follower may take are in, shape (m,)
     transmitter: Floats  # where each ping left, shape (m, 3, 3), the last axis in the world, [m]
     arrival: Records  # how each ping arrives by each path; of ARRIVAL, shape (m, 3 transmitters, 3 paths)
 

@@ -42,8 +42,7 @@ from sim.trajectory import Body, Trajectory
 # compiled code holds numbers, not the members of an enum
 _ATTITUDE, _LOSS = int(Stream.LEADER_ATTITUDE), int(Stream.LOSS)
 
-NO_MESSAGE, NO_RANGES, RECEIVED = range(3)
-"""Outcome of a filter step: no message is in; one is, of which no ping was received; one with ranges is."""
+NO_MESSAGE, NO_RANGES, RECEIVED = range(3)  # outcome of a filter step; NO_RANGES: a message without a ping is in
 
 State = tuple[Floats, Floats, Floats]  # pose, twist and water velocity of a vehicle, shapes (7,), (6,) and (3,)
 
@@ -101,8 +100,7 @@ class Inbox(NamedTuple):
     """What f followers have received from the leader; brought forward by `receive`."""
 
     message: Records  # last message of each, of MESSAGE, shape (f,)
-    ranges: Floats
-    """Its ranges to rear, front and middle transmitter, shape (f, 3), [m]; NaN where nothing was received."""
+    ranges: Floats  # to rear, front and middle transmitter, shape (f, 3), [m]; NaN where nothing was received
     over: Ints  # how many messages each no longer waits for, shape (f,)
     last_sent: Ints  # filter step at which the last message was sent, shape (f,); 0: there is none
     bad: Floats  # whether each channel is in its bad state, shape (f,)
@@ -190,13 +188,12 @@ def receive(
             inbox.outcome[follower] = _measure_ranges(s, k, sent, follower, arrivals, inbox)
 
 
-SIGHTING = np.dtype(
+SIGHTING = np.dtype(  # what a look shows of one vehicle
     [
         ("range", np.float64),  # [m]; NaN: nothing was sensed
         ("bearing", np.float64),  # to starboard of the own heading [rad]
     ]
 )
-"""What a look shows of one vehicle."""
 
 _U = np.uint64
 _NEARBY = int(Stream.NEARBY)
@@ -254,8 +251,7 @@ def sightings(scenario: Scenario, trajectory: Trajectory) -> Sightings:
     return Sightings(first, spent)
 
 
-SITES = ("tx_rear", "tx_front", "tx_middle", "depth_sensor", "hydrophone")
-"""Sites of leader and follower that sensing needs."""
+SITES = ("tx_rear", "tx_front", "tx_middle", "depth_sensor", "hydrophone")  # that sensing needs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -271,17 +267,11 @@ class MissionTruth:
     leader_position: Floats  # horizontal position of the leader's body origin, shape (n, 2), [m]
     leader_heading: Floats  # heading of the leader, shape (n,), [rad]
     message_step: Ints  # step k at which a message is available, shape (m,), increasing
-    emission_step: Ints
-    """Step at which the leader sent it, shape (m,): address of the leader's noise, which all followers share."""
-    sent: Records
-    """What the message holds at emission without random errors and constant biases, of `laisn.swarm.MESSAGE`, shape
-    (m,); pitch and roll are NaN if they are not broadcast."""
-    slant_range: Floats
-    """Slant range to the rear, front and middle transmitter, shape (m, 3), [m]; NaN where nothing is received."""
-    echo_range: Floats | None = None
-    """Slant range by way of the surface and of the bottom, shape (2, m, 3), [m]; None if echoes are not modelled."""
-    own: tuple[tuple[sensors.OwnSensor, Floats], ...] = ()
-    """Sensors of the user's own and what they would read without errors, shape (n, …)."""
+    emission_step: Ints  # step at which the leader sent it, the address of its noise, shape (m,)
+    sent: Records  # true content, of `laisn.swarm.MESSAGE`, shape (m,); pitch and roll are NaN if not broadcast
+    slant_range: Floats  # to rear, front, middle transmitter, shape (m, 3), [m]; NaN where nothing is received
+    echo_range: Floats | None = None  # by surface and bottom, shape (2, m, 3), [m]; None: no echoes
+    own: tuple[tuple[sensors.OwnSensor, Floats], ...] = ()  # further sensors, and their true readings (n, …)
 
     def __post_init__(self) -> None:
         own_arrays(self)

@@ -131,8 +131,7 @@ def advanced(last: Any, kept: float, fresh: float, normal: Any) -> Any:
     return kept * last + fresh * normal
 
 
-_GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
-"""The next follower's drift is ahead by this angle, which spreads any number of phases evenly [rad]."""
+_GOLDEN = np.pi * (3.0 - np.sqrt(5.0))  # the next follower's drift is ahead by it [rad]
 _DERIVED = ("leader_position_drift", "leader_gyro", "leader_attitude_senses", "leader_attitude_sigma")
 """Keys that count by what follows from them."""
 
@@ -355,9 +354,7 @@ class FollowerState(NamedTuple):
     angular_velocity: Floats  # in the body frame, shape (n, 3), [rad/s]
     water_velocity: Floats  # in the world, shape (n, 3), [m/s]
     hydrophone: Floats  # in the world, shape (n, 3), [m]
-    source: Floats
-    """Where the pings left that are received at a step, from the rear, front and middle transmitter, in the world,
-    shape (n, 3, 3), [m]; NaN where none is received."""
+    source: Floats  # where received pings left, of rear, front, middle transmitter, shape (n, 3, 3), [m]; else NaN
 
 
 def follower_state(time: Floats, motion: tuple[Floats, Floats, Floats], *places: Floats) -> FollowerState:

@@ -13,7 +13,7 @@ from sim.vehicle.mjcf import VehicleSetup
 
 MAX_STRIPS = 32
 
-NUMERICS: dict[str, tuple[tuple[int, ...], str]] = {
+NUMERICS: dict[str, tuple[tuple[int, ...], str]] = {  # coefficients of an MJCF: shape and unit; strips may be fewer
     "added_mass": ((6, 6), "kg, kg m, kg m²"),
     "munk_factor": ((), "-"),
     "linear_damping": ((6,), "N s/m, N m s"),
@@ -28,7 +28,6 @@ NUMERICS: dict[str, tuple[tuple[int, ...], str]] = {
     "strip_x": ((MAX_STRIPS,), "m"),
     "strip_area": ((MAX_STRIPS,), "m²"),
 }
-"""Coefficients of a vehicle as its MJCF gives them: shape and unit. Strips may be fewer than their array holds."""
 
 _SIGNED = ("added_mass", "strip_x")
 

@@ -30,17 +30,16 @@ MOST = 16  # largest number of effectors of a vehicle
 MOST_POINTS = 16  # largest number of points of a thruster's curve
 THRUSTER, CURVE, PROPELLER, FIN = range(4)  # kinds of effectors
 SUFFIXES = {CURVE: ".curve", PROPELLER: ".propeller", FIN: ".fin"}
-_PARAMETERS = {
+_PARAMETERS = {  # by kind, with the signs that they must have; 0: any
     PROPELLER: {
         "diameter [m]": 1, "K_T at J = 0": 1, "dK_T/dJ": -1, "K_Q at J = 0": 0, "dK_Q/dJ": 0, "wake fraction": 0,
         "thrust deduction": 0, "share of the torque on the hull": 0,
     },
     FIN: {"area [m²]": 1, "slope of the normal force [1/rad]": 1, "stall angle [rad]": 1, "drag coefficient": 0},
 }  # fmt: skip
-"""Parameters by kind, with the signs that they must have; 0: any."""
 LEAST_WAY = 0.5  # speed below which allocation leaves fins out, and hulls that need them cannot be steered [m/s]
 
-EFFECTOR = np.dtype(
+EFFECTOR = np.dtype(  # one actuator of a vehicle, as its MJCF gives it
     [
         ("force", np.float64, (3,)),  # force of a unit of thrust, in the body frame [-]
         ("torque", np.float64, (3,)),  # its torque about the body's origin [m]
@@ -54,7 +53,6 @@ EFFECTOR = np.dtype(
     ],
     align=True,
 )
-"""One actuator of a vehicle, as its MJCF gives it."""
 
 
 def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:

@@ -33,8 +33,7 @@ class EffectorPart:
     limits: tuple[float, float] | None = None  # of the state; None: a fixed fin, without actuator
     lag: float = 0.0  # time constant of the state [s]
     source: str  # of limits, lag and parameters
-    suffix: str = ""
-    """Of the numeric with its parameters: "curve", "propeller", "fin"; empty: a thruster, of thrust [N]."""
+    suffix: str = ""  # of its numeric: "curve", "propeller", "fin"; empty: a thruster, of thrust [N]
     parameters: tuple[float, ...] = ()
     blade: tuple[float, float] = (0.0, 0.0)  # half chord and half span of the box that shows a fin [m]
 

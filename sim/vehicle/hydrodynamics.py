@@ -115,16 +115,9 @@ def viscous(c: Any, v: Vector, w: Vector) -> tuple[tuple[Vector, Vector], ...]:
     return damping(c, v, w), cross_flow(c, v, w), (hull_lift(c, v), (0.0, 0.0, 0.0))
 
 
-LOST = 1e3
-"""A speed [m/s] or rate [rad/s] that no vehicle has: the integration has failed, though numbers are finite yet."""
+LOST = 1e3  # a speed [m/s] or rate [rad/s] that no vehicle has: the integration has failed
 
-Solver = tuple[Ints, Floats, Floats]
-"""The parts of MuJoCo's model and data that are written to.
-
-row_address: of the rows of `mass`, shape (v, 6).
-mass: `M`, the rows of its lower triangle one after the other.
-applied: `qfrc_applied`, shape (v, 6).
-"""
+Solver = tuple[Ints, Floats, Floats]  # addresses of the rows of `M`, (v, 6); its lower triangle; `qfrc_applied`
 
 
 @compiled

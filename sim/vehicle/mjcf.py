@@ -19,8 +19,7 @@ class VehicleSetup:
     """One vehicle of a scenario."""
 
     name: str
-    model: str
-    """A model of the project by its name for `models.path`, "leader" or "follower", or the text of an MJCF file."""
+    model: str  # a name for `models.path`, "leader" or "follower", or the text of an MJCF file
     position_m: tuple[float, float, float]  # position (east, north, up) of the body origin in the world, at the start
     heading_rad: float = 0.0  # compass, at the start
     speed_m_s: float = 0.0  # forward, over ground, at the start
@@ -34,8 +33,7 @@ class Vehicle(NamedTuple):
     name: str
     body: int
     qpos: int  # first of its seven entries in `qpos`
-    actuators: tuple[int, ...]
-    """MuJoCo's ids of its actuators, in the order of the MJCF; of all vehicles alike, since `compose` pads."""
+    actuators: tuple[int, ...]  # MuJoCo's ids, in the order of the MJCF; of all vehicles as many, since `compose` pads
     effectors: tuple[str, ...]  # names of the MJCF's own actuators; those that follow exert no force
 
 
