@@ -203,20 +203,16 @@ def _station_conflict(scenario: Scenario) -> list[str]:
     ]
 
 
-def transmitter_sites(scenario: Scenario) -> Floats:
-    """Rear, front and middle transmitter: forward, port, and up from the leader's depth sensor, shape (3, 3), [m]."""
+def _transmitters_off_axis(scenario: Scenario) -> list[str]:
+    """Transmitters of an own hull where navigators of closed loops cannot use them."""
+    closed = any(follower.station or follower.guided_by_estimate for follower in scenario.followers)
+    if scenario.leader.model is None or not closed:
+        return []
     spec = spec_of(models_of(scenario)[0])
     places = {name: np.array(spec.site(name).pos) for name in ("tx_rear", "tx_front", "tx_middle")}
     for name, (axis, value) in transmitter_places(scenario.leader).items():
         places[name][axis] = value
-    height = float(spec.site("depth_sensor").pos[2])
-    return np.array([place - (0.0, 0.0, height) for place in places.values()])
-
-
-def _transmitters_off_axis(scenario: Scenario) -> list[str]:
-    """Transmitters of an own hull where navigators of closed loops cannot use them."""
-    closed = any(follower.station or follower.guided_by_estimate for follower in scenario.followers)
-    if scenario.leader.model is None or not closed or on_axis(transmitter_sites(scenario)):
+    if on_axis(np.array([place - (0.0, 0.0, spec.site("depth_sensor").pos[2]) for place in places.values()])):
         return []
     return [
         "leader.model: where followers are on stations or steer by their estimates, tx_rear and tx_front must be at "
@@ -229,16 +225,12 @@ def _wide_turns(scenario: Scenario, vehicle: Vehicle) -> list[str]:
     if vehicle.model is None:
         return []
     plant, designs = _plant(*_hull(scenario, vehicle))
-    route = route_of(vehicle, "") if vehicle.route or vehicle.waypoints else route_of(scenario.leader, "")
-    radius = least_radius(plant, 0, designs[0])
-    if radius == 0.0:
+    if least_radius(plant, 0, designs[0]) == 0.0:
         return []
     rate, least = steady_turn(plant, 0, designs[0], START_SPEED)
-    short = _errors_of(partial(plan, route, radius), "")
-    what = "legs of its route are too short for that, and it leaves them" if short else "it cuts corners of its route"
     return [
-        f"it turns at {np.rad2deg(rate):.2g}°/s at most at {START_SPEED:g} m/s, in circles of {least:.3g} "
-        f"m; routes are planned with {np.rad2deg(TURN_RATE):g}°/s: {what}"
+        f"it turns at {np.rad2deg(rate):.2g}°/s at most at {START_SPEED:g} m/s, in circles of {least:.3g} m; routes "
+        f"are planned with {np.rad2deg(TURN_RATE):g}°/s: it cuts their corners, or leaves legs that are too short"
     ]
 
 

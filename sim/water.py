@@ -57,6 +57,12 @@ class Waves:
         return cls(amplitude_m=empty, wavenumber_1_m=np.zeros((0, 2)), omega_rad_s=empty, phase_rad=empty)
 
     @classmethod
+    def _of(cls, amplitude: Floats, omega: Floats, direction: Floats, phase: Floats, floor_depth_m: float) -> Self:
+        towards = np.stack([np.sin(direction), np.cos(direction)], axis=1)
+        k = wavenumber(omega, floor_depth_m)[:, None] * towards
+        return cls(amplitude_m=amplitude, wavenumber_1_m=k, omega_rad_s=omega, phase_rad=phase)
+
+    @classmethod
     def regular(
         cls,
         *,
@@ -67,16 +73,9 @@ class Waves:
         floor_depth_m: float = FLOOR_DEPTH_M,
     ) -> Self:
         """One component; height crest to trough, running towards a compass direction; LaisnError if it would break."""
-        omega = np.array([2 * np.pi / period_s])
-        k = wavenumber(omega, floor_depth_m)
-        _require_unbroken("height_m", height_m, float(k[0]), floor_depth_m)
-        towards = np.array([[np.sin(direction_rad), np.cos(direction_rad)]])
-        return cls(
-            amplitude_m=np.array([height_m / 2]),
-            wavenumber_1_m=k[:, None] * towards,
-            omega_rad_s=omega,
-            phase_rad=np.array([float(phase_rad)]),
-        )
+        omega, direction = np.array([2 * np.pi / period_s]), np.array([direction_rad])
+        _require_unbroken("height_m", height_m, omega[0], floor_depth_m)
+        return cls._of(np.array([height_m / 2]), omega, direction, np.array([float(phase_rad)]), floor_depth_m)
 
     @classmethod
     def jonswap(
@@ -98,20 +97,13 @@ class Waves:
         break.
         """
         peak = 2 * np.pi / peak_period_s
-        k_peak = float(wavenumber(peak, floor_depth_m))
-        _require_unbroken("significant_height_m", significant_height_m, k_peak, floor_depth_m)
+        _require_unbroken("significant_height_m", significant_height_m, peak, floor_depth_m)
         edges, energy = _jonswap_bins(peakedness, n_components)
         omega = peak * rng.uniform(edges[:-1], edges[1:])
         amplitude = significant_height_m / 4 * np.sqrt(2 * energy)
         phase = rng.uniform(0.0, 2 * np.pi, n_components)
         direction = direction_rad + spread_rad * rng.standard_normal(n_components)
-        towards = np.stack([np.sin(direction), np.cos(direction)], axis=1)
-        return cls(
-            amplitude_m=amplitude,
-            wavenumber_1_m=wavenumber(omega, floor_depth_m)[:, None] * towards,
-            omega_rad_s=omega,
-            phase_rad=phase,
-        )
+        return cls._of(amplitude, omega, direction, phase, floor_depth_m)
 
 
 def _jonswap_bins(peakedness: float, n: int) -> tuple[Floats, Floats]:
@@ -127,9 +119,10 @@ def _jonswap_bins(peakedness: float, n: int) -> tuple[Floats, Floats]:
     return edges, np.diff(np.interp(edges, grid, energy))
 
 
-def _require_unbroken(name: str, height_m: float, wavenumber_1_m: float, floor_depth_m: float) -> None:
+def _require_unbroken(name: str, height_m: float, omega: float, floor_depth_m: float) -> None:
     """Miche's limit of steepness, 0.142 tanh(k h) (Miche 1944)."""
-    highest = 0.142 * np.tanh(wavenumber_1_m * floor_depth_m) * 2 * np.pi / wavenumber_1_m
+    k = float(wavenumber(omega, floor_depth_m))
+    highest = 0.142 * np.tanh(k * floor_depth_m) * 2 * np.pi / k
     if not 0 <= height_m <= highest:
         raise LaisnError(f"{name}={height_m} must lie between 0 and {highest:.3g} m, where waves of this length break")
 
@@ -201,14 +194,9 @@ class Ocean:
         """Way that the changing part of the current has made since time 0, east and north [m]."""
         return change_at(time, self._change)[4:]
 
-    @property
-    def wave_parameters(self) -> Floats:
-        """Amplitude, kx, ky, ω, ω at a fixed place and phase of the waves, units as in `water`, shape (n, 6)."""
-        return self.water[1][: PHASE + 1].T
-
     def velocity(self, position: Floats, time: float) -> Floats:
         """Velocity of the water in the world at points of shape (n, 3), [m]; the answer likewise, [m/s]."""
-        out = np.empty_like(position)
+        out = np.empty(position.shape)
         water_velocity(position, time, self.water, out)
         return out
 

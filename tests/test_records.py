@@ -15,7 +15,7 @@ from sim.assembly import ocean_of, routes_of
 from sim.film.film_data import OtherEstimate, RayErrors
 from sim.flight import navigate
 from sim.scenario.settings import Acoustics, Follower, Ocean, Scenario, Waves
-from sim.sensing.acoustics import propagate, sound_of
+from sim.sensing.acoustics import sound_of
 from sim.sensing.observation import observe
 from sim.simulation import simulate_motion
 
@@ -56,7 +56,7 @@ def records() -> dict[str, Any]:
     flight = navigate(scenario, trajectory, Navigator)
     route = routes_of(scenario)[1]
     made = (
-        trajectory, propagate(trajectory, scenario), observe(trajectory, scenario), flight.measurements[0],
+        trajectory, observe(trajectory, scenario), flight.measurements[0],
         flight.estimates[0], range_error_budget(flight),
         route, route.depth,
         ocean_of(scenario).waves, sound_of(scenario).profile,
@@ -73,7 +73,7 @@ def made() -> dict[str, Any]:
 
 @pytest.mark.parametrize(
     "name",
-    ["Trajectory", "Propagation", "MissionTruth", "Measurements", "Estimates", "RangeErrorBudget", "Route",
+    ["Trajectory", "MissionTruth", "Measurements", "Estimates", "RangeErrorBudget", "Route",
      "DepthProfile", "Waves", "OtherEstimate", "RayErrors"],
 )  # fmt: skip
 def test_a_record_shares_no_array_with_its_caller(made: dict[str, Any], name: str) -> None:

@@ -4,7 +4,7 @@ import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -121,7 +121,7 @@ def hull(
     length: Annotated[float | None, typer.Option(help="length of the hull [m]")] = None,
     diameter: Annotated[float | None, typer.Option(help="diameter of the hull [m]")] = None,
     mass: Annotated[float | None, typer.Option(help="mass with all that floods [kg]; the hull is neutral")] = None,
-    fins: Annotated[str, typer.Option(help="'+': rudders and stern planes, 'x': four fins at 45°")] = "+",
+    fins: Annotated[Literal["+", "x"], typer.Option(help="'+': rudders and stern planes, 'x': four fins at 45°")] = "+",
     propeller: Annotated[
         float | None, typer.Option(help="diameter of the propeller [m]; default: 0.7 of the hull")
     ] = None,
@@ -138,7 +138,7 @@ def hull(
     if sdf is None:
         if length is None or diameter is None or mass is None:
             raise LaisnError("give --length, --diameter and --mass, or --sdf FILE")
-        text = from_dimensions(length, diameter, mass, fins, propeller).xml()  # type: ignore[arg-type]  # it names them
+        text = from_dimensions(length, diameter, mass, fins, propeller).xml()
     else:
         if any(value is not None for value in (length, diameter, mass, propeller)):
             raise LaisnError("--sdf: the file has the dimensions; leave --length, --diameter, --mass, --propeller out")

@@ -67,7 +67,7 @@ def _factors(assignments: list[str]) -> dict[str, Any]:
 
     def listed(value: Any) -> Any:
         if isinstance(value, str):
-            return [value_of(part.strip(), "--vary") for part in value.split(",")]
+            return [value_of(part.strip()) for part in value.split(",")]
         return value if isinstance(value, list | dict) else [value]
 
     return {key: listed(value) for key, value in values_of(assignments, "--vary").items()}

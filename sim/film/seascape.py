@@ -12,7 +12,7 @@ from laisn.arrays import Floats
 from sim.assembly import models_of
 from sim.flight import Flight
 from sim.vehicle.mjcf import VehicleSetup, compose
-from sim.water import Ocean
+from sim.water import PHASE, Ocean
 
 WATER = (0.035, 0.26, 0.36)
 """Colour of the fog, and so of all that is far, so that no band remains at the horizon."""
@@ -104,7 +104,7 @@ class Sea:
         self._model = model
         self._geom, self._floor = (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, n) for n in ("sea", "seabed"))
         self._ocean = ocean
-        self._waves = ocean.wave_parameters
+        self._waves = ocean.water[1][: PHASE + 1].T
         self._steepness = np.hypot(self._waves[:, 1], self._waves[:, 2])
 
     def grid(self, centre: Floats, reach: float) -> tuple[Floats, Floats]:

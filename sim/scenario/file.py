@@ -155,14 +155,12 @@ def read(path: Path) -> dict[str, Any]:
     return parse(text, str(path))
 
 
-def value_of(text: str, source: str) -> Any:
-    """A value on the command line: TOML, or text without quotes; `source` is for messages."""
+def value_of(text: str) -> Any:
+    """A value on the command line: TOML, or text without quotes."""
     try:
-        return parse(f"value = {text}", source)["value"]
-    except ScenarioError as error:
-        if isinstance(error.__cause__, tomllib.TOMLDecodeError):
-            return text
-        raise
+        return plain_values(tomllib.loads(f"value = {text}")["value"])
+    except tomllib.TOMLDecodeError:
+        return text
 
 
 def _put(table: dict[str, Any], key: str, value: object) -> None:
@@ -222,9 +220,9 @@ def values_of(assignments: Iterable[str], option: str = "--set") -> dict[str, An
     """
     found = {}
     for text in assignments:
-        source = f"{option} {shortened(plain(text), 200)}"
         key, equals, value = text.partition("=")
         if not equals or not key.strip():
-            raise ScenarioError(f"{source}: expected key=value, such as sensors.speed_bias_m_s=0.1")
-        found[key.strip()] = value_of(value.strip(), source)
+            given = shortened(plain(text), 200)
+            raise ScenarioError(f"{option} {given}: expected key=value, such as sensors.speed_bias_m_s=0.1")
+        found[key.strip()] = value_of(value.strip())
     return found

@@ -136,9 +136,6 @@ def _leg_speed_to_rest(distance: float, time: float, speed: float) -> float:
 def _leg(route: Route, k: int, planner: _Planner, cut: float) -> tuple[float, float]:
     """Speed [m/s], and time at it [s], on the straight way to waypoint k, whose corner of `cut` [rad] is to be cut."""
     where = f"route {route.name!r}, waypoint {k + 1}"
-    mean_speed = route.leg_speed[k - 1]
-    if mean_speed > SPEED_MAX * (1 + 1e-9):
-        raise LaisnError(f"{where}: {mean_speed:.3g} m/s required, the limit is {SPEED_MAX:.3g} m/s")
     east, north = route.waypoint[k, 0] - planner.east, route.waypoint[k, 1] - planner.north
     straight = float(east * np.sin(planner.course) + north * np.cos(planner.course))
     # along the arc to its middle the way is shorter than to the corner by speed × saved

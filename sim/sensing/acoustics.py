@@ -12,14 +12,13 @@ Acoustical Oceanography, 1998). A flat, level boundary sends an echo that seems 
 source (ibid.); taken for the direct arrival it is the gross error of paper Section 2.4. Random errors come on top.
 """
 
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Floats, Ints, Record, Records, own_arrays, records
+from laisn.arrays import Floats, Ints, Record, Records, records
 from laisn.compiled import elementwise, select
 from sim.attitude import carried
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
@@ -258,17 +257,13 @@ def reception_step(complete: Any, dt: float) -> Any:
     return np.int64(np.ceil(complete / dt - 1e-6))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Propagation:
+class Propagation(NamedTuple):
     """Sound of m messages: transmitters are rear, front and middle, paths in the order of `Path`."""
 
     emission_step: Ints  # filter step at which a message is sent, shape (m,)
     message_step: Ints  # filter step by which all pings that the follower may take are in, shape (m,)
     transmitter: Floats  # where each ping left, shape (m, 3, 3), the last axis in the world, [m]
     arrival: Records  # how each ping arrives by each path; of ARRIVAL, shape (m, 3 transmitters, 3 paths)
-
-    def __post_init__(self) -> None:
-        own_arrays(self)
 
     @property
     def range(self) -> Floats:

@@ -25,7 +25,7 @@ from laisn.failure import LaisnError
 from sim import attitude
 from sim.vehicle import coefficients, effectors, hydrodynamics
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
-from sim.water import Ocean, Water, water_velocity
+from sim.water import Ocean, Water
 
 TRIED = "4.0.0"  # the release of MuJoCo on which compiled and Python calls were found to give the same bits
 STAGES = ("mj_kinematics", "mj_comPos", "mj_makeM", "mj_fwdVelocity", "mj_factorM", "mj_step2")
@@ -264,9 +264,7 @@ class Plant:
 
     def water_velocity(self) -> Floats:
         """Velocity of the water at the vehicles' origins, in the world, shape (v, 3), [m/s]."""
-        out = np.empty((len(self.names), 3))
-        water_velocity(self.pose[:, :3], self.time, self.ocean.water, out)
-        return out
+        return self.ocean.velocity(self.pose[:, :3], self.time)
 
     def step(self, command: Floats, n_substeps: int = 1) -> None:
         """Advance by `n_substeps` physics steps under constant commands, shape (v, m), in the units of the states.

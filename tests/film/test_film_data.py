@@ -8,6 +8,7 @@ from sim.assembly import ocean_of
 from sim.film.film_data import FilmData
 from sim.film.seascape import Sea
 from sim.scenario.settings import Waves
+from sim.water import PHASE
 from tests.water.test_ocean import elevation
 
 
@@ -54,7 +55,7 @@ def test_the_drawn_sea_is_the_simulated_sea():
     waves = Waves(kind="regular", height_m=1.0, period_s=8.0, direction_deg=30.0)
     ocean = ocean_of(mission.model_copy(update={"ocean": mission.ocean.model_copy(update={"waves": waves})}))
     sea = Sea.__new__(Sea)
-    sea._ocean, sea._waves = ocean, ocean.wave_parameters
+    sea._ocean, sea._waves = ocean, ocean.water[1][: PHASE + 1].T
     sea._steepness = np.hypot(sea._waves[:, 1], sea._waves[:, 2])
     x, y = sea.grid(np.array([40.0, -7.0, 0.0]), 100.0)
     drawn = sea.elevation(x, y, 12.3)

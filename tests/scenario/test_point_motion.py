@@ -124,8 +124,8 @@ def test_sharp_corners_are_turned_after_the_waypoint():
 @pytest.mark.parametrize(
     ("points", "message"),
     [
-        ([[0, 0, 0], [100, 0, 100], [120, 0, 180]], "route 'mine', waypoint 3: 4 m/s required, the limit is 3 m/s"),
-        ([[0, 0, 0], [5e-324, 1, 1]], "route 'mine', waypoint 2: inf m/s required, the limit is 3 m/s"),
+        ([[0, 0, 0], [100, 0, 100], [120, 0, 180]], "route 'mine', waypoint 3: 4.* on average required"),
+        ([[0, 0, 0], [5e-324, 1, 1]], "route 'mine', waypoint 2: inf m/s on average required after 1 m/s"),
         ([[0, 0, 0], [10, 0, 29]], "waypoint 2: 2.9 m/s on average required after 1 m/s; out of reach"),
         ([[0, 0, 0], [10, 0, 0.5]], "waypoint 2: 0.05 m/s on average required after 1 m/s; out of reach"),
         # two quarter turns of 5.7 m radius do not fit on 9 m

@@ -345,7 +345,7 @@ def test_hulls_that_turn_slowly_are_cautioned_about() -> None:
     texts = [text for text in cautions(laisn_sim.load("T5", {"leader.model": "remus100"})) if "turns at" in text]
     assert texts == [
         f"leader.model: it turns at {np.rad2deg(rate):.2g}°/s at most at 1 m/s, in circles of {radius:.3g} m; routes "
-        "are planned with 10°/s: it cuts corners of its route"
+        "are planned with 10°/s: it cuts their corners, or leaves legs that are too short"
     ]
     assert not cautions(laisn_sim.load("T5"))
 
