@@ -67,10 +67,7 @@ def models_of(scenario: Scenario) -> tuple[str, ...]:
 
 
 def on_axis(sites: Floats) -> bool:
-    """Whether transmitters are where a baseline and an offset describe them: fore and aft, and abeam, at one height.
-
-    `sites` are rear, front, middle from the leader's position, shape (3, 3), [m].
-    """
+    """Whether rear, front and middle transmitter, shape (3, 3), [m], are where a baseline and an offset put them."""
     half, aside = sites[1, 0], sites[2, 1]
     return bool(half > 0 and aside > 0 and np.array_equal(sites, [[-half, 0, 0], [half, 0, 0], [0, aside, 0]]))
 
@@ -91,10 +88,7 @@ def _stand_in(follower: Follower, scenario: Scenario, leader: Route) -> Route:
 
 
 def routes_of(scenario: Scenario) -> tuple[Route, ...]:
-    """Routes of all vehicles, the leader's first; of a follower on a station, its start and straight on from there.
-
-    ValueError if a route is unknown or infeasible for the vehicle; names vehicle and waypoint.
-    """
+    """Routes of all vehicles, the leader's first, from stations straight on; LaisnError names vehicle and waypoint."""
     leader = route_of(scenario.leader, "leader")
     return (
         leader,

@@ -96,10 +96,7 @@ def forward(quaternion: Floats) -> tuple[Floats, Floats, Floats]:
 
 @elementwise
 def carried(pose: Any, offset: Floats) -> Any:
-    """East, north and up of a point of a hull [m].
-
-    `pose` is position and quaternion of the hull, seven numbers or arrays; `offset` the point's in the body frame [m].
-    """
+    """East, north, up of a point of a hull by its position and quaternion, and the point's `offset` in the body [m]."""
     w, x, y, z = pose[3], pose[4], pose[5], pose[6]
     xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
     east, north, up = pose[0], pose[1], pose[2]
@@ -120,10 +117,7 @@ def carried(pose: Any, offset: Floats) -> Any:
 
 
 def from_euler(heading: npt.ArrayLike, pitch: npt.ArrayLike = 0.0, roll: npt.ArrayLike = 0.0) -> Floats:
-    """Quaternion of compass heading, pitch (nose up) and roll (starboard down), shape (…, 4); angles in [rad].
-
-    The hull is turned to its heading, then pitched, then rolled about its own axes.
-    """
+    """Quaternion of a hull turned to its compass heading, then pitched nose up, then rolled starboard down [rad]."""
     heading, pitch, roll = (np.asarray(angle, dtype=np.float64) for angle in (heading, pitch, roll))
     # a rotation about +y (port) lowers the nose; yaw counts counter-clockwise from east
     y, p, r = (np.pi / 2 - heading) / 2, -pitch / 2, roll / 2

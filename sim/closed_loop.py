@@ -132,10 +132,7 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
 
 @compiled
 def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
-    """All sensors at instant k, and messages that are in; whether it is a filter step, at which navigators are due.
-
-    Between filter steps followers dead-reckon.
-    """
+    """All sensors at instant k, and messages that are in; whether navigators are due, else followers dead-reckon."""
     stride = a.sensors.stride
     if k > 0 and a.sensors.senses_acceleration:
         change = truth.twist[k, 0, :3] - truth.twist[k - 1, 0, :3]
@@ -318,10 +315,7 @@ class OwnControl:
         return bool(self._controllers)
 
     def command(self, k: int, received: list[Reception | None], known: tuple[Any, Any, Any]) -> None:
-        """Write the commands that hold from instant k on.
-
-        `received` are receptions of this instant by follower, `known` records of READING, ESTIMATE and FOLLOWER_MEMORY.
-        """
+        """Write commands from instant k on, by receptions and records of READING, ESTIMATE and FOLLOWER_MEMORY."""
         for f, controller in self._controllers.items():
             reading, estimate, memory = (table[f] for table in known)
             speed, heading, depth, pitch, yaw_rate, pitch_rate = reading.tolist()
@@ -362,10 +356,7 @@ class OwnControl:
 
 
 class PythonClosedLoop:
-    """The same controller with navigators, sensors or controllers that Python calls.
-
-    `sensors` are the inverted USBL of each follower, one or none.
-    """
+    """The same controller with navigators, inverted USBL (one or none) or controllers that Python calls."""
 
     def __init__(self, state: ClosedLoopState, swarm: Swarm, own: OwnControl, sensors: Sequence[OwnSensor]) -> None:
         self.state, self.swarm, self._own, self._sensors = state, swarm, own, sensors
@@ -411,10 +402,9 @@ class PythonClosedLoop:
 def closed_loop_of(
     scenario: Scenario, plant: Plant, routes: RouteControl, make_swarm: SwarmFactory | None = None
 ) -> ClosedLoop | PythonClosedLoop:
-    """The closed loop of a scenario, at its start.
+    """The closed loop of a scenario at its start, with the swarm's navigators, by default its own.
 
-    `make_swarm` makes the followers' navigators; None: the scenario's own. LaisnError if the followers' hydrophones are
-    not equally high above their pressure sensors.
+    LaisnError if the followers' hydrophones are not equally high above their pressure sensors.
     """
     still, numbers = standing(plant), range(len(scenario.followers))
     settings = [navigation_settings(scenario, still, i) for i in numbers]

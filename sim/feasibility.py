@@ -71,10 +71,7 @@ def _errors_of(build: Callable[[], object], where: str) -> list[str]:
 
 
 def _through_water(scenario: Scenario, route: Route, depth: float) -> tuple[Floats, Ints]:
-    """Speeds through the water that a route requires at a depth, and their legs, shape (n,).
-
-    Speeds are those at both ends of intervals in which the current changes linearly on one leg, shape (2, n), [m/s].
-    """
+    """Speeds through water at a depth where the current or the leg changes, shape (2, n), [m/s], and legs, (n,)."""
     over_ground = np.diff(route.waypoint, axis=0) / np.diff(route.time)[:, None]
     changes = [time for time, *_ in scenario.ocean.current_profile if time < route.time[-1]]
     times = np.unique([*route.time, *changes])

@@ -65,11 +65,9 @@ class Flight:
         return np.arange(1, n + 1, dtype=np.int64) * self.stride
 
     def __repr__(self) -> str:
-        followers = len(self.scenario.followers)
-        return (
-            f"<Flight {self.scenario.name!r}: {self.trajectory.time[-1]:g} s, {followers} "
-            f"follower{'s' if followers > 1 else ''}, {self.scenario.navigation.variant}, {self.outcome.name.lower()}>"
-        )
+        followers, duration = len(self.scenario.followers), self.trajectory.time[-1]
+        navigator, outcome = self.scenario.navigation.variant, self.outcome.name.lower()
+        return f"<Flight {self.scenario.name!r}: {duration:g} s, followers: {followers}, {navigator}, {outcome}>"
 
     def hydrophone(self, follower: int) -> Floats:
         """True position of a follower's hydrophone, which it estimates, at filter steps, shape (n, 3), [m]."""
@@ -92,11 +90,7 @@ def _transmitters(scenario: Scenario, trajectory: Trajectory) -> dict[str, Any]:
 
 
 def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: int) -> Settings:
-    """Settings of a follower's navigator: the scenario's, and where its hydrophone sits.
-
-    Raises:
-        LaisnError: the scenario's navigator is a user's own and cannot be found, or does not have these settings.
-    """
+    """Settings of a follower's navigator: the scenario's and its hydrophone's place; LaisnError if it has none such."""
     sound, name, height = scenario.acoustics, trajectory.names[follower + 1], scenario.navigation.hydrophone_height_m
     if height is None:
         hydrophone, sensor = (trajectory.site(f"{name}/{site}") for site in ("hydrophone", "depth_sensor"))
@@ -156,10 +150,7 @@ def navigate(
 
 
 def excerpt(flight: Flight, start: float, end: float) -> Flight:
-    """The part of a flight from `start` to `end`, widened to whole filter steps; times stay those of the mission.
-
-    ValueError if that stretch is empty or leaves the mission.
-    """
+    """The part of a flight from `start` to `end`, widened to filter steps; ValueError if it leaves the mission."""
     truth, dt = flight.trajectory, flight.measurements[0].dt
     begin = float(truth.time[0])
     first, last = int(np.floor((start - begin) / dt + 1e-6)), int(np.ceil((end - begin) / dt - 1e-6))

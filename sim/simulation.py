@@ -163,18 +163,17 @@ def simulate(
     depth_control: Sequence[DepthControl | None] = (),
     *,
     make_controller: ControllerFactory | None = None,
-    ending: Callable[[Floats, Floats], int | None] | None = None,
+    until_contact: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
     """Simulate all vehicles of a plant, from where they are, along a route each for a time [s], a multiple of 0.1 s.
 
     `depth_control` is of each vehicle, as of `design`; empty: "pitch" for all. `make_controller` makes another
-    controller than that of routes. `ending` gives, of positions and attitudes, the first instant that ends the flight
-    before its time, as `first_touch`. `progress` is called with the mission time [s], every 50 s of it. Gives the truth
-    every 0.1 s.
+    controller than that of routes. `until_contact` ends the flight where hulls touch. `progress` is called with the
+    mission time [s], every 50 s of it. Gives the truth every 0.1 s.
 
-    Raises: LaisnError: a route cannot be flown. DivergedError: the simulation left finite numbers; PlantError if it did
-    so at its start. ArithmeticError: naming the follower whose navigator failed.
+    LaisnError if a route cannot be flown; DivergedError if the simulation left finite numbers, PlantError if at its
+    start; ArithmeticError naming the follower whose navigator failed.
     """
     substeps, ticks = round(TICK / plant.dt), round(duration / TICK)
     v = len(plant.names)
@@ -200,8 +199,7 @@ def simulate(
             if k < 1:
                 raise
             raise DivergedError(str(error), _trajectory(plant, truth, k + 1)) from error
-        new = truth.pose[first : last + 1]
-        end = None if ending is None else ending(new[..., :3], new[..., 3:])
+        end = first_touch(truth.pose[first : last + 1]) if until_contact else None
         if end is not None:
             return _trajectory(plant, truth, max(first + end, 1) + 1)
         if progress is not None and last < ticks:
@@ -217,10 +215,7 @@ class ContactError(EndedError):
 def simulate_points(
     names: tuple[str, ...], routes: Sequence[Route], duration: float, plant: Plant | None = None
 ) -> Trajectory:
-    """The point motion of a fleet for a time [s]: hulls level and on their courses, still water, no thrust.
-
-    The hulls have the sites of a plant's. LaisnError if a route cannot be flown.
-    """
+    """Point motion for a time [s]: level hulls on their courses, with a plant's sites, in still water, no thrust."""
     time: Floats = np.arange(round(duration / CONTROL_STEP_S) + 1, dtype=np.float64) * CONTROL_STEP_S
     n, v = time.size, len(routes)
     pose, twist = np.empty((n, v, 7)), np.zeros((n, v, 6))
@@ -261,10 +256,8 @@ def simulate_motion(
     `progress` is called now and then with the share that is done, 0 … 1. `make_controller` makes another controller
     than that of routes; that of `sim.closed_loop` is needed if there are `listeners`.
 
-    Raises:
-        LaisnError: a route cannot be flown, the sea is impossible, or the controller that is needed is missing.
-        DivergedError: the simulation left finite numbers.
-        ContactError: vehicles touched, and that ends the scenario's mission.
+    LaisnError if a route cannot be flown, the sea is impossible, or that controller is missing; DivergedError if the
+    simulation left finite numbers; ContactError if vehicles touched, which ends the scenario's mission.
     """
     keys = listeners(scenario)
     if keys and make_controller is None:
@@ -283,8 +276,7 @@ def simulate_motion(
             scenario.duration_s,
             [vehicle.depth_control for vehicle in (scenario.leader, *scenario.followers)],
             make_controller=make_controller,
-            # it may stop soon after the first contact
-            ending=first_touch if scenario.contact == "end" else None,
+            until_contact=scenario.contact == "end",
             progress=None if progress is None else lambda time: progress(time / scenario.duration_s),
         )
     met = contacts(trajectory) if scenario.contact == "end" else []

@@ -27,10 +27,7 @@ HULL_RADIUS_M = 0.1  # … and its radius [m]
 
 
 def cross_track(route: Route, time: Floats, position: Floats) -> Floats:
-    """Distance to the leg that is due, the one before or the one after, whichever is nearest, shape (n,), [m].
-
-    `time` has shape (n,), [s], and `position`, east and north, shape (n, 2), [m].
-    """
+    """Distance at times (n,), [s], from places (n, 2), [m], to the leg that is due or a neighbour, the nearest, [m]."""
     last = route.time.size - 2
     due = np.clip(np.searchsorted(route.time, time, side="right") - 1, 0, last)
     start, along = route.waypoint[:-1], np.diff(route.waypoint, axis=0)
@@ -82,10 +79,10 @@ def hull_gap(between: Floats, one: Floats, other: Floats, halves: tuple[float, f
     return np.sqrt(_dot(nearest, nearest))
 
 
-def _first_contacts(position: Floats, quaternion: Floats) -> Ints:
+def _first_contacts(pose: Floats) -> Ints:
     """First instant at which the hulls of each pair touch, shape (v, v), below the diagonal; −1 if they never do."""
-    axis, count = np.stack(attitude.forward(quaternion), axis=-1), position.shape[1]
-    half = [LEADER_HALF_M, *[FOLLOWER_HALF_M] * (count - 1)]
+    position, count = pose[..., :3], pose.shape[1]
+    axis, half = np.stack(attitude.forward(pose[..., 3:]), axis=-1), [LEADER_HALF_M, *[FOLLOWER_HALF_M] * (count - 1)]
     first = np.full((count, count), -1)
     for i in range(count):
         for j in range(i):
@@ -98,7 +95,7 @@ def _first_contacts(position: Floats, quaternion: Floats) -> Ints:
 
 def contacts(trajectory: Trajectory) -> list[Contact]:
     """Every pair of vehicles whose hulls touch, when they first do, in order of time."""
-    first = _first_contacts(trajectory.position, trajectory.quaternion)
+    first = _first_contacts(trajectory.pose)
     found = [
         Contact(float(trajectory.time[first[i, j]]), (trajectory.names[j], trajectory.names[i]))
         for i, j in np.argwhere(first >= 0)
@@ -106,12 +103,9 @@ def contacts(trajectory: Trajectory) -> list[Contact]:
     return sorted(found)
 
 
-def first_touch(position: Floats, quaternion: Floats) -> int | None:
-    """First of n instants at which any two of v hulls touch; None if none do.
-
-    Positions have shape (n, v, 3), [m], and attitudes, body to world, shape (n, v, 4).
-    """
-    first = _first_contacts(position, quaternion)
+def first_touch(pose: Floats) -> int | None:
+    """First of n instants at which two hulls touch, by their poses, shape (n, v, 7); None: none do."""
+    first = _first_contacts(pose)
     return int(first[first >= 0].min()) if (first >= 0).any() else None
 
 
@@ -173,10 +167,7 @@ def stations_of(scenario: Scenario) -> Records:
 
 
 def true_stations(scenario: Scenario, trajectory: Trajectory) -> Records:
-    """Where each follower's station truly was, in the leader's true trail: records of STATION_PLACE, shape (n, f).
-
-    A follower without a station has that of the leader itself, which means nothing.
-    """
+    """Where each follower's station, else the leader, truly was: records of STATION_PLACE, shape (n, f)."""
     leader, speed = trajectory.position[:, 0, :2], trajectory.forward_speed[:, 0]
     return stations_along(
         leader, speed, trajectory.heading[:, 0], stations_of(scenario), scenario.formation, trajectory.dt
@@ -195,10 +186,7 @@ class StationKeeping:
 
 
 def off_station(scenario: Scenario, trajectory: Trajectory, stations: Records | None = None) -> Floats:
-    """Horizontal distance of each follower's hydrophone from its station, shape (n, f), [m]; NaN of one without.
-
-    `stations` are those of `true_stations`; None: they are found here.
-    """
+    """Horizontal distance of hydrophones from stations, by default `true_stations`, shape (n, f), [m]; NaN: none."""
     off = np.full((trajectory.time.size, len(scenario.followers)), np.nan)
     kept = [i for i, follower in enumerate(scenario.followers) if follower.station]
     if not kept:
@@ -212,10 +200,7 @@ def off_station(scenario: Scenario, trajectory: Trajectory, stations: Records | 
 
 
 def track_errors(scenario: Scenario, trajectory: Trajectory, stations: Records | None = None) -> Floats:
-    """Horizontal distance of each follower from its station, or from where its route has it, shape (n, f), [m].
-
-    Arguments as of `off_station`.
-    """
+    """Horizontal distance of followers from stations, or from where routes have them, shape (n, f), [m]."""
     kept = off_station(scenario, trajectory, stations)
     routes = routes_of(scenario)
     for i, follower in enumerate(scenario.followers):

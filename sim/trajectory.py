@@ -241,10 +241,7 @@ class Trajectory(ArrayRecord):
 
 
 def tilted(trajectory: Trajectory, pitch: npt.ArrayLike, roll: npt.ArrayLike = 0.0) -> Trajectory:
-    """The trajectory with the leader's pitch, nose up, and roll, starboard down, replaced: one or shape (n,), [rad].
-
-    Track, depth and heading stay; the leader's sites sit where that attitude puts them.
-    """
+    """The trajectory with the leader's pitch, nose up, and roll, starboard down, replaced: one or shape (n,), [rad]."""
     pose = trajectory.pose.copy()
     pose[:, 0, 3:] = attitude.from_euler(trajectory.heading[:, 0], pitch, roll)
     return replace(trajectory, pose=pose)

@@ -1,6 +1,5 @@
 """Contact of hulls by geometry, and missions that end with it, with the motion of missions that continue."""
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from sim.scenario.settings import Scenario
 from sim.simulation import simulate
 from sim.tracking import contacts, first_touch, hull_gap
 from sim.vehicle.plant import Plant
+from tests import synthetic
 from tests.synthetic import make_flight
 
 
@@ -62,14 +62,14 @@ def test_hulls_touch_where_their_skins_meet() -> None:
     position[:, 1, 1] = -10.05 + time
     position[:, 2, 0], position[:, 2, 1] = 5.07 - 0.5 * time, 1.65
     quaternion = np.broadcast_to(attitude.from_euler(0.0), trajectory.quaternion.shape).copy()
-    moved = dataclasses.replace(trajectory, position=position, quaternion=quaternion)
+    moved = synthetic.moved(trajectory, position=position, quaternion=quaternion)
     # 10.05 − t < 1.9 m, and 5.07 − t / 2 < 0.2 m
     assert contacts(moved) == [
         (pytest.approx(8.2), ("leader", "follower1")),
         (pytest.approx(9.8), ("leader", "follower2")),
     ]
-    assert first_touch(position, quaternion) == 82
-    assert first_touch(position[:82], quaternion[:82]) is None
+    assert first_touch(moved.pose) == 82
+    assert first_touch(moved.pose[:82]) is None
 
 
 def meeting(**changes: Any) -> Scenario:
@@ -105,8 +105,8 @@ def test_a_fleet_stops_at_its_recorded_end() -> None:
     scenario = meeting()
     routes = routes_of(scenario)
     plant = Plant(setups_of(scenario, routes), ocean_of(scenario))
-    trajectory = simulate(plant, routes, 40.0, ending=first_touch)
-    assert first_touch(trajectory.position, trajectory.quaternion) == trajectory.time.size - 1
+    trajectory = simulate(plant, routes, 40.0, until_contact=True)
+    assert first_touch(trajectory.pose) == trajectory.time.size - 1
     assert trajectory.time[-1] < 31.0
 
 

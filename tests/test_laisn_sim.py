@@ -236,7 +236,7 @@ def test_a_flight_writes_its_report(flight: laisn_sim.Flight, tmp_path: Path) ->
 
 
 def test_what_is_printed_is_short_and_html_in_notebooks(flight: laisn_sim.Flight) -> None:
-    assert repr(flight) == "<Flight 'T5': 20 s, 1 follower, laisn-2, completed>"
+    assert repr(flight) == "<Flight 'T5': 20 s, followers: 1, laisn-2, completed>"
     mean = laisn_sim.errors(flight)["e_p_m"].mean()
     assert f"<td>{mean:.2f} m</td>" in flight._repr_html_()
     table = laisn_sim.errors(flight)

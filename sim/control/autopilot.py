@@ -249,10 +249,7 @@ def vehicle_state(pose: Floats, twist: Floats, water: Floats) -> VehicleState:
 
 @compiled
 def apply_wrench(d: Any, surge: float, memory: Record, command: Floats) -> None:
-    """Command effectors, in the units of their states, to give the wrench in the memory; out: what they give of it.
-
-    `surge` is the speed through the water along the hull [m/s].
-    """
+    """Command effectors to give the wrench in the memory, out: what they give, at a speed through the water [m/s]."""
     limits = memory.limits
     for i in range(command.size):
         limits[i, 0], limits[i, 1] = effectors.reach(d.effectors[i], d.density, surge)

@@ -97,10 +97,7 @@ def approach(
 
 @compiled
 def away(p: Record, seen: Records, heading: float) -> tuple[float, float]:
-    """Velocity away from all vehicles in sight, east and north, no more than the full speed [m/s].
-
-    `p` is the record of `[formation.proximity]`, `seen` of `sim.sensing.observation.SIGHTING`, shape (v,).
-    """
+    """Velocity away from vehicles in sight, of SIGHTING, shape (v,), east and north, up to the full speed [m/s]."""
     east, north = 0.0, 0.0
     for j in range(seen.shape[0]):
         if seen[j].range == seen[j].range:

@@ -75,9 +75,8 @@ def _rate(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floa
 
 
 def flown_plan(route: Route, least_radius: float) -> Plan:
-    """The plan of a route with turns of a least radius [m], 0 for TURN_RATE, which begin earlier and touch the legs.
+    """The plan of a route with turns of a least radius [m], 0 for TURN_RATE, or of a smaller one where legs are short.
 
-    Where a leg is too short for such arcs, arcs of 3/4, 1/2 and 1/4 of the radius are tried; the vehicle leaves these.
     LaisnError if the route cannot be flown at TURN_RATE either.
     """
     for radius in (least_radius, 0.75 * least_radius, 0.5 * least_radius, 0.25 * least_radius):

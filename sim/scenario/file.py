@@ -112,10 +112,7 @@ def seen_from(table: dict[str, Any], folder: Path) -> dict[str, Any]:
 def examined(
     table: dict[str, Any], further: Callable[[Scenario], Iterable[str]] = lambda _: ()
 ) -> tuple[Scenario | None, list[str]]:
-    """The scenario, None if a key is invalid, and a line for each error; arguments as of `validate`.
-
-    All keys are validated first, then their consistency.
-    """
+    """The scenario, None if a key is invalid, and a line for each error; arguments as of `validate`."""
     try:
         scenario = Scenario.model_validate_json(to_json(table), context=KEYS_ALONE)
     except ValidationError as error:
@@ -185,10 +182,7 @@ def _each_key(table: Mapping[str, Any], key: str) -> list[str]:
 
 
 def dotted(table: Mapping[str, Any], is_value: Callable[[Any], bool] = lambda _: False) -> dict[str, Any]:
-    """Values of a table of tables and lists of tables by their dotted keys, such as `followers.0.depth_m`.
-
-    `is_value` is whether a table is a value itself, and no part of a key; an empty one always is.
-    """
+    """Values of nested tables and lists of tables by dotted keys; `is_value`: whether a table is a value itself."""
     found: dict[str, Any] = {}
     for name, value in table.items():
         inner = value
@@ -202,10 +196,7 @@ def dotted(table: Mapping[str, Any], is_value: Callable[[Any], bool] = lambda _:
 
 
 def assigned(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
-    """A copy of a table with values put at dotted keys, such as `followers.0.depth_m`, or `followers.*.depth_m`.
-
-    ScenarioError if a key leads through something that is no table or list.
-    """
+    """A copy of a table with values put at dotted keys, such as `followers.0.depth_m`, or `followers.*.depth_m`."""
     result: dict[str, Any] = plain_values(table)
     for key, value in settings.items():
         for one in _each_key(result, str(key)):
@@ -214,10 +205,7 @@ def assigned(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str,
 
 
 def values_of(assignments: Iterable[str], option: str = "--set") -> dict[str, Any]:
-    """Values by dotted key of assignments `key.path=value`; list items are `followers.0.depth_m=5`.
-
-    Values are TOML (`0.1`, `true`, `[1, 2]`); text may stand without quotes. ScenarioError where there is no `=`.
-    """
+    """Values by dotted key of assignments `key.path=value`, TOML or text without quotes; else ScenarioError."""
     found = {}
     for text in assignments:
         key, equals, value = text.partition("=")

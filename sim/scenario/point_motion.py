@@ -219,10 +219,7 @@ _CHECK_INTERVAL = 1.0  # distances to the leader are checked at this interval [s
 
 
 class RouteClass(NamedTuple):
-    """What the routes of a class have in common.
-
-    Waypoints are drawn in polar coordinates about the leader: its distance evenly, and its bearing evenly astern.
-    """
+    """What routes of a class have in common; waypoints are drawn evenly in distance and bearing about the leader."""
 
     distance_max: float  # largest distance to the leader, at all times [m]
     leg_time: tuple[float, float]  # time from waypoint to waypoint, drawn evenly between [s]

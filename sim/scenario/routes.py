@@ -70,8 +70,8 @@ def _profile(depth: float | DepthProfile) -> DepthProfile:
 class Route:
     """Waypoints, each with the time at which the vehicle is to be there; straight legs between them.
 
-    At a place that is given twice in succession the vehicle stops, and goes on at the second time. After the last
-    waypoint it goes straight on, or stays where it has stopped. Raises LaisnError if all waypoints are one place.
+    At a place that is given twice in succession the vehicle stops until the second time; after the last waypoint it
+    goes straight on, or stays where it stopped. LaisnError if all waypoints are one place.
     """
 
     name: str
@@ -103,10 +103,7 @@ class Route:
 
     @classmethod
     def at_speed(cls, name: str, points: npt.ArrayLike, speed: float, depth: float | DepthProfile) -> Self:
-        """Waypoints [[east, north], …], shape (n, 2), [m], reached at one speed [m/s] measured along the legs.
-
-        Corners are cut, so that the vehicle moves slightly slower than `speed`: by 0.25 % on the leader's L.
-        """
+        """Waypoints [[east, north], …], shape (n, 2), [m], reached at one speed [m/s] measured along the legs."""
         table = np.array(points, dtype=np.float64)
         time = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(table, axis=0).T))]) / speed
         return cls(name=name, time=time, waypoint=table, depth=_profile(depth), start_speed=speed)

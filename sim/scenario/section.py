@@ -51,10 +51,7 @@ def split_unit(key: str) -> tuple[str, str, float]:
 
 
 def in_si(table: Mapping[str, Any], fields: Collection[str] = ()) -> dict[str, Any]:
-    """Values in SI units and radians by the keys without their units.
-
-    A key among `fields` stays as it is; a value of None is left out.
-    """
+    """Values in SI units and radians by keys without units; a key among `fields` stays, a value of None is left out."""
     found = {}
     for key, value in table.items():
         name, _, scale = (key, "", 1.0) if key in fields else split_unit(key)
@@ -84,10 +81,7 @@ class Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
     def record(self) -> Record:
-        """Numbers and choices as compiled code takes them, by names without units, in SI units and radians.
-
-        A choice is its index among the options.
-        """
+        """Numbers, and choices by index, for compiled code: by names without units, in SI units and radians."""
         values: dict[str, Any] = {}
         for key, field in type(self).model_fields.items():
             value = getattr(self, key)

@@ -277,10 +277,7 @@ def motion_of(t: Trajectory) -> Motion:
 
 
 def propagate(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Propagation:
-    """Follow the sound of all messages of a mission to one follower; those that are not in by its end are left out.
-
-    The trajectory may be a stretch that begins at a filter step; messages sent after that are followed.
-    """
+    """Follow the sound of all messages sent in a trajectory to one follower, as far as they are in by its end."""
     dt, every = scenario.timing.filter_step_s, scenario.message_every
     s, known = sound_of(scenario), motion_of(trajectory)
     first = round(known.begin / dt)

@@ -147,8 +147,6 @@ def _address(
         if not 0 <= value < 2**bits:
             raise LaisnError(f"{name} is {value}, expected 0 … 2^{bits} − 1")
     numbers = np.atleast_1d(np.asarray(steps, dtype=np.int64))
-    if numbers.size and not (numbers.min() >= 0 and numbers.max() < 2**32):
-        raise ValueError(f"steps are {numbers.min()} … {numbers.max()}, expected 0 … 2^32 − 1")
     return _U(seed), _U(run), _U(stream), numbers.astype(np.uint64)
 
 

@@ -342,10 +342,7 @@ def fluctuation_weights(truth: MissionTruth, errors: sensors.SensorErrors) -> Fl
 
 
 def received(seed: int, run: int, follower: int, emission_step: Ints, e: sensors.SensorErrors) -> Bools:
-    """Whether each message arrives, shape (m,), by the steps at which all messages until then were sent, shape (m,).
-
-    The chain starts in its good state before the first message; all transmitters share a message's fate.
-    """
+    """Whether each message arrives, by the steps at which all until then were sent, (m,); the channel begins good."""
     drawn, bad = uniforms(seed, run, Stream.LOSS.number(follower), emission_step)[:, :2].tolist(), False
     fates = [(bad := sensors.is_bad(bad, change, e), fate) for change, fate in drawn]
     return np.array([not sensors.is_lost(was_bad, fate, e) for was_bad, fate in fates], dtype=np.bool_)

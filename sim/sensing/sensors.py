@@ -87,10 +87,7 @@ def _filtered(last: float, error: float, share: float) -> float:
 
 
 def apparent_tilt(trajectory: Trajectory) -> Floats:
-    """Pitch and roll that specific force seems to show at the leader's origin, shape (n, 2), [rad].
-
-    Accelerations are means over the interval that ends at an instant; the first instant has those of the second.
-    """
+    """Pitch and roll that specific force shows at the leader's origin, means over a step, shape (n, 2), [rad]."""
     change = np.diff(trajectory.velocity[:, 0], axis=0)
     change = np.concatenate([change[:1], change])
     return np.column_stack(_shown(trajectory.quaternion[:, 0].T, change.T))
@@ -117,10 +114,7 @@ def follow_tilt(share: float, quaternion: Floats, change: Floats, last: Floats, 
 
 @formula
 def weights(since: int, dt: float, time: float) -> tuple[float, float]:
-    """Weights a and √(1 − a²) of the last value of a Gauss–Markov process and of a fresh normal.
-
-    `since` is how many steps dt [s] ago it was last read; 0: never. `time` is its correlation time [s].
-    """
+    """Weights a and √(1 − a²) of a Gauss–Markov value `since` steps dt [s] ago (0: none), and of a fresh normal."""
     kept = math.exp(-since * (dt / time)) if since > 0 and time > 0.0 else 0.0
     return kept, math.sqrt(1.0 - kept * kept)
 
@@ -256,10 +250,7 @@ def path_taken(uniform: Any, e: SensorErrors) -> Any:
 
 @elementwise
 def true_own(e: Any, follower: int, time: Any, body: Body, depth_sensor: Any, true: Any) -> None:
-    """What log, compass and pressure sensor of a follower read without random errors and constant biases.
-
-    `depth_sensor` is the pressure sensor's offset, shape (3,), [m]. Writes a record of `laisn.swarm.READING`.
-    """
+    """Write what log, compass and pressure sensor, at an offset [m], read without random errors and biases."""
     speed = speed_through_water(body.pose, body.twist, body.water)
     true.speed = speed + drift(e, e.speed_drift, e.speed_drift_phase, follower, time)
     true.heading = body.heading + drift(e, e.heading_drift, e.heading_drift_phase, follower, time)

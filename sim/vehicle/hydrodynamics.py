@@ -294,10 +294,7 @@ def apply(
     solver: Solver,
     fitted: tuple[Any, Floats],
 ) -> int:
-    """Give every vehicle its wrench and its added mass; arguments are those of `wrench` for all vehicles.
-
-    Returns the index of the first vehicle that is lost (its state or wrench is not finite, or beyond LOST), -1 if none.
-    """
+    """Give all vehicles wrenches and added mass; the index of the first that is lost (not finite, > LOST), or -1."""
     row_address, mass, applied = solver
     lost = beyond(twist, LOST)
     # one way out, and numbers in place of rows: compiled code would count references to arrays for each vehicle

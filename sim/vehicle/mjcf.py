@@ -68,10 +68,7 @@ def _pad(vehicle: mujoco.MjSpec, count: int) -> None:
 
 
 def spec_of(model: str, looks: bool = True) -> mujoco.MjSpec:
-    """A vehicle's own MJCF without keyframes, to be changed: of a model by name, or of the text of a file.
-
-    ValueError if there is no such model, or the text is not valid MJCF.
-    """
+    """A vehicle's own MJCF without keyframes, to be changed: of a model by name, or of the text of a file."""
     return _attachable(model if vehicles.is_mjcf(model) else models.path(model).read_text("utf-8"), looks).copy()
 
 

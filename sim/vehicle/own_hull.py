@@ -119,10 +119,7 @@ def _compiled(text: str) -> list[str]:
 
 
 def hull_errors(text: str, role: str) -> list[str]:
-    """A line for each site, actuator and coefficient that the MJCF of a hull lacks or has wrong.
-
-    The role is "leader" or "follower", which carry other instruments.
-    """
+    """A line for each thing that the MJCF of a hull lacks or has wrong for the role of "leader" or "follower"."""
     if lines := list(_unexpected(text)):
         return lines
     try:

@@ -210,10 +210,7 @@ def _name(text: str) -> str:
 
 
 def from_sdf(text: str) -> tuple[HullFile, list[str]]:
-    """The hull of the first model with a Hydrodynamics plugin in the text of an SDF file; what was assumed or left out.
-
-    LaisnError if it is no such file; names element and value.
-    """
+    """The hull of the first SDF model with a Hydrodynamics plugin, and remarks; LaisnError names element and value."""
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
