@@ -135,10 +135,7 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
     """All sensors at instant k, and messages that are in; whether navigators are due, else followers dead-reckon."""
     stride = a.sensors.stride
     if k > 0 and a.sensors.senses_acceleration:
-        change = truth.twist[k, 0, :3] - truth.twist[k - 1, 0, :3]
-        # the first instant has the acceleration of the second
-        for i in range(k - 1 if k == 1 else k, k + 1):
-            follow_tilt(a.sensors.tilt_share, truth.pose[i, 0, 3:], change, a.tilts[max(i - 1, 0)], a.tilts[i])
+        follow_tilt(a.sensors.tilt_share, k, truth.pose[:, 0], truth.twist[:, 0], a.tilts)
     if k % stride != 0:
         for i in range(a.kinds.size):
             estimate = a.estimates[i]
@@ -306,8 +303,8 @@ class OwnControl:
 
     def __init__(self, scenario: Scenario, plant: Plant, routes: RouteControl) -> None:
         """Make the controllers; LaisnError if there is no such class."""
-        named = [(i, f, f.controller) for i, f in enumerate(scenario.followers) if f.controller]
-        self._controllers = {i: find_controller(name)(follower) for i, follower, name in named}
+        own = {i: follower for i, follower in enumerate(scenario.followers) if follower.controller}
+        self._controllers = {i: find_controller(str(one.controller))(one) for i, one in own.items()}
         self._names, self._effectors = plant.names[1:], [len(names) for names in plant.effector_names[1:]]
         self._routes, self._reference = routes, records(REFERENCE, 1)[0]
 
@@ -318,8 +315,7 @@ class OwnControl:
         """Write commands from instant k on, by receptions and records of READING, ESTIMATE and FOLLOWER_MEMORY."""
         for f, controller in self._controllers.items():
             reading, estimate, memory = (table[f] for table in known)
-            speed, heading, depth, pitch, yaw_rate, pitch_rate = reading.tolist()
-            readings = Readings(k * CONTROL_STEP_S, speed, heading, depth, pitch, yaw_rate, pitch_rate, received[f])
+            readings = Readings(k * CONTROL_STEP_S, *reading.tolist(), reception=received[f])
             biases = estimate.log_bias, estimate.compass_bias
             belief = Belief(*map(float, (*estimate.position, *estimate.velocity, *biases, *estimate.current)))
             found = controller.control(readings, belief, CONTROL_STEP_S)

@@ -76,7 +76,6 @@ def lines_of(error: ValidationError) -> list[str]:
 
 LARGEST_BYTES = 16_000_000  # of a scenario file: four routes of the most points that a route may have
 _MODEL_KEY = re.compile(r"(leader|followers\.(\d+|\*)|formation\.shape)\.model")
-_INDEX = re.compile("0|[1-9][0-9]{0,8}")  # an index of a list within a dotted key
 
 
 class ScenarioError(LaisnError):
@@ -163,7 +162,7 @@ def value_of(text: str) -> Any:
 def _put(table: dict[str, Any], key: str, value: object) -> None:
     """Put a value at a dotted key; ScenarioError if the key leads through something that is no table or list."""
     place: Any = table
-    *parents, last = (int(part) if _INDEX.fullmatch(part) else part for part in key.strip().split("."))
+    *parents, last = (int(part) if part.isdecimal() else part for part in key.strip().split("."))
     try:
         for part in parents:
             place = place.setdefault(str(part), {}) if isinstance(place, dict) else place[part]

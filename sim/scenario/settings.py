@@ -187,11 +187,7 @@ class Scenario(Section):
     @field_validator("epoch")
     @classmethod
     def _epoch_is_a_date(cls, text: str) -> str:
-        try:
-            aware = datetime.fromisoformat(text).tzinfo is not None
-        except ValueError:
-            aware = False
-        if not aware:
+        if datetime.fromisoformat(text).tzinfo is None:
             raise ValueError(f"{text!r} is no ISO 8601 time with zone, such as 2026-01-01T00:00:00+00:00")
         return text
 

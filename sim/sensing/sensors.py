@@ -21,8 +21,6 @@ exact at whatever instants it is read (Gelb, Applied Optimal Estimation, 1974):
 import math
 from collections import namedtuple
 from dataclasses import dataclass
-from functools import partial
-from itertools import accumulate
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -49,9 +47,6 @@ _LEADER_MOTION, _LEADER_DEPTH = int(Stream.LEADER_MOTION), int(Stream.LEADER_DEP
 _ECHO, _RANGE_UNIFORM, _RANGE_SCALE = int(Stream.ECHO), int(Stream.RANGE_UNIFORM), int(Stream.RANGE_SCALE)
 
 
-_SECONDS_AN_HOUR = 3600.0
-
-
 def gain(sensors: Sensors) -> float:
     """γ: share of the inclinometer in each step of the filter; 1 without gyros."""
     if sensors.leader_gyro_time_constant_s == 0.0:
@@ -65,7 +60,7 @@ def random_error(sensors: Sensors) -> tuple[float, float]:
     if sensors.leader_gyro_time_constant_s == 0.0:
         return reading, 0.0
     share = gain(sensors)
-    walk = np.deg2rad(sensors.leader_gyro_random_walk_deg_sqrt_h) * np.sqrt(CONTROL_STEP_S / _SECONDS_AN_HOUR)
+    walk = np.deg2rad(sensors.leader_gyro_random_walk_deg_sqrt_h) * np.sqrt(CONTROL_STEP_S / 3600.0)
     kept = 1.0 - share
     variance = (share**2 * reading**2 + kept**2 * walk**2) / (1.0 - kept**2)
     return float(np.sqrt(variance)), sensors.leader_gyro_time_constant_s
@@ -80,12 +75,6 @@ def _shown(quaternion: Any, change: Any) -> Any:
     return np.arctan2(forward, np.hypot(port, up)), np.arctan2(port, up)
 
 
-@formula
-def _filtered(last: float, error: float, share: float) -> float:
-    """e_k = (1 − γ) e_{k−1} + γ i_k."""
-    return last + share * (error - last)
-
-
 def apparent_tilt(trajectory: Trajectory) -> Floats:
     """Pitch and roll that specific force shows at the leader's origin, means over a step, shape (n, 2), [rad]."""
     change = np.diff(trajectory.velocity[:, 0], axis=0)
@@ -93,23 +82,31 @@ def apparent_tilt(trajectory: Trajectory) -> Floats:
     return np.column_stack(_shown(trajectory.quaternion[:, 0].T, change.T))
 
 
-def tilt_errors(trajectory: Trajectory, sensors: Sensors) -> Floats:
-    """What accelerations add to the leader's measured pitch and roll, from none at the start, shape (n, 2), [rad]."""
-    true = np.column_stack([trajectory.pitch[:, 0], trajectory.roll[:, 0]])
-    if not sensors.leader_attitude_senses_acceleration:
-        return np.zeros_like(true)
-    step = partial(_filtered, share=gain(sensors))
-    errors = signed_angle(apparent_tilt(trajectory) - true).T
-    return np.array([list(accumulate([0.0, *column], step))[1:] for column in errors.tolist()]).T
-
-
 @compiled
-def follow_tilt(share: float, quaternion: Floats, change: Floats, last: Floats, error: Floats) -> None:
-    """One step of `tilt_errors` in compiled code: from the errors at the last instant to those at this, shape (2,)."""
-    w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
-    pitch, roll = _shown((w, x, y, z), (change[0], change[1], change[2]))
-    error[0] = _filtered(last[0], signed_angle(pitch - pitch_of(w, x, y, z)), share)
-    error[1] = _filtered(last[1], signed_angle(roll - roll_of(w, x, y, z)), share)
+def follow_tilt(share: float, k: int, pose: Floats, twist: Floats, tilts: Floats) -> None:
+    """Write what accelerations add to the leader's measured pitch and roll at instant k > 0, shape (n, 2), [rad].
+
+    `share` is `gain`, `pose` and `twist` are of all instants until now; at the first they are those of the second.
+    """
+    change = twist[k, 0] - twist[k - 1, 0], twist[k, 1] - twist[k - 1, 1], twist[k, 2] - twist[k - 1, 2]
+    for i in range(0 if k == 1 else k, k + 1):
+        w, x, y, z = pose[i, 3], pose[i, 4], pose[i, 5], pose[i, 6]
+        pitch, roll = _shown((w, x, y, z), change)
+        errors, last = (signed_angle(pitch - pitch_of(w, x, y, z)), signed_angle(roll - roll_of(w, x, y, z))), max(i, 1)
+        for j in range(2):
+            tilts[i, j] = tilts[last - 1, j] + share * (errors[j] - tilts[last - 1, j])
+
+
+def tilt_errors(trajectory: Trajectory, sensors: Sensors) -> Floats:
+    """The same of a whole mission, none at its start."""
+    tilts, share, leader = (
+        np.zeros((trajectory.time.size, 2)),
+        gain(sensors),
+        (trajectory.pose[:, 0], trajectory.twist[:, 0]),
+    )
+    for k in range(1, len(tilts) if sensors.leader_attitude_senses_acceleration else 0):
+        follow_tilt(share, k, *leader, tilts)
+    return tilts
 
 
 @formula

@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 
 import models
-from laisn.failure import LaisnError
 from sim import attitude
 from sim.scenario import vehicles
 
@@ -40,8 +39,7 @@ class Vehicle(NamedTuple):
 def compose(setups: Sequence[VehicleSetup], floor_depth_m: float | None = None, *, looks: bool = True) -> mujoco.MjSpec:
     """The ocean with vehicles attached, each under the prefix "name/".
 
-    `floor_depth_m` None leaves the floor where the MJCF has it; `looks` are the vehicles' geoms, which MuJoCo moves at
-    every step. LaisnError if there is no such model, or a vehicle lacks a site that is to be moved.
+    `floor_depth_m` None leaves the floor where the MJCF has it; `looks` are the vehicles' geoms.
     """
     spec = spec_of("ocean")
     if floor_depth_m is not None:
@@ -97,8 +95,6 @@ def _edited(setup: VehicleSetup, looks: bool) -> mujoco.MjSpec:
     """The vehicle's own MJCF with what the setup changes of it."""
     spec = spec_of(setup.model, looks)
     hull = spec.body("hull")
-    if hull is None:
-        raise LaisnError(f"{setup.name}: the model {setup.model!r} is no vehicle, it has no body 'hull'")
     settings = setup.settings
     hull.ipos = hull.ipos + np.array([settings.cg_offset_x_m, 0.0, settings.cg_offset_z_m])
     hull.pos = np.asarray(setup.position_m)
@@ -107,10 +103,7 @@ def _edited(setup: VehicleSetup, looks: bool) -> mujoco.MjSpec:
     buoyancy = spec.numeric("buoyancy")
     buoyancy.data = np.asarray(buoyancy.data) + settings.excess_buoyancy_n
     for name, (axis, value) in transmitter_places(settings).items():
-        site = spec.site(name)
-        if site is None:
-            raise LaisnError(f"{setup.name}: the model {setup.model!r} has no site {name!r} to move")
-        site.pos[axis] = value
+        spec.site(name).pos[axis] = value
     return spec
 
 

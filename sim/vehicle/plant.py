@@ -182,16 +182,13 @@ class Plant:
         names: of the vehicles, shape (v,).
         pose: position [m] and quaternion (w, x, y, z), shape (v, 7); a view that follows the state, as the next two.
         twist: velocity of the origin in the world [m/s] and angular velocity in the body [rad/s], shape (v, 6).
-        thrust: states of the effectors, shape (v, m): thrust [N], revolutions per second, deflection [rad], or what a
-            thruster's curve is of; m is the largest number of any vehicle.
+        thrust: states of the effectors, shape (v, m): thrust [N], revolutions per second, deflection [rad], …
         state: pose, twist and thrust, for compiled code.
-        effectors: records of `sim.vehicle.effectors.EFFECTOR` in the order of the MJCF, shape (v, m), zero beyond a
-            vehicle's own; with `fixed_fins` likewise, shape (v, q), as `true_effectors` with the setups' scales.
-        true_coefficients: records of `sim.vehicle.coefficients.RECORD` with the setups' scales, shape (v,).
+        effectors, fixed_fins: records of `sim.vehicle.effectors.EFFECTOR`, shapes (v, m) and (v, q), zero beyond a
+            vehicle's own; `true_effectors` has both, with the setups' scales, as `true_coefficients`, of RECORD.
         effector_names: names of each vehicle's own.
-        site_names: "vehicle/site" of all sites, shape (s,).
-        site_vehicle: index of the vehicle that carries a site, shape (s,).
-        site_offset: of the sites in their vehicle's body frame, shape (s, 3), [m].
+        site_names, site_vehicle, site_offset: "vehicle/site" of all sites, shape (s,), index of the vehicle that
+            carries it, and place in its body frame, shape (s, 3), [m].
         model, data: MuJoCo's own, without geoms of the vehicles.
     """
 
