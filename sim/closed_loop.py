@@ -315,7 +315,7 @@ class OwnControl:
         """Write commands from instant k on, by receptions and records of READING, ESTIMATE and FOLLOWER_MEMORY."""
         for f, controller in self._controllers.items():
             reading, estimate, memory = (table[f] for table in known)
-            readings = Readings(k * CONTROL_STEP_S, *reading.tolist(), reception=received[f])
+            readings = Readings(*(k * CONTROL_STEP_S, *reading.tolist(), received[f]))
             biases = estimate.log_bias, estimate.compass_bias
             belief = Belief(*map(float, (*estimate.position, *estimate.velocity, *biases, *estimate.current)))
             found = controller.control(readings, belief, CONTROL_STEP_S)
