@@ -295,8 +295,6 @@ def test_sea_is_a_function_of_its_seed() -> None:
 def test_errors_are_reported() -> None:
     with pytest.raises(ValueError, match=r"height_m=3\.0 must lie between 0 and 2 m"):
         Waves.regular(height_m=3.0, period_s=3.0)
-    with pytest.raises(ValueError, match=r"wavenumber_1_m has shape \(2,\), expected \(1, 2\)"):
-        Waves(amplitude_m=np.ones(1), wavenumber_1_m=np.ones(2), omega_rad_s=np.ones(1), phase_rad=np.ones(1))
 
 
 def test_wave_components_have_the_set_directional_spread() -> None:
