@@ -1,7 +1,6 @@
 """Followers that steer by their own estimates."""
 
 from copy import deepcopy
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -25,6 +24,7 @@ from sim.scenario.settings import Scenario
 from sim.sensing.observation import observe
 from sim.simulation import simulate_motion
 from sim.trajectory import Trajectory, Truth
+from tests import synthetic
 
 ENTRIES = {entry.arm: entry for entry in plan_of(study_of("closed-loop", {})).entries}
 """Arms of the study."""
@@ -278,7 +278,7 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
         trajectory = simulate_motion(short)
         position = trajectory.position.copy()
         position[:, 2, 0] += np.where(trajectory.time > 9.05, 8.0, 0.0)
-        moved = replace(trajectory, position=position)
+        moved = synthetic.moved(trajectory, position=position)
         hydrophones = [moved.site_path(f"{follower.name}/hydrophone")[:, :2] for follower in short.followers]
         beliefs = [path + np.array([3.0, -4.0]) * (i + 1) for i, path in enumerate(hydrophones)]
         # at the start its position is known

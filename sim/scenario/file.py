@@ -84,7 +84,11 @@ class ScenarioError(LaisnError):
 
 def plain_values(table: Any) -> Any:
     """A copy of a table or value that JSON can hold: numbers and arrays of NumPy as Python's, other objects as text."""
-    return to_jsonable_python(table, fallback=lambda one: one.tolist() if hasattr(one, "tolist") else str(one))
+
+    def plain_value(one: Any) -> Any:
+        return list(one) if isinstance(one, range) else one.tolist() if hasattr(one, "tolist") else str(one)
+
+    return to_jsonable_python(table, fallback=plain_value)
 
 
 def is_model_key(key: str) -> bool:

@@ -337,8 +337,9 @@ def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Mi
 
 def fluctuation_weights(truth: MissionTruth, errors: sensors.SensorErrors) -> Floats:
     """`weights` of the errors of the leader's pitch and roll in each message, shape (m, 2)."""
-    since = np.diff(truth.emission_step, prepend=truth.emission_step[:1]).tolist()
-    return np.array([sensors.weights(steps, truth.dt, errors.leader_tilt_time) for steps in since]).reshape(-1, 2)
+    since, which = np.unique(np.diff(truth.emission_step, prepend=truth.emission_step[:1]), return_inverse=True)
+    found = [sensors.weights(steps, truth.dt, errors.leader_tilt_time) for steps in since.tolist()]
+    return np.array(found).reshape(-1, 2)[which]
 
 
 def received(seed: int, run: int, follower: int, emission_step: Ints, e: sensors.SensorErrors) -> Bools:

@@ -63,7 +63,7 @@ def test_a_notebook_shows_mean_and_largest_error_of_each_follower(flight: Flight
         error = np.linalg.norm(estimates.state[:, :2] - flight.hydrophone(i)[:, :2], axis=1)
         assert f"<td>follower{i + 1}</td><td>{error.mean():.2f} m</td><td>{error.max():.2f} m</td>" in shown
     assert shown.index("mean E_P") < shown.index("largest E_P")
-    assert "2 followers" in shown
+    assert "followers: 2" in shown
 
 
 def test_the_summary_names_those_that_came_nearest(flight: Flight) -> None:
