@@ -1,6 +1,6 @@
 """What the film shows of the sea: a floor and a height field of the surface that travel with the camera, fog, light.
 
-Looks alone: nothing here acts on a vehicle. The surface is the simulated one (`sim.water.Ocean.elevation`).
+Looks alone: nothing here acts on a vehicle. The surface is the simulated one (`sim.water.elevation_at`).
 """
 
 from typing import Any
