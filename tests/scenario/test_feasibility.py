@@ -81,7 +81,6 @@ def test_the_absurd_is_neither_all_refused_nor_all_accepted() -> None:
         ("timing.physics_step_s=1e-7", "timing.physics_step_s: Input should be greater than or equal to 0.0001"),
         ("video.speed_up=1e-12", "video: a film of 1000 s at speed_up = 1e-12 and 30 Hz has 3e+16 frames"),
         ("followers.0.waypoints=[[0,0,0],[1e308,1e308,0]]", "followers[0].waypoints[1][0]: Input should be less"),
-        ("seed=" + "9" * 5000, "value has 5000 digits"),
         ("followers.0=1", "followers[0]: Input should be an object"),
         ("followers=1", "followers: Input should be a valid array"),
     ],
