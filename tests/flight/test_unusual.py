@@ -10,6 +10,7 @@ from experiments.flight.summary import route_events, stray_events
 from experiments.pages.flight_report import sentences
 from sim.assembly import routes_of
 from sim.scenario.point_motion import plan
+from tests import synthetic
 
 
 def placed(position):
@@ -20,7 +21,7 @@ def placed(position):
     for v, route in enumerate(routes_of(flight.scenario)):
         planned = plan(route).at(truth.time)
         there[:, v, :2] = np.column_stack([planned.east, planned.north])
-    return replace(flight, trajectory=replace(truth, position=position(there)))
+    return replace(flight, trajectory=synthetic.moved(truth, position=position(there)))
 
 
 @pytest.mark.parametrize("vehicle", [0, 1])

@@ -13,6 +13,7 @@ from experiments.pages.flight_report import flight_report
 from experiments.pages.style import ESTIMATE, FOLLOWER, FRONT, LEADER, MIDDLE, TRANSMITTERS
 from sim.film import film_data as film
 from sim.flight import Outcome
+from tests import synthetic
 from tests.pages.markup import checked
 from tests.synthetic import make_flight
 
@@ -161,7 +162,7 @@ def test_a_flight_ended_by_contact_reports_the_pair(tmp_path):
     position = flight.trajectory.position.copy()
     position[250:, 2] = position[250:, 1]
     met = dataclasses.replace(
-        flight, outcome=Outcome.CONTACT, trajectory=dataclasses.replace(flight.trajectory, position=position)
+        flight, outcome=Outcome.CONTACT, trajectory=synthetic.moved(flight.trajectory, position=position)
     )
     html = flight_page(tmp_path, met)
     assert 'class="notice warning"' in html

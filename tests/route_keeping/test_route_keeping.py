@@ -1,7 +1,5 @@
 """The eight routes flown by the physics, and how that is measured."""
 
-from dataclasses import replace
-
 import mujoco
 import numpy as np
 import pytest
@@ -14,6 +12,7 @@ from sim.tracking import cross_track, track_error
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water import Ocean, Waves
+from tests import synthetic
 from tools.documents import route_keeping as study
 from tools.documents.route_keeping import TrackingReport, arrival_errors, tracking
 
@@ -172,7 +171,7 @@ def test_a_report_is_made_of_root_mean_squares_and_extremes() -> None:
     position[:, 0, 2] -= 0.1 * wave
     velocity[:, 0, :2] = np.stack([0.6 + 0.06 * wave, 0.8 + 0.08 * wave], axis=-1)
     quaternion = attitude.from_euler(np.pi / 2, np.deg2rad(-2.0) * wave, np.deg2rad(4.0) * wave)[:, None]
-    moved = replace(flown, position=position, velocity=velocity, quaternion=quaternion)
+    moved = synthetic.moved(flown, position=position, velocity=velocity, quaternion=quaternion)
     (report,) = tracking(moved, (route,))
     # of 1001 instants until the last waypoint one more has +3 than −1; what comes after does not count
     mean_square, mean = (501 * 9 + 500) / 1001, (501 * 3 - 500) / 1001
