@@ -101,11 +101,11 @@ class NavigationSettings(Settings):
     follower_speed_max: float = 3.0
     """v_max of the follower in γv and in the gate [m/s]."""
     gate: GateRule = "v-max"
-    """Gross-error gate (Section 2.4), by maximum or measured speed since the last accepted fix."""
+    """Gross-error gate (Section 2.4), by maximum or measured speed."""
     side_rule: SideRule = "behind"
     """Side of a fix without two clear intersections: behind (paper) or at the predicted end."""
     expected_pitch: float = 0.0
-    """Pitch that inflates σp of a level leader by Δz sin(…), root sum of squares [rad] (not in the paper)."""
+    """Pitch that adds Δz sin(…) to σp in quadrature [rad] (not in the paper)."""
     use_single_range: bool = False
     """Use a single received range along its line of sight; paper: dropped. Default in the replay of a vehicle's log:
     true."""

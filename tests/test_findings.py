@@ -227,8 +227,8 @@ def test_tables_take_every_cell_from_its_finding() -> None:
             }.get(key, super().__missing__(key))  # fmt: skip
 
     rows = closed_loop({"closed-loop": record("closed-loop", Run())}).splitlines()
-    assert rows[5].startswith("| T5 | 1.26, 466.20 | 4 | 0.25, 0.25 | 0 |")
-    assert rows[-1].startswith("| all, of 40 | 25 % (12 to 50 %) | 9 | 25 % (12 to 50 %) | 0 |")
+    assert rows[5].startswith("| T5 | 1.26, 466.20, 4 | 0.25, 0.25, 0 |")
+    assert rows[-1].startswith("| lost, of 40 | 9, 25 % (12 to 50 %) | 0, 25 % (12 to 50 %) |")
     rows = tracking({"route-keeping": record("route-keeping", Everything())}).splitlines()
     assert rows[2] == "| leader, L | 0.25 | 0.25 | 0.2 | 0.250 | 0.250 | 0.2 | 0.25 | 0.2 |"
     assert len(rows) == 12

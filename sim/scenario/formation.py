@@ -23,25 +23,23 @@ class Station(Section):
 
     behind_m: Metres = Field(..., description="distance behind the leader, along its trail")
     port_m: Metres = Field(0.0, description="offset to port of the trail")
-    depth_m: NonNegative = Field(..., description="depth of the station")
+    depth_m: NonNegative
 
 
 class Proximity(Section):
     """Short-range sensing and avoidance of other vehicles by followers on stations; off without this section."""
 
     range_m: Annotated[float, Field(gt=0, le=100)] = Field(
-        5.0, description="detection range between vehicle centres; avoidance starts here"
+        5.0, description="between vehicle centres; avoidance starts here"
     )
-    range_sigma_m: NonNegative = Field(0.1, description="σ of a range")
-    bearing_sigma_deg: Annotated[float, Field(ge=0, le=180)] = Field(
-        3.0, description="σ of a bearing relative to the hull"
-    )
-    period_s: Annotated[float, Field(ge=0.1, le=60)] = Field(0.5, description="sampling interval; multiple of 0.1 s")
+    range_sigma_m: NonNegative = 0.1
+    bearing_sigma_deg: Annotated[float, Field(ge=0, le=180)] = 3.0
+    period_s: Annotated[float, Field(ge=0.1, le=60)] = Field(0.5, description="multiple of 0.1 s")
     aperture_deg: Annotated[float, Field(gt=0, le=180)] = Field(
         20.0, description="vertical opening angle, about the horizontal"
     )
-    full_avoidance_range_m: NonNegative = Field(3.0, description="range at and below which avoidance speed is maximum")
-    max_avoidance_speed_m_s: Speed = Field(0.8, description="maximum avoidance speed, added to the guidance velocity")
+    full_avoidance_range_m: NonNegative = Field(3.0, description="range of maximum avoidance speed")
+    max_avoidance_speed_m_s: Speed = Field(0.8, description="added to the guidance velocity")
 
 
 class Shape(Section):
@@ -50,16 +48,12 @@ class Shape(Section):
     kind: Literal["line", "v", "column", "grid", "ring"] = Field(
         ..., description="line abreast, V of wings, column, grid four wide, or ring"
     )
-    count: Annotated[int, Field(ge=1, le=50)] = Field(..., description="number of followers")
-    spacing_m: Annotated[float, Field(ge=3, le=200)] = Field(10.0, description="distance between neighbours")
-    behind_m: Annotated[float, Field(ge=0, le=500)] = Field(
-        10.0, description="distance from the leader to the formation"
-    )
+    count: Annotated[int, Field(ge=1, le=50)]
+    spacing_m: Annotated[float, Field(ge=3, le=200)] = 10.0
+    behind_m: Annotated[float, Field(ge=0, le=500)] = Field(10.0, description="from the leader to the formation")
     depth_m: NonNegative = Field(10.0, description="depth of the first follower")
-    layer_m: Annotated[float, Field(ge=0, le=20)] = Field(1.0, description="depth increment per follower; 0: one layer")
-    layers: Annotated[int, Field(ge=1, le=50)] | None = Field(
-        None, description="number of layers, assigned cyclically; default: count"
-    )
+    layer_m: Annotated[float, Field(ge=0, le=20)] = Field(1.0, description="depth increment per follower")
+    layers: Annotated[int, Field(ge=1, le=50)] | None = Field(None, description="assigned cyclically; default: count")
     model: str | None = Field(None, description="model of the followers, as of `[[followers]]`")
 
 
@@ -139,46 +133,40 @@ class Formation(Section):
     law: Literal["constant-bearing", "ilos", "alos"] = Field(
         "constant-bearing", description="guidance to the station, with the estimated current or integral action"
     )
-    approach_speed_m_s: Speed = Field(1.0, description="U, maximum speed towards the station")
+    approach_speed_m_s: Speed = Field(1.0, description="U, maximum towards the station")
     lookahead_m: Annotated[float, Field(ge=0.5, le=100)] = Field(
         5.0, description="Δ: below this distance to the station, the approach slows down"
     )
     integral_m_s: Annotated[float, Field(ge=0, le=2)] = Field(0.2, description="σ of ilos; γ Δ² of alos")
-    min_along_track_speed_m_s: Speed = Field(0.2, description="minimum speed through water along the leader's way")
-    min_speed_m_s: Speed = Field(0.2, description="minimum speed through water")
-    max_speed_m_s: Speed = Field(2.5, description="maximum speed through water")
+    min_along_track_speed_m_s: Speed = Field(0.2, description="through water, along the leader's way")
+    min_speed_m_s: Speed = Field(0.2, description="through water")
+    max_speed_m_s: Speed = Field(2.5, description="through water")
     frame_time_constant_s: Positive = Field(
         12.0, description="time constant of the formation's heading behind its trail"
     )
     frame_rate_time_constant_s: Positive = Field(4.0, description="time constant of its turn rate")
     frame_lookahead_m: NonNegative = Field(0.0, description="lookahead of the trail's course, from a station")
-    max_station_acceleration_m_s2: Positive = Field(0.02, description="maximum acceleration of a station in a turn")
+    max_station_acceleration_m_s2: Positive = Field(0.02, description="in a turn")
     inner_slowdown: Annotated[float, Field(gt=0, lt=1)] = Field(
-        0.3, description="maximum slowdown of inner stations, as share of the leader's speed"
+        0.3, description="maximum, of inner stations, as share of the leader's speed"
     )
     outer_speedup: Annotated[float, Field(gt=0, le=2)] = Field(
-        0.7, description="maximum speed-up of outer stations, as share of the leader's speed"
+        0.7, description="maximum, of outer stations, as share of the leader's speed"
     )
-    inner_min_speed_m_s: Speed = Field(0.3, description="minimum speed through water of a station in a turn")
-    outer_max_speed_m_s: Speed = Field(2.0, description="maximum speed through water of a station in a turn")
-    preview_s: NonNegative = Field(
-        0.7, description="lead time of the station reference, for the lag of hull and thrusters"
-    )
+    inner_min_speed_m_s: Speed = Field(0.3, description="of a station in a turn")
+    outer_max_speed_m_s: Speed = Field(2.0, description="of a station in a turn")
+    preview_s: NonNegative = Field(0.7, description="lead time of the station, for the lag of hull and thrusters")
     max_trail_sigma_m: Positive = Field(
         5.0,
-        description="trail position σ above which a follower keeps a parallel course; without messages it slows down "
-        "from this σ to twice this σ",
+        description="trail position σ from which a follower keeps a parallel course and slows down, until twice this σ",
     )
     leader_velocity_sigma_m_s: NonNegative = Field(
         0.015,
-        description="σ of the leader's mean velocity since its last message; times the message age, it adds to the "
-        "trail position σ",
+        description="σ of the leader's mean velocity since its last message; adds to the trail position σ",
     )
     timeout_speed_m_s: Speed = Field(0.5, description="speed through water after this slowdown")
-    message_timeout_s: Positive = Field(600.0, description="time without messages before timeout_action applies")
-    timeout_action: Literal["continue", "circle", "surface"] = Field(
-        "circle", description="action after message_timeout_s without messages"
-    )
+    message_timeout_s: Positive = Field(600.0, description="time without messages before timeout_action")
+    timeout_action: Literal["continue", "circle", "surface"] = "circle"
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:

@@ -40,13 +40,12 @@ class Assume(FurtherKeys):
 
         def __init__(self, **keys: Any) -> None: ...
 
-    transmitters: Literal[2, 3] = Field(3, description="number used: rear and front, or all three")
+    transmitters: Literal[2, 3] = Field(3, description="rear and front, or all three")
     clock_offset_sigma_s: NonNegative = Field(1e-3, description="σ of the clock offset at the start")
     clock_drift_sigma_ppm: NonNegative = Field(1.0, description="σ of the clock drift")
     slip_m_sqrt_s: NonNegative | None = Field(
         None,
-        description="random walk of motion that the log does not measure; default: that of the vehicles, 0 for point "
-        "motion",
+        description="random walk of unmeasured motion; default: that of the vehicles",
     )
     outlier_probability: Annotated[float, Field(gt=0, lt=1)] = Field(
         TightSettings.outlier_probability, description="probability that a range is an echo's"
@@ -95,8 +94,8 @@ class Navigation(FurtherKeys):
     )
     transmitters_m: Annotated[tuple[Offset, ...], LISTED, Field(max_length=3)] = Field(
         (),
-        description="[[forward, port, up], …], assumed offsets of rear, front and optionally middle transmitter from "
-        "the leader's position; replaces leader.baseline_m and leader.middle_offset_m",
+        description="[[forward, port, up], …], assumed offsets of the transmitters from the leader's position; "
+        "replaces leader.baseline_m and leader.middle_offset_m",
     )
 
     hydrophone_height_m: Annotated[float, Field(ge=-1000, le=1000)] | None = Field(

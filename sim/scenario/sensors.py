@@ -26,24 +26,20 @@ class OwnSensors(Section):
     heading_bias_deg: HeadingBias = 5.0
     heading_sigma_deg: Sigma = Field(
         2.0,
-        description="σ of the error to starboard, the absolute value of a normal number: mean 0.8 σ (paper, Eq. 27)",
+        description="σ of the error to starboard, the absolute value of a normal number (paper, Eq. 27)",
     )
     depth_sigma_m: Sigma = 0.0
     speed_drift_m_s: Annotated[float, Field(ge=-10, le=10)] = Field(
         0.0, description="amplitude of a sinusoidal drift of the bias"
     )
-    heading_drift_deg: Annotated[float, Field(ge=-180, le=180)] = Field(
-        0.0, description="amplitude of a sinusoidal drift of the bias"
-    )
-    drift_period_s: Positive = Field(400.0, description="period of both drifts")
+    heading_drift_deg: Annotated[float, Field(ge=-180, le=180)] = Field(0.0, description="the same")
+    drift_period_s: Positive = 400.0
     speed_drift_phase_deg: Annotated[float, Field(ge=-360, le=360)] = Field(
-        0.0, description="phase at the start; each further follower adds 137.5°"
+        0.0, description="at the start; each further follower adds 137.5°"
     )
-    heading_drift_phase_deg: Annotated[float, Field(ge=-360, le=360)] = Field(
-        0.0, description="phase at the start; each further follower adds 137.5°"
-    )
-    gyro_sigma_deg_s: Sigma = Field(0.1, description="σ of a gyro reading, for followers on stations")
-    tilt_sigma_deg: Sigma = Field(0.5, description="σ of an inclinometer reading, for followers on stations")
+    heading_drift_phase_deg: Annotated[float, Field(ge=-360, le=360)] = Field(0.0, description="the same")
+    gyro_sigma_deg_s: Sigma = Field(0.1, description="for followers on stations")
+    tilt_sigma_deg: Sigma = Field(0.5, description="of the inclinometer, for followers on stations")
 
 
 class OwnSensor(Section):
@@ -65,25 +61,21 @@ class Sensors(OwnSensors):
         (), description="further sensors of each follower, shipped or your own"
     )
 
-    leader_speed_bias_m_s: SpeedBias = Field(0.0, description="bias of the broadcast speed")
+    leader_speed_bias_m_s: SpeedBias = 0.0
     leader_heading_bias_deg: HeadingBias = 0.0
     leader_heading_sigma_deg: Sigma = Field(0.0, description="one-sided, as heading_sigma_deg")
     leader_depth_sigma_m: Sigma = 0.0
-    leader_position_drift_m_s: NonNegative = Field(0.0, description="drift rate of the broadcast position")
+    leader_position_drift_m_s: NonNegative = 0.0
     leader_position_drift_deg: Annotated[float, Field(ge=-360, le=360)] = Field(
-        0.0, description="compass direction of this drift"
+        0.0, description="its compass direction"
     )
-    leader_attitude_sigma_deg: Sigma = Field(0.0, description="σ of an inclinometer reading, pitch and roll")
-    leader_attitude_offset_sigma_deg: Sigma = Field(
-        0.0, description="σ of constant pitch and roll offsets of a run, as from mounting"
-    )
-    leader_attitude_senses_acceleration: bool = Field(
-        False, description="the inclinometer also measures the hull's acceleration"
-    )
+    leader_attitude_sigma_deg: Sigma = Field(0.0, description="of the inclinometer, pitch and roll")
+    leader_attitude_offset_sigma_deg: Sigma = Field(0.0, description="σ of constant offsets of a run, as from mounting")
+    leader_attitude_senses_acceleration: bool = Field(False, description="of the hull, beside gravity")
     leader_gyro_time_constant_s: Annotated[float, Field(ge=0, le=1000)] = Field(
-        0.0, description="time constant of the complementary filter of gyros and inclinometer; 0: no gyros"
+        0.0, description="of the complementary filter of gyros and inclinometer; 0: no gyros"
     )
-    leader_gyro_random_walk_deg_sqrt_h: Sigma = Field(0.3, description="angle random walk of the gyros")
+    leader_gyro_random_walk_deg_sqrt_h: Sigma = 0.3
 
 
 if TYPE_CHECKING:
@@ -113,33 +105,27 @@ class Acoustics(Section):
         0.1, description="μD, mean of the error common to all transmitters"
     )
     range_scale_sigma_m: Annotated[_RangeError, PerRun] = Field(0.05, description="σD, its standard deviation")
-    travel_time: bool = Field(False, description="vehicles move during propagation; false: no travel time")
-    ping_slot_s: Annotated[float, Field(ge=0, le=2)] = Field(
-        0.0, description="interval between rear, front and middle ping; 0: simultaneous"
-    )
-    sound_speed_m_s: SoundSpeed = Field(1500.0, description="speed of sound, true and assumed")
+    travel_time: bool = Field(False, description="vehicles move during propagation")
+    ping_slot_s: Annotated[float, Field(ge=0, le=2)] = Field(0.0, description="between rear, front and middle ping")
+    sound_speed_m_s: SoundSpeed = Field(1500.0, description="true and assumed")
     sound_speed_bias_m_s: Annotated[float, Field(ge=-100, le=100)] = Field(0.0, description="assumed minus true speed")
     sound_speed_profile: Annotated[tuple[SpeedAtDepth, ...], LISTED, increasing("point", "m")] = Field(
         (),
         max_length=MOST_POINTS,
-        description="[[depth_m, speed_m_s], …], linear interpolation; replaces the true sound_speed_m_s",
+        description="[[depth_m, speed_m_s], …], interpolated; replaces the true sound_speed_m_s",
     )
     clock_offset_s: Annotated[float, Field(ge=-1, le=1)] = Field(
         0.0, description="follower's minus leader's clock at the start"
     )
-    clock_drift_ppm: Annotated[float, Field(ge=-1000, le=1000)] = Field(
-        0.0, description="rate error of the follower's clock"
-    )
+    clock_drift_ppm: Annotated[float, Field(ge=-1000, le=1000)] = 0.0
     surface_echo_probability: Chance = Field(0.0, description="probability that a ping's surface echo is taken for it")
-    bottom_echo_probability: Chance = Field(0.0, description="probability that a ping's bottom echo is taken for it")
-    common_echoes: Annotated[bool, PerRun] = Field(
-        False, description="all pings of a message take the same path; false: independent echoes"
-    )
-    loss_probability: LossProbability = Field(0.0, description="probability of message loss outside bursts")
-    burst_probability: LossProbability = Field(0.0, description="probability per message that a burst of loss starts")
-    burst_mean_messages: Annotated[float, Field(ge=1, le=10000), PerRun] = Field(5.0, description="mean burst length")
-    burst_loss_probability: LossProbability = Field(1.0, description="probability of message loss within a burst")
-    max_range_m: NonNegative = Field(0.0, description="maximum range of reception; 0: no limit")
+    bottom_echo_probability: Chance = Field(0.0, description="the same")
+    common_echoes: Annotated[bool, PerRun] = Field(False, description="all pings of a message take the same path")
+    loss_probability: LossProbability = Field(0.0, description="of a message, outside bursts")
+    burst_probability: LossProbability = Field(0.0, description="per message, that a burst of losses starts")
+    burst_mean_messages: Annotated[float, Field(ge=1, le=10000), PerRun] = 5.0
+    burst_loss_probability: LossProbability = Field(1.0, description="of a message within a burst")
+    max_range_m: NonNegative = Field(0.0, description="of reception; 0: no limit")
 
     @model_validator(mode="after")
     def _chances_add_up(self) -> Self:

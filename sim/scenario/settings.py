@@ -45,9 +45,9 @@ class Waves(Section):
         0.5, description="height H of regular waves, significant height Hs of JONSWAP"
     )
     period_s: Annotated[float, Field(gt=0.5, le=30)] = Field(4.0, description="period T, or peak period Tp")
-    direction_deg: Angle = Field(90.0, description="compass direction of propagation")
+    direction_deg: Angle = Field(90.0, description="compass direction towards which they run")
     peak_enhancement: Annotated[float, Field(ge=1, le=10)] = Field(3.3, description="γ of JONSWAP")
-    components: Annotated[int, Field(ge=1, le=200)] = Field(100, description="number of JONSWAP components")
+    components: Annotated[int, Field(ge=1, le=200)] = Field(100, description="of JONSWAP")
     spreading_deg: Annotated[float, Field(ge=0, le=60)] = Field(0.0, description="σ of JONSWAP directions")
 
 
@@ -55,7 +55,7 @@ class Ocean(Section):
     """Water and sea floor."""
 
     density_kg_m3: Annotated[float, Field(ge=950, le=1100)] = 1026.0
-    floor_depth_m: Annotated[float, Field(ge=2, le=11000)] = Field(30.0, description="depth of the sea floor")
+    floor_depth_m: Annotated[float, Field(ge=2, le=11000)] = 30.0
     current_speed_m_s: CurrentSpeed = Field(0.0, description="current at the surface")
     current_direction_deg: Angle = Field(0.0, description="compass direction towards which it flows")
     current_shear_per_s: Annotated[float, Field(ge=-1, le=1)] = Field(
@@ -64,9 +64,8 @@ class Ocean(Section):
     current_profile: Annotated[tuple[TimedCurrent, ...], LISTED, increasing("current", "s")] = Field(
         (),
         max_length=MOST_POINTS,
-        description="[[time_s, speed_m_s, direction_deg], …] of the surface current, components interpolated "
-        "linearly, constant after the last; replaces current_speed_m_s and, except for shear, "
-        "current_direction_deg",
+        description="[[time_s, speed_m_s, direction_deg], …] of the surface current, components interpolated; "
+        "replaces current_speed_m_s and the direction, except that of shear",
     )
     waves: Waves = Waves()
 
@@ -127,7 +126,7 @@ class Video(Section):
     height_px: Annotated[int, Field(ge=120, le=2160, multiple_of=2)] = 720
     frame_rate_hz: Annotated[int, Field(ge=1, le=60)] = 30
     speed_up: Positive = Field(30.0, description="mission seconds per film second")
-    in_log: bool = Field(True, description="also store a film in the log, channel /camera")
+    in_log: bool = Field(True, description="store a film in the log, too")
 
 
 KEYS_ALONE = {"inconsistencies": "ignored"}  # context of a validation without `Scenario.inconsistencies`
@@ -143,23 +142,17 @@ class Scenario(Section):
         def __init__(self, **keys: Any) -> None:
             """Take what a file may hold: tables as dictionaries, lists as lists."""
 
-    name: Name = Field("mission", description="name of the results; in a file, default: its name")
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(1, description="seed of all random numbers")
-    run: Annotated[int, Field(ge=0, lt=2**31)] = Field(0, description="Monte Carlo run whose noise is used")
+    name: Name = Field("mission", description="name of the results; default: that of the file")
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
+    run: Annotated[int, Field(ge=0, lt=2**31)] = Field(0, description="run whose noise is used")
     duration_s: Annotated[float, Field(gt=0, le=86400)] = 1000.0
     motion: Literal["physics", "kinematic"] = Field(
         "physics", description="rigid bodies in water, or the paper's point motion"
     )
-    contact: Literal["mark", "end"] = Field(
-        "mark", description="on contact of hulls: record it and continue, or end the mission"
-    )
+    contact: Literal["mark", "end"] = Field("mark", description="on contact of hulls record it, or end the mission")
     epoch: str = Field("2026-01-01T00:00:00+00:00", description="start date and time, ISO 8601")
-    origin_latitude_deg: Annotated[float, Field(ge=-89, le=89)] = Field(
-        54.52, description="latitude of the world origin"
-    )
-    origin_longitude_deg: Annotated[float, Field(ge=-180, le=180)] = Field(
-        18.55, description="longitude of the world origin"
-    )
+    origin_latitude_deg: Annotated[float, Field(ge=-89, le=89)] = 54.52
+    origin_longitude_deg: Annotated[float, Field(ge=-180, le=180)] = 18.55
     timing: Timing = Timing()
     leader: Leader = Leader()
     followers: Annotated[tuple[Follower, ...], LISTED, Field(min_length=1, max_length=50)]

@@ -40,30 +40,28 @@ class Vehicle(Section):
     waypoints: Annotated[tuple[TimedPoint, ...], LISTED, increasing("waypoint", "s")] = Field(
         (),
         max_length=MOST_POINTS,
-        description="[[time_s, east_m, north_m], …], times increase from 0; replaces route; a position given twice in "
-        "succession is a stop",
+        description="[[time_s, east_m, north_m], …] from time 0, in place of route; a position given twice is a stop",
     )
     model: Annotated[str, Field(max_length=LONGEST_MODEL)] | None = Field(
         None,
-        description="vehicle of `laisn vehicles`, or own MJCF hull, path relative to this file; saved scenarios hold "
-        "its text; default: the project's hull",
+        description="vehicle of `laisn vehicles`, or own MJCF hull, path relative to this file",
     )
-    depth_m: NonNegative = Field(LEADER_DEPTH, description="depth held by the autopilot")
+    depth_m: NonNegative = LEADER_DEPTH
     depth_profile: Annotated[tuple[TimedDepth, ...], LISTED, increasing("depth", "s")] = Field(
-        (), max_length=MOST_POINTS, description="[[time_s, depth_m], …], linear interpolation; replaces depth_m"
+        (), max_length=MOST_POINTS, description="[[time_s, depth_m], …], interpolated; replaces depth_m"
     )
-    saw_tooth_amplitude_m: NonNegative = Field(0.0, description="amplitude of a saw-tooth about the depth")
-    saw_tooth_period_s: Positive = Field(120.0, description="period of the saw-tooth")
+    saw_tooth_amplitude_m: NonNegative = Field(0.0, description="about the depth")
+    saw_tooth_period_s: Positive = 120.0
     excess_buoyancy_n: float = Field(0.0, ge=-100, le=100, description="buoyancy minus weight; held by trim")
     cg_offset_x_m: float = Field(0.0, ge=-0.2, le=0.2, description="forward shift of the centre of gravity")
     cg_offset_z_m: float = Field(0.0, ge=-0.1, le=0.1, description="upward shift of the centre of gravity")
     drag_scale: Scale = Field(1.0, description="simulated over nominal drag and damping; autopilots use nominal values")
-    added_mass_scale: Scale = Field(1.0, description="simulated over nominal added mass")
-    lift_scale: Scale = Field(1.0, description="simulated over nominal lift of hull and fins")
+    added_mass_scale: Scale = Field(1.0, description="simulated over nominal")
+    lift_scale: Scale = Field(1.0, description="of hull and fins")
     thrust_scale: Scale = Field(1.0, description="actual over commanded thrust")
     depth_control: Literal["pitch", "thrust"] | None = Field(
         None,
-        description="depth control by hull pitch, or level by vertical thrusters; default: by pitch if the hull lifts",
+        description="by hull pitch, or level by vertical thrusters; default: by pitch if the hull lifts",
     )
 
     @model_validator(mode="before")
@@ -116,8 +114,7 @@ class Leader(Vehicle):
     )
     broadcast_waypoints: Annotated[int, Field(ge=0, le=20)] = Field(
         0,
-        description="number of next waypoints in each message; followers on stations use them while they receive no "
-        "message",
+        description="next waypoints in each message, for followers on stations",
     )
 
     @model_validator(mode="before")
@@ -133,7 +130,7 @@ class Follower(Vehicle):
     """A vehicle with one hydrophone, on a route or on a station."""
 
     name: Name = "follower"
-    depth_m: NonNegative = Field(FOLLOWER_DEPTH, description="depth held by the autopilot")
+    depth_m: NonNegative = FOLLOWER_DEPTH
     station: Station | None = Field(
         None, description="{behind_m, port_m, depth_m}: keeps its place in the leader's trail; replaces a route"
     )
@@ -146,7 +143,7 @@ class Follower(Vehicle):
     )
     controller: Annotated[str, Field(pattern=r"^\w+(:\w+)?$")] | None = Field(
         None,
-        description="own controller, as module:Class, in place of guidance; route or station give the start",
+        description="own controller, module:Class; route or station give the start",
     )
 
     sensors: FollowerSensors = Field(

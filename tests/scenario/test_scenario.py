@@ -108,7 +108,7 @@ def test_an_error_reports_file_key_and_expectation(change: dict[str, Any], expec
 def test_the_reference_explains_the_unit_of_a_key(key: str, unit: str, scale: float) -> None:
     _, written, factor = split_unit(key)
     assert (written, factor) == (unit, pytest.approx(scale, rel=1e-15))
-    head, *rows = reference.text().split(f"`{key}`")
+    head, *rows = reference.text().split(f"`{key} = ")
     assert rows
     ending = key.removeprefix(split_unit(key)[0])
     assert f"`{ending}` ({unit})" in head
@@ -117,7 +117,7 @@ def test_the_reference_explains_the_unit_of_a_key(key: str, unit: str, scale: fl
 def test_the_reference_calls_heading_errors_one_sided() -> None:
     rows = reference.text().splitlines()
     own, leader = (
-        next(row for row in rows if row.startswith(f"| `{key}heading_sigma_deg`")) for key in ("", "leader_")
+        next(row for row in rows if row.startswith(f"- `{key}heading_sigma_deg = ")) for key in ("", "leader_")
     )
     assert "to starboard, the absolute value of a normal number" in own
     assert "one-sided" in leader

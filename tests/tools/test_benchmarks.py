@@ -93,16 +93,14 @@ def test_the_table_of_speeds_is_that_of_the_record() -> None:
     first = "| 3.0 (3.0 to 3.0) µs a step, 6,667 times real time | bare `mj_step` 6.0 µs, its needed part 3.0 µs |"
     assert lines[2].endswith(first)
     assert "60.0 (60.0 to 60.0) µs a step, 333 times real time" in lines[4]
-    assert (
-        "10.0 (10.0 to 10.0) ns a step | 2,900 (2,900 to 2,900) times as fast as filterpy, 120 (120 to 120)" in lines[5]
-    )
+    assert "10.0 (10.0 to 10.0) ns a step | 2,900 times as fast as filterpy, 120" in lines[5]
     assert "floor by flops 3.5 ns" in lines[5]
     assert lines[7].startswith("| LAISN-3(2), with noise and metrics | 19.0 (19.0 to 19.0) ns a step |")
     assert "120 (120 to 120) thousand messages/s | 8.6 MB" in lines[8]
     filmed = record({"physics": [physics], "navigation": [navigation], "log": [log], "tight": [tight],
                      "film": [[Row("frames a second, once running", 25.0, "1/s")]],
                      "command": [[Row("laisn fly T5 --no-video", t, "s")] for t in (2.25, 2.5, 2.0)]})  # fmt: skip
-    assert "64.0 (64.0 to 64.0) ns a step | 0.20 (0.20 to 0.20) times as fast" in speed({"benchmarks": filmed})
+    assert "64.0 (64.0 to 64.0) ns a step | 0.20 times as fast" in speed({"benchmarks": filmed})
     assert "25 (25 to 25) frames/s" in speed({"benchmarks": filmed})
     assert "| 2.2 (2.0 to 2.5) s by the clock |" in speed({"benchmarks": filmed})
 

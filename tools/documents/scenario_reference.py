@@ -1,5 +1,6 @@
 """The scenario reference, generated from the models: every key with unit, default, bounds and meaning."""
 
+import json
 import textwrap
 from pathlib import Path
 from typing import Any, get_origin
@@ -17,7 +18,8 @@ _INTRODUCTION = """# Scenario reference
 
 After reading this page you can set every key of a scenario.
 
-A scenario is a TOML file. It needs one `[[followers]]` table with a route; every other key has a default.
+A scenario is a TOML file. It needs one `[[followers]]` table with a route. The value below is the default, `…` stands
+for none; other choices follow, or an interval. A value out of bounds is refused with its bounds.
 
 - `laisn scenarios T5` prints a complete scenario.
 - `laisn check FILE` validates a file.
@@ -25,47 +27,35 @@ A scenario is a TOML file. It needs one `[[followers]]` table with a route; ever
 
 {units}
 
-Values are choices, or an interval: `(` and `)` exclude the limit. Numbers without an upper limit are at
-most 10⁶.
-
 *Generated from `sim/scenario/settings.py` by `python -m tools.documents.scenario_reference`.*
 """
 
-_UNBOUNDED = 1e6
-"""Upper limits from here on only exclude numbers that a computation cannot handle."""
-
-
-def _type(schema: dict[str, Any]) -> str:
-    names = {"number": "number", "integer": "integer", "string": "text"}
-    return next((names[p["type"]] for p in (schema, *schema.get("anyOf", [])) if p.get("type") in names), "")
+_PLAIN = {(0, 1), (-180, 180), (-360, 360)}
+"""Intervals that follow from the quantity: probabilities and angles."""
+_UNBOUNDED = 100
+"""Limits from here on only exclude numbers that a computation cannot handle."""
 
 
 def _interval(schema: dict[str, Any]) -> str:
     bounds = {key: value for part in (schema, *schema.get("anyOf", [])) for key, value in part.items()}
     low, high = (bounds.get(key, bounds.get(f"exclusive{key.title()}")) for key in ("minimum", "maximum"))
-    if high is None or high >= _UNBOUNDED:
-        return "" if low is None else f"{'≥' if 'minimum' in bounds else '>'} {low:g}"
-    return f"{'[' if 'minimum' in bounds else '('}{low:g}, {high:g}{']' if 'maximum' in bounds else ')'}"
+    if low is None or high is None or (low, high) in _PLAIN or high >= _UNBOUNDED:
+        return ""
+    return f"{low:g} to {high:g}"
 
 
 def _values(schema: dict[str, Any], definitions: dict[str, Any]) -> str:
-    """Choices or interval; the type of a key that has no default to show it."""
+    """Choices other than the default, or an interval."""
     if "$ref" in schema:
         schema = definitions[schema["$ref"].rsplit("/", 1)[1]]
     choices: list[Any] = next((p["enum"] for p in (schema, *schema.get("anyOf", [])) if "enum" in p), [])
-    if choices:
-        return ", ".join(f'`"{value}"`' if isinstance(value, str) else f"`{value}`" for value in choices)
-    kind = "" if _default(schema) else _type(schema)
-    return " ".join(part for part in (kind, _interval(schema)) if part)
+    others = [value for value in choices if value != schema.get("default")]
+    return ", ".join(f"`{json.dumps(value)}`" for value in others) or _interval(schema)
 
 
 def _default(schema: dict[str, Any]) -> str:
     value = schema.get("default")
-    if value in (None, []):
-        return ""
-    if isinstance(value, bool):
-        return f"`{str(value).lower()}`"
-    return f'`"{value}"`' if isinstance(value, str) else f"`{value}`"
+    return "…" if value in (None, []) else json.dumps(value)
 
 
 def _is_section(field: dict[str, Any]) -> bool:
@@ -75,15 +65,16 @@ def _is_section(field: dict[str, Any]) -> bool:
 def _table(title: str, model: type[BaseModel]) -> list[str]:
     """Heading, text and rows of a section; the common keys of vehicles and sensors have one table."""
     schema = model.model_json_schema()
-    rows = [f"\n## {title}\n", f"{(model.__doc__ or '').strip()}"]
+    rows = [f"\n## {title}\n", (model.__doc__ or "").strip()]
     common = Vehicle.model_json_schema()["properties"] if issubclass(model, Vehicle) and model is not Vehicle else {}
     fields = {k: f for k, f in schema["properties"].items() if not _is_section(f) and common.get(k) != f}
     if not fields or model is FollowerSensors:
         return rows
-    rows += ["", "| key | default | values | meaning |", "| --- | --- | --- | --- |"]
+    rows.append("")
     for key, field in fields.items():
-        cells = [f"`{key}`", _default(field), _values(field, schema.get("$defs", {})), field.get("description", "")]
-        rows.append("|" + "|".join(f" {cell} " if cell else " " for cell in cells) + "|")
+        values = [f"`{key} = {_default(field)}`", _values(field, schema.get("$defs", {}))]
+        parts = [", ".join(filter(None, values)), field.get("description", "")]
+        rows.append(f"- {': '.join(filter(None, parts))}")
     return rows
 
 

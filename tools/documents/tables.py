@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from experiments.findings import Finding, Findings
 from experiments.flight.library import ROUTES
-from experiments.studies.rivals.findings import CONDITIONS, INTERVALS, NAVIGATORS
+from experiments.studies.rivals.findings import CONDITIONS, INTERVALS, NAVIGATORS, USUAL
 from experiments.study.file import built_in, study_of
 from tools.documents.coverage import LAWS, RUNS
 
@@ -73,17 +73,16 @@ def ratios(records: Records) -> str:
 def closed_loop(records: Records) -> str:
     """Followers that steer by their own estimates, route by route."""
     found = records["closed-loop"]
-    heads = ["route", *(head for name in STEERING.values() for head in (f"{name}: E_P, off its place [m]", "lost"))]
+    heads = ["route", *STEERING.values()]
     rows = []
     for route in ROUTES:
         cells = [route]
         for name in STEERING:
-            cells.append(f"{found[f'error {name} {route}']:.2f}, {found[f'off {name} {route}']:.2f}")
-            cells.append(f"{found[f'lost-runs {name} {route}']:d}")
+            errors = (f"{found[f'{what} {name} {route}']:.2f}" for what in ("error", "off"))
+            cells.append(f"{', '.join(errors)}, {found[f'lost-runs {name} {route}']:d}")
         rows.append(cells)
-    total = [f"all, of {found['missions']:d}"]
-    for name in STEERING:
-        total += [f"{found[f'lost {name}']:.0% i}", f"{found[f'lost-runs {name}']:d}"]
+    total = [f"lost, of {found['missions']:d}"]
+    total += [f"{found[f'lost-runs {name}']:d}, {found[f'lost {name}']:.0% i}" for name in STEERING]
     return markdown(heads, [*rows, total])
 
 
@@ -152,7 +151,7 @@ def speed(records: Records) -> str:
         rows.append([words, measured, f"bare `mj_step` {bare:.1f} µs, its needed part {floor:.1f} µs"])
     alone = "navigation: lanes, LAISN-2 filter only"
     filterpy, vectorised = found[f"{alone}, than filterpy"], found[f"{alone}, than NumPy"]
-    peers = f"{filterpy:,.0f i} times as fast as filterpy, {vectorised:.0f i} times as NumPy over 60 runs"
+    peers = f"{filterpy:,.0f} times as fast as filterpy, {vectorised:.0f} times as NumPy over 60 runs"
     floor_ns = found[f"{alone}, floor"]
     rows.append(
         [
@@ -166,7 +165,7 @@ def speed(records: Records) -> str:
         rows.append([f"{variant}, with noise and metrics", f"{found[key]:.1f i} ns a step", ""])
     tight = "tight: tight, 3 transmitters, messages every 1 s"
     if tight in found.findings:
-        against = f"{found[f'{tight}, than LAISN-2']:.2f i} times as fast as LAISN-2 alone, side by side"
+        against = f"{found[f'{tight}, than LAISN-2']:.2f} times as fast as LAISN-2 alone"
         measured = f"{found[tight]:.1f i} ns a step"
         beside = f"{against}; floor by flops {found[f'{tight}, floor']:.1f} ns"
         rows.append(["tightly coupled with three transmitters, one run after another", measured, beside])
@@ -186,12 +185,13 @@ def _cases(records: Records, keys: Sequence[tuple[str, str]]) -> str:
     found, rows = records["estimators"].findings, []
     for words, key in keys:
         bound = f"{found[f'bound {key}']:.2f}" if f"bound {key}" in found else "–"
-        nees = f"{found[f'nees {key}']:.2f i}, {found[f'nees-least {key}']:.1f} … {found[f'nees-most {key}']:.1f}"
+        locked = found[f"mirror-locked {key}"]
         rows.append(
             [words, f"{found[f'error {key}']:.2f}", f"{found[f'laisn-2 {key}']:.2f}", f"{found[f'ratio {key}']:.2f i}",
-             bound, nees, f"{found[f'mirror-locked {key}']:.1% i}"]
+             bound, f"{found[f'nees {key}']:.2f} ({found[f'nees-least {key}']:.1f} … {found[f'nees-most {key}']:.1f})",
+             f"{locked:.1% i}" if locked.number else f"{locked:.1%}"]
         )  # fmt: skip
-    heads = ["", "mean E_P [m]", "LAISN-2 [m]", "over LAISN-2", "bound", "NEES", "mirror-locked"]
+    heads = ["", "mean E_P [m]", "LAISN-2 [m]", "over LAISN-2", "bound", "NEES (least … most)", "mirror-locked"]
     return markdown(heads, rows)
 
 
@@ -225,23 +225,30 @@ def _rivals(records: Records, columns: Mapping[str, tuple[str, str]]) -> str:
 
 def rivals(records: Records) -> str:
     """Calm water by the interval of messages, consistency, losses and time."""
-    columns = {f"mean E_P [m], every {t:g} s": (f"error NAME calm {t:g}", ".2f i") for t in INTERVALS}
+    columns = {
+        f"mean E_P [m], every {t:g} s": (f"error NAME calm {t:g}", ".2f i" if t == USUAL else ".2f") for t in INTERVALS
+    }
     more = {"95 % below [m]": ("high NAME calm 5", ".2f"), "NEES": ("nees NAME calm 5", ".3g"),
-            "mirror-locked": ("locked NAME calm 5", ".0% i"), "lost": ("lost NAME calm 5", ".0% i"),
+            "mirror-locked": ("locked NAME calm 5", ".0%"), "lost": ("lost NAME calm 5", ".0%"),
             "µs per step": ("step NAME", ".1f")}  # fmt: skip
     return _rivals(records, columns | more)
 
 
 def rivals_conditions(records: Records) -> str:
-    """Mean errors in all conditions, messages every 5 s."""
-    return _rivals(records, {title: (f"error NAME {name} 5", ".2f i") for name, title in CONDITIONS.items()})
+    """Mean errors in all conditions but calm water, messages every 5 s."""
+    other = {name: title for name, title in CONDITIONS.items() if name != "calm"}
+    return _rivals(records, {title: (f"error NAME {name} 5", ".2f") for name, title in other.items()})
 
 
 def rivals_closed(records: Records) -> str:
     """The same in closed loop, and how many are lost."""
-    errors = {title: (f"closed-error NAME {name}", ".2f i") for name, title in CONDITIONS.items()}
-    lost = {f"lost: {title}": (f"closed-lost NAME {name}", ".0% i") for name, title in CONDITIONS.items()}
-    return _rivals(records, errors | lost)
+    found, rows = records["rivals"].findings, []
+    for name, title in NAVIGATORS.items():
+        keys = [f"NAME {name} {condition}" for condition in CONDITIONS]
+        cells = (f"{found[k.replace('NAME', 'closed-error')]:.2f}, {found[k.replace('NAME', 'closed-lost')]:.0%}"
+                 for k in keys)  # fmt: skip
+        rows.append([title, *cells])
+    return markdown(["mean E_P [m], lost", *CONDITIONS.values()], rows)
 
 
 REMUS_TERMS = {
