@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from laisn.arrays import Floats
-from laisn.beacons.navigator import MEDIA, BeaconNavigator, BeaconSettings
+from laisn.beacons import MEDIA, BeaconNavigator, BeaconSettings
 from laisn.estimates import Estimates
 from laisn.failure import LaisnError
 from laisn.messages import Measurements

@@ -18,13 +18,12 @@ Symbols
     E_P, E_B    error of position [m], and of the bearing from the leader's true pose [rad]
 
 State
-    x = [x, y, vx, vy], and covariance (4, 4) in the same order; `POSITION` and `VELOCITY` are its slices.
+    x = [x, y, vx, vy], and covariance (4, 4) in the same order; `POSITION` is a slice of it.
 
 SI units and radians throughout; other units are in names.
 """
 
 POSITION = slice(0, 2)
-VELOCITY = slice(2, 4)
 
 REAR, FRONT, MIDDLE = 0, 1, 2
 """Index of a transmitter in arrays over transmitters."""

@@ -47,9 +47,7 @@ def require_shapes(record: Any, expected: Mapping[str, tuple[int, ...]]) -> None
 
 
 def require_numbers(record: Any, *, positive: Collection[str] = (), signed: Collection[str] = ()) -> None:
-    """ValueError naming the first float of a record that is not finite, or less than may be: zero, or what is in
-    `signed`; what is in `positive` must not be zero.
-    """
+    """ValueError naming a float of a record that is not finite, negative unless `signed`, or 0 if `positive`."""
     for field in fields(record):
         value = getattr(record, field.name)
         if not isinstance(value, float):
@@ -64,20 +62,6 @@ def require_probability(name: str, value: float) -> None:
     """ValueError naming a chance that is not between 0 and 1."""
     if not 0.0 < value < 1.0:
         raise ValueError(f"{name} is {value}, expected a number between 0 and 1")
-
-
-def require_offsets(name: str, offsets: Collection[Offset]) -> None:
-    """ValueError unless there are offsets of two or three transmitters, the first two apart when level, or none."""
-    places = list(offsets)
-    if places and (
-        len(places) not in (2, 3)
-        or any(len(place) != 3 or not np.all(np.isfinite(place)) for place in places)
-        or places[0][:2] == places[1][:2]
-    ):
-        raise ValueError(
-            f"{name} is {offsets}, expected (forward, port, up) of the rear and the front one, one before, behind or "
-            "beside the other, and perhaps of the middle one"
-        )
 
 
 def _is_read_only(array: npt.NDArray[Any]) -> bool:

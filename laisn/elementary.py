@@ -1,12 +1,9 @@
 """Elementary functions that vectorise over lanes and give the same bits wherever they are compiled.
 
-The C library's exponential, logarithm and sine cost five times as much in a loop and stop it from being vectorised.
-Every multiplication that is followed by an addition is an explicit fused one, so that a compiler's freedom to contract
-expressions changes nothing: a single flight and a campaign get identical numbers. Coefficients are those of the series
-in any handbook (Abramowitz & Stegun 4.1.27, 4.2.1, 4.3.65, 4.3.66), long enough for double precision on the reduced
-argument; absolute errors are below 1e-14 for the magnitudes that occur here.
-
-To be called from compiled code only.
+The C library's cost five times as much in a loop and stop it from being vectorised. Every multiplication that is
+followed by an addition is an explicit fused one, so that a compiler's freedom to contract expressions changes nothing.
+Series are those of any handbook (Abramowitz & Stegun 4.1.27, 4.2.1, 4.3.65, 4.3.66); absolute errors are below 1e-14
+for the magnitudes that occur here. To be called from compiled code only.
 """
 
 import math
@@ -20,19 +17,15 @@ from numba.extending import intrinsic
 from laisn.compiled import inlined
 
 _U = np.uint64
-_ONE_BIT = _U(1)
-_TWO_BIT = _U(2)
-_EXPONENT_SHIFT = _U(52)
-_SIGN_SHIFT = _U(62)
+_ONE_BIT, _TWO_BIT = _U(1), _U(2)
+_EXPONENT_SHIFT, _SIGN_SHIFT = _U(52), _U(62)
 _MANTISSA = _U(0x000FFFFFFFFFFFFF)
 _ONE = _U(0x3FF0000000000000)  # bits of 1.0
 _SQRT_HALF = _U(0x3FE6A09E667F3BCD)  # bits of √½
 _INTEGER = _U(0x4330000000000000)  # bits of 2⁵²: or-ing an integer below 2⁵² into them adds it
 _TWO_52 = 4503599627370496.0
 _ROUNDING = 1.5 * _TWO_52  # adding it leaves the nearest integer in the low bits
-
 _BIAS = _U(1023)
-
 _LN2 = math.log(2.0)
 _LN2_HIGH = 0.6931471803691238  # ln 2 to 32 bits, so that its products with exponents are exact
 _LN2_LOW = 1.9082149292705877e-10
@@ -64,23 +57,19 @@ def _emit_fma(_: Any, a: Any, b: Any, c: Any) -> Any:
     return types.float64(*3 * (types.float64,)), lambda context, builder, signature, args: builder.fma(*args)
 
 
-def _emit_bits(_: Any, value: Any) -> Any:
-    signature = types.uint64(types.float64)
-    bits = types.uint64
-    return signature, lambda context, builder, signature, args: builder.bitcast(args[0], context.get_value_type(bits))
+def _bitcast(source: Any, target: Any) -> Any:
+    def emit(_: Any, value: Any) -> Any:
+        signature = target(source)
+        return signature, lambda context, builder, _, args: builder.bitcast(args[0], context.get_value_type(target))
 
-
-def _emit_double(_: Any, bits: Any) -> Any:
-    signature = types.float64(types.uint64)
-    double = types.float64
-    return signature, lambda context, builder, signature, args: builder.bitcast(args[0], context.get_value_type(double))
+    return intrinsic(emit)
 
 
 fma: Callable[[float, float, float], float] = cast(Any, intrinsic(_emit_fma))
 """a·b + c, rounded once."""
-to_bits: Callable[[float], np.uint64] = cast(Any, intrinsic(_emit_bits))
+to_bits: Callable[[float], np.uint64] = _bitcast(types.float64, types.uint64)
 """Bits of a double as an unsigned integer."""
-from_bits: Callable[[np.uint64], float] = cast(Any, intrinsic(_emit_double))
+from_bits: Callable[[np.uint64], float] = _bitcast(types.uint64, types.float64)
 """Double of the given bits."""
 
 
@@ -93,7 +82,7 @@ def integer(bits: np.uint64) -> float:
 @inlined
 def log(x: float) -> float:
     """Natural logarithm of a positive, normal double."""
-    # x = m 2ᵉ with m in [√½, √2): the logarithm of m keeps its relative accuracy on both sides of 1.
+    # x = m 2ᵉ with m in [√½, √2)
     shifted = to_bits(x) - _SQRT_HALF + _ONE
     e = integer(shifted >> _EXPONENT_SHIFT) - 1023.0
     m = from_bits((shifted & _MANTISSA) + _SQRT_HALF)

@@ -1,11 +1,16 @@
-"""The fix of a pair of transmitters from the ranges to them (paper, Sections 2.2 and 2.3).
+"""The fix of a message from its ranges (paper, Sections 2.2 and 2.3).
 
 A *pair* of transmitters gives two circles. Where they meet in two points well apart, the one nearest to the prediction
-is taken; otherwise the follower is put onto the pair's axis behind the leader. `variants` combines pairs.
+is taken; otherwise the follower is put onto the pair's axis behind the leader. Each variant of `laisn.settings.Variant`
+is a function of the fixes of the pairs (1, 2), (1, 3) and (2, 3), and of the prediction. LAISN-3(1) has none: it
+updates the filter with one pair after the other.
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
+
+import numpy as np
 
 from laisn.compiled import formula
 from laisn.estimates import FixKind
@@ -21,25 +26,19 @@ from laisn.geometry import (
     turn,
 )
 from laisn.messages import Ranges, Reception
-from laisn.settings import NavigationSettings, Tuning
+from laisn.settings import NavigationSettings, Tuning, Variant
 
-TWO_POINTS = float(FixKind.TWO_POINTS)
-TANGENT = float(FixKind.TANGENT)
-ASTERN = float(FixKind.ASTERN)
-FUSED = float(FixKind.FUSED)
+# Kinds of fix as formulas hold them, among other numbers.
+TWO_POINTS, TANGENT, ASTERN = float(FixKind.TWO_POINTS), float(FixKind.TANGENT), float(FixKind.ASTERN)
+FUSED, GATED, SINGULAR = float(FixKind.FUSED), float(FixKind.GATED), float(FixKind.SINGULAR)
 LOST = float(FixKind.LOST)
-GATED = float(FixKind.GATED)
-SINGULAR = float(FixKind.SINGULAR)
-"""Kinds of fix as formulas hold them, among other numbers."""
 
 
 class Circle(NamedTuple):
     """Circle that a follower is on, by the range to one transmitter."""
 
-    centre: Point
-    """The transmitter, where the message places it."""
-    radius: float
-    """Horizontal range D_i [m]; NaN where nothing was received."""
+    centre: Point  # the transmitter, where the message places it
+    radius: float  # horizontal range D_i [m]; NaN where nothing was received
 
 
 class Circles(NamedTuple):
@@ -55,28 +54,22 @@ class Pair(NamedTuple):
 
     rear: Circle
     front: Circle
-    from_front: bool
-    """P_D is measured from the front transmitter, else from the rear one (paper, Eq. 23)."""
+    from_front: bool  # P_D is measured from the front transmitter, else from the rear one (paper, Eq. 23)
 
 
 class Fix(NamedTuple):
     """A position measurement for the filter, from one pair or several."""
 
-    east: float
-    """z [m]; of no meaning where LOST."""
+    east: float  # z [m]; of no meaning where LOST
     north: float
     sigma: float
-    kind: float
-    """`FixKind` as a float."""
-    separation: float
-    """Distance of two intersections [m], −1 where there are fewer."""
+    kind: float  # `FixKind`
+    separation: float  # distance of two intersections [m], −1 where there are fewer
 
 
 @formula
 def circles(origin: Point, arms: Arms, ranges: Ranges, depth_difference: float) -> Circles:
-    """Circles about the transmitters of a leader at `origin`, at the depth difference Δz of hydrophone and leader
-    [m].
-    """
+    """Circles about the transmitters of a leader at `origin`; the hydrophone is Δz deeper than the leader [m]."""
     east, north, up = arms.front
     middle_east, middle_north, middle_up = arms.middle
     rear = Point(origin.east - east, origin.north - north)
@@ -135,10 +128,7 @@ def fix_variance(sigma: float, depth_difference: float, t: Tuning) -> float:
 
 
 def _on_line(pair: Pair, kind: float) -> Fix:
-    """The point of the line through two transmitters, apart from each other, that fits both ranges best.
-
-    Among beacons, the rule that the follower is behind the leader would be wrong by up to twice the range between them.
-    """
+    """The point of the line through two transmitters, apart from each other, that fits both ranges best."""
     (rear, d_rear), (front, d_front) = pair.rear, pair.front
     way = front.east - rear.east, front.north - rear.north
     length = math.hypot(*way)
@@ -159,10 +149,8 @@ class RangeCircles(NamedTuple):
 
     circles: Circles
     heading: Turn
-    depth_difference: float
-    """Δz, depth of the hydrophone less that of the leader [m]."""
-    off_hull: bool = False
-    """The transmitters are on no leader's hull, so that the follower's side of them is unknown."""
+    depth_difference: float  # Δz, depth of the hydrophone less that of the leader [m]
+    off_hull: bool = False  # transmitters are on no leader's hull, so that the follower's side of them is unknown
 
     def pairs(self) -> tuple[Pair, Pair, Pair]:
         """(1, 2), (1, 3) and (2, 3); the rear transmitter of the last one is the middle one."""
@@ -193,24 +181,103 @@ def to_circles(reception: Reception, own_depth: float, settings: NavigationSetti
     return RangeCircles(found, heading, depth_difference, off_hull=places is not None)
 
 
-class OneRange(NamedTuple):
-    """Position of the follower along one line, by one range."""
-
-    place: Point
-    axis: Point
-    """Unit vector from the transmitter to the prediction."""
-
-
-def one_range(circles: Circles, predicted: Point) -> OneRange | None:
-    """The point nearest to the prediction on the circle of the first range that was received; None if none was.
-
-    The paper drops one range alone. Here it corrects what it measures, the distance; the direction is the prediction's.
+def one_range(circles: Circles, predicted: Point) -> tuple[Point, Point] | None:
+    """The point nearest to the prediction on the circle of the first range that was received, and the unit vector from
+    the transmitter to the prediction; None if none was received. The paper drops one range alone.
     """
     for centre, radius in circles:
         east, north = predicted.east - centre.east, predicted.north - centre.north
         distance = math.hypot(east, north)
-        if math.isnan(radius) or math.isnan(distance) or distance == 0.0:
-            continue
-        axis = Point(east / distance, north / distance)
-        return OneRange(Point(centre.east + radius * axis.east, centre.north + radius * axis.north), axis)
+        if radius == radius and distance > 0.0:
+            axis = Point(east / distance, north / distance)
+            return Point(centre.east + radius * axis.east, centre.north + radius * axis.north), axis
     return None
+
+
+SEQUENTIAL: Variant = "laisn-3-1"
+"""The variant that updates with one pair after the other (paper, Section 2.3.1)."""
+
+Pairs = tuple[Fix, Fix, Fix]
+
+
+@formula
+def highest(pairs: Pairs, first: float, second: float, third: float) -> Fix:
+    """The pair with the highest score of three, the earlier one among equals."""
+    better = pairs[1] if second > first else pairs[0]
+    return pairs[2] if third > (second if second > first else first) else better
+
+
+@formula
+def laisn_2(pairs: Pairs, predicted: Point) -> Fix:
+    """Two transmitters (paper, Section 2.2)."""
+    return pairs[0]
+
+
+@formula
+def _weight(fix: Fix) -> float:
+    """Weight of a pair whose circles meet; zero for others (paper, Eq. 25)."""
+    return 1.0 / (1.0 + fix.sigma) if fix.separation >= 0.0 or fix.kind == TANGENT else 0.0
+
+
+@formula
+def _weighted(weight: float, value: float) -> float:
+    """Weight times value; nothing for a weight of zero, even where the value is NaN."""
+    return weight * value if weight > 0.0 else 0.0
+
+
+@formula
+def laisn_3_2(pairs: Pairs, predicted: Point) -> Fix:
+    """Weighted mean of the pairs whose circles meet, w_i = 1 / (1 + σp,i) (paper, Eqs. 24 and 25).
+
+    If no pair's circles meet, the fix is P_D of the first pair that was received, (1, 2) if possible. The factor 1/3 of
+    Eq. 25 is kept when fewer than three pairs contribute.
+    """
+    a, b, c = pairs
+    w_a, w_b, w_c = _weight(a), _weight(b), _weight(c)
+    none = w_a + w_b + w_c == 0.0
+    several = (w_a > 0.0 and w_b + w_c > 0.0) or (w_b > 0.0 and w_c > 0.0)
+    w_a = 1.0 if none and a.kind != LOST else w_a
+    w_b = 1.0 if none and w_a == 0.0 and b.kind != LOST else w_b
+    w_c = 1.0 if none and w_a + w_b == 0.0 and c.kind != LOST else w_c
+    total = w_a + w_b + w_c
+    per_total = 1.0 / (total if total > 0.0 else np.nan)
+    only = a.kind if w_a > 0.0 else (b.kind if w_b > 0.0 else (c.kind if w_c > 0.0 else LOST))
+    return Fix(
+        (_weighted(w_a, a.east) + _weighted(w_b, b.east) + _weighted(w_c, c.east)) * per_total,
+        (_weighted(w_a, a.north) + _weighted(w_b, b.north) + _weighted(w_c, c.north)) * per_total,
+        (a.sigma + b.sigma + c.sigma) * (1.0 / 3.0),
+        FUSED if several else only,
+        -1.0,
+    )
+
+
+@formula
+def _baseline_score(fix: Fix) -> float:
+    """One intersection before all; then the separation of two (−1 for none); lost ranges last."""
+    return np.inf if fix.kind == TANGENT else (-2.0 if fix.kind == LOST else fix.separation)
+
+
+@formula
+def laisn_best(pairs: Pairs, predicted: Point) -> Fix:
+    """The most certain pair: N = 1, else the largest distance of intersections (Section 2.3.3), else the first P_D."""
+    return highest(pairs, _baseline_score(pairs[0]), _baseline_score(pairs[1]), _baseline_score(pairs[2]))
+
+
+@formula
+def _usable_score(fix: Fix) -> float:
+    """Clear intersections before none; lost ranges last."""
+    return -2.0 if fix.kind == LOST else (0.0 if fix.kind == ASTERN else 1.0)
+
+
+@formula
+def laisn_main(pairs: Pairs, predicted: Point) -> Fix:
+    """The main pair, or another where it is missing, does not meet, or meets too close (Section 2.3.3)."""
+    return highest(pairs, _usable_score(pairs[0]), _usable_score(pairs[1]), _usable_score(pairs[2]))
+
+
+SINGLE: dict[Variant, Callable[[Pairs, Point], Fix]] = {
+    "laisn-2": laisn_2,
+    "laisn-3-2": laisn_3_2,
+    "laisn-best": laisn_best,
+    "laisn-main": laisn_main,
+}

@@ -1,13 +1,14 @@
 """Plane and hull geometry: angles, bearings, transmitters, circles. Pure, and shared by all engines."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats
-from laisn.compiled import compiled, formula
+from laisn.compiled import formula
 from laisn.messages import LeaderMessage, Reception
 from laisn.settings import Settings
 
@@ -24,8 +25,7 @@ with σp = 0 should leave nothing. A second update with σp = 0 would divide one
 
 _TURN = 2.0 * math.pi
 _PER_TURN = 1.0 / _TURN
-_ROUNDING = 1.5 * 2.0**52
-"""Added and subtracted, it rounds to the nearest integer."""
+_ROUNDING = 1.5 * 2.0**52  # added and subtracted, it rounds to the nearest integer
 
 
 class Point(NamedTuple):
@@ -54,12 +54,9 @@ class Chord(NamedTuple):
 
     apart: bool
     distance: float
-    way: Point
-    """Unit vector from the first centre to the second; (0, 0) if they coincide."""
-    along: float
-    """How far along the way the common chord lies, a [m]."""
-    half_squared: float
-    """Half the chord's length, squared, h² [m²]: negative where the circles do not meet, 0 where they touch."""
+    way: Point  # unit vector from the first centre to the second; (0, 0) if they coincide
+    along: float  # how far along the way the common chord lies, a [m]
+    half_squared: float  # half its length, squared, h² [m²]: negative where circles do not meet, 0 where they touch
 
 
 @formula
@@ -70,11 +67,7 @@ def signed_angle(angle: Angle) -> Angle:
 
 @formula
 def wrap_angle(angle: float) -> float:
-    """Angle brought into [−π, π] [rad], both ends of which are one direction. For less than 10¹⁵ turns.
-
-    It divides by nothing, so that loops over lanes stay vectorised; an angle within the range stays as it is to the
-    bit.
-    """
+    """Angle brought into [−π, π] [rad], both ends of which are one direction; loops over lanes stay vectorised."""
     turns = (angle * _PER_TURN + _ROUNDING) - _ROUNDING
     return angle - turns * _TURN
 
@@ -108,33 +101,9 @@ def side_offset(width: float, heading: Turn, pitch: Turn, roll: Turn) -> Triple:
 
 
 @formula
-def level_arms(baseline: float, middle_offset: float, heading: Turn) -> Arms:
-    """Transmitters of a level leader (paper, Section 2.3 and Figure 1): half a baseline ahead, an offset to port."""
-    front = 0.5 * baseline * heading.sine, 0.5 * baseline * heading.cosine, 0.0
-    return Arms(front, (-middle_offset * heading.cosine, middle_offset * heading.sine, 0.0))
-
-
-@formula
 def tilted_arms(baseline: float, middle_offset: float, heading: Turn, pitch: Turn, roll: Turn) -> Arms:
-    """Transmitters of a leader that is pitched and rolled."""
+    """Transmitters of a leader (paper, Section 2.3 and Figure 1): half a baseline ahead, an offset to port."""
     return Arms(fore_offset(0.5 * baseline, heading, pitch), side_offset(middle_offset, heading, pitch, roll))
-
-
-@compiled
-def transmitter_positions(origin: Triple, attitude: Triple, baseline: float, middle_offset: float) -> Floats:
-    """Rows of (east, north, depth) of rear, front and middle transmitter, shape (3, 3), [m] (paper, Section 2.3, Figure
-    1), of a leader at `origin` (east, north, depth) in the attitude (heading, pitch, roll) [rad].
-    """
-    heading, pitch, roll = turn(attitude[0]), turn(attitude[1]), turn(attitude[2])
-    arms = tilted_arms(baseline, middle_offset, heading, pitch, roll)
-    (east, north, up), (middle_east, middle_north, middle_up) = arms.front, arms.middle
-    return np.array(
-        [
-            [origin[0] - east, origin[1] - north, origin[2] + up],
-            [origin[0] + east, origin[1] + north, origin[2] - up],
-            [origin[0] + middle_east, origin[1] + middle_north, origin[2] - middle_up],
-        ]
-    )
 
 
 def place_on_body(origin: Triple, attitude: Triple, offsets: Floats) -> Floats:
@@ -155,28 +124,27 @@ def broadcast_tilt(message: LeaderMessage, settings: Settings) -> tuple[float, f
     return (message.pitch, message.roll) if used else (0.0, 0.0)
 
 
-def given_transmitters(reception: Reception, settings: Settings) -> Floats | None:
-    """Transmitters (east, north, depth) that the message or the settings' offsets place, shape (3, 3), [m].
+def _placed(message: LeaderMessage, settings: Settings, offsets: Sequence[Triple]) -> Floats:
+    attitude = message.heading, *broadcast_tilt(message, settings)
+    places = np.full((3, 3), np.nan)
+    places[: len(offsets)] = place_on_body((message.east, message.north, message.depth), attitude, np.array(offsets))
+    return places
 
-    NaN for one that is not there; None: they are on the leader's hull, by baseline and middle offset.
+
+def given_transmitters(reception: Reception, settings: Settings) -> Floats | None:
+    """Transmitters (east, north, depth) that the message or the settings' offsets place, shape (3, 3), [m], NaN for one
+    that is not there; None: they are on the leader's hull.
     """
     if reception.transmitters is not None or not settings.transmitter_offsets:
         return reception.transmitters
-    message, offsets = reception.message, np.full((3, 3), np.nan)
-    offsets[: len(settings.transmitter_offsets)] = settings.transmitter_offsets
-    attitude = (message.heading, *broadcast_tilt(message, settings))
-    return place_on_body((message.east, message.north, message.depth), attitude, offsets)
+    return _placed(reception.message, settings, settings.transmitter_offsets)
 
 
 def place_transmitters(reception: Reception, settings: Settings) -> Floats:
     """Transmitters (east, north, depth) of a message, given or on the hull, shape (3, 3), [m]; NaN for none."""
-    places = given_transmitters(reception, settings)
-    if places is not None:
-        return places
-    message = reception.message
-    attitude = message.heading, *broadcast_tilt(message, settings)
-    origin = message.east, message.north, message.depth
-    return np.asarray(transmitter_positions(origin, attitude, settings.baseline, settings.middle_offset))
+    places, half = given_transmitters(reception, settings), 0.5 * settings.baseline
+    on_hull = (-half, 0.0, 0.0), (half, 0.0, 0.0), (0.0, settings.middle_offset, 0.0)
+    return _placed(reception.message, settings, on_hull) if places is None else places
 
 
 @formula
@@ -217,17 +185,15 @@ def turned_cosine(
     pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, reach: npt.ArrayLike, bearing: npt.ArrayLike
 ) -> Floats:
     """cos B̂ of a fix that the leader's pitch turns about the leader; beyond ±1 where the circles do not meet."""
-    lever = np.asarray(depth_offset) / np.asarray(reach) * np.sin(pitch)
+    lever = np.divide(depth_offset, reach) * np.sin(pitch)
     return np.asarray(np.cos(bearing) * np.cos(pitch) - lever)
 
 
 def pitch_fix_error(
     pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, reach: npt.ArrayLike, bearing: npt.ArrayLike
 ) -> Floats:
-    """Position error of a noiseless fix of LAISN-2 from the leader's pitch (docs/asymmetry.md), [rad] and [m].
-
-    The follower is so far below the leader, away from it and off its bow. Where circles do not meet, the fix is on the
-    leader's axis.
+    """Position error of a noiseless fix of LAISN-2 from the leader's pitch (docs/asymmetry.md), [rad] and [m], of a
+    follower so far below the leader, away from it and off its bow.
     """
     turned = np.arccos(np.clip(turned_cosine(pitch, depth_offset, reach, bearing), -1.0, 1.0))
     return np.asarray(2.0 * np.asarray(reach) * np.sin(np.abs(turned - np.arccos(np.cos(bearing))) / 2.0))

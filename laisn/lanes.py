@@ -1,20 +1,351 @@
-"""LAISN for a block of runs side by side, one in each lane (`lane_passes`): what `navigator` does for one follower."""
+"""LAISN for a block of runs side by side, one in each lane: what `navigator` does for one follower.
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+A block is rows of `LANES` doubles in one flat array, a lane for each run; passes address `block[ROW + lane]`. Rows of
+one array provably do not overlap, so that passes become vector instructions. Every lane takes every branch and selects;
+only what is the same for all runs (the variant) branches truly. After a measurement with covariance R, P S⁻¹ R stands
+for P − P S⁻¹ P, without cancellation; it equals the Joseph form.
+"""
+
+from collections.abc import Callable, Sequence
+from itertools import count
+from typing import Any, NamedTuple, cast
 
 import numpy as np
-import numpy.typing as npt
 
-from laisn import lane_passes as row
 from laisn.arrays import Bools, Floats, Ints, Records
-from laisn.compiled import compiled_lanes, copy_values
+from laisn.compiled import compiled_lanes, inlined
+from laisn.elementary import sin_cos
 from laisn.failure import LaisnError
-from laisn.fix import GATED
-from laisn.lane_passes import LANES
-from laisn.messages import LeaderMessage, Measurements
-from laisn.settings import VARIANTS, NavigationSettings, Tuning
-from laisn.variants import SEQUENTIAL
+from laisn.fix import GATED, LOST, SEQUENTIAL, SINGLE, SINGULAR, Circle, Fix, Pair, circles, fix_variance, pair_fix
+from laisn.geometry import Point, Turn, is_singular, tilted_arms
+from laisn.messages import LeaderMessage, Measurements, Ranges
+from laisn.navigator import expected_acceleration, is_beyond, reach, speed_share, turn_share
+from laisn.settings import VARIANTS, NavigationSettings, Settings, Tuning
+
+LANES = 64
+
+_row = count(0, LANES)
+
+# State and covariance: P are position, V velocity terms, C those between (CXY of x and vy).
+X, Y, VX, VY = (next(_row) for _ in range(4))
+PXX, PXY, PYY, CXX, CXY, CYX, CYY, VXX, VXY, VYY = (next(_row) for _ in range(10))
+# Memory of the last accepted position and of the last measurements.
+ACCEPTED_X, ACCEPTED_Y, ACCEPTED_STEP = (next(_row) for _ in range(3))
+LAST_SPEED, LAST_HEADING, LAST_LEADER_SPEED, LAST_LEADER_HEADING = (next(_row) for _ in range(4))
+# Own measurements of a step, and what follows from them; γ are those of the vehicle that changed most.
+SPEED, HEADING, DEPTH, SIN, COS, GAMMA_V, GAMMA_THETA = (next(_row) for _ in range(7))
+# A message and the ranges measured on it.
+EAST, NORTH, LEADER_HEADING, LEADER_SPEED, LEADER_DEPTH, PITCH, ROLL = (next(_row) for _ in range(7))
+R1, R2, R3 = (next(_row) for _ in range(3))
+# Transmitters, the horizontal ranges to them (NaN where nothing was received), and one's own depth below the leader's.
+X1, Y1, D1, X2, Y2, D2, X3, Y3, D3, DZ = (next(_row) for _ in range(10))
+LEADER_SIN, LEADER_COS = (next(_row) for _ in range(2))
+# The fix of each pair of transmitters and the fix chosen of them: position, σp, kind, separation of two intersections
+# (−1 for fewer), and squared distance from the prediction in units of S (NaN where no update was made).
+ZX12, ZY12, SIGMA12, KIND12, SEP12, NIS12 = (next(_row) for _ in range(6))
+ZX13, ZY13, SIGMA13, KIND13, SEP13, NIS13 = (next(_row) for _ in range(6))
+ZX23, ZY23, SIGMA23, KIND23, SEP23, NIS23 = (next(_row) for _ in range(6))
+ZX, ZY, SIGMA, KIND, SEP, NIS = (next(_row) for _ in range(6))
+# 1 where an update of this message passed the gate.
+PASSED = next(_row)
+SIZE = next(_row)
+
+
+def tuning(settings: Settings) -> Tuning:
+    """Settings of LAISN as lanes take them; LaisnError for those of one vehicle's navigator alone."""
+    laisn = cast(NavigationSettings, settings)
+    if laisn.use_single_range or laisn.transmitter_offsets:
+        raise LaisnError(
+            "use_single_range and transmitter offsets are for single vehicles and their logs; campaigns take "
+            "transmitters on the leader's hull only, and drop a range that arrives alone"
+        )
+    return Tuning.of(laisn)
+
+
+@inlined
+def point_at(block: Floats, first: int, lane: int) -> Point:
+    """The point whose two rows begin at `first`."""
+    return Point(block[first + lane], block[first + LANES + lane])
+
+
+@inlined
+def cross_covariance_at(block: Floats, lane: int) -> tuple[float, float, float, float]:
+    """Covariance of position and velocity: CXX, CXY, CYX, CYY."""
+    return block[CXX + lane], block[CXY + lane], block[CYX + lane], block[CYY + lane]
+
+
+@inlined
+def fix_at(block: Floats, first: int, lane: int) -> Fix:
+    """The fix whose rows begin at `first`."""
+    z, sigma, i = point_at(block, first, lane), block[first + 2 * LANES + lane], first + lane
+    return Fix(z.east, z.north, sigma, block[i + 3 * LANES], block[i + 4 * LANES])
+
+
+@inlined
+def put_fix(block: Floats, first: int, lane: int, fix: Fix) -> None:
+    """Write a fix into the rows that begin at `first`."""
+    block[first + lane], block[first + LANES + lane] = fix.east, fix.north
+    block[first + 2 * LANES + lane], block[first + 3 * LANES + lane] = fix.sigma, fix.kind
+    block[first + 4 * LANES + lane] = fix.separation
+
+
+@compiled_lanes
+def new_block(starts: Floats, t: Tuning) -> Floats:
+    """A block before its first step at starts (x, y, vx, vy), shape (f, 4), of which the last one is repeated."""
+    block = np.zeros(SIZE)
+    for lane in range(LANES):
+        start = starts[min(lane, starts.shape[0] - 1)]
+        block[X + lane], block[Y + lane], block[VX + lane], block[VY + lane] = start[0], start[1], start[2], start[3]
+        block[PXX + lane] = block[PYY + lane] = t.position_variance0
+        block[VXX + lane] = block[VYY + lane] = t.velocity_variance0
+        block[ACCEPTED_X + lane], block[ACCEPTED_Y + lane] = start[0], start[1]
+        block[LAST_SPEED + lane] = block[LAST_HEADING + lane] = np.nan
+        block[LAST_LEADER_SPEED + lane] = block[LAST_LEADER_HEADING + lane] = np.nan
+    return block
+
+
+@compiled_lanes
+def fill(block: Floats, first: int, values: Floats) -> None:
+    """Copy values, shape (rows · LANES,), into the rows from `first` on."""
+    for i in range(values.size):
+        block[first + i] = values[i]
+
+
+@compiled_lanes
+def own_motion(block: Floats, t: Tuning) -> None:
+    """Take a step's own measurements: their γ, and the direction of motion."""
+    for lane in range(LANES):
+        speed, heading = block[SPEED + lane], block[HEADING + lane]
+        block[GAMMA_V + lane] = speed_share(block[LAST_SPEED + lane], speed, t.follower_speed_max)
+        block[GAMMA_THETA + lane] = turn_share(block[LAST_HEADING + lane], heading)
+        block[LAST_SPEED + lane], block[LAST_HEADING + lane] = speed, heading
+        block[SIN + lane], block[COS + lane] = sin_cos(heading)
+
+
+@compiled_lanes
+def leader_motion(block: Floats, t: Tuning) -> None:
+    """Take a message's speed and heading, if it has a range: γ becomes that of the vehicle that changed most."""
+    for lane in range(LANES):
+        rear, front, middle = block[R1 + lane], block[R2 + lane], block[R3 + lane]
+        received = rear == rear or front == front or middle == middle
+        last_speed, last_heading = block[LAST_LEADER_SPEED + lane], block[LAST_LEADER_HEADING + lane]
+        # a message without ranges repeats the last one
+        speed = block[LEADER_SPEED + lane] if received else last_speed
+        heading = block[LEADER_HEADING + lane] if received else last_heading
+        of_speed, own_speed = speed_share(last_speed, speed, t.leader_speed_max), block[GAMMA_V + lane]
+        of_heading, own_heading = turn_share(last_heading, heading), block[GAMMA_THETA + lane]
+        block[GAMMA_V + lane] = of_speed if of_speed > own_speed else own_speed
+        block[GAMMA_THETA + lane] = of_heading if of_heading > own_heading else own_heading
+        block[LAST_LEADER_SPEED + lane], block[LAST_LEADER_HEADING + lane] = speed, heading
+
+
+@compiled_lanes
+def predict(block: Floats, t: Tuning) -> None:
+    """Constant velocity, with process noise that grows with manoeuvres (paper, Section 2.1)."""
+    dt = t.dt
+    for lane in range(LANES):
+        sigma_a = expected_acceleration(block[GAMMA_V + lane], block[GAMMA_THETA + lane], t)
+        q = sigma_a * sigma_a * (dt * dt)
+        q_mixed, q_position = q * (0.5 * dt), q * (0.25 * dt * dt)
+        cxx, cxy, cyx, cyy = cross_covariance_at(block, lane)
+        vxx, vxy, vyy = block[VXX + lane] * dt, block[VXY + lane] * dt, block[VYY + lane] * dt
+        block[X + lane] += dt * block[VX + lane]
+        block[Y + lane] += dt * block[VY + lane]
+        block[PXX + lane] += dt * (2.0 * cxx + vxx) + q_position
+        block[PXY + lane] += dt * (cxy + cyx + vxy)
+        block[PYY + lane] += dt * (2.0 * cyy + vyy) + q_position
+        block[CXX + lane] = cxx + vxx + q_mixed
+        block[CXY + lane] = cxy + vxy
+        block[CYX + lane] = cyx + vxy
+        block[CYY + lane] = cyy + vyy + q_mixed
+        block[VXX + lane] += q
+        block[VYY + lane] += q
+
+
+@compiled_lanes
+def speed_update(block: Floats, t: Tuning) -> None:
+    """Velocity from speed log and compass (paper, Section 2.1)."""
+    for lane in range(LANES):
+        speed, s, c = block[SPEED + lane], block[SIN + lane], block[COS + lane]
+        along, across = t.speed_variance, t.heading_variance * (speed * speed)
+        rxx, rxy, ryy = s * s * along + c * c * across, s * c * (along - across), c * c * along + s * s * across
+        vxx, vxy, vyy = block[VXX + lane], block[VXY + lane], block[VYY + lane]
+        cxx, cxy, cyx, cyy = cross_covariance_at(block, lane)
+        sxx, sxy, syy = vxx + rxx, vxy + rxy, vyy + ryy
+        per_det = 1.0 / (sxx * syy - sxy * sxy)
+        ixx, ixy, iyy = syy * per_det, -sxy * per_det, sxx * per_det
+        # Gains: row by state, column by component of the measurement.
+        k_xx, k_xy = cxx * ixx + cxy * ixy, cxx * ixy + cxy * iyy
+        k_yx, k_yy = cyx * ixx + cyy * ixy, cyx * ixy + cyy * iyy
+        k_ux, k_uy = vxx * ixx + vxy * ixy, vxx * ixy + vxy * iyy
+        k_wx, k_wy = vxy * ixx + vyy * ixy, vxy * ixy + vyy * iyy
+        ex, ey = speed * s - block[VX + lane], speed * c - block[VY + lane]
+        block[X + lane] += k_xx * ex + k_xy * ey
+        block[Y + lane] += k_yx * ex + k_yy * ey
+        block[VX + lane] += k_ux * ex + k_uy * ey
+        block[VY + lane] += k_wx * ex + k_wy * ey
+        block[PXX + lane] -= k_xx * cxx + k_xy * cxy
+        block[PXY + lane] -= k_xx * cyx + k_xy * cyy
+        block[PYY + lane] -= k_yx * cyx + k_yy * cyy
+        block[CXX + lane] = k_xx * rxx + k_xy * rxy
+        block[CXY + lane] = k_xx * rxy + k_xy * ryy
+        block[CYX + lane] = k_yx * rxx + k_yy * rxy
+        block[CYY + lane] = k_yx * rxy + k_yy * ryy
+        block[VXX + lane] = k_ux * rxx + k_uy * rxy
+        block[VXY + lane] = k_ux * rxy + k_uy * ryy
+        block[VYY + lane] = k_wx * rxy + k_wy * ryy
+
+
+@compiled_lanes
+def update(block: Floats, t: Tuning, k: int) -> None:
+    """Gate the chosen fix, and update the state (Sections 2.1, 2.4); kind GATED or SINGULAR where that is skipped."""
+    for lane in range(LANES):
+        zx, zy, kind = block[ZX + lane], block[ZY + lane], block[KIND + lane]
+        r = fix_variance(block[SIGMA + lane], block[DZ + lane], t)
+        bound = reach((k - block[ACCEPTED_STEP + lane]) * t.dt, block[SPEED + lane], t)
+        gated = is_beyond(Point(zx, zy), point_at(block, ACCEPTED_X, lane), bound)
+
+        pxx, pxy, pyy = block[PXX + lane], block[PXY + lane], block[PYY + lane]
+        cxx, cxy, cyx, cyy = cross_covariance_at(block, lane)
+        sxx, syy = pxx + r, pyy + r
+        singular = is_singular(sxx, syy)
+        lost = kind == LOST
+        kind = kind if lost else (GATED if gated else (SINGULAR if singular else kind))
+        used = not (lost or gated or singular)
+        block[KIND + lane] = kind
+        block[PASSED + lane] = 1.0 if not (lost or gated) else block[PASSED + lane]
+
+        per_det = 1.0 / (sxx * syy - pxy * pxy)
+        ixx, ixy, iyy = syy * per_det, -pxy * per_det, sxx * per_det
+        ex, ey = zx - block[X + lane], zy - block[Y + lane]
+        fx, fy = ixx * ex + ixy * ey, ixy * ex + iyy * ey
+        block[NIS + lane] = ex * fx + ey * fy if used else np.nan
+        block[X + lane] += pxx * fx + pxy * fy if used else 0.0
+        block[Y + lane] += pxy * fx + pyy * fy if used else 0.0
+        block[VX + lane] += cxx * fx + cyx * fy if used else 0.0
+        block[VY + lane] += cxy * fx + cyy * fy if used else 0.0
+        # S⁻¹ C; the velocity's covariance loses Cᵀ S⁻¹ C.
+        nxx, nxy = ixx * cxx + ixy * cyx, ixx * cxy + ixy * cyy
+        nyx, nyy = ixy * cxx + iyy * cyx, ixy * cxy + iyy * cyy
+        block[PXX + lane] = r * (ixx * pxx + ixy * pxy) if used else pxx
+        block[PXY + lane] = r * (ixx * pxy + ixy * pyy) if used else pxy
+        block[PYY + lane] = r * (ixy * pxy + iyy * pyy) if used else pyy
+        block[CXX + lane] = r * nxx if used else cxx
+        block[CXY + lane] = r * nxy if used else cxy
+        block[CYX + lane] = r * nyx if used else cyx
+        block[CYY + lane] = r * nyy if used else cyy
+        block[VXX + lane] -= cxx * nxx + cyx * nyx if used else 0.0
+        block[VXY + lane] -= cxx * nxy + cyx * nyy if used else 0.0
+        block[VYY + lane] -= cxy * nxy + cyy * nyy if used else 0.0
+
+
+@compiled_lanes
+def update_gate(block: Floats, k: int) -> None:
+    """Make the gate measure from the position and step of this message, in the lanes that accepted it."""
+    for lane in range(LANES):
+        passed = block[PASSED + lane] > 0.0
+        block[ACCEPTED_X + lane] = block[X + lane] if passed else block[ACCEPTED_X + lane]
+        block[ACCEPTED_Y + lane] = block[Y + lane] if passed else block[ACCEPTED_Y + lane]
+        block[ACCEPTED_STEP + lane] = float(k) if passed else block[ACCEPTED_STEP + lane]
+        block[PASSED + lane] = 0.0
+
+
+Pass = Callable[[Floats, Tuning], None]
+
+
+@inlined
+def _turn(angle: float) -> Turn:
+    sine, cosine = sin_cos(angle)
+    return Turn(sine, cosine)
+
+
+@inlined
+def _put_circle(block: Floats, first: int, lane: int, circle: Circle) -> None:
+    block[first + lane], block[first + LANES + lane] = circle.centre.east, circle.centre.north
+    block[first + 2 * LANES + lane] = circle.radius
+
+
+@inlined
+def _circle_at(block: Floats, first: int, lane: int) -> Circle:
+    return Circle(point_at(block, first, lane), block[first + 2 * LANES + lane])
+
+
+@compiled_lanes
+def place_transmitters(block: Floats, t: Tuning) -> None:
+    """Transmitters as the message places them, and the horizontal ranges to them."""
+    for lane in range(LANES):
+        heading, pitched, rolled = _turn(block[LEADER_HEADING + lane]), Turn(0.0, 1.0), Turn(0.0, 1.0)
+        block[LEADER_SIN + lane], block[LEADER_COS + lane] = heading.sine, heading.cosine
+        depth_difference = (block[DEPTH + lane] - t.hydrophone_height) - block[LEADER_DEPTH + lane]
+        block[DZ + lane] = depth_difference
+        if t.use_attitude:
+            pitch, roll = block[PITCH + lane], block[ROLL + lane]
+            known = pitch == pitch and roll == roll
+            pitched, rolled = _turn(pitch if known else 0.0), _turn(roll if known else 0.0)
+        arms = tilted_arms(t.baseline, t.middle_offset, heading, pitched, rolled)
+        ranges = Ranges(block[R1 + lane], block[R2 + lane], block[R3 + lane])
+        placed = circles(point_at(block, EAST, lane), arms, ranges, depth_difference)
+        _put_circle(block, X1, lane, placed.rear)
+        _put_circle(block, X2, lane, placed.front)
+        _put_circle(block, X3, lane, placed.middle)
+
+
+def _fix_pair(rear: int, front: int, out: int, from_front: bool) -> Pass:
+    """Pass for the fix of a pair, from the state as it is, by the rows where its circles and the fix begin."""
+
+    @compiled_lanes
+    def fix(block: Floats, t: Tuning) -> None:
+        for lane in range(LANES):
+            pair = Pair(_circle_at(block, rear, lane), _circle_at(block, front, lane), from_front)
+            heading = Turn(block[LEADER_SIN + lane], block[LEADER_COS + lane])
+            put_fix(block, out, lane, pair_fix(pair, heading, point_at(block, X, lane), t))
+
+    return fix
+
+
+fix_rear_front = _fix_pair(X1, X2, ZX12, False)
+fix_rear_middle = _fix_pair(X1, X3, ZX13, False)
+fix_middle_front = _fix_pair(X3, X2, ZX23, True)
+
+
+@compiled_lanes
+def copy_fix(block: Floats, source: int, target: int) -> None:
+    """Copy a fix, with its kind and NIS, between the rows that begin at `source` and `target`."""
+    for i in range(6 * LANES):
+        block[target + i] = block[source + i]
+
+
+def _pass(single: Callable[[tuple[Fix, Fix, Fix], Point], Fix]) -> Pass:
+    @compiled_lanes
+    def choose(block: Floats, t: Tuning) -> None:
+        for lane in range(LANES):
+            pairs = fix_at(block, ZX12, lane), fix_at(block, ZX13, lane), fix_at(block, ZX23, lane)
+            put_fix(block, ZX, lane, single(pairs, point_at(block, X, lane)))
+
+    return choose
+
+
+def _branch(number: int, chosen: Pass, otherwise: Pass) -> Pass:
+    @compiled_lanes
+    def choose(block: Floats, t: Tuning) -> None:
+        if t.variant == number:
+            chosen(block, t)
+        else:
+            otherwise(block, t)
+
+    return choose
+
+
+def _by_variant() -> Pass:
+    """One pass for all variants: compiled code branches by their numbers, as it cannot look up functions."""
+    (_, choose), *others = [(VARIANTS.index(variant), _pass(single)) for variant, single in SINGLE.items()]
+    for number, chosen in others:
+        choose = _branch(number, chosen, choose)
+    return choose
+
+
+choose = _by_variant()
+
 
 _SEQUENTIAL = VARIANTS.index(SEQUENTIAL)
 
@@ -23,121 +354,57 @@ _BROADCAST = [LeaderMessage._fields.index(n) for n in ("east", "north", "heading
 
 @compiled_lanes
 def _use_pair(block: Floats, t: Tuning, k: int, fix: int) -> None:
-    row.copy_fix(block, fix, row.ZX)
-    row.update(block, t, k)
-    row.copy_fix(block, row.ZX, fix)
+    copy_fix(block, fix, ZX)
+    update(block, t, k)
+    copy_fix(block, ZX, fix)
 
 
 @compiled_lanes
 def position_update(block: Floats, t: Tuning, k: int) -> None:
     """Position from the message of step k, by the variant (paper, Sections 2.2 and 2.3)."""
-    row.place_transmitters(block, t)
-    row.fix_rear_front(block, t)
+    place_transmitters(block, t)
+    fix_rear_front(block, t)
     if t.variant == _SEQUENTIAL:
-        _use_pair(block, t, k, row.ZX12)
-        row.fix_rear_middle(block, t)
-        _use_pair(block, t, k, row.ZX13)
-        row.fix_middle_front(block, t)
-        _use_pair(block, t, k, row.ZX23)
+        _use_pair(block, t, k, ZX12)
+        fix_rear_middle(block, t)
+        _use_pair(block, t, k, ZX13)
+        fix_middle_front(block, t)
+        _use_pair(block, t, k, ZX23)
     else:
         if t.transmitters > 2:
-            row.fix_rear_middle(block, t)
-            row.fix_middle_front(block, t)
-        row.choose(block, t)
-        row.update(block, t, k)
-    row.update_gate(block, k)
+            fix_rear_middle(block, t)
+            fix_middle_front(block, t)
+        choose(block, t)
+        update(block, t, k)
+    update_gate(block, k)
 
 
 @compiled_lanes
 def advance(block: Floats, t: Tuning, k: int, received: bool) -> None:
     """Step k: predict, position if a message is received, speed. Rows of measurements must be filled."""
-    row.own_motion(block, t)
+    own_motion(block, t)
     if received:
-        row.leader_motion(block, t)
-    row.predict(block, t)
+        leader_motion(block, t)
+    predict(block, t)
     if received:
         position_update(block, t, k)
-    row.speed_update(block, t)
+    speed_update(block, t)
 
 
 @compiled_lanes
-def fix_rows(variant: int) -> tuple[int, int, int]:
+def fix_rows(variant: float) -> tuple[int, int, int]:
     """Rows where the fixes of a message begin; −1 for fixes that the variant does not make."""
     if variant == _SEQUENTIAL:
-        return row.ZX12, row.ZX13, row.ZX23
-    return row.ZX, -1, -1
-
-
-class LaneEstimates(NamedTuple):
-    """Estimates of R runs: n steps, m messages with f fixes each (3 with LAISN-3(1), else 1)."""
-
-    state: Floats
-    """x, y [m], vx, vy [m/s] after step k, shape (n, 4, R)."""
-    fix_kind: Ints
-    """`FixKind`, shape (m, f, R)."""
-
-
-@compiled_lanes
-def run_block(own: Floats, message_step: Ints, messages: Floats, start: Floats, t: Tuning) -> tuple[Floats, Ints]:
-    """Filter the explicit measurements of a block from a known start, shape (4,).
-
-    `own` has speed, heading and depth of each step, shape (n, 3, LANES), `messages` the rows from EAST to R3, shape (m,
-    10, LANES). Returns states, shape (n, 4, LANES), and kinds of fix, shape (m, f, LANES).
-    """
-    n, m = own.shape[0], message_step.size
-    fixes = fix_rows(t.variant)
-    made = 3 if t.variant == _SEQUENTIAL else 1
-    state = np.empty((n, 4 * LANES))
-    kinds = np.empty((m, made, LANES), dtype=np.int64)
-    own_rows, message_rows = own.reshape(n, 3 * LANES), messages.reshape(m, 10 * LANES)
-    block = row.new_block(start, t)
-    i = 0
-    for k in range(1, n + 1):
-        row.fill(block, row.SPEED, own_rows[k - 1])
-        received = i < m and message_step[i] == k
-        if received:
-            row.fill(block, row.EAST, message_rows[i])
-        advance(block, t, k, received)
-        copy_values(block[row.X : row.X + 4 * LANES], state[k - 1])
-        if received:
-            for j in range(made):
-                for lane in range(LANES):
-                    kinds[i, j, lane] = int(block[fixes[j] + 3 * LANES + lane])
-            i += 1
-    return state.reshape(n, 4, LANES), kinds
+        return ZX12, ZX13, ZX23
+    return ZX, -1, -1
 
 
 def stacked(missions: Sequence[Measurements]) -> tuple[Floats, Floats]:
-    """Own measurements and messages of up to `LANES` missions as `run_block` takes them; the last one is repeated."""
+    """Rows from SPEED and from EAST on of missions, the last one repeated: (n, 3 · LANES) and (m, 10 · LANES)."""
     filled = [missions[min(lane, len(missions) - 1)] for lane in range(LANES)]
     own = np.stack([np.column_stack([m.speed, m.heading, m.last_depth]) for m in filled], axis=-1)
-    return own, np.stack([np.column_stack([m.message[:, _BROADCAST], m.ranges]) for m in filled], axis=-1)
-
-
-def run(measurements: Sequence[Measurements], start: npt.ArrayLike, settings: NavigationSettings) -> LaneEstimates:
-    """Estimate R missions that received their messages at the same steps, from a known start x, y [m], vx, vy [m/s].
-
-    ValueError: missions differ in their steps, the settings' dt is not theirs, or an own measurement or the leader's
-    pose is not finite.
-    """
-    first = measurements[0]
-    for number, mission in enumerate(measurements):
-        if abs(mission.dt - settings.dt) > 1e-9:
-            raise ValueError(f"mission {number} has steps of {mission.dt:g} s, the settings {settings.dt:g} s")
-        if mission.speed.size != first.speed.size or not np.array_equal(mission.message_step, first.message_step):
-            raise ValueError(f"mission {number} has other steps or other message steps than mission 0")
-        if mission.durations is not None or mission.transmitters is not None:
-            raise ValueError(f"mission {number} has steps or transmitters of its own; lanes take equal ones only")
-        sensed = (mission.speed, mission.heading, mission.message[:, :6])
-        if not all(np.all(np.isfinite(values)) for values in sensed) or np.any(np.isinf(mission.depth)):
-            raise ValueError(f"mission {number}: an own measurement or the leader's pose is not finite")
-    begin, t = np.asarray(start, dtype=np.float64), row.tuning(settings)
-    estimates = []
-    for number in range(0, len(measurements), LANES):
-        own, messages = stacked(measurements[number : number + LANES])
-        estimates.append(run_block(own, first.message_step, messages, begin, t))
-    state, kinds = (np.concatenate(parts, axis=-1)[..., : len(measurements)] for parts in zip(*estimates, strict=True))
-    return LaneEstimates(state, kinds)
+    messages = np.stack([np.column_stack([m.message[:, _BROADCAST], m.ranges]) for m in filled], axis=-1)
+    return own.reshape(len(own), 3 * LANES), messages.reshape(len(messages), 10 * LANES)
 
 
 class LaneSwarm(NamedTuple):
@@ -156,26 +423,22 @@ class LaneSwarm(NamedTuple):
         last, any_received = readings.shape[0] - 1, bool(received.any())
         for lane in range(LANES):
             i = min(lane, last)
-            block[row.SPEED + lane], block[row.HEADING + lane] = readings[i].speed, readings[i].heading
-            block[row.DEPTH + lane] = readings[i].depth
+            block[SPEED + lane], block[HEADING + lane] = readings[i].speed, readings[i].heading
+            block[DEPTH + lane] = readings[i].depth
             if any_received:
                 message = messages[i]
-                block[row.EAST + lane], block[row.NORTH + lane] = message.east, message.north
-                block[row.LEADER_HEADING + lane], block[row.LEADER_SPEED + lane] = (
-                    message.heading,
-                    message.speed,
-                )
-                block[row.LEADER_DEPTH + lane], block[row.PITCH + lane] = message.depth, message.pitch
-                block[row.ROLL + lane] = message.roll
-                # a message without ranges has the same effect as none
-                block[row.R1 + lane] = ranges[i, 0] if received[i] else np.nan
-                block[row.R2 + lane] = ranges[i, 1] if received[i] else np.nan
-                block[row.R3 + lane] = ranges[i, 2] if received[i] else np.nan
+                block[EAST + lane], block[NORTH + lane] = message.east, message.north
+                block[LEADER_HEADING + lane], block[LEADER_SPEED + lane] = message.heading, message.speed
+                block[LEADER_DEPTH + lane], block[PITCH + lane] = message.depth, message.pitch
+                block[ROLL + lane] = message.roll
+                for j in range(3):
+                    # a message without ranges has the same effect as none
+                    block[R1 + j * LANES + lane] = ranges[i, j] if received[i] else np.nan
         advance(block, self.tuning, step, any_received)
         for i in range(readings.shape[0]):
             position, velocity = estimates[i].position, estimates[i].velocity
-            position[0], position[1] = block[row.X + i], block[row.Y + i]
-            velocity[0], velocity[1] = block[row.VX + i], block[row.VY + i]
+            position[0], position[1] = block[X + i], block[Y + i]
+            velocity[0], velocity[1] = block[VX + i], block[VY + i]
             if received[i]:
                 for first in fix_rows(self.tuning.variant):
                     self.gated[i] += first >= 0 and block[first + 3 * LANES + i] == GATED
@@ -186,12 +449,5 @@ def new_lanes(settings: NavigationSettings, starts: Floats) -> LaneSwarm:
     """Navigators of followers at starts x, y [m], vx, vy [m/s], shape (f, 4); LaisnError for more than LANES."""
     if len(starts) > LANES:
         raise LaisnError(f"{len(starts)} followers cannot navigate together, at most {LANES}")
-    tuning = row.tuning(settings)
-    block = row.new_block(np.zeros(4), tuning)
-    rows = row.X, row.Y, row.VX, row.VY
-    for lane in range(LANES):
-        start = starts[min(lane, len(starts) - 1)]
-        for first, value in zip(rows, start, strict=True):
-            block[first + lane] = value
-        block[row.ACCEPTED_X + lane], block[row.ACCEPTED_Y + lane] = start[0], start[1]
-    return LaneSwarm(block, tuning, np.zeros(len(starts), dtype=np.int64))
+    t = tuning(settings)
+    return LaneSwarm(new_block(starts, t), t, np.zeros(len(starts), dtype=np.int64))

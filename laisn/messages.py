@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
-from itertools import chain
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -11,29 +10,20 @@ from laisn.arrays import ArrayRecord, Floats, Ints, own_arrays, require_shapes
 
 BEARING = "bearing"
 """Name of the readings of an inverted USBL among those of other sensors."""
-_BLOCK = 1 << 14
 
 
 class LeaderMessage(NamedTuple):
     """What the leader broadcasts with a ping (paper, Section 2.2); NaN where it does not broadcast a quantity."""
 
-    timestamp: float
-    """Time of emission on the leader's clock [s]."""
-    east: float
-    """Position of the leader's body origin [m]."""
+    timestamp: float  # time of emission on the leader's clock [s]
+    east: float  # position of the leader's body origin [m]
     north: float
-    heading: float
-    """Measured heading θ [rad]."""
-    speed: float
-    """Measured speed [m/s]."""
-    depth: float
-    """Measured depth of the leader's depth sensor, which sits at its body origin [m]."""
-    pitch: float = np.nan
-    """Measured pitch, positive nose up [rad]."""
-    roll: float = np.nan
-    """Measured roll, positive starboard down [rad]."""
-    heading_sigma: float = np.nan
-    """Standard deviation that the leader gives for its heading [rad]."""
+    heading: float  # measured heading θ [rad]
+    speed: float  # measured speed [m/s]
+    depth: float  # measured depth of the leader's depth sensor, which sits at its body origin [m]
+    pitch: float = np.nan  # measured pitch, positive nose up [rad]
+    roll: float = np.nan  # measured roll, positive starboard down [rad]
+    heading_sigma: float = np.nan  # standard deviation that the leader gives for its heading [rad]
 
 
 class Ranges(NamedTuple):
@@ -47,21 +37,16 @@ class Ranges(NamedTuple):
 class OwnMotion(NamedTuple):
     """The follower's own measurements at one filter step."""
 
-    speed: float
-    """Speed log, along the hull [m/s]."""
-    heading: float
-    """Compass θ [rad]."""
-    depth: float
-    """Depth from the pressure sensor [m]; NaN for a missing reading."""
+    speed: float  # speed log, along the hull [m/s]
+    heading: float  # compass θ [rad]
+    depth: float  # depth from the pressure sensor [m]; NaN for a missing reading
 
 
 class Bearing(NamedTuple):
     """Direction of the front transmitter in the follower's hull, measured by an inverted USBL."""
 
-    azimuth: float
-    """From forward, positive to starboard [rad]."""
-    elevation: float
-    """Positive upward [rad]."""
+    azimuth: float  # from forward, positive to starboard [rad]
+    elevation: float  # positive upward [rad]
 
 
 class Reception(NamedTuple):
@@ -72,8 +57,7 @@ class Reception(NamedTuple):
     transmitters: Floats | None = None
     """Where the rear, front and middle transmitter were, if the message has them: rows of east, north, depth,
     shape (3, 3), [m]; NaN for one that is not there. None: where the settings place them about the leader."""
-    bearing: Bearing | None = None
-    """Measured on the pings; None: there is no such sensor."""
+    bearing: Bearing | None = None  # measured on the pings; None: there is no such sensor
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -83,22 +67,14 @@ class Measurements(ArrayRecord):
     Raises ValueError if shapes disagree, `message_step` is not increasing within 1 … n, or a duration is not positive.
     """
 
-    dt: float
-    """Filter step Δt [s]."""
-    speed: Floats
-    """Speed log, shape (n,), [m/s]; element k − 1 belongs to step k."""
-    heading: Floats
-    """Compass, shape (n,), [rad]."""
-    depth: Floats
-    """Pressure sensor, shape (n,), [m]; NaN for a missing reading."""
-    message_step: Ints
-    """Step k at which a message is available, shape (m,), increasing."""
-    message: Floats
-    """Rows of `LeaderMessage` in the order of its fields, shape (m, 9)."""
-    ranges: Floats
-    """Rows of `Ranges`: slant ranges, shape (m, 3), [m]."""
-    durations: Floats | None = None
-    """How long each filter step took, shape (n,), [s]; None: Δt each."""
+    dt: float  # filter step Δt [s]
+    speed: Floats  # speed log, shape (n,), [m/s]; element k − 1 belongs to step k
+    heading: Floats  # compass, shape (n,), [rad]
+    depth: Floats  # pressure sensor, shape (n,), [m]; NaN for a missing reading
+    message_step: Ints  # step k at which a message is available, shape (m,), increasing
+    message: Floats  # rows of `LeaderMessage` in the order of its fields, shape (m, 9)
+    ranges: Floats  # rows of `Ranges`: slant ranges, shape (m, 3), [m]
+    durations: Floats | None = None  # how long each filter step took, shape (n,), [s]; None: Δt each
     transmitters: Floats | None = None
     """Transmitters (east, north, depth) of each reception, shape (m, 3, 3), [m]; None: no message has them."""
     own: Mapping[str, Floats] = field(default_factory=dict)
@@ -154,13 +130,11 @@ class Measurements(ArrayRecord):
     def steps(self) -> Iterator[tuple[OwnMotion, Reception | None]]:
         """Own motion and, where a message arrived, its reception: one pair a step, k = 1 … n."""
         arrival = dict(zip(self.message_step.tolist(), range(self.message_step.size), strict=True))
-        columns = self.speed, self.heading, self.depth
-        # numbers of a whole mission as Python objects would take more memory than its arrays
-        blocks = ((c[first : first + _BLOCK].tolist() for c in columns) for first in range(0, self.speed.size, _BLOCK))
-        own = chain.from_iterable(zip(*block, strict=True) for block in blocks)
-        for k, motion in enumerate(own, start=1):
+        # one by one, as all numbers of a mission as Python objects would take more memory than its arrays
+        columns = (map(float, column) for column in (self.speed, self.heading, self.depth))
+        for k, own in enumerate(map(OwnMotion, *columns), start=1):
             i = arrival.get(k)
-            yield OwnMotion(*motion), None if i is None else self.reception(i)
+            yield own, None if i is None else self.reception(i)
 
     def reception(self, i: int) -> Reception:
         """Message i = 0 … m − 1 with its ranges, and its bearing if `own` has that."""
@@ -172,10 +146,3 @@ class Measurements(ArrayRecord):
             places,
             None if bearing.shape[1:] != (2,) else Bearing(*bearing[self.message_step[i] - 1].tolist()),
         )
-
-    def receptions(self) -> Iterator[tuple[int, OwnMotion, Reception | None]]:
-        """Step, own motion and reception of each message, and of the last step, where it has one."""
-        depth, steps = self.last_depth, self.message_step.tolist()
-        for i, k in enumerate(steps if steps[-1:] == [self.speed.size] else [*steps, self.speed.size]):
-            own = OwnMotion(float(self.speed[k - 1]), float(self.heading[k - 1]), float(depth[k - 1]))
-            yield k, own, self.reception(i) if i < len(steps) else None

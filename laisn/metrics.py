@@ -1,12 +1,12 @@
 """How far estimates are off: position and bearing errors, consistency, mirror locks (paper, Section 3.2)."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from laisn import POSITION
 from laisn.arrays import Bools, Floats
-from laisn.compiled import formula, inlined
+from laisn.compiled import formula, inlined, select
 from laisn.elementary import half_turn_angle
 from laisn.estimates import Estimates, FixKind
 from laisn.geometry import Point, Turn, is_singular
@@ -37,8 +37,7 @@ def is_mirror_locked(estimate: Point, truth: Point, leader: Point, axis: Turn) -
     """Whether an estimate is far off and sits at the truth's mirror image in the leader's axis.
 
     That is: farther than `MIRROR_LOCK_ERROR` from the truth, and at least twice as far from it as from its mirror
-    image. A follower on the axis is its own mirror image, so that an error there is no mirror lock. `axis` is that
-    of the leader's hull.
+    image. A follower on the axis is its own mirror image, so that an error there is no mirror lock.
     """
     squared = squared_error(estimate, truth)
     # distances from the axis: reflecting the truth in it changes a squared distance by 4 times their product
@@ -50,27 +49,16 @@ def is_mirror_locked(estimate: Point, truth: Point, leader: Point, axis: Turn) -
 
 @formula
 def is_invertible(pxx: float, pxy: float, pyy: float) -> bool:
-    """Whether a position's covariance has an inverse that is more than rounding.
-
-    Not where one axis of the ellipse is less than a ten thousandth of the other: the determinant's sign is chance
-    there.
-    """
+    """Whether a position's covariance has an inverse that is more than rounding: axes differ less than 10⁴ times."""
     # "^ True" negates arrays and numbers alike
     return (is_singular(pxx, pyy) ^ True) & (pxx * pyy - pxy * pxy > _FLAT * pxx * pyy)
 
 
 @formula
-def normalised_square(x: float, y: float, pxx: float, pxy: float, pyy: float) -> float:
-    """eᵀ P⁻¹ e of an error (x, y) and its covariance; NaN where that is singular."""
-    known = is_invertible(pxx, pxy, pyy)
-    square = _adjugate_form(x, y, pxx, pxy, pyy) * (1.0 / (pxx * pyy - pxy * pxy if known else 1.0))
-    return square if known else np.nan
-
-
-@formula
-def _adjugate_form(x: float, y: float, pxx: float, pxy: float, pyy: float) -> float:
-    """det(P) eᵀ P⁻¹ e."""
-    return pyy * x * x - 2.0 * pxy * x * y + pxx * y * y
+def normalised_square(x: Any, y: Any, pxx: Any, pxy: Any, pyy: Any) -> Any:
+    """eᵀ P⁻¹ e of an error (x, y) and its covariance, numbers or arrays of them; NaN where that is singular."""
+    determinant = select(is_invertible(pxx, pxy, pyy), pxx * pyy - pxy * pxy, np.nan)
+    return (pyy * x * x - 2.0 * pxy * x * y + pxx * y * y) * (1.0 / determinant)
 
 
 # What follows takes a run in NumPy, which agrees with the formulas above to 1e-14 and compiles nothing.
@@ -111,19 +99,13 @@ def summarise(position: Floats, bearing: Floats) -> Summary:
 
 
 def nees(estimates: Estimates, truth: Floats) -> Floats:
-    """Normalised squared error eᵀ P⁻¹ e of the position, shape (n,); 2 on average if P is right, NaN where it is
-    singular.
-
-    Bar-Shalom, Li & Kirubarajan 2001, on the consistency of filters. `truth` has shape (n, 2).
-    """
+    """eᵀ P⁻¹ e of the position, shape (n,); 2 on average if P is right, NaN where singular; truth of shape (n, 2)."""
     error = estimates.state[:, POSITION] - truth
     return _normalised(error, estimates.covariance[:, POSITION, POSITION])
 
 
 def nis(estimates: Estimates) -> Floats:
-    """Normalised squared innovation of each fix, shape (f,); 2 on average if S is right; NaN if it had no two
-    coordinates.
-    """
+    """Normalised squared innovation of each fix, shape (f,); 2 on average if S is right; NaN for none of a position."""
     left_out = (FixKind.GATED, FixKind.SINGULAR, FixKind.LOST, FixKind.ONE_RANGE)
     used = ~np.isin(estimates.fix_kind, left_out)
     covariance = np.where(used[:, None, None], estimates.innovation_covariance, 0.0)
@@ -133,9 +115,7 @@ def nis(estimates: Estimates) -> Floats:
 def _normalised(error: Floats, covariance: Floats) -> Floats:
     """eᵀ P⁻¹ e, shape (n,), of errors of shape (n, 2) and their covariances, shape (n, 2, 2)."""
     (x, y), (pxx, pxy, pyy) = error.T, covariance.reshape(-1, 4).T[[0, 1, 3]]
-    known = is_invertible(pxx, pxy, pyy)
-    determinant = np.where(known, pxx * pyy - pxy * pxy, np.nan)
-    return np.asarray(_adjugate_form(x, y, pxx, pxy, pyy) * (1.0 / determinant))
+    return np.asarray(normalised_square(x, y, pxx, pxy, pyy))
 
 
 def mirror_locked_steps(estimate: Floats, truth: Floats, leader: Floats, leader_heading: Floats) -> Bools:
@@ -150,11 +130,6 @@ def longest_mirror_lock(mirror_locked: Bools) -> int:
     edges = np.diff(np.concatenate([[0], mirror_locked.astype(np.int64), [0]]))
     lengths = np.flatnonzero(edges == -1) - np.flatnonzero(edges == 1)
     return int(lengths.max(initial=0))
-
-
-def was_mirror_locked(estimate: Floats, truth: Floats, leader: Floats, leader_heading: Floats, steps: int) -> bool:
-    """Whether a run was at the mirror image for `steps` steps in a row; other arguments as of `mirror_locked_steps`."""
-    return longest_mirror_lock(mirror_locked_steps(estimate, truth, leader, leader_heading)) >= steps
 
 
 def fix_counts(estimates: Estimates) -> dict[str, int]:

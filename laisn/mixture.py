@@ -20,13 +20,9 @@ number of states in use; arrays may be wider."""
 
 _SQRT_HALF = math.sqrt(0.5)
 _PER_SQRT_TURN = 1.0 / math.sqrt(2.0 * math.pi)
-_SAME = 0.3
-"""Squared Mahalanobis distance below which two positions are one; likewise of another state."""
-_OVERLAP = 0.6
-"""Standard deviation of a bearing's Gaussian as a share of their spacing on a ring, for which their sum is nearly
-even."""
-_NEGLIGIBLE = 1e-12
-"""A half with less than this of the whole is empty: its moments would be those of rounding errors."""
+_SAME = 0.3  # squared Mahalanobis distance below which two positions are one; likewise of another state
+_OVERLAP = 0.6  # σ of a bearing's Gaussian as a share of their spacing on a ring, for which their sum is nearly even
+_NEGLIGIBLE = 1e-12  # a half with less than this of the whole is empty: its moments would be rounding errors
 
 
 @compiled
@@ -44,9 +40,7 @@ def blend(mean: Floats, covariance: Floats, one: int, other: int, share: float, 
 
 @compiled
 def update_scalar(mean: Floats, covariance: Floats, gain: Floats, residual: float, variance: float, n: int) -> None:
-    """Kalman update of n states x and P with one number of residual ν, variance S and gain P Hᵀ: x += P Hᵀ ν / S, P −=
-    P Hᵀ H P / S.
-    """
+    """Kalman update of n states x, P with one number of residual ν, variance S and gain P Hᵀ."""
     for i in range(n):
         share = gain[i] / variance
         mean[i] += share * residual
@@ -136,9 +130,7 @@ def merge_components(b: Mixture, i: int, j: int) -> None:
 
 @compiled
 def _is_same(b: Mixture, modes: int, g: int, h: int, further: int) -> bool:
-    """Whether two hypotheses are nearer than their mean spread, by their heaviest components, in the state `further`
-    too.
-    """
+    """Whether the heaviest components of two hypotheses are nearer than their mean spread, in `further` too."""
     i, j = heaviest(b, modes, g), heaviest(b, modes, h)
     x, P = b.state, b.covariance
     if further >= 0:
@@ -153,11 +145,8 @@ def _is_same(b: Mixture, modes: int, g: int, h: int, further: int) -> bool:
 
 @compiled
 def prune_and_merge(b: Mixture, modes: int, count: int, least_weight: float, kept: int, further: int) -> int:
-    """Prune hypotheses lighter than `least_weight`, merge those at one position, and keep the heaviest; how many are
-    left.
-
-    Merged ones agree in the state `further` too (−1: none). Weights are not scaled to a sum of 1 again; the last
-    hypothesis fills a gap.
+    """Prune hypotheses lighter than `least_weight`, merge those at one position, and in the state `further` (−1: none),
+    and keep the heaviest; how many are left. Weights are not scaled to a sum of 1; the last hypothesis fills a gap.
     """
     h = 0
     while h < count:
@@ -197,9 +186,8 @@ def mixture_moments(weight: Floats, mean: Floats, covariance: Floats) -> tuple[F
 
 @compiled
 def half_moments(z: float) -> tuple[float, float, float]:
-    """Moments of the half u > 0 of a normal variable u with mean z and variance 1: its mass Φ(z); by how much its mean
-    is larger, λ = φ(z)/Φ(z), and its variance smaller, λ(λ + z); zeros where it is empty (Johnson, Kotz & Balakrishnan,
-    Continuous Univariate Distributions 1).
+    """Of the half u > 0 of a normal variable u with mean z and variance 1: mass Φ(z), by how much its mean is larger,
+    λ = φ(z)/Φ(z), and its variance smaller, λ(λ + z) (Johnson, Kotz & Balakrishnan, Univariate Distributions 1).
     """
     mass = 0.5 * math.erfc(-z * _SQRT_HALF)
     if mass < _NEGLIGIBLE:
@@ -217,10 +205,8 @@ def place_on_ring(
     direction: tuple[float, float],
     ring: tuple[float, int],
 ) -> None:
-    """Set position and covariance of a component to one of the Gaussians whose sum is a ring.
-
-    It lies in `direction`, a unit vector, at a `distance` from the `centre` [m]; `ring` is the variance along the
-    radius [m²] and the number of Gaussians. Other states stay.
+    """Set position and covariance of a component to one of the Gaussians whose sum is a ring: in a direction (a unit
+    vector), at a distance [m]; `ring` is the variance along the radius [m²] and the number of Gaussians.
     """
     (ux, uy), (along, bearings) = direction, ring
     across = (_OVERLAP * 2.0 * math.pi / bearings * distance) ** 2
@@ -239,11 +225,8 @@ def add_moments(
     rows: Floats,
     covariance: Floats,
 ) -> None:
-    """Add a component to the moments of x, y, vx, vy about the origin: to the mean and the upper triangle of the
-    moment.
-
-    `here` are its values, `rows` their derivatives F by its n states, shape (5, n) or wider, whose last row is
-    overwritten, and `covariance` is P of the states.
+    """Add a component to mean and moment (upper triangle) of x, y, vx, vy about the origin: its values `here`, their
+    derivatives F by its n states (`rows`, shape (5, n) or wider, whose last row is overwritten), and its covariance.
     """
     n, moved = covariance.shape[0], rows[4]
     for i in range(4):
@@ -262,24 +245,17 @@ def add_moments(
             moment[i, j] += weight * value
 
 
-_SINGULAR = 1e-13
-"""Eigenvalues of a correlation matrix below this are rounding errors: such directions are known exactly."""
-
-
-Gaussians = tuple[Floats, Floats]
+_SINGULAR = 1e-13  # eigenvalues of a correlation matrix below this are rounding errors: directions known exactly
 
 
 class Chain(NamedTuple):
     """Estimates x of s states after each of m messages, or at a known start, each predicted by the one before it."""
 
     mean: Floats
-    covariance: Floats
-    """Covariance after the message, shape (m, s, s)."""
+    covariance: Floats  # after the message, shape (m, s, s)
     predicted: Floats
-    predicted_covariance: Floats
-    """Covariance just before the message, shape (m, s, s)."""
-    onward: Floats
-    """Covariance of x after this message with x just before the next one, shape (m, s, s)."""
+    predicted_covariance: Floats  # just before the message, shape (m, s, s)
+    onward: Floats  # of x after this message with x just before the next one, shape (m, s, s)
 
 
 def _inverse(covariance: Floats) -> Floats:

@@ -1,23 +1,178 @@
-"""One follower, online, step by step: the readable specification of LAISN. It could run on a vehicle as it is."""
+"""One follower, online, step by step: the readable specification of LAISN. It could run on a vehicle as it is.
+
+The linear Kalman filter with its process noise, its gate, and the navigator (paper, Sections 2.1 and 2.4). The only
+module that uses filterpy.
+"""
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from laisn import POSITION
 from laisn.arrays import Floats
+from laisn.compiled import formula
 from laisn.estimates import Estimates, FixKind, FixRecord
-from laisn.failure import LaisnError
-from laisn.filter import Filter, Gate, expected_acceleration, larger, speed_share, turn_share
-from laisn.fix import Fix, RangeCircles, fix_variance, one_range, to_circles
-from laisn.geometry import Point
+from laisn.fix import SEQUENTIAL, SINGLE, Fix, RangeCircles, fix_variance, one_range, to_circles
+from laisn.geometry import SINGULAR_VARIANCE, Point, angle_between, is_singular
 from laisn.messages import LeaderMessage, OwnMotion, Reception
-from laisn.navigators import OnlineNavigator, require_message
-from laisn.settings import NavigationSettings, Tuning
-from laisn.variants import SEQUENTIAL, SINGLE
+from laisn.navigators import OnlineNavigator
+from laisn.settings import GATE_MEASURED, GATE_OFF, NavigationSettings, Tuning
 
-LOST = Fix(np.nan, np.nan, np.nan, float(FixKind.LOST), -1.0)
+_H_POSITION = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0]])
+_H_VELOCITY = np.array([[0, 0, 1.0, 0], [0, 0, 0, 1.0]])
+
+_PER_PI = 1.0 / math.pi
+
+
+@formula
+def speed_share(before: float, now: float, speed_max: float) -> float:
+    """γv: change of speed as a share of the top speed; 0 if the first is NaN."""
+    share = abs(now - before) * (1.0 / speed_max)
+    return share if share > 0.0 else 0.0
+
+
+@formula
+def turn_share(before: float, now: float) -> float:
+    """γθ: smallest angle between two headings as a share of π; 0 if the first is NaN."""
+    share = angle_between(now, before) * _PER_PI
+    return share if share > 0.0 else 0.0
+
+
+@formula
+def expected_acceleration(speed_change: float, turn: float, t: Tuning) -> float:
+    """σa = α (γv + γθ) + σa0 [m/s²]: more where a vehicle manoeuvres (paper, Section 2.1)."""
+    return t.alpha * (speed_change + turn) + t.sigma_a0
+
+
+class Innovation(NamedTuple):
+    """Innovation of a position update."""
+
+    residual: Floats  # z − H x̂, shape (2,), [m]
+    covariance: Floats  # S, shape (2, 2), [m²]
+    applied: bool  # False where S was singular and the update was skipped
+
+
+def kalman_update(x: Floats, P: Floats, H: Floats, innovation: Floats, R: Floats) -> tuple[Floats, Floats]:
+    """Joseph form: x ← x + K ν, P ← (I − K H) P (I − K H)ᵀ + K R Kᵀ with K = P Hᵀ S⁻¹, S = H P Hᵀ + R."""
+    HP = H @ P
+    K = np.linalg.solve(HP @ H.T + R, HP).T
+    rest = np.eye(x.size) - K @ H
+    return x + K @ innovation, rest @ P @ rest.T + K @ R @ K.T
+
+
+def _motion(dt: float) -> tuple[Floats, Floats]:
+    """Transition over a step of constant velocity, and Q for a constant unit acceleration (Section 2.1)."""
+    noise = np.asarray(np.kron([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]], np.eye(2)), dtype=np.float64)
+    return np.eye(4) + dt * np.eye(4, k=2), noise
+
+
+class Filter:
+    """State [x, y, vx, vy] and its covariance."""
+
+    def __init__(self, dt: float, start: Floats, sigma0: Floats) -> None:
+        """Start at a known state and its standard deviations, shapes (4,); `dt` is the filter step [s]."""
+        from filterpy.kalman import KalmanFilter
+
+        self._kalman = KalmanFilter(dim_x=4, dim_z=2)
+        # one-dimensional: a column would broadcast against the rows of z without an error
+        self._kalman.x = np.array(start, dtype=np.float64)
+        self._kalman.P = np.diag(np.square(sigma0))
+        self._kalman.F, self._unit_noise = _motion(dt)
+
+    @property
+    def state(self) -> Floats:
+        """State x, y, vx, vy, shape (4,); a copy."""
+        return np.array(self._kalman.x)
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance of `state`, shape (4, 4); a copy."""
+        return np.array(self._kalman.P)
+
+    def predict(self, sigma_a: float, duration: float | None = None) -> None:
+        """One step, of another `duration` than Δt [s] if given, under accelerations of standard deviation σa [m/s²]."""
+        if duration is None:
+            self._kalman.predict(Q=sigma_a**2 * self._unit_noise)
+        else:
+            transition, noise = _motion(duration)
+            self._kalman.predict(F=transition, Q=sigma_a**2 * noise)
+
+    def update_position(self, position: tuple[float, float], sigma: float) -> Innovation:
+        """Position update in Joseph form; skipped where the filter is already exact and σp = 0."""
+        z = np.array(position)
+        residual = z - self._kalman.x[POSITION]
+        covariance = self._kalman.P[POSITION, POSITION] + sigma**2 * np.eye(2)
+        if is_singular(covariance[0, 0], covariance[1, 1]):
+            return Innovation(residual, covariance, applied=False)
+        self._kalman.update(z, R=sigma**2 * np.eye(2), H=_H_POSITION)
+        return Innovation(residual, covariance, applied=True)
+
+    def update_along(self, position: tuple[float, float], axis: tuple[float, float], sigma: float) -> Innovation:
+        """As `update_position`, of a position on a line through the prediction along a unit vector, and σ along it."""
+        residual = np.array(position) - self._kalman.x[POSITION]
+        h = np.array([axis[0], axis[1], 0.0, 0.0])
+        covariance = self._kalman.P
+        variance = float(h @ covariance @ h) + sigma**2
+        if variance < SINGULAR_VARIANCE:
+            return Innovation(residual, variance * np.eye(2), applied=False)
+        along, noise = np.array([residual @ h[:2]]), np.array([[sigma**2]])
+        self._kalman.x, self._kalman.P = kalman_update(self._kalman.x, covariance, h[None], along, noise)
+        return Innovation(residual, variance * np.eye(2), applied=True)
+
+    def update_speed(self, speed: float, heading: float, sigma_speed: float, sigma_heading: float) -> None:
+        """Speed update from log and compass, R = J diag(σV², σθ²) Jᵀ (paper, Section 2.1)."""
+        sine, cosine = np.sin(heading), np.cos(heading)
+        jacobian = np.array([[sine, speed * cosine], [cosine, -speed * sine]])
+        noise = (jacobian * (sigma_speed**2, sigma_heading**2)) @ jacobian.T
+        self._kalman.update(np.array([speed * sine, speed * cosine]), R=noise, H=_H_VELOCITY)
+
+
+@formula
+def reach(elapsed: float, speed: float, t: Tuning) -> float:
+    """Greatest distance that a vehicle can have come in a time [s], at top speed or at the one measured [m]."""
+    top = speed if t.gate == GATE_MEASURED else t.follower_speed_max
+    return np.inf if t.gate == GATE_OFF else top * elapsed
+
+
+@formula
+def is_beyond(place: Point, start: Point, bound: float) -> bool:
+    """Whether a place lies farther from a start than the bound [m]."""
+    east, north = place.east - start.east, place.north - start.north
+    return math.sqrt(east * east + north * north) > bound
+
+
+class Gate:
+    """Gate around the last accepted position: the state right after the update that was accepted."""
+
+    def __init__(self, tuning: Tuning, start: Point) -> None:
+        self._tuning = tuning
+        self._position = start
+        self._step = 0
+        self._extra = 0.0
+
+    def lengthen(self, extra: float) -> None:
+        """Account for a step that takes longer than Δt by `extra` [s]."""
+        self._extra += extra
+
+    def bound(self, step: int, speed: float) -> float:
+        """Greatest distance from the last accepted position at step k [m], at a measured speed [m/s]."""
+        # steps of Δt are counted, not added up, so that this is exact where there are no others
+        return reach((step - self._step) * self._tuning.dt + self._extra, speed, self._tuning)
+
+    def passes(self, position: Point, step: int, speed: float) -> bool:
+        """Whether a fix at that position passes."""
+        return not is_beyond(position, self._position, self.bound(step, speed))
+
+    def accept(self, position: Point, step: int) -> None:
+        """Take the state after an update as the new last accepted position."""
+        self._position = position
+        self._step = step
+        self._extra = 0.0
+
+
+_NO_FIX = Fix(np.nan, np.nan, np.nan, float(FixKind.LOST), -1.0)
 
 
 class Navigator(OnlineNavigator[Estimates]):
@@ -28,38 +183,24 @@ class Navigator(OnlineNavigator[Estimates]):
         super().__init__(settings, start, settings.position_sigma0)
         sigma0 = np.repeat([settings.position_sigma0, settings.velocity_sigma0], 2)
         self._filter = Filter(settings.dt, self._state, sigma0)
+        self._covariance = self._filter.covariance
         self._tuning = Tuning.of(settings)
         self._gate = Gate(self._tuning, Point(float(start[0]), float(start[1])))
         self._own: OwnMotion | None = None
         self._message: LeaderMessage | None = None
 
-    @property
-    def state(self) -> Floats:
-        """x, y, vx, vy after the last step, shape (4,)."""
-        return self._filter.state
-
-    @property
-    def covariance(self) -> Floats:
-        """Covariance of the state, shape (4, 4)."""
-        return self._filter.covariance
-
     def step(
         self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
     ) -> list[FixRecord]:
         """Advance by one filter step; see `OnlineNavigator.step`. LAISN-3(1) makes up to three fixes of a message."""
-        own = self._begin_step(own, duration)
-        if reception is not None:
-            require_message(self._step, reception.message)
-            for what, values in (("range", reception.ranges), ("transmitter", reception.transmitters)):
-                if values is not None and np.any(np.isinf(values)):
-                    raise LaisnError(f"step {self._step}: {what} {values} is infinite; NaN stands for a missing one")
+        own = self._begin_step(own, reception, duration)
         if duration is not None:
             self._gate.lengthen(duration - self.settings.dt)
         self._filter.predict(self._acceleration(own, reception), duration)
         records = [] if reception is None else self._update_position(own, reception)
         settings = self.settings
         self._filter.update_speed(own.speed, own.heading, settings.sigma_speed, settings.sigma_heading)
-        self._own = own
+        self._own, self._state, self._covariance = own, self._filter.state, self._filter.covariance
         return records
 
     def _acceleration(self, own: OwnMotion, reception: Reception | None) -> float:
@@ -72,8 +213,8 @@ class Navigator(OnlineNavigator[Estimates]):
         if reception is not None and not np.all(np.isnan(reception.ranges)):
             before, now = self._message, reception.message
             if before is not None:
-                speed_change = larger(speed_share(before.speed, now.speed, t.leader_speed_max), speed_change)
-                turn = larger(turn_share(before.heading, now.heading), turn)
+                speed_change = max(speed_share(before.speed, now.speed, t.leader_speed_max), speed_change)
+                turn = max(turn_share(before.heading, now.heading), turn)
             self._message = now
         return expected_acceleration(speed_change, turn, t)
 
@@ -93,7 +234,7 @@ class Navigator(OnlineNavigator[Estimates]):
                 found = circles.fix(pair, self._position(), self._tuning)
                 if found.kind != FixKind.LOST:
                     records.append(self._apply_fix(found, circles, own))
-            records = records or [self._apply_fix(LOST, circles, own)]
+            records = records or [self._apply_fix(_NO_FIX, circles, own)]
         # one range leaves the way across open, which the gate's bound must still cover
         if any(record.kind not in (FixKind.GATED, FixKind.LOST, FixKind.ONE_RANGE) for record in records):
             self._gate.accept(self._position(), self._step)
@@ -101,22 +242,20 @@ class Navigator(OnlineNavigator[Estimates]):
 
     def _apply_fix(self, found: Fix, circles: RangeCircles, own: OwnMotion) -> FixRecord:
         """Gate a fix and update the filter with it; where there is none, with one range alone, if that may be."""
-        one = None
-        place, kind = Point(found.east, found.north), FixKind(int(found.kind))
+        place, axis, sigma_p, kind = Point(found.east, found.north), None, found.sigma, FixKind(int(found.kind))
         if kind is FixKind.LOST:
             one = one_range(circles.circles, self._position()) if self.settings.use_single_range else None
             if one is None:
                 return FixRecord(step=self._step, position=np.full(2, np.nan), sigma=np.nan, kind=kind)
-            place, kind = one.place, FixKind.ONE_RANGE
-        sigma_p = 0.0 if one is not None else found.sigma
+            (place, axis), sigma_p, kind = one, 0.0, FixKind.ONE_RANGE
         sigma = math.sqrt(fix_variance(sigma_p, circles.depth_difference, self._tuning))
         record = FixRecord(step=self._step, position=np.array(place), sigma=sigma, kind=FixKind.GATED)
         if not self._gate.passes(place, self._step, own.speed):
             return record
-        if one is None:
+        if axis is None:
             innovation = self._filter.update_position(place, sigma)
         else:
-            innovation = self._filter.update_along(place, one.axis, sigma)
+            innovation = self._filter.update_along(place, axis, sigma)
         return replace(
             record,
             kind=kind if innovation.applied else FixKind.SINGULAR,

@@ -9,82 +9,58 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pkgutil import resolve_name
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar, cast
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from laisn.arrays import Floats
 from laisn.estimates import Estimates, FixKind, FixRecord, TightEstimates
 from laisn.failure import LaisnError
-from laisn.messages import LeaderMessage, Measurements, OwnMotion, Reception
+from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.plugins import find_class, is_plugin_name
 from laisn.settings import VARIANTS, NavigationSettings, RivalSettings, Settings, TightSettings
 
-
-class MissionNavigator(Protocol):
-    """A navigator: converts the measurements of a mission into estimates."""
-
-    def run(self, measurements: Measurements) -> Estimates:
-        """Estimates of a whole mission from the start."""
-
-
-NavigatorFactory = Callable[[Any, Floats], MissionNavigator]
+NavigatorFactory = Callable[[Any, Floats], Any]
+"""Makes a navigator of settings and start; its `run` converts the measurements of a mission into `Estimates`."""
 
 
 class MissionResult(NamedTuple):
     """What a campaign uses of one run: n steps, f fixes."""
 
-    state: Floats
-    """x, y [m], vx, vy [m/s] after each step, shape (n, 4)."""
-    covariance: Floats
-    """Covariance of the position: xx, xy, yy, shape (n, 3), [m²]."""
+    state: Floats  # x, y [m], vx, vy [m/s] after each step, shape (n, 4)
+    covariance: Floats  # of the position: xx, xy, yy, shape (n, 3), [m²]
     kinds: Sequence[int]
-    squared: float
-    """Squared innovations of all updates, in units of S."""
-    numbers: float
-    """How many numbers these are of: the mean of `squared`, if S is right."""
+    squared: float  # squared innovations of all updates, in units of S
+    numbers: float  # how many numbers these are of: the mean of `squared`, if S is right
 
 
 @dataclass(frozen=True, kw_only=True)
 class NavigatorSpec:
-    """One navigator: its settings and, as "module:name", its code.
-
-    What is left empty is done in Python: a campaign calls `run` once for each run, and a swarm that steers by its
-    estimates calls `step` of each navigator.
+    """One navigator: its settings and, as "module:name", its code. What is left empty is done in Python: campaigns call
+    `run` once for each run, and a swarm that steers by its estimates calls `step` of each navigator.
     """
 
-    factory: str | Callable[[Any, Floats], Any]
-    """The class, made of settings and start; of a plugin itself."""
+    factory: str | NavigatorFactory  # the class, made of settings and start; of a plugin itself
     settings: type[Settings] = NavigationSettings
-    sections: tuple[str, ...] = ()
-    """Tables of `navigation` in a scenario that hold the settings; none: `navigation` itself."""
-    title: str = ""
-    """What reports call it; empty: its name in capitals."""
+    sections: tuple[str, ...] = ()  # tables of `navigation` that hold the settings; none: `navigation` itself
+    title: str = ""  # what reports call it; empty: its name in capitals
     estimates: type[Estimates] = Estimates
-    lanes: bool = False
-    """Whether campaigns run it as lanes of `laisn.lanes`, 64 runs side by side."""
-    mission: str = ""
-    """Campaign kernel: a function of settings, measurements and start that returns a `MissionResult`."""
-    swarm: str = ""
-    """Compiled swarm: a function of settings and starts, shape (f, 4), that returns a `laisn.swarm.Swarm`."""
-    smoother: str = ""
-    """A class like `factory` with the lag [s] as third argument."""
-    beacons: str = ""
-    """The class that stands for it in data sets, among beacons at rest."""
-    sensor: str = ""
-    """Sensor of the project that it needs beside log, compass, depth and ranges, as `sensors.own` names it."""
-    near_bound: bool = False
-    """Whether its errors come near the Cramér–Rao bound, so that campaigns compute that too."""
+    lanes: bool = False  # campaigns run it as lanes of `laisn.lanes`, 64 runs side by side
+    mission: str = ""  # campaign kernel: function of settings, measurements and start that returns a `MissionResult`
+    swarm: str = ""  # function of settings and starts, shape (f, 4), that returns a compiled `laisn.swarm.Swarm`
+    smoother: str = ""  # a class like `factory` with the lag [s] as third argument
+    beacons: str = ""  # the class that stands for it in data sets, among beacons at rest
+    sensor: str = ""  # that it needs beside log, compass, depth and ranges, as `sensors.own` names it
+    near_bound: bool = False  # its errors come near the Cramér–Rao bound, so that campaigns compute that too
 
     @property
     def _class(self) -> Any:
         return resolve_name(self.factory) if isinstance(self.factory, str) else self.factory
 
-    def make(self, settings: Settings, start: Floats) -> MissionNavigator:
+    def make(self, settings: Settings, start: Floats) -> Any:
         """The navigator of one follower at its start [x, y, vx, vy]; ValueError if that is not four finite numbers."""
         navigator = self._class(settings, start)
-        made: MissionNavigator = navigator if hasattr(navigator, "run") else SteppedNavigator(navigator, settings)
-        return made
+        return navigator if hasattr(navigator, "run") else SteppedNavigator(navigator, settings)
 
     def new_swarm(self, settings: Settings, starts: Floats) -> Any:
         """A `laisn.swarm.Swarm` of navigators at their starts, shape (f, 4); LaisnError if that cannot be."""
@@ -116,10 +92,10 @@ _TIGHT = NavigatorSpec(
     sections=("assume",),
     title="the tightly coupled navigator",
     estimates=TightEstimates,
-    mission="laisn.tight.mission:fly",
-    swarm="laisn.tight.mission:new_tight_swarm",
+    mission="laisn.tight.navigator:fly",
+    swarm="laisn.tight.navigator:new_tight_swarm",
     smoother="laisn.tight.navigator:SmoothingNavigator",
-    beacons="laisn.beacons.navigator:BeaconNavigator",
+    beacons="laisn.beacons:BeaconNavigator",
     near_bound=True,
 )
 
@@ -134,7 +110,7 @@ def _rival(factory: str, title: str, sensor: str = "") -> NavigatorSpec:
 NAVIGATORS: dict[str, NavigatorSpec] = {
     **dict.fromkeys(VARIANTS, _LAISN),
     "tight": _TIGHT,
-    "dead-reckoning": _rival("odometry:DeadReckoning", "dead reckoning"),
+    "dead-reckoning": _rival("filters:DeadReckoning", "dead reckoning"),
     "ekf": _rival("filters:RangeFilter", "the extended Kalman filter on ranges"),
     "owtt": _rival("filters:OneWayTravelTime", "the filter on one-way travel times of one transmitter"),
     "particle": _rival("filters:ParticleFilter", "the particle filter"),
@@ -183,26 +159,29 @@ def spec_of(settings: Settings) -> NavigatorSpec:
     return next(spec for spec in NAVIGATORS.values() if type(settings) is spec.settings)
 
 
-FASTEST = 50.0
-"""A measured speed beyond this is broken, not fast [m/s]."""
-FARTHEST = 1e5
-"""A range beyond this is broken, not far [m]."""
+FASTEST = 50.0  # a measured speed beyond this is broken [m/s]
+FARTHEST = 1e5  # a range beyond this is broken [m] …
+_NOWHERE = 1e3 * FARTHEST  # … and a leader or transmitter beyond this
 
 
-def require_readings(step: int, own: OwnMotion, reception: Reception | None, log: str) -> None:
-    """LaisnError naming a speed or range that is out of its bounds; `log` is what measures the speed."""
-    if not -FASTEST <= own.speed <= FASTEST:
-        raise LaisnError(f"step {step}: the {log} reads {own.speed:g} m/s, expected −{FASTEST:g} … {FASTEST:g} m/s")
-    ranges = () if reception is None else reception.ranges
-    for value in ranges:
-        if value < 0.0 or value > FARTHEST:
-            raise LaisnError(f"step {step}: ranges {ranges}, expected 0 … {FARTHEST:g} m, NaN for a missing one")
-
-
-def require_message(step: int, message: LeaderMessage) -> None:
-    """LaisnError unless time, pose, speed and depth of the leader are finite."""
-    if not all(map(math.isfinite, message[:6])):
-        raise LaisnError(f"step {step}: leader message {message} is not finite")
+def require_valid(step: int, own: OwnMotion, reception: Reception | None, duration: float | None) -> None:
+    """LaisnError naming what of the input of a step is not finite or beyond its bounds."""
+    if not (math.isfinite(own.speed) and math.isfinite(own.heading)) or math.isinf(own.depth):
+        raise LaisnError(f"step {step}: own motion {own} is not finite")
+    if abs(own.speed) > FASTEST:
+        raise LaisnError(f"step {step}: the speed is {own.speed:g} m/s, expected −{FASTEST:g} … {FASTEST:g} m/s")
+    if duration is not None and not 0.0 < duration < math.inf:
+        raise LaisnError(f"step {step}: it takes {duration} s, expected a positive time")
+    if reception is None:
+        return
+    message, ranges, places = reception[:3]
+    pose = message.east, message.north, message.depth
+    if not all(map(math.isfinite, message[:6])) or max(map(abs, pose)) > _NOWHERE:
+        raise LaisnError(f"step {step}: leader message {message} is not finite, or farther than {_NOWHERE:g} m")
+    if any(value < 0.0 or value > FARTHEST for value in ranges):
+        raise LaisnError(f"step {step}: ranges {ranges}, expected 0 … {FARTHEST:g} m, NaN for a missing one")
+    if places is not None and not np.nanmax(np.abs(places), initial=0.0) <= _NOWHERE:
+        raise LaisnError(f"step {step}: a transmitter is farther than {_NOWHERE:g} m; NaN stands for none")
 
 
 Result = TypeVar("Result", bound=Estimates)
@@ -211,21 +190,20 @@ Result = TypeVar("Result", bound=Estimates)
 class OnlineNavigator(ABC, Generic[Result]):
     """A navigator under way: at a step, with a state and its covariance. Its `step` begins with `_begin_step`."""
 
+    ESTIMATES: type[Any] = Estimates
+    """The record of a mission, of type Result."""
+
     def __init__(self, settings: Any, start: Floats | None, start_sigma: float) -> None:
         """Begin at x, y [m], vx, vy [m/s], of finite numbers, or anywhere; `start_sigma` is σ of the place [m]."""
         self.settings, self._step, self._depth = settings, 0, math.nan
         self._state, self._covariance = np.full(4, np.nan), np.full((4, 4), np.nan)
+        self._start: tuple[float, float] | None = None
         if start is not None:
             self._state = np.array(start, dtype=np.float64)
             if self._state.shape != (4,) or not np.all(np.isfinite(self._state)):
                 raise ValueError(f"start is {start}, expected four finite numbers x, y, vx, vy")
             self._covariance = np.diag(np.repeat([start_sigma**2, 0.0], 2))
-
-    @property
-    def _start(self) -> tuple[float, float] | None:
-        """Place of the known start [m], before the first step."""
-        x, y = self._state[:2].tolist()
-        return None if math.isnan(x) else (x, y)
+            self._start = float(start[0]), float(start[1])
 
     @property
     def state(self) -> Floats:
@@ -237,31 +215,25 @@ class OnlineNavigator(ABC, Generic[Result]):
         """Covariance of `state` over the mixture, shape (4, 4)."""
         return self._covariance.copy()
 
-    def _begin_step(self, own: OwnMotion, duration: float | None) -> OwnMotion:
-        """Count a step and check its own motion and duration; own motion, of a missing depth (NaN) with the last one.
-
-        A depth changes little in a few steps. Before the first reading it stays NaN, and ranges cannot be used.
-        """
+    def _begin_step(self, own: OwnMotion, reception: Reception | None, duration: float | None) -> OwnMotion:
+        """Count a step and check its input; own motion, of a missing depth (NaN) with the last one, if there is one."""
         self._step += 1
-        if not (math.isfinite(own.speed) and math.isfinite(own.heading)) or math.isinf(own.depth):
-            raise LaisnError(f"step {self._step}: own motion {own} is not finite")
-        if duration is not None and not 0.0 < duration < math.inf:
-            raise LaisnError(f"step {self._step}: it takes {duration} s, expected a positive time")
+        require_valid(self._step, own, reception, duration)
         if math.isnan(own.depth):
             return own._replace(depth=self._depth)
         self._depth = own.depth
         return own
 
+    def _fix_at_estimate(self, kind: FixKind, **details: Any) -> FixRecord:
+        """The record of a message whose ranges are used themselves."""
+        sigma = math.sqrt(0.5 * max(float(np.trace(self._covariance[:2, :2])), 0.0))
+        return FixRecord(step=self._step, position=self._state[:2].copy(), sigma=sigma, kind=kind, details=details)
+
     @abstractmethod
     def step(
         self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
     ) -> Sequence[FixRecord]:
-        """Advance by one filter step; the fixes of its message, if there was one.
-
-        Args:
-            own: measured in the step; of a missing depth (NaN) the last one is used.
-            reception: message and ranges, if one arrived in the step; NaN for a missing range.
-            duration: time that this step took, if it is another one than the settings' Δt [s].
+        """Advance by one filter step, of another duration than the settings' Δt if given [s]; the fixes of its message.
 
         Raises:
             LaisnError: a reading is not finite or out of its range, or a duration not positive.
@@ -270,24 +242,20 @@ class OnlineNavigator(ABC, Generic[Result]):
 
     def run(self, measurements: Measurements) -> Result:
         """Estimates of a whole mission from the start; the same to the bit as `step` in a loop, with its errors.
-
         ValueError: the measurements have another filter step than the settings, or the navigator is under way.
         """
         measurements.require_fresh(self._step, self.settings.dt)
         n = measurements.speed.size
         state, covariance = np.empty((n, 4)), np.empty((n, 4, 4))
-        fixes: list[Any] = []
+        fixes: list[FixRecord] = []
         durations = [None] * n if measurements.durations is None else measurements.durations.tolist()
         for i, (own, reception) in enumerate(measurements.steps()):
             fixes += self.step(own, reception, durations[i])
             state[i], covariance[i] = self.state, self.covariance
         # so that the record of estimates need not copy them
         state.flags.writeable = covariance.flags.writeable = False
-        return self._estimates(state, covariance, fixes)
-
-    def _estimates(self, state: Floats, covariance: Floats, fixes: Sequence[Any]) -> Result:
-        """The record of a mission: states, shape (n, 4), covariances, shape (n, 4, 4), and all that `step` gave."""
-        return cast(Result, Estimates.of(state, covariance, fixes))
+        result: Result = self.ESTIMATES.of(state, covariance, fixes)
+        return result
 
 
 class SteppedNavigator(OnlineNavigator[Estimates]):
@@ -301,7 +269,7 @@ class SteppedNavigator(OnlineNavigator[Estimates]):
         self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
     ) -> list[FixRecord]:
         """Advance by one filter step; a message gives a fix at the estimate. LaisnError if that has another shape."""
-        own = self._begin_step(own, duration)
+        own = self._begin_step(own, reception, duration)
         self._navigator.step(own, reception, self.settings.dt if duration is None else duration)
         self._state, self._covariance = (np.array(getattr(self._navigator, a), float) for a in ("state", "covariance"))
         if self._state.shape != (4,) or self._covariance.shape != (4, 4):
@@ -312,9 +280,7 @@ class SteppedNavigator(OnlineNavigator[Estimates]):
         if reception is None:
             return []
         received = not all(map(math.isnan, reception.ranges))
-        sigma = math.sqrt(0.5 * max(float(np.trace(self._covariance[:2, :2])), 0.0))
-        kind = FixKind.RANGES if received else FixKind.LOST
-        return [FixRecord(step=self._step, position=self._state[:2].copy(), sigma=sigma, kind=kind)]
+        return [self._fix_at_estimate(FixKind.RANGES if received else FixKind.LOST)]
 
     @property
     def biases(self) -> tuple[float, float]:

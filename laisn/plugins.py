@@ -77,10 +77,8 @@ def is_plugin_name(name: str) -> bool:
 
 
 def find_class(kind: str, name: str, method: str = "") -> Any:
-    """A class of a plugin: "module:Class", or "module" alone for the only class of it that has the method; LaisnError
-    if there is none.
-
-    `kind` is what it is, for messages: "navigator", "sensor".
+    """A class of a plugin: "module:Class", or "module" alone for the only class of it that has the method; LaisnError,
+    with the `kind` that it should be, if there is none.
     """
     if name in _REGISTERED:
         return _REGISTERED[name]

@@ -3,12 +3,13 @@
 `Tuning` has the settings of LAISN as formulas take them: numbers alone, so that compiled code can.
 """
 
-from dataclasses import dataclass, field
-from typing import ClassVar, Literal, NamedTuple, Self, get_args
+from collections import namedtuple
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 
-from laisn.arrays import Offset, require_numbers, require_offsets, require_probability
+from laisn.arrays import Offset, require_numbers, require_probability
 from laisn.failure import LaisnError
 
 Variant = Literal["laisn-2", "laisn-3-1", "laisn-3-2", "laisn-best", "laisn-main"]
@@ -25,9 +26,9 @@ def transmitters_of(variant: str) -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What every navigator is given: its filter step, and where transmitters and hydrophone are.
+    """What every navigator is given; the settings of a navigator derive from it.
 
-    The settings of a navigator derive from it. Raises ValueError naming the field if a value is out of its range.
+    Raises ValueError naming the field if a value is out of its range.
     """
 
     POSITIVE: ClassVar[frozenset[str]] = frozenset({"dt", "baseline"})
@@ -67,7 +68,6 @@ class Settings:
         return frozenset()
 
     def __post_init__(self) -> None:
-        require_offsets("transmitter_offsets", self.transmitter_offsets)
         require_numbers(self, positive=self.POSITIVE, signed=self.SIGNED)
 
 
@@ -129,50 +129,38 @@ GATE_OFF, GATE_MEASURED = GATES.index("off"), GATES.index("v-measured")
 """Gate rules as formulas hold them."""
 
 
-class Tuning(NamedTuple):
-    """`NavigationSettings` as numbers; fields of the same name mean the same."""
+def _numbers(settings: NavigationSettings) -> dict[str, Any]:
+    """Settings as numbers: those that are, by their names, and what formulas make of them."""
+    values = {field.name: getattr(settings, field.name) for field in fields(settings)}
+    return {name: value for name, value in values.items() if isinstance(value, bool | int | float)} | {
+        "variant": VARIANTS.index(settings.variant),
+        "gate": GATES.index(settings.gate),
+        "predicted_side": settings.side_rule == "predicted",
+        "transmitters": settings.transmitters,
+        "speed_variance": settings.sigma_speed**2,
+        "heading_variance": settings.sigma_heading**2,
+        "position_variance0": settings.position_sigma0**2,
+        "velocity_variance0": settings.velocity_sigma0**2,
+        "sine_of_pitch": float(np.sin(settings.expected_pitch)),
+    }
 
-    variant: int
-    """Index in `VARIANTS`."""
-    gate: int
-    """Index in `GATES`."""
-    predicted_side: bool
-    use_attitude: bool
-    transmitters: int
-    """N_T."""
-    dt: float
-    baseline: float
-    middle_offset: float
-    hydrophone_height: float
-    threshold: float
-    beta: float
-    sigma_floor: float
-    alpha: float
-    sigma_a0: float
-    speed_variance: float
-    heading_variance: float
-    position_variance0: float
-    velocity_variance0: float
-    leader_speed_max: float
-    follower_speed_max: float
-    sine_of_pitch: float
-    """Sine of the pitch that must be expected."""
+
+_Numbers: Any = namedtuple("_Numbers", [*_numbers(NavigationSettings())])  # type: ignore[misc]
+
+
+class Tuning(_Numbers):
+    """`NavigationSettings` as numbers, by the names of `_numbers`."""
+
+    __slots__ = ()
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> float: ...
 
     @classmethod
     def of(cls, settings: NavigationSettings) -> Self:
         """Settings as numbers."""
-        same = {name: getattr(settings, name) for name in cls._fields if hasattr(settings, name)}
-        derived = {
-            "variant": VARIANTS.index(settings.variant),
-            "gate": GATES.index(settings.gate),
-            "predicted_side": settings.side_rule == "predicted",
-            "speed_variance": settings.sigma_speed**2,
-            "heading_variance": settings.sigma_heading**2,
-            "position_variance0": settings.position_sigma0**2,
-            "velocity_variance0": settings.velocity_sigma0**2,
-            "sine_of_pitch": float(np.sin(settings.expected_pitch)),
-        }
-        return cls(**same | derived)
+        return cls(**_numbers(settings))
 
 
 # Biases of real sensors are never quite constant: a filter that takes them as constant loses them for good.
@@ -270,11 +258,7 @@ class TightSettings(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class RivalSettings(TightSettings):
-    """Standard deviations as of the tightly coupled navigator, so that all methods assume the same sensors.
-
-    Of its model assumptions `current` alone applies: the leader's heading and the clock count as exact, and no offset
-    or drift is estimated.
-    """
+    """Standard deviations as of the tightly coupled navigator; of its model assumptions `current` alone applies."""
 
     POSITIVE = TightSettings.POSITIVE | {"lag", "azimuth_sigma", "elevation_sigma"}
 

@@ -1,6 +1,6 @@
 """Navigators of a swarm: all followers advance by one filter step in one call, and their estimates control them.
 
-A swarm is a NamedTuple whose `navigate` is compiled (`laisn.lanes`, `laisn.tight.mission`), or any other object with
+A swarm is a NamedTuple whose `navigate` is compiled (`laisn.lanes`, `laisn.tight.navigator`), or any other object with
 such a method, which Python calls. Compiled code chooses the method by the type of the NamedTuple.
 """
 
@@ -55,18 +55,10 @@ class Swarm(Protocol):
     def navigate(
         self, step: int, readings: Records, received: Bools, messages: Records, ranges: Floats, estimates: Records
     ) -> int:
-        """Advance by one filter step.
+        """Advance by one filter step, from 1, with records of READING, whether a message is in, records of MESSAGE and
+        ranges, shape (f, 3), [m] (NaN where nothing was received). Records of ESTIMATE, shape (f,), are written.
 
-        Args:
-            step: from 1.
-            readings: records of READING, shape (f,).
-            received: whether a message is in, shape (f,).
-            messages: records of MESSAGE, shape (f,).
-            ranges: shape (f, 3), [m]; NaN where nothing was received.
-            estimates: out: records of ESTIMATE, shape (f,).
-
-        Returns:
-            Number, from 1, of the follower whose covariance is not positive definite any more; 0 if there is none.
+        Returns the number, from 1, of the follower whose covariance is not positive definite any more, or 0.
         """
 
 

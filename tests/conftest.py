@@ -44,7 +44,7 @@ compute(simulate_motion(scenario), [CellPlan(scenario=scenario, runs=1, keep_ste
 NAVIGATORS = """
 from dataclasses import replace
 import numpy as np
-from laisn.beacons.navigator import BeaconNavigator, BeaconSettings
+from laisn.beacons import BeaconNavigator, BeaconSettings
 from laisn.messages import LeaderMessage, Measurements
 from laisn.tight.navigator import TightNavigator
 from laisn.settings import TightSettings

@@ -119,7 +119,7 @@ def test_sim_imports_from_laisn_only_the_shared_types() -> None:
 
 
 def test_one_module_imports_filterpy() -> None:
-    assert knowing("filterpy") == ["laisn.filter"]
+    assert knowing("filterpy") == ["laisn.navigator"]
 
 
 def late(path: Path) -> set[str]:

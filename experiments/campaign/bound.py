@@ -10,14 +10,14 @@ from laisn.settings import Assume, TightSettings
 from laisn.tight.model import model_of
 from laisn.tight.motion import CURRENT_SIGMA
 from sim.flight import Flight
+from sim.scenario.section import in_si
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing.acoustics import propagate
+from sim.sensing.sensors import errors_of
 from sim.trajectory import Trajectory
 
-_ABOUT_MEAN = float(np.sqrt(1.0 - 2.0 / np.pi))
-"""Standard deviation of |N(0, 1)|, as which compasses err (paper, Eq. 27)."""
-_WALKS = model_of(TightSettings(assume=Assume(drift=True)))
-"""How fast the tightly coupled navigator lets biases drift, in its slow mode."""
+_ABOUT_MEAN = float(np.sqrt(1.0 - 2.0 / np.pi))  # standard deviation of |N(0, 1)|, as which compasses err (Eq. 27)
+_WALKS = model_of(TightSettings(assume=Assume(drift=True)))  # drift of the tightly coupled navigator's biases
 _UNIFORM = 1.0 / float(np.sqrt(12.0))
 
 
@@ -28,28 +28,25 @@ def noise_of(scenario: Scenario, follower: int = 0) -> TrueNoise:
     or has them estimated: a bound for estimators with less prior information would be too high. Biases that
     are assumed to drift, an estimated current and the clock walk as the navigator assumes.
     """
-    own, sensors, acoustics = scenario.sensors_of(follower), scenario.sensors, scenario.acoustics
-    assume, estimated = scenario.navigation.assume, scenario.navigation.settings().estimated
-    turned = sensors.leader_heading_bias_deg != 0.0 or "leader_heading_bias" in estimated
-    moving = scenario.ocean.moves or "current" in estimated
-    late, clock = "range_offset" in estimated, "clock" in estimated
-    sound = acoustics.sound_speed_m_s + acoustics.sound_speed_bias_m_s
+    errors, assumed = errors_of(scenario, follower), in_si(dict(scenario.navigation.assume))
+    estimated, drift = scenario.navigation.settings().estimated, scenario.navigation.assume.drift
+    turned = scenario.sensors.leader_heading_bias_deg != 0.0 or "leader_heading_bias" in estimated
+    clock, acoustics = "clock" in estimated, scenario.acoustics
+    sound = (acoustics.sound_speed_m_s + acoustics.sound_speed_bias_m_s) * clock
     return TrueNoise(
-        speed_sigma=own.speed_sigma_m_s,
-        heading_sigma=float(np.deg2rad(own.heading_sigma_deg)) * _ABOUT_MEAN,
-        range_sigma=float(np.sqrt(np.mean(np.square(acoustics.range_tau_m)))) * _UNIFORM,
-        range_scale_sigma=acoustics.range_scale_sigma_m,
-        leader_heading_sigma=float(np.deg2rad(sensors.leader_heading_sigma_deg)) * _ABOUT_MEAN,
-        speed_bias=assume.speed_bias_sigma_m_s,
-        heading_bias=float(np.deg2rad(assume.heading_bias_sigma_deg)),
-        range_scale_bias=assume.range_scale_bias_sigma_m,
-        leader_heading_bias=float(np.deg2rad(assume.leader_heading_bias_sigma_deg)) if turned else 0.0,
-        current=assume.current_sigma_m_s if moving else 0.0,
-        range_offset=assume.offset_sigma_m if late else 0.0,
-        clock_offset=sound * assume.clock_offset_sigma_s if clock else 0.0,
-        clock_drift=1e-6 * sound * assume.clock_drift_sigma_ppm if clock else 0.0,
-        speed_walk=math.sqrt(_WALKS.log_walk[0]) if assume.drift else 0.0,
-        heading_walk=math.sqrt(_WALKS.compass_walk[0]) if assume.drift else 0.0,
+        speed_sigma=errors.speed_sigma,
+        heading_sigma=errors.heading_sigma * _ABOUT_MEAN,
+        range_sigma=float(np.sqrt(np.mean(np.square(errors.range_tau)))) * _UNIFORM,
+        range_scale_sigma=errors.range_scale_sigma,
+        leader_heading_sigma=errors.leader_heading_sigma * _ABOUT_MEAN,
+        **{name: assumed[f"{name}_sigma"] for name in ("speed_bias", "heading_bias", "range_scale_bias")},
+        leader_heading_bias=assumed["leader_heading_bias_sigma"] if turned else 0.0,
+        current=assumed["current_sigma"] if scenario.ocean.moves or "current" in estimated else 0.0,
+        range_offset=assumed["offset_sigma"] if "range_offset" in estimated else 0.0,
+        clock_offset=sound * assumed["clock_offset_sigma"],
+        clock_drift=sound * assumed["clock_drift_sigma"],
+        speed_walk=math.sqrt(_WALKS.log_walk[0]) if drift else 0.0,
+        heading_walk=math.sqrt(_WALKS.compass_walk[0]) if drift else 0.0,
         current_walk=math.sqrt(_WALKS.current_walk) if "current" in estimated else 0.0,
         clock_walk=math.sqrt(_WALKS.clock_walk) if clock else 0.0,
         leader_way_sigma=CURRENT_SIGMA if estimated & {"current", "leader_heading_bias"} else 0.0,
@@ -57,18 +54,10 @@ def noise_of(scenario: Scenario, follower: int = 0) -> TrueNoise:
 
 
 def geometry_of(
-    trajectory: Trajectory,
-    scenario: Scenario,
-    follower: int = 0,
-    received: Bools | None = None,
+    trajectory: Trajectory, scenario: Scenario, follower: int = 0, received: Bools | None = None
 ) -> Geometry:
-    """The true geometry of a mission as one follower's sensors meet it.
-
-    Args:
-        trajectory: of the mission.
-        scenario: of the mission.
-        follower: its index, 0 for the first.
-        received: of which of the m messages each ping arrived, shape (m, 3); None: all did.
+    """The true geometry of a mission as one follower's sensors meet it; `received`: of which of the m messages each
+    ping arrived, shape (m, 3); None: all did.
     """
     dt = scenario.timing.filter_step_s
     stride = round(dt / CONTROL_STEP_S)

@@ -1,22 +1,25 @@
 """A block of runs in one compiled loop: measurements, made where they are used, navigation and metrics.
 
-Sensing is `sim.sensing.observation.measure` for lanes, with the same formulas and noise. Beside this module and
-`lane_metrics` no module of campaigns is compiled.
+Sensing is `sim.sensing.observation.measure`, and metrics are `laisn.metrics`, for lanes, with the same formulas and
+noise, in memory that does not grow with the runs. No other module of campaigns is compiled.
 """
 
+import math
+from itertools import count
 from typing import NamedTuple
 
 import numpy as np
 
-from experiments.campaign import lane_metrics as metric
-from laisn import lane_passes as row
 from laisn import lanes
 from laisn.arrays import Bools, Floats, Ints
-from laisn.compiled import compiled_lanes, copy_values
-from laisn.failure import LaisnError
-from laisn.lane_passes import LANES
+from laisn.compiled import compiled_lanes, copy_values, inlined
+from laisn.elementary import to_bits
+from laisn.estimates import FixKind
+from laisn.geometry import Point, turn
+from laisn.lanes import LANES
+from laisn.metrics import bearing_error, is_mirror_locked, normalised_square, squared_error
 from laisn.settings import Tuning
-from sim.sensing.noise import Stream, two_normals, two_units, uniform, words
+from sim.sensing.noise import LEADER_STREAMS, STREAMS, Stream, two_normals, two_units, uniform, words
 from sim.sensing.observation import MissionTruth, fluctuation_weights
 from sim.sensing.sensors import (
     SensorErrors,
@@ -31,93 +34,174 @@ from sim.sensing.sensors import (
     speed_reading,
 )
 
+_LOST = int(FixKind.LOST)
+
+_row = count(0, LANES)
+SUM_P, SQUARES_P, MAX_P, SUM_B, SQUARES_B, MAX_B = (next(_row) for _ in range(6))
+SUM_NEES, COUNT_NEES, SUM_NIS, COUNT_NIS = (next(_row) for _ in range(4))
+# Steps that the estimate has been at the mirror image without a break, and the most of them.
+MIRROR_LOCK, LONGEST_MIRROR_LOCK = (next(_row) for _ in range(2))
+NEES = next(_row)  # of the last step; NaN where the covariance is singular
+KINDS = next(_row)
+SIZE = KINDS + len(FixKind) * LANES  # numbers of a tally
+
+# Histograms have 2⁷ bins an octave: percentiles read from them are right to a share of 2⁻⁷, wherever they lie.
+_BINS_PER_OCTAVE_BITS = 7
+_BITS_SHIFT = np.uint64(52 - _BINS_PER_OCTAVE_BITS)
+_OCTAVES = 20
+LOWEST_P, LOWEST_B = 2.0**-10, 2.0**-18  # errors of position [m] and bearing [rad] below these share one bin
+BINS = (_OCTAVES << _BINS_PER_OCTAVE_BITS) + 2
+_FIRST_P = (1023 - 10 << _BINS_PER_OCTAVE_BITS) - 1
+_FIRST_B = (1023 - 18 << _BINS_PER_OCTAVE_BITS) - 1
+
+
+def bin_edges(lowest: float) -> Floats:
+    """Edges of a histogram's bins, shape (BINS + 1,); the last bin takes all that is larger."""
+    shares = 1.0 + np.arange(1 << _BINS_PER_OCTAVE_BITS) / (1 << _BINS_PER_OCTAVE_BITS)
+    edges = (lowest * 2.0 ** np.arange(_OCTAVES)[:, None] * shares).ravel()
+    top = lowest * 2.0**_OCTAVES
+    return np.concatenate([[0.0], edges, [top, np.inf]])
+
+
+@inlined
+def _bin(value: float, first: int) -> np.int64:
+    number = np.int64(to_bits(value) >> _BITS_SHIFT) - first
+    number = number if number > 0 else np.int64(0)
+    return number if number < BINS - 1 else np.int64(BINS - 1)
+
+
+@compiled_lanes
+def tally_step(
+    block: Floats, tally: Floats, bins: Ints, hydrophone: tuple[float, float], leader: tuple[float, float, float]
+) -> None:
+    """Add the errors of a step of estimates to a tally, and their histogram bins, two rows, to `bins`."""
+    truth, origin = Point(hydrophone[0], hydrophone[1]), Point(leader[0], leader[1])
+    axis = turn(leader[2])
+    for lane in range(LANES):
+        estimate = lanes.point_at(block, lanes.X, lane)
+        squared = squared_error(estimate, truth)
+        error = math.sqrt(squared)
+        bearing = bearing_error(estimate, truth, origin)
+        tally[SUM_P + lane] += error
+        tally[SQUARES_P + lane] += squared
+        tally[MAX_P + lane] = error if error > tally[MAX_P + lane] else tally[MAX_P + lane]
+        tally[SUM_B + lane] += bearing
+        tally[SQUARES_B + lane] += bearing * bearing
+        tally[MAX_B + lane] = bearing if bearing > tally[MAX_B + lane] else tally[MAX_B + lane]
+        bins[lane] = _bin(error, _FIRST_P)
+        bins[LANES + lane] = _bin(bearing, _FIRST_B)
+
+        mirror_lock = tally[MIRROR_LOCK + lane] + 1.0 if is_mirror_locked(estimate, truth, origin, axis) else 0.0
+        tally[MIRROR_LOCK + lane] = mirror_lock
+        longest = tally[LONGEST_MIRROR_LOCK + lane]
+        tally[LONGEST_MIRROR_LOCK + lane] = mirror_lock if mirror_lock > longest else longest
+
+        pxx, pxy, pyy = block[lanes.PXX + lane], block[lanes.PXY + lane], block[lanes.PYY + lane]
+        nees = normalised_square(estimate.east - truth.east, estimate.north - truth.north, pxx, pxy, pyy)
+        known = nees == nees
+        tally[NEES + lane] = nees
+        tally[SUM_NEES + lane] += nees if known else 0.0
+        tally[COUNT_NEES + lane] += 1.0 if known else 0.0
+
+
+@compiled_lanes
+def tally_fixes(block: Floats, tally: Floats, fixes: tuple[int, int, int]) -> None:
+    """Add the fixes of a message, whose rows begin at `fixes` (−1: none).
+
+    A pair of which nothing was received is no fix; a message without any fix counts as one LOST.
+    """
+    for lane in range(LANES):
+        received = False
+        for fix in fixes:
+            if fix >= 0:
+                kind, nis = int(block[fix + 3 * LANES + lane]), block[fix + 5 * LANES + lane]
+                if kind != _LOST:
+                    received = True
+                    tally[KINDS + kind * LANES + lane] += 1.0
+                if nis == nis:
+                    tally[SUM_NIS + lane] += nis
+                    tally[COUNT_NIS + lane] += 1.0
+        if not received:
+            tally[KINDS + _LOST * LANES + lane] += 1.0
+
+
+@compiled_lanes
+def sum_nees(tally: Floats, used: int) -> float:
+    """Sum over the first `used` lanes of the NEES of the last step; NaN where one is unknown."""
+    total = 0.0
+    for lane in range(used):
+        total += tally[NEES + lane]
+    return total
+
+
+@compiled_lanes
+def fill_histograms(bins: Ints, histograms: Ints, used: int) -> None:
+    """Count the errors of a step in the first `used` lanes; histograms of position and bearing, shape (2, BINS)."""
+    for lane in range(used):
+        histograms[0, bins[lane]] += 1
+        histograms[1, bins[LANES + lane]] += 1
+
+
+def percentile(histogram: Ints, lowest: float, share: float, largest: float) -> float:
+    """Value below which a share of the counted ones lie, by linear interpolation within a bin; `largest` at most."""
+    total = np.cumsum(histogram)
+    wanted = share * total[-1]
+    i = int(np.searchsorted(total, wanted))
+    edges = bin_edges(lowest)
+    lower, upper = edges[i], min(edges[i + 1], largest)
+    inside = (wanted - (total[i] - histogram[i])) / histogram[i]
+    return float(min(lower + inside * (upper - lower), largest))
+
+
 # Rows of draws.
 _FIRST, _SECOND, _THIRD = 0, LANES, 2 * LANES
 
+# Streams of noise, as numbers that compiled code takes.
+_OWN_MOTION, _DEPTH, _ECHO, _LOSS = map(int, (Stream.OWN_MOTION, Stream.DEPTH, Stream.ECHO, Stream.LOSS))
+_RANGE_UNIFORM, _RANGE_SCALE = int(Stream.RANGE_UNIFORM), int(Stream.RANGE_SCALE)
+_LEADER_MOTION, _LEADER_DEPTH = int(Stream.LEADER_MOTION), int(Stream.LEADER_DEPTH)
+_LEADER_ATTITUDE = int(Stream.LEADER_ATTITUDE)
 
-class LaneSensors(NamedTuple):
-    """Sensors of the followers of a block, which use so many of the leader's transmitters."""
-
-    errors: SensorErrors
-    transmitters: int
-
-
-class Address(NamedTuple):
-    """Address of the noise of a block: seed, first run, and the number of each stream."""
-
-    seed: np.uint64
-    first_run: np.uint64
-    own_motion: np.uint64
-    depth: np.uint64
-    range_uniform: np.uint64
-    range_scale: np.uint64
-    leader_motion: np.uint64
-    leader_depth: np.uint64
-    leader_attitude: np.uint64
-    echo: np.uint64
-    loss: np.uint64
-
-
-# Columns of `sent_rows` behind those of a block's rows.
+# Columns of `TruthRecord.sent` behind those of a block's rows.
 _ECHOES, _KEPT, _FRESH = 10, 16, 17
 
 
-def sent_rows(truth: MissionTruth, errors: SensorErrors) -> Floats:
-    """True content of the messages and true ranges to them, in the order of a block's rows from EAST to R3.
-
-    Ranges by way of the surface and of the bottom follow, NaN if the truth has none, then the weights of the leader's
-    fluctuating attitude error.
-    """
-    sent = truth.sent
-    echoes = np.full((2, *truth.slant_range.shape), np.nan) if truth.echo_range is None else truth.echo_range
-    return np.column_stack(
-        [
-            sent.east, sent.north, sent.heading, sent.speed, sent.depth, sent.pitch, sent.roll,
-            truth.slant_range, *echoes,
-            fluctuation_weights(truth, errors),
-        ]
-    )  # fmt: skip
-
-
-def address(seed: int, first_run: int, follower: int) -> Address:
-    """Address of the noise of a block of one follower; LaisnError if seed or run is out of range."""
-    if not 0 <= seed < 2**64:
-        raise LaisnError(f"seed is {seed}, expected 0 … 2^64 − 1")
-    if not 0 <= first_run < 2**32 - LANES:
-        raise LaisnError(f"run is {first_run}, expected 0 … 2^32 − {LANES + 1}")
-    streams = (np.uint64(Stream[name.upper()].number(follower)) for name in Address._fields[2:])
-    return Address(np.uint64(seed), np.uint64(first_run), *streams)
+Address = tuple[np.uint64, np.uint64, np.uint64]
+"""Seed, first run, and index of the follower."""
 
 
 class Noise(NamedTuple):
     """Draws of a block, and where they come from."""
 
-    draws: Floats
-    """Three rows of uniforms, or two of normals."""
+    draws: Floats  # three rows of uniforms, or two of normals
     address: Address
-    burst: Bools
-    """Whether a lane is within a burst of loss."""
-    fluctuation: Floats
-    """Two rows: Gauss–Markov part of the leader's pitch and roll errors, of unit variance."""
-    offset: Floats
-    """Two rows: what stays of them throughout a run, likewise."""
+    burst: Bools  # whether a lane is within a burst of loss
+    fluctuation: Floats  # two rows: Gauss–Markov part of the leader's pitch and roll errors, of unit variance
+    offset: Floats  # two rows: what stays of them throughout a run, likewise
+
+
+@inlined
+def _lane_words(noise: Noise, stream: int, step: int, lane: int) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
+    seed, first_run, follower = noise.address
+    number = np.uint64(stream) + (np.uint64(0) if stream >= LEADER_STREAMS else np.uint64(STREAMS) * follower)
+    return words(seed, first_run + np.uint64(lane), number, np.uint64(step))
 
 
 @compiled_lanes
-def _draw_uniforms(noise: Noise, stream: np.uint64, step: int) -> None:
+def _draw_uniforms(noise: Noise, stream: int, step: int) -> None:
     """Three uniforms in (0, 1) for each lane."""
-    draws, address = noise.draws, noise.address
+    draws = noise.draws
     for lane in range(LANES):
-        w0, w1, w2, _ = words(address.seed, address.first_run + np.uint64(lane), stream, np.uint64(step))
+        w0, w1, w2, _ = _lane_words(noise, stream, step, lane)
         draws[_FIRST + lane], draws[_SECOND + lane], draws[_THIRD + lane] = uniform(w0), uniform(w1), uniform(w2)
 
 
 @compiled_lanes
-def _draw_normals(noise: Noise, stream: np.uint64, step: int) -> None:
+def _draw_normals(noise: Noise, stream: int, step: int) -> None:
     """Two normals for each lane."""
-    draws, address = noise.draws, noise.address
+    draws = noise.draws
     for lane in range(LANES):
-        w0, w1, w2, w3 = words(address.seed, address.first_run + np.uint64(lane), stream, np.uint64(step))
+        w0, w1, w2, w3 = _lane_words(noise, stream, step, lane)
         draws[_FIRST + lane], draws[_SECOND + lane] = two_units(w0, w1, w2, w3)
     for lane in range(LANES):
         draws[_FIRST + lane], draws[_SECOND + lane] = two_normals(draws[_FIRST + lane], draws[_SECOND + lane])
@@ -128,13 +212,13 @@ def new_noise(address: Address) -> Noise:
     """Room for the draws of a block, and the errors that its runs keep."""
     pair = 2 * LANES
     noise = Noise(np.zeros(3 * LANES), address, np.zeros(LANES, dtype=np.bool_), np.zeros(pair), np.empty(pair))
-    _draw_normals(noise, address.leader_attitude, 0)
+    _draw_normals(noise, _LEADER_ATTITUDE, 0)
     copy_values(noise.draws, noise.offset)
     return noise
 
 
 @compiled_lanes
-def _draw_if(needed: bool, noise: Noise, stream: np.uint64, step: int) -> None:
+def _draw_if(needed: bool, noise: Noise, stream: int, step: int) -> None:
     """Draw normals as `_draw_normals` does, or set them to zero where the errors make no use of them."""
     if needed:
         _draw_normals(noise, stream, step)
@@ -146,23 +230,22 @@ def _draw_if(needed: bool, noise: Noise, stream: np.uint64, step: int) -> None:
 def sense_own(block: Floats, noise: Noise, errors: SensorErrors, speed: float, heading: float, k: int) -> None:
     """Read speed log and compass at step k."""
     draws = noise.draws
-    _draw_normals(noise, noise.address.own_motion, k)
+    _draw_normals(noise, _OWN_MOTION, k)
     for lane in range(LANES):
-        block[row.SPEED + lane] = speed_reading(speed, errors.speed_bias, errors.speed_sigma, draws[_FIRST + lane])
-        block[row.HEADING + lane] = heading_reading(
-            heading, errors.heading_bias, errors.heading_sigma, draws[_SECOND + lane]
-        )
+        first, second = draws[_FIRST + lane], draws[_SECOND + lane]
+        block[lanes.SPEED + lane] = speed_reading(speed, errors.speed_bias, errors.speed_sigma, first)
+        block[lanes.HEADING + lane] = heading_reading(heading, errors.heading_bias, errors.heading_sigma, second)
 
 
 @compiled_lanes
 def _lose(block: Floats, noise: Noise, errors: SensorErrors, emitted: int) -> None:
     """Ranges of lost messages become NaN."""
     draws, burst = noise.draws, noise.burst
-    _draw_uniforms(noise, noise.address.loss, emitted)
+    _draw_uniforms(noise, _LOSS, emitted)
     for lane in range(LANES):
         burst[lane] = is_bad(burst[lane], draws[_FIRST + lane], errors)
         if is_lost(burst[lane], draws[_SECOND + lane], errors):
-            block[row.R1 + lane] = block[row.R2 + lane] = block[row.R3 + lane] = np.nan
+            block[lanes.R1 + lane] = block[lanes.R2 + lane] = block[lanes.R3 + lane] = np.nan
 
 
 @compiled_lanes
@@ -170,24 +253,25 @@ def _read_attitude(block: Floats, noise: Noise, errors: SensorErrors, sent: Floa
     """Read the leader's pitch and roll."""
     draws, fluctuation, offset = noise.draws, noise.fluctuation, noise.offset
     kept, fresh, constant = sent[_KEPT], sent[_FRESH], errors.leader_attitude_offset_sigma
-    _draw_if(errors.leader_tilt_sigma > 0.0, noise, noise.address.leader_attitude, emitted)
+    _draw_if(errors.leader_tilt_sigma > 0.0, noise, _LEADER_ATTITUDE, emitted)
     for i in range(2 * LANES):
         fluctuation[i] = advanced(fluctuation[i], kept, fresh, draws[i])
     for lane in range(LANES):
         i, j = _FIRST + lane, _SECOND + lane
         pitch, roll = plain_reading(sent[5], 0.0, constant, offset[i]), plain_reading(sent[6], 0.0, constant, offset[j])
-        block[row.PITCH + lane] = plain_reading(pitch, 0.0, errors.leader_tilt_sigma, fluctuation[i])
-        block[row.ROLL + lane] = plain_reading(roll, 0.0, errors.leader_tilt_sigma, fluctuation[j])
+        block[lanes.PITCH + lane] = plain_reading(pitch, 0.0, errors.leader_tilt_sigma, fluctuation[i])
+        block[lanes.ROLL + lane] = plain_reading(roll, 0.0, errors.leader_tilt_sigma, fluctuation[j])
 
 
 @compiled_lanes
-def _read_ranges(block: Floats, noise: Noise, sensors: LaneSensors, sent: Floats, steps: tuple[int, int]) -> None:
+def _read_ranges(
+    block: Floats, noise: Noise, errors: SensorErrors, transmitters: int, sent: Floats, steps: tuple[int, int]
+) -> None:
     """Measure ranges on pings, or on echoes taken for them."""
-    draws, address, errors = noise.draws, noise.address, sensors.errors
-    received, emitted = steps
+    draws, (received, emitted) = noise.draws, steps
     true, normal = np.empty(3 * LANES), np.empty(LANES)
     if errors.surface_echo_probability + errors.bottom_echo_probability > 0.0:
-        _draw_uniforms(noise, address.echo, emitted)
+        _draw_uniforms(noise, _ECHO, emitted)
     else:
         # above any chance
         draws[:] = 1.0
@@ -196,17 +280,13 @@ def _read_ranges(block: Floats, noise: Noise, sensors: LaneSensors, sent: Floats
             i = j * LANES + lane
             path = path_taken(draws[lane if errors.common_echoes else i], errors)
             true[i] = sent[_ECHOES - 3 + j + 3 * path]
-    _draw_normals(noise, address.range_scale, received)
+    _draw_normals(noise, _RANGE_SCALE, received)
     copy_values(draws[:LANES], normal)
-    _draw_uniforms(noise, address.range_uniform, received)
+    _draw_uniforms(noise, _RANGE_UNIFORM, received)
     for lane in range(LANES):
         i, j, k = _FIRST + lane, _SECOND + lane, _THIRD + lane
-        block[row.R1 + lane], block[row.R2 + lane], block[row.R3 + lane] = range_readings(
-            errors,
-            sensors.transmitters,
-            (true[i], true[j], true[k]),
-            (draws[i], draws[j], draws[k]),
-            normal[lane],
+        block[lanes.R1 + lane], block[lanes.R2 + lane], block[lanes.R3 + lane] = range_readings(
+            errors, transmitters, (true[i], true[j], true[k]), (draws[i], draws[j], draws[k]), normal[lane]
         )
     if loses(errors):
         _lose(block, noise, errors, emitted)
@@ -214,83 +294,106 @@ def _read_ranges(block: Floats, noise: Noise, sensors: LaneSensors, sent: Floats
 
 @compiled_lanes
 def sense_message(
-    block: Floats, noise: Noise, sensors: LaneSensors, sent: Floats, depth: float, steps: tuple[int, int]
+    block: Floats, noise: Noise, sensors: tuple[SensorErrors, int], sent: Floats, depth: float, steps: tuple[int, int]
 ) -> None:
     """Receive a message, measure its ranges and read one's depth: the block's rows DEPTH and EAST … R3 are filled.
 
-    `sent` is a row of `sent_rows`, `depth` true [m], `steps` those of reception and of emission.
+    `sensors` are their errors and how many transmitters are used, `sent` is a row of `TruthRecord.sent`, `steps` are
+    those of reception and of emission.
     """
-    draws, address, errors = noise.draws, noise.address, sensors.errors
+    draws, (errors, transmitters), (received, emitted) = noise.draws, sensors, steps
     east, north, heading, speed, leader_depth = sent[0], sent[1], sent[2], sent[3], sent[4]
-    received, emitted = steps
-    _draw_if(errors.depth_sigma > 0.0, noise, address.depth, received)
+    _draw_if(errors.depth_sigma > 0.0, noise, _DEPTH, received)
     for lane in range(LANES):
-        block[row.DEPTH + lane] = plain_reading(depth, 0.0, errors.depth_sigma, draws[_FIRST + lane])
-        block[row.EAST + lane], block[row.NORTH + lane] = east, north
-    _draw_if(errors.leader_heading_sigma > 0.0, noise, address.leader_motion, emitted)
+        block[lanes.DEPTH + lane] = plain_reading(depth, 0.0, errors.depth_sigma, draws[_FIRST + lane])
+        block[lanes.EAST + lane], block[lanes.NORTH + lane] = east, north
+    _draw_if(errors.leader_heading_sigma > 0.0, noise, _LEADER_MOTION, emitted)
     for lane in range(LANES):
-        block[row.LEADER_SPEED + lane] = speed_reading(speed, errors.leader_speed_bias, 0.0, 0.0)
-        block[row.LEADER_HEADING + lane] = heading_reading(
+        block[lanes.LEADER_SPEED + lane] = speed_reading(speed, errors.leader_speed_bias, 0.0, 0.0)
+        block[lanes.LEADER_HEADING + lane] = heading_reading(
             heading, errors.leader_heading_bias, errors.leader_heading_sigma, draws[_SECOND + lane]
         )
-    _draw_if(errors.leader_depth_sigma > 0.0, noise, address.leader_depth, emitted)
+    _draw_if(errors.leader_depth_sigma > 0.0, noise, _LEADER_DEPTH, emitted)
     for lane in range(LANES):
-        block[row.LEADER_DEPTH + lane] = plain_reading(
-            leader_depth, 0.0, errors.leader_depth_sigma, draws[_FIRST + lane]
-        )
+        normal = draws[_FIRST + lane]
+        block[lanes.LEADER_DEPTH + lane] = plain_reading(leader_depth, 0.0, errors.leader_depth_sigma, normal)
     _read_attitude(block, noise, errors, sent, emitted)
-    _read_ranges(block, noise, sensors, sent, steps)
+    _read_ranges(block, noise, errors, transmitters, sent, steps)
 
 
 class TruthRecord(NamedTuple):
     """`MissionTruth` as compiled code takes it."""
 
     start: Floats
-    own: Floats
-    """Speed, heading, depth and hydrophone x, y of the follower; x, y and heading of the leader; shape (n, 8)."""
+    own: Floats  # speed, heading, depth and hydrophone x, y of the follower; x, y, heading of the leader; shape (n, 8)
     message_step: Ints
     emission_step: Ints
+    # true messages and ranges to them in the order of a block's rows from EAST to R3; ranges by way of the surface and
+    # of the bottom, NaN if the truth has none; and weights of the leader's fluctuating attitude error
     sent: Floats
 
 
 def truth_record(truth: MissionTruth, errors: SensorErrors) -> TruthRecord:
     """What a follower's sensors measure, with the echoes of its pings."""
-    own = np.column_stack(
-        [truth.speed, truth.heading, truth.depth, truth.hydrophone, truth.leader_position, truth.leader_heading]
+    sent, m = truth.sent, truth.message_step.size
+    place = truth.hydrophone, truth.leader_position, truth.leader_heading
+    echoes = np.full((2, m, 3), np.nan) if truth.echo_range is None else truth.echo_range
+    pose = (sent.east, sent.north, sent.heading, sent.speed, sent.depth, sent.pitch, sent.roll)
+    return TruthRecord(
+        truth.start.astype(np.float64)[None],
+        np.column_stack([truth.speed, truth.heading, truth.depth, *place]),
+        truth.message_step.astype(np.int64),
+        truth.emission_step.astype(np.int64),
+        np.column_stack([*pose, truth.slant_range, *echoes, fluctuation_weights(truth, errors)]),
     )
-    received, emitted = truth.message_step.astype(np.int64), truth.emission_step.astype(np.int64)
-    return TruthRecord(truth.start.astype(np.float64), own, received, emitted, sent_rows(truth, errors))
+
+
+class Given(NamedTuple):
+    """What runs of a block use in place of simulated measurements or estimates; empty where they do not."""
+
+    own: Floats = np.empty((0, 3 * LANES))  # as of `laisn.lanes.stacked`
+    messages: Floats = np.empty((0, 10 * LANES))
+    states: Floats = np.empty((0, 5, LANES))  # x, y and covariance xx, xy, yy of each step, shape (n, 5, LANES)
 
 
 @compiled_lanes
 def fly_block(
-    truth: TruthRecord, sensors: LaneSensors, t: Tuning, address: Address, lanes_used: int, history: Floats
+    truth: TruthRecord, errors: SensorErrors, t: Tuning, address: Address, used: int, given: Given, history: Floats
 ) -> tuple[Floats, Ints, Floats]:
-    """Tally, histograms, and the sum over the runs of the NEES of each step, shape (n,).
-
-    States go to `history`, shape (n, 4 LANES), unless it is empty.
+    """Tally, histograms, and the sum over the first `used` lanes of the NEES of each step, shape (n,); states go to
+    `history`, shape (n, 4 LANES), unless it is empty.
     """
     n, m = truth.own.shape[0], truth.message_step.size
     noise = new_noise(address)
-    block = row.new_block(truth.start, t)
-    tally = np.zeros(metric.SIZE)
+    block = lanes.new_block(truth.start, t)
+    tally = np.zeros(SIZE)
     bins = np.zeros(2 * LANES, dtype=np.int64)
-    histograms, nees = np.zeros((2, metric.BINS), dtype=np.int64), np.empty(n)
+    histograms, nees = np.zeros((2, BINS), dtype=np.int64), np.empty(n)
     fixes = lanes.fix_rows(t.variant)
     i = 0
     for k in range(1, n + 1):
         now = truth.own[k - 1]
-        sense_own(block, noise, sensors.errors, now[0], now[1], k)
         received = i < m and truth.message_step[i] == k
-        if received:
-            sense_message(block, noise, sensors, truth.sent[i], now[2], (k, truth.emission_step[i]))
-            i += 1
-        lanes.advance(block, t, k, received)
-        if received:
-            metric.tally_fixes(block, tally, fixes)
-        metric.tally_step(block, tally, bins, (now[3], now[4]), (now[5], now[6], now[7]))
-        nees[k - 1] = metric.sum_nees(tally, lanes_used)
-        metric.fill_histograms(bins, histograms, lanes_used)
+        if given.states.shape[0] > 0:
+            for j, first in enumerate((lanes.X, lanes.Y, lanes.PXX, lanes.PXY, lanes.PYY)):
+                copy_values(given.states[k - 1, j], block[first : first + LANES])
+        else:
+            if given.own.shape[0] > 0:
+                lanes.fill(block, lanes.SPEED, given.own[k - 1])
+                if received:
+                    lanes.fill(block, lanes.EAST, given.messages[i])
+            else:
+                sense_own(block, noise, errors, now[0], now[1], k)
+                if received:
+                    steps = k, truth.emission_step[i]
+                    sense_message(block, noise, (errors, int(t.transmitters)), truth.sent[i], now[2], steps)
+            lanes.advance(block, t, k, received)
+            if received:
+                tally_fixes(block, tally, fixes)
+        i += received
+        tally_step(block, tally, bins, (now[3], now[4]), (now[5], now[6], now[7]))
+        nees[k - 1] = sum_nees(tally, used)
+        fill_histograms(bins, histograms, used)
         if history.size > 0:
-            copy_values(block[row.X : row.X + 4 * LANES], history[k - 1])
+            copy_values(block[lanes.X : lanes.X + 4 * LANES], history[k - 1])
     return tally, histograms, nees

@@ -123,7 +123,7 @@ def disturbance_of(table: Mapping[str, Any]) -> Disturbance | None:
     name, given = str(table.get("use", "")), {key: value for key, value in table.items() if key != "use"}
     made = _disturbing(name)
     try:
-        return made(**given)  # type: ignore[no-any-return]
+        return made(**given)
     except (TypeError, ValueError) as error:
         raise LaisnError(f"disturb: {name}: {error}") from None
 

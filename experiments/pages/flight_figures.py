@@ -186,7 +186,7 @@ def fixes_part(flight: Flight, follower: int) -> Part:
 def weights_part(flight: Flight, follower: int) -> Part | None:
     """Weights of a follower's hypotheses over time; None if no second one has a weight of at least 0.001."""
     estimates = flight.estimates[follower]
-    weight = estimates.hypotheses.weight
+    weight, _, _ = estimates.hypotheses
     if np.all(weight[:, 1:] < _LEAST_WEIGHT):
         return None
     time = np.asarray(estimates.fix_step * flight.measurements[follower].dt, dtype=np.float64)

@@ -156,13 +156,14 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
         truth = trajectory.site_path(f"{trajectory.names[i + 1]}/hydrophone")[steps, :2]
         position = metrics.position_errors(estimate, truth)
         degrees = np.rad2deg(metrics.bearing_errors(estimate, truth, leader))
+        locked = metrics.mirror_locked_steps(estimate, truth, leader, heading)
         row: Record = {
             "run": run,
             "e_p_max_m": float(position.max()),
             "e_p_mean_m": float(position.mean()),
             "e_b_max_deg": float(degrees.max()),
             "e_b_mean_deg": float(degrees.mean()),
-            "mirror_locked": metrics.was_mirror_locked(estimate, truth, leader, heading, one.message_every),
+            "mirror_locked": metrics.longest_mirror_lock(locked) >= one.message_every,
             "gated": gated[i],
             **facts,
             "ended": ended,

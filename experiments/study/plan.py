@@ -17,7 +17,7 @@ from experiments.study.file import ALONE, CASE, SCENARIO, Study, refusal
 from experiments.study.file import ARM as ARM
 from experiments.study.metrics import METRICS, MISSION
 from laisn.failure import LaisnError
-from laisn.lane_passes import LANES
+from laisn.lanes import LANES
 from sim.feasibility import infeasibilities
 from sim.scenario.file import ScenarioError, assigned, examined, validate
 from sim.scenario.section import Section

@@ -28,7 +28,7 @@ from experiments.study.metrics import METRICS
 from experiments.study.plan import Plan, many, plan_of
 from experiments.study.run import Outcomes, fly_further, fly_until_narrow, of_one_type, run_tables
 from laisn.failure import LaisnError
-from laisn.lane_passes import LANES
+from laisn.lanes import LANES
 from sim.system import atomic_write
 
 RESULTS, RUNS, RECORD, REPORT = "results.parquet", "runs.parquet", "results.json", "report.html"

@@ -15,7 +15,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from laisn.messages import OwnMotion, Reception
-from laisn.rivals.odometry import STATES, OdometrySums, slant
+from laisn.rivals.filters import STATES, DeadReckoning, slant
 from laisn.settings import COMPASS_WALK, RivalSettings
 
 RELINEARISE = 1e-3
@@ -69,8 +69,10 @@ def _range_error(
     return np.array([scale * rho - z])
 
 
-class FactorGraph(OdometrySums):
+class FactorGraph(DeadReckoning):
     """Smooths a window of `lag` seconds at each message."""
+
+    KEEPS_READINGS = True
 
     def __init__(self, settings: RivalSettings, start: Floats) -> None:
         """As of `DeadReckoning`; LaisnError if GTSAM is not installed."""

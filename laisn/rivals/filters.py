@@ -1,24 +1,201 @@
-"""Rival methods that filter: Kalman updates with ranges or with range and bearing, a geodetic adjustment, particles."""
+"""Rival methods that filter: dead reckoning, Kalman updates, a geodetic adjustment, particles.
+
+State x = [x, y, b_v, b_θ, b_r, c_x, c_y]: position of the hydrophone [m], biases of log [m/s] and compass [rad], mean
+of the error that the ranges share in proportion to their length [m at the largest], and current [m/s], which is zero
+unless `assume.current`. The vehicle moves with the mean velocity of both ends of a step,
+v = (s − b_v) [sin(θ − b_θ), cos(θ − b_θ)] + c, of log s and compass θ (L. Paull, S. Saeedi, M. Seto, H. Li, AUV
+navigation and localization: a review, IEEE J. Ocean. Eng. 39(1), 2014).
+"""
 
 import math
+from typing import ClassVar
 
 import numpy as np
 
 from laisn.arrays import Floats
+from laisn.compiled import compiled
+from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.failure import LaisnError
-from laisn.filter import kalman_update
-from laisn.geometry import signed_angle
-from laisn.messages import OwnMotion, Reception
-from laisn.rivals.odometry import STATES, DeadReckoning, OdometrySums, single_transmitter, slant
-from laisn.settings import COMPASS_WALK, LOG_WALK, RivalSettings, TightSettings
+from laisn.geometry import place_transmitters, signed_angle
+from laisn.messages import Measurements, OwnMotion, Reception
+from laisn.navigator import kalman_update
+from laisn.navigators import OnlineNavigator, require_valid
+from laisn.settings import COMPASS_WALK, CURRENT_WALK, LOG_WALK, RivalSettings, TightSettings
+
+STATES = 7
+
+
+@compiled
+def propagate(
+    x: Floats,
+    P: Floats,
+    readings: Floats,
+    durations: Floats,
+    sigma: tuple[float, float, float, float],
+    out: tuple[Floats, Floats],
+) -> Floats:
+    """Filter steps without a message: x ← f(x), P ← F P Fᵀ + Q; returns P.
+
+    `readings` are log [m/s] and compass [rad] before the first step and after each of n, shape (n + 1, 2), `durations`
+    of the steps [s]. `sigma` are random errors of log and compass, random walks of motion beside the log [m/√s] and of
+    the current [m/s/√s]. `out` gets x, y, vx, vy after each step, shape (n, 4), and their covariance, shape (n, 4, 4).
+    """
+    states, covariances = out
+    for k in range(durations.size):
+        dt = durations[k]
+        F, Q, J = np.eye(STATES), np.zeros((STATES, STATES)), np.zeros((2, STATES))
+        F[0, 5] = F[1, 6] = dt
+        east = north = water = 0.0
+        for end in range(2):
+            water, heading = readings[k + end, 0] - x[2], readings[k + end, 1] - x[3]
+            east, north = np.sin(heading), np.cos(heading)
+            x[0] += 0.5 * dt * (water * east + x[5])
+            x[1] += 0.5 * dt * (water * north + x[6])
+            F[0, 2] -= 0.5 * dt * east
+            F[1, 2] -= 0.5 * dt * north
+            F[0, 3] -= 0.5 * dt * water * north
+            F[1, 3] += 0.5 * dt * water * east
+        # the velocity's derivatives by the states, and its random error: along by the log, across by the compass
+        J[0, 2], J[0, 3], J[0, 5] = -east, -water * north, 1.0
+        J[1, 2], J[1, 3], J[1, 6] = -north, water * east, 1.0
+        along, across = sigma[0] ** 2, (sigma[1] * readings[k + 1, 0]) ** 2
+        xx, yy = along * east * east + across * north * north, along * north * north + across * east * east
+        W = np.array([[xx, (along - across) * east * north], [(along - across) * east * north, yy]])
+        for i in range(2):
+            for j in range(2):
+                Q[i, j] = dt * dt * W[i, j]
+            Q[i, i] += sigma[2] ** 2 * dt
+        Q[2, 2], Q[3, 3] = LOG_WALK**2 * dt, COMPASS_WALK**2 * dt
+        Q[5, 5] = Q[6, 6] = sigma[3] ** 2 * dt
+        P = F @ P @ F.T + Q
+        PJ = P @ J.T
+        V = J @ PJ + W
+        states[k, 0], states[k, 1], states[k, 2], states[k, 3] = x[0], x[1], water * east + x[5], water * north + x[6]
+        for i in range(2):
+            for j in range(2):
+                covariances[k, i, j] = P[i, j]
+                covariances[k, i, 2 + j] = covariances[k, 2 + j, i] = PJ[i, j]
+                covariances[k, 2 + i, 2 + j] = V[i, j]
+    return P
+
+
+class DeadReckoning(OnlineNavigator[Estimates]):
+    """Takes no ranges at all; a subclass updates `x` and `P` in `_update`."""
+
+    KEEPS_READINGS: ClassVar[bool] = False  # for `_odometry`, of methods that move from message to message
+
+    def __init__(self, settings: TightSettings, start: Floats) -> None:
+        """Begin at a known state; ValueError if the start is not four finite numbers."""
+        super().__init__(settings, start, settings.start_sigma)
+        biases = settings.speed_bias_sigma, settings.heading_bias_sigma, settings.range_scale_bias_sigma
+        current, walk = (settings.current_sigma, CURRENT_WALK) if settings.assume.current else (0.0, 0.0)
+        self.x: Floats = np.concatenate([self._state[:2], np.zeros(STATES - 2)])
+        self.P: Floats = np.diag(np.square([settings.start_sigma, settings.start_sigma, *biases, current, current]))
+        self._reading, self._kept = np.empty((0, 2)), list[tuple[Floats, Floats]]()
+        self._noise = settings.speed_sigma, settings.heading_sigma, settings.slip, walk
+
+    @property
+    def biases(self) -> tuple[float, float]:
+        """Estimated biases of log [m/s] and compass [rad]."""
+        return float(self.x[2]), float(self.x[3])
+
+    def step(
+        self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
+    ) -> list[FixRecord]:
+        """Advance by one filter step; see `OnlineNavigator.step`."""
+        own = self._begin_step(own, reception, duration)
+        dt = self.settings.dt if duration is None else duration
+        self._advance(np.array([[own.speed, own.heading]]), np.array([dt]))
+        return [] if reception is None else [self._receive(own, reception)]
+
+    def run(self, measurements: Measurements) -> Estimates:
+        """As `OnlineNavigator.run`; all steps between two messages are one call."""
+        measurements.require_fresh(self._step, self.settings.dt)
+        n = measurements.speed.size
+        readings = np.column_stack([measurements.speed, measurements.heading])
+        broken = np.flatnonzero(~np.isfinite(readings).all(axis=1) | np.isinf(measurements.depth))
+        if broken.size:
+            raise LaisnError(f"step {broken[0] + 1}: log, compass or depth are not finite")
+        durations = np.full(n, measurements.dt) if measurements.durations is None else measurements.durations
+        states, covariances, fixes, depth = np.empty((n, 4)), np.empty((n, 4, 4)), [], measurements.last_depth
+        for i, done in enumerate([*measurements.message_step.tolist(), n]):
+            part = slice(self._step, done)
+            states[part], covariances[part] = self._advance(readings[part], durations[part])
+            self._step = done
+            if i < measurements.message_step.size:
+                own = OwnMotion(*map(float, (*readings[done - 1], depth[done - 1])))
+                reception = measurements.reception(i)
+                require_valid(done, own, reception, None)
+                fixes.append(self._receive(own, reception))
+                states[done - 1], covariances[done - 1] = self._state, self._covariance
+        return Estimates.of(states, covariances, fixes)
+
+    def _advance(self, readings: Floats, durations: Floats) -> tuple[Floats, Floats]:
+        """Bring the estimate forward by n steps; states and covariances after each."""
+        n = durations.size
+        states, covariances = np.empty((n, 4)), np.empty((n, 4, 4))
+        if n:
+            before = self._reading if self._reading.size else readings[:1]
+            steps = np.vstack([before, readings])
+            self.P = propagate(self.x, self.P, steps, durations, self._noise, (states, covariances))
+            if self.KEEPS_READINGS and durations.any():
+                self._kept.append((steps, durations))
+            self._reading, self._state, self._covariance = readings[-1:], states[-1], covariances[-1]
+        return states, covariances
+
+    def _receive(self, own: OwnMotion, reception: Reception) -> FixRecord:
+        """Update with a message: the fix is the estimate after it."""
+        places = place_transmitters(reception, self.settings)
+        below = places - (0.0, 0.0, own.depth - self.settings.hydrophone_height)
+        ranges = np.where(np.isfinite(below).all(axis=1), reception.ranges, np.nan)
+        ranges[self.settings.transmitters :] = np.nan
+        used = bool(np.isfinite(ranges).any()) and self._update(below, ranges, own, reception)
+        if used:
+            # velocity by the new biases; no time passes
+            self._advance(self._reading, np.zeros(1))
+        return self._fix_at_estimate(FixKind.RANGES if used else FixKind.LOST)
+
+    def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
+        """Update `x` and `P` with the readings and the message of this step; whether the ranges were used.
+
+        `below` has the transmitters: east, north, depth below the hydrophone, shape (3, 3), [m]; some ranges are NaN.
+        """
+        return False
+
+    def _odometry(self) -> tuple[Floats, Floats, Floats, float]:
+        """Odometry since the last call by the compass as it reads: Σ s u Δt, Σ u Δt, covariance of the former, time."""
+        kept, settings = self._kept, self.settings
+        speed, heading = np.vstack([kept[0][0][:1], *(steps[1:] for steps, _ in kept)]).T
+        durations = np.concatenate([times for _, times in kept])
+        u, dt = np.column_stack([np.sin(heading), np.cos(heading)]), durations[:, None]
+        v = speed[:, None] * u
+        along, across = settings.speed_sigma * dt * u[1:], settings.heading_sigma * dt * v[1:, ::-1] * (-1.0, 1.0)
+        noise = [along[:, i] * along[:, j] + across[:, i] * across[:, j] for i, j in ((0, 0), (0, 1), (1, 1))]
+        noise = [noise[0] + settings.slip**2 * durations, noise[1], noise[2] + settings.slip**2 * durations]
+        terms = np.column_stack([0.5 * dt * (v[:-1] + v[1:]), 0.5 * dt * (u[:-1] + u[1:]), *noise, dt])
+        # one after another: the same to the bit in one call of `_advance` and in many
+        *way, xx, xy, yy, time = np.cumsum(terms, axis=0)[-1].tolist()
+        self._kept = []
+        return np.array(way[:2]), np.array(way[2:]), np.array([[xx, xy], [xy, yy]]) + 1e-12 * np.eye(2), time
+
+
+def single_transmitter(ranges: Floats) -> int:
+    """The transmitter of methods that use one: the middle one, or the rear where that is not received."""
+    return 0 if np.isnan(ranges[2]) else 2
+
+
+def slant(x: Floats, transmitter: Floats) -> tuple[float, Floats]:
+    """Slant range [m] and the direction from a transmitter to the state's position, shape (2,)."""
+    away = x[:2] - transmitter[:2]
+    rho = math.sqrt(float(away @ away) + float(transmitter[2]) ** 2)
+    return rho, away / rho
 
 
 class RangeFilter(DeadReckoning):
-    """Extended Kalman filter on the ranges of a message, one measurement.
+    """Extended Kalman filter on the ranges of a message, one measurement, without a test for echoes.
 
-    h_i = ρ_i (1 + b_r / max z); R = σ² I + σ_s² s sᵀ with s_i = ρ_i / max z. One Gaussian, linearised at its mean, no
-    second hypothesis, no test for echoes (Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation with Applications to
-    Tracking and Navigation, 2001, section 10.3).
+    h_i = ρ_i (1 + b_r / max z); R = σ² I + σ_s² s sᵀ with s_i = ρ_i / max z (Y. Bar-Shalom, X. R. Li, T. Kirubarajan,
+    Estimation with Applications to Tracking and Navigation, 2001, section 10.3).
     """
 
     def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
@@ -38,9 +215,8 @@ class RangeFilter(DeadReckoning):
 class OneWayTravelTime(RangeFilter):
     """The same filter on the range to one transmitter, from the one-way travel time of its ping.
 
-    What the leader broadcasts of itself counts as exact, and its heading hardly matters with the middle transmitter
-    (R. M. Eustice, H. Singh, L. L. Whitcomb, J. Field Robotics 28(1), 2011; S. E. Webster et al., Int. J. Robotics
-    Research 31(8), 2012, of which this is the client's filter without the delayed states of the server).
+    What the leader broadcasts of itself counts as exact (R. M. Eustice, H. Singh, L. L. Whitcomb, J. Field Robotics
+    28(1), 2011; S. E. Webster et al., Int. J. Robotics Research 31(8), 2012: its client without the server's states).
     """
 
     def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
@@ -52,15 +228,11 @@ class OneWayTravelTime(RangeFilter):
 class GeodeticAdjustment(DeadReckoning):
     """Dead reckoning since the last message and one range, adjusted by weighted least squares.
 
-    Observations are the two coordinates of dead reckoning, with the covariance C that course and speed give them, and
-    the distance to the leader. With A = [I; uᵀ] of the direction u from the leader,
-
-        δ = (Aᵀ W A)⁻¹ Aᵀ W l,    W = diag(C⁻¹, 1/σ²),
-
-    repeated at the adjusted position until it rests; its covariance is (Aᵀ W A)⁻¹. Constant errors of course, speed and
-    range are no unknowns. After K. Naus and P. Piskur, Applying the geodetic adjustment method for positioning in
+    δ = (Aᵀ W A)⁻¹ Aᵀ W l with A = [I; uᵀ] of the direction u from the leader and W = diag(C⁻¹, 1/σ²), repeated at the
+    adjusted position until it rests; its covariance is (Aᵀ W A)⁻¹. C is what course and speed give dead reckoning;
+    constant errors are no unknowns (K. Naus, P. Piskur, Applying the geodetic adjustment method for positioning in
     relation to the swarm leader of underwater vehicles based on course, speed, and distance measurements, Energies 15,
-    8472, 2022.
+    8472, 2022).
     """
 
     def __init__(self, settings: TightSettings, start: Floats) -> None:
@@ -127,23 +299,21 @@ class InvertedUsbl(DeadReckoning):
         return True
 
 
-DISCOUNT = 0.98
-"""Discount of Liu and West: the kernel keeps (3 δ − 1) / 2 δ of a bias's deviation from the mean."""
+DISCOUNT = 0.98  # of Liu and West: the kernel keeps (3 δ − 1) / 2 δ of a bias's deviation from the mean
 KEPT = (3.0 * DISCOUNT - 1.0) / (2.0 * DISCOUNT)
-LEAST_SHARE = 0.1
-"""A power of the likelihood is applied first where fewer particles than this share would count."""
+LEAST_SHARE = 0.1  # a power of the likelihood is applied first where fewer particles than this share would count
 SMALLEST_POWER = 2.0**-10
-_INITIAL = 0
-"""Step that addresses the random numbers of the first particles."""
 
 
-class ParticleFilter(OdometrySums):
+class ParticleFilter(DeadReckoning):
     """State [x, y, b_v, b_θ, b_r, c_x, c_y] of each of N particles; between messages one Gaussian of their moments."""
+
+    KEEPS_READINGS = True
 
     def __init__(self, settings: RivalSettings, start: Floats) -> None:
         """As of `DeadReckoning`."""
         super().__init__(settings, start)
-        normals = self._random(_INITIAL, 0.0).standard_normal((settings.particles, STATES))
+        normals = self._random(0, 0.0).standard_normal((settings.particles, STATES))
         self.particles: Floats = self.x + normals * np.sqrt(np.diag(self.P))
         self.weights: Floats = np.full(settings.particles, 1.0 / settings.particles)
 

@@ -31,14 +31,11 @@ X, Y, LOG, COMPASS, SCALE = range(5)
 ABSENT = -1  # of a state that is switched off
 
 _DRIFTING_LOG, _DRIFTING_COMPASS = 2.5e-3, 1.7e-3  # [m/s/√s], [rad/√s]
-_MODES = (0.25, 2.5)
-"""Slow and quick drift, as multiples of these."""
+_MODES = (0.25, 2.5)  # slow and quick drift, as multiples of these
 _LEADER_COMPASS = 5e-5  # [rad/√s]
 _CLOCK_WALK = 3e-6  # of τ̇ [m/s/√s]: 2 ppb/√s, as of a crystal oscillator whose temperature changes
 _MODE_SWITCHES = 0.004
-_DEVIATION = 0.03
-"""Change of a compass's bias in a turn, as a share of the turn, where it has a deviation."""
-
+_DEVIATION = 0.03  # change of a compass's bias in a turn, as a share of the turn, where it has a deviation
 
 Model: TypeAlias = Any
 """`TightSettings` as compiled code takes them: a record with the fields of `model_of`, so that calls pass a pointer."""
@@ -77,11 +74,9 @@ def model_of(settings: TightSettings) -> Model:
         "transmitters": s.transmitters,
         "use_attitude": s.use_attitude,
     }
+    same = "dt", "baseline", "middle_offset", "hydrophone_height", "range_sigma", "outlier_span"
     numbers: dict[str, Any] = {
-        "dt": s.dt,
-        "baseline": s.baseline,
-        "middle_offset": s.middle_offset,
-        "hydrophone_height": s.hydrophone_height,
+        **{name: getattr(s, name) for name in same},
         "speed_variance": s.speed_sigma**2,
         "heading_variance": s.heading_sigma**2,
         "slip_rate": s.slip**2,  # variance of position that motion unseen by the log adds in a second [m²/s]
@@ -92,11 +87,9 @@ def model_of(settings: TightSettings) -> Model:
         "clock_walk": _CLOCK_WALK**2,  # τ̇ likewise [m²/s³]
         "mode_switches": _MODE_SWITCHES,  # rate of changes of the mode [1/s]
         "deviation": _DEVIATION**2 if assume.deviation else 0.0,
-        "range_sigma": s.range_sigma,
         "range_scale_variance": s.range_scale_sigma**2,
         "leader_variance": 0.0 if assume.exact_leader else s.leader_heading_sigma**2,  # prior and upper limit [rad²]
         "log_accepted": math.log1p(-s.outlier_probability),  # logarithm of the chance that a range is a direct one
-        "outlier_span": s.outlier_span,  # largest excess of an echo [m]
         "log_rejected": math.log(s.outlier_probability / s.outlier_span),  # of an echo's density in [1/m]
     }
     types: list[Any] = [(name, np.int64) for name in integers]
@@ -107,11 +100,9 @@ def model_of(settings: TightSettings) -> Model:
 
 CAPACITY = 2 * HYPOTHESES
 
-MOST_STATES = 12
-"""Room for n; the arrays of a belief have one shape for all settings, so that all share one compiled code."""
+MOST_STATES = 12  # room for n: arrays of a belief have one shape for all settings, so that all share compiled code
 _COMPONENTS = 2 * CAPACITY
-SPARE = _COMPONENTS - 1
-"""Component that holds a copy or a trial while there are at most `HYPOTHESES` + 2 hypotheses."""
+SPARE = _COMPONENTS - 1  # holds a copy or a trial while there are at most `HYPOTHESES` + 2 hypotheses
 _T = 3
 
 # A belief is one record of fixed layout: compiled functions take a pointer to it, and it can be copied as a whole.
@@ -233,21 +224,16 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | N
     fresh = np.zeros(MOST_STATES)
     fresh[:states] = np.square(list(prior_sigmas(settings).values()))
     made = np.zeros(1, dtype=_BELIEF)
-    belief: Belief = made[0]
-    made["states"] = states
+    made["states"], made["alive"] = states, start is not None
     made["smoothed_nis"], made["leader_variance"], made["fresh"] = 1.0, leader_variance, fresh
     made["motion"]["speed"] = np.nan
     about = made["leader"]
     about["window_time"] = about["at_x"] = about["track"] = np.nan
     about["scatter"], about["other_variance"] = leader_variance, leader_variance / 16.0
-    if start is None:
-        made["output"]["x"] = made["output"]["y"] = np.nan
-        return belief
-    made["alive"] = 1
-    made["state"][0, :modes, :LOG] = start
-    made["covariance"][0, :modes] = np.diag(fresh)
-    made["weight"][0, :modes] = 1.0 / modes
-    # no bias turns or shortens the way
-    made["output"]["x"], made["output"]["y"] = start
-    made["output"]["c_cos"] = 1.0
+    if start is not None:
+        made["state"][0, :modes, :LOG] = start
+        made["covariance"][0, :modes] = np.diag(fresh)
+        made["weight"][0, :modes] = 1.0 / modes
+    belief: Belief = made[0]
+    refresh_output(belief, m)
     return belief

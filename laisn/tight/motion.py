@@ -46,9 +46,7 @@ def preintegrate_direction(b: Belief, m: Model, speed: float, sine: float, cosin
 
 @compiled
 def preintegrate(b: Belief, m: Model, speed: float, heading: float, dt: float) -> None:
-    """One filter step of `dt` [s] at the mean velocity of both ends, with the readings of log and compass at its
-    end.
-    """
+    """One filter step at the mean velocity of both ends, with the readings of log and compass at its end."""
     sine, cosine = sin_cos(heading)
     preintegrate_direction(b, m, speed, sine, cosine, dt)
 
@@ -72,9 +70,8 @@ def _way(o: Any, log_bias: float, compass_bias: float) -> tuple[float, float, fl
 
 @inlined
 def _position_noise(o: Any, m: Model, mode: int, way: tuple[float, float, float, float, float, float]) -> Any:
-    """Covariance xx, xy, yy that a component's position gains on a way as of `_way` [m²]: random errors of the
-    readings, turned by the compass bias; slip; and biases of log and compass, and the current, that wander on a
-    straight way.
+    """Covariance xx, xy, yy that a component's position gains on a way as of `_way`: by random errors of the readings,
+    slip, and biases of log and compass, and the current, that wander on a straight way.
     """
     c, s, way_x, way_y, by_log_x, by_log_y = way
     time, third = o.time, o.time / 3.0
@@ -228,15 +225,11 @@ def moments(b: Belief, m: Model) -> None:
     b.now[0], b.now[1] = origin
 
 
-_STRAIGHT = 0.005
-"""Way that bends by less from message to message is straight [rad]."""
-_LEAST_WAY = 0.3
-"""Shorter ways between messages have no direction [m]."""
-_OUTLIER_SIGMAS = 4.0
-"""Standard deviations of a reading from the mean, beyond which the leader has turned without moving aside."""
-_LEAST_MESSAGES = 4.0
-"""Messages of a leg after which its mean heading is used; sooner where its variance is little beside that of b_L."""
-_SMALL_SHARE = 0.1
+_STRAIGHT = 0.005  # a way that bends by less from message to message is straight [rad]
+_LEAST_WAY = 0.3  # shorter ways between messages have no direction [m]
+_OUTLIER_SIGMAS = 4.0  # a reading so many σ from the mean: the leader has turned without moving aside
+_LEAST_MESSAGES = 4.0  # of a leg, after which its mean heading is used; sooner where its variance is …
+_SMALL_SHARE = 0.1  # … a smaller share of that of b_L
 
 
 @compiled
@@ -283,14 +276,10 @@ def average_leader_heading(b: Belief, m: Model, signal: Signal) -> None:
             signal.arms[i, 0], signal.arms[i, 1] = c * ax + s * ay, c * ay - s * ax
 
 
-_WINDOW = 10.0
-"""Longest window [s]; at the start it is shorter, so that something is known soon."""
-_FIRST_WINDOW = 1.0
-_GROWTH = 0.2
-_TURN = 0.2
-"""A window with more turn than this is not used: the way between messages is too uncertain [rad]."""
-CURRENT_SIGMA = 0.05
-"""Standard deviation of the mean current over a window of 10 s [m/s]."""
+_WINDOW = 10.0  # longest window [s]; at the start it is shorter, so that something is known soon
+_FIRST_WINDOW, _GROWTH = 1.0, 0.2
+_TURN = 0.2  # a window with more turn is not used: the way between messages is too uncertain [rad]
+CURRENT_SIGMA = 0.05  # of the mean current over a window of 10 s [m/s]
 
 
 @compiled

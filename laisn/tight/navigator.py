@@ -1,29 +1,30 @@
-"""One follower, step by step: messages in, estimates out; online, or smoothed with messages up to a lag later.
+"""Followers with the tightly coupled navigator: one, step by step or smoothed; a mission of a campaign; a swarm.
 
-Smoothing carries later messages back along a chain of Gaussians (`laisn.mixture.smooth`), which a mixture enters as one
-with its mean and covariance.
+All equal `TightNavigator` to the bit. Smoothing carries messages up to a lag later back along a chain of Gaussians
+(`laisn.mixture.smooth`), which a mixture enters as one with its mean and covariance.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias
+from dataclasses import replace
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from laisn.arrays import Floats
-from laisn.compiled import compiled
-from laisn.estimates import FixKind, FixRecord, TightEstimates, kind_of
+from laisn.arrays import Bools, Floats, Ints, Record, Records
+from laisn.compiled import compiled, copy_values
+from laisn.elementary import sin_cos
+from laisn.estimates import HYPOTHESES, FixKind, FixRecord, TightEstimates, kind_of
 from laisn.failure import LaisnError
 from laisn.geometry import given_transmitters
 from laisn.messages import Measurements, OwnMotion, Reception
-from laisn.mixture import Chain, mixture_moments, smooth
-from laisn.navigators import FARTHEST, OnlineNavigator, require_message, require_readings
+from laisn.mixture import Chain, heaviest, heaviest_hypothesis, hypothesis_weight, mixture_moments, smooth
+from laisn.navigators import MissionResult, OnlineNavigator
 from laisn.settings import TightSettings
+from laisn.swarm import MESSAGE
 from laisn.tight.estimator import inflate_bias_covariance, mix_modes, place_arms, receive
-from laisn.tight.model import COMPASS, LOG, Belief, Model, model_of, new_belief, prior_sigmas
-from laisn.tight.motion import moments, predict_component, preintegrate
-from laisn.tight.ranging import new_signal
+from laisn.tight.model import COMPASS, LOG, MOST_STATES, Belief, Model, X, Y, model_of, new_belief, prior_sigmas
+from laisn.tight.motion import moments, position, predict_component, preintegrate, preintegrate_direction, velocity
+from laisn.tight.ranging import Signal, new_signal
 
 ScalarRecord: TypeAlias = Any
 """A record as the only element of an array, shape (1,): a call with it takes 1 µs, with a record 30 µs."""
@@ -45,11 +46,7 @@ def predict(b: ScalarRecord, m: ScalarRecord, speed: float, heading: float, dt: 
 def update(
     b: ScalarRecord, m: ScalarRecord, signal: ScalarRecord, tilt: tuple[float, float], deeper: float, on_hull: bool
 ) -> int:
-    """Update a belief with a message, as `estimator.receive`, and its moments.
-
-    Transmitters `on_hull` are placed by the leader's tilt [rad] and depth below [m]; otherwise their arms are in the
-    message.
-    """
+    """Update a belief with a message, whose transmitters `on_hull` are placed, as `receive`, and its moments."""
     if on_hull:
         place_arms(signal[0], m[0], tilt[0], tilt[1], deeper)
     used = receive(b[0], m[0], signal[0])
@@ -57,41 +54,14 @@ def update(
     return used
 
 
-@dataclass(frozen=True, kw_only=True)
-class Update(FixRecord):
-    """The result of a message: position and σ are those of the mean over the mixture; fields as of `TightEstimates`."""
-
-    received: int
-    """Ranges that were received from transmitters that are used."""
-    used: int = 0
-    nis: float = math.nan
-    full_state: Floats
-    full_sigma: Floats
-    weight: Floats = field(default_factory=lambda: np.empty(0))
-    hypothesis: Floats = field(default_factory=lambda: np.empty((0, 2)))
-    hypothesis_covariance: Floats = field(default_factory=lambda: np.empty((0, 2, 2)))
-
-
-def _check(step: int, own: OwnMotion, reception: Reception | None) -> None:
-    require_readings(step, own, reception, "log")
-    if reception is None:
-        return
-    message, places = reception.message, reception.transmitters
-    if places is not None and not np.nanmax(np.abs(places), initial=0.0) <= 1e3 * FARTHEST:
-        raise LaisnError(f"step {step}: a transmitter is farther than {1e3 * FARTHEST:g} m; NaN stands for none")
-    require_message(step, message)
-    if max(abs(message.east), abs(message.north), abs(message.depth)) > 1e3 * FARTHEST:
-        raise LaisnError(f"step {step}: the leader is at {message}, farther than {1e3 * FARTHEST:g} m")
-
-
 class TightNavigator(OnlineNavigator[TightEstimates]):
     """The tightly coupled navigator on one follower."""
 
-    def __init__(self, settings: TightSettings, start: Floats | None) -> None:
-        """Start at the hydrophone's x, y [m] and velocity [m/s] at step 0, shape (4,), or anywhere.
+    ESTIMATES = TightEstimates
 
-        None, or `known_start` False: estimates are NaN until the first message with two ranges, after which both sides
-        of the leader are possible. ValueError: the start is not four finite numbers.
+    def __init__(self, settings: TightSettings, start: Floats | None) -> None:
+        """Start at the hydrophone's x, y [m] and velocity [m/s] at step 0, shape (4,). None, or `known_start` False:
+        anywhere; estimates are NaN until the first message with two ranges. ValueError: it is not four finite numbers.
         """
         super().__init__(settings, start if settings.known_start else None, settings.start_sigma)
         self._model = model = model_of(settings)
@@ -100,31 +70,18 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
         self._records = b, _ = scalar_record(new_belief(settings, model, self._start)), scalar_record(model)
         self._belief: Belief = b[0]
         # from here on views of the belief, which hold the moments of the mixture after each step
-        moments_now = b["now"][0], b["now_covariance"][0]
-        moments_now[0][:], moments_now[1][:] = self._state, self._covariance
-        self._state, self._covariance = moments_now
-        self._sizes = int(model.modes), int(model.states)
+        b["now"][0], b["now_covariance"][0] = self._state, self._covariance
+        self._state, self._covariance = b["now"][0], b["now_covariance"][0]
 
-    def step(self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None) -> list[Update]:
-        """Advance by one filter step; see `OnlineNavigator.step`."""
-        own = self._begin_step(own, duration)
-        _check(self._step, own, reception)
+    def step(
+        self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
+    ) -> list[FixRecord]:
+        """Advance by one filter step; see `OnlineNavigator.step`. The details of a fix are as of `TightEstimates`."""
+        own = self._begin_step(own, reception, duration)
         predict(*self._records, own.speed, own.heading, self.settings.dt if duration is None else duration)
         return [] if reception is None else [self._receive(own, reception)]
 
-    def _estimates(self, state: Floats, covariance: Floats, fixes: Sequence[Update]) -> TightEstimates:
-        details: dict[str, Any] = {}
-        for column in TightEstimates.details():
-            nothing: Any = 0 if column.attribute in ("used", "weight") else np.nan
-            rows = np.full((len(fixes), *column.shape), nothing, np.int64 if column.integer else np.float64)
-            for row, fix in zip(rows[..., None], fixes, strict=True):
-                # of fewer hypotheses than there may be, the first rows
-                value = np.asarray(getattr(fix, column.attribute))[..., None]
-                row[: len(value)] = value
-            details[column.attribute] = rows
-        return TightEstimates.of(state, covariance, fixes, **details)
-
-    def _receive(self, own: OwnMotion, reception: Reception) -> Update:
+    def _receive(self, own: OwnMotion, reception: Reception) -> FixRecord:
         """Take a message; a range to a transmitter whose position is unknown counts as not received."""
         message, settings, signal, (belief, model) = reception.message, self.settings, self._signal, self._records
         signal["time"], signal["east"], signal["north"] = message.timestamp, message.east, message.north
@@ -142,51 +99,42 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
         used = update(belief, model, signal, tilt, deeper, places is None)
         if used < 0:
             raise ArithmeticError(f"step {self._step}: a covariance is not positive definite after {reception}")
-        return self._update(int(belief["received"][0]), used)
+        return self._fix(int(belief["received"][0]), used)
 
-    def _update(self, received: int, used: int) -> Update:
-        (b, _), (modes, n) = self._records, self._sizes
-        components = int(b["alive"][0]) * modes
-        full_state, full_sigma = np.full((2, len(TightEstimates.names)), np.nan)
-        common: dict[str, Any] = {"step": self._step, "position": full_state[:2], "received": received}
-        common |= {"full_state": full_state, "full_sigma": full_sigma}
-        if not components:
-            return Update(**common, sigma=math.nan, kind=FixKind.LOST)
-        weight, states = b["weight"][0, :components], b["state"][0, :components, :n]
-        covariances = b["covariance"][0, :components, :n, :n]
-        mean = weight @ states
-        variance = np.diagonal(covariances, axis1=1, axis2=2)
-        full_state[self._places] = mean
-        full_sigma[self._places] = np.sqrt(weight @ (variance + (states - mean) ** 2))
-        by_side = weight.reshape(-1, modes)
-        of_side = by_side.sum(axis=1)
-        sides = sorted(range(of_side.size), key=lambda h: -of_side[h])
-        top = sides[0] * modes + int(np.argmax(by_side[sides[0]]))
-        taken = int(b["outcome"]["taken"][0, top]) if used else 0
-        where, spread = [], []
-        for h in sides:
-            part = slice(h * modes, (h + 1) * modes)
-            centre, covariance = mixture_moments(by_side[h] / of_side[h], states[part, :2], covariances[part, :2, :2])
-            where.append(centre)
-            spread.append(covariance)
-        return Update(
-            **common,
-            sigma=float(np.sqrt(0.5 * np.sum(full_sigma[:2] ** 2))),
-            kind=kind_of(received, taken),
-            used=taken,
-            nis=float(b["outcome"]["squared"][0, top]) if taken else math.nan,
-            weight=of_side[sides],
-            hypothesis=np.array(where),
-            hypothesis_covariance=np.array(spread),
-        )
+    def _fix(self, received: int, used: int) -> FixRecord:
+        """The result of a message of which so many ranges were received, and used by any hypothesis."""
+        b, modes, n = self._belief, int(self._model.modes), int(self._model.states)
+        found: dict[str, Any] = {
+            "nis": np.nan, "used": 0, "full_state": np.full(MOST_STATES, np.nan),
+            "full_sigma": np.full(MOST_STATES, np.nan), "weight": np.zeros(HYPOTHESES),
+            "hypothesis": np.full((HYPOTHESES, 2), np.nan),
+            "hypothesis_covariance": np.full((HYPOTHESES, 2, 2), np.nan),
+        }  # fmt: skip
+        hypotheses = int(b.alive)
+        if hypotheses:
+            weight, state, covariance = (a[: hypotheses * modes] for a in (b.weight, b.state[:, :n], b.covariance))
+            mean, variance = weight @ state, np.diagonal(covariance[:, :n, :n], axis1=1, axis2=2)
+            found["full_state"][self._places] = mean
+            found["full_sigma"][self._places] = np.sqrt(weight @ (variance + (state - mean) ** 2))
+            by_mode = weight.reshape(hypotheses, modes)
+            total = by_mode.sum(axis=1)
+            order = np.argsort(-total, kind="stable")
+            found["weight"][:hypotheses] = total[order]
+            for i, h in enumerate(order.tolist()):
+                part = slice(h * modes, (h + 1) * modes)
+                found["hypothesis"][i], found["hypothesis_covariance"][i] = mixture_moments(
+                    by_mode[h] / total[h], state[part, :2], covariance[part, :2, :2]
+                )
+            if used:
+                last = b.outcome[order[0] * modes + int(np.argmax(by_mode[order[0]]))]
+                found["used"], found["nis"] = int(last["taken"]), last["squared"] if last["taken"] else math.nan
+        kind = kind_of(received, found["used"]) if hypotheses else FixKind.LOST
+        sigma = float(np.sqrt(0.5 * np.sum(found["full_sigma"][:2] ** 2)))
+        return FixRecord(step=self._step, position=found["full_state"][:2], sigma=sigma, kind=kind, details=found)
 
 
-_SAME_TIME = 5e-4
-"""A message that is later than the lag by less than this is within it: times are sums [s]."""
-
-
-_SUMS = ("ax", "ay", "bx", "by", "nxx", "nxy", "nyy", "time")
-"""Fields of a belief's motion that add up over the steps of a way."""
+_SAME_TIME = 5e-4  # a message that is later than the lag by less than this is within it: times are sums [s]
+_SUMS = "ax", "ay", "bx", "by", "nxx", "nxy", "nyy", "time"  # of a belief's motion over the steps of a way
 
 
 @compiled
@@ -247,10 +195,8 @@ class _Leg:
         return np.array((x[:n] - x[n]).T)
 
     def at(self, motion: ScalarRecord) -> tuple[Floats, Floats, Floats]:
-        """Where the way so far is `motion`: mean and covariance of x, y, vx, vy, and theirs with the state at the end.
-
-        Shapes (4,), (4, 4) and (4, s). Mean and covariance are the filter's but for the biases at which they are
-        linearised: those that the end is linearised at. Otherwise a difference of the two could be negative.
+        """Where the way so far is `motion`: mean and covariance of x, y, vx, vy, and theirs with the state at the end,
+        linearised at the same biases, so that no difference of covariances is negative.
         """
         for name in _SUMS:
             self._motion[name] = self._whole[name] - motion[name]
@@ -272,9 +218,7 @@ class SmoothingNavigator(TightNavigator):
     """The tightly coupled navigator with fixed-lag smoothing: `run` also uses the messages up to a lag later."""
 
     def __init__(self, settings: TightSettings, start: Floats | None, lag: float) -> None:
-        """Start as `TightNavigator`; messages may be later than a position that rests on them by `lag` [s]. ValueError
-        as there, or if the lag is not finite, zero or more.
-        """
+        """Start as `TightNavigator`; messages may be later than a position that rests on them by `lag` [s]."""
         if not 0.0 <= lag < np.inf:
             raise ValueError(f"lag is {lag} s, expected a finite time, zero or more")
         super().__init__(settings, start)
@@ -284,28 +228,27 @@ class SmoothingNavigator(TightNavigator):
         self._steps = [0] if self._belief.alive else []
         self._before: list[tuple[ScalarRecord, ScalarRecord]] = []
 
-    def step(self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None) -> list[Update]:
+    def step(
+        self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
+    ) -> list[FixRecord]:
         """Advance by one filter step, as `TightNavigator.step`."""
-        updates = super().step(own, reception, duration)
+        fixes = super().step(own, reception, duration)
         self._motions.append(self._records[0]["motion"].copy())
         self._latest.append(len(self._steps) - 1)
-        return updates
+        return fixes
 
-    def _receive(self, own: OwnMotion, reception: Reception) -> Update:
+    def _receive(self, own: OwnMotion, reception: Reception) -> FixRecord:
         before = self._records[0].copy()
-        update = super()._receive(own, reception)
+        fix = super()._receive(own, reception)
         # the preintegration is reset after a message that was used
         if self._records[0]["motion"]["time"][0] == 0.0:
             self._steps.append(self._step)
             if before["alive"][0]:
                 self._before.append((before, self._signal.copy()))
-        return update
+        return fix
 
     def run(self, measurements: Measurements) -> TightEstimates:
-        """Smoothed states and covariances of a whole mission; all else is the filter's. Errors: `TightNavigator.run`.
-
-        Steps before the first estimate of an unknown start stay NaN.
-        """
+        """Smoothed states and covariances of a whole mission; all else, and errors, are the filter's."""
         estimates = super().run(measurements)
         if not self._before:
             return estimates
@@ -337,3 +280,195 @@ class SmoothingNavigator(TightNavigator):
         predicted.append(beliefs[-1])
         parts = (*zip(*beliefs, strict=True), *zip(*predicted, strict=True), onward)
         return legs[::-1], Chain(*(np.array(part[::-1]) for part in parts))
+
+
+class MissionEstimates(NamedTuple):
+    """Estimates of a mission of n steps and m messages."""
+
+    state: Floats  # mean x, y [m], vx, vy [m/s] after each step, shape (n, 4); shape (n, 2) without covariances
+    covariance: Floats  # of the position: xx, xy, yy, shape (n, 3), [m²]; of shape (0, 3), it is left out
+    # of each message ranges received, or 0 without an estimate to test them; those that the heaviest hypothesis used;
+    # and their squared residuals in units of S, NaN if none was used: shape (m, 3); of shape (0, 3), left out
+    outcome: Floats
+
+
+@compiled
+def _receive(b: Belief, m: Model, signal: Signal, message: Record, ranges: Floats, depth: float) -> int:
+    """Take a record of MESSAGE and its ranges, shape (3,), at the follower's depth [m]; see `receive`."""
+    signal.time, signal.east, signal.north = message.timestamp, message.east, message.north
+    signal.heading, signal.speed = message.heading, message.speed
+    copy_values(ranges, signal.ranges)
+    place_arms(signal, m, message.pitch, message.roll, message.depth - (depth - m.hydrophone_height))
+    return receive(b, m, signal)
+
+
+@compiled
+def outcome_of(b: Belief, m: Model, used: int) -> tuple[int, int, float]:
+    """Result of a message, as of `MissionEstimates`; `used` is what `receive` gave."""
+    if used > 0:
+        last = b.outcome[heaviest(b, m.modes, heaviest_hypothesis(b, m.modes, b.alive))]
+        return b.received, last.taken, last.squared if last.taken > 0 else np.nan
+    return b.received if b.alive > 0 else 0, 0, np.nan
+
+
+@compiled
+def filter_mission(
+    b: Belief,
+    m: Model,
+    signal: Signal,
+    speed: Floats,
+    heading: Floats,
+    message_step: Ints,
+    messages: tuple[Records, Floats, Floats],
+    found: MissionEstimates,
+) -> int:
+    """Estimate a whole mission of a new belief; the step at which a covariance was not positive definite, or 0.
+
+    Messages are records of MESSAGE, rows of `Ranges`, and the follower's depth [m].
+    """
+    i, (message, ranges, depth), (states, covariances, outcome) = 0, messages, found
+    n = speed.shape[0]
+    sine, cosine = np.empty(n), np.empty(n)
+    # a loop of its own, which is vectorised
+    for k in range(n):
+        sine[k], cosine[k] = sin_cos(heading[k])
+    for k in range(n):
+        preintegrate_direction(b, m, speed[k], sine[k], cosine[k], m.dt)
+        if i < message_step.size and message_step[i] == k + 1:
+            used = _receive(b, m, signal, message[i], ranges[i], depth[i])
+            if used < 0:
+                return k + 1
+            if outcome.shape[0] > 0:
+                outcome[i, 0], outcome[i, 1], outcome[i, 2] = outcome_of(b, m, used)
+            i += 1
+        if covariances.shape[0] > 0:
+            moments(b, m)
+            copy_values(b.now, states[k])
+            covariances[k, 0], covariances[k, 1] = b.now_covariance[0, 0], b.now_covariance[0, 1]
+            covariances[k, 2] = b.now_covariance[1, 1]
+        else:
+            states[k, 0], states[k, 1] = position(b)
+    return 0
+
+
+def run_mission(
+    settings: TightSettings, measurements: Measurements, start: Floats | None, *, covariance: bool = True
+) -> MissionEstimates:
+    """States and covariances of a mission, to the bit those of `TightNavigator`; NaN before a start is found.
+
+    Without `covariance` neither velocities, covariances nor results of messages are computed, which take most of the
+    time. ArithmeticError: a covariance is not positive definite. LaisnError: steps differ in length, or transmitters
+    are on no leader's hull; `TightNavigator` takes these.
+    """
+    if measurements.durations is not None or measurements.transmitters is not None or settings.transmitter_offsets:
+        raise LaisnError("campaigns take steps of equal length, and transmitters on the leader's hull only")
+    model, n = model_of(settings), measurements.speed.size
+    outcome = np.empty((len(measurements.message) if covariance else 0, 3))
+    found = MissionEstimates(np.empty((n, 4 if covariance else 2)), np.empty((n if covariance else 0, 3)), outcome)
+    speed, heading = np.ascontiguousarray(measurements.speed), np.ascontiguousarray(measurements.heading)
+    step = measurements.message_step
+    sent = np.ascontiguousarray(measurements.message).view(MESSAGE)[:, 0]
+    messages = sent, np.ascontiguousarray(measurements.ranges), measurements.last_depth[step - 1]
+    known = None if start is None or not settings.known_start else (float(start[0]), float(start[1]))
+    belief = new_belief(settings, model, known)
+    failed = filter_mission(belief, model, new_signal(), speed, heading, step, messages, found)
+    if failed:
+        raise ArithmeticError(f"step {failed}: a covariance is not positive definite")
+    return found
+
+
+def fly(settings: TightSettings, measurements: Measurements, start: Floats) -> MissionResult:
+    """One run of a campaign; errors as of `run_mission`. The mean of an update's squared residuals is its ranges."""
+    found = run_mission(settings, measurements, start)
+    received, used, squared = found.outcome.T
+    kinds, known = list(map(kind_of, received, used)), np.isfinite(squared)
+    return MissionResult(found.state, found.covariance, kinds, squared[known].sum(), used[known].sum())
+
+
+# Two hypotheses are two places, and not the halves of a wide one, where intervals of 95 % about each do not meet.
+_APART = 2.0
+
+
+@compiled
+def _spread(b: Belief, k: int, east: float, north: float) -> float:
+    """Standard deviation of the place of component k in a direction, a unit vector [m]."""
+    P = b.covariance
+    return math.sqrt(east * east * P[k, X, X] + 2.0 * east * north * P[k, X, Y] + north * north * P[k, Y, Y])
+
+
+@compiled
+def _offset_to_likelier_hypothesis(b: Belief, m: Model, x: float, y: float) -> tuple[float, float]:
+    """Offset from the mean position to that of the likelier of two hypotheses [m]; zero where they are one place."""
+    first, second, most = heaviest_hypothesis(b, m.modes, b.alive), -1, -1.0
+    for h in range(b.alive):
+        weight = hypothesis_weight(b, m.modes, h)
+        if h != first and weight > most:
+            second, most = h, weight
+    if second < 0:
+        return 0.0, 0.0
+    i, j = heaviest(b, m.modes, first), heaviest(b, m.modes, second)
+    east, north = b.state[i, X] - b.state[j, X], b.state[i, Y] - b.state[j, Y]
+    apart = math.sqrt(east * east + north * north)
+    if apart == 0.0:
+        return 0.0, 0.0
+    east, north = east / apart, north / apart
+    if apart < _APART * (_spread(b, i, east, north) + _spread(b, j, east, north)):
+        return 0.0, 0.0
+    return b.state[i, X] - x, b.state[i, Y] - y
+
+
+@compiled
+def _write_outputs(b: Belief, m: Model, out: Any) -> None:
+    """Write biases and current (means over the mixture), its spread, and the offset to the likelier hypothesis."""
+    x, y, log_bias, compass_bias = b.output.x, b.output.y, 0.0, 0.0
+    xx = xy = yy = 0.0
+    for k in range(b.alive * m.modes):
+        w, dx, dy = b.weight[k], b.state[k, X] - x, b.state[k, Y] - y
+        log_bias += w * b.state[k, LOG]
+        compass_bias += w * b.state[k, COMPASS]
+        xx += w * (b.covariance[k, X, X] + dx * dx)
+        xy += w * (b.covariance[k, X, Y] + dx * dy)
+        yy += w * (b.covariance[k, Y, Y] + dy * dy)
+    half, across = 0.5 * (xx + yy), 0.5 * (xx - yy)
+    out.log_bias, out.compass_bias = log_bias, compass_bias
+    out.current[0], out.current[1] = b.output.v_x, b.output.v_y
+    out.spread = math.sqrt(half + math.sqrt(across * across + xy * xy))
+    out.to_likelier[0], out.to_likelier[1] = _offset_to_likelier_hypothesis(b, m, x, y)
+
+
+class TightSwarm(NamedTuple):
+    """Tightly coupled navigators of f followers, with room for a message; see `Swarm`."""
+
+    beliefs: Any
+    model: Model
+    signal: Signal
+    gated: Ints
+
+    @compiled
+    def navigate(
+        self, step: int, readings: Records, received: Bools, messages: Records, ranges: Floats, estimates: Any
+    ) -> int:
+        """Advance by one filter step, the same to the bit as `TightNavigator.step`; see `Swarm.navigate`."""
+        beliefs, m, signal, gated = self
+        for i in range(beliefs.size):
+            b, estimate = beliefs[i], estimates[i]
+            preintegrate(b, m, readings[i].speed, readings[i].heading, m.dt)
+            if received[i]:
+                used = _receive(b, m, signal, messages[i], ranges[i], readings[i].depth)
+                if used < 0:
+                    return i + 1
+                received_ranges, taken, _ = outcome_of(b, m, used)
+                gated[i] += received_ranges > 0 and taken == 0
+                _write_outputs(b, m, estimate)
+            estimate.position[0], estimate.position[1] = position(b)
+            estimate.velocity[0], estimate.velocity[1] = velocity(b)
+        return 0
+
+
+def new_tight_swarm(settings: TightSettings, starts: Floats) -> TightSwarm:
+    """Navigators of followers at their starts, rows of x, y [m] first, not read where starts are unknown."""
+    model = model_of(settings)
+    known = [(float(row[0]), float(row[1])) if settings.known_start else None for row in starts]
+    beliefs = np.stack([new_belief(settings, model, start) for start in known]).view(np.recarray)
+    gated = np.zeros(len(beliefs), dtype=np.int64)
+    return TightSwarm(beliefs, model, new_signal(), gated)

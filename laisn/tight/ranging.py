@@ -14,13 +14,9 @@ from laisn.elementary import log, sin_cos
 from laisn.tight.model import ABSENT, SCALE, Belief, Model, X, Y
 
 _LOG_TURN = math.log(2.0 * math.pi)
-_TOO_SHORT = 6.0
-"""By this the logarithm of an echo's likelihood is less if the range is shorter than expected, which no echo is."""
-_INFORMATIVE = 0.5
-"""The leader's random error is estimated from a message if it leaves less than this share of its variance."""
-_SHORTEST = 0.01
-"""Nearer to a transmitter than this the direction to it means nothing [m]."""
-
+_TOO_SHORT = 6.0  # log likelihood that an echo loses if its range is shorter than expected, which no echo is
+_INFORMATIVE = 0.5  # the leader's error is estimated from a message if it leaves less than this share of its variance
+_SHORTEST = 0.01  # nearer to a transmitter than this the direction to it means nothing [m]
 
 _SIGNAL = np.dtype((np.record, np.dtype([
     ("time", np.float64),  # of emission, on the leader's clock [s]
@@ -43,12 +39,11 @@ def new_signal() -> Signal:
 
 @compiled
 def predict_ranges(b: Belief, m: Model, k: int, signal: Signal, turn: float, turn_variance: float) -> int:
-    """Residuals of the ranges for component k, with rows of derivatives and covariances, into `b.work`; how many there
-    are.
+    """Residuals of the ranges for component k, with derivatives and covariances, into `b.work`; how many there are.
 
-    Second-order terms follow Bar-Shalom, Li & Kirubarajan 2001 (second-order EKF): ½ tr(H P) in the mean and ½ tr(H_i P
-    H_j P) in the covariance, over position and leader's compass. It is linearised about a random error of the leader's
-    heading, `turn`, of whose variance `turn_variance` is left [rad²].
+    Second-order EKF (Bar-Shalom, Li & Kirubarajan 2001): ½ tr(H P) in the mean and ½ tr(H_i P H_j P) in the covariance,
+    over position and leader's compass. It is linearised about a random error of the leader's heading, `turn`, of whose
+    variance `turn_variance` is left [rad²].
     """
     w, x, P = b.work, b.state, b.covariance
     turning = m.leader != ABSENT
@@ -140,8 +135,7 @@ def predict_ranges(b: Belief, m: Model, k: int, signal: Signal, turn: float, tur
 def _likelihood(b: Belief, count: int) -> tuple[float, float]:
     """Logarithm of the density of the ranges in `work.used`, and their squared residuals in units of S.
 
-    NaN if S is not positive definite. Leaves the Cholesky factor of S, S = L Lᵀ, and whitened residuals L⁻¹ (z − ẑ) in
-    `work`.
+    NaN if S is not positive definite. Leaves its Cholesky factor L and whitened residuals L⁻¹ (z − ẑ) in `work`.
     """
     w, L = b.work, b.work.root
     squared, volume = 0.0, 1.0
@@ -274,10 +268,7 @@ def _use_subset(b: Belief, received: int, mask: int) -> int:
 
 @compiled
 def _select_ranges(b: Belief, m: Model, k: int, signal: Signal, received: int, density: float) -> int:
-    """Leave out the ranges that look like echoes: the likeliest of all subsets, or all ranges with a common echo.
-
-    Sets `b.evidence[k]`, `b.work.mask` and `b.work.shared`; returns how many stay in `b.work.used`.
-    """
+    """Keep the likeliest of all subsets of ranges, or all with a common echo, in `b.work.used`; how many these are."""
     w, everything = b.work, (1 << received) - 1
     best, w.mask = density + received * m.log_accepted, everything
     excess, _, _ = _marginalise_common_echo(b, received)
@@ -311,8 +302,7 @@ def _select_ranges(b: Belief, m: Model, k: int, signal: Signal, received: int, d
 
 @compiled
 def update(b: Belief, m: Model, k: int, signal: Signal) -> int:
-    """Update component k with the ranges of a message, of which it leaves out those that look like echoes; how many it
-    used.
+    """Update component k with the ranges of a message, without those that look like echoes; how many it used.
 
     −1: a covariance was not positive definite. Sets `outcome`, `evidence` and `turn_excess`. Where the leader's heading
     errs at random and the ranges determine by how much, they are linearised about that: about the broadcast heading,

@@ -99,11 +99,12 @@ def _ellipse(position: Sequence[float], covariance: Floats) -> fg.SpherePrimitiv
 def _ellipses(estimates: Estimates, row: int, z: float) -> list[fg.SpherePrimitive]:
     """Of the estimate in a row, and of all hypotheses after the last message before it, if there are several."""
     places, spreads = [estimates.state[row, :2]], [estimates.covariance[row, :2, :2]]
-    hypotheses, made = estimates.hypotheses, int(np.searchsorted(estimates.fix_step, row + 1, side="right")) - 1
-    kept = np.flatnonzero(hypotheses.weight[made] > 0.0) if made >= 0 else np.empty(0, dtype=np.int64)
+    made = int(np.searchsorted(estimates.fix_step, row + 1, side="right")) - 1
+    weight, position, covariance = estimates.hypotheses
+    kept = np.flatnonzero(weight[made] > 0.0) if made >= 0 else np.empty(0, dtype=np.int64)
     if kept.size > 1:
-        places += list(hypotheses.position[made, kept])
-        spreads += list(hypotheses.covariance[made, kept])
+        places += list(position[made, kept])
+        spreads += list(covariance[made, kept])
     # a filter that left finite numbers has a trail but no ellipse
     finite = [(xy, spread) for xy, spread in zip(places, spreads, strict=True) if np.isfinite(spread).all()]
     return [_ellipse((*xy.tolist(), z), spread) for xy, spread in finite]

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.beacons.navigator import BeaconSettings
+from laisn.beacons import BeaconSettings
 
 X, Y, SPEED, HEADING, GYRO, SCALE, EAST, NORTH = range(8)
 CAPACITY, KEPT = 1024, 256

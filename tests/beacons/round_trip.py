@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.beacons.navigator import BeaconSettings
+from laisn.beacons import BeaconSettings
 from laisn.messages import Measurements
 
 BEACONS = np.array([[-45.0, 10.0], [15.0, -10.0], [20.0, 30.0], [-20.0, 60.0]])

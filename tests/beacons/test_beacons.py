@@ -10,24 +10,28 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from laisn.arrays import Floats
-from laisn.beacons.estimator import (
+from laisn.beacons import (
     CAPACITY,
     GYRO,
     HEADING,
+    MEDIA,
     SCALE,
     SHARED,
     SPEED,
+    BeaconNavigator,
+    BeaconSettings,
     Belief,
     Ranging,
     X,
     Y,
+    new_belief,
     predict,
     predict_range,
     prune_and_merge,
     split,
     update,
+    with_beacon,
 )
-from laisn.beacons.navigator import MEDIA, BeaconNavigator, BeaconSettings, new_belief, with_beacon
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
@@ -326,7 +330,7 @@ def test_absurd_readings_are_named() -> None:
     fine, start = OwnMotion(1.0, 0.0, 0.0), np.zeros(4)
     cases = [
         (OwnMotion(math.nan, 0.0, 0.0), None, 0.1, "is not finite"),
-        (OwnMotion(80.0, 0.0, 0.0), None, 0.1, "the odometry reads 80 m/s"),
+        (OwnMotion(80.0, 0.0, 0.0), None, 0.1, "the speed is 80 m/s"),
         (fine, None, 0.0, "expected a positive time"),
         (fine, reception((-3.0, math.nan, math.nan)), 0.1, "NaN for a missing one"),
         (fine, reception()._replace(transmitters=None), 0.1, "needs beacons"),

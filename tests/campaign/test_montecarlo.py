@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.campaign import lane_metrics
+from experiments.campaign import lane_flight
 from experiments.campaign.montecarlo import PERCENTILES, Cell, CellResult, histories, simulate
 from laisn import POSITION, metrics
 from laisn.arrays import Floats, Ints
@@ -160,17 +160,17 @@ def test_metrics_are_those_of_the_histories(variant: Variant) -> None:
 def _bins(values: Floats, first: int) -> Ints:
     out = np.empty(values.size, dtype=np.int64)
     for i in range(values.size):
-        out[i] = lane_metrics._bin(values[i], first)
+        out[i] = lane_flight._bin(values[i], first)
     return out
 
 
 @pytest.mark.parametrize(
     ("lowest", "first"),
-    [(lane_metrics.LOWEST_P, lane_metrics._FIRST_P), (lane_metrics.LOWEST_B, lane_metrics._FIRST_B)],
+    [(lane_flight.LOWEST_P, lane_flight._FIRST_P), (lane_flight.LOWEST_B, lane_flight._FIRST_B)],
 )
 def test_bins_hold_what_lies_between_their_edges(lowest: float, first: int) -> None:
-    edges = lane_metrics.bin_edges(lowest)
-    assert edges.size == lane_metrics.BINS + 1
+    edges = lane_flight.bin_edges(lowest)
+    assert edges.size == lane_flight.BINS + 1
     assert (edges[0], edges[1], edges[-1]) == (0.0, lowest, np.inf)
     inner = edges[1:-1]
     # 128 bins of equal width between a power of two and the next: from 1/128 of their lower edge down to 1/255 of it
@@ -182,16 +182,16 @@ def test_bins_hold_what_lies_between_their_edges(lowest: float, first: int) -> N
 
 
 def test_percentiles_lie_where_they_fall_within_a_bin() -> None:
-    edges = lane_metrics.bin_edges(lane_metrics.LOWEST_P)
-    histogram = np.zeros(lane_metrics.BINS, dtype=np.int64)
+    edges = lane_flight.bin_edges(lane_flight.LOWEST_P)
+    histogram = np.zeros(lane_flight.BINS, dtype=np.int64)
     k = np.digitize([0.5], edges)[0] - 1
     histogram[[k, k + 40]] = 3, 1
     for share, expected in ((0.25, edges[k] + (edges[k + 1] - edges[k]) / 3), (0.75, edges[k + 1])):
-        found = lane_metrics.percentile(histogram, lane_metrics.LOWEST_P, share, 10.0)
+        found = lane_flight.percentile(histogram, lane_flight.LOWEST_P, share, 10.0)
         assert found == pytest.approx(expected, rel=1e-12)
     # the largest bounds what a bin may be read as
     largest = (edges[k + 40] + edges[k + 41]) / 2
-    assert lane_metrics.percentile(histogram, lane_metrics.LOWEST_P, 1.0, largest) == largest
+    assert lane_flight.percentile(histogram, lane_flight.LOWEST_P, 1.0, largest) == largest
 
 
 def test_results_depend_neither_on_threads_nor_on_blocks() -> None:
@@ -235,13 +235,3 @@ def test_states_that_are_not_finite_are_reported() -> None:
     navigation = NavigationSettings(alpha=0.0, sigma_a0=0.0, sigma_speed=0.0)
     with pytest.raises(ValueError, match="run 7 left finite numbers"):
         simulate(Cell(truth=truth, errors=still, settings=navigation, runs=range(7, 9)))
-
-
-def test_cells_are_checked() -> None:
-    truth = make_truth(20)
-    with pytest.raises(ValueError, match=r"settings\.dt is 1\.0 s, the mission's 0\.1 s"):
-        Cell(truth=truth, settings=NavigationSettings(dt=1.0))
-    with pytest.raises(ValueError, match="expected at least one"):
-        Cell(truth=truth, runs=range(0))
-    with pytest.raises(ValueError, match="seed is -1"):
-        simulate(Cell(truth=truth, seed=-1))

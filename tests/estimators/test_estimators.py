@@ -139,12 +139,16 @@ def test_runs_with_errors_are_navigated_alike_alone_and_in_cells() -> None:
             runs = {name: values[i] for name, values in result.runs.items()}
             assert runs["e_p_mean_m"] == pytest.approx(distance.mean(), rel=1e-9)
             assert runs["e_p_rms_m"] == pytest.approx(np.sqrt(np.mean(distance**2)), rel=1e-9)
-            if arm == "tight":
-                matrix = made.covariance[:, :2, :2]
-                squares = np.einsum("ni,ni->n", off, np.linalg.solve(matrix, off[..., None])[..., 0])
-                summed += squares
-                assert runs["nees"] == pytest.approx(squares.mean(), rel=1e-9)
-                assert runs["nis"] == pytest.approx(2.0 * alone.squared / alone.numbers)
+            xx, xy, yy = made.covariance[:, 0, 0], made.covariance[:, 0, 1], made.covariance[:, 1, 1]
+            # LAISN's certain fixes leave a covariance without an inverse
+            known = (xx + yy > 2e-12) & (xx * yy - xy * xy > 1e-8 * xx * yy)
+            squares = np.full(len(off), np.nan)
+            matrix = made.covariance[known, :2, :2]
+            squares[known] = np.einsum("ni,ni->n", off[known], np.linalg.solve(matrix, off[known, :, None])[..., 0])
+            summed += squares
+            assert runs["nees"] == pytest.approx(np.nanmean(squares), rel=1e-9 if arm == "tight" else 1e-6)
+            assert runs["nis"] == pytest.approx(2.0 * alone.squared / alone.numbers, rel=1e-6)
         low, high = stats.chi2.ppf([0.025, 0.975], 4)
-        inside = None if arm == "laisn-2" else np.mean((summed >= low) & (summed <= high))
+        summed = summed[np.isfinite(summed)]
+        inside = np.mean((summed >= low) & (summed <= high))
         assert result.row["nees_inside"] == inside

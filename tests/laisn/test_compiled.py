@@ -14,19 +14,19 @@ import numpy as np
 import pytest
 import typer
 
-from experiments.campaign import lane_metrics
+from experiments.campaign import lane_flight
 from experiments.command.errors import report_errors
 from laisn import compiled as compilation
 from laisn.compiled import compiled, compiled_lanes
-from laisn.lane_passes import LANES
+from laisn.lanes import LANES
 from tools import import_graph
 
 ROOT = import_graph.ROOT
 
 CAPTURES = """
 import numpy as np
-from experiments.campaign import lane_metrics as metric
-from laisn import lane_passes as row
+from experiments.campaign import lane_flight as metric
+from laisn import lanes as row
 
 # leader at the origin, heading north; the follower 1 m east of its axis, all estimates 1 m west of it
 block, tally, bins = np.zeros(row.SIZE), np.zeros(metric.SIZE), np.zeros(2 * row.LANES, dtype=np.int64)
@@ -41,9 +41,9 @@ print(runs, hits)
 ADDS = """
 import sys
 import numpy as np
-from experiments.campaign.lane_metrics import fill_histograms
+from experiments.campaign.lane_flight import fill_histograms
 from laisn.compiled import FOLDER
-from laisn.lane_passes import LANES
+from laisn.lanes import LANES
 
 counts = np.zeros((2, 1), dtype={kind})
 if {wait}:
@@ -116,7 +116,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def added() -> int:
     """Compile a function, or take its code from the cache, and see that it is right; hits of the cache."""
-    function = compiled_lanes(lane_metrics.fill_histograms.py_func)
+    function = compiled_lanes(lane_flight.fill_histograms.py_func)
     counts = np.zeros((2, 2), dtype=np.int64)
     function(np.repeat([0, 1], LANES), counts, 3)
     assert counts.tolist() == [[3, 0], [0, 3]]
@@ -176,7 +176,7 @@ def test_damaged_code_is_removed_by_the_command_and_compiled_again(folder: Path,
 def test_other_errors_leave_compiled_code_alone(folder: Path) -> None:
     added()
     with pytest.raises(numba.errors.TypingError) as caught:
-        compiled_lanes(lane_metrics.fill_histograms.py_func)("text", "text", "text")
+        compiled_lanes(lane_flight.fill_histograms.py_func)("text", "text", "text")
     assert not compilation.remove_if_damaged(caught.value)
     assert added() == 1
 

@@ -5,8 +5,8 @@ from scipy.stats import chi2
 
 from laisn.arrays import Floats
 from laisn.estimates import Estimates
-from laisn.filter import Filter
 from laisn.metrics import nees
+from laisn.navigator import Filter
 
 DT, EVERY, STEPS, RUNS = 0.1, 10, 100, 500
 SIGMA_A, SIGMA_P, SIGMA_V, SIGMA_THETA = 0.05, 0.3, 0.05, np.deg2rad(0.5)

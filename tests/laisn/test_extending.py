@@ -39,7 +39,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copytree(ROOT / package, root / package)
     page = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
     blocks = dict(re.findall(r"^```python\n# ((?:laisn|sim)/\S+)\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE))
-    assert set(blocks) == {"laisn/variants.py", "laisn/settings.py", "sim/vehicle/hydrodynamics.py"}
+    assert set(blocks) == {"laisn/fix.py", "laisn/settings.py", "sim/vehicle/hydrodynamics.py"}
     drag = root / "sim" / "vehicle" / "hydrodynamics.py"
     text, found = re.subn(
         r"^@compiled\ndef damping\(.*?\n\n\n",
@@ -49,13 +49,13 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     assert found == 1
     drag.write_text(text, encoding="utf-8")
-    variants, settings = root / "laisn" / "variants.py", root / "laisn" / "settings.py"
+    variants, settings = root / "laisn" / "fix.py", root / "laisn" / "settings.py"
     text, table, entry = variants.read_text(encoding="utf-8"), "SINGLE: dict[", '"laisn-closest": laisn_closest,'
     assert text.count(table) == 1
     assert f"`{entry}`" in page
     head, tail = text.split(table)
     tail = tail.replace("= {\n", f"= {{\n    {entry}\n", 1)
-    variants.write_text(f"{head}{blocks['laisn/variants.py']}\n\n{table}{tail}", encoding="utf-8")
+    variants.write_text(f"{head}{blocks['laisn/fix.py']}\n\n{table}{tail}", encoding="utf-8")
     text, line = settings.read_text(encoding="utf-8"), blocks["laisn/settings.py"].strip()
     assert line.count("\n") == 0
     old = re.findall(r"^Variant = .*$", text, flags=re.MULTILINE)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from laisn.filter import Filter
+from laisn.navigator import Filter
 
 H_POSITION, H_VELOCITY = np.eye(4)[:2], np.eye(4)[2:]
 

@@ -9,11 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from laisn.estimates import FixKind
-from laisn.fix import Circle, Circles, Fix, RangeCircles, fix_variance, to_circles
+from laisn.fix import SINGLE, Circle, Circles, Fix, RangeCircles, fix_variance, laisn_3_2, to_circles
 from laisn.geometry import Point, turn
 from laisn.messages import LeaderMessage, Ranges, Reception
 from laisn.settings import VARIANTS, NavigationSettings, Tuning
-from laisn.variants import SINGLE, laisn_3_2
 
 P = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, 0.1]])
 EAST = np.pi / 2

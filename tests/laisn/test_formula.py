@@ -5,12 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from laisn import filter as acceleration
+from laisn import navigator as acceleration
 from laisn.compiled import compiled
-from laisn.fix import Circle, Fix, Pair, pair_fix
+from laisn.fix import Circle, Fix, Pair, laisn_3_2, laisn_best, laisn_main, pair_fix
 from laisn.geometry import Point, Turn
 from laisn.settings import NavigationSettings, Tuning
-from laisn.variants import laisn_3_2, laisn_best, laisn_main
 
 PLACE, RANGE = st.floats(-50, 50), st.floats(0, 60) | st.just(float("nan"))
 

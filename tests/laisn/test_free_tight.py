@@ -10,8 +10,7 @@ from laisn.estimates import FixKind, TightEstimates
 from laisn.failure import LaisnError
 from laisn.messages import Measurements, OwnMotion
 from laisn.settings import Assume, TightSettings
-from laisn.tight.mission import run_mission
-from laisn.tight.navigator import TightNavigator
+from laisn.tight.navigator import TightNavigator, run_mission
 from tests.laisn.passages import BEACONS, START, passage
 from tests.synthetic import bits
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from laisn.filter import Gate
 from laisn.geometry import Point
+from laisn.navigator import Gate
 from laisn.settings import NavigationSettings, Tuning
 
 

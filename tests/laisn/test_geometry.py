@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 
 from laisn import geometry
 from laisn.geometry import Point, turn
+from laisn.messages import LeaderMessage, Ranges, Reception
+from laisn.settings import Settings
 from sim import attitude
 
 COORDINATE = st.floats(-200, 200)
@@ -52,7 +54,8 @@ def test_hull_points_agree_with_quaternions(
 def test_transmitters_of_a_pitched_leader() -> None:
     """Bow up by φ: the front transmitter rises by (L/2) sin φ, the rear one sinks, both move inwards."""
     phi = np.deg2rad(15)
-    rear, front, middle = geometry.transmitter_positions((10.0, 20.0, 8.0), (0.0, phi, 0.0), 2.0, 0.1)
+    message, settings = LeaderMessage(0.0, 10.0, 20.0, 0.0, 1.0, 8.0, phi, 0.0), Settings(use_attitude=True)
+    rear, front, middle = geometry.place_transmitters(Reception(message, Ranges(9.0, 9.0, 9.0)), settings)
     np.testing.assert_allclose(front, [10, 20 + np.cos(phi), 8 - np.sin(phi)])
     np.testing.assert_allclose(rear, [10, 20 - np.cos(phi), 8 + np.sin(phi)])
     np.testing.assert_allclose(middle, [9.9, 20, 8])
@@ -62,7 +65,8 @@ def test_transmitters_of_a_pitched_leader() -> None:
 def test_transmitters_of_a_leader_that_is_tilted_by_nothing_are_those_of_a_level_one(
     heading: float, baseline: float, offset: float
 ) -> None:
-    level = geometry.level_arms(baseline, offset, turn(heading))
+    ahead = np.array([np.sin(heading), np.cos(heading), 0.0])
+    level = 0.5 * baseline * ahead, offset * np.array([-ahead[1], ahead[0], 0.0])
     tilted = geometry.tilted_arms(baseline, offset, turn(heading), turn(0.0), turn(0.0))
     np.testing.assert_allclose(level, tilted, rtol=0, atol=1e-12)
 

@@ -8,15 +8,17 @@ from effort import examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from laisn import POSITION, VELOCITY, lanes
+from laisn import POSITION
 from laisn.arrays import Floats, Ints
 from laisn.estimates import FixKind
-from laisn.lane_passes import LANES
+from laisn.lanes import LANES
 from laisn.messages import Measurements
 from laisn.navigator import Navigator
 from laisn.settings import VARIANTS, GateRule, NavigationSettings, SideRule, Variant
+from tests.laisn import in_lanes
 
 STEPS = 24
+VELOCITY = slice(2, 4)
 POSITION_AGREEMENT = 1e-9
 """Largest difference of positions [m]; a share of a step's way where broken ranges throw an estimate over metres."""
 VELOCITY_AGREEMENT = 1e-7
@@ -92,7 +94,7 @@ def assert_engines_agree(case: Case, navigation: NavigationSettings, count: int 
     """Kinds of all fixes of all missions."""
     measurements, start = missions(case, count)
     navigation = replace(navigation, dt=case.dt)
-    together = lanes.run(measurements, start, navigation)
+    together = in_lanes.run(measurements, start, navigation)
     kinds = []
     for i, mission in enumerate(measurements):
         alone = Navigator(navigation, start).run(mission)
@@ -186,7 +188,7 @@ def test_circles_that_touch_give_one_point() -> None:
     )
     for variant in ("laisn-2", "laisn-best", "laisn-main"):
         navigation = NavigationSettings(variant=variant, gate="off")
-        estimates = lanes.run([mission], np.array([0.0, -4.0, 0.0, 1.0]), navigation)
+        estimates = in_lanes.run([mission], np.array([0.0, -4.0, 0.0, 1.0]), navigation)
         assert estimates.fix_kind.tolist() == [[[FixKind.TANGENT]]]
         assert estimates.state[0, :2, 0] == pytest.approx([0.0, -4.0], abs=1e-12)
 
@@ -207,7 +209,7 @@ def test_transmitters_above_each_other_leave_the_hulls_heading_for_an_axis() -> 
     behind = leader - 20.0 * np.array([np.sin(heading), np.cos(heading)])
     # nowhere near: a certain fix is taken over
     start, navigation = np.zeros(4), NavigationSettings(gate="off", use_attitude=True)
-    together = lanes.run([mission], start, navigation)
+    together = in_lanes.run([mission], start, navigation)
     alone = Navigator(navigation, start).run(mission)
     np.testing.assert_allclose(together.state[0, :2, 0], behind, rtol=0, atol=1e-9)
     np.testing.assert_allclose(alone.state[0, :2], behind, rtol=0, atol=1e-9)
@@ -218,20 +220,8 @@ def test_lanes_do_not_see_each_other() -> None:
     # More missions than a block has lanes, and the same ones alone.
     measurements, start = missions(ABEAM, LANES + 3)
     navigation = NavigationSettings(variant="laisn-3-2")
-    together = lanes.run(measurements, start, navigation)
+    together = in_lanes.run(measurements, start, navigation)
     assert together.state.shape == (STEPS, 4, LANES + 3)
     for i in (0, LANES - 1, LANES, LANES + 2):
-        alone = lanes.run([measurements[i]], start, navigation)
+        alone = in_lanes.run([measurements[i]], start, navigation)
         assert alone.state[..., 0].tobytes() == together.state[..., i].tobytes()
-
-
-def test_incompatible_missions_are_reported() -> None:
-    measurements, start = missions(ABEAM, 1)
-    other, _ = missions(replace(ABEAM, every=3), 1)
-    with pytest.raises(ValueError, match="mission 1 has other steps"):
-        lanes.run(measurements + other, start, NavigationSettings())
-    with pytest.raises(ValueError, match=r"mission 0 has steps of 0\.1 s, the settings 1 s"):
-        lanes.run(measurements, start, NavigationSettings(dt=1.0))
-    broken = replace(measurements[0], speed=np.full(STEPS, np.nan))
-    with pytest.raises(ValueError, match="mission 0: an own measurement"):
-        lanes.run([broken], start, NavigationSettings())

@@ -5,17 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from laisn import lanes
 from laisn.arrays import Floats
-from laisn.beacons.navigator import BeaconNavigator, BeaconSettings
+from laisn.beacons import BeaconNavigator, BeaconSettings
 from laisn.estimates import FixKind
 from laisn.messages import Measurements
 from laisn.navigator import Navigator
 from laisn.navigators import OnlineNavigator
 from laisn.settings import NavigationSettings, TightSettings
-from laisn.tight.mission import run_mission
-from laisn.tight.navigator import TightNavigator
+from laisn.tight.navigator import TightNavigator, run_mission
 from tests.beacons.round_trip import Errors, round_trip
+from tests.laisn import in_lanes
 from tests.laisn.tight_mission import Mission
 
 MISSING = slice(150, 185)
@@ -76,5 +75,5 @@ def test_campaigns_do_the_same(missing: slice) -> None:
     one_by_one, measured = state("tight")
     np.testing.assert_array_equal(run_mission(TightSettings(), measured, start).state, one_by_one)
     one_by_one, measured = state("laisn")
-    in_lanes = lanes.run([measured], start, NavigationSettings()).state[..., 0]
-    np.testing.assert_allclose(in_lanes, one_by_one, rtol=0, atol=1e-9)
+    together = in_lanes.run([measured], start, NavigationSettings()).state[..., 0]
+    np.testing.assert_allclose(together, one_by_one, rtol=0, atol=1e-9)

@@ -255,6 +255,6 @@ def test_all_code_that_the_registry_names_is_there() -> None:
     for spec in NAVIGATORS.values():
         for name in (spec.factory, spec.mission, spec.swarm, spec.smoother, spec.beacons):
             assert not name or callable(resolve_name(name))
-    assert {"laisn.navigator", "laisn.tight.mission"} <= set(code_of_navigators())
+    assert {"laisn.navigator", "laisn.tight.navigator"} <= set(code_of_navigators())
     with pytest.raises(LaisnError, match="available: laisn-2"):
         find("kalman")

@@ -5,9 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from laisn import lanes
 from laisn.arrays import Floats
-from laisn.beacons.navigator import BeaconNavigator, BeaconSettings
+from laisn.beacons import BeaconNavigator, BeaconSettings
 from laisn.failure import LaisnError
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.metrics import summarise
@@ -92,18 +91,6 @@ def test_a_mission_needs_a_new_navigator_of_its_step() -> None:
         navigator.run(measurements)
         with pytest.raises(ValueError, match="at step 3 already; a mission needs a new one"):
             navigator.run(measurements)
-
-
-def test_lanes_need_finite_numbers_in_every_mission() -> None:
-    settings = NavigationSettings()
-    lanes.run([mission(), mission(message=np.array([MESSAGE._replace(pitch=np.nan, roll=np.nan)]))], START, settings)
-    for name, broken in (("speed", np.nan), ("heading", np.nan), ("depth", np.inf)):
-        with pytest.raises(ValueError, match="mission 1: an own measurement or the leader's pose is not finite"):
-            lanes.run([mission(), mission(**{name: np.array([1.0, broken, 1.0])})], START, settings)
-    for i in range(6):
-        message = np.array([[np.inf if j == i else value for j, value in enumerate(MESSAGE)]])
-        with pytest.raises(ValueError, match="mission 1: an own measurement or the leader's pose is not finite"):
-            lanes.run([mission(), mission(message=message)], START, settings)
 
 
 def test_a_summary_needs_finite_errors_of_one_step_at_least() -> None:

@@ -15,8 +15,14 @@ from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.messages import Bearing, LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.navigators import NAVIGATORS, find
-from laisn.rivals.filters import GeodeticAdjustment, InvertedUsbl, OneWayTravelTime, ParticleFilter, RangeFilter
-from laisn.rivals.odometry import DeadReckoning
+from laisn.rivals.filters import (
+    DeadReckoning,
+    GeodeticAdjustment,
+    InvertedUsbl,
+    OneWayTravelTime,
+    ParticleFilter,
+    RangeFilter,
+)
 from laisn.settings import Assume, RivalSettings
 from sim.sensing.observation import measure
 from sim.sensing.sensors import SensorErrors

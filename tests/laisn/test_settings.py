@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from laisn.beacons.navigator import BeaconSettings
+from laisn.beacons import BeaconSettings
 from laisn.bound import TrueNoise
 from laisn.settings import Assume, NavigationSettings, TightSettings, transmitters_of
 

@@ -12,10 +12,11 @@ from laisn.messages import OwnMotion, Ranges, Reception
 from laisn.navigator import Navigator
 from laisn.settings import NavigationSettings, TightSettings
 from laisn.swarm import ESTIMATE, MESSAGE, READING, SeparateNavigators
-from laisn.tight import mission
+from laisn.tight import navigator as mission
 from laisn.tight.model import refresh_output
 from laisn.tight.navigator import TightNavigator
 from tests.laisn.test_tight_oracle import ALL_OF_2, Voyage
+from tests.laisn.tight_mission import details
 from tests.synthetic import record
 
 FOLLOWERS, DT = 3, 0.5
@@ -98,7 +99,7 @@ def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(settings: Tigh
             assert out[i].position.tobytes() == navigator.state[:2].tobytes()
             if np.isfinite(navigator.state).all():
                 np.testing.assert_allclose(out[i].velocity, navigator.state[2:], rtol=0, atol=1e-12)
-            for update in updates:
+            for update in map(details, updates):
                 x = update.full_state
                 current = x[6:8] if settings.assume.current else np.zeros(2)
                 found = [out[i].log_bias, out[i].compass_bias, *out[i].current]

@@ -5,8 +5,7 @@ import pytest
 
 from laisn.arrays import Floats
 from laisn.settings import Assume, TightSettings
-from laisn.tight.estimator import inflate_bias_covariance, update_leader_variance
-from laisn.tight.hypotheses import prune_and_merge
+from laisn.tight.estimator import inflate_bias_covariance, prune_and_merge, update_leader_variance
 from laisn.tight.model import Belief, Model, model_of, new_belief
 from laisn.tight.motion import average_leader_heading
 from laisn.tight.ranging import Signal, new_signal

@@ -12,8 +12,7 @@ from scipy.stats import norm
 from laisn.arrays import Floats
 from laisn.mixture import blend, half_moments
 from laisn.settings import Assume, TightSettings
-from laisn.tight.estimator import mix_modes
-from laisn.tight.hypotheses import prune_and_merge, split
+from laisn.tight.estimator import mix_modes, prune_and_merge, split
 from laisn.tight.model import Belief, Model, model_of, new_belief, refresh_output
 from laisn.tight.motion import (
     moments,

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from laisn.settings import Assume, TightSettings
-from laisn.tight.mission import run_mission
-from laisn.tight.navigator import TightNavigator
+from laisn.tight.navigator import TightNavigator, run_mission
 from tests.laisn.passages import passage
 from tests.laisn.tight_mission import EVERYTHING, Mission
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from laisn.estimates import FixKind
-from laisn.fix import Fix
+from laisn.fix import SINGLE, Fix, Pairs, laisn_2, laisn_3_2, laisn_best, laisn_main
 from laisn.geometry import Point
-from laisn.variants import SINGLE, Pairs, laisn_2, laisn_3_2, laisn_best, laisn_main
 
 NOWHERE = Point(0.0, 0.0)
 

@@ -1,8 +1,11 @@
 """A mission of formulas for the tightly coupled navigator."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from laisn.arrays import Floats
+from laisn.estimates import FixRecord
 from laisn.messages import LeaderMessage, Measurements
 from laisn.settings import Assume
 
@@ -65,3 +68,10 @@ def _integral(speed: Floats, heading: Floats) -> Floats:
     """Way at constant mean velocity over each step: what the trapezoid of exact readings gives."""
     velocity = speed[:, None] * np.stack([np.sin(heading), np.cos(heading)], axis=1)
     return np.concatenate([np.zeros((1, 2)), np.cumsum(0.5 * DT * (velocity[1:] + velocity[:-1]), axis=0)])
+
+
+def details(fix: FixRecord) -> SimpleNamespace:
+    """Details of a fix, of the hypotheses that there are."""
+    count = np.count_nonzero(fix.details["weight"])
+    of_hypotheses = {name: fix.details[name][:count] for name in ("weight", "hypothesis", "hypothesis_covariance")}
+    return SimpleNamespace(**{**fix.details, **of_hypotheses})

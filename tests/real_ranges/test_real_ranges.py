@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from experiments.beacon_replay import Beacons, Score, among_beacons, beacons_of, score
-from laisn.beacons.navigator import MEDIA, BeaconSettings
+from laisn.beacons import MEDIA, BeaconSettings
 from laisn.estimates import Estimates
 from laisn.failure import LaisnError
 from laisn.messages import Measurements

@@ -9,7 +9,7 @@ import pytest
 
 from experiments.findings import version_of
 from laisn import lanes
-from laisn.lane_passes import LANES
+from laisn.lanes import LANES
 from laisn.settings import NavigationSettings
 from sim.sensing.observation import measure
 from sim.sensing.sensors import SensorErrors

@@ -9,8 +9,8 @@ from tools.mutants.cover import covering, distances
     ("file", "first"),
     [
         ("laisn/fix.py", "tests/laisn/test_fix.py"),
-        ("laisn/beacons/estimator.py", "tests/beacons/test_beacon_oracle.py"),
-        ("laisn/tight/hypotheses.py", "tests/laisn/test_swarms.py"),
+        ("laisn/beacons.py", "tests/beacons/test_beacon_oracle.py"),
+        ("laisn/tight/estimator.py", "tests/laisn/test_swarms.py"),
         ("sim/vehicle/hydrodynamics.py", "tests/vehicle/test_hydrodynamics.py"),
         ("experiments/intervals.py", "tests/test_intervals.py"),
         ("experiments/studies/asymmetry/findings.py", "tests/asymmetry/test_asymmetry_findings.py"),

@@ -7,13 +7,13 @@ import numpy as np
 
 from experiments.campaign.montecarlo import Cell
 from experiments.flight.library import load
-from laisn import lane_passes as row
 from laisn import lanes
+from laisn import lanes as row
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled_lanes
 from laisn.messages import Measurements
 from laisn.settings import Assume, NavigationSettings, TightSettings, Tuning
-from laisn.tight.mission import run_mission
+from laisn.tight.navigator import run_mission
 from sim.sensing.observation import measure
 from tools.benchmarks.peak import peak_flops
 from tools.benchmarks.row import Row, least_times
@@ -61,10 +61,10 @@ def _rows(interval: float) -> Iterator[Row]:
     cell = Cell.of(load(ROUTE, [*keys, "navigation.variant=laisn-3-2"]))
     truth, missions = cell.truth, [measure(cell.truth, cell.errors, seed=1, run=run) for run in range(RUNS)]
     per, every = 1e9 / (RUNS * truth.speed.size), f"messages every {interval:g} s"
-    own, messages = (rows.reshape(len(rows), -1) for rows in lanes.stacked(missions))
-    tuned = row.tuning(NavigationSettings())
+    own, messages = lanes.stacked(missions)
+    start, tuned = truth.start[None], row.tuning(NavigationSettings())
     cases = [(count, words, assume) for count in AIMS_NS for words, assume in _ASSUMED.items()]
-    works: list[Callable[[], object]] = [partial(filter_only, own, truth.message_step, messages, truth.start, tuned)]
+    works: list[Callable[[], object]] = [partial(filter_only, own, truth.message_step, messages, start, tuned)]
     works += [
         partial(_fly, TightSettings(assume=assume, transmitters=count), missions, truth.start)
         for count, _, assume in cases

@@ -5,7 +5,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.compiled import compiled_lanes
 from laisn.elementary import fma
-from laisn.lane_passes import LANES
+from laisn.lanes import LANES
 from tools.benchmarks.row import least_time
 
 

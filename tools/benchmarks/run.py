@@ -19,12 +19,11 @@ from experiments.campaign.montecarlo import Cell, simulate
 from experiments.findings import Finding, Findings, of, plain
 from experiments.findings import record as make_record
 from experiments.intervals import Interval
-from laisn import lane_passes as row
 from laisn import lanes
+from laisn import lanes as row
 from laisn.arrays import Floats
-from laisn.filter import Filter
 from laisn.messages import Measurements
-from laisn.navigator import Navigator
+from laisn.navigator import Filter, Navigator
 from laisn.settings import NavigationSettings
 from laisn.swarm import MESSAGE
 from sim.sensing.observation import MissionTruth, measure
@@ -136,7 +135,6 @@ def navigation() -> list[Row]:
     missions = [measure(truth, SensorErrors(), seed=1, run=run) for run in range(RUNS)]
     own, messages = lanes.stacked(missions)
     n, m = truth.speed.size, truth.message_step.size
-    own_rows, message_rows = own.reshape(n, -1), messages.reshape(m, -1)
     peak = peak_flops()
     floor = FLOPS_PER_STEP / peak * 1e9
 
@@ -144,8 +142,8 @@ def navigation() -> list[Row]:
     short = measure(steady_mission(few), SensorErrors(), seed=1, run=0)
     navigator = least_time(lambda: Navigator(settings, truth.start).run(short), 3) / few * 1e9
     filterpy = least_time(lambda: filterpy_loop(short, truth.start, settings), 3) / few * 1e9
-    fixes = messages[:, :2, :RUNS]
-    numpy_time = least_time(lambda: vectorised_numpy(own[:, :2, :RUNS], fixes, truth.start, settings), 3)
+    readings, fixes = own.reshape(n, 3, -1)[:, :2, :RUNS], messages.reshape(m, 10, -1)[:, :2, :RUNS]
+    numpy_time = least_time(lambda: vectorised_numpy(readings, fixes, truth.start, settings), 3)
     vectorised = numpy_time / (n * RUNS) * 1e9
     rows = [
         Row("peak of one core, fused multiply-adds", peak * 1e-9, "GF/s"),
@@ -162,7 +160,7 @@ def navigation() -> list[Row]:
     tuned = row.tuning(settings)
     timed(
         "LAISN-2 filter only",
-        lambda: filter_only(own_rows, truth.message_step, message_rows, truth.start, tuned),
+        lambda: filter_only(own, truth.message_step, messages, truth.start[None], tuned),
         n,
     )
     few_runs, many_runs = (Cell(truth=truth, runs=range(runs)) for runs in (RUNS, 100 * RUNS))

@@ -18,12 +18,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import bisect
 
-from laisn import lane_passes as row
 from laisn import lanes
+from laisn import lanes as row
 from laisn.arrays import Floats
 from laisn.compiled import compiled_lanes
 from laisn.geometry import pitch_fix_error, turned_cosine
-from laisn.lane_passes import LANES
+from laisn.lanes import LANES
 from laisn.settings import VARIANTS, NavigationSettings, Tuning
 
 Grid = Mapping[str, Sequence[float]]
@@ -58,7 +58,7 @@ def slant_ranges(points: Floats, hull: tuple[float, float]) -> Floats:
 @compiled_lanes
 def _sweep(points: Floats, ranges: Floats, t: Tuning, error: Floats) -> None:
     for first in range(0, points.shape[0], LANES):
-        block = row.new_block(np.zeros(4), t)
+        block = row.new_block(np.zeros((1, 4)), t)
         for lane in range(LANES):
             k = min(first + lane, points.shape[0] - 1)
             pitch, depth_offset, reach, bearing = points[k]

@@ -1,0 +1,476 @@
+"""A tightly coupled navigator among beacons at surveyed places: odometry and ranges, one at a time, as they come.
+
+The sibling of `laisn.tight` for beacons hundreds of metres apart, each with its own errors, odometry whose gyro drifts,
+ranges of unknown scale, and unknown starts. The estimate is a mixture of Gaussians over the position and the errors of
+the sensors. State of a component, of n = 8 + 3 B numbers for B beacons; a state with the variance 0 is switched off:
+
+    x, y    position of the receiver, east and north [m]
+    b_s     logarithm of true over measured speed
+    b_θ     error of the heading, clockwise [rad] …
+    b_ω     … and the rate at which it grows [rad/s]
+    g       scale error of all ranges
+    c       current, east and north [m/s]
+    d_i     constant error of the ranges to beacon i [m] …
+    δ_i     … and the error of its place, east and north [m]
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from laisn import mixture
+from laisn.arrays import Floats, Ints, Records, require_numbers, require_probability
+from laisn.compiled import compiled
+from laisn.estimates import Estimates, FixKind, FixRecord
+from laisn.failure import LaisnError
+from laisn.messages import Measurements, OwnMotion, Reception
+from laisn.navigators import OnlineNavigator
+
+X, Y, SPEED, HEADING, GYRO, SCALE, EAST, NORTH = range(8)
+SHARED, OWN = 8, 3
+"""Number of states that all beacons share, which have these indices, and of those of each one."""
+
+KEPT = 256
+CAPACITY = 4 * KEPT
+"""Components that are kept from range to range, and that there is room for while they are split."""
+
+# How fast what is called constant may wander, as variance in a second: biases of real sensors are never quite constant,
+# and a filter that takes them as constant loses track of them for good.
+_SPEED_WALK = 5e-4**2  # [1/s]
+_GYRO_WALK = 2e-5**2  # [rad²/s³]
+_CURRENT_WALK = 1e-3**2  # [m²/s³]
+
+
+class Belief(NamedTuple):
+    """A mixture of Gaussians, its heaviest component first; compiled functions change it in place."""
+
+    state: Floats  # mean of each component, shape (CAPACITY, n)
+    covariance: Floats  # shape (CAPACITY, n, n)
+    weight: Floats  # shape (CAPACITY,); sum 1 over those alive
+    outcome: Records  # whether it used the last range: field `used`, shape (CAPACITY,)
+    states: int
+    alive: Ints  # number of components, shape (1,)
+    evidence: Floats  # logarithm of the probability density of all ranges so far, shape (1,)
+    fresh: Floats  # variances of the states before the mission, shape (n,)
+    variance: Floats  # of each beacon's random error, as estimated so far, shape (B,), [m²]
+    rejected: Ints  # ranges of each beacon rejected in a row, shape (B,)
+    gain: Floats  # room for P Hᵀ, shape (n,)
+
+
+@compiled
+def predict(b: Belief, errors: tuple[float, float], speed: float, heading: float, time: float) -> None:
+    """One step of odometry, whose mean speed [m/s] and heading [rad] are measured, in a time [s].
+
+    The true way is e^{b_s} v Δt u(θ − b_θ) + c Δt, with u the direction of a compass heading. `errors` are the random
+    walk of the position that odometry does not see [m/√s], and of the heading [rad/√s].
+    """
+    n, (slip, heading_walk) = b.states, errors
+    for k in range(b.alive[0]):
+        x, P = b.state[k], b.covariance[k]
+        if b.fresh[GYRO] > 0.0:
+            x[HEADING] += time * x[GYRO]
+            for j in range(n):
+                P[HEADING, j] += time * P[GYRO, j]
+            for j in range(n):
+                P[j, HEADING] += time * P[j, GYRO]
+            P[GYRO, GYRO] += time * _GYRO_WALK
+        way = speed * time * math.exp(x[SPEED])
+        east, north = way * math.sin(heading - x[HEADING]), way * math.cos(heading - x[HEADING])
+        x[X] += east + time * x[EAST]
+        x[Y] += north + time * x[NORTH]
+        for j in range(n):
+            P[X, j] += east * P[SPEED, j] - north * P[HEADING, j] + time * P[EAST, j]
+            P[Y, j] += north * P[SPEED, j] + east * P[HEADING, j] + time * P[NORTH, j]
+        for j in range(n):
+            P[j, X] += east * P[j, SPEED] - north * P[j, HEADING] + time * P[j, EAST]
+            P[j, Y] += north * P[j, SPEED] + east * P[j, HEADING] + time * P[j, NORTH]
+        P[Y, X] = P[X, Y]
+        P[X, X] += slip * slip * time
+        P[Y, Y] += slip * slip * time
+        P[HEADING, HEADING] += heading_walk * heading_walk * time
+        if b.fresh[SPEED] > 0.0:
+            P[SPEED, SPEED] += _SPEED_WALK * time
+        if b.fresh[EAST] > 0.0:
+            P[EAST, EAST] += _CURRENT_WALK * time
+            P[NORTH, NORTH] += _CURRENT_WALK * time
+
+
+@compiled
+def moments(b: Belief, speed: float, heading: float) -> tuple[Floats, Floats]:
+    """Mean of x, y, vx, vy over the mixture, at the last readings, and its covariance; NaN if it is empty."""
+    mean, covariance, rows = np.zeros(4), np.zeros((4, 4)), np.zeros((5, b.states))
+    if b.alive[0] == 0:
+        return mean + np.nan, covariance + np.nan
+    # about the mean position, so that the squares of large coordinates do not swallow small variances
+    east = north = 0.0
+    for k in range(b.alive[0]):
+        east += b.weight[k] * b.state[k, X]
+        north += b.weight[k] * b.state[k, Y]
+    for k in range(b.alive[0]):
+        x = b.state[k]
+        s = speed * np.exp(x[SPEED])
+        vx, vy = s * np.sin(heading - x[HEADING]), s * np.cos(heading - x[HEADING])
+        rows[0, X] = rows[1, Y] = rows[2, EAST] = rows[3, NORTH] = 1.0
+        rows[2, SPEED], rows[2, HEADING], rows[3, SPEED], rows[3, HEADING] = vx, -vy, vy, vx
+        here = (x[X] - east, x[Y] - north, vx + x[EAST], vy + x[NORTH])
+        mixture.add_moments(mean, covariance, b.weight[k], here, rows, b.covariance[k])
+    for i in range(4):
+        for j in range(i, 4):
+            covariance[i, j] -= mean[i] * mean[j]
+            covariance[j, i] = covariance[i, j]
+    mean[X], mean[Y] = mean[X] + east, mean[Y] + north
+    return mean, covariance
+
+
+_SHORTEST = 0.1  # nearer to a beacon than this the direction to it means nothing [m]
+_ADAPTATION_GAIN = 0.02  # share of a range in the estimated variance of its beacon …
+_LARGEST = 16.0  # … to which it adds at most this times the variance
+_LEAST, _MOST = 0.25, 16.0  # bounds of the estimated variance, as multiples of the settings'
+
+
+class Ranging(NamedTuple):
+    """A range as compiled code takes it."""
+
+    beacon: int  # counted from 0
+    east: float  # its surveyed place [m]
+    north: float
+    deeper: float  # how much deeper it is than the receiver [m]
+    range: float
+    variance: float  # of the settings' random error [m²]
+    accepted: float  # logarithm of the chance that the range is right
+    wrong: float  # logarithm of the probability density of a range that is wrong [1/m]
+
+
+@compiled
+def predict_range(b: Belief, k: int, z: Ranging) -> tuple[float, float, float]:
+    """Predict a range for component k; P Hᵀ goes into `b.gain`.
+
+    Second-order terms follow Bar-Shalom, Li & Kirubarajan 2001, Section 10.3.2: ½ tr(F C) in the mean and
+    ½ tr((F C)²) in the variance, with the range's second derivatives F and the covariance C of p − δ. Returns residual
+    [m], its variance without the random error [m²], and by how much the circle bends away from its tangent [m].
+    """
+    x, P, n = b.state[k], b.covariance[k], b.states
+    own = SHARED + OWN * z.beacon
+    dx, dy = x[X] - z.east - x[own + 1], x[Y] - z.north - x[own + 2]
+    distance = max(math.sqrt(dx * dx + dy * dy + z.deeper * z.deeper), _SHORTEST)
+    flat = max(math.sqrt(dx * dx + dy * dy), _SHORTEST)
+    scale = 1.0 + x[SCALE]
+    hx, hy = scale * dx / distance, scale * dy / distance
+    for j in range(n):
+        b.gain[j] = hx * (P[j, X] - P[j, own + 1]) + hy * (P[j, Y] - P[j, own + 2]) + distance * P[j, SCALE] + P[j, own]
+    gain = b.gain
+    variance = hx * (gain[X] - gain[own + 1]) + hy * (gain[Y] - gain[own + 2]) + distance * gain[SCALE] + gain[own]
+    cxx = P[X, X] - 2.0 * P[X, own + 1] + P[own + 1, own + 1]
+    cyy = P[Y, Y] - 2.0 * P[Y, own + 2] + P[own + 2, own + 2]
+    cxy = P[X, Y] - P[X, own + 2] - P[own + 1, Y] + P[own + 1, own + 2]
+    per = scale / distance
+    fxx, fyy = per * (1.0 - dx * dx / distance**2), per * (1.0 - dy * dy / distance**2)
+    fxy = -per * dx * dy / distance**2
+    axx, axy = fxx * cxx + fxy * cxy, fxx * cxy + fxy * cyy
+    ayx, ayy = fxy * cxx + fyy * cxy, fxy * cxy + fyy * cyy
+    second = 0.5 * (axx * axx + 2.0 * axy * ayx + ayy * ayy)
+    residual = z.range - scale * distance - x[own] - 0.5 * (axx + ayy)
+    tx, ty = -dy / flat, dx / flat
+    bend = 0.5 * (tx * tx * cxx + 2.0 * tx * ty * cxy + ty * ty * cyy) / flat
+    return residual, variance + second, bend
+
+
+@compiled
+def update(b: Belief, k: int, z: Ranging) -> float:
+    """Update component k with a range, unless that is likelier a wrong one; logarithm of its density."""
+    residual, expected, _ = predict_range(b, k, z)
+    variance = expected + b.variance[z.beacon]
+    density: float = z.accepted - 0.5 * (residual * residual / variance + math.log(2.0 * math.pi * variance))
+    b.outcome[k].used = not density < z.wrong
+    if density < z.wrong:
+        return z.wrong
+    mixture.update_scalar(b.state[k], b.covariance[k], b.gain, residual, variance, b.states)
+    return density
+
+
+@compiled
+def adapt_variance(b: Belief, z: Ranging) -> None:
+    """Adapt a beacon's variance to what the heaviest component makes of a range, before it is updated."""
+    residual, expected, _ = predict_range(b, 0, z)
+    now = b.variance[z.beacon]
+    surplus = min(max(residual * residual - expected, 0.0), _LARGEST * now)
+    now += _ADAPTATION_GAIN * (surplus - now)
+    b.variance[z.beacon] = min(max(now, _LEAST * z.variance), _MOST * z.variance)
+
+
+_BEND = 0.7  # a component is split where a circle bends away from its tangent by more than this share of its error
+_LEAST_WEIGHT = 1e-8
+BEARINGS = 48  # Gaussians of a ring
+STARTERS = 8  # first ranges, each of which may be the one that gives an unknown start
+_DOMINANT_WEIGHT = 0.9  # errors of ranges are estimated where one component has more weight than this
+_MOST_MISSED = 8  # ranges of one beacon rejected in a row after which a ring about it is added …
+_RING_WEIGHT = 0.01  # … with this weight
+
+
+@compiled
+def _split_component(b: Belief, k: int, z: Ranging) -> None:
+    """Split component k in three along the tangent of the circle about a beacon: means −1, 0, 1, weights ¼, ½, ¼ and
+    variance ½ keep the first three moments; the other states follow by their covariance.
+    """
+    x, P, n, column = b.state[k], b.covariance[k], b.states, b.gain
+    own = SHARED + OWN * z.beacon
+    dx, dy = x[X] - z.east - x[own + 1], x[Y] - z.north - x[own + 2]
+    flat = math.sqrt(dx * dx + dy * dy)
+    tx, ty = -dy / flat, dx / flat
+    for j in range(n):
+        column[j] = tx * (P[j, X] - P[j, own + 1]) + ty * (P[j, Y] - P[j, own + 2])
+    sigma = math.sqrt(tx * (column[X] - column[own + 1]) + ty * (column[Y] - column[own + 2]))
+    for j in range(n):
+        column[j] /= sigma
+    for i in range(n):
+        for j in range(n):
+            P[i, j] -= 0.5 * column[i] * column[j]
+    b.weight[k] *= 0.5
+    for side in (-1.0, 1.0):
+        other = b.alive[0]
+        mixture.copy_component(b, k, other)
+        b.weight[other] *= 0.5
+        for j in range(n):
+            b.state[other, j] += side * column[j]
+        b.alive[0] += 1
+
+
+@compiled
+def split(b: Belief, z: Ranging) -> None:
+    """Split every component that is too wide for the circle of a range to be straight."""
+    k = 0
+    while k < b.alive[0]:
+        _, _, bend = predict_range(b, k, z)
+        if bend > _BEND * math.sqrt(b.variance[z.beacon]) and b.alive[0] + 2 <= CAPACITY:
+            _split_component(b, k, z)
+        else:
+            k += 1
+
+
+@compiled
+def prune_and_merge(b: Belief) -> None:
+    """Prune and merge components, keep the heaviest ones, and put the heaviest of all first."""
+    count = mixture.prune_and_merge(b, 1, b.alive[0], _LEAST_WEIGHT, KEPT, -1)
+    top = mixture.heaviest_hypothesis(b, 1, count)
+    if top > 0:
+        spare = CAPACITY - 1
+        mixture.copy_component(b, 0, spare)
+        mixture.copy_component(b, top, 0)
+        mixture.copy_component(b, spare, top)
+    mixture.normalise(b.weight, count)
+    b.alive[0] = count
+
+
+@compiled
+def add_ring(b: Belief, z: Ranging, weight: float, lost: bool) -> None:
+    """Add a ring of components about a beacon, of a weight where that of all others is 1; nothing without room.
+
+    If lost, other states are those of the heaviest component, but for the heading's variance; otherwise all are fresh.
+    """
+    own = SHARED + OWN * z.beacon
+    if b.alive[0] + BEARINGS >= CAPACITY:
+        return
+    distance = max(math.sqrt(max(z.range * z.range - z.deeper * z.deeper, 1.0)), 1.0)
+    # wide beside all errors of a range, the update with which follows
+    along = 4.0 * (b.variance[z.beacon] + b.fresh[own] + b.fresh[own + 1] + b.fresh[SCALE] * distance * distance)
+    for i in range(BEARINGS):
+        k = b.alive[0]
+        ux, uy = math.sin(2.0 * math.pi * i / BEARINGS), math.cos(2.0 * math.pi * i / BEARINGS)
+        x, P = b.state[k], b.covariance[k]
+        if lost:
+            mixture.copy_component(b, 0, k)
+            for j in range(b.states):
+                P[X, j] = P[Y, j] = P[j, X] = P[j, Y] = 0.0
+            P[HEADING, HEADING] += b.fresh[HEADING]
+        else:
+            mixture.reset_component(b, k, b.fresh)
+        mixture.place_on_ring(x, P, (z.east, z.north), distance, (ux, uy), (along, BEARINGS))
+        b.weight[k] = weight / BEARINGS
+        update(b, k, z)
+        b.alive[0] += 1
+    mixture.normalise(b.weight, b.alive[0])
+
+
+@compiled
+def receive(b: Belief, z: Ranging, starter: int) -> bool:
+    """Take a range; whether the heaviest component used it.
+
+    With an unknown start each of the first ranges may be the first right one: the ring of the m-th has the weight of
+    all earlier ones being wrong, beside the evidence of the components so far. `starter` is the number m, from 0; −1
+    with a known start, or after `STARTERS`.
+    """
+    used = False
+    if b.alive[0] > 0:
+        split(b, z)
+        if b.weight[0] > _DOMINANT_WEIGHT:
+            adapt_variance(b, z)
+        for k in range(b.alive[0]):
+            b.weight[k] *= math.exp(update(b, k, z) - z.wrong)
+        used = b.outcome[0].used
+        b.evidence[0] += math.log(mixture.normalise(b.weight, b.alive[0])) + z.wrong
+        b.rejected[z.beacon] = 0 if used else b.rejected[z.beacon] + 1
+    if starter >= 0:
+        add_ring(b, z, math.exp(min((starter + 1) * z.wrong - b.evidence[0], 700.0)), False)
+    elif b.rejected[z.beacon] >= _MOST_MISSED:
+        b.rejected[z.beacon] = 0
+        add_ring(b, z, _RING_WEIGHT, True)
+    if b.alive[0] > 1:
+        prune_and_merge(b)
+    return used
+
+
+MOST_BEACONS = 64  # more places are not those of beacons at rest
+
+
+@dataclass(frozen=True, kw_only=True)
+class BeaconSettings:
+    """Standard deviations of the sensors, by default of a wheeled vehicle with radio ranges."""
+
+    POSITIVE: ClassVar[frozenset[str]] = frozenset({"dt", "start_sigma", "range_sigma", "outlier_span"})
+
+    dt: float = 0.1  # filter step Δt [s]; steps of other lengths may come between
+    hydrophone_height: float = 0.0  # of the receiver above the depth sensor when level [m]
+    known_start: bool = True  # the start is given; otherwise the first ranges give it
+    start_sigma: float = 1.0  # position at the start, along each axis [m]
+    heading_sigma: float = float(np.deg2rad(5.0))  # error of the heading at the start [rad]
+    gyro_bias_sigma: float = float(np.deg2rad(0.5))  # rate at which that error grows [rad/s]; 0 for a compass
+    speed_scale_sigma: float = 0.03  # logarithm of true over measured speed
+    slip: float = 0.05  # motion that odometry does not see, in a second, along each axis [m/√s]
+    heading_walk: float = float(np.deg2rad(0.0573))  # random walk of the heading's error beside that rate [rad/√s]
+    current_sigma: float = 0.0  # current that carries the vehicle, along each axis [m/s]; 0 for none
+    range_sigma: float = 0.5  # random error of each range [m]; the estimate for each beacon is half to four times this
+    range_scale_sigma: float = 0.1  # scale error that all ranges share: of radio; sound under water has 0.003
+    range_offset_sigma: float = 0.1  # constant error of each beacon's ranges [m]
+    survey_sigma: float = 0.1  # each beacon's place, along each axis [m]
+    outlier_probability: float = 0.05  # that a range is wrong altogether
+    outlier_span: float = 20.0  # in which wrong ranges lie [m]; the same for all `MEDIA`, so that evidence compares
+
+    def __post_init__(self) -> None:
+        require_probability("outlier_probability", self.outlier_probability)
+        require_numbers(self, positive=self.POSITIVE, signed={"hydrophone_height"})
+
+
+MEDIA = {
+    "air": BeaconSettings(),
+    "water": BeaconSettings(
+        gyro_bias_sigma=0.0, slip=0.2, current_sigma=0.1, range_scale_sigma=0.003, survey_sigma=1.0
+    ),
+}
+"""What ranges are measured through: radio on land, or sound under water, where a vehicle has a compass and drifts."""
+
+
+def _allocate(s: BeaconSettings, beacons: int) -> Belief:
+    """A mixture without components, over the states of a number of beacons."""
+    shared = [s.start_sigma] * 2 + [s.speed_scale_sigma, s.heading_sigma, s.gyro_bias_sigma, s.range_scale_sigma]
+    own = [s.range_offset_sigma, s.survey_sigma, s.survey_sigma]
+    fresh = np.square([*shared, s.current_sigma, s.current_sigma, *own * beacons])
+    n = fresh.size
+    return Belief(
+        state=np.zeros((CAPACITY, n)),
+        covariance=np.zeros((CAPACITY, n, n)),
+        weight=np.zeros(CAPACITY),
+        outcome=np.zeros(CAPACITY, dtype=[("used", np.bool_)]),
+        states=n,
+        alive=np.zeros(1, dtype=np.int64),
+        evidence=np.zeros(1),
+        fresh=fresh,
+        variance=np.full(beacons, s.range_sigma**2),
+        rejected=np.zeros(beacons, dtype=np.int64),
+        gain=np.zeros(n),
+    )
+
+
+def new_belief(settings: BeaconSettings, start: tuple[float, float] | None) -> Belief:
+    """One component at a known start [m], or none; no beacon is known yet."""
+    belief = _allocate(settings, 0)
+    if start is not None:
+        belief.state[0, :2] = start
+        belief.covariance[0] = np.diag(belief.fresh)
+        belief.weight[0], belief.alive[0] = 1.0, 1
+    return belief
+
+
+def with_beacon(belief: Belief, settings: BeaconSettings) -> Belief:
+    """Belief with fresh states of one more beacon."""
+    made, before = _allocate(settings, belief.variance.size + 1), belief.states
+    # what is not alive stays untouched, and takes no memory
+    alive, own = slice(int(belief.alive[0])), np.arange(before, made.states)
+    made.state[alive, :before], made.covariance[alive, :before, :before] = belief.state[alive], belief.covariance[alive]
+    made.covariance[alive, own, own] = made.fresh[before:]
+    made.variance[:-1], made.rejected[:-1] = belief.variance, belief.rejected
+    return made._replace(weight=belief.weight, outcome=belief.outcome, alive=belief.alive, evidence=belief.evidence)
+
+
+class BeaconNavigator(OnlineNavigator[Estimates]):
+    """Takes as own motion the mean speed over the step that a reading ends, and the direction of the way in it."""
+
+    def __init__(self, settings: BeaconSettings, start: Floats | None) -> None:
+        """Start at the receiver's x, y [m] and velocity [m/s] at step 0, shape (4,). None, or `known_start` False:
+        unknown, so that estimates are NaN until the first range; the heading is known either way.
+        """
+        super().__init__(settings, start if settings.known_start else None, settings.start_sigma)
+        self._belief: Belief = new_belief(settings, self._start)
+        self._beacons: dict[tuple[float, float], int] = {}
+        self._starter = 0 if self._start is None else -1
+
+    @property
+    def evidence(self) -> float:
+        """Logarithm of the probability density that the settings gave to all ranges so far."""
+        return float(self._belief.evidence[0])
+
+    def step(
+        self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
+    ) -> list[FixRecord]:
+        """Advance by one filter step; see `OnlineNavigator.step`. The kind of a fix is by what the heaviest component
+        used. LaisnError also if a message does not place its transmitters, or there are too many places.
+        """
+        own = self._begin_step(own, reception, duration)
+        time = self.settings.dt if duration is None else duration
+        if reception is not None and reception.transmitters is None:
+            raise LaisnError(f"step {self._step}: the message places no transmitters; this navigator needs beacons")
+        predict(self._belief, (self.settings.slip, self.settings.heading_walk), own.speed, own.heading, time)
+        used = []
+        if reception is not None and reception.transmitters is not None and not math.isnan(own.depth):
+            pairs = zip(reception.transmitters, reception.ranges, strict=True)
+            used = [self._receive(place, r, own.depth) for place, r in pairs if np.isfinite(r + place.sum())]
+        self._state, self._covariance = moments(self._belief, own.speed, own.heading)
+        if self._belief.alive[0] and not np.isfinite(self._covariance).all():
+            raise ArithmeticError(f"step {self._step}: the covariance is not finite after {reception}")
+        if reception is None:
+            return []
+        return [self._fix_at_estimate(FixKind.ONE_RANGE if any(used) else (FixKind.GATED if used else FixKind.LOST))]
+
+    def run(self, measurements: Measurements) -> Estimates:
+        """Estimates of a whole mission, whose filter step may differ from the settings'; see `OnlineNavigator.run`."""
+        durations = measurements.durations
+        if durations is None:
+            durations = np.full(measurements.speed.size, measurements.dt)
+        return super().run(replace(measurements, dt=self.settings.dt, durations=durations))
+
+    def _receive(self, place: Floats, measured: float, depth: float) -> bool:
+        """Take one range; whether the heaviest component used it."""
+        settings = self.settings
+        east, north, deep = map(float, place)
+        if (east, north) not in self._beacons:
+            if len(self._beacons) == MOST_BEACONS:
+                raise LaisnError(
+                    f"step {self._step}: ranges to more than {MOST_BEACONS} places; beacons must lie still"
+                )
+            self._beacons[east, north] = len(self._beacons)
+            self._belief = with_beacon(self._belief, self.settings)
+        z = Ranging(
+            beacon=self._beacons[east, north],
+            east=east,
+            north=north,
+            deeper=deep - (depth - settings.hydrophone_height),
+            range=float(measured),
+            variance=settings.range_sigma**2,
+            accepted=float(np.log1p(-settings.outlier_probability)),
+            wrong=float(np.log(settings.outlier_probability / settings.outlier_span)),
+        )
+        used = receive(self._belief, z, self._starter)
+        if self._starter >= 0:
+            self._starter = self._starter + 1 if self._starter + 1 < STARTERS else -1
+        return bool(used)
