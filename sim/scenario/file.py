@@ -1,6 +1,7 @@
 """Scenario files: TOML in and out, overrides, and errors as lines that name key, expectation and value."""
 
 import difflib
+import json
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
@@ -8,7 +9,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
-from pydantic_core import to_json, to_jsonable_python
+from pydantic_core import to_json
 
 import models
 from laisn.failure import ROWS, LaisnError, plain, screenful, shortened
@@ -75,6 +76,7 @@ def lines_of(error: ValidationError) -> list[str]:
 
 
 LARGEST_BYTES = 16_000_000  # of a scenario file: four routes of the most points that a route may have
+_INDEX = re.compile("0|[1-9][0-9]{0,8}")  # of a list, within a dotted key: it has one form, 0 and not 00
 _MODEL_KEY = re.compile(r"(leader|followers\.(\d+|\*)|formation\.shape)\.model")
 
 
@@ -83,12 +85,18 @@ class ScenarioError(LaisnError):
 
 
 def plain_values(table: Any) -> Any:
-    """A copy of a table or value that JSON can hold: numbers and arrays of NumPy as Python's, other objects as text."""
+    """A copy of a table or value that JSON can hold: numbers and arrays of NumPy as Python's, other objects as text.
+
+    So is an integer that no float can hold.
+    """
 
     def plain_value(one: Any) -> Any:
         return list(one) if isinstance(one, range) else one.tolist() if hasattr(one, "tolist") else str(one)
 
-    return to_jsonable_python(table, fallback=plain_value)
+    def integer(digits: str) -> int | str:
+        return int(digits) if len(digits) < 308 else f"an integer of {len(digits)} digits"
+
+    return json.loads(to_json(table, fallback=plain_value, inf_nan_mode="constants"), parse_int=integer)
 
 
 def is_model_key(key: str) -> bool:
@@ -166,7 +174,7 @@ def value_of(text: str) -> Any:
 def _put(table: dict[str, Any], key: str, value: object) -> None:
     """Put a value at a dotted key; ScenarioError if the key leads through something that is no table or list."""
     place: Any = table
-    *parents, last = (int(part) if part.isdecimal() else part for part in key.strip().split("."))
+    *parents, last = (int(part) if _INDEX.fullmatch(part) else part for part in key.strip().split("."))
     try:
         for part in parents:
             place = place.setdefault(str(part), {}) if isinstance(place, dict) else place[part]

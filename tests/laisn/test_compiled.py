@@ -248,8 +248,9 @@ from sim import attitude
 if INTERRUPT:
     signal.setitimer(signal.ITIMER_REAL, 0.2)
     signal.signal(signal.SIGALRM, lambda *_: os.kill(os.getpid(), signal.SIGINT))
-angle = attitude._angles(np.array([[1.0, 0.0, 0.0, 0.0]]), 0)
-print(*angle, sum(attitude._angles.stats.cache_misses.values()))
+angles = np.empty((3, 1))
+attitude._angles(np.array([[1.0, 0.0, 0.0, 0.0]]), angles)
+print(angles[0, 0], sum(attitude._angles.stats.cache_misses.values()))
 """
 
 

@@ -13,8 +13,8 @@ from laisn.navigator import Navigator
 from laisn.navigators import OnlineNavigator
 from laisn.settings import NavigationSettings, TightSettings
 from laisn.tight.navigator import TightNavigator, run_mission
-from tests.beacons.round_trip import Errors, round_trip
 from tests.laisn import in_lanes
+from tests.laisn.round_trip import Errors, round_trip
 from tests.laisn.tight_mission import Mission
 
 MISSING = slice(150, 185)

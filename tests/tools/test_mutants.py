@@ -9,7 +9,7 @@ from tools.mutants.cover import covering, distances
     ("file", "first"),
     [
         ("laisn/fix.py", "tests/laisn/test_fix.py"),
-        ("laisn/beacons.py", "tests/beacons/test_beacon_oracle.py"),
+        ("laisn/beacons.py", "tests/laisn/test_beacons.py"),
         ("laisn/tight/estimator.py", "tests/laisn/test_swarms.py"),
         ("sim/vehicle/hydrodynamics.py", "tests/vehicle/test_hydrodynamics.py"),
         ("experiments/intervals.py", "tests/test_intervals.py"),

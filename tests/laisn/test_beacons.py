@@ -35,7 +35,7 @@ from laisn.beacons import (
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
-from tests.beacons.round_trip import Errors, round_trip
+from tests.laisn.round_trip import Errors, round_trip
 
 RANDOM = np.random.default_rng(5)
 ALL_ON = replace(BeaconSettings(), current_sigma=0.3)

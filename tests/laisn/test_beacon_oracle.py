@@ -22,7 +22,7 @@ from laisn.beacons import (
 from laisn.estimates import FixKind
 from laisn.failure import LaisnError
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
-from tests.beacons.beacon_oracle import BeaconOracle
+from tests.laisn.beacon_oracle import BeaconOracle
 
 PLACES = np.array([[-20.0, 5.0, 3.0], [25.0, -10.0, 0.0], [8.0, 40.0, 12.0]])
 DT = 1.0
