@@ -13,7 +13,7 @@ from laisn.failure import LaisnError
 from sim.system import atomic_write
 
 SCHEMA = 1
-"""Version of the file's layout: raised when a field changes its meaning."""
+"""Version of the file's layout."""
 FILE = "results.json"
 DIGITS = 6
 """Significant digits that are kept: more than is ever printed."""
@@ -43,8 +43,7 @@ class Finding:
     def __format__(self, spec: str) -> str:
         """Format as text by a Python format, with a space before the percent sign and a typographic minus sign.
 
-        `low` or `high` before it: a limit; ` i` after it: with the limits; ` ±`: with half of the interval. So
-        format(share, ".0% i") gives "98 % (97 to 99 %)".
+        `low` or `high` before it: a limit; ` i` after it: with the limits; ` ±`: with half of the interval.
         """
         match = re.fullmatch(r"(?:(low|high) ?)?(\S*?)( i| ±)?", spec)
         if match is None:

@@ -1,7 +1,7 @@
 """Confidence intervals of what studies print: proportions, means over runs, and shares of sums over missions.
 
-Runs are independent, and so are missions, each of which has noise of its own; arms of one run share their noise, so
-that their differences are paired. All limits are two-sided and leave the same chance on either side.
+Runs and missions are independent; arms of one run share their noise, so that their differences are paired. All limits
+are two-sided and leave the same chance on either side.
 """
 
 import math
@@ -29,11 +29,8 @@ class Interval(NamedTuple):
 def proportion(count: int, of: int, confidence: float = CONFIDENCE) -> Interval:
     """Share of trials with an outcome, with the exact limits of Clopper and Pearson (Biometrika 26, 1934).
 
-    They cover at least as often as promised; 0 of n leaves up to 1 − (α/2)^(1/n). Where the chance differs from trial
-    to trial they hold for its mean (Hoeffding 1956).
-
-    Raises:
-        ValueError: no trial, or a count that is not among 0 … of.
+    Where the chance differs from trial to trial they hold for its mean (Hoeffding 1956). ValueError: no trial, or a
+    count that is not among 0 … of.
     """
     if not 0 <= count <= of or of == 0:
         raise ValueError(f"{count} of {of} is no proportion")
@@ -60,15 +57,14 @@ def _undo_skewness(y: Floats, skewness: Floats, runs: Floats) -> Floats:
 def ratio_intervals(above: Floats, below: Floats, confidence: float = CONFIDENCE) -> list[Interval]:
     """Ratios of sums over runs, Σ above / Σ below, with t intervals that account for skewness.
 
-    Student's t is asymmetric where values are skewed. Hall's cubic transformation removes the skewness γ; its quantiles
-    are those of t with n − 1 degrees of freedom (P. Hall, J. R. Stat. Soc. B 54, 1992, 221–228). A ratio is treated as
-    the mean of its linearisation, (above − ratio · below) / mean(below). `tests/test_intervals.py` measures how often
-    the limits hold the truth.
+    Hall's cubic transformation removes the skewness γ; its quantiles are those of t with n − 1 degrees of freedom (P.
+    Hall, J. R. Stat. Soc. B 54, 1992, 221–228). A ratio is treated as the mean of its linearisation,
+    (above − ratio · below) / mean(below).
 
     Args:
         above: of each run, a column for each ratio, shape (R, k).
         below: likewise, not negative; 0: the run does not count.
-        confidence: of the intervals, one for each column; limits are NaN where fewer than `FEWEST_RUNS` count.
+        confidence: of the intervals; limits are NaN where fewer than `FEWEST_RUNS` count.
     """
     runs = np.count_nonzero(below, axis=0).astype(np.float64)
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -25,6 +25,7 @@ from sim.sensing.observation import observe
 from sim.simulation import simulate_motion
 from sim.trajectory import Trajectory, Truth
 from tests import synthetic
+from tests.study.cells import cells_of
 
 ENTRIES = {entry.arm: entry for entry in plan_of(study_of("closed-loop", {})).entries}
 """Arms of the study."""
@@ -325,7 +326,7 @@ def test_the_record_counts_lost_followers() -> None:
         ]
         for r in range(5)
     ]
-    outcomes: Any = SimpleNamespace(runs_by=lambda: dict.fromkeys(ENTRIES, runs))
+    outcomes: Any = SimpleNamespace(cells=cells_of(dict.fromkeys(ENTRIES, runs)))
     found = study.findings_of({"study": outcomes})
     # medians of 40 missions, and of the runs of the last route
     assert (found["off current tight-2"].value, found["worst current tight-2"].value) == (35.0, 70.0)

@@ -44,7 +44,7 @@ DOCUMENTS = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
     *sorted((ROOT / "docs").glob("*.md")),
 ]
-STUDIES = ("reproduce", "study", *BUILT_IN)
+STUDIES = ("study", *BUILT_IN)
 FOREIGN = ("apt-get", "pip", "rerun", "source", "srun")
 """Programs that are not ours to try."""
 

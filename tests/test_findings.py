@@ -98,14 +98,14 @@ def test_the_version_is_that_of_what_makes_the_numbers(tmp_path: Path) -> None:
     for package in ("models", "laisn", "sim", "experiments"):
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
     modules = (
-        "experiments.studies.asymmetry.findings", "experiments.study.run", "experiments.studies.reproduction.findings",
+        "experiments.studies.asymmetry.findings", "experiments.study.run", "experiments.studies.reproduce.findings",
     )  # fmt: skip
     before = version_of(modules, tmp_path)
     for name, counts in (
         ("experiments/intervals.py", True), ("experiments/studies/asymmetry/findings.py", True),
         ("sim/water.py", True), ("experiments/studies/asymmetry/figures.py", False),
-        ("experiments/pages/page.py", False), ("experiments/studies/reproduction/claims.toml", True),
-        ("experiments/studies/reproduction/page.md.j2", False), ("experiments/studies/depth.toml", False),
+        ("experiments/pages/page.py", False), ("experiments/studies/reproduce/claims.toml", True),
+        ("experiments/studies/reproduce/page.md.j2", False), ("experiments/studies/depth.toml", False),
     ):  # fmt: skip
         path = tmp_path / name
         whole = path.read_bytes()

@@ -40,6 +40,7 @@ LATE = {
     "plotly.graph_objects": "it takes a second to import, and pages need text alone",
     "experiments.study.charts": "as experiments.study.page",
     "experiments.pages.flight_report": "a figure needs no templates",
+    "experiments.pages.results": "few studies are filmed",
     "experiments.study.page": "drawing takes a third of a second, and reading a table needs none of it",
 }
 """What may be imported within functions, and why; in the command and in `laisn_sim`, which answer at once, anything."""

@@ -259,7 +259,7 @@ def log_recover(log: LogArgument) -> None:
     echo(recover(log, lambda remark: echo(f"note: {remark}")))
 
 
-for _study in (studies.study, studies.compare, studies.reproduce):
+for _study in (studies.study, studies.compare):
     app.command()(_study)
 for _name in studies.BUILT_IN:
     app.command(_name)(studies.command_of(_name))

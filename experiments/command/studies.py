@@ -3,18 +3,12 @@
 import os
 from collections.abc import Callable
 from functools import partial
-from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from experiments.command.errors import echo
-from laisn.failure import LaisnError
-
-if TYPE_CHECKING:
-    from experiments.study.estimate import Results
-    from experiments.study.plan import Plan
 
 ScenarioArgument = Annotated[str, typer.Argument(help="T2 … T9, another built-in name, or a TOML file")]
 SourceArgument = Annotated[str, typer.Argument(help="a scenario, or a log (.mcap)")]
@@ -83,15 +77,6 @@ def _can_film() -> bool:
     return works
 
 
-def _film_worst(plan: "Plan", results: "Results", folder: Path) -> Path:
-    from experiments.flight.fly import fly
-    from experiments.pages.results import render
-    from experiments.study.page import worst_entry
-
-    entry, run, _ = worst_entry(plan, results)
-    return render(fly(entry.scenario_at(run))[0], folder / "worst.mp4")
-
-
 def study(
     source: Annotated[
         str, typer.Argument(metavar="STUDY", help="a study file, a built-in study, or a scenario to vary")
@@ -113,37 +98,25 @@ def study(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="print the size of the study and stop")] = False,
     quick: QuickOption = False,
     film: Annotated[
-        str | None, typer.Option(metavar="worst|example", help="film the worst run; of asymmetry, its example")
-    ] = None,
+        str, typer.Option(metavar="worst|example", help="film the worst run; of asymmetry, its example")
+    ] = "",
     workers: WorkersOption = None,
     out: OutOption = None,
     force: ForceOption = False,
     cluster: ClusterOption = None,
 ) -> None:
     """Run a study: factors, draws and arms of a file; write tables, intervals and a page."""
-    given = {name: value for name, value in locals().items() if value and name not in ("source", "_plugin")}
-    from experiments.study.file import OWN_DESIGN
-    from experiments.study.study import effort_text, parts_of, run, studies_of
+    from experiments.study.study import effort_text, run, studies_of
     from sim.scenario.file import values_of
 
-    if source in OWN_DESIGN and not Path(source).exists():
-        if foreign := given.keys() - signature(reproduce).parameters.keys():
-            option = min(foreign).strip("_").replace("_", "-")
-            known = f"`laisn {source} --help` lists its options"
-            raise LaisnError(f"--{option}: unknown option of the study {source}; {known}")
-        reproduce(**given)
-        return
-    wanted = "example" if parts_of(source) else "worst"
-    if film not in (None, wanted):
-        raise LaisnError(f"--film {film}: expected --film {wanted}")
     keys: dict[str, Any] = {"runs": runs, "realizations": realizations, "seed": seed}
     keys |= {"vary": _factors(vary or []), "draw": values_of(draw or (), "--draw"), "set": values_of(set_ or ())}
     if dry_run:
         for one in studies_of(source, keys, quick=quick):
             echo(effort_text(one, workers or len(os.sched_getaffinity(0))))
         return
-    film_of = _film_worst if film and _can_film() else None
-    found = run(source, keys, out, quick=quick, film=film_of, workers=workers, cluster=cluster, force=force)
+    film = film if film and _can_film() else ""
+    found = run(source, keys, out, quick=quick, film=film, workers=workers, cluster=cluster, force=force)
     echo(f"report in {found.report()}")
 
 
@@ -157,6 +130,7 @@ BUILT_IN = {
     "formation": "Study ten followers in formation: currents, waves, losses and navigators.",
     "gate": "Study LAISN-2's gate rules on pings replaced by echoes.",
     "loss": "Study current and lost messages that each variant tolerates.",
+    "reproduce": "Run the paper's five stages: tables beside the published ones, figures, and checks of its claims.",
     "rivals": "Compare all navigators: LAISN, the tightly coupled one, and the rival methods.",
 }
 """Built-in studies of files, which `laisn NAME` and `laisn study NAME` run alike, and their help."""
@@ -179,25 +153,3 @@ def compare(
 
     write(page_of(sources), out)
     echo(f"page in {out}")
-
-
-def reproduce(
-    stage: Annotated[
-        list[int] | None, typer.Option(help="a stage of the paper, 1 … 5; repeatable (default: all)")
-    ] = None,
-    motion: Annotated[str, typer.Option(help="physics, or the paper's point motion: kinematic")] = "physics",
-    runs: Annotated[int, typer.Option(min=1, max=1_000_000, help="runs of each cell")] = 60,
-    seed: Annotated[int, typer.Option(min=0, max=2**62 - 1, help="key of all random numbers")] = 1,
-    workers: WorkersOption = None,
-    out: OutOption = None,
-    force: ForceOption = False,
-    cluster: ClusterOption = None,
-) -> None:
-    """Run the paper's five stages; write tables beside the published ones, figures, and checks of its claims."""
-    from experiments.studies.reproduction import study as reproduction
-
-    report = reproduction.reproduce(
-        stage, motion=motion,  # type: ignore[arg-type]  # reproduce refuses other motions
-        runs=runs, seed=seed, workers=workers, out=out, force=force, cluster=cluster,
-    )  # fmt: skip
-    echo(f"report in {report}")

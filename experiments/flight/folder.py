@@ -33,14 +33,11 @@ def require_safe(folder: Path, source: Path | None = None, again: Callable[[], s
         raise LaisnError(f"{folder}: holds a study ({STUDY_FILE}); {_ELSEWHERE}")
     present = [folder / name for name in FILES if os.path.lexists(folder / name)]
     for path in present:
-        if path.is_symlink() or not path.is_file():
-            raise LaisnError(
-                f"{path}: expected a regular file, which the flight would replace; move it, or {_ELSEWHERE}"
-            )
-        if source is not None and source.exists() and path.samefile(source) and path.read_bytes() != again().encode():
-            raise LaisnError(
-                f"{path}: is the scenario of this flight and would be replaced by a copy; rename it, or {_ELSEWHERE}"
-            )
+        same = source is not None and path.is_file() and source.exists() and path.samefile(source)
+        own = same and path.read_bytes() != again().encode()
+        if path.is_symlink() or not path.is_file() or own:
+            what = "is the scenario of this flight" if own else "expected a regular file"
+            raise LaisnError(f"{path}: {what}, which the flight would replace; move it, or {_ELSEWHERE}")
     # a flight that was killed while it replaced files has left its folder
     flown = ((folder / SUMMARY).exists() and (folder / SCENARIO).exists()) or (folder / UNFINISHED).exists()
     if present and not flown:

@@ -52,24 +52,28 @@ def table_of(source: str) -> dict[str, Any]:
     return {"name": name_of(path)} | seen_from(read(path), path.parent)
 
 
-def _read(source: str, assignments: Iterable[str]) -> tuple[dict[str, Any], str]:
-    """The table of a scenario with overrides applied, and what to call it in messages."""
-    table = table_of(source)
-    given = list(assignments)
-    return assigned(table, values_of(given)), " ".join([source, *(f"--set {shortened(a, 200)}" for a in given)])
+def _checked(table: Mapping[str, Any], changes: Mapping[str, Any], name: str) -> Scenario:
+    """A scenario whose sea, routes, date and cost are checked too."""
+    # sea and hulls take half a second to import, and commands that read or list scenarios need neither
+    from sim.feasibility import infeasibilities
+
+    return validate(assigned(table, changes), name, further=infeasibilities)
+
+
+def _named(source: str, given: Iterable[str]) -> str:
+    return " ".join([source, *(f"--set {shortened(a, 200)}" for a in given)])
 
 
 def load(source: str, assignments: Iterable[str]) -> Scenario:
     """A built-in scenario or a TOML file, with overrides "key=value"; ScenarioError: missing or invalid."""
-    return validate(*_read(source, assignments))
+    table, given = table_of(source), list(assignments)
+    return validate(assigned(table, values_of(given)), _named(source, given))
 
 
 def load_flyable(source: str, assignments: Iterable[str]) -> Scenario:
     """As `load`, but sea, routes, date and cost are checked too, so that it can be flown, filmed and logged."""
-    # sea and hulls take half a second to import, and commands that read or list scenarios need neither
-    from sim.feasibility import infeasibilities
-
-    return validate(*_read(source, assignments), further=infeasibilities)
+    table, given = table_of(source), list(assignments)
+    return _checked(table, values_of(given), _named(source, given))
 
 
 def loaded(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str, Any] | None = None) -> Scenario:
@@ -78,9 +82,6 @@ def loaded(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[s
     `source` is a built-in name ("T5", "following-sea", …), a TOML file, the table that it would hold, or a scenario;
     `changes` are values by dotted key, such as {"followers.0.depth_m": 12.0, "navigation.variant": "laisn-3-2"}.
     """
-    # as in `load_flyable`
-    from sim.feasibility import infeasibilities
-
     changes = {} if changes is None else changes
     if not isinstance(changes, Mapping):
         raise ScenarioError(f"changes: expected a table of values by dotted key (given: {plain(repr(changes)):.80})")
@@ -90,7 +91,7 @@ def loaded(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[s
         table, name = dict(source), "scenario"
     else:
         table, name = table_of(str(source)), str(source)
-    return validate(assigned(table, changes), name, further=infeasibilities)
+    return _checked(table, changes, name)
 
 
 def text_of(value: Any) -> str:

@@ -1,10 +1,8 @@
 """Range error budget: each range error split into its causes, exactly and additively.
 
-A follower converts the slant range R_i to a horizontal one, D_i = √(R_i² − Δz²), the radius of a circle about
-transmitter i of a level leader. Its true value D°_i is the horizontal distance of that transmitter from the hydrophone
-at the time of the fix. The error D_i − D°_i is split by adding one cause after another, from the level leader to the
-range that the follower uses; the share of a cause is the change of D when it is added. The shares telescope: their sum
-is exactly the error. The (second-order) interaction of two causes is part of the later one's share.
+The error D_i − D°_i of the horizontal range that a follower uses, D_i = √(R_i² − Δz²), against that to the transmitter
+of a level leader is split by adding one cause after another: a cause's share is the change of D when it is added, so
+that the sum of the shares is the error. Interactions of two causes are part of the later one's share.
 """
 
 from dataclasses import dataclass
@@ -32,11 +30,8 @@ class Cause(IntEnum):
     MOTION = 2
     """Leader and follower move between broadcast pose, ping, arrival and fix."""
     ECHO = 3
-    """The receiver detected an echo instead of the ping."""
     SOUND_SPEED = 4
-    """The follower assumes another speed of sound."""
     CLOCK = 5
-    """The follower's clock is not the leader's."""
     RANDOM = 6
     """Random error of the range (paper, Eq. 28)."""
     DEPTH = 7

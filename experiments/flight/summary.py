@@ -162,24 +162,21 @@ def largest_sigma(covariance: Floats) -> Floats:
 def uncertainty_events(flight: Flight) -> list[Event]:
     """An event where two stations of one layer are first nearer than `SIGMAS` σ of their followers' relative error."""
     followers, steps, events = flight.scenario.followers, flight.step_index(), []
-    kept = [i for i, follower in enumerate(followers) if follower.station]
-    layered = [
-        (i, j) for a, i in enumerate(kept) for j in kept[:a]
-        if abs(followers[i].layer_m - followers[j].layer_m) < LEAST_LAYER_M
+    pairs = [
+        (i, j) for i, one in enumerate(followers) for j, other in enumerate(followers[:i])
+        if one.station and other.station and abs(one.layer_m - other.layer_m) < LEAST_LAYER_M
     ]  # fmt: skip
-    if not layered:
+    if not pairs:
         return []
     places = true_stations(flight.scenario, flight.trajectory)[steps]
-    for i, j in layered:
+    for i, j in pairs:
         apart = np.hypot(places.east[:, i] - places.east[:, j], places.north[:, i] - places.north[:, j])
-        relative = flight.estimates[i].covariance + flight.estimates[j].covariance
-        near = apart < SIGMAS * largest_sigma(relative)
+        near = apart < SIGMAS * largest_sigma(flight.estimates[i].covariance + flight.estimates[j].covariance)
         if near.any():
             k = int(np.argmax(near))
-            one, other = followers[i].name, followers[j].name
-            text = f"stations of {one} and {other}, {apart[k]:.1f} m apart, are nearer"
+            text = f"stations of {followers[i].name} and {followers[j].name}, {apart[k]:.1f} m apart, are nearer"
             text += f" than {SIGMAS:g} sigma of their relative position error"
-            events.append(Event(float(flight.trajectory.time[steps[k]]), "warning", text, one))
+            events.append(Event(float(flight.trajectory.time[steps[k]]), "warning", text, followers[i].name))
     return events
 
 

@@ -75,8 +75,7 @@ class Table:
         for row in self.arrow.slice(0, _SHOWN).to_pylist():
             texts = (f"{v:.6g}" if isinstance(v, float) else str(v) for v in row.values())
             rows += f"<tr>{''.join(f'<td>{html.escape(text)}</td>' for text in texts)}</tr>"
-        caption = f"<caption>{len(self)} rows</caption>"
-        return f"<table>{caption}<thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
+        return f"<table><caption>{len(self)} rows</caption><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
 
 
 def _place(position: npt.NDArray[Any]) -> dict[str, Any]:

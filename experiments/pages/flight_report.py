@@ -1,8 +1,8 @@
-"""The report of one flight: routes, errors of the estimates, and their causes; the prose stands in templates."""
+"""The report of one flight: routes, errors of the estimates, and their causes; the prose stands in its template."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -11,16 +11,16 @@ from experiments.flight.summary import approach_events, flight_bounds, mirror_lo
 from experiments.pages import flight_figures, style
 from experiments.pages.figures import Line, Panel, panel
 from experiments.pages.flight_figures import ON_AXIS_DEG, SIGMAS
-from experiments.pages.page import Cell, Code, Figures, Film, Table, number, page_of, paragraphs, words, write
+from experiments.pages.page import Cell, Code, Figures, Film, Table, number, page_of, words, write
 from laisn import metrics
-from laisn.arrays import Bools, Floats
+from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, FixKind
 from laisn.messages import Ranges
-from laisn.metrics import longest_mirror_lock, nees
+from laisn.metrics import nees
 from laisn.navigators import find
 from sim.flight import Flight
 from sim.sensing.observation import sightings
-from sim.tracking import closest_approaches, contacts, off_station, station_keeping
+from sim.tracking import closest_approaches, contacts
 
 _CAUSES = (Cause.RANDOM, Cause.LEVER_ARM, Cause.MOTION, Cause.DEPTH, Cause.FORESHORTENING, Cause.ECHO)
 COLOUR = dict(zip(_CAUSES, style.SERIES, strict=True))
@@ -98,150 +98,37 @@ SIDE_M = 1.0
 """Least distance of estimate and truth from the leader's axis, on opposite sides, at which the side is wrong [m]."""
 CONSISTENT_SHARE = float(np.exp(-(SIGMAS**2) / 2))
 """Share of errors outside the 2σ ellipse of a consistent filter (Rayleigh distribution)."""
-_RARE = 0.02
 
 
-class EstimateErrors(NamedTuple):
-    """One follower's estimate compared with the truth, at the n filter steps with an estimate; arrays of shape (n,)."""
+def accuracy(flight: Flight, follower: int) -> dict[str, float]:
+    """Errors of a follower's estimate at the filter steps with an estimate, [m], and shares of these steps, 0 … 1.
 
-    time: Floats
-    error: Floats
-    bearing: Floats
-    """B, in [0, 2π) [rad]."""
-    distance: Floats
-    wrong_side: Bools
-    """Whether the estimate is on the wrong side of the leader's axis."""
-    outside: Bools
-    """Whether the truth is outside the filter's own 2σ ellipse."""
-    kind: Floats
-
-    @property
-    def on_axis(self) -> Bools:
-        """Whether the follower is near the leader's axis, ahead or astern."""
-        folded = np.mod(self.bearing, np.pi)
-        return np.asarray(np.minimum(folded, np.pi - folded) < np.radians(ON_AXIS_DEG))
-
-
-def estimate_errors(flight: Flight, follower: int) -> EstimateErrors:
-    """Errors of a follower's estimate, and its true place relative to the leader."""
+    `outside`: the truth is outside the filter's own 2σ ellipse; `near_axis`: the follower is near the leader's axis,
+    ahead or astern, with mean errors there and elsewhere; `wrong_side`: the estimate is across that axis.
+    """
     steps, found = flight.step_index(), flight.estimates[follower]
     truth, leader = flight.hydrophone(follower)[:, :2], flight.trajectory.position[steps, 0, :2]
-    heading = flight.trajectory.heading[steps, 0]
+    heading, estimate = flight.trajectory.heading[steps, 0], found.state[:, :2]
     starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
-    estimate = found.state[:, :2]
-    side, estimated_side = (np.einsum("ni,ni->n", point - leader, starboard) for point in (truth, estimate))
-    clear = np.minimum(np.abs(side), np.abs(estimated_side)) >= SIDE_M
+    side, estimated = (np.einsum("ni,ni->n", point - leader, starboard) for point in (truth, estimate))
+    wrong = (np.minimum(np.abs(side), np.abs(estimated)) >= SIDE_M) & (side * estimated < 0)
+    folded = np.mod(true_bearing(flight, follower), np.pi)
+    near = np.minimum(folded, np.pi - folded) < np.radians(ON_AXIS_DEG)
     square, error = nees(found, truth), np.hypot(*(estimate - truth).T)
+    # with a singular covariance any error is outside
+    outside = np.where(np.isnan(square), np.any(estimate != truth, axis=1), square > SIGMAS**2)
     # with an unknown start there is no estimate before the first messages
     known = np.isfinite(error)
-    return EstimateErrors(
-        time=flight.trajectory.time[steps][known],
-        error=error[known],
-        bearing=true_bearing(flight, follower)[known],
-        distance=np.hypot(*(truth - leader).T)[known],
-        wrong_side=(clear & (side * estimated_side < 0))[known],
-        # with a singular covariance any error is outside
-        outside=np.where(np.isnan(square), np.any(estimate != truth, axis=1), square > SIGMAS**2)[known],
-        kind=found.fix_kind.astype(np.float64),
-    )
-
-
-def errors_by_name(flight: Flight) -> dict[str, EstimateErrors]:
-    """Errors of all followers; none if an estimate is not finite."""
-    if not all(np.isfinite(e.state[e.unknown :]).all() for e in flight.estimates):
-        return {}
-    return {name: estimate_errors(flight, i) for i, name in enumerate(flight.trajectory.names[1:])}
-
-
-def percent(share: float) -> str:
-    """A share in per cent, without decimals from 10 % on; only exact shares are 0 % or 100 %."""
-    if 0 < share < 0.001:
-        return "less than 0.1\N{NO-BREAK SPACE}%"
-    if 0.999 < share < 1:
-        return "more than 99.9\N{NO-BREAK SPACE}%"
-    return f"{100 * share:.{0 if share >= 0.0995 else 1}f}\N{NO-BREAK SPACE}%"
-
-
-def _metres(value: float) -> str:
-    return f"{value:.{2 if value < 9.995 else 1}f}\N{NO-BREAK SPACE}m"
-
-
-def size_numbers(errors: Mapping[str, EstimateErrors]) -> dict[str, Any]:
-    """Mean errors of the best and the worst follower, and the largest error with its time and place."""
-    means = {name: float(one.error.mean()) for name, one in errors.items()}
-    best, worst = min(means, key=means.__getitem__), max(means, key=means.__getitem__)
-    name, one = max(errors.items(), key=lambda item: float(item[1].error.max()))
-    k = int(one.error.argmax())
+    error, near, wrong, outside = error[known], near[known], wrong[known], outside[known]
+    k = int(error.argmax())
     return {
-        "followers": len(errors), "several": len(errors) > 1, "best": best, "worst": worst,
-        "least_mean": means[best], "greatest_mean": means[worst], "largest": float(one.error[k]), "largest_of": name,
-        "largest_s": float(one.time[k]), "largest_distance": float(one.distance[k]),
-        "largest_bearing_deg": float(np.degrees(one.bearing[k])),
+        "mean": float(error.mean()), "sigma": float(error.std()), "high": float(np.percentile(error, 95)),
+        "largest": float(error[k]), "largest_s": float(flight.trajectory.time[steps][known][k]),
+        "outside": float(outside.mean()), "near_axis": float(near.mean()),
+        "mean_near": float(error[near].mean()) if near.any() else np.nan,
+        "mean_elsewhere": float(error[~near].mean()) if not near.all() else np.nan,
+        "wrong_side": float(wrong.mean()),
     }  # fmt: skip
-
-
-def error_numbers(one: EstimateErrors) -> dict[str, Any]:
-    """Time near the leader's axis, kinds of fix, time on the wrong side, and time outside the 2σ ellipse."""
-    near, on_axis = one.on_axis, float(one.on_axis.mean())
-    split = _RARE <= on_axis <= 1 - _RARE
-    kinds, counts = np.unique(one.kind, return_counts=True)
-    order, wrong = np.argsort(-counts, kind="stable"), bool(one.wrong_side.any())
-    step = float(one.time[1] - one.time[0] if one.time.size > 1 else one.time[0])
-    return {
-        "axis_deg": f"{ON_AXIS_DEG:g}", "on_axis": on_axis,
-        "error_on_axis": float(one.error[near].mean()) if split else None,
-        "error_off_axis": float(one.error[~near].mean()) if split else None,
-        "fixes": one.kind.size,
-        "kinds": [f"{FIX_WORDS[FixKind(int(kinds[i]))]} {percent(float(counts[i]) / one.kind.size)}" for i in order],
-        "side_m": f"{SIDE_M:g}", "wrong_side": float(one.wrong_side.mean()),
-        "wrong_first_s": float(one.time[int(one.wrong_side.argmax())]) if wrong else None,
-        "wrong_longest_s": longest_mirror_lock(one.wrong_side) * step if wrong else None,
-        "outside": float(one.outside.mean()), "consistent_outside": CONSISTENT_SHARE,
-    }  # fmt: skip
-
-
-def motion_numbers(flight: Flight) -> dict[str, Any]:
-    """Unusual events, station errors from the smallest, closest approaches, and followers that gave way."""
-    truth = flight.trajectory
-    off, spent = off_station(flight.scenario, truth), sightings(flight.scenario, truth).spent_s
-    kept = {
-        truth.names[i + 1]: station_keeping(off[:, i], truth.time)
-        for i, follower in enumerate(flight.scenario.followers)
-        if follower.station
-    }
-    nearest, level = closest_approaches(truth)
-    found = [*route_events(flight), *approach_events(flight)]
-    return {
-        "events": [f"at {event.time_s:.0f} s {event.text}" for event in found],
-        "stations": sorted(({"name": n, "rms": k.station_rms_m} for n, k in kept.items()), key=lambda s: s["rms"]),
-        "lost": [name for name, keeping in kept.items() if keeping.lost],
-        "nearest": nearest, "nearest_level": level, "giving_way": int(np.count_nonzero(spent)) if kept else 0,
-        "gave_way_longest": truth.names[int(spent.argmax()) + 1], "gave_way_s": float(spent.max()),
-    }  # fmt: skip
-
-
-def cause_numbers(budgets: Sequence[RangeErrorBudget]) -> dict[str, Any]:
-    """RMS error of D_front − D_rear, and its largest cause; None where there is no error."""
-    apart = np.concatenate([budget.asymmetry for budget in budgets])
-    there = apart[np.isfinite(apart).all(axis=1)]
-    rms = np.sqrt(np.mean(there**2, axis=0)) if there.size else np.zeros(len(Cause))
-    most = Cause(int(rms.argmax()))
-    if not rms[most]:
-        return {"asymmetry_cm": None}
-    whole = float(np.sqrt(np.mean(there.sum(axis=1) ** 2)))
-    return {"asymmetry_cm": 100 * whole, "cause": LABELS[most], "cause_cm": 100 * float(rms[most])}
-
-
-def sentences(flight: Flight, errors: Mapping[str, EstimateErrors] | None = None) -> list[str]:
-    """Paragraphs on errors, events, stations, geometry, fixes, consistency and range errors; none without errors."""
-    errors = errors_by_name(flight) if errors is None else errors
-    if not errors:
-        return []
-    first, *others = errors.values()
-    together = EstimateErrors(*map(np.concatenate, zip(first, *others, strict=True))) if others else first
-    budgets = [range_error_budget(flight, i) for i in range(len(errors))]
-    numbers = size_numbers(errors) | motion_numbers(flight) | error_numbers(together) | cause_numbers(budgets)
-    return paragraphs("experiments.pages", "flight_text.md.j2", numbers, {"m": _metres, "percent": percent})
 
 
 Errors = Sequence[tuple[Floats, Floats]]
@@ -262,13 +149,6 @@ def _overview(flight: Flight, errors: Errors) -> Figures:
     worst = max(range(len(names)), key=lambda i: float(np.nanmax(errors[i][0], initial=0.0)))
     panel = flight_figures.position_errors(flight, [position for position, _ in errors], worst)
     return Figures(panels=[panel], legend=[(style.ESTIMATE, names[worst]), (style.MUTED, "other followers")])
-
-
-def _error_row(name: str, one: EstimateErrors) -> list[Cell]:
-    k = int(one.error.argmax())
-    numbers = map(float, (one.error.mean(), one.error.std(), np.percentile(one.error, 95), one.error[k]))
-    at, outside = number(float(one.time[k]), 0), number(100 * float(one.outside.mean()), 1)
-    return [words(name), *map(number, numbers), at, outside]
 
 
 def follower_row(flight: Flight, follower: int, errors: tuple[Floats, Floats], bound: Floats) -> Figures:
@@ -334,29 +214,28 @@ def flight_report(
 ) -> None:
     """Write the report of one flight, from its errors and `summary.json`; OSError if that fails.
 
-    `path` is in the folder of film (MP4, embedded if it is small) and log; `bounds` as of `summarise`.
+    `path` is in the folder of film (MP4) and log; `bounds` as of `summarise`.
     """
-    by_name, least, everyone = errors_by_name(flight), bounds or flight_bounds(flight), range(len(flight.estimates))
-    names = flight.trajectory.names[1:]
+    least, everyone, names = bounds or flight_bounds(flight), range(len(flight.estimates)), flight.trajectory.names[1:]
     finite = [names[i] for i, e in enumerate(flight.estimates) if np.isfinite(e.state[e.unknown :]).all()]
-    text = sentences(flight, by_name) or [f"{flight.outcome.value.capitalize()}."]
-    error_rows = [_error_row(name, one) for name, one in by_name.items()]
-    # large arrays of a long mission, before figures are drawn
-    del by_name
+    truth, spent = flight.trajectory, sightings(flight.scenario, flight.trajectory).spent_s
     several, kept = len(everyone) > 1, [i for i in _drawn(flight) if flight.scenario.followers[i].station]
     tracks = flight_figures.track_map(flight, everyone, width=style.FULL, height=6.0) if several else None
     values: dict[str, Any] = {
         "flight": flight,
         "followers": len(names),
         "drawn": len(_drawn(flight)),
-        "sentences": text,
-        "contacts": contacts(flight.trajectory),
+        "events": [*route_events(flight), *approach_events(flight)],
+        "nearest": closest_approaches(truth) if kept else (),
+        "gave_way": {name: s for name, s in zip(names, spent.tolist(), strict=True) if s > 0},
+        "contacts": contacts(truth),
         "not_finite": [name for name in names if name not in finite],
         "mirror_locked": mirror_locks(flight, finite),
         "mirror_lock_error_m": metrics.MIRROR_LOCK_ERROR,
         "overview": _overview(flight, errors) if several else None,
-        "errors": error_rows,
-        "consistent": percent(CONSISTENT_SHARE),
+        "errors": {name: accuracy(flight, i) for i, name in enumerate(names)} if finite == [*names] else {},
+        "consistent": CONSISTENT_SHARE,
+        "side_m": SIDE_M,
         "films": [Film(path=film, caption="The film of the mission.")] if film else [],
         "followers_found": summary["followers"],
         "kinds": [

@@ -1,22 +1,17 @@
-"""Reports: one self-contained HTML page of text, tables, figures, code and films, whose prose stands in a template.
+"""Reports: one self-contained HTML page of text, tables, figures and code, whose prose stands in a template.
 
-A page needs no network and no framework; the same content gives the same bytes. A template is Markdown with numbers by
-name: it starts with `# title` and one paragraph of summary. `## title` begins a section, a blank line ends a paragraph,
-and `> warning: text` is a notice. `{{ n("lost calm", ".0% i") }}` is a finding in a format of `Finding`; `{{ table }}`
-on a line of its own is a table, figure, film or code that the caller passes, or a list of these;
-`{{ figure | caption("text") }}` gives it a caption.
-
-Tables are Markdown: rows between `|`, a row of dashes below the heads, and the caption in the lines below. A row above
-the heads has groups: one that ends in `||` spans two columns. A cell is text, a number, or a `Cell` of the caller's.
+A template is Markdown with numbers by name: `# title`, one paragraph of summary, then sections `## title`; a blank line
+ends a paragraph, `> warning: text` is a notice. `{{ n("lost calm", ".0% i") }}` is a finding in a format of `Finding`;
+`{{ table }}` on a line of its own is a table, figure, film or code that the caller passes, or a list of these; `{{
+figure | caption("text") }}` gives it a caption. Below the rows of a Markdown table stands its caption; a row above its
+heads has groups: one that ends in `||` spans two columns. A cell is text, a number, or a `Cell` of the caller's.
 """
 
-import base64
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
-from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -31,9 +26,6 @@ from sim.system import atomic_write
 
 _SHOWN_VERSIONS = {"python": "Python", "mujoco": "MuJoCo", "numpy": "NumPy", "scipy": "SciPy", "numba": "Numba"}
 _SHORT = 44
-EMBEDDED_FILM_BYTES = 600_000
-"""Larger films are linked: Base64 adds a third, Plotly takes 4.8 MB, and a page stays below 6 MB."""
-_POSTER_QUALITY = 80
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,31 +122,10 @@ class Figures:
 
 @dataclass(frozen=True, kw_only=True)
 class Film:
-    """A film beside the page: embedded if small, linked if not."""
+    """A film beside the page, which links it."""
 
     path: Path
     caption: str = ""
-
-    @property
-    def poster(self) -> str:
-        """Data of a frame from the film's middle, seen before it plays; FFmpegError if it is no film."""
-        # most pages have no film
-        import av
-
-        with av.open(str(self.path)) as source:
-            stream = source.streams.video[0]
-            source.seek((stream.duration or 0) // 2, stream=stream)
-            frame: Any = next(source.decode(stream))
-            target = BytesIO()
-            frame.to_image().save(target, "JPEG", quality=_POSTER_QUALITY, optimize=True)
-        return "data:image/jpeg;base64," + base64.b64encode(target.getvalue()).decode()
-
-    @property
-    def source(self) -> str:
-        """Data of a small film, name of a large one."""
-        if self.path.stat().st_size > EMBEDDED_FILM_BYTES:
-            return self.path.name
-        return "data:video/mp4;base64," + base64.b64encode(self.path.read_bytes()).decode()
 
 
 Block = Text | Code | Notice | Table | Figures | Film
@@ -303,13 +274,6 @@ def _render(
     return [part.strip() for part in re.split(r"\n\s*\n", text) if part.strip()]
 
 
-def paragraphs(
-    package: str, name: str, values: Mapping[str, Any], filters: Mapping[str, Callable[..., str]] | None = None
-) -> list[str]:
-    """Paragraphs of text from a template in a package, each on one line."""
-    return [_line(part) for part in _render(package, name, values, filters)]
-
-
 def page_of(
     package: str,
     facts: Sequence[tuple[str, str]],
@@ -319,8 +283,8 @@ def page_of(
 ) -> Page:
     """The page of a template in a package, such as `experiments.studies.formation`.
 
-    The template names `values`: text, numbers, or blocks of the page; and prints `findings` with `n`. LaisnError: there
-    is no finding of a name. ValueError: no title, or text before the first section that is not the summary.
+    The template names `values`, and prints `findings` with `n`. LaisnError: there is no finding of a name. ValueError:
+    no title, or text before the first section that is not the summary.
     """
     placed: list[Any] = []
 

@@ -64,9 +64,8 @@ class Replayed:
         """Measured less estimated slant range of each message, after its update, shape (m, 3), [m]."""
         measured, step = self.measured, self.measured.message_step - 1
         own = np.column_stack([self.estimates.state[step, :2], measured.last_depth[step]])
-        if measured.transmitters is not None:
-            places = measured.transmitters
-        else:
+        places = measured.transmitters
+        if places is None:
             east, north, heading, depth = _poses(measured)
             arm = 0.5 * self.baseline * np.stack([np.sin(heading), np.cos(heading), np.zeros_like(heading)], axis=1)
             middle = np.column_stack([east, north, depth])

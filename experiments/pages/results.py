@@ -118,14 +118,11 @@ def fly(
 
 
 def video_of(video: Video, changes: Mapping[str, object]) -> Video:
-    """Settings of a film with some of them changed; RenderError naming each that is invalid."""
-    # drawing libraries take half a second to import
-    from sim.film.render import RenderError
-
+    """Settings of a film with some of them changed; LaisnError naming each that is invalid."""
     try:
         return Video.model_validate(video.model_dump() | dict(changes))
     except ValidationError as error:
-        raise RenderError("; ".join(line.strip() for line in lines_of(error))) from None
+        raise LaisnError("; ".join(line.strip() for line in lines_of(error))) from None
 
 
 def render(
@@ -137,12 +134,10 @@ def render(
     progress: Callable[[float], None] | None = None,
     **video: object,
 ) -> Path:
-    """Film a flight (.mp4), or take a picture of it (.png) at the mission time `time_s` [s]; returns the path of the
-    file.
+    """Film a flight (.mp4), or take a picture of it (.png) at the mission time `time_s` [s]; returns the file.
 
-    The camera follows the follower of this index; `progress` is called with the rendered share of a film, 0 … 1;
-    `video` has keys of a scenario's [video]: camera, width_px, height_px, speed_up, … LaisnError: a setting is invalid,
-    or rendering does not work here (`laisn doctor` reports why).
+    The camera follows the follower of this index; `progress` is called with the rendered share; `video` has keys of a
+    scenario's [video]. LaisnError: a setting is invalid, or rendering does not work here (`laisn doctor` reports why).
     """
     from sim.film import render as film
     from sim.film.frame_renderer import Job

@@ -3,7 +3,7 @@
 import itertools
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,11 +12,12 @@ from experiments.flight.tables import Table
 from experiments.intervals import Interval
 from experiments.pages.figures import Line, Panel, numbers, panel, plotly
 from experiments.pages.page import Figures
-from experiments.pages.style import FRAME, FULL, INK, PAPER, SERIES, WIDTH, Legend
+from experiments.pages.style import FRAME, FULL, PAPER, SERIES, WIDTH, Legend
 from experiments.study.design import is_number
-from experiments.study.estimate import NOTHING, Results, digits
+from experiments.study.estimate import NOTHING, Place, Results, digits
 from experiments.study.metrics import METRICS, without_unit
 from experiments.study.plan import ARM, FOLLOWER, Plan, levels, varied
+from laisn.arrays import Floats
 
 MOST_PANELS = 12
 MOST_LINES = len(SERIES)
@@ -112,33 +113,14 @@ def _legend(values: Sequence[object]) -> Legend:
     return [(colour, value_text(value)) for colour, value in zip(SERIES, values, strict=False) if len(values) > 1]
 
 
-def combinations(plan: Plan, names: Sequence[str]) -> list[dict[str, Any]]:
-    """Every combination of the values of some factors, by name."""
-    every = itertools.product(*(levels(plan, name) for name in names))
-    return [dict(zip(names, values, strict=True)) for values in every]
-
-
-def _values(plan: Plan, results: Results, names: Iterable[str], base: str = "") -> Callable[..., Interval]:
-    """The report's metric at a place, or its difference from an arm, by the values of factors with these names.
-
-    Factors that are left out have one value, or the others single out a point.
-    """
-    keys, metric = [factor.key for factor in plan.study.factors if factor.key in names], plan.study.file.report.metric
-    # the first point of those that have the same values
-    points = {tuple(repr(point[key]) for key in keys): i for i, point in reversed([*enumerate(plan.points)])}
-    apart = results.differences(base, metric) if base else {}
-
-    def value_at(here: Mapping[str, Any]) -> Interval:
-        point = points.get(tuple(repr(here[key]) for key in keys), -1)
-        place = (point, here.get(ARM, plan.arms[0]), here.get(FOLLOWER, plan.followers[0]))
-        return apart.get(place, NOTHING) if base else results.estimate(place, metric)
-
-    return value_at
-
-
 def _few(words: Mapping[float, str]) -> dict[float, str]:
     """So many of the words along an axis that they do not overlap."""
     return dict(itertools.islice(words.items(), None, None, max(1, -(-len(words) // _MOST_TICKS))))
+
+
+def _factors_at(plan: Plan, place: Place) -> dict[str, Any]:
+    """The values of factors, arm and follower of a place, by name."""
+    return {**plan.points[place[0]], ARM: place[1], FOLLOWER: place[2]}
 
 
 def over_factor(plan: Plan, results: Results, layout: Layout, base: str = "") -> Figures:
@@ -148,47 +130,46 @@ def over_factor(plan: Plan, results: Results, layout: Layout, base: str = "") ->
     """
     if not layout.against:
         return Figures(panels=[])
-    axis = axis_of(plan, layout.against)
-    value_at = _values(plan, results, (layout.against, layout.lines, *layout.panels), base)
+    axis, metric = axis_of(plan, layout.against), plan.study.file.report.metric
     kinds = levels(plan, layout.lines) if layout.lines else [None]
-    label = METRICS[plan.study.file.report.metric].label
-    ends = (-0.6, len(axis.values) - 0.4)
-    drawn: dict[str, list[Line]] = {}
-    extremes = list[float]()
-    for chosen in combinations(plan, layout.panels)[:MOST_PANELS]:
-        lines = list[Line]()
-        for i, (kind, colour) in enumerate(zip(kinds, SERIES, strict=False)):
-            shift = 0.0 if axis.numeric else 0.12 * (i - (len(kinds) - 1) / 2)
-            found = [value_at(chosen | {layout.lines: kind, axis.name: value}) for value in axis.values]
-            known = [(place + shift, v) for place, v in zip(axis.places, found, strict=True) if not math.isnan(v.value)]
-            if not known:
-                continue
-            x, (y, low, high) = np.array([place for place, _ in known]), np.array([v for _, v in known]).T
-            extremes += [*y, *low[~np.isnan(low)], *high[~np.isnan(high)]]
-            name = value_text(kind) if layout.lines else ""
-            if axis.numeric and plan.study.file.design == "factorial":
-                lines.append(Line(x=x, y=y, colour=colour))
-            bars = (low, high) if x.size <= _MOST_BARS else None
-            lines.append(Line(x=x, y=y, colour=colour, marker="o", size=3.0, name=name or label, interval=bars))
-        if lines and base:
-            across = [min(axis.places), max(axis.places)] if axis.numeric else ends
-            lines.insert(0, Line(x=np.array(across), y=np.zeros(2), colour=FRAME, dash="--", width=0.7))
-        if lines:
-            drawn[point_text(chosen)] = lines
-    low, high = min(extremes, default=0.0), max(extremes, default=1.0)
+    label, apart = METRICS[metric].label, results.differences(base, metric) if base else {}
+    at = {repr(value): place for value, place in zip(axis.values, axis.places, strict=True)}
+    # x, value and limits by panel and line
+    drawn: dict[str, dict[str, list[tuple[float, ...]]]] = {}
+    for place in results.rows:
+        here = _factors_at(plan, place)
+        found = apart.get(place, NOTHING) if base else results.estimate(place, metric)
+        if not math.isnan(found.value):
+            title = point_text({name: here[name] for name in layout.panels})
+            of_kind = drawn.setdefault(title, {}).setdefault(repr(here.get(layout.lines)), [])
+            of_kind.append((at[repr(here[axis.name])], *found))
+    drawn = dict(itertools.islice(drawn.items(), MOST_PANELS))
+    lists = itertools.chain.from_iterable(by_kind.values() for by_kind in drawn.values())
+    every = np.array([row[1:] for rows in lists for row in rows] or [(0.0, 1.0)])
+    low, high = float(np.nanmin(every)), float(np.nanmax(every))
     margin = 0.08 * (high - low) or 0.08 * abs(high) or 1.0
     settings: dict[str, Any] = {
-        "x_label": label_of(axis.name), "y_label": f"difference: {label}" if base else label,
-        "y_limits": (0.0 if low >= 0 and not base else low - margin, high + margin), "x_log": axis.log,
+        "x_label": label_of(axis.name), "y_label": f"difference: {label}" if base else label, "x_log": axis.log,
+        "y_limits": (0.0 if low >= 0 and not base else low - margin, high + margin),
     }  # fmt: skip
+    ends = np.array((min(axis.places), max(axis.places)) if axis.numeric else (-0.6, len(axis.values) - 0.4))
     if not axis.numeric:
         words = {place: value_text(v)[:18] for place, v in zip(axis.places, axis.values, strict=True)}
-        settings |= {"x_ticks": _few(words), "x_limits": ends}
-    width = WIDTH if len(drawn) > 1 else 0.6 * FULL
-    return Figures(
-        panels=[panel(lines, title=title, width=width, **settings) for title, lines in drawn.items()],
-        legend=[entry for entry in _legend(kinds) if entry[1] != base],
-    )
+        settings |= {"x_ticks": _few(words), "x_limits": tuple(ends.tolist())}
+    panels = []
+    for title, by_kind in drawn.items():
+        lines = [Line(x=ends, y=np.zeros(2), colour=FRAME, dash="--", width=0.7)] if base else []
+        for i, (kind, colour) in enumerate(zip(kinds, SERIES, strict=False)):
+            if repr(kind) in by_kind:
+                x, y, *limits = np.array(sorted(by_kind[repr(kind)])).T
+                x = x if axis.numeric else x + 0.12 * (i - (len(kinds) - 1) / 2)
+                name = value_text(kind) if layout.lines else label
+                if axis.numeric and plan.study.file.design == "factorial":
+                    lines.append(Line(x=x, y=y, colour=colour))
+                bars = (limits[0], limits[1]) if x.size <= _MOST_BARS else None
+                lines.append(Line(x=x, y=y, colour=colour, marker="o", size=3.0, name=name, interval=bars))
+        panels.append(panel(lines, title=title, width=WIDTH if len(drawn) > 1 else 0.6 * FULL, **settings))
+    return Figures(panels=panels, legend=[entry for entry in _legend(kinds) if entry[1] != base])
 
 
 def differences(plan: Plan, results: Results) -> Figures:
@@ -208,29 +189,35 @@ def scatter(plan: Plan, results: Results) -> Figures:
 def heat_maps(plan: Plan, results: Results, names: Sequence[str]) -> Figures:
     """Panels of the report's metric over two factors, darker where it is larger in any of them, with its values."""
     across, up = axis_of(plan, names[0]), axis_of(plan, names[1])
-    others = [n for n in (*varied(plan), ARM) if n not in names and len(levels(plan, n)) > 1]
-    chosen, value_at = combinations(plan, others)[:MOST_PANELS], _values(plan, results, (*names, *others))
-    values = np.full((len(chosen), len(up.values), len(across.values)), np.nan)
-    for (k, i, j), _ in np.ndenumerate(values):
-        values[k, i, j] = value_at(chosen[k] | {across.name: across.values[j], up.name: up.values[i]}).value
+    column, row = ({repr(value): i for i, value in enumerate(axis.values)} for axis in (across, up))
+    others = [n for n in (*varied(plan), ARM, FOLLOWER) if n not in names and len(levels(plan, n)) > 1]
+    drawn: dict[str, Floats] = {}
+    for place in results.rows:
+        here = _factors_at(plan, place)
+        title = point_text({name: here[name] for name in others})
+        if title in drawn or len(drawn) < MOST_PANELS:
+            values = drawn.setdefault(title, np.full((len(row), len(column)), np.nan))
+            found = results.estimate(place, plan.study.file.report.metric)
+            values[row[repr(here[up.name])], column[repr(here[across.name])]] = found.value
     x, y = [*map(value_text, across.values)], [*map(value_text, up.values)]
-    labels, finite = (label_of(across.name), label_of(up.name)), values[~np.isnan(values)]
+    labels, every = (label_of(across.name), label_of(up.name)), np.array([*drawn.values()])
+    finite = every[~np.isnan(every)]
     scale = {
         "type": "heatmap", "zmin": float(finite.min(initial=np.inf)), "zmax": float(finite.max(initial=-np.inf)),
         "colorscale": [[0, PAPER.css], [1, SERIES[1].css]], "opacity": 0.8, "xgap": 1, "ygap": 1,
         "colorbar": {"thickness": 10, "outlinewidth": 0}, "hovertemplate": "%{hovertext}<extra></extra>",
     }  # fmt: skip
     panels = []
-    for k, here in enumerate(chosen):
-        written = [[*map(digits, row)] for row in values[k].tolist()]
-        hover = [[f"{labels[0]} {x[j]}<br>{labels[1]} {y[i]}<br>{cell}" for j, cell in enumerate(row)]
-                 for i, row in enumerate(written)]  # fmt: skip
-        trace = scale | {"z": [numbers(row) for row in values[k]], "hovertext": hover}
+    for title, values in drawn.items():
+        written = [[*map(digits, cells)] for cells in values.tolist()]
+        hover = [[f"{labels[0]} {x[j]}<br>{labels[1]} {y[i]}<br>{cell}" for j, cell in enumerate(cells)]
+                 for i, cells in enumerate(written)]  # fmt: skip
+        trace = scale | {"z": [numbers(cells) for cells in values], "hovertext": hover}
         if len(x) <= 12:
             trace |= {"text": written, "texttemplate": "%{text}"}
         panels.append(
             panel(
-                [], x_label=labels[0], y_label=labels[1], title=point_text(here), traces=[trace],
+                [], x_label=labels[0], y_label=labels[1], title=title, traces=[trace],
                 x_ticks=_few(dict(enumerate(x))), y_ticks=_few(dict(enumerate(y))),
                 height=max(1.4 + 0.26 * len(y), 2.5),
             )
@@ -239,19 +226,15 @@ def heat_maps(plan: Plan, results: Results, names: Sequence[str]) -> Figures:
 
 
 def effect_bars(effects: Mapping[str, Interval]) -> Figures:
-    """Bars of the share of variance of each factor, the largest at the top, with their intervals."""
-    places = np.arange(len(effects), dtype=np.float64)[::-1].tolist()
+    """The share of variance of each factor, the largest at the top, with their intervals."""
+    places = np.arange(len(effects), dtype=np.float64)[::-1]
     value, low, high = np.array([*effects.values()]).T
-    bars = {
-        "type": "bar", "orientation": "h", "x": numbers(value), "y": places, "opacity": 0.7,
-        "marker": {"color": SERIES[0].css}, "hovertemplate": "%{x:.1%}<extra></extra>",
-        "error_x": {"type": "data", "symmetric": False, "array": numbers(high - value), "thickness": 1.2,
-                    "arrayminus": numbers(value - low), "color": INK.css},
-    }  # fmt: skip
+    line = Line(x=value, y=places, marker="o", size=4.5, interval=(low, high), across=True, name="share of variance")
     words = [f"{label_of(name)}: {100 * effect.value:.0f} %" for name, effect in effects.items()]
     figure = panel(
-        [], x_label="share of variance", y_label="", traces=[bars], width=FULL, height=0.9 + 0.3 * len(effects),
-        x_limits=(0.0, 1.0), y_limits=(-0.6, len(effects) - 0.4), y_ticks=dict(zip(places, words, strict=True)),
+        [line], x_label="share of variance", y_label="", width=FULL, height=0.9 + 0.3 * len(effects),
+        x_limits=(0.0, 1.0), y_limits=(-0.6, len(effects) - 0.4),
+        y_ticks=dict(zip(places.tolist(), words, strict=True)),
     )  # fmt: skip
     return Figures(panels=[figure])
 

@@ -38,7 +38,7 @@ def _differing(tables: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
 
 
 def differing(flights: Sequence[Flight]) -> dict[str, list[Any]]:
-    """Settings that are not the same in all flights, by key; None where a flight has no such key."""
+    """Settings that are not the same in all flights, by key; None: a flight has no such key."""
     return _differing([dotted(flight.scenario.model_dump(mode="json", exclude={"name", "run"})) for flight in flights])
 
 
@@ -62,8 +62,8 @@ def _flights(names: Sequence[str], flights: Sequence[Flight]) -> dict[str, Any]:
 def paired(folders: Sequence[Path], metric: str) -> dict[tuple[str, ...], list[Interval | None]]:
     """For every place that studies share with the first of them: its mean, and the others' paired differences.
 
-    Places are identified by the factors, arm and follower that all studies have; runs of the same seed and number are
-    paired. None: a study has other seeds or runs there. LaisnError: there is no such metric of single runs.
+    Runs of the same seed and number are paired. None: a study has other seeds or runs there. LaisnError: there is no
+    such metric of single runs.
     """
     tables = []
     for folder in folders:
@@ -110,11 +110,7 @@ def _studies(folders: Sequence[Path]) -> dict[str, Any]:
 
 
 def page_of(sources: Sequence[str]) -> Page:
-    """A page that shows flights, or studies, side by side; sources are two to six folders of one kind, or logs.
-
-    Raises:
-        LaisnError: one is neither, kinds are mixed, or a log cannot be read.
-    """
+    """A page that shows 2 to 6 flights, or studies, side by side; LaisnError: other sources, or a damaged log."""
     if not 2 <= len(sources) <= MOST:
         raise LaisnError(f"{len(sources)} given to compare, expected 2 to {MOST} folders of flights or of studies")
     paths = [Path(source) for source in sources]

@@ -1,7 +1,6 @@
 """The design of a study: factors and the points of their values, and draws, keys that vary by realization.
 
-Points are every combination of lists and ranges of values, or a sample of the ranges. A draw is a function of (seed of
-the study, number of the realization, key): another key, point, arm or worker changes none.
+A draw is a function of (seed of the study, number of the realization, key): another key, point or worker changes none.
 """
 
 import hashlib
@@ -24,7 +23,6 @@ _RANGE = ("from", "to", "steps", "scale")
 RULES = ("cycle", "rotate", "sum", "measured")
 """Values that follow the run, other keys of the study, or the mission."""
 _POINTS_KEY = 0x0D
-"""Keeps the random numbers of designs apart from those of realizations."""
 
 
 def _tidy(value: float) -> float | int:
@@ -68,10 +66,8 @@ class Factor:
         low, high, scale, steps = given["from"], given["to"], given.get("scale", "linear"), given.get("steps")
         if not is_number(low) or not is_number(high) or low == high:
             raise ValueError(f"from and to must be two different numbers (given: {low!r}, {high!r})")
-        if scale not in ("linear", "log"):
-            raise ValueError(f'scale must be "linear" or "log" (given: {scale!r})')
-        if scale == "log" and min(low, high) <= 0:
-            raise ValueError(f"a logarithmic range needs positive ends (given: {low!r}, {high!r})")
+        if scale != "linear" and (scale != "log" or min(low, high) <= 0):
+            raise ValueError(f'scale must be "linear", or "log" with positive ends (given: {scale!r})')
         whole = cls(key=key, low=float(low), high=float(high), log=scale == "log")
         if sampled:
             return whole
@@ -91,17 +87,9 @@ class Factor:
 def points_of(
     factors: Sequence[Factor], design: Design, number: int | None, seed: int, most: int
 ) -> list[dict[str, Any]]:
-    """The points of a design, values by key.
+    """The points of a design, values by key: every combination, or `number` points that fill the ranges evenly.
 
-    Args:
-        factors: of the study.
-        design: every combination of the values ("factorial"), or `number` points that fill the ranges evenly.
-        number: of points of a sampled design.
-        seed: of a sampled design.
-        most: largest number of points; it is compared before any point is made.
-
-    Raises:
-        ValueError: the number does not suit the design, or is larger than `most`.
+    `most` is compared before any point is made. ValueError: the number does not suit the design, or is larger.
     """
     count = math.prod(len(factor.values) for factor in factors) if design == "factorial" else number or 0
     if count > most:
@@ -140,10 +128,7 @@ def follows_run(value: object) -> bool:
 def value_at(value: Any, run: int) -> Any:
     """The value that a run has: of `cycle` the list's values in turn, of `rotate` that angle further each run, in °.
 
-    Both spread evenly over few runs, and the golden angle, 137.508°, over any number of them.
-
-    Raises:
-        ValueError: states what was expected.
+    Both spread evenly over few runs, the golden angle, 137.508°, over any number. ValueError states what was expected.
     """
     if not follows_run(value):
         return value
@@ -156,7 +141,6 @@ def value_at(value: Any, run: int) -> Any:
 
 
 _DRAW_KEY = 0xD3A3
-"""Keeps these random numbers apart from all others that come from the same seed."""
 _LISTED: Mapping[str, tuple[str, Callable[..., tuple[float, ...]]]] = {
     "uniform": ("[low, high]", lambda low, high: (low, high - low)),
     "normal": ("[mean, sigma]", lambda mean, sigma: (mean, sigma)),
@@ -182,18 +166,13 @@ def _of_distribution(name: str, given: object) -> Quantile:
     form, make = _LISTED.get(name, ("a table of its parameters in scipy.stats", None))
     family: Any = getattr(stats, "norm" if name == "normal" else name)
     expected = f"{name} expects {form} (given: {given!r:.60})"
-    law_of: Callable[[], Any]
-    if isinstance(given, dict):
-        values, law_of = [*given.values()], lambda: family(**given)
-    elif isinstance(given, list) and make:
-        values, law_of = given, lambda: family(*make(*given))
-    else:
+    if not isinstance(given, dict) and not (isinstance(given, list) and make):
         raise ValueError(expected)
-    for value in values:
+    for value in given.values() if isinstance(given, dict) else given:
         if not is_number(value) or abs(value) > _LARGEST:
             raise ValueError(f"{name}: a parameter is a number within ±{_LARGEST:g} (given: {value!r:.60})")
     try:
-        law = law_of()
+        law = family(**given) if isinstance(given, dict) else family(*make(*given))  # type: ignore[misc]
     except (TypeError, ZeroDivisionError) as error:
         raise ValueError(f"{expected}: {error}") from None
     if not np.isfinite(law.ppf([0.01, 0.5, 0.99])).all():
@@ -239,7 +218,6 @@ class Draw:
 
     key: str
     law: str
-    """Law of the draws in the file's words, for the page."""
     quantile: Quantile = field(compare=False)
 
     @classmethod

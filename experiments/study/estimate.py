@@ -1,8 +1,7 @@
 """Estimates of a metric at a point: means with intervals, paired differences of arms, and main effects of factors.
 
-Realizations are drawn independently, and runs have noise of their own; arms share both, so that their differences are
-taken run by run. With several realizations the interval is for the mean over the population of realizations; with one
-it is for that realization alone.
+With several realizations an interval is for the mean over the population of realizations, else for that realization
+alone. Arms share realizations and noise, so that their differences are taken run by run.
 """
 
 import math
@@ -29,13 +28,11 @@ from laisn.arrays import Floats, Ints
 
 Place = tuple[int, str, str]  # point, arm and follower
 NOTHING = Interval(math.nan, math.nan, math.nan)
-"""What there is where nothing was flown."""
 INTERACTIONS = "interactions"
 _RESAMPLES = 1000
 _MOST_VALUES = 5_000_000
 """Bound on the values that are resampled: designs of many places have fewer resamples, at least 20."""
 _KEY = 0xEF
-"""Keeps the random numbers of resampling apart from others."""
 
 
 def digits(value: float) -> str:
@@ -53,7 +50,6 @@ def shown(interval: Interval, unit: str = "") -> str:
 
 
 def _quantile(number: int) -> float:
-    """Student's t of a mean of this number of values."""
     return float(stdtrit(number - 1, (1 + CONFIDENCE) / 2))
 
 
@@ -132,7 +128,6 @@ class Results:
     rows: Mapping[Place, list[Record]]
     runs: Mapping[Place, list[Record]]
     _estimates: dict[tuple[Place, str], Interval] = field(default_factory=dict, init=False, compare=False)
-    """Of places and metrics that were asked for: a page shows the same ones in several figures and tables."""
 
     @classmethod
     def of(cls, rows: Sequence[Record], runs: Sequence[tuple[Record, Record]]) -> "Results":
@@ -230,13 +225,10 @@ def _limits(resampled: Floats) -> tuple[float, float]:
 def main_effects(plan: Plan, results: Results, metric: str) -> dict[str, Interval]:
     """First-order Sobol' indices of factors, arms and followers, with bootstrap intervals; largest first.
 
-    Of a factorial design they are main effects of the analysis of variance of the means at all places, the rest being
-    interactions; runs, or realizations, are resampled in all places alike. Of a sampled design each is the adjusted R²
-    of a quadratic in the factor (Saltelli et al., Global Sensitivity Analysis, 2008, section 1.2.5); points are
-    resampled.
-
-    Returns:
-        Shares by name of the factor; none if fewer than two factors vary, a place has no value, or all have the same.
+    Of a factorial design they are main effects of the analysis of variance of the means at all places; runs, or
+    realizations, are resampled in all places alike. Of a sampled design each is the adjusted R² of a quadratic in the
+    factor (Saltelli et al., Global Sensitivity Analysis, 2008, section 1.2.5); points are resampled. None if fewer than
+    two factors vary, a place has no value, or all have the same.
     """
     factors, places = varied(plan), list(results.rows)
     given_samples = [_sample(results, place, metric) for place in places]

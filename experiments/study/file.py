@@ -21,8 +21,6 @@ from sim.scenario.settings import Name
 from sim.scenario.vehicles import is_mjcf
 
 FOLDER = Path(__file__).parents[1] / "studies"
-OWN_DESIGN = {"reproduce": "reproduction"}
-"""Studies whose design no file can hold: their commands and folders."""
 METRIC = "e_p_mean_m"
 ARM, CASE, SCENARIO = "arm", "case", "scenario"
 """Names of what varies beside the keys of scenarios: arms, and factors of named settings and of several scenarios."""
@@ -99,6 +97,8 @@ class Case(Group):
     """Settings that belong together: a level of the factor "case"."""
 
     arms: list[str] = Field([], description="the arms that it has; default: all")
+    labels: dict[str, str | int | float] = Field({}, description="further columns of its results, by name")
+    steps: bool = Field(False, description="keep errors over time of this case alone")
 
 
 class StudyFile(Section):
@@ -145,18 +145,14 @@ class Study:
     source: str
     """The file, or the scenario that options vary, for messages."""
     file: StudyFile
-    """Its own keys, with the options of the command in their places."""
     scenarios: Mapping[str, str]
     """Built-in names, or paths of files, by the names that the study gives them."""
     runs: int
-    """Of noise at each point, arm and realization."""
     settings: Mapping[str, Any]
     factors: tuple[Factor, ...]
     draws: tuple[Draw, ...]
     cases: Mapping[str, Case]
-    """Named settings, which are the values of the factor "case"."""
     arms: Mapping[str, Arm]
-    """Named settings that are compared on the same noise and realizations."""
     table: Mapping[str, Any]
     """Content of the file, with the options of the command in their places."""
 
@@ -226,31 +222,26 @@ def _with_files(settings: Mapping[str, Any], rename: Callable[[str], str]) -> di
     return {key: named(value) if is_model_key(key) else value for key, value in settings.items()}
 
 
-def _clash(where: str, given: str, part: str, key: str) -> str:
-    """A line if two parts both set a key, or one a table around the key of the other."""
-    if key == given:
-        return f"  {key}: stands in {where} and in {part}; remove one"
-    inner, outer = (key, given) if key.startswith(f"{given}.") else (given, key)
-    if not inner.startswith(f"{outer}."):
-        return ""
-    text = f"{part} sets {key}, {where} sets {given}; {inner} is part of {outer}, which replaces it: remove one"
-    return f"  {key}: {text}"
-
-
 def _overlaps(study: Study) -> list[str]:
-    """A line for each key that two parts of the file set; only an arm or a case may override a key of [set]."""
-    shared = {"[set]": study.settings, "[vary]": [f.key for f in study.factors], "[draw]": [d.key for d in study.draws]}
-    parts = [(part, key) for part, keys in shared.items() for key in keys]
-    parts += [(f"case {name}", key) for name, case in study.cases.items() for key in case.settings]
-    parts += [(f"arm {name}", key) for name, arm in study.arms.items() for key in arm.settings]
+    """A line for each key that two parts of the file set, or a table around it; an arm or a case may override [set]."""
+    parts = [(kind, "", key) for kind, keys in (
+        ("[set]", study.settings), ("[vary]", [f.key for f in study.factors]), ("[draw]", [d.key for d in study.draws])
+    ) for key in keys]  # fmt: skip
+    for kind, groups in (("case ", study.cases), ("arm ", study.arms)):
+        parts += [(kind, name, key) for name, group in groups.items() for key in group.settings]
     lines: dict[str, None] = {}
-    for (where, given), (part, key) in combinations(parts, 2):
-        apart = where != part and where.partition(" ")[0] == part.partition(" ")[0]
-        overrides = where == "[set]" and key == given and part not in shared
-        if not apart and not overrides and (line := _clash(where, given, part, key)):
-            lines[line] = None
+    for (kind, name, given), (other, own, key) in combinations(parts, 2):
+        where, part = kind + name, other + own
+        if (kind == other and name != own) or (kind == "[set]" and key == given and own):
+            continue
+        if key == given:
+            lines[f"  {key}: stands in {where} and in {part}; remove one"] = None
+        elif f"{key}.".startswith(f"{given}.") or f"{given}.".startswith(f"{key}."):
+            inner, outer = max(key, given, key=len), min(key, given, key=len)
+            text = f"{part} sets {key}, {where} sets {given}; {inner} is part of {outer}, which replaces it: remove one"
+            lines[f"  {key}: {text}"] = None
     with_run = ("[draw]", "arm ")
-    owned = {key for part, key in parts if key in ("seed", "name") or (key == "run" and part.startswith(with_run))}
+    owned = {key for kind, _, key in parts if key in ("seed", "name") or (key == "run" and kind in with_run)}
     return [*lines, *(f"  {key}: belongs to the study; seeds and runs are numbered by it" for key in sorted(owned))]
 
 
@@ -298,6 +289,12 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
     given = [file.scenario] if isinstance(file.scenario, str) else file.scenario
     own = {CASE: [*cases], SCENARIO: given if given is file.scenario else []}
     varied, factor = settings_of(dotted(file.vary, _is_range)), partial(Factor.of, sampled=file.design != "factorial")
+    for key, all_names in own.items():
+        # some of the cases or scenarios; a part of a study without cases takes no notice of theirs
+        chosen = varied.pop(key, all_names)
+        lines += [f"  vary.{key}: there is no {key} {one!r:.60}" for one in chosen
+                  if one not in all_names and (all_names or key == SCENARIO)]  # fmt: skip
+        own[key] = [one for one in chosen if one in all_names]
     study = Study(
         name=file.name or name,
         source=source,
@@ -307,11 +304,10 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
         settings=settings_of(dotted(file.set, is_rule)),
         factors=made("vary", {key: values for key, values in own.items() if values} | varied, factor),
         draws=made("draw", dotted(file.draw, _names_a_law), Draw.of),
-        cases=cases,
+        cases={name: cases[name] for name in own[CASE]},
         arms=arms,
         table=table,
     )
-    lines += [f"  vary.{key}: belongs to the study" for key in own if key in varied]
     lines += _overlaps(study)
     if study.until and study.file.realizations > 1:
         text = "the interval over several realizations does not narrow with runs; use one realization"
@@ -327,8 +323,7 @@ def built_in(name: str) -> dict[str, Path]:
     Its folder has `findings.py`, and `study.toml` or several `study-PART.toml`.
     """
     folder = FOLDER / name.replace("-", "_")
-    known = re.fullmatch(r"[a-z-]+", name) and folder.name not in OWN_DESIGN.values()
-    files = sorted(folder.glob("study*.toml")) if known else []
+    files = sorted(folder.glob("study*.toml")) if re.fullmatch(r"[a-z-]+", name) else []
     return {file.stem.removeprefix("study-"): file for file in files if (folder / "findings.py").is_file()}
 
 
@@ -341,10 +336,9 @@ def shipped() -> tuple[str, ...]:
 def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any], *, quick: bool = False) -> Study:
     """A study with some of its keys replaced.
 
-    Args:
-        source: a study file, one that ships, the table of one, or a scenario that `keys` make a study of.
-        keys: of a study file, what to put in their places; of `vary`, `draw` and `set` key by key. None: as it is.
-        quick: put the keys of the file's own [quick] in their places too; StudyError if there are none.
+    `source` is a study file, one that ships, the table of one, or a scenario that `keys` make a study of. `keys` of a
+    study file replace its own, those of `vary`, `draw` and `set` key by key; `quick` does so with the file's own
+    [quick]. StudyError: it is unknown, or has errors.
     """
     given = {key: value for key, value in keys.items() if value is not None}
     folder, name, source_name = Path(), "study", "study"
@@ -356,8 +350,8 @@ def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any], *, quick:
             path = next(iter(built_in(source).values()), FOLDER / f"{source}.toml")
         shown = shortened(plain(source), 200)
         if source not in names() and not path.exists():
-            available = ", ".join((*shipped(), *OWN_DESIGN))
-            raise StudyError(f"unknown study '{shown}'; available: {available}, a TOML file, or a scenario with --vary")
+            available = f"available: {', '.join(shipped())}, a TOML file, or a scenario with --vary"
+            raise StudyError(f"unknown study '{shown}'; {available}")
         table = {} if source in names() else read(path)
         if "scenario" in table:
             folder, name = path.parent, name_of(path)

@@ -2,9 +2,8 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
-from pathlib import Path
 
 from experiments.flight.library import fly_line
 from experiments.intervals import Interval
@@ -83,8 +82,8 @@ def commands(plan: Plan, results: Results) -> str:
     return "\n".join(lines)
 
 
-def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], film: Path | None = None) -> Page:
-    """The page of a study; `failures` are entries that could not be flown, by what happened, `film` its worst run."""
+def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], films: Sequence[Film] = ()) -> Page:
+    """The page of a study; `failures` are entries that could not be flown, by what happened, `films` its worst run."""
     study, report, factors = plan.study, plan.study.file.report, varied(plan)
     layout, metric = charts.layout_of(plan), METRICS[report.metric]
     found = {place: results.estimate(place, report.metric) for place in results.rows}
@@ -94,7 +93,7 @@ def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], f
     half, effects = _MOST_ROWS // 2, main_effects(plan, results, report.metric)
     listed = list(results.rows) if len(results.rows) <= _MOST_ROWS else known[:half] + known[-half:]
     across = layout.against if layout.against in factors else "".join(factors[:1])
-    factorial, asked = study.file.design == "factorial", any((report.against, report.lines, report.panels))
+    factorial = study.file.design == "factorial"
     calm = all(entry.scenario.ocean.waves.kind == "none" for entry in plan.entries)
     values = {
         "plan": plan, "study": study, "results": results, "failures": failures, "charts": charts, "layout": layout,
@@ -107,11 +106,11 @@ def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], f
         "found": found, "apart": apart, "effects": effects, "effects_first": bool(effects) and len(factors) > 2,
         "extremes": [(place, shown(found[place], metric.unit)) for place in known[:1] + known[1:][-1:]],
         "verdicts": {a: Counter(text for p, text in said.items() if p[1] == a) for a in plan.arms[1:]},
-        "question": Text(text=study.file.question.strip()), "has_lines": factorial and (asked or len(factors) < 2),
+        "question": Text(text=study.file.question.strip()), "factorial": factorial,
         "map_axes": [across, *(f for f in factors if f != across)][:2] if factorial and len(factors) > 1 else [],
         "idle": [draw.key for draw in study.draws if calm and draw.key.startswith("ocean.waves.")],
         "runs": study.runs * sum(len(entry.scenario.followers) for entry in plan.entries),
-        "film": film and Film(path=film),
+        "films": films,
         "commands": Code(text=commands(plan, results), title="Worst and median run of every place",
                          folded=len(results.rows) > 4),
     }  # fmt: skip

@@ -26,12 +26,10 @@ from sim.simulation import listeners
 
 FOLLOWER = "follower"
 MOST_ENTRIES = 200_000
-"""Largest number of scenarios of a study: points times arms times realizations."""
-
 _READINGS = re.compile(r"(acoustics|sensors)\.(?!own)")
 """Keys that change what sensors read, but neither motion nor feasibility."""
 _SHOWN = 1000
-"""Least number of scenarios whose planning shows progress; fewer take a second or so."""
+"""Least number of scenarios whose planning shows progress."""
 MOST_RUNS = 2**31 - LANES
 
 
@@ -49,7 +47,7 @@ class Entry:
     motion: str
     """Key of its mission, which others may share."""
     source: str
-    """The scenario that the settings change: built-in name, or path of a file."""
+    """The scenario that the settings change."""
     measured: Mapping[str, str] = field(default_factory=dict)
     """Columns of the mission that further keys take, by key."""
 
@@ -82,7 +80,6 @@ class Plan:
 
     study: Study
     points: list[dict[str, Any]]
-    """Values of the factors by key."""
     arms: tuple[str, ...]
     entries: list[Entry]
 
@@ -191,8 +188,7 @@ def _arm_errors(study: Study, point: Mapping[str, Any], entry: Entry) -> list[st
     if arm.every > 1 and not entry.closed_loop:
         found.append("every applies to closed loops; its runs share one mission")
     if (disturb or entry.measured or arm.leader_pitch_deg is not None) and entry.closed_loop:
-        text = "disturb, leader_pitch_deg and measured apply to missions that runs share, not to closed loops"
-        found.append(text)
+        found.append("disturb, leader_pitch_deg and measured apply to missions that runs share, not to closed loops")
     try:
         disturbance_of(disturb)
     except LaisnError as error:
@@ -262,21 +258,9 @@ def _examined(
 
 
 def plan_of(study: Study, *, quiet: bool = True) -> Plan:
-    """Plan a study.
-
-    Args:
-        study: to plan.
-        quiet: show no progress.
-
-    Raises:
-        StudyError: a line for each error of report, design and scenario; or, where these are right, for each error of
-            a point, and where in the design it is.
-    """
+    """Plan a study; StudyError has a line for each error of report, design and scenarios, and where it is."""
     lines = _report_errors(study)
     each = max(len(study.arms), 1) * study.file.realizations
-    if each > MOST_ENTRIES:
-        lines.append(f"  arm, realizations: {each:,} scenarios at each point, at most {MOST_ENTRIES:,} in all")
-        raise refusal(study.source, lines)
     try:
         points = points_of(
             study.factors, study.file.design, study.file.points, study.file.seed or 0, MOST_ENTRIES // each
@@ -296,10 +280,9 @@ def plan_of(study: Study, *, quiet: bool = True) -> Plan:
     if last > MOST_RUNS:
         errors.insert(0, f"  runs, runs_apart: the last run is number {last:,}, at most {MOST_RUNS:,}")
     irregular = any(entry.scenario.ocean.waves.kind == "jonswap" for entry in entries)
-    number = study.file.realizations
-    if number > 1 and entries and not study.draws and not irregular:
-        text = f"{number} equal realizations: nothing is drawn in [draw], and there are no irregular waves"
-        errors.insert(0, f"  realizations: {text}; set more runs instead")
+    if study.file.realizations > 1 and entries and not study.draws and not irregular:
+        text = "equal realizations: nothing is drawn in [draw], and there are no irregular waves; set more runs instead"
+        errors.insert(0, f"  realizations: {text}")
     if errors:
         raise refusal(study.source, errors)
     return Plan(study=study, points=points, arms=tuple(study.arms or [ALONE]), entries=entries)

@@ -5,10 +5,10 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import chain
+from itertools import chain, compress
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 import pyarrow as pa
@@ -16,19 +16,52 @@ import pyarrow as pa
 from experiments.campaign import campaign, missions
 from experiments.campaign.campaign import Design, ExecutionOptions, Task
 from experiments.campaign.plans import CellPlan
-from experiments.campaign.store import Arrays, CampaignError, Record, columns_of
+from experiments.campaign.store import Arrays, CampaignError, Record, Store, columns_of
 from experiments.flight.fly import fly
 from experiments.study.estimate import Results
 from experiments.study.file import Until
 from experiments.study.measure import facts_of, records_of_run
 from experiments.study.plan import Entry, Plan
+from laisn.arrays import Floats
 from laisn.failure import LaisnError
+from sim.trajectory import Trajectory
 
 _MOST_GROWTH = 10.0
 """By which the number of runs grows at most from one look at their intervals to the next."""
 _TABLE_ROWS = 60_000
 _OWN = ("key", "mission", "version", "motion")
 """Columns of a cell's row that no table of results has."""
+
+
+class Cells(NamedTuple):
+    """Rows of a study with their lists over runs and, where they are kept, errors over time."""
+
+    rows: Sequence[Record]
+    lists: Sequence[Mapping[str, Any]]
+    steps: Sequence[Arrays] = ()
+
+    def where(self, **wanted: object) -> "Cells":
+        """Those whose rows have these values."""
+        return self._take([all(row.get(k) == value for k, value in wanted.items()) for row in self.rows])
+
+    def by(self, *keys: str) -> dict[str, "Cells"]:
+        """Cells by the values that they have of keys, as text with spaces between them."""
+        names = [
+            " ".join(f"{row[k]:g}" if isinstance(row[k], float) else str(row[k]) for k in keys) for row in self.rows
+        ]
+        return {name: self._take([one == name for one in names]) for name in dict.fromkeys(names)}
+
+    def runs(self, metric: str) -> Floats:
+        """A metric run by run, shape (R, m); where runs share the mission, that of the mission."""
+        each = [
+            lists[metric] if metric in lists else [row.get(metric)] * len(lists["run"])
+            for row, lists in zip(self.rows, self.lists, strict=True)
+        ]
+        return np.array(each, dtype=np.float64).T
+
+    def _take(self, chosen: Sequence[bool]) -> "Cells":
+        rows, lists, steps = ([*compress(part, chosen)] for part in self)
+        return Cells(rows, lists, steps)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,26 +74,18 @@ class Outcomes:
     """One pair for each entry and follower: what it is, and lists over runs by name."""
     steps: list[Arrays]
     """Errors over time of each entry and follower, as of `steps_of`; empty where the study keeps none."""
+    store: Store
     failures: dict[str, list[Entry]] = field(default_factory=dict)
     """Entries that could not be flown, by what happened."""
 
-    def runs_by(self, name: Callable[[Record], str] = itemgetter("arm")) -> dict[str, list[list[Record]]]:
-        """Records of a study of one realization, by names: of each run one for each follower.
+    @property
+    def cells(self) -> Cells:
+        """Rows with their lists."""
+        return Cells(self.rows, [lists for _, lists in self.runs], self.steps)
 
-        A record has the metrics of the run, and those of the mission that all runs share. `name` makes a name of a
-        row, which has the values of its point and its arm: the same for no two points with an arm.
-
-        Raises CampaignError if an entry could not be flown.
-        """
-        if self.failures:
-            raise CampaignError("; ".join(sorted(self.failures)))
-        found: dict[str, list[list[Record]]] = {}
-        for row, (labels, lists) in zip(self.rows, self.runs, strict=True):
-            number = len(next(iter(lists.values())))
-            runs = found.setdefault(name(labels), [[] for _ in range(number)])
-            for run, records in enumerate(runs):
-                records.append(row | {name: values[run] for name, values in lists.items()})
-        return found
+    def motion(self, entry: Entry) -> Trajectory:
+        """The motion of the mission of an entry."""
+        return campaign.mission(entry.scenario, self.store)
 
     @cached_property
     def results(self) -> Results:
@@ -71,8 +96,7 @@ class Outcomes:
 def _of_runs(entry: Entry, follower: int, found: Sequence[list[Record]]) -> tuple[Record, Record]:
     """Row and lists over runs of a follower of a closed loop."""
     lists = columns_of([records[follower] for records in found])
-    scenario = entry.scenario
-    row: Record = {"variant": scenario.navigation.variant, "seed": scenario.seed, "runs": len(found)}
+    row: Record = {"variant": entry.scenario.navigation.variant, "seed": entry.scenario.seed, "runs": len(found)}
     for name, values in lists.items():
         whole = np.array(values, dtype=np.float64)
         whole = whole[np.isfinite(whole)]
@@ -86,8 +110,8 @@ def _of_runs(entry: Entry, follower: int, found: Sequence[list[Record]]) -> tupl
             row[name] = float(np.sqrt(np.mean(whole**2)))
         elif name not in ("run", "mirror_locked", "gated"):
             row[name] = float(whole.mean())
-    counted = {"mirror_locked_runs": "mirror_locked", "fixes_gated": "gated", "ended_runs": "ended"}
-    row |= {count: sum(int(value or 0) for value in lists[name]) for count, name in counted.items()}
+    for count, name in (("mirror_locked_runs", "mirror_locked"), ("fixes_gated", "gated"), ("ended_runs", "ended")):
+        row[count] = sum(int(value or 0) for value in lists[name])
     row["worst_run"] = int(lists["run"][int(np.argmax([value or 0.0 for value in lists["e_p_max_m"]]))])
     return row, lists
 
@@ -96,18 +120,20 @@ def _labels(plan: Plan, entry: Entry, follower: int) -> Record:
     drawn = {draw.key: entry.settings[draw.key] for draw in plan.study.draws}
     name = entry.scenario.followers[follower].name
     where = {"arm": entry.arm, "realization": entry.realization, "follower": name}
-    return {"point": entry.point, **plan.points[entry.point], **where, **drawn}
+    point = plan.points[entry.point]
+    return {"point": entry.point, **point, **plan.study.case_at(point).labels, **where, **drawn}
 
 
 def _cells(plan: Plan, entry: Entry) -> list[CellPlan]:
     """The cells of an entry, one for each follower."""
+    case = plan.study.case_at(plan.points[entry.point])
     return [
         CellPlan(
             scenario=entry.scenario,
             runs=plan.study.runs,
             follower=follower,
             first_run=entry.scenario.run,
-            keep_steps=plan.study.file.steps,
+            keep_steps=plan.study.file.steps or case.steps,
             leader_pitch_deg=plan.study.arm(entry.arm).leader_pitch_deg,
             measured=entry.measured,
             facts=facts_of if entry.measured else None,
@@ -140,7 +166,7 @@ def fly_studies(plans: Sequence[Plan], folder: Path, **options: Unpack[Execution
         ahead=partial(fly, first.first_messages) if first else None,
     )
     flown = campaign.fly(design, folder, tolerant=True, **options)
-    found = [Outcomes(plan=plan, rows=[], runs=[], steps=[]) for plan in plans]
+    found = [Outcomes(plan=plan, rows=[], runs=[], steps=[], store=flown.store) for plan in plans]
     for i, plan, entry in entries:
         name, outcomes = (i, entry.place), found[i]
         names: list[Any] = [(*name, run) for run in closed[name][1]] if entry.closed_loop else [entry.motion]
@@ -247,8 +273,7 @@ def fly_further(
 def of_one_type(columns: dict[str, list[Any]]) -> dict[str, list[Any]]:
     """Columns of one type each: where a factor's values are of several, they stand as text."""
     for name, values in columns.items():
-        kinds = {"number" if isinstance(v, int | float) and not isinstance(v, bool) else type(v).__name__
-                 for v in values if v is not None}  # fmt: skip
+        kinds = {float if type(v) is int else type(v) for v in values if v is not None}
         if len(kinds) > 1:
             columns[name] = [None if v is None else str(v) for v in values]
     return columns

@@ -1,6 +1,7 @@
 """A study from its file to its folder: `laisn study` and `laisn_sim.study`."""
 
-from collections.abc import Callable, Mapping
+import shlex
+from collections.abc import Mapping
 from functools import cached_property
 from html import escape
 from importlib import import_module
@@ -19,9 +20,9 @@ from experiments.campaign.store import CampaignError, Store, columns_of, write_t
 from experiments.campaign.version import code_version
 from experiments.findings import Finding, Findings, of, read, record
 from experiments.flight.fly import fly
+from experiments.flight.library import text_of
 from experiments.flight.tables import Table
 from experiments.pages import page as pages
-from experiments.pages.page import write
 from experiments.study.estimate import Results, main_effects
 from experiments.study.file import Study, built_in, study_of, table_in
 from experiments.study.metrics import METRICS
@@ -38,9 +39,6 @@ _CELL_BYTES = 2_000
 _RUN_BYTES = 80
 _TRIED = 17
 """Cells that are computed for an estimate of the time, of which the first is not counted."""
-
-FilmOf = Callable[[Plan, Results, Path], Path | None]
-"""Makes the film that is to stand on a study's page, in its folder; None: there is none."""
 
 
 def effort_text(study: Study, workers: int) -> str:
@@ -94,22 +92,20 @@ def effort_text(study: Study, workers: int) -> str:
     )
 
 
-def record_of(plan: Plan, results: Results) -> Findings:
+def findings_of(plan: Plan, results: Results) -> dict[str, Finding]:
     """The metric of the report at every place, and the arms' differences from the first of them."""
-    study, metric = plan.study, plan.study.file.report.metric
-    unit, what, first = METRICS[metric].unit, METRICS[metric].what, plan.arms[0]
-    found: dict[str, Finding] = {}
-    apart = results.differences(first, metric)
+    metric, first = plan.study.file.report.metric, plan.arms[0]
+    found, apart = dict[str, Finding](), results.differences(first, metric)
     for place in results.rows:
         name = f"{metric}: point {place[0]}, arm {place[1]}, {place[2]}"
-        point = ", ".join(f"{key} = {value}" for key, value in plan.points[place[0]].items())
-        found[name] = of(results.estimate(place, metric), f"{what}; {point}" if point else what, unit)
+        what = "; ".join([METRICS[metric].what, *(f"{key} = {value}" for key, value in plan.points[place[0]].items())])
+        found[name] = of(results.estimate(place, metric), what, METRICS[metric].unit)
         if place in apart:
-            found[f"{name}, less {first}"] = of(apart[place], f"paired difference: {what}", unit)
+            what = f"paired difference: {METRICS[metric].what}"
+            found[f"{name}, less {first}"] = of(apart[place], what, METRICS[metric].unit)
     for name, share in main_effects(plan, results, metric).items():
         found[f"share of variance: {name}"] = of(share, f"of the variance of {metric} over all points")
-    command, modules = f"laisn study {study.source}", ("experiments.study.study",)
-    return Findings(study=study.name, command=command, modules=modules, version=code_version(), findings=found)
+    return found
 
 
 def _write_tables(outcomes: Outcomes, folder: Path) -> None:
@@ -121,113 +117,109 @@ def _write_tables(outcomes: Outcomes, folder: Path) -> None:
     write_table(folder / RUNS, run_tables(outcomes.runs))
 
 
-def run_study(study: Study, folder: Path, *, film: FilmOf | None = None, **options: Unpack[ExecutionOptions]) -> Path:
-    """Fly a study, or what is missing of it, and write tables, record and page: the same outcomes give the same bytes.
+def _film_worst(outcomes: Outcomes, folder: Path) -> Path:
+    """Film the worst run of the worst place."""
+    from experiments.pages.results import render
+    from experiments.study.page import worst_entry
+
+    entry, run, _ = worst_entry(outcomes.plan, outcomes.results)
+    return render(fly(entry.scenario_at(run))[0], folder / "worst.mp4")
+
+
+def run_studies(
+    studies: Mapping[str, Study], folder: Path, own: str = "", command: str = "", *, quick: bool = False,
+    film: str = "", **options: Unpack[ExecutionOptions],
+) -> Path:  # fmt: skip
+    """Fly the parts of a study, or what is missing of them; write tables, record and page: same outcomes, same bytes.
 
     Args:
-        study: as read from its file.
-        folder: of the results.
-        film: of the page; None: there is none.
-        options: as of `campaign.fly`.
-
-    Returns:
-        The page; LaisnError as of `plan_of` and `fly_until_narrow`, or if nothing could be flown.
-    """
-    (outcomes,) = fly_until_narrow([plan_of(study, quiet=options.get("quiet", False))], folder, **options)
-    plan = outcomes.plan
-    if not outcomes.rows:
-        raise LaisnError("no scenario of the study could be flown: " + "; ".join(outcomes.failures))
-    release_workers()
-    # drawing takes a third of a second to import, and reading a table needs none of it
-    from experiments.study.page import page_of
-
-    filmed = film(plan, outcomes.results, folder) if film else None
-    _write_tables(outcomes, folder)
-    record_of(plan, outcomes.results).write(folder / RECORD)
-    write(page_of(plan, outcomes.results, outcomes.failures, filmed), folder / REPORT)
-    return folder / REPORT
-
-
-def run_built_in(
-    name: str,
-    folder: Path,
-    keys: Mapping[str, Any] | None = None,
-    *,
-    quick: bool = False,
-    film: bool = False,
-    **options: Unpack[ExecutionOptions],
-) -> Path:
-    """Run a built-in study whose folder has findings and a page of its own, or what is missing of it.
-
-    Its folder is a package in `experiments/studies` of study files, which are flown together; `findings.py` with
-    `findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]`, a pure function of the outcomes by the parts
-    of the study, and perhaps `further_runs(outcomes)`, which chooses runs that are flown on, as of `fly_further`; and
-    for a page of its own `page.md.j2`, with `figures.py` whose `values(found: Findings, outcomes) -> dict` has what the
-    template names and `tables` that are written too, and perhaps `film(values, folder)`. Else the page is that of any
-    study.
-
-    Args:
-        name: of the study.
-        folder: of the results: the tables of each file, `results.json` and `report.html`.
-        keys: of study files, as of `study_of`.
+        studies: by part.
+        folder: of the results; tables of several parts are in folders of their names.
+        own: name of a built-in study, whose package in `experiments/studies` has `findings.py` with
+            `findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]`, a pure function of the outcomes by
+            part, and perhaps `further_runs(outcomes)`, which chooses runs that are flown on, as of `fly_further`; and
+            for a page of its own `page.md.j2`, with `figures.py` whose `values(found: Findings, outcomes) -> dict` has
+            what the template names, and `tables` that are written too; perhaps `film(values, folder) -> Path`.
+        command: that repeats it.
         quick: a trial run, without further runs.
-        film: make the film of the study.
+        film: "worst" films the worst run, "example" is the film of `figures.py`; empty: none.
         options: as of `campaign.fly`.
 
     Returns:
-        The page.
-
-    Raises:
-        LaisnError: as of `study_of` and `fly_until_narrow`, something could not be flown, or the study has no film.
+        The page; LaisnError as of `plan_of` and `fly_until_narrow`, if something of a built-in study, or all of
+        another, could not be flown, or if the study has no such film.
     """
-    package = f"experiments.studies.{name.replace('-', '_')}"
-    if film and not hasattr(import_module(f"{package}.figures"), "film"):
-        raise LaisnError(f"--film: the study {name} has a page of its own, without films")
-    files = built_in(name)
-    given = [study_of(str(file), keys or {}, quick=quick) for file in files.values()]
-    quiet = options.get("quiet", False)
-    flown = fly_until_narrow([plan_of(study, quiet=quiet) for study in given], folder, **options)
-    if failures := {what for one in flown for what in one.failures}:
-        raise CampaignError("; ".join(sorted(failures)))
-    outcomes = dict(zip(files, flown, strict=True))
-    modules = f"{package}.findings", "experiments.study.run"
-    findings = import_module(modules[0])
+    package = f"experiments.studies.{own.replace('-', '_')}"
+    templated = bool(own) and (built_in(own)[next(iter(studies))].parent / pages.NAME).is_file()
+    if film and templated and not hasattr(import_module(f"{package}.figures"), "film"):
+        raise LaisnError(f"--film: the study {own} has a page of its own, without films")
+    if film not in ("", wanted := "example" if templated else "worst"):
+        raise LaisnError(f"--film {film}: expected --film {wanted}")
+    plans = [plan_of(study, quiet=options.get("quiet", False)) for study in studies.values()]
+    flown = fly_until_narrow(plans, folder, **options)
+    first, outcomes = flown[0], dict(zip(studies, flown, strict=True))
+    if (failures := "; ".join(sorted({what for one in flown for what in one.failures}))) and (own or not first.rows):
+        raise CampaignError(failures)
+    findings: Any = import_module(f"{package}.findings") if own else None
     if hasattr(findings, "further_runs") and not quick:
         fly_further(outcomes, findings.further_runs, folder, **options)
     release_workers()
     for part, one in outcomes.items():
-        _write_tables(one, folder / part if len(files) > 1 else folder)
-    record(name, f"laisn {name}", modules, findings.findings_of(outcomes)).write(folder / RECORD)
-    found = read(folder / RECORD)
+        _write_tables(one, folder / part if len(outcomes) > 1 else folder)
+    if own:
+        modules = f"{package}.findings", "experiments.study.run"
+        record(own, command, modules, findings.findings_of(outcomes)).write(folder / RECORD)
+    else:
+        found = findings_of(first.plan, first.results)
+        given = {"command": command, "modules": ("experiments.study.study",), "version": code_version()}
+        Findings(study=first.plan.study.name, findings=found, **given).write(folder / RECORD)  # type: ignore[arg-type]
+    kept = read(folder / RECORD)
+    # drawing takes a third of a second to import, and reading a table needs none of it
     from experiments.study.page import page_of
 
-    if (next(iter(files.values())).parent / pages.NAME).is_file():
-        facts = [
-            ("runs", ", ".join(dict.fromkeys(f"{one.plan.study.runs:,}" for one in flown))),
-            ("version", found.version),
-            ("repeat it", f"{found.command}{' --quick' if quick else ''}"),
-        ]
-        figures = import_module(f"{package}.figures")
-        values = {"quick": quick, "found": found, **figures.values(found, outcomes)}
+    values: dict[str, Any] = {}
+    figures: Any = import_module(f"{package}.figures") if templated else None
+    if templated:
+        values = {"quick": quick, "found": kept, **figures.values(kept, outcomes)}
         for table, columns in values.pop("tables", {}).items():
             write_table(folder / f"{table}.parquet", columns)
-        page = pages.page_of(package, facts, values, found)
-    else:
-        page = page_of(flown[0].plan, flown[0].results, {})
-    write(page, folder / REPORT)
+
+    def write_page(films: list[pages.Film]) -> None:
+        if templated:
+            runs = ", ".join(dict.fromkeys(f"{one.plan.study.runs:,}" for one in flown))
+            facts = [("runs", runs), ("version", kept.version), ("repeat it", kept.command)]
+            page = pages.page_of(package, facts, values | {"film": films}, kept)
+        else:
+            page = page_of(first.plan, first.results, first.failures, films)
+        pages.write(page, folder / REPORT)
+
+    # the page is there before the film, so that one that fails costs nothing else
+    write_page([])
     if film:
-        # the page is there before the film, so that one that fails costs nothing else
-        shown = values | {"film": [pages.Film(path=figures.film(values, folder))]}
-        write(pages.page_of(package, facts, shown, found), folder / REPORT)
+        path = figures.film(values, folder) if templated else _film_worst(first, folder)
+        write_page([pages.Film(path=path)])
     return folder / REPORT
 
 
-class StudyFolder:
-    """What a study left in its folder: `results.parquet`, `runs.parquet`, `results.json` and `report.html`.
+def run_study(study: Study, folder: Path, **options: Any) -> Path:
+    """Fly one study as of `run_studies`."""
+    return run_studies({"study": study}, folder, command=f"laisn study {study.source}", **options)
 
-    Attributes:
-        folder: of the study.
-    """
+
+def run_built_in(
+    name: str, folder: Path, keys: Mapping[str, Any] | None = None, *, quick: bool = False, **options: Any
+) -> Path:
+    """Run a built-in study with findings of its own as of `run_studies`; keys of its files as of `study_of`."""
+    studies = {part: study_of(str(file), keys or {}, quick=quick) for part, file in built_in(name).items()}
+    words = ["laisn", name, *["--quick"] * quick]
+    for key, value in (keys or {}).items():
+        given = [f"{k}={text_of(v)}" for k, v in value.items()] if isinstance(value, Mapping) else [str(value)]
+        words += [word for one in given if value is not None for word in (f"--{key}", one)]
+    return run_studies(studies, folder, name, shlex.join(words), quick=quick, **options)
+
+
+class StudyFolder:
+    """What a study left in its folder: `results.parquet`, `runs.parquet`, `results.json` and `report.html`."""
 
     def __init__(self, folder: str | Path) -> None:
         """Take a folder that `laisn study` wrote; LaisnError if it has no results."""
@@ -266,15 +258,7 @@ class StudyFolder:
         return read(self.folder / RECORD).findings
 
     def plot(self, x: str, y: str = "e_p_mean_m") -> Any:
-        """Draw a column over a factor: a line for each arm, the mean of all else.
-
-        Args:
-            x: column of a numeric factor, such as "sensors.heading_sigma_deg".
-            y: column of a metric.
-
-        Returns:
-            A `plotly.graph_objects.Figure`; LaisnError if there is no such column.
-        """
+        """A Plotly figure of a column over a numeric factor: a line for each arm, the mean of all else."""
         from experiments.study.charts import arms_over
 
         return arms_over(self.table, x, y)
@@ -287,17 +271,12 @@ class StudyFolder:
         return f'<p><a href="{report}">{report}</a></p>{self.table._repr_html_()}'
 
 
-def parts_of(source: str | Path | Mapping[str, Any]) -> Mapping[str, Path]:
-    """The files of a built-in study with findings of its own, as of `built_in`; none of anything else."""
-    return {} if isinstance(source, Mapping) or Path(source).exists() else built_in(str(source))
-
-
 def studies_of(source: str | Path | Mapping[str, Any], keys: Mapping[str, Any], *, quick: bool = False) -> list[Study]:
     """The studies of a source, several of some built-in ones; arguments and errors as of `study_of`."""
-    files = [str(path) for path in parts_of(source).values()]
-    if files:
-        return [study_of(one, keys, quick=quick) for one in files]
-    return [study_of(source if isinstance(source, Mapping) else str(source), keys, quick=quick)]
+    if isinstance(source, Mapping):
+        return [study_of(source, keys, quick=quick)]
+    files = {} if Path(source).exists() else built_in(str(source))
+    return [study_of(str(one), keys, quick=quick) for one in files.values() or [source]]
 
 
 def run(
@@ -306,14 +285,14 @@ def run(
     out: str | Path | None,
     *,
     quick: bool = False,
-    film: FilmOf | None = None,
-    **options: Unpack[ExecutionOptions],
+    **options: Any,
 ) -> StudyFolder:
-    """Run any study and give its results; arguments and errors as of `laisn_sim.study` and `run_study`."""
-    (first, *_), parts = studies_of(source, keys, quick=quick), parts_of(source)
-    folder = Path(out or Path("out") / f"{source if parts else first.name}{'-quick' * quick}")
-    if parts:
-        run_built_in(str(source), folder, keys, quick=quick, film=film is not None, **options)
+    """Run any study and give its results; arguments and errors as of `laisn_sim.study` and `run_studies`."""
+    own = not isinstance(source, Mapping) and not Path(source).exists() and built_in(str(source))
+    first = studies_of(source, keys, quick=quick)[0]
+    folder = Path(out or Path("out") / f"{source if own else first.name}{'-quick' * quick}")
+    if own:
+        run_built_in(str(source), folder, keys, quick=quick, **options)
     else:
-        run_study(first, folder, film=film, **options)
+        run_study(first, folder, quick=quick, **options)
     return StudyFolder(folder)

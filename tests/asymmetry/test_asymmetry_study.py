@@ -219,7 +219,7 @@ def test_quick_study_is_resumable_and_repeatable(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(figures, "film", fail)
     report.unlink()
     with pytest.raises(RuntimeError, match="renders frames"):
-        run_built_in("asymmetry", tmp_path, keys, quick=True, film=True, workers=1, quiet=True)
+        run_built_in("asymmetry", tmp_path, keys, quick=True, film="example", workers=1, quiet=True)
     assert report.read_bytes() == first
     with pytest.raises(LaisnError, match="without films"):
-        run_built_in("formation", tmp_path, film=True)
+        run_built_in("formation", tmp_path, film="worst")

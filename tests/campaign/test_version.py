@@ -9,7 +9,6 @@ import pytest
 
 from experiments.campaign import version
 from experiments.campaign.version import OWN_PACKAGES, ROOT
-from experiments.studies.reproduction import findings as reproduction
 from experiments.study.file import built_in, shipped
 from tools.documents import route_keeping
 
@@ -60,7 +59,7 @@ def test_a_docstring_is_no_part_of_the_version(tree: Path, unedited: str) -> Non
 def test_edits_of_what_draws_writes_or_compares_keep_the_version(tree: Path, unedited: str) -> None:
     modules = ("film/frame_renderer", "film/render", "film/overlay", "film/scene", "log/writer", "log/scene")
     others = ("pages/page.py", "command/cli.py", "pages/flight_report.py", "pages/templates/page.css",
-              "studies/reproduction/published_tables.csv")  # fmt: skip
+              "studies/reproduce/published_tables.csv")  # fmt: skip
     edited = [*(f"sim/{name}.py" for name in modules), *(f"experiments/{name}" for name in others)]
     assert after_edits(tree, *edited) == unedited
 
@@ -119,7 +118,7 @@ def test_every_module_loaded_for_a_campaign_is_among_the_sources() -> None:
 
 @pytest.mark.parametrize(
     "modules",
-    [("experiments.study.measure",), reproduction.MODULES, route_keeping.MODULES,
+    [("experiments.study.measure",), route_keeping.MODULES,
      *((f"experiments.studies.{name.replace('-', '_')}.findings", "experiments.study.run") for name in shipped()
        if built_in(name))],
 )  # fmt: skip

@@ -56,29 +56,30 @@ def test_the_pitch_study_films_its_example_where_something_renders(
     monkeypatch.setattr("experiments.study.study.run_built_in", lambda *_, **options: given.update(options))
     (tmp_path / "results.parquet").touch()
     answer = CliRunner().invoke(app, ["asymmetry", "--film", "example", "--quick", "--out", str(tmp_path)])
-    assert (answer.exit_code, given["film"]) == (0, backend is not None)
+    assert (answer.exit_code, given["film"]) == (0, "example" if backend else "")
     assert answer.stderr == ("" if backend else f"no film: {graphics.MISSING}\n")
     assert CliRunner().invoke(app, ["asymmetry", "--quick", "--out", str(tmp_path)]).stderr == ""
     assert not given["film"]
-    refused = CliRunner().invoke(app, ["asymmetry", "--film", "worst"])
-    assert "expected --film example" in refused.stderr
 
 
-def test_a_study_with_a_design_of_its_own_runs_as_its_command_does(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_study_has_one_film(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(graphics, "working", lambda: graphics.Backend("egl", True, "a renderer"))
+    for name, wrong, expected in (
+        ("asymmetry", "worst", "expected --film example"), ("loss", "example", "expected --film worst"),
+        ("formation", "worst", "without films"),
+    ):  # fmt: skip
+        refused = CliRunner().invoke(app, [name, "--film", wrong])
+        assert expected in refused.stderr
+
+
+def test_a_built_in_study_runs_as_its_command_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     given: list[dict[str, Any]] = []
-    monkeypatch.setattr(
-        "experiments.studies.reproduction.study.reproduce",
-        lambda stage, **options: given.append({"stage": stage, **options}) or tmp_path / "report.html",
-    )
+    monkeypatch.setattr("experiments.study.study.run_built_in", lambda *_, **options: given.append(options))
+    (tmp_path / "results.parquet").touch()
     options = ["--runs", "2", "--workers", "2", "--force", "--out", str(tmp_path)]
     first = CliRunner().invoke(app, ["reproduce", *options])
     second = CliRunner().invoke(app, ["study", "reproduce", *options])
     assert (first.exit_code, first.output) == (second.exit_code, second.output) == (0, first.output)
     assert given[0] == given[1]
-    refused = CliRunner().invoke(app, ["study", "reproduce", "--set", "duration_s=3"])
-    assert refused.exit_code != 0
-    assert "--set: unknown option of the study reproduce" in refused.stderr
     refused = CliRunner().invoke(app, ["study", "loss", "--quick"])
     assert "--quick: the study has no [quick]" in refused.stderr

@@ -7,6 +7,7 @@ import warnings
 from contextlib import nullcontext
 from importlib.metadata import version
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from typer.testing import CliRunner, Result
@@ -55,7 +56,7 @@ def failing(error: Exception, monkeypatch: pytest.MonkeyPatch) -> Result:
     def fail(*_: object, **__: object) -> None:
         raise error
 
-    monkeypatch.setattr("experiments.studies.reproduction.study.reproduce", fail)
+    monkeypatch.setattr("experiments.study.study.run", fail)
     monkeypatch.delenv("LAISN_DEBUG", raising=False)
     return CliRunner().invoke(app, ["reproduce"])
 
@@ -115,7 +116,7 @@ def test_internal_errors_are_reported_without_a_writable_traceback(monkeypatch: 
 
 
 def test_debugging_shows_every_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("experiments.studies.reproduction.study.reproduce", lambda *_, **__: 1 // 0)
+    monkeypatch.setattr("experiments.study.study.run", lambda *_, **__: 1 // 0)
     monkeypatch.setenv("LAISN_DEBUG", "1")
     assert isinstance(CliRunner().invoke(app, ["reproduce"]).exception, ZeroDivisionError)
 
@@ -133,11 +134,11 @@ def test_no_message_is_longer_than_a_screen(monkeypatch: pytest.MonkeyPatch) -> 
 def test_warnings_of_libraries_are_shown_to_developers_alone(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, debug: bool
 ) -> None:
-    def warn(*_: object, **__: object) -> Path:
+    def warn(*_: object, **__: object) -> SimpleNamespace:
         warnings.warn("A worker stopped while some jobs were given to the executor.", UserWarning, stacklevel=1)
-        return tmp_path
+        return SimpleNamespace(report=lambda: tmp_path)
 
-    monkeypatch.setattr("experiments.studies.reproduction.study.reproduce", warn)
+    monkeypatch.setattr("experiments.study.study.run", warn)
     monkeypatch.setenv("LAISN_DEBUG", "1" if debug else "")
     with pytest.warns(UserWarning, match="A worker stopped") if debug else nullcontext():
         result = CliRunner().invoke(app, ["reproduce"])
@@ -146,11 +147,11 @@ def test_warnings_of_libraries_are_shown_to_developers_alone(
 
 
 def test_a_damaged_result_is_reported_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    def warn(*_: object, **__: object) -> Path:
+    def warn(*_: object, **__: object) -> SimpleNamespace:
         warnings.warn("store/a.npz cannot be read and is computed again: it is empty", DamagedResult, stacklevel=2)
-        return tmp_path
+        return SimpleNamespace(report=lambda: tmp_path)
 
-    monkeypatch.setattr("experiments.studies.reproduction.study.reproduce", warn)
+    monkeypatch.setattr("experiments.study.study.run", warn)
     result = CliRunner().invoke(app, ["reproduce"])
     assert result.exit_code == 0
     assert result.stderr == "laisn: store/a.npz cannot be read and is computed again: it is empty\n"

@@ -1,7 +1,7 @@
 """The study of the estimators: its figures, its parts, its record and its page."""
 
 import re
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +14,11 @@ from experiments.campaign.bound import noise_of
 from experiments.command.cli import app
 from experiments.findings import Findings, read
 from experiments.studies.estimators import findings
-from experiments.studies.estimators.findings import INTERVAL, Mission
+from experiments.studies.estimators.findings import INTERVAL
 from experiments.study import study as studies
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import Plan, plan_of
-from experiments.study.run import Outcomes
+from experiments.study.run import Cells, Outcomes
 from experiments.study.study import run_built_in
 from laisn.bound import TrueNoise
 from laisn.settings import TightSettings
@@ -30,7 +30,7 @@ TURN = float(library_route("L").time[1])
 
 def of_hand(
     route: str, error: float, laisn: float, lost: int = 0, laisn_lost: int = 0, runs: int = 20, **point: Any
-) -> Mission:
+) -> Cells:
     """A mission all of whose runs are alike, but for those that are mirror-locked."""
     each = np.ones(runs)
     tight = {
@@ -42,15 +42,18 @@ def of_hand(
         "e_p_mean_m": laisn * each, "e_p_rms_m": 1.25 * laisn * each, "mirror_locked": np.arange(runs) < laisn_lost,
     }  # fmt: skip
     plain = {"e_p_mean_m": 2.0 * each, "nees": 6.0 * each, "mirror_locked": np.arange(runs) < 0.4 * runs}
-    row = {"nees_inside": error, "bound_rms_m": 0.5, "bound_smoothed_rms_m": 0.5 * (error + 0.1)}
-    return Mission(
-        point={"scenario": route, INTERVAL: 5.0} | point, rows={"tight": row}, steps={}, bound=0.5,
-        runs={"tight": tight, "laisn-2": other, "ekf": plain},
-    )  # fmt: skip
+    row = {"scenario": route, INTERVAL: 5.0, "bound": 0.5, "nees_inside": error, "bound_rms_m": 0.5,
+           "bound_smoothed_rms_m": 0.5 * (error + 0.1)} | point  # fmt: skip
+    return Cells([row | {"arm": arm} for arm in ("tight", "laisn-2", "ekf")], [tight, other, plain])
+
+
+def together(*missions: Cells) -> Cells:
+    return Cells(*([one for mission in missions for one in mission[i]] for i in range(3)))
 
 
 def test_missions_together_are_means_medians_and_extremes_of_theirs() -> None:
-    flown = [of_hand("T2", 0.2, 1.0, 0, 5), of_hand("T3", 0.4, 1.0, 3, 6), of_hand("T4", 0.9, 1.5, 0, 1)]
+    first = of_hand("T2", 0.2, 1.0, 0, 5), of_hand("T3", 0.4, 1.0, 3, 6)
+    flown = together(*first, of_hand("T4", 0.9, 1.5, 0, 1))
     named = findings.of_missions("G", flown)
     values = {key.removesuffix(" G"): finding.value for key, finding in named.items()}
     assert values == pytest.approx(
@@ -67,13 +70,13 @@ def test_missions_together_are_means_medians_and_extremes_of_theirs() -> None:
     limits = named["mirror-locked-laisn-2 G"]
     assert (limits.low, limits.high) == pytest.approx((exact.low, exact.high), rel=1e-5)
     assert named["mirror-locked-runs G"].what == "runs locked on the mirror image of 60"
-    assert findings.median_ratio(flown[:2]).value == pytest.approx(0.3)
-    wrong = findings.of_missions("G", [replace(one, bound=None) for one in flown])
+    assert findings.median_ratio(together(*first)).value == pytest.approx(0.3)
+    wrong = findings.of_missions("G", flown._replace(rows=[row | {"bound": None} for row in flown.rows]))
     assert {"bound G", "bound-worst G", "least G"} == named.keys() - wrong.keys()
 
 
 def test_a_plain_filter_is_held_against_the_tightly_coupled_navigator_route_by_route() -> None:
-    flown = [of_hand("T2", 0.5, 1.0, runs=25), of_hand("T5", 1.5, 1.0, runs=25)]
+    flown = together(of_hand("T2", 0.5, 1.0, runs=25), of_hand("T5", 1.5, 1.0, runs=25))
     values = {key: finding.value for key, finding in findings.of_plain_filter("G", flown).items()}
     assert values == pytest.approx(
         {"ekf G": 2.0, "over-ekf G": 0.5, "over-ekf G T2": 0.25, "over-ekf G T5": 0.75, "ekf G T2": 2.0,
@@ -89,9 +92,9 @@ def test_what_a_clock_costs_is_the_ratio_of_the_same_runs_in_each_part_of_the_mi
         for case, cost in (("exact", (1.0, 9.0, 1.0)), ("unknown", (2.0, 9.0, after))):
             ratio = np.select([time <= TURN, time <= TURN + 60.0], cost[:2], cost[2])
             steps = {"time_s": time, "e_p_mean_m": 0.3 * ratio, "bound_m": 0.1 * ratio**2}
-            one = of_hand(route, 1.0, 1.0, case=case)
-            flown.append(replace(one, steps={"tight": steps}))
-    found = findings.of_clocks(flown)
+            one = of_hand(route, 1.0, 1.0, case=case).where(arm="tight")
+            flown.append(one._replace(steps=[steps]))
+    found = findings.of_clocks(together(*flown))
     for name, value in (("clock before", 2.0), ("clock after", 1.4), ("clock-worst after", 1.6),
                         ("clock-bound before", 4.0), ("clock-bound-worst after", 2.56)):  # fmt: skip
         assert found[name].value == pytest.approx(value, rel=1e-5)
@@ -151,7 +154,7 @@ def test_a_leader_that_weaves_keeps_to_its_legs_by_5_degrees_and_to_its_corners(
 def made(plan: Plan) -> Outcomes:
     """What a part might have come to, without flying it: 25 runs with squared errors as their covariance predicts."""
     rng = np.random.default_rng([7, len(plan.entries)])
-    outcomes = Outcomes(plan=plan, rows=[], runs=[], steps=[])
+    outcomes = Outcomes(plan=plan, rows=[], runs=[], steps=[], store=None)  # type: ignore[arg-type]
     for entry in plan.entries:
         runs, scale = 25, {"tight": 1.0, "all": 1.0, "laisn-2": 4.0, "ekf": 2.0}[entry.arm]
         error = scale * rng.uniform(0.1, 0.3, runs)
@@ -173,7 +176,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> tuple[Findings, str]:
     """Record and page of a study that was not flown."""
     folder = tmp_path_factory.mktemp("estimators")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(studies, "fly_until_narrow", lambda plans, folder: [made(plan) for plan in plans])
+        patch.setattr(studies, "fly_studies", lambda plans, folder: [made(plan) for plan in plans])
         report = run_built_in("estimators", folder, quick=True)
     return read(folder / "results.json"), report.read_text(encoding="utf-8")
 

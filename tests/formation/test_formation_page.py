@@ -21,6 +21,7 @@ from experiments.study.file import study_of
 from experiments.study.plan import Plan, plan_of
 from experiments.study.run import Outcomes
 from experiments.study.study import run_built_in
+from tests.study.cells import cells_of
 
 PLAN = plan_of(study_of("formation", {}))
 CONDITIONS = {arm: PLAN.study.title("arm", arm) for arm in PLAN.arms}
@@ -52,7 +53,7 @@ def findings() -> Findings:
     """Of each condition two runs alike; condition i has distances of i + 1 metres, the third lost followers."""
     found = {name: [run_of(i + 1.0, lost=3 if i == 2 else 0)] * 2 for i, name in enumerate(CONDITIONS)}
     found[[*CONDITIONS][4]] = [run_of(5.0, turn=0.0)] * 2
-    outcomes: Any = SimpleNamespace(runs_by=lambda: found)
+    outcomes: Any = SimpleNamespace(cells=cells_of(found))
     return record("formation", "laisn formation", (), findings_of({"study": outcomes}))
 
 
@@ -64,9 +65,9 @@ def flown(monkeypatch: pytest.MonkeyPatch, findings: Findings) -> list[Any]:
     def fly(plans: list[Plan], folder: Path, **options: Any) -> list[Outcomes]:
         calls.append((plans[0], options))
         row = {"point": 0, "arm": "calm", "realization": 0, "follower": "f"}
-        return [Outcomes(plan=plans[0], rows=[row], runs=[(row, {"run": [0]})], steps=[])]
+        return [Outcomes(plan=plans[0], rows=[row], runs=[(row, {"run": [0]})], steps=[], store=None)]
 
-    monkeypatch.setattr(studies, "fly_until_narrow", fly)
+    monkeypatch.setattr(studies, "fly_studies", fly)
     monkeypatch.setattr("experiments.studies.formation.findings.findings_of", lambda _: findings.findings)
     return calls
 

@@ -18,6 +18,7 @@ from experiments.study.metrics import METRICS
 from experiments.study.plan import Entry, Plan, plan_of
 from experiments.study.run import Outcomes
 from sim.scenario.settings import Scenario
+from tests.study.cells import cells_of
 
 PLAN = plan_of(study_of("formation", {}))
 CONDITIONS = {entry.arm: entry for entry in PLAN.entries}
@@ -102,7 +103,7 @@ def test_conditions_match_their_titles() -> None:
 
 def outcomes_of(by_arm: dict[str, Any]) -> dict[str, Any]:
     """Outcomes whose rows are given by arm, run and follower."""
-    return {"study": SimpleNamespace(runs_by=lambda: by_arm)}
+    return {"study": SimpleNamespace(cells=cells_of(by_arm))}
 
 
 def test_a_record_counts_what_runs_came_to() -> None:
@@ -145,7 +146,7 @@ def test_runs_are_numbered_from_zero_and_some_conditions_fly_every_other_one(
     def fly(given: list[Plan], folder: Path) -> list[Outcomes]:
         (plan,) = given
         plans.append(plan)
-        outcomes = Outcomes(plan=plan, rows=[], runs=[], steps=[])
+        outcomes = Outcomes(plan=plan, rows=[], runs=[], steps=[], store=None)  # type: ignore[arg-type]
         for entry in plan.entries:
             runs = list(plan.runs_of(entry))
             for follower in entry.scenario.followers:
@@ -154,7 +155,7 @@ def test_runs_are_numbered_from_zero_and_some_conditions_fly_every_other_one(
                 outcomes.runs.append((labels, {"run": runs}))
         return [outcomes]
 
-    monkeypatch.setattr(studies, "fly_until_narrow", fly)
+    monkeypatch.setattr(studies, "fly_studies", fly)
     studies.run_built_in("formation", tmp_path, {"runs": 6})
     (plan,) = plans
     numbers = {entry.arm: list(plan.runs_of(entry)) for entry in plan.entries}

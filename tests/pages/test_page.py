@@ -1,23 +1,19 @@
 """Pages: whole, escaped and always the same; their tables, drawings, films and colours."""
 
-import base64
 import json
 import re
 import sys
-from io import BytesIO
 
-import av
 import mujoco
 import numba
 import numpy as np
 import pytest
 import scipy
-from PIL import Image
 from plotly.graph_objects import Figure
 
 from experiments.pages import figures, page, style
 from experiments.pages.figures import Line
-from experiments.pages.page import Cell, Code, Figures, Film, Notice, Page, Section, Table, Text, number, words
+from experiments.pages.page import Cell, Code, Figures, Notice, Page, Section, Table, Text, number, words
 from experiments.pages.style import ESTIMATE, FOLLOWER, LEADER, SERIES, TRANSMITTERS
 from tests.pages.markup import checked
 
@@ -146,31 +142,6 @@ def test_numbers_in_tables_have_a_minus_only_where_one_can_see_why(value, text):
     cell = page.number(value)
     assert cell.text == text
     assert cell.sort == (np.inf if value is None else value)
-
-
-def test_small_films_are_embedded_and_large_ones_linked(tmp_path):
-    small, large = tmp_path / "small.mp4", tmp_path / "large.mp4"
-    small.write_bytes(b"film")
-    large.write_bytes(bytes(page.EMBEDDED_FILM_BYTES + 1))
-    assert Film(path=small).source == "data:video/mp4;base64,ZmlsbQ=="
-    assert Film(path=large).source == "large.mp4"
-
-
-def test_a_film_has_a_picture_of_its_middle_before_it_plays(tmp_path):
-    """Of nine frames that brighten evenly, with a key frame every third, the fourth is shown."""
-    path = tmp_path / "film.mp4"
-    with av.open(str(path), "w") as target:
-        stream = target.add_stream("libx264", rate=10, width=64, height=48, pix_fmt="yuv420p")
-        stream.options = {"g": "3", "bf": "0", "sc_threshold": "0"}
-        for k in range(9):
-            frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 20 * k + 40, np.uint8), format="rgb24")
-            target.mux(stream.encode(frame))
-        target.mux(stream.encode(None))
-    kind, _, data = Film(path=path).poster.partition(",")
-    assert kind == "data:image/jpeg;base64"
-    picture = np.asarray(Image.open(BytesIO(base64.b64decode(data))))
-    assert picture.shape == (48, 64, 3)
-    assert abs(picture.mean() - 100) < 8
 
 
 def test_numbers_stand_to_the_right_under_their_heads():

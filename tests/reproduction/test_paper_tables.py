@@ -1,18 +1,18 @@
 """The paper's tables beside ours: which figure stands in which cell."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import pytest
 
+from experiments.findings import Findings
 from experiments.pages.page import Cell, Figures, Page, Table, Text, page_of, ratio_tone
-from experiments.studies.reproduction.figures import page_values
-from experiments.studies.reproduction.findings import Claim, Judgement, findings_of
-from experiments.studies.reproduction.settings import METRICS, SETTINGS, Key, Setting
+from experiments.studies.reproduce.figures import page_values
+from experiments.studies.reproduce.findings import METRICS, Claim, Judgement, Key, findings_of_rows
+from tests.reproduction.cells import SETTINGS, Setting
 
 BASE, GATE, SLOW, ASYMMETRIC, TEXT = (
-    replace(next(s for s in SETTINGS if s.name == name), variants=("laisn-2",))
+    next(s for s in SETTINGS if s.name == name)._replace(variants=("laisn-2",))
     for name in ("base", "measured-gate", "10s", "asymmetric", "muD0.3")
 )
 OURS = {"T2": 3.0, "T3": 1.0}
@@ -33,15 +33,19 @@ def page_with(
     judgements: Sequence[tuple[Claim, Judgement, Judgement]] = (),
 ) -> Page:  # fmt: skip
     """The page of these figures."""
-    values = page_values(settings, rows, published, judgements)
+    labels = {s.name: {"stage": s.stage, "table": s.table, "like": s.like} for s in settings}
+    rows = {key: row | labels[key[0]] for key, row in rows.items()}
+    values = page_values({s.name: s.title for s in settings}, rows, published, judgements)
     values |= {
         "motion": "",
+        "quick": False,
         "errors": [],
         "agreement": Figures(panels=[]),
         "routes": Figures(panels=[]),
     }
-    record = findings_of(settings, rows, published, judgements, "kinematic")
-    return page_of("experiments.studies.reproduction", [], values, record)
+    found = findings_of_rows(rows, published, judgements)
+    record = Findings(study="reproduce", command="", modules=(), version="", findings=found)
+    return page_of("experiments.studies.reproduce", [], values, record)
 
 
 def made(*given: tuple[Setting, dict[str, dict[str, Any]]]) -> Page:
@@ -92,7 +96,7 @@ def test_what_the_paper_only_describes_stands_alone() -> None:
 
 
 def test_two_figures_of_several_settings_stand_side_by_side() -> None:
-    other = replace(SLOW, name="10s-slow")
+    other = SLOW._replace(name="10s-slow")
     page = made((SLOW, ALL), (other, {m: figures(2 * mean) for m, mean in OURS.items()}))
     table = table_of(page, "Stage 2", 1)
     assert texts(table.rows[0])[1:] == both(3.0, 1.0, range(2, 4)) + both(6.0, 1.0, range(2, 4))

@@ -1,8 +1,6 @@
 """The reproduction: its tables, the tests behind its claims, drawn routes, and a smoke run of each study."""
 
-import csv
 import shlex
-from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -12,62 +10,55 @@ from experiments import findings
 from experiments.campaign.montecarlo import Cell, simulate
 from experiments.campaign.plans import steps_of
 from experiments.flight.library import ROUTES, load
-from experiments.studies.reproduction import findings as claims
-from experiments.studies.reproduction import settings
-from experiments.studies.reproduction import study as reproduce
+from experiments.studies.reproduce import findings as claims
+from experiments.studies.reproduce.figures import table_rows
+from experiments.study.file import built_in, study_of
+from experiments.study.plan import plan_of
+from experiments.study.run import Outcomes, fly_further, fly_studies
+from experiments.study.study import run_built_in
+from tests.reproduction.cells import SETTINGS
 from tools.documents import claim_seeds
 
-
-@pytest.fixture
-def short(monkeypatch):
-    """Missions of 30 s instead of 1000 s."""
-    original = settings.of_table
-
-    def brief(table, *given):
-        return original(table | {"set": table["set"] | {"duration_s": 30.0}}, *given)
-
-    monkeypatch.setattr(settings, "of_table", brief)
+SHORT = {"motion": "kinematic", "followers.0.depth_m": 8.0, "duration_s": 30.0}
 
 
-def test_a_reproduction_writes_tables_and_report(tmp_path, short):
-    report = reproduce.reproduce([1, 2], motion="kinematic", runs=2, out=tmp_path, workers=1, quiet=True)
+def test_a_reproduction_writes_tables_and_report(tmp_path):
+    keys = {"set": SHORT, "vary": {"case": ["base", "measured-gate", "5s"]}}
+    report = run_built_in("reproduce", tmp_path, keys, quick=True, workers=1, quiet=True)
     table = pq.read_table(tmp_path / "tables.parquet").to_pylist()
-    with (tmp_path / "tables.csv").open(newline="", encoding="utf-8") as file:
-        plain = list(csv.DictReader(file))
-    assert len(table) == len(plain) == 8 * sum(len(s.variants) for s in settings.settings_of([1, 2]))
+    assert len(table) == 8 * (3 + 2 + 2)
     row = next(r for r in table if (r["setting"], r["trajectory"], r["variant"]) == ("base", "T2", "laisn-2"))
     assert row["published_e_p_max_m"] == 5.12
     assert row["ratio_e_p_max"] == pytest.approx(row["ours_e_p_max_m"] / 5.12)
-    assert (row["seed"], row["runs"], row["motion"]) == (1, 2, "kinematic")
+    assert (row["seed"], row["runs"], row["stage"]) == (1, 2, 1)
     assert row["fly_worst_run"].startswith("laisn fly T2 --run ")
     html = report.read_text(encoding="utf-8")
     for text in ("Table 1.", "Table 4.", "Figure 2.", "Figure 3.", "Claims", "no data", "independent replications"):
         assert text in html
+    found = findings.read(tmp_path / findings.FILE)
+    assert found.command == (
+        "laisn reproduce --quick --set motion=kinematic --set followers.0.depth_m=8.0 --set duration_s=30.0 "
+        "--vary 'case=[base,measured-gate,\"5s\"]'"
+    )
     first = report.read_bytes()
-    reproduce.reproduce([1, 2], motion="kinematic", runs=2, out=tmp_path, workers=1, quiet=True)
+    run_built_in("reproduce", tmp_path, keys, quick=True, workers=1, quiet=True)
     assert report.read_bytes() == first
 
 
-def test_bad_input_is_refused_before_anything_runs(tmp_path):
-    out = tmp_path / "none"
-    for given, message in (
-        ({"stage": [7]}, "unknown stage 7"),
-        ({"runs": 0}, "runs: Input should be greater than or equal to 1"),
-        ({"motion": "magic"}, "motion: .*'physics' or 'kinematic'"),
-        ({"workers": 0}, "workers is 0"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            reproduce.reproduce(**{"out": out, "quiet": True, **given})
-        assert not out.exists()
-
-
-def test_replications_have_the_figures_of_their_runs(short, tmp_path, monkeypatch):
+def test_replications_have_the_figures_of_their_runs(tmp_path, monkeypatch):
     """The first has those of a cell of the tables; the second those of the runs that follow."""
-    monkeypatch.setattr(reproduce, "REPLICATIONS", 4)
-    chosen = settings.settings_of([1])[:1]
-    found = reproduce.simulate(chosen, tmp_path, motion="kinematic", runs=3, seed=2, workers=1, quiet=True)
-    each, at = found.figures.each, ROUTES.index("T3")
-    scenario = found.entries["base", "T3", "laisn-2"].scenario
+    monkeypatch.setattr(claims, "REPLICATIONS", 4)
+    vary: dict[str, dict[str, list[object]]] = {"tables": {"case": ["base"]}, "replications": {"run": [0, 3, 6, 9]}}
+    plans = {
+        part: plan_of(
+            study_of(str(file), {"set": SHORT, "seed": 2, "runs": 3, "vary": vary[part] | {"scenario": ["T3"]}})
+        )
+        for part, file in built_in("reproduce").items()
+    }
+    outcomes = dict(zip(plans, fly_studies([*plans.values()], tmp_path, workers=1, quiet=True), strict=True))
+    fly_further(outcomes, claims.further_runs, tmp_path, workers=1, quiet=True)
+    each, at = claims.Figures.of(outcomes).each, ROUTES.index("T3")
+    scenario = next(e for e in plans["tables"].entries if e.arm == "laisn-2").scenario
     assert (scenario.seed, scenario.duration_s, scenario.followers[0].route) == (2, 30.0, "T3")
     for number in (0, 1):
         table = simulate(Cell.of(scenario, runs=range(3 * number, 3 * number + 3))).runs
@@ -78,6 +69,7 @@ def test_replications_have_the_figures_of_their_runs(short, tmp_path, monkeypatc
         wanted = claims.over_time(steps)["e_p_astern_m"]
         assert each["base laisn-2", "e_p_astern_m"][number, at] == pytest.approx(wanted, nan_ok=True)
     assert each["base laisn-2", "e_p_mean_m"][0, at] != each["base laisn-2", "e_p_mean_m"][1, at]
+    assert np.isnan(np.delete(each["base laisn-2", "e_p_mean_m"], at, axis=1)).all()
     assert {("base laisn-2", name) for name in claims.TIMED} <= each.keys()
     assert ("base laisn-3-2", "e_p_abeam_m") not in each
 
@@ -101,12 +93,11 @@ def test_seeds_are_compared_by_their_verdicts_on_all_claims():
     assert (found["same 1"].value, found["same 10"].value, found["verdict 10"].value) == (20, 19, "holds")
 
 
-def test_the_study_of_seeds_judges_each_of_them(tmp_path, short, monkeypatch):
-    monkeypatch.setattr(reproduce, "REPLICATIONS", 2)
-    chosen = tuple(s for s in settings.SETTINGS if s.name in ("base", "5s"))
-    monkeypatch.setattr(settings, "SETTINGS", chosen)
-    monkeypatch.setattr(settings, "published", dict)
-    claim_seeds.run(tmp_path, seeds=(3, 4), runs=1, workers=1, quiet=True)
+def test_the_study_of_seeds_judges_each_of_them(tmp_path, monkeypatch):
+    monkeypatch.setattr(claims, "REPLICATIONS", 2)
+    monkeypatch.setattr(claims, "published", dict)
+    keys = {"set": SHORT, "vary": {"case": ["base", "5s"]}}
+    claim_seeds.run(tmp_path, seeds=(3, 4), runs=1, keys=keys, workers=1, quiet=True)
     found = findings.read(tmp_path / findings.FILE)
     assert found["seeds"].value == 2
     assert found["verdict 2"].value == "no data"
@@ -116,7 +107,7 @@ def test_the_study_of_seeds_judges_each_of_them(tmp_path, short, monkeypatch):
 def test_claims_on_the_published_tables():
     distance = np.array([[42.3, 54.7, 76.5, 74.7, 39.5, 45.6, 40.8, 76.1]] * 2)
     ours = claims.Figures(each={("base laisn-2", "distance_m"): distance})
-    verdicts = {c.number: theirs.verdict for c, _, theirs in claims.judge(ours, settings.published())}
+    verdicts = {c.number: theirs.verdict for c, _, theirs in claims.judge(ours, claims.published())}
     # μ_D = 0.3 has no published table; what the paper claims, its own tables bear out
     assert verdicts.pop(8) == "no data"
     assert set(verdicts.values()) == {"holds"}
@@ -126,9 +117,9 @@ def verdict(number, figure):
     """Of a claim where every figure is 1, except what `figure(setting, mission, variant, metric)` gives."""
     each = {
         (f"{s.name} {v}", x): np.array([[figure(s.name, m, v, x) or 1.0 for m in ROUTES]])
-        for s in settings.SETTINGS
+        for s in SETTINGS
         for v in s.variants
-        for x in (*settings.METRICS, "distance_m")
+        for x in (*claims.METRICS, "distance_m")
     }
     return claims.CLAIMS[number - 1].judge(claims.Figures(each=each, exact=True)).verdict
 
@@ -175,25 +166,14 @@ def test_errors_abeam_and_astern_take_their_sector():
 
 
 def test_the_command_of_a_row_repeats_its_cell():
-    chosen = [s for s in settings.SETTINGS if s.name == "asymmetric"]
-    entries = settings.entries(chosen, motion="kinematic", runs=1, seed=3)
-    rows = {key: dict.fromkeys(settings.METRICS, 1.0) | {"worst_run": 17} for key in entries}
-    for row, entry in zip(reproduce.table_rows(chosen, entries, rows, {}), entries.values(), strict=True):
+    plan = plan_of(study_of(str(built_in("reproduce")["tables"]), {"seed": 3, "vary": {"case": ["asymmetric"]}}))
+    rows = [
+        dict.fromkeys(claims.METRICS, 1.0) | plan.points[e.point] | {"point": e.point, "arm": e.arm, "worst_run": 17}
+        for e in plan.entries
+    ]
+    outcomes = Outcomes(plan=plan, rows=rows, runs=[], steps=[], store=None)
+    for row, entry in zip(table_rows(outcomes, {}), plan.entries, strict=True):
         words = shlex.split(row["fly_worst_run"])
         assert words[:5] == ["laisn", "fly", row["trajectory"], "--run", "17"]
         flown = load(row["trajectory"], [words[i + 1] for i, word in enumerate(words) if word == "--set"])
         assert flown.model_copy(update={"name": entry.scenario.name}) == entry.scenario
-
-
-def test_results_go_to_a_folder_of_their_motion(monkeypatch):
-    class FlownError(Exception):
-        pass
-
-    def fly(design, place, **_):
-        raise FlownError(place, len(design.cells))
-
-    monkeypatch.setattr(reproduce.campaign, "fly", fly)
-    with pytest.raises(FlownError) as raised:
-        reproduce.reproduce([1], motion="kinematic")
-    assert raised.value.args[0] == Path("out") / "reproduce-kinematic"
-    assert raised.value.args[1] > 0

@@ -7,24 +7,26 @@ import numpy as np
 import pytest
 
 from experiments.intervals import Interval
-from experiments.studies.reproduction import figures as page_figures
-from experiments.studies.reproduction.figures import Cells
-from experiments.studies.reproduction.findings import (
+from experiments.studies.reproduce import figures as page_figures
+from experiments.studies.reproduce.figures import Cells
+from experiments.studies.reproduce.findings import (
     CLAIMS,
+    METRICS,
     Judged,
     Judgement,
+    Key,
     Verdict,
-    findings_of,
+    findings_of_rows,
     listed,
     mean_distance,
     ratios,
 )
-from experiments.studies.reproduction.settings import METRICS, SETTINGS, Key
+from tests.reproduction.cells import SETTINGS
 from tests.reproduction.test_paper_tables import page_with
 from tests.synthetic import make_scenario, make_trajectory
 
 BASE, GATE = (
-    replace(next(s for s in SETTINGS if s.name == name), variants=("laisn-2",)) for name in ("base", "measured-gate")
+    next(s for s in SETTINGS if s.name == name)._replace(variants=("laisn-2",)) for name in ("base", "measured-gate")
 )
 OURS = {"T2": 3.0, "T3": 1.0, "T4": 0.9}
 THEIRS = {"T2": 1.0, "T3": 2.0, "T4": 1.0}
@@ -37,24 +39,24 @@ def figures(mean: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-ROWS = {(s.name, m, "laisn-2"): figures(v) for s in (BASE, GATE) for m, v in OURS.items()}
+ROWS = {(s.name, m, "laisn-2"): figures(v) | {"like": s.like} for s in (BASE, GATE) for m, v in OURS.items()}
 PUBLISHED: dict[Key, dict[str, float]] = {("base", m, "laisn-2"): dict.fromkeys(METRICS, v) for m, v in THEIRS.items()}
 
 
 def judged(*verdicts: Verdict) -> list[tuple[Any, Judgement, Judgement]]:
-    held = Judgement(verdict="holds", figures="")
-    return [(claim, Judgement(verdict=v, figures=""), held) for claim, v in zip(CLAIMS, verdicts, strict=False)]
+    held = Judgement(verdict="holds")
+    return [(claim, Judgement(verdict=v), held) for claim, v in zip(CLAIMS, verdicts, strict=False)]
 
 
 def test_ratios_are_ours_over_the_papers() -> None:
-    assert ratios(ROWS, PUBLISHED, BASE, "laisn-2", "e_p_mean_m").tolist() == [3.0, 0.5, 0.9]
-    assert ratios(ROWS, PUBLISHED, GATE, "laisn-2", "e_p_mean_m").tolist() == [3.0, 0.5, 0.9]
-    assert ratios(ROWS, PUBLISHED, BASE, "laisn-3-2", "e_p_mean_m").size == 0
+    assert ratios(ROWS, PUBLISHED, BASE.name, "laisn-2", "e_p_mean_m").tolist() == [3.0, 0.5, 0.9]
+    assert ratios(ROWS, PUBLISHED, GATE.name, "laisn-2", "e_p_mean_m").tolist() == [3.0, 0.5, 0.9]
+    assert ratios(ROWS, PUBLISHED, BASE.name, "laisn-3-2", "e_p_mean_m").size == 0
 
 
 def test_a_cell_of_medians_shows_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(page_figures, "ratio_tone", str)
-    cell = Cells(ROWS, PUBLISHED).median(BASE, "laisn-2", "e_p_mean_m")
+    cell = Cells(ROWS, PUBLISHED).median("base", "laisn-2", "e_p_mean_m")
     assert (cell.text, cell.title, cell.tone) == ("0.90", "0.50 … 3.00", "0.9")
 
 
@@ -62,8 +64,7 @@ def test_the_record_quotes_medians_captures_and_claims() -> None:
     judgements = judged("holds", "depends", "does not hold", "no data", "holds", "undecided")
     criterion = Judged(what="median", interval=Interval(1.5, 1.4, 1.6), relation="≤", bound=2.0)
     judgements[1] = (judgements[1][0], replace(judgements[1][1], criteria=[criterion]), judgements[1][2])
-    found = findings_of((BASE, GATE), ROWS, PUBLISHED, judgements, "kinematic")
-    assert found.study == "reproduce-kinematic"
+    found = findings_of_rows(ROWS, PUBLISHED, judgements)
     ratio = found["ratio base laisn-2"]
     assert (ratio.value, ratio.low, ratio.high) == (0.9, 0.5, 3.0)
     assert found["mirror-locked base laisn-2"].value == pytest.approx(9 / 180)
@@ -93,13 +94,13 @@ def test_claims_without_data_do_not_count_against_the_others() -> None:
 
 def test_a_claim_has_our_verdict_and_figures_before_the_papers() -> None:
     criteria = [Judged(what="median", interval=Interval(1.5, 1.4, 1.6), relation="≤", bound=2.0)]
-    claim, ours = CLAIMS[2], Judgement(verdict="depends", figures="1.5", criteria=criteria)
-    page = page_with((BASE, GATE), ROWS, PUBLISHED, [(claim, ours, Judgement(verdict="holds", figures=""))])
+    claim, ours = CLAIMS[2], Judgement(verdict="depends", criteria=criteria)
+    page = page_with((BASE, GATE), ROWS, PUBLISHED, [(claim, ours, Judgement(verdict="holds"))])
     (first,), (detail,) = (page.sections[i].blocks[0].rows for i in (0, 1))  # type: ignore[union-attr]
     assert [cell.text for cell in first][:4] == ["3", claim.text, "depends on the mission", "holds"]
     assert [cell.tone for cell in first[2:4]] == ["maybe", "yes"]
     assert [cell.text for cell in detail] == [
-        "3", "depends on the mission", "median: 1.50 (1.40 to 1.60) ≤ 2: met", "1.5", claim.criterion,
+        "3", "depends on the mission", "median: 1.50 (1.40 to 1.60) ≤ 2: met", claim.criterion,
     ]  # fmt: skip
 
 

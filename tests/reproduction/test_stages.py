@@ -6,33 +6,31 @@ import re
 import pytest
 
 from experiments.flight.library import ROUTES
-from experiments.studies.reproduction import settings
+from experiments.studies.reproduce.findings import _data, published
+from tests.reproduction.cells import ENTRIES, SETTINGS, columns, entries
 
-ENTRIES = settings.entries(settings.SETTINGS, motion="physics", runs=1, seed=1)
 SCENARIOS = {key: entry.scenario for key, entry in ENTRIES.items()}
 
 
 def rows_of_the_file():
-    return list(csv.DictReader(settings.data("published_tables.csv").splitlines()))
+    return list(csv.DictReader(_data("published_tables.csv").splitlines()))
 
 
 def test_a_published_row_is_of_the_setting_that_its_columns_describe():
-    by_name = {s.name: settings.columns(s) for s in settings.SETTINGS}
+    by_name = {s.name: s for s in SETTINGS}
     for row in rows_of_the_file():
-        made = by_name[row["setting"]]
-        assert row["table"] == made["table"]
-        described = [column for column in row if column in made and column not in ("table", "setting")]
-        assert len(described) == 10
+        made, setting = columns(row["setting"]), by_name[row["setting"]]
+        assert (row["table"], row["stage"]) == (setting.table, str(setting.stage))
+        described = [column for column in row if column in made]
+        assert len(described) == 9
         assert [float(row[column]) for column in described] == [float(made[column]) for column in described]
 
 
 def test_all_144_published_rows_are_reached_once():
-    published = settings.published()
-    assert len(published) == len(rows_of_the_file()) == 144
-    planned = {
-        (s.name, route, variant) for s in settings.SETTINGS if s.printed for route in ROUTES for variant in s.variants
-    }
-    assert set(published) == planned
+    rows = published()
+    assert len(rows) == len(rows_of_the_file()) == 144
+    planned = {(s.name, route, variant) for s in SETTINGS if s.printed for route in ROUTES for variant in s.variants}
+    assert set(rows) == planned
 
 
 @pytest.mark.parametrize(
@@ -51,18 +49,17 @@ def test_all_144_published_rows_are_reached_once():
     ],
 )
 def test_figures_stand_where_the_paper_prints_them(key, metric, value):
-    assert settings.published()[key][metric] == value
+    assert published()[key][metric] == value
 
 
 def test_settings_that_the_paper_only_describes_are_flown_too():
-    described = [s for s in settings.SETTINGS if s.table == "text"]
+    described = [s for s in SETTINGS if s.table == "text"]
     received = {s.name: SCENARIOS[s.name, "T5", "laisn-2"].acoustics for s in described}
     assert received["muD0.3"].range_scale_mean_m == 0.3
     assert [a.range_tau_m for name, a in received.items() if name.startswith("tau")] == [(0.03,) * 3, (0.06,) * 3]
 
 
 def test_columns_of_a_table_are_the_values_of_its_setting():
-    by_name = {s.name: settings.columns(s) for s in settings.SETTINGS}
     base = {
         "dt_s": 0.1, "dt_range_s": 1.0, "leader_length_m": 2.0, "h_t_m": 0.1, "tau_rear_m": 0.01, "tau_other_m": 0.01,
         "mu_range_m": 0.1, "sigma_range_m": 0.05, "mu_heading_leader_deg": 0.0, "beta_m2": 0.1, "threshold_m": 0.1,
@@ -78,8 +75,8 @@ def test_columns_of_a_table_are_the_values_of_its_setting():
         ("heading2.5", {"mu_heading_leader_deg": 2.5}),
         ("10s-slow-beta300", {"dt_s": 1.0, "dt_range_s": 10.0, "beta_m2": 300.0, "threshold_m": 10.0}),
     ):
-        assert {key: by_name[name][key] for key in base} == base | changed
-        assert by_name[name]["setting"] == name
+        found = columns(name)
+        assert {key: found[key] for key in base} == base | changed
 
 
 STATED = {
@@ -91,24 +88,23 @@ STATED = {
 """Values of a setting in titles, and the column that has it."""
 
 
-@pytest.mark.parametrize("setting", settings.SETTINGS, ids=lambda setting: setting.name)
+@pytest.mark.parametrize("setting", SETTINGS, ids=lambda setting: setting.name)
 def test_a_setting_matches_its_title_in_the_stage_of_its_table(setting):
-    found = settings.columns(setting)
+    found = columns(setting.name)
     stated = {column: float(m[1]) for words, column in STATED.items() if (m := re.search(words, setting.title))}
     assert stated
     assert {column: found[column] for column in stated} == stated
     # Tables 1; 2 to 4; 5 and 6; 7; 8 and 9 are those of the five stages (paper, Section 3)
     stage_of = {"1": 1, "2-4": 2, "5": 3, "6": 3, "7": 4, "8": 5, "9": 5, "text": 4}
-    model = next(s for s in settings.SETTINGS if s.name == (setting.like or setting.name))
-    assert setting.stage == found["stage"] == stage_of[model.table]
-    assert {s.table for s in settings.settings_of([setting.stage])} & {model.table}
+    model = next(s for s in SETTINGS if s.name == (setting.like or setting.name))
+    assert setting.stage == stage_of[model.table]
 
 
 def test_alternatives_are_named_and_differ_only_in_what_the_paper_leaves_open():
     free = {"beta_m2", "threshold_m", "gate"}
     centred = {"asymmetric-centred"}
-    by_name = {s.name: s for s in settings.SETTINGS}
-    alternatives = [s for s in settings.SETTINGS if s.table == "alternative"]
+    by_name = {s.name: s for s in SETTINGS}
+    alternatives = [s for s in SETTINGS if s.table == "alternative"]
     assert alternatives
     for setting in alternatives:
         original = by_name[setting.like]
@@ -117,15 +113,15 @@ def test_alternatives_are_named_and_differ_only_in_what_the_paper_leaves_open():
         kept = like.navigation.model_copy(update={key: getattr(made.navigation, key) for key in free})
         received = like.acoustics.model_copy(update={"range_error_centred": setting.name in centred})
         assert made == like.model_copy(update={"navigation": kept, "acoustics": received})
-    own = {s.name for s in settings.SETTINGS if s.table != "alternative"}
+    own = {s.name for s in SETTINGS if s.table != "alternative"}
     fixed = [scenario for (name, _, _), scenario in SCENARIOS.items() if name in own]
     assert {(s.navigation.beta_m2, s.navigation.threshold_m, s.navigation.gate) for s in fixed} == {(0.1, 0.1, "v-max")}
     assert not any(scenario.acoustics.range_error_centred for scenario in fixed)
 
 
 def test_scenarios_carry_the_setting():
-    chosen = [s for s in settings.SETTINGS if s.name == "heading5"]
-    made = settings.entries(chosen, motion="kinematic", runs=1, seed=9)["heading5", "T4", "laisn-3-2"].scenario
+    keys = {"motion": "kinematic", "followers.0.depth_m": 8.0}
+    made = entries(set=keys, seed=9, vary={"case": ["heading5"]})["heading5", "T4", "laisn-3-2"].scenario
     assert made.sensors.leader_heading_bias_deg == 5.0
     assert made.sensors.leader_heading_sigma_deg == 2.0
     assert made.followers[0].depth_m == made.leader.depth_m
@@ -137,11 +133,4 @@ def test_scenarios_carry_the_setting():
 
 
 def test_every_setting_is_simulated_with_its_variants_on_every_mission():
-    assert set(SCENARIOS) == {(s.name, r, v) for s in settings.SETTINGS for r in ROUTES for v in s.variants}
-
-
-def test_unknown_stages_are_named():
-    assert settings.settings_of(None) == settings.SETTINGS
-    assert {s.stage for s in settings.settings_of([3, 5])} == {3, 5}
-    with pytest.raises(ValueError, match="unknown stage 6; available: 1, 2, 3, 4, 5"):
-        settings.settings_of([6])
+    assert set(SCENARIOS) == {(s.name, r, v) for s in SETTINGS for r in ROUTES for v in s.variants}

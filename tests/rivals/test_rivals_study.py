@@ -12,7 +12,9 @@ from experiments.pages.page import page_of, render
 from experiments.studies.rivals import figures, findings
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import Plan, plan_of
+from experiments.study.run import Cells
 from laisn.navigators import NAVIGATORS
+from tests.study.cells import cells_of
 
 PARTS = built_in("rivals")
 ROUTES = [*product(findings.NAVIGATORS, findings.CONDITIONS, findings.INTERVALS)]
@@ -24,10 +26,10 @@ def plans() -> dict[str, Plan]:
     return {part: plan_of(study_of(str(file), {})) for part, file in PARTS.items()}
 
 
-def rows(error: float, runs: int, routes: int, **more: float) -> list[list[dict[str, Any]]]:
-    """Records whose errors have this mean over runs and routes; runs add ± 0.01 m, route i adds i/10 less its mean."""
+def rows(error: float, runs: int, routes: int, **more: float) -> Cells:
+    """Cells whose errors have this mean over runs and routes; runs add ± 0.01 m, route i adds i/10 less its mean."""
     shift = 0.1 * (np.arange(routes) - (routes - 1) / 2)
-    return [
+    found = [
         [
             {"e_p_mean_m": error + shift[i] + 0.01 * (-1) ** r, "e_p_p95_m": 2 * error, "nees": 2.5, "e_p_max_m": 3.0,
              "mirror_locked": 0.0, "track_error_rms_m": 1.0, "track_error_end_m": 2.0, **more}
@@ -35,6 +37,7 @@ def rows(error: float, runs: int, routes: int, **more: float) -> list[list[dict[
         ]
         for r in range(runs)
     ]  # fmt: skip
+    return cells_of({"": found})
 
 
 @pytest.fixture(scope="module")

@@ -461,6 +461,7 @@ def test_a_dry_run_prints_the_cost_of_a_study_and_writes_nothing(tmp_path, monke
     result = CliRunner().invoke(app, ["study", "mine.toml", "--dry-run"])
     assert result.exit_code == 0, result.output
     assert "4 flights, 8 cells, 24 runs" in result.output
+    assert re.search(r"about \d+ s and \d+ MB, if nothing is stored yet", result.output)
     assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
 
 

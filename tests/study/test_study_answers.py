@@ -20,7 +20,7 @@ from experiments.study.metrics import METRICS
 from experiments.study.page import commands, notable, page_of, worst_entry
 from experiments.study.plan import Plan, plan_of
 from experiments.study.run import _of_runs, _widest
-from experiments.study.study import record_of
+from experiments.study.study import findings_of
 
 MEANS = {
     (0, "plain"): 1.0,
@@ -113,7 +113,7 @@ def test_the_answer_is_a_figure_and_a_table_of_every_place_with_differences_and_
 
 
 def test_the_record_has_estimates_and_paired_differences(plan: Plan, results: Results) -> None:
-    found = record_of(plan, results).findings
+    found = findings_of(plan, results)
     assert len(found) == 6 + 3
     for (point, arm), mean in MEANS.items():
         finding = found[f"e_p_mean_m: point {point}, arm {arm}, follower"]
@@ -227,11 +227,15 @@ def test_three_factors_are_answered_by_their_shares_of_the_variance_and_many_pla
     ]  # fmt: skip
     lists = [(row, {"run": [0], "e_p_mean_m": [row["e_p_mean_m"]]}) for row in rows]
     page = page_of(plan, Results.of(rows, lists), {})
-    shares, maps, answer = page.sections[0].blocks[1:4]
+    shares, lines, maps, answer = page.sections[0].blocks[1:5]
     assert isinstance(shares, Figures)
+    assert isinstance(lines, Figures)
     assert isinstance(maps, Figures)
-    (bars,) = shares.panels[0].parts[0].traces
-    assert bars["x"] == pytest.approx([1 / 1.01, 0.01 / 1.01, 0.0, 0.0], abs=1e-6)
+    (marks,) = shares.panels[0].parts[0].lines
+    assert marks.x == pytest.approx([1 / 1.01, 0.01 / 1.01, 0.0, 0.0], abs=1e-6)
+    # a line for each depth of the leader, a panel for each current
+    assert [len(panel.parts[0].lines) for panel in lines.panels] == [8] * 5
+    assert len({panel.parts[0].y_limits for panel in lines.panels}) == 1
     assert len({(trace["zmin"], trace["zmax"]) for panel in maps.panels for trace in panel.parts[0].traces}) == 1
     assert isinstance(answer, Table)
     assert len(answer.rows) == 60

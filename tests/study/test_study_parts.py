@@ -42,6 +42,10 @@ def test_cases_scenarios_and_factors_are_crossed_and_a_case_may_have_some_of_the
         (case, route, interval) for case in ("calm", "current") for route in ("T2", "T6") for interval in (1, 5)
     ]
     assert [*made.points[0]] == ["case", "scenario", "timing.message_interval_s"]
+    chosen = plan(
+        {"scenario": ["T2", "T6"], "case": cases, "arm": arms, "vary": {"scenario": ["T6"], "case": ["calm"]}}
+    )
+    assert [tuple(point.values()) for point in chosen.points] == [("calm", "T6")]
     arms_of = {number: [e.arm for e in made.entries if e.point == number] for number in range(8)}
     assert arms_of == {number: ["laisn", "tight"] if number < 4 else ["laisn"] for number in range(8)}
     assert made.study.title("case", "current") == "a current"
@@ -62,7 +66,7 @@ def test_cases_scenarios_and_factors_are_crossed_and_a_case_may_have_some_of_the
         ({"case": [{"name": "a", "duration_s": 9.0}], "vary": {"duration_s": [1, 2]}}, "duration_s: stands in "),
         ({"case": [{"name": "a", "seed": 9}]}, "seed: belongs to the study"),
         ({"arm": [{"name": "a", "run": 9}]}, "run: belongs to the study"),
-        ({"vary": {"case": ["a"]}}, "vary.case: belongs to the study"),
+        ({"case": [{"name": "b"}], "vary": {"case": ["a"]}}, "vary.case: there is no case 'a'"),
         ({"scenario": []}, "scenario: List should have at least 1 item"),
         ({"scenario": ["T2", "T2"]}, "vary.scenario: a value stands in the list twice"),
         ({"scenario": ["T2", "T77"]}, "unknown scenario"),

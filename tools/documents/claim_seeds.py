@@ -3,16 +3,18 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Unpack
+from typing import Any, Unpack
 
 from experiments.campaign.campaign import ExecutionOptions
 from experiments.findings import FILE, Finding, Findings, of, plain, record
 from experiments.intervals import proportion
-from experiments.studies.reproduction import findings as claims
-from experiments.studies.reproduction import settings
-from experiments.studies.reproduction.findings import CLAIMS, MODULES, Verdict
-from experiments.studies.reproduction.study import simulate
+from experiments.studies.reproduce import findings as claims
+from experiments.studies.reproduce.findings import CLAIMS, JUDGED, Figures, Verdict
+from experiments.study.file import built_in, study_of
+from experiments.study.plan import plan_of
+from experiments.study.run import fly_further, fly_studies
 
+MODULES = ("experiments.studies.reproduce.findings", "experiments.study.run")
 SEEDS = range(101, 121)
 """Seeds 1 to 6 served to choose how many replications, and at what confidence, claims are judged by."""
 
@@ -32,13 +34,22 @@ def findings_of(verdicts: Mapping[int, Sequence[Verdict]]) -> Findings:
     return record("claim-seeds", "python -m tools.documents.studies claim-seeds", MODULES, named)
 
 
-def run(folder: Path, seeds: Sequence[int] = SEEDS, runs: int = 60, **options: Unpack[ExecutionOptions]) -> None:
+def run(
+    folder: Path, seeds: Sequence[int] = SEEDS, runs: int = 60, keys: Mapping[str, Any] | None = None,
+    **options: Unpack[ExecutionOptions],
+) -> None:  # fmt: skip
     """Judge the claims on physical missions with every seed, and write the record of their verdicts.
 
-    `runs` are those of each replication; folder and options as of `campaign.fly`.
+    `runs` are those of each replication, `keys` others of the study; folder and options as of `campaign.fly`.
     """
     verdicts = {}
     for seed in seeds:
-        found = simulate(settings.SETTINGS, folder, motion="physics", runs=runs, seed=seed, tables=False, **options)
-        verdicts[seed] = [ours.verdict for _, ours, _ in claims.judge(found.figures, settings.published())]
+        given = {**(keys or {}), "seed": seed, "runs": runs}
+        plans = {part: plan_of(study_of(str(file), given)) for part, file in built_in("reproduce").items()}
+        whole = plans["tables"]
+        judged = [one for one in whole.entries if f"{whole.points[one.point]['case']} {one.arm}" in JUDGED]
+        plans["tables"] = whole.part(judged, runs)
+        found = dict(zip(plans, fly_studies([*plans.values()], folder, **options), strict=True))
+        fly_further(found, claims.further_runs, folder, **options)
+        verdicts[seed] = [ours.verdict for _, ours, _ in claims.judge(Figures.of(found), claims.published())]
     findings_of(verdicts).write(folder / FILE)

@@ -10,18 +10,19 @@ from functools import partial
 from pathlib import Path
 
 from experiments.findings import FILE
-from experiments.studies.reproduction.study import reproduce
 from experiments.study.study import run_built_in
 from tools.documents import claim_seeds, coverage, flights, hull_trials, real_ranges, route_keeping
 from tools.documents.markers import RECORDS
 
+POINT_MOTION = {"set": {"motion": "kinematic", "followers.0.depth_m": 8.0}}
+"""The paper's point motion, at the depth of the leader."""
 STUDIES: dict[str, Callable[[Path], object]] = {
     "flights": flights.run,
     "hull-trials": hull_trials.run,
     "route-keeping": route_keeping.run,
     "coverage": coverage.run,
-    "reproduce-physics": lambda folder: reproduce(motion="physics", out=folder),
-    "reproduce-kinematic": lambda folder: reproduce(motion="kinematic", out=folder),
+    "reproduce-physics": partial(run_built_in, "reproduce"),
+    "reproduce-kinematic": partial(run_built_in, "reproduce", keys=POINT_MOTION),
     "claim-seeds": claim_seeds.run,
     "closed-loop": partial(run_built_in, "closed-loop"),
     "formation": partial(run_built_in, "formation"),

@@ -33,7 +33,7 @@ PACKAGES = {
     "experiments": r"experiments/(intervals|findings|beacon_replay|studies/\w+"
     r"|campaign/(bound|lane_\w+|montecarlo)"
     r"|pages/flight_report|flight/(range_budget|summary|tables)"
-    r"|(studies/)?(asymmetry|reproduction|estimators|formation|study)"
+    r"|(studies/)?(asymmetry|reproduce|estimators|formation|study)"
     r"/(?!\w*(page|chart|figure|film|report|example))\w+)\.py|tools/documents/(tables|hull_trials|flights)\.py",
 }  # fmt: skip
 """Sources that are changed: navigation; physics, sensing and control; statistics, tables and computed sentences."""

@@ -368,4 +368,4 @@ def values(found: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
         "map": {name: column.astype(np.float32) for name, column in chart.items()},
     }
     shown = of_message(fly_example(plan)) | of_map(chart) | of_missions(paired(rows), curves, titles)
-    return shown | {"tables": tables, "film": []}
+    return shown | {"tables": tables}

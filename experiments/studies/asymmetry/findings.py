@@ -1,19 +1,10 @@
 """What the pitch study found: arms compared run by run, verdicts on remedies, and its record, `results.json`.
 
-Errors and mirror locks (estimates at the mirror image beyond the leader's axis) are judged separately. For either, let
-r_i be the outcome of run i behind the real leader, l_i behind the level one, a_i with the remedy and b_i behind a level
-leader with the same equipment, or simply l_i: its mean error, or 1 if it is locked and 0 if not. A remedy meets its aim
-if it removes the share q of what pitch adds,
-
-    mean(d) ≤ 0,    d_i = (a_i − b_i) − (1 − q)(r_i − l_i).
-
-All arms of a run share their noise, so that d_i is a paired difference; errors are compared in runs that no arm of the
-comparison has locked. Met: the whole interval of mean(d) is at or below zero; missed: it is wholly above; open:
-neither. Where the first runs do not show that pitch adds anything, there is nothing that a remedy could remove.
-
-Stage 4 of the paper gives one transmitter a larger uniform error, τ_rear U(0, 1) of Eq. 28, and names a leader out of
-trim as a reason. A level leader with τ_rear raised and a leader pitched by a constant angle that raise the mean
-position error by the same amount are equivalent (`Curve`).
+Errors and mirror locks are judged separately. For either, let r_i be the outcome of run i behind the real leader, l_i
+behind the level one, a_i with the remedy and b_i behind a level leader with the same equipment, or simply l_i: its mean
+error, or 1 if it is locked on the mirror image and 0 if not. A remedy meets its aim if it removes the share q of what
+pitch adds: mean(d) ≤ 0 with the paired differences d_i = (a_i − b_i) − (1 − q)(r_i − l_i); of errors, in runs that no
+arm of the comparison has locked. Met: the whole interval of mean(d) is at or below zero; missed: wholly above.
 """
 
 import math
@@ -34,10 +25,9 @@ from experiments.study.run import Choice, Outcomes
 from laisn.arrays import Bools, Floats
 
 CAUSES = {"trim": "trim", "dive": "depth changes", "waves": "waves"}
-"""What makes the leader pitch, in words, by the beginning of the names of conditions."""
+"""What makes the leader pitch, by the beginning of the names of conditions."""
 VARIANTS = ("laisn-2", "laisn-3-2")
 BROADCASTS = EXACT, AHRS, READINGS = ("attitude-0", "ahrs-0.5", "attitude-0.5")
-"""Attitude broadcasts that are compared on every route."""
 LEVEL, REAL, LEVEL_BROADCAST = ("level", "real", "level-0.5")
 ROUGH, CONSTANT, INFLATED = ("attitude-2", "offset-0.5", "expected")
 REMEDIES = (*BROADCASTS, ROUGH, CONSTANT, INFLATED)
@@ -55,15 +45,12 @@ of rare mirror locks twice as often and more."""
 _REACH = 0.5
 """Standard errors by which the mean of d may yet move in the estimate of how many runs would settle a question."""
 JUDGED_FROM_M = 0.1
-"""Remedies are judged on missions in which pitch moves a noiseless fix by this much or more in the mean. That follows
-from the motion alone, independently of the runs."""
+"""Remedies are judged on missions in which pitch moves a noiseless fix by this much or more in the mean."""
 LOCKS_WANTED = 0.9
-"""Share of the mirror locks that pitch adds which any remedy should remove: a run is locked or not, so that 99 % of
-them would take thousands of runs to tell."""
+"""Share of the mirror locks that pitch adds which any remedy should remove: 99 % would take thousands of runs."""
 Question = Literal["error", "mirror_lock"]
 OF_RUNS: Mapping[Question, str] = {"error": "e_p_run_mean_m", "mirror_lock": "mirror_locked_run"}
-"""What a remedy is judged by: errors of runs without mirror lock, and mirror locks; and columns of a row with a value
-for each run: mean E_P [m], and whether it was locked on the mirror image."""
+"""What a remedy is judged by, and columns of a row with a value for each run: mean E_P [m], and mirror lock."""
 QUESTIONS = tuple(OF_RUNS)
 JUDGEMENTS = (*((arm, LEVEL) for arm in REMEDIES), (READINGS, LEVEL_BROADCAST))
 
@@ -84,9 +71,9 @@ class Judgement(NamedTuple):
     runs: int
     """Number of runs after which it fell, or on which the question is still open."""
     promising: bool = False
-    """The question is open, and more runs, up to the last look, would settle it if the mean stayed about as it is."""
+    """Open, but settled by more runs, up to the last look, if the mean stayed about as it is."""
     needed: float = math.nan
-    """Runs that would settle a question that is open, if mean and scatter stayed as they are; else NaN."""
+    """Runs that would settle an open question, if mean and scatter stayed as they are."""
 
 
 def judge(part: Floats, left: Floats, wanted: float, looks: Sequence[int], free: Bools | None = None) -> Judgement:
@@ -154,17 +141,17 @@ class ComparedMission:
         """What pitch adds to each run, what a remedy leaves of it, and the runs that no arm of the comparison locks."""
         rows = [self.arms[key] for key in (REAL, LEVEL, arm, base)]
         runs = min(len(row[OF_RUNS[question]]) for row in rows)
-        locked, outcomes = (
+        locked, (real, level, remedy, other) = (
             np.array([row[OF_RUNS[of]][:runs] for row in rows], dtype=np.float64) for of in ("mirror_lock", question)
         )
-        real, level, remedy, other = outcomes
         return real - level, remedy - other, np.logical_not(locked.any(axis=0))
 
     def judge(self, question: Question, arm: str, looks: Sequence[int], base: str = LEVEL) -> Judgement:
         """Whether a remedy removes the share that it should of the errors, or of the mirror locks, that pitch adds."""
         part, left, free = self.compared(question, arm, base)
-        of_errors = question == "error"
-        return judge(part, left, WANTED[arm] if of_errors else LOCKS_WANTED, looks, free if of_errors else None)
+        if question == "error":
+            return judge(part, left, WANTED[arm], looks, free)
+        return judge(part, left, LOCKS_WANTED, looks)
 
 
 Missions = Sequence[ComparedMission]
@@ -192,11 +179,7 @@ def rows_of(outcomes: Outcomes) -> list[Record]:
 
 
 def undecided(mission: ComparedMission, looks: Sequence[int], flown: int) -> list[str]:
-    """Keys of the arms, in the order of flying, that must be flown on to settle what is open on a mission in all its
-    arms.
-
-    `flown` is the number of runs of the arms that were flown on so far; what was left behind with fewer stays as it is.
-    """
+    """Arms to fly on to settle what is open on a mission in all its arms; `flown` runs were flown of them so far."""
     wanted: set[str] = set()
     for arm, base in JUDGEMENTS if mission.judged else ():
         if {arm, base} <= mission.arms.keys():
@@ -230,10 +213,10 @@ def with_verdicts(mission: ComparedMission, looks: Sequence[int]) -> list[Record
 
 def select(missions: Missions, *, judged: bool = False, **wanted: object) -> list[ComparedMission]:
     """Missions whose columns have these values, None being any; `judged`: only those on which remedies are judged."""
-    given = {name: value for name, value in wanted.items() if value is not None}
     return [
-        m for m in missions if (m.judged or not judged) and all(m.real[name] == value for name, value in given.items())
-    ]
+        m for m in missions
+        if m.judged >= judged and all(value is None or m.real[name] == value for name, value in wanted.items())
+    ]  # fmt: skip
 
 
 def mean_error(missions: Missions, arm: str) -> Interval:
@@ -288,8 +271,7 @@ class Curve:
 
     def excess_at(self, value: float) -> Interval:
         """The excess at one of the values that were flown, with its interval [m]."""
-        place = self.value.index(value)
-        excess, half = float(self.excess[place]), self.excess_half_m[place]
+        excess, half = (float(each[self.value.index(value)]) for each in (self.excess, self.excess_half_m))
         return Interval(excess, excess - half, excess + half)
 
     def equivalent(self, excess: float) -> float:
@@ -299,6 +281,10 @@ class Curve:
         """
         grown = np.maximum.accumulate(self.excess)
         return float(np.interp(excess, grown, np.abs(self.value))) if 0.0 <= excess <= grown[-1] else math.nan
+
+
+def _over_tau(curves: Sequence["Curve"], interval_s: float) -> dict[str, "Curve"]:
+    return {c.route: c for c in curves if c.depth_offset_m is None and c.interval_s == interval_s}
 
 
 def curves_of(outcomes: Outcomes) -> list[Curve]:
@@ -325,8 +311,7 @@ def equivalents(curves: Sequence[Curve], tau: float, depth_offset: float) -> dic
 
     Messages come every 5 s, as in the paper's Stage 4. NaN: there is no excess, or more than at any pitch flown.
     """
-    over_tau = {c.route: c for c in curves if c.depth_offset_m is None and c.interval_s == INTERVALS_S[1]}
-    found = {}
+    over_tau, found = _over_tau(curves, INTERVALS_S[1]), {}
     for curve in sorted((c for c in curves if c.depth_offset_m == depth_offset), key=lambda c: c.route):
         if curve.route in over_tau:
             value, low, high = over_tau[curve.route].excess_at(tau)
@@ -336,10 +321,9 @@ def equivalents(curves: Sequence[Curve], tau: float, depth_offset: float) -> dic
 
 def tau_equivalent(missions: Missions, curves: Sequence[Curve]) -> float:
     """τ_rear that raises the error as pitch does, mean over missions, messages every second [m]; NaN if none does."""
-    over_tau = {c.route: c for c in curves if c.depth_offset_m is None and c.interval_s == INTERVALS_S[0]}
-    taus = [over_tau[m.real["route"]].equivalent(m.added) for m in missions]
-    known = [tau for tau in taus if not math.isnan(tau)]
-    return float(np.mean(known)) if known else math.nan
+    over_tau = _over_tau(curves, INTERVALS_S[0])
+    taus = np.array([over_tau[m.real["route"]].equivalent(m.added) for m in missions])
+    return float(taus[~np.isnan(taus)].mean()) if (~np.isnan(taus)).any() else math.nan
 
 
 SETTLING_RUNS = 100_000
@@ -378,15 +362,16 @@ def _verdicts(chosen: Missions, arm: str, name: str, looks: Sequence[int]) -> di
     found = {}
     for question in QUESTIONS:
         given = [m.arms[arm][f"{question}_verdict"] for m in chosen]
+        judged = f"missions, of {len(given)} judged,"
         for verdict in (Verdict.MET, Verdict.OPEN, Verdict.MISSED):
-            what = f"missions, of {len(given)} judged, with this verdict on {question}s"
+            what = f"{judged} with this verdict on {question}s"
             found[f"{question} {verdict} {name}"] = plain(given.count(verdict), what)
         undecided = [m for m, verdict in zip(chosen, given, strict=True) if verdict == Verdict.OPEN]
         beyond = sum(m.judge(question, arm, looks).needed > SETTLING_RUNS for m in undecided)
         what = f"of the open ones, missions that would take more than {SETTLING_RUNS:,} runs to settle"
         found[f"{question} beyond {name}"] = plain(beyond, what)
         harmed = len(given) - given.count(Verdict.NO_HARM)
-        found[f"{question} harmed {name}"] = plain(harmed, f"missions, of {len(given)} judged, on which harm is shown")
+        found[f"{question} harmed {name}"] = plain(harmed, f"{judged} on which harm is shown")
     return found
 
 

@@ -1,13 +1,9 @@
 """What a pitch of the leader does to one noiseless fix, over pitch, depth offset, range and bearing.
 
-Every point of the map is one message to a follower that predicts its own position exactly but gives the prediction
-little weight, so that the fix decides; it runs through the campaign engine itself. Beside it stands the closed form of
-LAISN-2 (derived in docs/asymmetry.md), with the follower at a range D, a bearing B and Δz deeper, and a leader pitched
-up by φ: **pitch turns the fix about the leader**,
+Every point is one message to a follower whose fix decides, computed by the campaign engine; and the closed form of
+LAISN-2 (docs/asymmetry.md) with range D, bearing B, the follower Δz deeper and a leader pitched up by φ,
 
     cos B̂ = cos B cos φ − (Δz / D) sin φ,   error = 2 D sin(|B̂ − B| / 2) ≈ Δz sin φ / |sin B|.
-
-Where the right side leaves [−1, 1] the circles do not meet (N = 0), and the follower is put on the leader's axis.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,11 +36,10 @@ _DEEPEST_M = 50.0
 
 
 def slant_ranges(points: Floats, hull: tuple[float, float]) -> Floats:
-    """True slant ranges to rear, front and middle transmitter of a leader at the origin heading north, shape (n, 3),
-    [m].
+    """True slant ranges to the transmitters of a leader at the origin that heads north, shape (n, 3), [m].
 
-    `points` are pitch [rad], depth offset [m], horizontal range [m], bearing [rad], shape (n, 4); `hull` is baseline
-    and middle offset [m].
+    `points`: pitch [rad], depth offset [m], range [m], bearing [rad], shape (n, 4); `hull`: baseline, middle offset
+    [m].
     """
     pitch, depth_offset, reach, bearing = points.T
     zero, half = np.zeros_like(pitch), 0.5 * hull[0]

@@ -9,7 +9,7 @@ from experiments.findings import Findings
 from experiments.pages.figures import Panel, marks, panel
 from experiments.pages.page import Figures
 from experiments.pages.style import SERIES
-from experiments.studies.estimators.findings import INTERVAL, missions_of
+from experiments.studies.estimators.findings import INTERVAL, figures_of, missions_of
 from experiments.study.plan import levels
 from experiments.study.run import Outcomes
 
@@ -42,5 +42,5 @@ def values(found: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
         "baselined": [name for name in cases if f"ekf {name} 5" in found.findings],
         "on_axis": [*studies["locks"].scenarios],
         "offsets": levels(outcomes["offset"].plan, "leader.middle_offset_m"),
-        "routes": [(one.point["case"], one.figures) for one in missions_of(outcomes["cases"])],
+        "routes": figures_of(missions_of(outcomes["cases"])),
     }

@@ -1,19 +1,14 @@
-"""What the study found, from the rows of its runs, and limits that need no simulation.
-
-These are of the acoustic channel, and the bound behind a leader that weaves, so that the axis of its two transmitters,
-along which they determine little, turns away from the follower.
-"""
+"""What the study found, and limits of the acoustic channel and behind a weaving leader, which need no simulation."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache
 
 import numpy as np
 
-from experiments.campaign.store import Record
 from experiments.findings import Finding, of, plain
 from experiments.intervals import mean_interval, proportion
-from experiments.study.run import Outcomes
+from experiments.study.run import Cells, Outcomes
 from laisn.arrays import Floats
 from laisn.bound import Geometry, TrueNoise, position_bound
 from sim.scenario.settings import Scenario
@@ -115,16 +110,13 @@ def weave_findings() -> dict[str, Finding]:
     return named
 
 
-def of_condition(name: str, runs: Sequence[Sequence[Record]]) -> dict[str, Finding]:
-    """Findings of one condition, from a row for each follower of each run; intervals are over runs."""
-
-    def column(metric: str) -> Floats:
-        """A metric of all runs and followers, shape (R, f); NaN where there is none."""
-        return np.array([[row[metric] for row in run] for run in runs], dtype=np.float64)
+def of_condition(name: str, followers: Cells) -> dict[str, Finding]:
+    """Findings of one condition, from a cell for each follower; intervals are over runs."""
 
     def over_runs(values: Floats, what: str, unit: str) -> Finding:
         return of(mean_interval(values), what, unit)
 
+    column = followers.runs
     rms, layer = column("station_rms_m"), column("closest_in_layer_m")
     lost, away = int(column("lost").sum()), int(np.count_nonzero(column("track_error_end_m") > LOST_M))
     touched, power = column("touched").max(axis=1), column("power_mean_w")
@@ -146,7 +138,7 @@ def of_condition(name: str, runs: Sequence[Sequence[Record]]) -> dict[str, Findi
             None if np.isnan(layer).all() else float(np.nanmin(layer)),
             "least horizontal distance of two vehicles of one layer", "m",
         ),
-        "contact": of(proportion(int(touched.sum()), len(runs)), "share of runs with contact"),
+        "contact": of(proportion(int(touched.sum()), touched.size), "share of runs with contact"),
         "power": over_runs(power.mean(axis=1), "mean power of a follower's thrusters, 95 %", "W"),
     }  # fmt: skip
     return {f"{key} {name}": finding for key, finding in found.items()}
@@ -154,8 +146,8 @@ def of_condition(name: str, runs: Sequence[Sequence[Record]]) -> dict[str, Findi
 
 def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
     """Findings of all conditions, and of the bound behind a weaving leader."""
-    found = outcomes["study"].runs_by()
-    named = {"runs": plain(max(len(runs) for runs in found.values()), "runs of most conditions")}
-    for name, runs in found.items():
-        named |= of_condition(name, runs)
+    cells = outcomes["study"].cells
+    named = {"runs": plain(max(len(lists["run"]) for lists in cells.lists), "runs of most conditions")}
+    for name, followers in cells.by("arm").items():
+        named |= of_condition(name, followers)
     return named | weave_findings()

@@ -1,5 +1,5 @@
 """The study of rival methods: all navigators of the registry on the paper's routes, with the same noise.
 
-Imports: experiments.campaign experiments.findings experiments.intervals experiments.pages experiments.study
+Imports: experiments.findings experiments.intervals experiments.pages experiments.study
 experiments.flight laisn sim
 """

@@ -10,12 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from experiments.campaign.store import Record
 from experiments.findings import Finding, of, plain
 from experiments.flight.library import load
 from experiments.intervals import mean_over_missions, proportion
-from experiments.study.run import Outcomes
-from laisn.arrays import Floats
+from experiments.study.run import Cells, Outcomes
 from laisn.navigators import find
 from sim.flight import navigation_settings
 from sim.sensing.observation import measure, observe, start_of
@@ -51,8 +49,6 @@ VEHICLES, REACHES_M = (1, 2, 5, 10, 20, 50), (50.0, 150.0, 500.0)
 PING_S, SOUND_M_S = 0.1, 1500.0
 LOST_M = 50.0
 """A run whose error, or whose distance from its place at the end, is beyond this is called lost [m]."""
-Runs = Sequence[Sequence[Record]]
-"""Records of an arm at a point: of each run one for each route."""
 
 
 def case_name(navigator: str, condition: str, interval: float) -> str:
@@ -83,34 +79,30 @@ def step_times_us(duration_s: float = 120.0, repeats: int = 3) -> dict[str, floa
     return times
 
 
-def per_route(runs: Runs, column: str) -> Floats:
-    """A column of all runs, a row for each route, shape (routes, runs)."""
-    return np.array([[float(row[column]) for row in rows] for rows in runs]).T
-
-
 def _share(flags: Any, what: str) -> Finding:
     return of(proportion(int(np.count_nonzero(flags)), flags.size), f"share of missions {what}, 95 %")
 
 
-def of_arm(name: str, runs: Runs) -> Iterator[tuple[str, Finding]]:
+def of_arm(name: str, routes: Cells) -> Iterator[tuple[str, Finding]]:
     """Mean error, 95th percentile, NEES, mirror-locked and lost shares of an arm on the routes."""
-    yield f"error {name}", of(mean_over_missions([*per_route(runs, "e_p_mean_m")]), "mean E_P over routes, 95 %", "m")
-    first = runs[0]
-    high, nees = (np.array([float(row[key]) for row in first]) for key in ("e_p_p95_m", "nees"))
+    yield f"error {name}", of(mean_over_missions([*routes.runs("e_p_mean_m").T]), "mean E_P over routes, 95 %", "m")
+    high, nees = (routes.runs(metric)[0] for metric in ("e_p_p95_m", "nees"))
     yield f"high {name}", plain(float(high.mean()), "95th percentile of E_P, mean over routes", "m")
     yield f"nees {name}", plain(float(np.median(nees)), "NEES, median of routes; 2 if the covariance is right")
-    yield f"locked {name}", _share(per_route(runs, "mirror_locked"), "locked on the mirror image")
-    yield f"lost {name}", _share(per_route(runs, "e_p_max_m") > LOST_M, f"with an error beyond {LOST_M:g} m")
+    yield f"locked {name}", _share(routes.runs("mirror_locked"), "locked on the mirror image")
+    yield f"lost {name}", _share(routes.runs("e_p_max_m") > LOST_M, f"with an error beyond {LOST_M:g} m")
 
 
-def difference(one: Runs, other: Runs, what: str) -> Finding:
+def difference(one: Cells, other: Cells, what: str) -> Finding:
     """Paired difference of mean errors of two arms, over the runs that both have."""
-    n = min(len(one), len(other))
-    apart = per_route(one[:n], "e_p_mean_m") - per_route(other[:n], "e_p_mean_m")
-    return of(mean_over_missions([*apart]), f"paired difference of mean E_P: {what}, 95 %", "m")
+    errors = [cells.runs("e_p_mean_m") for cells in (one, other)]
+    n = min(map(len, errors))
+    return of(
+        mean_over_missions([*(errors[0][:n] - errors[1][:n]).T]), f"paired difference of mean E_P: {what}, 95 %", "m"
+    )
 
 
-def compared(found: Mapping[str, Runs]) -> Iterator[tuple[str, Finding]]:
+def compared(found: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
     """Differences of every rival from LAISN-3(2) and from the tightly coupled navigator, and how often it is better."""
     rivals = [name for name in NAVIGATORS if name not in OURS]
     for ours, rival in product(("laisn-3-2", "tight"), rivals):
@@ -127,24 +119,25 @@ def compared(found: Mapping[str, Runs]) -> Iterator[tuple[str, Finding]]:
         yield f"cases {ours} {rival}", plain(total, "cases of condition and message interval")
 
 
-def steered(found: Mapping[str, Runs]) -> Iterator[tuple[str, Finding]]:
+def steered(found: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
     """How followers keep their routes that steer by their estimates, messages every 5 s."""
     for name, condition in product(NAVIGATORS, CONDITIONS):
         case = f"{name} {condition}"
-        runs = found[case]
-        yield f"closed-error {case}", of(mean_over_missions([*per_route(runs, "e_p_mean_m")]), "mean E_P, 95 %", "m")
-        off = per_route(runs, "track_error_rms_m")
+        routes = found[case]
+        error = mean_over_missions([*routes.runs("e_p_mean_m").T])
+        yield f"closed-error {case}", of(error, "mean E_P, 95 %", "m")
+        off = routes.runs("track_error_rms_m")
         yield f"closed-off {case}", plain(float(np.median(off)), "RMS off its place, median of missions", "m")
-        ends = per_route(runs, "track_error_end_m")
+        ends = routes.runs("track_error_end_m")
         yield f"closed-lost {case}", _share(ends > LOST_M, f"that end more than {LOST_M:g} m off their place")
 
 
-def mapped(found: Mapping[str, Runs]) -> Iterator[tuple[str, Finding]]:
+def mapped(found: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
     """Mean errors over range, compass bias and baseline, and where the inverted USBL is better than LAISN-3(2)."""
     better = total = 0
     for reach, bias, baseline in product(RANGES_M, BIASES_DEG, BASELINES_M):
         names = [f"map {name} {reach} {bias:g} {baseline:g}" for name in MAPPED]
-        laisn, usbl = (per_route(found[name], "e_p_mean_m")[:1] for name in names)
+        laisn, usbl = (found[name].runs("e_p_mean_m")[:, :1].T for name in names)
         for name, errors in zip(names, (laisn, usbl), strict=True):
             yield name, of(mean_over_missions([*errors]), "mean E_P, 95 %", "m")
         apart = of(mean_over_missions([*(usbl - laisn)]), "paired difference of mean E_P, 95 %", "m")
@@ -154,12 +147,12 @@ def mapped(found: Mapping[str, Runs]) -> Iterator[tuple[str, Finding]]:
     yield "map-points", plain(total, "points of the map")
 
 
-def shared(found: Mapping[str, Runs]) -> Iterator[tuple[str, Finding]]:
+def shared(found: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
     """Errors of vehicles that interrogate in turn, interpolated over the interval, on logarithmic scales."""
     simulated = sorted({*INTERVALS, *FURTHER})
     for name in SHARING:
         arms = [found[case_name(name, "calm", interval)] for interval in simulated]
-        errors = [float(per_route(runs, "e_p_mean_m").mean()) for runs in arms]
+        errors = [float(routes.runs("e_p_mean_m").mean()) for routes in arms]
         for interval, error in zip(simulated, errors, strict=True):
             yield f"interval {name} {interval:g}", plain(error, "mean E_P over routes", "m")
         for vehicles, reach in product(VEHICLES, REACHES_M):
@@ -172,7 +165,7 @@ def shared(found: Mapping[str, Runs]) -> Iterator[tuple[str, Finding]]:
 
 
 def findings_of_rows(
-    routes: Mapping[str, Runs], closed: Mapping[str, Runs], points: Mapping[str, Runs], step_us: Mapping[str, float]
+    routes: Mapping[str, Cells], closed: Mapping[str, Cells], points: Mapping[str, Cells], step_us: Mapping[str, float]
 ) -> dict[str, Finding]:
     """All findings, from records in open loop, in closed loop and of the map, and times of filter steps [µs]."""
     found = {name: finding for arm, runs in routes.items() for name, finding in of_arm(arm, runs)}
@@ -186,26 +179,19 @@ def findings_of_rows(
         found[f"better-than {ours}"] = plain(int(sum(wins)), "the same of all rivals together")
     found |= {f"step {name}": plain(time, "processor time of a filter step", "µs") for name, time in step_us.items()}
     return found | {
-        "runs": plain(len(next(iter(routes.values()))), "runs of each mission"),
-        "slow-runs": plain(len(routes[case_name(SLOW, "calm", USUAL)]), "of the factor graph"),
-        "closed-runs": plain(len(next(iter(closed.values()))), "in closed loop"),
+        "runs": plain(len(next(iter(routes.values())).runs("run")), "runs of each mission"),
+        "slow-runs": plain(len(routes[case_name(SLOW, "calm", USUAL)].runs("run")), "of the factor graph"),
+        "closed-runs": plain(len(next(iter(closed.values())).runs("run")), "in closed loop"),
     }
 
 
 def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
     """All findings from the outcomes of the study's parts; the times of filter steps are measured here."""
 
-    def on_routes(row: Record) -> str:
-        return case_name(row["arm"], row["case"], row[INTERVAL])
-
-    def steering(row: Record) -> str:
-        return f"{row['arm']} {row['case']}"
-
-    def on_map(row: Record) -> str:
-        return f"map {row['arm']} {row['case']} {row['sensors.heading_bias_deg']:g} {row['leader.baseline_m']:g}"
-
-    routes: dict[str, Runs] = {}
+    cells = {part: one.cells for part, one in outcomes.items()}
+    routes: dict[str, Cells] = {}
     for part in ("routes", "shared", "slow"):
-        routes |= outcomes[part].runs_by(on_routes)
-    closed, points = outcomes["closed"].runs_by(steering), outcomes["map"].runs_by(on_map)
-    return findings_of_rows(routes, closed, points, step_times_us())
+        routes |= cells[part].by("arm", "case", INTERVAL)
+    grid = cells["map"].by("arm", "case", "sensors.heading_bias_deg", "leader.baseline_m")
+    points = {f"map {name}": one for name, one in grid.items()}
+    return findings_of_rows(routes, cells["closed"].by("arm", "case"), points, step_times_us())

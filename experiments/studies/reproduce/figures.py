@@ -5,21 +5,34 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from experiments.campaign.store import Arrays, Record
+from experiments.campaign.store import Arrays, Record, columns_of
+from experiments.findings import Findings
+from experiments.flight.library import fly_line
 from experiments.pages.figures import Line, Panel, Part, decimate, panel
 from experiments.pages.flight_figures import ON_AXIS_DEG, bearing_part
 from experiments.pages.page import Cell, Figures, number, ratio_tone
 from experiments.pages.style import ESTIMATE, FOLLOWER, FRAME, LEADER, SERIES, Colour, Legend
-from experiments.studies.reproduction import settings
-from experiments.studies.reproduction.findings import MARGIN, REPLICATIONS, VERDICT_CONFIDENCE, Claim, Judgement, ratios
-from experiments.studies.reproduction.settings import FIGURES, METRICS, VARIANT_NAMES, Key, Setting
-from laisn.settings import Variant
+from experiments.studies.reproduce import findings
+from experiments.studies.reproduce.findings import METRICS, VARIANTS, Claim, Judgement, Key, ratios
+from experiments.study.run import Outcomes
 from sim.trajectory import Trajectory
 
+FIGURES: tuple[tuple[int, str, str, str], ...] = (
+    (3, "base", "laisn-2", "T2 T5 T6 T7 T8 T9"),
+    (4, "5s", "laisn-2", "T2 T5 T6 T7 T8 T9"),
+    (5, "10s", "laisn-2", "T5 T6"),
+    (6, "10s-slow", "laisn-2", "T2 T3 T4 T5"),
+    (7, "asymmetric", "laisn-2", "T2 T5"),
+    (8, "asymmetric", "laisn-3-2", "T2 T5"),
+    (9, "heading5", "laisn-3-2", "T3 T4"),
+)
+"""The paper's figures of errors over time: number, setting, variant and missions. The text names only some of their
+missions; the others are chosen like those."""
+MOTIONS = {"physics": "rigid bodies in water", "kinematic": "the paper's point motion"}
 FAR = 2.0
 """A row whose mean E_P differs by more than this factor is listed as far off."""
-SLOW_S = 10.0
-"""Message interval at which the paper's settings are not known [s]."""
+SLOW = ("10s", "10s-slow", "10s-beta10", "10s-slow-beta10", "10s-slow-beta300")
+"""Settings with messages every 10 s, of which the paper's β and T are not known."""
 TONES = {"holds": "yes", "does not hold": "no", "depends": "maybe", "undecided": "", "no data": ""}
 _POINTS = 300
 """Of a line over time: there are 96 of them, and a page has at most 6 MB."""
@@ -38,7 +51,7 @@ def agreement(table: Sequence[Record]) -> tuple[Panel, Legend]:
     pairs: dict[str, list[tuple[float, float]]] = {name: [] for name in _GROUPS}
     for row in table:
         if row["published_e_p_mean_m"] is not None:
-            name = names.get(0 if row["dt_range_s"] == SLOW_S else row["stage"], usual)
+            name = names.get(0 if row["setting"] in SLOW else row["stage"], usual)
             pairs[name].append((row["published_e_p_mean_m"], row["ours_e_p_mean_m"]))
     bounds = ((1.0, 1.2, "-"), (2.0, 0.8, "--"), (0.5, 0.8, "--"))
     lines = [Line(x=span, y=f * span, colour=FRAME, width=width, dash=dash) for f, width, dash in bounds]
@@ -74,13 +87,13 @@ def error_panel(steps: Arrays, title: str) -> Panel:
     return Panel(parts=parts, x_label="time [s]", title=title, height=3.6)
 
 
-def error_figures(steps: Mapping[Key, Arrays]) -> list[tuple[dict[str, Any], Figures]]:
-    """The paper's figures, as far as errors over time are kept."""
+def error_figures(steps: Mapping[Key, Arrays]) -> list[tuple[int, str, str, Figures]]:
+    """The paper's figures, as far as errors over time are kept: number, setting, variant and panels."""
     found = []
-    for figure in FIGURES:
-        kept = {m: steps.get((figure["setting"], m, figure["variant"])) for m in figure["missions"]}
-        panels = [error_panel(s, m) for m, s in kept.items() if s is not None]
-        found += [(figure, Figures(panels=panels))] if panels else []
+    for figure, setting, variant, missions in FIGURES:
+        kept = {m: steps.get((setting, m, variant)) for m in missions.split()}
+        panels = [error_panel(s, m) for m, s in kept.items() if s]
+        found += [(figure, setting, variant, Figures(panels=panels))] if panels else []
     return found
 
 
@@ -115,7 +128,7 @@ class Cells(NamedTuple):
         ratio = ours / theirs
         return number(ours, tone=ratio_tone(ratio), title=f"{ours:.4g} / {theirs:g} = {ratio:.2f}")
 
-    def median(self, setting: Setting, variant: Variant, metric: str) -> Cell:
+    def median(self, setting: str, variant: str, metric: str) -> Cell:
         """Median ratio over missions, with the least and the largest of them."""
         found = ratios(self.rows, self.published, setting, variant, metric)
         median = float(np.median(found))
@@ -125,29 +138,70 @@ class Cells(NamedTuple):
     def verdict(judgement: Judgement) -> Cell:
         """The verdict on a claim, coloured."""
         words = "depends on the mission" if judgement.verdict == "depends" else judgement.verdict
-        return Cell(text=words, tone=TONES[judgement.verdict], title=judgement.figures)
+        return Cell(text=words, tone=TONES[judgement.verdict])
+
+
+def table_rows(outcomes: Outcomes, published: Mapping[Key, Mapping[str, float]]) -> list[Record]:
+    """Published and own figures side by side, a row for each cell."""
+    table = []
+    for row in outcomes.rows:
+        entry, theirs = outcomes.plan.by_place[row["point"], row["arm"], 0], published.get(findings.key_of(row), {})
+        line: Record = {"setting": row["case"], "trajectory": row["scenario"], "variant": row["arm"]}
+        for metric in METRICS:
+            line[f"published_{metric}"] = theirs.get(metric)
+            line[f"ours_{metric}"] = row[metric]
+            line[f"ratio_{metric.rsplit('_', 1)[0]}"] = row[metric] / theirs[metric] if metric in theirs else None
+        line |= {name: value for name, value in row.items() if name not in {*METRICS, "case", "scenario", "arm"}}
+        line["fly_worst_run"] = fly_line(entry.source, entry.settings_at(0), row["worst_run"])
+        table.append(line)
+    return table
 
 
 def page_values(
-    chosen: Sequence[Setting], rows: Mapping[Key, Record], published: Mapping[Key, Mapping[str, float]],
+    titles: Mapping[str, str], rows: Mapping[Key, Record], published: Mapping[Key, Mapping[str, float]],
     judgements: Sequence[tuple[Claim, Judgement, Judgement]],
 ) -> dict[str, Any]:  # fmt: skip
-    """What the template names, but for the figures and the kind of motion."""
+    """What the template names of tables and claims; `titles` are those of settings by name."""
     off = {key: rows[key]["e_p_mean_m"] / published[key]["e_p_mean_m"] for key in rows if key in published}
-    slow = {s.name for s in chosen if settings.columns(s)["dt_range_s"] == SLOW_S}
     far = [key for key, ratio in off.items() if not 1 / FAR < ratio < FAR]
+    settings: dict[str, dict[str, Any]] = {}
+    for (name, _, variant), row in rows.items():
+        given = {"name": name, "title": titles[name], "printed": row["table"] not in ("text", "alternative")}
+        one = settings.setdefault(
+            name, given | {key: row[key] for key in ("stage", "table", "like")} | {"variants": {}}
+        )
+        one["variants"][variant] = None
     return {
-        "stages": sorted({setting.stage for setting in chosen}),
-        "settings": {setting.name: setting for setting in chosen},
+        "stages": sorted({row["stage"] for row in rows.values()}),
+        "settings": settings,
         "missions": list(dict.fromkeys(mission for _, mission, _ in rows)),
         "metrics": METRICS,
-        "names": {name: text.replace("-", "\N{NON-BREAKING HYPHEN}") for name, text in VARIANT_NAMES.items()},
+        "names": {name: text.replace("-", "\N{NON-BREAKING HYPHEN}") for name, text in VARIANTS.items()},
         "rows": rows,
         "published": published,
         "judgements": judgements,
-        "far": [key for key in far if key[0] not in slow],
-        "slow": sum(key[0] in slow for key in far),
+        "far": [key for key in far if key[0] not in SLOW],
+        "slow": sum(key[0] in SLOW for key in far),
         "cells": Cells(rows, published),
-        "limits": {"far": FAR, "slow": SLOW_S, "on_axis": ON_AXIS_DEG, "margin": MARGIN,
-                   "confidence": VERDICT_CONFIDENCE, "replications": REPLICATIONS},
+        "limits": {"far": FAR, "on_axis": ON_AXIS_DEG, "margin": findings.MARGIN,
+                   "confidence": findings.VERDICT_CONFIDENCE, "replications": findings.REPLICATIONS},
     }  # fmt: skip
+
+
+def values(_: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
+    """What the page's template names, and the table that is written beside those of the parts."""
+    tables, published = outcomes["tables"], findings.published()
+    plan, rows = tables.plan, findings.rows_of(outcomes)
+    steps = {findings.key_of(row): kept for row, kept in zip(tables.rows, tables.steps, strict=True)}
+    missions = {entry.source: tables.motion(entry) for entry in {e.source: e for e in plan.entries}.values()}
+    table = table_rows(tables, published)
+    figure, legend = agreement(table)
+    titles = {name: case.title for name, case in plan.study.cases.items()}
+    judgements = findings.judge(findings.Figures.of(outcomes), published)
+    return page_values(titles, rows, published, judgements) | {
+        "tables": {"tables": columns_of(table)},
+        "motion": MOTIONS[plan.entries[0].scenario.motion],
+        "errors": error_figures(steps),
+        "routes": routes(missions),
+        "agreement": Figures(panels=[figure], legend=legend),
+    }

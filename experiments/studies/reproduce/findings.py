@@ -1,43 +1,48 @@
 """The record of the reproduction: the paper's claims of `claims.toml`, judged, ratios to its figures, and mirror locks.
 
-Claims are judged on figures of the eight missions: means over replications of the paper's experiment, each with noise
-of its own, which all cells share; and on the published figures, as far as they have them.
+Claims are judged on means over replications of the paper's experiment on the eight missions, whose noise all cells
+share; and on the published figures, as far as they have them.
 """
 
+import csv
 import math
 import operator
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import resources
 from typing import Any, Literal, Self
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import TypeAdapter
 from scipy.special import stdtrit
 
-from experiments.campaign.missions import mission_of, motion_of
-from experiments.campaign.montecarlo import Cell
-from experiments.campaign.plans import steps_of
 from experiments.campaign.store import Arrays, Record
-from experiments.findings import Finding, Findings, of, plain, record
+from experiments.findings import Finding, of, plain
 from experiments.flight.library import ROUTES
 from experiments.intervals import Interval, proportion
-from experiments.studies.reproduction.settings import METRICS, VARIANT_NAMES, Key, Motion, Setting, data
+from experiments.study.run import Choice, Outcomes
 from laisn.arrays import Bools, Floats
 from laisn.geometry import signed_angle
-from laisn.settings import Variant
-from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
 
+METRICS = {
+    "e_p_max_m": "E_P max [m]", "e_b_max_deg": "E_B max [°]", "e_p_mean_m": "E_P mean [m]",
+    "e_b_mean_deg": "E_B mean [°]", "e_p_std_m": "σ E_P [m]", "e_b_std_deg": "σ E_B [°]",
+}  # fmt: skip
+"""The paper's six figures of a row, in its order, and their heads."""
+VARIANTS = {"laisn-2": "LAISN-2", "laisn-3-1": "LAISN-3(1)", "laisn-3-2": "LAISN-3(2)"}
+Key = tuple[str, str, str]
+"""Setting, mission and variant of a row."""
 REPLICATIONS = 20
 RESAMPLES = 2000
 VERDICT_CONFIDENCE = 0.998
 """Of the interval of each criterion; of all 26 together 95 % (Bonferroni)."""
 COMPARED = ("e_p_mean_m", "e_p_max_m", "e_b_max_deg")
-BASE = "base laisn-2"
-"""The cell whose errors over time they take into account."""
+BASE, HEADING = "base laisn-2", "heading5 laisn-2"
+LATERAL, BURST = np.isin(ROUTES, ("T3", "T4")), np.isin(ROUTES, ("T8",))
+"""Missions of followers that stay abeam, and with a burst of speed, as the paper names them; shape (8,)."""
 ASTERN_DEG = 10.0
 """A follower within this angle of dead astern counts as astern."""
 LATERAL_DEG = (45.0, 135.0)
@@ -48,6 +53,29 @@ NEAR_BURST_S = 30.0
 """The largest bearing error within this time of 95 % of the follower's top speed counts as that of the burst [s]."""
 TIMED = ("e_p_abeam_m", "e_p_astern_m", "e_b_peaks_at_burst")
 """Mean E_P [m] abeam and astern, and whether the largest E_B of all runs is that of the burst: 1 or 0."""
+
+
+def _data(name: str) -> str:
+    return (resources.files(__package__) / name).read_text(encoding="utf-8")
+
+
+def published() -> dict[Key, dict[str, float]]:
+    """The published figures of every row."""
+    rows = csv.DictReader(_data("published_tables.csv").splitlines())
+    return {
+        (row["setting"], row["trajectory"], row["variant"]): {metric: float(row[metric]) for metric in METRICS}
+        for row in rows
+    }
+
+
+def key_of(row: Record) -> Key:
+    """Key of a row of the study."""
+    return row["case"], row["scenario"], row["arm"]
+
+
+def rows_of(outcomes: Mapping[str, Outcomes]) -> dict[Key, Record]:
+    """Our row of every cell."""
+    return {key_of(row): row for row in outcomes["tables"].rows}
 
 
 def over_time(steps: Arrays) -> dict[str, float]:
@@ -66,14 +94,6 @@ def mean_distance(flight: Trajectory) -> float:
     """Mean distance of the first follower's hydrophone and the leader [m]."""
     site = flight.site(f"{flight.names[1]}/hydrophone")
     return float(np.hypot(*(flight.site_position[:, site, :2] - flight.position[:, 0, :2]).T).mean())
-
-
-def replicate_over_time(scenario: Scenario, runs: int, replications: int) -> list[Record]:
-    """Of each replication of a mission, `runs` runs each, what `over_time` finds, and the mean distance."""
-    mission = mission_of(motion_of(scenario))
-    distance = {"distance_m": mean_distance(mission.seen(scenario, 0)[0])}
-    numbers = (range(k * runs, (k + 1) * runs) for k in range(replications))
-    return [over_time(steps_of(Cell.of(scenario, runs=some, mission=mission))) | distance for some in numbers]
 
 
 Kind = Literal["ratio", "share", "replications"]
@@ -126,21 +146,27 @@ class Figures:
     exact: bool = False
 
     @classmethod
-    def of(cls, cells: Mapping[Key, Arrays], timed: Sequence[Sequence[Record]], runs: int) -> Self:
-        """Figures of replications of so many runs each.
+    def of(cls, outcomes: Mapping[str, Outcomes]) -> Self:
+        """Figures of all replications, missions in the order of `ROUTES`; NaN for those that were not flown."""
+        found: dict[tuple[str, str], Floats] = {}
 
-        `cells` are arrays over the runs of all replications of each judged cell, missions in the order of `ROUTES`;
-        `timed` are rows of `replicate_over_time` of all missions, or none.
-        """
-        found: dict[tuple[str, str], list[Floats]] = {}
-        for (setting, _, variant), lists in cells.items():
-            for metric in COMPARED:
-                each = lists[metric].reshape(-1, runs)
-                figure = each.max(axis=1) if "_max_" in metric else each.mean(axis=1)
-                found.setdefault((f"{setting} {variant}", metric), []).append(figure)
-        for name in (*TIMED, "distance_m") if timed else ():
-            found[BASE, name] = [np.array([row[name] for row in rows]) for rows in timed]
-        return cls(each={key: np.column_stack(missions) for key, missions in found.items()})
+        def put(cell: str, metric: str, route: str, values: Floats) -> None:
+            table = found.setdefault((cell, metric), np.full((values.size, len(ROUTES)), math.nan))
+            table[:, ROUTES.index(route)] = values
+
+        tables, timed = outcomes["tables"], outcomes["replications"]
+        for labels, lists in tables.runs:
+            cell = f"{labels['case']} {labels['arm']}"
+            for metric in COMPARED if cell in JUDGED else ():
+                each = lists[metric].reshape(-1, tables.plan.study.runs)
+                put(cell, metric, labels["scenario"], each.max(axis=1) if "_max_" in metric else each.mean(axis=1))
+        rows = [(row["scenario"], over_time(steps)) for row, steps in zip(timed.rows, timed.steps, strict=True)]
+        for entry in {entry.motion: entry for entry in timed.plan.entries}.values():
+            here = [row for route, row in rows if route == entry.source][:REPLICATIONS]
+            for name in TIMED:
+                put(BASE, name, entry.source, np.array([row[name] for row in here]))
+            put(BASE, "distance_m", entry.source, np.full(len(here), mean_distance(timed.motion(entry))))
+        return cls(each=found)
 
     @property
     def count(self) -> int:
@@ -180,7 +206,7 @@ class Figures:
         Hinkley 1997, section 2.2).
         """
         value, drawn, count = float(values[0]), values[1:], self.count
-        if self.exact:
+        if self.exact or count == 1:
             return Interval(value, value, value)
         if kind == "replications":
             return proportion(round(value * count), count, VERDICT_CONFIDENCE)
@@ -199,20 +225,13 @@ class Figures:
 
 
 Verdict = Literal["holds", "does not hold", "depends", "undecided", "no data"]
-HEADING = "heading5 laisn-2"
-LATERAL, BURST = np.isin(ROUTES, ("T3", "T4")), np.isin(ROUTES, ("T8",))
-"""Missions of followers that stay abeam, and with a burst of speed, as the paper names them; shape (8,)."""
-
-Evaluated = tuple[Sequence[Judged], str]
-"""The criteria of a claim on some figures, and the numbers behind them."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Judgement:
-    """The verdict on a claim, and the numbers behind it."""
+    """The verdict on a claim, and its criteria."""
 
     verdict: Verdict
-    figures: str
     criteria: Sequence[Judged] = ()
 
 
@@ -221,12 +240,6 @@ def verdict_of(outcomes: Sequence[Outcome]) -> Verdict:
     if "met" in outcomes and "not met" in outcomes:
         return "depends"
     return "undecided" if "undecided" in outcomes else "holds" if "met" in outcomes else "does not hold"
-
-
-def _spread(ratio: Floats, names: Sequence[str] | npt.NDArray[np.str_]) -> str:
-    """Median and range of a ratio over missions, with the missions at both ends."""
-    low, high = int(np.argmin(ratio)), int(np.argmax(ratio))
-    return f"median {np.median(ratio):.2f}, from {ratio[low]:.2f} ({names[low]}) to {ratio[high]:.2f} ({names[high]})"
 
 
 def _statistic(name: str, ratio: Floats) -> Floats:
@@ -242,27 +255,22 @@ def _median_over_others(values: Floats, at: Bools) -> Floats:
     return _statistic("median", values[:, at]) / _statistic("median", values[:, ~at])
 
 
-def _of_ratios(claim: "Claim", figures: Figures) -> Evaluated:
-    ratios, texts = [], []
+def _of_ratios(claim: "Claim", figures: Figures) -> list[Judged]:
+    ratios = []
     for given in claim.ratios:
-        metric, chosen, cells = given.get("metric", "e_p_mean_m"), given.get("missions", ROUTES), given["of"]
-        at = np.isin(ROUTES, chosen)
+        at, metric = np.isin(ROUTES, given.get("missions", ROUTES)), given.get("metric", "e_p_mean_m")
         above, below = (
             np.concatenate([figures.means(cell, metric)[:, at] for cell in given[side]], axis=-1)
             for side in ("of", "over")
         )
         ratios.append(above / below)
-        variants = [f" {VARIANT_NAMES[cell.split()[1]]}" if len(cells) > 1 else "" for cell in cells]
-        names = [f"{mission}{variant}" for variant in variants for mission in chosen]
-        texts.append(f"{given['name']}: {_spread(ratios[-1][0], names)}")
-    criteria = []
-    for what, i, name, relation, bound in claim.criteria:
-        kind: Kind = "share" if name.startswith("share") else "ratio"
-        criteria.append(figures.judge(what, _statistic(name, ratios[i]), relation, bound, kind))
-    return criteria, "; ".join(texts)
+    return [
+        figures.judge(what, _statistic(name, ratios[i]), relation, bound, "share" if "share" in name else "ratio")
+        for what, i, name, relation, bound in claim.criteria
+    ]
 
 
-def _lateral(figures: Figures) -> Evaluated:
+def _lateral(figures: Figures) -> list[Judged]:
     error, largest = figures.means(BASE, "e_p_max_m"), figures.each[BASE, "e_p_max_m"]
     below = largest[:, LATERAL].max(axis=1) < largest[:, ~LATERAL].min(axis=1)
     what = "share of replications with E_P max abeam below each other"
@@ -272,15 +280,12 @@ def _lateral(figures: Figures) -> Evaluated:
     ]
     abeam, astern = (figures.known(BASE, f"e_p_{where}_m") for where in ("abeam", "astern"))
     both = np.isfinite(abeam + astern).all(axis=0)
-    if not both.any():
-        return criteria, f"E_P max [m]: {_spread(error[0], ROUTES)}"
-    ratio = (astern / abeam)[:, both]
-    better = np.mean(ratio > 1.0, axis=1)
-    criteria.append(figures.judge("share of missions better abeam than astern", better, ">", 0.5, "share"))
-    return criteria, f"mean E_P astern over abeam within a mission: {_spread(ratio[0], np.array(ROUTES)[both])}"
+    better = np.mean((astern / abeam)[:, both] > 1.0, axis=1) if both.any() else None
+    what = "share of missions better abeam than astern"
+    return criteria if better is None else [*criteria, figures.judge(what, better, ">", 0.5, "share")]
 
 
-def _heading(figures: Figures) -> Evaluated:
+def _heading(figures: Figures) -> list[Judged]:
     error, distance = figures.means(HEADING), figures.means(BASE, "distance_m")
     growth = error / figures.means(BASE)
     grown, elsewhere = (_statistic("median", growth[:, at]) for at in (LATERAL, ~LATERAL))
@@ -293,13 +298,10 @@ def _heading(figures: Figures) -> Evaluated:
     return [
         figures.judge("growth abeam, over that elsewhere and over 5", least, ">", 1.0),
         figures.judge("variance that the line explains", fit, "≥", 0.8, "share"),
-    ], (
-        f"E_P grows {grown[0]:.1f} times abeam, {elsewhere[0]:.1f} times on the others (medians); "
-        f"E_P = {slope[0]:.3f} × mean distance ({np.rad2deg(slope[0]):.1f}°)"
-    )
+    ]
 
 
-def _burst(figures: Figures) -> Evaluated:
+def _burst(figures: Figures) -> list[Judged]:
     error, largest = figures.means(BASE, "e_b_max_deg"), figures.each[BASE, "e_b_max_deg"]
     most = largest[:, BURST].max(axis=1) > largest[:, ~BURST].max(axis=1)
     shares = {"with the largest E_B in a burst": np.mean(most, keepdims=True)}
@@ -310,7 +312,7 @@ def _burst(figures: Figures) -> Evaluated:
     return [
         figures.judge(what, over, ">", 1.0),
         *(figures.judge(f"share of replications {w}", v, ">", 0.5, "replications") for w, v in shares.items()),
-    ], f"largest E_B [°]: {_spread(error[0], ROUTES)}"
+    ]
 
 
 _TESTS = {"lateral": _lateral, "heading": _heading, "burst": _burst}
@@ -331,14 +333,13 @@ class Claim:
     def judge(self, figures: Figures) -> Judgement:
         """The verdict on figures of the missions."""
         try:
-            criteria, text = _TESTS[self.test](figures) if self.test else _of_ratios(self, figures)
+            criteria = _TESTS[self.test](figures) if self.test else _of_ratios(self, figures)
         except NoDataError:
-            missing = "the rows that this test needs were not run, or are not in the tables"
-            return Judgement(verdict="no data", figures=missing)
-        return Judgement(verdict=verdict_of([one.outcome for one in criteria]), figures=text, criteria=criteria)
+            return Judgement(verdict="no data")
+        return Judgement(verdict=verdict_of([one.outcome for one in criteria]), criteria=criteria)
 
 
-CLAIMS = TypeAdapter(tuple[Claim, ...]).validate_python(tomllib.loads(data("claims.toml"))["claim"])
+CLAIMS = TypeAdapter(tuple[Claim, ...]).validate_python(tomllib.loads(_data("claims.toml"))["claim"])
 _COMPARED = (cell for claim in CLAIMS for ratio in claim.ratios for side in ("of", "over") for cell in ratio[side])
 JUDGED = frozenset([BASE, HEADING, *_COMPARED])
 
@@ -355,7 +356,6 @@ def judge(ours: Figures, published: Mapping[Key, Mapping[str, float]]) -> list[t
     return [(claim, claim.judge(ours), claim.judge(theirs)) for claim in CLAIMS]
 
 
-MODULES = ("experiments.studies.reproduction.findings",)
 VERDICTS: tuple[Verdict, ...] = ("holds", "depends", "does not hold", "undecided", "no data")
 
 
@@ -366,42 +366,39 @@ def listed(numbers: Sequence[int]) -> str:
 
 
 def ratios(
-    rows: Mapping[Key, Record], published: Mapping[Key, Mapping[str, float]], setting: Setting, variant: Variant,
-    metric: str,
-) -> Floats:  # fmt: skip
+    rows: Mapping[Key, Record], published: Mapping[Key, Mapping[str, float]], setting: str, variant: str, metric: str
+) -> Floats:
     """Our figure over the published one on each mission that has both; an alternative is held against its like."""
-    printed = setting.like or setting.name
-    mine = {(printed, m, v): row for (s, m, v), row in rows.items() if (s, v) == (setting.name, variant)}
+    mine = {(row["like"] or s, m, v): row for (s, m, v), row in rows.items() if (s, v) == (setting, variant)}
     return np.array([row[metric] / published[key][metric] for key, row in mine.items() if key in published])
 
 
 def _of_cells(
-    setting: Setting, variant: Variant, rows: Mapping[Key, Record], published: Mapping[Key, Mapping[str, float]]
+    setting: str, variant: str, rows: Mapping[Key, Record], published: Mapping[Key, Mapping[str, float]]
 ) -> dict[str, Finding]:
-    found, name = {}, f"{setting.name} {variant}"
-    mine = {mission: row for (s, mission, v), row in rows.items() if (s, v) == (setting.name, variant)}
+    found, name = {}, f"{setting} {variant}"
+    mine = {mission: row for (s, mission, v), row in rows.items() if (s, v) == (setting, variant)}
     to_theirs = ratios(rows, published, setting, variant, "e_p_mean_m")
     if to_theirs.size:
         value, low, high = (round(float(f(to_theirs)), 4) for f in (np.median, np.min, np.max))
         what = "mean E_P, ours over the paper's: median, least and largest of the missions"
         found[f"ratio {name}"] = Finding(value=value, low=low, high=high, what=what)
-    mirror_locked, flown = (sum(int(row[c]) for row in mine.values()) for c in ("mirror_locked_runs", "runs"))
-    found[f"mirror-locked {name}"] = of(
-        proportion(mirror_locked, flown), "probability of a mirror lock over all missions, 95 %"
-    )
-    for mission, row in mine.items() if setting.like else ():
-        theirs = published[setting.like, mission, variant]["e_p_mean_m"]
-        found[f"error {name} {mission}"] = plain(row["e_p_mean_m"], "mean E_P", "m")
-        found[f"printed {name} {mission}"] = plain(theirs, "mean E_P that the paper prints", "m")
-        found[f"apart {name} {mission}"] = plain(abs(row["e_p_mean_m"] - theirs), "the difference of the two", "m")
+    locked = proportion(*(sum(int(row[c]) for row in mine.values()) for c in ("mirror_locked_runs", "runs")))
+    found[f"mirror-locked {name}"] = of(locked, "probability of a mirror lock over all missions, 95 %")
+    for mission, row in mine.items():
+        if row["like"]:
+            ours, theirs = row["e_p_mean_m"], published[row["like"], mission, variant]["e_p_mean_m"]
+            found[f"error {name} {mission}"] = plain(ours, "mean E_P", "m")
+            found[f"printed {name} {mission}"] = plain(theirs, "mean E_P that the paper prints", "m")
+            found[f"apart {name} {mission}"] = plain(abs(ours - theirs), "the difference of the two", "m")
     return found
 
 
-def findings_of(
-    settings: Sequence[Setting], rows: Mapping[Key, Record], published: Mapping[Key, Mapping[str, float]],
-    judgements: Sequence[tuple[Claim, Judgement, Judgement]], motion: Motion,
-) -> Findings:  # fmt: skip
-    """The record of a reproduction: all that documents may quote."""
+def findings_of_rows(
+    rows: Mapping[Key, Record], published: Mapping[Key, Mapping[str, float]],
+    judgements: Sequence[tuple[Claim, Judgement, Judgement]],
+) -> dict[str, Finding]:  # fmt: skip
+    """All findings, from rows and verdicts."""
     runs = next(iter(rows.values()))["runs"]
     found = {"cells": plain(len(rows), "cells flown"), "runs": plain(runs, "runs of each cell")}
     for i, whose in ((1, "our"), (2, "the paper's")):
@@ -414,7 +411,23 @@ def findings_of(
         for number, one in enumerate(ours.criteria, start=1):
             what = f"{one.what}, {one.relation} {one.bound:g}: {one.outcome}; {VERDICT_CONFIDENCE:.1%}"
             found[f"criterion {claim.number}.{number}"] = of(one.interval, what)
-    for setting in settings:
-        for variant in setting.variants:
-            found |= _of_cells(setting, variant, rows, published)
-    return record(f"reproduce-{motion}", f"laisn reproduce --motion {motion}", MODULES, found)
+    for setting, variant in dict.fromkeys((setting, variant) for setting, _, variant in rows):
+        found |= _of_cells(setting, variant, rows, published)
+    return found
+
+
+def further_runs(outcomes: Mapping[str, Outcomes]) -> dict[str, Choice]:
+    """The runs of all replications of the cells that claims compare."""
+    runs = REPLICATIONS * outcomes["tables"].plan.study.runs
+    wanted = {
+        (labels["point"], labels["arm"], labels["realization"]): runs
+        for labels, lists in outcomes["tables"].runs
+        if f"{labels['case']} {labels['arm']}" in JUDGED and len(lists["run"]) < runs
+    }
+    return {"tables": wanted} if wanted else {}
+
+
+def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
+    """Findings of both parts of the study."""
+    theirs = published()
+    return findings_of_rows(rows_of(outcomes), theirs, judge(Figures.of(outcomes), theirs))

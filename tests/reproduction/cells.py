@@ -1,0 +1,55 @@
+"""Settings of the reproduction and their scenarios, as its study file has them."""
+
+from functools import reduce
+from typing import Any, NamedTuple
+
+from experiments.study.file import built_in, study_of
+from experiments.study.plan import Entry, plan_of
+
+FILES = built_in("reproduce")
+STUDY = study_of(str(FILES["tables"]), {})
+COLUMNS = {
+    "dt_s": "timing.filter_step_s", "dt_range_s": "timing.message_interval_s", "leader_length_m": "leader.baseline_m",
+    "h_t_m": "leader.middle_offset_m", "tau_rear_m": "acoustics.range_tau_m.0",
+    "tau_other_m": "acoustics.range_tau_m.1", "mu_range_m": "acoustics.range_scale_mean_m",
+    "sigma_range_m": "acoustics.range_scale_sigma_m", "range_error_centred": "acoustics.range_error_centred",
+    "mu_heading_leader_deg": "sensors.leader_heading_bias_deg", "beta_m2": "navigation.beta_m2",
+    "threshold_m": "navigation.threshold_m", "gate": "navigation.gate",
+}  # fmt: skip
+"""Columns of the published tables, and the keys of a scenario that they hold."""
+
+
+class Setting(NamedTuple):
+    name: str
+    title: str
+    stage: int
+    table: str
+    like: str
+    variants: tuple[str, ...]
+
+    @property
+    def printed(self) -> bool:
+        return self.table not in ("text", "alternative")
+
+
+SETTINGS = [Setting(name, case.title, variants=tuple(case.arms), **case.labels)  # type: ignore[arg-type]
+            for name, case in STUDY.cases.items()]  # fmt: skip
+
+
+def entries(**keys: Any) -> dict[tuple[str, str, str], Entry]:
+    """Entries of the tables by setting, mission and variant."""
+    plan = plan_of(study_of(str(FILES["tables"]), {"runs": 1, **keys}))
+    return {(plan.points[one.point]["case"], one.source, one.arm): one for one in plan.entries}
+
+
+ENTRIES = entries()
+
+
+def columns(setting: str) -> dict[str, Any]:
+    """The setting as columns named as in the published tables."""
+    made: Any = ENTRIES[setting, "T5", "laisn-3-2"].scenario.model_dump()
+
+    def inner(part: Any, name: str) -> Any:
+        return part[int(name) if name.isdigit() else name]
+
+    return {name: reduce(inner, key.split("."), made) for name, key in COLUMNS.items()}
