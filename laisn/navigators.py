@@ -233,7 +233,12 @@ class OnlineNavigator(ABC, Generic[Result]):
     def step(
         self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
     ) -> Sequence[FixRecord]:
-        """Advance by one filter step, of another duration than the settings' Δt if given [s]; the fixes of its message.
+        """Advance by one filter step; the fixes of its message, if there was one.
+
+        Args:
+            own: measured in the step; of a missing depth (NaN) the last one is used.
+            reception: message and ranges, if one arrived in the step; NaN for a missing range.
+            duration: time that this step took, if it is another one than the settings' Δt [s].
 
         Raises:
             LaisnError: a reading is not finite or out of its range, or a duration not positive.

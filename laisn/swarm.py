@@ -55,10 +55,18 @@ class Swarm(Protocol):
     def navigate(
         self, step: int, readings: Records, received: Bools, messages: Records, ranges: Floats, estimates: Records
     ) -> int:
-        """Advance by one filter step, from 1, with records of READING, whether a message is in, records of MESSAGE and
-        ranges, shape (f, 3), [m] (NaN where nothing was received). Records of ESTIMATE, shape (f,), are written.
+        """Advance by one filter step.
 
-        Returns the number, from 1, of the follower whose covariance is not positive definite any more, or 0.
+        Args:
+            step: from 1.
+            readings: records of READING, shape (f,).
+            received: whether a message is in, shape (f,).
+            messages: records of MESSAGE, shape (f,).
+            ranges: shape (f, 3), [m]; NaN where nothing was received.
+            estimates: out: records of ESTIMATE, shape (f,).
+
+        Returns:
+            Number, from 1, of the follower whose covariance is not positive definite any more; 0 if there is none.
         """
 
 

@@ -56,8 +56,13 @@ def noise_of(scenario: Scenario, follower: int = 0) -> TrueNoise:
 def geometry_of(
     trajectory: Trajectory, scenario: Scenario, follower: int = 0, received: Bools | None = None
 ) -> Geometry:
-    """The true geometry of a mission as one follower's sensors meet it; `received`: of which of the m messages each
-    ping arrived, shape (m, 3); None: all did.
+    """The true geometry of a mission as one follower's sensors meet it.
+
+    Args:
+        trajectory: of the mission.
+        scenario: of the mission.
+        follower: its index, 0 for the first.
+        received: of which of the m messages each ping arrived, shape (m, 3); None: all did.
     """
     dt = scenario.timing.filter_step_s
     stride = round(dt / CONTROL_STEP_S)

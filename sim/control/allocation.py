@@ -64,8 +64,11 @@ def at_speed(slow: Floats, fast: Floats, speed: float, out: Floats) -> None:
 def allocate(inverse: Floats, limits: Floats, wrench: Floats, command: Floats) -> None:
     """Forces of effectors that give a wrench, or of it what limits allow.
 
-    `inverse` is of `at_speed`, shape (M, 6), `limits` are lowest and highest forces, shape (M, 2), [N], and `wrench` is
-    wanted, shape (6,), [N], [N m]; out: what is given of it, and the forces, `command`, shape (m,), m ≤ M, [N].
+    Args:
+        inverse: of `at_speed`, zero in rows beyond the vehicle's effectors, shape (M, 6).
+        limits: lowest and highest force, shape (M, 2), [N].
+        wrench: wanted; out: what the forces give of it, shape (6,), [N] and [N m].
+        command: out: forces, shape (m,), m ≤ M, [N].
     """
     m = command.size
     within = True

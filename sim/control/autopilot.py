@@ -272,10 +272,15 @@ def control(
     memory: Record,
     command: Floats,
 ) -> None:
-    """Write the commands of one vehicle's effectors, in the units of their states, to `command`, shape (m,).
+    """Commands of one vehicle's effectors.
 
-    `wanted` are heading [rad], its rate [rad/s] and speed through the water [m/s], as of `steer`; of the reference,
-    accelerations, depth and sinking are read; `dt` is the time since the last call [s].
+    Args:
+        wanted: heading [rad], its rate [rad/s], speed through the water [m/s], as of `steer`.
+        reference: accelerations, depth and sinking are read.
+        motion: how the vehicle moves.
+        dt: since the last call [s].
+        memory: brought forward.
+        command: out: in the units of the effectors' states, shape (m,).
     """
     heading_wanted, turn_wanted, speed_wanted = wanted
     surge, sway, heading, pitch = motion.surge, motion.sway, motion.heading, motion.pitch

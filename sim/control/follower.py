@@ -163,10 +163,13 @@ def extend_trail(
     clock: tuple[float, float],
     memory: Record,
 ) -> None:
-    """Take a message with at least one range: the trail grows, and the frame is turned along it anew.
+    """Take a message with at least one range: the trail grows, and the frame is turned along it.
 
-    `message` is a record of `laisn.swarm.MESSAGE`, `clock` the time, no earlier than that of the message, and step of
-    the frame [s].
+    Since the last message the frame was turned along the extrapolated trail; now the way there is known.
+
+    Args:
+        message: of `laisn.swarm.MESSAGE`.
+        clock: time, no earlier than that of the message, and step of the frame [s].
     """
     now, dt = clock
     time, before, received = message.timestamp, memory.last_received, memory.received_points
@@ -255,9 +258,11 @@ def keep_station(
 ) -> Steering:
     """Heading, speed and depth that bring a follower to its station, and its measured motion.
 
-    `senses` are records of `laisn.swarm.READING` and `ESTIMATE`, `known` the leader's trail and how many points it has,
-    at least one, `clock` the time and that since the last call [s]; `reference`, of REFERENCE, is written but for the
-    place.
+    Args:
+        senses: records of `laisn.swarm.READING` and `laisn.swarm.ESTIMATE`.
+        known: the leader's trail as received, records of TRAIL, and how many points it has, at least one.
+        clock: time, and time since the last call [s].
+        reference: out: of the autopilot, record of REFERENCE; the place is not written.
     """
     (reading, estimate), (now, dt) = senses, clock
     starts = memory.log != memory.log

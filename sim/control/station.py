@@ -252,8 +252,9 @@ def extend_as_planned(
 ) -> None:
     """Add where the leader is by the plan to its trail, if the last message had the plan for now.
 
-    `received` are the time of that message [s] and how many points the trail had with it, `clock` control step and its
-    length [s].
+    Args:
+        received: time of the last message [s], and how many points the trail had with it; the others are planned ones.
+        clock: control step, and its length [s].
     """
     (k, dt), (last, points) = clock, received
     if k * dt > plan.until[round(last / dt)]:
@@ -273,8 +274,11 @@ def extend_as_planned(
 def correct_planned(trail: Records, count: Ints, received: int, message: tuple[float, float, float]) -> None:
     """Move planned points of a trail to where the leader was by the message after them; later ones are dropped.
 
-    Its distance from the plan is taken to have grown evenly since the message before, after which the trail had
-    `received` points. `message` has east, north [m] and time [s].
+    Its distance from the plan is taken to have grown evenly since the message before.
+
+    Args:
+        received: how many points it had after the last message, at least one.
+        message: east, north [m] and time [s].
     """
     total, (east, north, time) = count[0], message
     count[0] = received

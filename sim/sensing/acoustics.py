@@ -221,11 +221,16 @@ def _follow_ping(
 
 @elementwise
 def follow(s: Sound, known: Motion, sites: tuple[Floats, Floats], vehicle: int, sent: Any, arrivals: Records) -> Any:
-    """Follow all pings of a message, or of m, to a vehicle by its index, as far as the motion is known.
+    """Follow all pings of a message to a vehicle, as far as the motion is known; or those of many messages.
 
-    `sites` are offsets of the transmitters, shape (3, 3), and of the hydrophone, shape (3,), [m]; `sent` is when a
-    message is sent [s]; `arrivals`, out, are of ARRIVAL, shape (3 transmitters, 3 paths, …). Gives when the last ping
-    that is waited for is in [s], which is right as soon as that is known.
+    Args:
+        sites: offsets of the transmitters, shape (3, 3), and of the hydrophone, shape (3,), [m].
+        vehicle: index of the receiver's.
+        sent: when the message is sent [s]; shape () or (m,).
+        arrivals: out: of ARRIVAL, shape (3 transmitters, 3 paths) or (3, 3, m).
+
+    Returns:
+        When the last ping that is waited for is in [s]; right as soon as that is not later than what is known.
     """
     transmitters, hydrophone = sites
     complete = sent

@@ -321,8 +321,13 @@ def _along(true: Any, path: Any) -> Any:
 def read_ranges(e: Any, transmitters: int, sent: Address, received: Address, true: Any) -> Any:
     """Ranges of messages that are not lost, to the rear, front and middle transmitter [m].
 
-    `sent` and `received` are addresses of the noise at the filter steps at which a message is sent and received, `true`
-    ranges by each path from each transmitter, shape (3 transmitters, 3 paths, …), [m]; NaN where nothing is received.
+    Args:
+        e: record or tuple of `sim.sensing.sensors`.
+        transmitters: how many of the leader's the follower uses.
+        sent: address of the noise at the filter step at which a message is sent.
+        received: at the one at which it is received.
+        true: range by each path from each transmitter, shape (3 transmitters, 3 paths, …), [m]; NaN where nothing
+            is received.
     """
     paths = 0, 0, 0
     if e.surface_echo_probability + e.bottom_echo_probability > 0.0:

@@ -215,11 +215,18 @@ def fin_force(record: Any, density: float, deflection: float, local: Vector) -> 
 
 @compiled
 def loads(records: Any, state: Floats, density: float, v: Vector, w: Vector) -> tuple[Vector, Vector, Vector, Vector]:
-    """Forces of all effectors and fixed fins of a vehicle, records of EFFECTOR, those with a state first.
+    """Forces of all effectors and fixed fins of a vehicle.
 
-    `state` has shape (m,), the density is in [kg/m³], `v` and `w` are velocity and rate of turn relative to the water,
-    in the body. Gives force [N] and moment about the origin [N m], in the body, of thrusters whose state is the thrust,
-    and of all others, which fade where the hull leaves the water.
+    Args:
+        records: of EFFECTOR, first those with a state, shape (m + q,).
+        state: of the effectors, shape (m,).
+        density: of the water [kg/m³].
+        v: velocity relative to the water, in the body [m/s].
+        w: rate of turn relative to the water [rad/s].
+
+    Returns:
+        Force [N] and moment about the origin [N m], in the body, of thrusters whose state is the thrust; likewise of
+        all others, which fade where the hull leaves the water.
     """
     thrust, torque = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)

@@ -116,10 +116,17 @@ def helmbold_slope(aspect: float) -> float:
 def from_dimensions(
     length: float, diameter: float, mass: float, fins: Literal["x", "+"] = "+", propeller: float | None = None
 ) -> HullFile:
-    """A neutral torpedo with four tail fins that move, two upright and two level or all at 45°, and one propeller.
+    """A neutral torpedo with four moving tail fins and one propeller.
 
-    Length, largest diameter and the propeller's, by default 0.7 of that, are in [m], the mass, with all that floods, in
-    [kg]. LaisnError if the dimensions are not those of a slender neutral hull.
+    Args:
+        length: of the hull [m].
+        diameter: largest [m].
+        mass: with all that floods [kg].
+        fins: two upright and two level ones, or four at 45°.
+        propeller: diameter [m]; None: 0.7 of the hull's.
+
+    Raises:
+        LaisnError: the dimensions are not those of a slender neutral hull.
     """
     if length < 3.0 * diameter:
         raise LaisnError(

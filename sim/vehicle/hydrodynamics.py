@@ -152,13 +152,16 @@ def convergence(gradient: Matrix, axis: Vector, momentum: Vector, angular: Vecto
     """Force and moment on added mass in water that moves differently from place to place (Taylor 1928).
 
     The energy of the disturbed water, ½ (v − u)·M_A (v − u), changes with the place of the hull, since u does:
-    Lagrange's equations give −(∇u)ᵀ p, p = M_A (v − u). With the rate of u along the hull's path this makes M_A (Du/Dt
-    + (u − v) × curl u) of a sphere's added mass (Auton, Hunt and Prud'homme 1988). Along a slender hull, strips at x
-    have the relative velocity −x (∇u) e besides, with its own Munk moment, and an own momentum, subject to the force
-    above.
+    Lagrange's equations give −(∇u)ᵀ p, p = M_A (v − u). With the rate of u along the hull's path this makes
+    M_A (Du/Dt + (u − v) × curl u) of a sphere's added mass (Auton, Hunt and Prud'homme 1988). Along a slender hull,
+    strips at x have the relative velocity −x (∇u) e besides, with its own Munk moment, and an own momentum, subject to
+    the force above.
 
-    All is in one frame: `gradient` ∇u, rows u, columns x [1/s]; `axis` e, a unit vector along the hull; `momentum` p
-    [kg m/s]; `angular`, its moment about the origin [kg m²/s].
+    Args:
+        gradient: of the water's velocity, rows u, columns x, [1/s]; all in one frame.
+        axis: e, unit vector along the hull.
+        momentum: p, of added mass relative to the water [kg m/s].
+        angular: its moment about the origin [kg m²/s].
     """
     to_momentum = transposed(gradient)
     first = cross(angular, axis)  # ∫ x dp along the hull
@@ -195,10 +198,15 @@ def wrench(
 ) -> tuple[Vector, Vector, float]:
     """All that the water does to one vehicle, but for added mass times acceleration.
 
-    Takes position [m] and quaternion, seven numbers; velocity of the origin in the world [m/s] and angular velocity in
-    the body [rad/s], six; effectors and fixed fins, records of `sim.vehicle.effectors.EFFECTOR`, shape (m + q,), and
-    the states of the former, shape (m,). Gives the force in the world [N], the moment about the origin in the body [N
-    m], and the share of the hull that is immersed; all forces fade with it, but those of thrusters.
+    Args:
+        pose: position [m] and quaternion, seven numbers.
+        twist: velocity of the origin in the world [m/s], angular velocity in the body [rad/s], six numbers.
+        fitted: effectors and fixed fins of the vehicle, records of `sim.vehicle.effectors.EFFECTOR`, shape (m + q,).
+        state: of the effectors, shape (m,).
+
+    Returns:
+        force in the world [N], moment about the origin in the body [N m], share of the hull that is immersed. All
+        forces fade with that share, but those of thrusters.
     """
     to_world = rotation(pose[3:7])
     to_body = transposed(to_world)
