@@ -176,7 +176,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> tuple[Findings, str]:
     """Record and page of a study that was not flown."""
     folder = tmp_path_factory.mktemp("estimators")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(studies, "fly_studies", lambda plans, folder: [made(plan) for plan in plans])
+        patch.setattr(studies, "fly_until_narrow", lambda plans, folder: [made(plan) for plan in plans])
         report = run_built_in("estimators", folder, quick=True)
     return read(folder / "results.json"), report.read_text(encoding="utf-8")
 

@@ -67,7 +67,7 @@ def flown(monkeypatch: pytest.MonkeyPatch, findings: Findings) -> list[Any]:
         row = {"point": 0, "arm": "calm", "realization": 0, "follower": "f"}
         return [Outcomes(plan=plans[0], rows=[row], runs=[(row, {"run": [0]})], steps=[], store=None)]
 
-    monkeypatch.setattr(studies, "fly_studies", fly)
+    monkeypatch.setattr(studies, "fly_until_narrow", fly)
     monkeypatch.setattr("experiments.studies.formation.findings.findings_of", lambda _: findings.findings)
     return calls
 

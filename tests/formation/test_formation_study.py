@@ -155,7 +155,7 @@ def test_runs_are_numbered_from_zero_and_some_conditions_fly_every_other_one(
                 outcomes.runs.append((labels, {"run": runs}))
         return [outcomes]
 
-    monkeypatch.setattr(studies, "fly_studies", fly)
+    monkeypatch.setattr(studies, "fly_until_narrow", fly)
     studies.run_built_in("formation", tmp_path, {"runs": 6})
     (plan,) = plans
     numbers = {entry.arm: list(plan.runs_of(entry)) for entry in plan.entries}
