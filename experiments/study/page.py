@@ -93,7 +93,7 @@ def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], f
     half, effects = _MOST_ROWS // 2, main_effects(plan, results, report.metric)
     listed = list(results.rows) if len(results.rows) <= _MOST_ROWS else known[:half] + known[-half:]
     across = layout.against if layout.against in factors else "".join(factors[:1])
-    factorial = study.file.design == "factorial"
+    factorial, asked = study.file.design == "factorial", any((report.against, report.lines, report.panels))
     calm = all(entry.scenario.ocean.waves.kind == "none" for entry in plan.entries)
     values = {
         "plan": plan, "study": study, "results": results, "failures": failures, "charts": charts, "layout": layout,
@@ -107,6 +107,7 @@ def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], f
         "extremes": [(place, shown(found[place], metric.unit)) for place in known[:1] + known[1:][-1:]],
         "verdicts": {a: Counter(text for p, text in said.items() if p[1] == a) for a in plan.arms[1:]},
         "question": Text(text=study.file.question.strip()), "factorial": factorial,
+        "has_lines": factorial and (asked or len(factors) < 2),
         "map_axes": [across, *(f for f in factors if f != across)][:2] if factorial and len(factors) > 1 else [],
         "idle": [draw.key for draw in study.draws if calm and draw.key.startswith("ocean.waves.")],
         "runs": study.runs * sum(len(entry.scenario.followers) for entry in plan.entries),

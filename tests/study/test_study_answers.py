@@ -227,15 +227,11 @@ def test_three_factors_are_answered_by_their_shares_of_the_variance_and_many_pla
     ]  # fmt: skip
     lists = [(row, {"run": [0], "e_p_mean_m": [row["e_p_mean_m"]]}) for row in rows]
     page = page_of(plan, Results.of(rows, lists), {})
-    shares, lines, maps, answer = page.sections[0].blocks[1:5]
+    shares, maps, answer = page.sections[0].blocks[1:4]
     assert isinstance(shares, Figures)
-    assert isinstance(lines, Figures)
     assert isinstance(maps, Figures)
     (marks,) = shares.panels[0].parts[0].lines
     assert marks.x == pytest.approx([1 / 1.01, 0.01 / 1.01, 0.0, 0.0], abs=1e-6)
-    # a line for each depth of the leader, a panel for each current
-    assert [len(panel.parts[0].lines) for panel in lines.panels] == [8] * 5
-    assert len({panel.parts[0].y_limits for panel in lines.panels}) == 1
     assert len({(trace["zmin"], trace["zmax"]) for panel in maps.panels for trace in panel.parts[0].traces}) == 1
     assert isinstance(answer, Table)
     assert len(answer.rows) == 60
