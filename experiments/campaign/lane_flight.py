@@ -181,27 +181,28 @@ class Noise(NamedTuple):
 
 
 @inlined
-def _lane_words(noise: Noise, stream: int, step: int, lane: int) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
-    seed, first_run, follower = noise.address
-    number = np.uint64(stream) + (np.uint64(0) if stream >= LEADER_STREAMS else np.uint64(STREAMS) * follower)
-    return words(seed, first_run + np.uint64(lane), number, np.uint64(step))
+def _number(stream: int, follower: np.uint64) -> np.uint64:
+    """Number of a stream, outside of loops over lanes."""
+    return np.uint64(stream) + (np.uint64(0) if stream >= LEADER_STREAMS else np.uint64(STREAMS) * follower)
 
 
 @compiled_lanes
 def _draw_uniforms(noise: Noise, stream: int, step: int) -> None:
     """Three uniforms in (0, 1) for each lane."""
-    draws = noise.draws
+    draws, (seed, first_run, follower) = noise.draws, noise.address
+    number = _number(stream, follower)
     for lane in range(LANES):
-        w0, w1, w2, _ = _lane_words(noise, stream, step, lane)
+        w0, w1, w2, _ = words(seed, first_run + np.uint64(lane), number, np.uint64(step))
         draws[_FIRST + lane], draws[_SECOND + lane], draws[_THIRD + lane] = uniform(w0), uniform(w1), uniform(w2)
 
 
 @compiled_lanes
 def _draw_normals(noise: Noise, stream: int, step: int) -> None:
     """Two normals for each lane."""
-    draws = noise.draws
+    draws, (seed, first_run, follower) = noise.draws, noise.address
+    number = _number(stream, follower)
     for lane in range(LANES):
-        w0, w1, w2, w3 = _lane_words(noise, stream, step, lane)
+        w0, w1, w2, w3 = words(seed, first_run + np.uint64(lane), number, np.uint64(step))
         draws[_FIRST + lane], draws[_SECOND + lane] = two_units(w0, w1, w2, w3)
     for lane in range(LANES):
         draws[_FIRST + lane], draws[_SECOND + lane] = two_normals(draws[_FIRST + lane], draws[_SECOND + lane])
