@@ -135,11 +135,9 @@ def _records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Ite
 class Messages:
     """The messages of a topic, in order of time."""
 
-    schema: Any
-    """None: unknown."""
+    schema: Any  # None: unknown
     encoding: str = MessageEncoding.Protobuf
-    kept: bool = True
-    """Data are kept, not times alone."""
+    kept: bool = True  # data are kept, not times alone
     times: "array[int]" = field(default_factory=lambda: array("q"))
     data: list[bytes] = field(default_factory=list)
 

@@ -50,8 +50,7 @@ class Event(NamedTuple):
     time_s: float
     level: Level
     text: str
-    source: str = "laisn"
-    """A vehicle, or the program."""
+    source: str = "laisn"  # a vehicle, or the program
 
 
 class Channel(NamedTuple):
@@ -59,10 +58,8 @@ class Channel(NamedTuple):
 
     topic: str
     schema: foxglove.Schema
-    time_ns: Ints
-    """Time of each message since 1970, shape (n,), [ns]."""
-    rows: Callable[[slice], Iterable[bytes]]
-    """Serialised messages of a stretch."""
+    time_ns: Ints  # time of each message since 1970, shape (n,), [ns]
+    rows: Callable[[slice], Iterable[bytes]]  # serialised messages of a stretch
 
 
 Column = schema.Array | Callable[[slice], schema.Array]
