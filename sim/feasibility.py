@@ -64,6 +64,8 @@ def _cost(scenario: Scenario) -> list[str]:
 def _errors_of(build: Callable[[], object], where: str) -> list[str]:
     try:
         build()
+    except np.linalg.LinAlgError:
+        return [f"{where}: its mass and added mass have no inverse"]
     except LaisnError as error:
         text = str(error)
         return [text if text.startswith(where) else f"{where}: {text}"]

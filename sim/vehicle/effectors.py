@@ -30,13 +30,27 @@ MOST = 16  # largest number of effectors of a vehicle
 MOST_POINTS = 16  # largest number of points of a thruster's curve
 THRUSTER, CURVE, PROPELLER, FIN = range(4)  # kinds of effectors
 SUFFIXES = {CURVE: ".curve", PROPELLER: ".propeller", FIN: ".fin"}
-_PARAMETERS = {  # by kind, with the signs that they must have; 0: any
+_PARAMETERS: dict[int, dict[str, tuple[float, float]]] = {
     PROPELLER: {
-        "diameter [m]": 1, "K_T at J = 0": 1, "dK_T/dJ": -1, "K_Q at J = 0": 0, "dK_Q/dJ": 0, "wake fraction": 0,
-        "thrust deduction": 0, "share of the torque on the hull": 0,
+        "diameter [m]": (0.0, 1e3),
+        "K_T at J = 0": (0.0, 1e3),
+        "dK_T/dJ": (-1e3, 1e-9),
+        "K_Q at J = 0": (-1e3, 1e3),
+        "dK_Q/dJ": (-1e3, 1e3),
+        "wake fraction": (0.0, 1.0),
+        "thrust deduction": (0.0, 1.0),
+        "share of the torque on the hull": (-1e3, 1e3),
     },
-    FIN: {"area [m²]": 1, "slope of the normal force [1/rad]": 1, "stall angle [rad]": 1, "drag coefficient": 0},
-}  # fmt: skip
+    FIN: {
+        "area [m²]": (0.0, 1e3),
+        "slope of the normal force [1/rad]": (0.0, 1e3),
+        "stall angle [rad]": (0.0, 1.571),
+        "drag coefficient": (0.0, 1e3),
+    },
+}
+"""Parameters by kind, with the open intervals of their values."""
+_POSITIVE = ("diameter [m]", "K_T at J = 0", "area [m²]", "slope of the normal force [1/rad]", "stall angle [rad]")
+"""Those that may not be zero; other lower bounds of zero are values."""
 LEAST_WAY = 0.5  # speed below which allocation leaves fins out, and hulls that need them cannot be steered [m/s]
 
 EFFECTOR = np.dtype(  # one actuator of a vehicle, as its MJCF gives it
@@ -129,9 +143,10 @@ def _read_kind(model: Any, name: str, record: Any) -> None:
         if values.size != len(expected):
             raise LaisnError(f"{where} has {values.size} values, expected {len(expected)}: {', '.join(expected)}")
         record["parameters"][: values.size] = values
-        for (what, sign), value in zip(expected.items(), values, strict=True):
-            if sign * value < 0.0 or (sign and value == 0.0):
-                raise LaisnError(f"{where}: {what} must be {'positive' if sign > 0 else 'negative'} (given: {value:g})")
+        for place, (what, (low, high)) in enumerate(expected.items()):
+            if not (low < values[place] < high or (values[place] == low and low == 0.0 and what not in _POSITIVE)):
+                bound = f"{'more than' if what in _POSITIVE or low != 0.0 else 'at least'} {low:g} and below {high:g}"
+                raise LaisnError(f"{where}: value {place + 1}, {what}, must be {bound} (given: {values[place]:g})")
         across = abs(record["force"][0]) < 1e-9 and abs(np.linalg.norm(record["force"]) - 1.0) < 1e-6
         if kind == FIN and not across:
             gear = " ".join(f"{value:g}" for value in record["force"])

@@ -128,6 +128,9 @@ def from_dimensions(
     Raises:
         LaisnError: the dimensions are not those of a slender neutral hull.
     """
+    for name, value in (("length", length), ("diameter", diameter), ("mass", mass), ("propeller", propeller or 1.0)):
+        if not 0.0 < value < 1e6:
+            raise LaisnError(f"{name}: expected a positive number (given: {value:g})")
     if length < 3.0 * diameter:
         raise LaisnError(
             f"length {length:g} m, diameter {diameter:g} m: the formulas are those of slender hulls, at least three "
@@ -140,6 +143,8 @@ def from_dimensions(
             f"mass {mass:g} kg: a neutral hull of {length:g} m and {diameter:g} m has {low:.3g} to {high:.3g} kg"
         )
     a, b, screw = length / 2, diameter / 2, propeller or 0.7 * diameter
+    if screw > 2.0 * diameter:
+        raise LaisnError(f"propeller {screw:g} m: at most twice the diameter of the hull, {2 * diameter:g} m")
     roll_inertia, inertia = 0.4 * mass * b**2, mass * (a**2 + b**2) / 5.0
     along, across, turning = lamb_factors(length, diameter)
     added = np.array([along * mass, across * mass, across * mass, 0.3 * roll_inertia, *2 * [turning * inertia]])

@@ -1,14 +1,19 @@
 """Whether the MJCF of a user's own hull has all that a vehicle needs; what it lacks is named, all at once.
 
-MuJoCo warns in a file of its own where it leaves out a hull's options of the sea, so that these are checked before.
+The text is checked before MuJoCo reads it: MuJoCo lays out a height field of a billion points, repeats a part a million
+times, and warns in a file of its own where it leaves out a hull's options of the sea. A hull needs none of that.
 """
 
 import re
+from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import mujoco
+import numpy as np
 
 import models
 from sim.vehicle import coefficients, effectors
@@ -20,12 +25,32 @@ _ELEMENTS = {
     "inertial", "geom", "site", "camera", "light", "actuator", "general", "keyframe", "key", "custom", "numeric",
     "text",
 }  # fmt: skip
+_LARGEST = 1e9  # largest size of a number
+_MOST = {("numeric", "size"): 1000, ("mesh", "params"): 64}
+"""Largest numbers of attributes by which MuJoCo makes room for values, and facets or subdivisions."""
+_MOST_ELEMENTS = {"mesh": 20, "geom": 200, "site": 200}
+"""Largest number of elements of a kind: each mesh takes memory, and MuJoCo moves each site at every step."""
+_FARTHEST_M = 1000.0  # farthest site from the origin along an axis [m]
 _NAME = re.compile("[A-Za-z][A-Za-z0-9_]{0,39}")  # a name of an actuator, which also names a column of the log
 _SITES = {"depth_sensor": "where the pressure sensor sits", "cg": "the centre of gravity"}
 _INSTRUMENTS = {
     "leader": dict.fromkeys(("tx_rear", "tx_front", "tx_middle"), "a transmitter"),
     "follower": {"hydrophone": "the hydrophone"},
 }
+
+
+def _quoted(element: Element, name: str) -> str:
+    return f"<{element.tag} {name}={element.get(name, '')[:40]!r}>"
+
+
+def _within(text: str, most: float) -> bool:
+    """Whether all numbers in the value of an attribute are finite and not beyond a bound."""
+    for word in text.split():
+        with suppress(ValueError):
+            # C also reads nan(1)
+            if not abs(float(re.sub(r"\(\w*\)$", "", word))) <= most:
+                return False
+    return True
 
 
 def _unexpected(text: str) -> Iterator[str]:
@@ -38,13 +63,20 @@ def _unexpected(text: str) -> Iterator[str]:
     except (ElementTree.ParseError, ValueError) as error:
         yield f"not valid MJCF: {error}"
         return
-    for tag in sorted({element.tag for element in elements} - _ELEMENTS):
+    counts = Counter(element.tag for element in elements)
+    for tag in sorted(set(counts) - _ELEMENTS):
         yield f"may not hold <{tag[:40]}>: a hull is one body, and its looks are plain geoms"
+    for tag, largest in _MOST_ELEMENTS.items():
+        if counts[tag] > largest:
+            yield f"has {counts[tag]} elements <{tag}>, at most {largest}"
     sea = next(ElementTree.parse(models.path("ocean")).iter("option"))
-    options = (item for element in elements if element.tag == "option" for item in element.items())
-    for name, value in options:
-        if value.split() != sea.get(name, "").split():
-            yield f"<option {name}={value[:40]!r}> is a property of the sea: {sea.get(name, 'leave it out')}"
+    for element in elements:
+        for name, value in element.items():
+            most = _MOST.get((element.tag, name), _LARGEST)
+            if not _within(value, most):
+                yield f"{_quoted(element, name)} must be finite and within ±{most:g}"
+            if element.tag == "option" and value.split() != sea.get(name, "").split():
+                yield f"{_quoted(element, name)} is a property of the sea: {sea.get(name, 'leave it out')}"
 
 
 def _missing(spec: Any, role: str) -> list[str]:
@@ -93,6 +125,11 @@ def _misbuilt(spec: Any) -> list[str]:
         lines.append("the body 'hull' must have one <freejoint>, and there may be no other joint")
     if len(spec.bodies) != 2:
         lines.append("there may be no body beside 'hull'")
+    lines += [
+        f"<site name={site.name[:40]!r}>: pos must be within ±{_FARTHEST_M:g} m"
+        for site in spec.sites
+        if np.abs(site.pos).max() > _FARTHEST_M
+    ]
     return lines
 
 
@@ -119,7 +156,10 @@ def _compiled(text: str) -> list[str]:
 
 
 def hull_errors(text: str, role: str) -> list[str]:
-    """A line for each thing that the MJCF of a hull lacks or has wrong for the role of "leader" or "follower"."""
+    """A line for each site, actuator and coefficient that the MJCF of a hull lacks or has wrong.
+
+    The role is "leader" or "follower", which carry other instruments.
+    """
     if lines := list(_unexpected(text)):
         return lines
     try:

@@ -1,8 +1,9 @@
 """A hull from an SDF file: parameters of gz-sim's Hydrodynamics, Thruster and LiftDrag plugins.
 
-The links become one rigid body with the origin in the centre of buoyancy. Where the only propeller stands at the front,
-the nose is taken to be at −x and the body is turned round. Gazebo applies coefficients in the frame of the link; those
-between axes keep their signs, the diagonal has those of SNAME (1950): negative where they damp or add mass.
+The links become one rigid body, whose frame is Gazebo's (x forward, y port, z up) with the origin in the centre of
+buoyancy. Where the only propeller stands at the front, the nose is taken to be at −x and the body is turned round.
+Gazebo applies the coefficients in the frame of the link, so that those between axes need no change of sign here; the
+diagonal has the signs of SNAME (1950): derivatives of the force, negative where they damp or add mass.
 """
 
 import re
@@ -123,6 +124,8 @@ def _coefficients(plugin: Element, remarks: list[str]) -> dict[str, Floats]:
     damping = "quadratic_damping"
     forms = {"Dot{}": "added_mass", "{}": "linear_damping", "{0}abs{0}": damping, "{0}{0}": damping}
     found = {kind: np.zeros((6, 6)) for kind in forms.values()}
+    known = {"link_name", "namespace", "water_density", "waterDensity", "default_current", "disable_added_mass",
+             "disable_coriolis", "lookup_current_x", "lookup_current_y", "lookup_current_z"}  # fmt: skip
     names = {
         f"{force}{form.format(rate)}": (kind, i, j)
         for i, force in enumerate(FORCES)
@@ -131,7 +134,8 @@ def _coefficients(plugin: Element, remarks: list[str]) -> dict[str, Floats]:
     }
     for child in plugin:
         if child.tag not in names:
-            remarks += [f"<{child.tag}> of Hydrodynamics is not read"] * bool(re.match("[a-z][A-Z]", child.tag))
+            if child.tag not in known:
+                remarks.append(f"<{child.tag}> of Hydrodynamics is not read")
             continue
         kind, i, j = names[child.tag]
         value = float(_numbers(child.text, 1, f"<{child.tag}>")[0])
@@ -142,6 +146,8 @@ def _coefficients(plugin: Element, remarks: list[str]) -> dict[str, Floats]:
             raise LaisnError(f"<{child.tag}> must not be positive, since it would drive the hull (given: {value:g})")
         found[kind][i, j] -= value
     added = found["added_mass"]
+    if not np.allclose(added, added.T, rtol=1e-6, atol=1e-12):
+        remarks.append("added mass is not symmetric: the mean with its transpose is taken")
     found["added_mass"] = (added + added.T) / 2
     if not added.any():
         remarks.append("there is no added mass: take it from `laisn hull --length … --diameter … --mass …`")
@@ -210,7 +216,10 @@ def _name(text: str) -> str:
 
 
 def from_sdf(text: str) -> tuple[HullFile, list[str]]:
-    """The hull of the first SDF model with a Hydrodynamics plugin, and remarks; LaisnError names element and value."""
+    """The hull of the first model with a Hydrodynamics plugin in the text of an SDF file; what was assumed or left out.
+
+    LaisnError if it is no such file; names element and value.
+    """
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
@@ -218,7 +227,7 @@ def from_sdf(text: str) -> tuple[HullFile, list[str]]:
     models = [model for model in root.iter("model") if next(_plugins(model, "Hydrodynamics"), None) is not None]
     if not models or models[0].find("link") is None:
         raise LaisnError("has no <model> with links and a Hydrodynamics plugin; gz sdf -p FILE resolves <include>")
-    model, remarks = models[0], list[str]()
+    model, remarks = models[0], [f"only the first of {len(models)} models is read"] * (len(models) > 1)
     links = {link.get("name", ""): (link, _frame(link)) for link in model.findall("link")}
     body, plugin = _body(links), next(_plugins(model, "Hydrodynamics"))
     thrusters, fins = list(_thrusters(model, links, remarks)), list(_fins(model, links, remarks))

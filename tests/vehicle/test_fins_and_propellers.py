@@ -367,7 +367,7 @@ def test_what_a_hull_cannot_do_is_refused_by_name() -> None:
     [
         ("0.00665 0.5 0.44 0", "0.00665 0.5 0.44", r"rudder_top\.fin'> has 3 values, expected 4: area"),
         ("0.00665 0.5 0.44 0", "-0.00665 0.5 0.44 0",
-         r"rudder_top\.fin'>: area \[m²\] must be positive \(given: -0\.00665\)"),
+         r"rudder_top\.fin'>: value 1, area \[m²\], must be more than 0 .* \(given: -0\.00665\)"),
         ('name="rudder_top" class="deflection" site="rudder_top" gear="0 1 0', 'name="rudder_top" class="deflection" '
          'site="rudder_top" gear="1 1 0', r"the axis of a fin must be a unit vector across the hull \(given: 1 1 0\)"),
         ("0.14 0.4566", "0.14", r"propeller\.propeller'> has 7 values, expected 8: diameter"),

@@ -91,6 +91,9 @@ def test_estimated_strips_and_buoyancy_are_those_of_the_hull() -> None:
     [
         ((1.8, 0.7, 50.0), "at least three times as long as thick"),
         ((1.8, 0.2, 500.0), r"mass 500 kg: a neutral hull of 1\.8 m and 0\.2 m has 26\.1 to 58 kg"),
+        ((-1.8, 0.2, 50.0), r"length: expected a positive number \(given: -1\.8\)"),
+        ((1.8, float("nan"), 50.0), "diameter: expected a positive number"),
+        ((1.8, 0.2, 50.0, "x", 0.5), r"propeller 0\.5 m: at most twice the diameter"),
     ],
 )
 def test_dimensions_of_no_hull_are_refused(given: tuple[float, ...], words: str) -> None:
@@ -200,11 +203,11 @@ def test_sdf_files_that_cannot_be_read_are_refused(old: str, new: str, words: st
 
 def test_what_an_sdf_file_lacks_is_remarked() -> None:
     thin = SDF.replace("<max_thrust_cmd>40</max_thrust_cmd>", "").replace("<xDotU>-2</xDotU>", "<xDotU>2</xDotU>")
-    file, remarks = from_sdf(thin.replace("<xU>-4</xU>", "<xUU>-4</xUU><xUV>1</xUV>"))
+    file, remarks = from_sdf(thin.replace("<xU>-4</xU>", "<xUU>-4</xUU><spare>1</spare>"))
     assert [text.split(":")[0] for text in remarks] == [
         "thruster 'screw_joint' has no max_thrust_cmd (Gazebo",
         "<xDotU> is positive, where SNAME has minus the added mass",
-        "<xUV> of Hydrodynamics is not read",
+        "<spare> of Hydrodynamics is not read",
     ]
     assert record_of(file.xml())["added_mass"][0, 0] == 2.0
 
