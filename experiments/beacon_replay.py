@@ -55,10 +55,8 @@ class Score(NamedTuple):
 
     mean: float
     rms: float
-    high: float
-    """95 % are shorter [m]."""
-    nees: float
-    """Mean squared error in units of the covariance: 2 if that is consistent."""
+    high: float  # 95 % are shorter [m]
+    nees: float  # mean squared error in units of the covariance: 2 if that is consistent
 
 
 def score(estimates: Estimates, measured: Measurements, truth: Floats, since_s: float = 0.0) -> Score:

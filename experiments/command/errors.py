@@ -22,8 +22,7 @@ from typer.exceptions import TyperException
 
 from laisn.failure import LaisnError, LaisnWarning, plain, screenful
 
-USER_ERROR, INTERNAL_ERROR, INTERRUPTED = 2, 1, 130
-"""Exit codes: an error that the user can correct, a bug, Ctrl-C."""
+USER_ERROR, INTERNAL_ERROR, INTERRUPTED = 2, 1, 130  # exit codes: an error that the user can correct, a bug, Ctrl-C
 
 
 def _print(lines: Iterable[str], colour: str) -> None:

@@ -24,8 +24,7 @@ from laisn.settings import NavigationSettings, TightSettings
 from sim.flight import Flight, navigation_settings, settings_as
 from sim.scenario.file import values_of
 
-_LARGE = 1e5
-"""Errors beyond this are printed by their order of magnitude [m]."""
+_LARGE = 1e5  # errors beyond this are printed by their order of magnitude [m]
 
 
 def replay(

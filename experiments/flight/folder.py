@@ -13,8 +13,7 @@ from sim.system import locked
 
 LOG, FILM, REPORT = "flight.mcap", "flight.mp4", "report.html"
 SUMMARY, SCENARIO, TIMING, LAYOUT = FLIGHT_FILE, "scenario.toml", "timing.json", "foxglove.json"
-FILES = (LOG, FILM, REPORT, SUMMARY, SCENARIO, TIMING, LAYOUT)
-"""Files of a flight; others in its folder are the user's."""
+FILES = (LOG, FILM, REPORT, SUMMARY, SCENARIO, TIMING, LAYOUT)  # files of a flight; others in its folder are the user's
 
 UNFINISHED = "unfinished"
 _ELSEWHERE = "choose another folder with --out"

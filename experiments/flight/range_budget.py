@@ -23,19 +23,14 @@ from sim.trajectory import Trajectory
 class Cause(IntEnum):
     """Causes of the error of a horizontal range, in the order in which they are added."""
 
-    FORESHORTENING = 0
-    """Pitch and roll move the transmitter horizontally."""
-    LEVER_ARM = 1
-    """Pitch and roll move it vertically, away from the depth that the leader measures."""
-    MOTION = 2
-    """Leader and follower move between broadcast pose, ping, arrival and fix."""
+    FORESHORTENING = 0  # pitch and roll move the transmitter horizontally
+    LEVER_ARM = 1  # pitch and roll move it vertically, away from the depth that the leader measures
+    MOTION = 2  # leader and follower move between broadcast pose, ping, arrival and fix
     ECHO = 3
     SOUND_SPEED = 4
     CLOCK = 5
-    RANDOM = 6
-    """Random error of the range (paper, Eq. 28)."""
-    DEPTH = 7
-    """Depths have errors, and the hydrophone is not at the follower's depth sensor."""
+    RANDOM = 6  # random error of the range (paper, Eq. 28)
+    DEPTH = 7  # depths have errors, and the hydrophone is not at the follower's depth sensor
 
 
 LABELS = {cause: cause.name.lower().replace("_", " ") for cause in Cause} | {
@@ -49,14 +44,11 @@ LABELS = {cause: cause.name.lower().replace("_", " ") for cause in Cause} | {
 class RangeErrorBudget:
     """Range errors of m messages by cause; arrays over transmitters hold rear, front, middle."""
 
-    time: Floats
-    """Time of each fix, shape (m,), [s]."""
-    level_range: Floats
-    """D°: the true horizontal range to a level leader, shape (m, 3), [m]."""
+    time: Floats  # time of each fix, shape (m,), [s]
+    level_range: Floats  # D°: the true horizontal range to a level leader, shape (m, 3), [m]
     used_range: Floats
     """D: the horizontal range that the follower uses, shape (m, 3), [m]; NaN where no ping was received."""
-    share: Floats
-    """Share of each cause in D − D°, shape (m, 3, causes), [m]."""
+    share: Floats  # share of each cause in D − D°, shape (m, 3, causes), [m]
 
     def __post_init__(self) -> None:
         own_arrays(self)

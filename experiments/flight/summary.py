@@ -109,8 +109,7 @@ def summarise(
     }
 
 
-SIGMAS = 3.0
-"""Least distance of two stations, in standard deviations of their followers' relative position error."""
+SIGMAS = 3.0  # least distance of two stations, in standard deviations of their followers' relative position error
 OFF_ROUTE_M, NEAR_M = 10.0, 1.0
 """Largest usual distance from the route, and least usual one between two vehicles' origins [m]."""
 

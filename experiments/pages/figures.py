@@ -15,19 +15,15 @@ if TYPE_CHECKING:
     # its special functions take a tenth of a second to import, and a figure needs none
     from experiments.findings import Finding
 
-DRAWN_POINTS = 600
-"""Most points of a line in a panel of the usual width; more cannot be seen at this size."""
+DRAWN_POINTS = 600  # most points of a line in a panel of the usual width; more cannot be seen at this size
 PIXELS_PER_INCH = 96
-_KEPT_POINTS = 20_000
-"""Most points that a line keeps; panels take fewer of them."""
+_KEPT_POINTS = 20_000  # most points that a line keeps; panels take fewer of them
 _MOST_LINES, _FEWEST_POINTS = 14, 200
 """Lines of a panel with all their points; of more, each has fewer, so that a page of many vehicles stays small."""
 _TITLE_CHARACTERS = 11
 
-Limits = tuple[float | None, float | None]
-"""Bottom and top of an axis; None leaves one to the data."""
-Ticks = Sequence[float] | Mapping[float, str]
-"""Where an axis has numbers, or words; none leaves that to the drawing."""
+Limits = tuple[float | None, float | None]  # bottom and top of an axis; None leaves one to the data
+Ticks = Sequence[float] | Mapping[float, str]  # where an axis has numbers, or words; none leaves that to the drawing
 _DASHES = {"-": "solid", "--": "dash", ":": "dot"}
 _SYMBOLS = {
     "o": "circle", "^": "triangle-up", "|": "line-ns-open", "P": "cross", "s": "square", "X": "x", "D": "diamond",
@@ -46,15 +42,12 @@ class Line:
     marker: str = ""
     size: float = 2.4
     opacity: float = 1.0
-    name: str = ""
-    """What it is, shown with its values under the pointer."""
-    interval: tuple[Floats, Floats] | None = None
-    """Lower and upper limits of y, or of x if `across`, drawn as bars."""
+    name: str = ""  # what it is, shown with its values under the pointer
+    interval: tuple[Floats, Floats] | None = None  # lower and upper limits of y, or of x if `across`, drawn as bars
     across: bool = False
     text: str = ""
     side: str = "middle right"
-    time: Floats | None = None
-    """Of each point of a map, shape (n,), [s]: where the time cursor of linked panels stands."""
+    time: Floats | None = None  # of each point of a map, shape (n,), [s]: where the time cursor of linked panels stands
 
     def __post_init__(self) -> None:
         # until the page is written, a long mission's arrays would be kept once for each line
@@ -72,10 +65,8 @@ class Part:
     y_limits: Limits = (None, None)
     y_log: bool = False
     ticks: Ticks = ()
-    shaded: Sequence[tuple[float, float]] = ()
-    """Stretches of the axis on a darker ground."""
-    traces: Sequence[Mapping[str, Any]] = ()
-    """What is no line, such as a map of colours, as Plotly describes it."""
+    shaded: Sequence[tuple[float, float]] = ()  # stretches of the axis on a darker ground
+    traces: Sequence[Mapping[str, Any]] = ()  # what is no line, such as a map of colours, as Plotly describes it
     height: float = 1.0
 
 
@@ -90,12 +81,10 @@ class Panel:
     x_limits: Limits = (None, None)
     x_log: bool = False
     x_ticks: Ticks = ()
-    width: float = WIDTH
-    """[inch]; wider panels keep more points."""
+    width: float = WIDTH  # [inch]; wider panels keep more points
     height: float = HEIGHT
     points: int = DRAWN_POINTS
-    link: str = ""
-    """Panels of a page with the same name share a time cursor."""
+    link: str = ""  # panels of a page with the same name share a time cursor
 
     @property
     def label(self) -> str:

@@ -14,14 +14,11 @@ from laisn.messages import Ranges
 from sim.flight import Flight
 from sim.tracking import LOST_M, off_station
 
-SIGMAS = 2.0
-"""Size of the drawn uncertainty in standard deviations of the filter."""
-ON_AXIS_DEG = 15.0
-"""Within this angle of the leader's axis, ahead or astern, ranges hardly determine the direction."""
+SIGMAS = 2.0  # size of the drawn uncertainty in standard deviations of the filter
+ON_AXIS_DEG = 15.0  # within this angle of the leader's axis, ahead or astern, ranges hardly determine the direction
 ROW_HEIGHT, STACK_WIDTH, MAP_WIDTH = 5.6, 5.6, 3.3
 _TRACK_POINTS, _DOTS = 4000, 1200
-_FEW_POINTS = 240
-"""Points of a line of a follower among several, so that the page stays small."""
+_FEW_POINTS = 240  # points of a line of a follower among several, so that the page stays small
 _LEAST_WEIGHT = 1e-3
 
 

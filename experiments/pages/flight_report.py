@@ -134,8 +134,7 @@ def accuracy(flight: Flight, follower: int) -> dict[str, float]:
 Errors = Sequence[tuple[Floats, Floats]]
 """E_P [m] and E_B [rad] of every follower at filter steps k = 1 … n, shapes (n,)."""
 
-DRAWN_FOLLOWERS = 12
-"""Followers with figures of their own; tables and the map have all of them."""
+DRAWN_FOLLOWERS = 12  # followers with figures of their own; tables and the map have all of them
 _IN_DEGREES = {"compass_bias_rad": "compass_bias_deg", "leader_compass_bias_rad": "leader_compass_bias_deg"}
 VEHICLES = ((style.LEADER, "leader"), (style.FOLLOWER, "follower"), (style.ESTIMATE, "estimate"))
 

@@ -145,8 +145,7 @@ class Section:
 class Page:
     title: str
     summary: str
-    facts: Sequence[tuple[str, str]]
-    """What was run: seed, version, command to repeat it and so on."""
+    facts: Sequence[tuple[str, str]]  # what was run: seed, version, command to repeat it and so on
     sections: Sequence[Section]
 
 

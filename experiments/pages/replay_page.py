@@ -33,12 +33,9 @@ class Replayed:
     name: str
     measured: Measurements
     estimates: Estimates
-    baseline: float = np.nan
-    """From the rear to the front transmitter, where messages do not hold their positions [m]."""
-    path: Floats | None = None
-    """Surveyed reference path: time [s], east, north [m], shape (t, 3)."""
-    mean_error: float = np.nan
-    """Mean distance from that path [m]."""
+    baseline: float = np.nan  # from the rear to the front transmitter, where messages do not hold their positions [m]
+    path: Floats | None = None  # surveyed reference path: time [s], east, north [m], shape (t, 3)
+    mean_error: float = np.nan  # mean distance from that path [m]
 
     @property
     def fixes(self) -> str:

@@ -49,13 +49,11 @@ ESTIMATE = Colour("--estimate", "#c4009d", "#ff40d9")
 REAR = Colour("--rear", "#5b6670", "#f2f7ff")
 FRONT = Colour("--front", "#0a8a32", "#59ff8c")
 MIDDLE = Colour("--middle", "#2f6fd0", "#73b3ff")
-TRANSMITTERS = (REAR, FRONT, MIDDLE)
-"""Hues of the film, bright enough for dark pages and dark enough for white ones."""
+TRANSMITTERS = (REAR, FRONT, MIDDLE)  # hues of the film, bright enough for dark pages and dark enough for white ones
 Legend = Sequence[tuple[Colour, str]]
 COLOURS = (PAPER, INK, FRAME, GRID, MUTED, *SERIES, LEADER, FOLLOWER, ESTIMATE, *TRANSMITTERS)
 
-WIDTH, HEIGHT = 4.4, 2.5
-"""Size of a panel of which three stand side by side [inch]."""
+WIDTH, HEIGHT = 4.4, 2.5  # size of a panel of which three stand side by side [inch]
 FULL = 12.4
 """Width of a panel that stands alone, or of panels side by side together [inch]; the page shows them at this size."""
 HALF = 6.1

@@ -7,8 +7,7 @@ from laisn.compiled import compiled, inlined
 
 _CONTRAST = 20
 """Smallest difference of brightness, of 255, that counts as an edge: hulls against water do, sand and sheen do not."""
-_EDGE_PX = 16
-"""How far along an edge its ends are looked for, at most."""
+_EDGE_PX = 16  # how far along an edge its ends are looked for, at most
 
 
 @inlined

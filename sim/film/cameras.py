@@ -10,16 +10,13 @@ from laisn.arrays import Floats
 from sim import attitude
 from sim.film.film_data import FilmData, FrameState
 
-_SMOOTHING_S = 0.8
-"""Standard deviation of the smoothing of a camera's swing, in seconds of film."""
+_SMOOTHING_S = 0.8  # standard deviation of the smoothing of a camera's swing, in seconds of film
 _STEADY_S = 3.0
 """Standard deviation of the smoothing for a camera that stays put while waves move its subject, in mission seconds."""
 _NEAR_M = 0.15
 _CLEARANCE_M = 1.2
-_FREE = (0.26, 0.79, 0.04)
-"""Left, right and upper edge of what the panels leave free, as shares of the frame."""
-_SIGHT_DOWN_M = 42.0
-"""How far below the vehicles the view from above reaches."""
+_FREE = (0.26, 0.79, 0.04)  # left, right and upper edge of what the panels leave free, as shares of the frame
+_SIGHT_DOWN_M = 42.0  # how far below the vehicles the view from above reaches
 _ORBIT_FILM_S = 40.0
 _PROFILE_TURN = np.radians(152.0)
 """From the bearing of the follower to that of the camera `profile`, seen from the leader: a camera so far around sees
@@ -33,11 +30,9 @@ class View:
     """A camera without roll, unless `up` is given. Raises ValueError if it stands on its target."""
 
     position: Floats
-    target: Floats
-    """Shape (3,), as `position`, [m]."""
+    target: Floats  # shape (3,), as `position`, [m]
     up: Floats = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
-    fovy_deg: float = 45.0
-    """Vertical field of view."""
+    fovy_deg: float = 45.0  # vertical field of view
     plane_m: float | None = None
     """How far ahead the vehicles lie if all lie about as far, so that one scale holds for them [m]."""
 
@@ -94,14 +89,10 @@ class Shot(NamedTuple):
     """One frame's cameras and how far they see."""
 
     view: View
-    insets: tuple[tuple[View, int], ...]
-    """Pictures in the picture: camera, and the vehicle that it shows."""
-    fog: tuple[float, float]
-    """Where fog begins and where it hides everything [m]."""
-    surface: bool
-    """Whether the sea's surface is drawn; seen from above, it would hide everything."""
-    insets_left: bool = False
-    """Whether insets begin at the left edge: the vehicles keep to the right."""
+    insets: tuple[tuple[View, int], ...]  # pictures in the picture: camera, and the vehicle that it shows
+    fog: tuple[float, float]  # where fog begins and where it hides everything [m]
+    surface: bool  # whether the sea's surface is drawn; seen from above, it would hide everything
+    insets_left: bool = False  # whether insets begin at the left edge: the vehicles keep to the right
 
 
 class CameraRig:

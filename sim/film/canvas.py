@@ -19,16 +19,12 @@ from PIL import Image, ImageDraw, ImageFont
 
 from laisn.arrays import Bytes, Floats
 
-Colour = tuple[float, ...]
-"""Red, green, blue and, where given, opacity, each in [0, 1]."""
-Place = tuple[float, float, float, float]
-"""Left, top, width, height [px]."""
+Colour = tuple[float, ...]  # red, green, blue and, where given, opacity, each in [0, 1]
+Place = tuple[float, float, float, float]  # left, top, width, height [px]
 PALE: Colour = (0.80, 0.92, 0.97)
-DIM: Colour = (0.60, 0.76, 0.83)
-"""Colours of values and of their names."""
+DIM: Colour = (0.60, 0.76, 0.83)  # colours of values and of their names
 
-_LEAST_TEXT = 0.8
-"""Least size of text relative to that at 720 rows: smaller digits lose their strokes."""
+_LEAST_TEXT = 0.8  # least size of text relative to that at 720 rows: smaller digits lose their strokes
 _CIRCLE = np.column_stack([f(np.linspace(0.0, 2 * np.pi, 24, endpoint=False)) for f in (np.cos, np.sin)])
 _DIAMOND = np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]])
 
@@ -89,8 +85,7 @@ class Canvas:
         for collection in (self._lines, self._polygons):
             collection.set_transform(Affine2D().scale(1, -1).translate(0, height))
             collection.set_figure(figure)
-        self.pixels: Bytes = np.asarray(agg.buffer_rgba())
-        """The frame, top row first, shape (height, width, 4)."""
+        self.pixels: Bytes = np.asarray(agg.buffer_rgba())  # the frame, top row first, shape (height, width, 4)
 
     def load(self, picture: Bytes) -> None:
         """Start from a rendered picture, bottom row first, shape (height, width, 3)."""

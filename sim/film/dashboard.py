@@ -20,22 +20,18 @@ from laisn.estimates import FIX_WORDS
 from sim.film.canvas import DIM, PALE, Canvas, Colour, Place, Stroke, new_figure
 from sim.film.film_data import ESTIMATE, LEADER, STATION, TRUTH, FilmData, FrameState, RayErrors, diverging
 
-Trail = tuple[Floats, Colour]
-"""Positions, shape (p, 3), [m], and the colour of their line."""
+Trail = tuple[Floats, Colour]  # positions, shape (p, 3), [m], and the colour of their line
 Text = tuple[float, str, Colour, float]
 """Distance from the left edge of a panel, or from the right one if negative, words, colour and size."""
 
-SIGMAS = 2.0
-"""Half axes of the ellipse of uncertainty in standard deviations."""
+SIGMAS = 2.0  # half axes of the ellipse of uncertainty in standard deviations
 _SHORT = 576
 """Frames of fewer rows have the short panel of numbers and one curve: text that can be read leaves no room for more."""
 _PANEL: Colour = (0.01, 0.06, 0.10)
 _EDGE: Colour = (0.55, 0.80, 0.90)
-_FLEET_SHARE = 0.25
-"""A map of the whole mission shows several followers apart if they take at least this share of it."""
+_FLEET_SHARE = 0.25  # a map of the whole mission shows several followers apart if they take at least this share of it
 _TRANSMITTERS = ("rear", "front", "middle")
-_COLUMNS = (-106.0, -12.0)
-"""Right edges of the leader's and the follower's numbers."""
+_COLUMNS = (-106.0, -12.0)  # right edges of the leader's and the follower's numbers
 _MARGIN_PX = 2
 
 
@@ -82,8 +78,7 @@ class Dashboard:
         """Where the scale of the picture stands."""
         lefts, rights = [self._numbers, *curves], [self._map, *([bar] if self._added.rays else [])]
         words = [caption] if self._added.caption else []
-        self.places: list[Place] = [*lefts, *rights, *words]
-        """Places of all panels."""
+        self.places: list[Place] = [*lefts, *rights, *words]  # places of all panels
         lower_left, lower_right = (max(y + h for _, y, _, h in column) for column in (lefts, rights))
         self.covered: list[Place] = [
             (0.0, 0.0, left + width, lower_left),
@@ -92,8 +87,7 @@ class Dashboard:
         ]
         """Where nothing of the picture is drawn: between panels, snippets of lines would remain."""
 
-        self.figure = new_figure(*self._size)
-        """Static content of all panels."""
+        self.figure = new_figure(*self._size)  # static content of all panels
         for x, y, width, height in self.places:
             self.figure.add_artist(
                 Rectangle((x, canvas.height - y - height), width, height, fc=(*_PANEL, 0.55), ec=(*_EDGE, 0.35), lw=s,

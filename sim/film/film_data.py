@@ -17,26 +17,19 @@ from sim import attitude
 from sim.flight import Flight, position_and_bearing_errors
 from sim.tracking import true_stations
 
-RGB = tuple[float, float, float]
-"""Red, green, blue, each in [0, 1]."""
+RGB = tuple[float, float, float]  # red, green, blue, each in [0, 1]
 
 TRANSMITTERS = ("tx_rear", "tx_front", "tx_middle")
 
 _AFTERGLOW_S = 0.45
 """Time constant of a ray's fading, in seconds of film: pings closer together than that blend into a steady ray."""
-_TRAIL_S, _TRAIL_POINT_S = 5.0, 0.04
-"""Length of a trail, and spacing of its points, in seconds of film."""
-_LEAST_WEIGHT = 0.01
-"""Hypotheses of less weight are not shown."""
+_TRAIL_S, _TRAIL_POINT_S = 5.0, 0.04  # length of a trail, and spacing of its points, in seconds of film
+_LEAST_WEIGHT = 0.01  # hypotheses of less weight are not shown
 
-LEADER: RGB = (1.0, 0.68, 0.20)
-"""Trail and label of the leader, after its hull."""
-TRUTH: RGB = (1.0, 0.95, 0.25)
-"""Trail and position of a follower, after its hull."""
-ESTIMATE: RGB = (1.0, 0.25, 0.85)
-"""A follower's estimate of its own position."""
-STATION: RGB = (0.45, 1.0, 1.0)
-"""Station of a follower in formation."""
+LEADER: RGB = (1.0, 0.68, 0.20)  # trail and label of the leader, after its hull
+TRUTH: RGB = (1.0, 0.95, 0.25)  # trail and position of a follower, after its hull
+ESTIMATE: RGB = (1.0, 0.25, 0.85)  # a follower's estimate of its own position
+STATION: RGB = (0.45, 1.0, 1.0)  # station of a follower in formation
 TRANSMITTER_COLOURS: tuple[RGB, ...] = ((0.95, 0.97, 1.0), (0.35, 1.0, 0.55), (0.45, 0.70, 1.0))
 """Rear, front and middle transmitter and their rays; distinct from leader and follower, also to colour-blind eyes."""
 
@@ -59,8 +52,7 @@ class OtherEstimate:
 
     label: str
     colour: RGB
-    position: Floats
-    """Estimated position (x, y) at filter steps k = 1 … n, shape (n, 2), [m]."""
+    position: Floats  # estimated position (x, y) at filter steps k = 1 … n, shape (n, 2), [m]
 
     def __post_init__(self) -> None:
         own_arrays(self)
@@ -76,8 +68,7 @@ class RayErrors:
     label: str
     value: Floats
     """Error of each message's range from the rear, front, middle transmitter, shape (m, 3), [m]; NaN where unknown."""
-    limit: float
-    """Value at the ends of the colour bar [m]."""
+    limit: float  # value at the ends of the colour bar [m]
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.limit) and self.limit > 0):
@@ -89,10 +80,8 @@ class RayErrors:
 class Annotations:
     """Additions to a film; the default adds nothing."""
 
-    caption: str = ""
-    """What the film shows: a line at the upper edge, with a legend."""
-    label: str = "estimate"
-    """Name of the follower's own estimate in the legend."""
+    caption: str = ""  # what the film shows: a line at the upper edge, with a legend
+    label: str = "estimate"  # name of the follower's own estimate in the legend
     others: tuple[OtherEstimate, ...] = ()
     rays: RayErrors | None = None
 
@@ -111,56 +100,36 @@ class Hypothesis(NamedTuple):
     """One component of a follower's position estimate."""
 
     weight: float
-    centre: Floats
-    """Shape (3,), [m]; at the true depth."""
-    covariance: Floats
-    """Horizontal covariance, shape (2, 2), [m²]."""
+    centre: Floats  # shape (3,), [m]; at the true depth
+    covariance: Floats  # horizontal covariance, shape (2, 2), [m²]
 
 
 @dataclass(frozen=True, kw_only=True)
 class FrameState:
     """Everything one frame shows; v vehicles, f followers. Angles in [rad]."""
 
-    time: float
-    """Of the mission [s]."""
-    film_time: float
-    """Since the film began [s]."""
-    position: Floats
-    """Body origins in the world, shape (v, 3), [m]."""
-    quaternion: Floats
-    """Attitudes from body to world, (w, x, y, z), shape (v, 4)."""
-    effectors: Floats
-    """States of the effectors, shape (v, m)."""
+    time: float  # of the mission [s]
+    film_time: float  # since the film began [s]
+    position: Floats  # body origins in the world, shape (v, 3), [m]
+    quaternion: Floats  # attitudes from body to world, (w, x, y, z), shape (v, 4)
+    effectors: Floats  # states of the effectors, shape (v, m)
     heading: Floats
-    pitch: Floats
-    """Shape (v,), as `heading`."""
-    speed: Floats
-    """Speed through the water, shape (v,), [m/s]."""
-    transmitter: Floats
-    """Transmitters in the world, rear, front and middle, shape (3, 3), [m]."""
-    hydrophone: Floats
-    """Hydrophones in the world, shape (f, 3), [m]."""
-    estimate: Floats
-    """Estimated hydrophone, shape (f, 3), [m]; drawn at the true depth, for the filter is planar."""
-    others: Floats
-    """Other estimates of the filmed follower's hydrophone, shape (o, 3), [m]; likewise."""
-    covariance: Floats
-    """Covariance of the estimated position, shape (f, 2, 2), [m²]."""
-    station: Floats
-    """True stations of the followers, shape (f, 3), [m]; NaN for a follower on a route."""
+    pitch: Floats  # shape (v,), as `heading`
+    speed: Floats  # speed through the water, shape (v,), [m/s]
+    transmitter: Floats  # transmitters in the world, rear, front and middle, shape (3, 3), [m]
+    hydrophone: Floats  # hydrophones in the world, shape (f, 3), [m]
+    estimate: Floats  # estimated hydrophone, shape (f, 3), [m]; drawn at the true depth, for the filter is planar
+    others: Floats  # other estimates of the filmed follower's hydrophone, shape (o, 3), [m]; likewise
+    covariance: Floats  # covariance of the estimated position, shape (f, 2, 2), [m²]
+    station: Floats  # true stations of the followers, shape (f, 3), [m]; NaN for a follower on a route
     hypotheses: tuple[tuple[Hypothesis, ...], ...]
     """Hypotheses of each follower's position; the estimate alone if there is only one."""
-    ray: Floats
-    """Strength of each range's ray, 1 at the ping, 0 where nothing was received, shape (f, 3)."""
-    ranges: Floats
-    """Last slant ranges measured, shape (f, 3), [m]; NaN if none."""
-    message: Ints
-    """Index of the last message, shape (f,); -1 before the first."""
-    fix_kind: tuple[FixKind | None, ...]
-    """Outcome of the last message, per follower."""
+    ray: Floats  # strength of each range's ray, 1 at the ping, 0 where nothing was received, shape (f, 3)
+    ranges: Floats  # last slant ranges measured, shape (f, 3), [m]; NaN if none
+    message: Ints  # index of the last message, shape (f,); -1 before the first
+    fix_kind: tuple[FixKind | None, ...]  # outcome of the last message, per follower
     position_error: Floats
-    bearing_error: Floats
-    """Shape (f,), as `position_error`, [m]; NaN before the first step."""
+    bearing_error: Floats  # shape (f,), as `position_error`, [m]; NaN before the first step
 
 
 class FilmData:

@@ -19,8 +19,7 @@ from sim.film.scene import GlScene
 from sim.flight import Flight
 from sim.scenario.settings import Video
 
-GROUP = 30
-"""Frames of a group of pictures. Each begins with an IDR frame and is encoded by itself, by whichever child."""
+GROUP = 30  # frames of a group of pictures. Each begins with an IDR frame and is encoded by itself, by whichever child
 
 _X264 = {
     "preset": "ultrafast",
@@ -42,8 +41,7 @@ class Job:
 
     flight: Flight
     video: Video
-    follower: int = 0
-    """Index of the follower that the film keeps to."""
+    follower: int = 0  # index of the follower that the film keeps to
     annotations: Annotations = NOTHING
 
     @property

@@ -30,8 +30,7 @@ class Backend(NamedTuple):
 
     name: str
     works: bool
-    detail: str
-    """Name of the renderer if it works, or why it does not."""
+    detail: str  # name of the renderer if it works, or why it does not
 
 
 def child(program: str, backend: str, threads: int = 1) -> tuple[list[str], dict[str, str]]:

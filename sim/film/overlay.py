@@ -19,10 +19,8 @@ _HULL_CLEAR_M = 0.45
 _ELLIPSE_PX = 9.0
 """Half axis from which an ellipse of uncertainty is drawn, at 720 rows: below it would lie under the marker."""
 _ELLIPSE = np.linspace(0.0, 2 * np.pi, 49)
-_LABELS = 16
-"""Followers beyond these go without a label."""
-_SMALL = (640, 360)
-"""Frames below this size go without panels [px]."""
+_LABELS = 16  # followers beyond these go without a label
+_SMALL = (640, 360)  # frames below this size go without panels [px]
 _DARK: Colour = (0.0, 0.05, 0.08, 0.9)
 _WHITE: Colour = (1.0, 1.0, 1.0, 0.75)
 _LABEL_SIZE = 13
@@ -40,8 +38,7 @@ class Label(NamedTuple):
     at: Floats
     words: str
     colour: Colour
-    rise: float
-    """Length of the line to the words [px]; above the point if negative, below it if positive."""
+    rise: float  # length of the line to the words [px]; above the point if negative, below it if positive
 
 
 class Overlay:

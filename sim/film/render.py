@@ -21,8 +21,7 @@ from sim.film.frame_renderer import GROUP, Job
 from sim.scenario.settings import Video
 from sim.system import atomic_write
 
-_IMPORTS = "from sim.film import frame_renderer"
-"""First line of the program that a child process runs."""
+_IMPORTS = "from sim.film import frame_renderer"  # first line of the program that a child process runs
 _LAST_WORDS = 12
 
 

@@ -21,12 +21,10 @@ Box = tuple[int, int, int, int]
 _GHOST_ALPHA = 0.30
 _GHOST_FULL_M = 1.5
 _GHOST_LEAST = 0.05
-_INSIDE = ("nozzle", "band")
-"""Parts that shine through a translucent hull and make blotches of it."""
+_INSIDE = ("nozzle", "band")  # parts that shine through a translucent hull and make blotches of it
 _MAX_GEOMS = 6000
 _INSET_FOG = (3.0, 110.0)
-_HULL_REACH_M = 1.5
-"""Reach from a vehicle's middle to beyond its ends, propeller included."""
+_HULL_REACH_M = 1.5  # reach from a vehicle's middle to beyond its ends, propeller included
 
 
 class GlScene:

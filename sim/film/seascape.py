@@ -14,11 +14,9 @@ from sim.flight import Flight
 from sim.vehicle.mjcf import VehicleSetup, compose
 from sim.water import PHASE, Ocean
 
-WATER = (0.035, 0.26, 0.36)
-"""Colour of the fog, and so of all that is far, so that no band remains at the horizon."""
+WATER = (0.035, 0.26, 0.36)  # colour of the fog, and so of all that is far, so that no band remains at the horizon
 
-_CELLS = 48
-"""Points of a height field along each side: their number is a third of what a frame costs."""
+_CELLS = 48  # points of a height field along each side: their number is a third of what a frame costs
 _TILE_M = 40.0
 _SPACINGS_M = (*(_TILE_M / k for k in range(16, 0, -1)), *(_TILE_M * k for k in (2, 3, 4, 6, 8, 12, 16, 24, 32)))
 """Spacings of a height field's points; they divide the tile, or are whole tiles."""

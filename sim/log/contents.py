@@ -28,11 +28,9 @@ from sim.scenario import file as scenario_file
 from sim.system import atomic_write
 
 SCENARIO, VEHICLES, SUMMARY, VERSIONS = "scenario.toml", "vehicles.json", "summary.json", "versions.json"
-FLIGHT = "laisn"
-"""Metadata record that every log of a flight has."""
+FLIGHT = "laisn"  # metadata record that every log of a flight has
 _INTERRUPTED = "INTERRUPTED"
-_ALLOWANCE, _RATIO = 8 << 20, 16
-"""A file of n bytes may decompress to 8 MiB + 16 n; flights decompress to 6 n."""
+_ALLOWANCE, _RATIO = 8 << 20, 16  # a file of n bytes may decompress to 8 MiB + 16 n; flights decompress to 6 n
 
 
 class LogError(LaisnError):
@@ -214,8 +212,7 @@ class Contents:
         self.path = path
         self.attachments, self.topics = dict[str, bytes](), dict[str, Messages]()
         self.metadata = dict[str, dict[str, str]]()
-        self.unverified: tuple[str, ...] = ()
-        """Parts that no checksum covers, so that damage to them cannot be noticed."""
+        self.unverified: tuple[str, ...] = ()  # parts that no checksum covers, so that damage to them cannot be noticed
         schemas, channels = dict[int, Schema](), dict[int, Messages]()
         chunks = bare = 0
         with log_errors(path):

@@ -20,8 +20,7 @@ from sim.trajectory import Trajectory
 CORE = (vehicle_state(()), *MEASURED, *estimated(Estimates), *DETAILS.values())
 """Types of the channels that make up a flight."""
 _OWN, _RECEIVED = MEASURED
-LONGEST_GAP_S = 10.0
-"""Longer gaps between own measurements are not bridged unless requested [s]."""
+LONGEST_GAP_S = 10.0  # longer gaps between own measurements are not bridged unless requested [s]
 _GAP, _NAMED = 2.0, 5  # shortest gap, in filter steps, and most gaps that are named
 _SHORTEST_NS, _LONGEST_NS = 10**5, 10**11  # of usual filter steps
 _OPTIONAL = ("leader_pitch", "leader_roll", "leader_heading_sigma", "range_middle")

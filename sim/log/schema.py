@@ -94,10 +94,8 @@ class RecordType:
 
     name: str
     topic: str  # end of its topics
-    columns: tuple[Columns, ...]
-    """Arrays of a record, and the fields of a message that hold their numbers."""
-    steps: str = ""
-    """Array with the filter step of each message; "": there is one at every step."""
+    columns: tuple[Columns, ...]  # arrays of a record, and the fields of a message that hold their numbers
+    steps: str = ""  # array with the filter step of each message; "": there is one at every step
 
     @property
     def fields(self) -> tuple[str, ...]:

@@ -29,8 +29,7 @@ from sim.log.schema import Clock, RecordType, pose, quaternion, timestamp, vecto
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import Trajectory
 
-_BLOCK_NS = 10 * 10**9
-"""What was logged of this time is in the file before more is logged [ns]."""
+_BLOCK_NS = 10 * 10**9  # what was logged of this time is in the file before more is logged [ns]
 _PACKAGES = ("laisn-sim", "mujoco", "numpy", "scipy", "numba", "filterpy", "mcap", "foxglove-sdk")
 _CONVENTIONS: dict[str, str] = json.loads((Path(__file__).parent / "conventions.json").read_text(encoding="utf-8"))
 Frame = tuple[float, bytes]
