@@ -98,9 +98,7 @@ def by_laisn(recorded: Replayable, given: NavigationSettings) -> Estimates:
 
 
 def _settings(recorded: Replayable, given: Beacons, medium: str) -> BeaconSettings:
-    names = ("range_sigma", "slip", "heading_walk")
-    stated = {name: value for name in names if (value := getattr(recorded, name)) is not None}
-    return given.over(replace(MEDIA[medium], dt=recorded.measurements.dt, **stated))
+    return given.over(replace(MEDIA[medium], dt=recorded.measurements.dt, **recorded.stated))
 
 
 def among_beacons(recorded: Replayable, given: Beacons) -> tuple[Estimates, str]:

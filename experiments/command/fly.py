@@ -142,8 +142,7 @@ def write_flight(
             with phase("log"):
                 write_log()
             if with_video:
-                from sim.film.frame_renderer import Job
-                from sim.film.render import render
+                from sim.film.render import Job, render
 
                 job = Job(flight=flight, video=scenario.video)
                 with phase("video") as update:

@@ -140,12 +140,11 @@ def render(
     scenario's [video]. LaisnError: a setting is invalid, or rendering does not work here (`laisn doctor` reports why).
     """
     from sim.film import render as film
-    from sim.film.frame_renderer import Job
 
     file, settings, number = Path(path), video_of(flight.scenario.video, video), len(flight.scenario.followers)
     if not 0 <= follower < number:
         raise film.RenderError(f"follower {follower}: expected 0 … {number - 1}")
-    job = Job(flight=flight, video=settings, follower=follower)
+    job = film.Job(flight=flight, video=settings, follower=follower)
     if time_s is not None:
         film.still(job, time_s, file)
         return file

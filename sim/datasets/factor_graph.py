@@ -11,7 +11,6 @@ Times are in s, or in ns where one is too large for s. Vertices of poses are the
 others they may be the file's own estimate, which no line states.
 """
 
-import math
 import re
 from collections import Counter
 from itertools import accumulate, pairwise
@@ -69,20 +68,18 @@ def _parsed(text: str, source: str) -> dict[str, list[_Line]]:
     return {kind: [line._replace(time=1e-9 * line.time) for line in some] for kind, some in lines.items()}
 
 
-def _odometry(lines: list[_Line], order: dict[str, int], source: str) -> tuple[Floats, Floats, int]:
-    """Steps from each pose to the next, variances of their three numbers, and the number of other edges."""
+def _odometry(lines: list[_Line], order: dict[str, int], source: str) -> tuple[Floats, Floats]:
+    """Steps from each pose to the next, and variances of their three numbers."""
     steps, variances = np.full((2, len(order) - 1, 3), np.nan)
-    closures = 0
     for line in lines:
         first, second = (order.get(name) for name in line.names)
-        if first is not None and second == first + 1:
-            if not np.isnan(steps[first, 0]):
-                raise LaisnError(f"{source}: odometry (EDGE_SE2) from {' to '.join(line.names)} is given twice")
-            steps[first] = line.values
-            # of the upper triangle xx, xy, xθ, yy, yθ, θθ
-            variances[first] = line.noise[0], line.noise[3], line.noise[5]
-        else:
-            closures += 1
+        if first is None or second != first + 1:
+            continue
+        if not np.isnan(steps[first, 0]):
+            raise LaisnError(f"{source}: odometry (EDGE_SE2) from {' to '.join(line.names)} is given twice")
+        steps[first] = line.values
+        # of the upper triangle xx, xy, xθ, yy, yθ, θθ
+        variances[first] = line.noise[0], line.noise[3], line.noise[5]
     gaps = np.flatnonzero(np.isnan(steps[:, 0]))
     if gaps.size:
         names = list(order)
@@ -90,17 +87,17 @@ def _odometry(lines: list[_Line], order: dict[str, int], source: str) -> tuple[F
             f"{source}: no odometry (EDGE_SE2) from {names[gaps[0]]} to {names[gaps[0] + 1]}, nor in "
             f"{gaps.size - 1} other places of {len(steps)}"
         )
-    return steps, variances, closures
+    return steps, variances
 
 
 def _ranges(
     lines: list[_Line], order: dict[str, int], time: Floats, beacons: dict[str, int]
-) -> tuple[list[tuple[float, int, float]], float | None]:
-    """Rows of time, beacon and range, and its random error, from lines EDGE_RANGE.
+) -> tuple[list[tuple[float, int, float]], list[float]]:
+    """Rows of time, beacon and range, and variances of ranges, from lines EDGE_RANGE.
 
     The time of a range is that in its line if it lies between the poses beside its own, and otherwise its pose's.
     """
-    rows, variances = [], []
+    rows, variances = [], list[float]()
     for line in lines:
         pose, beacon = line.names if line.names[0] in order else line.names[::-1]
         if pose not in order or beacon not in beacons:
@@ -110,8 +107,7 @@ def _ranges(
         low, high = time[max(k - 1, 0)], time[min(k + 1, time.size - 1)]
         rows.append((line.time if low < line.time < high else time[k], beacons[beacon], line.values[0]))
         variances.append(line.noise[0])
-    sigma = float(np.sqrt(np.median(variances))) if variances and min(variances) > 0.0 else None
-    return sorted(rows), sigma
+    return sorted(rows), variances
 
 
 def read_factor_graph(path: Path) -> RangeData:
@@ -132,8 +128,8 @@ def read_factor_graph(path: Path) -> RangeData:
             f"{source}: no planar pose (VERTEX_SE2) of a robot, called by a letter and a number such as A0"
         )
     robot = max(robots, key=lambda letter: (robots[letter], -ord(letter)))
-    if others := sorted(set(robots) - {robot}):
-        remarks.append(f"of several robots {robot} is taken; left out: {', '.join(others)}")
+    if left := sorted(set(robots) - {robot}):
+        remarks.append(f"of several robots {robot} is taken; left out: {', '.join(left)}")
     poses = [line for line in lines["VERTEX_SE2"] if line.names[0].startswith(robot) and _POSE.fullmatch(line.names[0])]
     poses.sort(key=lambda line: int(line.names[0][1:]))
     for kind in ("VERTEX_SE2", "VERTEX_XY", "VERTEX_XY:PRIOR"):
@@ -143,11 +139,11 @@ def read_factor_graph(path: Path) -> RangeData:
     if np.ptp(time) == 0.0:
         time = np.arange(time.size, dtype=np.float64)
         remarks.append(f"{source} has no times: poses are taken to be a second apart")
-    odometry, spread, closures = _odometry(lines["EDGE_SE2"], order, source)
-    remarks += [f"edges left out that are no steps of odometry: {closures}"] if closures else []
+    odometry, spread = _odometry(lines["EDGE_SE2"], order, source)
+    others = len(lines["EDGE_SE2"]) - len(odometry)
+    remarks += [f"edges left out that are no steps of odometry: {others}"] if others else []
     lasted = np.diff(time)
     rates = spread[lasted > 0.0] / lasted[lasted > 0.0, None]
-    slip, walk = (float(np.median(rate)) if rate.size else 0.0 for rate in (rates[:, :2].mean(axis=1), rates[:, 2]))
     vertices = np.array([line.values for line in poses])
     composed = np.array(list(accumulate(odometry, compose, initial=vertices[0])))
     off = np.hypot(*(composed - vertices)[:, :2].T)
@@ -159,22 +155,16 @@ def read_factor_graph(path: Path) -> RangeData:
         # of poses at one time the first stays
         truth = np.column_stack([time, vertices[:, :2]])[np.append(True, lasted != 0.0)]
     places = {line.names[0]: line.values for kind in ("VERTEX_XY", "VERTEX_XY:PRIOR") for line in lines[kind]}
-    ranges, sigma = _ranges(lines["EDGE_RANGE"], order, time, {name: i for i, name in enumerate(places)})
+    ranges, variances = _ranges(lines["EDGE_RANGE"], order, time, {name: i for i, name in enumerate(places)})
+    spreads = {"slip": rates[:, :2].mean(axis=1), "heading_walk": rates[:, 2]}
+    spreads |= {"range_sigma": np.array(variances)} if variances and min(variances) > 0.0 else {}
     begin = next((p for p in lines["VERTEX_SE2:PRIOR"] if p.names[0] == poses[0].names[0]), poses[0]).values
     return RangeData.collect(
-        source=source,
-        start=np.array([begin[0], begin[1], 0.5 * np.pi - begin[2]]),
-        time=time,
-        odometry=odometry,
-        beacons=tuple(places),
-        places=np.array(list(places.values()), dtype=np.float64).reshape(-1, 2),
-        ranges=ranges,
-        range_sigma=sigma,
-        truth=truth,
-        slip=math.sqrt(max(slip, 0.0)) or None,
-        heading_walk=math.sqrt(max(walk, 0.0)) or None,
-        remarks=remarks,
-    )
+        source=source, start=np.array([begin[0], begin[1], 0.5 * np.pi - begin[2]]), time=time, odometry=odometry,
+        beacons=tuple(places), places=np.array(list(places.values()), dtype=np.float64).reshape(-1, 2), ranges=ranges,
+        stated={k: float(np.sqrt(np.median(v))) for k, v in spreads.items() if v.size and np.median(v) > 0.0},
+        truth=truth, remarks=remarks,
+    )  # fmt: skip
 
 
 def _line(*words: object) -> str:

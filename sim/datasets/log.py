@@ -6,7 +6,7 @@ In the log its beacons are transmitters of a leader that lies still, and the veh
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from sim.datasets.range_data import RangeData, read_range_tables
 from sim.datasets.vehicle_table import VehicleTable
 from sim.log.contents import Contents, LogError, log_errors
 from sim.log.reader import read_recording
-from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, PLACES, POSE_FIELDS, RECEPTION
+from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, PLACES, POSE_FIELDS, RECEPTION, Clock
 from sim.log.writer import Channel, numeric, poses, write_channels
 from sim.system import atomic_write
 
@@ -27,6 +27,7 @@ _READERS = {".pyfg": read_factor_graph, ".mat": read_range_tables, ".txt": read_
 _RECORD = "data set"  # metadata record by which such a log is known
 _STATED = ("range_sigma", "slip", "heading_walk")  # what it holds of the sensors' errors, as the data set states them
 _SLOTS = Ranges._fields
+_nanoseconds = Clock("1970-01-01T00:00:00Z").ns
 _APART = 1e-6  # between ranges of one instant that one reception cannot hold [s]
 
 
@@ -50,9 +51,7 @@ class Replayable(NamedTuple):
 
     measurements: Measurements
     start: Floats  # x, y [m] and velocity [m/s] at step 0, shape (4,)
-    range_sigma: float | None  # this and the two below as of `RangeData`
-    slip: float | None
-    heading_walk: float | None
+    stated: dict[str, Any]  # numbers, as of `RangeData`
     truth: Floats  # time since the start [s], east and north [m], shape (t, 3)
     remarks: tuple[str, ...]
 
@@ -103,10 +102,6 @@ def _channels(data: RangeData) -> Iterator[Channel]:
     yield poses(f"/{VEHICLE}/pose", _nanoseconds(at), np.column_stack([*place, np.zeros(at.size)]), turn)
 
 
-def _nanoseconds(time: Floats) -> Ints:
-    return np.rint(time * 1e9).astype(np.int64)
-
-
 def write_data_set(data: RangeData, path: Path) -> None:
     """Write a data set as a log that `laisn replay` navigates on; LogError if it cannot be written."""
     facts = {
@@ -114,7 +109,7 @@ def write_data_set(data: RangeData, path: Path) -> None:
         "beacons": ",".join(data.beacons),
         "start_east": repr(float(data.start[0])),
         "start_north": repr(float(data.start[1])),
-        **{name: "" if (value := getattr(data, name)) is None else repr(value) for name in _STATED},
+        **{name: repr(data.stated[name]) if name in data.stated else "" for name in _STATED},
     }
     _write(path, list(_channels(data)), facts)
 
@@ -169,5 +164,5 @@ def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
             since = (log.topics[pose].time_ns - log.topics[motion].time_ns.min()) / 1e9 + measured.dt
             truth = np.column_stack([since, log.topics[pose].table(POSE_FIELDS[:2])])
         start = np.array([float(facts["start_east"]), float(facts["start_north"]), 0.0, 0.0])
-        sigma, slip, walk = (float(value) if (value := facts.get(name)) else None for name in _STATED)
-    return Replayable(measured, start, sigma, slip, walk, truth, remarks)
+        stated = {name: float(facts[name]) for name in _STATED if facts.get(name)}
+    return Replayable(measured, start, stated, truth, remarks)

@@ -13,8 +13,8 @@ Times are in s, places in m, headings in rad anticlockwise from east.
 
 import math
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import reduce
 from pathlib import Path
 from typing import Any, Self
@@ -89,11 +89,10 @@ class RangeData:
     range_time: Floats  # when each range was measured, shape (m,), [s]
     range_beacon: Ints  # to which beacon, counted from 0, shape (m,)
     ranges: Floats  # shape (m,), [m]
-    range_sigma: float | None  # random error of a range as the data set states it [m]; None: it does not
     truth: Floats  # time [s], east and north [m] of the path to compare with, shape (t, 3); empty if there is none
-    slip: float | None = None
-    """Random walk of the position that the data set states for its odometry, along each axis [m/√s]; None: none."""
-    heading_walk: float | None = None  # random walk of the heading likewise [rad/√s]
+    stated: Mapping[str, float] = field(default_factory=dict)
+    """What the data set states: `range_sigma`, random error of a range [m]; of its odometry `slip`, random walk of the
+    position along each axis [m/√s], and `heading_walk`, that of the heading [rad/√s]."""
     remarks: tuple[str, ...] = ()  # what was left out or taken for granted, a sentence each
 
     def __post_init__(self) -> None:
@@ -145,14 +144,9 @@ class RangeData:
             speed = way / duration
             remarks.append(f"a way of {way:.0f} m in {duration:g} s, {speed:.2g} m/s: are the times in seconds?")
         return cls(
-            time=time[kept],
-            odometry=steps,
-            range_time=received[:, 0],
-            range_beacon=received[:, 1].astype(np.int64),
-            ranges=received[:, 2],
-            remarks=tuple(remarks),
-            **more,
-        )
+            time=time[kept], odometry=steps, range_time=received[:, 0], range_beacon=received[:, 1].astype(np.int64),
+            ranges=received[:, 2], remarks=tuple(remarks), **more,
+        )  # fmt: skip
 
     def among(self, names: Sequence[str]) -> Self:
         """Data with the ranges to some beacons only, in the order of their names; LaisnError naming one that lacks."""
@@ -167,13 +161,9 @@ class RangeData:
         number = np.full(len(self.beacons), -1, dtype=np.int64)
         number[index] = np.arange(len(index))
         return replace(
-            self,
-            beacons=tuple(chosen),
-            places=self.places[index],
-            range_time=self.range_time[kept],
-            range_beacon=number[self.range_beacon[kept]],
-            ranges=self.ranges[kept],
-        )
+            self, beacons=tuple(chosen), places=self.places[index], range_time=self.range_time[kept],
+            range_beacon=number[self.range_beacon[kept]], ranges=self.ranges[kept],
+        )  # fmt: skip
 
     def legs(self) -> tuple[Floats, Floats, Floats]:
         """The way as odometry has it, cut where a range was measured, so that each has its own place on it.
@@ -260,14 +250,10 @@ def read_range_tables(path: Path) -> RangeData:
     index = {name: i for i, name in enumerate(names)}
     beacons = [index.get(node, -1) for node in ranges[:, 2].tolist()]
     return RangeData.collect(
-        source=str(path),
-        start=np.array([start[1], start[2], 0.5 * np.pi - start[3]]),
+        source=str(path), start=np.array([start[1], start[2], 0.5 * np.pi - start[3]]),
         time=np.concatenate([start[:1], odometry[:, 0]]),
         odometry=np.column_stack([odometry[:, 1], np.zeros(len(odometry)), odometry[:, 2]]),
-        beacons=tuple(map(str, names)),
-        places=nodes[:, 1:].copy(),
+        beacons=tuple(map(str, names)), places=nodes[:, 1:].copy(),
         ranges=np.column_stack([ranges[:, 0], beacons, ranges[:, 3]]),
-        range_sigma=None,
-        truth=tables["GT"][:, :3].copy() if "GT" in tables else np.empty((0, 3)),
-        remarks=(),
-    )
+        truth=tables["GT"][:, :3].copy() if "GT" in tables else np.empty((0, 3)), remarks=(),
+    )  # fmt: skip

@@ -1,10 +1,12 @@
-"""Flight -> film. Frames are rendered and encoded by child processes, so that no graphics library is needed here."""
+"""Flight -> film. Frames are rendered and encoded by child processes; their parent loads no graphics library."""
 
 import os
 import pickle
 import subprocess
-from collections.abc import Callable, Generator, Sequence
+import sys
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
+from dataclasses import dataclass
 from fractions import Fraction
 from io import BytesIO
 from pathlib import Path
@@ -13,16 +15,36 @@ from tempfile import TemporaryFile
 from threading import Thread
 from typing import IO, Any
 
+import numpy as np
 from PIL import Image
 
+from laisn.arrays import Bytes, Floats
 from laisn.failure import LaisnError
 from sim.film import graphics
-from sim.film.frame_renderer import GROUP, Job
+from sim.film.cameras import CameraRig
+from sim.film.film_data import NOTHING, Annotations, FilmData
+from sim.film.overlay import Overlay
+from sim.film.scene import GlScene
+from sim.flight import Flight
 from sim.scenario.settings import Video
 from sim.system import atomic_write
 
-_IMPORTS = "from sim.film import frame_renderer"  # first line of the program that a child process runs
+_IMPORTS = "from sim.film import render"  # first line of the program that a child process runs
 _LAST_WORDS = 12
+GROUP = 30  # frames of a group of pictures. Each begins with an IDR frame and is encoded by itself, by whichever child
+
+_X264 = {
+    "preset": "ultrafast",
+    "crf": "23",
+    "bf": "0",
+    "g": str(GROUP),
+    # children are the parallelism; headers with every IDR frame let a reader start there
+    "threads": "1",
+    # what the preset leaves out and costs little: smooth borders of blocks, and transforms that suit a smooth sea
+    "x264-params": f"repeat-headers=1:annexb=1:scenecut=0:keyint={GROUP}:min-keyint={GROUP}:deblock=0,0:8x8dct=1",
+}
+_BT709 = 1
+_LIMITED = 1
 
 
 class RenderError(LaisnError):
@@ -31,6 +53,100 @@ class RenderError(LaisnError):
 
 class RendererDiedError(RuntimeError):
     """A process that renders ended before its work was done; the text states how, and its last output."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """What is filmed."""
+
+    flight: Flight
+    video: Video
+    follower: int = 0  # index of the follower that the film keeps to
+    annotations: Annotations = NOTHING
+
+    @property
+    def times(self) -> Floats:
+        """Mission time of each frame, shape (frames,), [s]."""
+        time, video = self.flight.trajectory.time, self.video
+        frames = max(1, round(float(time[-1] - time[0]) / video.speed_up * video.frame_rate_hz))
+        return np.asarray(time[0] + np.arange(frames) * video.speed_up / video.frame_rate_hz)
+
+    @property
+    def groups(self) -> int:
+        """Number of groups of pictures."""
+        return -(-self.times.size // GROUP)
+
+
+class FrameRenderer:
+    """Scene, cameras and overlay of one film, put together."""
+
+    def __init__(self, job: Job, scene: GlScene) -> None:
+        video = job.video
+        self._data = FilmData(job.flight, video.speed_up, job.follower, job.annotations)
+        self._cameras = CameraRig(self._data, video.width_px / video.height_px)
+        self._overlay = Overlay(self._data, video)
+        self._scene, self._camera = scene, video.camera
+
+    def frame(self, time: float) -> Bytes:
+        """The frame at mission time `time` [s], top row first, shape (height, width, 4); reused at every call."""
+        state = self._data.at(time)
+        shot = self._cameras.shot(self._camera, state)
+        self._overlay.canvas.load(self._scene.picture(state, shot, self._overlay.inset_boxes(shot)))
+        self._overlay.draw(state, shot)
+        return self._overlay.canvas.pixels
+
+
+def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:
+    """H.264 access units of a group of pictures, frames of shape (height, width, 4).
+
+    Annex B, no B-frames, ITU-R BT.709 in limited range.
+    """
+    # codecs take a tenth of a second to load, and the parent of children needs none
+    import av
+    from av.video.reformatter import VideoReformatter
+
+    codec: Any = av.CodecContext.create("libx264", "w")
+    codec.width, codec.height, codec.pix_fmt = video.width_px, video.height_px, "yuv420p"
+    codec.framerate = Fraction(video.frame_rate_hz)
+    codec.time_base = 1 / codec.framerate
+    codec.colorspace = codec.color_primaries = codec.color_trc = _BT709
+    codec.color_range = _LIMITED
+    codec.options = _X264
+    # one for all frames: a new one costs a millisecond
+    reformatter = VideoReformatter()
+    for number, pixels in enumerate(frames):
+        frame = av.VideoFrame.from_ndarray(pixels, format="rgba")
+        picture = reformatter.reformat(frame, format="yuv420p", dst_colorspace=_BT709, dst_color_range=_LIMITED)
+        picture.pts, picture.time_base = number, codec.time_base
+        yield from (bytes(packet) for packet in codec.encode(picture))
+    yield from (bytes(packet) for packet in codec.encode(None))
+
+
+def _send(results: Callable[[Job, Callable[[float], Bytes]], Iterable[object]]) -> None:
+    """Compute results from the job, pickled on standard input, and its frames; pickle them to standard output."""
+    output = os.fdopen(os.dup(1), "wb", buffering=0)
+    # what a library prints must not stand between results
+    os.dup2(2, 1)
+    job = pickle.load(sys.stdin.buffer)
+    with closing(GlScene(job.flight, job.video)) as scene:
+        for result in results(job, FrameRenderer(job, scene).frame):
+            pickle.dump(result, output)
+
+
+def main(worker: int, workers: int) -> None:
+    """Render and encode the groups worker, worker + workers … of the job; results are (group, access units)."""
+
+    def groups(job: Job, frame: Callable[[float], Bytes]) -> Iterator[tuple[int, list[bytes]]]:
+        for group in range(worker, job.groups, workers):
+            times = job.times[group * GROUP : (group + 1) * GROUP].tolist()
+            yield group, list(encode(map(frame, times), job.video))
+
+    _send(groups)
+
+
+def main_still(time: float) -> None:
+    """Render one frame of the job; the result is its pixels, shape (height, width, 4)."""
+    _send(lambda _, frame: [frame(time)])
 
 
 def _check_file(path: Path, suffix: str) -> None:
@@ -54,7 +170,7 @@ def _results(job: Job, programs: Sequence[str]) -> Generator[Any, None, None]:
     children, readers = list[Any](), list[Thread]()
     try:
         for program in programs:
-            command, environment = graphics.child(f"{start}; frame_renderer.{program}", backend.name, threads)
+            command, environment = graphics.child(f"{start}; render.{program}", backend.name, threads)
             log = TemporaryFile()  # noqa: SIM115 (the reader closes it)
             pipe = subprocess.PIPE
             children.append(subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, stderr=log))
@@ -130,8 +246,7 @@ def render(
 
 def _write_mp4(path: Path, units: Sequence[bytes], video: Video) -> None:
     """Wrap access units as they are: one for each frame, in order."""
-    # codecs take a tenth of a second to load, and stills need none
-    import av
+    import av  # as in `encode`
 
     step = Fraction(1, video.frame_rate_hz)
     with (

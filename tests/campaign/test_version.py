@@ -57,7 +57,7 @@ def test_a_docstring_is_no_part_of_the_version(tree: Path, unedited: str) -> Non
 
 
 def test_edits_of_what_draws_writes_or_compares_keep_the_version(tree: Path, unedited: str) -> None:
-    modules = ("film/frame_renderer", "film/render", "film/overlay", "film/scene", "log/writer", "log/scene")
+    modules = ("film/render", "film/overlay", "film/scene", "log/writer", "log/scene")
     others = ("pages/page.py", "command/cli.py", "pages/flight_report.py", "pages/templates/page.css",
               "studies/reproduce/published_tables.csv")  # fmt: skip
     edited = [*(f"sim/{name}.py" for name in modules), *(f"experiments/{name}" for name in others)]

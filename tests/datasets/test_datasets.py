@@ -67,7 +67,7 @@ def test_a_factor_graph_is_read_as_it_is_written(tmp_path: Path) -> None:
     assert data.range_time.tolist() == [11.2, 12.5, 13.0]
     assert data.range_beacon.tolist() == [0, 1, 0]
     assert data.ranges.tolist() == [17.0, 24.0, 18.0]
-    assert data.range_sigma == pytest.approx(0.4)
+    assert data.stated["range_sigma"] == pytest.approx(0.4)
     assert data.truth.tolist() == [[10.0, 1.0, 2.0], [11.0, 3.0, 2.0], [13.0, 3.0, 6.0]]
     assert data.remarks == (
         "of several robots A is taken; left out: B",
@@ -76,8 +76,8 @@ def test_a_factor_graph_is_read_as_it_is_written(tmp_path: Path) -> None:
         "ranges left out that are not to a beacon of known place: 2",
     )
     # 0.01 m² in 1 s and in 2 s, along either axis; 1e-4 rad²
-    assert data.slip == pytest.approx(math.sqrt(0.0075))
-    assert data.heading_walk == pytest.approx(math.sqrt(0.75e-4))
+    assert data.stated["slip"] == pytest.approx(math.sqrt(0.0075))
+    assert data.stated["heading_walk"] == pytest.approx(math.sqrt(0.75e-4))
 
 
 def test_times_in_nanoseconds_are_read_in_seconds(tmp_path: Path) -> None:
@@ -89,7 +89,7 @@ def test_times_in_nanoseconds_are_read_in_seconds(tmp_path: Path) -> None:
     data = read_data_set(graph(tmp_path, "\n".join(" ".join(w) for w in words)))
     np.testing.assert_allclose(data.time - 1.6e9, [10.0, 11.0, 13.0], rtol=0, atol=1e-6)
     np.testing.assert_allclose(data.range_time - 1.6e9, [11.2, 12.5, 13.0], rtol=0, atol=1e-6)
-    assert data.slip == pytest.approx(math.sqrt(0.0075), rel=1e-6)
+    assert data.stated["slip"] == pytest.approx(math.sqrt(0.0075), rel=1e-6)
 
 
 def test_milliseconds_taken_for_seconds_are_doubted(tmp_path: Path) -> None:
@@ -367,7 +367,7 @@ def straight(**changes: object) -> RangeData:
         range_time=np.array([1.5, 1.5, 1.5, 1.5, 1.5, 2.0]),
         range_beacon=np.array([0, 1, 2, 3, 4, 0]),
         ranges=np.array([10.0, 11.0, 12.0, 13.0, 14.0, 15.0]),
-        range_sigma=0.3,
+        stated={"range_sigma": 0.3},
         truth=np.empty((0, 3)),
     )
     return replace(base, **changes)  # type: ignore[arg-type]
@@ -407,7 +407,7 @@ def test_two_beacons_are_the_ends_of_a_leader_at_rest(tmp_path: Path) -> None:
     assert np.diff(m.time).tolist() == pytest.approx([1.0, 0.5, 0.5, 1.0])
     assert m.message_step.tolist() == [3, 4]
     assert m.speed.tolist() == pytest.approx([0.0, 1.0, 1.0, 1.0, 1.0])
-    assert recorded.range_sigma == 0.3
+    assert recorded.stated == {"range_sigma": 0.3}
     assert recorded.start.tolist() == [0.0, 0.0, 0.0, 0.0]
 
 

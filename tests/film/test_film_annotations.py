@@ -20,7 +20,7 @@ from laisn.geometry import horizontal_range
 from sim.film import graphics, render
 from sim.film.cameras import CameraRig
 from sim.film.film_data import ESTIMATE, NOTHING, Annotations, FilmData, OtherEstimate, RayErrors, diverging
-from sim.film.frame_renderer import Job
+from sim.film.render import Job
 from sim.flight import excerpt
 from sim.scenario.settings import Video
 from sim.trajectory import tilted
@@ -140,7 +140,7 @@ TOGETHER = """
 import pickle
 from contextlib import closing
 import numpy as np
-from sim.film.frame_renderer import FrameRenderer
+from sim.film.render import FrameRenderer
 from sim.film.scene import GlScene
 jobs, when = pickle.load(open(sys.argv[1], "rb"))
 with closing(GlScene(jobs["plain"].flight, jobs["plain"].video)) as scene:

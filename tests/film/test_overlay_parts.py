@@ -11,7 +11,7 @@ from synthetic import make_flight
 
 from laisn.estimates import FixKind
 from laisn.settings import Variant
-from sim.film import canvas, frame_renderer
+from sim.film import canvas, render
 from sim.film.cameras import View
 from sim.film.canvas import Canvas, Place, Shape, Stroke
 from sim.film.dashboard import Dashboard, format_half_axes, round_length
@@ -95,7 +95,7 @@ def test_colours_are_converted_to_bt709() -> None:
     rgba = np.zeros((128, 160, 4), np.uint8)
     for i, colour in enumerate(colours):
         rgba[:, 32 * i : 32 * i + 32] = (*colour, 255)
-    (unit,) = frame_renderer.encode([rgba], Video(width_px=160, height_px=128))
+    (unit,) = render.encode([rgba], Video(width_px=160, height_px=128))
     (picture,) = av.CodecContext.create("h264", "r").decode(av.Packet(unit)) or [None]
     assert picture is not None
     assert (picture.colorspace, picture.color_range) == (1, 1)

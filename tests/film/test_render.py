@@ -16,7 +16,7 @@ from PIL import Image
 from sim.film import graphics, render
 from sim.film.cameras import CameraRig
 from sim.film.film_data import ESTIMATE, TRUTH, FilmData
-from sim.film.frame_renderer import GROUP, Job
+from sim.film.render import GROUP, Job
 from sim.film.seascape import WATER
 from sim.scenario.settings import CAMERAS, Video
 from tests.film.filmed import apart, small
@@ -98,7 +98,7 @@ import mujoco
 import numpy as np
 from sim.scenario.settings import CAMERAS
 from contextlib import closing
-from sim.film.frame_renderer import FrameRenderer
+from sim.film.render import FrameRenderer
 from sim.film.scene import GlScene
 job, shifted = pickle.load(open(sys.argv[1], "rb"))
 pictures = {}
@@ -205,11 +205,11 @@ sys.path.insert(0, {str(Path(__file__).parents[1])!r})
 from pathlib import Path
 from synthetic import make_flight
 from sim.film import render
-from sim.film.frame_renderer import Job
+from sim.film.render import Job
 from sim.scenario.settings import Video
 # one that is never done, and has nothing to load
-render._IMPORTS = "import os, pickle, sys, time; frame_renderer = time; " + \
-    "frame_renderer.main = lambda *_: (os.write(1, pickle.dumps((0, []))), time.sleep(60))"
+render._IMPORTS = "import os, pickle, sys, time; render = time; " + \
+    "render.main = lambda *_: (os.write(1, pickle.dumps((0, []))), time.sleep(60))"
 flight = make_flight(10.0)
 def progress(share):
     print("going", flush=True)

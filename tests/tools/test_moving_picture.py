@@ -11,7 +11,7 @@ from PIL import Image
 
 from experiments.flight.library import load
 from sim.assembly import routes_of
-from sim.film.frame_renderer import Job
+from sim.film.render import Job
 from sim.flight import Flight
 from tests import synthetic
 from tools.documents import draw

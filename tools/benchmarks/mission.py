@@ -15,7 +15,7 @@ from experiments.flight.library import load
 from laisn.compiled import compiled
 from sim.assembly import ocean_of, routes_of, setups_of
 from sim.film import graphics, render
-from sim.film.frame_renderer import Job
+from sim.film.render import Job
 from sim.log import writer
 from sim.log.contents import Contents
 from sim.scenario.settings import Follower, Scenario

@@ -19,7 +19,7 @@ from experiments.pages.style import INK, SERIES, Legend
 from experiments.studies.estimators import figures as estimators
 from experiments.study.file import built_in, study_of
 from sim.film import render
-from sim.film.frame_renderer import Job
+from sim.film.render import Job
 from sim.flight import Flight, excerpt, position_and_bearing_errors
 from sim.simulation import simulate_motion
 from tools.documents import architecture, drawing, physics, route_keeping, study_pictures

@@ -28,8 +28,7 @@ from experiments.study.run import Outcomes
 from laisn.arrays import Bools, Floats
 from laisn.settings import NavigationSettings
 from sim.film.film_data import Annotations, OtherEstimate, RayErrors
-from sim.film.frame_renderer import Job
-from sim.film.render import render
+from sim.film.render import Job, render
 from sim.flight import Flight, excerpt, navigate
 from sim.scenario.file import assigned, validate
 from sim.scenario.settings import Scenario, Video
