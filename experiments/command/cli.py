@@ -168,15 +168,13 @@ def replay(
     set_: SetOption = None,
     _plugin: PluginOption = None,
     scenario: Annotated[
-        str | None,
-        typer.Option(metavar="SCENARIO", help="for a log of measurements only: start, baseline, navigation"),
+        str | None, typer.Option(metavar="SCENARIO", help="for a log of measurements only: start, baseline, navigation")
     ] = None,
     out: Annotated[
         Path | None, typer.Option(help="log of the flight with the new estimates; CSV with --scenario and of data sets")
     ] = None,
     longest_gap: Annotated[
-        float,
-        typer.Option(min=0.0, help="bridge gaps of up to this many seconds in a vehicle's own measurements"),
+        float, typer.Option(min=0.0, help="bridge gaps of up to this many seconds in a vehicle's own measurements")
     ] = 10.0,
     smooth: Annotated[
         float | None,

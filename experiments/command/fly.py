@@ -13,17 +13,7 @@ from rich.console import Console
 
 from experiments.campaign.progress import Update, phases, print_line, show_table
 from experiments.flight.fly import Stopwatch, fly, motion_and_outcome
-from experiments.flight.folder import (
-    FILM,
-    LAYOUT,
-    LOG,
-    REPORT,
-    SCENARIO,
-    SUMMARY,
-    TIMING,
-    one_flight,
-    require_safe,
-)
+from experiments.flight.folder import FILM, LAYOUT, LOG, REPORT, SCENARIO, SUMMARY, TIMING, one_flight, require_safe
 from experiments.flight.summary import flight_bounds, flight_events, stray_events, summarise
 from laisn.failure import LaisnError
 from sim.feasibility import cautions

@@ -24,11 +24,7 @@ def _load_plugins(files: list[Path] | None) -> None:
 PluginOption = Annotated[
     list[Path] | None,
     typer.Option(
-        "--plugin",
-        callback=_load_plugins,
-        is_eager=True,
-        metavar="FILE.py",
-        help="load own navigators and sensors",
+        "--plugin", callback=_load_plugins, is_eager=True, metavar="FILE.py", help="load own navigators and sensors"
     ),
 ]
 SetOption = Annotated[
@@ -43,8 +39,7 @@ def folder_option(text: str) -> Path:
 
 
 OutOption = Annotated[
-    Path | None,
-    typer.Option(parser=folder_option, metavar="FOLDER", help="folder for the results (default: out/NAME)"),
+    Path | None, typer.Option(parser=folder_option, metavar="FOLDER", help="folder for the results (default: out/NAME)")
 ]
 
 WorkersOption = Annotated[
