@@ -35,59 +35,36 @@ if TYPE_CHECKING:
     from experiments.flight.tables import truth_table as truth
     from experiments.pages.results import Flight as Flight
     from experiments.pages.results import flight_summary as summary
-    from experiments.pages.results import fly as fly
+    from experiments.pages.results import fly, navigate, read_log, render
     from experiments.pages.results import log_flight as write_log
-    from experiments.pages.results import navigate as navigate
-    from experiments.pages.results import read_log as read_log
-    from experiments.pages.results import render as render
     from experiments.study.study import StudyFolder as StudyFolder
     from laisn.failure import LaisnError as LaisnError
     from laisn.navigator import Navigator as Navigator
-    from laisn.plugins import load_plugin as load_plugin
+    from laisn.plugins import load_plugin
     from sim.closed_loop import Command as Command
     from sim.closed_loop import Wrench as Wrench
     from sim.scenario.settings import Scenario as Scenario
 
 __all__ = [
-    "errors",
-    "fly",
-    "hull",
-    "load",
-    "load_plugin",
-    "measurements",
-    "navigate",
-    "read_log",
-    "render",
-    "study",
-    "summary",
-    "truth",
-    "write_log",
-]
+    "errors", "fly", "hull", "load", "load_plugin", "measurements", "navigate", "read_log", "render", "study",
+    "summary", "truth", "write_log",
+]  # fmt: skip
 
 _ROOT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
 _PACKAGES = ("models", "laisn", "sim", "experiments")
 _INTERRUPTED = b"laisn: interrupted\n"
 _HOMES = {
-    "Command": "sim.closed_loop:Command",
-    "Flight": "experiments.pages.results:Flight",
-    "LaisnError": "laisn.failure:LaisnError",
-    "Navigator": "laisn.navigator:Navigator",
-    "StudyFolder": "experiments.study.study:StudyFolder",
-    "Scenario": "sim.scenario.settings:Scenario",
-    "Table": "experiments.flight.tables:Table",
-    "Wrench": "sim.closed_loop:Wrench",
-    "errors": "experiments.flight.tables:errors_table",
-    "fly": "experiments.pages.results:fly",
-    "load": "experiments.flight.library:loaded",
-    "load_plugin": "laisn.plugins:load_plugin",
-    "measurements": "experiments.flight.tables:measurements_table",
-    "navigate": "experiments.pages.results:navigate",
-    "read_log": "experiments.pages.results:read_log",
-    "render": "experiments.pages.results:render",
-    "summary": "experiments.pages.results:flight_summary",
-    "truth": "experiments.flight.tables:truth_table",
+    "Command": "sim.closed_loop:Command", "Wrench": "sim.closed_loop:Wrench",
+    "LaisnError": "laisn.failure:LaisnError", "Navigator": "laisn.navigator:Navigator",
+    "Scenario": "sim.scenario.settings:Scenario", "StudyFolder": "experiments.study.study:StudyFolder",
+    "load": "experiments.flight.library:loaded", "load_plugin": "laisn.plugins:load_plugin",
+    "Table": "experiments.flight.tables:Table", "errors": "experiments.flight.tables:errors_table",
+    "measurements": "experiments.flight.tables:measurements_table", "truth": "experiments.flight.tables:truth_table",
+    "Flight": "experiments.pages.results:Flight", "fly": "experiments.pages.results:fly",
+    "navigate": "experiments.pages.results:navigate", "read_log": "experiments.pages.results:read_log",
+    "render": "experiments.pages.results:render", "summary": "experiments.pages.results:flight_summary",
     "write_log": "experiments.pages.results:log_flight",
-}
+}  # fmt: skip
 
 
 def _exit_interrupted(*_: object) -> None:
@@ -134,11 +111,10 @@ def __getattr__(name: str) -> object:
         raise AttributeError(
             f"module 'laisn_sim' has no attribute {name!r}; available: {', '.join(sorted((*__all__, *_HOMES)))}"
         )
-    from importlib import import_module
+    from pkgutil import resolve_name
 
     _require_own_packages()
-    module, _, attribute = _HOMES[name].partition(":")
-    found = globals()[name] = getattr(import_module(module), attribute)
+    found = globals()[name] = resolve_name(_HOMES[name])
     return found
 
 

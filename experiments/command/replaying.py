@@ -7,6 +7,7 @@ from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -15,14 +16,25 @@ from experiments.campaign.bound import flight_bound
 from experiments.campaign.progress import literal, print_line, show_table
 from experiments.campaign.store import write_csv
 from experiments.command.errors import require_output
+from experiments.command.fly import show
+from experiments.flight.fly import navigate_again
+from experiments.flight.library import load_flyable
 from experiments.flight.summary import consistency
 from experiments.pages.replay_page import Replayed, write_replay_page
 from experiments.pages.results import flight_summary, log_flight
 from laisn.failure import LaisnError
 from laisn.navigators import NAVIGATORS, NavigatorFactory, find
 from laisn.settings import NavigationSettings, TightSettings
+from sim.datasets.factor_graph import write_factor_graph
+from sim.datasets.log import VEHICLE, read_data_set, read_data_set_log, write_data_set, write_vehicle_table
+from sim.datasets.vehicle_table import read_vehicle_table
 from sim.flight import Flight, navigation_settings, settings_as
+from sim.log.contents import Contents
+from sim.log.reader import read, read_recording
 from sim.scenario.file import values_of
+from sim.scenario.settings import Scenario
+from sim.sensing.observation import start_of
+from sim.simulation import simulate_motion
 
 _LARGE = 1e5  # errors beyond this are printed by their order of magnitude [m]
 
@@ -34,13 +46,9 @@ def replay(
 
     `out` is a log for the new estimates, which are smoothed with messages of up to `smooth_s` later.
     """
-    from experiments.command.fly import show
-    from experiments.flight.fly import navigate_again
-    from sim.log import reader
-
     require_output(out, ".mcap", source=path)
     smoothing = _smoother(variant, smooth_s)
-    flown = reader.read(path)
+    flown = read(path)
     changes = values_of([f"navigation.variant={variant}", *assignments])
     again = navigate_again(flown, changes)
     smoothed = again if smoothing is None else navigate_again(flown, changes, smoothing)
@@ -63,25 +71,19 @@ def replay_measurements(
     and starts of the followers, the leader's baseline and the navigation are used; the filter steps are those of the
     log. A single range of a message is used, unless the scenario sets `use_single_range = false`.
     """
-    from experiments.flight.library import load_flyable
-    from sim.log import reader
-    from sim.sensing.observation import start_of
-    from sim.simulation import simulate_motion
-
     require_output(out, ".csv", source=path)
     scenario = load_flyable(source, assignments)
     navigation = scenario.navigation
     make = _smoother(navigation.variant, smooth_s) or find(navigation.variant).make
     if "use_single_range" not in navigation.model_fields_set:
-        single = navigation.model_copy(update={"use_single_range": True})
-        scenario = scenario.model_copy(update={"navigation": single})
+        scenario = _with_navigation(scenario, use_single_range=True)
     # two steps are enough for the starts of the routes
     short = {"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s}
     begin = simulate_motion(scenario.model_copy(update=short))
     heads = ("follower", "steps", "Δt [s]", "fixes", "x [m]", "y [m]")
     rows, remarks, vehicles = list[list[str]](), list[str](), list[Replayed]()
     for i, name in enumerate(begin.names[1:]):
-        measured, found = reader.read_recording(path, name, longest_gap_s)
+        measured, found = read_recording(path, name, longest_gap_s)
         remarks += found
         settings = replace(navigation_settings(scenario, begin, i), dt=measured.dt)
         try:
@@ -95,6 +97,10 @@ def replay_measurements(
         vehicles.append(vehicle)
     show_table(Console(), heads, rows)
     _write_replay(vehicles, path, navigation.variant, list(dict.fromkeys(remarks)), out)
+
+
+def _with_navigation(scenario: Scenario, **changes: Any) -> Scenario:
+    return scenario.model_copy(update={"navigation": scenario.navigation.model_copy(update=changes)})
 
 
 def _write_replay(
@@ -118,14 +124,8 @@ def _write_replay(
 
 def export_factor_graphs(path: Path, out: Path) -> list[Path]:
     """Write what each follower of a flight measured as `out`/FOLLOWER.pyfg, with its true path; gives the files."""
-    from sim.datasets.factor_graph import write_factor_graph
-    from sim.log import reader
-    from sim.sensing.observation import start_of
-
-    flight = reader.read(path)
-    tight = flight.scenario.model_copy(
-        update={"navigation": flight.scenario.navigation.model_copy(update={"variant": "tight"})}
-    )
+    flight = read(path)
+    tight = _with_navigation(flight.scenario, variant="tight")
     out.mkdir(parents=True, exist_ok=True)
     steps, files = np.append(0, flight.step_index()), []
     for i, name in enumerate(flight.trajectory.names[1:]):
@@ -138,8 +138,6 @@ def export_factor_graphs(path: Path, out: Path) -> list[Path]:
 
 def show_info(path: Path) -> None:
     """Print what a log holds; LogError if it cannot be read."""
-    from sim.log.contents import Contents
-
     log, console = Contents(path, lambda topic, _: False), Console()
     times = [at for found in log.topics.values() for at in found.times]
     begin, end = min(times, default=0), max(times, default=0)
@@ -173,7 +171,7 @@ def _smoother(variant: str, lag_s: float | None) -> NavigatorFactory | None:
 
 def _show_smoothing(console: Console, filtered: Flight, smoothed: Flight, lag_s: float) -> None:
     """Print RMS errors of every follower, their bounds, and NEES, filtered and smoothed."""
-    rows = []
+    rows = list[list[str]]()
     for i, name in enumerate(filtered.trajectory.names[1:]):
         row = [name]
         for flight, lag in ((filtered, 0.0), (smoothed, lag_s)):
@@ -188,9 +186,6 @@ def _show_smoothing(console: Console, filtered: Flight, smoothed: Flight, lag_s:
 
 def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
     """Write a data set, or the table of a vehicle's measurements, as a log."""
-    from sim.datasets.log import VEHICLE, read_data_set, write_data_set, write_vehicle_table
-    from sim.datasets.vehicle_table import read_vehicle_table
-
     require_output(out, ".mcap", source=source)
     console = Console()
     if source.suffix in (".csv", ".tsv") and not source.stem.endswith("_DR"):
@@ -220,10 +215,8 @@ def replay_data_set(
     path: Path, variant: str, assignments: Sequence[str], out: Path | None, longest_gap_s: float
 ) -> None:
     """Navigate on the log of a data set; print errors beside those of dead reckoning and write a page."""
+    # filters that take half a second to load, and that no other command of logs needs
     from experiments.beacon_replay import among_beacons, beacons_of, by_laisn, dead_reckoning, score
-    from experiments.flight.library import load_flyable
-    from sim.datasets.log import VEHICLE, read_data_set_log
-    from sim.simulation import simulate_motion
 
     require_output(out, ".csv", source=path)
     among, values, recorded = find(variant).beacons, values_of(assignments), read_data_set_log(path, longest_gap_s)

@@ -9,7 +9,7 @@ heads has groups: one that ends in `||` spans two columns. A cell is text, a num
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
@@ -92,13 +92,6 @@ class Table:
     caption: str = ""
     groups: Sequence[tuple[str, int]] = ()
 
-    @property
-    def columns(self) -> list[tuple[str, bool]]:
-        """Heads, and whether numbers stand below them, and so to the right."""
-        return [
-            (head, bool(self.rows) and all(row[i].numeric for row in self.rows)) for i, head in enumerate(self.heads)
-        ]
-
     def __post_init__(self) -> None:
         for row in self.rows:
             if len(row) != len(self.heads):
@@ -113,11 +106,6 @@ class Figures:
     caption: str = ""
     title: str = ""
     legend: Legend = ()
-
-    @property
-    def layout(self) -> str:
-        """Class of the page's style: a grid of many alike, or a row that fills the width, each panel by its own."""
-        return "grid" if len(self.panels) > 2 and len({panel.width for panel in self.panels}) == 1 else "row"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -259,20 +247,6 @@ def _table(text: str, placed: Sequence[Any]) -> Table:
     )
 
 
-def _render(
-    package: str,
-    name: str,
-    values: Mapping[str, Any],
-    filters: Mapping[str, Callable[..., object]] | None = None,
-    finalize: Callable[[object], object] | None = None,
-) -> list[str]:
-    environment = _environment(finalize=finalize, autoescape=False)
-    environment.filters.update(filters or {})
-    source = (resources.files(package) / name).read_text(encoding="utf-8")
-    text = environment.from_string(source).render(values)
-    return [part.strip() for part in re.split(r"\n\s*\n", text) if part.strip()]
-
-
 def page_of(
     package: str,
     facts: Sequence[tuple[str, str]],
@@ -305,9 +279,11 @@ def page_of(
         marks = (f"{_MARK}{i}" for i in range(len(placed) - len(blocks), len(placed)))
         return "\n\n" + "\n\n".join(marks) + "\n\n"
 
-    caption = {"caption": lambda block, text: replace(block, caption=_line(text))}
-    parts = _render(package, name, {**values, "n": number}, caption, finalize=place)
-    title, *rest = parts or [""]
+    environment = _environment(finalize=place, autoescape=False)
+    environment.filters["caption"] = lambda block, text: replace(block, caption=_line(text))
+    source = (resources.files(package) / name).read_text(encoding="utf-8")
+    text = environment.from_string(source).render({**values, "n": number})
+    title, *rest = [part.strip() for part in re.split(r"\n\s*\n", text) if part.strip()] or [""]
     if not title.startswith("# ") or not rest:
         raise ValueError(f"{package}: {name} does not start with a title and a summary")
     sections: list[tuple[str, list[Block]]] = []
