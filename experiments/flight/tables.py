@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import html
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pyarrow as pa
 
 from experiments.campaign.store import arrow_table
 from experiments.flight.summary import mirror_locked_steps, true_bearing
 from laisn.failure import LaisnError
 from laisn.messages import Ranges
-from sim.flight import position_and_bearing_errors
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from sim.flight import Flight
+from sim.flight import Flight, position_and_bearing_errors
 
 _SHOWN, _NAMED = 5, 12
 

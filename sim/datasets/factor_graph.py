@@ -115,10 +115,8 @@ def read_factor_graph(path: Path) -> RangeData:
 
     Places of landmarks are those of their priors, or else of their vertices. The path to compare with is that of the
     poses' vertices, unless these are only composed of the odometry. The start is that of the first pose's prior, or
-    else of its vertex. Odometry's covariances give `slip` and `heading_walk`, their medians per second.
-
-    Raises:
-        LaisnError: the file cannot be read, is no planar graph, or lacks odometry or ranges; the text names the line.
+    else of its vertex. Odometry's covariances give `slip` and `heading_walk`, their medians per second. LaisnError,
+    naming the line, if the file cannot be read, is no planar graph, or lacks odometry or ranges.
     """
     source, remarks = str(path), list[str]()
     lines = _parsed(text_of(path), source)

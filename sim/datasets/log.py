@@ -32,11 +32,7 @@ _APART = 1e-6  # between ranges of one instant that one reception cannot hold [s
 
 
 def read_data_set(path: Path) -> RangeData:
-    """The odometry and ranges in a file.
-
-    Raises:
-        LaisnError: its name ends in nothing that is known, or it cannot be read.
-    """
+    """The odometry and ranges in a file; LaisnError if its name ends in nothing that is known, or it cannot be read."""
     reader = _READERS.get(path.suffix)
     if reader is None:
         raise LaisnError(
@@ -115,11 +111,7 @@ def write_data_set(data: RangeData, path: Path) -> None:
 
 
 def write_vehicle_table(table: VehicleTable, path: Path) -> None:
-    """Write the measurements of a vehicle, named "follower", as a log that `laisn replay` navigates on.
-
-    Raises:
-        LogError: the file cannot be written.
-    """
+    """Write measurements of a vehicle, named "follower", as a log for `laisn replay`; LogError if that fails."""
     empty = np.full(table.time_ns.size, np.nan)
     own = np.all([np.isfinite(table.columns[field]) for field in OWN_MOTION.fields], axis=0)
     ranges = [values for field, values in table.columns.items() if field.startswith("range_")]
@@ -146,11 +138,7 @@ def is_data_set(path: Path) -> bool:
 
 
 def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
-    """Measurements and truth of a log that `write_data_set` wrote.
-
-    Raises:
-        LogError: the log is damaged or of something else, or has too long a gap.
-    """
+    """Read a log of `write_data_set`; LogError if it is damaged or of something else, or has too long a gap."""
     pose, motion = f"/{VEHICLE}/pose", f"/{VEHICLE}/motion"
     log = Contents(path, lambda topic, _: topic == pose)
     if _RECORD not in log.metadata:

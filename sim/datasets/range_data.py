@@ -222,8 +222,7 @@ def _from_text(path: Path) -> dict[str, Floats]:
 def read_range_tables(path: Path) -> RangeData:
     """A data set of ranging radios: a MATLAB file with all tables, or the text file `NAME_DR.txt` beside the others.
 
-    Raises:
-        LaisnError: a file cannot be read, or a table, a column or the pose at the start is missing.
+    LaisnError: a file cannot be read, or a table, a column or the pose at the start is missing.
     """
     tables = _from_matlab(path) if path.suffix == ".mat" else _from_text(path)
     missing = [name for name in _NEEDED if name not in tables]

@@ -79,8 +79,7 @@ def _times(words: list[str], unit: str, where: str) -> tuple[Ints, str]:
 def read_vehicle_table(path: Path) -> VehicleTable:
     """Measurements of a text table; header, delimiter, units and format of time are detected.
 
-    Raises:
-        LaisnError: it cannot be read, lacks a column, or a cell is no number; the text names the line.
+    LaisnError, naming the line, if it cannot be read, lacks a column, or a cell is no number.
     """
     lines = [line for line in text_of(path).splitlines() if line.strip() and not line.startswith("#")]
     if len(lines) < 3:

@@ -18,6 +18,7 @@ _CLEARANCE_M = 1.2
 _FREE = (0.26, 0.79, 0.04)  # left, right and upper edge of what the panels leave free, as shares of the frame
 _SIGHT_DOWN_M = 42.0  # how far below the vehicles the view from above reaches
 _ORBIT_FILM_S = 40.0
+_NORTH_UP = np.array([0.0, 1.0, 0.0])
 _PROFILE_TURN = np.radians(152.0)
 """From the bearing of the follower to that of the camera `profile`, seen from the leader: a camera so far around sees
 the leader at one side of the frame's middle and a far follower some 27° from it, at the other."""
@@ -140,8 +141,7 @@ class CameraRig:
 
     def _in_water(self, position: Floats) -> Floats:
         """A camera's position, kept between surface and floor."""
-        z = np.clip(position[2], self._floor + _CLEARANCE_M, -_CLEARANCE_M)
-        return np.array([position[0], position[1], z])
+        return np.append(position[:2], np.clip(position[2], self._floor + _CLEARANCE_M, -_CLEARANCE_M))
 
     def _towards_leader(self, time: float) -> Floats:
         flat = self._now(self._separation, time) * [1.0, 1.0, 0.0]
@@ -170,10 +170,8 @@ class CameraRig:
         """The follower and its estimate from above, north up."""
         at = state.hydrophone[self._vehicle - 1]
         reach = 1.5 + 1.6 * float(np.clip(self._now(self._error, state.time), 1.0, 8.0))
-        height = reach / np.tan(np.radians(60.0) / 2)
-        eye = self._in_water(at + np.array([0.0, 0.0, height]))
-        plane = float(eye[2] - at[2])
-        return View(position=eye, target=at, up=np.array([0.0, 1.0, 0.0]), fovy_deg=60.0, plane_m=plane)
+        eye = self._in_water(at + np.array([0.0, 0.0, reach / np.tan(np.radians(60.0) / 2)]))
+        return View(position=eye, target=at, up=_NORTH_UP, fovy_deg=60.0, plane_m=float(eye[2] - at[2]))
 
     def _beside(self, target: Floats, direction: Floats, fovy_deg: float, wide: float, high: float, deep: float
                 ) -> View:  # fmt: skip
@@ -199,8 +197,7 @@ class CameraRig:
         aside = np.array([0.5 - (left + right) / 2, (top + bottom) / 2 - 0.5, 0.0])
         target = centre + frame * aside * [self._aspect, 1.0, 0.0]
         height = frame / 2 / np.tan(np.radians(45.0) / 2)
-        eye, up = target + np.array([0.0, 0.0, height]), np.array([0.0, 1.0, 0.0])
-        view = View(position=eye, target=target, up=up, plane_m=height)
+        view = View(position=target + np.array([0.0, 0.0, height]), target=target, up=_NORTH_UP, plane_m=height)
         return view, (height - 5.0, height + _SIGHT_DOWN_M)
 
     def shot(self, camera: str, state: FrameState) -> Shot:
@@ -237,14 +234,12 @@ class CameraRig:
         centre, half = self._now(self._centre, state.time), self._now(self._half, state.time)
         # to the ends of the hulls
         radius, high = float(np.hypot(half[0], half[1])) + 1.0, float(half[2])
-        if camera == "side":
+        if side_view := camera == "side":
             ahead = self._towards_leader(state.time)
             view = self._beside(centre, np.array([ahead[1], -ahead[0], 0.0]), 40.0, radius, high, 0.0)
         else:
             angle = 2 * np.pi * state.film_time / _ORBIT_FILM_S
             view = self._beside(centre, np.array([np.cos(angle), np.sin(angle), 0.10]), 50.0, radius, high, radius)
         distance = float(np.linalg.norm(view.target - view.position))
-        fog = (0.25 * distance, max(150.0, 2.3 * distance))
-        if camera == "side":
-            return Shot(replace(view, plane_m=distance), (close_follower,), fog, True)
-        return Shot(view, (), fog, True)
+        view = replace(view, plane_m=distance if side_view else None)
+        return Shot(view, (close_follower,) if side_view else (), (0.25 * distance, max(150.0, 2.3 * distance)), True)

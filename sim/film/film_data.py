@@ -178,30 +178,19 @@ class FilmData:
         estimates = np.array([[*self.interpolated(p, [time])[0], hydrophone[f, 2]] for f, p in self._estimates])
         estimate, others = estimates[: len(hydrophone)], estimates[len(hydrophone) :]
         ray, ranges, message, kinds = zip(*(self._reception(f, k, time) for f in followers), strict=True)
-        before = k == 0
+        unknown = np.full(len(followers), np.nan)
         return FrameState(
-            time=time,
-            film_time=(time - self.start) / self.speed_up,
-            position=position,
-            quaternion=quaternion,
-            effectors=truth.thrust[i],
-            heading=attitude.heading(quaternion),
-            pitch=attitude.pitch(quaternion),
-            speed=truth.forward_speed[i],
-            transmitter=sites[self._transmitters],
-            hydrophone=hydrophone,
-            estimate=estimate,
-            others=others,
+            time=time, film_time=(time - self.start) / self.speed_up, position=position, quaternion=quaternion,
+            effectors=truth.thrust[i], heading=attitude.heading(quaternion), pitch=attitude.pitch(quaternion),
+            speed=truth.forward_speed[i], transmitter=sites[self._transmitters], hydrophone=hydrophone,
+            estimate=estimate, others=others,
             station=(1 - u) * self._stations[j] + u * self._stations[min(j + 1, truth.time.size - 1)],
             hypotheses=tuple(self._hypotheses(f, max(k, 1), estimate[f]) for f in followers),
             covariance=np.stack([self.flight.estimates[f].covariance[max(k, 1) - 1, :2, :2] for f in followers]),
-            ray=np.stack(ray),
-            ranges=np.stack(ranges),
-            message=np.array(message),
-            fix_kind=kinds,
-            position_error=np.full(len(followers), np.nan) if before else self.position_error[:, k - 1],
-            bearing_error=np.full(len(followers), np.nan) if before else self.bearing_error[:, k - 1],
-        )
+            ray=np.stack(ray), ranges=np.stack(ranges), message=np.array(message), fix_kind=kinds,
+            position_error=self.position_error[:, k - 1] if k else unknown,
+            bearing_error=self.bearing_error[:, k - 1] if k else unknown,
+        )  # fmt: skip
 
     def station_error(self, follower: int) -> Floats | None:
         """Horizontal distance from its station at filter steps, shape (n,), [m]; None for a follower on a route."""

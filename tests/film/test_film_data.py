@@ -6,7 +6,7 @@ from synthetic import make_flight
 
 from sim.assembly import ocean_of
 from sim.film.film_data import FilmData
-from sim.film.seascape import Sea
+from sim.film.scene import Sea
 from sim.scenario.settings import Waves
 from sim.water import PHASE
 from tests.water.test_ocean import elevation

@@ -17,7 +17,7 @@ from sim.film import graphics, render
 from sim.film.cameras import CameraRig
 from sim.film.film_data import ESTIMATE, TRUTH, FilmData
 from sim.film.render import GROUP, Job
-from sim.film.seascape import WATER
+from sim.film.scene import WATER
 from sim.scenario.settings import CAMERAS, Video
 from tests.film.filmed import apart, small
 
