@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     from typing import Any
 
     from experiments.flight.library import loaded as load
+    from experiments.flight.summary import summarise as summary
     from experiments.flight.tables import Table as Table
     from experiments.flight.tables import errors_table as errors
     from experiments.flight.tables import measurements_table as measurements
     from experiments.flight.tables import truth_table as truth
     from experiments.pages.results import Flight as Flight
-    from experiments.pages.results import flight_summary as summary
     from experiments.pages.results import fly, navigate, read_log, render
     from experiments.pages.results import log_flight as write_log
     from experiments.study.study import StudyFolder as StudyFolder
@@ -62,7 +62,7 @@ _HOMES = {
     "measurements": "experiments.flight.tables:measurements_table", "truth": "experiments.flight.tables:truth_table",
     "Flight": "experiments.pages.results:Flight", "fly": "experiments.pages.results:fly",
     "navigate": "experiments.pages.results:navigate", "read_log": "experiments.pages.results:read_log",
-    "render": "experiments.pages.results:render", "summary": "experiments.pages.results:flight_summary",
+    "render": "experiments.pages.results:render", "summary": "experiments.flight.summary:summarise",
     "write_log": "experiments.pages.results:log_flight",
 }  # fmt: skip
 

@@ -20,7 +20,7 @@ from sim.control.follower import (
 )
 from sim.control.guidance import REFERENCE
 from sim.control.station import STATION, TRAIL
-from sim.flight import navigate, position_and_bearing_errors
+from sim.flight import navigate
 from sim.scenario.file import validate
 from sim.scenario.formation import Formation, Proximity
 from sim.scenario.settings import Scenario
@@ -296,7 +296,7 @@ def test_a_follower_with_true_positions_keeps_its_station_around_the_corner() ->
     leader = {"waypoints": [[0, 0, 0], [60, 60, 0], [160, 60, 100]]}
     scenario = validate({"name": "s", "duration_s": 160.0, "leader": leader, "followers": followers}, "test")
     flight, _ = fly(scenario)
-    summary = summarise(flight, position_and_bearing_errors(flight))
+    summary = summarise(flight)
     for row in summary["followers"].values():
         assert row["station_rms_m"] < 0.15
         assert row["station_max_m"] < 0.6
@@ -312,7 +312,7 @@ def test_it_joins_its_station_from_anywhere() -> None:
     table = {"name": "s", "duration_s": 150.0, "navigation": {"variant": "laisn-3-2"}, "followers": followers}
     flight, _ = fly(validate(table, "test"))
     assert flight.trajectory.position[0, 1, :2] == pytest.approx([-60.0, -30.0])
-    row = summarise(flight, position_and_bearing_errors(flight))["followers"]["follower"]
+    row = summarise(flight)["followers"]["follower"]
     # 53 m away at 1 m/s nearer
     assert 35.0 < row["joined_s"] < 100.0
     assert row["station_max_m"] < 4.0

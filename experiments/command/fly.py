@@ -114,7 +114,7 @@ def write_flight(
         errors = position_and_bearing_errors(flight)
         events = flight_events(flight)
         bounds = flight_bounds(flight)
-        summary = summarise(flight, errors, bounds)
+        summary = summarise(flight, bounds)
         summary_text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
         write_log = partial(writer.write, flight, folder / LOG, summary=summary_text, events=events)
         film = folder / FILM

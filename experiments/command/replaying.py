@@ -19,9 +19,9 @@ from experiments.command.errors import require_output
 from experiments.command.fly import show
 from experiments.flight.fly import navigate_again
 from experiments.flight.library import load_flyable
-from experiments.flight.summary import consistency
+from experiments.flight.summary import consistency, summarise
 from experiments.pages.replay_page import Replayed, write_replay_page
-from experiments.pages.results import flight_summary, log_flight
+from experiments.pages.results import log_flight
 from laisn.failure import LaisnError
 from laisn.navigators import NAVIGATORS, NavigatorFactory, find
 from laisn.settings import NavigationSettings, TightSettings
@@ -55,7 +55,7 @@ def replay(
     console = Console()
     for title, flight in ((f"as flown, {flown.scenario.navigation.variant}", flown), (f"replayed, {variant}", again)):
         console.print(literal(title, "bold"))
-        show(console, flight, flight_summary(flight))
+        show(console, flight, summarise(flight))
     if smooth_s is not None:
         _show_smoothing(console, again, smoothed, smooth_s)
     if out is not None:

@@ -10,7 +10,7 @@ from experiments.campaign.version import versions
 from laisn import metrics
 from laisn.arrays import Bools, Floats
 from sim.assembly import routes_of
-from sim.flight import Flight
+from sim.flight import Flight, position_and_bearing_errors
 from sim.log.writer import Event
 from sim.scenario.formation import LEAST_LAYER_M
 from sim.sensing.observation import sightings
@@ -78,12 +78,13 @@ def flight_bounds(flight: Flight) -> list[Floats]:
     return [flight_bound(flight, i) for i in range(len(flight.estimates))]
 
 
-def summarise(
-    flight: Flight, errors: list[tuple[Floats, Floats]], bounds: list[Floats] | None = None
-) -> dict[str, Any]:
-    """What `summary.json` holds; `bounds` are the `flight_bounds`, computed here if None."""
-    bounds = flight_bounds(flight) if bounds is None else bounds
-    errors = [(p[e.unknown :], b[e.unknown :]) for (p, b), e in zip(errors, flight.estimates, strict=True)]
+def summarise(flight: Flight, bounds: list[Floats] | None = None) -> dict[str, Any]:
+    """Mean, largest and σ of a flight's errors, of all followers and of each, and what else `summary.json` holds.
+
+    `bounds` are the `flight_bounds`, computed here if None.
+    """
+    bounds, found = flight_bounds(flight) if bounds is None else bounds, position_and_bearing_errors(flight)
+    errors = [(p[e.unknown :], b[e.unknown :]) for (p, b), e in zip(found, flight.estimates, strict=True)]
     pooled = metrics.summarise(np.concatenate([e for e, _ in errors]), np.concatenate([b for _, b in errors]))
     names, off = flight.trajectory.names[1:], track_errors(flight.scenario, flight.trajectory)
     sensing = flight.scenario.formation.proximity is not None

@@ -69,7 +69,7 @@ class Flight(simulated.Flight):
 
         file = Path(f"{self.scenario.name}.html" if path is None else path)
         errors, bounds = position_and_bearing_errors(self), flight_bounds(self)
-        flight_report(self, errors, summarise(self, errors, bounds), file, None, bounds)
+        flight_report(self, errors, summarise(self, bounds), file, None, bounds)
         return file
 
     def _repr_html_(self) -> str:
@@ -154,13 +154,8 @@ def render(
     return file
 
 
-def flight_summary(flight: simulated.Flight) -> dict[str, Any]:
-    """Mean, largest and σ of a flight's errors, of all followers and of each, as in `summary.json`."""
-    return summarise(flight, position_and_bearing_errors(flight))
-
-
 def log_flight(flight: simulated.Flight, path: str | Path) -> Path:
     """Write a flight as an MCAP log for `read_log`, `laisn replay`, Foxglove and Rerun; LaisnError if that fails."""
-    summary = json.dumps(flight_summary(flight), indent=2, allow_nan=False) + "\n"
+    summary = json.dumps(summarise(flight), indent=2, allow_nan=False) + "\n"
     writer.write(flight, Path(path), summary=summary, events=flight_events(flight))
     return Path(path)

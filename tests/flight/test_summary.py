@@ -13,7 +13,7 @@ from experiments.pages import results
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
 from sim.assembly import routes_of
-from sim.flight import Flight, position_and_bearing_errors
+from sim.flight import Flight
 from sim.tracking import track_error
 from tests import synthetic
 from tests.synthetic import make_flight
@@ -38,7 +38,7 @@ def figures(position: Floats, bearing: Floats) -> dict[str, float]:
 
 
 def test_the_summary_has_the_errors_of_each_follower_and_of_all(flight: Flight) -> None:
-    summary = summarise(flight, position_and_bearing_errors(flight))
+    summary = summarise(flight)
     leader = flight.trajectory.position[flight.step_index(), 0, :2]
     pairs = [(e.state[:, :2], flight.hydrophone(i)[:, :2]) for i, e in enumerate(flight.estimates)]
     position = [np.linalg.norm(found - truth, axis=1) for found, truth in pairs]
@@ -67,7 +67,7 @@ def test_a_notebook_shows_mean_and_largest_error_of_each_follower(flight: Flight
 
 
 def test_the_summary_names_those_that_came_nearest(flight: Flight) -> None:
-    summary, trajectory = summarise(flight, position_and_bearing_errors(flight)), flight.trajectory
+    summary, trajectory = summarise(flight), flight.trajectory
     for axes, what in ((3, "approach"), (2, "horizontal")):
         apart = {
             (i, j): np.linalg.norm(trajectory.position[:, i, :axes] - trajectory.position[:, j, :axes], axis=1)

@@ -169,7 +169,7 @@ def test_the_film_shows_every_side_and_they_average_to_the_estimate(flight: Flig
 
 def test_the_summary_begins_where_the_start_is_found(flight: Flight, errors: list[Any]) -> None:
     assert np.isnan(errors[0][0][:9]).all()
-    row = summarise(flight, errors)["followers"]["follower"]
+    row = summarise(flight)["followers"]["follower"]
     truth, estimates = flight.hydrophone(0)[9:, :2], estimates_of(flight)
     off = estimates.state[9:, :2] - truth
     normalised = np.einsum("ni,nij,nj->n", off, np.linalg.inv(estimates.covariance[9:, :2, :2]), off)

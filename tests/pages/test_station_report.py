@@ -60,7 +60,7 @@ def steady(first: float, second: float) -> tuple[Floats, Floats]:
 def text_of(flight: Flight, folder: Path) -> str:
     """Text of the report, without markup."""
     errors = position_and_bearing_errors(flight)
-    flight_report.flight_report(flight, errors, summarise(flight, errors), folder / "report.html", None)
+    flight_report.flight_report(flight, errors, summarise(flight), folder / "report.html", None)
     return re.sub(r"<[^>]*>|\s+", " ", (folder / "report.html").read_text(encoding="utf-8"))
 
 
@@ -119,7 +119,7 @@ def columns(html: str) -> list[str]:
 
 def test_the_terminal_shows_each_figure_under_its_head() -> None:
     flight = kept((np.linspace(0.1, 0.9, 601), np.linspace(0.2, 2.9, 601)))
-    summary, printed = summarise(flight, position_and_bearing_errors(flight)), io.StringIO()
+    summary, printed = summarise(flight), io.StringIO()
     show(Console(file=printed, width=120), flight, summary)
     head, *lines = printed.getvalue().splitlines()
     for line, (name, row) in zip(lines, summary["followers"].items(), strict=False):
