@@ -42,13 +42,6 @@ OutOption = Annotated[
     Path | None, typer.Option(parser=folder_option, metavar="FOLDER", help="folder for the results (default: out/NAME)")
 ]
 
-WorkersOption = Annotated[
-    int | None, typer.Option(min=1, max=1024, help="local processes (default: one for each core)")
-]
-QuickOption = Annotated[bool, typer.Option("--quick", help="fewer and shorter runs")]
-ForceOption = Annotated[bool, typer.Option("--force", help="compute everything again")]
-ClusterOption = Annotated[str | None, typer.Option(metavar="tcp://HOST:PORT", help="compute on this Dask cluster")]
-
 
 def _factors(assignments: list[str]) -> dict[str, Any]:
     """Lists of values by key; a list is TOML, or values separated by commas."""
@@ -60,16 +53,6 @@ def _factors(assignments: list[str]) -> dict[str, Any]:
         return value if isinstance(value, list | dict) else [value]
 
     return {key: listed(value) for key, value in values_of(assignments, "--vary").items()}
-
-
-def _can_film() -> bool:
-    """Whether films can be rendered; prints why not."""
-    from sim.film import graphics
-
-    works = graphics.working() is not None
-    if not works:
-        typer.echo(f"no film: {graphics.MISSING}", err=True)
-    return works
 
 
 def study(
@@ -91,17 +74,20 @@ def study(
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, max=2**62 - 1, help="key of all random numbers")] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="print the size of the study and stop")] = False,
-    quick: QuickOption = False,
+    quick: Annotated[bool, typer.Option("--quick", help="fewer and shorter runs")] = False,
     film: Annotated[
         str, typer.Option(metavar="worst|example", help="film the worst run; of asymmetry, its example")
     ] = "",
-    workers: WorkersOption = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, max=1024, help="local processes (default: one for each core)")
+    ] = None,
     out: OutOption = None,
-    force: ForceOption = False,
-    cluster: ClusterOption = None,
+    force: Annotated[bool, typer.Option("--force", help="compute everything again")] = False,
+    cluster: Annotated[str | None, typer.Option(metavar="tcp://HOST:PORT", help="compute on this Dask cluster")] = None,
 ) -> None:
     """Run a study: factors, draws and arms of a file; write tables, intervals and a page."""
     from experiments.study.study import effort_text, run, studies_of
+    from sim.film import graphics
     from sim.scenario.file import values_of
 
     keys: dict[str, Any] = {"runs": runs, "realizations": realizations, "seed": seed}
@@ -110,7 +96,9 @@ def study(
         for one in studies_of(source, keys, quick=quick):
             echo(effort_text(one, workers or len(os.sched_getaffinity(0))))
         return
-    film = film if film and _can_film() else ""
+    if film and graphics.working() is None:
+        typer.echo(f"no film: {graphics.MISSING}", err=True)
+        film = ""
     found = run(source, keys, out, quick=quick, film=film, workers=workers, cluster=cluster, force=force)
     echo(f"report in {found.report()}")
 

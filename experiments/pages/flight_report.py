@@ -143,13 +143,6 @@ def _drawn(flight: Flight) -> range:
     return range(min(len(flight.estimates), DRAWN_FOLLOWERS))
 
 
-def _overview(flight: Flight, errors: Errors) -> Figures:
-    names = flight.trajectory.names[1:]
-    worst = max(range(len(names)), key=lambda i: float(np.nanmax(errors[i][0], initial=0.0)))
-    panel = flight_figures.position_errors(flight, [position for position, _ in errors], worst)
-    return Figures(panels=[panel], legend=[(style.ESTIMATE, names[worst]), (style.MUTED, "other followers")])
-
-
 def follower_row(flight: Flight, follower: int, errors: tuple[Floats, Floats], bound: Floats) -> Figures:
     """Routes of a follower, its curves over time, and estimate minus truth: side by side, with one time cursor."""
     used = range(flight.scenario.navigation.transmitters)
@@ -219,7 +212,14 @@ def flight_report(
     finite = [names[i] for i, e in enumerate(flight.estimates) if np.isfinite(e.state[e.unknown :]).all()]
     truth, spent = flight.trajectory, sightings(flight.scenario, flight.trajectory).spent_s
     several, kept = len(everyone) > 1, [i for i in _drawn(flight) if flight.scenario.followers[i].station]
-    tracks = flight_figures.track_map(flight, everyone, width=style.FULL, height=6.0) if several else None
+    overview = tracks = None
+    if several:
+        worst = max(everyone, key=lambda i: float(np.nanmax(errors[i][0], initial=0.0)))
+        chart = flight_figures.position_errors(flight, [position for position, _ in errors], worst)
+        legend = [(style.ESTIMATE, names[worst]), (style.MUTED, "other followers")]
+        overview = Figures(panels=[chart], legend=legend)
+        route_map = flight_figures.track_map(flight, everyone, width=style.FULL, height=6.0)
+        tracks = Figures(panels=[route_map], legend=VEHICLES)
     values: dict[str, Any] = {
         "flight": flight,
         "followers": len(names),
@@ -231,7 +231,7 @@ def flight_report(
         "not_finite": [name for name in names if name not in finite],
         "mirror_locked": mirror_locks(flight, finite),
         "mirror_lock_error_m": metrics.MIRROR_LOCK_ERROR,
-        "overview": _overview(flight, errors) if several else None,
+        "overview": overview,
         "errors": {name: accuracy(flight, i) for i, name in enumerate(names)} if finite == [*names] else {},
         "consistent": CONSISTENT_SHARE,
         "side_m": SIDE_M,
@@ -249,7 +249,7 @@ def flight_report(
         "rows": [follower_row(flight, i, errors[i], least[i]) for i in _drawn(flight)],
         "states": final_states(flight),
         "budget": range_budget(flight),
-        "map": tracks and Figures(panels=[tracks], legend=VEHICLES),
+        "map": tracks,
         "stations": kept and Figures(panels=flight_figures.station_errors(flight, kept), legend=VEHICLES[1:2]),
         "motion": Figures(panels=[flight_figures.motion(flight)], legend=VEHICLES[:2]),
         "scenario": Code(text=flight.scenario.toml(), title="scenario.toml", folded=True),

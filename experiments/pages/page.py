@@ -215,14 +215,6 @@ def _line(text: str) -> str:
     return re.sub(r"[ \t\n]+", " ", text).strip(" ")
 
 
-def _paragraph(text: str) -> Text | Notice:
-    words = _line(text)
-    tone, colon, rest = words.removeprefix(">").strip().partition(": ")
-    if text.startswith(">") and colon and tone in _TONES:
-        return Notice(text=rest, tone=tone)  # type: ignore[arg-type]
-    return Text(text=words)
-
-
 def _cell(text: str, placed: Sequence[Any]) -> Any:
     """A cell that was passed, or one of text, which sorts as a number if it is one."""
     if text.startswith(_MARK):
@@ -297,7 +289,9 @@ def page_of(
         elif part.startswith(_MARK):
             sections[-1][1].append(placed[int(part.removeprefix(_MARK))])
         else:
-            sections[-1][1].append(_paragraph(part))
+            tone, colon, remark = _line(part).removeprefix(">").strip().partition(": ")
+            notice = part.startswith(">") and colon and tone in _TONES
+            sections[-1][1].append(Notice(text=remark, tone=tone) if notice else Text(text=_line(part)))  # type: ignore[arg-type]
     return Page(
         title=title.removeprefix("# "),
         summary=_line(rest[0]),

@@ -166,13 +166,6 @@ class CameraRig:
         forward = np.array([np.sin(look), np.cos(look), np.tan(down)])
         return View(position=eye, target=eye + forward, fovy_deg=45.0)
 
-    def _estimate_from_above(self, state: FrameState) -> View:
-        """The follower and its estimate from above, north up."""
-        at = state.hydrophone[self._vehicle - 1]
-        reach = 1.5 + 1.6 * float(np.clip(self._now(self._error, state.time), 1.0, 8.0))
-        eye = self._in_water(at + np.array([0.0, 0.0, reach / np.tan(np.radians(60.0) / 2)]))
-        return View(position=eye, target=at, up=_NORTH_UP, fovy_deg=60.0, plane_m=float(eye[2] - at[2]))
-
     def _beside(self, target: Floats, direction: Floats, fovy_deg: float, wide: float, high: float, deep: float
                 ) -> View:  # fmt: skip
         """A view of vehicles between the panels: `wide` across, `high` up and `deep` along the line of sight [m]."""
@@ -227,8 +220,12 @@ class CameraRig:
             view = View(position=at + eye, target=at + ahead, up=up, fovy_deg=55.0)
             return Shot(view, (close_leader,), near_fog, True)
         if camera == "profile":
-            inset = (self._estimate_from_above(state), follower)
-            return Shot(self._profile(state), (inset,), near_fog, True, insets_left=self._side > 0)
+            # the inset shows the follower and its estimate from above, north up
+            mark = state.hydrophone[follower - 1]
+            reach = 1.5 + 1.6 * float(np.clip(self._now(self._error, state.time), 1.0, 8.0))
+            eye = self._in_water(mark + np.array([0.0, 0.0, reach / np.tan(np.radians(60.0) / 2)]))
+            above = View(position=eye, target=mark, up=_NORTH_UP, fovy_deg=60.0, plane_m=float(eye[2] - mark[2]))
+            return Shot(self._profile(state), ((above, follower),), near_fog, True, insets_left=self._side > 0)
         if camera == "leader":
             return Shot(self._close(state, leader, 4.6), (close_follower,), near_fog, True)
         centre, half = self._now(self._centre, state.time), self._now(self._half, state.time)

@@ -60,10 +60,7 @@ class OtherEstimate:
 
 @dataclass(frozen=True, kw_only=True)
 class RayErrors:
-    """Errors that colour the rays of the filmed follower.
-
-    Raises ValueError if the limit is not positive.
-    """
+    """Errors that colour the rays of the filmed follower; ValueError if the limit is not positive."""
 
     label: str
     value: Floats

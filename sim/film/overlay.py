@@ -89,7 +89,10 @@ class Overlay:
             words = "" if shot.view.axes[2][2] < -0.99 else " at mid-distance"
             self._scale_bar(shot.view, self._box, board.scale[:2], 0.12, words)
         draw_labels(self._labels(state, shot.view), [*boxes, *covered, *([board.scale] if board else [])], c)
-        self._draw_footer()
+        scenario = self._data.flight.scenario
+        words = f"LAISN-Sim  ·  {scenario.name}  ·  seed {scenario.seed}, run {scenario.run}"
+        words += f"  ·  {scenario.navigation.variant}  ·  {self._data.speed_up:g}× real time" if board else ""
+        c.text((c.width / 2, c.height - 8 * c.scale), words, (0.85, 0.95, 1.0, 0.85), 12, "ms")
 
     # what stands in the water
 
@@ -222,13 +225,6 @@ class Overlay:
             bar = np.array([[x, y - 4 * s], [x, y], [x + across, y], [x + across, y - 4 * s]])
             self.canvas.strokes([Stroke(bar, (*PALE, 0.95), 2.0)])
             self.canvas.text((x, y + 4 * s), f"{length:g} m{words}", PALE, 12)
-
-    def _draw_footer(self) -> None:
-        c, scenario = self.canvas, self._data.flight.scenario
-        words = f"LAISN-Sim  ·  {scenario.name}  ·  seed {scenario.seed}, run {scenario.run}"
-        if self._dashboard:
-            words += f"  ·  {scenario.navigation.variant}  ·  {self._data.speed_up:g}× real time"
-        c.text((c.width / 2, c.height - 8 * c.scale), words, (0.85, 0.95, 1.0, 0.85), 12, "ms")
 
 
 def level_axis(state: FrameState) -> Floats:

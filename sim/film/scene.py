@@ -144,10 +144,7 @@ class Sea:
 
 
 class GlScene:
-    """Owns the model, the graphics context and the frame buffer, until it is closed.
-
-    Raises RuntimeError if no graphics context can be made here.
-    """
+    """Model, graphics context and frame buffer, until it is closed; RuntimeError: no graphics context is to be had."""
 
     def __init__(self, flight: Flight, video: Video) -> None:
         self.width, self.height = size = video.width_px, video.height_px

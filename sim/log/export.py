@@ -58,11 +58,8 @@ def export(path: Path, out: Path, table_format: str = "parquet") -> list[Path]:
     """
     if table_format not in _WRITERS:
         raise LogError(f"unknown format {table_format!r}; available: {', '.join(_WRITERS)}")
-
-    def has_table(_: str, messages: Messages) -> bool:
-        return messages.is_protobuf and any(_leaves(messages.message_class.DESCRIPTOR))
-
-    log, files, taken = Contents(path, has_table), list[Path](), set[str]()
+    log = Contents(path, lambda _, messages: messages.is_protobuf and any(_leaves(messages.message_class.DESCRIPTOR)))
+    files, taken = list[Path](), set[str]()
     topics = sorted(log.topics)
     with log_errors(path):
         start_ns = log.start_ns()
