@@ -60,10 +60,7 @@ class Score(NamedTuple):
 
 
 def score(estimates: Estimates, measured: Measurements, truth: Floats, since_s: float = 0.0) -> Score:
-    """Errors at all times from `since_s` on of a surveyed path at which there is an estimate.
-
-    Rows of the path are time since the start [s], east and north [m], shape (t, 3).
-    """
+    """Errors where there is an estimate, from `since_s` on; `truth`: time [s], east and north [m], shape (t, 3)."""
     time = measured.time
     known = np.isfinite(estimates.state[:, 0])
     first = max(since_s, float(time[known][0]) if known.any() else np.inf)
@@ -102,10 +99,7 @@ def _settings(recorded: Replayable, given: Beacons, medium: str) -> BeaconSettin
 
 
 def among_beacons(recorded: Replayable, given: Beacons) -> tuple[Estimates, str]:
-    """Estimates of the navigator among beacons, and the medium that was assumed.
-
-    Where that is open, every medium is computed, and the one in which the ranges are the likeliest is taken.
-    """
+    """Estimates of the navigator among beacons, and the medium: if it is open, that with the likeliest ranges."""
     found = list[tuple[float, Estimates, str]]()
     for medium in MEDIA if given.medium == "auto" else (given.medium,):
         navigator = BeaconNavigator(_settings(recorded, given, medium), recorded.start)

@@ -204,10 +204,7 @@ def flight_report(
     film: Path | None,
     bounds: Sequence[Floats] | None = None,
 ) -> None:
-    """Write the report of one flight, from its errors and `summary.json`; OSError if that fails.
-
-    `path` is in the folder of film (MP4) and log; `bounds` as of `summarise`.
-    """
+    """Write the report of a flight beside its film (MP4) and log; `bounds` as of `summarise`; OSError if that fails."""
     least, everyone, names = bounds or flight_bounds(flight), range(len(flight.estimates)), flight.trajectory.names[1:]
     finite = [names[i] for i, e in enumerate(flight.estimates) if np.isfinite(e.state[e.unknown :]).all()]
     truth, spent = flight.trajectory, sightings(flight.scenario, flight.trajectory).spent_s

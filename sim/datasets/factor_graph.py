@@ -93,10 +93,7 @@ def _odometry(lines: list[_Line], order: dict[str, int], source: str) -> tuple[F
 def _ranges(
     lines: list[_Line], order: dict[str, int], time: Floats, beacons: dict[str, int]
 ) -> tuple[list[tuple[float, int, float]], list[float]]:
-    """Rows of time, beacon and range, and variances of ranges, from lines EDGE_RANGE.
-
-    The time of a range is that in its line if it lies between the poses beside its own, and otherwise its pose's.
-    """
+    """Rows of time, beacon and range, and variances of ranges, from lines EDGE_RANGE."""
     rows, variances = [], list[float]()
     for line in lines:
         pose, beacon = line.names if line.names[0] in order else line.names[::-1]
@@ -104,6 +101,7 @@ def _ranges(
             rows.append((0.0, -1, line.values[0]))
             continue
         k = order[pose]
+        # the time in the line if it lies between the poses beside its own, and otherwise its pose's
         low, high = time[max(k - 1, 0)], time[min(k + 1, time.size - 1)]
         rows.append((line.time if low < line.time < high else time[k], beacons[beacon], line.values[0]))
         variances.append(line.noise[0])

@@ -1,7 +1,4 @@
-"""A data set from its file to its log, and back from there.
-
-In the log its beacons are transmitters of a leader that lies still, and the vehicle is a follower that receives them.
-"""
+"""A data set to its log, and back: beacons are transmitters of a leader at rest, the vehicle a follower."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

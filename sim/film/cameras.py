@@ -67,8 +67,7 @@ class View:
     def line(self, points: Floats, width: int, height: int) -> list[tuple[Floats, Floats]]:
         """A polyline of shape (n, 3) as the stretches of it before the camera, cut at the lens.
 
-        Returns:
-            Pixels, shape (m, 2), and places along the line, shape (m,), in [0, 1].
+        Each has pixels, shape (m, 2), and places along the line, shape (m,), in [0, 1].
         """
         depth = (points - self.position) @ self.axes[2]
         before = depth >= _NEAR_M

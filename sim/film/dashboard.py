@@ -17,6 +17,7 @@ from matplotlib.transforms import IdentityTransform
 
 from laisn.arrays import Bytes, Floats
 from laisn.estimates import FIX_WORDS
+from laisn.messages import Ranges
 from sim.film.canvas import DIM, PALE, Canvas, Colour, Place, Stroke, new_figure
 from sim.film.film_data import ESTIMATE, LEADER, STATION, TRUTH, FilmData, FrameState, RayErrors, diverging
 
@@ -30,7 +31,6 @@ _SHORT = 576
 _PANEL: Colour = (0.01, 0.06, 0.10)
 _EDGE: Colour = (0.55, 0.80, 0.90)
 _FLEET_SHARE = 0.25  # a map of the whole mission shows several followers apart if they take at least this share of it
-_TRANSMITTERS = ("rear", "front", "middle")
 _COLUMNS = (-106.0, -12.0)  # right edges of the leader's and the follower's numbers
 _MARGIN_PX = 2
 
@@ -281,7 +281,7 @@ class Dashboard:
             (34, [(12, clock(state.time), (1, 1, 1), -26), (-12, end, DIM, 13)]),
             (27, [(x, data.flight.trajectory.names[v][:12], colour, -12) for x, v, colour in heads]),
             *rows,
-            (20, [(right[i], _TRANSMITTERS[i], rays[i], 11) for i in transmitters]),
+            (20, [(right[i], Ranges._fields[i], rays[i], 11) for i in transmitters]),
             (17, [(12, "ranges [m]", DIM, 13), *((right[i], ranges[i], rays[i], 13) for i in transmitters)]),
             (19, [(12, "fix", DIM, 13), (-12, fix, PALE, 13)]),
             (24, [(12, "position error", ESTIMATE, -14), (-12, e_p, ESTIMATE, -14)]),

@@ -1,7 +1,4 @@
-"""What a film shows of a flight at any instant: a pure function of time, so that frames may be drawn in any order.
-
-A study adds other estimates beside the follower's own, and errors that colour its rays.
-"""
+"""What a film shows of a flight at any instant: a pure function of time, so that frames may be drawn in any order."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,13 +10,12 @@ import numpy.typing as npt
 
 from laisn.arrays import Floats, Ints, own_arrays
 from laisn.estimates import FixKind
+from laisn.messages import Ranges
 from sim import attitude
 from sim.flight import Flight, position_and_bearing_errors
 from sim.tracking import true_stations
 
 RGB = tuple[float, float, float]  # red, green, blue, each in [0, 1]
-
-TRANSMITTERS = ("tx_rear", "tx_front", "tx_middle")
 
 _AFTERGLOW_S = 0.45
 """Time constant of a ray's fading, in seconds of film: pings closer together than that blend into a steady ray."""
@@ -75,7 +71,7 @@ class RayErrors:
 
 @dataclass(frozen=True, kw_only=True)
 class Annotations:
-    """Additions to a film; the default adds nothing."""
+    """What a study adds to a film: other estimates, errors that colour the rays; the default adds nothing."""
 
     caption: str = ""  # what the film shows: a line at the upper edge, with a legend
     label: str = "estimate"  # name of the follower's own estimate in the legend
@@ -141,7 +137,7 @@ class FilmData:
         self.steps = self.start + self.dt * np.arange(1, self.position_error.shape[1] + 1)
         """Times of the filter steps, shape (n,), [s]."""
         names = truth.names
-        self._transmitters = [truth.site(f"{names[0]}/{t}") for t in TRANSMITTERS]
+        self._transmitters = [truth.site(f"{names[0]}/tx_{which}") for which in Ranges._fields]
         self._hydrophones = [truth.site(f"{name}/hydrophone") for name in names[1:]]
         followers = flight.scenario.followers
         self.on_stations = any(one.station for one in followers)

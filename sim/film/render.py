@@ -97,10 +97,7 @@ class FrameRenderer:
 
 
 def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:
-    """H.264 access units of a group of pictures, frames of shape (height, width, 4).
-
-    Annex B, no B-frames, ITU-R BT.709 in limited range.
-    """
+    """H.264 access units of frames, shape (height, width, 4): Annex B, no B-frames, ITU-R BT.709 in limited range."""
     # codecs take a tenth of a second to load, and the parent of children needs none
     import av
     from av.video.reformatter import VideoReformatter

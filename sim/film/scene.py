@@ -109,12 +109,10 @@ class Sea:
         self._steepness = np.hypot(self._waves[:, 1], self._waves[:, 2])
 
     def grid(self, centre: Floats, reach: float) -> tuple[Floats, Floats]:
-        """East and north of the height field's points, at least `reach` around `centre`, each of shape (_CELLS,), [m].
-
-        The points of one spacing always lie on the same lattice, or the surface would change shape with the camera.
-        """
+        """East and north of the height field's points, at least `reach` about `centre`, shape (_CELLS,) each, [m]."""
         half = (_CELLS - 1) / 2
         cell = next((c for c in _SPACINGS_M if half * c >= reach), _SPACINGS_M[-1])
+        # points of one spacing always lie on the same lattice, or the surface would change shape with the camera
         x, y = _TILE_M * np.round(np.asarray(centre[:2]) / _TILE_M)
         offset = cell * (np.arange(_CELLS) - half)
         return x + offset, y + offset
@@ -174,10 +172,9 @@ class GlScene:
         self._gl.free()
 
     def picture(self, state: FrameState, shot: Shot, insets: tuple[Box, ...]) -> Bytes:
-        """Render a state; insets lie in boxes (left, top, width, height) [px].
+        """Pixels of a state, bottom row first, shape (height, width, 3), the same array at every call.
 
-        Returns:
-            Pixels, bottom row first, shape (height, width, 3); the same array at every call.
+        Insets lie in boxes (left, top, width, height) [px].
         """
         for vehicle, position, quaternion in zip(self._vehicles, state.position, state.quaternion, strict=True):
             self._data.qpos[vehicle.qpos : vehicle.qpos + 3] = position

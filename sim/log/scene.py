@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import resources
 from typing import Any
 
@@ -85,19 +85,8 @@ def hull(model: Any) -> dict[str, list[Any]]:
     return parts
 
 
-def _ellipse(position: Sequence[float], covariance: Floats) -> fg.SpherePrimitive:
-    """The 95 % ellipse of a horizontal position with a covariance of shape (2, 2), as a flat spheroid."""
-    (xx, xy), (_, yy) = covariance.tolist()
-    mean, apart = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)
-    # eigenvalues, and half of the larger one's direction
-    major, minor = (2 * _CONFIDENCE * math.sqrt(max(variance, 0.0)) for variance in (mean + apart, mean - apart))
-    half_turn = math.atan2(2 * xy, xx - yy) / 4
-    place = pose(position, (math.cos(half_turn), 0.0, 0.0, math.sin(half_turn)))
-    return _sphere(place, (major, minor, _DISC_M), _UNCERTAINTY)
-
-
-def _ellipses(estimates: Estimates, row: int, z: float) -> list[fg.SpherePrimitive]:
-    """Of the estimate in a row, and of all hypotheses after the last message before it, if there are several."""
+def _ellipses(estimates: Estimates, row: int, z: float) -> Iterator[fg.SpherePrimitive]:
+    """95 % ellipses, flat spheroids, of the estimate in a row, and of all hypotheses after the last message before."""
     places, spreads = [estimates.state[row, :2]], [estimates.covariance[row, :2, :2]]
     made = int(np.searchsorted(estimates.fix_step, row + 1, side="right")) - 1
     weight, position, covariance = estimates.hypotheses
@@ -105,9 +94,16 @@ def _ellipses(estimates: Estimates, row: int, z: float) -> list[fg.SpherePrimiti
     if kept.size > 1:
         places += list(position[made, kept])
         spreads += list(covariance[made, kept])
-    # a filter that left finite numbers has a trail but no ellipse
-    finite = [(xy, spread) for xy, spread in zip(places, spreads, strict=True) if np.isfinite(spread).all()]
-    return [_ellipse((*xy.tolist(), z), spread) for xy, spread in finite]
+    for place, spread in zip(places, spreads, strict=True):
+        # a filter that left finite numbers has a trail but no ellipse
+        if np.isfinite(spread).all():
+            (xx, xy), (_, yy) = spread.tolist()
+            mean, apart = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)
+            # eigenvalues, and half of the larger one's direction
+            major, minor = (2 * _CONFIDENCE * math.sqrt(max(value, 0.0)) for value in (mean + apart, mean - apart))
+            half_turn = math.atan2(2 * xy, xx - yy) / 4
+            at = pose((*place.tolist(), z), (math.cos(half_turn), 0.0, 0.0, math.sin(half_turn)))
+            yield _sphere(at, (major, minor, _DISC_M), _UNCERTAINTY)
 
 
 def draw_vehicles(flight: Flight, index: Ints) -> Draw:
@@ -142,7 +138,7 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
             names[1:], flight.estimates, flight.measurements, rows, estimated, strict=True
         ):
             if row[i] >= 0:
-                spheres = _ellipses(e, int(row[i]), -float(m.depth[row[i]]))
+                spheres = list(_ellipses(e, int(row[i]), -float(m.depth[row[i]])))
                 known = points[: i + 1 - np.count_nonzero(row < 0)]
                 entities.append(trail(f"{name}/estimate", ESTIMATE, known, spheres=spheres))
         return fg.SceneUpdate(entities=entities)
