@@ -60,20 +60,20 @@ def _checked(table: Mapping[str, Any], changes: Mapping[str, Any], name: str) ->
     return validate(assigned(table, changes), name, further=infeasibilities)
 
 
-def _named(source: str, given: Iterable[str]) -> str:
-    return " ".join([source, *(f"--set {shortened(a, 200)}" for a in given)])
+def _given(source: str, assignments: Iterable[str]) -> tuple[dict[str, Any], dict[str, Any], str]:
+    table, given = table_of(source), list(assignments)
+    return table, values_of(given), " ".join([source, *(f"--set {shortened(a, 200)}" for a in given)])
 
 
 def load(source: str, assignments: Iterable[str]) -> Scenario:
     """A built-in scenario or a TOML file, with overrides "key=value"; ScenarioError: missing or invalid."""
-    table, given = table_of(source), list(assignments)
-    return validate(assigned(table, values_of(given)), _named(source, given))
+    table, changes, name = _given(source, assignments)
+    return validate(assigned(table, changes), name)
 
 
 def load_flyable(source: str, assignments: Iterable[str]) -> Scenario:
     """As `load`, but sea, routes, date and cost are checked too, so that it can be flown, filmed and logged."""
-    table, given = table_of(source), list(assignments)
-    return _checked(table, values_of(given), _named(source, given))
+    return _checked(*_given(source, assignments))
 
 
 def loaded(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str, Any] | None = None) -> Scenario:

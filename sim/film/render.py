@@ -173,14 +173,10 @@ def _results(job: Job, programs: Sequence[str]) -> Generator[Any, None, None]:
             children.append(subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, stderr=log))
             readers.append(Thread(target=_read, args=(children[-1], log, content, results), daemon=True))
             readers[-1].start()
-        going = len(children)
-        while going:
-            result = results.get()
-            if isinstance(result, RendererDiedError):
-                raise result
-            if result is None:
-                going -= 1
-            else:
+        for _ in children:
+            while (result := results.get()) is not None:
+                if isinstance(result, RendererDiedError):
+                    raise result
                 yield result
     finally:
         for child in children:
