@@ -13,8 +13,7 @@ from sim.film.film_data import FilmData, FrameState
 _SMOOTHING_S = 0.8  # standard deviation of the smoothing of a camera's swing, in seconds of film
 _STEADY_S = 3.0
 """Standard deviation of the smoothing for a camera that stays put while waves move its subject, in mission seconds."""
-_NEAR_M = 0.15
-_CLEARANCE_M = 1.2
+_NEAR_M, _CLEARANCE_M = 0.15, 1.2
 _FREE = (0.26, 0.79, 0.04)  # left, right and upper edge of what the panels leave free, as shares of the frame
 _SIGHT_DOWN_M = 42.0  # how far below the vehicles the view from above reaches
 _ORBIT_FILM_S = 40.0
@@ -110,13 +109,12 @@ class CameraRig:
 
         sigma = _SMOOTHING_S * data.speed_up / (truth.dt * every)
 
-        def smooth(values: Floats) -> Floats:
+        def smooth(values: Floats, sigma: float = sigma) -> Floats:
             return np.asarray(gaussian_filter1d(values, sigma, axis=0, mode="nearest"))
 
         position = truth.position[::every]
         self._separation = smooth(position[:, 0] - position[:, self._vehicle])
-        steady = _STEADY_S / (truth.dt * every)
-        self._leader = gaussian_filter1d(position[:, 0], steady, axis=0, mode="nearest")
+        self._leader = smooth(position[:, 0], _STEADY_S / (truth.dt * every))
         low, high = position.min(axis=1), position.max(axis=1)
         self._centre = (low + high) / 2
         self._half = smooth((high - low) / 2)

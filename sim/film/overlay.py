@@ -23,8 +23,7 @@ _LABELS = 16  # followers beyond these go without a label
 _SMALL = (640, 360)  # frames below this size go without panels [px]
 _DARK: Colour = (0.0, 0.05, 0.08, 0.9)
 _WHITE: Colour = (1.0, 1.0, 1.0, 0.75)
-_LABEL_SIZE = 13
-_LABEL_GAP = 3.0
+_LABEL_SIZE, _LABEL_GAP = 13, 3.0
 _LABEL_ROWS, _LABEL_STEP, _LABEL_ASIDE = 5, 22.0, (16.0, 70.0)
 """Rows of places for labels, the distance between them, and distances aside from the point, at 720 rows [px]."""
 _MARKER, _FOOT = 8.0, 24.0

@@ -34,17 +34,13 @@ _LAST_WORDS = 12
 GROUP = 30  # frames of a group of pictures. Each begins with an IDR frame and is encoded by itself, by whichever child
 
 _X264 = {
-    "preset": "ultrafast",
-    "crf": "23",
-    "bf": "0",
-    "g": str(GROUP),
+    "preset": "ultrafast", "crf": "23", "bf": "0", "g": str(GROUP),
     # children are the parallelism; headers with every IDR frame let a reader start there
     "threads": "1",
     # what the preset leaves out and costs little: smooth borders of blocks, and transforms that suit a smooth sea
     "x264-params": f"repeat-headers=1:annexb=1:scenecut=0:keyint={GROUP}:min-keyint={GROUP}:deblock=0,0:8x8dct=1",
-}
-_BT709 = 1
-_LIMITED = 1
+}  # fmt: skip
+_BT709 = _LIMITED = 1
 
 
 class RenderError(LaisnError):

@@ -22,9 +22,7 @@ from sim.water import PHASE, Ocean
 
 Box = tuple[int, int, int, int]
 
-_GHOST_ALPHA = 0.30
-_GHOST_FULL_M = 1.5
-_GHOST_LEAST = 0.05
+_GHOST_ALPHA, _GHOST_FULL_M, _GHOST_LEAST = 0.30, 1.5, 0.05
 _INSIDE = ("nozzle", "band")  # parts that shine through a translucent hull and make blotches of it
 _MAX_GEOMS = 6000
 _INSET_FOG = (3.0, 110.0)
@@ -35,8 +33,7 @@ _CELLS = 48  # points of a height field along each side: their number is a third
 _TILE_M = 40.0
 _SPACINGS_M = (*(_TILE_M / k for k in range(16, 0, -1)), *(_TILE_M * k for k in (2, 3, 4, 6, 8, 12, 16, 24, 32)))
 """Spacings of a height field's points; they divide the tile, or are whole tiles."""
-_CREST_M = 25.0
-_TEXELS = 256
+_CREST_M, _TEXELS = 25.0, 256
 
 
 def _tile(wavelength: float, seed: int) -> Floats:
