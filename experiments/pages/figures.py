@@ -87,12 +87,6 @@ class Panel:
     link: str = ""  # panels of a page with the same name share a time cursor
 
     @property
-    def label(self) -> str:
-        """Text alternative of the figure."""
-        shown = ", ".join(part.y_label for part in self.parts if part.y_label)
-        return f"{self.title + ': ' if self.title else ''}{shown or 'values'} over {self.x_label}"
-
-    @property
     def figure(self) -> dict[str, Any]:
         """Plotly's `data` and `layout`; colours are CSS variables of the page."""
         data, layout = list[dict[str, Any]](), self._layout()
