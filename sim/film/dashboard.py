@@ -105,8 +105,6 @@ class Dashboard:
             self._add_caption(caption)
         self._layers = self._drawn()
 
-    # what stays
-
     def _drawn(self) -> list[tuple[int, int, Bytes]]:
         """The figure as an image with straight alpha for each panel: left, top [px] and rows, the lowest first."""
         agg: Any = FigureCanvasAgg(self.figure)
@@ -226,8 +224,6 @@ class Dashboard:
             prop={"size": 13 * s, "weight": "bold"},
             handletextpad=0.1,
         )
-
-    # what changes
 
     def draw(self, canvas: Canvas, state: FrameState, trails: Sequence[Trail]) -> None:
         """Draw all panels on a frame, with recent tracks of vehicles and estimates."""

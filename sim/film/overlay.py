@@ -93,8 +93,6 @@ class Overlay:
         words += f"  ·  {scenario.navigation.variant}  ·  {self._data.speed_up:g}× real time" if board else ""
         c.text((c.width / 2, c.height - 8 * c.scale), words, (0.85, 0.95, 1.0, 0.85), 12, "ms")
 
-    # what stands in the water
-
     def _draw_view(self, state: FrameState, view: View, box: Box, trails: list[Trail]) -> None:
         """Lines and markers as one camera sees them, inside its box."""
         strokes = [
@@ -175,8 +173,6 @@ class Overlay:
         (pixel,), (ahead,) = view.project(point, width, height)
         inside = ahead > 0.15 and 0 <= pixel[0] < width and 0 <= pixel[1] < height
         return np.add(pixel, (left, top)) if inside else None
-
-    # what is written
 
     def _labels(self, state: FrameState, view: View) -> list[Label]:
         """Labels of the picture, the most important first."""

@@ -117,16 +117,15 @@ def _locations(
     return _channel(topic, fg.LocationFix, time_ns, fix_at, place, spread)
 
 
-def _transforms(topic: str, time_ns: Ints, parents: Iterable[str], children: Sequence[str], *places: Floats) -> Channel:
+def _transforms(topic: str, time_ns: Ints, parents: Sequence[str], children: Sequence[str], *places: Floats) -> Channel:
     """Frames in their parents, from positions, shape (n, c, 3), [m], and quaternions (w, x, y, z), shape (n, c, 4)."""
-    frames = list(zip(parents, children, strict=True))
-
-    def transform(at: int, frame: tuple[str, str], xyz: Sequence[float], wxyz: Sequence[float]) -> fg.FrameTransform:
-        names = dict(zip(("parent_frame_id", "child_frame_id"), frame, strict=True))
-        return fg.FrameTransform(timestamp=timestamp(at), translation=vector(xyz), rotation=quaternion(wxyz), **names)
 
     def transforms_at(at: int, *places: Any) -> fg.FrameTransforms:
-        return fg.FrameTransforms(transforms=[transform(at, *each) for each in zip(frames, *places, strict=True)])
+        return fg.FrameTransforms(transforms=[
+            fg.FrameTransform(timestamp=timestamp(at), parent_frame_id=parent, child_frame_id=child,
+                              translation=vector(xyz), rotation=quaternion(wxyz))
+            for parent, child, xyz, wxyz in zip(parents, children, *places, strict=True)
+        ])  # fmt: skip
 
     return _channel(topic, fg.FrameTransforms, time_ns, transforms_at, *places)
 
