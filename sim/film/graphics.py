@@ -63,6 +63,7 @@ def render_ball() -> str:
     return name.decode() if isinstance(name, bytes) else str(name)
 
 
+@cache
 def _examine(backend: str) -> Backend:
     command, environment = child("from sim.film import graphics; print(graphics.render_ball())", backend)
     try:
@@ -79,13 +80,11 @@ def _examine(backend: str) -> Backend:
     return Backend(backend, answer.returncode == 0 and bool(lines), lines[-1] if lines else "ended without a word")
 
 
-@cache
 def probe() -> tuple[Backend, ...]:
     """Try every backend by rendering a picture in a child process; the answer is kept for this process."""
     return tuple(map(_examine, BACKENDS))
 
 
-@cache
 def working() -> Backend | None:
     """The first backend that renders, or None."""
     return next((found for found in map(_examine, BACKENDS) if found.works), None)
