@@ -3,20 +3,21 @@
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from experiments.campaign.version import version_of as version_of
-from experiments.intervals import Interval
+from experiments.intervals import Interval, proportion
+from laisn.arrays import Bools, Floats
 from laisn.failure import LaisnError
 from sim.system import atomic_write
 
-SCHEMA = 1
-"""Version of the file's layout."""
+SCHEMA = 1  # version of the file's layout
 FILE = "results.json"
-DIGITS = 6
-"""Significant digits that are kept: more than is ever printed."""
+DIGITS = 6  # significant digits that are kept: more than is ever printed
 
 
 def _rounded(value: float | None) -> float | None:
@@ -78,6 +79,16 @@ def of(interval: Interval, what: str, unit: str = "") -> Finding:
 def plain(value: float | int | str | None, what: str, unit: str = "") -> Finding:
     """A finding without limits."""
     return Finding(value=_rounded(value) if isinstance(value, float) else value, unit=unit, what=what)
+
+
+def median(values: Floats | Sequence[float], what: str, unit: str = "") -> Finding:
+    """The median of values."""
+    return plain(float(np.median(values)), what, unit)
+
+
+def share(flags: Floats | Bools, what: str) -> Finding:
+    """Share of trials with an outcome, of any shape, which is not 0, with its exact limits."""
+    return of(proportion(int(np.count_nonzero(flags)), np.size(flags)), what)
 
 
 @dataclass(frozen=True, kw_only=True)

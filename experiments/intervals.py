@@ -14,8 +14,7 @@ from scipy.special import betaincinv, ndtri, stdtrit
 from laisn.arrays import Bools, Floats
 
 CONFIDENCE = 0.95
-FEWEST_RUNS = 20
-"""Fewer runs do not determine their skewness: no interval is given."""
+FEWEST_RUNS = 20  # fewer runs do not determine their skewness: no interval is given
 
 
 class Interval(NamedTuple):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.campaign.missions import simulate_mission
+from experiments.campaign.montecarlo import simulate_mission
 from experiments.flight.fly import fly
 from experiments.flight.library import ROUTES, load
 from experiments.studies.closed_loop import findings as study

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.campaign.missions import simulate_mission
+from experiments.campaign.montecarlo import simulate_mission
 from experiments.campaign.store import CampaignError
 from experiments.flight.fly import motion_and_outcome
 from experiments.study.estimate import Results

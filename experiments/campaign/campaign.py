@@ -1,26 +1,33 @@
 """Campaigns: a study's missions, cells and tasks, computed in parallel and stored one by one.
 
-A design consists of cells, each a scenario with many runs of noise, and tasks, each a function whose rows are stored. A
-mission is flown once and serves all its cells. A campaign that was killed goes on where it stopped and gives the same
-results.
+Cells are scenarios with many runs of noise, tasks functions whose rows are stored. A mission is flown once and serves
+all its cells. A campaign that was killed goes on where it stopped and gives the same results.
 """
 
+import multiprocessing
 import os
 import random
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
 from functools import partial
+from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple, TypedDict, Unpack
+from typing import Any, NamedTuple, Self, TypedDict, TypeVar, Unpack
 
-from experiments.campaign import missions
+import joblib
+from joblib.externals.loky import get_reusable_executor
+
+from experiments.campaign import montecarlo
 from experiments.campaign.plans import CellPlan, Facts, compute
-from experiments.campaign.processes import Pool
 from experiments.campaign.progress import compiling_shown, progress
 from experiments.campaign.store import Arrays, CampaignError, Record, Result, Store, key_of
+from experiments.campaign.version import code_version
 from laisn.compiled import FOLDER
+from laisn.failure import LaisnError
+from laisn.plugins import VARIABLE
 from sim.scenario.settings import Scenario
-from sim.system import background_process
+from sim.system import background_process, exit_with_parent
 from sim.trajectory import Trajectory
 
 Task = partial[Any]
@@ -28,46 +35,124 @@ Task = partial[Any]
 
 It returns a list of records, stored as JSON values. It raises `CampaignError` if it cannot compute them."""
 _Work = Callable[[], list[Result]]
-BATCH_STEPS = 20_000_000
-"""Filter steps that a process computes before it reports: a third of a second."""
-_MANY_RUNS = 10_000
-"""Cells of so many runs take seconds, in which threads use all cores."""
+Made = TypeVar("Made")
+_CONNECT_S = 3
+BATCH_STEPS = 20_000_000  # filter steps that a process computes before it reports: a third of a second
+_MANY_RUNS = 10_000  # cells of so many runs take seconds, in which threads use all cores
 
 
 class ExecutionOptions(TypedDict, total=False):
     """How a campaign is computed; its results do not depend on it."""
 
-    workers: int | None
-    """Local processes, at most one for each mission, cell or task; None: one for each core."""
-    cluster: str | None
-    """Address of a Dask scheduler (tcp://…); its workers compute instead."""
+    workers: int | None  # local processes, at most one for each mission, cell or task; None: one for each core
+    cluster: str | None  # address of a Dask scheduler (tcp://…); its workers compute instead
     force: bool
     quiet: bool
 
 
-@dataclass(frozen=True, kw_only=True)
-class Design:
-    """What a study flies."""
+def _begin_worker(parent: int, plugins: str) -> None:
+    """Prepare a local process; joblib starts new ones where the arguments differ from those before."""
+    os.environ[VARIABLE] = plugins
+    exit_with_parent(parent)
 
-    cells: Sequence[CellPlan] = ()
-    facts: Facts | None = None
-    """Measured of every mission of the cells."""
-    tasks: Mapping[Any, Task] = field(default_factory=dict)
-    """Work of other kinds, by the study's names."""
-    what: str = "tasks"
-    """What the tasks are called while they are waited for."""
-    ahead: Callable[[], object] | None = None
-    """Compiles in this process what each worker would else compile for itself before its first task."""
+
+def _with_version(function: Callable[..., Made], *arguments: Any) -> tuple[str, Made]:
+    return code_version(), function(*arguments)
+
+
+class Pool:
+    """A pool of `size` local processes, or of the workers of the Dask scheduler at an address; use it as a context.
+
+    With one local worker everything is computed in this process. LaisnError if there is no worker, or the cluster
+    cannot be used.
+    """
+
+    def __init__(self, workers: int, cluster: str | None = None) -> None:
+        if workers < 1:
+            raise LaisnError(f"workers is {workers}, expected at least 1")
+        self.size = workers
+        self._cluster = cluster
+        self._client: Any = None
+
+    def __enter__(self) -> Self:
+        if self._cluster is not None:
+            self._client = _connect(self._cluster)
+            self.size = sum(self._client.nthreads().values())
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        # local processes end with this one, or at once if something failed
+        if self._client is not None:
+            self._client.close()
+        elif kind is not None and self.size > 1:
+            get_reusable_executor().shutdown(kill_workers=True)
+
+    def each(self, function: Callable[..., Made], arguments: Iterable[tuple[Any, ...]]) -> Iterator[Made]:
+        """Results of a function in the order of completion; CampaignError if a process died or has other sources."""
+        options: dict[str, Any] = {"backend": "sequential" if self._client is None else "dask"}
+        if self._client is None and self.size > 1:
+            begin = os.getpid(), os.environ.get(VARIABLE, "")
+            options = {"backend": "loky", "initializer": _begin_worker, "initargs": begin}
+        calls = (joblib.delayed(_with_version)(function, *given) for given in arguments)
+        with joblib.parallel_config(n_jobs=self.size, **options):
+            parallel = joblib.Parallel(return_as="generator_unordered", batch_size=1, max_nbytes=None)
+            try:
+                for version, result in parallel(calls):
+                    if version != code_version():
+                        raise CampaignError(
+                            f"a worker has version {version}, the campaign began with {code_version()}: "
+                            "the sources changed while it ran; run it again"
+                        )
+                    yield result
+            except Exception as error:
+                # Dask is optional, so its exception goes by its name
+                if isinstance(error, BrokenProcessPool) or type(error).__name__ == "KilledWorker":
+                    raise CampaignError(
+                        "a worker process died, probably out of memory; every finished result is stored, "
+                        "and the same command goes on from there (fewer --workers need less memory)"
+                    ) from error
+                raise
+
+
+def release_workers() -> None:
+    """End local processes, so that drawing a page does not need memory beside theirs; a later pool starts others."""
+    if multiprocessing.active_children():
+        get_reusable_executor().shutdown()
+
+
+def _connect(address: str) -> Any:
+    """A client of a Dask cluster; LaisnError if it does not answer, or names workers that have not this version."""
+    try:
+        import distributed
+    except ImportError:
+        raise LaisnError("--cluster needs Dask: pip install laisn-sim[cluster]") from None
+    # its types are incomplete
+    dask: Any = distributed
+    try:
+        client = dask.Client(address, timeout=_CONNECT_S)
+    except (OSError, ValueError, TypeError) as error:
+        raise LaisnError(f"no Dask scheduler answers at {address}: {error}") from None
+
+    def version_there() -> str:
+        # sent by value: a worker without this package could not import a function of it
+        return str(import_module("experiments.campaign.version").code_version())
+
+    found = client.run(version_there, on_error="return")
+    others = ", ".join(sorted(f"{name} ({version})" for name, version in found.items() if version != code_version()))
+    if others or not found:
+        client.close()
+        lacking = f"laisn-sim {code_version()} is not installed on these workers of {address}: {others}"
+        raise LaisnError(lacking if others else f"the Dask scheduler at {address} has no workers")
+    return client
 
 
 @dataclass(frozen=True, kw_only=True)
 class Flown:
-    """What came of a design."""
+    """What came of cells and tasks."""
 
-    design: Design
     store: Store
-    tasks: Mapping[Any, list[Record]]
-    """Rows of tasks by their names, in the order of the design; those that failed are missing."""
+    facts: Facts | None
+    tasks: Mapping[Any, list[Record]]  # rows of tasks by their names, in their order; those that failed are missing
     failures: Mapping[Any, str]
     """What happened to missions that could not be flown, by the key of their motion, and to tasks, by their names."""
 
@@ -79,32 +164,24 @@ class Flown:
 
     def cell(self, plan: CellPlan) -> tuple[Record, Arrays]:
         """The row of a cell under this plan's name, with its facts, and its arrays over runs; CampaignError: gone."""
-        (row, arrays), facts = self._stored(plan.key), self.design.facts
-        measured = self._stored(key_of(facts, plan.motion))[0][plan.follower] if facts else {}
+        row, arrays = self._stored(plan.key)
+        measured = self._stored(key_of(self.facts, plan.motion))[0][plan.follower] if self.facts else {}
         return {"key": plan.key, "mission": plan.scenario.name} | row | measured, arrays
 
     def steps(self, plan: CellPlan) -> Arrays:
         """The arrays over steps of a cell that keeps them, by name; CampaignError if it is gone."""
         return self._stored(plan.steps_key)[1]
 
-    @property
-    def rows(self) -> list[Record]:
-        """The rows of all cells, in the order of the design."""
-        return [self.cell(plan)[0] for plan in self.design.cells]
-
 
 class _Job(NamedTuple):
-    """Work for a process."""
+    """Work for a process: keys of its results, what makes it just before it is handed out, and the items it counts."""
 
     keys: Sequence[str]
-    """Of its results."""
     work: Callable[[], _Work]
-    """Makes what the process calls, just before it is handed out."""
     size: int = 1
-    """How many items it counts for."""
 
 
-def _batches(plans: Iterable[CellPlan], store: Store, workers: int) -> dict[int, _Job]:
+def _batches(plans: Iterable[CellPlan], store: Store, workers: int) -> dict[Any, _Job]:
     """Cells of one mission at a time, few enough for a steady progress and many enough to share the mission."""
     by_mission = sorted(plans, key=lambda plan: plan.motion)
     limit = min(BATCH_STEPS, sum(plan.size for plan in by_mission) // (4 * workers))
@@ -159,12 +236,12 @@ def _compute(what: str, jobs: Mapping[Any, _Job], store: Store, pool: Pool, quie
 
 def _flight(scenario: Scenario, motion: str, trajectory: Trajectory) -> Result:
     """A mission as it is stored: all scenarios that share its motion give the same bytes."""
-    return motion, None, missions.sited(trajectory, missions.motion_of(scenario).leader).arrays
+    return motion, None, montecarlo.sited(trajectory, montecarlo.motion_of(scenario).leader).arrays
 
 
 def _fly(plan: CellPlan, facts: Facts | None) -> list[Result]:
     """The mission of a cell and its facts."""
-    trajectory = missions.simulate_mission(plan.scenario)
+    trajectory = montecarlo.simulate_mission(plan.scenario)
     measured: list[Result] = [(key_of(facts, plan.motion), facts(plan.scenario, trajectory), {})] if facts else []
     return [_flight(plan.scenario, plan.motion, trajectory), *measured]
 
@@ -175,11 +252,11 @@ def _rows(key: str, task: Task) -> list[Result]:
 
 def mission(scenario: Scenario, store: Store) -> Trajectory:
     """The stored flight of a scenario's mission, its transmitters placed; it is flown if it is not there."""
-    motion = missions.motion_key(scenario)
+    motion = montecarlo.motion_key(scenario)
     found = store.get(motion)
     if found is not None:
-        return missions.sited(Trajectory.of_arrays(found[1]), scenario.leader)
-    trajectory = missions.simulate_mission(scenario)
+        return montecarlo.sited(Trajectory.of_arrays(found[1]), scenario.leader)
+    trajectory = montecarlo.simulate_mission(scenario)
     store.put(*_flight(scenario, motion, trajectory))
     return trajectory
 
@@ -188,15 +265,21 @@ def compile_ahead(plan: CellPlan) -> None:
     """Compile here, with a notice, what each process would else compile for itself before its first result."""
     short = plan.scenario.first_messages
     with compiling_shown():
-        compute(missions.simulate_mission(short), [replace(plan, scenario=short, runs=1)])
+        compute(montecarlo.simulate_mission(short), [replace(plan, scenario=short, runs=1)])
 
 
-def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpack[ExecutionOptions]) -> Flown:
-    """Compute a design, or what is missing of it; results do not depend on workers and interruptions.
+def fly(
+    cells: Sequence[CellPlan], tasks: Mapping[Any, Task], folder: Path, *, facts: Facts | None = None,
+    ahead: Callable[[], object] | None = None, tolerant: bool = False, **options: Unpack[ExecutionOptions],
+) -> Flown:  # fmt: skip
+    """Compute cells and tasks, or what is missing of them; results do not depend on workers and interruptions.
 
     Args:
-        design: the cells and tasks.
+        cells: scenarios with their runs.
+        tasks: work of other kinds, by names.
         folder: of the results; made if it does not exist.
+        facts: measured of every mission of the cells.
+        ahead: compiles in this process what each worker would else compile for itself before its first task.
         tolerant: go on without what cannot be flown.
         options: as of `ExecutionOptions`.
 
@@ -207,38 +290,37 @@ def fly(design: Design, folder: Path, *, tolerant: bool = False, **options: Unpa
     """
     workers, cluster, quiet = options.get("workers"), options.get("cluster"), options.get("quiet", False)
     pool = Pool(len(os.sched_getaffinity(0)) if workers is None else workers, cluster)
-    store, facts = Store(folder, force=options.get("force", False)), design.facts
+    store = Store(folder, force=options.get("force", False))
     # of plans of the same cell, one that keeps what any of them requests
-    plans = {plan.key: plan for plan in sorted(design.cells, key=lambda plan: plan.keep_steps)}.values()
-    cells = [plan for plan in plans if not store.has(*plan.keys)]
+    plans = {plan.key: plan for plan in sorted(cells, key=lambda plan: plan.keep_steps)}.values()
+    missing = [plan for plan in plans if not store.has(*plan.keys)]
     measured = {plan.motion: [key_of(facts, plan.motion)] for plan in plans} if facts else {}
     unmeasured = [plan for plan in plans if not store.has(*measured.get(plan.motion, ()))]
     flights = {
         plan.motion: _Job([plan.motion, *measured.get(plan.motion, ())], partial(partial, _fly, plan, facts))
-        for plan in (*cells, *unmeasured)
+        for plan in (*missing, *unmeasured)
     }
-    keys = {name: key_of(task) for name, task in design.tasks.items()}
-    tasks = {n: _Job([key], partial(partial, _rows, key, design.tasks[n])) for n, key in keys.items()}
-    flights, tasks = ({n: j for n, j in jobs.items() if not store.has(*j.keys)} for jobs in (flights, tasks))
-    one_mission = len({plan.motion for plan in cells}) == 1 and cluster is None and not tasks
-    if one_mission and all(plan.runs >= _MANY_RUNS and plan.in_lanes for plan in cells):
+    keys = {name: key_of(task) for name, task in tasks.items()}
+    runs = {name: _Job([key], partial(partial, _rows, key, tasks[name])) for name, key in keys.items()}
+    flights, runs = ({n: j for n, j in jobs.items() if not store.has(*j.keys)} for jobs in (flights, runs))
+    one_mission = len({plan.motion for plan in missing}) == 1 and cluster is None and not runs
+    if one_mission and all(plan.runs >= _MANY_RUNS and plan.in_lanes for plan in missing):
         # compiled lanes run side by side in threads, without the memory of processes
-        cells, pool.size = [replace(plan, threads=pool.size) for plan in cells], 1
-    pool.size = min(pool.size, max(len(cells), len(flights), len(tasks), 1))
+        missing, pool.size = [replace(plan, threads=pool.size) for plan in missing], 1
+    pool.size = min(pool.size, max(len(missing), len(flights), len(runs), 1))
     if cluster is None and not quiet:
-        if cells and FOLDER:
+        if missing and FOLDER:
             # the compiler's memory goes with its process
             with background_process() as apart:
-                apart.submit(compile_ahead, cells[0]).result()
-        if tasks and design.ahead:
+                apart.submit(compile_ahead, missing[0]).result()
+        if runs and ahead:
             with compiling_shown():
-                design.ahead()
+                ahead()
     with pool:
-        failures = _compute("missions", flights, store, pool, quiet) | _compute(design.what, tasks, store, pool, quiet)
+        failures = _compute("missions", flights, store, pool, quiet) | _compute("runs", runs, store, pool, quiet)
         if failures and not tolerant:
             raise CampaignError("; ".join(sorted(set(failures.values()))))
-        batches = _batches((cell for cell in cells if cell.motion not in failures), store, pool.size)
+        batches = _batches((plan for plan in missing if plan.motion not in failures), store, pool.size)
         _compute("cells", batches, store, pool, quiet)
-    rows = {name: store.get(key) for name, key in keys.items()}
-    found = {name: result[0] for name, result in rows.items() if result is not None}
-    return Flown(design=design, store=store, failures=failures, tasks=found)
+    found = {name: result[0] for name, key in keys.items() if (result := store.get(key)) is not None}
+    return Flown(store=store, facts=facts, failures=failures, tasks=found)

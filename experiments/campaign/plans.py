@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.campaign import missions
+from experiments.campaign import montecarlo
 from experiments.campaign.bound import geometry_of, least_rms, noise_of
 from experiments.campaign.montecarlo import Cell, Disturbance, histories, simulate
 from experiments.campaign.store import Arrays, Record, Result, key_of
@@ -34,15 +34,13 @@ class CellPlan:
     runs: int = 60
     follower: int = 0
     first_run: int = 0
-    keep_steps: bool = False
-    """Keep mean and maximum over the runs at each step, for figures."""
+    keep_steps: bool = False  # keep mean and maximum over the runs at each step, for figures
     leader_pitch_deg: float | None = None
     """Sense and navigate behind a leader that keeps this pitch on the same track; None: its own."""
     measured: Mapping[str, str] = field(default_factory=dict)
     """Keys of the scenario whose values are measured of the mission, and the columns of `facts` that they take."""
     facts: Facts | None = None
-    threads: int = 1
-    """That compute it; the result does not depend on them."""
+    threads: int = 1  # that compute it; the result does not depend on them
     disturb: Mapping[str, Any] = field(default_factory=dict)
     """`use`, a `Disturbance` by its name "module:Class" in a plugin or a built-in study, and its arguments; or none."""
     lag_s: float = 0.0
@@ -56,7 +54,7 @@ class CellPlan:
 
     @cached_property
     def content(self) -> Scenario:
-        return missions.content_of(self.scenario)
+        return montecarlo.content_of(self.scenario)
 
     @cached_property
     def key(self) -> str:
@@ -65,7 +63,7 @@ class CellPlan:
         others += (dict(self.disturb), dict(self.measured), self.facts)
         name = self.disturb.get("use", "")
         own = [_disturbing(name).disturb] if name.startswith(_OWN) else []
-        return key_of(missions.nameless(self.content), *others, *own)
+        return key_of(montecarlo.nameless(self.content), *others, *own)
 
     def content_behind(self, trajectory: Trajectory) -> Scenario:
         """What is computed of the scenario, with the values that are measured of its mission."""
@@ -86,7 +84,7 @@ class CellPlan:
     @cached_property
     def motion(self) -> str:
         """Key of its mission, which others may share."""
-        return missions.motion_key(self.scenario)
+        return montecarlo.motion_key(self.scenario)
 
     @property
     def in_lanes(self) -> bool:
@@ -155,7 +153,7 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
     behind = {}
     for pitch in {plan.leader_pitch_deg for plan in plans}:
         motion = trajectory if pitch is None else tilted(trajectory, np.deg2rad(pitch))
-        behind[pitch] = missions.Mission(plans[0].scenario, motion)
+        behind[pitch] = montecarlo.Mission(plans[0].scenario, motion)
     results = list[Result]()
     for plan in plans:
         runs, disturbance = range(plan.first_run, plan.first_run + plan.runs), disturbance_of(plan.disturb)

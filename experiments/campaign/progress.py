@@ -14,10 +14,8 @@ from laisn.failure import plain
 _LINE_EVERY_S = 10.0
 _REFRESH_HZ = 2.0
 
-Advance = Callable[[int], None]
-"""Reports that so many more items are finished."""
-Update = Callable[[float], None]
-"""Reports the share that is done, 0 … 1."""
+Advance = Callable[[int], None]  # reports that so many more items are finished
+Update = Callable[[float], None]  # reports the share that is done, 0 … 1
 
 
 def literal(text: object, style: str = "") -> Text:
@@ -45,25 +43,18 @@ def show_table(
 
 
 class _Bars(Progress):
-    """Bars with names and the time left or taken; on anything but a terminal they show nothing."""
+    """Bars with names and the time left or taken, on anything but a terminal none; perhaps above a number that grows.
 
-    def __init__(self, console: Console, *columns: ProgressColumn) -> None:
+    `count` is of compiled functions, of this process and those beside it; in a log, a last line tells of them.
+    """
+
+    def __init__(self, console: Console, *columns: ProgressColumn, count: Callable[[], int] = lambda: 0) -> None:
+        self._count, self._before = count, count()
         super().__init__(
             TextColumn("{task.description:<9}"), BarColumn(), *columns, TimeRemainingColumn(elapsed_when_finished=True),
             console=console, disable=not console.is_terminal, get_time=lambda: time.monotonic(),
             speed_estimate_period=3600.0, refresh_per_second=_REFRESH_HZ,
         )  # fmt: skip
-
-
-class _CompilingBars(_Bars):
-    """Bars above the number of functions that this process and those beside it compile; in a log, a last line."""
-
-    def __init__(self, console: Console) -> None:
-        # a process that only shows progress does not load the compiler
-        from laisn import compiled
-
-        self._count, self._before = compiled.count_stored, compiled.count_stored()
-        super().__init__(console)
 
     def get_renderables(self) -> Iterator[RenderableType]:
         yield from super().get_renderables()
@@ -76,15 +67,18 @@ class _CompilingBars(_Bars):
             self.console.print("compiled (once)")
 
 
-def compiling_shown() -> AbstractContextManager[Progress]:
-    """Report on standard error how many functions the block compiles."""
-    return _CompilingBars(Console(stderr=True))
+def compiling_shown(console: Console | None = None) -> AbstractContextManager[Progress]:
+    """Report, on standard error unless a console is given, how many functions the block compiles."""
+    # a process that only shows progress does not load the compiler
+    from laisn import compiled
+
+    return _Bars(console or Console(stderr=True), count=compiled.count_stored)
 
 
 @contextmanager
 def phases(console: Console) -> Iterator[Callable[[str], AbstractContextManager[Update]]]:
     """A bar for each phase of a flight, and the number of functions that are compiled."""
-    with _CompilingBars(console) as bars:
+    with compiling_shown(console) as bars:
 
         @contextmanager
         def phase(name: str) -> Iterator[Update]:

@@ -24,12 +24,9 @@ from laisn.failure import LaisnError, LaisnWarning
 from laisn.plugins import plugin_files
 from sim.system import atomic_write, locked
 
-Record = dict[str, Any]
-"""A row: plain values by column."""
-Arrays = dict[str, npt.NDArray[Any]]
-"""Columns of a result, shape (n,) each."""
-Result = tuple[str, Any, Arrays]
-"""Key, JSON value and arrays of a result that is stored."""
+Record = dict[str, Any]  # a row: plain values by column
+Arrays = dict[str, npt.NDArray[Any]]  # columns of a result, shape (n,) each
+Result = tuple[str, Any, Arrays]  # key, JSON value and arrays of a result that is stored
 
 STUDY_FILE, FLIGHT_FILE = "campaign.json", "summary.json"
 """A file that each folder of a study, and each folder of a flight, has."""

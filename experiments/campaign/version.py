@@ -13,17 +13,13 @@ from laisn.navigators import code_of_navigators
 
 ROOT = Path(__file__).resolve().parents[2]
 OWN_PACKAGES = ("models", "laisn", "sim", "experiments")
-_IN_CHECKOUT = ("tools", "tests")
-"""Outside the wheel: some records of the documents are computed there."""
-PACKAGES = ("mujoco", "numpy", "scipy", "filterpy", "numba", "mcap", "av", "pyarrow")
-"""Dependencies that shape results."""
+_IN_CHECKOUT = ("tools", "tests")  # outside the wheel: some records of the documents are computed there
+PACKAGES = ("mujoco", "numpy", "scipy", "filterpy", "numba", "mcap", "av", "pyarrow")  # dependencies that shape results
 
 _COMPUTING = ("experiments.campaign.campaign", "sim.scenario.file", *code_of_navigators())
 """Modules that compute the numbers of cells. Tasks and facts add modules of their own."""
-_DATA = {".xml", ".json"}
-"""Data files that modules of a package read: vehicles, routes."""
-_TABLES = {".toml", ".csv"}
-"""Data files that a study reads beside its modules."""
+_DATA = {".xml", ".json"}  # data files that modules of a package read: vehicles, routes
+_TABLES = {".toml", ".csv"}  # data files that a study reads beside its modules
 
 
 def reachable(modules: Iterable[str], root: Path = ROOT) -> dict[str, Path]:

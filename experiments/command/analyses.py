@@ -31,8 +31,7 @@ def bound(
     from rich.console import Console
 
     from experiments.campaign.bound import geometry_of, least_rms, noise_of
-    from experiments.campaign.missions import mission_of, motion_of
-    from experiments.campaign.montecarlo import Cell, simulate
+    from experiments.campaign.montecarlo import Cell, mission_of, motion_of, simulate
     from experiments.campaign.progress import compiling_shown, print_line, show_table
     from experiments.campaign.store import write_csv
     from experiments.flight.library import load_flyable

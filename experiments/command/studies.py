@@ -93,7 +93,7 @@ def study(
     keys: dict[str, Any] = {"runs": runs, "realizations": realizations, "seed": seed}
     keys |= {"vary": _factors(vary or []), "draw": values_of(draw or (), "--draw"), "set": values_of(set_ or ())}
     if dry_run:
-        for one in studies_of(source, keys, quick=quick):
+        for one in studies_of(source, keys, quick=quick)[0].values():
             echo(effort_text(one, workers or len(os.sched_getaffinity(0))))
         return
     if film and graphics.working() is None:

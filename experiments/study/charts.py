@@ -15,15 +15,14 @@ from experiments.pages.page import Figures
 from experiments.pages.style import FRAME, FULL, PAPER, SERIES, WIDTH, Legend
 from experiments.study.design import is_number
 from experiments.study.estimate import NOTHING, Place, Results, digits
-from experiments.study.metrics import METRICS, without_unit
+from experiments.study.measure import METRICS, without_unit
 from experiments.study.plan import ARM, FOLLOWER, Plan, levels, varied
 from laisn.arrays import Floats
 
 MOST_PANELS = 12
 MOST_LINES = len(SERIES)
 _MOST_TICKS = 8
-_MOST_BARS = 200
-"""Points of a panel beyond which intervals would hide them."""
+_MOST_BARS = 200  # points of a panel beyond which intervals would hide them
 
 
 def _words(name: str) -> tuple[str, str]:
@@ -51,15 +50,10 @@ def value_text(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def setting_text(name: str, value: object) -> str:
-    """A key and its value in words: "leader's excess buoyancy 12 N"."""
-    words, unit = _words(name)
-    return f"{words} {value_text(value)} {unit}".rstrip().replace(" °", "°")
-
-
 def point_text(values: Mapping[str, object]) -> str:
-    """Keys and their values in words, with commas between them."""
-    return ", ".join(setting_text(key, value) for key, value in values.items())
+    """Keys and their values in words, with commas between them: "leader's excess buoyancy 12 N"."""
+    named = ((*_words(key), value_text(value)) for key, value in values.items())
+    return ", ".join(f"{words} {value} {unit}".rstrip().replace(" °", "°") for words, unit, value in named)
 
 
 class Axis(NamedTuple):

@@ -18,7 +18,7 @@ from experiments.pages.page import Figures, Page, number, words
 from experiments.pages.style import FULL, SERIES
 from experiments.study.estimate import over_runs, shown
 from experiments.study.file import METRIC
-from experiments.study.metrics import METRICS, SHARES
+from experiments.study.measure import METRICS, SHARES
 from experiments.study.study import RESULTS, RUNS, STUDY
 from laisn import metrics
 from laisn.failure import LaisnError, shortened

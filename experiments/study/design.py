@@ -20,8 +20,7 @@ from sim.scenario.point_motion import CLASSES, random_waypoints
 Design = Literal["factorial", "latin-hypercube", "sobol"]
 
 _RANGE = ("from", "to", "steps", "scale")
-RULES = ("cycle", "rotate", "sum", "measured")
-"""Values that follow the run, other keys of the study, or the mission."""
+RULES = ("cycle", "rotate", "sum", "measured")  # values that follow the run, other keys of the study, or the mission
 _POINTS_KEY = 0x0D
 
 
@@ -41,8 +40,7 @@ class Factor:
     """A key of the scenario and the values that it takes."""
 
     key: str
-    values: tuple[Any, ...] = ()
-    """Values in their order; empty: the whole range, for a sampled design."""
+    values: tuple[Any, ...] = ()  # values in their order; empty: the whole range, for a sampled design
     low: float = 0.0
     high: float = 0.0
     log: bool = False

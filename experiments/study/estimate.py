@@ -12,17 +12,10 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtrit
 
+from experiments import intervals
 from experiments.campaign.store import Record
-from experiments.intervals import (
-    CONFIDENCE,
-    FEWEST_RUNS,
-    Interval,
-    difference_of_shares,
-    exact_limits,
-    mean_interval,
-    proportion,
-)
-from experiments.study.metrics import SHARES
+from experiments.intervals import CONFIDENCE, FEWEST_RUNS, Interval, difference_of_shares, mean_interval
+from experiments.study.measure import SHARES
 from experiments.study.plan import ARM, FOLLOWER, Plan, levels, varied
 from laisn.arrays import Floats, Ints
 
@@ -49,7 +42,7 @@ def shown(interval: Interval, unit: str = "") -> str:
     return value + limits
 
 
-def _quantile(number: int) -> float:
+def _quantile(number: float) -> float:
     return float(stdtrit(number - 1, (1 + CONFIDENCE) / 2))
 
 
@@ -68,40 +61,28 @@ def over_realizations(means: Floats) -> Interval:
     return Interval(mean, mean - half, mean + half)
 
 
-def share_over_realizations(realizations: Sequence[Floats]) -> Interval:
-    """Share of runs with an outcome that is 0 or 1, every realization counting alike, shape (R,) for each.
-
-    Limits of Clopper and Pearson for as many independent runs as would scatter like the means of the realizations (Korn
-    & Graubard, Survey Methodology 24, 1998). Where no run has the outcome, or all have, a realization counts as one
-    run.
-    """
-    means = np.array([values.mean() for values in realizations])
-    count, runs, share = means.size, sum(values.size for values in realizations), float(means.mean())
-    scatter = float(means.var(ddof=1)) / count
-    alike = float(count)
-    if 0.0 < share < 1.0:
-        most = share * (1.0 - share) * (_quantile(runs) / _quantile(count)) ** 2
-        alike = min(most / scatter, float(runs)) if scatter > 0 else float(runs)
-    return Interval(share, *exact_limits(share * alike, alike))
-
-
 def over_runs(realizations: Sequence[Floats], *, shares: bool = False, paired: bool = False) -> Interval:
     """Mean of values of runs, shape (R,) for each realization, every realization counting alike.
 
-    With `shares` values are 0 or 1, or, if `paired`, differences of such.
+    With `shares` values are 0 or 1, or, if `paired`, differences of such. The share over several realizations has the
+    limits of Clopper and Pearson for as many independent runs as would scatter like the means of the realizations (Korn
+    & Graubard, Survey Methodology 24, 1998). Where no run has the outcome, or all have, a realization counts as one
+    run.
     """
-    if len(realizations) > 1:
-        if shares and not paired:
-            return share_over_realizations(realizations)
-        means = np.array([values.mean() for values in realizations])
+    count, means = len(realizations), np.array([values.mean() for values in realizations])
+    if count > 1 and shares and not paired:
+        runs, share, alike = float(sum(values.size for values in realizations)), float(means.mean()), float(count)
+        if 0.0 < share < 1.0:
+            most, scatter = share * (1.0 - share) * (_quantile(runs) / _quantile(count)) ** 2, float(means.var(ddof=1))
+            alike = min(most * count / scatter, runs) if scatter > 0 else runs
+        return Interval(share, *intervals.exact_limits(share * alike, alike))
+    if count > 1:
         # realizations that all differ by nothing do not make a difference impossible
         return difference_of_shares(means) if shares and np.ptp(means) == 0 else over_realizations(means)
     (values,) = realizations
     if shares:
-        return difference_of_shares(values) if paired else proportion(int(values.sum()), values.size)
-    if np.ptp(values) == 0:
-        return Interval(float(values[0]), math.nan, math.nan)
-    return mean_interval(values)
+        return difference_of_shares(values) if paired else intervals.proportion(int(values.sum()), values.size)
+    return mean_interval(values) if np.ptp(values) else Interval(float(values[0]), math.nan, math.nan)
 
 
 def _whole(values: Floats) -> Floats:
@@ -210,12 +191,6 @@ def _coded(plan: Plan, name: str, given: list[Any]) -> Floats | Ints:
     return np.array([number[repr(value)] for value in given])
 
 
-def _sample(results: Results, place: Place, metric: str) -> Floats:
-    """Independent values whose mean a place has: of runs of a single realization, or of realizations."""
-    runs = results.by_run(place, metric)
-    return runs[0] if runs is not None and len(runs) == 1 else results.by_realization(place, metric)
-
-
 def _limits(resampled: Floats) -> tuple[float, float]:
     tail = (1.0 - CONFIDENCE) / 2.0
     low, high = np.nanquantile(resampled, [tail, 1.0 - tail])
@@ -231,7 +206,12 @@ def main_effects(plan: Plan, results: Results, metric: str) -> dict[str, Interva
     two factors vary, a place has no value, or all have the same.
     """
     factors, places = varied(plan), list(results.rows)
-    given_samples = [_sample(results, place, metric) for place in places]
+    # independent values whose mean a place has: of runs of a single realization, or of realizations
+    of_runs = [results.by_run(place, metric) or [] for place in places]
+    given_samples = [
+        runs[0] if len(runs) == 1 else results.by_realization(place, metric)
+        for place, runs in zip(places, of_runs, strict=True)
+    ]
     alike = len(places) == len(plan.points) * len(plan.arms) * len(plan.followers)
     if len(factors) < 2 or not alike or len({sample.size for sample in given_samples}) > 1:
         return {}

@@ -24,8 +24,7 @@ FOLDER = Path(__file__).parents[1] / "studies"
 METRIC = "e_p_mean_m"
 ARM, CASE, SCENARIO = "arm", "case", "scenario"
 """Names of what varies beside the keys of scenarios: arms, and factors of named settings and of several scenarios."""
-ALONE = "all"
-"""Name of the only arm of a study that names none."""
+ALONE = "all"  # name of the only arm of a study that names none
 Made = TypeVar("Made")
 Named = TypeVar("Named", bound="Group")
 
@@ -142,19 +141,16 @@ class Study:
     """A study as its file gives it; the scenario's keys are validated by `plan_of`."""
 
     name: str
-    source: str
-    """The file, or the scenario that options vary, for messages."""
+    source: str  # the file, or the scenario that options vary, for messages
     file: StudyFile
-    scenarios: Mapping[str, str]
-    """Built-in names, or paths of files, by the names that the study gives them."""
+    scenarios: Mapping[str, str]  # built-in names, or paths of files, by the names that the study gives them
     runs: int
     settings: Mapping[str, Any]
     factors: tuple[Factor, ...]
     draws: tuple[Draw, ...]
     cases: Mapping[str, Case]
     arms: Mapping[str, Arm]
-    table: Mapping[str, Any]
-    """Content of the file, with the options of the command in their places."""
+    table: Mapping[str, Any]  # content of the file, with the options of the command in their places
 
     @property
     def until(self) -> Until | None:

@@ -1,10 +1,16 @@
-"""What a mission and a run in closed loop are measured by: `facts_of` its motion, `records_of_run` with its errors."""
+"""What a study is judged by: columns of its tables, those of a mission, and those of a run in closed loop."""
+
+import tomllib
+from importlib import resources
+from typing import NamedTuple
 
 import numpy as np
 
+from experiments.campaign.montecarlo import PERCENTILES
 from experiments.campaign.store import CampaignError, Record
 from laisn import metrics
 from laisn.arrays import Bools, Floats
+from laisn.estimates import FixKind
 from laisn.geometry import pitch_fix_error
 from sim.assembly import routes_of
 from sim.closed_loop import simulate_closed_loop
@@ -15,10 +21,48 @@ from sim.simulation import ContactError, DivergedError
 from sim.tracking import contacts, cross_track, station_keeping, track_errors, true_stations
 from sim.trajectory import Trajectory
 
+UNITS = {
+    "deg_sqrt_h": "°/√h", "m_s2": "m/s²", "m_s": "m/s", "kg_m3": "kg/m³", "deg_s": "°/s", "deg_h": "°/h",
+    "per_s": "1/s", "ppm": "ppm", "deg": "°", "kg": "kg", "m2": "m²", "m": "m", "s": "s", "n": "N", "j": "J", "w": "W",
+}  # fmt: skip
+"""Units by the ends of keys and columns, the longer ones first."""
+
+
+def without_unit(name: str) -> tuple[str, str]:
+    """A key or column without the unit at its end, and that unit; empty where it has none."""
+    suffix = next((unit for unit in UNITS if name.endswith(f"_{unit}")), "")
+    return name.removesuffix(f"_{suffix}") if suffix else name, UNITS.get(suffix, "")
+
+
+class Metric(NamedTuple):
+    """A column of results.parquet or runs.parquet."""
+
+    label: str
+    what: str
+    unit: str = ""
+
+
+_DATA = tomllib.loads((resources.files(__package__) / "metrics.toml").read_text(encoding="utf-8"))
+MISSION: dict[str, list[str]] = _DATA["mission"]  # labels and meanings of what is measured of a mission
+_PERCENTILES = {
+    f"e_{kind}_p{p}_{unit}": [f"{p}th percentile of E_{kind.upper()}", "over steps and runs"]
+    for kind, unit in (("p", "m"), ("b", "deg"))
+    for p in PERCENTILES
+}
+_FIXES = {
+    f"fixes_{kind.name.lower()}": [f"fixes: {kind.name.lower().replace('_', ' ')}", "number over all runs"]
+    for kind in FixKind
+}
+METRICS: dict[str, Metric] = {
+    name: Metric(f"{label} [{unit}]" if unit else label, what, unit)
+    for name, (label, what) in (_DATA["errors"] | _PERCENTILES | _FIXES | MISSION).items()
+    for _, unit in [without_unit(name)]
+}
+SHARES = frozenset({"mirror_locked", "lost", "touched", "ended"})  # metrics that a run either has or has not: 1 or 0
+
 DISC_DIAMETER_M = 0.1
 """Disc of every thruster: the MJCF has thrusts and no propellers. Powers compare missions; they size no battery."""
-TURNING_RAD_S = 1e-3
-"""A formation whose frame turns faster is in a turn [rad/s]."""
+TURNING_RAD_S = 1e-3  # A formation whose frame turns faster is in a turn [rad/s]
 
 
 def disc_power(thrust: Floats, inflow: Floats, density: float) -> Floats:

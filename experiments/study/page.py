@@ -13,12 +13,11 @@ from experiments.study import charts
 from experiments.study.design import is_number
 from experiments.study.estimate import Place, Results, digits, main_effects, shown
 from experiments.study.file import METRIC
-from experiments.study.metrics import METRICS
+from experiments.study.measure import METRICS
 from experiments.study.plan import Entry, Plan, many, varied
 
 _MOST_COMMANDS = 400
-_MOST_ROWS = 60
-"""Places in a table; of more, those of the lowest and highest values are listed."""
+_MOST_ROWS = 60  # places in a table; of more, those of the lowest and highest values are listed
 _TONES = {"lower": "yes", "higher": "no", "undecided": "maybe", "same": ""}
 _COLUMNS = (METRIC, "e_p_p95_m", "e_b_mean_deg", "mirror_locked", "track_error_rms_m", "depth_error_rms_m",
             "closest_approach_m", "energy_j")  # fmt: skip

@@ -8,14 +8,14 @@ from functools import cache, cached_property
 from itertools import product
 from typing import Any
 
-from experiments.campaign.missions import motion_key
+from experiments.campaign.montecarlo import motion_key
 from experiments.campaign.plans import disturbance_of
 from experiments.campaign.progress import Advance, progress
 from experiments.flight.library import table_of, text_of
 from experiments.study.design import follows_run, is_number, is_rule, points_of, value_at
 from experiments.study.file import ALONE, CASE, SCENARIO, Study, refusal
 from experiments.study.file import ARM as ARM
-from experiments.study.metrics import METRICS, MISSION
+from experiments.study.measure import METRICS, MISSION
 from laisn.failure import LaisnError
 from laisn.lanes import LANES
 from sim.feasibility import infeasibilities
@@ -28,8 +28,7 @@ FOLLOWER = "follower"
 MOST_ENTRIES = 200_000
 _READINGS = re.compile(r"(acoustics|sensors)\.(?!own)")
 """Keys that change what sensors read, but neither motion nor feasibility."""
-_SHOWN = 1000
-"""Least number of scenarios whose planning shows progress."""
+_SHOWN = 1000  # least number of scenarios whose planning shows progress
 MOST_RUNS = 2**31 - LANES
 
 
@@ -40,16 +39,11 @@ class Entry:
     point: int
     arm: str
     realization: int
-    settings: Mapping[str, Any]
-    """All that differs from the study's scenario, by key."""
-    scenario: Scenario
-    """Of its first run."""
-    motion: str
-    """Key of its mission, which others may share."""
-    source: str
-    """The scenario that the settings change."""
-    measured: Mapping[str, str] = field(default_factory=dict)
-    """Columns of the mission that further keys take, by key."""
+    settings: Mapping[str, Any]  # all that differs from the study's scenario, by key
+    scenario: Scenario  # of its first run
+    motion: str  # key of its mission, which others may share
+    source: str  # the scenario that the settings change
+    measured: Mapping[str, str] = field(default_factory=dict)  # columns of the mission that further keys take, by key
 
     @property
     def place(self) -> tuple[int, str, int]:

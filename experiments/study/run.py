@@ -13,8 +13,8 @@ from typing import Any, NamedTuple, Unpack
 import numpy as np
 import pyarrow as pa
 
-from experiments.campaign import campaign, missions
-from experiments.campaign.campaign import Design, ExecutionOptions, Task
+from experiments.campaign import campaign, montecarlo
+from experiments.campaign.campaign import ExecutionOptions, Task
 from experiments.campaign.plans import CellPlan
 from experiments.campaign.store import Arrays, CampaignError, Record, Store, columns_of
 from experiments.flight.fly import fly
@@ -26,11 +26,9 @@ from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from sim.trajectory import Trajectory
 
-_MOST_GROWTH = 10.0
-"""By which the number of runs grows at most from one look at their intervals to the next."""
+_MOST_GROWTH = 10.0  # by which the number of runs grows at most from one look at their intervals to the next
 _TABLE_ROWS = 60_000
-_OWN = ("key", "mission", "version", "motion")
-"""Columns of a cell's row that no table of results has."""
+_OWN = ("key", "mission", "version", "motion")  # columns of a cell's row that no table of results has
 
 
 class Cells(NamedTuple):
@@ -70,13 +68,11 @@ class Outcomes:
 
     plan: Plan
     rows: list[Record]
-    runs: list[tuple[Record, Record]]
-    """One pair for each entry and follower: what it is, and lists over runs by name."""
+    runs: list[tuple[Record, Record]]  # one pair for each entry and follower: what it is, and lists over runs by name
     steps: list[Arrays]
     """Errors over time of each entry and follower, as of `steps_of`; empty where the study keeps none."""
     store: Store
-    failures: dict[str, list[Entry]] = field(default_factory=dict)
-    """Entries that could not be flown, by what happened."""
+    failures: dict[str, list[Entry]] = field(default_factory=dict)  # entries that could not be flown, by what happened
 
     @property
     def cells(self) -> Cells:
@@ -151,25 +147,19 @@ def fly_studies(plans: Sequence[Plan], folder: Path, **options: Unpack[Execution
     """
     entries = [(i, plan, entry) for i, plan in enumerate(plans) for entry in plan.entries]
     cells = {(i, entry.place): _cells(plan, entry) for i, plan, entry in entries if not entry.closed_loop}
-    closed = {(i, entry.place): (entry, plan.runs_of(entry)) for i, plan, entry in entries if entry.closed_loop}
+    closed = [one for one in entries if one[2].closed_loop]
     tasks: dict[Any, Task] = {
-        (*name, run): partial(records_of_run, missions.content_of(entry.scenario_at(run)), run)
-        for name, (entry, runs) in closed.items()
-        for run in runs
+        (i, entry.place, run): partial(records_of_run, montecarlo.content_of(entry.scenario_at(run)), run)
+        for i, plan, entry in closed
+        for run in plan.runs_of(entry)
     }
-    first = next((entry.scenario for entry, _ in closed.values()), None)
-    design = Design(
-        cells=[cell for own in cells.values() for cell in own],
-        facts=facts_of,
-        tasks=tasks,
-        what="runs",
-        ahead=partial(fly, first.first_messages) if first else None,
-    )
-    flown = campaign.fly(design, folder, tolerant=True, **options)
+    ahead = partial(fly, closed[0][2].scenario.first_messages) if closed else None
+    every = [cell for own in cells.values() for cell in own]
+    flown = campaign.fly(every, tasks, folder, facts=facts_of, ahead=ahead, tolerant=True, **options)
     found = [Outcomes(plan=plan, rows=[], runs=[], steps=[], store=flown.store) for plan in plans]
     for i, plan, entry in entries:
         name, outcomes = (i, entry.place), found[i]
-        names: list[Any] = [(*name, run) for run in closed[name][1]] if entry.closed_loop else [entry.motion]
+        names: list[Any] = [(*name, run) for run in plan.runs_of(entry)] if entry.closed_loop else [entry.motion]
         what = next((flown.failures[name] for name in names if name in flown.failures), None)
         if what is not None:
             outcomes.failures.setdefault(what, []).append(entry)
@@ -239,8 +229,7 @@ def fly_until_narrow(plans: Sequence[Plan], folder: Path, **options: Unpack[Exec
         options |= {"force": False}
 
 
-Choice = Mapping[tuple[int, str, int], int]
-"""Numbers of runs by point, arm and realization."""
+Choice = Mapping[tuple[int, str, int], int]  # numbers of runs by point, arm and realization
 
 
 def fly_further(

@@ -1,21 +1,20 @@
 """A study from its file to its folder: `laisn study` and `laisn_sim.study`."""
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from html import escape
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import Any, Unpack
+from typing import Any, TypeVar, Unpack
 
 import tomli_w
 
-from experiments.campaign import missions
-from experiments.campaign.campaign import BATCH_STEPS, ExecutionOptions, compile_ahead
+from experiments.campaign import montecarlo
+from experiments.campaign.campaign import BATCH_STEPS, ExecutionOptions, compile_ahead, release_workers
 from experiments.campaign.plans import CellPlan, compute
-from experiments.campaign.processes import release_workers
 from experiments.campaign.store import CampaignError, Store, columns_of, write_table
 from experiments.campaign.version import code_version
 from experiments.findings import Finding, Findings, of, read, record
@@ -24,8 +23,8 @@ from experiments.flight.library import text_of
 from experiments.flight.tables import Table
 from experiments.pages import page as pages
 from experiments.study.estimate import Results, main_effects
-from experiments.study.file import Study, built_in, study_of, table_in
-from experiments.study.metrics import METRICS
+from experiments.study.file import FOLDER, Study, built_in, study_of, table_in
+from experiments.study.measure import METRICS
 from experiments.study.plan import Plan, many, plan_of
 from experiments.study.run import Outcomes, fly_further, fly_until_narrow, of_one_type, run_tables
 from laisn.failure import LaisnError
@@ -34,11 +33,16 @@ from sim.system import atomic_write
 
 RESULTS, RUNS, RECORD, REPORT = "results.parquet", "runs.parquet", "results.json", "report.html"
 STUDY = "study.toml"
-_CELL_BYTES = 2_000
-"""Bytes of a stored cell and its row in the tables; a run adds `_RUN_BYTES`."""
+Made = TypeVar("Made")
+_CELL_BYTES = 2_000  # bytes of a stored cell and its row in the tables; a run adds `_RUN_BYTES`
 _RUN_BYTES = 80
-_TRIED = 17
-"""Cells that are computed for an estimate of the time, of which the first is not counted."""
+_TRIED = 17  # cells that are computed for an estimate of the time, of which the first is not counted
+
+
+def _timed(work: Callable[[], Made]) -> tuple[Made, float]:
+    """What some work gives, and how long it took [s]."""
+    begin = perf_counter()
+    return work(), perf_counter() - begin
 
 
 def effort_text(study: Study, workers: int) -> str:
@@ -47,41 +51,36 @@ def effort_text(study: Study, workers: int) -> str:
     One mission is flown, and cells of it are computed, as a process does it; nothing of it is kept. Planning, storing
     and reading results is work of this process.
     """
-    begin = perf_counter()
-    plan = plan_of(study, quiet=False)
-    seconds, entry, runs = perf_counter() - begin, plan.entries[0], study.runs
-    cells = sum(len(e.scenario.followers) for e in plan.entries)
+    plan, seconds = _timed(lambda: plan_of(study, quiet=False))
+    entry, runs, cells = plan.entries[0], study.runs, sum(len(e.scenario.followers) for e in plan.entries)
     if entry.closed_loop:
         fly(entry.scenario.first_messages)
-        start = perf_counter()
-        fly(entry.scenario)
-        seconds += plan.flights * (perf_counter() - start) / workers
+        seconds += plan.flights * _timed(lambda: fly(entry.scenario))[1] / workers
         size = 4_000 * plan.flights
     else:
         alike = [e for e in plan.entries if e.motion == entry.motion][:_TRIED]
         tried = [CellPlan(scenario=e.scenario, runs=min(runs, LANES)) for e in alike]
         compile_ahead(tried[0])
-        start = perf_counter()
-        trajectory = missions.simulate_mission(entry.scenario)
-        flown = perf_counter()
-        one = compute(trajectory, tried[:1])
-        first = perf_counter()
-        results = compute(trajectory, tried[1:]) or one
-        done = perf_counter()
+        trajectory, flight = _timed(lambda: montecarlo.simulate_mission(entry.scenario))
+        one, first = _timed(lambda: compute(trajectory, tried[:1]))
+        results, others = _timed(lambda: compute(trajectory, tried[1:]) or one)
         # what the cells of a mission share is computed once for each batch of them
-        each = (done - first) / len(results) if len(tried) > 1 else first - flown
-        shared = max(first - flown - each, 0.0)
+        each = others / len(results) if len(tried) > 1 else first
         batches = max(plan.flights, 4 * workers, cells * runs * entry.scenario.filter_steps / BATCH_STEPS)
         with TemporaryDirectory() as folder:
             store = Store(Path(folder))
+
+            def keep() -> None:
+                for key, row, arrays in results:
+                    store.put(key, row, arrays)
+                    for _ in range(3):  # for its row, its runs and the facts of its mission
+                        store.get(key)
+
             store.put(entry.motion, None, trajectory.arrays)
-            stored, kept = store.path(entry.motion).stat().st_size, perf_counter()
-            for key, row, arrays in results:
-                store.put(key, row, arrays)
-                for _ in range(3):  # for its row, its runs and the facts of its mission
-                    store.get(key)
-            seconds += cells * (perf_counter() - kept) / len(results)
-        seconds += (plan.flights * (flown - start) + batches * shared + cells * -(-runs // LANES) * each) / workers
+            stored = store.path(entry.motion).stat().st_size
+            seconds += cells * _timed(keep)[1] / len(results)
+        shared = batches * max(first - each, 0.0)
+        seconds += (plan.flights * flight + shared + cells * -(-runs // LANES) * each) / workers
         size = plan.flights * stored + cells * (_CELL_BYTES + runs * _RUN_BYTES)
     return (
         f"{study.name}: {many(len(plan.points), 'point')}, {many(len(plan.arms), 'arm')}, "
@@ -129,7 +128,7 @@ def _film_worst(outcomes: Outcomes, folder: Path) -> Path:
 def run_studies(
     studies: Mapping[str, Study], folder: Path, own: str = "", command: str = "", *, quick: bool = False,
     film: str = "", **options: Unpack[ExecutionOptions],
-) -> Path:  # fmt: skip
+) -> None:  # fmt: skip
     """Fly the parts of a study, or what is missing of them; write tables, record and page: same outcomes, same bytes.
 
     Args:
@@ -140,17 +139,17 @@ def run_studies(
             part, and perhaps `further_runs(outcomes)`, which chooses runs that are flown on, as of `fly_further`; and
             for a page of its own `page.md.j2`, with `figures.py` whose `values(found: Findings, outcomes) -> dict` has
             what the template names, and `tables` that are written too; perhaps `film(values, folder) -> Path`.
-        command: that repeats it.
+        command: that repeats it; empty: `laisn study` with the source of the first one.
         quick: a trial run, without further runs.
         film: "worst" films the worst run, "example" is the film of `figures.py`; empty: none.
         options: as of `campaign.fly`.
 
-    Returns:
-        The page; LaisnError as of `plan_of` and `fly_until_narrow`, if something of a built-in study, or all of
-        another, could not be flown, or if the study has no such film.
+    Raises:
+        LaisnError: as of `plan_of` and `fly_until_narrow`; something of a built-in study, or all of another, could not
+            be flown; or the study has no such film.
     """
-    package = f"experiments.studies.{own.replace('-', '_')}"
-    templated = bool(own) and (built_in(own)[next(iter(studies))].parent / pages.NAME).is_file()
+    folder_name = own.replace("-", "_")
+    package, templated = f"experiments.studies.{folder_name}", (FOLDER / folder_name / pages.NAME).is_file()
     if film and templated and not hasattr(import_module(f"{package}.figures"), "film"):
         raise LaisnError(f"--film: the study {own} has a page of its own, without films")
     if film not in ("", wanted := "example" if templated else "worst"):
@@ -170,9 +169,10 @@ def run_studies(
         modules = f"{package}.findings", "experiments.study.run"
         record(own, command, modules, findings.findings_of(outcomes)).write(folder / RECORD)
     else:
-        found = findings_of(first.plan, first.results)
-        given = {"command": command, "modules": ("experiments.study.study",), "version": code_version()}
-        Findings(study=first.plan.study.name, findings=found, **given).write(folder / RECORD)  # type: ignore[arg-type]
+        study, found = first.plan.study, findings_of(first.plan, first.results)
+        given = {"modules": ("experiments.study.study",), "version": code_version(), "findings": found}
+        command = command or f"laisn study {study.source}"
+        Findings(study=study.name, command=command, **given).write(folder / RECORD)  # type: ignore[arg-type]
     kept = read(folder / RECORD)
     # drawing takes a third of a second to import, and reading a table needs none of it
     from experiments.study.page import page_of
@@ -198,24 +198,6 @@ def run_studies(
     if film:
         path = figures.film(values, folder) if templated else _film_worst(first, folder)
         write_page([pages.Film(path=path)])
-    return folder / REPORT
-
-
-def run_study(study: Study, folder: Path, **options: Any) -> Path:
-    """Fly one study as of `run_studies`."""
-    return run_studies({"study": study}, folder, command=f"laisn study {study.source}", **options)
-
-
-def run_built_in(
-    name: str, folder: Path, keys: Mapping[str, Any] | None = None, *, quick: bool = False, **options: Any
-) -> Path:
-    """Run a built-in study with findings of its own as of `run_studies`; keys of its files as of `study_of`."""
-    studies = {part: study_of(str(file), keys or {}, quick=quick) for part, file in built_in(name).items()}
-    words = ["laisn", name, *["--quick"] * quick]
-    for key, value in (keys or {}).items():
-        given = [f"{k}={text_of(v)}" for k, v in value.items()] if isinstance(value, Mapping) else [str(value)]
-        words += [word for one in given if value is not None for word in (f"--{key}", one)]
-    return run_studies(studies, folder, name, shlex.join(words), quick=quick, **options)
 
 
 class StudyFolder:
@@ -271,28 +253,29 @@ class StudyFolder:
         return f'<p><a href="{report}">{report}</a></p>{self.table._repr_html_()}'
 
 
-def studies_of(source: str | Path | Mapping[str, Any], keys: Mapping[str, Any], *, quick: bool = False) -> list[Study]:
-    """The studies of a source, several of some built-in ones; arguments and errors as of `study_of`."""
-    if isinstance(source, Mapping):
-        return [study_of(source, keys, quick=quick)]
-    files = {} if Path(source).exists() else built_in(str(source))
-    return [study_of(str(one), keys, quick=quick) for one in files.values() or [source]]
+def studies_of(
+    source: str | Path | Mapping[str, Any], keys: Mapping[str, Any], *, quick: bool = False
+) -> tuple[dict[str, Study], str]:
+    """The studies of a source by part, several of some built-in ones, and its name if it has findings of its own.
+
+    Arguments and errors as of `study_of`.
+    """
+    own = "" if isinstance(source, Mapping) or Path(source).exists() else str(source)
+    if files := built_in(own):
+        return {part: study_of(str(file), keys, quick=quick) for part, file in files.items()}, own
+    return {"study": study_of(source if isinstance(source, Mapping) else str(source), keys, quick=quick)}, ""
 
 
 def run(
-    source: str | Path | Mapping[str, Any],
-    keys: Mapping[str, Any],
-    out: str | Path | None,
-    *,
-    quick: bool = False,
-    **options: Any,
-) -> StudyFolder:
+    source: str | Path | Mapping[str, Any], keys: Mapping[str, Any], out: str | Path | None = None, *,
+    quick: bool = False, **options: Any,
+) -> StudyFolder:  # fmt: skip
     """Run any study and give its results; arguments and errors as of `laisn_sim.study` and `run_studies`."""
-    own = not isinstance(source, Mapping) and not Path(source).exists() and built_in(str(source))
-    first = studies_of(source, keys, quick=quick)[0]
-    folder = Path(out or Path("out") / f"{source if own else first.name}{'-quick' * quick}")
-    if own:
-        run_built_in(str(source), folder, keys, quick=quick, **options)
-    else:
-        run_study(first, folder, quick=quick, **options)
+    studies, own = studies_of(source, keys, quick=quick)
+    folder = Path(out or Path("out") / f"{own or next(iter(studies.values())).name}{'-quick' * quick}")
+    words = ["laisn", own, *["--quick"] * quick]
+    for key, value in keys.items() if own else ():
+        given = [f"{k}={text_of(v)}" for k, v in value.items()] if isinstance(value, Mapping) else [str(value)]
+        words += [word for one in given if value is not None for word in (f"--{key}", one)]
+    run_studies(studies, folder, own, shlex.join(words) if own else "", quick=quick, **options)
     return StudyFolder(folder)

@@ -30,7 +30,7 @@ from experiments.studies.asymmetry.fix_map import deepest_offset, worst_error
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import Plan, plan_of
 from experiments.study.run import fly_studies
-from experiments.study.study import run_built_in
+from experiments.study.study import run
 from laisn.failure import LaisnError
 
 FILES = built_in("asymmetry")
@@ -201,7 +201,7 @@ def test_planner_reports_where_no_offset_suffices():
 
 def test_quick_study_is_resumable_and_repeatable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     keys = {"set": {"duration_s": 40.0}, "scenario": ["T3"]}
-    report = run_built_in("asymmetry", tmp_path, keys, quick=True, workers=1, quiet=True)
+    report = run("asymmetry", keys, tmp_path, quick=True, workers=1, quiet=True).report()
     first = report.read_bytes()
     assert b"How much does the leader" in first
     missions = pq.read_table(tmp_path / "missions.parquet")
@@ -219,7 +219,7 @@ def test_quick_study_is_resumable_and_repeatable(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(figures, "film", fail)
     report.unlink()
     with pytest.raises(RuntimeError, match="renders frames"):
-        run_built_in("asymmetry", tmp_path, keys, quick=True, film="example", workers=1, quiet=True)
+        run("asymmetry", keys, tmp_path, quick=True, film="example", workers=1, quiet=True)
     assert report.read_bytes() == first
     with pytest.raises(LaisnError, match="without films"):
-        run_built_in("formation", tmp_path, film="worst")
+        run("formation", {}, tmp_path, film="worst")

@@ -1,7 +1,6 @@
 """Small campaigns to compute."""
 
 from experiments.campaign import campaign
-from experiments.campaign.campaign import Design
 from experiments.campaign.plans import CellPlan
 from sim.scenario.settings import Follower, Navigation, Scenario, Timing
 
@@ -31,7 +30,8 @@ def plans(runs=5, **changes):
 
 def run(plans, folder, **how):
     """The rows of cells alone."""
-    return campaign.fly(Design(cells=plans), folder, **how).rows
+    flown = campaign.fly(plans, {}, folder, **how)
+    return [flown.cell(plan)[0] for plan in plans]
 
 
 def contents(folder):

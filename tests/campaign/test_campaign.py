@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.campaign import campaign, missions, store
+from experiments.campaign import campaign, montecarlo, store
+from experiments.campaign.campaign import Pool
 from experiments.campaign.plans import CellPlan
-from experiments.campaign.processes import Pool
 from experiments.campaign.store import DamagedResult
 from experiments.campaign.version import ROOT
 from laisn import metrics
@@ -299,7 +299,7 @@ def test_a_single_flight_has_the_noise_of_its_run(computed):
     _, rows = computed
     row = rows[0]
     given = plans()[0].scenario.model_copy(update={"run": row["worst_run"]})
-    flown = navigate(given, missions.simulate_mission(given), Navigator)
+    flown = navigate(given, montecarlo.simulate_mission(given), Navigator)
     error = metrics.position_errors(flown.estimates[0].state[:, :2], flown.hydrophone(0)[:, :2])
     assert error.max() == pytest.approx(row["e_p_max_m"], abs=1e-7)
 

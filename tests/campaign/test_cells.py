@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
 
-from experiments.campaign import missions
-from experiments.campaign.missions import Mission, motion_of
-from experiments.campaign.montecarlo import Cell, histories
+from experiments.campaign import montecarlo
+from experiments.campaign.montecarlo import Cell, Mission, histories, motion_of
 from experiments.campaign.plans import CellPlan, compute
 from laisn.failure import LaisnError
 from laisn.navigator import Navigator
@@ -45,7 +44,7 @@ def mission(**changes: Any) -> Scenario:
 
 @pytest.fixture(scope="module")
 def flown() -> Trajectory:
-    return missions.simulate_mission(mission())
+    return montecarlo.simulate_mission(mission())
 
 
 def computed(flown: Trajectory, *plans: CellPlan) -> list[Any]:
@@ -109,7 +108,7 @@ PLANS = st.builds(
 @given(plans=st.lists(PLANS, min_size=2, max_size=4), data=st.data())
 @settings(max_examples=40)
 def test_a_cell_depends_on_no_other_and_on_no_order(plans: list[CellPlan], data: st.DataObject) -> None:
-    trajectory = missions.mission_of(motion_of(mission()))._sited(mission().leader)
+    trajectory = montecarlo.mission_of(motion_of(mission()))._sited(mission().leader)
     alone = {plan.key: computed(trajectory, plan) for plan in plans}
     order = data.draw(st.permutations(plans))
     assert computed(trajectory, *order) == [row for plan in order for row in alone[plan.key]]
@@ -159,7 +158,7 @@ def test_what_the_keys_leave_out_changes_nothing() -> None:
     for base in (still, still.model_copy(update={"motion": "physics", "duration_s": 1.0})):
         plan = CellPlan(scenario=base, runs=2)
         shared, of_cells = [], []
-        moved = missions.simulate_mission(base)
+        moved = montecarlo.simulate_mission(base)
         row = computed(moved, plan)
         for leaf in leaves(base):
             # a list of tables, what makes such a list, what needs followers on stations, of which a cell has none,
@@ -170,9 +169,9 @@ def test_what_the_keys_leave_out_changes_nothing() -> None:
             }:  # fmt: skip
                 continue
             other = changed(base, leaf)
-            if missions.motion_key(other) == missions.motion_key(base):
+            if montecarlo.motion_key(other) == montecarlo.motion_key(base):
                 shared.append(leaf)
-                served, direct = missions.sited(moved, other.leader), simulate_motion(other)
+                served, direct = montecarlo.sited(moved, other.leader), simulate_motion(other)
                 for name in ("position", "velocity", "quaternion", "site_offset"):
                     np.testing.assert_array_equal(getattr(served, name), getattr(direct, name), err_msg=str(leaf))
             if CellPlan(scenario=other, runs=2).key == plan.key:

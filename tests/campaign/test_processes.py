@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from experiments.campaign import missions, processes
-from experiments.campaign.processes import Pool
+from experiments.campaign import campaign, montecarlo
+from experiments.campaign.campaign import Pool
 from experiments.campaign.store import CampaignError
 from sim.scenario.settings import Follower, Scenario
 from sim.vehicle.plant import PlantError
@@ -29,8 +29,8 @@ def lost_flight(_):
         raise PlantError("t = 3 s: the state is lost")
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(missions, "simulate_motion", lost)
-        return missions.simulate_mission(Scenario(name="T6", followers=(Follower(route="T6"),)))
+        patch.setattr(montecarlo, "simulate_motion", lost)
+        return montecarlo.simulate_mission(Scenario(name="T6", followers=(Follower(route="T6"),)))
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -43,8 +43,8 @@ def test_divergence_is_reported_from_any_process(workers):
 @pytest.fixture
 def impatient(monkeypatch):
     """A cluster has half a second to answer, and some seconds where a user waits."""
-    assert processes._CONNECT_S < 5
-    monkeypatch.setattr(processes, "_CONNECT_S", 0.5)
+    assert campaign._CONNECT_S < 5
+    monkeypatch.setattr(campaign, "_CONNECT_S", 0.5)
 
 
 @pytest.mark.usefixtures("impatient")

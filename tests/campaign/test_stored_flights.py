@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from experiments.campaign import campaign, missions
+from experiments.campaign import campaign, montecarlo
 from experiments.campaign.store import DamagedResult, Store
 from sim.scenario.settings import Acoustics, Leader
 from tests.campaign.plans import scenario
@@ -52,8 +52,8 @@ def test_no_flipped_byte_of_a_flight_changes_a_number(tmp_path):
 def test_one_flight_serves_other_transmitters_and_errors():
     one = scenario()
     other = scenario(leader=Leader(baseline_m=1.0, middle_offset_m=0.2), acoustics=Acoustics(range_scale_mean_m=0.3))
-    assert missions.motion_key(one) == missions.motion_key(other)
-    assert missions.motion_key(one) != missions.motion_key(scenario("T3"))
-    flown, moved = missions.simulate_mission(other), missions.sited(missions.simulate_mission(one), other.leader)
+    assert montecarlo.motion_key(one) == montecarlo.motion_key(other)
+    assert montecarlo.motion_key(one) != montecarlo.motion_key(scenario("T3"))
+    flown, moved = montecarlo.simulate_mission(other), montecarlo.sited(montecarlo.simulate_mission(one), other.leader)
     np.testing.assert_array_equal(moved.site_offset, flown.site_offset)
     np.testing.assert_array_equal(moved.position, flown.position)

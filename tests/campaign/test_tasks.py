@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from experiments.campaign import campaign, store
-from experiments.campaign.campaign import Design, Flown
-from experiments.campaign.processes import Pool
+from experiments.campaign.campaign import Flown, Pool
 from experiments.campaign.store import Arrays, CampaignError, Result, Store, key_of
 from experiments.intervals import Interval
 from sim.scenario.settings import Follower, Scenario
@@ -38,8 +37,8 @@ def other(of: int) -> list[dict[str, Any]]:
 
 
 def flown(folder: Path, *numbers: int, **how: Any) -> Flown:
-    design = Design(tasks={n: partial(square, n, times=2) for n in numbers})
-    return campaign.fly(design, folder, workers=1, quiet=True, **how)
+    tasks = {n: partial(square, n, times=2) for n in numbers}
+    return campaign.fly([], tasks, folder, workers=1, quiet=True, **how)
 
 
 def test_rows_are_returned_unchanged_in_the_requested_order(tmp_path: Path) -> None:
@@ -80,9 +79,8 @@ def test_the_key_is_of_the_sources_and_of_all_that_is_given(monkeypatch: pytest.
 
 def test_compiling_ahead_is_done_once_and_only_if_something_is_missing(tmp_path: Path) -> None:
     ahead: list[int] = []
-    design = Design(tasks={2: partial(square, 2)}, ahead=lambda: ahead.append(1))
     for _ in range(2):
-        campaign.fly(design, tmp_path, workers=1)
+        campaign.fly([], {2: partial(square, 2)}, tmp_path, ahead=lambda: ahead.append(1), workers=1)
     assert ahead == [1]
 
 

@@ -41,7 +41,7 @@ def after_edits(root: Path, *names: str, text: str = "\n# edited\n") -> str:
 @pytest.mark.parametrize(
     "name",
     ["sim/water.py", "sim/sensing/noise.py", "sim/scenario/file.py", "laisn/fix.py",
-     "laisn/metrics.py", "experiments/campaign/montecarlo.py", "experiments/campaign/missions.py",
+     "laisn/metrics.py", "experiments/campaign/montecarlo.py", "experiments/campaign/plans.py",
      "models/follower.xml", "sim/scenario/data/followers_T2_T9.json"],
 )  # fmt: skip
 def test_an_edit_of_what_computes_makes_another_version(tree: Path, unedited: str, name: str) -> None:

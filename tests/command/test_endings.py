@@ -44,7 +44,7 @@ def all_gone(pids: list[int], seconds: float = 10.0) -> bool:
 
 POOL = """
 import os, sys, time
-from experiments.campaign.processes import Pool
+from experiments.campaign.campaign import Pool
 
 def work(number):
     # in one piece: the other worker writes at the same time

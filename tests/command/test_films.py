@@ -53,7 +53,7 @@ def test_the_pitch_study_films_its_example_where_something_renders(
 ) -> None:
     given: dict[str, Any] = {}
     monkeypatch.setattr(graphics, "working", lambda: backend)
-    monkeypatch.setattr("experiments.study.study.run_built_in", lambda *_, **options: given.update(options))
+    monkeypatch.setattr("experiments.study.study.run_studies", lambda *_, **options: given.update(options))
     (tmp_path / "results.parquet").touch()
     answer = CliRunner().invoke(app, ["asymmetry", "--film", "example", "--quick", "--out", str(tmp_path)])
     assert (answer.exit_code, given["film"]) == (0, "example" if backend else "")
@@ -74,7 +74,7 @@ def test_a_study_has_one_film(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_built_in_study_runs_as_its_command_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     given: list[dict[str, Any]] = []
-    monkeypatch.setattr("experiments.study.study.run_built_in", lambda *_, **options: given.append(options))
+    monkeypatch.setattr("experiments.study.study.run_studies", lambda *_, **options: given.append(options))
     (tmp_path / "results.parquet").touch()
     options = ["--runs", "2", "--workers", "2", "--force", "--out", str(tmp_path)]
     first = CliRunner().invoke(app, ["reproduce", *options])

@@ -19,7 +19,7 @@ from experiments.study import study as studies
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import Plan, plan_of
 from experiments.study.run import Cells, Outcomes
-from experiments.study.study import run_built_in
+from experiments.study.study import run
 from laisn.bound import TrueNoise
 from laisn.settings import TightSettings
 from sim.scenario.routes import library_route
@@ -177,7 +177,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> tuple[Findings, str]:
     folder = tmp_path_factory.mktemp("estimators")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(studies, "fly_until_narrow", lambda plans, folder: [made(plan) for plan in plans])
-        report = run_built_in("estimators", folder, quick=True)
+        report = run("estimators", {}, folder, quick=True).report()
     return read(folder / "results.json"), report.read_text(encoding="utf-8")
 
 

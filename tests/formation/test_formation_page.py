@@ -20,7 +20,7 @@ from experiments.study import study as studies
 from experiments.study.file import study_of
 from experiments.study.plan import Plan, plan_of
 from experiments.study.run import Outcomes
-from experiments.study.study import run_built_in
+from experiments.study.study import run
 from tests.study.cells import cells_of
 
 PLAN = plan_of(study_of("formation", {}))
@@ -83,7 +83,7 @@ def rows(html: str) -> dict[str, list[str]]:
 
 
 def test_each_condition_has_a_row_of_its_numbers(findings: Findings, flown: list[Any], tmp_path: Path) -> None:
-    html = run_built_in("formation", tmp_path).read_text(encoding="utf-8")
+    html = run("formation", {}, tmp_path).report().read_text(encoding="utf-8")
     found = rows(html)
     assert list(found) == [*CONDITIONS.values(), "80", "500", "5000", "0", "2", "5", "10"]
     # the last of three weaves of 5°, and the strongest: period, errors, what its way costs, 1 / J₀(10°) − 1
@@ -178,8 +178,8 @@ def test_rules_quote_the_conditions_that_they_name() -> None:
 
 
 def test_a_trial_run_is_reported(flown: list[Any], tmp_path: Path) -> None:
-    whole = run_built_in("formation", tmp_path).read_text(encoding="utf-8")
-    quick = run_built_in("formation", tmp_path, quick=True).read_text(encoding="utf-8")
+    whole = run("formation", {}, tmp_path).report().read_text(encoding="utf-8")
+    quick = run("formation", {}, tmp_path, quick=True).report().read_text(encoding="utf-8")
     assert "Trial run" in quick
     assert "laisn formation --quick" in quick
     assert "Trial run" not in whole

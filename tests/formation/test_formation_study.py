@@ -1,6 +1,7 @@
 """The study of formations: its conditions, and figures by hand."""
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,8 +14,7 @@ from experiments.studies.formation.findings import findings_of
 from experiments.study import run as engine
 from experiments.study import study as studies
 from experiments.study.file import study_of
-from experiments.study.measure import records_of_run
-from experiments.study.metrics import METRICS
+from experiments.study.measure import METRICS, records_of_run
 from experiments.study.plan import Entry, Plan, plan_of
 from experiments.study.run import Outcomes
 from sim.scenario.settings import Scenario
@@ -156,7 +156,7 @@ def test_runs_are_numbered_from_zero_and_some_conditions_fly_every_other_one(
         return [outcomes]
 
     monkeypatch.setattr(studies, "fly_until_narrow", fly)
-    studies.run_built_in("formation", tmp_path, {"runs": 6})
+    studies.run("formation", {"runs": 6}, tmp_path)
     (plan,) = plans
     numbers = {entry.arm: list(plan.runs_of(entry)) for entry in plan.entries}
     assert numbers["calm"] == [0, 1, 2, 3, 4, 5]
@@ -170,18 +170,18 @@ def test_runs_are_numbered_from_zero_and_some_conditions_fly_every_other_one(
 
 def test_every_run_of_a_condition_has_values_of_its_own(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """What the engine computes is the scenario of each run, independently of other runs."""
-    designs: list[engine.Design] = []
+    given: list[Mapping[Any, engine.Task]] = []
 
-    def fly(design: engine.Design, folder: Path, **options: object) -> None:
-        designs.append(design)
+    def fly(_: object, tasks: Mapping[Any, engine.Task], folder: Path, **options: object) -> None:
+        given.append(tasks)
         raise InterruptedError
 
     monkeypatch.setattr(engine.campaign, "fly", fly)
     with pytest.raises(InterruptedError):
         engine.fly_studies([PLAN], tmp_path)
-    (design,) = designs
+    (tasks,) = given
     place = CONDITIONS["current"].place
-    flown = [design.tasks[0, place, run].args for run in range(60)]
+    flown = [tasks[0, place, run].args for run in range(60)]
     assert [run for _, run in flown] == list(range(60))
     assert [scenario.ocean.current_speed_m_s for scenario, _ in flown[:6]] == [0.1, 0.2, 0.3, 0.4, 0.5, 0.1]
     assert flown[7][0].ocean.current_direction_deg == pytest.approx(7 * 137.508 - 2 * 360)

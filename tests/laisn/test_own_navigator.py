@@ -10,8 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import laisn_sim
-from experiments.campaign.missions import simulate_mission
-from experiments.campaign.montecarlo import Cell, simulate
+from experiments.campaign.montecarlo import Cell, simulate, simulate_mission
 from experiments.campaign.store import key_of
 from experiments.command.cli import app
 from laisn.failure import LaisnError

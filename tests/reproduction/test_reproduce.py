@@ -15,7 +15,7 @@ from experiments.studies.reproduce.figures import table_rows
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import plan_of
 from experiments.study.run import Outcomes, fly_further, fly_studies
-from experiments.study.study import run_built_in
+from experiments.study.study import run
 from tests.reproduction.cells import SETTINGS
 from tools.documents import claim_seeds
 
@@ -24,7 +24,7 @@ SHORT = {"motion": "kinematic", "followers.0.depth_m": 8.0, "duration_s": 30.0}
 
 def test_a_reproduction_writes_tables_and_report(tmp_path):
     keys = {"set": SHORT, "vary": {"case": ["base", "measured-gate", "5s"]}}
-    report = run_built_in("reproduce", tmp_path, keys, quick=True, workers=1, quiet=True)
+    report = run("reproduce", keys, tmp_path, quick=True, workers=1, quiet=True).report()
     table = pq.read_table(tmp_path / "tables.parquet").to_pylist()
     assert len(table) == 8 * (3 + 2 + 2)
     row = next(r for r in table if (r["setting"], r["trajectory"], r["variant"]) == ("base", "T2", "laisn-2"))
@@ -41,7 +41,7 @@ def test_a_reproduction_writes_tables_and_report(tmp_path):
         "--vary 'case=[base,measured-gate,\"5s\"]'"
     )
     first = report.read_bytes()
-    run_built_in("reproduce", tmp_path, keys, quick=True, workers=1, quiet=True)
+    run("reproduce", keys, tmp_path, quick=True, workers=1, quiet=True)
     assert report.read_bytes() == first
 
 

@@ -13,7 +13,7 @@ from experiments.flight.library import load
 from experiments.study import compare
 from experiments.study.compare import differing, page_of, paired
 from experiments.study.file import of_table
-from experiments.study.study import RESULTS, RUNS, STUDY, run_study
+from experiments.study.study import RESULTS, RUNS, STUDY, run_studies
 from laisn.failure import LaisnError
 from sim.log.reader import read
 
@@ -58,7 +58,7 @@ def test_studies_are_paired_where_they_share_places_and_runs(tmp_path):
             "set": {"duration_s": 20.0},
             "vary": {"leader.baseline_m": [1.0, 2.0]},
         }
-        run_study(of_table(table, name, name), tmp_path / name, workers=1, quiet=True)
+        run_studies({"study": of_table(table, name, name)}, tmp_path / name, workers=1, quiet=True)
     found = paired([tmp_path / name for name in "abcd"], "e_p_mean_m")
     assert len(found) == 2
     for _, same, fewer, other in found.values():

@@ -27,12 +27,11 @@ from experiments.flight.library import load
 from experiments.study.design import Draw
 from experiments.study.estimate import Results
 from experiments.study.file import FOLDER, StudyError, built_in, of_table, shipped, study_of, table_in
-from experiments.study.measure import records_of_run
-from experiments.study.metrics import METRICS
+from experiments.study.measure import METRICS, records_of_run
 from experiments.study.page import commands
 from experiments.study.plan import plan_of
 from experiments.study.run import fly_studies, fly_until_narrow
-from experiments.study.study import RECORD, REPORT, RESULTS, RUNS, STUDY, run_study
+from experiments.study.study import RECORD, REPORT, RESULTS, RUNS, STUDY, run_studies
 from laisn import metrics
 from laisn.failure import LaisnError
 from sim.flight import position_and_bearing_errors
@@ -67,7 +66,7 @@ def study(text=SMALL, **changes):
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study")
-    run_study(study(), folder, workers=1, quiet=True)
+    run_studies({"study": study()}, folder, workers=1, quiet=True)
     return folder
 
 
@@ -177,7 +176,7 @@ def test_two_workers_after_a_kill_give_the_same_bytes(flown, tmp_path):
     process.send_signal(signal.SIGKILL)
     process.wait()
     assert not (out / REPORT).exists(), "it was killed too late"
-    run_study(study(), out, workers=2, quiet=True)
+    run_studies({"study": study()}, out, workers=2, quiet=True)
     assert multiprocessing.active_children() == [], "workers would keep their memory"
     for name in FILES:
         assert (out / name).read_bytes() == (flown / name).read_bytes(), name
@@ -198,7 +197,7 @@ def test_two_commands_in_one_folder_both_end_with_the_same_bytes(flown, tmp_path
 def test_nothing_is_computed_twice(flown, monkeypatch):
     monkeypatch.setattr(campaign, "compute", None)
     monkeypatch.setattr(campaign, "_fly", None)
-    run_study(study(), flown, workers=1, quiet=True)
+    run_studies({"study": study()}, flown, workers=1, quiet=True)
 
 
 def test_all_invalid_keys_of_all_points_are_reported_at_once():
@@ -347,14 +346,14 @@ def test_batches_are_flown_until_every_interval_is_narrow_enough(tmp_path):
     widths = [half_width(first.estimate(place, "e_p_mean_m")) for place in first.rows]
     wanted = 0.6 * max(widths)
     narrow = UNTIL | {"until": UNTIL["until"] | {"half_width": wanted}}
-    run_study(study(SMALL, runs=narrow, **given), tmp_path / "until", workers=1, quiet=True)
+    run_studies({"study": study(SMALL, runs=narrow, **given)}, tmp_path / "until", workers=1, quiet=True)
     flown = pq.read_table(tmp_path / "until" / RESULTS).to_pylist()
     (runs,) = {row["runs"] for row in flown}
     # 20 / 0.6² = 55.6: as a rule three batches are enough
     assert runs % 20 == 0
     assert 40 <= runs <= 120
     # the same as with that number of runs from the start, to the byte
-    run_study(study(SMALL, runs=runs, **given), tmp_path / "fixed", workers=1, quiet=True)
+    run_studies({"study": study(SMALL, runs=runs, **given)}, tmp_path / "fixed", workers=1, quiet=True)
     for name in (RESULTS, RUNS, RECORD):
         assert (tmp_path / "until" / name).read_bytes() == (tmp_path / "fixed" / name).read_bytes()
     found = findings.read(tmp_path / "until" / RECORD).findings
@@ -389,7 +388,7 @@ followers.0.guidance_position = "estimate"
     )
     plan = plan_of(one)
     assert plan.flights == 4
-    run_study(one, tmp_path, workers=1, quiet=True)
+    run_studies({"study": one}, tmp_path, workers=1, quiet=True)
     row = pq.read_table(tmp_path / RUNS).to_pylist()[3]
     flight, _ = fly(plan.entries[1].scenario.model_copy(update={"run": 1}))
     ((position, _),) = position_and_bearing_errors(flight)
@@ -430,18 +429,18 @@ def test_followers_on_stations_are_judged_by_the_estimates_that_steered_them(var
 
 
 def test_an_infeasible_mission_is_reported_and_the_others_continue(tmp_path, monkeypatch):
-    from experiments.campaign import missions
+    from experiments.campaign import montecarlo
     from experiments.campaign.store import CampaignError
 
-    plan, whole = plan_of(study()), missions.simulate_mission
+    plan, whole = plan_of(study()), montecarlo.simulate_mission
 
     def some(scenario):
         if scenario.followers[0].depth_m == 14:
             raise CampaignError("mission 'T5': lost at 3 s")
         return whole(scenario)
 
-    monkeypatch.setattr(missions, "simulate_mission", some)
-    run_study(study(), tmp_path, workers=1, quiet=True)
+    monkeypatch.setattr(montecarlo, "simulate_mission", some)
+    run_studies({"study": study()}, tmp_path, workers=1, quiet=True)
     assert {r["point"] for r in pq.read_table(tmp_path / RESULTS).to_pylist()} == {0}
     page = (tmp_path / REPORT).read_text()
     assert "lost at 3 s: 4 scenarios" in page

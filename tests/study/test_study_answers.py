@@ -16,7 +16,7 @@ from experiments.pages.style import SERIES
 from experiments.study import charts
 from experiments.study.estimate import Results, shown
 from experiments.study.file import of_table
-from experiments.study.metrics import METRICS
+from experiments.study.measure import METRICS
 from experiments.study.page import commands, notable, page_of, worst_entry
 from experiments.study.plan import Plan, plan_of
 from experiments.study.run import _of_runs, _widest
@@ -399,7 +399,7 @@ def test_keys_have_titles_with_units() -> None:
         ("followers.0.station.behind_m", "follower 1's station behind [m]", "follower 1's station behind 2.5 m"),
         ("arm", "arm", "arm 2.5"),
     ):
-        assert (charts.label_of(key), charts.setting_text(key, 2.5)) == (label, setting)
+        assert (charts.label_of(key), charts.point_text({key: 2.5})) == (label, setting)
 
 
 def test_panels_share_the_scale_that_holds_them_all(plan: Plan, results: Results) -> None:

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pytest
 from scipy.stats import beta, binomtest
 
-from experiments.campaign import missions
+from experiments.campaign import montecarlo
 from experiments.flight.library import load
 from experiments.study import measure
 from experiments.study.estimate import Results, over_realizations, over_runs
@@ -132,7 +132,7 @@ def test_a_thruster_at_rest_takes_the_power_of_momentum_theory():
 
 def test_point_motion_keeps_its_place_and_depth():
     scenario = load("T3", ["motion=kinematic", "duration_s=30"])
-    (facts,) = facts_of(scenario, missions.simulate_mission(scenario))
+    (facts,) = facts_of(scenario, montecarlo.simulate_mission(scenario))
     assert facts["track_error_max_m"] < 1e-6
     assert facts["depth_error_max_m"] < 1e-9
     assert facts["energy_j"] is None
@@ -141,7 +141,7 @@ def test_point_motion_keeps_its_place_and_depth():
 
 def test_energy_is_mean_power_times_time_and_way_costs_it():
     scenario = load("T5", ["duration_s=40"])
-    trajectory = missions.simulate_mission(scenario)
+    trajectory = montecarlo.simulate_mission(scenario)
     (facts,) = facts_of(scenario, trajectory)
     assert facts["energy_j"] == pytest.approx(40 * facts["power_mean_w"])
     # no disc can push against the water for less than the work that it does there

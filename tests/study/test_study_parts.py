@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.campaign.missions import Mission, simulate_mission
-from experiments.campaign.montecarlo import Cell, simulate
+from experiments.campaign.montecarlo import Cell, Mission, simulate, simulate_mission
 from experiments.study.file import StudyError, of_table, study_of
 from experiments.study.plan import Plan, plan_of
 from experiments.study.run import Choice, Outcomes, fly_further, fly_studies

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.campaign.missions import Mission
+from experiments.campaign.montecarlo import Mission
 from laisn.arrays import Floats
 from sim.flight import Flight
 from sim.sensing.sensors import apparent_tilt

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.campaign.missions import Mission
+from experiments.campaign.montecarlo import Mission
 from experiments.findings import FILE, Finding, Findings, plain, record
 from experiments.flight.fly import fly
 from experiments.flight.library import load

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from experiments.findings import FILE
-from experiments.study.study import run_built_in
+from experiments.study.study import run
 from tools.documents import claim_seeds, coverage, flights, hull_trials, real_ranges, route_keeping
 from tools.documents.markers import RECORDS
 
@@ -21,15 +21,15 @@ STUDIES: dict[str, Callable[[Path], object]] = {
     "hull-trials": hull_trials.run,
     "route-keeping": route_keeping.run,
     "coverage": coverage.run,
-    "reproduce-physics": partial(run_built_in, "reproduce"),
-    "reproduce-kinematic": partial(run_built_in, "reproduce", keys=POINT_MOTION),
+    "reproduce-physics": partial(run, "reproduce", {}),
+    "reproduce-kinematic": partial(run, "reproduce", POINT_MOTION),
     "claim-seeds": claim_seeds.run,
-    "closed-loop": partial(run_built_in, "closed-loop"),
-    "formation": partial(run_built_in, "formation"),
-    "asymmetry": partial(run_built_in, "asymmetry"),
-    "estimators": partial(run_built_in, "estimators"),
+    "closed-loop": partial(run, "closed-loop", {}),
+    "formation": partial(run, "formation", {}),
+    "asymmetry": partial(run, "asymmetry", {}),
+    "estimators": partial(run, "estimators", {}),
     "real-ranges": real_ranges.run,
-    "rivals": partial(run_built_in, "rivals"),
+    "rivals": partial(run, "rivals", {}),
 }
 """How each is flown into a folder."""
 

@@ -16,7 +16,7 @@ from experiments.studies.asymmetry.fix_map import MAP, sweep
 from experiments.studies.reproduce.figures import agreement
 from experiments.study.file import study_of
 from experiments.study.plan import plan_of
-from experiments.study.study import run_built_in
+from experiments.study.study import run
 from laisn.settings import NavigationSettings
 from sim.datasets.log import read_data_set, read_data_set_log, write_data_set
 from tools.documents.drawing import draw, heat, panel
@@ -86,6 +86,6 @@ def real_ranges() -> Drawn:
 def reproduction() -> Drawn:
     """Our mean E_P over the paper's, both on logarithmic axes; the diagonal is agreement, the band a factor of two."""
     with tempfile.TemporaryDirectory() as folder:
-        run_built_in("reproduce", Path(folder), quiet=True)
+        run("reproduce", {}, folder, quiet=True)
         figure, legend = agreement(read_table(Path(folder) / "tables.parquet"))
         return draw(figure), legend

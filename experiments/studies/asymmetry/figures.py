@@ -209,15 +209,12 @@ _AWARE_COLOUR = (0.30, 1.0, 0.60)
 class Example:
     """A flight with the paper's acoustics, and the range errors of the same motion with every cause at work."""
 
-    title: str
-    """Of the condition."""
+    title: str  # of the condition
     command: str
     flight: Flight
-    aware: Scenario
-    """With the broadcast attitude of an AHRS."""
+    aware: Scenario  # with the broadcast attitude of an AHRS
     budget: RangeErrorBudget
-    step: int
-    """Recorded point of a message with a large pitch at a short range."""
+    step: int  # recorded point of a message with a large pitch at a short range
 
 
 def fly_example(plan: Plan) -> Example:

@@ -33,8 +33,7 @@ ROUGH, CONSTANT, INFLATED = ("attitude-2", "offset-0.5", "expected")
 REMEDIES = (*BROADCASTS, ROUGH, CONSTANT, INFLATED)
 ARMS = (LEVEL, REAL, LEVEL_BROADCAST, *REMEDIES)
 """Arms without their variants; a remedy is held against the level leader."""
-WANTED = dict.fromkeys(REMEDIES, 0.9) | {EXACT: 0.99}
-"""Share of the pitch-driven error that a remedy should remove."""
+WANTED = dict.fromkeys(REMEDIES, 0.9) | {EXACT: 0.99}  # share of the pitch-driven error that a remedy should remove
 LOOKS = (64, 192, 512, 1280, 5120)
 """Numbers of runs after which verdicts are computed: of every cell, then of those whose verdict is open."""
 WRONG = 0.025
@@ -68,12 +67,9 @@ class Judgement(NamedTuple):
     """A verdict and what it rests on."""
 
     verdict: Verdict
-    runs: int
-    """Number of runs after which it fell, or on which the question is still open."""
-    promising: bool = False
-    """Open, but settled by more runs, up to the last look, if the mean stayed about as it is."""
-    needed: float = math.nan
-    """Runs that would settle an open question, if mean and scatter stayed as they are."""
+    runs: int  # number of runs after which it fell, or on which the question is still open
+    promising: bool = False  # open, but settled by more runs, up to the last look, if the mean stayed about as it is
+    needed: float = math.nan  # runs that would settle an open question, if mean and scatter stayed as they are
 
 
 def judge(part: Floats, left: Floats, wanted: float, looks: Sequence[int], free: Bools | None = None) -> Judgement:
@@ -258,11 +254,9 @@ class Curve:
     route: str
     interval_s: float
     depth_offset_m: float | None
-    value: Sequence[float]
-    """τ_rear [m], or pitch [°]."""
+    value: Sequence[float]  # τ_rear [m], or pitch [°]
     e_p_mean_m: Sequence[float]
-    excess_half_m: Sequence[float]
-    """Half of the 95 % interval, over runs, of the excess at each value [m]."""
+    excess_half_m: Sequence[float]  # half of the 95 % interval, over runs, of the excess at each value [m]
 
     @property
     def excess(self) -> Floats:
@@ -326,8 +320,7 @@ def tau_equivalent(missions: Missions, curves: Sequence[Curve]) -> float:
     return float(taus[~np.isnan(taus)].mean()) if (~np.isnan(taus)).any() else math.nan
 
 
-SETTLING_RUNS = 100_000
-"""Open questions are distinguished by whether this number of runs would settle them."""
+SETTLING_RUNS = 100_000  # open questions are distinguished by whether this number of runs would settle them
 STAGE_4_TAU_M = (0.03, 0.06)
 
 

@@ -30,8 +30,7 @@ MAP: Grid = {
     "bearing_deg": range(0, 360, 5),
 }  # fmt: skip
 """Pitch of the leader, nose up; depth of the follower below it, horizontal distance, and bearing off the bow."""
-_PREDICTION_SIGMA_M = 1000.0
-"""Far above every σp, so that the fix decides."""
+_PREDICTION_SIGMA_M = 1000.0  # far above every σp, so that the fix decides
 _DEEPEST_M = 50.0
 
 

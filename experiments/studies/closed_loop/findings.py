@@ -4,13 +4,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from experiments.findings import Finding, of, plain
+from experiments.findings import Finding, median, plain, share
 from experiments.flight.library import ROUTES
-from experiments.intervals import proportion
 from experiments.study.run import Outcomes
 
-LOST_M = 50.0
-"""A follower that ends farther than this from its place is called lost [m]."""
+LOST_M = 50.0  # A follower that ends farther than this from its place is called lost [m]
 
 
 def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
@@ -20,24 +18,22 @@ def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
     for name in dict.fromkeys(arm.rpartition(" ")[0] for arm in arms):
         by_truth, own, swept = (arms[f"{name} {by}"] for by in ("truth", "estimate", "current"))
         far, adrift = (cells.runs("track_error_end_m") > LOST_M for cells in (own, swept))
-        error = np.median(by_truth.runs("e_p_mean_m"), axis=0).tolist()
-        off, typical = np.median(own.runs("track_error_rms_m"), axis=0).tolist(), swept.runs("track_error_rms_m")
+        error, off, typical = by_truth.runs("e_p_mean_m"), *(c.runs("track_error_rms_m") for c in (own, swept))
         named |= {
             "runs": plain(len(far), "runs of each route"),
             "missions": plain(far.size, "missions of each navigator"),
         }
         for i, route in enumerate(ROUTES):
-            lost = int(far[:, i].sum())
-            named[f"error {name} {route}"] = plain(error[i], "mean E_P, steering by the truth; median of runs", "m")
-            named[f"off {name} {route}"] = plain(off[i], "RMS off its place, by its estimate; median of runs", "m")
-            named[f"lost {name} {route}"] = of(proportion(lost, len(far)), "share of runs lost, 95 %")
-            named[f"lost-runs {name} {route}"] = plain(lost, "runs lost")
-        for key, lost_runs, words in ((name, far, ""), (f"current {name}", adrift, " in currents")):
-            lost = int(lost_runs.sum())
-            named[f"lost {key}"] = of(proportion(lost, lost_runs.size), f"share of missions lost{words}, 95 %")
-            named[f"lost-runs {key}"] = plain(lost, f"missions lost{words}")
-        what = "RMS off its place, in currents; median of missions"
-        named[f"off current {name}"] = plain(float(np.median(typical)), what, "m")
+            named |= {
+                f"error {name} {route}": median(error[:, i], "mean E_P, steering by the truth; median of runs", "m"),
+                f"off {name} {route}": median(off[:, i], "RMS off its place, by its estimate; median of runs", "m"),
+                f"lost {name} {route}": share(far[:, i], "share of runs lost, 95 %"),
+                f"lost-runs {name} {route}": plain(int(far[:, i].sum()), "runs lost"),
+            }
+        for key, lost, words in ((name, far, ""), (f"current {name}", adrift, " in currents")):
+            named[f"lost {key}"] = share(lost, f"share of missions lost{words}, 95 %")
+            named[f"lost-runs {key}"] = plain(int(lost.sum()), f"missions lost{words}")
+        named[f"off current {name}"] = median(typical, "RMS off its place, in currents; median of missions", "m")
         worst = float(np.median(typical, axis=0).max())
         named[f"worst current {name}"] = plain(worst, "the same; median of runs on the worst route", "m")
     return named

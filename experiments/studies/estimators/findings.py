@@ -1,20 +1,18 @@
 """What the study found, from the rows of its parts: each a table of missions with an arm for each navigator."""
 
 from collections.abc import Mapping
-from statistics import median
 from typing import Any
 
 import numpy as np
 
-from experiments.findings import Finding, of, plain
-from experiments.intervals import Interval, mean_interval, proportion, ratio_intervals
+from experiments.findings import Finding, median, of, plain, share
+from experiments.intervals import Interval, mean_interval, ratio_intervals
 from experiments.study.run import Cells, Outcomes
 from laisn.arrays import Floats
 from sim.scenario.routes import library_route
 
 INTERVAL = "timing.message_interval_s"
-SETTLED_S = 60.0
-"""Errors after the leader's first turn count from this time after it on [s]."""
+SETTLED_S = 60.0  # errors after the leader's first turn count from this time after it on [s]
 
 
 def missions_of(outcomes: Outcomes) -> Cells:
@@ -71,33 +69,30 @@ def of_missions(key: str, missions: Cells) -> dict[str, Finding]:
     each, (tight, other) = figures_of(missions), (missions.where(arm=arm) for arm in ("tight", "laisn-2"))
     several, runs = f"{len(each)} missions", tight.runs("run").size
     column = {name: [one[name] for one in each] for name in each[0]}
-    lost, laisn_lost = sum(column["mirror_locked"]), sum(column["laisn_mirror_locked"])
-    laisn, nis = other.runs("e_p_mean_m"), tight.runs("nis")
     inside, locked = "share of instants whose mean eᵀP⁻¹e is within its 95 % χ² interval", "locked on the mirror image"
     found = {
         "ratio": of(median_ratio(missions), f"mean E_P over LAISN-2's, median of {several}, 95 %"),
         "worst": plain(max(column["ratio"]), f"the same, largest of {several}"),
         "error": of(mean_of(tight.runs("e_p_mean_m")), f"mean E_P, mean of {several}, 95 %", "m"),
-        "laisn-2": of(mean_of(laisn), f"of LAISN-2, mean of {several}, 95 %", "m"),
+        "laisn-2": of(mean_of(other.runs("e_p_mean_m")), f"of LAISN-2, mean of {several}, 95 %", "m"),
         "largest": plain(max(column["largest"]), f"largest E_P of {several}", "m"),
         "nees": of(mean_of(tight.runs("nees")), f"mean eᵀP⁻¹e, mean of {several}, 95 %; right: 2"),
         "nees-least": plain(min(column["nees"]), f"smallest of {several}"),
         "nees-most": plain(max(column["nees"]), f"largest of {several}"),
         "inside": plain(float(np.mean(column["inside"])), inside),
         # of a range, where the engine counts pairs
-        "nis": of(mean_of(0.5 * nis), f"squared residual of a range, mean of {several}; right: 1"),
-        "mirror-locked": of(proportion(lost, runs), f"share of runs {locked}, 95 %"),
-        "mirror-locked-runs": plain(lost, f"runs {locked} of {runs}"),
-        "mirror-locked-laisn-2": of(proportion(laisn_lost, runs), f"share of LAISN-2's runs {locked}, 95 %"),
+        "nis": of(mean_of(0.5 * tight.runs("nis")), f"squared residual of a range, mean of {several}; right: 1"),
+        "mirror-locked": share(tight.runs("mirror_locked"), f"share of runs {locked}, 95 %"),
+        "mirror-locked-runs": plain(sum(column["mirror_locked"]), f"runs {locked} of {runs}"),
+        "mirror-locked-laisn-2": share(other.runs("mirror_locked"), f"share of LAISN-2's runs {locked}, 95 %"),
     }
     smoothed = [row.get("bound_smoothed_rms_m") for row in tight.rows]
     if None not in smoothed:
-        best = median(least / row["bound_rms_m"] for least, row in zip(smoothed, tight.rows, strict=True))
-        found["smoothing"] = plain(best, f"bound of smoothing over that of filtering, median of {several}")
+        over = [least / row["bound_rms_m"] for least, row in zip(smoothed, tight.rows, strict=True)]
+        found["smoothing"] = median(over, f"bound of smoothing over that of filtering, median of {several}")
     if None not in column["over_bound"]:
-        found["bound"] = plain(median(column["over_bound"]), f"RMS E_P over the bound, median of {several}")
-        best = median(column["bound_over_laisn"])
-        found["least"] = plain(best, f"the bound over LAISN-2's RMS E_P, median of {several}")
+        found["bound"] = median(column["over_bound"], f"RMS E_P over the bound, median of {several}")
+        found["least"] = median(column["bound_over_laisn"], f"the bound over LAISN-2's RMS E_P, median of {several}")
         found["bound-worst"] = plain(max(column["over_bound"]), f"the same, largest of {several}")
     return {f"{name} {key}": finding for name, finding in found.items()}
 
@@ -118,9 +113,9 @@ def of_clocks(missions: Cells) -> dict[str, Finding]:
                 values.append(float(unknown / exact))
         errors, bounds = ratios.values()
         what = f"mean E_P with an unknown clock over that with exact ones, {part} the leader's first turn"
-        found[f"clock {part}"] = plain(median(errors), f"{what}, median of {several}")
+        found[f"clock {part}"] = median(errors, f"{what}, median of {several}")
         found[f"clock-worst {part}"] = plain(max(errors), f"the same, largest of {several}")
-        found[f"clock-bound {part}"] = plain(median(bounds), f"RMS of the bound likewise, median of {several}")
+        found[f"clock-bound {part}"] = median(bounds, f"RMS of the bound likewise, median of {several}")
         found[f"clock-bound-worst {part}"] = plain(max(bounds), f"the same, largest of {several}")
     return found
 
@@ -131,12 +126,11 @@ def of_plain_filter(key: str, missions: Cells) -> dict[str, Finding]:
     several, over = f"{len(ekf.rows)} missions", "mean E_P of the tightly coupled navigator over a plain EKF's"
     theirs, means, lost = tight.runs("e_p_mean_m"), ekf.runs("e_p_mean_m"), ekf.runs("mirror_locked")
     whole = ratio_intervals(theirs.sum(axis=1, keepdims=True), means.sum(axis=1, keepdims=True))[0]
-    share, what = proportion(int(lost.sum()), lost.size), "share of a plain EKF's runs locked on the mirror image, 95 %"
     found = {
         f"ekf {key}": of(mean_of(means), f"mean E_P of a plain EKF, mean of {several}, 95 %", "m"),
         f"over-ekf {key}": of(whole, f"{over}, {several}, 95 %"),
         f"ekf-nees {key}": of(mean_of(ekf.runs("nees")), f"mean eᵀP⁻¹e of a plain EKF, {several}, 95 %; right: 2"),
-        f"ekf-mirror-locked {key}": of(share, what),
+        f"ekf-mirror-locked {key}": share(lost, "share of a plain EKF's runs locked on the mirror image, 95 %"),
     }
     for row, mean, ratio in zip(ekf.rows, means.T, ratio_intervals(theirs, means), strict=True):
         found[f"over-ekf {key} {row['scenario']}"] = of(ratio, f"{over}, 95 %")
@@ -147,12 +141,11 @@ def of_plain_filter(key: str, missions: Cells) -> dict[str, Finding]:
 def of_mirror_locks(key: str, mission: Cells) -> dict[str, Finding]:
     """Findings of many runs of one mission that were flown for their mirror locks alone."""
     tight, laisn = (mission.where(arm=arm).runs("mirror_locked") for arm in ("tight", "laisn-2"))
-    locked, theirs = (proportion(int(one.sum()), one.size) for one in (tight, laisn))
     return {
         f"many-runs {key}": plain(tight.size, "runs"),
-        f"many {key}": of(locked, "share of runs locked on the mirror image, 95 %"),
+        f"many {key}": share(tight, "share of runs locked on the mirror image, 95 %"),
         f"many-mirror-locked {key}": plain(int(tight.sum()), "runs locked on the mirror image"),
-        f"many-laisn-2 {key}": of(theirs, "share of LAISN-2's runs locked on the mirror image, 95 %"),
+        f"many-laisn-2 {key}": share(laisn, "share of LAISN-2's runs locked on the mirror image, 95 %"),
     }
 
 

@@ -6,10 +6,9 @@ from functools import cache
 
 import numpy as np
 
-from experiments.findings import Finding, of, plain
-from experiments.intervals import mean_interval, proportion
+from experiments.findings import Finding, median, of, plain, share
+from experiments.intervals import mean_interval
 from experiments.study.run import Cells, Outcomes
-from laisn.arrays import Floats
 from laisn.bound import Geometry, TrueNoise, position_bound
 from sim.scenario.settings import Scenario
 from sim.tracking import LOST_M
@@ -21,8 +20,7 @@ _AREA_M, _STEP_M = 20_000.0, 0.01
 """Side of the square that positions lie in, and their resolution: far below any follower's uncertainty."""
 _STEP_RAD = math.radians(0.1)
 _FASTEST_M_S, _STEP_M_S = 5.0, 0.01
-_TILT_RAD = math.radians(90.0)
-"""Pitch and roll lie within half of this to either side."""
+_TILT_RAD = math.radians(90.0)  # pitch and roll lie within half of this to either side
 _DAY_S = 86_400.0
 
 
@@ -112,34 +110,29 @@ def weave_findings() -> dict[str, Finding]:
 
 def of_condition(name: str, followers: Cells) -> dict[str, Finding]:
     """Findings of one condition, from a cell for each follower; intervals are over runs."""
-
-    def over_runs(values: Floats, what: str, unit: str) -> Finding:
-        return of(mean_interval(values), what, unit)
-
     column = followers.runs
-    rms, layer = column("station_rms_m"), column("closest_in_layer_m")
-    lost, away = int(column("lost").sum()), int(np.count_nonzero(column("track_error_end_m") > LOST_M))
-    touched, power = column("touched").max(axis=1), column("power_mean_w")
+    rms, layer, lost = column("station_rms_m"), column("closest_in_layer_m"), column("lost")
+    by_run, power = mean_interval(np.median(rms, axis=1)), mean_interval(column("power_mean_w").mean(axis=1))
     found = {
-        "median": plain(float(np.median(rms)), "RMS distance from the station, median of followers", "m"),
-        "run-median": over_runs(np.median(rms, axis=1), "median of a run's followers, mean of runs, 95 %", "m"),
+        "median": median(rms, "RMS distance from the station, median of followers", "m"),
+        "run-median": of(by_run, "median of a run's followers, mean of runs, 95 %", "m"),
         "worst": plain(float(rms.max()), "RMS distance from the station, worst follower", "m"),
-        "p95": plain(float(np.median(column("station_p95_m"))), "95 % of the time within, median follower", "m"),
+        "p95": median(column("station_p95_m"), "95 % of the time within, median follower", "m"),
         "max": plain(float(column("station_max_m").max()), "largest distance from a station", "m"),
         "turn": plain(float(column("station_turn_max_m").max()), "largest distance in the turn", "m"),
-        "leg": plain(float(np.median(column("station_leg_rms_m"))), "RMS on legs, median of followers", "m"),
-        "error": over_runs(column("e_p_mean_m").mean(axis=1), "mean E_P, mean of runs, 95 %", "m"),
-        "lost-runs": plain(lost, f"followers lost, of {rms.size}"),
-        "lost": of(proportion(lost, rms.size), "share of followers lost, 95 %"),
-        "away": of(proportion(away, rms.size), "share of followers more than 10 m off at the end, 95 %"),
+        "leg": median(column("station_leg_rms_m"), "RMS on legs, median of followers", "m"),
+        "error": of(mean_interval(column("e_p_mean_m").mean(axis=1)), "mean E_P, mean of runs, 95 %", "m"),
+        "lost-runs": plain(int(lost.sum()), f"followers lost, of {rms.size}"),
+        "lost": share(lost, "share of followers lost, 95 %"),
+        "away": share(column("track_error_end_m") > LOST_M, "share of followers more than 10 m off at the end, 95 %"),
         "closest": plain(float(column("closest_horizontal_m").min()), "least horizontal distance of two vehicles", "m"),
         # None where every vehicle has a layer of its own
         "within": plain(
             None if np.isnan(layer).all() else float(np.nanmin(layer)),
             "least horizontal distance of two vehicles of one layer", "m",
         ),
-        "contact": of(proportion(int(touched.sum()), touched.size), "share of runs with contact"),
-        "power": over_runs(power.mean(axis=1), "mean power of a follower's thrusters, 95 %", "W"),
+        "contact": share(column("touched").max(axis=1), "share of runs with contact"),
+        "power": of(power, "mean power of a follower's thrusters, 95 %", "W"),
     }  # fmt: skip
     return {f"{key} {name}": finding for key, finding in found.items()}
 

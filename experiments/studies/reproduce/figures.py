@@ -29,13 +29,11 @@ FIGURES: tuple[tuple[int, str, str, str], ...] = (
 """The paper's figures of errors over time: number, setting, variant and missions. The text names only some of their
 missions; the others are chosen like those."""
 MOTIONS = {"physics": "rigid bodies in water", "kinematic": "the paper's point motion"}
-FAR = 2.0
-"""A row whose mean E_P differs by more than this factor is listed as far off."""
+FAR = 2.0  # A row whose mean E_P differs by more than this factor is listed as far off
 SLOW = ("10s", "10s-slow", "10s-beta10", "10s-slow-beta10", "10s-slow-beta300")
 """Settings with messages every 10 s, of which the paper's β and T are not known."""
 TONES = {"holds": "yes", "does not hold": "no", "depends": "maybe", "undecided": "", "no data": ""}
-_POINTS = 300
-"""Of a line over time: there are 96 of them, and a page has at most 6 MB."""
+_POINTS = 300  # of a line over time: there are 96 of them, and a page has at most 6 MB
 _GROUPS: Mapping[str, tuple[Colour, str, str]] = {
     "messages every 1 and 5 s, stages 1 to 3": (SERIES[0], "o", "●"),
     "unequal range errors, stage 4": (SERIES[2], "D", "◆"),

@@ -33,22 +33,17 @@ METRICS = {
 }  # fmt: skip
 """The paper's six figures of a row, in its order, and their heads."""
 VARIANTS = {"laisn-2": "LAISN-2", "laisn-3-1": "LAISN-3(1)", "laisn-3-2": "LAISN-3(2)"}
-Key = tuple[str, str, str]
-"""Setting, mission and variant of a row."""
+Key = tuple[str, str, str]  # setting, mission and variant of a row
 REPLICATIONS = 20
 RESAMPLES = 2000
-VERDICT_CONFIDENCE = 0.998
-"""Of the interval of each criterion; of all 26 together 95 % (Bonferroni)."""
+VERDICT_CONFIDENCE = 0.998  # of the interval of each criterion; of all 26 together 95 % (Bonferroni)
 COMPARED = ("e_p_mean_m", "e_p_max_m", "e_b_max_deg")
 BASE, HEADING = "base laisn-2", "heading5 laisn-2"
 LATERAL, BURST = np.isin(ROUTES, ("T3", "T4")), np.isin(ROUTES, ("T8",))
 """Missions of followers that stay abeam, and with a burst of speed, as the paper names them; shape (8,)."""
-ASTERN_DEG = 10.0
-"""A follower within this angle of dead astern counts as astern."""
-LATERAL_DEG = (45.0, 135.0)
-"""Angle off the bow, either side, that counts as abeam."""
-SECTOR_STEPS = 300
-"""Steps (of 0.1 s) that a mission must spend in a sector to be counted there."""
+ASTERN_DEG = 10.0  # A follower within this angle of dead astern counts as astern
+LATERAL_DEG = (45.0, 135.0)  # angle off the bow, either side, that counts as abeam
+SECTOR_STEPS = 300  # steps (of 0.1 s) that a mission must spend in a sector to be counted there
 NEAR_BURST_S = 30.0
 """The largest bearing error within this time of 95 % of the follower's top speed counts as that of the burst [s]."""
 TIMED = ("e_p_abeam_m", "e_p_astern_m", "e_b_peaks_at_burst")
@@ -121,8 +116,7 @@ class Judged:
     interval: Interval
     relation: Relation
     bound: float
-    margin: float = MARGIN
-    """0 where figures are taken as exact."""
+    margin: float = MARGIN  # 0 where figures are taken as exact
 
     @property
     def outcome(self) -> Outcome:

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from experiments.findings import Finding, of, plain
+from experiments.findings import Finding, median, of, plain, share
 from experiments.flight.library import load
-from experiments.intervals import mean_over_missions, proportion
+from experiments.intervals import mean_over_missions
 from experiments.study.run import Cells, Outcomes
 from laisn.navigators import find
 from sim.flight import navigation_settings
@@ -33,22 +33,17 @@ def _titles(groups: Sequence[Mapping[str, Any]]) -> dict[str, str]:
 NAVIGATORS, CONDITIONS = _titles(_CLOSED["arm"]), _titles(_ROUTES["case"])
 """Titles by the names of the registry, and of what is simulated."""
 OURS = ("laisn-2", "laisn-3-1", "laisn-3-2", "tight")
-SLOW = "factor-graph"
-"""Simulated in fewer runs."""
+SLOW = "factor-graph"  # simulated in fewer runs
 INTERVAL = "timing.message_interval_s"
 INTERVALS, FURTHER = (tuple(part["vary"][INTERVAL]) for part in (_ROUTES, _SHARED))
 """Of messages, and of those on channels that many share [s]."""
 USUAL = 5.0
-SHARING = tuple(_titles(_SHARED["arm"]))
-"""Navigators on such channels."""
+SHARING = tuple(_titles(_SHARED["arm"]))  # navigators on such channels
 MAPPED, RANGES_M = tuple(_titles(_MAP["arm"])), tuple(_titles(_MAP["case"]))
-BIASES_DEG, BASELINES_M = _MAP["vary"].values()
-"""Factors of the map of LAISN-3(2) and inverted USBL."""
-VEHICLES, REACHES_M = (1, 2, 5, 10, 20, 50), (50.0, 150.0, 500.0)
-"""Factors of the map of a channel that vehicles share."""
+BIASES_DEG, BASELINES_M = _MAP["vary"].values()  # factors of the map of LAISN-3(2) and inverted USBL
+VEHICLES, REACHES_M = (1, 2, 5, 10, 20, 50), (50.0, 150.0, 500.0)  # factors of the map of a channel that vehicles share
 PING_S, SOUND_M_S = 0.1, 1500.0
-LOST_M = 50.0
-"""A run whose error, or whose distance from its place at the end, is beyond this is called lost [m]."""
+LOST_M = 50.0  # A run whose error, or whose distance from its place at the end, is beyond this is called lost [m]
 
 
 def case_name(navigator: str, condition: str, interval: float) -> str:
@@ -79,27 +74,23 @@ def step_times_us(duration_s: float = 120.0, repeats: int = 3) -> dict[str, floa
     return times
 
 
-def _share(flags: Any, what: str) -> Finding:
-    return of(proportion(int(np.count_nonzero(flags)), flags.size), f"share of missions {what}, 95 %")
-
-
 def of_arm(name: str, routes: Cells) -> Iterator[tuple[str, Finding]]:
     """Mean error, 95th percentile, NEES, mirror-locked and lost shares of an arm on the routes."""
     yield f"error {name}", of(mean_over_missions([*routes.runs("e_p_mean_m").T]), "mean E_P over routes, 95 %", "m")
     high, nees = (routes.runs(metric)[0] for metric in ("e_p_p95_m", "nees"))
     yield f"high {name}", plain(float(high.mean()), "95th percentile of E_P, mean over routes", "m")
-    yield f"nees {name}", plain(float(np.median(nees)), "NEES, median of routes; 2 if the covariance is right")
-    yield f"locked {name}", _share(routes.runs("mirror_locked"), "locked on the mirror image")
-    yield f"lost {name}", _share(routes.runs("e_p_max_m") > LOST_M, f"with an error beyond {LOST_M:g} m")
+    yield f"nees {name}", median(nees, "NEES, median of routes; 2 if the covariance is right")
+    yield f"locked {name}", share(routes.runs("mirror_locked"), "share of missions locked on the mirror image, 95 %")
+    what = f"share of missions with an error beyond {LOST_M:g} m, 95 %"
+    yield f"lost {name}", share(routes.runs("e_p_max_m") > LOST_M, what)
 
 
 def difference(one: Cells, other: Cells, what: str) -> Finding:
     """Paired difference of mean errors of two arms, over the runs that both have."""
     errors = [cells.runs("e_p_mean_m") for cells in (one, other)]
     n = min(map(len, errors))
-    return of(
-        mean_over_missions([*(errors[0][:n] - errors[1][:n]).T]), f"paired difference of mean E_P: {what}, 95 %", "m"
-    )
+    apart = mean_over_missions([*(errors[0][:n] - errors[1][:n]).T])
+    return of(apart, f"paired difference of mean E_P: {what}, 95 %", "m")
 
 
 def compared(found: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
@@ -127,9 +118,9 @@ def steered(found: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
         error = mean_over_missions([*routes.runs("e_p_mean_m").T])
         yield f"closed-error {case}", of(error, "mean E_P, 95 %", "m")
         off = routes.runs("track_error_rms_m")
-        yield f"closed-off {case}", plain(float(np.median(off)), "RMS off its place, median of missions", "m")
-        ends = routes.runs("track_error_end_m")
-        yield f"closed-lost {case}", _share(ends > LOST_M, f"that end more than {LOST_M:g} m off their place")
+        yield f"closed-off {case}", median(off, "RMS off its place, median of missions", "m")
+        what = f"share of missions that end more than {LOST_M:g} m off their place, 95 %"
+        yield f"closed-lost {case}", share(routes.runs("track_error_end_m") > LOST_M, what)
 
 
 def mapped(found: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
