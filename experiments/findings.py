@@ -4,7 +4,8 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -110,17 +111,12 @@ class Findings:
 
     def write(self, path: Path) -> None:
         """Write the record, in a folder that is made if it is not there: the same findings give the same bytes."""
-        given = {"schema": SCHEMA} | asdict(self)
-        given["findings"] = {
-            name: {key: value for key, value in finding.items() if value not in ("", None) or key == "value"}
-            for name, finding in given["findings"].items()
-        }
+        text, lines = partial(json.dumps, ensure_ascii=False), []
+        head, _, rest = text({"schema": SCHEMA} | asdict(replace(self, findings={})), indent=1).rpartition("{}")
         # a line for each finding, so that a difference of records can be read
-        head, _, rest = json.dumps(given | {"findings": {}}, ensure_ascii=False, indent=1).rpartition("{}")
-        lines = [
-            f"  {json.dumps(name, ensure_ascii=False)}: {json.dumps(finding, ensure_ascii=False)}"
-            for name, finding in given["findings"].items()
-        ]
+        for name, finding in self.findings.items():
+            given = {key: value for key, value in asdict(finding).items() if value not in ("", None) or key == "value"}
+            lines.append(f"  {text(name)}: {text(given)}")
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(path) as part:
             part.write_text(head + "{\n" + ",\n".join(lines) + "\n }" + rest + "\n", encoding="utf-8")

@@ -43,10 +43,9 @@ def locked(folder: Path, *, wait: bool = True) -> Iterator[None]:
     try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-        except BlockingIOError:
-            raise
-        except OSError:
-            pass
+        except OSError as error:
+            if isinstance(error, BlockingIOError):
+                raise
         yield
     finally:
         os.close(handle)
@@ -58,10 +57,10 @@ def read_text(path: Path, max_bytes: int) -> str:
     LaisnError, with the reason alone, if the file cannot be read, is not regular, is too large or is not UTF-8.
     """
     try:
+        size = path.stat().st_size
         if not path.is_file():
-            path.stat()
             raise LaisnError("it is a folder" if path.is_dir() else "it is no plain file")
-        if (size := path.stat().st_size) > max_bytes:
+        if size > max_bytes:
             raise LaisnError(f"it has {size} bytes, there may be {max_bytes}")
         return path.read_text(encoding="utf-8-sig")
     except OSError as error:
@@ -73,8 +72,12 @@ def read_text(path: Path, max_bytes: int) -> str:
         raise LaisnError(str(error)) from None
 
 
-def exit_with_parent(parent: int) -> None:
-    """Exit this process when its parent, of this number, has ended, even if that was killed; leave Ctrl-C to it."""
+def exit_with_parent(parent: int, *environment: tuple[str, str]) -> None:
+    """Exit this process when its parent, of this number, has ended, even if that was killed; leave Ctrl-C to it.
+
+    `environment` are names and values of variables that it sets.
+    """
+    os.environ.update(environment)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def watch() -> None:

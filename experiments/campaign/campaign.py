@@ -25,6 +25,7 @@ from experiments.campaign.store import Arrays, CampaignError, Record, Result, St
 from experiments.campaign.version import code_version
 from laisn.compiled import FOLDER
 from laisn.failure import LaisnError
+from laisn.navigators import find
 from laisn.plugins import VARIABLE
 from sim.scenario.settings import Scenario
 from sim.system import background_process, exit_with_parent
@@ -48,12 +49,6 @@ class ExecutionOptions(TypedDict, total=False):
     cluster: str | None  # address of a Dask scheduler (tcp://…); its workers compute instead
     force: bool
     quiet: bool
-
-
-def _begin_worker(parent: int, plugins: str) -> None:
-    """Prepare a local process; joblib starts new ones where the arguments differ from those before."""
-    os.environ[VARIABLE] = plugins
-    exit_with_parent(parent)
 
 
 def _with_version(function: Callable[..., Made], *arguments: Any) -> tuple[str, Made]:
@@ -91,8 +86,9 @@ class Pool:
         """Results of a function in the order of completion; CampaignError if a process died or has other sources."""
         options: dict[str, Any] = {"backend": "sequential" if self._client is None else "dask"}
         if self._client is None and self.size > 1:
-            begin = os.getpid(), os.environ.get(VARIABLE, "")
-            options = {"backend": "loky", "initializer": _begin_worker, "initargs": begin}
+            # joblib starts new processes where the arguments differ from those before
+            begin = os.getpid(), (VARIABLE, os.environ.get(VARIABLE, ""))
+            options = {"backend": "loky", "initializer": exit_with_parent, "initargs": begin}
         calls = (joblib.delayed(_with_version)(function, *given) for given in arguments)
         with joblib.parallel_config(n_jobs=self.size, **options):
             parallel = joblib.Parallel(return_as="generator_unordered", batch_size=1, max_nbytes=None)
@@ -126,8 +122,7 @@ def _connect(address: str) -> Any:
         import distributed
     except ImportError:
         raise LaisnError("--cluster needs Dask: pip install laisn-sim[cluster]") from None
-    # its types are incomplete
-    dask: Any = distributed
+    dask: Any = distributed  # its types are incomplete
     try:
         client = dask.Client(address, timeout=_CONNECT_S)
     except (OSError, ValueError, TypeError) as error:
@@ -163,10 +158,10 @@ class Flown:
         return found
 
     def cell(self, plan: CellPlan) -> tuple[Record, Arrays]:
-        """The row of a cell under this plan's name, with its facts, and its arrays over runs; CampaignError: gone."""
+        """The row of a cell with the facts of its mission, and its arrays over runs; CampaignError if it is gone."""
         row, arrays = self._stored(plan.key)
         measured = self._stored(key_of(self.facts, plan.motion))[0][plan.follower] if self.facts else {}
-        return {"key": plan.key, "mission": plan.scenario.name} | row | measured, arrays
+        return row | measured, arrays
 
     def steps(self, plan: CellPlan) -> Arrays:
         """The arrays over steps of a cell that keeps them, by name; CampaignError if it is gone."""
@@ -304,7 +299,7 @@ def fly(
     runs = {name: _Job([key], partial(partial, _rows, key, tasks[name])) for name, key in keys.items()}
     flights, runs = ({n: j for n, j in jobs.items() if not store.has(*j.keys)} for jobs in (flights, runs))
     one_mission = len({plan.motion for plan in missing}) == 1 and cluster is None and not runs
-    if one_mission and all(plan.runs >= _MANY_RUNS and plan.in_lanes for plan in missing):
+    if one_mission and all(p.runs >= _MANY_RUNS and find(p.scenario.navigation.variant).lanes for p in missing):
         # compiled lanes run side by side in threads, without the memory of processes
         missing, pool.size = [replace(plan, threads=pool.size) for plan in missing], 1
     pool.size = min(pool.size, max(len(missing), len(flights), len(runs), 1))

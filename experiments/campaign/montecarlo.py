@@ -114,10 +114,7 @@ class Mission:
     def __init__(self, scenario: Scenario, trajectory: Trajectory) -> None:
         self._motion = nameless(motion_of(scenario))
         self._sited = cache(partial(sited, trajectory))
-        self._observed = cache(self._observe)
-
-    def _observe(self, scenario: Scenario, follower: int) -> MissionTruth:
-        return observe(self._sited(scenario.leader), scenario, follower)
+        self._observed = cache(lambda scenario, follower: observe(self._sited(scenario.leader), scenario, follower))
 
     def seen(self, scenario: Scenario, follower: int) -> tuple[Trajectory, MissionTruth]:
         """Motion with a scenario's transmitters, and what one follower sees; LaisnError if vehicles move otherwise."""
@@ -170,15 +167,10 @@ class Cell:
             raise LaisnError(f"follower is {follower}, the scenario has {len(scenario.followers)}")
         trajectory, truth = (mission or mission_of(motion_of(scenario))).seen(scenario, follower)
         return cls(
-            truth=truth,
-            errors=errors_of(scenario, follower),
-            settings=navigation_settings(scenario, trajectory, follower),
-            navigator=find(scenario.navigation.variant),
-            seed=scenario.seed,
-            runs=range(runs) if isinstance(runs, int) else runs,
-            follower=follower,
-            disturbance=disturbance,
-        )
+            truth=truth, errors=errors_of(scenario, follower), navigator=find(scenario.navigation.variant),
+            settings=navigation_settings(scenario, trajectory, follower), seed=scenario.seed, follower=follower,
+            runs=range(runs) if isinstance(runs, int) else runs, disturbance=disturbance,
+        )  # fmt: skip
 
 
 class CellResult(NamedTuple):

@@ -13,7 +13,6 @@ from experiments.campaign import montecarlo
 from experiments.campaign.bound import geometry_of, least_rms, noise_of
 from experiments.campaign.montecarlo import Cell, Disturbance, histories, simulate
 from experiments.campaign.store import Arrays, Record, Result, key_of
-from experiments.campaign.version import code_version
 from laisn import metrics
 from laisn.failure import LaisnError
 from laisn.navigators import find
@@ -65,14 +64,6 @@ class CellPlan:
         own = [_disturbing(name).disturb] if name.startswith(_OWN) else []
         return key_of(montecarlo.nameless(self.content), *others, *own)
 
-    def content_behind(self, trajectory: Trajectory) -> Scenario:
-        """What is computed of the scenario, with the values that are measured of its mission."""
-        if not (self.measured and self.facts):
-            return self.content
-        found = self.facts(self.scenario, trajectory)[self.follower]
-        given = {key: found.get(name) for key, name in self.measured.items()}
-        return validate(assigned(self.content.model_dump(mode="json"), given), self.scenario.name)
-
     @property
     def steps_key(self) -> str:
         return key_of(self.key, "steps")
@@ -85,11 +76,6 @@ class CellPlan:
     def motion(self) -> str:
         """Key of its mission, which others may share."""
         return montecarlo.motion_key(self.scenario)
-
-    @property
-    def in_lanes(self) -> bool:
-        """Whether compiled code flies its runs side by side."""
-        return find(self.content.navigation.variant).lanes
 
     @property
     def size(self) -> int:
@@ -157,15 +143,18 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
     results = list[Result]()
     for plan in plans:
         runs, disturbance = range(plan.first_run, plan.first_run + plan.runs), disturbance_of(plan.disturb)
-        content, mission = plan.content_behind(trajectory), behind[plan.leader_pitch_deg]
-        cell = Cell.of(content, plan.follower, runs, mission=mission, disturbance=disturbance)
+        scenario, mission, steps = plan.content, behind[plan.leader_pitch_deg], Arrays()
+        given, variant = scenario, scenario.navigation.variant
+        if plan.measured and plan.facts:
+            found = plan.facts(plan.scenario, trajectory)[plan.follower]
+            values = {key: found.get(name) for key, name in plan.measured.items()}
+            given = validate(assigned(scenario.model_dump(mode="json"), values), plan.scenario.name)
+        cell = Cell.of(given, plan.follower, runs, mission=mission, disturbance=disturbance)
         result = simulate(cell, threads=plan.threads)
-        scenario, variant, steps = plan.content, plan.content.navigation.variant, Arrays()
-        # plans of other names may share it
-        row: Record = {"key": plan.key, "variant": variant, "motion": scenario.motion, "version": code_version()}
-        row |= result.row | {"bound_rms_m": None, "rms_over_bound": None}
+        # without the name, as plans of others may share it
+        row: Record = {"variant": variant, **result.row, "bound_rms_m": None, "rms_over_bound": None}
         if find(variant).near_bound:
-            seen, _ = behind[plan.leader_pitch_deg].seen(scenario, plan.follower)
+            seen, _ = mission.seen(scenario, plan.follower)
             geometry, noise = geometry_of(seen, scenario, plan.follower), noise_of(scenario, plan.follower)
             least = least_rms(geometry, noise)
             bound, rms = float(np.sqrt(np.mean(least**2))), float(np.hypot(row["e_p_mean_m"], row["e_p_std_m"]))

@@ -43,7 +43,7 @@ class CampaignError(LaisnError):
 
 @cache
 def _source(module: str) -> str:
-    return version_of([sys.modules[module].__spec__.name if module == "__main__" else module])  # type: ignore[union-attr]
+    return version_of([module])
 
 
 def _plain(value: object) -> list[Any]:

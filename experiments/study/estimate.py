@@ -134,8 +134,7 @@ class Results:
         if runs is not None:
             whole = [_whole(values) for values in runs]
             return np.array([values.mean() if values.size else math.nan for values in whole])
-        values = [row.get(metric) for row in self.rows.get(place, [])]
-        return np.array([math.nan if value is None else value for value in values], dtype=np.float64)
+        return np.array([row.get(metric) for row in self.rows.get(place, [])], dtype=np.float64)
 
     def estimate(self, place: Place, metric: str) -> Interval:
         """Mean of a metric at a place with its interval; NaN where nothing was flown."""

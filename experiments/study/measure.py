@@ -82,14 +82,10 @@ def thruster_power(trajectory: Trajectory, vehicle: int, density: float) -> Floa
 
     The inflow of a thruster is the hull's forward speed along its axis; thrusters across the hull have none.
     """
-    through = trajectory.velocity[:, vehicle] - trajectory.water_velocity[:, vehicle]
-    pitch, heading = trajectory.pitch[:, vehicle], trajectory.heading[:, vehicle]
-    forward = np.column_stack([np.cos(pitch) * np.sin(heading), np.cos(pitch) * np.cos(heading), np.sin(pitch)])
-    thrust = trajectory.thrust[:, vehicle]
-    surge = np.einsum("ni,ni->n", through, forward)
-    if np.any(thrust.any(axis=0) & ~trajectory.effector_force[vehicle].any(axis=1)):
+    thrust, force = trajectory.thrust[:, vehicle], trajectory.effector_force[vehicle]
+    if np.any(thrust.any(axis=0) & ~force.any(axis=1)):
         return np.full(len(thrust), np.nan)
-    inflow = surge[:, None] * trajectory.effector_force[vehicle, :, 0] * np.sign(thrust)
+    inflow = trajectory.forward_speed[:, vehicle, None] * force[:, 0] * np.sign(thrust)
     return np.asarray(disc_power(thrust, inflow, density).sum(axis=1))
 
 

@@ -28,7 +28,6 @@ from sim.trajectory import Trajectory
 
 _MOST_GROWTH = 10.0  # by which the number of runs grows at most from one look at their intervals to the next
 _TABLE_ROWS = 60_000
-_OWN = ("key", "mission", "version", "motion")  # columns of a cell's row that no table of results has
 
 
 class Cells(NamedTuple):
@@ -122,22 +121,14 @@ def _labels(plan: Plan, entry: Entry, follower: int) -> Record:
 
 def _cells(plan: Plan, entry: Entry) -> list[CellPlan]:
     """The cells of an entry, one for each follower."""
-    case = plan.study.case_at(plan.points[entry.point])
-    return [
-        CellPlan(
-            scenario=entry.scenario,
-            runs=plan.study.runs,
-            follower=follower,
-            first_run=entry.scenario.run,
-            keep_steps=plan.study.file.steps or case.steps,
-            leader_pitch_deg=plan.study.arm(entry.arm).leader_pitch_deg,
-            measured=entry.measured,
-            facts=facts_of if entry.measured else None,
-            disturb=plan.study.disturb_at(plan.points[entry.point], entry.arm),
-            lag_s=plan.study.file.bound_lag_s,
-        )
-        for follower in range(len(entry.scenario.followers))
-    ]
+    study, point, scenario = plan.study, plan.points[entry.point], entry.scenario
+    first = CellPlan(
+        scenario=scenario, runs=study.runs, first_run=scenario.run, lag_s=study.file.bound_lag_s,
+        keep_steps=study.file.steps or study.case_at(point).steps,
+        leader_pitch_deg=study.arm(entry.arm).leader_pitch_deg, disturb=study.disturb_at(point, entry.arm),
+        measured=entry.measured, facts=facts_of if entry.measured else None,
+    )  # fmt: skip
+    return [replace(first, follower=i) for i in range(len(scenario.followers))]
 
 
 def fly_studies(plans: Sequence[Plan], folder: Path, **options: Unpack[ExecutionOptions]) -> list[Outcomes]:
@@ -174,7 +165,7 @@ def fly_studies(plans: Sequence[Plan], folder: Path, **options: Unpack[Execution
                 row |= {key: row[name] for key, name in entry.measured.items()}
                 steps = flown.steps(cell) if cell.keep_steps else {}
             labels = _labels(plan, entry, follower)
-            outcomes.rows.append(labels | {name: value for name, value in row.items() if name not in _OWN})
+            outcomes.rows.append(labels | row)
             outcomes.runs.append((labels, lists))
             outcomes.steps.append(steps)
     return found

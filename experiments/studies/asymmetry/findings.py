@@ -145,9 +145,8 @@ class ComparedMission:
     def judge(self, question: Question, arm: str, looks: Sequence[int], base: str = LEVEL) -> Judgement:
         """Whether a remedy removes the share that it should of the errors, or of the mirror locks, that pitch adds."""
         part, left, free = self.compared(question, arm, base)
-        if question == "error":
-            return judge(part, left, WANTED[arm], looks, free)
-        return judge(part, left, LOCKS_WANTED, looks)
+        of_errors = question == "error"
+        return judge(part, left, WANTED[arm] if of_errors else LOCKS_WANTED, looks, free if of_errors else None)
 
 
 Missions = Sequence[ComparedMission]
@@ -288,15 +287,11 @@ def curves_of(outcomes: Outcomes) -> list[Curve]:
         rows, runs = zip(*flown, strict=True)
         means = [lists["e_p_mean_m"] for _, lists in runs]
         limits = [intervals.mean_over_missions([mean - means[0]]) for mean in means]
-        curve = Curve(
-            route=rows[0]["scenario"],
-            interval_s=float(interval),
-            depth_offset_m=rows[0].get("offset_m"),
-            value=tuple(float(row["arm"].split()[0]) for row in rows),
-            e_p_mean_m=tuple(row["e_p_mean_m"] for row in rows),
-            excess_half_m=tuple(limit.high - limit.value for limit in limits),
-        )
-        found.append(curve)
+        values, errors = zip(*((float(row["arm"].split()[0]), row["e_p_mean_m"]) for row in rows), strict=True)
+        found.append(Curve(
+            route=rows[0]["scenario"], interval_s=float(interval), depth_offset_m=rows[0].get("offset_m"), value=values,
+            e_p_mean_m=errors, excess_half_m=tuple(limit.high - limit.value for limit in limits),
+        ))  # fmt: skip
     return found
 
 

@@ -87,8 +87,8 @@ def over_time(steps: Arrays) -> dict[str, float]:
 
 def mean_distance(flight: Trajectory) -> float:
     """Mean distance of the first follower's hydrophone and the leader [m]."""
-    site = flight.site(f"{flight.names[1]}/hydrophone")
-    return float(np.hypot(*(flight.site_position[:, site, :2] - flight.position[:, 0, :2]).T).mean())
+    away = flight.site_path(f"{flight.names[1]}/hydrophone") - flight.position[:, 0]
+    return float(np.hypot(*away[:, :2].T).mean())
 
 
 Kind = Literal["ratio", "share", "replications"]
@@ -177,9 +177,7 @@ class Figures:
         return np.concatenate([mean, drawn / self.count])
 
     def known(self, cell: str, metric: str) -> Floats:
-        """Means over replications, and over replications drawn again, alike in all cells, shape (1 + B, 8); NaN for
-        none.
-        """
+        """Means over replications, and over such as are drawn again, alike in all cells, shape (1 + B, 8); or NaN."""
         values = self.each.get((cell, metric))
         if values is None:
             return np.full((1, len(ROUTES)), math.nan)
