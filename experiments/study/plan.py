@@ -194,11 +194,8 @@ def _examined(
     study: Study, tables: Mapping[str, Mapping[str, Any]], points: list[dict[str, Any]], advance: Advance
 ) -> tuple[list[Entry], list[str]]:
     """All entries that are valid, and a line for each error of any other and where in the design it is."""
-    errors: dict[str, list[str]] = {}
-    entries: list[Entry] = []
-    found_of: dict[str, list[str]] = {}
-    motions: dict[str, str] = {}
-    parts: dict[tuple[str, Section], Section] = {}
+    entries, errors, found_of = list[Entry](), dict[str, list[str]](), dict[str, list[str]]()
+    motions, parts = dict[str, str](), dict[tuple[str, Section], Section]()
     total, moving = 0, ""
 
     def infeasible(scenario: Scenario) -> list[str]:

@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import bisect
 
-from laisn import lanes
 from laisn import lanes as row
 from laisn.arrays import Floats
 from laisn.compiled import compiled_lanes
@@ -60,7 +59,7 @@ def _sweep(points: Floats, ranges: Floats, t: Tuning, error: Floats) -> None:
             block[row.EAST + lane], block[row.NORTH + lane] = -reach * np.sin(bearing), -reach * np.cos(bearing)
             block[row.DEPTH + lane], block[row.PITCH + lane] = depth_offset, pitch
             block[row.R1 + lane], block[row.R2 + lane], block[row.R3 + lane] = ranges[k]
-        lanes.position_update(block, t, 1)
+        row.position_update(block, t, 1)
         for lane in range(min(LANES, points.shape[0] - first)):
             error[first + lane, 0], error[first + lane, 1] = block[row.X + lane], block[row.Y + lane]
 
@@ -81,10 +80,8 @@ def closed_form_error(*point: npt.ArrayLike) -> Floats:
 def measure_map(grid: Grid, settings: NavigationSettings) -> Chart:
     """The map as columns with a row per point: position errors of each variant, range errors and closed forms."""
     table = np.array(list(product(*grid.values())), dtype=np.float64)
-    points = np.column_stack(
-        [np.deg2rad(v) if name.endswith("deg") else v for name, v in zip(grid, table.T, strict=True)]
-    )
     columns = dict(zip(grid, table.T, strict=True))
+    points = np.column_stack([np.deg2rad(v) if name.endswith("deg") else v for name, v in columns.items()])
     for variant in VARIANTS:
         columns[f"error_{variant}_m"] = np.hypot(*sweep(points, replace(settings, variant=variant)).T)
     hull = settings.baseline, settings.middle_offset
