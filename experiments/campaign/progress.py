@@ -43,9 +43,9 @@ def show_table(
 
 
 class _Bars(Progress):
-    """Bars with names and the time left or taken, on anything but a terminal none; perhaps above a number that grows.
+    """Bars with names and the time left or taken, above the number of functions compiled; on a terminal alone.
 
-    `count` is of compiled functions, of this process and those beside it; in a log, a last line tells of them.
+    `count` is that of compiled functions, of this process and those beside it. If it grows, a log has a last line.
     """
 
     def __init__(self, console: Console, *columns: ProgressColumn, count: Callable[[], int] = lambda: 0) -> None:
