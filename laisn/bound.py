@@ -104,59 +104,38 @@ def _expected_information(away: Floats, spread: Floats, arms: Floats, noise: Tru
     return np.asarray(np.einsum("q,qij->ij", _WEIGHTS, _information(away + _NODES @ root.T, arms, noise)))
 
 
-class _Way:
-    """The way between two messages, step by step: what it does to the state x, and what it adds."""
+def _way(speed: Floats, ahead: Floats, dt: float, noise: TrueNoise) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """The way between messages, of k steps of speeds, shape (k,), [m/s], and directions times Δt, shape (k, 2), [s].
 
-    def __init__(self, speed: Floats, ahead: Floats, dt: float, noise: TrueNoise):
-        """Take speeds, shape (k,), [m/s], and directions times Δt, shape (k, 2), [s], of its k steps."""
-        way, self._time = np.cumsum(speed[:, None] * ahead, axis=0), dt * np.arange(1, speed.size + 1)
-        # the true way is the measured one turned anticlockwise by the compass bias, less the log's bias
-        self.rows = np.repeat(np.eye(_STATES)[None, :2], speed.size, axis=0)
-        self.rows[:, :, _LOG] = -np.cumsum(ahead, axis=0)
-        self.rows[:, 0, _COMPASS], self.rows[:, 1, _COMPASS] = -way[:, 1], way[:, 0]
-        self.rows[:, 0, _EAST] = self.rows[:, 1, _NORTH] = self._time
-        current = noise.current_walk**2 if noise.current > 0.0 else 0.0
-        walks = {_LOG: noise.speed_walk**2, _COMPASS: noise.heading_walk**2, _EAST: current, _NORTH: current}
-        self._walks, self._clock_walk = {state: rate for state, rate in walks.items() if rate}, noise.clock_walk**2
-        along = ahead[:, :, None] * ahead[:, None, :]
-        across = dt**2 * np.eye(2) - along
-        turned = ((speed * noise.heading_sigma) ** 2)[:, None, None]
-        self._grown = np.cumsum(noise.speed_sigma**2 * along + turned * across, axis=0)
-
-    def added(self) -> Floats:
-        """Covariance that each step's position has gained since the way began, shape (k, 2, 2)."""
-        gained, third = self._grown.copy(), self._time[:, None, None] / 3.0
-        for state, rate in self._walks.items():
-            # a bias that wanders moves the position by its mean over a straight way
-            moved = self.rows[:, :, state]
-            gained += rate * third * moved[:, :, None] * moved[:, None, :]
-        return gained
-
-    def onward(self) -> Floats:
-        """Covariance of what each step's position has gained with what the state has at the end, shape (k, 2, s)."""
-        shared, t, end = np.zeros((self._time.size, 2, _STATES)), self._time[:, None], self._time[-1]
-        shared[:, :, :2] = self._grown
-        for state, rate in self._walks.items():
-            moved = self.rows[:, :, state]
-            shared[:, :, state] += rate * 0.5 * t * moved
-            shared[:, :, :2] += (rate * (0.5 * t - t * t / (6.0 * end)) * moved)[:, :, None] * moved[-1]
-        return shared
-
-    def matrix(self) -> Floats:
-        """F: the state at the end by that at the beginning, shape (s, s)."""
-        step = np.eye(_STATES)
-        step[:2], step[_CLOCK, _DRIFT] = self.rows[-1], self._time[-1]
-        return step
-
-    def noise(self) -> Floats:
-        """Q: covariance that the state gains on the way, shape (s, s)."""
-        gained, t = np.zeros((_STATES, _STATES)), self._time[-1]
-        gained[:2] = self.onward()[-1]
-        gained[2:, :2] = gained[:2, 2:].T
-        for state, rate in self._walks.items():
-            gained[state, state] = rate * t
-        gained[_CLOCK:, _CLOCK:] = self._clock_walk * np.array([[t**3 / 3.0, t**2 / 2.0], [t**2 / 2.0, t]])
-        return gained
+    Returns each step's position by the state at the beginning, shape (k, 2, s), and F, the state at the end by that,
+    shape (s, s). Then the covariance that each step's position has gained, shape (k, 2, 2), that of this with what the
+    state has gained at the end, shape (k, 2, s), and Q, of what the state has gained, shape (s, s).
+    """
+    way, time = np.cumsum(speed[:, None] * ahead, axis=0), dt * np.arange(1, speed.size + 1)
+    # the true way is the measured one turned anticlockwise by the compass bias, less the log's bias
+    rows = np.repeat(np.eye(_STATES)[None, :2], speed.size, axis=0)
+    rows[:, :, _LOG] = -np.cumsum(ahead, axis=0)
+    rows[:, 0, _COMPASS], rows[:, 1, _COMPASS] = -way[:, 1], way[:, 0]
+    rows[:, 0, _EAST] = rows[:, 1, _NORTH] = time
+    t, end, step = time[:, None], time[-1], np.eye(_STATES)
+    step[:2], step[_CLOCK, _DRIFT] = rows[-1], end
+    along = ahead[:, :, None] * ahead[:, None, :]
+    turned = ((speed * noise.heading_sigma) ** 2)[:, None, None]
+    added = np.cumsum(noise.speed_sigma**2 * along + turned * (dt**2 * np.eye(2) - along), axis=0)
+    onward, gained = np.zeros((speed.size, 2, _STATES)), np.zeros((_STATES, _STATES))
+    onward[:, :, :2] = added
+    current = noise.current_walk**2 if noise.current > 0.0 else 0.0
+    walks = (_LOG, noise.speed_walk**2), (_COMPASS, noise.heading_walk**2), (_EAST, current), (_NORTH, current)
+    for state, rate in walks:
+        # a bias that wanders moves the position by its mean over a straight way
+        moved = rows[:, :, state]
+        added += rate * (t[:, None] / 3.0) * moved[:, :, None] * moved[:, None, :]
+        onward[:, :, state] += rate * 0.5 * t * moved
+        onward[:, :, :2] += (rate * (0.5 * t - t * t / (6.0 * end)) * moved)[:, :, None] * moved[-1]
+        gained[state, state] = rate * end
+    gained[:2], gained[2:, :2] = onward[-1], onward[-1, :, 2:].T
+    gained[_CLOCK:, _CLOCK:] = noise.clock_walk**2 * np.array([[end**3 / 3.0, end**2 / 2.0], [end**2 / 2.0, end]])
+    return rows, step, added, onward, gained
 
 
 def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | None = None, lag: float = 0.0) -> Floats:
@@ -182,18 +161,17 @@ def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | Non
     for i, (begin, end) in enumerate(pairwise([0, *geometry.message_step.tolist(), n])):
         if begin == end:
             break
-        way = _Way(geometry.speed[begin:end], ahead[begin:end], geometry.dt, noise)
-        step, rows = way.matrix()[both], way.rows[:, :, unknown]
-        bound[begin:end] = rows @ covariance @ rows.swapaxes(1, 2) + way.added()
+        rows, step, added, shared, grown = _way(geometry.speed[begin:end], ahead[begin:end], geometry.dt, noise)
+        rows, step = rows[:, :, unknown], step[both]
+        bound[begin:end] = rows @ covariance @ rows.swapaxes(1, 2) + added
+        between.append(covariance @ step.T)
         if smoothed:
-            onward[begin:end] = rows @ covariance @ step.T + way.onward()[:, :, unknown]
-            between.append(covariance @ step.T)
+            onward[begin:end] = rows @ covariance @ step.T + shared[:, :, unknown]
             if begin:
                 onward[begin - 1] = between[-1][:2]
-        covariance = step @ covariance @ step.T + way.noise()[both]
+        covariance = step @ covariance @ step.T + grown[both]
         if i < geometry.message_step.size:
-            if smoothed:
-                predicted.append(covariance)
+            predicted.append(covariance)
             away, arms = geometry.from_leader[i], geometry.arms[i]
             if mean:
                 gained = _expected_information(away, covariance[:2, :2], arms, noise)
@@ -209,8 +187,7 @@ def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | Non
             found = np.linalg.solve(np.eye(unknown.size) + covariance @ gained[both], covariance)
             covariance = np.asarray(0.5 * (found + found.T), dtype=np.float64)
             bound[end - 1] = covariance[:2, :2]
-            if smoothed:
-                after.append(covariance)
+            after.append(covariance)
     if not smoothed:
         return bound
     links = len(after)
