@@ -41,16 +41,9 @@ _E2, _E3, _E4, _E5, _E6, _E7, _E8, _E9, _E10, _E11, _E12, _E13 = (1.0 / math.fac
 _L1, _L2, _L3, _L4, _L5, _L6, _L7, _L8, _L9 = (2.0 / (2 * n + 1) for n in range(1, 10))
 
 
-def _arctan_coefficients(terms: int) -> list[float]:
-    """Coefficients of arctan(t)/t in powers of t² on |t| ≤ tan π/8, by Chebyshev interpolation."""
-    width = _TAN_PI_8**2
-    fit = np.polynomial.Chebyshev.interpolate(
-        lambda q: np.arctan(np.sqrt(q)) / np.sqrt(q), terms - 1, domain=[0.0, width]
-    )
-    return [float(c) for c in fit.convert(kind=np.polynomial.Polynomial).coef]
-
-
-_A0, _A1, _A2, _A3, _A4, _A5, _A6, _A7, _A8, _A9, _A10 = _arctan_coefficients(11)
+# arctan(t)/t in powers of t² on |t| ≤ tan π/8, by Chebyshev interpolation
+_FIT = np.polynomial.Chebyshev.interpolate(lambda q: np.arctan(np.sqrt(q)) / np.sqrt(q), 10, domain=[0.0, _TAN_PI_8**2])
+_A0, _A1, _A2, _A3, _A4, _A5, _A6, _A7, _A8, _A9, _A10 = _FIT.convert(kind=np.polynomial.Polynomial).coef.tolist()
 
 
 def _emit_fma(_: Any, a: Any, b: Any, c: Any) -> Any:
