@@ -20,7 +20,7 @@ from laisn.fix import GATED, LOST, SEQUENTIAL, SINGLE, SINGULAR, Circle, Fix, Pa
 from laisn.geometry import Point, Turn, is_singular, tilted_arms
 from laisn.messages import LeaderMessage, Measurements, Ranges
 from laisn.navigator import expected_acceleration, is_beyond, reach, speed_share, turn_share
-from laisn.settings import VARIANTS, NavigationSettings, Settings, Tuning
+from laisn.settings import VARIANTS, NavigationSettings, Settings, Tuning, Variant
 
 LANES = 64
 
@@ -32,8 +32,10 @@ PXX, PXY, PYY, CXX, CXY, CYX, CYY, VXX, VXY, VYY = (next(_row) for _ in range(10
 # Memory of the last accepted position and of the last measurements.
 ACCEPTED_X, ACCEPTED_Y, ACCEPTED_STEP = (next(_row) for _ in range(3))
 LAST_SPEED, LAST_HEADING, LAST_LEADER_SPEED, LAST_LEADER_HEADING = (next(_row) for _ in range(4))
-# Own measurements of a step, and what follows from them; γ are those of the vehicle that changed most.
-SPEED, HEADING, DEPTH, SIN, COS, GAMMA_V, GAMMA_THETA = (next(_row) for _ in range(7))
+# Own measurements of a step.
+SPEED, HEADING, DEPTH = (next(_row) for _ in range(3))
+# γ of the leader by the message of this step; 0 without one.
+GAMMA_V, GAMMA_THETA = (next(_row) for _ in range(2))
 # A message and the ranges measured on it.
 EAST, NORTH, LEADER_HEADING, LEADER_SPEED, LEADER_DEPTH, PITCH, ROLL = (next(_row) for _ in range(7))
 R1, R2, R3 = (next(_row) for _ in range(3))
@@ -105,26 +107,8 @@ def new_block(starts: Floats, t: Tuning) -> Floats:
 
 
 @compiled_lanes
-def fill(block: Floats, first: int, values: Floats) -> None:
-    """Copy values, shape (rows · LANES,), into the rows from `first` on."""
-    for i in range(values.size):
-        block[first + i] = values[i]
-
-
-@compiled_lanes
-def own_motion(block: Floats, t: Tuning) -> None:
-    """Take a step's own measurements: their γ, and the direction of motion."""
-    for lane in range(LANES):
-        speed, heading = block[SPEED + lane], block[HEADING + lane]
-        block[GAMMA_V + lane] = speed_share(block[LAST_SPEED + lane], speed, t.follower_speed_max)
-        block[GAMMA_THETA + lane] = turn_share(block[LAST_HEADING + lane], heading)
-        block[LAST_SPEED + lane], block[LAST_HEADING + lane] = speed, heading
-        block[SIN + lane], block[COS + lane] = sin_cos(heading)
-
-
-@compiled_lanes
 def leader_motion(block: Floats, t: Tuning) -> None:
-    """Take a message's speed and heading, if it has a range: γ becomes that of the vehicle that changed most."""
+    """Take a message's speed and heading, if it has a range."""
     for lane in range(LANES):
         rear, front, middle = block[R1 + lane], block[R2 + lane], block[R3 + lane]
         received = rear == rear or front == front or middle == middle
@@ -132,19 +116,24 @@ def leader_motion(block: Floats, t: Tuning) -> None:
         # a message without ranges repeats the last one
         speed = block[LEADER_SPEED + lane] if received else last_speed
         heading = block[LEADER_HEADING + lane] if received else last_heading
-        of_speed, own_speed = speed_share(last_speed, speed, t.leader_speed_max), block[GAMMA_V + lane]
-        of_heading, own_heading = turn_share(last_heading, heading), block[GAMMA_THETA + lane]
-        block[GAMMA_V + lane] = of_speed if of_speed > own_speed else own_speed
-        block[GAMMA_THETA + lane] = of_heading if of_heading > own_heading else own_heading
+        block[GAMMA_V + lane] = speed_share(last_speed, speed, t.leader_speed_max)
+        block[GAMMA_THETA + lane] = turn_share(last_heading, heading)
         block[LAST_LEADER_SPEED + lane], block[LAST_LEADER_HEADING + lane] = speed, heading
 
 
 @compiled_lanes
 def predict(block: Floats, t: Tuning) -> None:
-    """Constant velocity, with process noise that grows with manoeuvres (paper, Section 2.1)."""
+    """Constant velocity, with process noise that grows with manoeuvres of either vehicle (paper, Section 2.1)."""
     dt = t.dt
     for lane in range(LANES):
-        sigma_a = expected_acceleration(block[GAMMA_V + lane], block[GAMMA_THETA + lane], t)
+        speed, heading = block[SPEED + lane], block[HEADING + lane]
+        change = speed_share(block[LAST_SPEED + lane], speed, t.follower_speed_max)
+        turn = turn_share(block[LAST_HEADING + lane], heading)
+        block[LAST_SPEED + lane], block[LAST_HEADING + lane] = speed, heading
+        of_leader, leader_turn = block[GAMMA_V + lane], block[GAMMA_THETA + lane]
+        block[GAMMA_V + lane] = block[GAMMA_THETA + lane] = 0.0
+        change, turn = of_leader if of_leader > change else change, leader_turn if leader_turn > turn else turn
+        sigma_a = expected_acceleration(change, turn, t)
         q = sigma_a * sigma_a * (dt * dt)
         q_mixed, q_position = q * (0.5 * dt), q * (0.25 * dt * dt)
         cxx, cxy, cyx, cyy = cross_covariance_at(block, lane)
@@ -166,7 +155,7 @@ def predict(block: Floats, t: Tuning) -> None:
 def speed_update(block: Floats, t: Tuning) -> None:
     """Velocity from speed log and compass (paper, Section 2.1)."""
     for lane in range(LANES):
-        speed, s, c = block[SPEED + lane], block[SIN + lane], block[COS + lane]
+        speed, (s, c) = block[SPEED + lane], sin_cos(block[HEADING + lane])
         along, across = t.speed_variance, t.heading_variance * (speed * speed)
         rxx, rxy, ryy = s * s * along + c * c * across, s * c * (along - across), c * c * along + s * s * across
         vxx, vxy, vyy = block[VXX + lane], block[VXY + lane], block[VYY + lane]
@@ -254,12 +243,6 @@ Pass = Callable[[Floats, Tuning], None]
 
 
 @inlined
-def _turn(angle: float) -> Turn:
-    sine, cosine = sin_cos(angle)
-    return Turn(sine, cosine)
-
-
-@inlined
 def _put_circle(block: Floats, first: int, lane: int, circle: Circle) -> None:
     block[first + lane], block[first + LANES + lane] = circle.centre.east, circle.centre.north
     block[first + 2 * LANES + lane] = circle.radius
@@ -274,14 +257,14 @@ def _circle_at(block: Floats, first: int, lane: int) -> Circle:
 def place_transmitters(block: Floats, t: Tuning) -> None:
     """Transmitters as the message places them, and the horizontal ranges to them."""
     for lane in range(LANES):
-        heading, pitched, rolled = _turn(block[LEADER_HEADING + lane]), Turn(0.0, 1.0), Turn(0.0, 1.0)
+        heading, pitched, rolled = Turn(*sin_cos(block[LEADER_HEADING + lane])), Turn(0.0, 1.0), Turn(0.0, 1.0)
         block[LEADER_SIN + lane], block[LEADER_COS + lane] = heading.sine, heading.cosine
         depth_difference = (block[DEPTH + lane] - t.hydrophone_height) - block[LEADER_DEPTH + lane]
         block[DZ + lane] = depth_difference
         if t.use_attitude:
             pitch, roll = block[PITCH + lane], block[ROLL + lane]
             known = pitch == pitch and roll == roll
-            pitched, rolled = _turn(pitch if known else 0.0), _turn(roll if known else 0.0)
+            pitched, rolled = Turn(*sin_cos(pitch if known else 0.0)), Turn(*sin_cos(roll if known else 0.0))
         arms = tilted_arms(t.baseline, t.middle_offset, heading, pitched, rolled)
         ranges = Ranges(block[R1 + lane], block[R2 + lane], block[R3 + lane])
         placed = circles(point_at(block, EAST, lane), arms, ranges, depth_difference)
@@ -315,37 +298,30 @@ def copy_fix(block: Floats, source: int, target: int) -> None:
         block[target + i] = block[source + i]
 
 
-def _pass(single: Callable[[tuple[Fix, Fix, Fix], Point], Fix]) -> Pass:
+def _choice(otherwise: Pass, variant: Variant) -> Pass:
+    """Pass for the fix that a variant chooses, or else `otherwise`: compiled code cannot look up functions."""
+    number, single = VARIANTS.index(variant), SINGLE[variant]
+
     @compiled_lanes
     def choose(block: Floats, t: Tuning) -> None:
-        for lane in range(LANES):
-            pairs = fix_at(block, ZX12, lane), fix_at(block, ZX13, lane), fix_at(block, ZX23, lane)
-            put_fix(block, ZX, lane, single(pairs, point_at(block, X, lane)))
-
-    return choose
-
-
-def _branch(number: int, chosen: Pass, otherwise: Pass) -> Pass:
-    @compiled_lanes
-    def choose(block: Floats, t: Tuning) -> None:
-        if t.variant == number:
-            chosen(block, t)
-        else:
+        if t.variant != number:
             otherwise(block, t)
+        else:
+            for lane in range(LANES):
+                pairs = fix_at(block, ZX12, lane), fix_at(block, ZX13, lane), fix_at(block, ZX23, lane)
+                put_fix(block, ZX, lane, single(pairs, point_at(block, X, lane)))
 
     return choose
 
 
-def _by_variant() -> Pass:
-    """One pass for all variants: compiled code branches by their numbers, as it cannot look up functions."""
-    (_, choose), *others = [(VARIANTS.index(variant), _pass(single)) for variant, single in SINGLE.items()]
-    for number, chosen in others:
-        choose = _branch(number, chosen, choose)
-    return choose
+@compiled_lanes
+def _choose_nothing(block: Floats, t: Tuning) -> None:
+    """For the variant that does not choose among fixes."""
 
 
-choose = _by_variant()
-
+choose: Pass = _choose_nothing
+for _variant in SINGLE:
+    choose = _choice(choose, _variant)
 
 _SEQUENTIAL = VARIANTS.index(SEQUENTIAL)
 
@@ -382,7 +358,6 @@ def position_update(block: Floats, t: Tuning, k: int) -> None:
 @compiled_lanes
 def advance(block: Floats, t: Tuning, k: int, received: bool) -> None:
     """Step k: predict, position if a message is received, speed. Rows of measurements must be filled."""
-    own_motion(block, t)
     if received:
         leader_motion(block, t)
     predict(block, t)
@@ -400,7 +375,7 @@ def fix_rows(variant: float) -> tuple[int, int, int]:
 
 
 def stacked(missions: Sequence[Measurements]) -> tuple[Floats, Floats]:
-    """Rows from SPEED and from EAST on of missions, the last one repeated: (n, 3 · LANES) and (m, 10 · LANES)."""
+    """Rows SPEED to GAMMA_V and EAST to X1 of missions, the last one repeated: (n, 3 · LANES) and (m, 10 · LANES)."""
     filled = [missions[min(lane, len(missions) - 1)] for lane in range(LANES)]
     own = np.stack([np.column_stack([m.speed, m.heading, m.last_depth]) for m in filled], axis=-1)
     messages = np.stack([np.column_stack([m.message[:, _BROADCAST], m.ranges]) for m in filled], axis=-1)

@@ -380,9 +380,9 @@ def fly_block(
                 copy_values(given.states[k - 1, j], block[first : first + LANES])
         else:
             if given.own.shape[0] > 0:
-                lanes.fill(block, lanes.SPEED, given.own[k - 1])
+                copy_values(given.own[k - 1], block[lanes.SPEED : lanes.GAMMA_V])
                 if received:
-                    lanes.fill(block, lanes.EAST, given.messages[i])
+                    copy_values(given.messages[i], block[lanes.EAST : lanes.X1])
             else:
                 sense_own(block, noise, errors, now[0], now[1], k)
                 if received:

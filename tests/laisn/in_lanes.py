@@ -8,7 +8,7 @@ import numpy as np
 from laisn import lanes
 from laisn import lanes as row
 from laisn.arrays import Floats, Ints
-from laisn.compiled import compiled_lanes
+from laisn.compiled import compiled_lanes, copy_values
 from laisn.lanes import LANES
 from laisn.messages import Measurements
 from laisn.settings import NavigationSettings, Tuning
@@ -26,10 +26,10 @@ def _run_block(own: Floats, message_step: Ints, messages: Floats, start: Floats,
     state, kinds = np.zeros((own.shape[0], 4 * LANES)), np.zeros((messages.shape[0], 3, LANES))
     block, i = row.new_block(start, t), 0
     for k in range(1, own.shape[0] + 1):
-        row.fill(block, row.SPEED, own[k - 1])
+        copy_values(own[k - 1], block[row.SPEED : row.GAMMA_V])
         received = i < message_step.size and message_step[i] == k
         if received:
-            row.fill(block, row.EAST, messages[i])
+            copy_values(messages[i], block[row.EAST : row.X1])
         lanes.advance(block, t, k, received)
         state[k - 1] = block[row.X : row.X + 4 * LANES]
         if received:

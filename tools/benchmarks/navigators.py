@@ -10,7 +10,7 @@ from experiments.flight.library import load
 from laisn import lanes
 from laisn import lanes as row
 from laisn.arrays import Floats, Ints
-from laisn.compiled import compiled_lanes
+from laisn.compiled import compiled_lanes, copy_values
 from laisn.messages import Measurements
 from laisn.settings import Assume, NavigationSettings, TightSettings, Tuning
 from laisn.tight.navigator import run_mission
@@ -42,10 +42,10 @@ def filter_only(own: Floats, message_step: Ints, messages: Floats, start: Floats
     block = row.new_block(start, t)
     i = 0
     for k in range(1, own.shape[0] + 1):
-        row.fill(block, row.SPEED, own[k - 1])
+        copy_values(own[k - 1], block[row.SPEED : row.GAMMA_V])
         received = i < message_step.size and message_step[i] == k
         if received:
-            row.fill(block, row.EAST, messages[i])
+            copy_values(messages[i], block[row.EAST : row.X1])
             i += 1
         lanes.advance(block, t, k, received)
     return block
