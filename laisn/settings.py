@@ -151,8 +151,6 @@ _Numbers: Any = namedtuple("_Numbers", [*_numbers(NavigationSettings())])  # typ
 class Tuning(_Numbers):
     """`NavigationSettings` as numbers, by the names of `_numbers`."""
 
-    __slots__ = ()
-
     if TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> float: ...

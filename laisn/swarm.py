@@ -15,33 +15,23 @@ from laisn.arrays import Bools, Floats, Ints, Record, Records
 from laisn.messages import Bearing, LeaderMessage, OwnMotion, Ranges, Reception
 from laisn.settings import Settings
 
-_VECTOR = np.float64, (2,)
-ESTIMATE = np.dtype(
-    [
-        ("position", *_VECTOR),  # mean, east and north [m]; NaN before there is one
-        ("velocity", *_VECTOR),  # over ground [m/s]
-        ("log_bias", np.float64),  # [m/s]
-        ("compass_bias", np.float64),  # [rad]
-        ("current", *_VECTOR),  # [m/s]
-        ("spread", np.float64),  # largest standard deviation of the position at the last message [m]
-        ("to_likelier", *_VECTOR),  # where the position is ambiguous: from the mean to the likelier hypothesis [m]
-    ]
-)
+ESTIMATE = np.dtype([
+    ("position", np.float64, 2),  # mean, east and north [m]; NaN before there is one
+    ("velocity", np.float64, 2),  # over ground [m/s]
+    ("log_bias", np.float64),  # [m/s]
+    ("compass_bias", np.float64),  # [rad]
+    ("current", np.float64, 2),  # [m/s]
+    ("spread", np.float64),  # largest standard deviation of the position at the last message [m]
+    ("to_likelier", np.float64, 2),  # where the position is ambiguous: from the mean to the likelier hypothesis [m]
+])  # fmt: skip
 """Estimate of one follower; a navigator without such states leaves their fields at zero."""
-
-
-READING = np.dtype(
-    [
-        ("speed", np.float64),  # speed log [m/s]
-        ("heading", np.float64),  # compass [rad]
-        ("depth", np.float64),  # pressure sensor [m]
-        ("pitch", np.float64),  # inclinometer [rad]
-        ("turning", np.float64),  # gyros: rates about the up and the port axis [rad/s]
-        ("pitching", np.float64),
-    ]
-)
-
-
+READING = np.dtype([
+    ("speed", np.float64),  # speed log [m/s]
+    ("heading", np.float64),  # compass [rad]
+    ("depth", np.float64),  # pressure sensor [m]
+    ("pitch", np.float64),  # inclinometer [rad]
+    ("turning", np.float64), ("pitching", np.float64),  # gyros: rates about the up and the port axis [rad/s]
+])  # fmt: skip
 MESSAGE = np.dtype([(name, np.float64) for name in LeaderMessage._fields])
 
 
