@@ -22,6 +22,8 @@ def records(dtype: npt.DTypeLike, *shape: int) -> Records:
     return np.zeros(shape, dtype).view(np.recarray)
 
 
+Two = tuple[float, float]
+Four = tuple[float, float, float, float]
 Offset = tuple[float, float, float]
 """Forward, port and up from a body's origin [m]."""
 

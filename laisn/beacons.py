@@ -103,7 +103,6 @@ def moments(b: Belief, speed: float, heading: float) -> tuple[Floats, Floats]:
     mean, covariance, rows = np.zeros(4), np.zeros((4, 4)), np.zeros((5, b.states))
     if b.alive[0] == 0:
         return mean + np.nan, covariance + np.nan
-    # about the mean position, so that the squares of large coordinates do not swallow small variances
     east = north = 0.0
     for k in range(b.alive[0]):
         east += b.weight[k] * b.state[k, X]
@@ -116,10 +115,7 @@ def moments(b: Belief, speed: float, heading: float) -> tuple[Floats, Floats]:
         rows[2, SPEED], rows[2, HEADING], rows[3, SPEED], rows[3, HEADING] = vx, -vy, vy, vx
         here = (x[X] - east, x[Y] - north, vx + x[EAST], vy + x[NORTH])
         mixture.add_moments(mean, covariance, b.weight[k], here, rows, b.covariance[k])
-    for i in range(4):
-        for j in range(i, 4):
-            covariance[i, j] -= mean[i] * mean[j]
-            covariance[j, i] = covariance[i, j]
+    mixture.centre_moments(mean, covariance)
     mean[X], mean[Y] = mean[X] + east, mean[Y] + north
     return mean, covariance
 
@@ -188,16 +184,6 @@ def update(b: Belief, k: int, z: Ranging) -> float:
         return z.wrong
     mixture.update_scalar(b.state[k], b.covariance[k], b.gain, residual, variance, b.states)
     return density
-
-
-@compiled
-def adapt_variance(b: Belief, z: Ranging) -> None:
-    """Adapt a beacon's variance to what the heaviest component makes of a range, before it is updated."""
-    residual, expected, _ = predict_range(b, 0, z)
-    now = b.variance[z.beacon]
-    surplus = min(max(residual * residual - expected, 0.0), _LARGEST * now)
-    now += _ADAPTATION_GAIN * (surplus - now)
-    b.variance[z.beacon] = min(max(now, _LEAST * z.variance), _MOST * z.variance)
 
 
 _BEND = 0.7  # a component is split where a circle bends away from its tangent by more than this share of its error
@@ -278,7 +264,7 @@ def add_ring(b: Belief, z: Ranging, weight: float, lost: bool) -> None:
     for i in range(BEARINGS):
         k = b.alive[0]
         ux, uy = math.sin(2.0 * math.pi * i / BEARINGS), math.cos(2.0 * math.pi * i / BEARINGS)
-        x, P = b.state[k], b.covariance[k]
+        P = b.covariance[k]
         if lost:
             mixture.copy_component(b, 0, k)
             for j in range(b.states):
@@ -286,7 +272,7 @@ def add_ring(b: Belief, z: Ranging, weight: float, lost: bool) -> None:
             P[HEADING, HEADING] += b.fresh[HEADING]
         else:
             mixture.reset_component(b, k, b.fresh)
-        mixture.place_on_ring(x, P, (z.east, z.north), distance, (ux, uy), (along, BEARINGS))
+        mixture.place_on_ring(b, k, (z.east, z.north), distance, (ux, uy), (along, BEARINGS))
         b.weight[k] = weight / BEARINGS
         update(b, k, z)
         b.alive[0] += 1
@@ -305,7 +291,11 @@ def receive(b: Belief, z: Ranging, starter: int) -> bool:
     if b.alive[0] > 0:
         split(b, z)
         if b.weight[0] > _DOMINANT_WEIGHT:
-            adapt_variance(b, z)
+            # adapt the beacon's variance to what the heaviest component makes of the range, before it is updated
+            residual, expected, _ = predict_range(b, 0, z)
+            now = b.variance[z.beacon]
+            now += _ADAPTATION_GAIN * (min(max(residual * residual - expected, 0.0), _LARGEST * now) - now)
+            b.variance[z.beacon] = min(max(now, _LEAST * z.variance), _MOST * z.variance)
         for k in range(b.alive[0]):
             b.weight[k] *= math.exp(update(b, k, z) - z.wrong)
         used = b.outcome[0].used
@@ -423,7 +413,11 @@ def with_beacon(belief: Belief, settings: BeaconSettings) -> Belief:
 
 
 class BeaconNavigator(OnlineNavigator[Estimates]):
-    """Takes as own motion the mean speed over the step that a reading ends, and the direction of the way in it."""
+    """Takes as own motion the mean speed over the step that a reading ends, and the direction of the way in it.
+
+    The kind of a fix is by what the heaviest component used. LaisnError also if a message does not place its
+    transmitters, or there are too many places.
+    """
 
     def __init__(self, settings: BeaconSettings, start: Floats | None) -> None:
         """Start at the receiver's x, y [m] and velocity [m/s] at step 0, shape (4,). None, or `known_start` False:
@@ -433,23 +427,18 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
         self._belief: Belief = new_belief(settings, self._start)
         self._beacons: dict[tuple[float, float], int] = {}
         self._starter = 0 if self._start is None else -1
+        chance, span = settings.outlier_probability, settings.outlier_span
+        self._errors = settings.range_sigma**2, float(np.log1p(-chance)), float(np.log(chance / span))
 
     @property
     def evidence(self) -> float:
         """Logarithm of the probability density that the settings gave to all ranges so far."""
         return float(self._belief.evidence[0])
 
-    def step(
-        self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
-    ) -> list[FixRecord]:
-        """Advance by one filter step; see `OnlineNavigator.step`. The kind of a fix is by what the heaviest component
-        used. LaisnError also if a message does not place its transmitters, or there are too many places.
-        """
-        own = self._begin_step(own, reception, duration)
-        time = self.settings.dt if duration is None else duration
+    def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
         if reception is not None and reception.transmitters is None:
             raise LaisnError(f"step {self._step}: the message places no transmitters; this navigator needs beacons")
-        predict(self._belief, (self.settings.slip, self.settings.heading_walk), own.speed, own.heading, time)
+        predict(self._belief, (self.settings.slip, self.settings.heading_walk), own.speed, own.heading, dt)
         used = []
         if reception is not None and reception.transmitters is not None and not math.isnan(own.depth):
             pairs = zip(reception.transmitters, reception.ranges, strict=True)
@@ -470,7 +459,6 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
 
     def _receive(self, place: Floats, measured: float, depth: float) -> bool:
         """Take one range; whether the heaviest component used it."""
-        settings = self.settings
         east, north, deep = map(float, place)
         if (east, north) not in self._beacons:
             if len(self._beacons) == MOST_BEACONS:
@@ -479,16 +467,8 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
                 )
             self._beacons[east, north] = len(self._beacons)
             self._belief = with_beacon(self._belief, self.settings)
-        z = Ranging(
-            beacon=self._beacons[east, north],
-            east=east,
-            north=north,
-            deeper=deep - (depth - settings.hydrophone_height),
-            range=float(measured),
-            variance=settings.range_sigma**2,
-            accepted=float(np.log1p(-settings.outlier_probability)),
-            wrong=float(np.log(settings.outlier_probability / settings.outlier_span)),
-        )
+        deeper = deep - (depth - self.settings.hydrophone_height)
+        z = Ranging(self._beacons[east, north], east, north, deeper, float(measured), *self._errors)
         used = receive(self._belief, z, self._starter)
         if self._starter >= 0:
             self._starter = self._starter + 1 if self._starter + 1 < STARTERS else -1

@@ -12,19 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from laisn import geometry
 from laisn.compiled import formula
 from laisn.estimates import FixKind
-from laisn.geometry import (
-    Arms,
-    Point,
-    Turn,
-    broadcast_tilt,
-    common_chord,
-    given_transmitters,
-    horizontal_range,
-    tilted_arms,
-    turn,
-)
+from laisn.geometry import Arms, Point, Turn, horizontal_range, turn
 from laisn.messages import Ranges, Reception
 from laisn.settings import NavigationSettings, Tuning, Variant
 
@@ -92,7 +83,7 @@ def pair_fix(pair: Pair, heading: Turn, predicted: Point, t: Tuning) -> Fix:
     """
     rear, front = pair.rear.radius, pair.front.radius
     received = rear == rear and front == front
-    chord = common_chord(pair.rear.centre, rear, pair.front.centre, front)
+    chord = geometry.common_chord(pair.rear.centre, rear, pair.front.centre, front)
     apart, d = chord.apart, chord.distance
     # one transmitter upon the other: the axis is the hull's
     east = chord.way.east if apart else heading.sine
@@ -166,12 +157,12 @@ class RangeCircles(NamedTuple):
 
 def to_circles(reception: Reception, own_depth: float, settings: NavigationSettings) -> RangeCircles:
     """Circles about the transmitters where message or settings place them, with the horizontal ranges to them."""
-    message, places = reception.message, given_transmitters(reception, settings)
+    message, places = reception.message, geometry.given_transmitters(reception, settings)
     hydrophone, heading = own_depth - settings.hydrophone_height, turn(message.heading)
     depth_difference = hydrophone - message.depth
     if places is None:
-        pitch, roll = map(turn, broadcast_tilt(message, settings))
-        arms = tilted_arms(settings.baseline, settings.middle_offset, heading, pitch, roll)
+        pitch, roll = map(turn, geometry.broadcast_tilt(message, settings))
+        arms = geometry.tilted_arms(settings.baseline, settings.middle_offset, heading, pitch, roll)
         found = circles(Point(message.east, message.north), arms, reception.ranges, depth_difference)
     else:
         rows = zip(places.tolist(), reception.ranges, strict=True)

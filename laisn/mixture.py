@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints
+from laisn.arrays import Floats, Four, Ints, Two
 from laisn.compiled import compiled
 
 Mixture: TypeAlias = Any
@@ -197,18 +197,11 @@ def half_moments(z: float) -> tuple[float, float, float]:
 
 
 @compiled
-def place_on_ring(
-    mean: Floats,
-    covariance: Floats,
-    centre: tuple[float, float],
-    distance: float,
-    direction: tuple[float, float],
-    ring: tuple[float, int],
-) -> None:
-    """Set position and covariance of a component to one of the Gaussians whose sum is a ring: in a direction (a unit
+def place_on_ring(b: Mixture, k: int, centre: Two, distance: float, direction: Two, ring: tuple[float, int]) -> None:
+    """Set position and covariance of component k to one of the Gaussians whose sum is a ring: in a direction (a unit
     vector), at a distance [m]; `ring` is the variance along the radius [m²] and the number of Gaussians.
     """
-    (ux, uy), (along, bearings) = direction, ring
+    mean, covariance, (ux, uy), (along, bearings) = b.state[k], b.covariance[k], direction, ring
     across = (_OVERLAP * 2.0 * math.pi / bearings * distance) ** 2
     mean[0], mean[1] = centre[0] + distance * ux, centre[1] + distance * uy
     covariance[0, 0] = along * ux * ux + across * uy * uy
@@ -217,16 +210,10 @@ def place_on_ring(
 
 
 @compiled
-def add_moments(
-    mean: Floats,
-    moment: Floats,
-    weight: float,
-    here: tuple[float, float, float, float],
-    rows: Floats,
-    covariance: Floats,
-) -> None:
-    """Add a component to mean and moment (upper triangle) of x, y, vx, vy about the origin: its values `here`, their
+def add_moments(mean: Floats, moment: Floats, weight: float, here: Four, rows: Floats, covariance: Floats) -> None:
+    """Add a component to mean and moment (upper triangle) of x, y, vx, vy about an origin: its values `here`, their
     derivatives F by its n states (`rows`, shape (5, n) or wider, whose last row is overwritten), and its covariance.
+    The origin is the mean position, so that the squares of large coordinates do not swallow small variances.
     """
     n, moved = covariance.shape[0], rows[4]
     for i in range(4):
@@ -243,6 +230,15 @@ def add_moments(
             for h in range(n):
                 value += moved[h] * rows[j, h]
             moment[i, j] += weight * value
+
+
+@compiled
+def centre_moments(mean: Floats, moment: Floats) -> None:
+    """Turn a moment as of `add_moments`, shape (4, 4), into a covariance."""
+    for i in range(4):
+        for j in range(i, 4):
+            moment[i, j] -= mean[i] * mean[j]
+            moment[j, i] = moment[i, j]
 
 
 _SINGULAR = 1e-13  # eigenvalues of a correlation matrix below this are rounding errors: directions known exactly

@@ -6,16 +6,17 @@ module that uses filterpy.
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from laisn import POSITION
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Two
 from laisn.compiled import formula
 from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.fix import SEQUENTIAL, SINGLE, Fix, RangeCircles, fix_variance, one_range, to_circles
-from laisn.geometry import SINGULAR_VARIANCE, Point, angle_between, is_singular
+from laisn.geometry import Point, angle_between, is_singular
 from laisn.messages import LeaderMessage, OwnMotion, Reception
 from laisn.navigators import OnlineNavigator
 from laisn.settings import GATE_MEASURED, GATE_OFF, NavigationSettings, Tuning
@@ -62,6 +63,7 @@ def kalman_update(x: Floats, P: Floats, H: Floats, innovation: Floats, R: Floats
     return x + K @ innovation, rest @ P @ rest.T + K @ R @ K.T
 
 
+@lru_cache(maxsize=8)
 def _motion(dt: float) -> tuple[Floats, Floats]:
     """Transition over a step of constant velocity, and Q for a constant unit acceleration (Section 2.1)."""
     noise = np.asarray(np.kron([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]], np.eye(2)), dtype=np.float64)
@@ -79,7 +81,7 @@ class Filter:
         # one-dimensional: a column would broadcast against the rows of z without an error
         self._kalman.x = np.array(start, dtype=np.float64)
         self._kalman.P = np.diag(np.square(sigma0))
-        self._kalman.F, self._unit_noise = _motion(dt)
+        self._dt = dt
 
     @property
     def state(self) -> Floats:
@@ -93,33 +95,24 @@ class Filter:
 
     def predict(self, sigma_a: float, duration: float | None = None) -> None:
         """One step, of another `duration` than Δt [s] if given, under accelerations of standard deviation σa [m/s²]."""
-        if duration is None:
-            self._kalman.predict(Q=sigma_a**2 * self._unit_noise)
-        else:
-            transition, noise = _motion(duration)
-            self._kalman.predict(F=transition, Q=sigma_a**2 * noise)
+        transition, noise = _motion(self._dt if duration is None else duration)
+        self._kalman.predict(F=transition, Q=sigma_a**2 * noise)
 
-    def update_position(self, position: tuple[float, float], sigma: float) -> Innovation:
-        """Position update in Joseph form; skipped where the filter is already exact and σp = 0."""
-        z = np.array(position)
-        residual = z - self._kalman.x[POSITION]
-        covariance = self._kalman.P[POSITION, POSITION] + sigma**2 * np.eye(2)
-        if is_singular(covariance[0, 0], covariance[1, 1]):
-            return Innovation(residual, covariance, applied=False)
-        self._kalman.update(z, R=sigma**2 * np.eye(2), H=_H_POSITION)
-        return Innovation(residual, covariance, applied=True)
+    def update_position(self, position: Two, sigma: float, axis: Two | None = None) -> Innovation:
+        """Position update in Joseph form; skipped where the filter is already exact and σp = 0.
 
-    def update_along(self, position: tuple[float, float], axis: tuple[float, float], sigma: float) -> Innovation:
-        """As `update_position`, of a position on a line through the prediction along a unit vector, and σ along it."""
-        residual = np.array(position) - self._kalman.x[POSITION]
-        h = np.array([axis[0], axis[1], 0.0, 0.0])
-        covariance = self._kalman.P
-        variance = float(h @ covariance @ h) + sigma**2
-        if variance < SINGULAR_VARIANCE:
-            return Innovation(residual, variance * np.eye(2), applied=False)
-        along, noise = np.array([residual @ h[:2]]), np.array([[sigma**2]])
-        self._kalman.x, self._kalman.P = kalman_update(self._kalman.x, covariance, h[None], along, noise)
-        return Innovation(residual, variance * np.eye(2), applied=True)
+        With an axis the position is on a line through the prediction along that unit vector, and σp is along it.
+        """
+        z, x, P = np.array(position), self._kalman.x, self._kalman.P
+        residual, H = z - x[POSITION], _H_POSITION if axis is None else np.array([[*axis, 0.0, 0.0]])
+        R = sigma**2 * np.eye(len(H))
+        S = H @ P @ H.T + R
+        applied = not is_singular(S[0, 0], S[-1, -1])
+        if applied and axis is None:
+            self._kalman.update(z, R=R, H=H)
+        elif applied:
+            self._kalman.x, self._kalman.P = kalman_update(x, P, H, H[:, POSITION] @ residual, R)
+        return Innovation(residual, S * np.eye(2) if axis else S, applied)
 
     def update_speed(self, speed: float, heading: float, sigma_speed: float, sigma_heading: float) -> None:
         """Speed update from log and compass, R = J diag(σV², σθ²) Jᵀ (paper, Section 2.1)."""
@@ -176,7 +169,10 @@ _NO_FIX = Fix(np.nan, np.nan, np.nan, float(FixKind.LOST), -1.0)
 
 
 class Navigator(OnlineNavigator[Estimates]):
-    """LAISN on one follower: predict, position update if a message arrived, speed update (paper, Section 2.1)."""
+    """LAISN on one follower: predict, position update if a message arrived, speed update (paper, Section 2.1).
+
+    LAISN-3(1) makes up to three fixes of a message.
+    """
 
     def __init__(self, settings: NavigationSettings, start: Floats) -> None:
         """Start at the hydrophone's x, y [m], vx, vy [m/s], shape (4,); ValueError if they are not finite."""
@@ -189,14 +185,9 @@ class Navigator(OnlineNavigator[Estimates]):
         self._own: OwnMotion | None = None
         self._message: LeaderMessage | None = None
 
-    def step(
-        self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
-    ) -> list[FixRecord]:
-        """Advance by one filter step; see `OnlineNavigator.step`. LAISN-3(1) makes up to three fixes of a message."""
-        own = self._begin_step(own, reception, duration)
-        if duration is not None:
-            self._gate.lengthen(duration - self.settings.dt)
-        self._filter.predict(self._acceleration(own, reception), duration)
+    def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
+        self._gate.lengthen(dt - self.settings.dt)
+        self._filter.predict(self._acceleration(own, reception), dt)
         records = [] if reception is None else self._update_position(own, reception)
         settings = self.settings
         self._filter.update_speed(own.speed, own.heading, settings.sigma_speed, settings.sigma_heading)
@@ -252,10 +243,7 @@ class Navigator(OnlineNavigator[Estimates]):
         record = FixRecord(step=self._step, position=np.array(place), sigma=sigma, kind=FixKind.GATED)
         if not self._gate.passes(place, self._step, own.speed):
             return record
-        if axis is None:
-            innovation = self._filter.update_position(place, sigma)
-        else:
-            innovation = self._filter.update_along(place, axis, sigma)
+        innovation = self._filter.update_position(place, sigma, axis)
         return replace(
             record,
             kind=kind if innovation.applied else FixKind.SINGULAR,

@@ -101,10 +101,8 @@ _TIGHT = NavigatorSpec(
 
 
 def _rival(factory: str, title: str, sensor: str = "") -> NavigatorSpec:
-    sections = ("assume", "rival")
-    return NavigatorSpec(
-        factory=f"laisn.rivals.{factory}", settings=RivalSettings, sections=sections, title=title, sensor=sensor
-    )
+    code, sections = f"laisn.rivals.{factory}", ("assume", "rival")
+    return NavigatorSpec(factory=code, settings=RivalSettings, sections=sections, title=title, sensor=sensor)
 
 
 NAVIGATORS: dict[str, NavigatorSpec] = {
@@ -188,7 +186,7 @@ Result = TypeVar("Result", bound=Estimates)
 
 
 class OnlineNavigator(ABC, Generic[Result]):
-    """A navigator under way: at a step, with a state and its covariance. Its `step` begins with `_begin_step`."""
+    """A navigator under way: at a step, with a state and its covariance, which a subclass advances in `_navigate`."""
 
     ESTIMATES: type[Any] = Estimates
     """The record of a mission, of type Result."""
@@ -215,24 +213,18 @@ class OnlineNavigator(ABC, Generic[Result]):
         """Covariance of `state` over the mixture, shape (4, 4)."""
         return self._covariance.copy()
 
-    def _begin_step(self, own: OwnMotion, reception: Reception | None, duration: float | None) -> OwnMotion:
-        """Count a step and check its input; own motion, of a missing depth (NaN) with the last one, if there is one."""
-        self._step += 1
-        require_valid(self._step, own, reception, duration)
-        if math.isnan(own.depth):
-            return own._replace(depth=self._depth)
-        self._depth = own.depth
-        return own
-
     def _fix_at_estimate(self, kind: FixKind, **details: Any) -> FixRecord:
         """The record of a message whose ranges are used themselves."""
         sigma = math.sqrt(0.5 * max(float(np.trace(self._covariance[:2, :2])), 0.0))
         return FixRecord(step=self._step, position=self._state[:2].copy(), sigma=sigma, kind=kind, details=details)
 
     @abstractmethod
+    def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
+        """Advance by the checked input of a step that took `dt` [s]; the fixes of its message, if there was one."""
+
     def step(
         self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
-    ) -> Sequence[FixRecord]:
+    ) -> list[FixRecord]:
         """Advance by one filter step; the fixes of its message, if there was one.
 
         Args:
@@ -244,6 +236,12 @@ class OnlineNavigator(ABC, Generic[Result]):
             LaisnError: a reading is not finite or out of its range, or a duration not positive.
             ArithmeticError: the covariance is not positive definite any more; the navigator cannot be used further.
         """
+        self._step += 1
+        require_valid(self._step, own, reception, duration)
+        if not math.isnan(own.depth):
+            self._depth = own.depth
+        own = own._replace(depth=self._depth)
+        return self._navigate(own, reception, self.settings.dt if duration is None else duration)
 
     def run(self, measurements: Measurements) -> Result:
         """Estimates of a whole mission from the start; the same to the bit as `step` in a loop, with its errors.
@@ -264,18 +262,17 @@ class OnlineNavigator(ABC, Generic[Result]):
 
 
 class SteppedNavigator(OnlineNavigator[Estimates]):
-    """A plugin's class with `step(own, reception, dt)`, `state` and `covariance`, run over missions."""
+    """A plugin's class with `step(own, reception, dt)`, `state` and `covariance`, run over missions.
+
+    A message gives a fix at the estimate. LaisnError if that has another shape.
+    """
 
     def __init__(self, navigator: Any, settings: Settings) -> None:
         super().__init__(settings, None, 0.0)
         self._navigator = navigator
 
-    def step(
-        self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
-    ) -> list[FixRecord]:
-        """Advance by one filter step; a message gives a fix at the estimate. LaisnError if that has another shape."""
-        own = self._begin_step(own, reception, duration)
-        self._navigator.step(own, reception, self.settings.dt if duration is None else duration)
+    def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
+        self._navigator.step(own, reception, dt)
         self._state, self._covariance = (np.array(getattr(self._navigator, a), float) for a in ("state", "covariance"))
         if self._state.shape != (4,) or self._covariance.shape != (4, 4):
             raise LaisnError(

@@ -23,16 +23,6 @@ RELINEARISE = 1e-3
 _TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
-def _gtsam() -> Any:
-    try:
-        import gtsam
-    except ImportError:
-        raise LaisnError(
-            'navigator "factor-graph" needs GTSAM, which is not installed; install it with: pip install "gtsam>=4.3a1"'
-        ) from None
-    return gtsam
-
-
 def _odometry_error(
     way: Floats, path: Floats, time: float, factor: Any, values: Any, jacobians: list[Floats] | None
 ) -> Floats:
@@ -77,7 +67,14 @@ class FactorGraph(DeadReckoning):
     def __init__(self, settings: RivalSettings, start: Floats) -> None:
         """As of `DeadReckoning`; LaisnError if GTSAM is not installed."""
         super().__init__(settings, start)
-        gtsam = self._gtsam = _gtsam()
+        try:
+            import gtsam
+        except ImportError:
+            raise LaisnError(
+                'navigator "factor-graph" needs GTSAM, which is not installed; install it with: pip install '
+                '"gtsam>=4.3a1"'
+            ) from None
+        self._gtsam = gtsam
         parameters = gtsam.ISAM2Params()
         parameters.relinearizeSkip = 1
         parameters.setRelinearizeThreshold(RELINEARISE)
@@ -85,7 +82,7 @@ class FactorGraph(DeadReckoning):
         self._time, self._messages, self._pose = 0.0, 0, gtsam.symbol("x", 0)
         self._log_bias, self._range_bias, self._current = (gtsam.symbol(name, 0) for name in "vbw")
         graph, values, sigma = gtsam.NonlinearFactorGraph(), gtsam.Values(), np.sqrt(np.diag(self.P))
-        prior, noise = gtsam.Pose2(*self.x[:2], 0.0), gtsam.noiseModel.Diagonal.Sigmas(sigma[[0, 1, 3]])
+        prior, noise = gtsam.Pose2(self.x[0], self.x[1], 0.0), gtsam.noiseModel.Diagonal.Sigmas(sigma[[0, 1, 3]])
         graph.add(gtsam.PriorFactorPose2(self._pose, prior, noise))
         values.insert(self._pose, prior)
         for key, of in ((self._log_bias, sigma[2]), (self._range_bias, sigma[4])):

@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Four
 from laisn.compiled import compiled
 from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.failure import LaisnError
@@ -27,12 +27,7 @@ STATES = 7
 
 @compiled
 def propagate(
-    x: Floats,
-    P: Floats,
-    readings: Floats,
-    durations: Floats,
-    sigma: tuple[float, float, float, float],
-    out: tuple[Floats, Floats],
+    x: Floats, P: Floats, readings: Floats, durations: Floats, sigma: Four, out: tuple[Floats, Floats]
 ) -> Floats:
     """Filter steps without a message: x ← f(x), P ← F P Fᵀ + Q; returns P.
 
@@ -99,12 +94,7 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         """Estimated biases of log [m/s] and compass [rad]."""
         return float(self.x[2]), float(self.x[3])
 
-    def step(
-        self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
-    ) -> list[FixRecord]:
-        """Advance by one filter step; see `OnlineNavigator.step`."""
-        own = self._begin_step(own, reception, duration)
-        dt = self.settings.dt if duration is None else duration
+    def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
         self._advance(np.array([[own.speed, own.heading]]), np.array([dt]))
         return [] if reception is None else [self._receive(own, reception)]
 

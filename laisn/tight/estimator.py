@@ -17,14 +17,8 @@ from laisn.compiled import compiled
 from laisn.elementary import half_turn_angle, sin_cos
 from laisn.estimates import HYPOTHESES
 from laisn.geometry import Turn, tilted_arms, turn
-from laisn.mixture import blend, copy_component, normalise
+from laisn.tight import motion
 from laisn.tight.model import ABSENT, CAPACITY, COMPASS, LOG, SPARE, Belief, Model, X, Y, refresh_output
-from laisn.tight.motion import (
-    average_leader_heading,
-    predict_component,
-    reset_preintegration,
-    update_current_from_leader_track,
-)
 from laisn.tight.ranging import Signal, update
 
 _SPLIT = 0.3  # least lateral standard deviation of a split, as a share of the distance ℓ_c at which the axis matters
@@ -142,7 +136,7 @@ def _merge_ring(b: Belief, m: Model, signal: Signal, first: int, here: tuple[flo
             if m.leader != ABSENT:
                 b.covariance[SPARE, m.leader, m.leader] = 0.0
             ring = (_RADIAL_VARIANCE, _BEARINGS)
-            mixture.place_on_ring(b.state[SPARE], b.covariance[SPARE], centre, distance, direction, ring)
+            mixture.place_on_ring(b, SPARE, centre, distance, direction, ring)
             if update(b, m, SPARE, signal) < 0:
                 return False
             evidence = b.evidence[SPARE]
@@ -196,16 +190,6 @@ def add_ring(b: Belief, m: Model, signal: Signal, weight: float) -> bool:
     return True
 
 
-@compiled
-def reinitialise_if_inconsistent(b: Belief, m: Model, signal: Signal) -> bool:
-    """Add the hypotheses of this message alone where the smoothed NIS is too large; False as of `add_ring`."""
-    if b.smoothed_nis < _INCONSISTENT_NIS:
-        return True
-    b.smoothed_nis = 1.0
-    refresh_output(b, m)
-    return add_ring(b, m, signal, _RING_WEIGHT)
-
-
 _BEND = 0.003  # a compass bias so uncertain that it bends the way by more is taken from the message first [m]
 _SMOOTHING = 0.15  # of the NIS
 _VARIANCE_GAIN = 0.1  # of the estimated variance of the leader's heading, which never exceeds that of the settings
@@ -253,9 +237,9 @@ def mix_modes(b: Belief, m: Model) -> None:
         new_slow, new_quick = stay * weight + (1.0 - stay) * other, stay * other + (1.0 - stay) * weight
         if new_slow <= 0.0 or new_quick <= 0.0:
             continue
-        copy_component(b, slow, SPARE)
-        blend(b.state, b.covariance, slow, quick, (1.0 - stay) * other / new_slow, m.states)
-        blend(b.state, b.covariance, quick, SPARE, (1.0 - stay) * weight / new_quick, m.states)
+        mixture.copy_component(b, slow, SPARE)
+        mixture.blend(b.state, b.covariance, slow, quick, (1.0 - stay) * other / new_slow, m.states)
+        mixture.blend(b.state, b.covariance, quick, SPARE, (1.0 - stay) * weight / new_quick, m.states)
         b.weight[slow], b.weight[quick] = new_slow, new_quick
 
 
@@ -276,26 +260,20 @@ def _turn_growth(turn: Any, direction: tuple[float, float], least: float, time: 
 
 
 @compiled
-def inflate_after_turns(b: Belief, m: Model, signal: Signal) -> None:
-    """Inflate the compasses' biases by a share of the whole turns since the last message."""
-    o = b.motion
-    own, leader = _turn_growth(b.turn, (o.sin, o.cos), _TURN, o.time), 0.0
-    if m.leader != ABSENT:
-        leader = _turn_growth(b.leader_turn, sin_cos(signal.heading), _LEADER_TURN, o.time)
-    for k in range(b.alive * m.modes):
-        b.covariance[k, COMPASS, COMPASS] += m.deviation * own
-        if m.leader != ABSENT:
-            b.covariance[k, m.leader, m.leader] += m.deviation * leader
-
-
-@compiled
 def inflate_bias_covariance(b: Belief, m: Model, signal: Signal) -> None:
-    """Inflate bias covariances before an update: by deviations, and by the error of the leg's heading."""
+    """Inflate bias covariances before an update: by a share of the whole turns since the last message, where compasses
+    have a deviation, and by the error of the leg's heading.
+    """
+    o, turning, own, leader = b.motion, m.leader != ABSENT, 0.0, 0.0
     if m.deviation > 0.0:
-        inflate_after_turns(b, m, signal)
-    if m.leader != ABSENT:
-        for k in range(b.alive * m.modes):
+        own = m.deviation * _turn_growth(b.turn, (o.sin, o.cos), _TURN, o.time)
+        if turning:
+            leader = m.deviation * _turn_growth(b.leader_turn, sin_cos(signal.heading), _LEADER_TURN, o.time)
+    for k in range(b.alive * m.modes):
+        b.covariance[k, COMPASS, COMPASS] += own
+        if turning:
             b.state[k, m.leader] += signal.shift
+            b.covariance[k, m.leader, m.leader] += leader
             b.covariance[k, m.leader, m.leader] += signal.added_variance
 
 
@@ -305,12 +283,12 @@ def _propagate_iterated(b: Belief, m: Model, k: int, signal: Signal) -> bool:
     x, way = b.state, math.sqrt(b.motion.ax**2 + b.motion.ay**2)
     log_bias, compass_bias, healthy = x[k, LOG], x[k, COMPASS], True
     if 0.5 * b.covariance[k, COMPASS, COMPASS] * way >= _BEND:
-        copy_component(b, k, SPARE)
-        predict_component(b, m, k, log_bias, compass_bias)
+        mixture.copy_component(b, k, SPARE)
+        motion.predict_component(b, m, k, log_bias, compass_bias)
         healthy = update(b, m, k, signal) >= 0
         log_bias, compass_bias = x[k, LOG], x[k, COMPASS]
-        copy_component(b, SPARE, k)
-    predict_component(b, m, k, log_bias, compass_bias)
+        mixture.copy_component(b, SPARE, k)
+    motion.predict_component(b, m, k, log_bias, compass_bias)
     return healthy
 
 
@@ -326,7 +304,7 @@ def _update_weights(b: Belief, m: Model) -> bool:
         return False
     for k in range(components):
         b.weight[k] *= math.exp(b.evidence[k] - best)
-    normalise(b.weight, components)
+    mixture.normalise(b.weight, components)
     return True
 
 
@@ -347,8 +325,11 @@ def _check_consistency(b: Belief, m: Model, signal: Signal, received: int, used:
     for k in range(b.alive * m.modes):
         normalised_innovation += b.weight[k] * b.outcome[k].normalised_innovation
     b.smoothed_nis += _SMOOTHING * (normalised_innovation - b.smoothed_nis)
-    if received > 1 and not reinitialise_if_inconsistent(b, m, signal):
-        return False
+    if received > 1 and not b.smoothed_nis < _INCONSISTENT_NIS:
+        b.smoothed_nis = 1.0
+        refresh_output(b, m)
+        if not add_ring(b, m, signal, _RING_WEIGHT):
+            return False
     b.missed_updates = 0.0 if used > 0 else b.missed_updates + 1.0
     if b.missed_updates >= _MOST_MISSED:
         for k in range(b.alive * m.modes):
@@ -356,21 +337,6 @@ def _check_consistency(b: Belief, m: Model, signal: Signal, received: int, used:
             b.covariance[k, Y, Y] += _ADDED_POSITION
             b.covariance[k, COMPASS, COMPASS] += _ADDED_COMPASS
     return True
-
-
-@compiled
-def _initialise(b: Belief, m: Model, signal: Signal, received: int) -> int:
-    """Begin with this message, if it is enough; what `receive` returns."""
-    if received < 2:
-        return 0
-    if not add_ring(b, m, signal, 1.0):
-        return -1
-    # all of them were used, but nothing had been expected of them that they could have missed
-    for k in range(b.alive * m.modes):
-        b.outcome[k].taken, b.outcome[k].squared = received, np.nan
-    reset_preintegration(b)
-    refresh_output(b, m)
-    return received
 
 
 @compiled
@@ -387,10 +353,19 @@ def receive(b: Belief, m: Model, signal: Signal) -> int:
     if received == 0:
         return 0
     if b.alive == 0:
-        return _initialise(b, m, signal, received)
+        if received < 2:
+            return 0
+        if not add_ring(b, m, signal, 1.0):
+            return -1
+        # all of them were used, but nothing had been expected of them that they could have missed
+        for k in range(b.alive * m.modes):
+            b.outcome[k].taken, b.outcome[k].squared = received, np.nan
+        motion.reset_preintegration(b)
+        refresh_output(b, m)
+        return received
     mix_modes(b, m)
     if m.leader != ABSENT:
-        average_leader_heading(b, m, signal)
+        motion.average_leader_heading(b, m, signal)
     inflate_bias_covariance(b, m, signal)
     for k in range(b.alive * m.modes):
         if not _propagate_iterated(b, m, k, signal):
@@ -413,7 +388,7 @@ def receive(b: Belief, m: Model, signal: Signal) -> int:
     if not _check_consistency(b, m, signal, received, most):
         return -1
     if m.current != ABSENT or m.leader != ABSENT:
-        update_current_from_leader_track(b, m, signal)
-    reset_preintegration(b)
+        motion.update_current_from_leader_track(b, m, signal)
+    motion.reset_preintegration(b)
     refresh_output(b, m)
     return most

@@ -16,7 +16,7 @@ import numpy as np
 from laisn.compiled import compiled, inlined
 from laisn.elementary import sin_cos
 from laisn.geometry import angle_between, wrap_angle
-from laisn.mixture import add_moments, update_scalar
+from laisn.mixture import add_moments, centre_moments, update_scalar
 from laisn.tight.model import ABSENT, COMPASS, LOG, Belief, Model, X, Y
 from laisn.tight.ranging import Signal
 
@@ -209,19 +209,14 @@ def _add_component(b: Belief, m: Model, k: int, origin: tuple[float, float]) -> 
 @compiled
 def moments(b: Belief, m: Model) -> None:
     """Put mean and covariance of (x, y, vx, vy) over the mixture into `b.now`; NaN if there is no hypothesis yet."""
-    nothing = 0.0 if b.alive else np.nan
+    nothing, origin = 0.0 if b.alive else np.nan, position(b)
     for i in range(4):
         b.now[i] = nothing
         for j in range(4):
             b.now_covariance[i, j] = nothing
-    # about the mean position, so that the squares of large coordinates do not swallow small variances
-    origin = position(b)
     for k in range(b.alive * m.modes):
         _add_component(b, m, k, origin)
-    for i in range(4):
-        for j in range(i, 4):
-            b.now_covariance[i, j] -= b.now[i] * b.now[j]
-            b.now_covariance[j, i] = b.now_covariance[i, j]
+    centre_moments(b.now, b.now_covariance)
     b.now[0], b.now[1] = origin
 
 
@@ -283,14 +278,6 @@ CURRENT_SIGMA = 0.05  # of the mean current over a window of 10 s [m/s]
 
 
 @compiled
-def _begin_window(b: Belief, signal: Signal) -> None:
-    o = b.leader
-    o.window_time, o.window_x, o.window_y = signal.time, signal.east, signal.north
-    o.logged_x = o.logged_y = 0.0
-    o.first_heading = signal.heading
-
-
-@compiled
 def _update_component(
     b: Belief, m: Model, k: int, seen: tuple[float, float], logged: tuple[float, float], variance: float
 ) -> None:
@@ -319,11 +306,10 @@ def _update_component(
 @compiled
 def update_current_from_leader_track(b: Belief, m: Model, signal: Signal) -> None:
     """Take a message's pose and speed; at the end of a window update all components with the current it shows."""
-    o = b.leader
+    o, ended = b.leader, True
     sx, sy = signal.speed * math.sin(signal.heading), signal.speed * math.cos(signal.heading)
     if o.window_time != o.window_time:
         o.first_time = signal.time
-        _begin_window(b, signal)
     else:
         elapsed = signal.time - o.last_time
         o.logged_x += 0.5 * elapsed * (o.velocity_x + sx)
@@ -331,13 +317,15 @@ def update_current_from_leader_track(b: Belief, m: Model, signal: Signal) -> Non
         turn = angle_between(signal.heading, o.first_heading)
         window = signal.time - o.window_time
         wanted = min(_WINDOW, _FIRST_WINDOW + _GROWTH * (signal.time - o.first_time))
-        if turn > _TURN:
-            _begin_window(b, signal)
-        elif window >= wanted - 1e-6:
+        ended = turn > _TURN or window >= wanted - 1e-6
+        if ended and turn <= _TURN:
             per = 1.0 / window
             logged = (per * o.logged_x, per * o.logged_y)
             seen = (per * (signal.east - o.window_x) - logged[0], per * (signal.north - o.window_y) - logged[1])
             for k in range(b.alive * m.modes):
                 _update_component(b, m, k, seen, logged, CURRENT_SIGMA * CURRENT_SIGMA * 10.0 * per)
-            _begin_window(b, signal)
+    if ended:
+        o.window_time, o.window_x, o.window_y = signal.time, signal.east, signal.north
+        o.logged_x = o.logged_y = 0.0
+        o.first_heading = signal.heading
     o.velocity_x, o.velocity_y, o.last_time = sx, sy, signal.time

@@ -43,19 +43,30 @@ def predict(b: ScalarRecord, m: ScalarRecord, speed: float, heading: float, dt: 
 
 
 @compiled
-def update(
-    b: ScalarRecord, m: ScalarRecord, signal: ScalarRecord, tilt: tuple[float, float], deeper: float, on_hull: bool
-) -> int:
-    """Update a belief with a message, whose transmitters `on_hull` are placed, as `receive`, and its moments."""
+def _receive(b: Belief, m: Model, signal: Signal, message: Record, ranges: Floats, depth: float, on_hull: bool) -> int:
+    """Take a record of MESSAGE and its ranges, shape (3,), at the follower's depth [m]; see `receive`. Transmitters are
+    placed on the leader's hull, or lie in `signal`.
+    """
+    signal.time, signal.east, signal.north = message.timestamp, message.east, message.north
+    signal.heading, signal.speed = message.heading, message.speed
+    copy_values(ranges, signal.ranges)
     if on_hull:
-        place_arms(signal[0], m[0], tilt[0], tilt[1], deeper)
-    used = receive(b[0], m[0], signal[0])
+        place_arms(signal, m, message.pitch, message.roll, message.depth - (depth - m.hydrophone_height))
+    return receive(b, m, signal)
+
+
+@compiled
+def update(
+    b: ScalarRecord, m: ScalarRecord, signal: ScalarRecord, sent: Records, ranges: Floats, depth: float, on_hull: bool
+) -> int:
+    """Update a belief with the only one of messages, as `_receive`, and its moments."""
+    used = _receive(b[0], m[0], signal[0], sent[0], ranges, depth, on_hull)
     moments(b[0], m[0])
     return used
 
 
 class TightNavigator(OnlineNavigator[TightEstimates]):
-    """The tightly coupled navigator on one follower."""
+    """The tightly coupled navigator on one follower; the details of a fix are as of `TightEstimates`."""
 
     ESTIMATES = TightEstimates
 
@@ -73,36 +84,30 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
         b["now"][0], b["now_covariance"][0] = self._state, self._covariance
         self._state, self._covariance = b["now"][0], b["now_covariance"][0]
 
-    def step(
-        self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
-    ) -> list[FixRecord]:
-        """Advance by one filter step; see `OnlineNavigator.step`. The details of a fix are as of `TightEstimates`."""
-        own = self._begin_step(own, reception, duration)
-        predict(*self._records, own.speed, own.heading, self.settings.dt if duration is None else duration)
+    def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
+        predict(*self._records, own.speed, own.heading, dt)
         return [] if reception is None else [self._receive(own, reception)]
 
     def _receive(self, own: OwnMotion, reception: Reception) -> FixRecord:
         """Take a message; a range to a transmitter whose position is unknown counts as not received."""
-        message, settings, signal, (belief, model) = reception.message, self.settings, self._signal, self._records
-        signal["time"], signal["east"], signal["north"] = message.timestamp, message.east, message.north
-        signal["heading"], signal["speed"], signal["ranges"] = message.heading, message.speed, reception.ranges
-        hydrophone, places = own.depth - settings.hydrophone_height, given_transmitters(reception, settings)
+        message, places = reception.message, given_transmitters(reception, self.settings)
+        ranges = np.array(reception.ranges, dtype=np.float64)
         if places is not None:
-            if reception.transmitters is not None and not settings.assume.exact_leader:
+            if reception.transmitters is not None and not self.settings.assume.exact_leader:
                 raise LaisnError(
                     f"step {self._step}: the message places its transmitters, whom no compass of a leader turns; set "
                     "assume.exact_leader"
                 )
-            signal["arms"][0] = places - np.array([message.east, message.north, hydrophone])
-            signal["ranges"][0, np.any(np.isnan(signal["arms"][0]), axis=1)] = np.nan
-        tilt, deeper = (message.pitch, message.roll), message.depth - hydrophone
-        used = update(belief, model, signal, tilt, deeper, places is None)
+            arms = places - (message.east, message.north, own.depth - self.settings.hydrophone_height)
+            ranges[np.isnan(arms).any(axis=1)], self._signal["arms"] = np.nan, arms
+        sent = np.array([message], dtype=MESSAGE)
+        used = update(*self._records, self._signal, sent, ranges, float(own.depth), places is None)
         if used < 0:
             raise ArithmeticError(f"step {self._step}: a covariance is not positive definite after {reception}")
-        return self._fix(int(belief["received"][0]), used)
+        return self._fix(used)
 
-    def _fix(self, received: int, used: int) -> FixRecord:
-        """The result of a message of which so many ranges were received, and used by any hypothesis."""
+    def _fix(self, used: int) -> FixRecord:
+        """The result of a message of which so many ranges were used by any hypothesis."""
         b, modes, n = self._belief, int(self._model.modes), int(self._model.states)
         found: dict[str, Any] = {
             "nis": np.nan, "used": 0, "full_state": np.full(MOST_STATES, np.nan),
@@ -128,7 +133,7 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
             if used:
                 last = b.outcome[order[0] * modes + int(np.argmax(by_mode[order[0]]))]
                 found["used"], found["nis"] = int(last["taken"]), last["squared"] if last["taken"] else math.nan
-        kind = kind_of(received, found["used"]) if hypotheses else FixKind.LOST
+        kind = kind_of(int(b.received), found["used"]) if hypotheses else FixKind.LOST
         sigma = float(np.sqrt(0.5 * np.sum(found["full_sigma"][:2] ** 2)))
         return FixRecord(step=self._step, position=found["full_state"][:2], sigma=sigma, kind=kind, details=found)
 
@@ -228,11 +233,8 @@ class SmoothingNavigator(TightNavigator):
         self._steps = [0] if self._belief.alive else []
         self._before: list[tuple[ScalarRecord, ScalarRecord]] = []
 
-    def step(
-        self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
-    ) -> list[FixRecord]:
-        """Advance by one filter step, as `TightNavigator.step`."""
-        fixes = super().step(own, reception, duration)
+    def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
+        fixes = super()._navigate(own, reception, dt)
         self._motions.append(self._records[0]["motion"].copy())
         self._latest.append(len(self._steps) - 1)
         return fixes
@@ -266,20 +268,22 @@ class SmoothingNavigator(TightNavigator):
 
     def _chain(self) -> tuple[list[_Leg], Chain]:
         """Ways between the messages, and the beliefs after them."""
-        mean, covariance = _merged(self._belief, self._model)
-        nothing = np.zeros_like(covariance)
-        beliefs, predicted, onward, legs = [(mean, covariance)], [], [nothing], []
+        (last, covariance), legs = _merged(self._belief, self._model), list[_Leg]()
         # from the end: a way is linearised at the biases that stand at its end
         for before, signal in reversed(self._before):
-            leg = _Leg(before, signal, self._model, (float(mean[LOG]), float(mean[COMPASS])))
-            mean = leg.mean
-            beliefs.append((leg.mean, leg.covariance))
-            predicted.append((leg.predicted, leg.predicted_covariance))
-            onward.append(leg.onward)
-            legs.append(leg)
-        predicted.append(beliefs[-1])
-        parts = (*zip(*beliefs, strict=True), *zip(*predicted, strict=True), onward)
-        return legs[::-1], Chain(*(np.array(part[::-1]) for part in parts))
+            mean = legs[0].mean if legs else last
+            legs.insert(0, _Leg(before, signal, self._model, (float(mean[LOG]), float(mean[COMPASS]))))
+        return legs, Chain(
+            mean=np.array([*(leg.mean for leg in legs), last]),
+            covariance=np.array([*(leg.covariance for leg in legs), covariance]),
+            predicted=np.array([legs[0].mean, *(leg.predicted for leg in legs)]),
+            predicted_covariance=np.array([legs[0].covariance, *(leg.predicted_covariance for leg in legs)]),
+            onward=np.array([*(leg.onward for leg in legs), np.zeros_like(covariance)]),
+        )
+
+
+Messages = tuple[Ints, Records, Floats, Floats]
+"""Steps of messages, these as records of MESSAGE, rows of `Ranges`, and the follower's depth [m]."""
 
 
 class MissionEstimates(NamedTuple):
@@ -293,16 +297,6 @@ class MissionEstimates(NamedTuple):
 
 
 @compiled
-def _receive(b: Belief, m: Model, signal: Signal, message: Record, ranges: Floats, depth: float) -> int:
-    """Take a record of MESSAGE and its ranges, shape (3,), at the follower's depth [m]; see `receive`."""
-    signal.time, signal.east, signal.north = message.timestamp, message.east, message.north
-    signal.heading, signal.speed = message.heading, message.speed
-    copy_values(ranges, signal.ranges)
-    place_arms(signal, m, message.pitch, message.roll, message.depth - (depth - m.hydrophone_height))
-    return receive(b, m, signal)
-
-
-@compiled
 def outcome_of(b: Belief, m: Model, used: int) -> tuple[int, int, float]:
     """Result of a message, as of `MissionEstimates`; `used` is what `receive` gave."""
     if used > 0:
@@ -313,21 +307,13 @@ def outcome_of(b: Belief, m: Model, used: int) -> tuple[int, int, float]:
 
 @compiled
 def filter_mission(
-    b: Belief,
-    m: Model,
-    signal: Signal,
-    speed: Floats,
-    heading: Floats,
-    message_step: Ints,
-    messages: tuple[Records, Floats, Floats],
-    found: MissionEstimates,
+    b: Belief, m: Model, signal: Signal, own: tuple[Floats, Floats], messages: Messages, found: MissionEstimates
 ) -> int:
-    """Estimate a whole mission of a new belief; the step at which a covariance was not positive definite, or 0.
-
-    Messages are records of MESSAGE, rows of `Ranges`, and the follower's depth [m].
+    """Estimate a whole mission of a new belief, whose `own` readings are those of log and compass; the step at which a
+    covariance was not positive definite, or 0.
     """
-    i, (message, ranges, depth), (states, covariances, outcome) = 0, messages, found
-    n = speed.shape[0]
+    (speed, heading), (message_step, message, ranges, depth), (states, covariances, outcome) = own, messages, found
+    i, n = 0, speed.shape[0]
     sine, cosine = np.empty(n), np.empty(n)
     # a loop of its own, which is vectorised
     for k in range(n):
@@ -335,7 +321,7 @@ def filter_mission(
     for k in range(n):
         preintegrate_direction(b, m, speed[k], sine[k], cosine[k], m.dt)
         if i < message_step.size and message_step[i] == k + 1:
-            used = _receive(b, m, signal, message[i], ranges[i], depth[i])
+            used = _receive(b, m, signal, message[i], ranges[i], depth[i], True)
             if used < 0:
                 return k + 1
             if outcome.shape[0] > 0:
@@ -365,13 +351,12 @@ def run_mission(
     model, n = model_of(settings), measurements.speed.size
     outcome = np.empty((len(measurements.message) if covariance else 0, 3))
     found = MissionEstimates(np.empty((n, 4 if covariance else 2)), np.empty((n if covariance else 0, 3)), outcome)
-    speed, heading = np.ascontiguousarray(measurements.speed), np.ascontiguousarray(measurements.heading)
-    step = measurements.message_step
+    own, step = (measurements.speed, measurements.heading), measurements.message_step
     sent = np.ascontiguousarray(measurements.message).view(MESSAGE)[:, 0]
-    messages = sent, np.ascontiguousarray(measurements.ranges), measurements.last_depth[step - 1]
+    messages = step, sent, np.ascontiguousarray(measurements.ranges), measurements.last_depth[step - 1]
     known = None if start is None or not settings.known_start else (float(start[0]), float(start[1]))
     belief = new_belief(settings, model, known)
-    failed = filter_mission(belief, model, new_signal(), speed, heading, step, messages, found)
+    failed = filter_mission(belief, model, new_signal(), own, messages, found)
     if failed:
         raise ArithmeticError(f"step {failed}: a covariance is not positive definite")
     return found
@@ -454,7 +439,7 @@ class TightSwarm(NamedTuple):
             b, estimate = beliefs[i], estimates[i]
             preintegrate(b, m, readings[i].speed, readings[i].heading, m.dt)
             if received[i]:
-                used = _receive(b, m, signal, messages[i], ranges[i], readings[i].depth)
+                used = _receive(b, m, signal, messages[i], ranges[i], readings[i].depth, True)
                 if used < 0:
                     return i + 1
                 received_ranges, taken, _ = outcome_of(b, m, used)

@@ -58,12 +58,12 @@ def test_a_certain_fix_is_taken_over_and_a_second_one_skipped() -> None:
 def test_a_line_that_is_known_exactly_is_left_alone() -> None:
     """One range without error does not change an exact state; nor does one with an error of a millimetre."""
     kalman = Filter(0.1, np.array([1.0, 2.0, 0.0, 0.0]), np.zeros(4))
-    skipped = kalman.update_along((4.0, 6.0), (0.6, 0.8), 0.0)
+    skipped = kalman.update_position((4.0, 6.0), 0.0, (0.6, 0.8))
     assert not skipped.applied
     np.testing.assert_allclose(skipped.residual, [3.0, 4.0])
     np.testing.assert_array_equal(skipped.covariance, np.zeros((2, 2)))
     np.testing.assert_array_equal(kalman.state, [1.0, 2.0, 0.0, 0.0])
-    taken = kalman.update_along((4.0, 6.0), (0.6, 0.8), 1e-3)
+    taken = kalman.update_position((4.0, 6.0), 1e-3, (0.6, 0.8))
     assert taken.applied
     np.testing.assert_allclose(taken.covariance, 1e-6 * np.eye(2))
     np.testing.assert_allclose(kalman.state, [1.0, 2.0, 0.0, 0.0])

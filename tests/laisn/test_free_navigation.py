@@ -166,7 +166,7 @@ def test_the_update_along_a_line_is_the_textbook_one(seed: int, sigma: float) ->
     state, covariance = filter_.state, filter_.covariance
     bearing = random.uniform(0, 2 * np.pi)
     axis, residual = np.array([np.sin(bearing), np.cos(bearing)]), random.normal(0, 3)
-    innovation = filter_.update_along(tuple(state[:2] + residual * axis), (axis[0], axis[1]), sigma)
+    innovation = filter_.update_position(tuple(state[:2] + residual * axis), sigma, (axis[0], axis[1]))
     h = np.array([[*axis, 0.0, 0.0]])
     x, p = update(state, covariance, h @ state + residual, sigma**2, h)
     np.testing.assert_allclose(filter_.state, x, rtol=0, atol=1e-8)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from laisn.settings import Assume, TightSettings
-from laisn.tight.estimator import inflate_after_turns
+from laisn.tight.estimator import inflate_bias_covariance
 from laisn.tight.model import COMPASS, model_of, new_belief
 from laisn.tight.motion import preintegrate, reset_preintegration
 from laisn.tight.ranging import new_signal
@@ -25,7 +25,7 @@ def variances(headings: dict[float, float], every: float) -> tuple[float, float]
         signal.heading = np.interp(DT * k, list(headings), list(headings.values()))
         preintegrate(belief, model, 1.0, signal.heading, DT)
         if k % round(every / DT) == 0:
-            inflate_after_turns(belief, model, signal)
+            inflate_bias_covariance(belief, model, signal)
             reset_preintegration(belief)
     gained = belief.covariance[0].diagonal() - before
     return float(gained[COMPASS]), float(gained[model.leader])

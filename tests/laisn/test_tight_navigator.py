@@ -161,12 +161,12 @@ def test_covariances_stay_positive_definite_for_a_million_steps(transmitters: in
     model, mission = model_of(setting), Mission(steps=10_000)
     belief = new_belief(setting, model, (mission.start[0], mission.start[1]))
     measurements = mission.measured(np.random.default_rng(3), log=0.2, compass=0.1)
-    speed, heading, step = measurements.speed, measurements.heading, measurements.message_step
-    messages = measurements.message.view(swarm.MESSAGE)[:, 0], measurements.ranges, measurements.depth[step - 1]
+    own, step = (measurements.speed, measurements.heading), measurements.message_step
+    messages = step, measurements.message.view(swarm.MESSAGE)[:, 0], measurements.ranges, measurements.depth[step - 1]
     found = MissionEstimates(np.empty((10_000, 2)), np.empty((0, 3)), np.empty((0, 3)))
     backwards = mission.follower[-1] - mission.follower[0]
     for lap in range(100):
-        assert filter_mission(belief, model, new_signal(), speed, heading, step, messages, found) == 0
+        assert filter_mission(belief, model, new_signal(), own, messages, found) == 0
         for k in range(int(belief.alive) * model.modes):
             covariance = belief.covariance[k, : model.states, : model.states]
             np.testing.assert_array_equal(covariance, covariance.T)
