@@ -22,6 +22,11 @@ def records(dtype: npt.DTypeLike, *shape: int) -> Records:
     return np.zeros(shape, dtype).view(np.recarray)
 
 
+def numbers_of(given: Records) -> Floats:
+    """The memory of records that hold float numbers alone as an array, its last axis over their fields."""
+    return np.asarray(given).view(np.float64).reshape(*given.shape, -1)
+
+
 Two = tuple[float, float]
 Four = tuple[float, float, float, float]
 Offset = tuple[float, float, float]

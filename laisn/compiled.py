@@ -21,7 +21,7 @@ from typing import Any, TypeVar, cast
 import numba
 import numpy as np
 from numba import errors
-from numba.extending import overload, register_jitable
+from numba.extending import overload, register_jitable, typeof_impl
 
 from laisn.arrays import Floats
 
@@ -136,20 +136,33 @@ def copy_values(source: Floats, target: Floats) -> None:
         target[i] = source[i]
 
 
-def formula(function: Function) -> Function:
-    """A formula of numbers: Python runs it as it is written, and compiled code has it inlined.
+def jitable(function: Function) -> Function:
+    """A function of numbers: Python runs it as it is written, and compiled code calls it.
 
-    Records are NamedTuples, and no branch may divide by zero, which Python refuses.
+    No branch may divide by zero, which Python refuses. If it consists of arithmetic alone, Python may give it arrays.
     """
+    return register_jitable(error_model="numpy")(function)
+
+
+def formula(function: Function) -> Function:
+    """The same of a short one, which is inlined; records are NamedTuples."""
     return register_jitable(inline="always")(function)
 
 
-def elementwise(function: Function) -> Function:
-    """A formula that compiled code calls with numbers and Python with arrays of them too.
+class Listed:
+    """A `formula` for a list whose members compiled code calls one after another, by `numba.literal_unroll`."""
 
-    It selects by `select`, `np.minimum` …; `if` is for what all elements share.
-    """
-    return register_jitable(error_model="numpy")(function)
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.function = function
+        self.compiled = numba.njit(error_model="numpy")(function)
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.function(*arguments)
+
+
+@typeof_impl.register(Listed)
+def _typeof(listed: Listed, context: Any) -> Any:
+    return typeof_impl(listed.compiled, context)
 
 
 def select(condition: Any, chosen: Any, other: Any) -> Any:

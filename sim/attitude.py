@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats
-from laisn.compiled import compiled, elementwise
+from laisn.compiled import compiled, jitable
 
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
@@ -67,7 +67,7 @@ def _parts(array: Floats) -> tuple[Floats, ...]:
     return tuple(array[..., i] for i in range(array.shape[-1]))
 
 
-@elementwise
+@jitable
 def rotated(quaternion: Any, vector: Any) -> Any:
     """A body vector in the world; four and three components, numbers or arrays."""
     w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
@@ -82,7 +82,7 @@ def rotate(quaternion: Floats, vector: Floats) -> Floats:
     return np.stack(rotated(_parts(quaternion), _parts(vector)), axis=-1)
 
 
-@elementwise
+@jitable
 def forward_of(quaternion: Any) -> Any:
     """East, north and up of the forward axis; four components, numbers or arrays."""
     w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
@@ -94,7 +94,7 @@ def forward(quaternion: Floats) -> tuple[Floats, Floats, Floats]:
     return forward_of(_parts(quaternion))  # type: ignore[no-any-return]
 
 
-@elementwise
+@jitable
 def carried(pose: Any, offset: Floats) -> Any:
     """East, north, up of a point of a hull by its position and quaternion, and the point's `offset` in the body [m]."""
     w, x, y, z = pose[3], pose[4], pose[5], pose[6]
@@ -177,22 +177,21 @@ def roll(quaternion: Floats) -> Floats:
     return heading_pitch_roll(quaternion)[2]
 
 
-@elementwise
-def _share(fraction: Any, angle: Any) -> Any:
+@jitable
+def _share(fraction: float, angle: float) -> float:
     """sin(fraction angle) / sin(angle), which becomes the fraction where the angle is zero."""
-    zero = angle == 0.0
-    return np.sin(fraction * angle) / (np.sin(angle) + zero) + fraction * zero
+    return math.sin(fraction * angle) / math.sin(angle) if angle != 0.0 else fraction
 
 
-@elementwise
-def between(start: Any, end: Any, fraction: Any) -> Any:
-    """Spherical interpolation of attitudes of four components, numbers or arrays; fraction in [0, 1]."""
+@jitable
+def between(start: Any, end: Any, fraction: float) -> tuple[float, float, float, float]:
+    """Spherical interpolation of two attitudes of four numbers; fraction in [0, 1]."""
     cosine = start[0] * end[0] + start[1] * end[1] + start[2] * end[2] + start[3] * end[3]
-    angle = np.arccos(np.minimum(np.abs(cosine), 1.0))
-    a, b = _share(1.0 - fraction, angle), np.copysign(_share(fraction, angle), cosine)
+    angle = math.acos(min(abs(cosine), 1.0))
+    a, b = _share(1.0 - fraction, angle), math.copysign(_share(fraction, angle), cosine)
     w, x = a * start[0] + b * end[0], a * start[1] + b * end[1]
     y, z = a * start[2] + b * end[2], a * start[3] + b * end[3]
-    size = np.sqrt(w * w + x * x + y * y + z * z)
+    size = math.sqrt(w * w + x * x + y * y + z * z)
     return w / size, x / size, y / size, z / size
 
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Bools, Floats, Ints, Record, Records, records
+from laisn.arrays import Bools, Floats, Ints, Record, Records, numbers_of, records
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
 from laisn.messages import BEARING, Bearing, Reception
@@ -36,7 +36,7 @@ from sim.flight import navigation_settings
 from sim.scenario.formation import Proximity
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.scenario.vehicles import Follower
-from sim.sensing import observation
+from sim.sensing import observation, proximity
 from sim.sensing.acoustics import Motion, site_at
 from sim.sensing.noise import STREAMS, normals
 from sim.sensing.sensors import OwnSensor, follow_tilt, follower_state, own_sensors
@@ -62,6 +62,7 @@ class ClosedLoopState(NamedTuple):
     sites: tuple[Floats, Floats, Floats]  # of transmitters, shape (3, 3), hydrophones and pressure sensors, (f, 3) [m]
     routes: RouteControl  # control of the leader and of followers that steer by the truth; it holds all commands
     readings: Records  # readings of each follower's sensors, of `laisn.swarm.READING`, shape (f,)
+    read: Floats  # the same memory as numbers, shape (f, 6)
     inbox: observation.Inbox  # what each follower has received
     arrived: Bools  # whether a message is in at this filter step, shape (f,)
     tilts: Floats  # what accelerations add to the leader's measured pitch and roll, shape (n + 1, 2) [rad]; else NaN
@@ -87,7 +88,7 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
     f, n = len(scenario.followers), routes.reference.shape[0]
     offset = {name: plant.site_offset[i] for i, name in enumerate(plant.site_names)}
     names = [follower.name for follower in scenario.followers]
-    memory, navigation = records(FOLLOWER_MEMORY, f), scenario.navigation
+    memory, readings, navigation = records(FOLLOWER_MEMORY, f), records(READING, f), scenario.navigation
     kinds = np.zeros(f, dtype=np.int64)
     waypoints = scenario.leader.broadcast_waypoints
     plan = plan_of(routes.reference[:, 0], routes_of(scenario)[0].time, waypoints, TICK)
@@ -105,7 +106,7 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
         formation=scenario.formation.record(),
         proximity=(scenario.formation.proximity or Proximity()).record(),
         sensors=observation.sensor_model_of(scenario),
-        look_every=observation.look_interval(scenario),
+        look_every=proximity.look_interval(scenario),
         kinds=kinds,
         estimates_current="current" in navigation.settings().estimated,
         plan=plan,
@@ -116,11 +117,12 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
             np.array([offset[f"{name}/depth_sensor"] for name in names]),
         ),
         routes=routes,
-        readings=records(READING, f),
-        inbox=observation.new_inbox(f),
+        readings=readings,
+        read=numbers_of(readings),
+        inbox=observation.new_inbox(f, scenario.message_every),
         arrived=np.zeros(f, dtype=np.bool_),
         tilts=np.full((n, 2), 0.0 if scenario.leader.broadcast_attitude else np.nan),
-        seen=records(observation.SIGHTING, f, f + 1),
+        seen=records(proximity.SIGHTING, f, f + 1),
         estimates=records(ESTIMATE, f),
         trails=trails,
         counts=counts,
@@ -145,14 +147,14 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
     step = k // stride
     for i in range(a.kinds.size):
         body = truth.pose[k, i + 1], truth.twist[k, i + 1], truth.water[k, i + 1]
-        observation.read_instruments(a.sensors, step, i, body, a.sites[2][i], a.readings[i])
+        observation.read_instruments(a.sensors, step, i, body, a.sites[2][i], a.read[i])
         on_station = a.kinds[i] >= ON_STATION_BY_TRUTH
         if k > 0 and a.look_every > 0 and k % a.look_every == 0 and on_station:
-            observation.look((a.sensors.seed, a.sensors.run), a.proximity, k, i, truth.pose[k], a.seen[i])
+            proximity.look((a.sensors.seed, a.sensors.run), a.proximity, k, i, truth.pose[k], a.seen[i])
             update_avoidance(a.proximity, a.seen[i], a.estimates[i], a.memory[i])
         a.arrived[i] = False
         # few calls, for what is handed over costs more than the question
-        if observation.is_under_way(step, i, a.sensors.message_every, a.inbox):
+        if a.inbox.due[i] <= step:
             observation.receive(a.sensors, step, i, (a.sites[0], a.sites[1]), Motion(truth, 0.0, k), a.tilts, a.inbox)
             a.arrived[i] = a.inbox.outcome[i] != observation.NO_MESSAGE
             if a.inbox.outcome[i] == observation.RECEIVED and on_station:

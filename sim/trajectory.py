@@ -7,9 +7,10 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
+from numba.extending import overload
 
 from laisn.arrays import ArrayRecord, Floats, Ints, own_arrays, require_shapes
-from laisn.compiled import elementwise
+from laisn.compiled import compiled, jitable
 from sim import attitude
 
 
@@ -27,46 +28,54 @@ class Truth(NamedTuple):
         return cls(*(np.empty((instants, vehicles, columns)) for columns in (7, 6, 3, effectors)))
 
 
-class Body(NamedTuple):
-    """Motion of a vehicle at an instant, or at many of them: numbers or arrays."""
-
-    pose: Any  # position [m] and quaternion, seven components
-    twist: Any  # velocity in the world [m/s] and angular velocity in the body [rad/s], six components
-    water: Any  # velocity of the water, three components [m/s]
-    heading: Any  # [rad]
-    pitch: Any  # [rad]
-    roll: Any  # [rad]
+def row(array: Any, k: int, vehicle: int) -> Any:
+    """What an array of shape (n, v, c) holds of a vehicle at an instant, in Python as plain numbers."""
+    return array[k, vehicle].tolist()
 
 
-@elementwise
+@overload(row, strict=False)
+def _row(array: Any, k: Any, vehicle: Any) -> Any:
+    return lambda array, k, vehicle: array[k, vehicle]
+
+
+@jitable
 def speed_through_water(pose: Any, twist: Any, water: Any) -> Any:
     """Speed through the water along the hull, as a speed log measures it [m/s]; numbers or arrays."""
     east, north, up = attitude.forward_of(pose[3:7])
     return east * (twist[0] - water[0]) + north * (twist[1] - water[1]) + up * (twist[2] - water[2])
 
 
-@elementwise
-def pose_between(u: Any, dt: float, pose: Any, velocity: Any) -> Any:
-    """Pose between two instants: position by cubic Hermite, attitude by spherical interpolation; numbers or arrays.
+@jitable
+def pose_between(
+    u: float, dt: float, pose: Any, velocity: Any
+) -> tuple[float, float, float, float, float, float, float]:
+    """Pose between two instants: position by cubic Hermite, attitude by spherical interpolation.
 
     `u`, 0 … 1, is how far between them, `dt` the time from one to the other [s]; `pose` and `velocity` of the body's
     origin [m/s] are those at both.
     """
-    one, other = pose
-    here, there = velocity
+    (one, other), (here, there) = pose, velocity
     u2, u3 = u * u, u * u * u
     a, b = 2.0 * u3 - 3.0 * u2 + 1.0, dt * (u3 - 2.0 * u2 + u)
     c, d = 3.0 * u2 - 2.0 * u3, dt * (u3 - u2)
+    east = a * one[0] + b * here[0] + c * other[0] + d * there[0]
+    north = a * one[1] + b * here[1] + c * other[1] + d * there[1]
+    up = a * one[2] + b * here[2] + c * other[2] + d * there[2]
     w, x, y, z = attitude.between(one[3:7], other[3:7], u)
-    return (
-        a * one[0] + b * here[0] + c * other[0] + d * there[0],
-        a * one[1] + b * here[1] + c * other[1] + d * there[1],
-        a * one[2] + b * here[2] + c * other[2] + d * there[2],
-        w,
-        x,
-        y,
-        z,
-    )
+    return east, north, up, w, x, y, z
+
+
+@compiled
+def _poses_at(place: Floats, dt: float, pose: Floats, twist: Floats) -> Floats:
+    """Poses of v vehicles at m places on the grid, shape (m, v, 7)."""
+    found = np.empty((place.size, pose.shape[1], 7))
+    for m in range(place.size):
+        i = min(int(place[m]), pose.shape[0] - 2)
+        for v in range(pose.shape[1]):
+            ends, velocity = (pose[i, v], pose[i + 1, v]), (twist[i, v], twist[i + 1, v])
+            for j, value in enumerate(pose_between(place[m] - i, dt, ends, velocity)):
+                found[m, v, j] = value
+    return found
 
 
 _BLOCK = 1 << 16  # instants that are computed at a time, so that intermediate values take little memory
@@ -164,11 +173,6 @@ class Trajectory(ArrayRecord):
             speed[some] = speed_through_water(*(np.moveaxis(array, 2, 0) for array in arrays))
         return speed
 
-    def body(self, vehicle: int, index: Ints | slice) -> Body:
-        """Motion of one vehicle at instants; views of the arrays if the index is a slice."""
-        pose, twist, water = (array[index, vehicle].T for array in (self.pose, self.twist, self.water_velocity))
-        return Body(pose, twist, water, *attitude.heading_pitch_roll(pose[3:].T))
-
     @property
     def site_position(self) -> Floats:
         """All sites in the world, shape (n, s, 3), [m]."""
@@ -215,9 +219,7 @@ class Trajectory(ArrayRecord):
         if instants.size and (instants.min() < start - 1e-9 or instants.max() > end + 1e-9):
             raise ValueError(f"time {instants.min():g} … {instants.max():g} s lies outside {start:g} … {end:g} s")
         place = np.clip((instants - start) / self.dt, 0.0, self.time.size - 1)
-        i = np.minimum(place.astype(np.int64), self.time.size - 2)
-        ends = [[np.moveaxis(array[j], 2, 0) for j in (i, i + 1)] for array in (self.pose, self.twist)]
-        found = np.stack(pose_between((place - i)[:, None], self.dt, *ends), axis=-1)
+        found = _poses_at(place, self.dt, self.pose, self.twist)
         return found[..., :3], found[..., 3:]
 
     def site_at(self, name: str, time: npt.ArrayLike) -> Floats:

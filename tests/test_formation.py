@@ -24,7 +24,7 @@ from sim.flight import navigate
 from sim.scenario.file import validate
 from sim.scenario.formation import Formation, Proximity
 from sim.scenario.settings import Scenario
-from sim.sensing.observation import SIGHTING, look
+from sim.sensing.proximity import SIGHTING, look
 from sim.simulation import simulate_motion
 from sim.tracking import (
     off_station,

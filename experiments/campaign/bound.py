@@ -12,7 +12,7 @@ from laisn.tight.motion import CURRENT_SIGMA
 from sim.flight import Flight
 from sim.scenario.section import in_si
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.sensing.acoustics import propagate
+from sim.sensing.observation import propagate
 from sim.sensing.sensors import errors_of
 from sim.trajectory import Trajectory
 

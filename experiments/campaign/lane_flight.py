@@ -20,18 +20,24 @@ from laisn.lanes import LANES
 from laisn.metrics import bearing_error, is_mirror_locked, normalised_square, squared_error
 from laisn.settings import Tuning
 from sim.sensing.noise import LEADER_STREAMS, STREAMS, Stream, two_normals, two_units, uniform, words
-from sim.sensing.observation import MissionTruth, fluctuation_weights
+from sim.sensing.observation import MissionTruth
 from sim.sensing.sensors import (
     SensorErrors,
     advanced,
-    heading_reading,
     is_bad,
     is_lost,
+    longest_range,
     loses,
     path_taken,
-    plain_reading,
-    range_readings,
-    speed_reading,
+    range_reading,
+    read_depth,
+    read_heading,
+    read_leader_attitude,
+    read_leader_depth,
+    read_leader_heading,
+    read_leader_speed,
+    read_speed,
+    weights,
 )
 
 _LOST = int(FixKind.LOST)
@@ -162,8 +168,8 @@ _RANGE_UNIFORM, _RANGE_SCALE = int(Stream.RANGE_UNIFORM), int(Stream.RANGE_SCALE
 _LEADER_MOTION, _LEADER_DEPTH = int(Stream.LEADER_MOTION), int(Stream.LEADER_DEPTH)
 _LEADER_ATTITUDE = int(Stream.LEADER_ATTITUDE)
 
-# Columns of `TruthRecord.sent` behind those of a block's rows.
-_ECHOES, _KEPT, _FRESH = 10, 16, 17
+# Column of `TruthRecord.sent` behind those of a block's rows.
+_ECHOES = 10
 
 
 Address = tuple[np.uint64, np.uint64, np.uint64]
@@ -178,6 +184,7 @@ class Noise(NamedTuple):
     burst: Bools  # whether a lane is within a burst of loss
     fluctuation: Floats  # two rows: Gauss–Markov part of the leader's pitch and roll errors, of unit variance
     offset: Floats  # two rows: what stays of them throughout a run, likewise
+    dt: float  # filter step [s]
 
 
 @inlined
@@ -209,10 +216,10 @@ def _draw_normals(noise: Noise, stream: int, step: int) -> None:
 
 
 @compiled_lanes
-def new_noise(address: Address) -> Noise:
+def new_noise(address: Address, dt: float) -> Noise:
     """Room for the draws of a block, and the errors that its runs keep."""
     pair = 2 * LANES
-    noise = Noise(np.zeros(3 * LANES), address, np.zeros(LANES, dtype=np.bool_), np.zeros(pair), np.empty(pair))
+    noise = Noise(np.zeros(3 * LANES), address, np.zeros(LANES, dtype=np.bool_), np.zeros(pair), np.empty(pair), dt)
     _draw_normals(noise, _LEADER_ATTITUDE, 0)
     copy_values(noise.draws, noise.offset)
     return noise
@@ -233,9 +240,9 @@ def sense_own(block: Floats, noise: Noise, errors: SensorErrors, speed: float, h
     draws = noise.draws
     _draw_normals(noise, _OWN_MOTION, k)
     for lane in range(LANES):
-        first, second = draws[_FIRST + lane], draws[_SECOND + lane]
-        block[lanes.SPEED + lane] = speed_reading(speed, errors.speed_bias, errors.speed_sigma, first)
-        block[lanes.HEADING + lane] = heading_reading(heading, errors.heading_bias, errors.heading_sigma, second)
+        drawn = draws[_FIRST + lane], draws[_SECOND + lane]
+        block[lanes.SPEED + lane] = read_speed(errors, speed, drawn)
+        block[lanes.HEADING + lane] = read_heading(errors, heading, drawn)
 
 
 @compiled_lanes
@@ -250,18 +257,17 @@ def _lose(block: Floats, noise: Noise, errors: SensorErrors, emitted: int) -> No
 
 
 @compiled_lanes
-def _read_attitude(block: Floats, noise: Noise, errors: SensorErrors, sent: Floats, emitted: int) -> None:
+def _read_attitude(block: Floats, noise: Noise, errors: SensorErrors, sent: Floats, emitted: int, since: int) -> None:
     """Read the leader's pitch and roll."""
     draws, fluctuation, offset = noise.draws, noise.fluctuation, noise.offset
-    kept, fresh, constant = sent[_KEPT], sent[_FRESH], errors.leader_attitude_offset_sigma
+    kept, fresh = weights(since, noise.dt, errors.leader_tilt_time)
     _draw_if(errors.leader_tilt_sigma > 0.0, noise, _LEADER_ATTITUDE, emitted)
     for i in range(2 * LANES):
         fluctuation[i] = advanced(fluctuation[i], kept, fresh, draws[i])
     for lane in range(LANES):
         i, j = _FIRST + lane, _SECOND + lane
-        pitch, roll = plain_reading(sent[5], 0.0, constant, offset[i]), plain_reading(sent[6], 0.0, constant, offset[j])
-        block[lanes.PITCH + lane] = plain_reading(pitch, 0.0, errors.leader_tilt_sigma, fluctuation[i])
-        block[lanes.ROLL + lane] = plain_reading(roll, 0.0, errors.leader_tilt_sigma, fluctuation[j])
+        block[lanes.PITCH + lane] = read_leader_attitude(errors, sent[5], (offset[i], fluctuation[i]))
+        block[lanes.ROLL + lane] = read_leader_attitude(errors, sent[6], (offset[j], fluctuation[j]))
 
 
 @compiled_lanes
@@ -286,40 +292,45 @@ def _read_ranges(
     _draw_uniforms(noise, _RANGE_UNIFORM, received)
     for lane in range(LANES):
         i, j, k = _FIRST + lane, _SECOND + lane, _THIRD + lane
-        block[lanes.R1 + lane], block[lanes.R2 + lane], block[lanes.R3 + lane] = range_readings(
-            errors, transmitters, (true[i], true[j], true[k]), (draws[i], draws[j], draws[k]), normal[lane]
-        )
+        ranges, (rear, front, middle) = (true[i], true[j], true[k]), errors.range_tau
+        used, of_all = longest_range(ranges, transmitters), longest_range(ranges, 3)
+        block[lanes.R1 + lane] = range_reading(errors, rear, ranges[0], used, (draws[i], normal[lane]))
+        block[lanes.R2 + lane] = range_reading(errors, front, ranges[1], used, (draws[j], normal[lane]))
+        block[lanes.R3 + lane] = range_reading(errors, middle, ranges[2], of_all, (draws[k], normal[lane]))
     if loses(errors):
         _lose(block, noise, errors, emitted)
 
 
 @compiled_lanes
 def sense_message(
-    block: Floats, noise: Noise, sensors: tuple[SensorErrors, int], sent: Floats, depth: float, steps: tuple[int, int]
+    block: Floats,
+    noise: Noise,
+    sensors: tuple[SensorErrors, int],
+    sent: Floats,
+    depth: float,
+    steps: tuple[int, int, int],
 ) -> None:
     """Receive a message, measure its ranges and read one's depth: the block's rows DEPTH and EAST … R3 are filled.
 
     `sensors` are their errors and how many transmitters are used, `sent` is a row of `TruthRecord.sent`, `steps` are
-    those of reception and of emission.
+    those of reception and of emission, and how many passed between this emission and the one before (0: there is none).
     """
-    draws, (errors, transmitters), (received, emitted) = noise.draws, sensors, steps
+    draws, (errors, transmitters), (received, emitted, since) = noise.draws, sensors, steps
     east, north, heading, speed, leader_depth = sent[0], sent[1], sent[2], sent[3], sent[4]
     _draw_if(errors.depth_sigma > 0.0, noise, _DEPTH, received)
     for lane in range(LANES):
-        block[lanes.DEPTH + lane] = plain_reading(depth, 0.0, errors.depth_sigma, draws[_FIRST + lane])
+        block[lanes.DEPTH + lane] = read_depth(errors, depth, (draws[_FIRST + lane], 0.0))
         block[lanes.EAST + lane], block[lanes.NORTH + lane] = east, north
     _draw_if(errors.leader_heading_sigma > 0.0, noise, _LEADER_MOTION, emitted)
     for lane in range(LANES):
-        block[lanes.LEADER_SPEED + lane] = speed_reading(speed, errors.leader_speed_bias, 0.0, 0.0)
-        block[lanes.LEADER_HEADING + lane] = heading_reading(
-            heading, errors.leader_heading_bias, errors.leader_heading_sigma, draws[_SECOND + lane]
-        )
+        drawn = draws[_FIRST + lane], draws[_SECOND + lane]
+        block[lanes.LEADER_SPEED + lane] = read_leader_speed(errors, speed, drawn)
+        block[lanes.LEADER_HEADING + lane] = read_leader_heading(errors, heading, drawn)
     _draw_if(errors.leader_depth_sigma > 0.0, noise, _LEADER_DEPTH, emitted)
     for lane in range(LANES):
-        normal = draws[_FIRST + lane]
-        block[lanes.LEADER_DEPTH + lane] = plain_reading(leader_depth, 0.0, errors.leader_depth_sigma, normal)
-    _read_attitude(block, noise, errors, sent, emitted)
-    _read_ranges(block, noise, errors, transmitters, sent, steps)
+        block[lanes.LEADER_DEPTH + lane] = read_leader_depth(errors, leader_depth, (draws[_FIRST + lane], 0.0))
+    _read_attitude(block, noise, errors, sent, emitted, since)
+    _read_ranges(block, noise, errors, transmitters, sent, (received, emitted))
 
 
 class TruthRecord(NamedTuple):
@@ -330,11 +341,11 @@ class TruthRecord(NamedTuple):
     message_step: Ints
     emission_step: Ints
     # true messages and ranges to them in the order of a block's rows from EAST to R3; ranges by way of the surface and
-    # of the bottom, NaN if the truth has none; and weights of the leader's fluctuating attitude error
+    # of the bottom, NaN if the truth has none
     sent: Floats
 
 
-def truth_record(truth: MissionTruth, errors: SensorErrors) -> TruthRecord:
+def truth_record(truth: MissionTruth) -> TruthRecord:
     """What a follower's sensors measure, with the echoes of its pings."""
     sent, m = truth.sent, truth.message_step.size
     place = truth.hydrophone, truth.leader_position, truth.leader_heading
@@ -345,7 +356,7 @@ def truth_record(truth: MissionTruth, errors: SensorErrors) -> TruthRecord:
         np.column_stack([truth.speed, truth.heading, truth.depth, *place]),
         truth.message_step.astype(np.int64),
         truth.emission_step.astype(np.int64),
-        np.column_stack([*pose, truth.slant_range, *echoes, fluctuation_weights(truth, errors)]),
+        np.column_stack([*pose, truth.slant_range, *echoes]),
     )
 
 
@@ -365,7 +376,7 @@ def fly_block(
     `history`, shape (n, 4 LANES), unless it is empty.
     """
     n, m = truth.own.shape[0], truth.message_step.size
-    noise = new_noise(address)
+    noise = new_noise(address, t.dt)
     block = lanes.new_block(truth.start, t)
     tally = np.zeros(SIZE)
     bins = np.zeros(2 * LANES, dtype=np.int64)
@@ -386,7 +397,8 @@ def fly_block(
             else:
                 sense_own(block, noise, errors, now[0], now[1], k)
                 if received:
-                    steps = k, truth.emission_step[i]
+                    emitted = truth.emission_step[i]
+                    steps = k, emitted, emitted - truth.emission_step[i - 1] if i > 0 else 0
                     sense_message(block, noise, (errors, int(t.transmitters)), truth.sent[i], now[2], steps)
             lanes.advance(block, t, k, received)
             if received:

@@ -262,7 +262,7 @@ def _summed(cell: Cell, flown: Iterator[_Block]) -> CellResult:
 def _measured(cell: Cell, runs: Sequence[int]) -> list[Measurements]:
     """Measurements of some runs; LaisnError if a disturbance changes the steps of messages for lanes."""
     truth, seed, which = cell.truth, cell.seed, {"follower": cell.follower, "transmitters": cell.settings.transmitters}
-    measured = [measure(truth, cell.errors, seed=seed, run=run, **which) for run in runs]
+    measured = [measure(truth, cell.errors, seed=seed, run=run, in_bulk=True, **which) for run in runs]
     if cell.disturbance is not None:
         disturb = cell.disturbance.disturb
         measured = [disturb(one, seed, run) for one, run in zip(measured, runs, strict=True)]
@@ -305,7 +305,7 @@ def _fly(cell: Cell, truth: lane.TruthRecord, runs: range, history: Floats = _NO
 
 def simulate(cell: Cell, *, threads: int = 1) -> CellResult:
     """Fly a cell with so many threads; LaisnError if an estimate left finite numbers."""
-    fly = partial(_fly, cell, lane.truth_record(cell.truth, cell.errors))
+    fly = partial(_fly, cell, lane.truth_record(cell.truth))
     if threads == 1:
         return _summed(cell, map(fly, cell.blocks))
     blocks = iter(cell.blocks)
@@ -319,7 +319,7 @@ def histories(cell: Cell) -> Floats:
     """States of all runs of a cell after each step: x, y [m], vx, vy [m/s], shape (n, 4, R)."""
     if not cell.spec.lanes:
         return np.stack([found.state for runs in cell.blocks for found in single_runs(cell, runs)], axis=-1)
-    truth, parts = lane.truth_record(cell.truth, cell.errors), []
+    truth, parts = lane.truth_record(cell.truth), []
     for runs in cell.blocks:
         history = np.empty((cell.truth.speed.size, 4 * LANES))
         _fly(cell, truth, runs, history)

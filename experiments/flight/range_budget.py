@@ -14,8 +14,9 @@ from laisn.arrays import Floats, Ints, own_arrays
 from laisn.messages import LeaderMessage
 from sim import attitude
 from sim.flight import Flight, navigation_settings
-from sim.sensing.acoustics import TRANSMITTERS, Path, propagate
-from sim.sensing.noise import Address
+from sim.sensing.acoustics import TRANSMITTERS, Path
+from sim.sensing.noise import Address, seed_and_run
+from sim.sensing.observation import propagate
 from sim.sensing.sensors import errors_of, paths_taken
 from sim.trajectory import Trajectory
 
@@ -91,8 +92,10 @@ def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
     hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone", fix)
     depth_difference = -trajectory.position[sent, 0, 2] + hydrophone[:, 2]
 
-    sender = Address(scenario.seed, scenario.run, follower, emission)
-    path = np.column_stack(paths_taken(errors_of(scenario, follower), sender))
+    errors, origin = errors_of(scenario, follower), seed_and_run(scenario.seed, scenario.run)
+    path = np.array([paths_taken(errors, Address(*origin, follower, step)) for step in emission.tolist()]).reshape(
+        -1, 3
+    )
 
     def taken(values: Floats) -> Floats:
         return np.asarray(np.take_along_axis(values[row], path[:, :, None], axis=2)[:, :, 0])

@@ -13,7 +13,7 @@ from sim.assembly import routes_of
 from sim.flight import Flight, position_and_bearing_errors
 from sim.log.writer import Event
 from sim.scenario.formation import LEAST_LAYER_M
-from sim.sensing.observation import sightings
+from sim.sensing.proximity import sightings
 from sim.tracking import (
     closest_approaches,
     closest_in_a_layer,

@@ -19,7 +19,7 @@ from laisn.messages import Ranges
 from laisn.metrics import nees
 from laisn.navigators import find
 from sim.flight import Flight
-from sim.sensing.observation import sightings
+from sim.sensing.proximity import sightings
 from sim.tracking import closest_approaches, contacts
 
 _CAUSES = (Cause.RANDOM, Cause.LEVER_ARM, Cause.MOTION, Cause.DEPTH, Cause.FORESHORTENING, Cause.ECHO)

@@ -12,17 +12,18 @@ Acoustical Oceanography, 1998). A flat, level boundary sends an echo that seems 
 source (ibid.); taken for the direct arrival it is the gross error of paper Section 2.4. Random errors come on top.
 """
 
+import math
 from enum import IntEnum
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Floats, Ints, Record, Records, records
-from laisn.compiled import elementwise, select
-from sim.attitude import carried
+from laisn.arrays import Floats
+from laisn.compiled import formula, jitable
+from sim.attitude import Vector, carried
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.trajectory import Trajectory, Truth, pose_between
+from sim.trajectory import Trajectory, Truth, pose_between, row
 
 _LEVEL_M = 1e-3  # smaller depth steps have the slowness of their middle: quotients of small differences round [m]
 
@@ -38,51 +39,50 @@ class SoundProfile(NamedTuple):
     def through(cls, points: npt.ArrayLike) -> Self:
         """Points [[depth, speed], …], shape (n, 2), [m] and [m/s]; one point is a constant speed."""
         depth, speed = np.array(points, dtype=np.float64).T.copy()
-        layers = np.diff(depth) / speed[:-1] * _delay(np.diff(speed) / speed[:-1])
+        delays = [_delay(growth) for growth in (np.diff(speed) / speed[:-1]).tolist()]
+        layers = np.diff(depth) / speed[:-1] * np.array(delays)
         return cls(depth, speed, np.concatenate([[0.0], np.cumsum(layers)]))
 
 
-@elementwise
-def _delay(growth: Any) -> Any:
+@formula
+def _delay(growth: float) -> float:
     """ln(1 + g) / g: time through a layer whose speed grows by a share g, in that at its first speed."""
-    constant = growth == 0.0
-    return np.log1p(growth) / (growth + constant) + constant
+    return math.log1p(growth) / growth if growth != 0.0 else 1.0
 
 
-@elementwise
-def _layer(p: SoundProfile, depth: Any) -> Any:
+@jitable
+def _layer(p: SoundProfile, depth: float) -> int:
     """Index of the last depth of the profile that is not below another one; 0, if that is above all."""
     i = 0
-    for j in range(1, p.depth.size):
-        i = i + (p.depth[j] <= depth)
+    while i + 1 < p.depth.size and p.depth[i + 1] <= depth:
+        i += 1
     return i
 
 
-@elementwise
-def speed_at(p: SoundProfile, depth: Any) -> Any:
+@jitable
+def speed_at(p: SoundProfile, depth: float) -> float:
     """Speed of sound at a depth [m/s]."""
     i = _layer(p, depth)
-    j = np.minimum(i + 1, p.depth.size - 1)
-    step = p.depth[j] - p.depth[i]
-    share = np.maximum(depth - p.depth[i], 0.0) / (step + (step == 0.0))
-    return p.speed[i] + share * (p.speed[j] - p.speed[i])
+    if i + 1 == p.depth.size or depth <= p.depth[i]:
+        return float(p.speed[i])
+    share = (depth - p.depth[i]) / (p.depth[i + 1] - p.depth[i])
+    return float(p.speed[i] + share * (p.speed[i + 1] - p.speed[i]))
 
 
-@elementwise
-def _vertical_time(p: SoundProfile, depth: Any) -> Any:
+@jitable
+def _vertical_time(p: SoundProfile, depth: float) -> float:
     """Time of a vertical ray from the first depth of the profile down to another one [s]."""
     i = _layer(p, depth)
     growth = (speed_at(p, depth) - p.speed[i]) / p.speed[i]
-    return p.crossing[i] + (depth - p.depth[i]) / p.speed[i] * _delay(growth)
+    return float(p.crossing[i] + (depth - p.depth[i]) / p.speed[i] * _delay(growth))
 
 
-@elementwise
-def mean_slowness(p: SoundProfile, upper: Any, lower: Any) -> Any:
+@jitable
+def mean_slowness(p: SoundProfile, upper: float, lower: float) -> float:
     """Mean of 1/c between two depths, in either order [s/m]."""
-    span = lower - upper
-    level = np.abs(span) < _LEVEL_M
-    mean = (_vertical_time(p, lower) - _vertical_time(p, upper)) / (span + level)
-    return select(level, 1.0 / speed_at(p, 0.5 * (upper + lower)), mean)
+    if abs(lower - upper) < _LEVEL_M:
+        return 1.0 / speed_at(p, 0.5 * (upper + lower))
+    return (_vertical_time(p, lower) - _vertical_time(p, upper)) / (lower - upper)
 
 
 TRANSMITTERS = ("leader/tx_rear", "leader/tx_front", "leader/tx_middle")  # sites of P1, P2 and P3
@@ -99,7 +99,7 @@ class Path(IntEnum):
 
 
 # compiled code holds numbers, not the members of an enum
-_DIRECT, _SURFACE = int(Path.DIRECT), int(Path.SURFACE)
+_DIRECT, _SURFACE, _BOTTOM = map(int, Path)
 
 
 class Sound(NamedTuple):
@@ -149,38 +149,46 @@ class Motion(NamedTuple):
     last: int  # index of the last instant that is known; at least 1
 
 
-ARRIVAL = np.dtype(  # how a ping arrives by one path; its time is NaN if that has no chance to be taken
-    [
-        ("time", np.float64),  # [s]
-        ("length", np.float64),  # of the path [m]
-        ("ratio", np.float64),  # range that the follower computes for a metre of path, c_b s
-        ("clock_range", np.float64),  # what the clocks add to a range [m]
-        ("range", np.float64),  # slant range before random errors [m]; NaN out of range, by the direct path's length
-    ]
-)
+class Arrival(NamedTuple):
+    """How a ping arrives by one path; NaN if that has no chance to be taken."""
+
+    time: float  # [s]
+    length: float  # of the path [m]
+    ratio: float  # range that the follower computes for a metre of path, c_b s
+    clock_range: float  # what the clocks add to a range [m]
 
 
-@elementwise
-def site_at(s: Sound, known: Motion, vehicle: int, offset: Floats, time: Any) -> Any:
+NO_ARRIVAL = Arrival(math.nan, math.nan, math.nan, math.nan)
+Arrivals = tuple[Arrival, Arrival, Arrival]
+"""Of a ping, by each `Path`."""
+Ping = tuple[Vector, Arrivals]
+"""Where it left, and how it arrives."""
+Pings = tuple[Ping, Ping, Ping]
+"""Of a message, from the rear, front and middle transmitter."""
+NO_PINGS = (((0.0, 0.0, 0.0), (NO_ARRIVAL, NO_ARRIVAL, NO_ARRIVAL)),) * 3
+
+
+@jitable
+def site_at(s: Sound, known: Motion, vehicle: int, offset: Any, time: float) -> Vector:
     """East, north and up of a site at a time that is known; at a later one, where it is last known [m]."""
-    place = np.minimum(np.maximum((time - known.begin) / CONTROL_STEP_S, 0.0), known.last)
+    place = min(max((time - known.begin) / CONTROL_STEP_S, 0.0), float(known.last))
     pose, twist = known.truth.pose, known.truth.twist
     if s.on_grid:
-        return carried(pose[np.int64(np.rint(place)), vehicle].T, offset)
-    i = np.minimum(np.int64(place), known.last - 1)
-    ends = pose[i, vehicle].T, pose[i + 1, vehicle].T
-    velocity = twist[i, vehicle].T, twist[i + 1, vehicle].T
-    return carried(pose_between(place - i, CONTROL_STEP_S, ends, velocity), offset)
+        return carried(row(pose, round(place), vehicle), offset)  # type: ignore[no-any-return]
+    i = min(int(place), known.last - 1)
+    ends = row(pose, i, vehicle), row(pose, i + 1, vehicle)
+    velocity = row(twist, i, vehicle), row(twist, i + 1, vehicle)
+    return carried(pose_between(place - i, CONTROL_STEP_S, ends, velocity), offset)  # type: ignore[no-any-return]
 
 
-@elementwise
-def _distance(a: Any, b: Any) -> Any:
+@jitable
+def _distance(a: Vector, b: Vector) -> float:
     x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
-    return np.sqrt(x * x + y * y + z * z)
+    return math.sqrt(x * x + y * y + z * z)
 
 
-@elementwise
-def image(source: Any, path: int, floor_depth: float) -> Any:
+@jitable
+def image(source: Vector, path: int, floor_depth: float) -> Vector:
     """Place from which sound seems to come that takes a path [m]."""
     up = source[2]
     if path != _DIRECT:
@@ -188,121 +196,94 @@ def image(source: Any, path: int, floor_depth: float) -> Any:
     return source[0], source[1], up
 
 
-@elementwise
-def path_slowness(profile: SoundProfile, path: int, source: Any, receiver: Any, floor_depth: float) -> Any:
+@jitable
+def path_slowness(profile: SoundProfile, path: int, source: float, receiver: float, floor_depth: float) -> float:
     """Mean of 1/c along a path that is straight but for its reflection, between two heights [s/m]."""
     if path == _DIRECT:
         return mean_slowness(profile, -source, -receiver)
     turn = 0.0 if path == _SURFACE else floor_depth
     # Both legs have the same slope, so that they share the path in proportion to the depths they cross.
-    first, second = np.abs(-source - turn), np.abs(-receiver - turn)
-    level = first + second == 0.0
+    first, second = abs(-source - turn), abs(-receiver - turn)
+    if first + second == 0.0:
+        return 1.0 / speed_at(profile, turn)
     legs = first * mean_slowness(profile, -source, turn) + second * mean_slowness(profile, -receiver, turn)
-    return select(level, 1.0 / speed_at(profile, turn), legs / (first + second + level))
+    return legs / (first + second)
 
 
-@elementwise
-def _follow_ping(
-    s: Sound, known: Motion, receiver: tuple[int, Floats], path: int, ping: tuple[Any, Any], arrival: Record
-) -> None:
-    """Follow a ping, when and from where it leaves, by one `Path` to a vehicle's hydrophone; writes an ARRIVAL."""
-    (vehicle, hydrophone), (leaves, source) = receiver, ping
+@jitable
+def _arrive(s: Sound, known: Motion, receiver: tuple[int, Any], path: int, leaves: float, source: Vector) -> Arrival:
+    """How a ping arrives by one `Path` at a vehicle's hydrophone."""
+    if not s.paths[path]:
+        return NO_ARRIVAL
+    vehicle, hydrophone = receiver
     there, apparent = site_at(s, known, vehicle, hydrophone, leaves), image(source, path, s.floor)
     time, ratio = leaves, s.ratio
     if s.travels:
         for _ in range(_ITERATIONS):
-            time = leaves + _distance(apparent, there) * path_slowness(s.profile, path, source[2], there[2], s.floor)
-            there = site_at(s, known, vehicle, hydrophone, time)
+            slowness = path_slowness(s.profile, path, source[2], there[2], s.floor)
+            arrives = leaves + _distance(apparent, there) * slowness
+            if arrives == time:
+                break
+            time, there = arrives, site_at(s, known, vehicle, hydrophone, arrives)
     if s.varies:
         ratio = s.assumed_speed * path_slowness(s.profile, path, source[2], there[2], s.floor)
-    arrival.time, arrival.length, arrival.ratio = time, _distance(apparent, there), ratio
-    arrival.clock_range = s.assumed_speed * (s.clock_offset + s.clock_drift * time)
+    return Arrival(time, _distance(apparent, there), ratio, s.assumed_speed * (s.clock_offset + s.clock_drift * time))
 
 
-@elementwise
-def follow(s: Sound, known: Motion, sites: tuple[Floats, Floats], vehicle: int, sent: Any, arrivals: Records) -> Any:
-    """Follow all pings of a message to a vehicle, as far as the motion is known; or those of many messages.
+@jitable
+def _follow_ping(s: Sound, known: Motion, transmitter: Any, receiver: tuple[int, Any], leaves: float) -> Ping:
+    source = site_at(s, known, 0, transmitter, leaves)
+    direct = _arrive(s, known, receiver, _DIRECT, leaves, source)
+    surface = _arrive(s, known, receiver, _SURFACE, leaves, source)
+    bottom = _arrive(s, known, receiver, _BOTTOM, leaves, source)
+    return source, (direct, surface, bottom)
+
+
+@jitable
+def follow(s: Sound, known: Motion, sites: tuple[Any, Any], vehicle: int, sent: float) -> tuple[float, Pings]:
+    """Follow the pings of a message to a vehicle, as far as the motion is known.
 
     Args:
+        s: how sound gets to the followers.
+        known: motion of all vehicles.
         sites: offsets of the transmitters, shape (3, 3), and of the hydrophone, shape (3,), [m].
         vehicle: index of the receiver's.
-        sent: when the message is sent [s]; shape () or (m,).
-        arrivals: out: of ARRIVAL, shape (3 transmitters, 3 paths) or (3, 3, m).
+        sent: when the message is sent [s].
 
     Returns:
-        When the last ping that is waited for is in [s]; right as soon as that is not later than what is known.
+        When the last ping that is waited for is in [s], right as soon as that is not later than what is known; and the
+        pings of the rear, front and middle transmitter.
     """
-    transmitters, hydrophone = sites
-    complete = sent
-    for i in range(3):
-        leaves = sent + s.slot * i
-        source = site_at(s, known, 0, transmitters[i], leaves)
-        for path in range(3):
-            ping = arrivals[i, path]
-            if not s.paths[path]:
-                ping.time = np.nan
-                continue
-            _follow_ping(s, known, (vehicle, hydrophone), path, (leaves, source), ping)
-            is_near = arrivals[i, _DIRECT].length <= s.max_range
-            ping.range = select(is_near, ping.length * ping.ratio + ping.clock_range, np.nan)
-            if i < s.transmitters:
-                complete = np.maximum(complete, ping.time)
-    return complete
+    transmitters, receiver = sites[0], (vehicle, sites[1])
+    rear = _follow_ping(s, known, transmitters[0], receiver, sent)
+    front = _follow_ping(s, known, transmitters[1], receiver, sent + s.slot)
+    middle = _follow_ping(s, known, transmitters[2], receiver, sent + s.slot * 2)
+    complete, pings = sent, (rear, front, middle)
+    for i in range(s.transmitters):
+        for arrival in pings[i][1]:
+            # false for NaN
+            if arrival.time > complete:
+                complete = arrival.time
+    return complete, pings
 
 
-@elementwise
-def received_range(arrival: Record, step: Any, dt: float) -> Any:
-    """Slant range before random errors [m]; NaN for a ping that is not in by the step that takes its message up."""
-    return select(arrival.time <= (step + 1e-6) * dt, arrival.range, np.nan)
+@jitable
+def received_range(s: Sound, arrivals: Arrivals, path: int, step: int, dt: float) -> float:
+    """Slant range before random errors [m] by one path of a ping; NaN where the step that takes its message up is too
+    early, or the direct path longer than the farthest that is received.
+    """
+    taken = arrivals[path]
+    if taken.time <= (step + 1e-6) * dt and arrivals[_DIRECT].length <= s.max_range:
+        return taken.length * taken.ratio + taken.clock_range
+    return math.nan
 
 
-@elementwise
-def reception_step(complete: Any, dt: float) -> Any:
+@jitable
+def reception_step(complete: float, dt: float) -> int:
     """First filter step at which a message is in whose last ping arrives at a time [s]."""
-    return np.int64(np.ceil(complete / dt - 1e-6))
-
-
-class Propagation(NamedTuple):
-    """Sound of m messages: transmitters are rear, front and middle, paths in the order of `Path`."""
-
-    emission_step: Ints  # filter step at which a message is sent, shape (m,)
-    message_step: Ints  # filter step by which all pings that the follower may take are in, shape (m,)
-    transmitter: Floats  # where each ping left, shape (m, 3, 3), the last axis in the world, [m]
-    arrival: Records  # how each ping arrives by each path; of ARRIVAL, shape (m, 3 transmitters, 3 paths)
-
-    @property
-    def range(self) -> Floats:
-        """Slant range before random errors, shape (m, 3 transmitters, 3 paths), [m]; not cut off at any distance."""
-        return np.asarray(self.arrival.length * self.arrival.ratio + self.arrival.clock_range)
+    return math.ceil(complete / dt - 1e-6)
 
 
 def motion_of(t: Trajectory) -> Motion:
-    """Motion of all vehicles."""
+    """Motion of all vehicles of a trajectory."""
     return Motion(Truth(t.pose, t.twist, t.water_velocity, t.thrust), float(t.time[0]), t.time.size - 1)
-
-
-def propagate(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Propagation:
-    """Follow the sound of all messages sent in a trajectory to one follower, as far as they are in by its end."""
-    dt, every = scenario.timing.filter_step_s, scenario.message_every
-    s, known = sound_of(scenario), motion_of(trajectory)
-    first = round(known.begin / dt)
-    last = first + known.last // round(dt / CONTROL_STEP_S)
-    # integers count messages: an accumulated time would drop some
-    steps = np.arange(first // every + 1, last // every + 1) * every
-    sent = steps[:, None] * dt + s.slot * np.arange(len(TRANSMITTERS))
-    offsets = trajectory.site_offset[[trajectory.site(name) for name in TRANSMITTERS]]
-    hydrophone = trajectory.site_offset[trajectory.site(f"{trajectory.names[follower + 1]}/hydrophone")]
-    arrivals = records(ARRIVAL, 3, len(Path), steps.size)
-    arrivals.fill(np.nan)
-    message_step = reception_step(follow(s, known, (offsets, hydrophone), follower + 1, steps * dt, arrivals), dt)
-    transmitter = [
-        np.column_stack(site_at(s, known, 0, offset, at)) for offset, at in zip(offsets, sent.T, strict=True)
-    ]
-    # Two messages within one filter step: the follower keeps the first.
-    kept = (message_step <= last) & (np.diff(message_step, prepend=0) > 0)
-    return Propagation(
-        emission_step=steps[kept],
-        message_step=message_step[kept],
-        transmitter=np.stack(transmitter, axis=1)[kept],
-        arrival=np.moveaxis(arrivals, -1, 0)[kept],
-    )

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from numba.extending import overload
 
-from laisn.arrays import Floats
-from laisn.compiled import compiled, inlined
+from laisn.arrays import Floats, Ints
+from laisn.compiled import compiled, formula, inlined
 from laisn.elementary import fma, from_bits, integer, log, sin_cos_quarter, to_bits, turned
 from laisn.failure import LaisnError
 
@@ -128,26 +128,37 @@ def uniform(word: np.uint64) -> float:
 
 
 @compiled
-def _draws(seed: np.uint64, run: np.uint64, stream: np.uint64, steps: npt.NDArray[np.uint64]) -> Floats:
-    """Two normals and four uniforms of each step, of the same words, shape (m, 6)."""
+def _draw(seed: np.uint64, run: np.uint64, stream: int, step: int) -> tuple[float, float, float, float, float, float]:
+    """Two normals and four uniforms of an address, of the same words."""
+    w0, w1, w2, w3 = words(seed, run, _U(stream), _U(step))
+    first, second = two_units(w0, w1, w2, w3)
+    one, other = two_normals(first, second)
+    return one, other, uniform(w0), uniform(w1), uniform(w2), uniform(w3)
+
+
+@compiled
+def _draws(seed: np.uint64, run: np.uint64, stream: int, steps: Ints) -> Floats:
+    """The same of each step, shape (m, 6)."""
     draws = np.empty((steps.size, 6))
     for i in range(steps.size):
-        w0, w1, w2, w3 = words(seed, run, stream, steps[i])
-        first, second = two_units(w0, w1, w2, w3)
-        draws[i, 0], draws[i, 1] = two_normals(first, second)
-        draws[i, 2], draws[i, 3], draws[i, 4], draws[i, 5] = uniform(w0), uniform(w1), uniform(w2), uniform(w3)
+        for j, value in enumerate(_draw(seed, run, stream, steps[i])):
+            draws[i, j] = value
     return draws
 
 
-def _address(
-    seed: int, run: int, stream: int, steps: npt.ArrayLike
-) -> tuple[np.uint64, np.uint64, np.uint64, npt.NDArray[np.uint64]]:
-    """Checked address of an array of draws."""
-    for name, value, bits in (("seed", seed, 64), ("run", run, 32), ("stream", stream, 32)):
+def seed_and_run(seed: int, run: int) -> tuple[np.uint64, np.uint64]:
+    """As compiled code takes them; LaisnError if one is too large."""
+    for name, value, bits in (("seed", seed, 64), ("run", run, 32)):
         if not 0 <= value < 2**bits:
             raise LaisnError(f"{name} is {value}, expected 0 … 2^{bits} − 1")
-    numbers = np.atleast_1d(np.asarray(steps, dtype=np.int64))
-    return _U(seed), _U(run), _U(stream), numbers.astype(np.uint64)
+    return _U(seed), _U(run)
+
+
+def _address(seed: int, run: int, stream: int, steps: npt.ArrayLike) -> tuple[np.uint64, np.uint64, int, Ints]:
+    """Checked address of an array of draws."""
+    if not 0 <= stream < 2**32:
+        raise LaisnError(f"stream is {stream}, expected 0 … 2^32 − 1")
+    return *seed_and_run(seed, run), stream, np.atleast_1d(np.asarray(steps, dtype=np.int64))
 
 
 def normals(seed: int, run: int, stream: int, steps: npt.ArrayLike) -> Floats:
@@ -165,28 +176,32 @@ def uniforms(seed: int, run: int, stream: int, steps: npt.ArrayLike) -> Floats:
 
 
 class Address(NamedTuple):
-    """Where draws come from: numbers in compiled code; in Python the step may be an array, shape (m,)."""
+    """Where draws come from."""
 
-    seed: Any
-    run: Any
-    follower: Any
-    step: Any
-
-
-def normals_at(address: Address, stream: int) -> Any:
-    """Two standard normals of a stream at an address: numbers in compiled code, else rows of shape (2, m)."""
-    return normals(address.seed, address.run, Stream(stream).number(address.follower), address.step).T
+    seed: np.uint64
+    run: np.uint64
+    follower: int
+    step: int
 
 
-def uniforms_at(address: Address, stream: int) -> Any:
-    """Three or more uniforms in (0, 1): numbers in compiled code, else rows of shape (4, m)."""
-    return uniforms(address.seed, address.run, Stream(stream).number(address.follower), address.step).T
+@formula
+def _number(address: Address, stream: int) -> int:
+    return stream if stream >= LEADER_STREAMS else stream + STREAMS * address.follower
+
+
+def normals_at(address: Address, stream: int) -> tuple[float, float]:
+    """Two standard normals of a stream at an address."""
+    return _draw(address.seed, address.run, _number(address, stream), address.step)[:2]
+
+
+def uniforms_at(address: Address, stream: int) -> tuple[float, float, float]:
+    """Three uniforms in (0, 1) of a stream at an address."""
+    return _draw(address.seed, address.run, _number(address, stream), address.step)[2:5]
 
 
 @inlined
 def _words_at(address: Address, stream: int) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
-    number = stream if stream >= LEADER_STREAMS else stream + STREAMS * address.follower
-    return words(address.seed, address.run, _U(number), _U(address.step))
+    return words(address.seed, address.run, _U(_number(address, stream)), _U(address.step))
 
 
 @overload(normals_at)

@@ -4,25 +4,21 @@ Both uses call the same functions of `sim.sensing.sensors` and `sim.sensing.acou
 code with numbers (`read_instruments`, `receive`), for followers that steer by it; Python with arrays over all filter
 steps and messages, first without random errors (`observe`), then for a run (`measure`).
 
-The proximity sensor looks all around in a level fan. It senses every vehicle within its range and its fan, whatever
-lies between, and takes hulls for points at their middles; its errors are drawn for each look at one vehicle.
-
 Functions take `s`, the sensors; `k`, a filter step, from 1; and `follower`, an index; the follower's vehicle is the one
 after.
 """
 
 from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import literal_unroll
 
-from laisn.arrays import Bools, Floats, Ints, Record, Records, own_arrays, records
-from laisn.compiled import compiled
-from laisn.geometry import signed_angle
-from laisn.messages import LeaderMessage, Measurements
-from laisn.swarm import MESSAGE, READING
-from sim.attitude import heading_of, pitch_of, roll_of
+from laisn.arrays import Bools, Floats, Ints, Records, numbers_of, own_arrays, records
+from laisn.compiled import compiled, jitable
+from laisn.messages import Measurements
+from laisn.swarm import MESSAGE
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing import acoustics, sensors
 from sim.sensing.noise import (
@@ -31,16 +27,15 @@ from sim.sensing.noise import (
     Stream,
     normals,
     normals_at,
-    two_normals,
-    two_units,
-    uniforms,
+    seed_and_run,
     uniforms_at,
-    words,
 )
-from sim.trajectory import Body, Trajectory
+from sim.trajectory import Trajectory, Truth, row
 
 # compiled code holds numbers, not the members of an enum
 _ATTITUDE, _LOSS = int(Stream.LEADER_ATTITUDE), int(Stream.LOSS)
+_RANGE_UNIFORM, _RANGE_SCALE = int(Stream.RANGE_UNIFORM), int(Stream.RANGE_SCALE)
+_BROADCAST = (*sensors.LEADER, *sensors.LEADER_ATTITUDE)
 
 NO_MESSAGE, NO_RANGES, RECEIVED = range(3)  # outcome of a filter step; NO_RANGES: a message without a ping is in
 
@@ -77,81 +72,149 @@ def sensor_model_of(scenario: Scenario) -> SensorModel:
     )
 
 
-@compiled
-def body_of(state: State) -> Body:
-    """The motion of a vehicle as sensors take it."""
-    pose, twist, water = state
-    w, x, y, z = pose[3], pose[4], pose[5], pose[6]
-    return Body(pose, twist, water, heading_of(w, x, y, z), pitch_of(w, x, y, z), roll_of(w, x, y, z))
+@jitable
+def true_readings(e: Any, at: sensors.Instant, true: Floats) -> None:
+    """Write what a follower's own sensors would read without random errors and biases, in the order of `OWN`."""
+    for sensor in literal_unroll(sensors.OWN):
+        true[sensor.column] = sensor.true(e, at)
+
+
+@jitable
+def read_own(e: Any, address: Address, true: Any, reading: Floats) -> None:
+    """Read them at an address of the noise."""
+    for sensor in literal_unroll(sensors.OWN):
+        reading[sensor.column] = sensor.read(e, true[sensor.column], normals_at(address, sensor.stream))
 
 
 @compiled
 def read_instruments(
-    s: SensorModel, k: int, follower: int, state: State, depth_sensor: Floats, reading: Record
+    s: SensorModel, k: int, follower: int, state: State, depth_sensor: Floats, reading: Floats
 ) -> None:
-    """Read a follower's own sensors at filter step k into a record of `laisn.swarm.READING`."""
-    e, address, body = s.errors[follower], Address(s.seed, s.run, follower, k), body_of(state)
-    sensors.true_own(e, follower, k * s.dt, body, depth_sensor, reading)
-    sensors.read_own(e, address, reading, reading)
-    sensors.read_steering(e, address, body, reading)
+    """Read all of a follower's own sensors at filter step k, in the order of `laisn.swarm.READING`."""
+    e, address = s.errors[follower], Address(s.seed, s.run, follower, k)
+    at = sensors.Instant(k * s.dt, follower, state[0], state[1], state[2], depth_sensor, (0.0, 0.0))
+    for sensor in literal_unroll(sensors.INSTRUMENTS):
+        reading[sensor.column] = sensor.read(e, sensor.true(e, at), normals_at(address, sensor.stream))
 
 
 class Inbox(NamedTuple):
-    """What f followers have received from the leader; brought forward by `receive`."""
+    """What f followers have received from the leader."""
 
     message: Records  # last message of each, of MESSAGE, shape (f,)
+    content: Floats  # the same memory as numbers, shape (f, 9)
     ranges: Floats  # to rear, front and middle transmitter, shape (f, 3), [m]; NaN where nothing was received
     over: Ints  # how many messages each no longer waits for, shape (f,)
+    due: Ints  # filter step before which the next one cannot be in, shape (f,)
     last_sent: Ints  # filter step at which the last message was sent, shape (f,); 0: there is none
-    bad: Floats  # whether each channel is in its bad state, shape (f,)
+    bad: Bools  # whether each channel is in its bad state, shape (f,)
     fluctuation: Floats  # Gauss–Markov errors of pitch and roll in the last message, of unit variance, shape (f, 2)
     outcome: Ints  # NO_MESSAGE, NO_RANGES or RECEIVED at this filter step, shape (f,)
 
 
-def new_inbox(followers: int) -> Inbox:
-    """Nothing received yet."""
-    over, last_sent, outcome = np.zeros((3, followers), dtype=np.int64)
-    ranges, fluctuation = np.full((followers, 3), np.nan), np.zeros((followers, 2))
-    return Inbox(records(MESSAGE, followers), ranges, over, last_sent, np.zeros(followers), fluctuation, outcome)
+def new_inbox(followers: int, message_every: int, over: int = 0) -> Inbox:
+    """Nothing received yet; so many messages were sent before the mission begins."""
+    message, zeros = records(MESSAGE, followers), np.zeros((3, followers), dtype=np.int64)
+    return Inbox(
+        message, numbers_of(message), np.full((followers, 3), np.nan),
+        np.full(followers, over), np.full(followers, (over + 1) * message_every),
+        zeros[0], np.zeros(followers, dtype=np.bool_), np.zeros((followers, 2)), zeros[1],
+    )  # fmt: skip
 
 
-@compiled
-def broadcast(s: SensorModel, k: int, state: State, tilt: Floats, since: int, fluctuation: Floats, out: Record) -> None:
-    """Make the message that the leader sends at filter step k, so many steps after the one before (0: there is none).
+@jitable
+def take_up(
+    s: SensorModel, k: int, follower: int, sites: tuple[Any, Any], known: acoustics.Motion, inbox: Inbox
+) -> tuple[int, acoustics.Pings]:
+    """Filter step at which the message was sent that is in at step k, and its pings; 0: there is none.
 
-    `tilt` is what accelerations add to measured pitch and roll, shape (2,), [rad]; NaN if these are not broadcast.
-    `fluctuation` are their Gauss–Markov errors, of unit variance, shape (2,), brought forward; `out` is of MESSAGE.
+    `sites` are offsets of the transmitters, shape (3, 3), and of the followers' hydrophones, shape (f, 3), [m].
     """
-    e, sent = s.errors[0], Address(s.seed, s.run, 0, k)
-    (kept, fresh), drawn = sensors.weights(since, s.dt, e.leader_tilt_time), normals_at(sent, _ATTITUDE)
-    fluctuation[0] = sensors.advanced(fluctuation[0], kept, fresh, drawn[0])
-    fluctuation[1] = sensors.advanced(fluctuation[1], kept, fresh, drawn[1])
-    sensors.true_message(e, k * s.dt, body_of(state), tilt, out)
-    sensors.read_message(e, sent, out, normals_at(Address(s.seed, s.run, 0, 0), _ATTITUDE), fluctuation, out)
+    taken, pings = 0, acoustics.NO_PINGS
+    while inbox.due[follower] <= k:
+        sent = (inbox.over[follower] + 1) * s.message_every
+        complete, found = acoustics.follow(s.sound, known, (sites[0], sites[1][follower]), follower + 1, sent * s.dt)
+        step = acoustics.reception_step(complete, s.dt)
+        if step > k:
+            # later than what is known the arrival is not final
+            final = complete <= known.begin + known.last * CONTROL_STEP_S
+            inbox.due[follower] = step if final else k + 1
+            break
+        inbox.over[follower] += 1
+        inbox.due[follower] = (inbox.over[follower] + 1) * s.message_every
+        # of two messages within one filter step the follower keeps the first
+        if taken == 0:
+            taken, pings = sent, found
+    return taken, pings
 
 
-@compiled
-def _measure_ranges(s: SensorModel, k: int, sent: int, follower: int, arrivals: Records, inbox: Inbox) -> int:
-    """Measure the ranges of a message that is in, sent at filter step `sent`: NO_RANGES or RECEIVED."""
-    ranges, e, true = inbox.ranges[follower], s.errors[follower], np.empty((3, 3))
-    at, now = Address(s.seed, s.run, follower, sent), Address(s.seed, s.run, follower, k)
+@jitable
+def true_reception(
+    s: SensorModel, e: Any, leader: sensors.Instant, k: int, pings: acoustics.Pings, content: Floats, ranges: Floats
+) -> None:
+    """Write what a message that is taken up at step k holds and shows without random errors and constant biases.
+
+    `content` is in the order of `LeaderMessage`, shape (9,), `ranges` slant ranges, shape (3 transmitters, 3 paths).
+    """
+    content[0], content[8] = leader.time, np.nan
+    content[1] = leader.pose[0] + e.leader_drift_east * leader.time
+    content[2] = leader.pose[1] + e.leader_drift_north * leader.time
+    for sensor in literal_unroll(_BROADCAST):
+        content[sensor.column] = sensor.true(e, leader)
     for i in range(3):
         for path in range(3):
-            true[i, path] = acoustics.received_range(arrivals[i, path], k, s.dt)
-    ranges[0], ranges[1], ranges[2] = sensors.read_ranges(e, s.sound.transmitters, at, now, true)
+            ranges[i, path] = acoustics.received_range(s.sound, pings[i][1], path, k, s.dt)
+
+
+@jitable
+def _read_message(e: Any, dt: float, sent: Address, true: Any, inbox: Inbox, f: int) -> None:
+    content, fluctuation, last = inbox.content[f], inbox.fluctuation[f], inbox.last_sent[f]
+    for i in (0, 1, 2, 8):
+        content[i] = true[i]
+    kept, fresh = sensors.weights(sent.step - last if last > 0 else 0, dt, e.leader_tilt_time)
+    # step 0, at which nothing is measured, addresses errors that a run keeps
+    kept_address = Address(sent.seed, sent.run, sent.follower, 0)
+    offset, drawn = normals_at(kept_address, _ATTITUDE), normals_at(sent, _ATTITUDE)
+    for i in range(2):
+        fluctuation[i] = sensors.advanced(fluctuation[i], kept, fresh, drawn[i])
+        content[6 + i] = sensors.read_leader_attitude(e, true[6 + i], (offset[i], fluctuation[i]))
+    inbox.last_sent[f] = sent.step
+    for sensor in literal_unroll(sensors.LEADER):
+        content[sensor.column] = sensor.read(e, true[sensor.column], normals_at(sent, sensor.stream))
+
+
+@jitable
+def read_reception(
+    e: Any, used: tuple[int, float], noise: tuple[Address, Address], true: tuple[Any, Any], inbox: Inbox, f: int
+) -> None:
+    """Read a message that is taken up and measure its ranges, with echoes and losses, into the inbox of follower f.
+
+    Args:
+        e: errors of the sensors.
+        used: how many transmitters the follower uses, and its filter step [s].
+        noise: addresses, when the message was sent and when it is taken up.
+        true: content and ranges of `true_reception`.
+        inbox: out.
+        f: index of the follower in it.
+    """
+    (sent, received), (content, by_path), ranges = noise, true, inbox.ranges[f]
+    _read_message(e, used[1], sent, content, inbox, f)
+    paths, uniform = sensors.paths_taken(e, sent), uniforms_at(received, _RANGE_UNIFORM)
+    taken, psi = (
+        (by_path[0][paths[0]], by_path[1][paths[1]], by_path[2][paths[2]]),
+        normals_at(received, _RANGE_SCALE)[0],
+    )
+    longest = sensors.longest_range(taken, used[0])
+    scales = longest, longest, sensors.longest_range(taken, 3)
+    for sensor in literal_unroll(sensors.RANGES):
+        i = sensor.column
+        ranges[i] = sensor.read(e, (taken[i], scales[i]), (uniform[i], psi))
     if sensors.loses(e):
-        fate = uniforms_at(at, _LOSS)
-        in_burst = sensors.is_bad(inbox.bad[follower] > 0.0, fate[0], e)
-        inbox.bad[follower] = 1.0 if in_burst else 0.0
-        if sensors.is_lost(in_burst, fate[1], e):
-            ranges[:] = np.nan
-    return RECEIVED if ranges[0] == ranges[0] or ranges[1] == ranges[1] or ranges[2] == ranges[2] else NO_RANGES
-
-
-@compiled
-def is_under_way(k: int, follower: int, message_every: int, inbox: Inbox) -> bool:
-    """Whether a message may come in at filter step k: one is sent that the follower still waits for."""
-    return bool((inbox.over[follower] + 1) * message_every <= k)
+        fate = uniforms_at(sent, _LOSS)
+        inbox.bad[f] = sensors.is_bad(inbox.bad[f], fate[0], e)
+        if sensors.is_lost(inbox.bad[f], fate[1], e):
+            ranges[0] = ranges[1] = ranges[2] = np.nan
+    heard = ranges[0] == ranges[0] or ranges[1] == ranges[1] or ranges[2] == ranges[2]
+    inbox.outcome[f] = RECEIVED if heard else NO_RANGES
 
 
 @compiled
@@ -164,91 +227,140 @@ def receive(
     tilts: Floats,
     inbox: Inbox,
 ) -> None:
-    """Take up the message that is in at filter step k, if there is one.
+    """Take up and read the message that is in at filter step k, if there is one.
 
-    `sites` are offsets of the transmitters, shape (3, 3), and of the followers' hydrophones, shape (f, 3), [m], `tilts`
-    what accelerations add to the leader's measured pitch and roll at each instant, shape (n, 2), [rad]; the inbox is
-    brought forward.
+    `sites` are as of `take_up`, `tilts` what accelerations add to the leader's measured pitch and roll at each instant,
+    shape (n, 2), [rad].
     """
     inbox.outcome[follower] = NO_MESSAGE
-    truth, arrivals, to_follower = known.truth, np.empty((3, 3), acoustics.ARRIVAL), (sites[0], sites[1][follower])
-    while is_under_way(k, follower, s.message_every, inbox):
-        sent = (inbox.over[follower] + 1) * s.message_every
-        complete = acoustics.follow(s.sound, known, to_follower, follower + 1, sent * s.dt, arrivals)
-        if acoustics.reception_step(complete, s.dt) > k:
-            return
-        inbox.over[follower] += 1
-        # of two messages within one filter step the follower keeps the first
-        if inbox.outcome[follower] == NO_MESSAGE:
-            at, before, fluctuation = sent * s.stride, inbox.last_sent[follower], inbox.fluctuation[follower]
-            since = sent - before if before > 0 else 0
-            inbox.last_sent[follower] = sent
-            leader = truth.pose[at, 0], truth.twist[at, 0], truth.water[at, 0]
-            broadcast(s, sent, leader, tilts[at], since, fluctuation, inbox.message[follower])
-            inbox.outcome[follower] = _measure_ranges(s, k, sent, follower, arrivals, inbox)
+    sent, pings = take_up(s, k, follower, sites, known, inbox)
+    if sent > 0:
+        e, content, ranges = s.errors[follower], np.empty(9), np.empty((3, 3))
+        true_reception(s, e, _leader_at(s, sent, sent * s.stride, known.truth, tilts), k, pings, content, ranges)
+        addresses = Address(s.seed, s.run, follower, sent), Address(s.seed, s.run, follower, k)
+        read_reception(e, (s.sound.transmitters, s.dt), addresses, (content, ranges), inbox, follower)
 
 
-SIGHTING = np.dtype(  # what a look shows of one vehicle
-    [
-        ("range", np.float64),  # [m]; NaN: nothing was sensed
-        ("bearing", np.float64),  # to starboard of the own heading [rad]
-    ]
-)
-
-_U = np.uint64
-_NEARBY = int(Stream.NEARBY)
+@jitable
+def _leader_at(s: SensorModel, step: int, i: int, truth: Truth, tilts: Floats) -> sensors.Instant:
+    """What the leader's sensors may read at a filter step, which is instant i."""
+    tilt, nowhere = (tilts[i, 0], tilts[i, 1]), (0.0, 0.0, 0.0)
+    pose, twist, water = row(truth.pose, i, 0), row(truth.twist, i, 0), row(truth.water, i, 0)
+    return sensors.Instant(step * s.dt, 0, pose, twist, water, nowhere, tilt)
 
 
-def look_interval(scenario: Scenario) -> int:
-    """Ticks from one look of the followers to the next; 0: they have no sensor."""
-    proximity = scenario.formation.proximity
-    return round(proximity.period_s / CONTROL_STEP_S) if proximity else 0
+_ARRIVAL = np.dtype([(name, np.float64) for name in acoustics.Arrival._fields])
 
 
-@compiled
-def look(address: tuple[np.uint64, np.uint64], p: Record, k: int, follower: int, poses: Floats, seen: Records) -> None:
-    """Look around at tick k, from 1, by seed and run of the noise and the record of `[formation.proximity]`.
+class Receptions(NamedTuple):
+    """True content and sound of m messages; transmitters are rear, front and middle, paths in the order of `Path`."""
 
-    `poses` are of all vehicles, shape (v, 7); `seen`, out, is what is sensed of each, of SIGHTING, shape (v,).
+    emission_step: Ints  # filter step at which a message is sent, shape (m,)
+    message_step: Ints  # filter step by which all pings that the follower may take are in, shape (m,)
+    content: Floats  # what it holds, of `true_reception`, shape (m, 9)
+    ranges: Floats  # likewise, shape (m, 3 transmitters, 3 paths), [m]
+    transmitter: Floats  # where each ping left, shape (m, 3, 3), the last axis in the world, [m]
+    arrivals: Floats  # how each ping arrives: numbers of `Arrival`, shape (m, 3 transmitters, 3 paths, 4)
+
+    @property
+    def arrival(self) -> Records:
+        """How each ping arrives: records with the fields of `Arrival`, shape (m, 3 transmitters, 3 paths)."""
+        return self.arrivals.view(_ARRIVAL)[..., 0].view(np.recarray)
+
+    @property
+    def range(self) -> Floats:
+        """Slant range before random errors, shape (m, 3 transmitters, 3 paths), [m]; not cut off at any distance."""
+        return np.asarray(self.arrival.length * self.arrival.ratio + self.arrival.clock_range)
+
+
+@jitable
+def _observe(
+    s: SensorModel,
+    e: Any,
+    which: tuple[int, int],
+    sites: tuple[Any, Any, Any],
+    known: acoustics.Motion,
+    tilts: Floats,
+    inbox: Inbox,
+    own: Floats,
+    found: Receptions,
+) -> int:
+    """Sense a finished mission without random errors: own sensors at each step, and messages; gives their number.
+
+    Args:
+        s: sensors and acoustics of the mission.
+        e: errors of the sensors.
+        which: index of the follower, and the filter step at which the motion begins.
+        sites: of transmitters and hydrophones, as of `take_up`, and of the follower's pressure sensor.
+        known: the motion.
+        tilts: as of `receive`.
+        inbox: new.
+        own: out, shape (n, 3); empty: own sensors are not asked for.
+        found: out, with room for all messages.
     """
-    own, steepest = follower + 1, np.sin(0.5 * p.aperture)
-    heading = heading_of(poses[own, 3], poses[own, 4], poses[own, 5], poses[own, 6])
-    for j in range(poses.shape[0]):
-        seen[j].range = seen[j].bearing = np.nan
-        x, y, z = poses[j, 0] - poses[own, 0], poses[j, 1] - poses[own, 1], poses[j, 2] - poses[own, 2]
-        distance = np.sqrt(x * x + y * y + z * z)
-        if j == own or distance > p.range or abs(z) > steepest * distance:
+    (follower, first), truth, m = which, known.truth, 0
+    for k in range(first + 1, first + known.last // s.stride + 1):
+        if own.shape[0] > 0:
+            i, v = (k - first) * s.stride, follower + 1
+            pose, twist, water = row(truth.pose, i, v), row(truth.twist, i, v), row(truth.water, i, v)
+            at = sensors.Instant(k * s.dt, follower, pose, twist, water, sites[2], (0.0, 0.0))
+            true_readings(e, at, own[k - first - 1])
+        sent, pings = take_up(s, k, follower, (sites[0], sites[1]), known, inbox)
+        if sent == 0:
             continue
-        w0, w1, w2, w3 = words(address[0], address[1], _U(STREAMS * follower + _NEARBY + j), _U(k))
-        first, second = two_units(w0, w1, w2, w3)
-        long, aside = two_normals(first, second)
-        seen[j].range = max(distance + p.range_sigma * long, 0.0)
-        seen[j].bearing = signed_angle(np.arctan2(x, y) - heading + p.bearing_sigma * aside)
+        found.emission_step[m], found.message_step[m] = sent, k
+        leader = _leader_at(s, sent, (sent - first) * s.stride, truth, tilts)
+        true_reception(s, e, leader, k, pings, found.content[m], found.ranges[m])
+        for j in range(3):
+            source, arrivals = pings[j]
+            for i in range(3):
+                found.transmitter[m, j, i] = source[i]
+                for number in range(4):
+                    found.arrivals[m, j, i, number] = arrivals[i][number]
+        m += 1
+    return m
 
 
-class Sightings(NamedTuple):
-    """What followers of a flight sensed nearby."""
-
-    first_s: Floats  # when each follower first saw each vehicle, shape (f, v), [s]; NaN: never
-    spent_s: Floats  # time for which each follower detected a vehicle, shape (f,), [s]
+_observe_compiled = compiled(_observe)
+_LONG = 100_000  # missions of so many instants are sensed by compiled code, unless a caller chooses
 
 
-def sightings(scenario: Scenario, trajectory: Trajectory) -> Sightings:
-    """What the followers' sensors showed on the way, which they steered by; nothing where they have none."""
-    proximity, f, every = scenario.formation.proximity, len(scenario.followers), look_interval(scenario)
-    first, spent = np.full((f, f + 1), np.nan), np.zeros(f)
-    for i, follower in enumerate(scenario.followers):
-        # followers on routes have no sensor
-        if proximity is None or follower.station is None:
-            continue
-        apart = trajectory.position[every::every] - trajectory.position[every::every, [i + 1]]
-        distance = np.sqrt(apart[..., 0] ** 2 + apart[..., 1] ** 2 + apart[..., 2] ** 2)
-        steepest = np.sin(0.5 * np.deg2rad(proximity.aperture_deg))
-        seen = (distance <= proximity.range_m) & (np.abs(apart[..., 2]) <= steepest * distance)
-        seen[:, i + 1] = False
-        first[i, seen.any(axis=0)] = (seen.argmax(axis=0)[seen.any(axis=0)] + 1) * every * CONTROL_STEP_S
-        spent[i] = np.count_nonzero(seen.any(axis=1)) * every * CONTROL_STEP_S
-    return Sightings(first, spent)
+def _is_bulk(size: int, chosen: bool | None) -> bool:
+    return size > _LONG if chosen is None else chosen
+
+
+def _sense(
+    trajectory: Trajectory, scenario: Scenario, follower: int, tilts: Floats, own: Floats, in_bulk: bool | None
+) -> Receptions:
+    s = sensor_model_of(scenario)
+    known, first = acoustics.motion_of(trajectory), round(float(trajectory.time[0]) / s.dt)
+    over, last = first // s.message_every, first + known.last // s.stride
+    room = max(last // s.message_every - over, 0)
+    steps, shapes = np.zeros((2, room), dtype=np.int64), ((9,), (3, 3), (3, 3), (3, 3, 4))
+    found = Receptions(steps[0], steps[1], *[np.empty((room, *shape)) for shape in shapes])
+    hydrophones = [f"{name}/hydrophone" for name in trajectory.names[1:]]
+    names = *acoustics.TRANSMITTERS, *hydrophones, f"{trajectory.names[follower + 1]}/depth_sensor"
+    offset = trajectory.site_offset[[trajectory.site(name) for name in names]]
+    inbox, which = new_inbox(follower + 1, s.message_every, over), (follower, first)
+    if _is_bulk(trajectory.time.size, in_bulk):
+        sites: Any = offset[:3], offset[3:-1], offset[-1]
+        m = _observe_compiled(s, s.errors[follower], which, sites, known, tilts, inbox, own, found)
+    else:
+        *places, depth_sensor = offset.tolist()
+        sites, e = (places[:3], places[3:], depth_sensor), sensors.errors_of(scenario, follower)
+        m = _observe(s, e, which, sites, known, tilts, inbox, own, found)
+    return Receptions(*[values[:m] for values in found])  # type: ignore[arg-type]
+
+
+def propagate(
+    trajectory: Trajectory, scenario: Scenario, follower: int = 0, *, in_bulk: bool | None = None
+) -> Receptions:
+    """Follow the sound of all messages sent in a trajectory to one follower, as far as they are in by its end.
+
+    Their content lacks pitch and roll. `in_bulk` is as of `observe`.
+    """
+    unknown = np.full((trajectory.time.size, 2), np.nan)
+    return _sense(trajectory, scenario, follower, unknown, np.empty((0, 3)), in_bulk)
 
 
 SITES = ("tx_rear", "tx_front", "tx_middle", "depth_sensor", "hydrophone")  # that sensing needs
@@ -284,10 +396,14 @@ def start_of(trajectory: Trajectory, follower: int = 0) -> Floats:
     return np.concatenate([hydrophone[:2], trajectory.velocity[0, v, :2] - trajectory.water_velocity[0, v, :2]])
 
 
-def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> MissionTruth:
+def observe(
+    trajectory: Trajectory, scenario: Scenario, follower: int = 0, *, in_bulk: bool | None = None
+) -> MissionTruth:
     """What the sensors of one follower see of a trajectory of a mission from its start, without errors.
 
-    ValueError if the trajectory begins later, or is too short for one filter step.
+    `in_bulk` chooses compiled code, which takes seconds to compile once and then milliseconds for what Python takes
+    half a second; None: for long missions. ValueError if the trajectory begins later, or is too short for one filter
+    step.
     """
     dt, v, name = scenario.timing.filter_step_s, follower + 1, trajectory.names[follower + 1]
     stride = round(dt / CONTROL_STEP_S)
@@ -296,97 +412,118 @@ def observe(trajectory: Trajectory, scenario: Scenario, follower: int = 0) -> Mi
         raise ValueError(f"the trajectory ends at {trajectory.time[-1]:g} s, before the first filter step of {dt:g} s")
     if trajectory.time[0] != 0.0:
         raise ValueError(f"the trajectory begins at {trajectory.time[0]:g} s; what is sensed depends on all before")
-    steps, grid = np.arange(1, n + 1), slice(stride, n * stride + 1, stride)
-    errors, sound = sensors.errors_of(scenario, follower), acoustics.propagate(trajectory, scenario, follower)
-    own, sent = records(READING, n), records(MESSAGE, sound.emission_step.size)
-    depth_sensor = trajectory.site_offset[trajectory.site(f"{name}/depth_sensor")]
-    sensors.true_own(errors, follower, steps * dt, trajectory.body(v, grid), depth_sensor, own)
-    emitted, tilt = sound.emission_step * stride, np.full((2, sound.emission_step.size), np.nan)
+    steps, grid, own = np.arange(1, n + 1), slice(stride, n * stride + 1, stride), np.empty((n, 3))
+    tilts = np.full((trajectory.time.size, 2), np.nan)
     if scenario.leader.broadcast_attitude:
-        tilt = sensors.tilt_errors(trajectory, scenario.sensors)[emitted].T
-    sensors.true_message(errors, sound.emission_step * dt, trajectory.body(0, emitted), tilt, sent)
+        tilts = sensors.tilt_errors(trajectory, scenario.sensors)
+    sound = _sense(trajectory, scenario, follower, tilts, own, in_bulk)
     hydrophone = trajectory.site_path(f"{name}/hydrophone", steps * stride)
-    ranges = acoustics.received_range(sound.arrival, sound.message_step[:, None, None], dt)
 
     @cache
     def state() -> sensors.FollowerState:
-        source = np.full((n, 3, 3), np.nan)
-        source[sound.message_step - 1] = np.where(
-            np.isnan(ranges[:, :, [acoustics.Path.DIRECT]]), np.nan, sound.transmitter
-        )
+        source, direct = np.full((n, 3, 3), np.nan), sound.ranges[:, :, [acoustics.Path.DIRECT]]
+        source[sound.message_step - 1] = np.where(np.isnan(direct), np.nan, sound.transmitter)
         motion = trajectory.pose[grid, v], trajectory.twist[grid, v], trajectory.water_velocity[grid, v]
         return sensors.follower_state(trajectory.time[grid], motion, hydrophone, source)
 
     return MissionTruth(
         dt=dt,
         start=start_of(trajectory, follower),
-        speed=own.speed,
-        heading=own.heading,
-        depth=own.depth,
+        speed=own[:, 0],
+        heading=own[:, 1],
+        depth=own[:, 2],
         hydrophone=hydrophone[:, :2],
         leader_position=trajectory.position[grid, 0, :2],
         leader_heading=trajectory.heading[grid, 0],
         message_step=sound.message_step,
         emission_step=sound.emission_step,
-        sent=sent,
-        slant_range=ranges[:, :, acoustics.Path.DIRECT],
-        echo_range=np.moveaxis(ranges[:, :, acoustics.Path.SURFACE :], 2, 0),
+        sent=sound.content.view(MESSAGE).reshape(-1).view(np.recarray),
+        slant_range=sound.ranges[:, :, acoustics.Path.DIRECT],
+        echo_range=np.moveaxis(sound.ranges[:, :, acoustics.Path.SURFACE :], 2, 0),
         own=tuple((sensor, sensor.true(state())) for sensor in sensors.own_sensors(scenario)),
     )
 
 
-def fluctuation_weights(truth: MissionTruth, errors: sensors.SensorErrors) -> Floats:
-    """`weights` of the errors of the leader's pitch and roll in each message, shape (m, 2)."""
-    since, which = np.unique(np.diff(truth.emission_step, prepend=truth.emission_step[:1]), return_inverse=True)
-    found = [sensors.weights(steps, truth.dt, errors.leader_tilt_time) for steps in since.tolist()]
-    return np.array(found).reshape(-1, 2)[which]
+@jitable
+def _measure(
+    e: Any,
+    navigator: tuple[int, float],
+    address: Address,
+    own: Floats,
+    sent: tuple[Ints, Ints, Floats, Floats],
+    inbox: Inbox,
+    readings: tuple[Floats, Floats, Floats],
+) -> None:
+    """Read what `_observe` found with the noise of a run.
+
+    Args:
+        e: errors of the sensors.
+        navigator: as of `read_reception`.
+        address: of the noise, at any step.
+        own: true values of own sensors, shape (n, 3).
+        sent: steps at which messages are taken up and were sent, (m,), their content, (m, 9), and ranges, (m, 3, 3).
+        inbox: new, of one follower.
+        readings: out: own readings, (n, 3), content of messages, (m, 9), and ranges, (m, 3).
+    """
+    (taken_up, emitted, content, ranges), (own_read, content_read, ranges_read), i = sent, readings, 0
+    for k in range(1, own.shape[0] + 1):
+        now = Address(address.seed, address.run, address.follower, k)
+        read_own(e, now, own[k - 1], own_read[k - 1])
+        if i < taken_up.size and taken_up[i] == k:
+            addresses = Address(address.seed, address.run, address.follower, emitted[i]), now
+            read_reception(e, navigator, addresses, (content[i], ranges[i]), inbox, 0)
+            for j in range(9):
+                content_read[i, j] = inbox.content[0, j]
+            for j in range(3):
+                ranges_read[i, j] = inbox.ranges[0, j]
+            i += 1
 
 
-def received(seed: int, run: int, follower: int, emission_step: Ints, e: sensors.SensorErrors) -> Bools:
-    """Whether each message arrives, by the steps at which all until then were sent, (m,); the channel begins good."""
-    drawn, bad = uniforms(seed, run, Stream.LOSS.number(follower), emission_step)[:, :2].tolist(), False
-    fates = [(bad := sensors.is_bad(bad, change, e), fate) for change, fate in drawn]
-    return np.array([not sensors.is_lost(was_bad, fate, e) for was_bad, fate in fates], dtype=np.bool_)
+_measure_compiled = compiled(_measure)
 
 
 def measure(
-    truth: MissionTruth, errors: sensors.SensorErrors, *, seed: int, run: int, follower: int = 0, transmitters: int = 3
+    truth: MissionTruth,
+    errors: sensors.SensorErrors,
+    *,
+    seed: int,
+    run: int,
+    follower: int = 0,
+    transmitters: int = 3,
+    in_bulk: bool | None = None,
 ) -> Measurements:
     """Everything that one follower measures in a run: exactly the noise of that run in a campaign.
 
-    `transmitters` is N_T, how many of the leader's it uses, rear and front first. LaisnError if seed or run is too
-    large.
+    `transmitters` is N_T, how many of the leader's it uses, rear and front first; `in_bulk` is as of `observe`.
+    LaisnError if seed or run is too large.
     """
-    every = Address(seed, run, follower, np.arange(1, truth.speed.size + 1))
-    sent, taken_up = every._replace(step=truth.emission_step), every._replace(step=truth.message_step)
-    own, message = records(READING, every.step.size), truth.sent.copy()
-    sensors.read_own(errors, every, truth, own)
-    # step 0, at which nothing is measured, addresses errors that a run keeps
-    offset = normals_at(every._replace(step=0), Stream.LEADER_ATTITUDE)
-    drawn = normals_at(sent, Stream.LEADER_ATTITUDE)
-    fluctuation, last = np.empty_like(drawn), np.zeros(2)
-    for i, (kept, fresh) in enumerate(fluctuation_weights(truth, errors).tolist()):
-        last = fluctuation[:, i] = sensors.advanced(last, kept, fresh, drawn[:, i])
-    sensors.read_message(errors, sent, truth.sent, offset, fluctuation, message)
-    by_echo = np.full((2, *truth.slant_range.shape), np.nan) if truth.echo_range is None else truth.echo_range
-    true = np.transpose([truth.slant_range, *by_echo], (2, 0, 1))
-    ranges = np.column_stack(sensors.read_ranges(errors, transmitters, sent, taken_up, true))
-    if sensors.loses(errors):
-        ranges[~received(seed, run, follower, truth.emission_step, errors)] = np.nan
-    lost = truth.message_step[np.isnan(ranges).all(axis=1)] - 1
+    n, m = truth.speed.size, truth.message_step.size
+    address, navigator = Address(*seed_and_run(seed, run), follower, 0), (transmitters, truth.dt)
+    by_echo = np.full((2, m, 3), np.nan) if truth.echo_range is None else truth.echo_range
+    ranges = np.moveaxis(np.array([truth.slant_range, *by_echo]), 0, 2).copy()
+    content = numbers_of(np.ascontiguousarray(truth.sent))
+    own, sent = np.column_stack([truth.speed, truth.heading, truth.depth]), (truth.message_step, truth.emission_step)
+    readings, inbox = (np.empty((n, 3)), np.empty((m, 9)), np.empty((m, 3))), new_inbox(1, 1)
+    if _is_bulk(n, in_bulk):
+        e = np.array([tuple(errors)], sensors.ERRORS).view(np.recarray)[0]
+        _measure_compiled(e, navigator, address, own, (*sent, content, ranges), inbox, readings)
+    else:
+        numbers = content.tolist(), ranges.tolist()
+        _measure(errors, navigator, address, own, (*sent, *numbers), inbox, readings)
+    lost = truth.message_step[np.isnan(readings[2]).all(axis=1)] - 1
     extra = {}
     for sensor, values in truth.own:
-        found = sensor.read(values, normals(seed, run, STREAMS * follower + sensor.stream, every.step))
+        found = sensor.read(values, normals(seed, run, STREAMS * follower + sensor.stream, np.arange(1, n + 1)))
         if sensor.acoustic:
             found[lost] = np.nan
         extra[sensor.name] = found
     return Measurements(
         dt=truth.dt,
-        speed=own.speed,
-        heading=own.heading,
-        depth=own.depth,
+        speed=readings[0][:, 0],
+        heading=readings[0][:, 1],
+        depth=readings[0][:, 2],
         message_step=truth.message_step,
-        message=np.asarray(message).view((np.float64, len(LeaderMessage._fields))),
-        ranges=ranges,
+        message=readings[1],
+        ranges=readings[2],
         own=extra,
     )

@@ -26,25 +26,23 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.compiled import compiled, elementwise, formula, select
+from laisn.compiled import Listed, compiled, formula, jitable
 from laisn.failure import LaisnError
 from laisn.geometry import signed_angle
-from laisn.messages import BEARING
+from laisn.messages import BEARING, LeaderMessage, Ranges
 from laisn.navigators import FARTHEST, FASTEST, NAVIGATORS
 from laisn.plugins import find_class
-from sim.attitude import carried, pitch_of, roll_of, rotate, rotated
+from laisn.swarm import READING
+from sim.attitude import carried, heading_of, pitch_of, roll_of, rotate, rotated
 from sim.scenario.section import in_si
 from sim.scenario.sensors import Acoustics, Sensors
 from sim.scenario.sensors import OwnSensor as OwnSensorTable
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.sensing.noise import Address, Stream, normals_at, uniforms_at
-from sim.trajectory import Body, Trajectory, speed_through_water
+from sim.sensing.noise import Address, Stream, uniforms_at
+from sim.trajectory import Trajectory, speed_through_water
 from sim.water import GRAVITY
 
-# compiled code needs numbers, not the members of an enum
-_OWN_MOTION, _DEPTH, _TILT, _GYRO = int(Stream.OWN_MOTION), int(Stream.DEPTH), int(Stream.TILT), int(Stream.GYRO)
-_LEADER_MOTION, _LEADER_DEPTH = int(Stream.LEADER_MOTION), int(Stream.LEADER_DEPTH)
-_ECHO, _RANGE_UNIFORM, _RANGE_SCALE = int(Stream.ECHO), int(Stream.RANGE_UNIFORM), int(Stream.RANGE_SCALE)
+_ECHO = int(Stream.ECHO)  # compiled code needs numbers, not the members of an enum
 
 
 def gain(sensors: Sensors) -> float:
@@ -66,20 +64,12 @@ def random_error(sensors: Sensors) -> tuple[float, float]:
     return float(np.sqrt(variance)), sensors.leader_gyro_time_constant_s
 
 
-@elementwise
-def _shown(quaternion: Any, change: Any) -> Any:
-    """Pitch and roll that specific force seems to show, from attitude and change of velocity in a control step."""
+@jitable
+def _shown(pose: Any, change: Any) -> tuple[float, float]:
+    """Pitch and roll that specific force seems to show, from pose and change of velocity in a control step."""
     force = change[0] / CONTROL_STEP_S, change[1] / CONTROL_STEP_S, change[2] / CONTROL_STEP_S + GRAVITY
-    to_body = quaternion[0], -quaternion[1], -quaternion[2], -quaternion[3]
-    forward, port, up = rotated(to_body, force)
-    return np.arctan2(forward, np.hypot(port, up)), np.arctan2(port, up)
-
-
-def apparent_tilt(trajectory: Trajectory) -> Floats:
-    """Pitch and roll that specific force shows at the leader's origin, means over a step, shape (n, 2), [rad]."""
-    change = np.diff(trajectory.velocity[:, 0], axis=0)
-    change = np.concatenate([change[:1], change])
-    return np.column_stack(_shown(trajectory.quaternion[:, 0].T, change.T))
+    forward, port, up = rotated((pose[3], -pose[4], -pose[5], -pose[6]), force)
+    return math.atan2(forward, math.hypot(port, up)), math.atan2(port, up)
 
 
 @compiled
@@ -90,9 +80,9 @@ def follow_tilt(share: float, k: int, pose: Floats, twist: Floats, tilts: Floats
     """
     change = twist[k, 0] - twist[k - 1, 0], twist[k, 1] - twist[k - 1, 1], twist[k, 2] - twist[k - 1, 2]
     for i in range(0 if k == 1 else k, k + 1):
-        w, x, y, z = pose[i, 3], pose[i, 4], pose[i, 5], pose[i, 6]
-        pitch, roll = _shown((w, x, y, z), change)
-        errors, last = (signed_angle(pitch - pitch_of(w, x, y, z)), signed_angle(roll - roll_of(w, x, y, z))), max(i, 1)
+        pitch, roll = _shown(pose[i], change)
+        errors = signed_angle(pitch - _pitch(pose[i])), signed_angle(roll - _roll(pose[i]))
+        last = max(i, 1)
         for j in range(2):
             tilts[i, j] = tilts[last - 1, j] + share * (errors[j] - tilts[last - 1, j])
 
@@ -117,12 +107,12 @@ def weights(since: int, dt: float, time: float) -> tuple[float, float]:
 
 
 @formula
-def advanced(last: Any, kept: float, fresh: float, normal: Any) -> Any:
+def advanced(last: float, kept: float, fresh: float, normal: float) -> float:
     """Next value of the process."""
     return kept * last + fresh * normal
 
 
-_GOLDEN = np.pi * (3.0 - np.sqrt(5.0))  # the next follower's drift is ahead by it [rad]
+_GOLDEN = math.pi * (3.0 - math.sqrt(5.0))  # the next follower's drift is ahead by it [rad]
 _DERIVED = ("leader_position_drift", "leader_gyro", "leader_attitude_senses", "leader_attitude_sigma")
 """Keys that count by what follows from them."""
 
@@ -167,174 +157,242 @@ def errors_of(scenario: Scenario, follower: int = 0) -> SensorErrors:
     return SensorErrors(**_values(scenario.sensors_of(follower), scenario.acoustics))
 
 
-@elementwise
-def drift(e: Any, amplitude: float, phase: float, follower: int, time: Any) -> Any:
+class Instant(NamedTuple):
+    """What the sensors of a vehicle may read at an instant."""
+
+    time: float  # [s]
+    follower: int  # index of the follower
+    pose: Any  # position [m] and quaternion (w, x, y, z), seven numbers
+    twist: Any  # velocity in the world [m/s] and angular velocity in the body [rad/s], six numbers
+    water: Any  # velocity of the water, three numbers [m/s]
+    depth_sensor: Any  # its place in the hull, three numbers [m]
+    tilt: tuple[float, float]  # what accelerations add to measured pitch and roll [rad]; NaN: these are not measured
+
+
+class Sensor(NamedTuple):
+    """A sensor: what it would read without random errors and biases, and what it reads by that and its noise.
+
+    `true(e, at)` takes the `SensorErrors` and an `Instant`, `read(e, true, drawn)` two numbers of its stream of noise.
+    Ranges have no `true`: `sim.sensing.acoustics` gives these.
+    """
+
+    name: str  # of its reading
+    column: int  # of its reading in READING, MESSAGE or `laisn.messages.Ranges`
+    stream: int
+    true: Any
+    read: Any
+
+
+def _sensor(name: str, stream: Stream, true: Any, read: Any) -> Sensor:
+    own = list(READING.fields or ()) if stream < Stream.LEADER_MOTION else list(LeaderMessage._fields)
+    columns = list(Ranges._fields) if stream == Stream.RANGE_UNIFORM else own
+    return Sensor(name, columns.index(name), int(stream), Listed(true) if true else None, Listed(read))
+
+
+@jitable
+def drift(e: Any, amplitude: float, phase: float, follower: int, time: float) -> float:
     """Sinusoidal drift of a bias of a follower, by its index, at a time [s]; in the unit of the amplitude."""
     if amplitude == 0.0:
         return 0.0
-    return amplitude * np.sin(2.0 * np.pi / e.drift_period * time + (phase + follower * _GOLDEN))
+    return amplitude * math.sin(2.0 * math.pi / e.drift_period * time + (phase + follower * _GOLDEN))
+
+
+@jitable
+def _heading(pose: Any) -> float:
+    return heading_of(pose[3], pose[4], pose[5], pose[6])
+
+
+@jitable
+def _pitch(pose: Any) -> float:
+    return pitch_of(pose[3], pose[4], pose[5], pose[6])
+
+
+@jitable
+def _roll(pose: Any) -> float:
+    return roll_of(pose[3], pose[4], pose[5], pose[6])
 
 
 @formula
-def speed_reading(true: Any, bias: float, sigma: float, normal: Any) -> Any:
+def _log_reading(true: float, bias: float, sigma: float, normal: float) -> Any:
     """Speed log, never negative (paper, Eq. 26); its scale ends at `FASTEST`."""
     return np.minimum(np.maximum(true + bias + sigma * normal, 0.0), FASTEST)
 
 
 @formula
-def heading_reading(true: Any, bias: float, sigma: float, normal: Any) -> Any:
+def _compass_reading(true: float, bias: float, sigma: float, normal: float) -> Any:
     """Compass: the random part adds to the bias, whatever its sign (paper, Eq. 27)."""
     return true + bias + sigma * np.abs(normal)
 
 
-@formula
-def plain_reading(true: Any, bias: float, sigma: float, normal: Any) -> Any:
-    """Normal error: pressure sensor, inclinometer, gyro."""
-    return true + bias + sigma * normal
+def _drifting_speed(e: Any, at: Instant) -> float:
+    speed = speed_through_water(at.pose, at.twist, at.water)
+    return speed + drift(e, e.speed_drift, e.speed_drift_phase, at.follower, at.time)  # type: ignore[no-any-return]
 
 
 @formula
-def _range_reading(true: Any, longest: Any, tau: float, uniform: Any, psi: Any) -> Any:
-    reading = true + tau * uniform + psi * (true / (longest + (longest == 0.0)))
-    return select((reading > 0.0) & (reading <= FARTHEST), reading, np.nan)
+def read_speed(e: Any, true: float, drawn: tuple[float, float]) -> Any:
+    """Speed log of a follower [m/s]."""
+    return _log_reading(true, e.speed_bias, e.speed_sigma, drawn[0])
+
+
+def _drifting_heading(e: Any, at: Instant) -> float:
+    return _heading(at.pose) + drift(e, e.heading_drift, e.heading_drift_phase, at.follower, at.time)
 
 
 @formula
-def range_readings(e: SensorErrors, transmitters: int, true: Any, uniform: Any, normal: Any) -> Any:
-    """Ranges of a message to the rear, front and middle transmitter (paper, Eq. 28); NaN where none is received.
+def read_heading(e: Any, true: float, drawn: tuple[float, float]) -> Any:
+    """Compass of a follower [rad]."""
+    return _compass_reading(true, e.heading_bias, e.heading_sigma, drawn[1])
 
-    A receiver rejects zero, negative ranges and those beyond `FARTHEST`. N_T is 2 with LAISN-2 and 3 with LAISN-3
-    (Sections 2.2 and 2.3); ψ counts in proportion to the longest range to those in use. The middle one, which LAISN-2
+
+def _depth_of_sensor(e: Any, at: Instant) -> float:
+    return -carried(at.pose, at.depth_sensor)[2]  # type: ignore[no-any-return]
+
+
+@formula
+def read_depth(e: Any, true: float, drawn: tuple[float, float]) -> Any:
+    """Pressure sensor of a follower [m]."""
+    return true + e.depth_sigma * drawn[0]
+
+
+def _leader_speed(e: Any, at: Instant) -> float:
+    return speed_through_water(at.pose, at.twist, at.water)  # type: ignore[no-any-return]
+
+
+@formula
+def read_leader_speed(e: Any, true: float, drawn: tuple[float, float]) -> Any:
+    """Speed log of the leader, which has a bias alone [m/s]."""
+    return _log_reading(true, e.leader_speed_bias, 0.0, drawn[0])
+
+
+@formula
+def read_leader_heading(e: Any, true: float, drawn: tuple[float, float]) -> Any:
+    """Compass of the leader [rad]."""
+    return _compass_reading(true, e.leader_heading_bias, e.leader_heading_sigma, drawn[1])
+
+
+@formula
+def read_leader_depth(e: Any, true: float, drawn: tuple[float, float]) -> Any:
+    """Pressure sensor of the leader, at its origin [m]."""
+    return true + e.leader_depth_sigma * drawn[0]
+
+
+@formula
+def read_leader_attitude(e: Any, true: float, drawn: tuple[float, float]) -> Any:
+    """Pitch or roll of the leader [rad], by a normal that a run keeps and a Gauss–Markov value of unit variance."""
+    return true + e.leader_attitude_offset_sigma * drawn[0] + e.leader_tilt_sigma * drawn[1]
+
+
+def _read_inclinometer(e: Any, true: float, drawn: tuple[float, float]) -> Any:
+    return true + e.tilt_sigma * drawn[0]
+
+
+OWN = (  # what a follower's navigator takes
+    _sensor("speed", Stream.OWN_MOTION, _drifting_speed, read_speed),
+    _sensor("heading", Stream.OWN_MOTION, _drifting_heading, read_heading),
+    _sensor("depth", Stream.DEPTH, _depth_of_sensor, read_depth),
+)
+INSTRUMENTS = (  # besides, inclinometer and gyros, which only steer
+    *OWN,
+    _sensor("pitch", Stream.TILT, lambda e, at: _pitch(at.pose), _read_inclinometer),
+    _sensor("turning", Stream.GYRO, lambda e, at: at.twist[5], lambda e, true, drawn: true + e.gyro_sigma * drawn[0]),
+    _sensor("pitching", Stream.GYRO, lambda e, at: at.twist[4], lambda e, true, drawn: true + e.gyro_sigma * drawn[1]),
+)
+LEADER = (  # what a message holds beside time and place
+    _sensor("heading", Stream.LEADER_MOTION, lambda e, at: _heading(at.pose), read_leader_heading),
+    _sensor("speed", Stream.LEADER_MOTION, _leader_speed, read_leader_speed),
+    _sensor("depth", Stream.LEADER_DEPTH, lambda e, at: -at.pose[2], read_leader_depth),
+)
+LEADER_ATTITUDE = (
+    _sensor("pitch", Stream.LEADER_ATTITUDE, lambda e, at: _pitch(at.pose) + at.tilt[0], read_leader_attitude),
+    _sensor("roll", Stream.LEADER_ATTITUDE, lambda e, at: _roll(at.pose) + at.tilt[1], read_leader_attitude),
+)
+
+
+@formula
+def longest_range(true: Any, transmitters: int) -> Any:
+    """Longest of the ranges to the rear, front and, of three transmitters, middle one; 0 if none is received."""
+    longest = 0.0
+    longest = true[0] if true[0] > longest else longest
+    longest = true[1] if true[1] > longest else longest
+    return true[2] if transmitters > 2 and true[2] > longest else longest
+
+
+@formula
+def range_reading(e: Any, tau: float, true: float, longest: float, drawn: tuple[float, float]) -> float:
+    """Range to a transmitter (paper, Eq. 28) by a uniform and the normal of ψ; NaN where none is received.
+
+    A receiver rejects zero, negative ranges and those beyond `FARTHEST`. ψ counts in proportion to the longest range to
+    the N_T transmitters in use: 2 with LAISN-2 and 3 with LAISN-3 (Sections 2.2 and 2.3). The middle one, which LAISN-2
     has no use for, is scaled by the longest of all.
     """
-    psi, centre = e.range_scale_mean + e.range_scale_sigma * normal, 0.5 * e.range_error_centred
-    of_two = np.fmax(np.fmax(true[0], true[1]), 0.0)
-    of_all = np.fmax(of_two, true[2])
-    longest = of_all if transmitters > 2 else of_two
-    return (
-        _range_reading(true[0], longest, e.range_tau[0], uniform[0] - centre, psi),
-        _range_reading(true[1], longest, e.range_tau[1], uniform[1] - centre, psi),
-        _range_reading(true[2], of_all, e.range_tau[2], uniform[2] - centre, psi),
-    )
+    psi = e.range_scale_mean + e.range_scale_sigma * drawn[1]
+    reading = true + tau * (drawn[0] - 0.5 * e.range_error_centred) + psi * (true / (longest + (longest == 0.0)))
+    return reading if (reading > 0.0) & (reading <= FARTHEST) else math.nan
+
+
+RANGES = (  # `true` is a range and the longest one, the noise a uniform and a normal
+    _sensor(
+        "rear",
+        Stream.RANGE_UNIFORM,
+        None,
+        lambda e, true, drawn: range_reading(e, e.range_tau[0], true[0], true[1], drawn),
+    ),
+    _sensor(
+        "front",
+        Stream.RANGE_UNIFORM,
+        None,
+        lambda e, true, drawn: range_reading(e, e.range_tau[1], true[0], true[1], drawn),
+    ),
+    _sensor(
+        "middle",
+        Stream.RANGE_UNIFORM,
+        None,
+        lambda e, true, drawn: range_reading(e, e.range_tau[2], true[0], true[1], drawn),
+    ),
+)
 
 
 @formula
-def loses(e: SensorErrors) -> bool:
+def loses(e: Any) -> bool:
     """Whether a message is ever lost."""
     return bool(e.loss_probability + e.burst_probability > 0.0)
 
 
 @formula
-def is_bad(bad: bool, uniform: float, e: SensorErrors) -> bool:
+def is_bad(bad: bool, uniform: float, e: Any) -> bool:
     """Whether the next message meets the bad state, which is left with the inverse of its mean length."""
     return bool(uniform * e.burst_mean_messages >= 1.0 if bad else uniform < e.burst_probability)
 
 
 @formula
-def is_lost(bad: bool, uniform: float, e: SensorErrors) -> bool:
+def is_lost(bad: bool, uniform: float, e: Any) -> bool:
     """Whether a message in that state is lost."""
     return bool(uniform < (e.burst_loss_probability if bad else e.loss_probability))
 
 
 @formula
-def path_taken(uniform: Any, e: SensorErrors) -> Any:
-    """`Path` that the receiver takes for the direct one by a draw in (0, 1); numbers or arrays."""
+def path_taken(uniform: float, e: Any) -> Any:
+    """`Path` that the receiver takes for the direct one by a draw in (0, 1)."""
     surface = uniform < e.surface_echo_probability
     either = uniform < e.surface_echo_probability + e.bottom_echo_probability
     # 1 for the surface, 2 for the bottom: a draw below the first chance is below the sum of both
     return 2 * either - 1 * surface
 
 
-@elementwise
-def true_own(e: Any, follower: int, time: Any, body: Body, depth_sensor: Any, true: Any) -> None:
-    """Write what log, compass and pressure sensor, at an offset [m], read without random errors and biases."""
-    speed = speed_through_water(body.pose, body.twist, body.water)
-    true.speed = speed + drift(e, e.speed_drift, e.speed_drift_phase, follower, time)
-    true.heading = body.heading + drift(e, e.heading_drift, e.heading_drift_phase, follower, time)
-    true.depth = -carried(body.pose, depth_sensor)[2]
+@jitable
+def paths_taken(e: Any, sent: Address) -> tuple[int, int, int]:
+    """`Path` that a receiver takes for the direct one from the rear, front and middle transmitter.
 
-
-@elementwise
-def read_own(e: Any, address: Address, true: Any, reading: Any) -> None:
-    """Read log, compass and pressure sensor: of `true_own`, which may be the same record as the reading."""
-    log, compass = normals_at(address, _OWN_MOTION)
-    reading.speed = speed_reading(true.speed, e.speed_bias, e.speed_sigma, log)
-    reading.heading = heading_reading(true.heading, e.heading_bias, e.heading_sigma, compass)
-    reading.depth = plain_reading(true.depth, 0.0, e.depth_sigma, normals_at(address, _DEPTH)[0])
-
-
-@elementwise
-def read_steering(e: Any, address: Address, body: Body, reading: Any) -> None:
-    """Read inclinometer and gyros of a follower, which only steer it, into a record of `laisn.swarm.READING`."""
-    about_up, about_port = normals_at(address, _GYRO)
-    reading.pitch = plain_reading(body.pitch, 0.0, e.tilt_sigma, normals_at(address, _TILT)[0])
-    reading.turning = plain_reading(body.twist[5], 0.0, e.gyro_sigma, about_up)
-    reading.pitching = plain_reading(body.twist[4], 0.0, e.gyro_sigma, about_port)
-
-
-@elementwise
-def true_message(e: Any, time: Any, leader: Body, tilt: Any, message: Any) -> None:
-    """What a message of the leader holds without random errors and constant biases.
-
-    `tilt` is what accelerations add to measured pitch and roll [rad]; NaN if these are not broadcast. Writes a record
-    of `laisn.swarm.MESSAGE`.
+    `sent` is the address of the noise at the filter step at which a message is sent.
     """
-    message.timestamp = time
-    message.east = leader.pose[0] + e.leader_drift_east * time
-    message.north = leader.pose[1] + e.leader_drift_north * time
-    message.speed = speed_through_water(leader.pose, leader.twist, leader.water)
-    message.heading, message.depth, message.heading_sigma = leader.heading, -leader.pose[2], np.nan
-    message.pitch, message.roll = leader.pitch + tilt[0], leader.roll + tilt[1]
-
-
-@elementwise
-def read_message(e: Any, sent: Address, true: Any, offset: Any, fluctuation: Any, message: Any) -> None:
-    """What a message holds, by that of `true_message`, which may be the same record.
-
-    `sent` is the address of the noise at the filter step at which it is sent, `offset` normals of the errors of pitch
-    and roll that a run keeps, and `fluctuation` values of the Gauss–Markov processes, of unit variance.
-    """
-    log, compass = normals_at(sent, _LEADER_MOTION)
-    message.speed = speed_reading(true.speed, e.leader_speed_bias, 0.0, log)
-    message.heading = heading_reading(true.heading, e.leader_heading_bias, e.leader_heading_sigma, compass)
-    message.depth = plain_reading(true.depth, 0.0, e.leader_depth_sigma, normals_at(sent, _LEADER_DEPTH)[0])
-    constant, sigma = e.leader_attitude_offset_sigma, e.leader_tilt_sigma
-    message.pitch = true.pitch + constant * offset[0] + sigma * fluctuation[0]
-    message.roll = true.roll + constant * offset[1] + sigma * fluctuation[1]
-
-
-@elementwise
-def paths_taken(e: Any, sent: Address) -> Any:
-    """`Path` that a receiver takes for the direct one from the rear, front and middle transmitter."""
+    if e.surface_echo_probability + e.bottom_echo_probability == 0.0:
+        return 0, 0, 0
     drawn = uniforms_at(sent, _ECHO)
-    front, middle = (drawn[0], drawn[0]) if e.common_echoes else (drawn[1], drawn[2])
-    return path_taken(drawn[0], e), path_taken(front, e), path_taken(middle, e)
-
-
-@elementwise
-def _along(true: Any, path: Any) -> Any:
-    """Of the ranges by each path the one by this path."""
-    return select(path == 0, true[0], select(path == 1, true[1], true[2]))
-
-
-@elementwise
-def read_ranges(e: Any, transmitters: int, sent: Address, received: Address, true: Any) -> Any:
-    """Ranges of messages that are not lost, to the rear, front and middle transmitter [m].
-
-    Args:
-        e: record or tuple of `sim.sensing.sensors`.
-        transmitters: how many of the leader's the follower uses.
-        sent: address of the noise at the filter step at which a message is sent.
-        received: at the one at which it is received.
-        true: range by each path from each transmitter, shape (3 transmitters, 3 paths, …), [m]; NaN where nothing
-            is received.
-    """
-    paths = 0, 0, 0
-    if e.surface_echo_probability + e.bottom_echo_probability > 0.0:
-        paths = paths_taken(e, sent)
-    ranges = _along(true[0], paths[0]), _along(true[1], paths[1]), _along(true[2], paths[2])
-    drawn, normal = uniforms_at(received, _RANGE_UNIFORM), normals_at(received, _RANGE_SCALE)[0]
-    return range_readings(e, transmitters, ranges, drawn, normal)
+    rear = path_taken(drawn[0], e)
+    if e.common_echoes:
+        return rear, rear, rear
+    return rear, path_taken(drawn[1], e), path_taken(drawn[2], e)
 
 
 class FollowerState(NamedTuple):

@@ -6,7 +6,7 @@ import pytest
 from laisn.arrays import Records
 from sim.control.follower import away, give_way
 from sim.scenario.formation import Formation, Proximity
-from sim.sensing.observation import SIGHTING
+from sim.sensing.proximity import SIGHTING
 
 LAW, FORMATION = (
     Proximity(range_m=5.0, full_avoidance_range_m=3.0, max_avoidance_speed_m_s=0.8).record(),

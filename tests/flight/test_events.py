@@ -13,7 +13,7 @@ from sim import feasibility
 from sim.scenario.file import validate
 from sim.scenario.formation import Formation
 from sim.scenario.settings import Scenario
-from sim.sensing.observation import sightings
+from sim.sensing.proximity import sightings
 from sim.tracking import STATION_PLACE
 from tests import synthetic
 from tests.synthetic import make_flight

@@ -10,8 +10,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from experiments.campaign.montecarlo import Cell, histories
+from laisn.arrays import Bools, Ints, records
 from laisn.compiled import compiled
 from laisn.navigator import Navigator
+from laisn.swarm import MESSAGE
 from sim.flight import navigation_settings
 from sim.scenario.settings import Acoustics, Navigation
 from sim.sensing.acoustics import (
@@ -21,11 +23,10 @@ from sim.sensing.acoustics import (
     image,
     mean_slowness,
     path_slowness,
-    propagate,
     speed_at,
 )
-from sim.sensing.noise import Address
-from sim.sensing.observation import measure, observe, received
+from sim.sensing.noise import Address, Stream, seed_and_run, uniforms
+from sim.sensing.observation import MissionTruth, measure, observe, propagate
 from sim.sensing.sensors import SensorErrors, errors_of, paths_taken
 from tests.straight import make_scenario, make_trajectory
 
@@ -119,15 +120,15 @@ def test_mean_slowness_of_a_linear_profile(upper, lower):
         expected = 1 / c1
     else:
         expected = (np.log(c2 / c1) / 1.4 + (below[1] - below[0]) / 1520.0) / (lower - upper)
-    assert_allclose(mean_slowness(sound, np.array([upper]), np.array([lower])), [expected], rtol=1e-9)
+    assert_allclose(mean_slowness(sound, upper, lower), expected, rtol=1e-9)
     # in compiled code too
     assert_allclose(compiled_slowness(sound, upper, lower), expected, rtol=1e-9)
 
 
 def test_sound_has_the_speed_between_and_beyond_the_points_of_a_profile() -> None:
     sound = SoundProfile.through([[2.0, 1450.0], [10.0, 1490.0], [30.0, 1470.0]])
-    depth = np.array([0.0, 2.0, 4.0, 10.0, 25.0, 30.0, 99.0])
-    assert_allclose(speed_at(sound, depth), np.interp(depth, sound.depth, sound.speed), rtol=1e-15)
+    for depth in (0.0, 2.0, 4.0, 10.0, 25.0, 30.0, 99.0):
+        assert speed_at(sound, depth) == pytest.approx(np.interp(depth, sound.depth, sound.speed), rel=1e-15)
 
 
 def test_profile_and_bias_scale_the_range():
@@ -182,36 +183,53 @@ def test_images_of_images_are_the_sources():
 ECHOES = SensorErrors(surface_echo_probability=0.2, bottom_echo_probability=0.05)
 
 
+def paths(errors: SensorErrors, run: int, steps: Ints) -> Ints:
+    """Paths of messages sent at these steps, shape (m, 3)."""
+    return np.array([paths_taken(errors, Address(*seed_and_run(1, run), 0, step)) for step in steps.tolist()])
+
+
 def test_echoes_occur_at_the_set_rate_independently():
-    steps = np.arange(1, 200_001)
-    path = np.column_stack(paths_taken(ECHOES, Address(1, 0, 0, steps)))
+    steps = np.arange(1, 50_001)
+    path = paths(ECHOES, 0, steps)
     for kind, chance in ((Path.SURFACE, 0.2), (Path.BOTTOM, 0.05), (Path.DIRECT, 0.75)):
         share = (path == kind).mean(axis=0)
         assert_allclose(share, chance, atol=4.5 * np.sqrt(chance * (1 - chance) / steps.size))
     both = np.mean((path[:, REAR] == Path.SURFACE) & (path[:, FRONT] == Path.SURFACE))
     assert_allclose(both, 0.04, atol=4.5 * np.sqrt(0.04 / steps.size))
-    assert_array_equal(path[1000:1005], np.column_stack(paths_taken(ECHOES, Address(1, 0, 0, steps[1000:1005]))))
+    drawn = uniforms(1, 0, Stream.ECHO.number(), steps)[:, :3]
+    assert_array_equal(path, np.select([drawn < 0.2, drawn < 0.25], [Path.SURFACE, Path.BOTTOM], Path.DIRECT))
 
 
 def test_common_echoes_are_as_often_and_of_all_pings_of_a_message():
-    steps = np.arange(1, 200_001)
-    path = np.column_stack(paths_taken(ECHOES._replace(common_echoes=True), Address(1, 0, 0, steps)))
+    steps = np.arange(1, 50_001)
+    path = paths(ECHOES._replace(common_echoes=True), 0, steps)
     assert_array_equal(path, np.repeat(path[:, :1], 3, axis=1))
     for kind, chance in ((Path.SURFACE, 0.2), (Path.BOTTOM, 0.05)):
         assert_allclose((path == kind).mean(), chance, atol=4.5 * np.sqrt(chance * (1 - chance) / steps.size))
 
 
+def received(steps: Ints, errors: SensorErrors) -> Bools:
+    """Whether each message arrives, of a mission that sends one at each step."""
+    n = steps.size
+    truth = MissionTruth(
+        dt=0.1, start=np.zeros(4), speed=np.ones(n), heading=np.ones(n), depth=np.ones(n), hydrophone=np.zeros((n, 2)),
+        leader_position=np.zeros((n, 2)), leader_heading=np.zeros(n), message_step=steps, emission_step=steps,
+        sent=records(MESSAGE, n), slant_range=np.full((n, 3), 30.0),
+    )  # fmt: skip
+    return np.isfinite(measure(truth, errors, seed=1, run=0, in_bulk=True).ranges).all(axis=1)
+
+
 def test_loss_has_the_rate_and_the_bursts_of_the_chain():
     steps = np.arange(1, 200_001)
-    alone = received(1, 0, 0, steps, SensorErrors(loss_probability=0.3))
+    alone = received(steps, SensorErrors(loss_probability=0.3))
     assert_allclose(1 - alone.mean(), 0.3, atol=4.5 * np.sqrt(0.21 / steps.size))
     bursts = SensorErrors(burst_probability=0.02, burst_mean_messages=8.0)
-    arrived = received(1, 0, 0, steps, bursts)
+    arrived = received(steps, bursts)
     lengths = np.array([len(list(run)) for lost, run in groupby(~arrived) if lost])
     # lengths are geometric: standard deviation √(8 · 7)
     assert_allclose(lengths.mean(), 8.0, atol=4.5 * np.sqrt(56.0 / lengths.size))
     assert_allclose(1 - arrived.mean(), 0.02 / (0.02 + 1 / 8), atol=0.01)
-    assert received(1, 0, 0, steps, SensorErrors()).all()
+    assert received(steps[:1000], SensorErrors()).all()
 
 
 def test_pings_from_beyond_the_maximum_range_are_not_received():
@@ -266,7 +284,7 @@ def test_a_reading_of_an_echo_is_the_path_of_the_echo():
     errors = errors_of(scenario)._replace(range_tau=(0.0, 0.0, 0.0), range_scale_mean=0.0, range_scale_sigma=0.0)
     truth = observe(trajectory, scenario)
     read = measure(truth, errors, seed=1, run=2).ranges
-    path = np.column_stack(paths_taken(errors, Address(1, 2, 0, truth.emission_step)))
+    path = paths(errors, 2, truth.emission_step)
     sound = propagate(trajectory, scenario)
     assert_allclose(read, np.take_along_axis(sound.range, path[..., None], axis=2)[..., 0], rtol=1e-15)
     assert {int(p) for p in np.unique(path)} == {0, 1, 2}
@@ -276,4 +294,4 @@ def test_an_echo_along_the_boundary_has_the_slowness_there():
     """Source and receiver on the surface, or on the floor: no depth is crossed."""
     sound = SoundProfile.through([[0.0, 1400.0], [30.0, 1450.0]])
     for path, depth, speed in ((Path.SURFACE, 0.0, 1400.0), (Path.BOTTOM, 30.0, 1450.0)):
-        assert path_slowness(sound, path, np.array([-depth]), np.array([-depth]), 30.0) == pytest.approx([1.0 / speed])
+        assert path_slowness(sound, path, -depth, -depth, 30.0) == pytest.approx(1.0 / speed)

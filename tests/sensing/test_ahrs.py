@@ -11,7 +11,7 @@ from laisn.messages import LeaderMessage
 from sim import attitude
 from sim.scenario.settings import Sensors
 from sim.sensing.observation import MissionTruth, measure, observe
-from sim.sensing.sensors import SensorErrors, apparent_tilt, errors_of, random_error, tilt_errors
+from sim.sensing.sensors import SensorErrors, errors_of, random_error, tilt_errors
 from sim.trajectory import OF_VEHICLES, Trajectory
 from tests import straight, synthetic
 from tests.campaign.test_montecarlo import make_truth
@@ -31,6 +31,11 @@ def moved(velocity: Floats, quaternion: Floats) -> Trajectory:
     pair["velocity"][:, 0] = velocity
     pair["quaternion"][:, 0] = quaternion
     return synthetic.moved(still, time=0.1 * np.arange(n, dtype=np.float64), **pair)
+
+
+def apparent_tilt(trajectory: Trajectory) -> Floats:
+    """Pitch and roll that the sensor shows at each instant without gyros, shape (n, 2), [rad]."""
+    return tilt_errors(trajectory, SENSING) + np.column_stack([trajectory.pitch[:, 0], trajectory.roll[:, 0]])
 
 
 def test_a_hull_at_rest_shows_its_tilt() -> None:
@@ -92,7 +97,12 @@ def test_gyros_keep_waves_out(time_constant: float) -> None:
 def test_without_accelerations_the_attitude_is_true() -> None:
     rough = moved(np.random.default_rng(1).normal(size=(30, 3)), attitude.from_euler(0.3, 0.1, -0.2))
     assert not tilt_errors(rough, Sensors(leader_gyro_time_constant_s=5.0)).any()
-    assert tilt_errors(rough, SENSING) == pytest.approx(apparent_tilt(rough) - [0.1, -0.2], abs=1e-12)
+    # specific force in the hull's axes; the acceleration of a step is known at its end
+    force = np.diff(rough.velocity[:, 0], axis=0, prepend=0.0) / 0.1 + [0.0, 0.0, G]
+    force[0] = force[1]
+    forward, port, up = attitude.rotate(rough.quaternion[:, 0] * [1.0, -1.0, -1.0, -1.0], force).T
+    shown = np.column_stack([np.arctan2(forward, np.hypot(port, up)), np.arctan2(port, up)])
+    assert tilt_errors(rough, SENSING) == pytest.approx(shown - [0.1, -0.2], abs=1e-12)
 
 
 def test_random_error_is_that_of_the_filter_itself() -> None:

@@ -53,10 +53,11 @@ def test_each_follower_is_ahead_of_the_one_before_by_the_golden_angle() -> None:
 
 
 def test_a_motion_is_read_with_the_errors_of_its_instants() -> None:
-    w, time = drifting(DRIFTING), np.array([0.0, 50.0, 100.0])
-    speed, heading = biased(w, 0, time, np.ones(3), np.full(3, 0.5))
-    np.testing.assert_allclose(speed, 1.0 + 0.3 * np.sin(np.pi / 6 + np.pi * time / 100.0))
-    np.testing.assert_allclose(heading, 0.5 + np.deg2rad(4.0) * np.cos(np.pi * time / 100.0))
+    scenario = make_scenario().model_copy(update={"sensors": DRIFTING})
+    truth = observe(make_trajectory((0.0, 40.0, -10.0), follower_velocity=(1.0, 0.0, 0.0)), scenario)
+    time = 0.1 * np.arange(1, truth.speed.size + 1)
+    np.testing.assert_allclose(truth.speed, 1.0 + 0.3 * np.sin(np.pi / 6 + np.pi * time / 100.0))
+    np.testing.assert_allclose(truth.heading, np.pi / 2 + np.deg2rad(4.0) * np.cos(np.pi * time / 100.0))
 
 
 def test_a_leader_walks_off_towards_a_compass_direction() -> None:

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from laisn.arrays import Floats, records
-from laisn.swarm import MESSAGE, READING
+from laisn.arrays import Floats, numbers_of, records
+from laisn.swarm import READING
 from sim import attitude
 from sim.scenario.sensors import FollowerSensors
 from sim.scenario.settings import Scenario, Sensors
@@ -16,14 +16,13 @@ from sim.sensing.observation import (
     NO_RANGES,
     RECEIVED,
     SensorModel,
-    broadcast,
     new_inbox,
     read_instruments,
     receive,
     sensor_model_of,
 )
 from sim.trajectory import Truth
-from tests.synthetic import make_scenario, record
+from tests.synthetic import make_scenario
 
 PITCH, RATES = 0.1, (0.02, -0.03, 0.05)
 """Pitch [rad] and rates of turn about the forward, port and up axis [rad/s]."""
@@ -54,8 +53,8 @@ def read(sensors: SensorModel, steps: int, follower: int = 0) -> Floats:
     pose, twist = np.r_[0.0, 0.0, -10.0, attitude.from_euler(1.0, PITCH, 0.2)], np.r_[1.0, 0.0, 0.0, RATES]
     readings = records(READING, steps)
     for k in range(steps):
-        read_instruments(sensors, k + 1, follower, (pose, twist, np.zeros(3)), np.zeros(3), readings[k])
-    return np.array(readings.tolist())[:, 3:]
+        read_instruments(sensors, k + 1, follower, (pose, twist, np.zeros(3)), np.zeros(3), numbers_of(readings)[k])
+    return numbers_of(readings)[:, 3:]
 
 
 def test_perfect_instruments_read_pitch_and_the_rates_of_the_hull() -> None:
@@ -87,7 +86,12 @@ def test_one_follower_has_errors_of_its_own() -> None:
     for i, variant in enumerate((plain, changed)):
         for follower in range(2):
             read_instruments(
-                sensor_model_of(variant), 7, follower, (pose, twist, np.zeros(3)), np.zeros(3), readings[i, follower]
+                sensor_model_of(variant),
+                7,
+                follower,
+                (pose, twist, np.zeros(3)),
+                np.zeros(3),
+                numbers_of(readings)[i, follower],
             )
     np.testing.assert_array_equal(readings[0, 0], readings[1, 0])
     tilt = np.deg2rad(1.0) * normals(plain.seed, plain.run, Stream.TILT.number(1), [7])[0, 0]
@@ -113,7 +117,7 @@ def test_each_range_has_the_error_of_its_own_ping(used: int, centre: float) -> N
     ])  # fmt: skip
     away = np.array([-30.0, 20.0, -1.9]) - transmitters
     true = np.linalg.norm(away, axis=1)
-    truth, inbox = standing(poses, 21), new_inbox(2)
+    truth, inbox = standing(poses, 21), new_inbox(2, 10)
     for k in (10, 20):
         receive(sensors, k, 1, (transmitters, hydrophones), Motion(truth, 0.0, k), np.zeros((21, 2)), inbox)
         assert inbox.outcome.tolist() == [0, RECEIVED]
@@ -146,7 +150,7 @@ def test_a_ping_is_received_by_echo_late_clock_and_broken_channel_as_far_as_soun
     there, sources = poses[1, :3] + [0.0, 0.0, 0.1], poses[0, :3] + attitude.rotate(leader, transmitters)
     direct = np.linalg.norm(sources - there, axis=1)
     assert direct.min() < reach < direct.max(), "one transmitter is out of reach"
-    truth, inbox, state, received, in_bursts = standing(poses, 601), new_inbox(1), False, [], 0
+    truth, inbox, state, received, in_bursts = standing(poses, 601), new_inbox(1, 10), False, [], 0
     for k in range(10, 610, 10):
         receive(
             sensors, k, 0, (transmitters, np.array([[0.0, 0.0, 0.1]])), Motion(truth, 0.0, k), np.zeros((601, 2)), inbox
@@ -182,15 +186,25 @@ def test_log_compass_and_pressure_err_by_equations_26_and_27() -> None:
     errors.speed_bias, errors.speed_sigma, errors.heading_bias, errors.heading_sigma = 0.1, 0.02, 0.05, 0.01
     errors.depth_sigma = 0.3
     turned = attitude.from_euler(1.0, PITCH, 0.2)
-    twist, water, reading = np.r_[0.9, 0.7, 0.2, RATES], np.array([0.1, -0.2, 0.05]), record(READING)
-    read_instruments(sensors, k, 1, (np.r_[3.0, 4.0, -10.0, turned], twist, water), np.array([0.5, 0.0, 0.0]), reading)
+    twist, water, readings = np.r_[0.9, 0.7, 0.2, RATES], np.array([0.1, -0.2, 0.05]), records(READING, 1)
+    reading = readings[0]
+    read_instruments(
+        sensors,
+        k,
+        1,
+        (np.r_[3.0, 4.0, -10.0, turned], twist, water),
+        np.array([0.5, 0.0, 0.0]),
+        numbers_of(readings)[0],
+    )
     motion, depth = (normals(seed, run, s.number(1), [k])[0] for s in (Stream.OWN_MOTION, Stream.DEPTH))
     assert reading.speed == pytest.approx(attitude.forward(turned) @ (twist[:3] - water) + 0.1 + 0.02 * motion[0])
     assert reading.heading == pytest.approx(1.0 + 0.05 + 0.01 * abs(motion[1]))
     assert reading.depth == pytest.approx(10.0 - 0.5 * np.sin(PITCH) + 0.3 * depth[0])
     # inclinometer and gyros likewise, in the order up and port
     errors.tilt_sigma, errors.gyro_sigma = 0.02, 0.004
-    read_instruments(sensors, k, 1, (np.r_[3.0, 4.0, -10.0, turned], twist, water), np.zeros(3), reading)
+    read_instruments(
+        sensors, k, 1, (np.r_[3.0, 4.0, -10.0, turned], twist, water), np.zeros(3), numbers_of(readings)[0]
+    )
     tilt, gyro = (normals(seed, run, s.number(1), [k])[0] for s in (Stream.TILT, Stream.GYRO))
     expected = [PITCH + 0.02 * tilt[0], RATES[2] + 0.004 * gyro[0], RATES[1] + 0.004 * gyro[1]]
     assert reading.tolist()[3:] == pytest.approx(expected)
@@ -203,15 +217,18 @@ def test_a_leader_broadcasts_its_place_motion_and_attitude() -> None:
         sensors, leader_speed_bias=0.1, leader_heading_bias=0.05, leader_heading_sigma=0.01,
         leader_depth_sigma=0.3, leader_attitude_offset_sigma=0.001, leader_tilt_sigma=0.002,
     )  # fmt: skip
-    body = np.r_[3.0, 4.0, -9.0, attitude.from_euler(1.0, PITCH, 0.2)], np.r_[0.9, 0.7, 0.2, RATES], np.zeros(3)
-    message = record(MESSAGE)
-    broadcast(sensors, k, body, np.array([0.02, -0.03]), 0, np.zeros(2), message)
+    poses = np.array(
+        [np.r_[3.0, 4.0, -9.0, attitude.from_euler(1.0, PITCH, 0.2)], np.r_[9.0, 9.0, -9.0, 1.0, np.zeros(3)]]
+    )
+    truth, inbox, sites = standing(poses, k + 1), new_inbox(1, 10, over=3), (np.zeros((3, 3)), np.zeros((1, 3)))
+    truth.twist[k, 0] = 0.9, 0.7, 0.2, *RATES
+    receive(sensors, k, 0, sites, Motion(truth, 0.0, k), np.full((k + 1, 2), (0.02, -0.03)), inbox)
     streams = (Stream.LEADER_MOTION, Stream.LEADER_DEPTH, Stream.LEADER_ATTITUDE)
     motion, depth, tilt = (normals(seed, run, s, [k])[0] for s in streams)
     offset = normals(seed, run, Stream.LEADER_ATTITUDE, [0])[0]
     expected = [
         k * sensors.dt, 3.0, 4.0, 1.0 + 0.05 + 0.01 * abs(motion[1]),
-        attitude.forward(body[0][3:]) @ body[1][:3] + 0.1, 9.0 + 0.3 * depth[0],
+        attitude.forward(poses[0, 3:]) @ truth.twist[k, 0, :3] + 0.1, 9.0 + 0.3 * depth[0],
         PITCH + 0.02 + 0.001 * offset[0] + 0.002 * tilt[0], 0.2 - 0.03 + 0.001 * offset[1] + 0.002 * tilt[1],
     ]  # fmt: skip
-    assert message.tolist() == pytest.approx([*expected, np.nan], nan_ok=True)
+    assert inbox.message[0].tolist() == pytest.approx([*expected, np.nan], nan_ok=True)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sim.scenario.settings import Acoustics, Sensors
-from sim.sensing.observation import observe, start_of
+from sim.sensing.observation import measure, observe, start_of
 from sim.sensing.sensors import errors_of
 from sim.trajectory import OF_VEHICLES
 from tests import synthetic
@@ -107,3 +107,31 @@ def test_sensing_a_long_mission_takes_less_memory_than_the_mission_itself() -> N
         assert tracemalloc.get_traced_memory()[1] < held
     finally:
         tracemalloc.stop()
+
+
+def test_compiled_code_senses_the_bits_that_python_does() -> None:
+    """Everything that may happen to a message at once; a campaign senses in bulk what a flight senses alone."""
+    acoustics = Acoustics(
+        travel_time=True, ping_slot_s=0.05, surface_echo_probability=0.2, bottom_echo_probability=0.1,
+        loss_probability=0.1, burst_probability=0.1, sound_speed_profile=((0.0, 1480.0), (20.0, 1510.0)),
+        clock_drift_ppm=20.0, max_range_m=60.0,
+    )  # fmt: skip
+    sensors = Sensors(
+        speed_drift_m_s=0.1, heading_drift_deg=2.0, depth_sigma_m=0.1, leader_heading_sigma_deg=1.0,
+        leader_depth_sigma_m=0.1, leader_attitude_sigma_deg=0.5, leader_attitude_offset_sigma_deg=0.2,
+        leader_gyro_time_constant_s=3.0, leader_attitude_senses_acceleration=True,
+    )  # fmt: skip
+    scenario = synthetic.make_scenario(60.0, 2)
+    leader = scenario.leader.model_copy(update={"broadcast_attitude": True})
+    scenario = scenario.model_copy(update={"acoustics": acoustics, "sensors": sensors, "leader": leader})
+    flown = synthetic.make_trajectory(scenario)
+    alone, bulk = (observe(flown, scenario, 1, in_bulk=in_bulk) for in_bulk in (False, True))
+    assert len(alone.message_step) > 50
+    errors = errors_of(scenario, 1)
+    found = [measure(truth, errors, seed=5, run=3, follower=1, in_bulk=truth is bulk) for truth in (alone, bulk)]
+    for one, other in ((alone, bulk), found):
+        for name, value in vars(one).items():
+            if isinstance(value, np.ndarray):
+                assert value.tobytes() == getattr(other, name).tobytes(), name
+    assert np.isnan(found[0].ranges).any()
+    assert np.isfinite(found[0].message[:, 6:8]).all()

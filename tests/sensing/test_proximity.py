@@ -7,7 +7,7 @@ from laisn.arrays import Floats, records
 from sim import attitude
 from sim.scenario.settings import Scenario
 from sim.sensing.noise import Stream, normals
-from sim.sensing.observation import SIGHTING, look, look_interval
+from sim.sensing.proximity import SIGHTING, look, look_interval
 
 STEPS = 4000
 

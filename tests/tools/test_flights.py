@@ -11,7 +11,8 @@ import pytest
 from experiments.campaign.montecarlo import Mission
 from laisn.arrays import Floats
 from sim.flight import Flight
-from sim.sensing.sensors import apparent_tilt
+from sim.scenario.sensors import Sensors
+from sim.sensing.sensors import tilt_errors
 from sim.trajectory import tilted
 from tests import synthetic
 from tools.documents import flights
@@ -36,7 +37,7 @@ def test_flights_are_compared_by_errors_and_positions(monkeypatch: pytest.Monkey
     _, seen = Mission(whole.scenario, whole.trajectory).seen(whole.scenario, 0)
     # leaders pitch ever more from flight to flight; that of the following sea by 0.2 rad
     pitched = {n: replace(whole, trajectory=tilted(whole.trajectory, 0.1 * n)) for n in range(1, 5)}
-    shown = apparent_tilt(pitched[2].trajectory)[:, 0] - 0.2
+    shown = tilt_errors(pitched[2].trajectory, Sensors(leader_attitude_senses_acceleration=True))[:, 0]
 
     def load(name: str, settings: Sequence[str]) -> tuple[str, tuple[str, ...]]:
         calls.append((name, tuple(settings)))

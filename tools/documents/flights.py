@@ -9,8 +9,9 @@ from experiments.findings import FILE, Finding, Findings, plain, record
 from experiments.flight.fly import fly
 from experiments.flight.library import load
 from sim.flight import Flight, position_and_bearing_errors
+from sim.scenario.sensors import Sensors
 from sim.sensing.observation import MissionTruth
-from sim.sensing.sensors import apparent_tilt
+from sim.sensing.sensors import tilt_errors
 
 COMMAND = "python -m tools.documents.studies flights"
 MODULES = ("tools.documents.flights",)
@@ -39,7 +40,8 @@ def slip(truth: MissionTruth) -> float:
 def _tilt(flight: Flight) -> dict[str, Finding]:
     """How much the leader of a flight pitches, and how wrong an ideal inclinometer is about that."""
     pitch = flight.trajectory.pitch[:, 0]
-    wrong = apparent_tilt(flight.trajectory)[:, 0] - pitch
+    ideal = Sensors(leader_attitude_senses_acceleration=True)
+    wrong = tilt_errors(flight.trajectory, ideal)[:, 0]
     rms = [float(np.rad2deg(np.sqrt(np.mean(angle**2)))) for angle in (pitch, wrong)]
     return {
         "pitch following-sea": plain(rms[0], "pitch of the leader, RMS", "°"),

@@ -1,0 +1,79 @@
+"""The proximity sensor of followers in formation: range and bearing of every vehicle nearby.
+
+It looks all around in a level fan. It senses every vehicle within its range and its fan, whatever
+lies between, and takes hulls for points at their middles; its errors are drawn for each look at one vehicle.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from laisn.arrays import Floats, Record, Records
+from laisn.compiled import compiled
+from laisn.geometry import signed_angle
+from sim.attitude import heading_of
+from sim.scenario.settings import CONTROL_STEP_S, Scenario
+from sim.sensing.noise import STREAMS, Stream, two_normals, two_units, words
+from sim.trajectory import Trajectory
+
+SIGHTING = np.dtype(  # what a look shows of one vehicle
+    [
+        ("range", np.float64),  # [m]; NaN: nothing was sensed
+        ("bearing", np.float64),  # to starboard of the own heading [rad]
+    ]
+)
+
+_U = np.uint64
+_NEARBY = int(Stream.NEARBY)
+
+
+def look_interval(scenario: Scenario) -> int:
+    """Ticks from one look of the followers to the next; 0: they have no sensor."""
+    proximity = scenario.formation.proximity
+    return round(proximity.period_s / CONTROL_STEP_S) if proximity else 0
+
+
+@compiled
+def look(address: tuple[np.uint64, np.uint64], p: Record, k: int, follower: int, poses: Floats, seen: Records) -> None:
+    """Look around at tick k, from 1, by seed and run of the noise and the record of `[formation.proximity]`.
+
+    `poses` are of all vehicles, shape (v, 7); `seen`, out, is what is sensed of each, of SIGHTING, shape (v,).
+    """
+    own, steepest = follower + 1, np.sin(0.5 * p.aperture)
+    heading = heading_of(poses[own, 3], poses[own, 4], poses[own, 5], poses[own, 6])
+    for j in range(poses.shape[0]):
+        seen[j].range = seen[j].bearing = np.nan
+        x, y, z = poses[j, 0] - poses[own, 0], poses[j, 1] - poses[own, 1], poses[j, 2] - poses[own, 2]
+        distance = np.sqrt(x * x + y * y + z * z)
+        if j == own or distance > p.range or abs(z) > steepest * distance:
+            continue
+        w0, w1, w2, w3 = words(address[0], address[1], _U(STREAMS * follower + _NEARBY + j), _U(k))
+        first, second = two_units(w0, w1, w2, w3)
+        long, aside = two_normals(first, second)
+        seen[j].range = max(distance + p.range_sigma * long, 0.0)
+        seen[j].bearing = signed_angle(np.arctan2(x, y) - heading + p.bearing_sigma * aside)
+
+
+class Sightings(NamedTuple):
+    """What followers of a flight sensed nearby."""
+
+    first_s: Floats  # when each follower first saw each vehicle, shape (f, v), [s]; NaN: never
+    spent_s: Floats  # time for which each follower detected a vehicle, shape (f,), [s]
+
+
+def sightings(scenario: Scenario, trajectory: Trajectory) -> Sightings:
+    """What the followers' sensors showed on the way, which they steered by; nothing where they have none."""
+    proximity, f, every = scenario.formation.proximity, len(scenario.followers), look_interval(scenario)
+    first, spent = np.full((f, f + 1), np.nan), np.zeros(f)
+    for i, follower in enumerate(scenario.followers):
+        # followers on routes have no sensor
+        if proximity is None or follower.station is None:
+            continue
+        apart = trajectory.position[every::every] - trajectory.position[every::every, [i + 1]]
+        distance = np.sqrt(apart[..., 0] ** 2 + apart[..., 1] ** 2 + apart[..., 2] ** 2)
+        steepest = np.sin(0.5 * np.deg2rad(proximity.aperture_deg))
+        seen = (distance <= proximity.range_m) & (np.abs(apart[..., 2]) <= steepest * distance)
+        seen[:, i + 1] = False
+        first[i, seen.any(axis=0)] = (seen.argmax(axis=0)[seen.any(axis=0)] + 1) * every * CONTROL_STEP_S
+        spent[i] = np.count_nonzero(seen.any(axis=1)) * every * CONTROL_STEP_S
+    return Sightings(first, spent)
