@@ -114,7 +114,10 @@ class Mission:
     def __init__(self, scenario: Scenario, trajectory: Trajectory) -> None:
         self._motion = nameless(motion_of(scenario))
         self._sited = cache(partial(sited, trajectory))
-        self._observed = cache(lambda scenario, follower: observe(self._sited(scenario.leader), scenario, follower))
+        self._observed = cache(self._observe)
+
+    def _observe(self, scenario: Scenario, follower: int) -> MissionTruth:
+        return observe(self._sited(scenario.leader), scenario, follower, in_bulk=True)
 
     def seen(self, scenario: Scenario, follower: int) -> tuple[Trajectory, MissionTruth]:
         """Motion with a scenario's transmitters, and what one follower sees; LaisnError if vehicles move otherwise."""

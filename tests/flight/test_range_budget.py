@@ -11,8 +11,7 @@ from experiments.flight.range_budget import Cause, RangeErrorBudget, range_error
 from experiments.pages import flight_report
 from sim.flight import Flight, excerpt
 from sim.scenario.settings import Acoustics, Navigation, Scenario
-from sim.sensing.observation import propagate
-from sim.sensing.observation import measure, observe
+from sim.sensing.observation import measure, observe, propagate
 from sim.sensing.sensors import SensorErrors, errors_of
 from sim.trajectory import Trajectory
 from tests.straight import make_scenario, make_trajectory
