@@ -62,11 +62,6 @@ def rotation(quaternion: Any) -> Matrix:
     )
 
 
-def _parts(array: Floats) -> tuple[Floats, ...]:
-    """Components along the last axis, which functions of one attitude take for those of many."""
-    return tuple(array[..., i] for i in range(array.shape[-1]))
-
-
 @jitable
 def rotated(quaternion: Any, vector: Any) -> Any:
     """A body vector in the world; four and three components, numbers or arrays."""
@@ -79,7 +74,7 @@ def rotated(quaternion: Any, vector: Any) -> Any:
 
 def rotate(quaternion: Floats, vector: Floats) -> Floats:
     """Turn body vectors into the world; shapes (…, 4) and (…, 3) broadcast."""
-    return np.stack(rotated(_parts(quaternion), _parts(vector)), axis=-1)
+    return np.stack(rotated(np.moveaxis(quaternion, -1, 0), np.moveaxis(vector, -1, 0)), axis=-1)
 
 
 @jitable
@@ -87,11 +82,6 @@ def forward_of(quaternion: Any) -> Any:
     """East, north and up of the forward axis; four components, numbers or arrays."""
     w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
     return 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
-
-
-def forward(quaternion: Floats) -> tuple[Floats, Floats, Floats]:
-    """East, north and up of the forward axis, each of shape (…,)."""
-    return forward_of(_parts(quaternion))  # type: ignore[no-any-return]
 
 
 @jitable
@@ -160,21 +150,6 @@ def heading_pitch_roll(quaternion: Floats) -> tuple[Floats, Floats, Floats]:
     _angles(rows, angles)
     heading, pitch, roll = angles.reshape(3, *quaternion.shape[:-1])
     return heading, pitch, roll
-
-
-def heading(quaternion: Floats) -> Floats:
-    """Compass heading in [0, 2π), shape (…,), [rad]."""
-    return heading_pitch_roll(quaternion)[0]
-
-
-def pitch(quaternion: Floats) -> Floats:
-    """Pitch, positive nose up, shape (…,), [rad]."""
-    return heading_pitch_roll(quaternion)[1]
-
-
-def roll(quaternion: Floats) -> Floats:
-    """Roll, positive starboard down, shape (…,), [rad]."""
-    return heading_pitch_roll(quaternion)[2]
 
 
 @jitable

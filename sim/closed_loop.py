@@ -23,7 +23,6 @@ from sim.attitude import carried
 from sim.control.autopilot import apply_wrench, control, vehicle_state
 from sim.control.follower import (
     FOLLOWER_MEMORY,
-    extend_silent_trail,
     extend_trail,
     init_memory,
     keep_station,
@@ -31,7 +30,7 @@ from sim.control.follower import (
     update_avoidance,
 )
 from sim.control.guidance import REFERENCE, begin, integrate_offset, limit_command, steer, track_current
-from sim.control.station import SPACING, TRAIL, LeaderPlan, plan_of
+from sim.control.station import SPACING, TRAIL, LeaderPlan, extend_as_planned, plan_of
 from sim.flight import navigation_settings
 from sim.scenario.formation import Proximity
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
@@ -161,7 +160,8 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
                 clock, message = (k * TICK, TICK), a.inbox.message[i]
                 extend_trail(a.formation, a.stations[i], message, a.trails[i], a.counts[i], clock, a.memory[i])
         if on_station:
-            extend_silent_trail(a.plan, a.trails[i], a.counts[i], (k, TICK), a.memory[i])
+            received = a.memory[i].last_received, a.memory[i].received_points
+            extend_as_planned(a.plan, a.trails[i], a.counts[i], received, (k, TICK))
     return k > 0
 
 

@@ -80,13 +80,10 @@ def _transmitters(scenario: Scenario, trajectory: Trajectory) -> dict[str, Any]:
     *placed, sensor = (trajectory.site_offset[trajectory.site(name)] for name in (*TRANSMITTERS, "leader/depth_sensor"))
     sites = np.array(placed) - np.array([0.0, 0.0, sensor[2]])
     chosen = scenario.navigation.transmitters_m
-    if on_axis(sites):
-        return {
-            "baseline": 2.0 * float(sites[1, 0]),
-            "middle_offset": float(sites[2, 1]),
-            "transmitter_offsets": chosen,
-        }
-    return {"transmitter_offsets": chosen or tuple(tuple(site) for site in sites.tolist())}
+    if not on_axis(sites):
+        return {"transmitter_offsets": chosen or tuple(tuple(site) for site in sites.tolist())}
+    baseline, offset = 2.0 * float(sites[1, 0]), float(sites[2, 1])
+    return {"baseline": baseline, "middle_offset": offset, "transmitter_offsets": chosen}
 
 
 def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: int) -> Settings:

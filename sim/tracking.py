@@ -82,7 +82,8 @@ def hull_gap(between: Floats, one: Floats, other: Floats, halves: tuple[float, f
 def _first_contacts(pose: Floats) -> Ints:
     """First instant at which the hulls of each pair touch, shape (v, v), below the diagonal; −1 if they never do."""
     position, count = pose[..., :3], pose.shape[1]
-    axis, half = np.stack(attitude.forward(pose[..., 3:]), axis=-1), [LEADER_HALF_M, *[FOLLOWER_HALF_M] * (count - 1)]
+    axis = np.stack(attitude.forward_of(np.moveaxis(pose[..., 3:], -1, 0)), axis=-1)
+    half = [LEADER_HALF_M, *[FOLLOWER_HALF_M] * (count - 1)]
     first = np.full((count, count), -1)
     for i in range(count):
         for j in range(i):
@@ -123,10 +124,10 @@ STATION_PLACE = np.dtype(  # where a station is at one instant
 
 @compiled
 def _stations(
-    leader: Floats, speed: Floats, heading: Floats, stations: Records, formation: Record, dt: float, out: Records
-) -> None:
-    """Write where stations truly are, of STATION_PLACE, shape (n, f)."""
+    leader: Floats, speed: Floats, heading: Floats, stations: Records, formation: Record, dt: float
+) -> Records:
     n, f = leader.shape[0], stations.shape[0]
+    out = np.empty((n, f), STATION_PLACE)
     trail, count = np.empty(n, TRAIL), np.zeros(1, dtype=np.int64)
     states = np.zeros(f, FRAME_STATE)
     for i in range(f):
@@ -141,6 +142,7 @@ def _stations(
             target = station_at(stations[i], known, time, states[i])
             out[k, i].east, out[k, i].north = target.east, target.north
             out[k, i].heading, out[k, i].rate = states[i].heading, states[i].rate
+    return out
 
 
 def stations_along(
@@ -151,10 +153,8 @@ def stations_along(
     `leader` is its east and north at n instants dt [s] apart, shape (n, 2), [m], with its speed through the water [m/s]
     and heading [rad], shape (n,). `stations` are records of STATION, shape (f,).
     """
-    out = records(STATION_PLACE, leader.shape[0], stations.shape[0])
     place, through, ahead = (np.ascontiguousarray(values) for values in (leader, speed, heading))
-    _stations(place, through, ahead, stations, formation.record(), dt, out)
-    return out
+    return _stations(place, through, ahead, stations, formation.record(), dt).view(np.recarray)
 
 
 def stations_of(scenario: Scenario) -> Records:

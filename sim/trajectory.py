@@ -146,17 +146,17 @@ class Trajectory(ArrayRecord):
     @cached_property
     def heading(self) -> Floats:
         """Compass heading, clockwise from north in [0, 2π), shape (n, v), [rad]."""
-        return attitude.heading(self.quaternion)
+        return attitude.heading_pitch_roll(self.quaternion)[0]
 
     @property
     def pitch(self) -> Floats:
         """Positive nose up, shape (n, v), [rad]."""
-        return attitude.pitch(self.quaternion)
+        return attitude.heading_pitch_roll(self.quaternion)[1]
 
     @property
     def roll(self) -> Floats:
         """Positive starboard down, shape (n, v), [rad]."""
-        return attitude.roll(self.quaternion)
+        return attitude.heading_pitch_roll(self.quaternion)[2]
 
     @property
     def depth(self) -> Floats:

@@ -21,8 +21,6 @@ from laisn.failure import LaisnError
 from sim.attitude import Matrix, Vector
 
 GRAVITY = 9.81  # gravity, which pulls on the surface here as it pulls on bodies in models/ocean.xml [m/s²]
-
-
 FLOOR_DEPTH_M = 40.0  # depth of the floor of a sea unless it is given [m]
 
 
@@ -176,23 +174,16 @@ class Ocean:
         orbital = w.amplitude_m * w.omega_rad_s / -np.expm1(twice_depth)
         given = [w.amplitude_m, w.wavenumber_1_m, w.omega_rad_s, fixed, w.phase_rad]
         derived = [k, w.wavenumber_1_m / k[:, None], orbital, np.exp(twice_depth)]
-        return current, np.ascontiguousarray(np.column_stack([*given, *derived]).T), self._change
-
-    @property
-    def _change(self) -> Floats:
-        """Columns START, SET, ACCELERATION and RUN."""
         time, velocity = self.current_change[:, 0], self.current_change[:, 1:]
-        out = np.zeros((time.size, 7))
-        out[:, START], out[:, SET] = time, velocity
-        if time.size > 1:
-            dt = np.diff(time)[:, None]
-            out[:-1, ACCELERATION] = np.diff(velocity, axis=0) / dt
-            out[1:, RUN] = np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * dt, axis=0)
-        return out
+        change, dt = np.zeros((time.size, 7)), np.diff(time)[:, None]
+        change[:, START], change[:, SET] = time, velocity
+        change[:-1, ACCELERATION] = np.diff(velocity, axis=0) / dt
+        change[1:, RUN] = np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * dt, axis=0)
+        return current, np.ascontiguousarray(np.column_stack([*given, *derived]).T), change
 
     def run(self, time: float) -> tuple[float, float]:
         """Way that the changing part of the current has made since time 0, east and north [m]."""
-        return change_at(time, self._change)[4:]
+        return change_at(time, self.water[2])[4:]
 
     def velocity(self, position: Floats, time: float) -> Floats:
         """Velocity of the water in the world at points of shape (n, 3), [m]; the answer likewise, [m/s]."""

@@ -27,12 +27,9 @@ from sim.control.autopilot import VehicleState
 from sim.control.guidance import SPEED_LEAST
 from sim.control.station import (
     FRAME_STATE,
-    SPACING,
-    LeaderPlan,
     Target,
     correct_planned,
     extend,
-    extend_as_planned,
     rate_limited_velocity,
     station_at,
     turn_frame,
@@ -190,16 +187,6 @@ def init_memory(leader: Record, trail: Records, count: Ints, memory: Record) -> 
     extend(trail, count, leader.east, leader.north, leader.timestamp, (leader.speed, leader.heading))
     memory.log, memory.compass = np.nan, np.nan
     memory.last_received, memory.received_points = leader.timestamp, count[0]
-
-
-@compiled
-def extend_silent_trail(
-    plan: LeaderPlan, trail: Records, count: Ints, clock: tuple[int, float], memory: Record
-) -> None:
-    """Extend the trail by the leader's plan while no message is in; `clock` is the control step and its length [s]."""
-    k, dt = clock
-    if plan.until.size > 0 and k % round(SPACING / dt) == 0 and k * dt - memory.last_received > 0.5 * SPACING:
-        extend_as_planned(plan, trail, count, (memory.last_received, memory.received_points), clock)
 
 
 @compiled

@@ -16,6 +16,7 @@ and north [m], [m/s]; `dt`, the time since the last call [s]; and `memory`, of G
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 
 import numpy as np
 
@@ -90,14 +91,11 @@ def _write_reference(route: Route, time: Floats, lead: float, least_radius: floa
     flown = flown_plan(route, least_radius)
     motion = flown.at(time)
 
-    def course(t: Floats) -> Floats:
-        return np.interp(t, flown.start, flown.course)
+    def planned(values: Floats) -> Callable[[Floats], Floats]:
+        return lambda t: np.interp(t, flown.start, values)
 
-    def speed(t: Floats) -> Floats:
-        return np.interp(t, flown.start, flown.speed)
-
-    def turn_rate(t: Floats) -> Floats:
-        return _rate(course, t, TURN_SMOOTHING)
+    course, speed = planned(flown.course), planned(flown.speed)
+    turn_rate = partial(_rate, course, width=TURN_SMOOTHING)
 
     def depth(t: Floats) -> Floats:
         return route.depth.depth_at(np.maximum(t, 0.0))
@@ -163,19 +161,6 @@ def limit_command(heading: float, speed: float, dt: float, memory: Record) -> tu
 
 
 @compiled
-def _hold(
-    course: tuple[float, float], offset: tuple[float, float], dt: float, memory: Record
-) -> tuple[float, float, float]:
-    """As `steer`, where the route stops, by the reference's course, a unit vector, and the way to the place [m]."""
-    through_east = clip(offset[0] / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory.current[0]
-    through_north = clip(offset[1] / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory.current[1]
-    # the smaller this velocity, the more the heading is that of the course
-    heading = np.arctan2(through_east + SPEED_LEAST * course[0], through_north + SPEED_LEAST * course[1])
-    ahead = memory.heading
-    return limit_command(heading, through_east * np.sin(ahead) + through_north * np.cos(ahead), dt, memory)
-
-
-@compiled
 def steer(reference: Record, position: tuple[float, float], dt: float, memory: Record) -> tuple[float, float, float]:
     """Heading and speed through the water that lead back to the reference.
 
@@ -185,7 +170,12 @@ def steer(reference: Record, position: tuple[float, float], dt: float, memory: R
     sin, cos = np.sin(reference.course), np.cos(reference.course)
     east, north = reference.east - position[0], reference.north - position[1]
     if reference.speed < SPEED_LEAST:
-        return _hold((sin, cos), (east, north), dt, memory)
+        through_east = clip(east / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory.current[0]
+        through_north = clip(north / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory.current[1]
+        # the smaller this velocity, the more the heading is that of the course
+        heading = np.arctan2(through_east + SPEED_LEAST * sin, through_north + SPEED_LEAST * cos)
+        ahead = memory.heading
+        return limit_command(heading, through_east * np.sin(ahead) + through_north * np.cos(ahead), dt, memory)
     along, across = east * sin + north * cos, east * cos - north * sin
 
     lookahead = max(LOOKAHEAD_MIN, LOOKAHEAD_TIME * reference.speed)

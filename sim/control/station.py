@@ -37,7 +37,10 @@ TRAIL = np.dtype(  # one point of a trail
         ("slope_east", np.float64),  # slope of the curve, per metre of way
         ("slope_north", np.float64),
         ("turned", np.float64),  # bound of what the curve has turned until there, both sides added up [rad]
-        ("pace", np.float64),  # the leader's mean speed over ground over the last seconds [m/s]
+        (
+            "pace",
+            np.float64,
+        ),  # the leader's mean speed over ground over the last seconds, at the first point through the water [m/s]
     ]
 )
 
@@ -59,23 +62,17 @@ def _chord(trail: Records, a: int, b: int) -> tuple[float, float]:
 
 
 @compiled
-def _tail(trail: Records, count: int) -> tuple[float, float]:
-    """Direction of the first stretch of a trail; the shorter it is yet, the more that of the heading motion there."""
-    course = trail[0].heading
-    i = 1
-    while i < count - 1 and trail[i].arc < TAIL:
-        i += 1
-    made = np.arctan2(trail[i].east - trail[0].east, trail[i].north - trail[0].north)
-    course += wrap_angle(made - course) * min(trail[i].arc / TAIL, 1.0)
-    return np.sin(course), np.cos(course)
-
-
-@compiled
 def _slope(trail: Records, count: int, i: int) -> tuple[float, float]:
     """East and north of the direction of the curve at point i; it begins as it came, and at its head bends on."""
     last = count - 1
     if i == 0:
-        return _tail(trail, count)
+        # that of the first stretch; the shorter it is yet, the more that of the heading there
+        course, end = trail[0].heading, 1
+        while end < last and trail[end].arc < TAIL:
+            end += 1
+        made = np.arctan2(trail[end].east - trail[0].east, trail[end].north - trail[0].north)
+        course += wrap_angle(made - course) * min(trail[end].arc / TAIL, 1.0)
+        return np.sin(course), np.cos(course)
     if count == 2:
         return _chord(trail, 0, 1)
     if i < last:
@@ -103,29 +100,26 @@ def extend(trail: Records, count: Ints, east: float, north: float, time: float, 
     """Add where the leader was to its trail: east, north [m], time [s], later than before, speed and heading."""
     n = count[0]
     through, heading = motion
-    if n == 0:
-        trail[0].east, trail[0].north, trail[0].arc, trail[0].time = east, north, 0.0, time
-        trail[0].through, trail[0].heading = through, heading
-        trail[0].slope_east, trail[0].slope_north = np.sin(heading), np.cos(heading)
-        trail[0].turned, trail[0].pace = 0.0, through
-        count[0] = 1
-        return
     # the head moves on until it is far enough from the point before
     if n > 1 and trail[n - 1].arc - trail[n - 2].arc < SHORTEST:
         n -= 1
+    count[0] = n + 1
+    trail[n].east, trail[n].north, trail[n].time = east, north, time
+    trail[n].through, trail[n].heading = through, heading
+    if n == 0:
+        trail[0].slope_east, trail[0].slope_north = np.sin(heading), np.cos(heading)
+        trail[0].arc, trail[0].turned, trail[0].pace = 0.0, 0.0, through
+        return
     step = np.hypot(east - trail[n - 1].east, north - trail[n - 1].north)
     # a way that bends evenly is longer than its chord
     half = 0.5 * abs(wrap_angle(heading - trail[n - 1].heading))
     if 1e-3 < half < 1.5:
         step *= half / np.sin(half)
-    trail[n].east, trail[n].north, trail[n].time = east, north, time
-    trail[n].through, trail[n].heading = through, heading
     trail[n].arc = trail[n - 1].arc + step
     since = n - 1
     while since > 0 and time - trail[since].time < PACE_TIME - 1e-6:
         since -= 1
     trail[n].pace = (trail[n].arc - trail[since].arc) / (time - trail[since].time)
-    count[0] = n + 1
     # the slope at the head hangs on three points, that at the tail on the first stretch
     first = n - 1 if trail[n - 1].arc >= TAIL else 0
     for i in range(first, n + 1):
@@ -135,17 +129,11 @@ def extend(trail: Records, count: Ints, east: float, north: float, time: float, 
 
 
 @compiled
-def pace(trail: Records, count: int) -> float:
-    """Mean speed over ground at the end of a trail [m/s]; that through the water where there is no way yet."""
-    return float(trail[count - 1].pace)
-
-
-@compiled
 def arc_at(trail: Records, count: int, time: float) -> float:
     """Length of the way at a time [s]; after the last point the leader is taken to have kept its pace [m]."""
     last = count - 1
     if time >= trail[last].time:
-        return float(trail[last].arc + pace(trail, count) * (time - trail[last].time))
+        return float(trail[last].arc + trail[last].pace * (time - trail[last].time))
     i = last
     while i > 1 and trail[i - 1].time > time:
         i -= 1
@@ -158,13 +146,6 @@ def _unit(east: float, north: float) -> tuple[float, float]:
     """Direction of a vector, north if it has none."""
     length = np.sqrt(east * east + north * north)
     return (east / length, north / length) if length > 0.0 else (0.0, 1.0)
-
-
-@compiled
-def _straight(trail: Records, i: int, ahead: tuple[float, float], beyond: float) -> Place:
-    """A place so far beyond point i in a direction."""
-    east, north = trail[i].east + beyond * ahead[0], trail[i].north + beyond * ahead[1]
-    return east, north, ahead[0], ahead[1], trail[i].through
 
 
 @compiled
@@ -193,12 +174,16 @@ def turned_since(trail: Records, count: int, arc: float) -> float:
 def at(trail: Records, count: int, arc: float) -> Place:
     """The trail at a length of the way [m]; before the first point and after the last it is straight."""
     last = count - 1
-    if arc <= 0.0 or trail[last].arc <= 0.0:
-        return _straight(trail, 0, (trail[0].slope_east, trail[0].slope_north), arc)
-    if arc >= trail[last].arc:
-        # a point too near to the one before it has no useful slope
-        i = last - 1 if trail[last].arc - trail[last - 1].arc < SHORTEST and count > 2 else last
-        return _straight(trail, last, _unit(trail[i].slope_east, trail[i].slope_north), arc - trail[last].arc)
+    begins = arc <= 0.0 or trail[last].arc <= 0.0
+    if begins or arc >= trail[last].arc:
+        end = 0 if begins else last
+        ahead_east, ahead_north, beyond = trail[0].slope_east, trail[0].slope_north, arc - trail[end].arc
+        if not begins:
+            # a point too near to the one before it has no useful slope
+            i = last - 1 if trail[last].arc - trail[last - 1].arc < SHORTEST and count > 2 else last
+            ahead_east, ahead_north = _unit(trail[i].slope_east, trail[i].slope_north)
+        east, north = trail[end].east + beyond * ahead_east, trail[end].north + beyond * ahead_north
+        return east, north, ahead_east, ahead_north, trail[end].through
     low = _before(trail, count, arc)
     high = low + 1
     length = trail[high].arc - trail[low].arc
@@ -250,14 +235,15 @@ def plan_of(track: Records, times: Floats, waypoints: int, dt: float) -> LeaderP
 def extend_as_planned(
     plan: LeaderPlan, trail: Records, count: Ints, received: tuple[float, int], clock: tuple[int, float]
 ) -> None:
-    """Add where the leader is by the plan to its trail, if the last message had the plan for now.
+    """Add where the leader is by the plan to its trail while no message is in, if the last one had the plan for now.
 
     Args:
         received: time of the last message [s], and how many points the trail had with it; the others are planned ones.
         clock: control step, and its length [s].
     """
     (k, dt), (last, points) = clock, received
-    if k * dt > plan.until[round(last / dt)]:
+    is_due = plan.until.size > 0 and k % round(SPACING / dt) == 0 and k * dt - last > 0.5 * SPACING
+    if not is_due or k * dt > plan.until[round(last / dt)]:
         return
     # of a leader that stands still, planned points take the place of the one that was received
     head = points - 1
@@ -323,46 +309,38 @@ class Target(NamedTuple):
 
 
 @compiled
-def _turn(f: Record, speeds: tuple[float, float], port: float, towards: float, dt: float, state: Record) -> None:
-    """Turn the frame towards a course, by the leader's speeds over ground now and through the water then."""
-    over_ground, through = speeds
-    width = max(abs(port), _NEAREST)
-    off = wrap_angle(towards - state.heading)
-    wanted = off / f.frame_time_constant
-    outside = wanted * port > 0.0
-    if outside:
-        room = min(f.outer_speedup * over_ground, max(f.outer_max_speed - through, 0.1))
-    else:
-        room = min(f.inner_slowdown * over_ground, max(through - f.inner_min_speed, 0.1))
-    most = f.max_station_acceleration / width
-    # what is turned has to be stopped again
-    limit = min(room / width, np.sqrt(most * abs(off)))
-    wanted = clip(wanted, -limit, limit)
-    state.rate += dt * clip((wanted - state.rate) / f.frame_rate_time_constant, -most, most)
-    state.heading += dt * state.rate
-
-
-@compiled
 def turn_frame(
     f: Record, station: Record, trail: tuple[Records, int], span: tuple[float, float], dt: float, state: Record
 ) -> None:
     """Turn a station's frame from one time to another [s], along the trail as it is known now."""
     points, count = trail
-    over_ground = pace(points, count)
+    over_ground = points[count - 1].pace
+    width = max(abs(station.port), _NEAREST)
+    most = f.max_station_acceleration / width
     for i in range(round((span[1] - span[0]) / dt)):
         arc = arc_at(points, count, span[0] + (i + 1) * dt) - station.behind
         _, _, east, north, through = at(points, count, arc)
         ahead = clip(station.behind, 0.0, f.frame_lookahead)
         if ahead > 0.0:
             _, _, east, north, _ = at(points, count, arc + ahead)
-        _turn(f, (over_ground, through), station.port, np.arctan2(east, north), dt, state)
+        off = wrap_angle(np.arctan2(east, north) - state.heading)
+        wanted = off / f.frame_time_constant
+        if wanted * station.port > 0.0:
+            room = min(f.outer_speedup * over_ground, max(f.outer_max_speed - through, 0.1))
+        else:
+            room = min(f.inner_slowdown * over_ground, max(through - f.inner_min_speed, 0.1))
+        # what is turned has to be stopped again
+        limit = min(room / width, np.sqrt(most * abs(off)))
+        wanted = clip(wanted, -limit, limit)
+        state.rate += dt * clip((wanted - state.rate) / f.frame_rate_time_constant, -most, most)
+        state.heading += dt * state.rate
 
 
 @compiled
 def station_at(station: Record, trail: tuple[Records, int], time: float, state: Record) -> Target:
     """Where a station is, by its frame as it stands."""
     points, count = trail
-    port, over_ground = station.port, pace(points, count)
+    port, over_ground = station.port, points[count - 1].pace
     arc = arc_at(points, count, time) - station.behind
     east, north, ahead_east, ahead_north, _ = at(points, count, arc)
     sine, cosine, rate = np.sin(state.heading), np.cos(state.heading), state.rate
@@ -376,49 +354,21 @@ def station_at(station: Record, trail: tuple[Records, int], time: float, state: 
     )
 
 
-class _Outlook(NamedTuple):
-    """A station about an instant, as far as the trail is known."""
-
-    trail: Records
-    points: int  # how many points the trail has
-    arc: float  # length of the way to where the station is in the trail [m]
-    pace: float  # speed over ground of the leader [m/s]
-    port: float  # distance of the station to port [m]
-    heading: float  # of its frame [rad]
-    rate: float  # rate of turn of its frame [rad/s]
-    current: tuple[float, float]  # estimated, east and north [m/s]
-
-
 @compiled
-def _through_water(o: _Outlook, later: float) -> tuple[float, float]:
-    """Velocity through the water that a station needs so much later (less than 0: earlier), east and north [m/s]."""
-    _, _, ahead_east, ahead_north, _ = at(o.trail, o.points, o.arc + later * o.pace)
-    frame, swept = o.heading + later * o.rate, o.port * o.rate
-    east = o.pace * ahead_east + swept * np.sin(frame)
-    north = o.pace * ahead_north + swept * np.cos(frame)
-    return east - o.current[0], north - o.current[1]
+def _through_water(
+    station: Record, trail: tuple[Records, int], arc: float, later: float, current: tuple[float, float], state: Record
+) -> tuple[float, float]:
+    """Velocity through the water that a station needs so much later (less than 0: earlier), east and north [m/s].
 
-
-@compiled
-def _turns_slowly(o: _Outlook, preview: float, speed: float) -> bool:
-    """Whether headings nearby surely differ by less than a hull turns in a step, as on straight legs."""
-    reach = STEPS * STEP
-    bend = turned_since(o.trail, o.points, o.arc + (preview - reach) * o.pace)
-    return bool(o.pace * bend + abs(o.port * o.rate * o.rate) * reach < _LITTLE * speed)
-
-
-@compiled
-def _between_envelopes(o: _Outlook, preview: float, heading: float) -> float:
-    """Heading in the middle of the envelopes about the heading that is needed `preview` later than now [rad]."""
-    upper = lower = heading
-    for side in (-1.0, 1.0):
-        then = heading
-        for j in range(1, STEPS + 1):
-            x, y = _through_water(o, preview + side * j * STEP)
-            then += wrap_angle(np.arctan2(x, y) - then)
-            upper = max(upper, then - AGILITY * j * STEP)
-            lower = min(lower, then + AGILITY * j * STEP)
-    return 0.5 * (upper + lower)
+    `arc` is the length of the way to where the station is in the trail [m].
+    """
+    points, count = trail
+    over_ground = points[count - 1].pace
+    _, _, ahead_east, ahead_north, _ = at(points, count, arc + later * over_ground)
+    frame, swept = state.heading + later * state.rate, station.port * state.rate
+    east = over_ground * ahead_east + swept * np.sin(frame)
+    north = over_ground * ahead_north + swept * np.cos(frame)
+    return east - current[0], north - current[1]
 
 
 @compiled
@@ -428,10 +378,22 @@ def rate_limited_velocity(
     """Velocity over ground with which a hull stays nearest to its station in a current, east and north [m/s]."""
     points, count = trail
     arc = arc_at(points, count, time) - station.behind
-    o = _Outlook(points, count, arc, pace(points, count), station.port, state.heading, state.rate, current)
-    east, north = _through_water(o, f.preview)
+    over_ground = points[count - 1].pace
+    east, north = _through_water(station, trail, arc, f.preview, current, state)
     speed = np.sqrt(east * east + north * north)
-    if not _turns_slowly(o, f.preview, speed):
-        heading = _between_envelopes(o, f.preview, np.arctan2(east, north))
+    reach = STEPS * STEP
+    bend = turned_since(points, count, arc + (f.preview - reach) * over_ground)
+    # on straight legs, headings nearby surely differ by less than a hull turns in a step
+    if not over_ground * bend + abs(station.port * state.rate * state.rate) * reach < _LITTLE * speed:
+        needed = np.arctan2(east, north)
+        upper = lower = needed
+        for side in (-1.0, 1.0):
+            then = needed
+            for j in range(1, STEPS + 1):
+                x, y = _through_water(station, trail, arc, f.preview + side * j * STEP, current, state)
+                then += wrap_angle(np.arctan2(x, y) - then)
+                upper = max(upper, then - AGILITY * j * STEP)
+                lower = min(lower, then + AGILITY * j * STEP)
+        heading = 0.5 * (upper + lower)
         east, north = speed * np.sin(heading), speed * np.cos(heading)
     return east + current[0], north + current[1]

@@ -172,9 +172,10 @@ class FilmData:
         estimate, others = estimates[: len(hydrophone)], estimates[len(hydrophone) :]
         ray, ranges, message, kinds = zip(*(self._reception(f, k, time) for f in followers), strict=True)
         unknown = np.full(len(followers), np.nan)
+        heading, pitch, _ = attitude.heading_pitch_roll(quaternion)
         return FrameState(
             time=time, film_time=(time - self.start) / self.speed_up, position=position, quaternion=quaternion,
-            effectors=truth.thrust[i], heading=attitude.heading(quaternion), pitch=attitude.pitch(quaternion),
+            effectors=truth.thrust[i], heading=heading, pitch=pitch,
             speed=truth.forward_speed[i], transmitter=sites[self._transmitters], hydrophone=hydrophone,
             estimate=estimate, others=others,
             station=(1 - u) * self._stations[j] + u * self._stations[min(j + 1, truth.time.size - 1)],

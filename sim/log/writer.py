@@ -134,8 +134,8 @@ def _state(t: Trajectory, v: int, effectors: int) -> dict[str, Column]:
     """Columns of the true state of vehicle v."""
     computed: dict[str, Column] = {
         "depth": lambda part: -t.pose[part, v, 2],
-        "pitch": lambda part: attitude.pitch(t.quaternion[part, v]),
-        "roll": lambda part: attitude.roll(t.quaternion[part, v]),
+        "pitch": lambda part: attitude.heading_pitch_roll(t.quaternion[part, v])[1],
+        "roll": lambda part: attitude.heading_pitch_roll(t.quaternion[part, v])[2],
     }
     names = "position", "quaternion", "velocity", "angular_velocity", "water_velocity", "heading", "forward_speed"
     kept = {name: getattr(t, name)[:, v] for name in names}

@@ -4,9 +4,19 @@ import numpy as np
 import pytest
 
 from laisn.arrays import Ints, Record, Records, records
-from sim.control.follower import FOLLOWER_MEMORY, extend_silent_trail, extend_trail, init_memory
+from sim.control.follower import FOLLOWER_MEMORY, extend_trail, init_memory
 from sim.control.guidance import REFERENCE
-from sim.control.station import STATION, TRAIL, LeaderPlan, correct_planned, extend, plan_of, station_at, turn_frame
+from sim.control.station import (
+    STATION,
+    TRAIL,
+    LeaderPlan,
+    correct_planned,
+    extend,
+    extend_as_planned,
+    plan_of,
+    station_at,
+    turn_frame,
+)
 from sim.scenario.formation import Formation
 from sim.scenario.point_motion import plan
 from sim.scenario.routes import Route
@@ -40,7 +50,8 @@ class Listener:
     def miss(self, first: int, last: int) -> None:
         """Ticks without a message, of which each turns the frame."""
         for k in range(first, last + 1):
-            extend_silent_trail(self.plan, self.trail, self.count, (k, DT), self.memory)
+            received = self.memory.last_received, self.memory.received_points
+            extend_as_planned(self.plan, self.trail, self.count, received, (k, DT))
             known = self.trail, self.count[0]
             turn_frame(self.formation, self.station, known, ((k - 1) * DT, k * DT), DT, self.memory.frame)
 

@@ -46,7 +46,7 @@ def test_a_straight_trail_goes_on_at_both_ends(arc: float) -> None:
     east, north, ahead_east, ahead_north, through = way.at(trail, count[0], arc)
     assert (east, north) == pytest.approx(tuple(arc * ahead), abs=1e-9)
     assert (ahead_east, ahead_north, through) == pytest.approx((*ahead, 1.0))
-    assert way.pace(trail, count[0]) == pytest.approx(1.5)
+    assert trail[count[0] - 1].pace == pytest.approx(1.5)
     assert way.arc_at(trail, count[0], 70.0) == pytest.approx(105.0)
     assert way.arc_at(trail, count[0], 12.5) == pytest.approx(18.75)
 
@@ -160,7 +160,7 @@ def between_envelopes(
 ) -> Floats:
     """The same by McShane's envelopes in NumPy: of headings at all instants at once, over ground again at the end."""
     later = FRAME.preview + np.arange(-10.0, 11.0)
-    speed = way.pace(trail, count)
+    speed = trail[count - 1].pace
     arcs = way.arc_at(trail, count, time) - station.behind + later * speed
     course = np.array([np.arctan2(*way.at(trail, count, arc)[2:4]) for arc in arcs])
     frame, swept = memory.heading + later * memory.rate, station.port * memory.rate

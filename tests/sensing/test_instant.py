@@ -197,7 +197,7 @@ def test_log_compass_and_pressure_err_by_equations_26_and_27() -> None:
         numbers_of(readings)[0],
     )
     motion, depth = (normals(seed, run, s.number(1), [k])[0] for s in (Stream.OWN_MOTION, Stream.DEPTH))
-    assert reading.speed == pytest.approx(attitude.forward(turned) @ (twist[:3] - water) + 0.1 + 0.02 * motion[0])
+    assert reading.speed == pytest.approx(attitude.forward_of(turned) @ (twist[:3] - water) + 0.1 + 0.02 * motion[0])
     assert reading.heading == pytest.approx(1.0 + 0.05 + 0.01 * abs(motion[1]))
     assert reading.depth == pytest.approx(10.0 - 0.5 * np.sin(PITCH) + 0.3 * depth[0])
     # inclinometer and gyros likewise, in the order up and port
@@ -228,7 +228,7 @@ def test_a_leader_broadcasts_its_place_motion_and_attitude() -> None:
     offset = normals(seed, run, Stream.LEADER_ATTITUDE, [0])[0]
     expected = [
         k * sensors.dt, 3.0, 4.0, 1.0 + 0.05 + 0.01 * abs(motion[1]),
-        attitude.forward(poses[0, 3:]) @ truth.twist[k, 0, :3] + 0.1, 9.0 + 0.3 * depth[0],
+        attitude.forward_of(poses[0, 3:]) @ truth.twist[k, 0, :3] + 0.1, 9.0 + 0.3 * depth[0],
         PITCH + 0.02 + 0.001 * offset[0] + 0.002 * tilt[0], 0.2 - 0.03 + 0.001 * offset[1] + 0.002 * tilt[1],
     ]  # fmt: skip
     assert inbox.message[0].tolist() == pytest.approx([*expected, np.nan], nan_ok=True)

@@ -216,4 +216,4 @@ def test_buoyancy_fades_as_the_hull_emerges() -> None:
     # a section's share falls evenly from 1 to 0 while its middle rises from −r to r
     assert tank.pose[2] == pytest.approx(radius * (1 - 2 / excess), abs=1e-3)
     assert highest < 4 * radius
-    assert abs(float(attitude.pitch(tank.pose[3:]))) < 1e-6
+    assert abs(float(attitude.heading_pitch_roll(tank.pose[3:])[1])) < 1e-6

@@ -150,7 +150,7 @@ def test_hull_rights_itself_at_the_pendulum_period() -> None:
     previous = 1.0
     while len(times) < 3:
         tank.step()
-        pitch = float(attitude.pitch(tank.pose[3:]))
+        pitch = float(attitude.heading_pitch_roll(tank.pose[3:])[1])
         if previous > 0 >= pitch:
             times.append(tank.data.time - tank.plant.dt * pitch / (pitch - previous))
         previous = pitch

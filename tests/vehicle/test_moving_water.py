@@ -215,6 +215,6 @@ def test_neutral_hull_without_drag_pitches_with_the_slope_of_long_waves() -> Non
     pitch = []
     for _ in range(1200):
         tank.step()
-        pitch.append(float(attitude.pitch(tank.pose[3:])))
+        pitch.append(float(attitude.heading_pitch_roll(tank.pose[3:])[1]))
     expected = slope * np.sin(2 * np.pi / 6.0 * 0.01 * np.arange(1, 1201))
     np.testing.assert_allclose(pitch, expected, atol=0.01 * slope)

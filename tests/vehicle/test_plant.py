@@ -46,8 +46,8 @@ def test_hull_rights_itself() -> None:
     plant = Plant(setups(), Ocean())
     plant.pose[:, 3:] = attitude.from_euler(EAST, np.radians(25), np.radians(40))
     plant.step(np.zeros((2, 5)), 6000)
-    np.testing.assert_allclose(attitude.pitch(plant.pose[:, 3:]), 0.0, atol=1e-4)
-    np.testing.assert_allclose(attitude.roll(plant.pose[:, 3:]), 0.0, atol=1e-4)
+    np.testing.assert_allclose(attitude.heading_pitch_roll(plant.pose[:, 3:])[1], 0.0, atol=1e-4)
+    np.testing.assert_allclose(attitude.heading_pitch_roll(plant.pose[:, 3:])[2], 0.0, atol=1e-4)
 
 
 def test_views_follow_the_state() -> None:

@@ -125,7 +125,7 @@ def test_turn_rate_and_radius(rudder: float, rpm: float, rate: float, radius: fl
 @pytest.mark.parametrize(("rpm", "pitch"), [(1000, 8.80), (1525, 20.86)])
 def test_pitch_under_stern_planes(rpm: float, pitch: float) -> None:
     tank, _ = run(rpm, 200.0, stern_plane_deg=-5)
-    assert abs(np.degrees(float(attitude.pitch(tank.pose[3:])))) == pytest.approx(pitch, abs=0.02)
+    assert abs(np.degrees(float(attitude.heading_pitch_roll(tank.pose[3:])[1]))) == pytest.approx(pitch, abs=0.02)
 
 
 def test_a_manoeuvre_is_of_second_order_in_the_step() -> None:

@@ -72,7 +72,7 @@ def _remus() -> dict[str, Finding]:
     found["radius largest"], found["radius least"] = plain(max(radii), "radius", "m"), plain(min(radii), "radius", "m")
     for rpm in PUBLISHED_TURN:
         tank, _ = remus.run(rpm, 200.0, stern_plane_deg=STERN_PLANE_DEG)
-        pitch = abs(float(np.degrees(attitude.pitch(tank.pose[3:]))))
+        pitch = abs(float(np.degrees(attitude.heading_pitch_roll(tank.pose[3:])[1])))
         found[f"pitch {rpm}"] = plain(pitch, f"pitch under {STERN_PLANE_DEG:g}° of stern plane", "°")
     return found
 
@@ -85,7 +85,7 @@ def _righting(dt: float) -> Finding:
     before = 1.0
     while len(crossings) < 3:
         tank.step()
-        pitch = float(attitude.pitch(tank.pose[3:]))
+        pitch = float(attitude.heading_pitch_roll(tank.pose[3:])[1])
         if before > 0.0 >= pitch:
             crossings.append(tank.data.time - dt * pitch / (pitch - before))
         before = pitch
@@ -127,7 +127,7 @@ def remus_flight(rudder: float, plane: float, rpm: float, changes: dict[float, t
             plant.step(np.array([[rpm / 60.0, rudder, rudder, plane, plane]]), 5)
         x, y, z, *quaternion = plant.pose[0]
         ahead = attitude.rotate(np.array(quaternion), np.array([1.0, 0.0, 0.0]))
-        pitch = float(attitude.pitch(np.array(quaternion)))
+        pitch = float(attitude.heading_pitch_roll(np.array(quaternion))[1])
         rows.append([y, x, -z, plant.twist[0, :3] @ ahead, -plant.twist[0, 5], pitch])
         rudder, plane, rpm = changes.get(k / 10, (rudder, plane, rpm))
     out = np.array(rows)

@@ -55,7 +55,7 @@ def pendulum() -> Drawn:
     tank.place(quaternion=attitude.from_euler(0.0, np.radians(1)))
     pitch = []
     for _ in range(round(duration / dt)):
-        pitch.append(float(np.degrees(attitude.pitch(tank.pose[3:]))))
+        pitch.append(float(np.degrees(attitude.heading_pitch_roll(tank.pose[3:])[1])))
         tank.step()
     time = np.linspace(0.0, duration, len(pitch), endpoint=False)
     # the hull turns about its low centre of gravity, and its added mass surges with it
