@@ -75,30 +75,26 @@ class Flight:
         return self.trajectory.site_path(f"{name}/hydrophone", self.step_index())
 
 
-def _transmitters(scenario: Scenario, trajectory: Trajectory) -> dict[str, Any]:
-    """Places of the leader's transmitters for a navigator: those on its hull, unless the scenario has others."""
-    *placed, sensor = (trajectory.site_offset[trajectory.site(name)] for name in (*TRANSMITTERS, "leader/depth_sensor"))
-    sites = np.array(placed) - np.array([0.0, 0.0, sensor[2]])
-    chosen = scenario.navigation.transmitters_m
-    if not on_axis(sites):
-        return {"transmitter_offsets": chosen or tuple(tuple(site) for site in sites.tolist())}
-    baseline, offset = 2.0 * float(sites[1, 0]), float(sites[2, 1])
-    return {"baseline": baseline, "middle_offset": offset, "transmitter_offsets": chosen}
-
-
 def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: int) -> Settings:
     """Settings of a follower's navigator: the scenario's and its hydrophone's place; LaisnError if it has none such."""
     sound, name, height = scenario.acoustics, trajectory.names[follower + 1], scenario.navigation.hydrophone_height_m
     if height is None:
         hydrophone, sensor = (trajectory.site(f"{name}/{site}") for site in ("hydrophone", "depth_sensor"))
         height = trajectory.site_offset[hydrophone, 2] - trajectory.site_offset[sensor, 2]
-    given = {
-        **_transmitters(scenario, trajectory),
+    *placed, sensor = (trajectory.site_offset[trajectory.site(site)] for site in (*TRANSMITTERS, "leader/depth_sensor"))
+    sites = np.array(placed) - np.array([0.0, 0.0, sensor[2]])
+    # the leader's transmitters are those on its hull, unless the scenario has others
+    given: dict[str, Any] = {
+        "transmitter_offsets": scenario.navigation.transmitters_m,
         "dt": scenario.timing.filter_step_s,
         "hydrophone_height": float(height),
         "use_attitude": scenario.navigation.use_attitude,
         "slip": SLIP_M_SQRT_S if scenario.motion == "physics" else 0.0,
     }
+    if on_axis(sites):
+        given |= {"baseline": 2.0 * float(sites[1, 0]), "middle_offset": float(sites[2, 1])}
+    elif not given["transmitter_offsets"]:
+        given["transmitter_offsets"] = tuple(tuple(site) for site in sites.tolist())
     return scenario.navigation.settings(given, sound.sound_speed_m_s + sound.sound_speed_bias_m_s)
 
 

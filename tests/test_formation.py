@@ -172,10 +172,12 @@ def test_the_controller_does_not_use_the_truth() -> None:
         for tenth in range(10):
             now = second + 0.1 * tenth
             estimate.position = -5.0, now - 20.0
-            steering = keep_station(law, station, (reading, estimate), (trail, count[0]), (now, 0.1), memory, reference)
+            wanted, motion = keep_station(
+                law, station, (reading, estimate), (trail, count[0]), (now, 0.1), memory, reference
+            )
     # on its station by its estimate, it goes on north at the leader's speed, for any sensor biases
-    assert steering.wanted == pytest.approx((0.0, 0.0, 1.0), abs=1e-6)
-    assert (steering.motion.surge, steering.motion.heading) == pytest.approx((1.0, 0.0), abs=1e-6)
+    assert wanted == pytest.approx((0.0, 0.0, 1.0), abs=1e-6)
+    assert (motion.surge, motion.heading) == pytest.approx((1.0, 0.0), abs=1e-6)
     parameters = set(inspect.signature(keep_station).parameters)
     assert parameters == {"formation", "station", "senses", "known", "clock", "memory", "reference"}
     # avoidance depends on its sensor only, here with a vehicle 2 m ahead
@@ -183,8 +185,8 @@ def test_the_controller_does_not_use_the_truth() -> None:
     seen.range, seen.bearing = (np.nan, 2.0), (np.nan, -0.2)
     update_avoidance(Proximity().record(), seen, estimate, memory)
     assert set(inspect.signature(update_avoidance).parameters) == {"proximity", "seen", "estimate", "memory"}
-    steering = keep_station(law, station, (reading, estimate), (trail, count[0]), (now, 0.1), memory, reference)
-    assert steering.wanted[2] < 1.0
+    wanted, _ = keep_station(law, station, (reading, estimate), (trail, count[0]), (now, 0.1), memory, reference)
+    assert wanted[2] < 1.0
 
 
 def quiet_for(seconds: float, formation: Formation, spread: float = 0.0) -> tuple[Floats, Floats]:
@@ -200,8 +202,8 @@ def quiet_for(seconds: float, formation: Formation, spread: float = 0.0) -> tupl
     for k in range(round(10 * seconds)):
         now = 20.0 + 0.1 * k
         estimate.position[1] = now - 20.0
-        steering = keep_station(law, station, (reading, estimate), (trail, count[0]), (now, 0.1), memory, reference)
-        rows.append((*steering.wanted, reference.depth))
+        wanted, _ = keep_station(law, station, (reading, estimate), (trail, count[0]), (now, 0.1), memory, reference)
+        rows.append((*wanted, reference.depth))
     table = np.array(rows)
     return table[:, :3], table[:, 3]
 

@@ -15,8 +15,6 @@ Functions take `formation` and `proximity`, records of these sections, of STATIO
 `ESTIMATE`; `trail` and `count` as of `sim.control.station`; and `memory`, of FOLLOWER_MEMORY, which they bring forward.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from laisn.arrays import Ints, Record, Records
@@ -143,13 +141,6 @@ _CIRCLE = float(np.deg2rad(4.0))  # rate at which a follower circles that has gi
 CONTINUE, CIRCLE, SURFACE = range(3)  # values of `formation.timeout_action`
 
 
-class Steering(NamedTuple):
-    """What the autopilot is to do."""
-
-    wanted: tuple[float, float, float]  # heading [rad], its rate [rad/s], speed through the water [m/s]
-    motion: VehicleState
-
-
 @compiled
 def extend_trail(
     formation: Record,
@@ -242,8 +233,8 @@ def keep_station(
     clock: tuple[float, float],
     memory: Record,
     reference: Record,
-) -> Steering:
-    """Heading, speed and depth that bring a follower to its station, and its measured motion.
+) -> tuple[tuple[float, float, float], VehicleState]:
+    """What brings a follower to its station, as of `steer`: heading [rad], its rate, speed; and its measured motion.
 
     Args:
         senses: records of `laisn.swarm.READING` and `laisn.swarm.ESTIMATE`.
@@ -292,4 +283,4 @@ def keep_station(
     memory.heading_wanted += turn
     change = clip(speed - memory.speed_wanted, -ACCELERATION * dt, ACCELERATION * dt)
     memory.speed_wanted = max(memory.speed_wanted + change, SPEED_LEAST)
-    return Steering((memory.heading_wanted, turn / dt, memory.speed_wanted), motion)
+    return (memory.heading_wanted, turn / dt, memory.speed_wanted), motion

@@ -8,7 +8,8 @@ import pytest
 from laisn.arrays import Floats, Record, records
 from laisn.swarm import ESTIMATE, READING
 from sim.control import follower
-from sim.control.follower import Steering, extend_trail, init_memory, keep_station
+from sim.control.autopilot import VehicleState
+from sim.control.follower import extend_trail, init_memory, keep_station
 from sim.control.guidance import REFERENCE
 from sim.control.station import STATION, TRAIL
 from sim.scenario.formation import Formation
@@ -35,7 +36,7 @@ class Deck:
     def extend_trail(self, sent: Record, now: float) -> None:
         extend_trail(self.formation, self.station, sent, self.trail, self.count, (now, DT), self.memory)
 
-    def tick(self, now: float = 30.0) -> Steering:
+    def tick(self, now: float = 30.0) -> tuple[tuple[float, float, float], VehicleState]:
         known = self.trail, self.count[0]
         senses = self.reading, self.estimate
         return keep_station(self.formation, self.station, senses, known, (now, DT), self.memory, self.reference)
@@ -44,8 +45,8 @@ class Deck:
         """Measured surge and heading, and wanted heading and speed, shape (n, 4)."""
         rows = []
         for _ in range(n):
-            state = self.tick()
-            rows.append((state.motion.surge, state.motion.heading, state.wanted[0], state.wanted[2]))
+            wanted, motion = self.tick()
+            rows.append((motion.surge, motion.heading, wanted[0], wanted[2]))
         return np.array(rows)
 
 
@@ -85,18 +86,18 @@ def test_gyros_are_followed_at_once_and_biases_are_taken_off() -> None:
     deck = Deck()
     deck.tick()
     deck.reading.turning, deck.estimate.log_bias, deck.estimate.compass_bias = 0.05, 0.25, 0.1
-    state = deck.tick()
+    _, motion = deck.tick()
     # to port is the other way round than headings are counted; the compass still reads 0
     turned = -0.05 * DT
-    assert state.motion.heading == pytest.approx(turned * (1 - DT / 2.0) - 0.1)
-    assert state.motion.surge == pytest.approx(0.75)
-    assert state.motion.turning == 0.05
+    assert motion.heading == pytest.approx(turned * (1 - DT / 2.0) - 0.1)
+    assert motion.surge == pytest.approx(0.75)
+    assert motion.turning == 0.05
 
 
 def test_pitch_and_depth_are_felt_as_they_are_read() -> None:
     deck = Deck()
     deck.reading.depth, deck.reading.pitch, deck.reading.pitching = 11.5, -0.2, 0.03
-    motion = deck.tick().motion
+    _, motion = deck.tick()
     assert (motion.depth, motion.pitch, motion.pitching, motion.sway) == (11.5, -0.2, 0.03, 0.0)
     assert motion.sinking == pytest.approx(np.sin(0.2))
 
@@ -105,7 +106,7 @@ def test_what_is_wanted_changes_no_faster_than_a_hull_can_follow() -> None:
     deck = Deck(aside=50.0)
     wanted = deck.ticks(5)
     np.testing.assert_allclose(wanted[:, 2], -TURN_RATE * DT * np.arange(1, 6))
-    assert deck.tick().wanted[1] == pytest.approx(-TURN_RATE)
+    assert deck.tick()[0][1] == pytest.approx(-TURN_RATE)
     far = Deck()
     far.estimate.position[1] = -500.0
     np.testing.assert_allclose(far.ticks(3)[:, 3], 1.0 + ACCELERATION * DT * np.arange(1, 4))
@@ -166,6 +167,6 @@ def test_silence_takes_it_off_its_station_as_its_place_in_the_trail_gets_uncerta
     ):
         deck = Deck(aside=10.0, **given)
         deck.estimate.position[1], deck.estimate.spread = now - 20.0, 0.3
-        state = deck.tick(now)
-        assert (state.wanted[0] < -0.001) == aims, now
-        assert (state.wanted[0] == pytest.approx(np.deg2rad(4.0) * DT)) == circles, now
+        wanted, _ = deck.tick(now)
+        assert (wanted[0] < -0.001) == aims, now
+        assert (wanted[0] == pytest.approx(np.deg2rad(4.0) * DT)) == circles, now
