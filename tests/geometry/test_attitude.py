@@ -82,7 +82,7 @@ def test_attitudes_that_are_a_little_too_long_are_interpolated() -> None:
 
 def test_angles_of_many_attitudes_have_their_shape() -> None:
     quaternion = Rotation.random(24, rng=np.random.default_rng(6)).as_quat()[:, [3, 0, 1, 2]].reshape(2, 3, 4, 4)
-    for angle in (attitude.heading, attitude.pitch, attitude.roll):
-        many = angle(quaternion)
+    one = attitude.heading_pitch_roll(quaternion[1, 2, 3])
+    for many, angle in zip(attitude.heading_pitch_roll(quaternion), one, strict=True):
         assert many.shape == (2, 3, 4)
-        assert many[1, 2, 3] == angle(quaternion[1, 2, 3])
+        assert many[1, 2, 3] == angle
