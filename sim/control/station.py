@@ -37,10 +37,7 @@ TRAIL = np.dtype(  # one point of a trail
         ("slope_east", np.float64),  # slope of the curve, per metre of way
         ("slope_north", np.float64),
         ("turned", np.float64),  # bound of what the curve has turned until there, both sides added up [rad]
-        (
-            "pace",
-            np.float64,
-        ),  # the leader's mean speed over ground over the last seconds, at the first point through the water [m/s]
+        ("pace", np.float64),  # the leader's mean speed over ground over the last seconds; at first through water [m/s]
     ]
 )
 
