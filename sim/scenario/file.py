@@ -28,26 +28,22 @@ def key_of(location: Location) -> str:
     return text or "scenario"
 
 
-def _section(location: Location) -> type[BaseModel] | None:
-    """The model that a key path ends in."""
+def _keys(location: Location) -> list[str]:
+    """All keys of the table that a key path ends in."""
     model: type[BaseModel] = Scenario
     for part in location:
-        if isinstance(part, int):
-            continue
-        field = model.model_fields.get(part)
-        if field is None:
-            return None
-        candidates = (field.annotation, *get_args(field.annotation))
-        nested = next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), None)
-        if nested is None:
-            return None
-        model = nested
-    return model
+        if isinstance(part, str):
+            field = model.model_fields.get(part)
+            kinds = (field.annotation, *get_args(field.annotation)) if field else ()
+            tables = [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)]
+            if not tables:
+                return []
+            model = tables[0]
+    return list(model.model_fields)
 
 
 def _unknown(location: Location) -> str:
-    model = _section(location[:-1])
-    known = list(model.model_fields) if model else []
+    known = _keys(location[:-1])
     close = difflib.get_close_matches(shortened(str(location[-1]), 80), known, n=1, cutoff=0.5)
     hint = f"did you mean {close[0]!r}?" if close else f"known here: {', '.join(known)}"
     return f"  {shortened(plain(key_of(location)), 100)}: unknown key; {hint}"
@@ -174,22 +170,13 @@ def value_of(text: str) -> Any:
 def _put(table: dict[str, Any], key: str, value: object) -> None:
     """Put a value at a dotted key; ScenarioError if the key leads through something that is no table or list."""
     place: Any = table
-    *parents, last = (int(part) if _INDEX.fullmatch(part) else part for part in key.strip().split("."))
+    *parents, last = (int(part) if _INDEX.fullmatch(part) else part for part in key.split("."))
     try:
         for part in parents:
             place = place.setdefault(str(part), {}) if isinstance(place, dict) else place[part]
         place[str(last) if isinstance(place, dict) else last] = value
     except (IndexError, ValueError, TypeError):
-        raise ScenarioError(f"{shortened(plain(key.strip()), 100)} is no key of this scenario") from None
-
-
-def _each_key(table: Mapping[str, Any], key: str) -> list[str]:
-    """The key, or one for each follower where it begins with `followers.*`."""
-    every, star, rest = key.strip().partition("followers.*.")
-    followers = table.get("followers", [{}])
-    if every or not star or not isinstance(followers, list):
-        return [key]
-    return [f"followers.{i}.{rest}" for i in range(len(followers))]
+        raise ScenarioError(f"{shortened(plain(key), 100)} is no key of this scenario") from None
 
 
 def dotted(table: Mapping[str, Any], is_value: Callable[[Any], bool] = lambda _: False) -> dict[str, Any]:
@@ -209,9 +196,14 @@ def dotted(table: Mapping[str, Any], is_value: Callable[[Any], bool] = lambda _:
 def assigned(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
     """A copy of a table with values put at dotted keys, such as `followers.0.depth_m`, or `followers.*.depth_m`."""
     result: dict[str, Any] = plain_values(table)
-    for key, value in settings.items():
-        for one in _each_key(result, str(key)):
-            _put(result, one, plain_values(value))
+    for name, value in settings.items():
+        key, followers = str(name).strip(), result.get("followers", [{}])
+        before, every, rest = key.partition("followers.*.")
+        if every and not before and isinstance(followers, list):
+            for i in range(len(followers)):
+                _put(result, f"followers.{i}.{rest}", plain_values(value))
+        else:
+            _put(result, key, plain_values(value))
     return result
 
 

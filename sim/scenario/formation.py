@@ -29,15 +29,11 @@ class Station(Section):
 class Proximity(Section):
     """Short-range sensing and avoidance of other vehicles by followers on stations; off without this section."""
 
-    range_m: Annotated[float, Field(gt=0, le=100)] = Field(
-        5.0, description="between vehicle centres; avoidance starts here"
-    )
+    range_m: float = Field(5.0, gt=0, le=100, description="between vehicle centres; avoidance starts here")
     range_sigma_m: NonNegative = 0.1
     bearing_sigma_deg: Annotated[float, Field(ge=0, le=180)] = 3.0
     period_s: Annotated[float, Field(ge=0.1, le=60)] = Field(0.5, description="multiple of 0.1 s")
-    aperture_deg: Annotated[float, Field(gt=0, le=180)] = Field(
-        20.0, description="vertical opening angle, about the horizontal"
-    )
+    aperture_deg: float = Field(20.0, gt=0, le=180, description="vertical opening angle, about the horizontal")
     full_avoidance_range_m: NonNegative = Field(3.0, description="range of maximum avoidance speed")
     max_avoidance_speed_m_s: Speed = Field(0.8, description="added to the guidance velocity")
 
@@ -99,9 +95,7 @@ class Scatter(Section):
     length_m: Annotated[float, Field(ge=0, le=500)] = Field(40.0, description="of the area, along the leader's way")
     width_m: Annotated[float, Field(ge=0, le=500)] = Field(40.0, description="of the area, across it")
     depth_m: NonNegative = Field(10.0, description="depth of the first follower")
-    layer_m: Annotated[float, Field(ge=0, le=20)] = Field(
-        1.0, description="how much deeper each is than the one before"
-    )
+    layer_m: float = Field(1.0, ge=0, le=20, description="how much deeper each is than the one before")
 
 
 _TRIES = 1000  # stations drawn for one follower before the area counts as full

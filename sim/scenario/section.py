@@ -170,9 +170,7 @@ def is_multiple(whole: float, part: float) -> bool:
 class Timing(Section):
     """Time steps."""
 
-    physics_step_s: Annotated[float, Field(ge=1e-4, le=0.1)] = Field(
-        0.02, description="rigid-body solver step; must divide 0.1 s"
-    )
+    physics_step_s: float = Field(0.02, ge=1e-4, le=0.1, description="rigid-body solver step; must divide 0.1 s")
     filter_step_s: Positive = Field(0.1, description="filter step Δt; multiple of 0.1 s")
     message_interval_s: Positive = Field(1.0, description="message interval Δt_D; multiple of the filter step")
 

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 
 from pydantic import ConfigDict, Field, create_model, model_validator
 
-from sim.scenario.section import LISTED, MOST_POINTS, Chance, NonNegative, PerRun, Positive, Section, increasing
+from sim.scenario.section import LISTED, MOST_POINTS, Angle, Chance, NonNegative, PerRun, Positive, Section, increasing
 
 SoundSpeed = Annotated[float, Field(ge=1300, le=1700)]
 SpeedAtDepth = Annotated[tuple[NonNegative, SoundSpeed], LISTED]
@@ -29,15 +29,11 @@ class OwnSensors(Section):
         description="σ of the error to starboard, the absolute value of a normal number (paper, Eq. 27)",
     )
     depth_sigma_m: Sigma = 0.0
-    speed_drift_m_s: Annotated[float, Field(ge=-10, le=10)] = Field(
-        0.0, description="amplitude of a sinusoidal drift of the bias"
-    )
+    speed_drift_m_s: float = Field(0.0, ge=-10, le=10, description="amplitude of a sinusoidal drift of the bias")
     heading_drift_deg: Annotated[float, Field(ge=-180, le=180)] = Field(0.0, description="the same")
     drift_period_s: Positive = 400.0
-    speed_drift_phase_deg: Annotated[float, Field(ge=-360, le=360)] = Field(
-        0.0, description="at the start; each further follower adds 137.5°"
-    )
-    heading_drift_phase_deg: Annotated[float, Field(ge=-360, le=360)] = Field(0.0, description="the same")
+    speed_drift_phase_deg: Angle = Field(0.0, description="at the start; each further follower adds 137.5°")
+    heading_drift_phase_deg: Angle = Field(0.0, description="the same")
     gyro_sigma_deg_s: Sigma = Field(0.1, description="for followers on stations")
     tilt_sigma_deg: Sigma = Field(0.5, description="of the inclinometer, for followers on stations")
 
@@ -66,9 +62,7 @@ class Sensors(OwnSensors):
     leader_heading_sigma_deg: Sigma = Field(0.0, description="one-sided, as heading_sigma_deg")
     leader_depth_sigma_m: Sigma = 0.0
     leader_position_drift_m_s: NonNegative = 0.0
-    leader_position_drift_deg: Annotated[float, Field(ge=-360, le=360)] = Field(
-        0.0, description="its compass direction"
-    )
+    leader_position_drift_deg: Angle = Field(0.0, description="its compass direction")
     leader_attitude_sigma_deg: Sigma = Field(0.0, description="of the inclinometer, pitch and roll")
     leader_attitude_offset_sigma_deg: Sigma = Field(0.0, description="σ of constant offsets of a run, as from mounting")
     leader_attitude_senses_acceleration: bool = Field(False, description="of the hull, beside gravity")
@@ -114,9 +108,7 @@ class Acoustics(Section):
         max_length=MOST_POINTS,
         description="[[depth_m, speed_m_s], …], interpolated; replaces the true sound_speed_m_s",
     )
-    clock_offset_s: Annotated[float, Field(ge=-1, le=1)] = Field(
-        0.0, description="follower's minus leader's clock at the start"
-    )
+    clock_offset_s: float = Field(0.0, ge=-1, le=1, description="follower's minus leader's clock at the start")
     clock_drift_ppm: Annotated[float, Field(ge=-1000, le=1000)] = 0.0
     surface_echo_probability: Chance = Field(0.0, description="probability that a ping's surface echo is taken for it")
     bottom_echo_probability: Chance = Field(0.0, description="the same")

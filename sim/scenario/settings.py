@@ -41,9 +41,7 @@ class Waves(Section):
     """Surface waves (linear)."""
 
     kind: Literal["none", "regular", "jonswap"] = "none"
-    height_m: Annotated[float, Field(ge=0, le=20)] = Field(
-        0.5, description="height H of regular waves, significant height Hs of JONSWAP"
-    )
+    height_m: float = Field(0.5, ge=0, le=20, description="height H of regular waves, significant height Hs of JONSWAP")
     period_s: Annotated[float, Field(gt=0.5, le=30)] = Field(4.0, description="period T, or peak period Tp")
     direction_deg: Angle = Field(90.0, description="compass direction towards which they run")
     peak_enhancement: Annotated[float, Field(ge=1, le=10)] = Field(3.3, description="γ of JONSWAP")
@@ -58,9 +56,7 @@ class Ocean(Section):
     floor_depth_m: Annotated[float, Field(ge=2, le=11000)] = 30.0
     current_speed_m_s: CurrentSpeed = Field(0.0, description="current at the surface")
     current_direction_deg: Angle = Field(0.0, description="compass direction towards which it flows")
-    current_shear_per_s: Annotated[float, Field(ge=-1, le=1)] = Field(
-        0.0, description="decrease of the current with depth"
-    )
+    current_shear_per_s: float = Field(0.0, ge=-1, le=1, description="decrease of the current with depth")
     current_profile: Annotated[tuple[TimedCurrent, ...], LISTED, increasing("current", "s")] = Field(
         (),
         max_length=MOST_POINTS,
@@ -199,17 +195,16 @@ class Scenario(Section):
     def _attitude_in_formations(self) -> Self:
         """Leaders of formations broadcast pitch and roll, and followers use them, unless a key sets it."""
         if any(follower.station for follower in self.followers):
-            for key, name, value in (("leader", "broadcast_attitude", True), ("navigation", "use_attitude", None)):
-                section = getattr(self, key)
-                if name not in section.model_fields_set:
-                    default = self.leader.broadcast_attitude if value is None else value
-                    self.__dict__[key] = section.model_copy(update={name: default})
+            if "broadcast_attitude" not in self.leader.model_fields_set:
+                self.__dict__["leader"] = self.leader.model_copy(update={"broadcast_attitude": True})
+            if "use_attitude" not in self.navigation.model_fields_set:
+                used = {"use_attitude": self.leader.broadcast_attitude}
+                self.__dict__["navigation"] = self.navigation.model_copy(update=used)
         return self
 
     @model_validator(mode="after")
     def _is_consistent(self, info: ValidationInfo) -> Self:
-        found = [] if info.context == KEYS_ALONE else self.inconsistencies()
-        if found:
+        if info.context != KEYS_ALONE and (found := self.inconsistencies()):
             raise ValueError("; ".join(found))
         return self
 
@@ -224,40 +219,32 @@ class Scenario(Section):
             found.append(f"duration_s = {self.duration_s:g} is no multiple of filter_step_s = {step:g}")
         for key, vehicle in self.vehicles():
             found += self._depth_errors(key, vehicle)
-        for key, follower in self.vehicles()[1:]:
-            if not isinstance(follower, Follower) or self.motion == "physics":
-                continue
+        for i, follower in enumerate(self.followers if self.motion != "physics" else ()):
             if follower.station or follower.controller:
-                found.append(f"{key}.{'station' if follower.station else 'controller'} needs motion = 'physics'")
+                key = "station" if follower.station else "controller"
+                found.append(f"followers[{i}].{key} needs motion = 'physics'")
             elif follower.guided_by_estimate:
                 found.append(
-                    f"{key}.guidance_position = 'estimate' needs motion = 'physics'; the paper's point motion keeps to "
-                    "its route whatever the follower estimates"
+                    f"followers[{i}].guidance_position = 'estimate' needs motion = 'physics'; the paper's point motion "
+                    "keeps to its route whatever the follower estimates"
                 )
         if self.formation.shape:
             found.append("formation.shape makes the followers; there are [[followers]] beside it")
         stations = [(f"followers[{i}]", f.station) for i, f in enumerate(self.followers) if f.station]
         found += station_inconsistencies(self.formation.proximity, stations)
-        found += self._closed_loop_errors(bool(stations))
+        if stations and self.timing.filter_step_s != CONTROL_STEP_S:
+            found.append("timing.filter_step_s must keep its default where followers are on stations")
+        if stations or any(follower.guided_by_estimate for follower in self.followers):
+            where = "must keep its default where followers are on stations or steer by their estimates"
+            if self.navigation.use_single_range and self.navigation.variant in VARIANTS:
+                found.append(f"navigation.use_single_range {where}")
+            if self.navigation.transmitters_m:
+                found.append(f"navigation.transmitters_m {where}")
         if self.navigation.use_attitude and not self.leader.broadcast_attitude:
             found.append("navigation.use_attitude needs leader.broadcast_attitude = true")
         places, used = len(self.navigation.transmitters_m), self.navigation.transmitters
         if 0 < places < used:
             found.append(f"navigation.transmitters_m has {places} places, the navigator uses {used} transmitters")
-        return found
-
-    def _closed_loop_errors(self, stations: bool) -> list[str]:
-        """Settings that followers cannot have whose guidance uses their estimates."""
-        navigation, found = self.navigation, []
-        if stations and self.timing.filter_step_s != CONTROL_STEP_S:
-            found.append("timing.filter_step_s must keep its default where followers are on stations")
-        changed = {
-            "navigation.use_single_range": navigation.use_single_range and navigation.variant in VARIANTS,
-            "navigation.transmitters_m": bool(navigation.transmitters_m),
-        }
-        if stations or any(follower.guided_by_estimate for follower in self.followers):
-            where = "must keep its default where followers are on stations or steer by their estimates"
-            found += [f"{key} {where}" for key, is_set in changed.items() if is_set]
         return found
 
     def _depth_errors(self, key: str, vehicle: Vehicle) -> list[str]:

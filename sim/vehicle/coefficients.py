@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 from typing import Any
 
-import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Floats
 from laisn.failure import LaisnError
+from sim.vehicle import mjcf
 from sim.vehicle.mjcf import VehicleSetup
 
 MAX_STRIPS = 32
@@ -50,10 +49,13 @@ def read(model: Any, names: Sequence[str], density: float) -> npt.NDArray[np.voi
     Records of RECORD, shape (v,), read-only. LaisnError if a numeric is missing, of the wrong size or negative, or the
     added mass is not symmetric positive semidefinite.
     """
-    records = np.zeros(len(names), RECORD)
+    records, sizes = np.zeros(len(names), RECORD), dict[str, int]()
     for record, name in zip(records, names, strict=True):
         for numeric, (shape, _) in NUMERICS.items():
-            value = _numeric(model, name, numeric)
+            value = mjcf.numeric(model, f"{name}/{numeric}")
+            fault = numeric_error(numeric, None if value is None else value.size)
+            if value is None or fault:
+                raise LaisnError(f"the MJCF of {name!r}: {fault}")
             own = np.diag(value.reshape(6, 6)) if numeric in MATRICES and value.size == 36 else value
             if numeric not in _SIGNED and np.any(own < 0.0):
                 raise LaisnError(f"{name}: {numeric} must not be negative")
@@ -64,8 +66,9 @@ def read(model: Any, names: Sequence[str], density: float) -> npt.NDArray[np.voi
                 record["coupled"] |= int(record[MATRICES[numeric]].any())
             else:
                 record[numeric] = value.reshape(shape)
-        record["n_strips"] = _numeric(model, name, "strip_x").size
-        if _numeric(model, name, "strip_area").size != record["n_strips"]:
+            sizes[numeric] = value.size
+        record["n_strips"] = sizes["strip_x"]
+        if sizes["strip_area"] != sizes["strip_x"]:
             raise LaisnError(f"{name}: strip_x and strip_area must have the same number of values")
         added = record["added_mass"]
         if not np.array_equal(added, added.T) or np.linalg.eigvalsh(added)[0] < 0:
@@ -106,12 +109,3 @@ def numeric_error(name: str, given: int | None) -> str:
         return f"lacks <numeric name={name!r}>, {expected}"
     fits = 1 <= given <= size if strips else given == size or (name in MATRICES and given == 36)
     return "" if fits else f"<numeric name={name!r}> has {given} values, expected {expected}"
-
-
-def _numeric(model: Any, vehicle: str, name: str) -> Floats:
-    i = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, f"{vehicle}/{name}")
-    fault = numeric_error(name, None if i < 0 else int(model.numeric_size[i]))
-    if fault:
-        raise LaisnError(f"the MJCF of {vehicle!r}: {fault}")
-    start, given = model.numeric_adr[i], model.numeric_size[i]
-    return np.array(model.numeric_data[start : start + given], dtype=np.float64)

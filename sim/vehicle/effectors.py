@@ -24,33 +24,30 @@ from laisn.compiled import compiled
 from laisn.failure import LaisnError
 from sim import attitude
 from sim.attitude import Vector, cross, plus, scaled
-from sim.vehicle.mjcf import Vehicle, VehicleSetup
+from sim.vehicle.mjcf import Vehicle, VehicleSetup, numeric
 
 MOST = 16  # largest number of effectors of a vehicle
 MOST_POINTS = 16  # largest number of points of a thruster's curve
 THRUSTER, CURVE, PROPELLER, FIN = range(4)  # kinds of effectors
 SUFFIXES = {CURVE: ".curve", PROPELLER: ".propeller", FIN: ".fin"}
-_PARAMETERS: dict[int, dict[str, tuple[float, float]]] = {
+_PARAMETERS: dict[int, dict[str, tuple[str, float, float]]] = {  # by kind, with the intervals of their values
     PROPELLER: {
-        "diameter [m]": (0.0, 1e3),
-        "K_T at J = 0": (0.0, 1e3),
-        "dK_T/dJ": (-1e3, 1e-9),
-        "K_Q at J = 0": (-1e3, 1e3),
-        "dK_Q/dJ": (-1e3, 1e3),
-        "wake fraction": (0.0, 1.0),
-        "thrust deduction": (0.0, 1.0),
-        "share of the torque on the hull": (-1e3, 1e3),
+        "diameter [m]": ("more than", 0.0, 1e3),
+        "K_T at J = 0": ("more than", 0.0, 1e3),
+        "dK_T/dJ": ("more than", -1e3, 1e-9),
+        "K_Q at J = 0": ("more than", -1e3, 1e3),
+        "dK_Q/dJ": ("more than", -1e3, 1e3),
+        "wake fraction": ("at least", 0.0, 1.0),
+        "thrust deduction": ("at least", 0.0, 1.0),
+        "share of the torque on the hull": ("more than", -1e3, 1e3),
     },
     FIN: {
-        "area [m²]": (0.0, 1e3),
-        "slope of the normal force [1/rad]": (0.0, 1e3),
-        "stall angle [rad]": (0.0, 1.571),
-        "drag coefficient": (0.0, 1e3),
+        "area [m²]": ("more than", 0.0, 1e3),
+        "slope of the normal force [1/rad]": ("more than", 0.0, 1e3),
+        "stall angle [rad]": ("more than", 0.0, 1.571),
+        "drag coefficient": ("at least", 0.0, 1e3),
     },
 }
-"""Parameters by kind, with the open intervals of their values."""
-_POSITIVE = ("diameter [m]", "K_T at J = 0", "area [m²]", "slope of the normal force [1/rad]", "stall angle [rad]")
-"""Those that may not be zero; other lower bounds of zero are values."""
 LEAST_WAY = 0.5  # speed below which allocation leaves fins out, and hulls that need them cannot be steered [m/s]
 
 EFFECTOR = np.dtype(  # one actuator of a vehicle, as its MJCF gives it
@@ -69,11 +66,11 @@ EFFECTOR = np.dtype(  # one actuator of a vehicle, as its MJCF gives it
 )
 
 
-def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
-    """Effectors of vehicles, from a compiled model: records of EFFECTOR in the order of the MJCF, shape (v, m).
+def read(model: Any, vehicles: Sequence[Vehicle]) -> tuple[npt.NDArray[np.void], npt.NDArray[np.void]]:
+    """Effectors, in the order of the MJCF, and fixed fins, with limits of zero, of vehicles in a compiled model.
 
-    Records that pad a vehicle are zero. LaisnError if an actuator does not act at a site of its own hull, or its
-    numeric is wrong.
+    Records of EFFECTOR, shapes (v, m) and (v, q); those that pad a vehicle are zero. LaisnError if an actuator or fixed
+    fin does not act at a site of its own hull, or its numeric is wrong.
     """
     records = np.zeros((len(vehicles), len(vehicles[0].actuators)), EFFECTOR)
     for row, vehicle in zip(records, vehicles, strict=True):
@@ -89,17 +86,12 @@ def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
             _place(model, site, force, torque, record)
             record["lag"], record["limits"] = model.actuator_dynprm[actuator, 0], model.actuator_ctrlrange[actuator]
             _read_kind(model, model.actuator(actuator).name, record)
-    return records
-
-
-def read_fixed(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
-    """Fixed fins of vehicles, from a compiled model: likewise, with limits of zero, shape (v, q)."""
     numerics = [model.numeric(i).name for i in range(model.nnumeric)]
     fins = [name.removesuffix(SUFFIXES[FIN]) for name in numerics if name.endswith(SUFFIXES[FIN])]
     fixed = [name for name in fins if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name) < 0]
     own = [[name for name in fixed if name.startswith(f"{vehicle.name}/")] for vehicle in vehicles]
-    records = np.zeros((len(vehicles), max(map(len, own), default=0)), EFFECTOR)
-    for row, vehicle, names in zip(records, vehicles, own, strict=True):
+    fixed_records = np.zeros((len(vehicles), max(map(len, own), default=0)), EFFECTOR)
+    for row, vehicle, names in zip(fixed_records, vehicles, own, strict=True):
         for record, name in zip(row, names, strict=False):
             site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
             if site < 0 or model.site_bodyid[site] != vehicle.body:
@@ -111,7 +103,7 @@ def read_fixed(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
             # rounding of the attitude: an upright fin has no lift
             record["force"][np.abs(record["force"]) < 1e-12] = 0.0
             _read_kind(model, name, record)
-    return records
+    return records, fixed_records
 
 
 def _place(model: Any, site: int, force: Floats, torque: Floats, record: Any) -> None:
@@ -124,13 +116,12 @@ def _place(model: Any, site: int, force: Floats, torque: Floats, record: Any) ->
 def _read_kind(model: Any, name: str, record: Any) -> None:
     """Fill in the kind of an effector and its parameters, of the numeric that has its name."""
     for kind, suffix in SUFFIXES.items():
-        i = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name + suffix)
-        if i < 0:
+        values = numeric(model, name + suffix)
+        if values is None:
             continue
         if record["kind"] != THRUSTER:
             raise LaisnError(f"actuator {name!r} has several of the numerics {', '.join(SUFFIXES.values())}")
         record["kind"] = kind
-        values = model.numeric_data[model.numeric_adr[i] : model.numeric_adr[i] + model.numeric_size[i]]
         where = f"<numeric name={name + suffix!r}>"
         if kind == CURVE:
             pairs = values.reshape(-1, 2) if values.size % 2 == 0 else np.zeros((0, 2))
@@ -143,10 +134,10 @@ def _read_kind(model: Any, name: str, record: Any) -> None:
         if values.size != len(expected):
             raise LaisnError(f"{where} has {values.size} values, expected {len(expected)}: {', '.join(expected)}")
         record["parameters"][: values.size] = values
-        for place, (what, (low, high)) in enumerate(expected.items()):
-            if not (low < values[place] < high or (values[place] == low and low == 0.0 and what not in _POSITIVE)):
-                bound = f"{'more than' if what in _POSITIVE or low != 0.0 else 'at least'} {low:g} and below {high:g}"
-                raise LaisnError(f"{where}: value {place + 1}, {what}, must be {bound} (given: {values[place]:g})")
+        for i, (what, (above, low, high)) in enumerate(expected.items()):
+            if not (low < values[i] < high or (values[i] == low and above == "at least")):
+                bound = f"{above} {low:g} and below {high:g}"
+                raise LaisnError(f"{where}: value {i + 1}, {what}, must be {bound} (given: {values[i]:g})")
         across = abs(record["force"][0]) < 1e-9 and abs(np.linalg.norm(record["force"]) - 1.0) < 1e-6
         if kind == FIN and not across:
             gear = " ".join(f"{value:g}" for value in record["force"])
@@ -162,7 +153,7 @@ class MovingFins:
         for i in range(model.nu):
             name = model.actuator(i).name
             geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name)
-            if geom >= 0 and mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name + SUFFIXES[FIN]) >= 0:
+            if geom >= 0 and numeric(model, name + SUFFIXES[FIN]) is not None:
                 push = attitude.rotate(model.site_quat[model.actuator_trnid[i, 0]], model.actuator_gear[i, :3])
                 self._fins.append((i, geom, np.cross((1.0, 0.0, 0.0), push), model.geom_quat[geom].copy()))
 

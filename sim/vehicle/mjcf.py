@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 import models
+from laisn.arrays import Floats
 from sim import attitude
 from sim.scenario import vehicles
 
@@ -105,6 +106,12 @@ def _edited(setup: VehicleSetup, looks: bool) -> mujoco.MjSpec:
     for name, (axis, value) in transmitter_places(settings).items():
         spec.site(name).pos[axis] = value
     return spec
+
+
+def numeric(model: Any, name: str) -> Floats | None:
+    """Values of a numeric of a compiled model; None: it has none of this name."""
+    i = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name)
+    return None if i < 0 else model.numeric_data[model.numeric_adr[i] : model.numeric_adr[i] + model.numeric_size[i]]
 
 
 def resolve(model: Any, name: str) -> Vehicle:

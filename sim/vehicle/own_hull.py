@@ -79,80 +79,63 @@ def _unexpected(text: str) -> Iterator[str]:
                 yield f"{_quoted(element, name)} is a property of the sea: {sea.get(name, 'leave it out')}"
 
 
-def _missing(spec: Any, role: str) -> list[str]:
-    """What is not there, or has the wrong size."""
-    lines = []
+def _faults(spec: Any, role: str) -> Iterator[str]:
+    """A line for each part that is not there, has the wrong size, or may not be there."""
     for name, what in (_SITES | _INSTRUMENTS[role]).items():
         site = spec.site(name)
         if site is None:
-            lines.append(f"lacks <site name={name!r}>, {what}")
+            yield f"lacks <site name={name!r}>, {what}"
         elif site.parent.name != "hull":
-            lines.append(f"<site name={name!r}> must be fixed to the body 'hull'")
+            yield f"<site name={name!r}> must be fixed to the body 'hull'"
     count = len(spec.actuators)
     if not 1 <= count <= effectors.MOST:
-        lines.append(f"has {count} actuators, expected 1 to {effectors.MOST}, each at a site of the body 'hull'")
-    lines += [
-        f"<general name={actuator.name[:40]!r}>: an actuator's name has letters, digits and _, the first a letter"
-        for actuator in spec.actuators
-        if not _NAME.fullmatch(actuator.name)
-    ]
-    # attached to the sea, a hull would lose actuators without a site
-    lines += [
-        f"<general name={actuator.name[:40]!r}>: there is no <site name={actuator.target[:40]!r}>"
-        for actuator in spec.actuators
-        if actuator.trntype == mujoco.mjtTrn.mjTRN_SITE and spec.site(actuator.target) is None
-    ]
+        yield f"has {count} actuators, expected 1 to {effectors.MOST}, each at a site of the body 'hull'"
+    for actuator in spec.actuators:
+        if not _NAME.fullmatch(actuator.name):
+            name = f"<general name={actuator.name[:40]!r}>"
+            yield f"{name}: an actuator's name has letters, digits and _, the first a letter"
+    for actuator in spec.actuators:
+        # attached to the sea, a hull would lose actuators without a site
+        if actuator.trntype == mujoco.mjtTrn.mjTRN_SITE and spec.site(actuator.target) is None:
+            yield f"<general name={actuator.name[:40]!r}>: there is no <site name={actuator.target[:40]!r}>"
     for name in coefficients.NUMERICS:
         numeric = spec.numeric(name)
-        fault = coefficients.numeric_error(name, None if numeric is None else int(numeric.size))
-        lines += [fault] if fault else []
-    # those of effectors have a point: rudder.fin
-    lines += [
-        f"<numeric name={numeric.name[:40]!r}> has no meaning; available: {', '.join(coefficients.NUMERICS)}"
-        for numeric in spec.numerics
-        if numeric.name not in coefficients.NUMERICS and "." not in numeric.name
-    ]
-    return lines
-
-
-def _misbuilt(spec: Any) -> list[str]:
+        if fault := coefficients.numeric_error(name, None if numeric is None else int(numeric.size)):
+            yield fault
+    for numeric in spec.numerics:
+        # those of effectors have a point: rudder.fin
+        if numeric.name not in coefficients.NUMERICS and "." not in numeric.name:
+            available = ", ".join(coefficients.NUMERICS)
+            yield f"<numeric name={numeric.name[:40]!r}> has no meaning; available: {available}"
     hull = spec.body("hull")
-    lines = []
     if not hull.explicitinertial or not hull.mass > 0:
-        lines.append("the body 'hull' lacks <inertial pos= mass= diaginertia=>; geoms are looks and have no mass")
-    joints = [joint.type for joint in spec.joints]
-    if joints != [mujoco.mjtJoint.mjJNT_FREE]:
-        lines.append("the body 'hull' must have one <freejoint>, and there may be no other joint")
+        yield "the body 'hull' lacks <inertial pos= mass= diaginertia=>; geoms are looks and have no mass"
+    if [joint.type for joint in spec.joints] != [mujoco.mjtJoint.mjJNT_FREE]:
+        yield "the body 'hull' must have one <freejoint>, and there may be no other joint"
     if len(spec.bodies) != 2:
-        lines.append("there may be no body beside 'hull'")
-    lines += [
-        f"<site name={site.name[:40]!r}>: pos must be within ±{_FARTHEST_M:g} m"
-        for site in spec.sites
-        if np.abs(site.pos).max() > _FARTHEST_M
-    ]
-    return lines
+        yield "there may be no body beside 'hull'"
+    for site in spec.sites:
+        if np.abs(site.pos).max() > _FARTHEST_M:
+            yield f"<site name={site.name[:40]!r}>: pos must be within ±{_FARTHEST_M:g} m"
 
 
-def _compiled(text: str) -> list[str]:
+def _compiled(text: str) -> Iterator[str]:
     """What keeps a hull that has all parts from swimming."""
     try:
         model = compose([VehicleSetup(name="hull", model=text, position_m=(0.0, 0.0, -10.0))]).compile()
         coefficients.read(model, ["hull"], 1026.0)
-        vehicles = [resolve(model, "hull")]
-        effectors.read(model, vehicles)
-        effectors.read_fixed(model, vehicles)
+        effectors.read(model, [resolve(model, "hull")])
     except ValueError as error:
-        return [", ".join(str(error).splitlines()[:2])]
-    lines = []
+        yield ", ".join(str(error).splitlines()[:2])
+        return
     if model.na != model.nu:
-        lines.append('every actuator must have a state of its own: <general dyntype="filterexact" dynprm="0.3"/>')
+        yield 'every actuator must have a state of its own: <general dyntype="filterexact" dynprm="0.3"/>'
     if not model.actuator_ctrllimited.all():
-        lines.append("every actuator must have a ctrlrange, its least and its largest thrust [N]")
+        yield "every actuator must have a ctrlrange, its least and its largest thrust [N]"
     if model.actuator_forcelimited.any():
-        lines.append("no actuator may have a forcerange: ctrlrange limits the thrust")
+        yield "no actuator may have a forcerange: ctrlrange limits the thrust"
     if model.body_simple[model.body("hull/hull").id]:
-        lines.append("the body 'hull' must have simple=\"false\", so that the added mass fits into its inertia matrix")
-    return lines
+        yield "the body 'hull' must have simple=\"false\", so that the added mass fits into its inertia matrix"
 
 
 def hull_errors(text: str, role: str) -> list[str]:
@@ -168,4 +151,4 @@ def hull_errors(text: str, role: str) -> list[str]:
         return [f"not valid MJCF: {', '.join(str(error).splitlines()[:2])}"]
     if spec.body("hull") is None:
         return ["has no body 'hull'"]
-    return _missing(spec, role) + _misbuilt(spec) or _compiled(text)
+    return list(_faults(spec, role)) or list(_compiled(text))

@@ -25,7 +25,7 @@ from laisn.failure import LaisnError
 from sim import attitude
 from sim.vehicle import coefficients, effectors, hydrodynamics
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
-from sim.water import Ocean, Water
+from sim.water import Ocean
 
 TRIED = "4.0.0"  # the release of MuJoCo on which compiled and Python calls were found to give the same bits
 STAGES = ("mj_kinematics", "mj_comPos", "mj_makeM", "mj_fwdVelocity", "mj_factorM", "mj_step2")
@@ -75,62 +75,11 @@ def _lost(pose: Floats, twist: Floats) -> int:
 
 
 @compiled
-def load(
-    coefficients: Any,
-    state: tuple[Floats, Floats, Floats, Floats],
-    clock: tuple[float, float],
-    water: Water,
-    solver: hydrodynamics.Solver,
-    fitted: tuple[Any, Floats],
-) -> int:
-    """Bring velocities from the middle of the last step to now, then `hydrodynamics.apply`.
-
-    `state` is pose, twist, acceleration of the last step and, overwritten, what it adds to the twist, shape (v, 6);
-    `clock` is time and half a step [s].
-    """
-    pose, twist, acceleration, gain = state
+def _shift(twist: Floats, acceleration: Floats, time: float) -> None:
+    """Take velocities to another instant, by the acceleration of the last step."""
     for i in range(twist.shape[0]):
         for j in range(6):
-            gain[i, j] = clock[1] * acceleration[i, j]
-            twist[i, j] += gain[i, j]
-    return hydrodynamics.apply(coefficients, pose, twist, clock[0], water, solver, fitted)
-
-
-@compiled
-def begin(body: Any, command: Floats, half_step: float) -> Fault:
-    """Check state and command, give the command to MuJoCo, and take velocities to the middle of the step before."""
-    (pose, twist, acceleration, _), control, _, _ = body
-    lost = _lost(pose, twist)
-    if lost >= 0:
-        return LOST, lost
-    bad = hydrodynamics.beyond(command, np.inf)
-    if bad >= 0:
-        return NOT_FINITE, bad
-    for i in range(control.shape[0]):
-        copy_values(command[i], control[i])
-    for i in range(twist.shape[0]):
-        for j in range(6):
-            twist[i, j] -= half_step * acceleration[i, j]
-    return FINE, -1
-
-
-@compiled
-def end(body: Any, half_step: float) -> Fault:
-    """Bring velocities to now, check the state, and store it as the last valid one."""
-    (pose, twist, acceleration, _), _, good, warnings = body
-    for i in range(twist.shape[0]):
-        for j in range(6):
-            twist[i, j] += half_step * acceleration[i, j]
-    lost = _lost(pose, twist)
-    if lost >= 0:
-        return LOST, lost
-    for i in range(warnings.size):
-        if warnings[i] > 0:
-            return WARNED, i
-    for i in range(twist.shape[0]):
-        copy_values(pose[i], good[0][i])
-        copy_values(twist[i], good[1][i])
-    return FINE, -1
+            twist[i, j] += time * acceleration[i, j]
 
 
 @compiled
@@ -141,26 +90,42 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
     """
     (stages, model, data), clock, body, (records, water, solver, fitted) = handles
     kinematics, centres, inertia, velocity, factor, finish = stages
-    state, dt = body[0], clock[1]
-    twist, gain = state[1], state[3]
-    fault = begin(body, command, 0.5 * dt)
-    if fault[0] != FINE:
-        return fault
+    (pose, twist, acceleration), control, good, warnings = body
+    half_step = 0.5 * clock[1]
+    lost = _lost(pose, twist)
+    if lost >= 0:
+        return LOST, lost
+    bad = hydrodynamics.beyond(command, np.inf)
+    if bad >= 0:
+        return NOT_FINITE, bad
+    for i in range(control.shape[0]):
+        copy_values(command[i], control[i])
+    _shift(twist, acceleration, -half_step)
     for _ in range(n_substeps):
         call(kinematics, model, data)
         call(centres, model, data)
         call(inertia, model, data)
-        lost = load(records, state, (clock[0], 0.5 * dt), water, solver, fitted)
+        # forces are those of the instant, velocities those of the middle of the last step
+        _shift(twist, acceleration, half_step)
+        lost = hydrodynamics.apply(records, pose, twist, clock[0], water, solver, fitted)
         if lost >= 0:
             return LOST, lost
         call(velocity, model, data)
         call(factor, model, data)
-        for i in range(twist.shape[0]):
-            for j in range(6):
-                twist[i, j] -= gain[i, j]
+        _shift(twist, acceleration, -half_step)
         call(finish, model, data)
-        clock[0] += dt
-    return end(body, 0.5 * dt)
+        clock[0] += clock[1]
+    _shift(twist, acceleration, half_step)
+    lost = _lost(pose, twist)
+    if lost >= 0:
+        return LOST, lost
+    for i in range(warnings.size):
+        if warnings[i] > 0:
+            return WARNED, i
+    for i in range(twist.shape[0]):
+        copy_values(pose[i], good[0][i])
+        copy_values(twist[i], good[1][i])
+    return FINE, -1
 
 
 NO_CONTACT = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT.value | mujoco.mjtDisableBit.mjDSBL_CONTACT.value
@@ -211,24 +176,22 @@ class Plant:
         self.twist: Floats = data.qvel.reshape(n, 6)
         self.thrust: Floats = data.act.reshape(n, m)
         self.state = self.pose, self.twist, self.thrust
-        self.effectors, self.fixed_fins = effectors.read(model, vehicles), effectors.read_fixed(model, vehicles)
+        self.effectors, self.fixed_fins = effectors.read(model, vehicles)
         self.effectors.flags.writeable = self.fixed_fins.flags.writeable = False
         self.effector_names = tuple(v.effectors for v in vehicles)
         rows = model.M_rowadr.astype(np.int64).reshape(n, 6)
         solver: hydrodynamics.Solver = (rows, data.M, data.qfrc_applied.reshape(n, 6))
         self._acceleration: Floats = data.qacc.reshape(n, 6)
-        self._gain = np.empty((n, 6))
         self._last_pose, self._last_twist = np.empty((n, 7)), np.empty((n, 6))
         nominal = coefficients.read(model, self.names, ocean.density_kg_m3)
         self.true_coefficients = coefficients.scaled(nominal, setups)
-        self.true_effectors = effectors.scaled_records(
-            np.concatenate([self.effectors, self.fixed_fins], axis=1), setups
-        )
+        every = np.concatenate([self.effectors, self.fixed_fins], axis=1)
+        self.true_effectors = effectors.scaled_records(every, setups)
         # all forces are those of `effectors.loads`; MuJoCo's way to them costs the square of the number of vehicles
         model.actuator_gainprm[:] = model.actuator_biasprm[:] = 0.0
         self._loads: Any = self.true_coefficients, ocean.water, solver, (self.true_effectors, self.thrust)
         self._body = (
-            (self.pose, self.twist, self._acceleration, self._gain),
+            (self.pose, self.twist, self._acceleration),
             data.ctrl.reshape(n, m),
             (self._last_pose, self._last_twist),
             data.warning.number,
