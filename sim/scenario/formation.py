@@ -155,8 +155,7 @@ class Formation(Section):
         description="trail position σ from which a follower keeps a parallel course and slows down, until twice this σ",
     )
     leader_velocity_sigma_m_s: NonNegative = Field(
-        0.015,
-        description="σ of the leader's mean velocity since its last message; adds to the trail position σ",
+        0.015, description="σ of the leader's mean velocity since its last message; adds to the trail position σ"
     )
     timeout_speed_m_s: Speed = Field(0.5, description="speed through water after this slowdown")
     message_timeout_s: Positive = Field(600.0, description="time without messages before timeout_action")

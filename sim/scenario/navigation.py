@@ -36,16 +36,11 @@ def _made(kind: type[Kind], values: Mapping[str, Any]) -> Kind:
 class Assume(FurtherKeys):
     """Model assumptions and sensor errors of the tightly coupled navigator; unused by LAISN."""
 
-    if TYPE_CHECKING:
-
-        def __init__(self, **keys: Any) -> None: ...
-
     transmitters: Literal[2, 3] = Field(3, description="rear and front, or all three")
     clock_offset_sigma_s: NonNegative = Field(1e-3, description="σ of the clock offset at the start")
     clock_drift_sigma_ppm: NonNegative = Field(1.0, description="σ of the clock drift")
     slip_m_sqrt_s: NonNegative | None = Field(
-        None,
-        description="random walk of unmeasured motion; default: that of the vehicles",
+        None, description="random walk of unmeasured motion; default: that of the vehicles"
     )
     outlier_probability: Annotated[float, Field(gt=0, lt=1)] = Field(
         TightSettings.outlier_probability, description="probability that a range is an echo's"
@@ -55,10 +50,6 @@ class Assume(FurtherKeys):
 @with_fields_of(RivalSettings, without={field.name for field in fields(TightSettings)})
 class Rival(FurtherKeys):
     """Settings of the rival methods beside the standard deviations of `[navigation.assume]`."""
-
-    if TYPE_CHECKING:
-
-        def __init__(self, **keys: Any) -> None: ...
 
     particles: Annotated[int, Field(ge=10, le=1_000_000)] = Field(
         RivalSettings.particles, description="particle filter: number of particles"
@@ -99,8 +90,7 @@ class Navigation(FurtherKeys):
     )
 
     hydrophone_height_m: Annotated[float, Field(ge=-1000, le=1000)] | None = Field(
-        None,
-        description="assumed height of the hydrophone above the depth sensor; default: the hull's",
+        None, description="assumed height of the hydrophone above the depth sensor; default: the hull's"
     )
 
     @property

@@ -49,17 +49,16 @@ class DepthProfile:
             period=period,
         )
 
-    def _within(self, time: Floats) -> Floats:
-        return time if self.period is None else time % self.period
-
     def depth_at(self, time: Floats) -> Floats:
         """Depth at instants of shape (n,), [s], [m]."""
-        return np.interp(self._within(time), self.time, self.depth)
+        return self.at(time)[0]
 
     def at(self, time: Floats) -> tuple[Floats, Floats]:
         """Depth [m] and its rate [m/s], positive down, at instants of shape (n,), [s]."""
+        within = time if self.period is None else time % self.period
         slope = np.concatenate([[0.0], np.diff(self.depth) / np.diff(self.time), [0.0]])
-        return self.depth_at(time), slope[np.searchsorted(self.time, self._within(time), side="right")]
+        depth = np.interp(within, self.time, self.depth)
+        return depth, slope[np.searchsorted(self.time, within, side="right")]
 
 
 def _profile(depth: float | DepthProfile) -> DepthProfile:

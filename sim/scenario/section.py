@@ -17,7 +17,6 @@ from laisn.failure import shortened
 Positive = Annotated[float, Field(gt=0, le=1e6)]
 NonNegative = Annotated[float, Field(ge=0, le=1e6)]
 Angle = Annotated[float, Field(ge=-360, le=360)]
-Scale = Annotated[float, Field(ge=0.1, le=10)]
 Chance = Annotated[float, Field(ge=0, le=1)]
 Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
 Speed = Annotated[float, Field(gt=0, le=5)]

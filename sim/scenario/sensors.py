@@ -25,8 +25,7 @@ class OwnSensors(Section):
     speed_sigma_m_s: Sigma = 0.2
     heading_bias_deg: HeadingBias = 5.0
     heading_sigma_deg: Sigma = Field(
-        2.0,
-        description="σ of the error to starboard, the absolute value of a normal number (paper, Eq. 27)",
+        2.0, description="σ of the error to starboard, the absolute value of a normal number (paper, Eq. 27)"
     )
     depth_sigma_m: Sigma = 0.0
     speed_drift_m_s: float = Field(0.0, ge=-10, le=10, description="amplitude of a sinusoidal drift of the bias")

@@ -1,6 +1,5 @@
 """A mission as data: everything a user may set, validated, frozen. Degrees and units stand in the names."""
 
-import math
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
@@ -301,4 +300,4 @@ class Scenario(Section):
     @property
     def filter_steps(self) -> int:
         """Number n of filter steps."""
-        return math.floor(self.duration_s / self.timing.filter_step_s + 0.5)
+        return round(self.duration_s / self.timing.filter_step_s)

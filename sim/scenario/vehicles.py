@@ -9,21 +9,12 @@ import models
 from laisn.failure import LaisnError
 from sim.scenario.formation import Station
 from sim.scenario.routes import FOLLOWER_DEPTH, LEADER_DEPTH
-from sim.scenario.section import (
-    LISTED,
-    MOST_POINTS,
-    Coordinate,
-    Name,
-    NonNegative,
-    Positive,
-    Scale,
-    Section,
-    increasing,
-)
+from sim.scenario.section import LISTED, MOST_POINTS, Coordinate, Name, NonNegative, Positive, Section, increasing
 from sim.scenario.sensors import FollowerSensors
 from sim.system import read_text
 
 LONGEST_MODEL = 1_000_000  # length of the text of a hull, and size of its file [bytes]
+Scale = Annotated[float, Field(ge=0.1, le=10)]
 TimedPoint = Annotated[tuple[NonNegative, Coordinate, Coordinate], LISTED]
 TimedDepth = Annotated[tuple[NonNegative, NonNegative], LISTED]
 
@@ -43,8 +34,7 @@ class Vehicle(Section):
         description="[[time_s, east_m, north_m], …] from time 0, in place of route; a position given twice is a stop",
     )
     model: Annotated[str, Field(max_length=LONGEST_MODEL)] | None = Field(
-        None,
-        description="vehicle of `laisn vehicles`, or own MJCF hull, path relative to this file",
+        None, description="vehicle of `laisn vehicles`, or own MJCF hull, path relative to this file"
     )
     depth_m: NonNegative = LEADER_DEPTH
     depth_profile: Annotated[tuple[TimedDepth, ...], LISTED, increasing("depth", "s")] = Field(
@@ -60,8 +50,7 @@ class Vehicle(Section):
     lift_scale: Scale = Field(1.0, description="of hull and fins")
     thrust_scale: Scale = Field(1.0, description="actual over commanded thrust")
     depth_control: Literal["pitch", "thrust"] | None = Field(
-        None,
-        description="by hull pitch, or level by vertical thrusters; default: by pitch if the hull lifts",
+        None, description="by hull pitch, or level by vertical thrusters; default: by pitch if the hull lifts"
     )
 
     @model_validator(mode="before")
@@ -113,8 +102,7 @@ class Leader(Vehicle):
         False, description="broadcast measured pitch and roll; default with stations: true"
     )
     broadcast_waypoints: Annotated[int, Field(ge=0, le=20)] = Field(
-        0,
-        description="next waypoints in each message, for followers on stations",
+        0, description="next waypoints in each message, for followers on stations"
     )
 
     @model_validator(mode="before")
@@ -138,12 +126,10 @@ class Follower(Vehicle):
         None, description="[east, north] of the start; default: the station"
     )
     guidance_position: Literal["truth", "estimate"] | None = Field(
-        None,
-        description="position used for guidance; default: truth on a route, estimate on a station",
+        None, description="position used for guidance; default: truth on a route, estimate on a station"
     )
     controller: Annotated[str, Field(pattern=r"^\w+(:\w+)?$")] | None = Field(
-        None,
-        description="own controller, module:Class; route or station give the start",
+        None, description="own controller, module:Class; route or station give the start"
     )
 
     sensors: FollowerSensors = Field(

@@ -82,10 +82,8 @@ def read(model: Any, vehicles: Sequence[Vehicle]) -> tuple[npt.NDArray[np.void],
                     f"actuator {model.actuator(actuator).name!r} must act at a site of the body "
                     f"'{vehicle.name}/hull', without a reference site"
                 )
-            force, torque = model.actuator_gear[actuator].reshape(2, 3)
-            _place(model, site, force, torque, record)
             record["lag"], record["limits"] = model.actuator_dynprm[actuator, 0], model.actuator_ctrlrange[actuator]
-            _read_kind(model, model.actuator(actuator).name, record)
+            _fill(record, model, model.actuator(actuator).name, site, model.actuator_gear[actuator])
     numerics = [model.numeric(i).name for i in range(model.nnumeric)]
     fins = [name.removesuffix(SUFFIXES[FIN]) for name in numerics if name.endswith(SUFFIXES[FIN])]
     fixed = [name for name in fins if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name) < 0]
@@ -99,22 +97,17 @@ def read(model: Any, vehicles: Sequence[Vehicle]) -> tuple[npt.NDArray[np.void],
                     f"<numeric name='{name}.fin'>: there is no actuator {name!r}, nor a site of the body "
                     f"'{vehicle.name}/hull' for a fixed fin"
                 )
-            _place(model, site, np.array([0.0, 0.0, 1.0]), np.zeros(3), record)
+            _fill(record, model, name, site, np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
             # rounding of the attitude: an upright fin has no lift
             record["force"][np.abs(record["force"]) < 1e-12] = 0.0
-            _read_kind(model, name, record)
     return records, fixed_records
 
 
-def _place(model: Any, site: int, force: Floats, torque: Floats, record: Any) -> None:
-    """Fill in where an effector is, and its unit force and torque, which are given in the frame of its site."""
-    force, torque = attitude.rotate(model.site_quat[site], np.array([force, torque]))
+def _fill(record: Any, model: Any, name: str, site: int, gear: Floats) -> None:
+    """Fill in place, unit force and torque, given in the frame of the site, and kind and parameters of a numeric."""
+    force, torque = attitude.rotate(model.site_quat[site], gear.reshape(2, 3))
     record["force"], record["torque"] = force, torque + np.cross(model.site_pos[site], force)
     record["place"] = model.site_pos[site]
-
-
-def _read_kind(model: Any, name: str, record: Any) -> None:
-    """Fill in the kind of an effector and its parameters, of the numeric that has its name."""
     for kind, suffix in SUFFIXES.items():
         values = numeric(model, name + suffix)
         if values is None:

@@ -12,7 +12,7 @@ import ctypes
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, NoReturn, cast
+from typing import Any, cast
 
 import mujoco
 import numpy as np
@@ -190,12 +190,8 @@ class Plant:
         # all forces are those of `effectors.loads`; MuJoCo's way to them costs the square of the number of vehicles
         model.actuator_gainprm[:] = model.actuator_biasprm[:] = 0.0
         self._loads: Any = self.true_coefficients, ocean.water, solver, (self.true_effectors, self.thrust)
-        self._body = (
-            (self.pose, self.twist, self._acceleration),
-            data.ctrl.reshape(n, m),
-            (self._last_pose, self._last_twist),
-            data.warning.number,
-        )
+        moving, good = (self.pose, self.twist, self._acceleration), (self._last_pose, self._last_twist)
+        self._body = moving, data.ctrl.reshape(n, m), good, data.warning.number
         self._clock = np.array([0.0, dt])
 
         self.site_names = tuple(model.site(i).name for i in range(model.nsite))
@@ -244,15 +240,14 @@ class Plant:
     def finish_step(self, fault: Fault) -> None:
         """PlantError if an error ended `advance`."""
         what, which = fault
+        if what == FINE:
+            return
         if what == WARNED:
-            self._fail(f"MuJoCo warns: {mujoco.mjtWarning(which).name}")
-        if what == NOT_FINITE:
-            self._fail(f"the command of {self.names[which]} is not finite")
-        if what == LOST:
-            self._fail(f"the state of {self.names[which]} is lost")
-
-    def _fail(self, what: str) -> NoReturn:
-        message = f"t = {self.time:.3f} s: {what}; last good pose and twist by vehicle:"
+            reason = f"MuJoCo warns: {mujoco.mjtWarning(which).name}"
+        else:
+            reason = f"the {'command' if what == NOT_FINITE else 'state'} of {self.names[which]} is "
+            reason += "not finite" if what == NOT_FINITE else "lost"
+        message = f"t = {self.time:.3f} s: {reason}; last good pose and twist by vehicle:"
         for name, pose, twist in zip(self.names, self._last_pose, self._last_twist, strict=True):
             message += f"\n  {name}: {np.array2string(pose, precision=4)} {np.array2string(twist, precision=4)}"
         raise PlantError(message)

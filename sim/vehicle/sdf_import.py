@@ -47,11 +47,8 @@ def _numbers(text: str | None, count: int, what: str) -> Floats:
     return values
 
 
-def _number(parent: Element, name: str, default: float | None = None) -> float:
-    text = parent.findtext(name)
-    if text is None and default is not None:
-        return default
-    return float(_numbers(text, 1, f"<{name}>")[0])
+def _number(parent: Element, name: str, default: float | str = "") -> float:
+    return float(_numbers(parent.findtext(name, str(default)), 1, f"<{name}>")[0])
 
 
 def _frame(element: Element, outer: Floats | None = None) -> Floats:
@@ -133,9 +130,9 @@ def _coefficients(plugin: Element, remarks: list[str]) -> dict[str, Floats]:
         for form, kind in forms.items()
     }
     for child in plugin:
+        if child.tag not in {*names, *known}:
+            remarks.append(f"<{child.tag}> of Hydrodynamics is not read")
         if child.tag not in names:
-            if child.tag not in known:
-                remarks.append(f"<{child.tag}> of Hydrodynamics is not read")
             continue
         kind, i, j = names[child.tag]
         value = float(_numbers(child.text, 1, f"<{child.tag}>")[0])
@@ -158,11 +155,11 @@ def _thrusters(model: Element, links: dict[str, tuple[Element, Floats]], remarks
     joints = {joint.get("name", ""): joint for joint in model.iter("joint")}
     for plugin in _plugins(model, "Thruster"):
         name = plugin.findtext("joint_name", "").strip()
-        joint = joints.get(name)
-        if joint is None or joint.findtext("child", "").strip() not in links:
+        child = joints[name].findtext("child", "").strip() if name in joints else None
+        if child not in links:
             raise LaisnError(f"Thruster: there is no <joint name={name!r}> with a child link")
-        frame = links[joint.findtext("child", "").strip()][1]
-        axis = frame[:3, :3] @ _numbers(joint.findtext("axis/xyz", "0 0 1"), 3, f"<axis> of joint {name!r}")
+        frame = links[child][1]
+        axis = frame[:3, :3] @ _numbers(joints[name].findtext("axis/xyz", "0 0 1"), 3, f"<axis> of joint {name!r}")
         limits = _number(plugin, "min_thrust_cmd", -THRUST), _number(plugin, "max_thrust_cmd", THRUST)
         if plugin.find("max_thrust_cmd") is None:
             remarks.append(f"thruster {name!r} has no max_thrust_cmd (Gazebo: 1000 N): ±{THRUST:g} N")
