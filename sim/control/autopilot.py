@@ -27,7 +27,7 @@ from laisn.failure import LaisnError
 from laisn.geometry import signed_angle
 from sim.attitude import rotation, transposed
 from sim.control.allocation import FAST, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW, allocate, at_speed, clip, pseudo_inverse
-from sim.vehicle import coefficients, effectors
+from sim.vehicle import effectors, mjcf
 from sim.vehicle.plant import Plant
 
 DepthControl = Literal["pitch", "thrust"]
@@ -90,7 +90,7 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
     else by thrust. LaisnError if its effectors or hull lack what its autopilot needs; the text names it.
     """
     model = plant.model
-    water = coefficients.read(model, plant.names, plant.ocean.density_kg_m3)
+    water = mjcf.read_coefficients(model, plant.names, plant.ocean.density_kg_m3)
     records = np.zeros(len(plant.names), DESIGN)
     for i, (record, c, name) in enumerate(zip(records, water, plant.names, strict=True)):
         body = model.body(f"{name}/hull")

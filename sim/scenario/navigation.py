@@ -88,7 +88,6 @@ class Navigation(FurtherKeys):
         description="[[forward, port, up], …], assumed offsets of the transmitters from the leader's position; "
         "replaces leader.baseline_m and leader.middle_offset_m",
     )
-
     hydrophone_height_m: Annotated[float, Field(ge=-1000, le=1000)] | None = Field(
         None, description="assumed height of the hydrophone above the depth sensor; default: the hull's"
     )

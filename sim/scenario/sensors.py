@@ -8,13 +8,10 @@ from sim.scenario.section import LISTED, MOST_POINTS, Angle, Chance, NonNegative
 
 SoundSpeed = Annotated[float, Field(ge=1300, le=1700)]
 SpeedAtDepth = Annotated[tuple[NonNegative, SoundSpeed], LISTED]
-
-
 SpeedBias = Annotated[float, Field(ge=-10, le=10), PerRun]
 HeadingBias = Annotated[float, Field(ge=-180, le=180), PerRun]
 Sigma = Annotated[NonNegative, PerRun]
 LossProbability = Annotated[Chance, PerRun]
-
 _RangeError = Annotated[float, Field(ge=0, le=100)]
 
 
@@ -55,7 +52,6 @@ class Sensors(OwnSensors):
     own: Annotated[tuple[OwnSensor, ...], LISTED] = Field(
         (), description="further sensors of each follower, shipped or your own"
     )
-
     leader_speed_bias_m_s: SpeedBias = 0.0
     leader_heading_bias_deg: HeadingBias = 0.0
     leader_heading_sigma_deg: Sigma = Field(0.0, description="one-sided, as heading_sigma_deg")

@@ -30,8 +30,6 @@ from sim.scenario.vehicles import Follower, Leader, Vehicle
 from sim.system import atomic_write
 
 FASTEST_CURRENT_M_S = 3.0  # faster water would carry away vehicles with 3 m/s
-
-
 CurrentSpeed = Annotated[float, Field(ge=0, le=FASTEST_CURRENT_M_S)]
 TimedCurrent = Annotated[tuple[NonNegative, CurrentSpeed, Angle], LISTED]
 

@@ -131,7 +131,6 @@ class Follower(Vehicle):
     controller: Annotated[str, Field(pattern=r"^\w+(:\w+)?$")] | None = Field(
         None, description="own controller, module:Class; route or station give the start"
     )
-
     sensors: FollowerSensors = Field(
         FollowerSensors(), description="errors of this follower's own sensors; default: those of [sensors]"
     )

@@ -49,7 +49,7 @@ class HullFile:
     mass: Number  # [kg]
     inertia: Number  # about the centre of gravity: xx, yy, zz, or with xy, xz, yz [kg m²]
     centre: Number  # of gravity, in the body frame [m]
-    numerics: dict[str, Number]  # by the names of `sim.vehicle.coefficients.NUMERICS`
+    numerics: dict[str, Number]  # by the names of `sim.vehicle.mjcf.NUMERICS`
     effectors: Sequence[EffectorPart]
 
     def xml(self) -> str:
@@ -74,20 +74,6 @@ def numbers(values: npt.ArrayLike) -> str:
     """Numbers as MJCF has them, to six digits."""
     flat = np.ravel(np.asarray(values, dtype=np.float64))
     return " ".join(f"{0.0 if abs(value) < 1e-12 else value:.6g}" for value in flat)
-
-
-def still_water_numerics(length: float, diameter: float) -> dict[str, Number]:
-    """Coefficients by which a hull leaves the water, and that it has no lift besides."""
-    n = 10
-    x = length * ((np.arange(n) + 0.5) / n - 0.5)
-    return {
-        "hull_radius": (0.5 * diameter, "[m]: D / 2"),
-        "hull_lift": ((0.7 * length * diameter, 0.0, 0.0), "area 0.7 L D [m²]; no drag, no lift beside the damping"),
-        "hull_lift_planes": ((1.0, 1.0), "[-]: both planes"),
-        "cross_flow_drag": ((0.0, 0.0), "[-]: in the quadratic damping"),
-        "strip_x": (x, f"[m]: {n} equal lengths, which leave the water one by one"),
-        "strip_area": (np.full(n, diameter * length / n), f"[m²]: D L / {n}"),
-    }
 
 
 TOP_SPEED = 2.5  # speed that the propeller is geared for [m/s]
@@ -186,12 +172,13 @@ def from_dimensions(
         ),
         "buoyancy": (weight, "[N]: the weight, m g"),
         "displaced_inertia": (inertia, "[kg m²]: displaced water, m (a² + b²) / 5"),
-        **still_water_numerics(length, diameter),
+        "hull_radius": (b, "[m]: D / 2"),
         "hull_lift": (
             (area, frontal, lift),
             "area 0.7 L D [m²]; drag 0.42 on the frontal area (Allen et al. 2000); slope π A / (1 + √(1 + A²/4)) "
             "[1/rad], A = D² / area (Beard and McLain 2012)",
         ),
+        "hull_lift_planes": ((1.0, 1.0), "[-]: both planes"),
         "cross_flow_drag": ((_CROSS_FLOW, _CROSS_FLOW), "[-]: circular cylinder (Hoerner 1965)"),
         "strip_x": (a * (ends[1:] + ends[:-1]) / 2.0, f"[m]: middles of {n} equal lengths"),
         "strip_area": (side, "[m²]: side view of the spheroid, length by length"),

@@ -9,7 +9,7 @@ buoyancy, where the body frame has its origin.
 `apply` writes the wrench to `qfrc_applied` and adds the added mass to `M` between `mj_step1` and `mj_factorM`, so that
 it acts on accelerations that MuJoCo has yet to solve for.
 
-Functions take `c`, a record of `sim.vehicle.coefficients.RECORD`; `v` and `w`, velocity and rate of turn relative to
+Functions take `c`, a record of `sim.vehicle.mjcf.RECORD`; `v` and `w`, velocity and rate of turn relative to
 the water, in the body [m/s], [rad/s]; they give force [N] and moment about the origin [N m].
 """
 

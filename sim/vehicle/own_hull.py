@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 import models
-from sim.vehicle import coefficients, effectors
+from sim.vehicle import effectors, mjcf
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 
 _FILES = re.compile(r"<!DOCTYPE|<include\b|\b(?:file|file\w+|assetdir|meshdir|texturedir|plugin)\s*=", re.IGNORECASE)
@@ -98,14 +98,14 @@ def _faults(spec: Any, role: str) -> Iterator[str]:
         # attached to the sea, a hull would lose actuators without a site
         if actuator.trntype == mujoco.mjtTrn.mjTRN_SITE and spec.site(actuator.target) is None:
             yield f"<general name={actuator.name[:40]!r}>: there is no <site name={actuator.target[:40]!r}>"
-    for name in coefficients.NUMERICS:
+    for name in mjcf.NUMERICS:
         numeric = spec.numeric(name)
-        if fault := coefficients.numeric_error(name, None if numeric is None else int(numeric.size)):
+        if fault := mjcf.numeric_error(name, None if numeric is None else int(numeric.size)):
             yield fault
     for numeric in spec.numerics:
         # those of effectors have a point: rudder.fin
-        if numeric.name not in coefficients.NUMERICS and "." not in numeric.name:
-            available = ", ".join(coefficients.NUMERICS)
+        if numeric.name not in mjcf.NUMERICS and "." not in numeric.name:
+            available = ", ".join(mjcf.NUMERICS)
             yield f"<numeric name={numeric.name[:40]!r}> has no meaning; available: {available}"
     hull = spec.body("hull")
     if not hull.explicitinertial or not hull.mass > 0:
@@ -123,7 +123,7 @@ def _compiled(text: str) -> Iterator[str]:
     """What keeps a hull that has all parts from swimming."""
     try:
         model = compose([VehicleSetup(name="hull", model=text, position_m=(0.0, 0.0, -10.0))]).compile()
-        coefficients.read(model, ["hull"], 1026.0)
+        mjcf.read_coefficients(model, ["hull"], 1026.0)
         effectors.read(model, [resolve(model, "hull")])
     except ValueError as error:
         yield ", ".join(str(error).splitlines()[:2])

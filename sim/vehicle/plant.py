@@ -23,7 +23,7 @@ from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled, copy_values
 from laisn.failure import LaisnError
 from sim import attitude
-from sim.vehicle import coefficients, effectors, hydrodynamics
+from sim.vehicle import effectors, hydrodynamics, mjcf
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 from sim.water import Ocean
 
@@ -130,8 +130,6 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
 
 NO_CONTACT = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT.value | mujoco.mjtDisableBit.mjDSBL_CONTACT.value
 """Hulls pass through one another and through the floor, whatever their geoms are."""
-
-
 _NO_JOINT_FORCES = mujoco.mjtDisableBit.mjDSBL_SPRING.value | mujoco.mjtDisableBit.mjDSBL_DAMPER.value
 """Free bodies have neither springs nor dampers, and MuJoCo need not look for them; damping is the water's."""
 
@@ -183,8 +181,8 @@ class Plant:
         solver: hydrodynamics.Solver = (rows, data.M, data.qfrc_applied.reshape(n, 6))
         self._acceleration: Floats = data.qacc.reshape(n, 6)
         self._last_pose, self._last_twist = np.empty((n, 7)), np.empty((n, 6))
-        nominal = coefficients.read(model, self.names, ocean.density_kg_m3)
-        self.true_coefficients = coefficients.scaled(nominal, setups)
+        nominal = mjcf.read_coefficients(model, self.names, ocean.density_kg_m3)
+        self.true_coefficients = mjcf.scaled_coefficients(nominal, setups)
         every = np.concatenate([self.effectors, self.fixed_fins], axis=1)
         self.true_effectors = effectors.scaled_records(every, setups)
         # all forces are those of `effectors.loads`; MuJoCo's way to them costs the square of the number of vehicles

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from laisn.arrays import Floats
 from laisn.failure import LaisnError
-from sim.vehicle.hull_file import EffectorPart, HullFile, Number, still_water_numerics
+from sim.vehicle.hull_file import EffectorPart, HullFile, Number
 from sim.water import GRAVITY
 
 FORCES, RATES = "xyzkmn", "UVWPQR"
@@ -265,7 +265,8 @@ def from_sdf(text: str) -> tuple[HullFile, list[str]]:
             axis, limits = -axis, (-limits[1], -limits[0])
         return replace(part, place=place, axis=axis, limits=limits)
 
-    known = "gz-sim Hydrodynamics"
+    known, n = "gz-sim Hydrodynamics", 10
+    strips = length * ((np.arange(n) + 0.5) / n - 0.5)
     numerics: dict[str, Number] = {
         "added_mass": (matrices["added_mass"], f"6×6 by rows [kg], [kg m²]: {known}, −xDotU …"),
         "munk_factor": (1.0, "[-]: all Coriolis terms, as in gz-sim"),
@@ -274,7 +275,12 @@ def from_sdf(text: str) -> tuple[HullFile, list[str]]:
         "quadratic_damping": (matrices["quadratic_damping"], f"6×6 by rows [N s²/m²], [N m s²]: {known}, −xUabsU …"),
         "buoyancy": (buoyancy, f"[N]: volume of the collisions, water of {density:g} kg/m³, or the weight"),
         "displaced_inertia": (body.mass * (length**2 + diameter**2) / 20.0, "[kg m²]: spheroid of its size"),
-        **still_water_numerics(length, diameter),
+        "hull_radius": (0.5 * diameter, "[m]: D / 2"),
+        "hull_lift": ((0.7 * length * diameter, 0.0, 0.0), "area 0.7 L D [m²]; no drag, no lift beside the damping"),
+        "hull_lift_planes": ((1.0, 1.0), "[-]: both planes"),
+        "cross_flow_drag": ((0.0, 0.0), "[-]: in the quadratic damping"),
+        "strip_x": (strips, f"[m]: {n} equal lengths, which leave the water one by one"),
+        "strip_area": (np.full(n, diameter * length / n), f"[m²]: D L / {n}"),
     }
     principal = flip @ body.inertia @ flip
     inertia = np.concatenate([np.diag(principal), [principal[0, 1], principal[0, 2], principal[1, 2]]])

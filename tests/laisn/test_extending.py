@@ -68,13 +68,13 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 DRAG = """
 import numpy as np
-from sim.vehicle import coefficients, hydrodynamics
+from sim.vehicle import mjcf, hydrodynamics
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water import Ocean
 
 plant = Plant([VehicleSetup(name="a", model="follower", position_m=(0.0, 0.0, -10.0), speed_m_s=1.0)], Ocean())
-c = coefficients.read(plant.model, plant.names, 1026.0).view(np.recarray)[0]
+c = mjcf.read_coefficients(plant.model, plant.names, 1026.0).view(np.recarray)[0]
 force, moment = hydrodynamics.viscous(c, (0.0, 0.0, 0.0), (0.3, 0.0, 0.4))[0]
 # roll damps by 0.034 N m s² times the resultant of 0.5 rad/s, where the file's law takes the roll's own 0.3 rad/s
 assert abs(moment[0] + (0.58853 + 0.034 * 0.5) * 0.3) < 1e-12, moment

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import models
 from laisn.arrays import Floats
 from sim import attitude
-from sim.vehicle import coefficients
+from sim.vehicle import mjcf
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water import Ocean
@@ -66,7 +66,7 @@ class Tank:
                 setup = VehicleSetup(name="hull", model="hull", position_m=(0.0, 0.0, -50.0), heading_rad=np.pi / 2)
                 self.plant = Plant([setup], ocean, dt)
         self.pose, self.twist, self.data = self.plant.pose[0], self.plant.twist[0], self.plant.data
-        self.coefficients = coefficients.read(self.plant.model, ["hull"], ocean.density_kg_m3)[0]
+        self.coefficients = mjcf.read_coefficients(self.plant.model, ["hull"], ocean.density_kg_m3)[0]
         self._placed = True
 
     def place(

@@ -19,7 +19,7 @@ from sim.control.stability import least_radius, steady_turn
 from sim.feasibility import cautions
 from sim.scenario.routes import DepthProfile, Route, library_route
 from sim.simulation import simulate
-from sim.vehicle import coefficients, effectors
+from sim.vehicle import effectors, mjcf
 from sim.vehicle.hydrodynamics import coupled_damping
 from sim.vehicle.mjcf import VehicleSetup, spec_of
 from sim.vehicle.own_hull import hull_errors
@@ -306,7 +306,7 @@ def test_damping_of_6_by_6_acts_off_the_diagonal() -> None:
     """In LAUV's matrix, sway and yaw damp each other; MuJoCo's frame changes none of these signs."""
     plant = plant_of("lauv")
     plant.twist[0] = [0, 0.3, 0, 0, 0, 0.2]
-    c = coefficients.read(plant.model, plant.names, RHO)
+    c = mjcf.read_coefficients(plant.model, plant.names, RHO)
     assert c["coupled"][0] == 1
     force, moment = coupled_damping(c.view(np.recarray)[0], (0.0, 0.3, 0.0), (0.0, 0.0, 0.2))
     assert force == pytest.approx((0.0, 11.5 * 0.2 + 0.3 * 0.04, 0.0))

@@ -14,7 +14,7 @@ from sim.control.autopilot import design, top_speed
 from sim.control.stability import require_stable
 from sim.scenario.routes import Route
 from sim.simulation import simulate
-from sim.vehicle import coefficients
+from sim.vehicle import mjcf
 from sim.vehicle.effectors import FIN
 from sim.vehicle.hull_file import from_dimensions, helmbold_slope, lamb_factors
 from sim.vehicle.mjcf import VehicleSetup
@@ -33,7 +33,7 @@ def plant_of(text: str, speed: float = 0.0, heading: float = 0.0) -> Plant:
 
 
 def record_of(text: str) -> np.void:
-    (one,) = coefficients.read(plant_of(text).model, ["own"], 1026.0)
+    (one,) = mjcf.read_coefficients(plant_of(text).model, ["own"], 1026.0)
     return one
 
 

@@ -7,7 +7,7 @@ from scipy.integrate import quad
 
 import models
 from sim.scenario.vehicles import Leader
-from sim.vehicle import coefficients
+from sim.vehicle import mjcf
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 from sim.vehicle.plant import Plant
 from sim.water import Ocean
@@ -83,7 +83,7 @@ def test_hull_is_neutral_and_its_added_mass_that_of_the_spheroid(name: str) -> N
         k * transverse,
     ]
     model = compose([VehicleSetup(name="v", model=name, position_m=(0, 0, -10))]).compile()
-    record = coefficients.read(model, ["v"], 1026.0)[0]
+    record = mjcf.read_coefficients(model, ["v"], 1026.0)[0]
     np.testing.assert_allclose(record["added_mass"], np.diag(expected), rtol=2e-4, atol=1e-12)
     assert np.linalg.eigvalsh(record["added_mass"])[0] > 0
     body = resolve(model, "v").body
@@ -141,7 +141,7 @@ def test_setup_edits_the_vehicle() -> None:
     np.testing.assert_allclose(model.body("lead/hull").ipos, (0.05, 0, -0.03))
     np.testing.assert_allclose(model.site("lead/cg").pos, (0.05, 0, -0.03))
     weight = 9.81 * model.body("lead/hull").mass[0]
-    assert coefficients.read(model, ["lead"], 1026.0)[0]["buoyancy"] == pytest.approx(weight + 7.0)
+    assert mjcf.read_coefficients(model, ["lead"], 1026.0)[0]["buoyancy"] == pytest.approx(weight + 7.0)
     # the highest crest of the floor lies at its depth
     assert model.geom("floor").pos[2] + model.hfield_size[0, 2] * model.hfield_data.max() == pytest.approx(-77.0)
 
@@ -155,7 +155,7 @@ def test_missing_numeric_is_named_with_size_and_unit() -> None:
     spec = compose(pair())
     spec.delete(spec.numeric("T2/linear_damping"))
     with pytest.raises(ValueError, match=r"'T2': lacks <numeric name='linear_damping'>, 6 values \[N s/m, N m s\]"):
-        coefficients.read(spec.compile(), ["lead", "T2"], 1026.0)
+        mjcf.read_coefficients(spec.compile(), ["lead", "T2"], 1026.0)
 
 
 def test_numeric_of_wrong_size_is_named_with_size_and_unit() -> None:
@@ -163,7 +163,7 @@ def test_numeric_of_wrong_size_is_named_with_size_and_unit() -> None:
     spec.numeric("lead/hull_lift").data = np.array([0.1])
     spec.numeric("lead/hull_lift").size = 1
     with pytest.raises(ValueError, match=r"'lead': <numeric name='hull_lift'> has 1 values, expected 3 values \[m²"):
-        coefficients.read(spec.compile(), ["lead", "T2"], 1026.0)
+        mjcf.read_coefficients(spec.compile(), ["lead", "T2"], 1026.0)
 
 
 @pytest.mark.parametrize("name", VEHICLES)

@@ -18,8 +18,7 @@ from sim.feasibility import cautions
 from sim.flight import Flight, Outcome, navigation_settings
 from sim.log.scene import hull
 from sim.scenario.settings import Scenario
-from sim.vehicle.coefficients import NUMERICS
-from sim.vehicle.mjcf import spec_of
+from sim.vehicle.mjcf import NUMERICS, spec_of
 from sim.vehicle.own_hull import hull_errors
 
 FOLLOWER, LEADER = (models.path(name).read_text(encoding="utf-8") for name in ("follower", "leader"))

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from laisn.arrays import Floats
 from sim import attitude
 from sim.scenario.vehicles import Vehicle
-from sim.vehicle import coefficients, effectors, hydrodynamics
+from sim.vehicle import effectors, hydrodynamics, mjcf
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 from sim.vehicle.plant import Plant, PlantError
 from sim.water import Ocean, Waves
@@ -76,7 +76,7 @@ def test_a_step_is_mujocos_own_with_the_water_in_its_middle() -> None:
     data = mujoco.MjData(model)
     pose, twist = data.qpos.reshape(2, 7), data.qvel.reshape(2, 6)
     pose[:], twist[:] = plant.pose, plant.twist
-    records = coefficients.read(model, plant.names, plant.ocean.density_kg_m3)
+    records = mjcf.read_coefficients(model, plant.names, plant.ocean.density_kg_m3)
     solver = (model.M_rowadr.astype(np.int64).reshape(2, 6), data.M, data.qfrc_applied.reshape(2, 6))
     fitted = plant.true_effectors, np.zeros(plant.effectors.shape)
     command = np.array([[30.0, 8, -6, 3, -5], [12, -5, 6, -2, 3]])
@@ -105,7 +105,7 @@ def test_a_step_is_mujocos_own_with_the_water_in_its_middle() -> None:
 def test_a_wrench_beyond_all_numbers_is_found() -> None:
     """Three forces of 10³⁰⁸ N, each of them finite."""
     plant = Plant(setups(), Ocean())
-    records = coefficients.read(plant.model, plant.names, 1026.0).copy()
+    records = mjcf.read_coefficients(plant.model, plant.names, 1026.0).copy()
     pose, twist = plant.pose.copy(), np.tile([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], (2, 1))
     pose[1, 3:] = [1.0, 0.0, 0.0, 0.0]
     solver = (plant.model.M_rowadr.astype(np.int64).reshape(2, 6), np.zeros(plant.model.nM), np.zeros((2, 6)))

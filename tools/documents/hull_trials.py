@@ -13,7 +13,7 @@ from sim import attitude
 from sim.assembly import routes_of
 from sim.scenario.routes import DepthProfile, Route, library_route
 from sim.simulation import simulate
-from sim.vehicle import coefficients
+from sim.vehicle import mjcf
 from sim.vehicle.effectors import FIN, reach
 from sim.vehicle.hull_file import from_dimensions
 from sim.vehicle.hydrodynamics import wrench
@@ -176,7 +176,7 @@ ESTIMATED = {"remus100": (1.6, 0.19, 31.0294), "lauv": (1.08, 0.15, 18.0)}
 def coefficients_of(model: str) -> dict[str, float]:
     """What a hull's file comes to: inertia, added mass, forces of the water at given velocities, fins and thrust."""
     plant = _plant(model)
-    (record,) = coefficients.read(plant.model, plant.names, 1026.0)
+    (record,) = mjcf.read_coefficients(plant.model, plant.names, 1026.0)
     c, body = np.array([record], record.dtype).view(np.recarray)[0], plant.model.body("v/hull")
     own = plant.effectors[0, : len(plant.effector_names[0])]
     rest = np.array([0.0, 0.0, -200.0, 1.0, 0.0, 0.0, 0.0])
