@@ -50,7 +50,6 @@ def _unknown(location: Location) -> str:
 
 
 def _line(error: Mapping[str, Any]) -> str:
-    """An error in a line: key, what is expected, what was given."""
     if error["type"] == "extra_forbidden":
         return _unknown(error["loc"])
     key = shortened(plain(key_of(error["loc"])), 100)

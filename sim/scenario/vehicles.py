@@ -56,9 +56,7 @@ class Vehicle(Section):
     @model_validator(mode="before")
     @classmethod
     def _waypoints_replace_route(cls, data: Any) -> Any:
-        if isinstance(data, dict) and data.get("waypoints"):
-            return {**data, "route": None}
-        return data
+        return {**data, "route": None} if isinstance(data, dict) and data.get("waypoints") else data
 
     @field_validator("model")
     @classmethod
@@ -109,9 +107,8 @@ class Leader(Vehicle):
     @classmethod
     def _sites_of_own_hull(cls, data: Any) -> Any:
         """On a hull of the user's own transmitters stay where its MJCF has them, unless a key places them."""
-        if isinstance(data, dict) and data.get("model"):
-            return {"baseline_m": None, "middle_offset_m": None, **data}
-        return data
+        own = isinstance(data, dict) and data.get("model")
+        return {"baseline_m": None, "middle_offset_m": None, **data} if own else data
 
 
 class Follower(Vehicle):
@@ -138,9 +135,8 @@ class Follower(Vehicle):
     @property
     def guided_by_estimate(self) -> bool:
         """Whether it steers by its own estimate."""
-        if self.controller:
-            return True
-        return self.guidance_position == "estimate" or (self.guidance_position is None and self.station is not None)
+        position = self.guidance_position or ("estimate" if self.station else "truth")
+        return bool(self.controller) or position == "estimate"
 
     @property
     def layer_m(self) -> float:

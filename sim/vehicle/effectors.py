@@ -133,8 +133,8 @@ def _fill(record: Any, model: Any, name: str, site: int, gear: Floats) -> None:
                 raise LaisnError(f"{where}: value {i + 1}, {what}, must be {bound} (given: {values[i]:g})")
         across = abs(record["force"][0]) < 1e-9 and abs(np.linalg.norm(record["force"]) - 1.0) < 1e-6
         if kind == FIN and not across:
-            gear = " ".join(f"{value:g}" for value in record["force"])
-            raise LaisnError(f"{name!r}: the axis of a fin must be a unit vector across the hull (given: {gear})")
+            axis = " ".join(f"{value:g}" for value in record["force"])
+            raise LaisnError(f"{name!r}: the axis of a fin must be a unit vector across the hull (given: {axis})")
 
 
 class MovingFins:

@@ -25,37 +25,19 @@ from sim.water import AMPLITUDE, Water, elevation_at, flow
 
 
 @compiled
-def _faded(fade: float, speed: float, fade_before: float, left_before: float) -> float:
-    """Share of an axis's linear damping that is left: mostly all, or that of the axis before, which is known."""
-    if fade == 0.0:
-        return 1.0
-    if fade == fade_before:
-        return left_before
-    return float(np.exp(-fade * speed))
-
-
-@compiled
 def damping(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     """Linear damping, which may fade as exp(−fade U), and quadratic damping −d |ν| ν, axis by axis."""
     speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    lin, fade, quad = c.linear_damping, c.linear_damping_fade, c.quadratic_damping
-    left_x = _faded(fade[0], speed, np.nan, 1.0)
-    left_y = _faded(fade[1], speed, fade[0], left_x)
-    left_z = _faded(fade[2], speed, fade[1], left_y)
-    left_roll = _faded(fade[3], speed, fade[2], left_z)
-    left_pitch = _faded(fade[4], speed, fade[3], left_roll)
-    left_yaw = _faded(fade[5], speed, fade[4], left_pitch)
-    force = (
-        -(lin[0] * left_x + quad[0] * abs(v[0])) * v[0],
-        -(lin[1] * left_y + quad[1] * abs(v[1])) * v[1],
-        -(lin[2] * left_z + quad[2] * abs(v[2])) * v[2],
-    )
-    moment = (
-        -(lin[3] * left_roll + quad[3] * abs(w[0])) * w[0],
-        -(lin[4] * left_pitch + quad[4] * abs(w[1])) * w[1],
-        -(lin[5] * left_yaw + quad[5] * abs(w[2])) * w[2],
-    )
-    return force, moment
+    nu, fade, left = (v[0], v[1], v[2], w[0], w[1], w[2]), c.linear_damping_fade, 1.0
+    out = np.zeros(6)
+    for i in range(6):
+        # mostly that of the axis before
+        if fade[i] == 0.0:
+            left = 1.0
+        elif i == 0 or fade[i] != fade[i - 1]:
+            left = np.exp(-fade[i] * speed)
+        out[i] = -(c.linear_damping[i] * left + c.quadratic_damping[i] * abs(nu[i])) * nu[i]
+    return (out[0], out[1], out[2]), (out[3], out[4], out[5])
 
 
 @compiled

@@ -95,7 +95,6 @@ def transmitter_places(settings: vehicles.Vehicle) -> dict[str, tuple[int, float
 
 
 def _edited(setup: VehicleSetup, looks: bool) -> mujoco.MjSpec:
-    """The vehicle's own MJCF with what the setup changes of it."""
     spec = spec_of(setup.model, looks)
     hull = spec.body("hull")
     settings = setup.settings
@@ -143,8 +142,6 @@ NUMERICS: dict[str, tuple[tuple[int, ...], str]] = {  # coefficients of an MJCF:
     "strip_area": ((MAX_STRIPS,), "m²"),
 }
 
-_SIGNED = ("added_mass", "strip_x")
-
 MATRICES = {"linear_damping": "linear_coupling", "quadratic_damping": "quadratic_coupling"}
 """Numerics that may have 6×6 values by rows, D of the wrench −D ν or −D |ν| ν, and where those off the diagonal go."""
 
@@ -172,7 +169,7 @@ def read_coefficients(model: Any, names: Sequence[str], density: float) -> npt.N
             if value is None or fault:
                 raise LaisnError(f"the MJCF of {name!r}: {fault}")
             own = np.diag(value.reshape(6, 6)) if key in MATRICES and value.size == 36 else value
-            if key not in _SIGNED and np.any(own < 0.0):
+            if key not in ("added_mass", "strip_x") and np.any(own < 0.0):
                 raise LaisnError(f"{name}: {key} must not be negative")
             if key in ("strip_x", "strip_area"):
                 record[key][: value.size] = value
@@ -196,7 +193,6 @@ def read_coefficients(model: Any, names: Sequence[str], density: float) -> npt.N
 
 
 def _take_roots(records: npt.NDArray[np.void]) -> None:
-    """Bring the roots of `cross_flow_drag` up to date."""
     for root, drag in zip(records["cross_flow_root"], records["cross_flow_drag"], strict=True):
         # not all at once: NumPy's powers of arrays round otherwise than compiled code's of numbers
         root[:] = [float(value) ** (1 / 3) for value in drag]
