@@ -72,7 +72,6 @@ def lines_of(error: ValidationError) -> list[str]:
 
 LARGEST_BYTES = 16_000_000  # of a scenario file: four routes of the most points that a route may have
 _INDEX = re.compile("0|[1-9][0-9]{0,8}")  # of a list, within a dotted key: it has one form, 0 and not 00
-_MODEL_KEY = re.compile(r"(leader|followers\.(\d+|\*)|formation\.shape)\.model")
 
 
 class ScenarioError(LaisnError):
@@ -96,7 +95,7 @@ def plain_values(table: Any) -> Any:
 
 def is_model_key(key: str) -> bool:
     """Whether a dotted key of a scenario is that of a hull."""
-    return _MODEL_KEY.fullmatch(key) is not None
+    return re.fullmatch(r"(leader|followers\.(\d+|\*)|formation\.shape)\.model", key) is not None
 
 
 def beside(model: Any, folder: Path) -> Any:

@@ -15,6 +15,8 @@ from laisn.failure import LaisnError
 from sim import attitude
 from sim.scenario import vehicles
 
+_UNUSED = "unused_"  # beginning of the names of actuators that pad a vehicle
+
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleSetup:
@@ -51,21 +53,14 @@ def compose(setups: Sequence[VehicleSetup], floor_depth_m: float | None = None, 
     specs = [_edited(setup, looks) for setup in setups]
     most = max(len(vehicle.actuators) for vehicle in specs)
     for setup, vehicle in zip(setups, specs, strict=True):
-        _pad(vehicle, most)
+        # actuators without force, so that every vehicle has as many and arrays over vehicles are rectangular
+        for i in range(len(vehicle.actuators), most):
+            actuator = vehicle.add_actuator(name=f"{_UNUSED}{i}", target="cg", trntype=mujoco.mjtTrn.mjTRN_SITE)
+            actuator.gear = np.zeros(6)
+            actuator.dyntype, actuator.dynprm[0] = mujoco.mjtDyn.mjDYN_FILTEREXACT, 1.0
+            actuator.ctrllimited, actuator.ctrlrange = True, np.array([-1.0, 1.0])
         spec.attach(vehicle, frame=spec.worldbody.add_frame(), prefix=f"{setup.name}/")
     return spec
-
-
-_UNUSED = "unused_"
-
-
-def _pad(vehicle: mujoco.MjSpec, count: int) -> None:
-    """Add actuators without force, so that every vehicle has as many and arrays over vehicles are rectangular."""
-    for i in range(len(vehicle.actuators), count):
-        actuator = vehicle.add_actuator(name=f"{_UNUSED}{i}", target="cg", trntype=mujoco.mjtTrn.mjTRN_SITE)
-        actuator.gear = np.zeros(6)
-        actuator.dyntype, actuator.dynprm[0] = mujoco.mjtDyn.mjDYN_FILTEREXACT, 1.0
-        actuator.ctrllimited, actuator.ctrlrange = True, np.array([-1.0, 1.0])
 
 
 def spec_of(model: str, looks: bool = True) -> mujoco.MjSpec:

@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from contextlib import suppress
 from typing import Any
 from xml.etree import ElementTree
-from xml.etree.ElementTree import Element
 
 import mujoco
 import numpy as np
@@ -37,10 +36,6 @@ _INSTRUMENTS = {
     "leader": dict.fromkeys(("tx_rear", "tx_front", "tx_middle"), "a transmitter"),
     "follower": {"hydrophone": "the hydrophone"},
 }
-
-
-def _quoted(element: Element, name: str) -> str:
-    return f"<{element.tag} {name}={element.get(name, '')[:40]!r}>"
 
 
 def _within(text: str, most: float) -> bool:
@@ -72,11 +67,11 @@ def _unexpected(text: str) -> Iterator[str]:
     sea = next(ElementTree.parse(models.path("ocean")).iter("option"))
     for element in elements:
         for name, value in element.items():
-            most = _MOST.get((element.tag, name), _LARGEST)
+            quoted, most = f"<{element.tag} {name}={value[:40]!r}>", _MOST.get((element.tag, name), _LARGEST)
             if not _within(value, most):
-                yield f"{_quoted(element, name)} must be finite and within ±{most:g}"
+                yield f"{quoted} must be finite and within ±{most:g}"
             if element.tag == "option" and value.split() != sea.get(name, "").split():
-                yield f"{_quoted(element, name)} is a property of the sea: {sea.get(name, 'leave it out')}"
+                yield f"{quoted} is a property of the sea: {sea.get(name, 'leave it out')}"
 
 
 def _faults(spec: Any, role: str) -> Iterator[str]:
