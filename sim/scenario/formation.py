@@ -175,8 +175,7 @@ def station_inconsistencies(proximity: Proximity | None, stations: list[tuple[st
     key, found, needed = "formation.proximity", list[str](), f"at least {LEAST_APART_M:g} m"
     for name, a in stations:
         if (near := math.hypot(a.behind_m, a.port_m)) < LEAST_APART_M:
-            text = f"{name}.station is {near:.3g} m from the leader's place"
-            found.append(f"{text}; stations are {needed} from it")
+            found.append(f"{name}.station is {near:.3g} m from the leader's place; stations are {needed} from it")
     for (other, b), (name, a) in combinations(stations, 2):
         apart, layers = math.hypot(a.behind_m - b.behind_m, a.port_m - b.port_m), abs(a.depth_m - b.depth_m)
         names = f"{name}.station and {other}.station"

@@ -242,9 +242,10 @@ class Plant:
             return
         if what == WARNED:
             reason = f"MuJoCo warns: {mujoco.mjtWarning(which).name}"
+        elif what == NOT_FINITE:
+            reason = f"the command of {self.names[which]} is not finite"
         else:
-            reason = f"the {'command' if what == NOT_FINITE else 'state'} of {self.names[which]} is "
-            reason += "not finite" if what == NOT_FINITE else "lost"
+            reason = f"the state of {self.names[which]} is lost"
         message = f"t = {self.time:.3f} s: {reason}; last good pose and twist by vehicle:"
         for name, pose, twist in zip(self.names, self._last_pose, self._last_twist, strict=True):
             message += f"\n  {name}: {np.array2string(pose, precision=4)} {np.array2string(twist, precision=4)}"
