@@ -66,11 +66,11 @@ EFFECTOR = np.dtype(  # one actuator of a vehicle, as its MJCF gives it
 )
 
 
-def read(model: Any, vehicles: Sequence[Vehicle]) -> tuple[npt.NDArray[np.void], npt.NDArray[np.void]]:
-    """Effectors, in the order of the MJCF, and fixed fins, with limits of zero, of vehicles in a compiled model.
+def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
+    """Effectors of vehicles, from a compiled model: records of EFFECTOR in the order of the MJCF, shape (v, m).
 
-    Records of EFFECTOR, shapes (v, m) and (v, q); those that pad a vehicle are zero. LaisnError if an actuator or fixed
-    fin does not act at a site of its own hull, or its numeric is wrong.
+    Records that pad a vehicle are zero. LaisnError if an actuator does not act at a site of its own hull, or its
+    numeric is wrong.
     """
     records = np.zeros((len(vehicles), len(vehicles[0].actuators)), EFFECTOR)
     for row, vehicle in zip(records, vehicles, strict=True):
@@ -84,12 +84,17 @@ def read(model: Any, vehicles: Sequence[Vehicle]) -> tuple[npt.NDArray[np.void],
                 )
             record["lag"], record["limits"] = model.actuator_dynprm[actuator, 0], model.actuator_ctrlrange[actuator]
             _fill(record, model, model.actuator(actuator).name, site, model.actuator_gear[actuator])
+    return records
+
+
+def read_fixed(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
+    """Fixed fins of vehicles, from a compiled model: likewise, with limits of zero, shape (v, q)."""
     numerics = [model.numeric(i).name for i in range(model.nnumeric)]
     fins = [name.removesuffix(SUFFIXES[FIN]) for name in numerics if name.endswith(SUFFIXES[FIN])]
     fixed = [name for name in fins if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name) < 0]
     own = [[name for name in fixed if name.startswith(f"{vehicle.name}/")] for vehicle in vehicles]
-    fixed_records = np.zeros((len(vehicles), max(map(len, own), default=0)), EFFECTOR)
-    for row, vehicle, names in zip(fixed_records, vehicles, own, strict=True):
+    records = np.zeros((len(vehicles), max(map(len, own), default=0)), EFFECTOR)
+    for row, vehicle, names in zip(records, vehicles, own, strict=True):
         for record, name in zip(row, names, strict=False):
             site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
             if site < 0 or model.site_bodyid[site] != vehicle.body:
@@ -100,7 +105,7 @@ def read(model: Any, vehicles: Sequence[Vehicle]) -> tuple[npt.NDArray[np.void],
             _fill(record, model, name, site, np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
             # rounding of the attitude: an upright fin has no lift
             record["force"][np.abs(record["force"]) < 1e-12] = 0.0
-    return records, fixed_records
+    return records
 
 
 def _fill(record: Any, model: Any, name: str, site: int, gear: Floats) -> None:

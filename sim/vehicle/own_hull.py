@@ -119,7 +119,9 @@ def _compiled(text: str) -> Iterator[str]:
     try:
         model = compose([VehicleSetup(name="hull", model=text, position_m=(0.0, 0.0, -10.0))]).compile()
         mjcf.read_coefficients(model, ["hull"], 1026.0)
-        effectors.read(model, [resolve(model, "hull")])
+        vehicles = [resolve(model, "hull")]
+        effectors.read(model, vehicles)
+        effectors.read_fixed(model, vehicles)
     except ValueError as error:
         yield ", ".join(str(error).splitlines()[:2])
         return

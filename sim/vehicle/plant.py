@@ -174,7 +174,7 @@ class Plant:
         self.twist: Floats = data.qvel.reshape(n, 6)
         self.thrust: Floats = data.act.reshape(n, m)
         self.state = self.pose, self.twist, self.thrust
-        self.effectors, self.fixed_fins = effectors.read(model, vehicles)
+        self.effectors, self.fixed_fins = effectors.read(model, vehicles), effectors.read_fixed(model, vehicles)
         self.effectors.flags.writeable = self.fixed_fins.flags.writeable = False
         self.effector_names = tuple(v.effectors for v in vehicles)
         rows = model.M_rowadr.astype(np.int64).reshape(n, 6)
