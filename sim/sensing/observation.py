@@ -287,16 +287,8 @@ def _observe(
 ) -> int:
     """Sense a finished mission without random errors: own sensors at each step, and messages; gives their number.
 
-    Args:
-        s: sensors and acoustics of the mission.
-        e: errors of the sensors.
-        which: index of the follower, and the filter step at which the motion begins.
-        sites: of transmitters and hydrophones, as of `take_up`, and of the follower's pressure sensor.
-        known: the motion.
-        tilts: as of `receive`.
-        inbox: new.
-        own: out, shape (n, 3); empty: own sensors are not asked for.
-        found: out, with room for all messages.
+    `which` are the index of the follower and the filter step at which the motion begins, `sites` those of `take_up` and
+    the place of the follower's pressure sensor. `own`, out, has shape (n, 3), or is empty where it is not asked for.
     """
     (follower, first), truth, m = which, known.truth, 0
     for k in range(first + 1, first + known.last // s.stride + 1):
@@ -456,14 +448,8 @@ def _measure(
 ) -> None:
     """Read what `_observe` found with the noise of a run.
 
-    Args:
-        e: errors of the sensors.
-        navigator: as of `read_reception`.
-        address: of the noise, at any step.
-        own: true values of own sensors, shape (n, 3).
-        sent: steps at which messages are taken up and were sent, (m,), their content, (m, 9), and ranges, (m, 3, 3).
-        inbox: new, of one follower.
-        readings: out: own readings, (n, 3), content of messages, (m, 9), and ranges, (m, 3).
+    `own` are true values of own sensors, shape (n, 3), `sent` the steps at which messages are taken up and were sent,
+    their content and ranges, (m, 9) and (m, 3, 3); `readings`, out, own readings, content and ranges, (m, 3).
     """
     (taken_up, emitted, content, ranges), (own_read, content_read, ranges_read), i = sent, readings, 0
     for k in range(1, own.shape[0] + 1):
