@@ -24,7 +24,7 @@ def records(dtype: npt.DTypeLike, *shape: int) -> Records:
 
 def numbers_of(given: Records) -> Floats:
     """The memory of records that hold float numbers alone as an array, its last axis over their fields."""
-    return np.asarray(given).view(np.float64).reshape(*given.shape, -1)
+    return np.asarray(given).view(np.float64).reshape(*given.shape, len(given.dtype.names))
 
 
 Two = tuple[float, float]

@@ -15,7 +15,7 @@ from laisn.compiled import compiled
 from laisn.navigator import Navigator
 from laisn.swarm import MESSAGE
 from sim.flight import navigation_settings
-from sim.scenario.settings import Acoustics, Navigation
+from sim.scenario.settings import Acoustics, Navigation, Timing
 from sim.sensing.acoustics import (
     TRANSMITTERS,
     Path,
@@ -89,6 +89,21 @@ def test_laisn_2_does_not_wait_for_the_third_ping():
     # where it arrives in time, it is received
     at_once = make_scenario(Acoustics(travel_time=True))
     assert not np.any(np.isnan(observe(trajectory, at_once).slant_range))
+
+
+def test_of_two_messages_in_one_step_the_first_is_kept() -> None:
+    """A hydrophone comes nearer than 150 m, from where sound takes as long as there is between two messages."""
+    trajectory = make_trajectory((160.0, 0.0, -8.0), follower_velocity=(-1.0, 0.0, 0.0))
+    scenario = make_scenario(Acoustics(travel_time=True))
+    scenario = scenario.model_copy(update={"timing": Timing(filter_step_s=0.1, message_interval_s=0.1)})
+    sound = propagate(trajectory, scenario)
+    delay = sound.message_step - sound.emission_step
+    assert_array_equal(np.unique(delay), [1, 2])
+    (nearer,) = np.flatnonzero(np.diff(delay))
+    assert_array_equal(np.delete(np.diff(sound.message_step), nearer), 1)
+    # the message that would have been the second of its step is missing
+    assert sound.emission_step[nearer + 1] - sound.emission_step[nearer] == 2
+    assert_array_equal(np.delete(np.diff(sound.emission_step), nearer), 1)
 
 
 def test_arrival_does_not_depend_on_the_filter_step():
