@@ -19,26 +19,10 @@ from laisn.geometry import Point, turn
 from laisn.lanes import LANES
 from laisn.metrics import bearing_error, is_mirror_locked, normalised_square, squared_error
 from laisn.settings import Tuning
+from sim.sensing import sensors
 from sim.sensing.noise import LEADER_STREAMS, STREAMS, Stream, two_normals, two_units, uniform, words
 from sim.sensing.observation import MissionTruth
-from sim.sensing.sensors import (
-    SensorErrors,
-    advanced,
-    is_bad,
-    is_lost,
-    longest_range,
-    loses,
-    path_taken,
-    range_reading,
-    read_depth,
-    read_heading,
-    read_leader_attitude,
-    read_leader_depth,
-    read_leader_heading,
-    read_leader_speed,
-    read_speed,
-    weights,
-)
+from sim.sensing.sensors import SensorErrors
 
 _LOST = int(FixKind.LOST)
 
@@ -241,8 +225,8 @@ def sense_own(block: Floats, noise: Noise, errors: SensorErrors, speed: float, h
     _draw_normals(noise, _OWN_MOTION, k)
     for lane in range(LANES):
         drawn = draws[_FIRST + lane], draws[_SECOND + lane]
-        block[lanes.SPEED + lane] = read_speed(errors, speed, drawn)
-        block[lanes.HEADING + lane] = read_heading(errors, heading, drawn)
+        block[lanes.SPEED + lane] = sensors.read_speed(errors, speed, drawn)
+        block[lanes.HEADING + lane] = sensors.read_heading(errors, heading, drawn)
 
 
 @compiled_lanes
@@ -251,8 +235,8 @@ def _lose(block: Floats, noise: Noise, errors: SensorErrors, emitted: int) -> No
     draws, burst = noise.draws, noise.burst
     _draw_uniforms(noise, _LOSS, emitted)
     for lane in range(LANES):
-        burst[lane] = is_bad(burst[lane], draws[_FIRST + lane], errors)
-        if is_lost(burst[lane], draws[_SECOND + lane], errors):
+        burst[lane] = sensors.is_bad(burst[lane], draws[_FIRST + lane], errors)
+        if sensors.is_lost(burst[lane], draws[_SECOND + lane], errors):
             block[lanes.R1 + lane] = block[lanes.R2 + lane] = block[lanes.R3 + lane] = np.nan
 
 
@@ -260,14 +244,14 @@ def _lose(block: Floats, noise: Noise, errors: SensorErrors, emitted: int) -> No
 def _read_attitude(block: Floats, noise: Noise, errors: SensorErrors, sent: Floats, emitted: int, since: int) -> None:
     """Read the leader's pitch and roll."""
     draws, fluctuation, offset = noise.draws, noise.fluctuation, noise.offset
-    kept, fresh = weights(since, noise.dt, errors.leader_tilt_time)
+    kept, fresh = sensors.weights(since, noise.dt, errors.leader_tilt_time)
     _draw_if(errors.leader_tilt_sigma > 0.0, noise, _LEADER_ATTITUDE, emitted)
     for i in range(2 * LANES):
-        fluctuation[i] = advanced(fluctuation[i], kept, fresh, draws[i])
+        fluctuation[i] = sensors.advanced(fluctuation[i], kept, fresh, draws[i])
     for lane in range(LANES):
         i, j = _FIRST + lane, _SECOND + lane
-        block[lanes.PITCH + lane] = read_leader_attitude(errors, sent[5], (offset[i], fluctuation[i]))
-        block[lanes.ROLL + lane] = read_leader_attitude(errors, sent[6], (offset[j], fluctuation[j]))
+        block[lanes.PITCH + lane] = sensors.read_leader_attitude(errors, sent[5], (offset[i], fluctuation[i]))
+        block[lanes.ROLL + lane] = sensors.read_leader_attitude(errors, sent[6], (offset[j], fluctuation[j]))
 
 
 @compiled_lanes
@@ -285,7 +269,7 @@ def _read_ranges(
     for j in range(3):
         for lane in range(LANES):
             i = j * LANES + lane
-            path = path_taken(draws[lane if errors.common_echoes else i], errors)
+            path = sensors.path_taken(draws[lane if errors.common_echoes else i], errors)
             true[i] = sent[_ECHOES - 3 + j + 3 * path]
     _draw_normals(noise, _RANGE_SCALE, received)
     copy_values(draws[:LANES], normal)
@@ -293,11 +277,11 @@ def _read_ranges(
     for lane in range(LANES):
         i, j, k = _FIRST + lane, _SECOND + lane, _THIRD + lane
         ranges, (rear, front, middle) = (true[i], true[j], true[k]), errors.range_tau
-        used, of_all = longest_range(ranges, transmitters), longest_range(ranges, 3)
-        block[lanes.R1 + lane] = range_reading(errors, rear, ranges[0], used, (draws[i], normal[lane]))
-        block[lanes.R2 + lane] = range_reading(errors, front, ranges[1], used, (draws[j], normal[lane]))
-        block[lanes.R3 + lane] = range_reading(errors, middle, ranges[2], of_all, (draws[k], normal[lane]))
-    if loses(errors):
+        used, of_all = sensors.longest_range(ranges, transmitters), sensors.longest_range(ranges, 3)
+        block[lanes.R1 + lane] = sensors.range_reading(errors, rear, ranges[0], used, (draws[i], normal[lane]))
+        block[lanes.R2 + lane] = sensors.range_reading(errors, front, ranges[1], used, (draws[j], normal[lane]))
+        block[lanes.R3 + lane] = sensors.range_reading(errors, middle, ranges[2], of_all, (draws[k], normal[lane]))
+    if sensors.loses(errors):
         _lose(block, noise, errors, emitted)
 
 
@@ -305,30 +289,30 @@ def _read_ranges(
 def sense_message(
     block: Floats,
     noise: Noise,
-    sensors: tuple[SensorErrors, int],
+    receiver: tuple[SensorErrors, int],
     sent: Floats,
     depth: float,
     steps: tuple[int, int, int],
 ) -> None:
     """Receive a message, measure its ranges and read one's depth: the block's rows DEPTH and EAST … R3 are filled.
 
-    `sensors` are their errors and how many transmitters are used, `sent` is a row of `TruthRecord.sent`, `steps` are
-    those of reception and of emission, and how many passed between this emission and the one before (0: there is none).
+    `receiver` are errors of sensors and how many transmitters are used, `sent` is a row of `TruthRecord.sent`; `steps`
+    are those of reception and of emission, and how many passed since the emission before it (0: there is none).
     """
-    draws, (errors, transmitters), (received, emitted, since) = noise.draws, sensors, steps
+    draws, (errors, transmitters), (received, emitted, since) = noise.draws, receiver, steps
     east, north, heading, speed, leader_depth = sent[0], sent[1], sent[2], sent[3], sent[4]
     _draw_if(errors.depth_sigma > 0.0, noise, _DEPTH, received)
     for lane in range(LANES):
-        block[lanes.DEPTH + lane] = read_depth(errors, depth, (draws[_FIRST + lane], 0.0))
+        block[lanes.DEPTH + lane] = sensors.read_depth(errors, depth, (draws[_FIRST + lane], 0.0))
         block[lanes.EAST + lane], block[lanes.NORTH + lane] = east, north
     _draw_if(errors.leader_heading_sigma > 0.0, noise, _LEADER_MOTION, emitted)
     for lane in range(LANES):
         drawn = draws[_FIRST + lane], draws[_SECOND + lane]
-        block[lanes.LEADER_SPEED + lane] = read_leader_speed(errors, speed, drawn)
-        block[lanes.LEADER_HEADING + lane] = read_leader_heading(errors, heading, drawn)
+        block[lanes.LEADER_SPEED + lane] = sensors.read_leader_speed(errors, speed, drawn)
+        block[lanes.LEADER_HEADING + lane] = sensors.read_leader_heading(errors, heading, drawn)
     _draw_if(errors.leader_depth_sigma > 0.0, noise, _LEADER_DEPTH, emitted)
     for lane in range(LANES):
-        block[lanes.LEADER_DEPTH + lane] = read_leader_depth(errors, leader_depth, (draws[_FIRST + lane], 0.0))
+        block[lanes.LEADER_DEPTH + lane] = sensors.read_leader_depth(errors, leader_depth, (draws[_FIRST + lane], 0.0))
     _read_attitude(block, noise, errors, sent, emitted, since)
     _read_ranges(block, noise, errors, transmitters, sent, (received, emitted))
 

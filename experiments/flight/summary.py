@@ -9,20 +9,12 @@ from experiments.campaign.bound import flight_bound
 from experiments.campaign.version import versions
 from laisn import metrics
 from laisn.arrays import Bools, Floats
+from sim import tracking
 from sim.assembly import routes_of
 from sim.flight import Flight, position_and_bearing_errors
 from sim.log.writer import Event
 from sim.scenario.formation import LEAST_LAYER_M
 from sim.sensing.proximity import sightings
-from sim.tracking import (
-    closest_approaches,
-    closest_in_a_layer,
-    contacts,
-    station_keeping,
-    track_error,
-    track_errors,
-    true_stations,
-)
 
 
 def true_bearing(flight: Flight, follower: int) -> Floats:
@@ -42,19 +34,21 @@ def mirror_locked_steps(flight: Flight, follower: int) -> Bools:
 def _kept(flight: Flight, follower: int, off: Floats) -> dict[str, Any]:
     """How a follower kept its place, from its distances off it, shape (n,), [m]."""
     row: dict[str, Any] = {"track_error_rms_m": float(np.sqrt(np.mean(off**2)))}
-    kept = flight.scenario.followers[follower].station and asdict(station_keeping(off, flight.trajectory.time))
+    kept = flight.scenario.followers[follower].station and asdict(tracking.station_keeping(off, flight.trajectory.time))
     return row | {name: None if value != value else value for name, value in (kept or {}).items()}
 
 
 def _nearest(flight: Flight) -> dict[str, Any]:
     """Vehicles that came nearest to each other: in space, horizontally, horizontally of one layer; contacts."""
-    (space, level), found = closest_approaches(flight.trajectory), dict[str, Any]()
-    layer = closest_in_a_layer(flight.scenario, flight.trajectory)
+    (space, level), found = tracking.closest_approaches(flight.trajectory), dict[str, Any]()
+    layer = tracking.closest_in_a_layer(flight.scenario, flight.trajectory)
     for name, one in (("approach", space), ("horizontal", level), ("in_layer", layer)):
         found[f"closest_{name}_m"] = one and one.distance_m
         found[f"closest_{name}_pair"] = one and list(one.pair)
         found[f"closest_{name}_s"] = one and one.time_s
-    return found | {"contacts": [{"time_s": time, "pair": list(pair)} for time, pair in contacts(flight.trajectory)]}
+    return found | {
+        "contacts": [{"time_s": time, "pair": list(pair)} for time, pair in tracking.contacts(flight.trajectory)]
+    }
 
 
 def consistency(flight: Flight, follower: int, bound: Floats) -> dict[str, float | None]:
@@ -86,7 +80,7 @@ def summarise(flight: Flight, bounds: list[Floats] | None = None) -> dict[str, A
     bounds, found = flight_bounds(flight) if bounds is None else bounds, position_and_bearing_errors(flight)
     errors = [(p[e.unknown :], b[e.unknown :]) for (p, b), e in zip(found, flight.estimates, strict=True)]
     pooled = metrics.summarise(np.concatenate([e for e, _ in errors]), np.concatenate([b for _, b in errors]))
-    names, off = flight.trajectory.names[1:], track_errors(flight.scenario, flight.trajectory)
+    names, off = flight.trajectory.names[1:], tracking.track_errors(flight.scenario, flight.trajectory)
     sensing = flight.scenario.formation.proximity is not None
     spent = sightings(flight.scenario, flight.trajectory).spent_s
     return {
@@ -121,7 +115,7 @@ def route_events(flight: Flight) -> list[Event]:
     for v, route in enumerate(routes_of(flight.scenario)):
         if v and flight.scenario.followers[v - 1].station is not None:
             continue
-        off = track_error(route, truth.time, truth.position[:, v, :2])
+        off = tracking.track_error(route, truth.time, truth.position[:, v, :2])
         k = int(np.argmax(off))
         if off[k] > OFF_ROUTE_M:
             text = f"{truth.names[v]} is {off[k]:.0f} m off its route (maximum), and {off[-1]:.0f} m at the end"
@@ -131,8 +125,8 @@ def route_events(flight: Flight) -> list[Event]:
 
 def approach_events(flight: Flight) -> list[Event]:
     """An event where the two nearest vehicles pass each other within `NEAR_M` and do not touch."""
-    nearest, _ = closest_approaches(flight.trajectory)
-    if nearest.distance_m >= NEAR_M or contacts(flight.trajectory):
+    nearest, _ = tracking.closest_approaches(flight.trajectory)
+    if nearest.distance_m >= NEAR_M or tracking.contacts(flight.trajectory):
         return []
     text = f"{' and '.join(nearest.pair)} pass within {nearest.distance_m:.2f} m"
     return [Event(nearest.time_s, "warning", text, nearest.pair[1])]
@@ -140,7 +134,10 @@ def approach_events(flight: Flight) -> list[Event]:
 
 def contact_events(flight: Flight) -> list[Event]:
     """An event where two hulls first touch; unless that ends the mission, they pass through each other."""
-    return [Event(t, "warning", f"{other} and {one} touch", other) for t, (one, other) in contacts(flight.trajectory)]
+    return [
+        Event(t, "warning", f"{other} and {one} touch", other)
+        for t, (one, other) in tracking.contacts(flight.trajectory)
+    ]
 
 
 def giving_way_events(flight: Flight) -> list[Event]:
@@ -168,7 +165,7 @@ def uncertainty_events(flight: Flight) -> list[Event]:
     ]  # fmt: skip
     if not pairs:
         return []
-    places = true_stations(flight.scenario, flight.trajectory)[steps]
+    places = tracking.true_stations(flight.scenario, flight.trajectory)[steps]
     for i, j in pairs:
         apart = np.hypot(places.east[:, i] - places.east[:, j], places.north[:, i] - places.north[:, j])
         near = apart < SIGMAS * largest_sigma(flight.estimates[i].covariance + flight.estimates[j].covariance)

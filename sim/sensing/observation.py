@@ -20,21 +20,13 @@ from laisn.compiled import compiled, jitable
 from laisn.messages import Measurements
 from laisn.swarm import MESSAGE
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.sensing import acoustics, sensors
-from sim.sensing.noise import (
-    STREAMS,
-    Address,
-    Stream,
-    normals,
-    normals_at,
-    seed_and_run,
-    uniforms_at,
-)
+from sim.sensing import acoustics, noise, sensors
+from sim.sensing.noise import Address
 from sim.trajectory import Trajectory, Truth, row
 
 # compiled code holds numbers, not the members of an enum
-_ATTITUDE, _LOSS = int(Stream.LEADER_ATTITUDE), int(Stream.LOSS)
-_RANGE_UNIFORM, _RANGE_SCALE = int(Stream.RANGE_UNIFORM), int(Stream.RANGE_SCALE)
+_ATTITUDE, _LOSS = int(noise.Stream.LEADER_ATTITUDE), int(noise.Stream.LOSS)
+_RANGE_UNIFORM, _RANGE_SCALE = int(noise.Stream.RANGE_UNIFORM), int(noise.Stream.RANGE_SCALE)
 _BROADCAST = (*sensors.LEADER, *sensors.LEADER_ATTITUDE)
 
 NO_MESSAGE, NO_RANGES, RECEIVED = range(3)  # outcome of a filter step; NO_RANGES: a message without a ping is in
@@ -83,7 +75,7 @@ def true_readings(e: Any, at: sensors.Instant, true: Floats) -> None:
 def read_own(e: Any, address: Address, true: Any, reading: Floats) -> None:
     """Read them at an address of the noise."""
     for sensor in literal_unroll(sensors.OWN):
-        reading[sensor.column] = sensor.read(e, true[sensor.column], normals_at(address, sensor.stream))
+        reading[sensor.column] = sensor.read(e, true[sensor.column], noise.normals_at(address, sensor.stream))
 
 
 @compiled
@@ -94,7 +86,7 @@ def read_instruments(
     e, address = s.errors[follower], Address(s.seed, s.run, follower, k)
     at = sensors.Instant(k * s.dt, follower, state[0], state[1], state[2], depth_sensor, (0.0, 0.0))
     for sensor in literal_unroll(sensors.INSTRUMENTS):
-        reading[sensor.column] = sensor.read(e, sensor.true(e, at), normals_at(address, sensor.stream))
+        reading[sensor.column] = sensor.read(e, sensor.true(e, at), noise.normals_at(address, sensor.stream))
 
 
 class Inbox(NamedTuple):
@@ -173,35 +165,35 @@ def _read_message(e: Any, dt: float, sent: Address, true: Any, inbox: Inbox, f: 
     kept, fresh = sensors.weights(sent.step - last if last > 0 else 0, dt, e.leader_tilt_time)
     # step 0, at which nothing is measured, addresses errors that a run keeps
     kept_address = Address(sent.seed, sent.run, sent.follower, 0)
-    offset, drawn = normals_at(kept_address, _ATTITUDE), normals_at(sent, _ATTITUDE)
+    offset, drawn = noise.normals_at(kept_address, _ATTITUDE), noise.normals_at(sent, _ATTITUDE)
     for i in range(2):
         fluctuation[i] = sensors.advanced(fluctuation[i], kept, fresh, drawn[i])
         content[6 + i] = sensors.read_leader_attitude(e, true[6 + i], (offset[i], fluctuation[i]))
     inbox.last_sent[f] = sent.step
     for sensor in literal_unroll(sensors.LEADER):
-        content[sensor.column] = sensor.read(e, true[sensor.column], normals_at(sent, sensor.stream))
+        content[sensor.column] = sensor.read(e, true[sensor.column], noise.normals_at(sent, sensor.stream))
 
 
 @jitable
 def read_reception(
-    e: Any, used: tuple[int, float], noise: tuple[Address, Address], true: tuple[Any, Any], inbox: Inbox, f: int
+    e: Any, used: tuple[int, float], addresses: tuple[Address, Address], true: tuple[Any, Any], inbox: Inbox, f: int
 ) -> None:
     """Read a message that is taken up and measure its ranges, with echoes and losses, into the inbox of follower f.
 
     Args:
         e: errors of the sensors.
         used: how many transmitters the follower uses, and its filter step [s].
-        noise: addresses, when the message was sent and when it is taken up.
+        addresses: of the noise, when the message was sent and when it is taken up.
         true: content and ranges of `true_reception`.
         inbox: out.
         f: index of the follower in it.
     """
-    (sent, received), (content, by_path), ranges = noise, true, inbox.ranges[f]
+    (sent, received), (content, by_path), ranges = addresses, true, inbox.ranges[f]
     _read_message(e, used[1], sent, content, inbox, f)
-    paths, uniform = sensors.paths_taken(e, sent), uniforms_at(received, _RANGE_UNIFORM)
+    paths, uniform = sensors.paths_taken(e, sent), noise.uniforms_at(received, _RANGE_UNIFORM)
     taken, psi = (
         (by_path[0][paths[0]], by_path[1][paths[1]], by_path[2][paths[2]]),
-        normals_at(received, _RANGE_SCALE)[0],
+        noise.normals_at(received, _RANGE_SCALE)[0],
     )
     longest = sensors.longest_range(taken, used[0])
     scales = longest, longest, sensors.longest_range(taken, 3)
@@ -209,7 +201,7 @@ def read_reception(
         i = sensor.column
         ranges[i] = sensor.read(e, (taken[i], scales[i]), (uniform[i], psi))
     if sensors.loses(e):
-        fate = uniforms_at(sent, _LOSS)
+        fate = noise.uniforms_at(sent, _LOSS)
         inbox.bad[f] = sensors.is_bad(inbox.bad[f], fate[0], e)
         if sensors.is_lost(inbox.bad[f], fate[1], e):
             ranges[0] = ranges[1] = ranges[2] = np.nan
@@ -484,7 +476,7 @@ def measure(
     LaisnError if seed or run is too large.
     """
     n, m = truth.speed.size, truth.message_step.size
-    address, navigator = Address(*seed_and_run(seed, run), follower, 0), (transmitters, truth.dt)
+    address, navigator = Address(*noise.seed_and_run(seed, run), follower, 0), (transmitters, truth.dt)
     by_echo = np.full((2, m, 3), np.nan) if truth.echo_range is None else truth.echo_range
     ranges = np.moveaxis(np.array([truth.slant_range, *by_echo]), 0, 2).copy()
     content = numbers_of(np.ascontiguousarray(truth.sent))
@@ -499,7 +491,8 @@ def measure(
     lost = truth.message_step[np.isnan(readings[2]).all(axis=1)] - 1
     extra = {}
     for sensor, values in truth.own:
-        found = sensor.read(values, normals(seed, run, STREAMS * follower + sensor.stream, np.arange(1, n + 1)))
+        stream = noise.STREAMS * follower + sensor.stream
+        found = sensor.read(values, noise.normals(seed, run, stream, np.arange(1, n + 1)))
         if sensor.acoustic:
             found[lost] = np.nan
         extra[sensor.name] = found

@@ -94,8 +94,8 @@ def test_laisn_2_does_not_wait_for_the_third_ping():
 def test_of_two_messages_in_one_step_the_first_is_kept() -> None:
     """A hydrophone comes nearer than 150 m, from where sound takes as long as there is between two messages.
 
-    161.05 m − t from the rear transmitter, it does so at 11.05 s. What is sent at 10.9 s arrives in the step to 11.1 s, as
-    does the message of 11 s.
+    161.05 m − t from the rear transmitter, it does so at 11.05 s. What is sent at 10.9 s arrives in the step to 11.1 s,
+    as does the message of 11 s.
     """
     trajectory = make_trajectory((160.05, 0.0, -8.0), follower_velocity=(-1.0, 0.0, 0.0))
     scenario = make_scenario(Acoustics(travel_time=True))
