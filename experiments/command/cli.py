@@ -12,14 +12,6 @@ import typer
 
 from experiments.command import analyses, studies
 from experiments.command.errors import Commands, echo, run
-from experiments.command.studies import (
-    OutOption,
-    PluginOption,
-    ScenarioArgument,
-    SetOption,
-    SourceArgument,
-    folder_option,
-)
 from laisn.failure import LaisnError
 
 app = typer.Typer(
@@ -56,12 +48,12 @@ LogArgument = Annotated[Path, typer.Argument(help="an MCAP log")]
 
 @app.command()
 def fly(
-    scenario: ScenarioArgument,
-    set_: SetOption = None,
-    _plugin: PluginOption = None,
+    scenario: studies.ScenarioArgument,
+    set_: studies.SetOption = None,
+    _plugin: studies.PluginOption = None,
     seed: Annotated[int | None, typer.Option(help="key of all random numbers")] = None,
     run: Annotated[int | None, typer.Option(help="number of the Monte Carlo run whose noise is used")] = None,
-    out: OutOption = None,
+    out: studies.OutOption = None,
     video: Annotated[bool, typer.Option("--video/--no-video", help="render the film")] = True,
 ) -> None:
     """Simulate one mission; write log, film, report and numbers."""
@@ -98,7 +90,9 @@ def vehicles() -> None:
 
 
 @app.command()
-def check(scenario: ScenarioArgument, set_: SetOption = None, _plugin: PluginOption = None) -> None:
+def check(
+    scenario: studies.ScenarioArgument, set_: studies.SetOption = None, _plugin: studies.PluginOption = None
+) -> None:
     """Validate a scenario without simulating it."""
     from experiments.flight.library import load_flyable
     from sim.feasibility import cautions
@@ -127,9 +121,9 @@ def _size(text: str) -> dict[str, int]:
 
 @app.command()
 def render(
-    source: SourceArgument,
-    set_: SetOption = None,
-    _plugin: PluginOption = None,
+    source: studies.SourceArgument,
+    set_: studies.SetOption = None,
+    _plugin: studies.PluginOption = None,
     camera: Annotated[
         str | None, typer.Option(help="chase, pip, top, side, follower, leader, profile or orbit")
     ] = None,
@@ -165,8 +159,8 @@ def replay(
         str | None,
         typer.Option(help="laisn-2 (default), laisn-3-1, laisn-3-2, tight or another; unknown names print the list"),
     ] = None,
-    set_: SetOption = None,
-    _plugin: PluginOption = None,
+    set_: studies.SetOption = None,
+    _plugin: studies.PluginOption = None,
     scenario: Annotated[
         str | None, typer.Option(metavar="SCENARIO", help="for a log of measurements only: start, baseline, navigation")
     ] = None,
@@ -212,7 +206,7 @@ def log_info(log: LogArgument) -> None:
 @log_app.command("export")
 def log_export(
     log: LogArgument,
-    out: Annotated[Path, typer.Argument(parser=folder_option, metavar="OUT", help="folder for the tables")],
+    out: Annotated[Path, typer.Argument(parser=studies.folder_option, metavar="OUT", help="folder for the tables")],
     format_: Annotated[str, typer.Option("--format", help="parquet or csv")] = "parquet",
     rerun: Annotated[bool, typer.Option("--rerun", help="write one Rerun recording instead of tables")] = False,
     pyfg: Annotated[bool, typer.Option("--pyfg", help="write a factor graph of each follower instead")] = False,
