@@ -116,22 +116,25 @@ def from_euler(heading: npt.ArrayLike, pitch: npt.ArrayLike = 0.0, roll: npt.Arr
     return np.stack([w, x, cy * sp * cr + sy * cp * sr, sy * cp * cr - cy * sp * sr], axis=-1)
 
 
-@compiled
-def heading_of(w: float, x: float, y: float, z: float) -> float:
-    """Compass heading of one attitude in [0, 2π) [rad]."""
+@jitable
+def heading_of(quaternion: Any) -> float:
+    """Compass heading of an attitude of four numbers in [0, 2π) [rad]."""
+    w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
     angle = math.atan2(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z))
     return angle + 2.0 * math.pi if angle < 0.0 else angle
 
 
-@compiled
-def pitch_of(w: float, x: float, y: float, z: float) -> float:
-    """Pitch of one attitude, positive nose up [rad]."""
+@jitable
+def pitch_of(quaternion: Any) -> float:
+    """Its pitch, positive nose up [rad]."""
+    w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
     return math.asin(min(max(2.0 * (x * z - w * y), -1.0), 1.0))
 
 
-@compiled
-def roll_of(w: float, x: float, y: float, z: float) -> float:
-    """Roll of one attitude, positive starboard down [rad]."""
+@jitable
+def roll_of(quaternion: Any) -> float:
+    """Its roll, positive starboard down [rad]."""
+    w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
     return math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
 
 
@@ -139,8 +142,7 @@ def roll_of(w: float, x: float, y: float, z: float) -> float:
 def _angles(rows: Floats, angles: Floats) -> None:
     """Heading, pitch and roll of attitudes, shape (n, 4): the same bits for one as for many, unlike NumPy's."""
     for k in range(rows.shape[0]):
-        w, x, y, z = rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3]
-        angles[0, k], angles[1, k], angles[2, k] = heading_of(w, x, y, z), pitch_of(w, x, y, z), roll_of(w, x, y, z)
+        angles[0, k], angles[1, k], angles[2, k] = heading_of(rows[k]), pitch_of(rows[k]), roll_of(rows[k])
 
 
 def heading_pitch_roll(quaternion: Floats) -> tuple[Floats, Floats, Floats]:

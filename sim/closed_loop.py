@@ -20,15 +20,8 @@ from laisn.plugins import find_controller
 from laisn.swarm import ESTIMATE, MESSAGE, READING, SeparateNavigators, Swarm, SwarmFactory, reception_of
 from sim.assembly import routes_of
 from sim.attitude import carried
+from sim.control import follower as steering
 from sim.control.autopilot import apply_wrench, control, vehicle_state
-from sim.control.follower import (
-    FOLLOWER_MEMORY,
-    extend_trail,
-    init_memory,
-    keep_station,
-    measured_motion,
-    update_avoidance,
-)
 from sim.control.guidance import REFERENCE, begin, integrate_offset, limit_command, steer, track_current
 from sim.control.station import SPACING, TRAIL, LeaderPlan, extend_as_planned, plan_of
 from sim.flight import navigation_settings
@@ -87,7 +80,7 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
     f, n = len(scenario.followers), routes.reference.shape[0]
     offset = {name: plant.site_offset[i] for i, name in enumerate(plant.site_names)}
     names = [follower.name for follower in scenario.followers]
-    memory, readings, navigation = records(FOLLOWER_MEMORY, f), records(READING, f), scenario.navigation
+    memory, readings, navigation = records(steering.FOLLOWER_MEMORY, f), records(READING, f), scenario.navigation
     kinds = np.zeros(f, dtype=np.int64)
     waypoints = scenario.leader.broadcast_waypoints
     plan = plan_of(routes.reference[:, 0], routes_of(scenario)[0].time, waypoints, TICK)
@@ -100,35 +93,25 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
     start.heading, start.speed = leader.heading, leader.surge
     for i, follower in enumerate(scenario.followers):
         kinds[i] = _kind(follower)
-        init_memory(start, trails[i], counts[i], memory[i])
+        steering.init_memory(start, trails[i], counts[i], memory[i])
     return ClosedLoopState(
         formation=scenario.formation.record(),
         proximity=(scenario.formation.proximity or Proximity()).record(),
         sensors=observation.sensor_model_of(scenario),
-        look_every=proximity.look_interval(scenario),
-        kinds=kinds,
-        estimates_current="current" in navigation.settings().estimated,
-        plan=plan,
-        stations=stations_of(scenario),
+        look_every=proximity.look_interval(scenario), kinds=kinds,
+        estimates_current="current" in navigation.settings().estimated, plan=plan, stations=stations_of(scenario),
         sites=(
             np.array([offset[f"leader/tx_{which}"] for which in ("rear", "front", "middle")]),
             np.array([offset[f"{name}/hydrophone"] for name in names]),
             np.array([offset[f"{name}/depth_sensor"] for name in names]),
         ),
-        routes=routes,
-        readings=readings,
-        read=numbers_of(readings),
-        inbox=observation.new_inbox(f, scenario.message_every),
-        arrived=np.zeros(f, dtype=np.bool_),
+        routes=routes, readings=readings, read=numbers_of(readings),
+        inbox=observation.new_inbox(f, scenario.message_every), arrived=np.zeros(f, dtype=np.bool_),
         tilts=np.full((n, 2), 0.0 if scenario.leader.broadcast_attitude else np.nan),
-        seen=records(proximity.SIGHTING, f, f + 1),
-        estimates=records(ESTIMATE, f),
-        trails=trails,
-        counts=counts,
-        memory=memory,
-        reference=records(REFERENCE, 1),
-        history=records(ESTIMATE, n, f),
-    )
+        seen=records(proximity.SIGHTING, f, f + 1), estimates=records(ESTIMATE, f),
+        trails=trails, counts=counts, memory=memory,
+        reference=records(REFERENCE, 1), history=records(ESTIMATE, n, f),
+    )  # fmt: skip
 
 
 @compiled
@@ -150,7 +133,7 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
         on_station = a.kinds[i] >= ON_STATION_BY_TRUTH
         if k > 0 and a.look_every > 0 and k % a.look_every == 0 and on_station:
             proximity.look((a.sensors.seed, a.sensors.run), a.proximity, k, i, truth.pose[k], a.seen[i])
-            update_avoidance(a.proximity, a.seen[i], a.estimates[i], a.memory[i])
+            steering.update_avoidance(a.proximity, a.seen[i], a.estimates[i], a.memory[i])
         a.arrived[i] = False
         # few calls, for what is handed over costs more than the question
         if a.inbox.due[i] <= step:
@@ -158,7 +141,7 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
             a.arrived[i] = a.inbox.outcome[i] != observation.NO_MESSAGE
             if a.inbox.outcome[i] == observation.RECEIVED and on_station:
                 clock, message = (k * TICK, TICK), a.inbox.message[i]
-                extend_trail(a.formation, a.stations[i], message, a.trails[i], a.counts[i], clock, a.memory[i])
+                steering.extend_trail(a.formation, a.stations[i], message, a.trails[i], a.counts[i], clock, a.memory[i])
         if on_station:
             received = a.memory[i].last_received, a.memory[i].received_points
             extend_as_planned(a.plan, a.trails[i], a.counts[i], received, (k, TICK))
@@ -188,7 +171,7 @@ def _follow_route(k: int, f: int, a: ClosedLoopState) -> None:
     """Find the command of a follower that keeps to its route by its readings and estimates."""
     routes, i, estimate = a.routes, f + 1, a.estimates[f]
     reference, guidance = routes.reference[k, i], routes.guidance[i]
-    motion = measured_motion(a.readings[f], estimate, TICK, a.memory[f])
+    motion = steering.measured_motion(a.readings[f], estimate, TICK, a.memory[f])
     if k == 0:
         begin(reference, motion.heading, motion.surge, (0.0, 0.0), guidance)
     place = estimate.position[0], estimate.position[1]
@@ -227,7 +210,7 @@ def guide(k: int, truth: Truth, a: ClosedLoopState) -> None:
             _true_estimate(body, a.sites[1][f], guidance, reading, estimate)
         trail, clock = (a.trails[f], a.counts[f, 0]), (k * TICK, TICK)
         senses, memory = (reading, estimate), a.memory[f]
-        wanted, motion = keep_station(a.formation, a.stations[f], senses, trail, clock, memory, a.reference[0])
+        wanted, motion = steering.keep_station(a.formation, a.stations[f], senses, trail, clock, memory, a.reference[0])
         control(routes.autopilots[i], wanted, a.reference[0], motion, TICK, routes.autopilot[i], routes.command[i])
 
 
@@ -322,7 +305,7 @@ class OwnControl:
             belief = Belief(*map(float, (*estimate.position, *estimate.velocity, *biases, *estimate.current)))
             found = controller.control(readings, belief, CONTROL_STEP_S)
             self._require_valid(f, found)
-            motion = measured_motion(reading, estimate, CONTROL_STEP_S, memory)
+            motion = steering.measured_motion(reading, estimate, CONTROL_STEP_S, memory)
             command, autopilot = self._routes.command[f + 1], self._routes.autopilot[f + 1]
             if isinstance(found, Wrench):
                 autopilot.wrench[:] = found

@@ -1,6 +1,6 @@
 """Truth on a time grid: how the vehicles moved."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Self
@@ -187,22 +187,6 @@ class Trajectory(ArrayRecord):
             at = some if index is None else index[some]
             path[some] = np.column_stack(attitude.carried(self.pose[at, v].T, self.site_offset[s]))
         return path
-
-    def only(self, vehicles: Sequence[int], sites: Collection[str]) -> Self:
-        """Some of the vehicles by index, increasing, 0 first, with those of their sites that have these names."""
-        chosen = np.asarray(vehicles)
-        of_chosen = np.isin(self.site_vehicle, chosen)
-        kept = [i for i, name in enumerate(self.site_names) if of_chosen[i] and name.rpartition("/")[2] in sites]
-        return replace(
-            self,
-            names=tuple(self.names[v] for v in chosen),
-            effector_names=tuple(self.effector_names[v] for v in chosen) if self.effector_names else (),
-            effector_force=self.effector_force[chosen],
-            **{name: getattr(self, name)[:, chosen] for name in OF_VEHICLES},
-            site_names=tuple(self.site_names[i] for i in kept),
-            site_vehicle=np.searchsorted(chosen, self.site_vehicle[kept]),
-            site_offset=self.site_offset[kept],
-        )
 
     def part(self, first: int, last: int) -> Self:
         """Instants number `first` to `last`, two at least."""

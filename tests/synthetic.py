@@ -1,6 +1,7 @@
 """A flight of formulas, and its log: circular routes, plausible measurements, no physics and no navigator."""
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from sim.flight import Flight
 from sim.log import writer
 from sim.log.writer import Event
 from sim.scenario.settings import CONTROL_STEP_S, Acoustics, Follower, Leader, Scenario, Timing
-from sim.trajectory import Trajectory
+from sim.trajectory import OF_VEHICLES, Trajectory
 
 LEADER_RADIUS_M = 60.0
 LANE_M = 9.0
@@ -223,6 +224,19 @@ def messages(path: Path, topic: str) -> list[Any]:
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
         return [item.decoded_message for item in reader.iter_decoded_messages(topics=[topic])]
+
+
+def only(trajectory: Trajectory, vehicles: Sequence[int]) -> Trajectory:
+    """Some of the vehicles by index, increasing, 0 first, without their sites."""
+    chosen, named = list(vehicles), bool(trajectory.effector_names)
+    return dataclasses.replace(
+        trajectory,
+        names=tuple(trajectory.names[v] for v in chosen),
+        effector_names=tuple(trajectory.effector_names[v] for v in chosen) if named else (),
+        effector_force=trajectory.effector_force[chosen],
+        **{name: getattr(trajectory, name)[:, chosen] for name in OF_VEHICLES},
+        site_names=(), site_vehicle=np.zeros(0, dtype=np.int64), site_offset=np.zeros((0, 3)),
+    )  # fmt: skip
 
 
 def record(dtype: np.dtype[np.void], *values: object) -> Record:

@@ -5,6 +5,7 @@ import pytest
 
 from experiments.flight.fly import fly
 from sim.tracking import closest_approaches, closest_in_a_layer, station_keeping
+from tests import synthetic
 from tests.test_formation import mission
 
 
@@ -46,4 +47,4 @@ def test_the_nearest_pair_of_one_layer_is_found_beside_nearer_ones() -> None:
     apart = flight.trajectory.position[:, 1, :2] - flight.trajectory.position[:, 2, :2]
     assert found.distance_m == pytest.approx(np.hypot(*apart.T).min())
     alone = mission(places=[(10.0, 0.0, 12.0), (10.0, 9.0, 13.0)])
-    assert closest_in_a_layer(alone, flight.trajectory.only([0, 1, 2], ())) is None
+    assert closest_in_a_layer(alone, synthetic.only(flight.trajectory, [0, 1, 2])) is None

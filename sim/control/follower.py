@@ -20,18 +20,10 @@ import numpy as np
 from laisn.arrays import Ints, Record, Records
 from laisn.compiled import compiled
 from laisn.geometry import wrap_angle
+from sim.control import station as stations
 from sim.control.allocation import clip
 from sim.control.autopilot import VehicleState
 from sim.control.guidance import SPEED_LEAST
-from sim.control.station import (
-    FRAME_STATE,
-    Target,
-    correct_planned,
-    extend,
-    rate_limited_velocity,
-    station_at,
-    turn_frame,
-)
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE
 
 CONSTANT_BEARING, ILOS, ALOS = range(3)  # values of `formation.law`
@@ -39,7 +31,7 @@ CONSTANT_BEARING, ILOS, ALOS = range(3)  # values of `formation.law`
 
 @compiled
 def _line_of_sight(
-    a: Record, t: Target, off: tuple[float, float], dt: float, integral: float
+    a: Record, t: stations.Target, off: tuple[float, float], dt: float, integral: float
 ) -> tuple[float, float, float]:
     """Velocity through the water, east and north, and the integral brought forward."""
     speed = np.hypot(t.velocity_east, t.velocity_north)
@@ -62,7 +54,7 @@ def _line_of_sight(
 
 @compiled
 def approach(
-    a: Record, t: Target, place: tuple[float, float], current: tuple[float, float], dt: float, integral: float
+    a: Record, t: stations.Target, place: tuple[float, float], current: tuple[float, float], dt: float, integral: float
 ) -> tuple[float, float, float]:
     """Velocity through the water that leads to a station, its size within the limits, east and north [m/s].
 
@@ -118,8 +110,8 @@ def give_way(f: Record, wanted: tuple[float, float], push: tuple[float, float]) 
 
 FOLLOWER_MEMORY = np.dtype(  # of one follower, from one control step to the next
     [
-        ("frame", FRAME_STATE),
-        ("kept_frame", FRAME_STATE),  # as it was at the last message
+        ("frame", stations.FRAME_STATE),
+        ("kept_frame", stations.FRAME_STATE),  # as it was at the last message
         ("integral", np.float64),  # of the approach
         ("heading_wanted", np.float64),  # [rad]
         ("speed_wanted", np.float64),  # [m/s]
@@ -161,21 +153,21 @@ def extend_trail(
     """
     now, dt = clock
     time, before, received = message.timestamp, memory.last_received, memory.received_points
-    correct_planned(trail, count, received, (message.east, message.north, time))
-    extend(trail, count, message.east, message.north, time, (message.speed, message.heading))
+    stations.correct_planned(trail, count, received, (message.east, message.north, time))
+    stations.extend(trail, count, message.east, message.north, time, (message.speed, message.heading))
     memory.last_received, memory.received_points = time, count[0]
     memory.frame.heading, memory.frame.rate = memory.kept_frame.heading, memory.kept_frame.rate
-    turn_frame(formation, station, (trail, count[0]), (before, time), dt, memory.frame)
+    stations.turn_frame(formation, station, (trail, count[0]), (before, time), dt, memory.frame)
     memory.kept_frame.heading, memory.kept_frame.rate = memory.frame.heading, memory.frame.rate
     # a message that was long under way; `keep_station` makes the last step
-    turn_frame(formation, station, (trail, count[0]), (time, max(now - dt, time)), dt, memory.frame)
+    stations.turn_frame(formation, station, (trail, count[0]), (time, max(now - dt, time)), dt, memory.frame)
 
 
 @compiled
 def init_memory(leader: Record, trail: Records, count: Ints, memory: Record) -> None:
     """Set up the memory of a follower at its start, by the place of the leader, a message of `laisn.swarm.MESSAGE`."""
     memory.frame.heading = memory.kept_frame.heading = leader.heading
-    extend(trail, count, leader.east, leader.north, leader.timestamp, (leader.speed, leader.heading))
+    stations.extend(trail, count, leader.east, leader.north, leader.timestamp, (leader.speed, leader.heading))
     memory.log, memory.compass = np.nan, np.nan
     memory.last_received, memory.received_points = leader.timestamp, count[0]
 
@@ -204,7 +196,7 @@ def measured_motion(reading: Record, estimate: Record, dt: float, memory: Record
 
 @compiled
 def _to_station(
-    formation: Record, target: Target, estimate: Record, sigma: float, dt: float, memory: Record
+    formation: Record, target: stations.Target, estimate: Record, sigma: float, dt: float, memory: Record
 ) -> tuple[float, float]:
     """Velocity through the water towards the station, by the standard deviation of the place in the trail [m/s]."""
     at, likelier = estimate.position, estimate.to_likelier
@@ -258,13 +250,13 @@ def keep_station(
             depth = min(depth, _SURFACE)
     else:
         if silent > 0.5 * dt:
-            turn_frame(formation, station, known, (now - dt, now), dt, memory.frame)
-        t, current = station_at(station, known, now, memory.frame), (0.0, 0.0)
+            stations.turn_frame(formation, station, known, (now - dt, now), dt, memory.frame)
+        t, current = stations.station_at(station, known, now, memory.frame), (0.0, 0.0)
         if formation.law == CONSTANT_BEARING:
             # laws with an integral have that in place of the current
             current = estimate.current[0], estimate.current[1]
-        along = rate_limited_velocity(formation, station, known, now, current, memory.frame)
-        target = Target(t.east, t.north, along[0], along[1], t.way_east, t.way_north)
+        along = stations.rate_limited_velocity(formation, station, known, now, current, memory.frame)
+        target = stations.Target(t.east, t.north, along[0], along[1], t.way_east, t.way_north)
         sigma = float(np.hypot(estimate.spread, formation.leader_velocity_sigma * max(silent, 0.0)))
         east, north = _to_station(formation, target, estimate, sigma, dt, memory)
         heading, speed = np.arctan2(east, north), np.hypot(east, north)

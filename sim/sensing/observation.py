@@ -347,9 +347,6 @@ def propagate(
     return _sense(trajectory, scenario, follower, unknown, np.empty((0, 3)), in_bulk)
 
 
-SITES = ("tx_rear", "tx_front", "tx_middle", "depth_sensor", "hydrophone")  # that sensing needs
-
-
 @dataclass(frozen=True, kw_only=True)
 class MissionTruth:
     """What one follower's sensors see of a mission, without errors: n filter steps (k = 1 … n) and m messages."""
@@ -411,21 +408,15 @@ def observe(
         return sensors.follower_state(trajectory.time[grid], motion, hydrophone, source)
 
     return MissionTruth(
-        dt=dt,
-        start=start_of(trajectory, follower),
-        speed=own[:, 0],
-        heading=own[:, 1],
-        depth=own[:, 2],
-        hydrophone=hydrophone[:, :2],
-        leader_position=trajectory.position[grid, 0, :2],
-        leader_heading=trajectory.heading[grid, 0],
-        message_step=sound.message_step,
-        emission_step=sound.emission_step,
+        dt=dt, start=start_of(trajectory, follower),
+        speed=own[:, 0], heading=own[:, 1], depth=own[:, 2], hydrophone=hydrophone[:, :2],
+        leader_position=trajectory.position[grid, 0, :2], leader_heading=trajectory.heading[grid, 0],
+        message_step=sound.message_step, emission_step=sound.emission_step,
         sent=sound.content.view(MESSAGE).reshape(-1).view(np.recarray),
         slant_range=sound.ranges[:, :, acoustics.Path.DIRECT],
         echo_range=np.moveaxis(sound.ranges[:, :, acoustics.Path.SURFACE :], 2, 0),
         own=tuple((sensor, sensor.true(state())) for sensor in sensors.own_sensors(scenario)),
-    )
+    )  # fmt: skip
 
 
 @jitable
@@ -497,12 +488,6 @@ def measure(
             found[lost] = np.nan
         extra[sensor.name] = found
     return Measurements(
-        dt=truth.dt,
-        speed=readings[0][:, 0],
-        heading=readings[0][:, 1],
-        depth=readings[0][:, 2],
-        message_step=truth.message_step,
-        message=readings[1],
-        ranges=readings[2],
-        own=extra,
-    )
+        dt=truth.dt, speed=readings[0][:, 0], heading=readings[0][:, 1], depth=readings[0][:, 2],
+        message_step=truth.message_step, message=readings[1], ranges=readings[2], own=extra,
+    )  # fmt: skip

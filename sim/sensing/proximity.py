@@ -40,7 +40,7 @@ def look(address: tuple[np.uint64, np.uint64], p: Record, k: int, follower: int,
     `poses` are of all vehicles, shape (v, 7); `seen`, out, is what is sensed of each, of SIGHTING, shape (v,).
     """
     own, steepest = follower + 1, np.sin(0.5 * p.aperture)
-    heading = heading_of(poses[own, 3], poses[own, 4], poses[own, 5], poses[own, 6])
+    heading = heading_of(poses[own, 3:])
     for j in range(poses.shape[0]):
         seen[j].range = seen[j].bearing = np.nan
         x, y, z = poses[j, 0] - poses[own, 0], poses[j, 1] - poses[own, 1], poses[j, 2] - poses[own, 2]

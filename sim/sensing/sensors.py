@@ -81,7 +81,7 @@ def follow_tilt(share: float, k: int, pose: Floats, twist: Floats, tilts: Floats
     change = twist[k, 0] - twist[k - 1, 0], twist[k, 1] - twist[k - 1, 1], twist[k, 2] - twist[k - 1, 2]
     for i in range(0 if k == 1 else k, k + 1):
         pitch, roll = _shown(pose[i], change)
-        errors = signed_angle(pitch - _pitch(pose[i])), signed_angle(roll - _roll(pose[i]))
+        errors = signed_angle(pitch - pitch_of(pose[i, 3:])), signed_angle(roll - roll_of(pose[i, 3:]))
         last = max(i, 1)
         for j in range(2):
             tilts[i, j] = tilts[last - 1, j] + share * (errors[j] - tilts[last - 1, j])
@@ -197,21 +197,6 @@ def drift(e: Any, amplitude: float, phase: float, follower: int, time: float) ->
     return amplitude * math.sin(2.0 * math.pi / e.drift_period * time + (phase + follower * _GOLDEN))
 
 
-@jitable
-def _heading(pose: Any) -> float:
-    return heading_of(pose[3], pose[4], pose[5], pose[6])
-
-
-@jitable
-def _pitch(pose: Any) -> float:
-    return pitch_of(pose[3], pose[4], pose[5], pose[6])
-
-
-@jitable
-def _roll(pose: Any) -> float:
-    return roll_of(pose[3], pose[4], pose[5], pose[6])
-
-
 @formula
 def _log_reading(true: float, bias: float, sigma: float, normal: float) -> Any:
     """Speed log, never negative (paper, Eq. 26); its scale ends at `FASTEST`."""
@@ -236,7 +221,7 @@ def read_speed(e: Any, true: float, drawn: tuple[float, float]) -> Any:
 
 
 def _drifting_heading(e: Any, at: Instant) -> float:
-    return _heading(at.pose) + drift(e, e.heading_drift, e.heading_drift_phase, at.follower, at.time)
+    return heading_of(at.pose[3:]) + drift(e, e.heading_drift, e.heading_drift_phase, at.follower, at.time)
 
 
 @formula
@@ -245,18 +230,10 @@ def read_heading(e: Any, true: float, drawn: tuple[float, float]) -> Any:
     return _compass_reading(true, e.heading_bias, e.heading_sigma, drawn[1])
 
 
-def _depth_of_sensor(e: Any, at: Instant) -> float:
-    return -carried(at.pose, at.depth_sensor)[2]  # type: ignore[no-any-return]
-
-
 @formula
 def read_depth(e: Any, true: float, drawn: tuple[float, float]) -> Any:
     """Pressure sensor of a follower [m]."""
     return true + e.depth_sigma * drawn[0]
-
-
-def _leader_speed(e: Any, at: Instant) -> float:
-    return speed_through_water(at.pose, at.twist, at.water)  # type: ignore[no-any-return]
 
 
 @formula
@@ -283,29 +260,29 @@ def read_leader_attitude(e: Any, true: float, drawn: tuple[float, float]) -> Any
     return true + e.leader_attitude_offset_sigma * drawn[0] + e.leader_tilt_sigma * drawn[1]
 
 
-def _read_inclinometer(e: Any, true: float, drawn: tuple[float, float]) -> Any:
-    return true + e.tilt_sigma * drawn[0]
-
-
 OWN = (  # what a follower's navigator takes
     _sensor("speed", Stream.OWN_MOTION, _drifting_speed, read_speed),
     _sensor("heading", Stream.OWN_MOTION, _drifting_heading, read_heading),
-    _sensor("depth", Stream.DEPTH, _depth_of_sensor, read_depth),
+    _sensor("depth", Stream.DEPTH, lambda e, at: -carried(at.pose, at.depth_sensor)[2], read_depth),
 )
 INSTRUMENTS = (  # besides, inclinometer and gyros, which only steer
     *OWN,
-    _sensor("pitch", Stream.TILT, lambda e, at: _pitch(at.pose), _read_inclinometer),
+    _sensor(
+        "pitch", Stream.TILT, lambda e, at: pitch_of(at.pose[3:]), lambda e, true, drawn: true + e.tilt_sigma * drawn[0]
+    ),
     _sensor("turning", Stream.GYRO, lambda e, at: at.twist[5], lambda e, true, drawn: true + e.gyro_sigma * drawn[0]),
     _sensor("pitching", Stream.GYRO, lambda e, at: at.twist[4], lambda e, true, drawn: true + e.gyro_sigma * drawn[1]),
 )
 LEADER = (  # what a message holds beside time and place
-    _sensor("heading", Stream.LEADER_MOTION, lambda e, at: _heading(at.pose), read_leader_heading),
-    _sensor("speed", Stream.LEADER_MOTION, _leader_speed, read_leader_speed),
+    _sensor("heading", Stream.LEADER_MOTION, lambda e, at: heading_of(at.pose[3:]), read_leader_heading),
+    _sensor(
+        "speed", Stream.LEADER_MOTION, lambda e, at: speed_through_water(at.pose, at.twist, at.water), read_leader_speed
+    ),
     _sensor("depth", Stream.LEADER_DEPTH, lambda e, at: -at.pose[2], read_leader_depth),
 )
 LEADER_ATTITUDE = (
-    _sensor("pitch", Stream.LEADER_ATTITUDE, lambda e, at: _pitch(at.pose) + at.tilt[0], read_leader_attitude),
-    _sensor("roll", Stream.LEADER_ATTITUDE, lambda e, at: _roll(at.pose) + at.tilt[1], read_leader_attitude),
+    _sensor("pitch", Stream.LEADER_ATTITUDE, lambda e, at: pitch_of(at.pose[3:]) + at.tilt[0], read_leader_attitude),
+    _sensor("roll", Stream.LEADER_ATTITUDE, lambda e, at: roll_of(at.pose[3:]) + at.tilt[1], read_leader_attitude),
 )
 
 

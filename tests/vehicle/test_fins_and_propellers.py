@@ -25,6 +25,7 @@ from sim.vehicle.mjcf import VehicleSetup, spec_of
 from sim.vehicle.own_hull import hull_errors
 from sim.vehicle.plant import Plant
 from sim.water import Ocean
+from tests.synthetic import only
 from tests.vehicle import remus_formation
 from tools.documents.hull_trials import PUBLISHED_BLUEROV, bluerov_speed
 from tools.documents.route_keeping import tracking
@@ -334,7 +335,7 @@ def test_ten_remus_keep_their_stations_behind_a_remus() -> None:
     assert not any(one.lost for one in kept)
     assert max(one.station_rms_m for one in kept) < 1.0
     assert remus_formation.depth_rms(flight) < 0.2
-    report = tracking(flight.trajectory.only([0], ()), routes_of(flight.scenario)[:1])[0]
+    report = tracking(only(flight.trajectory, [0]), routes_of(flight.scenario)[:1])[0]
     assert report.cross_track_rms < 0.5
     assert report.depth_error_rms < 0.2
 

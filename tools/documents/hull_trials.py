@@ -20,6 +20,7 @@ from sim.vehicle.hydrodynamics import wrench
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water import Ocean
+from tests.synthetic import only
 from tests.vehicle import fossen_remus100 as fossen
 from tests.vehicle import remus_formation
 from tests.vehicle import test_remus as remus
@@ -279,7 +280,7 @@ def _formation() -> dict[str, Finding]:
     flight = laisn_sim.fly(remus_formation.table(corners=18))
     kept = remus_formation.keeping(flight)
     rms = [one.station_rms_m for one in kept]
-    leader = tracking(flight.trajectory.only([0], ()), routes_of(flight.scenario)[:1])[0]
+    leader = tracking(only(flight.trajectory, [0]), routes_of(flight.scenario)[:1])[0]
     return {
         "formation best": plain(min(rms), "least RMS distance from a station, ten REMUS 100", "m"),
         "formation worst": plain(max(rms), "largest RMS distance from a station, ten REMUS 100", "m"),
