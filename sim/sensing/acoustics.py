@@ -125,20 +125,14 @@ def sound_of(scenario: Scenario) -> Sound:
     a = scenario.acoustics
     assumed = a.sound_speed_m_s + a.sound_speed_bias_m_s
     return Sound(
-        on_grid=not a.travel_time and a.ping_slot_s == 0.0,
-        travels=a.travel_time,
-        slot=float(a.ping_slot_s),
+        on_grid=not a.travel_time and a.ping_slot_s == 0.0, travels=a.travel_time, slot=float(a.ping_slot_s),
         paths=(True, a.surface_echo_probability > 0.0, a.bottom_echo_probability > 0.0),
-        floor=float(scenario.ocean.floor_depth_m),
-        max_range=float(a.max_range_m or np.inf),
+        floor=float(scenario.ocean.floor_depth_m), max_range=float(a.max_range_m or np.inf),
         transmitters=scenario.navigation.transmitters,
         profile=SoundProfile.through(a.sound_speed_profile or ((0.0, a.sound_speed_m_s),)),
-        varies=bool(a.sound_speed_profile),
-        ratio=assumed / a.sound_speed_m_s,
-        assumed_speed=assumed,
-        clock_offset=float(a.clock_offset_s),
-        clock_drift=1e-6 * a.clock_drift_ppm,
-    )
+        varies=bool(a.sound_speed_profile), ratio=assumed / a.sound_speed_m_s, assumed_speed=assumed,
+        clock_offset=float(a.clock_offset_s), clock_drift=1e-6 * a.clock_drift_ppm,
+    )  # fmt: skip
 
 
 class Motion(NamedTuple):
