@@ -93,9 +93,8 @@ def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
     depth_difference = -trajectory.position[sent, 0, 2] + hydrophone[:, 2]
 
     errors, origin = errors_of(scenario, follower), seed_and_run(scenario.seed, scenario.run)
-    path = np.array([paths_taken(errors, Address(*origin, follower, step)) for step in emission.tolist()]).reshape(
-        -1, 3
-    )
+    drawn = [paths_taken(errors, Address(*origin, follower, step)) for step in emission.tolist()]
+    path = np.array(drawn, dtype=np.int64).reshape(-1, 3)
 
     def taken(values: Floats) -> Floats:
         return np.asarray(np.take_along_axis(values[row], path[:, :, None], axis=2)[:, :, 0])
