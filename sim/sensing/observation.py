@@ -17,7 +17,7 @@ from numba import literal_unroll
 
 from laisn.arrays import Bools, Floats, Ints, Records, numbers_of, own_arrays, records
 from laisn.compiled import compiled, jitable
-from laisn.messages import Measurements
+from laisn.messages import LeaderMessage, Measurements
 from laisn.swarm import MESSAGE
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.sensing import acoustics, noise, sensors
@@ -28,6 +28,8 @@ from sim.trajectory import Trajectory, Truth, row
 _ATTITUDE, _LOSS = int(noise.Stream.LEADER_ATTITUDE), int(noise.Stream.LOSS)
 _RANGE_UNIFORM, _RANGE_SCALE = int(noise.Stream.RANGE_UNIFORM), int(noise.Stream.RANGE_SCALE)
 _BROADCAST = (*sensors.LEADER, *sensors.LEADER_ATTITUDE)
+_COLUMNS = (LeaderMessage._fields.index(name) for name in ("timestamp", "east", "north", "pitch", "heading_sigma"))
+_TIME, _EAST, _NORTH, _PITCH, _SIGMA = _COLUMNS
 
 NO_MESSAGE, NO_RANGES, RECEIVED = range(3)  # outcome of a filter step; NO_RANGES: a message without a ping is in
 
@@ -147,9 +149,9 @@ def true_reception(
 
     `content` is in the order of `LeaderMessage`, shape (9,), `ranges` slant ranges, shape (3 transmitters, 3 paths).
     """
-    content[0], content[8] = leader.time, np.nan
-    content[1] = leader.pose[0] + e.leader_drift_east * leader.time
-    content[2] = leader.pose[1] + e.leader_drift_north * leader.time
+    content[_TIME], content[_SIGMA] = leader.time, np.nan
+    content[_EAST] = leader.pose[0] + e.leader_drift_east * leader.time
+    content[_NORTH] = leader.pose[1] + e.leader_drift_north * leader.time
     for sensor in literal_unroll(_BROADCAST):
         content[sensor.column] = sensor.true(e, leader)
     for i in range(3):
@@ -160,7 +162,7 @@ def true_reception(
 @jitable
 def _read_message(e: Any, dt: float, sent: Address, true: Any, inbox: Inbox, f: int) -> None:
     content, fluctuation, last = inbox.content[f], inbox.fluctuation[f], inbox.last_sent[f]
-    for i in (0, 1, 2, 8):
+    for i in (_TIME, _EAST, _NORTH, _SIGMA):
         content[i] = true[i]
     kept, fresh = sensors.weights(sent.step - last if last > 0 else 0, dt, e.leader_tilt_time)
     # step 0, at which nothing is measured, addresses errors that a run keeps
@@ -168,7 +170,9 @@ def _read_message(e: Any, dt: float, sent: Address, true: Any, inbox: Inbox, f: 
     offset, drawn = noise.normals_at(kept_address, _ATTITUDE), noise.normals_at(sent, _ATTITUDE)
     for i in range(2):
         fluctuation[i] = sensors.advanced(fluctuation[i], kept, fresh, drawn[i])
-        content[6 + i] = sensors.read_leader_attitude(e, true[6 + i], (offset[i], fluctuation[i]))
+    for sensor in literal_unroll(sensors.LEADER_ATTITUDE):
+        i = sensor.column - _PITCH
+        content[sensor.column] = sensor.read(e, true[sensor.column], (offset[i], fluctuation[i]))
     inbox.last_sent[f] = sent.step
     for sensor in literal_unroll(sensors.LEADER):
         content[sensor.column] = sensor.read(e, true[sensor.column], noise.normals_at(sent, sensor.stream))
