@@ -50,7 +50,7 @@ def test_stations_are_near_within_three_sigma_of_both(
     )  # fmt: skip
     places = records(STATION_PLACE, flight.trajectory.time.size, 2)
     places.east[:, 1] = apart
-    monkeypatch.setattr(flight_events, "true_stations", lambda *_: places)
+    monkeypatch.setattr(flight_events.tracking, "true_stations", lambda *_: places)
     assert [event.time_s for event in uncertainty_events(known)] == ([pytest.approx(0.1)] if near else [])
 
 
