@@ -1,8 +1,7 @@
-"""The sensing driver: what followers read and receive, at one instant under way and of a finished mission.
+"""The sensing driver: what followers read and receive, one instant after the other.
 
-Both uses call the same functions of `sim.sensing.sensors` and `sim.sensing.acoustics` with the same noise: compiled
-code with numbers (`read_instruments`, `receive`), for followers that steer by it; Python with arrays over all filter
-steps and messages, first without random errors (`observe`), then for a run (`measure`).
+Closed loops call it under way, compiled (`read_instruments`, `receive`). A finished mission is sensed first without
+random errors (`observe`), then with the noise of a run (`measure`), by the same functions, in Python or compiled.
 
 Functions take `s`, the sensors; `k`, a filter step, from 1; and `follower`, an index; the follower's vehicle is the one
 after.
@@ -68,14 +67,14 @@ def sensor_model_of(scenario: Scenario) -> SensorModel:
 
 @jitable
 def true_readings(e: Any, at: sensors.Instant, true: Floats) -> None:
-    """Write what a follower's own sensors would read without random errors and biases, in the order of `OWN`."""
+    """Write what a follower's own sensors would read without random errors and biases: speed, heading, depth, (3,)."""
     for sensor in literal_unroll(sensors.OWN):
         true[sensor.column] = sensor.true(e, at)
 
 
 @jitable
 def read_own(e: Any, address: Address, true: Any, reading: Floats) -> None:
-    """Read them at an address of the noise."""
+    """Read the own sensors at an address of the noise, by values of `true_readings`; both of shape (3,)."""
     for sensor in literal_unroll(sensors.OWN):
         reading[sensor.column] = sensor.read(e, true[sensor.column], noise.normals_at(address, sensor.stream))
 

@@ -1,9 +1,8 @@
 """The sensors: errors of sensors and ranges in SI units (paper, Eqs. 26–28), and the formulas by which they read.
 
-One set of formulas serves one instant, a finished mission (both by `sim.sensing.observation`) and runs side by side
-(`experiments.campaign.lane_flight`): compiled code calls them with numbers and records, Python with arrays over filter
-steps or messages. `e` is a record of ERRORS or `SensorErrors`. Further sensors of a follower come from tables
-`[[sensors.own]]` of a scenario.
+One set of formulas of numbers serves closed loops, finished missions (both by `sim.sensing.observation`) and runs side
+by side (`experiments.campaign.lane_flight`). `e` is a record of ERRORS or `SensorErrors`. Further sensors of a follower
+come from tables `[[sensors.own]]` of a scenario.
 
 Messages are lost by the two-state chain of Gilbert (Bell System Technical Journal 39, 1960) and Elliott (ibid. 42,
 1963). The leader measures pitch and roll by an inclinometer, which takes the specific force a − g for the vertical,
