@@ -32,10 +32,8 @@ PXX, PXY, PYY, CXX, CXY, CYX, CYY, VXX, VXY, VYY = (next(_row) for _ in range(10
 # Memory of the last accepted position and of the last measurements.
 ACCEPTED_X, ACCEPTED_Y, ACCEPTED_STEP = (next(_row) for _ in range(3))
 LAST_SPEED, LAST_HEADING, LAST_LEADER_SPEED, LAST_LEADER_HEADING = (next(_row) for _ in range(4))
-# Own measurements of a step.
-SPEED, HEADING, DEPTH = (next(_row) for _ in range(3))
-# γ of the leader by the message of this step; 0 without one.
-GAMMA_V, GAMMA_THETA = (next(_row) for _ in range(2))
+# Own measurements of a step, and what follows from them; γ are those of the vehicle that changed most.
+SPEED, HEADING, DEPTH, SIN, COS, GAMMA_V, GAMMA_THETA = (next(_row) for _ in range(7))
 # A message and the ranges measured on it.
 EAST, NORTH, LEADER_HEADING, LEADER_SPEED, LEADER_DEPTH, PITCH, ROLL = (next(_row) for _ in range(7))
 R1, R2, R3 = (next(_row) for _ in range(3))
@@ -107,8 +105,19 @@ def new_block(starts: Floats, t: Tuning) -> Floats:
 
 
 @compiled_lanes
+def own_motion(block: Floats, t: Tuning) -> None:
+    """Take a step's own measurements: their γ, and the direction of motion; faster apart from `predict`."""
+    for lane in range(LANES):
+        speed, heading = block[SPEED + lane], block[HEADING + lane]
+        block[GAMMA_V + lane] = speed_share(block[LAST_SPEED + lane], speed, t.follower_speed_max)
+        block[GAMMA_THETA + lane] = turn_share(block[LAST_HEADING + lane], heading)
+        block[LAST_SPEED + lane], block[LAST_HEADING + lane] = speed, heading
+        block[SIN + lane], block[COS + lane] = sin_cos(heading)
+
+
+@compiled_lanes
 def leader_motion(block: Floats, t: Tuning) -> None:
-    """Take a message's speed and heading, if it has a range."""
+    """Take a message's speed and heading, if it has a range: γ becomes that of the vehicle that changed most."""
     for lane in range(LANES):
         rear, front, middle = block[R1 + lane], block[R2 + lane], block[R3 + lane]
         received = rear == rear or front == front or middle == middle
@@ -116,24 +125,19 @@ def leader_motion(block: Floats, t: Tuning) -> None:
         # a message without ranges repeats the last one
         speed = block[LEADER_SPEED + lane] if received else last_speed
         heading = block[LEADER_HEADING + lane] if received else last_heading
-        block[GAMMA_V + lane] = speed_share(last_speed, speed, t.leader_speed_max)
-        block[GAMMA_THETA + lane] = turn_share(last_heading, heading)
+        of_speed, own_speed = speed_share(last_speed, speed, t.leader_speed_max), block[GAMMA_V + lane]
+        of_heading, own_heading = turn_share(last_heading, heading), block[GAMMA_THETA + lane]
+        block[GAMMA_V + lane] = of_speed if of_speed > own_speed else own_speed
+        block[GAMMA_THETA + lane] = of_heading if of_heading > own_heading else own_heading
         block[LAST_LEADER_SPEED + lane], block[LAST_LEADER_HEADING + lane] = speed, heading
 
 
 @compiled_lanes
 def predict(block: Floats, t: Tuning) -> None:
-    """Constant velocity, with process noise that grows with manoeuvres of either vehicle (paper, Section 2.1)."""
+    """Constant velocity, with process noise that grows with manoeuvres (paper, Section 2.1)."""
     dt = t.dt
     for lane in range(LANES):
-        speed, heading = block[SPEED + lane], block[HEADING + lane]
-        change = speed_share(block[LAST_SPEED + lane], speed, t.follower_speed_max)
-        turn = turn_share(block[LAST_HEADING + lane], heading)
-        block[LAST_SPEED + lane], block[LAST_HEADING + lane] = speed, heading
-        of_leader, leader_turn = block[GAMMA_V + lane], block[GAMMA_THETA + lane]
-        block[GAMMA_V + lane] = block[GAMMA_THETA + lane] = 0.0
-        change, turn = of_leader if of_leader > change else change, leader_turn if leader_turn > turn else turn
-        sigma_a = expected_acceleration(change, turn, t)
+        sigma_a = expected_acceleration(block[GAMMA_V + lane], block[GAMMA_THETA + lane], t)
         q = sigma_a * sigma_a * (dt * dt)
         q_mixed, q_position = q * (0.5 * dt), q * (0.25 * dt * dt)
         cxx, cxy, cyx, cyy = cross_covariance_at(block, lane)
@@ -155,7 +159,7 @@ def predict(block: Floats, t: Tuning) -> None:
 def speed_update(block: Floats, t: Tuning) -> None:
     """Velocity from speed log and compass (paper, Section 2.1)."""
     for lane in range(LANES):
-        speed, (s, c) = block[SPEED + lane], sin_cos(block[HEADING + lane])
+        speed, s, c = block[SPEED + lane], block[SIN + lane], block[COS + lane]
         along, across = t.speed_variance, t.heading_variance * (speed * speed)
         rxx, rxy, ryy = s * s * along + c * c * across, s * c * (along - across), c * c * along + s * s * across
         vxx, vxy, vyy = block[VXX + lane], block[VXY + lane], block[VYY + lane]
@@ -358,6 +362,7 @@ def position_update(block: Floats, t: Tuning, k: int) -> None:
 @compiled_lanes
 def advance(block: Floats, t: Tuning, k: int, received: bool) -> None:
     """Step k: predict, position if a message is received, speed. Rows of measurements must be filled."""
+    own_motion(block, t)
     if received:
         leader_motion(block, t)
     predict(block, t)
@@ -375,7 +380,7 @@ def fix_rows(variant: float) -> tuple[int, int, int]:
 
 
 def stacked(missions: Sequence[Measurements]) -> tuple[Floats, Floats]:
-    """Rows SPEED to GAMMA_V and EAST to X1 of missions, the last one repeated: (n, 3 · LANES) and (m, 10 · LANES)."""
+    """Rows SPEED to SIN and EAST to X1 of missions, the last one repeated: (n, 3 · LANES) and (m, 10 · LANES)."""
     filled = [missions[min(lane, len(missions) - 1)] for lane in range(LANES)]
     own = np.stack([np.column_stack([m.speed, m.heading, m.last_depth]) for m in filled], axis=-1)
     messages = np.stack([np.column_stack([m.message[:, _BROADCAST], m.ranges]) for m in filled], axis=-1)

@@ -375,7 +375,7 @@ def fly_block(
                 copy_values(given.states[k - 1, j], block[first : first + LANES])
         else:
             if given.own.shape[0] > 0:
-                copy_values(given.own[k - 1], block[lanes.SPEED : lanes.GAMMA_V])
+                copy_values(given.own[k - 1], block[lanes.SPEED : lanes.SIN])
                 if received:
                     copy_values(given.messages[i], block[lanes.EAST : lanes.X1])
             else:

@@ -194,10 +194,8 @@ def read_reception(
     (sent, received), (content, by_path), ranges = addresses, true, inbox.ranges[f]
     _read_message(e, used[1], sent, content, inbox, f)
     paths, uniform = sensors.paths_taken(e, sent), noise.uniforms_at(received, _RANGE_UNIFORM)
-    taken, psi = (
-        (by_path[0][paths[0]], by_path[1][paths[1]], by_path[2][paths[2]]),
-        noise.normals_at(received, _RANGE_SCALE)[0],
-    )
+    taken = by_path[0][paths[0]], by_path[1][paths[1]], by_path[2][paths[2]]
+    psi = noise.normals_at(received, _RANGE_SCALE)[0]
     longest = sensors.longest_range(taken, used[0])
     scales = longest, longest, sensors.longest_range(taken, 3)
     for sensor in literal_unroll(sensors.RANGES):

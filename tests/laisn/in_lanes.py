@@ -26,7 +26,7 @@ def _run_block(own: Floats, message_step: Ints, messages: Floats, start: Floats,
     state, kinds = np.zeros((own.shape[0], 4 * LANES)), np.zeros((messages.shape[0], 3, LANES))
     block, i = row.new_block(start, t), 0
     for k in range(1, own.shape[0] + 1):
-        copy_values(own[k - 1], block[row.SPEED : row.GAMMA_V])
+        copy_values(own[k - 1], block[row.SPEED : row.SIN])
         received = i < message_step.size and message_step[i] == k
         if received:
             copy_values(messages[i], block[row.EAST : row.X1])

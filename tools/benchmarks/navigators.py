@@ -42,7 +42,7 @@ def filter_only(own: Floats, message_step: Ints, messages: Floats, start: Floats
     block = row.new_block(start, t)
     i = 0
     for k in range(1, own.shape[0] + 1):
-        copy_values(own[k - 1], block[row.SPEED : row.GAMMA_V])
+        copy_values(own[k - 1], block[row.SPEED : row.SIN])
         received = i < message_step.size and message_step[i] == k
         if received:
             copy_values(messages[i], block[row.EAST : row.X1])
