@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import cached_property
 from html import escape
 from importlib import import_module
@@ -12,10 +13,9 @@ from typing import Any, TypeVar, Unpack
 
 import tomli_w
 
-from experiments.campaign import montecarlo
-from experiments.campaign.campaign import BATCH_STEPS, ExecutionOptions, compile_ahead, release_workers
-from experiments.campaign.plans import CellPlan, compute
-from experiments.campaign.store import CampaignError, Store, columns_of, write_table
+from experiments.campaign.campaign import ExecutionOptions, release_workers
+from experiments.campaign.progress import compiling_shown
+from experiments.campaign.store import CampaignError, columns_of, write_table
 from experiments.campaign.version import code_version
 from experiments.findings import Finding, Findings, of, read, record
 from experiments.flight.fly import fly
@@ -25,8 +25,8 @@ from experiments.pages import page as pages
 from experiments.study.estimate import Results, main_effects
 from experiments.study.file import FOLDER, Study, built_in, study_of, table_in
 from experiments.study.measure import METRICS
-from experiments.study.plan import Plan, many, plan_of
-from experiments.study.run import Outcomes, fly_further, fly_until_narrow, of_one_type, run_tables
+from experiments.study.plan import Entry, Plan, many, plan_of
+from experiments.study.run import Outcomes, fly_further, fly_studies, fly_until_narrow, of_one_type, run_tables
 from laisn.failure import LaisnError
 from laisn.lanes import LANES
 from sim.system import atomic_write
@@ -36,7 +36,8 @@ STUDY = "study.toml"
 Made = TypeVar("Made")
 _CELL_BYTES = 2_000  # bytes of a stored cell and its row in the tables; a run adds `_RUN_BYTES`
 _RUN_BYTES = 80
-_TRIED = 17  # cells that are computed for an estimate of the time, of which the first is not counted
+_TRIED = (1, 16, 128)  # entries of a mission that are tried for an estimate, more and more if few …
+_QUICK_S = 2.0  # … take less time than this [s]
 
 
 def _timed(work: Callable[[], Made]) -> tuple[Made, float]:
@@ -45,43 +46,52 @@ def _timed(work: Callable[[], Made]) -> tuple[Made, float]:
     return work(), perf_counter() - begin
 
 
-def effort_text(study: Study, workers: int) -> str:
-    """The size of a study, and what it would take if nothing were stored.
+def _cost(plan: Plan, workers: int) -> tuple[float, float]:
+    """Time [s] and bytes of a plan whose entries are all in closed loop, or none of them.
 
-    One mission is flown, and cells of it are computed, as a process does it; nothing of it is kept. Planning, storing
-    and reading results is work of this process.
+    Some missions are flown, and some entries of each, as the study does it, in a folder that is removed.
     """
+    closed, missions = plan.entries[0].closed_loop, dict[Any, list[Entry]]()
+    for entry in plan.entries:
+        missions.setdefault(entry.place if closed else entry.motion, []).append(entry)
+    tried = [*missions.values()][:workers]
+    firsts = [own[0] for own in tried]
+    short = [replace(e, scenario=e.scenario.first_messages) for e in firsts]
+    with TemporaryDirectory() as folder:
+
+        def took(entries: list[Entry], runs: int) -> float:
+            part = plan.part(entries, runs)
+            (found,), seconds = _timed(lambda: fly_studies([part], Path(folder), workers=workers, quiet=True))
+            if found.failures:
+                raise CampaignError("; ".join(found.failures))
+            return seconds
+
+        with compiling_shown():
+            took(short, 1)
+        stored = sum(path.stat().st_size for path in Path(folder).glob("store/*"))
+        runs = -(-workers // len(tried)) if closed else 1
+        flights, each, time, flown = plan.part(firsts, runs).flights, 0.0, 0.0, 0
+        mission, idle = took(firsts, runs), took(firsts, runs)  # all is stored the second time
+        size = (sum(path.stat().st_size for path in Path(folder).glob("store/*")) - stored) / flights
+        for count in () if closed else _TRIED:
+            entries = [entry for own in tried for entry in own[:count]]
+            if len(entries) > flown and time < _QUICK_S:
+                time = took(entries, max(2, min(plan.study.runs, LANES)))
+                each, flown = (time - idle) / (len(entries) - flown), len(entries)
+    each *= -(-plan.study.runs // LANES)
+    seconds = plan.flights * max((mission - idle) / flights - each, 0.0) + len(plan.entries) * max(each, 0.0)
+    return seconds, plan.flights * size
+
+
+def effort_text(study: Study, workers: int) -> str:
+    """The size of a study, and what it would take if nothing were stored."""
     plan, seconds = _timed(lambda: plan_of(study, quiet=False))
-    entry, runs, cells = plan.entries[0], study.runs, sum(len(e.scenario.followers) for e in plan.entries)
-    if entry.closed_loop:
-        fly(entry.scenario.first_messages)
-        seconds += plan.flights * _timed(lambda: fly(entry.scenario))[1] / workers
-        size = 4_000 * plan.flights
-    else:
-        alike = [e for e in plan.entries if e.motion == entry.motion][:_TRIED]
-        tried = [CellPlan(scenario=e.scenario, runs=min(runs, LANES)) for e in alike]
-        compile_ahead(tried[0])
-        trajectory, flight = _timed(lambda: montecarlo.simulate_mission(entry.scenario))
-        one, first = _timed(lambda: compute(trajectory, tried[:1]))
-        results, others = _timed(lambda: compute(trajectory, tried[1:]) or one)
-        # what the cells of a mission share is computed once for each batch of them
-        each = others / len(results) if len(tried) > 1 else first
-        batches = max(plan.flights, 4 * workers, cells * runs * entry.scenario.filter_steps / BATCH_STEPS)
-        with TemporaryDirectory() as folder:
-            store = Store(Path(folder))
-
-            def keep() -> None:
-                for key, row, arrays in results:
-                    store.put(key, row, arrays)
-                    for _ in range(3):  # for its row, its runs and the facts of its mission
-                        store.get(key)
-
-            store.put(entry.motion, None, trajectory.arrays)
-            stored = store.path(entry.motion).stat().st_size
-            seconds += cells * _timed(keep)[1] / len(results)
-        shared = batches * max(first - each, 0.0)
-        seconds += (plan.flights * flight + shared + cells * -(-runs // LANES) * each) / workers
-        size = plan.flights * stored + cells * (_CELL_BYTES + runs * _RUN_BYTES)
+    runs, cells = study.runs, sum(len(entry.scenario.followers) for entry in plan.entries)
+    size = float(cells * (_CELL_BYTES + runs * _RUN_BYTES))
+    for closed in (False, True):
+        if entries := [entry for entry in plan.entries if entry.closed_loop == closed]:
+            time, stored = _cost(plan.part(entries, runs), workers)
+            seconds, size = seconds + time, size + stored
     return (
         f"{study.name}: {many(len(plan.points), 'point')}, {many(len(plan.arms), 'arm')}, "
         f"{many(study.file.realizations, 'realization')}, "

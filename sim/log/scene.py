@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib import resources
 from typing import Any
 
@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from foxglove import messages as fg
 
-from laisn.arrays import Floats, Ints
+from laisn.arrays import Ints
 from laisn.estimates import Estimates, FixKind
 from laisn.messages import Ranges
 from sim.assembly import models_of
@@ -38,8 +38,8 @@ LEADER_HUE, FOLLOWER_HUE, ESTIMATE_HUE = "#ffad33", "#fff240", "#ff40d9"
 """Colours of the film."""
 
 
-def _points(position: Floats) -> list[fg.Point3]:
-    return [fg.Point3(x=x, y=y, z=z) for x, y, z in position.tolist()]
+def _points(places: Iterable[Sequence[float]]) -> list[fg.Point3]:
+    return [fg.Point3(x=x, y=y, z=z) for x, y, z in places]
 
 
 def _line(kind: fg.LinePrimitiveLineType, color: fg.Color, points: list[fg.Point3]) -> fg.LinePrimitive:
@@ -80,7 +80,7 @@ def hull(model: Any) -> dict[str, list[Any]]:
             vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]].astype(np.float64)
             faces = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]].ravel().tolist()
             parts["triangles"].append(
-                fg.TriangleListPrimitive(pose=place, points=_points(vertices), indices=faces, color=color)
+                fg.TriangleListPrimitive(pose=place, points=_points(vertices.tolist()), indices=faces, color=color)
             )
     return parts
 
@@ -112,11 +112,11 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
     compiled = [spec_of(model).compile() for model in models_of(flight.scenario)]
     hulls, fins = [hull(model) for model in compiled], [MovingFins(model) for model in compiled]
     states = flight.trajectory.thrust[index]
-    trails = [_points(flight.trajectory.position[index, v]) for v in range(len(names))]
+    trails = [_points(flight.trajectory.position[index, v].tolist()) for v in range(len(names))]
     # the last filter step at or before each point; the state of step k stands in row k − 1
     rows = [np.minimum(index // flight.stride, e.state.shape[0]) - 1 for e in flight.estimates]
     estimated = [
-        _points(np.column_stack([e.state[row, :2], -m.depth[row]])[row >= 0])
+        _points(np.column_stack([e.state[row, :2], -m.depth[row]])[row >= 0].tolist())
         for e, m, row in zip(flight.estimates, flight.measurements, rows, strict=True)
     ]
 
@@ -124,7 +124,7 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
         stamp, entities = timestamp(time_ns), []
 
         def trail(name: str, color: fg.Color, points: list[fg.Point3], **more: Any) -> fg.SceneEntity:
-            lines = [_line(fg.LinePrimitiveLineType.LineStrip, color, points[-_TRAIL_S - 1 :])]
+            lines = [_line(fg.LinePrimitiveLineType.LineStrip, color, points)]
             return fg.SceneEntity(timestamp=stamp, id=name, frame_id="world", lines=lines, **more)
 
         for v, (name, parts, points) in enumerate(zip(names, hulls, trails, strict=True)):
@@ -133,13 +133,14 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
                 parts = hull(compiled[v])
             whole: dict[str, Any] = {"id": f"{name}/hull", "frame_id": name, "frame_locked": True, **parts}
             entities.append(fg.SceneEntity(timestamp=stamp, **whole))
-            entities.append(trail(f"{name}/trail", TRUTH, points[: i + 1]))
+            entities.append(trail(f"{name}/trail", TRUTH, points[max(0, i - _TRAIL_S) : i + 1]))
         for name, e, m, row, points in zip(
             names[1:], flight.estimates, flight.measurements, rows, estimated, strict=True
         ):
             if row[i] >= 0:
                 spheres = list(_ellipses(e, int(row[i]), -float(m.depth[row[i]])))
-                known = points[: i + 1 - np.count_nonzero(row < 0)]
+                last = i + 1 - int(np.count_nonzero(row < 0))
+                known = points[max(0, last - _TRAIL_S - 1) : last]
                 entities.append(trail(f"{name}/estimate", ESTIMATE, known, spheres=spheres))
         return fg.SceneUpdate(entities=entities)
 
@@ -156,7 +157,7 @@ def _ping(
     ends, discs, fixes = [], [], []
     for transmitter, slant in zip(Ranges._fields, m.ranges[message].tolist(), strict=True):
         if math.isfinite(slant) and (source := sites.get(f"leader/tx_{transmitter}")) is not None:
-            ends += _points(np.array([source, (x, y, z)]))
+            ends += _points([source, (x, y, z)])
             squared = slant**2 - (source[2] - z) ** 2
             if squared > 0:
                 width = 2 * math.sqrt(squared)

@@ -48,11 +48,13 @@ def timestamp(time_ns: int) -> Timestamp:
 
 
 def vector(xyz: Sequence[float]) -> Vector3:
-    return Vector3(**dict(zip("xyz", xyz, strict=True)))
+    x, y, z = xyz
+    return Vector3(x=x, y=y, z=z)
 
 
 def quaternion(wxyz: Sequence[float]) -> Quaternion:
-    return Quaternion(**dict(zip("wxyz", wxyz, strict=True)))
+    w, x, y, z = wxyz
+    return Quaternion(x=x, y=y, z=z, w=w)
 
 
 def pose(xyz: Sequence[float], wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> Pose:

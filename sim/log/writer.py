@@ -258,8 +258,8 @@ def write_channels(path: Path, channels: Sequence[Channel], describe: Callable[[
             messages = list[tuple[int, Any, bytes]]()
             for own, c in zip(made, channels, strict=True):
                 part = slice(*np.searchsorted(c.time_ns, [number * _BLOCK_NS, (number + 1) * _BLOCK_NS]).tolist())
-                times = c.time_ns[part].tolist()
-                messages += [(at, own.base.log, data) for at, data in zip(times, c.rows(part), strict=True)]
+                times, log = c.time_ns[part].tolist(), own.base.log
+                messages += [(at, log, data) for at, data in zip(times, c.rows(part), strict=True)]
             # messages of equal times stay in the order of channels
             messages.sort(key=itemgetter(0))
             for at, log, data in messages:
