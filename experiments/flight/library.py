@@ -6,6 +6,7 @@ import re
 import shlex
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -60,20 +61,17 @@ def _checked(table: Mapping[str, Any], changes: Mapping[str, Any], name: str) ->
     return validate(assigned(table, changes), name, further=infeasibilities)
 
 
-def _given(source: str, assignments: Iterable[str]) -> tuple[dict[str, Any], dict[str, Any], str]:
+def load(source: str, assignments: Iterable[str], *, flyable: bool = False) -> Scenario:
+    """A built-in scenario or a TOML file, with overrides "key=value"; ScenarioError: missing or invalid.
+
+    With `flyable`, sea, routes, date and cost are checked too, so that it can be flown, filmed and logged.
+    """
     table, given = table_of(source), list(assignments)
-    return table, values_of(given), " ".join([source, *(f"--set {shortened(a, 200)}" for a in given)])
+    changes, name = values_of(given), " ".join([source, *(f"--set {shortened(a, 200)}" for a in given)])
+    return _checked(table, changes, name) if flyable else validate(assigned(table, changes), name)
 
 
-def load(source: str, assignments: Iterable[str]) -> Scenario:
-    """A built-in scenario or a TOML file, with overrides "key=value"; ScenarioError: missing or invalid."""
-    table, changes, name = _given(source, assignments)
-    return validate(assigned(table, changes), name)
-
-
-def load_flyable(source: str, assignments: Iterable[str]) -> Scenario:
-    """As `load`, but sea, routes, date and cost are checked too, so that it can be flown, filmed and logged."""
-    return _checked(*_given(source, assignments))
+load_flyable = partial(load, flyable=True)
 
 
 def loaded(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str, Any] | None = None) -> Scenario:
@@ -99,9 +97,8 @@ def text_of(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
-        return value if re.fullmatch(r"[A-Za-z][\w-]*", value) and value not in ("true", "false", "inf", "nan") else (
-            json.dumps(value, ensure_ascii=False)
-        )  # fmt: skip
+        bare = re.fullmatch(r"[A-Za-z][\w-]*", value) and value not in ("true", "false", "inf", "nan")
+        return value if bare else json.dumps(value, ensure_ascii=False)
     if isinstance(value, list | tuple):
         return f"[{','.join(map(text_of, value))}]"
     if isinstance(value, dict):
@@ -111,10 +108,8 @@ def text_of(value: Any) -> str:
 
 def fly_line(source: str, settings: Mapping[str, Any], run: int) -> str:
     """The command that flies one run of a scenario with other settings, alone and with the very same noise."""
-    words = ["laisn", "fly", source, "--run", str(run)]
-    for key, value in settings.items():
-        words += ["--set", f"{key}={text_of(value)}"]
-    return shlex.join(words)
+    changes = (word for key, value in settings.items() for word in ("--set", f"{key}={text_of(value)}"))
+    return shlex.join(["laisn", "fly", source, "--run", str(run), *changes])
 
 
 def _print_table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> None:

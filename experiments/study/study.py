@@ -56,7 +56,6 @@ def _cost(plan: Plan, workers: int) -> tuple[float, float]:
         missions.setdefault(entry.place if closed else entry.motion, []).append(entry)
     tried = [*missions.values()][:workers]
     firsts = [own[0] for own in tried]
-    short = [replace(e, scenario=e.scenario.first_messages) for e in firsts]
     with TemporaryDirectory() as folder:
 
         def took(entries: list[Entry], runs: int) -> float:
@@ -67,19 +66,18 @@ def _cost(plan: Plan, workers: int) -> tuple[float, float]:
             return seconds
 
         with compiling_shown():
-            took(short, 1)
-        stored = sum(path.stat().st_size for path in Path(folder).glob("store/*"))
+            took([replace(entry, scenario=entry.scenario.first_messages) for entry in firsts], 1)
         runs = -(-workers // len(tried)) if closed else 1
         flights, each, time, flown = plan.part(firsts, runs).flights, 0.0, 0.0, 0
         mission, idle = took(firsts, runs), took(firsts, runs)  # all is stored the second time
-        size = (sum(path.stat().st_size for path in Path(folder).glob("store/*")) - stored) / flights
+        size = sum(path.stat().st_size for path in Path(folder).glob("store/*")) / flights
         for count in () if closed else _TRIED:
             entries = [entry for own in tried for entry in own[:count]]
             if len(entries) > flown and time < _QUICK_S:
                 time = took(entries, max(2, min(plan.study.runs, LANES)))
                 each, flown = (time - idle) / (len(entries) - flown), len(entries)
-    each *= -(-plan.study.runs // LANES)
-    seconds = plan.flights * max((mission - idle) / flights - each, 0.0) + len(plan.entries) * max(each, 0.0)
+    blocks = -(-plan.study.runs // LANES)
+    seconds = plan.flights * max((mission - idle) / flights - each, 0.0) + len(plan.entries) * blocks * max(each, 0.0)
     return seconds, plan.flights * size
 
 

@@ -9,6 +9,7 @@ import sys
 import time
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -19,11 +20,12 @@ from typer.testing import CliRunner
 import models
 from experiments import findings
 from experiments.campaign import campaign
-from experiments.campaign.store import Store
+from experiments.campaign.store import CampaignError, Store
 from experiments.command.cli import app
 from experiments.command.studies import BUILT_IN
 from experiments.flight.fly import fly
 from experiments.flight.library import load
+from experiments.study import study as study_module
 from experiments.study.design import Draw
 from experiments.study.estimate import Results
 from experiments.study.file import FOLDER, StudyError, built_in, of_table, shipped, study_of, table_in
@@ -462,6 +464,47 @@ def test_a_dry_run_prints_the_cost_of_a_study_and_writes_nothing(tmp_path, monke
     assert "4 flights, 8 cells, 24 runs" in result.output
     assert re.search(r"about \d+ s and \d+ MB, if nothing is stored yet", result.output)
     assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
+
+
+@pytest.mark.parametrize(("steered", "runs", "blocks"), [(False, 60, 1), (False, 200, 4), (True, 5, 1)])
+def test_the_time_of_a_study_is_that_of_its_missions_and_cells(monkeypatch, steered, runs, blocks):
+    # on a simulated clock: 3 s for a mission and 0.1 s for a block of runs of a cell, by two workers, 0.7 s for a call
+    depth, bias = {"from": 8, "to": 17, "steps": 10}, {"from": 0.0, "to": 2.0, "steps": 5}
+    table = {
+        "scenario": "T5",
+        "runs": runs,
+        "set": {"followers.0.guidance_position": "estimate" if steered else "truth"},
+    }
+    table |= {"vary": {"followers.0.depth_m": depth, "sensors.heading_bias_deg": bias}}
+    clock, stored = [0.0], set()
+
+    def take(key, seconds):
+        clock[0] += 0.0 if key in stored else seconds / 2
+        stored.add(key)
+
+    def simulated(plans, folder, **options):
+        (part,) = plans
+        clock[0] += 0.7
+        for entry in part.entries:
+            length = entry.scenario.duration_s
+            for run in part.runs_of(entry) if steered else ():
+                take((entry.place, run, length), 3.0)
+            if not steered:
+                take((entry.motion, length), 3.0)
+                take((entry.place, part.study.runs, length), 0.1)
+        return [SimpleNamespace(failures={})]
+
+    monkeypatch.setattr(study_module, "fly_studies", simulated)
+    monkeypatch.setattr(study_module, "perf_counter", lambda: clock[0])
+    seconds, _ = study_module._cost(plan_of(of_table(table, "s", "s")), 2)
+    assert seconds == pytest.approx(50 * runs * 3.0 / 2 if steered else (10 * 3.0 + 50 * blocks * 0.1) / 2)
+
+
+def test_a_dry_run_reports_a_mission_that_cannot_be_flown(monkeypatch):
+    failed = SimpleNamespace(failures={"mission 'T5': lost at 3 s": []})
+    monkeypatch.setattr(study_module, "fly_studies", lambda *_, **__: [failed])
+    with pytest.raises(CampaignError, match="lost at 3 s"):
+        study_module.effort_text(of_table({"scenario": "T5", "set": {"duration_s": 20}}, "s", "s"), 1)
 
 
 @pytest.mark.parametrize("options", [[], ["--dry-run"]])
