@@ -20,7 +20,6 @@ PIXELS_PER_INCH = 96
 _KEPT_POINTS = 20_000  # most points that a line keeps; panels take fewer of them
 _MOST_LINES, _FEWEST_POINTS = 14, 200
 """Lines of a panel with all their points; of more, each has fewer, so that a page of many vehicles stays small."""
-_TITLE_CHARACTERS = 11
 
 Limits = tuple[float | None, float | None]  # bottom and top of an axis; None leaves one to the data
 Ticks = Sequence[float] | Mapping[float, str]  # where an axis has numbers, or words; none leaves that to the drawing
@@ -123,7 +122,7 @@ class Panel:
             ]  # fmt: skip
         if self.equal:
             layout["yaxis"] |= {"scaleanchor": "x"}
-        lines = wrap(self.title, round(_TITLE_CHARACTERS * self.width))
+        lines = wrap(self.title, round(11 * self.width))
         if lines:
             bold = {"text": "<br>".join(f"<b>{symbols(line)}</b>" for line in lines), "font": {"size": 13}}
             layout["title"] = bold | {"x": 0, "xref": "paper", "y": 1, "yanchor": "top", "pad": {"t": 6}}
@@ -186,7 +185,7 @@ def numbers(values: Floats) -> list[float | None]:
 
 
 _LOG_TICKS = [float(f"{digit}e{power}") for power in range(-6, 7) for digit in (1, 2, 5)]
-"""Plotly itself labels 0.5 on a logarithmic axis as 5."""
+"""Plotly itself labels 0.5 on a logarithmic axis as 5. Axes of more than three decades have 0.1, 1, 10 … alone."""
 
 
 def _axis(label: str, limits: Limits, log: bool, ticks: Ticks, values: Sequence[Floats]) -> dict[str, Any]:
@@ -197,7 +196,8 @@ def _axis(label: str, limits: Limits, log: bool, ticks: Ticks, values: Sequence[
     }  # fmt: skip
     if log:
         axis["type"] = "log"
-        ticks = ticks or _LOG_TICKS
+        shown = np.concatenate([np.empty(0), *(v[v > 0.0] for v in values)])
+        ticks = ticks or _LOG_TICKS[:: 3 if shown.size and shown.max() > 1000.0 * shown.min() else 1]
     if limits != (None, None):
         shown = np.concatenate([*values, np.array([end for end in limits if end is not None])])
         low, high = float(np.nanmin(shown)), float(np.nanmax(shown))

@@ -70,6 +70,15 @@ def test_plotly_stands_once_on_a_page_with_figures_and_on_no_other():
     assert len(page.render(sample_page(sections=[]))) < 100_000
 
 
+@pytest.mark.parametrize(("values", "labels"), [((0.04, 30.0), ["0.2", "0.5"]), ((0.04, 900.0), ["0.1", "1", "10"])])
+def test_logarithmic_axes_of_many_decades_have_fewer_numbers(values, labels):
+    line = Line(x=np.array([*values, np.nan, 0.0]), y=np.arange(4.0), marker="o")
+    axis = figures.panel([line], x_label="off [m]", y_label="", x_log=True).figure["layout"]["xaxis"]
+    shown = [text for text, at in zip(axis["ticktext"], axis["tickvals"], strict=True) if 0.1 <= at <= 10.0]
+    assert set(labels) <= set(shown)
+    assert ("0.2" in shown) == ("0.2" in labels)
+
+
 def test_figures_are_valid_and_take_their_colours_from_the_page():
     """Plotly's own schema is the judge."""
     line = Line(x=np.arange(3.0), y=np.arange(3.0), marker="o", interval=(np.zeros(3), np.full(3, 4.0)), text="end")
