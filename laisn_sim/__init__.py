@@ -10,6 +10,8 @@ Settings have the names of the files: `Scenario(followers=[{"route": "T5", "dept
 scenario file, and `study("T5", vary={"followers.0.depth_m": [10, 15]})` those of a study file. Numbers and arrays of
 NumPy, tuples and ranges are values too. Invalid input raises `LaisnError`, a `ValueError`; `Scenario(...)` alone raises
 pydantic's `ValidationError`, another `ValueError`. A function imports what it needs at its first use.
+
+Classes: `Flight`, `Scenario`, `StudyFolder`, `Table`, `Navigator`, `Command`, `Wrench`, `LaisnError`.
 """
 
 from __future__ import annotations

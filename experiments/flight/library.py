@@ -6,7 +6,6 @@ import re
 import shlex
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +70,9 @@ def load(source: str, assignments: Iterable[str], *, flyable: bool = False) -> S
     return _checked(table, changes, name) if flyable else validate(assigned(table, changes), name)
 
 
-load_flyable = partial(load, flyable=True)
+def load_flyable(source: str, assignments: Iterable[str]) -> Scenario:
+    """As `load`, with everything checked that keeps a scenario from being flown, filmed and logged."""
+    return load(source, assignments, flyable=True)
 
 
 def loaded(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str, Any] | None = None) -> Scenario:

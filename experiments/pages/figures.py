@@ -122,7 +122,7 @@ class Panel:
             ]  # fmt: skip
         if self.equal:
             layout["yaxis"] |= {"scaleanchor": "x"}
-        lines = wrap(self.title, round(11 * self.width))
+        lines = wrap(self.title, round(11 * self.width))  # eleven characters in an inch
         if lines:
             bold = {"text": "<br>".join(f"<b>{symbols(line)}</b>" for line in lines), "font": {"size": 13}}
             layout["title"] = bold | {"x": 0, "xref": "paper", "y": 1, "yanchor": "top", "pad": {"t": 6}}

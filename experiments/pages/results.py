@@ -77,8 +77,8 @@ class Flight(simulated.Flight):
         for name, (error, _) in zip(self.trajectory.names[1:], position_and_bearing_errors(self), strict=True):
             found = (f"{error.mean():.2f} m", f"{error.max():.2f} m") if error.size else ("–", "–")
             body += f"<tr>{''.join(f'<td>{cell}</td>' for cell in (escape(name), *found))}</tr>"
-        heads = f"<caption>{escape(f'{self!r}'[1:-1])}</caption><thead><tr><th>follower</th><th>mean E_P</th>"
-        return f"<table>{heads}<th>largest E_P</th></tr></thead><tbody>{body}</tbody></table>"
+        heads, about = "<th>follower</th><th>mean E_P</th><th>largest E_P</th>", escape(f"{self!r}"[1:-1])
+        return f"<table><caption>{about}</caption><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>"
 
 
 def _with_report(make: Callable[_Given, simulated.Flight]) -> Callable[_Given, Flight]:

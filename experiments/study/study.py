@@ -1,7 +1,7 @@
 """A study from its file to its folder: `laisn study` and `laisn_sim.study`."""
 
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 from html import escape
@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import Any, TypeVar, Unpack
+from typing import Any, Unpack
 
 import tomli_w
 
@@ -33,17 +33,10 @@ from sim.system import atomic_write
 
 RESULTS, RUNS, RECORD, REPORT = "results.parquet", "runs.parquet", "results.json", "report.html"
 STUDY = "study.toml"
-Made = TypeVar("Made")
 _CELL_BYTES = 2_000  # bytes of a stored cell and its row in the tables; a run adds `_RUN_BYTES`
 _RUN_BYTES = 80
 _TRIED = (1, 16, 128)  # entries of a mission that are tried for an estimate, more and more if few …
 _QUICK_S = 2.0  # … take less time than this [s]
-
-
-def _timed(work: Callable[[], Made]) -> tuple[Made, float]:
-    """What some work gives, and how long it took [s]."""
-    begin = perf_counter()
-    return work(), perf_counter() - begin
 
 
 def _cost(plan: Plan, workers: int) -> tuple[float, float]:
@@ -59,11 +52,11 @@ def _cost(plan: Plan, workers: int) -> tuple[float, float]:
     with TemporaryDirectory() as folder:
 
         def took(entries: list[Entry], runs: int) -> float:
-            part = plan.part(entries, runs)
-            (found,), seconds = _timed(lambda: fly_studies([part], Path(folder), workers=workers, quiet=True))
+            begin = perf_counter()
+            (found,) = fly_studies([plan.part(entries, runs)], Path(folder), workers=workers, quiet=True)
             if found.failures:
                 raise CampaignError("; ".join(found.failures))
-            return seconds
+            return perf_counter() - begin
 
         with compiling_shown():
             took([replace(entry, scenario=entry.scenario.first_messages) for entry in firsts], 1)
@@ -83,7 +76,8 @@ def _cost(plan: Plan, workers: int) -> tuple[float, float]:
 
 def effort_text(study: Study, workers: int) -> str:
     """The size of a study, and what it would take if nothing were stored."""
-    plan, seconds = _timed(lambda: plan_of(study, quiet=False))
+    begin, plan = perf_counter(), plan_of(study, quiet=False)
+    seconds = perf_counter() - begin
     runs, cells = study.runs, sum(len(entry.scenario.followers) for entry in plan.entries)
     size = float(cells * (_CELL_BYTES + runs * _RUN_BYTES))
     for closed in (False, True):
