@@ -27,7 +27,7 @@ from laisn.failure import LaisnError
 from laisn.geometry import signed_angle
 from sim.attitude import rotation, transposed
 from sim.control.allocation import FAST, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW, allocate, at_speed, clip, pseudo_inverse
-from sim.vehicle import effectors, mjcf
+from sim.vehicle import effectors
 from sim.vehicle.plant import Plant
 
 DepthControl = Literal["pitch", "thrust"]
@@ -90,16 +90,17 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
     else by thrust. LaisnError if its effectors or hull lack what its autopilot needs; the text names it.
     """
     model = plant.model
-    water = mjcf.read_coefficients(model, plant.names, plant.ocean.density_kg_m3)
-    records = np.zeros(len(plant.names), DESIGN)
-    for i, (record, c, name) in enumerate(zip(records, water, plant.names, strict=True)):
+    records, allocations = np.zeros(len(plant.names), DESIGN), dict[bytes, list[Floats]]()
+    for i, (record, c, name) in enumerate(zip(records, plant.coefficients, plant.names, strict=True)):
         body = model.body(f"{name}/hull")
         mass, added, centre = float(body.mass[0]), np.diag(c["added_mass"]), body.ipos
         own = plant.effectors[i, : len(plant.effector_names[i])]
-        slow, fast = (
-            pseudo_inverse(own, np.array([effectors.reach(one, c["density"], speed) for one in own]))
-            for speed in (effectors.LEAST_WAY, FAST)
-        )
+        if own.tobytes() not in allocations:
+            allocations[own.tobytes()] = [
+                pseudo_inverse(own, np.array([effectors.reach(one, c["density"], speed) for one in own]))
+                for speed in (effectors.LEAST_WAY, FAST)
+            ]
+        slow, fast = allocations[own.tobytes()]
         turning = slow[:, [PITCH, YAW]].any(axis=1)
         record["omega"] = 1.0 / (4.0 * max(own["lag"][turning].max(initial=0.0), LEAST_LAG))
         record["surge_mass"], record["sway_mass"], record["heave_mass"] = mass + added[:3]

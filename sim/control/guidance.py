@@ -64,10 +64,8 @@ HOLD_SPEED = 0.3  # greatest speed along an axis that leads back to the place wh
 
 def _mean(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floats:
     """Mean of a function over an interval about each instant."""
-    total = np.zeros(time.size)
-    for part in (np.arange(12) + 0.5) / 12 - 0.5:
-        total += value(time + part * width)
-    return total / 12
+    part = (np.arange(12)[:, None] + 0.5) / 12 - 0.5
+    return np.asarray(value(time + part * width).sum(axis=0) / 12)
 
 
 def _rate(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floats:

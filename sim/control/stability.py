@@ -17,7 +17,6 @@ from sim.control.autopilot import SPEED_HEAVE, SPEED_PITCH, greatest_forces
 from sim.control.guidance import CATCH_UP
 from sim.scenario.point_motion import TURN_RATE
 from sim.scenario.routes import START_SPEED
-from sim.vehicle import mjcf
 from sim.vehicle.effectors import FIN, state_for, unit_wrenches
 from sim.vehicle.hydrodynamics import wrench
 from sim.vehicle.plant import Plant
@@ -86,7 +85,7 @@ def steady_turn(plant: Plant, i: int, d: Any, speed: float) -> tuple[float, floa
     DESIGN.
     """
     rigid, centre = _body(plant, i)
-    c = mjcf.read_coefficients(plant.model, plant.names, plant.ocean.density_kg_m3).view(np.recarray)[i]
+    c = plant.coefficients.view(np.recarray)[i]
     own = plant.effectors[i, : len(plant.effector_names[i])]
     fitted = np.concatenate([own, plant.fixed_fins[i]])
     # as those of a plant, or another version of the forces would be compiled

@@ -50,15 +50,14 @@ class DepthProfile:
         )
 
     def depth_at(self, time: Floats) -> Floats:
-        """Depth at instants of shape (n,), [s], [m]."""
-        return self.at(time)[0]
+        """Depth at instants of any shape, [s], [m]."""
+        return np.interp(time if self.period is None else time % self.period, self.time, self.depth)
 
     def at(self, time: Floats) -> tuple[Floats, Floats]:
         """Depth [m] and its rate [m/s], positive down, at instants of shape (n,), [s]."""
         within = time if self.period is None else time % self.period
         slope = np.concatenate([[0.0], np.diff(self.depth) / np.diff(self.time), [0.0]])
-        depth = np.interp(within, self.time, self.depth)
-        return depth, slope[np.searchsorted(self.time, within, side="right")]
+        return self.depth_at(time), slope[np.searchsorted(self.time, within, side="right")]
 
 
 def _profile(depth: float | DepthProfile) -> DepthProfile:

@@ -5,6 +5,7 @@ import inspect
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import fields
+from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar, cast, get_args, get_type_hints
 
@@ -41,6 +42,7 @@ UNITS = {
 """Units by the endings of keys, longer ones before those that they end in: how they are written, and in SI units."""
 
 
+@cache
 def split_unit(key: str) -> tuple[str, str, float]:
     """Name of a key without its unit, how the unit is written, and what it is in SI units and radians."""
     ending = next((ending for ending in UNITS if key.endswith(ending)), "")

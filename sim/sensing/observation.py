@@ -86,8 +86,12 @@ def read_instruments(
     """Read all of a follower's own sensors at filter step k, in the order of `laisn.swarm.READING`."""
     e, address = s.errors[follower], Address(s.seed, s.run, follower, k)
     at = sensors.Instant(k * s.dt, follower, state[0], state[1], state[2], depth_sensor, (0.0, 0.0))
+    stream, drawn = -1, (0.0, 0.0)
     for sensor in literal_unroll(sensors.INSTRUMENTS):
-        reading[sensor.column] = sensor.read(e, sensor.true(e, at), noise.normals_at(address, sensor.stream))
+        # sensors of one stream follow one another and take its two numbers
+        if sensor.stream != stream:
+            stream, drawn = sensor.stream, noise.normals_at(address, sensor.stream)
+        reading[sensor.column] = sensor.read(e, sensor.true(e, at), drawn)
 
 
 class Inbox(NamedTuple):

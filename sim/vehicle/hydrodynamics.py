@@ -24,20 +24,29 @@ from sim.vehicle.effectors import loads
 from sim.water import AMPLITUDE, Water, elevation_at, flow
 
 
+@inlined
+def _damp(c: Any, i: int, speed: float, rate: float, left: float) -> tuple[float, float]:
+    """Damping along or about an axis, and the share of the linear one that is left; `left` is of the axis before."""
+    fade = c.linear_damping_fade
+    # mostly that of the axis before
+    if fade[i] == 0.0:
+        left = 1.0
+    elif i == 0 or fade[i] != fade[i - 1]:
+        left = np.exp(-fade[i] * speed)
+    return -(c.linear_damping[i] * left + c.quadratic_damping[i] * abs(rate)) * rate, left
+
+
 @compiled
 def damping(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     """Linear damping, which may fade as exp(−fade U), and quadratic damping −d |ν| ν, axis by axis."""
     speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    nu, fade, left = (v[0], v[1], v[2], w[0], w[1], w[2]), c.linear_damping_fade, 1.0
-    out = np.zeros(6)
-    for i in range(6):
-        # mostly that of the axis before
-        if fade[i] == 0.0:
-            left = 1.0
-        elif i == 0 or fade[i] != fade[i - 1]:
-            left = np.exp(-fade[i] * speed)
-        out[i] = -(c.linear_damping[i] * left + c.quadratic_damping[i] * abs(nu[i])) * nu[i]
-    return (out[0], out[1], out[2]), (out[3], out[4], out[5])
+    surge, left = _damp(c, 0, speed, v[0], 1.0)
+    sway, left = _damp(c, 1, speed, v[1], left)
+    heave, left = _damp(c, 2, speed, v[2], left)
+    roll, left = _damp(c, 3, speed, w[0], left)
+    pitch, left = _damp(c, 4, speed, w[1], left)
+    yaw, _ = _damp(c, 5, speed, w[2], left)
+    return (surge, sway, heave), (roll, pitch, yaw)
 
 
 @compiled
@@ -198,18 +207,26 @@ def wrench(
     spin = (twist[3], twist[4], twist[5])
 
     stream, change, gradient, turning_change, squeeze = flow(position, velocity, axis, time, water)
+    varies = water[1].shape[1] > 0 or water[2].shape[0] > 0 or water[0][2] != 0.0 or water[0][3] != 0.0
     v = times(to_body, minus(velocity, stream))
-    # water that changes along a slender hull acts as if the hull turned the other way round
-    axis_rate = cross(times(to_world, spin), axis)
-    along = times(gradient, axis)
-    turning = times(to_body, cross(axis, along))
-    w = minus(spin, turning)
-    turning_rate = plus(cross(axis_rate, along), cross(axis, plus(turning_change, times(gradient, axis_rate))))
+    w, brought = spin, (cross(spin, v), (0.0, 0.0, 0.0))
+    if varies:
+        # water that changes along a slender hull acts as if the hull turned the other way round
+        axis_rate = cross(times(to_world, spin), axis)
+        along = times(gradient, axis)
+        turning = times(to_body, cross(axis, along))
+        w = minus(spin, turning)
+        turning_rate = plus(cross(axis_rate, along), cross(axis, plus(turning_change, times(gradient, axis_rate))))
+        brought = (
+            plus(times(to_body, change), cross(spin, v)),
+            minus(times(to_body, turning_rate), cross(spin, turning)),
+        )
 
     momentum, angular = _inertia_times(c.added_mass, v, w)
     force, moment = kirchhoff(c.munk_factor, v, spin, momentum, angular)
-    part = convergence(gradient, axis, times(to_world, momentum), times(to_world, angular))
-    force, moment = plus(force, times(to_body, part[0])), plus(moment, times(to_body, part[1]))
+    if varies:
+        part = convergence(gradient, axis, times(to_world, momentum), times(to_world, angular))
+        force, moment = plus(force, times(to_body, part[0])), plus(moment, times(to_body, part[1]))
     for part in viscous(c, v, w):
         force, moment = plus(force, part[0]), plus(moment, part[1])
     if c.coupled:
@@ -219,18 +236,14 @@ def wrench(
     force, moment = plus(force, others), plus(moment, their_moment)
 
     # the solver applies added mass to the body's own acceleration; what the water brings of it is added here
-    part = _inertia_times(
-        c.added_mass,
-        plus(times(to_body, change), cross(spin, v)),
-        minus(times(to_body, turning_rate), cross(spin, turning)),
-    )
+    part = _inertia_times(c.added_mass, brought[0], brought[1])
     force, moment = plus(force, part[0]), plus(moment, part[1])
-
-    # Froude-Krylov: the pressure that accelerates the water particles acts on the hull in their place, and they are
-    # accelerated by Du/Dt along their own path, not along the hull's
-    particle = minus(change, times(gradient, minus(velocity, stream)))
-    force = plus(force, scaled(c.buoyancy / c.gravity, times(to_body, particle)))
-    moment = plus(moment, scaled(c.displaced_inertia, times(to_body, cross(axis, squeeze))))
+    if varies:
+        # Froude-Krylov: the pressure that accelerates the water particles acts on the hull in their place, and they are
+        # accelerated by Du/Dt along their own path, not along the hull's
+        particle = minus(change, times(gradient, minus(velocity, stream)))
+        force = plus(force, scaled(c.buoyancy / c.gravity, times(to_body, particle)))
+        moment = plus(moment, scaled(c.displaced_inertia, times(to_body, cross(axis, squeeze))))
 
     share, dry_arm = immersion(c, position, axis, time, water)
     lift = (0.0, 0.0, share * c.buoyancy)

@@ -148,7 +148,8 @@ class Plant:
         thrust: states of the effectors, shape (v, m): thrust [N], revolutions per second, deflection [rad], …
         state: pose, twist and thrust, for compiled code.
         effectors, fixed_fins: records of `sim.vehicle.effectors.EFFECTOR`, shapes (v, m) and (v, q), zero beyond a
-            vehicle's own; `true_effectors` has both, with the setups' scales, as `true_coefficients`, of RECORD.
+            vehicle's own; `true_effectors` has both, with the setups' scales.
+        coefficients, true_coefficients: hydrodynamic ones of the MJCF, records of RECORD, shape (v,); with the scales.
         effector_names: names of each vehicle's own.
         site_names, site_vehicle, site_offset: "vehicle/site" of all sites, shape (s,), index of the vehicle that
             carries it, and place in its body frame, shape (s, 3), [m].
@@ -181,8 +182,8 @@ class Plant:
         solver: hydrodynamics.Solver = (rows, data.M, data.qfrc_applied.reshape(n, 6))
         self._acceleration: Floats = data.qacc.reshape(n, 6)
         self._last_pose, self._last_twist = np.empty((n, 7)), np.empty((n, 6))
-        nominal = mjcf.read_coefficients(model, self.names, ocean.density_kg_m3)
-        self.true_coefficients = mjcf.scaled_coefficients(nominal, setups)
+        self.coefficients = mjcf.read_coefficients(model, self.names, ocean.density_kg_m3)
+        self.true_coefficients = mjcf.scaled_coefficients(self.coefficients, setups)
         every = np.concatenate([self.effectors, self.fixed_fins], axis=1)
         self.true_effectors = effectors.scaled_records(every, setups)
         # all forces are those of `effectors.loads`; MuJoCo's way to them costs the square of the number of vehicles
