@@ -9,6 +9,7 @@ Waves: Faltinsen, Sea Loads on Ships and Offshore Structures, 1990 (Airy); DNV-R
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -161,7 +162,7 @@ class Ocean:
     def __post_init__(self) -> None:
         own_arrays(self)
 
-    @property
+    @cached_property
     def water(self) -> Water:
         """Current, waves and change of the current as compiled functions take them."""
         towards = np.array([np.sin(self.current_direction_rad), np.cos(self.current_direction_rad)])
