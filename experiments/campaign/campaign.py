@@ -10,7 +10,7 @@ import random
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, cached_property, partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple, Self, TypedDict, TypeVar, Unpack
@@ -157,11 +157,15 @@ class Flown:
             raise CampaignError(f"{self.store.folder}: result {key} vanished while the campaign ran")
         return found
 
+    @cached_property
+    def _facts_of(self) -> Callable[[str], list[Record]]:
+        """Facts of a mission, which many cells share, by the key of its motion."""
+        return cache(lambda motion: self._stored(key_of(self.facts, motion))[0])
+
     def cell(self, plan: CellPlan) -> tuple[Record, Arrays]:
         """The row of a cell with the facts of its mission, and its arrays over runs; CampaignError if it is gone."""
         row, arrays = self._stored(plan.key)
-        measured = self._stored(key_of(self.facts, plan.motion))[0][plan.follower] if self.facts else {}
-        return row | measured, arrays
+        return row | (self._facts_of(plan.motion)[plan.follower] if self.facts else {}), arrays
 
     def steps(self, plan: CellPlan) -> Arrays:
         """The arrays over steps of a cell that keeps them, by name; CampaignError if it is gone."""
@@ -289,11 +293,13 @@ def fly(
     # of plans of the same cell, one that keeps what any of them requests
     plans = {plan.key: plan for plan in sorted(cells, key=lambda plan: plan.keep_steps)}.values()
     missing = [plan for plan in plans if not store.has(*plan.keys)]
-    measured = {plan.motion: [key_of(facts, plan.motion)] for plan in plans} if facts else {}
-    unmeasured = [plan for plan in plans if not store.has(*measured.get(plan.motion, ()))]
+    by_motion = {plan.motion: plan for plan in plans}
+    measured = {motion: [key_of(facts, motion)] for motion in by_motion} if facts else {}
+    needed = {plan.motion for plan in missing} | {motion for motion, keys in measured.items() if not store.has(*keys)}
     flights = {
-        plan.motion: _Job([plan.motion, *measured.get(plan.motion, ())], partial(partial, _fly, plan, facts))
-        for plan in (*missing, *unmeasured)
+        motion: _Job([motion, *measured.get(motion, ())], partial(partial, _fly, plan, facts))
+        for motion, plan in by_motion.items()
+        if motion in needed
     }
     keys = {name: key_of(task) for name, task in tasks.items()}
     runs = {name: _Job([key], partial(partial, _rows, key, tasks[name])) for name, key in keys.items()}

@@ -30,6 +30,7 @@ from sim.system import atomic_write
 SCENARIO, VEHICLES, SUMMARY, VERSIONS = "scenario.toml", "vehicles.json", "summary.json", "versions.json"
 FLIGHT = "laisn"  # metadata record that every log of a flight has
 _INTERRUPTED = "INTERRUPTED"
+_CHUNK_BYTES = 2**18  # of a recovered log: the last chunk is lost where the log is cut again
 _ALLOWANCE, _RATIO = 8 << 20, 16  # a file of n bytes may decompress to 8 MiB + 16 n; flights decompress to 6 n
 
 
@@ -283,7 +284,7 @@ def _copy(path: Path, target: Path, remarks: list[str]) -> str:
     times_ns, instant, attachments, whole, problem = array("Q"), list[Message](), 0, False, ""
     with target.open("wb") as stream:
         # the library's own writer keeps all that a record holds
-        writer = Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
+        writer = Writer(stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True)
         writer.start()
 
         def write_instant() -> None:

@@ -20,7 +20,7 @@ from sim.system import atomic_write
 _WRITERS = {"parquet": pa.parquet.ParquetWriter, "csv": pa.csv.CSVWriter}
 _UNSIGNED = (FieldDescriptor.CPPTYPE_UINT32, FieldDescriptor.CPPTYPE_UINT64)
 _TIMELINE, _LINE_M = "mission", 0.03
-_SCENES = ("/scene/vehicles", "/scene/acoustics")
+_SCENES = ("/scene/hulls", "/scene/vehicles", "/scene/acoustics")
 
 
 def _leaves(descriptor: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -135,7 +135,8 @@ def write_recording(log_path: Path, path: Path) -> Path:
         stream.save(part)
         stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         hulls = set[str]()
-        for scene in _SCENES:
+        # of a flight without a message no acoustics are drawn
+        for scene in filter(log.topics.get, _SCENES):
             messages = log.require(scene, ["entities"])
             for at, data in zip(messages.time_ns.tolist(), messages.data, strict=True):
                 stream.set_time(_TIMELINE, duration=(at - start_ns) / 1e9)

@@ -106,12 +106,29 @@ def _ellipses(estimates: Estimates, row: int, z: float) -> Iterator[fg.SpherePri
             yield _sphere(at, (major, minor, _DISC_M), _UNCERTAINTY)
 
 
-def draw_vehicles(flight: Flight, index: Ints) -> Draw:
-    """Complete updates of hulls, trails and 95 % ellipses at points of the trajectory a second apart, shape (n,)."""
-    names = flight.trajectory.names
+def draw_hulls(flight: Flight, index: Ints) -> tuple[Ints, Draw]:
+    """Hulls: once if none has moving fins, else at all points of the trajectory; gives these, shape (n,), too."""
+    names, states = flight.trajectory.names, flight.trajectory.thrust[index]
     compiled = [spec_of(model).compile() for model in models_of(flight.scenario)]
     hulls, fins = [hull(model) for model in compiled], [MovingFins(model) for model in compiled]
-    states = flight.trajectory.thrust[index]
+    move = states.shape[2] > 0 and any(fins)
+
+    def draw(time_ns: int, i: int) -> fg.SceneUpdate:
+        entities = []
+        for v, name in enumerate(names):
+            if move and fins[v]:
+                fins[v].turn(states[i, v])
+                hulls[v] = hull(compiled[v])
+            whole: dict[str, Any] = {"id": f"{name}/hull", "frame_id": name, "frame_locked": True, **hulls[v]}
+            entities.append(fg.SceneEntity(timestamp=timestamp(time_ns), **whole))
+        return fg.SceneUpdate(entities=entities)
+
+    return index if move else index[:1], draw
+
+
+def draw_vehicles(flight: Flight, index: Ints) -> Draw:
+    """Complete updates of trails and 95 % ellipses at points of the trajectory a second apart, shape (n,)."""
+    names = flight.trajectory.names
     trails = [_points(flight.trajectory.position[index, v].tolist()) for v in range(len(names))]
     # the last filter step at or before each point; the state of step k stands in row k − 1
     rows = [np.minimum(index // flight.stride, e.state.shape[0]) - 1 for e in flight.estimates]
@@ -127,12 +144,7 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
             lines = [_line(fg.LinePrimitiveLineType.LineStrip, color, points)]
             return fg.SceneEntity(timestamp=stamp, id=name, frame_id="world", lines=lines, **more)
 
-        for v, (name, parts, points) in enumerate(zip(names, hulls, trails, strict=True)):
-            if fins[v] and states.shape[2]:
-                fins[v].turn(states[i, v])
-                parts = hull(compiled[v])
-            whole: dict[str, Any] = {"id": f"{name}/hull", "frame_id": name, "frame_locked": True, **parts}
-            entities.append(fg.SceneEntity(timestamp=stamp, **whole))
+        for name, points in zip(names, trails, strict=True):
             entities.append(trail(f"{name}/trail", TRUTH, points[max(0, i - _TRAIL_S) : i + 1]))
         for name, e, m, row, points in zip(
             names[1:], flight.estimates, flight.measurements, rows, estimated, strict=True

@@ -24,7 +24,7 @@ from sim.attitude import geodetic
 from sim.flight import Flight, Outcome, position_and_bearing_errors
 from sim.log import schema
 from sim.log.contents import FLIGHT, SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, holds_messages, partial_path
-from sim.log.scene import ESTIMATE, TRUTH, draw_acoustics, draw_vehicles
+from sim.log.scene import ESTIMATE, TRUTH, draw_acoustics, draw_hulls, draw_vehicles
 from sim.log.schema import Clock, RecordType, pose, quaternion, timestamp, vector
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import Trajectory
@@ -198,7 +198,9 @@ def _scene(flight: Flight, clock: Clock) -> Iterator[Channel]:
     t = flight.trajectory
     seconds = np.arange(0, t.time.size, round(1.0 / CONTROL_STEP_S), dtype=np.int64)
     received: Ints = np.unique(np.concatenate([m.message_step for m in flight.measurements]))
+    shown, hulls = draw_hulls(flight, seconds)
     for what, times, draw in (
+        ("hulls", t.time[shown], hulls),
         ("vehicles", t.time[seconds], draw_vehicles(flight, seconds)),
         ("acoustics", received * flight.measurements[0].dt, draw_acoustics(flight, received)),
     ):

@@ -120,6 +120,7 @@ def test_channels_times_and_attachments(flight: Flight, written: Path) -> None:
             stamped = {
                 "/tf": lambda m: m.transforms[0],
                 "/tf_static": lambda m: m.transforms[0],
+                "/scene/hulls": lambda m: m.entities[0],
                 "/scene/vehicles": lambda m: m.entities[0],
                 "/scene/acoustics": lambda m: m.entities[0],
             }.get(channel.topic, lambda m: m)(decoded)
@@ -132,6 +133,7 @@ def test_channels_times_and_attachments(flight: Flight, written: Path) -> None:
     assert counts == {
         "/tf": 301,
         "/tf_static": 1,
+        "/scene/hulls": 1,
         **dict.fromkeys(("/leader/pose", "/leader/state", "/follower/pose", "/follower/state"), 301),
         **dict.fromkeys(("/leader/fix", "/follower/fix", "/scene/vehicles"), 31),
         **{f"/follower/{name}": 300 for name in ("motion", "filter", "estimate", "error")},

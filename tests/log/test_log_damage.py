@@ -101,7 +101,8 @@ def test_of_a_truncated_log_a_prefix_is_recovered(brief: Flight, brief_log: byte
     assert bits(found) == bits(brief) or is_start_of(found, brief)
     # half of the file holds the first ten seconds and more
     assert found.trajectory.time[-1] >= 9.8
-    assert set(Contents(path).topics) == {"/log", "/tf", "/tf_static", "/scene/vehicles", "/scene/acoustics"} | {
+    scenes = {f"/scene/{name}" for name in ("hulls", "vehicles", "acoustics")}
+    assert set(Contents(path).topics) == {"/log", "/tf", "/tf_static"} | scenes | {
         f"/{name}/{channel}"
         for name in ("leader", "follower1", "follower2")
         for channel in ("pose", "state", "fix", *FOLLOWER_CHANNELS)

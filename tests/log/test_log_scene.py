@@ -55,7 +55,10 @@ def test_the_hull_in_the_scene_fills_the_model(name: str, written: Path) -> None
             points = np.array([[v.x, v.y, v.z] for v in part.points])
         return [p.x, p.y, p.z] + points @ turn.reshape(3, 3).T
 
-    (shape,) = (e for e in messages(written, "/scene/vehicles")[0].entities if e.id == f"{name}/hull")
+    (update,) = messages(written, "/scene/hulls")
+    (shape,) = (e for e in update.entities if e.id == f"{name}/hull")
+    assert shape.frame_locked
+    assert shape.frame_id == name
     parts = [*shape.cylinders, *shape.spheres, *shape.cubes, *shape.triangles]
     shown = np.concatenate([extent(part) for part in parts])
     np.testing.assert_allclose(shown.min(axis=0), expected.min(axis=0), atol=1e-6)
@@ -68,7 +71,8 @@ def test_fins_of_the_scene_turn_with_their_deflections(flight: Flight, tmp_path:
     thrust = flight.trajectory.thrust.copy()
     thrust[:, 0], thrust[10:, 0] = 0.0, [12.0, 0.1, 0.2, -0.1, -0.2]
     moved = replace(flight, scenario=scenario, trajectory=replace(flight.trajectory, thrust=thrust))
-    first, *_, last = messages(write_log(moved, tmp_path), "/scene/vehicles")
+    first, *between, last = messages(write_log(moved, tmp_path), "/scene/hulls")
+    assert len(between) == 29, "one update a second"
 
     def turns(update: Any) -> list[Floats]:
         (shape,) = (e for e in update.entities if e.id == "leader/hull")
@@ -92,9 +96,7 @@ def test_fins_of_the_scene_turn_with_their_deflections(flight: Flight, tmp_path:
 def test_the_scene_is_complete_at_every_second(flight: Flight, written: Path) -> None:
     update = messages(written, "/scene/vehicles")[20]
     entities = {e.id: e for e in update.entities}
-    assert set(entities) == {"leader/hull", "leader/trail", "follower/hull", "follower/trail", "follower/estimate"}
-    assert entities["leader/hull"].frame_locked
-    assert entities["leader/hull"].frame_id == "leader"
+    assert set(entities) == {"leader/trail", "follower/trail", "follower/estimate"}
     assert len(entities["leader/trail"].lines[0].points) == 21
     last = entities["leader/trail"].lines[0].points[-1]
     assert (last.x, last.y, last.z) == tuple(flight.trajectory.position[200, 0])
