@@ -278,9 +278,9 @@ def _read_ranges(
         i, j, k = _FIRST + lane, _SECOND + lane, _THIRD + lane
         ranges, (rear, front, middle) = (true[i], true[j], true[k]), errors.range_tau
         used, of_all = sensors.longest_range(ranges, transmitters), sensors.longest_range(ranges, 3)
-        block[lanes.R1 + lane] = sensors.range_reading(errors, rear, ranges[0], used, (draws[i], normal[lane]))
-        block[lanes.R2 + lane] = sensors.range_reading(errors, front, ranges[1], used, (draws[j], normal[lane]))
-        block[lanes.R3 + lane] = sensors.range_reading(errors, middle, ranges[2], of_all, (draws[k], normal[lane]))
+        block[lanes.R1 + lane] = sensors.range_reading(errors, rear, (ranges[0], used), (draws[i], normal[lane]))
+        block[lanes.R2 + lane] = sensors.range_reading(errors, front, (ranges[1], used), (draws[j], normal[lane]))
+        block[lanes.R3 + lane] = sensors.range_reading(errors, middle, (ranges[2], of_all), (draws[k], normal[lane]))
     if sensors.loses(errors):
         _lose(block, noise, errors, emitted)
 

@@ -29,10 +29,11 @@ def print_line(console: Console, text: object, label: str = "", style: str = "ye
 
 
 def show_table(
-    console: Console, heads: Sequence[str], rows: Iterable[Sequence[str]], title: str = "", caption: str = ""
-) -> None:
-    """Print a table of literal text: names in the first column, at the left, and values at the right of the others."""
-    columns = (Column(literal(head), justify="right" if n else "left") for n, head in enumerate(heads))
+    console: Console, heads: Sequence[str], rows: Iterable[Sequence[str]], title: str = "", caption: str = "", *,
+    numbers: bool = True,
+) -> None:  # fmt: skip
+    """Print a table of literal text at the left; of `numbers`, all columns but the first at the right."""
+    columns = (Column(literal(head), justify="right" if n and numbers else "left") for n, head in enumerate(heads))
     table = Table(
         *columns, title=literal(title) if title else None, title_justify="left",
         caption=literal(caption) if caption else None, caption_justify="left", box=None, pad_edge=False,

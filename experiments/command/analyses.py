@@ -34,10 +34,10 @@ def bound(
     from experiments.campaign.montecarlo import Cell, mission_of, motion_of, simulate
     from experiments.campaign.progress import compiling_shown, print_line, show_table
     from experiments.campaign.store import write_csv
-    from experiments.flight.library import load_flyable
+    from experiments.flight.library import load
 
     require_output(out, ".csv")
-    flown = load_flyable(scenario, set_ or ())
+    flown = load(scenario, set_ or (), flyable=True)
     heads = ["follower", *(f"{i + 1}. quarter" for i in range(_QUARTERS)), "whole"]
     heads += [f"{flown.navigation.variant}, {runs} runs", "× bound", "NEES"] if runs else []
     lines: list[list[str]] = []

@@ -58,10 +58,10 @@ def fly(
 ) -> None:
     """Simulate one mission; write log, film, report and numbers."""
     from experiments.command.fly import fly_and_write
-    from experiments.flight.library import load_flyable, name_of
+    from experiments.flight.library import load, name_of
 
     extra = [f"{key}={value}" for key, value in (("seed", seed), ("run", run)) if value is not None]
-    checked = load_flyable(scenario, [*(set_ or []), *extra])
+    checked = load(scenario, [*(set_ or []), *extra], flyable=True)
     source = Path(scenario)
     # a copied file keeps the name in it, so the folder is named after the file
     name = name_of(source) if source.suffix == ".toml" else checked.name
@@ -73,10 +73,13 @@ def scenarios(
     name: Annotated[str | None, typer.Argument(help="print this scenario as TOML, a template for your own")] = None,
 ) -> None:
     """List the built-in scenarios, or print one."""
+    from rich.console import Console
+
+    from experiments.campaign.progress import show_table
     from experiments.flight import library
 
     if name is None:
-        library.show()
+        show_table(Console(), ("scenario", "what happens"), library.descriptions().items(), numbers=False)
     else:
         sys.stdout.write(library.load(name, ()).toml())
 
@@ -84,9 +87,13 @@ def scenarios(
 @app.command()
 def vehicles() -> None:
     """List the vehicles with size, mass, effectors and their limits."""
+    from rich.console import Console
+
+    from experiments.campaign.progress import show_table
     from experiments.flight import library
 
-    library.show_vehicles()
+    heads = "vehicle", "size of what is seen", "mass", "effectors and limits"
+    show_table(Console(), heads, library.vehicle_rows(), numbers=False)
 
 
 @app.command()
@@ -94,10 +101,10 @@ def check(
     scenario: studies.ScenarioArgument, set_: studies.SetOption = None, _plugin: studies.PluginOption = None
 ) -> None:
     """Validate a scenario without simulating it."""
-    from experiments.flight.library import load_flyable
+    from experiments.flight.library import load
     from sim.feasibility import cautions
 
-    checked = load_flyable(scenario, set_ or ())
+    checked = load(scenario, set_ or (), flyable=True)
     for caution in cautions(checked):
         echo(f"warning: {caution}")
     number = len(checked.followers)

@@ -24,10 +24,12 @@ def _try_to_fly() -> tuple[str, str]:
     try:
         from experiments.campaign.progress import compiling_shown
         from experiments.command.fly import write_flight
-        from experiments.flight.library import load_flyable
+        from experiments.flight.library import load
 
         with TemporaryDirectory(prefix="laisn-") as folder, compiling_shown():
-            *_, film_error = write_flight(load_flyable("T5", small), Path(folder), Console(quiet=True), with_video=True)
+            *_, film_error = write_flight(
+                load("T5", small, flyable=True), Path(folder), Console(quiet=True), with_video=True
+            )
     except Exception as error:
         # any failure of this machine
         return _first_line(error), "no flight"

@@ -18,7 +18,7 @@ from experiments.campaign.store import write_csv
 from experiments.command.errors import require_output
 from experiments.command.fly import show
 from experiments.flight.fly import navigate_again
-from experiments.flight.library import load_flyable
+from experiments.flight.library import load
 from experiments.flight.summary import consistency, summarise
 from experiments.pages.replay_page import Replayed, write_replay_page
 from experiments.pages.results import log_flight
@@ -72,7 +72,7 @@ def replay_measurements(
     log. A single range of a message is used, unless the scenario sets `use_single_range = false`.
     """
     require_output(out, ".csv", source=path)
-    scenario = load_flyable(source, assignments)
+    scenario = load(source, assignments, flyable=True)
     navigation = scenario.navigation
     make = _smoother(navigation.variant, smooth_s) or find(navigation.variant).make
     if "use_single_range" not in navigation.model_fields_set:
@@ -231,7 +231,7 @@ def replay_data_set(
     else:
         # of this scenario only the settings of navigation are used
         changes = [f"navigation.variant={variant}", "navigation.use_single_range=true", *assignments]
-        scenario = load_flyable("T5", [*changes, "motion=kinematic", "duration_s=2"])
+        scenario = load("T5", [*changes, "motion=kinematic", "duration_s=2"], flyable=True)
         motion = simulate_motion(scenario)
         estimates, title = by_laisn(recorded, settings_as(NavigationSettings, scenario, motion, 0)), variant
     measured = recorded.measurements

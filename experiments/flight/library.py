@@ -70,11 +70,6 @@ def load(source: str, assignments: Iterable[str], *, flyable: bool = False) -> S
     return _checked(table, changes, name) if flyable else validate(assigned(table, changes), name)
 
 
-def load_flyable(source: str, assignments: Iterable[str]) -> Scenario:
-    """As `load`, with everything checked that keeps a scenario from being flown, filmed and logged."""
-    return load(source, assignments, flyable=True)
-
-
 def loaded(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str, Any] | None = None) -> Scenario:
     """Load a mission and check that it can be flown, filmed and logged; ScenarioError names every error.
 
@@ -113,21 +108,11 @@ def fly_line(source: str, settings: Mapping[str, Any], run: int) -> str:
     return shlex.join(["laisn", "fly", source, "--run", str(run), *changes])
 
 
-def _print_table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
-    # for the terminal alone: Python's users have no use for it
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(*heads, box=None, pad_edge=False)
-    for row in rows:
-        table.add_row(*row)
-    Console().print(table)
-
-
-def show() -> None:
+def descriptions() -> dict[str, str]:
+    """What happens in each built-in scenario, by name."""
     toml = {name: FOLDER / f"{name}.toml" for name in names() if name not in ROUTES}
     about = {name: path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ") for name, path in toml.items()}
-    _print_table(("scenario", "what happens"), (_DESCRIPTIONS | about).items())
+    return _DESCRIPTIONS | about
 
 
 def vehicle_rows() -> list[tuple[str, str, str, str]]:
@@ -161,7 +146,3 @@ def vehicle_rows() -> list[tuple[str, str, str, str]]:
         mass = float(plant.model.body(f"{name}/hull").mass[0])
         rows.append((name, size, f"{mass:.4g} kg", ", ".join(f"{n} {text}" for text, n in groups.items())))
     return rows
-
-
-def show_vehicles() -> None:
-    _print_table(("vehicle", "size of what is seen", "mass", "effectors and limits"), vehicle_rows())

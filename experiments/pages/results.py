@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from experiments.campaign.progress import compiling_shown
 from experiments.flight import fly as flying
-from experiments.flight.library import load_flyable, loaded
+from experiments.flight.library import load, loaded
 from experiments.flight.summary import flight_bounds, flight_events, summarise
 from experiments.pages import flight_figures
 from experiments.pages.figures import plotly
@@ -34,7 +34,7 @@ def flight_of(source: str, assignments: Iterable[str] = ()) -> simulated.Flight:
     """Fly a scenario (name or TOML file) with overrides "key=value", or read the log of a flight (`.mcap`)."""
     path = Path(source)
     if path.suffix != ".mcap":
-        scenario = load_flyable(source, assignments)
+        scenario = load(source, assignments, flyable=True)
         with compiling_shown():
             return flying.fly(scenario)[0]
     if list(assignments):

@@ -110,16 +110,15 @@ def draw_hulls(flight: Flight, index: Ints) -> tuple[Ints, Draw]:
     """Hulls: once if none has moving fins, else at all points of the trajectory; gives these, shape (n,), too."""
     names, states = flight.trajectory.names, flight.trajectory.thrust[index]
     compiled = [spec_of(model).compile() for model in models_of(flight.scenario)]
-    hulls, fins = [hull(model) for model in compiled], [MovingFins(model) for model in compiled]
+    fins = [MovingFins(model) for model in compiled]
     move = states.shape[2] > 0 and any(fins)
 
     def draw(time_ns: int, i: int) -> fg.SceneUpdate:
         entities = []
         for v, name in enumerate(names):
-            if move and fins[v]:
+            if move:
                 fins[v].turn(states[i, v])
-                hulls[v] = hull(compiled[v])
-            whole: dict[str, Any] = {"id": f"{name}/hull", "frame_id": name, "frame_locked": True, **hulls[v]}
+            whole: dict[str, Any] = {"id": f"{name}/hull", "frame_id": name, "frame_locked": True, **hull(compiled[v])}
             entities.append(fg.SceneEntity(timestamp=timestamp(time_ns), **whole))
         return fg.SceneUpdate(entities=entities)
 

@@ -86,12 +86,8 @@ def read_instruments(
     """Read all of a follower's own sensors at filter step k, in the order of `laisn.swarm.READING`."""
     e, address = s.errors[follower], Address(s.seed, s.run, follower, k)
     at = sensors.Instant(k * s.dt, follower, state[0], state[1], state[2], depth_sensor, (0.0, 0.0))
-    stream, drawn = -1, (0.0, 0.0)
     for sensor in literal_unroll(sensors.INSTRUMENTS):
-        # sensors of one stream follow one another and take its two numbers
-        if sensor.stream != stream:
-            stream, drawn = sensor.stream, noise.normals_at(address, sensor.stream)
-        reading[sensor.column] = sensor.read(e, sensor.true(e, at), drawn)
+        reading[sensor.column] = sensor.read(e, sensor.true(e, at), noise.normals_at(address, sensor.stream))
 
 
 class Inbox(NamedTuple):
@@ -314,10 +310,6 @@ _observe_compiled = compiled(_observe)
 _LONG = 100_000  # missions of so many instants are sensed by compiled code, unless a caller chooses
 
 
-def _is_bulk(size: int, chosen: bool | None) -> bool:
-    return size > _LONG if chosen is None else chosen
-
-
 def _sense(
     trajectory: Trajectory, scenario: Scenario, follower: int, tilts: Floats, own: Floats, in_bulk: bool | None
 ) -> Receptions:
@@ -331,7 +323,7 @@ def _sense(
     names = *acoustics.TRANSMITTERS, *hydrophones, f"{trajectory.names[follower + 1]}/depth_sensor"
     offset = trajectory.site_offset[[trajectory.site(name) for name in names]]
     inbox, which = new_inbox(follower + 1, s.message_every, over), (follower, first)
-    if _is_bulk(trajectory.time.size, in_bulk):
+    if in_bulk or (in_bulk is None and trajectory.time.size > _LONG):
         sites: Any = offset[:3], offset[3:-1], offset[-1]
         m = _observe_compiled(s, s.errors[follower], which, sites, known, tilts, inbox, own, found)
     else:
@@ -478,7 +470,7 @@ def measure(
     content = numbers_of(np.ascontiguousarray(truth.sent))
     own, sent = np.column_stack([truth.speed, truth.heading, truth.depth]), (truth.message_step, truth.emission_step)
     readings, inbox = (np.empty((n, 3)), np.empty((m, 9)), np.empty((m, 3))), new_inbox(1, 1)
-    if _is_bulk(n, in_bulk):
+    if in_bulk or (in_bulk is None and n > _LONG):
         e = np.array([tuple(errors)], sensors.ERRORS).view(np.recarray)[0]
         _measure_compiled(e, navigator, address, own, (*sent, content, ranges), inbox, readings)
     else:

@@ -88,13 +88,9 @@ def follow_tilt(share: float, k: int, pose: Floats, twist: Floats, tilts: Floats
 
 def tilt_errors(trajectory: Trajectory, sensors: Sensors) -> Floats:
     """The same of a whole mission, none at its start."""
-    tilts, share, leader = (
-        np.zeros((trajectory.time.size, 2)),
-        gain(sensors),
-        (trajectory.pose[:, 0], trajectory.twist[:, 0]),
-    )
+    tilts, share = np.zeros((trajectory.time.size, 2)), gain(sensors)
     for k in range(1, len(tilts) if sensors.leader_attitude_senses_acceleration else 0):
-        follow_tilt(share, k, *leader, tilts)
+        follow_tilt(share, k, trajectory.pose[:, 0], trajectory.twist[:, 0], tilts)
     return tilts
 
 
@@ -196,18 +192,6 @@ def drift(e: Any, amplitude: float, phase: float, follower: int, time: float) ->
     return amplitude * math.sin(2.0 * math.pi / e.drift_period * time + (phase + follower * _GOLDEN))
 
 
-@formula
-def _log_reading(true: float, bias: float, sigma: float, normal: float) -> Any:
-    """Speed log, never negative (paper, Eq. 26); its scale ends at `FASTEST`."""
-    return np.minimum(np.maximum(true + bias + sigma * normal, 0.0), FASTEST)
-
-
-@formula
-def _compass_reading(true: float, bias: float, sigma: float, normal: float) -> Any:
-    """Compass: the random part adds to the bias, whatever its sign (paper, Eq. 27)."""
-    return true + bias + sigma * np.abs(normal)
-
-
 def _drifting_speed(e: Any, at: Instant) -> float:
     speed = speed_through_water(at.pose, at.twist, at.water)
     return speed + drift(e, e.speed_drift, e.speed_drift_phase, at.follower, at.time)  # type: ignore[no-any-return]
@@ -215,8 +199,8 @@ def _drifting_speed(e: Any, at: Instant) -> float:
 
 @formula
 def read_speed(e: Any, true: float, drawn: tuple[float, float]) -> Any:
-    """Speed log of a follower [m/s]."""
-    return _log_reading(true, e.speed_bias, e.speed_sigma, drawn[0])
+    """Speed log of a follower, never negative (paper, Eq. 26); its scale ends at `FASTEST` [m/s]."""
+    return np.minimum(np.maximum(true + e.speed_bias + e.speed_sigma * drawn[0], 0.0), FASTEST)
 
 
 def _drifting_heading(e: Any, at: Instant) -> float:
@@ -225,8 +209,8 @@ def _drifting_heading(e: Any, at: Instant) -> float:
 
 @formula
 def read_heading(e: Any, true: float, drawn: tuple[float, float]) -> Any:
-    """Compass of a follower [rad]."""
-    return _compass_reading(true, e.heading_bias, e.heading_sigma, drawn[1])
+    """Compass of a follower; the random part adds to the bias, whatever its sign (paper, Eq. 27) [rad]."""
+    return true + e.heading_bias + e.heading_sigma * np.abs(drawn[1])
 
 
 @formula
@@ -237,14 +221,14 @@ def read_depth(e: Any, true: float, drawn: tuple[float, float]) -> Any:
 
 @formula
 def read_leader_speed(e: Any, true: float, drawn: tuple[float, float]) -> Any:
-    """Speed log of the leader, which has a bias alone [m/s]."""
-    return _log_reading(true, e.leader_speed_bias, 0.0, drawn[0])
+    """Speed log of the leader, likewise, with a bias alone [m/s]."""
+    return np.minimum(np.maximum(true + e.leader_speed_bias, 0.0), FASTEST)
 
 
 @formula
 def read_leader_heading(e: Any, true: float, drawn: tuple[float, float]) -> Any:
-    """Compass of the leader [rad]."""
-    return _compass_reading(true, e.leader_heading_bias, e.leader_heading_sigma, drawn[1])
+    """Compass of the leader, likewise [rad]."""
+    return true + e.leader_heading_bias + e.leader_heading_sigma * np.abs(drawn[1])
 
 
 @formula
@@ -295,37 +279,23 @@ def longest_range(true: Any, transmitters: int) -> Any:
 
 
 @formula
-def range_reading(e: Any, tau: float, true: float, longest: float, drawn: tuple[float, float]) -> float:
-    """Range to a transmitter (paper, Eq. 28) by a uniform and the normal of ψ; NaN where none is received.
+def range_reading(e: Any, tau: float, true: tuple[float, float], drawn: tuple[float, float]) -> float:
+    """Range to a transmitter (paper, Eq. 28) by the true and the longest one, a uniform and the normal of ψ, or NaN.
 
     A receiver rejects zero, negative ranges and those beyond `FARTHEST`. ψ counts in proportion to the longest range to
     the N_T transmitters in use: 2 with LAISN-2 and 3 with LAISN-3 (Sections 2.2 and 2.3). The middle one, which LAISN-2
     has no use for, is scaled by the longest of all.
     """
     psi = e.range_scale_mean + e.range_scale_sigma * drawn[1]
-    reading = true + tau * (drawn[0] - 0.5 * e.range_error_centred) + psi * (true / (longest + (longest == 0.0)))
+    longest = true[1] + (true[1] == 0.0)
+    reading = true[0] + tau * (drawn[0] - 0.5 * e.range_error_centred) + psi * (true[0] / longest)
     return reading if (reading > 0.0) & (reading <= FARTHEST) else math.nan
 
 
 RANGES = (  # `true` is a range and the longest one, the noise a uniform and a normal
-    _sensor(
-        "rear",
-        Stream.RANGE_UNIFORM,
-        None,
-        lambda e, true, drawn: range_reading(e, e.range_tau[0], true[0], true[1], drawn),
-    ),
-    _sensor(
-        "front",
-        Stream.RANGE_UNIFORM,
-        None,
-        lambda e, true, drawn: range_reading(e, e.range_tau[1], true[0], true[1], drawn),
-    ),
-    _sensor(
-        "middle",
-        Stream.RANGE_UNIFORM,
-        None,
-        lambda e, true, drawn: range_reading(e, e.range_tau[2], true[0], true[1], drawn),
-    ),
+    _sensor("rear", Stream.RANGE_UNIFORM, None, lambda e, true, drawn: range_reading(e, e.range_tau[0], true, drawn)),
+    _sensor("front", Stream.RANGE_UNIFORM, None, lambda e, true, drawn: range_reading(e, e.range_tau[1], true, drawn)),
+    _sensor("middle", Stream.RANGE_UNIFORM, None, lambda e, true, drawn: range_reading(e, e.range_tau[2], true, drawn)),
 )
 
 

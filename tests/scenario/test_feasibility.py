@@ -87,7 +87,7 @@ def test_the_absurd_is_neither_all_refused_nor_all_accepted() -> None:
 )
 def test_an_override_that_cannot_be_flown_is_refused(assignment: str, wanted: str) -> None:
     with pytest.raises(ScenarioError) as caught:
-        library.load_flyable("T5", [assignment])
+        library.load("T5", [assignment], flyable=True)
     assert wanted in str(caught.value)
     assert len(str(caught.value)) < 80 * 24
 
@@ -120,7 +120,7 @@ def test_errors_of_a_nonsense_file_fit_on_a_screen(content: bytes, wanted: str, 
     path = tmp_path / "own.toml"
     path.write_bytes(content)
     with pytest.raises(ScenarioError) as caught:
-        library.load_flyable(str(path), ())
+        library.load(str(path), (), flyable=True)
     assert wanted in str(caught.value)
     assert len(str(caught.value).replace(str(tmp_path), "")) < 80 * 24
 
@@ -128,7 +128,7 @@ def test_errors_of_a_nonsense_file_fit_on_a_screen(content: bytes, wanted: str, 
 def test_a_mark_of_the_byte_order_and_foreign_line_ends_are_taken(tmp_path: Path) -> None:
     path = tmp_path / "own.toml"
     path.write_bytes(b"\xef\xbb\xbf" + FOLLOWER.replace(b"\n", b"\r\n") + b"route = 'T5'\r\n")
-    assert library.load_flyable(str(path), ()).duration_s == 2
+    assert library.load(str(path), (), flyable=True).duration_s == 2
 
 
 def test_what_is_no_plain_file_is_refused_at_once(tmp_path: Path) -> None:
@@ -143,10 +143,10 @@ def test_what_is_no_plain_file_is_refused_at_once(tmp_path: Path) -> None:
         ("none", "No such"),
     ):
         with pytest.raises(ScenarioError, match=f"cannot be read: .*{wanted}"):
-            library.load_flyable(str(tmp_path / f"{name}.toml"), ())
+            library.load(str(tmp_path / f"{name}.toml"), (), flyable=True)
     for source in ("a" * 5000, "a\x00b", "../scenarios/swarm", "a" * 5000 + ".toml", "a\x00.toml", "\x1b[2J"):
         with pytest.raises(ScenarioError) as caught:
-            library.load_flyable(source, ())
+            library.load(source, (), flyable=True)
         assert len(str(caught.value)) < 80 * 24 + len(source)
     assert time.monotonic() - began < 1
 
@@ -250,7 +250,7 @@ def test_followers_without_names_are_numbered() -> None:
 )
 def test_what_would_take_for_ever_is_refused_with_its_cost(assignments: list[str], wanted: str) -> None:
     with pytest.raises(ScenarioError) as caught:
-        library.load_flyable("T5", assignments)
+        library.load("T5", assignments, flyable=True)
     assert wanted in str(caught.value)
 
 

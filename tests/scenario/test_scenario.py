@@ -29,7 +29,7 @@ def test_every_built_in_scenario_survives_toml(name: str) -> None:
     scenario = library.load(name, ())
     text = scenario.toml()
     assert scenario_file.validate(tomllib.loads(text), name) == scenario
-    assert library.load_flyable(name, ()) == scenario
+    assert library.load(name, (), flyable=True) == scenario
 
 
 def test_the_scenarios_defaults_are_those_of_sensors_and_navigator() -> None:
@@ -161,7 +161,7 @@ def test_a_broken_override_is_refused(assignment: str) -> None:
 )
 def test_what_cannot_be_flown_names_file_and_key(assignments: list[str], expected: str) -> None:
     with pytest.raises(ScenarioError) as caught:
-        library.load_flyable("T5", assignments)
+        library.load("T5", assignments, flyable=True)
     source, fault = str(caught.value).splitlines()
     assert source == f"T5 {' '.join(f'--set {a}' for a in assignments)}: 1 error"
     assert fault.startswith(f"  {expected}")
