@@ -29,7 +29,6 @@ LATE = {
     "scipy.ndimage": "a fifth of a second, and only children that render place cameras",
     "filterpy": "all of scipy.stats, two thirds of a second",
     "laisn.compiled": "the compiler takes half a second to load, and only showing progress needs none",
-    "rich": "tables on a terminal, which Python's users have no use for",
     "sim.film": "drawing takes half a second to load, and tables of ranges need none",
     "sim.closed_loop": "control of formations takes long to load, and few missions need it",
     "sim.vehicle": "only the list of vehicles needs it, of what lists scenarios",
