@@ -32,7 +32,7 @@ def show_table(
     console: Console, heads: Sequence[str], rows: Iterable[Sequence[str]], title: str = "", caption: str = "", *,
     numbers: bool = True,
 ) -> None:  # fmt: skip
-    """Print a table of literal text at the left; of `numbers`, all columns but the first at the right."""
+    """Print a table of literal text, left-aligned; with `numbers`, all columns but the first are right-aligned."""
     columns = (Column(literal(head), justify="right" if n and numbers else "left") for n, head in enumerate(heads))
     table = Table(
         *columns, title=literal(title) if title else None, title_justify="left",

@@ -181,7 +181,7 @@ class Store:
         text = json.dumps([key, [*arrays], record], default=lambda value: value.tolist()).encode()
         content: dict[str, Any] = {_RECORD: np.frombuffer(text, dtype=np.uint8)}
         if {values.ndim for values in arrays.values()} == {1} and len({*map(len, arrays.values())}) == 1:
-            # lists over runs as one array: a dozen take ten times as long to write and to read
+            # lists over runs as one array: a dozen take two to three times as long to write and to read
             content[_COLUMNS] = np.rec.fromarrays([*arrays.values()], names=[*arrays])  # type: ignore[call-overload]
         else:
             content |= arrays

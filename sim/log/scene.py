@@ -107,7 +107,7 @@ def _ellipses(estimates: Estimates, row: int, z: float) -> Iterator[fg.SpherePri
 
 
 def draw_hulls(flight: Flight, index: Ints) -> tuple[Ints, Draw]:
-    """Hulls: once if none has moving fins, else at all points of the trajectory; gives these, shape (n,), too."""
+    """Points of the trajectory at which hulls are drawn, shape (n,): the first alone if none has moving fins."""
     names, states = flight.trajectory.names, flight.trajectory.thrust[index]
     compiled = [spec_of(model).compile() for model in models_of(flight.scenario)]
     fins = [MovingFins(model) for model in compiled]

@@ -221,13 +221,13 @@ def read_depth(e: Any, true: float, drawn: tuple[float, float]) -> Any:
 
 @formula
 def read_leader_speed(e: Any, true: float, drawn: tuple[float, float]) -> Any:
-    """Speed log of the leader, likewise, with a bias alone [m/s]."""
+    """Speed log of the leader, as `read_speed` with a bias alone [m/s]."""
     return np.minimum(np.maximum(true + e.leader_speed_bias, 0.0), FASTEST)
 
 
 @formula
 def read_leader_heading(e: Any, true: float, drawn: tuple[float, float]) -> Any:
-    """Compass of the leader, likewise [rad]."""
+    """Compass of the leader, as `read_heading` [rad]."""
     return true + e.leader_heading_bias + e.leader_heading_sigma * np.abs(drawn[1])
 
 
@@ -280,7 +280,7 @@ def longest_range(true: Any, transmitters: int) -> Any:
 
 @formula
 def range_reading(e: Any, tau: float, true: tuple[float, float], drawn: tuple[float, float]) -> float:
-    """Range to a transmitter (paper, Eq. 28) by the true and the longest one, a uniform and the normal of ψ, or NaN.
+    """Range to a transmitter or NaN [m] (paper, Eq. 28) by the true and the longest one, a uniform and the normal of ψ.
 
     A receiver rejects zero, negative ranges and those beyond `FARTHEST`. ψ counts in proportion to the longest range to
     the N_T transmitters in use: 2 with LAISN-2 and 3 with LAISN-3 (Sections 2.2 and 2.3). The middle one, which LAISN-2

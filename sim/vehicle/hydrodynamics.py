@@ -207,6 +207,7 @@ def wrench(
     spin = (twist[3], twist[4], twist[5])
 
     stream, change, gradient, turning_change, squeeze = flow(position, velocity, axis, time, water)
+    # in a steady current without shear all that follows from rates and gradients of the water is zero
     varies = water[1].shape[1] > 0 or water[2].shape[0] > 0 or water[0][2] != 0.0 or water[0][3] != 0.0
     v = times(to_body, minus(velocity, stream))
     w, brought = spin, (cross(spin, v), (0.0, 0.0, 0.0))
@@ -217,10 +218,7 @@ def wrench(
         turning = times(to_body, cross(axis, along))
         w = minus(spin, turning)
         turning_rate = plus(cross(axis_rate, along), cross(axis, plus(turning_change, times(gradient, axis_rate))))
-        brought = (
-            plus(times(to_body, change), cross(spin, v)),
-            minus(times(to_body, turning_rate), cross(spin, turning)),
-        )
+        brought = plus(times(to_body, change), brought[0]), minus(times(to_body, turning_rate), cross(spin, turning))
 
     momentum, angular = _inertia_times(c.added_mass, v, w)
     force, moment = kirchhoff(c.munk_factor, v, spin, momentum, angular)

@@ -149,7 +149,8 @@ class Plant:
         state: pose, twist and thrust, for compiled code.
         effectors, fixed_fins: records of `sim.vehicle.effectors.EFFECTOR`, shapes (v, m) and (v, q), zero beyond a
             vehicle's own; `true_effectors` has both, with the setups' scales.
-        coefficients, true_coefficients: hydrodynamic ones of the MJCF, records of RECORD, shape (v,); with the scales.
+        coefficients: hydrodynamic coefficients of the MJCF, records of RECORD, shape (v,); `true_coefficients` are
+            these with the setups' scales.
         effector_names: names of each vehicle's own.
         site_names, site_vehicle, site_offset: "vehicle/site" of all sites, shape (s,), index of the vehicle that
             carries it, and place in its body frame, shape (s, 3), [m].

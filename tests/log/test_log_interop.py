@@ -134,6 +134,14 @@ def test_a_recording_without_reruns_package_reports_what_to_install(
 
 
 @pytest.mark.skipif(RERUN is None, reason="the rerun command is not installed (pip install rerun-sdk)")
+def test_a_flight_that_ends_before_its_first_message_has_a_recording(tmp_path: Path) -> None:
+    writer.write(make_flight(0.9), tmp_path / "short.mcap")
+    columns = rerun("rrd", "print", "-v", write_recording(tmp_path / "short.mcap", tmp_path / "short.rrd"))
+    assert "/world/leader/hull/mesh0@Mesh3D:vertex_positions" in columns
+    assert "/ping/" not in columns
+
+
+@pytest.mark.skipif(RERUN is None, reason="the rerun command is not installed (pip install rerun-sdk)")
 def test_a_recording_holds_hulls_trails_rays_and_estimates_in_their_places(
     flight: Flight, written: Path, tmp_path: Path
 ) -> None:
