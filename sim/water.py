@@ -9,14 +9,14 @@ Waves: Faltinsen, Sea Loads on Ships and Offshore Structures, 1990 (Airy); DNV-R
 """
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Floats, own_arrays
-from laisn.compiled import compiled, inlined
+from laisn.arrays import Floats, Two, own_arrays
+from laisn.compiled import compiled, compiled_sums, inlined
 from laisn.elementary import exp, sin_cos
 from laisn.failure import LaisnError
 from sim.attitude import Matrix, Vector
@@ -105,6 +105,7 @@ class Waves:
         return cls._of(amplitude, omega, direction, phase, floor_depth_m)
 
 
+@cache
 def _jonswap_bins(peakedness: float, n: int) -> tuple[Floats, Floats]:
     """Edges of n bins in multiples of the peak's frequency, (n + 1,), and shares of energy, (n,), at most 2/n each."""
     # 99 % of the energy of the spectrum lies between these frequencies
@@ -129,7 +130,8 @@ def _require_unbroken(name: str, height_m: float, omega: float, floor_depth_m: f
 Water = tuple[Floats, Floats, Floats]
 """An ocean as compiled functions take it (a plain tuple: numba takes four times as long to open a named one).
 
-current: velocity at the surface east and north [m/s], their change with z [1/s], depth of the floor [m]; shape (5,).
+current: velocity at the surface east and north [m/s], their change with z [1/s], depth of the floor and height that no
+wave exceeds [m]; shape (6,).
 waves: one column for each component, shape (11, n), rows as named below.
 change: points between which the current changes linearly, shape (m, 7), columns as named below; m = 0: it is steady.
 """
@@ -139,6 +141,12 @@ AMPLITUDE, KX, KY, OMEGA, FIXED_OMEGA, PHASE = range(6)
 K, EAST, NORTH, ORBITAL, MIRROR = range(6, 11)
 """What follows from these and the depth h: k [1/m]; where the wave runs to, a unit vector; the velocity scale
 a ω / (1 − exp(−2kh)) [m/s]; exp(−2kh), the share of the wave's mirror image in the floor."""
+Instant = tuple[float, Two, Two, Two, tuple[float, float, float, float, float, float]]
+"""What is the same everywhere in an ocean at an instant, as of `instant_of`.
+
+Time [s]; current at the surface [m/s] and its change with z [1/s], east and north; depth of the floor and height that
+no wave exceeds [m]; `change_at`. All are numbers, as counting references to arrays takes compiled code long.
+"""
 START, SET, ACCELERATION, RUN = 0, slice(1, 3), slice(3, 5), slice(5, 7)
 """Columns of a changing current: time [s]; velocity then [m/s], its rate of change from then on [m/s²] and the way of
 the water since the first point [m], each east and north."""
@@ -166,9 +174,9 @@ class Ocean:
     def water(self) -> Water:
         """Current, waves and change of the current as compiled functions take them."""
         towards = np.array([np.sin(self.current_direction_rad), np.cos(self.current_direction_rad)])
-        surface = self.current_speed_m_s * towards
-        current = np.concatenate([surface, self.current_shear_1_s * towards, [self.floor_depth_m]])
-        w = self.waves
+        surface, w = self.current_speed_m_s * towards, self.waves
+        highest = np.abs(w.amplitude_m).sum()
+        current = np.concatenate([surface, self.current_shear_1_s * towards, [self.floor_depth_m, highest]])
         fixed = w.omega_rad_s + w.wavenumber_1_m @ surface
         k = np.hypot(w.wavenumber_1_m[:, 0], w.wavenumber_1_m[:, 1])
         twice_depth = -2.0 * k * self.floor_depth_m
@@ -213,13 +221,18 @@ def change_at(time: float, change: Floats) -> tuple[float, float, float, float, 
 
 
 @compiled
-def elevation_at(x: float, y: float, time: float, water: Water) -> float:
+def instant_of(time: float, water: Water) -> tuple[Instant, Floats]:
+    """An ocean at an instant, and its waves: the last arguments of `flow` and `elevation_at`."""
+    current, waves, change = water
+    surface, shear, bounds = (current[0], current[1]), (current[2], current[3]), (current[4], current[5])
+    return (time, surface, shear, bounds, change_at(time, change)), waves
+
+
+@compiled
+def elevation_at(x: float, y: float, now: Instant, waves: Floats) -> float:
     """Height of the surface above z = 0 at one place [m]."""
-    _, waves, change = water
-    if change.shape[0] > 0:
-        run = change_at(time, change)
-        x, y = x - run[4], y - run[5]
-    height = 0.0
+    time, change = now[0], now[4]
+    x, y, height = x - change[4], y - change[5], 0.0
     for i in range(waves.shape[1]):
         phase = waves[KX, i] * x + waves[KY, i] * y - waves[FIXED_OMEGA, i] * time + waves[PHASE, i]
         height += waves[AMPLITUDE, i] * sin_cos(phase)[1]
@@ -246,7 +259,7 @@ def _orbits(waves: Floats, x: float, y: float, below: float, time: float) -> Flo
 
 @inlined
 def flow(
-    position: Vector, velocity: Vector, axis: Vector, time: float, water: Water
+    position: Vector, velocity: Vector, axis: Vector, now: Instant, waves: Floats
 ) -> tuple[Vector, Vector, Matrix, Vector, Vector]:
     """The water at a point that moves with `velocity`, all in the world; `axis` is the unit vector of a hull.
 
@@ -254,34 +267,32 @@ def flow(
     columns x [1/s]; the rate, along the path, of the gradient along `axis` [1/s²]; and the gradient along `axis` of the
     particles' (linear) acceleration [1/s²].
     """
-    current, waves, change = water
-    vx, vy, ax, ay, run_x, run_y = change_at(time, change)
+    vx, vy, ax, ay, run_x, run_y = now[4]
     if waves.shape[1] > 0:
         # waves are carried along with the changing current
         place = position[0] - run_x, position[1] - run_y, position[2]
         relative = velocity[0] - vx, velocity[1] - vy, velocity[2]
-        stream, rate, gradient, turning, squeeze = _flow_in_waves(place, relative, axis, time, (current, waves))
+        stream, rate, gradient, turning, squeeze = _flow_in_waves(place, relative, axis, now, waves)
     else:
         # most seas are calm, and need neither sums over waves nor room for them
-        sx, sy, z, vz = current[2], current[3], position[2], velocity[2]
+        (ux, uy), (sx, sy), z, vz = now[1], now[2], position[2], velocity[2]
         none = (0.0, 0.0, 0.0)
-        stream, rate = (current[0] + sx * z, current[1] + sy * z, 0.0), (sx * vz, sy * vz, 0.0)
+        stream, rate = (ux + sx * z, uy + sy * z, 0.0), (sx * vz, sy * vz, 0.0)
         gradient, turning, squeeze = ((0.0, 0.0, sx), (0.0, 0.0, sy), none), none, none
     stream, rate = (stream[0] + vx, stream[1] + vy, stream[2]), (rate[0] + ax, rate[1] + ay, rate[2])
     return stream, rate, gradient, turning, squeeze
 
 
-@compiled
+@compiled_sums
 def _flow_in_waves(
-    position: Vector, velocity: Vector, axis: Vector, time: float, water: tuple[Floats, Floats]
+    position: Vector, velocity: Vector, axis: Vector, now: Instant, waves: Floats
 ) -> tuple[Vector, Vector, Matrix, Vector, Vector]:
     """What `flow` returns in waves and a steady current."""
     x, y, z = position
     vx, vy, vz = velocity
     ax, ay, az = axis
-    current, waves = water
-    sx, sy, depth = current[2], current[3], current[4]
-    ux, uy, uz = current[0] + sx * z, current[1] + sy * z, 0.0
+    time, surface, (sx, sy), (depth, _), _ = now
+    ux, uy, uz = surface[0] + sx * z, surface[1] + sy * z, 0.0
     dx, dy, dz = sx * vz, sy * vz, 0.0
     gxx = gxy = gyy = gxz = gyz = gzz = 0.0
     bx = by = bz = 0.0
@@ -332,6 +343,7 @@ def _flow_in_waves(
 @compiled
 def water_velocity(position: Floats, time: float, water: Water, out: Floats) -> None:
     """Write the velocity of the water at points of shape (n, 3) to `out`, likewise."""
+    now, waves = instant_of(time, water)
     for i in range(position.shape[0]):
         place = position[i, 0], position[i, 1], position[i, 2]
-        out[i, 0], out[i, 1], out[i, 2] = flow(place, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), time, water)[0]
+        out[i, 0], out[i, 1], out[i, 2] = flow(place, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), now, waves)[0]

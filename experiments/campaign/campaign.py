@@ -58,6 +58,7 @@ def _with_version(function: Callable[..., Made], *arguments: Any) -> tuple[str, 
 class Pool:
     """A pool of `size` local processes, or of the workers of the Dask scheduler at an address; use it as a context.
 
+    `local` processes write to the store themselves, so that results need not go through this one.
     With one local worker everything is computed in this process. LaisnError if there is no worker, or the cluster
     cannot be used.
     """
@@ -66,6 +67,7 @@ class Pool:
         if workers < 1:
             raise LaisnError(f"workers is {workers}, expected at least 1")
         self.size = workers
+        self.local = cluster is None
         self._cluster = cluster
         self._client: Any = None
 
@@ -180,7 +182,7 @@ class _Job(NamedTuple):
     size: int = 1
 
 
-def _batches(plans: Iterable[CellPlan], store: Store, workers: int) -> dict[Any, _Job]:
+def _batches(plans: Iterable[CellPlan], workers: int) -> list[list[CellPlan]]:
     """Cells of one mission at a time, few enough for a steady progress and many enough to share the mission."""
     by_mission = sorted(plans, key=lambda plan: plan.motion)
     limit = min(BATCH_STEPS, sum(plan.size for plan in by_mission) // (4 * workers))
@@ -191,20 +193,33 @@ def _batches(plans: Iterable[CellPlan], store: Store, workers: int) -> dict[Any,
             size = 0
         batches[-1].append(plan)
         size += plan.size
-
-    def job(batch: list[CellPlan]) -> _Job:
-        keys = [key for plan in batch for key in plan.keys]
-        return _Job(keys, lambda: partial(compute, mission(batch[0].scenario, store), batch), len(batch))
-
-    return dict(enumerate(map(job, batches)))
+    return batches
 
 
-def _attempt(name: Any, work: _Work) -> tuple[Any, list[Result] | str]:
-    """Results of some work by its name, or why it has none."""
+def _keys(batch: Iterable[CellPlan]) -> list[str]:
+    return [key for plan in batch for key in plan.keys]
+
+
+def _cells_job(batch: Sequence[CellPlan], store: Store) -> _Job:
+    return _Job(_keys(batch), lambda: partial(compute, mission(batch[0].scenario, store), batch), len(batch))
+
+
+def _flight_job(plan: CellPlan, facts: Facts | None, batch: Sequence[CellPlan]) -> _Job:
+    measured = [key_of(facts, plan.motion)] if facts else []
+    return _Job([plan.motion, *measured, *_keys(batch)], partial(partial, _fly, plan, facts, batch))
+
+
+def _attempt(name: Any, work: _Work, store: Store | None) -> tuple[Any, list[Result] | str]:
+    """Results of some work by its name, or why it has none; if there is a store, they go there instead."""
     try:
-        return name, work()
+        found = work()
     except CampaignError as error:
         return name, str(error).splitlines()[0]
+    if store is None:
+        return name, found
+    for result in found:
+        store.put(*result)
+    return name, []
 
 
 def _compute(what: str, jobs: Mapping[Any, _Job], store: Store, pool: Pool, quiet: bool = False) -> dict[Any, str]:
@@ -216,12 +231,12 @@ def _compute(what: str, jobs: Mapping[Any, _Job], store: Store, pool: Pool, quie
     failed = {}
     with progress(what, sum(job.size for job in jobs.values()), quiet=quiet) as advance:
 
-        def missing() -> Iterator[tuple[Any, _Work]]:
+        def missing() -> Iterator[tuple[Any, _Work, Store | None]]:
             for name in random.sample([*jobs], len(jobs)):
                 if store.has(*jobs[name].keys):
                     advance(jobs[name].size)
                 else:
-                    yield name, jobs[name].work()
+                    yield name, jobs[name].work(), store if pool.local else None
 
         for name, found in pool.each(_attempt, missing()):
             if isinstance(found, str):
@@ -229,6 +244,7 @@ def _compute(what: str, jobs: Mapping[Any, _Job], store: Store, pool: Pool, quie
             else:
                 for result in found:
                     store.put(*result)
+                store.written.update(jobs[name].keys)
             advance(jobs[name].size)
     return failed
 
@@ -238,11 +254,11 @@ def _flight(scenario: Scenario, motion: str, trajectory: Trajectory) -> Result:
     return motion, None, montecarlo.sited(trajectory, montecarlo.motion_of(scenario).leader).arrays
 
 
-def _fly(plan: CellPlan, facts: Facts | None) -> list[Result]:
-    """The mission of a cell and its facts."""
+def _fly(plan: CellPlan, facts: Facts | None, batch: Sequence[CellPlan]) -> list[Result]:
+    """The mission of a cell, its facts, and cells of the same mission."""
     trajectory = montecarlo.simulate_mission(plan.scenario)
     measured: list[Result] = [(key_of(facts, plan.motion), facts(plan.scenario, trajectory), {})] if facts else []
-    return [_flight(plan.scenario, plan.motion, trajectory), *measured]
+    return [_flight(plan.scenario, plan.motion, trajectory), *measured, *compute(trajectory, batch)]
 
 
 def _rows(key: str, task: Task) -> list[Result]:
@@ -294,21 +310,19 @@ def fly(
     plans = {plan.key: plan for plan in sorted(cells, key=lambda plan: plan.keep_steps)}.values()
     missing = [plan for plan in plans if not store.has(*plan.keys)]
     by_motion = {plan.motion: plan for plan in plans}
-    measured = {motion: [key_of(facts, motion)] for motion in by_motion} if facts else {}
-    needed = {plan.motion for plan in missing} | {motion for motion, keys in measured.items() if not store.has(*keys)}
-    flights = {
-        motion: _Job([motion, *measured.get(motion, ())], partial(partial, _fly, plan, facts))
-        for motion, plan in by_motion.items()
-        if motion in needed
-    }
+    of_missing = {plan.motion for plan in missing}
+    needed = {
+        motion for motion in by_motion
+        if not store.has(*[key_of(facts, motion)] if facts else [], *[motion] if motion in of_missing else [])
+    }  # fmt: skip
     keys = {name: key_of(task) for name, task in tasks.items()}
     runs = {name: _Job([key], partial(partial, _rows, key, tasks[name])) for name, key in keys.items()}
-    flights, runs = ({n: j for n, j in jobs.items() if not store.has(*j.keys)} for jobs in (flights, runs))
+    runs = {name: job for name, job in runs.items() if not store.has(*job.keys)}
     one_mission = len({plan.motion for plan in missing}) == 1 and cluster is None and not runs
     if one_mission and all(p.runs >= _MANY_RUNS and find(p.scenario.navigation.variant).lanes for p in missing):
         # compiled lanes run side by side in threads, without the memory of processes
         missing, pool.size = [replace(plan, threads=pool.size) for plan in missing], 1
-    pool.size = min(pool.size, max(len(missing), len(flights), len(runs), 1))
+    pool.size = min(pool.size, max(len(missing), len(needed), len(runs), 1))
     if cluster is None and not quiet:
         if missing and FOLDER:
             # the compiler's memory goes with its process
@@ -318,10 +332,14 @@ def fly(
             with compiling_shown():
                 ahead()
     with pool:
+        batches = _batches(missing, pool.size)
+        # a process that flies a mission need not read it for the first of its cells
+        first = {batch[0].motion: batch for batch in reversed(batches) if batch[0].motion in needed}
+        flights = {motion: _flight_job(by_motion[motion], facts, first.get(motion, [])) for motion in needed}
         failures = _compute("missions", flights, store, pool, quiet) | _compute("runs", runs, store, pool, quiet)
         if failures and not tolerant:
             raise CampaignError("; ".join(sorted(set(failures.values()))))
-        batches = _batches((plan for plan in missing if plan.motion not in failures), store, pool.size)
-        _compute("cells", batches, store, pool, quiet)
+        later = (b for b in batches if b is not first.get(b[0].motion) and b[0].motion not in failures)
+        _compute("cells", {n: _cells_job(batch, store) for n, batch in enumerate(later)}, store, pool, quiet)
     found = {name: result[0] for name, key in keys.items() if (result := store.get(key)) is not None}
     return Flown(store=store, facts=facts, failures=failures, tasks=found)

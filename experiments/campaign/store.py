@@ -125,7 +125,7 @@ class Store:
         if (folder / FLIGHT_FILE).exists():
             raise LaisnError(f"{folder}: holds a flight ({FLIGHT_FILE}); choose another folder with --out")
         self.folder, self._results = folder, folder / "store"
-        self._force, self._written = force, set[str]()
+        self._force, self.written = force, set[str]()
         self._results.mkdir(parents=True, exist_ok=True)
         manifest, found, version = folder / STUDY_FILE, "", code_version()
         with locked(folder):
@@ -144,12 +144,16 @@ class Store:
                 with atomic_write(manifest) as part:
                     part.write_text(json.dumps({"version": version}) + "\n", encoding="utf-8")
 
+    def __getstate__(self) -> dict[str, Any]:
+        # a process that stores results has no use for the list of all others
+        return self.__dict__ | {"written": set()}
+
     def path(self, key: str) -> Path:
         return self._results / f"{key}.npz"
 
     def get(self, key: str) -> tuple[Any, Arrays] | None:
         """What `put` stored under a key; None if it must be computed, with a warning if it is damaged."""
-        if self._force and key not in self._written:
+        if self._force and key not in self.written:
             return None
         try:
             with self.path(key).open("rb") as file, np.load(file, allow_pickle=False) as archive:
@@ -187,4 +191,4 @@ class Store:
             content |= arrays
         with atomic_write(self.path(key)) as part, part.open("wb") as file:
             np.savez(file, **content)
-        self._written.add(key)
+        self.written.add(key)

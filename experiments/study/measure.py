@@ -117,6 +117,7 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
     sent = np.arange(round(1.0 / CONTROL_STEP_S), time.size, round(1.0 / CONTROL_STEP_S))
     density, span = scenario.ocean.density_kg_m3, float(time[-1] - time[0])
     touching = {name for contact in contacts(trajectory) for name in contact.pair}
+    pitch = np.rad2deg(trajectory.pitch)
     layers = np.array([vehicle.layer_m for vehicle in (scenario.leader, *scenario.followers)])
 
     def depth_error(v: int) -> Floats:
@@ -126,8 +127,8 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
         mean = float(thruster_power(trajectory, v, density).mean())
         power = mean if scenario.motion == "physics" and np.isfinite(mean) else None
         return {
-            "pitch_rms_deg": _rms(np.rad2deg(trajectory.pitch[:, v])),
-            "pitch_max_deg": float(np.abs(np.rad2deg(trajectory.pitch[:, v])).max()),
+            "pitch_rms_deg": _rms(pitch[:, v]),
+            "pitch_max_deg": float(np.abs(pitch[:, v]).max()),
             "depth_error_rms_m": _rms(depth_error(v)),
             "power_mean_w": power,
             "energy_j": None if power is None else power * span,

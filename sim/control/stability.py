@@ -20,7 +20,7 @@ from sim.scenario.routes import START_SPEED
 from sim.vehicle.effectors import FIN, state_for, unit_wrenches
 from sim.vehicle.hydrodynamics import wrench
 from sim.vehicle.plant import Plant
-from sim.water import Water
+from sim.water import Water, instant_of
 
 _SPEED_STEP = 0.5  # speeds are looked at in such steps, from the one at which missions begin [m/s]
 _GROWTH = 0.02  # slower growth is left to the loops that are left out [1/s]
@@ -40,7 +40,7 @@ def _forces(c: Any, rigid: Floats, centre: Floats, state: Floats, water: Water, 
     velocity, spin, angle = state[:3], state[3:6], state[6:]
     to_world = np.eye(3) + _skew(angle) + 0.5 * _skew(angle) @ _skew(angle)
     pose = np.array([0.0, 0.0, -10.0, np.sqrt(1.0 - 0.25 * angle @ angle), *(0.5 * angle)])
-    force, moment, _ = wrench(c, pose, np.concatenate([to_world @ velocity, spin]), 0.0, water, *fitted)
+    force, moment, _ = wrench(c, pose, np.concatenate([to_world @ velocity, spin]), *instant_of(0.0, water), fitted, 0)
     weight = to_world.T @ [0.0, 0.0, -rigid[0, 0] * c.gravity]
     momentum, carried = rigid @ state[:6], c.added_mass[:, :3] @ np.cross(spin, velocity)
     return np.concatenate(
@@ -87,11 +87,11 @@ def steady_turn(plant: Plant, i: int, d: Any, speed: float) -> tuple[float, floa
     rigid, centre = _body(plant, i)
     c = plant.coefficients.view(np.recarray)[i]
     own = plant.effectors[i, : len(plant.effector_names[i])]
-    fitted = np.concatenate([own, plant.fixed_fins[i]])
+    fitted = np.concatenate([own, plant.fixed_fins[i]])[None]
     # as those of a plant, or another version of the forces would be compiled
     fitted.flags.writeable = False
     forces = greatest_forces(d, speed, YAW)[1][: own.size]
-    states = np.array([state_for(one, d["density"], force, speed) for one, force in zip(own, forces, strict=True)])
+    states = np.array([[state_for(one, d["density"], force, speed) for one, force in zip(own, forces, strict=True)]])
 
     def balance(x: Floats) -> Floats:
         motion = np.array([speed, x[0], 0.0, 0.0, 0.0, x[1], 0.0, 0.0, 0.0])
@@ -118,7 +118,7 @@ def _motion(plant: Plant, i: int, d: Any, about: Floats) -> Floats:
     c, own, settings = plant.true_coefficients.view(np.recarray)[i], plant.effectors[i], plant.setups[i].settings
     speed = float(about[0])
     steps = _STEP * np.eye(9)
-    fitted = plant.true_effectors[i], np.zeros(own.size)
+    fitted = plant.true_effectors[i : i + 1], np.zeros((1, own.size))
     rates = [
         _forces(c, rigid, centre, about + step, plant.ocean.water, fitted)
         - _forces(c, rigid, centre, about - step, plant.ocean.water, fitted)

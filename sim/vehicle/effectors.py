@@ -218,12 +218,14 @@ def fin_force(record: Any, density: float, deflection: float, local: Vector) -> 
 
 
 @compiled
-def loads(records: Any, state: Floats, density: float, v: Vector, w: Vector) -> tuple[Vector, Vector, Vector, Vector]:
+def loads(
+    fitted: tuple[Any, Floats], number: int, density: float, v: Vector, w: Vector
+) -> tuple[Vector, Vector, Vector, Vector]:
     """Forces of all effectors and fixed fins of a vehicle.
 
     Args:
-        records: of EFFECTOR, first those with a state, shape (m + q,).
-        state: of the effectors, shape (m,).
+        fitted: of all vehicles: records of EFFECTOR, first those with a state, shape (v, m + q); states, shape (v, m).
+        number: of the vehicle.
         density: of the water [kg/m³].
         v: velocity relative to the water, in the body [m/s].
         w: rate of turn relative to the water [rad/s].
@@ -234,27 +236,28 @@ def loads(records: Any, state: Floats, density: float, v: Vector, w: Vector) -> 
     """
     thrust, torque = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    for i in range(records.shape[0]):
-        record = records[i]
+    records, states = fitted
+    for i in range(records.shape[1]):
+        record = records[number, i]
         e, arm = record.force, record.torque
         axis, lever = (e[0], e[1], e[2]), (arm[0], arm[1], arm[2])
+        # fixed fins, and the zero records that pad them, have no state
+        state = states[number, i] if i < states.shape[1] else 0.0
         if record.kind == THRUSTER:
-            # records beyond the states pad the fixed fins
-            if i < state.size:
-                thrust, torque = plus(thrust, scaled(state[i], axis)), plus(torque, scaled(state[i], lever))
+            thrust, torque = plus(thrust, scaled(state, axis)), plus(torque, scaled(state, lever))
             continue
         if record.kind == CURVE:
-            push = thrust_on_curve(record, state[i])
+            push = thrust_on_curve(record, state)
             force, moment = plus(force, scaled(push, axis)), plus(moment, scaled(push, lever))
             continue
         place = (record.place[0], record.place[1], record.place[2])
         local = plus(v, cross(w, place))
         if record.kind == FIN:
-            part = fin_force(record, density, state[i] if i < state.size else 0.0, local)
+            part = fin_force(record, density, state, local)
             force, moment = plus(force, part), plus(moment, cross(place, part))
             continue
         inflow = local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
-        push, twist = propeller_load(record.parameters, density, state[i], inflow)
+        push, twist = propeller_load(record.parameters, density, state, inflow)
         force = plus(force, scaled(push, axis))
         moment = plus(moment, plus(scaled(push, lever), scaled(twist, axis)))
     return thrust, torque, force, moment

@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints
+from laisn.arrays import Floats
 from laisn.compiled import compiled, inlined
 from sim.attitude import Matrix, Vector, cross, minus, plus, rotation, scaled, times, transposed
 from sim.vehicle.effectors import loads
-from sim.water import AMPLITUDE, Water, elevation_at, flow
+from sim.water import Instant, Water, elevation_at, flow, instant_of
 
 
 @inlined
@@ -108,7 +108,7 @@ def viscous(c: Any, v: Vector, w: Vector) -> tuple[tuple[Vector, Vector], ...]:
 
 LOST = 1e3  # a speed [m/s] or rate [rad/s] that no vehicle has: the integration has failed
 
-Solver = tuple[Ints, Floats, Floats]  # addresses of the rows of `M`, (v, 6); its lower triangle; `qfrc_applied`
+Solver = tuple[Floats, Floats]  # lower triangles of the vehicles' blocks of `M`, row by row, (v, 21); `qfrc_applied`
 
 
 @compiled
@@ -161,21 +161,18 @@ def convergence(gradient: Matrix, axis: Vector, momentum: Vector, angular: Vecto
 
 
 @inlined
-def immersion(c: Any, position: Vector, axis: Vector, time: float, water: Water) -> tuple[float, float]:
+def immersion(c: Any, position: Vector, axis: Vector, now: Instant, waves: Floats) -> tuple[float, float]:
     """Share of a hull that is in the water, and Σ (dry share · x) of the strips [m].
 
     A strip's section leaves the water evenly from the moment the surface touches its top until it is a radius below
     its middle; strips count by their side area.
     """
-    reach, waves = 0.0, water[1]
-    for i in range(waves.shape[1]):
-        reach += abs(waves[AMPLITUDE, i])
     ends = max(abs(c.strip_x[0]), abs(c.strip_x[c.n_strips - 1]))
-    deep = position[2] + abs(axis[2]) * ends + c.hull_radius <= -reach
+    deep = position[2] + abs(axis[2]) * ends + c.hull_radius <= -now[3][1]
     area = wet = arm = 0.0
     for i in range(0 if deep else c.n_strips):
         p = plus(position, scaled(c.strip_x[i], axis))
-        below = elevation_at(p[0], p[1], time, water) - p[2]
+        below = elevation_at(p[0], p[1], now, waves) - p[2]
         share = min(max(0.5 + 0.5 * below / c.hull_radius, 0.0), 1.0)
         area += c.strip_area[i]
         wet += share * c.strip_area[i]
@@ -185,15 +182,15 @@ def immersion(c: Any, position: Vector, axis: Vector, time: float, water: Water)
 
 @compiled
 def wrench(
-    c: Any, pose: Any, twist: Any, time: float, water: Water, fitted: Any, state: Floats
+    c: Any, pose: Any, twist: Any, now: Instant, waves: Floats, fitted: tuple[Any, Floats], i: int
 ) -> tuple[Vector, Vector, float]:
     """All that the water does to one vehicle, but for added mass times acceleration.
 
     Args:
         pose: position [m] and quaternion, seven numbers.
         twist: velocity of the origin in the world [m/s], angular velocity in the body [rad/s], six numbers.
-        fitted: effectors and fixed fins of the vehicle, records of `sim.vehicle.effectors.EFFECTOR`, shape (m + q,).
-        state: of the effectors, shape (m,).
+        now, waves: as of `sim.water.instant_of`.
+        fitted, i: as of `sim.vehicle.effectors.loads`.
 
     Returns:
         force in the world [N], moment about the origin in the body [N m], share of the hull that is immersed. All
@@ -206,9 +203,9 @@ def wrench(
     velocity = (twist[0], twist[1], twist[2])
     spin = (twist[3], twist[4], twist[5])
 
-    stream, change, gradient, turning_change, squeeze = flow(position, velocity, axis, time, water)
+    stream, change, gradient, turning_change, squeeze = flow(position, velocity, axis, now, waves)
     # in a steady current without shear all that follows from rates and gradients of the water is zero
-    varies = water[1].shape[1] > 0 or water[2].shape[0] > 0 or water[0][2] != 0.0 or water[0][3] != 0.0
+    varies = waves.shape[1] > 0 or change != (0.0, 0.0, 0.0) or now[2] != (0.0, 0.0)
     v = times(to_body, minus(velocity, stream))
     w, brought = spin, (cross(spin, v), (0.0, 0.0, 0.0))
     if varies:
@@ -230,7 +227,7 @@ def wrench(
     if c.coupled:
         part = coupled_damping(c, v, w)
         force, moment = plus(force, part[0]), plus(moment, part[1])
-    thrust, torque, others, their_moment = loads(fitted, state, c.density, v, w)
+    thrust, torque, others, their_moment = loads(fitted, i, c.density, v, w)
     force, moment = plus(force, others), plus(moment, their_moment)
 
     # the solver applies added mass to the body's own acceleration; what the water brings of it is added here
@@ -243,7 +240,7 @@ def wrench(
         force = plus(force, scaled(c.buoyancy / c.gravity, times(to_body, particle)))
         moment = plus(moment, scaled(c.displaced_inertia, times(to_body, cross(axis, squeeze))))
 
-    share, dry_arm = immersion(c, position, axis, time, water)
+    share, dry_arm = immersion(c, position, axis, now, waves)
     lift = (0.0, 0.0, share * c.buoyancy)
     lost = cross((dry_arm, 0.0, 0.0), times(to_body, (0.0, 0.0, -c.buoyancy)))
     # what holds the hull up does not turn with it
@@ -262,17 +259,17 @@ def _between(x: Vector, m: Floats, y: Vector) -> float:
 
 
 @compiled
-def _add_to_inertia(mass: Floats, row_address: Ints, added: Floats, share: float, r: Matrix) -> None:
+def _add_to_inertia(mass: Floats, vehicle: int, added: Floats, share: float, r: Matrix) -> None:
     """Add rotated added mass to the lower triangle of a body's block of `M`: R A R', B R', C of [[A, B'], [B, C]]."""
     for i in range(3):
         for j in range(i + 1):
-            mass[row_address[i] + j] += share * _between(r[i], added, r[j])
+            mass[vehicle, i * (i + 1) // 2 + j] += share * _between(r[i], added, r[j])
     for i in range(3, 6):
         a = added[i, 0], added[i, 1], added[i, 2]
         for j in range(3):
-            mass[row_address[i] + j] += share * (a[0] * r[j][0] + a[1] * r[j][1] + a[2] * r[j][2])
+            mass[vehicle, i * (i + 1) // 2 + j] += share * (a[0] * r[j][0] + a[1] * r[j][1] + a[2] * r[j][2])
         for j in range(3, i + 1):
-            mass[row_address[i] + j] += share * added[i, j]
+            mass[vehicle, i * (i + 1) // 2 + j] += share * added[i, j]
 
 
 @compiled
@@ -296,19 +293,19 @@ def apply(
     fitted: tuple[Any, Floats],
 ) -> int:
     """Give all vehicles wrenches and added mass; the index of the first that is lost (not finite, > LOST), or -1."""
-    row_address, mass, applied = solver
+    (mass, applied), (now, waves) = solver, instant_of(time, water)
     lost = beyond(twist, LOST)
     # one way out, and numbers in place of rows: compiled code would count references to arrays for each vehicle
     for i in range(0 if lost >= 0 else pose.shape[0]):
         at = (pose[i, 0], pose[i, 1], pose[i, 2], pose[i, 3], pose[i, 4], pose[i, 5], pose[i, 6])
         motion = (twist[i, 0], twist[i, 1], twist[i, 2], twist[i, 3], twist[i, 4], twist[i, 5])
         c, total = coefficients[i], 0.0
-        force, moment, share = wrench(c, at, motion, time, water, fitted[0][i], fitted[1][i])
+        force, moment, share = wrench(c, at, motion, now, waves, fitted, i)
         for j in range(3):
             applied[i, j] = force[j]
             applied[i, 3 + j] = moment[j]
             total += abs(force[j]) + abs(moment[j])
         if lost < 0 and not total < np.inf:
             lost = i
-        _add_to_inertia(mass, row_address[i], c.added_mass, share, rotation(at[3:7]))
+        _add_to_inertia(mass, i, c.added_mass, share, rotation(at[3:7]))
     return lost

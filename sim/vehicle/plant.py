@@ -40,7 +40,10 @@ def library() -> ctypes.CDLL:
     if mujoco.__version__ != TRIED:
         raise LaisnError(f"MuJoCo is {mujoco.__version__}, compiled steps were tried with {TRIED} alone")
     names = f"libmujoco.so.{TRIED}", f"libmujoco.{TRIED}.dylib", "mujoco.dll"
-    return ctypes.CDLL(str(next(path for path in Path(mujoco.__file__).parent.iterdir() if path.name in names)))
+    shared = ctypes.CDLL(str(next(path for path in Path(mujoco.__file__).parent.iterdir() if path.name in names)))
+    # MuJoCo's timers (mjData.timer) stand still: without a clock to read, a step of two hulls takes a seventh less
+    ctypes.c_void_p.in_dll(shared, "mjcb_time").value = None
+    return shared
 
 
 def find(model: Any, data: Any) -> Calls:
@@ -179,8 +182,7 @@ class Plant:
         self.effectors, self.fixed_fins = effectors.read(model, vehicles), effectors.read_fixed(model, vehicles)
         self.effectors.flags.writeable = self.fixed_fins.flags.writeable = False
         self.effector_names = tuple(v.effectors for v in vehicles)
-        rows = model.M_rowadr.astype(np.int64).reshape(n, 6)
-        solver: hydrodynamics.Solver = (rows, data.M, data.qfrc_applied.reshape(n, 6))
+        solver: hydrodynamics.Solver = data.M.reshape(n, 21), data.qfrc_applied.reshape(n, 6)
         self._acceleration: Floats = data.qacc.reshape(n, 6)
         self._last_pose, self._last_twist = np.empty((n, 7)), np.empty((n, 6))
         self.coefficients = mjcf.read_coefficients(model, self.names, ocean.density_kg_m3)

@@ -47,7 +47,7 @@ def test_records_are_those_of_the_mjcf() -> None:
     assert not own["force"][3:].any()
     plant.step(np.full((2, 5), 10.0), 2)
     still = 0.0, 0.0, 0.0
-    thrust, torque, *others = loads(plant.true_effectors[0], plant.thrust[0], 1026.0, still, still)
+    thrust, torque, *others = loads((plant.true_effectors, plant.thrust), 0, 1026.0, still, still)
     assert not np.any(others)
     # equal thrusts: 1 ahead, 1 to port and 0.2 + 1 up, and their torques
     expected = [1, 1, 1.2, *np.cross(places, own["force"][:3]).sum(axis=0)]

@@ -54,7 +54,7 @@ def record(
 
 
 def load(one: Floats, state: float, v: tuple[float, float, float], w: tuple[float, float, float]) -> Floats:
-    thrust, torque, force, moment = effectors.loads(one, np.array([state]), RHO, v, w)
+    thrust, torque, force, moment = effectors.loads((one[None], np.array([[state]])), 0, RHO, v, w)
     assert not any((*thrust, *torque))
     return np.array([*force, *moment])
 
@@ -93,7 +93,7 @@ def test_fin_keeps_the_force_of_its_stall_angle() -> None:
 def test_a_fixed_fin_is_a_moving_one_that_is_not_deflected() -> None:
     one = record(effectors.FIN, (0, 0.6, 0.8), (-0.7, 0.1, 0.05), 0.01, 2.5, 0.3, 0.02)
     v, w = (1.2, -0.2, 0.3), (0.1, 0.2, -0.3)
-    _, _, force, moment = effectors.loads(one, np.zeros(0), RHO, v, w)
+    _, _, force, moment = effectors.loads((one[None], np.zeros((1, 0))), 0, RHO, v, w)
     np.testing.assert_array_equal([*force, *moment], load(one, 0.0, v, w))
 
 

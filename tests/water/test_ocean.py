@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from laisn.arrays import Floats
-from sim.water import Ocean, Waves, elevation_at, flow, wavenumber
+from sim.water import Ocean, Waves, elevation_at, flow, instant_of, wavenumber
 
 G = 9.81
 
@@ -76,13 +76,15 @@ def textbook_velocity(ocean: Ocean, p: Floats, t: float) -> Floats:
 def elevation(ocean: Ocean, x: npt.ArrayLike, y: npt.ArrayLike, time: float) -> Floats:
     """Height of the surface above z = 0; x and y broadcast [m]."""
     water = ocean.water
-    return np.asarray(np.vectorize(lambda *place: elevation_at(*map(float, place), time, water))(x, y))
+    return np.asarray(np.vectorize(lambda *place: elevation_at(*map(float, place), *instant_of(time, water)))(x, y))
 
 
 def acceleration_of(ocean: Ocean, point: Floats, time: float) -> Floats:
     """Acceleration of a particle, which is its change of velocity along its own path [m/s²]."""
     place, water = tuple(point.tolist()), ocean.water
-    return np.array(flow(place, tuple(ocean.velocity(point[None], time)[0]), (1.0, 0.0, 0.0), time, water)[1])
+    return np.array(
+        flow(place, tuple(ocean.velocity(point[None], time)[0]), (1.0, 0.0, 0.0), *instant_of(time, water))[1]
+    )
 
 
 @given(period=st.floats(0.5, 60), depth=st.floats(0.5, 5000))
@@ -119,7 +121,7 @@ def test_flow_derivatives_are_those_of_the_velocity(heights: tuple[float, float]
         def along(offset: Floats, later: float = 0.0, e: Floats = e, u: object = u) -> Floats:
             return np.asarray((u(offset + h * e, later) - u(offset - h * e, later)) / (2 * h))  # type: ignore[operator]
 
-        args = (tuple(p), tuple(v), tuple(e), t, ocean.water)
+        args = (tuple(p), tuple(v), tuple(e), *instant_of(t, ocean.water))
         velocity, change, gradient, along_change, _ = (np.array(part) for part in flow(*args))
         np.testing.assert_allclose(velocity, u(np.zeros(3)), atol=1e-12)
         np.testing.assert_allclose(change, (u(h * v, h) - u(-h * v, -h)) / (2 * h), atol=1e-6)
@@ -168,7 +170,7 @@ def test_in_deep_water_orbits_are_circles_that_shrink_with_depth(z: float) -> No
     theta = k * 2.0 - omega * t + 0.3
     expected = radius * np.array([0.0, np.cos(theta), np.sin(theta)])
     np.testing.assert_allclose(ocean.velocity(np.array([[5.0, 2.0, z]]), t)[0], expected, rtol=1e-9, atol=1e-290)
-    parts = flow((5.0, 2.0, z), (0.1, 0.2, 0.3), (0.0, 0.6, 0.8), t, ocean.water)
+    parts = flow((5.0, 2.0, z), (0.1, 0.2, 0.3), (0.0, 0.6, 0.8), *instant_of(t, ocean.water))
     np.testing.assert_allclose(parts[0], expected, rtol=1e-9, atol=1e-290)
     assert all(np.isfinite(part).all() for part in parts)
 
@@ -183,7 +185,7 @@ def test_squeeze_is_the_gradient_of_the_linear_acceleration(z: float) -> None:
     def rate(q: Floats) -> Floats:
         return np.asarray((textbook_velocity(ocean, q, t + h) - textbook_velocity(ocean, q, t - h)) / (2 * h))
 
-    squeeze = flow(tuple(p), (0, 0, 0), tuple(e), t, ocean.water)[4]  # type: ignore[arg-type]
+    squeeze = flow(tuple(p), (0, 0, 0), tuple(e), *instant_of(t, ocean.water))[4]  # type: ignore[arg-type]
     np.testing.assert_allclose(squeeze, (rate(p + h * e) - rate(p - h * e)) / (2 * h), atol=1e-7)
 
 
@@ -232,7 +234,7 @@ def test_jonswap_sea_has_its_significant_height() -> None:
     height, period = 0.5, 4.0
     waves = Waves.jonswap(np.random.default_rng(5), significant_height_m=height, peak_period_s=period)
     water = Ocean(waves=waves).water
-    series = np.array([elevation_at(0.0, 0.0, t, water) for t in np.arange(0, 20000, 0.5)])
+    series = np.array([elevation_at(0.0, 0.0, *instant_of(t, water)) for t in np.arange(0, 20000, 0.5)])
     assert 4 * series.std() == pytest.approx(height, rel=0.02)
 
 

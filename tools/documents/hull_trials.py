@@ -19,7 +19,7 @@ from sim.vehicle.hull_file import from_dimensions
 from sim.vehicle.hydrodynamics import wrench
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
-from sim.water import Ocean
+from sim.water import Ocean, instant_of
 from tests.synthetic import only
 from tests.vehicle import fossen_remus100 as fossen
 from tests.vehicle import remus_formation
@@ -180,10 +180,10 @@ def coefficients_of(model: str) -> dict[str, float]:
     (record,) = mjcf.read_coefficients(plant.model, plant.names, 1026.0)
     c, body = np.array([record], record.dtype).view(np.recarray)[0], plant.model.body("v/hull")
     own = plant.effectors[0, : len(plant.effector_names[0])]
-    rest = np.array([0.0, 0.0, -200.0, 1.0, 0.0, 0.0, 0.0])
+    rest, (now, waves) = np.array([0.0, 0.0, -200.0, 1.0, 0.0, 0.0, 0.0]), instant_of(0.0, plant.ocean.water)
 
     def load(axis: int, size: float) -> float:
-        force, moment, _ = wrench(c, rest, size * np.eye(6)[axis], 0.0, plant.ocean.water, own, np.zeros(own.size))
+        force, moment, _ = wrench(c, rest, size * np.eye(6)[axis], now, waves, (own[None], np.zeros((1, own.size))), 0)
         return abs(float(np.array([*force, *moment])[axis] - (c.buoyancy if axis == 2 else 0.0)))
 
     fins = own[own["kind"] == FIN]
