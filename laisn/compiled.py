@@ -124,11 +124,6 @@ def compiled_lanes(function: Function) -> Function:
     return compiled(function, fastmath={"contract", "nsz"})
 
 
-def compiled_sums(function: Function) -> Function:
-    """Compile long sums that vectorise: their order, and so the last digit, may differ between kinds of processors."""
-    return compiled(function, fastmath={"reassoc", "nsz"})
-
-
 def inlined(function: Function) -> Function:
     """Compile a small helper into its callers, so that loops over lanes stay vectorised."""
     return cast(Function, numba.njit(inline="always", error_model="numpy")(function))

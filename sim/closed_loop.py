@@ -87,7 +87,7 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
     planned = n // round(SPACING / TICK) if waypoints else 0
     trails = records(TRAIL, f, n // scenario.message_every + planned + 2)
     counts = np.zeros((f, 1), dtype=np.int64)
-    leader = vehicle_state(plant.pose[0], plant.twist[0], plant.water_velocity()[0])
+    leader = vehicle_state(plant.pose[0], plant.twist[0], plant.ocean.velocity(plant.pose[:, :3], plant.time)[0])
     start = records(MESSAGE, 1)[0]
     start.east, start.north, _ = plant.pose[0, :3]
     start.heading, start.speed = leader.heading, leader.surge

@@ -9,14 +9,14 @@ Waves: Faltinsen, Sea Loads on Ships and Offshore Structures, 1990 (Airy); DNV-R
 """
 
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats, Two, own_arrays
-from laisn.compiled import compiled, compiled_sums, inlined
+from laisn.compiled import compiled, inlined
 from laisn.elementary import exp, sin_cos
 from laisn.failure import LaisnError
 from sim.attitude import Matrix, Vector
@@ -127,26 +127,23 @@ def _require_unbroken(name: str, height_m: float, omega: float, floor_depth_m: f
         raise LaisnError(f"{name}={height_m} must lie between 0 and {highest:.3g} m, where waves of this length break")
 
 
-Water = tuple[Floats, Floats, Floats]
+Current = tuple[Two, Two, Two]
+"""At the surface [m/s], and its change with z [1/s], east and north; depth of the floor and bound of all waves [m]."""
+Water = tuple[Current, Floats, Floats]
 """An ocean as compiled functions take it (a plain tuple: numba takes four times as long to open a named one).
 
-current: velocity at the surface east and north [m/s], their change with z [1/s], depth of the floor and height that no
-wave exceeds [m]; shape (6,).
+current: the part of it that does not change in time, in numbers.
 waves: one column for each component, shape (11, n), rows as named below.
 change: points between which the current changes linearly, shape (m, 7), columns as named below; m = 0: it is steady.
 """
+Instant = tuple[float, Current, tuple[float, float, float, float, float, float]]
+"""Time [s], the current, and its change at this time as of `change_at`: numbers, as references to arrays cost time."""
 
 AMPLITUDE, KX, KY, OMEGA, FIXED_OMEGA, PHASE = range(6)
 """Rows of the waves: amplitude [m]; wave number east and north [1/m]; ω and ω at a fixed place [rad/s]; phase [rad]."""
 K, EAST, NORTH, ORBITAL, MIRROR = range(6, 11)
 """What follows from these and the depth h: k [1/m]; where the wave runs to, a unit vector; the velocity scale
 a ω / (1 − exp(−2kh)) [m/s]; exp(−2kh), the share of the wave's mirror image in the floor."""
-Instant = tuple[float, Two, Two, Two, tuple[float, float, float, float, float, float]]
-"""What is the same everywhere in an ocean at an instant, as of `instant_of`.
-
-Time [s]; current at the surface [m/s] and its change with z [1/s], east and north; depth of the floor and height that
-no wave exceeds [m]; `change_at`. All are numbers, as counting references to arrays takes compiled code long.
-"""
 START, SET, ACCELERATION, RUN = 0, slice(1, 3), slice(3, 5), slice(5, 7)
 """Columns of a changing current: time [s]; velocity then [m/s], its rate of change from then on [m/s²] and the way of
 the water since the first point [m], each east and north."""
@@ -173,11 +170,11 @@ class Ocean:
     @cached_property
     def water(self) -> Water:
         """Current, waves and change of the current as compiled functions take them."""
-        towards = np.array([np.sin(self.current_direction_rad), np.cos(self.current_direction_rad)])
-        surface, w = self.current_speed_m_s * towards, self.waves
-        highest = np.abs(w.amplitude_m).sum()
-        current = np.concatenate([surface, self.current_shear_1_s * towards, [self.floor_depth_m, highest]])
-        fixed = w.omega_rad_s + w.wavenumber_1_m @ surface
+        w, east, north = self.waves, np.sin(self.current_direction_rad), np.cos(self.current_direction_rad)
+        surface = self.current_speed_m_s * east, self.current_speed_m_s * north
+        shear = self.current_shear_1_s * east, self.current_shear_1_s * north
+        bounds = float(self.floor_depth_m), np.abs(w.amplitude_m).sum()
+        fixed = w.omega_rad_s + w.wavenumber_1_m @ np.array(surface)
         k = np.hypot(w.wavenumber_1_m[:, 0], w.wavenumber_1_m[:, 1])
         twice_depth = -2.0 * k * self.floor_depth_m
         orbital = w.amplitude_m * w.omega_rad_s / -np.expm1(twice_depth)
@@ -188,11 +185,7 @@ class Ocean:
         change[:, START], change[:, SET] = time, velocity
         change[:-1, ACCELERATION] = np.diff(velocity, axis=0) / dt
         change[1:, RUN] = np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * dt, axis=0)
-        return current, np.ascontiguousarray(np.column_stack([*given, *derived]).T), change
-
-    def run(self, time: float) -> tuple[float, float]:
-        """Way that the changing part of the current has made since time 0, east and north [m]."""
-        return change_at(time, self.water[2])[4:]
+        return (surface, shear, bounds), np.ascontiguousarray(np.column_stack([*given, *derived]).T), change
 
     def velocity(self, position: Floats, time: float) -> Floats:
         """Velocity of the water in the world at points of shape (n, 3), [m]; the answer likewise, [m/s]."""
@@ -224,14 +217,13 @@ def change_at(time: float, change: Floats) -> tuple[float, float, float, float, 
 def instant_of(time: float, water: Water) -> tuple[Instant, Floats]:
     """An ocean at an instant, and its waves: the last arguments of `flow` and `elevation_at`."""
     current, waves, change = water
-    surface, shear, bounds = (current[0], current[1]), (current[2], current[3]), (current[4], current[5])
-    return (time, surface, shear, bounds, change_at(time, change)), waves
+    return (time, current, change_at(time, change)), waves
 
 
 @compiled
 def elevation_at(x: float, y: float, now: Instant, waves: Floats) -> float:
     """Height of the surface above z = 0 at one place [m]."""
-    time, change = now[0], now[4]
+    time, _, change = now
     x, y, height = x - change[4], y - change[5], 0.0
     for i in range(waves.shape[1]):
         phase = waves[KX, i] * x + waves[KY, i] * y - waves[FIXED_OMEGA, i] * time + waves[PHASE, i]
@@ -267,7 +259,7 @@ def flow(
     columns x [1/s]; the rate, along the path, of the gradient along `axis` [1/s²]; and the gradient along `axis` of the
     particles' (linear) acceleration [1/s²].
     """
-    vx, vy, ax, ay, run_x, run_y = now[4]
+    _, (surface, (sx, sy), _), (vx, vy, ax, ay, run_x, run_y) = now
     if waves.shape[1] > 0:
         # waves are carried along with the changing current
         place = position[0] - run_x, position[1] - run_y, position[2]
@@ -275,15 +267,15 @@ def flow(
         stream, rate, gradient, turning, squeeze = _flow_in_waves(place, relative, axis, now, waves)
     else:
         # most seas are calm, and need neither sums over waves nor room for them
-        (ux, uy), (sx, sy), z, vz = now[1], now[2], position[2], velocity[2]
-        none = (0.0, 0.0, 0.0)
-        stream, rate = (ux + sx * z, uy + sy * z, 0.0), (sx * vz, sy * vz, 0.0)
+        z, vz, none = position[2], velocity[2], (0.0, 0.0, 0.0)
+        stream, rate = (surface[0] + sx * z, surface[1] + sy * z, 0.0), (sx * vz, sy * vz, 0.0)
         gradient, turning, squeeze = ((0.0, 0.0, sx), (0.0, 0.0, sy), none), none, none
     stream, rate = (stream[0] + vx, stream[1] + vy, stream[2]), (rate[0] + ax, rate[1] + ay, rate[2])
     return stream, rate, gradient, turning, squeeze
 
 
-@compiled_sums
+# sums in any order vectorise; their last digit may differ between kinds of processors
+@partial(compiled, fastmath={"reassoc", "nsz"})
 def _flow_in_waves(
     position: Vector, velocity: Vector, axis: Vector, now: Instant, waves: Floats
 ) -> tuple[Vector, Vector, Matrix, Vector, Vector]:
@@ -291,7 +283,7 @@ def _flow_in_waves(
     x, y, z = position
     vx, vy, vz = velocity
     ax, ay, az = axis
-    time, surface, (sx, sy), (depth, _), _ = now
+    time, (surface, (sx, sy), (depth, _)), _ = now
     ux, uy, uz = surface[0] + sx * z, surface[1] + sy * z, 0.0
     dx, dy, dz = sx * vz, sy * vz, 0.0
     gxx = gxy = gyy = gxz = gyz = gzz = 0.0

@@ -67,7 +67,7 @@ class Pool:
         if workers < 1:
             raise LaisnError(f"workers is {workers}, expected at least 1")
         self.size = workers
-        self.local = cluster is None
+        self.local = cluster is None  # its processes write to the store themselves
         self._cluster = cluster
         self._client: Any = None
 
@@ -204,11 +204,6 @@ def _cells_job(batch: Sequence[CellPlan], store: Store) -> _Job:
     return _Job(_keys(batch), lambda: partial(compute, mission(batch[0].scenario, store), batch), len(batch))
 
 
-def _flight_job(plan: CellPlan, facts: Facts | None, batch: Sequence[CellPlan]) -> _Job:
-    measured = [key_of(facts, plan.motion)] if facts else []
-    return _Job([plan.motion, *measured, *_keys(batch)], partial(partial, _fly, plan, facts, batch))
-
-
 def _attempt(name: Any, work: _Work, store: Store | None) -> tuple[Any, list[Result] | str]:
     """Results of some work by its name, or why it has none; if there is a store, they go there instead."""
     try:
@@ -311,13 +306,10 @@ def fly(
     missing = [plan for plan in plans if not store.has(*plan.keys)]
     by_motion = {plan.motion: plan for plan in plans}
     of_missing = {plan.motion for plan in missing}
-    needed = {
-        motion for motion in by_motion
-        if not store.has(*[key_of(facts, motion)] if facts else [], *[motion] if motion in of_missing else [])
-    }  # fmt: skip
+    measured = {motion: [key_of(facts, motion)] if facts else [] for motion in by_motion}
+    needed = {m for m, keys in measured.items() if not store.has(*keys, *[m] if m in of_missing else [])}
     keys = {name: key_of(task) for name, task in tasks.items()}
-    runs = {name: _Job([key], partial(partial, _rows, key, tasks[name])) for name, key in keys.items()}
-    runs = {name: job for name, job in runs.items() if not store.has(*job.keys)}
+    runs = {n: _Job([key], partial(partial, _rows, key, tasks[n])) for n, key in keys.items() if not store.has(key)}
     one_mission = len({plan.motion for plan in missing}) == 1 and cluster is None and not runs
     if one_mission and all(p.runs >= _MANY_RUNS and find(p.scenario.navigation.variant).lanes for p in missing):
         # compiled lanes run side by side in threads, without the memory of processes
@@ -333,9 +325,13 @@ def fly(
                 ahead()
     with pool:
         batches = _batches(missing, pool.size)
-        # a process that flies a mission need not read it for the first of its cells
-        first = {batch[0].motion: batch for batch in reversed(batches) if batch[0].motion in needed}
-        flights = {motion: _flight_job(by_motion[motion], facts, first.get(motion, [])) for motion in needed}
+        # of many missions each comes with its first cells, which need not read it
+        many = len(needed) > 4 * pool.size
+        first = {batch[0].motion: batch for batch in reversed(batches) if many and batch[0].motion in needed}
+        flights = {
+            motion: _Job([motion, *measured[motion], *_keys(batch)], partial(partial, _fly, plan, facts, batch))
+            for motion, plan, batch in ((m, by_motion[m], first.get(m, [])) for m in needed)
+        }
         failures = _compute("missions", flights, store, pool, quiet) | _compute("runs", runs, store, pool, quiet)
         if failures and not tolerant:
             raise CampaignError("; ".join(sorted(set(failures.values()))))

@@ -145,8 +145,7 @@ class Store:
                     part.write_text(json.dumps({"version": version}) + "\n", encoding="utf-8")
 
     def __getstate__(self) -> dict[str, Any]:
-        # a process that stores results has no use for the list of all others
-        return self.__dict__ | {"written": set()}
+        return self.__dict__ | {"written": set()}  # another process has no use for it
 
     def path(self, key: str) -> Path:
         return self._results / f"{key}.npz"

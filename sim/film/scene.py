@@ -18,7 +18,7 @@ from sim.flight import Flight
 from sim.scenario.settings import Video
 from sim.vehicle.effectors import MovingFins
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
-from sim.water import PHASE, Ocean
+from sim.water import PHASE, Ocean, change_at
 
 Box = tuple[int, int, int, int]
 
@@ -118,7 +118,7 @@ class Sea:
         """Height of the sea over the grid x by y without the waves too short for it, shape (len(y), len(x)), [m]."""
         cell = float(x[1] - x[0])
         long = self._steepness * cell < 2.0
-        east, north = self._ocean.run(time)
+        *_, east, north = change_at(time, self._ocean.water[2])
         amplitude, kx, ky, omega, phase = self._waves[long][:, [0, 1, 2, 4, 5]].T
         along_x = amplitude * np.exp(1j * (np.outer(x - east, kx) + phase - omega * time))
         return np.asarray((np.exp(1j * np.outer(y - north, ky)) @ along_x.T).real)

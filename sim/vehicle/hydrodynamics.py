@@ -167,8 +167,9 @@ def immersion(c: Any, position: Vector, axis: Vector, now: Instant, waves: Float
     A strip's section leaves the water evenly from the moment the surface touches its top until it is a radius below
     its middle; strips count by their side area.
     """
+    _, (_, _, (_, highest)), _ = now
     ends = max(abs(c.strip_x[0]), abs(c.strip_x[c.n_strips - 1]))
-    deep = position[2] + abs(axis[2]) * ends + c.hull_radius <= -now[3][1]
+    deep = position[2] + abs(axis[2]) * ends + c.hull_radius <= -highest
     area = wet = arm = 0.0
     for i in range(0 if deep else c.n_strips):
         p = plus(position, scaled(c.strip_x[i], axis))
@@ -202,10 +203,11 @@ def wrench(
     position = (pose[0], pose[1], pose[2])
     velocity = (twist[0], twist[1], twist[2])
     spin = (twist[3], twist[4], twist[5])
+    _, (_, shear, _), _ = now
 
     stream, change, gradient, turning_change, squeeze = flow(position, velocity, axis, now, waves)
     # in a steady current without shear all that follows from rates and gradients of the water is zero
-    varies = waves.shape[1] > 0 or change != (0.0, 0.0, 0.0) or now[2] != (0.0, 0.0)
+    varies = waves.shape[1] > 0 or change != (0.0, 0.0, 0.0) or shear != (0.0, 0.0)
     v = times(to_body, minus(velocity, stream))
     w, brought = spin, (cross(spin, v), (0.0, 0.0, 0.0))
     if varies:
@@ -249,27 +251,19 @@ def wrench(
 
 
 @compiled
-def _between(x: Vector, m: Floats, y: Vector) -> float:
-    """Product xᵀ M y with the upper left 3×3 block of a matrix."""
-    return float(
-        x[0] * m[0, 0] * y[0] + x[0] * m[0, 1] * y[1] + x[0] * m[0, 2] * y[2]
-        + x[1] * m[1, 0] * y[0] + x[1] * m[1, 1] * y[1] + x[1] * m[1, 2] * y[2]
-        + x[2] * m[2, 0] * y[0] + x[2] * m[2, 1] * y[1] + x[2] * m[2, 2] * y[2]
-    )  # fmt: skip
-
-
-@compiled
 def _add_to_inertia(mass: Floats, vehicle: int, added: Floats, share: float, r: Matrix) -> None:
     """Add rotated added mass to the lower triangle of a body's block of `M`: R A R', B R', C of [[A, B'], [B, C]]."""
-    for i in range(3):
-        for j in range(i + 1):
-            mass[vehicle, i * (i + 1) // 2 + j] += share * _between(r[i], added, r[j])
-    for i in range(3, 6):
-        a = added[i, 0], added[i, 1], added[i, 2]
-        for j in range(3):
-            mass[vehicle, i * (i + 1) // 2 + j] += share * (a[0] * r[j][0] + a[1] * r[j][1] + a[2] * r[j][2])
-        for j in range(3, i + 1):
-            mass[vehicle, i * (i + 1) // 2 + j] += share * added[i, j]
+    m = added
+    a = (m[0, 0], m[0, 1], m[0, 2]), (m[1, 0], m[1, 1], m[1, 2]), (m[2, 0], m[2, 1], m[2, 2])
+    b = (m[3, 0], m[3, 1], m[3, 2]), (m[4, 0], m[4, 1], m[4, 2]), (m[5, 0], m[5, 1], m[5, 2])
+    for j in range(3):
+        carried, coupled = times(r, times(a, r[j])), times(b, r[j])
+        for i in range(3):
+            lower = (i + 3) * (i + 4) // 2  # start of row i + 3
+            mass[vehicle, lower + j] += share * coupled[i]
+            if i >= j:
+                mass[vehicle, i * (i + 1) // 2 + j] += share * carried[i]
+                mass[vehicle, lower + 3 + j] += share * added[i + 3, j + 3]
 
 
 @compiled

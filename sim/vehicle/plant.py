@@ -72,12 +72,6 @@ FINE, LOST, NOT_FINITE, WARNED = range(4)
 
 
 @compiled
-def _lost(pose: Floats, twist: Floats) -> int:
-    """First vehicle whose state is not finite, or that is faster than any can be; -1 if there is none."""
-    return max(hydrodynamics.beyond(pose, np.inf), hydrodynamics.beyond(twist, hydrodynamics.LOST))
-
-
-@compiled
 def _shift(twist: Floats, acceleration: Floats, time: float) -> None:
     """Take velocities to another instant, by the acceleration of the last step."""
     for i in range(twist.shape[0]):
@@ -95,9 +89,6 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
     kinematics, centres, inertia, velocity, factor, finish = stages
     (pose, twist, acceleration), control, good, warnings = body
     half_step = 0.5 * clock[1]
-    lost = _lost(pose, twist)
-    if lost >= 0:
-        return LOST, lost
     bad = hydrodynamics.beyond(command, np.inf)
     if bad >= 0:
         return NOT_FINITE, bad
@@ -119,7 +110,7 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
         call(finish, model, data)
         clock[0] += clock[1]
     _shift(twist, acceleration, half_step)
-    lost = _lost(pose, twist)
+    lost = max(hydrodynamics.beyond(pose, np.inf), hydrodynamics.beyond(twist, hydrodynamics.LOST))
     if lost >= 0:
         return LOST, lost
     for i in range(warnings.size):
@@ -219,10 +210,6 @@ class Plant:
     def time(self) -> float:
         """Time of the simulation [s]."""
         return float(self.data.time)
-
-    def water_velocity(self) -> Floats:
-        """Velocity of the water at the vehicles' origins, in the world, shape (v, 3), [m/s]."""
-        return self.ocean.velocity(self.pose[:, :3], self.time)
 
     def step(self, command: Floats, n_substeps: int = 1) -> None:
         """Advance by `n_substeps` physics steps under constant commands, shape (v, m), in the units of the states.

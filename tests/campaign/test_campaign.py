@@ -38,7 +38,8 @@ def test_what_processes_need_is_compiled_before_they_are_timed(tmp_path, monkeyp
 
     def note(trajectory, plans):
         with noted.open("a") as file:
-            file.write(f"{trajectory.time[-1]} {plans[0].runs}{' here' if os.getpid() == parent else ''}\n")
+            for plan in plans:
+                file.write(f"{trajectory.time[-1]} {plan.runs}{' here' if os.getpid() == parent else ''}\n")
         return compute(trajectory, plans)
 
     parent = os.getpid()
@@ -66,6 +67,21 @@ def test_large_cells_of_one_mission_share_a_process_and_give_the_same_bytes(tmp_
     run(one, tmp_path / "threads", workers=2, quiet=True)
     assert noted == [(os.getpid(), 2)]
     assert contents(tmp_path / "threads") == contents(tmp_path / "one")
+
+
+def test_many_missions_are_not_read_for_their_first_cells(tmp_path, monkeypatch):
+    """Of six missions with two cells each, which give the bytes of cells that are computed later."""
+    many = [
+        replace(plan, scenario=plan.scenario.model_copy(update={"duration_s": duration}))
+        for duration in (20.0, 21.0, 22.0, 23.0, 24.0, 25.0)
+        for plan in plans()[:2]
+    ]
+    for number in range(0, len(many), 2):
+        run(many[number : number + 2], tmp_path / "few", workers=1, quiet=True)
+    monkeypatch.setattr(campaign, "mission", lambda *_: pytest.fail("a mission was read"))
+    rows = run(many, tmp_path / "many", workers=1, quiet=True)
+    assert rows == run(many, tmp_path / "few", workers=1, quiet=True)
+    assert contents(tmp_path / "many") == contents(tmp_path / "few")
 
 
 def killed_at(moment: int, folder, kill=lambda: os.kill(os.getpid(), signal.SIGKILL)):

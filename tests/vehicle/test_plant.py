@@ -185,13 +185,6 @@ def test_vehicles_do_not_feel_one_another() -> None:
     np.testing.assert_allclose(both.pose[1], alone.pose[0], rtol=0, atol=1e-12)
 
 
-def test_water_velocity_is_the_oceans_at_the_vehicles() -> None:
-    ocean = rough_sea()
-    plant = Plant(setups(), ocean)
-    plant.step(np.zeros((2, 5)), 100)
-    np.testing.assert_array_equal(plant.water_velocity(), ocean.velocity(plant.pose[:, :3].copy(), plant.time))
-
-
 @pytest.mark.parametrize(("vehicle", "speed"), [(0, 2.5), (1, 3.0)])
 def test_speed_is_reached_with_reserve(vehicle: int, speed: float) -> None:
     plant = Plant(setups(depth=100.0), Ocean())
