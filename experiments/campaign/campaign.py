@@ -58,7 +58,6 @@ def _with_version(function: Callable[..., Made], *arguments: Any) -> tuple[str, 
 class Pool:
     """A pool of `size` local processes, or of the workers of the Dask scheduler at an address; use it as a context.
 
-    `local` processes write to the store themselves, so that results need not go through this one.
     With one local worker everything is computed in this process. LaisnError if there is no worker, or the cluster
     cannot be used.
     """
