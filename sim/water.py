@@ -128,11 +128,10 @@ def _require_unbroken(name: str, height_m: float, omega: float, floor_depth_m: f
 
 
 Current = tuple[Two, Two, Two]
-"""At the surface [m/s], and its change with z [1/s], east and north; depth of the floor and bound of all waves [m]."""
+"""The steady part at the surface [m/s], its change with z [1/s], east and north; depth of floor, bound of waves [m]."""
 Water = tuple[Current, Floats, Floats]
 """An ocean as compiled functions take it (a plain tuple: numba takes four times as long to open a named one).
 
-current: the part of it that does not change in time, in numbers.
 waves: one column for each component, shape (11, n), rows as named below.
 change: points between which the current changes linearly, shape (m, 7), columns as named below; m = 0: it is steady.
 """
@@ -216,8 +215,7 @@ def change_at(time: float, change: Floats) -> tuple[float, float, float, float, 
 @compiled
 def instant_of(time: float, water: Water) -> tuple[Instant, Floats]:
     """An ocean at an instant, and its waves: the last arguments of `flow` and `elevation_at`."""
-    current, waves, change = water
-    return (time, current, change_at(time, change)), waves
+    return (time, water[0], change_at(time, water[2])), water[1]
 
 
 @compiled

@@ -66,13 +66,12 @@ class Pool:
         if workers < 1:
             raise LaisnError(f"workers is {workers}, expected at least 1")
         self.size = workers
-        self.local = cluster is None  # its processes write to the store themselves
-        self._cluster = cluster
+        self.cluster = cluster
         self._client: Any = None
 
     def __enter__(self) -> Self:
-        if self._cluster is not None:
-            self._client = _connect(self._cluster)
+        if self.cluster is not None:
+            self._client = _connect(self.cluster)
             self.size = sum(self._client.nthreads().values())
         return self
 
@@ -230,7 +229,7 @@ def _compute(what: str, jobs: Mapping[Any, _Job], store: Store, pool: Pool, quie
                 if store.has(*jobs[name].keys):
                     advance(jobs[name].size)
                 else:
-                    yield name, jobs[name].work(), store if pool.local else None
+                    yield name, jobs[name].work(), store if pool.cluster is None else None
 
         for name, found in pool.each(_attempt, missing()):
             if isinstance(found, str):
@@ -325,8 +324,7 @@ def fly(
     with pool:
         batches = _batches(missing, pool.size)
         # of many missions each comes with its first cells, which need not read it
-        many = len(needed) > 4 * pool.size
-        first = {batch[0].motion: batch for batch in reversed(batches) if many and batch[0].motion in needed}
+        first = {b[0].motion: b for b in reversed(batches) if b[0].motion in needed and len(needed) > 4 * pool.size}
         flights = {
             motion: _Job([motion, *measured[motion], *_keys(batch)], partial(partial, _fly, plan, facts, batch))
             for motion, plan, batch in ((m, by_motion[m], first.get(m, [])) for m in needed)

@@ -146,7 +146,7 @@ class GlScene:
         self._model = build(flight, *size)
         self._data = mujoco.MjData(self._model)
         self._vehicles = [resolve(self._model, name) for name in flight.trajectory.names]
-        self._fins = MovingFins(self._model)
+        self._fins = [MovingFins(self._model, f"{name}/") for name in flight.trajectory.names]
         parts = [self._model.geom(g).name.split("/")[-1] for g in range(self._model.ngeom)]
         self._inside = {g for g, part in enumerate(parts) if part.startswith(_INSIDE)}
         self._gl = mujoco.GLContext(*size)
@@ -176,8 +176,9 @@ class GlScene:
         for vehicle, position, quaternion in zip(self._vehicles, state.position, state.quaternion, strict=True):
             self._data.qpos[vehicle.qpos : vehicle.qpos + 3] = position
             self._data.qpos[vehicle.qpos + 3 : vehicle.qpos + 7] = quaternion
-        if state.effectors.size == self._model.nu:  # the paper's point motion has no effectors
-            self._fins.turn(state.effectors.ravel())
+        if state.effectors.size:  # the paper's point motion has no effectors
+            for fins, states in zip(self._fins, state.effectors, strict=True):
+                fins.turn(states)
         self._fog(*shot.fog)
         # what a wide lens sees before the fog closes lies within this square
         looked_at = shot.view.position + 0.4 * shot.fog[1] * shot.view.axes[2]

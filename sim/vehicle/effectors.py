@@ -72,9 +72,9 @@ def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
     Records that pad a vehicle are zero. LaisnError if an actuator does not act at a site of its own hull, or its
     numeric is wrong.
     """
-    records = np.zeros((len(vehicles), len(vehicles[0].actuators)), EFFECTOR)
+    records = np.zeros((len(vehicles), max(len(vehicle.actuators) for vehicle in vehicles)), EFFECTOR)
     for row, vehicle in zip(records, vehicles, strict=True):
-        for record, actuator in zip(row[: len(vehicle.effectors)], vehicle.actuators, strict=False):
+        for record, actuator in zip(row, vehicle.actuators, strict=False):
             site, reference = model.actuator_trnid[actuator]
             at_site = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_SITE.value and reference < 0
             if not at_site or model.site_bodyid[site] != vehicle.body:
@@ -143,23 +143,25 @@ def _fill(record: Any, model: Any, name: str, site: int, gear: Floats) -> None:
 
 
 class MovingFins:
-    """The geoms of a compiled model with looks that have the names of fins, turned as the fins are."""
+    """The geoms of a vehicle in a compiled model with looks that have the names of fins, turned as the fins are."""
 
-    def __init__(self, model: Any) -> None:
+    def __init__(self, model: Any, prefix: str = "") -> None:
+        """Take a model of which the names of the vehicle's parts, or of all, have a prefix."""
         self._model = model
         self._fins: list[tuple[int, int, Floats, Floats]] = []
-        for i in range(model.nu):
+        own = [i for i in range(model.nu) if model.actuator(i).name.startswith(prefix)]
+        for number, i in enumerate(own):
             name = model.actuator(i).name
             geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name)
             if geom >= 0 and numeric(model, name + SUFFIXES[FIN]) is not None:
                 push = attitude.rotate(model.site_quat[model.actuator_trnid[i, 0]], model.actuator_gear[i, :3])
-                self._fins.append((i, geom, np.cross((1.0, 0.0, 0.0), push), model.geom_quat[geom].copy()))
+                self._fins.append((number, geom, np.cross((1.0, 0.0, 0.0), push), model.geom_quat[geom].copy()))
 
     def __bool__(self) -> bool:
         return bool(self._fins)
 
     def turn(self, state: Floats) -> None:
-        """Turn the geoms by the states of all actuators, shape (nu,); deflections are [rad]."""
+        """Turn the geoms by the states of the vehicle's effectors, shape (m,); deflections are [rad]."""
         for actuator, geom, axis, still in self._fins:
             turned = np.zeros(4)
             mujoco.mju_axisAngle2Quat(turned, axis, float(state[actuator]))
@@ -261,6 +263,19 @@ def loads(
         force = plus(force, scaled(push, axis))
         moment = plus(moment, plus(scaled(push, lever), scaled(twist, axis)))
     return thrust, torque, force, moment
+
+
+@compiled
+def respond(fitted: tuple[Any, Floats], command: Floats, response: Floats) -> None:
+    """Bring states, as of `loads`, a step closer to commands within their limits, both of shape (v, m).
+
+    `response` is the share of a first-order lag that passes in a step, 1 − exp(−dt/lag).
+    """
+    records, states = fitted
+    for i in range(states.shape[0]):
+        for j in range(states.shape[1]):
+            limits = records[i, j].limits
+            states[i, j] += response[i, j] * (min(max(command[i, j], limits[0]), limits[1]) - states[i, j])
 
 
 @compiled

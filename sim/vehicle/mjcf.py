@@ -15,8 +15,6 @@ from laisn.failure import LaisnError
 from sim import attitude
 from sim.scenario import vehicles
 
-_UNUSED = "unused_"  # beginning of the names of actuators that pad a vehicle
-
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleSetup:
@@ -37,8 +35,8 @@ class Vehicle(NamedTuple):
     name: str
     body: int
     qpos: int  # first of its seven entries in `qpos`
-    actuators: tuple[int, ...]  # MuJoCo's ids, in the order of the MJCF; of all vehicles as many, since `compose` pads
-    effectors: tuple[str, ...]  # names of the MJCF's own actuators; those that follow exert no force
+    actuators: tuple[int, ...]  # MuJoCo's ids, in the order of the MJCF
+    effectors: tuple[str, ...]  # their names in the MJCF
 
 
 def compose(setups: Sequence[VehicleSetup], floor_depth_m: float | None = None, *, looks: bool = True) -> mujoco.MjSpec:
@@ -50,16 +48,8 @@ def compose(setups: Sequence[VehicleSetup], floor_depth_m: float | None = None, 
     if floor_depth_m is not None:
         # crests of the relief reach up to the floor's depth, so that what is above it is clear
         spec.geom("floor").pos[2] = -floor_depth_m - spec.hfield("floor").size[2]
-    specs = [_edited(setup, looks) for setup in setups]
-    most = max(len(vehicle.actuators) for vehicle in specs)
-    for setup, vehicle in zip(setups, specs, strict=True):
-        # actuators without force, so that every vehicle has as many and arrays over vehicles are rectangular
-        for i in range(len(vehicle.actuators), most):
-            actuator = vehicle.add_actuator(name=f"{_UNUSED}{i}", target="cg", trntype=mujoco.mjtTrn.mjTRN_SITE)
-            actuator.gear = np.zeros(6)
-            actuator.dyntype, actuator.dynprm[0] = mujoco.mjtDyn.mjDYN_FILTEREXACT, 1.0
-            actuator.ctrllimited, actuator.ctrlrange = True, np.array([-1.0, 1.0])
-        spec.attach(vehicle, frame=spec.worldbody.add_frame(), prefix=f"{setup.name}/")
+    for setup in setups:
+        spec.attach(_edited(setup, looks), frame=spec.worldbody.add_frame(), prefix=f"{setup.name}/")
     return spec
 
 
@@ -115,8 +105,8 @@ def resolve(model: Any, name: str) -> Vehicle:
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"{name}/hull")
     names = [model.actuator(i).name.partition("/") for i in range(model.nu)]
     actuators = tuple(i for i, (vehicle, _, _) in enumerate(names) if vehicle == name)
-    effectors = tuple(names[i][2] for i in actuators if not names[i][2].startswith(_UNUSED))
-    return Vehicle(name, body, int(model.jnt_qposadr[model.body_jntadr[body]]), actuators, effectors)
+    first = int(model.jnt_qposadr[model.body_jntadr[body]])
+    return Vehicle(name, body, first, actuators, tuple(names[i][2] for i in actuators))
 
 
 MAX_STRIPS = 32

@@ -87,13 +87,11 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
     """
     (stages, model, data), clock, body, (records, water, solver, fitted) = handles
     kinematics, centres, inertia, velocity, factor, finish = stages
-    (pose, twist, acceleration), control, good, warnings = body
+    (pose, twist, acceleration), response, good, warnings = body
     half_step = 0.5 * clock[1]
     bad = hydrodynamics.beyond(command, np.inf)
     if bad >= 0:
         return NOT_FINITE, bad
-    for i in range(control.shape[0]):
-        copy_values(command[i], control[i])
     _shift(twist, acceleration, -half_step)
     for _ in range(n_substeps):
         call(kinematics, model, data)
@@ -108,6 +106,7 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
         call(factor, model, data)
         _shift(twist, acceleration, -half_step)
         call(finish, model, data)
+        effectors.respond(fitted, command, response)
         clock[0] += clock[1]
     _shift(twist, acceleration, half_step)
     lost = max(hydrodynamics.beyond(pose, np.inf), hydrodynamics.beyond(twist, hydrodynamics.LOST))
@@ -124,8 +123,9 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
 
 NO_CONTACT = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT.value | mujoco.mjtDisableBit.mjDSBL_CONTACT.value
 """Hulls pass through one another and through the floor, whatever their geoms are."""
-_NO_JOINT_FORCES = mujoco.mjtDisableBit.mjDSBL_SPRING.value | mujoco.mjtDisableBit.mjDSBL_DAMPER.value
-"""Free bodies have neither springs nor dampers, and MuJoCo need not look for them; damping is the water's."""
+_UNUSED = ("mjDSBL_SPRING", "mjDSBL_DAMPER", "mjDSBL_ACTUATION")
+_NO_FORCES = sum(getattr(mujoco.mjtDisableBit, name).value for name in _UNUSED)
+"""Free bodies have neither springs nor dampers; effectors are those of `sim.vehicle.effectors`."""
 
 
 class PlantError(LaisnError):
@@ -137,7 +137,7 @@ class Plant:
 
     Attributes:
         names: of the vehicles, shape (v,).
-        pose: position [m] and quaternion (w, x, y, z), shape (v, 7); a view that follows the state, as the next two.
+        pose: position [m] and quaternion (w, x, y, z), shape (v, 7); a view that follows the state, as the next.
         twist: velocity of the origin in the world [m/s] and angular velocity in the body [rad/s], shape (v, 6).
         thrust: states of the effectors, shape (v, m): thrust [N], revolutions per second, deflection [rad], …
         state: pose, twist and thrust, for compiled code.
@@ -155,7 +155,7 @@ class Plant:
         """Compose and compile the model; LaisnError if the setups or the models' coefficients are invalid."""
         spec = compose(setups, ocean.floor_depth_m, looks=False)
         spec.option.timestep = dt
-        spec.option.disableflags |= NO_CONTACT | _NO_JOINT_FORCES
+        spec.option.disableflags |= NO_CONTACT | _NO_FORCES
         self.ocean = ocean
         self.dt = dt
         self.setups = tuple(setups)
@@ -165,14 +165,13 @@ class Plant:
 
         n = len(setups)
         vehicles = [resolve(model, name) for name in self.names]
-        m = len(vehicles[0].actuators)
         self.pose: Floats = data.qpos.reshape(n, 7)
         self.twist: Floats = data.qvel.reshape(n, 6)
-        self.thrust: Floats = data.act.reshape(n, m)
-        self.state = self.pose, self.twist, self.thrust
         self.effectors, self.fixed_fins = effectors.read(model, vehicles), effectors.read_fixed(model, vehicles)
         self.effectors.flags.writeable = self.fixed_fins.flags.writeable = False
         self.effector_names = tuple(v.effectors for v in vehicles)
+        self.thrust: Floats = np.zeros(self.effectors.shape)
+        self.state = self.pose, self.twist, self.thrust
         solver: hydrodynamics.Solver = data.M.reshape(n, 21), data.qfrc_applied.reshape(n, 6)
         self._acceleration: Floats = data.qacc.reshape(n, 6)
         self._last_pose, self._last_twist = np.empty((n, 7)), np.empty((n, 6))
@@ -180,11 +179,10 @@ class Plant:
         self.true_coefficients = mjcf.scaled_coefficients(self.coefficients, setups)
         every = np.concatenate([self.effectors, self.fixed_fins], axis=1)
         self.true_effectors = effectors.scaled_records(every, setups)
-        # all forces are those of `effectors.loads`; MuJoCo's way to them costs the square of the number of vehicles
-        model.actuator_gainprm[:] = model.actuator_biasprm[:] = 0.0
+        response = -np.expm1(-dt / np.maximum(self.effectors["lag"], 1e-9))  # records that pad a vehicle have no lag
         self._loads: Any = self.true_coefficients, ocean.water, solver, (self.true_effectors, self.thrust)
         moving, good = (self.pose, self.twist, self._acceleration), (self._last_pose, self._last_twist)
-        self._body = moving, data.ctrl.reshape(n, m), good, data.warning.number
+        self._body = moving, response, good, data.warning.number
         self._clock = np.array([0.0, dt])
 
         self.site_names = tuple(model.site(i).name for i in range(model.nsite))
@@ -201,9 +199,9 @@ class Plant:
         self._acceleration[:] = 0.0
         start = data.qpos.copy(), data.qvel.copy()
         self._last_pose[:], self._last_twist[:] = self.pose, self.twist
-        self.step(np.zeros((n, m)))
+        self.step(np.zeros(self.thrust.shape))
         data.qpos[:], data.qvel[:] = start
-        data.time = data.act[:] = 0.0
+        data.time = self.thrust[:] = 0.0
         self._last_pose[:], self._last_twist[:] = self.pose, self.twist
 
     @property
