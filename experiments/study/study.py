@@ -47,7 +47,7 @@ def _cost(plan: Plan, workers: int) -> tuple[float, float]:
     closed, missions = plan.entries[0].closed_loop, dict[Any, list[Entry]]()
     for entry in plan.entries:
         missions.setdefault(entry.place if closed else entry.motion, []).append(entry)
-    tried = [*missions.values()][:workers]
+    tried = [*missions.values()][: 5 * workers]
     firsts = [own[0] for own in tried]
     with TemporaryDirectory() as folder:
 
