@@ -29,7 +29,7 @@ from sim.log.schema import Clock, RecordType, pose, quaternion, timestamp, vecto
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.trajectory import Trajectory
 
-_BLOCK_NS = 10 * 10**9  # what was logged of this time is in the file before more is logged [ns]
+_BLOCK_NS = 20 * 10**9  # what was logged of this time is in the file before more is logged [ns]
 _PACKAGES = ("laisn-sim", "mujoco", "numpy", "scipy", "numba", "filterpy", "mcap", "foxglove-sdk")
 _CONVENTIONS: dict[str, str] = json.loads((Path(__file__).parent / "conventions.json").read_text(encoding="utf-8"))
 Frame = tuple[float, bytes]
@@ -246,7 +246,7 @@ class _Block(BytesIO):
 def write_channels(path: Path, channels: Sequence[Channel], describe: Callable[[MCAPWriter], None]) -> None:
     """Write an MCAP file; the same arguments give the same bytes. If that fails, the file stays without an end.
 
-    Messages of all channels are in order of time, in blocks of ten seconds, each of which is in the file before the
+    Messages of all channels are in order of time, in blocks of 20 s, each of which is in the file before the
     next one begins; a channel without messages is not in it. `describe` writes attachments and metadata.
     """
     options = MCAPWriteOptions(compression_threads=0, compression_level=1, disable_seeking=True)

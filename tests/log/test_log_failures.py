@@ -65,7 +65,7 @@ def test_every_flipped_bit_is_detected(flight: Flight, written: Path, tmp_path: 
 
 def test_a_cut_off_log_is_refused_and_recovered(flight: Flight, written: Path, tmp_path: Path) -> None:
     whole, printed = written.read_bytes(), list[str]()
-    for length in (9, len(whole) // 3, len(whole) - 1):
+    for length in (9, 3 * len(whole) // 4, len(whole) - 1):
         (tmp_path / "cut.mcap").write_bytes(whole[:length])
         with pytest.raises(
             LogError, match=r"damaged or cut off at byte \d+: the file ends within a record; laisn log recover"
@@ -114,15 +114,15 @@ def test_bytes_behind_the_end_are_called_so_and_left_out(
     assert not (tmp_path / "b.mcap.partial").exists()
 
 
-def test_a_damaged_log_with_bytes_behind_its_end_gives_what_stands_before_the_damage(
-    flight: Flight, written: Path, tmp_path: Path
-) -> None:
-    damaged = bytearray(written.read_bytes())
+def test_a_damaged_log_with_bytes_behind_its_end_gives_what_stands_before_the_damage(tmp_path: Path) -> None:
+    flight = make_flight(45.0)
+    writer.write(flight, tmp_path / "c.mcap")
+    damaged = bytearray((tmp_path / "c.mcap").read_bytes())
     damaged[len(damaged) // 2] ^= 0x10
     (tmp_path / "a.mcap").write_bytes(bytes(damaged) + b"rest")
     rescued = read(recover(tmp_path / "a.mcap"))
     n = rescued.trajectory.time.size
-    assert 90 < n < 202
+    assert 190 < n < 452
     assert rescued.outcome is Outcome.INTERRUPTED
     assert rescued.trajectory.position.tobytes() == flight.trajectory.position[:n].tobytes()
     assert rescued.estimates[0].state.tobytes() == flight.estimates[0].state[: n - 1].tobytes()
@@ -130,7 +130,7 @@ def test_a_damaged_log_with_bytes_behind_its_end_gives_what_stands_before_the_da
     (tmp_path / "b.mcap").write_bytes(bytes(damaged) + b"rest")
     with pytest.raises(LogError, match="nothing to recover"):
         recover(tmp_path / "b.mcap")
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mcap", "a.recovered.mcap", "b.mcap"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mcap", "a.recovered.mcap", "b.mcap", "c.mcap"]
 
 
 def test_a_log_may_be_named_by_text(written: Path) -> None:
@@ -174,17 +174,17 @@ class Frames(list[tuple[float, bytes]]):
         return super().__getitem__(number)
 
 
-def test_a_crash_costs_ten_seconds_at_most(tmp_path: Path) -> None:
-    """Ten seconds of mission are in the file when the next ones begin."""
+def test_a_crash_costs_twenty_seconds_at_most(tmp_path: Path) -> None:
+    """Twenty seconds of mission are in the file when the next ones begin."""
     seen: list[float] = []
 
     class Film(Frames):
         def write(self, number: int) -> None:
-            if number in (10, 20, 30):
+            if number in (20, 40, 60):
                 (tmp_path / "b.mcap").write_bytes(partial_path(tmp_path / "a.mcap").read_bytes())
                 seen.append(number - float(read(recover(tmp_path / "b.mcap")).trajectory.time[-1]))
 
-    writer.write(make_flight(40.0), tmp_path / "a.mcap", video=Film((float(k), b"x") for k in range(40)))
+    writer.write(make_flight(80.0), tmp_path / "a.mcap", video=Film((float(k), b"x") for k in range(80)))
     assert len(seen) == 3
     assert max(seen) < 0.3
 
@@ -262,7 +262,7 @@ def test_a_folder_without_permission(flight: Flight, tmp_path: Path) -> None:
 
 
 def test_an_interrupt_leaves_the_old_log_and_a_partial_one(tmp_path: Path) -> None:
-    """A handler raises in the main thread, and writing ends with the block of ten seconds before."""
+    """A handler raises in the main thread, and writing ends with the block of 20 s before."""
 
     class Film(Frames):
         def write(self, number: int) -> None:
@@ -275,7 +275,7 @@ def test_an_interrupt_leaves_the_old_log_and_a_partial_one(tmp_path: Path) -> No
         writer.write(make_flight(200.0), tmp_path / "a.mcap", video=Film([(0.0, b"x"), (150.0, b"x")]))
     assert (tmp_path / "a.mcap").read_bytes() == b"older"
     rescued = read(recover(tmp_path / "a.mcap.partial"))
-    assert 149 < rescued.trajectory.time[-1] < 150
+    assert 139 < rescued.trajectory.time[-1] < 140
 
 
 @pytest.mark.parametrize("delay_s", [0.001, 0.01, 0.03, 0.1, 0.2])

@@ -102,6 +102,20 @@ def test_a_step_is_mujocos_own_with_the_water_in_its_middle() -> None:
     np.testing.assert_allclose(plant.twist, twist, rtol=0, atol=1e-9)
 
 
+def test_mujoco_reads_no_clock_in_a_step() -> None:
+    plant = Plant(setups(), Ocean())
+    plant.step(np.zeros((2, 5)), 100)
+    assert [timer.duration for timer in plant.data.timer] == [0.0] * len(plant.data.timer)
+
+
+def test_effectors_follow_commands_within_their_limits_by_a_first_order_lag() -> None:
+    """In closed form after a second; the hulls have 150 and 100 N ahead, and a lag of 0.3 s."""
+    plant = Plant(setups(), Ocean())
+    plant.step(np.array([[500.0, 8, -6, 3, -5], [12, -5, 6, -2, 300]]), 50)
+    wanted = np.array([[150.0, 8, -6, 3, -5], [12, -5, 6, -2, 25]])
+    np.testing.assert_allclose(plant.thrust, wanted * (1.0 - np.exp(-1.0 / 0.3)), rtol=1e-12)
+
+
 def test_a_wrench_beyond_all_numbers_is_found() -> None:
     """Three forces of 10³⁰⁸ N, each of them finite."""
     plant = Plant(setups(), Ocean())
