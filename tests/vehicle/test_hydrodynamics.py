@@ -217,3 +217,19 @@ def test_buoyancy_fades_as_the_hull_emerges() -> None:
     assert tank.pose[2] == pytest.approx(radius * (1 - 2 / excess), abs=1e-3)
     assert highest < 4 * radius
     assert abs(float(attitude.heading_pitch_roll(tank.pose[3:])[1])) < 1e-6
+
+
+def test_a_hull_in_a_trough_is_out_of_the_water() -> None:
+    """0.6 m below the still surface, where waves of a long period are 1 m low and 1 m high."""
+    trough, crest = (
+        Tank(
+            models.path("leader").read_text(),
+            Ocean(waves=Waves.regular(height_m=2.0, period_s=20.0, phase_rad=phase)),
+            0.02,
+        )
+        for phase in (np.pi, 0.0)
+    )
+    for tank in (trough, crest):
+        tank.place((0.0, 0.0, -0.6))
+    assert trough.water_wrench()[2] == 0.0
+    assert crest.water_wrench()[2] > 600.0
