@@ -39,6 +39,7 @@ _Work = Callable[[], list[Result]]
 Made = TypeVar("Made")
 _CONNECT_S = 3
 BATCH_STEPS = 20_000_000  # filter steps that a process computes before it reports: a third of a second
+FEW_MISSIONS = 4  # so many for each process are flown before their cells; of more each comes with its first cells
 _MANY_RUNS = 10_000  # cells of so many runs take seconds, in which threads use all cores
 
 
@@ -323,8 +324,9 @@ def fly(
                 ahead()
     with pool:
         batches = _batches(missing, pool.size)
-        # of many missions each comes with its first cells, which need not read it
-        first = {b[0].motion: b for b in reversed(batches) if b[0].motion in needed and len(needed) > 4 * pool.size}
+        # so that they need not read it; commands that share a folder would compute the cells of few missions twice
+        many = len(needed) > FEW_MISSIONS * pool.size
+        first = {batch[0].motion: batch for batch in reversed(batches) if many and batch[0].motion in needed}
         flights = {
             motion: _Job([motion, *measured[motion], *_keys(batch)], partial(partial, _fly, plan, facts, batch))
             for motion, plan, batch in ((m, by_motion[m], first.get(m, [])) for m in needed)

@@ -13,7 +13,7 @@ from typing import Any, Unpack
 
 import tomli_w
 
-from experiments.campaign.campaign import ExecutionOptions, release_workers
+from experiments.campaign.campaign import FEW_MISSIONS, ExecutionOptions, release_workers
 from experiments.campaign.progress import compiling_shown
 from experiments.campaign.store import CampaignError, columns_of, write_table
 from experiments.campaign.version import code_version
@@ -47,7 +47,7 @@ def _cost(plan: Plan, workers: int) -> tuple[float, float]:
     closed, missions = plan.entries[0].closed_loop, dict[Any, list[Entry]]()
     for entry in plan.entries:
         missions.setdefault(entry.place if closed else entry.motion, []).append(entry)
-    tried = [*missions.values()][: 5 * workers]
+    tried = [*missions.values()][: (FEW_MISSIONS + 1) * workers]
     firsts = [own[0] for own in tried]
     with TemporaryDirectory() as folder:
 

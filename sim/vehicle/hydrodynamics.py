@@ -203,27 +203,21 @@ def wrench(
     position = (pose[0], pose[1], pose[2])
     velocity = (twist[0], twist[1], twist[2])
     spin = (twist[3], twist[4], twist[5])
-    _, (_, shear, _), _ = now
 
     stream, change, gradient, turning_change, squeeze = flow(position, velocity, axis, now, waves)
-    # in a steady current without shear all that follows from rates and gradients of the water is zero
-    varies = waves.shape[1] > 0 or change != (0.0, 0.0, 0.0) or shear != (0.0, 0.0)
     v = times(to_body, minus(velocity, stream))
-    w, brought = spin, (cross(spin, v), (0.0, 0.0, 0.0))
-    if varies:
-        # water that changes along a slender hull acts as if the hull turned the other way round
-        axis_rate = cross(times(to_world, spin), axis)
-        along = times(gradient, axis)
-        turning = times(to_body, cross(axis, along))
-        w = minus(spin, turning)
-        turning_rate = plus(cross(axis_rate, along), cross(axis, plus(turning_change, times(gradient, axis_rate))))
-        brought = plus(times(to_body, change), brought[0]), minus(times(to_body, turning_rate), cross(spin, turning))
+    # water that changes along a slender hull acts as if the hull turned the other way round
+    axis_rate = cross(times(to_world, spin), axis)
+    along = times(gradient, axis)
+    turning = times(to_body, cross(axis, along))
+    w = minus(spin, turning)
+    turning_rate = plus(cross(axis_rate, along), cross(axis, plus(turning_change, times(gradient, axis_rate))))
+    brought = plus(times(to_body, change), cross(spin, v)), minus(times(to_body, turning_rate), cross(spin, turning))
 
     momentum, angular = _inertia_times(c.added_mass, v, w)
     force, moment = kirchhoff(c.munk_factor, v, spin, momentum, angular)
-    if varies:
-        part = convergence(gradient, axis, times(to_world, momentum), times(to_world, angular))
-        force, moment = plus(force, times(to_body, part[0])), plus(moment, times(to_body, part[1]))
+    part = convergence(gradient, axis, times(to_world, momentum), times(to_world, angular))
+    force, moment = plus(force, times(to_body, part[0])), plus(moment, times(to_body, part[1]))
     for part in viscous(c, v, w):
         force, moment = plus(force, part[0]), plus(moment, part[1])
     if c.coupled:
@@ -235,12 +229,11 @@ def wrench(
     # the solver applies added mass to the body's own acceleration; what the water brings of it is added here
     part = _inertia_times(c.added_mass, brought[0], brought[1])
     force, moment = plus(force, part[0]), plus(moment, part[1])
-    if varies:
-        # Froude-Krylov: the pressure that accelerates the water particles acts on the hull in their place, and they are
-        # accelerated by Du/Dt along their own path, not along the hull's
-        particle = minus(change, times(gradient, minus(velocity, stream)))
-        force = plus(force, scaled(c.buoyancy / c.gravity, times(to_body, particle)))
-        moment = plus(moment, scaled(c.displaced_inertia, times(to_body, cross(axis, squeeze))))
+    # Froude-Krylov: the pressure that accelerates the water particles acts on the hull in their place, and they are
+    # accelerated by Du/Dt along their own path, not along the hull's
+    particle = minus(change, times(gradient, minus(velocity, stream)))
+    force = plus(force, scaled(c.buoyancy / c.gravity, times(to_body, particle)))
+    moment = plus(moment, scaled(c.displaced_inertia, times(to_body, cross(axis, squeeze))))
 
     share, dry_arm = immersion(c, position, axis, now, waves)
     lift = (0.0, 0.0, share * c.buoyancy)
