@@ -30,10 +30,11 @@ def blend(mean: Floats, covariance: Floats, one: int, other: int, share: float, 
     """Replace Gaussian `one` by that with the moments of (1 − share) of it and `share` of `other`."""
     kept = 1.0 - share
     for i in range(n):
-        for j in range(i + 1):
-            apart = (mean[other, i] - mean[one, i]) * (mean[other, j] - mean[one, j])
+        apart = mean[other, i] - mean[one, i]
+        # both halves of the symmetric covariance, so that the loop is vectorised
+        for j in range(n):
             within = kept * covariance[one, i, j] + share * covariance[other, i, j]
-            covariance[one, i, j] = covariance[one, j, i] = within + kept * share * apart
+            covariance[one, i, j] = within + kept * share * (apart * (mean[other, j] - mean[one, j]))
     for i in range(n):
         mean[one, i] = kept * mean[one, i] + share * mean[other, i]
 

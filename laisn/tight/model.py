@@ -153,8 +153,8 @@ _WORK = np.dtype([
     ("root", np.float64, (_T, _T)),  # its Cholesky factor over the ranges that are used …
     ("per_root", np.float64, _T),  # … and the reciprocals of its diagonal
     ("white", np.float64, _T), ("turned", np.float64, _T),  # residuals, and `row_leader`, in units of it
-    ("gain", np.float64, (MOST_STATES, _T)),  # P Hᵀ
-    ("white_gain", np.float64, (MOST_STATES, _T)),  # P Hᵀ root⁻ᵀ over the ranges that are used
+    ("gain", np.float64, (_T, MOST_STATES)),  # H P
+    ("white_gain", np.float64, (_T, MOST_STATES)),  # root⁻¹ H P over the ranges that are used
     ("received", np.int64, _T),  # indices of the ranges of the message …
     ("used", np.int64, _T),  # … and of those that are used …
     ("mask", np.int64),  # … whose bits are 1 here, in the order of `received`

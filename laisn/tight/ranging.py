@@ -45,9 +45,9 @@ def predict_ranges(b: Belief, m: Model, k: int, signal: Signal, turn: float, tur
     over position and leader's compass. It is linearised about a random error of the leader's heading, `turn`, of whose
     variance `turn_variance` is left [rad²].
     """
-    w, x, P = b.work, b.state, b.covariance
-    turning = m.leader != ABSENT
-    bias = x[k, m.leader] + turn if turning else 0.0
+    w, x, P, n, leader, clock = b.work, b.state, b.covariance, m.states, m.leader, m.clock
+    turning, hl = leader != ABSENT, 0.0
+    bias = x[k, leader] + turn if turning else 0.0
     s, c = sin_cos(bias)
     qx, qy = x[k, X] - signal.east, x[k, Y] - signal.north
     pxx, pxy, pyy = P[k, X, X], P[k, X, Y], P[k, Y, Y]
@@ -79,9 +79,9 @@ def predict_ranges(b: Belief, m: Model, k: int, signal: Signal, turn: float, tur
             w.row_leader[i] = hl
             fxl, fyl = (sy - hx * hl) * per_rho, (-sx - hy * hl) * per_rho
             fll = (qx * sx + qy * sy - hl * hl) * per_rho
-            pxl, pyl = P[k, X, m.leader], P[k, Y, m.leader]
+            pxl, pyl = P[k, X, leader], P[k, Y, leader]
             # the random error of this heading turns the arms just as the bias does
-            pll = P[k, m.leader, m.leader] + turn_variance
+            pll = P[k, leader, leader] + turn_variance
             f[i, 0, 0] += fxl * pxl
             f[i, 0, 1] += fxl * pyl
             f[i, 0, 2] = fxx * pxl + fxy * pyl + fxl * pll
@@ -95,18 +95,23 @@ def predict_ranges(b: Belief, m: Model, k: int, signal: Signal, turn: float, tur
         expected = rho + share * x[k, SCALE] + 0.5 * mean_shift
         if m.offset != ABSENT and i > 0:
             expected += x[k, m.offset + i - 1]
-        if m.clock != ABSENT:
-            expected += x[k, m.clock]
+        if clock != ABSENT:
+            expected += x[k, clock]
         w.residual[i] = signal.ranges[i] - expected
-        for h in range(m.states):
-            gain = P[k, h, X] * hx + P[k, h, Y] * hy + P[k, h, SCALE] * share
-            if turning:
-                gain += P[k, h, m.leader] * w.row_leader[i]
-            if m.offset != ABSENT and i > 0:
-                gain += P[k, h, m.offset + i - 1]
-            if m.clock != ABSENT:
-                gain += P[k, h, m.clock]
-            w.gain[h, i] = gain
+        # loops over contiguous rows of the symmetric P, which are vectorised
+        gain = w.gain[i]
+        for h in range(n):
+            gain[h] = P[k, X, h] * hx + P[k, Y, h] * hy + P[k, SCALE, h] * share
+        if turning:
+            for h in range(n):
+                gain[h] += P[k, leader, h] * hl
+        if m.offset != ABSENT and i > 0:
+            offset = m.offset + i - 1
+            for h in range(n):
+                gain[h] += P[k, offset, h]
+        if clock != ABSENT:
+            for h in range(n):
+                gain[h] += P[k, clock, h]
     for j in range(count):
         i = w.used[j]
         for h in range(j + 1):
@@ -114,16 +119,16 @@ def predict_ranges(b: Belief, m: Model, k: int, signal: Signal, turn: float, tur
             f, e = w.curvature[i], w.curvature[g]
             second = f[0, 0] * e[0, 0] + f[0, 1] * e[1, 0] + f[1, 0] * e[0, 1] + f[1, 1] * e[1, 1]
             noise = m.range_scale_variance * w.row_scale[i] * w.row_scale[g]
-            value = w.row_x[i] * w.gain[X, g] + w.row_y[i] * w.gain[Y, g] + w.row_scale[i] * w.gain[SCALE, g]
+            value = w.row_x[i] * w.gain[g, X] + w.row_y[i] * w.gain[g, Y] + w.row_scale[i] * w.gain[g, SCALE]
             if turning:
                 second += f[0, 2] * e[2, 0] + f[2, 0] * e[0, 2] + f[1, 2] * e[2, 1] + f[2, 1] * e[1, 2]
                 second += f[2, 2] * e[2, 2]
                 noise += b.leader_variance * w.row_leader[i] * w.row_leader[g]
-                value += w.row_leader[i] * w.gain[m.leader, g]
+                value += w.row_leader[i] * w.gain[g, leader]
             if m.offset != ABSENT and i > 0:
-                value += w.gain[m.offset + i - 1, g]
-            if m.clock != ABSENT:
-                value += w.gain[m.clock, g]
+                value += w.gain[g, m.offset + i - 1]
+            if clock != ABSENT:
+                value += w.gain[g, clock]
             value += noise + 0.5 * second
             if i == g:
                 value += m.range_sigma * m.range_sigma
@@ -212,25 +217,33 @@ def _add_common_echo(b: Belief, signal: Signal, count: int, share: float) -> Non
 def _update_component(b: Belief, m: Model, k: int, count: int) -> None:
     """x += W ν and P −= W Wᵀ with W = P Hᵀ root⁻ᵀ, less its part along a shared echo, and whitened residuals ν."""
     w, x, P = b.work, b.state, b.covariance
-    for h in range(m.states):
-        for j in range(count):
-            value = w.gain[h, w.used[j]]
-            for i in range(j):
-                value -= w.root[j, i] * w.white_gain[h, i]
-            w.white_gain[h, j] = value * w.per_root[j]
-            x[k, h] += w.white_gain[h, j] * w.white[j]
-        if w.shared:
+    n, white_gain = m.states, w.white_gain
+    # loops over contiguous rows, which are vectorised
+    for j in range(count):
+        gain, per_root, white = w.gain[w.used[j]], w.per_root[j], w.white[j]
+        for h in range(n):
+            white_gain[j, h] = gain[h]
+        for i in range(j):
+            root = w.root[j, i]
+            for h in range(n):
+                white_gain[j, h] -= root * white_gain[i, h]
+        for h in range(n):
+            white_gain[j, h] *= per_root
+            x[k, h] += white_gain[j, h] * white
+    if w.shared:
+        for h in range(n):
             match = 0.0
             for j in range(count):
-                match += w.white_gain[h, j] * w.common[j]
+                match += white_gain[j, h] * w.common[j]
             for j in range(count):
-                w.white_gain[h, j] -= match * w.common[j]
-    for h in range(m.states):
-        for i in range(h + 1):
-            value = P[k, h, i]
-            for j in range(count):
-                value -= w.white_gain[h, j] * w.white_gain[i, j]
-            P[k, h, i] = P[k, i, h] = value
+                white_gain[j, h] -= match * w.common[j]
+    for j in range(count, 3):
+        for h in range(n):
+            white_gain[j, h] = 0.0
+    for h in range(n):
+        one, two, three = white_gain[0, h], white_gain[1, h], white_gain[2, h]
+        for i in range(n):
+            P[k, h, i] = P[k, h, i] - one * white_gain[0, i] - two * white_gain[1, i] - three * white_gain[2, i]
 
 
 @inlined
