@@ -13,6 +13,7 @@ from laisn.beacons import MEDIA, BeaconNavigator, BeaconSettings
 from laisn.estimates import Estimates
 from laisn.failure import LaisnError
 from laisn.messages import Measurements
+from laisn.metrics import normalised_square
 from laisn.navigator import Navigator
 from laisn.settings import NavigationSettings
 from sim.datasets.log import Replayable
@@ -56,7 +57,7 @@ class Score(NamedTuple):
     mean: float
     rms: float
     high: float  # 95 % are shorter [m]
-    nees: float  # mean squared error in units of the covariance: 2 if that is consistent
+    nees: float  # mean squared error in units of the covariance where that is regular: 2 if it is consistent
 
 
 def score(estimates: Estimates, measured: Measurements, truth: Floats, since_s: float = 0.0) -> Score:
@@ -71,9 +72,9 @@ def score(estimates: Estimates, measured: Measurements, truth: Floats, since_s: 
     covariance = estimates.covariance[np.searchsorted(time, path[:, 0]), :2, :2]
     off = place - path[:, 1:]
     distance = np.hypot(*off.T)
-    # dead reckoning may begin with a covariance of zero
-    regular = np.linalg.det(covariance) > 0.0
-    squared = np.einsum("ki,ki->k", off[regular], np.linalg.solve(covariance[regular], off[regular, :, None])[..., 0])
+    squared = normalised_square(off[:, 0], off[:, 1], *covariance[:, [0, 0, 1], [0, 1, 1]].T)
+    # single ranges and a known start leave singular covariances
+    squared = squared[np.isfinite(squared)]
     return Score(
         mean=float(distance.mean()),
         rms=float(np.sqrt(np.mean(distance**2))),

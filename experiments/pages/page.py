@@ -292,9 +292,5 @@ def page_of(
             tone, colon, remark = _line(part).removeprefix(">").strip().partition(": ")
             notice = part.startswith(">") and colon and tone in _TONES
             sections[-1][1].append(Notice(text=remark, tone=tone) if notice else Text(text=_line(part)))  # type: ignore[arg-type]
-    return Page(
-        title=title.removeprefix("# "),
-        summary=_line(rest[0]),
-        facts=facts,
-        sections=[Section(title=head, blocks=blocks) for head, blocks in sections],
-    )
+    made = [Section(title=head, blocks=blocks) for head, blocks in sections]
+    return Page(title=title.removeprefix("# "), summary=_line(rest[0]), facts=facts, sections=made)

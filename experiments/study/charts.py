@@ -209,13 +209,10 @@ def heat_maps(plan: Plan, results: Results, names: Sequence[str]) -> Figures:
         trace = scale | {"z": [numbers(cells) for cells in values], "hovertext": hover}
         if len(x) <= 12:
             trace |= {"text": written, "texttemplate": "%{text}"}
-        panels.append(
-            panel(
-                [], x_label=labels[0], y_label=labels[1], title=title, traces=[trace],
-                x_ticks=_few(dict(enumerate(x))), y_ticks=_few(dict(enumerate(y))),
-                height=max(1.4 + 0.26 * len(y), 2.5),
-            )
-        )  # fmt: skip
+        panels.append(panel(
+            [], x_label=labels[0], y_label=labels[1], title=title, traces=[trace], height=max(1.4 + 0.26 * len(y), 2.5),
+            x_ticks=_few(dict(enumerate(x))), y_ticks=_few(dict(enumerate(y))),
+        ))  # fmt: skip
     return Figures(panels=panels)
 
 

@@ -214,16 +214,12 @@ class Dashboard:
         self._write((middle, top + 25 * s), self._added.caption, (1, 1, 1), -16 * s / self._t, "center", "baseline")
         others = [("D", o.colour, o.label) for o in self._added.others]
         marks = [("o", TRUTH, "truth"), ("D", ESTIMATE, self._added.label), *others]
+        handles = [Line2D([], [], marker=m, ls="", ms=7 * s, color=colour, label=name) for m, colour, name in marks]
         self.figure.legend(
-            handles=[Line2D([], [], marker=m, ls="", ms=7 * s, color=colour, label=name) for m, colour, name in marks],
-            loc="lower center",
+            handles=handles, loc="lower center", ncols=len(marks), frameon=False, labelcolor="linecolor",
             bbox_to_anchor=(middle / self._size[0], 1 - (top + height) / self._size[1]),
-            ncols=len(marks),
-            frameon=False,
-            labelcolor="linecolor",
-            prop={"size": 13 * s, "weight": "bold"},
-            handletextpad=0.1,
-        )
+            prop={"size": 13 * s, "weight": "bold"}, handletextpad=0.1,
+        )  # fmt: skip
 
     def draw(self, canvas: Canvas, state: FrameState, trails: Sequence[Trail]) -> None:
         """Draw all panels on a frame, with recent tracks of vehicles and estimates."""
