@@ -1,4 +1,4 @@
-"""Effectors: the actuators of an MJCF as records, and their forces; MuJoCo has their states follow the commands.
+"""Effectors: the actuators of an MJCF as records, their forces, and the lag of their states behind commands.
 
 An actuator is a thruster whose state is its thrust [N], unless the MJCF has a numeric of its name and a suffix:
 
