@@ -92,8 +92,7 @@ def _records_of(chunk: Chunk, most: int) -> list[McapRecord]:
 def _records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Iterator[McapRecord]:
     """The data section in order, each record after its checksum was verified; a chunk is followed by what is in it.
 
-    A damaged attachment is left out and passed to `on_damaged`; without that, or for any other broken record or a
-    missing end, DamagedError.
+    A damaged attachment is left out and passed to `on_damaged` where that is given; DamagedError for all other damage.
     """
     with log_errors(path), path.open("rb") as stream:
         size, at, ended = path.stat().st_size, 0, False
