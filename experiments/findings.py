@@ -111,7 +111,8 @@ class Findings:
 
     def write(self, path: Path) -> None:
         """Write the record, in a folder that is made if it is not there: the same findings give the same bytes."""
-        text, lines = partial(json.dumps, ensure_ascii=False), []
+        text = partial(json.dumps, ensure_ascii=False)
+        lines = []
         head, _, rest = text({"schema": SCHEMA} | asdict(replace(self, findings={})), indent=1).rpartition("{}")
         # a line for each finding, so that a difference of records can be read
         for name, finding in self.findings.items():

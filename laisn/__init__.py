@@ -25,5 +25,7 @@ SI units and radians throughout; other units are in names.
 
 POSITION = slice(0, 2)
 
-REAR, FRONT, MIDDLE = 0, 1, 2
+REAR = 0
+FRONT = 1
+MIDDLE = 2
 """Index of a transmitter in arrays over transmitters."""

@@ -29,7 +29,8 @@ from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.navigators import OnlineNavigator
 
 X, Y, SPEED, HEADING, GYRO, SCALE, EAST, NORTH = range(8)
-SHARED, OWN = 8, 3
+SHARED = 8
+OWN = 3
 """Number of states that all beacons share, which have these indices, and of those of each one."""
 
 KEPT = 256
@@ -66,9 +67,11 @@ def predict(b: Belief, errors: tuple[float, float], speed: float, heading: float
     The true way is e^{b_s} v Δt u(θ − b_θ) + c Δt, with u the direction of a compass heading. `errors` are the random
     walk of the position that odometry does not see [m/√s], and of the heading [rad/√s].
     """
-    n, (slip, heading_walk) = b.states, errors
+    n = b.states
+    slip, heading_walk = errors
     for k in range(b.alive[0]):
-        x, P = b.state[k], b.covariance[k]
+        x = b.state[k]
+        P = b.covariance[k]
         if b.fresh[GYRO] > 0.0:
             x[HEADING] += time * x[GYRO]
             for j in range(n):
@@ -100,7 +103,9 @@ def predict(b: Belief, errors: tuple[float, float], speed: float, heading: float
 @compiled
 def moments(b: Belief, speed: float, heading: float) -> tuple[Floats, Floats]:
     """Mean of x, y, vx, vy over the mixture, at the last readings, and its covariance; NaN if it is empty."""
-    mean, covariance, rows = np.zeros(4), np.zeros((4, 4)), np.zeros((5, b.states))
+    mean = np.zeros(4)
+    covariance = np.zeros((4, 4))
+    rows = np.zeros((5, b.states))
     if b.alive[0] == 0:
         return mean + np.nan, covariance + np.nan
     east = north = 0.0
@@ -112,7 +117,10 @@ def moments(b: Belief, speed: float, heading: float) -> tuple[Floats, Floats]:
         s = speed * np.exp(x[SPEED])
         vx, vy = s * np.sin(heading - x[HEADING]), s * np.cos(heading - x[HEADING])
         rows[0, X] = rows[1, Y] = rows[2, EAST] = rows[3, NORTH] = 1.0
-        rows[2, SPEED], rows[2, HEADING], rows[3, SPEED], rows[3, HEADING] = vx, -vy, vy, vx
+        rows[2, SPEED] = vx
+        rows[2, HEADING] = -vy
+        rows[3, SPEED] = vy
+        rows[3, HEADING] = vx
         here = (x[X] - east, x[Y] - north, vx + x[EAST], vy + x[NORTH])
         mixture.add_moments(mean, covariance, b.weight[k], here, rows, b.covariance[k])
     mixture.centre_moments(mean, covariance)
@@ -123,7 +131,9 @@ def moments(b: Belief, speed: float, heading: float) -> tuple[Floats, Floats]:
 _SHORTEST = 0.1  # nearer to a beacon than this the direction to it means nothing [m]
 _ADAPTATION_GAIN = 0.02  # share of a range in the estimated variance of its beacon …
 _LARGEST = 16.0  # … to which it adds at most this times the variance
-_LEAST, _MOST = 0.25, 16.0  # bounds of the estimated variance, as multiples of the settings'
+# bounds of the estimated variance, as multiples of the settings'
+_LEAST = 0.25
+_MOST = 16.0
 
 
 class Ranging(NamedTuple):
@@ -147,7 +157,9 @@ def predict_range(b: Belief, k: int, z: Ranging) -> tuple[float, float, float]:
     ½ tr((F C)²) in the variance, with the range's second derivatives F and the covariance C of p − δ. Returns residual
     [m], its variance without the random error [m²], and by how much the circle bends away from its tangent [m].
     """
-    x, P, n = b.state[k], b.covariance[k], b.states
+    x = b.state[k]
+    P = b.covariance[k]
+    n = b.states
     own = SHARED + OWN * z.beacon
     dx, dy = x[X] - z.east - x[own + 1], x[Y] - z.north - x[own + 2]
     distance = max(math.sqrt(dx * dx + dy * dy + z.deeper * z.deeper), _SHORTEST)
@@ -162,7 +174,8 @@ def predict_range(b: Belief, k: int, z: Ranging) -> tuple[float, float, float]:
     cyy = P[Y, Y] - 2.0 * P[Y, own + 2] + P[own + 2, own + 2]
     cxy = P[X, Y] - P[X, own + 2] - P[own + 1, Y] + P[own + 1, own + 2]
     per = scale / distance
-    fxx, fyy = per * (1.0 - dx * dx / distance**2), per * (1.0 - dy * dy / distance**2)
+    fxx = per * (1.0 - dx * dx / distance**2)
+    fyy = per * (1.0 - dy * dy / distance**2)
     fxy = -per * dx * dy / distance**2
     axx, axy = fxx * cxx + fxy * cxy, fxx * cxy + fxy * cyy
     ayx, ayy = fxy * cxx + fyy * cxy, fxy * cxy + fyy * cyy
@@ -200,7 +213,10 @@ def _split_component(b: Belief, k: int, z: Ranging) -> None:
     """Split component k in three along the tangent of the circle about a beacon: means −1, 0, 1, weights ¼, ½, ¼ and
     variance ½ keep the first three moments; the other states follow by their covariance.
     """
-    x, P, n, column = b.state[k], b.covariance[k], b.states, b.gain
+    x = b.state[k]
+    P = b.covariance[k]
+    n = b.states
+    column = b.gain
     own = SHARED + OWN * z.beacon
     dx, dy = x[X] - z.east - x[own + 1], x[Y] - z.north - x[own + 2]
     flat = math.sqrt(dx * dx + dy * dy)
@@ -397,18 +413,23 @@ def new_belief(settings: BeaconSettings, start: tuple[float, float] | None) -> B
     if start is not None:
         belief.state[0, :2] = start
         belief.covariance[0] = np.diag(belief.fresh)
-        belief.weight[0], belief.alive[0] = 1.0, 1
+        belief.weight[0] = 1.0
+        belief.alive[0] = 1
     return belief
 
 
 def with_beacon(belief: Belief, settings: BeaconSettings) -> Belief:
     """Belief with fresh states of one more beacon."""
-    made, before = _allocate(settings, belief.variance.size + 1), belief.states
+    made = _allocate(settings, belief.variance.size + 1)
+    before = belief.states
     # what is not alive stays untouched, and takes no memory
-    alive, own = slice(int(belief.alive[0])), np.arange(before, made.states)
-    made.state[alive, :before], made.covariance[alive, :before, :before] = belief.state[alive], belief.covariance[alive]
+    alive = slice(int(belief.alive[0]))
+    own = np.arange(before, made.states)
+    made.state[alive, :before] = belief.state[alive]
+    made.covariance[alive, :before, :before] = belief.covariance[alive]
     made.covariance[alive, own, own] = made.fresh[before:]
-    made.variance[:-1], made.rejected[:-1] = belief.variance, belief.rejected
+    made.variance[:-1] = belief.variance
+    made.rejected[:-1] = belief.rejected
     return made._replace(weight=belief.weight, outcome=belief.outcome, alive=belief.alive, evidence=belief.evidence)
 
 
@@ -427,7 +448,8 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
         self._belief: Belief = new_belief(settings, self._start)
         self._beacons: dict[tuple[float, float], int] = {}
         self._starter = 0 if self._start is None else -1
-        chance, span = settings.outlier_probability, settings.outlier_span
+        chance = settings.outlier_probability
+        span = settings.outlier_span
         self._errors = settings.range_sigma**2, float(np.log1p(-chance)), float(np.log(chance / span))
 
     @property

@@ -70,7 +70,15 @@ class Geometry:
     leader_velocity: Floats | None = None
 
 
-_LOG, _COMPASS, _SCALE, _LEADER, _EAST, _NORTH, _OFFSET, _CLOCK, _DRIFT = 2, 3, 4, 5, 6, 7, 8, 10, 11
+_LOG = 2
+_COMPASS = 3
+_SCALE = 4
+_LEADER = 5
+_EAST = 6
+_NORTH = 7
+_OFFSET = 8
+_CLOCK = 10
+_DRIFT = 11
 _STATES = 12
 """State x of s = 12 numbers as of `TightEstimates.names`, position first; what is known has the variance 0."""
 
@@ -85,7 +93,9 @@ def _information(away: Floats, arms: Floats, noise: TrueNoise) -> Floats:
     distance = np.sqrt(np.sum(flat**2, axis=2) + arms[:, 2] ** 2)
     share = distance / distance.max(axis=1, keepdims=True)
     rows = np.zeros((*distance.shape, _STATES))
-    rows[..., :2], rows[..., _SCALE], rows[..., _CLOCK] = flat / distance[..., None], share, 1.0
+    rows[..., :2] = flat / distance[..., None]
+    rows[..., _SCALE] = share
+    rows[..., _CLOCK] = 1.0
     # a compass that reads too much puts the true arms further anticlockwise
     turned = -np.sum(rows[..., :2] * np.column_stack([-arms[:, 1], arms[:, 0]]), axis=2)
     rows[..., _LEADER] = turned
@@ -111,18 +121,24 @@ def _way(speed: Floats, ahead: Floats, dt: float, noise: TrueNoise) -> tuple[Flo
     shape (s, s). Then the covariance that each step's position has gained, shape (k, 2, 2), that of this with what the
     state has gained at the end, shape (k, 2, s), and Q, of what the state has gained, shape (s, s).
     """
-    way, time = np.cumsum(speed[:, None] * ahead, axis=0), dt * np.arange(1, speed.size + 1)
+    way = np.cumsum(speed[:, None] * ahead, axis=0)
+    time = dt * np.arange(1, speed.size + 1)
     # the true way is the measured one turned anticlockwise by the compass bias, less the log's bias
     rows = np.repeat(np.eye(_STATES)[None, :2], speed.size, axis=0)
     rows[:, :, _LOG] = -np.cumsum(ahead, axis=0)
-    rows[:, 0, _COMPASS], rows[:, 1, _COMPASS] = -way[:, 1], way[:, 0]
+    rows[:, 0, _COMPASS] = -way[:, 1]
+    rows[:, 1, _COMPASS] = way[:, 0]
     rows[:, 0, _EAST] = rows[:, 1, _NORTH] = time
-    t, end, step = time[:, None], time[-1], np.eye(_STATES)
-    step[:2], step[_CLOCK, _DRIFT] = rows[-1], end
+    t = time[:, None]
+    end = time[-1]
+    step = np.eye(_STATES)
+    step[:2] = rows[-1]
+    step[_CLOCK, _DRIFT] = end
     along = ahead[:, :, None] * ahead[:, None, :]
     turned = ((speed * noise.heading_sigma) ** 2)[:, None, None]
     added = np.cumsum(noise.speed_sigma**2 * along + turned * (dt**2 * np.eye(2) - along), axis=0)
-    onward, gained = np.zeros((speed.size, 2, _STATES)), np.zeros((_STATES, _STATES))
+    onward = np.zeros((speed.size, 2, _STATES))
+    gained = np.zeros((_STATES, _STATES))
     onward[:, :, :2] = added
     current = noise.current_walk**2 if noise.current > 0.0 else 0.0
     walks = (_LOG, noise.speed_walk**2), (_COMPASS, noise.heading_walk**2), (_EAST, current), (_NORTH, current)
@@ -133,7 +149,8 @@ def _way(speed: Floats, ahead: Floats, dt: float, noise: TrueNoise) -> tuple[Flo
         onward[:, :, state] += rate * 0.5 * t * moved
         onward[:, :, :2] += (rate * (0.5 * t - t * t / (6.0 * end)) * moved)[:, :, None] * moved[-1]
         gained[state, state] = rate * end
-    gained[:2], gained[2:, :2] = onward[-1], onward[-1, :, 2:].T
+    gained[:2] = onward[-1]
+    gained[2:, :2] = onward[-1, :, 2:].T
     gained[_CLOCK:, _CLOCK:] = noise.clock_walk**2 * np.array([[end**3 / 3.0, end**2 / 2.0], [end**2 / 2.0, end]])
     return rows, step, added, onward, gained
 
@@ -145,24 +162,30 @@ def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | Non
     for two transmitters, whose information at the truth is zero on their axis. `lag` is how much later than a position
     the messages may be that it rests on [s]: of smoothing, where not 0.
     """
-    n, smoothed = geometry.speed.size, lag > 0.0
+    n = geometry.speed.size
+    smoothed = lag > 0.0
     biases = noise.speed_bias, noise.heading_bias, noise.range_scale_bias, noise.leader_heading_bias
     clock = noise.clock_offset, noise.clock_drift
     pairs = [noise.current] * 2 + [noise.range_offset] * 2
     variances = np.square([noise.start, noise.start, *biases, *pairs, *clock])
     always = [0, 1, _CLOCK, _DRIFT] if any((*clock, noise.clock_walk)) else [0, 1]
     unknown = np.union1d(np.flatnonzero(variances), always)
-    both, covariance = np.ix_(unknown, unknown), np.diag(variances[unknown])
+    both = np.ix_(unknown, unknown)
+    covariance = np.diag(variances[unknown])
     mean = averaged if averaged is not None else geometry.arms.shape[1] < 3
     # of smoothing alone, and as large as the bounds of a whole mission
-    bound, onward = np.empty((n, 2, 2)), np.zeros((n if smoothed else 0, 2, unknown.size))
-    predicted, after, between = [covariance], [covariance], []
+    bound = np.empty((n, 2, 2))
+    onward = np.zeros((n if smoothed else 0, 2, unknown.size))
+    predicted = [covariance]
+    after = [covariance]
+    between = []
     ahead = geometry.dt * np.stack([np.sin(geometry.heading), np.cos(geometry.heading)], axis=1)
     for i, (begin, end) in enumerate(pairwise([0, *geometry.message_step.tolist(), n])):
         if begin == end:
             break
         rows, step, added, shared, grown = _way(geometry.speed[begin:end], ahead[begin:end], geometry.dt, noise)
-        rows, step = rows[:, :, unknown], step[both]
+        rows = rows[:, :, unknown]
+        step = step[both]
         bound[begin:end] = rows @ covariance @ rows.swapaxes(1, 2) + added
         between.append(covariance @ step.T)
         if smoothed:
@@ -172,15 +195,18 @@ def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | Non
         covariance = step @ covariance @ step.T + grown[both]
         if i < geometry.message_step.size:
             predicted.append(covariance)
-            away, arms = geometry.from_leader[i], geometry.arms[i]
+            away = geometry.from_leader[i]
+            arms = geometry.arms[i]
             if mean:
                 gained = _expected_information(away, covariance[:2, :2], arms, noise)
             else:
                 gained = _information(away[None], arms, noise)[0]
             if noise.leader_way_sigma > 0.0 and geometry.leader_velocity is not None:
                 # information of the leader's way since the last message
-                seen, (east, north) = np.zeros((2, _STATES)), geometry.leader_velocity[i]
-                seen[:, _LEADER], seen[:, _EAST : _NORTH + 1] = (-north, east), np.eye(2)
+                seen = np.zeros((2, _STATES))
+                east, north = geometry.leader_velocity[i]
+                seen[:, _LEADER] = (-north, east)
+                seen[:, _EAST : _NORTH + 1] = np.eye(2)
                 time = geometry.dt * (end - begin)
                 gained = gained + seen.T @ seen * (time / (10.0 * noise.leader_way_sigma**2))
             # (P⁻¹ + I)⁻¹ without the inverse of P, which a known start makes singular
@@ -193,7 +219,8 @@ def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | Non
     links = len(after)
     nothing = np.zeros((links, unknown.size))
     chain = Chain(nothing, np.array(after), nothing, np.array(predicted), np.array([*between, between[-1]])[:links])
-    messages, steps = geometry.message_step, np.arange(1, n + 1)
+    messages = geometry.message_step
+    steps = np.arange(1, n + 1)
     latest = np.searchsorted(messages, steps, side="right")
     last = np.searchsorted(messages, steps + round(lag / geometry.dt), side="right")
     return smooth(chain, latest, last, (np.zeros((n, 2)), bound), onward)[1]

@@ -73,7 +73,8 @@ def find_folder() -> Path | None:
     try:
         place = (Path(home) if os.path.isabs(home) else Path.home() / ".cache") / "laisn-sim" / "compiled"
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
-        state, version = place.lstat(), place / digest.hexdigest()[:16]
+        state = place.lstat()
+        version = place / digest.hexdigest()[:16]
         if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.geteuid() or state.st_mode & 0o077:
             return None
         own = _own_folder(version)

@@ -17,8 +17,10 @@ from numba.extending import intrinsic
 from laisn.compiled import inlined
 
 _U = np.uint64
-_ONE_BIT, _TWO_BIT = _U(1), _U(2)
-_EXPONENT_SHIFT, _SIGN_SHIFT = _U(52), _U(62)
+_ONE_BIT = _U(1)
+_TWO_BIT = _U(2)
+_EXPONENT_SHIFT = _U(52)
+_SIGN_SHIFT = _U(62)
 _MANTISSA = _U(0x000FFFFFFFFFFFFF)
 _ONE = _U(0x3FF0000000000000)  # bits of 1.0
 _SQRT_HALF = _U(0x3FE6A09E667F3BCD)  # bits of √½

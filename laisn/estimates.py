@@ -94,7 +94,8 @@ class Estimates(ArrayRecord):
     @classmethod
     def of(cls, state: Floats, covariance: Floats, fixes: Sequence[FixRecord]) -> Self:
         """Estimates of n states and f fixes."""
-        found, arrays = [{**vars(fix), **fix.details} for fix in fixes], dict[str, Any]()
+        found = [{**vars(fix), **fix.details} for fix in fixes]
+        arrays = dict[str, Any]()
         for name, (shape, integer) in cls._fix_columns().items():
             rows = [fix[name.removeprefix("fix_")] for fix in found]
             arrays[name] = np.array(rows, np.int64 if integer else np.float64).reshape(len(rows), *shape)
@@ -131,7 +132,8 @@ class Estimates(ArrayRecord):
         return replace(self, state=self.state[first:last], covariance=self.covariance[first:last], **parts)
 
     def __post_init__(self) -> None:
-        n, f = self.state.shape[0], self.fix_step.size
+        n = self.state.shape[0]
+        f = self.fix_step.size
         of_fixes = {name: (f, *shape) for name, (shape, _) in self._fix_columns().items()}
         require_shapes(self, {"state": (n, 4), "covariance": (n, 4, 4), **of_fixes})
         own_arrays(self)

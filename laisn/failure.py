@@ -5,7 +5,8 @@ import unicodedata
 from collections.abc import Iterable
 from itertools import accumulate
 
-COLUMNS, ROWS = 80, 20
+COLUMNS = 80
+ROWS = 20
 """A small terminal, less the lines around a message."""
 
 _STEERING = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}

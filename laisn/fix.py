@@ -20,8 +20,12 @@ from laisn.messages import Ranges, Reception
 from laisn.settings import NavigationSettings, Tuning, Variant
 
 # Kinds of fix as formulas hold them, among other numbers.
-TWO_POINTS, TANGENT, ASTERN = float(FixKind.TWO_POINTS), float(FixKind.TANGENT), float(FixKind.ASTERN)
-FUSED, GATED, SINGULAR = float(FixKind.FUSED), float(FixKind.GATED), float(FixKind.SINGULAR)
+TWO_POINTS = float(FixKind.TWO_POINTS)
+TANGENT = float(FixKind.TANGENT)
+ASTERN = float(FixKind.ASTERN)
+FUSED = float(FixKind.FUSED)
+GATED = float(FixKind.GATED)
+SINGULAR = float(FixKind.SINGULAR)
 LOST = float(FixKind.LOST)
 
 
@@ -81,10 +85,12 @@ def pair_fix(pair: Pair, heading: Turn, predicted: Point, t: Tuning) -> Fix:
     points as far apart as T, the fix is P_D: behind the leader on the pair's axis, with σp = 0. With the side rule
     "predicted" and a prediction ahead of the pair's middle, it lies ahead instead, at the front transmitter's range.
     """
-    rear, front = pair.rear.radius, pair.front.radius
+    rear = pair.rear.radius
+    front = pair.front.radius
     received = rear == rear and front == front
     chord = geometry.common_chord(pair.rear.centre, rear, pair.front.centre, front)
-    apart, d = chord.apart, chord.distance
+    apart = chord.apart
+    d = chord.distance
     # one transmitter upon the other: the axis is the hull's
     east = chord.way.east if apart else heading.sine
     north = chord.way.north if apart else heading.cosine
@@ -120,7 +126,8 @@ def fix_variance(sigma: float, depth_difference: float, t: Tuning) -> float:
 
 def _on_line(pair: Pair, kind: float) -> Fix:
     """The point of the line through two transmitters, apart from each other, that fits both ranges best."""
-    (rear, d_rear), (front, d_front) = pair.rear, pair.front
+    rear, d_rear = pair.rear
+    front, d_front = pair.front
     way = front.east - rear.east, front.north - rear.north
     length = math.hypot(*way)
     if d_rear + d_front < length:
@@ -157,8 +164,10 @@ class RangeCircles(NamedTuple):
 
 def to_circles(reception: Reception, own_depth: float, settings: NavigationSettings) -> RangeCircles:
     """Circles about the transmitters where message or settings place them, with the horizontal ranges to them."""
-    message, places = reception.message, geometry.given_transmitters(reception, settings)
-    hydrophone, heading = own_depth - settings.hydrophone_height, turn(message.heading)
+    message = reception.message
+    places = geometry.given_transmitters(reception, settings)
+    hydrophone = own_depth - settings.hydrophone_height
+    heading = turn(message.heading)
     depth_difference = hydrophone - message.depth
     if places is None:
         pitch, roll = map(turn, geometry.broadcast_tilt(message, settings))
@@ -224,7 +233,9 @@ def laisn_3_2(pairs: Pairs, predicted: Point) -> Fix:
     Eq. 25 is kept when fewer than three pairs contribute.
     """
     a, b, c = pairs
-    w_a, w_b, w_c = _weight(a), _weight(b), _weight(c)
+    w_a = _weight(a)
+    w_b = _weight(b)
+    w_c = _weight(c)
     none = w_a + w_b + w_c == 0.0
     several = (w_a > 0.0 and w_b + w_c > 0.0) or (w_b > 0.0 and w_c > 0.0)
     w_a = 1.0 if none and a.kind != LOST else w_a

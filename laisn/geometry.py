@@ -94,7 +94,8 @@ def fore_offset(length: float, heading: Turn, pitch: Turn) -> Triple:
 def side_offset(width: float, heading: Turn, pitch: Turn, roll: Turn) -> Triple:
     """Offset (east, north, up) of a point so far to port of a hull's origin [m]."""
     raised = width * roll.sine
-    ahead, aside = -raised * pitch.sine, width * roll.cosine
+    ahead = -raised * pitch.sine
+    aside = width * roll.cosine
     east = ahead * heading.sine - aside * heading.cosine
     north = ahead * heading.cosine + aside * heading.sine
     return east, north, raised * pitch.cosine
@@ -113,7 +114,8 @@ def place_on_body(origin: Triple, attitude: Triple, offsets: Floats) -> Floats:
     roll) [rad]: turned to its heading, then pitched nose up, then rolled starboard down, about its own axes.
     """
     heading, pitch, roll = map(turn, attitude)
-    forward, port = np.array(fore_offset(1.0, heading, pitch)), np.array(side_offset(1.0, heading, pitch, roll))
+    forward = np.array(fore_offset(1.0, heading, pitch))
+    port = np.array(side_offset(1.0, heading, pitch, roll))
     moved = offsets @ np.stack([forward, port, np.cross(forward, port)])
     return np.asarray(np.array(origin) + moved * [1.0, 1.0, -1.0])
 
@@ -142,7 +144,8 @@ def given_transmitters(reception: Reception, settings: Settings) -> Floats | Non
 
 def place_transmitters(reception: Reception, settings: Settings) -> Floats:
     """Transmitters (east, north, depth) of a message, given or on the hull, shape (3, 3), [m]; NaN for none."""
-    places, half = given_transmitters(reception, settings), 0.5 * settings.baseline
+    places = given_transmitters(reception, settings)
+    half = 0.5 * settings.baseline
     on_hull = (-half, 0.0, 0.0), (half, 0.0, 0.0), (0.0, settings.middle_offset, 0.0)
     return _placed(reception.message, settings, on_hull) if places is None else places
 

@@ -77,15 +77,19 @@ def cross_covariance_at(block: Floats, lane: int) -> tuple[float, float, float, 
 @inlined
 def fix_at(block: Floats, first: int, lane: int) -> Fix:
     """The fix whose rows begin at `first`."""
-    z, sigma, i = point_at(block, first, lane), block[first + 2 * LANES + lane], first + lane
+    z = point_at(block, first, lane)
+    sigma = block[first + 2 * LANES + lane]
+    i = first + lane
     return Fix(z.east, z.north, sigma, block[i + 3 * LANES], block[i + 4 * LANES])
 
 
 @inlined
 def put_fix(block: Floats, first: int, lane: int, fix: Fix) -> None:
     """Write a fix into the rows that begin at `first`."""
-    block[first + lane], block[first + LANES + lane] = fix.east, fix.north
-    block[first + 2 * LANES + lane], block[first + 3 * LANES + lane] = fix.sigma, fix.kind
+    block[first + lane] = fix.east
+    block[first + LANES + lane] = fix.north
+    block[first + 2 * LANES + lane] = fix.sigma
+    block[first + 3 * LANES + lane] = fix.kind
     block[first + 4 * LANES + lane] = fix.separation
 
 
@@ -95,10 +99,14 @@ def new_block(starts: Floats, t: Tuning) -> Floats:
     block = np.zeros(SIZE)
     for lane in range(LANES):
         start = starts[min(lane, starts.shape[0] - 1)]
-        block[X + lane], block[Y + lane], block[VX + lane], block[VY + lane] = start[0], start[1], start[2], start[3]
+        block[X + lane] = start[0]
+        block[Y + lane] = start[1]
+        block[VX + lane] = start[2]
+        block[VY + lane] = start[3]
         block[PXX + lane] = block[PYY + lane] = t.position_variance0
         block[VXX + lane] = block[VYY + lane] = t.velocity_variance0
-        block[ACCEPTED_X + lane], block[ACCEPTED_Y + lane] = start[0], start[1]
+        block[ACCEPTED_X + lane] = start[0]
+        block[ACCEPTED_Y + lane] = start[1]
         block[LAST_SPEED + lane] = block[LAST_HEADING + lane] = np.nan
         block[LAST_LEADER_SPEED + lane] = block[LAST_LEADER_HEADING + lane] = np.nan
     return block
@@ -108,10 +116,12 @@ def new_block(starts: Floats, t: Tuning) -> Floats:
 def own_motion(block: Floats, t: Tuning) -> None:
     """Take a step's own measurements: their γ, and the direction of motion; faster apart from `predict`."""
     for lane in range(LANES):
-        speed, heading = block[SPEED + lane], block[HEADING + lane]
+        speed = block[SPEED + lane]
+        heading = block[HEADING + lane]
         block[GAMMA_V + lane] = speed_share(block[LAST_SPEED + lane], speed, t.follower_speed_max)
         block[GAMMA_THETA + lane] = turn_share(block[LAST_HEADING + lane], heading)
-        block[LAST_SPEED + lane], block[LAST_HEADING + lane] = speed, heading
+        block[LAST_SPEED + lane] = speed
+        block[LAST_HEADING + lane] = heading
         block[SIN + lane], block[COS + lane] = sin_cos(heading)
 
 
@@ -119,17 +129,23 @@ def own_motion(block: Floats, t: Tuning) -> None:
 def leader_motion(block: Floats, t: Tuning) -> None:
     """Take a message's speed and heading, if it has a range: γ becomes that of the vehicle that changed most."""
     for lane in range(LANES):
-        rear, front, middle = block[R1 + lane], block[R2 + lane], block[R3 + lane]
+        rear = block[R1 + lane]
+        front = block[R2 + lane]
+        middle = block[R3 + lane]
         received = rear == rear or front == front or middle == middle
-        last_speed, last_heading = block[LAST_LEADER_SPEED + lane], block[LAST_LEADER_HEADING + lane]
+        last_speed = block[LAST_LEADER_SPEED + lane]
+        last_heading = block[LAST_LEADER_HEADING + lane]
         # a message without ranges repeats the last one
         speed = block[LEADER_SPEED + lane] if received else last_speed
         heading = block[LEADER_HEADING + lane] if received else last_heading
-        of_speed, own_speed = speed_share(last_speed, speed, t.leader_speed_max), block[GAMMA_V + lane]
-        of_heading, own_heading = turn_share(last_heading, heading), block[GAMMA_THETA + lane]
+        of_speed = speed_share(last_speed, speed, t.leader_speed_max)
+        own_speed = block[GAMMA_V + lane]
+        of_heading = turn_share(last_heading, heading)
+        own_heading = block[GAMMA_THETA + lane]
         block[GAMMA_V + lane] = of_speed if of_speed > own_speed else own_speed
         block[GAMMA_THETA + lane] = of_heading if of_heading > own_heading else own_heading
-        block[LAST_LEADER_SPEED + lane], block[LAST_LEADER_HEADING + lane] = speed, heading
+        block[LAST_LEADER_SPEED + lane] = speed
+        block[LAST_LEADER_HEADING + lane] = heading
 
 
 @compiled_lanes
@@ -139,9 +155,12 @@ def predict(block: Floats, t: Tuning) -> None:
     for lane in range(LANES):
         sigma_a = expected_acceleration(block[GAMMA_V + lane], block[GAMMA_THETA + lane], t)
         q = sigma_a * sigma_a * (dt * dt)
-        q_mixed, q_position = q * (0.5 * dt), q * (0.25 * dt * dt)
+        q_mixed = q * (0.5 * dt)
+        q_position = q * (0.25 * dt * dt)
         cxx, cxy, cyx, cyy = cross_covariance_at(block, lane)
-        vxx, vxy, vyy = block[VXX + lane] * dt, block[VXY + lane] * dt, block[VYY + lane] * dt
+        vxx = block[VXX + lane] * dt
+        vxy = block[VXY + lane] * dt
+        vyy = block[VYY + lane] * dt
         block[X + lane] += dt * block[VX + lane]
         block[Y + lane] += dt * block[VY + lane]
         block[PXX + lane] += dt * (2.0 * cxx + vxx) + q_position
@@ -159,14 +178,25 @@ def predict(block: Floats, t: Tuning) -> None:
 def speed_update(block: Floats, t: Tuning) -> None:
     """Velocity from speed log and compass (paper, Section 2.1)."""
     for lane in range(LANES):
-        speed, s, c = block[SPEED + lane], block[SIN + lane], block[COS + lane]
-        along, across = t.speed_variance, t.heading_variance * (speed * speed)
-        rxx, rxy, ryy = s * s * along + c * c * across, s * c * (along - across), c * c * along + s * s * across
-        vxx, vxy, vyy = block[VXX + lane], block[VXY + lane], block[VYY + lane]
+        speed = block[SPEED + lane]
+        s = block[SIN + lane]
+        c = block[COS + lane]
+        along = t.speed_variance
+        across = t.heading_variance * (speed * speed)
+        rxx = s * s * along + c * c * across
+        rxy = s * c * (along - across)
+        ryy = c * c * along + s * s * across
+        vxx = block[VXX + lane]
+        vxy = block[VXY + lane]
+        vyy = block[VYY + lane]
         cxx, cxy, cyx, cyy = cross_covariance_at(block, lane)
-        sxx, sxy, syy = vxx + rxx, vxy + rxy, vyy + ryy
+        sxx = vxx + rxx
+        sxy = vxy + rxy
+        syy = vyy + ryy
         per_det = 1.0 / (sxx * syy - sxy * sxy)
-        ixx, ixy, iyy = syy * per_det, -sxy * per_det, sxx * per_det
+        ixx = syy * per_det
+        ixy = -sxy * per_det
+        iyy = sxx * per_det
         # Gains: row by state, column by component of the measurement.
         k_xx, k_xy = cxx * ixx + cxy * ixy, cxx * ixy + cxy * iyy
         k_yx, k_yy = cyx * ixx + cyy * ixy, cyx * ixy + cyy * iyy
@@ -193,14 +223,19 @@ def speed_update(block: Floats, t: Tuning) -> None:
 def update(block: Floats, t: Tuning, k: int) -> None:
     """Gate the chosen fix, and update the state (Sections 2.1, 2.4); kind GATED or SINGULAR where that is skipped."""
     for lane in range(LANES):
-        zx, zy, kind = block[ZX + lane], block[ZY + lane], block[KIND + lane]
+        zx = block[ZX + lane]
+        zy = block[ZY + lane]
+        kind = block[KIND + lane]
         r = fix_variance(block[SIGMA + lane], block[DZ + lane], t)
         bound = reach((k - block[ACCEPTED_STEP + lane]) * t.dt, block[SPEED + lane], t)
         gated = is_beyond(Point(zx, zy), point_at(block, ACCEPTED_X, lane), bound)
 
-        pxx, pxy, pyy = block[PXX + lane], block[PXY + lane], block[PYY + lane]
+        pxx = block[PXX + lane]
+        pxy = block[PXY + lane]
+        pyy = block[PYY + lane]
         cxx, cxy, cyx, cyy = cross_covariance_at(block, lane)
-        sxx, syy = pxx + r, pyy + r
+        sxx = pxx + r
+        syy = pyy + r
         singular = is_singular(sxx, syy)
         lost = kind == LOST
         kind = kind if lost else (GATED if gated else (SINGULAR if singular else kind))
@@ -209,7 +244,9 @@ def update(block: Floats, t: Tuning, k: int) -> None:
         block[PASSED + lane] = 1.0 if not (lost or gated) else block[PASSED + lane]
 
         per_det = 1.0 / (sxx * syy - pxy * pxy)
-        ixx, ixy, iyy = syy * per_det, -pxy * per_det, sxx * per_det
+        ixx = syy * per_det
+        ixy = -pxy * per_det
+        iyy = sxx * per_det
         ex, ey = zx - block[X + lane], zy - block[Y + lane]
         fx, fy = ixx * ex + ixy * ey, ixy * ex + iyy * ey
         block[NIS + lane] = ex * fx + ey * fy if used else np.nan
@@ -248,7 +285,8 @@ Pass = Callable[[Floats, Tuning], None]
 
 @inlined
 def _put_circle(block: Floats, first: int, lane: int, circle: Circle) -> None:
-    block[first + lane], block[first + LANES + lane] = circle.centre.east, circle.centre.north
+    block[first + lane] = circle.centre.east
+    block[first + LANES + lane] = circle.centre.north
     block[first + 2 * LANES + lane] = circle.radius
 
 
@@ -261,14 +299,19 @@ def _circle_at(block: Floats, first: int, lane: int) -> Circle:
 def place_transmitters(block: Floats, t: Tuning) -> None:
     """Transmitters as the message places them, and the horizontal ranges to them."""
     for lane in range(LANES):
-        heading, pitched, rolled = Turn(*sin_cos(block[LEADER_HEADING + lane])), Turn(0.0, 1.0), Turn(0.0, 1.0)
-        block[LEADER_SIN + lane], block[LEADER_COS + lane] = heading.sine, heading.cosine
+        heading = Turn(*sin_cos(block[LEADER_HEADING + lane]))
+        pitched = Turn(0.0, 1.0)
+        rolled = Turn(0.0, 1.0)
+        block[LEADER_SIN + lane] = heading.sine
+        block[LEADER_COS + lane] = heading.cosine
         depth_difference = (block[DEPTH + lane] - t.hydrophone_height) - block[LEADER_DEPTH + lane]
         block[DZ + lane] = depth_difference
         if t.use_attitude:
-            pitch, roll = block[PITCH + lane], block[ROLL + lane]
+            pitch = block[PITCH + lane]
+            roll = block[ROLL + lane]
             known = pitch == pitch and roll == roll
-            pitched, rolled = Turn(*sin_cos(pitch if known else 0.0)), Turn(*sin_cos(roll if known else 0.0))
+            pitched = Turn(*sin_cos(pitch if known else 0.0))
+            rolled = Turn(*sin_cos(roll if known else 0.0))
         arms = tilted_arms(t.baseline, t.middle_offset, heading, pitched, rolled)
         ranges = Ranges(block[R1 + lane], block[R2 + lane], block[R3 + lane])
         placed = circles(point_at(block, EAST, lane), arms, ranges, depth_difference)
@@ -304,7 +347,8 @@ def copy_fix(block: Floats, source: int, target: int) -> None:
 
 def _choice(otherwise: Pass, variant: Variant) -> Pass:
     """Pass for the fix that a variant chooses, or else `otherwise`: compiled code cannot look up functions."""
-    number, single = VARIANTS.index(variant), SINGLE[variant]
+    number = VARIANTS.index(variant)
+    single = SINGLE[variant]
 
     @compiled_lanes
     def choose(block: Floats, t: Tuning) -> None:
@@ -400,25 +444,33 @@ class LaneSwarm(NamedTuple):
     ) -> int:
         """Advance by one filter step; see `laisn.swarm.Swarm.navigate`."""
         block = self.block
-        last, any_received = readings.shape[0] - 1, bool(received.any())
+        last = readings.shape[0] - 1
+        any_received = bool(received.any())
         for lane in range(LANES):
             i = min(lane, last)
-            block[SPEED + lane], block[HEADING + lane] = readings[i].speed, readings[i].heading
+            block[SPEED + lane] = readings[i].speed
+            block[HEADING + lane] = readings[i].heading
             block[DEPTH + lane] = readings[i].depth
             if any_received:
                 message = messages[i]
-                block[EAST + lane], block[NORTH + lane] = message.east, message.north
-                block[LEADER_HEADING + lane], block[LEADER_SPEED + lane] = message.heading, message.speed
-                block[LEADER_DEPTH + lane], block[PITCH + lane] = message.depth, message.pitch
+                block[EAST + lane] = message.east
+                block[NORTH + lane] = message.north
+                block[LEADER_HEADING + lane] = message.heading
+                block[LEADER_SPEED + lane] = message.speed
+                block[LEADER_DEPTH + lane] = message.depth
+                block[PITCH + lane] = message.pitch
                 block[ROLL + lane] = message.roll
                 for j in range(3):
                     # a message without ranges has the same effect as none
                     block[R1 + j * LANES + lane] = ranges[i, j] if received[i] else np.nan
         advance(block, self.tuning, step, any_received)
         for i in range(readings.shape[0]):
-            position, velocity = estimates[i].position, estimates[i].velocity
-            position[0], position[1] = block[X + i], block[Y + i]
-            velocity[0], velocity[1] = block[VX + i], block[VY + i]
+            position = estimates[i].position
+            velocity = estimates[i].velocity
+            position[0] = block[X + i]
+            position[1] = block[Y + i]
+            velocity[0] = block[VX + i]
+            velocity[1] = block[VY + i]
             if received[i]:
                 for first in fix_rows(self.tuning.variant):
                     self.gated[i] += first >= 0 and block[first + 3 * LANES + i] == GATED

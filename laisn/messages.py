@@ -81,7 +81,8 @@ class Measurements(ArrayRecord):
     """Readings of sensors of the user's own by their names, shape (n, …); NaN where there is none."""
 
     def __post_init__(self) -> None:
-        n, m = self.speed.size, self.message_step.size
+        n = self.speed.size
+        m = self.message_step.size
         expected: dict[str, tuple[int, ...]] = dict.fromkeys(("speed", "heading", "depth", "durations"), (n,))
         expected |= {"message_step": (m,), "message": (m, len(LeaderMessage._fields)), "ranges": (m, 3)}
         expected |= {"transmitters": (m, 3, 3)}

@@ -76,7 +76,8 @@ def position_errors(estimate: Floats, truth: Floats) -> Floats:
 
 def bearing_errors(estimate: Floats, truth: Floats, leader: Floats) -> Floats:
     """E_B: angle at the leader between estimate and truth, in [0, π], shape (n,); points of shape (n, 2)."""
-    (x, y), (true_x, true_y) = (estimate - leader).T, (truth - leader).T
+    x, y = (estimate - leader).T
+    true_x, true_y = (truth - leader).T
     return np.asarray(np.arctan2(np.abs(true_x * y - true_y * x), true_x * x + true_y * y))
 
 
@@ -114,7 +115,8 @@ def nis(estimates: Estimates) -> Floats:
 
 def _normalised(error: Floats, covariance: Floats) -> Floats:
     """eᵀ P⁻¹ e, shape (n,), of errors of shape (n, 2) and their covariances, shape (n, 2, 2)."""
-    (x, y), (pxx, pxy, pyy) = error.T, covariance.reshape(-1, 4).T[[0, 1, 3]]
+    x, y = error.T
+    pxx, pxy, pyy = covariance.reshape(-1, 4).T[[0, 1, 3]]
     return np.asarray(normalised_square(x, y, pxx, pxy, pyy))
 
 

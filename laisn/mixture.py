@@ -132,10 +132,13 @@ def merge_components(b: Mixture, i: int, j: int) -> None:
 @compiled
 def _is_same(b: Mixture, modes: int, g: int, h: int, further: int) -> bool:
     """Whether the heaviest components of two hypotheses are nearer than their mean spread, in `further` too."""
-    i, j = heaviest(b, modes, g), heaviest(b, modes, h)
-    x, P = b.state, b.covariance
+    i = heaviest(b, modes, g)
+    j = heaviest(b, modes, h)
+    x = b.state
+    P = b.covariance
     if further >= 0:
-        apart, variance = x[i, further] - x[j, further], 0.5 * (P[i, further, further] + P[j, further, further])
+        apart = x[i, further] - x[j, further]
+        variance = 0.5 * (P[i, further, further] + P[j, further, further])
         if not apart * apart <= _SAME * variance:
             return False
     dx, dy = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1]
@@ -202,9 +205,13 @@ def place_on_ring(b: Mixture, k: int, centre: Two, distance: float, direction: T
     """Set position and covariance of component k to one of the Gaussians whose sum is a ring: in a direction (a unit
     vector), at a distance [m]; `ring` is the variance along the radius [m²] and the number of Gaussians.
     """
-    mean, covariance, (ux, uy), (along, bearings) = b.state[k], b.covariance[k], direction, ring
+    mean = b.state[k]
+    covariance = b.covariance[k]
+    ux, uy = direction
+    along, bearings = ring
     across = (_OVERLAP * 2.0 * math.pi / bearings * distance) ** 2
-    mean[0], mean[1] = centre[0] + distance * ux, centre[1] + distance * uy
+    mean[0] = centre[0] + distance * ux
+    mean[1] = centre[1] + distance * uy
     covariance[0, 0] = along * ux * ux + across * uy * uy
     covariance[1, 1] = along * uy * uy + across * ux * ux
     covariance[0, 1] = covariance[1, 0] = (along - across) * ux * uy
@@ -216,7 +223,8 @@ def add_moments(mean: Floats, moment: Floats, weight: float, here: Four, rows: F
     derivatives F by its n states (`rows`, shape (5, n) or wider, whose last row is overwritten), and its covariance.
     The origin is the mean position, so that the squares of large coordinates do not swallow small variances.
     """
-    n, moved = covariance.shape[0], rows[4]
+    n = covariance.shape[0]
+    moved = rows[4]
     for i in range(4):
         mean[i] += weight * here[i]
         # F P, one row after the other, and then F P Fᵀ
@@ -272,10 +280,12 @@ def smooth(
     that is no later one. `filtered` are mean and covariance of y so far, shapes (n, r) and (n, r, r), `onward` its
     covariance with x just before the next message, shape (n, r, s), read only where that is used.
     """
-    mean, covariance = filtered[0].copy(), filtered[1].copy()
+    mean = filtered[0].copy()
+    covariance = filtered[1].copy()
     inverse = _inverse(chain.predicted_covariance)
     gain = chain.onward[:-1] @ inverse[1:]
-    shift, change = chain.mean - chain.predicted, chain.covariance - chain.predicted_covariance
+    shift = chain.mean - chain.predicted
+    change = chain.covariance - chain.predicted_covariance
     which = np.flatnonzero(last > latest)
     message = latest[which] + 1
     back = onward[which] @ inverse[message]
@@ -283,7 +293,9 @@ def smooth(
         mean[which] += np.einsum("nrs,ns->nr", back, shift[message])
         covariance[which] += back @ change[message] @ back.swapaxes(1, 2)
         more = last[which] > message
-        which, message, back = which[more], message[more], back[more]
+        which = which[more]
+        message = message[more]
+        back = back[more]
         back = back @ gain[message]
         message = message + 1
     return mean, covariance

@@ -103,8 +103,11 @@ class Filter:
 
         With an axis the position is on a line through the prediction along that unit vector, and σp is along it.
         """
-        z, x, P = np.array(position), self._kalman.x, self._kalman.P
-        residual, H = z - x[POSITION], _H_POSITION if axis is None else np.array([[*axis, 0.0, 0.0]])
+        z = np.array(position)
+        x = self._kalman.x
+        P = self._kalman.P
+        residual = z - x[POSITION]
+        H = _H_POSITION if axis is None else np.array([[*axis, 0.0, 0.0]])
         R = sigma**2 * np.eye(len(H))
         S = H @ P @ H.T + R
         applied = not is_singular(S[0, 0], S[-1, -1])
@@ -202,7 +205,8 @@ class Navigator(OnlineNavigator[Estimates]):
             speed_change = speed_share(self._own.speed, own.speed, t.follower_speed_max)
             turn = turn_share(self._own.heading, own.heading)
         if reception is not None and not np.all(np.isnan(reception.ranges)):
-            before, now = self._message, reception.message
+            before = self._message
+            now = reception.message
             if before is not None:
                 speed_change = max(speed_share(before.speed, now.speed, t.leader_speed_max), speed_change)
                 turn = max(turn_share(before.heading, now.heading), turn)
@@ -233,12 +237,17 @@ class Navigator(OnlineNavigator[Estimates]):
 
     def _apply_fix(self, found: Fix, circles: RangeCircles, own: OwnMotion) -> FixRecord:
         """Gate a fix and update the filter with it; where there is none, with one range alone, if that may be."""
-        place, axis, sigma_p, kind = Point(found.east, found.north), None, found.sigma, FixKind(int(found.kind))
+        place = Point(found.east, found.north)
+        axis = None
+        sigma_p = found.sigma
+        kind = FixKind(int(found.kind))
         if kind is FixKind.LOST:
             one = one_range(circles.circles, self._position()) if self.settings.use_single_range else None
             if one is None:
                 return FixRecord(step=self._step, position=np.full(2, np.nan), sigma=np.nan, kind=kind)
-            (place, axis), sigma_p, kind = one, 0.0, FixKind.ONE_RANGE
+            place, axis = one
+            sigma_p = 0.0
+            kind = FixKind.ONE_RANGE
         sigma = math.sqrt(fix_variance(sigma_p, circles.depth_difference, self._tuning))
         record = FixRecord(step=self._step, position=np.array(place), sigma=sigma, kind=FixKind.GATED)
         if not self._gate.passes(place, self._step, own.speed):

@@ -79,7 +79,8 @@ class NavigatorSpec:
             return result
         found = self.make(settings, start).run(measurements)
         used = np.isfinite(found.innovation_covariance).all(axis=(1, 2)) & np.isfinite(found.innovation).all(axis=1)
-        e, S = found.innovation[used], found.innovation_covariance[used]
+        e = found.innovation[used]
+        S = found.innovation_covariance[used]
         squared = float(np.sum(e * np.linalg.solve(S, e[..., None])[..., 0])) if len(e) else 0.0
         covariance = found.covariance[:, (0, 0, 1), (0, 1, 1)]
         return MissionResult(found.state, covariance, found.fix_kind.tolist(), squared, 2.0 * len(e))
@@ -101,7 +102,8 @@ _TIGHT = NavigatorSpec(
 
 
 def _rival(factory: str, title: str, sensor: str = "") -> NavigatorSpec:
-    code, sections = f"laisn.rivals.{factory}", ("assume", "rival")
+    code = f"laisn.rivals.{factory}"
+    sections = ("assume", "rival")
     return NavigatorSpec(factory=code, settings=RivalSettings, sections=sections, title=title, sensor=sensor)
 
 
@@ -193,8 +195,11 @@ class OnlineNavigator(ABC, Generic[Result]):
 
     def __init__(self, settings: Any, start: Floats | None, start_sigma: float) -> None:
         """Begin at x, y [m], vx, vy [m/s], of finite numbers, or anywhere; `start_sigma` is σ of the place [m]."""
-        self.settings, self._step, self._depth = settings, 0, math.nan
-        self._state, self._covariance = np.full(4, np.nan), np.full((4, 4), np.nan)
+        self.settings = settings
+        self._step = 0
+        self._depth = math.nan
+        self._state = np.full(4, np.nan)
+        self._covariance = np.full((4, 4), np.nan)
         self._start: tuple[float, float] | None = None
         if start is not None:
             self._state = np.array(start, dtype=np.float64)
@@ -249,12 +254,14 @@ class OnlineNavigator(ABC, Generic[Result]):
         """
         measurements.require_fresh(self._step, self.settings.dt)
         n = measurements.speed.size
-        state, covariance = np.empty((n, 4)), np.empty((n, 4, 4))
+        state = np.empty((n, 4))
+        covariance = np.empty((n, 4, 4))
         fixes: list[FixRecord] = []
         durations = [None] * n if measurements.durations is None else measurements.durations.tolist()
         for i, (own, reception) in enumerate(measurements.steps()):
             fixes += self.step(own, reception, durations[i])
-            state[i], covariance[i] = self.state, self.covariance
+            state[i] = self.state
+            covariance[i] = self.covariance
         # so that the record of estimates need not copy them
         state.flags.writeable = covariance.flags.writeable = False
         result: Result = self.ESTIMATES.of(state, covariance, fixes)

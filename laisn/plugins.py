@@ -58,7 +58,8 @@ def register(made: Any, *, importable: bool = False) -> str:
 
     If other processes need it (`importable`), it must be a class at the top of a file of its own, or LaisnError.
     """
-    module, attribute = made.__module__, re.sub(r"\W", "_", made.__qualname__)
+    module = made.__module__
+    attribute = re.sub(r"\W", "_", made.__qualname__)
     file = Path(getattr(sys.modules.get(module), "__file__", None) or "")
     named = isinstance(made, type) and attribute == made.__name__ and module != "__main__"
     if named and file.suffix == ".py" and file.stem == module:

@@ -125,7 +125,8 @@ class NavigationSettings(Settings):
 
 
 GATES: tuple[GateRule, ...] = get_args(GateRule)
-GATE_OFF, GATE_MEASURED = GATES.index("off"), GATES.index("v-measured")
+GATE_OFF = GATES.index("off")
+GATE_MEASURED = GATES.index("v-measured")
 """Gate rules as formulas hold them."""
 
 
@@ -162,7 +163,9 @@ class Tuning(_Numbers):
 
 
 # Biases of real sensors are never quite constant: a filter that takes them as constant loses them for good.
-LOG_WALK, COMPASS_WALK, CURRENT_WALK = 2e-4, 1.5e-4, 1e-3
+LOG_WALK = 2e-4
+COMPASS_WALK = 1.5e-4
+CURRENT_WALK = 1e-3
 """Random walks that filters on ranges assume of constant biases and currents [m/s/√s], [rad/√s], [m/s/√s]."""
 
 

@@ -14,7 +14,8 @@ _WAVES_KEY = 0x5EA  # keeps the sea's random numbers apart from all others that 
 
 def ocean_of(scenario: Scenario) -> Ocean:
     """The sea; its waves depend on the seed and not on the run. ValueError if they would break."""
-    water, waves = scenario.ocean, scenario.ocean.waves
+    water = scenario.ocean
+    waves = scenario.ocean.waves
     towards = {"direction_rad": float(np.deg2rad(waves.direction_deg)), "floor_depth_m": water.floor_depth_m}
     components = Waves.none()
     if waves.kind == "regular":
@@ -68,7 +69,8 @@ def models_of(scenario: Scenario) -> tuple[str, ...]:
 
 def on_axis(sites: Floats) -> bool:
     """Whether rear, front and middle transmitter, shape (3, 3), [m], are where a baseline and an offset put them."""
-    half, aside = sites[1, 0], sites[2, 1]
+    half = sites[1, 0]
+    aside = sites[2, 1]
     return bool(half > 0 and aside > 0 and np.array_equal(sites, [[-half, 0, 0], [half, 0, 0], [0, aside, 0]]))
 
 

@@ -54,7 +54,10 @@ def scaled(factor: float, a: Vector) -> Vector:
 @compiled
 def rotation(quaternion: Any) -> Matrix:
     """Rotation matrix, body to world, of a unit quaternion: four numbers or an array (w, x, y, z)."""
-    w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
+    w = quaternion[0]
+    x = quaternion[1]
+    y = quaternion[2]
+    z = quaternion[3]
     return (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
         (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
@@ -65,10 +68,17 @@ def rotation(quaternion: Any) -> Matrix:
 @jitable
 def rotated(quaternion: Any, vector: Any) -> Any:
     """A body vector in the world; four and three components, numbers or arrays."""
-    w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
-    a, b, c = vector[0], vector[1], vector[2]
+    w = quaternion[0]
+    x = quaternion[1]
+    y = quaternion[2]
+    z = quaternion[3]
+    a = vector[0]
+    b = vector[1]
+    c = vector[2]
     # v + w t + axis × t with t = 2 axis × v
-    p, q, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    p = 2.0 * (y * c - z * b)
+    q = 2.0 * (z * a - x * c)
+    r = 2.0 * (x * b - y * a)
     return a + w * p + (y * r - z * q), b + w * q + (z * p - x * r), c + w * r + (x * q - y * p)
 
 
@@ -80,15 +90,29 @@ def rotate(quaternion: Floats, vector: Floats) -> Floats:
 @jitable
 def forward_of(quaternion: Any) -> Any:
     """East, north and up of the forward axis; four components, numbers or arrays."""
-    w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
+    w = quaternion[0]
+    x = quaternion[1]
+    y = quaternion[2]
+    z = quaternion[3]
     return 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
 
 
 @jitable
 def carried(pose: Any, offset: Floats) -> Any:
     """East, north, up of a point of a hull by its position and quaternion, and the point's `offset` in the body [m]."""
-    w, x, y, z = pose[3], pose[4], pose[5], pose[6]
-    xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
+    w = pose[3]
+    x = pose[4]
+    y = pose[5]
+    z = pose[6]
+    xx = x * x
+    yy = y * y
+    zz = z * z
+    xy = x * y
+    xz = x * z
+    yz = y * z
+    wx = w * x
+    wy = w * y
+    wz = w * z
     east, north, up = pose[0], pose[1], pose[2]
     # most points lie on an axis or two of their hull; what adds nothing is not computed
     if offset[0] != 0.0:
@@ -110,16 +134,27 @@ def from_euler(heading: npt.ArrayLike, pitch: npt.ArrayLike = 0.0, roll: npt.Arr
     """Quaternion of a hull turned to its compass heading, then pitched nose up, then rolled starboard down [rad]."""
     heading, pitch, roll = (np.asarray(angle, dtype=np.float64) for angle in (heading, pitch, roll))
     # a rotation about +y (port) lowers the nose; yaw counts counter-clockwise from east
-    y, p, r = (np.pi / 2 - heading) / 2, -pitch / 2, roll / 2
-    cy, sy, cp, sp, cr, sr = np.cos(y), np.sin(y), np.cos(p), np.sin(p), np.cos(r), np.sin(r)
-    w, x = cy * cp * cr + sy * sp * sr, cy * cp * sr - sy * sp * cr
+    y = (np.pi / 2 - heading) / 2
+    p = -pitch / 2
+    r = roll / 2
+    cy = np.cos(y)
+    sy = np.sin(y)
+    cp = np.cos(p)
+    sp = np.sin(p)
+    cr = np.cos(r)
+    sr = np.sin(r)
+    w = cy * cp * cr + sy * sp * sr
+    x = cy * cp * sr - sy * sp * cr
     return np.stack([w, x, cy * sp * cr + sy * cp * sr, sy * cp * cr - cy * sp * sr], axis=-1)
 
 
 @jitable
 def heading_of(quaternion: Any) -> float:
     """Compass heading of an attitude of four numbers in [0, 2π) [rad]."""
-    w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
+    w = quaternion[0]
+    x = quaternion[1]
+    y = quaternion[2]
+    z = quaternion[3]
     angle = math.atan2(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z))
     return angle + 2.0 * math.pi if angle < 0.0 else angle
 
@@ -127,14 +162,20 @@ def heading_of(quaternion: Any) -> float:
 @jitable
 def pitch_of(quaternion: Any) -> float:
     """Its pitch, positive nose up [rad]."""
-    w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
+    w = quaternion[0]
+    x = quaternion[1]
+    y = quaternion[2]
+    z = quaternion[3]
     return math.asin(min(max(2.0 * (x * z - w * y), -1.0), 1.0))
 
 
 @jitable
 def roll_of(quaternion: Any) -> float:
     """Its roll, positive starboard down [rad]."""
-    w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
+    w = quaternion[0]
+    x = quaternion[1]
+    y = quaternion[2]
+    z = quaternion[3]
     return math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
 
 
@@ -142,7 +183,9 @@ def roll_of(quaternion: Any) -> float:
 def _angles(rows: Floats, angles: Floats) -> None:
     """Heading, pitch and roll of attitudes, shape (n, 4): the same bits for one as for many, unlike NumPy's."""
     for k in range(rows.shape[0]):
-        angles[0, k], angles[1, k], angles[2, k] = heading_of(rows[k]), pitch_of(rows[k]), roll_of(rows[k])
+        angles[0, k] = heading_of(rows[k])
+        angles[1, k] = pitch_of(rows[k])
+        angles[2, k] = roll_of(rows[k])
 
 
 def heading_pitch_roll(quaternion: Floats) -> tuple[Floats, Floats, Floats]:
@@ -165,8 +208,10 @@ def between(start: Any, end: Any, fraction: float) -> tuple[float, float, float,
     """Spherical interpolation of two attitudes of four numbers; fraction in [0, 1]."""
     cosine = start[0] * end[0] + start[1] * end[1] + start[2] * end[2] + start[3] * end[3]
     angle = math.acos(min(abs(cosine), 1.0))
-    a, b = _share(1.0 - fraction, angle), math.copysign(_share(fraction, angle), cosine)
-    w, x = a * start[0] + b * end[0], a * start[1] + b * end[1]
+    a = _share(1.0 - fraction, angle)
+    b = math.copysign(_share(fraction, angle), cosine)
+    w = a * start[0] + b * end[0]
+    x = a * start[1] + b * end[1]
     y, z = a * start[2] + b * end[2], a * start[3] + b * end[3]
     size = math.sqrt(w * w + x * x + y * y + z * z)
     return w / size, x / size, y / size, z / size

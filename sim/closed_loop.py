@@ -77,10 +77,13 @@ def _kind(follower: Follower) -> int:
 
 def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> ClosedLoopState:
     """The state of a closed loop at its start."""
-    f, n = len(scenario.followers), routes.reference.shape[0]
+    f = len(scenario.followers)
+    n = routes.reference.shape[0]
     offset = {name: plant.site_offset[i] for i, name in enumerate(plant.site_names)}
     names = [follower.name for follower in scenario.followers]
-    memory, readings, navigation = records(steering.FOLLOWER_MEMORY, f), records(READING, f), scenario.navigation
+    memory = records(steering.FOLLOWER_MEMORY, f)
+    readings = records(READING, f)
+    navigation = scenario.navigation
     kinds = np.zeros(f, dtype=np.int64)
     waypoints = scenario.leader.broadcast_waypoints
     plan = plan_of(routes.reference[:, 0], routes_of(scenario)[0].time, waypoints, TICK)
@@ -90,7 +93,8 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
     leader = vehicle_state(plant.pose[0], plant.twist[0], plant.ocean.velocity(plant.pose[:, :3], plant.time)[0])
     start = records(MESSAGE, 1)[0]
     start.east, start.north, _ = plant.pose[0, :3]
-    start.heading, start.speed = leader.heading, leader.surge
+    start.heading = leader.heading
+    start.speed = leader.surge
     for i, follower in enumerate(scenario.followers):
         kinds[i] = _kind(follower)
         steering.init_memory(start, trails[i], counts[i], memory[i])
@@ -140,7 +144,8 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
             observation.receive(a.sensors, step, i, (a.sites[0], a.sites[1]), Motion(truth, 0.0, k), a.tilts, a.inbox)
             a.arrived[i] = a.inbox.outcome[i] != observation.NO_MESSAGE
             if a.inbox.outcome[i] == observation.RECEIVED and on_station:
-                clock, message = (k * TICK, TICK), a.inbox.message[i]
+                clock = (k * TICK, TICK)
+                message = a.inbox.message[i]
                 steering.extend_trail(a.formation, a.stations[i], message, a.trails[i], a.counts[i], clock, a.memory[i])
         if on_station:
             received = a.memory[i].last_received, a.memory[i].received_points
@@ -156,8 +161,11 @@ def _true_estimate(
     pose, twist, water = body
     motion = vehicle_state(pose, twist, water)
     reading.speed = speed_through_water(pose, twist, water)
-    reading.heading, reading.depth = motion.heading, motion.depth
-    reading.pitch, reading.turning, reading.pitching = motion.pitch, motion.turning, motion.pitching
+    reading.heading = motion.heading
+    reading.depth = motion.depth
+    reading.pitch = motion.pitch
+    reading.turning = motion.turning
+    reading.pitching = motion.pitching
     track_current((water[0], water[1]), TICK, guidance)
     estimate.log_bias = estimate.compass_bias = estimate.spread = 0.0
     estimate.position[0], estimate.position[1], _ = carried(pose, hydrophone)
@@ -169,8 +177,11 @@ def _true_estimate(
 @compiled
 def _follow_route(k: int, f: int, a: ClosedLoopState) -> None:
     """Find the command of a follower that keeps to its route by its readings and estimates."""
-    routes, i, estimate = a.routes, f + 1, a.estimates[f]
-    reference, guidance = routes.reference[k, i], routes.guidance[i]
+    routes = a.routes
+    i = f + 1
+    estimate = a.estimates[f]
+    reference = routes.reference[k, i]
+    guidance = routes.guidance[i]
     motion = steering.measured_motion(a.readings[f], estimate, TICK, a.memory[f])
     if k == 0:
         begin(reference, motion.heading, motion.surge, (0.0, 0.0), guidance)
@@ -195,7 +206,9 @@ def guide(k: int, truth: Truth, a: ClosedLoopState) -> None:
     routes = a.routes
     steer_along_route(k, truth, 0, routes)
     for f in range(a.kinds.size):
-        i, reading, estimate = f + 1, a.readings[f], a.estimates[f]
+        i = f + 1
+        reading = a.readings[f]
+        estimate = a.estimates[f]
         a.history[k, f] = estimate
         if a.kinds[f] == ON_ROUTE:
             steer_along_route(k, truth, i, routes)
@@ -204,12 +217,16 @@ def guide(k: int, truth: Truth, a: ClosedLoopState) -> None:
         if a.kinds[f] < ON_STATION_BY_TRUTH:
             continue
         if a.kinds[f] == ON_STATION_BY_TRUTH:
-            body, guidance = (truth.pose[k, i], truth.twist[k, i], truth.water[k, i]), routes.guidance[i]
+            body = (truth.pose[k, i], truth.twist[k, i], truth.water[k, i])
+            guidance = routes.guidance[i]
             if k == 0:
-                guidance.current[0], guidance.current[1] = body[2][0], body[2][1]
+                guidance.current[0] = body[2][0]
+                guidance.current[1] = body[2][1]
             _true_estimate(body, a.sites[1][f], guidance, reading, estimate)
-        trail, clock = (a.trails[f], a.counts[f, 0]), (k * TICK, TICK)
-        senses, memory = (reading, estimate), a.memory[f]
+        trail = (a.trails[f], a.counts[f, 0])
+        clock = (k * TICK, TICK)
+        senses = (reading, estimate)
+        memory = a.memory[f]
         wanted, motion = steering.keep_station(a.formation, a.stations[f], senses, trail, clock, memory, a.reference[0])
         control(routes.autopilots[i], wanted, a.reference[0], motion, TICK, routes.autopilot[i], routes.command[i])
 
@@ -223,9 +240,11 @@ class ClosedLoop(NamedTuple):
     @compiled
     def control(self, k: int, truth: Truth) -> int:
         """Sense, navigate and find the commands of all vehicles; see `sim.simulation.Controller.control`."""
-        state, failed = self.state, 0
+        state = self.state
+        failed = 0
         if sense(k, truth, state):
-            step, inbox = k // state.sensors.stride, state.inbox
+            step = k // state.sensors.stride
+            inbox = state.inbox
             failed = self.swarm.navigate(
                 step, state.readings, state.arrived, inbox.message, inbox.ranges, state.estimates
             )
@@ -290,8 +309,10 @@ class OwnControl:
         """Make the controllers; LaisnError if there is no such class."""
         own = {i: follower for i, follower in enumerate(scenario.followers) if follower.controller}
         self._controllers = {i: find_controller(str(one.controller))(one) for i, one in own.items()}
-        self._names, self._effectors = plant.names[1:], [len(names) for names in plant.effector_names[1:]]
-        self._routes, self._reference = routes, records(REFERENCE, 1)[0]
+        self._names = plant.names[1:]
+        self._effectors = [len(names) for names in plant.effector_names[1:]]
+        self._routes = routes
+        self._reference = records(REFERENCE, 1)[0]
 
     def __bool__(self) -> bool:
         return bool(self._controllers)
@@ -306,7 +327,8 @@ class OwnControl:
             found = controller.control(readings, belief, CONTROL_STEP_S)
             self._require_valid(f, found)
             motion = steering.measured_motion(reading, estimate, CONTROL_STEP_S, memory)
-            command, autopilot = self._routes.command[f + 1], self._routes.autopilot[f + 1]
+            command = self._routes.command[f + 1]
+            autopilot = self._routes.autopilot[f + 1]
             if isinstance(found, Wrench):
                 autopilot.wrench[:] = found
                 apply_wrench(self._routes.autopilots[f + 1], motion.surge, autopilot, command)
@@ -326,13 +348,16 @@ class OwnControl:
             )
 
     def _hold(self, k: int, f: int, wanted: Command, motion: Any) -> None:
-        routes, i, reference = self._routes, f + 1, self._reference
+        routes = self._routes
+        i = f + 1
+        reference = self._reference
         guidance: Record = routes.guidance[i]
         reference.depth = wanted.depth
         if k == 0:
             begin(routes.reference[0, i], motion.heading, motion.surge, (0.0, 0.0), guidance)
         steered = limit_command(wanted.heading, wanted.speed, CONTROL_STEP_S, guidance)
-        autopilot, memory = routes.autopilots[i], routes.autopilot[i]
+        autopilot = routes.autopilots[i]
+        memory = routes.autopilot[i]
         control(autopilot, steered, reference, motion, CONTROL_STEP_S, memory, routes.command[i])
 
 
@@ -340,12 +365,18 @@ class PythonClosedLoop:
     """The same controller with navigators, inverted USBL (one or none) or controllers that Python calls."""
 
     def __init__(self, state: ClosedLoopState, swarm: Swarm, own: OwnControl, sensors: Sequence[OwnSensor]) -> None:
-        self.state, self.swarm, self._own, self._sensors = state, swarm, own, sensors
+        self.state = state
+        self.swarm = swarm
+        self._own = own
+        self._sensors = sensors
 
     def control(self, k: int, truth: Truth) -> int:
         """As `ClosedLoop.control`."""
-        state, failed, followers = self.state, 0, range(self.state.kinds.size)
-        inbox, arrived = state.inbox, [False] * len(followers)
+        state = self.state
+        failed = 0
+        followers = range(self.state.kinds.size)
+        inbox = state.inbox
+        arrived = [False] * len(followers)
         bearings: list[Bearing | None] = [None] * len(followers)
         if sense(k, truth, state):
             arrived = state.arrived.tolist()
@@ -366,8 +397,11 @@ class PythonClosedLoop:
 
     def _bearing(self, k: int, truth: Truth, f: int) -> Bearing:
         """What the inverted USBL of a follower measures of a message that is in at instant k."""
-        state, (sensor, *_), one = self.state, self._sensors, slice(k, k + 1)
-        s, inbox = state.sensors, state.inbox
+        state = self.state
+        sensor, *_ = self._sensors
+        one = slice(k, k + 1)
+        s = state.sensors
+        inbox = state.inbox
         if inbox.outcome[f] != observation.RECEIVED:
             return Bearing(np.nan, np.nan)
         motion = truth.pose[one, f + 1], truth.twist[one, f + 1], truth.water[one, f + 1]
@@ -387,7 +421,8 @@ def closed_loop_of(
 
     LaisnError if the followers' hydrophones are not equally high above their pressure sensors.
     """
-    still, numbers = standing(plant), range(len(scenario.followers))
+    still = standing(plant)
+    numbers = range(len(scenario.followers))
     settings = [navigation_settings(scenario, still, i) for i in numbers]
     if any(one != settings[0] for one in settings):
         raise LaisnError(
@@ -399,7 +434,8 @@ def closed_loop_of(
     swarm: Swarm = make(settings[0], starts)
     state = init_closed_loop(scenario, plant, routes)
     state.estimates.position = starts[:, :2] if settings[0].known_start else np.nan
-    own, sensors = OwnControl(scenario, plant, routes), [s for s in own_sensors(scenario) if s.name == BEARING]
+    own = OwnControl(scenario, plant, routes)
+    sensors = [s for s in own_sensors(scenario) if s.name == BEARING]
     compiled_loop = isinstance(swarm, tuple) and not own
     return ClosedLoop(state, swarm) if compiled_loop else PythonClosedLoop(state, swarm, own, sensors)
 

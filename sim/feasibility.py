@@ -45,7 +45,8 @@ def film_errors(duration_s: float, video: Video) -> list[str]:
 
 def _cost(scenario: Scenario) -> list[str]:
     """Missions beyond the limits of memory and time."""
-    vehicles, found = 1 + len(scenario.followers), []
+    vehicles = 1 + len(scenario.followers)
+    found = []
     instants = scenario.duration_s / CONTROL_STEP_S * vehicles
     if instants > MOST_INSTANTS:
         found.append(
@@ -118,7 +119,9 @@ def _plant(hull: Vehicle, dt: float, density: float) -> tuple[Any, Any]:
 
 def _speed_errors(scenario: Scenario, vehicle: Vehicle, design: Any) -> list[str]:
     """Speeds that a hull cannot have: more than its thrust, or less than its fins need."""
-    lines, top, (slowest, fastest) = [], top_speed(design), _speeds(scenario, vehicle)
+    lines = []
+    top = top_speed(design)
+    slowest, fastest = _speeds(scenario, vehicle)
     where = "the slowest leg of its route has"
     if isinstance(vehicle, Follower) and vehicle.station:
         where = "formation.min_along_track_speed_m_s is"
@@ -144,7 +147,8 @@ def _stability_errors(hull: tuple[Vehicle, float, float], fastest: float, orbita
 def _control_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:
     """What the autopilot of a vehicle cannot control."""
     usual = all(getattr(vehicle, name) == Vehicle.model_fields[name].default for name in _OF_HULL[1:])
-    own, waves = vehicle.model is not None, scenario.ocean.waves
+    own = vehicle.model is not None
+    waves = scenario.ocean.waves
     if not own and (scenario.motion == "kinematic" or (usual and scenario.timing.physics_step_s <= _USUAL_STEP_S)):
         return []
     hull = _hull(scenario, vehicle)
@@ -158,7 +162,8 @@ def _control_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]
 
 
 def _leader_too_fast(scenario: Scenario) -> list[str]:
-    fastest, depths = scenario.formation.max_speed_m_s, {f.layer_m for f in scenario.followers if f.station}
+    fastest = scenario.formation.max_speed_m_s
+    depths = {f.layer_m for f in scenario.followers if f.station}
     for depth in sorted(depths):
         ends, legs = _through_water(scenario, route_of(scenario.leader, "leader"), depth)
         speed = ends.max(axis=0)
@@ -176,7 +181,8 @@ def _start_overlap(scenario: Scenario) -> list[str]:
     joins = [isinstance(vehicle, Follower) and vehicle.start_m is not None for _, vehicle in scenario.vehicles()]
     if scenario.contact == "mark" and not any(joins):
         return []
-    setups, keys = setups_of(scenario, routes_of(scenario)), [key for key, _ in scenario.vehicles()]
+    setups = setups_of(scenario, routes_of(scenario))
+    keys = [key for key, _ in scenario.vehicles()]
     found = []
     for i, one in enumerate(setups):
         for j, other in enumerate(setups[:i]):
@@ -235,8 +241,10 @@ def _wide_turns(scenario: Scenario, vehicle: Vehicle) -> list[str]:
 
 def cautions(scenario: Scenario) -> list[str]:
     """What a flyable scenario has that its navigators or followers cannot cope with, a line each."""
-    found, variant = [], scenario.navigation.variant
-    spec, settings = find(variant), scenario.navigation.settings()
+    found = []
+    variant = scenario.navigation.variant
+    spec = find(variant)
+    settings = scenario.navigation.settings()
     stations = any(follower.station for follower in scenario.followers)
     if scenario.motion == "physics" and scenario.ocean.moves and "current" not in settings.estimated:
         able = spec.near_bound

@@ -65,8 +65,10 @@ class Flight:
         return np.arange(1, n + 1, dtype=np.int64) * self.stride
 
     def __repr__(self) -> str:
-        followers, duration = len(self.scenario.followers), self.trajectory.time[-1]
-        navigator, outcome = self.scenario.navigation.variant, self.outcome.name.lower()
+        followers = len(self.scenario.followers)
+        duration = self.trajectory.time[-1]
+        navigator = self.scenario.navigation.variant
+        outcome = self.outcome.name.lower()
         return f"<Flight {self.scenario.name!r}: {duration:g} s, followers: {followers}, {navigator}, {outcome}>"
 
     def hydrophone(self, follower: int) -> Floats:
@@ -77,7 +79,9 @@ class Flight:
 
 def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: int) -> Settings:
     """Settings of a follower's navigator: the scenario's and its hydrophone's place; LaisnError if it has none such."""
-    sound, name, height = scenario.acoustics, trajectory.names[follower + 1], scenario.navigation.hydrophone_height_m
+    sound = scenario.acoustics
+    name = trajectory.names[follower + 1]
+    height = scenario.navigation.hydrophone_height_m
     if height is None:
         hydrophone, sensor = (trajectory.site(f"{name}/{site}") for site in ("hydrophone", "depth_sensor"))
         height = trajectory.site_offset[hydrophone, 2] - trajectory.site_offset[sensor, 2]
@@ -119,7 +123,8 @@ def navigate(
 
     `navigator` makes one navigator for each follower; None: the scenario's own. `outcome` is that of the motion.
     """
-    measurements, estimates = [], []
+    measurements = []
+    estimates = []
     make = navigator or find(scenario.navigation.variant).make
     for follower in range(len(scenario.followers)):
         settings = navigation_settings(scenario, trajectory, follower)
@@ -144,9 +149,11 @@ def navigate(
 
 def excerpt(flight: Flight, start: float, end: float) -> Flight:
     """The part of a flight from `start` to `end`, widened to filter steps; ValueError if it leaves the mission."""
-    truth, dt = flight.trajectory, flight.measurements[0].dt
+    truth = flight.trajectory
+    dt = flight.measurements[0].dt
     begin = float(truth.time[0])
-    first, last = int(np.floor((start - begin) / dt + 1e-6)), int(np.ceil((end - begin) / dt - 1e-6))
+    first = int(np.floor((start - begin) / dt + 1e-6))
+    last = int(np.ceil((end - begin) / dt - 1e-6))
     if not 0 <= first < last <= flight.measurements[0].speed.size:
         raise ValueError(
             f"an excerpt from {start:g} to {end:g} s of a mission from {begin:g} to {float(truth.time[-1]):g} s"
@@ -161,8 +168,10 @@ def excerpt(flight: Flight, start: float, end: float) -> Flight:
 
 def position_and_bearing_errors(flight: Flight) -> list[tuple[Floats, Floats]]:
     """E_P [m] and E_B [rad] of every follower at filter steps k = 1 … n, shapes (n,)."""
-    leader, result = flight.trajectory.position[flight.step_index(), 0, :2], []
+    leader = flight.trajectory.position[flight.step_index(), 0, :2]
+    result = []
     for i, estimates in enumerate(flight.estimates):
-        position, truth = estimates.state[:, :2], flight.hydrophone(i)[:, :2]
+        position = estimates.state[:, :2]
+        truth = flight.hydrophone(i)[:, :2]
         result.append((position_errors(position, truth), bearing_errors(position, truth, leader)))
     return result

@@ -96,9 +96,12 @@ def record_state(k: int, state: tuple[Floats, Floats, Floats], water: Water, tru
 @compiled
 def steer_along_route(k: int, truth: Truth, i: int, routes: RouteControl) -> None:
     """Find the command of vehicle i, by its true motion, that holds from the recorded instant k until k + 1."""
-    reference, guidance = routes.reference[k, i], routes.guidance[i]
-    pose, water = truth.pose[k, i], truth.water[k, i]
-    motion, current = vehicle_state(pose, truth.twist[k, i], water), (water[0], water[1])
+    reference = routes.reference[k, i]
+    guidance = routes.guidance[i]
+    pose = truth.pose[k, i]
+    water = truth.water[k, i]
+    motion = vehicle_state(pose, truth.twist[k, i], water)
+    current = (water[0], water[1])
     if k == 0:
         begin(reference, motion.heading, motion.surge, current, guidance)
     track_current(current, TICK, guidance)
@@ -175,7 +178,8 @@ def simulate(
     LaisnError if a route cannot be flown; DivergedError if the simulation left finite numbers, PlantError if at its
     start; ArithmeticError naming the follower whose navigator failed.
     """
-    substeps, ticks = round(TICK / plant.dt), round(duration / TICK)
+    substeps = round(TICK / plant.dt)
+    ticks = round(duration / TICK)
     v = len(plant.names)
     autopilots = design(plant, tuple(depth_control or ["pitch"] * v))
     lead = [float(lag) for lag in 0.25 / autopilots["omega"]]
@@ -217,13 +221,17 @@ def simulate_points(
 ) -> Trajectory:
     """Point motion for a time [s]: level hulls on their courses, with a plant's sites, in still water, no thrust."""
     time: Floats = np.arange(round(duration / CONTROL_STEP_S) + 1, dtype=np.float64) * CONTROL_STEP_S
-    n, v = time.size, len(routes)
-    pose, twist = np.empty((n, v, 7)), np.zeros((n, v, 6))
+    n = time.size
+    v = len(routes)
+    pose = np.empty((n, v, 7))
+    twist = np.zeros((n, v, 6))
     for i, route in enumerate(routes):
-        motion, (depth, sinking) = plan(route).at(time), route.depth.at(time)
+        motion = plan(route).at(time)
+        depth, sinking = route.depth.at(time)
         pose[:, i] = np.column_stack([motion.east, motion.north, -depth, attitude.from_euler(motion.course)])
         level = motion.speed * np.array([np.sin(motion.course), np.cos(motion.course)])
-        twist[:, i, :3], twist[:, i, 5] = np.column_stack([*level, -sinking]), -motion.turn_rate
+        twist[:, i, :3] = np.column_stack([*level, -sinking])
+        twist[:, i, 5] = -motion.turn_rate
     return Trajectory(
         names=names,
         time=time,

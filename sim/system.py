@@ -91,7 +91,8 @@ def exit_with_parent(parent: int, *environment: tuple[str, str]) -> None:
 @contextmanager
 def _signals_after() -> Iterator[None]:
     """Signals of the block reach their handlers after it; the hooks of a fork discard what handlers raise."""
-    came, before = list[int](), dict[int, Any]()
+    came = list[int]()
+    before = dict[int, Any]()
     if threading.current_thread() is threading.main_thread():
         numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
         before = {number: signal.signal(number, lambda one, _: came.append(one)) for number in numbers}

@@ -22,7 +22,9 @@ from sim.scenario.routes import Route
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
 
-LEADER_HALF_M, FOLLOWER_HALF_M = 1.0, 0.7  # half the length of the straight part of a hull [m] …
+# half the length of the straight part of a hull [m] …
+LEADER_HALF_M = 1.0
+FOLLOWER_HALF_M = 0.7
 HULL_RADIUS_M = 0.1  # … and its radius [m]
 
 
@@ -30,7 +32,8 @@ def cross_track(route: Route, time: Floats, position: Floats) -> Floats:
     """Distance at times (n,), [s], from places (n, 2), [m], to the leg that is due or a neighbour, the nearest, [m]."""
     last = route.time.size - 2
     due = np.clip(np.searchsorted(route.time, time, side="right") - 1, 0, last)
-    start, along = route.waypoint[:-1], np.diff(route.waypoint, axis=0)
+    start = route.waypoint[:-1]
+    along = np.diff(route.waypoint, axis=0)
     nearest = np.full(time.size, np.inf)
     for shift in (-1, 0, 1):
         leg = np.clip(due + shift, 0, last)
@@ -67,7 +70,9 @@ def hull_gap(between: Floats, one: Floats, other: Floats, halves: tuple[float, f
     `between` leads from the middle of the first to that of the second, shape (n, 3), [m]; `one` and `other` are unit
     vectors along them, shape (n, 3), and `halves` half their lengths [m].
     """
-    along, ahead, across = _dot(one, other), _dot(one, between), _dot(other, between)
+    along = _dot(one, other)
+    ahead = _dot(one, between)
+    across = _dot(other, between)
     # nearest points s and t along the axes, each within its hull (Ericson, Real-Time Collision Detection, 2005)
     sine_squared = 1.0 - along * along
     crossed = sine_squared > 1e-9
@@ -81,7 +86,8 @@ def hull_gap(between: Floats, one: Floats, other: Floats, halves: tuple[float, f
 
 def _first_contacts(pose: Floats) -> Ints:
     """First instant at which the hulls of each pair touch, shape (v, v), below the diagonal; −1 if they never do."""
-    position, count = pose[..., :3], pose.shape[1]
+    position = pose[..., :3]
+    count = pose.shape[1]
     axis = np.stack(attitude.forward_of(np.moveaxis(pose[..., 3:], -1, 0)), axis=-1)
     half = [LEADER_HALF_M, *[FOLLOWER_HALF_M] * (count - 1)]
     first = np.full((count, count), -1)
@@ -126,9 +132,11 @@ STATION_PLACE = np.dtype(  # where a station is at one instant
 def _stations(
     leader: Floats, speed: Floats, heading: Floats, stations: Records, formation: Record, dt: float
 ) -> Records:
-    n, f = leader.shape[0], stations.shape[0]
+    n = leader.shape[0]
+    f = stations.shape[0]
     out = np.empty((n, f), STATION_PLACE)
-    trail, count = np.empty(n, TRAIL), np.zeros(1, dtype=np.int64)
+    trail = np.empty(n, TRAIL)
+    count = np.zeros(1, dtype=np.int64)
     states = np.zeros(f, FRAME_STATE)
     for i in range(f):
         states[i].heading = heading[0]
@@ -141,7 +149,8 @@ def _stations(
                 turn_frame(formation, stations[i], known, (time - dt, time), dt, states[i])
             target = station_at(stations[i], known, time, states[i])
             out[k, i].east, out[k, i].north = target.east, target.north
-            out[k, i].heading, out[k, i].rate = states[i].heading, states[i].rate
+            out[k, i].heading = states[i].heading
+            out[k, i].rate = states[i].rate
     return out
 
 
@@ -168,7 +177,8 @@ def stations_of(scenario: Scenario) -> Records:
 
 def true_stations(scenario: Scenario, trajectory: Trajectory) -> Records:
     """Where each follower's station, else the leader, truly was: records of STATION_PLACE, shape (n, f)."""
-    leader, speed = trajectory.position[:, 0, :2], trajectory.forward_speed[:, 0]
+    leader = trajectory.position[:, 0, :2]
+    speed = trajectory.forward_speed[:, 0]
     return stations_along(
         leader, speed, trajectory.heading[:, 0], stations_of(scenario), scenario.formation, trajectory.dt
     )
@@ -250,8 +260,11 @@ def _in_one_layer(depth: Floats) -> Bools:
 
 def closest_approaches(trajectory: Trajectory) -> tuple[Approach, Approach]:
     """The pair that came nearest in space, and the one that came nearest horizontally, whatever their depths."""
-    names, time, position = trajectory.names, trajectory.time, trajectory.position
-    space, level = _nearest(names, time, position), _nearest(names, time, position[..., :2])
+    names = trajectory.names
+    time = trajectory.time
+    position = trajectory.position
+    space = _nearest(names, time, position)
+    level = _nearest(names, time, position[..., :2])
     assert space is not None and level is not None  # noqa: PT018
     return space, level
 

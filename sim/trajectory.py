@@ -54,10 +54,14 @@ def pose_between(
     `u`, 0 … 1, is how far between them, `dt` the time from one to the other [s]; `pose` and `velocity` of the body's
     origin [m/s] are those at both.
     """
-    (one, other), (here, there) = pose, velocity
-    u2, u3 = u * u, u * u * u
-    a, b = 2.0 * u3 - 3.0 * u2 + 1.0, dt * (u3 - 2.0 * u2 + u)
-    c, d = 3.0 * u2 - 2.0 * u3, dt * (u3 - u2)
+    one, other = pose
+    here, there = velocity
+    u2 = u * u
+    u3 = u * u * u
+    a = 2.0 * u3 - 3.0 * u2 + 1.0
+    b = dt * (u3 - 2.0 * u2 + u)
+    c = 3.0 * u2 - 2.0 * u3
+    d = dt * (u3 - u2)
     east = a * one[0] + b * here[0] + c * other[0] + d * there[0]
     north = a * one[1] + b * here[1] + c * other[1] + d * there[1]
     up = a * one[2] + b * here[2] + c * other[2] + d * there[2]
@@ -72,7 +76,8 @@ def _poses_at(place: Floats, dt: float, pose: Floats, twist: Floats) -> Floats:
     for m in range(place.size):
         i = min(int(place[m]), pose.shape[0] - 2)
         for v in range(pose.shape[1]):
-            ends, velocity = (pose[i, v], pose[i + 1, v]), (twist[i, v], twist[i + 1, v])
+            ends = (pose[i, v], pose[i + 1, v])
+            velocity = (twist[i, v], twist[i + 1, v])
             for j, value in enumerate(pose_between(place[m] - i, dt, ends, velocity)):
                 found[m, v, j] = value
     return found
@@ -102,7 +107,9 @@ class Trajectory(ArrayRecord):
     site_offset: Floats  # position of the site in its vehicle's body frame, shape (s, 3), [m]
 
     def __post_init__(self) -> None:
-        n, v, s = self.time.size, len(self.names), len(self.site_names)
+        n = self.time.size
+        v = len(self.names)
+        s = len(self.site_names)
         m = self.thrust.shape[2]
         expected = {name: (n, v, size) for name, size in zip(OF_VEHICLES, (7, 6, 3, m), strict=True)}
         others = {"time": (n,), "effector_force": (v, m, 3), "site_vehicle": (s,), "site_offset": (s, 3)}
@@ -181,7 +188,8 @@ class Trajectory(ArrayRecord):
     def site_path(self, name: str, index: Ints | None = None) -> Floats:
         """One site in the world at instants by their index, shape (m,), or at all of them: shape (m, 3), [m]."""
         s = self.site(name)
-        v, path = self.site_vehicle[s], np.empty((self.time.size if index is None else len(index), 3))
+        v = self.site_vehicle[s]
+        path = np.empty((self.time.size if index is None else len(index), 3))
         for first in range(0, len(path), _BLOCK):
             some = slice(first, first + _BLOCK)
             at = some if index is None else index[some]
@@ -199,7 +207,8 @@ class Trajectory(ArrayRecord):
         `time` has shape (m,), [s]; ValueError if an instant lies outside the grid.
         """
         instants = np.atleast_1d(np.asarray(time, dtype=np.float64))
-        start, end = self.time[0], self.time[-1]
+        start = self.time[0]
+        end = self.time[-1]
         if instants.size and (instants.min() < start - 1e-9 or instants.max() > end + 1e-9):
             raise ValueError(f"time {instants.min():g} … {instants.max():g} s lies outside {start:g} … {end:g} s")
         place = np.clip((instants - start) / self.dt, 0.0, self.time.size - 1)

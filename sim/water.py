@@ -72,7 +72,8 @@ class Waves:
         floor_depth_m: float = FLOOR_DEPTH_M,
     ) -> Self:
         """One component; height crest to trough, running towards a compass direction; LaisnError if it would break."""
-        omega, direction = np.array([2 * np.pi / period_s]), np.array([direction_rad])
+        omega = np.array([2 * np.pi / period_s])
+        direction = np.array([direction_rad])
         _require_unbroken("height_m", height_m, omega[0], floor_depth_m)
         return cls._of(np.array([height_m / 2]), omega, direction, np.array([float(phase_rad)]), floor_depth_m)
 
@@ -143,7 +144,10 @@ AMPLITUDE, KX, KY, OMEGA, FIXED_OMEGA, PHASE = range(6)
 K, EAST, NORTH, ORBITAL, MIRROR = range(6, 11)
 """What follows from these and the depth h: k [1/m]; where the wave runs to, a unit vector; the velocity scale
 a ω / (1 − exp(−2kh)) [m/s]; exp(−2kh), the share of the wave's mirror image in the floor."""
-START, SET, ACCELERATION, RUN = 0, slice(1, 3), slice(3, 5), slice(5, 7)
+START = 0
+SET = slice(1, 3)
+ACCELERATION = slice(3, 5)
+RUN = slice(5, 7)
 """Columns of a changing current: time [s]; velocity then [m/s], its rate of change from then on [m/s²] and the way of
 the water since the first point [m], each east and north."""
 _LEAST_EXPONENT = -700.0  # keeps exp(kz) above zero
@@ -169,7 +173,9 @@ class Ocean:
     @cached_property
     def water(self) -> Water:
         """Current, waves and change of the current as compiled functions take them."""
-        w, east, north = self.waves, np.sin(self.current_direction_rad), np.cos(self.current_direction_rad)
+        w = self.waves
+        east = np.sin(self.current_direction_rad)
+        north = np.cos(self.current_direction_rad)
         surface = self.current_speed_m_s * east, self.current_speed_m_s * north
         shear = self.current_shear_1_s * east, self.current_shear_1_s * north
         bounds = float(self.floor_depth_m), np.abs(w.amplitude_m).sum()
@@ -179,9 +185,12 @@ class Ocean:
         orbital = w.amplitude_m * w.omega_rad_s / -np.expm1(twice_depth)
         given = [w.amplitude_m, w.wavenumber_1_m, w.omega_rad_s, fixed, w.phase_rad]
         derived = [k, w.wavenumber_1_m / k[:, None], orbital, np.exp(twice_depth)]
-        time, velocity = self.current_change[:, 0], self.current_change[:, 1:]
-        change, dt = np.zeros((time.size, 7)), np.diff(time)[:, None]
-        change[:, START], change[:, SET] = time, velocity
+        time = self.current_change[:, 0]
+        velocity = self.current_change[:, 1:]
+        change = np.zeros((time.size, 7))
+        dt = np.diff(time)[:, None]
+        change[:, START] = time
+        change[:, SET] = velocity
         change[:-1, ACCELERATION] = np.diff(velocity, axis=0) / dt
         change[1:, RUN] = np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * dt, axis=0)
         return (surface, shear, bounds), np.ascontiguousarray(np.column_stack([*given, *derived]).T), change
@@ -222,7 +231,9 @@ def instant_of(time: float, water: Water) -> tuple[Instant, Floats]:
 def elevation_at(x: float, y: float, now: Instant, waves: Floats) -> float:
     """Height of the surface above z = 0 at one place [m]."""
     time, _, change = now
-    x, y, height = x - change[4], y - change[5], 0.0
+    x = x - change[4]
+    y = y - change[5]
+    height = 0.0
     for i in range(waves.shape[1]):
         phase = waves[KX, i] * x + waves[KY, i] * y - waves[FIXED_OMEGA, i] * time + waves[PHASE, i]
         height += waves[AMPLITUDE, i] * sin_cos(phase)[1]
@@ -239,7 +250,8 @@ def _orbits(waves: Floats, x: float, y: float, below: float, time: float) -> Flo
         # cosh(k(z+h))/sinh(kh) and sinh(k(z+h))/sinh(kh) without overflow in deep water
         decay = exp(max(waves[K, i] * below, _LEAST_EXPONENT))
         mirrored = waves[MIRROR, i] / decay
-        level, upward = waves[ORBITAL, i] * (decay + mirrored), waves[ORBITAL, i] * (decay - mirrored)
+        level = waves[ORBITAL, i] * (decay + mirrored)
+        upward = waves[ORBITAL, i] * (decay - mirrored)
         out[0, i] = level * cos
         out[1, i] = level * sin
         out[2, i] = upward * cos
@@ -265,10 +277,16 @@ def flow(
         stream, rate, gradient, turning, squeeze = _flow_in_waves(place, relative, axis, now, waves)
     else:
         # most seas are calm, and need neither sums over waves nor room for them
-        z, vz, none = position[2], velocity[2], (0.0, 0.0, 0.0)
-        stream, rate = (surface[0] + sx * z, surface[1] + sy * z, 0.0), (sx * vz, sy * vz, 0.0)
-        gradient, turning, squeeze = ((0.0, 0.0, sx), (0.0, 0.0, sy), none), none, none
-    stream, rate = (stream[0] + vx, stream[1] + vy, stream[2]), (rate[0] + ax, rate[1] + ay, rate[2])
+        z = position[2]
+        vz = velocity[2]
+        none = (0.0, 0.0, 0.0)
+        stream = (surface[0] + sx * z, surface[1] + sy * z, 0.0)
+        rate = (sx * vz, sy * vz, 0.0)
+        gradient = ((0.0, 0.0, sx), (0.0, 0.0, sy), none)
+        turning = none
+        squeeze = none
+    stream = (stream[0] + vx, stream[1] + vy, stream[2])
+    rate = (rate[0] + ax, rate[1] + ay, rate[2])
     return stream, rate, gradient, turning, squeeze
 
 
@@ -290,12 +308,20 @@ def _flow_in_waves(
     below = max(min(z, 0.0), -depth)
     # where waves do not change with height any more, neither does climbing count, nor what of an axis points up
     varies = 1.0 if z == below else 0.0
-    vz, az = varies * vz, varies * az
+    vz = varies * vz
+    az = varies * az
     orbits = _orbits(waves, x, y, below, time)
     for i in range(waves.shape[1]):
-        omega, k, ex, ey = waves[OMEGA, i], waves[K, i], waves[EAST, i], waves[NORTH, i]
-        c_cos, c_sin, s_cos, s_sin = orbits[0, i], orbits[1, i], orbits[2, i], orbits[3, i]
-        along, rise = ax * ex + ay * ey, k * vz
+        omega = waves[OMEGA, i]
+        k = waves[K, i]
+        ex = waves[EAST, i]
+        ey = waves[NORTH, i]
+        c_cos = orbits[0, i]
+        c_sin = orbits[1, i]
+        s_cos = orbits[2, i]
+        s_sin = orbits[3, i]
+        along = ax * ex + ay * ey
+        rise = k * vz
         rate = waves[KX, i] * vx + waves[KY, i] * vy - waves[FIXED_OMEGA, i]
 
         ux += c_cos * ex
@@ -307,7 +333,8 @@ def _flow_in_waves(
         dz += s_cos * rate + c_sin * rise
 
         # potential flow: within the sea the gradient is symmetric and has no trace
-        gh, gz = -k * c_sin, k * s_cos
+        gh = -k * c_sin
+        gz = k * s_cos
         gxx += gh * ex * ex
         gxy += gh * ex * ey
         gyy += gh * ey * ey

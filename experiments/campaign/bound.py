@@ -28,10 +28,13 @@ def noise_of(scenario: Scenario, follower: int = 0) -> TrueNoise:
     or has them estimated: a bound for estimators with less prior information would be too high. Biases that
     are assumed to drift, an estimated current and the clock walk as the navigator assumes.
     """
-    errors, assumed = errors_of(scenario, follower), in_si(dict(scenario.navigation.assume))
-    estimated, drift = scenario.navigation.settings().estimated, scenario.navigation.assume.drift
+    errors = errors_of(scenario, follower)
+    assumed = in_si(dict(scenario.navigation.assume))
+    estimated = scenario.navigation.settings().estimated
+    drift = scenario.navigation.assume.drift
     turned = scenario.sensors.leader_heading_bias_deg != 0.0 or "leader_heading_bias" in estimated
-    clock, acoustics = "clock" in estimated, scenario.acoustics
+    clock = "clock" in estimated
+    acoustics = scenario.acoustics
     sound = (acoustics.sound_speed_m_s + acoustics.sound_speed_bias_m_s) * clock
     return TrueNoise(
         speed_sigma=errors.speed_sigma,
@@ -66,12 +69,15 @@ def geometry_of(
     """
     dt = scenario.timing.filter_step_s
     stride = round(dt / CONTROL_STEP_S)
-    first, n = round(float(trajectory.time[0]) / dt), (trajectory.time.size - 1) // stride
+    first = round(float(trajectory.time[0]) / dt)
+    n = (trajectory.time.size - 1) // stride
     at = np.arange(1, n + 1) * stride
     sound = propagate(trajectory, scenario, follower)
-    arrived, sent = (sound.message_step - first), (sound.emission_step - first) * stride
+    arrived = sound.message_step - first
+    sent = (sound.emission_step - first) * stride
     hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone", arrived * stride)
-    leader, used = trajectory.position[sent, 0, :2], scenario.navigation.transmitters
+    leader = trajectory.position[sent, 0, :2]
+    used = scenario.navigation.transmitters
     arms = sound.transmitter[:, :used].copy()
     arms[..., :2] -= leader[:, None]
     arms[..., 2] = hydrophone[:, None, 2] - arms[..., 2]
@@ -99,6 +105,7 @@ def flight_bound(flight: Flight, follower: int = 0, lag: float = 0.0) -> Floats:
     With a lag [s], messages of up to so much later are used too. Ranges, log and compass are those of this flight, with
     constant biases: sideslip, drift and echoes only raise what can be reached.
     """
-    scenario, received = flight.scenario, np.isfinite(flight.measurements[follower].ranges)
+    scenario = flight.scenario
+    received = np.isfinite(flight.measurements[follower].ranges)
     geometry = geometry_of(flight.trajectory, scenario, follower, received)
     return least_rms(geometry, noise_of(scenario, follower), lag)

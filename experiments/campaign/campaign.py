@@ -185,7 +185,8 @@ def _batches(plans: Iterable[CellPlan], workers: int) -> list[list[CellPlan]]:
     """Cells of one mission at a time, few enough for a steady progress and many enough to share the mission."""
     by_mission = sorted(plans, key=lambda plan: plan.motion)
     limit = min(BATCH_STEPS, sum(plan.size for plan in by_mission) // (4 * workers))
-    batches, size = list[list[CellPlan]](), 0
+    batches = list[list[CellPlan]]()
+    size = 0
     for plan in by_mission:
         if not batches or batches[-1][0].motion != plan.motion or size + plan.size > limit:
             batches.append([])
@@ -297,7 +298,9 @@ def fly(
         CampaignError: a process died, the sources changed, or, unless `tolerant`, something cannot be flown; what was
             computed is stored.
     """
-    workers, cluster, quiet = options.get("workers"), options.get("cluster"), options.get("quiet", False)
+    workers = options.get("workers")
+    cluster = options.get("cluster")
+    quiet = options.get("quiet", False)
     pool = Pool(len(os.sched_getaffinity(0)) if workers is None else workers, cluster)
     store = Store(folder, force=options.get("force", False))
     # of plans of the same cell, one that keeps what any of them requests
@@ -312,7 +315,8 @@ def fly(
     one_mission = len({plan.motion for plan in missing}) == 1 and cluster is None and not runs
     if one_mission and all(p.runs >= _MANY_RUNS and find(p.scenario.navigation.variant).lanes for p in missing):
         # compiled lanes run side by side in threads, without the memory of processes
-        missing, pool.size = [replace(plan, threads=pool.size) for plan in missing], 1
+        missing = [replace(plan, threads=pool.size) for plan in missing]
+        pool.size = 1
     pool.size = min(pool.size, max(len(missing), len(needed), len(runs), 1))
     if cluster is None and not quiet:
         if missing and FOLDER:

@@ -39,7 +39,9 @@ SIZE = KINDS + len(FixKind) * LANES  # numbers of a tally
 _BINS_PER_OCTAVE_BITS = 7
 _BITS_SHIFT = np.uint64(52 - _BINS_PER_OCTAVE_BITS)
 _OCTAVES = 20
-LOWEST_P, LOWEST_B = 2.0**-10, 2.0**-18  # errors of position [m] and bearing [rad] below these share one bin
+# errors of position [m] and bearing [rad] below these share one bin
+LOWEST_P = 2.0**-10
+LOWEST_B = 2.0**-18
 BINS = (_OCTAVES << _BINS_PER_OCTAVE_BITS) + 2
 _FIRST_P = (1023 - 10 << _BINS_PER_OCTAVE_BITS) - 1
 _FIRST_B = (1023 - 18 << _BINS_PER_OCTAVE_BITS) - 1
@@ -65,7 +67,8 @@ def tally_step(
     block: Floats, tally: Floats, bins: Ints, hydrophone: tuple[float, float], leader: tuple[float, float, float]
 ) -> None:
     """Add the errors of a step of estimates to a tally, and their histogram bins, two rows, to `bins`."""
-    truth, origin = Point(hydrophone[0], hydrophone[1]), Point(leader[0], leader[1])
+    truth = Point(hydrophone[0], hydrophone[1])
+    origin = Point(leader[0], leader[1])
     axis = turn(leader[2])
     for lane in range(LANES):
         estimate = lanes.point_at(block, lanes.X, lane)
@@ -86,7 +89,9 @@ def tally_step(
         longest = tally[LONGEST_MIRROR_LOCK + lane]
         tally[LONGEST_MIRROR_LOCK + lane] = mirror_lock if mirror_lock > longest else longest
 
-        pxx, pxy, pyy = block[lanes.PXX + lane], block[lanes.PXY + lane], block[lanes.PYY + lane]
+        pxx = block[lanes.PXX + lane]
+        pxy = block[lanes.PXY + lane]
+        pyy = block[lanes.PYY + lane]
         nees = normalised_square(estimate.east - truth.east, estimate.north - truth.north, pxx, pxy, pyy)
         known = nees == nees
         tally[NEES + lane] = nees
@@ -104,7 +109,8 @@ def tally_fixes(block: Floats, tally: Floats, fixes: tuple[int, int, int]) -> No
         received = False
         for fix in fixes:
             if fix >= 0:
-                kind, nis = int(block[fix + 3 * LANES + lane]), block[fix + 5 * LANES + lane]
+                kind = int(block[fix + 3 * LANES + lane])
+                nis = block[fix + 5 * LANES + lane]
                 if kind != _LOST:
                     received = True
                     tally[KINDS + kind * LANES + lane] += 1.0
@@ -144,12 +150,16 @@ def percentile(histogram: Ints, lowest: float, share: float, largest: float) -> 
 
 
 # Rows of draws.
-_FIRST, _SECOND, _THIRD = 0, LANES, 2 * LANES
+_FIRST = 0
+_SECOND = LANES
+_THIRD = 2 * LANES
 
 # Streams of noise, as numbers that compiled code takes.
 _OWN_MOTION, _DEPTH, _ECHO, _LOSS = map(int, (Stream.OWN_MOTION, Stream.DEPTH, Stream.ECHO, Stream.LOSS))
-_RANGE_UNIFORM, _RANGE_SCALE = int(Stream.RANGE_UNIFORM), int(Stream.RANGE_SCALE)
-_LEADER_MOTION, _LEADER_DEPTH = int(Stream.LEADER_MOTION), int(Stream.LEADER_DEPTH)
+_RANGE_UNIFORM = int(Stream.RANGE_UNIFORM)
+_RANGE_SCALE = int(Stream.RANGE_SCALE)
+_LEADER_MOTION = int(Stream.LEADER_MOTION)
+_LEADER_DEPTH = int(Stream.LEADER_DEPTH)
 _LEADER_ATTITUDE = int(Stream.LEADER_ATTITUDE)
 
 # Column of `TruthRecord.sent` behind those of a block's rows.
@@ -180,17 +190,21 @@ def _number(stream: int, follower: np.uint64) -> np.uint64:
 @compiled_lanes
 def _draw_uniforms(noise: Noise, stream: int, step: int) -> None:
     """Three uniforms in (0, 1) for each lane."""
-    draws, (seed, first_run, follower) = noise.draws, noise.address
+    draws = noise.draws
+    seed, first_run, follower = noise.address
     number = _number(stream, follower)
     for lane in range(LANES):
         w0, w1, w2, _ = words(seed, first_run + np.uint64(lane), number, np.uint64(step))
-        draws[_FIRST + lane], draws[_SECOND + lane], draws[_THIRD + lane] = uniform(w0), uniform(w1), uniform(w2)
+        draws[_FIRST + lane] = uniform(w0)
+        draws[_SECOND + lane] = uniform(w1)
+        draws[_THIRD + lane] = uniform(w2)
 
 
 @compiled_lanes
 def _draw_normals(noise: Noise, stream: int, step: int) -> None:
     """Two normals for each lane."""
-    draws, (seed, first_run, follower) = noise.draws, noise.address
+    draws = noise.draws
+    seed, first_run, follower = noise.address
     number = _number(stream, follower)
     for lane in range(LANES):
         w0, w1, w2, w3 = words(seed, first_run + np.uint64(lane), number, np.uint64(step))
@@ -232,7 +246,8 @@ def sense_own(block: Floats, noise: Noise, errors: SensorErrors, speed: float, h
 @compiled_lanes
 def _lose(block: Floats, noise: Noise, errors: SensorErrors, emitted: int) -> None:
     """Ranges of lost messages become NaN."""
-    draws, burst = noise.draws, noise.burst
+    draws = noise.draws
+    burst = noise.burst
     _draw_uniforms(noise, _LOSS, emitted)
     for lane in range(LANES):
         burst[lane] = sensors.is_bad(burst[lane], draws[_FIRST + lane], errors)
@@ -243,13 +258,16 @@ def _lose(block: Floats, noise: Noise, errors: SensorErrors, emitted: int) -> No
 @compiled_lanes
 def _read_attitude(block: Floats, noise: Noise, errors: SensorErrors, sent: Floats, emitted: int, since: int) -> None:
     """Read the leader's pitch and roll."""
-    draws, fluctuation, offset = noise.draws, noise.fluctuation, noise.offset
+    draws = noise.draws
+    fluctuation = noise.fluctuation
+    offset = noise.offset
     kept, fresh = sensors.weights(since, noise.dt, errors.leader_tilt_time)
     _draw_if(errors.leader_tilt_sigma > 0.0, noise, _LEADER_ATTITUDE, emitted)
     for i in range(2 * LANES):
         fluctuation[i] = sensors.advanced(fluctuation[i], kept, fresh, draws[i])
     for lane in range(LANES):
-        i, j = _FIRST + lane, _SECOND + lane
+        i = _FIRST + lane
+        j = _SECOND + lane
         block[lanes.PITCH + lane] = sensors.read_leader_attitude(errors, sent[5], (offset[i], fluctuation[i]))
         block[lanes.ROLL + lane] = sensors.read_leader_attitude(errors, sent[6], (offset[j], fluctuation[j]))
 
@@ -259,8 +277,10 @@ def _read_ranges(
     block: Floats, noise: Noise, errors: SensorErrors, transmitters: int, sent: Floats, steps: tuple[int, int]
 ) -> None:
     """Measure ranges on pings, or on echoes taken for them."""
-    draws, (received, emitted) = noise.draws, steps
-    true, normal = np.empty(3 * LANES), np.empty(LANES)
+    draws = noise.draws
+    received, emitted = steps
+    true = np.empty(3 * LANES)
+    normal = np.empty(LANES)
     if errors.surface_echo_probability + errors.bottom_echo_probability > 0.0:
         _draw_uniforms(noise, _ECHO, emitted)
     else:
@@ -275,9 +295,13 @@ def _read_ranges(
     copy_values(draws[:LANES], normal)
     _draw_uniforms(noise, _RANGE_UNIFORM, received)
     for lane in range(LANES):
-        i, j, k = _FIRST + lane, _SECOND + lane, _THIRD + lane
-        ranges, (rear, front, middle) = (true[i], true[j], true[k]), errors.range_tau
-        used, of_all = sensors.longest_range(ranges, transmitters), sensors.longest_range(ranges, 3)
+        i = _FIRST + lane
+        j = _SECOND + lane
+        k = _THIRD + lane
+        ranges = (true[i], true[j], true[k])
+        rear, front, middle = errors.range_tau
+        used = sensors.longest_range(ranges, transmitters)
+        of_all = sensors.longest_range(ranges, 3)
         block[lanes.R1 + lane] = sensors.range_reading(errors, rear, (ranges[0], used), (draws[i], normal[lane]))
         block[lanes.R2 + lane] = sensors.range_reading(errors, front, (ranges[1], used), (draws[j], normal[lane]))
         block[lanes.R3 + lane] = sensors.range_reading(errors, middle, (ranges[2], of_all), (draws[k], normal[lane]))
@@ -299,12 +323,19 @@ def sense_message(
     `receiver` are errors of sensors and how many transmitters are used, `sent` is a row of `TruthRecord.sent`; `steps`
     are those of reception and of emission, and how many passed since the emission before it (0: there is none).
     """
-    draws, (errors, transmitters), (received, emitted, since) = noise.draws, receiver, steps
-    east, north, heading, speed, leader_depth = sent[0], sent[1], sent[2], sent[3], sent[4]
+    draws = noise.draws
+    errors, transmitters = receiver
+    received, emitted, since = steps
+    east = sent[0]
+    north = sent[1]
+    heading = sent[2]
+    speed = sent[3]
+    leader_depth = sent[4]
     _draw_if(errors.depth_sigma > 0.0, noise, _DEPTH, received)
     for lane in range(LANES):
         block[lanes.DEPTH + lane] = sensors.read_depth(errors, depth, (draws[_FIRST + lane], 0.0))
-        block[lanes.EAST + lane], block[lanes.NORTH + lane] = east, north
+        block[lanes.EAST + lane] = east
+        block[lanes.NORTH + lane] = north
     _draw_if(errors.leader_heading_sigma > 0.0, noise, _LEADER_MOTION, emitted)
     for lane in range(LANES):
         drawn = draws[_FIRST + lane], draws[_SECOND + lane]
@@ -331,7 +362,8 @@ class TruthRecord(NamedTuple):
 
 def truth_record(truth: MissionTruth) -> TruthRecord:
     """What a follower's sensors measure, with the echoes of its pings."""
-    sent, m = truth.sent, truth.message_step.size
+    sent = truth.sent
+    m = truth.message_step.size
     place = truth.hydrophone, truth.leader_position, truth.leader_heading
     echoes = np.full((2, m, 3), np.nan) if truth.echo_range is None else truth.echo_range
     pose = (sent.east, sent.north, sent.heading, sent.speed, sent.depth, sent.pitch, sent.roll)
@@ -359,12 +391,14 @@ def fly_block(
     """Tally, histograms, and the sum over the first `used` lanes of the NEES of each step, shape (n,); states go to
     `history`, shape (n, 4 LANES), unless it is empty.
     """
-    n, m = truth.own.shape[0], truth.message_step.size
+    n = truth.own.shape[0]
+    m = truth.message_step.size
     noise = new_noise(address, t.dt)
     block = lanes.new_block(truth.start, t)
     tally = np.zeros(SIZE)
     bins = np.zeros(2 * LANES, dtype=np.int64)
-    histograms, nees = np.zeros((2, BINS), dtype=np.int64), np.empty(n)
+    histograms = np.zeros((2, BINS), dtype=np.int64)
+    nees = np.empty(n)
     fixes = lanes.fix_rows(t.variant)
     i = 0
     for k in range(1, n + 1):

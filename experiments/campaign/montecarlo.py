@@ -73,7 +73,8 @@ def motion_of(scenario: Scenario) -> Scenario:
 
 def _observed_of(scenario: Scenario, follower: int) -> Scenario:
     """The scenario with everything at its default, such as random errors, that does not change what `observe` finds."""
-    sensors, acoustics = scenario.sensors_of(follower), scenario.acoustics
+    sensors = scenario.sensors_of(follower)
+    acoustics = scenario.acoustics
     chances = ("surface_echo_probability", "bottom_echo_probability")
     echoes = {name: float(getattr(acoustics, name) > 0.0) / 2 for name in chances}
     own = {
@@ -201,8 +202,11 @@ _Block = tuple[Floats, Ints, Floats]
 
 def _summed(cell: Cell, flown: Iterator[_Block]) -> CellResult:
     """The result of a cell from its blocks in the order of runs; LaisnError naming the run if an estimate diverged."""
-    truth, steps, size = cell.truth, cell.truth.speed.size, len(cell.runs)
-    tally, nees = np.empty((lane.SIZE // LANES, size)), np.zeros(steps)
+    truth = cell.truth
+    steps = cell.truth.speed.size
+    size = len(cell.runs)
+    tally = np.empty((lane.SIZE // LANES, size))
+    nees = np.zeros(steps)
     histograms = np.zeros((2, lane.BINS), dtype=np.int64)
     for block in cell.blocks:
         sums, counts, squares = next(flown)
@@ -236,7 +240,8 @@ def _summed(cell: Cell, flown: Iterator[_Block]) -> CellResult:
         ("p", "m", float, lane.SUM_P, lane.SQUARES_P, lane.MAX_P, lane.LOWEST_P, histograms[0]),
         ("b", "deg", math.degrees, lane.SUM_B, lane.SQUARES_B, lane.MAX_B, lane.LOWEST_B, histograms[1]),
     ):
-        top, mean = float(of_runs(largest).max()), float(of_runs(total).sum() / (steps * size))
+        top = float(of_runs(largest).max())
+        mean = float(of_runs(total).sum() / (steps * size))
         variance = float(of_runs(squared).sum() / (steps * size)) - mean * mean
         for name, value in (("max", top), ("mean", mean), ("std", math.sqrt(max(variance, 0.0)))):
             errors[f"e_{kind}_{name}_{unit}"] = convert(value)
@@ -244,7 +249,8 @@ def _summed(cell: Cell, flown: Iterator[_Block]) -> CellResult:
             percentiles[f"e_{kind}_p{p}_{unit}"] = convert(lane.percentile(histogram, lowest, p / 100.0, top))
     means: Record = {}
     for name, total, count in (("nees", lane.SUM_NEES, lane.COUNT_NEES), ("nis", lane.SUM_NIS, lane.COUNT_NIS)):
-        number, every = of_runs(count), of_runs(count).sum()
+        number = of_runs(count)
+        every = of_runs(count).sum()
         runs[name] = np.divide(of_runs(total), number, out=np.full(size, np.nan), where=number > 0.0)
         means[name] = float(of_runs(total).sum() / every) if every else math.nan
     low, high = chdtri(2.0 * size, np.array([0.975, 0.025]))
@@ -264,7 +270,9 @@ def _summed(cell: Cell, flown: Iterator[_Block]) -> CellResult:
 
 def _measured(cell: Cell, runs: Sequence[int]) -> list[Measurements]:
     """Measurements of some runs; LaisnError if a disturbance changes the steps of messages for lanes."""
-    truth, seed, which = cell.truth, cell.seed, {"follower": cell.follower, "transmitters": cell.settings.transmitters}
+    truth = cell.truth
+    seed = cell.seed
+    which = {"follower": cell.follower, "transmitters": cell.settings.transmitters}
     measured = [measure(truth, cell.errors, seed=seed, run=run, in_bulk=True, **which) for run in runs]
     if cell.disturbance is not None:
         disturb = cell.disturbance.disturb
@@ -286,21 +294,27 @@ def _fly(cell: Cell, truth: lane.TruthRecord, runs: range, history: Floats = _NO
         LaisnError: the start is unknown, so that a run has no error before its first message.
         ArithmeticError: a covariance is not positive definite.
     """
-    settings, given, single, steps = cell.settings, lane.Given(), list[MissionResult](), cell.truth.speed.size
+    settings = cell.settings
+    given = lane.Given()
+    single = list[MissionResult]()
+    steps = cell.truth.speed.size
     if not cell.spec.lanes:
         if not settings.known_start:
             raise LaisnError("navigation.assume.known_start = false is for single flights: cells need all errors")
-        single, settings = single_runs(cell, runs), NavigationSettings()
+        single = single_runs(cell, runs)
+        settings = NavigationSettings()
         given = lane.Given(states=np.ones((steps, 5, LANES)))
         for i, found in enumerate(single):
-            given.states[:, :2, i], given.states[:, 2:, i] = found.state[:, :2], found.covariance
+            given.states[:, :2, i] = found.state[:, :2]
+            given.states[:, 2:, i] = found.covariance
     elif cell.disturbance:
         given = lane.Given(*lanes.stacked(_measured(cell, runs)))
     address = np.uint64(cell.seed), np.uint64(runs[0]), np.uint64(cell.follower)
     block = lane.fly_block(truth, cell.errors, lanes.tuning(settings), address, len(runs), given, history)
     for i, found in enumerate(single):
         of_run = block[0][i::LANES]
-        of_run[lane.SUM_NIS // LANES], of_run[lane.COUNT_NIS // LANES] = found.squared, 0.5 * found.numbers
+        of_run[lane.SUM_NIS // LANES] = found.squared
+        of_run[lane.COUNT_NIS // LANES] = 0.5 * found.numbers
         for kind in found.kinds:
             of_run[lane.KINDS // LANES + kind] += 1.0
     return block
@@ -322,7 +336,8 @@ def histories(cell: Cell) -> Floats:
     """States of all runs of a cell after each step: x, y [m], vx, vy [m/s], shape (n, 4, R)."""
     if not cell.spec.lanes:
         return np.stack([found.state for runs in cell.blocks for found in single_runs(cell, runs)], axis=-1)
-    truth, parts = lane.truth_record(cell.truth), []
+    truth = lane.truth_record(cell.truth)
+    parts = []
     for runs in cell.blocks:
         history = np.empty((cell.truth.speed.size, 4 * LANES))
         _fly(cell, truth, runs, history)

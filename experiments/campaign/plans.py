@@ -104,7 +104,8 @@ def disturbance_of(table: Mapping[str, Any]) -> Disturbance | None:
     """The disturbance of a table, None of an empty one; LaisnError if the class, or an argument, does not exist."""
     if not table:
         return None
-    name, given = str(table.get("use", "")), {key: value for key, value in table.items() if key != "use"}
+    name = str(table.get("use", ""))
+    given = {key: value for key, value in table.items() if key != "use"}
     made = _disturbing(name)
     try:
         return made(**given)
@@ -114,14 +115,17 @@ def disturbance_of(table: Mapping[str, Any]) -> Disturbance | None:
 
 def steps_of(cell: Cell) -> Arrays:
     """Errors at each step over all runs, and where the follower is, as the leader sees it."""
-    truth, leader = cell.truth, cell.truth.leader_position
+    truth = cell.truth
+    leader = cell.truth.leader_position
     total = largest = np.zeros((2, truth.speed.size))
     for runs in cell.blocks:
         for found in np.moveaxis(histories(replace(cell, runs=runs))[:, :2], -1, 0):
             bearing = metrics.bearing_errors(found, truth.hydrophone, leader)
             errors = np.stack([metrics.position_errors(found, truth.hydrophone), np.rad2deg(bearing)])
-            total, largest = total + errors, np.maximum(largest, errors)
-    away, mean = truth.hydrophone - leader, total / len(cell.runs)
+            total = total + errors
+            largest = np.maximum(largest, errors)
+    away = truth.hydrophone - leader
+    mean = total / len(cell.runs)
     direction = np.arctan2(away[:, 0], away[:, 1]) - truth.leader_heading
     columns = {
         "time_s": truth.dt * np.arange(1, truth.speed.size + 1),
@@ -142,9 +146,13 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
         behind[pitch] = montecarlo.Mission(plans[0].scenario, motion)
     results = list[Result]()
     for plan in plans:
-        runs, disturbance = range(plan.first_run, plan.first_run + plan.runs), disturbance_of(plan.disturb)
-        scenario, mission, steps = plan.content, behind[plan.leader_pitch_deg], Arrays()
-        given, variant = scenario, scenario.navigation.variant
+        runs = range(plan.first_run, plan.first_run + plan.runs)
+        disturbance = disturbance_of(plan.disturb)
+        scenario = plan.content
+        mission = behind[plan.leader_pitch_deg]
+        steps = Arrays()
+        given = scenario
+        variant = scenario.navigation.variant
         if plan.measured and plan.facts:
             found = plan.facts(plan.scenario, trajectory)[plan.follower]
             values = {key: found.get(name) for key, name in plan.measured.items()}
@@ -155,9 +163,11 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
         row: Record = {"variant": variant, **result.row, "bound_rms_m": None, "rms_over_bound": None}
         if find(variant).near_bound:
             seen, _ = mission.seen(scenario, plan.follower)
-            geometry, noise = geometry_of(seen, scenario, plan.follower), noise_of(scenario, plan.follower)
+            geometry = geometry_of(seen, scenario, plan.follower)
+            noise = noise_of(scenario, plan.follower)
             least = least_rms(geometry, noise)
-            bound, rms = float(np.sqrt(np.mean(least**2))), float(np.hypot(row["e_p_mean_m"], row["e_p_std_m"]))
+            bound = float(np.sqrt(np.mean(least**2)))
+            rms = float(np.hypot(row["e_p_mean_m"], row["e_p_std_m"]))
             row |= {"bound_rms_m": bound, "rms_over_bound": rms / bound if bound > 0.0 else None}
             if plan.lag_s:
                 row["bound_smoothed_rms_m"] = float(np.sqrt(np.mean(least_rms(geometry, noise, plan.lag_s) ** 2)))

@@ -50,7 +50,8 @@ class _Bars(Progress):
     """
 
     def __init__(self, console: Console, *columns: ProgressColumn, count: Callable[[], int] = lambda: 0) -> None:
-        self._count, self._before = count, count()
+        self._count = count
+        self._before = count()
         super().__init__(
             TextColumn("{task.description:<9}"), BarColumn(), *columns, TimeRemainingColumn(elapsed_when_finished=True),
             console=console, disable=not console.is_terminal, get_time=lambda: time.monotonic(),
@@ -102,12 +103,14 @@ def progress(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]
         yield lambda count: None
         return
     with _Bars(console, MofNCompleteColumn()) as bars:
-        task, shown = bars.add_task(what, total=total), time.monotonic()
+        task = bars.add_task(what, total=total)
+        shown = time.monotonic()
 
         def advance(count: int) -> None:
             nonlocal shown
             bars.advance(task, count)
-            state, now = bars.tasks[task], time.monotonic()
+            state = bars.tasks[task]
+            now = time.monotonic()
             if bars.disable and (state.finished or now - shown >= _LINE_EVERY_S):
                 pace = f", {state.speed:.1f}/s, {state.time_remaining:.0f} s left" if state.speed else ""
                 console.print(f"{what}: {state.completed:.0f}/{total}{pace}", highlight=False)

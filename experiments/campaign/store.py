@@ -28,9 +28,11 @@ Record = dict[str, Any]  # a row: plain values by column
 Arrays = dict[str, npt.NDArray[Any]]  # columns of a result, shape (n,) each
 Result = tuple[str, Any, Arrays]  # key, JSON value and arrays of a result that is stored
 
-STUDY_FILE, FLIGHT_FILE = "campaign.json", "summary.json"
+STUDY_FILE = "campaign.json"
+FLIGHT_FILE = "summary.json"
 """A file that each folder of a study, and each folder of a flight, has."""
-_RECORD, _COLUMNS = "record", "columns"
+_RECORD = "record"
+_COLUMNS = "columns"
 
 
 class DamagedResult(LaisnWarning):
@@ -124,10 +126,14 @@ class Store:
         """
         if (folder / FLIGHT_FILE).exists():
             raise LaisnError(f"{folder}: holds a flight ({FLIGHT_FILE}); choose another folder with --out")
-        self.folder, self._results = folder, folder / "store"
-        self._force, self.written = force, set[str]()
+        self.folder = folder
+        self._results = folder / "store"
+        self._force = force
+        self.written = set[str]()
         self._results.mkdir(parents=True, exist_ok=True)
-        manifest, found, version = folder / STUDY_FILE, "", code_version()
+        manifest = folder / STUDY_FILE
+        found = ""
+        version = code_version()
         with locked(folder):
             # keys of results hold their version too, so that a damaged manifest may be written again
             with suppress(FileNotFoundError, ValueError, KeyError, TypeError, RecursionError):

@@ -62,7 +62,8 @@ def _without_docstrings(source: bytes) -> bytes:
     lines = source.splitlines(keepends=True)
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
-            first, last = node.lineno - 1, node.end_lineno or node.lineno
+            first = node.lineno - 1
+            last = node.end_lineno or node.lineno
             if not lines[first][: node.col_offset].strip():
                 lines[first:last] = [b""] * (last - first)
     return b"".join(lines)

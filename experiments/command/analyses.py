@@ -102,7 +102,8 @@ def range_budget(
 
     require_output(out, ".csv", ".parquet")
     flight = flight_of(source, set_ or ())
-    console, heads = Console(), ("cause", *Ranges._fields, "front − rear, rms", "largest")
+    console = Console()
+    heads = ("cause", *Ranges._fields, "front − rear, rms", "largest")
     for i, name in enumerate(flight.trajectory.names[1:]):
         shares = share_table(range_error_budget(flight, i))
         lines = [[cell.text for cell in row] for row in shares.rows]

@@ -22,7 +22,10 @@ from typer.exceptions import TyperException
 
 from laisn.failure import LaisnError, LaisnWarning, plain, screenful
 
-USER_ERROR, INTERNAL_ERROR, INTERRUPTED = 2, 1, 130  # exit codes: an error that the user can correct, a bug, Ctrl-C
+# exit codes: an error that the user can correct, a bug, Ctrl-C
+USER_ERROR = 2
+INTERNAL_ERROR = 1
+INTERRUPTED = 130
 
 
 def _print(lines: Iterable[str], colour: str) -> None:

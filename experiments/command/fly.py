@@ -36,7 +36,8 @@ def _show_stations(console: Console, flight: Flight, summary: dict[str, Any]) ->
             rows.append([name, *off, f"{row['e_p_mean_m']:.2f} m", joined, "lost" if row["lost"] else ""])
     heads = ("follower", "station error: RMS", "95 %", "max", "E_P: mean", "joined at", "")
     show_table(console, heads, rows)
-    truth, pair = flight.trajectory, summary["closest_approach_pair"]
+    truth = flight.trajectory
+    pair = summary["closest_approach_pair"]
     positions = truth.position[np.argmin(np.abs(truth.time - summary["closest_approach_s"]))]
     one, other = (positions[truth.names.index(name), :2] for name in pair)
     level = float(np.hypot(*(one - other)))

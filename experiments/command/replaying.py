@@ -81,7 +81,9 @@ def replay_measurements(
     short = {"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s}
     begin = simulate_motion(scenario.model_copy(update=short))
     heads = ("follower", "steps", "Δt [s]", "fixes", "x [m]", "y [m]")
-    rows, remarks, vehicles = list[list[str]](), list[str](), list[Replayed]()
+    rows = list[list[str]]()
+    remarks = list[str]()
+    vehicles = list[Replayed]()
     for i, name in enumerate(begin.names[1:]):
         measured, found = read_recording(path, name, longest_gap_s)
         remarks += found
@@ -107,7 +109,8 @@ def _write_replay(
     vehicles: Sequence[Replayed], log: Path, navigator: str, remarks: Sequence[str], out: Path | None
 ) -> None:
     """Print the remarks on a log, and write the estimates into a CSV file and the page into out/replay."""
-    console, columns = Console(), ("follower", "time_s", "x_m", "y_m", "vx_m_s", "vy_m_s")
+    console = Console()
+    columns = ("follower", "time_s", "x_m", "y_m", "vx_m_s", "vy_m_s")
     for remark in remarks:
         print_line(console, remark, "note:")
     if out is not None:
@@ -127,20 +130,24 @@ def export_factor_graphs(path: Path, out: Path) -> list[Path]:
     flight = read(path)
     tight = _with_navigation(flight.scenario, variant="tight")
     out.mkdir(parents=True, exist_ok=True)
-    steps, files = np.append(0, flight.step_index()), []
+    steps = np.append(0, flight.step_index())
+    files = []
     for i, name in enumerate(flight.trajectory.names[1:]):
         place = flight.trajectory.site_path(f"{name}/hydrophone", steps)
         truth = np.column_stack([flight.trajectory.time[steps], place[:, :2], flight.trajectory.heading[steps, i + 1]])
-        settings, start = settings_as(TightSettings, tight, flight.trajectory, i), start_of(flight.trajectory, i)
+        settings = settings_as(TightSettings, tight, flight.trajectory, i)
+        start = start_of(flight.trajectory, i)
         files.append(write_factor_graph(flight.measurements[i], settings, start, truth, out / f"{name}.pyfg"))
     return files
 
 
 def show_info(path: Path) -> None:
     """Print what a log holds; LogError if it cannot be read."""
-    log, console = Contents(path, lambda topic, _: False), Console()
+    log = Contents(path, lambda topic, _: False)
+    console = Console()
     times = [at for found in log.topics.values() for at in found.times]
-    begin, end = min(times, default=0), max(times, default=0)
+    begin = min(times, default=0)
+    end = max(times, default=0)
     start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=begin // 1000)
     print_line(
         console, f"{path}: {path.stat().st_size / 1e6:.2f} MB, {(end - begin) / 1e9:g} s from {start.isoformat()}"
@@ -176,7 +183,8 @@ def _show_smoothing(console: Console, filtered: Flight, smoothed: Flight, lag_s:
         row = [name]
         for flight, lag in ((filtered, 0.0), (smoothed, lag_s)):
             found = consistency(flight, i, flight_bound(filtered, i, lag))
-            bound, over = found["bound_rms_m"], found["rms_over_bound"]
+            bound = found["bound_rms_m"]
+            over = found["rms_over_bound"]
             values = (over * bound if over and bound else None, bound, found["nees"])
             row += ["–" if value is None else f"{value:.3f}" for value in values]
         rows.append(row)
@@ -219,7 +227,9 @@ def replay_data_set(
     from experiments.beacon_replay import among_beacons, beacons_of, by_laisn, dead_reckoning, score
 
     require_output(out, ".csv", source=path)
-    among, values, recorded = find(variant).beacons, values_of(assignments), read_data_set_log(path, longest_gap_s)
+    among = find(variant).beacons
+    values = values_of(assignments)
+    recorded = read_data_set_log(path, longest_gap_s)
     section = "beacons." if among else "navigation."
     for key in values:
         if not key.startswith(section):
@@ -233,7 +243,8 @@ def replay_data_set(
         changes = [f"navigation.variant={variant}", "navigation.use_single_range=true", *assignments]
         scenario = load("T5", [*changes, "motion=kinematic", "duration_s=2"], flyable=True)
         motion = simulate_motion(scenario)
-        estimates, title = by_laisn(recorded, settings_as(NavigationSettings, scenario, motion, 0)), variant
+        estimates = by_laisn(recorded, settings_as(NavigationSettings, scenario, motion, 0))
+        title = variant
     measured = recorded.measurements
     heads = ("", "mean error [m]", "RMS [m]", "95 % [m]", "NEES", "ends at x, y [m]")
     rows = []
@@ -243,6 +254,7 @@ def replay_data_set(
         x, y = found.state[-1, :2]
         rows.append([name, *figures, f"{x:.2f}, {y:.2f}"])
     show_table(Console(), heads, rows)
-    truth, mean = recorded.truth, errors.mean
+    truth = recorded.truth
+    mean = errors.mean
     vehicle = Replayed(name=VEHICLE, measured=measured, estimates=estimates, path=truth, mean_error=mean)
     _write_replay([vehicle], path, title, recorded.remarks, out)

@@ -122,7 +122,9 @@ BUILT_IN = {
 def command_of(name: str) -> Callable[..., None]:
     """The command `laisn NAME` of a built-in study: `laisn study NAME`, with its options."""
     command: Any = partial(study, name)
-    command.__annotations__, command.__name__, command.__doc__ = study.__annotations__, name, BUILT_IN[name]
+    command.__annotations__ = study.__annotations__
+    command.__name__ = name
+    command.__doc__ = BUILT_IN[name]
     return command  # type: ignore[no-any-return]
 
 

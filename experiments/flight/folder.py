@@ -11,8 +11,13 @@ from laisn.failure import LaisnError
 from sim.log.contents import partial_path
 from sim.system import locked
 
-LOG, FILM, REPORT = "flight.mcap", "flight.mp4", "report.html"
-SUMMARY, SCENARIO, TIMING, LAYOUT = FLIGHT_FILE, "scenario.toml", "timing.json", "foxglove.json"
+LOG = "flight.mcap"
+FILM = "flight.mp4"
+REPORT = "report.html"
+SUMMARY = FLIGHT_FILE
+SCENARIO = "scenario.toml"
+TIMING = "timing.json"
+LAYOUT = "foxglove.json"
 FILES = (LOG, FILM, REPORT, SUMMARY, SCENARIO, TIMING, LAYOUT)  # files of a flight; others in its folder are the user's
 
 UNFINISHED = "unfinished"
@@ -73,7 +78,8 @@ def one_flight(folder: Path) -> Iterator[Path]:
     and a note of the exception reports what is kept: the log in `FOLDER/unfinished`, until the next flight, or nothing.
     LaisnError if another process writes a flight there, OSError if the folder cannot be written.
     """
-    work, new = folder / UNFINISHED, not folder.exists()
+    work = folder / UNFINISHED
+    new = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         try:

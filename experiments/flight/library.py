@@ -65,8 +65,10 @@ def load(source: str, assignments: Iterable[str], *, flyable: bool = False) -> S
 
     With `flyable`, sea, routes, date and cost are checked too, so that it can be flown, filmed and logged.
     """
-    table, given = table_of(source), list(assignments)
-    changes, name = values_of(given), " ".join([source, *(f"--set {shortened(a, 200)}" for a in given)])
+    table = table_of(source)
+    given = list(assignments)
+    changes = values_of(given)
+    name = " ".join([source, *(f"--set {shortened(a, 200)}" for a in given)])
     return _checked(table, changes, name) if flyable else validate(assigned(table, changes), name)
 
 
@@ -80,11 +82,14 @@ def loaded(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[s
     if not isinstance(changes, Mapping):
         raise ScenarioError(f"changes: expected a table of values by dotted key (given: {plain(repr(changes)):.80})")
     if isinstance(source, Scenario):
-        table, name = source.model_dump(mode="json", exclude_none=True), f"scenario {source.name!r}"
+        table = source.model_dump(mode="json", exclude_none=True)
+        name = f"scenario {source.name!r}"
     elif isinstance(source, Mapping):
-        table, name = dict(source), "scenario"
+        table = dict(source)
+        name = "scenario"
     else:
-        table, name = table_of(str(source)), str(source)
+        table = table_of(str(source))
+        name = str(source)
     return _checked(table, changes, name)
 
 
@@ -135,8 +140,10 @@ def vehicle_rows() -> list[tuple[str, str, str, str]]:
         data = mujoco.MjData(looks)
         mujoco.mj_kinematics(looks, data)
         # boxes about the visible parts, turned into the hull's frame
-        turn, (centre, half) = data.geom_xmat.reshape(-1, 3, 3), np.moveaxis(looks.geom_aabb.reshape(-1, 2, 3), 1, 0)
-        middle, reach = data.geom_xpos + np.einsum("gij,gj->gi", turn, centre), np.einsum("gij,gj->gi", abs(turn), half)
+        turn = data.geom_xmat.reshape(-1, 3, 3)
+        centre, half = np.moveaxis(looks.geom_aabb.reshape(-1, 2, 3), 1, 0)
+        middle = data.geom_xpos + np.einsum("gij,gj->gi", turn, centre)
+        reach = np.einsum("gij,gj->gi", abs(turn), half)
         sides = np.max(middle + reach, axis=0) - np.min(middle - reach, axis=0)
         size = " × ".join(f"{side:.2f}" for side in sides) + " m"
         groups = Counter[str]()

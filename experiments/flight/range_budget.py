@@ -79,20 +79,24 @@ def _transmitters(trajectory: Trajectory, index: Ints, quaternion: Floats) -> Fl
 
 def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
     """The range error budget of one follower, by its index."""
-    scenario, trajectory, measured = flight.scenario, flight.trajectory, flight.measurements[follower]
+    scenario = flight.scenario
+    trajectory = flight.trajectory
+    measured = flight.measurements[follower]
     sound = propagate(trajectory, scenario, follower)
     # sound counts steps from the start of the mission, a flight from its own
     first = round(float(trajectory.time[0]) / measured.dt)
     _, row, kept = np.intersect1d(sound.message_step - first, measured.message_step, return_indices=True)
     emission = sound.emission_step[row]
-    fix, sent = measured.message_step[kept] * flight.stride, (emission - first) * flight.stride
+    fix = measured.message_step[kept] * flight.stride
+    sent = (emission - first) * flight.stride
 
     broadcast = _transmitters(trajectory, sent, trajectory.quaternion[sent, 0])
     level = _transmitters(trajectory, sent, attitude.from_euler(trajectory.heading[sent, 0]))
     hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone", fix)
     depth_difference = -trajectory.position[sent, 0, 2] + hydrophone[:, 2]
 
-    errors, origin = errors_of(scenario, follower), seed_and_run(scenario.seed, scenario.run)
+    errors = errors_of(scenario, follower)
+    origin = seed_and_run(scenario.seed, scenario.run)
     drawn = [paths_taken(errors, Address(*origin, follower, step)) for step in emission.tolist()]
     path = np.array(drawn, dtype=np.int64).reshape(-1, 3)
 

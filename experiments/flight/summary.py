@@ -26,8 +26,10 @@ def true_bearing(flight: Flight, follower: int) -> Floats:
 
 def mirror_locked_steps(flight: Flight, follower: int) -> Bools:
     """Filter steps at which a follower's estimate is locked on the mirror image of the truth, shape (n,)."""
-    steps, truth = flight.step_index(), flight.trajectory
-    estimate, leader = flight.estimates[follower].state[:, :2], truth.position[steps, 0, :2]
+    steps = flight.step_index()
+    truth = flight.trajectory
+    estimate = flight.estimates[follower].state[:, :2]
+    leader = truth.position[steps, 0, :2]
     return metrics.mirror_locked_steps(estimate, flight.hydrophone(follower)[:, :2], leader, truth.heading[steps, 0])
 
 
@@ -40,7 +42,8 @@ def _kept(flight: Flight, follower: int, off: Floats) -> dict[str, Any]:
 
 def _nearest(flight: Flight) -> dict[str, Any]:
     """Vehicles that came nearest to each other: in space, horizontally, horizontally of one layer; contacts."""
-    (space, level), found = tracking.closest_approaches(flight.trajectory), dict[str, Any]()
+    space, level = tracking.closest_approaches(flight.trajectory)
+    found = dict[str, Any]()
     layer = tracking.closest_in_a_layer(flight.scenario, flight.trajectory)
     for name, one in (("approach", space), ("horizontal", level), ("in_layer", layer)):
         found[f"closest_{name}_m"] = one and one.distance_m
@@ -56,9 +59,11 @@ def consistency(flight: Flight, follower: int, bound: Floats) -> dict[str, float
 
     `nees` is the mean of eᵀ P⁻¹ e (2 if P is right; None: singular), `rms_over_bound` the RMS of E_P over the bound's.
     """
-    truth, estimates = flight.hydrophone(follower)[:, :2], flight.estimates[follower]
+    truth = flight.hydrophone(follower)[:, :2]
+    estimates = flight.estimates[follower]
     squares = np.sum((estimates.state[:, :2] - truth) ** 2, axis=1)
-    normalised, known = metrics.nees(estimates, truth), np.isfinite(squares)
+    normalised = metrics.nees(estimates, truth)
+    known = np.isfinite(squares)
     least = float(np.mean(bound[known] ** 2)) if known.any() else 0.0
     finite = np.isfinite(normalised)
     return {
@@ -77,10 +82,12 @@ def summarise(flight: Flight, bounds: list[Floats] | None = None) -> dict[str, A
 
     `bounds` are the `flight_bounds`, computed here if None.
     """
-    bounds, found = flight_bounds(flight) if bounds is None else bounds, position_and_bearing_errors(flight)
+    bounds = flight_bounds(flight) if bounds is None else bounds
+    found = position_and_bearing_errors(flight)
     errors = [(p[e.unknown :], b[e.unknown :]) for (p, b), e in zip(found, flight.estimates, strict=True)]
     pooled = metrics.summarise(np.concatenate([e for e, _ in errors]), np.concatenate([b for _, b in errors]))
-    names, off = flight.trajectory.names[1:], tracking.track_errors(flight.scenario, flight.trajectory)
+    names = flight.trajectory.names[1:]
+    off = tracking.track_errors(flight.scenario, flight.trajectory)
     sensing = flight.scenario.formation.proximity is not None
     spent = sightings(flight.scenario, flight.trajectory).spent_s
     return {
@@ -105,13 +112,15 @@ def summarise(flight: Flight, bounds: list[Floats] | None = None) -> dict[str, A
 
 
 SIGMAS = 3.0  # least distance of two stations, in standard deviations of their followers' relative position error
-OFF_ROUTE_M, NEAR_M = 10.0, 1.0
+OFF_ROUTE_M = 10.0
+NEAR_M = 1.0
 """Largest usual distance from the route, and least usual one between two vehicles' origins [m]."""
 
 
 def route_events(flight: Flight) -> list[Event]:
     """An event where a vehicle is farthest from where its route has it, if that is more than `OFF_ROUTE_M`."""
-    truth, events = flight.trajectory, []
+    truth = flight.trajectory
+    events = []
     for v, route in enumerate(routes_of(flight.scenario)):
         if v and flight.scenario.followers[v - 1].station is not None:
             continue
@@ -142,7 +151,8 @@ def contact_events(flight: Flight) -> list[Event]:
 
 def giving_way_events(flight: Flight) -> list[Event]:
     """An event where a follower first gives way to a vehicle that its sensor shows."""
-    names, first = flight.trajectory.names, sightings(flight.scenario, flight.trajectory).first_s
+    names = flight.trajectory.names
+    first = sightings(flight.scenario, flight.trajectory).first_s
     return [
         Event(float(first[i, j]), "info", f"{names[i + 1]} gives way to {names[j]}", names[i + 1])
         for i, j in np.argwhere(np.isfinite(first))
@@ -151,14 +161,18 @@ def giving_way_events(flight: Flight) -> list[Event]:
 
 def largest_sigma(covariance: Floats) -> Floats:
     """σ along the larger axis of the ellipses of covariances of shape (n, 2, 2) or larger, shape (n,), [m]."""
-    xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+    xx = covariance[:, 0, 0]
+    xy = covariance[:, 0, 1]
+    yy = covariance[:, 1, 1]
     largest = (xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)
     return np.asarray(np.sqrt(np.maximum(largest, 0.0)))
 
 
 def uncertainty_events(flight: Flight) -> list[Event]:
     """An event where two stations of one layer are first nearer than `SIGMAS` σ of their followers' relative error."""
-    followers, steps, events = flight.scenario.followers, flight.step_index(), []
+    followers = flight.scenario.followers
+    steps = flight.step_index()
+    events = []
     pairs = [
         (i, j) for i, one in enumerate(followers) for j, other in enumerate(followers[:i])
         if one.station and other.station and abs(one.layer_m - other.layer_m) < LEAST_LAYER_M
@@ -179,7 +193,8 @@ def uncertainty_events(flight: Flight) -> list[Event]:
 
 def mirror_lock_events(flight: Flight) -> list[Event]:
     """An event where an estimate is locked on the mirror image of the truth, and where it is released."""
-    time, events = flight.trajectory.time[flight.step_index()], []
+    time = flight.trajectory.time[flight.step_index()]
+    events = []
     for i, name in enumerate(flight.trajectory.names[1:]):
         mirror_locked = mirror_locked_steps(flight, i)
         for k in np.flatnonzero(np.diff(mirror_locked.astype(np.int64), prepend=0)):
@@ -192,7 +207,8 @@ def mirror_lock_events(flight: Flight) -> list[Event]:
 def stray_events(flight: Flight) -> list[Event]:
     """Warnings: a vehicle leaves the water or its route, touches or nearly touches another, or stations are close."""
     events = [*route_events(flight), *approach_events(flight), *contact_events(flight), *uncertainty_events(flight)]
-    floor, time = flight.scenario.ocean.floor_depth_m, flight.trajectory.time
+    floor = flight.scenario.ocean.floor_depth_m
+    time = flight.trajectory.time
     planned = (flight.scenario.leader, *flight.scenario.followers)
     for name, depth, plan in zip(flight.trajectory.names, flight.trajectory.depth.T, planned, strict=True):
         surfaced = (depth < 0) & (plan.layer_m > 1)

@@ -16,7 +16,8 @@ from laisn.failure import LaisnError
 from laisn.messages import Ranges
 from sim.flight import Flight, position_and_bearing_errors
 
-_SHOWN, _NAMED = 5, 12
+_SHOWN = 5
+_NAMED = 12
 
 
 class Table:
@@ -87,10 +88,12 @@ def errors_table(flight: Flight) -> Table:
     mirror image.
     """
     steps = flight.step_index()
-    time, leader = flight.trajectory.time[steps], flight.trajectory.position[steps, 0, :2]
+    time = flight.trajectory.time[steps]
+    leader = flight.trajectory.position[steps, 0, :2]
     parts = []
     for i, (position, bearing) in enumerate(position_and_bearing_errors(flight)):
-        truth, estimate = flight.hydrophone(i), flight.estimates[i].state
+        truth = flight.hydrophone(i)
+        estimate = flight.estimates[i].state
         columns = {"follower": [flight.trajectory.names[i + 1]] * time.size, "time_s": time, "e_p_m": position}
         columns |= {"e_b_deg": np.rad2deg(bearing), **_place(truth)}
         columns |= {"estimate_east_m": estimate[:, 0], "estimate_north_m": estimate[:, 1]}

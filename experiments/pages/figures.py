@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 DRAWN_POINTS = 600  # most points of a line in a panel of the usual width; more cannot be seen at this size
 PIXELS_PER_INCH = 96
 _KEPT_POINTS = 20_000  # most points that a line keeps; panels take fewer of them
-_MOST_LINES, _FEWEST_POINTS = 14, 200
+_MOST_LINES = 14
+_FEWEST_POINTS = 200
 """Lines of a panel with all their points; of more, each has fewer, so that a page of many vehicles stays small."""
 
 Limits = tuple[float | None, float | None]  # bottom and top of an axis; None leaves one to the data
@@ -88,7 +89,8 @@ class Panel:
     @property
     def figure(self) -> dict[str, Any]:
         """Plotly's `data` and `layout`; colours are CSS variables of the page."""
-        data, layout = list[dict[str, Any]](), self._layout()
+        data = list[dict[str, Any]]()
+        layout = self._layout()
         lines = sum(len(part.lines) for part in self.parts)
         wide = min(max(1.0, self.width / WIDTH), _MOST_LINES / max(lines, 1))
         points = max(round(self.points * wide), _FEWEST_POINTS)
@@ -103,15 +105,18 @@ class Panel:
         return json.dumps(self.figure, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c")
 
     def _layout(self) -> dict[str, Any]:
-        count, gap = len(self.parts), 0.03
-        whole, low = sum(part.height for part in self.parts), 1.0
+        count = len(self.parts)
+        gap = 0.03
+        whole = sum(part.height for part in self.parts)
+        low = 1.0
         along = [line.x for part in self.parts for line in part.lines]
         across = _axis(self.x_label, self.x_limits, self.x_log, self.x_ticks, along)
         across |= {"showspikes": not self.equal, "spikemode": "across", "spikethickness": 1, "spikedash": "solid",
                    "spikecolor": FRAME.css, "spikesnap": "hovered data"}  # fmt: skip
         layout: dict[str, Any] = {"xaxis": across | {"anchor": f"y{count}" if count > 1 else "y"}, "shapes": []}
         for number, part in enumerate(self.parts):
-            name, top = str(number + 1) if number else "", low - (gap if number else 0.0)
+            name = str(number + 1) if number else ""
+            top = low - (gap if number else 0.0)
             low = max(top - (1.0 - gap * (count - 1)) * part.height / whole, 0.0)
             axis = _axis(part.y_label, part.y_limits, part.y_log, part.ticks, [line.y for line in part.lines])
             layout[f"yaxis{name}"] = axis | {"domain": [round(low, 4), round(top, 4)]}
@@ -172,7 +177,8 @@ def decimate(x: Floats, y: Floats, points: int = DRAWN_POINTS) -> tuple[Floats, 
     table = padded.reshape(stretches, length)
     missing = np.isnan(table)
     # NaN (nothing to draw) does not win over a number, but a stretch without numbers stays a gap.
-    lowest, highest = np.where(missing, np.inf, table), np.where(missing, -np.inf, table)
+    lowest = np.where(missing, np.inf, table)
+    highest = np.where(missing, -np.inf, table)
     start = np.arange(stretches) * length
     kept = np.concatenate([[0, n - 1], start + lowest.argmin(axis=1), start + highest.argmax(axis=1)])
     index = np.unique(np.minimum(kept, n - 1))

@@ -16,8 +16,11 @@ from sim.tracking import LOST_M, off_station
 
 SIGMAS = 2.0  # size of the drawn uncertainty in standard deviations of the filter
 ON_AXIS_DEG = 15.0  # within this angle of the leader's axis, ahead or astern, ranges hardly determine the direction
-ROW_HEIGHT, STACK_WIDTH, MAP_WIDTH = 5.6, 5.6, 3.3
-_TRACK_POINTS, _DOTS = 4000, 1200
+ROW_HEIGHT = 5.6
+STACK_WIDTH = 5.6
+MAP_WIDTH = 3.3
+_TRACK_POINTS = 4000
+_DOTS = 1200
 _FEW_POINTS = 240  # points of a line of a follower among several, so that the page stays small
 _LEAST_WEIGHT = 1e-3
 
@@ -33,7 +36,8 @@ def bearing_part(time: Floats, bearing: Floats) -> Part:
     """B, shape (n,), [rad], over time [s]; darker ground where the follower is near the leader's axis."""
     shaded = [(0.0, ON_AXIS_DEG), (180.0 - ON_AXIS_DEG, 180.0 + ON_AXIS_DEG), (360.0 - ON_AXIS_DEG, 360.0)]
     angle = without_wraps(np.rad2deg(np.mod(bearing, 2 * np.pi)))
-    lines, ticks = [Line(x=time, y=angle, colour=FOLLOWER, width=1.2, name="bearing")], (0, 90, 180, 270, 360)
+    lines = [Line(x=time, y=angle, colour=FOLLOWER, width=1.2, name="bearing")]
+    ticks = (0, 90, 180, 270, 360)
     return Part(lines=lines, y_label="B [°]", y_limits=(0.0, 360.0), ticks=ticks, shaded=shaded)
 
 
@@ -42,7 +46,8 @@ def error_parts(flight: Flight, follower: int, errors: tuple[Floats, Floats], bo
 
     `errors` are E_P [m] and E_B [rad] at filter steps k = 1 … n, and `bound` is that of the RMS error [m], shapes (n,).
     """
-    time, covariance = flight.trajectory.time[flight.step_index()], flight.estimates[follower].covariance
+    time = flight.trajectory.time[flight.step_index()]
+    covariance = flight.estimates[follower].covariance
     position, bearing = errors
     two_sigma = SIGMAS * largest_sigma(covariance)
     # beside a very large uncertainty the errors would be a flat line
@@ -67,7 +72,8 @@ def error_parts(flight: Flight, follower: int, errors: tuple[Floats, Floats], bo
 def over_time(flight: Flight, follower: int, errors: tuple[Floats, Floats], bound: Floats) -> Panel:
     """Errors, bearing, measured ranges, kinds of fix, and the weights of hypotheses if there ever were several."""
     parts = [*error_parts(flight, follower, errors, bound), ranges_part(flight, follower), fixes_part(flight, follower)]
-    weights, time = weights_part(flight, follower), flight.trajectory.time[flight.step_index()]
+    weights = weights_part(flight, follower)
+    time = flight.trajectory.time[flight.step_index()]
     return Panel(
         parts=[*parts, weights] if weights else parts, x_label="time [s]", x_limits=(0.0, float(time[-1])),
         width=STACK_WIDTH, height=ROW_HEIGHT, link=f"follower{follower}",
@@ -77,7 +83,8 @@ def over_time(flight: Flight, follower: int, errors: tuple[Floats, Floats], boun
 
 def position_errors(flight: Flight, errors: Sequence[Floats], worst: int) -> Panel:
     """Position errors of all followers over time, each of shape (n,), [m]; that of the follower `worst` on top."""
-    time, names = flight.trajectory.time[flight.step_index()], flight.trajectory.names[1:]
+    time = flight.trajectory.time[flight.step_index()]
+    names = flight.trajectory.names[1:]
     lines = [
         Line(x=time, y=error, colour=MUTED, width=0.6, name=names[i]) for i, error in enumerate(errors) if i != worst
     ]
@@ -91,7 +98,8 @@ def track_map(
     """True routes of the leader and of some followers from above, and their estimates."""
     steps = flight.step_index()
     every = slice(None, None, max(1, steps.size * (len(flight.estimates) + 2) // _TRACK_POINTS))
-    time, names = flight.trajectory.time[steps[every]], flight.trajectory.names[1:]
+    time = flight.trajectory.time[steps[every]]
+    names = flight.trajectory.names[1:]
     tracks = [(flight.trajectory.position[steps[every], 0, :2], LEADER, 1.4, "leader")]
     tracks += [(flight.hydrophone(i)[every, :2], FOLLOWER, 1.8, names[i]) for i in followers]
     estimates = [(flight.estimates[i].state[every, :2], ESTIMATE, 0.7, f"estimate of {names[i]}") for i in followers]
@@ -107,8 +115,10 @@ def track_map(
 def difference(flight: Flight, follower: int) -> Panel:
     """Estimate minus truth, east and north, as dots; the cross in the middle is the truth."""
     away = flight.estimates[follower].state[:, :2] - flight.hydrophone(follower)[:, :2]
-    every, origin = slice(None, None, max(1, len(away) * len(flight.estimates) // _DOTS)), np.zeros(1)
-    dots, time = away[every], flight.trajectory.time[flight.step_index()[every]]
+    every = slice(None, None, max(1, len(away) * len(flight.estimates) // _DOTS))
+    origin = np.zeros(1)
+    dots = away[every]
+    time = flight.trajectory.time[flight.step_index()[every]]
     lines = [
         Line(x=dots[:, 0], y=dots[:, 1], colour=ESTIMATE, marker="o", opacity=0.45, name="difference", time=time),
         Line(x=origin, y=origin, colour=FOLLOWER, marker="P", size=8.0),
@@ -168,13 +178,16 @@ def ranges_part(flight: Flight, follower: int) -> Part:
 
 def fixes_part(flight: Flight, follower: int) -> Part:
     """A mark over time for every fix, in a row for each kind."""
-    found, dt = flight.estimates[follower], flight.measurements[follower].dt
+    found = flight.estimates[follower]
+    dt = flight.measurements[follower].dt
     kinds = [FixKind(kind) for kind in sorted(set(found.fix_kind.tolist()))]
     at = np.asarray(flight.trajectory.time[0] + found.fix_step * dt, dtype=np.float64)
     marks = []
     for row, kind in enumerate(kinds):
-        failed, times = kind in (FixKind.GATED, FixKind.SINGULAR, FixKind.LOST), at[found.fix_kind == kind]
-        colour, y = MUTED if failed else SERIES[row % len(SERIES)], np.full(times.size, float(row))
+        failed = kind in (FixKind.GATED, FixKind.SINGULAR, FixKind.LOST)
+        times = at[found.fix_kind == kind]
+        colour = MUTED if failed else SERIES[row % len(SERIES)]
+        y = np.full(times.size, float(row))
         marks.append(Line(x=times, y=y, colour=colour, marker="|"))
     ticks = {float(row): FIX_WORDS[kind] for row, kind in enumerate(kinds)}
     return Part(lines=marks, y_label="fixes", y_limits=(-0.6, max(len(kinds), 1) - 0.4), ticks=ticks, height=0.7)

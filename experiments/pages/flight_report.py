@@ -41,7 +41,8 @@ def _largest(values: Floats) -> float:
 
 def share_table(budget: RangeErrorBudget, caption: str = "", transmitters: int = 3) -> Table:
     """RMS of each cause's share in the range errors of so many transmitters, and in the asymmetry of bow and stern."""
-    at_work, apart = [c for c in Cause if _largest(budget.share[..., c]) > _NOTICEABLE_M], budget.asymmetry
+    at_work = [c for c in Cause if _largest(budget.share[..., c]) > _NOTICEABLE_M]
+    apart = budget.asymmetry
     errors = {c: [_rms(budget.share[:, i, c]) for i in range(transmitters)] for c in at_work}
     rows = [
         [words(LABELS[c]), *(number(100 * e, 1) for e in (*errors[c], _rms(apart[:, c]), _largest(apart[:, c])))]
@@ -72,8 +73,12 @@ def legend_of(causes: Sequence[Cause]) -> list[tuple[style.Colour, str]]:
 
 def range_budget(flight: Flight) -> dict[str, Any]:
     """Range error budgets for the template: followers without a ping, figure and tables."""
-    names, used = flight.trajectory.names[1:], flight.scenario.navigation.transmitters
-    silent, drawn, panels, tables = list[str](), set[Cause](), list[Panel](), list[Table]()
+    names = flight.trajectory.names[1:]
+    used = flight.scenario.navigation.transmitters
+    silent = list[str]()
+    drawn = set[Cause]()
+    panels = list[Panel]()
+    tables = list[Table]()
     width = style.FULL if len(names) == 1 else style.HALF
     for i, name in enumerate(names[:_DRAWN_FOLLOWERS]):
         budget = range_error_budget(flight, i)
@@ -106,20 +111,27 @@ def accuracy(flight: Flight, follower: int) -> dict[str, float]:
     `outside`: the truth is outside the filter's own 2σ ellipse; `near_axis`: the follower is near the leader's axis,
     ahead or astern, with mean errors there and elsewhere; `wrong_side`: the estimate is across that axis.
     """
-    steps, found = flight.step_index(), flight.estimates[follower]
-    truth, leader = flight.hydrophone(follower)[:, :2], flight.trajectory.position[steps, 0, :2]
-    heading, estimate = flight.trajectory.heading[steps, 0], found.state[:, :2]
+    steps = flight.step_index()
+    found = flight.estimates[follower]
+    truth = flight.hydrophone(follower)[:, :2]
+    leader = flight.trajectory.position[steps, 0, :2]
+    heading = flight.trajectory.heading[steps, 0]
+    estimate = found.state[:, :2]
     starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
     side, estimated = (np.einsum("ni,ni->n", point - leader, starboard) for point in (truth, estimate))
     wrong = (np.minimum(np.abs(side), np.abs(estimated)) >= SIDE_M) & (side * estimated < 0)
     folded = np.mod(true_bearing(flight, follower), np.pi)
     near = np.minimum(folded, np.pi - folded) < np.radians(ON_AXIS_DEG)
-    square, error = nees(found, truth), np.hypot(*(estimate - truth).T)
+    square = nees(found, truth)
+    error = np.hypot(*(estimate - truth).T)
     # with a singular covariance any error is outside
     outside = np.where(np.isnan(square), np.any(estimate != truth, axis=1), square > SIGMAS**2)
     # with an unknown start there is no estimate before the first messages
     known = np.isfinite(error)
-    error, near, wrong, outside = error[known], near[known], wrong[known], outside[known]
+    error = error[known]
+    near = near[known]
+    wrong = wrong[known]
+    outside = outside[known]
     k = int(error.argmax())
     return {
         "mean": float(error.mean()), "sigma": float(error.std()), "high": float(np.percentile(error, 95)),
@@ -182,8 +194,10 @@ def mirror_locks(flight: Flight, names: Sequence[str]) -> dict[str, float]:
 def _facts(flight: Flight, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     scenario = flight.scenario
     timing = f"{scenario.timing.filter_step_s:g} s, {scenario.timing.message_interval_s:g} s"
-    transmitters, variant = scenario.navigation.transmitters, scenario.navigation.variant
-    followers, navigator = len(scenario.followers), find(variant).title or variant.upper()
+    transmitters = scenario.navigation.transmitters
+    variant = scenario.navigation.variant
+    followers = len(scenario.followers)
+    navigator = find(variant).title or variant.upper()
     return [
         ("Vehicles", f"a leader and {followers} follower{'s' if followers > 1 else ''}"),
         ("Navigator", f"{navigator} on {transmitters} transmitters"),
@@ -205,10 +219,14 @@ def flight_report(
     bounds: Sequence[Floats] | None = None,
 ) -> None:
     """Write the report of a flight beside its film (MP4) and log; `bounds` as of `summarise`; OSError if that fails."""
-    least, everyone, names = bounds or flight_bounds(flight), range(len(flight.estimates)), flight.trajectory.names[1:]
+    least = bounds or flight_bounds(flight)
+    everyone = range(len(flight.estimates))
+    names = flight.trajectory.names[1:]
     finite = [names[i] for i, e in enumerate(flight.estimates) if np.isfinite(e.state[e.unknown :]).all()]
-    truth, spent = flight.trajectory, sightings(flight.scenario, flight.trajectory).spent_s
-    several, kept = len(everyone) > 1, [i for i in _drawn(flight) if flight.scenario.followers[i].station]
+    truth = flight.trajectory
+    spent = sightings(flight.scenario, flight.trajectory).spent_s
+    several = len(everyone) > 1
+    kept = [i for i in _drawn(flight) if flight.scenario.followers[i].station]
     overview = tracks = None
     if several:
         worst = max(everyone, key=lambda i: float(np.nanmax(errors[i][0], initial=0.0)))

@@ -18,7 +18,10 @@ from laisn.failure import plain
 from laisn.messages import LeaderMessage, Measurements
 from laisn.metrics import nis
 
-_HEIGHT, _MAP_WIDTH, _TRACK_POINTS, _ELLIPSES = 5.0, 5.4, 1500, 24
+_HEIGHT = 5.0
+_MAP_WIDTH = 5.4
+_TRACK_POINTS = 1500
+_ELLIPSES = 24
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 41)
 _NAMES = ("rear or first transmitter", "front or second", "middle or third")
 
@@ -59,7 +62,8 @@ class Replayed:
     @property
     def residuals(self) -> Floats:
         """Measured less estimated slant range of each message, after its update, shape (m, 3), [m]."""
-        measured, step = self.measured, self.measured.message_step - 1
+        measured = self.measured
+        step = self.measured.message_step - 1
         own = np.column_stack([self.estimates.state[step, :2], measured.last_depth[step]])
         places = measured.transmitters
         if places is None:
@@ -79,10 +83,12 @@ def ellipse(centre: Floats, covariance: Floats) -> Floats:
 
 
 def _map(one: Replayed) -> tuple[Panel, list[tuple[Colour, str]]]:
-    state, covariance = one.estimates.state, one.estimates.covariance
+    state = one.estimates.state
+    covariance = one.estimates.covariance
     known = np.flatnonzero(np.isfinite(state[:, 0]))
     drawn = known[:: max(1, known.size // _TRACK_POINTS)]
-    track, time = state[drawn], one.measured.time[drawn]
+    track = state[drawn]
+    time = one.measured.time[drawn]
     lines = [Line(x=track[:, 0], y=track[:, 1], colour=ESTIMATE, name="estimate", time=time)]
     legend = [(ESTIMATE, "estimate, with 2σ ellipses")]
     for step in known[:: max(1, known.size // _ELLIPSES)]:
@@ -109,7 +115,9 @@ def _map(one: Replayed) -> tuple[Panel, list[tuple[Colour, str]]]:
 
 def _over_time(one: Replayed) -> Panel:
     """2σ of the position, range residuals of each transmitter, and NIS, where there are any."""
-    at, residuals, squared = one.measured.time[one.measured.message_step - 1], one.residuals, one.nis
+    at = one.measured.time[one.measured.message_step - 1]
+    residuals = one.residuals
+    squared = one.nis
     seen = np.isfinite(residuals)
     curve = Line(x=one.measured.time, y=2.0 * one.sigma, colour=ESTIMATE, name="2σ")
     parts = [Part(lines=[curve], y_label="2σ of position [m]", y_limits=(0.0, None))]
@@ -130,7 +138,8 @@ def _over_time(one: Replayed) -> Panel:
 
 
 def _values(one: Replayed) -> dict[str, Any]:
-    two_sigma, squared = 2.0 * one.sigma, one.nis
+    two_sigma = 2.0 * one.sigma
+    squared = one.nis
     worst = int(two_sigma.argmax())
     chart, legend = _map(one)
     hues = [(colour, f"residual of the {name}") for colour, name in zip(TRANSMITTERS, _NAMES, strict=True)]

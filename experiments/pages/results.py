@@ -59,7 +59,8 @@ class Flight(simulated.Flight):
             return plotly(flight_figures.track_map(self, range(number), width=7.0))
         if what == "motion":
             return plotly(flight_figures.motion(self))
-        errors, bounds = position_and_bearing_errors(self), flight_bounds(self)
+        errors = position_and_bearing_errors(self)
+        bounds = flight_bounds(self)
         return plotly(flight_figures.over_time(self, follower, errors[follower], bounds[follower]))
 
     def report(self, path: str | Path | None = None) -> Path:
@@ -68,7 +69,8 @@ class Flight(simulated.Flight):
         from experiments.pages.flight_report import flight_report
 
         file = Path(f"{self.scenario.name}.html" if path is None else path)
-        errors, bounds = position_and_bearing_errors(self), flight_bounds(self)
+        errors = position_and_bearing_errors(self)
+        bounds = flight_bounds(self)
         flight_report(self, errors, summarise(self, bounds), file, None, bounds)
         return file
 
@@ -77,7 +79,8 @@ class Flight(simulated.Flight):
         for name, (error, _) in zip(self.trajectory.names[1:], position_and_bearing_errors(self), strict=True):
             found = (f"{error.mean():.2f} m", f"{error.max():.2f} m") if error.size else ("–", "–")
             body += f"<tr>{''.join(f'<td>{cell}</td>' for cell in (escape(name), *found))}</tr>"
-        heads, about = "<th>follower</th><th>mean E_P</th><th>largest E_P</th>", escape(f"{self!r}"[1:-1])
+        heads = "<th>follower</th><th>mean E_P</th><th>largest E_P</th>"
+        about = escape(f"{self!r}"[1:-1])
         return f"<table><caption>{about}</caption><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>"
 
 
@@ -89,7 +92,8 @@ def _with_report(make: Callable[_Given, simulated.Flight]) -> Callable[_Given, F
     return made
 
 
-navigate, read_log = _with_report(flying.navigate_again), _with_report(reader.read)
+navigate = _with_report(flying.navigate_again)
+read_log = _with_report(reader.read)
 
 
 @_with_report
@@ -140,7 +144,9 @@ def render(
     """
     from sim.film import render as film
 
-    file, settings, number = Path(path), video_of(flight.scenario.video, video), len(flight.scenario.followers)
+    file = Path(path)
+    settings = video_of(flight.scenario.video, video)
+    number = len(flight.scenario.followers)
     if not 0 <= follower < number:
         raise film.RenderError(f"follower {follower}: expected 0 … {number - 1}")
     job = film.Job(flight=flight, video=settings, follower=follower)

@@ -53,7 +53,9 @@ TRANSMITTERS = (REAR, FRONT, MIDDLE)  # hues of the film, bright enough for dark
 Legend = Sequence[tuple[Colour, str]]
 COLOURS = (PAPER, INK, FRAME, GRID, MUTED, *SERIES, LEADER, FOLLOWER, ESTIMATE, *TRANSMITTERS)
 
-WIDTH, HEIGHT = 4.4, 2.5  # size of a panel of which three stand side by side [inch]
+# size of a panel of which three stand side by side [inch]
+WIDTH = 4.4
+HEIGHT = 2.5
 FULL = 12.4
 """Width of a panel that stands alone, or of panels side by side together [inch]; the page shows them at this size."""
 HALF = 6.1

@@ -86,7 +86,8 @@ def axis_of(plan: Plan, name: str) -> Axis:
 
 def layout_of(plan: Plan) -> Layout:
     """Layout: as the study states, otherwise chosen."""
-    report, keys = plan.study.file.report, [factor.key for factor in plan.study.factors]
+    report = plan.study.file.report
+    keys = [factor.key for factor in plan.study.factors]
     free = [n for n in (*keys, ARM, FOLLOWER) if len(levels(plan, n)) > 1 or n in (report.against, report.lines)]
 
     def taken(*candidates: str) -> str:
@@ -124,9 +125,11 @@ def over_factor(plan: Plan, results: Results, layout: Layout, base: str = "") ->
     """
     if not layout.against:
         return Figures(panels=[])
-    axis, metric = axis_of(plan, layout.against), plan.study.file.report.metric
+    axis = axis_of(plan, layout.against)
+    metric = plan.study.file.report.metric
     kinds = levels(plan, layout.lines) if layout.lines else [None]
-    label, apart = METRICS[metric].label, results.differences(base, metric) if base else {}
+    label = METRICS[metric].label
+    apart = results.differences(base, metric) if base else {}
     at = {repr(value): place for value, place in zip(axis.values, axis.places, strict=True)}
     # x, value and limits by panel and line
     drawn: dict[str, dict[str, list[tuple[float, ...]]]] = {}
@@ -182,7 +185,8 @@ def scatter(plan: Plan, results: Results) -> Figures:
 
 def heat_maps(plan: Plan, results: Results, names: Sequence[str]) -> Figures:
     """Panels of the report's metric over two factors, darker where it is larger in any of them, with its values."""
-    across, up = axis_of(plan, names[0]), axis_of(plan, names[1])
+    across = axis_of(plan, names[0])
+    up = axis_of(plan, names[1])
     column, row = ({repr(value): i for i, value in enumerate(axis.values)} for axis in (across, up))
     others = [n for n in (*varied(plan), ARM, FOLLOWER) if n not in names and len(levels(plan, n)) > 1]
     drawn: dict[str, Floats] = {}
@@ -194,7 +198,8 @@ def heat_maps(plan: Plan, results: Results, names: Sequence[str]) -> Figures:
             found = results.estimate(place, plan.study.file.report.metric)
             values[row[repr(here[up.name])], column[repr(here[across.name])]] = found.value
     x, y = [*map(value_text, across.values)], [*map(value_text, up.values)]
-    labels, every = (label_of(across.name), label_of(up.name)), np.array([*drawn.values()])
+    labels = (label_of(across.name), label_of(up.name))
+    every = np.array([*drawn.values()])
     finite = every[~np.isnan(every)]
     scale = {
         "type": "heatmap", "zmin": float(finite.min(initial=np.inf)), "zmax": float(finite.max(initial=-np.inf)),
@@ -232,7 +237,8 @@ def effect_bars(effects: Mapping[str, Interval]) -> Figures:
 
 def over_realizations(plan: Plan, results: Results) -> Figures:
     """Share of realizations whose mean is below a value, a panel for each point and follower, a line for each arm."""
-    metric, drawn = plan.study.file.report.metric, dict[str, list[Line]]()
+    metric = plan.study.file.report.metric
+    drawn = dict[str, list[Line]]()
     for point, follower in itertools.product(range(len(plan.points)), plan.followers):
         means = [np.sort(results.by_realization((point, arm, follower), metric)) for arm in plan.arms]
         lines = [
@@ -246,7 +252,8 @@ def over_realizations(plan: Plan, results: Results) -> Figures:
     ends = [end for lines in drawn.values() for line in lines for end in (line.x[0], line.x[-1])]
     margin = 0.04 * (max(ends, default=1.0) - min(ends, default=0.0)) or 1.0
     limits = (min(ends, default=0.0) - margin, max(ends, default=1.0) + margin)
-    label, below = METRICS[metric].label, "share of realizations"
+    label = METRICS[metric].label
+    below = "share of realizations"
     panels = [
         panel(lines, x_label=label, y_label=below, title=title, x_limits=limits, y_limits=(0.0, 1.02))
         for title, lines in drawn.items()
@@ -256,8 +263,10 @@ def over_realizations(plan: Plan, results: Results) -> Figures:
 
 def over_draws(plan: Plan, results: Results, point: int) -> Figures:
     """The means of the realizations of a point over each number that was drawn, a panel for each key."""
-    metric, panels = plan.study.file.report.metric, list[Panel]()
-    label, places = METRICS[metric].label, [(point, arm, plan.followers[0]) for arm in plan.arms]
+    metric = plan.study.file.report.metric
+    panels = list[Panel]()
+    label = METRICS[metric].label
+    places = [(point, arm, plan.followers[0]) for arm in plan.arms]
     for draw in plan.study.draws[:MOST_PANELS]:
         drawn = [[row[draw.key] for row in results.rows.get(place, [])] for place in places]
         lines = [

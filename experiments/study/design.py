@@ -61,7 +61,10 @@ class Factor:
             raise ValueError(f"expected a list, or a table with from, to and steps (given: {given!r:.60})")
         if unknown := sorted(given.keys() - set(_RANGE)):
             raise ValueError(f"unknown {', '.join(unknown)} of a range; known here: {', '.join(_RANGE)}")
-        low, high, scale, steps = given["from"], given["to"], given.get("scale", "linear"), given.get("steps")
+        low = given["from"]
+        high = given["to"]
+        scale = given.get("scale", "linear")
+        steps = given.get("steps")
         if not is_number(low) or not is_number(high) or low == high:
             raise ValueError(f"from and to must be two different numbers (given: {low!r}, {high!r})")
         if scale != "linear" and (scale != "log" or min(low, high) <= 0):

@@ -69,11 +69,15 @@ def over_runs(realizations: Sequence[Floats], *, shares: bool = False, paired: b
     & Graubard, Survey Methodology 24, 1998). Where no run has the outcome, or all have, a realization counts as one
     run.
     """
-    count, means = len(realizations), np.array([values.mean() for values in realizations])
+    count = len(realizations)
+    means = np.array([values.mean() for values in realizations])
     if count > 1 and shares and not paired:
-        runs, share, alike = float(sum(values.size for values in realizations)), float(means.mean()), float(count)
+        runs = float(sum(values.size for values in realizations))
+        share = float(means.mean())
+        alike = float(count)
         if 0.0 < share < 1.0:
-            most, scatter = share * (1.0 - share) * (_quantile(runs) / _quantile(count)) ** 2, float(means.var(ddof=1))
+            most = share * (1.0 - share) * (_quantile(runs) / _quantile(count)) ** 2
+            scatter = float(means.var(ddof=1))
             alike = min(most * count / scatter, runs) if scatter > 0 else runs
         return Interval(share, *intervals.exact_limits(share * alike, alike))
     if count > 1:
@@ -147,7 +151,8 @@ class Results:
         """Mean of the arm of a place less that of the arm `base` at the same point, paired by realization and run."""
         other = (place[0], base, place[2])
         one, two = ([row["realization"] for row in self.rows.get(at, [])] for at in (place, other))
-        runs, base_runs = self.by_run(place, metric) or [], self.by_run(other, metric) or []
+        runs = self.by_run(place, metric) or []
+        base_runs = self.by_run(other, metric) or []
         if one != two or (runs and base_runs and [a.size for a in runs] != [b.size for b in base_runs]):
             return NOTHING
         apart = [a - b for a, b in zip(runs, base_runs, strict=True)] if runs and base_runs else None
@@ -204,7 +209,8 @@ def main_effects(plan: Plan, results: Results, metric: str) -> dict[str, Interva
     factor (Saltelli et al., Global Sensitivity Analysis, 2008, section 1.2.5); points are resampled. None if fewer than
     two factors vary, a place has no value, or all have the same.
     """
-    factors, places = varied(plan), list(results.rows)
+    factors = varied(plan)
+    places = list(results.rows)
     # independent values whose mean a place has: of runs of a single realization, or of realizations
     of_runs = [results.by_run(place, metric) or [] for place in places]
     given_samples = [

@@ -22,7 +22,9 @@ from sim.scenario.vehicles import is_mjcf
 
 FOLDER = Path(__file__).parents[1] / "studies"
 METRIC = "e_p_mean_m"
-ARM, CASE, SCENARIO = "arm", "case", "scenario"
+ARM = "arm"
+CASE = "case"
+SCENARIO = "scenario"
 """Names of what varies beside the keys of scenarios: arms, and factors of named settings and of several scenarios."""
 ALONE = "all"  # name of the only arm of a study that names none
 Made = TypeVar("Made")
@@ -227,13 +229,15 @@ def _overlaps(study: Study) -> list[str]:
         parts += [(kind, name, key) for name, group in groups.items() for key in group.settings]
     lines: dict[str, None] = {}
     for (kind, name, given), (other, own, key) in combinations(parts, 2):
-        where, part = kind + name, other + own
+        where = kind + name
+        part = other + own
         if (kind == other and name != own) or (kind == "[set]" and key == given and own):
             continue
         if key == given:
             lines[f"  {key}: stands in {where} and in {part}; remove one"] = None
         elif f"{key}.".startswith(f"{given}.") or f"{given}.".startswith(f"{key}."):
-            inner, outer = max(key, given, key=len), min(key, given, key=len)
+            inner = max(key, given, key=len)
+            outer = min(key, given, key=len)
             text = f"{part} sets {key}, {where} sets {given}; {inner} is part of {outer}, which replaces it: remove one"
             lines[f"  {key}: {text}"] = None
     with_run = ("[draw]", "arm ")
@@ -279,12 +283,14 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
             lines.append(f"  {part}: names must differ; repeated: {', '.join(repeated)}")
         return {one.name: type(one)(**one.own, **settings_of(dotted(one.settings, is_rule))) for one in given}
 
-    arms, cases = groups_of("arm", file.arm), groups_of("case", file.case)
+    arms = groups_of("arm", file.arm)
+    cases = groups_of("case", file.case)
     for case in file.case:
         lines += [f"  case {case.name}: there is no arm {name!r:.60}" for name in case.arms if name not in arms]
     given = [file.scenario] if isinstance(file.scenario, str) else file.scenario
     own = {CASE: [*cases], SCENARIO: given if given is file.scenario else []}
-    varied, factor = settings_of(dotted(file.vary, _is_range)), partial(Factor.of, sampled=file.design != "factorial")
+    varied = settings_of(dotted(file.vary, _is_range))
+    factor = partial(Factor.of, sampled=file.design != "factorial")
     for key, all_names in own.items():
         # some of the cases or scenarios; a part of a study without cases takes no notice of theirs
         chosen = varied.pop(key, all_names)
@@ -337,11 +343,14 @@ def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any], *, quick:
     [quick]. StudyError: it is unknown, or has errors.
     """
     given = {key: value for key, value in keys.items() if value is not None}
-    folder, name, source_name = Path(), "study", "study"
+    folder = Path()
+    name = "study"
+    source_name = "study"
     if isinstance(source, Mapping):
         table = dict(source)
     else:
-        path, source_name = Path(source), source
+        path = Path(source)
+        source_name = source
         if source in shipped() and not path.exists():
             path = next(iter(built_in(source).values()), FOLDER / f"{source}.toml")
         shown = shortened(plain(source), 200)
@@ -350,9 +359,11 @@ def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any], *, quick:
             raise StudyError(f"unknown study '{shown}'; {available}")
         table = {} if source in names() else read(path)
         if "scenario" in table:
-            folder, name = path.parent, name_of(path)
+            folder = path.parent
+            name = name_of(path)
         elif given.get("vary") or given.get("draw") or given.get("arm"):
-            table, name = {"scenario": source}, f"study-{name_of(Path(source))}"
+            table = {"scenario": source}
+            name = f"study-{name_of(Path(source))}"
         else:
             raise StudyError(f"{shown} is a scenario: give --vary, or a study")
     fewer = table.pop("quick", {})

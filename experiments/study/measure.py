@@ -73,7 +73,8 @@ def disc_power(thrust: Floats, inflow: Floats, density: float) -> Floats:
     behind a disc is taken for still.
     """
     area = np.pi * DISC_DIAMETER_M**2 / 4
-    size, speed = np.abs(thrust), np.maximum(inflow, 0.0)
+    size = np.abs(thrust)
+    speed = np.maximum(inflow, 0.0)
     return np.asarray(size * (speed / 2 + np.sqrt(speed**2 / 4 + size / (2 * density * area))))
 
 
@@ -82,7 +83,8 @@ def thruster_power(trajectory: Trajectory, vehicle: int, density: float) -> Floa
 
     The inflow of a thruster is the hull's forward speed along its axis; thrusters across the hull have none.
     """
-    thrust, force = trajectory.thrust[:, vehicle], trajectory.effector_force[vehicle]
+    thrust = trajectory.thrust[:, vehicle]
+    force = trajectory.effector_force[vehicle]
     if np.any(thrust.any(axis=0) & ~force.any(axis=1)):
         return np.full(len(thrust), np.nan)
     inflow = trajectory.forward_speed[:, vehicle, None] * force[:, 0] * np.sign(thrust)
@@ -95,7 +97,8 @@ def _rms(values: Floats) -> float:
 
 def _station(off: Floats, turning: Bools, time: Floats) -> Record:
     """How a follower kept its station: distances from it [m] and where its frame turns, all of shape (n,)."""
-    kept, leg = station_keeping(off, time), off[~turning]
+    kept = station_keeping(off, time)
+    leg = off[~turning]
     return {
         "station_rms_m": kept.station_rms_m,
         "station_p95_m": kept.station_p95_m,
@@ -111,11 +114,14 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
 
     Point motion has no thrusters: its powers are None. Followers without stations have no columns of stations.
     """
-    routes, time, position = routes_of(scenario), trajectory.time, trajectory.position
+    routes = routes_of(scenario)
+    time = trajectory.time
+    position = trajectory.position
     stations = true_stations(scenario, trajectory) if any(f.station for f in scenario.followers) else None
     off = track_errors(scenario, trajectory, stations)
     sent = np.arange(round(1.0 / CONTROL_STEP_S), time.size, round(1.0 / CONTROL_STEP_S))
-    density, span = scenario.ocean.density_kg_m3, float(time[-1] - time[0])
+    density = scenario.ocean.density_kg_m3
+    span = float(time[-1] - time[0])
     touching = {name for contact in contacts(trajectory) for name in contact.pair}
     pitch = np.rad2deg(trajectory.pitch)
     layers = np.array([vehicle.layer_m for vehicle in (scenario.leader, *scenario.followers)])
@@ -178,19 +184,23 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
     CampaignError: the simulation left finite numbers.
     """
     one = scenario.model_copy(update={"run": run})
-    stride, ended = round(one.timing.filter_step_s / CONTROL_STEP_S), False
+    stride = round(one.timing.filter_step_s / CONTROL_STEP_S)
+    ended = False
     try:
         trajectory, loop = simulate_closed_loop(one)
-        estimates, gated = loop.state.history.position[stride::stride], loop.swarm.gated.tolist()
+        estimates = loop.state.history.position[stride::stride]
+        gated = loop.swarm.gated.tolist()
     except DivergedError:
         raise CampaignError(f"run {run}: {Outcome.DIVERGED.value}") from None
     except ContactError as error:
-        trajectory, ended = error.trajectory, True
+        trajectory = error.trajectory
+        ended = True
         followers = len(one.followers)
         estimates = np.full(((trajectory.time.size - 1) // stride, followers, 2), np.nan)
         gated = [0] * followers
     steps = slice(stride, len(estimates) * stride + 1, stride)
-    leader, heading = trajectory.position[steps, 0, :2], trajectory.heading[steps, 0]
+    leader = trajectory.position[steps, 0, :2]
+    heading = trajectory.heading[steps, 0]
     rows = []
     for i, facts in enumerate(facts_of(one, trajectory)):
         estimate = estimates[:, i]

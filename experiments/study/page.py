@@ -83,16 +83,21 @@ def commands(plan: Plan, results: Results) -> str:
 
 def page_of(plan: Plan, results: Results, failures: Mapping[str, list[Entry]], films: Sequence[Film] = ()) -> Page:
     """The page of a study; `failures` are entries that could not be flown, by what happened, `films` its worst run."""
-    study, report, factors = plan.study, plan.study.file.report, varied(plan)
-    layout, metric = charts.layout_of(plan), METRICS[report.metric]
+    study = plan.study
+    report = plan.study.file.report
+    factors = varied(plan)
+    layout = charts.layout_of(plan)
+    metric = METRICS[report.metric]
     found = {place: results.estimate(place, report.metric) for place in results.rows}
     known = sorted((place for place in found if not math.isnan(found[place].value)), key=lambda p: found[p].value)
     apart = results.differences(plan.arms[0], report.metric)
     said = {p: _verdict(d, found[p].value, found[p[0], plan.arms[0], p[2]].value) for p, d in apart.items()}
-    half, effects = _MOST_ROWS // 2, main_effects(plan, results, report.metric)
+    half = _MOST_ROWS // 2
+    effects = main_effects(plan, results, report.metric)
     listed = list(results.rows) if len(results.rows) <= _MOST_ROWS else known[:half] + known[-half:]
     across = layout.against if layout.against in factors else "".join(factors[:1])
-    factorial, asked = study.file.design == "factorial", any((report.against, report.lines, report.panels))
+    factorial = study.file.design == "factorial"
+    asked = any((report.against, report.lines, report.panels))
     calm = all(entry.scenario.ocean.waves.kind == "none" for entry in plan.entries)
     values = {
         "plan": plan, "study": study, "results": results, "failures": failures, "charts": charts, "layout": layout,

@@ -124,7 +124,10 @@ def many(number: int, noun: str) -> str:
 
 def _resolved(settings: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str], list[str]]:
     """Settings with numbers for sums and without variables, columns that keys take, and a line for each invalid one."""
-    found, measured, used, lines = dict(settings), dict[str, str](), set[str](), list[str]()
+    found = dict(settings)
+    measured = dict[str, str]()
+    used = set[str]()
+    lines = list[str]()
     for key, value in settings.items():
         if is_rule(value, "sum"):
             parts = value["sum"] if isinstance(value["sum"], list) else [value["sum"]]
@@ -151,7 +154,8 @@ def _with(table: Mapping[str, Any], settings: Mapping[str, Any]) -> tuple[dict[s
         return assigned(table, {key: value_at(value, 0) for key, value in settings.items()}), []
     except ValueError:
         pass
-    result, lines = dict(table), []
+    result = dict(table)
+    lines = []
     for key, value in settings.items():
         try:
             result = assigned(result, {key: value_at(value, 0)})
@@ -162,7 +166,8 @@ def _with(table: Mapping[str, Any], settings: Mapping[str, Any]) -> tuple[dict[s
 
 def _report_errors(study: Study) -> list[str]:
     """A line for each metric and each factor of the report that does not exist."""
-    report, lines = study.file.report, []
+    report = study.file.report
+    lines = []
     asked = {"report.metric": report.metric} | ({"runs.until.metric": study.until.metric} if study.until else {})
     for key, metric in asked.items():
         if metric not in METRICS:
@@ -178,7 +183,9 @@ def _report_errors(study: Study) -> list[str]:
 
 def _arm_errors(study: Study, point: Mapping[str, Any], entry: Entry) -> list[str]:
     """A line for each key of an arm, or of its case, that does not apply to an entry."""
-    arm, disturb, found = study.arm(entry.arm), study.disturb_at(point, entry.arm), []
+    arm = study.arm(entry.arm)
+    disturb = study.disturb_at(point, entry.arm)
+    found = []
     if arm.every > 1 and not entry.closed_loop:
         found.append("every applies to closed loops; its runs share one mission")
     if (disturb or entry.measured or arm.leader_pitch_deg is not None) and entry.closed_loop:
@@ -194,9 +201,13 @@ def _examined(
     study: Study, tables: Mapping[str, Mapping[str, Any]], points: list[dict[str, Any]], advance: Advance
 ) -> tuple[list[Entry], list[str]]:
     """All entries that are valid, and a line for each error of any other and where in the design it is."""
-    entries, errors, found_of = list[Entry](), dict[str, list[str]](), dict[str, list[str]]()
-    motions, parts = dict[str, str](), dict[tuple[str, Section], Section]()
-    total, moving = 0, ""
+    entries = list[Entry]()
+    errors = dict[str, list[str]]()
+    found_of = dict[str, list[str]]()
+    motions = dict[str, str]()
+    parts = dict[tuple[str, Section], Section]()
+    total = 0
+    moving = ""
 
     def infeasible(scenario: Scenario) -> list[str]:
         """Found once for all scenarios that move and are filmed alike."""
@@ -211,7 +222,8 @@ def _examined(
     for number, point in enumerate(points):
         name = point.get(SCENARIO, next(iter(tables)))
         own = {key: value for key, value in point.items() if key not in (SCENARIO, CASE)}
-        given, case = tables[name].get("seed"), study.case_at(point).settings
+        given = tables[name].get("seed")
+        case = study.case_at(point).settings
         first = study.file.seed if study.file.seed is not None else given if isinstance(given, int) else 1
         for arm, realization in product(study.arms_at(point), range(study.file.realizations)):
             total += 1

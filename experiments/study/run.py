@@ -121,7 +121,9 @@ def _labels(plan: Plan, entry: Entry, follower: int) -> Record:
 
 def _cells(plan: Plan, entry: Entry) -> list[CellPlan]:
     """The cells of an entry, one for each follower."""
-    study, point, scenario = plan.study, plan.points[entry.point], entry.scenario
+    study = plan.study
+    point = plan.points[entry.point]
+    scenario = entry.scenario
     first = CellPlan(
         scenario=scenario, runs=study.runs, first_run=scenario.run, lag_s=study.file.bound_lag_s,
         keep_steps=study.file.steps or study.case_at(point).steps,
@@ -149,7 +151,8 @@ def fly_studies(plans: Sequence[Plan], folder: Path, **options: Unpack[Execution
     flown = campaign.fly(every, tasks, folder, facts=facts_of, ahead=ahead, tolerant=True, **options)
     found = [Outcomes(plan=plan, rows=[], runs=[], steps=[], store=flown.store) for plan in plans]
     for i, plan, entry in entries:
-        name, outcomes = (i, entry.place), found[i]
+        name = (i, entry.place)
+        outcomes = found[i]
         names: list[Any] = [(*name, run) for run in plan.runs_of(entry)] if entry.closed_loop else [entry.motion]
         what = next((flown.failures[name] for name in names if name in flown.failures), None)
         if what is not None:
@@ -175,7 +178,8 @@ def _widest(results: Results, metric: str) -> float:
     """Half of the widest interval of a metric of runs; infinite where too few runs have it for an interval."""
     widest = 0.0
     for place in results.rows:
-        runs, interval = results.by_run(place, metric), results.estimate(place, metric)
+        runs = results.by_run(place, metric)
+        interval = results.estimate(place, metric)
         if runs is None:
             raise LaisnError(f"runs.until.metric: {metric!r} is not a metric of single runs")
         # runs that are all alike have no limits either, and more would not give them any
@@ -235,7 +239,8 @@ def fly_further(
     options |= {"force": False}
     while chosen := choose(found):
         for name, numbers in chosen.items():
-            plan, lists_at = found[name].plan, {where(labels): lists for labels, lists in found[name].runs}
+            plan = found[name].plan
+            lists_at = {where(labels): lists for labels, lists in found[name].runs}
             entries = defaultdict[int, list[Entry]](list)
             for place, number in numbers.items():
                 entry = plan.by_place[place]

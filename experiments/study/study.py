@@ -31,7 +31,10 @@ from laisn.failure import LaisnError
 from laisn.lanes import LANES
 from sim.system import atomic_write
 
-RESULTS, RUNS, RECORD, REPORT = "results.parquet", "runs.parquet", "results.json", "report.html"
+RESULTS = "results.parquet"
+RUNS = "runs.parquet"
+RECORD = "results.json"
+REPORT = "report.html"
 STUDY = "study.toml"
 _CELL_BYTES = 2_000  # bytes of a stored cell and its row in the tables; a run adds `_RUN_BYTES`
 _RUN_BYTES = 80
@@ -44,7 +47,8 @@ def _cost(plan: Plan, workers: int) -> tuple[float, float]:
 
     Some missions are flown, and some entries of each, as the study does it, in a folder that is removed.
     """
-    closed, missions = plan.entries[0].closed_loop, dict[Any, list[Entry]]()
+    closed = plan.entries[0].closed_loop
+    missions = dict[Any, list[Entry]]()
     for entry in plan.entries:
         missions.setdefault(entry.place if closed else entry.motion, []).append(entry)
     tried = [*missions.values()][: (FEW_MISSIONS + 1) * workers]
@@ -61,14 +65,20 @@ def _cost(plan: Plan, workers: int) -> tuple[float, float]:
         with compiling_shown():
             took([replace(entry, scenario=entry.scenario.first_messages) for entry in firsts], 1)
         runs = -(-workers // len(tried)) if closed else 1
-        flights, each, time, flown = plan.part(firsts, runs).flights, 0.0, 0.0, 0
-        mission, idle = took(firsts, runs), took(firsts, runs)  # all is stored the second time
+        flights = plan.part(firsts, runs).flights
+        each = 0.0
+        time = 0.0
+        flown = 0
+        # all is stored the second time
+        mission = took(firsts, runs)
+        idle = took(firsts, runs)
         size = sum(path.stat().st_size for path in Path(folder).glob("store/*")) / flights
         for count in () if closed else _TRIED:
             entries = [entry for own in tried for entry in own[:count]]
             if len(entries) > flown and time < _QUICK_S:
                 time = took(entries, max(2, min(plan.study.runs, LANES)))
-                each, flown = (time - idle) / (len(entries) - flown), len(entries)
+                each = (time - idle) / (len(entries) - flown)
+                flown = len(entries)
     blocks = -(-plan.study.runs // LANES)
     seconds = plan.flights * max((mission - idle) / flights - each, 0.0) + len(plan.entries) * blocks * max(each, 0.0)
     return seconds, plan.flights * size
@@ -76,14 +86,17 @@ def _cost(plan: Plan, workers: int) -> tuple[float, float]:
 
 def effort_text(study: Study, workers: int) -> str:
     """The size of a study, and what it would take if nothing were stored."""
-    begin, plan = perf_counter(), plan_of(study, quiet=False)
+    begin = perf_counter()
+    plan = plan_of(study, quiet=False)
     seconds = perf_counter() - begin
-    runs, cells = study.runs, sum(len(entry.scenario.followers) for entry in plan.entries)
+    runs = study.runs
+    cells = sum(len(entry.scenario.followers) for entry in plan.entries)
     size = float(cells * (_CELL_BYTES + runs * _RUN_BYTES))
     for closed in (False, True):
         if entries := [entry for entry in plan.entries if entry.closed_loop == closed]:
             time, stored = _cost(plan.part(entries, runs), workers)
-            seconds, size = seconds + time, size + stored
+            seconds = seconds + time
+            size = size + stored
     return (
         f"{study.name}: {many(len(plan.points), 'point')}, {many(len(plan.arms), 'arm')}, "
         f"{many(study.file.realizations, 'realization')}, "
@@ -95,8 +108,10 @@ def effort_text(study: Study, workers: int) -> str:
 
 def findings_of(plan: Plan, results: Results) -> dict[str, Finding]:
     """The metric of the report at every place, and the arms' differences from the first of them."""
-    metric, first = plan.study.file.report.metric, plan.arms[0]
-    found, apart = dict[str, Finding](), results.differences(first, metric)
+    metric = plan.study.file.report.metric
+    first = plan.arms[0]
+    found = dict[str, Finding]()
+    apart = results.differences(first, metric)
     for place in results.rows:
         name = f"{metric}: point {place[0]}, arm {place[1]}, {place[2]}"
         what = "; ".join([METRICS[metric].what, *(f"{key} = {value}" for key, value in plan.points[place[0]].items())])
@@ -151,14 +166,16 @@ def run_studies(
             be flown; or the study has no such film.
     """
     folder_name = own.replace("-", "_")
-    package, templated = f"experiments.studies.{folder_name}", (FOLDER / folder_name / pages.NAME).is_file()
+    package = f"experiments.studies.{folder_name}"
+    templated = (FOLDER / folder_name / pages.NAME).is_file()
     if film and templated and not hasattr(import_module(f"{package}.figures"), "film"):
         raise LaisnError(f"--film: the study {own} has a page of its own, without films")
     if film not in ("", wanted := "example" if templated else "worst"):
         raise LaisnError(f"--film {film}: expected --film {wanted}")
     plans = [plan_of(study, quiet=options.get("quiet", False)) for study in studies.values()]
     flown = fly_until_narrow(plans, folder, **options)
-    first, outcomes = flown[0], dict(zip(studies, flown, strict=True))
+    first = flown[0]
+    outcomes = dict(zip(studies, flown, strict=True))
     if (failures := "; ".join(sorted({what for one in flown for what in one.failures}))) and (own or not first.rows):
         raise CampaignError(failures)
     findings: Any = import_module(f"{package}.findings") if own else None
@@ -171,7 +188,8 @@ def run_studies(
         modules = f"{package}.findings", "experiments.study.run"
         record(own, command, modules, findings.findings_of(outcomes)).write(folder / RECORD)
     else:
-        study, found = first.plan.study, findings_of(first.plan, first.results)
+        study = first.plan.study
+        found = findings_of(first.plan, first.results)
         given = {"modules": ("experiments.study.study",), "version": code_version(), "findings": found}
         command = command or f"laisn study {study.source}"
         Findings(study=study.name, command=command, **given).write(folder / RECORD)  # type: ignore[arg-type]

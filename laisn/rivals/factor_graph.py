@@ -32,13 +32,15 @@ def _odometry_error(
     positions are in the frame of the pose.
     """
     first, second, log_bias, current = factor.keys()
-    one, two = values.atPose2(first), values.atPose2(second)
+    one = values.atPose2(first)
+    two = values.atPose2(second)
     rotation = one.rotation().matrix()
     moved = rotation.T @ (two.translation() - one.translation() - values.atPoint2(current) * time)
     if jacobians is not None:
-        jacobians[0], jacobians[1], jacobians[2], jacobians[3] = (
-            np.diag([-1.0, -1.0, -1.0]), np.eye(3), np.zeros((3, 1)), np.zeros((3, 2)),
-        )  # fmt: skip
+        jacobians[0] = np.diag([-1.0, -1.0, -1.0])
+        jacobians[1] = np.eye(3)
+        jacobians[2] = np.zeros((3, 1))
+        jacobians[3] = np.zeros((3, 2))
         jacobians[0][:2, 2] = -_TURN @ moved
         jacobians[1][:2, :2] = rotation.T @ two.rotation().matrix()
         jacobians[2][:2, 0] = path
@@ -51,11 +53,13 @@ def _range_error(
 ) -> Floats:
     """ρ(p) (1 + c / max z) − z of a pose (p, b_θ) and the error c of its message."""
     key, common = factor.keys()
-    pose, scale = values.atPose2(key), 1.0 + values.atDouble(common) / longest
+    pose = values.atPose2(key)
+    scale = 1.0 + values.atDouble(common) / longest
     rho, direction = slant(pose.translation(), transmitter)
     if jacobians is not None:
         along = scale * direction @ pose.rotation().matrix()
-        jacobians[0], jacobians[1] = np.array([[*along, 0.0]]), np.array([[rho / longest]])
+        jacobians[0] = np.array([[*along, 0.0]])
+        jacobians[1] = np.array([[rho / longest]])
     return np.array([scale * rho - z])
 
 
@@ -79,10 +83,15 @@ class FactorGraph(DeadReckoning):
         parameters.relinearizeSkip = 1
         parameters.setRelinearizeThreshold(RELINEARISE)
         self._smoother = gtsam.IncrementalFixedLagSmoother(settings.lag, parameters)
-        self._time, self._messages, self._pose = 0.0, 0, gtsam.symbol("x", 0)
+        self._time = 0.0
+        self._messages = 0
+        self._pose = gtsam.symbol("x", 0)
         self._log_bias, self._range_bias, self._current = (gtsam.symbol(name, 0) for name in "vbw")
-        graph, values, sigma = gtsam.NonlinearFactorGraph(), gtsam.Values(), np.sqrt(np.diag(self.P))
-        prior, noise = gtsam.Pose2(self.x[0], self.x[1], 0.0), gtsam.noiseModel.Diagonal.Sigmas(sigma[[0, 1, 3]])
+        graph = gtsam.NonlinearFactorGraph()
+        values = gtsam.Values()
+        sigma = np.sqrt(np.diag(self.P))
+        prior = gtsam.Pose2(self.x[0], self.x[1], 0.0)
+        noise = gtsam.noiseModel.Diagonal.Sigmas(sigma[[0, 1, 3]])
         graph.add(gtsam.PriorFactorPose2(self._pose, prior, noise))
         values.insert(self._pose, prior)
         for key, of in ((self._log_bias, sigma[2]), (self._range_bias, sigma[4])):
@@ -98,19 +107,25 @@ class FactorGraph(DeadReckoning):
         return self._gtsam.noiseModel.Isotropic.Sigma(1, max(float(sigma), 1e-6))
 
     def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
-        gtsam, settings = self._gtsam, self.settings
+        gtsam = self._gtsam
+        settings = self.settings
         way, path, noise, since = self._odometry()
         self._messages, self._time = self._messages + 1, self._time + since
-        before, self._pose = self._pose, gtsam.symbol("x", self._messages)
-        graph, values, common = gtsam.NonlinearFactorGraph(), gtsam.Values(), gtsam.symbol("c", self._messages)
+        before = self._pose
+        self._pose = gtsam.symbol("x", self._messages)
+        graph = gtsam.NonlinearFactorGraph()
+        values = gtsam.Values()
+        common = gtsam.symbol("c", self._messages)
         covariance = np.diag([0.0, 0.0, COMPASS_WALK**2 * since])
         covariance[:2, :2] = noise
-        model, error = gtsam.noiseModel.Gaussian.Covariance(covariance), partial(_odometry_error, way, path, since)
+        model = gtsam.noiseModel.Gaussian.Covariance(covariance)
+        error = partial(_odometry_error, way, path, since)
         graph.add(gtsam.CustomFactor(model, [before, self._pose, self._log_bias, self._current], error))
         values.insert(self._pose, gtsam.Pose2(*self.x[:2], self.x[3]))
         graph.add(gtsam.BetweenFactorDouble(self._range_bias, common, 0.0, self._sigma(settings.range_scale_sigma)))
         values.insert(common, float(self.x[4]))
-        received, range_noise = np.flatnonzero(np.isfinite(ranges)), self._sigma(settings.range_sigma)
+        received = np.flatnonzero(np.isfinite(ranges))
+        range_noise = self._sigma(settings.range_sigma)
         longest = float(ranges[received].max())
         for transmitter, z in zip(below[received], ranges[received].tolist(), strict=True):
             error = partial(_range_error, transmitter, z, longest)
@@ -119,7 +134,8 @@ class FactorGraph(DeadReckoning):
             self._smoother.update(graph, values, dict.fromkeys((self._pose, common, *self._constants), self._time))
         except RuntimeError as error_of:
             raise ArithmeticError(f"step {self._step}: {error_of}") from None
-        pose, turned = self._smoother.calculateEstimatePose2(self._pose), np.eye(3)
+        pose = self._smoother.calculateEstimatePose2(self._pose)
+        turned = np.eye(3)
         turned[:2, :2] = pose.rotation().matrix()
         spread = turned @ self._smoother.marginalCovariance(self._pose) @ turned.T
         self.x = np.array([

@@ -38,11 +38,14 @@ def propagate(
     states, covariances = out
     for k in range(durations.size):
         dt = durations[k]
-        F, Q, J = np.eye(STATES), np.zeros((STATES, STATES)), np.zeros((2, STATES))
+        F = np.eye(STATES)
+        Q = np.zeros((STATES, STATES))
+        J = np.zeros((2, STATES))
         F[0, 5] = F[1, 6] = dt
         east = north = water = 0.0
         for end in range(2):
-            water, heading = readings[k + end, 0] - x[2], readings[k + end, 1] - x[3]
+            water = readings[k + end, 0] - x[2]
+            heading = readings[k + end, 1] - x[3]
             east, north = np.sin(heading), np.cos(heading)
             x[0] += 0.5 * dt * (water * east + x[5])
             x[1] += 0.5 * dt * (water * north + x[6])
@@ -51,21 +54,31 @@ def propagate(
             F[0, 3] -= 0.5 * dt * water * north
             F[1, 3] += 0.5 * dt * water * east
         # the velocity's derivatives by the states, and its random error: along by the log, across by the compass
-        J[0, 2], J[0, 3], J[0, 5] = -east, -water * north, 1.0
-        J[1, 2], J[1, 3], J[1, 6] = -north, water * east, 1.0
-        along, across = sigma[0] ** 2, (sigma[1] * readings[k + 1, 0]) ** 2
-        xx, yy = along * east * east + across * north * north, along * north * north + across * east * east
+        J[0, 2] = -east
+        J[0, 3] = -water * north
+        J[0, 5] = 1.0
+        J[1, 2] = -north
+        J[1, 3] = water * east
+        J[1, 6] = 1.0
+        along = sigma[0] ** 2
+        across = (sigma[1] * readings[k + 1, 0]) ** 2
+        xx = along * east * east + across * north * north
+        yy = along * north * north + across * east * east
         W = np.array([[xx, (along - across) * east * north], [(along - across) * east * north, yy]])
         for i in range(2):
             for j in range(2):
                 Q[i, j] = dt * dt * W[i, j]
             Q[i, i] += sigma[2] ** 2 * dt
-        Q[2, 2], Q[3, 3] = LOG_WALK**2 * dt, COMPASS_WALK**2 * dt
+        Q[2, 2] = LOG_WALK**2 * dt
+        Q[3, 3] = COMPASS_WALK**2 * dt
         Q[5, 5] = Q[6, 6] = sigma[3] ** 2 * dt
         P = F @ P @ F.T + Q
         PJ = P @ J.T
         V = J @ PJ + W
-        states[k, 0], states[k, 1], states[k, 2], states[k, 3] = x[0], x[1], water * east + x[5], water * north + x[6]
+        states[k, 0] = x[0]
+        states[k, 1] = x[1]
+        states[k, 2] = water * east + x[5]
+        states[k, 3] = water * north + x[6]
         for i in range(2):
             for j in range(2):
                 covariances[k, i, j] = P[i, j]
@@ -86,7 +99,8 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         current, walk = (settings.current_sigma, CURRENT_WALK) if settings.assume.current else (0.0, 0.0)
         self.x: Floats = np.concatenate([self._state[:2], np.zeros(STATES - 2)])
         self.P: Floats = np.diag(np.square([settings.start_sigma, settings.start_sigma, *biases, current, current]))
-        self._reading, self._kept = np.empty((0, 2)), list[tuple[Floats, Floats]]()
+        self._reading = np.empty((0, 2))
+        self._kept = list[tuple[Floats, Floats]]()
         self._noise = settings.speed_sigma, settings.heading_sigma, settings.slip, walk
 
     @property
@@ -107,7 +121,10 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         if broken.size:
             raise LaisnError(f"step {broken[0] + 1}: log, compass or depth are not finite")
         durations = np.full(n, measurements.dt) if measurements.durations is None else measurements.durations
-        states, covariances, fixes, depth = np.empty((n, 4)), np.empty((n, 4, 4)), [], measurements.last_depth
+        states = np.empty((n, 4))
+        covariances = np.empty((n, 4, 4))
+        fixes = []
+        depth = measurements.last_depth
         for i, done in enumerate([*measurements.message_step.tolist(), n]):
             part = slice(self._step, done)
             states[part], covariances[part] = self._advance(readings[part], durations[part])
@@ -117,20 +134,24 @@ class DeadReckoning(OnlineNavigator[Estimates]):
                 reception = measurements.reception(i)
                 require_valid(done, own, reception, None)
                 fixes.append(self._receive(own, reception))
-                states[done - 1], covariances[done - 1] = self._state, self._covariance
+                states[done - 1] = self._state
+                covariances[done - 1] = self._covariance
         return Estimates.of(states, covariances, fixes)
 
     def _advance(self, readings: Floats, durations: Floats) -> tuple[Floats, Floats]:
         """Bring the estimate forward by n steps; states and covariances after each."""
         n = durations.size
-        states, covariances = np.empty((n, 4)), np.empty((n, 4, 4))
+        states = np.empty((n, 4))
+        covariances = np.empty((n, 4, 4))
         if n:
             before = self._reading if self._reading.size else readings[:1]
             steps = np.vstack([before, readings])
             self.P = propagate(self.x, self.P, steps, durations, self._noise, (states, covariances))
             if self.KEEPS_READINGS and durations.any():
                 self._kept.append((steps, durations))
-            self._reading, self._state, self._covariance = readings[-1:], states[-1], covariances[-1]
+            self._reading = readings[-1:]
+            self._state = states[-1]
+            self._covariance = covariances[-1]
         return states, covariances
 
     def _receive(self, own: OwnMotion, reception: Reception) -> FixRecord:
@@ -154,12 +175,15 @@ class DeadReckoning(OnlineNavigator[Estimates]):
 
     def _odometry(self) -> tuple[Floats, Floats, Floats, float]:
         """Odometry since the last call by the compass as it reads: Σ s u Δt, Σ u Δt, covariance of the former, time."""
-        kept, settings = self._kept, self.settings
+        kept = self._kept
+        settings = self.settings
         speed, heading = np.vstack([kept[0][0][:1], *(steps[1:] for steps, _ in kept)]).T
         durations = np.concatenate([times for _, times in kept])
-        u, dt = np.column_stack([np.sin(heading), np.cos(heading)]), durations[:, None]
+        u = np.column_stack([np.sin(heading), np.cos(heading)])
+        dt = durations[:, None]
         v = speed[:, None] * u
-        along, across = settings.speed_sigma * dt * u[1:], settings.heading_sigma * dt * v[1:, ::-1] * (-1.0, 1.0)
+        along = settings.speed_sigma * dt * u[1:]
+        across = settings.heading_sigma * dt * v[1:, ::-1] * (-1.0, 1.0)
         noise = [along[:, i] * along[:, j] + across[:, i] * across[:, j] for i, j in ((0, 0), (0, 1), (1, 1))]
         noise = [noise[0] + settings.slip**2 * durations, noise[1], noise[2] + settings.slip**2 * durations]
         terms = np.column_stack([0.5 * dt * (v[:-1] + v[1:]), 0.5 * dt * (u[:-1] + u[1:]), *noise, dt])
@@ -196,7 +220,8 @@ class RangeFilter(DeadReckoning):
         rho = np.linalg.norm(away, axis=1)
         share = rho / z.max()
         H = np.zeros((z.size, STATES))
-        H[:, :2], H[:, 4] = away[:, :2] / rho[:, None], share
+        H[:, :2] = away[:, :2] / rho[:, None]
+        H[:, 4] = share
         R = settings.range_sigma**2 * np.eye(z.size) + settings.range_scale_sigma**2 * np.outer(share, share)
         self.x, self.P = kalman_update(self.x, self.P, H, z - rho - share * self.x[4], R)
         return True
@@ -234,8 +259,10 @@ class GeodeticAdjustment(DeadReckoning):
         i = single_transmitter(ranges)
         if math.isnan(ranges[i]):
             return False
-        transmitter, z = below[i], float(ranges[i])
-        reckoned, weight = self.x[:2].copy(), np.linalg.inv(self.P[:2, :2])
+        transmitter = below[i]
+        z = float(ranges[i])
+        reckoned = self.x[:2].copy()
+        weight = np.linalg.inv(self.P[:2, :2])
         sigma = math.hypot(self.settings.range_sigma, self.settings.range_scale_sigma)
         sigma = math.hypot(sigma, self.settings.range_scale_bias_sigma)
         for _ in range(10):
@@ -268,15 +295,19 @@ class InvertedUsbl(DeadReckoning):
                 'sensors.own = [{ sensor = "inverted-usbl" }] measure them, and logs do not hold them'
             )
         azimuth, elevation = reception.bearing
-        transmitter, z = below[1], ranges[1]
+        transmitter = below[1]
+        z = ranges[1]
         if not np.isfinite([azimuth, elevation, z]).all():
             return False
         rho, direction = slant(self.x, transmitter)
         east, north = transmitter[:2] - self.x[:2]
-        level, up = math.hypot(east, north), -float(transmitter[2])
+        level = math.hypot(east, north)
+        up = -float(transmitter[2])
         H = np.zeros((3, STATES))
-        H[0, :2], H[0, 4] = direction, 1.0
-        H[1, :2], H[1, 3] = (-north / level**2, east / level**2), 1.0
+        H[0, :2] = direction
+        H[0, 4] = 1.0
+        H[1, :2] = (-north / level**2, east / level**2)
+        H[1, 3] = 1.0
         H[2, :2] = up / rho**2 * np.array([east, north]) / level
         expected = math.atan2(east, north) - own.heading + self.x[3]
         innovation = [z - rho - self.x[4], signed_angle(azimuth - expected), elevation - math.atan2(up, level)]
@@ -314,7 +345,8 @@ class ParticleFilter(DeadReckoning):
 
     def _move(self, random: np.random.Generator) -> None:
         """Move all particles by the odometry since the last message: p ← p + R(b_θ) (D − b_v Σ u Δt + w) + c t."""
-        p, normals = self.particles, random.standard_normal((self.weights.size, 6))
+        p = self.particles
+        normals = random.standard_normal((self.weights.size, 6))
         way, path, noise, time = self._odometry()
         way = way - p[:, 2:3] * path + normals[:, :2] @ np.linalg.cholesky(noise).T
         sine, cosine = np.sin(p[:, 3]), np.cos(p[:, 3])
@@ -325,14 +357,16 @@ class ParticleFilter(DeadReckoning):
 
     def _likelihood(self, below: Floats, ranges: Floats) -> Floats:
         """log N(z; h, σ² I + σ_s² s sᵀ) of all ranges, but for a constant, shape (N,)."""
-        settings, received = self.settings, np.flatnonzero(np.isfinite(ranges))
+        settings = self.settings
+        received = np.flatnonzero(np.isfinite(ranges))
         z = ranges[received]
         away = self.particles[:, None, :2] - below[received, :2]
         rho = np.sqrt((away**2).sum(axis=2) + below[received, 2] ** 2)
         share = rho / z.max()
         residual = z - rho - share * self.particles[:, 4:5]
         # of the matrix σ² I + σ_s² s sᵀ: determinant and inverse by Sherman and Morrison
-        small, large = settings.range_sigma**2, settings.range_scale_sigma**2
+        small = settings.range_sigma**2
+        large = settings.range_scale_sigma**2
         whole = small + large * (share**2).sum(axis=1)
         along = (share * residual).sum(axis=1)
         squared = ((residual**2).sum(axis=1) - large * along**2 / whole) / small
@@ -343,24 +377,30 @@ class ParticleFilter(DeadReckoning):
         n = self.weights.size
         positions = (random.random() + np.arange(n)) / n
         chosen = np.minimum(np.searchsorted(np.cumsum(self.weights), positions), n - 1)
-        self.particles, self.weights = self.particles[chosen], np.full(n, 1.0 / n)
+        self.particles = self.particles[chosen]
+        self.weights = np.full(n, 1.0 / n)
         states = self.particles[:, first:]
-        mean, (variance, axes) = states.mean(axis=0), np.linalg.eigh(np.cov(states.T))
+        mean = states.mean(axis=0)
+        variance, axes = np.linalg.eigh(np.cov(states.T))
         root = np.sqrt((1.0 - KEPT**2) * np.maximum(variance, 0.0))
         fresh = (random.standard_normal(states.shape) * root) @ axes.T
         self.particles[:, first:] = KEPT * states + (1.0 - KEPT) * mean + fresh
 
     def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
-        random, n, rest = self._random(self._step, own.heading), self.weights.size, 1.0
+        random = self._random(self._step, own.heading)
+        n = self.weights.size
+        rest = 1.0
         self._move(random)
         while True:
             # a power of the likelihood that leaves enough particles, as long as the rest of it is not small
-            likelihood, power = self._likelihood(below, ranges), rest
+            likelihood = self._likelihood(below, ranges)
+            power = rest
             weights = _weighted(self.weights, power * likelihood)
             while 1.0 / np.sum(weights**2) < LEAST_SHARE * n and power > SMALLEST_POWER:
                 power *= 0.5
                 weights = _weighted(self.weights, power * likelihood)
-            self.weights, rest = weights, rest - power
+            self.weights = weights
+            rest = rest - power
             if rest <= 0.0:
                 break
             self._resample(random, first=0)

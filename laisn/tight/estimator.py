@@ -31,7 +31,11 @@ def _lateral(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, float,
     """Distance ℓ of component k to the left of the line from transmitter 1 to 2, with P ∇ℓ in `b.gain`; its variance;
     and the distance ℓ_c at which the axis matters: where the difference of both ranges has bent by 1.4 of their errors.
     """
-    x, P, arms, gain, turning = b.state, b.covariance, signal.arms, b.gain, m.leader != ABSENT
+    x = b.state
+    P = b.covariance
+    arms = signal.arms
+    gain = b.gain
+    turning = m.leader != ABSENT
     s, c = sin_cos(x[k, m.leader] if turning else 0.0)
     ex, ey = arms[1, 0] - arms[0, 0], arms[1, 1] - arms[0, 1]
     length = math.sqrt(ex * ex + ey * ey)
@@ -39,7 +43,9 @@ def _lateral(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, float,
     qx, qy = x[k, X] - signal.east, x[k, Y] - signal.north
     ox, oy = qx - (c * arms[0, 0] - s * arms[0, 1]), qy - (s * arms[0, 0] + c * arms[0, 1])
     # ∇ℓ by x, y and b_L
-    gx, gy, gl = -ty, tx, -(tx * qx + ty * qy)
+    gx = -ty
+    gy = tx
+    gl = -(tx * qx + ty * qy)
     for i in range(m.states):
         gain[i] = P[k, i, X] * gx + P[k, i, Y] * gy
         if turning:
@@ -54,7 +60,9 @@ def _lateral(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, float,
 @compiled
 def _keep_half(b: Belief, m: Model, k: int, signal: Signal, side: float) -> None:
     """Replace component k by its part on one side of the axis: left for +1, right for −1; with its exact moments."""
-    x, P, gain = b.state, b.covariance, b.gain
+    x = b.state
+    P = b.covariance
+    gain = b.gain
     lateral, variance, _ = _lateral(b, m, k, signal)
     sigma = math.sqrt(variance)
     mass, shift, narrowing = mixture.half_moments(side * lateral / sigma)
@@ -100,7 +108,9 @@ _FAR_WEIGHT = 0.01  # of the ring far from the belief so far, where that at the 
 @compiled
 def _rotate_to_bias(b: Belief, m: Model, k: int) -> None:
     """Turn a component about the leader, which is at the origin, by the error of its heading, with b_L."""
-    P, by_bias_x, by_bias_y = b.covariance, -b.state[k, Y], b.state[k, X]
+    P = b.covariance
+    by_bias_x = -b.state[k, Y]
+    by_bias_y = b.state[k, X]
     bias = b.fresh[m.leader]
     turn = bias + b.leader_variance
     P[k, X, X] += turn * by_bias_x * by_bias_x
@@ -118,11 +128,14 @@ def _merge_ring(b: Belief, m: Model, signal: Signal, first: int, here: tuple[flo
 
     The leader is at the origin with an exact heading; `here` is the mean so far [m], or NaN. False if an update failed.
     """
-    nearest, shortest = 0, math.inf
+    nearest = 0
+    shortest = math.inf
     for i in range(m.transmitters):
         if signal.ranges[i] < shortest:
-            nearest, shortest = i, signal.ranges[i]
-    centre, deeper = (signal.arms[nearest, 0], signal.arms[nearest, 1]), signal.arms[nearest, 2]
+            nearest = i
+            shortest = signal.ranges[i]
+    centre = (signal.arms[nearest, 0], signal.arms[nearest, 1])
+    deeper = signal.arms[nearest, 2]
     distance = math.sqrt(max(shortest * shortest - deeper * deeper, 1.0))
     ax, ay = signal.arms[0, 0], signal.arms[0, 1]
     ex, ey = signal.arms[1, 0] - ax, signal.arms[1, 1] - ay
@@ -161,11 +174,15 @@ def add_ring(b: Belief, m: Model, signal: Signal, weight: float) -> bool:
     """
     first = b.alive * m.modes
     here = (b.output.x - signal.east, b.output.y - signal.north)
-    east, north, variance = signal.east, signal.north, b.leader_variance
+    east = signal.east
+    north = signal.north
+    variance = b.leader_variance
     # about the leader, and with its heading as broadcast
     signal.east = signal.north = b.leader_variance = 0.0
     healthy = _merge_ring(b, m, signal, first, here)
-    signal.east, signal.north, b.leader_variance = east, north, variance
+    signal.east = east
+    signal.north = north
+    b.leader_variance = variance
     total = b.weight[first] + b.weight[first + m.modes]
     if not healthy or not total > 0.0:
         return False
@@ -195,9 +212,13 @@ _SMOOTHING = 0.15  # of the NIS
 _VARIANCE_GAIN = 0.1  # of the estimated variance of the leader's heading, which never exceeds that of the settings
 _LEAST_LEADER_VARIANCE = math.radians(0.1) ** 2
 _MOST_MISSED = 3  # messages in a row without an accepted range, after which covariances are inflated …
-_ADDED_POSITION, _ADDED_COMPASS = 1.0, math.radians(2.0) ** 2  # … by these, along each axis [m²] and of b_θ [rad²]
+# … by these, along each axis [m²] and of b_θ [rad²]
+_ADDED_POSITION = 1.0
+_ADDED_COMPASS = math.radians(2.0) ** 2
 
-_TURN, _LEADER_TURN = 0.1, 0.15  # turns up to these change nothing, as readings err by a part of them [rad]
+# turns up to these change nothing, as readings err by a part of them [rad]
+_TURN = 0.1
+_LEADER_TURN = 0.15
 _SETTLED = 10.0  # a turn is over where it has not gone on for so long [s]
 
 
@@ -210,14 +231,25 @@ def place_arms(signal: Signal, m: Model, pitch: float, roll: float, deeper: floa
     if deeper != deeper:
         for i in range(3):
             signal.ranges[i] = np.nan
-    heading, pitched, rolled = Turn(*sin_cos(signal.heading)), Turn(0.0, 1.0), Turn(0.0, 1.0)
+    heading = Turn(*sin_cos(signal.heading))
+    pitched = Turn(0.0, 1.0)
+    rolled = Turn(0.0, 1.0)
     if m.use_attitude and pitch == pitch and roll == roll:
-        pitched, rolled = turn(pitch), turn(roll)
+        pitched = turn(pitch)
+        rolled = turn(roll)
     placed = tilted_arms(m.baseline, m.middle_offset, heading, pitched, rolled)
-    (east, north, up), (middle_east, middle_north, middle_up), arms = placed.front, placed.middle, signal.arms
-    arms[0, 0], arms[0, 1], arms[0, 2] = -east, -north, deeper + up
-    arms[1, 0], arms[1, 1], arms[1, 2] = east, north, deeper - up
-    arms[2, 0], arms[2, 1], arms[2, 2] = middle_east, middle_north, deeper - middle_up
+    east, north, up = placed.front
+    middle_east, middle_north, middle_up = placed.middle
+    arms = signal.arms
+    arms[0, 0] = -east
+    arms[0, 1] = -north
+    arms[0, 2] = deeper + up
+    arms[1, 0] = east
+    arms[1, 1] = north
+    arms[1, 2] = deeper - up
+    arms[2, 0] = middle_east
+    arms[2, 1] = middle_north
+    arms[2, 2] = deeper - middle_up
 
 
 @compiled
@@ -232,15 +264,19 @@ def mix_modes(b: Belief, m: Model) -> None:
     # a chain of two states that changes at the same rate either way (Poisson)
     stay = 0.5 + 0.5 * math.exp(-2.0 * m.mode_switches * b.motion.time)
     for h in range(b.alive):
-        slow, quick = 2 * h, 2 * h + 1
-        weight, other = b.weight[slow], b.weight[quick]
-        new_slow, new_quick = stay * weight + (1.0 - stay) * other, stay * other + (1.0 - stay) * weight
+        slow = 2 * h
+        quick = 2 * h + 1
+        weight = b.weight[slow]
+        other = b.weight[quick]
+        new_slow = stay * weight + (1.0 - stay) * other
+        new_quick = stay * other + (1.0 - stay) * weight
         if new_slow <= 0.0 or new_quick <= 0.0:
             continue
         mixture.copy_component(b, slow, SPARE)
         mixture.blend(b.state, b.covariance, slow, quick, (1.0 - stay) * other / new_slow, m.states)
         mixture.blend(b.state, b.covariance, quick, SPARE, (1.0 - stay) * weight / new_quick, m.states)
-        b.weight[slow], b.weight[quick] = new_slow, new_quick
+        b.weight[slow] = new_slow
+        b.weight[quick] = new_quick
 
 
 @compiled
@@ -252,10 +288,14 @@ def _turn_growth(turn: Any, direction: tuple[float, float], least: float, time: 
     turn.still += time
     if started and angle > max(turn.angle, least):
         gained: float = angle * angle - turn.angle * turn.angle
-        turn.angle, turn.still = angle, 0.0
+        turn.angle = angle
+        turn.still = 0.0
         return gained
     if not started or turn.still >= _SETTLED - 1e-6:
-        turn.sin, turn.cos, turn.angle, turn.still = sine, cosine, 0.0, 0.0
+        turn.sin = sine
+        turn.cos = cosine
+        turn.angle = 0.0
+        turn.still = 0.0
     return 0.0
 
 
@@ -264,7 +304,10 @@ def inflate_bias_covariance(b: Belief, m: Model, signal: Signal) -> None:
     """Inflate bias covariances before an update: by a share of the whole turns since the last message, where compasses
     have a deviation, and by the error of the leg's heading.
     """
-    o, turning, own, leader = b.motion, m.leader != ABSENT, 0.0, 0.0
+    o = b.motion
+    turning = m.leader != ABSENT
+    own = 0.0
+    leader = 0.0
     if m.deviation > 0.0:
         own = m.deviation * _turn_growth(b.turn, (o.sin, o.cos), _TURN, o.time)
         if turning:
@@ -280,13 +323,17 @@ def inflate_bias_covariance(b: Belief, m: Model, signal: Signal) -> None:
 @compiled
 def _propagate_iterated(b: Belief, m: Model, k: int, signal: Signal) -> bool:
     """Predict component k; where its compass bias bends the way too much, at the biases of a first update."""
-    x, way = b.state, math.sqrt(b.motion.ax**2 + b.motion.ay**2)
-    log_bias, compass_bias, healthy = x[k, LOG], x[k, COMPASS], True
+    x = b.state
+    way = math.sqrt(b.motion.ax**2 + b.motion.ay**2)
+    log_bias = x[k, LOG]
+    compass_bias = x[k, COMPASS]
+    healthy = True
     if 0.5 * b.covariance[k, COMPASS, COMPASS] * way >= _BEND:
         mixture.copy_component(b, k, SPARE)
         motion.predict_component(b, m, k, log_bias, compass_bias)
         healthy = update(b, m, k, signal) >= 0
-        log_bias, compass_bias = x[k, LOG], x[k, COMPASS]
+        log_bias = x[k, LOG]
+        compass_bias = x[k, COMPASS]
         mixture.copy_component(b, SPARE, k)
     motion.predict_component(b, m, k, log_bias, compass_bias)
     return healthy
@@ -359,7 +406,8 @@ def receive(b: Belief, m: Model, signal: Signal) -> int:
             return -1
         # all of them were used, but nothing had been expected of them that they could have missed
         for k in range(b.alive * m.modes):
-            b.outcome[k].taken, b.outcome[k].squared = received, np.nan
+            b.outcome[k].taken = received
+            b.outcome[k].squared = np.nan
         motion.reset_preintegration(b)
         refresh_output(b, m)
         return received

@@ -30,7 +30,9 @@ X, Y, LOG, COMPASS, SCALE = range(5)
 """Indices of the states that are always there; `Model` has those of the others."""
 ABSENT = -1  # of a state that is switched off
 
-_DRIFTING_LOG, _DRIFTING_COMPASS = 2.5e-3, 1.7e-3  # [m/s/√s], [rad/√s]
+# [m/s/√s], [rad/√s]
+_DRIFTING_LOG = 2.5e-3
+_DRIFTING_COMPASS = 1.7e-3
 _MODES = (0.25, 2.5)  # slow and quick drift, as multiples of these
 _LEADER_COMPASS = 5e-5  # [rad/√s]
 _CLOCK_WALK = 3e-6  # of τ̇ [m/s/√s]: 2 ppb/√s, as of a crystal oscillator whose temperature changes
@@ -46,7 +48,8 @@ _OPTIONAL = {"leader": 5, "current": 6, "offset": 8, "clock": 10}
 
 def prior_sigmas(settings: TightSettings) -> dict[int, float]:
     """Prior standard deviation of each state, by its place in `TightEstimates.names`, in the order of the state."""
-    s, assume = settings, settings.assume
+    s = settings
+    assume = settings.assume
     always = s.start_sigma, s.start_sigma, s.speed_bias_sigma, s.heading_bias_sigma, s.range_scale_bias_sigma
     sigmas = dict(enumerate(always))
     if not assume.exact_leader:
@@ -56,13 +59,15 @@ def prior_sigmas(settings: TightSettings) -> dict[int, float]:
     if assume.offsets:
         sigmas |= {8 + i: s.offset_sigma for i in range(s.transmitters - 1)}
     if assume.clock:
-        sigmas[10], sigmas[11] = s.clock_offset_sigma, s.clock_drift_sigma
+        sigmas[10] = s.clock_offset_sigma
+        sigmas[11] = s.clock_drift_sigma
     return sigmas
 
 
 def model_of(settings: TightSettings) -> Model:
     """Settings as compiled code takes them."""
-    s, assume = settings, settings.assume
+    s = settings
+    assume = settings.assume
     places = list(prior_sigmas(s))
     log_walk, compass_walk = (_DRIFTING_LOG, _DRIFTING_COMPASS) if assume.drift else (LOG_WALK, COMPASS_WALK)
     slow, quick = _MODES if assume.drift else (1.0, 1.0)
@@ -224,12 +229,16 @@ def new_belief(settings: TightSettings, m: Model, start: tuple[float, float] | N
     fresh = np.zeros(MOST_STATES)
     fresh[:states] = np.square(list(prior_sigmas(settings).values()))
     made = np.zeros(1, dtype=_BELIEF)
-    made["states"], made["alive"] = states, start is not None
-    made["smoothed_nis"], made["leader_variance"], made["fresh"] = 1.0, leader_variance, fresh
+    made["states"] = states
+    made["alive"] = start is not None
+    made["smoothed_nis"] = 1.0
+    made["leader_variance"] = leader_variance
+    made["fresh"] = fresh
     made["motion"]["speed"] = np.nan
     about = made["leader"]
     about["window_time"] = about["at_x"] = about["track"] = np.nan
-    about["scatter"], about["other_variance"] = leader_variance, leader_variance / 16.0
+    about["scatter"] = leader_variance
+    about["other_variance"] = leader_variance / 16.0
     if start is not None:
         made["state"][0, :modes, :LOG] = start
         made["covariance"][0, :modes] = np.diag(fresh)

@@ -26,7 +26,9 @@ def preintegrate_direction(b: Belief, m: Model, speed: float, sine: float, cosin
     """As `preintegrate`, with sine and cosine of the compass's reading."""
     o = b.motion
     if o.speed != o.speed:
-        o.speed, o.sin, o.cos = speed, sine, cosine
+        o.speed = speed
+        o.sin = sine
+        o.cos = cosine
         b.turn.sin, b.turn.cos = sine, cosine
     half = 0.5 * dt
     before = o.speed
@@ -41,7 +43,9 @@ def preintegrate_direction(b: Belief, m: Model, speed: float, sine: float, cosin
     o.nxy += more * sine * cosine
     o.nyy += across + more * cosine * cosine
     o.time += dt
-    o.speed, o.sin, o.cos = speed, sine, cosine
+    o.speed = speed
+    o.sin = sine
+    o.cos = cosine
 
 
 @compiled
@@ -74,8 +78,11 @@ def _position_noise(o: Any, m: Model, mode: int, way: tuple[float, float, float,
     slip, and biases of log and compass, and the current, that wander on a straight way.
     """
     c, s, way_x, way_y, by_log_x, by_log_y = way
-    time, third = o.time, o.time / 3.0
-    q_log, q_compass, isotropic = third * m.log_walk[mode], third * m.compass_walk[mode], m.slip_rate * time
+    time = o.time
+    third = o.time / 3.0
+    q_log = third * m.log_walk[mode]
+    q_compass = third * m.compass_walk[mode]
+    isotropic = m.slip_rate * time
     if m.current != ABSENT:
         isotropic += m.current_walk * time * time * third
     xx = c * c * o.nxx - 2.0 * c * s * o.nxy + s * s * o.nyy + isotropic
@@ -94,11 +101,17 @@ def predict_component(b: Belief, m: Model, k: int, log_bias: float, compass_bias
     The true way is r = Rot(b_θ)(A − b_v B), with Rot anticlockwise, as a compass that reads too much has to be turned
     back. P ← F P Fᵀ + Q, with Q of biases that wander for a straight way.
     """
-    x, P, n, time, mode = b.state, b.covariance, m.states, b.motion.time, k % m.modes
+    x = b.state
+    P = b.covariance
+    n = m.states
+    time = b.motion.time
+    mode = k % m.modes
     way = _way(b.motion, log_bias, compass_bias)
     _, _, way_x, way_y, by_log_x, by_log_y = way
-    by_compass_x, by_compass_y = -way_y, way_x
-    off_log, off_compass = x[k, LOG] - log_bias, x[k, COMPASS] - compass_bias
+    by_compass_x = -way_y
+    by_compass_y = way_x
+    off_log = x[k, LOG] - log_bias
+    off_compass = x[k, COMPASS] - compass_bias
     x[k, X] += way_x + by_log_x * off_log + by_compass_x * off_compass
     x[k, Y] += way_y + by_log_y * off_log + by_compass_y * off_compass
     east, north = m.current, m.current + 1
@@ -122,7 +135,9 @@ def predict_component(b: Belief, m: Model, k: int, log_bias: float, compass_bias
         pxy += time * P[k, X, north]
         py += time * P[k, Y, north]
     # what biases that wander gain, with the position's gain
-    q_log, q_compass, half = m.log_walk[mode], m.compass_walk[mode], time / 2.0
+    q_log = m.log_walk[mode]
+    q_compass = m.compass_walk[mode]
+    half = time / 2.0
     P[k, X, LOG] += half * q_log * by_log_x
     P[k, Y, LOG] += half * q_log * by_log_y
     P[k, X, COMPASS] += half * q_compass * by_compass_x
@@ -133,7 +148,8 @@ def predict_component(b: Belief, m: Model, k: int, log_bias: float, compass_bias
         P[k, m.leader, m.leader] += m.leader_walk * time
     if m.clock != ABSENT:
         # τ += τ̇ T, before the columns x and y are copied from the rows
-        clock, rate = m.clock, m.clock + 1
+        clock = m.clock
+        rate = m.clock + 1
         x[k, clock] += time * x[k, rate]
         for j in range(n):
             P[k, clock, j] += time * P[k, rate, j]
@@ -147,7 +163,10 @@ def predict_component(b: Belief, m: Model, k: int, log_bias: float, compass_bias
         for state in (east, north):
             P[k, state - east, state] += m.current_walk * time * half
             P[k, state, state] += m.current_walk * time
-    P[k, X, X], P[k, X, Y], P[k, Y, X], P[k, Y, Y] = px, pxy, pxy, py
+    P[k, X, X] = px
+    P[k, X, Y] = pxy
+    P[k, Y, X] = pxy
+    P[k, Y, Y] = py
     for j in range(2, n):
         P[k, j, X], P[k, j, Y] = P[k, X, j], P[k, Y, j]
 
@@ -155,7 +174,8 @@ def predict_component(b: Belief, m: Model, k: int, log_bias: float, compass_bias
 @compiled
 def position(b: Belief) -> tuple[float, float]:
     """Mean position over the mixture now, between messages too [m]."""
-    o, out = b.motion, b.output
+    o = b.motion
+    out = b.output
     x = out.x + out.c_cos * o.ax - out.c_sin * o.ay + out.v_x * o.time
     y = out.y + out.c_sin * o.ax + out.c_cos * o.ay + out.v_y * o.time
     x -= out.d_cos * o.bx - out.d_sin * o.by
@@ -166,8 +186,10 @@ def position(b: Belief) -> tuple[float, float]:
 @compiled
 def velocity(b: Belief) -> tuple[float, float]:
     """Mean velocity over ground over the mixture, by the last readings [m/s]; 0 if there is no hypothesis yet."""
-    o, out = b.motion, b.output
-    along, aside = o.speed * o.sin, o.speed * o.cos
+    o = b.motion
+    out = b.output
+    along = o.speed * o.sin
+    aside = o.speed * o.cos
     x = out.c_cos * along - out.c_sin * aside + out.v_x - (out.d_cos * o.sin - out.d_sin * o.cos)
     y = out.c_sin * along + out.c_cos * aside + out.v_y - (out.d_sin * o.sin + out.d_cos * o.cos)
     return x, y
@@ -176,18 +198,29 @@ def velocity(b: Belief) -> tuple[float, float]:
 @compiled
 def _add_component(b: Belief, m: Model, k: int, origin: tuple[float, float]) -> None:
     """Add component k, moved to now, to the moments of the mixture about an origin (in `b.now`)."""
-    covariance, rows, x, o, weight = b.now_covariance, b.rows, b.state[k], b.motion, b.weight[k]
+    covariance = b.now_covariance
+    rows = b.rows
+    x = b.state[k]
+    o = b.motion
+    weight = b.weight[k]
     way = _way(o, x[LOG], x[COMPASS])
     c, s, way_x, way_y, by_log_x, by_log_y = way
     ux, uy = c * o.sin - s * o.cos, s * o.sin + c * o.cos
-    speed, time = o.speed - x[LOG], o.time
+    speed = o.speed - x[LOG]
+    time = o.time
     for i in range(4):
         for j in range(m.states):
             rows[i, j] = 0.0
-    rows[0, X], rows[0, LOG], rows[0, COMPASS] = 1.0, by_log_x, -way_y
-    rows[1, Y], rows[1, LOG], rows[1, COMPASS] = 1.0, by_log_y, way_x
-    rows[2, LOG], rows[2, COMPASS] = -ux, -speed * uy
-    rows[3, LOG], rows[3, COMPASS] = -uy, speed * ux
+    rows[0, X] = 1.0
+    rows[0, LOG] = by_log_x
+    rows[0, COMPASS] = -way_y
+    rows[1, Y] = 1.0
+    rows[1, LOG] = by_log_y
+    rows[1, COMPASS] = way_x
+    rows[2, LOG] = -ux
+    rows[2, COMPASS] = -speed * uy
+    rows[3, LOG] = -uy
+    rows[3, COMPASS] = speed * ux
     here = (x[X] - origin[0] + way_x, x[Y] - origin[1] + way_y, speed * ux, speed * uy)
     if m.current != ABSENT:
         east, north = x[m.current], x[m.current + 1]
@@ -200,7 +233,8 @@ def _add_component(b: Belief, m: Model, k: int, origin: tuple[float, float]) -> 
     covariance[0, 1] += weight * xy
     covariance[1, 1] += weight * yy
     # the velocity is the last reading's, with its random error
-    along, across = m.speed_variance, m.heading_variance * o.speed * o.speed
+    along = m.speed_variance
+    across = m.heading_variance * o.speed * o.speed
     covariance[2, 2] += weight * (along * ux * ux + across * uy * uy)
     covariance[2, 3] += weight * (along - across) * ux * uy
     covariance[3, 3] += weight * (along * uy * uy + across * ux * ux)
@@ -209,7 +243,8 @@ def _add_component(b: Belief, m: Model, k: int, origin: tuple[float, float]) -> 
 @compiled
 def moments(b: Belief, m: Model) -> None:
     """Put mean and covariance of (x, y, vx, vy) over the mixture into `b.now`; NaN if there is no hypothesis yet."""
-    nothing, origin = 0.0 if b.alive else np.nan, position(b)
+    nothing = 0.0 if b.alive else np.nan
+    origin = position(b)
     for i in range(4):
         b.now[i] = nothing
         for j in range(4):
@@ -230,8 +265,11 @@ _SMALL_SHARE = 0.1  # … a smaller share of that of b_L
 @compiled
 def average_leader_heading(b: Belief, m: Model, signal: Signal) -> None:
     """Replace the heading of a message by the leg's, with the arms; sets `signal.shift` and `signal.added_variance`."""
-    o, given = b.leader, m.leader_variance
-    dx, dy, before = signal.east - o.at_x, signal.north - o.at_y, o.track
+    o = b.leader
+    given = m.leader_variance
+    dx = signal.east - o.at_x
+    dy = signal.north - o.at_y
+    before = o.track
     o.at_x, o.at_y = signal.east, signal.north
     o.track = math.atan2(dx, dy) if dx * dx + dy * dy > _LEAST_WAY * _LEAST_WAY else math.nan
     # by which the leader's way turned at the last message; NaN if that is unknown
@@ -257,7 +295,8 @@ def average_leader_heading(b: Belief, m: Model, signal: Signal) -> None:
         o.scatter = min((given + o.squares) / (1.0 + o.compared), given)
     if o.steady > 0.0:
         # the way bends half an interval earlier than the heading
-        signal.shift, signal.added_variance = shift, 0.25 * bend * bend
+        signal.shift = shift
+        signal.added_variance = 0.25 * bend * bend
     elif o.leg >= _LEAST_MESSAGES or o.scatter < _SMALL_SHARE * o.leg * b.covariance[0, m.leader, m.leader]:
         signal.added_variance = o.scatter / o.leg
         o.steady = 1.0
@@ -268,11 +307,13 @@ def average_leader_heading(b: Belief, m: Model, signal: Signal) -> None:
         s, c = sin_cos(change)
         for i in range(3):
             ax, ay = signal.arms[i, 0], signal.arms[i, 1]
-            signal.arms[i, 0], signal.arms[i, 1] = c * ax + s * ay, c * ay - s * ax
+            signal.arms[i, 0] = c * ax + s * ay
+            signal.arms[i, 1] = c * ay - s * ax
 
 
 _WINDOW = 10.0  # longest window [s]; at the start it is shorter, so that something is known soon
-_FIRST_WINDOW, _GROWTH = 1.0, 0.2
+_FIRST_WINDOW = 1.0
+_GROWTH = 0.2
 _TURN = 0.2  # a window with more turn is not used: the way between messages is too uncertain [rad]
 CURRENT_SIGMA = 0.05  # of the mean current over a window of 10 s [m/s]
 
@@ -282,14 +323,19 @@ def _update_component(
     b: Belief, m: Model, k: int, seen: tuple[float, float], logged: tuple[float, float], variance: float
 ) -> None:
     """Updates with z = c + v_L [u(θ_L − b_L) − u(θ_L)], east and north, linearised once; `logged` is v_L u(θ_L)."""
-    x, P, gain, turning = b.state[k], b.covariance[k], b.gain, m.leader != ABSENT
+    x = b.state[k]
+    P = b.covariance[k]
+    gain = b.gain
+    turning = m.leader != ABSENT
     bias = x[m.leader] if turning else 0.0
     c, s = math.cos(bias), math.sin(bias)
     turned = (c * logged[0] - s * logged[1], s * logged[0] + c * logged[1])
     for axis in range(2):
         # ∂z/∂b_L; ∂z/∂c is 1
         slope = -turned[1] if axis == 0 else turned[0]
-        residual, spread, state = seen[axis] - (turned[axis] - logged[axis]), variance, m.current + axis
+        residual = seen[axis] - (turned[axis] - logged[axis])
+        spread = variance
+        state = m.current + axis
         for i in range(m.states):
             gain[i] = P[i, state] if m.current != ABSENT else 0.0
             if turning:
@@ -306,7 +352,8 @@ def _update_component(
 @compiled
 def update_current_from_leader_track(b: Belief, m: Model, signal: Signal) -> None:
     """Take a message's pose and speed; at the end of a window update all components with the current it shows."""
-    o, ended = b.leader, True
+    o = b.leader
+    ended = True
     sx, sy = signal.speed * math.sin(signal.heading), signal.speed * math.cos(signal.heading)
     if o.window_time != o.window_time:
         o.first_time = signal.time
@@ -325,7 +372,11 @@ def update_current_from_leader_track(b: Belief, m: Model, signal: Signal) -> Non
             for k in range(b.alive * m.modes):
                 _update_component(b, m, k, seen, logged, CURRENT_SIGMA * CURRENT_SIGMA * 10.0 * per)
     if ended:
-        o.window_time, o.window_x, o.window_y = signal.time, signal.east, signal.north
+        o.window_time = signal.time
+        o.window_x = signal.east
+        o.window_y = signal.north
         o.logged_x = o.logged_y = 0.0
         o.first_heading = signal.heading
-    o.velocity_x, o.velocity_y, o.last_time = sx, sy, signal.time
+    o.velocity_x = sx
+    o.velocity_y = sy
+    o.last_time = signal.time

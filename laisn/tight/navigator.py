@@ -47,8 +47,11 @@ def _receive(b: Belief, m: Model, signal: Signal, message: Record, ranges: Float
     """Take a record of MESSAGE and its ranges, shape (3,), at the follower's depth [m]; see `receive`. Transmitters are
     placed on the leader's hull, or lie in `signal`.
     """
-    signal.time, signal.east, signal.north = message.timestamp, message.east, message.north
-    signal.heading, signal.speed = message.heading, message.speed
+    signal.time = message.timestamp
+    signal.east = message.east
+    signal.north = message.north
+    signal.heading = message.heading
+    signal.speed = message.speed
     copy_values(ranges, signal.ranges)
     if on_hull:
         place_arms(signal, m, message.pitch, message.roll, message.depth - (depth - m.hydrophone_height))
@@ -81,8 +84,10 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
         self._records = b, _ = scalar_record(new_belief(settings, model, self._start)), scalar_record(model)
         self._belief: Belief = b[0]
         # from here on views of the belief, which hold the moments of the mixture after each step
-        b["now"][0], b["now_covariance"][0] = self._state, self._covariance
-        self._state, self._covariance = b["now"][0], b["now_covariance"][0]
+        b["now"][0] = self._state
+        b["now_covariance"][0] = self._covariance
+        self._state = b["now"][0]
+        self._covariance = b["now_covariance"][0]
 
     def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
         predict(*self._records, own.speed, own.heading, dt)
@@ -90,7 +95,8 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
 
     def _receive(self, own: OwnMotion, reception: Reception) -> FixRecord:
         """Take a message; a range to a transmitter whose position is unknown counts as not received."""
-        message, places = reception.message, given_transmitters(reception, self.settings)
+        message = reception.message
+        places = given_transmitters(reception, self.settings)
         ranges = np.array(reception.ranges, dtype=np.float64)
         if places is not None:
             if reception.transmitters is not None and not self.settings.assume.exact_leader:
@@ -99,7 +105,8 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
                     "assume.exact_leader"
                 )
             arms = places - (message.east, message.north, own.depth - self.settings.hydrophone_height)
-            ranges[np.isnan(arms).any(axis=1)], self._signal["arms"] = np.nan, arms
+            ranges[np.isnan(arms).any(axis=1)] = np.nan
+            self._signal["arms"] = arms
         sent = np.array([message], dtype=MESSAGE)
         used = update(*self._records, self._signal, sent, ranges, float(own.depth), places is None)
         if used < 0:
@@ -108,7 +115,9 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
 
     def _fix(self, used: int) -> FixRecord:
         """The result of a message of which so many ranges were used by any hypothesis."""
-        b, modes, n = self._belief, int(self._model.modes), int(self._model.states)
+        b = self._belief
+        modes = int(self._model.modes)
+        n = int(self._model.states)
         found: dict[str, Any] = {
             "nis": np.nan, "used": 0, "full_state": np.full(MOST_STATES, np.nan),
             "full_sigma": np.full(MOST_STATES, np.nan), "weight": np.zeros(HYPOTHESES),
@@ -118,7 +127,8 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
         hypotheses = int(b.alive)
         if hypotheses:
             weight, state, covariance = (a[: hypotheses * modes] for a in (b.weight, b.state[:, :n], b.covariance))
-            mean, variance = weight @ state, np.diagonal(covariance[:, :n, :n], axis1=1, axis2=2)
+            mean = weight @ state
+            variance = np.diagonal(covariance[:, :n, :n], axis1=1, axis2=2)
             found["full_state"][self._places] = mean
             found["full_sigma"][self._places] = np.sqrt(weight @ (variance + (state - mean) ** 2))
             by_mode = weight.reshape(hypotheses, modes)
@@ -132,7 +142,8 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
                 )
             if used:
                 last = b.outcome[order[0] * modes + int(np.argmax(by_mode[order[0]]))]
-                found["used"], found["nis"] = int(last["taken"]), last["squared"] if last["taken"] else math.nan
+                found["used"] = int(last["taken"])
+                found["nis"] = last["squared"] if last["taken"] else math.nan
         kind = kind_of(int(b.received), found["used"]) if hypotheses else FixKind.LOST
         sigma = float(np.sqrt(0.5 * np.sum(found["full_sigma"][:2] ** 2)))
         return FixRecord(step=self._step, position=found["full_state"][:2], sigma=sigma, kind=kind, details=found)
@@ -156,7 +167,8 @@ def _moments(b: ScalarRecord, m: ScalarRecord) -> None:
 
 def _merged(b: Belief, m: Model) -> tuple[Floats, Floats]:
     """Mean and covariance of a belief's mixture, shapes (s,) and (s, s)."""
-    count, n = int(b.alive) * m.modes, m.states
+    count = int(b.alive) * m.modes
+    n = m.states
     return mixture_moments(b.weight[:count], b.state[:count, :n], b.covariance[:count, :n, :n])
 
 
@@ -165,10 +177,14 @@ class _Leg:
 
     def __init__(self, b: ScalarRecord, signal: ScalarRecord, m: Model, biases: tuple[float, float]) -> None:
         """Take the belief just before a message, which is used up, and the message."""
-        self._biases, self._n, count = biases, int(m.states), int(m.modes)
-        self._records, before = (b, scalar_record(m)), b[0]
+        self._biases = biases
+        self._n = int(m.states)
+        count = int(m.modes)
+        self._records = (b, scalar_record(m))
+        before = b[0]
         # views of the belief, which is room to move components from here on
-        self._motion, self._state = b["motion"], b["state"][0, :, : self._n]
+        self._state = b["state"][0, :, : self._n]
+        self._motion = b["motion"]
         self._spread, self._rows = b["covariance"][0, :count, : self._n, : self._n], b["rows"][0, :4, : self._n]
         self._moments = b["now"][0], b["now_covariance"][0]
         self._whole = self._motion.copy()
@@ -194,7 +210,8 @@ class _Leg:
 
     def _matrix(self) -> Floats:
         """Transition matrix F of the way in the belief's motion: a prediction is affine in the state."""
-        n, x = self._n, self._state
+        n = self._n
+        x = self._state
         x[: n + 1] = np.eye(n + 1, n)
         _predict_components(*self._records, n + 1, *self._biases)
         return np.array((x[:n] - x[n]).T)
@@ -214,7 +231,8 @@ class _Leg:
         # the position is two of the states that have come so far; velocities depend on those that stay as they are
         rows[:2] = np.eye(2, self._n)
         moved, spread = self._predicted()
-        mean[:2], covariance = moved[:2], rows @ spread @ rows.T
+        mean[:2] = moved[:2]
+        covariance = rows @ spread @ rows.T
         covariance[2:, 2:] += reading
         return mean, covariance, rows @ spread @ rest.T
 
@@ -258,7 +276,8 @@ class SmoothingNavigator(TightNavigator):
         times = np.concatenate([[0.0], measurements.time])
         latest = np.array(self._latest)
         last = np.searchsorted(times[self._steps], measurements.time + self._lag + _SAME_TIME, side="right") - 1
-        mean, covariance = estimates.state.copy(), estimates.covariance.copy()
+        mean = estimates.state.copy()
+        covariance = estimates.covariance.copy()
         onward = np.zeros((latest.size, 4, self._model.states))
         last[latest < 0] = latest[latest < 0]
         for i in np.flatnonzero(last > latest).tolist():
@@ -268,7 +287,8 @@ class SmoothingNavigator(TightNavigator):
 
     def _chain(self) -> tuple[list[_Leg], Chain]:
         """Ways between the messages, and the beliefs after them."""
-        (last, covariance), legs = _merged(self._belief, self._model), list[_Leg]()
+        last, covariance = _merged(self._belief, self._model)
+        legs = list[_Leg]()
         # from the end: a way is linearised at the biases that stand at its end
         for before, signal in reversed(self._before):
             mean = legs[0].mean if legs else last
@@ -312,8 +332,11 @@ def filter_mission(
     """Estimate a whole mission of a new belief, whose `own` readings are those of log and compass; the step at which a
     covariance was not positive definite, or 0.
     """
-    (speed, heading), (message_step, message, ranges, depth), (states, covariances, outcome) = own, messages, found
-    i, n = 0, speed.shape[0]
+    speed, heading = own
+    message_step, message, ranges, depth = messages
+    states, covariances, outcome = found
+    i = 0
+    n = speed.shape[0]
     sine, cosine = np.empty(n), np.empty(n)
     # a loop of its own, which is vectorised
     for k in range(n):
@@ -330,7 +353,8 @@ def filter_mission(
         if covariances.shape[0] > 0:
             moments(b, m)
             copy_values(b.now, states[k])
-            covariances[k, 0], covariances[k, 1] = b.now_covariance[0, 0], b.now_covariance[0, 1]
+            covariances[k, 0] = b.now_covariance[0, 0]
+            covariances[k, 1] = b.now_covariance[0, 1]
             covariances[k, 2] = b.now_covariance[1, 1]
         else:
             states[k, 0], states[k, 1] = position(b)
@@ -348,10 +372,12 @@ def run_mission(
     """
     if measurements.durations is not None or measurements.transmitters is not None or settings.transmitter_offsets:
         raise LaisnError("campaigns take steps of equal length, and transmitters on the leader's hull only")
-    model, n = model_of(settings), measurements.speed.size
+    model = model_of(settings)
+    n = measurements.speed.size
     outcome = np.empty((len(measurements.message) if covariance else 0, 3))
     found = MissionEstimates(np.empty((n, 4 if covariance else 2)), np.empty((n if covariance else 0, 3)), outcome)
-    own, step = (measurements.speed, measurements.heading), measurements.message_step
+    own = (measurements.speed, measurements.heading)
+    step = measurements.message_step
     sent = np.ascontiguousarray(measurements.message).view(MESSAGE)[:, 0]
     messages = step, sent, np.ascontiguousarray(measurements.ranges), measurements.last_depth[step - 1]
     known = None if start is None or not settings.known_start else (float(start[0]), float(start[1]))
@@ -366,7 +392,8 @@ def fly(settings: TightSettings, measurements: Measurements, start: Floats) -> M
     """One run of a campaign; errors as of `run_mission`. The mean of an update's squared residuals is its ranges."""
     found = run_mission(settings, measurements, start)
     received, used, squared = found.outcome.T
-    kinds, known = list(map(kind_of, received, used)), np.isfinite(squared)
+    kinds = list(map(kind_of, received, used))
+    known = np.isfinite(squared)
     return MissionResult(found.state, found.covariance, kinds, squared[known].sum(), used[known].sum())
 
 
@@ -384,14 +411,18 @@ def _spread(b: Belief, k: int, east: float, north: float) -> float:
 @compiled
 def _offset_to_likelier_hypothesis(b: Belief, m: Model, x: float, y: float) -> tuple[float, float]:
     """Offset from the mean position to that of the likelier of two hypotheses [m]; zero where they are one place."""
-    first, second, most = heaviest_hypothesis(b, m.modes, b.alive), -1, -1.0
+    first = heaviest_hypothesis(b, m.modes, b.alive)
+    second = -1
+    most = -1.0
     for h in range(b.alive):
         weight = hypothesis_weight(b, m.modes, h)
         if h != first and weight > most:
-            second, most = h, weight
+            second = h
+            most = weight
     if second < 0:
         return 0.0, 0.0
-    i, j = heaviest(b, m.modes, first), heaviest(b, m.modes, second)
+    i = heaviest(b, m.modes, first)
+    j = heaviest(b, m.modes, second)
     east, north = b.state[i, X] - b.state[j, X], b.state[i, Y] - b.state[j, Y]
     apart = math.sqrt(east * east + north * north)
     if apart == 0.0:
@@ -405,18 +436,26 @@ def _offset_to_likelier_hypothesis(b: Belief, m: Model, x: float, y: float) -> t
 @compiled
 def _write_outputs(b: Belief, m: Model, out: Any) -> None:
     """Write biases and current (means over the mixture), its spread, and the offset to the likelier hypothesis."""
-    x, y, log_bias, compass_bias = b.output.x, b.output.y, 0.0, 0.0
+    x = b.output.x
+    y = b.output.y
+    log_bias = 0.0
+    compass_bias = 0.0
     xx = xy = yy = 0.0
     for k in range(b.alive * m.modes):
-        w, dx, dy = b.weight[k], b.state[k, X] - x, b.state[k, Y] - y
+        w = b.weight[k]
+        dx = b.state[k, X] - x
+        dy = b.state[k, Y] - y
         log_bias += w * b.state[k, LOG]
         compass_bias += w * b.state[k, COMPASS]
         xx += w * (b.covariance[k, X, X] + dx * dx)
         xy += w * (b.covariance[k, X, Y] + dx * dy)
         yy += w * (b.covariance[k, Y, Y] + dy * dy)
-    half, across = 0.5 * (xx + yy), 0.5 * (xx - yy)
-    out.log_bias, out.compass_bias = log_bias, compass_bias
-    out.current[0], out.current[1] = b.output.v_x, b.output.v_y
+    half = 0.5 * (xx + yy)
+    across = 0.5 * (xx - yy)
+    out.log_bias = log_bias
+    out.compass_bias = compass_bias
+    out.current[0] = b.output.v_x
+    out.current[1] = b.output.v_y
     out.spread = math.sqrt(half + math.sqrt(across * across + xy * xy))
     out.to_likelier[0], out.to_likelier[1] = _offset_to_likelier_hypothesis(b, m, x, y)
 
@@ -436,7 +475,8 @@ class TightSwarm(NamedTuple):
         """Advance by one filter step, the same to the bit as `TightNavigator.step`; see `Swarm.navigate`."""
         beliefs, m, signal, gated = self
         for i in range(beliefs.size):
-            b, estimate = beliefs[i], estimates[i]
+            b = beliefs[i]
+            estimate = estimates[i]
             preintegrate(b, m, readings[i].speed, readings[i].heading, m.dt)
             if received[i]:
                 used = _receive(b, m, signal, messages[i], ranges[i], readings[i].depth, True)

@@ -45,13 +45,22 @@ def predict_ranges(b: Belief, m: Model, k: int, signal: Signal, turn: float, tur
     over position and leader's compass. It is linearised about a random error of the leader's heading, `turn`, of whose
     variance `turn_variance` is left [rad²].
     """
-    w, x, P, n, leader, clock = b.work, b.state, b.covariance, m.states, m.leader, m.clock
-    turning, hl = leader != ABSENT, 0.0
+    w = b.work
+    x = b.state
+    P = b.covariance
+    n = m.states
+    leader = m.leader
+    clock = m.clock
+    turning = leader != ABSENT
+    hl = 0.0
     bias = x[k, leader] + turn if turning else 0.0
     s, c = sin_cos(bias)
     qx, qy = x[k, X] - signal.east, x[k, Y] - signal.north
-    pxx, pxy, pyy = P[k, X, X], P[k, X, Y], P[k, Y, Y]
-    count, farthest = 0, 0.0
+    pxx = P[k, X, X]
+    pxy = P[k, X, Y]
+    pyy = P[k, Y, Y]
+    count = 0
+    farthest = 0.0
     for i in range(m.transmitters):
         if signal.ranges[i] == signal.ranges[i]:
             w.received[count] = w.used[count] = i
@@ -67,19 +76,27 @@ def predict_ranges(b: Belief, m: Model, k: int, signal: Signal, turn: float, tur
         per_rho = 1.0 / rho
         hx, hy = dx * per_rho, dy * per_rho
         share = rho * per_farthest
-        w.row_x[i], w.row_y[i], w.row_scale[i] = hx, hy, share
+        w.row_x[i] = hx
+        w.row_y[i] = hy
+        w.row_scale[i] = share
         # second derivatives by x and y, times the covariance
-        fxx, fxy, fyy = (1.0 - hx * hx) * per_rho, -hx * hy * per_rho, (1.0 - hy * hy) * per_rho
+        fxx = (1.0 - hx * hx) * per_rho
+        fxy = -hx * hy * per_rho
+        fyy = (1.0 - hy * hy) * per_rho
         f = w.curvature
-        f[i, 0, 0], f[i, 0, 1] = fxx * pxx + fxy * pxy, fxx * pxy + fxy * pyy
-        f[i, 1, 0], f[i, 1, 1] = fxy * pxx + fyy * pxy, fxy * pxy + fyy * pyy
+        f[i, 0, 0] = fxx * pxx + fxy * pxy
+        f[i, 0, 1] = fxx * pxy + fxy * pyy
+        f[i, 1, 0] = fxy * pxx + fyy * pxy
+        f[i, 1, 1] = fxy * pxy + fyy * pyy
         mean_shift = f[i, 0, 0] + f[i, 1, 1]
         if turning:
             hl = hx * sy - hy * sx
             w.row_leader[i] = hl
-            fxl, fyl = (sy - hx * hl) * per_rho, (-sx - hy * hl) * per_rho
+            fxl = (sy - hx * hl) * per_rho
+            fyl = (-sx - hy * hl) * per_rho
             fll = (qx * sx + qy * sy - hl * hl) * per_rho
-            pxl, pyl = P[k, X, leader], P[k, Y, leader]
+            pxl = P[k, X, leader]
+            pyl = P[k, Y, leader]
             # the random error of this heading turns the arms just as the bias does
             pll = P[k, leader, leader] + turn_variance
             f[i, 0, 0] += fxl * pxl
@@ -116,7 +133,8 @@ def predict_ranges(b: Belief, m: Model, k: int, signal: Signal, turn: float, tur
         i = w.used[j]
         for h in range(j + 1):
             g = w.used[h]
-            f, e = w.curvature[i], w.curvature[g]
+            f = w.curvature[i]
+            e = w.curvature[g]
             second = f[0, 0] * e[0, 0] + f[0, 1] * e[1, 0] + f[1, 0] * e[0, 1] + f[1, 1] * e[1, 1]
             noise = m.range_scale_variance * w.row_scale[i] * w.row_scale[g]
             value = w.row_x[i] * w.gain[g, X] + w.row_y[i] * w.gain[g, Y] + w.row_scale[i] * w.gain[g, SCALE]
@@ -142,8 +160,10 @@ def _likelihood(b: Belief, count: int) -> tuple[float, float]:
 
     NaN if S is not positive definite. Leaves its Cholesky factor L and whitened residuals L⁻¹ (z − ẑ) in `work`.
     """
-    w, L = b.work, b.work.root
-    squared, volume = 0.0, 1.0
+    w = b.work
+    L = b.work.root
+    squared = 0.0
+    volume = 1.0
     for i in range(count):
         for j in range(i + 1):
             value = w.spread[w.used[i], w.used[j]]
@@ -175,7 +195,8 @@ def _marginalise_common_echo(b: Belief, count: int) -> tuple[float, float, float
     squared residuals are smaller, ê² uᵀu, and log uᵀu.
     """
     w = b.work
-    size, match = 0.0, 0.0
+    size = 0.0
+    match = 0.0
     for i in range(count):
         value = 1.0
         for h in range(i):
@@ -206,21 +227,28 @@ def _add_common_echo(b: Belief, signal: Signal, count: int, share: float) -> Non
     A late ping leaves them as they are. A reflection at the surface or the floor adds the same to the square of each
     range, and so −e (ρ_i − ρ̄) / ρ̄ beside e: a random error that all have in common, of that size. `share` is (e / ρ̄)².
     """
-    w, mean = b.work, _mean_range(b, signal, count)
+    w = b.work
+    mean = _mean_range(b, signal, count)
     for j in range(count):
         for h in range(count):
-            i, g = w.used[j], w.used[h]
+            i = w.used[j]
+            g = w.used[h]
             w.spread[i, g] += share * (signal.ranges[i] - mean) * (signal.ranges[g] - mean)
 
 
 @inlined
 def _update_component(b: Belief, m: Model, k: int, count: int) -> None:
     """x += W ν and P −= W Wᵀ with W = P Hᵀ root⁻ᵀ, less its part along a shared echo, and whitened residuals ν."""
-    w, x, P = b.work, b.state, b.covariance
-    n, white_gain = m.states, w.white_gain
+    w = b.work
+    x = b.state
+    P = b.covariance
+    n = m.states
+    white_gain = w.white_gain
     # loops over contiguous rows, which are vectorised
     for j in range(count):
-        gain, per_root, white = w.gain[w.used[j]], w.per_root[j], w.white[j]
+        gain = w.gain[w.used[j]]
+        per_root = w.per_root[j]
+        white = w.white[j]
         for h in range(n):
             white_gain[j, h] = gain[h]
         for i in range(j):
@@ -241,7 +269,9 @@ def _update_component(b: Belief, m: Model, k: int, count: int) -> None:
         for h in range(n):
             white_gain[j, h] = 0.0
     for h in range(n):
-        one, two, three = white_gain[0, h], white_gain[1, h], white_gain[2, h]
+        one = white_gain[0, h]
+        two = white_gain[1, h]
+        three = white_gain[2, h]
         for i in range(n):
             P[k, h, i] = P[k, h, i] - one * white_gain[0, i] - two * white_gain[1, i] - three * white_gain[2, i]
 
@@ -251,8 +281,10 @@ def _leader_turn(b: Belief, count: int) -> tuple[float, float]:
     """Mean and variance of the random error w of the leader's heading, given the whitened residuals: a priori 0 and v;
     with g the derivative of the ranges by the heading, v gᵀ S⁻¹ e, and v − v² gᵀ S⁻¹ g.
     """
-    w, v = b.work, b.leader_variance
-    match, size = 0.0, 0.0
+    w = b.work
+    v = b.leader_variance
+    match = 0.0
+    size = 0.0
     for i in range(count):
         value = w.row_leader[w.used[i]]
         for h in range(i):
@@ -271,7 +303,8 @@ def _leader_turn(b: Belief, count: int) -> tuple[float, float]:
 @inlined
 def _use_subset(b: Belief, received: int, mask: int) -> int:
     """Put those of the received ranges into `work.used` whose bit is set in the mask; how many these are."""
-    w, used = b.work, 0
+    w = b.work
+    used = 0
     for j in range(received):
         if (mask >> j) & 1:
             w.used[used] = w.received[j]
@@ -282,8 +315,10 @@ def _use_subset(b: Belief, received: int, mask: int) -> int:
 @compiled
 def _select_ranges(b: Belief, m: Model, k: int, signal: Signal, received: int, density: float) -> int:
     """Keep the likeliest of all subsets of ranges, or all with a common echo, in `b.work.used`; how many these are."""
-    w, everything = b.work, (1 << received) - 1
-    best, w.mask = density + received * m.log_accepted, everything
+    w = b.work
+    everything = (1 << received) - 1
+    best = density + received * m.log_accepted
+    w.mask = everything
     excess, _, _ = _marginalise_common_echo(b, received)
     for mask in range(everything):
         total = 0.0
@@ -294,7 +329,8 @@ def _select_ranges(b: Belief, m: Model, k: int, signal: Signal, received: int, d
         density, _ = _likelihood(b, used)
         total += density + used * m.log_accepted
         if total > best:
-            best, w.mask = total, mask
+            best = total
+            w.mask = mask
     if received > 1 and 0.0 < excess < m.outlier_span:
         _use_subset(b, received, everything)
         for i in range(w.spread.shape[0]):
@@ -305,7 +341,9 @@ def _select_ranges(b: Belief, m: Model, k: int, signal: Signal, received: int, d
         _, less, log_size = _marginalise_common_echo(b, received)
         total = density + m.log_rejected + received * m.log_accepted + 0.5 * (less + _LOG_TURN - log_size)
         if total > best:
-            best, w.mask, w.shared = total, everything, 1
+            best = total
+            w.mask = everything
+            w.shared = 1
         else:
             for i in range(w.spread.shape[0]):
                 copy_values(w.direct_spread[i], w.spread[i])
@@ -322,17 +360,20 @@ def update(b: Belief, m: Model, k: int, signal: Signal) -> int:
     derivatives and residuals would err together, which in hundreds of messages adds up to a bias.
     """
     v = b.leader_variance
-    b.work.mask, b.work.shared = 7, 0
+    b.work.mask = 7
+    b.work.shared = 0
     received = predict_ranges(b, m, k, signal, 0.0, v)
     outcome = b.outcome[k]
-    outcome.taken, outcome.normalised_innovation = 0, 0.0
+    outcome.taken = 0
+    outcome.normalised_innovation = 0.0
     b.evidence[k] = b.turn_excess[k] = 0.0
     if received == 0:
         return 0
     density, squared = _likelihood(b, received)
     if density != density:
         return -1
-    used, largest = received, 0.0
+    used = received
+    largest = 0.0
     b.evidence[k] = density + received * m.log_accepted
     for j in range(received):
         i = b.work.used[j]
@@ -346,7 +387,9 @@ def update(b: Belief, m: Model, k: int, signal: Signal) -> int:
     # a common echo costs one number
     numbers: int = used - b.work.shared
     echo_cost = 2.0 * (received - numbers) * (m.log_accepted - m.log_rejected)
-    outcome.taken, outcome.squared, outcome.normalised_innovation = numbers, squared, (squared + echo_cost) / received
+    outcome.taken = numbers
+    outcome.squared = squared
+    outcome.normalised_innovation = (squared + echo_cost) / received
     if m.leader != ABSENT and used > 0:
         turn, left = _leader_turn(b, used)
         b.turn_excess[k] = turn * turn + left - v

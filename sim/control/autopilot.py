@@ -50,7 +50,9 @@ CLIMB_MAX = float(np.deg2rad(20.0))  # steepest climb and dive [rad]
 INCIDENCE_MAX = float(np.deg2rad(12.0))  # most incidence used for lift [rad]; hulls of this kind stall soon after
 PITCH_RATE_MAX = float(np.deg2rad(5.0))  # largest rate of the pitch command [rad/s]
 LEAST_LAG = 0.3  # effectors that follow faster make the loops no faster, which run ten times a second [s]
-SPEED_HEAVE, SPEED_PITCH = 0.3, 0.6  # below, vertical thrusters alone hold depth; above, the hull does [m/s]
+# below, vertical thrusters alone hold depth; above, the hull does [m/s]
+SPEED_HEAVE = 0.3
+SPEED_PITCH = 0.6
 
 DESIGN = np.dtype(  # parameters of the autopilot of one vehicle; rows beyond its effectors are zero
     [
@@ -90,10 +92,13 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
     else by thrust. LaisnError if its effectors or hull lack what its autopilot needs; the text names it.
     """
     model = plant.model
-    records, allocations = np.zeros(len(plant.names), DESIGN), dict[bytes, list[Floats]]()
+    records = np.zeros(len(plant.names), DESIGN)
+    allocations = dict[bytes, list[Floats]]()
     for i, (record, c, name) in enumerate(zip(records, plant.coefficients, plant.names, strict=True)):
         body = model.body(f"{name}/hull")
-        mass, added, centre = float(body.mass[0]), np.diag(c["added_mass"]), body.ipos
+        mass = float(body.mass[0])
+        added = np.diag(c["added_mass"])
+        centre = body.ipos
         own = plant.effectors[i, : len(plant.effector_names[i])]
         if own.tobytes() not in allocations:
             allocations[own.tobytes()] = [
@@ -107,7 +112,8 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
         record["pitch_inertia"] = body.inertia[1] + mass * (centre[0] ** 2 + centre[2] ** 2) + added[4]
         record["yaw_inertia"] = body.inertia[2] + mass * centre[0] ** 2 + added[5]
         record["righting"] = -mass * c["gravity"] * centre[2]
-        record["drag_linear"], record["drag_fade"] = c["linear_damping"][0], c["linear_damping_fade"][0]
+        record["drag_linear"] = c["linear_damping"][0]
+        record["drag_fade"] = c["linear_damping_fade"][0]
         area, drag_coefficient, lift_slope = c["hull_lift"]
         record["drag"] = 0.5 * c["density"] * area * drag_coefficient + c["quadratic_damping"][0]
         fins = np.concatenate([own, plant.fixed_fins[i]])
@@ -132,7 +138,8 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
         record["by_pitch"] = float(mode == "pitch")
         record["density"] = c["density"]
         record["effectors"][: own.size] = own
-        record["slow_allocation"][: own.size], record["fast_allocation"][: own.size] = slow, fast
+        record["slow_allocation"][: own.size] = slow
+        record["fast_allocation"][: own.size] = fast
         record["scheduled"] = not np.array_equal(slow, fast)
         _require_control(name, record, mode)
     records.flags.writeable = False
@@ -158,7 +165,9 @@ def _require_control(name: str, record: Any, mode: DepthControl) -> None:
 def greatest_forces(d: Any, speed: float, axis: int) -> tuple[float, Floats]:
     """Largest component of a wrench that the effectors give at a speed, [N] or [N m], and their forces for it [N]."""
     limits = np.array([effectors.reach(one, d["density"], speed) for one in d["effectors"]])
-    wrench, command, inverse = np.zeros(6), np.zeros(effectors.MOST), np.empty((effectors.MOST, 6))
+    wrench = np.zeros(6)
+    command = np.zeros(effectors.MOST)
+    inverse = np.empty((effectors.MOST, 6))
     wrench[axis] = 1e6
     at_speed(d["slow_allocation"], d["fast_allocation"], speed, inverse)
     allocate(inverse, limits, wrench, command)
@@ -284,7 +293,10 @@ def control(
         command: out: in the units of the effectors' states, shape (m,).
     """
     heading_wanted, turn_wanted, speed_wanted = wanted
-    surge, sway, heading, pitch = motion.surge, motion.sway, motion.heading, motion.pitch
+    surge = motion.surge
+    sway = motion.sway
+    heading = motion.heading
+    pitch = motion.pitch
     way = abs(surge)
     omega = d.omega
     lag = 0.25 / omega
@@ -316,7 +328,11 @@ def control(
 
     wrench = memory.wrench
     wrench[ROLL] = 0.0
-    wrench[SURGE], wrench[SWAY], wrench[HEAVE], wrench[PITCH], wrench[YAW] = thrust, side, force, -nose_up, moment
+    wrench[SURGE] = thrust
+    wrench[SWAY] = side
+    wrench[HEAVE] = force
+    wrench[PITCH] = -nose_up
+    wrench[YAW] = moment
     apply_wrench(d, surge, memory, command)
     memory.speed_integral += _increment(d.surge_mass * 0.05 * omega * omega * speed_error * dt, thrust, wrench[SURGE])
     memory.heading_integral += _increment(-0.1 * d.yaw_inertia * omega**3 * heading_error * dt, moment, wrench[YAW])

@@ -37,7 +37,8 @@ def _line_of_sight(
     speed = np.hypot(t.velocity_east, t.velocity_north)
     course = np.arctan2(t.velocity_east, t.velocity_north) if speed > 0.0 else np.arctan2(t.way_east, t.way_north)
     sine, cosine = np.sin(course), np.cos(course)
-    along, across = off[0] * sine + off[1] * cosine, off[0] * cosine - off[1] * sine
+    along = off[0] * sine + off[1] * cosine
+    across = off[0] * cosine - off[1] * sine
     wanted = speed - a.approach_speed * along / np.sqrt(along * along + a.lookahead * a.lookahead)
     if a.law == ILOS:
         pulled = across + a.integral * integral
@@ -69,10 +70,12 @@ def approach(
     else:
         east, north, integral = _line_of_sight(a, t, (x, y), dt, integral)
     # a hull without way cannot be steered, nor one that goes astern
-    way_east, way_north = t.way_east - current[0], t.way_north - current[1]
+    way_east = t.way_east - current[0]
+    way_north = t.way_north - current[1]
     way = np.hypot(way_east, way_north)
     if way > 0.0:
-        way_east, way_north = way_east / way, way_north / way
+        way_east = way_east / way
+        way_north = way_north / way
         lacking = max(a.min_along_track_speed - (east * way_east + north * way_north), 0.0)
         east, north = east + lacking * way_east, north + lacking * way_north
     size = np.hypot(east, north)
@@ -152,10 +155,13 @@ def extend_trail(
         clock: time, no earlier than that of the message, and step of the frame [s].
     """
     now, dt = clock
-    time, before, received = message.timestamp, memory.last_received, memory.received_points
+    time = message.timestamp
+    before = memory.last_received
+    received = memory.received_points
     stations.correct_planned(trail, count, received, (message.east, message.north, time))
     stations.extend(trail, count, message.east, message.north, time, (message.speed, message.heading))
-    memory.last_received, memory.received_points = time, count[0]
+    memory.last_received = time
+    memory.received_points = count[0]
     memory.frame.heading, memory.frame.rate = memory.kept_frame.heading, memory.kept_frame.rate
     stations.turn_frame(formation, station, (trail, count[0]), (before, time), dt, memory.frame)
     memory.kept_frame.heading, memory.kept_frame.rate = memory.frame.heading, memory.frame.rate
@@ -168,8 +174,10 @@ def init_memory(leader: Record, trail: Records, count: Ints, memory: Record) -> 
     """Set up the memory of a follower at its start, by the place of the leader, a message of `laisn.swarm.MESSAGE`."""
     memory.frame.heading = memory.kept_frame.heading = leader.heading
     stations.extend(trail, count, leader.east, leader.north, leader.timestamp, (leader.speed, leader.heading))
-    memory.log, memory.compass = np.nan, np.nan
-    memory.last_received, memory.received_points = leader.timestamp, count[0]
+    memory.log = np.nan
+    memory.compass = np.nan
+    memory.last_received = leader.timestamp
+    memory.received_points = count[0]
 
 
 @compiled
@@ -183,11 +191,13 @@ def update_avoidance(proximity: Record, seen: Records, estimate: Record, memory:
 def measured_motion(reading: Record, estimate: Record, dt: float, memory: Record) -> VehicleState:
     """Own motion by smoothed readings, less their estimated biases."""
     if memory.log != memory.log:
-        memory.log, memory.compass = reading.speed, reading.heading
+        memory.log = reading.speed
+        memory.compass = reading.heading
     memory.log += (reading.speed - memory.log) * dt / _LOG_TIME
     memory.compass -= reading.turning * dt
     memory.compass += wrap_angle(reading.heading - memory.compass) * dt / _COMPASS_TIME
-    surge, pitch = memory.log - estimate.log_bias, reading.pitch
+    surge = memory.log - estimate.log_bias
+    pitch = reading.pitch
     heading = memory.compass - estimate.compass_bias
     # nothing measures how it slips; it sinks the way it points
     sinking = -surge * np.sin(pitch)
@@ -199,7 +209,8 @@ def _to_station(
     formation: Record, target: stations.Target, estimate: Record, sigma: float, dt: float, memory: Record
 ) -> tuple[float, float]:
     """Velocity through the water towards the station, by the standard deviation of the place in the trail [m/s]."""
-    at, likelier = estimate.position, estimate.to_likelier
+    at = estimate.position
+    likelier = estimate.to_likelier
     place = at[0] + likelier[0], at[1] + likelier[1]
     current = estimate.current[0], estimate.current[1]
     if place[0] != place[0]:
@@ -234,13 +245,17 @@ def keep_station(
         clock: time, and time since the last call [s].
         reference: out: of the autopilot, record of REFERENCE; the place is not written.
     """
-    (reading, estimate), (now, dt) = senses, clock
+    reading, estimate = senses
+    now, dt = clock
     starts = memory.log != memory.log
     motion = measured_motion(reading, estimate, dt, memory)
     if starts:
-        memory.heading_wanted, memory.speed_wanted, memory.depth_wanted = motion.heading, motion.surge, motion.depth
+        memory.heading_wanted = motion.heading
+        memory.speed_wanted = motion.surge
+        memory.depth_wanted = motion.depth
     depth = station.depth
-    heading, speed = memory.heading_wanted, memory.speed_wanted
+    heading = memory.heading_wanted
+    speed = memory.speed_wanted
     silent = now - memory.last_received
     if silent > formation.message_timeout and formation.timeout_action != CONTINUE:
         speed = formation.timeout_speed
@@ -251,7 +266,8 @@ def keep_station(
     else:
         if silent > 0.5 * dt:
             stations.turn_frame(formation, station, known, (now - dt, now), dt, memory.frame)
-        t, current = stations.station_at(station, known, now, memory.frame), (0.0, 0.0)
+        t = stations.station_at(station, known, now, memory.frame)
+        current = (0.0, 0.0)
         if formation.law == CONSTANT_BEARING:
             # laws with an integral have that in place of the current
             current = estimate.current[0], estimate.current[1]
@@ -259,7 +275,8 @@ def keep_station(
         target = stations.Target(t.east, t.north, along[0], along[1], t.way_east, t.way_north)
         sigma = float(np.hypot(estimate.spread, formation.leader_velocity_sigma * max(silent, 0.0)))
         east, north = _to_station(formation, target, estimate, sigma, dt, memory)
-        heading, speed = np.arctan2(east, north), np.hypot(east, north)
+        heading = np.arctan2(east, north)
+        speed = np.hypot(east, north)
         if silent > 0.5 * dt and speed > formation.timeout_speed:
             # full speed up to the bound, the slow one from twice the bound on
             slow = formation.timeout_speed
@@ -270,7 +287,8 @@ def keep_station(
     sinking = clip(depth - memory.depth_wanted, -_DIVE_RATE * dt, _DIVE_RATE * dt)
     memory.depth_wanted += sinking
     reference.turn_acceleration = reference.acceleration = 0.0
-    reference.depth, reference.sinking = memory.depth_wanted, sinking / dt
+    reference.depth = memory.depth_wanted
+    reference.sinking = sinking / dt
     turn = clip(wrap_angle(heading - memory.heading_wanted), -TURN_RATE * dt, TURN_RATE * dt)
     memory.heading_wanted += turn
     change = clip(speed - memory.speed_wanted, -ACCELERATION * dt, ACCELERATION * dt)

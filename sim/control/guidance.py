@@ -92,17 +92,21 @@ def _write_reference(route: Route, time: Floats, lead: float, least_radius: floa
     def planned(values: Floats) -> Callable[[Floats], Floats]:
         return lambda t: np.interp(t, flown.start, values)
 
-    course, speed = planned(flown.course), planned(flown.speed)
+    course = planned(flown.course)
+    speed = planned(flown.speed)
     turn_rate = partial(_rate, course, width=TURN_SMOOTHING)
 
     def depth(t: Floats) -> Floats:
         return route.depth.depth_at(np.maximum(t, 0.0))
 
-    out.east, out.north, out.speed = motion.east, motion.north, motion.speed
+    out.east = motion.east
+    out.north = motion.north
+    out.speed = motion.speed
     out.course = _mean(course, time, TURN_SMOOTHING)
     out.turn_acceleration = _rate(turn_rate, time + lead, 0.1)
     out.acceleration = _rate(speed, time + lead, 0.1)
-    out.depth, out.sinking = _mean(depth, time, DEPTH_SMOOTHING), _rate(depth, time, DEPTH_SMOOTHING)
+    out.depth = _mean(depth, time, DEPTH_SMOOTHING)
+    out.sinking = _rate(depth, time, DEPTH_SMOOTHING)
 
 
 def reference(
@@ -174,7 +178,8 @@ def steer(reference: Record, position: tuple[float, float], dt: float, memory: R
         heading = np.arctan2(through_east + SPEED_LEAST * sin, through_north + SPEED_LEAST * cos)
         ahead = memory.heading
         return limit_command(heading, through_east * np.sin(ahead) + through_north * np.cos(ahead), dt, memory)
-    along, across = east * sin + north * cos, east * cos - north * sin
+    along = east * sin + north * cos
+    across = east * cos - north * sin
 
     lookahead = max(LOOKAHEAD_MIN, LOOKAHEAD_TIME * reference.speed)
     course = reference.course + np.arctan(across / lookahead)

@@ -25,7 +25,9 @@ from sim.water import Water, instant_of
 _SPEED_STEP = 0.5  # speeds are looked at in such steps, from the one at which missions begin [m/s]
 _GROWTH = 0.02  # slower growth is left to the loops that are left out [1/s]
 _CATCHING_UP = 1.0 + CATCH_UP  # largest commanded speed as a multiple of the speed of a route
-_DRIFT_M_S, _SPIN_RAD_S = (0.3, 0.3), (0.2, 0.2, 0.2)  # sway and heave, and roll, pitch and yaw rates of a brisk turn
+# sway and heave, and roll, pitch and yaw rates of a brisk turn
+_DRIFT_M_S = (0.3, 0.3)
+_SPIN_RAD_S = (0.2, 0.2, 0.2)
 _STEP = 1e-4
 TURN_RESERVE = 0.9  # turns are planned with the least radius over this, which leaves some rudder for corrections
 HEIGHT = 9  # place of the height among velocities (0 to 5) and angles (6 to 8)
@@ -37,12 +39,15 @@ def _skew(a: Floats) -> Floats:
 
 def _forces(c: Any, rigid: Floats, centre: Floats, state: Floats, water: Water, fitted: tuple[Any, Floats]) -> Floats:
     """Wrench of water, weight and inertia in the body, of velocities (6) and small angles about the body's axes (3)."""
-    velocity, spin, angle = state[:3], state[3:6], state[6:]
+    velocity = state[:3]
+    spin = state[3:6]
+    angle = state[6:]
     to_world = np.eye(3) + _skew(angle) + 0.5 * _skew(angle) @ _skew(angle)
     pose = np.array([0.0, 0.0, -10.0, np.sqrt(1.0 - 0.25 * angle @ angle), *(0.5 * angle)])
     force, moment, _ = wrench(c, pose, np.concatenate([to_world @ velocity, spin]), *instant_of(0.0, water), fitted, 0)
     weight = to_world.T @ [0.0, 0.0, -rigid[0, 0] * c.gravity]
-    momentum, carried = rigid @ state[:6], c.added_mass[:, :3] @ np.cross(spin, velocity)
+    momentum = rigid @ state[:6]
+    carried = c.added_mass[:, :3] @ np.cross(spin, velocity)
     return np.concatenate(
         [
             # `wrench` adds what the solver needs of added mass in the world's frame, which is not accelerated here
@@ -58,12 +63,15 @@ def _forces(c: Any, rigid: Floats, centre: Floats, state: Floats, water: Water, 
 
 def _law(d: Any, climb: Floats, speed: float) -> Floats:
     """Wrench that the autopilot commands by velocities (6), angles (3) and height, as is `climb`, the rate of climb."""
-    law, omega = np.zeros((6, 10)), d["omega"]
+    law = np.zeros((6, 10))
+    omega = d["omega"]
     thrust = 1.0 - d["by_pitch"] * clip((speed - SPEED_HEAVE) / (SPEED_PITCH - SPEED_HEAVE), 0.0, 1.0)
     thrust *= d["has_heave"]
-    law[SURGE, SURGE], law[SWAY, SWAY] = -0.5 * omega * d["surge_mass"], -0.5 * omega * d["sway_mass"]
+    law[SURGE, SURGE] = -0.5 * omega * d["surge_mass"]
+    law[SWAY, SWAY] = -0.5 * omega * d["sway_mass"]
     for axis, inertia in ((PITCH, d["pitch_inertia"]), (YAW, d["yaw_inertia"])):
-        law[axis, axis], law[axis, axis + 3] = -2.0 * omega * inertia, -omega * omega * inertia
+        law[axis, axis] = -2.0 * omega * inertia
+        law[axis, axis + 3] = -omega * omega * inertia
     law[PITCH, HEAVE] = -d["pitch_munk"] * speed
     law[HEAVE] = -omega * thrust * d["heave_mass"] * climb
     law[HEAVE, HEIGHT] = -0.25 * omega * omega * thrust * d["heave_mass"]
@@ -73,7 +81,8 @@ def _law(d: Any, climb: Floats, speed: float) -> Floats:
 def _body(plant: Plant, i: int) -> tuple[Floats, Floats]:
     """Rigid inertia (6×6) about the origin, and centre of gravity of vehicle i."""
     body = plant.model.body(f"{plant.names[i]}/hull")
-    mass, centre = float(body.mass[0]), np.array(body.ipos)
+    mass = float(body.mass[0])
+    centre = np.array(body.ipos)
     cross = mass * _skew(centre)
     return np.block([[mass * np.eye(3), -cross], [cross, np.diag(body.inertia) - cross @ _skew(centre)]]), centre
 
@@ -115,7 +124,9 @@ def least_radius(plant: Plant, i: int, d: Any) -> float:
 def _motion(plant: Plant, i: int, d: Any, about: Floats) -> Floats:
     """Matrix of the motion of vehicle i about 6 velocities and 3 angles: these, height and lagging wrench, (16, 16)."""
     rigid, centre = _body(plant, i)
-    c, own, settings = plant.true_coefficients.view(np.recarray)[i], plant.effectors[i], plant.setups[i].settings
+    c = plant.true_coefficients.view(np.recarray)[i]
+    own = plant.effectors[i]
+    settings = plant.setups[i].settings
     speed = float(about[0])
     steps = _STEP * np.eye(9)
     fitted = plant.true_effectors[i : i + 1], np.zeros((1, own.size))
@@ -129,13 +140,17 @@ def _motion(plant: Plant, i: int, d: Any, about: Floats) -> Floats:
     # forces that act for a unit of the commanded ones
     scale = np.where(own["kind"] == FIN, settings.lift_scale, settings.thrust_scale)
     given = (scale[:, None] * unit_wrenches(own)).T @ allocation
-    inverse, lag = np.linalg.inv(rigid + c.added_mass), 0.25 / d["omega"]
+    inverse = np.linalg.inv(rigid + c.added_mass)
+    lag = 0.25 / d["omega"]
     matrix = np.zeros((16, 16))
-    matrix[:6, :9], matrix[:6, 10:] = inverse @ np.array(rates).T / (2.0 * _STEP), inverse
+    matrix[:6, :9] = inverse @ np.array(rates).T / (2.0 * _STEP)
+    matrix[:6, 10:] = inverse
     matrix[6:9, 3:6] = np.eye(3)
     # nose down is positive about the axis to port
-    matrix[HEIGHT, HEAVE], matrix[HEIGHT, PITCH + 3] = 1.0, -speed
-    matrix[10:, :10], matrix[10:, 10:] = given @ _law(d, matrix[HEIGHT, :10], speed) / lag, -np.eye(6) / lag
+    matrix[HEIGHT, HEAVE] = 1.0
+    matrix[HEIGHT, PITCH + 3] = -speed
+    matrix[10:, :10] = given @ _law(d, matrix[HEIGHT, :10], speed) / lag
+    matrix[10:, 10:] = -np.eye(6) / lag
     return matrix
 
 

@@ -64,7 +64,8 @@ def _slope(trail: Records, count: int, i: int) -> tuple[float, float]:
     last = count - 1
     if i == 0:
         # that of the first stretch; the shorter it is yet, the more that of the heading there
-        course, end = trail[0].heading, 1
+        course = trail[0].heading
+        end = 1
         while end < last and trail[end].arc < TAIL:
             end += 1
         made = np.arctan2(trail[end].east - trail[0].east, trail[end].north - trail[0].north)
@@ -101,11 +102,16 @@ def extend(trail: Records, count: Ints, east: float, north: float, time: float, 
     if n > 1 and trail[n - 1].arc - trail[n - 2].arc < SHORTEST:
         n -= 1
     count[0] = n + 1
-    trail[n].east, trail[n].north, trail[n].time = east, north, time
-    trail[n].through, trail[n].heading = through, heading
+    trail[n].east = east
+    trail[n].north = north
+    trail[n].time = time
+    trail[n].through = through
+    trail[n].heading = heading
     if n == 0:
         trail[0].slope_east, trail[0].slope_north = np.sin(heading), np.cos(heading)
-        trail[0].arc, trail[0].turned, trail[0].pace = 0.0, 0.0, through
+        trail[0].arc = 0.0
+        trail[0].turned = 0.0
+        trail[0].pace = through
         return
     step = np.hypot(east - trail[n - 1].east, north - trail[n - 1].north)
     # a way that bends evenly is longer than its chord
@@ -174,7 +180,9 @@ def at(trail: Records, count: int, arc: float) -> Place:
     begins = arc <= 0.0 or trail[last].arc <= 0.0
     if begins or arc >= trail[last].arc:
         end = 0 if begins else last
-        ahead_east, ahead_north, beyond = trail[0].slope_east, trail[0].slope_north, arc - trail[end].arc
+        ahead_east = trail[0].slope_east
+        ahead_north = trail[0].slope_north
+        beyond = arc - trail[end].arc
         if not begins:
             # a point too near to the one before it has no useful slope
             i = last - 1 if trail[last].arc - trail[last - 1].arc < SHORTEST and count > 2 else last
@@ -189,8 +197,12 @@ def at(trail: Records, count: int, arc: float) -> Place:
     bx, by = length * trail[high].slope_east, length * trail[high].slope_north
     dx, dy = trail[high].east - trail[low].east, trail[high].north - trail[low].north
     # Hermite's cubic about the first point, and its derivative by u
-    p, q, r = u * (1.0 - u) * (1.0 - u), u * u * (3.0 - 2.0 * u), u * u * (u - 1.0)
-    dp, dq, dr = (1.0 - u) * (1.0 - 3.0 * u), 6.0 * u * (1.0 - u), u * (3.0 * u - 2.0)
+    p = u * (1.0 - u) * (1.0 - u)
+    q = u * u * (3.0 - 2.0 * u)
+    r = u * u * (u - 1.0)
+    dp = (1.0 - u) * (1.0 - 3.0 * u)
+    dq = 6.0 * u * (1.0 - u)
+    dr = u * (3.0 * u - 2.0)
     ahead_east, ahead_north = _unit(dp * ax + dr * bx + dq * dx, dp * ay + dr * by + dq * dy)
     return (
         trail[low].east + p * ax + r * bx + q * dx,
@@ -238,7 +250,8 @@ def extend_as_planned(
         received: time of the last message [s], and how many points the trail had with it; the others are planned ones.
         clock: control step, and its length [s].
     """
-    (k, dt), (last, points) = clock, received
+    k, dt = clock
+    last, points = received
     is_due = plan.until.size > 0 and k % round(SPACING / dt) == 0 and k * dt - last > 0.5 * SPACING
     if not is_due or k * dt > plan.until[round(last / dt)]:
         return
@@ -263,11 +276,13 @@ def correct_planned(trail: Records, count: Ints, received: int, message: tuple[f
         received: how many points it had after the last message, at least one.
         message: east, north [m] and time [s].
     """
-    total, (east, north, time) = count[0], message
+    total = count[0]
+    east, north, time = message
     count[0] = received
     if total == received:
         return
-    begin, last = trail[received - 1].time, total - 1
+    begin = trail[received - 1].time
+    last = total - 1
     while last >= received and trail[last].time > time - 0.5 * SPACING:
         last -= 1
     if last < received:
@@ -337,10 +352,13 @@ def turn_frame(
 def station_at(station: Record, trail: tuple[Records, int], time: float, state: Record) -> Target:
     """Where a station is, by its frame as it stands."""
     points, count = trail
-    port, over_ground = station.port, points[count - 1].pace
+    port = station.port
+    over_ground = points[count - 1].pace
     arc = arc_at(points, count, time) - station.behind
     east, north, ahead_east, ahead_north, _ = at(points, count, arc)
-    sine, cosine, rate = np.sin(state.heading), np.cos(state.heading), state.rate
+    sine = np.sin(state.heading)
+    cosine = np.cos(state.heading)
+    rate = state.rate
     return Target(
         east - port * cosine,
         north + port * sine,
@@ -362,7 +380,8 @@ def _through_water(
     points, count = trail
     over_ground = points[count - 1].pace
     _, _, ahead_east, ahead_north, _ = at(points, count, arc + later * over_ground)
-    frame, swept = state.heading + later * state.rate, station.port * state.rate
+    frame = state.heading + later * state.rate
+    swept = station.port * state.rate
     east = over_ground * ahead_east + swept * np.sin(frame)
     north = over_ground * ahead_north + swept * np.cos(frame)
     return east - current[0], north - current[1]

@@ -54,8 +54,10 @@ def _parsed(text: str, source: str) -> dict[str, list[_Line]]:
         where = f"{source}, line {number}: {kind[:40]!r}"
         if kind not in _WORDS:
             raise LaisnError(f"{where} is no kind of line of a planar graph; known: {', '.join(_WORDS)}")
-        (times, names, values, noise), where = _WORDS[kind], f"{source}, line {number}: {kind}"
-        first, expected = 1 + times + names, 1 + times + names + values + noise
+        times, names, values, noise = _WORDS[kind]
+        where = f"{source}, line {number}: {kind}"
+        first = 1 + times + names
+        expected = 1 + times + names + values + noise
         if len(words) != expected:
             raise LaisnError(f"{where} with {len(words)} words, expected {expected}")
         time = numbers(words[1 : 1 + times], where, 1e9 * LARGEST).tolist()
@@ -94,7 +96,8 @@ def _ranges(
     lines: list[_Line], order: dict[str, int], time: Floats, beacons: dict[str, int]
 ) -> tuple[list[tuple[float, int, float]], list[float]]:
     """Rows of time, beacon and range, and variances of ranges, from lines EDGE_RANGE."""
-    rows, variances = [], list[float]()
+    rows = []
+    variances = list[float]()
     for line in lines:
         pose, beacon = line.names if line.names[0] in order else line.names[::-1]
         if pose not in order or beacon not in beacons:
@@ -116,7 +119,8 @@ def read_factor_graph(path: Path) -> RangeData:
     else of its vertex. Odometry's covariances give `slip` and `heading_walk`, their medians per second. LaisnError,
     naming the line, if the file cannot be read, is no planar graph, or lacks odometry or ranges.
     """
-    source, remarks = str(path), list[str]()
+    source = str(path)
+    remarks = list[str]()
     lines = _parsed(text_of(path), source)
     robots = Counter(m[1] for line in lines["VERTEX_SE2"] if (m := _POSE.fullmatch(line.names[0])))
     if not robots:
@@ -185,8 +189,10 @@ def write_factor_graph(
     hydrophone [m] and heading [rad], shape (n + 1, 4).
     """
     speed, heading = (np.concatenate([values[:1], values]) for values in (measured.speed, measured.heading))
-    dt, u = np.diff(truth[:, 0]), np.column_stack([np.sin(heading), np.cos(heading)])
-    v, turned = speed[:, None] * u, 0.5 * np.pi - heading
+    dt = np.diff(truth[:, 0])
+    u = np.column_stack([np.sin(heading), np.cos(heading)])
+    v = speed[:, None] * u
+    turned = 0.5 * np.pi - heading
     way = np.vstack([np.zeros(2), np.cumsum(0.5 * dt[:, None] * (v[:-1] + v[1:]), axis=0)])
     steps = [0, *measured.message_step.tolist()]
     lines = [
@@ -198,18 +204,22 @@ def write_factor_graph(
     lines.append(_line("VERTEX_SE2:PRIOR", *first, *_triangle(*prior)))
     sigma = np.linalg.norm([settings.range_sigma, settings.range_scale_sigma, settings.range_scale_bias_sigma])
     for i, (before, k) in enumerate(pairwise(steps)):
-        time, (s, c) = float(truth[k, 0]), (np.sin(turned[before]), np.cos(turned[before]))
+        time = float(truth[k, 0])
+        s, c = (np.sin(turned[before]), np.cos(turned[before]))
         ahead, port = np.array([[c, s], [-s, c]]) @ (way[k] - way[before])
-        part, n = dt[before:k], k - before
+        part = dt[before:k]
+        n = k - before
         along = (settings.speed_sigma**2 * np.sum(part**2)) + (settings.speed_bias_sigma * np.sum(part)) ** 2
         across = (settings.heading_sigma * np.mean(speed[before + 1 : k + 1])) ** 2 * np.sum(part**2)
         spread = _triangle(float(along), float(across), 2.0 * settings.heading_sigma**2 / n + 1e-8)
         turn = float(np.arctan2(np.sin(turned[k] - turned[before]), np.cos(turned[k] - turned[before])))
         lines.append(_line("EDGE_SE2", time, f"A{i}", f"A{i + 1}", float(ahead), float(port), turn, *spread))
-        reception, hydrophone = measured.reception(i), measured.last_depth[k - 1] - settings.hydrophone_height
+        reception = measured.reception(i)
+        hydrophone = measured.last_depth[k - 1] - settings.hydrophone_height
         places = place_transmitters(reception, settings)
         for j in np.flatnonzero(np.isfinite(places).all(axis=1) & np.isfinite(reception.ranges)).tolist():
-            landmark, place = f"L{3 * i + j}", places[j, :2].tolist()
+            landmark = f"L{3 * i + j}"
+            place = places[j, :2].tolist()
             level = float(np.sqrt(max(reception.ranges[j] ** 2 - (hydrophone - places[j, 2]) ** 2, 0.0)))
             lines.append(_line("VERTEX_XY", landmark, *place))
             lines.append(_line("VERTEX_XY:PRIOR", time, landmark, *place, *_triangle(1e-6, 1e-6)))

@@ -55,16 +55,21 @@ def _slots(data: RangeData) -> tuple[Floats, Ints]:
     Two or three beacons have a transmitter each. Of more, ranges of one instant take rear, front and middle in turn,
     and what finds no free one is received a microsecond later.
     """
-    times, slots = np.empty(data.ranges.size), np.empty(data.ranges.size, dtype=np.int64)
-    own, taken, last = len(data.beacons) <= len(_SLOTS), set[int](), -1.0
+    times = np.empty(data.ranges.size)
+    slots = np.empty(data.ranges.size, dtype=np.int64)
+    own = len(data.beacons) <= len(_SLOTS)
+    taken = set[int]()
+    last = -1.0
     for i, (at, beacon) in enumerate(zip(data.range_time.tolist(), data.range_beacon.tolist(), strict=True)):
         taken = taken if at <= last else set()
         slot = beacon if own else next((s for s in range(len(_SLOTS)) if s not in taken), 0)
         last = max(at, last)
         if slot in taken:
-            last, taken = last + _APART, set()
+            last = last + _APART
+            taken = set()
         taken.add(slot)
-        times[i], slots[i] = last, slot
+        times[i] = last
+        slots[i] = slot
     return times, slots
 
 
@@ -83,7 +88,8 @@ def _channels(data: RangeData) -> Iterator[Channel]:
     message[:, 0] = time
     message[:, 1:3] = data.places.mean(axis=0)
     message[:, LeaderMessage._fields.index("pitch") :] = np.nan
-    ranges, transmitters = np.full((time.size, len(_SLOTS)), np.nan), np.full((time.size, *PLACES.shape), np.nan)
+    ranges = np.full((time.size, len(_SLOTS)), np.nan)
+    transmitters = np.full((time.size, *PLACES.shape), np.nan)
     ranges[row, slot] = data.ranges
     transmitters[row, slot, :2] = data.places[data.range_beacon]
     transmitters[row, slot, 2] = 0.0
@@ -136,7 +142,8 @@ def is_data_set(path: Path) -> bool:
 
 def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
     """Read a log of `write_data_set`; LogError if it is damaged or of something else, or has too long a gap."""
-    pose, motion = f"/{VEHICLE}/pose", f"/{VEHICLE}/motion"
+    pose = f"/{VEHICLE}/pose"
+    motion = f"/{VEHICLE}/motion"
     log = Contents(path, lambda topic, _: topic == pose)
     if _RECORD not in log.metadata:
         raise LogError(f"{path}: no log of a data set; laisn log import FILE --out LOG makes one")

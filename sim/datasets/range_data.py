@@ -28,7 +28,9 @@ from sim.system import background_process, read_text
 
 _LARGEST_BYTES = 100_000_000  # larger files are refused [bytes]; a table takes 20 times its size in memory
 LARGEST = 4e9  # larger numbers are no measurements, and no times in seconds
-_SLOWEST, _FASTEST = 0.01, 50.0  # mean speeds beyond these are doubtful [m/s]
+# mean speeds beyond these are doubtful [m/s]
+_SLOWEST = 0.01
+_FASTEST = 50.0
 _COLUMNS = {"DR": 3, "TD": 4, "TL": 3, "GT": 4, "DRp": 4}  # columns of each table
 _NEEDED = ("DR", "TD", "TL")
 _NODES = {"TD": [1, 2], "TL": [0]}  # columns of nodes' numbers
@@ -126,11 +128,13 @@ class RangeData:
         """
         kept = np.append(True, np.diff(time) != 0.0)
         last = np.flatnonzero(kept[1:])
-        first, steps = np.append(0, last[:-1] + 1), odometry[last]
+        first = np.append(0, last[:-1] + 1)
+        steps = odometry[last]
         for joined in np.flatnonzero(last > first).tolist():
             steps[joined] = reduce(compose, odometry[first[joined] : last[joined] + 1])
         table = np.array(ranges, dtype=np.float64).reshape(-1, 3)
-        known, positive = table[:, 1] >= 0, table[:, 2] > 0
+        known = table[:, 1] >= 0
+        positive = table[:, 2] > 0
         received = table[known & positive]
         received = received[np.argsort(received[:, 0], kind="stable")]
         counts = {
@@ -139,7 +143,8 @@ class RangeData:
             "poses at the time of the one before, joined to it": int(np.count_nonzero(~kept)),
         }
         remarks = [*remarks, *(f"{what}: {number}" for what, number in counts.items() if number)]
-        way, duration = float(np.hypot(*steps[:, :2].T).sum()), float(time[-1] - time[0])
+        way = float(np.hypot(*steps[:, :2].T).sum())
+        duration = float(time[-1] - time[0])
         if way >= 1.0 and duration > 0.0 and not _SLOWEST * duration <= way <= _FASTEST * duration:
             speed = way / duration
             remarks.append(f"a way of {way:.0f} m in {duration:g} s, {speed:.2g} m/s: are the times in seconds?")
@@ -209,7 +214,8 @@ def _from_text(path: Path) -> dict[str, Floats]:
         raise LaisnError(f"{path}: name the table of odometry, such as Plaza1_DR.txt; the others are found beside it")
     tables = dict[str, Floats]()
     for name in _COLUMNS:
-        table, delimiter = path.with_name(f"{match[1]}_{name}.{match[2]}"), "," if match[2] == "csv" else None
+        table = path.with_name(f"{match[1]}_{name}.{match[2]}")
+        delimiter = "," if match[2] == "csv" else None
         if table.is_file():
             lines = text_of(table).splitlines()
             try:

@@ -19,13 +19,16 @@ def _brightness(picture: Bytes, row: int, column: int) -> float:
 def _end(source: Bytes, row: int, column: int, along: tuple[int, int], over: tuple[int, int], mean: float, limit: float
          ) -> tuple[int, float]:  # fmt: skip
     """Steps to where an edge ends, and by how much the brightness astride of it then differs from `mean`."""
-    height, width = source.shape[0], source.shape[1]
+    height = source.shape[0]
+    width = source.shape[1]
     difference = 0.0
     for n in range(1, _EDGE_PX + 1):
-        i, j = row + n * along[0], column + n * along[1]
+        i = row + n * along[0]
+        j = column + n * along[1]
         if not (0 <= i < height and 0 <= j < width):
             return n, 0.0
-        here, there = _brightness(source, i, j), _brightness(source, i + over[0], j + over[1])
+        here = _brightness(source, i, j)
+        there = _brightness(source, i + over[0], j + over[1])
         difference = (here + there) / 2.0 - mean
         if abs(difference) >= limit:
             return n, difference
@@ -39,16 +42,21 @@ def smooth(source: Bytes, target: Bytes, left: int, top: int, width: int, height
     On a processor four samples a pixel cost as much again as the whole frame, this a hundredth. `target` is another
     array with the picture of `source`, shape (rows, columns, 3).
     """
-    rows, columns = source.shape[0], source.shape[1]
+    rows = source.shape[0]
+    columns = source.shape[1]
     for i in range(max(top, 1), min(top + height, rows - 1)):
         for j in range(max(left, 1), min(left + width, columns - 1)):
             m = _brightness(source, i, j)
-            n, s = _brightness(source, i - 1, j), _brightness(source, i + 1, j)
-            w, e = _brightness(source, i, j - 1), _brightness(source, i, j + 1)
+            n = _brightness(source, i - 1, j)
+            s = _brightness(source, i + 1, j)
+            w = _brightness(source, i, j - 1)
+            e = _brightness(source, i, j + 1)
             if max(m, n, s, w, e) - min(m, n, s, w, e) < _CONTRAST:
                 continue
-            nw, ne = _brightness(source, i - 1, j - 1), _brightness(source, i - 1, j + 1)
-            sw, se = _brightness(source, i + 1, j - 1), _brightness(source, i + 1, j + 1)
+            nw = _brightness(source, i - 1, j - 1)
+            ne = _brightness(source, i - 1, j + 1)
+            sw = _brightness(source, i + 1, j - 1)
+            se = _brightness(source, i + 1, j + 1)
             level = abs(nw + sw - 2 * w) + 2 * abs(n + s - 2 * m) + abs(ne + se - 2 * e)
             upright = abs(nw + ne - 2 * n) + 2 * abs(w + e - 2 * m) + abs(sw + se - 2 * s)
             before, after = (n, s) if level >= upright else (w, e)
@@ -56,7 +64,8 @@ def smooth(source: Bytes, target: Bytes, left: int, top: int, width: int, height
             side = -1 if abs(before - m) >= abs(after - m) else 1
             beyond = before if side < 0 else after
             over = (side, 0) if level >= upright else (0, side)
-            mean, limit = (m + beyond) / 2.0, abs(beyond - m) / 4.0
+            mean = (m + beyond) / 2.0
+            limit = abs(beyond - m) / 4.0
             along = (0, 1) if level >= upright else (1, 0)
             back = (-along[0], -along[1])
             first, at_first = _end(source, i, j, back, over, mean, limit)
@@ -67,5 +76,6 @@ def smooth(source: Bytes, target: Bytes, left: int, top: int, width: int, height
                 continue
             share = 0.5 - nearest / (first + last)
             for channel in range(3):
-                own, other = float(source[i, j, channel]), float(source[i + over[0], j + over[1], channel])
+                own = float(source[i, j, channel])
+                other = float(source[i + over[0], j + over[1], channel])
                 target[i, j, channel] = np.uint8((1 - share) * own + share * other + 0.5)

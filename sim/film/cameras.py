@@ -13,7 +13,8 @@ from sim.film.film_data import FilmData, FrameState
 _SMOOTHING_S = 0.8  # standard deviation of the smoothing of a camera's swing, in seconds of film
 _STEADY_S = 3.0
 """Standard deviation of the smoothing for a camera that stays put while waves move its subject, in mission seconds."""
-_NEAR_M, _CLEARANCE_M = 0.15, 1.2
+_NEAR_M = 0.15
+_CLEARANCE_M = 1.2
 _FREE = (0.26, 0.79, 0.04)  # left, right and upper edge of what the panels leave free, as shares of the frame
 _SIGHT_DOWN_M = 42.0  # how far below the vehicles the view from above reaches
 _ORBIT_FILM_S = 40.0
@@ -98,7 +99,8 @@ class CameraRig:
     """Places a named camera at any instant of the data; `aspect` is width by height of the frame."""
 
     def __init__(self, data: FilmData, aspect: float) -> None:
-        self._aspect, follower = aspect, data.follower
+        self._aspect = aspect
+        follower = data.follower
         self._vehicle = follower + 1
         truth = data.flight.trajectory
         self._floor = -data.flight.scenario.ocean.floor_depth_m
@@ -133,7 +135,8 @@ class CameraRig:
 
     def _now(self, values: Floats, time: float) -> Floats:
         place = float(np.interp(time, self._time, np.arange(self._time.size)))
-        i, u = int(place), place % 1.0
+        i = int(place)
+        u = place % 1.0
         return np.asarray((1 - u) * values[i] + u * values[min(i + 1, self._time.size - 1)])
 
     def _in_water(self, position: Floats) -> Floats:
@@ -154,7 +157,8 @@ class CameraRig:
 
     def _profile(self, state: FrameState) -> View:
         """The leader from the bow quarter away from the follower; steady, so that waves move the hull in the frame."""
-        leader, back = self._now(self._leader, state.time), -self._now(self._separation, state.time)
+        leader = self._now(self._leader, state.time)
+        back = -self._now(self._separation, state.time)
         bearing = np.arctan2(back[0], back[1]) + self._side * _PROFILE_TURN
         eye = self._in_water(leader + 6.6 * np.array([np.sin(bearing), np.cos(bearing), 0.0]))
         look = bearing + np.pi + self._side * _PROFILE_LEADER
@@ -181,8 +185,10 @@ class CameraRig:
     def _top(self, state: FrameState, bottom: float) -> tuple[View, tuple[float, float]]:
         """View from above, vehicles within the part of the frame that panels leave free, down to the share `bottom`."""
         left, right, top = _FREE
-        centre, half = self._now(self._centre, state.time), self._now(self._half, state.time)
-        across, down = (right - left) * self._aspect, bottom - top
+        centre = self._now(self._centre, state.time)
+        half = self._now(self._half, state.time)
+        across = (right - left) * self._aspect
+        down = bottom - top
         frame = max(1.25 * 2 * half[0] / across, 1.25 * 2 * half[1] / down, 14.0) + 3.0
         aside = np.array([0.5 - (left + right) / 2, (top + bottom) / 2 - 0.5, 0.0])
         target = centre + frame * aside * [self._aspect, 1.0, 0.0]
@@ -192,7 +198,8 @@ class CameraRig:
 
     def shot(self, camera: str, state: FrameState) -> Shot:
         """The camera `camera` of CAMERAS at a state."""
-        follower, leader = self._vehicle, 0
+        follower = self._vehicle
+        leader = 0
         close_leader = (self._close(state, leader), leader)
         close_follower = (self._close(state, follower, 2.9), follower)
         near_fog = (3.0, 150.0)
@@ -225,9 +232,11 @@ class CameraRig:
             return Shot(self._profile(state), ((above, follower),), near_fog, True, insets_left=self._side > 0)
         if camera == "leader":
             return Shot(self._close(state, leader, 4.6), (close_follower,), near_fog, True)
-        centre, half = self._now(self._centre, state.time), self._now(self._half, state.time)
+        centre = self._now(self._centre, state.time)
+        half = self._now(self._half, state.time)
         # to the ends of the hulls
-        radius, high = float(np.hypot(half[0], half[1])) + 1.0, float(half[2])
+        radius = float(np.hypot(half[0], half[1])) + 1.0
+        high = float(half[2])
         if side_view := camera == "side":
             ahead = self._towards_leader(state.time)
             view = self._beside(centre, np.array([ahead[1], -ahead[0], 0.0]), 40.0, radius, high, 0.0)

@@ -72,7 +72,8 @@ class Canvas:
     """Pixels count from the top left; sizes are in pixels times `scale`, which is 1 at 720 rows."""
 
     def __init__(self, width: int, height: int) -> None:
-        self.width, self.height = width, height
+        self.width = width
+        self.height = height
         self.scale = height / 720
         self.text_scale = max(self.scale, _LEAST_TEXT)
         """Pixels to a unit of text size: text shrinks with the frame only as far as it can be read."""
@@ -134,9 +135,11 @@ class Canvas:
         if not words:
             return
         mask, dx, dy = _mask(words, self.text_size(size), size < 0, anchor)
-        left, top = round(at[0]) + dx, round(at[1]) + dy
+        left = round(at[0]) + dx
+        top = round(at[1]) + dy
         mask = mask[max(0, -top) : max(0, self.height - top), max(0, -left) : max(0, self.width - left)]
-        top, left = max(0, top), max(0, left)
+        top = max(0, top)
+        left = max(0, left)
         below = self.pixels[top : top + mask.shape[0], left : left + mask.shape[1], :3]
         share = (mask * (*colour, 1.0)[3])[..., None]
         below[:] = below + share * (255.0 * np.array(colour[:3]) - below) + 0.5

@@ -61,13 +61,24 @@ class Dashboard:
     """Panels of one film; if it is about the leader's pitch, that curve replaces the one of the bearing error."""
 
     def __init__(self, data: FilmData, canvas: Canvas, show_pitch: bool = False) -> None:
-        self._data, self._follower, self._added = data, data.follower, data.annotations
-        s, t = canvas.scale, canvas.text_scale
-        self._s, self._t, self._size, self._short = s, t, (canvas.width, canvas.height), canvas.height < _SHORT
-        left, top, width, gap, side = 16 * s, 16 * s, 292 * s, 6 * s, 232 * s
+        self._data = data
+        self._follower = data.follower
+        self._added = data.annotations
+        s = canvas.scale
+        t = canvas.text_scale
+        self._s = s
+        self._t = t
+        self._size = (canvas.width, canvas.height)
+        self._short = canvas.height < _SHORT
+        left = 16 * s
+        top = 16 * s
+        width = 292 * s
+        gap = 6 * s
+        side = 232 * s
         rows = self._rows(data.at(data.start))
         self._numbers: Place = (left, top, width, (9 + sum(height for height, _ in rows)) * t)
-        first, height = top + self._numbers[3] + gap, 92 * t
+        first = top + self._numbers[3] + gap
+        height = 92 * t
         curves: list[Place] = [(left, first + n * (height + gap), width, height) for n in range(2 - self._short)]
         corner = canvas.width - side - left
         self._map: Place = (corner, top, side, side)
@@ -76,7 +87,8 @@ class Dashboard:
         caption: Place = (beside, top, corner - gap - beside, 60 * s)
         self.scale: Place = (left, canvas.height - 26 * s - 32 * t, 240 * s, 36 * t)
         """Where the scale of the picture stands."""
-        lefts, rights = [self._numbers, *curves], [self._map, *([bar] if self._added.rays else [])]
+        lefts = [self._numbers, *curves]
+        rights = [self._map, *([bar] if self._added.rays else [])]
         words = [caption] if self._added.caption else []
         self.places: list[Place] = [*lefts, *rights, *words]  # places of all panels
         lower_left, lower_right = (max(y + h for _, y, _, h in column) for column in (lefts, rights))
@@ -109,7 +121,8 @@ class Dashboard:
         """The figure as an image with straight alpha for each panel: left, top [px] and rows, the lowest first."""
         agg: Any = FigureCanvasAgg(self.figure)
         agg.draw()
-        whole, found = np.asarray(agg.buffer_rgba()), []
+        whole = np.asarray(agg.buffer_rgba())
+        found = []
         for x, y, width, height in self.places:
             left, top = (max(0, int(v) - _MARGIN_PX) for v in (x, y))
             part = whole[top : int(y + height) + _MARGIN_PX, left : int(x + width) + _MARGIN_PX]
@@ -118,12 +131,15 @@ class Dashboard:
 
     def _write(self, at: tuple[float, float], words: str, colour: Colour, size: float, ha: str, va: str) -> None:
         """Static text at an anchor, with matplotlib's names of alignments; bold if size < 0."""
-        x, y, weight = at[0] / self._size[0], 1 - at[1] / self._size[1], "bold" if size < 0 else "normal"
+        x = at[0] / self._size[0]
+        y = 1 - at[1] / self._size[1]
+        weight = "bold" if size < 0 else "normal"
         self.figure.text(x, y, words, color=colour, fontsize=abs(size) * self._t, fontweight=weight, ha=ha, va=va)
 
     def _axes(self, place: Place) -> Axes:
         """Axes without a frame at a place."""
-        (x, y, width, height), (columns, rows) = place, self._size
+        x, y, width, height = place
+        columns, rows = self._size
         axes = self.figure.add_axes((x / columns, 1 - (y + height) / rows, width / columns, height / rows))
         axes.set_frame_on(False)
         axes.tick_params(length=0, pad=3, colors=DIM, labelsize=10.5 * self._t)
@@ -131,7 +147,8 @@ class Dashboard:
 
     def _quantities(self, show_pitch: bool) -> list[tuple[str, list[tuple[Colour, Floats]]]]:
         """Label and curves, each a colour and values at filter steps, of what the panels of curves show."""
-        data, follower = self._data, self._follower
+        data = self._data
+        follower = self._follower
         truth = data.flight.hydrophone(follower)[:, :2]
         errors: list[tuple[Colour, Floats]] = [
             *((other.colour, np.linalg.norm(other.position - truth, axis=1)) for other in self._added.others),
@@ -149,7 +166,8 @@ class Dashboard:
 
     def _add_curve(self, place: Place, label: str, curves: list[tuple[Colour, Floats]]) -> Axes:
         left, top, width, height = place
-        t, data = self._t, self._data
+        t = self._t
+        data = self._data
         axes = self._axes((left + 46 * t, top + 26 * t, width - 66 * t, height - 45 * t))
         for colour, values in curves:
             axes.plot(data.steps, values, color=colour, lw=1.5 * self._s, clip_on=False)
@@ -167,7 +185,9 @@ class Dashboard:
         return axes
 
     def _add_map(self) -> None:
-        data, (left, top, width, _), s = self._data, self._map, self._s
+        data = self._data
+        left, top, width, _ = self._map
+        s = self._s
         tracks = data.flight.trajectory.position[..., :2]
         low, high = tracks.min(axis=(0, 1)), tracks.max(axis=(0, 1))
         self._centre = (low + high) / 2
@@ -188,7 +208,9 @@ class Dashboard:
             for colour, track in [*((o.colour, o.position) for o in self._added.others), (ESTIMATE, own)]:
                 axes.plot(*track[:, :2].T, color=colour, alpha=0.6, lw=1.1 * s)
         length = round_length(0.4 * 2 * self._reach)
-        x, y, across = left + 12 * s, self._size[1] - top - 14 * s, length / 2 / self._reach * width
+        x = left + 12 * s
+        y = self._size[1] - top - 14 * s
+        across = length / 2 / self._reach * width
         bar = ([x, x, x + across, x + across], [y + 4 * s, y, y, y + 4 * s])
         look: Any = {"color": PALE, "lw": 2 * s, "transform": IdentityTransform()}
         self.figure.add_artist(Line2D(*bar, **look))
@@ -197,7 +219,8 @@ class Dashboard:
 
     def _add_colour_bar(self, place: Place, rays: RayErrors) -> None:
         """What the colours of the rays mean."""
-        (left, top, width, _), t = place, self._t
+        left, top, width, _ = place
+        t = self._t
         axes = self._axes((left + 24 * t, top + 29 * t, width - 48 * t, 9 * t))
         gradient = diverging(np.linspace(-1.0, 1.0, 256))[None]
         axes.imshow(gradient, aspect="auto", extent=(-rays.limit, rays.limit, 0.0, 1.0))
@@ -209,7 +232,8 @@ class Dashboard:
 
     def _add_caption(self, place: Place) -> None:
         """What the film is about, and below it what its marks mean."""
-        (left, top, width, height), s = place, self._s
+        left, top, width, height = place
+        s = self._s
         middle = left + width / 2
         self._write((middle, top + 25 * s), self._added.caption, (1, 1, 1), -16 * s / self._t, "center", "baseline")
         others = [("D", o.colour, o.label) for o in self._added.others]
@@ -236,8 +260,11 @@ class Dashboard:
 
     def _rows(self, state: FrameState) -> list[tuple[float, list[Text]]]:
         """Lines of the panel of numbers: distance from the line above, and texts."""
-        f, data = self._follower, self._data
-        kind, position, bearing = state.fix_kind[f], state.position_error[f], state.bearing_error[f]
+        f = self._follower
+        data = self._data
+        kind = state.fix_kind[f]
+        position = state.position_error[f]
+        bearing = state.bearing_error[f]
         fix = "–" if kind is None else FIX_WORDS[kind]
         e_p = "–" if np.isnan(position) else f"{position:.2f} m"
         e_b = "–" if np.isnan(bearing) else f"{abs(np.degrees(bearing)):.1f}°"
@@ -282,7 +309,9 @@ class Dashboard:
         ]  # fmt: skip
 
     def _draw_cursors(self, canvas: Canvas, time: float) -> None:
-        step, strokes, dots = self._data.step(time), [], []
+        step = self._data.step(time)
+        strokes = []
+        dots = []
         for axes, curves in self._curves:
             ends = axes.transData.transform([(time, limit) for limit in axes.get_ylim()])
             strokes.append(Stroke(self._downward(ends), (*PALE, 0.8), 1.5))

@@ -19,7 +19,9 @@ RGB = tuple[float, float, float]  # red, green, blue, each in [0, 1]
 
 _AFTERGLOW_S = 0.45
 """Time constant of a ray's fading, in seconds of film: pings closer together than that blend into a steady ray."""
-_TRAIL_S, _TRAIL_POINT_S = 5.0, 0.04  # length of a trail, and spacing of its points, in seconds of film
+# length of a trail, and spacing of its points, in seconds of film
+_TRAIL_S = 5.0
+_TRAIL_POINT_S = 0.04
 _LEAST_WEIGHT = 0.01  # hypotheses of less weight are not shown
 
 LEADER: RGB = (1.0, 0.68, 0.20)  # trail and label of the leader, after its hull
@@ -129,10 +131,14 @@ class FilmData:
     """A flight, ready to be filmed; see `Job`. `speed_up` are seconds of mission in a second of film."""
 
     def __init__(self, flight: Flight, speed_up: float, follower: int = 0, annotations: Annotations = NOTHING) -> None:
-        self.flight, self.speed_up, self.follower, self.annotations = flight, speed_up, follower, annotations
+        self.flight = flight
+        self.speed_up = speed_up
+        self.follower = follower
+        self.annotations = annotations
         self.position_error, self.bearing_error = np.stack(position_and_bearing_errors(flight), axis=1)
         truth = flight.trajectory
-        self.start, self.end = float(truth.time[0]), float(truth.time[-1])
+        self.start = float(truth.time[0])
+        self.end = float(truth.time[-1])
         self.dt = flight.measurements[0].dt
         self.steps = self.start + self.dt * np.arange(1, self.position_error.shape[1] + 1)
         """Times of the filter steps, shape (n,), [s]."""
@@ -144,7 +150,8 @@ class FilmData:
         self._stations = np.full((truth.time.size, len(followers), 3), np.nan)
         if self.on_stations:
             places = true_stations(flight.scenario, truth)
-            self._stations[..., 0], self._stations[..., 1] = places.east, places.north
+            self._stations[..., 0] = places.east
+            self._stations[..., 1] = places.north
             self._stations[..., 2] = [-one.station.depth_m if one.station else np.nan for one in followers]
             self._stations[:, [one.station is None for one in followers]] = np.nan
         self._estimates = [
@@ -160,16 +167,19 @@ class FilmData:
         """State at a mission time [s]; ValueError if it lies outside the mission."""
         truth = self.flight.trajectory
         positions, quaternions = truth.at(time)
-        position, quaternion = positions[0], quaternions[0]
+        position = positions[0]
+        quaternion = quaternions[0]
         sites = position[truth.site_vehicle] + attitude.rotate(quaternion[truth.site_vehicle], truth.site_offset)
         place = (time - self.start) / truth.dt
         i = min(round(place), truth.time.size - 1)
-        j, u = min(int(place), truth.time.size - 1), place % 1.0
+        j = min(int(place), truth.time.size - 1)
+        u = place % 1.0
         k = self.step(time)
         hydrophone = sites[self._hydrophones]
         followers = range(len(hydrophone))
         estimates = np.array([[*self.interpolated(p, [time])[0], hydrophone[f, 2]] for f, p in self._estimates])
-        estimate, others = estimates[: len(hydrophone)], estimates[len(hydrophone) :]
+        estimate = estimates[: len(hydrophone)]
+        others = estimates[len(hydrophone) :]
         ray, ranges, message, kinds = zip(*(self._reception(f, k, time) for f in followers), strict=True)
         unknown = np.full(len(followers), np.nan)
         heading, pitch, _ = attitude.heading_pitch_roll(quaternion)

@@ -57,7 +57,8 @@ def render_ball() -> str:
         renderer.update_scene(data, camera=0)
         pixels = renderer.render().astype(np.int64)
         name = GL.glGetString(GL.GL_RENDERER)
-    middle, corner = pixels[32, 32], pixels[2, 2]
+    middle = pixels[32, 32]
+    corner = pixels[2, 2]
     if not (middle[0] > 60 > max(middle[1], middle[2]) and corner.max() < 30):
         raise RuntimeError(f"it draws a red ball on black as {middle.tolist()} on {corner.tolist()}")
     return name.decode() if isinstance(name, bytes) else str(name)

@@ -23,10 +23,14 @@ _LABELS = 16  # followers beyond these go without a label
 _SMALL = (640, 360)  # frames below this size go without panels [px]
 _DARK: Colour = (0.0, 0.05, 0.08, 0.9)
 _WHITE: Colour = (1.0, 1.0, 1.0, 0.75)
-_LABEL_SIZE, _LABEL_GAP = 13, 3.0
-_LABEL_ROWS, _LABEL_STEP, _LABEL_ASIDE = 5, 22.0, (16.0, 70.0)
+_LABEL_SIZE = 13
+_LABEL_GAP = 3.0
+_LABEL_ROWS = 5
+_LABEL_STEP = 22.0
+_LABEL_ASIDE = (16.0, 70.0)
 """Rows of places for labels, the distance between them, and distances aside from the point, at 720 rows [px]."""
-_MARKER, _FOOT = 8.0, 24.0
+_MARKER = 8.0
+_FOOT = 24.0
 """Half the side of the square that a marker keeps free, and height of the footer, at 720 rows [px]."""
 _LABEL_GROUND: Colour = (0.0, 0.05, 0.08, 0.55)
 
@@ -44,7 +48,9 @@ class Overlay:
     """Draws over the frames of one film."""
 
     def __init__(self, data: FilmData, video: Video) -> None:
-        self._data, self._added, self._follower = data, data.annotations, data.follower
+        self._data = data
+        self._added = data.annotations
+        self._follower = data.follower
         self.canvas = Canvas(video.width_px, video.height_px)
         self._box: Box = (0, 0, video.width_px, video.height_px)
         self._transmitters = range(data.flight.scenario.navigation.transmitters)
@@ -57,15 +63,21 @@ class Overlay:
     def inset_boxes(self, shot: Shot) -> tuple[Box, ...]:
         """Places of a shot's insets along the lower edge, from one side on: left, top, width, height [px]."""
         c = self.canvas
-        width, height = round(0.25 * c.width), round(0.25 * c.height)
-        top, gap, edge = c.height - height - round(30 * c.scale), round(12 * c.scale), round(16 * c.scale)
+        width = round(0.25 * c.width)
+        height = round(0.25 * c.height)
+        top = c.height - height - round(30 * c.scale)
+        gap = round(12 * c.scale)
+        edge = round(16 * c.scale)
         lefts = [edge + i * (width + gap) for i in range(len(shot.insets))]
         return tuple((x if shot.insets_left else c.width - width - x, top, width, height) for x in lefts)
 
     def draw(self, state: FrameState, shot: Shot) -> None:
         """Draw over the picture on the canvas."""
-        c, board = self.canvas, self._dashboard
-        boxes, trails, covered = self.inset_boxes(shot), self._trails(state), board.covered if board else []
+        c = self.canvas
+        board = self._dashboard
+        boxes = self.inset_boxes(shot)
+        trails = self._trails(state)
+        covered = board.covered if board else []
         # lines of the whole picture pass below insets and panels: across a curve they would look like one
         regions = [
             (slice(int(top), int(top + height) + 1), slice(int(left), int(left + width) + 1))
@@ -126,7 +138,8 @@ class Overlay:
 
     def _trails(self, state: FrameState) -> list[Trail]:
         """Trails of all vehicles, of the other estimates and of the filmed follower's own, which lies on top."""
-        trails, f = self._data.trails(state), len(state.estimate)
+        trails = self._data.trails(state)
+        f = len(state.estimate)
         colours = [LEADER, *[TRUTH] * f, *(other.colour for other in self._added.others), ESTIMATE]
         return list(zip([*trails[: f + 1], *trails[2 * f + 1 :], trails[f + 1 + self._follower]], colours, strict=True))
 
@@ -146,11 +159,13 @@ class Overlay:
 
     def _markers(self, state: FrameState, view: View, box: Box) -> tuple[list[Stroke], list[Shape]]:
         """Transmitters, stations, estimates and hydrophones, and dashed lines between what belongs together."""
-        c, shapes = self.canvas, list[Shape]()
+        c = self.canvas
+        shapes = list[Shape]()
         links = [level_axis(state)] if self._level_axis else []
         links += [nearest(state.position)] if self._data.on_stations else []
         colours = self._added.ray_colours(state.message[self._follower])
-        own, there = state.hydrophone[self._follower], state.hydrophone
+        own = state.hydrophone[self._follower]
+        there = state.hydrophone
         others = [(own, o, other.colour) for o, other in zip(state.others, self._added.others, strict=True)]
         others += [(hydrophone, e, ESTIMATE) for hydrophone, e in zip(there, state.estimate, strict=True)]
         marks: list[tuple[Any, Floats, float, Colour, Colour, list[Floats]]] = [
@@ -176,8 +191,11 @@ class Overlay:
 
     def _labels(self, state: FrameState, view: View) -> list[Label]:
         """Labels of the picture, the most important first."""
-        c, f, names = self.canvas, self._follower, self._data.flight.trajectory.names
-        truth, leader = state.hydrophone[f], state.position[0]
+        c = self.canvas
+        f = self._follower
+        names = self._data.flight.trajectory.names
+        truth = state.hydrophone[f]
+        leader = state.position[0]
         pitch = f", pitch {np.degrees(state.pitch[0]):+.1f}°" if self._level_axis else ""
         apart = float(np.linalg.norm(leader - state.position[f + 1]))
 
@@ -201,7 +219,8 @@ class Overlay:
         wanted += [(state.hydrophone[i], names[i + 1], TRUTH, -1) for i in rest]
         if self._level_axis:
             wanted.append((level_axis(state)[0], "level", (1.0, 1.0, 1.0), 0))
-        found, covered = [], self._dashboard.covered if self._dashboard else []
+        found = []
+        covered = self._dashboard.covered if self._dashboard else []
         for point, words, colour, side in wanted:
             at = self._pixel(view, self._box, point)
             if at is not None and not any(x <= at[0] <= x + w and y <= at[1] <= y + h for x, y, w, h in covered):
@@ -213,7 +232,8 @@ class Overlay:
     def _scale_bar(self, view: View, box: Box, at: tuple[float, float], share: float, words: str = "") -> None:
         """A bar of a round length, at most a share of the box's width, where one scale holds."""
         if view.plane_m:
-            (x, y), s = at, self.canvas.scale
+            x, y = at
+            s = self.canvas.scale
             pixels_per_m = view.focal(box[3]) / view.plane_m
             length = round_length(share * box[2] / pixels_per_m)
             across = length * pixels_per_m
@@ -225,7 +245,8 @@ class Overlay:
 def level_axis(state: FrameState) -> Floats:
     """Ends, shape (2, 3), [m], of the leader's axis as it would lie in a level hull, a little longer than that."""
     rear, front = state.transmitter[:2]
-    middle, heading = state.position[0], state.heading[0]
+    middle = state.position[0]
+    heading = state.heading[0]
     reach = 0.8 * float(np.linalg.norm(front - rear)) * np.array([np.sin(heading), np.cos(heading), 0.0])
     return np.array([middle - reach, middle + reach])
 
@@ -261,17 +282,21 @@ def place_labels(labels: Iterable[Label], taken: Iterable[Place], canvas: Canvas
     frames may be drawn in any order.
     """
     s = canvas.scale
-    labels, full = list(labels), list(taken)
+    labels = list(labels)
+    full = list(taken)
     full.append((0.0, canvas.height - _FOOT * s, float(canvas.width), _FOOT * s))
     half = _MARKER * s
     markers = [(float(m.at[0]) - half, float(m.at[1]) - half, 2 * half, 2 * half) for m in labels]
     placed = []
     for label in labels:
         width, height = canvas.extent(label.words, -_LABEL_SIZE)
-        width, height = width + 2 * _LABEL_GAP * s, height + 2 * _LABEL_GAP * s
+        width = width + 2 * _LABEL_GAP * s
+        height = height + 2 * _LABEL_GAP * s
         for area, end in _places(label, width, height, s):
             left, top = area[:2]
-            right, bottom, others = left + width, top + height, [*full, *markers]
+            right = left + width
+            bottom = top + height
+            others = [*full, *markers]
             inside = left >= 0 and top >= 0 and right <= canvas.width and bottom <= canvas.height
             if inside and all(left >= x + w or x >= right or top >= y + h or y >= bottom for x, y, w, h in others):
                 full.append(area)
@@ -282,7 +307,8 @@ def place_labels(labels: Iterable[Label], taken: Iterable[Place], canvas: Canvas
 
 def draw_plates(canvas: Canvas, texts: Sequence[tuple[str, Colour, float, float]]) -> None:
     """Draw texts, each with its colour and the left and upper edge [px] of its dark ground."""
-    gap, extents = _LABEL_GAP * canvas.scale, [canvas.extent(words, -_LABEL_SIZE) for words, *_ in texts]
+    gap = _LABEL_GAP * canvas.scale
+    extents = [canvas.extent(words, -_LABEL_SIZE) for words, *_ in texts]
     canvas.shapes([Shape(corners((left, top, width + 2 * gap, height + 2 * gap)), _LABEL_GROUND)
                    for (_, _, left, top), (width, height) in zip(texts, extents, strict=True)])  # fmt: skip
     for (words, colour, left, top), (_, height) in zip(texts, extents, strict=True):

@@ -63,7 +63,8 @@ class Job:
     @property
     def times(self) -> Floats:
         """Mission time of each frame, shape (frames,), [s]."""
-        time, video = self.flight.trajectory.time, self.video
+        time = self.flight.trajectory.time
+        video = self.video
         frames = max(1, round(float(time[-1] - time[0]) / video.speed_up * video.frame_rate_hz))
         return np.asarray(time[0] + np.arange(frames) * video.speed_up / video.frame_rate_hz)
 
@@ -81,7 +82,8 @@ class FrameRenderer:
         self._data = FilmData(job.flight, video.speed_up, job.follower, job.annotations)
         self._cameras = CameraRig(self._data, video.width_px / video.height_px)
         self._overlay = Overlay(self._data, video)
-        self._scene, self._camera = scene, video.camera
+        self._scene = scene
+        self._camera = video.camera
 
     def frame(self, time: float) -> Bytes:
         """The frame at mission time `time` [s], top row first, shape (height, width, 4); reused at every call."""
@@ -99,7 +101,9 @@ def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:
     from av.video.reformatter import VideoReformatter
 
     codec: Any = av.CodecContext.create("libx264", "w")
-    codec.width, codec.height, codec.pix_fmt = video.width_px, video.height_px, "yuv420p"
+    codec.width = video.width_px
+    codec.height = video.height_px
+    codec.pix_fmt = "yuv420p"
     codec.framerate = Fraction(video.frame_rate_hz)
     codec.time_base = 1 / codec.framerate
     codec.colorspace = codec.color_primaries = codec.color_trc = _BT709
@@ -110,7 +114,8 @@ def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:
     for number, pixels in enumerate(frames):
         frame = av.VideoFrame.from_ndarray(pixels, format="rgba")
         picture = reformatter.reformat(frame, format="yuv420p", dst_colorspace=_BT709, dst_color_range=_LIMITED)
-        picture.pts, picture.time_base = number, codec.time_base
+        picture.pts = number
+        picture.time_base = codec.time_base
         yield from (bytes(packet) for packet in codec.encode(picture))
     yield from (bytes(packet) for packet in codec.encode(None))
 
@@ -160,7 +165,8 @@ def _results(job: Job, programs: Sequence[str]) -> Generator[Any, None, None]:
     content = pickle.dumps(job, protocol=pickle.HIGHEST_PROTOCOL)
     start = f"from sim.system import exit_with_parent; exit_with_parent({os.getpid()}); {_IMPORTS}"
     results: SimpleQueue[Any] = SimpleQueue()
-    children, readers = list[Any](), list[Thread]()
+    children = list[Any]()
+    readers = list[Thread]()
     try:
         for program in programs:
             command, environment = graphics.child(f"{start}; render.{program}", backend.name, threads)
@@ -247,7 +253,8 @@ def _write_mp4(path: Path, units: Sequence[bytes], video: Video) -> None:
         stream.time_base = step
         for number, unit in enumerate(units):
             packet = av.Packet(unit)
-            packet.stream, packet.time_base = stream, step
+            packet.stream = stream
+            packet.time_base = step
             packet.pts = packet.dts = number
             packet.duration = 1
             packet.is_keyframe = number % GROUP == 0
@@ -262,7 +269,8 @@ def still(job: Job, time_s: float, path: Path) -> None:
         RendererDiedError: the child died.
     """
     _check_file(path, ".png")
-    start, end = float(job.flight.trajectory.time[0]), float(job.flight.trajectory.time[-1])
+    start = float(job.flight.trajectory.time[0])
+    end = float(job.flight.trajectory.time[-1])
     if not start <= time_s <= end:
         raise RenderError(f"time {time_s:g} s lies outside the mission, {start:g} … {end:g} s")
     with closing(_results(job, [f"main_still({float(time_s)!r})"])) as results:

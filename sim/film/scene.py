@@ -22,7 +22,9 @@ from sim.water import PHASE, Ocean, change_at
 
 Box = tuple[int, int, int, int]
 
-_GHOST_ALPHA, _GHOST_FULL_M, _GHOST_LEAST = 0.30, 1.5, 0.05
+_GHOST_ALPHA = 0.30
+_GHOST_FULL_M = 1.5
+_GHOST_LEAST = 0.05
 _INSIDE = ("nozzle", "band")  # parts that shine through a translucent hull and make blotches of it
 _MAX_GEOMS = 6000
 _INSET_FOG = (3.0, 110.0)
@@ -33,7 +35,8 @@ _CELLS = 48  # points of a height field along each side: their number is a third
 _TILE_M = 40.0
 _SPACINGS_M = (*(_TILE_M / k for k in range(16, 0, -1)), *(_TILE_M * k for k in (2, 3, 4, 6, 8, 12, 16, 24, 32)))
 """Spacings of a height field's points; they divide the tile, or are whole tiles."""
-_CREST_M, _TEXELS = 25.0, 256
+_CREST_M = 25.0
+_TEXELS = 256
 
 
 def _tile(wavelength: float, seed: int) -> Floats:
@@ -90,7 +93,8 @@ def build(flight: Flight, width_px: int, height_px: int) -> Any:
     visual = spec.visual
     visual.headlight.ambient = [0.20, 0.24, 0.27]
     visual.headlight.diffuse = [0.22, 0.24, 0.25]
-    visual.global_.offwidth, visual.global_.offheight = width_px, height_px
+    visual.global_.offwidth = width_px
+    visual.global_.offheight = height_px
     visual.rgba.fog = [*WATER, 1.0]
     return spec.compile()
 
@@ -237,7 +241,8 @@ class GlScene:
 
     def _render(self, state: FrameState, view: View, box: Box) -> None:
         left, top, width, height = box
-        scene, model = self._scene, self._model
+        scene = self._scene
+        model = self._model
         model.vis.global_.fovy = view.fovy_deg
         camera = mujoco.MjvCamera()
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
@@ -245,7 +250,9 @@ class GlScene:
         # a free camera cannot roll, and rounds its place: put it where the overlay has it
         _, up, forward = view.axes
         for eye in scene.camera:
-            eye.pos[:], eye.up[:], eye.forward[:] = view.position, up, forward
+            eye.pos[:] = view.position
+            eye.up[:] = up
+            eye.forward[:] = forward
         self._add_backdrop(view)
         self._add_ghosts(state)
         mujoco.mjr_render(mujoco.MjrRect(left, self.height - top - height, width, height), scene, self._context)
@@ -257,8 +264,12 @@ class GlScene:
         geom = scene.geoms[scene.ngeom]
         mujoco.mjv_initGeom(geom, shape, size, at, turn.ravel(), np.array(rgba, dtype=np.float32))
         # MuJoCo leaves these as the memory had them: taken for part of a hull, the backdrop would get a ghost
-        geom.objtype, geom.objid, geom.segid = mujoco.mjtObj.mjOBJ_UNKNOWN.value, -1, -1
-        geom.camdist, geom.transparent, geom.category = 0.0, 0, mujoco.mjtCatBit.mjCAT_DECOR.value
+        geom.objtype = mujoco.mjtObj.mjOBJ_UNKNOWN.value
+        geom.objid = -1
+        geom.segid = -1
+        geom.camdist = 0.0
+        geom.transparent = 0
+        geom.category = mujoco.mjtCatBit.mjCAT_DECOR.value
         scene.ngeom += 1
         return geom
 
@@ -272,7 +283,8 @@ class GlScene:
 
     def _add_ghosts(self, state: FrameState) -> None:
         """A ghost hull at each follower's estimate."""
-        scene, drawn = self._scene, self._scene.ngeom
+        scene = self._scene
+        drawn = self._scene.ngeom
         shift = state.estimate - state.hydrophone
         # hull and ghost in one place would hide each other
         alpha = _GHOST_ALPHA * np.minimum(1.0, np.linalg.norm(shift, axis=1) / _GHOST_FULL_M)
@@ -284,9 +296,11 @@ class GlScene:
             f = seen.get(int(self._model.geom_bodyid[original.objid]))
             if f is None or original.objid in self._inside:
                 continue
-            size, turn = np.array(original.size, np.float64), np.array(original.mat, np.float64)
+            size = np.array(original.size, np.float64)
+            turn = np.array(original.mat, np.float64)
             ghost = self._add(original.type, size, original.pos + shift[f], turn, (*ESTIMATE, float(alpha[f])))
             if ghost is not None:
                 # a cylinder's and a capsule's sizes would be turned about once more
                 ghost.size[:] = size
-                ghost.dataid, ghost.emission = original.dataid, 0.5
+                ghost.dataid = original.dataid
+                ghost.emission = 0.5

@@ -27,11 +27,16 @@ from sim.log.schema import Clock, fixed_layout, message_class_of
 from sim.scenario import file as scenario_file
 from sim.system import atomic_write
 
-SCENARIO, VEHICLES, SUMMARY, VERSIONS = "scenario.toml", "vehicles.json", "summary.json", "versions.json"
+SCENARIO = "scenario.toml"
+VEHICLES = "vehicles.json"
+SUMMARY = "summary.json"
+VERSIONS = "versions.json"
 FLIGHT = "laisn"  # metadata record that every log of a flight has
 _INTERRUPTED = "INTERRUPTED"
 _CHUNK_BYTES = 2**18  # of a recovered log: the last chunk is lost where the log is cut again
-_ALLOWANCE, _RATIO = 8 << 20, 16  # a file of n bytes may decompress to 8 MiB + 16 n; flights decompress to 6 n
+# a file of n bytes may decompress to 8 MiB + 16 n; flights decompress to 6 n
+_ALLOWANCE = 8 << 20
+_RATIO = 16
 
 
 class LogError(LaisnError):
@@ -68,14 +73,16 @@ def log_errors(path: Path) -> Iterator[None]:
 def _intact(stream: IO[bytes], attachment: Attachment) -> bool:
     """Whether the checksum of an attachment that was just read matches; the library skips it. 0 stands for none."""
     stream.seek(-4, os.SEEK_CUR)
-    stored, builder = stream.read(4), RecordBuilder()
+    stored = stream.read(4)
+    builder = RecordBuilder()
     attachment.write(builder)
     return stored in (bytes(4), builder.end()[-4:])  # type: ignore[no-untyped-call]  # the library leaves it bare
 
 
 def _records_of(chunk: Chunk, most: int) -> list[McapRecord]:
     """Decompress as a stream: at once, any size that the chunk states would be allocated."""
-    size, data = chunk.uncompressed_size, chunk.data
+    size = chunk.uncompressed_size
+    data = chunk.data
     if size > most:
         raise ValueError(f"a chunk of {len(data)} bytes would decompress to {size}, too many")
     if chunk.compression == "zstd":
@@ -95,7 +102,9 @@ def _records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Ite
     A damaged attachment is left out and passed to `on_damaged` where that is given; DamagedError for all other damage.
     """
     with log_errors(path), path.open("rb") as stream:
-        size, at, ended = path.stat().st_size, 0, False
+        size = path.stat().st_size
+        at = 0
+        ended = False
         left = _ALLOWANCE + _RATIO * size
         # no record is longer than its file
         reader = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=size)
@@ -114,7 +123,8 @@ def _records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Ite
                     raise ValueError("the data section has no end")
                 elif not ended:
                     yield record
-                ended, at = ended or isinstance(record, DataEnd), stream.tell()
+                ended = ended or isinstance(record, DataEnd)
+                at = stream.tell()
             if stream.read(1):
                 raise ValueError("bytes follow the end of the log")
         except OSError:
@@ -155,7 +165,8 @@ class Messages:
 
     def path(self, name: str) -> list[Any]:
         """Descriptors of the field "name", or of all in "name.of.a.nested.one"; empty if there is no such field."""
-        descriptor, found = self.message_class.DESCRIPTOR, list[Any]()
+        descriptor = self.message_class.DESCRIPTOR
+        found = list[Any]()
         for part in name.split("."):
             field = descriptor.fields_by_name.get(part) if descriptor is not None else None
             if field is None:
@@ -174,7 +185,8 @@ class Messages:
         layout = fixed_layout(self.message_class)
         if layout and {len(data) for data in self.data} == {len(layout.example)}:
             block = np.frombuffer(b"".join(self.data), layout.dtype)
-            each, example = block.view(np.uint8).reshape(block.size, -1), np.frombuffer(layout.example, np.uint8)
+            each = block.view(np.uint8).reshape(block.size, -1)
+            example = np.frombuffer(layout.example, np.uint8)
             if np.all(each[:, layout.tags] == example[layout.tags]):
                 return [block[name].copy() for name in names]
 
@@ -210,10 +222,12 @@ class Contents:
 
     def __init__(self, path: Path, wanted: Callable[[str, Messages], bool] = lambda topic, messages: True) -> None:
         self.path = path
-        self.attachments, self.topics = dict[str, bytes](), dict[str, Messages]()
+        self.attachments = dict[str, bytes]()
+        self.topics = dict[str, Messages]()
         self.metadata = dict[str, dict[str, str]]()
         self.unverified: tuple[str, ...] = ()  # parts that no checksum covers, so that damage to them cannot be noticed
-        schemas, channels = dict[int, Schema](), dict[int, Messages]()
+        schemas = dict[int, Schema]()
+        channels = dict[int, Messages]()
         chunks = bare = 0
         with log_errors(path):
             for record in _records(path):
@@ -237,7 +251,8 @@ class Contents:
                 elif isinstance(record, Metadata):
                     self.metadata[record.name] = record.metadata
                 elif isinstance(record, Chunk):
-                    chunks, bare = chunks + 1, bare + (not record.uncompressed_crc)
+                    chunks = chunks + 1
+                    bare = bare + (not record.uncompressed_crc)
                 elif isinstance(record, DataEnd) and not record.data_section_crc:
                     self.unverified = ("metadata", *([f"{bare} of {chunks} chunks"] if bare else []))
             for m in self.topics.values():
@@ -279,8 +294,14 @@ def holds_messages(path: Path) -> bool:
 
 def _copy(path: Path, target: Path, remarks: list[str]) -> str:
     """Write what is intact as a finished log; returns what is wrong with the log, "" for nothing."""
-    schemas, channels, metadata = {0: 0}, dict[int, int](), dict[str, dict[str, str]]()
-    times_ns, instant, attachments, whole, problem = array("Q"), list[Message](), 0, False, ""
+    schemas = {0: 0}
+    channels = dict[int, int]()
+    metadata = dict[str, dict[str, str]]()
+    times_ns = array("Q")
+    instant = list[Message]()
+    attachments = 0
+    whole = False
+    problem = ""
     with target.open("wb") as stream:
         # the library's own writer keeps all that a record holds
         writer = Writer(stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True)
@@ -338,7 +359,8 @@ def recover(path: Path, report: Callable[[str], None] = lambda remark: None) -> 
     """
     if not path.is_file():
         raise LogError(f"{path}: no such file")
-    unfinished, remarks = path.suffix == ".partial", list[str]()
+    unfinished = path.suffix == ".partial"
+    remarks = list[str]()
     target = path.with_suffix("") if unfinished else path.with_name(f"{path.stem}.recovered{path.suffix}")
     try:
         with atomic_write(target) as work:

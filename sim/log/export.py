@@ -19,7 +19,8 @@ from sim.system import atomic_write
 
 _WRITERS = {"parquet": pa.parquet.ParquetWriter, "csv": pa.csv.CSVWriter}
 _UNSIGNED = (FieldDescriptor.CPPTYPE_UINT32, FieldDescriptor.CPPTYPE_UINT64)
-_TIMELINE, _LINE_M = "mission", 0.03
+_TIMELINE = "mission"
+_LINE_M = 0.03
 _SCENES = ("/scene/hulls", "/scene/vehicles", "/scene/acoustics")
 
 
@@ -59,7 +60,8 @@ def export(path: Path, out: Path, table_format: str = "parquet") -> list[Path]:
     if table_format not in _WRITERS:
         raise LogError(f"unknown format {table_format!r}; available: {', '.join(_WRITERS)}")
     log = Contents(path, lambda _, messages: messages.is_protobuf and any(_leaves(messages.message_class.DESCRIPTOR)))
-    files, taken = list[Path](), set[str]()
+    files = list[Path]()
+    taken = set[str]()
     topics = sorted(log.topics)
     with log_errors(path):
         start_ns = log.start_ns()
@@ -105,7 +107,8 @@ def _entities(rr: Any, entity: Any) -> Iterator[tuple[str, Any]]:
         }
 
     half = {kind: _numbers(getattr(entity, kind), "xyz", "size.") / 2 for kind in ("cylinders", "spheres", "cubes")}
-    length, radius = 2 * half["cylinders"][:, 2], half["cylinders"][:, 0]
+    length = 2 * half["cylinders"][:, 2]
+    radius = half["cylinders"][:, 0]
     yield "cylinders", rr.Cylinders3D(**look(entity.cylinders), lengths=length, radii=radius)
     yield "spheres", rr.Ellipsoids3D(**look(entity.spheres), half_sizes=half["spheres"])
     yield "boxes", rr.Boxes3D(**look(entity.cubes), half_sizes=half["cubes"])
@@ -116,7 +119,9 @@ def _entities(rr: Any, entity: Any) -> Iterator[tuple[str, Any]]:
     colors = _numbers(entity.lines, "rgba", "color.")[:1]
     yield "lines", rr.LineStrips3D(strips, colors=colors, radii=[_LINE_M])
     for i, mesh in enumerate(entity.triangles):
-        placed, faces, points = look([mesh]), np.reshape(mesh.indices, (-1, 3)), _numbers(mesh.points, "xyz")
+        placed = look([mesh])
+        faces = np.reshape(mesh.indices, (-1, 3))
+        points = _numbers(mesh.points, "xyz")
         yield f"mesh{i}", rr.Transform3D(translation=placed["centers"][0], quaternion=placed["quaternions"][0])
         yield f"mesh{i}", rr.Mesh3D(vertex_positions=points, triangle_indices=faces, albedo_factor=placed["colors"][0])
 
@@ -142,7 +147,8 @@ def write_recording(log_path: Path, path: Path) -> Path:
                 stream.set_time(_TIMELINE, duration=(at - start_ns) / 1e9)
                 for entity in messages.message_class.FromString(data).entities:
                     # entities that move with a vehicle are children of its transform, logged once
-                    fixed, root = entity.frame_locked, f"world/{'' if entity.frame_locked else 'scene/'}{entity.id}"
+                    fixed = entity.frame_locked
+                    root = f"world/{'' if entity.frame_locked else 'scene/'}{entity.id}"
                     for name, archetype in _entities(rr, entity) if entity.id not in hulls else ():
                         stream.log(f"{root}/{name}", archetype, static=fixed)
                     hulls |= {entity.id} if fixed else set()
@@ -153,10 +159,12 @@ def write_recording(log_path: Path, path: Path) -> Path:
             index = [rr.TimeColumn(_TIMELINE, duration=(messages.time_ns - start_ns) / 1e9)]
             if topic.endswith("/pose"):
                 xyz, turn = np.split(log.require(topic, POSE_FIELDS).table(POSE_FIELDS), [3], axis=1)
-                entity, columns = f"world/{name}", rr.Transform3D.columns(translation=xyz, quaternion=turn)
+                entity = f"world/{name}"
+                columns = rr.Transform3D.columns(translation=xyz, quaternion=turn)
             else:
                 error = log.require(topic, ERROR.fields).table(ERROR.fields[:1])
-                entity, columns = f"errors/{name}/E_P", rr.Scalars.columns(scalars=error[:, 0])
+                entity = f"errors/{name}/E_P"
+                columns = rr.Scalars.columns(scalars=error[:, 0])
             rr.send_columns(entity, indexes=index, columns=columns, recording=stream)
         stream.flush()
         stream.disconnect()

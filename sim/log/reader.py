@@ -21,8 +21,12 @@ CORE = (vehicle_state(()), *MEASURED, *estimated(Estimates), *DETAILS.values())
 """Types of the channels that make up a flight."""
 _OWN, _RECEIVED = MEASURED
 LONGEST_GAP_S = 10.0  # longer gaps between own measurements are not bridged unless requested [s]
-_GAP, _NAMED = 2.0, 5  # shortest gap, in filter steps, and most gaps that are named
-_SHORTEST_NS, _LONGEST_NS = 10**5, 10**11  # of usual filter steps
+# shortest gap, in filter steps, and most gaps that are named
+_GAP = 2.0
+_NAMED = 5
+# of usual filter steps
+_SHORTEST_NS = 10**5
+_LONGEST_NS = 10**11
 _OPTIONAL = ("leader_pitch", "leader_roll", "leader_heading_sigma", "range_middle")
 """Fields of a reception that a vehicle's log may lack; they read as NaN, "not broadcast"."""
 _POSE = slice(0, 6)  # columns of a message that a navigator cannot do without
@@ -59,7 +63,8 @@ def _record(log: Contents, name: str, types: Sequence[RecordType], grid_ns: Ints
 
 def _trajectory(log: Contents, grid_ns: Ints) -> Trajectory:
     """The truth at these times, shape (n,), [ns]."""
-    table, found = json.loads(log.attachments[VEHICLES]), list[dict[str, Any]]()
+    table = json.loads(log.attachments[VEHICLES])
+    found = list[dict[str, Any]]()
     force = np.reshape(table["effector_force"], (len(table["names"]), -1, 3))
     for name, own in zip(table["names"], table["effector_names"] or [()] * len(force), strict=True):
         arrays = _record(log, name, [vehicle_state(tuple(own))], grid_ns)
@@ -93,9 +98,12 @@ def read(path: Path | str) -> Flight:
             "/FOLLOWER/reception: laisn replay LOG --scenario FILE"
         )
     with log_errors(path):
-        facts, text = log.metadata[FLIGHT], log.attachments[SCENARIO].decode()
+        facts = log.metadata[FLIGHT]
+        text = log.attachments[SCENARIO].decode()
         scenario = scenario_file.validate(scenario_file.parse(text, SCENARIO), f"{path}, {SCENARIO}")
-        clock, dt, outcome = Clock(scenario.epoch), scenario.timing.filter_step_s, Outcome[facts["outcome"]]
+        clock = Clock(scenario.epoch)
+        dt = scenario.timing.filter_step_s
+        outcome = Outcome[facts["outcome"]]
         last = len(log.require("/leader/state", ()).times) - 1
         steps = last // round(dt / CONTROL_STEP_S)
         trajectory = _trajectory(log, clock.ns(CONTROL_STEP_S * np.arange(last + 1)))
@@ -142,7 +150,8 @@ def _gaps(path: Path, topic: str, time_ns: Ints, spacing: Ints, longest_gap_s: f
     longest_step = _GAP * float(np.median(spacing))
     found = np.flatnonzero(spacing > longest_step)
     named = found[np.argsort(-spacing[found], kind="stable")][:_NAMED]
-    begin, number = time_ns[named] - time_ns[0], _count(found.size, "gap")
+    begin = time_ns[named] - time_ns[0]
+    number = _count(found.size, "gap")
     places = ", ".join(f"{s / 1e9:.3g} s at {b / 1e9:.3f} s" for s, b in zip(spacing[named], begin, strict=True))
     places += f" and {found.size - named.size} shorter ones" if found.size > named.size else ""
     if spacing.max() / 1e9 > max(longest_gap_s, longest_step / 1e9):
@@ -164,13 +173,16 @@ def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: 
     reception belongs to the first step at or after it (`docs/log.md`). LogError if the log is damaged, lacks a channel
     or a field, has fewer than two own measurements, or a gap longer than `longest_gap_s`.
     """
-    topic, received = f"/{follower}/motion", f"/{follower}/reception"
+    topic = f"/{follower}/motion"
+    received = f"/{follower}/reception"
     log = Contents(Path(path), lambda channel, _: channel in (topic, received))
     with log_errors(log.path):
         motion = log.require(topic, _OWN.fields)
         needed = [name for name in _RECEIVED.fields if name not in _OPTIONAL]
         reception = log.require(received, needed, _RECEIVED.schema if FLIGHT in log.metadata else None)
-        time_ns, own, heard_ns = motion.time_ns, motion.table(_OWN.fields).T, reception.time_ns
+        time_ns = motion.time_ns
+        own = motion.table(_OWN.fields).T
+        heard_ns = reception.time_ns
         message, ranges = (_optional(reception, array.names) for array in _RECEIVED.columns)
         places = _optional(reception, PLACES.names).reshape(-1, *PLACES.shape)
     absurd = ~np.isnan(ranges) & ~((ranges > 0) & np.isfinite(ranges))
@@ -181,7 +193,8 @@ def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: 
     del motion, reception
     finite = np.all(np.isfinite(own), axis=0)
     last = _last_of_equals(time_ns[finite])
-    time_ns, own = time_ns[finite][last], own[:, finite][:, last]
+    time_ns = time_ns[finite][last]
+    own = own[:, finite][:, last]
     if time_ns.size < 2:
         raise LogError(
             f"{log.path}: {topic} holds {_count(time_ns.size, 'usable message')}; at least two are needed to "

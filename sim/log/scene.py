@@ -25,7 +25,9 @@ Draw = Callable[[int, int], fg.SceneUpdate]
 
 _TRAIL_S = 100  # a point every second
 _CONFIDENCE = math.sqrt(-2.0 * math.log(0.05))  # 95 % of a Rayleigh distribution
-_DISC_M, _FIX_M = 0.02, 0.4  # thickness of discs and ellipses, diameter of a fix
+# thickness of discs and ellipses, diameter of a fix
+_DISC_M = 0.02
+_FIX_M = 0.4
 
 TRUTH = fg.Color(r=0.95, g=0.62, b=0.08, a=0.9)
 ESTIMATE = fg.Color(r=0.85, g=0.15, b=0.75, a=0.9)
@@ -34,7 +36,9 @@ _RAY = fg.Color(r=0.20, g=0.75, b=0.95, a=0.9)
 _RANGE = fg.Color(r=0.20, g=0.75, b=0.95, a=0.05)
 _ACCEPTED = fg.Color(r=0.15, g=0.80, b=0.25, a=1.0)
 _REJECTED = fg.Color(r=0.90, g=0.15, b=0.10, a=1.0)
-LEADER_HUE, FOLLOWER_HUE, ESTIMATE_HUE = "#ffad33", "#fff240", "#ff40d9"
+LEADER_HUE = "#ffad33"
+FOLLOWER_HUE = "#fff240"
+ESTIMATE_HUE = "#ff40d9"
 """Colours of the film."""
 
 
@@ -59,11 +63,15 @@ def hull(model: Any) -> dict[str, list[Any]]:
     parts: dict[str, list[Any]] = {"cylinders": [], "spheres": [], "cubes": [], "triangles": []}
     kinds = mujoco.mjtGeom
     for geom in range(model.ngeom):
-        kind, material, turn = kinds(model.geom_type[geom]), model.geom_matid[geom], model.geom_quat[geom]
-        position, size = model.geom_pos[geom], (2 * model.geom_size[geom]).tolist()
+        kind = kinds(model.geom_type[geom])
+        material = model.geom_matid[geom]
+        turn = model.geom_quat[geom]
+        position = model.geom_pos[geom]
+        size = (2 * model.geom_size[geom]).tolist()
         rgba = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
         color = fg.Color(**dict(zip("rgba", rgba.tolist(), strict=True)))
-        place, (width, length, _) = pose(position.tolist(), turn.tolist()), size
+        place = pose(position.tolist(), turn.tolist())
+        width, length, _ = size
         if kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
             parts["cylinders"].append(_cylinder(place, (width, width, length), color))
         if kind == kinds.mjGEOM_CAPSULE:
@@ -87,7 +95,8 @@ def hull(model: Any) -> dict[str, list[Any]]:
 
 def _ellipses(estimates: Estimates, row: int, z: float) -> Iterator[fg.SpherePrimitive]:
     """95 % ellipses, flat spheroids, of the estimate in a row, and of all hypotheses after the last message before."""
-    places, spreads = [estimates.state[row, :2]], [estimates.covariance[row, :2, :2]]
+    places = [estimates.state[row, :2]]
+    spreads = [estimates.covariance[row, :2, :2]]
     made = int(np.searchsorted(estimates.fix_step, row + 1, side="right")) - 1
     weight, position, covariance = estimates.hypotheses
     kept = np.flatnonzero(weight[made] > 0.0) if made >= 0 else np.empty(0, dtype=np.int64)
@@ -98,7 +107,8 @@ def _ellipses(estimates: Estimates, row: int, z: float) -> Iterator[fg.SpherePri
         # a filter that left finite numbers has a trail but no ellipse
         if np.isfinite(spread).all():
             (xx, xy), (_, yy) = spread.tolist()
-            mean, apart = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)
+            mean = (xx + yy) / 2
+            apart = math.hypot((xx - yy) / 2, xy)
             # eigenvalues, and half of the larger one's direction
             major, minor = (2 * _CONFIDENCE * math.sqrt(max(value, 0.0)) for value in (mean + apart, mean - apart))
             half_turn = math.atan2(2 * xy, xx - yy) / 4
@@ -108,7 +118,8 @@ def _ellipses(estimates: Estimates, row: int, z: float) -> Iterator[fg.SpherePri
 
 def draw_hulls(flight: Flight, index: Ints) -> tuple[Ints, Draw]:
     """Points of the trajectory at which hulls are drawn, shape (n,): the first alone if none has moving fins."""
-    names, states = flight.trajectory.names, flight.trajectory.thrust[index]
+    names = flight.trajectory.names
+    states = flight.trajectory.thrust[index]
     compiled = [spec_of(model).compile() for model in models_of(flight.scenario)]
     fins = [MovingFins(model) for model in compiled]
     move = states.shape[2] > 0 and any(fins)
@@ -137,7 +148,8 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
     ]
 
     def draw(time_ns: int, i: int) -> fg.SceneUpdate:
-        stamp, entities = timestamp(time_ns), []
+        stamp = timestamp(time_ns)
+        entities = []
 
         def trail(name: str, color: fg.Color, points: list[fg.Point3], **more: Any) -> fg.SceneEntity:
             lines = [_line(fg.LinePrimitiveLineType.LineStrip, color, points)]
@@ -162,10 +174,15 @@ def _ping(
     flight: Flight, follower: int, message: int, time_ns: int, sites: Mapping[str, Sequence[float]]
 ) -> fg.SceneEntity:
     """Rays, range discs and fixes of a message, at the true positions of the sites [m]."""
-    t, m, e = flight.trajectory, flight.measurements[follower], flight.estimates[follower]
-    name, step = t.names[follower + 1], m.message_step[message]
+    t = flight.trajectory
+    m = flight.measurements[follower]
+    e = flight.estimates[follower]
+    name = t.names[follower + 1]
+    step = m.message_step[message]
     x, y, z = sites[f"{name}/hydrophone"]
-    ends, discs, fixes = [], [], []
+    ends = []
+    discs = []
+    fixes = []
     for transmitter, slant in zip(Ranges._fields, m.ranges[message].tolist(), strict=True):
         if math.isfinite(slant) and (source := sites.get(f"leader/tx_{transmitter}")) is not None:
             ends += _points([source, (x, y, z)])
@@ -191,13 +208,15 @@ def _ping(
 
 def draw_acoustics(flight: Flight, steps: Ints) -> Draw:
     """Rays, discs of horizontal ranges at the hydrophone's depth, fixes (red: gated), at filter steps, shape (n,)."""
-    truth, index = flight.trajectory, steps * flight.stride
+    truth = flight.trajectory
+    index = steps * flight.stride
     ends = [name for name in truth.site_names if name.rpartition("/")[2].startswith(("tx_", "hydrophone"))]
     paths = {name: truth.site_path(name, index) for name in ends}
     messages = [{step: i for i, step in enumerate(m.message_step.tolist())} for m in flight.measurements]
 
     def draw(time_ns: int, i: int) -> fg.SceneUpdate:
-        step, sites = int(steps[i]), {name: path[i].tolist() for name, path in paths.items()}
+        step = int(steps[i])
+        sites = {name: path[i].tolist() for name, path in paths.items()}
         pings = [_ping(flight, f, own[step], time_ns, sites) for f, own in enumerate(messages) if step in own]
         return fg.SceneUpdate(entities=pings)
 

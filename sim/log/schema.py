@@ -84,7 +84,8 @@ def fixed_layout(message_class: Any) -> FixedLayout | None:
     if not fields or any(field.type not in _FORMATS or field.is_repeated for field in fields):
         return None
     ends = np.cumsum([message_class(**{field.name: 1}).ByteSize() for field in fields])
-    names, formats = [field.name for field in fields], [_FORMATS[field.type] for field in fields]
+    names = [field.name for field in fields]
+    formats = [_FORMATS[field.type] for field in fields]
     dtype = np.dtype({"names": names, "formats": formats, "offsets": (ends - 8).tolist(), "itemsize": int(ends[-1])})
     tags = np.setdiff1d(np.arange(ends[-1]), ends[:, None] - np.arange(1, 9))
     return FixedLayout(dtype, message_class(**dict.fromkeys(names, 1)).SerializeToString(), tags)
@@ -120,14 +121,16 @@ class RecordType:
 
     def rows(self, arrays: Mapping[str, Array]) -> list[bytes]:
         """Serialised messages, from the arrays of the attributes, n rows each."""
-        layout, n = fixed_layout(self.message_class), len(arrays[self.columns[0].attribute])
+        layout = fixed_layout(self.message_class)
+        n = len(arrays[self.columns[0].attribute])
         assert layout is not None
         block = np.frombuffer(bytearray(layout.example * n), layout.dtype)
         for array in self.columns:
             table = arrays[array.attribute].reshape(n, len(array.names))
             for k, name in enumerate(array.names):
                 block[name] = table[:, k]
-        whole, length = block.tobytes(), block.itemsize
+        whole = block.tobytes()
+        length = block.itemsize
         return [whole[i : i + length] for i in range(0, len(whole), length)]
 
 
@@ -142,7 +145,9 @@ def _numbers(*attributes: str) -> tuple[Columns, ...]:
 
 
 _STATE = ("x", "y", "vx", "vy")
-_WORLD, _BODY, _PLANE = ("east", "north", "up"), ("x", "y", "z"), ("x", "y")
+_WORLD = ("east", "north", "up")
+_BODY = ("x", "y", "z")
+_PLANE = ("x", "y")
 PLACES = _array("transmitters", "", Ranges._fields, ("east", "north", "depth"))
 """Positions of the transmitters: rear_east, rear_north, rear_depth …"""
 POSE_FIELDS = (*(f"pose.position.{axis}" for axis in "xyz"), *(f"pose.orientation.{axis}" for axis in "xyzw"))

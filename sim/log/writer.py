@@ -144,7 +144,8 @@ def _state(t: Trajectory, v: int, effectors: int) -> dict[str, Column]:
 
 def _truth(flight: Flight, clock: Clock) -> Iterator[Channel]:
     t = flight.trajectory
-    time_ns, second = clock.ns(t.time), round(1.0 / CONTROL_STEP_S)
+    time_ns = clock.ns(t.time)
+    second = round(1.0 / CONTROL_STEP_S)
     yield _transforms("/tf", time_ns, ["world"] * len(t.names), t.names, t.position, t.quaternion)
     upright = np.tile([1.0, 0.0, 0.0, 0.0], (1, len(t.site_names), 1))
     parents = [t.names[v] for v in t.site_vehicle]
@@ -158,7 +159,9 @@ def _truth(flight: Flight, clock: Clock) -> Iterator[Channel]:
 
 
 def _follower(flight: Flight, clock: Clock, f: int, errors: tuple[Floats, Floats]) -> Iterator[Channel]:
-    m, e, name = flight.measurements[f], flight.estimates[f], flight.trajectory.names[f + 1]
+    m = flight.measurements[f]
+    e = flight.estimates[f]
+    name = flight.trajectory.names[f + 1]
     time_ns = clock.ns(m.dt * np.arange(1, m.speed.size + 1))
     for record, types in ((m, schema.MEASURED), (e, schema.estimated(type(e)))):
         for type_ in types:
@@ -250,7 +253,9 @@ def write_channels(path: Path, channels: Sequence[Channel], describe: Callable[[
     next one begins; a channel without messages is not in it. `describe` writes attachments and metadata.
     """
     options = MCAPWriteOptions(compression_threads=0, compression_level=1, disable_seeking=True)
-    block, context, proto = _Block(), foxglove.Context(), MessageEncoding.Protobuf
+    block = _Block()
+    context = foxglove.Context()
+    proto = MessageEncoding.Protobuf
     # the SDK only logs errors of its output, and does not survive the exceptions of signals, which the main thread gets
     with path.open("wb") as file, ThreadPoolExecutor(1) as thread:
         mcap = thread.submit(foxglove.open_mcap, block, context=context, writer_options=options).result()
@@ -260,7 +265,8 @@ def write_channels(path: Path, channels: Sequence[Channel], describe: Callable[[
             messages = list[tuple[int, Any, bytes]]()
             for own, c in zip(made, channels, strict=True):
                 part = slice(*np.searchsorted(c.time_ns, [number * _BLOCK_NS, (number + 1) * _BLOCK_NS]).tolist())
-                times, log = c.time_ns[part].tolist(), own.base.log
+                times = c.time_ns[part].tolist()
+                log = own.base.log
                 messages += [(at, log, data) for at, data in zip(times, c.rows(part), strict=True)]
             # messages of equal times stay in the order of channels
             messages.sort(key=itemgetter(0))

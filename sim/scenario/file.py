@@ -106,7 +106,8 @@ def beside(model: Any, folder: Path) -> Any:
 
 def seen_from(table: dict[str, Any], folder: Path) -> dict[str, Any]:
     """The table of a scenario file in a folder; changed in place: the hulls that it names lie beside the file."""
-    followers, formation = table.get("followers"), table.get("formation")
+    followers = table.get("followers")
+    formation = table.get("formation")
     shape = formation.get("shape") if isinstance(formation, dict) else None
     for vehicle in (table.get("leader"), shape, *(followers if isinstance(followers, list) else ())):
         if isinstance(vehicle, dict) and "model" in vehicle:
@@ -195,7 +196,8 @@ def assigned(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str,
     """A copy of a table with values put at dotted keys, such as `followers.0.depth_m`, or `followers.*.depth_m`."""
     result: dict[str, Any] = plain_values(table)
     for name, value in settings.items():
-        key, followers = str(name).strip(), result.get("followers", [{}])
+        key = str(name).strip()
+        followers = result.get("followers", [{}])
         before, every, rest = key.partition("followers.*.")
         if every and not before and isinstance(followers, list):
             for i in range(len(followers)):

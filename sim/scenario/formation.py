@@ -58,7 +58,8 @@ def _offset(kind: str, i: int, count: int) -> tuple[float, float]:
     if kind == "line":
         return 0.0, i - 0.5 * (count - 1)
     if kind == "v":
-        rank, side = i // 2 + 1, 1.0 if i % 2 == 0 else -1.0
+        rank = i // 2 + 1
+        side = 1.0 if i % 2 == 0 else -1.0
         # twice as far aside as behind: at 45° all of a wing would meet where the leader turns by 90°
         return (rank - 1) * math.sqrt(0.2), side * rank * 2.0 * math.sqrt(0.2)
     if kind == "column":
@@ -80,7 +81,8 @@ def followers_of(shape: Shape) -> list[dict[str, Any]]:
     for i in range(shape.count):
         behind, port = _offset(shape.kind, i, shape.count)
         depth = shape.depth_m + i % (shape.layers or shape.count) * shape.layer_m
-        behind, port = shape.behind_m + behind * shape.spacing_m, port * shape.spacing_m
+        behind = shape.behind_m + behind * shape.spacing_m
+        port = port * shape.spacing_m
         hull = {"model": shape.model} if shape.model else {}
         tables.append(_table(i, round(behind, 6), round(port, 6), depth) | hull)
     return tables
@@ -106,7 +108,8 @@ def scattered_followers(area: Scatter, address: Sequence[int]) -> list[dict[str,
 
     `address` is the key of the random numbers. ValueError if the area is too small for so many.
     """
-    rng, places = np.random.default_rng(address), list[tuple[float, float]]()
+    rng = np.random.default_rng(address)
+    places = list[tuple[float, float]]()
     while len(places) < area.count:
         for _ in range(_TRIES):
             x = round(area.behind_m + area.length_m * float(rng.random()), 2)
@@ -172,12 +175,15 @@ class Formation(Section):
 
 def station_inconsistencies(proximity: Proximity | None, stations: list[tuple[str, Station]]) -> list[str]:
     """Stations without room for two hulls, and settings with which followers cannot give way to each other."""
-    key, found, needed = "formation.proximity", list[str](), f"at least {LEAST_APART_M:g} m"
+    key = "formation.proximity"
+    found = list[str]()
+    needed = f"at least {LEAST_APART_M:g} m"
     for name, a in stations:
         if (near := math.hypot(a.behind_m, a.port_m)) < LEAST_APART_M:
             found.append(f"{name}.station is {near:.3g} m from the leader's place; stations are {needed} from it")
     for (other, b), (name, a) in combinations(stations, 2):
-        apart, layers = math.hypot(a.behind_m - b.behind_m, a.port_m - b.port_m), abs(a.depth_m - b.depth_m)
+        apart = math.hypot(a.behind_m - b.behind_m, a.port_m - b.port_m)
+        layers = abs(a.depth_m - b.depth_m)
         names = f"{name}.station and {other}.station"
         if apart < LEAST_APART_M and layers < LEAST_LAYER_M:
             text = f"{names} are {apart:.3g} m apart in layers {layers:.3g} m apart"

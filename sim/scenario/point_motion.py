@@ -77,7 +77,10 @@ class _Planner:
         self.rows: list[tuple[float, ...]] = []
         self.least_radius = least_radius
         self.time = 0.0
-        self.east, self.north, self.course, self.speed = east, north, course, speed
+        self.east = east
+        self.north = north
+        self.course = course
+        self.speed = speed
 
     @property
     def turn_rate(self) -> float:
@@ -99,12 +102,14 @@ class _Planner:
 
 def _turn_towards(planner: _Planner, point: list[float]) -> float:
     """Signed turn [rad] after which the vehicle heads for a point; NaN if the point lies within the turning circle."""
-    radius, course = max(planner.speed / TURN_RATE, planner.least_radius), planner.course
+    radius = max(planner.speed / TURN_RATE, planner.least_radius)
+    course = planner.course
     dx, dy = point[0] - planner.east, point[1] - planner.north
     side = 1.0 if signed_angle(np.arctan2(dx, dy) - course) >= 0 else -1.0
     # the circle's centre lies abeam; seen from there the point is at distance d and bearing b
     cx, cy = dx - side * radius * np.cos(course), dy + side * radius * np.sin(course)
-    d, b = np.hypot(cx, cy), np.arctan2(cx, cy)
+    d = np.hypot(cx, cy)
+    b = np.arctan2(cx, cy)
     if d <= radius:
         return float("nan")
     turn = side * (b - course) + np.arcsin(radius / d)
@@ -276,7 +281,8 @@ def random_route(rng: np.random.Generator, route_class: RouteClass, duration: fl
     time = np.arange(0.0, duration + _CHECK_INTERVAL, _CHECK_INTERVAL)
     moving = plan(library_route("L")).at(time)
     start = (0.0, *_about(moving, 0, rng, route_class))
-    points, failed = [start], 0
+    points = [start]
+    failed = 0
     for _ in range(_TRIES):
         due = points[-1][0] + rng.uniform(*route_class.leg_time)
         # whole seconds lie on the grid of the check; what would leave a short last leg goes to the end

@@ -129,14 +129,17 @@ def with_fields_of(
     are None.
     """
     endings = {unit.replace("°", "rad"): ending for ending, (unit, _) in UNITS.items()}
-    types, texts = get_type_hints(kind), _docstrings(kind)
+    types = get_type_hints(kind)
+    texts = _docstrings(kind)
     keys: dict[str, Any] = {}
     for field in fields(kind):
         text = texts.get(field.name, "")
         if not text or field.name in without:
             continue
         unit = re.search(r" \[([^\]]+)\]", text)
-        ending, value, kept = endings[unit[1]] if unit else "", field.default, types[field.name]
+        ending = endings[unit[1]] if unit else ""
+        value = field.default
+        kept = types[field.name]
         if kept is float:
             kept = Positive if field.name in {*kind.POSITIVE, *positive} else NonNegative
         if ending.startswith("_deg"):

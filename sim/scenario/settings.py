@@ -239,7 +239,8 @@ class Scenario(Section):
                 found.append(f"navigation.transmitters_m {where}")
         if self.navigation.use_attitude and not self.leader.broadcast_attitude:
             found.append("navigation.use_attitude needs leader.broadcast_attitude = true")
-        places, used = len(self.navigation.transmitters_m), self.navigation.transmitters
+        places = len(self.navigation.transmitters_m)
+        used = self.navigation.transmitters
         if 0 < places < used:
             found.append(f"navigation.transmitters_m has {places} places, the navigator uses {used} transmitters")
         return found

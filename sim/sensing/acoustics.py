@@ -166,7 +166,8 @@ NO_PINGS = (((0.0, 0.0, 0.0), (NO_ARRIVAL, NO_ARRIVAL, NO_ARRIVAL)),) * 3
 def site_at(s: Sound, known: Motion, vehicle: int, offset: Any, time: float) -> Vector:
     """East, north and up of a site at a time that is known; at a later one, where it is last known [m]."""
     place = min(max((time - known.begin) / CONTROL_STEP_S, 0.0), float(known.last))
-    pose, twist = known.truth.pose, known.truth.twist
+    pose = known.truth.pose
+    twist = known.truth.twist
     if s.on_grid:
         return carried(row(pose, round(place), vehicle), offset)  # type: ignore[no-any-return]
     i = min(int(place), known.last - 1)
@@ -197,7 +198,8 @@ def path_slowness(profile: SoundProfile, path: int, source: float, receiver: flo
         return mean_slowness(profile, -source, -receiver)
     turn = 0.0 if path == _SURFACE else floor_depth
     # Both legs have the same slope, so that they share the path in proportion to the depths they cross.
-    first, second = abs(-source - turn), abs(-receiver - turn)
+    first = abs(-source - turn)
+    second = abs(-receiver - turn)
     if first + second == 0.0:
         return 1.0 / speed_at(profile, turn)
     legs = first * mean_slowness(profile, -source, turn) + second * mean_slowness(profile, -receiver, turn)
@@ -210,15 +212,18 @@ def _arrive(s: Sound, known: Motion, receiver: tuple[int, Any], path: int, leave
     if not s.paths[path]:
         return NO_ARRIVAL
     vehicle, hydrophone = receiver
-    there, apparent = site_at(s, known, vehicle, hydrophone, leaves), image(source, path, s.floor)
-    time, ratio = leaves, s.ratio
+    there = site_at(s, known, vehicle, hydrophone, leaves)
+    apparent = image(source, path, s.floor)
+    time = leaves
+    ratio = s.ratio
     if s.travels:
         for _ in range(_ITERATIONS):
             slowness = path_slowness(s.profile, path, source[2], there[2], s.floor)
             arrives = leaves + _distance(apparent, there) * slowness
             if arrives == time:
                 break
-            time, there = arrives, site_at(s, known, vehicle, hydrophone, arrives)
+            time = arrives
+            there = site_at(s, known, vehicle, hydrophone, arrives)
     if s.varies:
         ratio = s.assumed_speed * path_slowness(s.profile, path, source[2], there[2], s.floor)
     return Arrival(time, _distance(apparent, there), ratio, s.assumed_speed * (s.clock_offset + s.clock_drift * time))
@@ -248,11 +253,13 @@ def follow(s: Sound, known: Motion, sites: tuple[Any, Any], vehicle: int, sent: 
         When the last ping that is waited for is in [s], right as soon as that is not later than what is known; and the
         pings of the rear, front and middle transmitter.
     """
-    transmitters, receiver = sites[0], (vehicle, sites[1])
+    transmitters = sites[0]
+    receiver = (vehicle, sites[1])
     rear = _follow_ping(s, known, transmitters[0], receiver, sent)
     front = _follow_ping(s, known, transmitters[1], receiver, sent + s.slot)
     middle = _follow_ping(s, known, transmitters[2], receiver, sent + s.slot * 2)
-    complete, pings = sent, (rear, front, middle)
+    complete = sent
+    pings = (rear, front, middle)
     for i in range(s.transmitters):
         for arrival in pings[i][1]:
             # false for NaN

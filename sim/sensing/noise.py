@@ -81,13 +81,17 @@ def philox(
     """Four random 32-bit words (held in 64 bits) of a counter of four and a key of two. Compiled code only."""
     # Written out: a loop over the rounds would not be vectorised over lanes.
     c0, c1, c2, c3 = _two_rounds(c0, c1, c2, c3, k0, k1)
-    k0, k1 = (k0 + _U(2) * _WEYL_0) & _WORD, (k1 + _U(2) * _WEYL_1) & _WORD
+    k0 = (k0 + _U(2) * _WEYL_0) & _WORD
+    k1 = (k1 + _U(2) * _WEYL_1) & _WORD
     c0, c1, c2, c3 = _two_rounds(c0, c1, c2, c3, k0, k1)
-    k0, k1 = (k0 + _U(2) * _WEYL_0) & _WORD, (k1 + _U(2) * _WEYL_1) & _WORD
+    k0 = (k0 + _U(2) * _WEYL_0) & _WORD
+    k1 = (k1 + _U(2) * _WEYL_1) & _WORD
     c0, c1, c2, c3 = _two_rounds(c0, c1, c2, c3, k0, k1)
-    k0, k1 = (k0 + _U(2) * _WEYL_0) & _WORD, (k1 + _U(2) * _WEYL_1) & _WORD
+    k0 = (k0 + _U(2) * _WEYL_0) & _WORD
+    k1 = (k1 + _U(2) * _WEYL_1) & _WORD
     c0, c1, c2, c3 = _two_rounds(c0, c1, c2, c3, k0, k1)
-    k0, k1 = (k0 + _U(2) * _WEYL_0) & _WORD, (k1 + _U(2) * _WEYL_1) & _WORD
+    k0 = (k0 + _U(2) * _WEYL_0) & _WORD
+    k1 = (k1 + _U(2) * _WEYL_1) & _WORD
     return _two_rounds(c0, c1, c2, c3, k0, k1)
 
 

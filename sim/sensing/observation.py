@@ -24,8 +24,10 @@ from sim.sensing.noise import Address
 from sim.trajectory import Trajectory, Truth, row
 
 # compiled code holds numbers, not the members of an enum
-_ATTITUDE, _LOSS = int(noise.Stream.LEADER_ATTITUDE), int(noise.Stream.LOSS)
-_RANGE_UNIFORM, _RANGE_SCALE = int(noise.Stream.RANGE_UNIFORM), int(noise.Stream.RANGE_SCALE)
+_ATTITUDE = int(noise.Stream.LEADER_ATTITUDE)
+_LOSS = int(noise.Stream.LOSS)
+_RANGE_UNIFORM = int(noise.Stream.RANGE_UNIFORM)
+_RANGE_SCALE = int(noise.Stream.RANGE_SCALE)
 _BROADCAST = (*sensors.LEADER, *sensors.LEADER_ATTITUDE)
 _COLUMNS = (LeaderMessage._fields.index(name) for name in ("timestamp", "east", "north", "pitch", "heading_sigma"))
 _TIME, _EAST, _NORTH, _PITCH, _SIGMA = _COLUMNS
@@ -51,7 +53,8 @@ class SensorModel(NamedTuple):
 
 def sensor_model_of(scenario: Scenario) -> SensorModel:
     """Sensors and acoustics of a scenario as compiled code takes them."""
-    leader, followers = scenario.leader, range(len(scenario.followers))
+    leader = scenario.leader
+    followers = range(len(scenario.followers))
     return SensorModel(
         seed=np.uint64(scenario.seed),
         run=np.uint64(scenario.run),
@@ -84,7 +87,8 @@ def read_instruments(
     s: SensorModel, k: int, follower: int, state: State, depth_sensor: Floats, reading: Floats
 ) -> None:
     """Read all of a follower's own sensors at filter step k, in the order of `laisn.swarm.READING`."""
-    e, address = s.errors[follower], Address(s.seed, s.run, follower, k)
+    e = s.errors[follower]
+    address = Address(s.seed, s.run, follower, k)
     at = sensors.Instant(k * s.dt, follower, state[0], state[1], state[2], depth_sensor, (0.0, 0.0))
     for sensor in literal_unroll(sensors.INSTRUMENTS):
         reading[sensor.column] = sensor.read(e, sensor.true(e, at), noise.normals_at(address, sensor.stream))
@@ -106,7 +110,8 @@ class Inbox(NamedTuple):
 
 def new_inbox(followers: int, message_every: int, over: int = 0) -> Inbox:
     """Nothing received yet; so many messages were sent before the mission begins."""
-    message, zeros = records(MESSAGE, followers), np.zeros((3, followers), dtype=np.int64)
+    message = records(MESSAGE, followers)
+    zeros = np.zeros((3, followers), dtype=np.int64)
     return Inbox(
         message, numbers_of(message), np.full((followers, 3), np.nan),
         np.full(followers, over), np.full(followers, (over + 1) * message_every),
@@ -122,7 +127,8 @@ def take_up(
 
     `sites` are offsets of the transmitters, shape (3, 3), and of the followers' hydrophones, shape (f, 3), [m].
     """
-    taken, pings = 0, acoustics.NO_PINGS
+    taken = 0
+    pings = acoustics.NO_PINGS
     while inbox.due[follower] <= k:
         sent = (inbox.over[follower] + 1) * s.message_every
         complete, found = acoustics.follow(s.sound, known, (sites[0], sites[1][follower]), follower + 1, sent * s.dt)
@@ -136,7 +142,8 @@ def take_up(
         inbox.due[follower] = (inbox.over[follower] + 1) * s.message_every
         # of two messages within one filter step the follower keeps the first
         if taken == 0:
-            taken, pings = sent, found
+            taken = sent
+            pings = found
     return taken, pings
 
 
@@ -148,7 +155,8 @@ def true_reception(
 
     `content` is in the order of `LeaderMessage`, shape (9,), `ranges` slant ranges, shape (3 transmitters, 3 paths).
     """
-    content[_TIME], content[_SIGMA] = leader.time, np.nan
+    content[_TIME] = leader.time
+    content[_SIGMA] = np.nan
     content[_EAST] = leader.pose[0] + e.leader_drift_east * leader.time
     content[_NORTH] = leader.pose[1] + e.leader_drift_north * leader.time
     for sensor in literal_unroll(_BROADCAST):
@@ -160,13 +168,16 @@ def true_reception(
 
 @jitable
 def _read_message(e: Any, dt: float, sent: Address, true: Any, inbox: Inbox, f: int) -> None:
-    content, fluctuation, last = inbox.content[f], inbox.fluctuation[f], inbox.last_sent[f]
+    content = inbox.content[f]
+    fluctuation = inbox.fluctuation[f]
+    last = inbox.last_sent[f]
     for i in (_TIME, _EAST, _NORTH, _SIGMA):
         content[i] = true[i]
     kept, fresh = sensors.weights(sent.step - last if last > 0 else 0, dt, e.leader_tilt_time)
     # step 0, at which nothing is measured, addresses errors that a run keeps
     kept_address = Address(sent.seed, sent.run, sent.follower, 0)
-    offset, drawn = noise.normals_at(kept_address, _ATTITUDE), noise.normals_at(sent, _ATTITUDE)
+    offset = noise.normals_at(kept_address, _ATTITUDE)
+    drawn = noise.normals_at(sent, _ATTITUDE)
     for i in range(2):
         fluctuation[i] = sensors.advanced(fluctuation[i], kept, fresh, drawn[i])
     for sensor in literal_unroll(sensors.LEADER_ATTITUDE):
@@ -191,9 +202,12 @@ def read_reception(
         inbox: out.
         f: index of the follower in it.
     """
-    (sent, received), (content, by_path), ranges = addresses, true, inbox.ranges[f]
+    sent, received = addresses
+    content, by_path = true
+    ranges = inbox.ranges[f]
     _read_message(e, used[1], sent, content, inbox, f)
-    paths, uniform = sensors.paths_taken(e, sent), noise.uniforms_at(received, _RANGE_UNIFORM)
+    paths = sensors.paths_taken(e, sent)
+    uniform = noise.uniforms_at(received, _RANGE_UNIFORM)
     taken = by_path[0][paths[0]], by_path[1][paths[1]], by_path[2][paths[2]]
     psi = noise.normals_at(received, _RANGE_SCALE)[0]
     longest = sensors.longest_range(taken, used[0])
@@ -228,7 +242,9 @@ def receive(
     inbox.outcome[follower] = NO_MESSAGE
     sent, pings = take_up(s, k, follower, sites, known, inbox)
     if sent > 0:
-        e, content, ranges = s.errors[follower], np.empty(9), np.empty((3, 3))
+        e = s.errors[follower]
+        content = np.empty(9)
+        ranges = np.empty((3, 3))
         true_reception(s, e, _leader_at(s, sent, sent * s.stride, known.truth, tilts), k, pings, content, ranges)
         addresses = Address(s.seed, s.run, follower, sent), Address(s.seed, s.run, follower, k)
         read_reception(e, (s.sound.transmitters, s.dt), addresses, (content, ranges), inbox, follower)
@@ -237,8 +253,11 @@ def receive(
 @jitable
 def _leader_at(s: SensorModel, step: int, i: int, truth: Truth, tilts: Floats) -> sensors.Instant:
     """What the leader's sensors may read at a filter step, which is instant i."""
-    tilt, nowhere = (tilts[i, 0], tilts[i, 1]), (0.0, 0.0, 0.0)
-    pose, twist, water = row(truth.pose, i, 0), row(truth.twist, i, 0), row(truth.water, i, 0)
+    tilt = (tilts[i, 0], tilts[i, 1])
+    nowhere = (0.0, 0.0, 0.0)
+    pose = row(truth.pose, i, 0)
+    twist = row(truth.twist, i, 0)
+    water = row(truth.water, i, 0)
     return sensors.Instant(step * s.dt, 0, pose, twist, water, nowhere, tilt)
 
 
@@ -283,17 +302,23 @@ def _observe(
     `which` are the index of the follower and the filter step at which the motion begins, `sites` those of `take_up` and
     the place of the follower's pressure sensor. `own`, out, has shape (n, 3), or is empty where it is not asked for.
     """
-    (follower, first), truth, m = which, known.truth, 0
+    follower, first = which
+    truth = known.truth
+    m = 0
     for k in range(first + 1, first + known.last // s.stride + 1):
         if own.shape[0] > 0:
-            i, v = (k - first) * s.stride, follower + 1
-            pose, twist, water = row(truth.pose, i, v), row(truth.twist, i, v), row(truth.water, i, v)
+            i = (k - first) * s.stride
+            v = follower + 1
+            pose = row(truth.pose, i, v)
+            twist = row(truth.twist, i, v)
+            water = row(truth.water, i, v)
             at = sensors.Instant(k * s.dt, follower, pose, twist, water, sites[2], (0.0, 0.0))
             true_readings(e, at, own[k - first - 1])
         sent, pings = take_up(s, k, follower, (sites[0], sites[1]), known, inbox)
         if sent == 0:
             continue
-        found.emission_step[m], found.message_step[m] = sent, k
+        found.emission_step[m] = sent
+        found.message_step[m] = k
         leader = _leader_at(s, sent, (sent - first) * s.stride, truth, tilts)
         true_reception(s, e, leader, k, pings, found.content[m], found.ranges[m])
         for j in range(3):
@@ -314,21 +339,26 @@ def _sense(
     trajectory: Trajectory, scenario: Scenario, follower: int, tilts: Floats, own: Floats, in_bulk: bool | None
 ) -> Receptions:
     s = sensor_model_of(scenario)
-    known, first = acoustics.motion_of(trajectory), round(float(trajectory.time[0]) / s.dt)
-    over, last = first // s.message_every, first + known.last // s.stride
+    known = acoustics.motion_of(trajectory)
+    first = round(float(trajectory.time[0]) / s.dt)
+    over = first // s.message_every
+    last = first + known.last // s.stride
     room = max(last // s.message_every - over, 0)
-    steps, shapes = np.zeros((2, room), dtype=np.int64), ((9,), (3, 3), (3, 3), (3, 3, 4))
+    steps = np.zeros((2, room), dtype=np.int64)
+    shapes = ((9,), (3, 3), (3, 3), (3, 3, 4))
     found = Receptions(steps[0], steps[1], *[np.empty((room, *shape)) for shape in shapes])
     hydrophones = [f"{name}/hydrophone" for name in trajectory.names[1:]]
     names = *acoustics.TRANSMITTERS, *hydrophones, f"{trajectory.names[follower + 1]}/depth_sensor"
     offset = trajectory.site_offset[[trajectory.site(name) for name in names]]
-    inbox, which = new_inbox(follower + 1, s.message_every, over), (follower, first)
+    inbox = new_inbox(follower + 1, s.message_every, over)
+    which = (follower, first)
     if in_bulk or (in_bulk is None and trajectory.time.size > _LONG):
         sites: Any = offset[:3], offset[3:-1], offset[-1]
         m = _observe_compiled(s, s.errors[follower], which, sites, known, tilts, inbox, own, found)
     else:
         *places, depth_sensor = offset.tolist()
-        sites, e = (places[:3], places[3:], depth_sensor), sensors.errors_of(scenario, follower)
+        sites = (places[:3], places[3:], depth_sensor)
+        e = sensors.errors_of(scenario, follower)
         m = _observe(s, e, which, sites, known, tilts, inbox, own, found)
     return Receptions(*[values[:m] for values in found])  # type: ignore[arg-type]
 
@@ -369,7 +399,8 @@ class MissionTruth:
 
 def start_of(trajectory: Trajectory, follower: int = 0) -> Floats:
     """Initial position of a follower's hydrophone [m], and its velocity through the water [m/s], shape (4,)."""
-    v, name = follower + 1, trajectory.names[follower + 1]
+    v = follower + 1
+    name = trajectory.names[follower + 1]
     hydrophone = trajectory.site_path(f"{name}/hydrophone", np.zeros(1, dtype=np.int64))[0]
     return np.concatenate([hydrophone[:2], trajectory.velocity[0, v, :2] - trajectory.water_velocity[0, v, :2]])
 
@@ -383,14 +414,18 @@ def observe(
     half a second; None: for long missions. ValueError if the trajectory begins later, or is too short for one filter
     step.
     """
-    dt, v, name = scenario.timing.filter_step_s, follower + 1, trajectory.names[follower + 1]
+    dt = scenario.timing.filter_step_s
+    v = follower + 1
+    name = trajectory.names[follower + 1]
     stride = round(dt / CONTROL_STEP_S)
     n = (trajectory.time.size - 1) // stride
     if n < 1:
         raise ValueError(f"the trajectory ends at {trajectory.time[-1]:g} s, before the first filter step of {dt:g} s")
     if trajectory.time[0] != 0.0:
         raise ValueError(f"the trajectory begins at {trajectory.time[0]:g} s; what is sensed depends on all before")
-    steps, grid, own = np.arange(1, n + 1), slice(stride, n * stride + 1, stride), np.empty((n, 3))
+    steps = np.arange(1, n + 1)
+    grid = slice(stride, n * stride + 1, stride)
+    own = np.empty((n, 3))
     tilts = np.full((trajectory.time.size, 2), np.nan)
     if scenario.leader.broadcast_attitude:
         tilts = sensors.tilt_errors(trajectory, scenario.sensors)
@@ -399,7 +434,8 @@ def observe(
 
     @cache
     def state() -> sensors.FollowerState:
-        source, direct = np.full((n, 3, 3), np.nan), sound.ranges[:, :, [acoustics.Path.DIRECT]]
+        source = np.full((n, 3, 3), np.nan)
+        direct = sound.ranges[:, :, [acoustics.Path.DIRECT]]
         source[sound.message_step - 1] = np.where(np.isnan(direct), np.nan, sound.transmitter)
         motion = trajectory.pose[grid, v], trajectory.twist[grid, v], trajectory.water_velocity[grid, v]
         return sensors.follower_state(trajectory.time[grid], motion, hydrophone, source)
@@ -431,7 +467,9 @@ def _measure(
     `own` are true values of own sensors, shape (n, 3), `sent` the steps at which messages are taken up and were sent,
     their content and ranges, (m, 9) and (m, 3, 3); `readings`, out, own readings, content and ranges, (m, 3).
     """
-    (taken_up, emitted, content, ranges), (own_read, content_read, ranges_read), i = sent, readings, 0
+    taken_up, emitted, content, ranges = sent
+    own_read, content_read, ranges_read = readings
+    i = 0
     for k in range(1, own.shape[0] + 1):
         now = Address(address.seed, address.run, address.follower, k)
         read_own(e, now, own[k - 1], own_read[k - 1])
@@ -463,13 +501,17 @@ def measure(
     `transmitters` is N_T, how many of the leader's it uses, rear and front first; `in_bulk` is as of `observe`.
     LaisnError if seed or run is too large.
     """
-    n, m = truth.speed.size, truth.message_step.size
-    address, navigator = Address(*noise.seed_and_run(seed, run), follower, 0), (transmitters, truth.dt)
+    n = truth.speed.size
+    m = truth.message_step.size
+    address = Address(*noise.seed_and_run(seed, run), follower, 0)
+    navigator = (transmitters, truth.dt)
     by_echo = np.full((2, m, 3), np.nan) if truth.echo_range is None else truth.echo_range
     ranges = np.moveaxis(np.array([truth.slant_range, *by_echo]), 0, 2).copy()
     content = numbers_of(np.ascontiguousarray(truth.sent))
-    own, sent = np.column_stack([truth.speed, truth.heading, truth.depth]), (truth.message_step, truth.emission_step)
-    readings, inbox = (np.empty((n, 3)), np.empty((m, 9)), np.empty((m, 3))), new_inbox(1, 1)
+    own = np.column_stack([truth.speed, truth.heading, truth.depth])
+    sent = (truth.message_step, truth.emission_step)
+    readings = (np.empty((n, 3)), np.empty((m, 9)), np.empty((m, 3)))
+    inbox = new_inbox(1, 1)
     if in_bulk or (in_bulk is None and n > _LONG):
         e = np.array([tuple(errors)], sensors.ERRORS).view(np.recarray)[0]
         _measure_compiled(e, navigator, address, own, (*sent, content, ranges), inbox, readings)

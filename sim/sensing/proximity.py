@@ -39,7 +39,8 @@ def look(address: tuple[np.uint64, np.uint64], p: Record, k: int, follower: int,
 
     `poses` are of all vehicles, shape (v, 7); `seen`, out, is what is sensed of each, of SIGHTING, shape (v,).
     """
-    own, steepest = follower + 1, np.sin(0.5 * p.aperture)
+    own = follower + 1
+    steepest = np.sin(0.5 * p.aperture)
     heading = heading_of(poses[own, 3:])
     for j in range(poses.shape[0]):
         seen[j].range = seen[j].bearing = np.nan
@@ -63,8 +64,11 @@ class Sightings(NamedTuple):
 
 def sightings(scenario: Scenario, trajectory: Trajectory) -> Sightings:
     """What the followers' sensors showed on the way, which they steered by; nothing where they have none."""
-    proximity, f, every = scenario.formation.proximity, len(scenario.followers), look_interval(scenario)
-    first, spent = np.full((f, f + 1), np.nan), np.zeros(f)
+    proximity = scenario.formation.proximity
+    f = len(scenario.followers)
+    every = look_interval(scenario)
+    first = np.full((f, f + 1), np.nan)
+    spent = np.zeros(f)
     for i, follower in enumerate(scenario.followers):
         # followers on routes have no sensor
         if proximity is None or follower.station is None:

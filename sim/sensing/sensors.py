@@ -88,7 +88,8 @@ def follow_tilt(share: float, k: int, pose: Floats, twist: Floats, tilts: Floats
 
 def tilt_errors(trajectory: Trajectory, sensors: Sensors) -> Floats:
     """The same of a whole mission, none at its start."""
-    tilts, share = np.zeros((trajectory.time.size, 2)), gain(sensors)
+    tilts = np.zeros((trajectory.time.size, 2))
+    share = gain(sensors)
     for k in range(1, len(tilts) if sensors.leader_attitude_senses_acceleration else 0):
         follow_tilt(share, k, trajectory.pose[:, 0], trajectory.twist[:, 0], tilts)
     return tilts
@@ -119,7 +120,8 @@ def _values(sensors: Sensors, acoustics: Acoustics) -> dict[str, Any]:
         for name, value in given.items()
         if name not in ("own", "sound_speed_profile") and not name.startswith(_DERIVED)
     }
-    tilt, towards = random_error(sensors), np.deg2rad(sensors.leader_position_drift_deg)
+    tilt = random_error(sensors)
+    towards = np.deg2rad(sensors.leader_position_drift_deg)
     return declared | {
         "leader_tilt_sigma": tilt[0],
         "leader_tilt_time": tilt[1],
@@ -401,7 +403,8 @@ class InvertedUsbl:
 
 def own_tables(scenario: Scenario) -> tuple[Any, ...]:
     """Tables of a scenario's further sensors: its own, after the one that its navigator needs."""
-    variant, given = scenario.navigation.variant, scenario.sensors.own
+    variant = scenario.navigation.variant
+    given = scenario.sensors.own
     needed = NAVIGATORS[variant].sensor if variant in NAVIGATORS else ""
     there = not needed or any(table.sensor == needed for table in given)
     return given if there else (OwnSensorTable(sensor=needed), *given)

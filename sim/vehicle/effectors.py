@@ -82,7 +82,8 @@ def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
                     f"actuator {model.actuator(actuator).name!r} must act at a site of the body "
                     f"'{vehicle.name}/hull', without a reference site"
                 )
-            record["lag"], record["limits"] = model.actuator_dynprm[actuator, 0], model.actuator_ctrlrange[actuator]
+            record["lag"] = model.actuator_dynprm[actuator, 0]
+            record["limits"] = model.actuator_ctrlrange[actuator]
             _fill(record, model, model.actuator(actuator).name, site, model.actuator_gear[actuator])
     return records
 
@@ -111,7 +112,8 @@ def read_fixed(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
 def _fill(record: Any, model: Any, name: str, site: int, gear: Floats) -> None:
     """Fill in place, unit force and torque, given in the frame of the site, and kind and parameters of a numeric."""
     force, torque = attitude.rotate(model.site_quat[site], gear.reshape(2, 3))
-    record["force"], record["torque"] = force, torque + np.cross(model.site_pos[site], force)
+    record["force"] = force
+    record["torque"] = torque + np.cross(model.site_pos[site], force)
     record["place"] = model.site_pos[site]
     for kind, suffix in SUFFIXES.items():
         values = numeric(model, name + suffix)
@@ -126,7 +128,8 @@ def _fill(record: Any, model: Any, name: str, site: int, gear: Floats) -> None:
             rises = len(pairs) and np.all(np.diff(pairs[:, 0]) > 0) and np.all(np.diff(pairs[:, 1]) >= 0)
             if not (2 <= len(pairs) <= MOST_POINTS and rises and pairs[0, 1] < pairs[-1, 1]):
                 raise LaisnError(f"{where} must have 2 to {MOST_POINTS} pairs of state and thrust, rising")
-            record["points"], record["curve"][: len(pairs)] = len(pairs), pairs
+            record["points"] = len(pairs)
+            record["curve"][: len(pairs)] = pairs
             continue
         expected = _PARAMETERS[kind]
         if values.size != len(expected):
@@ -176,14 +179,16 @@ def propeller_load(p: Floats, density: float, rate: float, inflow: float) -> tup
     along its axis [m/s]. Astern, and in water from behind, they are those of J = 0. `p` are its parameters.
     """
     size = density * p[0] ** 3 * abs(rate)
-    own, advance = rate * p[0], (1.0 - p[5]) * max(inflow, 0.0) if rate > 0.0 else 0.0
+    own = rate * p[0]
+    advance = (1.0 - p[5]) * max(inflow, 0.0) if rate > 0.0 else 0.0
     return (1.0 - p[6]) * size * (p[1] * own + p[2] * advance), p[7] * size * p[0] * (p[3] * own + p[4] * advance)
 
 
 @compiled
 def thrust_on_curve(record: Any, state: float) -> float:
     """Thrust of a curve [N], linear between its points and constant beyond them."""
-    curve, last = record.curve, record.points - 1
+    curve = record.curve
+    last = record.points - 1
     if state <= curve[0, 0]:
         return float(curve[0, 1])
     for i in range(last):
@@ -200,12 +205,17 @@ def fin_force(record: Any, density: float, deflection: float, local: Vector) -> 
     Across the deflected chord acts ½ρ S a U² sin α |cos α|, with α the incidence of the flow on the chord, beyond the
     stall angle that of this angle (an assumption): it tilts back with the fin. Along the flow acts ½ρ S C_D0 U².
     """
-    e, p = record.force, record.parameters
-    u, across = local[0], local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
+    e = record.force
+    p = record.parameters
+    u = local[0]
+    across = local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
     square = u * u + across * across
     if square < 1e-12:
         return 0.0, 0.0, 0.0
-    speed, sine, cosine, limit = np.sqrt(square), 0.0, 1.0, 1.0
+    speed = np.sqrt(square)
+    sine = 0.0
+    cosine = 1.0
+    limit = 1.0
     # fixed fins, which are met at every step, need no sine
     if deflection != 0.0:
         sine, cosine = np.sin(deflection), np.cos(deflection)
@@ -236,27 +246,34 @@ def loads(
         Force [N] and moment about the origin [N m], in the body, of thrusters whose state is the thrust; likewise of
         all others, which fade where the hull leaves the water.
     """
-    thrust, torque = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    thrust = (0.0, 0.0, 0.0)
+    torque = (0.0, 0.0, 0.0)
+    force = (0.0, 0.0, 0.0)
+    moment = (0.0, 0.0, 0.0)
     records, states = fitted
     for i in range(records.shape[1]):
         record = records[number, i]
-        e, arm = record.force, record.torque
-        axis, lever = (e[0], e[1], e[2]), (arm[0], arm[1], arm[2])
+        e = record.force
+        arm = record.torque
+        axis = (e[0], e[1], e[2])
+        lever = (arm[0], arm[1], arm[2])
         # fixed fins, and the zero records that pad them, have no state
         state = states[number, i] if i < states.shape[1] else 0.0
         if record.kind == THRUSTER:
-            thrust, torque = plus(thrust, scaled(state, axis)), plus(torque, scaled(state, lever))
+            thrust = plus(thrust, scaled(state, axis))
+            torque = plus(torque, scaled(state, lever))
             continue
         if record.kind == CURVE:
             push = thrust_on_curve(record, state)
-            force, moment = plus(force, scaled(push, axis)), plus(moment, scaled(push, lever))
+            force = plus(force, scaled(push, axis))
+            moment = plus(moment, scaled(push, lever))
             continue
         place = (record.place[0], record.place[1], record.place[2])
         local = plus(v, cross(w, place))
         if record.kind == FIN:
             part = fin_force(record, density, state, local)
-            force, moment = plus(force, part), plus(moment, cross(place, part))
+            force = plus(force, part)
+            moment = plus(moment, cross(place, part))
             continue
         inflow = local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
         push, twist = propeller_load(record.parameters, density, state, inflow)
@@ -289,7 +306,8 @@ def reach(record: Any, density: float, speed: float) -> tuple[float, float]:
         inflow = speed * record.force[0]
         return propeller_load(p, density, low, inflow)[0], propeller_load(p, density, high, inflow)[0]
     if record.kind == FIN:
-        lift, stall = fin_lift(record, density, speed), record.parameters[2]
+        lift = fin_lift(record, density, speed)
+        stall = record.parameters[2]
         return lift * max(low, -stall), lift * min(high, stall)
     return low, high
 
@@ -309,7 +327,8 @@ def state_for(record: Any, density: float, force: float, speed: float) -> float:
     if record.kind == PROPELLER:
         p = record.parameters
         size = (1.0 - p[6]) * density * p[0] ** 3
-        square, half = size * p[1] * p[0], 0.5 * size * p[2] * (1.0 - p[5]) * max(speed * record.force[0], 0.0)
+        square = size * p[1] * p[0]
+        half = 0.5 * size * p[2] * (1.0 - p[5]) * max(speed * record.force[0], 0.0)
         if half * half + square * force >= 0.0:
             return float((-half + np.sqrt(half * half + square * force)) / square)
         return float(-np.sqrt(-force / square))
@@ -329,7 +348,8 @@ def scaled_records(records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]
     """What effectors really give whose MJCF is not quite right: records of `read` with the setups' scales applied."""
     true = records.copy()
     for row, setup in zip(true, setups, strict=True):
-        kind, thrust_scale = row["kind"], setup.settings.thrust_scale
+        kind = row["kind"]
+        thrust_scale = setup.settings.thrust_scale
         row["parameters"][kind == FIN, 1] *= setup.settings.lift_scale
         row["parameters"][kind == PROPELLER, 1:3] *= thrust_scale
         row["curve"][..., 1] *= thrust_scale

@@ -54,7 +54,8 @@ class HullFile:
 
     def xml(self) -> str:
         """Text of the file."""
-        radius, half = 0.5 * self.diameter, 0.5 * self.length
+        radius = 0.5 * self.diameter
+        half = 0.5 * self.length
         sites = {
             "tx_rear": (-half, 0, 0),
             "tx_front": (half, 0, 0),
@@ -80,8 +81,13 @@ TOP_SPEED = 2.5  # speed that the propeller is geared for [m/s]
 FULLNESS = (0.45, 1.0)  # least and largest mass, as a share of the water in the cylinder of length and diameter
 FIN_ASPECT = 1.3  # span over chord of one fin; the hull mirrors it
 MARGIN = 1.15  # moment of the fins over the Munk moment of the hull; the leader's hull has 1.16
-_DRAG, _CROSS_FLOW, _PLATE = 0.42, 1.1, 1.2
-_K_T, _K_Q, _WAKE, _DEDUCTION = (0.4566, -0.41737), (0.0700, -0.058504), 0.056, 0.1
+_DRAG = 0.42
+_CROSS_FLOW = 1.1
+_PLATE = 1.2
+_K_T = (0.4566, -0.41737)
+_K_Q = (0.0700, -0.058504)
+_WAKE = 0.056
+_DEDUCTION = 0.1
 
 
 def lamb_factors(length: float, diameter: float) -> tuple[float, float, float]:
@@ -128,13 +134,17 @@ def from_dimensions(
         raise LaisnError(
             f"mass {mass:g} kg: a neutral hull of {length:g} m and {diameter:g} m has {low:.3g} to {high:.3g} kg"
         )
-    a, b, screw = length / 2, diameter / 2, propeller or 0.7 * diameter
+    a = length / 2
+    b = diameter / 2
+    screw = propeller or 0.7 * diameter
     if screw > 2.0 * diameter:
         raise LaisnError(f"propeller {screw:g} m: at most twice the diameter of the hull, {2 * diameter:g} m")
-    roll_inertia, inertia = 0.4 * mass * b**2, mass * (a**2 + b**2) / 5.0
+    roll_inertia = 0.4 * mass * b**2
+    inertia = mass * (a**2 + b**2) / 5.0
     along, across, turning = lamb_factors(length, diameter)
     added = np.array([along * mass, across * mass, across * mass, 0.3 * roll_inertia, *2 * [turning * inertia]])
-    drop, area = 0.1 * diameter, 0.7 * length * diameter
+    drop = 0.1 * diameter
+    area = 0.7 * length * diameter
     rigid = [mass, mass, mass, roll_inertia + mass * drop**2, inertia + mass * drop**2, inertia]
     whole = added + np.array(rigid)
     weight = mass * GRAVITY
@@ -147,7 +157,8 @@ def from_dimensions(
     n = 10
     ends = np.linspace(-1.0, 1.0, n + 1)
     side = np.diff(ends * np.sqrt(1.0 - ends**2) + np.arcsin(ends)) * a * b  # of the spheroid
-    slope, fin_x = helmbold_slope(2.0 * FIN_ASPECT), -0.45 * length
+    slope = helmbold_slope(2.0 * FIN_ASPECT)
+    fin_x = -0.45 * length
     pair = MARGIN * (added[1] - added[0]) / (0.5 * DENSITY * slope * -fin_x)
     span = float(np.sqrt(FIN_ASPECT * pair / 2.0))
     middle = 0.6 * b + span / 2.0

@@ -68,8 +68,11 @@ def hull_lift(c: Any, v: Vector) -> Vector:
     and leave the hull to `cross_flow`. A round hull has no sharp edge to be sucked forward at, so its lift never pushes
     it along its axis. `hull_lift_planes` may leave one plane out.
     """
-    area, drag, slope = c.hull_lift[0], c.hull_lift[1], c.hull_lift[2]
-    side, up = c.hull_lift_planes[0] * v[1], c.hull_lift_planes[1] * v[2]
+    area = c.hull_lift[0]
+    drag = c.hull_lift[1]
+    slope = c.hull_lift[2]
+    side = c.hull_lift_planes[0] * v[1]
+    up = c.hull_lift_planes[1] * v[2]
     in_plane = v[0] * v[0] + side * side + up * up
     if in_plane == 0.0:
         return 0.0, 0.0, 0.0
@@ -90,7 +93,8 @@ def cross_flow(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     fy = fz = my = mz = 0.0
     for i in range(c.n_strips):
         x = c.strip_x[i]
-        side, up = root_y * (v[1] + x * w[2]), root_z * (v[2] - x * w[1])
+        side = root_y * (v[1] + x * w[2])
+        up = root_z * (v[2] - x * w[1])
         scale = -0.5 * c.density * c.strip_area[i] * np.sqrt(side * side + up * up)
         dy, dz = scale * root_y * side, scale * root_z * up
         fy += dy
@@ -217,18 +221,23 @@ def wrench(
     momentum, angular = _inertia_times(c.added_mass, v, w)
     force, moment = kirchhoff(c.munk_factor, v, spin, momentum, angular)
     part = convergence(gradient, axis, times(to_world, momentum), times(to_world, angular))
-    force, moment = plus(force, times(to_body, part[0])), plus(moment, times(to_body, part[1]))
+    force = plus(force, times(to_body, part[0]))
+    moment = plus(moment, times(to_body, part[1]))
     for part in viscous(c, v, w):
-        force, moment = plus(force, part[0]), plus(moment, part[1])
+        force = plus(force, part[0])
+        moment = plus(moment, part[1])
     if c.coupled:
         part = coupled_damping(c, v, w)
-        force, moment = plus(force, part[0]), plus(moment, part[1])
+        force = plus(force, part[0])
+        moment = plus(moment, part[1])
     thrust, torque, others, their_moment = loads(fitted, i, c.density, v, w)
-    force, moment = plus(force, others), plus(moment, their_moment)
+    force = plus(force, others)
+    moment = plus(moment, their_moment)
 
     # the solver applies added mass to the body's own acceleration; what the water brings of it is added here
     part = _inertia_times(c.added_mass, brought[0], brought[1])
-    force, moment = plus(force, part[0]), plus(moment, part[1])
+    force = plus(force, part[0])
+    moment = plus(moment, part[1])
     # Froude-Krylov: the pressure that accelerates the water particles acts on the hull in their place, and they are
     # accelerated by Du/Dt along their own path, not along the hull's
     particle = minus(change, times(gradient, minus(velocity, stream)))
@@ -250,7 +259,8 @@ def _add_to_inertia(mass: Floats, vehicle: int, added: Floats, share: float, r: 
     a = (m[0, 0], m[0, 1], m[0, 2]), (m[1, 0], m[1, 1], m[1, 2]), (m[2, 0], m[2, 1], m[2, 2])
     b = (m[3, 0], m[3, 1], m[3, 2]), (m[4, 0], m[4, 1], m[4, 2]), (m[5, 0], m[5, 1], m[5, 2])
     for j in range(3):
-        carried, coupled = times(r, times(a, r[j])), times(b, r[j])
+        carried = times(r, times(a, r[j]))
+        coupled = times(b, r[j])
         for i in range(3):
             lower = (i + 3) * (i + 4) // 2  # start of row i + 3
             mass[vehicle, lower + j] += share * coupled[i]
@@ -280,13 +290,15 @@ def apply(
     fitted: tuple[Any, Floats],
 ) -> int:
     """Give all vehicles wrenches and added mass; the index of the first that is lost (not finite, > LOST), or -1."""
-    (mass, applied), (now, waves) = solver, instant_of(time, water)
+    mass, applied = solver
+    now, waves = instant_of(time, water)
     lost = beyond(twist, LOST)
     # one way out, and numbers in place of rows: compiled code would count references to arrays for each vehicle
     for i in range(0 if lost >= 0 else pose.shape[0]):
         at = (pose[i, 0], pose[i, 1], pose[i, 2], pose[i, 3], pose[i, 4], pose[i, 5], pose[i, 6])
         motion = (twist[i, 0], twist[i, 1], twist[i, 2], twist[i, 3], twist[i, 4], twist[i, 5])
-        c, total = coefficients[i], 0.0
+        c = coefficients[i]
+        total = 0.0
         force, moment, share = wrench(c, at, motion, now, waves, fitted, i)
         for j in range(3):
             applied[i, j] = force[j]

@@ -146,7 +146,8 @@ def read_coefficients(model: Any, names: Sequence[str], density: float) -> npt.N
     Records of RECORD, shape (v,), read-only. LaisnError if a numeric is missing, of the wrong size or negative, or the
     added mass is not symmetric positive semidefinite.
     """
-    records, sizes = np.zeros(len(names), RECORD), dict[str, int]()
+    records = np.zeros(len(names), RECORD)
+    sizes = dict[str, int]()
     for record, name in zip(records, names, strict=True):
         for key, (shape, _) in NUMERICS.items():
             value = numeric(model, f"{name}/{key}")
@@ -159,7 +160,8 @@ def read_coefficients(model: Any, names: Sequence[str], density: float) -> npt.N
             if key in ("strip_x", "strip_area"):
                 record[key][: value.size] = value
             elif key in MATRICES and value.size == 36:
-                record[key], record[MATRICES[key]] = own, value.reshape(6, 6) - np.diag(own)
+                record[key] = own
+                record[MATRICES[key]] = value.reshape(6, 6) - np.diag(own)
                 record["coupled"] |= int(record[MATRICES[key]].any())
             else:
                 record[key] = value.reshape(shape)
@@ -199,7 +201,8 @@ def scaled_coefficients(records: npt.NDArray[np.void], setups: Sequence[VehicleS
 def numeric_error(name: str, given: int | None) -> str:
     """Error of a numeric of a vehicle by its number of values (None: missing); empty: valid."""
     shape, unit = NUMERICS[name]
-    size, strips = int(np.prod(shape)), name.startswith("strip_")
+    size = int(np.prod(shape))
+    strips = name.startswith("strip_")
     expected = f"{'1 to ' if strips else ''}{size} value{'s' if size > 1 else ''} [{unit}]"
     if given is None:
         return f"lacks <numeric name={name!r}>, {expected}"

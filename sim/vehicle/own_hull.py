@@ -67,7 +67,8 @@ def _unexpected(text: str) -> Iterator[str]:
     sea = next(ElementTree.parse(models.path("ocean")).iter("option"))
     for element in elements:
         for name, value in element.items():
-            quoted, most = f"<{element.tag} {name}={value[:40]!r}>", _MOST.get((element.tag, name), _LARGEST)
+            quoted = f"<{element.tag} {name}={value[:40]!r}>"
+            most = _MOST.get((element.tag, name), _LARGEST)
             if not _within(value, most):
                 yield f"{quoted} must be finite and within ±{most:g}"
             if element.tag == "option" and value.split() != sea.get(name, "").split():

@@ -167,21 +167,24 @@ class Plant:
         vehicles = [resolve(model, name) for name in self.names]
         self.pose: Floats = data.qpos.reshape(n, 7)
         self.twist: Floats = data.qvel.reshape(n, 6)
-        self.effectors, self.fixed_fins = effectors.read(model, vehicles), effectors.read_fixed(model, vehicles)
+        self.effectors = effectors.read(model, vehicles)
+        self.fixed_fins = effectors.read_fixed(model, vehicles)
         self.effectors.flags.writeable = self.fixed_fins.flags.writeable = False
         self.effector_names = tuple(v.effectors for v in vehicles)
         self.thrust: Floats = np.zeros(self.effectors.shape)
         self.state = self.pose, self.twist, self.thrust
         solver: hydrodynamics.Solver = data.M.reshape(n, 21), data.qfrc_applied.reshape(n, 6)
         self._acceleration: Floats = data.qacc.reshape(n, 6)
-        self._last_pose, self._last_twist = np.empty((n, 7)), np.empty((n, 6))
+        self._last_pose = np.empty((n, 7))
+        self._last_twist = np.empty((n, 6))
         self.coefficients = mjcf.read_coefficients(model, self.names, ocean.density_kg_m3)
         self.true_coefficients = mjcf.scaled_coefficients(self.coefficients, setups)
         every = np.concatenate([self.effectors, self.fixed_fins], axis=1)
         self.true_effectors = effectors.scaled_records(every, setups)
         response = -np.expm1(-dt / np.maximum(self.effectors["lag"], 1e-9))  # records that pad a vehicle have no lag
         self._loads: Any = self.true_coefficients, ocean.water, solver, (self.true_effectors, self.thrust)
-        moving, good = (self.pose, self.twist, self._acceleration), (self._last_pose, self._last_twist)
+        moving = (self.pose, self.twist, self._acceleration)
+        good = (self._last_pose, self._last_twist)
         self._body = moving, response, good, data.warning.number
         self._clock = np.array([0.0, dt])
 

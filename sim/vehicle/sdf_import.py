@@ -21,7 +21,8 @@ from laisn.failure import LaisnError
 from sim.vehicle.hull_file import EffectorPart, HullFile, Number
 from sim.water import GRAVITY
 
-FORCES, RATES = "xyzkmn", "UVWPQR"
+FORCES = "xyzkmn"
+RATES = "UVWPQR"
 THRUST = 50.0  # range of a thruster whose plugin has none [N]: a T200 at 16 V
 LAG = {"thruster": 0.2, "fin": 0.1}  # Gazebo's thrusters and joints have controllers and no lag of their own [s]
 
@@ -53,7 +54,8 @@ def _number(parent: Element, name: str, default: float | str = "") -> float:
 
 def _frame(element: Element, outer: Floats | None = None) -> Floats:
     """Pose of an element in the model, by that of what holds it, as a homogeneous 4×4 matrix."""
-    pose, frame = element.find("pose"), np.eye(4)
+    pose = element.find("pose")
+    frame = np.eye(4)
     if pose is not None:
         if pose.get("relative_to") or pose.get("rotation_format", "euler_rpy") != "euler_rpy":
             raise LaisnError(
@@ -63,7 +65,8 @@ def _frame(element: Element, outer: Floats | None = None) -> Floats:
         values = _numbers(pose.text, 6, f"<pose> of {element.get('name')!r}")
         # fixed axes: roll, then pitch, then yaw
         turn = Rotation.from_euler("xyz", values[3:], degrees=pose.get("degrees") in ("1", "true"))
-        frame[:3, :3], frame[:3, 3] = turn.as_matrix(), values[:3]
+        frame[:3, :3] = turn.as_matrix()
+        frame[:3, 3] = values[:3]
     return frame if outer is None else outer @ frame
 
 
@@ -84,10 +87,15 @@ def _solid(collision: Element) -> tuple[float, Floats]:
 
 
 def _body(links: dict[str, tuple[Element, Floats]]) -> Body:
-    masses, centres, tensors, volumes, corners = [], [], [], [], []
+    masses = []
+    centres = []
+    tensors = []
+    volumes = []
+    corners = []
     for link, frame in links.values():
         if (inertial := link.find("inertial")) is not None:
-            own, i = _frame(inertial, frame), inertial.find("inertia")
+            own = _frame(inertial, frame)
+            i = inertial.find("inertia")
             i = Element("inertia") if i is None else i
             xx, yy, zz = (_number(i, name, 1.0) for name in ("ixx", "iyy", "izz"))
             xy, xz, yz = (_number(i, name, 0.0) for name in ("ixy", "ixz", "iyz"))
@@ -95,11 +103,13 @@ def _body(links: dict[str, tuple[Element, Floats]]) -> Body:
             centres.append(own[:3, 3])
             tensors.append(own[:3, :3] @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ own[:3, :3].T)
         for collision in link.iter("collision"):
-            at, (volume, half) = _frame(collision, frame), _solid(collision)
+            at = _frame(collision, frame)
+            volume, half = _solid(collision)
             reach = np.abs(at[:3, :3]) @ half
             volumes.append(volume)
             corners.append((at[:3, 3] - reach, at[:3, 3] + reach))
-    mass, volume = float(np.sum(masses)), float(np.sum(volumes))
+    mass = float(np.sum(masses))
+    volume = float(np.sum(volumes))
     if not mass > 0.0:
         raise LaisnError("its links have no mass")
     centre = np.average(centres, axis=0, weights=masses)
@@ -180,7 +190,9 @@ def _fins(model: Element, links: dict[str, tuple[Element, Floats]], remarks: lis
         link = plugin.findtext("link_name", "").strip()
         if link not in links:
             raise LaisnError(f"LiftDrag: there is no <link name={link!r}>")
-        name, frame, joint = _name(link), links[link][1], children.get(link)
+        name = _name(link)
+        frame = links[link][1]
+        joint = children.get(link)
         limits: tuple[float, float] | None = None
         if joint is not None and joint.get("type") == "revolute":
             limit = joint.find("axis/limit")
@@ -190,7 +202,8 @@ def _fins(model: Element, links: dict[str, tuple[Element, Floats]], remarks: lis
         if not np.linalg.norm(axis) > 0.9:
             remarks.append(f"LiftDrag of {name!r} lifts along the hull and is left out")
             continue
-        area, slope = _number(plugin, "area", 1.0), _number(plugin, "cla", 1.0)
+        area = _number(plugin, "area", 1.0)
+        slope = _number(plugin, "cla", 1.0)
         span = float(np.sqrt(area))
         yield EffectorPart(
             name=name,
@@ -224,10 +237,13 @@ def from_sdf(text: str) -> tuple[HullFile, list[str]]:
     models = [model for model in root.iter("model") if next(_plugins(model, "Hydrodynamics"), None) is not None]
     if not models or models[0].find("link") is None:
         raise LaisnError("has no <model> with links and a Hydrodynamics plugin; gz sdf -p FILE resolves <include>")
-    model, remarks = models[0], [f"only the first of {len(models)} models is read"] * (len(models) > 1)
+    model = models[0]
+    remarks = [f"only the first of {len(models)} models is read"] * (len(models) > 1)
     links = {link.get("name", ""): (link, _frame(link)) for link in model.findall("link")}
-    body, plugin = _body(links), next(_plugins(model, "Hydrodynamics"))
-    thrusters, fins = list(_thrusters(model, links, remarks)), list(_fins(model, links, remarks))
+    body = _body(links)
+    plugin = next(_plugins(model, "Hydrodynamics"))
+    thrusters = list(_thrusters(model, links, remarks))
+    fins = list(_fins(model, links, remarks))
     if not thrusters:
         raise LaisnError("has no Thruster plugin")
     hydrodynamic = links.get(plugin.findtext("link_name", "").strip())
@@ -249,7 +265,8 @@ def from_sdf(text: str) -> tuple[HullFile, list[str]]:
     flip = np.diag([-1.0, -1.0, 1.0]) if backwards else np.eye(3)
     six = np.kron(np.eye(2), flip)
     origin = body.buoyancy_centre
-    length, diameter = max(body.size[0], 0.1), max(float(np.sqrt(body.size[1] * body.size[2])), 0.05)
+    length = max(body.size[0], 0.1)
+    diameter = max(float(np.sqrt(body.size[1] * body.size[2])), 0.05)
     density = _number(plugin, "water_density", _number(plugin, "waterDensity", 998.0))
     buoyancy = density * body.volume * GRAVITY
     if not 0.9 < buoyancy / (body.mass * GRAVITY) < 1.1:
@@ -260,12 +277,16 @@ def from_sdf(text: str) -> tuple[HullFile, list[str]]:
 
     def placed(part: EffectorPart) -> EffectorPart:
         """The part in the body frame; of a propeller that pushes astern, positive thrust is ahead."""
-        place, axis, limits = flip @ (np.asarray(part.place) - origin), flip @ np.asarray(part.axis), part.limits
+        place = flip @ (np.asarray(part.place) - origin)
+        axis = flip @ np.asarray(part.axis)
+        limits = part.limits
         if limits and not part.suffix and axis[0] <= -0.9:
-            axis, limits = -axis, (-limits[1], -limits[0])
+            axis = -axis
+            limits = (-limits[1], -limits[0])
         return replace(part, place=place, axis=axis, limits=limits)
 
-    known, n = "gz-sim Hydrodynamics", 10
+    known = "gz-sim Hydrodynamics"
+    n = 10
     strips = length * ((np.arange(n) + 0.5) / n - 0.5)
     numerics: dict[str, Number] = {
         "added_mass": (matrices["added_mass"], f"6×6 by rows [kg], [kg m²]: {known}, −xDotU …"),

@@ -42,7 +42,8 @@ def _bare(scenario: Scenario) -> Callable[[], object]:
 
 def _closed(scenario: Scenario) -> Callable[[], object]:
     """The closed loop: sensing, navigation, guidance, autopilot, physics, recording."""
-    routes, ocean = routes_of(scenario), ocean_of(scenario)
+    routes = routes_of(scenario)
+    ocean = ocean_of(scenario)
     plants = [Plant(setups_of(scenario, routes), ocean, scenario.timing.physics_step_s) for _ in range(_REPEATS + 1)]
     make_controller = partial(closed_loop_of, scenario)
     return lambda: simulate(plants.pop(), routes, scenario.duration_s, make_controller=make_controller)
@@ -52,7 +53,8 @@ def formation() -> list[Row]:
     """A physics step of a formation in closed loop beside the bare solver; a whole run of a study."""
     rows = []
     for followers, duration in SWARMS.items():
-        blind, sensing = swarm(followers, duration), swarm(followers, duration, "formation.proximity.range_m=8")
+        blind = swarm(followers, duration)
+        sensing = swarm(followers, duration, "formation.proximity.range_m=8")
         steps = round(duration / blind.timing.physics_step_s)
         bare, seconds, wary = least_times([_bare(blind), _closed(blind), _closed(sensing)], _REPEATS)
         fleet = f"leader + {followers}"

@@ -13,7 +13,9 @@ from tools.benchmarks.row import Row
 
 HOURS = (3, 6)
 """Lengths of two missions, above that from which the command saves memory; both grow alike with their length."""
-RUNS, POINTS, WORKERS = 100_000, 4, 2
+RUNS = 100_000
+POINTS = 4
+WORKERS = 2
 LEG_S = 1800
 SAMPLE_S = 0.1
 
@@ -79,7 +81,8 @@ def memory() -> list[Row]:
     if not os.path.exists("/proc/self/smaps_rollup"):
         return []
     with tempfile.TemporaryDirectory() as folder:
-        here, peaks = Path(folder), []
+        here = Path(folder)
+        peaks = []
         (here / "study.toml").write_text(STUDY)
         # of the same code, once, so that nothing is compiled below
         peak_of("fly", "T5", "--no-video", "--out", str(here / "first"))

@@ -59,8 +59,10 @@ def physics() -> list[Row]:
     for fleet, (followers, duration) in FLEETS.items():
         kind = "remus100" if fleet.startswith("remus100") else "follower"
         scenario = _scenario(followers, duration, kind)
-        routes, dt = routes_of(scenario), scenario.timing.physics_step_s
-        setups, ocean = setups_of(scenario, routes), ocean_of(scenario)
+        routes = routes_of(scenario)
+        dt = scenario.timing.physics_step_s
+        setups = setups_of(scenario, routes)
+        ocean = ocean_of(scenario)
         steps = round(duration / dt)
         thrust = np.zeros((followers + 1, len(spec_of(kind).actuators)))
         # N of a thruster, 1/s of a propeller
@@ -72,7 +74,8 @@ def physics() -> list[Row]:
         model = spec.compile()
         data = mujoco.MjData(model)
         bare = least_time(partial(mujoco.mj_step, model, data, steps), 3) / steps * 1e6
-        dry, wet = Plant(setups, ocean, dt), Plant(setups, ocean, dt)
+        dry = Plant(setups, ocean, dt)
+        wet = Plant(setups, ocean, dt)
         calls = find(dry.model, dry.data)
         floor = least_time(partial(_stages, calls, steps), 3) / steps * 1e6
         with_water = least_time(partial(wet.step, thrust, steps), 3) / steps * 1e6
@@ -110,7 +113,8 @@ def film() -> list[Row]:
         return [Row(f"not measured: {graphics.INSTALL}", np.nan, "")]
     flight, _ = fly(load("T5", ()))
     # 300 frames spread over the whole mission
-    frames, video = 300, flight.scenario.video
+    frames = 300
+    video = flight.scenario.video
     length = float(flight.trajectory.time[-1] - flight.trajectory.time[0])
     paced = video.model_copy(update={"speed_up": length * video.frame_rate_hz / frames})
     marks: list[tuple[float, float]] = []
@@ -120,7 +124,8 @@ def film() -> list[Row]:
         job = Job(flight=flight, video=paced)
         render.render(job, path, progress=lambda done: marks.append((time.perf_counter(), done)))
     seconds = time.perf_counter() - begin
-    (first, already), (last, _) = marks[0], marks[-1]
+    first, already = marks[0]
+    last, _ = marks[-1]
     rate = frames * (1.0 - already) / max(last - first, 1e-9)
     return [
         Row("frames a second, once running", rate, "1/s", rate / 20, "20/s"),

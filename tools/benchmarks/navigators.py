@@ -24,7 +24,8 @@ RUNS = 60
 INTERVALS_S = (1.0, 5.0)
 AIMS_NS = {3: 60.0, 2: 250.0}
 """What a step is to cost at most, by transmitters; of constant biases and an exact leader [ns]."""
-FLOPS_PER_STEP, FLOPS_PER_MESSAGE = 95, 945
+FLOPS_PER_STEP = 95
+FLOPS_PER_MESSAGE = 945
 """Operations of the tightly coupled navigator with five states, three transmitters and one hypothesis.
 
 In a step: sine and cosine 40, dead reckoning 35, mean position 20. With a message: motion 180, what three ranges are
@@ -59,10 +60,13 @@ def _fly(settings: TightSettings, missions: Sequence[Measurements], start: Float
 def _rows(interval: float) -> Iterator[Row]:
     keys = ["motion=kinematic", "followers.0.depth_m=8", f"timing.message_interval_s={interval}"]
     cell = Cell.of(load(ROUTE, [*keys, "navigation.variant=laisn-3-2"]))
-    truth, missions = cell.truth, [measure(cell.truth, cell.errors, seed=1, run=run) for run in range(RUNS)]
-    per, every = 1e9 / (RUNS * truth.speed.size), f"messages every {interval:g} s"
+    truth = cell.truth
+    missions = [measure(cell.truth, cell.errors, seed=1, run=run) for run in range(RUNS)]
+    per = 1e9 / (RUNS * truth.speed.size)
+    every = f"messages every {interval:g} s"
     own, messages = lanes.stacked(missions)
-    start, tuned = truth.start[None], row.tuning(NavigationSettings())
+    start = truth.start[None]
+    tuned = row.tuning(NavigationSettings())
     cases = [(count, words, assume) for count in AIMS_NS for words, assume in _ASSUMED.items()]
     works: list[Callable[[], object]] = [partial(filter_only, own, truth.message_step, messages, start, tuned)]
     works += [

@@ -24,5 +24,6 @@ def peak_flops() -> float:
 
     A measurement takes 0.05 s or more: processor time may be counted in ticks of some milliseconds.
     """
-    values, repeats = np.ones(LANES), 10_000_000
+    values = np.ones(LANES)
+    repeats = 10_000_000
     return 16 * LANES * repeats / least_time(lambda: _peak(values, repeats))

@@ -80,7 +80,8 @@ def filterpy_loop(mission: Measurements, start: Floats, settings: NavigationSett
         kalman.predict(settings.sigma_a0)
         if k % MESSAGE_EVERY == 0:
             kalman.update_position(z, settings.beta)
-        speed, heading = mission.speed[k - 1], mission.heading[k - 1]
+        speed = mission.speed[k - 1]
+        heading = mission.heading[k - 1]
         kalman.update_speed(speed, heading, settings.sigma_speed, settings.sigma_heading)
     return kalman.state
 
@@ -88,20 +89,23 @@ def filterpy_loop(mission: Measurements, start: Floats, settings: NavigationSett
 def vectorised_numpy(own: Floats, messages: Floats, start: Floats, settings: NavigationSettings) -> Floats:
     """The Kalman filter of all runs at once with NumPy; `own` (n, 2, R), fixes `messages` (m, 2, R)."""
     runs = own.shape[2]
-    x, P = np.tile(start, (runs, 1)), np.zeros((runs, 4, 4))
+    x = np.tile(start, (runs, 1))
+    P = np.zeros((runs, 4, 4))
     A = np.eye(4) + DT * np.eye(4, k=2)
     G = np.kron(np.array([[DT * DT / 2], [DT]]), np.eye(2))
     Q = settings.sigma_a0**2 * G @ G.T
     R = np.empty((runs, 2, 2))
     position_noise = settings.beta**2 * np.eye(2)
-    speed_variance, heading_variance = settings.sigma_speed**2, settings.sigma_heading**2
+    speed_variance = settings.sigma_speed**2
+    heading_variance = settings.sigma_heading**2
 
     def update(z: Floats, noise: Floats, part: slice) -> None:
         nonlocal x, P
         S = P[:, part, part] + noise
         det = S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] * S[:, 1, 0]
         inverse = np.empty_like(S)
-        inverse[:, 0, 0], inverse[:, 1, 1] = S[:, 1, 1] / det, S[:, 0, 0] / det
+        inverse[:, 0, 0] = S[:, 1, 1] / det
+        inverse[:, 1, 1] = S[:, 0, 0] / det
         inverse[:, 0, 1] = inverse[:, 1, 0] = -S[:, 0, 1] / det
         K = P[:, :, part] @ inverse
         x = x + (K @ (z - x[:, part])[..., None])[..., 0]
@@ -111,7 +115,8 @@ def vectorised_numpy(own: Floats, messages: Floats, start: Floats, settings: Nav
 
     for k in range(1, own.shape[0] + 1):
         speed, heading = own[k - 1]
-        x, P = x @ A.T, A @ P @ A.T + Q
+        x = x @ A.T
+        P = A @ P @ A.T + Q
         if k % MESSAGE_EVERY == 0:
             update(messages[k // MESSAGE_EVERY - 1].T, position_noise, slice(0, 2))
         sine, cosine = np.sin(heading), np.cos(heading)
@@ -131,10 +136,12 @@ def _peak_memory() -> float:
 
 def navigation() -> list[Row]:
     """A filter step of one run: compiled lanes beside a filterpy loop and vectorised NumPy."""
-    truth, settings = steady_mission(), NavigationSettings()
+    truth = steady_mission()
+    settings = NavigationSettings()
     missions = [measure(truth, SensorErrors(), seed=1, run=run) for run in range(RUNS)]
     own, messages = lanes.stacked(missions)
-    n, m = truth.speed.size, truth.message_step.size
+    n = truth.speed.size
+    m = truth.message_step.size
     peak = peak_flops()
     floor = FLOPS_PER_STEP / peak * 1e9
 
@@ -142,7 +149,8 @@ def navigation() -> list[Row]:
     short = measure(steady_mission(few), SensorErrors(), seed=1, run=0)
     navigator = least_time(lambda: Navigator(settings, truth.start).run(short), 3) / few * 1e9
     filterpy = least_time(lambda: filterpy_loop(short, truth.start, settings), 3) / few * 1e9
-    readings, fixes = own.reshape(n, 3, -1)[:, :2, :RUNS], messages.reshape(m, 10, -1)[:, :2, :RUNS]
+    readings = own.reshape(n, 3, -1)[:, :2, :RUNS]
+    fixes = messages.reshape(m, 10, -1)[:, :2, :RUNS]
     numpy_time = least_time(lambda: vectorised_numpy(readings, fixes, truth.start, settings), 3)
     vectorised = numpy_time / (n * RUNS) * 1e9
     rows = [
@@ -206,7 +214,8 @@ def record(rounds: Mapping[str, Sequence[list[Row]]]) -> Findings:
             if rows[0].unit == "MB" and name == "navigation":
                 # the most that a process ever had grows in the first round alone
                 rows = rows[:1]
-            row, key = rows[0], f"{name}: {rows[0].name}"
+            row = rows[0]
+            key = f"{name}: {rows[0].name}"
             key = f"{key}, than {row.against}" if key in found else key
             found[key] = _spread([r.value for r in rows], row.unit, "median, least and largest of the rounds")
             if row.against:

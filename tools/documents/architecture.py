@@ -9,7 +9,8 @@ from matplotlib.patches import FancyBboxPatch
 from experiments.pages.style import FRAME, INK, SERIES
 from tools import import_graph
 
-_WIDTH, _HEIGHT = 7.6, 8.2
+_WIDTH = 7.6
+_HEIGHT = 8.2
 _BOX = (0.9, 0.62)
 """Width and height of a package's box; boxes are a unit apart."""
 _COLOURS = {"models": INK, "laisn": SERIES[2], "sim": SERIES[0], "experiments": SERIES[1]}
@@ -72,7 +73,8 @@ def picture() -> Figure:
     axes.set_axis_off()
     for package, below in transitive_reduction(between).items():
         for other in below:
-            (x, y), (u, v) = placed[package], placed[other]
+            x, y = placed[package]
+            u, v = placed[other]
             axes.annotate(
                 "", (u, v + _BOX[1] / 2), (x, y - _BOX[1] / 2), zorder=1,
                 arrowprops={"arrowstyle": "-|>", "lw": 0.5, "color": FRAME.light, "mutation_scale": 5,

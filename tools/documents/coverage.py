@@ -22,7 +22,8 @@ RUNS = (20, 60)
 TRIALS = 10_000
 LOCKED = 0.1
 """Chance that a run locks on the mirror image."""
-_NEAR, _FAR = 0.5, 20.0
+_NEAR = 0.5
+_FAR = 20.0
 """Mean error of a run that does not lock, and of one that does [m]."""
 
 Draw = Callable[[np.random.Generator, tuple[int, int]], tuple[Floats, Floats]]
@@ -72,17 +73,21 @@ _UNTIL: Mapping[str, tuple[str, float, float]] = {
     "binary": ("an outcome of a tenth of the runs", LOCKED, 0.03),
 }
 """Laws of a run of a study that ends when its interval is narrow: words, the true mean, and half of the interval."""
-_BATCH, _MOST = 60, 5_000
+_BATCH = 60
+_MOST = 5_000
 
 
 def stopped(law: str, rng: np.random.Generator) -> Interval:
     """The interval of a study that flies batches until it is narrow enough, as `[runs] until` does."""
     _, mean, half_width = _UNTIL[law]
     values = rng.normal(size=_MOST) if law == "normal" else (rng.random(_MOST) < mean).astype(np.float64)
-    until, runs, wanted = Until(half_width=half_width, most=_MOST), 0, _BATCH
+    until = Until(half_width=half_width, most=_MOST)
+    runs = 0
+    wanted = _BATCH
     found = Interval(mean, math.nan, math.nan)
     while runs < wanted:
-        runs, some = wanted, values[:wanted]
+        runs = wanted
+        some = values[:wanted]
         found = mean_interval(some) if law == "normal" else proportion(int(some.sum()), runs)
         wanted = runs_wanted(runs, (found.high - found.low) / 2.0, until, _BATCH)
     return found
@@ -90,7 +95,8 @@ def stopped(law: str, rng: np.random.Generator) -> Interval:
 
 def covered_when_stopped(law: str, trials: int = TRIALS, seed: int = 1) -> int:
     """Number of intervals, of a number of such studies, that contain the true mean of a distribution."""
-    rng, mean = np.random.default_rng([seed, 0]), _UNTIL[law][1]
+    rng = np.random.default_rng([seed, 0])
+    mean = _UNTIL[law][1]
     return sum(found.low <= mean <= found.high for found in (stopped(law, rng) for _ in range(trials)))
 
 

@@ -80,7 +80,8 @@ def moving_picture(name: str, flight: Flight, span: tuple[float, float]) -> None
         film = Path(folder) / "film.mp4"
         render.render(Job(flight=part, video=video), film)
         first, *others = frames(film)
-    path, step = FOLDER / f"{name}.webp", round(1000 / FRAMES_HZ)
+    path = FOLDER / f"{name}.webp"
+    step = round(1000 / FRAMES_HZ)
     first.save(path, save_all=True, append_images=others, duration=step, loop=0, quality=30, method=2)
 
 

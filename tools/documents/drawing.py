@@ -52,7 +52,8 @@ def with_subscripts(text: str) -> str:
 def _axes(figure: Figure, bottom: float, height: float) -> Axes:
     """Axes over the width of a figure, with room for numbers at the left; places in inches."""
     wide, high = figure.get_size_inches()
-    left, right = 0.595, 0.09
+    left = 0.595
+    right = 0.09
     return figure.add_axes((left / wide, bottom / high, (wide - left - right) / wide, height / high))
 
 
@@ -81,9 +82,11 @@ def _ticks(set_ticks: Any, ticks: Ticks) -> None:
 
 def draw(panel: Panel) -> Figure:
     """A panel of a page as a figure of matplotlib; its parts are listed from above, its axes from below."""
-    points, gap = round(DRAWN_POINTS * max(1.0, panel.width / WIDTH)), 0.14
+    points = round(DRAWN_POINTS * max(1.0, panel.width / WIDTH))
+    gap = 0.14
     room = panel.height - 0.72 - gap * (len(panel.parts) - 1)
-    whole, bottom = sum(part.height for part in panel.parts), 0.44
+    whole = sum(part.height for part in panel.parts)
+    bottom = 0.44
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(panel.width, panel.height))
         for part in reversed(panel.parts):
@@ -128,7 +131,8 @@ def heat(bearing_deg: Floats, range_m: Floats, error: Floats, title: str) -> Fig
     """
     figure = panel([], x_label="bearing B of the follower [°]", y_label="range [m]", title=title, height=2.6)
     (axes,) = figure.axes
-    around, closed = np.append(bearing_deg, bearing_deg[0] + 360.0), np.concatenate([error, error[:, :1]], axis=1)
+    around = np.append(bearing_deg, bearing_deg[0] + 360.0)
+    closed = np.concatenate([error, error[:, :1]], axis=1)
     drawn = axes.contourf(around, range_m, closed, levels=ERROR_LEVELS_M, colors=ERROR_COLOURS, extend="max")
     axes.set_yscale("log")
     axes.set_ylim(float(range_m[0]), float(range_m[-1]))

@@ -40,7 +40,8 @@ PUBLISHED_BLUEROV = {"turn": 3.9111, "ascent": 0.7146, "descent": 0.7210, "surge
 
 V. N. Fernandez-Ayala, bluerov2_dynamics, `fossen/BlueROV2.py` (MIT licence, commit aafc093).
 """
-_PITCH, _ROLL = 0.16928464600933177, 0.11410268696233682
+_PITCH = 0.16928464600933177
+_ROLL = 0.11410268696233682
 """Voltage of the vertical thrusters that cancels the moment of the horizontal ones at a quarter of their voltage."""
 BLUEROV_COMMANDS = {
     "turn": (1.0, -1.0, -1.0, 1.0, 0.0, 0.0, 0.0, 0.0),
@@ -54,7 +55,10 @@ BLUEROV_COMMANDS = {
 
 def _remus() -> dict[str, Finding]:
     """Final speed and its rise, steady turns, and pitch under stern planes of a REMUS 100."""
-    found, rises, rates, radii = {}, [], [], []
+    found = {}
+    rises = []
+    rates = []
+    radii = []
     for rpm, published in PUBLISHED_SPEED.items():
         speed = remus.run(rpm, 100.0)[1][:, 0]
         # to the digits of the published table, lest it be rounded twice
@@ -70,7 +74,8 @@ def _remus() -> dict[str, Finding]:
             rates.append(abs(float(np.degrees(abs(last[5]))) / published - 1.0))
             radii.append(float(np.linalg.norm(last[:3]) / abs(last[5])))
     found["turn apart"] = plain(max(rates), "largest relative difference of turn rates from the published ones")
-    found["radius largest"], found["radius least"] = plain(max(radii), "radius", "m"), plain(min(radii), "radius", "m")
+    found["radius largest"] = plain(max(radii), "radius", "m")
+    found["radius least"] = plain(min(radii), "radius", "m")
     for rpm in PUBLISHED_TURN:
         tank, _ = remus.run(rpm, 200.0, stern_plane_deg=STERN_PLANE_DEG)
         pitch = abs(float(np.degrees(attitude.heading_pitch_roll(tank.pose[3:])[1])))
@@ -104,7 +109,8 @@ REMUS_TERMS = {
 }
 """Fossen's model with terms replaced, by the names of the findings."""
 MANOEUVRE_S = 100.0
-RUDDER_DEG, RPM = 15.0, 1525.0
+RUDDER_DEG = 15.0
+RPM = 1525.0
 
 
 def _plant(model: str, speed: float = 0.0, heading: float = 0.0, depth: float = 200.0, current: float = 0.0) -> Plant:
@@ -122,7 +128,8 @@ def remus_flight(rudder: float, plane: float, rpm: float, changes: dict[float, t
         rpm: of the propeller [1/min].
         changes: later commands by time [s].
     """
-    plant, rows = _plant("remus100"), []
+    plant = _plant("remus100")
+    rows = []
     for k in range(round(MANOEUVRE_S * 10) + 1):
         if k:
             plant.step(np.array([[rpm / 60.0, rudder, rudder, plane, plane]]), 5)
@@ -143,7 +150,8 @@ def _held(command: tuple[float, float, float], _: float) -> tuple[float, float, 
 def _fossen() -> dict[str, Finding]:
     """Turning circle, dive and propeller step of Fossen's model, term by term, and of ours, for 100 s from rest."""
     found = {}
-    rudder, plane = np.radians(RUDDER_DEG), np.radians(STERN_PLANE_DEG)
+    rudder = np.radians(RUDDER_DEG)
+    plane = np.radians(STERN_PLANE_DEG)
 
     def steps(t: float) -> tuple[float, float, float]:
         return np.radians(5.0), plane if t < 50.0 else 0.0, RPM
@@ -178,9 +186,11 @@ def coefficients_of(model: str) -> dict[str, float]:
     """What a hull's file comes to: inertia, added mass, forces of the water at given velocities, fins and thrust."""
     plant = _plant(model)
     (record,) = mjcf.read_coefficients(plant.model, plant.names, 1026.0)
-    c, body = np.array([record], record.dtype).view(np.recarray)[0], plant.model.body("v/hull")
+    c = np.array([record], record.dtype).view(np.recarray)[0]
+    body = plant.model.body("v/hull")
     own = plant.effectors[0, : len(plant.effector_names[0])]
-    rest, (now, waves) = np.array([0.0, 0.0, -200.0, 1.0, 0.0, 0.0, 0.0]), instant_of(0.0, plant.ocean.water)
+    rest = np.array([0.0, 0.0, -200.0, 1.0, 0.0, 0.0, 0.0])
+    now, waves = instant_of(0.0, plant.ocean.water)
 
     def load(axis: int, size: float) -> float:
         force, moment, _ = wrench(c, rest, size * np.eye(6)[axis], now, waves, (own[None], np.zeros((1, own.size))), 0)
@@ -208,7 +218,8 @@ def _estimates() -> dict[str, Finding]:
     """Ratios of estimated to published coefficients."""
     found = {}
     for model, (length, diameter, mass) in ESTIMATED.items():
-        published, estimated = coefficients_of(model), coefficients_of(from_dimensions(length, diameter, mass).xml())
+        published = coefficients_of(model)
+        estimated = coefficients_of(from_dimensions(length, diameter, mass).xml())
         for name, value in published.items():
             if value > 0.0:
                 ratio = estimated[name] / value
@@ -262,7 +273,8 @@ def _vehicles() -> dict[str, Finding]:
         for role, route in (("follower", library_route("T5")), ("leader", library_route("L", 8.0))):
             if model == "bluerov2_heavy":
                 route = Route.at_speed("square", [[0, 0], [60, 0], [60, 60]], 0.5, 10.0)
-            start, depth = route.waypoint[0], float(route.depth.depth[0])
+            start = route.waypoint[0]
+            depth = float(route.depth.depth[0])
             setup = VehicleSetup(
                 name="v", model=model, position_m=(start[0], start[1], -depth), heading_rad=route.initial_heading,
                 speed_m_s=route.start_speed,

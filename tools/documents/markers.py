@@ -49,7 +49,9 @@ def filled(text: str, found: Mapping[str, Findings], tables: Mapping[str, Callab
         return found[name]
 
     def number(match: re.Match[str]) -> str:
-        name, key, spec = match[1], match[2].strip(), match[3]
+        name = match[1]
+        key = match[2].strip()
+        spec = match[3]
         finding = plain(study(name).version, "version") if key == "version" else study(name)[key]
         return f"<!--= {name} {key} {spec} -->{finding:{spec}}<!--/-->"
 

@@ -50,7 +50,9 @@ def remus_turn() -> Drawn:
 
 def pendulum() -> Drawn:
     """Pitch of a hull in ideal water that is let go at 1°, beside the closed form."""
-    arm, dt, duration = 0.02, 0.002, 45.0
+    arm = 0.02
+    dt = 0.002
+    duration = 45.0
     tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -arm), added_mass=SPHEROID_ADDED), Ocean(), dt)
     tank.place(quaternion=attitude.from_euler(0.0, np.radians(1)))
     pitch = []
@@ -73,7 +75,11 @@ def pendulum() -> Drawn:
 
 def orbits() -> Drawn:
     """Paths of small neutral spheres in a wave, beside the ellipses of linear theory."""
-    floor, height, period, radius, dt = 6.0, 0.5, 4.0, 0.02, 0.005
+    floor = 6.0
+    height = 0.5
+    period = 4.0
+    radius = 0.02
+    dt = 0.005
     waves = Waves.regular(height_m=height, period_s=period, direction_rad=np.pi / 2, floor_depth_m=floor)
     ocean = Ocean(floor_depth_m=floor, waves=waves)
     displaced = 1026 * 4 / 3 * np.pi * radius**3

@@ -56,7 +56,8 @@ def arrival_errors(route: Route, time: Floats, position: Floats) -> Floats:
         Shape (number of waypoints passed,), [s].
     """
     middle = 0.5 * (route.time[:-1] + route.time[1:])
-    begin, end = np.concatenate([route.time[:1], middle]), np.concatenate([middle, [np.inf]])
+    begin = np.concatenate([route.time[:1], middle])
+    end = np.concatenate([middle, [np.inf]])
     errors = []
     rests = route.leg_length == 0
     stops = np.append(rests, False) | np.append(False, rests)
@@ -75,13 +76,15 @@ def tracking(trajectory: Trajectory, routes: Sequence[Route]) -> tuple[TrackingR
     reports = []
     for i, (name, route) in enumerate(zip(trajectory.names, routes, strict=True)):
         n = int(np.searchsorted(trajectory.time, route.time[-1] + 1e-9, side="right"))
-        time, position = trajectory.time[:n], trajectory.position[:n, i, :2]
+        time = trajectory.time[:n]
+        position = trajectory.position[:n, i, :2]
         off = cross_track(route, time, position)
         late = arrival_errors(route, trajectory.time, trajectory.position[:, i, :2])
         intended = plan(route).at(time)
         speed_error = np.hypot(*trajectory.velocity[:n, i, :2].T) - intended.speed
         depth_error = trajectory.depth[:n, i] - route.depth.at(time)[0]
-        pitch, roll = trajectory.pitch[:n, i], trajectory.roll[:n, i]
+        pitch = trajectory.pitch[:n, i]
+        roll = trajectory.roll[:n, i]
         reports.append(
             TrackingReport(
                 name=name,
@@ -135,7 +138,8 @@ def findings_of(reports: Sequence[TrackingReport], planned: TrackingReport) -> F
     each = [_findings(report, report.name) for report in reports]
     named: dict[str, Finding] = {key: finding for one in each for key, finding in one.items()}
     for row in zip(*(one.items() for one in each), strict=True):
-        quantity, values = row[0][0].partition(" ")[0], [finding.number for _, finding in row]
+        quantity = row[0][0].partition(" ")[0]
+        values = [finding.number for _, finding in row]
         named[f"{quantity} least"] = plain(min(values), "of all vehicles", row[0][1].unit)
         named[f"{quantity} most"] = plain(max(values), "of all vehicles", row[0][1].unit)
     named |= _findings(planned, "T8-plan")

@@ -24,13 +24,15 @@ from tools.documents.real_ranges import DATA
 
 Drawn = tuple[Figure, Legend]
 
-_PITCH_DEG, _OFFSET_M = 5.0, 5.0
+_PITCH_DEG = 5.0
+_OFFSET_M = 5.0
 _PLAZA_BEACONS = ("1", "6")
 
 
 def asymmetry() -> Drawn:
     """Error of a noiseless LAISN-2 fix around a pitched leader."""
-    reach, bearing = np.array(MAP["range_m"]), np.arange(0.0, 360.0, 2.0)
+    reach = np.array(MAP["range_m"])
+    bearing = np.arange(0.0, 360.0, 2.0)
     points = np.array([[np.deg2rad(_PITCH_DEG), _OFFSET_M, r, np.deg2rad(b)] for r in reach for b in bearing])
     error = sweep(points, NavigationSettings(side_rule="predicted"))
     title = f"Error of a fix: pitch {_PITCH_DEG:g}°, follower {_OFFSET_M:g} m below"
@@ -40,13 +42,15 @@ def asymmetry() -> Drawn:
 
 def closed_loop() -> Drawn:
     """How a mirrored estimate leads a follower away: true and estimated distances from the leader's axis."""
-    lines, missions = [], {entry.arm: entry.scenario for entry in plan_of(study_of("closed-loop", {})).entries}
+    lines = []
+    missions = {entry.arm: entry.scenario for entry in plan_of(study_of("closed-loop", {})).entries}
     for navigator, colour in (("laisn-2", SERIES[1]), ("laisn-3-2", SERIES[0])):
         mission = missions[f"{navigator} estimate"]
         chosen = (mission.followers[ROUTES.index("T5")],)
         flight, _ = fly(mission.model_copy(update={"followers": chosen, "duration_s": 140.0}))
         steps = flight.step_index()
-        heading, leader = flight.trajectory.heading[steps, 0], flight.trajectory.position[steps, 0, :2]
+        heading = flight.trajectory.heading[steps, 0]
+        leader = flight.trajectory.position[steps, 0, :2]
         starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
         for position, dash in ((flight.hydrophone(0)[:, :2], "-"), (flight.estimates[0].state[:, :2], ":")):
             aside = np.einsum("ni,ni->n", position - leader, starboard)
@@ -64,7 +68,8 @@ def real_ranges() -> Drawn:
     with tempfile.TemporaryDirectory() as folder:
         write_data_set(data, Path(folder) / "plaza.mcap")
         recorded = read_data_set_log(Path(folder) / "plaza.mcap")
-    reckoned, (estimated, _) = dead_reckoning(recorded), among_beacons(recorded, Beacons())
+    reckoned = dead_reckoning(recorded)
+    estimated, _ = among_beacons(recorded, Beacons())
     # what was driven in the first five minutes is crowded enough
     shown = np.flatnonzero(recorded.measurements.time < 300.0)
     true = recorded.truth[recorded.truth[:, 0] < 300.0]

@@ -59,7 +59,8 @@ def _ratio(finding: Finding) -> str:
 
 def ratios(records: Records) -> str:
     """Mean E_P over the paper's, median and range of the missions."""
-    found, rows = records["reproduce-physics"], []
+    found = records["reproduce-physics"]
+    rows = []
     for words, settings in RATIOS:
         cells = []
         for variant in ("laisn-2", "laisn-3-2"):
@@ -88,7 +89,8 @@ def closed_loop(records: Records) -> str:
 
 def closed_loop_current(records: Records) -> str:
     """Followers that steer by their own estimates in currents, navigator by navigator."""
-    found, rows = records["closed-loop"], []
+    found = records["closed-loop"]
+    rows = []
     for name, words in STEERING.items():
         if f"off current {name}" not in found.findings:
             continue  # newer than the record
@@ -119,7 +121,8 @@ def tracking(records: Records) -> str:
 
 def real_ranges(records: Records) -> str:
     """Errors among the beacons of both drives, navigator by navigator."""
-    found, rows = records["real-ranges"], []
+    found = records["real-ranges"]
+    rows = []
     for navigator, words in AMONG_BEACONS.items():
         cells = [words]
         for name in ("Plaza1", "Plaza2"):
@@ -142,15 +145,18 @@ FLEETS = {
 
 def speed(records: Records) -> str:
     """What `make bench` measured: median, least and largest of its rounds."""
-    found, rows = records["benchmarks"], []
+    found = records["benchmarks"]
+    rows = []
     for followers, words in FLEETS.items():
         fleet = f"physics: leader + {followers}"
         whole = f"{fleet}: with autopilot and recording"
-        bare, floor = found[f"{fleet}: mj_step alone, no water"], found[f"{whole}, floor"]
+        bare = found[f"{fleet}: mj_step alone, no water"]
+        floor = found[f"{whole}, floor"]
         measured = f"{found[whole]:.1f i} µs a step, {found[f'{fleet}: real-time factor']:,.0f} times real time"
         rows.append([words, measured, f"bare `mj_step` {bare:.1f} µs, its needed part {floor:.1f} µs"])
     alone = "navigation: lanes, LAISN-2 filter only"
-    filterpy, vectorised = found[f"{alone}, than filterpy"], found[f"{alone}, than NumPy"]
+    filterpy = found[f"{alone}, than filterpy"]
+    vectorised = found[f"{alone}, than NumPy"]
     peers = f"{filterpy:,.0f} times as fast as filterpy, {vectorised:.0f} times as NumPy over 60 runs"
     floor_ns = found[f"{alone}, floor"]
     rows.append(
@@ -169,7 +175,8 @@ def speed(records: Records) -> str:
         measured = f"{found[tight]:.1f i} ns a step"
         beside = f"{against}; floor by flops {found[f'{tight}, floor']:.1f} ns"
         rows.append(["tightly coupled with three transmitters, one run after another", measured, beside])
-    messages, size = found["log: writing"], found["log: size"]
+    messages = found["log: writing"]
+    size = found["log: size"]
     rows.append(["log", f"{messages:.0f i} thousand messages/s", f"{size:.1f} MB for 1000 s without film"])
     film = "film: frames a second, once running"
     if film in found.findings:
@@ -182,7 +189,8 @@ def speed(records: Records) -> str:
 
 def _cases(records: Records, keys: Sequence[tuple[str, str]]) -> str:
     """A row of the study of the estimators for each pair of words and key."""
-    found, rows = records["estimators"].findings, []
+    found = records["estimators"].findings
+    rows = []
     for words, key in keys:
         bound = f"{found[f'bound {key}']:.2f}" if f"bound {key}" in found else "–"
         locked = found[f"mirror-locked {key}"]
@@ -216,7 +224,8 @@ def coverage(records: Records) -> str:
 
 def _rivals(records: Records, columns: Mapping[str, tuple[str, str]]) -> str:
     """A row for each navigator of the study of rival methods: heads, findings with NAME for the navigator, formats."""
-    found, rows = records["rivals"].findings, []
+    found = records["rivals"].findings
+    rows = []
     for name, title in NAVIGATORS.items():
         cells = ((found.get(key.replace("NAME", name)), spec) for key, spec in columns.values())
         rows.append([title, *("–" if finding is None else f"{finding:{spec}}" for finding, spec in cells)])
@@ -242,7 +251,8 @@ def rivals_conditions(records: Records) -> str:
 
 def rivals_closed(records: Records) -> str:
     """The same in closed loop, and how many are lost."""
-    found, rows = records["rivals"].findings, []
+    found = records["rivals"].findings
+    rows = []
     for name, title in NAVIGATORS.items():
         keys = [f"NAME {name} {condition}" for condition in CONDITIONS]
         cells = (f"{found[k.replace('NAME', 'closed-error')]:.2f}, {found[k.replace('NAME', 'closed-lost')]:.0%}"
@@ -276,7 +286,8 @@ def fossen(records: Records) -> str:
 
 def hull_estimates(records: Records) -> str:
     """Estimated over published coefficients of the shipped vehicles."""
-    found, models = records["hull-trials"], ("remus100", "lauv")
+    found = records["hull-trials"]
+    models = ("remus100", "lauv")
     names = dict.fromkeys(key.split(" ", 2)[2] for key in found.findings if key.startswith("estimate "))
     rows = [
         [name, *(f"{found[key]:.2f}" if (key := f"estimate {model} {name}") in found.findings else "–"

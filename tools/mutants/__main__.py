@@ -53,7 +53,8 @@ def summary(package: str, tried: list[Tried], of: int) -> str:
     if len(tried) < of:
         limits = binomtest(killed, len(tried)).proportion_ci(method="wilson")
         text += f" (95 %: {limits.low:.0%} to {limits.high:.0%}), drawn from {of}"
-    late, same = sum(t.timed_out for t in tried), sum(bool(t.equivalent) and not t.killed for t in tried)
+    late = sum(t.timed_out for t in tried)
+    same = sum(bool(t.equivalent) and not t.killed for t in tried)
     return f"{text}; of the others {late} timed out and {same} are equivalent to the original"
 
 
@@ -73,7 +74,8 @@ def record(found: dict[str, tuple[list[Tried], int]], seed: int, before: Finding
     findings = dict(kept)
     for package, (tried, of) in found.items():
         equivalent = sum(bool(t.equivalent) and not t.killed for t in tried)
-        killed, counted = sum(t.killed for t in tried), len(tried) - equivalent
+        killed = sum(t.killed for t in tried)
+        counted = len(tried) - equivalent
         limits = binomtest(killed, counted).proportion_ci(method="wilson")
         findings |= {
             f"noticed {package}": Finding(

@@ -25,7 +25,8 @@ def names_imported_by(test: Path) -> Iterator[str]:
 @cache
 def distances() -> dict[str, dict[str, int]]:
     """Modules that each test file reaches, with the number of imports on the shortest path."""
-    imports, found = import_graph.imports(packages=SOURCES), {}
+    imports = import_graph.imports(packages=SOURCES)
+    found = {}
     for path in sorted((ROOT / "tests").rglob("test_*.py")):
         names = set(names_imported_by(path))
         front = {name if name in imports else name.rpartition(".")[0] for name in names} & imports.keys()

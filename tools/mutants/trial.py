@@ -31,7 +31,8 @@ OPERATORS = (
 )
 """Operators of cosmic-ray, without those whose mutants seldom compile."""
 EQUIVALENT = Path(__file__).with_name("equivalent.toml")
-LEAST_TIMEOUT_S, TIMEOUT_RATIO = 60.0, 10.0
+LEAST_TIMEOUT_S = 60.0
+TIMEOUT_RATIO = 10.0
 """A mutant's tests may take this long, and this many times as long as they take without it."""
 
 Span = tuple[tuple[int, int], tuple[int, int]]
@@ -125,7 +126,8 @@ def time_of(test: str) -> float:
 
 def attempt(mutant: MutationSpec, took: Mapping[str, float]) -> Tried:
     """Test a mutant by the tests that cover it, the quickest first; `took` is the time of each without mutants [s]."""
-    file, place = str(mutant.module_path), f"{mutant.module_path}:{mutant.start_pos[0]}"
+    file = str(mutant.module_path)
+    place = f"{mutant.module_path}:{mutant.start_pos[0]}"
     tests = sorted(covering(file), key=took.__getitem__)
     timeout = LEAST_TIMEOUT_S + TIMEOUT_RATIO * sum(took[test] for test in tests)
     # without a test it survives; pytest without a file would run all tests

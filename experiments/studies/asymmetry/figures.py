@@ -36,13 +36,17 @@ from sim.sensing.acoustics import TRANSMITTERS
 from sim.simulation import simulate_motion
 from sim.trajectory import Trajectory
 
-LEVEL_COLOUR, REAL_COLOUR, AWARE_COLOUR = SERIES[2], SERIES[1], SERIES[0]
+LEVEL_COLOUR = SERIES[2]
+REAL_COLOUR = SERIES[1]
+AWARE_COLOUR = SERIES[0]
 LEGEND = ((LEVEL_COLOUR, "level leader"), (REAL_COLOUR, "real leader"), (AWARE_COLOUR, "AHRS broadcast"))
 CAUSE_COLOURS = {"trim": SERIES[0], "dive": SERIES[2], "waves": SERIES[1]}
 ERROR_LEVELS_M = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 ERROR_COLOURS = ("#e8f1f8", "#c3dcee", "#8fbfdf", "#f3d19a", "#ea9a5c", "#d1602f", "#8e2a12")
 """Blue below half a metre, orange to brown above; the last for 4 m and more."""
-EXAMPLE, ROUTE, OFFSET_M = "waves-1m-following-2m", "T6", 10.0
+EXAMPLE = "waves-1m-following-2m"
+ROUTE = "T6"
+OFFSET_M = 10.0
 """Mission of the film and of the range error budget: close by on the quarter and far below, where pitch does much and
 is easy to see."""
 EVERYTHING: Mapping[str, float] = {
@@ -65,7 +69,8 @@ class Message(NamedTuple):
     @classmethod
     def of(cls, trajectory: Trajectory, step: int) -> Self:
         """Recorded point `step` of a trajectory, and its first follower."""
-        pitch, heading = float(trajectory.pitch[step, 0]), float(trajectory.heading[step, 0])
+        pitch = float(trajectory.pitch[step, 0])
+        heading = float(trajectory.heading[step, 0])
         hydrophone = trajectory.site_position[step, trajectory.site(f"{trajectory.names[1]}/hydrophone")]
         east, north, up = hydrophone - trajectory.position[step, 0]
         own = np.sin(heading) * east + np.cos(heading) * north, np.sin(heading) * north - np.cos(heading) * east, up
@@ -83,7 +88,8 @@ class Message(NamedTuple):
     @property
     def fix(self) -> Floats:
         """Point where the circles about the assumed rear and front transmitter meet, (forward, port), [m]."""
-        (rear, front), used = self.assumed[:, 0], self.used_range
+        rear, front = self.assumed[:, 0]
+        used = self.used_range
         along = float((used[0] ** 2 - used[1] ** 2) / (2 * (front - rear)))
         aside = np.sqrt(max(used[0] ** 2 - (along - rear) ** 2, 0.0))
         return np.array([along, np.copysign(aside, self.hydrophone[1])])
@@ -116,8 +122,10 @@ def message_hull(message: Message) -> Panel:
 
 def message_top(message: Message) -> Panel:
     """View from above, to scale: the circles that the follower draws, and where they meet."""
-    truth, fix = message.hydrophone[:2], message.fix
-    reach, error = float(np.hypot(*truth)), float(np.hypot(*(fix - truth)))
+    truth = message.hydrophone[:2]
+    fix = message.fix
+    reach = float(np.hypot(*truth))
+    error = float(np.hypot(*(fix - truth)))
     circle = np.column_stack([np.cos(_TURN), np.sin(_TURN)])
     drawn = zip(message.assumed[:, :2], message.used_range, strict=True)
     lines = [_path(centre + radius * circle, REAL_COLOUR) for centre, radius in drawn]
@@ -131,16 +139,19 @@ def message_top(message: Message) -> Panel:
             _path(np.stack([np.zeros(2), at]), colour, "--"),
             _path(at[None], colour, "", mark, text=text, side=side),
         ]
-    points, pad = np.array([truth, fix, (-1.5, 0.0), (1.5, 0.0)]), reach * np.array([0.3, 0.12])
+    points = np.array([truth, fix, (-1.5, 0.0), (1.5, 0.0)])
+    pad = reach * np.array([0.3, 0.12])
     return _scene(lines, points.min(axis=0) - pad, points.max(axis=0) + pad, "port [m]", "From above, to scale")
 
 
 def around_leader(chart: Chart, depth_offset: float) -> Panel:
     """Errors of LAISN-2 around a leader pitched by 5°, over bearing and range, from the map."""
     here = chosen(chart, pitch_deg=5.0, depth_offset_m=depth_offset)
-    range_m, bearing_deg = np.unique(chart["range_m"][here]), np.unique(chart["bearing_deg"][here])
+    range_m = np.unique(chart["range_m"][here])
+    bearing_deg = np.unique(chart["bearing_deg"][here])
     error = chart["error_laisn-2_m"][here].reshape(range_m.size, bearing_deg.size)
-    around, closed = np.append(bearing_deg, bearing_deg[0] + 360.0), np.concatenate([error, error[:, :1]], axis=1)
+    around = np.append(bearing_deg, bearing_deg[0] + 360.0)
+    closed = np.concatenate([error, error[:, :1]], axis=1)
     # bands of equal width to Plotly
     band = np.interp(closed, [*ERROR_LEVELS_M, 1e3], np.arange(len(ERROR_LEVELS_M) + 1))
     last = len(ERROR_LEVELS_M) - 1
@@ -200,7 +211,8 @@ def over_offset(missions: Missions) -> list[Panel]:
     ]
 
 
-_BEFORE_S, _AFTER_S = 40.0, 20.0
+_BEFORE_S = 40.0
+_AFTER_S = 20.0
 VIDEO = Video(camera="profile", speed_up=4.0, frame_rate_hz=24)
 _AWARE_COLOUR = (0.30, 1.0, 0.60)
 
@@ -246,11 +258,13 @@ def pitch_errors(flight: Flight) -> Floats:
 
 def scene(example: Example) -> tuple[Flight, Annotations]:
     """What the film shows: the stretch about the message of the example, and an estimate by the broadcast pitch."""
-    level, time = example.flight, example.flight.trajectory.time
+    level = example.flight
+    time = example.flight.trajectory.time
     # truth and all other noise are the same: random numbers belong to their sensor
     aware = navigate(example.aware, level.trajectory)
     message = float(time[example.step])
-    start, end = max(float(time[0]), message - _BEFORE_S), min(float(time[-1]), message + _AFTER_S)
+    start = max(float(time[0]), message - _BEFORE_S)
+    end = min(float(time[-1]), message + _AFTER_S)
     shown = excerpt(level, start, end)
     shown = replace(shown, scenario=level.scenario.model_copy(update={"name": EXAMPLE}))
     received = time[level.measurements[0].message_step * level.stride]
@@ -276,7 +290,8 @@ def film(values: Mapping[str, Any], folder: Path, video: Video = VIDEO) -> Path:
 
 def of_message(example: Example) -> dict[str, Any]:
     """Values of the page on the ranges of one message and of the minutes around it."""
-    budget, message = example.budget, Message.of(example.flight.trajectory, example.step)
+    budget = example.budget
+    message = Message.of(example.flight.trajectory, example.step)
     first = budget.time <= 200.0
     shares = {cause: budget.asymmetry[first, cause] for cause in _SHOWN}
     difference = asymmetry_over_time(budget.time[first], shares, "Difference of the bow's and stern's range errors")
@@ -296,7 +311,8 @@ def of_message(example: Example) -> dict[str, Any]:
 def of_map(chart: fix_map.Chart) -> dict[str, Any]:
     """Values of the page on the map: where around the leader its pitch matters."""
     drawn = [around_leader(chart, offset) for offset in (0.0, 5.0)]
-    closed_form, two = chart["error_closed_form_m"], chart["error_laisn-2_m"]
+    closed_form = chart["error_closed_form_m"]
+    two = chart["error_laisn-2_m"]
     met = closed_form > 0.0
     return {
         "maps": Figures(panels=drawn),
@@ -352,7 +368,9 @@ def of_missions(
 
 def values(found: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
     """What the page's template names, and tables that are written beside those of the parts."""
-    plan, rows, curves = outcomes["missions"].plan, findings.judged_rows(outcomes), findings.all_curves(outcomes)
+    plan = outcomes["missions"].plan
+    rows = findings.judged_rows(outcomes)
+    curves = findings.all_curves(outcomes)
     arms = {name.rpartition(" ")[0]: arm.title for name, arm in plan.study.arms.items()}
     titles = arms | {name: case.title for name, case in plan.study.cases.items()}
     with compiling_shown():

@@ -28,8 +28,12 @@ CAUSES = {"trim": "trim", "dive": "depth changes", "waves": "waves"}
 """What makes the leader pitch, by the beginning of the names of conditions."""
 VARIANTS = ("laisn-2", "laisn-3-2")
 BROADCASTS = EXACT, AHRS, READINGS = ("attitude-0", "ahrs-0.5", "attitude-0.5")
-LEVEL, REAL, LEVEL_BROADCAST = ("level", "real", "level-0.5")
-ROUGH, CONSTANT, INFLATED = ("attitude-2", "offset-0.5", "expected")
+LEVEL = "level"
+REAL = "real"
+LEVEL_BROADCAST = "level-0.5"
+ROUGH = "attitude-2"
+CONSTANT = "offset-0.5"
+INFLATED = "expected"
 REMEDIES = (*BROADCASTS, ROUGH, CONSTANT, INFLATED)
 ARMS = (LEVEL, REAL, LEVEL_BROADCAST, *REMEDIES)
 """Arms without their variants; a remedy is held against the level leader."""
@@ -38,7 +42,8 @@ LOOKS = (64, 192, 512, 1280, 5120)
 """Numbers of runs after which verdicts are computed: of every cell, then of those whose verdict is open."""
 WRONG = 0.025
 """Chance, at most, that a remedy which just misses its aim is called met, and the same the other way round."""
-_OF_ERRORS, _OF_LOCKS = 0.015, 0.01
+_OF_ERRORS = 0.015
+_OF_LOCKS = 0.01
 """Confidence of the limits: limits over 64 skewed runs may be crossed half as often again, and those
 of rare mirror locks twice as often and more."""
 _REACH = 0.5
@@ -88,14 +93,18 @@ def judge(part: Floats, left: Floats, wanted: float, looks: Sequence[int], free:
     if not interval(part, looks[0], 1.0 - 2.0 * WRONG).low > 0.0:
         return Judgement(Verdict.NO_HARM, looks[0])
     confidence = 1.0 - 2.0 * (_OF_LOCKS if free is None else _OF_ERRORS) / len(looks)
-    judgement, slack = Judgement(Verdict.OPEN, looks[0]), _REACH / float(ndtri((1.0 + confidence) / 2.0))
+    judgement = Judgement(Verdict.OPEN, looks[0])
+    slack = _REACH / float(ndtri((1.0 + confidence) / 2.0))
     for runs in (look for look in looks if look <= part.size):
         rest = interval(left - (1.0 - wanted) * part, runs, confidence)
         if rest.high <= 0.0 or rest.low > 0.0:
             return Judgement(Verdict.MET if rest.high <= 0.0 else Verdict.MISSED, runs)
         # whether the last run would settle it
-        still, up, down = math.sqrt(runs / looks[-1]), rest.high - rest.value, rest.value - rest.low
-        met, missed = rest.value - slack * down + still * up <= 0.0, rest.value + slack * up - still * down > 0.0
+        still = math.sqrt(runs / looks[-1])
+        up = rest.high - rest.value
+        down = rest.value - rest.low
+        met = rest.value - slack * down + still * up <= 0.0
+        missed = rest.value + slack * up - still * down > 0.0
         promising = runs < looks[-1] and (met or missed)
         # an interval of many runs is symmetric about the mean, and shrinks with the square root of their number
         needed = runs * ((rest.high - rest.low) / (2.0 * rest.value)) ** 2 if rest.value else math.inf
@@ -239,7 +248,8 @@ def removed_in_all(
     missions: Missions, arm: str, question: Question = "error", confidence: float = CONFIDENCE
 ) -> Interval:
     """Share that a remedy removes of what pitch adds to missions, added up: to errors, or to mirror locks."""
-    part, left = added(missions, REAL, question=question), added(missions, arm, question=question)
+    part = added(missions, REAL, question=question)
+    left = added(missions, arm, question=question)
     return intervals.share_removed(list(zip(part, left, strict=True)), confidence)
 
 
@@ -282,7 +292,8 @@ def _over_tau(curves: Sequence["Curve"], interval_s: float) -> dict[str, "Curve"
 
 def curves_of(outcomes: Outcomes) -> list[Curve]:
     """The curves of a part over the values that its arms are named by; the noise that arms share drops out."""
-    found, every = [], zip(outcomes.rows, outcomes.runs, strict=True)
+    found = []
+    every = zip(outcomes.rows, outcomes.runs, strict=True)
     for (_, interval), flown in groupby(every, key=lambda one: (one[0]["point"], one[0]["arm"].split()[1])):
         rows, runs = zip(*flown, strict=True)
         means = [lists["e_p_mean_m"] for _, lists in runs]
@@ -300,7 +311,8 @@ def equivalents(curves: Sequence[Curve], tau: float, depth_offset: float) -> dic
 
     Messages come every 5 s, as in the paper's Stage 4. NaN: there is no excess, or more than at any pitch flown.
     """
-    over_tau, found = _over_tau(curves, INTERVALS_S[1]), {}
+    over_tau = _over_tau(curves, INTERVALS_S[1])
+    found = {}
     for curve in sorted((c for c in curves if c.depth_offset_m == depth_offset), key=lambda c: c.route):
         if curve.route in over_tau:
             value, low, high = over_tau[curve.route].excess_at(tau)
@@ -321,7 +333,8 @@ STAGE_4_TAU_M = (0.03, 0.06)
 
 def _errors(missions: Missions) -> dict[str, Finding]:
     """Mean error over the routes at the largest depth offset, behind the level and the real leader, by condition."""
-    found, offset = {}, max(m.real["depth_offset_m"] for m in missions)
+    found = {}
+    offset = max(m.real["depth_offset_m"] for m in missions)
     for condition, variant in product(dict.fromkeys(m.real["condition"] for m in missions), VARIANTS):
         chosen = select(missions, condition=condition, depth_offset_m=offset, variant=variant)
         for arm in (LEVEL, REAL) if chosen else ():
@@ -370,7 +383,8 @@ def _remedies(missions: Missions, variant: str, cause: str | None, looks: Sequen
     chosen = select(everywhere, judged=True)
     found = {f"judged {group}": plain(len(chosen), "missions on which remedies are judged")}
     for arm in (a for a in ARMS if everywhere and a in everywhere[0].arms):
-        rows, name = [m.arms[arm] for m in everywhere], f"{arm} {group}"
+        rows = [m.arms[arm] for m in everywhere]
+        name = f"{arm} {group}"
         locked = proportion(sum(row["mirror_locked_runs"] for row in rows), sum(row["runs"] for row in rows))
         found[f"mirror-locked {name}"] = of(locked, "probability of a mirror lock, missions of any kind")
         if arm in REMEDIES and chosen:

@@ -40,7 +40,8 @@ def slant_ranges(points: Floats, hull: tuple[float, float]) -> Floats:
     [m].
     """
     pitch, depth_offset, reach, bearing = points.T
-    zero, half = np.zeros_like(pitch), 0.5 * hull[0]
+    zero = np.zeros_like(pitch)
+    half = 0.5 * hull[0]
     # east, north, depth
     front = np.stack([zero, half * np.cos(pitch), -half * np.sin(pitch)], axis=1)
     middle = np.stack([zero - hull[1], zero, zero], axis=1)
@@ -56,12 +57,15 @@ def _sweep(points: Floats, ranges: Floats, t: Tuning, error: Floats) -> None:
             k = min(first + lane, points.shape[0] - 1)
             pitch, depth_offset, reach, bearing = points[k]
             # the follower is the origin: what it estimates is its error
-            block[row.EAST + lane], block[row.NORTH + lane] = -reach * np.sin(bearing), -reach * np.cos(bearing)
-            block[row.DEPTH + lane], block[row.PITCH + lane] = depth_offset, pitch
+            block[row.EAST + lane] = -reach * np.sin(bearing)
+            block[row.NORTH + lane] = -reach * np.cos(bearing)
+            block[row.DEPTH + lane] = depth_offset
+            block[row.PITCH + lane] = pitch
             block[row.R1 + lane], block[row.R2 + lane], block[row.R3 + lane] = ranges[k]
         row.position_update(block, t, 1)
         for lane in range(min(LANES, points.shape[0] - first)):
-            error[first + lane, 0], error[first + lane, 1] = block[row.X + lane], block[row.Y + lane]
+            error[first + lane, 0] = block[row.X + lane]
+            error[first + lane, 1] = block[row.Y + lane]
 
 
 def sweep(points: Floats, settings: NavigationSettings) -> Floats:

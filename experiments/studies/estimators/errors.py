@@ -7,15 +7,20 @@ import numpy as np
 
 from laisn.messages import Measurements
 
-SPEED_DRIFT, SPEED_PERIOD = 0.1, 300.0  # sinusoidal drift of the log's bias: amplitude [m/s] and period [s]
-HEADING_DRIFT, HEADING_PERIOD = float(np.deg2rad(3.0)), 400.0
+# sinusoidal drift of the log's bias: amplitude [m/s] and period [s]
+SPEED_DRIFT = 0.1
+SPEED_PERIOD = 300.0
+HEADING_DRIFT = float(np.deg2rad(3.0))
+HEADING_PERIOD = 400.0
 """Sinusoidal drift of the compass's bias: amplitude [rad] and period [s]."""
 DEVIATION = 0.03  # amplitude of a deviation that goes once round with the heading [rad]
 LATE = 0.010
 ECHO_CHANCE = 0.05
 ECHO_EXCESS = (0.3, 4.8)  # least and largest excess of an echo's range, drawn evenly between them [m]
 COMMON_CHANCE = 0.1  # chance of each message that all its ranges have the same excess, drawn likewise
-CLOCK_OFFSET, CLOCK_DRIFT = 1.5, 1.5e-3  # clock offset of 1 ms at the start, as a range [m], and drift of 1 ppm [m/s]
+# clock offset of 1 ms at the start, as a range [m], and drift of 1 ppm [m/s]
+CLOCK_OFFSET = 1.5
+CLOCK_DRIFT = 1.5e-3
 LOSS_CHANCE = 0.2
 ERRORS = ("drift", "deviation", "echoes", "losses", "late", "common", "clock")
 

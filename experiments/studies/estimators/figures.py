@@ -20,7 +20,8 @@ def picture(findings: Findings, cases: Collection[str]) -> Panel:
     """Mean position errors of both navigators, case by case, messages every 5 s; a bar is a 95 % interval."""
     lines = []
     for name, (colour, title), aside in zip(("laisn-2", "error"), LEGEND, (-0.08, 0.08), strict=True):
-        found, places = [findings[f"{name} {case} 5"] for case in cases], np.arange(float(len(cases))) + aside
+        found = [findings[f"{name} {case} 5"] for case in cases]
+        places = np.arange(float(len(cases))) + aside
         lines.append(marks(found, places, colour=colour, marker="o", name=title))
     drawn = np.concatenate([[*line.y, *line.interval[0], *line.interval[1]] for line in lines if line.interval])
     return panel(

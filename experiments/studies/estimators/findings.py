@@ -17,7 +17,8 @@ SETTLED_S = 60.0  # errors after the leader's first turn count from this time af
 
 def missions_of(outcomes: Outcomes) -> Cells:
     """The cells of a part, with `bound`, RMS of the Cramér–Rao bound [m]; None where it does not model the errors."""
-    study, bounds = outcomes.plan.study, dict[int, float | None]()
+    study = outcomes.plan.study
+    bounds = dict[int, float | None]()
     for row in outcomes.rows:
         point = outcomes.plan.points[row["point"]]
         wrong = study.disturb_at(point, "tight") or "sensors.leader_heading_bias_deg" in study.case_at(point).settings
@@ -35,7 +36,9 @@ def figures_of(missions: Cells) -> list[dict[str, Any]]:
     """Figures of all runs of each mission by both navigators."""
     tight, laisn = (missions.where(arm=arm) for arm in ("tight", "laisn-2"))
     error, other = (cells.runs("e_p_mean_m").mean(axis=0) for cells in (tight, laisn))
-    rms, laisn_rms, nees = _rms(tight), _rms(laisn), tight.runs("nees").mean(axis=0)
+    rms = _rms(tight)
+    laisn_rms = _rms(laisn)
+    nees = tight.runs("nees").mean(axis=0)
     largest = tight.runs("e_p_max_m").max(axis=0)
     lost, laisn_lost = (cells.runs("mirror_locked").sum(axis=0) for cells in (tight, laisn))
     return [
@@ -66,10 +69,13 @@ def mean_of(values: Floats) -> Interval:
 
 def of_missions(key: str, missions: Cells) -> dict[str, Finding]:
     """Findings of some missions together, their names ending in `key`."""
-    each, (tight, other) = figures_of(missions), (missions.where(arm=arm) for arm in ("tight", "laisn-2"))
-    several, runs = f"{len(each)} missions", tight.runs("run").size
+    each = figures_of(missions)
+    tight, other = (missions.where(arm=arm) for arm in ("tight", "laisn-2"))
+    several = f"{len(each)} missions"
+    runs = tight.runs("run").size
     column = {name: [one[name] for one in each] for name in each[0]}
-    inside, locked = "share of instants whose mean eᵀP⁻¹e is within its 95 % χ² interval", "locked on the mirror image"
+    inside = "share of instants whose mean eᵀP⁻¹e is within its 95 % χ² interval"
+    locked = "locked on the mirror image"
     found = {
         "ratio": of(median_ratio(missions), f"mean E_P over LAISN-2's, median of {several}, 95 %"),
         "worst": plain(max(column["ratio"]), f"the same, largest of {several}"),
@@ -99,7 +105,8 @@ def of_missions(key: str, missions: Cells) -> dict[str, Finding]:
 
 def of_clocks(missions: Cells) -> dict[str, Finding]:
     """Findings of an unknown clock before the leader's first turn, where it is not observable, and after it."""
-    found, turn = {}, float(library_route("L").time[1])
+    found = {}
+    turn = float(library_route("L").time[1])
     pairs = [[missions.where(scenario=route, case=case).steps[0] for case in ("unknown", "exact")]
              for route in dict.fromkeys(row["scenario"] for row in missions.rows)]  # fmt: skip
     several = f"{len(pairs)} missions"
@@ -123,8 +130,11 @@ def of_clocks(missions: Cells) -> dict[str, Finding]:
 def of_plain_filter(key: str, missions: Cells) -> dict[str, Finding]:
     """Findings of a plain extended Kalman filter, and of the tightly coupled navigator on the same noise."""
     ekf, tight = (missions.where(arm=arm) for arm in ("ekf", "tight"))
-    several, over = f"{len(ekf.rows)} missions", "mean E_P of the tightly coupled navigator over a plain EKF's"
-    theirs, means, lost = tight.runs("e_p_mean_m"), ekf.runs("e_p_mean_m"), ekf.runs("mirror_locked")
+    several = f"{len(ekf.rows)} missions"
+    over = "mean E_P of the tightly coupled navigator over a plain EKF's"
+    theirs = tight.runs("e_p_mean_m")
+    means = ekf.runs("e_p_mean_m")
+    lost = ekf.runs("mirror_locked")
     whole = ratio_intervals(theirs.sum(axis=1, keepdims=True), means.sum(axis=1, keepdims=True))[0]
     found = {
         f"ekf {key}": of(mean_of(means), f"mean E_P of a plain EKF, mean of {several}, 95 %", "m"),
@@ -153,7 +163,8 @@ def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
     """Findings of all parts of the study."""
     parts = {name: missions_of(one) for name, one in outcomes.items()}
     study = outcomes["cases"].plan.study
-    seed, runs = study.file.seed, study.runs
+    seed = study.file.seed
+    runs = study.runs
     named = {"seed": plain(seed, "of all noise"), "runs": plain(runs, "runs of each mission of G1 to G7")}
     for key, missions in parts["cases"].by("case", INTERVAL).items():
         named |= of_missions(key, missions)
@@ -168,7 +179,8 @@ def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
             named |= of_missions(f"{part} {key}", missions)
     named |= of_clocks(parts["clock"])
     for key, mission in parts["weave"].by("case", "scenario").items():
-        (rms,), (row, *_) = _rms(mission.where(arm="tight")).tolist(), mission.rows
+        (rms,) = _rms(mission.where(arm="tight")).tolist()
+        row, *_ = mission.rows
         named[f"rms {key}"] = plain(rms, "RMS E_P with two transmitters", "m")
         named[f"rms-bound {key}"] = plain(row["bound"], "its bound", "m")
     for key, mission in parts["locks"].by("case", "scenario").items():

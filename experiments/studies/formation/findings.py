@@ -16,10 +16,12 @@ from sim.tracking import LOST_M
 RATES = (80, 500, 5000)
 """Bit rates that modems of little, middling and much bandwidth offer [bit/s]; JANUS (STANAG 4748) has 80."""
 CHECK_BITS = 16
-_AREA_M, _STEP_M = 20_000.0, 0.01
+_AREA_M = 20_000.0
+_STEP_M = 0.01
 """Side of the square that positions lie in, and their resolution: far below any follower's uncertainty."""
 _STEP_RAD = math.radians(0.1)
-_FASTEST_M_S, _STEP_M_S = 5.0, 0.01
+_FASTEST_M_S = 5.0
+_STEP_M_S = 0.01
 _TILT_RAD = math.radians(90.0)  # pitch and roll lie within half of this to either side
 _DAY_S = 86_400.0
 
@@ -31,7 +33,8 @@ def _bits(span: float, step: float) -> int:
 
 def message_bits(scenario: Scenario) -> int:
     """Length of a message: its number within a day, the leader's state, its next waypoints on request, a checksum."""
-    place, leader = 2 * _bits(_AREA_M, _STEP_M), scenario.leader
+    place = 2 * _bits(_AREA_M, _STEP_M)
+    leader = scenario.leader
     bits = _bits(_DAY_S, scenario.timing.message_interval_s) + place + CHECK_BITS
     bits += _bits(2.0 * math.pi, _STEP_RAD) + _bits(_FASTEST_M_S, _STEP_M_S)
     bits += _bits(scenario.ocean.floor_depth_m, _STEP_M) + leader.broadcast_waypoints * (_bits(_DAY_S, 1.0) + place)
@@ -40,7 +43,8 @@ def message_bits(scenario: Scenario) -> int:
 
 def reach_m(scenario: Scenario) -> float:
     """Distance from the transmitter that is farther away to the farthest station [m]."""
-    half, depth = 0.5 * (scenario.leader.baseline_m or 0.0), scenario.leader.layer_m
+    half = 0.5 * (scenario.leader.baseline_m or 0.0)
+    depth = scenario.leader.layer_m
     stations = [follower.station for follower in scenario.followers if follower.station]
     return max(math.hypot(abs(s.behind_m) + half, s.port_m, s.depth_m - depth) for s in stations)
 
@@ -61,7 +65,10 @@ def asked_interval_s(scenario: Scenario, rate: float, followers: int) -> float:
 WEAVES = ((0.0, 40.0), (2.0, 40.0), (5.0, 20.0), (5.0, 40.0), (5.0, 80.0), (10.0, 40.0))
 """Amplitudes [°] and periods [s] of a weaving leader's heading."""
 BEHIND = (20, 40)
-_SPEED, _DEEPER, _HALF, _STEP = 1.0, 10.0, 1.0, 0.1
+_SPEED = 1.0
+_DEEPER = 10.0
+_HALF = 1.0
+_STEP = 0.1
 """Of both vehicles [m/s]; the follower below the leader [m]; half the transmitters' distance [m]; filter step [s]."""
 _SECONDS = 300
 
@@ -76,10 +83,12 @@ def geometry(amplitude_deg: float, period_s: float, behind: float) -> Geometry:
     n = time.size - late - 1
     step = np.arange(10, n + 1, 10)
     # vehicles that at the last instant are where the leader was `late` steps before
-    leader, follower = way[late:], way[: n + 1]
+    leader = way[late:]
+    follower = way[: n + 1]
     axis = _HALF * ahead[late + step]
     arms = np.stack([np.column_stack([end * axis, np.full(step.size, -_DEEPER)]) for end in (-1.0, 1.0)], axis=1)
-    away, speed = follower[step] - leader[step], np.full(n, _SPEED)
+    away = follower[step] - leader[step]
+    speed = np.full(n, _SPEED)
     return Geometry(dt=_STEP, speed=speed, heading=heading[1 : n + 1], message_step=step, from_leader=away, arms=arms)
 
 
@@ -111,8 +120,11 @@ def weave_findings() -> dict[str, Finding]:
 def of_condition(name: str, followers: Cells) -> dict[str, Finding]:
     """Findings of one condition, from a cell for each follower; intervals are over runs."""
     column = followers.runs
-    rms, layer, lost = column("station_rms_m"), column("closest_in_layer_m"), column("lost")
-    by_run, power = mean_interval(np.median(rms, axis=1)), mean_interval(column("power_mean_w").mean(axis=1))
+    rms = column("station_rms_m")
+    layer = column("closest_in_layer_m")
+    lost = column("lost")
+    by_run = mean_interval(np.median(rms, axis=1))
+    power = mean_interval(column("power_mean_w").mean(axis=1))
     found = {
         "median": median(rms, "RMS distance from the station, median of followers", "m"),
         "run-median": of(by_run, "median of a run's followers, mean of runs, 95 %", "m"),

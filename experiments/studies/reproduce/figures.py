@@ -45,7 +45,8 @@ _GROUPS: Mapping[str, tuple[Colour, str, str]] = {
 def agreement(table: Sequence[Record]) -> tuple[Panel, Legend]:
     """Our mean E_P over the paper's, of all rows of tables.parquet: agreement on the diagonal, a band of factor two."""
     usual, *others = _GROUPS
-    names, span = dict(zip((4, 5, 0), others, strict=True)), np.array([0.15, 40.0])
+    names = dict(zip((4, 5, 0), others, strict=True))
+    span = np.array([0.15, 40.0])
     pairs: dict[str, list[tuple[float, float]]] = {name: [] for name in _GROUPS}
     for row in table:
         if row["published_e_p_mean_m"] is not None:
@@ -120,7 +121,8 @@ class Cells(NamedTuple):
 
     def ours(self, key: Key, metric: str, printed: Key | None = None) -> Cell:
         """Our figure, coloured by its ratio to the published one of the same or of another cell."""
-        ours, theirs = float(self.rows[key][metric]), self.published.get(printed or key, {}).get(metric)
+        ours = float(self.rows[key][metric])
+        theirs = self.published.get(printed or key, {}).get(metric)
         if theirs is None:
             return number(ours)
         ratio = ours / theirs
@@ -143,7 +145,8 @@ def table_rows(outcomes: Outcomes, published: Mapping[Key, Mapping[str, float]])
     """Published and own figures side by side, a row for each cell."""
     table = []
     for row in outcomes.rows:
-        entry, theirs = outcomes.plan.by_place[row["point"], row["arm"], 0], published.get(findings.key_of(row), {})
+        entry = outcomes.plan.by_place[row["point"], row["arm"], 0]
+        theirs = published.get(findings.key_of(row), {})
         line: Record = {"setting": row["case"], "trajectory": row["scenario"], "variant": row["arm"]}
         for metric in METRICS:
             line[f"published_{metric}"] = theirs.get(metric)
@@ -188,8 +191,10 @@ def page_values(
 
 def values(_: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
     """What the page's template names, and the table that is written beside those of the parts."""
-    tables, published = outcomes["tables"], findings.published()
-    plan, rows = tables.plan, findings.rows_of(outcomes)
+    tables = outcomes["tables"]
+    published = findings.published()
+    plan = tables.plan
+    rows = findings.rows_of(outcomes)
     steps = {findings.key_of(row): kept for row, kept in zip(tables.rows, tables.steps, strict=True)}
     missions = {entry.source: tables.motion(entry) for entry in {e.source: e for e in plan.entries}.values()}
     table = table_rows(tables, published)

@@ -38,8 +38,10 @@ REPLICATIONS = 20
 RESAMPLES = 2000
 VERDICT_CONFIDENCE = 0.998  # of the interval of each criterion; of all 26 together 95 % (Bonferroni)
 COMPARED = ("e_p_mean_m", "e_p_max_m", "e_b_max_deg")
-BASE, HEADING = "base laisn-2", "heading5 laisn-2"
-LATERAL, BURST = np.isin(ROUTES, ("T3", "T4")), np.isin(ROUTES, ("T8",))
+BASE = "base laisn-2"
+HEADING = "heading5 laisn-2"
+LATERAL = np.isin(ROUTES, ("T3", "T4"))
+BURST = np.isin(ROUTES, ("T8",))
 """Missions of followers that stay abeam, and with a burst of speed, as the paper names them; shape (8,)."""
 ASTERN_DEG = 10.0  # A follower within this angle of dead astern counts as astern
 LATERAL_DEG = (45.0, 135.0)  # angle off the bow, either side, that counts as abeam
@@ -77,7 +79,8 @@ def over_time(steps: Arrays) -> dict[str, float]:
     """Errors over time that claims use, named as in `TIMED`; NaN for a sector where the follower hardly is."""
     off_bow = np.rad2deg(np.abs(signed_angle(np.deg2rad(steps["bearing_deg"]))))
     abeam = (off_bow >= LATERAL_DEG[0]) & (off_bow <= LATERAL_DEG[1])
-    error, time = steps["e_p_mean_m"], steps["time_s"]
+    error = steps["e_p_mean_m"]
+    time = steps["time_s"]
     sectors = (abeam, off_bow >= 180.0 - ASTERN_DEG)
     means = (float(error[sector].mean()) if sector.sum() >= SECTOR_STEPS else np.nan for sector in sectors)
     fastest = time[steps["speed_m_s"] >= 0.95 * steps["speed_m_s"].max()]
@@ -148,7 +151,8 @@ class Figures:
             table = found.setdefault((cell, metric), np.full((values.size, len(ROUTES)), math.nan))
             table[:, ROUTES.index(route)] = values
 
-        tables, timed = outcomes["tables"], outcomes["replications"]
+        tables = outcomes["tables"]
+        timed = outcomes["replications"]
         for labels, lists in tables.runs:
             cell = f"{labels['case']} {labels['arm']}"
             for metric in COMPARED if cell in JUDGED else ():
@@ -197,7 +201,9 @@ class Figures:
         The standard error of a t interval is the bootstrap's, whose variance is K / (K − 1) times too small (Davison &
         Hinkley 1997, section 2.2).
         """
-        value, drawn, count = float(values[0]), values[1:], self.count
+        value = float(values[0])
+        drawn = values[1:]
+        count = self.count
         if self.exact or count == 1:
             return Interval(value, value, value)
         if kind == "replications":
@@ -250,7 +256,8 @@ def _median_over_others(values: Floats, at: Bools) -> Floats:
 def _of_ratios(claim: "Claim", figures: Figures) -> list[Judged]:
     ratios = []
     for given in claim.ratios:
-        at, metric = np.isin(ROUTES, given.get("missions", ROUTES)), given.get("metric", "e_p_mean_m")
+        at = np.isin(ROUTES, given.get("missions", ROUTES))
+        metric = given.get("metric", "e_p_mean_m")
         above, below = (
             np.concatenate([figures.means(cell, metric)[:, at] for cell in given[side]], axis=-1)
             for side in ("of", "over")
@@ -263,7 +270,8 @@ def _of_ratios(claim: "Claim", figures: Figures) -> list[Judged]:
 
 
 def _lateral(figures: Figures) -> list[Judged]:
-    error, largest = figures.means(BASE, "e_p_max_m"), figures.each[BASE, "e_p_max_m"]
+    error = figures.means(BASE, "e_p_max_m")
+    largest = figures.each[BASE, "e_p_max_m"]
     below = largest[:, LATERAL].max(axis=1) < largest[:, ~LATERAL].min(axis=1)
     what = "share of replications with E_P max abeam below each other"
     criteria = [
@@ -278,7 +286,8 @@ def _lateral(figures: Figures) -> list[Judged]:
 
 
 def _heading(figures: Figures) -> list[Judged]:
-    error, distance = figures.means(HEADING), figures.means(BASE, "distance_m")
+    error = figures.means(HEADING)
+    distance = figures.means(BASE, "distance_m")
     growth = error / figures.means(BASE)
     grown, elsewhere = (_statistic("median", growth[:, at]) for at in (LATERAL, ~LATERAL))
     slope = np.sum(error * distance, axis=1) / np.sum(distance**2, axis=1)
@@ -294,13 +303,15 @@ def _heading(figures: Figures) -> list[Judged]:
 
 
 def _burst(figures: Figures) -> list[Judged]:
-    error, largest = figures.means(BASE, "e_b_max_deg"), figures.each[BASE, "e_b_max_deg"]
+    error = figures.means(BASE, "e_b_max_deg")
+    largest = figures.each[BASE, "e_b_max_deg"]
     most = largest[:, BURST].max(axis=1) > largest[:, ~BURST].max(axis=1)
     shares = {"with the largest E_B in a burst": np.mean(most, keepdims=True)}
     near = figures.known(BASE, "e_b_peaks_at_burst")[:, BURST]
     if np.isfinite(near).all():
         shares[f"with the peak within {NEAR_BURST_S:.0f} s of the burst"] = near.mean(axis=1)
-    over, what = _median_over_others(error, BURST), "largest E_B, median of the bursts over the others'"
+    over = _median_over_others(error, BURST)
+    what = "largest E_B, median of the bursts over the others'"
     return [
         figures.judge(what, over, ">", 1.0),
         *(figures.judge(f"share of replications {w}", v, ">", 0.5, "replications") for w, v in shares.items()),
@@ -368,7 +379,8 @@ def ratios(
 def _of_cells(
     setting: str, variant: str, rows: Mapping[Key, Record], published: Mapping[Key, Mapping[str, float]]
 ) -> dict[str, Finding]:
-    found, name = {}, f"{setting} {variant}"
+    found = {}
+    name = f"{setting} {variant}"
     mine = {mission: row for (s, mission, v), row in rows.items() if (s, v) == (setting, variant)}
     to_theirs = ratios(rows, published, setting, variant, "e_p_mean_m")
     if to_theirs.size:
@@ -379,7 +391,8 @@ def _of_cells(
     found[f"mirror-locked {name}"] = of(locked, "probability of a mirror lock over all missions, 95 %")
     for mission, row in mine.items():
         if row["like"]:
-            ours, theirs = row["e_p_mean_m"], published[row["like"], mission, variant]["e_p_mean_m"]
+            ours = row["e_p_mean_m"]
+            theirs = published[row["like"], mission, variant]["e_p_mean_m"]
             found[f"error {name} {mission}"] = plain(ours, "mean E_P", "m")
             found[f"printed {name} {mission}"] = plain(theirs, "mean E_P that the paper prints", "m")
             found[f"apart {name} {mission}"] = plain(abs(ours - theirs), "the difference of the two", "m")

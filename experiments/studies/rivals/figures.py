@@ -18,7 +18,8 @@ from experiments.study.run import Outcomes
 def picture(findings: Findings) -> tuple[Panel, Legend]:
     """Mean position errors of all navigators in all conditions, messages every 5 s; a bar is a 95 % interval."""
     places = np.arange(len(NAVIGATORS), dtype=np.float64)[::-1]
-    lines, legend = [], []
+    lines = []
+    legend = []
     for i, (condition, title) in enumerate(CONDITIONS.items()):
         found = [findings[f"error {case_name(name, condition, USUAL)}"] for name in NAVIGATORS]
         # a bar needs a positive end on a logarithmic axis

@@ -30,7 +30,8 @@ def _titles(groups: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     return {group["name"]: group["title"] for group in groups}
 
 
-NAVIGATORS, CONDITIONS = _titles(_CLOSED["arm"]), _titles(_ROUTES["case"])
+NAVIGATORS = _titles(_CLOSED["arm"])
+CONDITIONS = _titles(_ROUTES["case"])
 """Titles by the names of the registry, and of what is simulated."""
 OURS = ("laisn-2", "laisn-3-1", "laisn-3-2", "tight")
 SLOW = "factor-graph"  # simulated in fewer runs
@@ -39,10 +40,14 @@ INTERVALS, FURTHER = (tuple(part["vary"][INTERVAL]) for part in (_ROUTES, _SHARE
 """Of messages, and of those on channels that many share [s]."""
 USUAL = 5.0
 SHARING = tuple(_titles(_SHARED["arm"]))  # navigators on such channels
-MAPPED, RANGES_M = tuple(_titles(_MAP["arm"])), tuple(_titles(_MAP["case"]))
+MAPPED = tuple(_titles(_MAP["arm"]))
+RANGES_M = tuple(_titles(_MAP["case"]))
 BIASES_DEG, BASELINES_M = _MAP["vary"].values()  # factors of the map of LAISN-3(2) and inverted USBL
-VEHICLES, REACHES_M = (1, 2, 5, 10, 20, 50), (50.0, 150.0, 500.0)  # factors of the map of a channel that vehicles share
-PING_S, SOUND_M_S = 0.1, 1500.0
+# factors of the map of a channel that vehicles share
+VEHICLES = (1, 2, 5, 10, 20, 50)
+REACHES_M = (50.0, 150.0, 500.0)
+PING_S = 0.1
+SOUND_M_S = 1500.0
 LOST_M = 50.0  # A run whose error, or whose distance from its place at the end, is beyond this is called lost [m]
 
 
@@ -62,7 +67,8 @@ def step_times_us(duration_s: float = 120.0, repeats: int = 3) -> dict[str, floa
     for name in NAVIGATORS:
         scenario = load("T5", ["motion=kinematic", f"duration_s={duration_s}", f"navigation.variant={name}"])
         motion = simulate_motion(scenario)
-        settings, start = navigation_settings(scenario, motion, 0), start_of(motion)
+        settings = navigation_settings(scenario, motion, 0)
+        start = start_of(motion)
         measured = measure(observe(motion, scenario), errors_of(scenario, 0), seed=scenario.seed, run=0)
         taken = []
         # the first one compiles
@@ -133,7 +139,8 @@ def mapped(found: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
             yield name, of(mean_over_missions([*errors]), "mean E_P, 95 %", "m")
         apart = of(mean_over_missions([*(usbl - laisn)]), "paired difference of mean E_P, 95 %", "m")
         yield f"map-less {reach} {bias:g} {baseline:g}", apart
-        better, total = better + int(apart.high is not None and apart.high < 0.0), total + 1
+        better = better + int(apart.high is not None and apart.high < 0.0)
+        total = total + 1
     yield "map-better", plain(better, "points where the inverted USBL's mean E_P is smaller")
     yield "map-points", plain(total, "points of the map")
 
