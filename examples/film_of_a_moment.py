@@ -1,4 +1,6 @@
-"""Fly a diving leader, find the instant of its largest pitch, and render a picture of it offscreen."""
+"""Fly a diving leader, find the instant of its largest pitch, and render a picture of it
+offscreen.
+"""
 
 import numpy as np
 
@@ -11,4 +13,5 @@ print(f"largest pitch of the leader: {pitch[np.argmax(np.abs(pitch))]:.1f}° at 
 try:
     print("picture in", laisn_sim.render(flight, "moment.png", time_s=moment, camera="leader"))
 except laisn_sim.LaisnError as error:
-    print(f"no picture: {error}")  # a machine without graphics libraries; `laisn doctor` names what is missing
+    # a machine without graphics libraries; `laisn doctor` names what is missing
+    print(f"no picture: {error}")

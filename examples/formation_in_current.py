@@ -1,4 +1,6 @@
-"""Three followers keep formation in a current that none of them measures; the tight navigator estimates it."""
+"""Three followers keep formation in a current that none of them measures; the tight navigator
+estimates it.
+"""
 
 import numpy as np
 
@@ -20,10 +22,15 @@ formation = laisn_sim.load(
 )
 flight = laisn_sim.fly(formation)
 for name, row in laisn_sim.summary(flight)["followers"].items():
-    print(f"{name:10} RMS distance from station {row['station_rms_m']:.2f} m, mean E_P {row['e_p_mean_m']:.2f} m")
+    print(
+        f"{name:10} RMS distance from station {row['station_rms_m']:.2f} m, mean E_P "
+        f"{row['e_p_mean_m']:.2f} m"
+    )
 truth = laisn_sim.truth(flight)
 for name in flight.trajectory.names[1:]:
     own = truth["vehicle"] == name
-    apart = np.hypot(truth["east_m"][own] - truth["east_m"][truth["vehicle"] == "leader"],
-                     truth["north_m"][own] - truth["north_m"][truth["vehicle"] == "leader"])  # fmt: skip
+    apart = np.hypot(
+        truth["east_m"][own] - truth["east_m"][truth["vehicle"] == "leader"],
+        truth["north_m"][own] - truth["north_m"][truth["vehicle"] == "leader"],
+    )
     print(f"{name:10} {apart[-1]:.1f} m from the leader at the end")

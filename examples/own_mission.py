@@ -1,4 +1,6 @@
-"""A mission in Python: load a scenario, fly it, compare two navigators on the same measurements, draw the errors."""
+"""A mission in Python: load a scenario, fly it, compare two navigators on the same measurements,
+draw the errors.
+"""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -14,7 +16,10 @@ print(f"leader's pitch: σ {pitch.std():.1f}°, at most {np.abs(pitch).max():.1f
 figure, axes = plt.subplots(figsize=(8, 3.5), layout="constrained")
 for use, label in ((False, "leader taken for level"), (True, "leader's attitude used")):
     errors = laisn_sim.errors(laisn_sim.navigate(flight, {"navigation.use_attitude": use}))
-    print(f"{label}: mean E_P {errors['e_p_m'].mean():.2f} m, mean E_B {errors['e_b_deg'].mean():.2f}°")
+    print(
+        f"{label}: mean E_P {errors['e_p_m'].mean():.2f} m, mean E_B "
+        f"{errors['e_b_deg'].mean():.2f}°"
+    )
     axes.plot(errors["time_s"], errors["e_p_m"], lw=0.8, label=label)
 
 axes.set(xlabel="time [s]", ylabel="position error E_P [m]")

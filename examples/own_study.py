@@ -1,4 +1,6 @@
-"""A study: does broadcasting the leader's attitude help a follower deep below a leader that is out of trim?"""
+"""A study: does broadcasting the leader's attitude help a follower deep below a leader that is
+out of trim?
+"""
 
 import laisn_sim
 
@@ -12,13 +14,20 @@ results = laisn_sim.study(
         "vary": {"followers.0.depth_m": [10, 15, 20]},
         "arm": [
             {"name": "level"},
-            {"name": "attitude", "leader.broadcast_attitude": True, "navigation.use_attitude": True},
+            {
+                "name": "attitude",
+                "leader.broadcast_attitude": True,
+                "navigation.use_attitude": True,
+            },
         ],
     },
     out="out/trim",
 )
 for row in results.table.rows():
-    print(f"depth {row['followers.0.depth_m']:4} m, {row['arm']:8}: mean E_P {row['e_p_mean_m']:.2f} m")
+    print(
+        f"depth {row['followers.0.depth_m']:4} m, {row['arm']:8}: mean E_P {row['e_p_mean_m']:.2f} "
+        "m"
+    )
 for name, found in results.findings.items():
     print(f"{name}: {found.value:.3f} ({found.low:.3f} to {found.high:.3f}) {found.unit}")
 print(f"report in {results.report()}")

@@ -1,4 +1,6 @@
-"""A vehicle of your own: the follower's MJCF with 2 kg of payload, as much foam, and twice the hull drag."""
+"""A vehicle of your own: the follower's MJCF with 2 kg of payload, as much foam, and twice the
+hull drag.
+"""
 
 from pathlib import Path
 
@@ -18,4 +20,7 @@ own = laisn_sim.fly("T5", {"duration_s": 100, "followers.0.model": "heavier.xml"
 usual = laisn_sim.fly("T5", {"duration_s": 100})
 for name, flight in (("own vehicle", own), ("follower", usual)):
     main = flight.trajectory.thrust[-200:, 1, 0]
-    print(f"{name:12} mean main thrust {main.mean():5.2f} N, mean E_P {laisn_sim.summary(flight)['e_p_mean_m']:.2f} m")
+    print(
+        f"{name:12} mean main thrust {main.mean():5.2f} N, mean E_P "
+        f"{laisn_sim.summary(flight)['e_p_mean_m']:.2f} m"
+    )

@@ -1,7 +1,8 @@
 """One message from a pitched leader: the range asymmetry, and how far it moves the position fix.
 
-Pitch φ lowers one transmitter and raises the other. A follower Δz deeper that takes the leader for level converts the
-slant ranges to wrong horizontal ranges; the fix keeps its distance and moves by Δz sin φ / |sin B| (docs/asymmetry.md).
+Pitch φ lowers one transmitter and raises the other. A follower Δz deeper that takes the leader for
+level converts the slant ranges to wrong horizontal ranges; the fix keeps its distance and moves by
+Δz sin φ / |sin B| (docs/asymmetry.md).
 """
 
 import numpy as np
@@ -16,7 +17,8 @@ def fix_error(pitch: float, bearing: float) -> tuple[float, float]:
     """
     follower = np.array([DISTANCE * np.cos(bearing), DISTANCE * np.sin(bearing), -DEPTH_DIFFERENCE])
     along = BASELINE / 2 * np.array([np.cos(pitch), 0.0, np.sin(pitch)])
-    slant = np.array([np.linalg.norm(follower + along), np.linalg.norm(follower - along)])  # rear, front
+    # rear, front
+    slant = np.array([np.linalg.norm(follower + along), np.linalg.norm(follower - along)])
     level = BASELINE / 2 * np.array([1.0, 0.0, 0.0])
     expected = np.array([np.linalg.norm(follower + level), np.linalg.norm(follower - level)])
     # two circles about the transmitters of a level leader
@@ -33,4 +35,7 @@ for degrees in (90, 60, 30):
         bearing, pitch = np.radians([degrees, pitch_deg])
         asymmetry, moved = fix_error(pitch, bearing)
         formula = DEPTH_DIFFERENCE * np.sin(pitch) / np.sin(bearing)
-        print(f"{degrees:6}°   {pitch_deg:6}°   {asymmetry:21.3f} m   {moved:14.2f} m   {formula:14.2f} m")
+        print(
+            f"{degrees:6}°   {pitch_deg:6}°   {asymmetry:21.3f} m   {moved:14.2f} m   "
+            f"{formula:14.2f} m"
+        )

@@ -1,4 +1,6 @@
-"""Replays among surveyed beacons: settings, estimates by each navigator, and their score against a surveyed path."""
+"""Replays among surveyed beacons: settings, estimates by each navigator, and their score against
+a surveyed path.
+"""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -29,9 +31,13 @@ class Beacons(FurtherKeys):
         def __init__(self, **keys: Any) -> None: ...
 
     medium: Literal["auto", "air", "water"] = Field(
-        "auto", description="what ranges are measured through; auto: computes both and takes the likelier one"
+        "auto",
+        description="what ranges are measured through; auto: computes both and takes the likelier "
+        "one",
     )
-    outlier_probability: Annotated[float, Field(gt=0, lt=1)] | None = Field(None, description="chance of a wrong range")
+    outlier_probability: Annotated[float, Field(gt=0, lt=1)] | None = Field(
+        None, description="chance of a wrong range"
+    )
 
     def over(self, base: BeaconSettings) -> BeaconSettings:
         """Settings with what is given here instead of what stands there."""
@@ -39,14 +45,18 @@ class Beacons(FurtherKeys):
 
 
 def beacons_of(values: Mapping[str, object]) -> Beacons:
-    """Settings by their keys; LaisnError naming all keys that are unknown and values out of their range."""
+    """Settings by their keys; LaisnError naming all keys that are unknown and values out of
+    their range.
+    """
     try:
         return Beacons.model_validate(dict(values))
     except ValidationError as error:
         lines = ["settings of beacons:"]
         for one in error.errors():
             key = one["loc"][0]
-            known = "" if key in Beacons.model_fields else f"; known: {', '.join(Beacons.model_fields)}"
+            known = (
+                "" if key in Beacons.model_fields else f"; known: {', '.join(Beacons.model_fields)}"
+            )
             lines.append(f"  beacons.{key}: {one['msg']}{known}")
         raise LaisnError("\n".join(lines)) from None
 
@@ -57,18 +67,25 @@ class Score(NamedTuple):
     mean: float
     rms: float
     high: float  # 95 % are shorter [m]
-    nees: float  # mean squared error in units of the covariance where that is regular: 2 if it is consistent
+    # mean squared error in units of the covariance where that is regular: 2 if it is consistent
+    nees: float
 
 
-def score(estimates: Estimates, measured: Measurements, truth: Floats, since_s: float = 0.0) -> Score:
-    """Errors where there is an estimate, from `since_s` on; `truth`: time [s], east and north [m], shape (t, 3)."""
+def score(
+    estimates: Estimates, measured: Measurements, truth: Floats, since_s: float = 0.0
+) -> Score:
+    """Errors where there is an estimate, from `since_s` on; `truth`: time [s], east and north
+    [m], shape (t, 3).
+    """
     time = measured.time
     known = np.isfinite(estimates.state[:, 0])
     first = max(since_s, float(time[known][0]) if known.any() else np.inf)
     path = truth[(truth[:, 0] >= first) & (truth[:, 0] <= time[-1])]
     if not len(path):
         return Score(*[float("nan")] * 4)
-    place = np.column_stack([np.interp(path[:, 0], time[known], estimates.state[known, k]) for k in range(2)])
+    place = np.column_stack(
+        [np.interp(path[:, 0], time[known], estimates.state[known, k]) for k in range(2)]
+    )
     covariance = estimates.covariance[np.searchsorted(time, path[:, 0]), :2, :2]
     off = place - path[:, 1:]
     distance = np.hypot(*off.T)
@@ -85,8 +102,13 @@ def score(estimates: Estimates, measured: Measurements, truth: Floats, since_s: 
 
 def dead_reckoning(recorded: Replayable) -> Estimates:
     """Estimates of odometry alone."""
-    none = {name: getattr(recorded.measurements, name)[:0] for name in ("message_step", "message", "ranges")}
-    return BeaconNavigator(MEDIA["air"], recorded.start).run(replace(recorded.measurements, **none, transmitters=None))
+    none = {
+        name: getattr(recorded.measurements, name)[:0]
+        for name in ("message_step", "message", "ranges")
+    }
+    return BeaconNavigator(MEDIA["air"], recorded.start).run(
+        replace(recorded.measurements, **none, transmitters=None)
+    )
 
 
 def by_laisn(recorded: Replayable, given: NavigationSettings) -> Estimates:
@@ -100,7 +122,9 @@ def _settings(recorded: Replayable, given: Beacons, medium: str) -> BeaconSettin
 
 
 def among_beacons(recorded: Replayable, given: Beacons) -> tuple[Estimates, str]:
-    """Estimates of the navigator among beacons, and the medium: if it is open, that with the likeliest ranges."""
+    """Estimates of the navigator among beacons, and the medium: if it is open, that with the
+    likeliest ranges.
+    """
     found = list[tuple[float, Estimates, str]]()
     for medium in MEDIA if given.medium == "auto" else (given.medium,):
         navigator = BeaconNavigator(_settings(recorded, given, medium), recorded.start)

@@ -1,4 +1,6 @@
-"""What a study found, number by number: `results.json`, from which documents take every number that they print."""
+"""What a study found, number by number: `results.json`, from which documents take every number
+that they print.
+"""
 
 import json
 import math
@@ -43,13 +45,17 @@ class Finding:
         return float(self.value) if isinstance(self.value, int | float) else math.nan
 
     def __format__(self, spec: str) -> str:
-        """Format as text by a Python format, with a space before the percent sign and a typographic minus sign.
+        """Format as text by a Python format, with a space before the percent sign and a typographic
+        minus sign.
 
-        `low` or `high` before it: a limit; ` i` after it: with the limits; ` ±`: with half of the interval.
+        `low` or `high` before it: a limit; ` i` after it: with the limits; ` ±`: with half of the
+        interval.
         """
         match = re.fullmatch(r"(?:(low|high) ?)?(\S*?)( i| ±)?", spec)
         if match is None:
-            raise ValueError(f"{spec!r} is no format of a finding, such as '.2f', 'low .0%' or '.1f i'")
+            raise ValueError(
+                f"{spec!r} is no format of a finding, such as '.2f', 'low .0%' or '.1f i'"
+            )
         which, inner, added = match.groups()
         given = getattr(self, which) if which else self.value
         value, low, high = (_set(v, inner) for v in (given, self.low, self.high))
@@ -79,7 +85,9 @@ def of(interval: Interval, what: str, unit: str = "") -> Finding:
 
 def plain(value: float | int | str | None, what: str, unit: str = "") -> Finding:
     """A finding without limits."""
-    return Finding(value=_rounded(value) if isinstance(value, float) else value, unit=unit, what=what)
+    return Finding(
+        value=_rounded(value) if isinstance(value, float) else value, unit=unit, what=what
+    )
 
 
 def median(values: Floats | Sequence[float], what: str, unit: str = "") -> Finding:
@@ -94,7 +102,9 @@ def share(flags: Floats | Bools, what: str) -> Finding:
 
 @dataclass(frozen=True, kw_only=True)
 class Findings:
-    """All that a study found, the command that computes it again, and the modules that do, with their version."""
+    """All that a study found, the command that computes it again, and the modules that do, with
+    their version.
+    """
 
     study: str
     command: str
@@ -105,27 +115,48 @@ class Findings:
     def __getitem__(self, key: str) -> Finding:
         """A finding by its name; LaisnError naming those that are alike if there is none."""
         if key not in self.findings:
-            alike = [name for name in self.findings if name.partition(" ")[0] == key.partition(" ")[0]]
-            raise LaisnError(f"the study {self.study!r} found no {key!r}; it found {', '.join(alike or self.findings)}")
+            alike = [
+                name for name in self.findings if name.partition(" ")[0] == key.partition(" ")[0]
+            ]
+            raise LaisnError(
+                f"the study {self.study!r} found no {key!r}; it found "
+                f"{', '.join(alike or self.findings)}"
+            )
         return self.findings[key]
 
     def write(self, path: Path) -> None:
-        """Write the record, in a folder that is made if it is not there: the same findings give the same bytes."""
+        """Write the record, in a folder that is made if it is not there: the same findings give
+        the same bytes.
+        """
         text = partial(json.dumps, ensure_ascii=False)
         lines = []
-        head, _, rest = text({"schema": SCHEMA} | asdict(replace(self, findings={})), indent=1).rpartition("{}")
+        head, _, rest = text(
+            {"schema": SCHEMA} | asdict(replace(self, findings={})), indent=1
+        ).rpartition("{}")
         # a line for each finding, so that a difference of records can be read
         for name, finding in self.findings.items():
-            given = {key: value for key, value in asdict(finding).items() if value not in ("", None) or key == "value"}
+            given = {
+                key: value
+                for key, value in asdict(finding).items()
+                if value not in ("", None) or key == "value"
+            }
             lines.append(f"  {text(name)}: {text(given)}")
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(path) as part:
-            part.write_text(head + "{\n" + ",\n".join(lines) + "\n }" + rest + "\n", encoding="utf-8")
+            part.write_text(
+                head + "{\n" + ",\n".join(lines) + "\n }" + rest + "\n", encoding="utf-8"
+            )
 
 
-def record(study: str, command: str, modules: tuple[str, ...], found: Mapping[str, Finding]) -> Findings:
-    """The record of what a study found, with the version of the sources that are here; arguments as of `Findings`."""
-    return Findings(study=study, command=command, modules=modules, version=version_of(modules), findings=found)
+def record(
+    study: str, command: str, modules: tuple[str, ...], found: Mapping[str, Finding]
+) -> Findings:
+    """The record of what a study found, with the version of the sources that are here; arguments
+    as of `Findings`.
+    """
+    return Findings(
+        study=study, command=command, modules=modules, version=version_of(modules), findings=found
+    )
 
 
 def read(path: Path) -> Findings:

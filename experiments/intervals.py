@@ -1,7 +1,8 @@
-"""Confidence intervals of what studies print: proportions, means over runs, and shares of sums over missions.
+"""Confidence intervals of what studies print: proportions, means over runs, and shares of sums over
+missions.
 
-Runs and missions are independent; arms of one run share their noise, so that their differences are paired. All limits
-are two-sided and leave the same chance on either side.
+Runs and missions are independent; arms of one run share their noise, so that their differences are
+paired. All limits are two-sided and leave the same chance on either side.
 """
 
 import math
@@ -26,10 +27,11 @@ class Interval(NamedTuple):
 
 
 def proportion(count: int, of: int, confidence: float = CONFIDENCE) -> Interval:
-    """Share of trials with an outcome, with the exact limits of Clopper and Pearson (Biometrika 26, 1934).
+    """Share of trials with an outcome, with the exact limits of Clopper and Pearson (Biometrika 26,
+    1934).
 
-    Where the chance differs from trial to trial they hold for its mean (Hoeffding 1956). ValueError: no trial, or a
-    count that is not among 0 … of.
+    Where the chance differs from trial to trial they hold for its mean (Hoeffding 1956).
+    ValueError: no trial, or a count that is not among 0 … of.
     """
     if not 0 <= count <= of or of == 0:
         raise ValueError(f"{count} of {of} is no proportion")
@@ -45,7 +47,9 @@ def exact_limits(count: float, of: float, confidence: float = CONFIDENCE) -> tup
 
 
 def _undo_skewness(y: Floats, skewness: Floats, runs: Floats) -> Floats:
-    """Inverse of T + γ T² / 3 + γ² T³ / 27 + γ / (6 n), the cubic of T = (mean − μ) / s that is nearly normal."""
+    """Inverse of T + γ T² / 3 + γ² T³ / 27 + γ / (6 n), the cubic of T = (mean − μ) / s that is
+    nearly normal.
+    """
     third = skewness / 3.0
     with np.errstate(invalid="ignore", divide="ignore"):
         bent = (np.cbrt(1.0 + 3.0 * third * (y - skewness / (6.0 * runs))) - 1.0) / third
@@ -56,9 +60,9 @@ def _undo_skewness(y: Floats, skewness: Floats, runs: Floats) -> Floats:
 def ratio_intervals(above: Floats, below: Floats, confidence: float = CONFIDENCE) -> list[Interval]:
     """Ratios of sums over runs, Σ above / Σ below, with t intervals that account for skewness.
 
-    Hall's cubic transformation removes the skewness γ; its quantiles are those of t with n − 1 degrees of freedom (P.
-    Hall, J. R. Stat. Soc. B 54, 1992, 221–228). A ratio is treated as the mean of its linearisation,
-    (above − ratio · below) / mean(below).
+    Hall's cubic transformation removes the skewness γ; its quantiles are those of t with n − 1
+    degrees of freedom (P. Hall, J. R. Stat. Soc. B 54, 1992, 221–228). A ratio is treated as the
+    mean of its linearisation, (above − ratio · below) / mean(below).
 
     Args:
         above: of each run, a column for each ratio, shape (R, k).
@@ -71,25 +75,37 @@ def ratio_intervals(above: Floats, below: Floats, confidence: float = CONFIDENCE
         rest = above - ratio * below
         squares = np.sum(rest**2, axis=0)
         spread = np.sqrt(squares / (runs - 1.0)) * runs / below.sum(axis=0)
-        skewness = np.where(squares > 0.0, np.sqrt(runs) * np.sum(rest**3, axis=0) / squares**1.5, 0.0)
+        skewness = np.where(
+            squares > 0.0, np.sqrt(runs) * np.sum(rest**3, axis=0) / squares**1.5, 0.0
+        )
         quantile = stdtrit(runs - 1.0, (1.0 + confidence) / 2.0) / np.sqrt(runs)
-        low, high = (ratio - spread * _undo_skewness(sign * quantile, skewness, runs) for sign in (1.0, -1.0))
+        low, high = (
+            ratio - spread * _undo_skewness(sign * quantile, skewness, runs) for sign in (1.0, -1.0)
+        )
     few = runs < FEWEST_RUNS
     limits = (np.where(few, math.nan, limit).tolist() for limit in (low, high))
     return [Interval(*row) for row in zip(ratio.tolist(), *limits, strict=True)]
 
 
-def mean_interval(values: Floats, counted: Bools | None = None, confidence: float = CONFIDENCE) -> Interval:
-    """Mean over runs that count, shape (R,) each, with its interval as of `ratio_intervals`; None: all count."""
-    mask = np.ones(values.shape, dtype=np.float64) if counted is None else counted.astype(np.float64)
+def mean_interval(
+    values: Floats, counted: Bools | None = None, confidence: float = CONFIDENCE
+) -> Interval:
+    """Mean over runs that count, shape (R,) each, with its interval as of `ratio_intervals`;
+    None: all count.
+    """
+    mask = (
+        np.ones(values.shape, dtype=np.float64) if counted is None else counted.astype(np.float64)
+    )
     return ratio_intervals((mask * values)[:, None], mask[:, None], confidence)[0]
 
 
 def difference_of_shares(differences: Floats, confidence: float = CONFIDENCE) -> Interval:
-    """Mean over runs, shape (R,), of paired differences of outcomes that are 0 or 1, or of combinations, in −1 … 1.
+    """Mean over runs, shape (R,), of paired differences of outcomes that are 0 or 1, or of
+    combinations, in −1 … 1.
 
-    The adjusted Wald interval of Bonett & Price (J. Educ. Behav. Stat. 37, 2012): a run that is decisive for either
-    side is added, so that outcomes which no run had are not taken for impossible.
+    The adjusted Wald interval of Bonett & Price (J. Educ. Behav. Stat. 37, 2012): a run that is
+    decisive for either side is added, so that outcomes which no run had are not taken for
+    impossible.
     """
     adjusted = np.append(differences, [1.0, -1.0])
     half = float(ndtri((1.0 + confidence) / 2.0)) * float(adjusted.std()) / math.sqrt(adjusted.size)
@@ -100,12 +116,16 @@ def difference_of_shares(differences: Floats, confidence: float = CONFIDENCE) ->
 def _mean_and_covariance(missions: Sequence[Floats]) -> tuple[Floats, Floats]:
     """Sum over missions of the means over runs of columns, and its covariance matrix."""
     total = np.sum([mission.mean(axis=0) for mission in missions], axis=0)
-    each = [np.atleast_2d(np.cov(mission, rowvar=False, ddof=1)) / mission.shape[0] for mission in missions]
+    each = [
+        np.atleast_2d(np.cov(mission, rowvar=False, ddof=1)) / mission.shape[0]
+        for mission in missions
+    ]
     return np.atleast_1d(total), np.sum(each, axis=0)
 
 
 def mean_over_missions(missions: Sequence[Floats], confidence: float = CONFIDENCE) -> Interval:
-    """Mean over missions of the means over their runs, shape (R,) each: what other noise on these would change.
+    """Mean over missions of the means over their runs, shape (R,) each: what other noise on these
+    would change.
 
     The interval is by the normal law for a sum of many runs.
     """
@@ -114,11 +134,15 @@ def mean_over_missions(missions: Sequence[Floats], confidence: float = CONFIDENC
     return Interval(*((float(total[0]) + step) / len(missions) for step in (0.0, -half, half)))
 
 
-def share_removed(missions: Sequence[tuple[Floats, Floats]], confidence: float = CONFIDENCE) -> Interval:
-    """Share of a sum over missions that is taken away, 1 − Σ mean(left) / Σ mean(part), by Fieller's theorem.
+def share_removed(
+    missions: Sequence[tuple[Floats, Floats]], confidence: float = CONFIDENCE
+) -> Interval:
+    """Share of a sum over missions that is taken away, 1 − Σ mean(left) / Σ mean(part), by
+    Fieller's theorem.
 
-    Each mission has what there is to remove and what is left of it, run by run, shape (R,) each (Fieller, J. R. Stat.
-    Soc. B 16, 1954). Limits are NaN where the sum to remove cannot be distinguished from zero.
+    Each mission has what there is to remove and what is left of it, run by run, shape (R,) each
+    (Fieller, J. R. Stat. Soc. B 16, 1954). Limits are NaN where the sum to remove cannot be
+    distinguished from zero.
     """
     total, covariance = _mean_and_covariance([np.column_stack(pair) for pair in missions])
     part, left = (float(v) for v in total)

@@ -1,4 +1,6 @@
-"""Array types for annotations (docstrings give shapes), records with named fields, and checked, frozen dataclasses."""
+"""Array types for annotations (docstrings give shapes), records with named fields, and checked,
+frozen dataclasses.
+"""
 
 from collections.abc import Collection, Mapping
 from dataclasses import fields
@@ -23,7 +25,9 @@ def records(dtype: npt.DTypeLike, *shape: int) -> Records:
 
 
 def numbers_of(given: Records) -> Floats:
-    """The memory of records that hold float numbers alone as an array, its last axis over their fields."""
+    """The memory of records that hold float numbers alone as an array, its last axis over their
+    fields.
+    """
     return np.asarray(given).view(np.float64).reshape(*given.shape, len(given.dtype.names))
 
 
@@ -41,27 +45,43 @@ class ArrayRecord:
         for field in fields(cast(Any, self)):
             value = getattr(self, field.name)
             is_array = isinstance(value, np.ndarray)
-            parts.append(f"{field.name} {value.shape}" if is_array else f"{field.name}={value!r}"[:100])
+            parts.append(
+                f"{field.name} {value.shape}" if is_array else f"{field.name}={value!r}"[:100]
+            )
         return f"<{type(self).__name__}: {', '.join(parts)}>"
 
 
 def require_shapes(record: Any, expected: Mapping[str, tuple[int, ...]]) -> None:
-    """ValueError naming the first array of a record, by its field, whose shape is not the expected one."""
+    """ValueError naming the first array of a record, by its field, whose shape is not the
+    expected one.
+    """
     for name, shape in expected.items():
         given = getattr(record, name).shape
         if given != shape:
             raise ValueError(f"{type(record).__name__}.{name} has shape {given}, expected {shape}")
 
 
-def require_numbers(record: Any, *, positive: Collection[str] = (), signed: Collection[str] = ()) -> None:
-    """ValueError naming a float of a record that is not finite, negative unless `signed`, or 0 if `positive`."""
+def require_numbers(
+    record: Any, *, positive: Collection[str] = (), signed: Collection[str] = ()
+) -> None:
+    """ValueError naming a float of a record that is not finite, negative unless `signed`, or 0
+    if `positive`.
+    """
     for field in fields(record):
         value = getattr(record, field.name)
         if not isinstance(value, float):
             continue
-        enough = field.name in signed or value > 0.0 or (value == 0.0 and field.name not in positive)
+        enough = (
+            field.name in signed or value > 0.0 or (value == 0.0 and field.name not in positive)
+        )
         if not np.isfinite(value) or not enough:
-            bound = "" if field.name in signed else ", positive" if field.name in positive else ", zero or more"
+            bound = (
+                ""
+                if field.name in signed
+                else ", positive"
+                if field.name in positive
+                else ", zero or more"
+            )
             raise ValueError(f"{field.name} is {value}, expected a finite number{bound}")
 
 
@@ -72,7 +92,9 @@ def require_probability(name: str, value: float) -> None:
 
 
 def _is_read_only(array: npt.NDArray[Any]) -> bool:
-    """Whether an array is contiguous, and neither it nor an array that it is a view of can be written."""
+    """Whether an array is contiguous, and neither it nor an array that it is a view of can be
+    written.
+    """
     whole: Any = array
     while isinstance(whole, np.ndarray) and not whole.flags.writeable:
         whole = whole.base
@@ -80,7 +102,9 @@ def _is_read_only(array: npt.NDArray[Any]) -> bool:
 
 
 def own_arrays(record: Any) -> None:
-    """Replace the arrays of a frozen record, in its `__post_init__`, by read-only copies unless they are read-only."""
+    """Replace the arrays of a frozen record, in its `__post_init__`, by read-only copies unless
+    they are read-only.
+    """
     for field in fields(record):
         value = getattr(record, field.name)
         if isinstance(value, np.ndarray) and not _is_read_only(value):

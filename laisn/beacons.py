@@ -1,8 +1,10 @@
-"""A tightly coupled navigator among beacons at surveyed places: odometry and ranges, one at a time, as they come.
+"""A tightly coupled navigator among beacons at surveyed places: odometry and ranges, one at a time,
+as they come.
 
-The sibling of `laisn.tight` for beacons hundreds of metres apart, each with its own errors, odometry whose gyro drifts,
-ranges of unknown scale, and unknown starts. The estimate is a mixture of Gaussians over the position and the errors of
-the sensors. State of a component, of n = 8 + 3 B numbers for B beacons; a state with the variance 0 is switched off:
+The sibling of `laisn.tight` for beacons hundreds of metres apart, each with its own errors,
+odometry whose gyro drifts, ranges of unknown scale, and unknown starts. The estimate is a mixture
+of Gaussians over the position and the errors of the sensors. State of a component, of n = 8 + 3 B
+numbers for B beacons; a state with the variance 0 is switched off:
 
     x, y    position of the receiver, east and north [m]
     b_s     logarithm of true over measured speed
@@ -37,15 +39,17 @@ KEPT = 256
 CAPACITY = 4 * KEPT
 """Components that are kept from range to range, and that there is room for while they are split."""
 
-# How fast what is called constant may wander, as variance in a second: biases of real sensors are never quite constant,
-# and a filter that takes them as constant loses track of them for good.
+# How fast what is called constant may wander, as variance in a second: biases of real sensors are
+# never quite constant, and a filter that takes them as constant loses track of them for good.
 _SPEED_WALK = 5e-4**2  # [1/s]
 _GYRO_WALK = 2e-5**2  # [rad²/s³]
 _CURRENT_WALK = 1e-3**2  # [m²/s³]
 
 
 class Belief(NamedTuple):
-    """A mixture of Gaussians, its heaviest component first; compiled functions change it in place."""
+    """A mixture of Gaussians, its heaviest component first; compiled functions change it in
+    place.
+    """
 
     state: Floats  # mean of each component, shape (CAPACITY, n)
     covariance: Floats  # shape (CAPACITY, n, n)
@@ -61,11 +65,14 @@ class Belief(NamedTuple):
 
 
 @compiled
-def predict(b: Belief, errors: tuple[float, float], speed: float, heading: float, time: float) -> None:
+def predict(
+    b: Belief, errors: tuple[float, float], speed: float, heading: float, time: float
+) -> None:
     """One step of odometry, whose mean speed [m/s] and heading [rad] are measured, in a time [s].
 
-    The true way is e^{b_s} v Δt u(θ − b_θ) + c Δt, with u the direction of a compass heading. `errors` are the random
-    walk of the position that odometry does not see [m/√s], and of the heading [rad/√s].
+    The true way is e^{b_s} v Δt u(θ − b_θ) + c Δt, with u the direction of a compass heading.
+    `errors` are the random walk of the position that odometry does not see [m/√s], and of the
+    heading [rad/√s].
     """
     n = b.states
     slip, heading_walk = errors
@@ -102,7 +109,9 @@ def predict(b: Belief, errors: tuple[float, float], speed: float, heading: float
 
 @compiled
 def moments(b: Belief, speed: float, heading: float) -> tuple[Floats, Floats]:
-    """Mean of x, y, vx, vy over the mixture, at the last readings, and its covariance; NaN if it is empty."""
+    """Mean of x, y, vx, vy over the mixture, at the last readings, and its covariance; NaN if it
+    is empty.
+    """
     mean = np.zeros(4)
     covariance = np.zeros((4, 4))
     rows = np.zeros((5, b.states))
@@ -153,9 +162,10 @@ class Ranging(NamedTuple):
 def predict_range(b: Belief, k: int, z: Ranging) -> tuple[float, float, float]:
     """Predict a range for component k; P Hᵀ goes into `b.gain`.
 
-    Second-order terms follow Bar-Shalom, Li & Kirubarajan 2001, Section 10.3.2: ½ tr(F C) in the mean and
-    ½ tr((F C)²) in the variance, with the range's second derivatives F and the covariance C of p − δ. Returns residual
-    [m], its variance without the random error [m²], and by how much the circle bends away from its tangent [m].
+    Second-order terms follow Bar-Shalom, Li & Kirubarajan 2001, Section 10.3.2: ½ tr(F C) in the
+    mean and ½ tr((F C)²) in the variance, with the range's second derivatives F and the covariance
+    C of p − δ. Returns residual [m], its variance without the random error [m²], and by how much
+    the circle bends away from its tangent [m].
     """
     x = b.state[k]
     P = b.covariance[k]
@@ -167,9 +177,19 @@ def predict_range(b: Belief, k: int, z: Ranging) -> tuple[float, float, float]:
     scale = 1.0 + x[SCALE]
     hx, hy = scale * dx / distance, scale * dy / distance
     for j in range(n):
-        b.gain[j] = hx * (P[j, X] - P[j, own + 1]) + hy * (P[j, Y] - P[j, own + 2]) + distance * P[j, SCALE] + P[j, own]
+        b.gain[j] = (
+            hx * (P[j, X] - P[j, own + 1])
+            + hy * (P[j, Y] - P[j, own + 2])
+            + distance * P[j, SCALE]
+            + P[j, own]
+        )
     gain = b.gain
-    variance = hx * (gain[X] - gain[own + 1]) + hy * (gain[Y] - gain[own + 2]) + distance * gain[SCALE] + gain[own]
+    variance = (
+        hx * (gain[X] - gain[own + 1])
+        + hy * (gain[Y] - gain[own + 2])
+        + distance * gain[SCALE]
+        + gain[own]
+    )
     cxx = P[X, X] - 2.0 * P[X, own + 1] + P[own + 1, own + 1]
     cyy = P[Y, Y] - 2.0 * P[Y, own + 2] + P[own + 2, own + 2]
     cxy = P[X, Y] - P[X, own + 2] - P[own + 1, Y] + P[own + 1, own + 2]
@@ -188,10 +208,14 @@ def predict_range(b: Belief, k: int, z: Ranging) -> tuple[float, float, float]:
 
 @compiled
 def update(b: Belief, k: int, z: Ranging) -> float:
-    """Update component k with a range, unless that is likelier a wrong one; logarithm of its density."""
+    """Update component k with a range, unless that is likelier a wrong one; logarithm of its
+    density.
+    """
     residual, expected, _ = predict_range(b, k, z)
     variance = expected + b.variance[z.beacon]
-    density: float = z.accepted - 0.5 * (residual * residual / variance + math.log(2.0 * math.pi * variance))
+    density: float = z.accepted - 0.5 * (
+        residual * residual / variance + math.log(2.0 * math.pi * variance)
+    )
     b.outcome[k].used = not density < z.wrong
     if density < z.wrong:
         return z.wrong
@@ -199,19 +223,23 @@ def update(b: Belief, k: int, z: Ranging) -> float:
     return density
 
 
-_BEND = 0.7  # a component is split where a circle bends away from its tangent by more than this share of its error
+# a component is split where a circle bends away from its tangent by more than this share of its
+# error
+_BEND = 0.7
 _LEAST_WEIGHT = 1e-8
 BEARINGS = 48  # Gaussians of a ring
 STARTERS = 8  # first ranges, each of which may be the one that gives an unknown start
-_DOMINANT_WEIGHT = 0.9  # errors of ranges are estimated where one component has more weight than this
+# errors of ranges are estimated where one component has more weight than this
+_DOMINANT_WEIGHT = 0.9
 _MOST_MISSED = 8  # ranges of one beacon rejected in a row after which a ring about it is added …
 _RING_WEIGHT = 0.01  # … with this weight
 
 
 @compiled
 def _split_component(b: Belief, k: int, z: Ranging) -> None:
-    """Split component k in three along the tangent of the circle about a beacon: means −1, 0, 1, weights ¼, ½, ¼ and
-    variance ½ keep the first three moments; the other states follow by their covariance.
+    """Split component k in three along the tangent of the circle about a beacon: means −1, 0, 1,
+    weights ¼, ½, ¼ and variance ½ keep the first three moments; the other states follow by their
+    covariance.
     """
     x = b.state[k]
     P = b.covariance[k]
@@ -267,16 +295,23 @@ def prune_and_merge(b: Belief) -> None:
 
 @compiled
 def add_ring(b: Belief, z: Ranging, weight: float, lost: bool) -> None:
-    """Add a ring of components about a beacon, of a weight where that of all others is 1; nothing without room.
+    """Add a ring of components about a beacon, of a weight where that of all others is 1; nothing
+    without room.
 
-    If lost, other states are those of the heaviest component, but for the heading's variance; otherwise all are fresh.
+    If lost, other states are those of the heaviest component, but for the heading's variance;
+    otherwise all are fresh.
     """
     own = SHARED + OWN * z.beacon
     if b.alive[0] + BEARINGS >= CAPACITY:
         return
     distance = max(math.sqrt(max(z.range * z.range - z.deeper * z.deeper, 1.0)), 1.0)
     # wide beside all errors of a range, the update with which follows
-    along = 4.0 * (b.variance[z.beacon] + b.fresh[own] + b.fresh[own + 1] + b.fresh[SCALE] * distance * distance)
+    along = 4.0 * (
+        b.variance[z.beacon]
+        + b.fresh[own]
+        + b.fresh[own + 1]
+        + b.fresh[SCALE] * distance * distance
+    )
     for i in range(BEARINGS):
         k = b.alive[0]
         ux, uy = math.sin(2.0 * math.pi * i / BEARINGS), math.cos(2.0 * math.pi * i / BEARINGS)
@@ -299,18 +334,21 @@ def add_ring(b: Belief, z: Ranging, weight: float, lost: bool) -> None:
 def receive(b: Belief, z: Ranging, starter: int) -> bool:
     """Take a range; whether the heaviest component used it.
 
-    With an unknown start each of the first ranges may be the first right one: the ring of the m-th has the weight of
-    all earlier ones being wrong, beside the evidence of the components so far. `starter` is the number m, from 0; −1
-    with a known start, or after `STARTERS`.
+    With an unknown start each of the first ranges may be the first right one: the ring of the m-th
+    has the weight of all earlier ones being wrong, beside the evidence of the components so far.
+    `starter` is the number m, from 0; −1 with a known start, or after `STARTERS`.
     """
     used = False
     if b.alive[0] > 0:
         split(b, z)
         if b.weight[0] > _DOMINANT_WEIGHT:
-            # adapt the beacon's variance to what the heaviest component makes of the range, before it is updated
+            # adapt the beacon's variance to what the heaviest component makes of the range, before
+            # it is updated
             residual, expected, _ = predict_range(b, 0, z)
             now = b.variance[z.beacon]
-            now += _ADAPTATION_GAIN * (min(max(residual * residual - expected, 0.0), _LARGEST * now) - now)
+            now += _ADAPTATION_GAIN * (
+                min(max(residual * residual - expected, 0.0), _LARGEST * now) - now
+            )
             b.variance[z.beacon] = min(max(now, _LEAST * z.variance), _MOST * z.variance)
         for k in range(b.alive[0]):
             b.weight[k] *= math.exp(update(b, k, z) - z.wrong)
@@ -337,7 +375,9 @@ class BeaconSettings:
     Keys of replays are the fields, with the units that end their docstrings.
     """
 
-    POSITIVE: ClassVar[frozenset[str]] = frozenset({"dt", "start_sigma", "range_sigma", "outlier_span"})
+    POSITIVE: ClassVar[frozenset[str]] = frozenset(
+        {"dt", "start_sigma", "range_sigma", "outlier_span"}
+    )
 
     dt: float = 0.1
     """Filter step Δt [s]; steps of other lengths may come between."""
@@ -358,11 +398,17 @@ class BeaconSettings:
     heading_walk: float = float(np.deg2rad(0.0573))
     """Random walk of the heading's error beside that rate, in a second [rad/√s]."""
     current_sigma: float = 0.0
-    """Standard deviation of a current that carries the vehicle, along each axis [m/s]; 0 for none."""
+    """Standard deviation of a current that carries the vehicle, along each axis [m/s]; 0 for
+    none.
+    """
     range_sigma: float = 0.5
-    """Random error of each range [m]; the estimate for each beacon stays between half and four times this."""
+    """Random error of each range [m]; the estimate for each beacon stays between half and four
+    times this.
+    """
     range_scale_sigma: float = 0.1
-    """Standard deviation of the scale error that all ranges share: of radio. Sound under water has 0.003."""
+    """Standard deviation of the scale error that all ranges share: of radio. Sound under water
+    has 0.003.
+    """
     range_offset_sigma: float = 0.1
     """Standard deviation of each beacon's constant error of range [m]."""
     survey_sigma: float = 0.1
@@ -370,7 +416,9 @@ class BeaconSettings:
     outlier_probability: float = 0.05
     """Chance that a range is wrong altogether."""
     outlier_span: float = 20.0
-    """Width of the span in which wrong ranges lie [m]; the same for all `MEDIA`, so that their evidence compares."""
+    """Width of the span in which wrong ranges lie [m]; the same for all `MEDIA`, so that their
+    evidence compares.
+    """
 
     def __post_init__(self) -> None:
         require_probability("outlier_probability", self.outlier_probability)
@@ -383,12 +431,19 @@ MEDIA = {
         gyro_bias_sigma=0.0, slip=0.2, current_sigma=0.1, range_scale_sigma=0.003, survey_sigma=1.0
     ),
 }
-"""What ranges are measured through: radio on land, or sound under water, where a vehicle has a compass and drifts."""
+"""What ranges are measured through: radio on land, or sound under water, where a vehicle has a
+compass and drifts.
+"""
 
 
 def _allocate(s: BeaconSettings, beacons: int) -> Belief:
     """A mixture without components, over the states of a number of beacons."""
-    shared = [s.start_sigma] * 2 + [s.speed_scale_sigma, s.heading_sigma, s.gyro_bias_sigma, s.range_scale_sigma]
+    shared = [s.start_sigma] * 2 + [
+        s.speed_scale_sigma,
+        s.heading_sigma,
+        s.gyro_bias_sigma,
+        s.range_scale_sigma,
+    ]
     own = [s.range_offset_sigma, s.survey_sigma, s.survey_sigma]
     fresh = np.square([*shared, s.current_sigma, s.current_sigma, *own * beacons])
     n = fresh.size
@@ -430,19 +485,23 @@ def with_beacon(belief: Belief, settings: BeaconSettings) -> Belief:
     made.covariance[alive, own, own] = made.fresh[before:]
     made.variance[:-1] = belief.variance
     made.rejected[:-1] = belief.rejected
-    return made._replace(weight=belief.weight, outcome=belief.outcome, alive=belief.alive, evidence=belief.evidence)
+    return made._replace(
+        weight=belief.weight, outcome=belief.outcome, alive=belief.alive, evidence=belief.evidence
+    )
 
 
 class BeaconNavigator(OnlineNavigator[Estimates]):
-    """Takes as own motion the mean speed over the step that a reading ends, and the direction of the way in it.
+    """Takes as own motion the mean speed over the step that a reading ends, and the direction of
+    the way in it.
 
-    The kind of a fix is by what the heaviest component used. LaisnError also if a message does not place its
-    transmitters, or there are too many places.
+    The kind of a fix is by what the heaviest component used. LaisnError also if a message does not
+    place its transmitters, or there are too many places.
     """
 
     def __init__(self, settings: BeaconSettings, start: Floats | None) -> None:
-        """Start at the receiver's x, y [m] and velocity [m/s] at step 0, shape (4,). None, or `known_start` False:
-        unknown, so that estimates are NaN until the first range; the heading is known either way.
+        """Start at the receiver's x, y [m] and velocity [m/s] at step 0, shape (4,). None, or
+        `known_start` False: unknown, so that estimates are NaN until the first range; the heading
+        is known either way.
         """
         super().__init__(settings, start if settings.known_start else None, settings.start_sigma)
         self._belief: Belief = new_belief(settings, self._start)
@@ -450,7 +509,11 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
         self._starter = 0 if self._start is None else -1
         chance = settings.outlier_probability
         span = settings.outlier_span
-        self._errors = settings.range_sigma**2, float(np.log1p(-chance)), float(np.log(chance / span))
+        self._errors = (
+            settings.range_sigma**2,
+            float(np.log1p(-chance)),
+            float(np.log(chance / span)),
+        )
 
     @property
     def evidence(self) -> float:
@@ -459,21 +522,46 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
 
     def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
         if reception is not None and reception.transmitters is None:
-            raise LaisnError(f"step {self._step}: the message places no transmitters; this navigator needs beacons")
-        predict(self._belief, (self.settings.slip, self.settings.heading_walk), own.speed, own.heading, dt)
+            raise LaisnError(
+                f"step {self._step}: the message places no transmitters; this navigator needs "
+                "beacons"
+            )
+        predict(
+            self._belief,
+            (self.settings.slip, self.settings.heading_walk),
+            own.speed,
+            own.heading,
+            dt,
+        )
         used = []
-        if reception is not None and reception.transmitters is not None and not math.isnan(own.depth):
+        if (
+            reception is not None
+            and reception.transmitters is not None
+            and not math.isnan(own.depth)
+        ):
             pairs = zip(reception.transmitters, reception.ranges, strict=True)
-            used = [self._receive(place, r, own.depth) for place, r in pairs if np.isfinite(r + place.sum())]
+            used = [
+                self._receive(place, r, own.depth)
+                for place, r in pairs
+                if np.isfinite(r + place.sum())
+            ]
         self._state, self._covariance = moments(self._belief, own.speed, own.heading)
         if self._belief.alive[0] and not np.isfinite(self._covariance).all():
-            raise ArithmeticError(f"step {self._step}: the covariance is not finite after {reception}")
+            raise ArithmeticError(
+                f"step {self._step}: the covariance is not finite after {reception}"
+            )
         if reception is None:
             return []
-        return [self._fix_at_estimate(FixKind.ONE_RANGE if any(used) else (FixKind.GATED if used else FixKind.LOST))]
+        return [
+            self._fix_at_estimate(
+                FixKind.ONE_RANGE if any(used) else (FixKind.GATED if used else FixKind.LOST)
+            )
+        ]
 
     def run(self, measurements: Measurements) -> Estimates:
-        """Estimates of a whole mission, whose filter step may differ from the settings'; see `OnlineNavigator.run`."""
+        """Estimates of a whole mission, whose filter step may differ from the settings'; see
+        `OnlineNavigator.run`.
+        """
         durations = measurements.durations
         if durations is None:
             durations = np.full(measurements.speed.size, measurements.dt)
@@ -485,7 +573,8 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
         if (east, north) not in self._beacons:
             if len(self._beacons) == MOST_BEACONS:
                 raise LaisnError(
-                    f"step {self._step}: ranges to more than {MOST_BEACONS} places; beacons must lie still"
+                    f"step {self._step}: ranges to more than {MOST_BEACONS} places; beacons must "
+                    "lie still"
                 )
             self._beacons[east, north] = len(self._beacons)
             self._belief = with_beacon(self._belief, self.settings)

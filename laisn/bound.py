@@ -1,8 +1,10 @@
-"""Posterior Cramér–Rao bound of dead reckoning with ranges: the log and the compass are inputs with the stated noise.
+"""Posterior Cramér–Rao bound of dead reckoning with ranges: the log and the compass are inputs with
+the stated noise.
 
-The recursion of Tichavský, Muravchik & Nehorai, IEEE Trans. Signal Processing 46 (1998): information about the state is
-carried from message to message by J ← (Q + F J⁻¹ Fᵀ)⁻¹ + Hᵀ R⁻¹ H, with derivatives at the truth and the state of
-`laisn.tight`. It bounds every estimator of this model and no other: one that assumes slowly varying speed can be below.
+The recursion of Tichavský, Muravchik & Nehorai, IEEE Trans. Signal Processing 46 (1998):
+information about the state is carried from message to message by J ← (Q + F J⁻¹ Fᵀ)⁻¹ + Hᵀ R⁻¹ H,
+with derivatives at the truth and the state of `laisn.tight`. It bounds every estimator of this
+model and no other: one that assumes slowly varying speed can be below.
 """
 
 from dataclasses import dataclass
@@ -20,15 +22,19 @@ _WEIGHTS = np.outer(_SHARES, _SHARES).ravel() / _SHARES.sum() ** 2
 
 @dataclass(frozen=True, kw_only=True)
 class TrueNoise:
-    """Standard deviations of what is truly random in a mission; those of constants are what is known of them before, 0
-    if all is known. Raises ValueError naming a field that is negative or not finite.
+    """Standard deviations of what is truly random in a mission; those of constants are what is
+    known of them before, 0 if all is known. Raises ValueError naming a field that is negative or
+    not finite.
     """
 
-    # random errors, by default the paper's: |N(0, 2°)| of the compass (Eq. 27), ranges uniform in 0.01 m (Eq. 28)
+    # random errors, by default the paper's: |N(0, 2°)| of the compass (Eq. 27), ranges uniform in
+    # 0.01 m (Eq. 28)
     speed_sigma: float = 0.2  # of a reading of the log [m/s]
-    heading_sigma: float = float(np.deg2rad(2.0) * np.sqrt(1.0 - 2.0 / np.pi))  # of a reading of the compass [rad]
+    # of a reading of the compass [rad]
+    heading_sigma: float = float(np.deg2rad(2.0) * np.sqrt(1.0 - 2.0 / np.pi))
     range_sigma: float = 0.01 / float(np.sqrt(12.0))  # of each range [m]
-    range_scale_sigma: float = 0.05  # of ψ, drawn for each message; ranges share it in proportion [m]
+    # of ψ, drawn for each message; ranges share it in proportion [m]
+    range_scale_sigma: float = 0.05
     leader_heading_sigma: float = 0.0  # of the heading that the leader broadcasts [rad]
     # constants
     start: float = 0.0  # position at the start, along each axis [m]
@@ -46,8 +52,9 @@ class TrueNoise:
     clock_offset: float = 0.0  # at the start, as a range [m]
     clock_drift: float = 0.0  # rate at which it grows [m/s]
     clock_walk: float = 0.0  # how far that rate wanders in a second [m/s/√s]
-    # of a mean current over 10 s as the leader's own way shows it [m/s]; 0: it shows none. Longer times give more in
-    # proportion: on the current, and of the leader's compass, where these are states
+    # of a mean current over 10 s as the leader's own way shows it [m/s]; 0: it shows none. Longer
+    # times give more in proportion: on the current, and of the leader's compass, where these are
+    # states
     leader_way_sigma: float = 0.0
 
     def __post_init__(self) -> None:
@@ -56,17 +63,21 @@ class TrueNoise:
 
 @dataclass(frozen=True, kw_only=True)
 class Geometry:
-    """The true mission of one follower as its sensors meet it: n filter steps, m messages, t transmitters."""
+    """The true mission of one follower as its sensors meet it: n filter steps, m messages, t
+    transmitters.
+    """
 
     dt: float  # filter step [s]
     speed: Floats  # through the water after each step, shape (n,), [m/s]
     heading: Floats  # after each step, shape (n,), [rad]
     message_step: Ints  # at which each message is received, shape (m,), from 1
-    from_leader: Floats  # hydrophone from the leader's origin at emission: east and north, shape (m, 2), [m]
-    # transmitters from the same origin: east, north, and how much deeper they are than the hydrophone, shape (m, t, 3),
-    # [m]; NaN where nothing is received
+    # hydrophone from the leader's origin at emission: east and north, shape (m, 2), [m]
+    from_leader: Floats
+    # transmitters from the same origin: east, north, and how much deeper they are than the
+    # hydrophone, shape (m, t, 3), [m]; NaN where nothing is received
     arms: Floats
-    # of the leader through the water at emission: east and north, shape (m, 2), [m/s]; None: not sent
+    # of the leader through the water at emission: east and north, shape (m, 2), [m/s]; None: not
+    # sent
     leader_velocity: Floats | None = None
 
 
@@ -80,11 +91,15 @@ _OFFSET = 8
 _CLOCK = 10
 _DRIFT = 11
 _STATES = 12
-"""State x of s = 12 numbers as of `TightEstimates.names`, position first; what is known has the variance 0."""
+"""State x of s = 12 numbers as of `TightEstimates.names`, position first; what is known has the
+variance 0.
+"""
 
 
 def _information(away: Floats, arms: Floats, noise: TrueNoise) -> Floats:
-    """Fisher information of the ranges of one message to followers `away` from the leader, shape (q, s, s)."""
+    """Fisher information of the ranges of one message to followers `away` from the leader, shape
+    (q, s, s).
+    """
     received = np.flatnonzero(np.isfinite(arms[:, 2]))
     if not received.size:
         return np.zeros((len(away), _STATES, _STATES))
@@ -108,18 +123,26 @@ def _information(away: Floats, arms: Floats, noise: TrueNoise) -> Floats:
 
 
 def _expected_information(away: Floats, spread: Floats, arms: Floats, noise: TrueNoise) -> Floats:
-    """Mean of the information over positions N(away, spread), by Gauss–Hermite quadrature, shape (s, s)."""
+    """Mean of the information over positions N(away, spread), by Gauss–Hermite quadrature, shape
+    (s, s).
+    """
     values, vectors = np.linalg.eigh(spread)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    return np.asarray(np.einsum("q,qij->ij", _WEIGHTS, _information(away + _NODES @ root.T, arms, noise)))
+    return np.asarray(
+        np.einsum("q,qij->ij", _WEIGHTS, _information(away + _NODES @ root.T, arms, noise))
+    )
 
 
-def _way(speed: Floats, ahead: Floats, dt: float, noise: TrueNoise) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-    """The way between messages, of k steps of speeds, shape (k,), [m/s], and directions times Δt, shape (k, 2), [s].
+def _way(
+    speed: Floats, ahead: Floats, dt: float, noise: TrueNoise
+) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """The way between messages, of k steps of speeds, shape (k,), [m/s], and directions times Δt,
+    shape (k, 2), [s].
 
-    Returns each step's position by the state at the beginning, shape (k, 2, s), and F, the state at the end by that,
-    shape (s, s). Then the covariance that each step's position has gained, shape (k, 2, 2), that of this with what the
-    state has gained at the end, shape (k, 2, s), and Q, of what the state has gained, shape (s, s).
+    Returns each step's position by the state at the beginning, shape (k, 2, s), and F, the state at
+    the end by that, shape (s, s). Then the covariance that each step's position has gained, shape
+    (k, 2, 2), that of this with what the state has gained at the end, shape (k, 2, s), and Q, of
+    what the state has gained, shape (s, s).
     """
     way = np.cumsum(speed[:, None] * ahead, axis=0)
     time = dt * np.arange(1, speed.size + 1)
@@ -141,7 +164,12 @@ def _way(speed: Floats, ahead: Floats, dt: float, noise: TrueNoise) -> tuple[Flo
     gained = np.zeros((_STATES, _STATES))
     onward[:, :, :2] = added
     current = noise.current_walk**2 if noise.current > 0.0 else 0.0
-    walks = (_LOG, noise.speed_walk**2), (_COMPASS, noise.heading_walk**2), (_EAST, current), (_NORTH, current)
+    walks = (
+        (_LOG, noise.speed_walk**2),
+        (_COMPASS, noise.heading_walk**2),
+        (_EAST, current),
+        (_NORTH, current),
+    )
     for state, rate in walks:
         # a bias that wanders moves the position by its mean over a straight way
         moved = rows[:, :, state]
@@ -151,16 +179,22 @@ def _way(speed: Floats, ahead: Floats, dt: float, noise: TrueNoise) -> tuple[Flo
         gained[state, state] = rate * end
     gained[:2] = onward[-1]
     gained[2:, :2] = onward[-1, :, 2:].T
-    gained[_CLOCK:, _CLOCK:] = noise.clock_walk**2 * np.array([[end**3 / 3.0, end**2 / 2.0], [end**2 / 2.0, end]])
+    gained[_CLOCK:, _CLOCK:] = noise.clock_walk**2 * np.array(
+        [[end**3 / 3.0, end**2 / 2.0], [end**2 / 2.0, end]]
+    )
     return rows, step, added, onward, gained
 
 
-def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | None = None, lag: float = 0.0) -> Floats:
-    """Bound of the position's covariance after each step, shape (n, 2, 2), [m²], for the model stated above.
+def position_bound(
+    geometry: Geometry, noise: TrueNoise, *, averaged: bool | None = None, lag: float = 0.0
+) -> Floats:
+    """Bound of the position's covariance after each step, shape (n, 2, 2), [m²], for the model
+    stated above.
 
-    `averaged` takes the mean information over the positions that the bound itself allows, not that at the truth; None:
-    for two transmitters, whose information at the truth is zero on their axis. `lag` is how much later than a position
-    the messages may be that it rests on [s]: of smoothing, where not 0.
+    `averaged` takes the mean information over the positions that the bound itself allows, not that
+    at the truth; None: for two transmitters, whose information at the truth is zero on their axis.
+    `lag` is how much later than a position the messages may be that it rests on [s]: of smoothing,
+    where not 0.
     """
     n = geometry.speed.size
     smoothed = lag > 0.0
@@ -183,7 +217,9 @@ def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | Non
     for i, (begin, end) in enumerate(pairwise([0, *geometry.message_step.tolist(), n])):
         if begin == end:
             break
-        rows, step, added, shared, grown = _way(geometry.speed[begin:end], ahead[begin:end], geometry.dt, noise)
+        rows, step, added, shared, grown = _way(
+            geometry.speed[begin:end], ahead[begin:end], geometry.dt, noise
+        )
         rows = rows[:, :, unknown]
         step = step[both]
         bound[begin:end] = rows @ covariance @ rows.swapaxes(1, 2) + added
@@ -218,7 +254,13 @@ def position_bound(geometry: Geometry, noise: TrueNoise, *, averaged: bool | Non
         return bound
     links = len(after)
     nothing = np.zeros((links, unknown.size))
-    chain = Chain(nothing, np.array(after), nothing, np.array(predicted), np.array([*between, between[-1]])[:links])
+    chain = Chain(
+        nothing,
+        np.array(after),
+        nothing,
+        np.array(predicted),
+        np.array([*between, between[-1]])[:links],
+    )
     messages = geometry.message_step
     steps = np.arange(1, n + 1)
     latest = np.searchsorted(messages, steps, side="right")

@@ -1,7 +1,9 @@
-"""How this project compiles: numba with one set of flags, and a folder in which later processes find the machine code.
+"""How this project compiles: numba with one set of flags, and a folder in which later processes
+find the machine code.
 
-Compiled code contains constants of other modules, and numba compares only the function's own file. The folder is
-therefore named by a hash of the versions and of `REACHED`, the sources that compiled code can reach.
+Compiled code contains constants of other modules, and numba compares only the function's own file.
+The folder is therefore named by a hash of the versions and of `REACHED`, the sources that compiled
+code can reach.
 """
 
 import fcntl
@@ -43,7 +45,8 @@ def reached_sources() -> list[Path]:
 def _own_folder(version: Path) -> Path:
     """The first numbered folder that no running process uses, with links to the code in the others.
 
-    Two processes that store different signatures of a function in one folder would give both files one name.
+    Two processes that store different signatures of a function in one folder would give both files
+    one name.
     """
     for own in (version / str(n) for n in itertools.count()):
         own.mkdir(parents=True, exist_ok=True)
@@ -58,20 +61,27 @@ def _own_folder(version: Path) -> Path:
         folder = own / index.parent.name
         if not (folder / index.name).exists():
             folder.mkdir(exist_ok=True)
-            # the index first: what it names and is missing is compiled, and no code is there without its index
+            # the index first: what it names and is missing is compiled, and no code is there
+            # without its index
             for file in (index, *index.parent.glob(f"{index.stem}.*.nbc")):
                 os.link(file, folder / file.name)
     return own
 
 
 def find_folder() -> Path | None:
-    """Folder for the code of these sources, below one that only this user can enter; None if there is none."""
+    """Folder for the code of these sources, below one that only this user can enter; None if
+    there is none.
+    """
     home = os.environ.get("XDG_CACHE_HOME", "")
     digest = hashlib.sha256(f"{sys.version} {numba.__version__} {np.__version__}".encode())
     for path in reached_sources():
         digest.update(f"{path.relative_to(_ROOT)} ".encode() + path.read_bytes())
     try:
-        place = (Path(home) if os.path.isabs(home) else Path.home() / ".cache") / "laisn-sim" / "compiled"
+        place = (
+            (Path(home) if os.path.isabs(home) else Path.home() / ".cache")
+            / "laisn-sim"
+            / "compiled"
+        )
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
         state = place.lstat()
         version = place / digest.hexdigest()[:16]
@@ -98,9 +108,13 @@ def count_stored() -> int:
 
 
 def remove_if_damaged(error: BaseException) -> bool:
-    """Whether an error came from reading or writing stored code, as after a power failure; removes that code."""
+    """Whether an error came from reading or writing stored code, as after a power failure;
+    removes that code.
+    """
     frames = traceback.extract_tb(error.__traceback__)
-    if FOLDER is None or not any(Path(frame.filename).match("numba/core/caching.py") for frame in frames):
+    if FOLDER is None or not any(
+        Path(frame.filename).match("numba/core/caching.py") for frame in frames
+    ):
         return False
     shutil.rmtree(FOLDER.parent, ignore_errors=True)
     return True
@@ -111,9 +125,13 @@ warnings.filterwarnings("ignore", category=errors.NumbaIRAssumptionWarning)
 
 
 def compiled(function: Function, **flags: Any) -> Function:
-    """Compile a function, which releases the interpreter's lock; division by zero gives inf or NaN as in NumPy."""
+    """Compile a function, which releases the interpreter's lock; division by zero gives inf or
+    NaN as in NumPy.
+    """
     # what other projects and closures refer to is not in the name of the folder
-    own = not function.__closure__ and function.__module__.startswith(("laisn.", "sim.", "experiments."))
+    own = not function.__closure__ and function.__module__.startswith(
+        ("laisn.", "sim.", "experiments.")
+    )
     config: Any = numba.config
     config.CACHE_DIR = str(FOLDER or "")
     jit = numba.njit(error_model="numpy", nogil=True, cache=own and FOLDER is not None, **flags)
@@ -132,7 +150,9 @@ def inlined(function: Function) -> Function:
 
 @inlined
 def copy_values(source: Floats, target: Floats) -> None:
-    """`target[:] = source` of one-dimensional arrays, for which numba compiles the text of an error for seconds."""
+    """`target[:] = source` of one-dimensional arrays, for which numba compiles the text of an
+    error for seconds.
+    """
     for i in range(target.shape[0]):
         target[i] = source[i]
 
@@ -140,7 +160,8 @@ def copy_values(source: Floats, target: Floats) -> None:
 def jitable(function: Function) -> Function:
     """A function of numbers: Python runs it as it is written, and compiled code calls it.
 
-    No branch may divide by zero, which Python refuses. If it consists of arithmetic alone, Python may give it arrays.
+    No branch may divide by zero, which Python refuses. If it consists of arithmetic alone, Python
+    may give it arrays.
     """
     return register_jitable(error_model="numpy")(function)
 
@@ -151,7 +172,9 @@ def formula(function: Function) -> Function:
 
 
 class Listed:
-    """A `formula` for a list whose members compiled code calls one after another, by `numba.literal_unroll`."""
+    """A `formula` for a list whose members compiled code calls one after another, by
+    `numba.literal_unroll`.
+    """
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self.function = function

@@ -1,9 +1,10 @@
 """Elementary functions that vectorise over lanes and give the same bits wherever they are compiled.
 
-The C library's cost five times as much in a loop and stop it from being vectorised. Every multiplication that is
-followed by an addition is an explicit fused one, so that a compiler's freedom to contract expressions changes nothing.
-Series are those of any handbook (Abramowitz & Stegun 4.1.27, 4.2.1, 4.3.65, 4.3.66); absolute errors are below 1e-14
-for the magnitudes that occur here. To be called from compiled code only.
+The C library's cost five times as much in a loop and stop it from being vectorised. Every
+multiplication that is followed by an addition is an explicit fused one, so that a compiler's
+freedom to contract expressions changes nothing. Series are those of any handbook (Abramowitz &
+Stegun 4.1.27, 4.2.1, 4.3.65, 4.3.66); absolute errors are below 1e-14 for the magnitudes that occur
+here. To be called from compiled code only.
 """
 
 import math
@@ -33,29 +34,40 @@ _LN2_HIGH = 0.6931471803691238  # ln 2 to 32 bits, so that its products with exp
 _LN2_LOW = 1.9082149292705877e-10
 _TWO_OVER_PI = 2.0 / math.pi
 _HALF_PI = math.pi / 2
-_HALF_PI_LOW = 6.123233995736766e-17  # π/2 beyond double precision, for the reduction of the argument
+# π/2 beyond double precision, for the reduction of the argument
+_HALF_PI_LOW = 6.123233995736766e-17
 _QUARTER_PI = math.pi / 4
 _TAN_PI_8 = math.sqrt(2.0) - 1.0
 
 _S1, _S2, _S3, _S4, _S5, _S6, _S7 = ((-1) ** n / math.factorial(2 * n + 1) for n in range(1, 8))
 _C1, _C2, _C3, _C4, _C5, _C6, _C7, _C8 = ((-1) ** n / math.factorial(2 * n) for n in range(1, 9))
-_E2, _E3, _E4, _E5, _E6, _E7, _E8, _E9, _E10, _E11, _E12, _E13 = (1.0 / math.factorial(n) for n in range(2, 14))
+_E2, _E3, _E4, _E5, _E6, _E7, _E8, _E9, _E10, _E11, _E12, _E13 = (
+    1.0 / math.factorial(n) for n in range(2, 14)
+)
 _L1, _L2, _L3, _L4, _L5, _L6, _L7, _L8, _L9 = (2.0 / (2 * n + 1) for n in range(1, 10))
 
 
 # arctan(t)/t in powers of t² on |t| ≤ tan π/8, by Chebyshev interpolation
-_FIT = np.polynomial.Chebyshev.interpolate(lambda q: np.arctan(np.sqrt(q)) / np.sqrt(q), 10, domain=[0.0, _TAN_PI_8**2])
-_A0, _A1, _A2, _A3, _A4, _A5, _A6, _A7, _A8, _A9, _A10 = _FIT.convert(kind=np.polynomial.Polynomial).coef.tolist()
+_FIT = np.polynomial.Chebyshev.interpolate(
+    lambda q: np.arctan(np.sqrt(q)) / np.sqrt(q), 10, domain=[0.0, _TAN_PI_8**2]
+)
+_A0, _A1, _A2, _A3, _A4, _A5, _A6, _A7, _A8, _A9, _A10 = _FIT.convert(
+    kind=np.polynomial.Polynomial
+).coef.tolist()
 
 
 def _emit_fma(_: Any, a: Any, b: Any, c: Any) -> Any:
-    return types.float64(*3 * (types.float64,)), lambda context, builder, signature, args: builder.fma(*args)
+    return types.float64(
+        *3 * (types.float64,)
+    ), lambda context, builder, signature, args: builder.fma(*args)
 
 
 def _bitcast(source: Any, target: Any) -> Any:
     def emit(_: Any, value: Any) -> Any:
         signature = target(source)
-        return signature, lambda context, builder, _, args: builder.bitcast(args[0], context.get_value_type(target))
+        return signature, lambda context, builder, _, args: builder.bitcast(
+            args[0], context.get_value_type(target)
+        )
 
     return intrinsic(emit)
 
@@ -83,7 +95,15 @@ def log(x: float) -> float:
     m = from_bits((shifted & _MANTISSA) + _SQRT_HALF)
     s = (m - 1.0) / (m + 1.0)
     q = s * s
-    p = fma(fma(fma(fma(fma(fma(fma(fma(_L9, q, _L8), q, _L7), q, _L6), q, _L5), q, _L4), q, _L3), q, _L2), q, _L1)
+    p = fma(
+        fma(
+            fma(fma(fma(fma(fma(fma(_L9, q, _L8), q, _L7), q, _L6), q, _L5), q, _L4), q, _L3),
+            q,
+            _L2,
+        ),
+        q,
+        _L1,
+    )
     return fma(fma(p, q, 2.0), s, e * _LN2)
 
 
@@ -104,13 +124,17 @@ def sin_cos_quarter(r: float) -> tuple[float, float]:
     """Sine and cosine of an angle within ±π/4."""
     q = r * r
     s = fma(fma(fma(fma(fma(fma(_S7, q, _S6), q, _S5), q, _S4), q, _S3), q, _S2), q, _S1)
-    c = fma(fma(fma(fma(fma(fma(fma(_C8, q, _C7), q, _C6), q, _C5), q, _C4), q, _C3), q, _C2), q, _C1)
+    c = fma(
+        fma(fma(fma(fma(fma(fma(_C8, q, _C7), q, _C6), q, _C5), q, _C4), q, _C3), q, _C2), q, _C1
+    )
     return fma(s, q, 1.0) * r, fma(c, q, 1.0)
 
 
 @inlined
 def turned(s: float, c: float, quadrant: np.uint64) -> tuple[float, float]:
-    """Sine and cosine of an angle that lies `quadrant` right angles further; its low two bits count."""
+    """Sine and cosine of an angle that lies `quadrant` right angles further; its low two bits
+    count.
+    """
     odd = (quadrant & _ONE_BIT) != _U(0)
     swapped_s = c if odd else s
     swapped_c = s if odd else c
@@ -130,7 +154,9 @@ def sin_cos(angle: float) -> tuple[float, float]:
 
 @inlined
 def half_turn_angle(cross: float, dot: float) -> float:
-    """Angle between two vectors from their cross and dot product, atan2(|cross|, dot) in [0, π]; 0 for two zeros."""
+    """Angle between two vectors from their cross and dot product, atan2(|cross|, dot) in [0, π];
+    0 for two zeros.
+    """
     a = abs(cross)
     b = abs(dot)
     shallow = a <= _TAN_PI_8 * b

@@ -1,4 +1,6 @@
-"""What a navigator concludes: the kinds of fix, and the record of a mission; of the tightly coupled one all states."""
+"""What a navigator concludes: the kinds of fix, and the record of a mission; of the tightly
+coupled one all states.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -20,15 +22,31 @@ class FixKind(IntEnum):
     GATED = 4  # rejected as a gross error: by the gate, or because no range was accepted
     SINGULAR = 5  # the filter was already exact (S singular): the update was skipped
     LOST = 6  # ranges were missing, so that no fix could be made
-    ONE_RANGE = 7  # one range alone: the prediction was moved along its line of sight, onto the circle
-    RANGES = 8  # no point was made: all ranges that were received were used themselves (tightly coupled)
+    # one range alone: the prediction was moved along its line of sight, onto the circle
+    ONE_RANGE = 7
+    # no point was made: all ranges that were received were used themselves (tightly coupled)
+    RANGES = 8
     PARTLY = 9  # likewise, but others looked like echoes and were left out
 
 
-FIX_WORDS = dict(zip(FixKind, (
-    "two points", "tangent", "on the axis", "weighted mean", "rejected", "skipped", "lost", "one range", "all ranges",
-    "but for echoes",
-), strict=True))  # fmt: skip
+FIX_WORDS = dict(
+    zip(
+        FixKind,
+        (
+            "two points",
+            "tangent",
+            "on the axis",
+            "weighted mean",
+            "rejected",
+            "skipped",
+            "lost",
+            "one range",
+            "all ranges",
+            "but for echoes",
+        ),
+        strict=True,
+    )
+)
 """Names of the kinds of fix in tables, figures and films."""
 
 
@@ -36,13 +54,16 @@ class Columns(NamedTuple):
     """An array of estimates, shape (f, …), and the columns of the log that hold its numbers."""
 
     attribute: str
-    names: tuple[str, ...]  # one for each number; those of equal numbers, as in a symmetric matrix, may be one
+    # one for each number; those of equal numbers, as in a symmetric matrix, may be one
+    names: tuple[str, ...]
     shape: tuple[int, ...] = ()  # of the array, for each message
     integer: bool = False
 
 
 class Details(NamedTuple):
-    """What estimates hold of each message beside the fix: a channel of the log, in SI units and radians."""
+    """What estimates hold of each message beside the fix: a channel of the log, in SI units and
+    radians.
+    """
 
     name: str  # of the channel and, with a capital, of the type of its messages
     columns: tuple[Columns, ...]
@@ -54,28 +75,36 @@ class FixRecord:
 
     step: int
     position: Floats  # z, or the estimate after the message, shape (2,), [m]; NaN for none
-    sigma: float  # σp as the filter was given it, or the root of half the trace of the estimate's covariance [m]
+    # σp as the filter was given it, or the root of half the trace of the estimate's covariance [m]
+    sigma: float
     kind: FixKind
     innovation: Floats = field(default_factory=lambda: np.full(2, np.nan))
     """Fix less predicted position, shape (2,), [m]; NaN where no position was used."""
     innovation_covariance: Floats = field(default_factory=lambda: np.full((2, 2), np.nan))
     """Covariance of `innovation`, shape (2, 2), [m²]."""
-    details: Mapping[str, Any] = field(default_factory=dict)  # what a subclass of `Estimates` adds, by attribute
+    # what a subclass of `Estimates` adds, by attribute
+    details: Mapping[str, Any] = field(default_factory=dict)
 
 
 _FIX_COLUMNS: dict[str, tuple[tuple[int, ...], bool]] = {
-    "fix_step": ((), True), "fix_position": ((2,), False), "fix_sigma": ((), False), "fix_kind": ((), True),
-    "innovation": ((2,), False), "innovation_covariance": ((2, 2), False),
-}  # fmt: skip
-"""Arrays over fixes, of attributes of `FixRecord`, whose names lack "fix_": shape for each fix, whether integers."""
+    "fix_step": ((), True),
+    "fix_position": ((2,), False),
+    "fix_sigma": ((), False),
+    "fix_kind": ((), True),
+    "innovation": ((2,), False),
+    "innovation_covariance": ((2, 2), False),
+}
+"""Arrays over fixes, of attributes of `FixRecord`, whose names lack "fix_": shape for each fix,
+whether integers.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Estimates(ArrayRecord):
     """The estimates of one follower in one mission: n steps (k = 1 … n) and f fixes.
 
-    A message gives one fix; with LAISN-3(1) one of each pair that was received. A navigator that estimates more returns
-    a subclass. Raises ValueError naming an array of another shape.
+    A message gives one fix; with LAISN-3(1) one of each pair that was received. A navigator that
+    estimates more returns a subclass. Raises ValueError naming an array of another shape.
     """
 
     DETAILS: ClassVar[Details | None] = None
@@ -85,11 +114,14 @@ class Estimates(ArrayRecord):
     covariance: Floats  # covariance of `state`, shape (n, 4, 4)
     fix_step: Ints  # step k of each fix, shape (f,)
     fix_position: Floats  # position z of each fix, shape (f, 2), [m]; NaN where none could be made
-    fix_sigma: Floats  # confidence parameter σp as the filter was given it: with floor and inflation, shape (f,), [m]
+    # confidence parameter σp as the filter was given it: with floor and inflation, shape (f,), [m]
+    fix_sigma: Floats
     fix_kind: Ints  # `FixKind`, shape (f,)
     innovation: Floats  # position innovation z − H x̂ before the update, shape (f, 2), [m]
     innovation_covariance: Floats
-    """S of the position update, shape (f, 2, 2), [m²]; of one range alone, its variance times the unit matrix."""
+    """S of the position update, shape (f, 2, 2), [m²]; of one range alone, its variance times
+    the unit matrix.
+    """
 
     @classmethod
     def of(cls, state: Floats, covariance: Floats, fixes: Sequence[FixRecord]) -> Self:
@@ -98,24 +130,30 @@ class Estimates(ArrayRecord):
         arrays = dict[str, Any]()
         for name, (shape, integer) in cls._fix_columns().items():
             rows = [fix[name.removeprefix("fix_")] for fix in found]
-            arrays[name] = np.array(rows, np.int64 if integer else np.float64).reshape(len(rows), *shape)
+            arrays[name] = np.array(rows, np.int64 if integer else np.float64).reshape(
+                len(rows), *shape
+            )
         return cls(state=state, covariance=covariance, **arrays)
 
     @classmethod
     def _fix_columns(cls) -> dict[str, tuple[tuple[int, ...], bool]]:
         further = cls.DETAILS.columns if cls.DETAILS else ()
-        return _FIX_COLUMNS | {column.attribute: (column.shape, column.integer) for column in further}
+        return _FIX_COLUMNS | {
+            column.attribute: (column.shape, column.integer) for column in further
+        }
 
     @property
     def hypotheses(self) -> tuple[Floats, Floats, Floats]:
-        """Weight (0 for none), position [m] and covariance [m²] of the h hypotheses after each of f messages, the
-        likeliest first; shapes (f, h), (f, h, 2), (f, h, 2, 2).
+        """Weight (0 for none), position [m] and covariance [m²] of the h hypotheses after each of f
+        messages, the likeliest first; shapes (f, h), (f, h, 2), (f, h, 2, 2).
         """
         f = self.fix_step.size
         return np.empty((f, 0)), np.empty((f, 0, 2)), np.empty((f, 0, 2, 2))
 
     def further_states(self) -> list[tuple[str, float, float]]:
-        """Name with unit, value and standard deviation of estimated constants after the last message; NaN for none."""
+        """Name with unit, value and standard deviation of estimated constants after the last
+        message; NaN for none.
+        """
         return []
 
     @property
@@ -125,11 +163,15 @@ class Estimates(ArrayRecord):
         return missing.size if missing.all() else int(np.argmin(missing))
 
     def part(self, first: int, last: int) -> Self:
-        """The estimates of steps `first` + 1 … `last`, which become 1 … `last` − `first`, and their fixes."""
+        """The estimates of steps `first` + 1 … `last`, which become 1 … `last` − `first`, and
+        their fixes.
+        """
         kept = (self.fix_step > first) & (self.fix_step <= last)
         parts: dict[str, Any] = {f.name: getattr(self, f.name)[kept] for f in fields(self)[2:]}
         parts["fix_step"] = parts["fix_step"] - first
-        return replace(self, state=self.state[first:last], covariance=self.covariance[first:last], **parts)
+        return replace(
+            self, state=self.state[first:last], covariance=self.covariance[first:last], **parts
+        )
 
     def __post_init__(self) -> None:
         n = self.state.shape[0]
@@ -141,14 +183,26 @@ class Estimates(ArrayRecord):
 
 HYPOTHESES = 4  # that are kept from message to message
 _STATES = (
-    "x_m", "y_m", "log_bias_m_s", "compass_bias_rad", "range_scale_m", "leader_compass_bias_rad",
-    "current_east_m_s", "current_north_m_s", "offset_2_m", "offset_3_m", "clock_offset_m", "clock_drift_m_s",
-)  # fmt: skip
+    "x_m",
+    "y_m",
+    "log_bias_m_s",
+    "compass_bias_rad",
+    "range_scale_m",
+    "leader_compass_bias_rad",
+    "current_east_m_s",
+    "current_north_m_s",
+    "offset_2_m",
+    "offset_3_m",
+    "clock_offset_m",
+    "clock_drift_m_s",
+)
 _KEPT = range(1, HYPOTHESES + 1)
 
 
 def kind_of(received: int, used: int) -> FixKind:
-    """Kind of a message by the number of ranges that were received with an estimate to test them, and used."""
+    """Kind of a message by the number of ranges that were received with an estimate to test
+    them, and used.
+    """
     if not received or not used:
         return FixKind.GATED if received else FixKind.LOST
     if used < received:
@@ -158,7 +212,9 @@ def kind_of(received: int, used: int) -> FixKind:
 
 @dataclass(frozen=True, kw_only=True)
 class TightEstimates(Estimates):
-    """Estimates of the tightly coupled navigator, whose f messages are fixes at the mean over the mixture."""
+    """Estimates of the tightly coupled navigator, whose f messages are fixes at the mean over
+    the mixture.
+    """
 
     DETAILS = Details(
         "mixture",
@@ -167,10 +223,14 @@ class TightEstimates(Estimates):
             Columns("full_state", _STATES, (len(_STATES),)),
             Columns("full_sigma", tuple(f"sigma_{state}" for state in _STATES), (len(_STATES),)),
             Columns("weight", tuple(f"weight_{h}" for h in _KEPT), (HYPOTHESES,)),
-            Columns("hypothesis", tuple(f"{axis}_{h}" for h in _KEPT for axis in "xy"), (HYPOTHESES, 2)),
+            Columns(
+                "hypothesis", tuple(f"{axis}_{h}" for h in _KEPT for axis in "xy"), (HYPOTHESES, 2)
+            ),
             Columns(
                 "hypothesis_covariance",
-                tuple(f"covariance_{h}_{pair}" for h in _KEPT for pair in ("x_x", "x_y", "x_y", "y_y")),
+                tuple(
+                    f"covariance_{h}_{pair}" for h in _KEPT for pair in ("x_x", "x_y", "x_y", "y_y")
+                ),
                 (HYPOTHESES, 2, 2),
             ),
             Columns("used", ("used",), integer=True),
@@ -180,12 +240,16 @@ class TightEstimates(Estimates):
 
     used: Ints  # how many of its ranges the heaviest hypothesis used, shape (f,)
     nis: Floats
-    """Their squared residuals in units of S, shape (f,): `used` on average, if S is right; NaN if none was used,
-    or nothing was expected of them."""
+    """Their squared residuals in units of S, shape (f,): `used` on average, if S is right; NaN if
+    none was used, or nothing was expected of them."""
     full_state: Floats
-    """Mean over the mixture after each message, shape (f, 12), in the order of `names`; NaN for what is no state."""
+    """Mean over the mixture after each message, shape (f, 12), in the order of `names`; NaN for
+    what is no state.
+    """
     full_sigma: Floats  # standard deviations of the states, shape (f, 12)
-    weight: Floats  # weight of each hypothesis after each message, heaviest first, shape (f, HYPOTHESES); 0 for none
+    # weight of each hypothesis after each message, heaviest first, shape (f, HYPOTHESES); 0 for
+    # none
+    weight: Floats
     hypothesis: Floats  # position of each, shape (f, HYPOTHESES, 2), [m]; NaN for none
     hypothesis_covariance: Floats  # its covariance, shape (f, HYPOTHESES, 2, 2), [m²]; NaN for none
 
@@ -198,4 +262,8 @@ class TightEstimates(Estimates):
         """Biases of the sensors, current, offsets and clock after the last message."""
         if not self.fix_step.size:
             return []
-        return [*zip(self.names, self.full_state[-1].tolist(), self.full_sigma[-1].tolist(), strict=True)][2:]
+        return [
+            *zip(
+                self.names, self.full_state[-1].tolist(), self.full_sigma[-1].tolist(), strict=True
+            )
+        ][2:]

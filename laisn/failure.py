@@ -1,4 +1,6 @@
-"""Errors and warnings that users can act on, and their text, at most a screen, without control characters."""
+"""Errors and warnings that users can act on, and their text, at most a screen, without control
+characters.
+"""
 
 import math
 import unicodedata
@@ -14,17 +16,24 @@ _STEERING = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
 
 
 class LaisnError(ValueError):
-    """What was given cannot be used, or the machine lacks something; any other exception is a bug."""
+    """What was given cannot be used, or the machine lacks something; any other exception is a
+    bug.
+    """
 
 
 class LaisnWarning(UserWarning):
-    """A problem that was worked around; the command shows the text alone, and no warnings of libraries."""
+    """A problem that was worked around; the command shows the text alone, and no warnings of
+    libraries.
+    """
 
 
 def plain(text: object) -> str:
-    """The text on one line, with every character that is no visible one as its escape, such as `\\x1b`."""
+    """The text on one line, with every character that is no visible one as its escape, such as
+    `\\x1b`.
+    """
     return "".join(
-        c.encode("unicode_escape").decode("ascii") if unicodedata.category(c) in _STEERING else c for c in str(text)
+        c.encode("unicode_escape").decode("ascii") if unicodedata.category(c) in _STEERING else c
+        for c in str(text)
     )
 
 
@@ -37,7 +46,9 @@ def shortened(text: str, limit: int) -> str:
 
 
 def screenful(lines: Iterable[str], rows: int = ROWS) -> list[str]:
-    """Lines, made plain, at most `rows` / 2 rows of 80 columns each, that fit; the last one counts the others."""
+    """Lines, made plain, at most `rows` / 2 rows of 80 columns each, that fit; the last one
+    counts the others.
+    """
     texts = [shortened(plain(line), COLUMNS * (rows // 2)) for line in lines]
     ends = accumulate(max(1, math.ceil(len(text) / COLUMNS)) for text in texts)
     shown = sum(end <= rows - (number < len(texts)) for number, end in enumerate(ends, start=1))

@@ -1,9 +1,10 @@
 """The fix of a message from its ranges (paper, Sections 2.2 and 2.3).
 
-A *pair* of transmitters gives two circles. Where they meet in two points well apart, the one nearest to the prediction
-is taken; otherwise the follower is put onto the pair's axis behind the leader. Each variant of `laisn.settings.Variant`
-is a function of the fixes of the pairs (1, 2), (1, 3) and (2, 3), and of the prediction. LAISN-3(1) has none: it
-updates the filter with one pair after the other.
+A *pair* of transmitters gives two circles. Where they meet in two points well apart, the one
+nearest to the prediction is taken; otherwise the follower is put onto the pair's axis behind the
+leader. Each variant of `laisn.settings.Variant` is a function of the fixes of the pairs (1, 2), (1,
+3) and (2, 3), and of the prediction. LAISN-3(1) has none: it updates the filter with one pair after
+the other.
 """
 
 import math
@@ -49,7 +50,8 @@ class Pair(NamedTuple):
 
     rear: Circle
     front: Circle
-    from_front: bool  # P_D is measured from the front transmitter, else from the rear one (paper, Eq. 23)
+    # P_D is measured from the front transmitter, else from the rear one (paper, Eq. 23)
+    from_front: bool
 
 
 class Fix(NamedTuple):
@@ -64,7 +66,9 @@ class Fix(NamedTuple):
 
 @formula
 def circles(origin: Point, arms: Arms, ranges: Ranges, depth_difference: float) -> Circles:
-    """Circles about the transmitters of a leader at `origin`; the hydrophone is Δz deeper than the leader [m]."""
+    """Circles about the transmitters of a leader at `origin`; the hydrophone is Δz deeper than
+    the leader [m].
+    """
     east, north, up = arms.front
     middle_east, middle_north, middle_up = arms.middle
     rear = Point(origin.east - east, origin.north - north)
@@ -81,9 +85,10 @@ def circles(origin: Point, arms: Arms, ranges: Ranges, depth_difference: float) 
 def pair_fix(pair: Pair, heading: Turn, predicted: Point, t: Tuning) -> Fix:
     """Fix of a pair (paper, Section 2.2 and Eq. 23); LOST if one of its ranges is missing.
 
-    Of two intersections equally near to the prediction the one to port is taken. Where the circles do not meet in two
-    points as far apart as T, the fix is P_D: behind the leader on the pair's axis, with σp = 0. With the side rule
-    "predicted" and a prediction ahead of the pair's middle, it lies ahead instead, at the front transmitter's range.
+    Of two intersections equally near to the prediction the one to port is taken. Where the circles
+    do not meet in two points as far apart as T, the fix is P_D: behind the leader on the pair's
+    axis, with σp = 0. With the side rule "predicted" and a prediction ahead of the pair's middle,
+    it lies ahead instead, at the front transmitter's range.
     """
     rear = pair.rear.radius
     front = pair.front.radius
@@ -118,14 +123,18 @@ def pair_fix(pair: Pair, heading: Turn, predicted: Point, t: Tuning) -> Fix:
 
 @formula
 def fix_variance(sigma: float, depth_difference: float, t: Tuning) -> float:
-    """Variance of a fix for the filter [m²]: σp above the floor, and Δz sin φ of the pitch that is expected."""
+    """Variance of a fix for the filter [m²]: σp above the floor, and Δz sin φ of the pitch that
+    is expected.
+    """
     vertical = depth_difference * t.sine_of_pitch
     least = t.sigma_floor if sigma < t.sigma_floor else sigma
     return vertical * vertical + least * least
 
 
 def _on_line(pair: Pair, kind: float) -> Fix:
-    """The point of the line through two transmitters, apart from each other, that fits both ranges best."""
+    """The point of the line through two transmitters, apart from each other, that fits both
+    ranges best.
+    """
     rear, d_rear = pair.rear
     front, d_front = pair.front
     way = front.east - rear.east, front.north - rear.north
@@ -143,12 +152,15 @@ def _on_line(pair: Pair, kind: float) -> Fix:
 
 
 class RangeCircles(NamedTuple):
-    """Circles about the transmitters that a reception gives for the follower's horizontal position."""
+    """Circles about the transmitters that a reception gives for the follower's horizontal
+    position.
+    """
 
     circles: Circles
     heading: Turn
     depth_difference: float  # Δz, depth of the hydrophone less that of the leader [m]
-    off_hull: bool = False  # transmitters are on no leader's hull, so that the follower's side of them is unknown
+    # transmitters are on no leader's hull, so that the follower's side of them is unknown
+    off_hull: bool = False
 
     def pairs(self) -> tuple[Pair, Pair, Pair]:
         """(1, 2), (1, 3) and (2, 3); the rear transmitter of the last one is the middle one."""
@@ -156,14 +168,20 @@ class RangeCircles(NamedTuple):
         return Pair(rear, front, False), Pair(rear, middle, False), Pair(middle, front, True)
 
     def fix(self, pair: Pair, predicted: Point, t: Tuning) -> Fix:
-        """Fix of a pair by `pair_fix`; off a hull P_D is replaced by the point on the line through the pair."""
+        """Fix of a pair by `pair_fix`; off a hull P_D is replaced by the point on the line
+        through the pair.
+        """
         found = pair_fix(pair, self.heading, predicted, t)
         on_line = self.off_hull and found.kind == ASTERN and pair.rear.centre != pair.front.centre
         return _on_line(pair, found.kind) if on_line else found
 
 
-def to_circles(reception: Reception, own_depth: float, settings: NavigationSettings) -> RangeCircles:
-    """Circles about the transmitters where message or settings place them, with the horizontal ranges to them."""
+def to_circles(
+    reception: Reception, own_depth: float, settings: NavigationSettings
+) -> RangeCircles:
+    """Circles about the transmitters where message or settings place them, with the horizontal
+    ranges to them.
+    """
     message = reception.message
     places = geometry.given_transmitters(reception, settings)
     hydrophone = own_depth - settings.hydrophone_height
@@ -172,18 +190,24 @@ def to_circles(reception: Reception, own_depth: float, settings: NavigationSetti
     if places is None:
         pitch, roll = map(turn, geometry.broadcast_tilt(message, settings))
         arms = geometry.tilted_arms(settings.baseline, settings.middle_offset, heading, pitch, roll)
-        found = circles(Point(message.east, message.north), arms, reception.ranges, depth_difference)
+        found = circles(
+            Point(message.east, message.north), arms, reception.ranges, depth_difference
+        )
     else:
         rows = zip(places.tolist(), reception.ranges, strict=True)
         found = Circles(
-            *(Circle(Point(east, north), horizontal_range(r, hydrophone - depth)) for (east, north, depth), r in rows)
+            *(
+                Circle(Point(east, north), horizontal_range(r, hydrophone - depth))
+                for (east, north, depth), r in rows
+            )
         )
     return RangeCircles(found, heading, depth_difference, off_hull=places is not None)
 
 
 def one_range(circles: Circles, predicted: Point) -> tuple[Point, Point] | None:
-    """The point nearest to the prediction on the circle of the first range that was received, and the unit vector from
-    the transmitter to the prediction; None if none was received. The paper drops one range alone.
+    """The point nearest to the prediction on the circle of the first range that was received, and
+    the unit vector from the transmitter to the prediction; None if none was received. The paper
+    drops one range alone.
     """
     for centre, radius in circles:
         east, north = predicted.east - centre.east, predicted.north - centre.north
@@ -229,8 +253,8 @@ def _weighted(weight: float, value: float) -> float:
 def laisn_3_2(pairs: Pairs, predicted: Point) -> Fix:
     """Weighted mean of the pairs whose circles meet, w_i = 1 / (1 + σp,i) (paper, Eqs. 24 and 25).
 
-    If no pair's circles meet, the fix is P_D of the first pair that was received, (1, 2) if possible. The factor 1/3 of
-    Eq. 25 is kept when fewer than three pairs contribute.
+    If no pair's circles meet, the fix is P_D of the first pair that was received, (1, 2) if
+    possible. The factor 1/3 of Eq. 25 is kept when fewer than three pairs contribute.
     """
     a, b, c = pairs
     w_a = _weight(a)
@@ -261,8 +285,12 @@ def _baseline_score(fix: Fix) -> float:
 
 @formula
 def laisn_best(pairs: Pairs, predicted: Point) -> Fix:
-    """The most certain pair: N = 1, else the largest distance of intersections (Section 2.3.3), else the first P_D."""
-    return highest(pairs, _baseline_score(pairs[0]), _baseline_score(pairs[1]), _baseline_score(pairs[2]))
+    """The most certain pair: N = 1, else the largest distance of intersections (Section 2.3.3),
+    else the first P_D.
+    """
+    return highest(
+        pairs, _baseline_score(pairs[0]), _baseline_score(pairs[1]), _baseline_score(pairs[2])
+    )
 
 
 @formula
@@ -273,7 +301,9 @@ def _usable_score(fix: Fix) -> float:
 
 @formula
 def laisn_main(pairs: Pairs, predicted: Point) -> Fix:
-    """The main pair, or another where it is missing, does not meet, or meets too close (Section 2.3.3)."""
+    """The main pair, or another where it is missing, does not meet, or meets too close (Section
+    2.3.3).
+    """
     return highest(pairs, _usable_score(pairs[0]), _usable_score(pairs[1]), _usable_score(pairs[2]))
 
 

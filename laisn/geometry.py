@@ -1,4 +1,6 @@
-"""Plane and hull geometry: angles, bearings, transmitters, circles. Pure, and shared by all engines."""
+"""Plane and hull geometry: angles, bearings, transmitters, circles. Pure, and shared by all
+engines.
+"""
 
 import math
 from collections.abc import Sequence
@@ -18,8 +20,9 @@ Angle = TypeVar("Angle", float, Floats)
 SINGULAR_VARIANCE = 1e-12
 """A position variance below this is zero [m²].
 
-It stands for a micrometre: far below any sensor, and far above the 1e-30 m² that rounding leaves where an update
-with σp = 0 should leave nothing. A second update with σp = 0 would divide one rounding error by another.
+It stands for a micrometre: far below any sensor, and far above the 1e-30 m² that rounding leaves
+where an update with σp = 0 should leave nothing. A second update with σp = 0 would divide one
+rounding error by another.
 """
 
 
@@ -43,7 +46,9 @@ class Turn(NamedTuple):
 
 
 class Arms(NamedTuple):
-    """Offsets (east, north, up) of transmitters from the leader's origin [m]; the rear one is opposite to the front."""
+    """Offsets (east, north, up) of transmitters from the leader's origin [m]; the rear one is
+    opposite to the front.
+    """
 
     front: Triple
     middle: Triple
@@ -56,7 +61,8 @@ class Chord(NamedTuple):
     distance: float
     way: Point  # unit vector from the first centre to the second; (0, 0) if they coincide
     along: float  # how far along the way the common chord lies, a [m]
-    half_squared: float  # half its length, squared, h² [m²]: negative where circles do not meet, 0 where they touch
+    # half its length, squared, h² [m²]: negative where circles do not meet, 0 where they touch
+    half_squared: float
 
 
 @formula
@@ -67,7 +73,9 @@ def signed_angle(angle: Angle) -> Angle:
 
 @formula
 def wrap_angle(angle: float) -> float:
-    """Angle brought into [−π, π] [rad], both ends of which are one direction; loops over lanes stay vectorised."""
+    """Angle brought into [−π, π] [rad], both ends of which are one direction; loops over lanes
+    stay vectorised.
+    """
     turns = (angle * _PER_TURN + _ROUNDING) - _ROUNDING
     return angle - turns * _TURN
 
@@ -87,7 +95,11 @@ def turn(angle: float) -> Turn:
 @formula
 def fore_offset(length: float, heading: Turn, pitch: Turn) -> Triple:
     """Offset (east, north, up) of a point so far forward on a hull's axis [m]."""
-    return length * heading.sine * pitch.cosine, length * heading.cosine * pitch.cosine, length * pitch.sine
+    return (
+        length * heading.sine * pitch.cosine,
+        length * heading.cosine * pitch.cosine,
+        length * pitch.sine,
+    )
 
 
 @formula
@@ -102,16 +114,24 @@ def side_offset(width: float, heading: Turn, pitch: Turn, roll: Turn) -> Triple:
 
 
 @formula
-def tilted_arms(baseline: float, middle_offset: float, heading: Turn, pitch: Turn, roll: Turn) -> Arms:
-    """Transmitters of a leader (paper, Section 2.3 and Figure 1): half a baseline ahead, an offset to port."""
-    return Arms(fore_offset(0.5 * baseline, heading, pitch), side_offset(middle_offset, heading, pitch, roll))
+def tilted_arms(
+    baseline: float, middle_offset: float, heading: Turn, pitch: Turn, roll: Turn
+) -> Arms:
+    """Transmitters of a leader (paper, Section 2.3 and Figure 1): half a baseline ahead, an
+    offset to port.
+    """
+    return Arms(
+        fore_offset(0.5 * baseline, heading, pitch),
+        side_offset(middle_offset, heading, pitch, roll),
+    )
 
 
 def place_on_body(origin: Triple, attitude: Triple, offsets: Floats) -> Floats:
     """Rows of (east, north, depth) of points anywhere on a body, shape (n, 3), [m].
 
-    `origin` is its (east, north, depth), `offsets` has rows of (forward, port, up), `attitude` is (heading, pitch,
-    roll) [rad]: turned to its heading, then pitched nose up, then rolled starboard down, about its own axes.
+    `origin` is its (east, north, depth), `offsets` has rows of (forward, port, up), `attitude` is
+    (heading, pitch, roll) [rad]: turned to its heading, then pitched nose up, then rolled starboard
+    down, about its own axes.
     """
     heading, pitch, roll = map(turn, attitude)
     forward = np.array(fore_offset(1.0, heading, pitch))
@@ -121,7 +141,9 @@ def place_on_body(origin: Triple, attitude: Triple, offsets: Floats) -> Floats:
 
 
 def broadcast_tilt(message: LeaderMessage, settings: Settings) -> tuple[float, float]:
-    """The leader's pitch and roll, if they are broadcast and used; otherwise (0, 0) of a level leader [rad]."""
+    """The leader's pitch and roll, if they are broadcast and used; otherwise (0, 0) of a level
+    leader [rad].
+    """
     used = settings.use_attitude and not math.isnan(message.pitch + message.roll)
     return (message.pitch, message.roll) if used else (0.0, 0.0)
 
@@ -129,13 +151,15 @@ def broadcast_tilt(message: LeaderMessage, settings: Settings) -> tuple[float, f
 def _placed(message: LeaderMessage, settings: Settings, offsets: Sequence[Triple]) -> Floats:
     attitude = message.heading, *broadcast_tilt(message, settings)
     places = np.full((3, 3), np.nan)
-    places[: len(offsets)] = place_on_body((message.east, message.north, message.depth), attitude, np.array(offsets))
+    places[: len(offsets)] = place_on_body(
+        (message.east, message.north, message.depth), attitude, np.array(offsets)
+    )
     return places
 
 
 def given_transmitters(reception: Reception, settings: Settings) -> Floats | None:
-    """Transmitters (east, north, depth) that the message or the settings' offsets place, shape (3, 3), [m], NaN for one
-    that is not there; None: they are on the leader's hull.
+    """Transmitters (east, north, depth) that the message or the settings' offsets place, shape (3,
+    3), [m], NaN for one that is not there; None: they are on the leader's hull.
     """
     if reception.transmitters is not None or not settings.transmitter_offsets:
         return reception.transmitters
@@ -143,7 +167,9 @@ def given_transmitters(reception: Reception, settings: Settings) -> Floats | Non
 
 
 def place_transmitters(reception: Reception, settings: Settings) -> Floats:
-    """Transmitters (east, north, depth) of a message, given or on the hull, shape (3, 3), [m]; NaN for none."""
+    """Transmitters (east, north, depth) of a message, given or on the hull, shape (3, 3), [m];
+    NaN for none.
+    """
     places = given_transmitters(reception, settings)
     half = 0.5 * settings.baseline
     on_hull = (-half, 0.0, 0.0), (half, 0.0, 0.0), (0.0, settings.middle_offset, 0.0)
@@ -152,7 +178,9 @@ def place_transmitters(reception: Reception, settings: Settings) -> Floats:
 
 @formula
 def horizontal_range(slant_range: float, depth_difference: float) -> float:
-    """Horizontal range D = √(R² − Δz²) [m]; 0 where a range error makes R < |Δz|, NaN where R is NaN."""
+    """Horizontal range D = √(R² − Δz²) [m]; 0 where a range error makes R < |Δz|, NaN where R is
+    NaN.
+    """
     squared = slant_range * slant_range - depth_difference * depth_difference
     # the order of comparison lets NaN through: nothing was received
     return math.sqrt(0.0 if squared < 0.0 else squared)
@@ -162,9 +190,10 @@ def horizontal_range(slant_range: float, depth_difference: float) -> float:
 def common_chord(first: Point, first_radius: float, second: Point, second_radius: float) -> Chord:
     """Chord of the circle about one point and the one about another; all in [m].
 
-    With d the distance of the centres, a = (d² + D_i² − D_j²) / 2d is how far along the way from i to j the chord lies,
-    and h² = D_i² − a² its half-length squared. Here h² is the product of Heron's formula (height of the triangle with
-    sides d, D_i, D_j), for the difference of squares loses a short chord to rounding.
+    With d the distance of the centres, a = (d² + D_i² − D_j²) / 2d is how far along the way from i
+    to j the chord lies, and h² = D_i² − a² its half-length squared. Here h² is the product of
+    Heron's formula (height of the triangle with sides d, D_i, D_j), for the difference of squares
+    loses a short chord to rounding.
     """
     east, north = second.east - first.east, second.north - first.north
     d = math.sqrt(east * east + north * north)
@@ -172,7 +201,9 @@ def common_chord(first: Point, first_radius: float, second: Point, second_radius
     per_d = 1.0 / (d if apart else 1.0)
     along = (d * d + first_radius * first_radius - second_radius * second_radius) * (0.5 * per_d)
     overlap = (
-        (first_radius + second_radius - d) * (d + first_radius - second_radius) * (d - first_radius + second_radius)
+        (first_radius + second_radius - d)
+        * (d + first_radius - second_radius)
+        * (d - first_radius + second_radius)
     )
     half_squared = (d + first_radius + second_radius) * overlap * (0.25 * per_d * per_d)
     return Chord(apart, d, Point(east * per_d, north * per_d), along, half_squared)
@@ -187,7 +218,9 @@ def is_singular(variance_x: float, variance_y: float) -> bool:
 def turned_cosine(
     pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, reach: npt.ArrayLike, bearing: npt.ArrayLike
 ) -> Floats:
-    """cos B̂ of a fix that the leader's pitch turns about the leader; beyond ±1 where the circles do not meet."""
+    """cos B̂ of a fix that the leader's pitch turns about the leader; beyond ±1 where the
+    circles do not meet.
+    """
     lever = np.divide(depth_offset, reach) * np.sin(pitch)
     return np.asarray(np.cos(bearing) * np.cos(pitch) - lever)
 
@@ -195,8 +228,10 @@ def turned_cosine(
 def pitch_fix_error(
     pitch: npt.ArrayLike, depth_offset: npt.ArrayLike, reach: npt.ArrayLike, bearing: npt.ArrayLike
 ) -> Floats:
-    """Position error of a noiseless fix of LAISN-2 from the leader's pitch (docs/asymmetry.md), [rad] and [m], of a
-    follower so far below the leader, away from it and off its bow.
+    """Position error of a noiseless fix of LAISN-2 from the leader's pitch (docs/asymmetry.md),
+    [rad] and [m], of a follower so far below the leader, away from it and off its bow.
     """
     turned = np.arccos(np.clip(turned_cosine(pitch, depth_offset, reach, bearing), -1.0, 1.0))
-    return np.asarray(2.0 * np.asarray(reach) * np.sin(np.abs(turned - np.arccos(np.cos(bearing))) / 2.0))
+    return np.asarray(
+        2.0 * np.asarray(reach) * np.sin(np.abs(turned - np.arccos(np.cos(bearing))) / 2.0)
+    )

@@ -1,9 +1,10 @@
 """LAISN for a block of runs side by side, one in each lane: what `navigator` does for one follower.
 
-A block is rows of `LANES` doubles in one flat array, a lane for each run; passes address `block[ROW + lane]`. Rows of
-one array provably do not overlap, so that passes become vector instructions. Every lane takes every branch and selects;
-only what is the same for all runs (the variant) branches truly. After a measurement with covariance R, P S⁻¹ R stands
-for P − P S⁻¹ P, without cancellation; it equals the Joseph form.
+A block is rows of `LANES` doubles in one flat array, a lane for each run; passes address `block[ROW
++ lane]`. Rows of one array provably do not overlap, so that passes become vector instructions.
+Every lane takes every branch and selects; only what is the same for all runs (the variant) branches
+truly. After a measurement with covariance R, P S⁻¹ R stands for P − P S⁻¹ P, without cancellation;
+it equals the Joseph form.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,7 +17,19 @@ from laisn.arrays import Bools, Floats, Ints, Records
 from laisn.compiled import compiled_lanes, inlined
 from laisn.elementary import sin_cos
 from laisn.failure import LaisnError
-from laisn.fix import GATED, LOST, SEQUENTIAL, SINGLE, SINGULAR, Circle, Fix, Pair, circles, fix_variance, pair_fix
+from laisn.fix import (
+    GATED,
+    LOST,
+    SEQUENTIAL,
+    SINGLE,
+    SINGULAR,
+    Circle,
+    Fix,
+    Pair,
+    circles,
+    fix_variance,
+    pair_fix,
+)
 from laisn.geometry import Point, Turn, is_singular, tilted_arms
 from laisn.messages import LeaderMessage, Measurements, Ranges
 from laisn.navigator import expected_acceleration, is_beyond, reach, speed_share, turn_share
@@ -32,16 +45,21 @@ PXX, PXY, PYY, CXX, CXY, CYX, CYY, VXX, VXY, VYY = (next(_row) for _ in range(10
 # Memory of the last accepted position and of the last measurements.
 ACCEPTED_X, ACCEPTED_Y, ACCEPTED_STEP = (next(_row) for _ in range(3))
 LAST_SPEED, LAST_HEADING, LAST_LEADER_SPEED, LAST_LEADER_HEADING = (next(_row) for _ in range(4))
-# Own measurements of a step, and what follows from them; γ are those of the vehicle that changed most.
+# Own measurements of a step, and what follows from them; γ are those of the vehicle that changed
+# most.
 SPEED, HEADING, DEPTH, SIN, COS, GAMMA_V, GAMMA_THETA = (next(_row) for _ in range(7))
 # A message and the ranges measured on it.
-EAST, NORTH, LEADER_HEADING, LEADER_SPEED, LEADER_DEPTH, PITCH, ROLL = (next(_row) for _ in range(7))
+EAST, NORTH, LEADER_HEADING, LEADER_SPEED, LEADER_DEPTH, PITCH, ROLL = (
+    next(_row) for _ in range(7)
+)
 R1, R2, R3 = (next(_row) for _ in range(3))
-# Transmitters, the horizontal ranges to them (NaN where nothing was received), and one's own depth below the leader's.
+# Transmitters, the horizontal ranges to them (NaN where nothing was received), and one's own depth
+# below the leader's.
 X1, Y1, D1, X2, Y2, D2, X3, Y3, D3, DZ = (next(_row) for _ in range(10))
 LEADER_SIN, LEADER_COS = (next(_row) for _ in range(2))
-# The fix of each pair of transmitters and the fix chosen of them: position, σp, kind, separation of two intersections
-# (−1 for fewer), and squared distance from the prediction in units of S (NaN where no update was made).
+# The fix of each pair of transmitters and the fix chosen of them: position, σp, kind, separation of
+# two intersections (−1 for fewer), and squared distance from the prediction in units of S (NaN
+# where no update was made).
 ZX12, ZY12, SIGMA12, KIND12, SEP12, NIS12 = (next(_row) for _ in range(6))
 ZX13, ZY13, SIGMA13, KIND13, SEP13, NIS13 = (next(_row) for _ in range(6))
 ZX23, ZY23, SIGMA23, KIND23, SEP23, NIS23 = (next(_row) for _ in range(6))
@@ -52,11 +70,14 @@ SIZE = next(_row)
 
 
 def tuning(settings: Settings) -> Tuning:
-    """Settings of LAISN as lanes take them; LaisnError for those of one vehicle's navigator alone."""
+    """Settings of LAISN as lanes take them; LaisnError for those of one vehicle's navigator
+    alone.
+    """
     laisn = cast(NavigationSettings, settings)
     if laisn.use_single_range or laisn.transmitter_offsets:
         raise LaisnError(
-            "use_single_range and transmitter offsets are for single vehicles and their logs; campaigns take "
+            "use_single_range and transmitter offsets are for single vehicles and their logs; "
+            "campaigns take "
             "transmitters on the leader's hull only, and drop a range that arrives alone"
         )
     return Tuning.of(laisn)
@@ -95,7 +116,9 @@ def put_fix(block: Floats, first: int, lane: int, fix: Fix) -> None:
 
 @compiled_lanes
 def new_block(starts: Floats, t: Tuning) -> Floats:
-    """A block before its first step at starts (x, y, vx, vy), shape (f, 4), of which the last one is repeated."""
+    """A block before its first step at starts (x, y, vx, vy), shape (f, 4), of which the last
+    one is repeated.
+    """
     block = np.zeros(SIZE)
     for lane in range(LANES):
         start = starts[min(lane, starts.shape[0] - 1)]
@@ -114,7 +137,9 @@ def new_block(starts: Floats, t: Tuning) -> Floats:
 
 @compiled_lanes
 def own_motion(block: Floats, t: Tuning) -> None:
-    """Take a step's own measurements: their γ, and the direction of motion; faster apart from `predict`."""
+    """Take a step's own measurements: their γ, and the direction of motion; faster apart from
+    `predict`.
+    """
     for lane in range(LANES):
         speed = block[SPEED + lane]
         heading = block[HEADING + lane]
@@ -127,7 +152,9 @@ def own_motion(block: Floats, t: Tuning) -> None:
 
 @compiled_lanes
 def leader_motion(block: Floats, t: Tuning) -> None:
-    """Take a message's speed and heading, if it has a range: γ becomes that of the vehicle that changed most."""
+    """Take a message's speed and heading, if it has a range: γ becomes that of the vehicle that
+    changed most.
+    """
     for lane in range(LANES):
         rear = block[R1 + lane]
         front = block[R2 + lane]
@@ -221,7 +248,9 @@ def speed_update(block: Floats, t: Tuning) -> None:
 
 @compiled_lanes
 def update(block: Floats, t: Tuning, k: int) -> None:
-    """Gate the chosen fix, and update the state (Sections 2.1, 2.4); kind GATED or SINGULAR where that is skipped."""
+    """Gate the chosen fix, and update the state (Sections 2.1, 2.4); kind GATED or SINGULAR
+    where that is skipped.
+    """
     for lane in range(LANES):
         zx = block[ZX + lane]
         zy = block[ZY + lane]
@@ -271,7 +300,9 @@ def update(block: Floats, t: Tuning, k: int) -> None:
 
 @compiled_lanes
 def update_gate(block: Floats, k: int) -> None:
-    """Make the gate measure from the position and step of this message, in the lanes that accepted it."""
+    """Make the gate measure from the position and step of this message, in the lanes that
+    accepted it.
+    """
     for lane in range(LANES):
         passed = block[PASSED + lane] > 0.0
         block[ACCEPTED_X + lane] = block[X + lane] if passed else block[ACCEPTED_X + lane]
@@ -321,7 +352,9 @@ def place_transmitters(block: Floats, t: Tuning) -> None:
 
 
 def _fix_pair(rear: int, front: int, out: int, from_front: bool) -> Pass:
-    """Pass for the fix of a pair, from the state as it is, by the rows where its circles and the fix begin."""
+    """Pass for the fix of a pair, from the state as it is, by the rows where its circles and the
+    fix begin.
+    """
 
     @compiled_lanes
     def fix(block: Floats, t: Tuning) -> None:
@@ -346,7 +379,9 @@ def copy_fix(block: Floats, source: int, target: int) -> None:
 
 
 def _choice(otherwise: Pass, variant: Variant) -> Pass:
-    """Pass for the fix that a variant chooses, or else `otherwise`: compiled code cannot look up functions."""
+    """Pass for the fix that a variant chooses, or else `otherwise`: compiled code cannot look up
+    functions.
+    """
     number = VARIANTS.index(variant)
     single = SINGLE[variant]
 
@@ -356,7 +391,11 @@ def _choice(otherwise: Pass, variant: Variant) -> Pass:
             otherwise(block, t)
         else:
             for lane in range(LANES):
-                pairs = fix_at(block, ZX12, lane), fix_at(block, ZX13, lane), fix_at(block, ZX23, lane)
+                pairs = (
+                    fix_at(block, ZX12, lane),
+                    fix_at(block, ZX13, lane),
+                    fix_at(block, ZX23, lane),
+                )
                 put_fix(block, ZX, lane, single(pairs, point_at(block, X, lane)))
 
     return choose
@@ -373,7 +412,10 @@ for _variant in SINGLE:
 
 _SEQUENTIAL = VARIANTS.index(SEQUENTIAL)
 
-_BROADCAST = [LeaderMessage._fields.index(n) for n in ("east", "north", "heading", "speed", "depth", "pitch", "roll")]
+_BROADCAST = [
+    LeaderMessage._fields.index(n)
+    for n in ("east", "north", "heading", "speed", "depth", "pitch", "roll")
+]
 
 
 @compiled_lanes
@@ -405,7 +447,9 @@ def position_update(block: Floats, t: Tuning, k: int) -> None:
 
 @compiled_lanes
 def advance(block: Floats, t: Tuning, k: int, received: bool) -> None:
-    """Step k: predict, position if a message is received, speed. Rows of measurements must be filled."""
+    """Step k: predict, position if a message is received, speed. Rows of measurements must be
+    filled.
+    """
     own_motion(block, t)
     if received:
         leader_motion(block, t)
@@ -424,10 +468,14 @@ def fix_rows(variant: float) -> tuple[int, int, int]:
 
 
 def stacked(missions: Sequence[Measurements]) -> tuple[Floats, Floats]:
-    """Rows SPEED to SIN and EAST to X1 of missions, the last one repeated: (n, 3 · LANES) and (m, 10 · LANES)."""
+    """Rows SPEED to SIN and EAST to X1 of missions, the last one repeated: (n, 3 · LANES) and
+    (m, 10 · LANES).
+    """
     filled = [missions[min(lane, len(missions) - 1)] for lane in range(LANES)]
     own = np.stack([np.column_stack([m.speed, m.heading, m.last_depth]) for m in filled], axis=-1)
-    messages = np.stack([np.column_stack([m.message[:, _BROADCAST], m.ranges]) for m in filled], axis=-1)
+    messages = np.stack(
+        [np.column_stack([m.message[:, _BROADCAST], m.ranges]) for m in filled], axis=-1
+    )
     return own.reshape(len(own), 3 * LANES), messages.reshape(len(messages), 10 * LANES)
 
 
@@ -440,7 +488,13 @@ class LaneSwarm(NamedTuple):
 
     @compiled_lanes
     def navigate(
-        self, step: int, readings: Records, received: Bools, messages: Records, ranges: Floats, estimates: Any
+        self,
+        step: int,
+        readings: Records,
+        received: Bools,
+        messages: Records,
+        ranges: Floats,
+        estimates: Any,
     ) -> int:
         """Advance by one filter step; see `laisn.swarm.Swarm.navigate`."""
         block = self.block
@@ -478,7 +532,9 @@ class LaneSwarm(NamedTuple):
 
 
 def new_lanes(settings: NavigationSettings, starts: Floats) -> LaneSwarm:
-    """Navigators of followers at starts x, y [m], vx, vy [m/s], shape (f, 4); LaisnError for more than LANES."""
+    """Navigators of followers at starts x, y [m], vx, vy [m/s], shape (f, 4); LaisnError for
+    more than LANES.
+    """
     if len(starts) > LANES:
         raise LaisnError(f"{len(starts)} followers cannot navigate together, at most {LANES}")
     t = tuning(settings)

@@ -13,7 +13,9 @@ BEARING = "bearing"
 
 
 class LeaderMessage(NamedTuple):
-    """What the leader broadcasts with a ping (paper, Section 2.2); NaN where it does not broadcast a quantity."""
+    """What the leader broadcasts with a ping (paper, Section 2.2); NaN where it does not
+    broadcast a quantity.
+    """
 
     timestamp: float  # time of emission on the leader's clock [s]
     east: float  # position of the leader's body origin [m]
@@ -27,7 +29,9 @@ class LeaderMessage(NamedTuple):
 
 
 class Ranges(NamedTuple):
-    """Slant ranges [m] to the rear, front and middle transmitter; NaN where nothing was received."""
+    """Slant ranges [m] to the rear, front and middle transmitter; NaN where nothing was
+    received.
+    """
 
     rear: float
     front: float
@@ -55,8 +59,9 @@ class Reception(NamedTuple):
     message: LeaderMessage
     ranges: Ranges
     transmitters: Floats | None = None
-    """Where the rear, front and middle transmitter were, if the message has them: rows of east, north, depth,
-    shape (3, 3), [m]; NaN for one that is not there. None: where the settings place them about the leader."""
+    """Where the rear, front and middle transmitter were, if the message has them: rows of east,
+    north, depth, shape (3, 3), [m]; NaN for one that is not there. None: where the settings place
+    them about the leader."""
     bearing: Bearing | None = None  # measured on the pings; None: there is no such sensor
 
 
@@ -64,7 +69,8 @@ class Reception(NamedTuple):
 class Measurements(ArrayRecord):
     """Everything one follower measured in a mission: n filter steps (k = 1 … n) and m messages.
 
-    Raises ValueError if shapes disagree, `message_step` is not increasing within 1 … n, or a duration is not positive.
+    Raises ValueError if shapes disagree, `message_step` is not increasing within 1 … n, or a
+    duration is not positive.
     """
 
     dt: float  # filter step Δt [s]
@@ -74,22 +80,42 @@ class Measurements(ArrayRecord):
     message_step: Ints  # step k at which a message is available, shape (m,), increasing
     message: Floats  # rows of `LeaderMessage` in the order of its fields, shape (m, 9)
     ranges: Floats  # rows of `Ranges`: slant ranges, shape (m, 3), [m]
-    durations: Floats | None = None  # how long each filter step took, shape (n,), [s]; None: Δt each
+    # how long each filter step took, shape (n,), [s]; None: Δt each
+    durations: Floats | None = None
     transmitters: Floats | None = None
-    """Transmitters (east, north, depth) of each reception, shape (m, 3, 3), [m]; None: no message has them."""
+    """Transmitters (east, north, depth) of each reception, shape (m, 3, 3), [m]; None: no
+    message has them.
+    """
     own: Mapping[str, Floats] = field(default_factory=dict)
-    """Readings of sensors of the user's own by their names, shape (n, …); NaN where there is none."""
+    """Readings of sensors of the user's own by their names, shape (n, …); NaN where there is
+    none.
+    """
 
     def __post_init__(self) -> None:
         n = self.speed.size
         m = self.message_step.size
-        expected: dict[str, tuple[int, ...]] = dict.fromkeys(("speed", "heading", "depth", "durations"), (n,))
-        expected |= {"message_step": (m,), "message": (m, len(LeaderMessage._fields)), "ranges": (m, 3)}
+        expected: dict[str, tuple[int, ...]] = dict.fromkeys(
+            ("speed", "heading", "depth", "durations"), (n,)
+        )
+        expected |= {
+            "message_step": (m,),
+            "message": (m, len(LeaderMessage._fields)),
+            "ranges": (m, 3),
+        }
         expected |= {"transmitters": (m, 3, 3)}
-        require_shapes(self, {name: shape for name, shape in expected.items() if getattr(self, name) is not None})
-        if m and (self.message_step[0] < 1 or self.message_step[-1] > n or np.any(np.diff(self.message_step) < 1)):
+        require_shapes(
+            self,
+            {name: shape for name, shape in expected.items() if getattr(self, name) is not None},
+        )
+        if m and (
+            self.message_step[0] < 1
+            or self.message_step[-1] > n
+            or np.any(np.diff(self.message_step) < 1)
+        ):
             raise ValueError(f"Measurements.message_step must increase within 1 … {n}")
-        if self.durations is not None and not np.all((self.durations > 0) & np.isfinite(self.durations)):
+        if self.durations is not None and not np.all(
+            (self.durations > 0) & np.isfinite(self.durations)
+        ):
             raise ValueError("Measurements.durations must be positive")
         own_arrays(self)
 
@@ -102,7 +128,9 @@ class Measurements(ArrayRecord):
 
     @property
     def last_depth(self) -> Floats:
-        """Depth, of a missing reading (NaN) the last one before it, shape (n,), [m]; NaN before the first one."""
+        """Depth, of a missing reading (NaN) the last one before it, shape (n,), [m]; NaN before
+        the first one.
+        """
         missing = np.isnan(self.depth)
         if not missing.any():
             return self.depth
@@ -122,7 +150,9 @@ class Measurements(ArrayRecord):
         return replace(self, **parts | {"message_step": parts["message_step"] - first}, own=own)
 
     def require_fresh(self, step: int, dt: float) -> None:
-        """Raise ValueError unless a navigator with this filter step [s], now at that step, can navigate on them."""
+        """Raise ValueError unless a navigator with this filter step [s], now at that step, can
+        navigate on them.
+        """
         if step:
             raise ValueError(f"this navigator is at step {step} already; a mission needs a new one")
         if abs(self.dt - dt) > 1e-9:
@@ -131,7 +161,8 @@ class Measurements(ArrayRecord):
     def steps(self) -> Iterator[tuple[OwnMotion, Reception | None]]:
         """Own motion and, where a message arrived, its reception: one pair a step, k = 1 … n."""
         arrival = dict(zip(self.message_step.tolist(), range(self.message_step.size), strict=True))
-        # one by one, as all numbers of a mission as Python objects would take more memory than its arrays
+        # one by one, as all numbers of a mission as Python objects would take more memory than its
+        # arrays
         columns = (map(float, column) for column in (self.speed, self.heading, self.depth))
         for k, own in enumerate(map(OwnMotion, *columns), start=1):
             i = arrival.get(k)
@@ -145,5 +176,7 @@ class Measurements(ArrayRecord):
             LeaderMessage(*self.message[i].tolist()),
             Ranges(*self.ranges[i].tolist()),
             places,
-            None if bearing.shape[1:] != (2,) else Bearing(*bearing[self.message_step[i] - 1].tolist()),
+            None
+            if bearing.shape[1:] != (2,)
+            else Bearing(*bearing[self.message_step[i] - 1].tolist()),
         )

@@ -1,4 +1,6 @@
-"""How far estimates are off: position and bearing errors, consistency, mirror locks (paper, Section 3.2)."""
+"""How far estimates are off: position and bearing errors, consistency, mirror locks (paper,
+Section 3.2).
+"""
 
 from typing import Any, NamedTuple
 
@@ -12,7 +14,9 @@ from laisn.estimates import Estimates, FixKind
 from laisn.geometry import Point, Turn, is_singular
 
 MIRROR_LOCK_ERROR = 5.0
-"""Position error beyond which an estimate near the mirror image of the truth counts as locked on it [m]."""
+"""Position error beyond which an estimate near the mirror image of the truth counts as locked on
+it [m].
+"""
 _FLAT = 1e-8
 """Least determinant of a covariance with an inverse, as a share of the product of its variances."""
 
@@ -26,7 +30,9 @@ def squared_error(estimate: Point, truth: Point) -> float:
 
 @inlined
 def bearing_error(estimate: Point, truth: Point, leader: Point) -> float:
-    """E_B, the angle at the leader's true position between estimate and truth, in [0, π] [rad]. Compiled code only."""
+    """E_B, the angle at the leader's true position between estimate and truth, in [0, π] [rad].
+    Compiled code only.
+    """
     true_x, true_y = truth.east - leader.east, truth.north - leader.north
     x, y = estimate.east - leader.east, estimate.north - leader.north
     return half_turn_angle(true_x * y - true_y * x, true_x * x + true_y * y)
@@ -36,11 +42,13 @@ def bearing_error(estimate: Point, truth: Point, leader: Point) -> float:
 def is_mirror_locked(estimate: Point, truth: Point, leader: Point, axis: Turn) -> bool:
     """Whether an estimate is far off and sits at the truth's mirror image in the leader's axis.
 
-    That is: farther than `MIRROR_LOCK_ERROR` from the truth, and at least twice as far from it as from its mirror
-    image. A follower on the axis is its own mirror image, so that an error there is no mirror lock.
+    That is: farther than `MIRROR_LOCK_ERROR` from the truth, and at least twice as far from it as
+    from its mirror image. A follower on the axis is its own mirror image, so that an error there is
+    no mirror lock.
     """
     squared = squared_error(estimate, truth)
-    # distances from the axis: reflecting the truth in it changes a squared distance by 4 times their product
+    # distances from the axis: reflecting the truth in it changes a squared distance by 4 times
+    # their product
     true_side = axis.sine * (truth.north - leader.north) - axis.cosine * (truth.east - leader.east)
     side = axis.sine * (estimate.north - leader.north) - axis.cosine * (estimate.east - leader.east)
     to_mirror = squared + 4.0 * side * true_side
@@ -49,19 +57,24 @@ def is_mirror_locked(estimate: Point, truth: Point, leader: Point, axis: Turn) -
 
 @formula
 def is_invertible(pxx: float, pxy: float, pyy: float) -> bool:
-    """Whether a position's covariance has an inverse that is more than rounding: axes differ less than 10⁴ times."""
+    """Whether a position's covariance has an inverse that is more than rounding: axes differ
+    less than 10⁴ times.
+    """
     # "^ True" negates arrays and numbers alike
     return (is_singular(pxx, pyy) ^ True) & (pxx * pyy - pxy * pxy > _FLAT * pxx * pyy)
 
 
 @formula
 def normalised_square(x: Any, y: Any, pxx: Any, pxy: Any, pyy: Any) -> Any:
-    """eᵀ P⁻¹ e of an error (x, y) and its covariance, numbers or arrays of them; NaN where that is singular."""
+    """eᵀ P⁻¹ e of an error (x, y) and its covariance, numbers or arrays of them; NaN where that
+    is singular.
+    """
     determinant = select(is_invertible(pxx, pxy, pyy), pxx * pyy - pxy * pxy, np.nan)
     return (pyy * x * x - 2.0 * pxy * x * y + pxx * y * y) * (1.0 / determinant)
 
 
-# What follows takes a run in NumPy, which agrees with the formulas above to 1e-14 and compiles nothing.
+# What follows takes a run in NumPy, which agrees with the formulas above to 1e-14 and compiles
+# nothing.
 
 
 def _points(rows: Floats) -> Point:
@@ -70,12 +83,16 @@ def _points(rows: Floats) -> Point:
 
 
 def position_errors(estimate: Floats, truth: Floats) -> Floats:
-    """E_P: distance of estimate and truth, both of shape (n, 2), [m]; the answer of shape (n,), [m]."""
+    """E_P: distance of estimate and truth, both of shape (n, 2), [m]; the answer of shape (n,),
+    [m].
+    """
     return np.asarray(np.sqrt(squared_error(_points(estimate), _points(truth))))
 
 
 def bearing_errors(estimate: Floats, truth: Floats, leader: Floats) -> Floats:
-    """E_B: angle at the leader between estimate and truth, in [0, π], shape (n,); points of shape (n, 2)."""
+    """E_B: angle at the leader between estimate and truth, in [0, π], shape (n,); points of
+    shape (n, 2).
+    """
     x, y = (estimate - leader).T
     true_x, true_y = (truth - leader).T
     return np.asarray(np.arctan2(np.abs(true_x * y - true_y * x), true_x * x + true_y * y))
@@ -93,20 +110,28 @@ class Summary(NamedTuple):
 
 
 def summarise(position: Floats, bearing: Floats) -> Summary:
-    """Maximum, mean and σ of E_P [m] and E_B [rad]; ValueError without a step, or if an error is not finite."""
+    """Maximum, mean and σ of E_P [m] and E_B [rad]; ValueError without a step, or if an error is
+    not finite.
+    """
     if not position.size or not (np.all(np.isfinite(position)) and np.all(np.isfinite(bearing))):
         raise ValueError("a summary needs at least one step, and finite errors only")
-    return Summary(*(float(f()) for e in (position, np.rad2deg(bearing)) for f in (e.max, e.mean, e.std)))
+    return Summary(
+        *(float(f()) for e in (position, np.rad2deg(bearing)) for f in (e.max, e.mean, e.std))
+    )
 
 
 def nees(estimates: Estimates, truth: Floats) -> Floats:
-    """eᵀ P⁻¹ e of the position, shape (n,); 2 on average if P is right, NaN where singular; truth of shape (n, 2)."""
+    """eᵀ P⁻¹ e of the position, shape (n,); 2 on average if P is right, NaN where singular;
+    truth of shape (n, 2).
+    """
     error = estimates.state[:, POSITION] - truth
     return _normalised(error, estimates.covariance[:, POSITION, POSITION])
 
 
 def nis(estimates: Estimates) -> Floats:
-    """Normalised squared innovation of each fix, shape (f,); 2 on average if S is right; NaN for none of a position."""
+    """Normalised squared innovation of each fix, shape (f,); 2 on average if S is right; NaN for
+    none of a position.
+    """
     left_out = (FixKind.GATED, FixKind.SINGULAR, FixKind.LOST, FixKind.ONE_RANGE)
     used = ~np.isin(estimates.fix_kind, left_out)
     covariance = np.where(used[:, None, None], estimates.innovation_covariance, 0.0)
@@ -120,15 +145,21 @@ def _normalised(error: Floats, covariance: Floats) -> Floats:
     return np.asarray(normalised_square(x, y, pxx, pxy, pyy))
 
 
-def mirror_locked_steps(estimate: Floats, truth: Floats, leader: Floats, leader_heading: Floats) -> Bools:
-    """Steps at which `is_mirror_locked`, shape (n,); of points, shape (n, 2), and headings, shape (n,)."""
+def mirror_locked_steps(
+    estimate: Floats, truth: Floats, leader: Floats, leader_heading: Floats
+) -> Bools:
+    """Steps at which `is_mirror_locked`, shape (n,); of points, shape (n, 2), and headings,
+    shape (n,).
+    """
     sine, cosine = np.sin(leader_heading), np.cos(leader_heading)
     axis = Turn(sine, cosine)  # type: ignore[arg-type]  # formulas take arrays for numbers
     return np.asarray(is_mirror_locked(_points(estimate), _points(truth), _points(leader), axis))
 
 
 def longest_mirror_lock(mirror_locked: Bools) -> int:
-    """Most steps in a row that are mirror locks; a run is a mirror lock if they span a message interval or more."""
+    """Most steps in a row that are mirror locks; a run is a mirror lock if they span a message
+    interval or more.
+    """
     edges = np.diff(np.concatenate([[0], mirror_locked.astype(np.int64), [0]]))
     lengths = np.flatnonzero(edges == -1) - np.flatnonzero(edges == 1)
     return int(lengths.max(initial=0))

@@ -1,8 +1,9 @@
 """Gaussians: mixtures of them, and fixed-lag smoothing of a chain of them from message to message.
 
-A mixture consists of hypotheses, and each of these of one Gaussian *component* for every mode of the motion: component
-`hypothesis · modes + mode`. The first two states of a component are its position x, y [m]. Compiled functions change a
-mixture in place; the number of its hypotheses is the caller's.
+A mixture consists of hypotheses, and each of these of one Gaussian *component* for every mode of
+the motion: component `hypothesis · modes + mode`. The first two states of a component are its
+position x, y [m]. Compiled functions change a mixture in place; the number of its hypotheses is the
+caller's.
 """
 
 import math
@@ -14,33 +15,43 @@ from laisn.arrays import Floats, Four, Ints, Two
 from laisn.compiled import compiled
 
 Mixture: TypeAlias = Any
-"""A record or NamedTuple with arrays of c components: `state`, shape (c, n), `covariance`, shape (c, n, n), `weight`,
-shape (c,), and `outcome`, shape (c,), records of the result of the last update, which copies keep. `states` is the
-number of states in use; arrays may be wider."""
+"""A record or NamedTuple with arrays of c components: `state`, shape (c, n), `covariance`, shape
+(c, n, n), `weight`, shape (c,), and `outcome`, shape (c,), records of the result of the last
+update, which copies keep. `states` is the number of states in use; arrays may be wider."""
 
 _SQRT_HALF = math.sqrt(0.5)
 _PER_SQRT_TURN = 1.0 / math.sqrt(2.0 * math.pi)
-_SAME = 0.3  # squared Mahalanobis distance below which two positions are one; likewise of another state
-_OVERLAP = 0.6  # σ of a bearing's Gaussian as a share of their spacing on a ring, for which their sum is nearly even
-_NEGLIGIBLE = 1e-12  # a half with less than this of the whole is empty: its moments would be rounding errors
+# squared Mahalanobis distance below which two positions are one; likewise of another state
+_SAME = 0.3
+# σ of a bearing's Gaussian as a share of their spacing on a ring, for which their sum is nearly
+# even
+_OVERLAP = 0.6
+# a half with less than this of the whole is empty: its moments would be rounding errors
+_NEGLIGIBLE = 1e-12
 
 
 @compiled
 def blend(mean: Floats, covariance: Floats, one: int, other: int, share: float, n: int) -> None:
-    """Replace Gaussian `one` by that with the moments of (1 − share) of it and `share` of `other`."""
+    """Replace Gaussian `one` by that with the moments of (1 − share) of it and `share` of
+    `other`.
+    """
     kept = 1.0 - share
     for i in range(n):
         apart = mean[other, i] - mean[one, i]
         # both halves of the symmetric covariance, so that the loop is vectorised
         for j in range(n):
             within = kept * covariance[one, i, j] + share * covariance[other, i, j]
-            covariance[one, i, j] = within + kept * share * (apart * (mean[other, j] - mean[one, j]))
+            covariance[one, i, j] = within + kept * share * (
+                apart * (mean[other, j] - mean[one, j])
+            )
     for i in range(n):
         mean[one, i] = kept * mean[one, i] + share * mean[other, i]
 
 
 @compiled
-def update_scalar(mean: Floats, covariance: Floats, gain: Floats, residual: float, variance: float, n: int) -> None:
+def update_scalar(
+    mean: Floats, covariance: Floats, gain: Floats, residual: float, variance: float, n: int
+) -> None:
     """Kalman update of n states x, P with one number of residual ν, variance S and gain P Hᵀ."""
     for i in range(n):
         share = gain[i] / variance
@@ -69,7 +80,9 @@ def copy_hypothesis(b: Mixture, modes: int, source: int, target: int) -> None:
 
 @compiled
 def reset_component(b: Mixture, k: int, variance: Floats) -> None:
-    """Set a component to weight and mean of zero, and to independent states with these variances, shape (n,)."""
+    """Set a component to weight and mean of zero, and to independent states with these
+    variances, shape (n,).
+    """
     b.weight[k] = 0.0
     for i in range(b.states):
         b.state[k, i] = 0.0
@@ -131,7 +144,9 @@ def merge_components(b: Mixture, i: int, j: int) -> None:
 
 @compiled
 def _is_same(b: Mixture, modes: int, g: int, h: int, further: int) -> bool:
-    """Whether the heaviest components of two hypotheses are nearer than their mean spread, in `further` too."""
+    """Whether the heaviest components of two hypotheses are nearer than their mean spread, in
+    `further` too.
+    """
     i = heaviest(b, modes, g)
     j = heaviest(b, modes, h)
     x = b.state
@@ -148,9 +163,12 @@ def _is_same(b: Mixture, modes: int, g: int, h: int, further: int) -> bool:
 
 
 @compiled
-def prune_and_merge(b: Mixture, modes: int, count: int, least_weight: float, kept: int, further: int) -> int:
-    """Prune hypotheses lighter than `least_weight`, merge those at one position, and in the state `further` (−1: none),
-    and keep the heaviest; how many are left. Weights are not scaled to a sum of 1; the last hypothesis fills a gap.
+def prune_and_merge(
+    b: Mixture, modes: int, count: int, least_weight: float, kept: int, further: int
+) -> int:
+    """Prune hypotheses lighter than `least_weight`, merge those at one position, and in the state
+    `further` (−1: none), and keep the heaviest; how many are left. Weights are not scaled to a sum
+    of 1; the last hypothesis fills a gap.
     """
     h = 0
     while h < count:
@@ -190,8 +208,9 @@ def mixture_moments(weight: Floats, mean: Floats, covariance: Floats) -> tuple[F
 
 @compiled
 def half_moments(z: float) -> tuple[float, float, float]:
-    """Of the half u > 0 of a normal variable u with mean z and variance 1: mass Φ(z), by how much its mean is larger,
-    λ = φ(z)/Φ(z), and its variance smaller, λ(λ + z) (Johnson, Kotz & Balakrishnan, Univariate Distributions 1).
+    """Of the half u > 0 of a normal variable u with mean z and variance 1: mass Φ(z), by how much
+    its mean is larger, λ = φ(z)/Φ(z), and its variance smaller, λ(λ + z) (Johnson, Kotz &
+    Balakrishnan, Univariate Distributions 1).
     """
     mass = 0.5 * math.erfc(-z * _SQRT_HALF)
     if mass < _NEGLIGIBLE:
@@ -201,9 +220,12 @@ def half_moments(z: float) -> tuple[float, float, float]:
 
 
 @compiled
-def place_on_ring(b: Mixture, k: int, centre: Two, distance: float, direction: Two, ring: tuple[float, int]) -> None:
-    """Set position and covariance of component k to one of the Gaussians whose sum is a ring: in a direction (a unit
-    vector), at a distance [m]; `ring` is the variance along the radius [m²] and the number of Gaussians.
+def place_on_ring(
+    b: Mixture, k: int, centre: Two, distance: float, direction: Two, ring: tuple[float, int]
+) -> None:
+    """Set position and covariance of component k to one of the Gaussians whose sum is a ring: in a
+    direction (a unit vector), at a distance [m]; `ring` is the variance along the radius [m²] and
+    the number of Gaussians.
     """
     mean = b.state[k]
     covariance = b.covariance[k]
@@ -218,10 +240,13 @@ def place_on_ring(b: Mixture, k: int, centre: Two, distance: float, direction: T
 
 
 @compiled
-def add_moments(mean: Floats, moment: Floats, weight: float, here: Four, rows: Floats, covariance: Floats) -> None:
-    """Add a component to mean and moment (upper triangle) of x, y, vx, vy about an origin: its values `here`, their
-    derivatives F by its n states (`rows`, shape (5, n) or wider, whose last row is overwritten), and its covariance.
-    The origin is the mean position, so that the squares of large coordinates do not swallow small variances.
+def add_moments(
+    mean: Floats, moment: Floats, weight: float, here: Four, rows: Floats, covariance: Floats
+) -> None:
+    """Add a component to mean and moment (upper triangle) of x, y, vx, vy about an origin: its
+    values `here`, their derivatives F by its n states (`rows`, shape (5, n) or wider, whose last
+    row is overwritten), and its covariance. The origin is the mean position, so that the squares of
+    large coordinates do not swallow small variances.
     """
     n = covariance.shape[0]
     moved = rows[4]
@@ -250,11 +275,14 @@ def centre_moments(mean: Floats, moment: Floats) -> None:
             moment[j, i] = moment[i, j]
 
 
-_SINGULAR = 1e-13  # eigenvalues of a correlation matrix below this are rounding errors: directions known exactly
+# eigenvalues of a correlation matrix below this are rounding errors: directions known exactly
+_SINGULAR = 1e-13
 
 
 class Chain(NamedTuple):
-    """Estimates x of s states after each of m messages, or at a known start, each predicted by the one before it."""
+    """Estimates x of s states after each of m messages, or at a known start, each predicted by
+    the one before it.
+    """
 
     mean: Floats
     covariance: Floats  # after the message, shape (m, s, s)
@@ -274,11 +302,13 @@ def _inverse(covariance: Floats) -> Floats:
 def smooth(
     chain: Chain, latest: Ints, last: Ints, filtered: tuple[Floats, Floats], onward: Floats
 ) -> tuple[Floats, Floats]:
-    """Smooth n quantities y, of r numbers each, with later messages; mean and covariance as of `filtered`.
+    """Smooth n quantities y, of r numbers each, with later messages; mean and covariance as of
+    `filtered`.
 
-    `latest` is the index of the last message at or before y, `last` of the last one to use, shapes (n,); y stays where
-    that is no later one. `filtered` are mean and covariance of y so far, shapes (n, r) and (n, r, r), `onward` its
-    covariance with x just before the next message, shape (n, r, s), read only where that is used.
+    `latest` is the index of the last message at or before y, `last` of the last one to use, shapes
+    (n,); y stays where that is no later one. `filtered` are mean and covariance of y so far, shapes
+    (n, r) and (n, r, r), `onward` its covariance with x just before the next message, shape (n, r,
+    s), read only where that is used.
     """
     mean = filtered[0].copy()
     covariance = filtered[1].copy()

@@ -1,7 +1,8 @@
-"""One follower, online, step by step: the readable specification of LAISN. It could run on a vehicle as it is.
+"""One follower, online, step by step: the readable specification of LAISN. It could run on a
+vehicle as it is.
 
-The linear Kalman filter with its process noise, its gate, and the navigator (paper, Sections 2.1 and 2.4). The only
-module that uses filterpy.
+The linear Kalman filter with its process noise, its gate, and the navigator (paper, Sections 2.1
+and 2.4). The only module that uses filterpy.
 """
 
 import math
@@ -55,8 +56,12 @@ class Innovation(NamedTuple):
     applied: bool  # False where S was singular and the update was skipped
 
 
-def kalman_update(x: Floats, P: Floats, H: Floats, innovation: Floats, R: Floats) -> tuple[Floats, Floats]:
-    """Joseph form: x ← x + K ν, P ← (I − K H) P (I − K H)ᵀ + K R Kᵀ with K = P Hᵀ S⁻¹, S = H P Hᵀ + R."""
+def kalman_update(
+    x: Floats, P: Floats, H: Floats, innovation: Floats, R: Floats
+) -> tuple[Floats, Floats]:
+    """Joseph form: x ← x + K ν, P ← (I − K H) P (I − K H)ᵀ + K R Kᵀ with K = P Hᵀ S⁻¹, S = H P
+    Hᵀ + R.
+    """
     HP = H @ P
     K = np.linalg.solve(HP @ H.T + R, HP).T
     rest = np.eye(x.size) - K @ H
@@ -65,8 +70,12 @@ def kalman_update(x: Floats, P: Floats, H: Floats, innovation: Floats, R: Floats
 
 @lru_cache(maxsize=8)
 def _motion(dt: float) -> tuple[Floats, Floats]:
-    """Transition over a step of constant velocity, and Q for a constant unit acceleration (Section 2.1)."""
-    noise = np.asarray(np.kron([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]], np.eye(2)), dtype=np.float64)
+    """Transition over a step of constant velocity, and Q for a constant unit acceleration
+    (Section 2.1).
+    """
+    noise = np.asarray(
+        np.kron([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]], np.eye(2)), dtype=np.float64
+    )
     return np.eye(4) + dt * np.eye(4, k=2), noise
 
 
@@ -74,7 +83,9 @@ class Filter:
     """State [x, y, vx, vy] and its covariance."""
 
     def __init__(self, dt: float, start: Floats, sigma0: Floats) -> None:
-        """Start at a known state and its standard deviations, shapes (4,); `dt` is the filter step [s]."""
+        """Start at a known state and its standard deviations, shapes (4,); `dt` is the filter
+        step [s].
+        """
         from filterpy.kalman import KalmanFilter
 
         self._kalman = KalmanFilter(dim_x=4, dim_z=2)
@@ -94,14 +105,17 @@ class Filter:
         return np.array(self._kalman.P)
 
     def predict(self, sigma_a: float, duration: float | None = None) -> None:
-        """One step, of another `duration` than Δt [s] if given, under accelerations of standard deviation σa [m/s²]."""
+        """One step, of another `duration` than Δt [s] if given, under accelerations of standard
+        deviation σa [m/s²].
+        """
         transition, noise = _motion(self._dt if duration is None else duration)
         self._kalman.predict(F=transition, Q=sigma_a**2 * noise)
 
     def update_position(self, position: Two, sigma: float, axis: Two | None = None) -> Innovation:
         """Position update in Joseph form; skipped where the filter is already exact and σp = 0.
 
-        With an axis the position is on a line through the prediction along that unit vector, and σp is along it.
+        With an axis the position is on a line through the prediction along that unit vector, and σp
+        is along it.
         """
         z = np.array(position)
         x = self._kalman.x
@@ -117,7 +131,9 @@ class Filter:
             self._kalman.x, self._kalman.P = kalman_update(x, P, H, H[:, POSITION] @ residual, R)
         return Innovation(residual, S * np.eye(2) if axis else S, applied)
 
-    def update_speed(self, speed: float, heading: float, sigma_speed: float, sigma_heading: float) -> None:
+    def update_speed(
+        self, speed: float, heading: float, sigma_speed: float, sigma_heading: float
+    ) -> None:
         """Speed update from log and compass, R = J diag(σV², σθ²) Jᵀ (paper, Section 2.1)."""
         sine, cosine = np.sin(heading), np.cos(heading)
         jacobian = np.array([[sine, speed * cosine], [cosine, -speed * sine]])
@@ -127,7 +143,9 @@ class Filter:
 
 @formula
 def reach(elapsed: float, speed: float, t: Tuning) -> float:
-    """Greatest distance that a vehicle can have come in a time [s], at top speed or at the one measured [m]."""
+    """Greatest distance that a vehicle can have come in a time [s], at top speed or at the one
+    measured [m].
+    """
     top = speed if t.gate == GATE_MEASURED else t.follower_speed_max
     return np.inf if t.gate == GATE_OFF else top * elapsed
 
@@ -140,7 +158,9 @@ def is_beyond(place: Point, start: Point, bound: float) -> bool:
 
 
 class Gate:
-    """Gate around the last accepted position: the state right after the update that was accepted."""
+    """Gate around the last accepted position: the state right after the update that was
+    accepted.
+    """
 
     def __init__(self, tuning: Tuning, start: Point) -> None:
         self._tuning = tuning
@@ -153,7 +173,9 @@ class Gate:
         self._extra += extra
 
     def bound(self, step: int, speed: float) -> float:
-        """Greatest distance from the last accepted position at step k [m], at a measured speed [m/s]."""
+        """Greatest distance from the last accepted position at step k [m], at a measured speed
+        [m/s].
+        """
         # steps of Δt are counted, not added up, so that this is exact where there are no others
         return reach((step - self._step) * self._tuning.dt + self._extra, speed, self._tuning)
 
@@ -172,13 +194,16 @@ _NO_FIX = Fix(np.nan, np.nan, np.nan, float(FixKind.LOST), -1.0)
 
 
 class Navigator(OnlineNavigator[Estimates]):
-    """LAISN on one follower: predict, position update if a message arrived, speed update (paper, Section 2.1).
+    """LAISN on one follower: predict, position update if a message arrived, speed update (paper,
+    Section 2.1).
 
     LAISN-3(1) makes up to three fixes of a message.
     """
 
     def __init__(self, settings: NavigationSettings, start: Floats) -> None:
-        """Start at the hydrophone's x, y [m], vx, vy [m/s], shape (4,); ValueError if they are not finite."""
+        """Start at the hydrophone's x, y [m], vx, vy [m/s], shape (4,); ValueError if they are
+        not finite.
+        """
         super().__init__(settings, start, settings.position_sigma0)
         sigma0 = np.repeat([settings.position_sigma0, settings.velocity_sigma0], 2)
         self._filter = Filter(settings.dt, self._state, sigma0)
@@ -193,12 +218,16 @@ class Navigator(OnlineNavigator[Estimates]):
         self._filter.predict(self._acceleration(own, reception), dt)
         records = [] if reception is None else self._update_position(own, reception)
         settings = self.settings
-        self._filter.update_speed(own.speed, own.heading, settings.sigma_speed, settings.sigma_heading)
+        self._filter.update_speed(
+            own.speed, own.heading, settings.sigma_speed, settings.sigma_heading
+        )
         self._own, self._state, self._covariance = own, self._filter.state, self._filter.covariance
         return records
 
     def _acceleration(self, own: OwnMotion, reception: Reception | None) -> float:
-        """σa [m/s²]; the leader's changes are those from message to message. A message without ranges is not used."""
+        """σa [m/s²]; the leader's changes are those from message to message. A message without
+        ranges is not used.
+        """
         t = self._tuning
         speed_change = turn = 0.0
         if self._own is not None:
@@ -208,7 +237,9 @@ class Navigator(OnlineNavigator[Estimates]):
             before = self._message
             now = reception.message
             if before is not None:
-                speed_change = max(speed_share(before.speed, now.speed, t.leader_speed_max), speed_change)
+                speed_change = max(
+                    speed_share(before.speed, now.speed, t.leader_speed_max), speed_change
+                )
                 turn = max(turn_share(before.heading, now.heading), turn)
             self._message = now
         return expected_acceleration(speed_change, turn, t)
@@ -220,8 +251,14 @@ class Navigator(OnlineNavigator[Estimates]):
         circles = to_circles(reception, own.depth, self.settings)
         if self.settings.variant != SEQUENTIAL:
             predicted = self._position()
-            first, second, third = (circles.fix(pair, predicted, self._tuning) for pair in circles.pairs())
-            records = [self._apply_fix(SINGLE[self.settings.variant]((first, second, third), predicted), circles, own)]
+            first, second, third = (
+                circles.fix(pair, predicted, self._tuning) for pair in circles.pairs()
+            )
+            records = [
+                self._apply_fix(
+                    SINGLE[self.settings.variant]((first, second, third), predicted), circles, own
+                )
+            ]
         else:
             # LAISN-3(1): one update after the other, the state carried along (paper, Section 2.3.1)
             records = []
@@ -231,25 +268,38 @@ class Navigator(OnlineNavigator[Estimates]):
                     records.append(self._apply_fix(found, circles, own))
             records = records or [self._apply_fix(_NO_FIX, circles, own)]
         # one range leaves the way across open, which the gate's bound must still cover
-        if any(record.kind not in (FixKind.GATED, FixKind.LOST, FixKind.ONE_RANGE) for record in records):
+        if any(
+            record.kind not in (FixKind.GATED, FixKind.LOST, FixKind.ONE_RANGE)
+            for record in records
+        ):
             self._gate.accept(self._position(), self._step)
         return records
 
     def _apply_fix(self, found: Fix, circles: RangeCircles, own: OwnMotion) -> FixRecord:
-        """Gate a fix and update the filter with it; where there is none, with one range alone, if that may be."""
+        """Gate a fix and update the filter with it; where there is none, with one range alone,
+        if that may be.
+        """
         place = Point(found.east, found.north)
         axis = None
         sigma_p = found.sigma
         kind = FixKind(int(found.kind))
         if kind is FixKind.LOST:
-            one = one_range(circles.circles, self._position()) if self.settings.use_single_range else None
+            one = (
+                one_range(circles.circles, self._position())
+                if self.settings.use_single_range
+                else None
+            )
             if one is None:
-                return FixRecord(step=self._step, position=np.full(2, np.nan), sigma=np.nan, kind=kind)
+                return FixRecord(
+                    step=self._step, position=np.full(2, np.nan), sigma=np.nan, kind=kind
+                )
             place, axis = one
             sigma_p = 0.0
             kind = FixKind.ONE_RANGE
         sigma = math.sqrt(fix_variance(sigma_p, circles.depth_difference, self._tuning))
-        record = FixRecord(step=self._step, position=np.array(place), sigma=sigma, kind=FixKind.GATED)
+        record = FixRecord(
+            step=self._step, position=np.array(place), sigma=sigma, kind=FixKind.GATED
+        )
         if not self._gate.passes(place, self._step, own.speed):
             return record
         innovation = self._filter.update_position(place, sigma, axis)

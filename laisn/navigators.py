@@ -1,7 +1,9 @@
-"""The registry of navigators, what each of them is to its users, and what those that run online have in common.
+"""The registry of navigators, what each of them is to its users, and what those that run online
+have in common.
 
-A navigator is one entry of `NAVIGATORS`, or a class of a plugin that a scenario names as "module:Class". Nothing else
-decides by the kind of a navigator. Code is named by strings, so that scenarios can be read without it.
+A navigator is one entry of `NAVIGATORS`, or a class of a plugin that a scenario names as
+"module:Class". Nothing else decides by the kind of a navigator. Code is named by strings, so that
+scenarios can be read without it.
 """
 
 import math
@@ -21,7 +23,9 @@ from laisn.plugins import find_class, is_plugin_name
 from laisn.settings import VARIANTS, NavigationSettings, RivalSettings, Settings, TightSettings
 
 NavigatorFactory = Callable[[Any, Floats], Any]
-"""Makes a navigator of settings and start; its `run` converts the measurements of a mission into `Estimates`."""
+"""Makes a navigator of settings and start; its `run` converts the measurements of a mission into
+`Estimates`.
+"""
 
 
 class MissionResult(NamedTuple):
@@ -36,39 +40,50 @@ class MissionResult(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class NavigatorSpec:
-    """One navigator: its settings and, as "module:name", its code. What is left empty is done in Python: campaigns call
-    `run` once for each run, and a swarm that steers by its estimates calls `step` of each navigator.
+    """One navigator: its settings and, as "module:name", its code. What is left empty is done in
+    Python: campaigns call `run` once for each run, and a swarm that steers by its estimates calls
+    `step` of each navigator.
     """
 
     factory: str | NavigatorFactory  # the class, made of settings and start; of a plugin itself
     settings: type[Settings] = NavigationSettings
-    sections: tuple[str, ...] = ()  # tables of `navigation` that hold the settings; none: `navigation` itself
+    # tables of `navigation` that hold the settings; none: `navigation` itself
+    sections: tuple[str, ...] = ()
     title: str = ""  # what reports call it; empty: its name in capitals
     estimates: type[Estimates] = Estimates
     lanes: bool = False  # campaigns run it as lanes of `laisn.lanes`, 64 runs side by side
-    mission: str = ""  # campaign kernel: function of settings, measurements and start that returns a `MissionResult`
-    swarm: str = ""  # function of settings and starts, shape (f, 4), that returns a compiled `laisn.swarm.Swarm`
+    # campaign kernel: function of settings, measurements and start that returns a `MissionResult`
+    mission: str = ""
+    # function of settings and starts, shape (f, 4), that returns a compiled `laisn.swarm.Swarm`
+    swarm: str = ""
     smoother: str = ""  # a class like `factory` with the lag [s] as third argument
     beacons: str = ""  # the class that stands for it in data sets, among beacons at rest
-    sensor: str = ""  # that it needs beside log, compass, depth and ranges, as `sensors.own` names it
-    near_bound: bool = False  # its errors come near the Cramér–Rao bound, so that campaigns compute that too
+    # that it needs beside log, compass, depth and ranges, as `sensors.own` names it
+    sensor: str = ""
+    # its errors come near the Cramér–Rao bound, so that campaigns compute that too
+    near_bound: bool = False
 
     @property
     def _class(self) -> Any:
         return resolve_name(self.factory) if isinstance(self.factory, str) else self.factory
 
     def make(self, settings: Settings, start: Floats) -> Any:
-        """The navigator of one follower at its start [x, y, vx, vy]; ValueError if that is not four finite numbers."""
+        """The navigator of one follower at its start [x, y, vx, vy]; ValueError if that is not
+        four finite numbers.
+        """
         navigator = self._class(settings, start)
         return navigator if hasattr(navigator, "run") else SteppedNavigator(navigator, settings)
 
     def new_swarm(self, settings: Settings, starts: Floats) -> Any:
-        """A `laisn.swarm.Swarm` of navigators at their starts, shape (f, 4); LaisnError if that cannot be."""
+        """A `laisn.swarm.Swarm` of navigators at their starts, shape (f, 4); LaisnError if that
+        cannot be.
+        """
         if self.swarm:
             return resolve_name(self.swarm)(settings, starts)
         if isinstance(self._class, type) and not hasattr(self._class, "step"):
             raise LaisnError(
-                f"navigator {self.title or self.factory!r} has no `step`, which followers need that steer by it"
+                f"navigator {self.title or self.factory!r} has no `step`, which followers need "
+                "that steer by it"
             )
         return resolve_name("laisn.swarm:SeparateNavigators")(self.make, settings, starts)
 
@@ -78,15 +93,21 @@ class NavigatorSpec:
             result: MissionResult = resolve_name(self.mission)(settings, measurements, start)
             return result
         found = self.make(settings, start).run(measurements)
-        used = np.isfinite(found.innovation_covariance).all(axis=(1, 2)) & np.isfinite(found.innovation).all(axis=1)
+        used = np.isfinite(found.innovation_covariance).all(axis=(1, 2)) & np.isfinite(
+            found.innovation
+        ).all(axis=1)
         e = found.innovation[used]
         S = found.innovation_covariance[used]
         squared = float(np.sum(e * np.linalg.solve(S, e[..., None])[..., 0])) if len(e) else 0.0
         covariance = found.covariance[:, (0, 0, 1), (0, 1, 1)]
-        return MissionResult(found.state, covariance, found.fix_kind.tolist(), squared, 2.0 * len(e))
+        return MissionResult(
+            found.state, covariance, found.fix_kind.tolist(), squared, 2.0 * len(e)
+        )
 
 
-_LAISN = NavigatorSpec(factory="laisn.navigator:Navigator", lanes=True, swarm="laisn.lanes:new_lanes")
+_LAISN = NavigatorSpec(
+    factory="laisn.navigator:Navigator", lanes=True, swarm="laisn.lanes:new_lanes"
+)
 _TIGHT = NavigatorSpec(
     factory="laisn.tight.navigator:TightNavigator",
     settings=TightSettings,
@@ -104,7 +125,9 @@ _TIGHT = NavigatorSpec(
 def _rival(factory: str, title: str, sensor: str = "") -> NavigatorSpec:
     code = f"laisn.rivals.{factory}"
     sections = ("assume", "rival")
-    return NavigatorSpec(factory=code, settings=RivalSettings, sections=sections, title=title, sensor=sensor)
+    return NavigatorSpec(
+        factory=code, settings=RivalSettings, sections=sections, title=title, sensor=sensor
+    )
 
 
 NAVIGATORS: dict[str, NavigatorSpec] = {
@@ -112,7 +135,9 @@ NAVIGATORS: dict[str, NavigatorSpec] = {
     "tight": _TIGHT,
     "dead-reckoning": _rival("filters:DeadReckoning", "dead reckoning"),
     "ekf": _rival("filters:RangeFilter", "the extended Kalman filter on ranges"),
-    "owtt": _rival("filters:OneWayTravelTime", "the filter on one-way travel times of one transmitter"),
+    "owtt": _rival(
+        "filters:OneWayTravelTime", "the filter on one-way travel times of one transmitter"
+    ),
     "particle": _rival("filters:ParticleFilter", "the particle filter"),
     "factor-graph": _rival("factor_graph:FactorGraph", "the fixed-lag smoother on a factor graph"),
     "inverted-usbl": _rival("filters:InvertedUsbl", "the inverted USBL", sensor="inverted-usbl"),
@@ -137,8 +162,10 @@ def _own(name: str) -> NavigatorSpec:
     known = not isinstance(made, type) or hasattr(made, "run") or hasattr(made, "step")
     if not known or not issubclass(settings, Settings):
         raise LaisnError(
-            f"navigator {name!r}: expected a class with `step(own, reception, dt)`, `state` and `covariance`, or with "
-            "`run(measurements) -> Estimates`; its own settings are a class `Settings` in it that derives from "
+            f"navigator {name!r}: expected a class with `step(own, reception, dt)`, `state` and "
+            "`covariance`, or with "
+            "`run(measurements) -> Estimates`; its own settings are a class `Settings` in it that "
+            "derives from "
             "laisn.settings.Settings"
         )
     sections = (OWN_SECTION,) if settings is not NavigationSettings else ()
@@ -150,7 +177,9 @@ def find(name: str) -> NavigatorSpec:
     if name in NAVIGATORS:
         return NAVIGATORS[name]
     if not is_plugin_name(name):
-        raise LaisnError(f"navigator {name!r}; available: {', '.join(NAVIGATORS)}, or MODULE:CLASS of a plugin")
+        raise LaisnError(
+            f"navigator {name!r}; available: {', '.join(NAVIGATORS)}, or MODULE:CLASS of a plugin"
+        )
     return _own(name)
 
 
@@ -164,12 +193,16 @@ FARTHEST = 1e5  # a range beyond this is broken [m] …
 _NOWHERE = 1e3 * FARTHEST  # … and a leader or transmitter beyond this
 
 
-def require_valid(step: int, own: OwnMotion, reception: Reception | None, duration: float | None) -> None:
+def require_valid(
+    step: int, own: OwnMotion, reception: Reception | None, duration: float | None
+) -> None:
     """LaisnError naming what of the input of a step is not finite or beyond its bounds."""
     if not (math.isfinite(own.speed) and math.isfinite(own.heading)) or math.isinf(own.depth):
         raise LaisnError(f"step {step}: own motion {own} is not finite")
     if abs(own.speed) > FASTEST:
-        raise LaisnError(f"step {step}: the speed is {own.speed:g} m/s, expected −{FASTEST:g} … {FASTEST:g} m/s")
+        raise LaisnError(
+            f"step {step}: the speed is {own.speed:g} m/s, expected −{FASTEST:g} … {FASTEST:g} m/s"
+        )
     if duration is not None and not 0.0 < duration < math.inf:
         raise LaisnError(f"step {step}: it takes {duration} s, expected a positive time")
     if reception is None:
@@ -177,24 +210,34 @@ def require_valid(step: int, own: OwnMotion, reception: Reception | None, durati
     message, ranges, places = reception[:3]
     pose = message.east, message.north, message.depth
     if not all(map(math.isfinite, message[:6])) or max(map(abs, pose)) > _NOWHERE:
-        raise LaisnError(f"step {step}: leader message {message} is not finite, or farther than {_NOWHERE:g} m")
+        raise LaisnError(
+            f"step {step}: leader message {message} is not finite, or farther than {_NOWHERE:g} m"
+        )
     if any(value < 0.0 or value > FARTHEST for value in ranges):
-        raise LaisnError(f"step {step}: ranges {ranges}, expected 0 … {FARTHEST:g} m, NaN for a missing one")
+        raise LaisnError(
+            f"step {step}: ranges {ranges}, expected 0 … {FARTHEST:g} m, NaN for a missing one"
+        )
     if places is not None and not np.nanmax(np.abs(places), initial=0.0) <= _NOWHERE:
-        raise LaisnError(f"step {step}: a transmitter is farther than {_NOWHERE:g} m; NaN stands for none")
+        raise LaisnError(
+            f"step {step}: a transmitter is farther than {_NOWHERE:g} m; NaN stands for none"
+        )
 
 
 Result = TypeVar("Result", bound=Estimates)
 
 
 class OnlineNavigator(ABC, Generic[Result]):
-    """A navigator under way: at a step, with a state and its covariance, which a subclass advances in `_navigate`."""
+    """A navigator under way: at a step, with a state and its covariance, which a subclass
+    advances in `_navigate`.
+    """
 
     ESTIMATES: type[Any] = Estimates
     """The record of a mission, of type Result."""
 
     def __init__(self, settings: Any, start: Floats | None, start_sigma: float) -> None:
-        """Begin at x, y [m], vx, vy [m/s], of finite numbers, or anywhere; `start_sigma` is σ of the place [m]."""
+        """Begin at x, y [m], vx, vy [m/s], of finite numbers, or anywhere; `start_sigma` is σ of
+        the place [m].
+        """
         self.settings = settings
         self._step = 0
         self._depth = math.nan
@@ -221,11 +264,19 @@ class OnlineNavigator(ABC, Generic[Result]):
     def _fix_at_estimate(self, kind: FixKind, **details: Any) -> FixRecord:
         """The record of a message whose ranges are used themselves."""
         sigma = math.sqrt(0.5 * max(float(np.trace(self._covariance[:2, :2])), 0.0))
-        return FixRecord(step=self._step, position=self._state[:2].copy(), sigma=sigma, kind=kind, details=details)
+        return FixRecord(
+            step=self._step,
+            position=self._state[:2].copy(),
+            sigma=sigma,
+            kind=kind,
+            details=details,
+        )
 
     @abstractmethod
     def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
-        """Advance by the checked input of a step that took `dt` [s]; the fixes of its message, if there was one."""
+        """Advance by the checked input of a step that took `dt` [s]; the fixes of its message,
+        if there was one.
+        """
 
     def step(
         self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
@@ -239,7 +290,8 @@ class OnlineNavigator(ABC, Generic[Result]):
 
         Raises:
             LaisnError: a reading is not finite or out of its range, or a duration not positive.
-            ArithmeticError: the covariance is not positive definite any more; the navigator cannot be used further.
+            ArithmeticError: the covariance is not positive definite any more; the navigator cannot
+                be used further.
         """
         self._step += 1
         require_valid(self._step, own, reception, duration)
@@ -249,15 +301,18 @@ class OnlineNavigator(ABC, Generic[Result]):
         return self._navigate(own, reception, self.settings.dt if duration is None else duration)
 
     def run(self, measurements: Measurements) -> Result:
-        """Estimates of a whole mission from the start; the same to the bit as `step` in a loop, with its errors.
-        ValueError: the measurements have another filter step than the settings, or the navigator is under way.
+        """Estimates of a whole mission from the start; the same to the bit as `step` in a loop,
+        with its errors. ValueError: the measurements have another filter step than the settings, or
+        the navigator is under way.
         """
         measurements.require_fresh(self._step, self.settings.dt)
         n = measurements.speed.size
         state = np.empty((n, 4))
         covariance = np.empty((n, 4, 4))
         fixes: list[FixRecord] = []
-        durations = [None] * n if measurements.durations is None else measurements.durations.tolist()
+        durations = (
+            [None] * n if measurements.durations is None else measurements.durations.tolist()
+        )
         for i, (own, reception) in enumerate(measurements.steps()):
             fixes += self.step(own, reception, durations[i])
             state[i] = self.state
@@ -269,7 +324,8 @@ class OnlineNavigator(ABC, Generic[Result]):
 
 
 class SteppedNavigator(OnlineNavigator[Estimates]):
-    """A plugin's class with `step(own, reception, dt)`, `state` and `covariance`, run over missions.
+    """A plugin's class with `step(own, reception, dt)`, `state` and `covariance`, run over
+    missions.
 
     A message gives a fix at the estimate. LaisnError if that has another shape.
     """
@@ -280,11 +336,15 @@ class SteppedNavigator(OnlineNavigator[Estimates]):
 
     def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
         self._navigator.step(own, reception, dt)
-        self._state, self._covariance = (np.array(getattr(self._navigator, a), float) for a in ("state", "covariance"))
+        self._state, self._covariance = (
+            np.array(getattr(self._navigator, a), float) for a in ("state", "covariance")
+        )
         if self._state.shape != (4,) or self._covariance.shape != (4, 4):
             raise LaisnError(
-                f"step {self._step}: {type(self._navigator).__name__} has a state of shape {self._state.shape} and a "
-                f"covariance of shape {self._covariance.shape}, expected (4,) for x, y, vx, vy, and (4, 4)"
+                f"step {self._step}: {type(self._navigator).__name__} has a state of shape "
+                f"{self._state.shape} and a "
+                f"covariance of shape {self._covariance.shape}, expected (4,) for x, y, vx, vy, "
+                "and (4, 4)"
             )
         if reception is None:
             return []
@@ -293,6 +353,8 @@ class SteppedNavigator(OnlineNavigator[Estimates]):
 
     @property
     def biases(self) -> tuple[float, float]:
-        """Estimated biases of log [m/s] and compass [rad], 0 unless the class has an attribute of this name."""
+        """Estimated biases of log [m/s] and compass [rad], 0 unless the class has an attribute
+        of this name.
+        """
         log, compass = getattr(self._navigator, "biases", (0.0, 0.0))
         return float(log), float(compass)

@@ -1,4 +1,5 @@
-"""Settings of navigators: what all of them are given, the paper's constants, and sensor errors of filters on ranges.
+"""Settings of navigators: what all of them are given, the paper's constants, and sensor errors of
+filters on ranges.
 
 `Tuning` has the settings of LAISN as formulas take them: numbers alone, so that compiled code can.
 """
@@ -20,7 +21,9 @@ VARIANTS: tuple[Variant, ...] = get_args(Variant)
 
 
 def transmitters_of(variant: str) -> int:
-    """N_T: how many of the leader's transmitters a variant uses, rear and front first (paper, Sections 2.2, 2.3)."""
+    """N_T: how many of the leader's transmitters a variant uses, rear and front first (paper,
+    Sections 2.2, 2.3).
+    """
     return 2 if variant == "laisn-2" else 3
 
 
@@ -43,14 +46,18 @@ class Settings:
     middle_offset: float = 0.1
     """H_T, sideways offset of the middle transmitter, to port [m]."""
     transmitter_offsets: tuple[Offset, ...] = ()
-    """Offsets (forward, port, up) of rear, front and perhaps middle transmitter from the leader's position [m].
+    """Offsets (forward, port, up) of rear, front and perhaps middle transmitter from the leader's
+    position [m].
 
-    They replace `baseline` and `middle_offset`, and may be as long as a harbour. Empty: on the leader's hull.
+    They replace `baseline` and `middle_offset`, and may be as long as a harbour. Empty: on the
+    leader's hull.
     """
     hydrophone_height: float = 0.0
     """Height of the follower's hydrophone above its depth sensor when level [m]."""
     use_attitude: bool = False
-    """Place the transmitters by the broadcast pitch and roll instead of assuming a level leader (not in the paper)."""
+    """Place the transmitters by the broadcast pitch and roll instead of assuming a level leader
+    (not in the paper).
+    """
 
     @property
     def transmitters(self) -> int:
@@ -64,7 +71,9 @@ class Settings:
 
     @property
     def estimated(self) -> frozenset[str]:
-        """Constants that are states beside the biases of the navigator's own sensors, named as in `TrueNoise`."""
+        """Constants that are states beside the biases of the navigator's own sensors, named as
+        in `TrueNoise`.
+        """
         return frozenset()
 
     def __post_init__(self) -> None:
@@ -107,12 +116,14 @@ class NavigationSettings(Settings):
     expected_pitch: float = 0.0
     """Pitch that adds Δz sin(…) to σp in quadrature [rad] (not in the paper)."""
     use_single_range: bool = False
-    """Use a single received range along its line of sight; paper: dropped. Default in the replay of a vehicle's log:
-    true."""
+    """Use a single received range along its line of sight; paper: dropped. Default in the replay of
+    a vehicle's log: true."""
 
     @property
     def transmitters(self) -> int:
-        """N_T: how many of the leader's transmitters the variant uses, rear and front first (Sections 2.2, 2.3)."""
+        """N_T: how many of the leader's transmitters the variant uses, rear and front first
+        (Sections 2.2, 2.3).
+        """
         return transmitters_of(self.variant)
 
     def __post_init__(self) -> None:
@@ -133,7 +144,9 @@ GATE_MEASURED = GATES.index("v-measured")
 def _numbers(settings: NavigationSettings) -> dict[str, Any]:
     """Settings as numbers: those that are, by their names, and what formulas make of them."""
     values = {field.name: getattr(settings, field.name) for field in fields(settings)}
-    return {name: value for name, value in values.items() if isinstance(value, bool | int | float)} | {
+    return {
+        name: value for name, value in values.items() if isinstance(value, bool | int | float)
+    } | {
         "variant": VARIANTS.index(settings.variant),
         "gate": GATES.index(settings.gate),
         "predicted_side": settings.side_rule == "predicted",
@@ -162,11 +175,14 @@ class Tuning(_Numbers):
         return cls(**_numbers(settings))
 
 
-# Biases of real sensors are never quite constant: a filter that takes them as constant loses them for good.
+# Biases of real sensors are never quite constant: a filter that takes them as constant loses them
+# for good.
 LOG_WALK = 2e-4
 COMPASS_WALK = 1.5e-4
 CURRENT_WALK = 1e-3
-"""Random walks that filters on ranges assume of constant biases and currents [m/s/√s], [rad/√s], [m/s/√s]."""
+"""Random walks that filters on ranges assume of constant biases and currents [m/s/√s], [rad/√s],
+[m/s/√s].
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,7 +205,9 @@ class Assume:
 
 @dataclass(frozen=True, kw_only=True)
 class TightSettings(Settings):
-    """Settings of the tightly coupled navigator: standard deviations of its sensors, without their signs."""
+    """Settings of the tightly coupled navigator: standard deviations of its sensors, without
+    their signs.
+    """
 
     POSITIVE = Settings.POSITIVE | {"start_sigma", "range_sigma", "outlier_span"}
 
@@ -235,7 +253,9 @@ class TightSettings(Settings):
 
     @property
     def estimated(self) -> frozenset[str]:
-        """Constants that are states beside the biases of log, compass and ranges, named as in `TrueNoise`."""
+        """Constants that are states beside the biases of log, compass and ranges, named as in
+        `TrueNoise`.
+        """
         assume = self.assume
         states = {
             "leader_heading_bias": not assume.exact_leader,
@@ -250,7 +270,8 @@ class TightSettings(Settings):
             raise ValueError(f"transmitters is {self.transmitters}, expected 2 or 3")
         if self.transmitter_offsets and len(self.transmitter_offsets) < self.transmitters:
             raise ValueError(
-                f"transmitter_offsets has {len(self.transmitter_offsets)} places, expected one for each of "
+                f"transmitter_offsets has {len(self.transmitter_offsets)} places, expected one for "
+                "each of "
                 f"{self.transmitters} transmitters"
             )
         require_probability("outlier_probability", self.outlier_probability)
@@ -259,7 +280,9 @@ class TightSettings(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class RivalSettings(TightSettings):
-    """Standard deviations as of the tightly coupled navigator; of its model assumptions `current` alone applies."""
+    """Standard deviations as of the tightly coupled navigator; of its model assumptions
+    `current` alone applies.
+    """
 
     POSITIVE = TightSettings.POSITIVE | {"lag", "azimuth_sigma", "elevation_sigma"}
 
@@ -274,12 +297,16 @@ class RivalSettings(TightSettings):
 
     @property
     def estimated(self) -> frozenset[str]:
-        """Constants that are states beside the biases of log, compass and ranges: the current, if assumed."""
+        """Constants that are states beside the biases of log, compass and ranges: the current,
+        if assumed.
+        """
         return super().estimated & {"current"}
 
     def __post_init__(self) -> None:
         if not self.known_start:
-            raise LaisnError("known_start is false, which only the tightly coupled navigator can begin with")
+            raise LaisnError(
+                "known_start is false, which only the tightly coupled navigator can begin with"
+            )
         if not 10 <= self.particles <= 1_000_000:
             raise LaisnError(f"particles is {self.particles}, expected 10 to 1000000")
         super().__post_init__()

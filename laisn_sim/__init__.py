@@ -6,12 +6,14 @@
 >>> flight.plot().show()
 >>> flight.report("t5.html")
 
-Settings have the names of the files: `Scenario(followers=[{"route": "T5", "depth_m": 12}])` takes the keys of a
-scenario file, and `study("T5", vary={"followers.0.depth_m": [10, 15]})` those of a study file. Numbers and arrays of
-NumPy, tuples and ranges are values too. Invalid input raises `LaisnError`, a `ValueError`; `Scenario(...)` alone raises
-pydantic's `ValidationError`, another `ValueError`. A function imports what it needs at its first use.
+Settings have the names of the files: `Scenario(followers=[{"route": "T5", "depth_m": 12}])` takes
+the keys of a scenario file, and `study("T5", vary={"followers.0.depth_m": [10, 15]})` those of a
+study file. Numbers and arrays of NumPy, tuples and ranges are values too. Invalid input raises
+`LaisnError`, a `ValueError`; `Scenario(...)` alone raises pydantic's `ValidationError`, another
+`ValueError`. A function imports what it needs at its first use.
 
-Classes: `Flight`, `Scenario`, `StudyFolder`, `Table`, `Navigator`, `Command`, `Wrench`, `LaisnError`.
+Classes: `Flight`, `Scenario`, `StudyFolder`, `Table`, `Navigator`, `Command`, `Wrench`,
+`LaisnError`.
 """
 
 from __future__ import annotations
@@ -43,25 +45,45 @@ if TYPE_CHECKING:
     from sim.scenario.settings import Scenario as Scenario
 
 __all__ = [
-    "errors", "fly", "hull", "load", "load_plugin", "measurements", "navigate", "read_log", "render", "study",
-    "summary", "truth", "write_log",
-]  # fmt: skip
+    "errors",
+    "fly",
+    "hull",
+    "load",
+    "load_plugin",
+    "measurements",
+    "navigate",
+    "read_log",
+    "render",
+    "study",
+    "summary",
+    "truth",
+    "write_log",
+]
 
 _ROOT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
 _PACKAGES = ("models", "laisn", "sim", "experiments")
 _INTERRUPTED = b"laisn: interrupted\n"
 _HOMES = {
-    "Command": "sim.closed_loop:Command", "Wrench": "sim.closed_loop:Wrench",
-    "LaisnError": "laisn.failure:LaisnError", "Navigator": "laisn.navigator:Navigator",
-    "Scenario": "sim.scenario.settings:Scenario", "StudyFolder": "experiments.study.study:StudyFolder",
-    "load": "experiments.flight.library:loaded", "load_plugin": "laisn.plugins:load_plugin",
-    "Table": "experiments.flight.tables:Table", "errors": "experiments.flight.tables:errors_table",
-    "measurements": "experiments.flight.tables:measurements_table", "truth": "experiments.flight.tables:truth_table",
-    "Flight": "experiments.pages.results:Flight", "fly": "experiments.pages.results:fly",
-    "navigate": "experiments.pages.results:navigate", "read_log": "experiments.pages.results:read_log",
-    "render": "experiments.pages.results:render", "summary": "experiments.flight.summary:summarise",
+    "Command": "sim.closed_loop:Command",
+    "Wrench": "sim.closed_loop:Wrench",
+    "LaisnError": "laisn.failure:LaisnError",
+    "Navigator": "laisn.navigator:Navigator",
+    "Scenario": "sim.scenario.settings:Scenario",
+    "StudyFolder": "experiments.study.study:StudyFolder",
+    "load": "experiments.flight.library:loaded",
+    "load_plugin": "laisn.plugins:load_plugin",
+    "Table": "experiments.flight.tables:Table",
+    "errors": "experiments.flight.tables:errors_table",
+    "measurements": "experiments.flight.tables:measurements_table",
+    "truth": "experiments.flight.tables:truth_table",
+    "Flight": "experiments.pages.results:Flight",
+    "fly": "experiments.pages.results:fly",
+    "navigate": "experiments.pages.results:navigate",
+    "read_log": "experiments.pages.results:read_log",
+    "render": "experiments.pages.results:render",
+    "summary": "experiments.flight.summary:summarise",
     "write_log": "experiments.pages.results:log_flight",
-}  # fmt: skip
+}
 
 
 def _exit_interrupted(*_: object) -> None:
@@ -70,12 +92,14 @@ def _exit_interrupted(*_: object) -> None:
 
 
 def main() -> None:
-    """Run the command with this project's packages, even if PYTHONPATH has others of the same names."""
+    """Run the command with this project's packages, even if PYTHONPATH has others of the same
+    names.
+    """
     try:
         import signal
 
-        # until the command handles signals, there is nothing to clean up; an exception within an import could be lost
-        # or end in a traceback
+        # until the command handles signals, there is nothing to clean up; an exception within an
+        # import could be lost or end in a traceback
         if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
             signal.signal(signal.SIGINT, _exit_interrupted)
         sys.path.insert(0, _ROOT)
@@ -89,7 +113,9 @@ def main() -> None:
 
 
 def _require_own_packages() -> None:
-    """ImportError if Python would import another package of the same name, such as a folder `models`."""
+    """ImportError if Python would import another package of the same name, such as a folder
+    `models`.
+    """
     from importlib.util import find_spec
 
     for name in _PACKAGES:
@@ -97,8 +123,10 @@ def _require_own_packages() -> None:
         place = os.path.realpath(spec.origin) if spec is not None and spec.origin else "nothing"
         if place != os.path.join(_ROOT, name, "__init__.py"):
             raise ImportError(
-                f"`import {name}` finds {place}, expected the package of laisn_sim in {_ROOT}: rename the former, or "
-                "remove its folder from sys.path (the folder of the running script is its first entry)"
+                f"`import {name}` finds {place}, expected the package of laisn_sim in {_ROOT}: "
+                "rename the former, or "
+                "remove its folder from sys.path (the folder of the running script is its first "
+                "entry)"
             )
 
 
@@ -106,7 +134,8 @@ def __getattr__(name: str) -> object:
     """Import a class or function at its first use."""
     if name not in _HOMES:
         raise AttributeError(
-            f"module 'laisn_sim' has no attribute {name!r}; available: {', '.join(sorted((*__all__, *_HOMES)))}"
+            f"module 'laisn_sim' has no attribute {name!r}; available: "
+            f"{', '.join(sorted((*__all__, *_HOMES)))}"
         )
     from pkgutil import resolve_name
 
@@ -120,7 +149,8 @@ def __dir__() -> list[str]:
 
 
 def hull(role: str) -> str:
-    """The MJCF of the project's "leader" or "follower", a start for a hull of one's own; LaisnError if there is none.
+    """The MJCF of the project's "leader" or "follower", a start for a hull of one's own; LaisnError
+    if there is none.
 
     A scenario names the file of a hull: `{"route": "T5", "model": "mine.xml"}`.
     """
@@ -147,23 +177,32 @@ def study(
     """Run a study, or what is missing of its results, and write its tables and its page.
 
     Args:
-        source: study file, a built-in one ("depth"), the table of such a file, or a scenario to vary.
+        source: study file, a built-in one ("depth"), the table of such a file, or a scenario to
+            vary.
         out: folder of the results; None: out/NAME.
         workers: local processes; None: one for each core.
         cluster: address of a Dask scheduler (tcp://…) to compute on.
         force: compute everything again.
-        navigators: arms by name: a navigator's name, or a class of one's own, at the top of a file of its own.
-        keys: of a study file: `runs`, `realizations`, `seed`, `vary`, `draw`, `set`, `arm`, `design`, `points`,
-            `report`; they replace those of the source; `vary`, `draw` and `set` do so key by key.
+        navigators: arms by name: a navigator's name, or a class of one's own, at the top of a file
+            of its own.
+        keys: of a study file: `runs`, `realizations`, `seed`, `vary`, `draw`, `set`, `arm`,
+            `design`, `points`, `report`; they replace those of the source; `vary`, `draw` and `set`
+            do so key by key.
 
     Raises:
-        LaisnError: a line for each invalid key, before the first simulation; or the folder or cluster cannot be used.
+        LaisnError: a line for each invalid key, before the first simulation; or the folder or
+            cluster cannot be used.
     """
     _require_own_packages()
     from experiments.study.study import run
     from laisn.plugins import register
 
     if navigators is not None:
-        names = {k: v if isinstance(v, str) else register(v, importable=True) for k, v in navigators.items()}
-        keys["arm"] = [{"name": name, "navigation.variant": variant} for name, variant in names.items()]
+        names = {
+            k: v if isinstance(v, str) else register(v, importable=True)
+            for k, v in navigators.items()
+        }
+        keys["arm"] = [
+            {"name": name, "navigation.variant": variant} for name, variant in names.items()
+        ]
     return run(source, keys, out, workers=workers, cluster=cluster, force=force, quiet=True)

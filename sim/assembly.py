@@ -9,14 +9,18 @@ from sim.scenario.settings import Follower, Scenario, Vehicle
 from sim.vehicle.mjcf import VehicleSetup
 from sim.water import Ocean, Waves
 
-_WAVES_KEY = 0x5EA  # keeps the sea's random numbers apart from all others that come from the same seed
+# keeps the sea's random numbers apart from all others that come from the same seed
+_WAVES_KEY = 0x5EA
 
 
 def ocean_of(scenario: Scenario) -> Ocean:
     """The sea; its waves depend on the seed and not on the run. ValueError if they would break."""
     water = scenario.ocean
     waves = scenario.ocean.waves
-    towards = {"direction_rad": float(np.deg2rad(waves.direction_deg)), "floor_depth_m": water.floor_depth_m}
+    towards = {
+        "direction_rad": float(np.deg2rad(waves.direction_deg)),
+        "floor_depth_m": water.floor_depth_m,
+    }
     components = Waves.none()
     if waves.kind == "regular":
         components = Waves.regular(height_m=waves.height_m, period_s=waves.period_s, **towards)
@@ -45,12 +49,16 @@ def _depth_of(vehicle: Vehicle) -> DepthProfile:
     if vehicle.depth_profile:
         return DepthProfile.through(vehicle.depth_profile)
     if vehicle.saw_tooth_amplitude_m > 0:
-        return DepthProfile.saw_tooth(vehicle.layer_m, vehicle.saw_tooth_amplitude_m, vehicle.saw_tooth_period_s)
+        return DepthProfile.saw_tooth(
+            vehicle.layer_m, vehicle.saw_tooth_amplitude_m, vehicle.saw_tooth_period_s
+        )
     return DepthProfile.constant(vehicle.layer_m)
 
 
 def route_of(vehicle: Vehicle, name: str) -> Route:
-    """Route of one vehicle; ValueError if the library has none of that name, or waypoints coincide."""
+    """Route of one vehicle; ValueError if the library has none of that name, or waypoints
+    coincide.
+    """
     if vehicle.waypoints:
         return Route.timed(name, vehicle.waypoints, _depth_of(vehicle))
     assert vehicle.route is not None  # the scenario's validation
@@ -68,14 +76,22 @@ def models_of(scenario: Scenario) -> tuple[str, ...]:
 
 
 def on_axis(sites: Floats) -> bool:
-    """Whether rear, front and middle transmitter, shape (3, 3), [m], are where a baseline and an offset put them."""
+    """Whether rear, front and middle transmitter, shape (3, 3), [m], are where a baseline and an
+    offset put them.
+    """
     half = sites[1, 0]
     aside = sites[2, 1]
-    return bool(half > 0 and aside > 0 and np.array_equal(sites, [[-half, 0, 0], [half, 0, 0], [0, aside, 0]]))
+    return bool(
+        half > 0
+        and aside > 0
+        and np.array_equal(sites, [[-half, 0, 0], [half, 0, 0], [0, aside, 0]])
+    )
 
 
 def _stand_in(follower: Follower, scenario: Scenario, leader: Route) -> Route:
-    """Where a follower on a station begins, and how: beside the leader, as if its trail had been straight."""
+    """Where a follower on a station begins, and how: beside the leader, as if its trail had been
+    straight.
+    """
     assert follower.station is not None
     ahead = leader.initial_direction
     if leader.start_heading is None:
@@ -90,11 +106,16 @@ def _stand_in(follower: Follower, scenario: Scenario, leader: Route) -> Route:
 
 
 def routes_of(scenario: Scenario) -> tuple[Route, ...]:
-    """Routes of all vehicles, the leader's first, from stations straight on; LaisnError names vehicle and waypoint."""
+    """Routes of all vehicles, the leader's first, from stations straight on; LaisnError names
+    vehicle and waypoint.
+    """
     leader = route_of(scenario.leader, "leader")
     return (
         leader,
-        *(_stand_in(f, scenario, leader) if f.station else route_of(f, f.name) for f in scenario.followers),
+        *(
+            _stand_in(f, scenario, leader) if f.station else route_of(f, f.name)
+            for f in scenario.followers
+        ),
     )
 
 
@@ -105,7 +126,11 @@ def setups_of(scenario: Scenario, routes: tuple[Route, ...]) -> tuple[VehicleSet
         VehicleSetup(
             name=name,
             model=model,
-            position_m=(float(route.waypoint[0, 0]), float(route.waypoint[0, 1]), -float(route.depth.depth[0])),
+            position_m=(
+                float(route.waypoint[0, 0]),
+                float(route.waypoint[0, 1]),
+                -float(route.depth.depth[0]),
+            ),
             heading_rad=route.initial_heading,
             speed_m_s=route.start_speed,
             settings=vehicle,

@@ -1,7 +1,9 @@
-"""Attitude from quaternions (w, x, y, z), body (forward, port, up) to world (east, north, up), vectors, and the map.
+"""Attitude from quaternions (w, x, y, z), body (forward, port, up) to world (east, north, up),
+vectors, and the map.
 
-3-vectors and 3×3 matrices are tuples, which compiled code keeps in registers. `scipy.spatial.transform.Rotation`, with
-which tests compare, takes two to seven times as long on a flight's arrays, and 0.4 s to import.
+3-vectors and 3×3 matrices are tuples, which compiled code keeps in registers.
+`scipy.spatial.transform.Rotation`, with which tests compare, takes two to seven times as long on a
+flight's arrays, and 0.4 s to import.
 """
 
 import math
@@ -53,7 +55,9 @@ def scaled(factor: float, a: Vector) -> Vector:
 
 @compiled
 def rotation(quaternion: Any) -> Matrix:
-    """Rotation matrix, body to world, of a unit quaternion: four numbers or an array (w, x, y, z)."""
+    """Rotation matrix, body to world, of a unit quaternion: four numbers or an array (w, x, y,
+    z).
+    """
     w = quaternion[0]
     x = quaternion[1]
     y = quaternion[2]
@@ -99,7 +103,9 @@ def forward_of(quaternion: Any) -> Any:
 
 @jitable
 def carried(pose: Any, offset: Floats) -> Any:
-    """East, north, up of a point of a hull by its position and quaternion, and the point's `offset` in the body [m]."""
+    """East, north, up of a point of a hull by its position and quaternion, and the point's
+    `offset` in the body [m].
+    """
     w = pose[3]
     x = pose[4]
     y = pose[5]
@@ -130,8 +136,12 @@ def carried(pose: Any, offset: Floats) -> Any:
     return east, north, up
 
 
-def from_euler(heading: npt.ArrayLike, pitch: npt.ArrayLike = 0.0, roll: npt.ArrayLike = 0.0) -> Floats:
-    """Quaternion of a hull turned to its compass heading, then pitched nose up, then rolled starboard down [rad]."""
+def from_euler(
+    heading: npt.ArrayLike, pitch: npt.ArrayLike = 0.0, roll: npt.ArrayLike = 0.0
+) -> Floats:
+    """Quaternion of a hull turned to its compass heading, then pitched nose up, then rolled
+    starboard down [rad].
+    """
     heading, pitch, roll = (np.asarray(angle, dtype=np.float64) for angle in (heading, pitch, roll))
     # a rotation about +y (port) lowers the nose; yaw counts counter-clockwise from east
     y = (np.pi / 2 - heading) / 2
@@ -181,7 +191,9 @@ def roll_of(quaternion: Any) -> float:
 
 @compiled
 def _angles(rows: Floats, angles: Floats) -> None:
-    """Heading, pitch and roll of attitudes, shape (n, 4): the same bits for one as for many, unlike NumPy's."""
+    """Heading, pitch and roll of attitudes, shape (n, 4): the same bits for one as for many,
+    unlike NumPy's.
+    """
     for k in range(rows.shape[0]):
         angles[0, k] = heading_of(rows[k])
         angles[1, k] = pitch_of(rows[k])
@@ -189,7 +201,9 @@ def _angles(rows: Floats, angles: Floats) -> None:
 
 
 def heading_pitch_roll(quaternion: Floats) -> tuple[Floats, Floats, Floats]:
-    """Compass heading in [0, 2π), pitch (nose up) and roll (starboard down), each of shape (…,), [rad]."""
+    """Compass heading in [0, 2π), pitch (nose up) and roll (starboard down), each of shape (…,),
+    [rad].
+    """
     rows = np.ascontiguousarray(quaternion, dtype=np.float64).reshape(-1, 4)
     angles = np.empty((3, len(rows)))
     _angles(rows, angles)
@@ -222,11 +236,12 @@ FLATTENING = 1 / 298.257223563  # flattening of the WGS 84 ellipsoid
 
 
 def geodetic(position: Floats, latitude_deg: float, longitude_deg: float) -> Floats:
-    """Latitude, longitude [deg] and height [m] of positions about the scenario's origin on the map, shape (n, 3).
+    """Latitude, longitude [deg] and height [m] of positions about the scenario's origin on the map,
+    shape (n, 3).
 
-    East and north are arcs along the parallel and the meridian of the origin, with the radii of curvature there
-    (WGS 84; NIMA TR8350.2); heights are kept, as the simulated sea is flat. A kilometre from the origin at 60° N
-    this is off by 0.16 m.
+    East and north are arcs along the parallel and the meridian of the origin, with the radii of
+    curvature there (WGS 84; NIMA TR8350.2); heights are kept, as the simulated sea is flat. A
+    kilometre from the origin at 60° N this is off by 0.16 m.
     """
     eccentricity_squared = FLATTENING * (2 - FLATTENING)
     latitude = np.deg2rad(latitude_deg)
@@ -235,4 +250,6 @@ def geodetic(position: Floats, latitude_deg: float, longitude_deg: float) -> Flo
     parallel = SEMI_MAJOR_AXIS / w * np.cos(latitude)
     east, north, up = position.T
     longitude = longitude_deg + np.rad2deg(east / parallel)
-    return np.column_stack([latitude_deg + np.rad2deg(north / meridian), (longitude + 180) % 360 - 180, up])
+    return np.column_stack(
+        [latitude_deg + np.rad2deg(north / meridian), (longitude + 180) % 360 - 180, up]
+    )

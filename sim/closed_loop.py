@@ -1,9 +1,10 @@
 """Followers that steer by their own estimates: the controller of a closed loop.
 
-At each instant `sense`, at filter steps the followers' navigators, a `laisn.swarm.Swarm`, then `guide`. Noise is
-addressed by step, so that navigating on the finished mission gives the estimates that steered it. Guidance and
-autopilot have nothing but readings, messages and estimates. A follower may have a controller of the user's own, whose
-Python code computes its commands from these (`OwnControl`).
+At each instant `sense`, at filter steps the followers' navigators, a `laisn.swarm.Swarm`, then
+`guide`. Noise is addressed by step, so that navigating on the finished mission gives the estimates
+that steered it. Guidance and autopilot have nothing but readings, messages and estimates. A
+follower may have a controller of the user's own, whose Python code computes its commands from these
+(`OwnControl`).
 """
 
 from collections.abc import Sequence
@@ -17,12 +18,27 @@ from laisn.failure import LaisnError
 from laisn.messages import BEARING, Bearing, Reception
 from laisn.navigators import find
 from laisn.plugins import find_controller
-from laisn.swarm import ESTIMATE, MESSAGE, READING, SeparateNavigators, Swarm, SwarmFactory, reception_of
+from laisn.swarm import (
+    ESTIMATE,
+    MESSAGE,
+    READING,
+    SeparateNavigators,
+    Swarm,
+    SwarmFactory,
+    reception_of,
+)
 from sim.assembly import routes_of
 from sim.attitude import carried
 from sim.control import follower as steering
 from sim.control.autopilot import apply_wrench, control, vehicle_state
-from sim.control.guidance import REFERENCE, begin, integrate_offset, limit_command, steer, track_current
+from sim.control.guidance import (
+    REFERENCE,
+    begin,
+    integrate_offset,
+    limit_command,
+    steer,
+    track_current,
+)
 from sim.control.station import SPACING, TRAIL, LeaderPlan, extend_as_planned, plan_of
 from sim.flight import navigation_settings
 from sim.scenario.formation import Proximity
@@ -37,7 +53,8 @@ from sim.tracking import stations_of
 from sim.trajectory import Trajectory, Truth, speed_through_water
 from sim.vehicle.plant import Plant
 
-ON_ROUTE, ON_ROUTE_BY_ESTIMATE, BY_OWN_CONTROL, ON_STATION_BY_TRUTH, ON_STATION = range(5)  # kinds of followers
+# kinds of followers
+ON_ROUTE, ON_ROUTE_BY_ESTIMATE, BY_OWN_CONTROL, ON_STATION_BY_TRUTH, ON_STATION = range(5)
 
 
 class ClosedLoopState(NamedTuple):
@@ -51,20 +68,27 @@ class ClosedLoopState(NamedTuple):
     estimates_current: bool  # whether the navigators estimate a current
     plan: LeaderPlan  # the leader's, as far as its messages carry it
     stations: Records  # of STATION, shape (f,)
-    sites: tuple[Floats, Floats, Floats]  # of transmitters, shape (3, 3), hydrophones and pressure sensors, (f, 3) [m]
-    routes: RouteControl  # control of the leader and of followers that steer by the truth; it holds all commands
+    # of transmitters, shape (3, 3), hydrophones and pressure sensors, (f, 3) [m]
+    sites: tuple[Floats, Floats, Floats]
+    # control of the leader and of followers that steer by the truth; it holds all commands
+    routes: RouteControl
     readings: Records  # readings of each follower's sensors, of `laisn.swarm.READING`, shape (f,)
     read: Floats  # the same memory as numbers, shape (f, 6)
     inbox: observation.Inbox  # what each follower has received
     arrived: Bools  # whether a message is in at this filter step, shape (f,)
-    tilts: Floats  # what accelerations add to the leader's measured pitch and roll, shape (n + 1, 2) [rad]; else NaN
+    # what accelerations add to the leader's measured pitch and roll, shape (n + 1, 2) [rad]; else
+    # NaN
+    tilts: Floats
     seen: Records  # what each follower's last look around showed, of SIGHTING, shape (f, v)
     estimates: Records  # estimate of each navigator, records of `laisn.swarm.ESTIMATE`, shape (f,)
-    trails: Records  # trail of the leader as each follower has received it, of TRAIL, shape (f, room)
+    # trail of the leader as each follower has received it, of TRAIL, shape (f, room)
+    trails: Records
     counts: Ints  # points of the trails, shape (f, 1)
     memory: Records  # memory of each follower, of FOLLOWER_MEMORY, shape (f,)
-    reference: Records  # reference of the autopilot of one follower at a time, of REFERENCE, shape (1,)
-    history: Records  # estimates at each instant, records of `laisn.swarm.ESTIMATE`, shape (n + 1, f)
+    # reference of the autopilot of one follower at a time, of REFERENCE, shape (1,)
+    reference: Records
+    # estimates at each instant, records of `laisn.swarm.ESTIMATE`, shape (n + 1, f)
+    history: Records
 
 
 def _kind(follower: Follower) -> int:
@@ -90,7 +114,9 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
     planned = n // round(SPACING / TICK) if waypoints else 0
     trails = records(TRAIL, f, n // scenario.message_every + planned + 2)
     counts = np.zeros((f, 1), dtype=np.int64)
-    leader = vehicle_state(plant.pose[0], plant.twist[0], plant.ocean.velocity(plant.pose[:, :3], plant.time)[0])
+    leader = vehicle_state(
+        plant.pose[0], plant.twist[0], plant.ocean.velocity(plant.pose[:, :3], plant.time)[0]
+    )
     start = records(MESSAGE, 1)[0]
     start.east, start.north, _ = plant.pose[0, :3]
     start.heading = leader.heading
@@ -102,25 +128,37 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
         formation=scenario.formation.record(),
         proximity=(scenario.formation.proximity or Proximity()).record(),
         sensors=observation.sensor_model_of(scenario),
-        look_every=proximity.look_interval(scenario), kinds=kinds,
-        estimates_current="current" in navigation.settings().estimated, plan=plan, stations=stations_of(scenario),
+        look_every=proximity.look_interval(scenario),
+        kinds=kinds,
+        estimates_current="current" in navigation.settings().estimated,
+        plan=plan,
+        stations=stations_of(scenario),
         sites=(
             np.array([offset[f"leader/tx_{which}"] for which in ("rear", "front", "middle")]),
             np.array([offset[f"{name}/hydrophone"] for name in names]),
             np.array([offset[f"{name}/depth_sensor"] for name in names]),
         ),
-        routes=routes, readings=readings, read=numbers_of(readings),
-        inbox=observation.new_inbox(f, scenario.message_every), arrived=np.zeros(f, dtype=np.bool_),
+        routes=routes,
+        readings=readings,
+        read=numbers_of(readings),
+        inbox=observation.new_inbox(f, scenario.message_every),
+        arrived=np.zeros(f, dtype=np.bool_),
         tilts=np.full((n, 2), 0.0 if scenario.leader.broadcast_attitude else np.nan),
-        seen=records(proximity.SIGHTING, f, f + 1), estimates=records(ESTIMATE, f),
-        trails=trails, counts=counts, memory=memory,
-        reference=records(REFERENCE, 1), history=records(ESTIMATE, n, f),
-    )  # fmt: skip
+        seen=records(proximity.SIGHTING, f, f + 1),
+        estimates=records(ESTIMATE, f),
+        trails=trails,
+        counts=counts,
+        memory=memory,
+        reference=records(REFERENCE, 1),
+        history=records(ESTIMATE, n, f),
+    )
 
 
 @compiled
 def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
-    """All sensors at instant k, and messages that are in; whether navigators are due, else followers dead-reckon."""
+    """All sensors at instant k, and messages that are in; whether navigators are due, else
+    followers dead-reckon.
+    """
     stride = a.sensors.stride
     if k > 0 and a.sensors.senses_acceleration:
         follow_tilt(a.sensors.tilt_share, k, truth.pose[:, 0], truth.twist[:, 0], a.tilts)
@@ -136,17 +174,35 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
         observation.read_instruments(a.sensors, step, i, body, a.sites[2][i], a.read[i])
         on_station = a.kinds[i] >= ON_STATION_BY_TRUTH
         if k > 0 and a.look_every > 0 and k % a.look_every == 0 and on_station:
-            proximity.look((a.sensors.seed, a.sensors.run), a.proximity, k, i, truth.pose[k], a.seen[i])
+            proximity.look(
+                (a.sensors.seed, a.sensors.run), a.proximity, k, i, truth.pose[k], a.seen[i]
+            )
             steering.update_avoidance(a.proximity, a.seen[i], a.estimates[i], a.memory[i])
         a.arrived[i] = False
         # few calls, for what is handed over costs more than the question
         if a.inbox.due[i] <= step:
-            observation.receive(a.sensors, step, i, (a.sites[0], a.sites[1]), Motion(truth, 0.0, k), a.tilts, a.inbox)
+            observation.receive(
+                a.sensors,
+                step,
+                i,
+                (a.sites[0], a.sites[1]),
+                Motion(truth, 0.0, k),
+                a.tilts,
+                a.inbox,
+            )
             a.arrived[i] = a.inbox.outcome[i] != observation.NO_MESSAGE
             if a.inbox.outcome[i] == observation.RECEIVED and on_station:
                 clock = (k * TICK, TICK)
                 message = a.inbox.message[i]
-                steering.extend_trail(a.formation, a.stations[i], message, a.trails[i], a.counts[i], clock, a.memory[i])
+                steering.extend_trail(
+                    a.formation,
+                    a.stations[i],
+                    message,
+                    a.trails[i],
+                    a.counts[i],
+                    clock,
+                    a.memory[i],
+                )
         if on_station:
             received = a.memory[i].last_received, a.memory[i].received_points
             extend_as_planned(a.plan, a.trails[i], a.counts[i], received, (k, TICK))
@@ -155,9 +211,15 @@ def sense(k: int, truth: Truth, a: ClosedLoopState) -> bool:
 
 @compiled
 def _true_estimate(
-    body: tuple[Floats, Floats, Floats], hydrophone: Floats, guidance: Record, reading: Record, estimate: Record
+    body: tuple[Floats, Floats, Floats],
+    hydrophone: Floats,
+    guidance: Record,
+    reading: Record,
+    estimate: Record,
 ) -> None:
-    """Replace readings and estimates of a follower that steers by the truth: pose, twist and velocity of the water."""
+    """Replace readings and estimates of a follower that steers by the truth: pose, twist and
+    velocity of the water.
+    """
     pose, twist, water = body
     motion = vehicle_state(pose, twist, water)
     reading.speed = speed_through_water(pose, twist, water)
@@ -194,14 +256,24 @@ def _follow_route(k: int, f: int, a: ClosedLoopState) -> None:
     else:
         integrate_offset(reference, place, TICK, guidance)
     steered = steer(reference, place, TICK, guidance)
-    control(routes.autopilots[i], steered, reference, motion, TICK, routes.autopilot[i], routes.command[i])
+    control(
+        routes.autopilots[i],
+        steered,
+        reference,
+        motion,
+        TICK,
+        routes.autopilot[i],
+        routes.command[i],
+    )
 
 
 @compiled
 def guide(k: int, truth: Truth, a: ClosedLoopState) -> None:
-    """Find the commands of all vehicles that hold from instant k until k + 1, and record the estimates.
+    """Find the commands of all vehicles that hold from instant k until k + 1, and record the
+    estimates.
 
-    Of the truth until then only that of the leader and of followers that steer by the truth is read.
+    Of the truth until then only that of the leader and of followers that steer by the truth is
+    read.
     """
     routes = a.routes
     steer_along_route(k, truth, 0, routes)
@@ -227,8 +299,18 @@ def guide(k: int, truth: Truth, a: ClosedLoopState) -> None:
         clock = (k * TICK, TICK)
         senses = (reading, estimate)
         memory = a.memory[f]
-        wanted, motion = steering.keep_station(a.formation, a.stations[f], senses, trail, clock, memory, a.reference[0])
-        control(routes.autopilots[i], wanted, a.reference[0], motion, TICK, routes.autopilot[i], routes.command[i])
+        wanted, motion = steering.keep_station(
+            a.formation, a.stations[f], senses, trail, clock, memory, a.reference[0]
+        )
+        control(
+            routes.autopilots[i],
+            wanted,
+            a.reference[0],
+            motion,
+            TICK,
+            routes.autopilot[i],
+            routes.command[i],
+        )
 
 
 class ClosedLoop(NamedTuple):
@@ -239,7 +321,9 @@ class ClosedLoop(NamedTuple):
 
     @compiled
     def control(self, k: int, truth: Truth) -> int:
-        """Sense, navigate and find the commands of all vehicles; see `sim.simulation.Controller.control`."""
+        """Sense, navigate and find the commands of all vehicles; see
+        `sim.simulation.Controller.control`.
+        """
         state = self.state
         failed = 0
         if sense(k, truth, state):
@@ -253,7 +337,9 @@ class ClosedLoop(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """What a follower measures at a control step; the values of a filter step stay until the next one."""
+    """What a follower measures at a control step; the values of a filter step stay until the
+    next one.
+    """
 
     time: float  # since the start [s]
     speed: float  # speed log, along the hull [m/s]
@@ -300,9 +386,10 @@ class Wrench(NamedTuple):
 class OwnControl:
     """Calls the controllers of a scenario's followers and writes what they command.
 
-    A controller is made of the follower's table. Its `control(readings, belief, dt)` returns what holds for the next
-    `dt` seconds: a `Command` or a tuple of its three numbers, a `Wrench`, or an array of the states of all effectors,
-    in the order of the hull's actuators, shape (m,): N, rad/s or rad.
+    A controller is made of the follower's table. Its `control(readings, belief, dt)` returns what
+    holds for the next `dt` seconds: a `Command` or a tuple of its three numbers, a `Wrench`, or an
+    array of the states of all effectors, in the order of the hull's actuators, shape (m,): N, rad/s
+    or rad.
     """
 
     def __init__(self, scenario: Scenario, plant: Plant, routes: RouteControl) -> None:
@@ -317,13 +404,19 @@ class OwnControl:
     def __bool__(self) -> bool:
         return bool(self._controllers)
 
-    def command(self, k: int, received: list[Reception | None], known: tuple[Any, Any, Any]) -> None:
-        """Write commands from instant k on, by receptions and records of READING, ESTIMATE and FOLLOWER_MEMORY."""
+    def command(
+        self, k: int, received: list[Reception | None], known: tuple[Any, Any, Any]
+    ) -> None:
+        """Write commands from instant k on, by receptions and records of READING, ESTIMATE and
+        FOLLOWER_MEMORY.
+        """
         for f, controller in self._controllers.items():
             reading, estimate, memory = (table[f] for table in known)
             readings = Readings(*(k * CONTROL_STEP_S, *reading.tolist(), received[f]))
             biases = estimate.log_bias, estimate.compass_bias
-            belief = Belief(*map(float, (*estimate.position, *estimate.velocity, *biases, *estimate.current)))
+            belief = Belief(
+                *map(float, (*estimate.position, *estimate.velocity, *biases, *estimate.current))
+            )
             found = controller.control(readings, belief, CONTROL_STEP_S)
             self._require_valid(f, found)
             motion = steering.measured_motion(reading, estimate, CONTROL_STEP_S, memory)
@@ -341,9 +434,13 @@ class OwnControl:
         """LaisnError naming the follower if its controller has returned none of the three."""
         size = self._effectors[f]
         expected = 6 if isinstance(found, Wrench) else size if isinstance(found, np.ndarray) else 3
-        if np.shape(found) != (expected,) or not np.isfinite(np.asarray(found, dtype=np.float64)).all():
+        if (
+            np.shape(found) != (expected,)
+            or not np.isfinite(np.asarray(found, dtype=np.float64)).all()
+        ):
             raise LaisnError(
-                f"controller of {self._names[f]} returned {found!r:.80}; expected heading, speed and depth, a Wrench, "
+                f"controller of {self._names[f]} returned {found!r:.80}; expected heading, speed "
+                "and depth, a Wrench, "
                 f"or an array of the states of {size} effectors, all finite"
             )
 
@@ -362,9 +459,13 @@ class OwnControl:
 
 
 class PythonClosedLoop:
-    """The same controller with navigators, inverted USBL (one or none) or controllers that Python calls."""
+    """The same controller with navigators, inverted USBL (one or none) or controllers that
+    Python calls.
+    """
 
-    def __init__(self, state: ClosedLoopState, swarm: Swarm, own: OwnControl, sensors: Sequence[OwnSensor]) -> None:
+    def __init__(
+        self, state: ClosedLoopState, swarm: Swarm, own: OwnControl, sensors: Sequence[OwnSensor]
+    ) -> None:
         self.state = state
         self.swarm = swarm
         self._own = own
@@ -385,12 +486,18 @@ class PythonClosedLoop:
             if isinstance(self.swarm, SeparateNavigators):
                 self.swarm.bearings = bearings
             failed = self.swarm.navigate(
-                k // state.sensors.stride, state.readings, state.arrived, inbox.message, inbox.ranges, state.estimates
+                k // state.sensors.stride,
+                state.readings,
+                state.arrived,
+                inbox.message,
+                inbox.ranges,
+                state.estimates,
             )
         guide(k, truth, state)
         if self._own:
             received = [
-                reception_of(inbox.message[f], inbox.ranges[f], bearings[f]) if arrived[f] else None for f in followers
+                reception_of(inbox.message[f], inbox.ranges[f], bearings[f]) if arrived[f] else None
+                for f in followers
             ]
             self._own.command(k, received, (state.readings, state.estimates, state.memory))
         return failed
@@ -407,7 +514,10 @@ class PythonClosedLoop:
         motion = truth.pose[one, f + 1], truth.twist[one, f + 1], truth.water[one, f + 1]
         known = Motion(truth, 0.0, k)
         leaves = inbox.last_sent[f] * s.dt + s.sound.slot * np.arange(3)
-        source = [site_at(s.sound, known, 0, offset, at) for offset, at in zip(state.sites[0], leaves, strict=True)]
+        source = [
+            site_at(s.sound, known, 0, offset, at)
+            for offset, at in zip(state.sites[0], leaves, strict=True)
+        ]
         hydrophone = np.array([carried(motion[0][0], state.sites[1][f])])
         seen = follower_state(np.array([k * TICK]), motion, hydrophone, np.array([source]))
         noise = normals(int(s.seed), int(s.run), STREAMS * f + sensor.stream, [k // s.stride])
@@ -426,7 +536,8 @@ def closed_loop_of(
     settings = [navigation_settings(scenario, still, i) for i in numbers]
     if any(one != settings[0] for one in settings):
         raise LaisnError(
-            f"scenario {scenario.name!r}: followers that navigate under way need hydrophones of one height above their "
+            f"scenario {scenario.name!r}: followers that navigate under way need hydrophones of "
+            "one height above their "
             "depth sensors"
         )
     starts = np.array([observation.start_of(still, i) for i in numbers])
@@ -437,16 +548,19 @@ def closed_loop_of(
     own = OwnControl(scenario, plant, routes)
     sensors = [s for s in own_sensors(scenario) if s.name == BEARING]
     compiled_loop = isinstance(swarm, tuple) and not own
-    return ClosedLoop(state, swarm) if compiled_loop else PythonClosedLoop(state, swarm, own, sensors)
+    return (
+        ClosedLoop(state, swarm) if compiled_loop else PythonClosedLoop(state, swarm, own, sensors)
+    )
 
 
 def simulate_closed_loop(
     scenario: Scenario, make_swarm: SwarmFactory | None = None
 ) -> tuple[Trajectory, ClosedLoop | PythonClosedLoop]:
-    """Simulate a scenario whose followers all navigate under way, also those that steer by the truth.
+    """Simulate a scenario whose followers all navigate under way, also those that steer by the
+    truth.
 
-    Gives the motion, and the closed loop at its end: `state.history` holds the estimates, `swarm.gated` counts fixes.
-    Errors are those of `simulate_motion`.
+    Gives the motion, and the closed loop at its end: `state.history` holds the estimates,
+    `swarm.gated` counts fixes. Errors are those of `simulate_motion`.
     """
     loops: list[ClosedLoop | PythonClosedLoop] = []
 

@@ -1,4 +1,6 @@
-"""Feasibility of a scenario whose keys are valid: sea, hulls, routes, stations, date, memory and time."""
+"""Feasibility of a scenario whose keys are valid: sea, hulls, routes, stations, date, memory and
+time.
+"""
 
 from collections.abc import Callable
 from functools import lru_cache, partial
@@ -26,7 +28,8 @@ from sim.vehicle.own_hull import hull_errors
 from sim.vehicle.plant import Plant
 from sim.water import Ocean
 
-MOST_INSTANTS = 2_000_000  # instants times vehicles: two vehicles for a day; a million takes 1.1 GB of memory
+# instants times vehicles: two vehicles for a day; a million takes 1.1 GB of memory
+MOST_INSTANTS = 2_000_000
 MOST_PHYSICS_STEPS = 200_000_000  # physics steps times vehicles, about an hour on one core
 MOST_PIXELS = 120_000_000_000  # of a film: 72 minutes at 1280 × 720 and 30 Hz
 
@@ -38,7 +41,8 @@ def film_errors(duration_s: float, video: Video) -> list[str]:
         return []
     most = MOST_PIXELS // (video.width_px * video.height_px)
     return [
-        f"video: a film of {duration_s:g} s at speed_up = {video.speed_up:g} and {video.frame_rate_hz} Hz has "
+        f"video: a film of {duration_s:g} s at speed_up = {video.speed_up:g} and "
+        f"{video.frame_rate_hz} Hz has "
         f"{count:.4g} frames, at {video.width_px} × {video.height_px} there may be {most}"
     ]
 
@@ -50,14 +54,16 @@ def _cost(scenario: Scenario) -> list[str]:
     instants = scenario.duration_s / CONTROL_STEP_S * vehicles
     if instants > MOST_INSTANTS:
         found.append(
-            f"duration_s: {scenario.duration_s:g} s of {vehicles} vehicles would take {instants * 1.1e-6:.3g} GB of "
+            f"duration_s: {scenario.duration_s:g} s of {vehicles} vehicles would take "
+            f"{instants * 1.1e-6:.3g} GB of "
             f"memory; so many vehicles may fly {MOST_INSTANTS * CONTROL_STEP_S / vehicles:.0f} s"
         )
     steps = scenario.duration_s / scenario.timing.physics_step_s * vehicles
     if scenario.motion == "physics" and steps > MOST_PHYSICS_STEPS:
         found.append(
             f"timing.physics_step_s: {scenario.duration_s:g} s of {vehicles} vehicles in steps of "
-            f"{scenario.timing.physics_step_s:g} s are {steps:.4g} steps, there may be {MOST_PHYSICS_STEPS}"
+            f"{scenario.timing.physics_step_s:g} s are {steps:.4g} steps, there may be "
+            f"{MOST_PHYSICS_STEPS}"
         )
     return found
 
@@ -74,12 +80,19 @@ def _errors_of(build: Callable[[], object], where: str) -> list[str]:
 
 
 def _through_water(scenario: Scenario, route: Route, depth: float) -> tuple[Floats, Ints]:
-    """Speeds through water at a depth where the current or the leg changes, shape (2, n), [m/s], and legs, (n,)."""
+    """Speeds through water at a depth where the current or the leg changes, shape (2, n), [m/s],
+    and legs, (n,).
+    """
     over_ground = np.diff(route.waypoint, axis=0) / np.diff(route.time)[:, None]
     changes = [time for time, *_ in scenario.ocean.current_profile if time < route.time[-1]]
     times = np.unique([*route.time, *changes])
     legs = np.searchsorted(route.time, 0.5 * (times[1:] + times[:-1])) - 1
-    ends = np.stack([over_ground[legs] - scenario.ocean.current_at(depth, end) for end in (times[:-1], times[1:])])
+    ends = np.stack(
+        [
+            over_ground[legs] - scenario.ocean.current_at(depth, end)
+            for end in (times[:-1], times[1:])
+        ]
+    )
     return np.hypot(ends[..., 0], ends[..., 1]), legs
 
 
@@ -92,18 +105,29 @@ def _speeds(scenario: Scenario, vehicle: Vehicle) -> tuple[float, float]:
     ]
     route = route_of(vehicle, "")
     # a current changes linearly with depth
-    found = np.array([_through_water(scenario, route, depth)[0] for depth in (min(depths), max(depths))])
+    found = np.array(
+        [_through_water(scenario, route, depth)[0] for depth in (min(depths), max(depths))]
+    )
     return float(found.min()), float(found.max())
 
 
 _OF_HULL = (  # keys of a vehicle, beside its model, on which its stability depends
-    "depth_control", "cg_offset_x_m", "cg_offset_z_m", "drag_scale", "added_mass_scale", "lift_scale", "thrust_scale",
-)  # fmt: skip
-_USUAL_STEP_S = 0.02  # in physics steps up to this one the project's own hulls are stable at all speeds [s]
+    "depth_control",
+    "cg_offset_x_m",
+    "cg_offset_z_m",
+    "drag_scale",
+    "added_mass_scale",
+    "lift_scale",
+    "thrust_scale",
+)
+# in physics steps up to this one the project's own hulls are stable at all speeds [s]
+_USUAL_STEP_S = 0.02
 
 
 def _hull(scenario: Scenario, vehicle: Vehicle) -> tuple[Vehicle, float, float]:
-    """What the stability of a vehicle depends on: its hull, the physics step [s] and the density of the water."""
+    """What the stability of a vehicle depends on: its hull, the physics step [s] and the density
+    of the water.
+    """
     model = vehicle.model or ("follower" if isinstance(vehicle, Follower) else "leader")
     hull = Vehicle.model_construct(model=model, **{key: getattr(vehicle, key) for key in _OF_HULL})
     return hull, scenario.timing.physics_step_s, scenario.ocean.density_kg_m3
@@ -112,7 +136,9 @@ def _hull(scenario: Scenario, vehicle: Vehicle) -> tuple[Vehicle, float, float]:
 @lru_cache(maxsize=8)
 def _plant(hull: Vehicle, dt: float, density: float) -> tuple[Any, Any]:
     """A vehicle alone in calm water, as a plant named "hull", and its autopilot."""
-    setup = VehicleSetup(name="hull", model=str(hull.model), position_m=(0.0, 0.0, -10.0), settings=hull)
+    setup = VehicleSetup(
+        name="hull", model=str(hull.model), position_m=(0.0, 0.0, -10.0), settings=hull
+    )
     plant = Plant([setup], Ocean(density_kg_m3=density), dt)
     return plant, design(plant, (hull.depth_control,))
 
@@ -127,29 +153,38 @@ def _speed_errors(scenario: Scenario, vehicle: Vehicle, design: Any) -> list[str
         where = "formation.min_along_track_speed_m_s is"
     elif fastest > top:
         lines.append(
-            f"its effectors drive it at {top:.2g} m/s at most, the fastest leg of its route has {fastest:.3g} through "
+            f"its effectors drive it at {top:.2g} m/s at most, the fastest leg of its route has "
+            f"{fastest:.3g} through "
             "the water"
         )
     if not design["has_heave"] and FIN in design["effectors"]["kind"] and slowest < LEAST_WAY:
         lines.append(
-            f"it has no vertical thrusters and cannot hover: its fins need {LEAST_WAY:g} m/s, {where} "
+            f"it has no vertical thrusters and cannot hover: its fins need {LEAST_WAY:g} m/s, "
+            f"{where} "
             f"{slowest:.3g} m/s through the water"
         )
     return lines
 
 
 @lru_cache(maxsize=1024)
-def _stability_errors(hull: tuple[Vehicle, float, float], fastest: float, orbital: float) -> list[str]:
+def _stability_errors(
+    hull: tuple[Vehicle, float, float], fastest: float, orbital: float
+) -> list[str]:
     """What `require_stable` reports; a study has many scenarios with the same hulls and speeds."""
     return _errors_of(lambda: require_stable(*_plant(*hull), fastest, orbital), "hull")
 
 
 def _control_errors(scenario: Scenario, key: str, vehicle: Vehicle) -> list[str]:
     """What the autopilot of a vehicle cannot control."""
-    usual = all(getattr(vehicle, name) == Vehicle.model_fields[name].default for name in _OF_HULL[1:])
+    usual = all(
+        getattr(vehicle, name) == Vehicle.model_fields[name].default for name in _OF_HULL[1:]
+    )
     own = vehicle.model is not None
     waves = scenario.ocean.waves
-    if not own and (scenario.motion == "kinematic" or (usual and scenario.timing.physics_step_s <= _USUAL_STEP_S)):
+    if not own and (
+        scenario.motion == "kinematic"
+        or (usual and scenario.timing.physics_step_s <= _USUAL_STEP_S)
+    ):
         return []
     hull = _hull(scenario, vehicle)
     lines = _errors_of(partial(_plant, *hull), "hull")
@@ -170,15 +205,21 @@ def _leader_too_fast(scenario: Scenario) -> list[str]:
         k = int(np.argmax(speed))
         if speed[k] > fastest:
             return [
-                f"leader: on the way to waypoint {legs[k] + 2} followers at {depth:g} m would need {speed[k]:.3g} m/s "
+                f"leader: on the way to waypoint {legs[k] + 2} followers at {depth:g} m would need "
+                f"{speed[k]:.3g} m/s "
                 f"through the water, formation.max_speed_m_s is {fastest:g} m/s"
             ]
     return []
 
 
 def _start_overlap(scenario: Scenario) -> list[str]:
-    """Vehicles that start too close: followers that join stations, or all of them if contact ends the mission."""
-    joins = [isinstance(vehicle, Follower) and vehicle.start_m is not None for _, vehicle in scenario.vehicles()]
+    """Vehicles that start too close: followers that join stations, or all of them if contact
+    ends the mission.
+    """
+    joins = [
+        isinstance(vehicle, Follower) and vehicle.start_m is not None
+        for _, vehicle in scenario.vehicles()
+    ]
     if scenario.contact == "mark" and not any(joins):
         return []
     setups = setups_of(scenario, routes_of(scenario))
@@ -187,23 +228,32 @@ def _start_overlap(scenario: Scenario) -> list[str]:
     for i, one in enumerate(setups):
         for j, other in enumerate(setups[:i]):
             x, y, z = np.subtract(one.position_m, other.position_m)
-            near = (joins[i] or joins[j]) and np.hypot(x, y) < LEAST_APART_M and abs(z) < LEAST_LAYER_M
-            if near or (scenario.contact == "end" and np.hypot(np.hypot(x, y), z) < 2.0 * HULL_RADIUS_M):
+            near = (
+                (joins[i] or joins[j]) and np.hypot(x, y) < LEAST_APART_M and abs(z) < LEAST_LAYER_M
+            )
+            if near or (
+                scenario.contact == "end" and np.hypot(np.hypot(x, y), z) < 2.0 * HULL_RADIUS_M
+            ):
                 found.append(
-                    f"{keys[j]} and {keys[i]} start {np.hypot(x, y):.2g} m apart in layers {abs(z):.2g} m apart; at "
+                    f"{keys[j]} and {keys[i]} start {np.hypot(x, y):.2g} m apart in layers "
+                    f"{abs(z):.2g} m apart; at "
                     f"least {LEAST_APART_M:g} m or {LEAST_LAYER_M:g} m are needed"
                 )
     return found
 
 
 def _station_conflict(scenario: Scenario) -> list[str]:
-    """Stations of one layer that meet where the leader turns, of followers without a sensor to give way by."""
+    """Stations of one layer that meet where the leader turns, of followers without a sensor to
+    give way by.
+    """
     near = None if scenario.formation.proximity else closest_stations(scenario)
     if near is None or near.distance_m >= LEAST_APART_M:
         return []
     return [
-        f"{' and '.join(near.pair)}, in one layer, come within {near.distance_m:.2g} m of each other at "
-        f"{near.time_s:g} s of the leader's route; at least {LEAST_APART_M:g} m are needed: give them layers "
+        f"{' and '.join(near.pair)}, in one layer, come within {near.distance_m:.2g} m of each "
+        "other at "
+        f"{near.time_s:g} s of the leader's route; at least {LEAST_APART_M:g} m are needed: give "
+        "them layers "
         f"{LEAST_LAYER_M:g} m apart, other places, or formation.proximity to give way by"
     ]
 
@@ -217,10 +267,15 @@ def _transmitters_off_axis(scenario: Scenario) -> list[str]:
     places = {name: np.array(spec.site(name).pos) for name in ("tx_rear", "tx_front", "tx_middle")}
     for name, (axis, value) in transmitter_places(scenario.leader).items():
         places[name][axis] = value
-    if on_axis(np.array([place - (0.0, 0.0, spec.site("depth_sensor").pos[2]) for place in places.values()])):
+    if on_axis(
+        np.array(
+            [place - (0.0, 0.0, spec.site("depth_sensor").pos[2]) for place in places.values()]
+        )
+    ):
         return []
     return [
-        "leader.model: where followers are on stations or steer by their estimates, tx_rear and tx_front must be at "
+        "leader.model: where followers are on stations or steer by their estimates, tx_rear and "
+        "tx_front must be at "
         "(−L/2, 0, 0) and (L/2, 0, 0), tx_middle at (0, H, 0) and depth_sensor at height 0"
     ]
 
@@ -234,35 +289,51 @@ def _wide_turns(scenario: Scenario, vehicle: Vehicle) -> list[str]:
         return []
     rate, least = steady_turn(plant, 0, designs[0], START_SPEED)
     return [
-        f"it turns at {np.rad2deg(rate):.2g}°/s at most at {START_SPEED:g} m/s, in circles of {least:.3g} m; routes "
-        f"are planned with {np.rad2deg(TURN_RATE):g}°/s: it cuts their corners, or leaves legs that are too short"
+        f"it turns at {np.rad2deg(rate):.2g}°/s at most at {START_SPEED:g} m/s, in circles of "
+        f"{least:.3g} m; routes "
+        f"are planned with {np.rad2deg(TURN_RATE):g}°/s: it cuts their corners, or leaves legs "
+        "that are too short"
     ]
 
 
 def cautions(scenario: Scenario) -> list[str]:
-    """What a flyable scenario has that its navigators or followers cannot cope with, a line each."""
+    """What a flyable scenario has that its navigators or followers cannot cope with, a line
+    each.
+    """
     found = []
     variant = scenario.navigation.variant
     spec = find(variant)
     settings = scenario.navigation.settings()
     stations = any(follower.station for follower in scenario.followers)
-    if scenario.motion == "physics" and scenario.ocean.moves and "current" not in settings.estimated:
+    if (
+        scenario.motion == "physics"
+        and scenario.ocean.moves
+        and "current" not in settings.estimated
+    ):
         able = spec.near_bound
         what = "navigation.assume.current = false" if able else f"navigator {variant!r}"
         found.append(f"there is a current; {what} assumes still water")
     if stations and not spec.near_bound:
         better = ", ".join(repr(name) for name, one in NAVIGATORS.items() if one.near_bound)
-        found.append(f"stations are kept by navigator {variant!r}, with errors of metres; {better} keeps them better")
+        found.append(
+            f"stations are kept by navigator {variant!r}, with errors of metres; {better} keeps "
+            "them better"
+        )
     turning: dict[str, list[str]] = {}
     for key, vehicle in scenario.vehicles():
         for text in _wide_turns(scenario, vehicle):
             turning.setdefault(text, []).append(key)
-    found += [f"{' … '.join(dict.fromkeys((keys[0], keys[-1])))}.model: {text}" for text, keys in turning.items()]
+    found += [
+        f"{' … '.join(dict.fromkeys((keys[0], keys[-1])))}.model: {text}"
+        for text, keys in turning.items()
+    ]
     return found
 
 
 def infeasibilities(scenario: Scenario) -> list[str]:
-    """Everything that keeps a scenario from being flown, filmed and logged, beyond `Scenario.inconsistencies`."""
+    """Everything that keeps a scenario from being flown, filmed and logged, beyond
+    `Scenario.inconsistencies`.
+    """
     shapes: list[str] = []
     found = [
         *_errors_of(partial(Clock, scenario.epoch), "epoch"),
@@ -273,10 +344,17 @@ def infeasibilities(scenario: Scenario) -> list[str]:
         *_cost(scenario),
     ]
     for follower in scenario.followers:
-        found += _errors_of(partial(find_controller, follower.controller), "") if follower.controller else []
+        found += (
+            _errors_of(partial(find_controller, follower.controller), "")
+            if follower.controller
+            else []
+        )
     for (key, vehicle), name in zip(scenario.vehicles(), vehicle_names(scenario), strict=True):
         role = "follower" if isinstance(vehicle, Follower) else "leader"
-        shapes += [f"{key}.model: {line}" for line in (hull_errors(vehicle.model, role) if vehicle.model else ())]
+        shapes += [
+            f"{key}.model: {line}"
+            for line in (hull_errors(vehicle.model, role) if vehicle.model else ())
+        ]
         if not (isinstance(vehicle, Follower) and vehicle.station):
             where = f"{key}.{'waypoints' if vehicle.waypoints else 'route'}"
             # a saw-tooth that leaves the water is an error of its own

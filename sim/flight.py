@@ -21,8 +21,9 @@ from sim.sensing.sensors import errors_of
 from sim.trajectory import Trajectory
 
 SLIP_M_SQRT_S = 0.007
-"""Motion of a physical vehicle that its log does not see, unless the scenario states how much [m/√s]: what the
-hydrophone moves aside of speed and heading in the waves of `following-sea`, over 1 s; in calm water it costs little."""
+"""Motion of a physical vehicle that its log does not see, unless the scenario states how much
+[m/√s]: what the hydrophone moves aside of speed and heading in the waves of `following-sea`, over 1
+s; in calm water it costs little."""
 
 Kind = TypeVar("Kind", bound=Settings)
 
@@ -50,7 +51,8 @@ class Flight:
         for i, estimates in enumerate(self.estimates):
             if not isinstance(estimates, Estimates):
                 raise LaisnError(
-                    f"the navigator of {self.scenario.followers[i].name} returned {type(estimates).__name__} from "
+                    f"the navigator of {self.scenario.followers[i].name} returned "
+                    f"{type(estimates).__name__} from "
                     "`run`; expected laisn.estimates.Estimates"
                 )
 
@@ -69,23 +71,35 @@ class Flight:
         duration = self.trajectory.time[-1]
         navigator = self.scenario.navigation.variant
         outcome = self.outcome.name.lower()
-        return f"<Flight {self.scenario.name!r}: {duration:g} s, followers: {followers}, {navigator}, {outcome}>"
+        return (
+            f"<Flight {self.scenario.name!r}: {duration:g} s, followers: {followers}, "
+            f"{navigator}, {outcome}>"
+        )
 
     def hydrophone(self, follower: int) -> Floats:
-        """True position of a follower's hydrophone, which it estimates, at filter steps, shape (n, 3), [m]."""
+        """True position of a follower's hydrophone, which it estimates, at filter steps, shape
+        (n, 3), [m].
+        """
         name = self.trajectory.names[follower + 1]
         return self.trajectory.site_path(f"{name}/hydrophone", self.step_index())
 
 
 def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: int) -> Settings:
-    """Settings of a follower's navigator: the scenario's and its hydrophone's place; LaisnError if it has none such."""
+    """Settings of a follower's navigator: the scenario's and its hydrophone's place; LaisnError
+    if it has none such.
+    """
     sound = scenario.acoustics
     name = trajectory.names[follower + 1]
     height = scenario.navigation.hydrophone_height_m
     if height is None:
-        hydrophone, sensor = (trajectory.site(f"{name}/{site}") for site in ("hydrophone", "depth_sensor"))
+        hydrophone, sensor = (
+            trajectory.site(f"{name}/{site}") for site in ("hydrophone", "depth_sensor")
+        )
         height = trajectory.site_offset[hydrophone, 2] - trajectory.site_offset[sensor, 2]
-    *placed, sensor = (trajectory.site_offset[trajectory.site(site)] for site in (*TRANSMITTERS, "leader/depth_sensor"))
+    *placed, sensor = (
+        trajectory.site_offset[trajectory.site(site)]
+        for site in (*TRANSMITTERS, "leader/depth_sensor")
+    )
     sites = np.array(placed) - np.array([0.0, 0.0, sensor[2]])
     # the leader's transmitters are those on its hull, unless the scenario has others
     given: dict[str, Any] = {
@@ -102,13 +116,16 @@ def navigation_settings(scenario: Scenario, trajectory: Trajectory, follower: in
     return scenario.navigation.settings(given, sound.sound_speed_m_s + sound.sound_speed_bias_m_s)
 
 
-def settings_as(kind: type[Kind], scenario: Scenario, trajectory: Trajectory, follower: int) -> Kind:
+def settings_as(
+    kind: type[Kind], scenario: Scenario, trajectory: Trajectory, follower: int
+) -> Kind:
     """`navigation_settings` of one kind; LaisnError if the scenario navigates by something else."""
     found = navigation_settings(scenario, trajectory, follower)
     if not isinstance(found, kind):
         expected = ", ".join(name for name, spec in NAVIGATORS.items() if spec.settings is kind)
         raise LaisnError(
-            f"scenario {scenario.name!r} navigates by {scenario.navigation.variant!r}; expected one of {expected}"
+            f"scenario {scenario.name!r} navigates by {scenario.navigation.variant!r}; expected "
+            f"one of {expected}"
         )
     return found
 
@@ -119,9 +136,11 @@ def navigate(
     navigator: NavigatorFactory | None = None,
     outcome: Outcome = Outcome.COMPLETED,
 ) -> Flight:
-    """Sense a trajectory, or the part that was flown, with the scenario's noise, and let every follower navigate on it.
+    """Sense a trajectory, or the part that was flown, with the scenario's noise, and let every
+    follower navigate on it.
 
-    `navigator` makes one navigator for each follower; None: the scenario's own. `outcome` is that of the motion.
+    `navigator` makes one navigator for each follower; None: the scenario's own. `outcome` is that
+    of the motion.
     """
     measurements = []
     estimates = []
@@ -148,7 +167,9 @@ def navigate(
 
 
 def excerpt(flight: Flight, start: float, end: float) -> Flight:
-    """The part of a flight from `start` to `end`, widened to filter steps; ValueError if it leaves the mission."""
+    """The part of a flight from `start` to `end`, widened to filter steps; ValueError if it
+    leaves the mission.
+    """
     truth = flight.trajectory
     dt = flight.measurements[0].dt
     begin = float(truth.time[0])
@@ -156,7 +177,8 @@ def excerpt(flight: Flight, start: float, end: float) -> Flight:
     last = int(np.ceil((end - begin) / dt - 1e-6))
     if not 0 <= first < last <= flight.measurements[0].speed.size:
         raise ValueError(
-            f"an excerpt from {start:g} to {end:g} s of a mission from {begin:g} to {float(truth.time[-1]):g} s"
+            f"an excerpt from {start:g} to {end:g} s of a mission from {begin:g} to "
+            f"{float(truth.time[-1]):g} s"
         )
     return replace(
         flight,

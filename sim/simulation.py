@@ -1,7 +1,9 @@
-"""The simulation loop: controllers, MuJoCo and the water make a Trajectory; or the paper's point motion makes it.
+"""The simulation loop: controllers, MuJoCo and the water make a Trajectory; or the paper's point
+motion makes it.
 
-A controller is a NamedTuple whose `control` is compiled, or any other object with such a method. There is one loop.
-With a NamedTuple it is compiled and chooses the method by its type; with any other object it runs as Python.
+A controller is a NamedTuple whose `control` is compiled, or any other object with such a method.
+There is one loop. With a NamedTuple it is compiled and chooses the method by its type; with any
+other object it runs as Python.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,7 +31,8 @@ from sim.vehicle.plant import FINE, Fault, Plant, PlantError, advance
 from sim.water import Water, water_velocity
 
 TICK = CONTROL_STEP_S  # interval of guidance, autopilot and recording [s]
-NAVIGATION_FAILED = -1  # code of a failed navigator; the number of its follower, from 1, is given with it
+# code of a failed navigator; the number of its follower, from 1, is given with it
+NAVIGATION_FAILED = -1
 _PROGRESS_TICKS = 500
 
 
@@ -49,10 +52,12 @@ class Controller(Protocol):
     """Computes the commands of all vehicles; its class may be of a user's own, in Python."""
 
     def control(self, k: int, truth: Truth) -> int | None:
-        """Write the commands that hold from instant k until k + 1 into the array that it was made with.
+        """Write the commands that hold from instant k until k + 1 into the array that it was made
+        with.
 
-        All instants are controlled in order, the last one as well; later ones of the truth hold no values yet. Returns
-        the number, from 1, of the follower whose navigator failed; 0 or None if none did.
+        All instants are controlled in order, the last one as well; later ones of the truth hold no
+        values yet. Returns the number, from 1, of the follower whose navigator failed; 0 or None if
+        none did.
         """
 
 
@@ -79,7 +84,8 @@ class RouteControl(NamedTuple):
         return 0
 
 
-ControllerFactory = Callable[[Plant, RouteControl], Controller]  # which writes the `command` of that of routes
+# which writes the `command` of that of routes
+ControllerFactory = Callable[[Plant, RouteControl], Controller]
 
 
 @compiled
@@ -95,7 +101,9 @@ def record_state(k: int, state: tuple[Floats, Floats, Floats], water: Water, tru
 
 @compiled
 def steer_along_route(k: int, truth: Truth, i: int, routes: RouteControl) -> None:
-    """Find the command of vehicle i, by its true motion, that holds from the recorded instant k until k + 1."""
+    """Find the command of vehicle i, by its true motion, that holds from the recorded instant k
+    until k + 1.
+    """
     reference = routes.reference[k, i]
     guidance = routes.guidance[i]
     pose = truth.pose[k, i]
@@ -106,7 +114,15 @@ def steer_along_route(k: int, truth: Truth, i: int, routes: RouteControl) -> Non
         begin(reference, motion.heading, motion.surge, current, guidance)
     track_current(current, TICK, guidance)
     steered = steer(reference, (pose[0], pose[1]), TICK, guidance)
-    control(routes.autopilots[i], steered, reference, motion, TICK, routes.autopilot[i], routes.command[i])
+    control(
+        routes.autopilots[i],
+        steered,
+        reference,
+        motion,
+        TICK,
+        routes.autopilot[i],
+        routes.command[i],
+    )
 
 
 @compiled
@@ -117,7 +133,8 @@ def _simulate(
     command: Floats,
     truth: Truth,
 ) -> tuple[int, Fault]:
-    """Step, record and control from the first to the last instant of `span`, with so many physics steps in between.
+    """Step, record and control from the first to the last instant of `span`, with so many physics
+    steps in between.
 
     Gives the last instant that is recorded, and what ended the simulation.
     """
@@ -136,7 +153,9 @@ def _simulate(
 
 
 def _trajectory(plant: Plant, truth: Truth, instants: int) -> Trajectory:
-    """What is recorded of the first instants, which are two or more; the arrays are no longer written to."""
+    """What is recorded of the first instants, which are two or more; the arrays are no longer
+    written to.
+    """
     for array in truth:
         array.flags.writeable = False
     return Trajectory(
@@ -152,7 +171,9 @@ def _trajectory(plant: Plant, truth: Truth, instants: int) -> Trajectory:
 
 
 def standing(plant: Plant) -> Trajectory:
-    """A plant as it stands, as a trajectory of two equal instants: for settings that depend on the hulls."""
+    """A plant as it stands, as a trajectory of two equal instants: for settings that depend on
+    the hulls.
+    """
     truth = Truth.empty(2, *plant.thrust.shape)
     for k in range(2):
         record_state(k, plant.state, plant.ocean.water, truth)
@@ -169,14 +190,15 @@ def simulate(
     until_contact: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
-    """Simulate all vehicles of a plant, from where they are, along a route each for a time [s], a multiple of 0.1 s.
+    """Simulate all vehicles of a plant, from where they are, along a route each for a time [s], a
+    multiple of 0.1 s.
 
-    `depth_control` is of each vehicle, as of `design`; empty: "pitch" for all. `make_controller` makes another
-    controller than that of routes. `until_contact` ends the flight where hulls touch. `progress` is called with the
-    mission time [s], every 50 s of it. Gives the truth every 0.1 s.
+    `depth_control` is of each vehicle, as of `design`; empty: "pitch" for all. `make_controller`
+    makes another controller than that of routes. `until_contact` ends the flight where hulls touch.
+    `progress` is called with the mission time [s], every 50 s of it. Gives the truth every 0.1 s.
 
-    LaisnError if a route cannot be flown; DivergedError if the simulation left finite numbers, PlantError if at its
-    start; ArithmeticError naming the follower whose navigator failed.
+    LaisnError if a route cannot be flown; DivergedError if the simulation left finite numbers,
+    PlantError if at its start; ArithmeticError naming the follower whose navigator failed.
     """
     substeps = round(TICK / plant.dt)
     ticks = round(duration / TICK)
@@ -196,7 +218,9 @@ def simulate(
         handles = plant.step_handles(), plant.state, plant.ocean.water
         k, fault = loop((first, last, substeps), handles, controller, along.command, truth)
         if fault[0] == NAVIGATION_FAILED:
-            raise ArithmeticError(f"the covariance of follower {fault[1]} is not positive definite any more")
+            raise ArithmeticError(
+                f"the covariance of follower {fault[1]} is not positive definite any more"
+            )
         try:
             plant.finish_step(fault)
         except PlantError as error:
@@ -219,8 +243,12 @@ class ContactError(EndedError):
 def simulate_points(
     names: tuple[str, ...], routes: Sequence[Route], duration: float, plant: Plant | None = None
 ) -> Trajectory:
-    """Point motion for a time [s]: level hulls on their courses, with a plant's sites, in still water, no thrust."""
-    time: Floats = np.arange(round(duration / CONTROL_STEP_S) + 1, dtype=np.float64) * CONTROL_STEP_S
+    """Point motion for a time [s]: level hulls on their courses, with a plant's sites, in still
+    water, no thrust.
+    """
+    time: Floats = (
+        np.arange(round(duration / CONTROL_STEP_S) + 1, dtype=np.float64) * CONTROL_STEP_S
+    )
     n = time.size
     v = len(routes)
     pose = np.empty((n, v, 7))
@@ -228,7 +256,9 @@ def simulate_points(
     for i, route in enumerate(routes):
         motion = plan(route).at(time)
         depth, sinking = route.depth.at(time)
-        pose[:, i] = np.column_stack([motion.east, motion.north, -depth, attitude.from_euler(motion.course)])
+        pose[:, i] = np.column_stack(
+            [motion.east, motion.north, -depth, attitude.from_euler(motion.course)]
+        )
         level = motion.speed * np.array([np.sin(motion.course), np.cos(motion.course)])
         twist[:, i, :3] = np.column_stack([*level, -sinking])
         twist[:, i, 5] = -motion.turn_rate
@@ -247,11 +277,17 @@ def simulate_points(
 
 
 def listeners(scenario: Scenario) -> list[str]:
-    """Keys by which the motion of followers depends on their estimates: stations, or steering by them."""
+    """Keys by which the motion of followers depends on their estimates: stations, or steering by
+    them.
+    """
     followers = list(enumerate(scenario.followers))
     kept = [f"followers.{i}.station" for i, follower in followers if follower.station]
     kept += [f"followers.{i}.controller" for i, follower in followers if follower.controller]
-    return kept + [f"followers.{i}.guidance_position = 'estimate'" for i, f in followers if f.guided_by_estimate]
+    return kept + [
+        f"followers.{i}.guidance_position = 'estimate'"
+        for i, f in followers
+        if f.guided_by_estimate
+    ]
 
 
 def simulate_motion(
@@ -259,18 +295,22 @@ def simulate_motion(
     progress: Callable[[float], None] | None = None,
     make_controller: ControllerFactory | None = None,
 ) -> Trajectory:
-    """Simulate a scenario's vehicles: rigid bodies in water, or point motion in still water with the same sites.
+    """Simulate a scenario's vehicles: rigid bodies in water, or point motion in still water with
+    the same sites.
 
-    `progress` is called now and then with the share that is done, 0 … 1. `make_controller` makes another controller
-    than that of routes; that of `sim.closed_loop` is needed if there are `listeners`.
+    `progress` is called now and then with the share that is done, 0 … 1. `make_controller` makes
+    another controller than that of routes; that of `sim.closed_loop` is needed if there are
+    `listeners`.
 
-    LaisnError if a route cannot be flown, the sea is impossible, or that controller is missing; DivergedError if the
-    simulation left finite numbers; ContactError if vehicles touched, which ends the scenario's mission.
+    LaisnError if a route cannot be flown, the sea is impossible, or that controller is missing;
+    DivergedError if the simulation left finite numbers; ContactError if vehicles touched, which
+    ends the scenario's mission.
     """
     keys = listeners(scenario)
     if keys and make_controller is None:
         raise LaisnError(
-            f"scenario {scenario.name!r}: {keys[0]}: its path depends on the noise of the run, so that no campaign can "
+            f"scenario {scenario.name!r}: {keys[0]}: its path depends on the noise of the run, so "
+            "that no campaign can "
             "fly it once for all runs; use `laisn fly --run N`"
         )
     routes = routes_of(scenario)
@@ -285,7 +325,9 @@ def simulate_motion(
             [vehicle.depth_control for vehicle in (scenario.leader, *scenario.followers)],
             make_controller=make_controller,
             until_contact=scenario.contact == "end",
-            progress=None if progress is None else lambda time: progress(time / scenario.duration_s),
+            progress=None
+            if progress is None
+            else lambda time: progress(time / scenario.duration_s),
         )
     met = contacts(trajectory) if scenario.contact == "end" else []
     if not met:

@@ -22,7 +22,9 @@ _M_MMAP_THRESHOLD = -3  # of malloc.h of the GNU C library
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """Yield a path for the block to create a file at, which replaces `path`, whole, when the block has succeeded."""
+    """Yield a path for the block to create a file at, which replaces `path`, whole, when the
+    block has succeeded.
+    """
     part = path.with_name(f".{path.name}.{secrets.token_hex(6)}.part")
     try:
         yield part
@@ -37,7 +39,8 @@ def atomic_write(path: Path) -> Iterator[Path]:
 def locked(folder: Path, *, wait: bool = True) -> Iterator[None]:
     """Lock a folder for the block; the system releases the lock of a process that is killed.
 
-    A file system without locks is used without. With `wait` unset, BlockingIOError: another process holds the lock.
+    A file system without locks is used without. With `wait` unset, BlockingIOError: another process
+    holds the lock.
     """
     handle = os.open(folder, os.O_RDONLY)
     try:
@@ -52,9 +55,11 @@ def locked(folder: Path, *, wait: bool = True) -> Iterator[None]:
 
 
 def read_text(path: Path, max_bytes: int) -> str:
-    """Text of a regular file that a user names, without a byte order mark; a pipe or a device might never end.
+    """Text of a regular file that a user names, without a byte order mark; a pipe or a device might
+    never end.
 
-    LaisnError, with the reason alone, if the file cannot be read, is not regular, is too large or is not UTF-8.
+    LaisnError, with the reason alone, if the file cannot be read, is not regular, is too large or
+    is not UTF-8.
     """
     try:
         size = path.stat().st_size
@@ -73,7 +78,8 @@ def read_text(path: Path, max_bytes: int) -> str:
 
 
 def exit_with_parent(parent: int, *environment: tuple[str, str]) -> None:
-    """Exit this process when its parent, of this number, has ended, even if that was killed; leave Ctrl-C to it.
+    """Exit this process when its parent, of this number, has ended, even if that was killed; leave
+    Ctrl-C to it.
 
     `environment` are names and values of variables that it sets.
     """
@@ -90,12 +96,16 @@ def exit_with_parent(parent: int, *environment: tuple[str, str]) -> None:
 
 @contextmanager
 def _signals_after() -> Iterator[None]:
-    """Signals of the block reach their handlers after it; the hooks of a fork discard what handlers raise."""
+    """Signals of the block reach their handlers after it; the hooks of a fork discard what
+    handlers raise.
+    """
     came = list[int]()
     before = dict[int, Any]()
     if threading.current_thread() is threading.main_thread():
         numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-        before = {number: signal.signal(number, lambda one, _: came.append(one)) for number in numbers}
+        before = {
+            number: signal.signal(number, lambda one, _: came.append(one)) for number in numbers
+        }
     try:
         yield
     finally:
@@ -107,9 +117,14 @@ def _signals_after() -> Iterator[None]:
 
 @contextmanager
 def background_process(first: Callable[[], object] = os.getpid) -> Iterator[ProcessPoolExecutor]:
-    """An executor of one process, which begins with the task `first`; if the block fails, it is killed."""
+    """An executor of one process, which begins with the task `first`; if the block fails, it is
+    killed.
+    """
     executor = ProcessPoolExecutor(
-        1, multiprocessing.get_context("fork"), initializer=exit_with_parent, initargs=(os.getpid(),)
+        1,
+        multiprocessing.get_context("fork"),
+        initializer=exit_with_parent,
+        initargs=(os.getpid(),),
     )
     others = multiprocessing.active_children()
     try:
@@ -126,9 +141,11 @@ def background_process(first: Callable[[], object] = os.getpid) -> Iterator[Proc
 
 
 def return_large_blocks() -> None:
-    """Let the C library return every freed block of 1 MB or more to the system, where it has such a setting.
+    """Let the C library return every freed block of 1 MB or more to the system, where it has such a
+    setting.
 
-    Otherwise glibc keeps freed arrays of up to 32 MB for itself, which raises the peak of a long mission.
+    Otherwise glibc keeps freed arrays of up to 32 MB for itself, which raises the peak of a long
+    mission.
     """
     with suppress(AttributeError):
         ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, 1 << 20)

@@ -1,8 +1,9 @@
-"""How near vehicles came to their routes, to their stations and to one another, and hulls that touch.
+"""How near vehicles came to their routes, to their stations and to one another, and hulls that
+touch.
 
-Vehicles pass through each other in the simulation; contact is detected by geometry. Where the leader turns by 90°,
-stations that are as far ahead of each other as they are aside meet: before a flight, they are followed along the
-leader's plan (`closest_stations`).
+Vehicles pass through each other in the simulation; contact is detected by geometry. Where the
+leader turns by 90°, stations that are as far ahead of each other as they are aside meet: before a
+flight, they are followed along the leader's plan (`closest_stations`).
 """
 
 from collections.abc import Sequence
@@ -22,14 +23,16 @@ from sim.scenario.routes import Route
 from sim.scenario.settings import Scenario
 from sim.trajectory import Trajectory
 
-# half the length of the straight part of a hull [m] …
+# half the length of the straight part of a hull [m]
 LEADER_HALF_M = 1.0
 FOLLOWER_HALF_M = 0.7
-HULL_RADIUS_M = 0.1  # … and its radius [m]
+HULL_RADIUS_M = 0.1  # its radius [m]
 
 
 def cross_track(route: Route, time: Floats, position: Floats) -> Floats:
-    """Distance at times (n,), [s], from places (n, 2), [m], to the leg that is due or a neighbour, the nearest, [m]."""
+    """Distance at times (n,), [s], from places (n, 2), [m], to the leg that is due or a
+    neighbour, the nearest, [m].
+    """
     last = route.time.size - 2
     due = np.clip(np.searchsorted(route.time, time, side="right") - 1, 0, last)
     start = route.waypoint[:-1]
@@ -47,7 +50,9 @@ def cross_track(route: Route, time: Floats, position: Floats) -> Floats:
 
 
 def track_error(route: Route, time: Floats, position: Floats) -> Floats:
-    """Distance to where the point motion along the route is, shape (n,), [m]; arguments as of `cross_track`."""
+    """Distance to where the point motion along the route is, shape (n,), [m]; arguments as of
+    `cross_track`.
+    """
     place = plan(route).at(time)
     return np.hypot(position[:, 0] - place.east, position[:, 1] - place.north)
 
@@ -61,19 +66,22 @@ class Contact(NamedTuple):
 
 def _dot(one: Floats, other: Floats) -> Floats:
     """Dot products of vectors, shape (n, 3), added up in the same order on every machine."""
-    return np.asarray(one[..., 0] * other[..., 0] + one[..., 1] * other[..., 1] + one[..., 2] * other[..., 2])
+    return np.asarray(
+        one[..., 0] * other[..., 0] + one[..., 1] * other[..., 1] + one[..., 2] * other[..., 2]
+    )
 
 
 def hull_gap(between: Floats, one: Floats, other: Floats, halves: tuple[float, float]) -> Floats:
     """Distances of two straight hulls' axes at n instants, shape (n,), [m].
 
-    `between` leads from the middle of the first to that of the second, shape (n, 3), [m]; `one` and `other` are unit
-    vectors along them, shape (n, 3), and `halves` half their lengths [m].
+    `between` leads from the middle of the first to that of the second, shape (n, 3), [m]; `one` and
+    `other` are unit vectors along them, shape (n, 3), and `halves` half their lengths [m].
     """
     along = _dot(one, other)
     ahead = _dot(one, between)
     across = _dot(other, between)
-    # nearest points s and t along the axes, each within its hull (Ericson, Real-Time Collision Detection, 2005)
+    # nearest points s and t along the axes, each within its hull (Ericson, Real-Time Collision
+    # Detection, 2005)
     sine_squared = 1.0 - along * along
     crossed = sine_squared > 1e-9
     s = np.where(crossed, (ahead - along * across) / np.where(crossed, sine_squared, 1.0), 0.0)
@@ -85,7 +93,9 @@ def hull_gap(between: Floats, one: Floats, other: Floats, halves: tuple[float, f
 
 
 def _first_contacts(pose: Floats) -> Ints:
-    """First instant at which the hulls of each pair touch, shape (v, v), below the diagonal; −1 if they never do."""
+    """First instant at which the hulls of each pair touch, shape (v, v), below the diagonal; −1
+    if they never do.
+    """
     position = pose[..., :3]
     count = pose.shape[1]
     axis = np.stack(attitude.forward_of(np.moveaxis(pose[..., 3:], -1, 0)), axis=-1)
@@ -94,7 +104,9 @@ def _first_contacts(pose: Floats) -> Ints:
     for i in range(count):
         for j in range(i):
             between = position[:, i] - position[:, j]
-            near = np.flatnonzero(_dot(between, between) <= (half[i] + half[j] + 2.0 * HULL_RADIUS_M) ** 2)
+            near = np.flatnonzero(
+                _dot(between, between) <= (half[i] + half[j] + 2.0 * HULL_RADIUS_M) ** 2
+            )
             gap = hull_gap(between[near], axis[near, j], axis[near, i], (half[j], half[i]))
             first[i, j] = next(iter(near[gap < 2.0 * HULL_RADIUS_M]), -1)
     return first
@@ -111,7 +123,9 @@ def contacts(trajectory: Trajectory) -> list[Contact]:
 
 
 def first_touch(pose: Floats) -> int | None:
-    """First of n instants at which two hulls touch, by their poses, shape (n, v, 7); None: none do."""
+    """First of n instants at which two hulls touch, by their poses, shape (n, v, 7); None: none
+    do.
+    """
     first = _first_contacts(pose)
     return int(first[first >= 0].min()) if (first >= 0).any() else None
 
@@ -155,19 +169,27 @@ def _stations(
 
 
 def stations_along(
-    leader: Floats, speed: Floats, heading: Floats, stations: Records, formation: Formation, dt: float
+    leader: Floats,
+    speed: Floats,
+    heading: Floats,
+    stations: Records,
+    formation: Formation,
+    dt: float,
 ) -> Records:
     """Where stations are if the leader goes along a way: records of STATION_PLACE, shape (n, f).
 
-    `leader` is its east and north at n instants dt [s] apart, shape (n, 2), [m], with its speed through the water [m/s]
-    and heading [rad], shape (n,). `stations` are records of STATION, shape (f,).
+    `leader` is its east and north at n instants dt [s] apart, shape (n, 2), [m], with its speed
+    through the water [m/s] and heading [rad], shape (n,). `stations` are records of STATION, shape
+    (f,).
     """
     place, through, ahead = (np.ascontiguousarray(values) for values in (leader, speed, heading))
     return _stations(place, through, ahead, stations, formation.record(), dt).view(np.recarray)
 
 
 def stations_of(scenario: Scenario) -> Records:
-    """Stations of all followers, records of STATION, shape (f,); one without has that of the leader itself."""
+    """Stations of all followers, records of STATION, shape (f,); one without has that of the
+    leader itself.
+    """
     stations = records(STATION, len(scenario.followers))
     for i, follower in enumerate(scenario.followers):
         if follower.station:
@@ -176,11 +198,18 @@ def stations_of(scenario: Scenario) -> Records:
 
 
 def true_stations(scenario: Scenario, trajectory: Trajectory) -> Records:
-    """Where each follower's station, else the leader, truly was: records of STATION_PLACE, shape (n, f)."""
+    """Where each follower's station, else the leader, truly was: records of STATION_PLACE, shape
+    (n, f).
+    """
     leader = trajectory.position[:, 0, :2]
     speed = trajectory.forward_speed[:, 0]
     return stations_along(
-        leader, speed, trajectory.heading[:, 0], stations_of(scenario), scenario.formation, trajectory.dt
+        leader,
+        speed,
+        trajectory.heading[:, 0],
+        stations_of(scenario),
+        scenario.formation,
+        trajectory.dt,
     )
 
 
@@ -188,15 +217,21 @@ def true_stations(scenario: Scenario, trajectory: Trajectory) -> Records:
 class StationKeeping:
     """How one follower kept its station, since it joined it."""
 
-    joined_s: float  # when first within 2 m of its station [s]; NaN: never, and the others are of all the time
-    station_rms_m: float  # horizontal distance of its hydrophone from the station, root mean square [m]
+    # when first within 2 m of its station [s]; NaN: never, and the others are of all the time
+    joined_s: float
+    # horizontal distance of its hydrophone from the station, root mean square [m]
+    station_rms_m: float
     station_p95_m: float  # distance from the station that it exceeds for 5 % of the time [m]
     station_max_m: float  # largest distance from the station [m]
     lost: bool  # whether it was ever more than 10 m off its station, or never joined
 
 
-def off_station(scenario: Scenario, trajectory: Trajectory, stations: Records | None = None) -> Floats:
-    """Horizontal distance of hydrophones from stations, by default `true_stations`, shape (n, f), [m]; NaN: none."""
+def off_station(
+    scenario: Scenario, trajectory: Trajectory, stations: Records | None = None
+) -> Floats:
+    """Horizontal distance of hydrophones from stations, by default `true_stations`, shape (n,
+    f), [m]; NaN: none.
+    """
     off = np.full((trajectory.time.size, len(scenario.followers)), np.nan)
     kept = [i for i, follower in enumerate(scenario.followers) if follower.station]
     if not kept:
@@ -205,22 +240,32 @@ def off_station(scenario: Scenario, trajectory: Trajectory, stations: Records | 
     places = true_stations(scenario, trajectory) if stations is None else stations
     for i in kept:
         hydrophone = trajectory.site_path(f"{scenario.followers[i].name}/hydrophone")[:, :2]
-        off[:, i] = np.hypot(hydrophone[:, 0] - places.east[:, i], hydrophone[:, 1] - places.north[:, i])
+        off[:, i] = np.hypot(
+            hydrophone[:, 0] - places.east[:, i], hydrophone[:, 1] - places.north[:, i]
+        )
     return off
 
 
-def track_errors(scenario: Scenario, trajectory: Trajectory, stations: Records | None = None) -> Floats:
-    """Horizontal distance of followers from stations, or from where routes have them, shape (n, f), [m]."""
+def track_errors(
+    scenario: Scenario, trajectory: Trajectory, stations: Records | None = None
+) -> Floats:
+    """Horizontal distance of followers from stations, or from where routes have them, shape (n,
+    f), [m].
+    """
     kept = off_station(scenario, trajectory, stations)
     routes = routes_of(scenario)
     for i, follower in enumerate(scenario.followers):
         if follower.station is None:
-            kept[:, i] = track_error(routes[i + 1], trajectory.time, trajectory.position[:, i + 1, :2])
+            kept[:, i] = track_error(
+                routes[i + 1], trajectory.time, trajectory.position[:, i + 1, :2]
+            )
     return kept
 
 
 def station_keeping(off: Floats, time: Floats) -> StationKeeping:
-    """Figures of one follower; both arguments of shape (n,), distances from its station [m] at times [s]."""
+    """Figures of one follower; both arguments of shape (n,), distances from its station [m] at
+    times [s].
+    """
     near = off < JOINED_M
     joined = int(np.argmax(near)) if near.any() else None
     counted = off[joined or 0 :]
@@ -241,8 +286,12 @@ class Approach(NamedTuple):
     time_s: float
 
 
-def _nearest(names: Sequence[str], time: Floats, places: Floats, pairs: Bools | None = None) -> Approach | None:
-    """The pair that came nearest at places of shape (n, v, 2 or 3), of all or of some, shape (v, v); None: of none."""
+def _nearest(
+    names: Sequence[str], time: Floats, places: Floats, pairs: Bools | None = None
+) -> Approach | None:
+    """The pair that came nearest at places of shape (n, v, 2 or 3), of all or of some, shape (v,
+    v); None: of none.
+    """
     found = None
     for i, j in np.argwhere(np.tri(len(names), k=-1)).tolist():
         if pairs is None or pairs[i, j]:
@@ -259,7 +308,9 @@ def _in_one_layer(depth: Floats) -> Bools:
 
 
 def closest_approaches(trajectory: Trajectory) -> tuple[Approach, Approach]:
-    """The pair that came nearest in space, and the one that came nearest horizontally, whatever their depths."""
+    """The pair that came nearest in space, and the one that came nearest horizontally, whatever
+    their depths.
+    """
     names = trajectory.names
     time = trajectory.time
     position = trajectory.position
@@ -272,23 +323,37 @@ def closest_approaches(trajectory: Trajectory) -> tuple[Approach, Approach]:
 def closest_in_a_layer(scenario: Scenario, trajectory: Trajectory) -> Approach | None:
     """The pair of one layer that came nearest horizontally; None if no layer has two vehicles."""
     depths = np.array([vehicle.layer_m for vehicle in (scenario.leader, *scenario.followers)])
-    return _nearest(trajectory.names, trajectory.time, trajectory.position[..., :2], _in_one_layer(depths))
+    return _nearest(
+        trajectory.names, trajectory.time, trajectory.position[..., :2], _in_one_layer(depths)
+    )
 
 
 _STEP_S = 0.5  # stations are followed in steps of this time; they move by half a metre in it [s]
 
 
 def closest_stations(scenario: Scenario) -> Approach | None:
-    """The stations of one layer, the leader's place included, that come nearest along its plan; None: none do."""
-    kept = [(f"followers[{i}].station", f.station) for i, f in enumerate(scenario.followers) if f.station]
-    places = np.array([(0.0, 0.0, scenario.leader.layer_m), *((s.behind_m, s.port_m, s.depth_m) for _, s in kept)])
+    """The stations of one layer, the leader's place included, that come nearest along its plan;
+    None: none do.
+    """
+    kept = [
+        (f"followers[{i}].station", f.station)
+        for i, f in enumerate(scenario.followers)
+        if f.station
+    ]
+    places = np.array(
+        [(0.0, 0.0, scenario.leader.layer_m), *((s.behind_m, s.port_m, s.depth_m) for _, s in kept)]
+    )
     pairs = _in_one_layer(places[:, 2])
     if np.count_nonzero(pairs) == len(places):
         return None
     time = np.arange(0.0, scenario.duration_s + _STEP_S, _STEP_S)
     leader = plan(route_of(scenario.leader, "leader")).at(time)
-    drift = np.broadcast_to(scenario.ocean.current_at(scenario.leader.layer_m, time), (time.size, 2))
-    through = np.hypot(*(leader.speed * np.array([np.sin(leader.course), np.cos(leader.course)]) - drift.T))
+    drift = np.broadcast_to(
+        scenario.ocean.current_at(scenario.leader.layer_m, time), (time.size, 2)
+    )
+    through = np.hypot(
+        *(leader.speed * np.array([np.sin(leader.course), np.cos(leader.course)]) - drift.T)
+    )
     stations = records(STATION, len(places))
     stations.behind, stations.port, stations.depth = places.T
     way = np.column_stack([leader.east, leader.north])

@@ -15,10 +15,13 @@ from sim import attitude
 
 
 class Truth(NamedTuple):
-    """Motion of v vehicles at n instants as the simulation records it, one instant after the other."""
+    """Motion of v vehicles at n instants as the simulation records it, one instant after the
+    other.
+    """
 
     pose: Floats  # position [m] and quaternion (w, x, y, z), shape (n, v, 7)
-    twist: Floats  # velocity in the world [m/s] and angular velocity in the body [rad/s], shape (n, v, 6)
+    # velocity in the world [m/s] and angular velocity in the body [rad/s], shape (n, v, 6)
+    twist: Floats
     water: Floats  # velocity of the water in the world, shape (n, v, 3), [m/s]
     thrust: Floats  # of the effectors, shape (n, v, m), [N]
 
@@ -29,7 +32,9 @@ class Truth(NamedTuple):
 
 
 def row(array: Any, k: int, vehicle: int) -> Any:
-    """What an array of shape (n, v, c) holds of a vehicle at an instant, in Python as plain numbers."""
+    """What an array of shape (n, v, c) holds of a vehicle at an instant, in Python as plain
+    numbers.
+    """
     return array[k, vehicle].tolist()
 
 
@@ -40,7 +45,9 @@ def _row(array: Any, k: Any, vehicle: Any) -> Any:
 
 @jitable
 def speed_through_water(pose: Any, twist: Any, water: Any) -> Any:
-    """Speed through the water along the hull, as a speed log measures it [m/s]; numbers or arrays."""
+    """Speed through the water along the hull, as a speed log measures it [m/s]; numbers or
+    arrays.
+    """
     east, north, up = attitude.forward_of(pose[3:7])
     return east * (twist[0] - water[0]) + north * (twist[1] - water[1]) + up * (twist[2] - water[2])
 
@@ -51,8 +58,8 @@ def pose_between(
 ) -> tuple[float, float, float, float, float, float, float]:
     """Pose between two instants: position by cubic Hermite, attitude by spherical interpolation.
 
-    `u`, 0 … 1, is how far between them, `dt` the time from one to the other [s]; `pose` and `velocity` of the body's
-    origin [m/s] are those at both.
+    `u`, 0 … 1, is how far between them, `dt` the time from one to the other [s]; `pose` and
+    `velocity` of the body's origin [m/s] are those at both.
     """
     one, other = pose
     here, there = velocity
@@ -83,7 +90,8 @@ def _poses_at(place: Floats, dt: float, pose: Floats, twist: Floats) -> Floats:
     return found
 
 
-_BLOCK = 1 << 16  # instants that are computed at a time, so that intermediate values take little memory
+# instants that are computed at a time, so that intermediate values take little memory
+_BLOCK = 1 << 16
 OF_VEHICLES = ("pose", "twist", "water_velocity", "thrust")  # arrays of shape (n, v, …)
 
 
@@ -96,12 +104,21 @@ class Trajectory(ArrayRecord):
 
     names: tuple[str, ...]  # vehicle names, the leader first, shape (v,)
     time: Floats  # time of each instant, shape (n,), uniform, [s]
-    pose: Floats  # body origins in the world [m], and quaternions from body to world (w, x, y, z), shape (n, v, 7)
-    twist: Floats  # velocities in the world [m/s] and angular velocities in the body frame [rad/s], shape (n, v, 6)
-    water_velocity: Floats  # velocity of the water at the body origins in the world, shape (n, v, 3), [m/s]
-    thrust: Floats  # state of the effectors, shape (n, v, m): thrust [N], of a propeller [1/s], of a fin [rad]; else 0
-    effector_names: tuple[tuple[str, ...], ...] = ()  # of each vehicle's effectors; empty for point motion
-    effector_force: Floats  # of a unit of thrust in the body frame, shape (v, m, 3), [-]; 0 for other states
+    # body origins in the world [m], and quaternions from body to world (w, x, y, z), shape (n, v,
+    # 7)
+    pose: Floats
+    # velocities in the world [m/s] and angular velocities in the body frame [rad/s], shape (n, v,
+    # 6)
+    twist: Floats
+    # velocity of the water at the body origins in the world, shape (n, v, 3), [m/s]
+    water_velocity: Floats
+    # state of the effectors, shape (n, v, m): thrust [N], of a propeller [1/s], of a fin [rad];
+    # else 0
+    thrust: Floats
+    # of each vehicle's effectors; empty for point motion
+    effector_names: tuple[tuple[str, ...], ...] = ()
+    # of a unit of thrust in the body frame, shape (v, m, 3), [-]; 0 for other states
+    effector_force: Floats
     site_names: tuple[str, ...]  # sites as "vehicle/site", shape (s,)
     site_vehicle: Ints  # index of the vehicle that carries the site, shape (s,)
     site_offset: Floats  # position of the site in its vehicle's body frame, shape (s, 3), [m]
@@ -111,13 +128,22 @@ class Trajectory(ArrayRecord):
         v = len(self.names)
         s = len(self.site_names)
         m = self.thrust.shape[2]
-        expected = {name: (n, v, size) for name, size in zip(OF_VEHICLES, (7, 6, 3, m), strict=True)}
-        others = {"time": (n,), "effector_force": (v, m, 3), "site_vehicle": (s,), "site_offset": (s, 3)}
+        expected = {
+            name: (n, v, size) for name, size in zip(OF_VEHICLES, (7, 6, 3, m), strict=True)
+        }
+        others = {
+            "time": (n,),
+            "effector_force": (v, m, 3),
+            "site_vehicle": (s,),
+            "site_offset": (s, 3),
+        }
         require_shapes(self, expected | others)
         own_arrays(self)
         steps = np.diff(self.time)
         if n < 2 or steps.min() <= 0 or np.ptp(steps) > 1e-9:
-            raise ValueError("Trajectory.time must be a uniform grid of at least two increasing instants")
+            raise ValueError(
+                "Trajectory.time must be a uniform grid of at least two increasing instants"
+            )
 
     @property
     def dt(self) -> float:
@@ -125,7 +151,9 @@ class Trajectory(ArrayRecord):
         return float((self.time[-1] - self.time[0]) / (self.time.size - 1))
 
     def site(self, name: str) -> int:
-        """Index of a site "vehicle/site"; ValueError listing the sites if there is none of that name."""
+        """Index of a site "vehicle/site"; ValueError listing the sites if there is none of that
+        name.
+        """
         if name not in self.site_names:
             raise ValueError(f"unknown site {name!r}; available: {', '.join(self.site_names)}")
         return self.site_names.index(name)
@@ -172,7 +200,9 @@ class Trajectory(ArrayRecord):
 
     @cached_property
     def forward_speed(self) -> Floats:
-        """Speed through the water along the hull, as a speed log measures it, shape (n, v), [m/s]."""
+        """Speed through the water along the hull, as a speed log measures it, shape (n, v),
+        [m/s].
+        """
         speed = np.empty(self.position.shape[:2])
         for first in range(0, len(speed), _BLOCK):
             some = slice(first, first + _BLOCK)
@@ -186,7 +216,9 @@ class Trajectory(ArrayRecord):
         return np.stack([self.site_path(name) for name in self.site_names], axis=1)
 
     def site_path(self, name: str, index: Ints | None = None) -> Floats:
-        """One site in the world at instants by their index, shape (m,), or at all of them: shape (m, 3), [m]."""
+        """One site in the world at instants by their index, shape (m,), or at all of them: shape
+        (m, 3), [m].
+        """
         s = self.site(name)
         v = self.site_vehicle[s]
         path = np.empty((self.time.size if index is None else len(index), 3))
@@ -202,7 +234,8 @@ class Trajectory(ArrayRecord):
         return replace(self, **parts)
 
     def at(self, time: npt.ArrayLike) -> tuple[Floats, Floats]:
-        """Positions, shape (m, v, 3), [m], and quaternions, shape (m, v, 4), between grid points (`pose_between`).
+        """Positions, shape (m, v, 3), [m], and quaternions, shape (m, v, 4), between grid points
+        (`pose_between`).
 
         `time` has shape (m,), [s]; ValueError if an instant lies outside the grid.
         """
@@ -210,7 +243,9 @@ class Trajectory(ArrayRecord):
         start = self.time[0]
         end = self.time[-1]
         if instants.size and (instants.min() < start - 1e-9 or instants.max() > end + 1e-9):
-            raise ValueError(f"time {instants.min():g} … {instants.max():g} s lies outside {start:g} … {end:g} s")
+            raise ValueError(
+                f"time {instants.min():g} … {instants.max():g} s lies outside {start:g} … {end:g} s"
+            )
         place = np.clip((instants - start) / self.dt, 0.0, self.time.size - 1)
         found = _poses_at(place, self.dt, self.pose, self.twist)
         return found[..., :3], found[..., 3:]
@@ -236,7 +271,9 @@ class Trajectory(ArrayRecord):
 
 
 def tilted(trajectory: Trajectory, pitch: npt.ArrayLike, roll: npt.ArrayLike = 0.0) -> Trajectory:
-    """The trajectory with the leader's pitch, nose up, and roll, starboard down, replaced: one or shape (n,), [rad]."""
+    """The trajectory with the leader's pitch, nose up, and roll, starboard down, replaced: one
+    or shape (n,), [rad].
+    """
     pose = trajectory.pose.copy()
     pose[:, 0, 3:] = attitude.from_euler(trajectory.heading[:, 0], pitch, roll)
     return replace(trajectory, pose=pose)

@@ -1,11 +1,14 @@
-"""The water: a current that shears with depth and changes in time, and linear (Airy) waves that ride on it.
+"""The water: a current that shears with depth and changes in time, and linear (Airy) waves that
+ride on it.
 
-Velocity of the water at depth −z and time t: u = U(z) + V(t) + Σ waves, U(z) = (speed + shear z) along one compass
-direction, V(t) linear between points in time. A wave's phase moves with the surface current: at a fixed place it is
-k·(x − ∫V dt) − (ω + k·U(0)) t + φ (Phillips, The Dynamics of the Upper Ocean, 2nd ed. 1977, section 2.6). Above the
-still surface the waves' velocity stays what it is at z = 0.
+Velocity of the water at depth −z and time t: u = U(z) + V(t) + Σ waves, U(z) = (speed + shear z)
+along one compass direction, V(t) linear between points in time. A wave's phase moves with the
+surface current: at a fixed place it is k·(x − ∫V dt) − (ω + k·U(0)) t + φ (Phillips, The Dynamics
+of the Upper Ocean, 2nd ed. 1977, section 2.6). Above the still surface the waves' velocity stays
+what it is at z = 0.
 
-Waves: Faltinsen, Sea Loads on Ships and Offshore Structures, 1990 (Airy); DNV-RP-C205, 2010, Section 3.5.5 (JONSWAP).
+Waves: Faltinsen, Sea Loads on Ships and Offshore Structures, 1990 (Airy); DNV-RP-C205, 2010,
+Section 3.5.5 (JONSWAP).
 """
 
 from dataclasses import dataclass, field
@@ -21,7 +24,8 @@ from laisn.elementary import exp, sin_cos
 from laisn.failure import LaisnError
 from sim.attitude import Matrix, Vector
 
-GRAVITY = 9.81  # gravity, which pulls on the surface here as it pulls on bodies in models/ocean.xml [m/s²]
+# gravity, which pulls on the surface here as it pulls on bodies in models/ocean.xml [m/s²]
+GRAVITY = 9.81
 FLOOR_DEPTH_M = 40.0  # depth of the floor of a sea unless it is given [m]
 
 
@@ -39,7 +43,9 @@ def wavenumber(omega: npt.ArrayLike, depth_m: float) -> Floats:
 
 @dataclass(frozen=True, kw_only=True)
 class Waves:
-    """Components η = Σ a cos(k·x − ω t + φ), ω being what someone drifting with the current sees."""
+    """Components η = Σ a cos(k·x − ω t + φ), ω being what someone drifting with the current
+    sees.
+    """
 
     amplitude_m: Floats  # amplitudes a, shape (n,)
     wavenumber_1_m: Floats  # wave numbers east and north, towards where the wave runs, shape (n, 2)
@@ -53,10 +59,19 @@ class Waves:
     def none(cls) -> Self:
         """A flat sea."""
         empty = np.zeros(0)
-        return cls(amplitude_m=empty, wavenumber_1_m=np.zeros((0, 2)), omega_rad_s=empty, phase_rad=empty)
+        return cls(
+            amplitude_m=empty, wavenumber_1_m=np.zeros((0, 2)), omega_rad_s=empty, phase_rad=empty
+        )
 
     @classmethod
-    def _of(cls, amplitude: Floats, omega: Floats, direction: Floats, phase: Floats, floor_depth_m: float) -> Self:
+    def _of(
+        cls,
+        amplitude: Floats,
+        omega: Floats,
+        direction: Floats,
+        phase: Floats,
+        floor_depth_m: float,
+    ) -> Self:
         towards = np.stack([np.sin(direction), np.cos(direction)], axis=1)
         k = wavenumber(omega, floor_depth_m)[:, None] * towards
         return cls(amplitude_m=amplitude, wavenumber_1_m=k, omega_rad_s=omega, phase_rad=phase)
@@ -71,11 +86,15 @@ class Waves:
         phase_rad: float = 0.0,
         floor_depth_m: float = FLOOR_DEPTH_M,
     ) -> Self:
-        """One component; height crest to trough, running towards a compass direction; LaisnError if it would break."""
+        """One component; height crest to trough, running towards a compass direction; LaisnError
+        if it would break.
+        """
         omega = np.array([2 * np.pi / period_s])
         direction = np.array([direction_rad])
         _require_unbroken("height_m", height_m, omega[0], floor_depth_m)
-        return cls._of(np.array([height_m / 2]), omega, direction, np.array([float(phase_rad)]), floor_depth_m)
+        return cls._of(
+            np.array([height_m / 2]), omega, direction, np.array([float(phase_rad)]), floor_depth_m
+        )
 
     @classmethod
     def jonswap(
@@ -90,11 +109,12 @@ class Waves:
         peakedness: float = 3.3,
         n_components: int = 100,
     ) -> Self:
-        """An irregular sea: JONSWAP spectrum, phases and places within the frequency bins drawn from `rng`.
+        """An irregular sea: JONSWAP spectrum, phases and places within the frequency bins drawn
+        from `rng`.
 
-        Each component has the energy of its bin, so that 4 √(Σ a²/2) is the significant height exactly. `spread_rad` is
-        the standard deviation of directions. LaisnError if a regular wave of the peak's length and this height would
-        break.
+        Each component has the energy of its bin, so that 4 √(Σ a²/2) is the significant height
+        exactly. `spread_rad` is the standard deviation of directions. LaisnError if a regular wave
+        of the peak's length and this height would break.
         """
         peak = 2 * np.pi / peak_period_s
         _require_unbroken("significant_height_m", significant_height_m, peak, floor_depth_m)
@@ -108,7 +128,9 @@ class Waves:
 
 @cache
 def _jonswap_bins(peakedness: float, n: int) -> tuple[Floats, Floats]:
-    """Edges of n bins in multiples of the peak's frequency, (n + 1,), and shares of energy, (n,), at most 2/n each."""
+    """Edges of n bins in multiples of the peak's frequency, (n + 1,), and shares of energy,
+    (n,), at most 2/n each.
+    """
     # 99 % of the energy of the spectrum lies between these frequencies
     grid = np.linspace(0.6, 3.0, 24_001)
     bell = np.exp(-((grid - 1) ** 2) / (2 * np.where(grid <= 1, 0.07, 0.09) ** 2))
@@ -125,31 +147,42 @@ def _require_unbroken(name: str, height_m: float, omega: float, floor_depth_m: f
     k = float(wavenumber(omega, floor_depth_m))
     highest = 0.142 * np.tanh(k * floor_depth_m) * 2 * np.pi / k
     if not 0 <= height_m <= highest:
-        raise LaisnError(f"{name}={height_m} must lie between 0 and {highest:.3g} m, where waves of this length break")
+        raise LaisnError(
+            f"{name}={height_m} must lie between 0 and {highest:.3g} m, where waves of this length "
+            "break"
+        )
 
 
 Current = tuple[Two, Two, Two]
-"""The steady part at the surface [m/s], its change with z [1/s], east and north; depth of floor, bound of waves [m]."""
+"""The steady part at the surface [m/s], its change with z [1/s], east and north; depth of floor,
+bound of waves [m].
+"""
 Water = tuple[Current, Floats, Floats]
-"""An ocean as compiled functions take it (a plain tuple: numba takes four times as long to open a named one).
+"""An ocean as compiled functions take it (a plain tuple: numba takes four times as long to open a
+named one).
 
-waves: one column for each component, shape (11, n), rows as named below.
-change: points between which the current changes linearly, shape (m, 7), columns as named below; m = 0: it is steady.
+waves: one column for each component, shape (11, n), rows as named below. change: points between
+which the current changes linearly, shape (m, 7), columns as named below; m = 0: it is steady.
 """
 Instant = tuple[float, Current, tuple[float, float, float, float, float, float]]
-"""Time [s], the current, and its change at this time as of `change_at`: numbers, as references to arrays cost time."""
+"""Time [s], the current, and its change at this time as of `change_at`: numbers, as references
+to arrays cost time.
+"""
 
 AMPLITUDE, KX, KY, OMEGA, FIXED_OMEGA, PHASE = range(6)
-"""Rows of the waves: amplitude [m]; wave number east and north [1/m]; ω and ω at a fixed place [rad/s]; phase [rad]."""
+"""Rows of the waves: amplitude [m]; wave number east and north [1/m]; ω and ω at a fixed place
+[rad/s]; phase [rad].
+"""
 K, EAST, NORTH, ORBITAL, MIRROR = range(6, 11)
-"""What follows from these and the depth h: k [1/m]; where the wave runs to, a unit vector; the velocity scale
-a ω / (1 − exp(−2kh)) [m/s]; exp(−2kh), the share of the wave's mirror image in the floor."""
+"""What follows from these and the depth h: k [1/m]; where the wave runs to, a unit vector; the
+velocity scale a ω / (1 − exp(−2kh)) [m/s]; exp(−2kh), the share of the wave's mirror image in the
+floor."""
 START = 0
 SET = slice(1, 3)
 ACCELERATION = slice(3, 5)
 RUN = slice(5, 7)
-"""Columns of a changing current: time [s]; velocity then [m/s], its rate of change from then on [m/s²] and the way of
-the water since the first point [m], each east and north."""
+"""Columns of a changing current: time [s]; velocity then [m/s], its rate of change from then on
+[m/s²] and the way of the water since the first point [m], each east and north."""
 _LEAST_EXPONENT = -700.0  # keeps exp(kz) above zero
 
 
@@ -161,8 +194,8 @@ class Ocean:
     current_direction_rad: float = 0.0  # compass direction that the current runs towards
     current_shear_1_s: float = 0.0  # loss of speed per metre of depth
     current_change: Floats = field(default_factory=lambda: np.zeros((0, 3)))
-    """Velocity V that is added at all depths: time [s], east and north [m/s], shape (m, 3), times increasing from 0;
-    linear between the points, constant after the last."""
+    """Velocity V that is added at all depths: time [s], east and north [m/s], shape (m, 3), times
+    increasing from 0; linear between the points, constant after the last."""
     density_kg_m3: float = 1026.0
     floor_depth_m: float = FLOOR_DEPTH_M
     waves: Waves = field(default_factory=Waves.none)  # made for the same depth
@@ -193,10 +226,16 @@ class Ocean:
         change[:, SET] = velocity
         change[:-1, ACCELERATION] = np.diff(velocity, axis=0) / dt
         change[1:, RUN] = np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * dt, axis=0)
-        return (surface, shear, bounds), np.ascontiguousarray(np.column_stack([*given, *derived]).T), change
+        return (
+            (surface, shear, bounds),
+            np.ascontiguousarray(np.column_stack([*given, *derived]).T),
+            change,
+        )
 
     def velocity(self, position: Floats, time: float) -> Floats:
-        """Velocity of the water in the world at points of shape (n, 3), [m]; the answer likewise, [m/s]."""
+        """Velocity of the water in the world at points of shape (n, 3), [m]; the answer
+        likewise, [m/s].
+        """
         out = np.empty(position.shape)
         water_velocity(position, time, self.water, out)
         return out
@@ -204,7 +243,9 @@ class Ocean:
 
 @compiled
 def change_at(time: float, change: Floats) -> tuple[float, float, float, float, float, float]:
-    """Velocity [m/s] of the changing part of the current, its rate [m/s²], way since the first point [m], in pairs."""
+    """Velocity [m/s] of the changing part of the current, its rate [m/s²], way since the first
+    point [m], in pairs.
+    """
     m = change.shape[0]
     if m == 0:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -242,7 +283,9 @@ def elevation_at(x: float, y: float, now: Instant, waves: Floats) -> float:
 
 @compiled
 def _orbits(waves: Floats, x: float, y: float, below: float, time: float) -> Floats:
-    """Level velocity of each component times cosine and sine of its phase, upward velocity likewise, shape (4, n)."""
+    """Level velocity of each component times cosine and sine of its phase, upward velocity
+    likewise, shape (4, n).
+    """
     out = np.empty((4, waves.shape[1]))
     for i in range(waves.shape[1]):
         phase = waves[KX, i] * x + waves[KY, i] * y - waves[FIXED_OMEGA, i] * time + waves[PHASE, i]
@@ -263,11 +306,12 @@ def _orbits(waves: Floats, x: float, y: float, below: float, time: float) -> Flo
 def flow(
     position: Vector, velocity: Vector, axis: Vector, now: Instant, waves: Floats
 ) -> tuple[Vector, Vector, Matrix, Vector, Vector]:
-    """The water at a point that moves with `velocity`, all in the world; `axis` is the unit vector of a hull.
+    """The water at a point that moves with `velocity`, all in the world; `axis` is the unit vector
+    of a hull.
 
-    Gives the velocity u of the water [m/s]; its rate of change along the point's path [m/s²]; its gradient, rows u,
-    columns x [1/s]; the rate, along the path, of the gradient along `axis` [1/s²]; and the gradient along `axis` of the
-    particles' (linear) acceleration [1/s²].
+    Gives the velocity u of the water [m/s]; its rate of change along the point's path [m/s²]; its
+    gradient, rows u, columns x [1/s]; the rate, along the path, of the gradient along `axis`
+    [1/s²]; and the gradient along `axis` of the particles' (linear) acceleration [1/s²].
     """
     _, (surface, (sx, sy), _), (vx, vy, ax, ay, run_x, run_y) = now
     if waves.shape[1] > 0:
@@ -306,7 +350,8 @@ def _flow_in_waves(
     bx = by = bz = 0.0
     cx = cy = cz = 0.0
     below = max(min(z, 0.0), -depth)
-    # where waves do not change with height any more, neither does climbing count, nor what of an axis points up
+    # where waves do not change with height any more, neither does climbing count, nor what of an
+    # axis points up
     varies = 1.0 if z == below else 0.0
     vz = varies * vz
     az = varies * az
@@ -342,8 +387,9 @@ def _flow_in_waves(
         gyz += gz * ey
         gzz -= gh
 
-        # along the axis, the gradient is k (−c sin θ·along + s cos θ·az) horizontally and k (s cos θ·along +
-        # c sin θ·az) vertically; −p and −q are their derivatives with θ, −k q and k p those with z
+        # along the axis, the gradient is k (−c sin θ·along + s cos θ·az) horizontally and k (s cos
+        # θ·along + c sin θ·az) vertically; −p and −q are their derivatives with θ, −k q and k p
+        # those with z
         p = k * (c_cos * along + s_sin * az)
         q = k * (s_sin * along - c_cos * az)
         bh = -p * rate - q * rise
@@ -353,7 +399,11 @@ def _flow_in_waves(
         cx += omega * p * ex
         cy += omega * p * ey
         cz += omega * q
-    gradient = (gxx, gxy, varies * gxz + sx), (gxy, gyy, varies * gyz + sy), (gxz, gyz, varies * gzz)
+    gradient = (
+        (gxx, gxy, varies * gxz + sx),
+        (gxy, gyy, varies * gyz + sy),
+        (gxz, gyz, varies * gzz),
+    )
     return (ux, uy, uz), (dx, dy, dz), gradient, (bx, by, bz), (cx, cy, cz)
 
 
@@ -363,4 +413,6 @@ def water_velocity(position: Floats, time: float, water: Water, out: Floats) -> 
     now, waves = instant_of(time, water)
     for i in range(position.shape[0]):
         place = position[i, 0], position[i, 1], position[i, 2]
-        out[i, 0], out[i, 1], out[i, 2] = flow(place, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), now, waves)[0]
+        out[i, 0], out[i, 1], out[i, 2] = flow(place, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), now, waves)[
+            0
+        ]

@@ -1,4 +1,6 @@
-"""Extreme scenarios: keys of the schema with values at their bounds, beyond them, or of other kinds."""
+"""Extreme scenarios: keys of the schema with values at their bounds, beyond them, or of other
+kinds.
+"""
 
 from random import Random
 from typing import Any
@@ -7,13 +9,47 @@ from sim.scenario.settings import Scenario
 
 SCHEMA = Scenario.model_json_schema()
 FOREIGN: tuple[Any, ...] = (
-    float("nan"), float("inf"), -float("inf"), 1e308, -1e308, 5e-324, 1e-300, 1e-7, -0.0, 0, -1, 2**63, -(2**63),
-    10**400, True, "", "x", "T2", "[/red]", "\x1b[2J", "a\x00b", "\u202e水😀", "x" * 10_000, [], [[]],
-    [[0, 0, 0]], [[0, 0, 0], [0, 0, 0]], [1, 2, 3], [["a"]], {}, {"a": {"b": 1}}, [{}], "2026-01-01",
-    "9999-12-31T23:59:59+14:00", "0001-01-01T00:00:00-14:00",
-)  # fmt: skip
+    float("nan"),
+    float("inf"),
+    -float("inf"),
+    1e308,
+    -1e308,
+    5e-324,
+    1e-300,
+    1e-7,
+    -0.0,
+    0,
+    -1,
+    2**63,
+    -(2**63),
+    10**400,
+    True,
+    "",
+    "x",
+    "T2",
+    "[/red]",
+    "\x1b[2J",
+    "a\x00b",
+    "\u202e水😀",
+    "x" * 10_000,
+    [],
+    [[]],
+    [[0, 0, 0]],
+    [[0, 0, 0], [0, 0, 0]],
+    [1, 2, 3],
+    [["a"]],
+    {},
+    {"a": {"b": 1}},
+    [{}],
+    "2026-01-01",
+    "9999-12-31T23:59:59+14:00",
+    "0001-01-01T00:00:00-14:00",
+)
 
-TEXTS = {"epoch": ("2030-06-01T12:00:00+02:00", "1970-01-01T00:00:00+00:00"), "camera": ("chase", "top", "drone")}
+TEXTS = {
+    "epoch": ("2030-06-01T12:00:00+02:00", "1970-01-01T00:00:00+00:00"),
+    "camera": ("chase", "top", "drone"),
+}
 
 
 def _resolved(schema: dict[str, Any]) -> dict[str, Any]:
@@ -67,7 +103,9 @@ def _value(rng: Random, key: str, schema: dict[str, Any], wild: float) -> Any:
         case "array" if "prefixItems" in schema:
             return [_value(rng, "", item, wild) for item in schema["prefixItems"]]
         case "array":
-            return [_value(rng, "", schema["items"], wild) for _ in range(rng.choice((1, 1, 1, 2, 3)))]
+            return [
+                _value(rng, "", schema["items"], wild) for _ in range(rng.choice((1, 1, 1, 2, 3)))
+            ]
     return rng.choice(TEXTS.get(key, ("mine", "a.b")))
 
 

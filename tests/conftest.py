@@ -12,19 +12,28 @@ from hypothesis import HealthCheck, Phase, settings
 from laisn import plugins
 from laisn.plugins import VARIABLE, plugin_files
 
-# Compiling on first use takes longer than any deadline. Every run tries the same examples, so that a test that passes
-# today passes tomorrow; `make fuzz` looks for others, and what it finds becomes an explicit example.
+# Compiling on first use takes longer than any deadline. Every run tries the same examples, so that
+# a test that passes today passes tomorrow; `make fuzz` looks for others, and what it finds becomes
+# an explicit example.
 settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.register_profile(
-    "fuzz", deadline=None, max_examples=2000, print_blob=True, suppress_health_check=[HealthCheck.too_slow]
+    "fuzz",
+    deadline=None,
+    max_examples=2000,
+    print_blob=True,
+    suppress_health_check=[HealthCheck.too_slow],
 )
-settings.register_profile("mutants", deadline=None, derandomize=True, phases=[Phase.explicit, Phase.generate])
+settings.register_profile(
+    "mutants", deadline=None, derandomize=True, phases=[Phase.explicit, Phase.generate]
+)
 settings.load_profile("repeatable")
 
-# Modules that are loaded are no garbage; to search them for some takes a tenth of the time in which they are loaded.
+# Modules that are loaded are no garbage; to search them for some takes a tenth of the time in which
+# they are loaded.
 gc.disable()
 
-# A shell that starts something in the background has it ignore Ctrl-C, and so would all that it starts; tests press it.
+# A shell that starts something in the background has it ignore Ctrl-C, and so would all that it
+# starts; tests press it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -49,12 +58,18 @@ from laisn.messages import LeaderMessage, Measurements
 from laisn.tight.navigator import TightNavigator
 from laisn.settings import TightSettings
 measurements = Measurements(
-    dt=0.1, speed=np.ones(5), heading=np.zeros(5), depth=np.full(5, 8.0), message_step=np.array([5]),
-    message=np.array([LeaderMessage(0.5, 20.0, 0.0, 0.0, 1.0, 4.0)]), ranges=np.array([[21.0, 20.0, 20.5]]),
+    dt=0.1,
+    speed=np.ones(5),
+    heading=np.zeros(5),
+    depth=np.full(5, 8.0),
+    message_step=np.array([5]),
+    message=np.array([LeaderMessage(0.5, 20.0, 0.0, 0.0, 1.0, 4.0)]),
+    ranges=np.array([[21.0, 20.0, 20.5]]),
 )
 start = np.array([0.0, 0.0, 0.0, 1.0])
 TightNavigator(TightSettings(), start).run(measurements)
-BeaconNavigator(BeaconSettings(), start).run(replace(measurements, transmitters=np.full((1, 3, 3), [20.0, 0.0, 4.0])))
+beacons = np.full((1, 3, 3), [20.0, 0.0, 4.0])
+BeaconNavigator(BeaconSettings(), start).run(replace(measurements, transmitters=beacons))
 """
 """Each compiles what the others do not, the last one the most."""
 
@@ -69,7 +84,10 @@ def pytest_configure(config: pytest.Config) -> None:
     done = FOLDER and FOLDER / "compiled-for-tests"
     if done is None or done.exists():
         return
-    children = [subprocess.Popen([sys.executable, "-c", program]) for program in (NAVIGATORS, FLIGHT, CAMPAIGN)]
+    children = [
+        subprocess.Popen([sys.executable, "-c", program])
+        for program in (NAVIGATORS, FLIGHT, CAMPAIGN)
+    ]
     if not [child.returncode for child in children if child.wait()]:
         done.touch()
 
@@ -83,8 +101,8 @@ def pytest_collection_finish() -> None:
 def pytest_unconfigure() -> None:
     """Take what is left out of pytest's last search for garbage.
 
-    Its five rounds through all modules take a worker seconds on a busy machine, and xdist interrupts one that is not
-    done in five.
+    Its five rounds through all modules take a worker seconds on a busy machine, and xdist
+    interrupts one that is not done in five.
     """
     gc.freeze()
 

@@ -1,4 +1,6 @@
-"""How many examples a property test tries: apart from `conftest`, whose import would choose the profile again."""
+"""How many examples a property test tries: apart from `conftest`, whose import would choose the
+profile again.
+"""
 
 from hypothesis import settings
 
@@ -7,5 +9,7 @@ _USUAL = 100
 
 
 def examples(count: int) -> settings:
-    """Settings of a property with expensive examples: their number, in proportion larger in a search for new ones."""
+    """Settings of a property with expensive examples: their number, in proportion larger in a
+    search for new ones.
+    """
     return settings(max_examples=max(1, count * settings().max_examples // _USUAL))

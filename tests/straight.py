@@ -20,7 +20,11 @@ SITES = {
 
 
 def make_scenario(
-    acoustics: Acoustics | None = None, *, filter_step: float = 0.1, floor: float = 30.0, **others: object
+    acoustics: Acoustics | None = None,
+    *,
+    filter_step: float = 0.1,
+    floor: float = 30.0,
+    **others: object,
 ) -> Scenario:
     """20 s with a message each second."""
     return Scenario(
@@ -49,11 +53,17 @@ def make_trajectory(
     velocity = np.array([leader_velocity, follower_velocity], dtype=np.float64)
     n, v = time.size, 2
     turned = np.stack([attitude.from_euler(*heading_pitch_roll), attitude.from_euler(np.pi / 2)])
-    sites = [(f"{name}/{site}", i, at) for i, name in enumerate(SITES) for site, at in SITES[name].items()]
+    sites = [
+        (f"{name}/{site}", i, at)
+        for i, name in enumerate(SITES)
+        for site, at in SITES[name].items()
+    ]
     return Trajectory(
         names=("leader", "follower"),
         time=time,
-        pose=np.concatenate([start + time[:, None, None] * velocity, np.broadcast_to(turned, (n, v, 4))], axis=2),
+        pose=np.concatenate(
+            [start + time[:, None, None] * velocity, np.broadcast_to(turned, (n, v, 4))], axis=2
+        ),
         twist=np.broadcast_to(np.hstack([velocity, np.zeros((v, 3))]), (n, v, 6)).copy(),
         water_velocity=np.zeros((n, v, 3)),
         thrust=np.zeros((n, v, 0)),

@@ -1,4 +1,6 @@
-"""A flight of formulas, and its log: circular routes, plausible measurements, no physics and no navigator."""
+"""A flight of formulas, and its log: circular routes, plausible measurements, no physics and no
+navigator.
+"""
 
 import dataclasses
 from collections.abc import Sequence
@@ -25,8 +27,13 @@ LANE_M = 9.0
 """Followers circle on wider lanes, so far apart [m]."""
 LAG_RAD = 0.35
 """Angle on the circle by which a follower trails the leader."""
-EFFECTORS = ("thruster_main", "thruster_lateral_bow", "thruster_lateral_stern", "thruster_vertical_bow",
-             "thruster_vertical_stern")  # fmt: skip
+EFFECTORS = (
+    "thruster_main",
+    "thruster_lateral_bow",
+    "thruster_lateral_stern",
+    "thruster_vertical_bow",
+    "thruster_vertical_stern",
+)
 SITES = {
     "leader": {
         "tx_rear": (-1.0, 0.0, 0.0),
@@ -47,7 +54,9 @@ def make_scenario(
     message_interval: float = 1.0,
     seed: int = 1,
 ) -> Scenario:
-    """One follower is named "follower"; several "follower1", "follower2" …, each a metre deeper than the one before."""
+    """One follower is named "follower"; several "follower1", "follower2" …, each a metre deeper
+    than the one before.
+    """
     names = ["follower"] if n_followers == 1 else [f"follower{i + 1}" for i in range(n_followers)]
     return Scenario(
         name="synthetic",
@@ -55,13 +64,17 @@ def make_scenario(
         duration_s=duration,
         timing=Timing(filter_step_s=filter_step, message_interval_s=message_interval),
         leader=Leader(depth_m=8.0),
-        followers=tuple(Follower(name=name, route="T5", depth_m=10.0 + i) for i, name in enumerate(names)),
+        followers=tuple(
+            Follower(name=name, route="T5", depth_m=10.0 + i) for i, name in enumerate(names)
+        ),
         acoustics=Acoustics(),
     )
 
 
 def make_trajectory(scenario: Scenario) -> Trajectory:
-    """The leader turns left from the origin on a circle at 1 m/s, eastwards first; followers trail it outside."""
+    """The leader turns left from the origin on a circle at 1 m/s, eastwards first; followers
+    trail it outside.
+    """
     names = ("leader", *(f.name for f in scenario.followers))
     n = round(scenario.duration_s / CONTROL_STEP_S) + 1
     time = CONTROL_STEP_S * np.arange(n, dtype=np.float64)
@@ -73,11 +86,20 @@ def make_trajectory(scenario: Scenario) -> Trajectory:
     wobble = 0.4 * time[:, None] + lane
     pitch, roll = np.deg2rad(3.0) * np.sin(wobble), np.deg2rad(2.0) * np.cos(0.7 * wobble)
     position = np.stack(
-        [radius * np.sin(angle), LEADER_RADIUS_M - radius * np.cos(angle), -depth + 0.1 * np.cos(wobble)], axis=-1
+        [
+            radius * np.sin(angle),
+            LEADER_RADIUS_M - radius * np.cos(angle),
+            -depth + 0.1 * np.cos(wobble),
+        ],
+        axis=-1,
     )
-    velocity = np.stack([radius * rate * np.cos(angle), radius * rate * np.sin(angle), -0.04 * np.sin(wobble)], axis=-1)
+    velocity = np.stack(
+        [radius * rate * np.cos(angle), radius * rate * np.sin(angle), -0.04 * np.sin(wobble)],
+        axis=-1,
+    )
     turning = np.stack(
-        [np.zeros_like(pitch), -0.4 * np.deg2rad(3.0) * np.cos(wobble), np.full_like(pitch, rate)], axis=-1
+        [np.zeros_like(pitch), -0.4 * np.deg2rad(3.0) * np.cos(wobble), np.full_like(pitch, rate)],
+        axis=-1,
     )
     thrust = np.stack([20 + np.sin(wobble), *(0.5 * np.sin(wobble + i) for i in range(4))], axis=-1)
     sites = [
@@ -88,7 +110,9 @@ def make_trajectory(scenario: Scenario) -> Trajectory:
     return Trajectory(
         names=names,
         time=time,
-        pose=np.concatenate([position, attitude.from_euler(np.pi / 2 - angle, pitch, roll)], axis=2),
+        pose=np.concatenate(
+            [position, attitude.from_euler(np.pi / 2 - angle, pitch, roll)], axis=2
+        ),
         twist=np.concatenate([velocity, turning], axis=2),
         water_velocity=np.broadcast_to([0.10, -0.05, 0.0], position.shape).copy(),
         thrust=thrust,
@@ -101,7 +125,9 @@ def make_trajectory(scenario: Scenario) -> Trajectory:
 
 
 def moved(trajectory: Trajectory, **parts: Any) -> Trajectory:
-    """The trajectory with other positions, quaternions, velocities, angular velocities or other fields."""
+    """The trajectory with other positions, quaternions, velocities, angular velocities or other
+    fields.
+    """
     pose, twist = (
         np.concatenate([parts.pop(name, getattr(trajectory, name)) for name in names], axis=2)
         for names in (("position", "quaternion"), ("velocity", "angular_velocity"))
@@ -110,7 +136,9 @@ def moved(trajectory: Trajectory, **parts: Any) -> Trajectory:
 
 
 def make_measurements(scenario: Scenario, trajectory: Trajectory, follower: int) -> Measurements:
-    """Noisy speed, heading, depth and ranges; pitch and roll are not broadcast, and every 13th front range is lost."""
+    """Noisy speed, heading, depth and ranges; pitch and roll are not broadcast, and every 13th
+    front range is lost.
+    """
     random = np.random.default_rng([scenario.seed, follower, 0])
     stride = round(scenario.timing.filter_step_s / CONTROL_STEP_S)
     n, v = scenario.filter_steps, follower + 1
@@ -119,8 +147,13 @@ def make_measurements(scenario: Scenario, trajectory: Trajectory, follower: int)
     ping = stride * step
     m = step.size
     hydrophone = trajectory.site(f"{trajectory.names[v]}/hydrophone")
-    transmitters = [trajectory.site(f"leader/{site}") for site in ("tx_rear", "tx_front", "tx_middle")]
-    separation = trajectory.site_position[ping][:, transmitters] - trajectory.site_position[ping][:, [hydrophone]]
+    transmitters = [
+        trajectory.site(f"leader/{site}") for site in ("tx_rear", "tx_front", "tx_middle")
+    ]
+    separation = (
+        trajectory.site_position[ping][:, transmitters]
+        - trajectory.site_position[ping][:, [hydrophone]]
+    )
     ranges = np.linalg.norm(separation, axis=-1) + random.uniform(0, 0.01, (m, 3))
     ranges[12::13, 1] = np.nan
     message = np.full((m, len(LeaderMessage._fields)), np.nan)
@@ -136,7 +169,9 @@ def make_measurements(scenario: Scenario, trajectory: Trajectory, follower: int)
     return Measurements(
         dt=scenario.timing.filter_step_s,
         speed=trajectory.forward_speed[own, v] + random.normal(0.2, 0.2, n),
-        heading=trajectory.heading[own, v] + np.deg2rad(5.0) + np.abs(random.normal(0, np.deg2rad(2.0), n)),
+        heading=trajectory.heading[own, v]
+        + np.deg2rad(5.0)
+        + np.abs(random.normal(0, np.deg2rad(2.0), n)),
         depth=trajectory.depth[own, v] + random.normal(0, 0.02, n),
         message_step=step,
         message=message,
@@ -144,22 +179,35 @@ def make_measurements(scenario: Scenario, trajectory: Trajectory, follower: int)
     )
 
 
-def make_estimates(scenario: Scenario, trajectory: Trajectory, measurements: Measurements, follower: int) -> Estimates:
-    """Truth plus a drift of 0.2 m/s that every fix removes; all kinds of fix occur, most of them from two points."""
+def make_estimates(
+    scenario: Scenario, trajectory: Trajectory, measurements: Measurements, follower: int
+) -> Estimates:
+    """Truth plus a drift of 0.2 m/s that every fix removes; all kinds of fix occur, most of them
+    from two points.
+    """
     random = np.random.default_rng([scenario.seed, follower, 1])
     stride = round(scenario.timing.filter_step_s / CONTROL_STEP_S)
     n, v, step = measurements.speed.size, follower + 1, measurements.message_step
     f = step.size
     index = stride * np.arange(1, n + 1)
-    truth = trajectory.site_position[index, trajectory.site(f"{trajectory.names[v]}/hydrophone"), :2]
+    truth = trajectory.site_position[
+        index, trajectory.site(f"{trajectory.names[v]}/hydrophone"), :2
+    ]
     age = measurements.dt * (np.arange(1, n + 1) % scenario.message_every)
     state = np.column_stack(
-        [truth + 0.2 * age[:, None] * [0.6, -0.8] + random.normal(0, 0.05, (n, 2)), trajectory.velocity[index, v, :2]]
+        [
+            truth + 0.2 * age[:, None] * [0.6, -0.8] + random.normal(0, 0.05, (n, 2)),
+            trajectory.velocity[index, v, :2],
+        ]
     )
-    spread = np.array([[0.3, 0.1, 0.0, 0.0], [0.0, 0.2, 0.0, 0.0], [0.1, 0.0, 0.2, 0.0], [0.0, 0.1, 0.0, 0.2]])
+    spread = np.array(
+        [[0.3, 0.1, 0.0, 0.0], [0.0, 0.2, 0.0, 0.0], [0.1, 0.0, 0.2, 0.0], [0.0, 0.1, 0.0, 0.2]]
+    )
     covariance = (0.1 + age)[:, None, None] * (spread @ spread.T)
     kind = np.full(f, FixKind.TWO_POINTS, dtype=np.int64)
-    for every, rare in enumerate((FixKind.ASTERN, FixKind.GATED, FixKind.SINGULAR, FixKind.FUSED, FixKind.TANGENT)):
+    for every, rare in enumerate(
+        (FixKind.ASTERN, FixKind.GATED, FixKind.SINGULAR, FixKind.FUSED, FixKind.TANGENT)
+    ):
         kind[4 + 2 * every :: 17] = rare
     kind[np.isnan(measurements.ranges).any(axis=1)] = FixKind.LOST
     innovation = random.normal(0, 0.2, (f, 2))
@@ -193,12 +241,18 @@ def make_flight(
     )
     trajectory = make_trajectory(scenario)
     measurements = tuple(make_measurements(scenario, trajectory, i) for i in range(n_followers))
-    estimates = tuple(make_estimates(scenario, trajectory, measurements[i], i) for i in range(n_followers))
-    return Flight(scenario=scenario, trajectory=trajectory, measurements=measurements, estimates=estimates)
+    estimates = tuple(
+        make_estimates(scenario, trajectory, measurements[i], i) for i in range(n_followers)
+    )
+    return Flight(
+        scenario=scenario, trajectory=trajectory, measurements=measurements, estimates=estimates
+    )
 
 
 def bits(value: Any) -> Any:
-    """Nested records with arrays as bytes, so that `==` means equal to the bit, NaN and the sign of zero included."""
+    """Nested records with arrays as bytes, so that `==` means equal to the bit, NaN and the sign
+    of zero included.
+    """
     if isinstance(value, np.ndarray):
         return value.dtype.str, value.shape, value.tobytes()
     if dataclasses.is_dataclass(value):
@@ -235,8 +289,10 @@ def only(trajectory: Trajectory, vehicles: Sequence[int]) -> Trajectory:
         effector_names=tuple(trajectory.effector_names[v] for v in chosen) if named else (),
         effector_force=trajectory.effector_force[chosen],
         **{name: getattr(trajectory, name)[:, chosen] for name in OF_VEHICLES},
-        site_names=(), site_vehicle=np.zeros(0, dtype=np.int64), site_offset=np.zeros((0, 3)),
-    )  # fmt: skip
+        site_names=(),
+        site_vehicle=np.zeros(0, dtype=np.int64),
+        site_offset=np.zeros((0, 3)),
+    )
 
 
 def record(dtype: np.dtype[np.void], *values: object) -> Record:

@@ -1,4 +1,6 @@
-"""A task in a background process: it works beside the block, and what it raises is raised by its result."""
+"""A task in a background process: it works beside the block, and what it raises is raised by its
+result.
+"""
 
 import os
 import signal

@@ -1,4 +1,6 @@
-"""Contact of hulls by geometry, and missions that end with it, with the motion of missions that continue."""
+"""Contact of hulls by geometry, and missions that end with it, with the motion of missions that
+continue.
+"""
 
 from typing import Any
 
@@ -44,7 +46,9 @@ def test_the_gap_of_two_hulls_is_that_of_their_axes(
 def test_no_two_points_of_hulls_are_nearer_than_their_gap() -> None:
     """By trial of places along both hulls, 1 cm apart: the distance is convex in them."""
     rng, halves = np.random.default_rng(8), (1.0, 0.7)
-    places = np.stack(np.meshgrid(np.linspace(-1.0, 1.0, 201), np.linspace(-0.7, 0.7, 141)), axis=-1)
+    places = np.stack(
+        np.meshgrid(np.linspace(-1.0, 1.0, 201), np.linspace(-0.7, 0.7, 141)), axis=-1
+    )
     for _ in range(40):
         one, other = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
         between = rng.normal(0.0, 1.0, 3)
@@ -55,7 +59,9 @@ def test_no_two_points_of_hulls_are_nearer_than_their_gap() -> None:
 
 
 def test_hulls_touch_where_their_skins_meet() -> None:
-    """All head north at 0.1 m of radius: one closes in from astern at 1 m/s, 1 + 0.7 m of hulls; another abeam."""
+    """All head north at 0.1 m of radius: one closes in from astern at 1 m/s, 1 + 0.7 m of hulls;
+    another abeam.
+    """
     flight = make_flight(10.0, 2)
     trajectory, time = flight.trajectory, flight.trajectory.time
     position = np.zeros_like(trajectory.position)
@@ -82,7 +88,12 @@ FEELING = {
     "leader": {"waypoints": [[0, -50, 50], [60, 10, 50]]},
     "navigation": {"variant": "laisn-3-2"},
     # errors of 0.3 m in each one's position take hulls of 0.2 m past each other
-    "sensors": {"speed_bias_m_s": 0, "speed_sigma_m_s": 0, "heading_bias_deg": 0, "heading_sigma_deg": 0},
+    "sensors": {
+        "speed_bias_m_s": 0,
+        "speed_sigma_m_s": 0,
+        "heading_bias_deg": 0,
+        "heading_sigma_deg": 0,
+    },
     "acoustics": {"range_tau_m": [0, 0, 0], "range_scale_mean_m": 0, "range_scale_sigma_m": 0},
 }
 """Followers with exact positions."""
@@ -116,7 +127,9 @@ def test_without_contact_a_flight_reaches_its_end() -> None:
 
 
 def test_a_campaign_names_the_mission_that_contact_ends() -> None:
-    with pytest.raises(CampaignError, match=r"'s': at 29\.\d s follower-1 and follower-2 touched, which ended"):
+    with pytest.raises(
+        CampaignError, match=r"'s': at 29\.\d s follower-1 and follower-2 touched, which ended"
+    ):
         simulate_mission(meeting(contact="end"))
 
 
@@ -128,13 +141,24 @@ def test_facts_list_the_vehicles_in_contact() -> None:
 def test_a_run_that_contact_ended_is_counted_and_in_no_mean() -> None:
     """Of a closed loop's runs; those that were flown to their end have 1 and 3 m of mean error."""
     scenario = meeting(contact="end", **FEELING)
-    followers = tuple(follower.model_copy(update={"guidance_position": "estimate"}) for follower in scenario.followers)
+    followers = tuple(
+        follower.model_copy(update={"guidance_position": "estimate"})
+        for follower in scenario.followers
+    )
     met = records_of_run(scenario.model_copy(update={"followers": followers}), 7)
-    assert [(row["run"], row["ended"], row["touched"], row["e_p_mean_m"]) for row in met] == [(7, True, 1.0, None)] * 2
+    assert [(row["run"], row["ended"], row["touched"], row["e_p_mean_m"]) for row in met] == [
+        (7, True, 1.0, None)
+    ] * 2
 
     def flown(run: int, error: float) -> dict[str, Any]:
         figures = dict.fromkeys(met[0], error)
-        return figures | {"run": run, "ended": False, "touched": 0.0, "mirror_locked": False, "gated": 2}
+        return figures | {
+            "run": run,
+            "ended": False,
+            "touched": 0.0,
+            "mirror_locked": False,
+            "gated": 2,
+        }
 
     class Entry:
         scenario = meeting()

@@ -1,14 +1,15 @@
-"""README and docs: every command runs, every block of code works, every link, picture and key exists.
+"""README and docs: every command runs, every block of code works, every link, picture and key
+exists.
 
 How blocks are tried, document by document, in an empty folder:
 - toml: saved under the name in its first line.
-- python: run in one namespace per document; what begins with the name of a file of `laisn` is a change of it, which
-  `tests/laisn/test_extending.py` makes in a copy.
-- bash: `laisn` and `python` lines are run, in this process. Missions are cut to 20 s (`--set duration_s=20` for
-  scenarios), films are left out, and stills are taken at 10 s, of which the first of a document is rendered; of a
-  scenario's flights the first has its report drawn.
-  Studies of a file are cut to 20 s, two realizations and two runs; of the others only their help, which must list
-  the options. `make` targets must exist. Other programs are not ours.
+- python: run in one namespace per document; what begins with the name of a file of `laisn` is a
+  change of it, which `tests/laisn/test_extending.py` makes in a copy.
+- bash: `laisn` and `python` lines are run, in this process. Missions are cut to 20 s (`--set
+  duration_s=20` for scenarios), films are left out, and stills are taken at 10 s, of which the
+  first of a document is rendered; of a scenario's flights the first has its report drawn. Studies
+  of a file are cut to 20 s, two realizations and two runs; of the others only their help, which
+  must list the options. `make` targets must exist. Other programs are not ours.
 """
 
 import ast
@@ -58,16 +59,24 @@ class Block(NamedTuple):
 
 def prose(document: Path) -> str:
     """A document without its blocks."""
-    return re.sub(r"^```.*?^```", "", document.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    return re.sub(
+        r"^```.*?^```", "", document.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE
+    )
 
 
 def blocks(document: Path) -> list[Block]:
-    found = re.findall(r"^```(\w*)\n(.*?)^```", document.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    found = re.findall(
+        r"^```(\w*)\n(.*?)^```",
+        document.read_text(encoding="utf-8"),
+        flags=re.DOTALL | re.MULTILINE,
+    )
     return [Block(*pair) for pair in found]
 
 
 def commands(text: str) -> list[list[str]]:
-    """Lines of a bash block as words, without comments; a redirection stays as the last two words."""
+    """Lines of a bash block as words, without comments; a redirection stays as the last two
+    words.
+    """
     joined = text.replace("\\\n", " ")
     return [words for line in joined.splitlines() if (words := shlex.split(line, comments=True))]
 
@@ -89,16 +98,25 @@ def shortened(words: list[str]) -> list[str]:
 
 def unrendered(patch: pytest.MonkeyPatch) -> None:
     """Return an empty picture to the renderer, once its arguments have been checked."""
-    program = "import pickle, sys, numpy; pickle.dump(numpy.zeros((2, 2, 4), numpy.uint8), sys.stdout.buffer)"
+    program = (
+        "import pickle, sys, numpy; pickle.dump(numpy.zeros((2, 2, 4), numpy.uint8), "
+        "sys.stdout.buffer)"
+    )
     patch.setattr(graphics, "child", lambda *_: ([sys.executable, "-c", program], None))
 
 
 def run_laisn(words: list[str], flown: set[str]) -> None:
-    """Run a `laisn` command; `flown` are scenarios whose report was drawn already: the next would be much alike.
+    """Run a `laisn` command; `flown` are scenarios whose report was drawn already: the next would
+    be much alike.
 
     "render" is among them once a still was.
     """
-    own = words[0] == "study" and words[1].endswith(".toml") and "--dry-run" not in words and "--film" not in words
+    own = (
+        words[0] == "study"
+        and words[1].endswith(".toml")
+        and "--dry-run" not in words
+        and "--film" not in words
+    )
     if words[0] in STUDIES and not own:
         known = CliRunner().invoke(app, [words[0], "--help"], env={"COLUMNS": "200"})
         assert known.exit_code == 0, known.output
@@ -142,14 +160,18 @@ def run_line(words: list[str], flown: set[str]) -> None:
         run_python(rest)
     elif program == "make":
         makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-        assert re.search(rf"^{rest[0]}:", makefile, flags=re.MULTILINE), f"there is no target {rest[0]}"
+        assert re.search(rf"^{rest[0]}:", makefile, flags=re.MULTILINE), (
+            f"there is no target {rest[0]}"
+        )
     else:
         assert program in FOREIGN, f"{program} is not known to these documents"
 
 
 @pytest.mark.usefixtures("no_plugins")
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.stem)
-def test_commands_and_code_work(document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_and_code_work(
+    document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "agg")
     # examples read its data
@@ -171,7 +193,9 @@ def test_commands_and_code_work(document: Path, tmp_path: Path, monkeypatch: pyt
             for words in commands(text):
                 run_line(words, flown)
         else:
-            assert language in ("bibtex", "math", "csv"), f"a block of {language!r} is not tried by anything"
+            assert language in ("bibtex", "math", "csv"), (
+                f"a block of {language!r} is not tried by anything"
+            )
 
 
 def inline_commands(document: Path) -> list[list[str]]:
@@ -205,9 +229,15 @@ def test_links_and_pictures_exist(document: Path) -> None:
         linked = (document.parent / path).resolve() if path else document
         assert linked.exists(), f"{target} does not exist"
         if anchor:
-            headings = re.findall(r"^#+ (.*)$", linked.read_text(encoding="utf-8"), flags=re.MULTILINE)
-            assert anchor in {re.sub(r"[^\w -]", "", h.lower()).replace(" ", "-") for h in headings}, target
-    for source in re.findall(r"`((?:laisn|sim|models|experiments|tools|tests|docs|examples)/[\w./-]+\.\w+)`", text):
+            headings = re.findall(
+                r"^#+ (.*)$", linked.read_text(encoding="utf-8"), flags=re.MULTILINE
+            )
+            assert anchor in {
+                re.sub(r"[^\w -]", "", h.lower()).replace(" ", "-") for h in headings
+            }, target
+    for source in re.findall(
+        r"`((?:laisn|sim|models|experiments|tools|tests|docs|examples)/[\w./-]+\.\w+)`", text
+    ):
         assert (ROOT / source).is_file(), f"{source} does not exist"
 
 
@@ -218,14 +248,24 @@ def test_every_picture_is_shown() -> None:
 
 
 def keys(model: object = Scenario, prefix: str = "") -> set[str]:
-    """All keys of a scenario as section.key; a section whose keys the user declares stands for them."""
+    """All keys of a scenario as section.key; a section whose keys the user declares stands for
+    them.
+    """
     found = set()
     for name, field in model.model_fields.items():  # type: ignore[attr-defined]
         inner = next(
-            (a for a in (field.annotation, *getattr(field.annotation, "__args__", ())) if hasattr(a, "model_fields")),
+            (
+                a
+                for a in (field.annotation, *getattr(field.annotation, "__args__", ()))
+                if hasattr(a, "model_fields")
+            ),
             None,
         )
-        found |= {f"{prefix}{name}"} if not getattr(inner, "model_fields", {}) else keys(inner, f"{prefix}{name}.")
+        found |= (
+            {f"{prefix}{name}"}
+            if not getattr(inner, "model_fields", {})
+            else keys(inner, f"{prefix}{name}.")
+        )
     return found
 
 
@@ -234,10 +274,16 @@ def test_keys_exist(document: Path) -> None:
     known = keys()
     sections = {key.rpartition(".")[0] for key in known if "." in key}
     for mentioned in re.findall(r"`((?:\w+\.)+\w+)(?: = [^`]*)?`", prose(document)):
-        if mentioned.split(".")[0] in sections and not mentioned.endswith((".py", ".md", ".toml", ".json")):
-            assert re.sub(r"\.(\d+|N)", "", mentioned) in known | sections, f"{mentioned} is no key of a scenario"
+        if mentioned.split(".")[0] in sections and not mentioned.endswith(
+            (".py", ".md", ".toml", ".json")
+        ):
+            assert re.sub(r"\.(\d+|N)", "", mentioned) in known | sections, (
+                f"{mentioned} is no key of a scenario"
+            )
     for section in re.findall(r"`\[+([\w.]+)\]+`", prose(document)):
-        assert section in known | sections | set(StudyFile.model_fields) | {"quick"}, f"there is no section {section}"
+        assert section in known | sections | set(StudyFile.model_fields) | {"quick"}, (
+            f"there is no section {section}"
+        )
 
 
 def files_of_documents() -> list[tuple[Path, str, dict[str, Any]]]:
@@ -253,7 +299,8 @@ def files_of_documents() -> list[tuple[Path, str, dict[str, Any]]]:
 def test_missions_and_studies_of_documents_have_different_folders() -> None:
     """A folder out/NAME holds either."""
     named = {
-        kind: {name for _, name, table in files_of_documents() if ("scenario" in table) == kind} for kind in (0, 1)
+        kind: {name for _, name, table in files_of_documents() if ("scenario" in table) == kind}
+        for kind in (0, 1)
     }
     assert all(named.values())
     assert not named[0] & named[1]
@@ -270,7 +317,10 @@ def test_stations_of_documents_are_kept_by_an_able_navigator() -> None:
 
 
 def test_the_readme_names_the_licence_of_bundled_codecs() -> None:
-    assert re.search(r"`av` wheel[^.]*codecs under the GPL", " ".join((ROOT / "README.md").read_text("utf-8").split()))
+    assert re.search(
+        r"`av` wheel[^.]*codecs under the GPL",
+        " ".join((ROOT / "README.md").read_text("utf-8").split()),
+    )
 
 
 def test_python_examples_are_only_those_in_the_folder() -> None:
@@ -293,18 +343,26 @@ def test_numbers_in_documents_are_those_of_the_records() -> None:
 
 
 def test_route_errors_match_the_record() -> None:
-    """The first minute does not suffice, so one whole route is flown; other machines may round otherwise."""
+    """The first minute does not suffice, so one whole route is flown; other machines may round
+    otherwise.
+    """
     recorded = markers.records()["route-keeping"]
     reports = route_keeping.measure(route_keeping.scenario(("T8",)))
     fresh = route_keeping.findings_of(reports, reports[1])
     for name in ("leader", "T8"):
         for quantity, spec in TRACKED.items():
-            old, new = (float(found[f"{quantity} {name}"].value or 0.0) for found in (recorded, fresh))
-            assert abs(old - new) <= 10.0 ** -int(spec[1]), f"{quantity} of {name}: run make studies"
+            old, new = (
+                float(found[f"{quantity} {name}"].value or 0.0) for found in (recorded, fresh)
+            )
+            assert abs(old - new) <= 10.0 ** -int(spec[1]), (
+                f"{quantity} of {name}: run make studies"
+            )
 
 
 def test_closed_loops_match_the_record() -> None:
-    """To fly it all takes minutes: one route in one run must fit the median that is printed for it."""
+    """To fly it all takes minutes: one route in one run must fit the median that is printed for
+    it.
+    """
     found = markers.records()["closed-loop"]
     if markers.is_stale(found):
         pytest.skip("the record is of other sources: run make studies")
@@ -326,5 +384,7 @@ def test_built_in_scenarios_introduce_themselves(path: Path) -> None:
 
 
 def test_the_version_is_stated_once_and_quoted() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "version"
+    ]
     assert f"\nversion: {project}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")

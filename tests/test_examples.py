@@ -1,4 +1,6 @@
-"""Every example runs in an empty folder, and what it prints agrees with closed forms or invariants."""
+"""Every example runs in an empty folder, and what it prints agrees with closed forms or
+invariants.
+"""
 
 import re
 import runpy
@@ -9,7 +11,9 @@ import pytest
 EXAMPLES = sorted((Path(__file__).resolve().parents[1] / "examples").glob("*.py"))
 
 
-def run(name: str, folder: Path, capsys: pytest.CaptureFixture[str], patch: pytest.MonkeyPatch) -> str:
+def run(
+    name: str, folder: Path, capsys: pytest.CaptureFixture[str], patch: pytest.MonkeyPatch
+) -> str:
     """What an example prints."""
     patch.chdir(folder)
     patch.setenv("MPLBACKEND", "agg")
@@ -25,7 +29,11 @@ def numbers(text: str) -> list[float]:
 
 WROTE = {
     "compare_navigators": set(),
-    "export_tables": {f"{name}.{end}" for name in ("truth", "measurements", "errors") for end in ("csv", "parquet")},
+    "export_tables": {
+        f"{name}.{end}"
+        for name in ("truth", "measurements", "errors")
+        for end in ("csv", "parquet")
+    },
     "formation_in_current": set(),
     "own_study": {"out"},
     "own_vehicle": {"heavier.xml"},
@@ -59,7 +67,9 @@ def test_examples_run(name, tmp_path, capsys, monkeypatch):
 
 
 def test_the_picture_is_of_the_largest_pitch(tmp_path, capsys, monkeypatch):
-    """`diving` dives at its start; a machine without graphics libraries prints why there is no picture."""
+    """`diving` dives at its start; a machine without graphics libraries prints why there is no
+    picture.
+    """
     text = run("film_of_a_moment", tmp_path, capsys, monkeypatch)
     assert numbers(text)[0] < -5.0
     assert (tmp_path / "moment.png").is_file() != ("no picture: " in text)

@@ -18,13 +18,19 @@ from tools.documents.tables import closed_loop, markdown, ratios, tracking
 
 SHARE = of(Interval(0.98, 0.965, 0.9951), "share", "")
 RECORD = Findings(
-    study="dive", command="laisn dive", modules=("experiments.intervals",), version="1",
+    study="dive",
+    command="laisn dive",
+    modules=("experiments.intervals",),
+    version="1",
     findings={
-        "removed ahrs": SHARE, "error level": plain(0.70449999, "mean", "m"), "runs": plain(1_165_696, "runs"),
-        "held": plain("1 and 7", "claims"), "harm": of(Interval(-0.176, -0.189, float("nan")), "share"),
+        "removed ahrs": SHARE,
+        "error level": plain(0.70449999, "mean", "m"),
+        "runs": plain(1_165_696, "runs"),
+        "held": plain("1 and 7", "claims"),
+        "harm": of(Interval(-0.176, -0.189, float("nan")), "share"),
         "unknown": plain(float("nan"), "nothing"),
     },
-)  # fmt: skip
+)
 
 
 @pytest.mark.parametrize(
@@ -74,9 +80,16 @@ def test_a_record_is_read_as_it_was_written(tmp_path: Path) -> None:
 
 BARE = f'"schema": {SCHEMA}, "study": "dive", "command": "", "version": "1"'
 NO_RECORDS = [
-    "", "[]", '{"schema": 0}', '{"schema": 1', "[" * 100_000, f"{{{BARE}}}", f'{{{BARE}, "findings": {{}}}}',
-    f'{{{BARE}, "modules": [], "findings": {{"a": {{"valve": 1}}}}}}', f'{{{BARE}, "modules": [], "findings": []}}',
-]  # fmt: skip
+    "",
+    "[]",
+    '{"schema": 0}',
+    '{"schema": 1',
+    "[" * 100_000,
+    f"{{{BARE}}}",
+    f'{{{BARE}, "findings": {{}}}}',
+    f'{{{BARE}, "modules": [], "findings": {{"a": {{"valve": 1}}}}}}',
+    f'{{{BARE}, "modules": [], "findings": []}}',
+]
 
 
 @pytest.mark.parametrize("text", NO_RECORDS, ids=range(len(NO_RECORDS)))
@@ -90,23 +103,33 @@ def test_a_file_that_is_no_record_is_reported(tmp_path: Path, text: str) -> None
 
 
 def test_an_unknown_finding_names_those_that_are_alike() -> None:
-    with pytest.raises(LaisnError, match=r"'dive' found no 'removed exact'; it found removed ahrs$"):
+    with pytest.raises(
+        LaisnError, match=r"'dive' found no 'removed exact'; it found removed ahrs$"
+    ):
         RECORD["removed exact"]
 
 
 def test_the_version_is_that_of_what_makes_the_numbers(tmp_path: Path) -> None:
     for package in ("models", "laisn", "sim", "experiments"):
-        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(
+            ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__")
+        )
     modules = (
-        "experiments.studies.asymmetry.findings", "experiments.study.run", "experiments.studies.reproduce.findings",
-    )  # fmt: skip
+        "experiments.studies.asymmetry.findings",
+        "experiments.study.run",
+        "experiments.studies.reproduce.findings",
+    )
     before = version_of(modules, tmp_path)
     for name, counts in (
-        ("experiments/intervals.py", True), ("experiments/studies/asymmetry/findings.py", True),
-        ("sim/water.py", True), ("experiments/studies/asymmetry/figures.py", False),
-        ("experiments/pages/page.py", False), ("experiments/studies/reproduce/claims.toml", True),
-        ("experiments/studies/reproduce/page.md.j2", False), ("experiments/studies/depth.toml", False),
-    ):  # fmt: skip
+        ("experiments/intervals.py", True),
+        ("experiments/studies/asymmetry/findings.py", True),
+        ("sim/water.py", True),
+        ("experiments/studies/asymmetry/figures.py", False),
+        ("experiments/pages/page.py", False),
+        ("experiments/studies/reproduce/claims.toml", True),
+        ("experiments/studies/reproduce/page.md.j2", False),
+        ("experiments/studies/depth.toml", False),
+    ):
         path = tmp_path / name
         whole = path.read_bytes()
         path.write_bytes(whole + b"\n# edited\n")
@@ -119,7 +142,8 @@ RECORDS = {"dive": RECORD}
 
 def test_numbers_and_tables_are_filled_in_and_nothing_else_is_touched() -> None:
     text = (
-        "It removes <!--= dive removed ahrs .0% i -->nothing<!--/--> of it, over <!--= dive runs ,d --><!--/--> runs.\n"
+        "It removes <!--= dive removed ahrs .0% i -->nothing<!--/--> of it, over <!--= dive runs "
+        ",d --><!--/--> runs.\n"
         "<!-- a comment -->\n<!-- table one -->\nold\n<!-- /table -->\nThe end: 98 %.\n"
     )
     expected = (
@@ -138,7 +162,10 @@ def test_numbers_and_tables_are_filled_in_and_nothing_else_is_touched() -> None:
     [
         ("a <!--= swim runs d --><!--/-->", "no record of 'swim'; there are dive"),
         ("a <!--= dive sums d --><!--/-->", "found no 'sums'"),
-        ("a <!--= dive runs d -->12", "not closed or not understood, one of: <!--= dive runs d -->"),
+        (
+            "a <!--= dive runs d -->12",
+            "not closed or not understood, one of: <!--= dive runs d -->",
+        ),
         ("a <!--= dive runs -->12<!--/-->", "not closed or not understood"),
         ("a <!--= dive runs\nd -->12<!--/-->", "not closed or not understood"),
         ("- <!--= dive runs d -->12<!--/-->", "may not begin with a number's marker"),
@@ -169,8 +196,13 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_a_number_that_differs_from_the_record_is_an_error(checkout: Path) -> None:
     assert markers.check() == ([], [])
     page = checkout / "page.md"
-    page.write_text(page.read_text(encoding="utf-8").replace("1165696", "1165697"), encoding="utf-8")
-    assert markers.check() == (["page.md has not the numbers of docs/results: run make figures"], [])
+    page.write_text(
+        page.read_text(encoding="utf-8").replace("1165696", "1165697"), encoding="utf-8"
+    )
+    assert markers.check() == (
+        ["page.md has not the numbers of docs/results: run make figures"],
+        [],
+    )
     markers.write()
     assert markers.check() == ([], [])
 
@@ -186,7 +218,10 @@ def test_a_study_of_other_sources_is_an_error(checkout: Path) -> None:
 def test_a_measurement_of_other_sources_is_a_notice(checkout: Path) -> None:
     for name in ("mutants", "benchmarks"):
         replace(RECORD, study=name).write(checkout / "results" / f"{name}.json")
-    assert markers.check() == ([], ["notice: docs/results of benchmarks, mutants: measured before the sources changed"])
+    assert markers.check() == (
+        [],
+        ["notice: docs/results of benchmarks, mutants: measured before the sources changed"],
+    )
 
 
 def test_documents_print_the_version_of_a_record(checkout: Path) -> None:
@@ -222,9 +257,14 @@ def test_tables_take_every_cell_from_its_finding() -> None:
     class Run(Everything):
         def __missing__(self, key: str) -> Finding:
             counts = {"missions": 40, "lost-runs laisn-2 T5": 4, "lost-runs laisn-2": 9}
-            return plain(counts.get(key, 0), "") if "runs" in key or key in counts else {
-                "error laisn-2 T5": plain(1.26, ""), "off laisn-2 T5": plain(466.2, ""),
-            }.get(key, super().__missing__(key))  # fmt: skip
+            return (
+                plain(counts.get(key, 0), "")
+                if "runs" in key or key in counts
+                else {
+                    "error laisn-2 T5": plain(1.26, ""),
+                    "off laisn-2 T5": plain(466.2, ""),
+                }.get(key, super().__missing__(key))
+            )
 
     rows = closed_loop({"closed-loop": record("closed-loop", Run())}).splitlines()
     assert rows[5].startswith("| T5 | 1.26, 466.20, 4 | 0.25, 0.25, 0 |")
@@ -242,7 +282,13 @@ def test_the_record_of_hull_trials_has_the_published_figures() -> None:
     found = read(markers.RECORDS / "hull-trials.json")
     for rpm, speed in PUBLISHED_SPEED.items():
         assert found[f"speed {rpm}"].value == pytest.approx(speed, abs=1e-4)
-    assert (found["rise slowest"].value, found["rise quickest"].value) == pytest.approx((5.08, 2.06), abs=0.01)
-    assert (found["radius largest"].value, found["radius least"].value) == pytest.approx((45.7, 18.5), abs=0.05)
-    assert (found["pitch 1000"].value, found["pitch 1525"].value) == pytest.approx((8.80, 20.86), abs=0.01)
+    assert (found["rise slowest"].value, found["rise quickest"].value) == pytest.approx(
+        (5.08, 2.06), abs=0.01
+    )
+    assert (found["radius largest"].value, found["radius least"].value) == pytest.approx(
+        (45.7, 18.5), abs=0.05
+    )
+    assert (found["pitch 1000"].value, found["pitch 1525"].value) == pytest.approx(
+        (8.80, 20.86), abs=0.01
+    )
     assert found["righting"].value == pytest.approx(8.5907, rel=1e-4)

@@ -1,4 +1,6 @@
-"""The import graph: a package imports what its `__init__.py` lists, without cycles; `laisn` imports no simulator."""
+"""The import graph: a package imports what its `__init__.py` lists, without cycles; `laisn`
+imports no simulator.
+"""
 
 import ast
 import re
@@ -9,11 +11,26 @@ import pytest
 from tools import import_graph
 
 SOURCES = import_graph.modules()
-PACKAGES = [name for name, path in SOURCES.items() if path.name == "__init__.py" and name not in ("laisn", "models")]
-VOCABULARY = {"laisn", "laisn.arrays", "laisn.messages", "laisn.estimates", "laisn.settings", "laisn.geometry",
-              "laisn.compiled", "laisn.elementary", "laisn.failure", "laisn.metrics", "laisn.navigators",
-              "laisn.plugins",
-              "laisn.swarm"}  # fmt: skip
+PACKAGES = [
+    name
+    for name, path in SOURCES.items()
+    if path.name == "__init__.py" and name not in ("laisn", "models")
+]
+VOCABULARY = {
+    "laisn",
+    "laisn.arrays",
+    "laisn.messages",
+    "laisn.estimates",
+    "laisn.settings",
+    "laisn.geometry",
+    "laisn.compiled",
+    "laisn.elementary",
+    "laisn.failure",
+    "laisn.metrics",
+    "laisn.navigators",
+    "laisn.plugins",
+    "laisn.swarm",
+}
 """What the simulator may import of navigation: shared types, not navigators."""
 
 
@@ -28,26 +45,33 @@ LATE = {
     "scipy.stats": "45 MB and two thirds of a second, and only draws of studies need it",
     "scipy.ndimage": "a fifth of a second, and only children that render place cameras",
     "filterpy": "all of scipy.stats, two thirds of a second",
-    "laisn.compiled": "the compiler takes half a second to load, and only showing progress needs none",
+    "laisn.compiled": "the compiler takes half a second to load, and only showing progress needs "
+    "none",
     "sim.film": "drawing takes half a second to load, and tables of ranges need none",
     "sim.closed_loop": "control of formations takes long to load, and few missions need it",
     "sim.vehicle": "only the list of vehicles needs it, of what lists scenarios",
     "sim.water": "as sim.vehicle",
     "models": "only the list of vehicles needs it",
     "numpy": "only the list of vehicles needs it, of what lists scenarios",
-    "sim.feasibility": "the sea and the hulls take half a second, and reading or listing scenarios needs neither",
+    "sim.feasibility": "the sea and the hulls take half a second, and reading or listing scenarios "
+    "needs neither",
     "plotly.graph_objects": "it takes a second to import, and pages need text alone",
     "experiments.study.charts": "as experiments.study.page",
     "experiments.pages.flight_report": "a figure needs no templates",
     "experiments.pages.results": "few studies are filmed",
-    "experiments.study.page": "drawing takes a third of a second, and reading a table needs none of it",
+    "experiments.study.page": "drawing takes a third of a second, and reading a table needs none "
+    "of it",
 }
-"""What may be imported within functions, and why; in the command and in `laisn_sim`, which answer at once, anything."""
+"""What may be imported within functions, and why; in the command and in `laisn_sim`, which
+answer at once, anything.
+"""
 
 
 def declared(package: str) -> set[str]:
     """What the docstring of a package allows."""
-    (last,) = re.findall(r"^Imports:([^\"]*)", SOURCES[package].read_text(encoding="utf-8"), flags=re.MULTILINE)
+    (last,) = re.findall(
+        r"^Imports:([^\"]*)", SOURCES[package].read_text(encoding="utf-8"), flags=re.MULTILINE
+    )
     return set(last.split())
 
 
@@ -58,16 +82,24 @@ def within(module: str, package: str) -> bool:
 def members(package: str) -> list[str]:
     """Modules of a package itself, not of a package within it."""
     inner = [other for other in PACKAGES if other != package and within(other, package)]
-    return [m for m in import_graph.imports() if within(m, package) and not any(within(m, other) for other in inner)]
+    return [
+        m
+        for m in import_graph.imports()
+        if within(m, package) and not any(within(m, other) for other in inner)
+    ]
 
 
 @pytest.mark.parametrize("package", [package for package in PACKAGES if "." in package])
 def test_a_package_imports_what_its_docstring_lists_and_no_more(package: str) -> None:
     imports = import_graph.imports()
-    used = {name for module in members(package) for name in imports[module] if not within(name, package)}
+    used = {
+        name for module in members(package) for name in imports[module] if not within(name, package)
+    }
     allowed = declared(package)
     assert not {name for name in used if not any(within(name, a) for a in allowed)}
-    assert not {a for a in allowed if not any(within(name, a) for name in used)}, "declared, but not used"
+    assert not {a for a in allowed if not any(within(name, a) for name in used)}, (
+        "declared, but not used"
+    )
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -97,14 +129,21 @@ def test_nothing_imports_the_command() -> None:
 def imported_by(package: str) -> set[tuple[str, str]]:
     """Pairs of a module of a package and a module of this project that it imports."""
     return {
-        (module, name) for module, names in import_graph.imports().items() if within(module, package) for name in names
+        (module, name)
+        for module, names in import_graph.imports().items()
+        if within(module, package)
+        for name in names
     }
 
 
 def knowing(library: str) -> list[str]:
     """Modules of `laisn` that import a library."""
     line = re.compile(rf"^\s*(import|from) {library}", flags=re.MULTILINE)
-    return [m for m in SOURCES if within(m, "laisn") and line.search(SOURCES[m].read_text(encoding="utf-8"))]
+    return [
+        m
+        for m in SOURCES
+        if within(m, "laisn") and line.search(SOURCES[m].read_text(encoding="utf-8"))
+    ]
 
 
 def test_laisn_imports_no_simulator() -> None:
@@ -115,7 +154,9 @@ def test_laisn_imports_no_simulator() -> None:
 def test_sim_imports_from_laisn_only_the_shared_types() -> None:
     found = imported_by("sim")
     assert {pair for pair in found if within(pair[1], "experiments")} == set()
-    assert {pair for pair in found if within(pair[1], "laisn") and pair[1] not in VOCABULARY} == set()
+    assert {
+        pair for pair in found if within(pair[1], "laisn") and pair[1] not in VOCABULARY
+    } == set()
 
 
 def test_one_module_imports_filterpy() -> None:
@@ -126,19 +167,30 @@ def late(path: Path) -> set[str]:
     """What a source imports within functions."""
     inside = [node for node, late in import_graph.import_statements(path) if late]
     plain = {alias.name for node in inside if isinstance(node, ast.Import) for alias in node.names}
-    modules = [(node.module or "", node.names) for node in inside if isinstance(node, ast.ImportFrom)]
+    modules = [
+        (node.module or "", node.names) for node in inside if isinstance(node, ast.ImportFrom)
+    ]
     return plain | {f"{module}.{alias.name}" for module, names in modules for alias in names}
 
 
 def test_an_import_within_a_function_has_its_reason() -> None:
     found = {m: late(path) for m, path in SOURCES.items() if not within(m, "experiments.command")}
-    assert not {(m, name) for m, names in found.items() for name in names if not any(within(name, x) for x in LATE)}
+    assert not {
+        (m, name)
+        for m, names in found.items()
+        for name in names
+        if not any(within(name, x) for x in LATE)
+    }
     used = set().union(*found.values())
-    assert not {name for name in LATE if not any(within(one, name) for one in used)}, "allowed, but not used"
+    assert not {name for name in LATE if not any(within(one, name) for one in used)}, (
+        "allowed, but not used"
+    )
 
 
 def test_imports_inside_functions_and_branches_are_found(tmp_path: Path) -> None:
-    """The reader of imports itself: at the top, relative, of a name within a module, and inside a function."""
+    """The reader of imports itself: at the top, relative, of a name within a module, and inside
+    a function.
+    """
     for package in import_graph.PACKAGES:
         (tmp_path / package).mkdir()
         (tmp_path / package / "__init__.py").write_text("")
@@ -151,7 +203,9 @@ def test_imports_inside_functions_and_branches_are_found(tmp_path: Path) -> None
     assert found["laisn.gate"] == set()
     assert found["sim.a"] == {"sim.b", "laisn.fix"}
     assert set(import_graph.cycle(found)) == {"sim.a", "sim.b"}
-    assert import_graph.layers(import_graph.package_imports({"sim.c": {"laisn.fix"}, "laisn.fix": set()})) == {
+    assert import_graph.layers(
+        import_graph.package_imports({"sim.c": {"laisn.fix"}, "laisn.fix": set()})
+    ) == {
         "laisn": 0,
         "sim.c": 1,
     }

@@ -1,4 +1,6 @@
-"""Confidence intervals: against closed forms, scipy's own, and how often they hold what they should."""
+"""Confidence intervals: against closed forms, scipy's own, and how often they hold what they
+should.
+"""
 
 import math
 
@@ -21,11 +23,15 @@ from tools.documents import coverage
 from tools.documents.coverage import covered
 
 
-@pytest.mark.parametrize(("count", "of"), [(0, 40), (1, 5), (17, 40), (39, 40), (40, 40), (3, 60_000)])
+@pytest.mark.parametrize(
+    ("count", "of"), [(0, 40), (1, 5), (17, 40), (39, 40), (40, 40), (3, 60_000)]
+)
 @pytest.mark.parametrize("confidence", [0.95, 0.99])
 def test_a_proportion_has_the_exact_limits(count: int, of: int, confidence: float) -> None:
     exact = stats.binomtest(count, of).proportion_ci(confidence, method="exact")
-    assert proportion(count, of, confidence) == pytest.approx((count / of, exact.low, exact.high), rel=1e-9, abs=1e-12)
+    assert proportion(count, of, confidence) == pytest.approx(
+        (count / of, exact.low, exact.high), rel=1e-9, abs=1e-12
+    )
 
 
 def test_none_of_forty_is_at_most_nine_per_cent() -> None:
@@ -42,21 +48,27 @@ def test_what_is_no_proportion_is_refused(count: int, of: int) -> None:
 
 
 def _hall(values: Floats, confidence: float) -> tuple[float, float]:
-    """Limits by Hall's cubic transformation, solved by bisection: g(T) = t / √n (J. R. Stat. Soc. B 54, 1992, 221)."""
+    """Limits by Hall's cubic transformation, solved by bisection: g(T) = t / √n (J. R. Stat.
+    Soc. B 54, 1992, 221).
+    """
     n, skewness, spread = values.size, stats.skew(values), values.std(ddof=1)
 
     def cubic(t: float) -> float:
         return float(t + skewness * t**2 / 3 + skewness**2 * t**3 / 27 + skewness / (6 * n))
 
     t = stats.t.ppf((1 + confidence) / 2, n - 1) / math.sqrt(n)
-    upper, lower = (optimize.brentq(lambda x, y=y: cubic(x) - y, -1e4, 1e4, xtol=1e-14) for y in (t, -t))
+    upper, lower = (
+        optimize.brentq(lambda x, y=y: cubic(x) - y, -1e4, 1e4, xtol=1e-14) for y in (t, -t)
+    )
     return values.mean() - spread * upper, values.mean() - spread * lower
 
 
 @pytest.mark.parametrize("confidence", [0.95, 0.975])
 @pytest.mark.parametrize("runs", [20, 64, 384])
 @pytest.mark.parametrize("shape", [0.08, 0.7, 40.0])
-def test_a_mean_has_the_limits_of_halls_transformation(shape: float, runs: int, confidence: float) -> None:
+def test_a_mean_has_the_limits_of_halls_transformation(
+    shape: float, runs: int, confidence: float
+) -> None:
     values = np.random.default_rng(3).gamma(shape, size=runs)
     found = mean_interval(values, confidence=confidence)
     assert found.value == pytest.approx(values.mean(), rel=1e-12)
@@ -71,20 +83,45 @@ def test_values_without_skewness_have_the_limits_of_students_t() -> None:
 
 @pytest.mark.parametrize(
     ("law", "runs", "least"),
-    [("normal", 20, 0.94), ("gamma", 20, 0.94), ("exponential", 20, 0.935), ("exponential", 60, 0.94),
-     ("lognormal", 20, 0.91), ("lognormal", 60, 0.925), ("difference", 20, 0.93), ("difference", 60, 0.94),
-     ("ratio", 20, 0.91), ("ratio", 60, 0.93), ("mirror", 20, 0.85), ("mirror", 60, 0.96)],
-)  # fmt: skip
+    [
+        ("normal", 20, 0.94),
+        ("gamma", 20, 0.94),
+        ("exponential", 20, 0.935),
+        ("exponential", 60, 0.94),
+        ("lognormal", 20, 0.91),
+        ("lognormal", 60, 0.925),
+        ("difference", 20, 0.93),
+        ("difference", 60, 0.94),
+        ("ratio", 20, 0.91),
+        ("ratio", 60, 0.93),
+        ("mirror", 20, 0.85),
+        ("mirror", 60, 0.96),
+    ],
+)
 def test_intervals_have_about_their_nominal_coverage(law: str, runs: int, least: float) -> None:
-    """A tenth of 20 runs locked on the mirror image: 12 % of samples have none of them: at most 88 %."""
+    """A tenth of 20 runs locked on the mirror image: 12 % of samples have none of them: at most
+    88 %.
+    """
     trials = 4000
     assert least <= covered(law, runs, trials) / trials < 0.985
 
 
 def test_coverage_counts_what_is_inside(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(coverage.LAWS, "known", ("", 0.5, lambda rng, shape: (np.linspace(0, 1, 7)[None], None)))
-    ends = [(0.5, 0.6), (0.4, 0.5), (0.51, 0.6), (0.4, 0.49), (0.0, 1.0), (math.nan, math.nan), (0.6, 0.9)]
-    monkeypatch.setattr(coverage, "ratio_intervals", lambda above, below: [Interval(0.5, *pair) for pair in ends])
+    monkeypatch.setitem(
+        coverage.LAWS, "known", ("", 0.5, lambda rng, shape: (np.linspace(0, 1, 7)[None], None))
+    )
+    ends = [
+        (0.5, 0.6),
+        (0.4, 0.5),
+        (0.51, 0.6),
+        (0.4, 0.49),
+        (0.0, 1.0),
+        (math.nan, math.nan),
+        (0.6, 0.9),
+    ]
+    monkeypatch.setattr(
+        coverage, "ratio_intervals", lambda above, below: [Interval(0.5, *pair) for pair in ends]
+    )
     assert covered("known", 20, 7) == 3
 
 
@@ -116,11 +153,17 @@ def test_a_ratio_counts_whole_runs() -> None:
     (interval,) = ratio_intervals((100 * alike)[:, None], np.full((80, 1), 100.0))
     half = 1.96 * math.sqrt(0.25 * 0.75 / 80)
     assert interval.value == pytest.approx(0.25)
-    assert (interval.low, interval.high) == pytest.approx((0.25 - half, 0.25 + half), abs=0.15 * half)
+    assert (interval.low, interval.high) == pytest.approx(
+        (0.25 - half, 0.25 + half), abs=0.15 * half
+    )
 
 
-@pytest.mark.parametrize(("rates", "runs"), [((0.3, 0.3), 64), ((0.02, 0.0), 64), ((0.001, 0.001), 384)])
-def test_limits_of_a_difference_of_mirror_locks_hold_it(rates: tuple[float, float], runs: int) -> None:
+@pytest.mark.parametrize(
+    ("rates", "runs"), [((0.3, 0.3), 64), ((0.02, 0.0), 64), ((0.001, 0.001), 384)]
+)
+def test_limits_of_a_difference_of_mirror_locks_hold_it(
+    rates: tuple[float, float], runs: int
+) -> None:
     rng, trials = np.random.default_rng(7), 3000
     more, fewer = rates
     draw = rng.random((trials, runs))
@@ -151,7 +194,9 @@ def test_a_share_of_sums_weighs_missions_by_what_there_is_to_remove() -> None:
     rng = np.random.default_rng(8)
     parts = [1.0 + 0.01 * rng.normal(size=50), 9.0 + 0.01 * rng.normal(size=50)]
     lefts = [0.5 * parts[0], 0.1 * parts[1]]
-    expected = 1.0 - (0.5 * parts[0].mean() + 0.1 * parts[1].mean()) / (parts[0].mean() + parts[1].mean())
+    expected = 1.0 - (0.5 * parts[0].mean() + 0.1 * parts[1].mean()) / (
+        parts[0].mean() + parts[1].mean()
+    )
     share = share_removed(list(zip(parts, lefts, strict=True)))
     assert share.value == pytest.approx(expected, rel=1e-12)
     assert share.low < share.value < share.high
@@ -189,12 +234,21 @@ def test_many_runs_have_limits_of_second_order(runs: int) -> None:
     error = some.std() / np.sqrt(some.size)
     assert found.value == pytest.approx(some.mean(), rel=1e-12)
     assert found.high - found.low == pytest.approx(2 * 1.96 * error, rel=0.1)
-    shift = (2 * 1.96**2 + 1) * float(np.mean(((some - some.mean()) / some.std()) ** 3)) / 6 / np.sqrt(some.size)
-    assert (found.high + found.low) / 2 - found.value == pytest.approx(shift * error, abs=0.06 * error)
+    shift = (
+        (2 * 1.96**2 + 1)
+        * float(np.mean(((some - some.mean()) / some.std()) ** 3))
+        / 6
+        / np.sqrt(some.size)
+    )
+    assert (found.high + found.low) / 2 - found.value == pytest.approx(
+        shift * error, abs=0.06 * error
+    )
 
 
 def test_a_study_that_stops_by_its_interval_takes_as_many_runs_as_the_law_needs() -> None:
-    """σ = 1 and half of an interval of 0.1 need (1.96 / 0.1)² = 384 runs; an interval is no wider than required."""
+    """σ = 1 and half of an interval of 0.1 need (1.96 / 0.1)² = 384 runs; an interval is no
+    wider than required.
+    """
     found = [coverage.stopped("normal", np.random.default_rng(seed)) for seed in range(50)]
     halves = np.array([(one.high - one.low) / 2 for one in found])
     assert halves.max() <= 0.1

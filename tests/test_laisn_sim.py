@@ -1,4 +1,6 @@
-"""The face for Python: light to import, one name for a thing as in the files, the same numbers as the command's."""
+"""The face for Python: light to import, one name for a thing as in the files, the same numbers
+as the command's.
+"""
 
 import os
 import pydoc
@@ -33,18 +35,37 @@ def python(code: str, folder: Path) -> subprocess.CompletedProcess[str]:
     """Run code in a folder, which Python looks into first."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     return subprocess.run(
-        [sys.executable, "-c", code], cwd=folder, env=environment, capture_output=True, text=True, check=False
+        [sys.executable, "-c", code],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
 
 
 def test_importing_it_costs_nothing(tmp_path: Path) -> None:
-    heavy = "{'numpy', 'pydantic', 'typer', 'mujoco', 'typing', 'pathlib', 'experiments', 'sim', 'laisn'}"
-    code = f"import sys; before = set(sys.modules); import laisn_sim; print(({heavy} & set(sys.modules)) - before)"
+    heavy = (
+        "{'numpy', 'pydantic', 'typer', 'mujoco', 'typing', 'pathlib', 'experiments', 'sim', "
+        "'laisn'}"
+    )
+    code = (
+        f"import sys; before = set(sys.modules); import laisn_sim; print(({heavy} & "
+        "set(sys.modules)) - before)"
+    )
     assert python(code, tmp_path).stdout == "set()\n"
 
 
 def test_every_name_is_there_explained_and_typed() -> None:
-    for name in (*laisn_sim.__all__, "Flight", "LaisnError", "Navigator", "Scenario", "StudyFolder", "Table"):
+    for name in (
+        *laisn_sim.__all__,
+        "Flight",
+        "LaisnError",
+        "Navigator",
+        "Scenario",
+        "StudyFolder",
+        "Table",
+    ):
         assert getattr(laisn_sim, name).__doc__, name
         assert name in dir(laisn_sim)
     with pytest.raises(AttributeError, match=r"no attribute 'flie'; available: .*fly"):
@@ -67,9 +88,13 @@ def test_a_package_of_the_same_name_is_named(tmp_path: Path) -> None:
 
 def test_errors_are_distances_of_the_columns(flight: laisn_sim.Flight) -> None:
     table = laisn_sim.errors(flight)
-    apart = np.hypot(table["estimate_east_m"] - table["east_m"], table["estimate_north_m"] - table["north_m"])
+    apart = np.hypot(
+        table["estimate_east_m"] - table["east_m"], table["estimate_north_m"] - table["north_m"]
+    )
     np.testing.assert_allclose(table["e_p_m"], apart, rtol=1e-12)
-    assert table["e_p_m"].mean() == pytest.approx(laisn_sim.summary(flight)["e_p_mean_m"], rel=1e-12)
+    assert table["e_p_m"].mean() == pytest.approx(
+        laisn_sim.summary(flight)["e_p_mean_m"], rel=1e-12
+    )
     np.testing.assert_allclose(table["time_s"], np.arange(1, 201) / 10, rtol=1e-12)
     # T5 begins level at its depth, astern
     assert table["depth_m"][0] == pytest.approx(12.0, abs=0.3)
@@ -87,7 +112,9 @@ def test_another_variant_is_navigated_as_it_would_have_been_flown(flight: laisn_
     assert again.scenario == flown.scenario
     assert again.estimates[0].state.tobytes() == flown.estimates[0].state.tobytes()
     assert again.estimates[0].state.tobytes() != flight.estimates[0].state.tobytes()
-    with pytest.raises(laisn_sim.LaisnError, match=r"leader\.depth_m: a replay can change navigation only"):
+    with pytest.raises(
+        laisn_sim.LaisnError, match=r"leader\.depth_m: a replay can change navigation only"
+    ):
         laisn_sim.navigate(flight, {"leader.depth_m": 3.0})
 
 
@@ -116,24 +143,38 @@ def test_truth_and_measurements_are_tables(flight: laisn_sim.Flight) -> None:
     received = ~np.isnan(measured["range_rear_m"])
     assert received.sum() == 20
     np.testing.assert_allclose(measured["time_s"][received], np.arange(1, 21), rtol=1e-12)
-    np.testing.assert_array_equal(measured["leader_time_s"][received], flight.measurements[0].message[:, 0])
+    np.testing.assert_array_equal(
+        measured["leader_time_s"][received], flight.measurements[0].message[:, 0]
+    )
     assert np.isnan(measured["leader_pitch_deg"]).all()
-    radius = np.hypot(measured["leader_east_m"] - truth["east_m"][follower][1:],
-                      measured["leader_north_m"] - truth["north_m"][follower][1:])[received]  # fmt: skip
+    radius = np.hypot(
+        measured["leader_east_m"] - truth["east_m"][follower][1:],
+        measured["leader_north_m"] - truth["north_m"][follower][1:],
+    )[received]
     assert np.abs(measured["range_middle_m"][received] - radius).max() < 1.0
 
 
 def test_records_of_arrays_print_shapes(flight: laisn_sim.Flight) -> None:
     for record in (flight.trajectory, flight.measurements[0], flight.estimates[0]):
         assert len(repr(record)) < 500
-    assert repr(flight.estimates[0]).startswith("<Estimates: state (200, 4), covariance (200, 4, 4)")
+    assert repr(flight.estimates[0]).startswith(
+        "<Estimates: state (200, 4), covariance (200, 4, 4)"
+    )
 
 
 def test_values_of_numpy_tuples_and_ranges_are_values() -> None:
-    scenario = laisn_sim.load("T5", {"duration_s": np.int64(20), "acoustics.range_tau_m": np.full(3, 0.1), "run": 3})
-    assert scenario == laisn_sim.load("T5", {"duration_s": 20, "acoustics.range_tau_m": (0.1, 0.1, 0.1), "run": 3})
+    scenario = laisn_sim.load(
+        "T5", {"duration_s": np.int64(20), "acoustics.range_tau_m": np.full(3, 0.1), "run": 3}
+    )
+    assert scenario == laisn_sim.load(
+        "T5", {"duration_s": 20, "acoustics.range_tau_m": (0.1, 0.1, 0.1), "run": 3}
+    )
     for values in (range(10, 13), np.arange(10, 13), (10, 11, 12)):
-        assert study_of("T5", {"vary": {"followers.0.depth_m": values}}).factors[0].values == (10, 11, 12)
+        assert study_of("T5", {"vary": {"followers.0.depth_m": values}}).factors[0].values == (
+            10,
+            11,
+            12,
+        )
 
 
 class Returning:
@@ -144,17 +185,32 @@ class Returning:
     def run(self, measurements: object) -> None: ...
 
 
-@pytest.mark.parametrize(("call", "text"), [
-    (lambda flight: laisn_sim.fly("T5", [1]), r"changes: expected a table of values by dotted key \(given: \[1\]\)"),
-    (lambda flight: laisn_sim.fly("T5", {3: 4}), "3: unknown key"),
-    (lambda flight: laisn_sim.navigate(flight, 3), "changes: expected a table"),
-    (lambda flight: laisn_sim.navigate(flight, navigator=Returning), "NoneType from `run`; expected .*Estimates"),
-    (lambda flight: laisn_sim.fly("T5", {"duration_s": 2}, navigator=Returning), "NoneType from `run`; expected"),
-    (lambda flight: laisn_sim.study("T5", vary=3), r"vary: .*valid dictionary \(given: 3\)"),
-    (lambda flight: laisn_sim.load({"followers": []}), "followers: .*at least 1 item"),
-    (lambda flight: laisn_sim.hull("../tests/vehicle/remus100"), "unknown model .*available: bluerov2_heavy, follower"),
-    (lambda flight: laisn_sim.hull("bluerov"), "unknown model 'bluerov'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("call", "text"),
+    [
+        (
+            lambda flight: laisn_sim.fly("T5", [1]),
+            r"changes: expected a table of values by dotted key \(given: \[1\]\)",
+        ),
+        (lambda flight: laisn_sim.fly("T5", {3: 4}), "3: unknown key"),
+        (lambda flight: laisn_sim.navigate(flight, 3), "changes: expected a table"),
+        (
+            lambda flight: laisn_sim.navigate(flight, navigator=Returning),
+            "NoneType from `run`; expected .*Estimates",
+        ),
+        (
+            lambda flight: laisn_sim.fly("T5", {"duration_s": 2}, navigator=Returning),
+            "NoneType from `run`; expected",
+        ),
+        (lambda flight: laisn_sim.study("T5", vary=3), r"vary: .*valid dictionary \(given: 3\)"),
+        (lambda flight: laisn_sim.load({"followers": []}), "followers: .*at least 1 item"),
+        (
+            lambda flight: laisn_sim.hull("../tests/vehicle/remus100"),
+            "unknown model .*available: bluerov2_heavy, follower",
+        ),
+        (lambda flight: laisn_sim.hull("bluerov"), "unknown model 'bluerov'"),
+    ],
+)
 @pytest.mark.usefixtures("no_plugins")
 def test_wrong_arguments_are_refused(flight: laisn_sim.Flight, call: Any, text: str) -> None:
     with pytest.raises(laisn_sim.LaisnError, match=text):
@@ -218,7 +274,9 @@ def test_a_flight_is_drawn_with_its_estimates_and_errors(flight: laisn_sim.Fligh
     np.testing.assert_allclose(error.x, table["time_s"], rtol=1e-4)
     np.testing.assert_allclose(error.y, table["e_p_m"], rtol=1e-4)
     assert next(axis.title.text for axis in flight.plot("motion").select_yaxes()) == "depth [m]"
-    with pytest.raises(laisn_sim.LaisnError, match="plot 'speed': expected one of errors, routes, motion"):
+    with pytest.raises(
+        laisn_sim.LaisnError, match="plot 'speed': expected one of errors, routes, motion"
+    ):
         flight.plot("speed")
     with pytest.raises(laisn_sim.LaisnError, match="follower 1: expected 0 … 0"):
         flight.plot(follower=1)
@@ -254,14 +312,21 @@ def test_other_libraries_take_tables_as_they_are() -> None:
 
 
 def test_a_study_by_keywords_is_that_of_a_file(tmp_path: Path) -> None:
-    file = {"scenario": "T5", "set": {"duration_s": 20}, "vary": {"followers.0.depth_m": [10, 15]}, "runs": 2}
+    file = {
+        "scenario": "T5",
+        "set": {"duration_s": 20},
+        "vary": {"followers.0.depth_m": [10, 15]},
+        "runs": 2,
+    }
     a = laisn_sim.study(file, out=tmp_path / "a", workers=1)
     keys = {"vary": file["vary"], "set": file["set"], "runs": 2}
     b = laisn_sim.study("T5", out=tmp_path / "b", workers=1, **keys)
     assert a.table.arrow == b.table.arrow == pq.read_table(tmp_path / "a" / RESULTS)
     assert a.runs.arrow == pq.read_table(tmp_path / "a" / RUNS)
     # records hold six digits
-    assert a.findings["e_p_mean_m: point 0, arm all, follower"].value == float(f"{a.table['e_p_mean_m'][0]:.6g}")
+    assert a.findings["e_p_mean_m: point 0, arm all, follower"].value == float(
+        f"{a.table['e_p_mean_m'][0]:.6g}"
+    )
     assert laisn_sim.StudyFolder(tmp_path / "a").table.arrow == a.table.arrow
     (line,) = a.plot("followers.0.depth_m").data
     np.testing.assert_allclose(line.x, a.table["followers.0.depth_m"])
@@ -280,11 +345,25 @@ def test_a_study_by_keywords_is_that_of_a_file(tmp_path: Path) -> None:
 
 
 def test_keywords_replace_settings_of_a_study_key_by_key() -> None:
-    file = {"scenario": "T5", "runs": 5, "set": {"duration_s": 20}, "vary": {"leader.baseline_m": [1, 2]}}
+    file = {
+        "scenario": "T5",
+        "runs": 5,
+        "set": {"duration_s": 20},
+        "vary": {"leader.baseline_m": [1, 2]},
+    }
     found = study_of(
-        file, {"runs": None, "realizations": 1, "vary": {"followers.0.depth_m": [9]}, "set": {"duration_s": 30}}
+        file,
+        {
+            "runs": None,
+            "realizations": 1,
+            "vary": {"followers.0.depth_m": [9]},
+            "set": {"duration_s": 30},
+        },
     )
     assert (found.runs, dict(found.settings)) == (5, {"duration_s": 30})
-    assert [(f.key, f.values) for f in found.factors] == [("leader.baseline_m", (1, 2)), ("followers.0.depth_m", (9,))]
+    assert [(f.key, f.values) for f in found.factors] == [
+        ("leader.baseline_m", (1, 2)),
+        ("followers.0.depth_m", (9,)),
+    ]
     with pytest.raises(laisn_sim.LaisnError, match="T5 is a scenario: give --vary"):
         study_of("T5", {})

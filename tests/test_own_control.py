@@ -1,4 +1,6 @@
-"""Controllers and navigators of the user's own in the closed loop: commands, wrenches, effectors, readings."""
+"""Controllers and navigators of the user's own in the closed loop: commands, wrenches,
+effectors, readings.
+"""
 
 from typing import Any
 
@@ -76,9 +78,12 @@ def followers(*made: type) -> list[dict[str, Any]]:
 def flown() -> tuple[Flight, Any]:
     station = {"name": "station", "station": {"behind_m": 45.0, "port_m": 10.0, "depth_m": 14.0}}
     table = {
-        "name": "own", "duration_s": 40.0, "followers": [*followers(Holding, Turning, Still), station],
-        "navigation": {"variant": "inverted-usbl"}, "leader": {"broadcast_attitude": True},
-    }  # fmt: skip
+        "name": "own",
+        "duration_s": 40.0,
+        "followers": [*followers(Holding, Turning, Still), station],
+        "navigation": {"variant": "inverted-usbl"},
+        "leader": {"broadcast_attitude": True},
+    }
     scenario = laisn_sim.load(table)
     trajectory, loop = simulate_closed_loop(scenario)
     return navigate(scenario, trajectory), loop
@@ -86,7 +91,8 @@ def flown() -> tuple[Flight, Any]:
 
 def test_a_command_is_held_by_the_autopilot(flown: tuple[Flight, Any]) -> None:
     motion = flown[0].trajectory
-    # of the compass, which reads 6.6° too much, the navigator has estimated most; readings themselves would give 83.4°
+    # of the compass, which reads 6.6° too much, the navigator has estimated most; readings
+    # themselves would give 83.4°
     assert np.rad2deg(motion.heading[-50:, 1]).mean() == pytest.approx(90.0, abs=3.0)
     assert motion.depth[-50:, 1].mean() == pytest.approx(11.0, abs=0.3)
     assert 0.9 < np.hypot(*motion.velocity[-50:, 1, :2].T).mean() < 1.5
@@ -106,7 +112,9 @@ def test_effectors_at_rest_leave_the_hull_to_its_drag(flown: tuple[Flight, Any])
     assert speed[-1] < 0.5 * speed[0]
 
 
-def test_readings_and_estimates_are_those_of_the_finished_mission(flown: tuple[Flight, Any]) -> None:
+def test_readings_and_estimates_are_those_of_the_finished_mission(
+    flown: tuple[Flight, Any],
+) -> None:
     """Also those of a navigator that uses bearings, which the loop measures at each message."""
     flight, loop = flown
     measured, estimates, calls = flight.measurements[0], flight.estimates[0], SEEN["Holding"]
@@ -119,15 +127,24 @@ def test_readings_and_estimates_are_those_of_the_finished_mission(flown: tuple[F
     bearings = [readings[k - 1].reception.bearing for k in received]
     np.testing.assert_allclose(bearings, measured.own["bearing"][np.array(received) - 1], atol=1e-9)
     # 5° and the mean of a one-sided error of 2°, within some standard deviations of an azimuth
-    assert np.rad2deg(beliefs[-1].compass_bias) == pytest.approx(5.0 + 2.0 * np.sqrt(2.0 / np.pi), abs=3.0)
-    np.testing.assert_allclose([(b.east, b.north) for b in beliefs], estimates.state[:, :2], atol=1e-6)
+    assert np.rad2deg(beliefs[-1].compass_bias) == pytest.approx(
+        5.0 + 2.0 * np.sqrt(2.0 / np.pi), abs=3.0
+    )
+    np.testing.assert_allclose(
+        [(b.east, b.north) for b in beliefs], estimates.state[:, :2], atol=1e-6
+    )
     for i, found in enumerate(flight.estimates):
-        np.testing.assert_allclose(loop.state.history.position[1:, i], found.state[:, :2], atol=1e-6)
+        np.testing.assert_allclose(
+            loop.state.history.position[1:, i], found.state[:, :2], atol=1e-6
+        )
     assert {dt for *_, dt in calls} == {0.1}
 
 
 def test_a_command_of_another_kind_is_refused_by_the_name_of_its_follower() -> None:
-    with pytest.raises(LaisnError, match=r"controller of follower returned 'fast'; expected heading, speed and depth"):
+    with pytest.raises(
+        LaisnError,
+        match=r"controller of follower returned 'fast'; expected heading, speed and depth",
+    ):
         laisn_sim.fly("T5", {"duration_s": 2.0}, controller=Wrong, navigator=Odometer)
     assert takes_readings(Wrong)
     assert not takes_readings(Low)
@@ -157,14 +174,21 @@ def test_a_navigator_of_a_script_flies() -> None:
     [
         ({"followers.0.controller": "mine:Pilot"}, "not loaded: add --plugin mine.py"),
         ({"followers.0.controller": "a b"}, "followers"),
-        ({"followers.0.controller": "mine:Pilot", "motion": "kinematic"}, "controller needs motion = 'physics'"),
+        (
+            {"followers.0.controller": "mine:Pilot", "motion": "kinematic"},
+            "controller needs motion = 'physics'",
+        ),
     ],
 )
-def test_controllers_that_cannot_fly_are_refused(settings: dict[str, object], expected: str) -> None:
+def test_controllers_that_cannot_fly_are_refused(
+    settings: dict[str, object], expected: str
+) -> None:
     with pytest.raises(LaisnError, match=expected):
         laisn_sim.load("T5", settings)
 
 
 def test_a_class_without_readings_is_no_controller_of_a_follower() -> None:
-    with pytest.raises(LaisnError, match=r"expected a class with `control\(readings, belief, dt\)`"):
+    with pytest.raises(
+        LaisnError, match=r"expected a class with `control\(readings, belief, dt\)`"
+    ):
         laisn_sim.load("T5", {"followers.0.controller": register(Low)})

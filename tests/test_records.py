@@ -32,7 +32,8 @@ def dataclasses_of(package: str) -> Iterator[tuple[str, dict[str, bool]]]:
                 call = made_by if isinstance(made_by, ast.Call) else ast.Call(made_by, [], [])
                 if isinstance(call.func, ast.Name) and call.func.id == "dataclass":
                     options = {
-                        k.arg or "": isinstance(k.value, ast.Constant) and bool(k.value.value) for k in call.keywords
+                        k.arg or "": isinstance(k.value, ast.Constant) and bool(k.value.value)
+                        for k in call.keywords
                     }
                     yield f"{path.relative_to(ROOT)}: {node.name}", options  # type: ignore[attr-defined]
 
@@ -41,28 +42,40 @@ def dataclasses_of(package: str) -> Iterator[tuple[str, dict[str, bool]]]:
 def test_records_are_frozen_and_made_by_name(package: str) -> None:
     found = dict(dataclasses_of(package))
     assert len(found) > 5
-    wrong = [name for name, options in found.items() if not (options.get("frozen") and options.get("kw_only"))]
+    wrong = [
+        name
+        for name, options in found.items()
+        if not (options.get("frozen") and options.get("kw_only"))
+    ]
     assert [name for name in wrong if not name.startswith(LOOSE)] == []
 
 
 def records() -> dict[str, Any]:
     """One of each kind."""
     scenario = Scenario(
-        name="T5", motion="kinematic", duration_s=4.0, followers=(Follower(route="T5"),),
+        name="T5",
+        motion="kinematic",
+        duration_s=4.0,
+        followers=(Follower(route="T5"),),
         acoustics=Acoustics(surface_echo_probability=0.1, travel_time=True),
         ocean=Ocean(waves=Waves(kind="jonswap", height_m=0.5, period_s=6.0)),
-    )  # fmt: skip
+    )
     trajectory = simulate_motion(scenario)
     flight = navigate(scenario, trajectory, Navigator)
     route = routes_of(scenario)[1]
     made = (
-        trajectory, observe(trajectory, scenario), flight.measurements[0],
-        flight.estimates[0], range_error_budget(flight),
-        route, route.depth,
-        ocean_of(scenario).waves, sound_of(scenario).profile,
+        trajectory,
+        observe(trajectory, scenario),
+        flight.measurements[0],
+        flight.estimates[0],
+        range_error_budget(flight),
+        route,
+        route.depth,
+        ocean_of(scenario).waves,
+        sound_of(scenario).profile,
         OtherEstimate(label="other", colour=(0.0, 0.0, 0.0), position=np.zeros((4, 2))),
         RayErrors(label="error", value=np.zeros((4, 3)), limit=1.0),
-    )  # fmt: skip
+    )
     return {type(record).__name__: record for record in made}
 
 
@@ -73,9 +86,19 @@ def made() -> dict[str, Any]:
 
 @pytest.mark.parametrize(
     "name",
-    ["Trajectory", "MissionTruth", "Measurements", "Estimates", "RangeErrorBudget", "Route",
-     "DepthProfile", "Waves", "OtherEstimate", "RayErrors"],
-)  # fmt: skip
+    [
+        "Trajectory",
+        "MissionTruth",
+        "Measurements",
+        "Estimates",
+        "RangeErrorBudget",
+        "Route",
+        "DepthProfile",
+        "Waves",
+        "OtherEstimate",
+        "RayErrors",
+    ],
+)
 def test_a_record_shares_no_array_with_its_caller(made: dict[str, Any], name: str) -> None:
     record = made[name]
     held = {f.name: getattr(record, f.name) for f in fields(record)}

@@ -1,4 +1,6 @@
-"""The simulation loop with controllers and navigators in Python, against the compiled ones and closed forms."""
+"""The simulation loop with controllers and navigators in Python, against the compiled ones and
+closed forms.
+"""
 
 from functools import partial
 from typing import Any
@@ -42,7 +44,14 @@ def test_a_controller_in_python_is_called_at_each_instant_and_flies_as_the_compi
         return made[0]
 
     own, usual = simulate_motion(scenario, make_controller=make), simulate_motion(scenario)
-    for name in ("position", "quaternion", "velocity", "angular_velocity", "water_velocity", "thrust"):
+    for name in (
+        "position",
+        "quaternion",
+        "velocity",
+        "angular_velocity",
+        "water_velocity",
+        "thrust",
+    ):
         np.testing.assert_array_equal(getattr(own, name), getattr(usual, name))
     assert made[0].called == list(range(601))
     # what it is handed is the state of the plant at that instant
@@ -51,7 +60,9 @@ def test_a_controller_in_python_is_called_at_each_instant_and_flies_as_the_compi
 
 
 def test_a_command_from_python_holds_until_the_next_instant() -> None:
-    """Thrust follows a constant command u as u (1 - exp(-t / lag)), and one that ends as exp(-t / lag)."""
+    """Thrust follows a constant command u as u (1 - exp(-t / lag)), and one that ends as exp(-t
+    / lag).
+    """
     lags: list[float] = []
 
     class Pulse:
@@ -67,15 +78,21 @@ def test_a_command_from_python_holds_until_the_next_instant() -> None:
     assert start == 0.0
     rise = 5.0 * -np.expm1(-time / lags[0])
     fall = rise[10] * np.exp(-(time - 1.0) / lags[0])
-    np.testing.assert_allclose(flown.thrust[:, 1, 0], np.where(time <= 1.0, rise, fall), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        flown.thrust[:, 1, 0], np.where(time <= 1.0, rise, fall), rtol=0, atol=1e-9
+    )
     assert not flown.thrust[:, 0].any()
 
 
 @pytest.mark.parametrize("variant", ["laisn-3-1", "tight"])
 def test_navigators_in_python_steer_by_their_estimates(variant: str) -> None:
-    """What steers is what such a navigator estimates on the finished mission; LAISN's flies as the compiled one."""
+    """What steers is what such a navigator estimates on the finished mission; LAISN's flies as
+    the compiled one.
+    """
     scenario = route(f"navigation.variant={variant}", "acoustics.loss_probability=0.2")
-    own, loop = simulate_closed_loop(scenario, partial(SeparateNavigators, find(scenario.navigation.variant).make))
+    own, loop = simulate_closed_loop(
+        scenario, partial(SeparateNavigators, find(scenario.navigation.variant).make)
+    )
     (estimates,) = navigate(scenario, own).estimates
     np.testing.assert_array_equal(loop.state.history.position[1:, 0], estimates.state[:, :2])
     np.testing.assert_array_equal(loop.state.history.velocity[1:, 0], estimates.state[:, 2:])
@@ -91,5 +108,7 @@ def test_a_navigator_that_fails_is_named_by_its_number_from_one() -> None:
         def navigate(self, step: int, *_: Any) -> int:
             return 3 if step == 7 else 0
 
-    with pytest.raises(ArithmeticError, match="the covariance of follower 3 is not positive definite"):
+    with pytest.raises(
+        ArithmeticError, match="the covariance of follower 3 is not positive definite"
+    ):
         simulate_closed_loop(route(), lambda *_: Failing())

@@ -1,4 +1,6 @@
-"""Stations on the leader's plan: where the frame does not turn, they are the trail moved aside, in closed form."""
+"""Stations on the leader's plan: where the frame does not turn, they are the trail moved aside,
+in closed form.
+"""
 
 from typing import Any
 
@@ -16,16 +18,25 @@ STRAIGHT = {"waypoints": [[0, 0, 0], [200, 200, 0]]}
 STIFF = {"frame_time_constant_s": 1e6}
 
 
-def mission(*places: tuple[float, float, float], leader: object = LEFT, **formation: Any) -> Scenario:
+def mission(
+    *places: tuple[float, float, float], leader: object = LEFT, **formation: Any
+) -> Scenario:
     followers = [{"station": {"behind_m": s, "port_m": y, "depth_m": d}} for s, y, d in places]
-    table = {"name": "s", "duration_s": 150.0, "leader": leader, "followers": followers, "formation": formation}
+    table = {
+        "name": "s",
+        "duration_s": 150.0,
+        "leader": leader,
+        "followers": followers,
+        "formation": formation,
+    }
     return validate(table, "test")
 
 
 @pytest.mark.parametrize(
     ("other", "apart"),
     [
-        ((20.0, 15.0), 0.0),  # as much farther to port as it is farther behind: they meet after the turn to port
+        # as much farther to port as it is farther behind: they meet after the turn to port
+        ((20.0, 15.0), 0.0),
         ((20.0, 25.0), 10.0),
         ((18.0, 15.0), 2.0),
         ((20.0, -5.0), np.hypot(10.0, 10.0)),  # the nearest they are is at rest
@@ -34,7 +45,9 @@ def mission(*places: tuple[float, float, float], leader: object = LEFT, **format
 def test_after_a_right_angle_stations_stand_where_the_way_behind_and_aside_put_them(
     other: tuple[float, float], apart: float
 ) -> None:
-    """One stands 10 m behind and 5 m to port; on the second leg they are Δy − Δs apart along it, and no way aside."""
+    """One stands 10 m behind and 5 m to port; on the second leg they are Δy − Δs apart along it,
+    and no way aside.
+    """
     found = closest_stations(mission((10.0, 5.0, 12.0), (*other, 12.0), **STIFF))
     assert found is not None
     assert found.distance_m == pytest.approx(apart, abs=0.02)
@@ -45,7 +58,9 @@ def test_after_a_right_angle_stations_stand_where_the_way_behind_and_aside_put_t
 
 
 def test_on_a_straight_way_they_keep_their_distance() -> None:
-    found = closest_stations(mission((10.0, 5.0, 12.0), (20.0, 15.0, 12.5), (12.0, 5.0, 13.5), leader=STRAIGHT))
+    found = closest_stations(
+        mission((10.0, 5.0, 12.0), (20.0, 15.0, 12.5), (12.0, 5.0, 13.5), leader=STRAIGHT)
+    )
     assert found is not None
     assert found.distance_m == pytest.approx(np.hypot(10.0, 10.0), abs=1e-6)
 
@@ -69,23 +84,35 @@ def test_the_leader_is_in_a_layer_too() -> None:
 
 @pytest.mark.parametrize("count", [2, 5, 12])
 def test_wings_of_a_v_do_not_meet_in_a_right_angle(count: int) -> None:
-    """Twice as far aside as behind, a wing's neighbours at 10 m are 10 (2 − 1) / √5 m apart on the second leg."""
+    """Twice as far aside as behind, a wing's neighbours at 10 m are 10 (2 − 1) / √5 m apart on
+    the second leg.
+    """
     shape = {"kind": "v", "count": count, "layer_m": 0.0}
     formation = {"shape": shape, **STIFF}
-    found = closest_stations(validate({"name": "s", "duration_s": 180.0, "leader": LEFT, "formation": formation}, "t"))
+    found = closest_stations(
+        validate({"name": "s", "duration_s": 180.0, "leader": LEFT, "formation": formation}, "t")
+    )
     assert found is not None
-    assert found.distance_m == pytest.approx(10.0 / np.sqrt(5.0) if count > 2 else 2 * 10 * 2 / np.sqrt(5.0), abs=0.02)
+    assert found.distance_m == pytest.approx(
+        10.0 / np.sqrt(5.0) if count > 2 else 2 * 10 * 2 / np.sqrt(5.0), abs=0.02
+    )
 
 
 def scenario_of(table: dict[str, Any]) -> Scenario:
-    return validate({"name": "s", "duration_s": 150.0, "leader": LEFT, **table}, "test", feasibility.infeasibilities)
+    return validate(
+        {"name": "s", "duration_s": 150.0, "leader": LEFT, **table},
+        "test",
+        feasibility.infeasibilities,
+    )
 
 
 GRID = {"kind": "grid", "count": 12, "layer_m": 0.0}
 
 
 def test_stations_that_meet_in_the_turn_are_refused_unless_followers_give_way() -> None:
-    with pytest.raises(ValueError, match=r"followers\[\d+\].station and followers\[\d+\].station, in one layer"):
+    with pytest.raises(
+        ValueError, match=r"followers\[\d+\].station and followers\[\d+\].station, in one layer"
+    ):
         scenario_of({"formation": {"shape": GRID}})
     scenario_of({"formation": {"shape": GRID, "proximity": {"range_m": 6.0}}})
     scenario_of({"formation": {"shape": GRID | {"layer_m": 1.0, "layers": 4}}})
@@ -93,9 +120,15 @@ def test_stations_that_meet_in_the_turn_are_refused_unless_followers_give_way() 
 
 
 @pytest.mark.parametrize("ocean", [{}, {"current_speed_m_s": 0.5, "current_direction_deg": 180.0}])
-def test_followers_that_the_plan_lets_give_way_keep_two_metres_apart(ocean: dict[str, float]) -> None:
-    """With hardly more range than it takes to brake; without a sensor stations meet within a metre."""
-    with_current = scenario_of({"formation": {"shape": GRID, "proximity": {"range_m": 6.0}}, "ocean": ocean})
+def test_followers_that_the_plan_lets_give_way_keep_two_metres_apart(
+    ocean: dict[str, float],
+) -> None:
+    """With hardly more range than it takes to brake; without a sensor stations meet within a
+    metre.
+    """
+    with_current = scenario_of(
+        {"formation": {"shape": GRID, "proximity": {"range_m": 6.0}}, "ocean": ocean}
+    )
     scenario = with_current.model_copy(update={"duration_s": 110.0})
     planned, (flown, _) = closest_stations(scenario), simulate_closed_loop(scenario)
     nearest = closest_in_a_layer(scenario, flown)
@@ -106,24 +139,45 @@ def test_followers_that_the_plan_lets_give_way_keep_two_metres_apart(ocean: dict
 
 
 def test_layers_are_taken_in_turn() -> None:
-    scenario = scenario_of({"formation": {"shape": GRID | {"layer_m": 1.5, "layers": 4, "depth_m": 9.0}}})
+    scenario = scenario_of(
+        {"formation": {"shape": GRID | {"layer_m": 1.5, "layers": 4, "depth_m": 9.0}}}
+    )
     assert [f.layer_m for f in scenario.followers] == [9.0, 10.5, 12.0, 13.5] * 3
 
 
 @pytest.mark.parametrize(
     ("table", "text"),
     [
-        ({"formation": {"proximity": {"full_avoidance_range_m": 5.0}}},
-         r"full_avoidance_range_m = 5 is not less than formation.proximity.range_m = 5"),
-        ({"formation": {"proximity": {"period_s": 0.25}}}, r"period_s = 0.25 is no multiple of 0.1"),
-        ({"formation": {"proximity": {"range_m": 12.0}}}, r"are 10 m apart in one layer, within formation.prox"),
-        ({"followers": [{"station": {"behind_m": 10.0, "depth_m": 9.5}},
-                        {"station": {"behind_m": 30.0, "depth_m": 9.0}, "start_m": [-12.0, 0.0]}]},
-         r"followers\[0\] and followers\[1\] start 2 m apart in layers 0.5 m apart"),
-        ({"contact": "end", "followers": [{"route": "T5"}] * 2}, r"followers\[0\] and followers\[1\] start 0 m apart"),
+        (
+            {"formation": {"proximity": {"full_avoidance_range_m": 5.0}}},
+            r"full_avoidance_range_m = 5 is not less than formation.proximity.range_m = 5",
+        ),
+        (
+            {"formation": {"proximity": {"period_s": 0.25}}},
+            r"period_s = 0.25 is no multiple of 0.1",
+        ),
+        (
+            {"formation": {"proximity": {"range_m": 12.0}}},
+            r"are 10 m apart in one layer, within formation.prox",
+        ),
+        (
+            {
+                "followers": [
+                    {"station": {"behind_m": 10.0, "depth_m": 9.5}},
+                    {"station": {"behind_m": 30.0, "depth_m": 9.0}, "start_m": [-12.0, 0.0]},
+                ]
+            },
+            r"followers\[0\] and followers\[1\] start 2 m apart in layers 0.5 m apart",
+        ),
+        (
+            {"contact": "end", "followers": [{"route": "T5"}] * 2},
+            r"followers\[0\] and followers\[1\] start 0 m apart",
+        ),
     ],
-)  # fmt: skip
-def test_impossible_settings_are_reported_before_the_simulation(table: dict[str, Any], text: str) -> None:
+)
+def test_impossible_settings_are_reported_before_the_simulation(
+    table: dict[str, Any], text: str
+) -> None:
     followers = [{"station": {"behind_m": behind, "depth_m": 10.0}} for behind in (20.0, 30.0)]
     with pytest.raises(ValueError, match=text):
         scenario_of({"followers": followers} | table)

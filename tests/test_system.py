@@ -28,7 +28,9 @@ def test_a_file_appears_under_its_name_when_it_is_complete(tmp_path: Path) -> No
     assert names(tmp_path) == ["a.txt"]
 
 
-def test_content_reaches_the_disk_before_the_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_content_reaches_the_disk_before_the_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     calls: list[str] = []
     fsync, replace = os.fsync, os.replace
     monkeypatch.setattr(os, "fsync", lambda handle: calls.append("fsync") or fsync(handle))
@@ -39,7 +41,9 @@ def test_content_reaches_the_disk_before_the_name(tmp_path: Path, monkeypatch: p
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
-def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path, error: type[BaseException]) -> None:
+def test_a_failure_leaves_the_old_file_and_nothing_else(
+    tmp_path: Path, error: type[BaseException]
+) -> None:
     path = tmp_path / "a.txt"
     path.write_text("old")
     with pytest.raises(error), atomic_write(path) as part:  # noqa: PT012  (the block is what fails)
@@ -68,7 +72,9 @@ with locked(folder), atomic_write(folder / "a.txt") as part:
 """
 
 
-def test_a_killed_process_leaves_no_lock_and_no_partial_file_under_a_final_name(tmp_path: Path) -> None:
+def test_a_killed_process_leaves_no_lock_and_no_partial_file_under_a_final_name(
+    tmp_path: Path,
+) -> None:
     writer = subprocess.Popen(
         [sys.executable, "-c", WRITER, str(tmp_path)], cwd=ROOT, stdout=subprocess.PIPE, text=True
     )

@@ -1,4 +1,6 @@
-"""What a terminal shows of names that others chose: the same characters, and nothing that steers it."""
+"""What a terminal shows of names that others chose: the same characters, and nothing that steers
+it.
+"""
 
 import io
 import re
@@ -17,7 +19,12 @@ from experiments.command import replaying
 from experiments.command.cli import app
 from laisn.failure import plain, screenful
 
-NAMES = st.text(st.sampled_from("[]/\\:=#@ab red\x00\x1b\x07\r\n\t\x9b\u202e\u2028\ud800😀°"), max_size=30) | st.text()
+NAMES = (
+    st.text(
+        st.sampled_from("[]/\\:=#@ab red\x00\x1b\x07\r\n\t\x9b\u202e\u2028\ud800😀°"), max_size=30
+    )
+    | st.text()
+)
 
 
 def shown(console: Console) -> str:
@@ -72,7 +79,9 @@ def test_topics_of_a_log_are_no_markup(tmp_path: Path, capsys: pytest.CaptureFix
     with (tmp_path / "[x]").open("wb") as stream:
         writer = Writer(stream)
         writer.start()
-        channel = writer.register_channel(nasty, "protobuf", writer.register_schema(nasty, "protobuf", b""))
+        channel = writer.register_channel(
+            nasty, "protobuf", writer.register_schema(nasty, "protobuf", b"")
+        )
         writer.add_message(channel, 0, b"", 0)
         writer.add_attachment(0, 0, nasty, "", b"")
         writer.add_metadata(nasty, {nasty: nasty})
@@ -87,7 +96,9 @@ def test_topics_of_a_log_are_no_markup(tmp_path: Path, capsys: pytest.CaptureFix
 @pytest.mark.parametrize("folder", ["out[/tmp]", "[red]x", "a\x1b[2Jb"])
 def test_a_folder_named_like_markup_takes_a_flight(folder: str, tmp_path: Path) -> None:
     out = tmp_path / folder
-    result = CliRunner().invoke(app, ["fly", "T5", "--set", "duration_s=2", "--no-video", "--out", str(out)])
+    result = CliRunner().invoke(
+        app, ["fly", "T5", "--set", "duration_s=2", "--no-video", "--out", str(out)]
+    )
     assert result.exit_code == 0, result.output
     assert f"results in {plain(out)}" in result.output
     assert (out / "summary.json").is_file()

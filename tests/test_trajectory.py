@@ -17,7 +17,9 @@ def circle(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Closed form of a vehicle that circles at constant pitch: position, velocity, quaternion."""
     angle = RATE * time
     position = np.stack([RADIUS * np.sin(angle), RADIUS * np.cos(angle), -5 + 0.1 * time], axis=-1)
-    velocity = np.stack([RADIUS * RATE * np.cos(angle), -RADIUS * RATE * np.sin(angle), 0.1 + 0 * time], axis=-1)
+    velocity = np.stack(
+        [RADIUS * RATE * np.cos(angle), -RADIUS * RATE * np.sin(angle), 0.1 + 0 * time], axis=-1
+    )
     return position, velocity, attitude.from_euler(np.pi / 2 + angle, pitch=0.1)
 
 
@@ -30,7 +32,9 @@ def trajectory() -> Trajectory:
     return Trajectory(
         names=("leader", "follower"),
         time=time,
-        pose=np.stack([np.hstack([place, quaternion]) for place in (position, position + shift)], axis=1),
+        pose=np.stack(
+            [np.hstack([place, quaternion]) for place in (position, position + shift)], axis=1
+        ),
         twist=np.stack([np.hstack([velocity, np.zeros((n, 3))])] * 2, axis=1),
         water_velocity=np.zeros((n, 2, 3)),
         thrust=np.zeros((n, 2, 0)),
@@ -48,14 +52,18 @@ def test_between_grid_points_the_closed_form_comes_out(trajectory: Trajectory) -
     # cubic Hermite: error ≤ h⁴/384 · max|p⁗| = 0.1⁴/384 · R ω⁴ ≈ 3e-11 m
     np.testing.assert_allclose(position[:, 0], expected, atol=5e-11)
     # a turn at a constant rate and pitch is not one rotation axis through the nose, hence not exact
-    np.testing.assert_allclose(np.abs(np.einsum("ni,ni->n", quaternion[:, 0], attitude_there)), 1.0, atol=1e-12)
+    np.testing.assert_allclose(
+        np.abs(np.einsum("ni,ni->n", quaternion[:, 0], attitude_there)), 1.0, atol=1e-12
+    )
 
 
 def test_sites_are_carried_by_the_hull(trajectory: Trajectory) -> None:
     front = trajectory.site_position[0, trajectory.site("leader/tx_front")]
     np.testing.assert_allclose(front, [np.cos(0.1), RADIUS, -5 + np.sin(0.1)], atol=1e-12)
     np.testing.assert_allclose(
-        trajectory.site_at("leader/tx_front", [12.3])[0], trajectory.site_position[123, 0], atol=1e-9
+        trajectory.site_at("leader/tx_front", [12.3])[0],
+        trajectory.site_position[123, 0],
+        atol=1e-9,
     )
 
 
@@ -71,7 +79,9 @@ def test_any_site_is_where_scipy_turns_it(trajectory: Trajectory) -> None:
     )
     for s, (vehicle, offset) in enumerate(zip(moved.site_vehicle, moved.site_offset, strict=True)):
         carried = turns.apply(offset.copy()).reshape(301, 2, 3)[:, vehicle]
-        np.testing.assert_allclose(moved.site_position[:, s], moved.position[:, vehicle] + carried, atol=1e-13)
+        np.testing.assert_allclose(
+            moved.site_position[:, s], moved.position[:, vehicle] + carried, atol=1e-13
+        )
         np.testing.assert_array_equal(moved.site_path("abcd"[s]), moved.site_position[:, s])
 
 
@@ -94,7 +104,15 @@ def test_saved_and_loaded_is_the_same_to_the_bit(trajectory: Trajectory, tmp_pat
         loaded = Trajectory.of_arrays(arrays)
     assert loaded.names == trajectory.names
     assert loaded.site_names == trajectory.site_names
-    for name in ("time", "position", "quaternion", "velocity", "thrust", "site_offset", "site_vehicle"):
+    for name in (
+        "time",
+        "position",
+        "quaternion",
+        "velocity",
+        "thrust",
+        "site_offset",
+        "site_vehicle",
+    ):
         assert np.array_equal(getattr(loaded, name), getattr(trajectory, name))
 
 

@@ -16,7 +16,9 @@ Imports = dict[str, set[str]]
 
 
 def modules(root: Path = ROOT, packages: Iterable[str] = PACKAGES) -> dict[str, Path]:
-    """Source of every module of these packages, by its dotted name; a package goes by the name of its folder."""
+    """Source of every module of these packages, by its dotted name; a package goes by the name
+    of its folder.
+    """
     found = {}
     for package in packages:
         for path in sorted((root / package).rglob("*.py")):
@@ -26,7 +28,9 @@ def modules(root: Path = ROOT, packages: Iterable[str] = PACKAGES) -> dict[str, 
 
 
 def statements(body: Iterable[ast.AST]) -> Iterator[ast.AST]:
-    """All statements, those within others too; expressions, of which there are ten times as many, hold none."""
+    """All statements, those within others too; expressions, of which there are ten times as
+    many, hold none.
+    """
     for node in body:
         yield node
         for inner in ("body", "handlers", "cases", "orelse", "finalbody"):
@@ -44,13 +48,19 @@ def import_statements(path: Path) -> tuple[tuple[ast.Import | ast.ImportFrom, bo
 
 
 def named(path: Path, module: str) -> Iterator[str]:
-    """Every name that a source imports anywhere, inside functions too: a module, or something within one."""
+    """Every name that a source imports anywhere, inside functions too: a module, or something
+    within one.
+    """
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
     for node, _ in import_statements(path):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         else:
-            base = resolve_name("." * node.level + (node.module or ""), package) if node.level else node.module or ""
+            base = (
+                resolve_name("." * node.level + (node.module or ""), package)
+                if node.level
+                else node.module or ""
+            )
             yield from (f"{base}.{alias.name}" for alias in node.names)
 
 
@@ -66,7 +76,8 @@ def imports(root: Path = ROOT, packages: tuple[str, ...] = PACKAGES) -> Imports:
 
 
 def package_of(module: str) -> str:
-    """The package of a module, at most two names deep; a module directly in `sim` or `experiments` stands for itself.
+    """The package of a module, at most two names deep; a module directly in `sim` or `experiments`
+    stands for itself.
 
     Such as "sim.water" of "sim.water", and "sim.flight" of "sim.flight".
     """
@@ -84,7 +95,9 @@ def package_imports(found: Mapping[str, Iterable[str]]) -> Imports:
 
 
 def cycle(found: Mapping[str, Iterable[str]]) -> list[str]:
-    """Names that import each other in a cycle, the first of them again at the end; empty if there is none."""
+    """Names that import each other in a cycle, the first of them again at the end; empty if
+    there is none.
+    """
     try:
         TopologicalSorter(found).prepare()
     except CycleError as error:
@@ -93,9 +106,13 @@ def cycle(found: Mapping[str, Iterable[str]]) -> list[str]:
 
 
 def layers(found: Mapping[str, Iterable[str]]) -> dict[str, int]:
-    """The layer of each package: one above the highest that it imports, and those of `experiments` above all others."""
+    """The layer of each package: one above the highest that it imports, and those of
+    `experiments` above all others.
+    """
     level: dict[str, int] = {}
-    for package in sorted(TopologicalSorter(found).static_order(), key=lambda name: name.startswith("experiments.")):
+    for package in sorted(
+        TopologicalSorter(found).static_order(), key=lambda name: name.startswith("experiments.")
+    ):
         below = {*found.get(package, ())}
         if package.startswith("experiments."):
             below |= {name for name in level if not name.startswith("experiments.")}

@@ -1,4 +1,6 @@
-"""The Cramér–Rao bound of a mission or a flight, for dead reckoning that takes log and compass as input."""
+"""The Cramér–Rao bound of a mission or a flight, for dead reckoning that takes log and compass
+as input.
+"""
 
 import math
 
@@ -16,17 +18,21 @@ from sim.sensing.observation import propagate
 from sim.sensing.sensors import errors_of
 from sim.trajectory import Trajectory
 
-_ABOUT_MEAN = float(np.sqrt(1.0 - 2.0 / np.pi))  # standard deviation of |N(0, 1)|, as which compasses err (Eq. 27)
-_WALKS = model_of(TightSettings(assume=Assume(drift=True)))  # drift of the tightly coupled navigator's biases
+# standard deviation of |N(0, 1)|, as which compasses err (Eq. 27)
+_ABOUT_MEAN = float(np.sqrt(1.0 - 2.0 / np.pi))
+# drift of the tightly coupled navigator's biases
+_WALKS = model_of(TightSettings(assume=Assume(drift=True)))
 _UNIFORM = 1.0 / float(np.sqrt(12.0))
 
 
 def noise_of(scenario: Scenario, follower: int = 0) -> TrueNoise:
-    """What is truly random in a scenario; of biases, what `navigation.assume` states as known before the mission.
+    """What is truly random in a scenario; of biases, what `navigation.assume` states as known
+    before the mission.
 
-    Leader's compass, current, transmitters' offsets and the clock are unknown only where the scenario has such errors,
-    or has them estimated: a bound for estimators with less prior information would be too high. Biases that
-    are assumed to drift, an estimated current and the clock walk as the navigator assumes.
+    Leader's compass, current, transmitters' offsets and the clock are unknown only where the
+    scenario has such errors, or has them estimated: a bound for estimators with less prior
+    information would be too high. Biases that are assumed to drift, an estimated current and the
+    clock walk as the navigator assumes.
     """
     errors = errors_of(scenario, follower)
     assumed = in_si(dict(scenario.navigation.assume))
@@ -42,7 +48,10 @@ def noise_of(scenario: Scenario, follower: int = 0) -> TrueNoise:
         range_sigma=float(np.sqrt(np.mean(np.square(errors.range_tau)))) * _UNIFORM,
         range_scale_sigma=errors.range_scale_sigma,
         leader_heading_sigma=errors.leader_heading_sigma * _ABOUT_MEAN,
-        **{name: assumed[f"{name}_sigma"] for name in ("speed_bias", "heading_bias", "range_scale_bias")},
+        **{
+            name: assumed[f"{name}_sigma"]
+            for name in ("speed_bias", "heading_bias", "range_scale_bias")
+        },
         leader_heading_bias=assumed["leader_heading_bias_sigma"] if turned else 0.0,
         current=assumed["current_sigma"] if scenario.ocean.moves or "current" in estimated else 0.0,
         range_offset=assumed["offset_sigma"] if "range_offset" in estimated else 0.0,
@@ -75,7 +84,9 @@ def geometry_of(
     sound = propagate(trajectory, scenario, follower)
     arrived = sound.message_step - first
     sent = (sound.emission_step - first) * stride
-    hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone", arrived * stride)
+    hydrophone = trajectory.site_path(
+        f"{trajectory.names[follower + 1]}/hydrophone", arrived * stride
+    )
     leader = trajectory.position[sent, 0, :2]
     used = scenario.navigation.transmitters
     arms = sound.transmitter[:, :used].copy()
@@ -95,15 +106,18 @@ def geometry_of(
 
 
 def least_rms(geometry: Geometry, noise: TrueNoise, lag: float = 0.0) -> Floats:
-    """Least RMS of the position error after each step, shape (n,), [m]; with messages of up to a lag later [s]."""
+    """Least RMS of the position error after each step, shape (n,), [m]; with messages of up to a
+    lag later [s].
+    """
     return np.asarray(np.sqrt(np.trace(position_bound(geometry, noise, lag=lag), axis1=1, axis2=2)))
 
 
 def flight_bound(flight: Flight, follower: int = 0, lag: float = 0.0) -> Floats:
-    """Least RMS of one follower's position error after each step, shape (n,), [m], from the pings that it received.
+    """Least RMS of one follower's position error after each step, shape (n,), [m], from the pings
+    that it received.
 
-    With a lag [s], messages of up to so much later are used too. Ranges, log and compass are those of this flight, with
-    constant biases: sideslip, drift and echoes only raise what can be reached.
+    With a lag [s], messages of up to so much later are used too. Ranges, log and compass are those
+    of this flight, with constant biases: sideslip, drift and echoes only raise what can be reached.
     """
     scenario = flight.scenario
     received = np.isfinite(flight.measurements[follower].ranges)

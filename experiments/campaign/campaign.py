@@ -1,7 +1,8 @@
 """Campaigns: a study's missions, cells and tasks, computed in parallel and stored one by one.
 
-Cells are scenarios with many runs of noise, tasks functions whose rows are stored. A mission is flown once and serves
-all its cells. A campaign that was killed goes on where it stopped and gives the same results.
+Cells are scenarios with many runs of noise, tasks functions whose rows are stored. A mission is
+flown once and serves all its cells. A campaign that was killed goes on where it stopped and gives
+the same results.
 """
 
 import multiprocessing
@@ -34,19 +35,23 @@ from sim.trajectory import Trajectory
 Task = partial[Any]
 """A function of a module with its arguments: data classes, scenarios, numbers and text.
 
-It returns a list of records, stored as JSON values. It raises `CampaignError` if it cannot compute them."""
+It returns a list of records, stored as JSON values. It raises `CampaignError` if it cannot compute
+them."""
 _Work = Callable[[], list[Result]]
 Made = TypeVar("Made")
 _CONNECT_S = 3
-BATCH_STEPS = 20_000_000  # filter steps that a process computes before it reports: a third of a second
-FEW_MISSIONS = 4  # so many for each process are flown before their cells; of more each comes with its first cells
+# filter steps that a process computes before it reports: a third of a second
+BATCH_STEPS = 20_000_000
+# so many for each process are flown before their cells; of more each comes with its first cells
+FEW_MISSIONS = 4
 _MANY_RUNS = 10_000  # cells of so many runs take seconds, in which threads use all cores
 
 
 class ExecutionOptions(TypedDict, total=False):
     """How a campaign is computed; its results do not depend on it."""
 
-    workers: int | None  # local processes, at most one for each mission, cell or task; None: one for each core
+    # local processes, at most one for each mission, cell or task; None: one for each core
+    workers: int | None
     cluster: str | None  # address of a Dask scheduler (tcp://…); its workers compute instead
     force: bool
     quiet: bool
@@ -57,10 +62,11 @@ def _with_version(function: Callable[..., Made], *arguments: Any) -> tuple[str, 
 
 
 class Pool:
-    """A pool of `size` local processes, or of the workers of the Dask scheduler at an address; use it as a context.
+    """A pool of `size` local processes, or of the workers of the Dask scheduler at an address; use
+    it as a context.
 
-    With one local worker everything is computed in this process. LaisnError if there is no worker, or the cluster
-    cannot be used.
+    With one local worker everything is computed in this process. LaisnError if there is no worker,
+    or the cluster cannot be used.
     """
 
     def __init__(self, workers: int, cluster: str | None = None) -> None:
@@ -83,8 +89,12 @@ class Pool:
         elif kind is not None and self.size > 1:
             get_reusable_executor().shutdown(kill_workers=True)
 
-    def each(self, function: Callable[..., Made], arguments: Iterable[tuple[Any, ...]]) -> Iterator[Made]:
-        """Results of a function in the order of completion; CampaignError if a process died or has other sources."""
+    def each(
+        self, function: Callable[..., Made], arguments: Iterable[tuple[Any, ...]]
+    ) -> Iterator[Made]:
+        """Results of a function in the order of completion; CampaignError if a process died or
+        has other sources.
+        """
         options: dict[str, Any] = {"backend": "sequential" if self._client is None else "dask"}
         if self._client is None and self.size > 1:
             # joblib starts new processes where the arguments differ from those before
@@ -92,12 +102,15 @@ class Pool:
             options = {"backend": "loky", "initializer": exit_with_parent, "initargs": begin}
         calls = (joblib.delayed(_with_version)(function, *given) for given in arguments)
         with joblib.parallel_config(n_jobs=self.size, **options):
-            parallel = joblib.Parallel(return_as="generator_unordered", batch_size=1, max_nbytes=None)
+            parallel = joblib.Parallel(
+                return_as="generator_unordered", batch_size=1, max_nbytes=None
+            )
             try:
                 for version, result in parallel(calls):
                     if version != code_version():
                         raise CampaignError(
-                            f"a worker has version {version}, the campaign began with {code_version()}: "
+                            f"a worker has version {version}, the campaign began with "
+                            f"{code_version()}: "
                             "the sources changed while it ran; run it again"
                         )
                     yield result
@@ -105,20 +118,25 @@ class Pool:
                 # Dask is optional, so its exception goes by its name
                 if isinstance(error, BrokenProcessPool) or type(error).__name__ == "KilledWorker":
                     raise CampaignError(
-                        "a worker process died, probably out of memory; every finished result is stored, "
+                        "a worker process died, probably out of memory; every finished result is "
+                        "stored, "
                         "and the same command goes on from there (fewer --workers need less memory)"
                     ) from error
                 raise
 
 
 def release_workers() -> None:
-    """End local processes, so that drawing a page does not need memory beside theirs; a later pool starts others."""
+    """End local processes, so that drawing a page does not need memory beside theirs; a later
+    pool starts others.
+    """
     if multiprocessing.active_children():
         get_reusable_executor().shutdown()
 
 
 def _connect(address: str) -> Any:
-    """A client of a Dask cluster; LaisnError if it does not answer, or names workers that have not this version."""
+    """A client of a Dask cluster; LaisnError if it does not answer, or names workers that have
+    not this version.
+    """
     try:
         import distributed
     except ImportError:
@@ -134,10 +152,16 @@ def _connect(address: str) -> Any:
         return str(import_module("experiments.campaign.version").code_version())
 
     found = client.run(version_there, on_error="return")
-    others = ", ".join(sorted(f"{name} ({version})" for name, version in found.items() if version != code_version()))
+    others = ", ".join(
+        sorted(
+            f"{name} ({version})" for name, version in found.items() if version != code_version()
+        )
+    )
     if others or not found:
         client.close()
-        lacking = f"laisn-sim {code_version()} is not installed on these workers of {address}: {others}"
+        lacking = (
+            f"laisn-sim {code_version()} is not installed on these workers of {address}: {others}"
+        )
         raise LaisnError(lacking if others else f"the Dask scheduler at {address} has no workers")
     return client
 
@@ -148,14 +172,19 @@ class Flown:
 
     store: Store
     facts: Facts | None
-    tasks: Mapping[Any, list[Record]]  # rows of tasks by their names, in their order; those that failed are missing
+    # rows of tasks by their names, in their order; those that failed are missing
+    tasks: Mapping[Any, list[Record]]
     failures: Mapping[Any, str]
-    """What happened to missions that could not be flown, by the key of their motion, and to tasks, by their names."""
+    """What happened to missions that could not be flown, by the key of their motion, and to
+    tasks, by their names.
+    """
 
     def _stored(self, key: str) -> tuple[Any, Arrays]:
         found = self.store.get(key)
         if found is None:
-            raise CampaignError(f"{self.store.folder}: result {key} vanished while the campaign ran")
+            raise CampaignError(
+                f"{self.store.folder}: result {key} vanished while the campaign ran"
+            )
         return found
 
     @cached_property
@@ -164,7 +193,9 @@ class Flown:
         return cache(lambda motion: self._stored(key_of(self.facts, motion))[0])
 
     def cell(self, plan: CellPlan) -> tuple[Record, Arrays]:
-        """The row of a cell with the facts of its mission, and its arrays over runs; CampaignError if it is gone."""
+        """The row of a cell with the facts of its mission, and its arrays over runs;
+        CampaignError if it is gone.
+        """
         row, arrays = self._stored(plan.key)
         return row | (self._facts_of(plan.motion)[plan.follower] if self.facts else {}), arrays
 
@@ -174,7 +205,9 @@ class Flown:
 
 
 class _Job(NamedTuple):
-    """Work for a process: keys of its results, what makes it just before it is handed out, and the items it counts."""
+    """Work for a process: keys of its results, what makes it just before it is handed out, and
+    the items it counts.
+    """
 
     keys: Sequence[str]
     work: Callable[[], _Work]
@@ -182,7 +215,9 @@ class _Job(NamedTuple):
 
 
 def _batches(plans: Iterable[CellPlan], workers: int) -> list[list[CellPlan]]:
-    """Cells of one mission at a time, few enough for a steady progress and many enough to share the mission."""
+    """Cells of one mission at a time, few enough for a steady progress and many enough to share
+    the mission.
+    """
     by_mission = sorted(plans, key=lambda plan: plan.motion)
     limit = min(BATCH_STEPS, sum(plan.size for plan in by_mission) // (4 * workers))
     batches = list[list[CellPlan]]()
@@ -201,11 +236,15 @@ def _keys(batch: Iterable[CellPlan]) -> list[str]:
 
 
 def _cells_job(batch: Sequence[CellPlan], store: Store) -> _Job:
-    return _Job(_keys(batch), lambda: partial(compute, mission(batch[0].scenario, store), batch), len(batch))
+    return _Job(
+        _keys(batch), lambda: partial(compute, mission(batch[0].scenario, store), batch), len(batch)
+    )
 
 
 def _attempt(name: Any, work: _Work, store: Store | None) -> tuple[Any, list[Result] | str]:
-    """Results of some work by its name, or why it has none; if there is a store, they go there instead."""
+    """Results of some work by its name, or why it has none; if there is a store, they go there
+    instead.
+    """
     try:
         found = work()
     except CampaignError as error:
@@ -217,11 +256,14 @@ def _attempt(name: Any, work: _Work, store: Store | None) -> tuple[Any, list[Res
     return name, []
 
 
-def _compute(what: str, jobs: Mapping[Any, _Job], store: Store, pool: Pool, quiet: bool = False) -> dict[Any, str]:
-    """Compute in parallel, and store each result as it is done; gives why jobs failed, by their names.
+def _compute(
+    what: str, jobs: Mapping[Any, _Job], store: Store, pool: Pool, quiet: bool = False
+) -> dict[Any, str]:
+    """Compute in parallel, and store each result as it is done; gives why jobs failed, by their
+    names.
 
-    The order is random, so that processes which share a folder share the work: a job whose results are stored meanwhile
-    is left out.
+    The order is random, so that processes which share a folder share the work: a job whose results
+    are stored meanwhile is left out.
     """
     failed = {}
     with progress(what, sum(job.size for job in jobs.values()), quiet=quiet) as advance:
@@ -252,7 +294,9 @@ def _flight(scenario: Scenario, motion: str, trajectory: Trajectory) -> Result:
 def _fly(plan: CellPlan, facts: Facts | None, batch: Sequence[CellPlan]) -> list[Result]:
     """The mission of a cell, its facts, and cells of the same mission."""
     trajectory = montecarlo.simulate_mission(plan.scenario)
-    measured: list[Result] = [(key_of(facts, plan.motion), facts(plan.scenario, trajectory), {})] if facts else []
+    measured: list[Result] = (
+        [(key_of(facts, plan.motion), facts(plan.scenario, trajectory), {})] if facts else []
+    )
     return [_flight(plan.scenario, plan.motion, trajectory), *measured, *compute(trajectory, batch)]
 
 
@@ -261,7 +305,9 @@ def _rows(key: str, task: Task) -> list[Result]:
 
 
 def mission(scenario: Scenario, store: Store) -> Trajectory:
-    """The stored flight of a scenario's mission, its transmitters placed; it is flown if it is not there."""
+    """The stored flight of a scenario's mission, its transmitters placed; it is flown if it is
+    not there.
+    """
     motion = montecarlo.motion_key(scenario)
     found = store.get(motion)
     if found is not None:
@@ -272,31 +318,42 @@ def mission(scenario: Scenario, store: Store) -> Trajectory:
 
 
 def compile_ahead(plan: CellPlan) -> None:
-    """Compile here, with a notice, what each process would else compile for itself before its first result."""
+    """Compile here, with a notice, what each process would else compile for itself before its
+    first result.
+    """
     short = plan.scenario.first_messages
     with compiling_shown():
         compute(montecarlo.simulate_mission(short), [replace(plan, scenario=short, runs=1)])
 
 
 def fly(
-    cells: Sequence[CellPlan], tasks: Mapping[Any, Task], folder: Path, *, facts: Facts | None = None,
-    ahead: Callable[[], object] | None = None, tolerant: bool = False, **options: Unpack[ExecutionOptions],
-) -> Flown:  # fmt: skip
-    """Compute cells and tasks, or what is missing of them; results do not depend on workers and interruptions.
+    cells: Sequence[CellPlan],
+    tasks: Mapping[Any, Task],
+    folder: Path,
+    *,
+    facts: Facts | None = None,
+    ahead: Callable[[], object] | None = None,
+    tolerant: bool = False,
+    **options: Unpack[ExecutionOptions],
+) -> Flown:
+    """Compute cells and tasks, or what is missing of them; results do not depend on workers and
+    interruptions.
 
     Args:
         cells: scenarios with their runs.
         tasks: work of other kinds, by names.
         folder: of the results; made if it does not exist.
         facts: measured of every mission of the cells.
-        ahead: compiles in this process what each worker would else compile for itself before its first task.
+        ahead: compiles in this process what each worker would else compile for itself before its
+            first task.
         tolerant: go on without what cannot be flown.
         options: as of `ExecutionOptions`.
 
     Raises:
-        LaisnError: the folder is of another version, the cluster cannot be used, or an estimate diverged.
-        CampaignError: a process died, the sources changed, or, unless `tolerant`, something cannot be flown; what was
-            computed is stored.
+        LaisnError: the folder is of another version, the cluster cannot be used, or an estimate
+            diverged.
+        CampaignError: a process died, the sources changed, or, unless `tolerant`, something cannot
+            be flown; what was computed is stored.
     """
     workers = options.get("workers")
     cluster = options.get("cluster")
@@ -309,11 +366,19 @@ def fly(
     by_motion = {plan.motion: plan for plan in plans}
     of_missing = {plan.motion for plan in missing}
     measured = {motion: [key_of(facts, motion)] if facts else [] for motion in by_motion}
-    needed = {m for m, keys in measured.items() if not store.has(*keys, *[m] if m in of_missing else [])}
+    needed = {
+        m for m, keys in measured.items() if not store.has(*keys, *[m] if m in of_missing else [])
+    }
     keys = {name: key_of(task) for name, task in tasks.items()}
-    runs = {n: _Job([key], partial(partial, _rows, key, tasks[n])) for n, key in keys.items() if not store.has(key)}
+    runs = {
+        n: _Job([key], partial(partial, _rows, key, tasks[n]))
+        for n, key in keys.items()
+        if not store.has(key)
+    }
     one_mission = len({plan.motion for plan in missing}) == 1 and cluster is None and not runs
-    if one_mission and all(p.runs >= _MANY_RUNS and find(p.scenario.navigation.variant).lanes for p in missing):
+    if one_mission and all(
+        p.runs >= _MANY_RUNS and find(p.scenario.navigation.variant).lanes for p in missing
+    ):
         # compiled lanes run side by side in threads, without the memory of processes
         missing = [replace(plan, threads=pool.size) for plan in missing]
         pool.size = 1
@@ -328,17 +393,37 @@ def fly(
                 ahead()
     with pool:
         batches = _batches(missing, pool.size)
-        # so that they need not read it; commands that share a folder would compute the cells of few missions twice
+        # so that they need not read it; commands that share a folder would compute the cells of few
+        # missions twice
         many = len(needed) > FEW_MISSIONS * pool.size
-        first = {batch[0].motion: batch for batch in reversed(batches) if many and batch[0].motion in needed}
+        first = {
+            batch[0].motion: batch
+            for batch in reversed(batches)
+            if many and batch[0].motion in needed
+        }
         flights = {
-            motion: _Job([motion, *measured[motion], *_keys(batch)], partial(partial, _fly, plan, facts, batch))
+            motion: _Job(
+                [motion, *measured[motion], *_keys(batch)],
+                partial(partial, _fly, plan, facts, batch),
+            )
             for motion, plan, batch in ((m, by_motion[m], first.get(m, [])) for m in needed)
         }
-        failures = _compute("missions", flights, store, pool, quiet) | _compute("runs", runs, store, pool, quiet)
+        failures = _compute("missions", flights, store, pool, quiet) | _compute(
+            "runs", runs, store, pool, quiet
+        )
         if failures and not tolerant:
             raise CampaignError("; ".join(sorted(set(failures.values()))))
-        later = (b for b in batches if b is not first.get(b[0].motion) and b[0].motion not in failures)
-        _compute("cells", {n: _cells_job(batch, store) for n, batch in enumerate(later)}, store, pool, quiet)
-    found = {name: result[0] for name, key in keys.items() if (result := store.get(key)) is not None}
+        later = (
+            b for b in batches if b is not first.get(b[0].motion) and b[0].motion not in failures
+        )
+        _compute(
+            "cells",
+            {n: _cells_job(batch, store) for n, batch in enumerate(later)},
+            store,
+            pool,
+            quiet,
+        )
+    found = {
+        name: result[0] for name, key in keys.items() if (result := store.get(key)) is not None
+    }
     return Flown(store=store, facts=facts, failures=failures, tasks=found)

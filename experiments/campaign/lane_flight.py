@@ -1,7 +1,9 @@
-"""A block of runs in one compiled loop: measurements, made where they are used, navigation and metrics.
+"""A block of runs in one compiled loop: measurements, made where they are used, navigation and
+metrics.
 
-Sensing is `sim.sensing.observation.measure`, and metrics are `laisn.metrics`, for lanes, with the same formulas and
-noise, in memory that does not grow with the runs. No other module of campaigns is compiled.
+Sensing is `sim.sensing.observation.measure`, and metrics are `laisn.metrics`, for lanes, with the
+same formulas and noise, in memory that does not grow with the runs. No other module of campaigns is
+compiled.
 """
 
 import math
@@ -20,7 +22,15 @@ from laisn.lanes import LANES
 from laisn.metrics import bearing_error, is_mirror_locked, normalised_square, squared_error
 from laisn.settings import Tuning
 from sim.sensing import sensors
-from sim.sensing.noise import LEADER_STREAMS, STREAMS, Stream, two_normals, two_units, uniform, words
+from sim.sensing.noise import (
+    LEADER_STREAMS,
+    STREAMS,
+    Stream,
+    two_normals,
+    two_units,
+    uniform,
+    words,
+)
 from sim.sensing.observation import MissionTruth
 from sim.sensing.sensors import SensorErrors
 
@@ -35,7 +45,8 @@ NEES = next(_row)  # of the last step; NaN where the covariance is singular
 KINDS = next(_row)
 SIZE = KINDS + len(FixKind) * LANES  # numbers of a tally
 
-# Histograms have 2⁷ bins an octave: percentiles read from them are right to a share of 2⁻⁷, wherever they lie.
+# Histograms have 2⁷ bins an octave: percentiles read from them are right to a share of 2⁻⁷,
+# wherever they lie.
 _BINS_PER_OCTAVE_BITS = 7
 _BITS_SHIFT = np.uint64(52 - _BINS_PER_OCTAVE_BITS)
 _OCTAVES = 20
@@ -64,9 +75,15 @@ def _bin(value: float, first: int) -> np.int64:
 
 @compiled_lanes
 def tally_step(
-    block: Floats, tally: Floats, bins: Ints, hydrophone: tuple[float, float], leader: tuple[float, float, float]
+    block: Floats,
+    tally: Floats,
+    bins: Ints,
+    hydrophone: tuple[float, float],
+    leader: tuple[float, float, float],
 ) -> None:
-    """Add the errors of a step of estimates to a tally, and their histogram bins, two rows, to `bins`."""
+    """Add the errors of a step of estimates to a tally, and their histogram bins, two rows, to
+    `bins`.
+    """
     truth = Point(hydrophone[0], hydrophone[1])
     origin = Point(leader[0], leader[1])
     axis = turn(leader[2])
@@ -84,7 +101,11 @@ def tally_step(
         bins[lane] = _bin(error, _FIRST_P)
         bins[LANES + lane] = _bin(bearing, _FIRST_B)
 
-        mirror_lock = tally[MIRROR_LOCK + lane] + 1.0 if is_mirror_locked(estimate, truth, origin, axis) else 0.0
+        mirror_lock = (
+            tally[MIRROR_LOCK + lane] + 1.0
+            if is_mirror_locked(estimate, truth, origin, axis)
+            else 0.0
+        )
         tally[MIRROR_LOCK + lane] = mirror_lock
         longest = tally[LONGEST_MIRROR_LOCK + lane]
         tally[LONGEST_MIRROR_LOCK + lane] = mirror_lock if mirror_lock > longest else longest
@@ -92,7 +113,9 @@ def tally_step(
         pxx = block[lanes.PXX + lane]
         pxy = block[lanes.PXY + lane]
         pyy = block[lanes.PYY + lane]
-        nees = normalised_square(estimate.east - truth.east, estimate.north - truth.north, pxx, pxy, pyy)
+        nees = normalised_square(
+            estimate.east - truth.east, estimate.north - truth.north, pxx, pxy, pyy
+        )
         known = nees == nees
         tally[NEES + lane] = nees
         tally[SUM_NEES + lane] += nees if known else 0.0
@@ -132,14 +155,18 @@ def sum_nees(tally: Floats, used: int) -> float:
 
 @compiled_lanes
 def fill_histograms(bins: Ints, histograms: Ints, used: int) -> None:
-    """Count the errors of a step in the first `used` lanes; histograms of position and bearing, shape (2, BINS)."""
+    """Count the errors of a step in the first `used` lanes; histograms of position and bearing,
+    shape (2, BINS).
+    """
     for lane in range(used):
         histograms[0, bins[lane]] += 1
         histograms[1, bins[LANES + lane]] += 1
 
 
 def percentile(histogram: Ints, lowest: float, share: float, largest: float) -> float:
-    """Value below which a share of the counted ones lie, by linear interpolation within a bin; `largest` at most."""
+    """Value below which a share of the counted ones lie, by linear interpolation within a bin;
+    `largest` at most.
+    """
     total = np.cumsum(histogram)
     wanted = share * total[-1]
     i = int(np.searchsorted(total, wanted))
@@ -155,7 +182,9 @@ _SECOND = LANES
 _THIRD = 2 * LANES
 
 # Streams of noise, as numbers that compiled code takes.
-_OWN_MOTION, _DEPTH, _ECHO, _LOSS = map(int, (Stream.OWN_MOTION, Stream.DEPTH, Stream.ECHO, Stream.LOSS))
+_OWN_MOTION, _DEPTH, _ECHO, _LOSS = map(
+    int, (Stream.OWN_MOTION, Stream.DEPTH, Stream.ECHO, Stream.LOSS)
+)
 _RANGE_UNIFORM = int(Stream.RANGE_UNIFORM)
 _RANGE_SCALE = int(Stream.RANGE_SCALE)
 _LEADER_MOTION = int(Stream.LEADER_MOTION)
@@ -176,7 +205,8 @@ class Noise(NamedTuple):
     draws: Floats  # three rows of uniforms, or two of normals
     address: Address
     burst: Bools  # whether a lane is within a burst of loss
-    fluctuation: Floats  # two rows: Gauss–Markov part of the leader's pitch and roll errors, of unit variance
+    # two rows: Gauss–Markov part of the leader's pitch and roll errors, of unit variance
+    fluctuation: Floats
     offset: Floats  # two rows: what stays of them throughout a run, likewise
     dt: float  # filter step [s]
 
@@ -184,7 +214,9 @@ class Noise(NamedTuple):
 @inlined
 def _number(stream: int, follower: np.uint64) -> np.uint64:
     """Number of a stream, outside of loops over lanes."""
-    return np.uint64(stream) + (np.uint64(0) if stream >= LEADER_STREAMS else np.uint64(STREAMS) * follower)
+    return np.uint64(stream) + (
+        np.uint64(0) if stream >= LEADER_STREAMS else np.uint64(STREAMS) * follower
+    )
 
 
 @compiled_lanes
@@ -210,14 +242,23 @@ def _draw_normals(noise: Noise, stream: int, step: int) -> None:
         w0, w1, w2, w3 = words(seed, first_run + np.uint64(lane), number, np.uint64(step))
         draws[_FIRST + lane], draws[_SECOND + lane] = two_units(w0, w1, w2, w3)
     for lane in range(LANES):
-        draws[_FIRST + lane], draws[_SECOND + lane] = two_normals(draws[_FIRST + lane], draws[_SECOND + lane])
+        draws[_FIRST + lane], draws[_SECOND + lane] = two_normals(
+            draws[_FIRST + lane], draws[_SECOND + lane]
+        )
 
 
 @compiled_lanes
 def new_noise(address: Address, dt: float) -> Noise:
     """Room for the draws of a block, and the errors that its runs keep."""
     pair = 2 * LANES
-    noise = Noise(np.zeros(3 * LANES), address, np.zeros(LANES, dtype=np.bool_), np.zeros(pair), np.empty(pair), dt)
+    noise = Noise(
+        np.zeros(3 * LANES),
+        address,
+        np.zeros(LANES, dtype=np.bool_),
+        np.zeros(pair),
+        np.empty(pair),
+        dt,
+    )
     _draw_normals(noise, _LEADER_ATTITUDE, 0)
     copy_values(noise.draws, noise.offset)
     return noise
@@ -225,7 +266,9 @@ def new_noise(address: Address, dt: float) -> Noise:
 
 @compiled_lanes
 def _draw_if(needed: bool, noise: Noise, stream: int, step: int) -> None:
-    """Draw normals as `_draw_normals` does, or set them to zero where the errors make no use of them."""
+    """Draw normals as `_draw_normals` does, or set them to zero where the errors make no use of
+    them.
+    """
     if needed:
         _draw_normals(noise, stream, step)
     else:
@@ -233,7 +276,9 @@ def _draw_if(needed: bool, noise: Noise, stream: int, step: int) -> None:
 
 
 @compiled_lanes
-def sense_own(block: Floats, noise: Noise, errors: SensorErrors, speed: float, heading: float, k: int) -> None:
+def sense_own(
+    block: Floats, noise: Noise, errors: SensorErrors, speed: float, heading: float, k: int
+) -> None:
     """Read speed log and compass at step k."""
     draws = noise.draws
     _draw_normals(noise, _OWN_MOTION, k)
@@ -256,7 +301,9 @@ def _lose(block: Floats, noise: Noise, errors: SensorErrors, emitted: int) -> No
 
 
 @compiled_lanes
-def _read_attitude(block: Floats, noise: Noise, errors: SensorErrors, sent: Floats, emitted: int, since: int) -> None:
+def _read_attitude(
+    block: Floats, noise: Noise, errors: SensorErrors, sent: Floats, emitted: int, since: int
+) -> None:
     """Read the leader's pitch and roll."""
     draws = noise.draws
     fluctuation = noise.fluctuation
@@ -268,13 +315,22 @@ def _read_attitude(block: Floats, noise: Noise, errors: SensorErrors, sent: Floa
     for lane in range(LANES):
         i = _FIRST + lane
         j = _SECOND + lane
-        block[lanes.PITCH + lane] = sensors.read_leader_attitude(errors, sent[5], (offset[i], fluctuation[i]))
-        block[lanes.ROLL + lane] = sensors.read_leader_attitude(errors, sent[6], (offset[j], fluctuation[j]))
+        block[lanes.PITCH + lane] = sensors.read_leader_attitude(
+            errors, sent[5], (offset[i], fluctuation[i])
+        )
+        block[lanes.ROLL + lane] = sensors.read_leader_attitude(
+            errors, sent[6], (offset[j], fluctuation[j])
+        )
 
 
 @compiled_lanes
 def _read_ranges(
-    block: Floats, noise: Noise, errors: SensorErrors, transmitters: int, sent: Floats, steps: tuple[int, int]
+    block: Floats,
+    noise: Noise,
+    errors: SensorErrors,
+    transmitters: int,
+    sent: Floats,
+    steps: tuple[int, int],
 ) -> None:
     """Measure ranges on pings, or on echoes taken for them."""
     draws = noise.draws
@@ -302,9 +358,15 @@ def _read_ranges(
         rear, front, middle = errors.range_tau
         used = sensors.longest_range(ranges, transmitters)
         of_all = sensors.longest_range(ranges, 3)
-        block[lanes.R1 + lane] = sensors.range_reading(errors, rear, (ranges[0], used), (draws[i], normal[lane]))
-        block[lanes.R2 + lane] = sensors.range_reading(errors, front, (ranges[1], used), (draws[j], normal[lane]))
-        block[lanes.R3 + lane] = sensors.range_reading(errors, middle, (ranges[2], of_all), (draws[k], normal[lane]))
+        block[lanes.R1 + lane] = sensors.range_reading(
+            errors, rear, (ranges[0], used), (draws[i], normal[lane])
+        )
+        block[lanes.R2 + lane] = sensors.range_reading(
+            errors, front, (ranges[1], used), (draws[j], normal[lane])
+        )
+        block[lanes.R3 + lane] = sensors.range_reading(
+            errors, middle, (ranges[2], of_all), (draws[k], normal[lane])
+        )
     if sensors.loses(errors):
         _lose(block, noise, errors, emitted)
 
@@ -318,10 +380,12 @@ def sense_message(
     depth: float,
     steps: tuple[int, int, int],
 ) -> None:
-    """Receive a message, measure its ranges and read one's depth: the block's rows DEPTH and EAST … R3 are filled.
+    """Receive a message, measure its ranges and read one's depth: the block's rows DEPTH and EAST …
+    R3 are filled.
 
-    `receiver` are errors of sensors and how many transmitters are used, `sent` is a row of `TruthRecord.sent`; `steps`
-    are those of reception and of emission, and how many passed since the emission before it (0: there is none).
+    `receiver` are errors of sensors and how many transmitters are used, `sent` is a row of
+    `TruthRecord.sent`; `steps` are those of reception and of emission, and how many passed since
+    the emission before it (0: there is none).
     """
     draws = noise.draws
     errors, transmitters = receiver
@@ -343,7 +407,9 @@ def sense_message(
         block[lanes.LEADER_HEADING + lane] = sensors.read_leader_heading(errors, heading, drawn)
     _draw_if(errors.leader_depth_sigma > 0.0, noise, _LEADER_DEPTH, emitted)
     for lane in range(LANES):
-        block[lanes.LEADER_DEPTH + lane] = sensors.read_leader_depth(errors, leader_depth, (draws[_FIRST + lane], 0.0))
+        block[lanes.LEADER_DEPTH + lane] = sensors.read_leader_depth(
+            errors, leader_depth, (draws[_FIRST + lane], 0.0)
+        )
     _read_attitude(block, noise, errors, sent, emitted, since)
     _read_ranges(block, noise, errors, transmitters, sent, (received, emitted))
 
@@ -352,11 +418,13 @@ class TruthRecord(NamedTuple):
     """`MissionTruth` as compiled code takes it."""
 
     start: Floats
-    own: Floats  # speed, heading, depth and hydrophone x, y of the follower; x, y, heading of the leader; shape (n, 8)
+    # speed, heading, depth and hydrophone x, y of the follower; x, y, heading of the leader; shape
+    # (n, 8)
+    own: Floats
     message_step: Ints
     emission_step: Ints
-    # true messages and ranges to them in the order of a block's rows from EAST to R3; ranges by way of the surface and
-    # of the bottom, NaN if the truth has none
+    # true messages and ranges to them in the order of a block's rows from EAST to R3; ranges by way
+    # of the surface and of the bottom, NaN if the truth has none
     sent: Floats
 
 
@@ -377,19 +445,28 @@ def truth_record(truth: MissionTruth) -> TruthRecord:
 
 
 class Given(NamedTuple):
-    """What runs of a block use in place of simulated measurements or estimates; empty where they do not."""
+    """What runs of a block use in place of simulated measurements or estimates; empty where they
+    do not.
+    """
 
     own: Floats = np.empty((0, 3 * LANES))  # as of `laisn.lanes.stacked`
     messages: Floats = np.empty((0, 10 * LANES))
-    states: Floats = np.empty((0, 5, LANES))  # x, y and covariance xx, xy, yy of each step, shape (n, 5, LANES)
+    # x, y and covariance xx, xy, yy of each step, shape (n, 5, LANES)
+    states: Floats = np.empty((0, 5, LANES))
 
 
 @compiled_lanes
 def fly_block(
-    truth: TruthRecord, errors: SensorErrors, t: Tuning, address: Address, used: int, given: Given, history: Floats
+    truth: TruthRecord,
+    errors: SensorErrors,
+    t: Tuning,
+    address: Address,
+    used: int,
+    given: Given,
+    history: Floats,
 ) -> tuple[Floats, Ints, Floats]:
-    """Tally, histograms, and the sum over the first `used` lanes of the NEES of each step, shape (n,); states go to
-    `history`, shape (n, 4 LANES), unless it is empty.
+    """Tally, histograms, and the sum over the first `used` lanes of the NEES of each step, shape
+    (n,); states go to `history`, shape (n, 4 LANES), unless it is empty.
     """
     n = truth.own.shape[0]
     m = truth.message_step.size
@@ -417,7 +494,9 @@ def fly_block(
                 if received:
                     emitted = truth.emission_step[i]
                     steps = k, emitted, emitted - truth.emission_step[i - 1] if i > 0 else 0
-                    sense_message(block, noise, (errors, int(t.transmitters)), truth.sent[i], now[2], steps)
+                    sense_message(
+                        block, noise, (errors, int(t.transmitters)), truth.sent[i], now[2], steps
+                    )
             lanes.advance(block, t, k, received)
             if received:
                 tally_fixes(block, tally, fixes)

@@ -1,9 +1,11 @@
-"""Monte Carlo campaigns: noise, navigation and metrics fused over runs, in memory that does not grow with them.
+"""Monte Carlo campaigns: noise, navigation and metrics fused over runs, in memory that does not
+grow with them.
 
-The motion of a mission is simulated once and serves all its cells. A cell is a mission flown many times. Its runs are
-flown in blocks side by side. Every block is computed alone and added up in the order of runs, so that results depend
-neither on the number of threads nor on how runs are split into blocks, to the bit. Run k takes exactly the noise that
-`sim.sensing.observation.measure(…, run=k)` gives a single flight.
+The motion of a mission is simulated once and serves all its cells. A cell is a mission flown many
+times. Its runs are flown in blocks side by side. Every block is computed alone and added up in the
+order of runs, so that results depend neither on the number of threads nor on how runs are split
+into blocks, to the bit. Run k takes exactly the noise that `sim.sensing.observation.measure(…,
+run=k)` gives a single flight.
 """
 
 import math
@@ -42,7 +44,9 @@ PERCENTILES = (50, 90, 95, 99)
 Section = TypeVar("Section", bound=BaseModel)
 _NO_HISTORY = np.empty((0, 4 * LANES))
 Disturbance = Any
-"""Errors of the user's own: `disturb(measurements, seed, run)` gives changed measurements, by its arguments alone."""
+"""Errors of the user's own: `disturb(measurements, seed, run)` gives changed measurements, by
+its arguments alone.
+"""
 
 
 @cache
@@ -52,12 +56,18 @@ def _default(kind: type[BaseModel], name: str) -> Any:
 
 def _without(section: Section, *names: str, **changes: Any) -> Section:
     """A section of a scenario with these keys at their defaults, and others changed."""
-    return section.model_copy(update={name: _default(type(section), name) for name in names} | changes)
+    return section.model_copy(
+        update={name: _default(type(section), name) for name in names} | changes
+    )
 
 
 def content_of(scenario: Scenario) -> Scenario:
-    """The scenario with everything at its default that changes no number of a campaign, to compute and to make keys."""
-    return _without(scenario, "run", "epoch", "origin_latitude_deg", "origin_longitude_deg", "video")
+    """The scenario with everything at its default that changes no number of a campaign, to
+    compute and to make keys.
+    """
+    return _without(
+        scenario, "run", "epoch", "origin_latitude_deg", "origin_longitude_deg", "video"
+    )
 
 
 def nameless(scenario: Scenario) -> Scenario:
@@ -65,14 +75,20 @@ def nameless(scenario: Scenario) -> Scenario:
 
 
 def motion_of(scenario: Scenario) -> Scenario:
-    """The scenario with everything at its default that does not change how vehicles move, to be flown."""
+    """The scenario with everything at its default that does not change how vehicles move, to be
+    flown.
+    """
     leader = _without(scenario.leader, "broadcast_attitude", baseline_m=None, middle_offset_m=None)
     timing = _without(scenario.timing, "filter_step_s", "message_interval_s")
-    return _without(content_of(scenario), "sensors", "acoustics", "navigation", leader=leader, timing=timing)
+    return _without(
+        content_of(scenario), "sensors", "acoustics", "navigation", leader=leader, timing=timing
+    )
 
 
 def _observed_of(scenario: Scenario, follower: int) -> Scenario:
-    """The scenario with everything at its default, such as random errors, that does not change what `observe` finds."""
+    """The scenario with everything at its default, such as random errors, that does not change
+    what `observe` finds.
+    """
     sensors = scenario.sensors_of(follower)
     acoustics = scenario.acoustics
     chances = ("surface_echo_probability", "bottom_echo_probability")
@@ -82,7 +98,9 @@ def _observed_of(scenario: Scenario, follower: int) -> Scenario:
         "sensors": _without(sensors, *keys_per_run(Sensors), own=own_tables(scenario)),
         "followers": tuple(_without(one, "sensors", "name") for one in scenario.followers),
         "acoustics": _without(acoustics, *keys_per_run(Acoustics), **echoes),
-        "navigation": Navigation(variant="tight", assume={"transmitters": scenario.navigation.transmitters}),
+        "navigation": Navigation(
+            variant="tight", assume={"transmitters": scenario.navigation.transmitters}
+        ),
     }
     return nameless(content_of(scenario)).model_copy(update=own)
 
@@ -93,7 +111,9 @@ def motion_key(scenario: Scenario) -> str:
 
 
 def sited(trajectory: Trajectory, leader: Leader) -> Trajectory:
-    """A trajectory with its motion unchanged and the transmitters where this leader's keys place them."""
+    """A trajectory with its motion unchanged and the transmitters where this leader's keys place
+    them.
+    """
     offset = trajectory.site_offset.copy()
     for name, (axis, value) in transmitter_places(leader).items():
         offset[trajectory.site(f"leader/{name}"), axis] = value
@@ -101,7 +121,9 @@ def sited(trajectory: Trajectory, leader: Leader) -> Trajectory:
 
 
 def simulate_mission(scenario: Scenario) -> Trajectory:
-    """Motion of a mission's vehicles; CampaignError naming it, and how it ended, if that was before its time."""
+    """Motion of a mission's vehicles; CampaignError naming it, and how it ended, if that was
+    before its time.
+    """
     try:
         return sited(simulate_motion(motion_of(scenario)), scenario.leader)
     except (EndedError, PlantError) as error:
@@ -110,7 +132,9 @@ def simulate_mission(scenario: Scenario) -> Trajectory:
 
 
 class Mission:
-    """The motion of a scenario, or of others that move alike; what its cells share is computed once."""
+    """The motion of a scenario, or of others that move alike; what its cells share is computed
+    once.
+    """
 
     def __init__(self, scenario: Scenario, trajectory: Trajectory) -> None:
         self._motion = nameless(motion_of(scenario))
@@ -121,15 +145,23 @@ class Mission:
         return observe(self._sited(scenario.leader), scenario, follower, in_bulk=True)
 
     def seen(self, scenario: Scenario, follower: int) -> tuple[Trajectory, MissionTruth]:
-        """Motion with a scenario's transmitters, and what one follower sees; LaisnError if vehicles move otherwise."""
+        """Motion with a scenario's transmitters, and what one follower sees; LaisnError if
+        vehicles move otherwise.
+        """
         if nameless(motion_of(scenario)) != self._motion:
-            raise LaisnError(f"scenario {scenario.name!r} moves otherwise than the mission that was simulated")
-        return self._sited(scenario.leader), self._observed(_observed_of(scenario, follower), follower)
+            raise LaisnError(
+                f"scenario {scenario.name!r} moves otherwise than the mission that was simulated"
+            )
+        return self._sited(scenario.leader), self._observed(
+            _observed_of(scenario, follower), follower
+        )
 
 
 @lru_cache(maxsize=4)
 def mission_of(motion: Scenario) -> Mission:
-    """A mission, simulated once for all scenarios of this motion; errors as of `simulate_mission`."""
+    """A mission, simulated once for all scenarios of this motion; errors as of
+    `simulate_mission`.
+    """
     return Mission(motion, simulate_mission(motion))
 
 
@@ -140,7 +172,8 @@ class Cell:
     truth: MissionTruth
     errors: SensorErrors = field(default_factory=SensorErrors)
     settings: Settings = field(default_factory=NavigationSettings)
-    navigator: NavigatorSpec | None = None  # None: the navigator of this project that takes these settings
+    # None: the navigator of this project that takes these settings
+    navigator: NavigatorSpec | None = None
     seed: int = 1
     runs: range = range(60)  # in steps of one
     follower: int = 0
@@ -158,23 +191,33 @@ class Cell:
 
     @classmethod
     def of(
-        cls, scenario: Scenario, follower: int = 0, runs: int | range = 60, *, mission: Mission | None = None,
+        cls,
+        scenario: Scenario,
+        follower: int = 0,
+        runs: int | range = 60,
+        *,
+        mission: Mission | None = None,
         disturbance: Disturbance | None = None,
-    ) -> Self:  # fmt: skip
+    ) -> Self:
         """The cell of a scenario: its run k is the scenario flown with `run = k`, noise and all.
 
-        Runs are a number, from run 0 on, or which. Without a mission it is flown, once for scenarios that follow each
-        other and move alike. LaisnError: there is no such follower, or the mission is not the scenario's, or it cannot
-        be flown.
+        Runs are a number, from run 0 on, or which. Without a mission it is flown, once for
+        scenarios that follow each other and move alike. LaisnError: there is no such follower, or
+        the mission is not the scenario's, or it cannot be flown.
         """
         if not 0 <= follower < len(scenario.followers):
             raise LaisnError(f"follower is {follower}, the scenario has {len(scenario.followers)}")
         trajectory, truth = (mission or mission_of(motion_of(scenario))).seen(scenario, follower)
         return cls(
-            truth=truth, errors=errors_of(scenario, follower), navigator=find(scenario.navigation.variant),
-            settings=navigation_settings(scenario, trajectory, follower), seed=scenario.seed, follower=follower,
-            runs=range(runs) if isinstance(runs, int) else runs, disturbance=disturbance,
-        )  # fmt: skip
+            truth=truth,
+            errors=errors_of(scenario, follower),
+            navigator=find(scenario.navigation.variant),
+            settings=navigation_settings(scenario, trajectory, follower),
+            seed=scenario.seed,
+            follower=follower,
+            runs=range(runs) if isinstance(runs, int) else runs,
+            disturbance=disturbance,
+        )
 
 
 class CellResult(NamedTuple):
@@ -184,13 +227,14 @@ class CellResult(NamedTuple):
     """Figures of all steps of all runs by their columns:
 
     - `seed`, `runs`, `steps` of one run; `worst_run`, that with the largest E_P;
-    - `e_p_{max,mean,std}_m`, `e_b_{max,mean,std}_deg`, as of `laisn.metrics.Summary`, and `e_p_pQ_m`, `e_b_pQ_deg`,
-      percentiles Q of `PERCENTILES`, to within 1 %;
-    - `nees`, `nis`: mean normalised squared error of the position, and innovation of the fixes that were used (2 if P
-      and S are right); `nees_inside`: share of steps at which the sum of the former over the runs is within its 95 %
-      interval, of χ² with two degrees of freedom a run (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.2);
-    - `mirror_locked_runs`: runs that were mirror locked (`laisn.metrics.is_mirror_locked`) for a message interval;
-      `e_p_mean_unlocked_m`: mean E_P of the others;
+    - `e_p_{max,mean,std}_m`, `e_b_{max,mean,std}_deg`, as of `laisn.metrics.Summary`, and
+      `e_p_pQ_m`, `e_b_pQ_deg`, percentiles Q of `PERCENTILES`, to within 1 %;
+    - `nees`, `nis`: mean normalised squared error of the position, and innovation of the fixes that
+      were used (2 if P and S are right); `nees_inside`: share of steps at which the sum of the
+      former over the runs is within its 95 % interval, of χ² with two degrees of freedom a run
+      (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.2);
+    - `mirror_locked_runs`: runs that were mirror locked (`laisn.metrics.is_mirror_locked`) for a
+      message interval; `e_p_mean_unlocked_m`: mean E_P of the others;
     - `fixes_KIND`: number of fixes of each `FixKind`.
     """
     runs: Arrays  # likewise of each run, shape (R,)
@@ -201,7 +245,9 @@ _Block = tuple[Floats, Ints, Floats]
 
 
 def _summed(cell: Cell, flown: Iterator[_Block]) -> CellResult:
-    """The result of a cell from its blocks in the order of runs; LaisnError naming the run if an estimate diverged."""
+    """The result of a cell from its blocks in the order of runs; LaisnError naming the run if an
+    estimate diverged.
+    """
     truth = cell.truth
     steps = cell.truth.speed.size
     size = len(cell.runs)
@@ -213,7 +259,10 @@ def _summed(cell: Cell, flown: Iterator[_Block]) -> CellResult:
         table = sums.reshape(-1, LANES)[:, : len(block)]
         diverged = np.flatnonzero(~np.isfinite(table[lane.SUM_P // LANES]))
         if diverged.size:
-            raise LaisnError(f"the estimate of run {block[int(diverged[0])]} left finite numbers; check the settings")
+            raise LaisnError(
+                f"the estimate of run {block[int(diverged[0])]} left finite numbers; check the "
+                "settings"
+            )
         first = block[0] - cell.runs[0]
         tally[:, first : first + len(block)] = table
         histograms += counts
@@ -238,7 +287,16 @@ def _summed(cell: Cell, flown: Iterator[_Block]) -> CellResult:
     percentiles: Record = {}
     for kind, unit, convert, total, squared, largest, lowest, histogram in (
         ("p", "m", float, lane.SUM_P, lane.SQUARES_P, lane.MAX_P, lane.LOWEST_P, histograms[0]),
-        ("b", "deg", math.degrees, lane.SUM_B, lane.SQUARES_B, lane.MAX_B, lane.LOWEST_B, histograms[1]),
+        (
+            "b",
+            "deg",
+            math.degrees,
+            lane.SUM_B,
+            lane.SQUARES_B,
+            lane.MAX_B,
+            lane.LOWEST_B,
+            histograms[1],
+        ),
     ):
         top = float(of_runs(largest).max())
         mean = float(of_runs(total).sum() / (steps * size))
@@ -246,12 +304,19 @@ def _summed(cell: Cell, flown: Iterator[_Block]) -> CellResult:
         for name, value in (("max", top), ("mean", mean), ("std", math.sqrt(max(variance, 0.0)))):
             errors[f"e_{kind}_{name}_{unit}"] = convert(value)
         for p in PERCENTILES:
-            percentiles[f"e_{kind}_p{p}_{unit}"] = convert(lane.percentile(histogram, lowest, p / 100.0, top))
+            percentiles[f"e_{kind}_p{p}_{unit}"] = convert(
+                lane.percentile(histogram, lowest, p / 100.0, top)
+            )
     means: Record = {}
-    for name, total, count in (("nees", lane.SUM_NEES, lane.COUNT_NEES), ("nis", lane.SUM_NIS, lane.COUNT_NIS)):
+    for name, total, count in (
+        ("nees", lane.SUM_NEES, lane.COUNT_NEES),
+        ("nis", lane.SUM_NIS, lane.COUNT_NIS),
+    ):
         number = of_runs(count)
         every = of_runs(count).sum()
-        runs[name] = np.divide(of_runs(total), number, out=np.full(size, np.nan), where=number > 0.0)
+        runs[name] = np.divide(
+            of_runs(total), number, out=np.full(size, np.nan), where=number > 0.0
+        )
         means[name] = float(of_runs(total).sum() / every) if every else math.nan
     low, high = chdtri(2.0 * size, np.array([0.975, 0.025]))
     known = nees[np.isfinite(nees)]
@@ -263,22 +328,33 @@ def _summed(cell: Cell, flown: Iterator[_Block]) -> CellResult:
         "mirror_locked_runs": int(np.count_nonzero(mirror_locked)),
         "worst_run": cell.runs[int(np.argmax(runs["e_p_max_m"]))],
         **{f"fixes_{kind.name.lower()}": int(fixes[kind]) for kind in FixKind},
-        "e_p_mean_unlocked_m": None if mirror_locked.all() else float(runs["e_p_mean_m"][~mirror_locked].mean()),
+        "e_p_mean_unlocked_m": None
+        if mirror_locked.all()
+        else float(runs["e_p_mean_m"][~mirror_locked].mean()),
     }
     return CellResult(errors | percentiles | whole, runs)
 
 
 def _measured(cell: Cell, runs: Sequence[int]) -> list[Measurements]:
-    """Measurements of some runs; LaisnError if a disturbance changes the steps of messages for lanes."""
+    """Measurements of some runs; LaisnError if a disturbance changes the steps of messages for
+    lanes.
+    """
     truth = cell.truth
     seed = cell.seed
     which = {"follower": cell.follower, "transmitters": cell.settings.transmitters}
-    measured = [measure(truth, cell.errors, seed=seed, run=run, in_bulk=True, **which) for run in runs]
+    measured = [
+        measure(truth, cell.errors, seed=seed, run=run, in_bulk=True, **which) for run in runs
+    ]
     if cell.disturbance is not None:
         disturb = cell.disturbance.disturb
         measured = [disturb(one, seed, run) for one, run in zip(measured, runs, strict=True)]
-    if cell.spec.lanes and any(not np.array_equal(one.message_step, truth.message_step) for one in measured):
-        raise LaisnError("a disturbance changes when messages arrive; LAISN in campaigns takes lost ranges as NaN")
+    if cell.spec.lanes and any(
+        not np.array_equal(one.message_step, truth.message_step) for one in measured
+    ):
+        raise LaisnError(
+            "a disturbance changes when messages arrive; LAISN in campaigns takes lost ranges as "
+            "NaN"
+        )
     return measured
 
 
@@ -288,7 +364,8 @@ def single_runs(cell: Cell, runs: Sequence[int]) -> list[MissionResult]:
 
 
 def _fly(cell: Cell, truth: lane.TruthRecord, runs: range, history: Floats = _NO_HISTORY) -> _Block:
-    """Results of up to LANES runs; of single ones squared innovations of r numbers count as r/2 updates of a position.
+    """Results of up to LANES runs; of single ones squared innovations of r numbers count as r/2
+    updates of a position.
 
     Raises:
         LaisnError: the start is unknown, so that a run has no error before its first message.
@@ -300,7 +377,9 @@ def _fly(cell: Cell, truth: lane.TruthRecord, runs: range, history: Floats = _NO
     steps = cell.truth.speed.size
     if not cell.spec.lanes:
         if not settings.known_start:
-            raise LaisnError("navigation.assume.known_start = false is for single flights: cells need all errors")
+            raise LaisnError(
+                "navigation.assume.known_start = false is for single flights: cells need all errors"
+            )
         single = single_runs(cell, runs)
         settings = NavigationSettings()
         given = lane.Given(states=np.ones((steps, 5, LANES)))
@@ -310,7 +389,9 @@ def _fly(cell: Cell, truth: lane.TruthRecord, runs: range, history: Floats = _NO
     elif cell.disturbance:
         given = lane.Given(*lanes.stacked(_measured(cell, runs)))
     address = np.uint64(cell.seed), np.uint64(runs[0]), np.uint64(cell.follower)
-    block = lane.fly_block(truth, cell.errors, lanes.tuning(settings), address, len(runs), given, history)
+    block = lane.fly_block(
+        truth, cell.errors, lanes.tuning(settings), address, len(runs), given, history
+    )
     for i, found in enumerate(single):
         of_run = block[0][i::LANES]
         of_run[lane.SUM_NIS // LANES] = found.squared
@@ -335,7 +416,9 @@ def simulate(cell: Cell, *, threads: int = 1) -> CellResult:
 def histories(cell: Cell) -> Floats:
     """States of all runs of a cell after each step: x, y [m], vx, vy [m/s], shape (n, 4, R)."""
     if not cell.spec.lanes:
-        return np.stack([found.state for runs in cell.blocks for found in single_runs(cell, runs)], axis=-1)
+        return np.stack(
+            [found.state for runs in cell.blocks for found in single_runs(cell, runs)], axis=-1
+        )
     truth = lane.truth_record(cell.truth)
     parts = []
     for runs in cell.blocks:

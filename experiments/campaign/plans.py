@@ -1,4 +1,6 @@
-"""Plans of cells: a scenario flown with the noise of some runs, its key, and the row of its result."""
+"""Plans of cells: a scenario flown with the noise of some runs, its key, and the row of its
+result.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -27,7 +29,9 @@ Facts = Callable[[Scenario, Trajectory], list[Record]]
 
 @dataclass(frozen=True, kw_only=True)
 class CellPlan:
-    """A scenario, the number of its runs and what to keep; LaisnError if there is no run, or no such follower."""
+    """A scenario, the number of its runs and what to keep; LaisnError if there is no run, or no
+    such follower.
+    """
 
     scenario: Scenario
     runs: int = 60
@@ -37,19 +41,27 @@ class CellPlan:
     leader_pitch_deg: float | None = None
     """Sense and navigate behind a leader that keeps this pitch on the same track; None: its own."""
     measured: Mapping[str, str] = field(default_factory=dict)
-    """Keys of the scenario whose values are measured of the mission, and the columns of `facts` that they take."""
+    """Keys of the scenario whose values are measured of the mission, and the columns of `facts`
+    that they take.
+    """
     facts: Facts | None = None
     threads: int = 1  # that compute it; the result does not depend on them
     disturb: Mapping[str, Any] = field(default_factory=dict)
-    """`use`, a `Disturbance` by its name "module:Class" in a plugin or a built-in study, and its arguments; or none."""
+    """`use`, a `Disturbance` by its name "module:Class" in a plugin or a built-in study, and its
+    arguments; or none.
+    """
     lag_s: float = 0.0
-    """With a navigator near the bound: what smoothing with so much later messages could reach, beside the bound [s]."""
+    """With a navigator near the bound: what smoothing with so much later messages could reach,
+    beside the bound [s].
+    """
 
     def __post_init__(self) -> None:
         if self.runs < 1:
             raise LaisnError(f"runs is {self.runs}, expected at least 1")
         if not 0 <= self.follower < len(self.scenario.followers):
-            raise LaisnError(f"follower is {self.follower}, the scenario has {len(self.scenario.followers)}")
+            raise LaisnError(
+                f"follower is {self.follower}, the scenario has {len(self.scenario.followers)}"
+            )
 
     @cached_property
     def content(self) -> Scenario:
@@ -58,7 +70,13 @@ class CellPlan:
     @cached_property
     def key(self) -> str:
         """Key of its row and of its arrays over runs."""
-        others: tuple[Any, ...] = self.runs, self.follower, self.first_run, self.leader_pitch_deg, self.lag_s
+        others: tuple[Any, ...] = (
+            self.runs,
+            self.follower,
+            self.first_run,
+            self.leader_pitch_deg,
+            self.lag_s,
+        )
         others += (dict(self.disturb), dict(self.measured), self.facts)
         name = self.disturb.get("use", "")
         own = [_disturbing(name).disturb] if name.startswith(_OWN) else []
@@ -84,7 +102,9 @@ class CellPlan:
 
 
 _OWN = "experiments.studies."
-"""Start of names of classes of the built-in studies, which study files may give as if they were in a plugin."""
+"""Start of names of classes of the built-in studies, which study files may give as if they were
+in a plugin.
+"""
 
 
 def _disturbing(name: str) -> Any:
@@ -96,12 +116,16 @@ def _disturbing(name: str) -> Any:
     else:
         found = find_class("disturbance", name, "disturb")
     if not isinstance(found, type) or not hasattr(found, "disturb"):
-        raise LaisnError(f"disturb.use: {name!r:.100}: expected a class with `disturb(measurements, seed, run)`")
+        raise LaisnError(
+            f"disturb.use: {name!r:.100}: expected a class with `disturb(measurements, seed, run)`"
+        )
     return found
 
 
 def disturbance_of(table: Mapping[str, Any]) -> Disturbance | None:
-    """The disturbance of a table, None of an empty one; LaisnError if the class, or an argument, does not exist."""
+    """The disturbance of a table, None of an empty one; LaisnError if the class, or an argument,
+    does not exist.
+    """
     if not table:
         return None
     name = str(table.get("use", ""))
@@ -121,7 +145,9 @@ def steps_of(cell: Cell) -> Arrays:
     for runs in cell.blocks:
         for found in np.moveaxis(histories(replace(cell, runs=runs))[:, :2], -1, 0):
             bearing = metrics.bearing_errors(found, truth.hydrophone, leader)
-            errors = np.stack([metrics.position_errors(found, truth.hydrophone), np.rad2deg(bearing)])
+            errors = np.stack(
+                [metrics.position_errors(found, truth.hydrophone), np.rad2deg(bearing)]
+            )
             total = total + errors
             largest = np.maximum(largest, errors)
     away = truth.hydrophone - leader
@@ -129,17 +155,22 @@ def steps_of(cell: Cell) -> Arrays:
     direction = np.arctan2(away[:, 0], away[:, 1]) - truth.leader_heading
     columns = {
         "time_s": truth.dt * np.arange(1, truth.speed.size + 1),
-        "e_p_mean_m": mean[0], "e_p_max_m": largest[0], "e_b_mean_deg": mean[1], "e_b_max_deg": largest[1],
+        "e_p_mean_m": mean[0],
+        "e_p_max_m": largest[0],
+        "e_b_mean_deg": mean[1],
+        "e_b_max_deg": largest[1],
         "bearing_deg": np.rad2deg(np.mod(direction, 2 * np.pi)),
         "distance_m": np.hypot(*away.T),
         "speed_m_s": truth.speed,
-    }  # fmt: skip
+    }
     # micrometres here, in half the room
     return {name: np.asarray(values, dtype=np.float32) for name, values in columns.items()}
 
 
 def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
-    """Compute cells of one mission: the row and the arrays over runs of each and, on request, over steps."""
+    """Compute cells of one mission: the row and the arrays over runs of each and, on request,
+    over steps.
+    """
     behind = {}
     for pitch in {plan.leader_pitch_deg for plan in plans}:
         motion = trajectory if pitch is None else tilted(trajectory, np.deg2rad(pitch))
@@ -160,7 +191,12 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
         cell = Cell.of(given, plan.follower, runs, mission=mission, disturbance=disturbance)
         result = simulate(cell, threads=plan.threads)
         # without the name, as plans of others may share it
-        row: Record = {"variant": variant, **result.row, "bound_rms_m": None, "rms_over_bound": None}
+        row: Record = {
+            "variant": variant,
+            **result.row,
+            "bound_rms_m": None,
+            "rms_over_bound": None,
+        }
         if find(variant).near_bound:
             seen, _ = mission.seen(scenario, plan.follower)
             geometry = geometry_of(seen, scenario, plan.follower)
@@ -170,7 +206,9 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
             rms = float(np.hypot(row["e_p_mean_m"], row["e_p_std_m"]))
             row |= {"bound_rms_m": bound, "rms_over_bound": rms / bound if bound > 0.0 else None}
             if plan.lag_s:
-                row["bound_smoothed_rms_m"] = float(np.sqrt(np.mean(least_rms(geometry, noise, plan.lag_s) ** 2)))
+                row["bound_smoothed_rms_m"] = float(
+                    np.sqrt(np.mean(least_rms(geometry, noise, plan.lag_s) ** 2))
+                )
             steps = {"bound_m": least.astype(np.float32)}
         results.append((plan.key, row, result.runs))
         if plan.keep_steps:

@@ -5,7 +5,14 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 
 from rich.console import Console, RenderableType
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Column, Table
 from rich.text import Text
 
@@ -19,44 +26,73 @@ Update = Callable[[float], None]  # reports the share that is done, 0 … 1
 
 
 def literal(text: object, style: str = "") -> Text:
-    """Text of a file, a path or a user as it is: no markup, no emoji code, no control character of it takes effect."""
+    """Text of a file, a path or a user as it is: no markup, no emoji code, no control character
+    of it takes effect.
+    """
     return Text(plain(text), style=style)
 
 
 def print_line(console: Console, text: object, label: str = "", style: str = "yellow") -> None:
     """Print a line of literal text, after a styled label if there is one."""
-    console.print(Text.assemble((f"{label} ", style) if label else "", literal(text)), soft_wrap=True)
+    console.print(
+        Text.assemble((f"{label} ", style) if label else "", literal(text)), soft_wrap=True
+    )
 
 
 def show_table(
-    console: Console, heads: Sequence[str], rows: Iterable[Sequence[str]], title: str = "", caption: str = "", *,
+    console: Console,
+    heads: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    title: str = "",
+    caption: str = "",
+    *,
     numbers: bool = True,
-) -> None:  # fmt: skip
-    """Print a table of literal text, left-aligned; with `numbers`, all columns but the first are right-aligned."""
-    columns = (Column(literal(head), justify="right" if n and numbers else "left") for n, head in enumerate(heads))
+) -> None:
+    """Print a table of literal text, left-aligned; with `numbers`, all columns but the first are
+    right-aligned.
+    """
+    columns = (
+        Column(literal(head), justify="right" if n and numbers else "left")
+        for n, head in enumerate(heads)
+    )
     table = Table(
-        *columns, title=literal(title) if title else None, title_justify="left",
-        caption=literal(caption) if caption else None, caption_justify="left", box=None, pad_edge=False,
-    )  # fmt: skip
+        *columns,
+        title=literal(title) if title else None,
+        title_justify="left",
+        caption=literal(caption) if caption else None,
+        caption_justify="left",
+        box=None,
+        pad_edge=False,
+    )
     for row in rows:
         table.add_row(*map(literal, row))
     console.print(table)
 
 
 class _Bars(Progress):
-    """Bars with names and the time left or taken, above the number of functions compiled; on a terminal alone.
+    """Bars with names and the time left or taken, above the number of functions compiled; on a
+    terminal alone.
 
-    `count` is that of compiled functions, of this process and those beside it. If it grows, a log has a last line.
+    `count` is that of compiled functions, of this process and those beside it. If it grows, a log
+    has a last line.
     """
 
-    def __init__(self, console: Console, *columns: ProgressColumn, count: Callable[[], int] = lambda: 0) -> None:
+    def __init__(
+        self, console: Console, *columns: ProgressColumn, count: Callable[[], int] = lambda: 0
+    ) -> None:
         self._count = count
         self._before = count()
         super().__init__(
-            TextColumn("{task.description:<9}"), BarColumn(), *columns, TimeRemainingColumn(elapsed_when_finished=True),
-            console=console, disable=not console.is_terminal, get_time=lambda: time.monotonic(),
-            speed_estimate_period=3600.0, refresh_per_second=_REFRESH_HZ,
-        )  # fmt: skip
+            TextColumn("{task.description:<9}"),
+            BarColumn(),
+            *columns,
+            TimeRemainingColumn(elapsed_when_finished=True),
+            console=console,
+            disable=not console.is_terminal,
+            get_time=lambda: time.monotonic(),
+            speed_estimate_period=3600.0,
+            refresh_per_second=_REFRESH_HZ,
+        )
 
     def get_renderables(self) -> Iterator[RenderableType]:
         yield from super().get_renderables()
@@ -70,7 +106,9 @@ class _Bars(Progress):
 
 
 def compiling_shown(console: Console | None = None) -> AbstractContextManager[Progress]:
-    """Report, on standard error unless a console is given, how many functions the block compiles."""
+    """Report, on standard error unless a console is given, how many functions the block
+    compiles.
+    """
     # a process that only shows progress does not load the compiler
     from laisn import compiled
 
@@ -93,10 +131,11 @@ def phases(console: Console) -> Iterator[Callable[[str], AbstractContextManager[
 
 @contextmanager
 def progress(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]:
-    """A bar on a terminal, a line every ten seconds in a log; nothing if there is nothing to do, or `quiet`.
+    """A bar on a terminal, a line every ten seconds in a log; nothing if there is nothing to do, or
+    `quiet`.
 
-    `total` items are counted, which `what` names. Rate and time left do not count the first item, which waited for
-    processes and compilers to start.
+    `total` items are counted, which `what` names. Rate and time left do not count the first item,
+    which waited for processes and compilers to start.
     """
     console = Console(stderr=True)
     if quiet or total == 0:
@@ -112,7 +151,11 @@ def progress(what: str, total: int, *, quiet: bool = False) -> Iterator[Advance]
             state = bars.tasks[task]
             now = time.monotonic()
             if bars.disable and (state.finished or now - shown >= _LINE_EVERY_S):
-                pace = f", {state.speed:.1f}/s, {state.time_remaining:.0f} s left" if state.speed else ""
+                pace = (
+                    f", {state.speed:.1f}/s, {state.time_remaining:.0f} s left"
+                    if state.speed
+                    else ""
+                )
                 console.print(f"{what}: {state.completed:.0f}/{total}{pace}", highlight=False)
                 shown = now
 

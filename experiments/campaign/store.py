@@ -1,4 +1,6 @@
-"""Results on disk: tables of studies as Parquet, and a store of single results under keys of all that made them."""
+"""Results on disk: tables of studies as Parquet, and a store of single results under keys of all
+that made them.
+"""
 
 import csv
 import hashlib
@@ -36,7 +38,9 @@ _COLUMNS = "columns"
 
 
 class DamagedResult(LaisnWarning):
-    """A stored result cannot be read; the text names the file, the reason and what is done about it."""
+    """A stored result cannot be read; the text names the file, the reason and what is done about
+    it.
+    """
 
 
 class CampaignError(LaisnError):
@@ -56,16 +60,20 @@ def _plain(value: object) -> list[Any]:
         return [value.func, value.args, value.keywords]
     if isinstance(value, range):
         return [value.start, value.stop, value.step]
-    raise TypeError(f"a result depends on {type(value).__name__}, of which no key can be made: {value!r:.60}")
+    raise TypeError(
+        f"a result depends on {type(value).__name__}, of which no key can be made: {value!r:.60}"
+    )
 
 
 def key_of(*content: object) -> str:
     """Key of a result: a hash of the code version and of all that makes it.
 
-    That is JSON values, data classes, scenarios, functions with every source that they can reach, and the sources of
-    plugins whose names are values. TypeError if there is something else.
+    That is JSON values, data classes, scenarios, functions with every source that they can reach,
+    and the sources of plugins whose names are values. TypeError if there is something else.
     """
-    text = json.dumps(to_jsonable_python([code_version(), *content], fallback=_plain), sort_keys=True)
+    text = json.dumps(
+        to_jsonable_python([code_version(), *content], fallback=_plain), sort_keys=True
+    )
     digest = hashlib.sha256(text.encode())
     for name, file in sorted(plugin_files().items()):
         if f'"{name}"' in text or f'"{name}:' in text:
@@ -74,12 +82,16 @@ def key_of(*content: object) -> str:
 
 
 def write_table(path: Path, columns: Mapping[str, Any] | Iterator[pa.Table]) -> None:
-    """Write columns, or tables one below the other, as Parquet with page checksums; same content, same bytes."""
+    """Write columns, or tables one below the other, as Parquet with page checksums; same
+    content, same bytes.
+    """
     tables = iter([pa.table(dict(columns))]) if isinstance(columns, Mapping) else columns
     first = next(tables)
     with (
         atomic_write(path) as part,
-        pq.ParquetWriter(part, first.schema, compression="zstd", write_page_checksum=True) as writer,
+        pq.ParquetWriter(
+            part, first.schema, compression="zstd", write_page_checksum=True
+        ) as writer,
     ):
         for table in chain([first], tables):
             writer.write_table(table)
@@ -94,7 +106,9 @@ def arrow_table(path: Path) -> Any:
         if isinstance(error, OSError) and error.errno is not None:
             raise
         why = " ".join(str(error).split())
-        raise LaisnError(f"{path}: it is damaged: {why}; the command that wrote it writes it again") from None
+        raise LaisnError(
+            f"{path}: it is damaged: {why}; the command that wrote it writes it again"
+        ) from None
 
 
 def read_table(path: Path) -> list[Record]:
@@ -120,12 +134,16 @@ class Store:
     """The results folder of a campaign; any number of processes may work in it at once."""
 
     def __init__(self, folder: Path, *, force: bool = False) -> None:
-        """Open or make the folder; `force`: stored results count as missing, those of another version are removed.
+        """Open or make the folder; `force`: stored results count as missing, those of another
+        version are removed.
 
-        LaisnError if the folder holds a flight, or results of another version and `force` is not set.
+        LaisnError if the folder holds a flight, or results of another version and `force` is not
+        set.
         """
         if (folder / FLIGHT_FILE).exists():
-            raise LaisnError(f"{folder}: holds a flight ({FLIGHT_FILE}); choose another folder with --out")
+            raise LaisnError(
+                f"{folder}: holds a flight ({FLIGHT_FILE}); choose another folder with --out"
+            )
         self.folder = folder
         self._results = folder / "store"
         self._force = force
@@ -135,7 +153,8 @@ class Store:
         found = ""
         version = code_version()
         with locked(folder):
-            # keys of results hold their version too, so that a damaged manifest may be written again
+            # keys of results hold their version too, so that a damaged manifest may be written
+            # again
             with suppress(FileNotFoundError, ValueError, KeyError, TypeError, RecursionError):
                 found = str(json.loads(manifest.read_text(encoding="utf-8"))["version"])
             if found not in ("", version):
@@ -157,7 +176,9 @@ class Store:
         return self._results / f"{key}.npz"
 
     def get(self, key: str) -> tuple[Any, Arrays] | None:
-        """What `put` stored under a key; None if it must be computed, with a warning if it is damaged."""
+        """What `put` stored under a key; None if it must be computed, with a warning if it is
+        damaged.
+        """
         if self._force and key not in self.written:
             return None
         try:
@@ -167,7 +188,8 @@ class Store:
                 arrays = dict(archive)
             # ten thousand records share the names of their columns in memory
             found, names, record = json.loads(
-                arrays.pop(_RECORD).tobytes(), object_pairs_hook=lambda pairs: {sys.intern(k): v for k, v in pairs}
+                arrays.pop(_RECORD).tobytes(),
+                object_pairs_hook=lambda pairs: {sys.intern(k): v for k, v in pairs},
             )
             if _COLUMNS in arrays:
                 table = arrays.pop(_COLUMNS)
@@ -178,7 +200,10 @@ class Store:
         except FileNotFoundError:
             return None
         except Exception as error:  # NumPy raises a dozen kinds for files that are none of ours
-            what = f"{self.path(key)} cannot be read and is computed again: {error or type(error).__name__}"
+            what = (
+                f"{self.path(key)} cannot be read and is computed again: "
+                f"{error or type(error).__name__}"
+            )
             warnings.warn(what, DamagedResult, stacklevel=1)
             return None
 
@@ -186,11 +211,16 @@ class Store:
         return all(self.get(key) is not None for key in keys)
 
     def put(self, key: str, record: object, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Store a JSON value, in which NumPy's numbers and arrays become plain, and arrays by name."""
+        """Store a JSON value, in which NumPy's numbers and arrays become plain, and arrays by
+        name.
+        """
         text = json.dumps([key, [*arrays], record], default=lambda value: value.tolist()).encode()
         content: dict[str, Any] = {_RECORD: np.frombuffer(text, dtype=np.uint8)}
-        if {values.ndim for values in arrays.values()} == {1} and len({*map(len, arrays.values())}) == 1:
-            # lists over runs as one array: a dozen take two to three times as long to write and to read
+        if {values.ndim for values in arrays.values()} == {1} and len(
+            {*map(len, arrays.values())}
+        ) == 1:
+            # lists over runs as one array: a dozen take two to three times as long to write and to
+            # read
             content[_COLUMNS] = np.rec.fromarrays([*arrays.values()], names=[*arrays])  # type: ignore[call-overload]
         else:
             content |= arrays

@@ -13,8 +13,10 @@ from laisn.navigators import code_of_navigators
 
 ROOT = Path(__file__).resolve().parents[2]
 OWN_PACKAGES = ("models", "laisn", "sim", "experiments")
-_IN_CHECKOUT = ("tools", "tests")  # outside the wheel: some records of the documents are computed there
-PACKAGES = ("mujoco", "numpy", "scipy", "filterpy", "numba", "mcap", "av", "pyarrow")  # dependencies that shape results
+# outside the wheel: some records of the documents are computed there
+_IN_CHECKOUT = ("tools", "tests")
+# dependencies that shape results
+PACKAGES = ("mujoco", "numpy", "scipy", "filterpy", "numba", "mcap", "av", "pyarrow")
 
 _COMPUTING = ("experiments.campaign.campaign", "sim.scenario.file", *code_of_navigators())
 """Modules that compute the numbers of cells. Tasks and facts add modules of their own."""
@@ -23,24 +25,35 @@ _TABLES = {".toml", ".csv"}  # data files that a study reads beside its modules
 
 
 def reachable(modules: Iterable[str], root: Path = ROOT) -> dict[str, Path]:
-    """Source files, below `root`, of modules and of all that they import, directly or not, by module name.
+    """Source files, below `root`, of modules and of all that they import, directly or not, by
+    module name.
 
     Raises ImportError if one of `modules` does not exist.
     """
     # an installed wheel has other packages beside it
-    others = {path.name.partition(".")[0] for path in root.iterdir()} - {*OWN_PACKAGES, *_IN_CHECKOUT}
+    others = {path.name.partition(".")[0] for path in root.iterdir()} - {
+        *OWN_PACKAGES,
+        *_IN_CHECKOUT,
+    }
     finder = ModuleFinder([str(root)], excludes=others)
     # `ModuleFinder` finds no folders without `__init__.py`
     for folder in (root / "tests", *(root / "tests").rglob("*/")):
         if folder.is_dir() and not (folder / "__init__.py").exists():
-            vars(finder.add_module(".".join(folder.relative_to(root).parts)))["__path__"] = [str(folder)]
+            vars(finder.add_module(".".join(folder.relative_to(root).parts)))["__path__"] = [
+                str(folder)
+            ]
     for name in modules:
         finder.import_hook(name)
-    return {name: Path(file) for name, module in finder.modules.items() if (file := vars(module)["__file__"])}
+    return {
+        name: Path(file)
+        for name, module in finder.modules.items()
+        if (file := vars(module)["__file__"])
+    }
 
 
 def sources(modules: Iterable[str] = (), root: Path = ROOT) -> list[Path]:
-    """Every file that may change a stored number: modules that compute, all that they import, and their data.
+    """Every file that may change a stored number: modules that compute, all that they import, and
+    their data.
 
     Films, logs, pages and commands are not among them, since nothing that computes imports these.
 
@@ -50,18 +63,30 @@ def sources(modules: Iterable[str] = (), root: Path = ROOT) -> list[Path]:
     """
     named = tuple(modules)
     found = reachable((*_COMPUTING, *named), root)
-    # of `experiments` the modules alone: its data are published tables and a layout, to compare with and to draw
-    data = {p for package in ("models", "laisn", "sim") for p in (root / package).rglob("*") if p.suffix in _DATA}
+    # of `experiments` the modules alone: its data are published tables and a layout, to compare
+    # with and to draw
+    data = {
+        p
+        for package in ("models", "laisn", "sim")
+        for p in (root / package).rglob("*")
+        if p.suffix in _DATA
+    }
     tables = {p for name in named for p in found[name].parent.iterdir() if p.suffix in _TABLES}
     return sorted({*found.values(), *data, *tables})
 
 
 @cache
 def _without_docstrings(source: bytes) -> bytes:
-    """A source without the lines of statements that are strings alone: these describe code and compute nothing."""
+    """A source without the lines of statements that are strings alone: these describe code and
+    compute nothing.
+    """
     lines = source.splitlines(keepends=True)
     for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+        if (
+            isinstance(node, ast.Expr)
+            and isinstance(node.value, ast.Constant)
+            and isinstance(node.value.value, str)
+        ):
             first = node.lineno - 1
             last = node.end_lineno or node.lineno
             if not lines[first][: node.col_offset].strip():
@@ -81,10 +106,14 @@ def version_of(modules: Iterable[str] = (), root: Path = ROOT) -> str:
 
 @cache
 def code_version() -> str:
-    """Version of the code, such as 0.1.0+3f2a9c81d0e4: results of different versions are never mixed."""
+    """Version of the code, such as 0.1.0+3f2a9c81d0e4: results of different versions are never
+    mixed.
+    """
     return f"{version('laisn-sim')}+{version_of()}"
 
 
 def versions() -> dict[str, str]:
     """Versions of this project and of the packages that shape its results, by name."""
-    return {name: version(name) for name in ("laisn-sim", *PACKAGES)} | {"python": platform.python_version()}
+    return {name: version(name) for name in ("laisn-sim", *PACKAGES)} | {
+        "python": platform.python_version()
+    }

@@ -1,4 +1,5 @@
-"""The `laisn` command: arguments in, results and readable messages out (`cli`, `errors`). Nothing imports this package.
+"""The `laisn` command: arguments in, results and readable messages out (`cli`, `errors`). Nothing
+imports this package.
 
 Imports: experiments laisn sim
 """

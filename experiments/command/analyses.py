@@ -1,4 +1,6 @@
-"""Subcommands that compute and print: the Cramér–Rao bound, the range error budget, a hull from its dimensions."""
+"""Subcommands that compute and print: the Cramér–Rao bound, the range error budget, a hull from
+its dimensions.
+"""
 
 import os
 import sys
@@ -23,7 +25,9 @@ _QUARTERS = 4
 def bound(
     scenario: ScenarioArgument,
     set_: SetOption = None,
-    runs: Annotated[int, typer.Option(min=0, max=1_000_000, help="also run the navigator this many times")] = 0,
+    runs: Annotated[
+        int, typer.Option(min=0, max=1_000_000, help="also run the navigator this many times")
+    ] = 0,
     out: Annotated[Path | None, typer.Option(help="write the bound over time to this .csv")] = None,
 ) -> None:
     """Compute the Cramér–Rao bound of a mission's position errors."""
@@ -47,10 +51,15 @@ def bound(
         for i, follower in enumerate(flown.followers):
             trajectory, _ = mission.seen(flown, i)
             least = least_rms(geometry_of(trajectory, flown, i), noise_of(flown, i))
-            bounds = [float(np.sqrt(np.mean(part**2))) for part in (*np.array_split(least, _QUARTERS), least)]
+            bounds = [
+                float(np.sqrt(np.mean(part**2)))
+                for part in (*np.array_split(least, _QUARTERS), least)
+            ]
             cells = [f"{value:.3f}" for value in bounds]
             if runs:
-                found = simulate(Cell.of(flown, i, runs, mission=mission), threads=len(os.sched_getaffinity(0))).row
+                found = simulate(
+                    Cell.of(flown, i, runs, mission=mission), threads=len(os.sched_getaffinity(0))
+                ).row
                 rms = float(np.hypot(found["e_p_mean_m"], found["e_p_std_m"]))
                 cells += [f"{rms:.3f}", f"{rms / bounds[-1]:.2f}", f"{found['nees']:.3g}"]
             lines.append([follower.name, *cells])
@@ -88,7 +97,9 @@ def records(flight: "Flight") -> "Iterator[Record]":
 def range_budget(
     source: SourceArgument,
     set_: SetOption = None,
-    out: Annotated[Path | None, typer.Option(help="write all shares of every ping to this .csv or .parquet")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="write all shares of every ping to this .csv or .parquet")
+    ] = None,
 ) -> None:
     """Print the error budget of the ranges: pitch, motion, echoes, sound, clocks, noise, depth."""
     from rich.console import Console
@@ -107,7 +118,9 @@ def range_budget(
     for i, name in enumerate(flight.trajectory.names[1:]):
         shares = share_table(range_error_budget(flight, i))
         lines = [[cell.text for cell in row] for row in shares.rows]
-        show_table(console, heads, lines, f"{name}: rms shares of the range errors [cm]", shares.caption)
+        show_table(
+            console, heads, lines, f"{name}: rms shares of the range errors [cm]", shares.caption
+        )
     if out is not None:
         rows = list(records(flight))
         if out.suffix == ".csv":
@@ -120,13 +133,20 @@ def range_budget(
 def hull(
     length: Annotated[float | None, typer.Option(help="length of the hull [m]")] = None,
     diameter: Annotated[float | None, typer.Option(help="diameter of the hull [m]")] = None,
-    mass: Annotated[float | None, typer.Option(help="mass with all that floods [kg]; the hull is neutral")] = None,
-    fins: Annotated[Literal["+", "x"], typer.Option(help="'+': rudders and stern planes, 'x': four fins at 45°")] = "+",
+    mass: Annotated[
+        float | None, typer.Option(help="mass with all that floods [kg]; the hull is neutral")
+    ] = None,
+    fins: Annotated[
+        Literal["+", "x"], typer.Option(help="'+': rudders and stern planes, 'x': four fins at 45°")
+    ] = "+",
     propeller: Annotated[
         float | None, typer.Option(help="diameter of the propeller [m]; default: 0.7 of the hull")
     ] = None,
     sdf: Annotated[
-        Path | None, typer.Option(help="read gz-sim's Hydrodynamics, Thruster and LiftDrag from this SDF file instead")
+        Path | None,
+        typer.Option(
+            help="read gz-sim's Hydrodynamics, Thruster and LiftDrag from this SDF file instead"
+        ),
     ] = None,
 ) -> None:
     """Print a first MJCF of an own vehicle, with the formula or source of each number."""
@@ -141,7 +161,10 @@ def hull(
         text = from_dimensions(length, diameter, mass, fins, propeller).xml()
     else:
         if any(value is not None for value in (length, diameter, mass, propeller)):
-            raise LaisnError("--sdf: the file has the dimensions; leave --length, --diameter, --mass, --propeller out")
+            raise LaisnError(
+                "--sdf: the file has the dimensions; leave --length, --diameter, --mass, "
+                "--propeller out"
+            )
         try:
             file, remarks = from_sdf(read_text(sdf, LARGEST_SDF))
         except LaisnError as error:
@@ -150,5 +173,9 @@ def hull(
         for remark in remarks:
             typer.echo(plain(f"note: {remark}"), err=True)
         if errors := hull_errors(text, "leader"):
-            raise LaisnError("\n".join([f"{sdf}: the hull cannot be simulated:", *(f"  {error}" for error in errors)]))
+            raise LaisnError(
+                "\n".join(
+                    [f"{sdf}: the hull cannot be simulated:", *(f"  {error}" for error in errors)]
+                )
+            )
     sys.stdout.write(text)

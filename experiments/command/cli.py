@@ -34,7 +34,10 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def every_command(
     _: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="show the version and exit")
+        bool,
+        typer.Option(
+            "--version", callback=_version, is_eager=True, help="show the version and exit"
+        ),
     ] = False,
 ) -> None:
     """Options of the command itself."""
@@ -52,7 +55,9 @@ def fly(
     set_: studies.SetOption = None,
     _plugin: studies.PluginOption = None,
     seed: Annotated[int | None, typer.Option(help="key of all random numbers")] = None,
-    run: Annotated[int | None, typer.Option(help="number of the Monte Carlo run whose noise is used")] = None,
+    run: Annotated[
+        int | None, typer.Option(help="number of the Monte Carlo run whose noise is used")
+    ] = None,
     out: studies.OutOption = None,
     video: Annotated[bool, typer.Option("--video/--no-video", help="render the film")] = True,
 ) -> None:
@@ -70,7 +75,9 @@ def fly(
 
 @app.command()
 def scenarios(
-    name: Annotated[str | None, typer.Argument(help="print this scenario as TOML, a template for your own")] = None,
+    name: Annotated[
+        str | None, typer.Argument(help="print this scenario as TOML, a template for your own")
+    ] = None,
 ) -> None:
     """List the built-in scenarios, or print one."""
     from rich.console import Console
@@ -79,7 +86,9 @@ def scenarios(
     from experiments.flight import library
 
     if name is None:
-        show_table(Console(), ("scenario", "what happens"), library.descriptions().items(), numbers=False)
+        show_table(
+            Console(), ("scenario", "what happens"), library.descriptions().items(), numbers=False
+        )
     else:
         sys.stdout.write(library.load(name, ()).toml())
 
@@ -98,7 +107,9 @@ def vehicles() -> None:
 
 @app.command()
 def check(
-    scenario: studies.ScenarioArgument, set_: studies.SetOption = None, _plugin: studies.PluginOption = None
+    scenario: studies.ScenarioArgument,
+    set_: studies.SetOption = None,
+    _plugin: studies.PluginOption = None,
 ) -> None:
     """Validate a scenario without simulating it."""
     from experiments.flight.library import load
@@ -108,7 +119,9 @@ def check(
     for caution in cautions(checked):
         echo(f"warning: {caution}")
     number = len(checked.followers)
-    echo(f"{scenario}: valid: {checked.duration_s:g} s, {number} follower{'s' if number > 1 else ''}")
+    echo(
+        f"{scenario}: valid: {checked.duration_s:g} s, {number} follower{'s' if number > 1 else ''}"
+    )
 
 
 @app.command()
@@ -135,11 +148,18 @@ def render(
         str | None, typer.Option(help="chase, pip, top, side, follower, leader, profile or orbit")
     ] = None,
     size: Annotated[
-        dict[str, int] | None, typer.Option(parser=_size, metavar="WIDTHxHEIGHT", help="such as 1920x1080")
+        dict[str, int] | None,
+        typer.Option(parser=_size, metavar="WIDTHxHEIGHT", help="such as 1920x1080"),
     ] = None,
-    speed_up: Annotated[float | None, typer.Option(help="seconds of the mission per second of film")] = None,
-    follower: Annotated[int, typer.Option(help="index of the follower that the camera follows")] = 0,
-    still: Annotated[float | None, typer.Option(metavar="T", help="one picture at mission time T [s]")] = None,
+    speed_up: Annotated[
+        float | None, typer.Option(help="seconds of the mission per second of film")
+    ] = None,
+    follower: Annotated[
+        int, typer.Option(help="index of the follower that the camera follows")
+    ] = 0,
+    still: Annotated[
+        float | None, typer.Option(metavar="T", help="one picture at mission time T [s]")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="file (default NAME.mp4 or NAME.png)")] = None,
 ) -> None:
     """Render a film or a picture of a scenario or a log."""
@@ -155,31 +175,53 @@ def render(
     files.video_of(Video(), changes)
     flight = files.flight_of(source, set_ or ())
     path = out or Path(f"{flight.scenario.name}.{'mp4' if still is None else 'png'}")
-    with phases(Console(stderr=True)) as phase, phase("video") if still is None else nullcontext() as update:
-        echo(files.render(flight, path, time_s=still, follower=follower, progress=update, **changes))
+    with (
+        phases(Console(stderr=True)) as phase,
+        phase("video") if still is None else nullcontext() as update,
+    ):
+        echo(
+            files.render(flight, path, time_s=still, follower=follower, progress=update, **changes)
+        )
 
 
 @app.command()
 def replay(
-    log: Annotated[Path, typer.Argument(help="a log (.mcap) of a flight, or of a real vehicle with its channels")],
+    log: Annotated[
+        Path,
+        typer.Argument(help="a log (.mcap) of a flight, or of a real vehicle with its channels"),
+    ],
     variant: Annotated[
         str | None,
-        typer.Option(help="laisn-2 (default), laisn-3-1, laisn-3-2, tight or another; unknown names print the list"),
+        typer.Option(
+            help="laisn-2 (default), laisn-3-1, laisn-3-2, tight or another; unknown names print "
+            "the list"
+        ),
     ] = None,
     set_: studies.SetOption = None,
     _plugin: studies.PluginOption = None,
     scenario: Annotated[
-        str | None, typer.Option(metavar="SCENARIO", help="for a log of measurements only: start, baseline, navigation")
+        str | None,
+        typer.Option(
+            metavar="SCENARIO", help="for a log of measurements only: start, baseline, navigation"
+        ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="log of the flight with the new estimates; CSV with --scenario and of data sets")
+        Path | None,
+        typer.Option(
+            help="log of the flight with the new estimates; CSV with --scenario and of data sets"
+        ),
     ] = None,
     longest_gap: Annotated[
-        float, typer.Option(min=0.0, help="bridge gaps of up to this many seconds in a vehicle's own measurements")
+        float,
+        typer.Option(
+            min=0.0, help="bridge gaps of up to this many seconds in a vehicle's own measurements"
+        ),
     ] = 10.0,
     smooth: Annotated[
         float | None,
-        typer.Option(min=0.0, metavar="SECONDS", help="tight: smooth with messages of up to this much later"),
+        typer.Option(
+            min=0.0, metavar="SECONDS", help="tight: smooth with messages of up to this much later"
+        ),
     ] = None,
 ) -> None:
     """Navigate on the measurements of a log with another variant or other settings."""
@@ -188,7 +230,9 @@ def replay(
 
     if scenario is not None:
         chosen = [f"navigation.variant={variant}"] if variant else []
-        replaying.replay_measurements(log, scenario, [*chosen, *(set_ or ())], out, longest_gap, smooth)
+        replaying.replay_measurements(
+            log, scenario, [*chosen, *(set_ or ())], out, longest_gap, smooth
+        )
     elif not is_data_set(log):
         replaying.replay(log, variant or "laisn-2", set_ or (), out, smooth)
     elif smooth is None:
@@ -213,12 +257,21 @@ def log_info(log: LogArgument) -> None:
 @log_app.command("export")
 def log_export(
     log: LogArgument,
-    out: Annotated[Path, typer.Argument(parser=studies.folder_option, metavar="OUT", help="folder for the tables")],
+    out: Annotated[
+        Path,
+        typer.Argument(parser=studies.folder_option, metavar="OUT", help="folder for the tables"),
+    ],
     format_: Annotated[str, typer.Option("--format", help="parquet or csv")] = "parquet",
-    rerun: Annotated[bool, typer.Option("--rerun", help="write one Rerun recording instead of tables")] = False,
-    pyfg: Annotated[bool, typer.Option("--pyfg", help="write a factor graph of each follower instead")] = False,
+    rerun: Annotated[
+        bool, typer.Option("--rerun", help="write one Rerun recording instead of tables")
+    ] = False,
+    pyfg: Annotated[
+        bool, typer.Option("--pyfg", help="write a factor graph of each follower instead")
+    ] = False,
 ) -> None:
-    """Export every numeric channel as a table, or a flight as a recording for Rerun or as factor graphs."""
+    """Export every numeric channel as a table, or a flight as a recording for Rerun or as factor
+    graphs.
+    """
     from sim.log.export import export, write_recording
 
     if pyfg:
@@ -237,14 +290,23 @@ def log_export(
 @log_app.command("import")
 def log_import(
     source: Annotated[
-        Path, typer.Argument(metavar="FILE", help="a factor graph (.pyfg), NAME.mat or NAME_DR.txt, or a table (.csv)")
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="a factor graph (.pyfg), NAME.mat or NAME_DR.txt, or a table (.csv)",
+        ),
     ],
     out: Annotated[Path, typer.Option(help="the log to write (.mcap)")],
     beacons: Annotated[
-        str | None, typer.Option(metavar="NAME,NAME", help="keep the ranges to these beacons (default: to all)")
+        str | None,
+        typer.Option(
+            metavar="NAME,NAME", help="keep the ranges to these beacons (default: to all)"
+        ),
     ] = None,
 ) -> None:
-    """Import a data set of ranges to beacons, or a table of a vehicle's measurements, for `laisn replay`."""
+    """Import a data set of ranges to beacons, or a table of a vehicle's measurements, for `laisn
+    replay`.
+    """
     from experiments.command import replaying
 
     replaying.import_data_set(source, out, beacons)
@@ -265,9 +327,11 @@ for _name in studies.BUILT_IN:
 
 
 def main() -> None:
-    # Child processes that render select their own library; a missing one must not break other commands.
+    # Child processes that render select their own library; a missing one must not break other
+    # commands.
     os.environ["MUJOCO_GL"] = "disable"
-    # Modules stay loaded to the end; searching them for garbage costs each mission a quarter of a second.
+    # Modules stay loaded to the end; searching them for garbage costs each mission a quarter of a
+    # second.
     gc.set_threshold(100_000, 50, 50)
     run(app)
 

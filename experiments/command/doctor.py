@@ -37,7 +37,9 @@ def _try_to_fly() -> tuple[str, str]:
 
 
 def examine() -> int:
-    """Print a table of what works; returns 0 if a mission can be simulated, even without a film, and 1 if not."""
+    """Print a table of what works; returns 0 if a mission can be simulated, even without a film,
+    and 1 if not.
+    """
     from laisn.compiled import FOLDER
     from sim.film import graphics
 
@@ -50,7 +52,9 @@ def examine() -> int:
 
     row(True, "Python", platform.python_version())
     row(True, "packages", ", ".join(f"{name} {version(name)}" for name in ("laisn-sim", *PACKAGES)))
-    writable = "laisn-sim/compiled in XDG_CACHE_HOME or ~/.cache must be writable and have mode 0700"
+    writable = (
+        "laisn-sim/compiled in XDG_CACHE_HOME or ~/.cache must be writable and have mode 0700"
+    )
     missing = f"not stored, every command compiles: {writable}"
     row(bool(FOLDER) or None, "compiled code", f"stored in {FOLDER}" if FOLDER else missing)
     backends = graphics.probe()

@@ -1,4 +1,6 @@
-"""How the command ends: errors as one message on one screen, an exit code for each kind, signals like Ctrl-C."""
+"""How the command ends: errors as one message on one screen, an exit code for each kind, signals
+like Ctrl-C.
+"""
 
 import io
 import os
@@ -22,10 +24,10 @@ from typer.exceptions import TyperException
 
 from laisn.failure import LaisnError, LaisnWarning, plain, screenful
 
-# exit codes: an error that the user can correct, a bug, Ctrl-C
-USER_ERROR = 2
-INTERNAL_ERROR = 1
-INTERRUPTED = 130
+# exit codes
+USER_ERROR = 2  # an error that the user can correct
+INTERNAL_ERROR = 1  # a bug
+INTERRUPTED = 130  # Ctrl-C
 
 
 def _print(lines: Iterable[str], colour: str) -> None:
@@ -39,8 +41,13 @@ def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__
 
 
 def _report(error: BaseException) -> str:
-    """Write the traceback into a file that only this user can read; where it is, or why there is none."""
-    system = f"laisn-sim {version('laisn-sim')}, Python {platform.python_version()} on {platform.platform()}"
+    """Write the traceback into a file that only this user can read; where it is, or why there is
+    none.
+    """
+    system = (
+        f"laisn-sim {version('laisn-sim')}, Python {platform.python_version()} on "
+        f"{platform.platform()}"
+    )
     text = f"{system}\n{shlex.join(sys.argv)}\n\n{''.join(traceback.format_exception(error))}"
     try:
         handle, path = tempfile.mkstemp(prefix="laisn-failure-", suffix=".txt")
@@ -66,13 +73,17 @@ def _outcome(error: BaseException) -> tuple[int, list[str]]:
     what = (f"{type(error).__name__}: {plain(error)}" if str(error) else type(error).__name__)[:200]
     compiled = sys.modules.get("laisn.compiled")
     if compiled is not None and compiled.remove_if_damaged(error):
-        return USER_ERROR, [f"compiled code could not be read and is removed ({what}); run the command again"]
+        return USER_ERROR, [
+            f"compiled code could not be read and is removed ({what}); run the command again"
+        ]
     return INTERNAL_ERROR, [f"this is a bug in the program ({what}); {_report(error)}", *notes]
 
 
 @contextmanager
 def report_errors() -> Iterator[None]:
-    """Print an error of the block as one message and exit with its code; LAISN_DEBUG=1 shows tracebacks."""
+    """Print an error of the block as one message and exit with its code; LAISN_DEBUG=1 shows
+    tracebacks.
+    """
     debug = bool(os.environ.get("LAISN_DEBUG"))
     with warnings.catch_warnings():
         if not debug:
@@ -86,7 +97,10 @@ def report_errors() -> Iterator[None]:
             if debug and not isinstance(error, KeyboardInterrupt):
                 raise
             code, lines = _outcome(error)
-    _print([f"laisn: {lines[0]}", *lines[1:]], "red" if code in (USER_ERROR, INTERNAL_ERROR) else "yellow")
+    _print(
+        [f"laisn: {lines[0]}", *lines[1:]],
+        "red" if code in (USER_ERROR, INTERNAL_ERROR) else "yellow",
+    )
     raise typer.Exit(code)
 
 
@@ -106,8 +120,16 @@ def echo(text: object) -> None:
 def require_output(out: Path | None, *suffixes: str, source: Path | None = None) -> None:
     """LaisnError if the file that `--out` names has another suffix, or is the source."""
     if out is not None and out.suffix not in suffixes:
-        raise LaisnError(f"--out: expected a file name that ends in {' or '.join(suffixes)} (given: {out})")
-    if out is not None and source is not None and out.exists() and source.exists() and out.samefile(source):
+        raise LaisnError(
+            f"--out: expected a file name that ends in {' or '.join(suffixes)} (given: {out})"
+        )
+    if (
+        out is not None
+        and source is not None
+        and out.exists()
+        and source.exists()
+        and out.samefile(source)
+    ):
         raise LaisnError(f"--out: expected another file than the input (given: {out})")
 
 
@@ -123,7 +145,9 @@ def _interrupt(number: int, _: FrameType | None) -> None:
 
 
 def handle_signals() -> None:
-    """Raise `KeyboardInterrupt` for SIGINT, SIGTERM and SIGHUP, unless the process was started to ignore them."""
+    """Raise `KeyboardInterrupt` for SIGINT, SIGTERM and SIGHUP, unless the process was started
+    to ignore them.
+    """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _interrupt)

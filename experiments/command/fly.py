@@ -13,7 +13,17 @@ from rich.console import Console
 
 from experiments.campaign.progress import Update, phases, print_line, show_table
 from experiments.flight.fly import Stopwatch, fly, motion_and_outcome
-from experiments.flight.folder import FILM, LAYOUT, LOG, REPORT, SCENARIO, SUMMARY, TIMING, one_flight, require_safe
+from experiments.flight.folder import (
+    FILM,
+    LAYOUT,
+    LOG,
+    REPORT,
+    SCENARIO,
+    SUMMARY,
+    TIMING,
+    one_flight,
+    require_safe,
+)
 from experiments.flight.summary import flight_bounds, flight_events, stray_events, summarise
 from laisn.failure import LaisnError
 from sim.feasibility import cautions
@@ -33,7 +43,9 @@ def _show_stations(console: Console, flight: Flight, summary: dict[str, Any]) ->
         if "station_rms_m" in row:
             off = (f"{row[f'station_{what}_m']:.2f} m" for what in ("rms", "p95", "max"))
             joined = "never" if row["joined_s"] is None else f"{row['joined_s']:.0f} s"
-            rows.append([name, *off, f"{row['e_p_mean_m']:.2f} m", joined, "lost" if row["lost"] else ""])
+            rows.append(
+                [name, *off, f"{row['e_p_mean_m']:.2f} m", joined, "lost" if row["lost"] else ""]
+            )
     heads = ("follower", "station error: RMS", "95 %", "max", "E_P: mean", "joined at", "")
     show_table(console, heads, rows)
     truth = flight.trajectory
@@ -41,10 +53,15 @@ def _show_stations(console: Console, flight: Flight, summary: dict[str, Any]) ->
     positions = truth.position[np.argmin(np.abs(truth.time - summary["closest_approach_s"]))]
     one, other = (positions[truth.names.index(name), :2] for name in pair)
     level = float(np.hypot(*(one - other)))
-    text = f"{' and '.join(pair)}, {summary['closest_approach_m']:.1f} m ({level:.1f} m horizontally)"
+    text = (
+        f"{' and '.join(pair)}, {summary['closest_approach_m']:.1f} m ({level:.1f} m horizontally)"
+    )
     print_line(console, f"{text} at {summary['closest_approach_s']:.0f} s", "closest approach:", "")
     if summary["closest_in_layer_m"] is not None:
-        text = f"{' and '.join(summary['closest_in_layer_pair'])}, {summary['closest_in_layer_m']:.1f} m horizontally"
+        text = (
+            f"{' and '.join(summary['closest_in_layer_pair'])}, "
+            f"{summary['closest_in_layer_m']:.1f} m horizontally"
+        )
         text += f" at {summary['closest_in_layer_s']:.0f} s"
         print_line(console, text, "closest approach in one depth layer:", "")
 
@@ -60,16 +77,24 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
         for name, row in summary["followers"].items():
             metres = (f"{row[f'e_p_{what}_m']:.2f} m" for what in ("max", "mean", "std"))
             degrees = (f"{row[f'e_b_{what}_deg']:.2f}°" for what in ("max", "mean", "std"))
-            consistent = ("–" if row[key] is None else f"{row[key]:.3g}" for key in ("nees", "rms_over_bound"))
+            consistent = (
+                "–" if row[key] is None else f"{row[key]:.3g}" for key in ("nees", "rms_over_bound")
+            )
             off = [f"{row['track_error_rms_m']:.2f} m"] if steered else []
             rows.append([name, *metres, *degrees, *consistent, *off])
         show_table(console, [*heads, *(["track error"] if steered else [])], rows)
         console.print(_LEGEND, style="dim", highlight=False)
-    gave_way = {name: row["gave_way_s"] for name, row in summary["followers"].items() if row.get("gave_way_s")}
+    gave_way = {
+        name: row["gave_way_s"]
+        for name, row in summary["followers"].items()
+        if row.get("gave_way_s")
+    }
     if gave_way:
         longest = max(gave_way, key=gave_way.__getitem__)
         number = f"{len(gave_way)} of {len(summary['followers'])} followers gave way"
-        print_line(console, f"{number}, {longest} longest ({gave_way[longest]:.0f} s)", "avoidance:", "")
+        print_line(
+            console, f"{number}, {longest} longest ({gave_way[longest]:.0f} s)", "avoidance:", ""
+        )
     if flight.outcome is not Outcome.COMPLETED:
         colour = "yellow" if flight.outcome is Outcome.CONTACT else "red"
         print_line(console, f"(at {summary['flown_s']:g} s)", flight.outcome.value, colour)
@@ -84,21 +109,27 @@ def _draw_report(*arguments: Any) -> None:
 def write_flight(
     scenario: Scenario, folder: Path, console: Console, *, with_video: bool
 ) -> tuple[Flight, dict[str, Any], Exception | None]:
-    """Simulate a scenario and write its files into an empty folder; OSError or LogError if that fails.
+    """Simulate a scenario and write its files into an empty folder; OSError or LogError if that
+    fails.
 
-    Returns the flight, its summary, and the error, a `LaisnError` or a bug, that prevented a requested film.
+    Returns the flight, its summary, and the error, a `LaisnError` or a bug, that prevented a
+    requested film.
     """
     from sim.log import writer
     from sim.log.scene import layout
 
     watch = Stopwatch()
-    # a report without a film is drawn beside the log, by a process that imports libraries during the simulation;
-    # not that of a long mission: the process would need the memory of a second flight
+    # a report without a film is drawn beside the log, by a process that imports libraries during
+    # the simulation; not that of a long mission: the process would need the memory of a second
+    # flight
     beside = not with_video and scenario.duration_s <= _LONG_S
     if scenario.duration_s > _LONG_S:
         return_large_blocks()
     imports = partial(import_module, "experiments.pages.flight_report")
-    with background_process(imports) if beside else nullcontext() as background, phases(console) as shown:
+    with (
+        background_process(imports) if beside else nullcontext() as background,
+        phases(console) as shown,
+    ):
 
         @contextmanager
         def phase(name: str) -> Iterator[Update]:
@@ -106,7 +137,8 @@ def write_flight(
                 yield update
 
         with phase("prepare"):
-            # two messages, so that compiling on first use counts neither as simulation nor as navigation
+            # two messages, so that compiling on first use counts neither as simulation nor as
+            # navigation
             fly(scenario.first_messages)
         with phase("simulate") as update:
             trajectory, outcome = motion_and_outcome(scenario, update)
@@ -151,22 +183,32 @@ def write_flight(
                 report(film if with_video and film_error is None else None, bounds)
     factor = float(flight.trajectory.time[-1]) / watch["simulate_s"]
     timing_text = json.dumps(watch | {"real_time_factor": factor}, indent=2) + "\n"
-    texts = {SUMMARY: summary_text, SCENARIO: scenario.toml(), TIMING: timing_text, LAYOUT: layout(trajectory.names)}
+    texts = {
+        SUMMARY: summary_text,
+        SCENARIO: scenario.toml(),
+        TIMING: timing_text,
+        LAYOUT: layout(trajectory.names),
+    }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     return flight, summary, film_error
 
 
-def fly_and_write(scenario: Scenario, folder: Path, *, with_video: bool, source: Path | None = None) -> None:
-    """Simulate a scenario, print a summary, and write every result into a folder; errors as of `folder.one_flight`.
+def fly_and_write(
+    scenario: Scenario, folder: Path, *, with_video: bool, source: Path | None = None
+) -> None:
+    """Simulate a scenario, print a summary, and write every result into a folder; errors as of
+    `folder.one_flight`.
 
-    `source` is the file of the scenario, which a changed scenario does not replace. An exception that is a bug which
-    prevented the film is raised after all else is written.
+    `source` is the file of the scenario, which a changed scenario does not replace. An exception
+    that is a bug which prevented the film is raised after all else is written.
     """
     console = Console()
     require_safe(folder, source, scenario.toml)
     with one_flight(folder) as work:
-        flight, summary, film_error = write_flight(scenario, work, Console(stderr=True), with_video=with_video)
+        flight, summary, film_error = write_flight(
+            scenario, work, Console(stderr=True), with_video=with_video
+        )
     show(console, flight, summary)
     for caution in cautions(scenario):
         print_line(console, caution, "warning:")

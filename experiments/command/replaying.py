@@ -1,4 +1,6 @@
-"""Navigation on measurements of logs and data sets, fixed-lag smoothing, and the contents of a log."""
+"""Navigation on measurements of logs and data sets, fixed-lag smoothing, and the contents of a
+log.
+"""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -26,7 +28,13 @@ from laisn.failure import LaisnError
 from laisn.navigators import NAVIGATORS, NavigatorFactory, find
 from laisn.settings import NavigationSettings, TightSettings
 from sim.datasets.factor_graph import write_factor_graph
-from sim.datasets.log import VEHICLE, read_data_set, read_data_set_log, write_data_set, write_vehicle_table
+from sim.datasets.log import (
+    VEHICLE,
+    read_data_set,
+    read_data_set_log,
+    write_data_set,
+    write_vehicle_table,
+)
 from sim.datasets.vehicle_table import read_vehicle_table
 from sim.flight import Flight, navigation_settings, settings_as
 from sim.log.contents import Contents
@@ -40,11 +48,16 @@ _LARGE = 1e5  # errors beyond this are printed by their order of magnitude [m]
 
 
 def replay(
-    path: Path, variant: str, assignments: Iterable[str], out: Path | None, smooth_s: float | None = None
+    path: Path,
+    variant: str,
+    assignments: Iterable[str],
+    out: Path | None,
+    smooth_s: float | None = None,
 ) -> None:
     """Navigate on the measurements of a flight's log and print errors beside those of the log.
 
-    `out` is a log for the new estimates, which are smoothed with messages of up to `smooth_s` later.
+    `out` is a log for the new estimates, which are smoothed with messages of up to `smooth_s`
+    later.
     """
     require_output(out, ".mcap", source=path)
     smoothing = _smoother(variant, smooth_s)
@@ -53,7 +66,10 @@ def replay(
     again = navigate_again(flown, changes)
     smoothed = again if smoothing is None else navigate_again(flown, changes, smoothing)
     console = Console()
-    for title, flight in ((f"as flown, {flown.scenario.navigation.variant}", flown), (f"replayed, {variant}", again)):
+    for title, flight in (
+        (f"as flown, {flown.scenario.navigation.variant}", flown),
+        (f"replayed, {variant}", again),
+    ):
         console.print(literal(title, "bold"))
         show(console, flight, summarise(flight))
     if smooth_s is not None:
@@ -63,13 +79,20 @@ def replay(
 
 
 def replay_measurements(
-    path: Path, source: str, assignments: Iterable[str], out: Path | None, longest_gap_s: float, smooth_s: float | None
+    path: Path,
+    source: str,
+    assignments: Iterable[str],
+    out: Path | None,
+    longest_gap_s: float,
+    smooth_s: float | None,
 ) -> None:
-    """Navigate on the log of a real vehicle, without a true path; print the last estimates and write a page.
+    """Navigate on the log of a real vehicle, without a true path; print the last estimates and
+    write a page.
 
-    The log has `/NAME/motion` and `/NAME/reception` of every follower of the scenario `source`. Of the scenario, names
-    and starts of the followers, the leader's baseline and the navigation are used; the filter steps are those of the
-    log. A single range of a message is used, unless the scenario sets `use_single_range = false`.
+    The log has `/NAME/motion` and `/NAME/reception` of every follower of the scenario `source`. Of
+    the scenario, names and starts of the followers, the leader's baseline and the navigation are
+    used; the filter steps are those of the log. A single range of a message is used, unless the
+    scenario sets `use_single_range = false`.
     """
     require_output(out, ".csv", source=path)
     scenario = load(source, assignments, flyable=True)
@@ -95,30 +118,52 @@ def replay_measurements(
         baseline = scenario.leader.baseline_m or math.nan
         vehicle = Replayed(name=name, measured=measured, estimates=estimates, baseline=baseline)
         x, y = estimates.state[-1, :2]
-        rows.append([name, f"{len(estimates.state)}", f"{measured.dt:g}", vehicle.fixes, f"{x:.2f}", f"{y:.2f}"])
+        rows.append(
+            [
+                name,
+                f"{len(estimates.state)}",
+                f"{measured.dt:g}",
+                vehicle.fixes,
+                f"{x:.2f}",
+                f"{y:.2f}",
+            ]
+        )
         vehicles.append(vehicle)
     show_table(Console(), heads, rows)
     _write_replay(vehicles, path, navigation.variant, list(dict.fromkeys(remarks)), out)
 
 
 def _with_navigation(scenario: Scenario, **changes: Any) -> Scenario:
-    return scenario.model_copy(update={"navigation": scenario.navigation.model_copy(update=changes)})
+    return scenario.model_copy(
+        update={"navigation": scenario.navigation.model_copy(update=changes)}
+    )
 
 
 def _write_replay(
-    vehicles: Sequence[Replayed], log: Path, navigator: str, remarks: Sequence[str], out: Path | None
+    vehicles: Sequence[Replayed],
+    log: Path,
+    navigator: str,
+    remarks: Sequence[str],
+    out: Path | None,
 ) -> None:
-    """Print the remarks on a log, and write the estimates into a CSV file and the page into out/replay."""
+    """Print the remarks on a log, and write the estimates into a CSV file and the page into
+    out/replay.
+    """
     console = Console()
     columns = ("follower", "time_s", "x_m", "y_m", "vx_m_s", "vy_m_s")
     for remark in remarks:
         print_line(console, remark, "note:")
     if out is not None:
-        write_csv(out, [
-            dict(zip(columns, (one.name, time_s, *state), strict=True))
-            for one in vehicles
-            for time_s, state in zip(one.measured.time.tolist(), one.estimates.state.tolist(), strict=True)
-        ])  # fmt: skip
+        write_csv(
+            out,
+            [
+                dict(zip(columns, (one.name, time_s, *state), strict=True))
+                for one in vehicles
+                for time_s, state in zip(
+                    one.measured.time.tolist(), one.estimates.state.tolist(), strict=True
+                )
+            ],
+        )
         print_line(console, out)
     page = Path("out") / "replay" / f"{log.stem}.html"
     write_replay_page(vehicles, log, navigator, remarks, page)
@@ -126,7 +171,9 @@ def _write_replay(
 
 
 def export_factor_graphs(path: Path, out: Path) -> list[Path]:
-    """Write what each follower of a flight measured as `out`/FOLLOWER.pyfg, with its true path; gives the files."""
+    """Write what each follower of a flight measured as `out`/FOLLOWER.pyfg, with its true path;
+    gives the files.
+    """
     flight = read(path)
     tight = _with_navigation(flight.scenario, variant="tight")
     out.mkdir(parents=True, exist_ok=True)
@@ -134,10 +181,14 @@ def export_factor_graphs(path: Path, out: Path) -> list[Path]:
     files = []
     for i, name in enumerate(flight.trajectory.names[1:]):
         place = flight.trajectory.site_path(f"{name}/hydrophone", steps)
-        truth = np.column_stack([flight.trajectory.time[steps], place[:, :2], flight.trajectory.heading[steps, i + 1]])
+        truth = np.column_stack(
+            [flight.trajectory.time[steps], place[:, :2], flight.trajectory.heading[steps, i + 1]]
+        )
         settings = settings_as(TightSettings, tight, flight.trajectory, i)
         start = start_of(flight.trajectory, i)
-        files.append(write_factor_graph(flight.measurements[i], settings, start, truth, out / f"{name}.pyfg"))
+        files.append(
+            write_factor_graph(flight.measurements[i], settings, start, truth, out / f"{name}.pyfg")
+        )
     return files
 
 
@@ -150,10 +201,15 @@ def show_info(path: Path) -> None:
     end = max(times, default=0)
     start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=begin // 1000)
     print_line(
-        console, f"{path}: {path.stat().st_size / 1e6:.2f} MB, {(end - begin) / 1e9:g} s from {start.isoformat()}"
+        console,
+        f"{path}: {path.stat().st_size / 1e6:.2f} MB, {(end - begin) / 1e9:g} s from "
+        f"{start.isoformat()}",
     )
     topics = sorted(log.topics.items())
-    rows = [(topic, found.schema.name if found.schema else "", str(len(found.times))) for topic, found in topics]
+    rows = [
+        (topic, found.schema.name if found.schema else "", str(len(found.times)))
+        for topic, found in topics
+    ]
     show_table(console, ("channel", "schema", "messages"), rows)
     for name, data in log.attachments.items():
         print_line(console, f"attachment {name}: {len(data)} bytes")
@@ -164,14 +220,18 @@ def show_info(path: Path) -> None:
 
 
 def _smoother(variant: str, lag_s: float | None) -> NavigatorFactory | None:
-    """Factory of navigators that smooth with messages of up to `lag_s` later, None for None; LaisnError if invalid."""
+    """Factory of navigators that smooth with messages of up to `lag_s` later, None for None;
+    LaisnError if invalid.
+    """
     if lag_s is None:
         return None
     if not math.isfinite(lag_s):
         raise LaisnError(f"--smooth {lag_s}: expected a finite time in seconds")
     smoother = find(variant).smoother
     if not smoother:
-        able = " or ".join(f"--variant {name}" for name, spec in NAVIGATORS.items() if spec.smoother)
+        able = " or ".join(
+            f"--variant {name}" for name, spec in NAVIGATORS.items() if spec.smoother
+        )
         raise LaisnError(f"--smooth: {variant} has no smoother; add {able}")
     return partial(resolve_name(smoother), lag=lag_s)
 
@@ -188,7 +248,11 @@ def _show_smoothing(console: Console, filtered: Flight, smoothed: Flight, lag_s:
             values = (over * bound if over and bound else None, bound, found["nees"])
             row += ["–" if value is None else f"{value:.3f}" for value in values]
         rows.append(row)
-    heads = ("follower", *("RMS E_P [m]", "bound [m]", "NEES"), *("smoothed: RMS [m]", "bound [m]", "NEES"))
+    heads = (
+        "follower",
+        *("RMS E_P [m]", "bound [m]", "NEES"),
+        *("smoothed: RMS [m]", "bound [m]", "NEES"),
+    )
     show_table(console, heads, rows, f"smoothed with messages of up to {lag_s:g} s later")
 
 
@@ -198,7 +262,10 @@ def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
     console = Console()
     if source.suffix in (".csv", ".tsv") and not source.stem.endswith("_DR"):
         if beacons is not None:
-            raise LaisnError(f"--beacons {beacons}: {source} is the table of a vehicle, whose ranges have no beacons")
+            raise LaisnError(
+                f"--beacons {beacons}: {source} is the table of a vehicle, whose ranges have no "
+                "beacons"
+            )
         table = read_vehicle_table(source)
         write_vehicle_table(table, out)
         for remark in table.remarks:
@@ -209,10 +276,16 @@ def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
     if beacons is not None:
         data = data.among([name.strip() for name in beacons.split(",") if name.strip()])
     write_data_set(data, out)
-    print_line(console, f"{VEHICLE}: {len(data.odometry)} steps of odometry in {data.time[-1] - data.time[0]:.1f} s")
+    print_line(
+        console,
+        f"{VEHICLE}: {len(data.odometry)} steps of odometry in "
+        f"{data.time[-1] - data.time[0]:.1f} s",
+    )
     for i, (name, (east, north)) in enumerate(zip(data.beacons, data.places[:, :2], strict=True)):
         ranges = (data.range_beacon == i).sum()
-        print_line(console, f"beacon {name} at {east:.2f} m east, {north:.2f} m north: {ranges} ranges")
+        print_line(
+            console, f"beacon {name} at {east:.2f} m east, {north:.2f} m north: {ranges} ranges"
+        )
     print_line(console, f"reference path: {len(data.truth)} positions")
     for remark in data.remarks:
         print_line(console, remark, "note:")
@@ -222,7 +295,9 @@ def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
 def replay_data_set(
     path: Path, variant: str, assignments: Sequence[str], out: Path | None, longest_gap_s: float
 ) -> None:
-    """Navigate on the log of a data set; print errors beside those of dead reckoning and write a page."""
+    """Navigate on the log of a data set; print errors beside those of dead reckoning and write a
+    page.
+    """
     # filters that take half a second to load, and that no other command of logs needs
     from experiments.beacon_replay import among_beacons, beacons_of, by_laisn, dead_reckoning, score
 
@@ -233,14 +308,20 @@ def replay_data_set(
     section = "beacons." if among else "navigation."
     for key in values:
         if not key.startswith(section):
-            raise LaisnError(f"--set: expected {section}… for the variant {variant} in a data set (given: {key})")
+            raise LaisnError(
+                f"--set: expected {section}… for the variant {variant} in a data set (given: {key})"
+            )
     if among:
         settings = beacons_of({key.removeprefix(section): value for key, value in values.items()})
         estimates, medium = among_beacons(recorded, settings)
         title = f"{variant}, in {medium}"
     else:
         # of this scenario only the settings of navigation are used
-        changes = [f"navigation.variant={variant}", "navigation.use_single_range=true", *assignments]
+        changes = [
+            f"navigation.variant={variant}",
+            "navigation.use_single_range=true",
+            *assignments,
+        ]
         scenario = load("T5", [*changes, "motion=kinematic", "duration_s=2"], flyable=True)
         motion = simulate_motion(scenario)
         estimates = by_laisn(recorded, settings_as(NavigationSettings, scenario, motion, 0))
@@ -250,11 +331,15 @@ def replay_data_set(
     rows = []
     for name, found in (("dead reckoning", dead_reckoning(recorded)), (title, estimates)):
         errors = score(found, measured, recorded.truth)
-        figures = ["–" if math.isnan(e) else f"{e:.2f}" if e < _LARGE else f"{e:.0e}" for e in errors]
+        figures = [
+            "–" if math.isnan(e) else f"{e:.2f}" if e < _LARGE else f"{e:.0e}" for e in errors
+        ]
         x, y = found.state[-1, :2]
         rows.append([name, *figures, f"{x:.2f}, {y:.2f}"])
     show_table(Console(), heads, rows)
     truth = recorded.truth
     mean = errors.mean
-    vehicle = Replayed(name=VEHICLE, measured=measured, estimates=estimates, path=truth, mean_error=mean)
+    vehicle = Replayed(
+        name=VEHICLE, measured=measured, estimates=estimates, path=truth, mean_error=mean
+    )
     _write_replay([vehicle], path, title, recorded.remarks, out)

@@ -1,4 +1,6 @@
-"""Subcommands of studies: `laisn study` for study files, the built-in studies, and `laisn compare`."""
+"""Subcommands of studies: `laisn study` for study files, the built-in studies, and `laisn
+compare`.
+"""
 
 import os
 from collections.abc import Callable
@@ -10,7 +12,9 @@ import typer
 
 from experiments.command.errors import echo
 
-ScenarioArgument = Annotated[str, typer.Argument(help="T2 … T9, another built-in name, or a TOML file")]
+ScenarioArgument = Annotated[
+    str, typer.Argument(help="T2 … T9, another built-in name, or a TOML file")
+]
 SourceArgument = Annotated[str, typer.Argument(help="a scenario, or a log (.mcap)")]
 
 
@@ -24,11 +28,18 @@ def _load_plugins(files: list[Path] | None) -> None:
 PluginOption = Annotated[
     list[Path] | None,
     typer.Option(
-        "--plugin", callback=_load_plugins, is_eager=True, metavar="FILE.py", help="load own navigators and sensors"
+        "--plugin",
+        callback=_load_plugins,
+        is_eager=True,
+        metavar="FILE.py",
+        help="load own navigators and sensors",
     ),
 ]
 SetOption = Annotated[
-    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="change a key, e.g. sensors.speed_bias_m_s=0.1")
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="change a key, e.g. sensors.speed_bias_m_s=0.1"
+    ),
 ]
 
 
@@ -39,7 +50,10 @@ def folder_option(text: str) -> Path:
 
 
 OutOption = Annotated[
-    Path | None, typer.Option(parser=folder_option, metavar="FOLDER", help="folder for the results (default: out/NAME)")
+    Path | None,
+    typer.Option(
+        parser=folder_option, metavar="FOLDER", help="folder for the results (default: out/NAME)"
+    ),
 ]
 
 
@@ -57,33 +71,54 @@ def _factors(assignments: list[str]) -> dict[str, Any]:
 
 def study(
     source: Annotated[
-        str, typer.Argument(metavar="STUDY", help="a study file, a built-in study, or a scenario to vary")
+        str,
+        typer.Argument(
+            metavar="STUDY", help="a study file, a built-in study, or a scenario to vary"
+        ),
     ],
     vary: Annotated[
-        list[str] | None, typer.Option("--vary", metavar="KEY=A,B,…", help="a factor: these values of a scenario's key")
+        list[str] | None,
+        typer.Option(
+            "--vary", metavar="KEY=A,B,…", help="a factor: these values of a scenario's key"
+        ),
     ] = None,
     draw: Annotated[
         list[str] | None,
-        typer.Option("--draw", metavar="KEY={uniform=[A,B]}", help="a random value of this key for each realization"),
+        typer.Option(
+            "--draw",
+            metavar="KEY={uniform=[A,B]}",
+            help="a random value of this key for each realization",
+        ),
     ] = None,
     set_: SetOption = None,
     _plugin: PluginOption = None,
-    runs: Annotated[int | None, typer.Option(min=1, max=1_000_000, help="runs of noise at each point")] = None,
-    realizations: Annotated[
-        int | None, typer.Option(min=1, max=100_000, help="realizations of waves and draws at each point")
+    runs: Annotated[
+        int | None, typer.Option(min=1, max=1_000_000, help="runs of noise at each point")
     ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, max=2**62 - 1, help="key of all random numbers")] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="print the size of the study and stop")] = False,
+    realizations: Annotated[
+        int | None,
+        typer.Option(min=1, max=100_000, help="realizations of waves and draws at each point"),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, max=2**62 - 1, help="key of all random numbers")
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="print the size of the study and stop")
+    ] = False,
     quick: Annotated[bool, typer.Option("--quick", help="fewer and shorter runs")] = False,
     film: Annotated[
-        str, typer.Option(metavar="worst|example", help="film the worst run; of asymmetry, its example")
+        str,
+        typer.Option(metavar="worst|example", help="film the worst run; of asymmetry, its example"),
     ] = "",
     workers: Annotated[
-        int | None, typer.Option(min=1, max=1024, help="local processes (default: one for each core)")
+        int | None,
+        typer.Option(min=1, max=1024, help="local processes (default: one for each core)"),
     ] = None,
     out: OutOption = None,
     force: Annotated[bool, typer.Option("--force", help="compute everything again")] = False,
-    cluster: Annotated[str | None, typer.Option(metavar="tcp://HOST:PORT", help="compute on this Dask cluster")] = None,
+    cluster: Annotated[
+        str | None, typer.Option(metavar="tcp://HOST:PORT", help="compute on this Dask cluster")
+    ] = None,
 ) -> None:
     """Run a study: factors, draws and arms of a file; write tables, intervals and a page."""
     from experiments.study.study import effort_text, run, studies_of
@@ -91,7 +126,11 @@ def study(
     from sim.scenario.file import values_of
 
     keys: dict[str, Any] = {"runs": runs, "realizations": realizations, "seed": seed}
-    keys |= {"vary": _factors(vary or []), "draw": values_of(draw or (), "--draw"), "set": values_of(set_ or ())}
+    keys |= {
+        "vary": _factors(vary or []),
+        "draw": values_of(draw or (), "--draw"),
+        "set": values_of(set_ or ()),
+    }
     if dry_run:
         for one in studies_of(source, keys, quick=quick)[0].values():
             echo(effort_text(one, workers or len(os.sched_getaffinity(0))))
@@ -99,7 +138,9 @@ def study(
     if film and graphics.working() is None:
         typer.echo(f"no film: {graphics.MISSING}", err=True)
         film = ""
-    found = run(source, keys, out, quick=quick, film=film, workers=workers, cluster=cluster, force=force)
+    found = run(
+        source, keys, out, quick=quick, film=film, workers=workers, cluster=cluster, force=force
+    )
     echo(f"report in {found.report()}")
 
 
@@ -113,10 +154,13 @@ BUILT_IN = {
     "formation": "Study ten followers in formation: currents, waves, losses and navigators.",
     "gate": "Study LAISN-2's gate rules on pings replaced by echoes.",
     "loss": "Study current and lost messages that each variant tolerates.",
-    "reproduce": "Run the paper's five stages: tables beside the published ones, figures, and checks of its claims.",
+    "reproduce": "Run the paper's five stages: tables beside the published ones, figures, and "
+    "checks of its claims.",
     "rivals": "Compare all navigators: LAISN, the tightly coupled one, and the rival methods.",
 }
-"""Built-in studies of files, which `laisn NAME` and `laisn study NAME` run alike, and their help."""
+"""Built-in studies of files, which `laisn NAME` and `laisn study NAME` run alike, and their
+help.
+"""
 
 
 def command_of(name: str) -> Callable[..., None]:
@@ -129,7 +173,10 @@ def command_of(name: str) -> Callable[..., None]:
 
 
 def compare(
-    sources: Annotated[list[str], typer.Argument(metavar="A B …", help="folders of flights, or of studies; or logs")],
+    sources: Annotated[
+        list[str],
+        typer.Argument(metavar="A B …", help="folders of flights, or of studies; or logs"),
+    ],
     out: Annotated[Path, typer.Option(help="the page")] = Path("compare.html"),
 ) -> None:
     """Compare flights or studies on one page: errors, paired differences, settings that differ."""

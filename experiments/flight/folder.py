@@ -18,16 +18,19 @@ SUMMARY = FLIGHT_FILE
 SCENARIO = "scenario.toml"
 TIMING = "timing.json"
 LAYOUT = "foxglove.json"
-FILES = (LOG, FILM, REPORT, SUMMARY, SCENARIO, TIMING, LAYOUT)  # files of a flight; others in its folder are the user's
+# files of a flight; others in its folder are the user's
+FILES = (LOG, FILM, REPORT, SUMMARY, SCENARIO, TIMING, LAYOUT)
 
 UNFINISHED = "unfinished"
 _ELSEWHERE = "choose another folder with --out"
 
 
 def require_safe(folder: Path, source: Path | None = None, again: Callable[[], str] = str) -> None:
-    """Refuse a folder in which a flight would replace other files than those of a flight; LaisnError names them.
+    """Refuse a folder in which a flight would replace other files than those of a flight;
+    LaisnError names them.
 
-    `source` is the scenario file of the flight, if there is one. It may be replaced by a copy of its own text, `again`.
+    `source` is the scenario file of the flight, if there is one. It may be replaced by a copy of
+    its own text, `again`.
     """
     if not folder.is_dir():
         if folder.exists() or folder.is_symlink():
@@ -41,19 +44,26 @@ def require_safe(folder: Path, source: Path | None = None, again: Callable[[], s
         own = same and path.read_bytes() != again().encode()
         if path.is_symlink() or not path.is_file() or own:
             what = "is the scenario of this flight" if own else "expected a regular file"
-            raise LaisnError(f"{path}: {what}, which the flight would replace; move it, or {_ELSEWHERE}")
+            raise LaisnError(
+                f"{path}: {what}, which the flight would replace; move it, or {_ELSEWHERE}"
+            )
     # a flight that was killed while it replaced files has left its folder
-    flown = ((folder / SUMMARY).exists() and (folder / SCENARIO).exists()) or (folder / UNFINISHED).exists()
+    flown = ((folder / SUMMARY).exists() and (folder / SCENARIO).exists()) or (
+        folder / UNFINISHED
+    ).exists()
     if present and not flown:
         names = ", ".join(path.name for path in present)
         raise LaisnError(
-            f"{folder}: holds {names}, but no flight ({SUMMARY} and {SCENARIO}); a new flight would replace these "
+            f"{folder}: holds {names}, but no flight ({SUMMARY} and {SCENARIO}); a new flight "
+            "would replace these "
             f"files: move them, or {_ELSEWHERE}"
         )
 
 
 def _exchange(folder: Path, work: Path) -> None:
-    """Replace the files of the earlier flight by those in `work`: its summary goes first, the new one comes last."""
+    """Replace the files of the earlier flight by those in `work`: its summary goes first, the
+    new one comes last.
+    """
     for name in (SUMMARY, *FILES):
         (folder / name).unlink(missing_ok=True)
     for name in sorted(FILES, key=SUMMARY.__eq__):
@@ -67,16 +77,22 @@ def _outcome(folder: Path, work: Path) -> str:
     if not kept:
         shutil.rmtree(work, ignore_errors=True)
     text = f"the unfinished flight is in {work}" if kept else "nothing of this flight is kept"
-    return f"{text}; the earlier flight in {folder} is unchanged" if (folder / SUMMARY).exists() else text
+    return (
+        f"{text}; the earlier flight in {folder} is unchanged"
+        if (folder / SUMMARY).exists()
+        else text
+    )
 
 
 @contextmanager
 def one_flight(folder: Path) -> Iterator[Path]:
-    """A new folder to write a flight into; when the block ends, its files replace those of an earlier flight together.
+    """A new folder to write a flight into; when the block ends, its files replace those of an
+    earlier flight together.
 
-    The folder never has files of two flights. If the block fails or is interrupted, the earlier flight is unchanged,
-    and a note of the exception reports what is kept: the log in `FOLDER/unfinished`, until the next flight, or nothing.
-    LaisnError if another process writes a flight there, OSError if the folder cannot be written.
+    The folder never has files of two flights. If the block fails or is interrupted, the earlier
+    flight is unchanged, and a note of the exception reports what is kept: the log in
+    `FOLDER/unfinished`, until the next flight, or nothing. LaisnError if another process writes a
+    flight there, OSError if the folder cannot be written.
     """
     work = folder / UNFINISHED
     new = not folder.exists()
@@ -85,7 +101,9 @@ def one_flight(folder: Path) -> Iterator[Path]:
         try:
             stack.enter_context(locked(folder, wait=False))
         except BlockingIOError:
-            raise LaisnError(f"{folder}: another process writes a flight into this folder; {_ELSEWHERE}") from None
+            raise LaisnError(
+                f"{folder}: another process writes a flight into this folder; {_ELSEWHERE}"
+            ) from None
         shutil.rmtree(work, ignore_errors=True)
         try:
             work.mkdir()

@@ -33,13 +33,17 @@ def names() -> tuple[str, ...]:
 
 
 def name_of(path: Path) -> str:
-    """A name for what a file holds, after the file; letters that no name may have become hyphens."""
+    """A name for what a file holds, after the file; letters that no name may have become
+    hyphens.
+    """
     name = re.sub(r"[^A-Za-z0-9_.-]", "-", path.stem)[:64]
     return name if re.match(r"[A-Za-z0-9]", name) else f"scenario{name}"[:64]
 
 
 def table_of(source: str) -> dict[str, Any]:
-    """The table of a built-in scenario or of a TOML file, not validated; ScenarioError if there is none."""
+    """The table of a built-in scenario or of a TOML file, not validated; ScenarioError if there
+    is none.
+    """
     if source in ROUTES:
         return {"name": source, "followers": [{"route": source}]}
     if source in names():
@@ -54,16 +58,19 @@ def table_of(source: str) -> dict[str, Any]:
 
 def _checked(table: Mapping[str, Any], changes: Mapping[str, Any], name: str) -> Scenario:
     """A scenario whose sea, routes, date and cost are checked too."""
-    # sea and hulls take half a second to import, and commands that read or list scenarios need neither
+    # sea and hulls take half a second to import, and commands that read or list scenarios need
+    # neither
     from sim.feasibility import infeasibilities
 
     return validate(assigned(table, changes), name, further=infeasibilities)
 
 
 def load(source: str, assignments: Iterable[str], *, flyable: bool = False) -> Scenario:
-    """A built-in scenario or a TOML file, with overrides "key=value"; ScenarioError: missing or invalid.
+    """A built-in scenario or a TOML file, with overrides "key=value"; ScenarioError: missing or
+    invalid.
 
-    With `flyable`, sea, routes, date and cost are checked too, so that it can be flown, filmed and logged.
+    With `flyable`, sea, routes, date and cost are checked too, so that it can be flown, filmed and
+    logged.
     """
     table = table_of(source)
     given = list(assignments)
@@ -72,15 +79,21 @@ def load(source: str, assignments: Iterable[str], *, flyable: bool = False) -> S
     return _checked(table, changes, name) if flyable else validate(assigned(table, changes), name)
 
 
-def loaded(source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str, Any] | None = None) -> Scenario:
-    """Load a mission and check that it can be flown, filmed and logged; ScenarioError names every error.
+def loaded(
+    source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str, Any] | None = None
+) -> Scenario:
+    """Load a mission and check that it can be flown, filmed and logged; ScenarioError names every
+    error.
 
-    `source` is a built-in name ("T5", "following-sea", …), a TOML file, the table that it would hold, or a scenario;
-    `changes` are values by dotted key, such as {"followers.0.depth_m": 12.0, "navigation.variant": "laisn-3-2"}.
+    `source` is a built-in name ("T5", "following-sea", …), a TOML file, the table that it would
+    hold, or a scenario; `changes` are values by dotted key, such as {"followers.0.depth_m": 12.0,
+    "navigation.variant": "laisn-3-2"}.
     """
     changes = {} if changes is None else changes
     if not isinstance(changes, Mapping):
-        raise ScenarioError(f"changes: expected a table of values by dotted key (given: {plain(repr(changes)):.80})")
+        raise ScenarioError(
+            f"changes: expected a table of values by dotted key (given: {plain(repr(changes)):.80})"
+        )
     if isinstance(source, Scenario):
         table = source.model_dump(mode="json", exclude_none=True)
         name = f"scenario {source.name!r}"
@@ -98,7 +111,12 @@ def text_of(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
-        bare = re.fullmatch(r"[A-Za-z][\w-]*", value) and value not in ("true", "false", "inf", "nan")
+        bare = re.fullmatch(r"[A-Za-z][\w-]*", value) and value not in (
+            "true",
+            "false",
+            "inf",
+            "nan",
+        )
         return value if bare else json.dumps(value, ensure_ascii=False)
     if isinstance(value, list | tuple):
         return f"[{','.join(map(text_of, value))}]"
@@ -108,15 +126,22 @@ def text_of(value: Any) -> str:
 
 
 def fly_line(source: str, settings: Mapping[str, Any], run: int) -> str:
-    """The command that flies one run of a scenario with other settings, alone and with the very same noise."""
-    changes = (word for key, value in settings.items() for word in ("--set", f"{key}={text_of(value)}"))
+    """The command that flies one run of a scenario with other settings, alone and with the very
+    same noise.
+    """
+    changes = (
+        word for key, value in settings.items() for word in ("--set", f"{key}={text_of(value)}")
+    )
     return shlex.join(["laisn", "fly", source, "--run", str(run), *changes])
 
 
 def descriptions() -> dict[str, str]:
     """What happens in each built-in scenario, by name."""
     toml = {name: FOLDER / f"{name}.toml" for name in names() if name not in ROUTES}
-    about = {name: path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ") for name, path in toml.items()}
+    about = {
+        name: path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
+        for name, path in toml.items()
+    }
     return _DESCRIPTIONS | about
 
 
@@ -131,8 +156,12 @@ def vehicle_rows() -> list[tuple[str, str, str, str]]:
     from sim.vehicle.plant import Plant
     from sim.water import Ocean
 
-    kinds = {effectors.THRUSTER: ("thruster", 1.0, "N"), effectors.CURVE: ("thruster", 1.0, ""),
-             effectors.PROPELLER: ("propeller", 60.0, "rpm"), effectors.FIN: ("fin", 180.0 / np.pi, "°")}  # fmt: skip
+    kinds = {
+        effectors.THRUSTER: ("thruster", 1.0, "N"),
+        effectors.CURVE: ("thruster", 1.0, ""),
+        effectors.PROPELLER: ("propeller", 60.0, "rpm"),
+        effectors.FIN: ("fin", 180.0 / np.pi, "°"),
+    }
     rows = []
     for name in models.VEHICLES:
         plant = Plant([VehicleSetup(name=name, model=name, position_m=(0.0, 0.0, -10.0))], Ocean())
@@ -149,7 +178,12 @@ def vehicle_rows() -> list[tuple[str, str, str, str]]:
         groups = Counter[str]()
         for one in plant.effectors[0, : len(plant.effector_names[0])]:
             what, scale, unit = kinds[int(one["kind"])]
-            groups[f"{what} {scale * one['limits'][0]:.4g} … {scale * one['limits'][1]:.4g} {unit}".rstrip()] += 1
+            groups[
+                f"{what} {scale * one['limits'][0]:.4g} … "
+                f"{scale * one['limits'][1]:.4g} {unit}".rstrip()
+            ] += 1
         mass = float(plant.model.body(f"{name}/hull").mass[0])
-        rows.append((name, size, f"{mass:.4g} kg", ", ".join(f"{n} {text}" for text, n in groups.items())))
+        rows.append(
+            (name, size, f"{mass:.4g} kg", ", ".join(f"{n} {text}" for text, n in groups.items()))
+        )
     return rows

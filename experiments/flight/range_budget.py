@@ -1,8 +1,9 @@
 """Range error budget: each range error split into its causes, exactly and additively.
 
-The error D_i − D°_i of the horizontal range that a follower uses, D_i = √(R_i² − Δz²), against that to the transmitter
-of a level leader is split by adding one cause after another: a cause's share is the change of D when it is added, so
-that the sum of the shares is the error. Interactions of two causes are part of the later one's share.
+The error D_i − D°_i of the horizontal range that a follower uses, D_i = √(R_i² − Δz²), against that
+to the transmitter of a level leader is split by adding one cause after another: a cause's share is
+the change of D when it is added, so that the sum of the shares is the error. Interactions of two
+causes are part of the later one's share.
 """
 
 from dataclasses import dataclass
@@ -48,7 +49,9 @@ class RangeErrorBudget:
     time: Floats  # time of each fix, shape (m,), [s]
     level_range: Floats  # D°: the true horizontal range to a level leader, shape (m, 3), [m]
     used_range: Floats
-    """D: the horizontal range that the follower uses, shape (m, 3), [m]; NaN where no ping was received."""
+    """D: the horizontal range that the follower uses, shape (m, 3), [m]; NaN where no ping was
+    received.
+    """
     share: Floats  # share of each cause in D − D°, shape (m, 3, causes), [m]
 
     def __post_init__(self) -> None:
@@ -66,12 +69,18 @@ class RangeErrorBudget:
 
 
 def _on_plane(slant: Floats, depth_difference: Floats) -> Floats:
-    """Horizontal ranges as the follower computes them (`horizontal_range`); shapes (m, 3) and (m,)."""
-    return np.asarray(np.sqrt(np.maximum(slant * slant - (depth_difference * depth_difference)[:, None], 0.0)))
+    """Horizontal ranges as the follower computes them (`horizontal_range`); shapes (m, 3) and
+    (m,).
+    """
+    return np.asarray(
+        np.sqrt(np.maximum(slant * slant - (depth_difference * depth_difference)[:, None], 0.0))
+    )
 
 
 def _transmitters(trajectory: Trajectory, index: Ints, quaternion: Floats) -> Floats:
-    """Transmitters at m instants if the leader has these attitudes, shape (m, 4), there; shape (m, 3, 3), [m]."""
+    """Transmitters at m instants if the leader has these attitudes, shape (m, 4), there; shape
+    (m, 3, 3), [m].
+    """
     pose = (*trajectory.position[index, 0].T, *quaternion.T)
     offsets = [trajectory.site_offset[trajectory.site(name)] for name in TRANSMITTERS]
     return np.stack([np.column_stack(attitude.carried(pose, offset)) for offset in offsets], axis=1)
@@ -85,7 +94,9 @@ def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
     sound = propagate(trajectory, scenario, follower)
     # sound counts steps from the start of the mission, a flight from its own
     first = round(float(trajectory.time[0]) / measured.dt)
-    _, row, kept = np.intersect1d(sound.message_step - first, measured.message_step, return_indices=True)
+    _, row, kept = np.intersect1d(
+        sound.message_step - first, measured.message_step, return_indices=True
+    )
     emission = sound.emission_step[row]
     fix = measured.message_step[kept] * flight.stride
     sent = (emission - first) * flight.stride
@@ -106,11 +117,15 @@ def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
     length = taken(sound.arrival.length)
     message = dict(zip(LeaderMessage._fields, measured.message[kept].T, strict=True))
     height = navigation_settings(scenario, trajectory, follower).hydrophone_height
-    measured_difference = message["depth"] - (measured.depth[measured.message_step[kept] - 1] - height)
+    measured_difference = message["depth"] - (
+        measured.depth[measured.message_step[kept] - 1] - height
+    )
     d_level = np.linalg.norm(level[..., :2] - hydrophone[:, None, :2], axis=2)
     steps = {
         Cause.FORESHORTENING: np.linalg.norm(broadcast[..., :2] - hydrophone[:, None, :2], axis=2),
-        Cause.LEVER_ARM: _on_plane(np.linalg.norm(broadcast - hydrophone[:, None], axis=2), depth_difference),
+        Cause.LEVER_ARM: _on_plane(
+            np.linalg.norm(broadcast - hydrophone[:, None], axis=2), depth_difference
+        ),
         Cause.MOTION: _on_plane(sound.arrival.length[row, :, Path.DIRECT], depth_difference),
         Cause.ECHO: _on_plane(length, depth_difference),
         Cause.SOUND_SPEED: _on_plane(length * taken(sound.arrival.ratio), depth_difference),
@@ -120,4 +135,6 @@ def range_error_budget(flight: Flight, follower: int = 0) -> RangeErrorBudget:
     }
     chain = np.stack([d_level, *(steps[cause] for cause in Cause)], axis=2)
     share = np.diff(chain, axis=2)
-    return RangeErrorBudget(time=trajectory.time[fix], level_range=d_level, used_range=chain[..., -1], share=share)
+    return RangeErrorBudget(
+        time=trajectory.time[fix], level_range=d_level, used_range=chain[..., -1], share=share
+    )

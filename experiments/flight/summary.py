@@ -1,4 +1,6 @@
-"""Errors of a flight's estimates, the numbers of `summary.json`, and events for its log and report."""
+"""Errors of a flight's estimates, the numbers of `summary.json`, and events for its log and
+report.
+"""
 
 from dataclasses import asdict
 from typing import Any
@@ -21,27 +23,37 @@ def true_bearing(flight: Flight, follower: int) -> Floats:
     """B of a follower's hydrophone from the leader's true pose, in [0, 2π), shape (n,), [rad]."""
     steps = flight.step_index()
     away = flight.hydrophone(follower)[:, :2] - flight.trajectory.position[steps, 0, :2]
-    return np.asarray(np.mod(np.arctan2(away[:, 0], away[:, 1]) - flight.trajectory.heading[steps, 0], 2 * np.pi))
+    return np.asarray(
+        np.mod(np.arctan2(away[:, 0], away[:, 1]) - flight.trajectory.heading[steps, 0], 2 * np.pi)
+    )
 
 
 def mirror_locked_steps(flight: Flight, follower: int) -> Bools:
-    """Filter steps at which a follower's estimate is locked on the mirror image of the truth, shape (n,)."""
+    """Filter steps at which a follower's estimate is locked on the mirror image of the truth,
+    shape (n,).
+    """
     steps = flight.step_index()
     truth = flight.trajectory
     estimate = flight.estimates[follower].state[:, :2]
     leader = truth.position[steps, 0, :2]
-    return metrics.mirror_locked_steps(estimate, flight.hydrophone(follower)[:, :2], leader, truth.heading[steps, 0])
+    return metrics.mirror_locked_steps(
+        estimate, flight.hydrophone(follower)[:, :2], leader, truth.heading[steps, 0]
+    )
 
 
 def _kept(flight: Flight, follower: int, off: Floats) -> dict[str, Any]:
     """How a follower kept its place, from its distances off it, shape (n,), [m]."""
     row: dict[str, Any] = {"track_error_rms_m": float(np.sqrt(np.mean(off**2)))}
-    kept = flight.scenario.followers[follower].station and asdict(tracking.station_keeping(off, flight.trajectory.time))
+    kept = flight.scenario.followers[follower].station and asdict(
+        tracking.station_keeping(off, flight.trajectory.time)
+    )
     return row | {name: None if value != value else value for name, value in (kept or {}).items()}
 
 
 def _nearest(flight: Flight) -> dict[str, Any]:
-    """Vehicles that came nearest to each other: in space, horizontally, horizontally of one layer; contacts."""
+    """Vehicles that came nearest to each other: in space, horizontally, horizontally of one
+    layer; contacts.
+    """
     space, level = tracking.closest_approaches(flight.trajectory)
     found = dict[str, Any]()
     layer = tracking.closest_in_a_layer(flight.scenario, flight.trajectory)
@@ -50,14 +62,19 @@ def _nearest(flight: Flight) -> dict[str, Any]:
         found[f"closest_{name}_pair"] = one and list(one.pair)
         found[f"closest_{name}_s"] = one and one.time_s
     return found | {
-        "contacts": [{"time_s": time, "pair": list(pair)} for time, pair in tracking.contacts(flight.trajectory)]
+        "contacts": [
+            {"time_s": time, "pair": list(pair)}
+            for time, pair in tracking.contacts(flight.trajectory)
+        ]
     }
 
 
 def consistency(flight: Flight, follower: int, bound: Floats) -> dict[str, float | None]:
-    """Consistency of a follower's errors with its covariance, and their bound, from the first estimate on.
+    """Consistency of a follower's errors with its covariance, and their bound, from the first
+    estimate on.
 
-    `nees` is the mean of eᵀ P⁻¹ e (2 if P is right; None: singular), `rms_over_bound` the RMS of E_P over the bound's.
+    `nees` is the mean of eᵀ P⁻¹ e (2 if P is right; None: singular), `rms_over_bound` the RMS of
+    E_P over the bound's.
     """
     truth = flight.hydrophone(follower)[:, :2]
     estimates = flight.estimates[follower]
@@ -78,14 +95,19 @@ def flight_bounds(flight: Flight) -> list[Floats]:
 
 
 def summarise(flight: Flight, bounds: list[Floats] | None = None) -> dict[str, Any]:
-    """Mean, largest and σ of a flight's errors, of all followers and of each, and what else `summary.json` holds.
+    """Mean, largest and σ of a flight's errors, of all followers and of each, and what else
+    `summary.json` holds.
 
     `bounds` are the `flight_bounds`, computed here if None.
     """
     bounds = flight_bounds(flight) if bounds is None else bounds
     found = position_and_bearing_errors(flight)
-    errors = [(p[e.unknown :], b[e.unknown :]) for (p, b), e in zip(found, flight.estimates, strict=True)]
-    pooled = metrics.summarise(np.concatenate([e for e, _ in errors]), np.concatenate([b for _, b in errors]))
+    errors = [
+        (p[e.unknown :], b[e.unknown :]) for (p, b), e in zip(found, flight.estimates, strict=True)
+    ]
+    pooled = metrics.summarise(
+        np.concatenate([e for e, _ in errors]), np.concatenate([b for _, b in errors])
+    )
     names = flight.trajectory.names[1:]
     off = tracking.track_errors(flight.scenario, flight.trajectory)
     sensing = flight.scenario.formation.proximity is not None
@@ -111,14 +133,17 @@ def summarise(flight: Flight, bounds: list[Floats] | None = None) -> dict[str, A
     }
 
 
-SIGMAS = 3.0  # least distance of two stations, in standard deviations of their followers' relative position error
+# least distance of two stations, in standard deviations of their followers' relative position error
+SIGMAS = 3.0
 OFF_ROUTE_M = 10.0
 NEAR_M = 1.0
 """Largest usual distance from the route, and least usual one between two vehicles' origins [m]."""
 
 
 def route_events(flight: Flight) -> list[Event]:
-    """An event where a vehicle is farthest from where its route has it, if that is more than `OFF_ROUTE_M`."""
+    """An event where a vehicle is farthest from where its route has it, if that is more than
+    `OFF_ROUTE_M`.
+    """
     truth = flight.trajectory
     events = []
     for v, route in enumerate(routes_of(flight.scenario)):
@@ -127,7 +152,10 @@ def route_events(flight: Flight) -> list[Event]:
         off = tracking.track_error(route, truth.time, truth.position[:, v, :2])
         k = int(np.argmax(off))
         if off[k] > OFF_ROUTE_M:
-            text = f"{truth.names[v]} is {off[k]:.0f} m off its route (maximum), and {off[-1]:.0f} m at the end"
+            text = (
+                f"{truth.names[v]} is {off[k]:.0f} m off its route (maximum), and {off[-1]:.0f} "
+                "m at the end"
+            )
             events.append(Event(float(truth.time[k]), "warning", text, truth.names[v]))
     return events
 
@@ -142,7 +170,9 @@ def approach_events(flight: Flight) -> list[Event]:
 
 
 def contact_events(flight: Flight) -> list[Event]:
-    """An event where two hulls first touch; unless that ends the mission, they pass through each other."""
+    """An event where two hulls first touch; unless that ends the mission, they pass through each
+    other.
+    """
     return [
         Event(t, "warning", f"{other} and {one} touch", other)
         for t, (one, other) in tracking.contacts(flight.trajectory)
@@ -160,7 +190,9 @@ def giving_way_events(flight: Flight) -> list[Event]:
 
 
 def largest_sigma(covariance: Floats) -> Floats:
-    """σ along the larger axis of the ellipses of covariances of shape (n, 2, 2) or larger, shape (n,), [m]."""
+    """σ along the larger axis of the ellipses of covariances of shape (n, 2, 2) or larger, shape
+    (n,), [m].
+    """
     xx = covariance[:, 0, 0]
     xy = covariance[:, 0, 1]
     yy = covariance[:, 1, 1]
@@ -169,52 +201,85 @@ def largest_sigma(covariance: Floats) -> Floats:
 
 
 def uncertainty_events(flight: Flight) -> list[Event]:
-    """An event where two stations of one layer are first nearer than `SIGMAS` σ of their followers' relative error."""
+    """An event where two stations of one layer are first nearer than `SIGMAS` σ of their
+    followers' relative error.
+    """
     followers = flight.scenario.followers
     steps = flight.step_index()
     events = []
     pairs = [
-        (i, j) for i, one in enumerate(followers) for j, other in enumerate(followers[:i])
+        (i, j)
+        for i, one in enumerate(followers)
+        for j, other in enumerate(followers[:i])
         if one.station and other.station and abs(one.layer_m - other.layer_m) < LEAST_LAYER_M
-    ]  # fmt: skip
+    ]
     if not pairs:
         return []
     places = tracking.true_stations(flight.scenario, flight.trajectory)[steps]
     for i, j in pairs:
-        apart = np.hypot(places.east[:, i] - places.east[:, j], places.north[:, i] - places.north[:, j])
-        near = apart < SIGMAS * largest_sigma(flight.estimates[i].covariance + flight.estimates[j].covariance)
+        apart = np.hypot(
+            places.east[:, i] - places.east[:, j], places.north[:, i] - places.north[:, j]
+        )
+        near = apart < SIGMAS * largest_sigma(
+            flight.estimates[i].covariance + flight.estimates[j].covariance
+        )
         if near.any():
             k = int(np.argmax(near))
-            text = f"stations of {followers[i].name} and {followers[j].name}, {apart[k]:.1f} m apart, are nearer"
+            text = (
+                f"stations of {followers[i].name} and {followers[j].name}, {apart[k]:.1f} m "
+                "apart, are nearer"
+            )
             text += f" than {SIGMAS:g} sigma of their relative position error"
-            events.append(Event(float(flight.trajectory.time[steps[k]]), "warning", text, followers[i].name))
+            events.append(
+                Event(float(flight.trajectory.time[steps[k]]), "warning", text, followers[i].name)
+            )
     return events
 
 
 def mirror_lock_events(flight: Flight) -> list[Event]:
-    """An event where an estimate is locked on the mirror image of the truth, and where it is released."""
+    """An event where an estimate is locked on the mirror image of the truth, and where it is
+    released.
+    """
     time = flight.trajectory.time[flight.step_index()]
     events = []
     for i, name in enumerate(flight.trajectory.names[1:]):
         mirror_locked = mirror_locked_steps(flight, i)
         for k in np.flatnonzero(np.diff(mirror_locked.astype(np.int64), prepend=0)):
             caught = bool(mirror_locked[k])
-            text = "mirror lock: the estimate is at the truth's mirror image" if caught else "mirror lock ends"
+            text = (
+                "mirror lock: the estimate is at the truth's mirror image"
+                if caught
+                else "mirror lock ends"
+            )
             events.append(Event(float(time[k]), "warning" if caught else "info", text, name))
     return sorted(events, key=lambda event: event.time_s)
 
 
 def stray_events(flight: Flight) -> list[Event]:
-    """Warnings: a vehicle leaves the water or its route, touches or nearly touches another, or stations are close."""
-    events = [*route_events(flight), *approach_events(flight), *contact_events(flight), *uncertainty_events(flight)]
+    """Warnings: a vehicle leaves the water or its route, touches or nearly touches another, or
+    stations are close.
+    """
+    events = [
+        *route_events(flight),
+        *approach_events(flight),
+        *contact_events(flight),
+        *uncertainty_events(flight),
+    ]
     floor = flight.scenario.ocean.floor_depth_m
     time = flight.trajectory.time
     planned = (flight.scenario.leader, *flight.scenario.followers)
-    for name, depth, plan in zip(flight.trajectory.names, flight.trajectory.depth.T, planned, strict=True):
+    for name, depth, plan in zip(
+        flight.trajectory.names, flight.trajectory.depth.T, planned, strict=True
+    ):
         surfaced = (depth < 0) & (plan.layer_m > 1)
-        for outside, text in ((depth > floor, "goes below the sea floor"), (surfaced, "breaks the surface")):
+        for outside, text in (
+            (depth > floor, "goes below the sea floor"),
+            (surfaced, "breaks the surface"),
+        ):
             if outside.any():
-                events.append(Event(float(time[np.argmax(outside)]), "warning", f"{name} {text}", name))
+                events.append(
+                    Event(float(time[np.argmax(outside)]), "warning", f"{name} {text}", name)
+                )
     return sorted(events, key=lambda event: event.time_s)
 
 

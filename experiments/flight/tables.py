@@ -23,7 +23,8 @@ _NAMED = 12
 class Table:
     """Columns of a result by name; `arrow` is the `pyarrow.Table`.
 
-    `table["e_p_m"]` is a NumPy array; `polars.DataFrame(table)` and `pandas.DataFrame.from_arrow(table)` accept it.
+    `table["e_p_m"]` is a NumPy array; `polars.DataFrame(table)` and
+    `pandas.DataFrame.from_arrow(table)` accept it.
     """
 
     def __init__(self, arrow: Any) -> None:
@@ -42,7 +43,9 @@ class Table:
         return int(self.arrow.num_rows)
 
     def __getitem__(self, name: str) -> npt.NDArray[Any]:
-        """Values of a column, shape (rows,); LaisnError listing the columns if there is none of that name."""
+        """Values of a column, shape (rows,); LaisnError listing the columns if there is none of
+        that name.
+        """
         if name not in self.columns:
             raise LaisnError(f"unknown column {name!r}; available: {', '.join(self.columns)}")
         return np.asarray(self.arrow[name].to_numpy())
@@ -72,7 +75,10 @@ class Table:
         for row in self.arrow.slice(0, _SHOWN).to_pylist():
             texts = (f"{v:.6g}" if isinstance(v, float) else str(v) for v in row.values())
             rows += f"<tr>{''.join(f'<td>{html.escape(text)}</td>' for text in texts)}</tr>"
-        return f"<table><caption>{len(self)} rows</caption><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
+        return (
+            f"<table><caption>{len(self)} "
+            f"rows</caption><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
+        )
 
 
 def _place(position: npt.NDArray[Any]) -> dict[str, Any]:
@@ -82,10 +88,10 @@ def _place(position: npt.NDArray[Any]) -> dict[str, Any]:
 def errors_table(flight: Flight) -> Table:
     """Errors of a flight's estimates over time, a row for each follower and filter step.
 
-    Columns: `follower`, `time_s`; `e_p_m` and `e_b_deg`, the paper's errors of position and bearing; `east_m`,
-    `north_m`, `depth_m` of the hydrophone and the `estimate_east_m`, `estimate_north_m` of it; `bearing_deg` from the
-    leader's bow clockwise and `distance_m` from the leader; `mirror_locked`, whether the estimate is at the
-    mirror image.
+    Columns: `follower`, `time_s`; `e_p_m` and `e_b_deg`, the paper's errors of position and
+    bearing; `east_m`, `north_m`, `depth_m` of the hydrophone and the `estimate_east_m`,
+    `estimate_north_m` of it; `bearing_deg` from the leader's bow clockwise and `distance_m` from
+    the leader; `mirror_locked`, whether the estimate is at the mirror image.
     """
     steps = flight.step_index()
     time = flight.trajectory.time[steps]
@@ -94,11 +100,18 @@ def errors_table(flight: Flight) -> Table:
     for i, (position, bearing) in enumerate(position_and_bearing_errors(flight)):
         truth = flight.hydrophone(i)
         estimate = flight.estimates[i].state
-        columns = {"follower": [flight.trajectory.names[i + 1]] * time.size, "time_s": time, "e_p_m": position}
+        columns = {
+            "follower": [flight.trajectory.names[i + 1]] * time.size,
+            "time_s": time,
+            "e_p_m": position,
+        }
         columns |= {"e_b_deg": np.rad2deg(bearing), **_place(truth)}
         columns |= {"estimate_east_m": estimate[:, 0], "estimate_north_m": estimate[:, 1]}
         columns |= {"bearing_deg": np.rad2deg(true_bearing(flight, i))}
-        columns |= {"distance_m": np.hypot(*(truth[:, :2] - leader).T), "mirror_locked": mirror_locked_steps(flight, i)}
+        columns |= {
+            "distance_m": np.hypot(*(truth[:, :2] - leader).T),
+            "mirror_locked": mirror_locked_steps(flight, i),
+        }
         parts.append(pa.table(columns))
     return Table(pa.concat_tables(parts))
 
@@ -106,43 +119,67 @@ def errors_table(flight: Flight) -> Table:
 def truth_table(flight: Flight) -> Table:
     """True motion over time, a row for each vehicle and control step.
 
-    Columns: `vehicle`, `time_s`; `east_m`, `north_m`, `depth_m` of the body origin; `heading_deg`, `pitch_deg` (nose
-    up), `roll_deg` (starboard down); `surge_m_s`, speed along the hull through the water; `velocity_east_m_s`,
-    `velocity_north_m_s`, `velocity_up_m_s` over ground; `water_east_m_s`, `water_north_m_s`, `water_up_m_s`.
+    Columns: `vehicle`, `time_s`; `east_m`, `north_m`, `depth_m` of the body origin; `heading_deg`,
+    `pitch_deg` (nose up), `roll_deg` (starboard down); `surge_m_s`, speed along the hull through
+    the water; `velocity_east_m_s`, `velocity_north_m_s`, `velocity_up_m_s` over ground;
+    `water_east_m_s`, `water_north_m_s`, `water_up_m_s`.
     """
     t = flight.trajectory
     parts = []
     for v, name in enumerate(t.names):
         columns = {"vehicle": [name] * t.time.size, "time_s": t.time, **_place(t.position[:, v])}
-        columns |= {"heading_deg": np.rad2deg(t.heading[:, v]) % 360.0, "pitch_deg": np.rad2deg(t.pitch[:, v])}
+        columns |= {
+            "heading_deg": np.rad2deg(t.heading[:, v]) % 360.0,
+            "pitch_deg": np.rad2deg(t.pitch[:, v]),
+        }
         columns |= {"roll_deg": np.rad2deg(t.roll[:, v]), "surge_m_s": t.forward_speed[:, v]}
         for what, values in (("velocity", t.velocity), ("water", t.water_velocity)):
-            columns |= {f"{what}_{axis}_m_s": values[:, v, j] for j, axis in enumerate(("east", "north", "up"))}
+            columns |= {
+                f"{what}_{axis}_m_s": values[:, v, j]
+                for j, axis in enumerate(("east", "north", "up"))
+            }
         parts.append(pa.table(columns))
     return Table(pa.concat_tables(parts))
 
 
-_LEADER = ("time_s", "east_m", "north_m", "heading_deg", "speed_m_s", "depth_m", "pitch_deg", "roll_deg",
-           "heading_sigma_deg")  # fmt: skip
+_LEADER = (
+    "time_s",
+    "east_m",
+    "north_m",
+    "heading_deg",
+    "speed_m_s",
+    "depth_m",
+    "pitch_deg",
+    "roll_deg",
+    "heading_sigma_deg",
+)
 """Columns of the fields of `LeaderMessage`, in their order; angles in degrees."""
 
 
 def measurements_table(flight: Flight) -> Table:
     """What the followers measured, a row for each follower and filter step.
 
-    Columns: `follower`, `time_s`; `speed_m_s`, `heading_deg` and `depth_m` of its own sensors; where a message was
-    received, the fields of `laisn.messages.LeaderMessage` as `leader_…` and the slant ranges `range_rear_m`,
-    `range_front_m` and `range_middle_m`; null elsewhere.
+    Columns: `follower`, `time_s`; `speed_m_s`, `heading_deg` and `depth_m` of its own sensors;
+    where a message was received, the fields of `laisn.messages.LeaderMessage` as `leader_…` and the
+    slant ranges `range_rear_m`, `range_front_m` and `range_middle_m`; null elsewhere.
     """
     parts = []
     for name, measured in zip(flight.trajectory.names[1:], flight.measurements, strict=True):
-        columns = {"follower": [name] * measured.speed.size, "time_s": measured.time, "speed_m_s": measured.speed}
+        columns = {
+            "follower": [name] * measured.speed.size,
+            "time_s": measured.time,
+            "speed_m_s": measured.speed,
+        }
         columns |= {"heading_deg": np.rad2deg(measured.heading) % 360.0, "depth_m": measured.depth}
         received = {f"leader_{column}": measured.message[:, i] for i, column in enumerate(_LEADER)}
-        received |= {f"range_{which}_m": measured.ranges[:, i] for i, which in enumerate(Ranges._fields)}
+        received |= {
+            f"range_{which}_m": measured.ranges[:, i] for i, which in enumerate(Ranges._fields)
+        }
         for column, values in received.items():
             whole = np.full(measured.speed.size, np.nan)
-            whole[measured.message_step - 1] = np.rad2deg(values) if column.endswith("_deg") else values
+            whole[measured.message_step - 1] = (
+                np.rad2deg(values) if column.endswith("_deg") else values
+            )
             columns[column] = pa.array(whole, from_pandas=True)
         parts.append(pa.table(columns))
     return Table(pa.concat_tables(parts))

@@ -1,4 +1,5 @@
-"""Reports: self-contained HTML pages of text, tables and figures; flights as users of Python get them.
+"""Reports: self-contained HTML pages of text, tables and figures; flights as users of Python get
+them.
 
 Imports: experiments.campaign experiments.findings experiments.flight laisn sim
 """

@@ -1,4 +1,6 @@
-"""Figures as data: lines and marks over axes, drawn by Plotly in the browser in colours of the page's CSS."""
+"""Figures as data: lines and marks over axes, drawn by Plotly in the browser in colours of the
+page's CSS.
+"""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -8,26 +10,47 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from experiments.pages.style import COLOURS, FRAME, GRID, HEIGHT, INK, PAPER, SERIES, WIDTH, Colour, symbols
+from experiments.pages.style import (
+    COLOURS,
+    FRAME,
+    GRID,
+    HEIGHT,
+    INK,
+    PAPER,
+    SERIES,
+    WIDTH,
+    Colour,
+    symbols,
+)
 from laisn.arrays import Floats
 
 if TYPE_CHECKING:
     # its special functions take a tenth of a second to import, and a figure needs none
     from experiments.findings import Finding
 
-DRAWN_POINTS = 600  # most points of a line in a panel of the usual width; more cannot be seen at this size
+# most points of a line in a panel of the usual width; more cannot be seen at this size
+DRAWN_POINTS = 600
 PIXELS_PER_INCH = 96
 _KEPT_POINTS = 20_000  # most points that a line keeps; panels take fewer of them
 _MOST_LINES = 14
 _FEWEST_POINTS = 200
-"""Lines of a panel with all their points; of more, each has fewer, so that a page of many vehicles stays small."""
+"""Lines of a panel with all their points; of more, each has fewer, so that a page of many
+vehicles stays small.
+"""
 
 Limits = tuple[float | None, float | None]  # bottom and top of an axis; None leaves one to the data
-Ticks = Sequence[float] | Mapping[float, str]  # where an axis has numbers, or words; none leaves that to the drawing
+# where an axis has numbers, or words; none leaves that to the drawing
+Ticks = Sequence[float] | Mapping[float, str]
 _DASHES = {"-": "solid", "--": "dash", ":": "dot"}
 _SYMBOLS = {
-    "o": "circle", "^": "triangle-up", "|": "line-ns-open", "P": "cross", "s": "square", "X": "x", "D": "diamond",
-}  # fmt: skip
+    "o": "circle",
+    "^": "triangle-up",
+    "|": "line-ns-open",
+    "P": "cross",
+    "s": "square",
+    "X": "x",
+    "D": "diamond",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,16 +66,25 @@ class Line:
     size: float = 2.4
     opacity: float = 1.0
     name: str = ""  # what it is, shown with its values under the pointer
-    interval: tuple[Floats, Floats] | None = None  # lower and upper limits of y, or of x if `across`, drawn as bars
+    # lower and upper limits of y, or of x if `across`, drawn as bars
+    interval: tuple[Floats, Floats] | None = None
     across: bool = False
     text: str = ""
     side: str = "middle right"
-    time: Floats | None = None  # of each point of a map, shape (n,), [s]: where the time cursor of linked panels stands
+    # of each point of a map, shape (n,), [s]: where the time cursor of linked panels stands
+    time: Floats | None = None
 
     def __post_init__(self) -> None:
         # until the page is written, a long mission's arrays would be kept once for each line
-        if self.y.size > _KEPT_POINTS and not self.marker and self.time is None and self.interval is None:
-            for name, values in zip(("x", "y"), decimate(self.x, self.y, _KEPT_POINTS), strict=True):
+        if (
+            self.y.size > _KEPT_POINTS
+            and not self.marker
+            and self.time is None
+            and self.interval is None
+        ):
+            for name, values in zip(
+                ("x", "y"), decimate(self.x, self.y, _KEPT_POINTS), strict=True
+            ):
                 object.__setattr__(self, name, values)
 
 
@@ -66,7 +98,8 @@ class Part:
     y_log: bool = False
     ticks: Ticks = ()
     shaded: Sequence[tuple[float, float]] = ()  # stretches of the axis on a darker ground
-    traces: Sequence[Mapping[str, Any]] = ()  # what is no line, such as a map of colours, as Plotly describes it
+    # what is no line, such as a map of colours, as Plotly describes it
+    traces: Sequence[Mapping[str, Any]] = ()
     height: float = 1.0
 
 
@@ -96,13 +129,18 @@ class Panel:
         points = max(round(self.points * wide), _FEWEST_POINTS)
         for number, part in enumerate(self.parts):
             axis = {"yaxis": f"y{number + 1}"} if number else {}
-            data += [_trace(line, None if self.equal else points, self.equal) | axis for line in part.lines]
+            data += [
+                _trace(line, None if self.equal else points, self.equal) | axis
+                for line in part.lines
+            ]
             data += [dict(trace) | axis for trace in part.traces]
         return {"data": data, "layout": layout}
 
     @property
     def json(self) -> str:
-        return json.dumps(self.figure, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c")
+        return json.dumps(self.figure, separators=(",", ":"), ensure_ascii=False).replace(
+            "<", "\\u003c"
+        )
 
     def _layout(self) -> dict[str, Any]:
         count = len(self.parts)
@@ -111,34 +149,67 @@ class Panel:
         low = 1.0
         along = [line.x for part in self.parts for line in part.lines]
         across = _axis(self.x_label, self.x_limits, self.x_log, self.x_ticks, along)
-        across |= {"showspikes": not self.equal, "spikemode": "across", "spikethickness": 1, "spikedash": "solid",
-                   "spikecolor": FRAME.css, "spikesnap": "hovered data"}  # fmt: skip
-        layout: dict[str, Any] = {"xaxis": across | {"anchor": f"y{count}" if count > 1 else "y"}, "shapes": []}
+        across |= {
+            "showspikes": not self.equal,
+            "spikemode": "across",
+            "spikethickness": 1,
+            "spikedash": "solid",
+            "spikecolor": FRAME.css,
+            "spikesnap": "hovered data",
+        }
+        layout: dict[str, Any] = {
+            "xaxis": across | {"anchor": f"y{count}" if count > 1 else "y"},
+            "shapes": [],
+        }
         for number, part in enumerate(self.parts):
             name = str(number + 1) if number else ""
             top = low - (gap if number else 0.0)
             low = max(top - (1.0 - gap * (count - 1)) * part.height / whole, 0.0)
-            axis = _axis(part.y_label, part.y_limits, part.y_log, part.ticks, [line.y for line in part.lines])
+            axis = _axis(
+                part.y_label, part.y_limits, part.y_log, part.ticks, [line.y for line in part.lines]
+            )
             layout[f"yaxis{name}"] = axis | {"domain": [round(low, 4), round(top, 4)]}
             layout["shapes"] += [
-                {"type": "rect", "xref": "x domain", "yref": f"y{name}", "x0": 0, "x1": 1, "y0": bottom, "y1": end,
-                 "fillcolor": GRID.css, "line": {"width": 0}, "layer": "below"}
+                {
+                    "type": "rect",
+                    "xref": "x domain",
+                    "yref": f"y{name}",
+                    "x0": 0,
+                    "x1": 1,
+                    "y0": bottom,
+                    "y1": end,
+                    "fillcolor": GRID.css,
+                    "line": {"width": 0},
+                    "layer": "below",
+                }
                 for bottom, end in part.shaded
-            ]  # fmt: skip
+            ]
         if self.equal:
             layout["yaxis"] |= {"scaleanchor": "x"}
         lines = wrap(self.title, round(11 * self.width))  # eleven characters in an inch
         if lines:
-            bold = {"text": "<br>".join(f"<b>{symbols(line)}</b>" for line in lines), "font": {"size": 13}}
-            layout["title"] = bold | {"x": 0, "xref": "paper", "y": 1, "yanchor": "top", "pad": {"t": 6}}
+            bold = {
+                "text": "<br>".join(f"<b>{symbols(line)}</b>" for line in lines),
+                "font": {"size": 13},
+            }
+            layout["title"] = bold | {
+                "x": 0,
+                "xref": "paper",
+                "y": 1,
+                "yanchor": "top",
+                "pad": {"t": 6},
+            }
         return layout | {
-            "height": round(PIXELS_PER_INCH * self.height), "showlegend": False,
+            "height": round(PIXELS_PER_INCH * self.height),
+            "showlegend": False,
             "margin": {"l": 52, "r": 8, "t": 10 + 18 * len(lines), "b": 40},
             "font": {"size": 12, "color": INK.css, "family": "system-ui, sans-serif"},
-            "paper_bgcolor": "rgba(0,0,0,0)", "plot_bgcolor": "rgba(0,0,0,0)",
-            "hovermode": "closest" if self.equal else "x", "hoversubplots": "axis",
+            "paper_bgcolor": "rgba(0,0,0,0)",
+            "plot_bgcolor": "rgba(0,0,0,0)",
+            "hovermode": "closest" if self.equal else "x",
+            "hoversubplots": "axis",
             "hoverlabel": {"bgcolor": PAPER.css, "font": {"color": INK.css}},
-        }  # fmt: skip
+        }
 
 
 def panel(
@@ -152,21 +223,30 @@ def panel(
     **settings: Any,
 ) -> Panel:
     """A panel of one part; further settings as of `Panel`."""
-    part = Part(lines=lines, y_label=y_label, y_limits=y_limits, y_log=y_log, ticks=y_ticks, traces=traces)
+    part = Part(
+        lines=lines, y_label=y_label, y_limits=y_limits, y_log=y_log, ticks=y_ticks, traces=traces
+    )
     return Panel(parts=(part,), **settings)
 
 
-def marks(findings: Sequence["Finding"], places: Floats, *, across: bool = False, **settings: Any) -> Line:
-    """Marks of n findings over places, shape (n,), or beside them if `across`, with bars of their intervals."""
+def marks(
+    findings: Sequence["Finding"], places: Floats, *, across: bool = False, **settings: Any
+) -> Line:
+    """Marks of n findings over places, shape (n,), or beside them if `across`, with bars of
+    their intervals.
+    """
     value, low, high = np.array(
-        [[np.nan if end is None else end for end in (f.number, f.low, f.high)] for f in findings], dtype=np.float64
+        [[np.nan if end is None else end for end in (f.number, f.low, f.high)] for f in findings],
+        dtype=np.float64,
     ).T
     x, y = (value, places) if across else (places, value)
     return Line(x=x, y=y, size=4.5, interval=(low, high), across=across, **settings)
 
 
 def decimate(x: Floats, y: Floats, points: int = DRAWN_POINTS) -> tuple[Floats, Floats]:
-    """Smallest and largest value of each of points/2 stretches, in their order, and both ends: no peak is lost."""
+    """Smallest and largest value of each of points/2 stretches, in their order, and both ends:
+    no peak is lost.
+    """
     n = y.size
     if n <= points:
         return x, y
@@ -180,30 +260,47 @@ def decimate(x: Floats, y: Floats, points: int = DRAWN_POINTS) -> tuple[Floats, 
     lowest = np.where(missing, np.inf, table)
     highest = np.where(missing, -np.inf, table)
     start = np.arange(stretches) * length
-    kept = np.concatenate([[0, n - 1], start + lowest.argmin(axis=1), start + highest.argmax(axis=1)])
+    kept = np.concatenate(
+        [[0, n - 1], start + lowest.argmin(axis=1), start + highest.argmax(axis=1)]
+    )
     index = np.unique(np.minimum(kept, n - 1))
     return x[index], y[index]
 
 
 def numbers(values: Floats) -> list[float | None]:
     """Values with five digits, which no screen exceeds; None where there is nothing to draw."""
-    return [float(f"{value:.5g}") if np.isfinite(value) else None for value in np.asarray(values, dtype=float).tolist()]
+    return [
+        float(f"{value:.5g}") if np.isfinite(value) else None
+        for value in np.asarray(values, dtype=float).tolist()
+    ]
 
 
 _LOG_TICKS = [float(f"{digit}e{power}") for power in range(-6, 7) for digit in (1, 2, 5)]
-"""Plotly itself labels 0.5 on a logarithmic axis as 5. Axes of more than three decades have 0.1, 1, 10 … alone."""
+"""Plotly itself labels 0.5 on a logarithmic axis as 5. Axes of more than three decades have 0.1,
+1, 10 … alone.
+"""
 
 
-def _axis(label: str, limits: Limits, log: bool, ticks: Ticks, values: Sequence[Floats]) -> dict[str, Any]:
+def _axis(
+    label: str, limits: Limits, log: bool, ticks: Ticks, values: Sequence[Floats]
+) -> dict[str, Any]:
     axis: dict[str, Any] = {
-        "title": {"text": str(symbols(label)), "standoff": 6}, "gridcolor": GRID.css, "zeroline": False,
-        "showline": True, "linecolor": FRAME.css, "ticks": "outside", "ticklen": 4, "tickcolor": FRAME.css,
+        "title": {"text": str(symbols(label)), "standoff": 6},
+        "gridcolor": GRID.css,
+        "zeroline": False,
+        "showline": True,
+        "linecolor": FRAME.css,
+        "ticks": "outside",
+        "ticklen": 4,
+        "tickcolor": FRAME.css,
         "automargin": True,
-    }  # fmt: skip
+    }
     if log:
         axis["type"] = "log"
         shown = np.concatenate([np.empty(0), *(v[v > 0.0] for v in values)])
-        ticks = ticks or _LOG_TICKS[:: 3 if shown.size and shown.max() > 1000.0 * shown.min() else 1]
+        ticks = (
+            ticks or _LOG_TICKS[:: 3 if shown.size and shown.max() > 1000.0 * shown.min() else 1]
+        )
     if limits != (None, None):
         shown = np.concatenate([*values, np.array([end for end in limits if end is not None])])
         low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
@@ -221,30 +318,48 @@ def _trace(line: Line, points: int | None, place: bool) -> dict[str, Any]:
     x, y = (line.x, line.y) if line.marker or points is None else decimate(line.x, line.y, points)
     shown = "%{x:.1f} m, %{y:.1f} m" if place else "%{y:.4~g}"
     trace: dict[str, Any] = {
-        "type": "scatter", "x": numbers(x), "y": numbers(y), "mode": "markers" if line.marker else "lines",
+        "type": "scatter",
+        "x": numbers(x),
+        "y": numbers(y),
+        "mode": "markers" if line.marker else "lines",
         "opacity": line.opacity,
-    }  # fmt: skip
+    }
     if line.marker:
         size = 9 if line.marker == "|" else round(1.7 * line.size, 1)
         trace["marker"] = {"symbol": _SYMBOLS[line.marker], "size": size, "color": line.colour.css}
     else:
-        trace["line"] = {"color": line.colour.css, "width": round(1.4 * line.width, 2), "dash": _DASHES[line.dash]}
+        trace["line"] = {
+            "color": line.colour.css,
+            "width": round(1.4 * line.width, 2),
+            "dash": _DASHES[line.dash],
+        }
     if line.text:
         trace |= {
-            "mode": trace["mode"] + "+text", "text": [""] * (len(trace["x"]) - 1) + [line.text],
-            "textposition": line.side, "textfont": {"color": line.colour.css},
-        }  # fmt: skip
+            "mode": trace["mode"] + "+text",
+            "text": [""] * (len(trace["x"]) - 1) + [line.text],
+            "textposition": line.side,
+            "textfont": {"color": line.colour.css},
+        }
     if line.time is not None:
         trace["customdata"] = numbers(line.time)
         shown += ", %{customdata:.0f} s"
-    trace |= {"hovertemplate": f"{shown}<extra>{symbols(line.name)}</extra>"} if line.name else {"hoverinfo": "skip"}
+    trace |= (
+        {"hovertemplate": f"{shown}<extra>{symbols(line.name)}</extra>"}
+        if line.name
+        else {"hoverinfo": "skip"}
+    )
     if line.interval is not None:
         centre = line.x if line.across else line.y
         low, high = (np.abs(numbers_of - centre) for numbers_of in line.interval)
         trace["error_x" if line.across else "error_y"] = {
-            "type": "data", "symmetric": False, "array": numbers(high), "arrayminus": numbers(low), "width": 0,
-            "thickness": 1.2, "color": line.colour.css,
-        }  # fmt: skip
+            "type": "data",
+            "symmetric": False,
+            "array": numbers(high),
+            "arrayminus": numbers(low),
+            "width": 0,
+            "thickness": 1.2,
+            "color": line.colour.css,
+        }
     return trace
 
 
@@ -257,9 +372,15 @@ def plotly(panel: Panel) -> Any:
 
 
 def light(value: Any) -> Any:
-    """A figure with the colours of light pages in place of CSS variables, for use outside a page."""
+    """A figure with the colours of light pages in place of CSS variables, for use outside a
+    page.
+    """
     if isinstance(value, Mapping):
         return {key: light(item) for key, item in value.items()}
     if isinstance(value, list):
         return [light(item) for item in value]
-    return {colour.css: colour.light for colour in COLOURS}.get(value, value) if isinstance(value, str) else value
+    return (
+        {colour.css: colour.light for colour in COLOURS}.get(value, value)
+        if isinstance(value, str)
+        else value
+    )

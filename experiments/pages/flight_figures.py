@@ -7,7 +7,16 @@ import numpy as np
 
 from experiments.flight.summary import largest_sigma, true_bearing
 from experiments.pages.figures import DRAWN_POINTS, Line, Panel, Part, panel
-from experiments.pages.style import ESTIMATE, FOLLOWER, FULL, INK, LEADER, MUTED, SERIES, TRANSMITTERS
+from experiments.pages.style import (
+    ESTIMATE,
+    FOLLOWER,
+    FULL,
+    INK,
+    LEADER,
+    MUTED,
+    SERIES,
+    TRANSMITTERS,
+)
 from laisn.arrays import Floats
 from laisn.estimates import FIX_WORDS, FixKind
 from laisn.messages import Ranges
@@ -15,7 +24,8 @@ from sim.flight import Flight
 from sim.tracking import LOST_M, off_station
 
 SIGMAS = 2.0  # size of the drawn uncertainty in standard deviations of the filter
-ON_AXIS_DEG = 15.0  # within this angle of the leader's axis, ahead or astern, ranges hardly determine the direction
+# within this angle of the leader's axis, ahead or astern, ranges hardly determine the direction
+ON_AXIS_DEG = 15.0
 ROW_HEIGHT = 5.6
 STACK_WIDTH = 5.6
 MAP_WIDTH = 3.3
@@ -26,25 +36,37 @@ _LEAST_WEIGHT = 1e-3
 
 
 def without_wraps(angle_deg: Floats) -> Floats:
-    """A copy with NaN where an angle jumps between 0 and 360, so that no line crosses the panel; shape (n,)."""
+    """A copy with NaN where an angle jumps between 0 and 360, so that no line crosses the panel;
+    shape (n,).
+    """
     broken = angle_deg.copy()
     broken[1:][np.abs(np.diff(angle_deg)) > 180.0] = np.nan
     return broken
 
 
 def bearing_part(time: Floats, bearing: Floats) -> Part:
-    """B, shape (n,), [rad], over time [s]; darker ground where the follower is near the leader's axis."""
-    shaded = [(0.0, ON_AXIS_DEG), (180.0 - ON_AXIS_DEG, 180.0 + ON_AXIS_DEG), (360.0 - ON_AXIS_DEG, 360.0)]
+    """B, shape (n,), [rad], over time [s]; darker ground where the follower is near the leader's
+    axis.
+    """
+    shaded = [
+        (0.0, ON_AXIS_DEG),
+        (180.0 - ON_AXIS_DEG, 180.0 + ON_AXIS_DEG),
+        (360.0 - ON_AXIS_DEG, 360.0),
+    ]
     angle = without_wraps(np.rad2deg(np.mod(bearing, 2 * np.pi)))
     lines = [Line(x=time, y=angle, colour=FOLLOWER, width=1.2, name="bearing")]
     ticks = (0, 90, 180, 270, 360)
     return Part(lines=lines, y_label="B [°]", y_limits=(0.0, 360.0), ticks=ticks, shaded=shaded)
 
 
-def error_parts(flight: Flight, follower: int, errors: tuple[Floats, Floats], bound: Floats | None) -> list[Part]:
-    """E_P with the filter's 2σ, its RMS error by the filter and the bound; E_B; and the bearing B, over time.
+def error_parts(
+    flight: Flight, follower: int, errors: tuple[Floats, Floats], bound: Floats | None
+) -> list[Part]:
+    """E_P with the filter's 2σ, its RMS error by the filter and the bound; E_B; and the bearing B,
+    over time.
 
-    `errors` are E_P [m] and E_B [rad] at filter steps k = 1 … n, and `bound` is that of the RMS error [m], shapes (n,).
+    `errors` are E_P [m] and E_B [rad] at filter steps k = 1 … n, and `bound` is that of the RMS
+    error [m], shapes (n,).
     """
     time = flight.trajectory.time[flight.step_index()]
     covariance = flight.estimates[follower].covariance
@@ -53,11 +75,22 @@ def error_parts(flight: Flight, follower: int, errors: tuple[Floats, Floats], bo
     # beside a very large uncertainty the errors would be a flat line
     largest, widest = (float(np.nanmax(values, initial=0.0)) for values in (position, two_sigma))
     top = max(1.1 * largest, min(1.1 * widest, 3.0 * largest), 1e-3)
-    lines = [Line(x=time, y=np.minimum(two_sigma, 2 * top), colour=INK, width=0.7, name="2σ by the filter")]
+    lines = [
+        Line(
+            x=time, y=np.minimum(two_sigma, 2 * top), colour=INK, width=0.7, name="2σ by the filter"
+        )
+    ]
     if bound is not None:
         rms = np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1])
         lines += [
-            Line(x=time, y=np.minimum(rms, 2 * top), colour=INK, width=0.7, dash=":", name="RMS by the filter"),
+            Line(
+                x=time,
+                y=np.minimum(rms, 2 * top),
+                colour=INK,
+                width=0.7,
+                dash=":",
+                name="RMS by the filter",
+            ),
             Line(x=time, y=bound, colour=MUTED, width=1.6, name="Cramér–Rao bound"),
         ]
     lines.append(Line(x=time, y=position, colour=ESTIMATE, name="E_P"))
@@ -70,30 +103,55 @@ def error_parts(flight: Flight, follower: int, errors: tuple[Floats, Floats], bo
 
 
 def over_time(flight: Flight, follower: int, errors: tuple[Floats, Floats], bound: Floats) -> Panel:
-    """Errors, bearing, measured ranges, kinds of fix, and the weights of hypotheses if there ever were several."""
-    parts = [*error_parts(flight, follower, errors, bound), ranges_part(flight, follower), fixes_part(flight, follower)]
+    """Errors, bearing, measured ranges, kinds of fix, and the weights of hypotheses if there
+    ever were several.
+    """
+    parts = [
+        *error_parts(flight, follower, errors, bound),
+        ranges_part(flight, follower),
+        fixes_part(flight, follower),
+    ]
     weights = weights_part(flight, follower)
     time = flight.trajectory.time[flight.step_index()]
     return Panel(
-        parts=[*parts, weights] if weights else parts, x_label="time [s]", x_limits=(0.0, float(time[-1])),
-        width=STACK_WIDTH, height=ROW_HEIGHT, link=f"follower{follower}",
+        parts=[*parts, weights] if weights else parts,
+        x_label="time [s]",
+        x_limits=(0.0, float(time[-1])),
+        width=STACK_WIDTH,
+        height=ROW_HEIGHT,
+        link=f"follower{follower}",
         points=DRAWN_POINTS if len(flight.estimates) == 1 else _FEW_POINTS,
-    )  # fmt: skip
+    )
 
 
 def position_errors(flight: Flight, errors: Sequence[Floats], worst: int) -> Panel:
-    """Position errors of all followers over time, each of shape (n,), [m]; that of the follower `worst` on top."""
+    """Position errors of all followers over time, each of shape (n,), [m]; that of the follower
+    `worst` on top.
+    """
     time = flight.trajectory.time[flight.step_index()]
     names = flight.trajectory.names[1:]
     lines = [
-        Line(x=time, y=error, colour=MUTED, width=0.6, name=names[i]) for i, error in enumerate(errors) if i != worst
+        Line(x=time, y=error, colour=MUTED, width=0.6, name=names[i])
+        for i, error in enumerate(errors)
+        if i != worst
     ]
     lines.append(Line(x=time, y=errors[worst], colour=ESTIMATE, width=1.2, name=names[worst]))
-    return panel(lines, x_label="time [s]", y_label="position error [m]", y_limits=(0.0, None), width=FULL, height=3.2)
+    return panel(
+        lines,
+        x_label="time [s]",
+        y_label="position error [m]",
+        y_limits=(0.0, None),
+        width=FULL,
+        height=3.2,
+    )
 
 
 def track_map(
-    flight: Flight, followers: Sequence[int], width: float = MAP_WIDTH, height: float = ROW_HEIGHT, link: str = ""
+    flight: Flight,
+    followers: Sequence[int],
+    width: float = MAP_WIDTH,
+    height: float = ROW_HEIGHT,
+    link: str = "",
 ) -> Panel:
     """True routes of the leader and of some followers from above, and their estimates."""
     steps = flight.step_index()
@@ -102,12 +160,18 @@ def track_map(
     names = flight.trajectory.names[1:]
     tracks = [(flight.trajectory.position[steps[every], 0, :2], LEADER, 1.4, "leader")]
     tracks += [(flight.hydrophone(i)[every, :2], FOLLOWER, 1.8, names[i]) for i in followers]
-    estimates = [(flight.estimates[i].state[every, :2], ESTIMATE, 0.7, f"estimate of {names[i]}") for i in followers]
+    estimates = [
+        (flight.estimates[i].state[every, :2], ESTIMATE, 0.7, f"estimate of {names[i]}")
+        for i in followers
+    ]
     lines = [
         Line(x=track[:, 0], y=track[:, 1], colour=colour, width=thick, name=name, time=time)
         for track, colour, thick, name in (*tracks, *estimates)
     ]
-    lines += [Line(x=t[-1:, 0], y=t[-1:, 1], colour=colour, marker="o", size=4.5) for t, colour, *_ in tracks]
+    lines += [
+        Line(x=t[-1:, 0], y=t[-1:, 1], colour=colour, marker="o", size=4.5)
+        for t, colour, *_ in tracks
+    ]
     size: dict[str, Any] = {"width": width, "height": height, "link": link}
     return panel(lines, x_label="east [m]", y_label="north [m]", title="Routes", equal=True, **size)
 
@@ -120,27 +184,47 @@ def difference(flight: Flight, follower: int) -> Panel:
     dots = away[every]
     time = flight.trajectory.time[flight.step_index()[every]]
     lines = [
-        Line(x=dots[:, 0], y=dots[:, 1], colour=ESTIMATE, marker="o", opacity=0.45, name="difference", time=time),
+        Line(
+            x=dots[:, 0],
+            y=dots[:, 1],
+            colour=ESTIMATE,
+            marker="o",
+            opacity=0.45,
+            name="difference",
+            time=time,
+        ),
         Line(x=origin, y=origin, colour=FOLLOWER, marker="P", size=8.0),
     ]
     return panel(
-        lines, x_label="east [m]", y_label="north [m]", title="Estimate minus truth", equal=True, width=MAP_WIDTH,
-        height=ROW_HEIGHT, link=f"follower{follower}",
-    )  # fmt: skip
+        lines,
+        x_label="east [m]",
+        y_label="north [m]",
+        title="Estimate minus truth",
+        equal=True,
+        width=MAP_WIDTH,
+        height=ROW_HEIGHT,
+        link=f"follower{follower}",
+    )
 
 
 def station_errors(flight: Flight, followers: Sequence[int]) -> list[Panel]:
-    """Distance from the station over time, up to that of a lost follower, a panel for each, all to one scale."""
+    """Distance from the station over time, up to that of a lost follower, a panel for each, all
+    to one scale.
+    """
     truth = flight.trajectory
     off = off_station(flight.scenario, truth)[:, list(followers)]
     top = max(min(1.1 * float(np.nanmax(off, initial=0.0)), LOST_M), 1e-3)
     return [
         panel(
             [Line(x=truth.time, y=column, colour=FOLLOWER, width=1.2, name=truth.names[i + 1])],
-            x_label="time [s]", y_label="off station [m]", title=truth.names[i + 1], y_limits=(0.0, top), height=1.9,
+            x_label="time [s]",
+            y_label="off station [m]",
+            title=truth.names[i + 1],
+            y_limits=(0.0, top),
+            height=1.9,
         )
         for i, column in zip(followers, off.T, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def motion(flight: Flight) -> Panel:
@@ -157,7 +241,13 @@ def motion(flight: Flight) -> Panel:
     parts = []
     for values, label, limits in quantities:
         lines = [
-            Line(x=truth.time, y=values[:, v], colour=FOLLOWER if v else LEADER, width=0.9, name=truth.names[v])
+            Line(
+                x=truth.time,
+                y=values[:, v],
+                colour=FOLLOWER if v else LEADER,
+                width=0.9,
+                name=truth.names[v],
+            )
             for v in order
         ]
         parts.append(Part(lines=lines, y_label=label, y_limits=limits))
@@ -167,10 +257,18 @@ def motion(flight: Flight) -> Panel:
 def ranges_part(flight: Flight, follower: int) -> Part:
     """Measured slant ranges over time, of the transmitters that the variant uses."""
     measured = flight.measurements[follower]
-    time = np.asarray(flight.trajectory.time[0] + measured.message_step * measured.dt, dtype=np.float64)
+    time = np.asarray(
+        flight.trajectory.time[0] + measured.message_step * measured.dt, dtype=np.float64
+    )
     used = reversed(range(flight.scenario.navigation.transmitters))
     lines = [
-        Line(x=time, y=measured.ranges[:, j], colour=TRANSMITTERS[j], width=0.9, name=f"{Ranges._fields[j]} range")
+        Line(
+            x=time,
+            y=measured.ranges[:, j],
+            colour=TRANSMITTERS[j],
+            width=0.9,
+            name=f"{Ranges._fields[j]} range",
+        )
         for j in used
     ]
     return Part(lines=lines, y_label="ranges [m]")
@@ -190,15 +288,26 @@ def fixes_part(flight: Flight, follower: int) -> Part:
         y = np.full(times.size, float(row))
         marks.append(Line(x=times, y=y, colour=colour, marker="|"))
     ticks = {float(row): FIX_WORDS[kind] for row, kind in enumerate(kinds)}
-    return Part(lines=marks, y_label="fixes", y_limits=(-0.6, max(len(kinds), 1) - 0.4), ticks=ticks, height=0.7)
+    return Part(
+        lines=marks,
+        y_label="fixes",
+        y_limits=(-0.6, max(len(kinds), 1) - 0.4),
+        ticks=ticks,
+        height=0.7,
+    )
 
 
 def weights_part(flight: Flight, follower: int) -> Part | None:
-    """Weights of a follower's hypotheses over time; None if no second one has a weight of at least 0.001."""
+    """Weights of a follower's hypotheses over time; None if no second one has a weight of at
+    least 0.001.
+    """
     estimates = flight.estimates[follower]
     weight, _, _ = estimates.hypotheses
     if np.all(weight[:, 1:] < _LEAST_WEIGHT):
         return None
     time = np.asarray(estimates.fix_step * flight.measurements[follower].dt, dtype=np.float64)
-    lines = [Line(x=time, y=weight[:, h], colour=SERIES[h], name=f"hypothesis {h + 1}") for h in range(weight.shape[1])]
+    lines = [
+        Line(x=time, y=weight[:, h], colour=SERIES[h], name=f"hypothesis {h + 1}")
+        for h in range(weight.shape[1])
+    ]
     return Part(lines=lines, y_label="weights", y_limits=(0.0, 1.05))

@@ -1,4 +1,6 @@
-"""The report of one flight: routes, errors of the estimates, and their causes; the prose stands in its template."""
+"""The report of one flight: routes, errors of the estimates, and their causes; the prose stands
+in its template.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -7,7 +9,13 @@ from typing import Any
 import numpy as np
 
 from experiments.flight.range_budget import LABELS, Cause, RangeErrorBudget, range_error_budget
-from experiments.flight.summary import approach_events, flight_bounds, mirror_locked_steps, route_events, true_bearing
+from experiments.flight.summary import (
+    approach_events,
+    flight_bounds,
+    mirror_locked_steps,
+    route_events,
+    true_bearing,
+)
 from experiments.pages import flight_figures, style
 from experiments.pages.figures import Line, Panel, panel
 from experiments.pages.flight_figures import ON_AXIS_DEG, SIGMAS
@@ -22,9 +30,18 @@ from sim.flight import Flight
 from sim.sensing.proximity import sightings
 from sim.tracking import closest_approaches, contacts
 
-_CAUSES = (Cause.RANDOM, Cause.LEVER_ARM, Cause.MOTION, Cause.DEPTH, Cause.FORESHORTENING, Cause.ECHO)
+_CAUSES = (
+    Cause.RANDOM,
+    Cause.LEVER_ARM,
+    Cause.MOTION,
+    Cause.DEPTH,
+    Cause.FORESHORTENING,
+    Cause.ECHO,
+)
 COLOUR = dict(zip(_CAUSES, style.SERIES, strict=True))
-"""Colours of causes that affect bow and stern differently; clock and sound speed affect both (nearly) alike."""
+"""Colours of causes that affect bow and stern differently; clock and sound speed affect both
+(nearly) alike.
+"""
 _NOTICEABLE_M = 1e-6
 _DRAWN_FOLLOWERS = 3
 
@@ -40,31 +57,44 @@ def _largest(values: Floats) -> float:
 
 
 def share_table(budget: RangeErrorBudget, caption: str = "", transmitters: int = 3) -> Table:
-    """RMS of each cause's share in the range errors of so many transmitters, and in the asymmetry of bow and stern."""
+    """RMS of each cause's share in the range errors of so many transmitters, and in the
+    asymmetry of bow and stern.
+    """
     at_work = [c for c in Cause if _largest(budget.share[..., c]) > _NOTICEABLE_M]
     apart = budget.asymmetry
     errors = {c: [_rms(budget.share[:, i, c]) for i in range(transmitters)] for c in at_work}
     rows = [
-        [words(LABELS[c]), *(number(100 * e, 1) for e in (*errors[c], _rms(apart[:, c]), _largest(apart[:, c])))]
+        [
+            words(LABELS[c]),
+            *(number(100 * e, 1) for e in (*errors[c], _rms(apart[:, c]), _largest(apart[:, c]))),
+        ]
         for c in at_work
     ]
     idle = ", ".join(LABELS[cause] for cause in Cause if cause not in at_work)
     return Table(
         heads=("cause", *Ranges._fields[:transmitters], "rms", "largest"),
         rows=rows,
-        groups=(("", 1), ("share of the range error, rms [cm]", transmitters), ("front less rear [cm]", 2)),
+        groups=(
+            ("", 1),
+            ("share of the range error, rms [cm]", transmitters),
+            ("front less rear [cm]", 2),
+        ),
         caption=f"{caption}Each range error is the exact sum of these shares."
         + (f" Without effect here: {idle}." if idle else ""),
     )
 
 
-def asymmetry_over_time(time: Floats, shares: dict[Cause, Floats], title: str, width: float = style.WIDTH) -> Panel:
+def asymmetry_over_time(
+    time: Floats, shares: dict[Cause, Floats], title: str, width: float = style.WIDTH
+) -> Panel:
     """Shares of causes in D_front − D_rear over time, of shape (m,), [m]; width in [inch]."""
     lines = [
         Line(x=time, y=100.0 * share, colour=COLOUR[cause], width=0.8, name=LABELS[cause])
         for cause, share in shares.items()
     ]
-    return panel(lines, x_label="time [s]", y_label="in D_front − D_rear [cm]", title=title, width=width)
+    return panel(
+        lines, x_label="time [s]", y_label="in D_front − D_rear [cm]", title=title, width=width
+    )
 
 
 def legend_of(causes: Sequence[Cause]) -> list[tuple[style.Colour, str]]:
@@ -86,7 +116,11 @@ def range_budget(flight: Flight) -> dict[str, Any]:
             silent.append(name)
             continue
         title = name if len(names) > 1 else ""
-        shares = {cause: share for cause in COLOUR if _largest(share := budget.asymmetry[:, cause]) > _NOTICEABLE_M}
+        shares = {
+            cause: share
+            for cause in COLOUR
+            if _largest(share := budget.asymmetry[:, cause]) > _NOTICEABLE_M
+        }
         drawn |= set(shares)
         panels.append(asymmetry_over_time(budget.time, shares, title, width))
         tables.append(share_table(budget, f"{name}. " if len(names) > 1 else "", used))
@@ -94,22 +128,28 @@ def range_budget(flight: Flight) -> dict[str, Any]:
     return {
         "silent": silent,
         "figure": Figures(panels=panels, legend=legend) if panels else None,
-        "first": "" if len(names) <= _DRAWN_FOLLOWERS else f" The first {_DRAWN_FOLLOWERS} of {len(names)} followers.",
+        "first": ""
+        if len(names) <= _DRAWN_FOLLOWERS
+        else f" The first {_DRAWN_FOLLOWERS} of {len(names)} followers.",
         "tables": tables,
     }
 
 
 SIDE_M = 1.0
-"""Least distance of estimate and truth from the leader's axis, on opposite sides, at which the side is wrong [m]."""
+"""Least distance of estimate and truth from the leader's axis, on opposite sides, at which the
+side is wrong [m].
+"""
 CONSISTENT_SHARE = float(np.exp(-(SIGMAS**2) / 2))
 """Share of errors outside the 2σ ellipse of a consistent filter (Rayleigh distribution)."""
 
 
 def accuracy(flight: Flight, follower: int) -> dict[str, float]:
-    """Errors of a follower's estimate at the filter steps with an estimate, [m], and shares of these steps, 0 … 1.
+    """Errors of a follower's estimate at the filter steps with an estimate, [m], and shares of
+    these steps, 0 … 1.
 
-    `outside`: the truth is outside the filter's own 2σ ellipse; `near_axis`: the follower is near the leader's axis,
-    ahead or astern, with mean errors there and elsewhere; `wrong_side`: the estimate is across that axis.
+    `outside`: the truth is outside the filter's own 2σ ellipse; `near_axis`: the follower is near
+    the leader's axis, ahead or astern, with mean errors there and elsewhere; `wrong_side`: the
+    estimate is across that axis.
     """
     steps = flight.step_index()
     found = flight.estimates[follower]
@@ -118,7 +158,9 @@ def accuracy(flight: Flight, follower: int) -> dict[str, float]:
     heading = flight.trajectory.heading[steps, 0]
     estimate = found.state[:, :2]
     starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
-    side, estimated = (np.einsum("ni,ni->n", point - leader, starboard) for point in (truth, estimate))
+    side, estimated = (
+        np.einsum("ni,ni->n", point - leader, starboard) for point in (truth, estimate)
+    )
     wrong = (np.minimum(np.abs(side), np.abs(estimated)) >= SIDE_M) & (side * estimated < 0)
     folded = np.mod(true_bearing(flight, follower), np.pi)
     near = np.minimum(folded, np.pi - folded) < np.radians(ON_AXIS_DEG)
@@ -134,20 +176,27 @@ def accuracy(flight: Flight, follower: int) -> dict[str, float]:
     outside = outside[known]
     k = int(error.argmax())
     return {
-        "mean": float(error.mean()), "sigma": float(error.std()), "high": float(np.percentile(error, 95)),
-        "largest": float(error[k]), "largest_s": float(flight.trajectory.time[steps][known][k]),
-        "outside": float(outside.mean()), "near_axis": float(near.mean()),
+        "mean": float(error.mean()),
+        "sigma": float(error.std()),
+        "high": float(np.percentile(error, 95)),
+        "largest": float(error[k]),
+        "largest_s": float(flight.trajectory.time[steps][known][k]),
+        "outside": float(outside.mean()),
+        "near_axis": float(near.mean()),
         "mean_near": float(error[near].mean()) if near.any() else np.nan,
         "mean_elsewhere": float(error[~near].mean()) if not near.all() else np.nan,
         "wrong_side": float(wrong.mean()),
-    }  # fmt: skip
+    }
 
 
 Errors = Sequence[tuple[Floats, Floats]]
 """E_P [m] and E_B [rad] of every follower at filter steps k = 1 … n, shapes (n,)."""
 
 DRAWN_FOLLOWERS = 12  # followers with figures of their own; tables and the map have all of them
-_IN_DEGREES = {"compass_bias_rad": "compass_bias_deg", "leader_compass_bias_rad": "leader_compass_bias_deg"}
+_IN_DEGREES = {
+    "compass_bias_rad": "compass_bias_deg",
+    "leader_compass_bias_rad": "leader_compass_bias_deg",
+}
 VEHICLES = ((style.LEADER, "leader"), (style.FOLLOWER, "follower"), (style.ESTIMATE, "estimate"))
 
 
@@ -155,8 +204,12 @@ def _drawn(flight: Flight) -> range:
     return range(min(len(flight.estimates), DRAWN_FOLLOWERS))
 
 
-def follower_row(flight: Flight, follower: int, errors: tuple[Floats, Floats], bound: Floats) -> Figures:
-    """Routes of a follower, its curves over time, and estimate minus truth: side by side, with one time cursor."""
+def follower_row(
+    flight: Flight, follower: int, errors: tuple[Floats, Floats], bound: Floats
+) -> Figures:
+    """Routes of a follower, its curves over time, and estimate minus truth: side by side, with
+    one time cursor.
+    """
     used = range(flight.scenario.navigation.transmitters)
     return Figures(
         panels=[
@@ -166,11 +219,15 @@ def follower_row(flight: Flight, follower: int, errors: tuple[Floats, Floats], b
         ],
         title=flight.trajectory.names[follower + 1] if len(flight.estimates) > 1 else "",
         legend=[
-            *VEHICLES, (style.INK, "2σ by the filter; dotted: its RMS error"),
+            *VEHICLES,
+            (style.INK, "2σ by the filter; dotted: its RMS error"),
             (style.MUTED, "Cramér–Rao bound of the RMS error"),
-            *((style.TRANSMITTERS[j], f"range from the {Ranges._fields[j]} transmitter") for j in used),
+            *(
+                (style.TRANSMITTERS[j], f"range from the {Ranges._fields[j]} transmitter")
+                for j in used
+            ),
         ],
-    )  # fmt: skip
+    )
 
 
 def final_states(flight: Flight) -> list[list[Cell]]:
@@ -186,8 +243,12 @@ def final_states(flight: Flight) -> list[list[Cell]]:
 
 
 def mirror_locks(flight: Flight, names: Sequence[str]) -> dict[str, float]:
-    """Shares of the time in which estimates of these followers are at the mirror image, above 0 [%]."""
-    steps = {name: mirror_locked_steps(flight, flight.trajectory.names.index(name) - 1) for name in names}
+    """Shares of the time in which estimates of these followers are at the mirror image, above 0
+    [%].
+    """
+    steps = {
+        name: mirror_locked_steps(flight, flight.trajectory.names.index(name) - 1) for name in names
+    }
     return {name: 100 * float(np.mean(locked)) for name, locked in steps.items() if locked.any()}
 
 
@@ -205,7 +266,10 @@ def _facts(flight: Flight, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("Motion", scenario.motion),
         ("Flown", f"{flight.trajectory.time[-1]:g} s"),
         ("Filter step, message interval", timing),
-        ("Version", ", ".join(f"{k} {v}" for k, v in list(summary.get("versions", {}).items())[:3])),
+        (
+            "Version",
+            ", ".join(f"{k} {v}" for k, v in list(summary.get("versions", {}).items())[:3]),
+        ),
         ("Repeat with", "laisn fly scenario.toml"),
     ]
 
@@ -218,11 +282,15 @@ def flight_report(
     film: Path | None,
     bounds: Sequence[Floats] | None = None,
 ) -> None:
-    """Write the report of a flight beside its film (MP4) and log; `bounds` as of `summarise`; OSError if that fails."""
+    """Write the report of a flight beside its film (MP4) and log; `bounds` as of `summarise`;
+    OSError if that fails.
+    """
     least = bounds or flight_bounds(flight)
     everyone = range(len(flight.estimates))
     names = flight.trajectory.names[1:]
-    finite = [names[i] for i, e in enumerate(flight.estimates) if np.isfinite(e.state[e.unknown :]).all()]
+    finite = [
+        names[i] for i, e in enumerate(flight.estimates) if np.isfinite(e.state[e.unknown :]).all()
+    ]
     truth = flight.trajectory
     spent = sightings(flight.scenario, flight.trajectory).spent_s
     several = len(everyone) > 1
@@ -247,7 +315,9 @@ def flight_report(
         "mirror_locked": mirror_locks(flight, finite),
         "mirror_lock_error_m": metrics.MIRROR_LOCK_ERROR,
         "overview": overview,
-        "errors": {name: accuracy(flight, i) for i, name in enumerate(names)} if finite == [*names] else {},
+        "errors": {name: accuracy(flight, i) for i, name in enumerate(names)}
+        if finite == [*names]
+        else {},
         "consistent": CONSISTENT_SHARE,
         "side_m": SIDE_M,
         "films": [Film(path=film, caption="The film of the mission.")] if film else [],
@@ -255,7 +325,9 @@ def flight_report(
         "kinds": [
             (kind.name.lower(), FIX_WORDS[kind])
             for kind in FixKind
-            if any(row.get("fixes", {}).get(kind.name.lower()) for row in summary["followers"].values())
+            if any(
+                row.get("fixes", {}).get(kind.name.lower()) for row in summary["followers"].values()
+            )
         ],
         "on_station": any("station_rms_m" in row for row in summary["followers"].values()),
         "number": number,
@@ -265,8 +337,12 @@ def flight_report(
         "states": final_states(flight),
         "budget": range_budget(flight),
         "map": tracks,
-        "stations": kept and Figures(panels=flight_figures.station_errors(flight, kept), legend=VEHICLES[1:2]),
+        "stations": kept
+        and Figures(panels=flight_figures.station_errors(flight, kept), legend=VEHICLES[1:2]),
         "motion": Figures(panels=[flight_figures.motion(flight)], legend=VEHICLES[:2]),
         "scenario": Code(text=flight.scenario.toml(), title="scenario.toml", folded=True),
     }
-    write(page_of("experiments.pages", _facts(flight, summary), values, name="flight_report.md.j2"), path)
+    write(
+        page_of("experiments.pages", _facts(flight, summary), values, name="flight_report.md.j2"),
+        path,
+    )

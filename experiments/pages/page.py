@@ -1,10 +1,12 @@
-"""Reports: one self-contained HTML page of text, tables, figures and code, whose prose stands in a template.
+"""Reports: one self-contained HTML page of text, tables, figures and code, whose prose stands in a
+template.
 
-A template is Markdown with numbers by name: `# title`, one paragraph of summary, then sections `## title`; a blank line
-ends a paragraph, `> warning: text` is a notice. `{{ n("lost calm", ".0% i") }}` is a finding in a format of `Finding`;
-`{{ table }}` on a line of its own is a table, figure, film or code that the caller passes, or a list of these; `{{
-figure | caption("text") }}` gives it a caption. Below the rows of a Markdown table stands its caption; a row above its
-heads has groups: one that ends in `||` spans two columns. A cell is text, a number, or a `Cell` of the caller's.
+A template is Markdown with numbers by name: `# title`, one paragraph of summary, then sections `##
+title`; a blank line ends a paragraph, `> warning: text` is a notice. `{{ n("lost calm", ".0% i")
+}}` is a finding in a format of `Finding`; `{{ table }}` on a line of its own is a table, figure,
+film or code that the caller passes, or a list of these; `{{ figure | caption("text") }}` gives it a
+caption. Below the rows of a Markdown table stands its caption; a row above its heads has groups:
+one that ends in `||` spans two columns. A cell is text, a number, or a `Cell` of the caller's.
 """
 
 import math
@@ -24,7 +26,13 @@ from experiments.pages.figures import Panel
 from experiments.pages.style import Legend, css, symbols
 from sim.system import atomic_write
 
-_SHOWN_VERSIONS = {"python": "Python", "mujoco": "MuJoCo", "numpy": "NumPy", "scipy": "SciPy", "numba": "Numba"}
+_SHOWN_VERSIONS = {
+    "python": "Python",
+    "mujoco": "MuJoCo",
+    "numpy": "NumPy",
+    "scipy": "SciPy",
+    "numba": "Numba",
+}
 _SHORT = 44
 
 
@@ -38,7 +46,10 @@ class Text:
     def html(self) -> Markup:
         """The paragraph with code and symbols marked up; everything else is escaped."""
         parts = self.text.split("`")
-        marked = (Markup("<code>{}</code>").format(p) if i % 2 else symbols(p) for i, p in enumerate(parts))
+        marked = (
+            Markup("<code>{}</code>").format(p) if i % 2 else symbols(p)
+            for i, p in enumerate(parts)
+        )
         return Markup("").join(marked)
 
 
@@ -64,7 +75,9 @@ class Cell:
     text: str
     sort: float | str = ""
     tone: str = ""
-    """Class of the page's style: ratio-low2, ratio-low1, ratio-even, ratio-high1 … ratio-high3, yes, no, maybe."""
+    """Class of the page's style: ratio-low2, ratio-low1, ratio-even, ratio-high1 … ratio-high3,
+    yes, no, maybe.
+    """
     title: str = ""
 
     @property
@@ -74,7 +87,9 @@ class Cell:
 
     @property
     def style(self) -> str:
-        """Classes: numbers to the right, short text on one line, long text in a column that can be read."""
+        """Classes: numbers to the right, short text on one line, long text in a column that can
+        be read.
+        """
         width = "n" if self.numeric else "long" if len(self.text) > _SHORT else "short"
         return " ".join(filter(None, (width, self.tone)))
 
@@ -95,7 +110,10 @@ class Table:
     def __post_init__(self) -> None:
         for row in self.rows:
             if len(row) != len(self.heads):
-                raise ValueError(f"a row of {len(row)} cells in a table of {len(self.heads)} columns: {self.caption}")
+                raise ValueError(
+                    f"a row of {len(row)} cells in a table of {len(self.heads)} columns: "
+                    f"{self.caption}"
+                )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,12 +167,19 @@ def number(value: float | int | None, digits: int = 2, tone: str = "", title: st
 
 def with_limits(finding: Finding, digits: int = 2) -> Cell:
     """A finding with its interval in brackets, if it has one."""
-    return Cell(text=f"{finding:.{digits}f i}".replace(" (– to –)", ""), sort=float(finding.value or 0.0))
+    return Cell(
+        text=f"{finding:.{digits}f i}".replace(" (– to –)", ""), sort=float(finding.value or 0.0)
+    )
 
 
 def share_of(finding: Finding) -> Cell:
-    """A finding that is a share, in per cent with its interval; a dash for what the study did not determine."""
-    values = [math.nan if value is None else float(value) for value in (finding.value, finding.low, finding.high)]
+    """A finding that is a share, in per cent with its interval; a dash for what the study did
+    not determine.
+    """
+    values = [
+        math.nan if value is None else float(value)
+        for value in (finding.value, finding.low, finding.high)
+    ]
     share, low, high = (number(100 * value, 1).text for value in values)
     return Cell(text=f"{share} ({low} … {high})", sort=number(values[0]).sort)
 
@@ -177,7 +202,9 @@ def _template(name: str) -> str:
 
 
 def _environment(**settings: Any) -> jinja2.Environment:
-    return jinja2.Environment(trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined, **settings)
+    return jinja2.Environment(
+        trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined, **settings
+    )
 
 
 def render(page: Page) -> str:
@@ -220,17 +247,31 @@ def _cell(text: str, placed: Sequence[Any]) -> Any:
     if text.startswith(_MARK):
         return placed[int(text.removeprefix(_MARK))]
     number = _NUMBER.fullmatch(text)
-    sort = float(number[1].replace("−", "-").replace(",", "")) if number else math.inf if text == "–" else ""
+    sort = (
+        float(number[1].replace("−", "-").replace(",", ""))
+        if number
+        else math.inf
+        if text == "–"
+        else ""
+    )
     return Cell(text=text, sort=sort)
 
 
 def _table(text: str, placed: Sequence[Any]) -> Table:
     lines = [line.strip() for line in text.splitlines()]
     rows = [line[1:-1].split("|") for line in lines if line.startswith("|")]
-    rule = next(i for i, row in enumerate(rows) if all("-" in cell and not cell.strip("-: ") for cell in row))
+    rule = next(
+        i
+        for i, row in enumerate(rows)
+        if all("-" in cell and not cell.strip("-: ") for cell in row)
+    )
     groups: list[tuple[str, int]] = []
     for cell in rows[0] if rule == 2 else ():
-        groups = [*groups, (cell.strip(), 1)] if cell else [*groups[:-1], (groups[-1][0], groups[-1][1] + 1)]
+        groups = (
+            [*groups, (cell.strip(), 1)]
+            if cell
+            else [*groups[:-1], (groups[-1][0], groups[-1][1] + 1)]
+        )
     return Table(
         heads=[head.strip() for head in rows[rule - 1]],
         rows=[[_cell(cell.strip(), placed) for cell in row] for row in rows[rule + 1 :]],
@@ -248,8 +289,8 @@ def page_of(
 ) -> Page:
     """The page of a template in a package, such as `experiments.studies.formation`.
 
-    The template names `values`, and prints `findings` with `n`. LaisnError: there is no finding of a name. ValueError:
-    no title, or text before the first section that is not the summary.
+    The template names `values`, and prints `findings` with `n`. LaisnError: there is no finding of
+    a name. ValueError: no title, or text before the first section that is not the summary.
     """
     placed: list[Any] = []
 
@@ -291,6 +332,8 @@ def page_of(
         else:
             tone, colon, remark = _line(part).removeprefix(">").strip().partition(": ")
             notice = part.startswith(">") and colon and tone in _TONES
-            sections[-1][1].append(Notice(text=remark, tone=tone) if notice else Text(text=_line(part)))  # type: ignore[arg-type]
+            sections[-1][1].append(
+                Notice(text=remark, tone=tone) if notice else Text(text=_line(part))
+            )  # type: ignore[arg-type]
     made = [Section(title=head, blocks=blocks) for head, blocks in sections]
     return Page(title=title.removeprefix("# "), summary=_line(rest[0]), facts=facts, sections=made)

@@ -1,4 +1,6 @@
-"""The page of a replay on measured data: map with ellipses, uncertainty over time, range residuals and NIS."""
+"""The page of a replay on measured data: map with ellipses, uncertainty over time, range
+residuals and NIS.
+"""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -28,7 +30,10 @@ _NAMES = ("rear or first transmitter", "front or second", "middle or third")
 
 def _poses(measured: Measurements) -> list[Floats]:
     """East, north [m], heading [rad] and depth [m] of the leader in each message, shapes (m,)."""
-    return [measured.message[:, LeaderMessage._fields.index(field)] for field in ("east", "north", "heading", "depth")]
+    return [
+        measured.message[:, LeaderMessage._fields.index(field)]
+        for field in ("east", "north", "heading", "depth")
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +41,8 @@ class Replayed:
     name: str
     measured: Measurements
     estimates: Estimates
-    baseline: float = np.nan  # from the rear to the front transmitter, where messages do not hold their positions [m]
+    # from the rear to the front transmitter, where messages do not hold their positions [m]
+    baseline: float = np.nan
     path: Floats | None = None  # surveyed reference path: time [s], east, north [m], shape (t, 3)
     mean_error: float = np.nan  # mean distance from that path [m]
 
@@ -44,16 +50,23 @@ class Replayed:
     def fixes(self) -> str:
         """Number of fixes of each kind, in words."""
         kinds = Counter(self.estimates.fix_kind.tolist())
-        return ", ".join(f"{kinds[kind]} {FIX_WORDS[kind]}" for kind in FixKind if kinds[kind]) or "none"
+        return (
+            ", ".join(f"{kinds[kind]} {FIX_WORDS[kind]}" for kind in FixKind if kinds[kind])
+            or "none"
+        )
 
     @property
     def sigma(self) -> Floats:
-        """Standard deviation along the larger axis of the position ellipse after each step, shape (n,), [m]."""
+        """Standard deviation along the larger axis of the position ellipse after each step,
+        shape (n,), [m].
+        """
         return largest_sigma(np.nan_to_num(self.estimates.covariance))
 
     @property
     def nis(self) -> Floats:
-        """Normalised squared innovation of each message per measured quantity, shape (f,); NaN if it has none."""
+        """Normalised squared innovation of each message per measured quantity, shape (f,); NaN
+        if it has none.
+        """
         squared = getattr(self.estimates, "nis", None)
         if squared is not None:
             return np.asarray(squared / np.maximum(getattr(self.estimates, "used", 1), 1))
@@ -61,21 +74,29 @@ class Replayed:
 
     @property
     def residuals(self) -> Floats:
-        """Measured less estimated slant range of each message, after its update, shape (m, 3), [m]."""
+        """Measured less estimated slant range of each message, after its update, shape (m, 3),
+        [m].
+        """
         measured = self.measured
         step = self.measured.message_step - 1
         own = np.column_stack([self.estimates.state[step, :2], measured.last_depth[step]])
         places = measured.transmitters
         if places is None:
             east, north, heading, depth = _poses(measured)
-            arm = 0.5 * self.baseline * np.stack([np.sin(heading), np.cos(heading), np.zeros_like(heading)], axis=1)
+            arm = (
+                0.5
+                * self.baseline
+                * np.stack([np.sin(heading), np.cos(heading), np.zeros_like(heading)], axis=1)
+            )
             middle = np.column_stack([east, north, depth])
             places = np.stack([middle - arm, middle + arm, np.full_like(middle, np.nan)], axis=1)
         return np.asarray(measured.ranges - np.linalg.norm(places - own[:, None], axis=2))
 
 
 def ellipse(centre: Floats, covariance: Floats) -> Floats:
-    """Outline of the 2σ ellipse of a position, shape (m, 2), [m]: centre shape (2,), covariance shape (2, 2)."""
+    """Outline of the 2σ ellipse of a position, shape (m, 2), [m]: centre shape (2,), covariance
+    shape (2, 2).
+    """
     values, vectors = np.linalg.eigh(covariance)
     circle = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
     outline: Floats = centre + 2.0 * circle * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
@@ -97,7 +118,16 @@ def _map(one: Replayed) -> tuple[Panel, list[tuple[Colour, str]]]:
     if one.measured.transmitters is not None:
         places = np.unique(one.measured.transmitters[..., :2].reshape(-1, 2).round(2), axis=0)
         places = places[np.isfinite(places).all(axis=1)]
-        lines.append(Line(x=places[:, 0], y=places[:, 1], colour=LEADER, marker="^", size=5.0, name="transmitter"))
+        lines.append(
+            Line(
+                x=places[:, 0],
+                y=places[:, 1],
+                colour=LEADER,
+                marker="^",
+                size=5.0,
+                name="transmitter",
+            )
+        )
         legend.append((LEADER, "transmitters"))
     elif len(one.measured.message):
         east, north, *_ = _poses(one.measured)
@@ -108,7 +138,13 @@ def _map(one: Replayed) -> tuple[Panel, list[tuple[Colour, str]]]:
         lines.insert(0, Line(x=one.path[:, 1], y=one.path[:, 2], colour=INK, dash="--"))
         legend.append((INK, "surveyed path"))
     chart = panel(
-        lines, x_label="east [m]", y_label="north [m]", equal=True, width=_MAP_WIDTH, height=_HEIGHT, link=one.name
+        lines,
+        x_label="east [m]",
+        y_label="north [m]",
+        equal=True,
+        width=_MAP_WIDTH,
+        height=_HEIGHT,
+        link=one.name,
     )
     return chart, legend
 
@@ -122,7 +158,13 @@ def _over_time(one: Replayed) -> Panel:
     curve = Line(x=one.measured.time, y=2.0 * one.sigma, colour=ESTIMATE, name="2σ")
     parts = [Part(lines=[curve], y_label="2σ of position [m]", y_limits=(0.0, None))]
     lines = [
-        Line(x=at[seen[:, i]], y=residuals[seen[:, i], i], colour=colour, marker="o", name=f"{_NAMES[i]} transmitter")
+        Line(
+            x=at[seen[:, i]],
+            y=residuals[seen[:, i], i],
+            colour=colour,
+            marker="o",
+            name=f"{_NAMES[i]} transmitter",
+        )
         for i, colour in enumerate(TRANSMITTERS)
         if seen[:, i].any()
     ]
@@ -134,7 +176,9 @@ def _over_time(one: Replayed) -> Panel:
         parts.append(Part(lines=[marks], y_label="NIS per quantity", y_limits=(0.0, top)))
     ends = (float(one.measured.time[0]), float(one.measured.time[-1]))
     width = FULL - _MAP_WIDTH
-    return Panel(parts=parts, x_label="time [s]", x_limits=ends, width=width, height=_HEIGHT, link=one.name)
+    return Panel(
+        parts=parts, x_label="time [s]", x_limits=ends, width=width, height=_HEIGHT, link=one.name
+    )
 
 
 def _values(one: Replayed) -> dict[str, Any]:
@@ -142,7 +186,10 @@ def _values(one: Replayed) -> dict[str, Any]:
     squared = one.nis
     worst = int(two_sigma.argmax())
     chart, legend = _map(one)
-    hues = [(colour, f"residual of the {name}") for colour, name in zip(TRANSMITTERS, _NAMES, strict=True)]
+    hues = [
+        (colour, f"residual of the {name}")
+        for colour, name in zip(TRANSMITTERS, _NAMES, strict=True)
+    ]
     received = [bool(np.isfinite(column).any()) for column in one.residuals.T]
     legend += [hue for hue, used in zip(hues, received, strict=True) if used]
     legend += [(SERIES[2], "NIS")] if np.isfinite(squared).any() else []
@@ -163,8 +210,14 @@ def _values(one: Replayed) -> dict[str, Any]:
 def write_replay_page(
     replayed: Sequence[Replayed], log: Path, navigator: str, remarks: Sequence[str], path: Path
 ) -> None:
-    """Write the page of a replay, with remarks on the log as notes; OSError if the file cannot be written."""
+    """Write the page of a replay, with remarks on the log as notes; OSError if the file cannot
+    be written.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
-    values = {"log": plain(log.name), "vehicles": [_values(one) for one in replayed], "remarks": remarks}
+    values = {
+        "log": plain(log.name),
+        "vehicles": [_values(one) for one in replayed],
+        "remarks": remarks,
+    }
     facts = [("Log", str(log)), ("Navigator", navigator)]
     write(page_of("experiments.pages", facts, values, name="replay_page.md.j2"), path)

@@ -1,4 +1,6 @@
-"""Flights from a scenario or a log, with figures, report, film and log, as Python's users get them from `laisn_sim`."""
+"""Flights from a scenario or a log, with figures, report, film and log, as Python's users get
+them from `laisn_sim`.
+"""
 
 import json
 from collections.abc import Callable, Iterable, Mapping
@@ -31,7 +33,9 @@ PLOTS = ("errors", "routes", "motion")
 
 
 def flight_of(source: str, assignments: Iterable[str] = ()) -> simulated.Flight:
-    """Fly a scenario (name or TOML file) with overrides "key=value", or read the log of a flight (`.mcap`)."""
+    """Fly a scenario (name or TOML file) with overrides "key=value", or read the log of a flight
+    (`.mcap`).
+    """
     path = Path(source)
     if path.suffix != ".mcap":
         scenario = load(source, assignments, flyable=True)
@@ -43,12 +47,14 @@ def flight_of(source: str, assignments: Iterable[str] = ()) -> simulated.Flight:
 
 
 class Flight(simulated.Flight):
-    """A flight that can be drawn and reported; in a notebook it shows a row of errors for each follower."""
+    """A flight that can be drawn and reported; in a notebook it shows a row of errors for each
+    follower.
+    """
 
     def plot(self, what: str = "errors", follower: int = 0) -> Any:
-        """A `plotly.graph_objects.Figure`: "errors", bearing, ranges and fixes of a follower over time; "routes" of all
-        vehicles with estimates; "motion", depth, pitch and speed of all. LaisnError if there is no such figure or
-        follower.
+        """A `plotly.graph_objects.Figure`: "errors", bearing, ranges and fixes of a follower over
+        time; "routes" of all vehicles with estimates; "motion", depth, pitch and speed of all.
+        LaisnError if there is no such figure or follower.
         """
         number = len(self.estimates)
         if what not in PLOTS:
@@ -64,7 +70,9 @@ class Flight(simulated.Flight):
         return plotly(flight_figures.over_time(self, follower, errors[follower], bounds[follower]))
 
     def report(self, path: str | Path | None = None) -> Path:
-        """Write the report of the flight, one HTML page, by default NAME.html; its path. OSError if that fails."""
+        """Write the report of the flight, one HTML page, by default NAME.html; its path. OSError
+        if that fails.
+        """
         # templates and tables, which a figure does not need
         from experiments.pages.flight_report import flight_report
 
@@ -76,12 +84,17 @@ class Flight(simulated.Flight):
 
     def _repr_html_(self) -> str:
         body = ""
-        for name, (error, _) in zip(self.trajectory.names[1:], position_and_bearing_errors(self), strict=True):
+        for name, (error, _) in zip(
+            self.trajectory.names[1:], position_and_bearing_errors(self), strict=True
+        ):
             found = (f"{error.mean():.2f} m", f"{error.max():.2f} m") if error.size else ("–", "–")
             body += f"<tr>{''.join(f'<td>{cell}</td>' for cell in (escape(name), *found))}</tr>"
         heads = "<th>follower</th><th>mean E_P</th><th>largest E_P</th>"
         about = escape(f"{self!r}"[1:-1])
-        return f"<table><caption>{about}</caption><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>"
+        return (
+            f"<table><caption>{about}</caption><thead><tr>{heads}</tr></thead>"
+            f"<tbody>{body}</tbody></table>"
+        )
 
 
 def _with_report(make: Callable[_Given, simulated.Flight]) -> Callable[_Given, Flight]:
@@ -104,18 +117,24 @@ def fly(
     navigator: type | NavigatorFactory | None = None,
     controller: type | ControllerFactory | None = None,
 ) -> simulated.Flight:
-    """Fly a mission: its vehicles move, sense and navigate. Source, changes and errors as of `load`.
+    """Fly a mission: its vehicles move, sense and navigate. Source, changes and errors as of
+    `load`.
 
-    The same scenario gives the same flight, to the bit; {"run": 7} among the changes selects the noise of run 7.
+    The same scenario gives the same flight, to the bit; {"run": 7} among the changes selects the
+    noise of run 7.
 
-    `navigator` is a class of the followers' navigators, or a function of settings and start that makes one;
-    `controller` a class with `control(readings, belief, dt)`, or what makes a controller of all vehicles from the plant
-    and the control of routes. None: those of the scenario. See docs/extending.md.
+    `navigator` is a class of the followers' navigators, or a function of settings and start that
+    makes one; `controller` a class with `control(readings, belief, dt)`, or what makes a controller
+    of all vehicles from the plant and the control of routes. None: those of the scenario. See
+    docs/extending.md.
     """
     scenario = loaded(source, changes)
     given: dict[str, Any] = {} if navigator is None else {"navigation.variant": register(navigator)}
     if takes_readings(controller):
-        given |= {f"followers.{i}.controller": register(controller) for i in range(len(scenario.followers))}
+        given |= {
+            f"followers.{i}.controller": register(controller)
+            for i in range(len(scenario.followers))
+        }
         controller = None
     return flying.fly(loaded(scenario, given) if given else scenario, make_controller=controller)[0]
 
@@ -137,10 +156,12 @@ def render(
     progress: Callable[[float], None] | None = None,
     **video: object,
 ) -> Path:
-    """Film a flight (.mp4), or take a picture of it (.png) at the mission time `time_s` [s]; returns the file.
+    """Film a flight (.mp4), or take a picture of it (.png) at the mission time `time_s` [s];
+    returns the file.
 
-    The camera follows the follower of this index; `progress` is called with the rendered share; `video` has keys of a
-    scenario's [video]. LaisnError: a setting is invalid, or rendering does not work here (`laisn doctor` reports why).
+    The camera follows the follower of this index; `progress` is called with the rendered share;
+    `video` has keys of a scenario's [video]. LaisnError: a setting is invalid, or rendering does
+    not work here (`laisn doctor` reports why).
     """
     from sim.film import render as film
 
@@ -160,7 +181,9 @@ def render(
 
 
 def log_flight(flight: simulated.Flight, path: str | Path) -> Path:
-    """Write a flight as an MCAP log for `read_log`, `laisn replay`, Foxglove and Rerun; LaisnError if that fails."""
+    """Write a flight as an MCAP log for `read_log`, `laisn replay`, Foxglove and Rerun;
+    LaisnError if that fails.
+    """
     summary = json.dumps(summarise(flight), indent=2, allow_nan=False) + "\n"
     writer.write(flight, Path(path), summary=summary, events=flight_events(flight))
     return Path(path)

@@ -49,19 +49,30 @@ ESTIMATE = Colour("--estimate", "#c4009d", "#ff40d9")
 REAR = Colour("--rear", "#5b6670", "#f2f7ff")
 FRONT = Colour("--front", "#0a8a32", "#59ff8c")
 MIDDLE = Colour("--middle", "#2f6fd0", "#73b3ff")
-TRANSMITTERS = (REAR, FRONT, MIDDLE)  # hues of the film, bright enough for dark pages and dark enough for white ones
+# hues of the film, bright enough for dark pages and dark enough for white ones
+TRANSMITTERS = (REAR, FRONT, MIDDLE)
 Legend = Sequence[tuple[Colour, str]]
 COLOURS = (PAPER, INK, FRAME, GRID, MUTED, *SERIES, LEADER, FOLLOWER, ESTIMATE, *TRANSMITTERS)
 
-# size of a panel of which three stand side by side [inch]
+# width and height of a panel of which three stand side by side [inch]
 WIDTH = 4.4
 HEIGHT = 2.5
 FULL = 12.4
-"""Width of a panel that stands alone, or of panels side by side together [inch]; the page shows them at this size."""
+"""Width of a panel that stands alone, or of panels side by side together [inch]; the page shows
+them at this size.
+"""
 HALF = 6.1
 
 
 def css() -> str:
-    """The colours as CSS variables: light ones, and dark ones for readers who prefer a dark screen."""
-    light, dark = ("; ".join(f"{c.variable}: {getattr(c, theme)}" for c in COLOURS) for theme in ("light", "dark"))
-    return f":root {{ {light}; }}\n@media screen and (prefers-color-scheme: dark) {{\n  :root {{ {dark}; }}\n}}\n"
+    """The colours as CSS variables: light ones, and dark ones for readers who prefer a dark
+    screen.
+    """
+    light, dark = (
+        "; ".join(f"{c.variable}: {getattr(c, theme)}" for c in COLOURS)
+        for theme in ("light", "dark")
+    )
+    return (
+        f":root {{ {light}; }}\n@media screen and (prefers-color-scheme: dark) {{\n  :root {{ "
+        f"{dark}; }}\n}}\n"
+    )

@@ -1,4 +1,5 @@
-"""Studies that ship: files for `laisn study`, and packages of those with findings or a design of their own.
+"""Studies that ship: files for `laisn study`, and packages of those with findings or a design of
+their own.
 
 Imports:
 """

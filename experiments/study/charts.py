@@ -1,4 +1,6 @@
-"""Figures of a study: a metric over factors with intervals, over two of them as a map, and over realizations."""
+"""Figures of a study: a metric over factors with intervals, over two of them as a map, and over
+realizations.
+"""
 
 import itertools
 import math
@@ -32,13 +34,21 @@ def _words(name: str) -> tuple[str, str]:
     words = text.replace("_", " ").replace(".", " ")
     if owner:
         number = owner[2]
-        whose = "leader's" if number is None else "followers'" if number == "*" else f"follower {int(number) + 1}'s"
+        whose = (
+            "leader's"
+            if number is None
+            else "followers'"
+            if number == "*"
+            else f"follower {int(number) + 1}'s"
+        )
         words = f"{whose} {words}"
     return words, unit
 
 
 def label_of(name: str) -> str:
-    """A key of the scenario in words with its unit: "leader's excess buoyancy [N]" of leader.excess_buoyancy_n."""
+    """A key of the scenario in words with its unit: "leader's excess buoyancy [N]" of
+    leader.excess_buoyancy_n.
+    """
     words, unit = _words(name)
     return f"{words} [{unit}]" if unit else words
 
@@ -53,7 +63,9 @@ def value_text(value: object) -> str:
 def point_text(values: Mapping[str, object]) -> str:
     """Keys and their values in words, with commas between them: "leader's excess buoyancy 12 N"."""
     named = ((*_words(key), value_text(value)) for key, value in values.items())
-    return ", ".join(f"{words} {value} {unit}".rstrip().replace(" °", "°") for words, unit, value in named)
+    return ", ".join(
+        f"{words} {value} {unit}".rstrip().replace(" °", "°") for words, unit, value in named
+    )
 
 
 class Axis(NamedTuple):
@@ -88,7 +100,11 @@ def layout_of(plan: Plan) -> Layout:
     """Layout: as the study states, otherwise chosen."""
     report = plan.study.file.report
     keys = [factor.key for factor in plan.study.factors]
-    free = [n for n in (*keys, ARM, FOLLOWER) if len(levels(plan, n)) > 1 or n in (report.against, report.lines)]
+    free = [
+        n
+        for n in (*keys, ARM, FOLLOWER)
+        if len(levels(plan, n)) > 1 or n in (report.against, report.lines)
+    ]
 
     def taken(*candidates: str) -> str:
         name = next((n for n in candidates if n in free), "")
@@ -105,7 +121,11 @@ def layout_of(plan: Plan) -> Layout:
 
 def _legend(values: Sequence[object]) -> Legend:
     """What the colours of lines stand for; nothing for a single line."""
-    return [(colour, value_text(value)) for colour, value in zip(SERIES, values, strict=False) if len(values) > 1]
+    return [
+        (colour, value_text(value))
+        for colour, value in zip(SERIES, values, strict=False)
+        if len(values) > 1
+    ]
 
 
 def _few(words: Mapping[float, str]) -> dict[float, str]:
@@ -119,7 +139,8 @@ def _factors_at(plan: Plan, place: Place) -> dict[str, Any]:
 
 
 def over_factor(plan: Plan, results: Results, layout: Layout, base: str = "") -> Figures:
-    """Panels of the report's metric over a factor, with intervals and one scale; none without a factor.
+    """Panels of the report's metric over a factor, with intervals and one scale; none without a
+    factor.
 
     `base` is the arm from which paired differences are drawn, with a line at no difference.
     """
@@ -146,12 +167,18 @@ def over_factor(plan: Plan, results: Results, layout: Layout, base: str = "") ->
     low, high = float(np.nanmin(every)), float(np.nanmax(every))
     margin = 0.08 * (high - low) or 0.08 * abs(high) or 1.0
     settings: dict[str, Any] = {
-        "x_label": label_of(axis.name), "y_label": f"difference: {label}" if base else label, "x_log": axis.log,
+        "x_label": label_of(axis.name),
+        "y_label": f"difference: {label}" if base else label,
+        "x_log": axis.log,
         "y_limits": (0.0 if low >= 0 and not base else low - margin, high + margin),
-    }  # fmt: skip
-    ends = np.array((min(axis.places), max(axis.places)) if axis.numeric else (-0.6, len(axis.values) - 0.4))
+    }
+    ends = np.array(
+        (min(axis.places), max(axis.places)) if axis.numeric else (-0.6, len(axis.values) - 0.4)
+    )
     if not axis.numeric:
-        words = {place: value_text(v)[:18] for place, v in zip(axis.places, axis.values, strict=True)}
+        words = {
+            place: value_text(v)[:18] for place, v in zip(axis.places, axis.values, strict=True)
+        }
         settings |= {"x_ticks": _few(words), "x_limits": tuple(ends.tolist())}
     panels = []
     for title, by_kind in drawn.items():
@@ -164,8 +191,12 @@ def over_factor(plan: Plan, results: Results, layout: Layout, base: str = "") ->
                 if axis.numeric and plan.study.file.design == "factorial":
                     lines.append(Line(x=x, y=y, colour=colour))
                 bars = (limits[0], limits[1]) if x.size <= _MOST_BARS else None
-                lines.append(Line(x=x, y=y, colour=colour, marker="o", size=3.0, name=name, interval=bars))
-        panels.append(panel(lines, title=title, width=WIDTH if len(drawn) > 1 else 0.6 * FULL, **settings))
+                lines.append(
+                    Line(x=x, y=y, colour=colour, marker="o", size=3.0, name=name, interval=bars)
+                )
+        panels.append(
+            panel(lines, title=title, width=WIDTH if len(drawn) > 1 else 0.6 * FULL, **settings)
+        )
     return Figures(panels=panels, legend=[entry for entry in _legend(kinds) if entry[1] != base])
 
 
@@ -173,22 +204,33 @@ def differences(plan: Plan, results: Results) -> Figures:
     """Paired differences of all arms from the first one over a factor."""
     against, lines, panels = layout_of(plan)
     names = [name for name in (against, lines, *panels) if name not in ("", ARM)]
-    return over_factor(plan, results, Layout("".join(names[:1]), ARM, tuple(names[1:])), plan.arms[0])
+    return over_factor(
+        plan, results, Layout("".join(names[:1]), ARM, tuple(names[1:])), plan.arms[0]
+    )
 
 
 def scatter(plan: Plan, results: Results) -> Figures:
     """The report's metric over each factor of a sampled design, a mark for each point."""
     lines = ARM if len(plan.arms) > 1 else ""
-    drawn = [over_factor(plan, results, Layout(factor.key, lines)) for factor in plan.study.factors[:MOST_PANELS]]
-    return Figures(panels=[panel for figures in drawn for panel in figures.panels], legend=_legend(plan.arms))
+    drawn = [
+        over_factor(plan, results, Layout(factor.key, lines))
+        for factor in plan.study.factors[:MOST_PANELS]
+    ]
+    return Figures(
+        panels=[panel for figures in drawn for panel in figures.panels], legend=_legend(plan.arms)
+    )
 
 
 def heat_maps(plan: Plan, results: Results, names: Sequence[str]) -> Figures:
-    """Panels of the report's metric over two factors, darker where it is larger in any of them, with its values."""
+    """Panels of the report's metric over two factors, darker where it is larger in any of them,
+    with its values.
+    """
     across = axis_of(plan, names[0])
     up = axis_of(plan, names[1])
     column, row = ({repr(value): i for i, value in enumerate(axis.values)} for axis in (across, up))
-    others = [n for n in (*varied(plan), ARM, FOLLOWER) if n not in names and len(levels(plan, n)) > 1]
+    others = [
+        n for n in (*varied(plan), ARM, FOLLOWER) if n not in names and len(levels(plan, n)) > 1
+    ]
     drawn: dict[str, Floats] = {}
     for place in results.rows:
         here = _factors_at(plan, place)
@@ -202,22 +244,38 @@ def heat_maps(plan: Plan, results: Results, names: Sequence[str]) -> Figures:
     every = np.array([*drawn.values()])
     finite = every[~np.isnan(every)]
     scale = {
-        "type": "heatmap", "zmin": float(finite.min(initial=np.inf)), "zmax": float(finite.max(initial=-np.inf)),
-        "colorscale": [[0, PAPER.css], [1, SERIES[1].css]], "opacity": 0.8, "xgap": 1, "ygap": 1,
-        "colorbar": {"thickness": 10, "outlinewidth": 0}, "hovertemplate": "%{hovertext}<extra></extra>",
-    }  # fmt: skip
+        "type": "heatmap",
+        "zmin": float(finite.min(initial=np.inf)),
+        "zmax": float(finite.max(initial=-np.inf)),
+        "colorscale": [[0, PAPER.css], [1, SERIES[1].css]],
+        "opacity": 0.8,
+        "xgap": 1,
+        "ygap": 1,
+        "colorbar": {"thickness": 10, "outlinewidth": 0},
+        "hovertemplate": "%{hovertext}<extra></extra>",
+    }
     panels = []
     for title, values in drawn.items():
         written = [[*map(digits, cells)] for cells in values.tolist()]
-        hover = [[f"{labels[0]} {x[j]}<br>{labels[1]} {y[i]}<br>{cell}" for j, cell in enumerate(cells)]
-                 for i, cells in enumerate(written)]  # fmt: skip
+        hover = [
+            [f"{labels[0]} {x[j]}<br>{labels[1]} {y[i]}<br>{cell}" for j, cell in enumerate(cells)]
+            for i, cells in enumerate(written)
+        ]
         trace = scale | {"z": [numbers(cells) for cells in values], "hovertext": hover}
         if len(x) <= 12:
             trace |= {"text": written, "texttemplate": "%{text}"}
-        panels.append(panel(
-            [], x_label=labels[0], y_label=labels[1], title=title, traces=[trace], height=max(1.4 + 0.26 * len(y), 2.5),
-            x_ticks=_few(dict(enumerate(x))), y_ticks=_few(dict(enumerate(y))),
-        ))  # fmt: skip
+        panels.append(
+            panel(
+                [],
+                x_label=labels[0],
+                y_label=labels[1],
+                title=title,
+                traces=[trace],
+                height=max(1.4 + 0.26 * len(y), 2.5),
+                x_ticks=_few(dict(enumerate(x))),
+                y_ticks=_few(dict(enumerate(y))),
+            )
+        )
     return Figures(panels=panels)
 
 
@@ -225,26 +283,49 @@ def effect_bars(effects: Mapping[str, Interval]) -> Figures:
     """The share of variance of each factor, the largest at the top, with their intervals."""
     places = np.arange(len(effects), dtype=np.float64)[::-1]
     value, low, high = np.array([*effects.values()]).T
-    line = Line(x=value, y=places, marker="o", size=4.5, interval=(low, high), across=True, name="share of variance")
+    line = Line(
+        x=value,
+        y=places,
+        marker="o",
+        size=4.5,
+        interval=(low, high),
+        across=True,
+        name="share of variance",
+    )
     words = [f"{label_of(name)}: {100 * effect.value:.0f} %" for name, effect in effects.items()]
     figure = panel(
-        [line], x_label="share of variance", y_label="", width=FULL, height=0.9 + 0.3 * len(effects),
-        x_limits=(0.0, 1.0), y_limits=(-0.6, len(effects) - 0.4),
+        [line],
+        x_label="share of variance",
+        y_label="",
+        width=FULL,
+        height=0.9 + 0.3 * len(effects),
+        x_limits=(0.0, 1.0),
+        y_limits=(-0.6, len(effects) - 0.4),
         y_ticks=dict(zip(places.tolist(), words, strict=True)),
-    )  # fmt: skip
+    )
     return Figures(panels=[figure])
 
 
 def over_realizations(plan: Plan, results: Results) -> Figures:
-    """Share of realizations whose mean is below a value, a panel for each point and follower, a line for each arm."""
+    """Share of realizations whose mean is below a value, a panel for each point and follower, a
+    line for each arm.
+    """
     metric = plan.study.file.report.metric
     drawn = dict[str, list[Line]]()
     for point, follower in itertools.product(range(len(plan.points)), plan.followers):
-        means = [np.sort(results.by_realization((point, arm, follower), metric)) for arm in plan.arms]
+        means = [
+            np.sort(results.by_realization((point, arm, follower), metric)) for arm in plan.arms
+        ]
         lines = [
-            Line(x=np.repeat(m, 2), y=np.repeat(np.arange(m.size + 1) / m.size, 2)[1:-1], colour=colour, name=arm)
-            for arm, m, colour in zip(plan.arms, means, SERIES, strict=False) if m.size > 1 and not np.isnan(m).any()
-        ]  # fmt: skip
+            Line(
+                x=np.repeat(m, 2),
+                y=np.repeat(np.arange(m.size + 1) / m.size, 2)[1:-1],
+                colour=colour,
+                name=arm,
+            )
+            for arm, m, colour in zip(plan.arms, means, SERIES, strict=False)
+            if m.size > 1 and not np.isnan(m).any()
+        ]
         whose = [point_text(plan.points[point])] if plan.points[point] else []
         whose += [follower] if len(plan.followers) > 1 else []
         if lines and len(drawn) < MOST_PANELS:
@@ -255,14 +336,18 @@ def over_realizations(plan: Plan, results: Results) -> Figures:
     label = METRICS[metric].label
     below = "share of realizations"
     panels = [
-        panel(lines, x_label=label, y_label=below, title=title, x_limits=limits, y_limits=(0.0, 1.02))
+        panel(
+            lines, x_label=label, y_label=below, title=title, x_limits=limits, y_limits=(0.0, 1.02)
+        )
         for title, lines in drawn.items()
     ]
     return Figures(panels=panels, legend=_legend(plan.arms))
 
 
 def over_draws(plan: Plan, results: Results, point: int) -> Figures:
-    """The means of the realizations of a point over each number that was drawn, a panel for each key."""
+    """The means of the realizations of a point over each number that was drawn, a panel for each
+    key.
+    """
     metric = plan.study.file.report.metric
     panels = list[Panel]()
     label = METRICS[metric].label
@@ -270,7 +355,13 @@ def over_draws(plan: Plan, results: Results, point: int) -> Figures:
     for draw in plan.study.draws[:MOST_PANELS]:
         drawn = [[row[draw.key] for row in results.rows.get(place, [])] for place in places]
         lines = [
-            Line(x=np.array(values), y=results.by_realization(place, metric), colour=colour, marker="o", name=place[1])
+            Line(
+                x=np.array(values),
+                y=results.by_realization(place, metric),
+                colour=colour,
+                marker="o",
+                name=place[1],
+            )
             for place, values, colour in zip(places, drawn, SERIES, strict=False)
             if values and all(map(is_number, values))
         ]

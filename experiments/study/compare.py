@@ -31,15 +31,24 @@ MOST = len(SERIES)
 
 
 def _differing(tables: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
-    """Values that are not the same in all tables; one that holds nothing, such as [set], is no setting."""
+    """Values that are not the same in all tables; one that holds nothing, such as [set], is no
+    setting.
+    """
     keys = dict.fromkeys(key for table in tables for key, value in table.items() if value != {})
     found = {key: [table.get(key) for table in tables] for key in keys}
-    return {key: values for key, values in found.items() if any(value != values[0] for value in values)}
+    return {
+        key: values for key, values in found.items() if any(value != values[0] for value in values)
+    }
 
 
 def differing(flights: Sequence[Flight]) -> dict[str, list[Any]]:
     """Settings that are not the same in all flights, by key; None: a flight has no such key."""
-    return _differing([dotted(flight.scenario.model_dump(mode="json", exclude={"name", "run"})) for flight in flights])
+    return _differing(
+        [
+            dotted(flight.scenario.model_dump(mode="json", exclude={"name", "run"}))
+            for flight in flights
+        ]
+    )
 
 
 def _flights(names: Sequence[str], flights: Sequence[Flight]) -> dict[str, Any]:
@@ -49,42 +58,62 @@ def _flights(names: Sequence[str], flights: Sequence[Flight]) -> dict[str, Any]:
     parts = []
     for place, label, scale in ((0, "E_P [m]", 1.0), (1, "E_B [°]", 180.0 / math.pi)):
         each = zip(times, errors, SERIES, names, strict=False)
-        lines = [Line(x=t, y=scale * e[place], colour=colour, name=name) for t, e, colour, name in each]
+        lines = [
+            Line(x=t, y=scale * e[place], colour=colour, name=name) for t, e, colour, name in each
+        ]
         parts.append(Part(lines=lines, y_label=label, y_limits=(0.0, None)))
     curves = Panel(parts=parts, x_label="time [s]", width=FULL, height=4.4)
     found = [metrics.summarise(position, bearing) for position, bearing in errors]
     first = errors[0][0]
     apart = [float(np.mean(e - first)) if e.size == first.size else math.nan for e, _ in errors]
     figures = Figures(panels=[curves], legend=[*zip(SERIES, names, strict=False)])
-    return {"errors": figures, "rows": [*zip(names, found, apart, strict=True)], "changed": differing(flights)}
+    return {
+        "errors": figures,
+        "rows": [*zip(names, found, apart, strict=True)],
+        "changed": differing(flights),
+    }
 
 
 def paired(folders: Sequence[Path], metric: str) -> dict[tuple[str, ...], list[Interval | None]]:
-    """For every place that studies share with the first of them: its mean, and the others' paired differences.
+    """For every place that studies share with the first of them: its mean, and the others' paired
+    differences.
 
-    Runs of the same seed and number are paired. None: a study has other seeds or runs there. LaisnError: there is no
-    such metric of single runs.
+    Runs of the same seed and number are paired. None: a study has other seeds or runs there.
+    LaisnError: there is no such metric of single runs.
     """
     tables = []
     for folder in folders:
         seeds = {row["realization"]: row["seed"] for row in read_table(folder / RESULTS)}
-        tables.append([row | {"seed": seeds[row["realization"]]} for row in read_table(folder / RUNS)])
+        tables.append(
+            [row | {"seed": seeds[row["realization"]]} for row in read_table(folder / RUNS)]
+        )
         if metric not in tables[-1][0]:
             raise LaisnError(f"{folder}: its runs have no {metric!r}")
     measured = {"point", "realization", "seed", "run", "gated", *METRICS}
-    shared = [k for k in tables[0][0] if k not in measured and all(k in table[0] for table in tables)]
+    shared = [
+        k for k in tables[0][0] if k not in measured and all(k in table[0] for table in tables)
+    ]
 
     def is_drawn(key: str) -> bool:
         """Whether it differs between realizations."""
-        return any(len({r[key] for r in t if not r["realization"]}) < len({r[key] for r in t}) for t in tables)
+        return any(
+            len({r[key] for r in t if not r["realization"]}) < len({r[key] for r in t})
+            for t in tables
+        )
 
-    keys = [k for k in shared if not is_drawn(k) and len({repr(row[k]) for table in tables for row in table}) > 1]
+    keys = [
+        k
+        for k in shared
+        if not is_drawn(k) and len({repr(row[k]) for table in tables for row in table}) > 1
+    ]
     values = []
     for table in tables:
         own = defaultdict[tuple[str, ...], dict[tuple[int, int], float]](dict)
         for row in table:
             if row[metric] is not None:
-                own[tuple(f"{key} = {row[key]}" for key in keys)][row["seed"], row["run"]] = float(row[metric])
+                own[tuple(f"{key} = {row[key]}" for key in keys)][row["seed"], row["run"]] = float(
+                    row[metric]
+                )
         values.append(own)
 
     def mean(of: Mapping[tuple[int, int], float], *, paired: bool = False) -> Interval:
@@ -97,22 +126,35 @@ def paired(folders: Sequence[Path], metric: str) -> dict[tuple[str, ...], list[I
         found[place] = [mean(first)]
         for theirs in (own[place] for own in values[1:]):
             same = theirs.keys() == first.keys()
-            found[place].append(mean({k: v - first[k] for k, v in theirs.items()}, paired=True) if same else None)
+            found[place].append(
+                mean({k: v - first[k] for k, v in theirs.items()}, paired=True) if same else None
+            )
     return found
 
 
 def _studies(folders: Sequence[Path]) -> dict[str, Any]:
     """What the template shows of studies."""
-    tables = [dotted(read_toml(folder / STUDY) | {"name": "", "question": ""}) for folder in folders]
+    tables = [
+        dotted(read_toml(folder / STUDY) | {"name": "", "question": ""}) for folder in folders
+    ]
     asked = {table.get("report.metric", METRIC) for table in tables}
     metric = asked.pop() if len(asked) == 1 else METRIC
-    return {"metric": METRICS[metric], "rows": paired(folders, metric), "changed": _differing(tables)}
+    return {
+        "metric": METRICS[metric],
+        "rows": paired(folders, metric),
+        "changed": _differing(tables),
+    }
 
 
 def page_of(sources: Sequence[str]) -> Page:
-    """A page that shows 2 to 6 flights, or studies, side by side; LaisnError: other sources, or a damaged log."""
+    """A page that shows 2 to 6 flights, or studies, side by side; LaisnError: other sources, or
+    a damaged log.
+    """
     if not 2 <= len(sources) <= MOST:
-        raise LaisnError(f"{len(sources)} given to compare, expected 2 to {MOST} folders of flights or of studies")
+        raise LaisnError(
+            f"{len(sources)} given to compare, expected 2 to {MOST} folders of flights or of "
+            "studies"
+        )
     paths = [Path(source) for source in sources]
     studies = [(path / RUNS).is_file() for path in paths]
     logs = [path if path.suffix == ".mcap" else path / LOG for path in paths]
@@ -126,4 +168,6 @@ def page_of(sources: Sequence[str]) -> Page:
     found = _studies(paths) if all(studies) else _flights(names, [read(log) for log in logs])
     tools = {"words": words, "number": number, "shown": shown, "shortened": shortened}
     facts = [("repeat it", f"laisn compare {' '.join(sources)}")]
-    return pages.page_of("experiments.study", facts, {"names": names, **tools, **found}, name="compare.md.j2")
+    return pages.page_of(
+        "experiments.study", facts, {"names": names, **tools, **found}, name="compare.md.j2"
+    )

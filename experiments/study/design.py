@@ -1,6 +1,8 @@
-"""The design of a study: factors and the points of their values, and draws, keys that vary by realization.
+"""The design of a study: factors and the points of their values, and draws, keys that vary by
+realization.
 
-A draw is a function of (seed of the study, number of the realization, key): another key, point or worker changes none.
+A draw is a function of (seed of the study, number of the realization, key): another key, point or
+worker changes none.
 """
 
 import hashlib
@@ -20,7 +22,8 @@ from sim.scenario.point_motion import CLASSES, random_waypoints
 Design = Literal["factorial", "latin-hypercube", "sobol"]
 
 _RANGE = ("from", "to", "steps", "scale")
-RULES = ("cycle", "rotate", "sum", "measured")  # values that follow the run, other keys of the study, or the mission
+# values that follow the run, other keys of the study, or the mission
+RULES = ("cycle", "rotate", "sum", "measured")
 _POINTS_KEY = 0x0D
 
 
@@ -40,16 +43,19 @@ class Factor:
     """A key of the scenario and the values that it takes."""
 
     key: str
-    values: tuple[Any, ...] = ()  # values in their order; empty: the whole range, for a sampled design
+    # values in their order; empty: the whole range, for a sampled design
+    values: tuple[Any, ...] = ()
     low: float = 0.0
     high: float = 0.0
     log: bool = False
 
     @classmethod
     def of(cls, key: str, given: object, *, sampled: bool = False) -> "Factor":
-        """A factor as a file gives it: a list of values, or a table with `from`, `to`, `steps` and `scale`.
+        """A factor as a file gives it: a list of values, or a table with `from`, `to`, `steps` and
+        `scale`.
 
-        A sampled design draws values from the range, so that it needs no steps. ValueError states what was expected.
+        A sampled design draws values from the range, so that it needs no steps. ValueError states
+        what was expected.
         """
         if isinstance(given, list):
             if not given:
@@ -58,17 +64,25 @@ class Factor:
                 raise ValueError("a value stands in the list twice")
             return cls(key=key, values=tuple(given))
         if not isinstance(given, dict) or not {"from", "to"} <= given.keys():
-            raise ValueError(f"expected a list, or a table with from, to and steps (given: {given!r:.60})")
+            raise ValueError(
+                f"expected a list, or a table with from, to and steps (given: {given!r:.60})"
+            )
         if unknown := sorted(given.keys() - set(_RANGE)):
-            raise ValueError(f"unknown {', '.join(unknown)} of a range; known here: {', '.join(_RANGE)}")
+            raise ValueError(
+                f"unknown {', '.join(unknown)} of a range; known here: {', '.join(_RANGE)}"
+            )
         low = given["from"]
         high = given["to"]
         scale = given.get("scale", "linear")
         steps = given.get("steps")
         if not is_number(low) or not is_number(high) or low == high:
-            raise ValueError(f"from and to must be two different numbers (given: {low!r}, {high!r})")
+            raise ValueError(
+                f"from and to must be two different numbers (given: {low!r}, {high!r})"
+            )
         if scale != "linear" and (scale != "log" or min(low, high) <= 0):
-            raise ValueError(f'scale must be "linear", or "log" with positive ends (given: {scale!r})')
+            raise ValueError(
+                f'scale must be "linear", or "log" with positive ends (given: {scale!r})'
+            )
         whole = cls(key=key, low=float(low), high=float(high), log=scale == "log")
         if sampled:
             return whole
@@ -88,11 +102,17 @@ class Factor:
 def points_of(
     factors: Sequence[Factor], design: Design, number: int | None, seed: int, most: int
 ) -> list[dict[str, Any]]:
-    """The points of a design, values by key: every combination, or `number` points that fill the ranges evenly.
+    """The points of a design, values by key: every combination, or `number` points that fill the
+    ranges evenly.
 
-    `most` is compared before any point is made. ValueError: the number does not suit the design, or is larger.
+    `most` is compared before any point is made. ValueError: the number does not suit the design, or
+    is larger.
     """
-    count = math.prod(len(factor.values) for factor in factors) if design == "factorial" else number or 0
+    count = (
+        math.prod(len(factor.values) for factor in factors)
+        if design == "factorial"
+        else number or 0
+    )
     if count > most:
         raise ValueError(f"{count:,} points, at most {most:,} with these arms and realizations")
     if design == "factorial":
@@ -106,19 +126,27 @@ def points_of(
         raise ValueError(f"a {design} design needs points, at least 2 (given: {number})")
     if design == "sobol" and number & (number - 1):
         near = 2 ** round(math.log2(number))
-        raise ValueError(f"a sobol design has a power of two points, such as {near} (given: {number})")
+        raise ValueError(
+            f"a sobol design has a power of two points, such as {near} (given: {number})"
+        )
     # as in `_of_distribution`
     from scipy.stats import qmc
 
     random = np.random.default_rng([_POINTS_KEY, seed])
     sampler = qmc.LatinHypercube if design == "latin-hypercube" else qmc.Sobol
     shares = sampler(d=len(factors), rng=random).random(number)
-    return [{f.key: f.at(float(share)) for f, share in zip(factors, row, strict=True)} for row in shares]
+    return [
+        {f.key: f.at(float(share)) for f, share in zip(factors, row, strict=True)} for row in shares
+    ]
 
 
 def is_rule(value: object, *names: str) -> bool:
-    """Whether a value is a table with one of these names alone, of any rule unless some are given."""
-    return isinstance(value, Mapping) and len(value) == 1 and bool({*(names or RULES)} & value.keys())
+    """Whether a value is a table with one of these names alone, of any rule unless some are
+    given.
+    """
+    return (
+        isinstance(value, Mapping) and len(value) == 1 and bool({*(names or RULES)} & value.keys())
+    )
 
 
 def follows_run(value: object) -> bool:
@@ -127,9 +155,11 @@ def follows_run(value: object) -> bool:
 
 
 def value_at(value: Any, run: int) -> Any:
-    """The value that a run has: of `cycle` the list's values in turn, of `rotate` that angle further each run, in °.
+    """The value that a run has: of `cycle` the list's values in turn, of `rotate` that angle
+    further each run, in °.
 
-    Both spread evenly over few runs, the golden angle, 137.508°, over any number. ValueError states what was expected.
+    Both spread evenly over few runs, the golden angle, 137.508°, over any number. ValueError states
+    what was expected.
     """
     if not follows_run(value):
         return value
@@ -138,7 +168,9 @@ def value_at(value: Any, run: int) -> Any:
         return given[run % len(given)]
     if name == "rotate" and is_number(given):
         return run * given % 360
-    raise ValueError(f"expected {{ cycle = [value, …] }} or {{ rotate = degrees }} (given: {value!r:.60})")
+    raise ValueError(
+        f"expected {{ cycle = [value, …] }} or {{ rotate = degrees }} (given: {value!r:.60})"
+    )
 
 
 _DRAW_KEY = 0xD3A3
@@ -150,14 +182,39 @@ _LISTED: Mapping[str, tuple[str, Callable[..., tuple[float, ...]]]] = {
 }  # fmt: skip
 """Distributions whose parameters may stand in a list, and those of scipy.stats that they are."""
 _NAMED = (
-    "bernoulli", "beta", "binom", "cauchy", "expon", "gamma", "geom", "gumbel_l", "gumbel_r", "invgamma", "laplace",
-    "logistic", "lognorm", "norm", "pareto", "poisson", "randint", "rayleigh", "t", "triang", "truncnorm", "uniform",
-    "vonmises", "weibull_min",
-)  # fmt: skip
-"""Distributions of scipy.stats that a table of parameters names: their quantiles take microseconds at any parameter."""
+    "bernoulli",
+    "beta",
+    "binom",
+    "cauchy",
+    "expon",
+    "gamma",
+    "geom",
+    "gumbel_l",
+    "gumbel_r",
+    "invgamma",
+    "laplace",
+    "logistic",
+    "lognorm",
+    "norm",
+    "pareto",
+    "poisson",
+    "randint",
+    "rayleigh",
+    "t",
+    "triang",
+    "truncnorm",
+    "uniform",
+    "vonmises",
+    "weibull_min",
+)
+"""Distributions of scipy.stats that a table of parameters names: their quantiles take
+microseconds at any parameter.
+"""
 _LARGEST = 1e9
 Quantile = Callable[[float, list[int]], Any]
-"""The value at a share, 0 … 1, of a law; what needs more than one random number takes them from the address."""
+"""The value at a share, 0 … 1, of a law; what needs more than one random number takes them from
+the address.
+"""
 
 
 def _of_distribution(name: str, given: object) -> Quantile:
@@ -171,7 +228,9 @@ def _of_distribution(name: str, given: object) -> Quantile:
         raise ValueError(expected)
     for value in given.values() if isinstance(given, dict) else given:
         if not is_number(value) or abs(value) > _LARGEST:
-            raise ValueError(f"{name}: a parameter is a number within ±{_LARGEST:g} (given: {value!r:.60})")
+            raise ValueError(
+                f"{name}: a parameter is a number within ±{_LARGEST:g} (given: {value!r:.60})"
+            )
     try:
         law = family(**given) if isinstance(given, dict) else family(*make(*given))  # type: ignore[misc]
     except (TypeError, ZeroDivisionError) as error:
@@ -201,15 +260,19 @@ def _of_formation(given: object) -> Quantile:
     except ValidationError as error:
         first = error.errors()[0]
         known = f"a table with {', '.join(Scatter.model_fields)}"
-        raise ValueError(f"formation expects {known}; {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+        raise ValueError(
+            f"formation expects {known}; {'.'.join(map(str, first['loc']))}: {first['msg']}"
+        ) from None
     scattered_followers(area, [0])
     return lambda _, address: scattered_followers(area, address)
 
 
 LAWS: Mapping[str, Callable[[object], Quantile]] = {
-    "choice": _of_choice, "route_class": _of_route_class, "formation": _of_formation,
+    "choice": _of_choice,
+    "route_class": _of_route_class,
+    "formation": _of_formation,
     **{name: partial(_of_distribution, name) for name in sorted({*_LISTED, *_NAMED})},
-}  # fmt: skip
+}
 """Laws of draws by their names: each makes the values of its parameters."""
 
 
@@ -223,9 +286,14 @@ class Draw:
 
     @classmethod
     def of(cls, key: str, given: object) -> "Draw":
-        """A draw as a file gives it: a table of one law's name and parameters; ValueError states what was expected."""
+        """A draw as a file gives it: a table of one law's name and parameters; ValueError states
+        what was expected.
+        """
         if not isinstance(given, dict) or len(given) != 1:
-            raise ValueError(f"expected one distribution, such as {{ uniform = [0.2, 0.8] }} (given: {given!r:.60})")
+            raise ValueError(
+                f"expected one distribution, such as {{ uniform = [0.2, 0.8] }} (given: "
+                f"{given!r:.60})"
+            )
         ((name, parameters),) = given.items()
         if name not in LAWS:
             raise ValueError(f"unknown distribution {name!r:.40}; available: {', '.join(LAWS)}")

@@ -1,7 +1,9 @@
-"""Estimates of a metric at a point: means with intervals, paired differences of arms, and main effects of factors.
+"""Estimates of a metric at a point: means with intervals, paired differences of arms, and main
+effects of factors.
 
-With several realizations an interval is for the mean over the population of realizations, else for that realization
-alone. Arms share realizations and noise, so that their differences are taken run by run.
+With several realizations an interval is for the mean over the population of realizations, else for
+that realization alone. Arms share realizations and noise, so that their differences are taken run
+by run.
 """
 
 import math
@@ -14,7 +16,13 @@ from scipy.special import stdtrit
 
 from experiments import intervals
 from experiments.campaign.store import Record
-from experiments.intervals import CONFIDENCE, FEWEST_RUNS, Interval, difference_of_shares, mean_interval
+from experiments.intervals import (
+    CONFIDENCE,
+    FEWEST_RUNS,
+    Interval,
+    difference_of_shares,
+    mean_interval,
+)
 from experiments.study.measure import SHARES
 from experiments.study.plan import ARM, FOLLOWER, Plan, levels, varied
 from laisn.arrays import Floats, Ints
@@ -24,21 +32,29 @@ NOTHING = Interval(math.nan, math.nan, math.nan)
 INTERACTIONS = "interactions"
 _RESAMPLES = 1000
 _MOST_VALUES = 5_000_000
-"""Bound on the values that are resampled: designs of many places have fewer resamples, at least 20."""
+"""Bound on the values that are resampled: designs of many places have fewer resamples, at least
+20.
+"""
 _KEY = 0xEF
 
 
 def digits(value: float) -> str:
-    """A number with three significant digits, zeros included, so that 0.500 stands beside 0.497; a dash for NaN."""
+    """A number with three significant digits, zeros included, so that 0.500 stands beside 0.497;
+    a dash for NaN.
+    """
     if math.isnan(value):
         return "–"
-    return (f"{value:,.0f}" if abs(value) >= 1000 else f"{value:#.3g}".rstrip(".")).replace("-", "−")
+    return (f"{value:,.0f}" if abs(value) >= 1000 else f"{value:#.3g}".rstrip(".")).replace(
+        "-", "−"
+    )
 
 
 def shown(interval: Interval, unit: str = "") -> str:
     """An estimate and its unit, with limits in brackets if the data give them; a dash for NaN."""
     value = digits(interval.value) + (f" {unit}" if unit and not math.isnan(interval.value) else "")
-    limits = "" if math.isnan(interval.low) else f" ({digits(interval.low)} to {digits(interval.high)})"
+    limits = (
+        "" if math.isnan(interval.low) else f" ({digits(interval.low)} to {digits(interval.high)})"
+    )
     return value + limits
 
 
@@ -47,10 +63,12 @@ def _quantile(number: float) -> float:
 
 
 def over_realizations(means: Floats) -> Interval:
-    """Mean over realizations, shape (S,): `mean_interval` of at least `FEWEST_RUNS`, else Student's t, which needs two.
+    """Mean over realizations, shape (S,): `mean_interval` of at least `FEWEST_RUNS`, else Student's
+    t, which needs two.
 
-    Limits are NaN where all realizations have the same. Each one's mean holds the scatter of its runs already, so that
-    runs are not drawn again (Davison & Hinkley, Bootstrap Methods and their Application, 1997, section 3.8).
+    Limits are NaN where all realizations have the same. Each one's mean holds the scatter of its
+    runs already, so that runs are not drawn again (Davison & Hinkley, Bootstrap Methods and their
+    Application, 1997, section 3.8).
     """
     mean = float(means.mean())
     if means.size < 2 or np.ptp(means) == 0:
@@ -61,13 +79,15 @@ def over_realizations(means: Floats) -> Interval:
     return Interval(mean, mean - half, mean + half)
 
 
-def over_runs(realizations: Sequence[Floats], *, shares: bool = False, paired: bool = False) -> Interval:
+def over_runs(
+    realizations: Sequence[Floats], *, shares: bool = False, paired: bool = False
+) -> Interval:
     """Mean of values of runs, shape (R,) for each realization, every realization counting alike.
 
-    With `shares` values are 0 or 1, or, if `paired`, differences of such. The share over several realizations has the
-    limits of Clopper and Pearson for as many independent runs as would scatter like the means of the realizations (Korn
-    & Graubard, Survey Methodology 24, 1998). Where no run has the outcome, or all have, a realization counts as one
-    run.
+    With `shares` values are 0 or 1, or, if `paired`, differences of such. The share over several
+    realizations has the limits of Clopper and Pearson for as many independent runs as would scatter
+    like the means of the realizations (Korn & Graubard, Survey Methodology 24, 1998). Where no run
+    has the outcome, or all have, a realization counts as one run.
     """
     count = len(realizations)
     means = np.array([values.mean() for values in realizations])
@@ -82,21 +102,39 @@ def over_runs(realizations: Sequence[Floats], *, shares: bool = False, paired: b
         return Interval(share, *intervals.exact_limits(share * alike, alike))
     if count > 1:
         # realizations that all differ by nothing do not make a difference impossible
-        return difference_of_shares(means) if shares and np.ptp(means) == 0 else over_realizations(means)
+        return (
+            difference_of_shares(means)
+            if shares and np.ptp(means) == 0
+            else over_realizations(means)
+        )
     (values,) = realizations
     if shares:
-        return difference_of_shares(values) if paired else intervals.proportion(int(values.sum()), values.size)
-    return mean_interval(values) if np.ptp(values) else Interval(float(values[0]), math.nan, math.nan)
+        return (
+            difference_of_shares(values)
+            if paired
+            else intervals.proportion(int(values.sum()), values.size)
+        )
+    return (
+        mean_interval(values) if np.ptp(values) else Interval(float(values[0]), math.nan, math.nan)
+    )
 
 
 def _whole(values: Floats) -> Floats:
     return values[~np.isnan(values)]
 
 
-def _interval(runs: Sequence[Floats] | None, realizations: Floats, metric: str, *, paired: bool = False) -> Interval:
-    """Mean and interval of values of runs, or of realizations where there are none of runs; NaN where one has none."""
+def _interval(
+    runs: Sequence[Floats] | None, realizations: Floats, metric: str, *, paired: bool = False
+) -> Interval:
+    """Mean and interval of values of runs, or of realizations where there are none of runs; NaN
+    where one has none.
+    """
     if runs is None:
-        return NOTHING if not realizations.size or np.isnan(realizations).any() else over_realizations(realizations)
+        return (
+            NOTHING
+            if not realizations.size or np.isnan(realizations).any()
+            else over_realizations(realizations)
+        )
     whole = [_whole(values) for values in runs]
     if not whole or not all(values.size for values in whole):
         return NOTHING
@@ -107,12 +145,15 @@ def _interval(runs: Sequence[Floats] | None, realizations: Floats, metric: str, 
 class Results:
     """Rows and runs of a study by place, realizations in their order.
 
-    A run that contact ended has NaN for all that only a whole run has; means and differences are over the others.
+    A run that contact ended has NaN for all that only a whole run has; means and differences are
+    over the others.
     """
 
     rows: Mapping[Place, list[Record]]
     runs: Mapping[Place, list[Record]]
-    _estimates: dict[tuple[Place, str], Interval] = field(default_factory=dict, init=False, compare=False)
+    _estimates: dict[tuple[Place, str], Interval] = field(
+        default_factory=dict, init=False, compare=False
+    )
 
     @classmethod
     def of(cls, rows: Sequence[Record], runs: Sequence[tuple[Record, Record]]) -> "Results":
@@ -133,7 +174,9 @@ class Results:
         return [np.array(lists[metric], dtype=np.float64) for lists in runs]
 
     def by_realization(self, place: Place, metric: str) -> Floats:
-        """A value for each realization, shape (S,); means over the runs where the metric is one of runs."""
+        """A value for each realization, shape (S,); means over the runs where the metric is one
+        of runs.
+        """
         runs = self.by_run(place, metric)
         if runs is not None:
             whole = [_whole(values) for values in runs]
@@ -143,19 +186,27 @@ class Results:
     def estimate(self, place: Place, metric: str) -> Interval:
         """Mean of a metric at a place with its interval; NaN where nothing was flown."""
         if (place, metric) not in self._estimates:
-            found = _interval(self.by_run(place, metric), self.by_realization(place, metric), metric)
+            found = _interval(
+                self.by_run(place, metric), self.by_realization(place, metric), metric
+            )
             self._estimates[place, metric] = found
         return self._estimates[place, metric]
 
     def difference(self, place: Place, base: str, metric: str) -> Interval:
-        """Mean of the arm of a place less that of the arm `base` at the same point, paired by realization and run."""
+        """Mean of the arm of a place less that of the arm `base` at the same point, paired by
+        realization and run.
+        """
         other = (place[0], base, place[2])
         one, two = ([row["realization"] for row in self.rows.get(at, [])] for at in (place, other))
         runs = self.by_run(place, metric) or []
         base_runs = self.by_run(other, metric) or []
-        if one != two or (runs and base_runs and [a.size for a in runs] != [b.size for b in base_runs]):
+        if one != two or (
+            runs and base_runs and [a.size for a in runs] != [b.size for b in base_runs]
+        ):
             return NOTHING
-        apart = [a - b for a, b in zip(runs, base_runs, strict=True)] if runs and base_runs else None
+        apart = (
+            [a - b for a, b in zip(runs, base_runs, strict=True)] if runs and base_runs else None
+        )
         means = self.by_realization(place, metric) - self.by_realization(other, metric)
         return _interval(apart, means, metric, paired=True)
 
@@ -166,10 +217,11 @@ class Results:
 
 
 def explained(factor: Floats | Ints, values: Floats) -> Floats:
-    """Share R² of the variance of values, shape (n, m), that a factor alone explains, shape (m,); NaN if there is none.
+    """Share R² of the variance of values, shape (n, m), that a factor alone explains, shape (m,);
+    NaN if there is none.
 
-    The factor is given by the numbers of its levels, shape (n,): the means of the levels explain, as in the analysis of
-    variance; or by columns of a linear model, shape (n, k).
+    The factor is given by the numbers of its levels, shape (n,): the means of the levels explain,
+    as in the analysis of variance; or by columns of a linear model, shape (n, k).
     """
     y = values - values.mean(axis=0)
     if factor.ndim == 1:
@@ -185,7 +237,9 @@ def explained(factor: Floats | Ints, values: Floats) -> Floats:
 
 
 def _coded(plan: Plan, name: str, given: list[Any]) -> Floats | Ints:
-    """What stands for a factor in `explained`: its levels, or of a sampled range the value and its square."""
+    """What stands for a factor in `explained`: its levels, or of a sampled range the value and
+    its square.
+    """
     factor = next((f for f in plan.study.factors if f.key == name), None)
     if factor is not None and not factor.values:
         x = np.log(given) if factor.log else np.array(given)
@@ -202,12 +256,14 @@ def _limits(resampled: Floats) -> tuple[float, float]:
 
 
 def main_effects(plan: Plan, results: Results, metric: str) -> dict[str, Interval]:
-    """First-order Sobol' indices of factors, arms and followers, with bootstrap intervals; largest first.
+    """First-order Sobol' indices of factors, arms and followers, with bootstrap intervals; largest
+    first.
 
-    Of a factorial design they are main effects of the analysis of variance of the means at all places; runs, or
-    realizations, are resampled in all places alike. Of a sampled design each is the adjusted R² of a quadratic in the
-    factor (Saltelli et al., Global Sensitivity Analysis, 2008, section 1.2.5); points are resampled. None if fewer than
-    two factors vary, a place has no value, or all have the same.
+    Of a factorial design they are main effects of the analysis of variance of the means at all
+    places; runs, or realizations, are resampled in all places alike. Of a sampled design each is
+    the adjusted R² of a quadratic in the factor (Saltelli et al., Global Sensitivity Analysis,
+    2008, section 1.2.5); points are resampled. None if fewer than two factors vary, a place has no
+    value, or all have the same.
     """
     factors = varied(plan)
     places = list(results.rows)
@@ -232,21 +288,36 @@ def main_effects(plan: Plan, results: Results, metric: str) -> dict[str, Interva
     found: dict[str, Interval] = {}
     if plan.study.file.design == "factorial":
         count = samples.shape[1]
-        weights = random.multinomial(count, np.full(count, 1.0 / count), resamples) if count > 1 else np.ones((0, 1))
+        weights = (
+            random.multinomial(count, np.full(count, 1.0 / count), resamples)
+            if count > 1
+            else np.ones((0, 1))
+        )
         known = ~np.isnan(samples)
         with np.errstate(invalid="ignore", divide="ignore"):
             resampled = (np.where(known, samples, 0.0) @ weights.T) / (known @ weights.T)
-        shares = {name: explained(coded[name], np.column_stack([means, resampled])) for name in names}
+        shares = {
+            name: explained(coded[name], np.column_stack([means, resampled])) for name in names
+        }
         shares[INTERACTIONS] = 1.0 - np.sum(list(shares.values()), axis=0)
         for name, share in shares.items():
-            found[name] = Interval(float(share[0]), *(_limits(share[1:]) if count > 1 else (np.nan, np.nan)))
+            found[name] = Interval(
+                float(share[0]), *(_limits(share[1:]) if count > 1 else (np.nan, np.nan))
+            )
     else:
-        by_point = np.argsort([place[0] for place in places], kind="stable").reshape(len(plan.points), -1)
-        chosen = [np.arange(len(plan.points)), *random.integers(0, len(plan.points), (resamples, len(plan.points)))]
+        by_point = np.argsort([place[0] for place in places], kind="stable").reshape(
+            len(plan.points), -1
+        )
+        chosen = [
+            np.arange(len(plan.points)),
+            *random.integers(0, len(plan.points), (resamples, len(plan.points))),
+        ]
         for name, factor in coded.items():
             rows = (by_point[picked].ravel() for picked in chosen)
             share = np.array([explained(factor[r], means[r, None])[0] for r in rows])
             k = factor.shape[1] if factor.ndim == 2 else int(factor.max())
-            adjusted = np.maximum(1.0 - (1.0 - share) * (len(places) - 1) / max(len(places) - 1 - k, 1), 0.0)
+            adjusted = np.maximum(
+                1.0 - (1.0 - share) * (len(places) - 1) / max(len(places) - 1 - k, 1), 0.0
+            )
             found[name] = Interval(float(adjusted[0]), *_limits(adjusted[1:]))
     return dict(sorted(found.items(), key=lambda item: (item[0] == INTERACTIONS, -item[1].value)))

@@ -25,7 +25,9 @@ METRIC = "e_p_mean_m"
 ARM = "arm"
 CASE = "case"
 SCENARIO = "scenario"
-"""Names of what varies beside the keys of scenarios: arms, and factors of named settings and of several scenarios."""
+"""Names of what varies beside the keys of scenarios: arms, and factors of named settings and of
+several scenarios.
+"""
 ALONE = "all"  # name of the only arm of a study that names none
 Made = TypeVar("Made")
 Named = TypeVar("Named", bound="Group")
@@ -54,8 +56,12 @@ class Until(Section):
     """When runs are enough."""
 
     metric: str = Field(METRIC, description="a metric of single runs")
-    half_width: Annotated[float, Field(gt=0)] = Field(..., description="of its 95 % interval, at every place")
-    most: Annotated[int, Field(ge=1, le=1_000_000)] = Field(10_000, description="runs of each place at most")
+    half_width: Annotated[float, Field(gt=0)] = Field(
+        ..., description="of its 95 % interval, at every place"
+    )
+    most: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
+        10_000, description="runs of each place at most"
+    )
 
 
 class Runs(Section):
@@ -72,7 +78,9 @@ class Group(Section):
 
     name: str = Field("", description="its own; checked with the names of the others")
     title: str = Field("", description="in words")
-    disturb: dict[str, Any] = Field({}, description="`use`, a class that adds errors of one's own, and its arguments")
+    disturb: dict[str, Any] = Field(
+        {}, description="`use`, a class that adds errors of one's own, and its arguments"
+    )
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -88,7 +96,9 @@ class Group(Section):
 class Arm(Group):
     """Settings that are compared with others on the same noise and the same realizations."""
 
-    every: Annotated[int, Field(ge=1)] = Field(1, description="one of so many runs of a closed loop")
+    every: Annotated[int, Field(ge=1)] = Field(
+        1, description="one of so many runs of a closed loop"
+    )
     leader_pitch_deg: Annotated[float, Field(ge=-90, le=90)] | None = Field(
         None, description="ranges and messages of a leader that keeps this pitch on the same track"
     )
@@ -98,7 +108,9 @@ class Case(Group):
     """Settings that belong together: a level of the factor "case"."""
 
     arms: list[str] = Field([], description="the arms that it has; default: all")
-    labels: dict[str, str | int | float] = Field({}, description="further columns of its results, by name")
+    labels: dict[str, str | int | float] = Field(
+        {}, description="further columns of its results, by name"
+    )
     steps: bool = Field(False, description="keep errors over time of this case alone")
 
 
@@ -108,7 +120,8 @@ class StudyFile(Section):
     name: Name | None = None
     question: str = Field("", max_length=2000)
     scenario: Annotated[
-        Annotated[str, Field(min_length=1), Tag("")] | Annotated[list[str], Field(min_length=1), Tag("list")],
+        Annotated[str, Field(min_length=1), Tag("")]
+        | Annotated[list[str], Field(min_length=1), Tag("list")],
         Discriminator(lambda given: "list" if isinstance(given, list) else ""),
     ]
     runs: Annotated[
@@ -116,7 +129,9 @@ class StudyFile(Section):
         Discriminator(lambda given: "table" if isinstance(given, Mapping | Runs) else ""),
     ] = 60
     runs_apart: Annotated[int, Field(ge=0, le=1_000_000)] = 0
-    """How far apart the numbers of the runs of two points are: 0 where all points share their noise."""
+    """How far apart the numbers of the runs of two points are: 0 where all points share their
+    noise.
+    """
     realizations: Annotated[int, Field(ge=1, le=100_000)] = 1
     seed: Annotated[int, Field(ge=0, lt=2**62)] | None = None
     """None: the scenario's."""
@@ -134,7 +149,9 @@ class StudyFile(Section):
 
     @property
     def batch(self) -> int:
-        """Runs of each place before the first look at intervals, and without `until` all of them."""
+        """Runs of each place before the first look at intervals, and without `until` all of
+        them.
+        """
         return self.runs.batch if isinstance(self.runs, Runs) else self.runs
 
 
@@ -145,7 +162,8 @@ class Study:
     name: str
     source: str  # the file, or the scenario that options vary, for messages
     file: StudyFile
-    scenarios: Mapping[str, str]  # built-in names, or paths of files, by the names that the study gives them
+    # built-in names, or paths of files, by the names that the study gives them
+    scenarios: Mapping[str, str]
     runs: int
     settings: Mapping[str, Any]
     factors: tuple[Factor, ...]
@@ -196,17 +214,26 @@ def _lines_of(error: ValidationError) -> list[str]:
         key = shortened(plain(key_of(location)), 100)
         if found["type"] == "extra_forbidden":
             model = _SECTIONS.get(location[:-1], StudyFile)
-            lines.append(f"  {key}: unknown key of a study; known here: {', '.join(model.model_fields)}")
+            lines.append(
+                f"  {key}: unknown key of a study; known here: {', '.join(model.model_fields)}"
+            )
         elif found["type"] == "missing" and location == ("scenario",):
-            lines.append(f"  {key}: is missing; a built-in scenario, such as {names()[0]}, or a file beside this one")
+            lines.append(
+                f"  {key}: is missing; a built-in scenario, such as {names()[0]}, or a file beside "
+                "this one"
+            )
         else:
-            lines.append(f"  {key}: {found['msg']} (given: {shortened(plain(repr(found['input'])), 80)})")
+            lines.append(
+                f"  {key}: {found['msg']} (given: {shortened(plain(repr(found['input'])), 80)})"
+            )
     return lines
 
 
 _SECTIONS: dict[tuple[int | str, ...], type[Section]] = {
-    ("report",): Report, ("runs",): Runs, ("runs", "until"): Until,
-}  # fmt: skip
+    ("report",): Report,
+    ("runs",): Runs,
+    ("runs", "until"): Until,
+}
 
 
 def _with_files(settings: Mapping[str, Any], rename: Callable[[str], str]) -> dict[str, Any]:
@@ -221,10 +248,18 @@ def _with_files(settings: Mapping[str, Any], rename: Callable[[str], str]) -> di
 
 
 def _overlaps(study: Study) -> list[str]:
-    """A line for each key that two parts of the file set, or a table around it; an arm or a case may override [set]."""
-    parts = [(kind, "", key) for kind, keys in (
-        ("[set]", study.settings), ("[vary]", [f.key for f in study.factors]), ("[draw]", [d.key for d in study.draws])
-    ) for key in keys]  # fmt: skip
+    """A line for each key that two parts of the file set, or a table around it; an arm or a case
+    may override [set].
+    """
+    parts = [
+        (kind, "", key)
+        for kind, keys in (
+            ("[set]", study.settings),
+            ("[vary]", [f.key for f in study.factors]),
+            ("[draw]", [d.key for d in study.draws]),
+        )
+        for key in keys
+    ]
     for kind, groups in (("case ", study.cases), ("arm ", study.arms)):
         parts += [(kind, name, key) for name, group in groups.items() for key in group.settings]
     lines: dict[str, None] = {}
@@ -238,11 +273,24 @@ def _overlaps(study: Study) -> list[str]:
         elif f"{key}.".startswith(f"{given}.") or f"{given}.".startswith(f"{key}."):
             inner = max(key, given, key=len)
             outer = min(key, given, key=len)
-            text = f"{part} sets {key}, {where} sets {given}; {inner} is part of {outer}, which replaces it: remove one"
+            text = (
+                f"{part} sets {key}, {where} sets {given}; {inner} is part of {outer}, which "
+                "replaces it: remove one"
+            )
             lines[f"  {key}: {text}"] = None
     with_run = ("[draw]", "arm ")
-    owned = {key for kind, _, key in parts if key in ("seed", "name") or (key == "run" and kind in with_run)}
-    return [*lines, *(f"  {key}: belongs to the study; seeds and runs are numbered by it" for key in sorted(owned))]
+    owned = {
+        key
+        for kind, _, key in parts
+        if key in ("seed", "name") or (key == "run" and kind in with_run)
+    }
+    return [
+        *lines,
+        *(
+            f"  {key}: belongs to the study; seeds and runs are numbered by it"
+            for key in sorted(owned)
+        ),
+    ]
 
 
 def _is_range(table: Mapping[str, Any]) -> bool:
@@ -251,9 +299,11 @@ def _is_range(table: Mapping[str, Any]) -> bool:
 
 
 def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Path()) -> Study:
-    """A study from the table of a study file; StudyError has a line for each error of the file's own keys.
+    """A study from the table of a study file; StudyError has a line for each error of the file's
+    own keys.
 
-    `source` is for messages, `name` of the study if the table has none; files are named as seen from `folder`.
+    `source` is for messages, `name` of the study if the table has none; files are named as seen
+    from `folder`.
     """
     table = plain_values(table)
     try:
@@ -262,7 +312,9 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
         raise refusal(source, _lines_of(error)) from None
     lines: list[str] = []
 
-    def made(part: str, given: Mapping[str, Any], make: Callable[[str, Any], Made]) -> tuple[Made, ...]:
+    def made(
+        part: str, given: Mapping[str, Any], make: Callable[[str, Any], Made]
+    ) -> tuple[Made, ...]:
         """Factors or draws of a part of the file; an invalid one is left out, with a line."""
         found = []
         for key, value in given.items():
@@ -277,16 +329,27 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
 
     def groups_of(part: str, given: Sequence[Named]) -> dict[str, Named]:
         """Arms or cases by their names, their settings by dotted keys."""
-        lines.extend(f"  {part}[{i}].name: needs a name" for i, one in enumerate(given) if not one.name.strip())
+        lines.extend(
+            f"  {part}[{i}].name: needs a name"
+            for i, one in enumerate(given)
+            if not one.name.strip()
+        )
         names = [one.name for one in given if one.name.strip()]
         if repeated := sorted({name for name in names if names.count(name) > 1}):
             lines.append(f"  {part}: names must differ; repeated: {', '.join(repeated)}")
-        return {one.name: type(one)(**one.own, **settings_of(dotted(one.settings, is_rule))) for one in given}
+        return {
+            one.name: type(one)(**one.own, **settings_of(dotted(one.settings, is_rule)))
+            for one in given
+        }
 
     arms = groups_of("arm", file.arm)
     cases = groups_of("case", file.case)
     for case in file.case:
-        lines += [f"  case {case.name}: there is no arm {name!r:.60}" for name in case.arms if name not in arms]
+        lines += [
+            f"  case {case.name}: there is no arm {name!r:.60}"
+            for name in case.arms
+            if name not in arms
+        ]
     given = [file.scenario] if isinstance(file.scenario, str) else file.scenario
     own = {CASE: [*cases], SCENARIO: given if given is file.scenario else []}
     varied = settings_of(dotted(file.vary, _is_range))
@@ -294,17 +357,25 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
     for key, all_names in own.items():
         # some of the cases or scenarios; a part of a study without cases takes no notice of theirs
         chosen = varied.pop(key, all_names)
-        lines += [f"  vary.{key}: there is no {key} {one!r:.60}" for one in chosen
-                  if one not in all_names and (all_names or key == SCENARIO)]  # fmt: skip
+        lines += [
+            f"  vary.{key}: there is no {key} {one!r:.60}"
+            for one in chosen
+            if one not in all_names and (all_names or key == SCENARIO)
+        ]
         own[key] = [one for one in chosen if one in all_names]
     study = Study(
         name=file.name or name,
         source=source,
         file=file,
-        scenarios={one: one if one in names() or Path(one).is_absolute() else str(folder / one) for one in given},
+        scenarios={
+            one: one if one in names() or Path(one).is_absolute() else str(folder / one)
+            for one in given
+        },
         runs=file.batch,
         settings=settings_of(dotted(file.set, is_rule)),
-        factors=made("vary", {key: values for key, values in own.items() if values} | varied, factor),
+        factors=made(
+            "vary", {key: values for key, values in own.items() if values} | varied, factor
+        ),
         draws=made("draw", dotted(file.draw, _names_a_law), Draw.of),
         cases={name: cases[name] for name in own[CASE]},
         arms=arms,
@@ -312,7 +383,9 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
     )
     lines += _overlaps(study)
     if study.until and study.file.realizations > 1:
-        text = "the interval over several realizations does not narrow with runs; use one realization"
+        text = (
+            "the interval over several realizations does not narrow with runs; use one realization"
+        )
         lines.append(f"  runs.until: {text}")
     if lines:
         raise refusal(source, lines)
@@ -320,27 +393,38 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
 
 
 def built_in(name: str) -> dict[str, Path]:
-    """The files of a built-in study with findings of its own, by their names without "study-"; none of other names.
+    """The files of a built-in study with findings of its own, by their names without "study-"; none
+    of other names.
 
     Its folder has `findings.py`, and `study.toml` or several `study-PART.toml`.
     """
     folder = FOLDER / name.replace("-", "_")
     files = sorted(folder.glob("study*.toml")) if re.fullmatch(r"[a-z-]+", name) else []
-    return {file.stem.removeprefix("study-"): file for file in files if (folder / "findings.py").is_file()}
+    return {
+        file.stem.removeprefix("study-"): file
+        for file in files
+        if (folder / "findings.py").is_file()
+    }
 
 
 def shipped() -> tuple[str, ...]:
-    """Names of the built-in studies: of files, and of folders with findings and a page of their own."""
+    """Names of the built-in studies: of files, and of folders with findings and a page of their
+    own.
+    """
     folders = [path.parent.name.replace("_", "-") for path in FOLDER.glob("*/findings.py")]
-    return tuple(sorted([*(path.stem for path in FOLDER.glob("*.toml")), *filter(built_in, folders)]))
+    return tuple(
+        sorted([*(path.stem for path in FOLDER.glob("*.toml")), *filter(built_in, folders)])
+    )
 
 
-def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any], *, quick: bool = False) -> Study:
+def study_of(
+    source: str | Mapping[str, Any], keys: Mapping[str, Any], *, quick: bool = False
+) -> Study:
     """A study with some of its keys replaced.
 
-    `source` is a study file, one that ships, the table of one, or a scenario that `keys` make a study of. `keys` of a
-    study file replace its own, those of `vary`, `draw` and `set` key by key; `quick` does so with the file's own
-    [quick]. StudyError: it is unknown, or has errors.
+    `source` is a study file, one that ships, the table of one, or a scenario that `keys` make a
+    study of. `keys` of a study file replace its own, those of `vary`, `draw` and `set` key by key;
+    `quick` does so with the file's own [quick]. StudyError: it is unknown, or has errors.
     """
     given = {key: value for key, value in keys.items() if value is not None}
     folder = Path()
@@ -368,22 +452,34 @@ def study_of(source: str | Mapping[str, Any], keys: Mapping[str, Any], *, quick:
             raise StudyError(f"{shown} is a scenario: give --vary, or a study")
     fewer = table.pop("quick", {})
     if quick and not (fewer and isinstance(fewer, dict)):
-        raise StudyError(f"{source_name}: --quick: the study has no [quick], keys of its trial run; see also --runs")
+        raise StudyError(
+            f"{source_name}: --quick: the study has no [quick], keys of its trial run; see also "
+            "--runs"
+        )
     for more in (fewer if quick else {}, given):
-        merged = {part: table[part] | more[part] for part in ("vary", "draw", "set")
-                  if isinstance(table.get(part), dict) and isinstance(more.get(part), dict)}  # fmt: skip
+        merged = {
+            part: table[part] | more[part]
+            for part in ("vary", "draw", "set")
+            if isinstance(table.get(part), dict) and isinstance(more.get(part), dict)
+        }
         table |= more | merged
     return of_table(table, source_name, name, folder)
 
 
 def table_in(study: Study, folder: Path) -> dict[str, Any]:
-    """The table of an equivalent study file in a folder; other files are named as seen from there."""
+    """The table of an equivalent study file in a folder; other files are named as seen from
+    there.
+    """
 
     def seen(settings: Mapping[str, Any]) -> dict[str, Any]:
         return _with_files(settings, lambda name: relpath(name, folder))
 
-    hulls = {factor.key: list(factor.values) for factor in study.factors if is_model_key(factor.key)}
-    scenarios = [one if one in names() else relpath(one, folder) for one in study.scenarios.values()]
+    hulls = {
+        factor.key: list(factor.values) for factor in study.factors if is_model_key(factor.key)
+    }
+    scenarios = [
+        one if one in names() else relpath(one, folder) for one in study.scenarios.values()
+    ]
     return {
         **study.table,
         "scenario": scenarios if isinstance(study.table["scenario"], list) else scenarios[0],

@@ -1,4 +1,6 @@
-"""What a study is judged by: columns of its tables, those of a mission, and those of a run in closed loop."""
+"""What a study is judged by: columns of its tables, those of a mission, and those of a run in
+closed loop.
+"""
 
 import tomllib
 from importlib import resources
@@ -22,9 +24,23 @@ from sim.tracking import contacts, cross_track, station_keeping, track_errors, t
 from sim.trajectory import Trajectory
 
 UNITS = {
-    "deg_sqrt_h": "°/√h", "m_s2": "m/s²", "m_s": "m/s", "kg_m3": "kg/m³", "deg_s": "°/s", "deg_h": "°/h",
-    "per_s": "1/s", "ppm": "ppm", "deg": "°", "kg": "kg", "m2": "m²", "m": "m", "s": "s", "n": "N", "j": "J", "w": "W",
-}  # fmt: skip
+    "deg_sqrt_h": "°/√h",
+    "m_s2": "m/s²",
+    "m_s": "m/s",
+    "kg_m3": "kg/m³",
+    "deg_s": "°/s",
+    "deg_h": "°/h",
+    "per_s": "1/s",
+    "ppm": "ppm",
+    "deg": "°",
+    "kg": "kg",
+    "m2": "m²",
+    "m": "m",
+    "s": "s",
+    "n": "N",
+    "j": "J",
+    "w": "W",
+}
 """Units by the ends of keys and columns, the longer ones first."""
 
 
@@ -43,14 +59,18 @@ class Metric(NamedTuple):
 
 
 _DATA = tomllib.loads((resources.files(__package__) / "metrics.toml").read_text(encoding="utf-8"))
-MISSION: dict[str, list[str]] = _DATA["mission"]  # labels and meanings of what is measured of a mission
+# labels and meanings of what is measured of a mission
+MISSION: dict[str, list[str]] = _DATA["mission"]
 _PERCENTILES = {
     f"e_{kind}_p{p}_{unit}": [f"{p}th percentile of E_{kind.upper()}", "over steps and runs"]
     for kind, unit in (("p", "m"), ("b", "deg"))
     for p in PERCENTILES
 }
 _FIXES = {
-    f"fixes_{kind.name.lower()}": [f"fixes: {kind.name.lower().replace('_', ' ')}", "number over all runs"]
+    f"fixes_{kind.name.lower()}": [
+        f"fixes: {kind.name.lower().replace('_', ' ')}",
+        "number over all runs",
+    ]
     for kind in FixKind
 }
 METRICS: dict[str, Metric] = {
@@ -58,19 +78,22 @@ METRICS: dict[str, Metric] = {
     for name, (label, what) in (_DATA["errors"] | _PERCENTILES | _FIXES | MISSION).items()
     for _, unit in [without_unit(name)]
 }
-SHARES = frozenset({"mirror_locked", "lost", "touched", "ended"})  # metrics that a run either has or has not: 1 or 0
+# metrics that a run either has or has not: 1 or 0
+SHARES = frozenset({"mirror_locked", "lost", "touched", "ended"})
 
 DISC_DIAMETER_M = 0.1
-"""Disc of every thruster: the MJCF has thrusts and no propellers. Powers compare missions; they size no battery."""
+"""Disc of every thruster: the MJCF has thrusts and no propellers. Powers compare missions; they
+size no battery.
+"""
 TURNING_RAD_S = 1e-3  # A formation whose frame turns faster is in a turn [rad/s]
 
 
 def disc_power(thrust: Floats, inflow: Floats, density: float) -> Floats:
     """Power of ideal actuator discs, |T| (v / 2 + √(v² / 4 + |T| / 2ρA)), [W].
 
-    Rankine-Froude momentum theory (Newman, Marine Hydrodynamics, 1977; Breslin & Andersen, 1994). Thrust [N] has any
-    sign; the inflow [m/s] is the disc's speed through the water, positive the way it pushes. Water that comes from
-    behind a disc is taken for still.
+    Rankine-Froude momentum theory (Newman, Marine Hydrodynamics, 1977; Breslin & Andersen, 1994).
+    Thrust [N] has any sign; the inflow [m/s] is the disc's speed through the water, positive the
+    way it pushes. Water that comes from behind a disc is taken for still.
     """
     area = np.pi * DISC_DIAMETER_M**2 / 4
     size = np.abs(thrust)
@@ -79,9 +102,11 @@ def disc_power(thrust: Floats, inflow: Floats, density: float) -> Floats:
 
 
 def thruster_power(trajectory: Trajectory, vehicle: int, density: float) -> Floats:
-    """Power of all thrusters of a vehicle at each instant, shape (n,), [W]; NaN if it has effectors of other kinds.
+    """Power of all thrusters of a vehicle at each instant, shape (n,), [W]; NaN if it has effectors
+    of other kinds.
 
-    The inflow of a thruster is the hull's forward speed along its axis; thrusters across the hull have none.
+    The inflow of a thruster is the hull's forward speed along its axis; thrusters across the hull
+    have none.
     """
     thrust = trajectory.thrust[:, vehicle]
     force = trajectory.effector_force[vehicle]
@@ -96,7 +121,9 @@ def _rms(values: Floats) -> float:
 
 
 def _station(off: Floats, turning: Bools, time: Floats) -> Record:
-    """How a follower kept its station: distances from it [m] and where its frame turns, all of shape (n,)."""
+    """How a follower kept its station: distances from it [m] and where its frame turns, all of
+    shape (n,).
+    """
     kept = station_keeping(off, time)
     leg = off[~turning]
     return {
@@ -110,14 +137,18 @@ def _station(off: Floats, turning: Bools, time: Floats) -> Record:
 
 
 def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
-    """What the motion of a mission shows of each of its followers: a record by columns of `METRICS`.
+    """What the motion of a mission shows of each of its followers: a record by columns of
+    `METRICS`.
 
-    Point motion has no thrusters: its powers are None. Followers without stations have no columns of stations.
+    Point motion has no thrusters: its powers are None. Followers without stations have no columns
+    of stations.
     """
     routes = routes_of(scenario)
     time = trajectory.time
     position = trajectory.position
-    stations = true_stations(scenario, trajectory) if any(f.station for f in scenario.followers) else None
+    stations = (
+        true_stations(scenario, trajectory) if any(f.station for f in scenario.followers) else None
+    )
     off = track_errors(scenario, trajectory, stations)
     sent = np.arange(round(1.0 / CONTROL_STEP_S), time.size, round(1.0 / CONTROL_STEP_S))
     density = scenario.ocean.density_kg_m3
@@ -148,7 +179,9 @@ def facts_of(scenario: Scenario, trajectory: Trajectory) -> list[Record]:
         away = position[:, v] - position[:, 0]
         east, north, up = away[sent].T
         off_bow = np.arctan2(east, north) - trajectory.heading[sent, 0]
-        moved = pitch_fix_error(trajectory.pitch[sent, 0], -up, np.maximum(np.hypot(east, north), 1e-9), off_bow)
+        moved = pitch_fix_error(
+            trajectory.pitch[sent, 0], -up, np.maximum(np.hypot(east, north), 1e-9), off_bow
+        )
         level = np.hypot(apart[..., 0], apart[..., 1]).min(axis=0)
         layer = level[np.abs(np.delete(layers, v) - layers[v]) < LEAST_LAYER_M]
         row: Record = {
@@ -178,10 +211,11 @@ _OF_ENDED = ("run", "touched", "ended")
 
 
 def records_of_run(scenario: Scenario, run: int) -> list[Record]:
-    """Simulates a run in closed loop; its results for each follower, by the names of a cell's lists and of `facts_of`.
+    """Simulates a run in closed loop; its results for each follower, by the names of a cell's lists
+    and of `facts_of`.
 
-    A run that contact ended has no other results than that: a mean over missions of unlike length would hide it.
-    CampaignError: the simulation left finite numbers.
+    A run that contact ended has no other results than that: a mean over missions of unlike length
+    would hide it. CampaignError: the simulation left finite numbers.
     """
     one = scenario.model_copy(update={"run": run})
     stride = round(one.timing.filter_step_s / CONTROL_STEP_S)
@@ -219,5 +253,7 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
             **facts,
             "ended": ended,
         }
-        rows.append({name: value if not ended or name in _OF_ENDED else None for name, value in row.items()})
+        rows.append(
+            {name: value if not ended or name in _OF_ENDED else None for name, value in row.items()}
+        )
     return rows

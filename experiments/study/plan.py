@@ -1,4 +1,6 @@
-"""The plan of a study: every scenario that it flies, all of them valid before the first is flown."""
+"""The plan of a study: every scenario that it flies, all of them valid before the first is
+flown.
+"""
 
 import difflib
 import re
@@ -43,7 +45,8 @@ class Entry:
     scenario: Scenario  # of its first run
     motion: str  # key of its mission, which others may share
     source: str  # the scenario that the settings change
-    measured: Mapping[str, str] = field(default_factory=dict)  # columns of the mission that further keys take, by key
+    # columns of the mission that further keys take, by key
+    measured: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def place(self) -> tuple[int, str, int]:
@@ -60,8 +63,12 @@ class Entry:
         return {key: value_at(value, run) for key, value in self.settings.items() if key != "run"}
 
     def scenario_at(self, run: int) -> Scenario:
-        """The scenario of a run; ScenarioError if it is invalid with the values that this run has."""
-        changed = {key: value_at(value, run) for key, value in self.settings.items() if follows_run(value)}
+        """The scenario of a run; ScenarioError if it is invalid with the values that this run
+        has.
+        """
+        changed = {
+            key: value_at(value, run) for key, value in self.settings.items() if follows_run(value)
+        }
         if not changed:
             return self.scenario.model_copy(update={"run": run})
         table = assigned(self.scenario.model_dump(mode="json"), changed | {"run": run})
@@ -91,7 +98,9 @@ class Plan:
     def flights(self) -> int:
         """Missions to fly: each once for all entries that share it, each run of a closed loop."""
         shared = {entry.motion for entry in self.entries if not entry.closed_loop}
-        return len(shared) + sum(len(self.runs_of(entry)) for entry in self.entries if entry.closed_loop)
+        return len(shared) + sum(
+            len(self.runs_of(entry)) for entry in self.entries if entry.closed_loop
+        )
 
     def runs_of(self, entry: Entry) -> range:
         """Numbers of an entry's runs in closed loop."""
@@ -123,7 +132,9 @@ def many(number: int, noun: str) -> str:
 
 
 def _resolved(settings: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str], list[str]]:
-    """Settings with numbers for sums and without variables, columns that keys take, and a line for each invalid one."""
+    """Settings with numbers for sums and without variables, columns that keys take, and a line
+    for each invalid one.
+    """
     found = dict(settings)
     measured = dict[str, str]()
     used = set[str]()
@@ -136,20 +147,30 @@ def _resolved(settings: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, st
             if all(map(is_number, numbers)):
                 found[key] = sum(numbers)
             else:
-                text = f"a sum is a list of numbers and of keys that the study sets to numbers (given: {parts!r:.80})"
+                text = (
+                    "a sum is a list of numbers and of keys that the study sets to numbers "
+                    f"(given: {parts!r:.80})"
+                )
                 lines.append(f"  {key}: {text}")
         elif is_rule(value, "measured"):
             measured[key] = str(found.pop(key)["measured"])
             if measured[key] not in MISSION:
-                lines.append(f"  {key}: unknown column of a mission {measured[key]!r:.60}; known: {', '.join(MISSION)}")
+                lines.append(
+                    f"  {key}: unknown column of a mission {measured[key]!r:.60}; known: "
+                    f"{', '.join(MISSION)}"
+                )
     for name in used - Scenario.model_fields.keys():
         if "." not in name:
             found.pop(name, None)
     return found, measured, lines
 
 
-def _with(table: Mapping[str, Any], settings: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """A table with the settings of the first run in it, and a line for each that is invalid or has no place there."""
+def _with(
+    table: Mapping[str, Any], settings: Mapping[str, Any]
+) -> tuple[dict[str, Any], list[str]]:
+    """A table with the settings of the first run in it, and a line for each that is invalid or
+    has no place there.
+    """
     try:
         return assigned(table, {key: value_at(value, 0) for key, value in settings.items()}), []
     except ValueError:
@@ -168,16 +189,22 @@ def _report_errors(study: Study) -> list[str]:
     """A line for each metric and each factor of the report that does not exist."""
     report = study.file.report
     lines = []
-    asked = {"report.metric": report.metric} | ({"runs.until.metric": study.until.metric} if study.until else {})
+    asked = {"report.metric": report.metric} | (
+        {"runs.until.metric": study.until.metric} if study.until else {}
+    )
     for key, metric in asked.items():
         if metric not in METRICS:
             near = difflib.get_close_matches(metric, METRICS, n=3, cutoff=0.4)
-            lines.append(f"  {key}: unknown metric {metric!r:.60}; available: {', '.join(near or METRICS)}")
+            lines.append(
+                f"  {key}: unknown metric {metric!r:.60}; available: {', '.join(near or METRICS)}"
+            )
     known = [*(factor.key for factor in study.factors), ARM, FOLLOWER]
     for name in ("against", "lines", "panels"):
         wish = getattr(report, name)
         if wish and wish not in known:
-            lines.append(f"  report.{name}: {wish!r:.60} is not varied; available: {', '.join(known)}")
+            lines.append(
+                f"  report.{name}: {wish!r:.60} is not varied; available: {', '.join(known)}"
+            )
     return lines
 
 
@@ -189,7 +216,10 @@ def _arm_errors(study: Study, point: Mapping[str, Any], entry: Entry) -> list[st
     if arm.every > 1 and not entry.closed_loop:
         found.append("every applies to closed loops; its runs share one mission")
     if (disturb or entry.measured or arm.leader_pitch_deg is not None) and entry.closed_loop:
-        found.append("disturb, leader_pitch_deg and measured apply to missions that runs share, not to closed loops")
+        found.append(
+            "disturb, leader_pitch_deg and measured apply to missions that runs share, not to "
+            "closed loops"
+        )
     try:
         disturbance_of(disturb)
     except LaisnError as error:
@@ -198,9 +228,14 @@ def _arm_errors(study: Study, point: Mapping[str, Any], entry: Entry) -> list[st
 
 
 def _examined(
-    study: Study, tables: Mapping[str, Mapping[str, Any]], points: list[dict[str, Any]], advance: Advance
+    study: Study,
+    tables: Mapping[str, Mapping[str, Any]],
+    points: list[dict[str, Any]],
+    advance: Advance,
 ) -> tuple[list[Entry], list[str]]:
-    """All entries that are valid, and a line for each error of any other and where in the design it is."""
+    """All entries that are valid, and a line for each error of any other and where in the design
+    it is.
+    """
     entries = list[Entry]()
     errors = dict[str, list[str]]()
     found_of = dict[str, list[str]]()
@@ -224,10 +259,22 @@ def _examined(
         own = {key: value for key, value in point.items() if key not in (SCENARIO, CASE)}
         given = tables[name].get("seed")
         case = study.case_at(point).settings
-        first = study.file.seed if study.file.seed is not None else given if isinstance(given, int) else 1
+        first = (
+            study.file.seed
+            if study.file.seed is not None
+            else given
+            if isinstance(given, int)
+            else 1
+        )
         for arm, realization in product(study.arms_at(point), range(study.file.realizations)):
             total += 1
-            settings = {**study.settings, **case, **study.arm(arm).settings, **own, **drawn(first, realization)}
+            settings = {
+                **study.settings,
+                **case,
+                **study.arm(arm).settings,
+                **own,
+                **drawn(first, realization),
+            }
             if study.file.realizations > 1 or study.file.seed is not None:
                 settings["seed"] = first + realization
             settings, measured, lines = _resolved(settings)
@@ -240,33 +287,54 @@ def _examined(
                 if moving not in motions:
                     motions[moving] = motion_key(scenario)
                 # ten thousand scenarios differ in few sections, and share all others in memory
-                shared = {part: parts.setdefault((part, value), value) for part, value in scenario
-                          if isinstance(value, Section) and not getattr(value, "own", None)}  # fmt: skip
-                scenario = scenario.model_copy(update={**shared, "run": scenario.run + number * study.file.runs_apart})
+                shared = {
+                    part: parts.setdefault((part, value), value)
+                    for part, value in scenario
+                    if isinstance(value, Section) and not getattr(value, "own", None)
+                }
+                scenario = scenario.model_copy(
+                    update={**shared, "run": scenario.run + number * study.file.runs_apart}
+                )
                 entry = Entry(
-                    point=number, arm=arm, realization=realization, settings=settings, source=study.scenarios[name],
-                    scenario=scenario, motion=motions[moving], measured=measured,
-                )  # fmt: skip
+                    point=number,
+                    arm=arm,
+                    realization=realization,
+                    settings=settings,
+                    source=study.scenarios[name],
+                    scenario=scenario,
+                    motion=motions[moving],
+                    measured=measured,
+                )
                 entries.append(entry)
                 lines += _arm_errors(study, point, entry)
             where = [f"{key} = {text_of(value)}" for key, value in point.items()] if lines else []
-            where += [f"arm {arm}"] * bool(study.arms) + [f"realization {realization}"] * (study.file.realizations > 1)
+            where += [f"arm {arm}"] * bool(study.arms) + [f"realization {realization}"] * (
+                study.file.realizations > 1
+            )
             for line in lines:
                 errors.setdefault(line, []).append(", ".join(where))
             advance(1)
     return entries, [
-        line if len(places) == total else f"{line}; in {len(places)} of {total} scenarios, first at {places[0]}"
+        line
+        if len(places) == total
+        else f"{line}; in {len(places)} of {total} scenarios, first at {places[0]}"
         for line, places in errors.items()
     ]
 
 
 def plan_of(study: Study, *, quiet: bool = True) -> Plan:
-    """Plan a study; StudyError has a line for each error of report, design and scenarios, and where it is."""
+    """Plan a study; StudyError has a line for each error of report, design and scenarios, and
+    where it is.
+    """
     lines = _report_errors(study)
     each = max(len(study.arms), 1) * study.file.realizations
     try:
         points = points_of(
-            study.factors, study.file.design, study.file.points, study.file.seed or 0, MOST_ENTRIES // each
+            study.factors,
+            study.file.design,
+            study.file.points,
+            study.file.seed or 0,
+            MOST_ENTRIES // each,
         )
     except ValueError as error:
         lines.append(f"  design: {error}")
@@ -279,12 +347,19 @@ def plan_of(study: Study, *, quiet: bool = True) -> Plan:
     total = study.file.realizations * sum(len(study.arms_at(point)) for point in points)
     with progress("scenarios", total, quiet=quiet or total < _SHOWN) as advance:
         entries, errors = _examined(study, tables, points, advance)
-    last = max((entry.scenario.run for entry in entries), default=0) + (study.until.most if study.until else study.runs)
+    last = max((entry.scenario.run for entry in entries), default=0) + (
+        study.until.most if study.until else study.runs
+    )
     if last > MOST_RUNS:
-        errors.insert(0, f"  runs, runs_apart: the last run is number {last:,}, at most {MOST_RUNS:,}")
+        errors.insert(
+            0, f"  runs, runs_apart: the last run is number {last:,}, at most {MOST_RUNS:,}"
+        )
     irregular = any(entry.scenario.ocean.waves.kind == "jonswap" for entry in entries)
     if study.file.realizations > 1 and entries and not study.draws and not irregular:
-        text = "equal realizations: nothing is drawn in [draw], and there are no irregular waves; set more runs instead"
+        text = (
+            "equal realizations: nothing is drawn in [draw], and there are no irregular waves; "
+            "set more runs instead"
+        )
         errors.insert(0, f"  realizations: {text}")
     if errors:
         raise refusal(study.source, errors)

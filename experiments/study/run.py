@@ -1,4 +1,6 @@
-"""Flying a study: missions in parallel, each once, then cells; all of it stored, and gone on with after a kill."""
+"""Flying a study: missions in parallel, each once, then cells; all of it stored, and gone on
+with after a kill.
+"""
 
 import math
 from collections import defaultdict
@@ -26,7 +28,8 @@ from laisn.arrays import Floats
 from laisn.failure import LaisnError
 from sim.trajectory import Trajectory
 
-_MOST_GROWTH = 10.0  # by which the number of runs grows at most from one look at their intervals to the next
+# by which the number of runs grows at most from one look at their intervals to the next
+_MOST_GROWTH = 10.0
 _TABLE_ROWS = 60_000
 
 
@@ -39,12 +42,15 @@ class Cells(NamedTuple):
 
     def where(self, **wanted: object) -> "Cells":
         """Those whose rows have these values."""
-        return self._take([all(row.get(k) == value for k, value in wanted.items()) for row in self.rows])
+        return self._take(
+            [all(row.get(k) == value for k, value in wanted.items()) for row in self.rows]
+        )
 
     def by(self, *keys: str) -> dict[str, "Cells"]:
         """Cells by the values that they have of keys, as text with spaces between them."""
         names = [
-            " ".join(f"{row[k]:g}" if isinstance(row[k], float) else str(row[k]) for k in keys) for row in self.rows
+            " ".join(f"{row[k]:g}" if isinstance(row[k], float) else str(row[k]) for k in keys)
+            for row in self.rows
         ]
         return {name: self._take([one == name for one in names]) for name in dict.fromkeys(names)}
 
@@ -67,11 +73,15 @@ class Outcomes:
 
     plan: Plan
     rows: list[Record]
-    runs: list[tuple[Record, Record]]  # one pair for each entry and follower: what it is, and lists over runs by name
+    # one pair for each entry and follower: what it is, and lists over runs by name
+    runs: list[tuple[Record, Record]]
     steps: list[Arrays]
-    """Errors over time of each entry and follower, as of `steps_of`; empty where the study keeps none."""
+    """Errors over time of each entry and follower, as of `steps_of`; empty where the study keeps
+    none.
+    """
     store: Store
-    failures: dict[str, list[Entry]] = field(default_factory=dict)  # entries that could not be flown, by what happened
+    # entries that could not be flown, by what happened
+    failures: dict[str, list[Entry]] = field(default_factory=dict)
 
     @property
     def cells(self) -> Cells:
@@ -91,7 +101,11 @@ class Outcomes:
 def _of_runs(entry: Entry, follower: int, found: Sequence[list[Record]]) -> tuple[Record, Record]:
     """Row and lists over runs of a follower of a closed loop."""
     lists = columns_of([records[follower] for records in found])
-    row: Record = {"variant": entry.scenario.navigation.variant, "seed": entry.scenario.seed, "runs": len(found)}
+    row: Record = {
+        "variant": entry.scenario.navigation.variant,
+        "seed": entry.scenario.seed,
+        "runs": len(found),
+    }
     for name, values in lists.items():
         whole = np.array(values, dtype=np.float64)
         whole = whole[np.isfinite(whole)]
@@ -105,9 +119,15 @@ def _of_runs(entry: Entry, follower: int, found: Sequence[list[Record]]) -> tupl
             row[name] = float(np.sqrt(np.mean(whole**2)))
         elif name not in ("run", "mirror_locked", "gated"):
             row[name] = float(whole.mean())
-    for count, name in (("mirror_locked_runs", "mirror_locked"), ("fixes_gated", "gated"), ("ended_runs", "ended")):
+    for count, name in (
+        ("mirror_locked_runs", "mirror_locked"),
+        ("fixes_gated", "gated"),
+        ("ended_runs", "ended"),
+    ):
         row[count] = sum(int(value or 0) for value in lists[name])
-    row["worst_run"] = int(lists["run"][int(np.argmax([value or 0.0 for value in lists["e_p_max_m"]]))])
+    row["worst_run"] = int(
+        lists["run"][int(np.argmax([value or 0.0 for value in lists["e_p_max_m"]]))]
+    )
     return row, lists
 
 
@@ -125,35 +145,51 @@ def _cells(plan: Plan, entry: Entry) -> list[CellPlan]:
     point = plan.points[entry.point]
     scenario = entry.scenario
     first = CellPlan(
-        scenario=scenario, runs=study.runs, first_run=scenario.run, lag_s=study.file.bound_lag_s,
+        scenario=scenario,
+        runs=study.runs,
+        first_run=scenario.run,
+        lag_s=study.file.bound_lag_s,
         keep_steps=study.file.steps or study.case_at(point).steps,
-        leader_pitch_deg=study.arm(entry.arm).leader_pitch_deg, disturb=study.disturb_at(point, entry.arm),
-        measured=entry.measured, facts=facts_of if entry.measured else None,
-    )  # fmt: skip
+        leader_pitch_deg=study.arm(entry.arm).leader_pitch_deg,
+        disturb=study.disturb_at(point, entry.arm),
+        measured=entry.measured,
+        facts=facts_of if entry.measured else None,
+    )
     return [replace(first, follower=i) for i in range(len(scenario.followers))]
 
 
-def fly_studies(plans: Sequence[Plan], folder: Path, **options: Unpack[ExecutionOptions]) -> list[Outcomes]:
-    """Fly studies, which share missions and cells, together, or what is missing of them; as of `campaign.fly`.
+def fly_studies(
+    plans: Sequence[Plan], folder: Path, **options: Unpack[ExecutionOptions]
+) -> list[Outcomes]:
+    """Fly studies, which share missions and cells, together, or what is missing of them; as of
+    `campaign.fly`.
 
     Each has rows in the order of its plan: the same whatever the workers and interruptions.
     """
     entries = [(i, plan, entry) for i, plan in enumerate(plans) for entry in plan.entries]
-    cells = {(i, entry.place): _cells(plan, entry) for i, plan, entry in entries if not entry.closed_loop}
+    cells = {
+        (i, entry.place): _cells(plan, entry) for i, plan, entry in entries if not entry.closed_loop
+    }
     closed = [one for one in entries if one[2].closed_loop]
     tasks: dict[Any, Task] = {
-        (i, entry.place, run): partial(records_of_run, montecarlo.content_of(entry.scenario_at(run)), run)
+        (i, entry.place, run): partial(
+            records_of_run, montecarlo.content_of(entry.scenario_at(run)), run
+        )
         for i, plan, entry in closed
         for run in plan.runs_of(entry)
     }
     ahead = partial(fly, closed[0][2].scenario.first_messages) if closed else None
     every = [cell for own in cells.values() for cell in own]
-    flown = campaign.fly(every, tasks, folder, facts=facts_of, ahead=ahead, tolerant=True, **options)
+    flown = campaign.fly(
+        every, tasks, folder, facts=facts_of, ahead=ahead, tolerant=True, **options
+    )
     found = [Outcomes(plan=plan, rows=[], runs=[], steps=[], store=flown.store) for plan in plans]
     for i, plan, entry in entries:
         name = (i, entry.place)
         outcomes = found[i]
-        names: list[Any] = [(*name, run) for run in plan.runs_of(entry)] if entry.closed_loop else [entry.motion]
+        names: list[Any] = (
+            [(*name, run) for run in plan.runs_of(entry)] if entry.closed_loop else [entry.motion]
+        )
         what = next((flown.failures[name] for name in names if name in flown.failures), None)
         if what is not None:
             outcomes.failures.setdefault(what, []).append(entry)
@@ -175,7 +211,9 @@ def fly_studies(plans: Sequence[Plan], folder: Path, **options: Unpack[Execution
 
 
 def _widest(results: Results, metric: str) -> float:
-    """Half of the widest interval of a metric of runs; infinite where too few runs have it for an interval."""
+    """Half of the widest interval of a metric of runs; infinite where too few runs have it for
+    an interval.
+    """
     widest = 0.0
     for place in results.rows:
         runs = results.by_run(place, metric)
@@ -191,7 +229,8 @@ def _widest(results: Results, metric: str) -> float:
 
 
 def runs_wanted(runs: int, widest: float, until: Until, batch: int) -> int:
-    """Runs after the next look at intervals, half of the widest of which is known; as many as there are: no more.
+    """Runs after the next look at intervals, half of the widest of which is known; as many as there
+    are: no more.
 
     Intervals narrow with the square root of their number (Stein, Ann. Math. Stat. 16, 1945).
     `tools.documents.coverage` measures how often the intervals then hold the truth.
@@ -202,11 +241,14 @@ def runs_wanted(runs: int, widest: float, until: Until, batch: int) -> int:
     return min(batches * batch, until.most)
 
 
-def fly_until_narrow(plans: Sequence[Plan], folder: Path, **options: Unpack[ExecutionOptions]) -> list[Outcomes]:
-    """Fly studies with as many runs as their files set: a number, or batches until all intervals are narrow enough.
+def fly_until_narrow(
+    plans: Sequence[Plan], folder: Path, **options: Unpack[ExecutionOptions]
+) -> list[Outcomes]:
+    """Fly studies with as many runs as their files set: a number, or batches until all intervals
+    are narrow enough.
 
-    The number of runs after each look follows from the results alone. All places of a study have the same number, so
-    that arms stay paired. The plans of the outcomes have the final numbers.
+    The number of runs after each look follows from the results alone. All places of a study have
+    the same number, so that arms stay paired. The plans of the outcomes have the final numbers.
 
     Raises:
         LaisnError: as of `fly_studies`, or single runs do not have the metric.
@@ -214,10 +256,17 @@ def fly_until_narrow(plans: Sequence[Plan], folder: Path, **options: Unpack[Exec
     while True:
         outcomes = fly_studies(plans, folder, **options)
         wanted = [
-            study.runs if study.until is None
-            else runs_wanted(study.runs, _widest(found.results, study.until.metric), study.until, study.file.batch)
-            for found in outcomes for study in [found.plan.study]
-        ]  # fmt: skip
+            study.runs
+            if study.until is None
+            else runs_wanted(
+                study.runs,
+                _widest(found.results, study.until.metric),
+                study.until,
+                study.file.batch,
+            )
+            for found in outcomes
+            for study in [found.plan.study]
+        ]
         if wanted == [plan.study.runs for plan in plans]:
             return outcomes
         plans = [plan.part(plan.entries, runs) for plan, runs in zip(plans, wanted, strict=True)]
@@ -228,12 +277,16 @@ Choice = Mapping[tuple[int, str, int], int]  # numbers of runs by point, arm and
 
 
 def fly_further(
-    found: Mapping[str, Outcomes], choose: Callable[[Mapping[str, Outcomes]], Mapping[str, Choice]], folder: Path,
+    found: Mapping[str, Outcomes],
+    choose: Callable[[Mapping[str, Outcomes]], Mapping[str, Choice]],
+    folder: Path,
     **options: Unpack[ExecutionOptions],
-) -> None:  # fmt: skip
-    """Add runs to outcomes as long as a function of them chooses some, by the names of the outcomes.
+) -> None:
+    """Add runs to outcomes as long as a function of them chooses some, by the names of the
+    outcomes.
 
-    Lists over runs grow; rows stay those of the first runs. CampaignError: something cannot be flown.
+    Lists over runs grow; rows stay those of the first runs. CampaignError: something cannot be
+    flown.
     """
     where = itemgetter("point", "arm", "realization", "follower")
     options |= {"force": False}
@@ -247,12 +300,16 @@ def fly_further(
                 flown = len(lists_at[*place, entry.scenario.followers[0].name]["run"])
                 scenario = entry.scenario.model_copy(update={"run": entry.scenario.run + flown})
                 entries[number - flown].append(replace(entry, scenario=scenario))
-            for more in fly_studies([plan.part(some, n) for n, some in entries.items()], folder, **options):
+            for more in fly_studies(
+                [plan.part(some, n) for n, some in entries.items()], folder, **options
+            ):
                 if more.failures:
                     raise CampaignError("; ".join(sorted(more.failures)))
                 for labels, lists in more.runs:
                     grown = lists_at[where(labels)]
-                    grown |= {column: np.append(values, lists[column]) for column, values in grown.items()}
+                    grown |= {
+                        column: np.append(values, lists[column]) for column, values in grown.items()
+                    }
 
 
 def of_one_type(columns: dict[str, list[Any]]) -> dict[str, list[Any]]:
@@ -265,7 +322,8 @@ def of_one_type(columns: dict[str, list[Any]]) -> dict[str, list[Any]]:
 
 
 def run_tables(runs: Sequence[tuple[Record, Record]]) -> Iterator[pa.Table]:
-    """Lists over runs as tables with a row for each run; arrays as several of some thousand rows, to keep copies small.
+    """Lists over runs as tables with a row for each run; arrays as several of some thousand rows,
+    to keep copies small.
 
     A column that some lacks has no value there.
     """
@@ -281,7 +339,11 @@ def run_tables(runs: Sequence[tuple[Record, Record]]) -> Iterator[pa.Table]:
         for name in names:
             parts = [runs[i][1].get(name, [None] * sizes[i]) for i in chosen.tolist()]
             arrays = all(isinstance(part, np.ndarray) for part in parts)
-            values = np.concatenate(parts) if arrays else of_one_type({name: [*chain(*parts)]})[name]
-            columns[name] = pa.array(values, type=None if whole else pa.from_numpy_dtype(kinds[name].dtype))
+            values = (
+                np.concatenate(parts) if arrays else of_one_type({name: [*chain(*parts)]})[name]
+            )
+            columns[name] = pa.array(
+                values, type=None if whole else pa.from_numpy_dtype(kinds[name].dtype)
+            )
         own = labels.take(np.repeat(chosen, sizes[chosen]))
         yield pa.table(dict(zip(own.column_names, own.columns, strict=True)) | columns)

@@ -26,7 +26,14 @@ from experiments.study.estimate import Results, main_effects
 from experiments.study.file import FOLDER, Study, built_in, study_of, table_in
 from experiments.study.measure import METRICS
 from experiments.study.plan import Entry, Plan, many, plan_of
-from experiments.study.run import Outcomes, fly_further, fly_studies, fly_until_narrow, of_one_type, run_tables
+from experiments.study.run import (
+    Outcomes,
+    fly_further,
+    fly_studies,
+    fly_until_narrow,
+    of_one_type,
+    run_tables,
+)
 from laisn.failure import LaisnError
 from laisn.lanes import LANES
 from sim.system import atomic_write
@@ -45,7 +52,8 @@ _QUICK_S = 2.0  # … take less time than this [s]
 def _cost(plan: Plan, workers: int) -> tuple[float, float]:
     """Time [s] and bytes of a plan whose entries are all in closed loop, or none of them.
 
-    Some missions are flown, and some entries of each, as the study does it, in a folder that is removed.
+    Some missions are flown, and some entries of each, as the study does it, in a folder that is
+    removed.
     """
     closed = plan.entries[0].closed_loop
     missions = dict[Any, list[Entry]]()
@@ -57,7 +65,9 @@ def _cost(plan: Plan, workers: int) -> tuple[float, float]:
 
         def took(entries: list[Entry], runs: int) -> float:
             begin = perf_counter()
-            (found,) = fly_studies([plan.part(entries, runs)], Path(folder), workers=workers, quiet=True)
+            (found,) = fly_studies(
+                [plan.part(entries, runs)], Path(folder), workers=workers, quiet=True
+            )
             if found.failures:
                 raise CampaignError("; ".join(found.failures))
             return perf_counter() - begin
@@ -80,7 +90,9 @@ def _cost(plan: Plan, workers: int) -> tuple[float, float]:
                 each = (time - idle) / (len(entries) - flown)
                 flown = len(entries)
     blocks = -(-plan.study.runs // LANES)
-    seconds = plan.flights * max((mission - idle) / flights - each, 0.0) + len(plan.entries) * blocks * max(each, 0.0)
+    seconds = plan.flights * max((mission - idle) / flights - each, 0.0) + len(
+        plan.entries
+    ) * blocks * max(each, 0.0)
     return seconds, plan.flights * size
 
 
@@ -114,13 +126,20 @@ def findings_of(plan: Plan, results: Results) -> dict[str, Finding]:
     apart = results.differences(first, metric)
     for place in results.rows:
         name = f"{metric}: point {place[0]}, arm {place[1]}, {place[2]}"
-        what = "; ".join([METRICS[metric].what, *(f"{key} = {value}" for key, value in plan.points[place[0]].items())])
+        what = "; ".join(
+            [
+                METRICS[metric].what,
+                *(f"{key} = {value}" for key, value in plan.points[place[0]].items()),
+            ]
+        )
         found[name] = of(results.estimate(place, metric), what, METRICS[metric].unit)
         if place in apart:
             what = f"paired difference: {METRICS[metric].what}"
             found[f"{name}, less {first}"] = of(apart[place], what, METRICS[metric].unit)
     for name, share in main_effects(plan, results, metric).items():
-        found[f"share of variance: {name}"] = of(share, f"of the variance of {metric} over all points")
+        found[f"share of variance: {name}"] = of(
+            share, f"of the variance of {metric} over all points"
+        )
     return found
 
 
@@ -143,27 +162,35 @@ def _film_worst(outcomes: Outcomes, folder: Path) -> Path:
 
 
 def run_studies(
-    studies: Mapping[str, Study], folder: Path, own: str = "", command: str = "", *, quick: bool = False,
-    film: str = "", **options: Unpack[ExecutionOptions],
-) -> None:  # fmt: skip
-    """Fly the parts of a study, or what is missing of them; write tables, record and page: same outcomes, same bytes.
+    studies: Mapping[str, Study],
+    folder: Path,
+    own: str = "",
+    command: str = "",
+    *,
+    quick: bool = False,
+    film: str = "",
+    **options: Unpack[ExecutionOptions],
+) -> None:
+    """Fly the parts of a study, or what is missing of them; write tables, record and page: same
+    outcomes, same bytes.
 
     Args:
         studies: by part.
         folder: of the results; tables of several parts are in folders of their names.
         own: name of a built-in study, whose package in `experiments/studies` has `findings.py` with
-            `findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]`, a pure function of the outcomes by
-            part, and perhaps `further_runs(outcomes)`, which chooses runs that are flown on, as of `fly_further`; and
-            for a page of its own `page.md.j2`, with `figures.py` whose `values(found: Findings, outcomes) -> dict` has
-            what the template names, and `tables` that are written too; perhaps `film(values, folder) -> Path`.
+            `findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]`, a pure function
+            of the outcomes by part, and perhaps `further_runs(outcomes)`, which chooses runs that
+            are flown on, as of `fly_further`; and for a page of its own `page.md.j2`, with
+            `figures.py` whose `values(found: Findings, outcomes) -> dict` has what the template
+            names, and `tables` that are written too; perhaps `film(values, folder) -> Path`.
         command: that repeats it; empty: `laisn study` with the source of the first one.
         quick: a trial run, without further runs.
         film: "worst" films the worst run, "example" is the film of `figures.py`; empty: none.
         options: as of `campaign.fly`.
 
     Raises:
-        LaisnError: as of `plan_of` and `fly_until_narrow`; something of a built-in study, or all of another, could not
-            be flown; or the study has no such film.
+        LaisnError: as of `plan_of` and `fly_until_narrow`; something of a built-in study, or all of
+            another, could not be flown; or the study has no such film.
     """
     folder_name = own.replace("-", "_")
     package = f"experiments.studies.{folder_name}"
@@ -176,7 +203,9 @@ def run_studies(
     flown = fly_until_narrow(plans, folder, **options)
     first = flown[0]
     outcomes = dict(zip(studies, flown, strict=True))
-    if (failures := "; ".join(sorted({what for one in flown for what in one.failures}))) and (own or not first.rows):
+    if (failures := "; ".join(sorted({what for one in flown for what in one.failures}))) and (
+        own or not first.rows
+    ):
         raise CampaignError(failures)
     findings: Any = import_module(f"{package}.findings") if own else None
     if hasattr(findings, "further_runs") and not quick:
@@ -190,7 +219,11 @@ def run_studies(
     else:
         study = first.plan.study
         found = findings_of(first.plan, first.results)
-        given = {"modules": ("experiments.study.study",), "version": code_version(), "findings": found}
+        given = {
+            "modules": ("experiments.study.study",),
+            "version": code_version(),
+            "findings": found,
+        }
         command = command or f"laisn study {study.source}"
         Findings(study=study.name, command=command, **given).write(folder / RECORD)  # type: ignore[arg-type]
     kept = read(folder / RECORD)
@@ -221,7 +254,9 @@ def run_studies(
 
 
 class StudyFolder:
-    """What a study left in its folder: `results.parquet`, `runs.parquet`, `results.json` and `report.html`."""
+    """What a study left in its folder: `results.parquet`, `runs.parquet`, `results.json` and
+    `report.html`.
+    """
 
     def __init__(self, folder: str | Path) -> None:
         """Take a folder that `laisn study` wrote; LaisnError if it has no results."""
@@ -231,10 +266,15 @@ class StudyFolder:
 
     @cached_property
     def parts(self) -> Mapping[str, "StudyFolder"]:
-        """The parts of a built-in study of several files, which have tables of their own; else none."""
+        """The parts of a built-in study of several files, which have tables of their own; else
+        none.
+        """
         if (self.folder / RESULTS).is_file() or not (self.folder / RECORD).is_file():
             return {}
-        return {path.parent.name: StudyFolder(path.parent) for path in sorted(self.folder.glob(f"*/{RESULTS}"))}
+        return {
+            path.parent.name: StudyFolder(path.parent)
+            for path in sorted(self.folder.glob(f"*/{RESULTS}"))
+        }
 
     def report(self) -> Path:
         """The page of the study."""
@@ -246,7 +286,9 @@ class StudyFolder:
 
     @cached_property
     def table(self) -> Table:
-        """A row for each point, arm, realization and follower (`results.parquet`); with parts, of the first."""
+        """A row for each point, arm, realization and follower (`results.parquet`); with parts,
+        of the first.
+        """
         return self._table(RESULTS)
 
     @cached_property
@@ -256,11 +298,15 @@ class StudyFolder:
 
     @property
     def findings(self) -> Mapping[str, Finding]:
-        """The metric of the report at every point with its interval, and the differences of arms (`results.json`)."""
+        """The metric of the report at every point with its interval, and the differences of arms
+        (`results.json`).
+        """
         return read(self.folder / RECORD).findings
 
     def plot(self, x: str, y: str = "e_p_mean_m") -> Any:
-        """A Plotly figure of a column over a numeric factor: a line for each arm, the mean of all else."""
+        """A Plotly figure of a column over a numeric factor: a line for each arm, the mean of
+        all else.
+        """
         from experiments.study.charts import arms_over
 
         return arms_over(self.table, x, y)
@@ -276,26 +322,41 @@ class StudyFolder:
 def studies_of(
     source: str | Path | Mapping[str, Any], keys: Mapping[str, Any], *, quick: bool = False
 ) -> tuple[dict[str, Study], str]:
-    """The studies of a source by part, several of some built-in ones, and its name if it has findings of its own.
+    """The studies of a source by part, several of some built-in ones, and its name if it has
+    findings of its own.
 
     Arguments and errors as of `study_of`.
     """
     own = "" if isinstance(source, Mapping) or Path(source).exists() else str(source)
     if files := built_in(own):
         return {part: study_of(str(file), keys, quick=quick) for part, file in files.items()}, own
-    return {"study": study_of(source if isinstance(source, Mapping) else str(source), keys, quick=quick)}, ""
+    return {
+        "study": study_of(source if isinstance(source, Mapping) else str(source), keys, quick=quick)
+    }, ""
 
 
 def run(
-    source: str | Path | Mapping[str, Any], keys: Mapping[str, Any], out: str | Path | None = None, *,
-    quick: bool = False, **options: Any,
-) -> StudyFolder:  # fmt: skip
-    """Run any study and give its results; arguments and errors as of `laisn_sim.study` and `run_studies`."""
+    source: str | Path | Mapping[str, Any],
+    keys: Mapping[str, Any],
+    out: str | Path | None = None,
+    *,
+    quick: bool = False,
+    **options: Any,
+) -> StudyFolder:
+    """Run any study and give its results; arguments and errors as of `laisn_sim.study` and
+    `run_studies`.
+    """
     studies, own = studies_of(source, keys, quick=quick)
-    folder = Path(out or Path("out") / f"{own or next(iter(studies.values())).name}{'-quick' * quick}")
+    folder = Path(
+        out or Path("out") / f"{own or next(iter(studies.values())).name}{'-quick' * quick}"
+    )
     words = ["laisn", own, *["--quick"] * quick]
     for key, value in keys.items() if own else ():
-        given = [f"{k}={text_of(v)}" for k, v in value.items()] if isinstance(value, Mapping) else [str(value)]
+        given = (
+            [f"{k}={text_of(v)}" for k, v in value.items()]
+            if isinstance(value, Mapping)
+            else [str(value)]
+        )
         words += [word for one in given if value is not None for word in (f"--{key}", one)]
     run_studies(studies, folder, own, shlex.join(words) if own else "", quick=quick, **options)
     return StudyFolder(folder)

@@ -1,8 +1,8 @@
 """Rival methods of navigation, each one entry of the registry: what reviewers name beside LAISN.
 
-All of them dead-reckon on log and compass between messages and differ in what they do with a message: nothing, a Kalman
-update or particles (`filters`), or a factor graph (`factor_graph`).
+All of them dead-reckon on log and compass between messages and differ in what they do with a
+message: nothing, a Kalman update or particles (`filters`), or a factor graph (`factor_graph`).
 
-Imports: laisn.arrays laisn.compiled laisn.estimates laisn.failure laisn.geometry laisn.messages laisn.navigator
-laisn.navigators laisn.settings
+Imports: laisn.arrays laisn.compiled laisn.estimates laisn.failure laisn.geometry laisn.messages
+laisn.navigator laisn.navigators laisn.settings
 """

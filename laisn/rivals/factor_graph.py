@@ -1,10 +1,12 @@
 """Fixed-lag smoother on a factor graph, by GTSAM's incremental solver.
 
-Variables are the pose at each message, the log's bias, the current, the mean error of ranges and the error that the
-ranges of one message share. A pose is position and compass bias: rotated by that, the odometry since the last message
-leads from one to the next (F. Dellaert, M. Kaess, Factor graphs for robot perception, 2017; M. Kaess et al., iSAM2,
-Int. J. Robotics Research 31(2), 2012). The estimate of the last pose is used, with the odometry since then. The shared
-error is proportional to the range; GTSAM's `RangeFactorWithTransformBias2D` adds one bias to all ranges alike.
+Variables are the pose at each message, the log's bias, the current, the mean error of ranges and
+the error that the ranges of one message share. A pose is position and compass bias: rotated by
+that, the odometry since the last message leads from one to the next (F. Dellaert, M. Kaess, Factor
+graphs for robot perception, 2017; M. Kaess et al., iSAM2, Int. J. Robotics Research 31(2), 2012).
+The estimate of the last pose is used, with the odometry since then. The shared error is
+proportional to the range; GTSAM's `RangeFactorWithTransformBias2D` adds one bias to all ranges
+alike.
 """
 
 from functools import partial
@@ -28,8 +30,8 @@ def _odometry_error(
 ) -> Floats:
     """R(b_θ)ᵀ (p₂ − p₁ − c t) − (Σ s u Δt − b_v Σ u Δt), and the change of b_θ.
 
-    Of poses (p, b_θ), the log's bias b_v and the current c. Jacobians are by the increments of GTSAM's poses, whose
-    positions are in the frame of the pose.
+    Of poses (p, b_θ), the log's bias b_v and the current c. Jacobians are by the increments of
+    GTSAM's poses, whose positions are in the frame of the pose.
     """
     first, second, log_bias, current = factor.keys()
     one = values.atPose2(first)
@@ -49,7 +51,12 @@ def _odometry_error(
 
 
 def _range_error(
-    transmitter: Floats, z: float, longest: float, factor: Any, values: Any, jacobians: list[Floats] | None
+    transmitter: Floats,
+    z: float,
+    longest: float,
+    factor: Any,
+    values: Any,
+    jacobians: list[Floats] | None,
 ) -> Floats:
     """ρ(p) (1 + c / max z) − z of a pose (p, b_θ) and the error c of its message."""
     key, common = factor.keys()
@@ -75,7 +82,8 @@ class FactorGraph(DeadReckoning):
             import gtsam
         except ImportError:
             raise LaisnError(
-                'navigator "factor-graph" needs GTSAM, which is not installed; install it with: pip install '
+                'navigator "factor-graph" needs GTSAM, which is not installed; install it with: '
+                "pip install "
                 '"gtsam>=4.3a1"'
             ) from None
         self._gtsam = gtsam
@@ -120,9 +128,15 @@ class FactorGraph(DeadReckoning):
         covariance[:2, :2] = noise
         model = gtsam.noiseModel.Gaussian.Covariance(covariance)
         error = partial(_odometry_error, way, path, since)
-        graph.add(gtsam.CustomFactor(model, [before, self._pose, self._log_bias, self._current], error))
+        graph.add(
+            gtsam.CustomFactor(model, [before, self._pose, self._log_bias, self._current], error)
+        )
         values.insert(self._pose, gtsam.Pose2(*self.x[:2], self.x[3]))
-        graph.add(gtsam.BetweenFactorDouble(self._range_bias, common, 0.0, self._sigma(settings.range_scale_sigma)))
+        graph.add(
+            gtsam.BetweenFactorDouble(
+                self._range_bias, common, 0.0, self._sigma(settings.range_scale_sigma)
+            )
+        )
         values.insert(common, float(self.x[4]))
         received = np.flatnonzero(np.isfinite(ranges))
         range_noise = self._sigma(settings.range_sigma)
@@ -131,19 +145,27 @@ class FactorGraph(DeadReckoning):
             error = partial(_range_error, transmitter, z, longest)
             graph.add(gtsam.CustomFactor(range_noise, [self._pose, common], error))
         try:
-            self._smoother.update(graph, values, dict.fromkeys((self._pose, common, *self._constants), self._time))
+            self._smoother.update(
+                graph, values, dict.fromkeys((self._pose, common, *self._constants), self._time)
+            )
         except RuntimeError as error_of:
             raise ArithmeticError(f"step {self._step}: {error_of}") from None
         pose = self._smoother.calculateEstimatePose2(self._pose)
         turned = np.eye(3)
         turned[:2, :2] = pose.rotation().matrix()
         spread = turned @ self._smoother.marginalCovariance(self._pose) @ turned.T
-        self.x = np.array([
-            pose.x(), pose.y(), self._smoother.calculateEstimateDouble(self._log_bias), pose.theta(),
-            self._smoother.calculateEstimateDouble(self._range_bias),
-            *self._smoother.calculateEstimatePoint2(self._current),
-        ])  # fmt: skip
-        # the solver gives marginals: constants count as independent of the pose until the next message
+        self.x = np.array(
+            [
+                pose.x(),
+                pose.y(),
+                self._smoother.calculateEstimateDouble(self._log_bias),
+                pose.theta(),
+                self._smoother.calculateEstimateDouble(self._range_bias),
+                *self._smoother.calculateEstimatePoint2(self._current),
+            ]
+        )
+        # the solver gives marginals: constants count as independent of the pose until the next
+        # message
         self.P = np.zeros((STATES, STATES))
         self.P[np.ix_([0, 1, 3], [0, 1, 3])] = spread
         for i, key in ((2, self._log_bias), (4, self._range_bias)):

@@ -1,10 +1,11 @@
 """Rival methods that filter: dead reckoning, Kalman updates, a geodetic adjustment, particles.
 
-State x = [x, y, b_v, b_θ, b_r, c_x, c_y]: position of the hydrophone [m], biases of log [m/s] and compass [rad], mean
-of the error that the ranges share in proportion to their length [m at the largest], and current [m/s], which is zero
-unless `assume.current`. The vehicle moves with the mean velocity of both ends of a step,
-v = (s − b_v) [sin(θ − b_θ), cos(θ − b_θ)] + c, of log s and compass θ (L. Paull, S. Saeedi, M. Seto, H. Li, AUV
-navigation and localization: a review, IEEE J. Ocean. Eng. 39(1), 2014).
+State x = [x, y, b_v, b_θ, b_r, c_x, c_y]: position of the hydrophone [m], biases of log [m/s] and
+compass [rad], mean of the error that the ranges share in proportion to their length [m at the
+largest], and current [m/s], which is zero unless `assume.current`. The vehicle moves with the mean
+velocity of both ends of a step, v = (s − b_v) [sin(θ − b_θ), cos(θ − b_θ)] + c, of log s and
+compass θ (L. Paull, S. Saeedi, M. Seto, H. Li, AUV navigation and localization: a review, IEEE J.
+Ocean. Eng. 39(1), 2014).
 """
 
 import math
@@ -27,13 +28,19 @@ STATES = 7
 
 @compiled
 def propagate(
-    x: Floats, P: Floats, readings: Floats, durations: Floats, sigma: Four, out: tuple[Floats, Floats]
+    x: Floats,
+    P: Floats,
+    readings: Floats,
+    durations: Floats,
+    sigma: Four,
+    out: tuple[Floats, Floats],
 ) -> Floats:
     """Filter steps without a message: x ← f(x), P ← F P Fᵀ + Q; returns P.
 
-    `readings` are log [m/s] and compass [rad] before the first step and after each of n, shape (n + 1, 2), `durations`
-    of the steps [s]. `sigma` are random errors of log and compass, random walks of motion beside the log [m/√s] and of
-    the current [m/s/√s]. `out` gets x, y, vx, vy after each step, shape (n, 4), and their covariance, shape (n, 4, 4).
+    `readings` are log [m/s] and compass [rad] before the first step and after each of n, shape (n +
+    1, 2), `durations` of the steps [s]. `sigma` are random errors of log and compass, random walks
+    of motion beside the log [m/√s] and of the current [m/s/√s]. `out` gets x, y, vx, vy after each
+    step, shape (n, 4), and their covariance, shape (n, 4, 4).
     """
     states, covariances = out
     for k in range(durations.size):
@@ -53,7 +60,8 @@ def propagate(
             F[1, 2] -= 0.5 * dt * north
             F[0, 3] -= 0.5 * dt * water * north
             F[1, 3] += 0.5 * dt * water * east
-        # the velocity's derivatives by the states, and its random error: along by the log, across by the compass
+        # the velocity's derivatives by the states, and its random error: along by the log, across
+        # by the compass
         J[0, 2] = -east
         J[0, 3] = -water * north
         J[0, 5] = 1.0
@@ -90,15 +98,24 @@ def propagate(
 class DeadReckoning(OnlineNavigator[Estimates]):
     """Takes no ranges at all; a subclass updates `x` and `P` in `_update`."""
 
-    KEEPS_READINGS: ClassVar[bool] = False  # for `_odometry`, of methods that move from message to message
+    # for `_odometry`, of methods that move from message to message
+    KEEPS_READINGS: ClassVar[bool] = False
 
     def __init__(self, settings: TightSettings, start: Floats) -> None:
         """Begin at a known state; ValueError if the start is not four finite numbers."""
         super().__init__(settings, start, settings.start_sigma)
-        biases = settings.speed_bias_sigma, settings.heading_bias_sigma, settings.range_scale_bias_sigma
-        current, walk = (settings.current_sigma, CURRENT_WALK) if settings.assume.current else (0.0, 0.0)
+        biases = (
+            settings.speed_bias_sigma,
+            settings.heading_bias_sigma,
+            settings.range_scale_bias_sigma,
+        )
+        current, walk = (
+            (settings.current_sigma, CURRENT_WALK) if settings.assume.current else (0.0, 0.0)
+        )
         self.x: Floats = np.concatenate([self._state[:2], np.zeros(STATES - 2)])
-        self.P: Floats = np.diag(np.square([settings.start_sigma, settings.start_sigma, *biases, current, current]))
+        self.P: Floats = np.diag(
+            np.square([settings.start_sigma, settings.start_sigma, *biases, current, current])
+        )
         self._reading = np.empty((0, 2))
         self._kept = list[tuple[Floats, Floats]]()
         self._noise = settings.speed_sigma, settings.heading_sigma, settings.slip, walk
@@ -120,7 +137,11 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         broken = np.flatnonzero(~np.isfinite(readings).all(axis=1) | np.isinf(measurements.depth))
         if broken.size:
             raise LaisnError(f"step {broken[0] + 1}: log, compass or depth are not finite")
-        durations = np.full(n, measurements.dt) if measurements.durations is None else measurements.durations
+        durations = (
+            np.full(n, measurements.dt)
+            if measurements.durations is None
+            else measurements.durations
+        )
         states = np.empty((n, 4))
         covariances = np.empty((n, 4, 4))
         fixes = []
@@ -167,14 +188,18 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         return self._fix_at_estimate(FixKind.RANGES if used else FixKind.LOST)
 
     def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
-        """Update `x` and `P` with the readings and the message of this step; whether the ranges were used.
+        """Update `x` and `P` with the readings and the message of this step; whether the ranges
+        were used.
 
-        `below` has the transmitters: east, north, depth below the hydrophone, shape (3, 3), [m]; some ranges are NaN.
+        `below` has the transmitters: east, north, depth below the hydrophone, shape (3, 3), [m];
+        some ranges are NaN.
         """
         return False
 
     def _odometry(self) -> tuple[Floats, Floats, Floats, float]:
-        """Odometry since the last call by the compass as it reads: Σ s u Δt, Σ u Δt, covariance of the former, time."""
+        """Odometry since the last call by the compass as it reads: Σ s u Δt, Σ u Δt, covariance
+        of the former, time.
+        """
         kept = self._kept
         settings = self.settings
         speed, heading = np.vstack([kept[0][0][:1], *(steps[1:] for steps, _ in kept)]).T
@@ -184,17 +209,33 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         v = speed[:, None] * u
         along = settings.speed_sigma * dt * u[1:]
         across = settings.heading_sigma * dt * v[1:, ::-1] * (-1.0, 1.0)
-        noise = [along[:, i] * along[:, j] + across[:, i] * across[:, j] for i, j in ((0, 0), (0, 1), (1, 1))]
-        noise = [noise[0] + settings.slip**2 * durations, noise[1], noise[2] + settings.slip**2 * durations]
-        terms = np.column_stack([0.5 * dt * (v[:-1] + v[1:]), 0.5 * dt * (u[:-1] + u[1:]), *noise, dt])
+        noise = [
+            along[:, i] * along[:, j] + across[:, i] * across[:, j]
+            for i, j in ((0, 0), (0, 1), (1, 1))
+        ]
+        noise = [
+            noise[0] + settings.slip**2 * durations,
+            noise[1],
+            noise[2] + settings.slip**2 * durations,
+        ]
+        terms = np.column_stack(
+            [0.5 * dt * (v[:-1] + v[1:]), 0.5 * dt * (u[:-1] + u[1:]), *noise, dt]
+        )
         # one after another: the same to the bit in one call of `_advance` and in many
         *way, xx, xy, yy, time = np.cumsum(terms, axis=0)[-1].tolist()
         self._kept = []
-        return np.array(way[:2]), np.array(way[2:]), np.array([[xx, xy], [xy, yy]]) + 1e-12 * np.eye(2), time
+        return (
+            np.array(way[:2]),
+            np.array(way[2:]),
+            np.array([[xx, xy], [xy, yy]]) + 1e-12 * np.eye(2),
+            time,
+        )
 
 
 def single_transmitter(ranges: Floats) -> int:
-    """The transmitter of methods that use one: the middle one, or the rear where that is not received."""
+    """The transmitter of methods that use one: the middle one, or the rear where that is not
+    received.
+    """
     return 0 if np.isnan(ranges[2]) else 2
 
 
@@ -206,10 +247,12 @@ def slant(x: Floats, transmitter: Floats) -> tuple[float, Floats]:
 
 
 class RangeFilter(DeadReckoning):
-    """Extended Kalman filter on the ranges of a message, one measurement, without a test for echoes.
+    """Extended Kalman filter on the ranges of a message, one measurement, without a test for
+    echoes.
 
-    h_i = ρ_i (1 + b_r / max z); R = σ² I + σ_s² s sᵀ with s_i = ρ_i / max z (Y. Bar-Shalom, X. R. Li, T. Kirubarajan,
-    Estimation with Applications to Tracking and Navigation, 2001, section 10.3).
+    h_i = ρ_i (1 + b_r / max z); R = σ² I + σ_s² s sᵀ with s_i = ρ_i / max z (Y. Bar-Shalom, X. R.
+    Li, T. Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section
+    10.3).
     """
 
     def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
@@ -222,7 +265,9 @@ class RangeFilter(DeadReckoning):
         H = np.zeros((z.size, STATES))
         H[:, :2] = away[:, :2] / rho[:, None]
         H[:, 4] = share
-        R = settings.range_sigma**2 * np.eye(z.size) + settings.range_scale_sigma**2 * np.outer(share, share)
+        R = settings.range_sigma**2 * np.eye(z.size) + settings.range_scale_sigma**2 * np.outer(
+            share, share
+        )
         self.x, self.P = kalman_update(self.x, self.P, H, z - rho - share * self.x[4], R)
         return True
 
@@ -230,8 +275,9 @@ class RangeFilter(DeadReckoning):
 class OneWayTravelTime(RangeFilter):
     """The same filter on the range to one transmitter, from the one-way travel time of its ping.
 
-    What the leader broadcasts of itself counts as exact (R. M. Eustice, H. Singh, L. L. Whitcomb, J. Field Robotics
-    28(1), 2011; S. E. Webster et al., Int. J. Robotics Research 31(8), 2012: its client without the server's states).
+    What the leader broadcasts of itself counts as exact (R. M. Eustice, H. Singh, L. L. Whitcomb,
+    J. Field Robotics 28(1), 2011; S. E. Webster et al., Int. J. Robotics Research 31(8), 2012: its
+    client without the server's states).
     """
 
     def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
@@ -243,15 +289,17 @@ class OneWayTravelTime(RangeFilter):
 class GeodeticAdjustment(DeadReckoning):
     """Dead reckoning since the last message and one range, adjusted by weighted least squares.
 
-    δ = (Aᵀ W A)⁻¹ Aᵀ W l with A = [I; uᵀ] of the direction u from the leader and W = diag(C⁻¹, 1/σ²), repeated at the
-    adjusted position until it rests; its covariance is (Aᵀ W A)⁻¹. C is what course and speed give dead reckoning;
-    constant errors are no unknowns (K. Naus, P. Piskur, Applying the geodetic adjustment method for positioning in
-    relation to the swarm leader of underwater vehicles based on course, speed, and distance measurements, Energies 15,
-    8472, 2022).
+    δ = (Aᵀ W A)⁻¹ Aᵀ W l with A = [I; uᵀ] of the direction u from the leader and W = diag(C⁻¹,
+    1/σ²), repeated at the adjusted position until it rests; its covariance is (Aᵀ W A)⁻¹. C is what
+    course and speed give dead reckoning; constant errors are no unknowns (K. Naus, P. Piskur,
+    Applying the geodetic adjustment method for positioning in relation to the swarm leader of
+    underwater vehicles based on course, speed, and distance measurements, Energies 15, 8472, 2022).
     """
 
     def __init__(self, settings: TightSettings, start: Floats) -> None:
-        """As of `DeadReckoning`, with mean errors of course, speed and current in place of estimated states."""
+        """As of `DeadReckoning`, with mean errors of course, speed and current in place of
+        estimated states.
+        """
         super().__init__(settings, start)
         self._biases = self.P[2:, 2:].copy()
 
@@ -268,7 +316,9 @@ class GeodeticAdjustment(DeadReckoning):
         for _ in range(10):
             rho, direction = slant(self.x, transmitter)
             normal = weight + np.outer(direction, direction) / sigma**2
-            change = np.linalg.solve(normal, weight @ (reckoned - self.x[:2]) + direction * (z - rho) / sigma**2)
+            change = np.linalg.solve(
+                normal, weight @ (reckoned - self.x[:2]) + direction * (z - rho) / sigma**2
+            )
             self.x[:2] += change
             if np.abs(change).max() < 1e-6:
                 break
@@ -279,20 +329,24 @@ class GeodeticAdjustment(DeadReckoning):
 
 
 class InvertedUsbl(DeadReckoning):
-    """Extended Kalman filter on range, azimuth and elevation of one ping in the follower's own frame.
+    """Extended Kalman filter on range, azimuth and elevation of one ping in the follower's own
+    frame.
 
-    az = atan2(Δe, Δn) − (θ − b_θ) and el = atan(Δz / D) of the vector from hydrophone to transmitter; of the front
-    transmitter, as the sensor measures it. An azimuth has the random error of the compass beside its own
-    (M. Morgado, P. Oliveira, C. Silvestre, J. F. Vasconcelos, Embedded vehicle dynamics aiding for USBL/INS underwater
-    navigation, IEEE Trans. Control Syst. Technol. 22(1), 2014).
+    az = atan2(Δe, Δn) − (θ − b_θ) and el = atan(Δz / D) of the vector from hydrophone to
+    transmitter; of the front transmitter, as the sensor measures it. An azimuth has the random
+    error of the compass beside its own (M. Morgado, P. Oliveira, C. Silvestre, J. F. Vasconcelos,
+    Embedded vehicle dynamics aiding for USBL/INS underwater navigation, IEEE Trans. Control Syst.
+    Technol. 22(1), 2014).
     """
 
     def _update(self, below: Floats, ranges: Floats, own: OwnMotion, reception: Reception) -> bool:
         settings = self.settings
         if reception.bearing is None:
             raise LaisnError(
-                f"step {self._step}: the message has no azimuth and elevation of an inverted USBL; flights with "
-                'sensors.own = [{ sensor = "inverted-usbl" }] measure them, and logs do not hold them'
+                f"step {self._step}: the message has no azimuth and elevation of an inverted USBL; "
+                "flights with "
+                'sensors.own = [{ sensor = "inverted-usbl" }] measure them, and logs do not hold '
+                "them"
             )
         azimuth, elevation = reception.bearing
         transmitter = below[1]
@@ -310,24 +364,34 @@ class InvertedUsbl(DeadReckoning):
         H[1, 3] = 1.0
         H[2, :2] = up / rho**2 * np.array([east, north]) / level
         expected = math.atan2(east, north) - own.heading + self.x[3]
-        innovation = [z - rho - self.x[4], signed_angle(azimuth - expected), elevation - math.atan2(up, level)]
-        R = np.diag([
-            settings.range_sigma**2 + settings.range_scale_sigma**2,
-            settings.azimuth_sigma**2 + settings.heading_sigma**2,
-            settings.elevation_sigma**2,
-        ])  # fmt: skip
+        innovation = [
+            z - rho - self.x[4],
+            signed_angle(azimuth - expected),
+            elevation - math.atan2(up, level),
+        ]
+        R = np.diag(
+            [
+                settings.range_sigma**2 + settings.range_scale_sigma**2,
+                settings.azimuth_sigma**2 + settings.heading_sigma**2,
+                settings.elevation_sigma**2,
+            ]
+        )
         self.x, self.P = kalman_update(self.x, self.P, H, np.array(innovation), R)
         return True
 
 
-DISCOUNT = 0.98  # of Liu and West: the kernel keeps (3 δ − 1) / 2 δ of a bias's deviation from the mean
+# of Liu and West: the kernel keeps (3 δ − 1) / 2 δ of a bias's deviation from the mean
+DISCOUNT = 0.98
 KEPT = (3.0 * DISCOUNT - 1.0) / (2.0 * DISCOUNT)
-LEAST_SHARE = 0.1  # a power of the likelihood is applied first where fewer particles than this share would count
+# a power of the likelihood is applied first where fewer particles than this share would count
+LEAST_SHARE = 0.1
 SMALLEST_POWER = 2.0**-10
 
 
 class ParticleFilter(DeadReckoning):
-    """State [x, y, b_v, b_θ, b_r, c_x, c_y] of each of N particles; between messages one Gaussian of their moments."""
+    """State [x, y, b_v, b_θ, b_r, c_x, c_y] of each of N particles; between messages one
+    Gaussian of their moments.
+    """
 
     KEEPS_READINGS = True
 
@@ -339,12 +403,16 @@ class ParticleFilter(DeadReckoning):
         self.weights: Floats = np.full(settings.particles, 1.0 / settings.particles)
 
     def _random(self, step: int, reading: float) -> np.random.Generator:
-        """Random numbers of a step: a function of its number and of a reading, so that runs do not share them."""
+        """Random numbers of a step: a function of its number and of a reading, so that runs do
+        not share them.
+        """
         key = int(np.float64(reading).view(np.uint64))
         return np.random.Generator(np.random.Philox(key=key, counter=step << 64))
 
     def _move(self, random: np.random.Generator) -> None:
-        """Move all particles by the odometry since the last message: p ← p + R(b_θ) (D − b_v Σ u Δt + w) + c t."""
+        """Move all particles by the odometry since the last message: p ← p + R(b_θ) (D − b_v Σ u
+        Δt + w) + c t.
+        """
         p = self.particles
         normals = random.standard_normal((self.weights.size, 6))
         way, path, noise, time = self._odometry()
@@ -392,7 +460,8 @@ class ParticleFilter(DeadReckoning):
         rest = 1.0
         self._move(random)
         while True:
-            # a power of the likelihood that leaves enough particles, as long as the rest of it is not small
+            # a power of the likelihood that leaves enough particles, as long as the rest of it is
+            # not small
             likelihood = self._likelihood(below, ranges)
             power = rest
             weights = _weighted(self.weights, power * likelihood)

@@ -1,10 +1,11 @@
-"""One message: predict, split, update, prune and merge; online in `TightNavigator`, and in a loop in campaigns.
+"""One message: predict, split, update, prune and merge; online in `TightNavigator`, and in a loop
+in campaigns.
 
-Two transmitters cannot distinguish port from starboard. A hypothesis that reaches across the axis is split there into
-its two halves, so that each is one-sided and its ranges nearly linear; unsupported ones are pruned, coinciding ones
-merged. For an unknown start, and for a mixture that is inconsistent with the ranges, the prior is a ring about the
-nearest transmitter: a sum of Gaussians, one for each bearing, each updated with the ranges and merged on either side of
-the axis.
+Two transmitters cannot distinguish port from starboard. A hypothesis that reaches across the axis
+is split there into its two halves, so that each is one-sided and its ranges nearly linear;
+unsupported ones are pruned, coinciding ones merged. For an unknown start, and for a mixture that is
+inconsistent with the ranges, the prior is a ring about the nearest transmitter: a sum of Gaussians,
+one for each bearing, each updated with the ranges and merged on either side of the axis.
 """
 
 import math
@@ -18,18 +19,32 @@ from laisn.elementary import half_turn_angle, sin_cos
 from laisn.estimates import HYPOTHESES
 from laisn.geometry import Turn, tilted_arms, turn
 from laisn.tight import motion
-from laisn.tight.model import ABSENT, CAPACITY, COMPASS, LOG, SPARE, Belief, Model, X, Y, refresh_output
+from laisn.tight.model import (
+    ABSENT,
+    CAPACITY,
+    COMPASS,
+    LOG,
+    SPARE,
+    Belief,
+    Model,
+    X,
+    Y,
+    refresh_output,
+)
 from laisn.tight.ranging import Signal, update
 
-_SPLIT = 0.3  # least lateral standard deviation of a split, as a share of the distance ℓ_c at which the axis matters
+# least lateral standard deviation of a split, as a share of the distance ℓ_c at which the axis
+# matters
+_SPLIT = 0.3
 _REACH = 3.5
 _LEAST_WEIGHT = 1e-5
 
 
 @compiled
 def _lateral(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, float, float]:
-    """Distance ℓ of component k to the left of the line from transmitter 1 to 2, with P ∇ℓ in `b.gain`; its variance;
-    and the distance ℓ_c at which the axis matters: where the difference of both ranges has bent by 1.4 of their errors.
+    """Distance ℓ of component k to the left of the line from transmitter 1 to 2, with P ∇ℓ in
+    `b.gain`; its variance; and the distance ℓ_c at which the axis matters: where the difference of
+    both ranges has bent by 1.4 of their errors.
     """
     x = b.state
     P = b.covariance
@@ -59,7 +74,9 @@ def _lateral(b: Belief, m: Model, k: int, signal: Signal) -> tuple[float, float,
 
 @compiled
 def _keep_half(b: Belief, m: Model, k: int, signal: Signal, side: float) -> None:
-    """Replace component k by its part on one side of the axis: left for +1, right for −1; with its exact moments."""
+    """Replace component k by its part on one side of the axis: left for +1, right for −1; with
+    its exact moments.
+    """
     x = b.state
     P = b.covariance
     gain = b.gain
@@ -77,7 +94,9 @@ def _keep_half(b: Belief, m: Model, k: int, signal: Signal, side: float) -> None
 
 @compiled
 def split(b: Belief, m: Model, signal: Signal) -> None:
-    """Split every hypothesis that is wide enough at the leader's axis for both of its sides to matter."""
+    """Split every hypothesis that is wide enough at the leader's axis for both of its sides to
+    matter.
+    """
     for h in range(b.alive):
         lateral, variance, critical = _lateral(b, m, mixture.heaviest(b, m.modes, h), signal)
         across = variance > (_SPLIT * critical) ** 2 and abs(lateral) < _REACH * math.sqrt(variance)
@@ -92,14 +111,18 @@ def split(b: Belief, m: Model, signal: Signal) -> None:
 
 @compiled
 def prune_and_merge(b: Belief, m: Model) -> None:
-    """Prune and merge hypotheses, and keep the heaviest few; those with different leader headings are not merged."""
+    """Prune and merge hypotheses, and keep the heaviest few; those with different leader
+    headings are not merged.
+    """
     b.alive = mixture.prune_and_merge(b, m.modes, b.alive, _LEAST_WEIGHT, HYPOTHESES, m.leader)
     mixture.normalise(b.weight, b.alive * m.modes)
 
 
 _BEARINGS = 96
-_RADIAL_VARIANCE = 25.0  # of a hypothesis's distance before the update [m²]: wide beside all errors of a range
-_INCONSISTENT_NIS = 3.0  # smoothed NIS, of which 1 is expected, above which the mixture is inconsistent
+# of a hypothesis's distance before the update [m²]: wide beside all errors of a range
+_RADIAL_VARIANCE = 25.0
+# smoothed NIS, of which 1 is expected, above which the mixture is inconsistent
+_INCONSISTENT_NIS = 3.0
 _RING_WEIGHT = 0.002  # that the hypotheses of the ring are given after an alarm
 _POSITION_SIGMA = 10.0  # of the ring's weight around the belief so far, along each axis [m]
 _FAR_WEIGHT = 0.01  # of the ring far from the belief so far, where that at the belief is 1
@@ -107,7 +130,9 @@ _FAR_WEIGHT = 0.01  # of the ring far from the belief so far, where that at the 
 
 @compiled
 def _rotate_to_bias(b: Belief, m: Model, k: int) -> None:
-    """Turn a component about the leader, which is at the origin, by the error of its heading, with b_L."""
+    """Turn a component about the leader, which is at the origin, by the error of its heading,
+    with b_L.
+    """
     P = b.covariance
     by_bias_x = -b.state[k, Y]
     by_bias_y = b.state[k, X]
@@ -124,9 +149,11 @@ def _rotate_to_bias(b: Belief, m: Model, k: int) -> None:
 
 @compiled
 def _merge_ring(b: Belief, m: Model, signal: Signal, first: int, here: tuple[float, float]) -> bool:
-    """Update a Gaussian at each bearing, and merge those left and right of the axis into `first` and `first` + modes.
+    """Update a Gaussian at each bearing, and merge those left and right of the axis into `first`
+    and `first` + modes.
 
-    The leader is at the origin with an exact heading; `here` is the mean so far [m], or NaN. False if an update failed.
+    The leader is at the origin with an exact heading; `here` is the mean so far [m], or NaN. False
+    if an update failed.
     """
     nearest = 0
     shortest = math.inf
@@ -168,7 +195,8 @@ def _merge_ring(b: Belief, m: Model, signal: Signal, first: int, here: tuple[flo
 
 @compiled
 def add_ring(b: Belief, m: Model, signal: Signal, weight: float) -> bool:
-    """Add two hypotheses, of `weight` together, of a message with two ranges or more; there must be room, and `SPARE`.
+    """Add two hypotheses, of `weight` together, of a message with two ranges or more; there must be
+    room, and `SPARE`.
 
     False if a covariance was not positive definite.
     """
@@ -207,11 +235,14 @@ def add_ring(b: Belief, m: Model, signal: Signal, weight: float) -> bool:
     return True
 
 
-_BEND = 0.003  # a compass bias so uncertain that it bends the way by more is taken from the message first [m]
+# a compass bias so uncertain that it bends the way by more is taken from the message first [m]
+_BEND = 0.003
 _SMOOTHING = 0.15  # of the NIS
-_VARIANCE_GAIN = 0.1  # of the estimated variance of the leader's heading, which never exceeds that of the settings
+# of the estimated variance of the leader's heading, which never exceeds that of the settings
+_VARIANCE_GAIN = 0.1
 _LEAST_LEADER_VARIANCE = math.radians(0.1) ** 2
-_MOST_MISSED = 3  # messages in a row without an accepted range, after which covariances are inflated …
+# messages in a row without an accepted range, after which covariances are inflated …
+_MOST_MISSED = 3
 # … by these, along each axis [m²] and of b_θ [rad²]
 _ADDED_POSITION = 1.0
 _ADDED_COMPASS = math.radians(2.0) ** 2
@@ -224,9 +255,11 @@ _SETTLED = 10.0  # a turn is over where it has not gone on for so long [s]
 
 @compiled
 def place_arms(signal: Signal, m: Model, pitch: float, roll: float, deeper: float) -> None:
-    """Fill in the arms of the transmitters at the broadcast heading, pitch and roll [rad] (level where either is NaN).
+    """Fill in the arms of the transmitters at the broadcast heading, pitch and roll [rad] (level
+    where either is NaN).
 
-    The leader's origin is `deeper` than the hydrophone [m]; NaN: unknown, so that no range counts as received.
+    The leader's origin is `deeper` than the hydrophone [m]; NaN: unknown, so that no range counts
+    as received.
     """
     if deeper != deeper:
         for i in range(3):
@@ -254,10 +287,12 @@ def place_arms(signal: Signal, m: Model, pitch: float, roll: float, deeper: floa
 
 @compiled
 def mix_modes(b: Belief, m: Model) -> None:
-    """Blend the two modes of each hypothesis, slow and quick drift of biases; nothing where there is one.
+    """Blend the two modes of each hypothesis, slow and quick drift of biases; nothing where there
+    is one.
 
-    The interacting multiple model of Blom & Bar-Shalom (Bar-Shalom, Li & Kirubarajan 2001): before a message either
-    component becomes a blend of both, by the chance that the drift has changed its mode.
+    The interacting multiple model of Blom & Bar-Shalom (Bar-Shalom, Li & Kirubarajan 2001): before
+    a message either component becomes a blend of both, by the chance that the drift has changed its
+    mode.
     """
     if m.modes == 1:
         return
@@ -274,17 +309,23 @@ def mix_modes(b: Belief, m: Model) -> None:
             continue
         mixture.copy_component(b, slow, SPARE)
         mixture.blend(b.state, b.covariance, slow, quick, (1.0 - stay) * other / new_slow, m.states)
-        mixture.blend(b.state, b.covariance, quick, SPARE, (1.0 - stay) * weight / new_quick, m.states)
+        mixture.blend(
+            b.state, b.covariance, quick, SPARE, (1.0 - stay) * weight / new_quick, m.states
+        )
         b.weight[slow] = new_slow
         b.weight[quick] = new_quick
 
 
 @compiled
 def _turn_growth(turn: Any, direction: tuple[float, float], least: float, time: float) -> float:
-    """Growth of the squared angle of a turn of at least `least` [rad²], `time` seconds after the last call."""
+    """Growth of the squared angle of a turn of at least `least` [rad²], `time` seconds after the
+    last call.
+    """
     sine, cosine = direction
     started = turn.sin != 0.0 or turn.cos != 0.0
-    angle = half_turn_angle(sine * turn.cos - cosine * turn.sin, sine * turn.sin + cosine * turn.cos)
+    angle = half_turn_angle(
+        sine * turn.cos - cosine * turn.sin, sine * turn.sin + cosine * turn.cos
+    )
     turn.still += time
     if started and angle > max(turn.angle, least):
         gained: float = angle * angle - turn.angle * turn.angle
@@ -301,8 +342,8 @@ def _turn_growth(turn: Any, direction: tuple[float, float], least: float, time: 
 
 @compiled
 def inflate_bias_covariance(b: Belief, m: Model, signal: Signal) -> None:
-    """Inflate bias covariances before an update: by a share of the whole turns since the last message, where compasses
-    have a deviation, and by the error of the leg's heading.
+    """Inflate bias covariances before an update: by a share of the whole turns since the last
+    message, where compasses have a deviation, and by the error of the leg's heading.
     """
     o = b.motion
     turning = m.leader != ABSENT
@@ -311,7 +352,9 @@ def inflate_bias_covariance(b: Belief, m: Model, signal: Signal) -> None:
     if m.deviation > 0.0:
         own = m.deviation * _turn_growth(b.turn, (o.sin, o.cos), _TURN, o.time)
         if turning:
-            leader = m.deviation * _turn_growth(b.leader_turn, sin_cos(signal.heading), _LEADER_TURN, o.time)
+            leader = m.deviation * _turn_growth(
+                b.leader_turn, sin_cos(signal.heading), _LEADER_TURN, o.time
+            )
     for k in range(b.alive * m.modes):
         b.covariance[k, COMPASS, COMPASS] += own
         if turning:
@@ -322,7 +365,9 @@ def inflate_bias_covariance(b: Belief, m: Model, signal: Signal) -> None:
 
 @compiled
 def _propagate_iterated(b: Belief, m: Model, k: int, signal: Signal) -> bool:
-    """Predict component k; where its compass bias bends the way too much, at the biases of a first update."""
+    """Predict component k; where its compass bias bends the way too much, at the biases of a
+    first update.
+    """
     x = b.state
     way = math.sqrt(b.motion.ax**2 + b.motion.ay**2)
     log_bias = x[k, LOG]
@@ -357,7 +402,9 @@ def _update_weights(b: Belief, m: Model) -> bool:
 
 @compiled
 def update_leader_variance(b: Belief, m: Model) -> None:
-    """Estimate the variance of the leader's heading error per message: at most the scatter of readings on legs."""
+    """Estimate the variance of the leader's heading error per message: at most the scatter of
+    readings on legs.
+    """
     excess = 0.0
     for k in range(b.alive * m.modes):
         excess += b.weight[k] * b.turn_excess[k]
@@ -367,7 +414,9 @@ def update_leader_variance(b: Belief, m: Model) -> None:
 
 @compiled
 def _check_consistency(b: Belief, m: Model, signal: Signal, received: int, used: int) -> bool:
-    """Smooth the NIS, and reinitialise or inflate a belief that the ranges do not fit; False if that failed."""
+    """Smooth the NIS, and reinitialise or inflate a belief that the ranges do not fit; False if
+    that failed.
+    """
     normalised_innovation = 0.0
     for k in range(b.alive * m.modes):
         normalised_innovation += b.weight[k] * b.outcome[k].normalised_innovation
@@ -390,8 +439,9 @@ def _check_consistency(b: Belief, m: Model, signal: Signal, received: int, used:
 def receive(b: Belief, m: Model, signal: Signal) -> int:
     """Take a message: predict all components to its instant and update them with its ranges.
 
-    A message without ranges changes nothing. With an unknown start the first message with two ranges makes the belief.
-    Returns the most ranges that a hypothesis used; −1 if a covariance was not positive definite.
+    A message without ranges changes nothing. With an unknown start the first message with two
+    ranges makes the belief. Returns the most ranges that a hypothesis used; −1 if a covariance was
+    not positive definite.
     """
     received = 0
     for i in range(m.transmitters):

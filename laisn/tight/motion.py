@@ -1,11 +1,13 @@
-"""Motion between messages: dead reckoning of the follower, and heading and current from the leader's track.
+"""Motion between messages: dead reckoning of the follower, and heading and current from the
+leader's track.
 
-Readings are preintegrated: the sums A = Σ v u Δt and B = Σ u Δt do not depend on the biases, so that each component is
-predicted once a message (Lupton & Sukkarieh, IEEE Trans. Robotics 28, 2012).
+Readings are preintegrated: the sums A = Σ v u Δt and B = Σ u Δt do not depend on the biases, so
+that each component is predicted once a message (Lupton & Sukkarieh, IEEE Trans. Robotics 28, 2012).
 
-On a straight leg of the leader's exact positions the mean of its headings replaces each of them: the random error of
-one reading would err together in derivatives and residuals of the ranges (Fuller, Measurement Error Models, 1987). The
-leader's way over ground, less what its log and compass measure, shows the current, and in still water its compass bias.
+On a straight leg of the leader's exact positions the mean of its headings replaces each of them:
+the random error of one reading would err together in derivatives and residuals of the ranges
+(Fuller, Measurement Error Models, 1987). The leader's way over ground, less what its log and
+compass measure, shows the current, and in still water its compass bias.
 """
 
 import math
@@ -22,7 +24,9 @@ from laisn.tight.ranging import Signal
 
 
 @inlined
-def preintegrate_direction(b: Belief, m: Model, speed: float, sine: float, cosine: float, dt: float) -> None:
+def preintegrate_direction(
+    b: Belief, m: Model, speed: float, sine: float, cosine: float, dt: float
+) -> None:
     """As `preintegrate`, with sine and cosine of the compass's reading."""
     o = b.motion
     if o.speed != o.speed:
@@ -50,7 +54,9 @@ def preintegrate_direction(b: Belief, m: Model, speed: float, sine: float, cosin
 
 @compiled
 def preintegrate(b: Belief, m: Model, speed: float, heading: float, dt: float) -> None:
-    """One filter step at the mean velocity of both ends, with the readings of log and compass at its end."""
+    """One filter step at the mean velocity of both ends, with the readings of log and compass at
+    its end.
+    """
     sine, cosine = sin_cos(heading)
     preintegrate_direction(b, m, speed, sine, cosine, dt)
 
@@ -63,8 +69,12 @@ def reset_preintegration(b: Belief) -> None:
 
 
 @inlined
-def _way(o: Any, log_bias: float, compass_bias: float) -> tuple[float, float, float, float, float, float]:
-    """Rotation by a compass bias (cosine, sine), way through the water, and its derivative by the log's bias."""
+def _way(
+    o: Any, log_bias: float, compass_bias: float
+) -> tuple[float, float, float, float, float, float]:
+    """Rotation by a compass bias (cosine, sine), way through the water, and its derivative by
+    the log's bias.
+    """
     s, c = sin_cos(compass_bias)
     along_x, along_y = c * o.bx - s * o.by, s * o.bx + c * o.by
     way_x = c * o.ax - s * o.ay - log_bias * along_x
@@ -73,9 +83,12 @@ def _way(o: Any, log_bias: float, compass_bias: float) -> tuple[float, float, fl
 
 
 @inlined
-def _position_noise(o: Any, m: Model, mode: int, way: tuple[float, float, float, float, float, float]) -> Any:
-    """Covariance xx, xy, yy that a component's position gains on a way as of `_way`: by random errors of the readings,
-    slip, and biases of log and compass, and the current, that wander on a straight way.
+def _position_noise(
+    o: Any, m: Model, mode: int, way: tuple[float, float, float, float, float, float]
+) -> Any:
+    """Covariance xx, xy, yy that a component's position gains on a way as of `_way`: by random
+    errors of the readings, slip, and biases of log and compass, and the current, that wander on a
+    straight way.
     """
     c, s, way_x, way_y, by_log_x, by_log_y = way
     time = o.time
@@ -98,8 +111,8 @@ def _position_noise(o: Any, m: Model, mode: int, way: tuple[float, float, float,
 def predict_component(b: Belief, m: Model, k: int, log_bias: float, compass_bias: float) -> None:
     """Predict component k over the way since the last message, linearised at some biases.
 
-    The true way is r = Rot(b_θ)(A − b_v B), with Rot anticlockwise, as a compass that reads too much has to be turned
-    back. P ← F P Fᵀ + Q, with Q of biases that wander for a straight way.
+    The true way is r = Rot(b_θ)(A − b_v B), with Rot anticlockwise, as a compass that reads too
+    much has to be turned back. P ← F P Fᵀ + Q, with Q of biases that wander for a straight way.
     """
     x = b.state
     P = b.covariance
@@ -185,7 +198,9 @@ def position(b: Belief) -> tuple[float, float]:
 
 @compiled
 def velocity(b: Belief) -> tuple[float, float]:
-    """Mean velocity over ground over the mixture, by the last readings [m/s]; 0 if there is no hypothesis yet."""
+    """Mean velocity over ground over the mixture, by the last readings [m/s]; 0 if there is no
+    hypothesis yet.
+    """
     o = b.motion
     out = b.output
     along = o.speed * o.sin
@@ -242,7 +257,9 @@ def _add_component(b: Belief, m: Model, k: int, origin: tuple[float, float]) -> 
 
 @compiled
 def moments(b: Belief, m: Model) -> None:
-    """Put mean and covariance of (x, y, vx, vy) over the mixture into `b.now`; NaN if there is no hypothesis yet."""
+    """Put mean and covariance of (x, y, vx, vy) over the mixture into `b.now`; NaN if there is
+    no hypothesis yet.
+    """
     nothing = 0.0 if b.alive else np.nan
     origin = position(b)
     for i in range(4):
@@ -257,14 +274,18 @@ def moments(b: Belief, m: Model) -> None:
 
 _STRAIGHT = 0.005  # a way that bends by less from message to message is straight [rad]
 _LEAST_WAY = 0.3  # shorter ways between messages have no direction [m]
-_OUTLIER_SIGMAS = 4.0  # a reading so many σ from the mean: the leader has turned without moving aside
-_LEAST_MESSAGES = 4.0  # of a leg, after which its mean heading is used; sooner where its variance is …
+# a reading so many σ from the mean: the leader has turned without moving aside
+_OUTLIER_SIGMAS = 4.0
+# of a leg, after which its mean heading is used; sooner where its variance is …
+_LEAST_MESSAGES = 4.0
 _SMALL_SHARE = 0.1  # … a smaller share of that of b_L
 
 
 @compiled
 def average_leader_heading(b: Belief, m: Model, signal: Signal) -> None:
-    """Replace the heading of a message by the leg's, with the arms; sets `signal.shift` and `signal.added_variance`."""
+    """Replace the heading of a message by the leg's, with the arms; sets `signal.shift` and
+    `signal.added_variance`.
+    """
     o = b.leader
     given = m.leader_variance
     dx = signal.east - o.at_x
@@ -277,7 +298,9 @@ def average_leader_heading(b: Belief, m: Model, signal: Signal) -> None:
     straight = abs(bend) < _STRAIGHT
     signal.shift = signal.added_variance = 0.0
     error = wrap_angle(signal.heading - o.leg_heading - bend)
-    if o.leg > 0.0 and not (straight and error * error <= _OUTLIER_SIGMAS * _OUTLIER_SIGMAS * given):
+    if o.leg > 0.0 and not (
+        straight and error * error <= _OUTLIER_SIGMAS * _OUTLIER_SIGMAS * given
+    ):
         if o.steady > 0.0:
             # from here on b_L is again without the mean's random error
             signal.added_variance = o.scatter / o.leg
@@ -297,7 +320,10 @@ def average_leader_heading(b: Belief, m: Model, signal: Signal) -> None:
         # the way bends half an interval earlier than the heading
         signal.shift = shift
         signal.added_variance = 0.25 * bend * bend
-    elif o.leg >= _LEAST_MESSAGES or o.scatter < _SMALL_SHARE * o.leg * b.covariance[0, m.leader, m.leader]:
+    elif (
+        o.leg >= _LEAST_MESSAGES
+        or o.scatter < _SMALL_SHARE * o.leg * b.covariance[0, m.leader, m.leader]
+    ):
         signal.added_variance = o.scatter / o.leg
         o.steady = 1.0
         o.other_variance, b.leader_variance = b.leader_variance, o.other_variance
@@ -320,9 +346,16 @@ CURRENT_SIGMA = 0.05  # of the mean current over a window of 10 s [m/s]
 
 @compiled
 def _update_component(
-    b: Belief, m: Model, k: int, seen: tuple[float, float], logged: tuple[float, float], variance: float
+    b: Belief,
+    m: Model,
+    k: int,
+    seen: tuple[float, float],
+    logged: tuple[float, float],
+    variance: float,
 ) -> None:
-    """Updates with z = c + v_L [u(θ_L − b_L) − u(θ_L)], east and north, linearised once; `logged` is v_L u(θ_L)."""
+    """Updates with z = c + v_L [u(θ_L − b_L) − u(θ_L)], east and north, linearised once;
+    `logged` is v_L u(θ_L).
+    """
     x = b.state[k]
     P = b.covariance[k]
     gain = b.gain
@@ -351,7 +384,9 @@ def _update_component(
 
 @compiled
 def update_current_from_leader_track(b: Belief, m: Model, signal: Signal) -> None:
-    """Take a message's pose and speed; at the end of a window update all components with the current it shows."""
+    """Take a message's pose and speed; at the end of a window update all components with the
+    current it shows.
+    """
     o = b.leader
     ended = True
     sx, sy = signal.speed * math.sin(signal.heading), signal.speed * math.cos(signal.heading)
@@ -368,7 +403,10 @@ def update_current_from_leader_track(b: Belief, m: Model, signal: Signal) -> Non
         if ended and turn <= _TURN:
             per = 1.0 / window
             logged = (per * o.logged_x, per * o.logged_y)
-            seen = (per * (signal.east - o.window_x) - logged[0], per * (signal.north - o.window_y) - logged[1])
+            seen = (
+                per * (signal.east - o.window_x) - logged[0],
+                per * (signal.north - o.window_y) - logged[1],
+            )
             for k in range(b.alive * m.modes):
                 _update_component(b, m, k, seen, logged, CURRENT_SIGMA * CURRENT_SIGMA * 10.0 * per)
     if ended:

@@ -1,7 +1,9 @@
-"""Followers with the tightly coupled navigator: one, step by step or smoothed; a mission of a campaign; a swarm.
+"""Followers with the tightly coupled navigator: one, step by step or smoothed; a mission of a
+campaign; a swarm.
 
-All equal `TightNavigator` to the bit. Smoothing carries messages up to a lag later back along a chain of Gaussians
-(`laisn.mixture.smooth`), which a mixture enters as one with its mean and covariance.
+All equal `TightNavigator` to the bit. Smoothing carries messages up to a lag later back along a
+chain of Gaussians (`laisn.mixture.smooth`), which a mixture enters as one with its mean and
+covariance.
 """
 
 import math
@@ -17,17 +19,44 @@ from laisn.estimates import HYPOTHESES, FixKind, FixRecord, TightEstimates, kind
 from laisn.failure import LaisnError
 from laisn.geometry import given_transmitters
 from laisn.messages import Measurements, OwnMotion, Reception
-from laisn.mixture import Chain, heaviest, heaviest_hypothesis, hypothesis_weight, mixture_moments, smooth
+from laisn.mixture import (
+    Chain,
+    heaviest,
+    heaviest_hypothesis,
+    hypothesis_weight,
+    mixture_moments,
+    smooth,
+)
 from laisn.navigators import MissionResult, OnlineNavigator
 from laisn.settings import TightSettings
 from laisn.swarm import MESSAGE
 from laisn.tight.estimator import inflate_bias_covariance, mix_modes, place_arms, receive
-from laisn.tight.model import COMPASS, LOG, MOST_STATES, Belief, Model, X, Y, model_of, new_belief, prior_sigmas
-from laisn.tight.motion import moments, position, predict_component, preintegrate, preintegrate_direction, velocity
+from laisn.tight.model import (
+    COMPASS,
+    LOG,
+    MOST_STATES,
+    Belief,
+    Model,
+    X,
+    Y,
+    model_of,
+    new_belief,
+    prior_sigmas,
+)
+from laisn.tight.motion import (
+    moments,
+    position,
+    predict_component,
+    preintegrate,
+    preintegrate_direction,
+    velocity,
+)
 from laisn.tight.ranging import Signal, new_signal
 
 ScalarRecord: TypeAlias = Any
-"""A record as the only element of an array, shape (1,): a call with it takes 1 µs, with a record 30 µs."""
+"""A record as the only element of an array, shape (1,): a call with it takes 1 µs, with a record
+30 µs.
+"""
 
 
 def scalar_record(record: Any) -> ScalarRecord:
@@ -43,9 +72,17 @@ def predict(b: ScalarRecord, m: ScalarRecord, speed: float, heading: float, dt: 
 
 
 @compiled
-def _receive(b: Belief, m: Model, signal: Signal, message: Record, ranges: Floats, depth: float, on_hull: bool) -> int:
-    """Take a record of MESSAGE and its ranges, shape (3,), at the follower's depth [m]; see `receive`. Transmitters are
-    placed on the leader's hull, or lie in `signal`.
+def _receive(
+    b: Belief,
+    m: Model,
+    signal: Signal,
+    message: Record,
+    ranges: Floats,
+    depth: float,
+    on_hull: bool,
+) -> int:
+    """Take a record of MESSAGE and its ranges, shape (3,), at the follower's depth [m]; see
+    `receive`. Transmitters are placed on the leader's hull, or lie in `signal`.
     """
     signal.time = message.timestamp
     signal.east = message.east
@@ -54,13 +91,21 @@ def _receive(b: Belief, m: Model, signal: Signal, message: Record, ranges: Float
     signal.speed = message.speed
     copy_values(ranges, signal.ranges)
     if on_hull:
-        place_arms(signal, m, message.pitch, message.roll, message.depth - (depth - m.hydrophone_height))
+        place_arms(
+            signal, m, message.pitch, message.roll, message.depth - (depth - m.hydrophone_height)
+        )
     return receive(b, m, signal)
 
 
 @compiled
 def update(
-    b: ScalarRecord, m: ScalarRecord, signal: ScalarRecord, sent: Records, ranges: Floats, depth: float, on_hull: bool
+    b: ScalarRecord,
+    m: ScalarRecord,
+    signal: ScalarRecord,
+    sent: Records,
+    ranges: Floats,
+    depth: float,
+    on_hull: bool,
 ) -> int:
     """Update a belief with the only one of messages, as `_receive`, and its moments."""
     used = _receive(b[0], m[0], signal[0], sent[0], ranges, depth, on_hull)
@@ -69,19 +114,25 @@ def update(
 
 
 class TightNavigator(OnlineNavigator[TightEstimates]):
-    """The tightly coupled navigator on one follower; the details of a fix are as of `TightEstimates`."""
+    """The tightly coupled navigator on one follower; the details of a fix are as of
+    `TightEstimates`.
+    """
 
     ESTIMATES = TightEstimates
 
     def __init__(self, settings: TightSettings, start: Floats | None) -> None:
-        """Start at the hydrophone's x, y [m] and velocity [m/s] at step 0, shape (4,). None, or `known_start` False:
-        anywhere; estimates are NaN until the first message with two ranges. ValueError: it is not four finite numbers.
+        """Start at the hydrophone's x, y [m] and velocity [m/s] at step 0, shape (4,). None, or
+        `known_start` False: anywhere; estimates are NaN until the first message with two ranges.
+        ValueError: it is not four finite numbers.
         """
         super().__init__(settings, start if settings.known_start else None, settings.start_sigma)
         self._model = model = model_of(settings)
         self._places = np.array(list(prior_sigmas(settings)))
         self._signal = scalar_record(new_signal())
-        self._records = b, _ = scalar_record(new_belief(settings, model, self._start)), scalar_record(model)
+        self._records = b, _ = (
+            scalar_record(new_belief(settings, model, self._start)),
+            scalar_record(model),
+        )
         self._belief: Belief = b[0]
         # from here on views of the belief, which hold the moments of the mixture after each step
         b["now"][0] = self._state
@@ -94,23 +145,32 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
         return [] if reception is None else [self._receive(own, reception)]
 
     def _receive(self, own: OwnMotion, reception: Reception) -> FixRecord:
-        """Take a message; a range to a transmitter whose position is unknown counts as not received."""
+        """Take a message; a range to a transmitter whose position is unknown counts as not
+        received.
+        """
         message = reception.message
         places = given_transmitters(reception, self.settings)
         ranges = np.array(reception.ranges, dtype=np.float64)
         if places is not None:
             if reception.transmitters is not None and not self.settings.assume.exact_leader:
                 raise LaisnError(
-                    f"step {self._step}: the message places its transmitters, whom no compass of a leader turns; set "
+                    f"step {self._step}: the message places its transmitters, whom no compass of a "
+                    "leader turns; set "
                     "assume.exact_leader"
                 )
-            arms = places - (message.east, message.north, own.depth - self.settings.hydrophone_height)
+            arms = places - (
+                message.east,
+                message.north,
+                own.depth - self.settings.hydrophone_height,
+            )
             ranges[np.isnan(arms).any(axis=1)] = np.nan
             self._signal["arms"] = arms
         sent = np.array([message], dtype=MESSAGE)
         used = update(*self._records, self._signal, sent, ranges, float(own.depth), places is None)
         if used < 0:
-            raise ArithmeticError(f"step {self._step}: a covariance is not positive definite after {reception}")
+            raise ArithmeticError(
+                f"step {self._step}: a covariance is not positive definite after {reception}"
+            )
         return self._fix(used)
 
     def _fix(self, used: int) -> FixRecord:
@@ -119,14 +179,19 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
         modes = int(self._model.modes)
         n = int(self._model.states)
         found: dict[str, Any] = {
-            "nis": np.nan, "used": 0, "full_state": np.full(MOST_STATES, np.nan),
-            "full_sigma": np.full(MOST_STATES, np.nan), "weight": np.zeros(HYPOTHESES),
+            "nis": np.nan,
+            "used": 0,
+            "full_state": np.full(MOST_STATES, np.nan),
+            "full_sigma": np.full(MOST_STATES, np.nan),
+            "weight": np.zeros(HYPOTHESES),
             "hypothesis": np.full((HYPOTHESES, 2), np.nan),
             "hypothesis_covariance": np.full((HYPOTHESES, 2, 2), np.nan),
-        }  # fmt: skip
+        }
         hypotheses = int(b.alive)
         if hypotheses:
-            weight, state, covariance = (a[: hypotheses * modes] for a in (b.weight, b.state[:, :n], b.covariance))
+            weight, state, covariance = (
+                a[: hypotheses * modes] for a in (b.weight, b.state[:, :n], b.covariance)
+            )
             mean = weight @ state
             variance = np.diagonal(covariance[:, :n, :n], axis1=1, axis2=2)
             found["full_state"][self._places] = mean
@@ -146,16 +211,24 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
                 found["nis"] = last["squared"] if last["taken"] else math.nan
         kind = kind_of(int(b.received), found["used"]) if hypotheses else FixKind.LOST
         sigma = float(np.sqrt(0.5 * np.sum(found["full_sigma"][:2] ** 2)))
-        return FixRecord(step=self._step, position=found["full_state"][:2], sigma=sigma, kind=kind, details=found)
+        return FixRecord(
+            step=self._step, position=found["full_state"][:2], sigma=sigma, kind=kind, details=found
+        )
 
 
-_SAME_TIME = 5e-4  # a message that is later than the lag by less than this is within it: times are sums [s]
-_SUMS = "ax", "ay", "bx", "by", "nxx", "nxy", "nyy", "time"  # of a belief's motion over the steps of a way
+# a message that is later than the lag by less than this is within it: times are sums [s]
+_SAME_TIME = 5e-4
+# of a belief's motion over the steps of a way
+_SUMS = "ax", "ay", "bx", "by", "nxx", "nxy", "nyy", "time"
 
 
 @compiled
-def _predict_components(b: ScalarRecord, m: ScalarRecord, count: int, log_bias: float, compass_bias: float) -> None:
-    """Predict the first components over the way in the belief's motion, linearised at some biases."""
+def _predict_components(
+    b: ScalarRecord, m: ScalarRecord, count: int, log_bias: float, compass_bias: float
+) -> None:
+    """Predict the first components over the way in the belief's motion, linearised at some
+    biases.
+    """
     for k in range(count):
         predict_component(b[0], m[0], k, log_bias, compass_bias)
 
@@ -175,7 +248,9 @@ def _merged(b: Belief, m: Model) -> tuple[Floats, Floats]:
 class _Leg:
     """The way from one message to the next, linearised at the biases that the next one leaves."""
 
-    def __init__(self, b: ScalarRecord, signal: ScalarRecord, m: Model, biases: tuple[float, float]) -> None:
+    def __init__(
+        self, b: ScalarRecord, signal: ScalarRecord, m: Model, biases: tuple[float, float]
+    ) -> None:
         """Take the belief just before a message, which is used up, and the message."""
         self._biases = biases
         self._n = int(m.states)
@@ -185,7 +260,10 @@ class _Leg:
         # views of the belief, which is room to move components from here on
         self._state = b["state"][0, :, : self._n]
         self._motion = b["motion"]
-        self._spread, self._rows = b["covariance"][0, :count, : self._n, : self._n], b["rows"][0, :4, : self._n]
+        self._spread, self._rows = (
+            b["covariance"][0, :count, : self._n, : self._n],
+            b["rows"][0, :4, : self._n],
+        )
         self._moments = b["now"][0], b["now_covariance"][0]
         self._whole = self._motion.copy()
         self.mean, self.covariance = _merged(before, m)
@@ -209,7 +287,9 @@ class _Leg:
         return self._state[0].copy(), np.einsum("k,kij->ij", self._modes, self._spread)
 
     def _matrix(self) -> Floats:
-        """Transition matrix F of the way in the belief's motion: a prediction is affine in the state."""
+        """Transition matrix F of the way in the belief's motion: a prediction is affine in the
+        state.
+        """
         n = self._n
         x = self._state
         x[: n + 1] = np.eye(n + 1, n)
@@ -217,8 +297,9 @@ class _Leg:
         return np.array((x[:n] - x[n]).T)
 
     def at(self, motion: ScalarRecord) -> tuple[Floats, Floats, Floats]:
-        """Where the way so far is `motion`: mean and covariance of x, y, vx, vy, and theirs with the state at the end,
-        linearised at the same biases, so that no difference of covariances is negative.
+        """Where the way so far is `motion`: mean and covariance of x, y, vx, vy, and theirs with
+        the state at the end, linearised at the same biases, so that no difference of covariances is
+        negative.
         """
         for name in _SUMS:
             self._motion[name] = self._whole[name] - motion[name]
@@ -228,7 +309,8 @@ class _Leg:
         _moments(*self._records)
         rows, mean, covariance = self._rows.copy(), *(moment.copy() for moment in self._moments)
         reading = covariance[2:, 2:] - rows[2:] @ self.covariance @ rows[2:].T
-        # the position is two of the states that have come so far; velocities depend on those that stay as they are
+        # the position is two of the states that have come so far; velocities depend on those that
+        # stay as they are
         rows[:2] = np.eye(2, self._n)
         moved, spread = self._predicted()
         mean[:2] = moved[:2]
@@ -238,10 +320,14 @@ class _Leg:
 
 
 class SmoothingNavigator(TightNavigator):
-    """The tightly coupled navigator with fixed-lag smoothing: `run` also uses the messages up to a lag later."""
+    """The tightly coupled navigator with fixed-lag smoothing: `run` also uses the messages up to
+    a lag later.
+    """
 
     def __init__(self, settings: TightSettings, start: Floats | None, lag: float) -> None:
-        """Start as `TightNavigator`; messages may be later than a position that rests on them by `lag` [s]."""
+        """Start as `TightNavigator`; messages may be later than a position that rests on them by
+        `lag` [s].
+        """
         if not 0.0 <= lag < np.inf:
             raise ValueError(f"lag is {lag} s, expected a finite time, zero or more")
         super().__init__(settings, start)
@@ -268,14 +354,21 @@ class SmoothingNavigator(TightNavigator):
         return fix
 
     def run(self, measurements: Measurements) -> TightEstimates:
-        """Smoothed states and covariances of a whole mission; all else, and errors, are the filter's."""
+        """Smoothed states and covariances of a whole mission; all else, and errors, are the
+        filter's.
+        """
         estimates = super().run(measurements)
         if not self._before:
             return estimates
         legs, chain = self._chain()
         times = np.concatenate([[0.0], measurements.time])
         latest = np.array(self._latest)
-        last = np.searchsorted(times[self._steps], measurements.time + self._lag + _SAME_TIME, side="right") - 1
+        last = (
+            np.searchsorted(
+                times[self._steps], measurements.time + self._lag + _SAME_TIME, side="right"
+            )
+            - 1
+        )
         mean = estimates.state.copy()
         covariance = estimates.covariance.copy()
         onward = np.zeros((latest.size, 4, self._model.states))
@@ -292,27 +385,36 @@ class SmoothingNavigator(TightNavigator):
         # from the end: a way is linearised at the biases that stand at its end
         for before, signal in reversed(self._before):
             mean = legs[0].mean if legs else last
-            legs.insert(0, _Leg(before, signal, self._model, (float(mean[LOG]), float(mean[COMPASS]))))
+            legs.insert(
+                0, _Leg(before, signal, self._model, (float(mean[LOG]), float(mean[COMPASS])))
+            )
         return legs, Chain(
             mean=np.array([*(leg.mean for leg in legs), last]),
             covariance=np.array([*(leg.covariance for leg in legs), covariance]),
             predicted=np.array([legs[0].mean, *(leg.predicted for leg in legs)]),
-            predicted_covariance=np.array([legs[0].covariance, *(leg.predicted_covariance for leg in legs)]),
+            predicted_covariance=np.array(
+                [legs[0].covariance, *(leg.predicted_covariance for leg in legs)]
+            ),
             onward=np.array([*(leg.onward for leg in legs), np.zeros_like(covariance)]),
         )
 
 
 Messages = tuple[Ints, Records, Floats, Floats]
-"""Steps of messages, these as records of MESSAGE, rows of `Ranges`, and the follower's depth [m]."""
+"""Steps of messages, these as records of MESSAGE, rows of `Ranges`, and the follower's depth
+[m].
+"""
 
 
 class MissionEstimates(NamedTuple):
     """Estimates of a mission of n steps and m messages."""
 
-    state: Floats  # mean x, y [m], vx, vy [m/s] after each step, shape (n, 4); shape (n, 2) without covariances
-    covariance: Floats  # of the position: xx, xy, yy, shape (n, 3), [m²]; of shape (0, 3), it is left out
-    # of each message ranges received, or 0 without an estimate to test them; those that the heaviest hypothesis used;
-    # and their squared residuals in units of S, NaN if none was used: shape (m, 3); of shape (0, 3), left out
+    # mean x, y [m], vx, vy [m/s] after each step, shape (n, 4); shape (n, 2) without covariances
+    state: Floats
+    # of the position: xx, xy, yy, shape (n, 3), [m²]; of shape (0, 3), it is left out
+    covariance: Floats
+    # of each message ranges received, or 0 without an estimate to test them; those that the
+    # heaviest hypothesis used; and their squared residuals in units of S, NaN if none was used:
+    # shape (m, 3); of shape (0, 3), left out
     outcome: Floats
 
 
@@ -327,10 +429,15 @@ def outcome_of(b: Belief, m: Model, used: int) -> tuple[int, int, float]:
 
 @compiled
 def filter_mission(
-    b: Belief, m: Model, signal: Signal, own: tuple[Floats, Floats], messages: Messages, found: MissionEstimates
+    b: Belief,
+    m: Model,
+    signal: Signal,
+    own: tuple[Floats, Floats],
+    messages: Messages,
+    found: MissionEstimates,
 ) -> int:
-    """Estimate a whole mission of a new belief, whose `own` readings are those of log and compass; the step at which a
-    covariance was not positive definite, or 0.
+    """Estimate a whole mission of a new belief, whose `own` readings are those of log and compass;
+    the step at which a covariance was not positive definite, or 0.
     """
     speed, heading = own
     message_step, message, ranges, depth = messages
@@ -362,25 +469,45 @@ def filter_mission(
 
 
 def run_mission(
-    settings: TightSettings, measurements: Measurements, start: Floats | None, *, covariance: bool = True
+    settings: TightSettings,
+    measurements: Measurements,
+    start: Floats | None,
+    *,
+    covariance: bool = True,
 ) -> MissionEstimates:
-    """States and covariances of a mission, to the bit those of `TightNavigator`; NaN before a start is found.
+    """States and covariances of a mission, to the bit those of `TightNavigator`; NaN before a start
+    is found.
 
-    Without `covariance` neither velocities, covariances nor results of messages are computed, which take most of the
-    time. ArithmeticError: a covariance is not positive definite. LaisnError: steps differ in length, or transmitters
-    are on no leader's hull; `TightNavigator` takes these.
+    Without `covariance` neither velocities, covariances nor results of messages are computed, which
+    take most of the time. ArithmeticError: a covariance is not positive definite. LaisnError: steps
+    differ in length, or transmitters are on no leader's hull; `TightNavigator` takes these.
     """
-    if measurements.durations is not None or measurements.transmitters is not None or settings.transmitter_offsets:
-        raise LaisnError("campaigns take steps of equal length, and transmitters on the leader's hull only")
+    if (
+        measurements.durations is not None
+        or measurements.transmitters is not None
+        or settings.transmitter_offsets
+    ):
+        raise LaisnError(
+            "campaigns take steps of equal length, and transmitters on the leader's hull only"
+        )
     model = model_of(settings)
     n = measurements.speed.size
     outcome = np.empty((len(measurements.message) if covariance else 0, 3))
-    found = MissionEstimates(np.empty((n, 4 if covariance else 2)), np.empty((n if covariance else 0, 3)), outcome)
+    found = MissionEstimates(
+        np.empty((n, 4 if covariance else 2)), np.empty((n if covariance else 0, 3)), outcome
+    )
     own = (measurements.speed, measurements.heading)
     step = measurements.message_step
     sent = np.ascontiguousarray(measurements.message).view(MESSAGE)[:, 0]
-    messages = step, sent, np.ascontiguousarray(measurements.ranges), measurements.last_depth[step - 1]
-    known = None if start is None or not settings.known_start else (float(start[0]), float(start[1]))
+    messages = (
+        step,
+        sent,
+        np.ascontiguousarray(measurements.ranges),
+        measurements.last_depth[step - 1],
+    )
+    known = (
+        None if start is None or not settings.known_start else (float(start[0]), float(start[1]))
+    )
     belief = new_belief(settings, model, known)
     failed = filter_mission(belief, model, new_signal(), own, messages, found)
     if failed:
@@ -389,15 +516,20 @@ def run_mission(
 
 
 def fly(settings: TightSettings, measurements: Measurements, start: Floats) -> MissionResult:
-    """One run of a campaign; errors as of `run_mission`. The mean of an update's squared residuals is its ranges."""
+    """One run of a campaign; errors as of `run_mission`. The mean of an update's squared
+    residuals is its ranges.
+    """
     found = run_mission(settings, measurements, start)
     received, used, squared = found.outcome.T
     kinds = list(map(kind_of, received, used))
     known = np.isfinite(squared)
-    return MissionResult(found.state, found.covariance, kinds, squared[known].sum(), used[known].sum())
+    return MissionResult(
+        found.state, found.covariance, kinds, squared[known].sum(), used[known].sum()
+    )
 
 
-# Two hypotheses are two places, and not the halves of a wide one, where intervals of 95 % about each do not meet.
+# Two hypotheses are two places, and not the halves of a wide one, where intervals of 95 % about
+# each do not meet.
 _APART = 2.0
 
 
@@ -405,12 +537,16 @@ _APART = 2.0
 def _spread(b: Belief, k: int, east: float, north: float) -> float:
     """Standard deviation of the place of component k in a direction, a unit vector [m]."""
     P = b.covariance
-    return math.sqrt(east * east * P[k, X, X] + 2.0 * east * north * P[k, X, Y] + north * north * P[k, Y, Y])
+    return math.sqrt(
+        east * east * P[k, X, X] + 2.0 * east * north * P[k, X, Y] + north * north * P[k, Y, Y]
+    )
 
 
 @compiled
 def _offset_to_likelier_hypothesis(b: Belief, m: Model, x: float, y: float) -> tuple[float, float]:
-    """Offset from the mean position to that of the likelier of two hypotheses [m]; zero where they are one place."""
+    """Offset from the mean position to that of the likelier of two hypotheses [m]; zero where
+    they are one place.
+    """
     first = heaviest_hypothesis(b, m.modes, b.alive)
     second = -1
     most = -1.0
@@ -435,7 +571,9 @@ def _offset_to_likelier_hypothesis(b: Belief, m: Model, x: float, y: float) -> t
 
 @compiled
 def _write_outputs(b: Belief, m: Model, out: Any) -> None:
-    """Write biases and current (means over the mixture), its spread, and the offset to the likelier hypothesis."""
+    """Write biases and current (means over the mixture), its spread, and the offset to the
+    likelier hypothesis.
+    """
     x = b.output.x
     y = b.output.y
     log_bias = 0.0
@@ -470,9 +608,17 @@ class TightSwarm(NamedTuple):
 
     @compiled
     def navigate(
-        self, step: int, readings: Records, received: Bools, messages: Records, ranges: Floats, estimates: Any
+        self,
+        step: int,
+        readings: Records,
+        received: Bools,
+        messages: Records,
+        ranges: Floats,
+        estimates: Any,
     ) -> int:
-        """Advance by one filter step, the same to the bit as `TightNavigator.step`; see `Swarm.navigate`."""
+        """Advance by one filter step, the same to the bit as `TightNavigator.step`; see
+        `Swarm.navigate`.
+        """
         beliefs, m, signal, gated = self
         for i in range(beliefs.size):
             b = beliefs[i]
@@ -491,7 +637,9 @@ class TightSwarm(NamedTuple):
 
 
 def new_tight_swarm(settings: TightSettings, starts: Floats) -> TightSwarm:
-    """Navigators of followers at their starts, rows of x, y [m] first, not read where starts are unknown."""
+    """Navigators of followers at their starts, rows of x, y [m] first, not read where starts are
+    unknown.
+    """
     model = model_of(settings)
     known = [(float(row[0]), float(row[1])) if settings.known_start else None for row in starts]
     beliefs = np.stack([new_belief(settings, model, start) for start in known]).view(np.recarray)

@@ -1,7 +1,8 @@
 """Ranges: predicted for a component, and the update with them.
 
-A range is z_i = ρ_i (1 + b_r / max ρ) + d_i with ρ_i = |p − o − Rot(b_L) a_i|: o is the leader's origin, a_i the arm
-from it to a transmitter as the broadcast heading places it, and Rot turns anticlockwise by the leader's compass bias.
+A range is z_i = ρ_i (1 + b_r / max ρ) + d_i with ρ_i = |p − o − Rot(b_L) a_i|: o is the leader's
+origin, a_i the arm from it to a transmitter as the broadcast heading places it, and Rot turns
+anticlockwise by the leader's compass bias.
 """
 
 import math
@@ -14,20 +15,31 @@ from laisn.elementary import log, sin_cos
 from laisn.tight.model import ABSENT, SCALE, Belief, Model, X, Y
 
 _LOG_TURN = math.log(2.0 * math.pi)
-_TOO_SHORT = 6.0  # log likelihood that an echo loses if its range is shorter than expected, which no echo is
-_INFORMATIVE = 0.5  # the leader's error is estimated from a message if it leaves less than this share of its variance
+# log likelihood that an echo loses if its range is shorter than expected, which no echo is
+_TOO_SHORT = 6.0
+# the leader's error is estimated from a message if it leaves less than this share of its variance
+_INFORMATIVE = 0.5
 _SHORTEST = 0.01  # nearer to a transmitter than this the direction to it means nothing [m]
 
-_SIGNAL = np.dtype((np.record, np.dtype([
-    ("time", np.float64),  # of emission, on the leader's clock [s]
-    ("east", np.float64), ("north", np.float64),  # of the leader's origin [m]
-    ("heading", np.float64),  # of the leader [rad] …
-    ("speed", np.float64),  # … and its speed through the water [m/s]
-    ("arms", np.float64, (3, 3)),  # from the origin to each transmitter: east, north, how much deeper than we [m]
-    ("ranges", np.float64, 3),  # slant ranges [m]; NaN where nothing was received
-    ("shift", np.float64),  # what b_L grows by at this message [rad] …
-    ("added_variance", np.float64),  # … and its variance [rad²]
-])))  # fmt: skip
+_SIGNAL = np.dtype(
+    (
+        np.record,
+        np.dtype(
+            [
+                ("time", np.float64),  # of emission, on the leader's clock [s]
+                ("east", np.float64),
+                ("north", np.float64),  # of the leader's origin [m]
+                ("heading", np.float64),  # of the leader [rad] …
+                ("speed", np.float64),  # … and its speed through the water [m/s]
+                # from the origin to each transmitter: east, north, how much deeper than we [m]
+                ("arms", np.float64, (3, 3)),
+                ("ranges", np.float64, 3),  # slant ranges [m]; NaN where nothing was received
+                ("shift", np.float64),  # what b_L grows by at this message [rad] …
+                ("added_variance", np.float64),  # … and its variance [rad²]
+            ]
+        ),
+    )
+)
 
 Signal: TypeAlias = Any
 
@@ -38,12 +50,15 @@ def new_signal() -> Signal:
 
 
 @compiled
-def predict_ranges(b: Belief, m: Model, k: int, signal: Signal, turn: float, turn_variance: float) -> int:
-    """Residuals of the ranges for component k, with derivatives and covariances, into `b.work`; how many there are.
+def predict_ranges(
+    b: Belief, m: Model, k: int, signal: Signal, turn: float, turn_variance: float
+) -> int:
+    """Residuals of the ranges for component k, with derivatives and covariances, into `b.work`; how
+    many there are.
 
-    Second-order EKF (Bar-Shalom, Li & Kirubarajan 2001): ½ tr(H P) in the mean and ½ tr(H_i P H_j P) in the covariance,
-    over position and leader's compass. It is linearised about a random error of the leader's heading, `turn`, of whose
-    variance `turn_variance` is left [rad²].
+    Second-order EKF (Bar-Shalom, Li & Kirubarajan 2001): ½ tr(H P) in the mean and ½ tr(H_i P H_j
+    P) in the covariance, over position and leader's compass. It is linearised about a random error
+    of the leader's heading, `turn`, of whose variance `turn_variance` is left [rad²].
     """
     w = b.work
     x = b.state
@@ -137,9 +152,15 @@ def predict_ranges(b: Belief, m: Model, k: int, signal: Signal, turn: float, tur
             e = w.curvature[g]
             second = f[0, 0] * e[0, 0] + f[0, 1] * e[1, 0] + f[1, 0] * e[0, 1] + f[1, 1] * e[1, 1]
             noise = m.range_scale_variance * w.row_scale[i] * w.row_scale[g]
-            value = w.row_x[i] * w.gain[g, X] + w.row_y[i] * w.gain[g, Y] + w.row_scale[i] * w.gain[g, SCALE]
+            value = (
+                w.row_x[i] * w.gain[g, X]
+                + w.row_y[i] * w.gain[g, Y]
+                + w.row_scale[i] * w.gain[g, SCALE]
+            )
             if turning:
-                second += f[0, 2] * e[2, 0] + f[2, 0] * e[0, 2] + f[1, 2] * e[2, 1] + f[2, 1] * e[1, 2]
+                second += (
+                    f[0, 2] * e[2, 0] + f[2, 0] * e[0, 2] + f[1, 2] * e[2, 1] + f[2, 1] * e[1, 2]
+                )
                 second += f[2, 2] * e[2, 2]
                 noise += b.leader_variance * w.row_leader[i] * w.row_leader[g]
                 value += w.row_leader[i] * w.gain[g, leader]
@@ -156,9 +177,11 @@ def predict_ranges(b: Belief, m: Model, k: int, signal: Signal, turn: float, tur
 
 @compiled
 def _likelihood(b: Belief, count: int) -> tuple[float, float]:
-    """Logarithm of the density of the ranges in `work.used`, and their squared residuals in units of S.
+    """Logarithm of the density of the ranges in `work.used`, and their squared residuals in units
+    of S.
 
-    NaN if S is not positive definite. Leaves its Cholesky factor L and whitened residuals L⁻¹ (z − ẑ) in `work`.
+    NaN if S is not positive definite. Leaves its Cholesky factor L and whitened residuals L⁻¹ (z −
+    ẑ) in `work`.
     """
     w = b.work
     L = b.work.root
@@ -188,11 +211,12 @@ def _likelihood(b: Belief, count: int) -> tuple[float, float]:
 
 @compiled
 def _marginalise_common_echo(b: Belief, count: int) -> tuple[float, float, float]:
-    """Whitened residuals of an echo common to all ranges in `work.used`, whose excess e has a flat prior.
+    """Whitened residuals of an echo common to all ranges in `work.used`, whose excess e has a flat
+    prior.
 
-    With S = L Lᵀ, whitened residuals ν and u = L⁻¹ 1 the density is ∫ N(z − ẑ − e 1; S) de, in which only the part of ν
-    across u is left. Follows `_likelihood`; `work.white` is overwritten. Returns the likeliest e [m], by how much the
-    squared residuals are smaller, ê² uᵀu, and log uᵀu.
+    With S = L Lᵀ, whitened residuals ν and u = L⁻¹ 1 the density is ∫ N(z − ẑ − e 1; S) de, in
+    which only the part of ν across u is left. Follows `_likelihood`; `work.white` is overwritten.
+    Returns the likeliest e [m], by how much the squared residuals are smaller, ê² uᵀu, and log uᵀu.
     """
     w = b.work
     size = 0.0
@@ -222,10 +246,12 @@ def _mean_range(b: Belief, signal: Signal, count: int) -> float:
 
 @compiled
 def _add_common_echo(b: Belief, signal: Signal, count: int, share: float) -> None:
-    """Add to S what a common echo of excess e may do to the differences of the ranges in `work.used`.
+    """Add to S what a common echo of excess e may do to the differences of the ranges in
+    `work.used`.
 
-    A late ping leaves them as they are. A reflection at the surface or the floor adds the same to the square of each
-    range, and so −e (ρ_i − ρ̄) / ρ̄ beside e: a random error that all have in common, of that size. `share` is (e / ρ̄)².
+    A late ping leaves them as they are. A reflection at the surface or the floor adds the same to
+    the square of each range, and so −e (ρ_i − ρ̄) / ρ̄ beside e: a random error that all have in
+    common, of that size. `share` is (e / ρ̄)².
     """
     w = b.work
     mean = _mean_range(b, signal, count)
@@ -238,7 +264,9 @@ def _add_common_echo(b: Belief, signal: Signal, count: int, share: float) -> Non
 
 @inlined
 def _update_component(b: Belief, m: Model, k: int, count: int) -> None:
-    """x += W ν and P −= W Wᵀ with W = P Hᵀ root⁻ᵀ, less its part along a shared echo, and whitened residuals ν."""
+    """x += W ν and P −= W Wᵀ with W = P Hᵀ root⁻ᵀ, less its part along a shared echo, and
+    whitened residuals ν.
+    """
     w = b.work
     x = b.state
     P = b.covariance
@@ -273,13 +301,19 @@ def _update_component(b: Belief, m: Model, k: int, count: int) -> None:
         two = white_gain[1, h]
         three = white_gain[2, h]
         for i in range(n):
-            P[k, h, i] = P[k, h, i] - one * white_gain[0, i] - two * white_gain[1, i] - three * white_gain[2, i]
+            P[k, h, i] = (
+                P[k, h, i]
+                - one * white_gain[0, i]
+                - two * white_gain[1, i]
+                - three * white_gain[2, i]
+            )
 
 
 @inlined
 def _leader_turn(b: Belief, count: int) -> tuple[float, float]:
-    """Mean and variance of the random error w of the leader's heading, given the whitened residuals: a priori 0 and v;
-    with g the derivative of the ranges by the heading, v gᵀ S⁻¹ e, and v − v² gᵀ S⁻¹ g.
+    """Mean and variance of the random error w of the leader's heading, given the whitened
+    residuals: a priori 0 and v; with g the derivative of the ranges by the heading, v gᵀ S⁻¹ e, and
+    v − v² gᵀ S⁻¹ g.
     """
     w = b.work
     v = b.leader_variance
@@ -302,7 +336,9 @@ def _leader_turn(b: Belief, count: int) -> tuple[float, float]:
 
 @inlined
 def _use_subset(b: Belief, received: int, mask: int) -> int:
-    """Put those of the received ranges into `work.used` whose bit is set in the mask; how many these are."""
+    """Put those of the received ranges into `work.used` whose bit is set in the mask; how many
+    these are.
+    """
     w = b.work
     used = 0
     for j in range(received):
@@ -313,8 +349,12 @@ def _use_subset(b: Belief, received: int, mask: int) -> int:
 
 
 @compiled
-def _select_ranges(b: Belief, m: Model, k: int, signal: Signal, received: int, density: float) -> int:
-    """Keep the likeliest of all subsets of ranges, or all with a common echo, in `b.work.used`; how many these are."""
+def _select_ranges(
+    b: Belief, m: Model, k: int, signal: Signal, received: int, density: float
+) -> int:
+    """Keep the likeliest of all subsets of ranges, or all with a common echo, in `b.work.used`;
+    how many these are.
+    """
     w = b.work
     everything = (1 << received) - 1
     best = density + received * m.log_accepted
@@ -339,7 +379,12 @@ def _select_ranges(b: Belief, m: Model, k: int, signal: Signal, received: int, d
         _add_common_echo(b, signal, received, w.share)
         density, _ = _likelihood(b, received)
         _, less, log_size = _marginalise_common_echo(b, received)
-        total = density + m.log_rejected + received * m.log_accepted + 0.5 * (less + _LOG_TURN - log_size)
+        total = (
+            density
+            + m.log_rejected
+            + received * m.log_accepted
+            + 0.5 * (less + _LOG_TURN - log_size)
+        )
         if total > best:
             best = total
             w.mask = everything
@@ -353,11 +398,13 @@ def _select_ranges(b: Belief, m: Model, k: int, signal: Signal, received: int, d
 
 @compiled
 def update(b: Belief, m: Model, k: int, signal: Signal) -> int:
-    """Update component k with the ranges of a message, without those that look like echoes; how many it used.
+    """Update component k with the ranges of a message, without those that look like echoes; how
+    many it used.
 
-    −1: a covariance was not positive definite. Sets `outcome`, `evidence` and `turn_excess`. Where the leader's heading
-    errs at random and the ranges determine by how much, they are linearised about that: about the broadcast heading,
-    derivatives and residuals would err together, which in hundreds of messages adds up to a bias.
+    −1: a covariance was not positive definite. Sets `outcome`, `evidence` and `turn_excess`. Where
+    the leader's heading errs at random and the ranges determine by how much, they are linearised
+    about that: about the broadcast heading, derivatives and residuals would err together, which in
+    hundreds of messages adds up to a bias.
     """
     v = b.leader_variance
     b.work.mask = 7

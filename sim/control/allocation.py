@@ -1,10 +1,11 @@
 """Control allocation: from a wanted wrench to the commands of a vehicle's effectors.
 
-The forces are those of the weighted pseudo-inverse (Fossen, Handbook of Marine Craft Hydrodynamics and Motion
-Control, 2nd ed. 2021, chapter 11), u = P τ, P = W⁻¹ Bᵀ (B W⁻¹ Bᵀ)⁻¹, with the wrenches of unit forces as the columns of
-B and W = diag(1 / range²). Ranges of fins, and W with them, grow with the square of the speed (`at_speed`). Where
-limits do not allow u, components of τ are added one after another in the order of `PRIORITY`, each with the largest
-share that keeps all effectors within their limits.
+The forces are those of the weighted pseudo-inverse (Fossen, Handbook of Marine Craft Hydrodynamics
+and Motion Control, 2nd ed. 2021, chapter 11), u = P τ, P = W⁻¹ Bᵀ (B W⁻¹ Bᵀ)⁻¹, with the wrenches
+of unit forces as the columns of B and W = diag(1 / range²). Ranges of fins, and W with them, grow
+with the square of the speed (`at_speed`). Where limits do not allow u, components of τ are added
+one after another in the order of `PRIORITY`, each with the largest share that keeps all effectors
+within their limits.
 """
 
 import numpy as np
@@ -14,11 +15,16 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled
 from sim.vehicle import effectors
 
-SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)  # components of a wrench in the body frame [N], [N m]
-PRIORITY = (PITCH, YAW, HEAVE, SWAY, SURGE)  # order in which components are served where limits bind
-_WANTED = (SURGE, YAW, PITCH, HEAVE, SWAY)  # order in which components are looked for that effectors can give
+# components of a wrench in the body frame [N], [N m]
+SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
+# order in which components are served where limits bind
+PRIORITY = (PITCH, YAW, HEAVE, SWAY, SURGE)
+# order in which components are looked for that effectors can give
+_WANTED = (SURGE, YAW, PITCH, HEAVE, SWAY)
 FAST = 2.0  # speed beyond which the weights of fins change no more [m/s]
-_LEAST = 1e-6  # smallest singular value of a component that is given, over the largest force or moment of an effector
+# smallest singular value of a component that is given, over the largest force or moment of an
+# effector
+_LEAST = 1e-6
 
 
 @compiled
@@ -28,13 +34,17 @@ def clip(value: float, low: float, high: float) -> float:
 
 
 def pseudo_inverse(records: npt.NDArray[np.void], limits: Floats) -> Floats:
-    """P of the components that a vehicle's effectors can give independently, shape (m, 6), [-], [1/m]; 0 of the others.
+    """P of the components that a vehicle's effectors can give independently, shape (m, 6), [-],
+    [1/m]; 0 of the others.
 
-    `limits` are least and largest force of each record of EFFECTOR, of `reach` at some speed, shape (m, 2), [N].
+    `limits` are least and largest force of each record of EFFECTOR, of `reach` at some speed, shape
+    (m, 2), [N].
     """
     unit = effectors.unit_wrenches(records)  # Bᵀ
     reach = np.abs(limits).max(axis=1)
-    most = np.array([np.abs(unit[:, :3]).max(), max(float(np.abs(unit[:, 3:]).max()), 1e-3)]).repeat(3)
+    most = np.array(
+        [np.abs(unit[:, :3]).max(), max(float(np.abs(unit[:, 3:]).max()), 1e-3)]
+    ).repeat(3)
     scaled = unit * reach[:, None] / (most * max(float(reach.max()), 1e-300))
     given: list[int] = []
     for axis in _WANTED:
@@ -52,7 +62,9 @@ def pseudo_inverse(records: npt.NDArray[np.void], limits: Floats) -> Floats:
 
 @compiled
 def at_speed(slow: Floats, fast: Floats, speed: float, out: Floats) -> None:
-    """Write P at a speed along the hull, between those of `LEAST_WAY` and `FAST`, with the same B, shape (M, 6)."""
+    """Write P at a speed along the hull, between those of `LEAST_WAY` and `FAST`, with the same
+    B, shape (M, 6).
+    """
     least = effectors.LEAST_WAY**2
     share = clip((speed * abs(speed) - least) / (FAST**2 - least), 0.0, 1.0)
     for i in range(slow.shape[0]):
@@ -95,7 +107,9 @@ def allocate(inverse: Floats, limits: Floats, wrench: Floats, command: Floats) -
         wrench[axis] *= max(share, 0.0)
         for i in range(m):
             # the clip takes off what rounding may leave beyond a limit
-            command[i] = clip(command[i] + inverse[i, axis] * wrench[axis], limits[i, 0], limits[i, 1])
+            command[i] = clip(
+                command[i] + inverse[i, axis] * wrench[axis], limits[i, 0], limits[i, 1]
+            )
 
 
 @compiled

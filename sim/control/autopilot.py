@@ -1,19 +1,22 @@
-"""Autopilot: from heading, speed and depth wanted to a wrench, and by allocation to commands, ten times a second.
+"""Autopilot: from heading, speed and depth wanted to a wrench, and by allocation to commands, ten
+times a second.
 
-PID by pole placement with feedforward of the reference (Fossen, Handbook of Marine Craft Hydrodynamics and Motion
-Control, 2nd ed. 2021). The bandwidth of the attitude loops is ω = 1 / (4 × lag of the slowest effector that turns the
-hull, 0.3 s or more). All others follow:
+PID by pole placement with feedforward of the reference (Fossen, Handbook of Marine Craft
+Hydrodynamics and Motion Control, 2nd ed. 2021). The bandwidth of the attitude loops is ω = 1 / (4 ×
+lag of the slowest effector that turns the hull, 0.3 s or more). All others follow:
 
-    heading, pitch    ω, relative damping 1; integral ω/10
-    sway              side slip is taken out with ω/2, so that the vehicle goes where it points, also in turns
-    speed             ω/2; integral ω/10
-    depth             ω/5 through pitch, integral ω/20; ω/2 through heave, integral ω/10
+    heading, pitch    ω, relative damping 1; integral ω/10 sway              side slip is taken out
+    with ω/2, so that the vehicle goes where it points, also in turns speed             ω/2;
+    integral ω/10 depth             ω/5 through pitch, integral ω/20; ω/2 through heave, integral
+    ω/10
 
-By pitch, the hull climbs and dives, and takes the incidence whose lift holds its depth; what it cannot lift, and all of
-it when it is slow, vertical thrusters carry, where it has them. By thrust, they carry all. Integrals stand still while
-limits withhold their part of the wrench and they would push further (conditional integration).
+By pitch, the hull climbs and dives, and takes the incidence whose lift holds its depth; what it
+cannot lift, and all of it when it is slow, vertical thrusters carry, where it has them. By thrust,
+they carry all. Integrals stand still while limits withhold their part of the wrench and they would
+push further (conditional integration).
 
-Functions take `d`, a record of DESIGN, `memory`, of AUTOPILOT_MEMORY, and `reference`, of `sim.control.guidance`.
+Functions take `d`, a record of DESIGN, `memory`, of AUTOPILOT_MEMORY, and `reference`, of
+`sim.control.guidance`.
 """
 
 from typing import Any, Literal, NamedTuple
@@ -26,7 +29,19 @@ from laisn.compiled import compiled
 from laisn.failure import LaisnError
 from laisn.geometry import signed_angle
 from sim.attitude import rotation, transposed
-from sim.control.allocation import FAST, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW, allocate, at_speed, clip, pseudo_inverse
+from sim.control.allocation import (
+    FAST,
+    HEAVE,
+    PITCH,
+    ROLL,
+    SURGE,
+    SWAY,
+    YAW,
+    allocate,
+    at_speed,
+    clip,
+    pseudo_inverse,
+)
 from sim.vehicle import effectors
 from sim.vehicle.plant import Plant
 
@@ -47,9 +62,11 @@ AUTOPILOT_MEMORY = np.dtype(  # of one vehicle, from one control step to the nex
 )
 
 CLIMB_MAX = float(np.deg2rad(20.0))  # steepest climb and dive [rad]
-INCIDENCE_MAX = float(np.deg2rad(12.0))  # most incidence used for lift [rad]; hulls of this kind stall soon after
+# most incidence used for lift [rad]; hulls of this kind stall soon after
+INCIDENCE_MAX = float(np.deg2rad(12.0))
 PITCH_RATE_MAX = float(np.deg2rad(5.0))  # largest rate of the pitch command [rad/s]
-LEAST_LAG = 0.3  # effectors that follow faster make the loops no faster, which run ten times a second [s]
+# effectors that follow faster make the loops no faster, which run ten times a second [s]
+LEAST_LAG = 0.3
 # below, vertical thrusters alone hold depth; above, the hull does [m/s]
 SPEED_HEAVE = 0.3
 SPEED_PITCH = 0.6
@@ -71,7 +88,8 @@ DESIGN = np.dtype(  # parameters of the autopilot of one vehicle; rows beyond it
         # damping moment: [N m s], per speed [N s² per rad], per rate [N m s² per rad²]
         ("yaw_damping", np.float64, (3,)),
         ("pitch_damping", np.float64, (3,)),
-        ("pitch_munk", np.float64),  # nose-up moment per downward and forward speed that fins do not outweigh [kg]
+        # nose-up moment per downward and forward speed that fins do not outweigh [kg]
+        ("pitch_munk", np.float64),
         ("by_pitch", np.float64),  # 1: depth by pitch, 0: by thrust
         ("has_heave", np.float64),  # 1: vertical thrusters, 0: depth by pitch at any speed
         ("density", np.float64),  # [kg/m³]
@@ -86,15 +104,19 @@ DESIGN = np.dtype(  # parameters of the autopilot of one vehicle; rows beyond it
 
 
 def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.NDArray[np.void]:
-    """Autopilots of all vehicles, from their MJCF as the plant has compiled it: records of DESIGN, shape (v,).
+    """Autopilots of all vehicles, from their MJCF as the plant has compiled it: records of DESIGN,
+    shape (v,).
 
-    A vehicle without `depth_control` holds its depth by pitch if its hull or fins lift or it has no vertical thrusters,
-    else by thrust. LaisnError if its effectors or hull lack what its autopilot needs; the text names it.
+    A vehicle without `depth_control` holds its depth by pitch if its hull or fins lift or it has no
+    vertical thrusters, else by thrust. LaisnError if its effectors or hull lack what its autopilot
+    needs; the text names it.
     """
     model = plant.model
     records = np.zeros(len(plant.names), DESIGN)
     allocations = dict[bytes, list[Floats]]()
-    for i, (record, c, name) in enumerate(zip(records, plant.coefficients, plant.names, strict=True)):
+    for i, (record, c, name) in enumerate(
+        zip(records, plant.coefficients, plant.names, strict=True)
+    ):
         body = model.body(f"{name}/hull")
         mass = float(body.mass[0])
         added = np.diag(c["added_mass"])
@@ -102,14 +124,18 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
         own = plant.effectors[i, : len(plant.effector_names[i])]
         if own.tobytes() not in allocations:
             allocations[own.tobytes()] = [
-                pseudo_inverse(own, np.array([effectors.reach(one, c["density"], speed) for one in own]))
+                pseudo_inverse(
+                    own, np.array([effectors.reach(one, c["density"], speed) for one in own])
+                )
                 for speed in (effectors.LEAST_WAY, FAST)
             ]
         slow, fast = allocations[own.tobytes()]
         turning = slow[:, [PITCH, YAW]].any(axis=1)
         record["omega"] = 1.0 / (4.0 * max(own["lag"][turning].max(initial=0.0), LEAST_LAG))
         record["surge_mass"], record["sway_mass"], record["heave_mass"] = mass + added[:3]
-        record["pitch_inertia"] = body.inertia[1] + mass * (centre[0] ** 2 + centre[2] ** 2) + added[4]
+        record["pitch_inertia"] = (
+            body.inertia[1] + mass * (centre[0] ** 2 + centre[2] ** 2) + added[4]
+        )
         record["yaw_inertia"] = body.inertia[2] + mass * centre[0] ** 2 + added[5]
         record["righting"] = -mass * c["gravity"] * centre[2]
         record["drag_linear"] = c["linear_damping"][0]
@@ -119,8 +145,15 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
         fins = np.concatenate([own, plant.fixed_fins[i]])
         fins = fins[fins["kind"] == effectors.FIN]
         # force per incidence and speed², sideways and up, of each fin
-        each = 0.5 * c["density"] * np.prod(fins["parameters"][:, :2], axis=1)[:, None] * fins["force"][:, 1:] ** 2
-        record["lift"] = 0.5 * c["density"] * area * lift_slope * c["hull_lift_planes"][1] + each[:, 1].sum()
+        each = (
+            0.5
+            * c["density"]
+            * np.prod(fins["parameters"][:, :2], axis=1)[:, None]
+            * fins["force"][:, 1:] ** 2
+        )
+        record["lift"] = (
+            0.5 * c["density"] * area * lift_slope * c["hull_lift_planes"][1] + each[:, 1].sum()
+        )
         by_fins = each.T @ fins["place"][:, 0]
         record["fin_side"] = -by_fins[0]
         lifts = record["lift"] > 0.0
@@ -148,22 +181,30 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
 
 def _require_control(name: str, record: Any, mode: DepthControl) -> None:
     """LaisnError naming the demands of the autopilot that a vehicle cannot meet."""
-    needed = {"surge": SURGE, "yaw": YAW} | ({"pitch": PITCH} if mode == "pitch" else {"heave": HEAVE})
-    lacking = [axis for axis, column in needed.items() if not record["slow_allocation"][:, column].any()]
+    needed = {"surge": SURGE, "yaw": YAW} | (
+        {"pitch": PITCH} if mode == "pitch" else {"heave": HEAVE}
+    )
+    lacking = [
+        axis for axis, column in needed.items() if not record["slow_allocation"][:, column].any()
+    ]
     if lacking:
         raise LaisnError(
-            f"{name}: the effectors cannot give {' and '.join(lacking)} independently of the other components that "
+            f"{name}: the effectors cannot give {' and '.join(lacking)} independently of the other "
+            "components that "
             f"depth_control = {mode!r} needs ({', '.join(needed)})"
         )
     if mode == "pitch" and not record["lift"] > 0.0:
         raise LaisnError(
-            f"{name}: depth_control = 'pitch' needs vertical lift of the hull or of level fins (hull_lift, "
+            f"{name}: depth_control = 'pitch' needs vertical lift of the hull or of level fins "
+            "(hull_lift, "
             "hull_lift_planes, NAME.fin); set depth_control = 'thrust' or give the hull lift"
         )
 
 
 def greatest_forces(d: Any, speed: float, axis: int) -> tuple[float, Floats]:
-    """Largest component of a wrench that the effectors give at a speed, [N] or [N m], and their forces for it [N]."""
+    """Largest component of a wrench that the effectors give at a speed, [N] or [N m], and their
+    forces for it [N].
+    """
     limits = np.array([effectors.reach(one, d["density"], speed) for one in d["effectors"]])
     wrench = np.zeros(6)
     command = np.zeros(effectors.MOST)
@@ -191,7 +232,9 @@ def _damping(coefficients: Floats, way: float, rate: float) -> float:
 
 @compiled
 def _increment(rate: float, wanted: float, given: float) -> float:
-    """Change of an integral by its rate, or none where it would go further beyond what thrusters give."""
+    """Change of an integral by its rate, or none where it would go further beyond what thrusters
+    give.
+    """
     saturates = (rate > 0.0 and wanted > given + 1e-9) or (rate < 0.0 and wanted < given - 1e-9)
     return 0.0 if saturates else rate
 
@@ -200,7 +243,9 @@ def _increment(rate: float, wanted: float, given: float) -> float:
 def _hold_depth(
     d: Any, reference: Record, depth: float, sinking: float, speed: float, dt: float, memory: Record
 ) -> tuple[float, float, float, float]:
-    """Pitch wanted [rad] and its rate [rad/s], heave force wanted [N] (up), and the integral's rate [N]."""
+    """Pitch wanted [rad] and its rate [rad/s], heave force wanted [N] (up), and the integral's
+    rate [N].
+    """
     by_pitch = d.by_pitch
     if d.has_heave > 0.0:
         by_pitch *= clip((speed - SPEED_HEAVE) / (SPEED_PITCH - SPEED_HEAVE), 0.0, 1.0)
@@ -226,7 +271,10 @@ def _hold_depth(
     push += d.lift * speed * reference.sinking
     force = memory.depth_integral - incidence * lift - (1.0 - by_pitch) * push
 
-    rate = by_pitch * 0.25 * slow * slow * d.lift * speed + (1.0 - by_pitch) * 0.2 * d.heave_mass * fast**3
+    rate = (
+        by_pitch * 0.25 * slow * slow * d.lift * speed
+        + (1.0 - by_pitch) * 0.2 * d.heave_mass * fast**3
+    )
     # a depth far away is a matter of climbing, not of lift
     rate = -rate * high * dt if by_pitch * abs(sink) < steepest else 0.0
     return memory.pitch_command, (memory.pitch_command - before) / dt, force, rate
@@ -259,7 +307,9 @@ def vehicle_state(pose: Floats, twist: Floats, water: Floats) -> VehicleState:
 
 @compiled
 def apply_wrench(d: Any, surge: float, memory: Record, command: Floats) -> None:
-    """Command effectors to give the wrench in the memory, out: what they give, at a speed through the water [m/s]."""
+    """Command effectors to give the wrench in the memory, out: what they give, at a speed
+    through the water [m/s].
+    """
     limits = memory.limits
     for i in range(command.size):
         limits[i, 0], limits[i, 1] = effectors.reach(d.effectors[i], d.density, surge)
@@ -301,30 +351,38 @@ def control(
     omega = d.omega
     lag = 0.25 / omega
 
-    # speed; with the hull pitched, its way over ground is shorter than its way through the water. Drag, here and below,
-    # is that of when the thrusters will have followed
+    # speed; with the hull pitched, its way over ground is shorter than its way through the water.
+    # Drag, here and below, is that of when the thrusters will have followed
     level = max(np.cos(pitch), 0.5)
     speed_error = speed_wanted / level - surge
     soon = speed_wanted / level + lag * reference.acceleration
-    thrust = d.surge_mass * (reference.acceleration + 0.5 * omega * speed_error) + memory.speed_integral
+    thrust = (
+        d.surge_mass * (reference.acceleration + 0.5 * omega * speed_error) + memory.speed_integral
+    )
     thrust += (d.drag_linear * np.exp(-d.drag_fade * abs(soon)) + d.drag * abs(soon)) * soon
 
     # heading and sway; moments to port are positive, turns to port are negative
     turn_soon = turn_wanted + lag * reference.turn_acceleration
     heading_error = signed_angle(heading_wanted - heading)
     moment = -d.yaw_inertia * (
-        reference.turn_acceleration + omega * omega * heading_error + 2.0 * omega * (turn_wanted + motion.turning)
+        reference.turn_acceleration
+        + omega * omega * heading_error
+        + 2.0 * omega * (turn_wanted + motion.turning)
     )
     moment += memory.heading_integral - _damping(d.yaw_damping, way, turn_soon)
     side = (d.surge_mass * surge - d.fin_side * way) * -turn_soon - d.sway_mass * 0.5 * omega * sway
 
     # depth and pitch; moments nose up are positive here, and negative about the body's axis to port
-    pitch_wanted, pitching, force, rate = _hold_depth(d, reference, motion.depth, motion.sinking, way, dt, memory)
+    pitch_wanted, pitching, force, rate = _hold_depth(
+        d, reference, motion.depth, motion.sinking, way, dt, memory
+    )
     error = pitch_wanted - pitch
     nose_up = d.pitch_inertia * (omega * omega * error + 2.0 * omega * (pitching + motion.pitching))
     # the Munk moment that fins leave, by the speed across the hull
     nose_up -= d.pitch_munk * surge * (motion.sinking + surge * np.sin(pitch)) / level
-    nose_up += memory.pitch_integral + d.righting * pitch_wanted + _damping(d.pitch_damping, way, pitching)
+    nose_up += (
+        memory.pitch_integral + d.righting * pitch_wanted + _damping(d.pitch_damping, way, pitching)
+    )
 
     wrench = memory.wrench
     wrench[ROLL] = 0.0
@@ -334,7 +392,13 @@ def control(
     wrench[PITCH] = -nose_up
     wrench[YAW] = moment
     apply_wrench(d, surge, memory, command)
-    memory.speed_integral += _increment(d.surge_mass * 0.05 * omega * omega * speed_error * dt, thrust, wrench[SURGE])
-    memory.heading_integral += _increment(-0.1 * d.yaw_inertia * omega**3 * heading_error * dt, moment, wrench[YAW])
-    memory.pitch_integral += _increment(0.1 * d.pitch_inertia * omega**3 * error * dt, nose_up, -wrench[PITCH])
+    memory.speed_integral += _increment(
+        d.surge_mass * 0.05 * omega * omega * speed_error * dt, thrust, wrench[SURGE]
+    )
+    memory.heading_integral += _increment(
+        -0.1 * d.yaw_inertia * omega**3 * heading_error * dt, moment, wrench[YAW]
+    )
+    memory.pitch_integral += _increment(
+        0.1 * d.pitch_inertia * omega**3 * error * dt, nose_up, -wrench[PITCH]
+    )
     memory.depth_integral += _increment(rate, force, wrench[HEAVE])

@@ -1,18 +1,22 @@
-"""Station keeping: from readings, messages and estimates to heading, speed and depth (docs/formation.md).
+"""Station keeping: from readings, messages and estimates to heading, speed and depth
+(docs/formation.md).
 
-Laws that bring a follower to its moving station (`approach`); along its path all three close up alike:
+Laws that bring a follower to its moving station (`approach`); along its path all three close up
+alike:
 
-    constant bearing   v = v_st − U p̃ / √(p̃ᵀp̃ + Δ²), less the estimated current (Breivik and Fossen 2007)
-    ILOS               line of sight with an integral of the cross-track error in place of the current
+    constant bearing   v = v_st − U p̃ / √(p̃ᵀp̃ + Δ²), less the estimated current (Breivik and
+    Fossen 2007) ILOS               line of sight with an integral of the cross-track error in place
+    of the current
                        (Børhaug, Pavlov and Pettersen 2008)
     ALOS               line of sight with an adaptive crab angle (Fossen 2023)
 
-It gives way to vehicles nearby: v = v_wanted − Σ w(d) r̂, w(d) = W min(max((R − d) / (R − F), 0), 1), with R the
-sensor's range and F that of full speed W. Where it may be at either of two places, it steers by the likelier one, so
-that ranges soon show whether it was the right one.
+It gives way to vehicles nearby: v = v_wanted − Σ w(d) r̂, w(d) = W min(max((R − d) / (R − F), 0),
+1), with R the sensor's range and F that of full speed W. Where it may be at either of two places,
+it steers by the likelier one, so that ranges soon show whether it was the right one.
 
-Functions take `formation` and `proximity`, records of these sections, of STATION, and of `laisn.swarm.READING` and
-`ESTIMATE`; `trail` and `count` as of `sim.control.station`; and `memory`, of FOLLOWER_MEMORY, which they bring forward.
+Functions take `formation` and `proximity`, records of these sections, of STATION, and of
+`laisn.swarm.READING` and `ESTIMATE`; `trail` and `count` as of `sim.control.station`; and `memory`,
+of FOLLOWER_MEMORY, which they bring forward.
 """
 
 import numpy as np
@@ -35,7 +39,11 @@ def _line_of_sight(
 ) -> tuple[float, float, float]:
     """Velocity through the water, east and north, and the integral brought forward."""
     speed = np.hypot(t.velocity_east, t.velocity_north)
-    course = np.arctan2(t.velocity_east, t.velocity_north) if speed > 0.0 else np.arctan2(t.way_east, t.way_north)
+    course = (
+        np.arctan2(t.velocity_east, t.velocity_north)
+        if speed > 0.0
+        else np.arctan2(t.way_east, t.way_north)
+    )
     sine, cosine = np.sin(course), np.cos(course)
     along = off[0] * sine + off[1] * cosine
     across = off[0] * cosine - off[1] * sine
@@ -55,12 +63,19 @@ def _line_of_sight(
 
 @compiled
 def approach(
-    a: Record, t: stations.Target, place: tuple[float, float], current: tuple[float, float], dt: float, integral: float
+    a: Record,
+    t: stations.Target,
+    place: tuple[float, float],
+    current: tuple[float, float],
+    dt: float,
+    integral: float,
 ) -> tuple[float, float, float]:
-    """Velocity through the water that leads to a station, its size within the limits, east and north [m/s].
+    """Velocity through the water that leads to a station, its size within the limits, east and
+    north [m/s].
 
-    Takes the record of `[formation]`, the station, estimates of place [m] and current [m/s], the time since the last
-    call [s] and the integral of the cross-track error, which it also gives, brought forward.
+    Takes the record of `[formation]`, the station, estimates of place [m] and current [m/s], the
+    time since the last call [s] and the integral of the cross-track error, which it also gives,
+    brought forward.
     """
     x, y = place[0] - t.east, place[1] - t.north
     if a.law == CONSTANT_BEARING:
@@ -87,7 +102,9 @@ def approach(
 
 @compiled
 def away(p: Record, seen: Records, heading: float) -> tuple[float, float]:
-    """Velocity away from vehicles in sight, of SIGHTING, shape (v,), east and north, up to the full speed [m/s]."""
+    """Velocity away from vehicles in sight, of SIGHTING, shape (v,), east and north, up to the
+    full speed [m/s].
+    """
     east, north = 0.0, 0.0
     for j in range(seen.shape[0]):
         if seen[j].range == seen[j].range:
@@ -102,8 +119,12 @@ def away(p: Record, seen: Records, heading: float) -> tuple[float, float]:
 
 
 @compiled
-def give_way(f: Record, wanted: tuple[float, float], push: tuple[float, float]) -> tuple[float, float]:
-    """Heading [rad] and speed through the water [m/s] with a velocity, east and north, added, as a hull can do it."""
+def give_way(
+    f: Record, wanted: tuple[float, float], push: tuple[float, float]
+) -> tuple[float, float]:
+    """Heading [rad] and speed through the water [m/s] with a velocity, east and north, added, as
+    a hull can do it.
+    """
     heading, speed = wanted
     sine, cosine = np.sin(heading), np.cos(heading)
     along = max(speed + push[0] * sine + push[1] * cosine, f.min_along_track_speed)
@@ -121,14 +142,17 @@ FOLLOWER_MEMORY = np.dtype(  # of one follower, from one control step to the nex
         ("depth_wanted", np.float64),  # [m]
         ("log", np.float64),  # low-passed [m/s]; NaN before the first reading
         ("compass", np.float64),  # low-passed [rad]
-        ("push", np.float64, (2,)),  # velocity away from vehicles that are sensed nearby, east and north [m/s]
+        # velocity away from vehicles that are sensed nearby, east and north [m/s]
+        ("push", np.float64, (2,)),
         ("last_received", np.float64),  # time of the last message [s]
-        ("received_points", np.int64),  # points of the trail with that message; later ones are planned
+        # points of the trail with that message; later ones are planned
+        ("received_points", np.int64),
     ]
 )
 
 _LOG_TIME = 1.0  # time constant of the log's low-pass [s]
-_COMPASS_TIME = 2.0  # the compass's readings are followed with this time constant, a gyro's at once [s]
+# the compass's readings are followed with this time constant, a gyro's at once [s]
+_COMPASS_TIME = 2.0
 _DIVE_RATE = 0.2  # a new depth is taken up at this rate [m/s]
 _SURFACE = 0.2  # depth at which a follower lies at the surface [m]
 _CIRCLE = float(np.deg2rad(4.0))  # rate at which a follower circles that has given up [rad/s]
@@ -148,7 +172,8 @@ def extend_trail(
 ) -> None:
     """Take a message with at least one range: the trail grows, and the frame is turned along it.
 
-    Since the last message the frame was turned along the extrapolated trail; now the way there is known.
+    Since the last message the frame was turned along the extrapolated trail; now the way there is
+    known.
 
     Args:
         message: of `laisn.swarm.MESSAGE`.
@@ -159,21 +184,29 @@ def extend_trail(
     before = memory.last_received
     received = memory.received_points
     stations.correct_planned(trail, count, received, (message.east, message.north, time))
-    stations.extend(trail, count, message.east, message.north, time, (message.speed, message.heading))
+    stations.extend(
+        trail, count, message.east, message.north, time, (message.speed, message.heading)
+    )
     memory.last_received = time
     memory.received_points = count[0]
     memory.frame.heading, memory.frame.rate = memory.kept_frame.heading, memory.kept_frame.rate
     stations.turn_frame(formation, station, (trail, count[0]), (before, time), dt, memory.frame)
     memory.kept_frame.heading, memory.kept_frame.rate = memory.frame.heading, memory.frame.rate
     # a message that was long under way; `keep_station` makes the last step
-    stations.turn_frame(formation, station, (trail, count[0]), (time, max(now - dt, time)), dt, memory.frame)
+    stations.turn_frame(
+        formation, station, (trail, count[0]), (time, max(now - dt, time)), dt, memory.frame
+    )
 
 
 @compiled
 def init_memory(leader: Record, trail: Records, count: Ints, memory: Record) -> None:
-    """Set up the memory of a follower at its start, by the place of the leader, a message of `laisn.swarm.MESSAGE`."""
+    """Set up the memory of a follower at its start, by the place of the leader, a message of
+    `laisn.swarm.MESSAGE`.
+    """
     memory.frame.heading = memory.kept_frame.heading = leader.heading
-    stations.extend(trail, count, leader.east, leader.north, leader.timestamp, (leader.speed, leader.heading))
+    stations.extend(
+        trail, count, leader.east, leader.north, leader.timestamp, (leader.speed, leader.heading)
+    )
     memory.log = np.nan
     memory.compass = np.nan
     memory.last_received = leader.timestamp
@@ -182,7 +215,9 @@ def init_memory(leader: Record, trail: Records, count: Ints, memory: Record) -> 
 
 @compiled
 def update_avoidance(proximity: Record, seen: Records, estimate: Record, memory: Record) -> None:
-    """Take a look around by the proximity sensor: from now on the follower gives way to what is nearby."""
+    """Take a look around by the proximity sensor: from now on the follower gives way to what is
+    nearby.
+    """
     heading = memory.compass - estimate.compass_bias
     memory.push[0], memory.push[1] = away(proximity, seen, heading)
 
@@ -201,14 +236,23 @@ def measured_motion(reading: Record, estimate: Record, dt: float, memory: Record
     heading = memory.compass - estimate.compass_bias
     # nothing measures how it slips; it sinks the way it points
     sinking = -surge * np.sin(pitch)
-    return VehicleState(surge, 0.0, heading, reading.turning, pitch, reading.pitching, reading.depth, sinking)
+    return VehicleState(
+        surge, 0.0, heading, reading.turning, pitch, reading.pitching, reading.depth, sinking
+    )
 
 
 @compiled
 def _to_station(
-    formation: Record, target: stations.Target, estimate: Record, sigma: float, dt: float, memory: Record
+    formation: Record,
+    target: stations.Target,
+    estimate: Record,
+    sigma: float,
+    dt: float,
+    memory: Record,
 ) -> tuple[float, float]:
-    """Velocity through the water towards the station, by the standard deviation of the place in the trail [m/s]."""
+    """Velocity through the water towards the station, by the standard deviation of the place in
+    the trail [m/s].
+    """
     at = estimate.position
     likelier = estimate.to_likelier
     place = at[0] + likelier[0], at[1] + likelier[1]
@@ -237,11 +281,13 @@ def keep_station(
     memory: Record,
     reference: Record,
 ) -> tuple[tuple[float, float, float], VehicleState]:
-    """What brings a follower to its station, as of `steer`: heading [rad], its rate, speed; and its measured motion.
+    """What brings a follower to its station, as of `steer`: heading [rad], its rate, speed; and its
+    measured motion.
 
     Args:
         senses: records of `laisn.swarm.READING` and `laisn.swarm.ESTIMATE`.
-        known: the leader's trail as received, records of TRAIL, and how many points it has, at least one.
+        known: the leader's trail as received, records of TRAIL, and how many points it has, at
+            least one.
         clock: time, and time since the last call [s].
         reference: out: of the autopilot, record of REFERENCE; the place is not written.
     """
@@ -271,7 +317,9 @@ def keep_station(
         if formation.law == CONSTANT_BEARING:
             # laws with an integral have that in place of the current
             current = estimate.current[0], estimate.current[1]
-        along = stations.rate_limited_velocity(formation, station, known, now, current, memory.frame)
+        along = stations.rate_limited_velocity(
+            formation, station, known, now, current, memory.frame
+        )
         target = stations.Target(t.east, t.north, along[0], along[1], t.way_east, t.way_north)
         sigma = float(np.hypot(estimate.spread, formation.leader_velocity_sigma * max(silent, 0.0)))
         east, north = _to_station(formation, target, estimate, sigma, dt, memory)

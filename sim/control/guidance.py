@@ -1,17 +1,21 @@
-"""Guidance: from where a vehicle should be now, and where it is, to the heading and speed that bring it there.
+"""Guidance: from where a vehicle should be now, and where it is, to the heading and speed that
+bring it there.
 
-The route's point motion (`sim.scenario.point_motion`) is the reference, with turns and changes of depth rounded off:
+The route's point motion (`sim.scenario.point_motion`) is the reference, with turns and changes of
+depth rounded off:
 
     course   line of sight to a point ahead on the path: atan(cross-track error / lookahead)
              (Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021)
     speed    in proportion to the along-track error, within a bound
 
-The velocity over ground that follows, less the current, is that through the water. The current is the true or the
-estimated one, low-passed (`track_current`); without an estimate, an integral of the offset (`integrate_offset`). Where
-the route stops, the velocity over ground leads back to the place.
+The velocity over ground that follows, less the current, is that through the water. The current is
+the true or the estimated one, low-passed (`track_current`); without an estimate, an integral of the
+offset (`integrate_offset`). Where the route stops, the velocity over ground leads back to the
+place.
 
-Functions take `reference`, the record of REFERENCE of this instant; `position`, true or estimated, and currents, east
-and north [m], [m/s]; `dt`, the time since the last call [s]; and `memory`, of GUIDANCE_MEMORY, brought forward.
+Functions take `reference`, the record of REFERENCE of this instant; `position`, true or estimated,
+and currents, east and north [m], [m/s]; `dt`, the time since the last call [s]; and `memory`, of
+GUIDANCE_MEMORY, brought forward.
 """
 
 from collections.abc import Callable, Sequence
@@ -48,18 +52,25 @@ GUIDANCE_MEMORY = np.dtype(  # of one vehicle, from one control step to the next
     ]
 )
 
-TURN_SMOOTHING = 1.2  # a turn sets in and ends over this time, four times the lag of the thrusters [s]
-DEPTH_SMOOTHING = 6.0  # a change of the rate of depth takes this time [s], in which a hull pitches by 20° at leisure
-LOOKAHEAD_TIME = 4.0  # the lookahead is the way of this time, the time constant of cross-track errors [s]
+# a turn sets in and ends over this time, four times the lag of the thrusters [s]
+TURN_SMOOTHING = 1.2
+# a change of the rate of depth takes this time [s], in which a hull pitches by 20° at leisure
+DEPTH_SMOOTHING = 6.0
+# the lookahead is the way of this time, the time constant of cross-track errors [s]
+LOOKAHEAD_TIME = 4.0
 LOOKAHEAD_MIN = 2.0  # the lookahead is at least this long: a hull length [m]
-ALONG_TRACK_TIME = 8.0  # along-track errors fade with this time constant [s]; slower than the speed loop
+# along-track errors fade with this time constant [s]; slower than the speed loop
+ALONG_TRACK_TIME = 8.0
 CATCH_UP = 0.3  # the speed correction is at most this share of the reference speed
 CURRENT_TIME = 10.0  # time constant of the current's low-pass [s]; longer than a wave's period
-OFFSET_GAIN = 1.0 / 400.0  # of the integrated current [1/s²]: poles along at 1/40 and 1/10, across at 1/100 and 1/4
+# of the integrated current [1/s²]: poles along at 1/40 and 1/10, across at 1/100 and 1/4
+OFFSET_GAIN = 1.0 / 400.0
 OFFSET_MOST = 2.0  # offset along an axis that is integrated at most [m] …
 INTEGRAL_MOST = 1.0  # … and the current along an axis that comes of it at most [m/s]
-SPEED_LEAST = 0.1  # least speed through the water on the way; slower, a hull has no heading to keep [m/s]
-HOLD_SPEED = 0.3  # greatest speed along an axis that leads back to the place where a route stops [m/s]
+# least speed through the water on the way; slower, a hull has no heading to keep [m/s]
+SPEED_LEAST = 0.1
+# greatest speed along an axis that leads back to the place where a route stops [m/s]
+HOLD_SPEED = 0.3
 
 
 def _mean(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floats:
@@ -74,7 +85,8 @@ def _rate(value: Callable[[Floats], Floats], time: Floats, width: float) -> Floa
 
 
 def flown_plan(route: Route, least_radius: float) -> Plan:
-    """The plan of a route with turns of a least radius [m], 0 for TURN_RATE, or of a smaller one where legs are short.
+    """The plan of a route with turns of a least radius [m], 0 for TURN_RATE, or of a smaller one
+    where legs are short.
 
     LaisnError if the route cannot be flown at TURN_RATE either.
     """
@@ -85,7 +97,9 @@ def flown_plan(route: Route, least_radius: float) -> Plan:
     return plan(route)
 
 
-def _write_reference(route: Route, time: Floats, lead: float, least_radius: float, out: Records) -> None:
+def _write_reference(
+    route: Route, time: Floats, lead: float, least_radius: float, out: Records
+) -> None:
     flown = flown_plan(route, least_radius)
     motion = flown.at(time)
 
@@ -115,21 +129,32 @@ def reference(
     lead: Sequence[float] | None = None,
     least_radii: Sequence[float] | None = None,
 ) -> Records:
-    """State in which all vehicles should be at instants of shape (n,), [s]: records of REFERENCE, shape (n, v).
+    """State in which all vehicles should be at instants of shape (n,), [s]: records of REFERENCE,
+    shape (n, v).
 
-    Course and depth are smoothed about each instant, the path is not. `lead` is how early each vehicle's accelerations
-    are given [s], `least_radii` are of its turns [m], as of `flown_plan`; None: 0. LaisnError if a route cannot be
-    flown.
+    Course and depth are smoothed about each instant, the path is not. `lead` is how early each
+    vehicle's accelerations are given [s], `least_radii` are of its turns [m], as of `flown_plan`;
+    None: 0. LaisnError if a route cannot be flown.
     """
     table = records(REFERENCE, time.size, len(routes))
     for i, route in enumerate(routes):
-        _write_reference(route, time, lead[i] if lead else 0.0, least_radii[i] if least_radii else 0.0, table[:, i])
+        _write_reference(
+            route,
+            time,
+            lead[i] if lead else 0.0,
+            least_radii[i] if least_radii else 0.0,
+            table[:, i],
+        )
     return table
 
 
 @compiled
-def begin(reference: Record, heading: float, speed: float, current: tuple[float, float], memory: Record) -> None:
-    """Initialise the memory of guidance for a vehicle at its start, by its heading and speed through the water."""
+def begin(
+    reference: Record, heading: float, speed: float, current: tuple[float, float], memory: Record
+) -> None:
+    """Initialise the memory of guidance for a vehicle at its start, by its heading and speed
+    through the water.
+    """
     memory.heading = reference.course + signed_angle(heading - reference.course)
     memory.speed = max(speed, SPEED_LEAST)
     memory.current[0], memory.current[1] = current
@@ -143,8 +168,12 @@ def track_current(current: tuple[float, float], dt: float, memory: Record) -> No
 
 
 @compiled
-def integrate_offset(reference: Record, position: tuple[float, float], dt: float, memory: Record) -> None:
-    """Treat a persistent offset from the reference as a current: integral action without a current state."""
+def integrate_offset(
+    reference: Record, position: tuple[float, float], dt: float, memory: Record
+) -> None:
+    """Treat a persistent offset from the reference as a current: integral action without a
+    current state.
+    """
     place = reference.east, reference.north
     for i in range(2):
         offset = clip(position[i] - place[i], -OFFSET_MOST, OFFSET_MOST)
@@ -153,8 +182,12 @@ def integrate_offset(reference: Record, position: tuple[float, float], dt: float
 
 
 @compiled
-def limit_command(heading: float, speed: float, dt: float, memory: Record) -> tuple[float, float, float]:
-    """Heading, its rate and speed as of `steer`, brought towards what is wanted within the limits."""
+def limit_command(
+    heading: float, speed: float, dt: float, memory: Record
+) -> tuple[float, float, float]:
+    """Heading, its rate and speed as of `steer`, brought towards what is wanted within the
+    limits.
+    """
     before = memory.heading
     turn = signed_angle(heading - before)
     memory.heading += clip(turn, -TURN_RATE * dt, TURN_RATE * dt)
@@ -163,11 +196,13 @@ def limit_command(heading: float, speed: float, dt: float, memory: Record) -> tu
 
 
 @compiled
-def steer(reference: Record, position: tuple[float, float], dt: float, memory: Record) -> tuple[float, float, float]:
+def steer(
+    reference: Record, position: tuple[float, float], dt: float, memory: Record
+) -> tuple[float, float, float]:
     """Heading and speed through the water that lead back to the reference.
 
-    Gives the heading, continuous, turning at 10°/s at most [rad]; its rate, clockwise [rad/s]; and the speed, changing
-    at 0.2 m/s² at most, and negative only where the route stops [m/s].
+    Gives the heading, continuous, turning at 10°/s at most [rad]; its rate, clockwise [rad/s]; and
+    the speed, changing at 0.2 m/s² at most, and negative only where the route stops [m/s].
     """
     sin, cos = np.sin(reference.course), np.cos(reference.course)
     east, north = reference.east - position[0], reference.north - position[1]
@@ -177,7 +212,9 @@ def steer(reference: Record, position: tuple[float, float], dt: float, memory: R
         # the smaller this velocity, the more the heading is that of the course
         heading = np.arctan2(through_east + SPEED_LEAST * sin, through_north + SPEED_LEAST * cos)
         ahead = memory.heading
-        return limit_command(heading, through_east * np.sin(ahead) + through_north * np.cos(ahead), dt, memory)
+        return limit_command(
+            heading, through_east * np.sin(ahead) + through_north * np.cos(ahead), dt, memory
+        )
     along = east * sin + north * cos
     across = east * cos - north * sin
 

@@ -1,18 +1,22 @@
-"""A follower's station: a place in the leader's trail, and aside of it in a frame that turns slowly.
+"""A follower's station: a place in the leader's trail, and aside of it in a frame that turns
+slowly.
 
-The trail is a smooth curve through the leader's received positions, by the length of its way (cubic Hermite segments
-with mean slopes, as Catmull and Rom 1974), and through planned ones between messages that carry the leader's next
-waypoints. Beyond its head the leader is taken to go on as it went over the last seconds.
+The trail is a smooth curve through the leader's received positions, by the length of its way (cubic
+Hermite segments with mean slopes, as Catmull and Rom 1974), and through planned ones between
+messages that carry the leader's next waypoints. Beyond its head the leader is taken to go on as it
+went over the last seconds.
 
-A station s behind and y to port stands at trail(S − s) + y · port(ψ). The frame's heading ψ follows the trail no faster
-than the station can be swum. A hull turns at a limited rate, the velocity that its station needs may not:
-`rate_limited_velocity` has the heading in the middle of the envelopes that fall and rise at that rate (McShane 1934),
-nearest to what the station needs from now on and needed just before.
+A station s behind and y to port stands at trail(S − s) + y · port(ψ). The frame's heading ψ follows
+the trail no faster than the station can be swum. A hull turns at a limited rate, the velocity that
+its station needs may not: `rate_limited_velocity` has the heading in the middle of the envelopes
+that fall and rise at that rate (McShane 1934), nearest to what the station needs from now on and
+needed just before.
 
-Functions of the trail take `trail`, records of TRAIL of shape (room,), and `count`, how many points it has, at least
-one; those that change the trail bring `count`, of shape (1,), forward. Functions of a station take `f`, the record of
-`[formation]`; `station`, a record of STATION; `trail`, the leader's and how many points it has; `dt`, a time step, and
-`time`, now [s]; and `state`, of FRAME_STATE.
+Functions of the trail take `trail`, records of TRAIL of shape (room,), and `count`, how many points
+it has, at least one; those that change the trail bring `count`, of shape (1,), forward. Functions
+of a station take `f`, the record of `[formation]`; `station`, a record of STATION; `trail`, the
+leader's and how many points it has; `dt`, a time step, and `time`, now [s]; and `state`, of
+FRAME_STATE.
 """
 
 from typing import NamedTuple
@@ -36,17 +40,23 @@ TRAIL = np.dtype(  # one point of a trail
         ("heading", np.float64),  # its broadcast heading [rad]
         ("slope_east", np.float64),  # slope of the curve, per metre of way
         ("slope_north", np.float64),
-        ("turned", np.float64),  # bound of what the curve has turned until there, both sides added up [rad]
-        ("pace", np.float64),  # the leader's mean speed over ground over the last seconds; at first through water [m/s]
+        # bound of what the curve has turned until there, both sides added up [rad]
+        ("turned", np.float64),
+        # the leader's mean speed over ground over the last seconds; at first through water [m/s]
+        ("pace", np.float64),
     ]
 )
 
-SHORTEST = 0.3  # points of a trail are at least this far apart [m]: below it, a way would be made of waves and rounding
+# points of a trail are at least this far apart [m]: below it, a way would be made of waves and
+# rounding
+SHORTEST = 0.3
 PACE_TIME = 10.0  # the pace is the mean over this time [s]
 
-TAIL = 20.0  # before its first point the trail is taken to have come straight, as it went on for so long [m]
+# before its first point the trail is taken to have come straight, as it went on for so long [m]
+TAIL = 20.0
 
-Place = tuple[float, float, float, float, float]  # place [m], unit vector of the way, speed through water [m/s]
+# place [m], unit vector of the way, speed through water [m/s]
+Place = tuple[float, float, float, float, float]
 
 
 @compiled
@@ -60,7 +70,9 @@ def _chord(trail: Records, a: int, b: int) -> tuple[float, float]:
 
 @compiled
 def _slope(trail: Records, count: int, i: int) -> tuple[float, float]:
-    """East and north of the direction of the curve at point i; it begins as it came, and at its head bends on."""
+    """East and north of the direction of the curve at point i; it begins as it came, and at its
+    head bends on.
+    """
     last = count - 1
     if i == 0:
         # that of the first stretch; the shorter it is yet, the more that of the heading there
@@ -82,7 +94,9 @@ def _slope(trail: Records, count: int, i: int) -> tuple[float, float]:
 
 @compiled
 def _turn_to(trail: Records, i: int) -> float:
-    """Bound of the angle by which the curve turns to point i from the one before, that of its Bézier polygon [rad]."""
+    """Bound of the angle by which the curve turns to point i from the one before, that of its
+    Bézier polygon [rad].
+    """
     length = trail[i].arc - trail[i - 1].arc
     ax, ay = length * trail[i - 1].slope_east, length * trail[i - 1].slope_north
     bx, by = length * trail[i].slope_east, length * trail[i].slope_north
@@ -94,8 +108,12 @@ def _turn_to(trail: Records, i: int) -> float:
 
 
 @compiled
-def extend(trail: Records, count: Ints, east: float, north: float, time: float, motion: tuple[float, float]) -> None:
-    """Add where the leader was to its trail: east, north [m], time [s], later than before, speed and heading."""
+def extend(
+    trail: Records, count: Ints, east: float, north: float, time: float, motion: tuple[float, float]
+) -> None:
+    """Add where the leader was to its trail: east, north [m], time [s], later than before, speed
+    and heading.
+    """
     n = count[0]
     through, heading = motion
     # the head moves on until it is far enough from the point before
@@ -133,7 +151,9 @@ def extend(trail: Records, count: Ints, east: float, north: float, time: float, 
 
 @compiled
 def arc_at(trail: Records, count: int, time: float) -> float:
-    """Length of the way at a time [s]; after the last point the leader is taken to have kept its pace [m]."""
+    """Length of the way at a time [s]; after the last point the leader is taken to have kept its
+    pace [m].
+    """
     last = count - 1
     if time >= trail[last].time:
         return float(trail[last].arc + trail[last].pace * (time - trail[last].time))
@@ -153,7 +173,9 @@ def _unit(east: float, north: float) -> tuple[float, float]:
 
 @compiled
 def _before(trail: Records, count: int, arc: float) -> int:
-    """The last point not beyond a length of the way within a trail; bisection would touch all of a long one."""
+    """The last point not beyond a length of the way within a trail; bisection would touch all of
+    a long one.
+    """
     last = count - 1
     low = min(int(arc / trail[last].arc * last), last - 1)
     while trail[low].arc > arc:
@@ -165,7 +187,9 @@ def _before(trail: Records, count: int, arc: float) -> int:
 
 @compiled
 def turned_since(trail: Records, count: int, arc: float) -> float:
-    """By how much the way turns at most from a length of it on [m], to port and to starboard added up [rad]."""
+    """By how much the way turns at most from a length of it on [m], to port and to starboard
+    added up [rad].
+    """
     last = count - 1
     if arc <= 0.0 or trail[last].arc <= 0.0:
         return float(trail[last].turned)
@@ -175,7 +199,9 @@ def turned_since(trail: Records, count: int, arc: float) -> float:
 
 @compiled
 def at(trail: Records, count: int, arc: float) -> Place:
-    """The trail at a length of the way [m]; before the first point and after the last it is straight."""
+    """The trail at a length of the way [m]; before the first point and after the last it is
+    straight.
+    """
     last = count - 1
     begins = arc <= 0.0 or trail[last].arc <= 0.0
     if begins or arc >= trail[last].arc:
@@ -215,21 +241,26 @@ def at(trail: Records, count: int, arc: float) -> Place:
 
 SPACING = 1.0  # planned points follow each other in a trail after this time [s]
 _HALF_TURN = 0.5 * SHARPEST_CUT / TURN_RATE  # a turn begins at most so long before its waypoint [s]
-_OFF_PLAN = 5.0  # a leader farther off its plan than this has left it after the last waypoint that was received [m]
+# a leader farther off its plan than this has left it after the last waypoint that was received [m]
+_OFF_PLAN = 5.0
 
 
 class LeaderPlan(NamedTuple):
     """The leader's track as a follower computes it from waypoints, at n control steps."""
 
     track: Records  # of REFERENCE, of which place and course are read, shape (n,)
-    until: Floats  # until when a message sent at each step gives the track, shape (n,), [s]; of no length: none does
+    # until when a message sent at each step gives the track, shape (n,), [s]; of no length: none
+    # does
+    until: Floats
 
 
 def plan_of(track: Records, times: Floats, waypoints: int, dt: float) -> LeaderPlan:
-    """The plan of a leader whose messages carry so many of its next waypoints, at times of shape (w,), increasing, [s].
+    """The plan of a leader whose messages carry so many of its next waypoints, at times of shape
+    (w,), increasing, [s].
 
-    The track is known until the turn at the last of them, which depends on the next leg, or until the end of the route.
-    `track` is the leader's reference at n control steps dt [s] apart, records of REFERENCE, shape (n,).
+    The track is known until the turn at the last of them, which depends on the next leg, or until
+    the end of the route. `track` is the leader's reference at n control steps dt [s] apart, records
+    of REFERENCE, shape (n,).
     """
     if waypoints == 0:
         return LeaderPlan(records(REFERENCE, 0), np.zeros(0))
@@ -242,12 +273,18 @@ def plan_of(track: Records, times: Floats, waypoints: int, dt: float) -> LeaderP
 
 @compiled
 def extend_as_planned(
-    plan: LeaderPlan, trail: Records, count: Ints, received: tuple[float, int], clock: tuple[int, float]
+    plan: LeaderPlan,
+    trail: Records,
+    count: Ints,
+    received: tuple[float, int],
+    clock: tuple[int, float],
 ) -> None:
-    """Add where the leader is by the plan to its trail while no message is in, if the last one had the plan for now.
+    """Add where the leader is by the plan to its trail while no message is in, if the last one had
+    the plan for now.
 
     Args:
-        received: time of the last message [s], and how many points the trail had with it; the others are planned ones.
+        received: time of the last message [s], and how many points the trail had with it; the
+            others are planned ones.
         clock: control step, and its length [s].
     """
     k, dt = clock
@@ -267,8 +304,11 @@ def extend_as_planned(
 
 
 @compiled
-def correct_planned(trail: Records, count: Ints, received: int, message: tuple[float, float, float]) -> None:
-    """Move planned points of a trail to where the leader was by the message after them; later ones are dropped.
+def correct_planned(
+    trail: Records, count: Ints, received: int, message: tuple[float, float, float]
+) -> None:
+    """Move planned points of a trail to where the leader was by the message after them; later ones
+    are dropped.
 
     Its distance from the plan is taken to have grown evenly since the message before.
 
@@ -296,17 +336,28 @@ def correct_planned(trail: Records, count: Ints, received: int, message: tuple[f
         share = (when - begin) / (time - begin)
         motion = trail[i].through, trail[i].heading
         # a point is written where it was read, or before
-        extend(trail, count, trail[i].east + share * off_east, trail[i].north + share * off_north, when, motion)
+        extend(
+            trail,
+            count,
+            trail[i].east + share * off_east,
+            trail[i].north + share * off_north,
+            when,
+            motion,
+        )
 
 
-STATION = np.dtype([("behind", np.float64), ("port", np.float64), ("depth", np.float64)])  # a station [m]
-FRAME_STATE = np.dtype([("heading", np.float64), ("rate", np.float64)])  # heading [rad] and its rate [rad/s]
+# a station [m]
+STATION = np.dtype([("behind", np.float64), ("port", np.float64), ("depth", np.float64)])
+# heading [rad] and its rate [rad/s]
+FRAME_STATE = np.dtype([("heading", np.float64), ("rate", np.float64)])
 
 _NEAREST = 5.0  # a station nearer to the trail is turned as if it were this far aside [m]
-AGILITY = float(np.deg2rad(8.0))  # rate of turn that a follower counts on [rad/s]; 10°/s is what it is allowed
+# rate of turn that a follower counts on [rad/s]; 10°/s is what it is allowed
+AGILITY = float(np.deg2rad(8.0))
 STEP = 1.0  # it looks ahead and back in steps of this time [s] …
 STEPS = 10  # … and so many of them
-_LITTLE = float(np.sin(AGILITY * STEP))  # a velocity that changes by a smaller share turns less than a hull
+# a velocity that changes by a smaller share turns less than a hull
+_LITTLE = float(np.sin(AGILITY * STEP))
 
 
 class Target(NamedTuple):
@@ -322,7 +373,12 @@ class Target(NamedTuple):
 
 @compiled
 def turn_frame(
-    f: Record, station: Record, trail: tuple[Records, int], span: tuple[float, float], dt: float, state: Record
+    f: Record,
+    station: Record,
+    trail: tuple[Records, int],
+    span: tuple[float, float],
+    dt: float,
+    state: Record,
 ) -> None:
     """Turn a station's frame from one time to another [s], along the trail as it is known now."""
     points, count = trail
@@ -371,9 +427,15 @@ def station_at(station: Record, trail: tuple[Records, int], time: float, state: 
 
 @compiled
 def _through_water(
-    station: Record, trail: tuple[Records, int], arc: float, later: float, current: tuple[float, float], state: Record
+    station: Record,
+    trail: tuple[Records, int],
+    arc: float,
+    later: float,
+    current: tuple[float, float],
+    state: Record,
 ) -> tuple[float, float]:
-    """Velocity through the water that a station needs so much later (less than 0: earlier), east and north [m/s].
+    """Velocity through the water that a station needs so much later (less than 0: earlier), east
+    and north [m/s].
 
     `arc` is the length of the way to where the station is in the trail [m].
     """
@@ -389,9 +451,16 @@ def _through_water(
 
 @compiled
 def rate_limited_velocity(
-    f: Record, station: Record, trail: tuple[Records, int], time: float, current: tuple[float, float], state: Record
+    f: Record,
+    station: Record,
+    trail: tuple[Records, int],
+    time: float,
+    current: tuple[float, float],
+    state: Record,
 ) -> tuple[float, float]:
-    """Velocity over ground with which a hull stays nearest to its station in a current, east and north [m/s]."""
+    """Velocity over ground with which a hull stays nearest to its station in a current, east and
+    north [m/s].
+    """
     points, count = trail
     arc = arc_at(points, count, time) - station.behind
     over_ground = points[count - 1].pace
@@ -400,13 +469,18 @@ def rate_limited_velocity(
     reach = STEPS * STEP
     bend = turned_since(points, count, arc + (f.preview - reach) * over_ground)
     # on straight legs, headings nearby surely differ by less than a hull turns in a step
-    if not over_ground * bend + abs(station.port * state.rate * state.rate) * reach < _LITTLE * speed:
+    if (
+        not over_ground * bend + abs(station.port * state.rate * state.rate) * reach
+        < _LITTLE * speed
+    ):
         needed = np.arctan2(east, north)
         upper = lower = needed
         for side in (-1.0, 1.0):
             then = needed
             for j in range(1, STEPS + 1):
-                x, y = _through_water(station, trail, arc, f.preview + side * j * STEP, current, state)
+                x, y = _through_water(
+                    station, trail, arc, f.preview + side * j * STEP, current, state
+                )
                 then += wrap_angle(np.arctan2(x, y) - then)
                 upper = max(upper, then - AGILITY * j * STEP)
                 lower = min(lower, then + AGILITY * j * STEP)

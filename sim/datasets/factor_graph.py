@@ -1,14 +1,16 @@
-"""Factor graphs in the text format of PyFactorGraph (`.pyfg`): planar poses, odometry, ranges, landmarks, priors.
+"""Factor graphs in the text format of PyFactorGraph (`.pyfg`): planar poses, odometry, ranges,
+landmarks, priors.
 
-A line is a kind and its fields. A pose is called by a letter for its robot and a number, a landmark by L and a number;
-headings are anticlockwise from east. Noise is given as the upper triangle of a covariance.
+A line is a kind and its fields. A pose is called by a letter for its robot and a number, a landmark
+by L and a number; headings are anticlockwise from east. Noise is given as the upper triangle of a
+covariance.
 
     VERTEX_SE2 time pose x y heading            VERTEX_XY landmark x y
     VERTEX_SE2:PRIOR time pose x y heading …    VERTEX_XY:PRIOR time landmark x y …
     EDGE_SE2 time pose pose ahead port turn …   EDGE_RANGE time one other range variance
 
-Times are in s, or in ns where one is too large for s. Vertices of poses are the true path in simulated graphs; in
-others they may be the file's own estimate, which no line states.
+Times are in s, or in ns where one is too large for s. Vertices of poses are the true path in
+simulated graphs; in others they may be the file's own estimate, which no line states.
 """
 
 import re
@@ -28,11 +30,17 @@ from sim.datasets.range_data import LARGEST, RangeData, compose, numbers, requir
 from sim.system import atomic_write
 
 _WORDS = {
-    "VERTEX_SE2": (1, 1, 3, 0), "VERTEX_XY": (0, 1, 2, 0), "VERTEX_SE2:PRIOR": (1, 1, 3, 6),
-    "VERTEX_XY:PRIOR": (1, 1, 2, 3), "EDGE_SE2": (1, 2, 3, 6), "EDGE_RANGE": (1, 2, 1, 1), "EDGE_SE2_XY": (1, 2, 2, 3),
-}  # fmt: skip
+    "VERTEX_SE2": (1, 1, 3, 0),
+    "VERTEX_XY": (0, 1, 2, 0),
+    "VERTEX_SE2:PRIOR": (1, 1, 3, 6),
+    "VERTEX_XY:PRIOR": (1, 1, 2, 3),
+    "EDGE_SE2": (1, 2, 3, 6),
+    "EDGE_RANGE": (1, 2, 1, 1),
+    "EDGE_SE2_XY": (1, 2, 2, 3),
+}
 """How many times, names, measured numbers and numbers of noise a line of each kind has."""
-_SAME_PATH = 1e-4  # vertices that differ from the odometry by less than this share of the way are composed of it
+# vertices that differ from the odometry by less than this share of the way are composed of it
+_SAME_PATH = 1e-4
 _POSE = re.compile(r"([A-KM-Za-km-z])([0-9]{1,15})")
 
 
@@ -53,7 +61,9 @@ def _parsed(text: str, source: str) -> dict[str, list[_Line]]:
         kind = words[0]
         where = f"{source}, line {number}: {kind[:40]!r}"
         if kind not in _WORDS:
-            raise LaisnError(f"{where} is no kind of line of a planar graph; known: {', '.join(_WORDS)}")
+            raise LaisnError(
+                f"{where} is no kind of line of a planar graph; known: {', '.join(_WORDS)}"
+            )
         times, names, values, noise = _WORDS[kind]
         where = f"{source}, line {number}: {kind}"
         first = 1 + times + names
@@ -64,10 +74,15 @@ def _parsed(text: str, source: str) -> dict[str, list[_Line]]:
         given = numbers(words[first:], where).tolist()
         if not np.all(np.isfinite([*time, *given])):
             raise LaisnError(f"{where} holds a number that is not finite")
-        lines[kind].append(_Line(sum(time), words[1 + times : first], given[:values], given[values:]))
+        lines[kind].append(
+            _Line(sum(time), words[1 + times : first], given[:values], given[values:])
+        )
     if max((abs(line.time) for kind in lines.values() for line in kind), default=0.0) <= LARGEST:
         return lines
-    return {kind: [line._replace(time=1e-9 * line.time) for line in some] for kind, some in lines.items()}
+    return {
+        kind: [line._replace(time=1e-9 * line.time) for line in some]
+        for kind, some in lines.items()
+    }
 
 
 def _odometry(lines: list[_Line], order: dict[str, int], source: str) -> tuple[Floats, Floats]:
@@ -78,7 +93,9 @@ def _odometry(lines: list[_Line], order: dict[str, int], source: str) -> tuple[F
         if first is None or second != first + 1:
             continue
         if not np.isnan(steps[first, 0]):
-            raise LaisnError(f"{source}: odometry (EDGE_SE2) from {' to '.join(line.names)} is given twice")
+            raise LaisnError(
+                f"{source}: odometry (EDGE_SE2) from {' to '.join(line.names)} is given twice"
+            )
         steps[first] = line.values
         # of the upper triangle xx, xy, xθ, yy, yθ, θθ
         variances[first] = line.noise[0], line.noise[3], line.noise[5]
@@ -86,7 +103,8 @@ def _odometry(lines: list[_Line], order: dict[str, int], source: str) -> tuple[F
     if gaps.size:
         names = list(order)
         raise LaisnError(
-            f"{source}: no odometry (EDGE_SE2) from {names[gaps[0]]} to {names[gaps[0] + 1]}, nor in "
+            f"{source}: no odometry (EDGE_SE2) from {names[gaps[0]]} to {names[gaps[0] + 1]}, nor "
+            "in "
             f"{gaps.size - 1} other places of {len(steps)}"
         )
     return steps, variances
@@ -106,7 +124,9 @@ def _ranges(
         k = order[pose]
         # the time in the line if it lies between the poses beside its own, and otherwise its pose's
         low, high = time[max(k - 1, 0)], time[min(k + 1, time.size - 1)]
-        rows.append((line.time if low < line.time < high else time[k], beacons[beacon], line.values[0]))
+        rows.append(
+            (line.time if low < line.time < high else time[k], beacons[beacon], line.values[0])
+        )
         variances.append(line.noise[0])
     return sorted(rows), variances
 
@@ -114,10 +134,11 @@ def _ranges(
 def read_factor_graph(path: Path) -> RangeData:
     """The odometry and ranges of one robot in a planar factor graph: that with the most poses.
 
-    Places of landmarks are those of their priors, or else of their vertices. The path to compare with is that of the
-    poses' vertices, unless these are only composed of the odometry. The start is that of the first pose's prior, or
-    else of its vertex. Odometry's covariances give `slip` and `heading_walk`, their medians per second. LaisnError,
-    naming the line, if the file cannot be read, is no planar graph, or lacks odometry or ranges.
+    Places of landmarks are those of their priors, or else of their vertices. The path to compare
+    with is that of the poses' vertices, unless these are only composed of the odometry. The start
+    is that of the first pose's prior, or else of its vertex. Odometry's covariances give `slip` and
+    `heading_walk`, their medians per second. LaisnError, naming the line, if the file cannot be
+    read, is no planar graph, or lacks odometry or ranges.
     """
     source = str(path)
     remarks = list[str]()
@@ -125,12 +146,17 @@ def read_factor_graph(path: Path) -> RangeData:
     robots = Counter(m[1] for line in lines["VERTEX_SE2"] if (m := _POSE.fullmatch(line.names[0])))
     if not robots:
         raise LaisnError(
-            f"{source}: no planar pose (VERTEX_SE2) of a robot, called by a letter and a number such as A0"
+            f"{source}: no planar pose (VERTEX_SE2) of a robot, called by a letter and a number "
+            "such as A0"
         )
     robot = max(robots, key=lambda letter: (robots[letter], -ord(letter)))
     if left := sorted(set(robots) - {robot}):
         remarks.append(f"of several robots {robot} is taken; left out: {', '.join(left)}")
-    poses = [line for line in lines["VERTEX_SE2"] if line.names[0].startswith(robot) and _POSE.fullmatch(line.names[0])]
+    poses = [
+        line
+        for line in lines["VERTEX_SE2"]
+        if line.names[0].startswith(robot) and _POSE.fullmatch(line.names[0])
+    ]
     poses.sort(key=lambda line: int(line.names[0][1:]))
     for kind in ("VERTEX_SE2", "VERTEX_XY", "VERTEX_XY:PRIOR"):
         require_unique((line.names[0] for line in lines[kind]), f"{source}: {kind}")
@@ -151,24 +177,46 @@ def read_factor_graph(path: Path) -> RangeData:
         remarks.append("vertices are composed of the odometry: there is no path to compare with")
         truth = np.empty((0, 3))
     else:
-        remarks.append("the path to compare with is that of the vertices, which may be the file's own estimate")
+        remarks.append(
+            "the path to compare with is that of the vertices, which may be the file's own estimate"
+        )
         # of poses at one time the first stays
         truth = np.column_stack([time, vertices[:, :2]])[np.append(True, lasted != 0.0)]
-    places = {line.names[0]: line.values for kind in ("VERTEX_XY", "VERTEX_XY:PRIOR") for line in lines[kind]}
-    ranges, variances = _ranges(lines["EDGE_RANGE"], order, time, {name: i for i, name in enumerate(places)})
+    places = {
+        line.names[0]: line.values
+        for kind in ("VERTEX_XY", "VERTEX_XY:PRIOR")
+        for line in lines[kind]
+    }
+    ranges, variances = _ranges(
+        lines["EDGE_RANGE"], order, time, {name: i for i, name in enumerate(places)}
+    )
     spreads = {"slip": rates[:, :2].mean(axis=1), "heading_walk": rates[:, 2]}
     spreads |= {"range_sigma": np.array(variances)} if variances and min(variances) > 0.0 else {}
-    begin = next((p for p in lines["VERTEX_SE2:PRIOR"] if p.names[0] == poses[0].names[0]), poses[0]).values
+    begin = next(
+        (p for p in lines["VERTEX_SE2:PRIOR"] if p.names[0] == poses[0].names[0]), poses[0]
+    ).values
     return RangeData.collect(
-        source=source, start=np.array([begin[0], begin[1], 0.5 * np.pi - begin[2]]), time=time, odometry=odometry,
-        beacons=tuple(places), places=np.array(list(places.values()), dtype=np.float64).reshape(-1, 2), ranges=ranges,
-        stated={k: float(np.sqrt(np.median(v))) for k, v in spreads.items() if v.size and np.median(v) > 0.0},
-        truth=truth, remarks=remarks,
-    )  # fmt: skip
+        source=source,
+        start=np.array([begin[0], begin[1], 0.5 * np.pi - begin[2]]),
+        time=time,
+        odometry=odometry,
+        beacons=tuple(places),
+        places=np.array(list(places.values()), dtype=np.float64).reshape(-1, 2),
+        ranges=ranges,
+        stated={
+            k: float(np.sqrt(np.median(v)))
+            for k, v in spreads.items()
+            if v.size and np.median(v) > 0.0
+        },
+        truth=truth,
+        remarks=remarks,
+    )
 
 
 def _line(*words: object) -> str:
-    return " ".join(f"{word:.10g}" if isinstance(word, float) else str(word) for word in words) + "\n"
+    return (
+        " ".join(f"{word:.10g}" if isinstance(word, float) else str(word) for word in words) + "\n"
+    )
 
 
 def _triangle(*variances: float) -> list[float]:
@@ -179,16 +227,20 @@ def _triangle(*variances: float) -> list[float]:
 def write_factor_graph(
     measured: Measurements, settings: TightSettings, start: Floats, truth: Floats, path: Path
 ) -> Path:
-    """Write what a follower measured as a factor graph, with a pose A… at the start and at each message.
+    """Write what a follower measured as a factor graph, with a pose A… at the start and at each
+    message.
 
-    Odometry is that of log and compass in the frame of the pose before; the compass gives turns alone, so that its bias
-    is the error of the first pose's heading. Each transmitter of a message is a landmark at the place that the message
-    gives it. Ranges are reduced to the plane by the depths; their variance holds all errors of a range.
+    Odometry is that of log and compass in the frame of the pose before; the compass gives turns
+    alone, so that its bias is the error of the first pose's heading. Each transmitter of a message
+    is a landmark at the place that the message gives it. Ranges are reduced to the plane by the
+    depths; their variance holds all errors of a range.
 
-    `start` is x, y [m] at step 0, shape (2,) or more; `truth` of each step from 0 on: time [s], east, north of the
-    hydrophone [m] and heading [rad], shape (n + 1, 4).
+    `start` is x, y [m] at step 0, shape (2,) or more; `truth` of each step from 0 on: time [s],
+    east, north of the hydrophone [m] and heading [rad], shape (n + 1, 4).
     """
-    speed, heading = (np.concatenate([values[:1], values]) for values in (measured.speed, measured.heading))
+    speed, heading = (
+        np.concatenate([values[:1], values]) for values in (measured.speed, measured.heading)
+    )
     dt = np.diff(truth[:, 0])
     u = np.column_stack([np.sin(heading), np.cos(heading)])
     v = speed[:, None] * u
@@ -196,31 +248,55 @@ def write_factor_graph(
     way = np.vstack([np.zeros(2), np.cumsum(0.5 * dt[:, None] * (v[:-1] + v[1:]), axis=0)])
     steps = [0, *measured.message_step.tolist()]
     lines = [
-        _line("VERTEX_SE2", float(truth[k, 0]), f"A{i}", *truth[k, 1:3].tolist(), float(0.5 * np.pi - truth[k, 3]))
+        _line(
+            "VERTEX_SE2",
+            float(truth[k, 0]),
+            f"A{i}",
+            *truth[k, 1:3].tolist(),
+            float(0.5 * np.pi - truth[k, 3]),
+        )
         for i, k in enumerate(steps)
     ]
-    prior = settings.start_sigma**2, settings.start_sigma**2, settings.heading_bias_sigma**2 + settings.heading_sigma**2
+    prior = (
+        settings.start_sigma**2,
+        settings.start_sigma**2,
+        settings.heading_bias_sigma**2 + settings.heading_sigma**2,
+    )
     first = float(truth[0, 0]), "A0", float(start[0]), float(start[1]), float(turned[0])
     lines.append(_line("VERTEX_SE2:PRIOR", *first, *_triangle(*prior)))
-    sigma = np.linalg.norm([settings.range_sigma, settings.range_scale_sigma, settings.range_scale_bias_sigma])
+    sigma = np.linalg.norm(
+        [settings.range_sigma, settings.range_scale_sigma, settings.range_scale_bias_sigma]
+    )
     for i, (before, k) in enumerate(pairwise(steps)):
         time = float(truth[k, 0])
         s, c = (np.sin(turned[before]), np.cos(turned[before]))
         ahead, port = np.array([[c, s], [-s, c]]) @ (way[k] - way[before])
         part = dt[before:k]
         n = k - before
-        along = (settings.speed_sigma**2 * np.sum(part**2)) + (settings.speed_bias_sigma * np.sum(part)) ** 2
-        across = (settings.heading_sigma * np.mean(speed[before + 1 : k + 1])) ** 2 * np.sum(part**2)
+        along = (settings.speed_sigma**2 * np.sum(part**2)) + (
+            settings.speed_bias_sigma * np.sum(part)
+        ) ** 2
+        across = (settings.heading_sigma * np.mean(speed[before + 1 : k + 1])) ** 2 * np.sum(
+            part**2
+        )
         spread = _triangle(float(along), float(across), 2.0 * settings.heading_sigma**2 / n + 1e-8)
-        turn = float(np.arctan2(np.sin(turned[k] - turned[before]), np.cos(turned[k] - turned[before])))
-        lines.append(_line("EDGE_SE2", time, f"A{i}", f"A{i + 1}", float(ahead), float(port), turn, *spread))
+        turn = float(
+            np.arctan2(np.sin(turned[k] - turned[before]), np.cos(turned[k] - turned[before]))
+        )
+        lines.append(
+            _line("EDGE_SE2", time, f"A{i}", f"A{i + 1}", float(ahead), float(port), turn, *spread)
+        )
         reception = measured.reception(i)
         hydrophone = measured.last_depth[k - 1] - settings.hydrophone_height
         places = place_transmitters(reception, settings)
-        for j in np.flatnonzero(np.isfinite(places).all(axis=1) & np.isfinite(reception.ranges)).tolist():
+        for j in np.flatnonzero(
+            np.isfinite(places).all(axis=1) & np.isfinite(reception.ranges)
+        ).tolist():
             landmark = f"L{3 * i + j}"
             place = places[j, :2].tolist()
-            level = float(np.sqrt(max(reception.ranges[j] ** 2 - (hydrophone - places[j, 2]) ** 2, 0.0)))
+            level = float(
+                np.sqrt(max(reception.ranges[j] ** 2 - (hydrophone - places[j, 2]) ** 2, 0.0))
+            )
             lines.append(_line("VERTEX_XY", landmark, *place))
             lines.append(_line("VERTEX_XY:PRIOR", time, landmark, *place, *_triangle(1e-6, 1e-6)))
             lines.append(_line("EDGE_RANGE", time, f"A{i + 1}", landmark, level, float(sigma) ** 2))

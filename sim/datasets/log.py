@@ -1,4 +1,6 @@
-"""A data set to its log, and back: beacons are transmitters of a leader at rest, the vehicle a follower."""
+"""A data set to its log, and back: beacons are transmitters of a leader at rest, the vehicle a
+follower.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -20,20 +22,29 @@ from sim.log.writer import Channel, numeric, poses, write_channels
 from sim.system import atomic_write
 
 VEHICLE = "vehicle"  # name of the vehicle in the log
-_READERS = {".pyfg": read_factor_graph, ".mat": read_range_tables, ".txt": read_range_tables, ".csv": read_range_tables}
+_READERS = {
+    ".pyfg": read_factor_graph,
+    ".mat": read_range_tables,
+    ".txt": read_range_tables,
+    ".csv": read_range_tables,
+}
 _RECORD = "data set"  # metadata record by which such a log is known
-_STATED = ("range_sigma", "slip", "heading_walk")  # what it holds of the sensors' errors, as the data set states them
+# what it holds of the sensors' errors, as the data set states them
+_STATED = ("range_sigma", "slip", "heading_walk")
 _SLOTS = Ranges._fields
 _nanoseconds = Clock("1970-01-01T00:00:00Z").ns
 _APART = 1e-6  # between ranges of one instant that one reception cannot hold [s]
 
 
 def read_data_set(path: Path) -> RangeData:
-    """The odometry and ranges in a file; LaisnError if its name ends in nothing that is known, or it cannot be read."""
+    """The odometry and ranges in a file; LaisnError if its name ends in nothing that is known,
+    or it cannot be read.
+    """
     reader = _READERS.get(path.suffix)
     if reader is None:
         raise LaisnError(
-            f"{path}: the name should end in .pyfg (a factor graph), or be that of a .mat or a _DR.txt (a data set of "
+            f"{path}: the name should end in .pyfg (a factor graph), or be that of a .mat or a "
+            "_DR.txt (a data set of "
             "ranging radios)"
         )
     return reader(path)
@@ -52,15 +63,17 @@ class Replayable(NamedTuple):
 def _slots(data: RangeData) -> tuple[Floats, Ints]:
     """When each range is received [s], and of which transmitter it is.
 
-    Two or three beacons have a transmitter each. Of more, ranges of one instant take rear, front and middle in turn,
-    and what finds no free one is received a microsecond later.
+    Two or three beacons have a transmitter each. Of more, ranges of one instant take rear, front
+    and middle in turn, and what finds no free one is received a microsecond later.
     """
     times = np.empty(data.ranges.size)
     slots = np.empty(data.ranges.size, dtype=np.int64)
     own = len(data.beacons) <= len(_SLOTS)
     taken = set[int]()
     last = -1.0
-    for i, (at, beacon) in enumerate(zip(data.range_time.tolist(), data.range_beacon.tolist(), strict=True)):
+    for i, (at, beacon) in enumerate(
+        zip(data.range_time.tolist(), data.range_beacon.tolist(), strict=True)
+    ):
         taken = taken if at <= last else set()
         slot = beacon if own else next((s for s in range(len(_SLOTS)) if s not in taken), 0)
         last = max(at, last)
@@ -79,7 +92,11 @@ def _channels(data: RangeData) -> Iterator[Channel]:
     end, speed, heading = replace(data, range_time=times).legs()
     # the first ends a step that begins at rest, so that the next one begins at the start
     depth = np.zeros(end.size + 1)
-    motion = {"speed": np.append(0.0, speed), "heading": np.append(heading[0], heading), "depth": depth}
+    motion = {
+        "speed": np.append(0.0, speed),
+        "heading": np.append(heading[0], heading),
+        "depth": depth,
+    }
     yield numeric(f"/{VEHICLE}", OWN_MOTION, _nanoseconds(np.append(data.time[0], end)), motion)
 
     # what was received at one time is one reception
@@ -98,11 +115,15 @@ def _channels(data: RangeData) -> Iterator[Channel]:
 
     at, *place = data.truth[np.argsort(data.truth[:, 0], kind="stable")].T
     turn = np.tile([1.0, 0.0, 0.0, 0.0], (at.size, 1))
-    yield poses(f"/{VEHICLE}/pose", _nanoseconds(at), np.column_stack([*place, np.zeros(at.size)]), turn)
+    yield poses(
+        f"/{VEHICLE}/pose", _nanoseconds(at), np.column_stack([*place, np.zeros(at.size)]), turn
+    )
 
 
 def write_data_set(data: RangeData, path: Path) -> None:
-    """Write a data set as a log that `laisn replay` navigates on; LogError if it cannot be written."""
+    """Write a data set as a log that `laisn replay` navigates on; LogError if it cannot be
+    written.
+    """
     facts = {
         "source": Path(data.source).name,
         "beacons": ",".join(data.beacons),
@@ -114,7 +135,9 @@ def write_data_set(data: RangeData, path: Path) -> None:
 
 
 def write_vehicle_table(table: VehicleTable, path: Path) -> None:
-    """Write measurements of a vehicle, named "follower", as a log for `laisn replay`; LogError if that fails."""
+    """Write measurements of a vehicle, named "follower", as a log for `laisn replay`; LogError
+    if that fails.
+    """
     empty = np.full(table.time_ns.size, np.nan)
     own = np.all([np.isfinite(table.columns[field]) for field in OWN_MOTION.fields], axis=0)
     ranges = [values for field, values in table.columns.items() if field.startswith("range_")]
@@ -123,7 +146,9 @@ def write_vehicle_table(table: VehicleTable, path: Path) -> None:
     channels = []
     for type_, rows in ((OWN_MOTION, own), (reception, received)):
         arrays = {
-            array.attribute: np.column_stack([table.columns.get(field, empty) for field in array.names])[rows]
+            array.attribute: np.column_stack(
+                [table.columns.get(field, empty) for field in array.names]
+            )[rows]
             for array in type_.columns
         }
         channels.append(numeric("/follower", type_, table.time_ns[rows], arrays))
@@ -132,7 +157,9 @@ def write_vehicle_table(table: VehicleTable, path: Path) -> None:
 
 def _write(path: Path, channels: Sequence[Channel], facts: dict[str, str]) -> None:
     with log_errors(path), atomic_write(path) as part:
-        write_channels(part, channels, lambda mcap: mcap.write_metadata(_RECORD, facts) if facts else None)
+        write_channels(
+            part, channels, lambda mcap: mcap.write_metadata(_RECORD, facts) if facts else None
+        )
 
 
 def is_data_set(path: Path) -> bool:
@@ -141,7 +168,9 @@ def is_data_set(path: Path) -> bool:
 
 
 def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
-    """Read a log of `write_data_set`; LogError if it is damaged or of something else, or has too long a gap."""
+    """Read a log of `write_data_set`; LogError if it is damaged or of something else, or has too
+    long a gap.
+    """
     pose = f"/{VEHICLE}/pose"
     motion = f"/{VEHICLE}/motion"
     log = Contents(path, lambda topic, _: topic == pose)
@@ -153,7 +182,9 @@ def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
         truth = np.empty((0, 3))
         if pose in log.topics:
             # the first step of Δt ends where the data set begins
-            since = (log.topics[pose].time_ns - log.topics[motion].time_ns.min()) / 1e9 + measured.dt
+            since = (
+                log.topics[pose].time_ns - log.topics[motion].time_ns.min()
+            ) / 1e9 + measured.dt
             truth = np.column_stack([since, log.topics[pose].table(POSE_FIELDS[:2])])
         start = np.array([float(facts["start_east"]), float(facts["start_north"]), 0.0, 0.0])
         stated = {name: float(facts[name]) for name in _STATED if facts.get(name)}

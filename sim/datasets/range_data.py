@@ -1,12 +1,13 @@
 """Odometry and ranges to beacons of a data set.
 
-Those of Djugash, Hamner & Roth 2009, "Navigating with Ranging Radios", are five tables in MATLAB or text files:
+Those of Djugash, Hamner & Roth 2009, "Navigating with Ranging Radios", are five tables in MATLAB or
+text files:
 
-    DR   time, distance driven, change of heading          odometry
-    TD   time, sender, receiver, range                     ranges to the receivers
-    TL   node, x, y                                        surveyed places of the nodes
-    GT   time, x, y, heading                               surveyed path; may be missing
-    DRp  time, x, y, heading                               odometry summed up from the start on; may be missing
+    DR   time, distance driven, change of heading          odometry TD   time, sender, receiver,
+    range                     ranges to the receivers TL   node, x, y
+    surveyed places of the nodes GT   time, x, y, heading                               surveyed
+    path; may be missing DRp  time, x, y, heading                               odometry summed up
+    from the start on; may be missing
 
 Times are in s, places in m, headings in rad anticlockwise from east.
 """
@@ -26,7 +27,8 @@ from laisn.arrays import Floats, Ints, own_arrays
 from laisn.failure import LaisnError
 from sim.system import background_process, read_text
 
-_LARGEST_BYTES = 100_000_000  # larger files are refused [bytes]; a table takes 20 times its size in memory
+# larger files are refused [bytes]; a table takes 20 times its size in memory
+_LARGEST_BYTES = 100_000_000
 LARGEST = 4e9  # larger numbers are no measurements, and no times in seconds
 # mean speeds beyond these are doubtful [m/s]
 _SLOWEST = 0.01
@@ -47,7 +49,9 @@ def text_of(path: Path) -> str:
 
 
 def numbers(words: Iterable[str], where: str, largest: float = LARGEST) -> Floats:
-    """The numbers that words stand for, NaN where they are empty; LaisnError naming the first that is none."""
+    """The numbers that words stand for, NaN where they are empty; LaisnError naming the first
+    that is none.
+    """
     try:
         values = np.array([float(word) if word.strip() else np.nan for word in words])
     except ValueError as error:
@@ -68,7 +72,9 @@ def require_unique(names: Iterable[object], where: str) -> None:
 
 
 def compose(first: Floats, second: Floats) -> Floats:
-    """Two steps of odometry as one: way ahead and to port [m] and turn anticlockwise [rad], shape (3,) each."""
+    """Two steps of odometry as one: way ahead and to port [m] and turn anticlockwise [rad],
+    shape (3,) each.
+    """
     c, s = np.cos(first[2]), np.sin(first[2])
     turned = np.array([c * second[0] - s * second[1], s * second[0] + c * second[1], second[2]])
     return np.asarray(first + turned)
@@ -85,46 +91,67 @@ class RangeData:
     start: Floats  # east, north [m] and compass heading [rad] at the first time, shape (3,)
     time: Floats  # time of each pose that odometry joins, shape (n + 1,), [s]
     odometry: Floats
-    """Way ahead and to port [m], and turn anticlockwise [rad], from each pose to the next, shape (n, 3)."""
+    """Way ahead and to port [m], and turn anticlockwise [rad], from each pose to the next, shape
+    (n, 3).
+    """
     beacons: tuple[str, ...]
     places: Floats  # where they were surveyed: east, north, shape (b, 2), [m]
     range_time: Floats  # when each range was measured, shape (m,), [s]
     range_beacon: Ints  # to which beacon, counted from 0, shape (m,)
     ranges: Floats  # shape (m,), [m]
-    truth: Floats  # time [s], east and north [m] of the path to compare with, shape (t, 3); empty if there is none
+    # time [s], east and north [m] of the path to compare with, shape (t, 3); empty if there is none
+    truth: Floats
     stated: Mapping[str, float] = field(default_factory=dict)
-    """What the data set states: `range_sigma`, random error of a range [m]; of its odometry `slip`, random walk of the
-    position along each axis [m/√s], and `heading_walk`, that of the heading [rad/√s]."""
+    """What the data set states: `range_sigma`, random error of a range [m]; of its odometry `slip`,
+    random walk of the position along each axis [m/√s], and `heading_walk`, that of the heading
+    [rad/√s]."""
     remarks: tuple[str, ...] = ()  # what was left out or taken for granted, a sentence each
 
     def __post_init__(self) -> None:
         for item in fields(self):
             value = getattr(self, item.name)
             if isinstance(value, np.ndarray) and not np.all(np.abs(value) <= LARGEST):
-                raise LaisnError(f"{self.source}: {item.name} must be finite and within ±{LARGEST:g}")
+                raise LaisnError(
+                    f"{self.source}: {item.name} must be finite and within ±{LARGEST:g}"
+                )
         if self.time.size < 3:
-            raise LaisnError(f"{self.source}: {self.time.size} poses; odometry needs three at least")
+            raise LaisnError(
+                f"{self.source}: {self.time.size} poses; odometry needs three at least"
+            )
         late = np.flatnonzero(np.diff(self.time) <= 0.0)
         if late.size:
             raise LaisnError(
-                f"{self.source}: the time goes from {self.time[late[0]]:.6f} s to {self.time[late[0] + 1]:.6f} s "
+                f"{self.source}: the time goes from {self.time[late[0]]:.6f} s to "
+                f"{self.time[late[0] + 1]:.6f} s "
                 f"between poses {late[0]} and {late[0] + 1}; times must increase"
             )
         if self.time[0] < 0.0:
-            raise LaisnError(f"{self.source}: times begin at {self.time[0]:g} s, expected 0 s or later")
+            raise LaisnError(
+                f"{self.source}: times begin at {self.time[0]:g} s, expected 0 s or later"
+            )
         if not self.ranges.size:
-            raise LaisnError(f"{self.source}: holds no range between the vehicle and a beacon whose place is known")
+            raise LaisnError(
+                f"{self.source}: holds no range between the vehicle and a beacon whose place is "
+                "known"
+            )
         own_arrays(self)
 
     @classmethod
     def collect(
-        cls, *, time: Floats, odometry: Floats, ranges: npt.ArrayLike, remarks: Sequence[str], **more: Any
+        cls,
+        *,
+        time: Floats,
+        odometry: Floats,
+        ranges: npt.ArrayLike,
+        remarks: Sequence[str],
+        **more: Any,
     ) -> Self:
-        """Data from poses of which some may be at one time, and ranges in any order to beacons of which some may lack.
+        """Data from poses of which some may be at one time, and ranges in any order to beacons of
+        which some may lack.
 
-        Poses at the `time` of the one before, shape (n + 1,), [s], are joined to it; `odometry` are the steps between
-        them, shape (n, 3). Of `ranges`, rows of time [s], beacon and range [m], those to beacon −1 and those not
-        positive are left out. `more` are other fields.
+        Poses at the `time` of the one before, shape (n + 1,), [s], are joined to it; `odometry` are
+        the steps between them, shape (n, 3). Of `ranges`, rows of time [s], beacon and range [m],
+        those to beacon −1 and those not positive are left out. `more` are other fields.
         """
         kept = np.append(True, np.diff(time) != 0.0)
         last = np.flatnonzero(kept[1:])
@@ -138,7 +165,9 @@ class RangeData:
         received = table[known & positive]
         received = received[np.argsort(received[:, 0], kind="stable")]
         counts = {
-            "ranges left out that are not to a beacon of known place": int(np.count_nonzero(~known)),
+            "ranges left out that are not to a beacon of known place": int(
+                np.count_nonzero(~known)
+            ),
             "ranges left out that are not positive": int(np.count_nonzero(known & ~positive)),
             "poses at the time of the one before, joined to it": int(np.count_nonzero(~kept)),
         }
@@ -147,18 +176,29 @@ class RangeData:
         duration = float(time[-1] - time[0])
         if way >= 1.0 and duration > 0.0 and not _SLOWEST * duration <= way <= _FASTEST * duration:
             speed = way / duration
-            remarks.append(f"a way of {way:.0f} m in {duration:g} s, {speed:.2g} m/s: are the times in seconds?")
+            remarks.append(
+                f"a way of {way:.0f} m in {duration:g} s, {speed:.2g} m/s: are the times in "
+                "seconds?"
+            )
         return cls(
-            time=time[kept], odometry=steps, range_time=received[:, 0], range_beacon=received[:, 1].astype(np.int64),
-            ranges=received[:, 2], remarks=tuple(remarks), **more,
-        )  # fmt: skip
+            time=time[kept],
+            odometry=steps,
+            range_time=received[:, 0],
+            range_beacon=received[:, 1].astype(np.int64),
+            ranges=received[:, 2],
+            remarks=tuple(remarks),
+            **more,
+        )
 
     def among(self, names: Sequence[str]) -> Self:
-        """Data with the ranges to some beacons only, in the order of their names; LaisnError naming one that lacks."""
+        """Data with the ranges to some beacons only, in the order of their names; LaisnError
+        naming one that lacks.
+        """
         unknown = [name for name in names if name not in self.beacons]
         if unknown or not names:
             raise LaisnError(
-                f"{self.source}: no beacon {', '.join(unknown) or 'is named'}; available: {', '.join(self.beacons)}"
+                f"{self.source}: no beacon {', '.join(unknown) or 'is named'}; available: "
+                f"{', '.join(self.beacons)}"
             )
         chosen = list(dict.fromkeys(names))
         index = [self.beacons.index(name) for name in chosen]
@@ -166,14 +206,20 @@ class RangeData:
         number = np.full(len(self.beacons), -1, dtype=np.int64)
         number[index] = np.arange(len(index))
         return replace(
-            self, beacons=tuple(chosen), places=self.places[index], range_time=self.range_time[kept],
-            range_beacon=number[self.range_beacon[kept]], ranges=self.ranges[kept],
-        )  # fmt: skip
+            self,
+            beacons=tuple(chosen),
+            places=self.places[index],
+            range_time=self.range_time[kept],
+            range_beacon=number[self.range_beacon[kept]],
+            ranges=self.ranges[kept],
+        )
 
     def legs(self) -> tuple[Floats, Floats, Floats]:
-        """The way as odometry has it, cut where a range was measured, so that each has its own place on it.
+        """The way as odometry has it, cut where a range was measured, so that each has its own
+        place on it.
 
-        Of each piece, straight and of even speed, its end [s], speed [m/s] and compass direction [rad], shape (k,).
+        Of each piece, straight and of even speed, its end [s], speed [m/s] and compass direction
+        [rad], shape (k,).
         """
         ahead, port, turn = self.odometry.T
         facing = self.start[2] - np.concatenate([[0.0], np.cumsum(turn)])[:-1]
@@ -211,7 +257,10 @@ def _from_matlab(path: Path) -> dict[str, Floats]:
 def _from_text(path: Path) -> dict[str, Floats]:
     match = _TEXT.fullmatch(path.name)
     if match is None:
-        raise LaisnError(f"{path}: name the table of odometry, such as Plaza1_DR.txt; the others are found beside it")
+        raise LaisnError(
+            f"{path}: name the table of odometry, such as Plaza1_DR.txt; the others are found "
+            "beside it"
+        )
     tables = dict[str, Floats]()
     for name in _COLUMNS:
         table = path.with_name(f"{match[1]}_{name}.{match[2]}")
@@ -226,39 +275,59 @@ def _from_text(path: Path) -> dict[str, Floats]:
 
 
 def read_range_tables(path: Path) -> RangeData:
-    """A data set of ranging radios: a MATLAB file with all tables, or the text file `NAME_DR.txt` beside the others.
+    """A data set of ranging radios: a MATLAB file with all tables, or the text file `NAME_DR.txt`
+    beside the others.
 
     LaisnError: a file cannot be read, or a table, a column or the pose at the start is missing.
     """
     tables = _from_matlab(path) if path.suffix == ".mat" else _from_text(path)
     missing = [name for name in _NEEDED if name not in tables]
     if missing:
-        raise LaisnError(f"{path}: lacks {', '.join(missing)}; it has {', '.join(tables) or 'none of the tables'}")
+        raise LaisnError(
+            f"{path}: lacks {', '.join(missing)}; it has "
+            f"{', '.join(tables) or 'none of the tables'}"
+        )
     for name, table in tables.items():
-        if not np.issubdtype(table.dtype, np.number) or table.ndim != 2 or table.shape[1] != _COLUMNS[name]:
-            raise LaisnError(f"{path}: table {name} has the shape {table.shape}, expected {_COLUMNS[name]} columns")
+        if (
+            not np.issubdtype(table.dtype, np.number)
+            or table.ndim != 2
+            or table.shape[1] != _COLUMNS[name]
+        ):
+            raise LaisnError(
+                f"{path}: table {name} has the shape {table.shape}, expected {_COLUMNS[name]} "
+                "columns"
+            )
         whole = table[:, _NODES.get(name, [])]
         usable = np.all(np.abs(table) <= LARGEST, axis=1) & np.all(whole == np.rint(whole), axis=1)
         if not usable.all():
             raise LaisnError(
-                f"{path}: table {name}, row {int(np.argmin(usable)) + 1}: expected numbers within ±{LARGEST:g}, and "
+                f"{path}: table {name}, row {int(np.argmin(usable)) + 1}: expected numbers within "
+                f"±{LARGEST:g}, and "
                 "whole ones for nodes"
             )
         tables[name] = np.asarray(table, dtype=np.float64)
     odometry, ranges, nodes = (tables[name] for name in _NEEDED)
     poses = [tables[name] for name in ("DRp", "GT") if name in tables]
-    start = next((before[-1] for table in poses if len(before := table[table[:, 0] < odometry[0, 0]])), None)
+    start = next(
+        (before[-1] for table in poses if len(before := table[table[:, 0] < odometry[0, 0]])), None
+    )
     if start is None:
-        raise LaisnError(f"{path}: neither DRp nor GT has a pose before the first odometry, at {odometry[0, 0]:.3f} s")
+        raise LaisnError(
+            f"{path}: neither DRp nor GT has a pose before the first odometry, at "
+            f"{odometry[0, 0]:.3f} s"
+        )
     names = nodes[:, 0].astype(np.int64).tolist()
     require_unique(names, f"{path}: table TL: node")
     index = {name: i for i, name in enumerate(names)}
     beacons = [index.get(node, -1) for node in ranges[:, 2].tolist()]
     return RangeData.collect(
-        source=str(path), start=np.array([start[1], start[2], 0.5 * np.pi - start[3]]),
+        source=str(path),
+        start=np.array([start[1], start[2], 0.5 * np.pi - start[3]]),
         time=np.concatenate([start[:1], odometry[:, 0]]),
         odometry=np.column_stack([odometry[:, 1], np.zeros(len(odometry)), odometry[:, 2]]),
-        beacons=tuple(map(str, names)), places=nodes[:, 1:].copy(),
+        beacons=tuple(map(str, names)),
+        places=nodes[:, 1:].copy(),
         ranges=np.column_stack([ranges[:, 0], beacons, ranges[:, 3]]),
-        truth=tables["GT"][:, :3].copy() if "GT" in tables else np.empty((0, 3)), remarks=(),
-    )  # fmt: skip
+        truth=tables["GT"][:, :3].copy() if "GT" in tables else np.empty((0, 3)),
+        remarks=(),
+    )

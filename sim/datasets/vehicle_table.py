@@ -1,7 +1,9 @@
-"""A vehicle's measurements in a text table with named columns, as a log that navigation is replayed on.
+"""A vehicle's measurements in a text table with named columns, as a log that navigation is replayed
+on.
 
-Columns have the names of the log's fields, with or without a unit ("heading_deg", "range_rear [m]"). A row without
-ranges holds own measurements alone, and a row without own measurements a reception alone.
+Columns have the names of the log's fields, with or without a unit ("heading_deg", "range_rear
+[m]"). A row without ranges holds own measurements alone, and a row without own measurements a
+reception alone.
 """
 
 import csv
@@ -24,15 +26,24 @@ _ANGLE = {"rad": 1.0, "deg": math.pi / 180.0, "°": math.pi / 180.0}
 _LENGTH = {"m": 1.0, "cm": 0.01, "km": 1000.0, "ft": 0.3048}
 _TIME_NAMES = ("time", "timestamp", "t", "datetime")
 _FIELDS = (*OWN_MOTION.fields, *RECEPTION.fields, *PLACES.names)
-_NEEDED = (*OWN_MOTION.fields, "leader_east", "leader_north", "leader_heading", "leader_speed", "leader_depth")
-_EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))  # a time beyond these is counted from 1970 in this unit
+_NEEDED = (
+    *OWN_MOTION.fields,
+    "leader_east",
+    "leader_north",
+    "leader_heading",
+    "leader_speed",
+    "leader_depth",
+)
+# a time beyond these is counted from 1970 in this unit
+_EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 
 
 class VehicleTable(NamedTuple):
     """Own measurements and receptions of a table, and what was taken for what."""
 
     time_ns: Ints  # of each row, increasing, shape (n,), [ns]
-    columns: dict[str, Floats]  # by the names of the log's fields, shape (n,), in SI units; NaN where a cell is empty
+    # by the names of the log's fields, shape (n,), in SI units; NaN where a cell is empty
+    columns: dict[str, Floats]
     remarks: tuple[str, ...]
 
 
@@ -64,9 +75,15 @@ def _times(words: list[str], unit: str, where: str) -> tuple[Ints, str]:
         try:
             dates = [datetime.fromisoformat(word.strip()) for word in words]
         except ValueError:
-            raise LaisnError(f"{error}; expected numbers or dates such as 2026-05-01T12:00:00.25Z") from None
-        since = [d.replace(tzinfo=d.tzinfo or UTC) - datetime(1970, 1, 1, tzinfo=UTC) for d in dates]
-        return np.array([round(s.total_seconds() * 1e6) * 1000 for s in since], dtype=np.int64), "dates (UTC)"
+            raise LaisnError(
+                f"{error}; expected numbers or dates such as 2026-05-01T12:00:00.25Z"
+            ) from None
+        since = [
+            d.replace(tzinfo=d.tzinfo or UTC) - datetime(1970, 1, 1, tzinfo=UTC) for d in dates
+        ]
+        return np.array(
+            [round(s.total_seconds() * 1e6) * 1000 for s in since], dtype=np.int64
+        ), "dates (UTC)"
     if not np.all(np.isfinite(times)):
         raise LaisnError(f"{where}: a time is not finite")
     if not unit:
@@ -81,7 +98,9 @@ def read_vehicle_table(path: Path) -> VehicleTable:
 
     LaisnError, naming the line, if it cannot be read, lacks a column, or a cell is no number.
     """
-    lines = [line for line in text_of(path).splitlines() if line.strip() and not line.startswith("#")]
+    lines = [
+        line for line in text_of(path).splitlines() if line.strip() and not line.startswith("#")
+    ]
     if len(lines) < 3:
         raise LaisnError(f"{path}: {len(lines)} lines; a header and two rows are needed at least")
     delimiter = max(",;\t", key=lines[0].count)
@@ -92,7 +111,9 @@ def read_vehicle_table(path: Path) -> VehicleTable:
     missing = [name for name in _NEEDED if name not in by_field] + ([] if times else ["time"])
     missing += [] if any(field.startswith("range_") for field in by_field) else ["range_rear"]
     if missing:
-        raise LaisnError(f"{path}: lacks columns {', '.join(missing)}; its columns: {', '.join(heads)}")
+        raise LaisnError(
+            f"{path}: lacks columns {', '.join(missing)}; its columns: {', '.join(heads)}"
+        )
     for k, row in enumerate(rows, start=1):
         if len(row) != len(heads):
             raise LaisnError(f"{path}, row {k}: {len(row)} cells, the header has {len(heads)}")
@@ -106,9 +127,14 @@ def read_vehicle_table(path: Path) -> VehicleTable:
     remarks = [f"{heads[place]}: time in {format_}, {np.ptp(time_ns) / 1e9:g} s"]
     by_field = {field: column for field, column in by_field.items() if field not in _TIME_NAMES}
     columns = {
-        field: numbers((row[i] for row in rows), f"{path}, column {heads[i]}") for field, (i, _) in by_field.items()
+        field: numbers((row[i] for row in rows), f"{path}, column {heads[i]}")
+        for field, (i, _) in by_field.items()
     }
-    bare = [np.abs(columns[field]) for field, (_, given) in by_field.items() if _units(field) is _ANGLE and not given]
+    bare = [
+        np.abs(columns[field])
+        for field, (_, given) in by_field.items()
+        if _units(field) is _ANGLE and not given
+    ]
     # no angle in radians is that large, and one table has one unit
     degrees = bool(bare) and np.nanmax(bare, initial=0.0) > 4.0 * math.pi
     for field, (i, given) in by_field.items():
@@ -120,4 +146,6 @@ def read_vehicle_table(path: Path) -> VehicleTable:
     remarks += [f"not used: {', '.join(unused)}"] if unused else []
     order = np.argsort(time_ns, kind="stable")
     columns.setdefault("leader_timestamp", time_ns / 1e9)
-    return VehicleTable(time_ns[order], {field: values[order] for field, values in columns.items()}, tuple(remarks))
+    return VehicleTable(
+        time_ns[order], {field: values[order] for field, values in columns.items()}, tuple(remarks)
+    )

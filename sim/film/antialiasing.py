@@ -6,19 +6,34 @@ from laisn.arrays import Bytes
 from laisn.compiled import compiled, inlined
 
 _CONTRAST = 20
-"""Smallest difference of brightness, of 255, that counts as an edge: hulls against water do, sand and sheen do not."""
+"""Smallest difference of brightness, of 255, that counts as an edge: hulls against water do,
+sand and sheen do not.
+"""
 _EDGE_PX = 16  # how far along an edge its ends are looked for, at most
 
 
 @inlined
 def _brightness(picture: Bytes, row: int, column: int) -> float:
-    return (2 * int(picture[row, column, 0]) + 5 * int(picture[row, column, 1]) + int(picture[row, column, 2])) / 8.0
+    return (
+        2 * int(picture[row, column, 0])
+        + 5 * int(picture[row, column, 1])
+        + int(picture[row, column, 2])
+    ) / 8.0
 
 
 @compiled
-def _end(source: Bytes, row: int, column: int, along: tuple[int, int], over: tuple[int, int], mean: float, limit: float
-         ) -> tuple[int, float]:  # fmt: skip
-    """Steps to where an edge ends, and by how much the brightness astride of it then differs from `mean`."""
+def _end(
+    source: Bytes,
+    row: int,
+    column: int,
+    along: tuple[int, int],
+    over: tuple[int, int],
+    mean: float,
+    limit: float,
+) -> tuple[int, float]:
+    """Steps to where an edge ends, and by how much the brightness astride of it then differs
+    from `mean`.
+    """
     height = source.shape[0]
     width = source.shape[1]
     difference = 0.0
@@ -37,10 +52,11 @@ def _end(source: Bytes, row: int, column: int, along: tuple[int, int], over: tup
 
 @compiled
 def smooth(source: Bytes, target: Bytes, left: int, top: int, width: int, height: int) -> None:
-    """Write the smoothed edges of a part of a picture, in the manner of FXAA 3 (T. Lottes, NVIDIA, 2011).
+    """Write the smoothed edges of a part of a picture, in the manner of FXAA 3 (T. Lottes, NVIDIA,
+    2011).
 
-    On a processor four samples a pixel cost as much again as the whole frame, this a hundredth. `target` is another
-    array with the picture of `source`, shape (rows, columns, 3).
+    On a processor four samples a pixel cost as much again as the whole frame, this a hundredth.
+    `target` is another array with the picture of `source`, shape (rows, columns, 3).
     """
     rows = source.shape[0]
     columns = source.shape[1]
@@ -71,7 +87,8 @@ def smooth(source: Bytes, target: Bytes, left: int, top: int, width: int, height
             first, at_first = _end(source, i, j, back, over, mean, limit)
             last, at_last = _end(source, i, j, along, over, mean, limit)
             nearest, there = (first, at_first) if first < last else (last, at_last)
-            # towards the nearer end the other side takes over, or this side does, which then is left as it is
+            # towards the nearer end the other side takes over, or this side does, which then is
+            # left as it is
             if (there < 0) == (m < mean):
                 continue
             share = 0.5 - nearest / (first + last)

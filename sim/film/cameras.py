@@ -12,16 +12,20 @@ from sim.film.film_data import FilmData, FrameState
 
 _SMOOTHING_S = 0.8  # standard deviation of the smoothing of a camera's swing, in seconds of film
 _STEADY_S = 3.0
-"""Standard deviation of the smoothing for a camera that stays put while waves move its subject, in mission seconds."""
+"""Standard deviation of the smoothing for a camera that stays put while waves move its subject,
+in mission seconds.
+"""
 _NEAR_M = 0.15
 _CLEARANCE_M = 1.2
-_FREE = (0.26, 0.79, 0.04)  # left, right and upper edge of what the panels leave free, as shares of the frame
+# left, right and upper edge of what the panels leave free, as shares of the frame
+_FREE = (0.26, 0.79, 0.04)
 _SIGHT_DOWN_M = 42.0  # how far below the vehicles the view from above reaches
 _ORBIT_FILM_S = 40.0
 _NORTH_UP = np.array([0.0, 1.0, 0.0])
 _PROFILE_TURN = np.radians(152.0)
-"""From the bearing of the follower to that of the camera `profile`, seen from the leader: a camera so far around sees
-the leader at one side of the frame's middle and a far follower some 27° from it, at the other."""
+"""From the bearing of the follower to that of the camera `profile`, seen from the leader: a camera
+so far around sees the leader at one side of the frame's middle and a far follower some 27° from it,
+at the other."""
 _PROFILE_LEADER = np.radians(6.5)
 """How far from the middle the leader appears there, so that neither hides behind a panel."""
 
@@ -35,7 +39,9 @@ class View:
     up: Floats = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     fovy_deg: float = 45.0  # vertical field of view
     plane_m: float | None = None
-    """How far ahead the vehicles lie if all lie about as far, so that one scale holds for them [m]."""
+    """How far ahead the vehicles lie if all lie about as far, so that one scale holds for them
+    [m].
+    """
 
     def __post_init__(self) -> None:
         if not np.linalg.norm(self.target - self.position) > 0:
@@ -55,14 +61,18 @@ class View:
         return float(height / 2 / np.tan(np.radians(self.fovy_deg) / 2))
 
     def project(self, points: Floats, width: int, height: int) -> tuple[Floats, Floats]:
-        """Project points of shape (n, 3): pixels from the top left, shape (n, 2), and distance ahead, shape (n,), [m].
+        """Project points of shape (n, 3): pixels from the top left, shape (n, 2), and distance
+        ahead, shape (n,), [m].
 
-        Points beside or behind the camera get a distance below `_NEAR_M` and pixels without meaning.
+        Points beside or behind the camera get a distance below `_NEAR_M` and pixels without
+        meaning.
         """
         local = (np.atleast_2d(points) - self.position) @ self.axes.T
         ahead = local[:, 2]
         scale = self.focal(height) / np.maximum(ahead, 1e-9)
-        return np.stack([width / 2 + scale * local[:, 0], height / 2 - scale * local[:, 1]], axis=1), ahead
+        return np.stack(
+            [width / 2 + scale * local[:, 0], height / 2 - scale * local[:, 1]], axis=1
+        ), ahead
 
     def line(self, points: Floats, width: int, height: int) -> list[tuple[Floats, Floats]]:
         """A polyline of shape (n, 3) as the stretches of it before the camera, cut at the lens.
@@ -77,7 +87,11 @@ class View:
             share = (_NEAR_M - depth[crossing]) / (depth[crossing + 1] - depth[crossing])
             cut = points[crossing] + share[:, None] * (points[crossing + 1] - points[crossing])
             points = np.insert(points, crossing + 1, cut, axis=0)
-            place = np.insert(place, crossing + 1, place[crossing] + share * (place[crossing + 1] - place[crossing]))
+            place = np.insert(
+                place,
+                crossing + 1,
+                place[crossing] + share * (place[crossing + 1] - place[crossing]),
+            )
             before = np.insert(before, crossing + 1, True)
         pixels, _ = self.project(points, width, height)
         edges = np.flatnonzero(np.diff(np.concatenate([[False], before, [False]]).astype(np.int8)))
@@ -89,14 +103,18 @@ class Shot(NamedTuple):
     """One frame's cameras and how far they see."""
 
     view: View
-    insets: tuple[tuple[View, int], ...]  # pictures in the picture: camera, and the vehicle that it shows
+    # pictures in the picture: camera, and the vehicle that it shows
+    insets: tuple[tuple[View, int], ...]
     fog: tuple[float, float]  # where fog begins and where it hides everything [m]
     surface: bool  # whether the sea's surface is drawn; seen from above, it would hide everything
-    insets_left: bool = False  # whether insets begin at the left edge: the vehicles keep to the right
+    # whether insets begin at the left edge: the vehicles keep to the right
+    insets_left: bool = False
 
 
 class CameraRig:
-    """Places a named camera at any instant of the data; `aspect` is width by height of the frame."""
+    """Places a named camera at any instant of the data; `aspect` is width by height of the
+    frame.
+    """
 
     def __init__(self, data: FilmData, aspect: float) -> None:
         self._aspect = aspect
@@ -106,7 +124,8 @@ class CameraRig:
         self._floor = -data.flight.scenario.ocean.floor_depth_m
         every = max(1, round(0.05 * data.speed_up / truth.dt))
         self._time = truth.time[::every]
-        # here, for only the children that render place cameras; this import takes a fifth of a second
+        # here, for only the children that render place cameras; this import takes a fifth of a
+        # second
         from scipy.ndimage import gaussian_filter1d
 
         sigma = _SMOOTHING_S * data.speed_up / (truth.dt * every)
@@ -126,11 +145,16 @@ class CameraRig:
         starboard = ahead[:, 1] * self._separation[:, 0] - ahead[:, 0] * self._separation[:, 1] < 0
         self._side = 1.0 if starboard.mean() >= 0.5 else -1.0
         # how far the estimate lies to the right of the follower, seen towards the leader
-        away = data.flight.estimates[follower].state[:, :2] - data.flight.hydrophone(follower)[:, :2]
+        away = (
+            data.flight.estimates[follower].state[:, :2] - data.flight.hydrophone(follower)[:, :2]
+        )
         values = np.nan_to_num(np.column_stack([data.position_error[follower], away]))
         error, east, north = data.interpolated(values, self._time).T
         self._error = smooth(error)
-        towards = self._separation[:, :2] / np.maximum(np.hypot(*self._separation[:, :2].T), 1e-6)[:, None]
+        towards = (
+            self._separation[:, :2]
+            / np.maximum(np.hypot(*self._separation[:, :2].T), 1e-6)[:, None]
+        )
         self._aside = smooth(east * towards[:, 1] - north * towards[:, 0])
 
     def _now(self, values: Floats, time: float) -> Floats:
@@ -141,7 +165,9 @@ class CameraRig:
 
     def _in_water(self, position: Floats) -> Floats:
         """A camera's position, kept between surface and floor."""
-        return np.append(position[:2], np.clip(position[2], self._floor + _CLEARANCE_M, -_CLEARANCE_M))
+        return np.append(
+            position[:2], np.clip(position[2], self._floor + _CLEARANCE_M, -_CLEARANCE_M)
+        )
 
     def _towards_leader(self, time: float) -> Floats:
         flat = self._now(self._separation, time) * [1.0, 1.0, 0.0]
@@ -156,20 +182,32 @@ class CameraRig:
         return View(position=self._in_water(at + distance * side), target=at, fovy_deg=40.0)
 
     def _profile(self, state: FrameState) -> View:
-        """The leader from the bow quarter away from the follower; steady, so that waves move the hull in the frame."""
+        """The leader from the bow quarter away from the follower; steady, so that waves move the
+        hull in the frame.
+        """
         leader = self._now(self._leader, state.time)
         back = -self._now(self._separation, state.time)
         bearing = np.arctan2(back[0], back[1]) + self._side * _PROFILE_TURN
         eye = self._in_water(leader + 6.6 * np.array([np.sin(bearing), np.cos(bearing), 0.0]))
         look = bearing + np.pi + self._side * _PROFILE_LEADER
-        # rather more than half-way down to the follower: the leader keeps room to heave, the follower to drift off
+        # rather more than half-way down to the follower: the leader keeps room to heave, the
+        # follower to drift off
         down = 0.58 * np.arctan2(back[2], np.hypot(back[0], back[1]))
         forward = np.array([np.sin(look), np.cos(look), np.tan(down)])
         return View(position=eye, target=eye + forward, fovy_deg=45.0)
 
-    def _beside(self, target: Floats, direction: Floats, fovy_deg: float, wide: float, high: float, deep: float
-                ) -> View:  # fmt: skip
-        """A view of vehicles between the panels: `wide` across, `high` up and `deep` along the line of sight [m]."""
+    def _beside(
+        self,
+        target: Floats,
+        direction: Floats,
+        fovy_deg: float,
+        wide: float,
+        high: float,
+        deep: float,
+    ) -> View:
+        """A view of vehicles between the panels: `wide` across, `high` up and `deep` along the
+        line of sight [m].
+        """
         left, right, _ = _FREE
         slope = np.tan(np.radians(fovy_deg) / 2)
         across = wide / ((right - left) * slope * self._aspect)
@@ -183,7 +221,9 @@ class CameraRig:
         return replace(view, position=eye + shift, target=target + shift)
 
     def _top(self, state: FrameState, bottom: float) -> tuple[View, tuple[float, float]]:
-        """View from above, vehicles within the part of the frame that panels leave free, down to the share `bottom`."""
+        """View from above, vehicles within the part of the frame that panels leave free, down to
+        the share `bottom`.
+        """
         left, right, top = _FREE
         centre = self._now(self._centre, state.time)
         half = self._now(self._half, state.time)
@@ -193,7 +233,12 @@ class CameraRig:
         aside = np.array([0.5 - (left + right) / 2, (top + bottom) / 2 - 0.5, 0.0])
         target = centre + frame * aside * [self._aspect, 1.0, 0.0]
         height = frame / 2 / np.tan(np.radians(45.0) / 2)
-        view = View(position=target + np.array([0.0, 0.0, height]), target=target, up=_NORTH_UP, plane_m=height)
+        view = View(
+            position=target + np.array([0.0, 0.0, height]),
+            target=target,
+            up=_NORTH_UP,
+            plane_m=height,
+        )
         return view, (height - 5.0, height + _SIGHT_DOWN_M)
 
     def shot(self, camera: str, state: FrameState) -> Shot:
@@ -209,10 +254,13 @@ class CameraRig:
             side = np.array([ahead[1], -ahead[0], 0.0])
             # far enough back to keep the estimate in the picture
             back = 5.0 + 1.2 * min(float(self._now(self._error, state.time)), 12.0)
-            # and aside, so that follower and estimate both stand clear of the panels, most of which are at the left
+            # and aside, so that follower and estimate both stand clear of the panels, most of which
+            # are at the left
             aside = float(np.clip(self._now(self._aside, state.time), -10.0, 10.0))
             between = at + (0.5 if aside > 0 else 0.9) * aside * side
-            eye = self._in_water(between - back * ahead + 0.25 * back * side + [0.0, 0.0, 0.3 * back])
+            eye = self._in_water(
+                between - back * ahead + 0.25 * back * side + [0.0, 0.0, 0.3 * back]
+            )
             view = View(position=eye, target=between + 9.0 * ahead - 0.6 * side + [0, 0, 0.2])
             return Shot(view, (close_leader,), near_fog, True)
         if camera in ("top", "pip"):
@@ -228,8 +276,20 @@ class CameraRig:
             mark = state.hydrophone[follower - 1]
             reach = 1.5 + 1.6 * float(np.clip(self._now(self._error, state.time), 1.0, 8.0))
             eye = self._in_water(mark + np.array([0.0, 0.0, reach / np.tan(np.radians(60.0) / 2)]))
-            above = View(position=eye, target=mark, up=_NORTH_UP, fovy_deg=60.0, plane_m=float(eye[2] - mark[2]))
-            return Shot(self._profile(state), ((above, follower),), near_fog, True, insets_left=self._side > 0)
+            above = View(
+                position=eye,
+                target=mark,
+                up=_NORTH_UP,
+                fovy_deg=60.0,
+                plane_m=float(eye[2] - mark[2]),
+            )
+            return Shot(
+                self._profile(state),
+                ((above, follower),),
+                near_fog,
+                True,
+                insets_left=self._side > 0,
+            )
         if camera == "leader":
             return Shot(self._close(state, leader, 4.6), (close_follower,), near_fog, True)
         centre = self._now(self._centre, state.time)
@@ -239,10 +299,19 @@ class CameraRig:
         high = float(half[2])
         if side_view := camera == "side":
             ahead = self._towards_leader(state.time)
-            view = self._beside(centre, np.array([ahead[1], -ahead[0], 0.0]), 40.0, radius, high, 0.0)
+            view = self._beside(
+                centre, np.array([ahead[1], -ahead[0], 0.0]), 40.0, radius, high, 0.0
+            )
         else:
             angle = 2 * np.pi * state.film_time / _ORBIT_FILM_S
-            view = self._beside(centre, np.array([np.cos(angle), np.sin(angle), 0.10]), 50.0, radius, high, radius)
+            view = self._beside(
+                centre, np.array([np.cos(angle), np.sin(angle), 0.10]), 50.0, radius, high, radius
+            )
         distance = float(np.linalg.norm(view.target - view.position))
         view = replace(view, plane_m=distance if side_view else None)
-        return Shot(view, (close_follower,) if side_view else (), (0.25 * distance, max(150.0, 2.3 * distance)), True)
+        return Shot(
+            view,
+            (close_follower,) if side_view else (),
+            (0.25 * distance, max(150.0, 2.3 * distance)),
+            True,
+        )

@@ -1,7 +1,8 @@
-"""A frame to draw on: lines, shapes and images by matplotlib's Agg renderer, text by Pillow, all in one buffer.
+"""A frame to draw on: lines, shapes and images by matplotlib's Agg renderer, text by Pillow, all in
+one buffer.
 
-Measured for a frame of the film: Agg draws lines as fast as Skia does, Pillow draws text thirty times as fast as
-Agg does, and keeping the masks of the words saves most of the rest.
+Measured for a frame of the film: Agg draws lines as fast as Skia does, Pillow draws text thirty
+times as fast as Agg does, and keeping the masks of the words saves most of the rest.
 """
 
 from collections.abc import Sequence
@@ -24,8 +25,11 @@ Place = tuple[float, float, float, float]  # left, top, width, height [px]
 PALE: Colour = (0.80, 0.92, 0.97)
 DIM: Colour = (0.60, 0.76, 0.83)  # colours of values and of their names
 
-_LEAST_TEXT = 0.8  # least size of text relative to that at 720 rows: smaller digits lose their strokes
-_CIRCLE = np.column_stack([f(np.linspace(0.0, 2 * np.pi, 24, endpoint=False)) for f in (np.cos, np.sin)])
+# least size of text relative to that at 720 rows: smaller digits lose their strokes
+_LEAST_TEXT = 0.8
+_CIRCLE = np.column_stack(
+    [f(np.linspace(0.0, 2 * np.pi, 24, endpoint=False)) for f in (np.cos, np.sin)]
+)
 _DIAMOND = np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]])
 
 
@@ -60,7 +64,9 @@ def font(size: int, bold: bool) -> ImageFont.FreeTypeFont:
 
 @lru_cache(maxsize=4096)
 def _mask(words: str, size: int, bold: bool, anchor: str) -> tuple[Floats, int, int]:
-    """Coverage of pixels by text, shape (h, w), in [0, 1], and the offset of its corner from the anchor [px]."""
+    """Coverage of pixels by text, shape (h, w), in [0, 1], and the offset of its corner from the
+    anchor [px].
+    """
     box = font(size, bold).getbbox(words, anchor=anchor)
     x, y = int(box[0]) - 1, int(box[1]) - 1
     image = Image.new("L", (int(box[2]) - x + 2, int(box[3]) - y + 2))
@@ -76,7 +82,9 @@ class Canvas:
         self.height = height
         self.scale = height / 720
         self.text_scale = max(self.scale, _LEAST_TEXT)
-        """Pixels to a unit of text size: text shrinks with the frame only as far as it can be read."""
+        """Pixels to a unit of text size: text shrinks with the frame only as far as it can be
+        read.
+        """
         figure = new_figure(width, height)
         agg: Any = FigureCanvasAgg(figure)
         self._renderer = agg.get_renderer()
@@ -86,7 +94,8 @@ class Canvas:
         for collection in (self._lines, self._polygons):
             collection.set_transform(Affine2D().scale(1, -1).translate(0, height))
             collection.set_figure(figure)
-        self.pixels: Bytes = np.asarray(agg.buffer_rgba())  # the frame, top row first, shape (height, width, 4)
+        # the frame, top row first, shape (height, width, 4)
+        self.pixels: Bytes = np.asarray(agg.buffer_rgba())
 
     def load(self, picture: Bytes) -> None:
         """Start from a rendered picture, bottom row first, shape (height, width, 3)."""
@@ -100,7 +109,9 @@ class Canvas:
         self._lines.set_segments([stroke.points for stroke in strokes])
         self._lines.set_color([stroke.colour for stroke in strokes])
         self._lines.set_linewidth([stroke.width * self.scale for stroke in strokes])
-        self._lines.set_linestyle([(0.0, (4.0, 3.0)) if stroke.dashed else "-" for stroke in strokes])
+        self._lines.set_linestyle(
+            [(0.0, (4.0, 3.0)) if stroke.dashed else "-" for stroke in strokes]
+        )
         self._draw(self._lines, box)
 
     def shapes(self, shapes: Sequence[Shape], box: Place | None = None) -> None:
@@ -126,18 +137,29 @@ class Canvas:
 
     def image(self, rgba: Bytes, left: int, top: int) -> None:
         """Lay an image with straight alpha over the frame, bottom row first, shape (h, w, 4)."""
-        self._renderer.draw_image(self._renderer.new_gc(), left, self.height - top - len(rgba), rgba)
+        self._renderer.draw_image(
+            self._renderer.new_gc(), left, self.height - top - len(rgba), rgba
+        )
 
     def text(
-        self, at: tuple[float, float], words: str, colour: Colour = (1, 1, 1), size: float = 14, anchor: str = "la"
+        self,
+        at: tuple[float, float],
+        words: str,
+        colour: Colour = (1, 1, 1),
+        size: float = 14,
+        anchor: str = "la",
     ) -> None:
-        """Draw a line of text on whole pixels, with an anchor as in Pillow; a size below zero means bold."""
+        """Draw a line of text on whole pixels, with an anchor as in Pillow; a size below zero
+        means bold.
+        """
         if not words:
             return
         mask, dx, dy = _mask(words, self.text_size(size), size < 0, anchor)
         left = round(at[0]) + dx
         top = round(at[1]) + dy
-        mask = mask[max(0, -top) : max(0, self.height - top), max(0, -left) : max(0, self.width - left)]
+        mask = mask[
+            max(0, -top) : max(0, self.height - top), max(0, -left) : max(0, self.width - left)
+        ]
         top = max(0, top)
         left = max(0, left)
         below = self.pixels[top : top + mask.shape[0], left : left + mask.shape[1], :3]
@@ -157,4 +179,7 @@ class Canvas:
 def corners(place: Place) -> Floats:
     """Corners of a rectangle, shape (4, 2), [px]."""
     left, top, width, height = place
-    return np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * [width, height] + [left, top]
+    return np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * [width, height] + [
+        left,
+        top,
+    ]

@@ -1,7 +1,8 @@
-"""The panels of a film: numbers and curves at the left, map and colour bar at the right, a caption between them.
+"""The panels of a film: numbers and curves at the left, map and colour bar at the right, a caption
+between them.
 
-All that stays as it is from frame to frame, curves of the whole mission included, is drawn once by matplotlib; a frame
-adds the numbers, cursors on the curves, and vehicles on the map.
+All that stays as it is from frame to frame, curves of the whole mission included, is drawn once by
+matplotlib; a frame adds the numbers, cursors on the curves, and vehicles on the map.
 """
 
 from collections.abc import Sequence
@@ -19,18 +20,32 @@ from laisn.arrays import Bytes, Floats
 from laisn.estimates import FIX_WORDS
 from laisn.messages import Ranges
 from sim.film.canvas import DIM, PALE, Canvas, Colour, Place, Stroke, new_figure
-from sim.film.film_data import ESTIMATE, LEADER, STATION, TRUTH, FilmData, FrameState, RayErrors, diverging
+from sim.film.film_data import (
+    ESTIMATE,
+    LEADER,
+    STATION,
+    TRUTH,
+    FilmData,
+    FrameState,
+    RayErrors,
+    diverging,
+)
 
 Trail = tuple[Floats, Colour]  # positions, shape (p, 3), [m], and the colour of their line
 Text = tuple[float, str, Colour, float]
-"""Distance from the left edge of a panel, or from the right one if negative, words, colour and size."""
+"""Distance from the left edge of a panel, or from the right one if negative, words, colour and
+size.
+"""
 
 SIGMAS = 2.0  # half axes of the ellipse of uncertainty in standard deviations
 _SHORT = 576
-"""Frames of fewer rows have the short panel of numbers and one curve: text that can be read leaves no room for more."""
+"""Frames of fewer rows have the short panel of numbers and one curve: text that can be read
+leaves no room for more.
+"""
 _PANEL: Colour = (0.01, 0.06, 0.10)
 _EDGE: Colour = (0.55, 0.80, 0.90)
-_FLEET_SHARE = 0.25  # a map of the whole mission shows several followers apart if they take at least this share of it
+# a map of the whole mission shows several followers apart if they take at least this share of it
+_FLEET_SHARE = 0.25
 _COLUMNS = (-106.0, -12.0)  # right edges of the leader's and the follower's numbers
 _MARGIN_PX = 2
 
@@ -58,7 +73,9 @@ def round_length(longest_m: float) -> float:
 
 
 class Dashboard:
-    """Panels of one film; if it is about the leader's pitch, that curve replaces the one of the bearing error."""
+    """Panels of one film; if it is about the leader's pitch, that curve replaces the one of the
+    bearing error.
+    """
 
     def __init__(self, data: FilmData, canvas: Canvas, show_pitch: bool = False) -> None:
         self._data = data
@@ -79,7 +96,9 @@ class Dashboard:
         self._numbers: Place = (left, top, width, (9 + sum(height for height, _ in rows)) * t)
         first = top + self._numbers[3] + gap
         height = 92 * t
-        curves: list[Place] = [(left, first + n * (height + gap), width, height) for n in range(2 - self._short)]
+        curves: list[Place] = [
+            (left, first + n * (height + gap), width, height) for n in range(2 - self._short)
+        ]
         corner = canvas.width - side - left
         self._map: Place = (corner, top, side, side)
         bar: Place = (corner, top + side + gap, side, 72 * t)
@@ -91,7 +110,9 @@ class Dashboard:
         rights = [self._map, *([bar] if self._added.rays else [])]
         words = [caption] if self._added.caption else []
         self.places: list[Place] = [*lefts, *rights, *words]  # places of all panels
-        lower_left, lower_right = (max(y + h for _, y, _, h in column) for column in (lefts, rights))
+        lower_left, lower_right = (
+            max(y + h for _, y, _, h in column) for column in (lefts, rights)
+        )
         self.covered: list[Place] = [
             (0.0, 0.0, left + width, lower_left),
             (corner, 0.0, canvas.width - corner, lower_right),
@@ -102,9 +123,17 @@ class Dashboard:
         self.figure = new_figure(*self._size)  # static content of all panels
         for x, y, width, height in self.places:
             self.figure.add_artist(
-                Rectangle((x, canvas.height - y - height), width, height, fc=(*_PANEL, 0.55), ec=(*_EDGE, 0.35), lw=s,
-                          zorder=-1, transform=IdentityTransform())
-            )  # fmt: skip
+                Rectangle(
+                    (x, canvas.height - y - height),
+                    width,
+                    height,
+                    fc=(*_PANEL, 0.55),
+                    ec=(*_EDGE, 0.35),
+                    lw=s,
+                    zorder=-1,
+                    transform=IdentityTransform(),
+                )
+            )
         quantities = self._quantities(show_pitch)
         self._curves = [
             (self._add_curve(place, label, values), values)
@@ -118,7 +147,9 @@ class Dashboard:
         self._layers = self._drawn()
 
     def _drawn(self) -> list[tuple[int, int, Bytes]]:
-        """The figure as an image with straight alpha for each panel: left, top [px] and rows, the lowest first."""
+        """The figure as an image with straight alpha for each panel: left, top [px] and rows,
+        the lowest first.
+        """
         agg: Any = FigureCanvasAgg(self.figure)
         agg.draw()
         whole = np.asarray(agg.buffer_rgba())
@@ -129,29 +160,40 @@ class Dashboard:
             found.append((left, top, np.ascontiguousarray(part[::-1])))
         return found
 
-    def _write(self, at: tuple[float, float], words: str, colour: Colour, size: float, ha: str, va: str) -> None:
+    def _write(
+        self, at: tuple[float, float], words: str, colour: Colour, size: float, ha: str, va: str
+    ) -> None:
         """Static text at an anchor, with matplotlib's names of alignments; bold if size < 0."""
         x = at[0] / self._size[0]
         y = 1 - at[1] / self._size[1]
         weight = "bold" if size < 0 else "normal"
-        self.figure.text(x, y, words, color=colour, fontsize=abs(size) * self._t, fontweight=weight, ha=ha, va=va)
+        self.figure.text(
+            x, y, words, color=colour, fontsize=abs(size) * self._t, fontweight=weight, ha=ha, va=va
+        )
 
     def _axes(self, place: Place) -> Axes:
         """Axes without a frame at a place."""
         x, y, width, height = place
         columns, rows = self._size
-        axes = self.figure.add_axes((x / columns, 1 - (y + height) / rows, width / columns, height / rows))
+        axes = self.figure.add_axes(
+            (x / columns, 1 - (y + height) / rows, width / columns, height / rows)
+        )
         axes.set_frame_on(False)
         axes.tick_params(length=0, pad=3, colors=DIM, labelsize=10.5 * self._t)
         return axes
 
     def _quantities(self, show_pitch: bool) -> list[tuple[str, list[tuple[Colour, Floats]]]]:
-        """Label and curves, each a colour and values at filter steps, of what the panels of curves show."""
+        """Label and curves, each a colour and values at filter steps, of what the panels of
+        curves show.
+        """
         data = self._data
         follower = self._follower
         truth = data.flight.hydrophone(follower)[:, :2]
         errors: list[tuple[Colour, Floats]] = [
-            *((other.colour, np.linalg.norm(other.position - truth, axis=1)) for other in self._added.others),
+            *(
+                (other.colour, np.linalg.norm(other.position - truth, axis=1))
+                for other in self._added.others
+            ),
             (ESTIMATE, data.position_error[follower]),
         ]
         position = ("position error [m]", errors)
@@ -162,7 +204,10 @@ class Dashboard:
         station_error = data.station_error(follower)
         if station_error is not None:
             return [position, ("distance from station [m]", [(STATION, station_error)])]
-        return [position, ("bearing error [°]", [(ESTIMATE, np.degrees(np.abs(data.bearing_error[follower])))])]
+        return [
+            position,
+            ("bearing error [°]", [(ESTIMATE, np.degrees(np.abs(data.bearing_error[follower])))]),
+        ]
 
     def _add_curve(self, place: Place, label: str, curves: list[tuple[Colour, Floats]]) -> Axes:
         left, top, width, height = place
@@ -178,10 +223,14 @@ class Dashboard:
         axes.tick_params(axis="y", pad=7 * t)
         axes.grid(axis="y", color=(*_EDGE, 0.22), lw=self._s)
         axes.yaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
-        axes.xaxis.set_major_locator(MaxNLocator(2 if self._s < self._t else 5, steps=[1, 2, 5, 10]))
+        axes.xaxis.set_major_locator(
+            MaxNLocator(2 if self._s < self._t else 5, steps=[1, 2, 5, 10])
+        )
         self._write((left + 12 * self._s, top + 17 * t), label, PALE, 12, "left", "baseline")
         if self._s >= self._t:
-            self._write((left + width - 12 * t, top + 17 * t), "time [s]", DIM, 11, "right", "baseline")
+            self._write(
+                (left + width - 12 * t, top + 17 * t), "time [s]", DIM, 11, "right", "baseline"
+            )
         return axes
 
     def _add_map(self) -> None:
@@ -203,9 +252,17 @@ class Dashboard:
             axes.set_ylim(self._centre[1] - self._reach, self._centre[1] + self._reach)
             for v in range(tracks.shape[1]):
                 shown = v in (0, self._follower + 1)
-                axes.plot(*tracks[:, v].T, color=TRUTH if v else LEADER, alpha=0.7 if shown else 0.35, lw=1.6 * s)
+                axes.plot(
+                    *tracks[:, v].T,
+                    color=TRUTH if v else LEADER,
+                    alpha=0.7 if shown else 0.35,
+                    lw=1.6 * s,
+                )
             own = data.flight.estimates[self._follower].state
-            for colour, track in [*((o.colour, o.position) for o in self._added.others), (ESTIMATE, own)]:
+            for colour, track in [
+                *((o.colour, o.position) for o in self._added.others),
+                (ESTIMATE, own),
+            ]:
                 axes.plot(*track[:, :2].T, color=colour, alpha=0.6, lw=1.1 * s)
         length = round_length(0.4 * 2 * self._reach)
         x = left + 12 * s
@@ -225,25 +282,44 @@ class Dashboard:
         gradient = diverging(np.linspace(-1.0, 1.0, 256))[None]
         axes.imshow(gradient, aspect="auto", extent=(-rays.limit, rays.limit, 0.0, 1.0))
         axes.set_yticks([])
-        axes.set_xticks([-rays.limit, 0.0, rays.limit], [f"−{rays.limit:g}", "0", f"+{rays.limit:g}"])
+        axes.set_xticks(
+            [-rays.limit, 0.0, rays.limit], [f"−{rays.limit:g}", "0", f"+{rays.limit:g}"]
+        )
         self._write((left + 12 * t, top + 8 * t), f"{rays.label} [m]", PALE, 12, "left", "top")
         self._write((left + 12 * t, top + 68 * t), "too short", PALE, 11, "left", "baseline")
-        self._write((left + width - 12 * t, top + 68 * t), "too long", PALE, 11, "right", "baseline")
+        self._write(
+            (left + width - 12 * t, top + 68 * t), "too long", PALE, 11, "right", "baseline"
+        )
 
     def _add_caption(self, place: Place) -> None:
         """What the film is about, and below it what its marks mean."""
         left, top, width, height = place
         s = self._s
         middle = left + width / 2
-        self._write((middle, top + 25 * s), self._added.caption, (1, 1, 1), -16 * s / self._t, "center", "baseline")
+        self._write(
+            (middle, top + 25 * s),
+            self._added.caption,
+            (1, 1, 1),
+            -16 * s / self._t,
+            "center",
+            "baseline",
+        )
         others = [("D", o.colour, o.label) for o in self._added.others]
         marks = [("o", TRUTH, "truth"), ("D", ESTIMATE, self._added.label), *others]
-        handles = [Line2D([], [], marker=m, ls="", ms=7 * s, color=colour, label=name) for m, colour, name in marks]
+        handles = [
+            Line2D([], [], marker=m, ls="", ms=7 * s, color=colour, label=name)
+            for m, colour, name in marks
+        ]
         self.figure.legend(
-            handles=handles, loc="lower center", ncols=len(marks), frameon=False, labelcolor="linecolor",
+            handles=handles,
+            loc="lower center",
+            ncols=len(marks),
+            frameon=False,
+            labelcolor="linecolor",
             bbox_to_anchor=(middle / self._size[0], 1 - (top + height) / self._size[1]),
-            prop={"size": 13 * s, "weight": "bold"}, handletextpad=0.1,
-        )  # fmt: skip
+            prop={"size": 13 * s, "weight": "bold"},
+            handletextpad=0.1,
+        )
 
     def draw(self, canvas: Canvas, state: FrameState, trails: Sequence[Trail]) -> None:
         """Draw all panels on a frame, with recent tracks of vehicles and estimates."""
@@ -282,12 +358,22 @@ class Dashboard:
         vehicles = (0, f + 1)
         motion: dict[str, list[str]] = {
             "depth [m]": [f"{-state.position[v, 2]:.1f}" for v in vehicles],
-            "pitch [°]": [f"{round(float(np.degrees(state.pitch[v])), 1) + 0.0:+.1f}" for v in vehicles],
-            "heading [°]": [f"{round(float(np.degrees(state.heading[v]))) % 360}" for v in vehicles],
+            "pitch [°]": [
+                f"{round(float(np.degrees(state.pitch[v])), 1) + 0.0:+.1f}" for v in vehicles
+            ],
+            "heading [°]": [
+                f"{round(float(np.degrees(state.heading[v]))) % 360}" for v in vehicles
+            ],
             "speed [m/s]": [f"{state.speed[v]:.1f}" for v in vehicles],
         }
         rows: list[tuple[float, list[Text]]] = [
-            (19, [(12, name, DIM, 13), *((x, words, PALE, 13) for x, words in zip(_COLUMNS, values, strict=True))])
+            (
+                19,
+                [
+                    (12, name, DIM, 13),
+                    *((x, words, PALE, 13) for x, words in zip(_COLUMNS, values, strict=True)),
+                ],
+            )
             for name, values in motion.items()
         ]
         heads = zip(_COLUMNS, vehicles, (LEADER, TRUTH), strict=True)
@@ -295,18 +381,30 @@ class Dashboard:
         # names in the colours of the rays, as their legend
         rays = self._added.ray_colours(state.message[f])
         right = [-12.0 - 65.0 * (len(transmitters) - 1 - i) for i in transmitters]
-        ranges = ["–" if np.isnan(state.ranges[f, i]) else f"{state.ranges[f, i]:.2f}" for i in transmitters]
+        ranges = [
+            "–" if np.isnan(state.ranges[f, i]) else f"{state.ranges[f, i]:.2f}"
+            for i in transmitters
+        ]
         return [
             (34, [(12, clock(state.time), (1, 1, 1), -26), (-12, end, DIM, 13)]),
-            (27, [(x, data.flight.trajectory.names[v][:12], colour, -12) for x, v, colour in heads]),
+            (
+                27,
+                [(x, data.flight.trajectory.names[v][:12], colour, -12) for x, v, colour in heads],
+            ),
             *rows,
             (20, [(right[i], Ranges._fields[i], rays[i], 11) for i in transmitters]),
-            (17, [(12, "ranges [m]", DIM, 13), *((right[i], ranges[i], rays[i], 13) for i in transmitters)]),
+            (
+                17,
+                [
+                    (12, "ranges [m]", DIM, 13),
+                    *((right[i], ranges[i], rays[i], 13) for i in transmitters),
+                ],
+            ),
             (19, [(12, "fix", DIM, 13), (-12, fix, PALE, 13)]),
             (24, [(12, "position error", ESTIMATE, -14), (-12, e_p, ESTIMATE, -14)]),
             (20, [(12, "bearing error", ESTIMATE, -14), (-12, e_b, ESTIMATE, -14)]),
             (19, [(12, f"filter's {SIGMAS:g}σ", DIM, 13), (-12, sigma, ESTIMATE, 13)]),
-        ]  # fmt: skip
+        ]
 
     def _draw_cursors(self, canvas: Canvas, time: float) -> None:
         step = self._data.step(time)
@@ -338,8 +436,14 @@ class Dashboard:
         if self._moves:
             lines = [Stroke(pixels(points), (*colour[:3], 0.5), 1.2) for points, colour in trails]
             canvas.strokes(lines, self._map)
-        estimates = [(o.colour, now) for o, now in zip(self._added.others, state.others, strict=True)]
-        marks = [canvas.diamond(pixels(now), 4.5, colour)
-                 for colour, now in [*estimates, (ESTIMATE, state.estimate[self._follower])]]  # fmt: skip
-        marks += [canvas.disc(at, 3.4, TRUTH if v else LEADER) for v, at in enumerate(pixels(fleet))]
+        estimates = [
+            (o.colour, now) for o, now in zip(self._added.others, state.others, strict=True)
+        ]
+        marks = [
+            canvas.diamond(pixels(now), 4.5, colour)
+            for colour, now in [*estimates, (ESTIMATE, state.estimate[self._follower])]
+        ]
+        marks += [
+            canvas.disc(at, 3.4, TRUTH if v else LEADER) for v, at in enumerate(pixels(fleet))
+        ]
         canvas.shapes(marks, self._map)

@@ -1,4 +1,6 @@
-"""What a film shows of a flight at any instant: a pure function of time, so that frames may be drawn in any order."""
+"""What a film shows of a flight at any instant: a pure function of time, so that frames may be
+drawn in any order.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,10 +20,11 @@ from sim.tracking import true_stations
 RGB = tuple[float, float, float]  # red, green, blue, each in [0, 1]
 
 _AFTERGLOW_S = 0.45
-"""Time constant of a ray's fading, in seconds of film: pings closer together than that blend into a steady ray."""
-# length of a trail, and spacing of its points, in seconds of film
-_TRAIL_S = 5.0
-_TRAIL_POINT_S = 0.04
+"""Time constant of a ray's fading, in seconds of film: pings closer together than that blend
+into a steady ray.
+"""
+_TRAIL_S = 5.0  # length of a trail, in seconds of film
+_TRAIL_POINT_S = 0.04  # spacing of its points, in seconds of film
 _LEAST_WEIGHT = 0.01  # hypotheses of less weight are not shown
 
 LEADER: RGB = (1.0, 0.68, 0.20)  # trail and label of the leader, after its hull
@@ -29,7 +32,9 @@ TRUTH: RGB = (1.0, 0.95, 0.25)  # trail and position of a follower, after its hu
 ESTIMATE: RGB = (1.0, 0.25, 0.85)  # a follower's estimate of its own position
 STATION: RGB = (0.45, 1.0, 1.0)  # station of a follower in formation
 TRANSMITTER_COLOURS: tuple[RGB, ...] = ((0.95, 0.97, 1.0), (0.35, 1.0, 0.55), (0.45, 0.70, 1.0))
-"""Rear, front and middle transmitter and their rays; distinct from leader and follower, also to colour-blind eyes."""
+"""Rear, front and middle transmitter and their rays; distinct from leader and follower, also to
+colour-blind eyes.
+"""
 
 _SHARES = (-1.0, 0.0, 1.0)
 _COLOURS = np.array([[0.22, 0.56, 1.0], [0.97, 0.97, 0.95], [1.0, 0.26, 0.20]])
@@ -38,7 +43,9 @@ _UNKNOWN: RGB = (0.45, 0.55, 0.60)
 
 
 def diverging(shares: npt.ArrayLike) -> Floats:
-    """Colours of values in [-1, 1], symmetric about 0 and constant beyond; shape (…) gives shape (…, 3)."""
+    """Colours of values in [-1, 1], symmetric about 0 and constant beyond; shape (…) gives shape
+    (…, 3).
+    """
     values = np.asarray(shares, dtype=np.float64)
     colours = np.stack([np.interp(values, _SHARES, channel) for channel in _COLOURS.T], axis=-1)
     return np.where(np.isnan(values)[..., None], _UNKNOWN, colours)
@@ -58,11 +65,15 @@ class OtherEstimate:
 
 @dataclass(frozen=True, kw_only=True)
 class RayErrors:
-    """Errors that colour the rays of the filmed follower; ValueError if the limit is not positive."""
+    """Errors that colour the rays of the filmed follower; ValueError if the limit is not
+    positive.
+    """
 
     label: str
     value: Floats
-    """Error of each message's range from the rear, front, middle transmitter, shape (m, 3), [m]; NaN where unknown."""
+    """Error of each message's range from the rear, front, middle transmitter, shape (m, 3), [m];
+    NaN where unknown.
+    """
     limit: float  # value at the ends of the colour bar [m]
 
     def __post_init__(self) -> None:
@@ -73,7 +84,9 @@ class RayErrors:
 
 @dataclass(frozen=True, kw_only=True)
 class Annotations:
-    """What a study adds to a film: other estimates, errors that colour the rays; the default adds nothing."""
+    """What a study adds to a film: other estimates, errors that colour the rays; the default
+    adds nothing.
+    """
 
     caption: str = ""  # what the film shows: a line at the upper edge, with a legend
     label: str = "estimate"  # name of the follower's own estimate in the legend
@@ -81,7 +94,9 @@ class Annotations:
     rays: RayErrors | None = None
 
     def ray_colours(self, message: int) -> tuple[RGB, ...]:
-        """Colours of the filmed follower's rays, rear, front and middle; message -1 stands for none."""
+        """Colours of the filmed follower's rays, rear, front and middle; message -1 stands for
+        none.
+        """
         if self.rays is None:
             return TRANSMITTER_COLOURS
         shares = self.rays.value[message] / self.rays.limit if message >= 0 else np.full(3, np.nan)
@@ -113,13 +128,17 @@ class FrameState:
     speed: Floats  # speed through the water, shape (v,), [m/s]
     transmitter: Floats  # transmitters in the world, rear, front and middle, shape (3, 3), [m]
     hydrophone: Floats  # hydrophones in the world, shape (f, 3), [m]
-    estimate: Floats  # estimated hydrophone, shape (f, 3), [m]; drawn at the true depth, for the filter is planar
-    others: Floats  # other estimates of the filmed follower's hydrophone, shape (o, 3), [m]; likewise
+    # estimated hydrophone, shape (f, 3), [m]; drawn at the true depth, for the filter is planar
+    estimate: Floats
+    # other estimates of the filmed follower's hydrophone, shape (o, 3), [m]; likewise
+    others: Floats
     covariance: Floats  # covariance of the estimated position, shape (f, 2, 2), [m²]
-    station: Floats  # true stations of the followers, shape (f, 3), [m]; NaN for a follower on a route
+    # true stations of the followers, shape (f, 3), [m]; NaN for a follower on a route
+    station: Floats
     hypotheses: tuple[tuple[Hypothesis, ...], ...]
     """Hypotheses of each follower's position; the estimate alone if there is only one."""
-    ray: Floats  # strength of each range's ray, 1 at the ping, 0 where nothing was received, shape (f, 3)
+    # strength of each range's ray, 1 at the ping, 0 where nothing was received, shape (f, 3)
+    ray: Floats
     ranges: Floats  # last slant ranges measured, shape (f, 3), [m]; NaN if none
     message: Ints  # index of the last message, shape (f,); -1 before the first
     fix_kind: tuple[FixKind | None, ...]  # outcome of the last message, per follower
@@ -128,14 +147,20 @@ class FrameState:
 
 
 class FilmData:
-    """A flight, ready to be filmed; see `Job`. `speed_up` are seconds of mission in a second of film."""
+    """A flight, ready to be filmed; see `Job`. `speed_up` are seconds of mission in a second of
+    film.
+    """
 
-    def __init__(self, flight: Flight, speed_up: float, follower: int = 0, annotations: Annotations = NOTHING) -> None:
+    def __init__(
+        self, flight: Flight, speed_up: float, follower: int = 0, annotations: Annotations = NOTHING
+    ) -> None:
         self.flight = flight
         self.speed_up = speed_up
         self.follower = follower
         self.annotations = annotations
-        self.position_error, self.bearing_error = np.stack(position_and_bearing_errors(flight), axis=1)
+        self.position_error, self.bearing_error = np.stack(
+            position_and_bearing_errors(flight), axis=1
+        )
         truth = flight.trajectory
         self.start = float(truth.time[0])
         self.end = float(truth.time[-1])
@@ -152,7 +177,9 @@ class FilmData:
             places = true_stations(flight.scenario, truth)
             self._stations[..., 0] = places.east
             self._stations[..., 1] = places.north
-            self._stations[..., 2] = [-one.station.depth_m if one.station else np.nan for one in followers]
+            self._stations[..., 2] = [
+                -one.station.depth_m if one.station else np.nan for one in followers
+            ]
             self._stations[:, [one.station is None for one in followers]] = np.nan
         self._estimates = [
             *((f, estimates.state[:, :2]) for f, estimates in enumerate(flight.estimates)),
@@ -169,7 +196,9 @@ class FilmData:
         positions, quaternions = truth.at(time)
         position = positions[0]
         quaternion = quaternions[0]
-        sites = position[truth.site_vehicle] + attitude.rotate(quaternion[truth.site_vehicle], truth.site_offset)
+        sites = position[truth.site_vehicle] + attitude.rotate(
+            quaternion[truth.site_vehicle], truth.site_offset
+        )
         place = (time - self.start) / truth.dt
         i = min(round(place), truth.time.size - 1)
         j = min(int(place), truth.time.size - 1)
@@ -177,38 +206,62 @@ class FilmData:
         k = self.step(time)
         hydrophone = sites[self._hydrophones]
         followers = range(len(hydrophone))
-        estimates = np.array([[*self.interpolated(p, [time])[0], hydrophone[f, 2]] for f, p in self._estimates])
+        estimates = np.array(
+            [[*self.interpolated(p, [time])[0], hydrophone[f, 2]] for f, p in self._estimates]
+        )
         estimate = estimates[: len(hydrophone)]
         others = estimates[len(hydrophone) :]
-        ray, ranges, message, kinds = zip(*(self._reception(f, k, time) for f in followers), strict=True)
+        ray, ranges, message, kinds = zip(
+            *(self._reception(f, k, time) for f in followers), strict=True
+        )
         unknown = np.full(len(followers), np.nan)
         heading, pitch, _ = attitude.heading_pitch_roll(quaternion)
         return FrameState(
-            time=time, film_time=(time - self.start) / self.speed_up, position=position, quaternion=quaternion,
-            effectors=truth.thrust[i], heading=heading, pitch=pitch,
-            speed=truth.forward_speed[i], transmitter=sites[self._transmitters], hydrophone=hydrophone,
-            estimate=estimate, others=others,
-            station=(1 - u) * self._stations[j] + u * self._stations[min(j + 1, truth.time.size - 1)],
+            time=time,
+            film_time=(time - self.start) / self.speed_up,
+            position=position,
+            quaternion=quaternion,
+            effectors=truth.thrust[i],
+            heading=heading,
+            pitch=pitch,
+            speed=truth.forward_speed[i],
+            transmitter=sites[self._transmitters],
+            hydrophone=hydrophone,
+            estimate=estimate,
+            others=others,
+            station=(1 - u) * self._stations[j]
+            + u * self._stations[min(j + 1, truth.time.size - 1)],
             hypotheses=tuple(self._hypotheses(f, max(k, 1), estimate[f]) for f in followers),
-            covariance=np.stack([self.flight.estimates[f].covariance[max(k, 1) - 1, :2, :2] for f in followers]),
-            ray=np.stack(ray), ranges=np.stack(ranges), message=np.array(message), fix_kind=kinds,
+            covariance=np.stack(
+                [self.flight.estimates[f].covariance[max(k, 1) - 1, :2, :2] for f in followers]
+            ),
+            ray=np.stack(ray),
+            ranges=np.stack(ranges),
+            message=np.array(message),
+            fix_kind=kinds,
             position_error=self.position_error[:, k - 1] if k else unknown,
             bearing_error=self.bearing_error[:, k - 1] if k else unknown,
-        )  # fmt: skip
+        )
 
     def station_error(self, follower: int) -> Floats | None:
-        """Horizontal distance from its station at filter steps, shape (n,), [m]; None for a follower on a route."""
+        """Horizontal distance from its station at filter steps, shape (n,), [m]; None for a
+        follower on a route.
+        """
         if self.flight.scenario.followers[follower].station is None:
             return None
         off = self.flight.hydrophone(follower) - self._stations[self.flight.step_index(), follower]
         return np.asarray(np.hypot(off[:, 0], off[:, 1]))
 
     def interpolated(self, values: Floats, times: Floats | Sequence[float]) -> Floats:
-        """Values at filter steps, shape (n, c), at p other times, shape (p, c); constant beyond the ends."""
+        """Values at filter steps, shape (n, c), at p other times, shape (p, c); constant beyond
+        the ends.
+        """
         return np.column_stack([np.interp(times, self.steps, column) for column in values.T])
 
     def _hypotheses(self, follower: int, k: int, now: Floats) -> tuple[Hypothesis, ...]:
-        """Hypotheses after the last message before step k, moved as the estimate has moved since, to `now`."""
+        """Hypotheses after the last message before step k, moved as the estimate has moved
+        since, to `now`.
+        """
         estimates = self.flight.estimates[follower]
         last = int(np.searchsorted(estimates.fix_step, k, side="right")) - 1
         if last >= 0:
@@ -216,10 +269,15 @@ class FilmData:
             centre = position + now[:2] - estimates.fix_position[last]
             shown = np.flatnonzero(weight > _LEAST_WEIGHT)
             if shown.size > 1:
-                return tuple(Hypothesis(float(weight[h]), np.array([*centre[h], now[2]]), covariance[h]) for h in shown)
+                return tuple(
+                    Hypothesis(float(weight[h]), np.array([*centre[h], now[2]]), covariance[h])
+                    for h in shown
+                )
         return (Hypothesis(1.0, now, estimates.covariance[k - 1, :2, :2]),)
 
-    def _reception(self, follower: int, k: int, time: float) -> tuple[Floats, Floats, int, FixKind | None]:
+    def _reception(
+        self, follower: int, k: int, time: float
+    ) -> tuple[Floats, Floats, int, FixKind | None]:
         measured = self.flight.measurements[follower]
         last = int(np.searchsorted(measured.message_step, k, side="right")) - 1
         if last < 0:
@@ -229,23 +287,33 @@ class FilmData:
         fixes = self.flight.estimates[follower]
         made = int(np.searchsorted(fixes.fix_step, k, side="right")) - 1
         kind = FixKind(int(fixes.fix_kind[made])) if made >= 0 else None
-        return np.where(np.isnan(ranges), 0.0, np.exp(-max(age, 0.0) / _AFTERGLOW_S)), ranges, last, kind
+        return (
+            np.where(np.isnan(ranges), 0.0, np.exp(-max(age, 0.0) / _AFTERGLOW_S)),
+            ranges,
+            last,
+            kind,
+        )
 
     @cached_property
     def _trails(self) -> tuple[Floats, Floats]:
-        """Instants, shape (g,), [s], and points, shape (v + f + o, g, 3), [m], of all trails; see `trails`."""
+        """Instants, shape (g,), [s], and points, shape (v + f + o, g, 3), [m], of all trails;
+        see `trails`.
+        """
         truth = self.flight.trajectory
         grid = truth.time[:: max(1, round(_TRAIL_POINT_S * self.speed_up / truth.dt))]
         hydrophones = [truth.site_at(f"{name}/hydrophone", grid) for name in truth.names[1:]]
-        estimates = [np.column_stack([self.interpolated(positions, grid), hydrophones[f][:, 2]])
-                     for f, positions in self._estimates]  # fmt: skip
+        estimates = [
+            np.column_stack([self.interpolated(positions, grid), hydrophones[f][:, 2]])
+            for f, positions in self._estimates
+        ]
         return grid, np.stack([truth.at(grid)[0][:, 0], *hydrophones, *estimates])
 
     def trails(self, state: FrameState) -> Floats:
         """Recent positions, oldest first, shape (v + f + o, p, 3), [m].
 
-        The leader's body origin, the followers' hydrophones, their estimates, the other estimates. Points lie on a grid
-        that stays in place while time goes on, or the trails would seem to crawl.
+        The leader's body origin, the followers' hydrophones, their estimates, the other estimates.
+        Points lie on a grid that stays in place while time goes on, or the trails would seem to
+        crawl.
         """
         grid, points = self._trails
         shown = (grid <= state.time) & (grid >= state.time - _TRAIL_S * self.speed_up)

@@ -1,4 +1,6 @@
-"""Which graphics libraries really render here. A probe is a child process, for a missing library breaks the import."""
+"""Which graphics libraries really render here. A probe is a child process, for a missing library
+breaks the import.
+"""
 
 import json
 import os
@@ -10,7 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-BACKENDS = {"linux": ("egl", "osmesa"), "darwin": ("cgl",), "win32": ("wgl",)}.get(sys.platform, ("egl", "osmesa"))
+BACKENDS = {"linux": ("egl", "osmesa"), "darwin": ("cgl",), "win32": ("wgl",)}.get(
+    sys.platform, ("egl", "osmesa")
+)
 """Values of MUJOCO_GL worth trying, the best first."""
 
 INSTALL = "on Debian and Ubuntu: apt-get install libegl1 libopengl0 libgl1-mesa-dri"
@@ -34,8 +38,11 @@ class Backend(NamedTuple):
 
 
 def child(program: str, backend: str, threads: int = 1) -> tuple[list[str], dict[str, str]]:
-    """Command and environment of a Python process that renders with `backend`; it sees this process's modules."""
-    # -P and the handed-over path: a folder `models` or `sim` in the working directory must not be imported instead
+    """Command and environment of a Python process that renders with `backend`; it sees this
+    process's modules.
+    """
+    # -P and the handed-over path: a folder `models` or `sim` in the working directory must not be
+    # imported instead
     start = f"import sys\nsys.path[:] = {json.dumps(sys.path)}\n{program}"
     chosen = {"MUJOCO_GL": backend, "LP_NUM_THREADS": str(threads), "OMP_NUM_THREADS": "1"}
     if sys.platform == "linux":
@@ -45,7 +52,9 @@ def child(program: str, backend: str, threads: int = 1) -> tuple[list[str], dict
 
 
 def render_ball() -> str:
-    """Name of the renderer that draws a red ball on black in this process; RuntimeError if the picture is wrong."""
+    """Name of the renderer that draws a red ball on black in this process; RuntimeError if the
+    picture is wrong.
+    """
     # a library that is missing breaks the import
     import mujoco
     from OpenGL import GL
@@ -60,16 +69,25 @@ def render_ball() -> str:
     middle = pixels[32, 32]
     corner = pixels[2, 2]
     if not (middle[0] > 60 > max(middle[1], middle[2]) and corner.max() < 30):
-        raise RuntimeError(f"it draws a red ball on black as {middle.tolist()} on {corner.tolist()}")
+        raise RuntimeError(
+            f"it draws a red ball on black as {middle.tolist()} on {corner.tolist()}"
+        )
     return name.decode() if isinstance(name, bytes) else str(name)
 
 
 @cache
 def _examine(backend: str) -> Backend:
-    command, environment = child("from sim.film import graphics; print(graphics.render_ball())", backend)
+    command, environment = child(
+        "from sim.film import graphics; print(graphics.render_ball())", backend
+    )
     try:
         answer = subprocess.run(
-            command, env=environment, capture_output=True, text=True, timeout=_PATIENCE_S, check=False
+            command,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=_PATIENCE_S,
+            check=False,
         )
     except subprocess.TimeoutExpired:
         return Backend(backend, False, f"gave no picture within {_PATIENCE_S:g} s")
@@ -77,12 +95,19 @@ def _examine(backend: str) -> Backend:
     if re.search(r"'NoneType' object has no attribute '(gl|egl)\w+'", answer.stderr):
         return Backend(backend, False, "its library is not installed")
     lines = (answer.stdout if answer.returncode == 0 else answer.stderr).strip().splitlines()
-    # the exit may crash in the driver after a good picture, and the last line of a traceback is the reason
-    return Backend(backend, answer.returncode == 0 and bool(lines), lines[-1] if lines else "ended without a word")
+    # the exit may crash in the driver after a good picture, and the last line of a traceback is the
+    # reason
+    return Backend(
+        backend,
+        answer.returncode == 0 and bool(lines),
+        lines[-1] if lines else "ended without a word",
+    )
 
 
 def probe() -> tuple[Backend, ...]:
-    """Try every backend by rendering a picture in a child process; the answer is kept for this process."""
+    """Try every backend by rendering a picture in a child process; the answer is kept for this
+    process.
+    """
     return tuple(map(_examine, BACKENDS))
 
 

@@ -1,4 +1,6 @@
-"""What lies over the picture: rays, trails, markers and labels in place, and the dashboard beside it."""
+"""What lies over the picture: rays, trails, markers and labels in place, and the dashboard
+beside it.
+"""
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
@@ -10,14 +12,24 @@ from laisn.arrays import Floats
 from sim.film.cameras import Shot, View
 from sim.film.canvas import PALE, Canvas, Colour, Place, Shape, Stroke, corners
 from sim.film.dashboard import SIGMAS, Dashboard, Trail, round_length
-from sim.film.film_data import ESTIMATE, LEADER, STATION, TRANSMITTER_COLOURS, TRUTH, FilmData, FrameState
+from sim.film.film_data import (
+    ESTIMATE,
+    LEADER,
+    STATION,
+    TRANSMITTER_COLOURS,
+    TRUTH,
+    FilmData,
+    FrameState,
+)
 from sim.film.scene import Box
 from sim.scenario.settings import Video
 
 _TRAIL_PIECES = 12
 _HULL_CLEAR_M = 0.45
 _ELLIPSE_PX = 9.0
-"""Half axis from which an ellipse of uncertainty is drawn, at 720 rows: below it would lie under the marker."""
+"""Half axis from which an ellipse of uncertainty is drawn, at 720 rows: below it would lie under
+the marker.
+"""
 _ELLIPSE = np.linspace(0.0, 2 * np.pi, 49)
 _LABELS = 16  # followers beyond these go without a label
 _SMALL = (640, 360)  # frames below this size go without panels [px]
@@ -28,10 +40,14 @@ _LABEL_GAP = 3.0
 _LABEL_ROWS = 5
 _LABEL_STEP = 22.0
 _LABEL_ASIDE = (16.0, 70.0)
-"""Rows of places for labels, the distance between them, and distances aside from the point, at 720 rows [px]."""
+"""Rows of places for labels, the distance between them, and distances aside from the point, at
+720 rows [px].
+"""
 _MARKER = 8.0
 _FOOT = 24.0
-"""Half the side of the square that a marker keeps free, and height of the footer, at 720 rows [px]."""
+"""Half the side of the square that a marker keeps free, and height of the footer, at 720 rows
+[px].
+"""
 _LABEL_GROUND: Colour = (0.0, 0.05, 0.08, 0.55)
 
 
@@ -41,7 +57,8 @@ class Label(NamedTuple):
     at: Floats
     words: str
     colour: Colour
-    rise: float  # length of the line to the words [px]; above the point if negative, below it if positive
+    # length of the line to the words [px]; above the point if negative, below it if positive
+    rise: float
 
 
 class Overlay:
@@ -54,14 +71,17 @@ class Overlay:
         self.canvas = Canvas(video.width_px, video.height_px)
         self._box: Box = (0, 0, video.width_px, video.height_px)
         self._transmitters = range(data.flight.scenario.navigation.transmitters)
-        # that camera is for the leader's pitch: a line shows its axis as it would lie in a level hull
+        # that camera is for the leader's pitch: a line shows its axis as it would lie in a level
+        # hull
         self._level_axis = video.camera == "profile"
         self._dashboard = None
         if video.width_px >= _SMALL[0] and video.height_px >= _SMALL[1]:
             self._dashboard = Dashboard(data, self.canvas, self._level_axis)
 
     def inset_boxes(self, shot: Shot) -> tuple[Box, ...]:
-        """Places of a shot's insets along the lower edge, from one side on: left, top, width, height [px]."""
+        """Places of a shot's insets along the lower edge, from one side on: left, top, width,
+        height [px].
+        """
         c = self.canvas
         width = round(0.25 * c.width)
         height = round(0.25 * c.height)
@@ -69,7 +89,9 @@ class Overlay:
         gap = round(12 * c.scale)
         edge = round(16 * c.scale)
         lefts = [edge + i * (width + gap) for i in range(len(shot.insets))]
-        return tuple((x if shot.insets_left else c.width - width - x, top, width, height) for x in lefts)
+        return tuple(
+            (x if shot.insets_left else c.width - width - x, top, width, height) for x in lefts
+        )
 
     def draw(self, state: FrameState, shot: Shot) -> None:
         """Draw over the picture on the canvas."""
@@ -78,7 +100,8 @@ class Overlay:
         boxes = self.inset_boxes(shot)
         trails = self._trails(state)
         covered = board.covered if board else []
-        # lines of the whole picture pass below insets and panels: across a curve they would look like one
+        # lines of the whole picture pass below insets and panels: across a curve they would look
+        # like one
         regions = [
             (slice(int(top), int(top + height) + 1), slice(int(left), int(left + width) + 1))
             for left, top, width, height in (*boxes, *covered)
@@ -92,17 +115,29 @@ class Overlay:
             self._draw_view(state, view, box, trails)
             edge = corners(box)
             c.strokes([Stroke(np.vstack([edge, edge[:1]]), (0.7, 0.9, 1.0, 0.8), 1.5)])
-            words = self._data.flight.trajectory.names[vehicle] + (", from above" if view.plane_m else "")
-            draw_plates(c, [(words, TRUTH if vehicle else LEADER, left + 5 * c.scale, top + 4 * c.scale)])
-            self._scale_bar(view, box, (left + 10 * c.scale, top + height - 26 * c.text_scale), 0.35)
+            words = self._data.flight.trajectory.names[vehicle] + (
+                ", from above" if view.plane_m else ""
+            )
+            draw_plates(
+                c, [(words, TRUTH if vehicle else LEADER, left + 5 * c.scale, top + 4 * c.scale)]
+            )
+            self._scale_bar(
+                view, box, (left + 10 * c.scale, top + height - 26 * c.text_scale), 0.35
+            )
         if board:
             board.draw(c, state, trails)
             words = "" if shot.view.axes[2][2] < -0.99 else " at mid-distance"
             self._scale_bar(shot.view, self._box, board.scale[:2], 0.12, words)
-        draw_labels(self._labels(state, shot.view), [*boxes, *covered, *([board.scale] if board else [])], c)
+        draw_labels(
+            self._labels(state, shot.view), [*boxes, *covered, *([board.scale] if board else [])], c
+        )
         scenario = self._data.flight.scenario
         words = f"LAISN-Sim  ·  {scenario.name}  ·  seed {scenario.seed}, run {scenario.run}"
-        words += f"  ·  {scenario.navigation.variant}  ·  {self._data.speed_up:g}× real time" if board else ""
+        words += (
+            f"  ·  {scenario.navigation.variant}  ·  {self._data.speed_up:g}× real time"
+            if board
+            else ""
+        )
         c.text((c.width / 2, c.height - 8 * c.scale), words, (0.85, 0.95, 1.0, 0.85), 12, "ms")
 
     def _draw_view(self, state: FrameState, view: View, box: Box, trails: list[Trail]) -> None:
@@ -117,35 +152,56 @@ class Overlay:
         self.canvas.strokes([*strokes, *lines], box)
         self.canvas.shapes(markers, box)
 
-    def _lines(self, view: View, box: Box, points: Floats, pieces: int = 1) -> Iterator[tuple[Floats, float]]:
-        """A polyline in about this number of pieces: pixels, and place of the middle along the line, in [0, 1]."""
+    def _lines(
+        self, view: View, box: Box, points: Floats, pieces: int = 1
+    ) -> Iterator[tuple[Floats, float]]:
+        """A polyline in about this number of pieces: pixels, and place of the middle along the
+        line, in [0, 1].
+        """
         left, top, width, height = box
         for pixels, along in view.line(points, width, height):
             step = max(1, -(-(len(pixels) - 1) // pieces))
             for first in range(0, len(pixels) - 1, step):
                 last = min(first + step, len(pixels) - 1)
-                yield np.add(pixels[first : last + 1], (left, top)), float(along[first] + along[last]) / 2
+                yield (
+                    np.add(pixels[first : last + 1], (left, top)),
+                    float(along[first] + along[last]) / 2,
+                )
 
     def _rays(self, state: FrameState, view: View, box: Box) -> Iterator[Stroke]:
         for f, i in np.argwhere(state.ray > 0.03):
             if i in self._transmitters:
                 filmed = f == self._follower
-                colours = self._added.ray_colours(state.message[f]) if filmed else TRANSMITTER_COLOURS
+                colours = (
+                    self._added.ray_colours(state.message[f]) if filmed else TRANSMITTER_COLOURS
+                )
                 clear = float(state.ray[f, i]) * (0.7 if filmed else 0.3)
-                for pixels, _ in self._lines(view, box, np.array([state.transmitter[i], state.hydrophone[f]])):
+                for pixels, _ in self._lines(
+                    view, box, np.array([state.transmitter[i], state.hydrophone[f]])
+                ):
                     yield Stroke(pixels, (*colours[i], 0.16 * clear), 7.0)
                     yield Stroke(pixels, (*colours[i], 0.85 * clear), 1.8)
 
     def _trails(self, state: FrameState) -> list[Trail]:
-        """Trails of all vehicles, of the other estimates and of the filmed follower's own, which lies on top."""
+        """Trails of all vehicles, of the other estimates and of the filmed follower's own, which
+        lies on top.
+        """
         trails = self._data.trails(state)
         f = len(state.estimate)
         colours = [LEADER, *[TRUTH] * f, *(other.colour for other in self._added.others), ESTIMATE]
-        return list(zip([*trails[: f + 1], *trails[2 * f + 1 :], trails[f + 1 + self._follower]], colours, strict=True))
+        return list(
+            zip(
+                [*trails[: f + 1], *trails[2 * f + 1 :], trails[f + 1 + self._follower]],
+                colours,
+                strict=True,
+            )
+        )
 
     def _ellipses(self, state: FrameState, view: View, box: Box) -> Iterator[Stroke]:
         """The filters' uncertainty about their estimates, where it is large enough to be seen."""
-        for weight, centre, covariance in (h for hypotheses in state.hypotheses for h in hypotheses):
+        for weight, centre, covariance in (
+            h for hypotheses in state.hypotheses for h in hypotheses
+        ):
             if not np.all(np.isfinite(covariance)):
                 continue
             variance, axes = np.linalg.eigh(covariance)
@@ -158,7 +214,9 @@ class Overlay:
                     yield Stroke(pixels, (*ESTIMATE, 0.3 + 0.6 * weight), 1.5)
 
     def _markers(self, state: FrameState, view: View, box: Box) -> tuple[list[Stroke], list[Shape]]:
-        """Transmitters, stations, estimates and hydrophones, and dashed lines between what belongs together."""
+        """Transmitters, stations, estimates and hydrophones, and dashed lines between what
+        belongs together.
+        """
         c = self.canvas
         shapes = list[Shape]()
         links = [level_axis(state)] if self._level_axis else []
@@ -166,12 +224,26 @@ class Overlay:
         colours = self._added.ray_colours(state.message[self._follower])
         own = state.hydrophone[self._follower]
         there = state.hydrophone
-        others = [(own, o, other.colour) for o, other in zip(state.others, self._added.others, strict=True)]
-        others += [(hydrophone, e, ESTIMATE) for hydrophone, e in zip(there, state.estimate, strict=True)]
+        others = [
+            (own, o, other.colour)
+            for o, other in zip(state.others, self._added.others, strict=True)
+        ]
+        others += [
+            (hydrophone, e, ESTIMATE) for hydrophone, e in zip(there, state.estimate, strict=True)
+        ]
         marks: list[tuple[Any, Floats, float, Colour, Colour, list[Floats]]] = [
-            *((c.disc, state.transmitter[i], 2.6, colours[i], _DARK, []) for i in self._transmitters),
-            *((c.disc, s, 9.0, (*STATION, 0.15), STATION, [s, h]) for s, h in zip(state.station, there, strict=True)),
-            *((c.diamond, estimate, 6.0, colour, _DARK, [h, estimate]) for h, estimate, colour in others),
+            *(
+                (c.disc, state.transmitter[i], 2.6, colours[i], _DARK, [])
+                for i in self._transmitters
+            ),
+            *(
+                (c.disc, s, 9.0, (*STATION, 0.15), STATION, [s, h])
+                for s, h in zip(state.station, there, strict=True)
+            ),
+            *(
+                (c.diamond, estimate, 6.0, colour, _DARK, [h, estimate])
+                for h, estimate, colour in others
+            ),
             *((c.disc, hydrophone, 4.5, TRUTH, _DARK, []) for hydrophone in there),
         ]
         for make, point, radius, fill, outline, link in marks:
@@ -223,13 +295,17 @@ class Overlay:
         covered = self._dashboard.covered if self._dashboard else []
         for point, words, colour, side in wanted:
             at = self._pixel(view, self._box, point)
-            if at is not None and not any(x <= at[0] <= x + w and y <= at[1] <= y + h for x, y, w, h in covered):
+            if at is not None and not any(
+                x <= at[0] <= x + w and y <= at[1] <= y + h for x, y, w, h in covered
+            ):
                 # the line leads clear of a hull
                 clear = float(np.clip(_HULL_CLEAR_M / metres_per_pixel(view, point), 30.0, 90.0))
                 found.append(Label(at, words, colour, (side * clear if side else -20.0) * c.scale))
         return found
 
-    def _scale_bar(self, view: View, box: Box, at: tuple[float, float], share: float, words: str = "") -> None:
+    def _scale_bar(
+        self, view: View, box: Box, at: tuple[float, float], share: float, words: str = ""
+    ) -> None:
         """A bar of a round length, at most a share of the box's width, where one scale holds."""
         if view.plane_m:
             x, y = at
@@ -243,11 +319,17 @@ class Overlay:
 
 
 def level_axis(state: FrameState) -> Floats:
-    """Ends, shape (2, 3), [m], of the leader's axis as it would lie in a level hull, a little longer than that."""
+    """Ends, shape (2, 3), [m], of the leader's axis as it would lie in a level hull, a little
+    longer than that.
+    """
     rear, front = state.transmitter[:2]
     middle = state.position[0]
     heading = state.heading[0]
-    reach = 0.8 * float(np.linalg.norm(front - rear)) * np.array([np.sin(heading), np.cos(heading), 0.0])
+    reach = (
+        0.8
+        * float(np.linalg.norm(front - rear))
+        * np.array([np.sin(heading), np.cos(heading), 0.0])
+    )
     return np.array([middle - reach, middle + reach])
 
 
@@ -275,11 +357,14 @@ def _places(label: Label, width: float, height: float, scale: float) -> list[tup
     return found
 
 
-def place_labels(labels: Iterable[Label], taken: Iterable[Place], canvas: Canvas) -> list[tuple[Label, Place, Floats]]:
-    """Each label, the most important first, with its area and the end of its line, shape (2,), [px].
+def place_labels(
+    labels: Iterable[Label], taken: Iterable[Place], canvas: Canvas
+) -> list[tuple[Label, Place, Floats]]:
+    """Each label, the most important first, with its area and the end of its line, shape (2,),
+    [px].
 
-    Areas keep clear of those that are taken; labels without room are left out. A pure function of one frame, so that
-    frames may be drawn in any order.
+    Areas keep clear of those that are taken; labels without room are left out. A pure function of
+    one frame, so that frames may be drawn in any order.
     """
     s = canvas.scale
     labels = list(labels)
@@ -298,7 +383,9 @@ def place_labels(labels: Iterable[Label], taken: Iterable[Place], canvas: Canvas
             bottom = top + height
             others = [*full, *markers]
             inside = left >= 0 and top >= 0 and right <= canvas.width and bottom <= canvas.height
-            if inside and all(left >= x + w or x >= right or top >= y + h or y >= bottom for x, y, w, h in others):
+            if inside and all(
+                left >= x + w or x >= right or top >= y + h or y >= bottom for x, y, w, h in others
+            ):
                 full.append(area)
                 placed.append((label, area, end))
                 break
@@ -309,8 +396,12 @@ def draw_plates(canvas: Canvas, texts: Sequence[tuple[str, Colour, float, float]
     """Draw texts, each with its colour and the left and upper edge [px] of its dark ground."""
     gap = _LABEL_GAP * canvas.scale
     extents = [canvas.extent(words, -_LABEL_SIZE) for words, *_ in texts]
-    canvas.shapes([Shape(corners((left, top, width + 2 * gap, height + 2 * gap)), _LABEL_GROUND)
-                   for (_, _, left, top), (width, height) in zip(texts, extents, strict=True)])  # fmt: skip
+    canvas.shapes(
+        [
+            Shape(corners((left, top, width + 2 * gap, height + 2 * gap)), _LABEL_GROUND)
+            for (_, _, left, top), (width, height) in zip(texts, extents, strict=True)
+        ]
+    )
     for (words, colour, left, top), (_, height) in zip(texts, extents, strict=True):
         canvas.text((left + gap, top + gap + height / 2), words, colour, -_LABEL_SIZE, "lm")
 
@@ -318,7 +409,16 @@ def draw_plates(canvas: Canvas, texts: Sequence[tuple[str, Colour, float, float]
 def draw_labels(labels: Iterable[Label], taken: Iterable[Place], canvas: Canvas) -> None:
     """Put labels on the canvas, each at the end of a line from its point."""
     placed = place_labels(labels, taken, canvas)
-    starts = [label.at + canvas.scale * np.array([4.0, 7.5]) * np.sign(end - label.at) for label, _, end in placed]
-    canvas.strokes([Stroke(np.array([start, end]), (*label.colour[:3], 0.8), 1.2)
-                    for start, (label, _, end) in zip(starts, placed, strict=True)])  # fmt: skip
-    draw_plates(canvas, [(label.words, label.colour, area[0], area[1]) for label, area, _ in placed])
+    starts = [
+        label.at + canvas.scale * np.array([4.0, 7.5]) * np.sign(end - label.at)
+        for label, _, end in placed
+    ]
+    canvas.strokes(
+        [
+            Stroke(np.array([start, end]), (*label.colour[:3], 0.8), 1.2)
+            for start, (label, _, end) in zip(starts, placed, strict=True)
+        ]
+    )
+    draw_plates(
+        canvas, [(label.words, label.colour, area[0], area[1]) for label, area, _ in placed]
+    )

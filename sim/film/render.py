@@ -1,4 +1,6 @@
-"""Flight -> film. Frames are rendered and encoded by child processes; their parent loads no graphics library."""
+"""Flight -> film. Frames are rendered and encoded by child processes; their parent loads no
+graphics library.
+"""
 
 import os
 import pickle
@@ -31,15 +33,24 @@ from sim.system import atomic_write
 
 _IMPORTS = "from sim.film import render"  # first line of the program that a child process runs
 _LAST_WORDS = 12
-GROUP = 30  # frames of a group of pictures. Each begins with an IDR frame and is encoded by itself, by whichever child
+# frames of a group of pictures. Each begins with an IDR frame and is encoded by itself, by
+# whichever child
+GROUP = 30
 
 _X264 = {
-    "preset": "ultrafast", "crf": "23", "bf": "0", "g": str(GROUP),
+    "preset": "ultrafast",
+    "crf": "23",
+    "bf": "0",
+    "g": str(GROUP),
     # children are the parallelism; headers with every IDR frame let a reader start there
     "threads": "1",
-    # what the preset leaves out and costs little: smooth borders of blocks, and transforms that suit a smooth sea
-    "x264-params": f"repeat-headers=1:annexb=1:scenecut=0:keyint={GROUP}:min-keyint={GROUP}:deblock=0,0:8x8dct=1",
-}  # fmt: skip
+    # what the preset leaves out and costs little: smooth borders of blocks, and transforms that
+    # suit a smooth sea
+    "x264-params": (
+        f"repeat-headers=1:annexb=1:scenecut=0:keyint={GROUP}:min-keyint={GROUP}"
+        ":deblock=0,0:8x8dct=1"
+    ),
+}
 _BT709 = _LIMITED = 1
 
 
@@ -48,7 +59,9 @@ class RenderError(LaisnError):
 
 
 class RendererDiedError(RuntimeError):
-    """A process that renders ended before its work was done; the text states how, and its last output."""
+    """A process that renders ended before its work was done; the text states how, and its last
+    output.
+    """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +99,9 @@ class FrameRenderer:
         self._camera = video.camera
 
     def frame(self, time: float) -> Bytes:
-        """The frame at mission time `time` [s], top row first, shape (height, width, 4); reused at every call."""
+        """The frame at mission time `time` [s], top row first, shape (height, width, 4); reused
+        at every call.
+        """
         state = self._data.at(time)
         shot = self._cameras.shot(self._camera, state)
         self._overlay.canvas.load(self._scene.picture(state, shot, self._overlay.inset_boxes(shot)))
@@ -95,7 +110,9 @@ class FrameRenderer:
 
 
 def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:
-    """H.264 access units of frames, shape (height, width, 4): Annex B, no B-frames, ITU-R BT.709 in limited range."""
+    """H.264 access units of frames, shape (height, width, 4): Annex B, no B-frames, ITU-R BT.709
+    in limited range.
+    """
     # codecs take a tenth of a second to load, and the parent of children needs none
     import av
     from av.video.reformatter import VideoReformatter
@@ -113,7 +130,9 @@ def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:
     reformatter = VideoReformatter()
     for number, pixels in enumerate(frames):
         frame = av.VideoFrame.from_ndarray(pixels, format="rgba")
-        picture = reformatter.reformat(frame, format="yuv420p", dst_colorspace=_BT709, dst_color_range=_LIMITED)
+        picture = reformatter.reformat(
+            frame, format="yuv420p", dst_colorspace=_BT709, dst_color_range=_LIMITED
+        )
         picture.pts = number
         picture.time_base = codec.time_base
         yield from (bytes(packet) for packet in codec.encode(picture))
@@ -121,7 +140,9 @@ def encode(frames: Iterable[Bytes], video: Video) -> Iterator[bytes]:
 
 
 def _send(results: Callable[[Job, Callable[[float], Bytes]], Iterable[object]]) -> None:
-    """Compute results from the job, pickled on standard input, and its frames; pickle them to standard output."""
+    """Compute results from the job, pickled on standard input, and its frames; pickle them to
+    standard output.
+    """
     output = os.fdopen(os.dup(1), "wb", buffering=0)
     # what a library prints must not stand between results
     os.dup2(2, 1)
@@ -132,7 +153,9 @@ def _send(results: Callable[[Job, Callable[[float], Bytes]], Iterable[object]]) 
 
 
 def main(worker: int, workers: int) -> None:
-    """Render and encode the groups worker, worker + workers … of the job; results are (group, access units)."""
+    """Render and encode the groups worker, worker + workers … of the job; results are (group,
+    access units).
+    """
 
     def groups(job: Job, frame: Callable[[float], Bytes]) -> Iterator[tuple[int, list[bytes]]]:
         for group in range(worker, job.groups, workers):
@@ -157,7 +180,9 @@ def _check_file(path: Path, suffix: str) -> None:
 
 
 def _results(job: Job, programs: Sequence[str]) -> Generator[Any, None, None]:
-    """Results of child processes as they arrive; none outlives the generator. RendererDiedError: one died."""
+    """Results of child processes as they arrive; none outlives the generator. RendererDiedError:
+    one died.
+    """
     backend = graphics.working()
     if backend is None:
         raise RenderError(graphics.MISSING)
@@ -169,11 +194,17 @@ def _results(job: Job, programs: Sequence[str]) -> Generator[Any, None, None]:
     readers = list[Thread]()
     try:
         for program in programs:
-            command, environment = graphics.child(f"{start}; render.{program}", backend.name, threads)
+            command, environment = graphics.child(
+                f"{start}; render.{program}", backend.name, threads
+            )
             log = TemporaryFile()  # noqa: SIM115 (the reader closes it)
             pipe = subprocess.PIPE
-            children.append(subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, stderr=log))
-            readers.append(Thread(target=_read, args=(children[-1], log, content, results), daemon=True))
+            children.append(
+                subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, stderr=log)
+            )
+            readers.append(
+                Thread(target=_read, args=(children[-1], log, content, results), daemon=True)
+            )
             readers[-1].start()
         for _ in children:
             while (result := results.get()) is not None:
@@ -188,7 +219,9 @@ def _results(job: Job, programs: Sequence[str]) -> Generator[Any, None, None]:
 
 
 def _read(child: Any, log: IO[bytes], content: bytes, results: SimpleQueue[Any]) -> None:
-    """Send a child its job and collect its results, then None or, if it failed, an error with the end of its log."""
+    """Send a child its job and collect its results, then None or, if it failed, an error with
+    the end of its log.
+    """
     with log, child, suppress(BrokenPipeError):
         with suppress(BrokenPipeError):
             child.stdin.write(content)
@@ -228,7 +261,9 @@ def render(
     _check_file(path, ".mp4")
     workers = min(workers, job.groups)
     groups: dict[int, list[bytes]] = {}
-    with closing(_results(job, [f"main({worker}, {workers})" for worker in range(workers)])) as results:
+    with closing(
+        _results(job, [f"main({worker}, {workers})" for worker in range(workers)])
+    ) as results:
         for group, found in results:
             groups[group] = found
             if progress:

@@ -1,7 +1,7 @@
 """The three-dimensional part of a frame: sea, hulls with smoothed edges, and ghosts of estimates.
 
-The sea is a floor and a height field of the surface that travel with the camera, in fog and light. Nothing here acts on
-a vehicle. The surface is the simulated one (`sim.water.elevation_at`).
+The sea is a floor and a height field of the surface that travel with the camera, in fog and light.
+Nothing here acts on a vehicle. The surface is the simulated one (`sim.water.elevation_at`).
 """
 
 from typing import Any
@@ -29,22 +29,33 @@ _INSIDE = ("nozzle", "band")  # parts that shine through a translucent hull and 
 _MAX_GEOMS = 6000
 _INSET_FOG = (3.0, 110.0)
 _HULL_REACH_M = 1.5  # reach from a vehicle's middle to beyond its ends, propeller included
-WATER = (0.035, 0.26, 0.36)  # colour of the fog, and so of all that is far, so that no band remains at the horizon
+# colour of the fog, and so of all that is far, so that no band remains at the horizon
+WATER = (0.035, 0.26, 0.36)
 
-_CELLS = 48  # points of a height field along each side: their number is a third of what a frame costs
+# points of a height field along each side: their number is a third of what a frame costs
+_CELLS = 48
 _TILE_M = 40.0
-_SPACINGS_M = (*(_TILE_M / k for k in range(16, 0, -1)), *(_TILE_M * k for k in (2, 3, 4, 6, 8, 12, 16, 24, 32)))
+_SPACINGS_M = (
+    *(_TILE_M / k for k in range(16, 0, -1)),
+    *(_TILE_M * k for k in (2, 3, 4, 6, 8, 12, 16, 24, 32)),
+)
 """Spacings of a height field's points; they divide the tile, or are whole tiles."""
 _CREST_M = 25.0
 _TEXELS = 256
 
 
 def _tile(wavelength: float, seed: int) -> Floats:
-    """Periodic noise around one wavelength (a share of the tile), zero mean, unit variance, shape (size, size)."""
+    """Periodic noise around one wavelength (a share of the tile), zero mean, unit variance,
+    shape (size, size).
+    """
     size = _TEXELS
     spectrum = np.fft.rfft2(np.random.default_rng(seed).standard_normal((size, size)))
-    frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(size, 1 / size), np.fft.rfftfreq(size, 1 / size), indexing="ij"))
-    noise = np.fft.irfft2(spectrum * np.exp(-2.0 * (frequency * wavelength - 1.0) ** 2), s=(size, size))
+    frequency = np.hypot(
+        *np.meshgrid(np.fft.fftfreq(size, 1 / size), np.fft.rfftfreq(size, 1 / size), indexing="ij")
+    )
+    noise = np.fft.irfft2(
+        spectrum * np.exp(-2.0 * (frequency * wavelength - 1.0) ** 2), s=(size, size)
+    )
     return np.asarray((noise - noise.mean()) / noise.std())
 
 
@@ -54,10 +65,14 @@ def _network(wavelength: float, seed: int) -> Floats:
 
 
 def build(flight: Flight, width_px: int, height_px: int) -> Any:
-    """The compiled MjModel of vehicles (the leader first), sea floor and surface, for frames up to a size."""
+    """The compiled MjModel of vehicles (the leader first), sea floor and surface, for frames up
+    to a size.
+    """
     hulls = zip(flight.trajectory.names, models_of(flight.scenario), strict=True)
     depth = flight.scenario.ocean.floor_depth_m
-    spec = compose([VehicleSetup(name=name, model=hull, position_m=(0, 0, -5)) for name, hull in hulls], depth)
+    spec = compose(
+        [VehicleSetup(name=name, model=hull, position_m=(0, 0, -5)) for name, hull in hulls], depth
+    )
     for flat in ("floor", "surface"):
         spec.delete(spec.geom(flat))
     sand = 0.5 + 0.10 * _tile(0.03, 1) + 0.10 * _tile(0.22, 2) + 0.35 * (_network(0.13, 3) - 0.3)
@@ -70,26 +85,43 @@ def build(flight: Flight, width_px: int, height_px: int) -> Any:
         kind = mujoco.mjtTexture.mjTEXTURE_2D
         texture = spec.add_texture(name=name, type=kind, width=_TEXELS, height=_TEXELS, nchannel=3)
         texture.data = bytes((255 * colours).round().astype(np.uint8))
-        material = spec.add_material(name=f"{name}_look", specular=0.0, shininess=0.0, texuniform=True)
+        material = spec.add_material(
+            name=f"{name}_look", specular=0.0, shininess=0.0, texuniform=True
+        )
         material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
         # MuJoCo lays a texture twice over 1 / texrepeat
         material.texrepeat = [2 / _TILE_M, 2 / _TILE_M]
     looks_only = {"contype": 0, "conaffinity": 0}
-    seabed: dict[str, Any] = {"name": "seabed", "type": mujoco.mjtGeom.mjGEOM_PLANE, "material": "seabed_look"}
+    seabed: dict[str, Any] = {
+        "name": "seabed",
+        "type": mujoco.mjtGeom.mjGEOM_PLANE,
+        "material": "seabed_look",
+    }
     spec.worldbody.add_geom(**seabed, size=[200, 200, 20], pos=[0, 0, -depth], **looks_only)
     heights = np.zeros(_CELLS**2)
-    spec.add_hfield(name="sea", nrow=_CELLS, ncol=_CELLS, size=[200, 200, _CREST_M, 0.001], userdata=heights)
+    spec.add_hfield(
+        name="sea", nrow=_CELLS, ncol=_CELLS, size=[200, 200, _CREST_M, 0.001], userdata=heights
+    )
     # upside down: a height field shows only its upper face, and this one is seen from below
     spec.worldbody.add_geom(
-        name="sea", type=mujoco.mjtGeom.mjGEOM_HFIELD, hfieldname="sea", material="sea_look",
-        pos=[0, 0, _CREST_M / 2], quat=(0, 1, 0, 0), **looks_only,
-    )  # fmt: skip
+        name="sea",
+        type=mujoco.mjtGeom.mjGEOM_HFIELD,
+        hfieldname="sea",
+        material="sea_look",
+        pos=[0, 0, _CREST_M / 2],
+        quat=(0, 1, 0, 0),
+        **looks_only,
+    )
     # low light from one side shows the waves' slopes; the hulls are lit by the rest
     spec.material("sea_look").rgba = [2.6, 2.6, 2.6, 1.0]
     spec.worldbody.add_light(
-        name="scatter", type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, dir=[0.85, 0.45, 0.25],
-        diffuse=[0.22, 0.24, 0.25], specular=[0, 0, 0], castshadow=False,
-    )  # fmt: skip
+        name="scatter",
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        dir=[0.85, 0.45, 0.25],
+        diffuse=[0.22, 0.24, 0.25],
+        specular=[0, 0, 0],
+        castshadow=False,
+    )
     visual = spec.visual
     visual.headlight.ambient = [0.20, 0.24, 0.27]
     visual.headlight.diffuse = [0.22, 0.24, 0.25]
@@ -104,22 +136,29 @@ class Sea:
 
     def __init__(self, model: Any, ocean: Ocean) -> None:
         self._model = model
-        self._geom, self._floor = (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, n) for n in ("sea", "seabed"))
+        self._geom, self._floor = (
+            mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, n) for n in ("sea", "seabed")
+        )
         self._ocean = ocean
         self._waves = ocean.water[1][: PHASE + 1].T
         self._steepness = np.hypot(self._waves[:, 1], self._waves[:, 2])
 
     def grid(self, centre: Floats, reach: float) -> tuple[Floats, Floats]:
-        """East and north of the height field's points, at least `reach` about `centre`, shape (_CELLS,) each, [m]."""
+        """East and north of the height field's points, at least `reach` about `centre`, shape
+        (_CELLS,) each, [m].
+        """
         half = (_CELLS - 1) / 2
         cell = next((c for c in _SPACINGS_M if half * c >= reach), _SPACINGS_M[-1])
-        # points of one spacing always lie on the same lattice, or the surface would change shape with the camera
+        # points of one spacing always lie on the same lattice, or the surface would change shape
+        # with the camera
         x, y = _TILE_M * np.round(np.asarray(centre[:2]) / _TILE_M)
         offset = cell * (np.arange(_CELLS) - half)
         return x + offset, y + offset
 
     def elevation(self, x: Floats, y: Floats, time: float) -> Floats:
-        """Height of the sea over the grid x by y without the waves too short for it, shape (len(y), len(x)), [m]."""
+        """Height of the sea over the grid x by y without the waves too short for it, shape
+        (len(y), len(x)), [m].
+        """
         cell = float(x[1] - x[0])
         long = self._steepness * cell < 2.0
         *_, east, north = change_at(time, self._ocean.water[2])
@@ -127,8 +166,12 @@ class Sea:
         along_x = amplitude * np.exp(1j * (np.outer(x - east, kx) + phase - omega * time))
         return np.asarray((np.exp(1j * np.outer(y - north, ky)) @ along_x.T).real)
 
-    def show(self, centre: Floats, reach: float, time: float, context: Any, *, surface: bool) -> None:
-        """Bring floor and surface to where the camera looks, the surface, if it is drawn, as it is at `time`."""
+    def show(
+        self, centre: Floats, reach: float, time: float, context: Any, *, surface: bool
+    ) -> None:
+        """Bring floor and surface to where the camera looks, the surface, if it is drawn, as it
+        is at `time`.
+        """
         model = self._model
         model.geom_rgba[self._geom, 3] = float(surface)
         x, y = self.grid(centre, reach)
@@ -143,7 +186,9 @@ class Sea:
 
 
 class GlScene:
-    """Model, graphics context and frame buffer, until it is closed; RuntimeError: no graphics context is to be had."""
+    """Model, graphics context and frame buffer, until it is closed; RuntimeError: no graphics
+    context is to be had.
+    """
 
     def __init__(self, flight: Flight, video: Video) -> None:
         self.width, self.height = size = video.width_px, video.height_px
@@ -173,11 +218,14 @@ class GlScene:
         self._gl.free()
 
     def picture(self, state: FrameState, shot: Shot, insets: tuple[Box, ...]) -> Bytes:
-        """Pixels of a state, bottom row first, shape (height, width, 3), the same array at every call.
+        """Pixels of a state, bottom row first, shape (height, width, 3), the same array at every
+        call.
 
         Insets lie in boxes (left, top, width, height) [px].
         """
-        for vehicle, position, quaternion in zip(self._vehicles, state.position, state.quaternion, strict=True):
+        for vehicle, position, quaternion in zip(
+            self._vehicles, state.position, state.quaternion, strict=True
+        ):
             self._data.qpos[vehicle.qpos : vehicle.qpos + 3] = position
             self._data.qpos[vehicle.qpos + 3 : vehicle.qpos + 7] = quaternion
         if state.effectors.size:  # the paper's point motion has no effectors
@@ -186,7 +234,9 @@ class GlScene:
         self._fog(*shot.fog)
         # what a wide lens sees before the fog closes lies within this square
         looked_at = shot.view.position + 0.4 * shot.fog[1] * shot.view.axes[2]
-        self._sea.show(looked_at, 0.9 * shot.fog[1], state.time, self._context, surface=shot.surface)
+        self._sea.show(
+            looked_at, 0.9 * shot.fog[1], state.time, self._context, surface=shot.surface
+        )
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
         whole: Box = (0, 0, self.width, self.height)
@@ -199,7 +249,9 @@ class GlScene:
             self._render(state, view, box)
         mujoco.mjr_readPixels(self._pixels, None, mujoco.MjrRect(*whole), self._context)
         self._smooth[:] = self._pixels
-        for view, box in zip((shot.view, *(view for view, _ in shot.insets)), (whole, *insets), strict=True):
+        for view, box in zip(
+            (shot.view, *(view for view, _ in shot.insets)), (whole, *insets), strict=True
+        ):
             self._smooth_hulls(state, view, box)
         return self._smooth
 
@@ -212,7 +264,9 @@ class GlScene:
                 continue
             # a hull about the lens may be anywhere in the frame
             near = distance < 1.2 * _HULL_REACH_M
-            reach = np.inf if near else view.focal(height) * _HULL_REACH_M / (distance - _HULL_REACH_M)
+            reach = (
+                np.inf if near else view.focal(height) * _HULL_REACH_M / (distance - _HULL_REACH_M)
+            )
             x0, x1 = (int(np.clip(v, 0, width)) for v in (x - reach, x + reach))
             y0, y1 = (int(np.clip(v, 0, height)) for v in (y - reach, y + reach))
             # rows of a picture that was read from OpenGL count from below
@@ -229,7 +283,9 @@ class GlScene:
         self._sight = end
 
     def _read_one_mipmap(self) -> None:
-        """Take a pixel of a texture from the nearest of its sizes alone: on a processor, two cost as much again."""
+        """Take a pixel of a texture from the nearest of its sizes alone: on a processor, two
+        cost as much again.
+        """
         # as in `_fog`
         from OpenGL import GL
 
@@ -237,7 +293,9 @@ class GlScene:
         for texture, kind in zip(self._context.texture, self._model.tex_type, strict=False):
             if kind == flat:
                 GL.glBindTexture(GL.GL_TEXTURE_2D, int(texture))
-                GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR_MIPMAP_NEAREST)
+                GL.glTexParameteri(
+                    GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR_MIPMAP_NEAREST
+                )
 
     def _render(self, state: FrameState, view: View, box: Box) -> None:
         left, top, width, height = box
@@ -255,15 +313,20 @@ class GlScene:
             eye.forward[:] = forward
         self._add_backdrop(view)
         self._add_ghosts(state)
-        mujoco.mjr_render(mujoco.MjrRect(left, self.height - top - height, width, height), scene, self._context)
+        mujoco.mjr_render(
+            mujoco.MjrRect(left, self.height - top - height, width, height), scene, self._context
+        )
 
-    def _add(self, shape: int, size: Floats, at: Floats, turn: Floats, rgba: tuple[float, ...]) -> Any:
+    def _add(
+        self, shape: int, size: Floats, at: Floats, turn: Floats, rgba: tuple[float, ...]
+    ) -> Any:
         scene = self._scene
         if scene.ngeom >= scene.maxgeom:
             return None
         geom = scene.geoms[scene.ngeom]
         mujoco.mjv_initGeom(geom, shape, size, at, turn.ravel(), np.array(rgba, dtype=np.float32))
-        # MuJoCo leaves these as the memory had them: taken for part of a hull, the backdrop would get a ghost
+        # MuJoCo leaves these as the memory had them: taken for part of a hull, the backdrop would
+        # get a ghost
         geom.objtype = mujoco.mjtObj.mjOBJ_UNKNOWN.value
         geom.objid = -1
         geom.segid = -1
@@ -274,12 +337,20 @@ class GlScene:
         return geom
 
     def _add_backdrop(self, view: View) -> None:
-        """A wall beyond the fog, which colours it; drawn last and mostly hidden, it costs a quarter of a sky."""
+        """A wall beyond the fog, which colours it; drawn last and mostly hidden, it costs a
+        quarter of a sky.
+        """
         distance = 1.5 * self._sight
         right, up, forward = view.axes
         size = np.array([4.0 * distance, 3.0 * distance, 1.0])
         turn = np.column_stack([right, up, -forward])
-        self._add(mujoco.mjtGeom.mjGEOM_BOX.value, size, view.position + distance * forward, turn, (0, 0, 0, 1))
+        self._add(
+            mujoco.mjtGeom.mjGEOM_BOX.value,
+            size,
+            view.position + distance * forward,
+            turn,
+            (0, 0, 0, 1),
+        )
 
     def _add_ghosts(self, state: FrameState) -> None:
         """A ghost hull at each follower's estimate."""
@@ -288,7 +359,11 @@ class GlScene:
         shift = state.estimate - state.hydrophone
         # hull and ghost in one place would hide each other
         alpha = _GHOST_ALPHA * np.minimum(1.0, np.linalg.norm(shift, axis=1) / _GHOST_FULL_M)
-        seen = {vehicle.body: f for f, vehicle in enumerate(self._vehicles[1:]) if alpha[f] > _GHOST_LEAST}
+        seen = {
+            vehicle.body: f
+            for f, vehicle in enumerate(self._vehicles[1:])
+            if alpha[f] > _GHOST_LEAST
+        }
         for i in range(drawn):
             original = scene.geoms[i]
             if original.objtype != mujoco.mjtObj.mjOBJ_GEOM.value or original.objid < 0:
@@ -298,7 +373,9 @@ class GlScene:
                 continue
             size = np.array(original.size, np.float64)
             turn = np.array(original.mat, np.float64)
-            ghost = self._add(original.type, size, original.pos + shift[f], turn, (*ESTIMATE, float(alpha[f])))
+            ghost = self._add(
+                original.type, size, original.pos + shift[f], turn, (*ESTIMATE, float(alpha[f]))
+            )
             if ghost is not None:
                 # a cylinder's and a capsule's sizes would be turned about once more
                 ghost.size[:] = size

@@ -1,4 +1,6 @@
-"""An MCAP file: one pass verifies its checksums and gives messages as columns; recovery keeps what is intact."""
+"""An MCAP file: one pass verifies its checksums and gives messages as columns; recovery keeps
+what is intact.
+"""
 
 import os
 import struct
@@ -16,7 +18,17 @@ import numpy.typing as npt
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.exceptions import EndOfFile, InvalidMagic
-from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, McapRecord, Message, Metadata, Schema
+from mcap.records import (
+    Attachment,
+    Channel,
+    Chunk,
+    DataEnd,
+    Footer,
+    McapRecord,
+    Message,
+    Metadata,
+    Schema,
+)
 from mcap.stream_reader import MAGIC_SIZE, CRCValidationError, StreamReader, breakup_chunk
 from mcap.well_known import MessageEncoding
 from mcap.writer import CompressionType, Writer
@@ -66,12 +78,17 @@ def log_errors(path: Path) -> Iterator[None]:
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from error
     except Exception as error:
-        # foreign bytes make decompressors, decoders and arrays fail in many ways; to the user they are one
-        raise LogError(f"{path}: damaged, or written by something else ({type(error).__name__}: {error})") from error
+        # foreign bytes make decompressors, decoders and arrays fail in many ways; to the user they
+        # are one
+        raise LogError(
+            f"{path}: damaged, or written by something else ({type(error).__name__}: {error})"
+        ) from error
 
 
 def _intact(stream: IO[bytes], attachment: Attachment) -> bool:
-    """Whether the checksum of an attachment that was just read matches; the library skips it. 0 stands for none."""
+    """Whether the checksum of an attachment that was just read matches; the library skips it. 0
+    stands for none.
+    """
     stream.seek(-4, os.SEEK_CUR)
     stored = stream.read(4)
     builder = RecordBuilder()
@@ -90,16 +107,20 @@ def _records_of(chunk: Chunk, most: int) -> list[McapRecord]:
     elif chunk.compression == "lz4":
         data = bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1))
     elif chunk.compression:
-        raise ValueError(f"a chunk is compressed by {chunk.compression!r}; expected zstd, lz4 or nothing")
+        raise ValueError(
+            f"a chunk is compressed by {chunk.compression!r}; expected zstd, lz4 or nothing"
+        )
     if len(data) != size:
         raise ValueError("the size of a chunk does not match")
     return breakup_chunk(replace(chunk, compression="", data=data), validate_crc=True)
 
 
 def _records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Iterator[McapRecord]:
-    """The data section in order, each record after its checksum was verified; a chunk is followed by what is in it.
+    """The data section in order, each record after its checksum was verified; a chunk is followed
+    by what is in it.
 
-    A damaged attachment is left out and passed to `on_damaged` where that is given; DamagedError for all other damage.
+    A damaged attachment is left out and passed to `on_damaged` where that is given; DamagedError
+    for all other damage.
     """
     with log_errors(path), path.open("rb") as stream:
         size = path.stat().st_size
@@ -117,7 +138,9 @@ def _records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Ite
                     yield from inner
                 elif isinstance(record, Attachment) and not _intact(stream, record):
                     if on_damaged is None:
-                        raise ValueError(f"the checksum of attachment {record.name!r} does not match")
+                        raise ValueError(
+                            f"the checksum of attachment {record.name!r} does not match"
+                        )
                     on_damaged(f"attachment {record.name!r} is damaged and is left out")
                 elif isinstance(record, Footer) and not ended:
                     raise ValueError("the data section has no end")
@@ -132,7 +155,11 @@ def _records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Ite
         except Exception as error:
             if size < MAGIC_SIZE or (isinstance(error, InvalidMagic) and at == 0):
                 raise LogError(f"{path}: no MCAP file") from error
-            reason = "the file ends within a record" if isinstance(error, (EndOfFile, struct.error)) else str(error)
+            reason = (
+                "the file ends within a record"
+                if isinstance(error, (EndOfFile, struct.error))
+                else str(error)
+            )
             if isinstance(error, CRCValidationError):
                 what = "a chunk" if isinstance(error.record, Chunk) else "the data section"
                 reason = f"the checksum of {what} does not match"
@@ -164,7 +191,9 @@ class Messages:
         return message_class_of(self.schema)
 
     def path(self, name: str) -> list[Any]:
-        """Descriptors of the field "name", or of all in "name.of.a.nested.one"; empty if there is no such field."""
+        """Descriptors of the field "name", or of all in "name.of.a.nested.one"; empty if there
+        is no such field.
+        """
         descriptor = self.message_class.DESCRIPTOR
         found = list[Any]()
         for part in name.split("."):
@@ -176,7 +205,9 @@ class Messages:
         return found
 
     def columns(self, names: Sequence[str]) -> list[npt.NDArray[Any] | list[Any]]:
-        """Values of fields ("pose.position.x"), n each, None where unset; ValueError: malformed, or no single value."""
+        """Values of fields ("pose.position.x"), n each, None where unset; ValueError: malformed,
+        or no single value.
+        """
         paths = [self.path(name) for name in names]
         for name, (*_, last) in zip(names, paths, strict=True):
             if last.is_repeated or last.message_type is not None:
@@ -205,7 +236,9 @@ class Messages:
         return found
 
     def table(self, names: Sequence[str]) -> Floats:
-        """Numbers by the names of their fields, NaN for what is absent, read-only, shape (n, len(names))."""
+        """Numbers by the names of their fields, NaN for what is absent, read-only, shape (n,
+        len(names)).
+        """
         result = np.empty((len(self.data), len(names)))
         for k, values in enumerate(self.columns(names)):
             result[:, k] = values
@@ -214,18 +247,22 @@ class Messages:
 
 
 class Contents:
-    """What a log holds; of topics that are not `wanted` (by name and empty channel), the times of messages alone.
+    """What a log holds; of topics that are not `wanted` (by name and empty channel), the times of
+    messages alone.
 
-    LogError if it cannot be read, is no MCAP file or is damaged, decompresses to more than is plausible, or a topic has
-    messages of several types.
+    LogError if it cannot be read, is no MCAP file or is damaged, decompresses to more than is
+    plausible, or a topic has messages of several types.
     """
 
-    def __init__(self, path: Path, wanted: Callable[[str, Messages], bool] = lambda topic, messages: True) -> None:
+    def __init__(
+        self, path: Path, wanted: Callable[[str, Messages], bool] = lambda topic, messages: True
+    ) -> None:
         self.path = path
         self.attachments = dict[str, bytes]()
         self.topics = dict[str, Messages]()
         self.metadata = dict[str, dict[str, str]]()
-        self.unverified: tuple[str, ...] = ()  # parts that no checksum covers, so that damage to them cannot be noticed
+        # parts that no checksum covers, so that damage to them cannot be noticed
+        self.unverified: tuple[str, ...] = ()
         schemas = dict[int, Schema]()
         channels = dict[int, Messages]()
         chunks = bare = 0
@@ -243,9 +280,15 @@ class Contents:
                     known = channels[record.id] = self.topics.setdefault(record.topic, new)
                     if known is new:
                         new.kept = wanted(record.topic, new)
-                    mine, others = ((m.encoding, m.schema and (m.schema.name, m.schema.data)) for m in (known, new))
+                    mine, others = (
+                        (m.encoding, m.schema and (m.schema.name, m.schema.data))
+                        for m in (known, new)
+                    )
                     if mine != others:
-                        raise LogError(f"{path}: channel {record.topic} has messages of two types; it may have one")
+                        raise LogError(
+                            f"{path}: channel {record.topic} has messages of two types; it may "
+                            "have one"
+                        )
                 elif isinstance(record, Attachment):
                     self.attachments[record.name] = record.data
                 elif isinstance(record, Metadata):
@@ -254,33 +297,51 @@ class Contents:
                     chunks = chunks + 1
                     bare = bare + (not record.uncompressed_crc)
                 elif isinstance(record, DataEnd) and not record.data_section_crc:
-                    self.unverified = ("metadata", *([f"{bare} of {chunks} chunks"] if bare else []))
+                    self.unverified = (
+                        "metadata",
+                        *([f"{bare} of {chunks} chunks"] if bare else []),
+                    )
             for m in self.topics.values():
                 if m.kept and np.any(m.time_ns[1:] < m.time_ns[:-1]):
                     order = np.argsort(m.time_ns, kind="stable").tolist()
-                    m.times, m.data = array("q", [m.times[i] for i in order]), [m.data[i] for i in order]
+                    m.times, m.data = (
+                        array("q", [m.times[i] for i in order]),
+                        [m.data[i] for i in order],
+                    )
 
     def start_ns(self) -> int:
-        """Start of the mission: the epoch of its scenario, or in other logs the first message kept [ns]."""
+        """Start of the mission: the epoch of its scenario, or in other logs the first message
+        kept [ns].
+        """
         if SCENARIO in self.attachments:
-            return Clock(scenario_file.parse(self.attachments[SCENARIO].decode(), SCENARIO)["epoch"]).epoch_ns
+            return Clock(
+                scenario_file.parse(self.attachments[SCENARIO].decode(), SCENARIO)["epoch"]
+            ).epoch_ns
         return min((int(m.time_ns[0]) for m in self.topics.values() if m.data), default=0)
 
     def require(self, topic: str, names: Sequence[str], empty: Any = None) -> Messages:
         """The messages of a topic that have fields of these names.
 
-        A channel without a message, which is not in the file, has the schema `empty`; None: it must be there. LogError
-        if there is no such channel or field.
+        A channel without a message, which is not in the file, has the schema `empty`; None: it must
+        be there. LogError if there is no such channel or field.
         """
         messages = self.topics.get(topic, empty and Messages(empty))
         if messages is None:
-            raise LogError(f"{self.path}: lacks channel {topic}; available: {', '.join(sorted(self.topics)) or 'none'}")
+            raise LogError(
+                f"{self.path}: lacks channel {topic}; available: "
+                f"{', '.join(sorted(self.topics)) or 'none'}"
+            )
         if not messages.is_protobuf:
             found = f"{messages.encoding!r}{'' if messages.schema else ' without a schema'}"
-            raise LogError(f"{self.path}: channel {topic} is encoded as {found}, expected protobuf and its schema")
+            raise LogError(
+                f"{self.path}: channel {topic} is encoded as {found}, expected protobuf and its "
+                "schema"
+            )
         if missing := [name for name in names if not messages.path(name)]:
             known = ", ".join(f.name for f in messages.message_class.DESCRIPTOR.fields)
-            raise LogError(f"{self.path}: channel {topic} lacks {', '.join(missing)}; its fields: {known}")
+            raise LogError(
+                f"{self.path}: channel {topic} lacks {', '.join(missing)}; its fields: {known}"
+            )
         return messages
 
 
@@ -293,7 +354,9 @@ def holds_messages(path: Path) -> bool:
 
 
 def _copy(path: Path, target: Path, remarks: list[str]) -> str:
-    """Write what is intact as a finished log; returns what is wrong with the log, "" for nothing."""
+    """Write what is intact as a finished log; returns what is wrong with the log, "" for
+    nothing.
+    """
     schemas = {0: 0}
     channels = dict[int, int]()
     metadata = dict[str, dict[str, str]]()
@@ -304,12 +367,16 @@ def _copy(path: Path, target: Path, remarks: list[str]) -> str:
     problem = ""
     with target.open("wb") as stream:
         # the library's own writer keeps all that a record holds
-        writer = Writer(stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True)
+        writer = Writer(
+            stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True
+        )
         writer.start()
 
         def write_instant() -> None:
             for m in instant:
-                writer.add_message(channels[m.channel_id], m.log_time, m.data, m.publish_time, m.sequence)
+                writer.add_message(
+                    channels[m.channel_id], m.log_time, m.data, m.publish_time, m.sequence
+                )
                 times_ns.append(m.log_time)
             instant.clear()
 
@@ -324,7 +391,9 @@ def _copy(path: Path, target: Path, remarks: list[str]) -> str:
                     schemas[r.id] = writer.register_schema(r.name, r.encoding, r.data)
                 elif isinstance(r, Channel) and r.id not in channels:
                     type_ = schemas.get(r.schema_id, 0)
-                    channels[r.id] = writer.register_channel(r.topic, r.message_encoding, type_, r.metadata)
+                    channels[r.id] = writer.register_channel(
+                        r.topic, r.message_encoding, type_, r.metadata
+                    )
                 elif isinstance(r, Attachment):
                     writer.add_attachment(r.create_time, r.log_time, r.name, r.media_type, r.data)
                     attachments += 1
@@ -339,29 +408,42 @@ def _copy(path: Path, target: Path, remarks: list[str]) -> str:
         else:
             write_instant()
         if problem and not times_ns:
-            raise LogError(f"{path}: holds no intact message ({problem}); there is nothing to recover")
+            raise LogError(
+                f"{path}: holds no intact message ({problem}); there is nothing to recover"
+            )
         if metadata and not whole:
-            remarks.append(f"metadata {', '.join(metadata)}: no checksum, damage cannot be detected")
+            remarks.append(
+                f"metadata {', '.join(metadata)}: no checksum, damage cannot be detected"
+            )
         if remarks:
             writer.add_metadata("recovery", {str(i): text for i, text in enumerate(remarks)})
         writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare
     span_s = np.ptp(times_ns) / 1e9 if times_ns else 0.0
-    remarks += [f"kept {len(times_ns)} messages of {span_s:g} s and {attachments} attachments", f"left out: {problem}"]
+    remarks += [
+        f"kept {len(times_ns)} messages of {span_s:g} s and {attachments} attachments",
+        f"left out: {problem}",
+    ]
     return problem
 
 
 def recover(path: Path, report: Callable[[str], None] = lambda remark: None) -> Path:
-    """Finish a log with everything before its first broken record but damaged attachments; the path of the result.
+    """Finish a log with everything before its first broken record but damaged attachments; the path
+    of the result.
 
-    A flight that was cut off ends with its last complete instant, with the outcome "interrupted". An unfinished log,
-    "NAME.partial", becomes NAME; a damaged one stays beside "NAME.recovered" + suffix. `report` takes remarks. LogError
-    if the log is complete, or holds no intact message, or the result cannot be written.
+    A flight that was cut off ends with its last complete instant, with the outcome "interrupted".
+    An unfinished log, "NAME.partial", becomes NAME; a damaged one stays beside "NAME.recovered" +
+    suffix. `report` takes remarks. LogError if the log is complete, or holds no intact message, or
+    the result cannot be written.
     """
     if not path.is_file():
         raise LogError(f"{path}: no such file")
     unfinished = path.suffix == ".partial"
     remarks = list[str]()
-    target = path.with_suffix("") if unfinished else path.with_name(f"{path.stem}.recovered{path.suffix}")
+    target = (
+        path.with_suffix("")
+        if unfinished
+        else path.with_name(f"{path.stem}.recovered{path.suffix}")
+    )
     try:
         with atomic_write(target) as work:
             problem = _copy(path, work, remarks)

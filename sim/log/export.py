@@ -39,10 +39,15 @@ def _leaves(descriptor: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 def _table(messages: Messages, start_ns: int) -> Any:
     """Times, then fields; enumerations by their names where these are known."""
     leaves = dict(_leaves(messages.message_class.DESCRIPTOR))
-    columns: dict[str, Any] = {"time_s": (messages.time_ns - start_ns) / 1e9, "log_time_ns": messages.time_ns}
+    columns: dict[str, Any] = {
+        "time_s": (messages.time_ns - start_ns) / 1e9,
+        "log_time_ns": messages.time_ns,
+    }
     for (name, leaf), values in zip(leaves.items(), messages.columns(list(leaves)), strict=True):
         if leaf.enum_type is not None:
-            names = {None: None} | {number: value.name for number, value in leaf.enum_type.values_by_number.items()}
+            names = {None: None} | {
+                number: value.name for number, value in leaf.enum_type.values_by_number.items()
+            }
             values = [names.get(number, str(number)) for number in values]
         kind = pa.uint64() if leaf.cpp_type in _UNSIGNED else None
         columns[f"{name}~2" if name in ("time_s", "log_time_ns") else name] = pa.array(values, kind)
@@ -50,16 +55,23 @@ def _table(messages: Messages, start_ns: int) -> Any:
 
 
 def export(path: Path, out: Path, table_format: str = "parquet") -> list[Path]:
-    """Write every protobuf channel with plain numbers or texts as a table; returns the files, in order of topic.
+    """Write every protobuf channel with plain numbers or texts as a table; returns the files, in
+    order of topic.
 
-    Every row begins with `time_s`, the mission time (without a scenario, since the first message of any table), and
-    `log_time_ns`, since 1970; a channel's field of such a name ends in "~2". The table of "/follower/estimate" is
-    "follower_estimate.parquet" in the folder `out`.
-    LogError if the log is damaged or has nothing to export, the format is unknown, or the folder cannot be written.
+    Every row begins with `time_s`, the mission time (without a scenario, since the first message of
+    any table), and `log_time_ns`, since 1970; a channel's field of such a name ends in "~2". The
+    table of "/follower/estimate" is "follower_estimate.parquet" in the folder `out`. LogError if
+    the log is damaged or has nothing to export, the format is unknown, or the folder cannot be
+    written.
     """
     if table_format not in _WRITERS:
         raise LogError(f"unknown format {table_format!r}; available: {', '.join(_WRITERS)}")
-    log = Contents(path, lambda _, messages: messages.is_protobuf and any(_leaves(messages.message_class.DESCRIPTOR)))
+    log = Contents(
+        path,
+        lambda _, messages: (
+            messages.is_protobuf and any(_leaves(messages.message_class.DESCRIPTOR))
+        ),
+    )
     files = list[Path]()
     taken = set[str]()
     topics = sorted(log.topics)
@@ -69,9 +81,12 @@ def export(path: Path, out: Path, table_format: str = "parquet") -> list[Path]:
         messages = log.topics.pop(topic)
         if not messages.data:
             continue
-        # other characters than letters, digits, ".", "_", "-" and "~" become %XX; some file systems ignore case
+        # other characters than letters, digits, ".", "_", "-" and "~" become %XX; some file systems
+        # ignore case
         name = quote(topic.strip("/").replace("/", "_"), safe="") or "channel"
-        name = next(n for k in count(1) if (n := f"{name}~{k}" if k > 1 else name).lower() not in taken)
+        name = next(
+            n for k in count(1) if (n := f"{name}~{k}" if k > 1 else name).lower() not in taken
+        )
         taken.add(name.lower())
         file = out / f"{name}.{table_format}"
         try:
@@ -85,7 +100,9 @@ def export(path: Path, out: Path, table_format: str = "parquet") -> list[Path]:
         files.append(file)
     if not files:
         available = ", ".join(topics) or "none"
-        raise LogError(f"{path}: expected protobuf channels with numbers or texts; available: {available}")
+        raise LogError(
+            f"{path}: expected protobuf channels with numbers or texts; available: {available}"
+        )
     return files
 
 
@@ -96,7 +113,9 @@ def _numbers(values: Any, names: str, prefix: str = "") -> Any:
 
 
 def _entities(rr: Any, entity: Any) -> Iterator[tuple[str, Any]]:
-    """Rerun's archetypes of an entity of a scene; empty ones remove those of the previous instant."""
+    """Rerun's archetypes of an entity of a scene; empty ones remove those of the previous
+    instant.
+    """
 
     def look(primitives: Any) -> dict[str, Any]:
         return {
@@ -106,7 +125,10 @@ def _entities(rr: Any, entity: Any) -> Iterator[tuple[str, Any]]:
             "fill_mode": "solid",
         }
 
-    half = {kind: _numbers(getattr(entity, kind), "xyz", "size.") / 2 for kind in ("cylinders", "spheres", "cubes")}
+    half = {
+        kind: _numbers(getattr(entity, kind), "xyz", "size.") / 2
+        for kind in ("cylinders", "spheres", "cubes")
+    }
     length = 2 * half["cylinders"][:, 2]
     radius = half["cylinders"][:, 0]
     yield "cylinders", rr.Cylinders3D(**look(entity.cylinders), lengths=length, radii=radius)
@@ -122,17 +144,31 @@ def _entities(rr: Any, entity: Any) -> Iterator[tuple[str, Any]]:
         placed = look([mesh])
         faces = np.reshape(mesh.indices, (-1, 3))
         points = _numbers(mesh.points, "xyz")
-        yield f"mesh{i}", rr.Transform3D(translation=placed["centers"][0], quaternion=placed["quaternions"][0])
-        yield f"mesh{i}", rr.Mesh3D(vertex_positions=points, triangle_indices=faces, albedo_factor=placed["colors"][0])
+        yield (
+            f"mesh{i}",
+            rr.Transform3D(translation=placed["centers"][0], quaternion=placed["quaternions"][0]),
+        )
+        yield (
+            f"mesh{i}",
+            rr.Mesh3D(
+                vertex_positions=points, triangle_indices=faces, albedo_factor=placed["colors"][0]
+            ),
+        )
 
 
 def write_recording(log_path: Path, path: Path) -> Path:
-    """Write scenes, moving vehicles and position errors of a flight as an `.rrd` file; LogError if that fails."""
+    """Write scenes, moving vehicles and position errors of a flight as an `.rrd` file; LogError
+    if that fails.
+    """
     try:
         import rerun as rr
     except ImportError:
-        raise LogError("a recording needs Rerun's package; install it with: pip install rerun-sdk") from None
-    log = Contents(log_path, lambda topic, _: topic in _SCENES or topic.endswith(("/pose", "/error")))
+        raise LogError(
+            "a recording needs Rerun's package; install it with: pip install rerun-sdk"
+        ) from None
+    log = Contents(
+        log_path, lambda topic, _: topic in _SCENES or topic.endswith(("/pose", "/error"))
+    )
     with log_errors(log_path), atomic_write(path) as part:
         start_ns = log.start_ns()
         # a fixed name: the same log gives the same recording
@@ -158,7 +194,9 @@ def write_recording(log_path: Path, path: Path) -> Path:
             name = topic.split("/")[1]
             index = [rr.TimeColumn(_TIMELINE, duration=(messages.time_ns - start_ns) / 1e9)]
             if topic.endswith("/pose"):
-                xyz, turn = np.split(log.require(topic, POSE_FIELDS).table(POSE_FIELDS), [3], axis=1)
+                xyz, turn = np.split(
+                    log.require(topic, POSE_FIELDS).table(POSE_FIELDS), [3], axis=1
+                )
                 entity = f"world/{name}"
                 columns = rr.Transform3D.columns(translation=xyz, quaternion=turn)
             else:

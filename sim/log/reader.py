@@ -1,4 +1,6 @@
-"""Logs read back: the flight to the bit, or the measurements alone, of the simulator or of a real vehicle."""
+"""Logs read back: the flight to the bit, or the measurements alone, of the simulator or of a
+real vehicle.
+"""
 
 import json
 from collections.abc import Sequence
@@ -21,10 +23,9 @@ CORE = (vehicle_state(()), *MEASURED, *estimated(Estimates), *DETAILS.values())
 """Types of the channels that make up a flight."""
 _OWN, _RECEIVED = MEASURED
 LONGEST_GAP_S = 10.0  # longer gaps between own measurements are not bridged unless requested [s]
-# shortest gap, in filter steps, and most gaps that are named
-_GAP = 2.0
-_NAMED = 5
-# of usual filter steps
+_GAP = 2.0  # shortest gap [filter steps]
+_NAMED = 5  # most gaps that are named
+# limits of usual filter steps
 _SHORTEST_NS = 10**5
 _LONGEST_NS = 10**11
 _OPTIONAL = ("leader_pitch", "leader_roll", "leader_heading_sigma", "range_middle")
@@ -40,7 +41,9 @@ class Recording(NamedTuple):
 
 
 def _record(log: Contents, name: str, types: Sequence[RecordType], grid_ns: Ints) -> dict[str, Any]:
-    """Arrays of channels of a vehicle in a flight by attribute; messages must have these times, shape (n,), [ns]."""
+    """Arrays of channels of a vehicle in a flight by attribute; messages must have these times,
+    shape (n,), [ns].
+    """
     found = dict[str, Any]()
     for type_ in types:
         topic = f"/{name}/{type_.topic}"
@@ -51,10 +54,19 @@ def _record(log: Contents, name: str, types: Sequence[RecordType], grid_ns: Ints
         if type_.steps:
             # of channels with the same steps each has a message at all of them
             complete = np.array_equal(found.setdefault(type_.steps, step + 1), step + 1)
-        if not complete or np.any(step == grid_ns.size) or np.any(grid_ns[step] != messages.time_ns):
-            raise LogError(f"{log.path}: the messages of {topic} are not at the times of a flight, without a gap")
+        if (
+            not complete
+            or np.any(step == grid_ns.size)
+            or np.any(grid_ns[step] != messages.time_ns)
+        ):
+            raise LogError(
+                f"{log.path}: the messages of {topic} are not at the times of a flight, without a "
+                "gap"
+            )
         for a in type_.columns:
-            numbers = messages.table(a.names).astype(np.int64 if a.integer else np.float64, copy=False)
+            numbers = messages.table(a.names).astype(
+                np.int64 if a.integer else np.float64, copy=False
+            )
             found[a.attribute] = numbers.reshape(len(numbers), *a.shape)
         # hours of messages would fill the memory beside their numbers
         log.topics.pop(topic, None)
@@ -68,9 +80,17 @@ def _trajectory(log: Contents, grid_ns: Ints) -> Trajectory:
     force = np.reshape(table["effector_force"], (len(table["names"]), -1, 3))
     for name, own in zip(table["names"], table["effector_names"] or [()] * len(force), strict=True):
         arrays = _record(log, name, [vehicle_state(tuple(own))], grid_ns)
-        found.append(arrays | {"thrust": np.pad(arrays["thrust"], ((0, 0), (0, force.shape[1] - len(own))))})
-    state = {name: np.stack([arrays.pop(name) for arrays in found], axis=1) for name in ("water_velocity", "thrust")}
-    for name, parts in (("pose", ("position", "quaternion")), ("twist", ("velocity", "angular_velocity"))):
+        found.append(
+            arrays | {"thrust": np.pad(arrays["thrust"], ((0, 0), (0, force.shape[1] - len(own))))}
+        )
+    state = {
+        name: np.stack([arrays.pop(name) for arrays in found], axis=1)
+        for name in ("water_velocity", "thrust")
+    }
+    for name, parts in (
+        ("pose", ("position", "quaternion")),
+        ("twist", ("velocity", "angular_velocity")),
+    ):
         both = (np.concatenate([arrays.pop(part) for part in parts], axis=1) for arrays in found)
         state[name] = np.stack([*both], axis=1)
     return Trajectory(
@@ -86,21 +106,28 @@ def _trajectory(log: Contents, grid_ns: Ints) -> Trajectory:
 
 
 def read(path: Path | str) -> Flight:
-    """The flight that `sim.log.writer.write` wrote, equal to the bit; LogError if it is damaged, or lacks something."""
+    """The flight that `sim.log.writer.write` wrote, equal to the bit; LogError if it is damaged,
+    or lacks something.
+    """
     path = Path(path)
-    log = Contents(path, lambda topic, _: topic.endswith(tuple(f"/{type_.topic}" for type_ in CORE)))
+    log = Contents(
+        path, lambda topic, _: topic.endswith(tuple(f"/{type_.topic}" for type_ in CORE))
+    )
     missing = [f"attachment {name}" for name in (SCENARIO, VEHICLES) if name not in log.attachments]
     missing += [] if FLIGHT in log.metadata else [f"metadata {FLIGHT}"]
     if missing:
         raise LogError(
             f"{path}: holds no flight: it lacks {', '.join(missing)}; available: "
-            f"{', '.join(sorted(log.topics)) or 'no channels'}. Navigation alone needs /FOLLOWER/motion and "
+            f"{', '.join(sorted(log.topics)) or 'no channels'}. Navigation alone needs "
+            "/FOLLOWER/motion and "
             "/FOLLOWER/reception: laisn replay LOG --scenario FILE"
         )
     with log_errors(path):
         facts = log.metadata[FLIGHT]
         text = log.attachments[SCENARIO].decode()
-        scenario = scenario_file.validate(scenario_file.parse(text, SCENARIO), f"{path}, {SCENARIO}")
+        scenario = scenario_file.validate(
+            scenario_file.parse(text, SCENARIO), f"{path}, {SCENARIO}"
+        )
         clock = Clock(scenario.epoch)
         dt = scenario.timing.filter_step_s
         outcome = Outcome[facts["outcome"]]
@@ -109,19 +136,30 @@ def read(path: Path | str) -> Flight:
         trajectory = _trajectory(log, clock.ns(CONTROL_STEP_S * np.arange(last + 1)))
         if outcome is Outcome.COMPLETED and steps != scenario.filter_steps:
             raise LogError(
-                f"{path}: a completed mission of {scenario.duration_s:g} s has {scenario.filter_steps} filter steps, "
+                f"{path}: a completed mission of {scenario.duration_s:g} s has "
+                f"{scenario.filter_steps} filter steps, "
                 f"this log has {steps}"
             )
         steps_ns = clock.ns(dt * np.arange(1, steps + 1))
-        kind = next((kind for kind, type_ in DETAILS.items() if facts.get(type_.topic) == "True"), Estimates)
+        kind = next(
+            (kind for kind, type_ in DETAILS.items() if facts.get(type_.topic) == "True"), Estimates
+        )
         names = trajectory.names[1:]
-        measured = tuple(Measurements(dt=dt, **_record(log, name, MEASURED, steps_ns)) for name in names)
+        measured = tuple(
+            Measurements(dt=dt, **_record(log, name, MEASURED, steps_ns)) for name in names
+        )
         estimates = tuple(kind(**_record(log, name, estimated(kind), steps_ns)) for name in names)
         for name, m, e in zip(names, measured, estimates, strict=True):
             if not np.array_equal(np.unique(e.fix_step), m.message_step):
-                raise LogError(f"{path}: {name} has receptions without a fix, or fixes without a reception")
+                raise LogError(
+                    f"{path}: {name} has receptions without a fix, or fixes without a reception"
+                )
         return Flight(
-            scenario=scenario, trajectory=trajectory, measurements=measured, estimates=estimates, outcome=outcome
+            scenario=scenario,
+            trajectory=trajectory,
+            measurements=measured,
+            estimates=estimates,
+            outcome=outcome,
         )
 
 
@@ -130,10 +168,11 @@ def _count(number: int, what: str) -> str:
 
 
 def _optional(messages: Messages, names: Sequence[str]) -> Floats:
-    """Numbers by the names of their fields, NaN for those that are not in a message, shape (n, len(names)).
+    """Numbers by the names of their fields, NaN for those that are not in a message, shape (n,
+    len(names)).
 
-    Where a type cannot distinguish zero from an absent number (protobuf 3 without `optional`), zero in a range, or
-    in a quantity that need not be broadcast, stands for one that is not there.
+    Where a type cannot distinguish zero from an absent number (protobuf 3 without `optional`), zero
+    in a range, or in a quantity that need not be broadcast, stands for one that is not there.
     """
     there = [name for name in names if messages.path(name)]
     values = np.full((len(messages.data), len(names)), np.nan)
@@ -152,11 +191,14 @@ def _gaps(path: Path, topic: str, time_ns: Ints, spacing: Ints, longest_gap_s: f
     named = found[np.argsort(-spacing[found], kind="stable")][:_NAMED]
     begin = time_ns[named] - time_ns[0]
     number = _count(found.size, "gap")
-    places = ", ".join(f"{s / 1e9:.3g} s at {b / 1e9:.3f} s" for s, b in zip(spacing[named], begin, strict=True))
+    places = ", ".join(
+        f"{s / 1e9:.3g} s at {b / 1e9:.3f} s" for s, b in zip(spacing[named], begin, strict=True)
+    )
     places += f" and {found.size - named.size} shorter ones" if found.size > named.size else ""
     if spacing.max() / 1e9 > max(longest_gap_s, longest_step / 1e9):
         raise LogError(
-            f"{path}: {topic} has {number} ({places}); gaps of up to {longest_gap_s:g} s are bridged. Cut the log "
+            f"{path}: {topic} has {number} ({places}); gaps of up to {longest_gap_s:g} s are "
+            "bridged. Cut the log "
             "there, or allow longer ones: --longest-gap SECONDS"
         )
     return [f"{number} in {topic} bridged: {places}"] if found.size else []
@@ -166,12 +208,16 @@ def _last_of_equals(values: Ints) -> Bools:
     return np.append(np.diff(values) > 0, True)[: values.size]
 
 
-def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: float = LONGEST_GAP_S) -> Recording:
-    """What one follower of a flight, or a real vehicle, received and sensed in `/NAME/motion` and `/NAME/reception`.
+def read_recording(
+    path: Path | str, follower: str = "follower", longest_gap_s: float = LONGEST_GAP_S
+) -> Recording:
+    """What one follower of a flight, or a real vehicle, received and sensed in `/NAME/motion` and
+    `/NAME/reception`.
 
-    Own measurements are the filter steps, each as long as it took. Δt is the median, and the first ends a step of Δt. A
-    reception belongs to the first step at or after it (`docs/log.md`). LogError if the log is damaged, lacks a channel
-    or a field, has fewer than two own measurements, or a gap longer than `longest_gap_s`.
+    Own measurements are the filter steps, each as long as it took. Δt is the median, and the first
+    ends a step of Δt. A reception belongs to the first step at or after it (`docs/log.md`).
+    LogError if the log is damaged, lacks a channel or a field, has fewer than two own measurements,
+    or a gap longer than `longest_gap_s`.
     """
     topic = f"/{follower}/motion"
     received = f"/{follower}/reception"
@@ -179,7 +225,9 @@ def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: 
     with log_errors(log.path):
         motion = log.require(topic, _OWN.fields)
         needed = [name for name in _RECEIVED.fields if name not in _OPTIONAL]
-        reception = log.require(received, needed, _RECEIVED.schema if FLIGHT in log.metadata else None)
+        reception = log.require(
+            received, needed, _RECEIVED.schema if FLIGHT in log.metadata else None
+        )
         time_ns = motion.time_ns
         own = motion.table(_OWN.fields).T
         heard_ns = reception.time_ns
@@ -197,7 +245,8 @@ def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: 
     own = own[:, finite][:, last]
     if time_ns.size < 2:
         raise LogError(
-            f"{log.path}: {topic} holds {_count(time_ns.size, 'usable message')}; at least two are needed to "
+            f"{log.path}: {topic} holds {_count(time_ns.size, 'usable message')}; at least two are "
+            "needed to "
             "determine the filter step"
         )
     spacing = np.diff(time_ns)
@@ -222,10 +271,24 @@ def read_recording(path: Path | str, follower: str = "follower", longest_gap_s: 
         number = int(np.count_nonzero(which))
         remarks += [f"{_count(number, 'message')} of {where} left out: {why}"] if number else []
     if absurd.any():
-        remarks.append(f"{_count(int(absurd.sum()), 'range')} of {received} taken as not received: no positive number")
-    remarks += [f"{what}: no checksum, damage cannot be detected" for what in log.unverified if "chunks" in what]
+        remarks.append(
+            f"{_count(int(absurd.sum()), 'range')} of {received} taken as not received: no "
+            "positive number"
+        )
+    remarks += [
+        f"{what}: no checksum, damage cannot be detected"
+        for what in log.unverified
+        if "chunks" in what
+    ]
     measurements = Measurements(
-        dt=dt_ns / 1e9, speed=own[0], heading=own[1], depth=own[2], message_step=step[kept], message=message[kept],
-        ranges=ranges[kept], durations=durations, transmitters=None if np.all(np.isnan(places)) else places[kept],
-    )  # fmt: skip
+        dt=dt_ns / 1e9,
+        speed=own[0],
+        heading=own[1],
+        depth=own[2],
+        message_step=step[kept],
+        message=message[kept],
+        ranges=ranges[kept],
+        durations=durations,
+        transmitters=None if np.all(np.isnan(places)) else places[kept],
+    )
     return Recording(measurements, tuple(remarks))

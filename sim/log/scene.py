@@ -1,4 +1,6 @@
-"""What Foxglove draws: hulls, trails and uncertainty at 1 Hz, rays and ranges at each ping; and a layout of panels."""
+"""What Foxglove draws: hulls, trails and uncertainty at 1 Hz, rays and ranges at each ping; and
+a layout of panels.
+"""
 
 import json
 import math
@@ -25,9 +27,8 @@ Draw = Callable[[int, int], fg.SceneUpdate]
 
 _TRAIL_S = 100  # a point every second
 _CONFIDENCE = math.sqrt(-2.0 * math.log(0.05))  # 95 % of a Rayleigh distribution
-# thickness of discs and ellipses, diameter of a fix
-_DISC_M = 0.02
-_FIX_M = 0.4
+_DISC_M = 0.02  # thickness of discs and ellipses
+_FIX_M = 0.4  # diameter of a fix
 
 TRUTH = fg.Color(r=0.95, g=0.62, b=0.08, a=0.9)
 ESTIMATE = fg.Color(r=0.85, g=0.15, b=0.75, a=0.9)
@@ -46,12 +47,18 @@ def _points(places: Iterable[Sequence[float]]) -> list[fg.Point3]:
     return [fg.Point3(x=x, y=y, z=z) for x, y, z in places]
 
 
-def _line(kind: fg.LinePrimitiveLineType, color: fg.Color, points: list[fg.Point3]) -> fg.LinePrimitive:
-    return fg.LinePrimitive(type=kind, thickness=2.0, scale_invariant=True, points=points, color=color)
+def _line(
+    kind: fg.LinePrimitiveLineType, color: fg.Color, points: list[fg.Point3]
+) -> fg.LinePrimitive:
+    return fg.LinePrimitive(
+        type=kind, thickness=2.0, scale_invariant=True, points=points, color=color
+    )
 
 
 def _cylinder(place: Any, size: Sequence[float], color: fg.Color) -> fg.CylinderPrimitive:
-    return fg.CylinderPrimitive(pose=place, size=vector(size), bottom_scale=1.0, top_scale=1.0, color=color)
+    return fg.CylinderPrimitive(
+        pose=place, size=vector(size), bottom_scale=1.0, top_scale=1.0, color=color
+    )
 
 
 def _sphere(place: Any, size: Sequence[float], color: fg.Color) -> fg.SpherePrimitive:
@@ -82,19 +89,31 @@ def hull(model: Any) -> dict[str, list[Any]]:
         elif kind == kinds.mjGEOM_BOX:
             parts["cubes"].append(fg.CubePrimitive(pose=place, size=vector(size), color=color))
         elif kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
-            parts["spheres"].append(_sphere(place, [width] * 3 if kind == kinds.mjGEOM_SPHERE else size, color))
+            parts["spheres"].append(
+                _sphere(place, [width] * 3 if kind == kinds.mjGEOM_SPHERE else size, color)
+            )
         elif kind == kinds.mjGEOM_MESH:
             mesh = model.geom_dataid[geom]
-            vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]].astype(np.float64)
-            faces = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]].ravel().tolist()
+            vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][
+                : model.mesh_vertnum[mesh]
+            ].astype(np.float64)
+            faces = (
+                model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
+                .ravel()
+                .tolist()
+            )
             parts["triangles"].append(
-                fg.TriangleListPrimitive(pose=place, points=_points(vertices.tolist()), indices=faces, color=color)
+                fg.TriangleListPrimitive(
+                    pose=place, points=_points(vertices.tolist()), indices=faces, color=color
+                )
             )
     return parts
 
 
 def _ellipses(estimates: Estimates, row: int, z: float) -> Iterator[fg.SpherePrimitive]:
-    """95 % ellipses, flat spheroids, of the estimate in a row, and of all hypotheses after the last message before."""
+    """95 % ellipses, flat spheroids, of the estimate in a row, and of all hypotheses after the
+    last message before.
+    """
     places = [estimates.state[row, :2]]
     spreads = [estimates.covariance[row, :2, :2]]
     made = int(np.searchsorted(estimates.fix_step, row + 1, side="right")) - 1
@@ -110,14 +129,19 @@ def _ellipses(estimates: Estimates, row: int, z: float) -> Iterator[fg.SpherePri
             mean = (xx + yy) / 2
             apart = math.hypot((xx - yy) / 2, xy)
             # eigenvalues, and half of the larger one's direction
-            major, minor = (2 * _CONFIDENCE * math.sqrt(max(value, 0.0)) for value in (mean + apart, mean - apart))
+            major, minor = (
+                2 * _CONFIDENCE * math.sqrt(max(value, 0.0))
+                for value in (mean + apart, mean - apart)
+            )
             half_turn = math.atan2(2 * xy, xx - yy) / 4
             at = pose((*place.tolist(), z), (math.cos(half_turn), 0.0, 0.0, math.sin(half_turn)))
             yield _sphere(at, (major, minor, _DISC_M), _UNCERTAINTY)
 
 
 def draw_hulls(flight: Flight, index: Ints) -> tuple[Ints, Draw]:
-    """Points of the trajectory at which hulls are drawn, shape (n,): the first alone if none has moving fins."""
+    """Points of the trajectory at which hulls are drawn, shape (n,): the first alone if none has
+    moving fins.
+    """
     names = flight.trajectory.names
     states = flight.trajectory.thrust[index]
     compiled = [spec_of(model).compile() for model in models_of(flight.scenario)]
@@ -129,7 +153,12 @@ def draw_hulls(flight: Flight, index: Ints) -> tuple[Ints, Draw]:
         for v, name in enumerate(names):
             if move:
                 fins[v].turn(states[i, v])
-            whole: dict[str, Any] = {"id": f"{name}/hull", "frame_id": name, "frame_locked": True, **hull(compiled[v])}
+            whole: dict[str, Any] = {
+                "id": f"{name}/hull",
+                "frame_id": name,
+                "frame_locked": True,
+                **hull(compiled[v]),
+            }
             entities.append(fg.SceneEntity(timestamp=timestamp(time_ns), **whole))
         return fg.SceneUpdate(entities=entities)
 
@@ -137,7 +166,9 @@ def draw_hulls(flight: Flight, index: Ints) -> tuple[Ints, Draw]:
 
 
 def draw_vehicles(flight: Flight, index: Ints) -> Draw:
-    """Complete updates of trails and 95 % ellipses at points of the trajectory a second apart, shape (n,)."""
+    """Complete updates of trails and 95 % ellipses at points of the trajectory a second apart,
+    shape (n,).
+    """
     names = flight.trajectory.names
     trails = [_points(flight.trajectory.position[index, v].tolist()) for v in range(len(names))]
     # the last filter step at or before each point; the state of step k stands in row k − 1
@@ -151,7 +182,9 @@ def draw_vehicles(flight: Flight, index: Ints) -> Draw:
         stamp = timestamp(time_ns)
         entities = []
 
-        def trail(name: str, color: fg.Color, points: list[fg.Point3], **more: Any) -> fg.SceneEntity:
+        def trail(
+            name: str, color: fg.Color, points: list[fg.Point3], **more: Any
+        ) -> fg.SceneEntity:
             lines = [_line(fg.LinePrimitiveLineType.LineStrip, color, points)]
             return fg.SceneEntity(timestamp=stamp, id=name, frame_id="world", lines=lines, **more)
 
@@ -207,17 +240,29 @@ def _ping(
 
 
 def draw_acoustics(flight: Flight, steps: Ints) -> Draw:
-    """Rays, discs of horizontal ranges at the hydrophone's depth, fixes (red: gated), at filter steps, shape (n,)."""
+    """Rays, discs of horizontal ranges at the hydrophone's depth, fixes (red: gated), at filter
+    steps, shape (n,).
+    """
     truth = flight.trajectory
     index = steps * flight.stride
-    ends = [name for name in truth.site_names if name.rpartition("/")[2].startswith(("tx_", "hydrophone"))]
+    ends = [
+        name
+        for name in truth.site_names
+        if name.rpartition("/")[2].startswith(("tx_", "hydrophone"))
+    ]
     paths = {name: truth.site_path(name, index) for name in ends}
-    messages = [{step: i for i, step in enumerate(m.message_step.tolist())} for m in flight.measurements]
+    messages = [
+        {step: i for i, step in enumerate(m.message_step.tolist())} for m in flight.measurements
+    ]
 
     def draw(time_ns: int, i: int) -> fg.SceneUpdate:
         step = int(steps[i])
         sites = {name: path[i].tolist() for name, path in paths.items()}
-        pings = [_ping(flight, f, own[step], time_ns, sites) for f, own in enumerate(messages) if step in own]
+        pings = [
+            _ping(flight, f, own[step], time_ns, sites)
+            for f, own in enumerate(messages)
+            if step in own
+        ]
         return fg.SceneUpdate(entities=pings)
 
     return draw
@@ -226,7 +271,11 @@ def draw_acoustics(flight: Flight, steps: Ints) -> Draw:
 def layout(names: Sequence[str]) -> str:
     """A layout for Foxglove, as JSON, for vehicles of these names, the leader first."""
     template = resources.files("sim.log").joinpath("foxglove.json.j2").read_text("utf-8")
-    environment = jinja2.Environment(trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined)
+    environment = jinja2.Environment(
+        trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
+    )
     hues = {"leader": LEADER_HUE, "follower": FOLLOWER_HUE, "estimate": ESTIMATE_HUE}
-    text = environment.from_string(template).render(leader=names[0], followers=list(names[1:]), hues=hues)
+    text = environment.from_string(template).render(
+        leader=names[0], followers=list(names[1:]), hues=hues
+    )
     return json.dumps(json.loads(text)) + "\n"

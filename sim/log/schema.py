@@ -1,4 +1,6 @@
-"""The table of numeric channels: which arrays of a flight their messages hold, as protobuf types and as bytes."""
+"""The table of numeric channels: which arrays of a flight their messages hold, as protobuf types
+and as bytes.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,23 +29,31 @@ _FORMATS = {Field.TYPE_DOUBLE: "<f8", Field.TYPE_SFIXED64: "<i8", Field.TYPE_FIX
 
 
 class Clock:
-    """Converts times since the start of the mission [s] to times since 1970 [ns]; LaisnError for an epoch before."""
+    """Converts times since the start of the mission [s] to times since 1970 [ns]; LaisnError for
+    an epoch before.
+    """
 
     def __init__(self, epoch: str) -> None:
         since_1970 = datetime.fromisoformat(epoch) - datetime(1970, 1, 1, tzinfo=UTC)
         self.epoch_ns = since_1970 // timedelta(microseconds=1) * 1000
         # a Foxglove timestamp counts seconds in 32 bits, which end in 2106
         if not 0 <= self.epoch_ns < (2**32 - 10**8) * 10**9:
-            raise LaisnError(f"epoch {epoch} lies outside 1970 … 2102, the years that a log can hold")
+            raise LaisnError(
+                f"epoch {epoch} lies outside 1970 … 2102, the years that a log can hold"
+            )
 
     def ns(self, time_s: npt.ArrayLike) -> Ints:
         """Times since 1970 [ns], of the same shape."""
-        return np.asarray(self.epoch_ns + np.rint(np.asarray(time_s, dtype=np.float64) * 1e9).astype(np.int64))
+        return np.asarray(
+            self.epoch_ns + np.rint(np.asarray(time_s, dtype=np.float64) * 1e9).astype(np.int64)
+        )
 
 
 @lru_cache(maxsize=1024)
 def timestamp(time_ns: int) -> Timestamp:
-    """A time since 1970 as Foxglove's messages hold it; many channels have messages at the same times."""
+    """A time since 1970 as Foxglove's messages hold it; many channels have messages at the same
+    times.
+    """
     return Timestamp(sec=time_ns // 10**9, nsec=time_ns % 10**9)
 
 
@@ -70,7 +80,9 @@ def message_class_of(schema: Any) -> Any:
 
 
 class FixedLayout(NamedTuple):
-    """Messages with eight bytes for every field: dtype of the numbers, a message, and where it holds no numbers."""
+    """Messages with eight bytes for every field: dtype of the numbers, a message, and where it
+    holds no numbers.
+    """
 
     dtype: np.dtype[np.void]
     example: bytes
@@ -86,7 +98,14 @@ def fixed_layout(message_class: Any) -> FixedLayout | None:
     ends = np.cumsum([message_class(**{field.name: 1}).ByteSize() for field in fields])
     names = [field.name for field in fields]
     formats = [_FORMATS[field.type] for field in fields]
-    dtype = np.dtype({"names": names, "formats": formats, "offsets": (ends - 8).tolist(), "itemsize": int(ends[-1])})
+    dtype = np.dtype(
+        {
+            "names": names,
+            "formats": formats,
+            "offsets": (ends - 8).tolist(),
+            "itemsize": int(ends[-1]),
+        }
+    )
     tags = np.setdiff1d(np.arange(ends[-1]), ends[:, None] - np.arange(1, 9))
     return FixedLayout(dtype, message_class(**dict.fromkeys(names, 1)).SerializeToString(), tags)
 
@@ -97,7 +116,8 @@ class RecordType:
 
     name: str
     topic: str  # end of its topics
-    columns: tuple[Columns, ...]  # arrays of a record, and the fields of a message that hold their numbers
+    # arrays of a record, and the fields of a message that hold their numbers
+    columns: tuple[Columns, ...]
     steps: str = ""  # array with the filter step of each message; "": there is one at every step
 
     @property
@@ -106,14 +126,24 @@ class RecordType:
 
     @cached_property
     def schema(self) -> Schema:
-        """A protobuf type in the package `laisn`, whose fields have presence: absent numbers are not zero."""
+        """A protobuf type in the package `laisn`, whose fields have presence: absent numbers are
+        not zero.
+        """
         files = descriptor_pb2.FileDescriptorSet()
-        fields = files.file.add(name=f"laisn/{self.name}.proto", package="laisn").message_type.add(name=self.name).field
+        fields = (
+            files.file.add(name=f"laisn/{self.name}.proto", package="laisn")
+            .message_type.add(name=self.name)
+            .field
+        )
         integer = {name: array.integer for array in self.columns for name in array.names}
         for number, name in enumerate(self.fields, start=1):
             type_ = Field.TYPE_SFIXED64 if integer[name] else Field.TYPE_DOUBLE
             fields.add(name=name, number=number, type=type_, label=Field.LABEL_OPTIONAL)
-        return Schema(name=f"laisn.{self.name}", encoding=SchemaEncoding.Protobuf, data=files.SerializeToString())
+        return Schema(
+            name=f"laisn.{self.name}",
+            encoding=SchemaEncoding.Protobuf,
+            data=files.SerializeToString(),
+        )
 
     @cached_property
     def message_class(self) -> Any:
@@ -150,13 +180,18 @@ _BODY = ("x", "y", "z")
 _PLANE = ("x", "y")
 PLACES = _array("transmitters", "", Ranges._fields, ("east", "north", "depth"))
 """Positions of the transmitters: rear_east, rear_north, rear_depth …"""
-POSE_FIELDS = (*(f"pose.position.{axis}" for axis in "xyz"), *(f"pose.orientation.{axis}" for axis in "xyzw"))
+POSE_FIELDS = (
+    *(f"pose.position.{axis}" for axis in "xyz"),
+    *(f"pose.orientation.{axis}" for axis in "xyzw"),
+)
 """Numbers of Foxglove's PoseInFrame."""
 
 
 @cache
 def vehicle_state(effectors: tuple[str, ...]) -> RecordType:
-    """True state of a vehicle with these effectors: the thrust of `thruster_main` is the field `thrust_main`."""
+    """True state of a vehicle with these effectors: the thrust of `thruster_main` is the field
+    `thrust_main`.
+    """
     return RecordType(
         # vehicles of one log may differ in their effectors
         name=f"VehicleState_{crc32(','.join(effectors).encode()):08x}",
@@ -178,9 +213,14 @@ def vehicle_state(effectors: tuple[str, ...]) -> RecordType:
 FIXED = ("names", "effector_names", "effector_force", "site_names", "site_vehicle", "site_offset")
 """Arrays of a trajectory that are attached."""
 OWN_MOTION = RecordType(name="OwnMotion", topic="motion", columns=_numbers(*OwnMotion._fields))
-_RECEIVED = _array("message", "leader", LeaderMessage._fields), _array("ranges", "range", Ranges._fields)
+_RECEIVED = (
+    _array("message", "leader", LeaderMessage._fields),
+    _array("ranges", "range", Ranges._fields),
+)
 RECEPTION = RecordType(name="Reception", topic="reception", columns=_RECEIVED, steps="message_step")
-PLACED_RECEPTION = RecordType(name="PlacedReception", topic="reception", columns=(*_RECEIVED, PLACES))
+PLACED_RECEPTION = RecordType(
+    name="PlacedReception", topic="reception", columns=(*_RECEIVED, PLACES)
+)
 """A reception with the positions of the transmitters; of beacons and buoys, in logs of vehicles."""
 FILTER_STATE = RecordType(
     name="FilterState",

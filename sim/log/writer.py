@@ -23,7 +23,16 @@ from sim import attitude
 from sim.attitude import geodetic
 from sim.flight import Flight, Outcome, position_and_bearing_errors
 from sim.log import schema
-from sim.log.contents import FLIGHT, SCENARIO, SUMMARY, VEHICLES, VERSIONS, LogError, holds_messages, partial_path
+from sim.log.contents import (
+    FLIGHT,
+    SCENARIO,
+    SUMMARY,
+    VEHICLES,
+    VERSIONS,
+    LogError,
+    holds_messages,
+    partial_path,
+)
 from sim.log.scene import ESTIMATE, TRUTH, draw_acoustics, draw_hulls, draw_vehicles
 from sim.log.schema import Clock, RecordType, pose, quaternion, timestamp, vector
 from sim.scenario.settings import CONTROL_STEP_S
@@ -31,9 +40,13 @@ from sim.trajectory import Trajectory
 
 _BLOCK_NS = 20 * 10**9  # what was logged of this time is in the file before more is logged [ns]
 _PACKAGES = ("laisn-sim", "mujoco", "numpy", "scipy", "numba", "filterpy", "mcap", "foxglove-sdk")
-_CONVENTIONS: dict[str, str] = json.loads((Path(__file__).parent / "conventions.json").read_text(encoding="utf-8"))
+_CONVENTIONS: dict[str, str] = json.loads(
+    (Path(__file__).parent / "conventions.json").read_text(encoding="utf-8")
+)
 Frame = tuple[float, bytes]
-"""Time since the start [s] and H.264 access unit (Annex B, no B-frames, parameter sets with every key frame)."""
+"""Time since the start [s] and H.264 access unit (Annex B, no B-frames, parameter sets with
+every key frame).
+"""
 Level = Literal["debug", "info", "warning", "error"]
 
 _FIX_LEVELS: dict[FixKind, Level] = {
@@ -62,7 +75,9 @@ class Channel(NamedTuple):
 
 
 Column = schema.Array | Callable[[slice], schema.Array]
-"""Rows, or what computes a stretch of them when they are written: whole, those of a day would take much memory."""
+"""Rows, or what computes a stretch of them when they are written: whole, those of a day would
+take much memory.
+"""
 
 
 def _stretch(column: Column, part: slice) -> schema.Array:
@@ -70,16 +85,24 @@ def _stretch(column: Column, part: slice) -> schema.Array:
 
 
 def numeric(prefix: str, type_: RecordType, time_ns: Ints, arrays: Mapping[str, Column]) -> Channel:
-    """A channel of numbers: messages at times, shape (n,), [ns], from arrays by attribute, n rows each."""
+    """A channel of numbers: messages at times, shape (n,), [ns], from arrays by attribute, n
+    rows each.
+    """
 
     def rows(part: slice) -> list[bytes]:
-        return type_.rows({column.attribute: _stretch(arrays[column.attribute], part) for column in type_.columns})
+        return type_.rows(
+            {column.attribute: _stretch(arrays[column.attribute], part) for column in type_.columns}
+        )
 
     return Channel(f"{prefix}/{type_.topic}", type_.schema, time_ns, rows)
 
 
-def _channel(topic: str, type_: Any, time_ns: Ints, encode: Callable[..., Any], *columns: Column) -> Channel:
-    """Messages of a type of Foxglove's, each made from its time [ns] and its row of every column, shape (n, …)."""
+def _channel(
+    topic: str, type_: Any, time_ns: Ints, encode: Callable[..., Any], *columns: Column
+) -> Channel:
+    """Messages of a type of Foxglove's, each made from its time [ns] and its row of every
+    column, shape (n, …).
+    """
 
     def rows(part: slice) -> Iterator[bytes]:
         values = (_stretch(column, part).tolist() for column in columns)
@@ -100,32 +123,55 @@ def poses(topic: str, time_ns: Ints, position: Column, quaternion: Column) -> Ch
 def _locations(
     flight: Flight, topic: str, time_ns: Ints, position: Floats, covariance: Floats | None = None
 ) -> Channel:
-    """Positions, shape (n, 3), [m], on the map; horizontal covariances, shape (n, 2, 2), make them estimates."""
+    """Positions, shape (n, 3), [m], on the map; horizontal covariances, shape (n, 2, 2), make
+    them estimates.
+    """
     kinds = fg.LocationFixPositionCovarianceType
     # Rerun 0.41 writes invalid points for a fix without a colour
     kind, color = (kinds.Unknown, TRUTH) if covariance is None else (kinds.Known, ESTIMATE)
 
-    def fix_at(at: int, place: Sequence[float], spread: Sequence[Sequence[float]]) -> fg.LocationFix:
+    def fix_at(
+        at: int, place: Sequence[float], spread: Sequence[Sequence[float]]
+    ) -> fg.LocationFix:
         latitude, longitude, altitude = place
         return fg.LocationFix(
-            timestamp=timestamp(at), frame_id="world", color=color, position_covariance_type=kind, latitude=latitude,
-            longitude=longitude, altitude=altitude, position_covariance=[*spread[0], 0.0, *spread[1], *[0.0] * 4],
-        )  # fmt: skip
+            timestamp=timestamp(at),
+            frame_id="world",
+            color=color,
+            position_covariance_type=kind,
+            latitude=latitude,
+            longitude=longitude,
+            altitude=altitude,
+            position_covariance=[*spread[0], 0.0, *spread[1], *[0.0] * 4],
+        )
 
-    place = geodetic(position, flight.scenario.origin_latitude_deg, flight.scenario.origin_longitude_deg)
+    place = geodetic(
+        position, flight.scenario.origin_latitude_deg, flight.scenario.origin_longitude_deg
+    )
     spread = np.zeros((time_ns.size, 2, 2)) if covariance is None else covariance
     return _channel(topic, fg.LocationFix, time_ns, fix_at, place, spread)
 
 
-def _transforms(topic: str, time_ns: Ints, parents: Sequence[str], children: Sequence[str], *places: Floats) -> Channel:
-    """Frames in their parents, from positions, shape (n, c, 3), [m], and quaternions (w, x, y, z), shape (n, c, 4)."""
+def _transforms(
+    topic: str, time_ns: Ints, parents: Sequence[str], children: Sequence[str], *places: Floats
+) -> Channel:
+    """Frames in their parents, from positions, shape (n, c, 3), [m], and quaternions (w, x, y,
+    z), shape (n, c, 4).
+    """
 
     def transforms_at(at: int, *places: Any) -> fg.FrameTransforms:
-        return fg.FrameTransforms(transforms=[
-            fg.FrameTransform(timestamp=timestamp(at), parent_frame_id=parent, child_frame_id=child,
-                              translation=vector(xyz), rotation=quaternion(wxyz))
-            for parent, child, xyz, wxyz in zip(parents, children, *places, strict=True)
-        ])  # fmt: skip
+        return fg.FrameTransforms(
+            transforms=[
+                fg.FrameTransform(
+                    timestamp=timestamp(at),
+                    parent_frame_id=parent,
+                    child_frame_id=child,
+                    translation=vector(xyz),
+                    rotation=quaternion(wxyz),
+                )
+                for parent, child, xyz, wxyz in zip(parents, children, *places, strict=True)
+            ]
+        )
 
     return _channel(topic, fg.FrameTransforms, time_ns, transforms_at, *places)
 
@@ -137,7 +183,15 @@ def _state(t: Trajectory, v: int, effectors: int) -> dict[str, Column]:
         "pitch": lambda part: attitude.heading_pitch_roll(t.quaternion[part, v])[1],
         "roll": lambda part: attitude.heading_pitch_roll(t.quaternion[part, v])[2],
     }
-    names = "position", "quaternion", "velocity", "angular_velocity", "water_velocity", "heading", "forward_speed"
+    names = (
+        "position",
+        "quaternion",
+        "velocity",
+        "angular_velocity",
+        "water_velocity",
+        "heading",
+        "forward_speed",
+    )
     kept = {name: getattr(t, name)[:, v] for name in names}
     return computed | kept | {"time": t.time, "thrust": t.thrust[:, v, :effectors]}
 
@@ -149,7 +203,9 @@ def _truth(flight: Flight, clock: Clock) -> Iterator[Channel]:
     yield _transforms("/tf", time_ns, ["world"] * len(t.names), t.names, t.position, t.quaternion)
     upright = np.tile([1.0, 0.0, 0.0, 0.0], (1, len(t.site_names), 1))
     parents = [t.names[v] for v in t.site_vehicle]
-    yield _transforms("/tf_static", time_ns[:1], parents, t.site_names, t.site_offset[None], upright)
+    yield _transforms(
+        "/tf_static", time_ns[:1], parents, t.site_names, t.site_offset[None], upright
+    )
     for v, name in enumerate(t.names):
         effectors = t.effector_names[v] if t.effector_names else ()
         type_ = schema.vehicle_state(effectors)
@@ -158,7 +214,9 @@ def _truth(flight: Flight, clock: Clock) -> Iterator[Channel]:
         yield _locations(flight, f"/{name}/fix", time_ns[::second], t.position[::second, v])
 
 
-def _follower(flight: Flight, clock: Clock, f: int, errors: tuple[Floats, Floats]) -> Iterator[Channel]:
+def _follower(
+    flight: Flight, clock: Clock, f: int, errors: tuple[Floats, Floats]
+) -> Iterator[Channel]:
     m = flight.measurements[f]
     e = flight.estimates[f]
     name = flight.trajectory.names[f + 1]
@@ -167,31 +225,43 @@ def _follower(flight: Flight, clock: Clock, f: int, errors: tuple[Floats, Floats
         for type_ in types:
             at = time_ns[getattr(record, type_.steps) - 1] if type_.steps else time_ns
             yield numeric(f"/{name}", type_, at, vars(record))
-    yield numeric(f"/{name}", schema.ERROR, time_ns, dict(zip(schema.ERROR.fields, errors, strict=True)))
+    yield numeric(
+        f"/{name}", schema.ERROR, time_ns, dict(zip(schema.ERROR.fields, errors, strict=True))
+    )
 
     def position(part: slice) -> Floats:
         return np.column_stack([e.state[part, :2], -m.depth[part]])
 
-    yield poses(f"/{name}/estimate", time_ns, position, lambda part: attitude.from_euler(m.heading[part]))
+    yield poses(
+        f"/{name}/estimate", time_ns, position, lambda part: attitude.from_euler(m.heading[part])
+    )
     second = max(1, round(1.0 / m.dt))
     each = slice(second - 1, None, second)
-    yield _locations(flight, f"/{name}/estimate/fix", time_ns[each], position(each), e.covariance[each, :2, :2])
+    yield _locations(
+        flight, f"/{name}/estimate/fix", time_ns[each], position(each), e.covariance[each, :2, :2]
+    )
 
 
 def _events(flight: Flight, clock: Clock, events: Iterable[Event]) -> Channel:
     """Lines of `/log`: the kind of every fix, the events, and last the outcome."""
     lines = list(events)
-    for name, m, e in zip(flight.trajectory.names[1:], flight.measurements, flight.estimates, strict=True):
+    for name, m, e in zip(
+        flight.trajectory.names[1:], flight.measurements, flight.estimates, strict=True
+    ):
         for step, kind in zip(e.fix_step.tolist(), e.fix_kind.tolist(), strict=True):
             fix = FixKind(kind)
-            lines.append(Event(step * m.dt, _FIX_LEVELS.get(fix, "debug"), f"fix: {FIX_WORDS[fix]}", name))
+            lines.append(
+                Event(step * m.dt, _FIX_LEVELS.get(fix, "debug"), f"fix: {FIX_WORDS[fix]}", name)
+            )
     level = _OUTCOME_LEVELS.get(flight.outcome, "error")
     lines.append(Event(float(flight.trajectory.time[-1]), level, flight.outcome.value))
     lines.sort(key=lambda line: line.time_s)
 
     def line_at(at: int, i: int) -> fg.Log:
         level = getattr(fg.LogLevel, lines[i].level.capitalize())
-        return fg.Log(timestamp=timestamp(at), level=level, message=lines[i].text, name=lines[i].source)
+        return fg.Log(
+            timestamp=timestamp(at), level=level, message=lines[i].text, name=lines[i].source
+        )
 
     time_ns = clock.ns([line.time_s for line in lines])
     return _channel("/log", fg.Log, time_ns, line_at, np.arange(time_ns.size))
@@ -207,7 +277,9 @@ def _scene(flight: Flight, clock: Clock) -> Iterator[Channel]:
         ("vehicles", t.time[seconds], draw_vehicles(flight, seconds)),
         ("acoustics", received * flight.measurements[0].dt, draw_acoustics(flight, received)),
     ):
-        yield _channel(f"/scene/{what}", fg.SceneUpdate, clock.ns(times), draw, np.arange(times.size))
+        yield _channel(
+            f"/scene/{what}", fg.SceneUpdate, clock.ns(times), draw, np.arange(times.size)
+        )
 
 
 def _camera(video: Sequence[Frame], clock: Clock) -> Channel:
@@ -216,7 +288,9 @@ def _camera(video: Sequence[Frame], clock: Clock) -> Channel:
         raise ValueError("video frames must be in order of time")
 
     def frame_at(at: int, i: int) -> fg.CompressedVideo:
-        return fg.CompressedVideo(timestamp=timestamp(at), frame_id="camera", data=video[i][1], format="h264")
+        return fg.CompressedVideo(
+            timestamp=timestamp(at), frame_id="camera", data=video[i][1], format="h264"
+        )
 
     return _channel("/camera", fg.CompressedVideo, time_ns, frame_at, np.arange(time_ns.size))
 
@@ -236,7 +310,9 @@ class _Block(BytesIO):
     taken = 0
 
     def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
-        return self.taken + super().seek(offset - (self.taken if whence == os.SEEK_SET else 0), whence)
+        return self.taken + super().seek(
+            offset - (self.taken if whence == os.SEEK_SET else 0), whence
+        )
 
     def take(self) -> bytes:
         data = self.getvalue()
@@ -246,25 +322,39 @@ class _Block(BytesIO):
         return data
 
 
-def write_channels(path: Path, channels: Sequence[Channel], describe: Callable[[MCAPWriter], None]) -> None:
-    """Write an MCAP file; the same arguments give the same bytes. If that fails, the file stays without an end.
+def write_channels(
+    path: Path, channels: Sequence[Channel], describe: Callable[[MCAPWriter], None]
+) -> None:
+    """Write an MCAP file; the same arguments give the same bytes. If that fails, the file stays
+    without an end.
 
-    Messages of all channels are in order of time, in blocks of 20 s, each of which is in the file before the
-    next one begins; a channel without messages is not in it. `describe` writes attachments and metadata.
+    Messages of all channels are in order of time, in blocks of 20 s, each of which is in the file
+    before the next one begins; a channel without messages is not in it. `describe` writes
+    attachments and metadata.
     """
     options = MCAPWriteOptions(compression_threads=0, compression_level=1, disable_seeking=True)
     block = _Block()
     context = foxglove.Context()
     proto = MessageEncoding.Protobuf
-    # the SDK only logs errors of its output, and does not survive the exceptions of signals, which the main thread gets
+    # the SDK only logs errors of its output, and does not survive the exceptions of signals, which
+    # the main thread gets
     with path.open("wb") as file, ThreadPoolExecutor(1) as thread:
-        mcap = thread.submit(foxglove.open_mcap, block, context=context, writer_options=options).result()
-        made = [foxglove.Channel(c.topic, schema=c.schema, message_encoding=proto, context=context) for c in channels]
+        mcap = thread.submit(
+            foxglove.open_mcap, block, context=context, writer_options=options
+        ).result()
+        made = [
+            foxglove.Channel(c.topic, schema=c.schema, message_encoding=proto, context=context)
+            for c in channels
+        ]
 
         def fill(number: int) -> None:
             messages = list[tuple[int, Any, bytes]]()
             for own, c in zip(made, channels, strict=True):
-                part = slice(*np.searchsorted(c.time_ns, [number * _BLOCK_NS, (number + 1) * _BLOCK_NS]).tolist())
+                part = slice(
+                    *np.searchsorted(
+                        c.time_ns, [number * _BLOCK_NS, (number + 1) * _BLOCK_NS]
+                    ).tolist()
+                )
                 times = c.time_ns[part].tolist()
                 log = own.base.log
                 messages += [(at, log, data) for at, data in zip(times, c.rows(part), strict=True)]
@@ -276,7 +366,9 @@ def write_channels(path: Path, channels: Sequence[Channel], describe: Callable[[
 
         try:
             thread.submit(describe, mcap).result()
-            for number in sorted({number for c in channels for number in np.unique(c.time_ns // _BLOCK_NS).tolist()}):
+            for number in sorted(
+                {number for c in channels for number in np.unique(c.time_ns // _BLOCK_NS).tolist()}
+            ):
                 thread.submit(fill, number).result()
                 file.write(block.take())
                 file.flush()
@@ -289,7 +381,9 @@ def write_channels(path: Path, channels: Sequence[Channel], describe: Callable[[
 
 def _json(value: object) -> bytes:
     # float64 keep all their bits
-    return json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False, default=np.ndarray.tolist).encode()
+    return json.dumps(
+        value, indent=1, allow_nan=False, ensure_ascii=False, default=np.ndarray.tolist
+    ).encode()
 
 
 def _describe(flight: Flight, summary: str, mcap: MCAPWriter) -> None:
@@ -306,25 +400,37 @@ def _describe(flight: Flight, summary: str, mcap: MCAPWriter) -> None:
     mcap.write_metadata("conventions", _CONVENTIONS)
     facts = {"outcome": flight.outcome.name, "filter_step_s": repr(flight.measurements[0].dt)}
     facts |= {"seed": str(flight.scenario.seed), "run": str(flight.scenario.run)}
-    facts |= {type_.topic: str(type(flight.estimates[0]) is kind) for kind, type_ in schema.DETAILS.items()}
+    facts |= {
+        type_.topic: str(type(flight.estimates[0]) is kind)
+        for kind, type_ in schema.DETAILS.items()
+    }
     mcap.write_metadata(FLIGHT, facts)
 
 
 def write(
-    flight: Flight, path: Path, *, summary: str = "{}", events: Iterable[Event] = (), video: Sequence[Frame] = ()
+    flight: Flight,
+    path: Path,
+    *,
+    summary: str = "{}",
+    events: Iterable[Event] = (),
+    video: Sequence[Frame] = (),
 ) -> None:
     """Write a flight from the start of its mission; the same arguments give the same bytes.
 
-    The file grows under `partial_path(path)` and gets its name when it is complete, in place of an existing one. If
-    writing fails, what can be recovered with `sim.log.contents.recover` stays there, and nothing else. `summary` is
-    JSON text, attached as it is; `events` are lines for `/log` besides those about fixes.
+    The file grows under `partial_path(path)` and gets its name when it is complete, in place of an
+    existing one. If writing fails, what can be recovered with `sim.log.contents.recover` stays
+    there, and nothing else. `summary` is JSON text, attached as it is; `events` are lines for
+    `/log` besides those about fixes.
 
     Raises:
         LogError: the file cannot be written, or the flight begins within its mission.
         ValueError: frames of `video` are out of order, or the epoch lies before 1970.
     """
     if flight.trajectory.time[0] != 0:
-        raise LogError(f"{path}: a log begins with its mission; this flight at {flight.trajectory.time[0]:g} s of it")
+        raise LogError(
+            f"{path}: a log begins with its mission; this flight at {flight.trajectory.time[0]:g} "
+            "s of it"
+        )
     filled = channels(flight, events, video)
     if path.is_dir():
         raise LogError(f"{path}: cannot be written: it is a folder, expected the name of a file")

@@ -1,4 +1,6 @@
-"""Scenario files: TOML in and out, overrides, and errors as lines that name key, expectation and value."""
+"""Scenario files: TOML in and out, overrides, and errors as lines that name key, expectation and
+value.
+"""
 
 import difflib
 import json
@@ -35,7 +37,9 @@ def _keys(location: Location) -> list[str]:
         if isinstance(part, str):
             field = model.model_fields.get(part)
             kinds = (field.annotation, *get_args(field.annotation)) if field else ()
-            tables = [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)]
+            tables = [
+                kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)
+            ]
             if not tables:
                 return []
             model = tables[0]
@@ -70,27 +74,40 @@ def lines_of(error: ValidationError) -> list[str]:
     return [*map(_line, errors[:ROWS]), *[""] * len(errors[ROWS:])]
 
 
-LARGEST_BYTES = 16_000_000  # of a scenario file: four routes of the most points that a route may have
-_INDEX = re.compile("0|[1-9][0-9]{0,8}")  # of a list, within a dotted key: it has one form, 0 and not 00
+# of a scenario file: four routes of the most points that a route may have
+LARGEST_BYTES = 16_000_000
+# of a list, within a dotted key: it has one form, 0 and not 00
+_INDEX = re.compile("0|[1-9][0-9]{0,8}")
 
 
 class ScenarioError(LaisnError):
-    """A scenario that is invalid or not feasible; the text names source, key, value and expectation of every error."""
+    """A scenario that is invalid or not feasible; the text names source, key, value and
+    expectation of every error.
+    """
 
 
 def plain_values(table: Any) -> Any:
-    """A copy of a table or value that JSON can hold: numbers and arrays of NumPy as Python's, other objects as text.
+    """A copy of a table or value that JSON can hold: numbers and arrays of NumPy as Python's, other
+    objects as text.
 
     So is an integer that no float can hold.
     """
 
     def plain_value(one: Any) -> Any:
-        return list(one) if isinstance(one, range) else one.tolist() if hasattr(one, "tolist") else str(one)
+        return (
+            list(one)
+            if isinstance(one, range)
+            else one.tolist()
+            if hasattr(one, "tolist")
+            else str(one)
+        )
 
     def integer(digits: str) -> int | str:
         return int(digits) if len(digits) < 308 else f"an integer of {len(digits)} digits"
 
-    return json.loads(to_json(table, fallback=plain_value, inf_nan_mode="constants"), parse_int=integer)
+    return json.loads(
+        to_json(table, fallback=plain_value, inf_nan_mode="constants"), parse_int=integer
+    )
 
 
 def is_model_key(key: str) -> bool:
@@ -105,11 +122,17 @@ def beside(model: Any, folder: Path) -> Any:
 
 
 def seen_from(table: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """The table of a scenario file in a folder; changed in place: the hulls that it names lie beside the file."""
+    """The table of a scenario file in a folder; changed in place: the hulls that it names lie
+    beside the file.
+    """
     followers = table.get("followers")
     formation = table.get("formation")
     shape = formation.get("shape") if isinstance(formation, dict) else None
-    for vehicle in (table.get("leader"), shape, *(followers if isinstance(followers, list) else ())):
+    for vehicle in (
+        table.get("leader"),
+        shape,
+        *(followers if isinstance(followers, list) else ()),
+    ):
         if isinstance(vehicle, dict) and "model" in vehicle:
             vehicle["model"] = beside(vehicle["model"], folder)
     return table
@@ -118,7 +141,9 @@ def seen_from(table: dict[str, Any], folder: Path) -> dict[str, Any]:
 def examined(
     table: dict[str, Any], further: Callable[[Scenario], Iterable[str]] = lambda _: ()
 ) -> tuple[Scenario | None, list[str]]:
-    """The scenario, None if a key is invalid, and a line for each error; arguments as of `validate`."""
+    """The scenario, None if a key is invalid, and a line for each error; arguments as of
+    `validate`.
+    """
     try:
         scenario = Scenario.model_validate_json(to_json(table), context=KEYS_ALONE)
     except ValidationError as error:
@@ -127,12 +152,15 @@ def examined(
 
 
 def validate(
-    table: Mapping[str, Any], source: str, further: Callable[[Scenario], Iterable[str]] = lambda _: ()
+    table: Mapping[str, Any],
+    source: str,
+    further: Callable[[Scenario], Iterable[str]] = lambda _: (),
 ) -> Scenario:
-    """A scenario from a table of keys; ScenarioError with a line for every error, as many as a screen holds.
+    """A scenario from a table of keys; ScenarioError with a line for every error, as many as a
+    screen holds.
 
-    `source` is the name of the file, for messages; `further` lists more errors of a scenario whose keys are valid, as
-    `sim.feasibility` does.
+    `source` is the name of the file, for messages; `further` lists more errors of a scenario whose
+    keys are valid, as `sim.feasibility` does.
     """
     scenario, lines = examined(plain_values(table), further)
     if lines or scenario is None:
@@ -142,7 +170,9 @@ def validate(
 
 
 def parse(text: str, source: str) -> dict[str, Any]:
-    """The table in a TOML text, as JSON can hold it; ScenarioError names line and column of a syntax error."""
+    """The table in a TOML text, as JSON can hold it; ScenarioError names line and column of a
+    syntax error.
+    """
     try:
         return plain_values(tomllib.loads(text))  # type: ignore[no-any-return]
     except ValueError as error:
@@ -150,7 +180,9 @@ def parse(text: str, source: str) -> dict[str, Any]:
 
 
 def read(path: Path) -> dict[str, Any]:
-    """The table in a TOML file; ScenarioError if it cannot be read, is no plain file or larger than any scenario."""
+    """The table in a TOML file; ScenarioError if it cannot be read, is no plain file or larger
+    than any scenario.
+    """
     try:
         text = read_text(path, LARGEST_BYTES)
     except LaisnError as error:
@@ -167,7 +199,9 @@ def value_of(text: str) -> Any:
 
 
 def _put(table: dict[str, Any], key: str, value: object) -> None:
-    """Put a value at a dotted key; ScenarioError if the key leads through something that is no table or list."""
+    """Put a value at a dotted key; ScenarioError if the key leads through something that is no
+    table or list.
+    """
     place: Any = table
     *parents, last = (int(part) if _INDEX.fullmatch(part) else part for part in key.split("."))
     try:
@@ -178,8 +212,12 @@ def _put(table: dict[str, Any], key: str, value: object) -> None:
         raise ScenarioError(f"{shortened(plain(key), 100)} is no key of this scenario") from None
 
 
-def dotted(table: Mapping[str, Any], is_value: Callable[[Any], bool] = lambda _: False) -> dict[str, Any]:
-    """Values of nested tables and lists of tables by dotted keys; `is_value`: whether a table is a value itself."""
+def dotted(
+    table: Mapping[str, Any], is_value: Callable[[Any], bool] = lambda _: False
+) -> dict[str, Any]:
+    """Values of nested tables and lists of tables by dotted keys; `is_value`: whether a table is
+    a value itself.
+    """
     found: dict[str, Any] = {}
     for name, value in table.items():
         inner = value
@@ -193,7 +231,9 @@ def dotted(table: Mapping[str, Any], is_value: Callable[[Any], bool] = lambda _:
 
 
 def assigned(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
-    """A copy of a table with values put at dotted keys, such as `followers.0.depth_m`, or `followers.*.depth_m`."""
+    """A copy of a table with values put at dotted keys, such as `followers.0.depth_m`, or
+    `followers.*.depth_m`.
+    """
     result: dict[str, Any] = plain_values(table)
     for name, value in settings.items():
         key = str(name).strip()
@@ -208,12 +248,16 @@ def assigned(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str,
 
 
 def values_of(assignments: Iterable[str], option: str = "--set") -> dict[str, Any]:
-    """Values by dotted key of assignments `key.path=value`, TOML or text without quotes; else ScenarioError."""
+    """Values by dotted key of assignments `key.path=value`, TOML or text without quotes; else
+    ScenarioError.
+    """
     found = {}
     for text in assignments:
         key, equals, value = text.partition("=")
         if not equals or not key.strip():
             given = shortened(plain(text), 200)
-            raise ScenarioError(f"{option} {given}: expected key=value, such as sensors.speed_bias_m_s=0.1")
+            raise ScenarioError(
+                f"{option} {given}: expected key=value, such as sensors.speed_bias_m_s=0.1"
+            )
         found[key.strip()] = value_of(value.strip())
     return found

@@ -1,17 +1,41 @@
-"""What a user may set of a follower's navigation, and the settings in SI units that its navigator is made of."""
+"""What a user may set of a follower's navigation, and the settings in SI units that its
+navigator is made of.
+"""
 
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, cast
 
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, WithJsonSchema, field_validator
+from pydantic import (
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationError,
+    WithJsonSchema,
+    field_validator,
+)
 
 from laisn import settings as assumptions
 from laisn.failure import LaisnError
 from laisn.navigators import NAVIGATORS, OWN_SECTION, find
 from laisn.plugins import is_plugin_name
-from laisn.settings import VARIANTS, NavigationSettings, RivalSettings, Settings, TightSettings, transmitters_of
-from sim.scenario.section import LISTED, Coordinate, FurtherKeys, NonNegative, Section, in_si, with_fields_of
+from laisn.settings import (
+    VARIANTS,
+    NavigationSettings,
+    RivalSettings,
+    Settings,
+    TightSettings,
+    transmitters_of,
+)
+from sim.scenario.section import (
+    LISTED,
+    Coordinate,
+    FurtherKeys,
+    NonNegative,
+    Section,
+    in_si,
+    with_fields_of,
+)
 
 Offset = Annotated[tuple[Coordinate, Coordinate, Coordinate], LISTED]
 _TYPICAL_SOUND_M_S = 1500.0
@@ -37,7 +61,9 @@ class Assume(FurtherKeys):
     """Model assumptions and sensor errors of the tightly coupled navigator; unused by LAISN."""
 
     transmitters: Literal[2, 3] = Field(3, description="rear and front, or all three")
-    clock_offset_sigma_s: NonNegative = Field(1e-3, description="σ of the clock offset at the start")
+    clock_offset_sigma_s: NonNegative = Field(
+        1e-3, description="σ of the clock offset at the start"
+    )
     clock_drift_sigma_ppm: NonNegative = Field(1.0, description="σ of the clock drift")
     slip_m_sqrt_s: NonNegative | None = Field(
         None, description="random walk of unmeasured motion; default: that of the vehicles"
@@ -57,7 +83,9 @@ class Rival(FurtherKeys):
 
 
 class Own(Section):
-    """Settings of an own navigator, `variant = "module:Class"`: fields of its `Settings`, with or without unit."""
+    """Settings of an own navigator, `variant = "module:Class"`: fields of its `Settings`, with
+    or without unit.
+    """
 
     model_config = ConfigDict(extra="allow")
 
@@ -73,7 +101,8 @@ class Navigation(FurtherKeys):
         def __init__(self, **keys: Any) -> None: ...
 
     variant: Annotated[str, WithJsonSchema({"enum": [*NAVIGATORS, "module:Class"]})] = Field(
-        NavigationSettings.variant, description="LAISN variant, tightly coupled navigator, or own class"
+        NavigationSettings.variant,
+        description="LAISN variant, tightly coupled navigator, or own class",
     )
     assume: Assume = Assume()
     rival: Rival = Rival()
@@ -85,30 +114,44 @@ class Navigation(FurtherKeys):
     )
     transmitters_m: Annotated[tuple[Offset, ...], LISTED, Field(max_length=3)] = Field(
         (),
-        description="[[forward, port, up], …], assumed offsets of the transmitters from the leader's position; "
+        description="[[forward, port, up], …], assumed offsets of the transmitters from the "
+        "leader's position; "
         "replaces leader.baseline_m and leader.middle_offset_m",
     )
     hydrophone_height_m: Annotated[float, Field(ge=-1000, le=1000)] | None = Field(
-        None, description="assumed height of the hydrophone above the depth sensor; default: the hull's"
+        None,
+        description="assumed height of the hydrophone above the depth sensor; default: the hull's",
     )
 
     @property
     def transmitters(self) -> int:
         """How many of the leader's transmitters the navigator uses, rear and front first."""
         section = self._section()
-        return int(section["transmitters"]) if "transmitters" in section else transmitters_of(self.variant)
+        return (
+            int(section["transmitters"])
+            if "transmitters" in section
+            else transmitters_of(self.variant)
+        )
 
     def _section(self) -> dict[str, Any]:
         """Keys that belong to the navigator alone; its code is not imported."""
         names = NAVIGATORS[self.variant].sections if self.variant in NAVIGATORS else (OWN_SECTION,)
         sections = (getattr(self, name) for name in names)
-        return {key: value for section in sections if section for key, value in section.model_dump().items()}
+        return {
+            key: value
+            for section in sections
+            if section
+            for key, value in section.model_dump().items()
+        }
 
-    def settings(self, given: Mapping[str, Any] | None = None, sound_m_s: float = _TYPICAL_SOUND_M_S) -> Settings:
-        """Settings of the navigator: what is `given` by the names of fields, and replaced by keys of its own section.
+    def settings(
+        self, given: Mapping[str, Any] | None = None, sound_m_s: float = _TYPICAL_SOUND_M_S
+    ) -> Settings:
+        """Settings of the navigator: what is `given` by the names of fields, and replaced by keys
+        of its own section.
 
-        By the speed of sound that it assumes errors of a clock become ranges. LaisnError if there is no such navigator,
-        or a key of `own` is none of its settings.
+        By the speed of sound that it assumes errors of a clock become ranges. LaisnError if there
+        is no such navigator, or a key of `own` is none of its settings.
         """
         spec = find(self.variant)
         names = {field.name for field in fields(spec.settings)}
@@ -127,12 +170,19 @@ class Navigation(FurtherKeys):
             values.pop("variant", None)
         return _made(spec.settings, values)
 
-    def _own_settings(self, kind: type[Settings], names: set[str], given: Mapping[str, Any]) -> Settings:
+    def _own_settings(
+        self, kind: type[Settings], names: set[str], given: Mapping[str, Any]
+    ) -> Settings:
         section = in_si(self._section(), names)
         unknown = set(section) - names
         if unknown:
-            available = ", ".join(sorted(names - {field.name for field in fields(Settings)})) or "none"
-            raise LaisnError(f"navigation.own: {self.variant} has no {', '.join(sorted(unknown))}; it has: {available}")
+            available = (
+                ", ".join(sorted(names - {field.name for field in fields(Settings)})) or "none"
+            )
+            raise LaisnError(
+                f"navigation.own: {self.variant} has no {', '.join(sorted(unknown))}; it has: "
+                f"{available}"
+            )
         values = {name: value for name, value in {**given, **section}.items() if name in names}
         try:
             return TypeAdapter(kind).validate_python(values)
@@ -145,12 +195,16 @@ class Navigation(FurtherKeys):
     @classmethod
     def _known(cls, name: str) -> str:
         if name not in NAVIGATORS and not is_plugin_name(name):
-            raise ValueError(f"Input should be {', '.join(map(repr, NAVIGATORS))} or 'module:Class' of a plugin")
+            raise ValueError(
+                f"Input should be {', '.join(map(repr, NAVIGATORS))} or 'module:Class' of a plugin"
+            )
         return name
 
     @field_validator("transmitters_m")
     @classmethod
     def _two_places(cls, offsets: tuple[Offset, ...]) -> tuple[Offset, ...]:
         if offsets and (len(offsets) < 2 or offsets[0][:2] == offsets[1][:2]):
-            raise ValueError("needs a rear and a front transmitter, one before, behind or beside the other")
+            raise ValueError(
+                "needs a rear and a front transmitter, one before, behind or beside the other"
+            )
         return offsets

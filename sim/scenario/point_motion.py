@@ -1,12 +1,14 @@
-"""The paper's point motion: turns at 10°/s, changes of speed at 0.2 m/s² (Section 3). Analytic, exact at any instant.
+"""The paper's point motion: turns at 10°/s, changes of speed at 0.2 m/s² (Section 3). Analytic,
+exact at any instant.
 
-A route becomes a plan of segments on which acceleration and turn rate are constant and one of them is zero:
+A route becomes a plan of segments on which acceleration and turn rate are constant and one of them
+is zero:
 
     turn out of the last corner │ ramp to the leg's speed │ constant speed │ half of the next turn …
 
-Corners are cut by the arc that touches both legs; its middle is the arrival at the waypoint, at its time. Before a stop
-the leg ends with a ramp down to rest; after it the vehicle turns on the spot. Follower routes are drawn at random in
-the classes of the paper (Section 3).
+Corners are cut by the arc that touches both legs; its middle is the arrival at the waypoint, at its
+time. Before a stop the leg ends with a ramp down to rest; after it the vehicle turns on the spot.
+Follower routes are drawn at random in the classes of the paper (Section 3).
 """
 
 from collections.abc import Sequence
@@ -24,7 +26,8 @@ TURN_RATE = float(np.deg2rad(10.0))  # turn rate in every turn [rad/s] (paper, S
 ACCELERATION = 0.2  # rate of every change of speed [m/s²] (paper, Section 3)
 SPEED_MAX = 3.0  # top speed of a follower [m/s] (paper, Section 3)
 SPEED_MIN = 0.1  # a leg with less is refused: a hull without way cannot be steered along it [m/s]
-SHARPEST_CUT = float(np.deg2rad(135.0))  # sharper corners are not cut: the arc would begin far ahead [rad]
+# sharper corners are not cut: the arc would begin far ahead [rad]
+SHARPEST_CUT = float(np.deg2rad(135.0))
 
 
 class Motion(NamedTuple):
@@ -53,7 +56,9 @@ def _later(begin: Motion, dt: Floats | float) -> Motion:
 
 
 class Plan(NamedTuple):
-    """Segments of constant acceleration and turn rate, each array of shape (m,); the last one has no end."""
+    """Segments of constant acceleration and turn rate, each array of shape (m,); the last one
+    has no end.
+    """
 
     start: Floats  # time at which the segment begins [s]
     east: Floats
@@ -73,7 +78,9 @@ class Plan(NamedTuple):
 class _Planner:
     """Appends segments and keeps the pose at the end of the last one."""
 
-    def __init__(self, east: float, north: float, course: float, speed: float, least_radius: float) -> None:
+    def __init__(
+        self, east: float, north: float, course: float, speed: float, least_radius: float
+    ) -> None:
         self.rows: list[tuple[float, ...]] = []
         self.least_radius = least_radius
         self.time = 0.0
@@ -101,7 +108,9 @@ class _Planner:
 
 
 def _turn_towards(planner: _Planner, point: list[float]) -> float:
-    """Signed turn [rad] after which the vehicle heads for a point; NaN if the point lies within the turning circle."""
+    """Signed turn [rad] after which the vehicle heads for a point; NaN if the point lies within
+    the turning circle.
+    """
     radius = max(planner.speed / TURN_RATE, planner.least_radius)
     course = planner.course
     dx, dy = point[0] - planner.east, point[1] - planner.north
@@ -117,7 +126,9 @@ def _turn_towards(planner: _Planner, point: list[float]) -> float:
 
 
 def _leg_speed(distance: float, time: float, speed: float) -> float:
-    """Speed v after a ramp for `distance` in `time`, d = v t ∓ (v − speed)² / (2 acceleration); NaN: there is none."""
+    """Speed v after a ramp for `distance` in `time`, d = v t ∓ (v − speed)² / (2 acceleration);
+    NaN: there is none.
+    """
     missing = distance - speed * time
     root = time * time - 2.0 * abs(missing) / ACCELERATION
     if time <= 0 or root < 0:
@@ -139,7 +150,9 @@ def _leg_speed_to_rest(distance: float, time: float, speed: float) -> float:
 
 
 def _leg(route: Route, k: int, planner: _Planner, cut: float) -> tuple[float, float]:
-    """Speed [m/s], and time at it [s], on the straight way to waypoint k, whose corner of `cut` [rad] is to be cut."""
+    """Speed [m/s], and time at it [s], on the straight way to waypoint k, whose corner of `cut`
+    [rad] is to be cut.
+    """
     where = f"route {route.name!r}, waypoint {k + 1}"
     east, north = route.waypoint[k, 0] - planner.east, route.waypoint[k, 1] - planner.north
     straight = float(east * np.sin(planner.course) + north * np.cos(planner.course))
@@ -164,8 +177,10 @@ def _leg(route: Route, k: int, planner: _Planner, cut: float) -> tuple[float, fl
     spare = straight - radius * np.tan(cut / 2) - 0.5 * (planner.speed + speed) * ramp - braking
     if spare < -1e-9:
         raise LaisnError(
-            f"{where}: a leg of {route.leg_length[k - 1]:.3g} m is {-spare:.3g} m too short for its changes of "
-            f"speed and course: {planner.speed:.3g} to {speed:.3g} m/s, then a turn of {np.rad2deg(cut):.0f}° "
+            f"{where}: a leg of {route.leg_length[k - 1]:.3g} m is {-spare:.3g} m too short for "
+            "its changes of "
+            f"speed and course: {planner.speed:.3g} to {speed:.3g} m/s, then a turn of "
+            f"{np.rad2deg(cut):.0f}° "
             f"(radius {radius:.3g} m)"
         )
     return speed, float(spare / speed)
@@ -179,63 +194,87 @@ def _stops(route: Route, k: int) -> bool:
 def plan(route: Route, least_radius: float = 0.0) -> Plan:
     """The motion along a route, on time at every waypoint, with turns of a least radius [m].
 
-    LaisnError if the vehicle cannot fly the route; names the route, the waypoint (counted from 1), what it requires and
-    the limit.
+    LaisnError if the vehicle cannot fly the route; names the route, the waypoint (counted from 1),
+    what it requires and the limit.
     """
     points = route.waypoint.tolist()
     course = np.arctan2(*np.diff(route.waypoint, axis=0).T).tolist()
     start = route.initial_heading
     east, north = points[0]
     planner = _Planner(east, north, start, route.start_speed, least_radius)
-    # the turn that leads from the last corner to the next leg; a start off the first leg is such a corner
+    # the turn that leads from the last corner to the next leg; a start off the first leg is such a
+    # corner
     begins_aside = not _stops(route, 0) and abs(signed_angle(course[0] - start)) > 1e-12
     turn = _turn_towards(planner, points[1]) if begins_aside else 0.0
     for k in range(1, len(points)):
         if _stops(route, k - 1):
             planner.go(float(route.time[k]) - planner.time)
-            turn = 0.0 if k == len(course) or _stops(route, k) else signed_angle(course[k] - planner.course)
+            turn = (
+                0.0
+                if k == len(course) or _stops(route, k)
+                else signed_angle(course[k] - planner.course)
+            )
             continue
         if np.isnan(turn):
             raise LaisnError(
                 f"route {route.name!r}, waypoint {k + 1}: it lies within the turning circle of "
-                f"{max(planner.speed / TURN_RATE, least_radius):.3g} m radius that begins at waypoint {k}"
+                f"{max(planner.speed / TURN_RATE, least_radius):.3g} m radius that begins at "
+                f"waypoint {k}"
             )
-        planner.go(abs(turn) / planner.turn_rate, turn_rate=float(np.copysign(planner.turn_rate, turn)))
-        corner = signed_angle(course[k] - planner.course) if k < len(course) and not _stops(route, k) else 0.0
+        planner.go(
+            abs(turn) / planner.turn_rate, turn_rate=float(np.copysign(planner.turn_rate, turn))
+        )
+        corner = (
+            signed_angle(course[k] - planner.course)
+            if k < len(course) and not _stops(route, k)
+            else 0.0
+        )
         cut = abs(corner) if abs(corner) <= SHARPEST_CUT else 0.0
         speed, cruise = _leg(route, k, planner, cut)
         change = speed - planner.speed
-        planner.go(abs(change) / ACCELERATION, acceleration=float(np.copysign(ACCELERATION, change)))
+        planner.go(
+            abs(change) / ACCELERATION, acceleration=float(np.copysign(ACCELERATION, change))
+        )
         planner.speed = speed
         planner.go(cruise)
         if _stops(route, k):
             planner.go(speed / ACCELERATION, acceleration=-ACCELERATION)
             planner.speed = 0.0
         turn = 0.5 * corner
-        planner.go(0.5 * cut / planner.turn_rate, turn_rate=float(np.copysign(planner.turn_rate, corner)))
+        planner.go(
+            0.5 * cut / planner.turn_rate, turn_rate=float(np.copysign(planner.turn_rate, corner))
+        )
         if corner and not cut:
             turn = _turn_towards(planner, points[k + 1])
-    planner.rows.append((planner.time, planner.east, planner.north, planner.course, planner.speed, 0.0, 0.0))
+    planner.rows.append(
+        (planner.time, planner.east, planner.north, planner.course, planner.speed, 0.0, 0.0)
+    )
     return Plan(*np.array(planner.rows).T)
 
 
-_TRIES = 4000  # waypoints drawn for one route before the class counts as impossible; seldom more than 300 are needed
+# waypoints drawn for one route before the class counts as impossible; seldom more than 300 are
+# needed
+_TRIES = 4000
 _CHECK_INTERVAL = 1.0  # distances to the leader are checked at this interval [s]
 
 
 class RouteClass(NamedTuple):
-    """What routes of a class have in common; waypoints are drawn evenly in distance and bearing about the leader."""
+    """What routes of a class have in common; waypoints are drawn evenly in distance and bearing
+    about the leader.
+    """
 
     distance_max: float  # largest distance to the leader, at all times [m]
     leg_time: tuple[float, float]  # time from waypoint to waypoint, drawn evenly between [s]
-    heading_difference_max: float  # of a leg to the leader's course at one of its ends, whichever is closer [rad]
+    # of a leg to the leader's course at one of its ends, whichever is closer [rad]
+    heading_difference_max: float
     distance_min: float = 5.0
     bearings: tuple[float, float] = (float(np.deg2rad(100.0)), float(np.deg2rad(260.0)))
     """Relative bearings from the leader, clockwise from its bow [rad]."""
     speed_min: float = 0.3  # least mean speed of a leg [m/s]
 
 
-CLASSES: dict[str, RouteClass] = {  # of the paper, by distance, waypoints near or far apart, headings alike or not
+# of the paper, by distance, waypoints near or far apart, headings alike or not
+CLASSES: dict[str, RouteClass] = {
     f"{distance}-{legs}-{headings}": RouteClass(
         distance_max=float(distance),
         leg_time={"near": (40.0, 80.0), "far": (120.0, 280.0)}[legs],
@@ -245,11 +284,15 @@ CLASSES: dict[str, RouteClass] = {  # of the paper, by distance, waypoints near 
 }
 
 
-def _about(leader: Motion, i: int, rng: np.random.Generator, route_class: RouteClass) -> tuple[float, float]:
+def _about(
+    leader: Motion, i: int, rng: np.random.Generator, route_class: RouteClass
+) -> tuple[float, float]:
     """A point near the leader as it is at instant i: east and north [m]."""
     bearing = leader.course[i] + rng.uniform(*route_class.bearings)
     distance = rng.uniform(route_class.distance_min, route_class.distance_max)
-    return float(leader.east[i] + distance * np.sin(bearing)), float(leader.north[i] + distance * np.cos(bearing))
+    return float(leader.east[i] + distance * np.sin(bearing)), float(
+        leader.north[i] + distance * np.cos(bearing)
+    )
 
 
 def _acceptable(
@@ -270,11 +313,16 @@ def _acceptable(
         return False
     n = motion.east.size
     distance = np.hypot(motion.east - leader.east[:n], motion.north - leader.north[:n])
-    return bool(distance.min() >= route_class.distance_min and distance.max() <= route_class.distance_max)
+    return bool(
+        distance.min() >= route_class.distance_min and distance.max() <= route_class.distance_max
+    )
 
 
-def random_route(rng: np.random.Generator, route_class: RouteClass, duration: float = 1000.0) -> Route:
-    """A follower's route about the leader's L that the vehicle can fly, in its class until its end at `duration` [s].
+def random_route(
+    rng: np.random.Generator, route_class: RouteClass, duration: float = 1000.0
+) -> Route:
+    """A follower's route about the leader's L that the vehicle can fly, in its class until its end
+    at `duration` [s].
 
     It is a function of the state of `rng`. LaisnError if no route of the class was found.
     """
@@ -285,7 +333,8 @@ def random_route(rng: np.random.Generator, route_class: RouteClass, duration: fl
     failed = 0
     for _ in range(_TRIES):
         due = points[-1][0] + rng.uniform(*route_class.leg_time)
-        # whole seconds lie on the grid of the check; what would leave a short last leg goes to the end
+        # whole seconds lie on the grid of the check; what would leave a short last leg goes to the
+        # end
         due = duration if due > duration - route_class.leg_time[0] else float(round(due))
         candidate = (due, *_about(moving, int(np.searchsorted(time, due - 1e-9)), rng, route_class))
         if _acceptable([*points, candidate], route_class, time, moving):
@@ -294,16 +343,23 @@ def random_route(rng: np.random.Generator, route_class: RouteClass, duration: fl
         else:
             failed += 1
         if points[-1][0] == duration:
-            return Route.timed("random", points, FOLLOWER_DEPTH, start_heading=float(moving.course[0]))
+            return Route.timed(
+                "random", points, FOLLOWER_DEPTH, start_heading=float(moving.course[0])
+            )
         if failed == 100:
             # a dead end: take back the last legs, or draw another start
-            points = points[:-2] if len(points) > 2 else [(0.0, *_about(moving, 0, rng, route_class))]
+            points = (
+                points[:-2] if len(points) > 2 else [(0.0, *_about(moving, 0, rng, route_class))]
+            )
             failed = 0
-    raise LaisnError(f"no route found in {_TRIES} tries; {route_class} exceeds the limits of the vehicle")
+    raise LaisnError(
+        f"no route found in {_TRIES} tries; {route_class} exceeds the limits of the vehicle"
+    )
 
 
 def random_waypoints(name: str, address: Sequence[int]) -> tuple[tuple[float, float, float], ...]:
-    """Waypoints of a drawn route of a class that can also be flown from its first course: time [s], east, north [m].
+    """Waypoints of a drawn route of a class that can also be flown from its first course: time [s],
+    east, north [m].
 
     `address` is the key of the random numbers. LaisnError if no such route was found.
     """

@@ -1,4 +1,6 @@
-"""Routes: where a vehicle is to be, and when. The leader's L, the followers' T2 … T9, or a user's waypoints."""
+"""Routes: where a vehicle is to be, and when. The leader's L, the followers' T2 … T9, or a
+user's waypoints.
+"""
 
 import json
 from dataclasses import dataclass
@@ -20,7 +22,9 @@ FOLLOWER_DEPTH = 10.0  # default depths [m]: the follower deeper, so that a pitc
 
 @dataclass(frozen=True, kw_only=True)
 class DepthProfile:
-    """Depth over time, linear between points; before the first and after the last point it is held."""
+    """Depth over time, linear between points; before the first and after the last point it is
+    held.
+    """
 
     time: Floats  # time of each point, from 0, shape (n,), [s]
     depth: Floats  # depth at each point, shape (n,), positive down, [m]
@@ -42,7 +46,9 @@ class DepthProfile:
 
     @classmethod
     def saw_tooth(cls, mean: float, amplitude: float, period: float) -> Self:
-        """A depth profile: from the mean down by `amplitude`, up by twice that and back, repeatedly; [m], [m], [s]."""
+        """A depth profile: from the mean down by `amplitude`, up by twice that and back,
+        repeatedly; [m], [m], [s].
+        """
         return cls(
             time=np.array([0.0, 0.25, 0.75, 1.0]) * period,
             depth=mean + amplitude * np.array([0.0, 1.0, -1.0, 0.0]),
@@ -66,18 +72,22 @@ def _profile(depth: float | DepthProfile) -> DepthProfile:
 
 @dataclass(frozen=True, kw_only=True)
 class Route:
-    """Waypoints, each with the time at which the vehicle is to be there; straight legs between them.
+    """Waypoints, each with the time at which the vehicle is to be there; straight legs between
+    them.
 
-    At a place that is given twice in succession the vehicle stops until the second time; after the last waypoint it
-    goes straight on, or stays where it stopped. LaisnError if all waypoints are one place.
+    At a place that is given twice in succession the vehicle stops until the second time; after the
+    last waypoint it goes straight on, or stays where it stopped. LaisnError if all waypoints are
+    one place.
     """
 
     name: str
     time: Floats  # arrival at the waypoints, shape (n,), n ≥ 2, from 0, [s]
     waypoint: Floats  # east and north, shape (n, 2), [m]
     depth: DepthProfile
-    start_heading: float | None = None  # compass heading at the first waypoint [rad]; None: along the first leg
-    start_speed: float = START_SPEED  # speed at the first waypoint [m/s]; nothing where the route begins with a stop
+    # compass heading at the first waypoint [rad]; None: along the first leg
+    start_heading: float | None = None
+    # speed at the first waypoint [m/s]; nothing where the route begins with a stop
+    start_speed: float = START_SPEED
 
     def __post_init__(self) -> None:
         if not self.leg_length.any():
@@ -86,7 +96,11 @@ class Route:
 
     @classmethod
     def timed(
-        cls, name: str, points: npt.ArrayLike, depth: float | DepthProfile, start_heading: float | None = None
+        cls,
+        name: str,
+        points: npt.ArrayLike,
+        depth: float | DepthProfile,
+        start_heading: float | None = None,
     ) -> Self:
         """Waypoints [[time, east, north], …], shape (n, 3), [s], [m], [m]."""
         table = np.array(points, dtype=np.float64)
@@ -96,12 +110,18 @@ class Route:
             waypoint=table[:, 1:].copy(),
             depth=_profile(depth),
             start_heading=start_heading,
-            start_speed=0.0 if np.array_equal(table[0, 1:], table[1:2, 1:].ravel()) else START_SPEED,
+            start_speed=0.0
+            if np.array_equal(table[0, 1:], table[1:2, 1:].ravel())
+            else START_SPEED,
         )
 
     @classmethod
-    def at_speed(cls, name: str, points: npt.ArrayLike, speed: float, depth: float | DepthProfile) -> Self:
-        """Waypoints [[east, north], …], shape (n, 2), [m], reached at one speed [m/s] measured along the legs."""
+    def at_speed(
+        cls, name: str, points: npt.ArrayLike, speed: float, depth: float | DepthProfile
+    ) -> Self:
+        """Waypoints [[east, north], …], shape (n, 2), [m], reached at one speed [m/s] measured
+        along the legs.
+        """
         table = np.array(points, dtype=np.float64)
         time = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(table, axis=0).T))]) / speed
         return cls(name=name, time=time, waypoint=table, depth=_profile(depth), start_speed=speed)
@@ -113,7 +133,9 @@ class Route:
 
     @property
     def initial_direction(self) -> Floats:
-        """Direction in which the vehicle points at the first waypoint, a vector east and north of any length."""
+        """Direction in which the vehicle points at the first waypoint, a vector east and north
+        of any length.
+        """
         if self.start_heading is not None:
             return np.array([np.sin(self.start_heading), np.cos(self.start_heading)])
         first = int(np.flatnonzero(self.leg_length)[0])
@@ -122,7 +144,11 @@ class Route:
     @property
     def initial_heading(self) -> float:
         """Heading at the first waypoint [rad]."""
-        return float(np.arctan2(*self.initial_direction)) if self.start_heading is None else self.start_heading
+        return (
+            float(np.arctan2(*self.initial_direction))
+            if self.start_heading is None
+            else self.start_heading
+        )
 
     @property
     def leg_speed(self) -> Floats:
@@ -134,7 +160,9 @@ class Route:
 
 @cache
 def _followers() -> dict[str, list[list[float]]]:
-    text = (resources.files("sim.scenario") / "data" / "followers_T2_T9.json").read_text(encoding="utf-8")
+    text = (resources.files("sim.scenario") / "data" / "followers_T2_T9.json").read_text(
+        encoding="utf-8"
+    )
     return {name: entry["waypoints_t_east_north"] for name, entry in json.loads(text).items()}
 
 
@@ -144,11 +172,12 @@ def names() -> tuple[str, ...]:
 
 
 def library_route(name: str, depth: float | DepthProfile | None = None) -> Route:
-    """A route of the library: "L" of the leader, "T2" … "T9" of the followers, at a depth [m] or profile.
+    """A route of the library: "L" of the leader, "T2" … "T9" of the followers, at a depth [m] or
+    profile.
 
-    The published follower routes are pictures; these fit them in distance, bearing and speed (`sim/scenario/data`), and
-    start heading east at 1 m/s. The depth is 8 m for the leader and 10 m for followers, unless it is given. LaisnError
-    if there is no such route.
+    The published follower routes are pictures; these fit them in distance, bearing and speed
+    (`sim/scenario/data`), and start heading east at 1 m/s. The depth is 8 m for the leader and 10 m
+    for followers, unless it is given. LaisnError if there is no such route.
     """
     if name == "L":
         return Route.at_speed("L", LEADER_L, START_SPEED, LEADER_DEPTH if depth is None else depth)
@@ -156,4 +185,6 @@ def library_route(name: str, depth: float | DepthProfile | None = None) -> Route
         first, *_, last = _followers()
         raise LaisnError(f"unknown route {name!r}; available: {first} … {last}, L")
     points = _followers()[name]
-    return Route.timed(name, points, FOLLOWER_DEPTH if depth is None else depth, start_heading=np.pi / 2)
+    return Route.timed(
+        name, points, FOLLOWER_DEPTH if depth is None else depth, start_heading=np.pi / 2
+    )

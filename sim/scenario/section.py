@@ -1,4 +1,6 @@
-"""What tables of a scenario file are made of: their common rules, the ranges of their numbers, and time steps."""
+"""What tables of a scenario file are made of: their common rules, the ranges of their numbers,
+and time steps.
+"""
 
 import ast
 import inspect
@@ -10,7 +12,15 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar, cast, get_args, get_type_hints
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, create_model, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    Strict,
+    create_model,
+    model_validator,
+)
 
 from laisn.arrays import Record
 from laisn.failure import shortened
@@ -27,30 +37,50 @@ LISTED = Strict(False)  # lets a tuple be given as a list too, as a TOML file ha
 
 
 class PerRun:
-    """In the annotation of a key: it changes what runs read and nothing before, as random errors and biases do."""
+    """In the annotation of a key: it changes what runs read and nothing before, as random errors
+    and biases do.
+    """
 
 
 CONTROL_STEP_S = 0.1  # interval of the autopilot and of the recorded truth [s]
 MOST_POINTS = 100_000  # most points of a route or a profile: one a second for more than a day
 _DEGREE = np.pi / 180.0
 UNITS = {
-    "_deg_sqrt_h": ("°/√h", _DEGREE / 60.0), "_deg_sqrt_s": ("°/√s", _DEGREE), "_deg_s": ("°/s", _DEGREE),
-    "_deg": ("°", _DEGREE), "_m_sqrt_s": ("m/√s", 1.0), "_m_s2": ("m/s²", 1.0), "_m_s": ("m/s", 1.0),
-    "_kg_m3": ("kg/m³", 1.0), "_per_s": ("1/s", 1.0), "_m2": ("m²", 1.0), "_m": ("m", 1.0), "_s": ("s", 1.0),
-    "_n": ("N", 1.0), "_px": ("px", 1.0), "_hz": ("Hz", 1.0), "_ppm": ("10⁻⁶", 1e-6),
-}  # fmt: skip
-"""Units by the endings of keys, longer ones before those that they end in: how they are written, and in SI units."""
+    "_deg_sqrt_h": ("°/√h", _DEGREE / 60.0),
+    "_deg_sqrt_s": ("°/√s", _DEGREE),
+    "_deg_s": ("°/s", _DEGREE),
+    "_deg": ("°", _DEGREE),
+    "_m_sqrt_s": ("m/√s", 1.0),
+    "_m_s2": ("m/s²", 1.0),
+    "_m_s": ("m/s", 1.0),
+    "_kg_m3": ("kg/m³", 1.0),
+    "_per_s": ("1/s", 1.0),
+    "_m2": ("m²", 1.0),
+    "_m": ("m", 1.0),
+    "_s": ("s", 1.0),
+    "_n": ("N", 1.0),
+    "_px": ("px", 1.0),
+    "_hz": ("Hz", 1.0),
+    "_ppm": ("10⁻⁶", 1e-6),
+}
+"""Units by the endings of keys, longer ones before those that they end in: how they are written,
+and in SI units.
+"""
 
 
 @cache
 def split_unit(key: str) -> tuple[str, str, float]:
-    """Name of a key without its unit, how the unit is written, and what it is in SI units and radians."""
+    """Name of a key without its unit, how the unit is written, and what it is in SI units and
+    radians.
+    """
     ending = next((ending for ending in UNITS if key.endswith(ending)), "")
     return (key.removesuffix(ending), *UNITS.get(ending, ("", 1.0)))
 
 
 def in_si(table: Mapping[str, Any], fields: Collection[str] = ()) -> dict[str, Any]:
-    """Values in SI units and radians by keys without units; a key among `fields` stays, a value of None is left out."""
+    """Values in SI units and radians by keys without units; a key among `fields` stays, a value
+    of None is left out.
+    """
     found = {}
     for key, value in table.items():
         name, _, scale = (key, "", 1.0) if key in fields else split_unit(key)
@@ -60,7 +90,9 @@ def in_si(table: Mapping[str, Any], fields: Collection[str] = ()) -> dict[str, A
 
 
 def increasing(what: str, unit: str) -> AfterValidator:
-    """Validation of the points of a profile: the first number increases; it is a time [s] from 0 on, or a depth."""
+    """Validation of the points of a profile: the first number increases; it is a time [s] from 0
+    on, or a depth.
+    """
 
     def checked(points: Any) -> Any:
         if unit == "s" and points and points[0][0] != 0:
@@ -68,7 +100,9 @@ def increasing(what: str, unit: str) -> AfterValidator:
         for number, (before, after) in enumerate(pairwise(points), start=2):
             if after[0] <= before[0]:
                 order = "later" if unit == "s" else "deeper"
-                raise ValueError(f"{what} {number} at {after[0]:g} {unit} is not {order} than the one before")
+                raise ValueError(
+                    f"{what} {number} at {after[0]:g} {unit} is not {order} than the one before"
+                )
         return points
 
     return AfterValidator(checked)
@@ -80,7 +114,9 @@ class Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
     def record(self) -> Record:
-        """Numbers, and choices by index, for compiled code: by names without units, in SI units and radians."""
+        """Numbers, and choices by index, for compiled code: by names without units, in SI units
+        and radians.
+        """
         values: dict[str, Any] = {}
         for key, field in type(self).model_fields.items():
             value = getattr(self, key)
@@ -88,7 +124,9 @@ class Section(BaseModel):
                 value = get_args(field.annotation).index(value)
             if isinstance(value, bool | int | float):
                 values |= in_si({key: value})
-        row = np.array([tuple(values.values())], [(name, type(value)) for name, value in values.items()])
+        row = np.array(
+            [tuple(values.values())], [(name, type(value)) for name, value in values.items()]
+        )
         return row.view(np.recarray)[0]
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
@@ -106,7 +144,9 @@ def _docstrings(kind: type) -> dict[str, str]:
         field.target.id: " ".join(text.value.value.split())
         for field, text in pairwise(body)
         if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
-        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
+        if isinstance(text, ast.Expr)
+        and isinstance(text.value, ast.Constant)
+        and isinstance(text.value.value, str)
     }
 
 
@@ -119,14 +159,19 @@ class FurtherKeys(Section):
 
 
 def with_fields_of(
-    kind: Any, *, positive: Collection[str] = (), without: Collection[str] = (), optional: bool = False
+    kind: Any,
+    *,
+    positive: Collection[str] = (),
+    without: Collection[str] = (),
+    optional: bool = False,
 ) -> Callable[[type[Kind]], type[Kind]]:
-    """Give a section a key for each field of a navigator's settings, a dataclass, which declares them.
+    """Give a section a key for each field of a navigator's settings, a dataclass, which declares
+    them.
 
-    A key is the field's name with the unit that ends its docstring, degrees in place of radians; the other text of the
-    docstring is its description. Fields without docstring, those in `without`, and those for which the section has a
-    key are left out. Numbers are not negative, and those in POSITIVE and `positive` not zero; `optional`: all defaults
-    are None.
+    A key is the field's name with the unit that ends its docstring, degrees in place of radians;
+    the other text of the docstring is its description. Fields without docstring, those in
+    `without`, and those for which the section has a key are left out. Numbers are not negative, and
+    those in POSITIVE and `positive` not zero; `optional`: all defaults are None.
     """
     endings = {unit.replace("°", "rad"): ending for ending, (unit, _) in UNITS.items()}
     types = get_type_hints(kind)
@@ -146,14 +191,22 @@ def with_fields_of(
             # the same angle to the bit once it is made radians again
             value = round(float(np.rad2deg(cast(float, value))), 9)
         text = text.replace(unit[0], "") if unit else text
-        text = (text if text[:2].isupper() or text[1] in ":_" else text[0].lower() + text[1:]).removesuffix(".")
+        text = (
+            text if text[:2].isupper() or text[1] in ":_" else text[0].lower() + text[1:]
+        ).removesuffix(".")
         described = Field(None if optional else value, description=text)
         keys[field.name + ending] = (kept | None if optional else kept, described)
 
     def add(base: type[Kind]) -> type[Kind]:
         own = {split_unit(key)[0] for key in base.model_fields}
         further = {key: field for key, field in keys.items() if split_unit(key)[0] not in own}
-        return create_model(base.__name__, __base__=base, __module__=base.__module__, __doc__=base.__doc__, **further)
+        return create_model(
+            base.__name__,
+            __base__=base,
+            __module__=base.__module__,
+            __doc__=base.__doc__,
+            **further,
+        )
 
     return add
 
@@ -172,16 +225,24 @@ def is_multiple(whole: float, part: float) -> bool:
 class Timing(Section):
     """Time steps."""
 
-    physics_step_s: float = Field(0.02, ge=1e-4, le=0.1, description="rigid-body solver step; must divide 0.1 s")
+    physics_step_s: float = Field(
+        0.02, ge=1e-4, le=0.1, description="rigid-body solver step; must divide 0.1 s"
+    )
     filter_step_s: Positive = Field(0.1, description="filter step Δt; multiple of 0.1 s")
-    message_interval_s: Positive = Field(1.0, description="message interval Δt_D; multiple of the filter step")
+    message_interval_s: Positive = Field(
+        1.0, description="message interval Δt_D; multiple of the filter step"
+    )
 
     @model_validator(mode="after")
     def _steps_fit(self) -> Self:
         if not is_multiple(CONTROL_STEP_S, self.physics_step_s):
-            raise ValueError(f"physics_step_s = {self.physics_step_s:g} does not divide {CONTROL_STEP_S:g} s")
+            raise ValueError(
+                f"physics_step_s = {self.physics_step_s:g} does not divide {CONTROL_STEP_S:g} s"
+            )
         if not is_multiple(self.filter_step_s, CONTROL_STEP_S):
-            raise ValueError(f"filter_step_s = {self.filter_step_s:g} is no multiple of {CONTROL_STEP_S:g} s")
+            raise ValueError(
+                f"filter_step_s = {self.filter_step_s:g} is no multiple of {CONTROL_STEP_S:g} s"
+            )
         if not is_multiple(self.message_interval_s, self.filter_step_s):
             raise ValueError(
                 f"message_interval_s = {self.message_interval_s:g} is no multiple of "

@@ -4,7 +4,17 @@ from typing import TYPE_CHECKING, Annotated, Self
 
 from pydantic import ConfigDict, Field, create_model, model_validator
 
-from sim.scenario.section import LISTED, MOST_POINTS, Angle, Chance, NonNegative, PerRun, Positive, Section, increasing
+from sim.scenario.section import (
+    LISTED,
+    MOST_POINTS,
+    Angle,
+    Chance,
+    NonNegative,
+    PerRun,
+    Positive,
+    Section,
+    increasing,
+)
 
 SoundSpeed = Annotated[float, Field(ge=1300, le=1700)]
 SpeedAtDepth = Annotated[tuple[NonNegative, SoundSpeed], LISTED]
@@ -22,13 +32,19 @@ class OwnSensors(Section):
     speed_sigma_m_s: Sigma = 0.2
     heading_bias_deg: HeadingBias = 5.0
     heading_sigma_deg: Sigma = Field(
-        2.0, description="σ of the error to starboard, the absolute value of a normal number (paper, Eq. 27)"
+        2.0,
+        description="σ of the error to starboard, the absolute value of a normal number (paper, "
+        "Eq. 27)",
     )
     depth_sigma_m: Sigma = 0.0
-    speed_drift_m_s: float = Field(0.0, ge=-10, le=10, description="amplitude of a sinusoidal drift of the bias")
+    speed_drift_m_s: float = Field(
+        0.0, ge=-10, le=10, description="amplitude of a sinusoidal drift of the bias"
+    )
     heading_drift_deg: Annotated[float, Field(ge=-180, le=180)] = Field(0.0, description="the same")
     drift_period_s: Positive = 400.0
-    speed_drift_phase_deg: Angle = Field(0.0, description="at the start; each further follower adds 137.5°")
+    speed_drift_phase_deg: Angle = Field(
+        0.0, description="at the start; each further follower adds 137.5°"
+    )
     heading_drift_phase_deg: Angle = Field(0.0, description="the same")
     gyro_sigma_deg_s: Sigma = Field(0.1, description="for followers on stations")
     tilt_sigma_deg: Sigma = Field(0.5, description="of the inclinometer, for followers on stations")
@@ -42,7 +58,8 @@ class OwnSensor(Section):
     __pydantic_extra__: dict[str, bool | int | float | str]
 
     sensor: str = Field(
-        description="inverted-usbl, or class, as module:Class", pattern=r"^([\w.]+:[\w.]+|inverted-usbl)$"
+        description="inverted-usbl, or class, as module:Class",
+        pattern=r"^([\w.]+:[\w.]+|inverted-usbl)$",
     )
 
 
@@ -59,8 +76,12 @@ class Sensors(OwnSensors):
     leader_position_drift_m_s: NonNegative = 0.0
     leader_position_drift_deg: Angle = Field(0.0, description="its compass direction")
     leader_attitude_sigma_deg: Sigma = Field(0.0, description="of the inclinometer, pitch and roll")
-    leader_attitude_offset_sigma_deg: Sigma = Field(0.0, description="σ of constant offsets of a run, as from mounting")
-    leader_attitude_senses_acceleration: bool = Field(False, description="of the hull, beside gravity")
+    leader_attitude_offset_sigma_deg: Sigma = Field(
+        0.0, description="σ of constant offsets of a run, as from mounting"
+    )
+    leader_attitude_senses_acceleration: bool = Field(
+        False, description="of the hull, beside gravity"
+    )
     leader_gyro_time_constant_s: Annotated[float, Field(ge=0, le=1000)] = Field(
         0.0, description="of the complementary filter of gyros and inclinometer; 0: no gyros"
     )
@@ -73,16 +94,22 @@ else:
     FollowerSensors = create_model(
         "FollowerSensors",
         __base__=Section,
-        __doc__="Errors of one follower's own sensors. Keys and defaults: `[sensors]` without `own` and `leader_…`.",
+        __doc__="Errors of one follower's own sensors. Keys and defaults: `[sensors]` without "
+        "`own` and `leader_…`.",
         **{
-            name: (Annotated[field.annotation, *field.metadata] | None, Field(None, description=field.description))
+            name: (
+                Annotated[field.annotation, *field.metadata] | None,
+                Field(None, description=field.description),
+            )
             for name, field in OwnSensors.model_fields.items()
         },
     )
 
 
 class Acoustics(Section):
-    """True errors of ranges (paper, Eq. 28), and physical acoustics (not in the paper, off by default)."""
+    """True errors of ranges (paper, Eq. 28), and physical acoustics (not in the paper, off by
+    default).
+    """
 
     range_tau_m: Annotated[tuple[_RangeError, _RangeError, _RangeError], LISTED, PerRun] = Field(
         (0.01, 0.01, 0.01), description="τ, uniform error of rear, front and middle transmitter"
@@ -93,23 +120,41 @@ class Acoustics(Section):
     range_scale_mean_m: Annotated[float, Field(ge=-100, le=100), PerRun] = Field(
         0.1, description="μD, mean of the error common to all transmitters"
     )
-    range_scale_sigma_m: Annotated[_RangeError, PerRun] = Field(0.05, description="σD, its standard deviation")
-    travel_time: bool = Field(False, description="vehicles move during propagation")
-    ping_slot_s: Annotated[float, Field(ge=0, le=2)] = Field(0.0, description="between rear, front and middle ping")
-    sound_speed_m_s: SoundSpeed = Field(1500.0, description="true and assumed")
-    sound_speed_bias_m_s: Annotated[float, Field(ge=-100, le=100)] = Field(0.0, description="assumed minus true speed")
-    sound_speed_profile: Annotated[tuple[SpeedAtDepth, ...], LISTED, increasing("point", "m")] = Field(
-        (),
-        max_length=MOST_POINTS,
-        description="[[depth_m, speed_m_s], …], interpolated; replaces the true sound_speed_m_s",
+    range_scale_sigma_m: Annotated[_RangeError, PerRun] = Field(
+        0.05, description="σD, its standard deviation"
     )
-    clock_offset_s: float = Field(0.0, ge=-1, le=1, description="follower's minus leader's clock at the start")
+    travel_time: bool = Field(False, description="vehicles move during propagation")
+    ping_slot_s: Annotated[float, Field(ge=0, le=2)] = Field(
+        0.0, description="between rear, front and middle ping"
+    )
+    sound_speed_m_s: SoundSpeed = Field(1500.0, description="true and assumed")
+    sound_speed_bias_m_s: Annotated[float, Field(ge=-100, le=100)] = Field(
+        0.0, description="assumed minus true speed"
+    )
+    sound_speed_profile: Annotated[tuple[SpeedAtDepth, ...], LISTED, increasing("point", "m")] = (
+        Field(
+            (),
+            max_length=MOST_POINTS,
+            description=(
+                "[[depth_m, speed_m_s], …], interpolated; replaces the true sound_speed_m_s"
+            ),
+        )
+    )
+    clock_offset_s: float = Field(
+        0.0, ge=-1, le=1, description="follower's minus leader's clock at the start"
+    )
     clock_drift_ppm: Annotated[float, Field(ge=-1000, le=1000)] = 0.0
-    surface_echo_probability: Chance = Field(0.0, description="probability that a ping's surface echo is taken for it")
+    surface_echo_probability: Chance = Field(
+        0.0, description="probability that a ping's surface echo is taken for it"
+    )
     bottom_echo_probability: Chance = Field(0.0, description="the same")
-    common_echoes: Annotated[bool, PerRun] = Field(False, description="all pings of a message take the same path")
+    common_echoes: Annotated[bool, PerRun] = Field(
+        False, description="all pings of a message take the same path"
+    )
     loss_probability: LossProbability = Field(0.0, description="of a message, outside bursts")
-    burst_probability: LossProbability = Field(0.0, description="per message, that a burst of losses starts")
+    burst_probability: LossProbability = Field(
+        0.0, description="per message, that a burst of losses starts"
+    )
     burst_mean_messages: Annotated[float, Field(ge=1, le=10000), PerRun] = 5.0
     burst_loss_probability: LossProbability = Field(1.0, description="of a message within a burst")
     max_range_m: NonNegative = Field(0.0, description="of reception; 0: no limit")
@@ -118,7 +163,8 @@ class Acoustics(Section):
     def _chances_add_up(self) -> Self:
         if self.surface_echo_probability + self.bottom_echo_probability > 1:
             raise ValueError(
-                f"surface_echo_probability = {self.surface_echo_probability:g} and bottom_echo_probability = "
+                f"surface_echo_probability = {self.surface_echo_probability:g} and "
+                "bottom_echo_probability = "
                 f"{self.bottom_echo_probability:g} add up to more than 1"
             )
         return self

@@ -1,4 +1,6 @@
-"""A mission as data: everything a user may set, validated, frozen. Degrees and units stand in the names."""
+"""A mission as data: everything a user may set, validated, frozen. Degrees and units stand in
+the names.
+"""
 
 from datetime import datetime
 from pathlib import Path
@@ -6,7 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 import tomli_w
-from pydantic import AfterValidator, Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from laisn.arrays import Floats
 from laisn.settings import VARIANTS
@@ -38,12 +47,18 @@ class Waves(Section):
     """Surface waves (linear)."""
 
     kind: Literal["none", "regular", "jonswap"] = "none"
-    height_m: float = Field(0.5, ge=0, le=20, description="height H of regular waves, significant height Hs of JONSWAP")
-    period_s: Annotated[float, Field(gt=0.5, le=30)] = Field(4.0, description="period T, or peak period Tp")
+    height_m: float = Field(
+        0.5, ge=0, le=20, description="height H of regular waves, significant height Hs of JONSWAP"
+    )
+    period_s: Annotated[float, Field(gt=0.5, le=30)] = Field(
+        4.0, description="period T, or peak period Tp"
+    )
     direction_deg: Angle = Field(90.0, description="compass direction towards which they run")
     peak_enhancement: Annotated[float, Field(ge=1, le=10)] = Field(3.3, description="γ of JONSWAP")
     components: Annotated[int, Field(ge=1, le=200)] = Field(100, description="of JONSWAP")
-    spreading_deg: Annotated[float, Field(ge=0, le=60)] = Field(0.0, description="σ of JONSWAP directions")
+    spreading_deg: Annotated[float, Field(ge=0, le=60)] = Field(
+        0.0, description="σ of JONSWAP directions"
+    )
 
 
 class Ocean(Section):
@@ -52,29 +67,42 @@ class Ocean(Section):
     density_kg_m3: Annotated[float, Field(ge=950, le=1100)] = 1026.0
     floor_depth_m: Annotated[float, Field(ge=2, le=11000)] = 30.0
     current_speed_m_s: CurrentSpeed = Field(0.0, description="current at the surface")
-    current_direction_deg: Angle = Field(0.0, description="compass direction towards which it flows")
-    current_shear_per_s: float = Field(0.0, ge=-1, le=1, description="decrease of the current with depth")
-    current_profile: Annotated[tuple[TimedCurrent, ...], LISTED, increasing("current", "s")] = Field(
-        (),
-        max_length=MOST_POINTS,
-        description="[[time_s, speed_m_s, direction_deg], …] of the surface current, components interpolated; "
-        "replaces current_speed_m_s and the direction, except that of shear",
+    current_direction_deg: Angle = Field(
+        0.0, description="compass direction towards which it flows"
+    )
+    current_shear_per_s: float = Field(
+        0.0, ge=-1, le=1, description="decrease of the current with depth"
+    )
+    current_profile: Annotated[tuple[TimedCurrent, ...], LISTED, increasing("current", "s")] = (
+        Field(
+            (),
+            max_length=MOST_POINTS,
+            description="[[time_s, speed_m_s, direction_deg], …] of the surface current, "
+            "components interpolated; "
+            "replaces current_speed_m_s and the direction, except that of shear",
+        )
     )
     waves: Waves = Waves()
 
     @property
     def moves(self) -> bool:
         """Whether there is a current at the surface."""
-        return any(speed for _, speed, _ in self.current_profile or [(0.0, self.current_speed_m_s, 0.0)])
+        return any(
+            speed for _, speed, _ in self.current_profile or [(0.0, self.current_speed_m_s, 0.0)]
+        )
 
     def current_change(self) -> Floats:
         """The profile as time [s], east and north [m/s], shape (n, 3)."""
         points = np.reshape(self.current_profile, (-1, 3))
         towards = np.deg2rad(points[:, 2])
-        return np.column_stack([points[:, 0], points[:, 1] * np.sin(towards), points[:, 1] * np.cos(towards)])
+        return np.column_stack(
+            [points[:, 0], points[:, 1] * np.sin(towards), points[:, 1] * np.cos(towards)]
+        )
 
     def current_at(self, depth: Floats | float, time: Floats | float) -> Floats:
-        """Current, east and north; depth [m] and time [s] broadcast to the leading shape of the answer, [m/s]."""
+        """Current, east and north; depth [m] and time [s] broadcast to the leading shape of the
+        answer, [m/s].
+        """
         towards = np.deg2rad(self.current_direction_deg)
         speed = 0.0 if self.current_profile else self.current_speed_m_s
         along = np.asarray(speed - self.current_shear_per_s * np.asarray(depth))
@@ -82,13 +110,32 @@ class Ocean(Section):
         if not self.current_profile:
             return np.asarray(steady)
         change = self.current_change()
-        return np.asarray(steady + np.stack([np.interp(time, change[:, 0], part) for part in change.T[1:]], axis=-1))
+        return np.asarray(
+            steady
+            + np.stack([np.interp(time, change[:, 0], part) for part in change.T[1:]], axis=-1)
+        )
 
 
 __all__ = [
-    "CAMERAS", "CONTROL_STEP_S", "KEYS_ALONE", "Acoustics", "Assume", "Follower", "Formation", "Leader", "Name",
-    "Navigation", "Ocean", "Scenario", "Sensors", "Station", "Timing", "Vehicle", "Video", "Waves",
-]  # fmt: skip
+    "CAMERAS",
+    "CONTROL_STEP_S",
+    "KEYS_ALONE",
+    "Acoustics",
+    "Assume",
+    "Follower",
+    "Formation",
+    "Leader",
+    "Name",
+    "Navigation",
+    "Ocean",
+    "Scenario",
+    "Sensors",
+    "Station",
+    "Timing",
+    "Vehicle",
+    "Video",
+    "Waves",
+]
 
 
 CAMERAS = {  # names of the cameras and what they show
@@ -98,7 +145,9 @@ CAMERAS = {  # names of the cameras and what they show
     "side": "from the side at their depth, between surface and floor; inset: the follower close by",
     "follower": "what the follower would see, along its hull; inset: the leader close by",
     "leader": "the leader close by; inset: the follower close by",
-    "profile": "the leader in profile, the follower beyond; inset: follower and estimate from above",
+    "profile": (
+        "the leader in profile, the follower beyond; inset: follower and estimate from above"
+    ),
     "orbit": "around all vehicles, once in forty seconds of film",
 }
 
@@ -122,9 +171,11 @@ class Video(Section):
     in_log: bool = Field(True, description="store a film in the log, too")
 
 
-KEYS_ALONE = {"inconsistencies": "ignored"}  # context of a validation without `Scenario.inconsistencies`
+# context of a validation without `Scenario.inconsistencies`
+KEYS_ALONE = {"inconsistencies": "ignored"}
 
-_STAND_IN = {"station": {"behind_m": 10.0, "depth_m": 10.0}}  # a follower in place of those of an invalid shape
+# a follower in place of those of an invalid shape
+_STAND_IN = {"station": {"behind_m": 10.0, "depth_m": 10.0}}
 
 
 class Scenario(Section):
@@ -142,7 +193,9 @@ class Scenario(Section):
     motion: Literal["physics", "kinematic"] = Field(
         "physics", description="rigid bodies in water, or the paper's point motion"
     )
-    contact: Literal["mark", "end"] = Field("mark", description="on contact of hulls record it, or end the mission")
+    contact: Literal["mark", "end"] = Field(
+        "mark", description="on contact of hulls record it, or end the mission"
+    )
     epoch: str = Field("2026-01-01T00:00:00+00:00", description="start date and time, ISO 8601")
     origin_latitude_deg: Annotated[float, Field(ge=-89, le=89)] = 54.52
     origin_longitude_deg: Annotated[float, Field(ge=-180, le=180)] = 18.55
@@ -159,9 +212,15 @@ class Scenario(Section):
     @model_validator(mode="before")
     @classmethod
     def _followers_of_a_shape(cls, data: Any) -> Any:
-        """Followers in place of the shape that makes them; errors of a shape are reported with its key."""
+        """Followers in place of the shape that makes them; errors of a shape are reported with
+        its key.
+        """
         formation = data.get("formation") if isinstance(data, dict) else None
-        if not isinstance(formation, dict) or not isinstance(formation.get("shape"), dict) or data.get("followers"):
+        if (
+            not isinstance(formation, dict)
+            or not isinstance(formation.get("shape"), dict)
+            or data.get("followers")
+        ):
             return data
         try:
             followers = followers_of(Shape.model_validate(formation["shape"], strict=False))
@@ -174,26 +233,36 @@ class Scenario(Section):
     @classmethod
     def _epoch_is_a_date(cls, text: str) -> str:
         if datetime.fromisoformat(text).tzinfo is None:
-            raise ValueError(f"{text!r} is no ISO 8601 time with zone, such as 2026-01-01T00:00:00+00:00")
+            raise ValueError(
+                f"{text!r} is no ISO 8601 time with zone, such as 2026-01-01T00:00:00+00:00"
+            )
         return text
 
     @field_validator("followers")
     @classmethod
     def _numbered(cls, followers: tuple[Follower, ...]) -> tuple[Follower, ...]:
-        """Followers with names: of several, those without one are called follower-1 and so on, in order."""
+        """Followers with names: of several, those without one are called follower-1 and so on,
+        in order.
+        """
         if len(followers) == 1:
             return followers
         return tuple(
-            follower if "name" in follower.model_fields_set else follower.model_copy(update={"name": f"follower-{i}"})
+            follower
+            if "name" in follower.model_fields_set
+            else follower.model_copy(update={"name": f"follower-{i}"})
             for i, follower in enumerate(followers, 1)
         )
 
     @model_validator(mode="after")
     def _attitude_in_formations(self) -> Self:
-        """Leaders of formations broadcast pitch and roll, and followers use them, unless a key sets it."""
+        """Leaders of formations broadcast pitch and roll, and followers use them, unless a key
+        sets it.
+        """
         if any(follower.station for follower in self.followers):
             if "broadcast_attitude" not in self.leader.model_fields_set:
-                self.__dict__["leader"] = self.leader.model_copy(update={"broadcast_attitude": True})
+                self.__dict__["leader"] = self.leader.model_copy(
+                    update={"broadcast_attitude": True}
+                )
             if "use_attitude" not in self.navigation.model_fields_set:
                 used = {"use_attitude": self.leader.broadcast_attitude}
                 self.__dict__["navigation"] = self.navigation.model_copy(update=used)
@@ -206,14 +275,18 @@ class Scenario(Section):
         return self
 
     def inconsistencies(self) -> list[str]:
-        """Keys that contradict each other: names, steps, floor, current, what one setting needs of another."""
+        """Keys that contradict each other: names, steps, floor, current, what one setting needs
+        of another.
+        """
         found = []
         names = ["leader", *(f.name for f in self.followers)]
         if repeated := sorted({name for name in names if names.count(name) > 1}):
             found.append(f"vehicle names must differ; repeated: {', '.join(repeated)}")
         if not is_multiple(self.duration_s, self.timing.filter_step_s):
             step = self.timing.filter_step_s
-            found.append(f"duration_s = {self.duration_s:g} is no multiple of filter_step_s = {step:g}")
+            found.append(
+                f"duration_s = {self.duration_s:g} is no multiple of filter_step_s = {step:g}"
+            )
         for key, vehicle in self.vehicles():
             found += self._depth_errors(key, vehicle)
         for i, follower in enumerate(self.followers if self.motion != "physics" else ()):
@@ -222,17 +295,24 @@ class Scenario(Section):
                 found.append(f"followers[{i}].{key} needs motion = 'physics'")
             elif follower.guided_by_estimate:
                 found.append(
-                    f"followers[{i}].guidance_position = 'estimate' needs motion = 'physics'; the paper's point motion "
+                    f"followers[{i}].guidance_position = 'estimate' needs motion = 'physics'; the "
+                    "paper's point motion "
                     "keeps to its route whatever the follower estimates"
                 )
         if self.formation.shape:
             found.append("formation.shape makes the followers; there are [[followers]] beside it")
-        stations = [(f"followers[{i}]", f.station) for i, f in enumerate(self.followers) if f.station]
+        stations = [
+            (f"followers[{i}]", f.station) for i, f in enumerate(self.followers) if f.station
+        ]
         found += station_inconsistencies(self.formation.proximity, stations)
         if stations and self.timing.filter_step_s != CONTROL_STEP_S:
-            found.append("timing.filter_step_s must keep its default where followers are on stations")
+            found.append(
+                "timing.filter_step_s must keep its default where followers are on stations"
+            )
         if stations or any(follower.guided_by_estimate for follower in self.followers):
-            where = "must keep its default where followers are on stations or steer by their estimates"
+            where = (
+                "must keep its default where followers are on stations or steer by their estimates"
+            )
             if self.navigation.use_single_range and self.navigation.variant in VARIANTS:
                 found.append(f"navigation.use_single_range {where}")
             if self.navigation.transmitters_m:
@@ -242,12 +322,18 @@ class Scenario(Section):
         places = len(self.navigation.transmitters_m)
         used = self.navigation.transmitters
         if 0 < places < used:
-            found.append(f"navigation.transmitters_m has {places} places, the navigator uses {used} transmitters")
+            found.append(
+                f"navigation.transmitters_m has {places} places, the navigator uses {used} "
+                "transmitters"
+            )
         return found
 
     def _depth_errors(self, key: str, vehicle: Vehicle) -> list[str]:
         found = []
-        deepest = max([d for _, d in vehicle.depth_profile] or [vehicle.layer_m]) + vehicle.saw_tooth_amplitude_m
+        deepest = (
+            max([d for _, d in vehicle.depth_profile] or [vehicle.layer_m])
+            + vehicle.saw_tooth_amplitude_m
+        )
         if vehicle.saw_tooth_amplitude_m > vehicle.layer_m and not vehicle.depth_profile:
             found.append(
                 f"{key}: saw_tooth_amplitude_m = {vehicle.saw_tooth_amplitude_m:g} about depth_m = "
@@ -262,26 +348,38 @@ class Scenario(Section):
         drift = float(np.hypot(*self.ocean.current_at(deepest, times).T).max())
         if drift > FASTEST_CURRENT_M_S:
             found.append(
-                f"ocean: the current at {key}'s {deepest:g} m would run at {drift:.3g} m/s; its speed at the surface "
+                f"ocean: the current at {key}'s {deepest:g} m would run at {drift:.3g} m/s; its "
+                "speed at the surface "
                 f"and current_shear_per_s must keep it within {FASTEST_CURRENT_M_S:g} m/s"
             )
         return found
 
     def toml(self) -> str:
-        """The whole scenario as TOML, every default written out; reading it back gives an equal scenario."""
-        return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True), multiline_strings=True)
+        """The whole scenario as TOML, every default written out; reading it back gives an equal
+        scenario.
+        """
+        return tomli_w.dumps(
+            self.model_dump(mode="json", exclude_none=True), multiline_strings=True
+        )
 
     def save(self, path: str | Path) -> None:
-        """Write the scenario as a TOML file that loads to an equal one; OSError if it cannot be written."""
+        """Write the scenario as a TOML file that loads to an equal one; OSError if it cannot be
+        written.
+        """
         with atomic_write(Path(path)) as part:
             part.write_text(self.toml(), encoding="utf-8")
 
     def vehicles(self) -> list[tuple[str, Vehicle]]:
         """All vehicles with their keys, the leader first: leader, followers[0] and so on."""
-        return [("leader", self.leader), *((f"followers[{i}]", f) for i, f in enumerate(self.followers))]
+        return [
+            ("leader", self.leader),
+            *((f"followers[{i}]", f) for i, f in enumerate(self.followers)),
+        ]
 
     def sensors_of(self, follower: int) -> Sensors:
-        """`[sensors]` with the errors of a follower's own sensors, by its index, in place of those there."""
+        """`[sensors]` with the errors of a follower's own sensors, by its index, in place of
+        those there.
+        """
         own = {name: value for name, value in self.followers[follower].sensors if value is not None}
         return self.sensors.model_copy(update=own)
 
@@ -292,7 +390,9 @@ class Scenario(Section):
 
     @property
     def first_messages(self) -> "Scenario":
-        """The scenario as far as its second message: to fly that takes no time but for compiling."""
+        """The scenario as far as its second message: to fly that takes no time but for
+        compiling.
+        """
         two = min(2 * self.timing.message_interval_s, self.duration_s)
         return self.model_copy(update={"duration_s": two})
 

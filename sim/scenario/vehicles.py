@@ -9,7 +9,16 @@ import models
 from laisn.failure import LaisnError
 from sim.scenario.formation import Station
 from sim.scenario.routes import FOLLOWER_DEPTH, LEADER_DEPTH
-from sim.scenario.section import LISTED, MOST_POINTS, Coordinate, Name, NonNegative, Positive, Section, increasing
+from sim.scenario.section import (
+    LISTED,
+    MOST_POINTS,
+    Coordinate,
+    Name,
+    NonNegative,
+    Positive,
+    Section,
+    increasing,
+)
 from sim.scenario.sensors import FollowerSensors
 from sim.system import read_text
 
@@ -31,26 +40,40 @@ class Vehicle(Section):
     waypoints: Annotated[tuple[TimedPoint, ...], LISTED, increasing("waypoint", "s")] = Field(
         (),
         max_length=MOST_POINTS,
-        description="[[time_s, east_m, north_m], …] from time 0, in place of route; a position given twice is a stop",
+        description="[[time_s, east_m, north_m], …] from time 0, in place of route; a position "
+        "given twice is a stop",
     )
     model: Annotated[str, Field(max_length=LONGEST_MODEL)] | None = Field(
-        None, description="vehicle of `laisn vehicles`, or own MJCF hull, path relative to this file"
+        None,
+        description="vehicle of `laisn vehicles`, or own MJCF hull, path relative to this file",
     )
     depth_m: NonNegative = LEADER_DEPTH
     depth_profile: Annotated[tuple[TimedDepth, ...], LISTED, increasing("depth", "s")] = Field(
-        (), max_length=MOST_POINTS, description="[[time_s, depth_m], …], interpolated; replaces depth_m"
+        (),
+        max_length=MOST_POINTS,
+        description="[[time_s, depth_m], …], interpolated; replaces depth_m",
     )
     saw_tooth_amplitude_m: NonNegative = Field(0.0, description="about the depth")
     saw_tooth_period_s: Positive = 120.0
-    excess_buoyancy_n: float = Field(0.0, ge=-100, le=100, description="buoyancy minus weight; held by trim")
-    cg_offset_x_m: float = Field(0.0, ge=-0.2, le=0.2, description="forward shift of the centre of gravity")
-    cg_offset_z_m: float = Field(0.0, ge=-0.1, le=0.1, description="upward shift of the centre of gravity")
-    drag_scale: Scale = Field(1.0, description="simulated over nominal drag and damping; autopilots use nominal values")
+    excess_buoyancy_n: float = Field(
+        0.0, ge=-100, le=100, description="buoyancy minus weight; held by trim"
+    )
+    cg_offset_x_m: float = Field(
+        0.0, ge=-0.2, le=0.2, description="forward shift of the centre of gravity"
+    )
+    cg_offset_z_m: float = Field(
+        0.0, ge=-0.1, le=0.1, description="upward shift of the centre of gravity"
+    )
+    drag_scale: Scale = Field(
+        1.0, description="simulated over nominal drag and damping; autopilots use nominal values"
+    )
     added_mass_scale: Scale = Field(1.0, description="simulated over nominal")
     lift_scale: Scale = Field(1.0, description="of hull and fins")
     thrust_scale: Scale = Field(1.0, description="actual over commanded thrust")
     depth_control: Literal["pitch", "thrust"] | None = Field(
-        None, description="by hull pitch, or level by vertical thrusters; default: by pitch if the hull lifts"
+        None,
+        description="by hull pitch, or level by vertical thrusters; default: by pitch if the hull "
+        "lifts",
     )
 
     @model_validator(mode="before")
@@ -82,7 +105,9 @@ class Vehicle(Section):
     @model_validator(mode="after")
     def _one_route(self) -> Self:
         if not self.route and len(self.waypoints) < 2:
-            raise ValueError("a vehicle needs a route of the library or waypoints of its own, two at least")
+            raise ValueError(
+                "a vehicle needs a route of the library or waypoints of its own, two at least"
+            )
         return self
 
 
@@ -94,7 +119,8 @@ class Leader(Vehicle):
         2.0, description="L, rear to front transmitter; default on an own hull: its sites"
     )
     middle_offset_m: Annotated[float, Field(ge=0.001, le=0.5)] | None = Field(
-        0.1, description="H_T, port offset of the middle transmitter; default on an own hull: its site"
+        0.1,
+        description="H_T, port offset of the middle transmitter; default on an own hull: its site",
     )
     broadcast_attitude: bool = Field(
         False, description="broadcast measured pitch and roll; default with stations: true"
@@ -106,7 +132,9 @@ class Leader(Vehicle):
     @model_validator(mode="before")
     @classmethod
     def _sites_of_own_hull(cls, data: Any) -> Any:
-        """On a hull of the user's own transmitters stay where its MJCF has them, unless a key places them."""
+        """On a hull of the user's own transmitters stay where its MJCF has them, unless a key
+        places them.
+        """
         own = isinstance(data, dict) and data.get("model")
         return {"baseline_m": None, "middle_offset_m": None, **data} if own else data
 
@@ -117,19 +145,23 @@ class Follower(Vehicle):
     name: Name = "follower"
     depth_m: NonNegative = FOLLOWER_DEPTH
     station: Station | None = Field(
-        None, description="{behind_m, port_m, depth_m}: keeps its place in the leader's trail; replaces a route"
+        None,
+        description="{behind_m, port_m, depth_m}: keeps its place in the leader's trail; replaces "
+        "a route",
     )
     start_m: Annotated[tuple[Coordinate, Coordinate], LISTED] | None = Field(
         None, description="[east, north] of the start; default: the station"
     )
     guidance_position: Literal["truth", "estimate"] | None = Field(
-        None, description="position used for guidance; default: truth on a route, estimate on a station"
+        None,
+        description="position used for guidance; default: truth on a route, estimate on a station",
     )
     controller: Annotated[str, Field(pattern=r"^\w+(:\w+)?$")] | None = Field(
         None, description="own controller, module:Class; route or station give the start"
     )
     sensors: FollowerSensors = Field(
-        FollowerSensors(), description="errors of this follower's own sensors; default: those of [sensors]"
+        FollowerSensors(),
+        description="errors of this follower's own sensors; default: those of [sensors]",
     )
 
     @property
@@ -148,8 +180,15 @@ class Follower(Vehicle):
         if not self.route and len(self.waypoints) < 2 and not self.station:
             needed = "a route of the library, waypoints of its own or a station"
             raise ValueError(f"a follower needs {needed}; waypoints are two at least")
-        if self.station and (self.route or self.waypoints or self.depth_profile or self.saw_tooth_amplitude_m):
-            raise ValueError("a follower on a station has no route, waypoints, depth_profile or saw-tooth beside it")
+        if self.station and (
+            self.route or self.waypoints or self.depth_profile or self.saw_tooth_amplitude_m
+        ):
+            raise ValueError(
+                "a follower on a station has no route, waypoints, depth_profile or saw-tooth "
+                "beside it"
+            )
         if self.start_m and not self.station:
-            raise ValueError("start_m is for followers on stations; a route begins at its first waypoint")
+            raise ValueError(
+                "start_m is for followers on stations; a route begins at its first waypoint"
+            )
         return self

@@ -1,15 +1,18 @@
-"""How sound gets from the transmitters to a hydrophone, and what range a receiver without noise would give.
+"""How sound gets from the transmitters to a hydrophone, and what range a receiver without noise
+would give.
 
-A ping leaves its transmitter at t_e, where that site then is, and arrives at t_a, where the hydrophone then is:
+A ping leaves its transmitter at t_e, where that site then is, and arrives at t_a, where the
+hydrophone then is:
 
     t_a − t_e = |H(t_a) − P(t_e)| s,    s = mean of 1/c along the path,
 
-solved for t_a itself, whatever the time step. The follower gets t_e from the message, reads t_a on its own clock and
-assumes a constant speed of sound c_b: R = c_b (t_a + clock error − t_e).
+solved for t_a itself, whatever the time step. The follower gets t_e from the message, reads t_a on
+its own clock and assumes a constant speed of sound c_b: R = c_b (t_a + clock error − t_e).
 
-Rays are straight: their mean slowness is the mean of 1/c over the depths they cross (Medwin & Clay, Fundamentals of
-Acoustical Oceanography, 1998). A flat, level boundary sends an echo that seems to come from the mirror image of its
-source (ibid.); taken for the direct arrival it is the gross error of paper Section 2.4. Random errors come on top.
+Rays are straight: their mean slowness is the mean of 1/c over the depths they cross (Medwin & Clay,
+Fundamentals of Acoustical Oceanography, 1998). A flat, level boundary sends an echo that seems to
+come from the mirror image of its source (ibid.); taken for the direct arrival it is the gross error
+of paper Section 2.4. Random errors come on top.
 """
 
 import math
@@ -25,7 +28,8 @@ from sim.attitude import Vector, carried
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.trajectory import Trajectory, Truth, pose_between, row
 
-_LEVEL_M = 1e-3  # smaller depth steps have the slowness of their middle: quotients of small differences round [m]
+# smaller depth steps have the slowness of their middle: quotients of small differences round [m]
+_LEVEL_M = 1e-3
 
 
 class SoundProfile(NamedTuple):
@@ -37,7 +41,9 @@ class SoundProfile(NamedTuple):
 
     @classmethod
     def through(cls, points: npt.ArrayLike) -> Self:
-        """Points [[depth, speed], …], shape (n, 2), [m] and [m/s]; one point is a constant speed."""
+        """Points [[depth, speed], …], shape (n, 2), [m] and [m/s]; one point is a constant
+        speed.
+        """
         depth, speed = np.array(points, dtype=np.float64).T.copy()
         delays = [_delay(growth) for growth in (np.diff(speed) / speed[:-1]).tolist()]
         layers = np.diff(depth) / speed[:-1] * np.array(delays)
@@ -46,13 +52,17 @@ class SoundProfile(NamedTuple):
 
 @formula
 def _delay(growth: float) -> float:
-    """ln(1 + g) / g: time through a layer whose speed grows by a share g, in that at its first speed."""
+    """ln(1 + g) / g: time through a layer whose speed grows by a share g, in that at its first
+    speed.
+    """
     return math.log1p(growth) / growth if growth != 0.0 else 1.0
 
 
 @jitable
 def _layer(p: SoundProfile, depth: float) -> int:
-    """Index of the last depth of the profile that is not below another one; 0, if that is above all."""
+    """Index of the last depth of the profile that is not below another one; 0, if that is above
+    all.
+    """
     i = 0
     while i + 1 < p.depth.size and p.depth[i + 1] <= depth:
         i += 1
@@ -87,7 +97,8 @@ def mean_slowness(p: SoundProfile, upper: float, lower: float) -> float:
 
 TRANSMITTERS = ("leader/tx_rear", "leader/tx_front", "leader/tx_middle")  # sites of P1, P2 and P3
 
-_ITERATIONS = 6  # for the arrival time: each gains a factor of c / speed of the hydrophone, some 500
+# for the arrival time: each gains a factor of c / speed of the hydrophone, some 500
+_ITERATIONS = 6
 
 
 class Path(IntEnum):
@@ -125,14 +136,20 @@ def sound_of(scenario: Scenario) -> Sound:
     a = scenario.acoustics
     assumed = a.sound_speed_m_s + a.sound_speed_bias_m_s
     return Sound(
-        on_grid=not a.travel_time and a.ping_slot_s == 0.0, travels=a.travel_time, slot=float(a.ping_slot_s),
+        on_grid=not a.travel_time and a.ping_slot_s == 0.0,
+        travels=a.travel_time,
+        slot=float(a.ping_slot_s),
         paths=(True, a.surface_echo_probability > 0.0, a.bottom_echo_probability > 0.0),
-        floor=float(scenario.ocean.floor_depth_m), max_range=float(a.max_range_m or np.inf),
+        floor=float(scenario.ocean.floor_depth_m),
+        max_range=float(a.max_range_m or np.inf),
         transmitters=scenario.navigation.transmitters,
         profile=SoundProfile.through(a.sound_speed_profile or ((0.0, a.sound_speed_m_s),)),
-        varies=bool(a.sound_speed_profile), ratio=assumed / a.sound_speed_m_s, assumed_speed=assumed,
-        clock_offset=float(a.clock_offset_s), clock_drift=1e-6 * a.clock_drift_ppm,
-    )  # fmt: skip
+        varies=bool(a.sound_speed_profile),
+        ratio=assumed / a.sound_speed_m_s,
+        assumed_speed=assumed,
+        clock_offset=float(a.clock_offset_s),
+        clock_drift=1e-6 * a.clock_drift_ppm,
+    )
 
 
 class Motion(NamedTuple):
@@ -164,7 +181,9 @@ NO_PINGS = (((0.0, 0.0, 0.0), (NO_ARRIVAL, NO_ARRIVAL, NO_ARRIVAL)),) * 3
 
 @jitable
 def site_at(s: Sound, known: Motion, vehicle: int, offset: Any, time: float) -> Vector:
-    """East, north and up of a site at a time that is known; at a later one, where it is last known [m]."""
+    """East, north and up of a site at a time that is known; at a later one, where it is last
+    known [m].
+    """
     place = min(max((time - known.begin) / CONTROL_STEP_S, 0.0), float(known.last))
     pose = known.truth.pose
     twist = known.truth.twist
@@ -192,22 +211,31 @@ def image(source: Vector, path: int, floor_depth: float) -> Vector:
 
 
 @jitable
-def path_slowness(profile: SoundProfile, path: int, source: float, receiver: float, floor_depth: float) -> float:
-    """Mean of 1/c along a path that is straight but for its reflection, between two heights [s/m]."""
+def path_slowness(
+    profile: SoundProfile, path: int, source: float, receiver: float, floor_depth: float
+) -> float:
+    """Mean of 1/c along a path that is straight but for its reflection, between two heights
+    [s/m].
+    """
     if path == _DIRECT:
         return mean_slowness(profile, -source, -receiver)
     turn = 0.0 if path == _SURFACE else floor_depth
-    # Both legs have the same slope, so that they share the path in proportion to the depths they cross.
+    # Both legs have the same slope, so that they share the path in proportion to the depths they
+    # cross.
     first = abs(-source - turn)
     second = abs(-receiver - turn)
     if first + second == 0.0:
         return 1.0 / speed_at(profile, turn)
-    legs = first * mean_slowness(profile, -source, turn) + second * mean_slowness(profile, -receiver, turn)
+    legs = first * mean_slowness(profile, -source, turn) + second * mean_slowness(
+        profile, -receiver, turn
+    )
     return legs / (first + second)
 
 
 @jitable
-def _arrive(s: Sound, known: Motion, receiver: tuple[int, Any], path: int, leaves: float, source: Vector) -> Arrival:
+def _arrive(
+    s: Sound, known: Motion, receiver: tuple[int, Any], path: int, leaves: float, source: Vector
+) -> Arrival:
     """How a ping arrives by one `Path` at a vehicle's hydrophone."""
     if not s.paths[path]:
         return NO_ARRIVAL
@@ -226,11 +254,18 @@ def _arrive(s: Sound, known: Motion, receiver: tuple[int, Any], path: int, leave
             there = site_at(s, known, vehicle, hydrophone, arrives)
     if s.varies:
         ratio = s.assumed_speed * path_slowness(s.profile, path, source[2], there[2], s.floor)
-    return Arrival(time, _distance(apparent, there), ratio, s.assumed_speed * (s.clock_offset + s.clock_drift * time))
+    return Arrival(
+        time,
+        _distance(apparent, there),
+        ratio,
+        s.assumed_speed * (s.clock_offset + s.clock_drift * time),
+    )
 
 
 @jitable
-def _follow_ping(s: Sound, known: Motion, transmitter: Any, receiver: tuple[int, Any], leaves: float) -> Ping:
+def _follow_ping(
+    s: Sound, known: Motion, transmitter: Any, receiver: tuple[int, Any], leaves: float
+) -> Ping:
     source = site_at(s, known, 0, transmitter, leaves)
     direct = _arrive(s, known, receiver, _DIRECT, leaves, source)
     surface = _arrive(s, known, receiver, _SURFACE, leaves, source)
@@ -239,7 +274,9 @@ def _follow_ping(s: Sound, known: Motion, transmitter: Any, receiver: tuple[int,
 
 
 @jitable
-def follow(s: Sound, known: Motion, sites: tuple[Any, Any], vehicle: int, sent: float) -> tuple[float, Pings]:
+def follow(
+    s: Sound, known: Motion, sites: tuple[Any, Any], vehicle: int, sent: float
+) -> tuple[float, Pings]:
     """Follow the pings of a message to a vehicle, as far as the motion is known.
 
     Args:
@@ -250,8 +287,8 @@ def follow(s: Sound, known: Motion, sites: tuple[Any, Any], vehicle: int, sent: 
         sent: when the message is sent [s].
 
     Returns:
-        When the last ping that is waited for is in [s], right as soon as that is not later than what is known; and the
-        pings of the rear, front and middle transmitter.
+        When the last ping that is waited for is in [s], right as soon as that is not later than
+        what is known; and the pings of the rear, front and middle transmitter.
     """
     transmitters = sites[0]
     receiver = (vehicle, sites[1])
@@ -270,8 +307,8 @@ def follow(s: Sound, known: Motion, sites: tuple[Any, Any], vehicle: int, sent: 
 
 @jitable
 def received_range(s: Sound, arrivals: Arrivals, path: int, step: int, dt: float) -> float:
-    """Slant range before random errors [m] by one path of a ping; NaN where the step that takes its message up is too
-    early, or the direct path longer than the farthest that is received.
+    """Slant range before random errors [m] by one path of a ping; NaN where the step that takes its
+    message up is too early, or the direct path longer than the farthest that is received.
     """
     taken = arrivals[path]
     if taken.time <= (step + 1e-6) * dt and arrivals[_DIRECT].length <= s.max_range:
@@ -287,4 +324,6 @@ def reception_step(complete: float, dt: float) -> int:
 
 def motion_of(t: Trajectory) -> Motion:
     """Motion of all vehicles of a trajectory."""
-    return Motion(Truth(t.pose, t.twist, t.water_velocity, t.thrust), float(t.time[0]), t.time.size - 1)
+    return Motion(
+        Truth(t.pose, t.twist, t.water_velocity, t.thrust), float(t.time[0]), t.time.size - 1
+    )

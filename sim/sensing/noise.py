@@ -1,9 +1,11 @@
 """Counter-based random numbers: any draw from (seed, run, stream, step), alone and in any order.
 
-Results depend neither on blocks, threads nor order, and a single flight has exactly the noise of run k of a campaign.
+Results depend neither on blocks, threads nor order, and a single flight has exactly the noise of
+run k of a campaign.
 
-The generator is Philox4x32-10 (Salmon, Moraes, Dror & Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011):
-counter (step, run, stream, 0), key the 64-bit seed. Its four 32-bit words give two normals or up to four uniforms.
+The generator is Philox4x32-10 (Salmon, Moraes, Dror & Shaw, "Parallel random numbers: as easy as 1,
+2, 3", SC 2011): counter (step, run, stream, 0), key the 64-bit seed. Its four 32-bit words give two
+normals or up to four uniforms.
 """
 
 import math
@@ -37,7 +39,9 @@ _WORD_UNIT = 2.0**-32
 
 
 class Stream(IntEnum):
-    """What a draw is for. A number never changes its meaning: results of a seed would change with it."""
+    """What a draw is for. A number never changes its meaning: results of a seed would change
+    with it.
+    """
 
     OWN_MOTION = 0  # normals at every step: speed log, compass
     DEPTH = 1  # normal at every step: the follower's pressure sensor
@@ -47,7 +51,8 @@ class Stream(IntEnum):
     LOSS = 5  # uniforms at a reception: lost messages and ranges
     GYRO = 6  # normals at every step: rates of turn about the hull's up and port axes
     TILT = 7  # normal at every step: the follower's inclinometer
-    NEARBY = 64  # normals at a look at a vehicle: of vehicle v on stream 64 + v, the leader being vehicle 0
+    # normals at a look at a vehicle: of vehicle v on stream 64 + v, the leader being vehicle 0
+    NEARBY = 64
     LEADER_MOTION = LEADER_STREAMS  # normals at an emission: the leader's speed log, compass
     LEADER_DEPTH = LEADER_STREAMS + 1  # normal at an emission: the leader's pressure sensor
     LEADER_ATTITUDE = LEADER_STREAMS + 2  # normals at an emission: the leader's pitch, roll
@@ -78,7 +83,9 @@ def _two_rounds(
 def philox(
     c0: np.uint64, c1: np.uint64, c2: np.uint64, c3: np.uint64, k0: np.uint64, k1: np.uint64
 ) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
-    """Four random 32-bit words (held in 64 bits) of a counter of four and a key of two. Compiled code only."""
+    """Four random 32-bit words (held in 64 bits) of a counter of four and a key of two. Compiled
+    code only.
+    """
     # Written out: a loop over the rounds would not be vectorised over lanes.
     c0, c1, c2, c3 = _two_rounds(c0, c1, c2, c3, k0, k1)
     k0 = (k0 + _U(2) * _WEYL_0) & _WORD
@@ -117,9 +124,12 @@ def two_units(w0: np.uint64, w1: np.uint64, w2: np.uint64, w3: np.uint64) -> tup
 
 @inlined
 def two_normals(first: float, second: float) -> tuple[float, float]:
-    """Two independent standard normals of two uniforms in [1, 2) (Box & Muller, 1958). Compiled code only."""
+    """Two independent standard normals of two uniforms in [1, 2) (Box & Muller, 1958). Compiled
+    code only.
+    """
     radius = math.sqrt(-2.0 * log(2.0 - first))
-    # The angle within a quarter turn is uniform whatever its two lowest bits are; these choose the quarter.
+    # The angle within a quarter turn is uniform whatever its two lowest bits are; these choose the
+    # quarter.
     s, c = sin_cos_quarter((second - 1.5) * _HALF_PI)
     s, c = turned(s, c, to_bits(second))
     return radius * c, radius * s
@@ -132,7 +142,9 @@ def uniform(word: np.uint64) -> float:
 
 
 @compiled
-def _draw(seed: np.uint64, run: np.uint64, stream: int, step: int) -> tuple[float, float, float, float, float, float]:
+def _draw(
+    seed: np.uint64, run: np.uint64, stream: int, step: int
+) -> tuple[float, float, float, float, float, float]:
     """Two normals and four uniforms of an address, of the same words."""
     w0, w1, w2, w3 = words(seed, run, _U(stream), _U(step))
     first, second = two_units(w0, w1, w2, w3)
@@ -158,7 +170,9 @@ def seed_and_run(seed: int, run: int) -> tuple[np.uint64, np.uint64]:
     return _U(seed), _U(run)
 
 
-def _address(seed: int, run: int, stream: int, steps: npt.ArrayLike) -> tuple[np.uint64, np.uint64, int, Ints]:
+def _address(
+    seed: int, run: int, stream: int, steps: npt.ArrayLike
+) -> tuple[np.uint64, np.uint64, int, Ints]:
     """Checked address of an array of draws."""
     if not 0 <= stream < 2**32:
         raise LaisnError(f"stream is {stream}, expected 0 … 2^32 − 1")
@@ -166,16 +180,19 @@ def _address(seed: int, run: int, stream: int, steps: npt.ArrayLike) -> tuple[np
 
 
 def normals(seed: int, run: int, stream: int, steps: npt.ArrayLike) -> Floats:
-    """Standard normals, two for each step, shape (m, 2), independent over columns, steps, streams, runs and seeds.
+    """Standard normals, two for each step, shape (m, 2), independent over columns, steps, streams,
+    runs and seeds.
 
-    `stream` is `Stream.number(follower)`, `steps` are filter steps k, shape (m,). LaisnError if seed or run is too
-    large.
+    `stream` is `Stream.number(follower)`, `steps` are filter steps k, shape (m,). LaisnError if
+    seed or run is too large.
     """
     return _draws(*_address(seed, run, stream, steps))[:, :2]
 
 
 def uniforms(seed: int, run: int, stream: int, steps: npt.ArrayLike) -> Floats:
-    """Uniforms in (0, 1), four for each step, shape (m, 4); arguments and errors as in `normals`."""
+    """Uniforms in (0, 1), four for each step, shape (m, 4); arguments and errors as in
+    `normals`.
+    """
     return _draws(*_address(seed, run, stream, steps))[:, 2:]
 
 

@@ -1,10 +1,11 @@
 """The sensing driver: what followers read and receive, one instant after the other.
 
-Closed loops call it under way, compiled (`read_instruments`, `receive`). A finished mission is sensed first without
-random errors (`observe`), then with the noise of a run (`measure`), by the same functions, in Python or compiled.
+Closed loops call it under way, compiled (`read_instruments`, `receive`). A finished mission is
+sensed first without random errors (`observe`), then with the noise of a run (`measure`), by the
+same functions, in Python or compiled.
 
-Functions take `s`, the sensors; `k`, a filter step, from 1; and `follower`, an index; the follower's vehicle is the one
-after.
+Functions take `s`, the sensors; `k`, a filter step, from 1; and `follower`, an index; the
+follower's vehicle is the one after.
 """
 
 from dataclasses import dataclass
@@ -29,12 +30,17 @@ _LOSS = int(noise.Stream.LOSS)
 _RANGE_UNIFORM = int(noise.Stream.RANGE_UNIFORM)
 _RANGE_SCALE = int(noise.Stream.RANGE_SCALE)
 _BROADCAST = (*sensors.LEADER, *sensors.LEADER_ATTITUDE)
-_COLUMNS = (LeaderMessage._fields.index(name) for name in ("timestamp", "east", "north", "pitch", "heading_sigma"))
+_COLUMNS = (
+    LeaderMessage._fields.index(name)
+    for name in ("timestamp", "east", "north", "pitch", "heading_sigma")
+)
 _TIME, _EAST, _NORTH, _PITCH, _SIGMA = _COLUMNS
 
-NO_MESSAGE, NO_RANGES, RECEIVED = range(3)  # outcome of a filter step; NO_RANGES: a message without a ping is in
+# outcome of a filter step; NO_RANGES: a message without a ping is in
+NO_MESSAGE, NO_RANGES, RECEIVED = range(3)
 
-State = tuple[Floats, Floats, Floats]  # pose, twist and water velocity of a vehicle, shapes (7,), (6,) and (3,)
+# pose, twist and water velocity of a vehicle, shapes (7,), (6,) and (3,)
+State = tuple[Floats, Floats, Floats]
 
 
 class SensorModel(NamedTuple):
@@ -58,8 +64,11 @@ def sensor_model_of(scenario: Scenario) -> SensorModel:
     return SensorModel(
         seed=np.uint64(scenario.seed),
         run=np.uint64(scenario.run),
-        errors=np.array([tuple(sensors.errors_of(scenario, i)) for i in followers], sensors.ERRORS).view(np.recarray),
-        senses_acceleration=leader.broadcast_attitude and scenario.sensors.leader_attitude_senses_acceleration,
+        errors=np.array(
+            [tuple(sensors.errors_of(scenario, i)) for i in followers], sensors.ERRORS
+        ).view(np.recarray),
+        senses_acceleration=leader.broadcast_attitude
+        and scenario.sensors.leader_attitude_senses_acceleration,
         tilt_share=sensors.gain(scenario.sensors),
         dt=scenario.timing.filter_step_s,
         stride=round(scenario.timing.filter_step_s / CONTROL_STEP_S),
@@ -70,28 +79,38 @@ def sensor_model_of(scenario: Scenario) -> SensorModel:
 
 @jitable
 def true_readings(e: Any, at: sensors.Instant, true: Floats) -> None:
-    """Write what a follower's own sensors would read without random errors and biases: speed, heading, depth, (3,)."""
+    """Write what a follower's own sensors would read without random errors and biases: speed,
+    heading, depth, (3,).
+    """
     for sensor in literal_unroll(sensors.OWN):
         true[sensor.column] = sensor.true(e, at)
 
 
 @jitable
 def read_own(e: Any, address: Address, true: Any, reading: Floats) -> None:
-    """Read the own sensors at an address of the noise, by values of `true_readings`; both of shape (3,)."""
+    """Read the own sensors at an address of the noise, by values of `true_readings`; both of
+    shape (3,).
+    """
     for sensor in literal_unroll(sensors.OWN):
-        reading[sensor.column] = sensor.read(e, true[sensor.column], noise.normals_at(address, sensor.stream))
+        reading[sensor.column] = sensor.read(
+            e, true[sensor.column], noise.normals_at(address, sensor.stream)
+        )
 
 
 @compiled
 def read_instruments(
     s: SensorModel, k: int, follower: int, state: State, depth_sensor: Floats, reading: Floats
 ) -> None:
-    """Read all of a follower's own sensors at filter step k, in the order of `laisn.swarm.READING`."""
+    """Read all of a follower's own sensors at filter step k, in the order of
+    `laisn.swarm.READING`.
+    """
     e = s.errors[follower]
     address = Address(s.seed, s.run, follower, k)
     at = sensors.Instant(k * s.dt, follower, state[0], state[1], state[2], depth_sensor, (0.0, 0.0))
     for sensor in literal_unroll(sensors.INSTRUMENTS):
-        reading[sensor.column] = sensor.read(e, sensor.true(e, at), noise.normals_at(address, sensor.stream))
+        reading[sensor.column] = sensor.read(
+            e, sensor.true(e, at), noise.normals_at(address, sensor.stream)
+        )
 
 
 class Inbox(NamedTuple):
@@ -99,12 +118,14 @@ class Inbox(NamedTuple):
 
     message: Records  # last message of each, of MESSAGE, shape (f,)
     content: Floats  # the same memory as numbers, shape (f, 9)
-    ranges: Floats  # to rear, front and middle transmitter, shape (f, 3), [m]; NaN where nothing was received
+    # to rear, front and middle transmitter, shape (f, 3), [m]; NaN where nothing was received
+    ranges: Floats
     over: Ints  # how many messages each no longer waits for, shape (f,)
     due: Ints  # filter step before which the next one cannot be in, shape (f,)
     last_sent: Ints  # filter step at which the last message was sent, shape (f,); 0: there is none
     bad: Bools  # whether each channel is in its bad state, shape (f,)
-    fluctuation: Floats  # Gauss–Markov errors of pitch and roll in the last message, of unit variance, shape (f, 2)
+    # Gauss–Markov errors of pitch and roll in the last message, of unit variance, shape (f, 2)
+    fluctuation: Floats
     outcome: Ints  # NO_MESSAGE, NO_RANGES or RECEIVED at this filter step, shape (f,)
 
 
@@ -113,25 +134,40 @@ def new_inbox(followers: int, message_every: int, over: int = 0) -> Inbox:
     message = records(MESSAGE, followers)
     zeros = np.zeros((3, followers), dtype=np.int64)
     return Inbox(
-        message, numbers_of(message), np.full((followers, 3), np.nan),
-        np.full(followers, over), np.full(followers, (over + 1) * message_every),
-        zeros[0], np.zeros(followers, dtype=np.bool_), np.zeros((followers, 2)), zeros[1],
-    )  # fmt: skip
+        message,
+        numbers_of(message),
+        np.full((followers, 3), np.nan),
+        np.full(followers, over),
+        np.full(followers, (over + 1) * message_every),
+        zeros[0],
+        np.zeros(followers, dtype=np.bool_),
+        np.zeros((followers, 2)),
+        zeros[1],
+    )
 
 
 @jitable
 def take_up(
-    s: SensorModel, k: int, follower: int, sites: tuple[Any, Any], known: acoustics.Motion, inbox: Inbox
+    s: SensorModel,
+    k: int,
+    follower: int,
+    sites: tuple[Any, Any],
+    known: acoustics.Motion,
+    inbox: Inbox,
 ) -> tuple[int, acoustics.Pings]:
-    """Filter step at which the message was sent that is in at step k, and its pings; 0: there is none.
+    """Filter step at which the message was sent that is in at step k, and its pings; 0: there is
+    none.
 
-    `sites` are offsets of the transmitters, shape (3, 3), and of the followers' hydrophones, shape (f, 3), [m].
+    `sites` are offsets of the transmitters, shape (3, 3), and of the followers' hydrophones, shape
+    (f, 3), [m].
     """
     taken = 0
     pings = acoustics.NO_PINGS
     while inbox.due[follower] <= k:
         sent = (inbox.over[follower] + 1) * s.message_every
-        complete, found = acoustics.follow(s.sound, known, (sites[0], sites[1][follower]), follower + 1, sent * s.dt)
+        complete, found = acoustics.follow(
+            s.sound, known, (sites[0], sites[1][follower]), follower + 1, sent * s.dt
+        )
         step = acoustics.reception_step(complete, s.dt)
         if step > k:
             # later than what is known the arrival is not final
@@ -149,11 +185,19 @@ def take_up(
 
 @jitable
 def true_reception(
-    s: SensorModel, e: Any, leader: sensors.Instant, k: int, pings: acoustics.Pings, content: Floats, ranges: Floats
+    s: SensorModel,
+    e: Any,
+    leader: sensors.Instant,
+    k: int,
+    pings: acoustics.Pings,
+    content: Floats,
+    ranges: Floats,
 ) -> None:
-    """Write what a message that is taken up at step k holds and shows without random errors and constant biases.
+    """Write what a message that is taken up at step k holds and shows without random errors and
+    constant biases.
 
-    `content` is in the order of `LeaderMessage`, shape (9,), `ranges` slant ranges, shape (3 transmitters, 3 paths).
+    `content` is in the order of `LeaderMessage`, shape (9,), `ranges` slant ranges, shape (3
+    transmitters, 3 paths).
     """
     content[_TIME] = leader.time
     content[_SIGMA] = np.nan
@@ -185,14 +229,22 @@ def _read_message(e: Any, dt: float, sent: Address, true: Any, inbox: Inbox, f: 
         content[sensor.column] = sensor.read(e, true[sensor.column], (offset[i], fluctuation[i]))
     inbox.last_sent[f] = sent.step
     for sensor in literal_unroll(sensors.LEADER):
-        content[sensor.column] = sensor.read(e, true[sensor.column], noise.normals_at(sent, sensor.stream))
+        content[sensor.column] = sensor.read(
+            e, true[sensor.column], noise.normals_at(sent, sensor.stream)
+        )
 
 
 @jitable
 def read_reception(
-    e: Any, used: tuple[int, float], addresses: tuple[Address, Address], true: tuple[Any, Any], inbox: Inbox, f: int
+    e: Any,
+    used: tuple[int, float],
+    addresses: tuple[Address, Address],
+    true: tuple[Any, Any],
+    inbox: Inbox,
+    f: int,
 ) -> None:
-    """Read a message that is taken up and measure its ranges, with echoes and losses, into the inbox of follower f.
+    """Read a message that is taken up and measure its ranges, with echoes and losses, into the
+    inbox of follower f.
 
     Args:
         e: errors of the sensors.
@@ -236,8 +288,8 @@ def receive(
 ) -> None:
     """Take up and read the message that is in at filter step k, if there is one.
 
-    `sites` are as of `take_up`, `tilts` what accelerations add to the leader's measured pitch and roll at each instant,
-    shape (n, 2), [rad].
+    `sites` are as of `take_up`, `tilts` what accelerations add to the leader's measured pitch and
+    roll at each instant, shape (n, 2), [rad].
     """
     inbox.outcome[follower] = NO_MESSAGE
     sent, pings = take_up(s, k, follower, sites, known, inbox)
@@ -245,9 +297,19 @@ def receive(
         e = s.errors[follower]
         content = np.empty(9)
         ranges = np.empty((3, 3))
-        true_reception(s, e, _leader_at(s, sent, sent * s.stride, known.truth, tilts), k, pings, content, ranges)
+        true_reception(
+            s,
+            e,
+            _leader_at(s, sent, sent * s.stride, known.truth, tilts),
+            k,
+            pings,
+            content,
+            ranges,
+        )
         addresses = Address(s.seed, s.run, follower, sent), Address(s.seed, s.run, follower, k)
-        read_reception(e, (s.sound.transmitters, s.dt), addresses, (content, ranges), inbox, follower)
+        read_reception(
+            e, (s.sound.transmitters, s.dt), addresses, (content, ranges), inbox, follower
+        )
 
 
 @jitable
@@ -265,23 +327,31 @@ _ARRIVAL = np.dtype([(name, np.float64) for name in acoustics.Arrival._fields])
 
 
 class Receptions(NamedTuple):
-    """True content and sound of m messages; transmitters are rear, front and middle, paths in the order of `Path`."""
+    """True content and sound of m messages; transmitters are rear, front and middle, paths in
+    the order of `Path`.
+    """
 
     emission_step: Ints  # filter step at which a message is sent, shape (m,)
-    message_step: Ints  # filter step by which all pings that the follower may take are in, shape (m,)
+    # filter step by which all pings that the follower may take are in, shape (m,)
+    message_step: Ints
     content: Floats  # what it holds, of `true_reception`, shape (m, 9)
     ranges: Floats  # likewise, shape (m, 3 transmitters, 3 paths), [m]
     transmitter: Floats  # where each ping left, shape (m, 3, 3), the last axis in the world, [m]
-    arrivals: Floats  # how each ping arrives: numbers of `Arrival`, shape (m, 3 transmitters, 3 paths, 4)
+    # how each ping arrives: numbers of `Arrival`, shape (m, 3 transmitters, 3 paths, 4)
+    arrivals: Floats
 
     @property
     def arrival(self) -> Records:
-        """How each ping arrives: records with the fields of `Arrival`, shape (m, 3 transmitters, 3 paths)."""
+        """How each ping arrives: records with the fields of `Arrival`, shape (m, 3 transmitters,
+        3 paths).
+        """
         return self.arrivals.view(_ARRIVAL)[..., 0].view(np.recarray)
 
     @property
     def range(self) -> Floats:
-        """Slant range before random errors, shape (m, 3 transmitters, 3 paths), [m]; not cut off at any distance."""
+        """Slant range before random errors, shape (m, 3 transmitters, 3 paths), [m]; not cut off
+        at any distance.
+        """
         return np.asarray(self.arrival.length * self.arrival.ratio + self.arrival.clock_range)
 
 
@@ -297,10 +367,12 @@ def _observe(
     own: Floats,
     found: Receptions,
 ) -> int:
-    """Sense a finished mission without random errors: own sensors at each step, and messages; gives their number.
+    """Sense a finished mission without random errors: own sensors at each step, and messages; gives
+    their number.
 
-    `which` are the index of the follower and the filter step at which the motion begins, `sites` those of `take_up` and
-    the place of the follower's pressure sensor. `own`, out, has shape (n, 3), or is empty where it is not asked for.
+    `which` are the index of the follower and the filter step at which the motion begins, `sites`
+    those of `take_up` and the place of the follower's pressure sensor. `own`, out, has shape (n,
+    3), or is empty where it is not asked for.
     """
     follower, first = which
     truth = known.truth
@@ -336,7 +408,12 @@ _LONG = 100_000  # missions of so many instants are sensed by compiled code, unl
 
 
 def _sense(
-    trajectory: Trajectory, scenario: Scenario, follower: int, tilts: Floats, own: Floats, in_bulk: bool | None
+    trajectory: Trajectory,
+    scenario: Scenario,
+    follower: int,
+    tilts: Floats,
+    own: Floats,
+    in_bulk: bool | None,
 ) -> Receptions:
     s = sensor_model_of(scenario)
     known = acoustics.motion_of(trajectory)
@@ -366,7 +443,8 @@ def _sense(
 def propagate(
     trajectory: Trajectory, scenario: Scenario, follower: int = 0, *, in_bulk: bool | None = None
 ) -> Receptions:
-    """Follow the sound of all messages sent in a trajectory to one follower, as far as they are in by its end.
+    """Follow the sound of all messages sent in a trajectory to one follower, as far as they are in
+    by its end.
 
     Their content lacks pitch and roll. `in_bulk` is as of `observe`.
     """
@@ -376,10 +454,13 @@ def propagate(
 
 @dataclass(frozen=True, kw_only=True)
 class MissionTruth:
-    """What one follower's sensors see of a mission, without errors: n filter steps (k = 1 … n) and m messages."""
+    """What one follower's sensors see of a mission, without errors: n filter steps (k = 1 … n)
+    and m messages.
+    """
 
     dt: float  # filter step Δt [s]
-    start: Floats  # state of the hydrophone at step 0: x, y [m] and velocity through the water [m/s], shape (4,)
+    # state of the hydrophone at step 0: x, y [m] and velocity through the water [m/s], shape (4,)
+    start: Floats
     speed: Floats  # speed of the follower through the water, along its hull, shape (n,), [m/s]
     heading: Floats  # heading of the follower, shape (n,), [rad]
     depth: Floats  # depth of the follower's depth sensor, shape (n,), [m]
@@ -388,31 +469,39 @@ class MissionTruth:
     leader_heading: Floats  # heading of the leader, shape (n,), [rad]
     message_step: Ints  # step k at which a message is available, shape (m,), increasing
     emission_step: Ints  # step at which the leader sent it, the address of its noise, shape (m,)
-    sent: Records  # true content, of `laisn.swarm.MESSAGE`, shape (m,); pitch and roll are NaN if not broadcast
-    slant_range: Floats  # to rear, front, middle transmitter, shape (m, 3), [m]; NaN where nothing is received
+    # true content, of `laisn.swarm.MESSAGE`, shape (m,); pitch and roll are NaN if not broadcast
+    sent: Records
+    # to rear, front, middle transmitter, shape (m, 3), [m]; NaN where nothing is received
+    slant_range: Floats
     echo_range: Floats | None = None  # by surface and bottom, shape (2, m, 3), [m]; None: no echoes
-    own: tuple[tuple[sensors.OwnSensor, Floats], ...] = ()  # further sensors, and their true readings (n, …)
+    # further sensors, and their true readings (n, …)
+    own: tuple[tuple[sensors.OwnSensor, Floats], ...] = ()
 
     def __post_init__(self) -> None:
         own_arrays(self)
 
 
 def start_of(trajectory: Trajectory, follower: int = 0) -> Floats:
-    """Initial position of a follower's hydrophone [m], and its velocity through the water [m/s], shape (4,)."""
+    """Initial position of a follower's hydrophone [m], and its velocity through the water [m/s],
+    shape (4,).
+    """
     v = follower + 1
     name = trajectory.names[follower + 1]
     hydrophone = trajectory.site_path(f"{name}/hydrophone", np.zeros(1, dtype=np.int64))[0]
-    return np.concatenate([hydrophone[:2], trajectory.velocity[0, v, :2] - trajectory.water_velocity[0, v, :2]])
+    return np.concatenate(
+        [hydrophone[:2], trajectory.velocity[0, v, :2] - trajectory.water_velocity[0, v, :2]]
+    )
 
 
 def observe(
     trajectory: Trajectory, scenario: Scenario, follower: int = 0, *, in_bulk: bool | None = None
 ) -> MissionTruth:
-    """What the sensors of one follower see of a trajectory of a mission from its start, without errors.
+    """What the sensors of one follower see of a trajectory of a mission from its start, without
+    errors.
 
-    `in_bulk` chooses compiled code, which takes seconds to compile once and then milliseconds for what Python takes
-    half a second; None: for long missions. ValueError if the trajectory begins later, or is too short for one filter
-    step.
+    `in_bulk` chooses compiled code, which takes seconds to compile once and then milliseconds for
+    what Python takes half a second; None: for long missions. ValueError if the trajectory begins
+    later, or is too short for one filter step.
     """
     dt = scenario.timing.filter_step_s
     v = follower + 1
@@ -420,9 +509,15 @@ def observe(
     stride = round(dt / CONTROL_STEP_S)
     n = (trajectory.time.size - 1) // stride
     if n < 1:
-        raise ValueError(f"the trajectory ends at {trajectory.time[-1]:g} s, before the first filter step of {dt:g} s")
+        raise ValueError(
+            f"the trajectory ends at {trajectory.time[-1]:g} s, before the first filter step of "
+            f"{dt:g} s"
+        )
     if trajectory.time[0] != 0.0:
-        raise ValueError(f"the trajectory begins at {trajectory.time[0]:g} s; what is sensed depends on all before")
+        raise ValueError(
+            f"the trajectory begins at {trajectory.time[0]:g} s; what is sensed depends on all "
+            "before"
+        )
     steps = np.arange(1, n + 1)
     grid = slice(stride, n * stride + 1, stride)
     own = np.empty((n, 3))
@@ -437,19 +532,29 @@ def observe(
         source = np.full((n, 3, 3), np.nan)
         direct = sound.ranges[:, :, [acoustics.Path.DIRECT]]
         source[sound.message_step - 1] = np.where(np.isnan(direct), np.nan, sound.transmitter)
-        motion = trajectory.pose[grid, v], trajectory.twist[grid, v], trajectory.water_velocity[grid, v]
+        motion = (
+            trajectory.pose[grid, v],
+            trajectory.twist[grid, v],
+            trajectory.water_velocity[grid, v],
+        )
         return sensors.follower_state(trajectory.time[grid], motion, hydrophone, source)
 
     return MissionTruth(
-        dt=dt, start=start_of(trajectory, follower),
-        speed=own[:, 0], heading=own[:, 1], depth=own[:, 2], hydrophone=hydrophone[:, :2],
-        leader_position=trajectory.position[grid, 0, :2], leader_heading=trajectory.heading[grid, 0],
-        message_step=sound.message_step, emission_step=sound.emission_step,
+        dt=dt,
+        start=start_of(trajectory, follower),
+        speed=own[:, 0],
+        heading=own[:, 1],
+        depth=own[:, 2],
+        hydrophone=hydrophone[:, :2],
+        leader_position=trajectory.position[grid, 0, :2],
+        leader_heading=trajectory.heading[grid, 0],
+        message_step=sound.message_step,
+        emission_step=sound.emission_step,
         sent=sound.content.view(MESSAGE).reshape(-1).view(np.recarray),
         slant_range=sound.ranges[:, :, acoustics.Path.DIRECT],
         echo_range=np.moveaxis(sound.ranges[:, :, acoustics.Path.SURFACE :], 2, 0),
         own=tuple((sensor, sensor.true(state())) for sensor in sensors.own_sensors(scenario)),
-    )  # fmt: skip
+    )
 
 
 @jitable
@@ -464,8 +569,9 @@ def _measure(
 ) -> None:
     """Read what `_observe` found with the noise of a run.
 
-    `own` are true values of own sensors, shape (n, 3), `sent` the steps at which messages are taken up and were sent,
-    their content and ranges, (m, 9) and (m, 3, 3); `readings`, out, own readings, content and ranges, (m, 3).
+    `own` are true values of own sensors, shape (n, 3), `sent` the steps at which messages are taken
+    up and were sent, their content and ranges, (m, 9) and (m, 3, 3); `readings`, out, own readings,
+    content and ranges, (m, 3).
     """
     taken_up, emitted, content, ranges = sent
     own_read, content_read, ranges_read = readings
@@ -498,8 +604,8 @@ def measure(
 ) -> Measurements:
     """Everything that one follower measures in a run: exactly the noise of that run in a campaign.
 
-    `transmitters` is N_T, how many of the leader's it uses, rear and front first; `in_bulk` is as of `observe`.
-    LaisnError if seed or run is too large.
+    `transmitters` is N_T, how many of the leader's it uses, rear and front first; `in_bulk` is as
+    of `observe`. LaisnError if seed or run is too large.
     """
     n = truth.speed.size
     m = truth.message_step.size
@@ -527,6 +633,12 @@ def measure(
             found[lost] = np.nan
         extra[sensor.name] = found
     return Measurements(
-        dt=truth.dt, speed=readings[0][:, 0], heading=readings[0][:, 1], depth=readings[0][:, 2],
-        message_step=truth.message_step, message=readings[1], ranges=readings[2], own=extra,
-    )  # fmt: skip
+        dt=truth.dt,
+        speed=readings[0][:, 0],
+        heading=readings[0][:, 1],
+        depth=readings[0][:, 2],
+        message_step=truth.message_step,
+        message=readings[1],
+        ranges=readings[2],
+        own=extra,
+    )

@@ -1,7 +1,8 @@
 """The proximity sensor of followers in formation: range and bearing of every vehicle nearby.
 
 It looks all around in a level fan. It senses every vehicle within its range and its fan, whatever
-lies between, and takes hulls for points at their middles; its errors are drawn for each look at one vehicle.
+lies between, and takes hulls for points at their middles; its errors are drawn for each look at one
+vehicle.
 """
 
 from typing import NamedTuple
@@ -34,17 +35,30 @@ def look_interval(scenario: Scenario) -> int:
 
 
 @compiled
-def look(address: tuple[np.uint64, np.uint64], p: Record, k: int, follower: int, poses: Floats, seen: Records) -> None:
-    """Look around at tick k, from 1, by seed and run of the noise and the record of `[formation.proximity]`.
+def look(
+    address: tuple[np.uint64, np.uint64],
+    p: Record,
+    k: int,
+    follower: int,
+    poses: Floats,
+    seen: Records,
+) -> None:
+    """Look around at tick k, from 1, by seed and run of the noise and the record of
+    `[formation.proximity]`.
 
-    `poses` are of all vehicles, shape (v, 7); `seen`, out, is what is sensed of each, of SIGHTING, shape (v,).
+    `poses` are of all vehicles, shape (v, 7); `seen`, out, is what is sensed of each, of SIGHTING,
+    shape (v,).
     """
     own = follower + 1
     steepest = np.sin(0.5 * p.aperture)
     heading = heading_of(poses[own, 3:])
     for j in range(poses.shape[0]):
         seen[j].range = seen[j].bearing = np.nan
-        x, y, z = poses[j, 0] - poses[own, 0], poses[j, 1] - poses[own, 1], poses[j, 2] - poses[own, 2]
+        x, y, z = (
+            poses[j, 0] - poses[own, 0],
+            poses[j, 1] - poses[own, 1],
+            poses[j, 2] - poses[own, 2],
+        )
         distance = np.sqrt(x * x + y * y + z * z)
         if j == own or distance > p.range or abs(z) > steepest * distance:
             continue
@@ -63,7 +77,9 @@ class Sightings(NamedTuple):
 
 
 def sightings(scenario: Scenario, trajectory: Trajectory) -> Sightings:
-    """What the followers' sensors showed on the way, which they steered by; nothing where they have none."""
+    """What the followers' sensors showed on the way, which they steered by; nothing where they
+    have none.
+    """
     proximity = scenario.formation.proximity
     f = len(scenario.followers)
     every = look_interval(scenario)
@@ -78,6 +94,8 @@ def sightings(scenario: Scenario, trajectory: Trajectory) -> Sightings:
         steepest = np.sin(0.5 * np.deg2rad(proximity.aperture_deg))
         seen = (distance <= proximity.range_m) & (np.abs(apart[..., 2]) <= steepest * distance)
         seen[:, i + 1] = False
-        first[i, seen.any(axis=0)] = (seen.argmax(axis=0)[seen.any(axis=0)] + 1) * every * CONTROL_STEP_S
+        first[i, seen.any(axis=0)] = (
+            (seen.argmax(axis=0)[seen.any(axis=0)] + 1) * every * CONTROL_STEP_S
+        )
         spent[i] = np.count_nonzero(seen.any(axis=1)) * every * CONTROL_STEP_S
     return Sightings(first, spent)

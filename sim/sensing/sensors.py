@@ -1,18 +1,21 @@
-"""The sensors: errors of sensors and ranges in SI units (paper, Eqs. 26–28), and the formulas by which they read.
+"""The sensors: errors of sensors and ranges in SI units (paper, Eqs. 26–28), and the formulas by
+which they read.
 
-One set of formulas of numbers serves closed loops, finished missions (both by `sim.sensing.observation`) and runs side
-by side (`experiments.campaign.lane_flight`). `e` is a record of ERRORS or `SensorErrors`. Further sensors of a follower
-come from tables `[[sensors.own]]` of a scenario.
+One set of formulas of numbers serves closed loops, finished missions (both by
+`sim.sensing.observation`) and runs side by side (`experiments.campaign.lane_flight`). `e` is a
+record of ERRORS or `SensorErrors`. Further sensors of a follower come from tables `[[sensors.own]]`
+of a scenario.
 
-Messages are lost by the two-state chain of Gilbert (Bell System Technical Journal 39, 1960) and Elliott (ibid. 42,
-1963). The leader measures pitch and roll by an inclinometer, which takes the specific force a − g for the vertical,
-alone or steadied by gyros (Mahony, Hamel & Pflimlin, IEEE Transactions on Automatic Control 53, 2008). The error e of
-this filter is linear in the inclinometer's error i and in the angle w by which the gyros walk off in a step:
+Messages are lost by the two-state chain of Gilbert (Bell System Technical Journal 39, 1960) and
+Elliott (ibid. 42, 1963). The leader measures pitch and roll by an inclinometer, which takes the
+specific force a − g for the vertical, alone or steadied by gyros (Mahony, Hamel & Pflimlin, IEEE
+Transactions on Automatic Control 53, 2008). The error e of this filter is linear in the
+inclinometer's error i and in the angle w by which the gyros walk off in a step:
 
     e_k = (1 − γ)(e_{k−1} + w_k) + γ i_k,    γ = 1 − exp(−Δt / τ).
 
-Accelerations go through the filter here. The random part is a first-order Gauss–Markov process of correlation time τ,
-exact at whatever instants it is read (Gelb, Applied Optimal Estimation, 1974):
+Accelerations go through the filter here. The random part is a first-order Gauss–Markov process of
+correlation time τ, exact at whatever instants it is read (Gelb, Applied Optimal Estimation, 1974):
 
     x(t_i) = a_i x(t_{i−1}) + √(1 − a_i²) n_i,    a_i = exp(−(t_i − t_{i−1}) / τ).
 """
@@ -52,7 +55,9 @@ def gain(sensors: Sensors) -> float:
 
 
 def random_error(sensors: Sensors) -> tuple[float, float]:
-    """Standard deviation [rad] and correlation time [s] of the leader's pitch and roll errors; 0: each has its own."""
+    """Standard deviation [rad] and correlation time [s] of the leader's pitch and roll errors;
+    0: each has its own.
+    """
     reading = float(np.deg2rad(sensors.leader_attitude_sigma_deg))
     if sensors.leader_gyro_time_constant_s == 0.0:
         return reading, 0.0
@@ -65,22 +70,37 @@ def random_error(sensors: Sensors) -> tuple[float, float]:
 
 @jitable
 def _shown(pose: Any, change: Any) -> tuple[float, float]:
-    """Pitch and roll that specific force seems to show, from pose and change of velocity in a control step."""
-    force = change[0] / CONTROL_STEP_S, change[1] / CONTROL_STEP_S, change[2] / CONTROL_STEP_S + GRAVITY
+    """Pitch and roll that specific force seems to show, from pose and change of velocity in a
+    control step.
+    """
+    force = (
+        change[0] / CONTROL_STEP_S,
+        change[1] / CONTROL_STEP_S,
+        change[2] / CONTROL_STEP_S + GRAVITY,
+    )
     forward, port, up = rotated((pose[3], -pose[4], -pose[5], -pose[6]), force)
     return math.atan2(forward, math.hypot(port, up)), math.atan2(port, up)
 
 
 @compiled
 def follow_tilt(share: float, k: int, pose: Floats, twist: Floats, tilts: Floats) -> None:
-    """Write what accelerations add to the leader's measured pitch and roll at instant k > 0, shape (n, 2), [rad].
+    """Write what accelerations add to the leader's measured pitch and roll at instant k > 0, shape
+    (n, 2), [rad].
 
-    `share` is `gain`, `pose` and `twist` are of all instants until now; at the first they are those of the second.
+    `share` is `gain`, `pose` and `twist` are of all instants until now; at the first they are those
+    of the second.
     """
-    change = twist[k, 0] - twist[k - 1, 0], twist[k, 1] - twist[k - 1, 1], twist[k, 2] - twist[k - 1, 2]
+    change = (
+        twist[k, 0] - twist[k - 1, 0],
+        twist[k, 1] - twist[k - 1, 1],
+        twist[k, 2] - twist[k - 1, 2],
+    )
     for i in range(0 if k == 1 else k, k + 1):
         pitch, roll = _shown(pose[i], change)
-        errors = signed_angle(pitch - pitch_of(pose[i, 3:])), signed_angle(roll - roll_of(pose[i, 3:]))
+        errors = (
+            signed_angle(pitch - pitch_of(pose[i, 3:])),
+            signed_angle(roll - roll_of(pose[i, 3:])),
+        )
         last = max(i, 1)
         for j in range(2):
             tilts[i, j] = tilts[last - 1, j] + share * (errors[j] - tilts[last - 1, j])
@@ -97,7 +117,9 @@ def tilt_errors(trajectory: Trajectory, sensors: Sensors) -> Floats:
 
 @formula
 def weights(since: int, dt: float, time: float) -> tuple[float, float]:
-    """Weights a and √(1 − a²) of a Gauss–Markov value `since` steps dt [s] ago (0: none), and of a fresh normal."""
+    """Weights a and √(1 − a²) of a Gauss–Markov value `since` steps dt [s] ago (0: none), and of
+    a fresh normal.
+    """
     kept = math.exp(-since * (dt / time)) if since > 0 and time > 0.0 else 0.0
     return kept, math.sqrt(1.0 - kept * kept)
 
@@ -109,7 +131,12 @@ def advanced(last: float, kept: float, fresh: float, normal: float) -> float:
 
 
 _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))  # the next follower's drift is ahead by it [rad]
-_DERIVED = ("leader_position_drift", "leader_gyro", "leader_attitude_senses", "leader_attitude_sigma")
+_DERIVED = (
+    "leader_position_drift",
+    "leader_gyro",
+    "leader_attitude_senses",
+    "leader_attitude_sigma",
+)
 """Keys that count by what follows from them."""
 
 
@@ -137,16 +164,23 @@ _fields: Any = namedtuple
 
 
 class SensorErrors(_fields("SensorErrors", _DEFAULTS, defaults=_DEFAULTS.values())):  # type: ignore[misc]
-    """Keys of `[sensors]` and `[acoustics]` without their units, in SI units, by default those of the paper.
+    """Keys of `[sensors]` and `[acoustics]` without their units, in SI units, by default those of
+    the paper.
 
-    Besides: `leader_tilt_sigma` [rad] and `leader_tilt_time` [s], standard deviation and correlation time of the
-    leader's pitch and roll (0: each message has its own), and `leader_drift_east` and `leader_drift_north`, the rate at
-    which its broadcast position departs from the true one [m/s]. No navigator has access to them.
+    Besides: `leader_tilt_sigma` [rad] and `leader_tilt_time` [s], standard deviation and
+    correlation time of the leader's pitch and roll (0: each message has its own), and
+    `leader_drift_east` and `leader_drift_north`, the rate at which its broadcast position departs
+    from the true one [m/s]. No navigator has access to them.
     """
 
 
 # the same as a record for compiled code
-ERRORS = np.dtype([(name, np.float64, np.shape(v)) if np.ndim(v) else (name, type(v)) for name, v in _DEFAULTS.items()])
+ERRORS = np.dtype(
+    [
+        (name, np.float64, np.shape(v)) if np.ndim(v) else (name, type(v))
+        for name, v in _DEFAULTS.items()
+    ]
+)
 
 
 def errors_of(scenario: Scenario, follower: int = 0) -> SensorErrors:
@@ -163,14 +197,16 @@ class Instant(NamedTuple):
     twist: Any  # velocity in the world [m/s] and angular velocity in the body [rad/s], six numbers
     water: Any  # velocity of the water, three numbers [m/s]
     depth_sensor: Any  # its place in the hull, three numbers [m]
-    tilt: tuple[float, float]  # what accelerations add to measured pitch and roll [rad]; NaN: these are not measured
+    # what accelerations add to measured pitch and roll [rad]; NaN: these are not measured
+    tilt: tuple[float, float]
 
 
 class Sensor(NamedTuple):
-    """A sensor: what it would read without random errors and biases, and what it reads by that and its noise.
+    """A sensor: what it would read without random errors and biases, and what it reads by that and
+    its noise.
 
-    `true(e, at)` takes the `SensorErrors` and an `Instant`, `read(e, true, drawn)` two numbers of its stream of noise.
-    Ranges have no `true`: `sim.sensing.acoustics` gives these.
+    `true(e, at)` takes the `SensorErrors` and an `Instant`, `read(e, true, drawn)` two numbers of
+    its stream of noise. Ranges have no `true`: `sim.sensing.acoustics` gives these.
     """
 
     name: str  # of its reading
@@ -181,17 +217,25 @@ class Sensor(NamedTuple):
 
 
 def _sensor(name: str, stream: Stream, true: Any, read: Any) -> Sensor:
-    own = list(READING.fields or ()) if stream < Stream.LEADER_MOTION else list(LeaderMessage._fields)
+    own = (
+        list(READING.fields or ()) if stream < Stream.LEADER_MOTION else list(LeaderMessage._fields)
+    )
     columns = list(Ranges._fields) if stream == Stream.RANGE_UNIFORM else own
-    return Sensor(name, columns.index(name), int(stream), Listed(true) if true else None, Listed(read))
+    return Sensor(
+        name, columns.index(name), int(stream), Listed(true) if true else None, Listed(read)
+    )
 
 
 @jitable
 def drift(e: Any, amplitude: float, phase: float, follower: int, time: float) -> float:
-    """Sinusoidal drift of a bias of a follower, by its index, at a time [s]; in the unit of the amplitude."""
+    """Sinusoidal drift of a bias of a follower, by its index, at a time [s]; in the unit of the
+    amplitude.
+    """
     if amplitude == 0.0:
         return 0.0
-    return amplitude * math.sin(2.0 * math.pi / e.drift_period * time + (phase + follower * _GOLDEN))
+    return amplitude * math.sin(
+        2.0 * math.pi / e.drift_period * time + (phase + follower * _GOLDEN)
+    )
 
 
 def _drifting_speed(e: Any, at: Instant) -> float:
@@ -201,17 +245,23 @@ def _drifting_speed(e: Any, at: Instant) -> float:
 
 @formula
 def read_speed(e: Any, true: float, drawn: tuple[float, float]) -> Any:
-    """Speed log of a follower, never negative (paper, Eq. 26); its scale ends at `FASTEST` [m/s]."""
+    """Speed log of a follower, never negative (paper, Eq. 26); its scale ends at `FASTEST`
+    [m/s].
+    """
     return np.minimum(np.maximum(true + e.speed_bias + e.speed_sigma * drawn[0], 0.0), FASTEST)
 
 
 def _drifting_heading(e: Any, at: Instant) -> float:
-    return heading_of(at.pose[3:]) + drift(e, e.heading_drift, e.heading_drift_phase, at.follower, at.time)
+    return heading_of(at.pose[3:]) + drift(
+        e, e.heading_drift, e.heading_drift_phase, at.follower, at.time
+    )
 
 
 @formula
 def read_heading(e: Any, true: float, drawn: tuple[float, float]) -> Any:
-    """Compass of a follower; the random part adds to the bias, whatever its sign (paper, Eq. 27) [rad]."""
+    """Compass of a follower; the random part adds to the bias, whatever its sign (paper, Eq. 27)
+    [rad].
+    """
     return true + e.heading_bias + e.heading_sigma * np.abs(drawn[1])
 
 
@@ -241,7 +291,9 @@ def read_leader_depth(e: Any, true: float, drawn: tuple[float, float]) -> Any:
 
 @formula
 def read_leader_attitude(e: Any, true: float, drawn: tuple[float, float]) -> Any:
-    """Pitch or roll of the leader [rad], by a normal that a run keeps and a Gauss–Markov value of unit variance."""
+    """Pitch or roll of the leader [rad], by a normal that a run keeps and a Gauss–Markov value
+    of unit variance.
+    """
     return true + e.leader_attitude_offset_sigma * drawn[0] + e.leader_tilt_sigma * drawn[1]
 
 
@@ -253,27 +305,57 @@ OWN = (  # what a follower's navigator takes
 INSTRUMENTS = (  # besides, inclinometer and gyros, which only steer
     *OWN,
     _sensor(
-        "pitch", Stream.TILT, lambda e, at: pitch_of(at.pose[3:]), lambda e, true, drawn: true + e.tilt_sigma * drawn[0]
+        "pitch",
+        Stream.TILT,
+        lambda e, at: pitch_of(at.pose[3:]),
+        lambda e, true, drawn: true + e.tilt_sigma * drawn[0],
     ),
-    _sensor("turning", Stream.GYRO, lambda e, at: at.twist[5], lambda e, true, drawn: true + e.gyro_sigma * drawn[0]),
-    _sensor("pitching", Stream.GYRO, lambda e, at: at.twist[4], lambda e, true, drawn: true + e.gyro_sigma * drawn[1]),
+    _sensor(
+        "turning",
+        Stream.GYRO,
+        lambda e, at: at.twist[5],
+        lambda e, true, drawn: true + e.gyro_sigma * drawn[0],
+    ),
+    _sensor(
+        "pitching",
+        Stream.GYRO,
+        lambda e, at: at.twist[4],
+        lambda e, true, drawn: true + e.gyro_sigma * drawn[1],
+    ),
 )
 LEADER = (  # what a message holds beside time and place
-    _sensor("heading", Stream.LEADER_MOTION, lambda e, at: heading_of(at.pose[3:]), read_leader_heading),
     _sensor(
-        "speed", Stream.LEADER_MOTION, lambda e, at: speed_through_water(at.pose, at.twist, at.water), read_leader_speed
+        "heading", Stream.LEADER_MOTION, lambda e, at: heading_of(at.pose[3:]), read_leader_heading
+    ),
+    _sensor(
+        "speed",
+        Stream.LEADER_MOTION,
+        lambda e, at: speed_through_water(at.pose, at.twist, at.water),
+        read_leader_speed,
     ),
     _sensor("depth", Stream.LEADER_DEPTH, lambda e, at: -at.pose[2], read_leader_depth),
 )
 LEADER_ATTITUDE = (
-    _sensor("pitch", Stream.LEADER_ATTITUDE, lambda e, at: pitch_of(at.pose[3:]) + at.tilt[0], read_leader_attitude),
-    _sensor("roll", Stream.LEADER_ATTITUDE, lambda e, at: roll_of(at.pose[3:]) + at.tilt[1], read_leader_attitude),
+    _sensor(
+        "pitch",
+        Stream.LEADER_ATTITUDE,
+        lambda e, at: pitch_of(at.pose[3:]) + at.tilt[0],
+        read_leader_attitude,
+    ),
+    _sensor(
+        "roll",
+        Stream.LEADER_ATTITUDE,
+        lambda e, at: roll_of(at.pose[3:]) + at.tilt[1],
+        read_leader_attitude,
+    ),
 )
 
 
 @formula
 def longest_range(true: Any, transmitters: int) -> Any:
-    """Longest of the ranges to the rear, front and, of three transmitters, middle one; 0 if none is received."""
+    """Longest of the ranges to the rear, front and, of three transmitters, middle one; 0 if none
+    is received.
+    """
     longest = 0.0
     longest = true[0] if true[0] > longest else longest
     longest = true[1] if true[1] > longest else longest
@@ -281,12 +363,15 @@ def longest_range(true: Any, transmitters: int) -> Any:
 
 
 @formula
-def range_reading(e: Any, tau: float, true: tuple[float, float], drawn: tuple[float, float]) -> float:
-    """Range to a transmitter or NaN [m] (paper, Eq. 28) by the true and the longest one, a uniform and the normal of ψ.
+def range_reading(
+    e: Any, tau: float, true: tuple[float, float], drawn: tuple[float, float]
+) -> float:
+    """Range to a transmitter or NaN [m] (paper, Eq. 28) by the true and the longest one, a uniform
+    and the normal of ψ.
 
-    A receiver rejects zero, negative ranges and those beyond `FARTHEST`. ψ counts in proportion to the longest range to
-    the N_T transmitters in use: 2 with LAISN-2 and 3 with LAISN-3 (Sections 2.2 and 2.3). The middle one, which LAISN-2
-    has no use for, is scaled by the longest of all.
+    A receiver rejects zero, negative ranges and those beyond `FARTHEST`. ψ counts in proportion to
+    the longest range to the N_T transmitters in use: 2 with LAISN-2 and 3 with LAISN-3 (Sections
+    2.2 and 2.3). The middle one, which LAISN-2 has no use for, is scaled by the longest of all.
     """
     psi = e.range_scale_mean + e.range_scale_sigma * drawn[1]
     longest = true[1] + (true[1] == 0.0)
@@ -295,9 +380,24 @@ def range_reading(e: Any, tau: float, true: tuple[float, float], drawn: tuple[fl
 
 
 RANGES = (  # `true` is a range and the longest one, the noise a uniform and a normal
-    _sensor("rear", Stream.RANGE_UNIFORM, None, lambda e, true, drawn: range_reading(e, e.range_tau[0], true, drawn)),
-    _sensor("front", Stream.RANGE_UNIFORM, None, lambda e, true, drawn: range_reading(e, e.range_tau[1], true, drawn)),
-    _sensor("middle", Stream.RANGE_UNIFORM, None, lambda e, true, drawn: range_reading(e, e.range_tau[2], true, drawn)),
+    _sensor(
+        "rear",
+        Stream.RANGE_UNIFORM,
+        None,
+        lambda e, true, drawn: range_reading(e, e.range_tau[0], true, drawn),
+    ),
+    _sensor(
+        "front",
+        Stream.RANGE_UNIFORM,
+        None,
+        lambda e, true, drawn: range_reading(e, e.range_tau[1], true, drawn),
+    ),
+    _sensor(
+        "middle",
+        Stream.RANGE_UNIFORM,
+        None,
+        lambda e, true, drawn: range_reading(e, e.range_tau[2], true, drawn),
+    ),
 )
 
 
@@ -309,7 +409,9 @@ def loses(e: Any) -> bool:
 
 @formula
 def is_bad(bad: bool, uniform: float, e: Any) -> bool:
-    """Whether the next message meets the bad state, which is left with the inverse of its mean length."""
+    """Whether the next message meets the bad state, which is left with the inverse of its mean
+    length.
+    """
     return bool(uniform * e.burst_mean_messages >= 1.0 if bad else uniform < e.burst_probability)
 
 
@@ -353,17 +455,24 @@ class FollowerState(NamedTuple):
     angular_velocity: Floats  # in the body frame, shape (n, 3), [rad/s]
     water_velocity: Floats  # in the world, shape (n, 3), [m/s]
     hydrophone: Floats  # in the world, shape (n, 3), [m]
-    source: Floats  # where received pings left, of rear, front, middle transmitter, shape (n, 3, 3), [m]; else NaN
+    # where received pings left, of rear, front, middle transmitter, shape (n, 3, 3), [m]; else NaN
+    source: Floats
 
 
-def follower_state(time: Floats, motion: tuple[Floats, Floats, Floats], *places: Floats) -> FollowerState:
-    """The state of poses, twists and velocities of the water, shapes (n, 7), (n, 6) and (n, 3), and two places."""
+def follower_state(
+    time: Floats, motion: tuple[Floats, Floats, Floats], *places: Floats
+) -> FollowerState:
+    """The state of poses, twists and velocities of the water, shapes (n, 7), (n, 6) and (n, 3),
+    and two places.
+    """
     pose, twist, water = motion
     return FollowerState(time, pose[:, :3], pose[:, 3:], twist[:, :3], twist[:, 3:], water, *places)
 
 
 class OwnSensor(Protocol):
-    """A sensor: a frozen dataclass whose fields are its parameters, keys of its table, in SI units and radians."""
+    """A sensor: a frozen dataclass whose fields are its parameters, keys of its table, in SI
+    units and radians.
+    """
 
     name: str  # of its readings in `Measurements.own`
     stream: int  # number of its noise, 16 … 63, for no other sensor
@@ -373,7 +482,9 @@ class OwnSensor(Protocol):
         """What it would read without errors, shape (n, c); NaN where it reads nothing."""
 
     def read(self, true: Floats, normals: Floats) -> Floats:
-        """Its readings, shape (n, c), of true values and two standard normals a step, shape (n, 2)."""
+        """Its readings, shape (n, c), of true values and two standard normals a step, shape (n,
+        2).
+        """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -393,7 +504,9 @@ class InvertedUsbl:
         """Directions without errors, shape (n, 2)."""
         to_hull = state.quaternion * np.array([1.0, -1.0, -1.0, -1.0])
         forward, port, up = rotate(to_hull, state.source[:, 1] - state.hydrophone).T
-        return np.column_stack([np.arctan2(-port, forward), np.arctan2(up, np.hypot(forward, port))])
+        return np.column_stack(
+            [np.arctan2(-port, forward), np.arctan2(up, np.hypot(forward, port))]
+        )
 
     def read(self, true: Floats, normals: Floats) -> Floats:
         """Readings of true directions."""
@@ -411,12 +524,18 @@ def own_tables(scenario: Scenario) -> tuple[Any, ...]:
 
 
 def own_sensors(scenario: Scenario) -> tuple[OwnSensor, ...]:
-    """A scenario's further sensors; LaisnError if one cannot be found, or does not have a key of its table."""
+    """A scenario's further sensors; LaisnError if one cannot be found, or does not have a key of
+    its table.
+    """
     sensors = []
     for table in own_tables(scenario):
-        made = InvertedUsbl if table.sensor == "inverted-usbl" else find_class("sensor", table.sensor)
+        made = (
+            InvertedUsbl if table.sensor == "inverted-usbl" else find_class("sensor", table.sensor)
+        )
         try:
-            sensors.append(made(**in_si(table.model_extra or {}, getattr(made, "__dataclass_fields__", ()))))
+            sensors.append(
+                made(**in_si(table.model_extra or {}, getattr(made, "__dataclass_fields__", ())))
+            )
         except TypeError as error:
             raise LaisnError(f"sensors.own: {table.sensor}: {error}") from None
     return tuple(sensors)

@@ -1,15 +1,21 @@
-"""Effectors: the actuators of an MJCF as records, their forces, and the lag of their states behind commands.
+"""Effectors: the actuators of an MJCF as records, their forces, and the lag of their states behind
+commands.
 
-An actuator is a thruster whose state is its thrust [N], unless the MJCF has a numeric of its name and a suffix:
+An actuator is a thruster whose state is its thrust [N], unless the MJCF has a numeric of its name
+and a suffix:
 
-    NAME.curve      thruster; the state is any quantity, the curve has pairs of state and thrust [N], both increasing
-    NAME.propeller  the state is revolutions per second: diameter [m], K_T at J = 0, its slope dK_T/dJ, K_Q and its
-                    slope, wake fraction, thrust deduction, and the share of the torque that turns the hull (negative
-                    for a propeller of the other hand)
-    NAME.fin        the state is the deflection [rad], positive where it pushes along the actuator's axis: area [m²],
-                    slope of the normal force [1/rad], stall angle [rad], drag coefficient at no incidence
+    NAME.curve      thruster; the state is any quantity, the curve has pairs of state and thrust
+    [N], both increasing NAME.propeller  the state is revolutions per second: diameter [m], K_T at J
+    = 0, its slope dK_T/dJ, K_Q and its
+                    slope, wake fraction, thrust deduction, and the share of the torque that turns
+                    the hull (negative for a propeller of the other hand)
+    NAME.fin        the state is the deflection [rad], positive where it pushes along the actuator's
+    axis: area [m²],
+                    slope of the normal force [1/rad], stall angle [rad], drag coefficient at no
+                    incidence
 
-A fixed fin is a site NAME with a numeric NAME.fin and no actuator. It pushes along the site's z axis.
+A fixed fin is a site NAME with a numeric NAME.fin and no actuator. It pushes along the site's z
+axis.
 """
 
 from collections.abc import Sequence
@@ -30,7 +36,8 @@ MOST = 16  # largest number of effectors of a vehicle
 MOST_POINTS = 16  # largest number of points of a thruster's curve
 THRUSTER, CURVE, PROPELLER, FIN = range(4)  # kinds of effectors
 SUFFIXES = {CURVE: ".curve", PROPELLER: ".propeller", FIN: ".fin"}
-_PARAMETERS: dict[int, dict[str, tuple[str, float, float]]] = {  # by kind, with the intervals of their values
+# by kind, with the intervals of their values
+_PARAMETERS: dict[int, dict[str, tuple[str, float, float]]] = {
     PROPELLER: {
         "diameter [m]": ("more than", 0.0, 1e3),
         "K_T at J = 0": ("more than", 0.0, 1e3),
@@ -48,7 +55,8 @@ _PARAMETERS: dict[int, dict[str, tuple[str, float, float]]] = {  # by kind, with
         "drag coefficient": ("at least", 0.0, 1e3),
     },
 }
-LEAST_WAY = 0.5  # speed below which allocation leaves fins out, and hulls that need them cannot be steered [m/s]
+# speed below which allocation leaves fins out, and hulls that need them cannot be steered [m/s]
+LEAST_WAY = 0.5
 
 EFFECTOR = np.dtype(  # one actuator of a vehicle, as its MJCF gives it
     [
@@ -67,16 +75,21 @@ EFFECTOR = np.dtype(  # one actuator of a vehicle, as its MJCF gives it
 
 
 def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
-    """Effectors of vehicles, from a compiled model: records of EFFECTOR in the order of the MJCF, shape (v, m).
+    """Effectors of vehicles, from a compiled model: records of EFFECTOR in the order of the MJCF,
+    shape (v, m).
 
-    Records that pad a vehicle are zero. LaisnError if an actuator does not act at a site of its own hull, or its
-    numeric is wrong.
+    Records that pad a vehicle are zero. LaisnError if an actuator does not act at a site of its own
+    hull, or its numeric is wrong.
     """
-    records = np.zeros((len(vehicles), max(len(vehicle.actuators) for vehicle in vehicles)), EFFECTOR)
+    records = np.zeros(
+        (len(vehicles), max(len(vehicle.actuators) for vehicle in vehicles)), EFFECTOR
+    )
     for row, vehicle in zip(records, vehicles, strict=True):
         for record, actuator in zip(row, vehicle.actuators, strict=False):
             site, reference = model.actuator_trnid[actuator]
-            at_site = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_SITE.value and reference < 0
+            at_site = (
+                model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_SITE.value and reference < 0
+            )
             if not at_site or model.site_bodyid[site] != vehicle.body:
                 raise LaisnError(
                     f"actuator {model.actuator(actuator).name!r} must act at a site of the body "
@@ -89,10 +102,14 @@ def read(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
 
 
 def read_fixed(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
-    """Fixed fins of vehicles, from a compiled model: likewise, with limits of zero, shape (v, q)."""
+    """Fixed fins of vehicles, from a compiled model: likewise, with limits of zero, shape (v,
+    q).
+    """
     numerics = [model.numeric(i).name for i in range(model.nnumeric)]
     fins = [name.removesuffix(SUFFIXES[FIN]) for name in numerics if name.endswith(SUFFIXES[FIN])]
-    fixed = [name for name in fins if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name) < 0]
+    fixed = [
+        name for name in fins if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name) < 0
+    ]
     own = [[name for name in fixed if name.startswith(f"{vehicle.name}/")] for vehicle in vehicles]
     records = np.zeros((len(vehicles), max(map(len, own), default=0)), EFFECTOR)
     for row, vehicle, names in zip(records, vehicles, own, strict=True):
@@ -100,7 +117,8 @@ def read_fixed(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
             site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
             if site < 0 or model.site_bodyid[site] != vehicle.body:
                 raise LaisnError(
-                    f"<numeric name='{name}.fin'>: there is no actuator {name!r}, nor a site of the body "
+                    f"<numeric name='{name}.fin'>: there is no actuator {name!r}, nor a site of "
+                    "the body "
                     f"'{vehicle.name}/hull' for a fixed fin"
                 )
             _fill(record, model, name, site, np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
@@ -110,7 +128,9 @@ def read_fixed(model: Any, vehicles: Sequence[Vehicle]) -> npt.NDArray[np.void]:
 
 
 def _fill(record: Any, model: Any, name: str, site: int, gear: Floats) -> None:
-    """Fill in place, unit force and torque, given in the frame of the site, and kind and parameters of a numeric."""
+    """Fill in place, unit force and torque, given in the frame of the site, and kind and
+    parameters of a numeric.
+    """
     force, torque = attitude.rotate(model.site_quat[site], gear.reshape(2, 3))
     record["force"] = force
     record["torque"] = torque + np.cross(model.site_pos[site], force)
@@ -120,33 +140,51 @@ def _fill(record: Any, model: Any, name: str, site: int, gear: Floats) -> None:
         if values is None:
             continue
         if record["kind"] != THRUSTER:
-            raise LaisnError(f"actuator {name!r} has several of the numerics {', '.join(SUFFIXES.values())}")
+            raise LaisnError(
+                f"actuator {name!r} has several of the numerics {', '.join(SUFFIXES.values())}"
+            )
         record["kind"] = kind
         where = f"<numeric name={name + suffix!r}>"
         if kind == CURVE:
             pairs = values.reshape(-1, 2) if values.size % 2 == 0 else np.zeros((0, 2))
-            rises = len(pairs) and np.all(np.diff(pairs[:, 0]) > 0) and np.all(np.diff(pairs[:, 1]) >= 0)
+            rises = (
+                len(pairs)
+                and np.all(np.diff(pairs[:, 0]) > 0)
+                and np.all(np.diff(pairs[:, 1]) >= 0)
+            )
             if not (2 <= len(pairs) <= MOST_POINTS and rises and pairs[0, 1] < pairs[-1, 1]):
-                raise LaisnError(f"{where} must have 2 to {MOST_POINTS} pairs of state and thrust, rising")
+                raise LaisnError(
+                    f"{where} must have 2 to {MOST_POINTS} pairs of state and thrust, rising"
+                )
             record["points"] = len(pairs)
             record["curve"][: len(pairs)] = pairs
             continue
         expected = _PARAMETERS[kind]
         if values.size != len(expected):
-            raise LaisnError(f"{where} has {values.size} values, expected {len(expected)}: {', '.join(expected)}")
+            raise LaisnError(
+                f"{where} has {values.size} values, expected {len(expected)}: {', '.join(expected)}"
+            )
         record["parameters"][: values.size] = values
         for i, (what, (above, low, high)) in enumerate(expected.items()):
             if not (low < values[i] < high or (values[i] == low and above == "at least")):
                 bound = f"{above} {low:g} and below {high:g}"
-                raise LaisnError(f"{where}: value {i + 1}, {what}, must be {bound} (given: {values[i]:g})")
-        across = abs(record["force"][0]) < 1e-9 and abs(np.linalg.norm(record["force"]) - 1.0) < 1e-6
+                raise LaisnError(
+                    f"{where}: value {i + 1}, {what}, must be {bound} (given: {values[i]:g})"
+                )
+        across = (
+            abs(record["force"][0]) < 1e-9 and abs(np.linalg.norm(record["force"]) - 1.0) < 1e-6
+        )
         if kind == FIN and not across:
             axis = " ".join(f"{value:g}" for value in record["force"])
-            raise LaisnError(f"{name!r}: the axis of a fin must be a unit vector across the hull (given: {axis})")
+            raise LaisnError(
+                f"{name!r}: the axis of a fin must be a unit vector across the hull (given: {axis})"
+            )
 
 
 class MovingFins:
-    """The geoms of a vehicle in a compiled model with looks that have the names of fins, turned as the fins are."""
+    """The geoms of a vehicle in a compiled model with looks that have the names of fins, turned
+    as the fins are.
+    """
 
     def __init__(self, model: Any, prefix: str = "") -> None:
         """Take a model of which the names of the vehicle's parts, or of all, have a prefix."""
@@ -157,14 +195,20 @@ class MovingFins:
             name = model.actuator(i).name
             geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name)
             if geom >= 0 and numeric(model, name + SUFFIXES[FIN]) is not None:
-                push = attitude.rotate(model.site_quat[model.actuator_trnid[i, 0]], model.actuator_gear[i, :3])
-                self._fins.append((number, geom, np.cross((1.0, 0.0, 0.0), push), model.geom_quat[geom].copy()))
+                push = attitude.rotate(
+                    model.site_quat[model.actuator_trnid[i, 0]], model.actuator_gear[i, :3]
+                )
+                self._fins.append(
+                    (number, geom, np.cross((1.0, 0.0, 0.0), push), model.geom_quat[geom].copy())
+                )
 
     def __bool__(self) -> bool:
         return bool(self._fins)
 
     def turn(self, state: Floats) -> None:
-        """Turn the geoms by the states of the vehicle's effectors, shape (m,); deflections are [rad]."""
+        """Turn the geoms by the states of the vehicle's effectors, shape (m,); deflections are
+        [rad].
+        """
         for actuator, geom, axis, still in self._fins:
             turned = np.zeros(4)
             mujoco.mju_axisAngle2Quat(turned, axis, float(state[actuator]))
@@ -175,13 +219,16 @@ class MovingFins:
 def propeller_load(p: Floats, density: float, rate: float, inflow: float) -> tuple[float, float]:
     """Thrust, less its deduction [N], and torque on the hull [N m] (Fossen 2021, chapter 9).
 
-    K_T and K_Q fall linearly with J = (1 − w) u / (n D), with `rate` n [1/s] and `inflow` u, the speed of the propeller
-    along its axis [m/s]. Astern, and in water from behind, they are those of J = 0. `p` are its parameters.
+    K_T and K_Q fall linearly with J = (1 − w) u / (n D), with `rate` n [1/s] and `inflow` u, the
+    speed of the propeller along its axis [m/s]. Astern, and in water from behind, they are those of
+    J = 0. `p` are its parameters.
     """
     size = density * p[0] ** 3 * abs(rate)
     own = rate * p[0]
     advance = (1.0 - p[5]) * max(inflow, 0.0) if rate > 0.0 else 0.0
-    return (1.0 - p[6]) * size * (p[1] * own + p[2] * advance), p[7] * size * p[0] * (p[3] * own + p[4] * advance)
+    return (1.0 - p[6]) * size * (p[1] * own + p[2] * advance), p[7] * size * p[0] * (
+        p[3] * own + p[4] * advance
+    )
 
 
 @compiled
@@ -202,8 +249,9 @@ def thrust_on_curve(record: Any, state: float) -> float:
 def fin_force(record: Any, density: float, deflection: float, local: Vector) -> Vector:
     """Force of a fin by the velocity of its place relative to the water, in the body [N].
 
-    Across the deflected chord acts ½ρ S a U² sin α |cos α|, with α the incidence of the flow on the chord, beyond the
-    stall angle that of this angle (an assumption): it tilts back with the fin. Along the flow acts ½ρ S C_D0 U².
+    Across the deflected chord acts ½ρ S a U² sin α |cos α|, with α the incidence of the flow on the
+    chord, beyond the stall angle that of this angle (an assumption): it tilts back with the fin.
+    Along the flow acts ½ρ S C_D0 U².
     """
     e = record.force
     p = record.parameters
@@ -236,15 +284,16 @@ def loads(
     """Forces of all effectors and fixed fins of a vehicle.
 
     Args:
-        fitted: of all vehicles: records of EFFECTOR, first those with a state, shape (v, m + q); states, shape (v, m).
+        fitted: of all vehicles: records of EFFECTOR, first those with a state, shape (v, m + q);
+            states, shape (v, m).
         number: of the vehicle.
         density: of the water [kg/m³].
         v: velocity relative to the water, in the body [m/s].
         w: rate of turn relative to the water [rad/s].
 
     Returns:
-        Force [N] and moment about the origin [N m], in the body, of thrusters whose state is the thrust; likewise of
-        all others, which fade where the hull leaves the water.
+        Force [N] and moment about the origin [N m], in the body, of thrusters whose state is the
+        thrust; likewise of all others, which fade where the hull leaves the water.
     """
     thrust = (0.0, 0.0, 0.0)
     torque = (0.0, 0.0, 0.0)
@@ -284,7 +333,8 @@ def loads(
 
 @compiled
 def respond(fitted: tuple[Any, Floats], command: Floats, response: Floats) -> None:
-    """Bring states, as of `loads`, a step closer to commands within their limits, both of shape (v, m).
+    """Bring states, as of `loads`, a step closer to commands within their limits, both of shape (v,
+    m).
 
     `response` is the share of a first-order lag that passes in a step, 1 − exp(−dt/lag).
     """
@@ -292,19 +342,25 @@ def respond(fitted: tuple[Any, Floats], command: Floats, response: Floats) -> No
     for i in range(states.shape[0]):
         for j in range(states.shape[1]):
             limits = records[i, j].limits
-            states[i, j] += response[i, j] * (min(max(command[i, j], limits[0]), limits[1]) - states[i, j])
+            states[i, j] += response[i, j] * (
+                min(max(command[i, j], limits[0]), limits[1]) - states[i, j]
+            )
 
 
 @compiled
 def reach(record: Any, density: float, speed: float) -> tuple[float, float]:
-    """Least and largest force along an effector's axis at a speed along the hull, of fins at least `LEAST_WAY`, [N]."""
+    """Least and largest force along an effector's axis at a speed along the hull, of fins at
+    least `LEAST_WAY`, [N].
+    """
     low, high = record.limits[0], record.limits[1]
     if record.kind == CURVE:
         return thrust_on_curve(record, low), thrust_on_curve(record, high)
     if record.kind == PROPELLER:
         p = record.parameters
         inflow = speed * record.force[0]
-        return propeller_load(p, density, low, inflow)[0], propeller_load(p, density, high, inflow)[0]
+        return propeller_load(p, density, low, inflow)[0], propeller_load(p, density, high, inflow)[
+            0
+        ]
     if record.kind == FIN:
         lift = fin_lift(record, density, speed)
         stall = record.parameters[2]
@@ -321,7 +377,9 @@ def fin_lift(record: Any, density: float, speed: float) -> float:
 
 @compiled
 def state_for(record: Any, density: float, force: float, speed: float) -> float:
-    """State of an effector that gives a force along its axis, within `reach` [N], at a speed along the hull."""
+    """State of an effector that gives a force along its axis, within `reach` [N], at a speed
+    along the hull.
+    """
     if record.kind == FIN:
         return force / fin_lift(record, density, speed)
     if record.kind == PROPELLER:
@@ -344,8 +402,12 @@ def state_for(record: Any, density: float, force: float, speed: float) -> float:
     return force
 
 
-def scaled_records(records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]) -> npt.NDArray[np.void]:
-    """What effectors really give whose MJCF is not quite right: records of `read` with the setups' scales applied."""
+def scaled_records(
+    records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]
+) -> npt.NDArray[np.void]:
+    """What effectors really give whose MJCF is not quite right: records of `read` with the
+    setups' scales applied.
+    """
     true = records.copy()
     for row, setup in zip(true, setups, strict=True):
         kind = row["kind"]
@@ -360,5 +422,7 @@ def scaled_records(records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]
 
 
 def unit_wrenches(records: npt.NDArray[np.void]) -> Floats:
-    """Force and torque about the body's origin of a unit of force along the axis, in the body, shape (v, m, 6)."""
+    """Force and torque about the body's origin of a unit of force along the axis, in the body,
+    shape (v, m, 6).
+    """
     return np.concatenate([records["force"], records["torque"]], axis=-1)

@@ -1,8 +1,10 @@
-"""The MJCF of a hull, written from numbers with their formulas or sources, and a first hull from its dimensions.
+"""The MJCF of a hull, written from numbers with their formulas or sources, and a first hull from
+its dimensions.
 
-Coefficients of a slender body of revolution: Lamb, Hydrodynamics, 6th ed. 1932, articles 114 and 373; Fossen, Handbook
-of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021, Section 8.4.2 and chapter 9; Hoerner, Fluid-Dynamic
-Drag, 1965; Anderson, Fundamentals of Aerodynamics; Allen, Vorus and Prestero, OCEANS 2000 (REMUS 100).
+Coefficients of a slender body of revolution: Lamb, Hydrodynamics, 6th ed. 1932, articles 114 and
+373; Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed. 2021, Section 8.4.2
+and chapter 9; Hoerner, Fluid-Dynamic Drag, 1965; Anderson, Fundamentals of Aerodynamics; Allen,
+Vorus and Prestero, OCEANS 2000 (REMUS 100).
 """
 
 from collections.abc import Sequence
@@ -33,14 +35,18 @@ class EffectorPart:
     limits: tuple[float, float] | None = None  # of the state; None: a fixed fin, without actuator
     lag: float = 0.0  # time constant of the state [s]
     source: str  # of limits, lag and parameters
-    suffix: str = ""  # of its numeric: "curve", "propeller", "fin"; empty: a thruster, of thrust [N]
+    # of its numeric: "curve", "propeller", "fin"; empty: a thruster, of thrust [N]
+    suffix: str = ""
     parameters: tuple[float, ...] = ()
-    blade: tuple[float, float] = (0.0, 0.0)  # half chord and half span of the box that shows a fin [m]
+    # half chord and half span of the box that shows a fin [m]
+    blade: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class HullFile:
-    """A hull with the origin of its body frame in the centre of buoyancy; x forward, y port, z up."""
+    """A hull with the origin of its body frame in the centre of buoyancy; x forward, y port, z
+    up.
+    """
 
     name: str
     about: str  # where it comes from, for the head of the file
@@ -65,8 +71,13 @@ class HullFile:
             "cg": self.centre[0],
         }
         template = resources.files("sim.vehicle").joinpath("hull.xml.j2").read_text("utf-8")
-        environment = jinja2.Environment(trim_blocks=True, keep_trailing_newline=True, undefined=jinja2.StrictUndefined)
-        environment.filters |= {"numbers": numbers, "comment": lambda text: escape(text).replace("--", "‐‐")}
+        environment = jinja2.Environment(
+            trim_blocks=True, keep_trailing_newline=True, undefined=jinja2.StrictUndefined
+        )
+        environment.filters |= {
+            "numbers": numbers,
+            "comment": lambda text: escape(text).replace("--", "‐‐"),
+        }
         capsule = radius, max(half - radius, 0.01)
         return environment.from_string(template).render(hull=self, sites=sites, capsule=capsule)
 
@@ -78,7 +89,8 @@ def numbers(values: npt.ArrayLike) -> str:
 
 
 TOP_SPEED = 2.5  # speed that the propeller is geared for [m/s]
-FULLNESS = (0.45, 1.0)  # least and largest mass, as a share of the water in the cylinder of length and diameter
+# least and largest mass, as a share of the water in the cylinder of length and diameter
+FULLNESS = (0.45, 1.0)
 FIN_ASPECT = 1.3  # span over chord of one fin; the hull mirrors it
 MARGIN = 1.15  # moment of the fins over the Munk moment of the hull; the leader's hull has 1.16
 _DRAG = 0.42
@@ -91,7 +103,9 @@ _DEDUCTION = 0.1
 
 
 def lamb_factors(length: float, diameter: float) -> tuple[float, float, float]:
-    """Added mass along and across a prolate spheroid over its displaced mass, and of inertia (Lamb 1932)."""
+    """Added mass along and across a prolate spheroid over its displaced mass, and of inertia
+    (Lamb 1932).
+    """
     e = np.sqrt(1.0 - (diameter / length) ** 2)
     log = np.log((1.0 + e) / (1.0 - e))
     alpha = 2.0 * (1.0 - e**2) / e**3 * (0.5 * log - e)
@@ -106,7 +120,11 @@ def helmbold_slope(aspect: float) -> float:
 
 
 def from_dimensions(
-    length: float, diameter: float, mass: float, fins: Literal["x", "+"] = "+", propeller: float | None = None
+    length: float,
+    diameter: float,
+    mass: float,
+    fins: Literal["x", "+"] = "+",
+    propeller: float | None = None,
 ) -> HullFile:
     """A neutral torpedo with four moving tail fins and one propeller.
 
@@ -120,29 +138,40 @@ def from_dimensions(
     Raises:
         LaisnError: the dimensions are not those of a slender neutral hull.
     """
-    for name, value in (("length", length), ("diameter", diameter), ("mass", mass), ("propeller", propeller or 1.0)):
+    for name, value in (
+        ("length", length),
+        ("diameter", diameter),
+        ("mass", mass),
+        ("propeller", propeller or 1.0),
+    ):
         if not 0.0 < value < 1e6:
             raise LaisnError(f"{name}: expected a positive number (given: {value:g})")
     if length < 3.0 * diameter:
         raise LaisnError(
-            f"length {length:g} m, diameter {diameter:g} m: the formulas are those of slender hulls, at least three "
+            f"length {length:g} m, diameter {diameter:g} m: the formulas are those of slender "
+            "hulls, at least three "
             "times as long as thick"
         )
     cylinder = DENSITY * np.pi * diameter**2 / 4.0 * length
     if not FULLNESS[0] <= mass / cylinder <= FULLNESS[1]:
         low, high = (share * cylinder for share in FULLNESS)
         raise LaisnError(
-            f"mass {mass:g} kg: a neutral hull of {length:g} m and {diameter:g} m has {low:.3g} to {high:.3g} kg"
+            f"mass {mass:g} kg: a neutral hull of {length:g} m and {diameter:g} m has {low:.3g} to "
+            f"{high:.3g} kg"
         )
     a = length / 2
     b = diameter / 2
     screw = propeller or 0.7 * diameter
     if screw > 2.0 * diameter:
-        raise LaisnError(f"propeller {screw:g} m: at most twice the diameter of the hull, {2 * diameter:g} m")
+        raise LaisnError(
+            f"propeller {screw:g} m: at most twice the diameter of the hull, {2 * diameter:g} m"
+        )
     roll_inertia = 0.4 * mass * b**2
     inertia = mass * (a**2 + b**2) / 5.0
     along, across, turning = lamb_factors(length, diameter)
-    added = np.array([along * mass, across * mass, across * mass, 0.3 * roll_inertia, *2 * [turning * inertia]])
+    added = np.array(
+        [along * mass, across * mass, across * mass, 0.3 * roll_inertia, *2 * [turning * inertia]]
+    )
     drop = 0.1 * diameter
     area = 0.7 * length * diameter
     rigid = [mass, mass, mass, roll_inertia + mass * drop**2, inertia + mass * drop**2, inertia]
@@ -167,26 +196,33 @@ def from_dimensions(
     numerics: dict[str, Number] = {
         "added_mass": (
             np.diag(added),
-            "6×6 by rows [kg], [kg m²]: Lamb's factors of the spheroid of L and D, times mass and inertia (Lamb 1932; "
+            "6×6 by rows [kg], [kg m²]: Lamb's factors of the spheroid of L and D, times mass and "
+            "inertia (Lamb 1932; "
             "Fossen 2021, 8.4.2); in roll 0.3 of the inertia (Fossen's remus100)",
         ),
         "munk_factor": (1.0, "[-]: all Coriolis and Munk terms, as of potential flow"),
         "linear_damping": (
             linear,
-            "[N s/m], [N m s]: time constants 20 s in surge, sway, heave, 1 s in yaw; relative damping 0.3 in roll, "
+            "[N s/m], [N m s]: time constants 20 s in surge, sway, heave, 1 s in yaw; relative "
+            "damping 0.3 in roll, "
             "0.8 in pitch (low speeds; Fossen's remus100)",
         ),
-        "linear_damping_fade": ((3, 3, 3, 0, 0, 0), "[s/m]: fades as exp(−3 U), where drag and lift take over"),
+        "linear_damping_fade": (
+            (3, 3, 3, 0, 0, 0),
+            "[s/m]: fades as exp(−3 U), where drag and lift take over",
+        ),
         "quadratic_damping": (
             (0, 0, 0, rolling, 0, 0),
-            "[N m s²]: fins as plates across the flow of roll, coefficient 1.2 (Hoerner 1965), at mid span",
+            "[N m s²]: fins as plates across the flow of roll, coefficient 1.2 (Hoerner 1965), at "
+            "mid span",
         ),
         "buoyancy": (weight, "[N]: the weight, m g"),
         "displaced_inertia": (inertia, "[kg m²]: displaced water, m (a² + b²) / 5"),
         "hull_radius": (b, "[m]: D / 2"),
         "hull_lift": (
             (area, frontal, lift),
-            "area 0.7 L D [m²]; drag 0.42 on the frontal area (Allen et al. 2000); slope π A / (1 + √(1 + A²/4)) "
+            "area 0.7 L D [m²]; drag 0.42 on the frontal area (Allen et al. 2000); slope π A / (1 "
+            "+ √(1 + A²/4)) "
             "[1/rad], A = D² / area (Beard and McLain 2012)",
         ),
         "hull_lift_planes": ((1.0, 1.0), "[-]: both planes"),
@@ -198,7 +234,9 @@ def from_dimensions(
 
     def missing_thrust(rate: float) -> float:
         advance = (1.0 - _WAKE) * TOP_SPEED / (rate * screw)
-        return (1.0 - _DEDUCTION) * DENSITY * rate**2 * screw**4 * (_K_T[0] + _K_T[1] * advance) - load
+        return (1.0 - _DEDUCTION) * DENSITY * rate**2 * screw**4 * (
+            _K_T[0] + _K_T[1] * advance
+        ) - load
 
     rate = float(brentq(missing_thrust, 1e-3, 1e4))
     parts = [
@@ -210,8 +248,10 @@ def from_dimensions(
             lag=1.0,
             suffix="propeller",
             parameters=(screw, *_K_T, *_K_Q, _WAKE, _DEDUCTION, 1.0),
-            source=f"state [1/s], up to that for {TOP_SPEED:g} m/s; diameter [m], K_T and K_Q falling linearly with J "
-            "(Wageningen B, 3 blades, as in Fossen's remus100), wake fraction 0.056 (Allen et al. 2000), thrust "
+            source=f"state [1/s], up to that for {TOP_SPEED:g} m/s; diameter [m], K_T and K_Q "
+            "falling linearly with J "
+            "(Wageningen B, 3 blades, as in Fossen's remus100), wake fraction 0.056 (Allen et al. "
+            "2000), thrust "
             "deduction 0.1, all of the torque on the hull; lag 1 s (remus100)",
         )
     ]
@@ -231,19 +271,25 @@ def from_dimensions(
                 suffix="fin",
                 parameters=(pair / 2.0, slope, 0.44, 0.01),
                 blade=(span / FIN_ASPECT / 2.0, span / 2.0),
-                source=f"state [rad]; area [m²]: the pair has {MARGIN:g} times the Munk moment of the hull; slope "
-                f"[1/rad]: Helmbold at twice the aspect ratio {FIN_ASPECT:g}; stall 0.44 rad, ±0.35 rad and lag 0.1 s "
+                source=f"state [rad]; area [m²]: the pair has {MARGIN:g} times the Munk moment of "
+                "the hull; slope "
+                f"[1/rad]: Helmbold at twice the aspect ratio {FIN_ASPECT:g}; stall 0.44 rad, "
+                "±0.35 rad and lag 0.1 s "
                 "assumed; drag 0.01 of a thin profile (Hoerner 1965)",
             )
         )
     return HullFile(
         name="hull",
-        about=f"Estimated: laisn hull, length {length:g} m, diameter {diameter:g} m, mass {mass:g} kg, fins {fins}, "
+        about=f"Estimated: laisn hull, length {length:g} m, diameter {diameter:g} m, mass {mass:g} "
+        f"kg, fins {fins}, "
         f"propeller {screw:g} m. Each number has its formula; replace it by a measured one.",
         length=length,
         diameter=diameter,
         mass=(mass, "as given; neutral in sea water"),
-        inertia=((roll_inertia, inertia, inertia), "homogeneous spheroid, 2/5 m b² and m (a² + b²) / 5"),
+        inertia=(
+            (roll_inertia, inertia, inertia),
+            "homogeneous spheroid, 2/5 m b² and m (a² + b²) / 5",
+        ),
         centre=((0.0, 0.0, -drop), "0.1 D below the centre of buoyancy (REMUS 100 has 0.02 m)"),
         numerics=numerics,
         effectors=parts,

@@ -1,16 +1,19 @@
-"""Forces of the water on rigid hulls, in Fossen's form, from the velocity relative to the water (docs/physics.md).
+"""Forces of the water on rigid hulls, in Fossen's form, from the velocity relative to the water
+(docs/physics.md).
 
-Added mass and its Coriolis terms, damping, lift and cross-flow drag: Fossen, Handbook of Marine Craft Hydrodynamics and
-Motion Control, 2nd ed. 2021, and Lamb, Hydrodynamics, 6th ed. 1932; lift and drag over incidence: Beard and McLain,
-Small Unmanned Aircraft, 2012. Water that moves differently from place to place: Taylor, Proc. R. Soc. A 120, 1928;
-Auton, Hunt and Prud'homme, J. Fluid Mech. 197, 1988. The flow is taken as linear over the hull about the centre of
-buoyancy, where the body frame has its origin.
+Added mass and its Coriolis terms, damping, lift and cross-flow drag: Fossen, Handbook of Marine
+Craft Hydrodynamics and Motion Control, 2nd ed. 2021, and Lamb, Hydrodynamics, 6th ed. 1932; lift
+and drag over incidence: Beard and McLain, Small Unmanned Aircraft, 2012. Water that moves
+differently from place to place: Taylor, Proc. R. Soc. A 120, 1928; Auton, Hunt and Prud'homme, J.
+Fluid Mech. 197, 1988. The flow is taken as linear over the hull about the centre of buoyancy, where
+the body frame has its origin.
 
-`apply` writes the wrench to `qfrc_applied` and adds the added mass to `M` between `mj_step1` and `mj_factorM`, so that
-it acts on accelerations that MuJoCo has yet to solve for.
+`apply` writes the wrench to `qfrc_applied` and adds the added mass to `M` between `mj_step1` and
+`mj_factorM`, so that it acts on accelerations that MuJoCo has yet to solve for.
 
-Functions take `c`, a record of `sim.vehicle.mjcf.RECORD`; `v` and `w`, velocity and rate of turn relative to
-the water, in the body [m/s], [rad/s]; they give force [N] and moment about the origin [N m].
+Functions take `c`, a record of `sim.vehicle.mjcf.RECORD`; `v` and `w`, velocity and rate of turn
+relative to the water, in the body [m/s], [rad/s]; they give force [N] and moment about the origin
+[N m].
 """
 
 from typing import Any
@@ -26,7 +29,9 @@ from sim.water import Instant, Water, elevation_at, flow, instant_of
 
 @inlined
 def _damp(c: Any, i: int, speed: float, rate: float, left: float) -> tuple[float, float]:
-    """Damping along or about an axis, and the share of the linear one that is left; `left` is of the axis before."""
+    """Damping along or about an axis, and the share of the linear one that is left; `left` is of
+    the axis before.
+    """
     fade = c.linear_damping_fade
     # mostly that of the axis before
     if fade[i] == 0.0:
@@ -38,7 +43,9 @@ def _damp(c: Any, i: int, speed: float, rate: float, left: float) -> tuple[float
 
 @compiled
 def damping(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
-    """Linear damping, which may fade as exp(−fade U), and quadratic damping −d |ν| ν, axis by axis."""
+    """Linear damping, which may fade as exp(−fade U), and quadratic damping −d |ν| ν, axis by
+    axis.
+    """
     speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     surge, left = _damp(c, 0, speed, v[0], 1.0)
     sway, left = _damp(c, 1, speed, v[1], left)
@@ -64,9 +71,10 @@ def coupled_damping(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
 def hull_lift(c: Any, v: Vector) -> Vector:
     """Drag and lift of the hull at incidence α, as a force along its axis and one across it.
 
-    Along the axis acts −½ρ S CD0 U² cos α |cos α|, across it −½ρ S (CD0 + a) U² sin α |cos α|. Towards 90° both fade
-    and leave the hull to `cross_flow`. A round hull has no sharp edge to be sucked forward at, so its lift never pushes
-    it along its axis. `hull_lift_planes` may leave one plane out.
+    Along the axis acts −½ρ S CD0 U² cos α |cos α|, across it −½ρ S (CD0 + a) U² sin α |cos α|.
+    Towards 90° both fade and leave the hull to `cross_flow`. A round hull has no sharp edge to be
+    sucked forward at, so its lift never pushes it along its axis. `hull_lift_planes` may leave one
+    plane out.
     """
     area = c.hull_lift[0]
     drag = c.hull_lift[1]
@@ -86,8 +94,9 @@ def hull_lift(c: Any, v: Vector) -> Vector:
 def cross_flow(c: Any, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     """Drag of the hull's sections across the flow, strip by strip (Fossen 2021).
 
-    With both coefficients C equal, a strip of side area A has −½ρ A C |U| U of its own cross-flow U; unequal ones
-    scale each axis by the cube root of its C: C |U| U along either axis alone, and always against the motion.
+    With both coefficients C equal, a strip of side area A has −½ρ A C |U| U of its own cross-flow
+    U; unequal ones scale each axis by the cube root of its C: C |U| U along either axis alone, and
+    always against the motion.
     """
     root_y, root_z = c.cross_flow_root[0], c.cross_flow_root[1]
     fy = fz = my = mz = 0.0
@@ -112,12 +121,20 @@ def viscous(c: Any, v: Vector, w: Vector) -> tuple[tuple[Vector, Vector], ...]:
 
 LOST = 1e3  # a speed [m/s] or rate [rad/s] that no vehicle has: the integration has failed
 
-Solver = tuple[Floats, Floats]  # lower triangles of the vehicles' blocks of `M`, row by row, (v, 21); `qfrc_applied`
+# lower triangles of the vehicles' blocks of `M`, row by row, (v, 21); `qfrc_applied`
+Solver = tuple[Floats, Floats]
 
 
 @compiled
 def _row_times(a: Floats, i: int, v: Vector, w: Vector) -> float:
-    return float(a[i, 0] * v[0] + a[i, 1] * v[1] + a[i, 2] * v[2] + a[i, 3] * w[0] + a[i, 4] * w[1] + a[i, 5] * w[2])
+    return float(
+        a[i, 0] * v[0]
+        + a[i, 1] * v[1]
+        + a[i, 2] * v[2]
+        + a[i, 3] * w[0]
+        + a[i, 4] * w[1]
+        + a[i, 5] * w[2]
+    )
 
 
 @compiled
@@ -128,29 +145,38 @@ def _inertia_times(a: Floats, v: Vector, w: Vector) -> tuple[Vector, Vector]:
 
 
 @compiled
-def kirchhoff(munk_factor: float, v: Vector, spin: Vector, momentum: Vector, angular: Vector) -> tuple[Vector, Vector]:
+def kirchhoff(
+    munk_factor: float, v: Vector, spin: Vector, momentum: Vector, angular: Vector
+) -> tuple[Vector, Vector]:
     """Coriolis and Munk force and moment of added mass (Fossen 2021; Lamb 1932), all in the body.
 
-    `munk_factor` is the share of the terms with pitch and yaw rates and moments that is kept, `spin` the rate of the
-    body frame [rad/s], `momentum` added mass times velocities relative to the water [kg m/s], `angular` its moment
-    about the origin [kg m²/s].
+    `munk_factor` is the share of the terms with pitch and yaw rates and moments that is kept,
+    `spin` the rate of the body frame [rad/s], `momentum` added mass times velocities relative to
+    the water [kg m/s], `angular` its moment about the origin [kg m²/s].
     """
     munk = cross(v, momentum)
     kept = (spin[0], munk_factor * spin[1], munk_factor * spin[2])
     force = scaled(-1.0, cross(kept, momentum))
     gyro = cross(spin, angular)
-    return force, (-gyro[0] - munk[0], -gyro[1] - munk_factor * munk[1], -gyro[2] - munk_factor * munk[2])
+    return force, (
+        -gyro[0] - munk[0],
+        -gyro[1] - munk_factor * munk[1],
+        -gyro[2] - munk_factor * munk[2],
+    )
 
 
 @compiled
-def convergence(gradient: Matrix, axis: Vector, momentum: Vector, angular: Vector) -> tuple[Vector, Vector]:
-    """Force and moment on added mass in water that moves differently from place to place (Taylor 1928).
+def convergence(
+    gradient: Matrix, axis: Vector, momentum: Vector, angular: Vector
+) -> tuple[Vector, Vector]:
+    """Force and moment on added mass in water that moves differently from place to place (Taylor
+    1928).
 
-    The energy of the disturbed water, ½ (v − u)·M_A (v − u), changes with the place of the hull, since u does:
-    Lagrange's equations give −(∇u)ᵀ p, p = M_A (v − u). With the rate of u along the hull's path this makes
-    M_A (Du/Dt + (u − v) × curl u) of a sphere's added mass (Auton, Hunt and Prud'homme 1988). Along a slender hull,
-    strips at x have the relative velocity −x (∇u) e besides, with its own Munk moment, and an own momentum, subject to
-    the force above.
+    The energy of the disturbed water, ½ (v − u)·M_A (v − u), changes with the place of the hull,
+    since u does: Lagrange's equations give −(∇u)ᵀ p, p = M_A (v − u). With the rate of u along the
+    hull's path this makes M_A (Du/Dt + (u − v) × curl u) of a sphere's added mass (Auton, Hunt and
+    Prud'homme 1988). Along a slender hull, strips at x have the relative velocity −x (∇u) e
+    besides, with its own Munk moment, and an own momentum, subject to the force above.
 
     Args:
         gradient: of the water's velocity, rows u, columns x, [1/s]; all in one frame.
@@ -165,11 +191,13 @@ def convergence(gradient: Matrix, axis: Vector, momentum: Vector, angular: Vecto
 
 
 @inlined
-def immersion(c: Any, position: Vector, axis: Vector, now: Instant, waves: Floats) -> tuple[float, float]:
+def immersion(
+    c: Any, position: Vector, axis: Vector, now: Instant, waves: Floats
+) -> tuple[float, float]:
     """Share of a hull that is in the water, and Σ (dry share · x) of the strips [m].
 
-    A strip's section leaves the water evenly from the moment the surface touches its top until it is a radius below
-    its middle; strips count by their side area.
+    A strip's section leaves the water evenly from the moment the surface touches its top until it
+    is a radius below its middle; strips count by their side area.
     """
     _, (_, _, (_, highest)), _ = now
     ends = max(abs(c.strip_x[0]), abs(c.strip_x[c.n_strips - 1]))
@@ -193,13 +221,14 @@ def wrench(
 
     Args:
         pose: position [m] and quaternion, seven numbers.
-        twist: velocity of the origin in the world [m/s], angular velocity in the body [rad/s], six numbers.
+        twist: velocity of the origin in the world [m/s], angular velocity in the body [rad/s], six
+            numbers.
         now, waves: as of `sim.water.instant_of`.
         fitted, i: as of `sim.vehicle.effectors.loads`.
 
     Returns:
-        force in the world [N], moment about the origin in the body [N m], share of the hull that is immersed. All
-        forces fade with that share, but those of thrusters.
+        force in the world [N], moment about the origin in the body [N m], share of the hull that is
+        immersed. All forces fade with that share, but those of thrusters.
     """
     to_world = rotation(pose[3:7])
     to_body = transposed(to_world)
@@ -215,8 +244,13 @@ def wrench(
     along = times(gradient, axis)
     turning = times(to_body, cross(axis, along))
     w = minus(spin, turning)
-    turning_rate = plus(cross(axis_rate, along), cross(axis, plus(turning_change, times(gradient, axis_rate))))
-    brought = plus(times(to_body, change), cross(spin, v)), minus(times(to_body, turning_rate), cross(spin, turning))
+    turning_rate = plus(
+        cross(axis_rate, along), cross(axis, plus(turning_change, times(gradient, axis_rate)))
+    )
+    brought = (
+        plus(times(to_body, change), cross(spin, v)),
+        minus(times(to_body, turning_rate), cross(spin, turning)),
+    )
 
     momentum, angular = _inertia_times(c.added_mass, v, w)
     force, moment = kirchhoff(c.munk_factor, v, spin, momentum, angular)
@@ -234,12 +268,13 @@ def wrench(
     force = plus(force, others)
     moment = plus(moment, their_moment)
 
-    # the solver applies added mass to the body's own acceleration; what the water brings of it is added here
+    # the solver applies added mass to the body's own acceleration; what the water brings of it is
+    # added here
     part = _inertia_times(c.added_mass, brought[0], brought[1])
     force = plus(force, part[0])
     moment = plus(moment, part[1])
-    # Froude-Krylov: the pressure that accelerates the water particles acts on the hull in their place, and they are
-    # accelerated by Du/Dt along their own path, not along the hull's
+    # Froude-Krylov: the pressure that accelerates the water particles acts on the hull in their
+    # place, and they are accelerated by Du/Dt along their own path, not along the hull's
     particle = minus(change, times(gradient, minus(velocity, stream)))
     force = plus(force, scaled(c.buoyancy / c.gravity, times(to_body, particle)))
     moment = plus(moment, scaled(c.displaced_inertia, times(to_body, cross(axis, squeeze))))
@@ -254,7 +289,9 @@ def wrench(
 
 @compiled
 def _add_to_inertia(mass: Floats, vehicle: int, added: Floats, share: float, r: Matrix) -> None:
-    """Add rotated added mass to the lower triangle of a body's block of `M`: R A R', B R', C of [[A, B'], [B, C]]."""
+    """Add rotated added mass to the lower triangle of a body's block of `M`: R A R', B R', C of
+    [[A, B'], [B, C]].
+    """
     m = added
     a = (m[0, 0], m[0, 1], m[0, 2]), (m[1, 0], m[1, 1], m[1, 2]), (m[2, 0], m[2, 1], m[2, 2])
     b = (m[3, 0], m[3, 1], m[3, 2]), (m[4, 0], m[4, 1], m[4, 2]), (m[5, 0], m[5, 1], m[5, 2])
@@ -271,7 +308,9 @@ def _add_to_inertia(mass: Floats, vehicle: int, added: Floats, share: float, r: 
 
 @compiled
 def beyond(values: Floats, bound: float) -> int:
-    """First row of a matrix with a value that is NaN or whose size is not below `bound`; -1 if there is none."""
+    """First row of a matrix with a value that is NaN or whose size is not below `bound`; -1 if
+    there is none.
+    """
     for i in range(values.shape[0]):
         for j in range(values.shape[1]):
             if not abs(values[i, j]) < bound:
@@ -289,11 +328,14 @@ def apply(
     solver: Solver,
     fitted: tuple[Any, Floats],
 ) -> int:
-    """Give all vehicles wrenches and added mass; the index of the first that is lost (not finite, > LOST), or -1."""
+    """Give all vehicles wrenches and added mass; the index of the first that is lost (not
+    finite, > LOST), or -1.
+    """
     mass, applied = solver
     now, waves = instant_of(time, water)
     lost = beyond(twist, LOST)
-    # one way out, and numbers in place of rows: compiled code would count references to arrays for each vehicle
+    # one way out, and numbers in place of rows: compiled code would count references to arrays for
+    # each vehicle
     for i in range(0 if lost >= 0 else pose.shape[0]):
         at = (pose[i, 0], pose[i, 1], pose[i, 2], pose[i, 3], pose[i, 4], pose[i, 5], pose[i, 6])
         motion = (twist[i, 0], twist[i, 1], twist[i, 2], twist[i, 3], twist[i, 4], twist[i, 5])

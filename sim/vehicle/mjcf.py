@@ -1,4 +1,6 @@
-"""Vehicles out of MJCF: attach them to the ocean, resolve their names to ids once, read their coefficients."""
+"""Vehicles out of MJCF: attach them to the ocean, resolve their names to ids once, read their
+coefficients.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -22,11 +24,14 @@ class VehicleSetup:
 
     name: str
     model: str  # a name for `models.path`, "leader" or "follower", or the text of an MJCF file
-    position_m: tuple[float, float, float]  # position (east, north, up) of the body origin in the world, at the start
+    # position (east, north, up) of the body origin in the world, at the start
+    position_m: tuple[float, float, float]
     heading_rad: float = 0.0  # compass, at the start
     speed_m_s: float = 0.0  # forward, over ground, at the start
     settings: vehicles.Vehicle = field(default_factory=vehicles.Vehicle.model_construct)
-    """What is changed of the MJCF: trim, true over nominal coefficients, places of a leader's transmitters."""
+    """What is changed of the MJCF: trim, true over nominal coefficients, places of a leader's
+    transmitters.
+    """
 
 
 class Vehicle(NamedTuple):
@@ -39,7 +44,9 @@ class Vehicle(NamedTuple):
     effectors: tuple[str, ...]  # their names in the MJCF
 
 
-def compose(setups: Sequence[VehicleSetup], floor_depth_m: float | None = None, *, looks: bool = True) -> mujoco.MjSpec:
+def compose(
+    setups: Sequence[VehicleSetup], floor_depth_m: float | None = None, *, looks: bool = True
+) -> mujoco.MjSpec:
     """The ocean with vehicles attached, each under the prefix "name/".
 
     `floor_depth_m` None leaves the floor where the MJCF has it; `looks` are the vehicles' geoms.
@@ -49,18 +56,26 @@ def compose(setups: Sequence[VehicleSetup], floor_depth_m: float | None = None, 
         # crests of the relief reach up to the floor's depth, so that what is above it is clear
         spec.geom("floor").pos[2] = -floor_depth_m - spec.hfield("floor").size[2]
     for setup in setups:
-        spec.attach(_edited(setup, looks), frame=spec.worldbody.add_frame(), prefix=f"{setup.name}/")
+        spec.attach(
+            _edited(setup, looks), frame=spec.worldbody.add_frame(), prefix=f"{setup.name}/"
+        )
     return spec
 
 
 def spec_of(model: str, looks: bool = True) -> mujoco.MjSpec:
-    """A vehicle's own MJCF without keyframes, to be changed: of a model by name, or of the text of a file."""
-    return _attachable(model if vehicles.is_mjcf(model) else models.path(model).read_text("utf-8"), looks).copy()
+    """A vehicle's own MJCF without keyframes, to be changed: of a model by name, or of the text
+    of a file.
+    """
+    return _attachable(
+        model if vehicles.is_mjcf(model) else models.path(model).read_text("utf-8"), looks
+    ).copy()
 
 
 @lru_cache(maxsize=8)
 def _attachable(text: str, looks: bool) -> mujoco.MjSpec:
-    """A vehicle's MJCF as the composed model has room for it, to be copied: to make it takes forty times as long."""
+    """A vehicle's MJCF as the composed model has room for it, to be copied: to make it takes
+    forty times as long.
+    """
     spec = mujoco.MjSpec.from_string(text)
     for key in list(spec.keys):
         spec.delete(key)  # the keyframe of one vehicle alone does not fit the composed model
@@ -70,10 +85,15 @@ def _attachable(text: str, looks: bool) -> mujoco.MjSpec:
 
 
 def transmitter_places(settings: vehicles.Vehicle) -> dict[str, tuple[int, float]]:
-    """Axis and coordinate [m] to which transmitters' sites are moved; the others stay where the MJCF has them."""
+    """Axis and coordinate [m] to which transmitters' sites are moved; the others stay where the
+    MJCF has them.
+    """
     moves: dict[str, tuple[int, float]] = {}
     if isinstance(settings, vehicles.Leader) and settings.baseline_m is not None:
-        moves |= {"tx_rear": (0, -settings.baseline_m / 2), "tx_front": (0, settings.baseline_m / 2)}
+        moves |= {
+            "tx_rear": (0, -settings.baseline_m / 2),
+            "tx_front": (0, settings.baseline_m / 2),
+        }
     if isinstance(settings, vehicles.Leader) and settings.middle_offset_m is not None:
         moves |= {"tx_middle": (1, settings.middle_offset_m)}
     return moves
@@ -97,7 +117,11 @@ def _edited(setup: VehicleSetup, looks: bool) -> mujoco.MjSpec:
 def numeric(model: Any, name: str) -> Floats | None:
     """Values of a numeric of a compiled model; None: it has none of this name."""
     i = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name)
-    return None if i < 0 else model.numeric_data[model.numeric_adr[i] : model.numeric_adr[i] + model.numeric_size[i]]
+    return (
+        None
+        if i < 0
+        else model.numeric_data[model.numeric_adr[i] : model.numeric_adr[i] + model.numeric_size[i]]
+    )
 
 
 def resolve(model: Any, name: str) -> Vehicle:
@@ -111,7 +135,8 @@ def resolve(model: Any, name: str) -> Vehicle:
 
 MAX_STRIPS = 32
 
-NUMERICS: dict[str, tuple[tuple[int, ...], str]] = {  # coefficients of an MJCF: shape and unit; strips may be fewer
+# coefficients of an MJCF: shape and unit; strips may be fewer
+NUMERICS: dict[str, tuple[tuple[int, ...], str]] = {
     "added_mass": ((6, 6), "kg, kg m, kg m²"),
     "munk_factor": ((), "-"),
     "linear_damping": ((6,), "N s/m, N m s"),
@@ -128,23 +153,36 @@ NUMERICS: dict[str, tuple[tuple[int, ...], str]] = {  # coefficients of an MJCF:
 }
 
 MATRICES = {"linear_damping": "linear_coupling", "quadratic_damping": "quadratic_coupling"}
-"""Numerics that may have 6×6 values by rows, D of the wrench −D ν or −D |ν| ν, and where those off the diagonal go."""
+"""Numerics that may have 6×6 values by rows, D of the wrench −D ν or −D |ν| ν, and where those
+off the diagonal go.
+"""
 
 RECORD = np.dtype(
     [(name, np.float64, shape) for name, (shape, _) in NUMERICS.items()]
-    + [("linear_coupling", np.float64, (6, 6)), ("quadratic_coupling", np.float64, (6, 6)), ("coupled", np.int64)]
-    + [("n_strips", np.int64), ("gravity", np.float64), ("density", np.float64), ("cross_flow_root", np.float64, (2,))],
+    + [
+        ("linear_coupling", np.float64, (6, 6)),
+        ("quadratic_coupling", np.float64, (6, 6)),
+        ("coupled", np.int64),
+    ]
+    + [
+        ("n_strips", np.int64),
+        ("gravity", np.float64),
+        ("density", np.float64),
+        ("cross_flow_root", np.float64, (2,)),
+    ],
     align=True,
 )
-"""One record per vehicle: the numerics of its MJCF, damping off the diagonals where they have 6×6 values, the world's
-gravity [m/s²] and density [kg/m³], and what is computed once: the cube roots of `cross_flow_drag`."""
+"""One record per vehicle: the numerics of its MJCF, damping off the diagonals where they have 6×6
+values, the world's gravity [m/s²] and density [kg/m³], and what is computed once: the cube roots of
+`cross_flow_drag`."""
 
 
 def read_coefficients(model: Any, names: Sequence[str], density: float) -> npt.NDArray[np.void]:
-    """Hydrodynamic coefficients of vehicles by name in a compiled model, in water of a density [kg/m³].
+    """Hydrodynamic coefficients of vehicles by name in a compiled model, in water of a density
+    [kg/m³].
 
-    Records of RECORD, shape (v,), read-only. LaisnError if a numeric is missing, of the wrong size or negative, or the
-    added mass is not symmetric positive semidefinite.
+    Records of RECORD, shape (v,), read-only. LaisnError if a numeric is missing, of the wrong size
+    or negative, or the added mass is not symmetric positive semidefinite.
     """
     records = np.zeros(len(names), RECORD)
     sizes = dict[str, int]()
@@ -185,8 +223,12 @@ def _take_roots(records: npt.NDArray[np.void]) -> None:
         root[:] = [float(value) ** (1 / 3) for value in drag]
 
 
-def scaled_coefficients(records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]) -> npt.NDArray[np.void]:
-    """What the water really does to vehicles whose MJCF is not quite right: records with the setups' scales applied."""
+def scaled_coefficients(
+    records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]
+) -> npt.NDArray[np.void]:
+    """What the water really does to vehicles whose MJCF is not quite right: records with the
+    setups' scales applied.
+    """
     true = records.copy()
     for i, settings in enumerate(setup.settings for setup in setups):
         for name in (*MATRICES, *MATRICES.values(), "cross_flow_drag"):

@@ -1,7 +1,9 @@
-"""Whether the MJCF of a user's own hull has all that a vehicle needs; what it lacks is named, all at once.
+"""Whether the MJCF of a user's own hull has all that a vehicle needs; what it lacks is named, all
+at once.
 
-The text is checked before MuJoCo reads it: MuJoCo lays out a height field of a billion points, repeats a part a million
-times, and warns in a file of its own where it leaves out a hull's options of the sea. A hull needs none of that.
+The text is checked before MuJoCo reads it: MuJoCo lays out a height field of a billion points,
+repeats a part a million times, and warns in a file of its own where it leaves out a hull's options
+of the sea. A hull needs none of that.
 """
 
 import re
@@ -18,19 +20,46 @@ import models
 from sim.vehicle import effectors, mjcf
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 
-_FILES = re.compile(r"<!DOCTYPE|<include\b|\b(?:file|file\w+|assetdir|meshdir|texturedir|plugin)\s*=", re.IGNORECASE)
+_FILES = re.compile(
+    r"<!DOCTYPE|<include\b|\b(?:file|file\w+|assetdir|meshdir|texturedir|plugin)\s*=", re.IGNORECASE
+)
 _ELEMENTS = {
-    "mujoco", "compiler", "option", "default", "asset", "material", "mesh", "worldbody", "body", "freejoint", "joint",
-    "inertial", "geom", "site", "camera", "light", "actuator", "general", "keyframe", "key", "custom", "numeric",
+    "mujoco",
+    "compiler",
+    "option",
+    "default",
+    "asset",
+    "material",
+    "mesh",
+    "worldbody",
+    "body",
+    "freejoint",
+    "joint",
+    "inertial",
+    "geom",
+    "site",
+    "camera",
+    "light",
+    "actuator",
+    "general",
+    "keyframe",
+    "key",
+    "custom",
+    "numeric",
     "text",
-}  # fmt: skip
+}
 _LARGEST = 1e9  # largest size of a number
 _MOST = {("numeric", "size"): 1000, ("mesh", "params"): 64}
-"""Largest numbers of attributes by which MuJoCo makes room for values, and facets or subdivisions."""
+"""Largest numbers of attributes by which MuJoCo makes room for values, and facets or
+subdivisions.
+"""
 _MOST_ELEMENTS = {"mesh": 20, "geom": 200, "site": 200}
-"""Largest number of elements of a kind: each mesh takes memory, and MuJoCo moves each site at every step."""
+"""Largest number of elements of a kind: each mesh takes memory, and MuJoCo moves each site at
+every step.
+"""
 _FARTHEST_M = 1000.0  # farthest site from the origin along an axis [m]
-_NAME = re.compile("[A-Za-z][A-Za-z0-9_]{0,39}")  # a name of an actuator, which also names a column of the log
+# a name of an actuator, which also names a column of the log
+_NAME = re.compile("[A-Za-z][A-Za-z0-9_]{0,39}")
 _SITES = {"depth_sensor": "where the pressure sensor sits", "cg": "the centre of gravity"}
 _INSTRUMENTS = {
     "leader": dict.fromkeys(("tx_rear", "tx_front", "tx_middle"), "a transmitter"),
@@ -51,7 +80,10 @@ def _within(text: str, most: float) -> bool:
 def _unexpected(text: str) -> Iterator[str]:
     """A line for each thing that the text of a hull may not hold."""
     if outside := _FILES.search(text):
-        yield f"names other files ({outside[0].strip()}): a hull is one file; looks are made of plain geoms"
+        yield (
+            f"names other files ({outside[0].strip()}): a hull is one file; looks are made of "
+            "plain geoms"
+        )
         return
     try:
         elements = list(ElementTree.fromstring(text).iter())
@@ -85,7 +117,10 @@ def _faults(spec: Any, role: str) -> Iterator[str]:
             yield f"<site name={name!r}> must be fixed to the body 'hull'"
     count = len(spec.actuators)
     if not 1 <= count <= effectors.MOST:
-        yield f"has {count} actuators, expected 1 to {effectors.MOST}, each at a site of the body 'hull'"
+        yield (
+            f"has {count} actuators, expected 1 to {effectors.MOST}, each at a site of the body "
+            "'hull'"
+        )
     for actuator in spec.actuators:
         if not _NAME.fullmatch(actuator.name):
             name = f"<general name={actuator.name[:40]!r}>"
@@ -93,7 +128,10 @@ def _faults(spec: Any, role: str) -> Iterator[str]:
     for actuator in spec.actuators:
         # attached to the sea, a hull would lose actuators without a site
         if actuator.trntype == mujoco.mjtTrn.mjTRN_SITE and spec.site(actuator.target) is None:
-            yield f"<general name={actuator.name[:40]!r}>: there is no <site name={actuator.target[:40]!r}>"
+            yield (
+                f"<general name={actuator.name[:40]!r}>: there is no <site "
+                f"name={actuator.target[:40]!r}>"
+            )
     for name in mjcf.NUMERICS:
         numeric = spec.numeric(name)
         if fault := mjcf.numeric_error(name, None if numeric is None else int(numeric.size)):
@@ -105,7 +143,10 @@ def _faults(spec: Any, role: str) -> Iterator[str]:
             yield f"<numeric name={numeric.name[:40]!r}> has no meaning; available: {available}"
     hull = spec.body("hull")
     if not hull.explicitinertial or not hull.mass > 0:
-        yield "the body 'hull' lacks <inertial pos= mass= diaginertia=>; geoms are looks and have no mass"
+        yield (
+            "the body 'hull' lacks <inertial pos= mass= diaginertia=>; geoms are looks and have "
+            "no mass"
+        )
     if [joint.type for joint in spec.joints] != [mujoco.mjtJoint.mjJNT_FREE]:
         yield "the body 'hull' must have one <freejoint>, and there may be no other joint"
     if len(spec.bodies) != 2:
@@ -118,7 +159,9 @@ def _faults(spec: Any, role: str) -> Iterator[str]:
 def _compiled(text: str) -> Iterator[str]:
     """What keeps a hull that has all parts from swimming."""
     try:
-        model = compose([VehicleSetup(name="hull", model=text, position_m=(0.0, 0.0, -10.0))]).compile()
+        model = compose(
+            [VehicleSetup(name="hull", model=text, position_m=(0.0, 0.0, -10.0))]
+        ).compile()
         mjcf.read_coefficients(model, ["hull"], 1026.0)
         vehicles = [resolve(model, "hull")]
         effectors.read(model, vehicles)
@@ -127,13 +170,19 @@ def _compiled(text: str) -> Iterator[str]:
         yield ", ".join(str(error).splitlines()[:2])
         return
     if model.na != model.nu:
-        yield 'every actuator must have a state of its own: <general dyntype="filterexact" dynprm="0.3"/>'
+        yield (
+            'every actuator must have a state of its own: <general dyntype="filterexact" '
+            'dynprm="0.3"/>'
+        )
     if not model.actuator_ctrllimited.all():
         yield "every actuator must have a ctrlrange, its least and its largest thrust [N]"
     if model.actuator_forcelimited.any():
         yield "no actuator may have a forcerange: ctrlrange limits the thrust"
     if model.body_simple[model.body("hull/hull").id]:
-        yield "the body 'hull' must have simple=\"false\", so that the added mass fits into its inertia matrix"
+        yield (
+            "the body 'hull' must have simple=\"false\", so that the added mass fits into its "
+            "inertia matrix"
+        )
 
 
 def hull_errors(text: str, role: str) -> list[str]:

@@ -1,11 +1,14 @@
-"""The plant: vehicles in the ocean, stepped by MuJoCo with the water's forces. Users see vehicles, not qpos.
+"""The plant: vehicles in the ocean, stepped by MuJoCo with the water's forces. Users see vehicles,
+not qpos.
 
-A physics step is compiled code, which calls MuJoCo's C functions by their addresses in the library of the `mujoco`
-package, with the water's forces in their middle; from Python a call costs more than its work on two hulls.
+A physics step is compiled code, which calls MuJoCo's C functions by their addresses in the library
+of the `mujoco` package, with the water's forces in their middle; from Python a call costs more than
+its work on two hulls.
 
-MuJoCo's semi-implicit Euler is a leapfrog: its velocities belong to the middles of the steps. Forces need those of the
-instant, half a step later, to which the acceleration of the step before brings them: for the velocities the rule of
-Adams and Bashforth, v += dt (3 a - a_before) / 2, at no further evaluation of a force.
+MuJoCo's semi-implicit Euler is a leapfrog: its velocities belong to the middles of the steps.
+Forces need those of the instant, half a step later, to which the acceleration of the step before
+brings them: for the velocities the rule of Adams and Bashforth, v += dt (3 a - a_before) / 2, at no
+further evaluation of a force.
 """
 
 import ctypes
@@ -27,29 +30,42 @@ from sim.vehicle import effectors, hydrodynamics, mjcf
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
 from sim.water import Ocean
 
-TRIED = "4.0.0"  # the release of MuJoCo on which compiled and Python calls were found to give the same bits
+# the release of MuJoCo on which compiled and Python calls were found to give the same bits
+TRIED = "4.0.0"
 STAGES = ("mj_kinematics", "mj_comPos", "mj_makeM", "mj_fwdVelocity", "mj_factorM", "mj_step2")
 """Functions of (model, data) that make up a physics step."""
 
-Calls = tuple[tuple[int, int, int, int, int, int], int, int]  # addresses of STAGES, of the model and of the data
+# addresses of STAGES, of the model and of the data
+Calls = tuple[tuple[int, int, int, int, int, int], int, int]
 
 
 @cache
 def library() -> ctypes.CDLL:
-    """The shared library behind the Python package; LaisnError if compiled calls were not tried with its release."""
+    """The shared library behind the Python package; LaisnError if compiled calls were not tried
+    with its release.
+    """
     if mujoco.__version__ != TRIED:
-        raise LaisnError(f"MuJoCo is {mujoco.__version__}, compiled steps were tried with {TRIED} alone")
+        raise LaisnError(
+            f"MuJoCo is {mujoco.__version__}, compiled steps were tried with {TRIED} alone"
+        )
     names = f"libmujoco.so.{TRIED}", f"libmujoco.{TRIED}.dylib", "mujoco.dll"
-    shared = ctypes.CDLL(str(next(path for path in Path(mujoco.__file__).parent.iterdir() if path.name in names)))
-    # MuJoCo's timers (mjData.timer) stand still: without a clock to read, a step of two hulls takes a seventh less
+    shared = ctypes.CDLL(
+        str(next(path for path in Path(mujoco.__file__).parent.iterdir() if path.name in names))
+    )
+    # MuJoCo's timers (mjData.timer) stand still: without a clock to read, a step of two hulls takes
+    # a seventh less
     ctypes.c_void_p.in_dll(shared, "mjcb_time").value = None
     return shared
 
 
 def find(model: Any, data: Any) -> Calls:
-    """Addresses with which compiled code steps an MjModel and its MjData; they hold as long as these live."""
+    """Addresses with which compiled code steps an MjModel and its MjData; they hold as long as
+    these live.
+    """
     shared = library()
-    stages = (cast(int, ctypes.cast(getattr(shared, name), ctypes.c_void_p).value) for name in STAGES)
+    stages = (
+        cast(int, ctypes.cast(getattr(shared, name), ctypes.c_void_p).value) for name in STAGES
+    )
     return cast(Calls, (tuple(stages), int(model._address), int(data._address)))
 
 
@@ -64,10 +80,13 @@ def _emit_call(_: Any, function: Any, model: Any, data: Any) -> Any:
 
 
 call: Callable[[int, int, int], None] = cast(Any, intrinsic(_emit_call))
-"""Call one of STAGES: its address, the model's and the data's. To be called from compiled code only."""
+"""Call one of STAGES: its address, the model's and the data's. To be called from compiled code
+only.
+"""
 
 
-Fault = tuple[int, int]  # what ended a step, one of FINE … WARNED, and the index of the vehicle, or of MuJoCo's warning
+# what ended a step, one of FINE … WARNED, and the index of the vehicle, or of MuJoCo's warning
+Fault = tuple[int, int]
 FINE, LOST, NOT_FINITE, WARNED = range(4)
 
 
@@ -81,7 +100,8 @@ def _shift(twist: Floats, acceleration: Floats, time: float) -> None:
 
 @compiled
 def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
-    """Advance a plant as `Plant.step` does, by handles of `Plant.step_handles` taken after the last step from Python.
+    """Advance a plant as `Plant.step` does, by handles of `Plant.step_handles` taken after the last
+    step from Python.
 
     Returns the argument of `Plant.finish_step`, to be called from Python.
     """
@@ -121,7 +141,9 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
     return FINE, -1
 
 
-NO_CONTACT = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT.value | mujoco.mjtDisableBit.mjDSBL_CONTACT.value
+NO_CONTACT = (
+    mujoco.mjtDisableBit.mjDSBL_CONSTRAINT.value | mujoco.mjtDisableBit.mjDSBL_CONTACT.value
+)
 """Hulls pass through one another and through the floor, whatever their geoms are."""
 _UNUSED = ("mjDSBL_SPRING", "mjDSBL_DAMPER", "mjDSBL_ACTUATION")
 _NO_FORCES = sum(getattr(mujoco.mjtDisableBit, name).value for name in _UNUSED)
@@ -137,22 +159,27 @@ class Plant:
 
     Attributes:
         names: of the vehicles, shape (v,).
-        pose: position [m] and quaternion (w, x, y, z), shape (v, 7); a view that follows the state, as the next.
-        twist: velocity of the origin in the world [m/s] and angular velocity in the body [rad/s], shape (v, 6).
-        thrust: states of the effectors, shape (v, m): thrust [N], revolutions per second, deflection [rad], …
+        pose: position [m] and quaternion (w, x, y, z), shape (v, 7); a view that follows the state,
+            as the next.
+        twist: velocity of the origin in the world [m/s] and angular velocity in the body [rad/s],
+            shape (v, 6).
+        thrust: states of the effectors, shape (v, m): thrust [N], revolutions per second,
+            deflection [rad], …
         state: pose, twist and thrust, for compiled code.
-        effectors, fixed_fins: records of `sim.vehicle.effectors.EFFECTOR`, shapes (v, m) and (v, q), zero beyond a
-            vehicle's own; `true_effectors` has both, with the setups' scales.
-        coefficients: hydrodynamic coefficients of the MJCF, records of RECORD, shape (v,); `true_coefficients` are
-            these with the setups' scales.
+        effectors, fixed_fins: records of `sim.vehicle.effectors.EFFECTOR`, shapes (v, m) and (v,
+            q), zero beyond a vehicle's own; `true_effectors` has both, with the setups' scales.
+        coefficients: hydrodynamic coefficients of the MJCF, records of RECORD, shape (v,);
+            `true_coefficients` are these with the setups' scales.
         effector_names: names of each vehicle's own.
-        site_names, site_vehicle, site_offset: "vehicle/site" of all sites, shape (s,), index of the vehicle that
-            carries it, and place in its body frame, shape (s, 3), [m].
+        site_names, site_vehicle, site_offset: "vehicle/site" of all sites, shape (s,), index of the
+            vehicle that carries it, and place in its body frame, shape (s, 3), [m].
         model, data: MuJoCo's own, without geoms of the vehicles.
     """
 
     def __init__(self, setups: Sequence[VehicleSetup], ocean: Ocean, dt: float = 0.02) -> None:
-        """Compose and compile the model; LaisnError if the setups or the models' coefficients are invalid."""
+        """Compose and compile the model; LaisnError if the setups or the models' coefficients
+        are invalid.
+        """
         spec = compose(setups, ocean.floor_depth_m, looks=False)
         spec.option.timestep = dt
         spec.option.disableflags |= NO_CONTACT | _NO_FORCES
@@ -181,8 +208,14 @@ class Plant:
         self.true_coefficients = mjcf.scaled_coefficients(self.coefficients, setups)
         every = np.concatenate([self.effectors, self.fixed_fins], axis=1)
         self.true_effectors = effectors.scaled_records(every, setups)
-        response = -np.expm1(-dt / np.maximum(self.effectors["lag"], 1e-9))  # records that pad a vehicle have no lag
-        self._loads: Any = self.true_coefficients, ocean.water, solver, (self.true_effectors, self.thrust)
+        # records that pad a vehicle have no lag
+        response = -np.expm1(-dt / np.maximum(self.effectors["lag"], 1e-9))
+        self._loads: Any = (
+            self.true_coefficients,
+            ocean.water,
+            solver,
+            (self.true_effectors, self.thrust),
+        )
         moving = (self.pose, self.twist, self._acceleration)
         good = (self._last_pose, self._last_twist)
         self._body = moving, response, good, data.warning.number
@@ -190,7 +223,9 @@ class Plant:
 
         self.site_names = tuple(model.site(i).name for i in range(model.nsite))
         bodies = [v.body for v in vehicles]
-        self.site_vehicle: Ints = np.array([bodies.index(b) for b in model.site_bodyid], dtype=np.int64)
+        self.site_vehicle: Ints = np.array(
+            [bodies.index(b) for b in model.site_bodyid], dtype=np.int64
+        )
         self.site_offset: Floats = model.site_pos.copy()
 
         for i, setup in enumerate(setups):
@@ -213,9 +248,11 @@ class Plant:
         return float(self.data.time)
 
     def step(self, command: Floats, n_substeps: int = 1) -> None:
-        """Advance by `n_substeps` physics steps under constant commands, shape (v, m), in the units of the states.
+        """Advance by `n_substeps` physics steps under constant commands, shape (v, m), in the units
+        of the states.
 
-        PlantError if the state or a command is not finite, a vehicle is faster than any can be, or MuJoCo warns.
+        PlantError if the state or a command is not finite, a vehicle is faster than any can be, or
+        MuJoCo warns.
         """
         if command.shape != self.thrust.shape:
             raise ValueError(f"command has shape {command.shape}, expected {self.thrust.shape}")
@@ -240,5 +277,8 @@ class Plant:
             reason = f"the state of {self.names[which]} is lost"
         message = f"t = {self.time:.3f} s: {reason}; last good pose and twist by vehicle:"
         for name, pose, twist in zip(self.names, self._last_pose, self._last_twist, strict=True):
-            message += f"\n  {name}: {np.array2string(pose, precision=4)} {np.array2string(twist, precision=4)}"
+            message += (
+                f"\n  {name}: {np.array2string(pose, precision=4)} "
+                f"{np.array2string(twist, precision=4)}"
+            )
         raise PlantError(message)

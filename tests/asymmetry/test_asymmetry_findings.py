@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from experiments.campaign.store import Record
-from experiments.studies.asymmetry.findings import AHRS, Curve, equivalents, findings_of_rows, paired, removed_in_all
+from experiments.studies.asymmetry.findings import (
+    AHRS,
+    Curve,
+    equivalents,
+    findings_of_rows,
+    paired,
+    removed_in_all,
+)
 from tests.asymmetry.test_comparison import row
 
 WOBBLE = 0.01 * np.cos(np.arange(64.0))
@@ -28,14 +35,21 @@ def rows() -> list[Record]:
                 **where,
             ),
         ]
-    # pitch moves no fix here, and yet half the runs are mirror-locked: it is not judged, but its mirror locks count;
-    # one arm was flown on
-    where = {"route": "T3", "depth_offset_m": 0.0, "condition": "trim-12N", "pitch_fix_error_m": 0.0}
+    # pitch moves no fix here, and yet half the runs are mirror-locked: it is not judged, but its
+    # mirror locks count; one arm was flown on
+    where = {
+        "route": "T3",
+        "depth_offset_m": 0.0,
+        "condition": "trim-12N",
+        "pitch_fix_error_m": 0.0,
+    }
     half = np.arange(64) < 32
     return [
-        *made, row("level", 0.2, flown=96, **where), row("real", 0.2, half, **where),
+        *made,
+        row("level", 0.2, flown=96, **where),
+        row("real", 0.2, half, **where),
         row("ahrs-0.5", 0.2, half, **where),
-    ]  # fmt: skip
+    ]
 
 
 CURVES = [
@@ -53,7 +67,11 @@ CURVES = [
 
 def test_the_record_is_that_of_the_rows() -> None:
     found = findings_of_rows(rows(), CURVES)
-    assert (found["missions"].value, found["cells"].value, found["runs"].value) == (3, 9, 9 * 64 + 32)
+    assert (found["missions"].value, found["cells"].value, found["runs"].value) == (
+        3,
+        9,
+        9 * 64 + 32,
+    )
     assert (found["first-runs"].value, found["most-runs"].value) == (64, 5120)
     assert found["error trim-12N 10 laisn-2 level"].value == pytest.approx(0.2, abs=1e-3)
     assert found["error trim-12N 10 laisn-2 real"].value == pytest.approx(2.2, abs=1e-3)
@@ -62,14 +80,20 @@ def test_the_record_is_that_of_the_rows() -> None:
         assert removed.value == pytest.approx(1 - 0.7 / 4.0, abs=1e-3)
         assert removed.low < removed.value < removed.high  # type: ignore[operator]
         assert found[f"mirror-locked real laisn-2 {group}"].value == pytest.approx(48 / 192)
-        assert found[f"mirror-locks-removed ahrs-0.5 laisn-2 {group}"].value == pytest.approx(1 - 36 / 48)
+        assert found[f"mirror-locks-removed ahrs-0.5 laisn-2 {group}"].value == pytest.approx(
+            1 - 36 / 48
+        )
         assert found[f"judged laisn-2 {group}"].value == 2
-        counts = [found[f"error {v} ahrs-0.5 laisn-2 {group}"].value for v in ("met", "open", "missed", "harmed")]
+        counts = [
+            found[f"error {v} ahrs-0.5 laisn-2 {group}"].value
+            for v in ("met", "open", "missed", "harmed")
+        ]
         assert counts == [2, 0, 0, 2]
         assert found[f"mirror_lock open ahrs-0.5 laisn-2 {group}"].value == 2
     assert found["least ahrs-0.5 trim"].value == pytest.approx(0.8, abs=1e-3)
     assert found["largest ahrs-0.5 trim"].value == pytest.approx(0.9, abs=1e-3)
-    # limits that hold for two routes and three causes at once leave a sixth of the chance to each (Bonferroni)
+    # limits that hold for two routes and three causes at once leave a sixth of the chance to each
+    # (Bonferroni)
     worst = [e for e in paired(rows()) if e.real["route"] == "T4"]
     together = removed_in_all(worst, AHRS, confidence=1.0 - 0.05 / 6)
     assert (found["least ahrs-0.5 trim"].low, found["least ahrs-0.5 trim"].high) == pytest.approx(
@@ -81,6 +105,10 @@ def test_the_record_is_that_of_the_rows() -> None:
 
 def test_pitch_that_does_what_tau_does() -> None:
     # 0.2 m more at 0.03 m, and 0.1 m a degree; ± 0.1 m at 0.03 m
-    assert equivalents(CURVES, 0.03, 10.0) == {r: pytest.approx((2.0, 1.0, 3.0)) for r in ("T3", "T4", "T5")}
-    assert [pitch.value for pitch in equivalents(CURVES, 0.06, 10.0).values()] == pytest.approx([4.0, 8.0, 5.0])
+    assert equivalents(CURVES, 0.03, 10.0) == {
+        r: pytest.approx((2.0, 1.0, 3.0)) for r in ("T3", "T4", "T5")
+    }
+    assert [pitch.value for pitch in equivalents(CURVES, 0.06, 10.0).values()] == pytest.approx(
+        [4.0, 8.0, 5.0]
+    )
     assert equivalents(CURVES, 0.06, 5.0) == {}

@@ -1,4 +1,6 @@
-"""The pitch study on missions: arithmetic of its tables against closed forms, its design, and a smoke run."""
+"""The pitch study on missions: arithmetic of its tables against closed forms, its design, and a
+smoke run.
+"""
 
 import itertools
 from pathlib import Path
@@ -35,8 +37,13 @@ from laisn.failure import LaisnError
 
 FILES = built_in("asymmetry")
 TRIM = {"name": "trim-12N", "leader.excess_buoyancy_n": 12.0}
-SHORT = {"scenario": ["T3", "T6"], "runs": 24, "case": [TRIM], "vary": {"offset_m": [0.0, 10.0]},
-         "set": {"duration_s": 40.0}}  # fmt: skip
+SHORT = {
+    "scenario": ["T3", "T6"],
+    "runs": 24,
+    "case": [TRIM],
+    "vary": {"offset_m": [0.0, 10.0]},
+    "set": {"duration_s": 40.0},
+}
 
 
 def plan(part: str = "missions", keys: dict[str, Any] | None = None) -> Plan:
@@ -51,7 +58,9 @@ def rows(tmp_path_factory):
 
 def test_every_mission_is_flown_in_every_arm(rows):
     assert len(rows) == 4 * len(ARMS)
-    assert {(row["route"], row["depth_offset_m"]) for row in rows} == set(itertools.product(("T3", "T6"), (0.0, 10.0)))
+    assert {(row["route"], row["depth_offset_m"]) for row in rows} == set(
+        itertools.product(("T3", "T6"), (0.0, 10.0))
+    )
     for row in rows:
         assert row["leader_pitch_rms_deg"] > 1.0
         assert row["runs"] == len(row["e_p_run_mean_m"]) == len(row["mirror_locked_run"]) == 24
@@ -69,8 +78,11 @@ def test_no_two_missions_share_noise():
     assert len(first) == (1 + 23) * 8 * 4
     assert all(b - a >= max(LOOKS) for a, b in itertools.pairwise(first))
     # τ and pitch are compared on the same noise
-    alike = {(whole[0].points[e.point]["scenario"], e.scenario.run) for e in whole[0].entries
-             if whole[0].points[e.point]["offset_m"] == 2.0}  # fmt: skip
+    alike = {
+        (whole[0].points[e.point]["scenario"], e.scenario.run)
+        for e in whole[0].entries
+        if whole[0].points[e.point]["offset_m"] == 2.0
+    }
     tau = plan("tau", few)
     assert {(tau.points[e.point]["scenario"], e.scenario.run) for e in tau.entries} == alike
 
@@ -94,24 +106,47 @@ def test_attitude_of_an_ahrs_removes_what_pitch_does(rows):
     for excess in paired(rows):
         if excess.real["depth_offset_m"] == 10.0:
             assert removed(excess, AHRS) > 0.9
-            # with the same sensor on a level leader, what pitch still does is less than what the sensor does
+            # with the same sensor on a level leader, what pitch still does is less than what the
+            # sensor does
             assert abs(mean_added([excess], READINGS, LEVEL_BROADCAST).value) < 0.02 * excess.added
 
 
 def test_arms_differ_in_the_leaders_sensor_and_in_what_followers_make_of_it():
-    arms = {e.arm.removesuffix(" laisn-2"): e for e in plan(keys=SHORT).entries if e.arm.endswith(" laisn-2")}
+    arms = {
+        e.arm.removesuffix(" laisn-2"): e
+        for e in plan(keys=SHORT).entries
+        if e.arm.endswith(" laisn-2")
+    }
     study = plan(keys=SHORT).study
     assert [*arms] == [*dict.fromkeys(arms)]
     assert {*arms} == {*ARMS}
-    assert {a for a in arms if study.arm(f"{a} laisn-2").leader_pitch_deg == 0.0} == {"level", "level-0.5"}
+    assert {a for a in arms if study.arm(f"{a} laisn-2").leader_pitch_deg == 0.0} == {
+        "level",
+        "level-0.5",
+    }
     aware = {arm for arm, entry in arms.items() if entry.scenario.navigation.use_attitude}
-    assert aware == {"level-0.5", "attitude-0", "ahrs-0.5", "attitude-0.5", "attitude-2", "offset-0.5"}
+    assert aware == {
+        "level-0.5",
+        "attitude-0",
+        "ahrs-0.5",
+        "attitude-0.5",
+        "attitude-2",
+        "offset-0.5",
+    }
     sigma = {arm: entry.scenario.sensors.leader_attitude_sigma_deg for arm, entry in arms.items()}
     wanted = {"level-0.5": 0.5, "ahrs-0.5": 0.5, "attitude-0.5": 0.5, "attitude-2": 2.0}
     assert sigma == dict.fromkeys(arms, 0.0) | wanted
-    offset = {arm for arm, entry in arms.items() if entry.scenario.sensors.leader_attitude_offset_sigma_deg == 0.5}
+    offset = {
+        arm
+        for arm, entry in arms.items()
+        if entry.scenario.sensors.leader_attitude_offset_sigma_deg == 0.5
+    }
     assert offset == {"offset-0.5"}
-    gyros = {arm for arm, entry in arms.items() if entry.scenario.sensors.leader_attitude_senses_acceleration}
+    gyros = {
+        arm
+        for arm, entry in arms.items()
+        if entry.scenario.sensors.leader_attitude_senses_acceleration
+    }
     assert gyros == {"ahrs-0.5"}
     assert {arm: dict(entry.measured) for arm, entry in arms.items() if entry.measured} == {
         "expected": {"navigation.expected_pitch_deg": "leader_pitch_rms_deg"}
@@ -124,22 +159,35 @@ def test_curves_widen_the_rear_error_and_lower_the_bow():
         (float(e.arm.split()[0]), 0.01, 0.01) for e in tau.entries[:8]
     ]
     assert {e.scenario.timing.message_interval_s for e in tau.entries[:8]} == {1.0}
-    assert {e.scenario.timing.message_interval_s for e in (*tau.entries[8:16], *pitch.entries)} == {5.0}
+    assert {e.scenario.timing.message_interval_s for e in (*tau.entries[8:16], *pitch.entries)} == {
+        5.0
+    }
     for name, arm in pitch.study.arms.items():
         assert arm.leader_pitch_deg == float(name.split()[0]) <= 0.0
     assert {arm.leader_pitch_deg for arm in tau.study.arms.values()} == {0.0}
 
 
 def test_the_excess_of_a_curve_is_paired_run_by_run():
-    """Runs scatter by 1 m alike at all values, and by 0.1 m about what the second value adds, 0.4 m."""
+    """Runs scatter by 1 m alike at all values, and by 0.1 m about what the second value adds,
+    0.4 m.
+    """
     rng = np.random.default_rng(2)
     noise, own = rng.normal(size=400), 0.1 * rng.normal(size=400)
     errors = {"0 5": 2.0 + noise, "-2 5": 2.4 + noise + own}
-    rows = [{"point": 0, "arm": arm, "scenario": "T3", "offset_m": 2.0, "e_p_mean_m": e.mean()}
-            for arm, e in errors.items()]  # fmt: skip
-    outcomes: Any = SimpleNamespace(rows=rows, runs=[({}, {"e_p_mean_m": e}) for e in errors.values()])
+    rows = [
+        {"point": 0, "arm": arm, "scenario": "T3", "offset_m": 2.0, "e_p_mean_m": e.mean()}
+        for arm, e in errors.items()
+    ]
+    outcomes: Any = SimpleNamespace(
+        rows=rows, runs=[({}, {"e_p_mean_m": e}) for e in errors.values()]
+    )
     (curve,) = curves_of(outcomes)
-    assert (curve.route, curve.interval_s, curve.depth_offset_m, curve.value) == ("T3", 5.0, 2.0, (0.0, -2.0))
+    assert (curve.route, curve.interval_s, curve.depth_offset_m, curve.value) == (
+        "T3",
+        5.0,
+        2.0,
+        (0.0, -2.0),
+    )
     excess = curve.excess_at(-2.0)
     assert excess.value == pytest.approx(0.4 + own.mean())
     half = 1.959964 * own.std(ddof=1) / 20.0
@@ -148,14 +196,26 @@ def test_the_excess_of_a_curve_is_paired_run_by_run():
 
 
 def test_a_curve_that_dips_counts_as_flat_there() -> None:
-    curve = Curve(route="T3", interval_s=1.0, depth_offset_m=5.0, value=(0.0, -1.0, -2.0, -4.0),
-                  e_p_mean_m=(0.3, 0.6, 0.5, 1.0), excess_half_m=(0.0, 0.1, 0.1, 0.1))  # fmt: skip
+    curve = Curve(
+        route="T3",
+        interval_s=1.0,
+        depth_offset_m=5.0,
+        value=(0.0, -1.0, -2.0, -4.0),
+        e_p_mean_m=(0.3, 0.6, 0.5, 1.0),
+        excess_half_m=(0.0, 0.1, 0.1, 0.1),
+    )
     assert curve.equivalent(0.35) == pytest.approx(2.25)
 
 
 def test_equivalent_value_inverts_a_curve():
-    curve = Curve(route="T3", interval_s=1.0, depth_offset_m=5.0, value=(0.0, -1.0, -2.0, -4.0),
-                  e_p_mean_m=(0.3, 0.4, 0.6, 1.0), excess_half_m=(0.0, 0.1, 0.1, 0.1))  # fmt: skip
+    curve = Curve(
+        route="T3",
+        interval_s=1.0,
+        depth_offset_m=5.0,
+        value=(0.0, -1.0, -2.0, -4.0),
+        e_p_mean_m=(0.3, 0.4, 0.6, 1.0),
+        excess_half_m=(0.0, 0.1, 0.1, 0.1),
+    )
     assert curve.equivalent(0.0) == 0.0
     assert curve.equivalent(0.2) == pytest.approx(1.5)
     assert curve.equivalent(0.7) == pytest.approx(4.0)
@@ -174,15 +234,23 @@ def test_planner_abeam_is_the_bound_over_sin_pitch(pitch_deg, bound):
 
 @pytest.mark.parametrize("reach", [40.0, 100.0])
 @pytest.mark.parametrize("off_axis_deg", [30.0, 60.0])
-def test_the_planner_reckons_with_nose_up_and_down_ahead_and_astern_and_far_away(reach, off_axis_deg):
-    """cos B̂ = cos B cos φ − (Δz / D) sin φ, error = 2 D sin(|B̂ − B| / 2), searched on a fine grid of ranges."""
+def test_the_planner_reckons_with_nose_up_and_down_ahead_and_astern_and_far_away(
+    reach, off_axis_deg
+):
+    """cos B̂ = cos B cos φ − (Δz / D) sin φ, error = 2 D sin(|B̂ − B| / 2), searched on a fine
+    grid of ranges.
+    """
     pitch, offset = np.deg2rad(4.0), 3.0
     away, worst = np.linspace(5.0, reach, 4001), 0.0
     for sign in (1.0, -1.0):
         for bearing in np.deg2rad([off_axis_deg, 180.0 - off_axis_deg]):
-            turned = np.arccos(np.cos(bearing) * np.cos(pitch) - sign * offset / away * np.sin(pitch))
+            turned = np.arccos(
+                np.cos(bearing) * np.cos(pitch) - sign * offset / away * np.sin(pitch)
+            )
             worst = max(worst, float((2.0 * away * np.sin(np.abs(turned - bearing) / 2.0)).max()))
-    assert worst_error(pitch, offset, np.deg2rad(off_axis_deg), reach) == pytest.approx(worst, rel=1e-3)
+    assert worst_error(pitch, offset, np.deg2rad(off_axis_deg), reach) == pytest.approx(
+        worst, rel=1e-3
+    )
 
 
 def test_planner_finds_offsets_of_decimetres():
@@ -190,7 +258,11 @@ def test_planner_finds_offsets_of_decimetres():
 
 
 def test_beyond_fifty_metres_any_offset_will_do():
-    assert deepest_offset(np.deg2rad(1.0), np.pi / 2, 40.0, 1.0) == 50.0 < 1.0 / np.sin(np.deg2rad(1.0))
+    assert (
+        deepest_offset(np.deg2rad(1.0), np.pi / 2, 40.0, 1.0)
+        == 50.0
+        < 1.0 / np.sin(np.deg2rad(1.0))
+    )
 
 
 def test_planner_reports_where_no_offset_suffices():
@@ -199,13 +271,19 @@ def test_planner_reports_where_no_offset_suffices():
     assert 100.0 * (1 - np.cos(np.deg2rad(10.0))) / np.tan(np.deg2rad(30.0)) > 0.5
 
 
-def test_quick_study_is_resumable_and_repeatable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_quick_study_is_resumable_and_repeatable(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     keys = {"set": {"duration_s": 40.0}, "scenario": ["T3"]}
     report = run("asymmetry", keys, tmp_path, quick=True, workers=1, quiet=True).report()
     first = report.read_bytes()
     assert b"How much does the leader" in first
     missions = pq.read_table(tmp_path / "missions.parquet")
-    assert set(missions["condition"].to_pylist()) == {"trim-12N", "dive-4m", "waves-1m-following-2m"}
+    assert set(missions["condition"].to_pylist()) == {
+        "trim-12N",
+        "dive-4m",
+        "waves-1m-following-2m",
+    }
     for name in ("map", "equivalents"):
         assert pq.read_table(tmp_path / f"{name}.parquet").num_rows > 0
 

@@ -1,4 +1,6 @@
-"""What pitch adds to errors and mirror locks, and what remedies take away: arithmetic on rows made by hand."""
+"""What pitch adds to errors and mirror locks, and what remedies take away: arithmetic on rows
+made by hand.
+"""
 
 from types import SimpleNamespace
 from typing import Any
@@ -42,12 +44,28 @@ def row(arm: str, errors: Any, mirror_locked: Any = False, **changes: Any) -> Re
     runs = changes.pop("flown", 64)
     each = np.broadcast_to(np.asarray(errors, dtype=float), runs)
     lost = np.broadcast_to(np.asarray(mirror_locked, dtype=bool), runs)
-    return {
-        "condition": "c", "cause": "trim", "route": "T3", "depth_offset_m": 5.0, "variant": "laisn-2", "runs": 64,
-        "e_p_mean_m": float(each[:64].mean()), "mirror_locked_runs": int(lost[:64].sum()), "leader_pitch_rms_deg": 5.0,
-        "leader_pitch_max_deg": 6.0, "depth_offset_rms_m": 5.0, "pitch_fix_error_m": 0.4, "e_p_run_mean_m": each,
-        "mirror_locked_run": lost, "error_verdict": "", "mirror_lock_verdict": "",
-    } | changes | {"arm": arm}  # fmt: skip
+    return (
+        {
+            "condition": "c",
+            "cause": "trim",
+            "route": "T3",
+            "depth_offset_m": 5.0,
+            "variant": "laisn-2",
+            "runs": 64,
+            "e_p_mean_m": float(each[:64].mean()),
+            "mirror_locked_runs": int(lost[:64].sum()),
+            "leader_pitch_rms_deg": 5.0,
+            "leader_pitch_max_deg": 6.0,
+            "depth_offset_rms_m": 5.0,
+            "pitch_fix_error_m": 0.4,
+            "e_p_run_mean_m": each,
+            "mirror_locked_run": lost,
+            "error_verdict": "",
+            "mirror_lock_verdict": "",
+        }
+        | changes
+        | {"arm": arm}
+    )
 
 
 def mission(**errors: Any) -> ComparedMission:
@@ -57,7 +75,9 @@ def mission(**errors: Any) -> ComparedMission:
 
 
 def share(mission: ComparedMission, arm: str, question: Question = "error") -> float:
-    """Share that a remedy removes of what pitch adds to runs without mirror lock, or of the locks that it adds."""
+    """Share that a remedy removes of what pitch adds to runs without mirror lock, or of the
+    locks that it adds.
+    """
     part, left, free = mission.compared(question, arm)
     counted = free | (question == "mirror_lock")
     return 1.0 - float(left[counted].sum() / part[counted].sum())
@@ -93,12 +113,19 @@ def test_sums_weigh_missions_by_what_pitch_adds() -> None:
     assert share.low < share.value < share.high
     # mirror_locks: pitch adds 16 of 128 runs and the remedy keeps 4 of them
     lost = [
-        paired([row("level", 0.2), row("real", 0.7, np.arange(64) < n), row("attitude-0", 0.2, np.arange(64) < k)])
+        paired(
+            [
+                row("level", 0.2),
+                row("real", 0.7, np.arange(64) < n),
+                row("attitude-0", 0.2, np.arange(64) < k),
+            ]
+        )
         for n, k in ((16, 4), (0, 0))
     ]
     found = removed_in_all([m for one in lost for m in one], EXACT, "mirror_lock")
     assert found.value == pytest.approx(0.75)
-    # a level leader has 8 of them too, of the 24 with pitch: pitch adds 16, and the remedy, with 12, keeps 4
+    # a level leader has 8 of them too, of the 24 with pitch: pitch adds 16, and the remedy, with
+    # 12, keeps 4
     counts = {"level": 8, "real": 24, "attitude-0": 12}
     both = paired([row(arm, 0.2, np.arange(64) < n) for arm, n in counts.items()])
     assert removed_in_all(both, EXACT, "mirror_lock").value == pytest.approx(0.75)
@@ -110,9 +137,11 @@ def test_missions_are_chosen_by_the_closed_form_and_not_by_what_came_of_them() -
         return [row("level", 0.2, **given), row("real", error, **given)]
 
     missions = paired(
-        flown("T2", 0.11, 0.2) + flown("T3", 0.09, 5.0) + flown("T4", 0.5, 0.1, cause="waves")
+        flown("T2", 0.11, 0.2)
+        + flown("T3", 0.09, 5.0)
+        + flown("T4", 0.5, 0.1, cause="waves")
         + flown("T5", 0.5, 0.3, variant="laisn-3-2")
-    )  # fmt: skip
+    )
 
     def routes(**wanted: Any) -> list[str]:
         return [e.real["route"] for e in select(missions, **wanted)]
@@ -145,12 +174,19 @@ def test_what_is_open_is_flown_on_and_nothing_else() -> None:
     }
     (settled,) = paired(longer.values())
     assert settled.judge("error", AHRS, LOOKS).verdict is Verdict.MET
-    verdicts = {r["arm"]: (r["error_verdict"], r["mirror_lock_verdict"]) for r in with_verdicts(settled, LOOKS)}
+    verdicts = {
+        r["arm"]: (r["error_verdict"], r["mirror_lock_verdict"])
+        for r in with_verdicts(settled, LOOKS)
+    }
     none = "no harm shown"
     assert verdicts == {
-        "level": ("", ""), "real": ("", ""), "level-0.5": ("", ""), "attitude-0": ("met", none),
-        "ahrs-0.5": ("met", none), "offset-0.5": ("missed", none),
-    }  # fmt: skip
+        "level": ("", ""),
+        "real": ("", ""),
+        "level-0.5": ("", ""),
+        "attitude-0": ("met", none),
+        "ahrs-0.5": ("met", none),
+        "offset-0.5": ("missed", none),
+    }
     (unjudged,) = paired(r | {"pitch_fix_error_m": 0.0} for r in longer.values())
     assert undecided(unjudged, LOOKS, 64) == []
     assert {r["error_verdict"] for r in with_verdicts(unjudged, LOOKS)} == {""}
@@ -165,14 +201,21 @@ def test_a_sensor_is_held_against_a_level_leader_with_the_same() -> None:
 
 def test_remedies_that_free_captured_runs_are_distinguished() -> None:
     some = np.arange(64) % 4 != 0
-    rows = [row("level", 0.2), row("real", 5.0, some), row("ahrs-0.5", 0.2), row("offset-0.5", 4.0, some)]
+    rows = [
+        row("level", 0.2),
+        row("real", 5.0, some),
+        row("ahrs-0.5", 0.2),
+        row("offset-0.5", 4.0, some),
+    ]
     (excess,) = paired(rows)
     assert excess.judge("mirror_lock", AHRS, LOOKS).verdict is Verdict.MET
     assert excess.judge("mirror_lock", CONSTANT, LOOKS).verdict is Verdict.MISSED
 
 
 def test_open_questions_list_the_removed_part_and_the_runs_needed() -> None:
-    """Of 40 mirror locks that pitch adds to 64 runs the remedy leaves 5, one more than the aim of 90 % allows."""
+    """Of 40 mirror locks that pitch adds to 64 runs the remedy leaves 5, one more than the aim
+    of 90 % allows.
+    """
     where = {"pitch_fix_error_m": 0.4}
     arms = [
         row("level", 0.2, **where),
@@ -181,7 +224,10 @@ def test_open_questions_list_the_removed_part_and_the_runs_needed() -> None:
     ]
     (one,) = paired(arms)
     (open_,) = paired(with_verdicts(one, LOOKS))
-    assert [open_.arms["ahrs-0.5"][f"{question}_verdict"] for question in QUESTIONS] == ["met", "open"]
+    assert [open_.arms["ahrs-0.5"][f"{question}_verdict"] for question in QUESTIONS] == [
+        "met",
+        "open",
+    ]
     assert share(open_, AHRS, "mirror_lock") == pytest.approx(1 - 5 / 40)
     assert open_.judge("mirror_lock", AHRS, LOOKS).needed > 384
 
@@ -191,16 +237,32 @@ def test_rows_are_those_of_the_arms_and_open_ones_go_on() -> None:
     rows, runs = [], []
     for point, left in enumerate((0.2, 0.245)):
         for arm, error in (("level", 0.2), ("real", 0.7), ("ahrs-0.5", left)):
-            each = error + (0.05 * np.tile([1.0, -1.0], 32) if arm == "ahrs-0.5" and point else 0.0 * np.ones(64))
-            labels = {"point": point, "case": "trim-4N", "scenario": f"T{point + 2}", "offset_m": 5.0,
-                      "arm": f"{arm} laisn-2", "realization": 0}  # fmt: skip
-            mission = {"pitch_fix_error_m": 0.4, "leader_pitch_rms_deg": 5.0, "depth_offset_rms_m": 5.0}
+            each = error + (
+                0.05 * np.tile([1.0, -1.0], 32)
+                if arm == "ahrs-0.5" and point
+                else 0.0 * np.ones(64)
+            )
+            labels = {
+                "point": point,
+                "case": "trim-4N",
+                "scenario": f"T{point + 2}",
+                "offset_m": 5.0,
+                "arm": f"{arm} laisn-2",
+                "realization": 0,
+            }
+            mission = {
+                "pitch_fix_error_m": 0.4,
+                "leader_pitch_rms_deg": 5.0,
+                "depth_offset_rms_m": 5.0,
+            }
             rows.append(labels | mission | {"runs": 64, "e_p_mean_m": error, "variant": "laisn-2"})
             runs.append((labels, {"e_p_mean_m": each, "mirror_locked": np.zeros(64, dtype=bool)}))
     outcomes: Any = SimpleNamespace(rows=rows, runs=runs)
     made = rows_of(outcomes)
     assert [row["arm"] for row in made] == 2 * ["level", "real", "ahrs-0.5"]
-    assert {(row["cause"], row["condition"], row["variant"]) for row in made} == {("trim", "trim-4N", "laisn-2")}
+    assert {(row["cause"], row["condition"], row["variant"]) for row in made} == {
+        ("trim", "trim-4N", "laisn-2")
+    }
     assert [row["route"] for row in made] == 3 * ["T2"] + 3 * ["T3"]
     wanted = {(1, f"{arm} laisn-2", 0): 384 for arm in ("level", "real", "ahrs-0.5")}
     assert further_runs({"missions": outcomes}, (64, 384)) == {"missions": wanted}
@@ -211,11 +273,15 @@ def test_the_closed_form_stays_on_the_axis_where_circles_do_not_meet() -> None:
     assert pitch_fix_error(0.05, 5.0, 30.0, 1.0) == closed_form_error(0.05, 5.0, 30.0, 1.0)
     # 3° off the bow at 20 m, turned past the axis: the fix lies on it, 2 D sin(1.5°) off
     assert np.isnan(closed_form_error(-0.2, 10.0, 20.0, np.deg2rad(3.0)))
-    assert pitch_fix_error(-0.2, 10.0, 20.0, np.deg2rad(3.0)) == pytest.approx(40.0 * np.sin(np.deg2rad(1.5)))
+    assert pitch_fix_error(-0.2, 10.0, 20.0, np.deg2rad(3.0)) == pytest.approx(
+        40.0 * np.sin(np.deg2rad(1.5))
+    )
 
 
 def test_facts_of_a_pitched_leader_are_those_of_its_motion() -> None:
-    """The leader pitched by a constant angle and level otherwise, a follower that stands off: all is known."""
+    """The leader pitched by a constant angle and level otherwise, a follower that stands off:
+    all is known.
+    """
     pitch, scenario = np.deg2rad(-5.0), make_scenario(60.0)
     flown = tilted(make_trajectory(scenario), pitch, 0.0)
     (facts,) = facts_of(scenario, flown)

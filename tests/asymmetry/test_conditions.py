@@ -30,7 +30,11 @@ def test_a_condition_has_the_settings_of_its_key(entry: Entry) -> None:
     if cause == "waves":
         height, depth = values
         sea = case.name.split("-")[2]
-        assert (waves.height_m, waves.period_s, waves.direction_deg) == (height, PERIODS[height], WAYS[sea])
+        assert (waves.height_m, waves.period_s, waves.direction_deg) == (
+            height,
+            PERIODS[height],
+            WAYS[sea],
+        )
         assert case.title == f"Hs {height:g} m, {sea} sea, leader at {depth:g} m"
     assert (leader.depth_m, flown.followers[0].depth_m) == (depth, depth + 2.0)
     assert (flown.seed, leader.broadcast_attitude) == (1, True)

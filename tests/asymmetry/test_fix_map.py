@@ -29,7 +29,9 @@ def leader() -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def physical_ranges(pitch: float, depth_offset: float, reach: float, bearing: float) -> np.ndarray:
-    """Ranges from the sites that MuJoCo gives for a pitched leader at the origin heading north, [m]."""
+    """Ranges from the sites that MuJoCo gives for a pitched leader at the origin heading north,
+    [m].
+    """
     model, data = leader()
     data.qpos[:] = [0, 0, 0, *attitude.from_euler(0.0, pitch)]
     mujoco.mj_kinematics(model, data)
@@ -38,7 +40,12 @@ def physical_ranges(pitch: float, depth_offset: float, reach: float, bearing: fl
     return np.linalg.norm(np.array(sites) - follower, axis=1)
 
 
-@given(pitch=st.floats(-0.5, 0.5), offset=st.floats(-15, 15), reach=st.floats(3, 100), bearing=st.floats(0, 2 * np.pi))
+@given(
+    pitch=st.floats(-0.5, 0.5),
+    offset=st.floats(-15, 15),
+    reach=st.floats(3, 100),
+    bearing=st.floats(0, 2 * np.pi),
+)
 @examples(30)
 def test_ranges_are_those_of_the_physical_leader(pitch, offset, reach, bearing):
     hull = ANYWHERE.baseline, ANYWHERE.middle_offset
@@ -55,10 +62,17 @@ def test_abeam_error_is_0_87_m_at_5_degrees_and_10_m_for_any_range(reach):
         assert_allclose(np.hypot(*error[0]), 0.87, rtol=0.02)
     slant = np.hypot(reach, offset)
     received = physical_ranges(*point[0]) - physical_ranges(0.0, offset, reach, np.pi / 2)
-    assert_allclose(received[:2], np.array([-1, 1]) * offset * 1.0 * np.sin(pitch) / slant, rtol=0.02)
+    assert_allclose(
+        received[:2], np.array([-1, 1]) * offset * 1.0 * np.sin(pitch) / slant, rtol=0.02
+    )
 
 
-@given(pitch=st.floats(-0.35, 0.35), offset=st.floats(-15, 15), reach=st.floats(5, 100), bearing=st.floats(0.2, 2.9))
+@given(
+    pitch=st.floats(-0.35, 0.35),
+    offset=st.floats(-15, 15),
+    reach=st.floats(5, 100),
+    bearing=st.floats(0.2, 2.9),
+)
 @examples(60)
 def test_pitch_turns_the_fix_about_the_leader(pitch, offset, reach, bearing):
     closed_form = chart.closed_form_error(pitch, offset, reach, bearing)
@@ -81,7 +95,15 @@ def test_small_pitch_adds_the_lever_arm_over_the_sine_of_the_bearing():
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_a_follower_with_the_attitude_has_no_error(variant):
     aware = replace(ANYWHERE, variant=variant, use_attitude=True)
-    grid = np.array([[p, dz, d, b] for p in (-0.2, 0.1) for dz in (0.0, 10.0) for d in (8.0, 50.0) for b in (0.7, 2.0)])
+    grid = np.array(
+        [
+            [p, dz, d, b]
+            for p in (-0.2, 0.1)
+            for dz in (0.0, 10.0)
+            for d in (8.0, 50.0)
+            for b in (0.7, 2.0)
+        ]
+    )
     error = chart.sweep(grid, aware)
     assert_allclose(error, 0.0, atol=1e-5)
 
@@ -100,12 +122,23 @@ def test_map_holds_every_point_once():
     deep = next(row for row in rows if row["depth_offset_m"] == 10)
     assert deep["error_laisn-2_m"] == pytest.approx(deep["error_closed_form_m"], abs=1e-6)
     slant = np.hypot(20.0, 10.0)
-    assert deep["range_error_front_m"] == pytest.approx(10 * np.sin(np.deg2rad(5)) / slant, rel=0.02)
-    assert deep["range_error_rear_m"] == pytest.approx(-10 * np.sin(np.deg2rad(5)) / slant, rel=0.02)
+    assert deep["range_error_front_m"] == pytest.approx(
+        10 * np.sin(np.deg2rad(5)) / slant, rel=0.02
+    )
+    assert deep["range_error_rear_m"] == pytest.approx(
+        -10 * np.sin(np.deg2rad(5)) / slant, rel=0.02
+    )
     for row in every:
-        pitch, offset, bearing = np.deg2rad(row["pitch_deg"]), row["depth_offset_m"], np.deg2rad(row["bearing_deg"])
+        pitch, offset, bearing = (
+            np.deg2rad(row["pitch_deg"]),
+            row["depth_offset_m"],
+            np.deg2rad(row["bearing_deg"]),
+        )
         # a fix keeps its range, so that it moves along a chord, ahead as well as aside
-        error = chart.sweep(np.array([[pitch, offset, row["range_m"], bearing]]), replace(ANYWHERE, variant="laisn-2"))
+        error = chart.sweep(
+            np.array([[pitch, offset, row["range_m"], bearing]]),
+            replace(ANYWHERE, variant="laisn-2"),
+        )
         assert row["error_laisn-2_m"] == pytest.approx(np.linalg.norm(error), abs=1e-5)
 
 

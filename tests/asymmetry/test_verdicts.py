@@ -1,4 +1,6 @@
-"""Verdicts on remedies: how often they are wrong, how often they find what is there, and what leaves them open."""
+"""Verdicts on remedies: how often they are wrong, how often they find what is there, and what
+leaves them open.
+"""
 
 import numpy as np
 import pytest
@@ -10,8 +12,12 @@ FREE = np.ones(LOOKS[-1], dtype=bool)
 AIM = 0.9
 
 
-def trial(rng: np.random.Generator, removed: float, size: float, noise: float) -> tuple[Floats, Floats, Bools]:
-    """What pitch adds to the error of each run, skewed, what a remedy leaves of it, and runs without mirror locks."""
+def trial(
+    rng: np.random.Generator, removed: float, size: float, noise: float
+) -> tuple[Floats, Floats, Bools]:
+    """What pitch adds to the error of each run, skewed, what a remedy leaves of it, and runs
+    without mirror locks.
+    """
     runs = LOOKS[-1]
     part = size * rng.gamma(4.0, 0.25, runs)
     left = (1.0 - removed) * part + noise * (rng.gamma(2.0, size=runs) - 2.0) / np.sqrt(2.0)
@@ -31,7 +37,9 @@ def shares(removed: float, size: float, noise: float, trials: int = 300) -> dict
 
 @pytest.mark.parametrize("noise", [0.05, 0.3])
 def test_a_remedy_that_falls_short_is_hardly_ever_called_met(noise: float) -> None:
-    """It removes 85 % of 0.3 m against an aim of 90 %; noise: scatter of what it leaves, run by run [m]."""
+    """It removes 85 % of 0.3 m against an aim of 90 %; noise: scatter of what it leaves, run by
+    run [m].
+    """
     found = shares(0.85, 0.3, noise)
     assert found[Verdict.MET] < WRONG
     if noise <= 0.05:
@@ -56,7 +64,9 @@ def test_either_error_has_its_nominal_rate_at_the_target() -> None:
 
 
 def test_random_outcomes_give_no_verdict() -> None:
-    """Level leader, real leader and remedy draw their errors, and their mirror locks, from one and the same hat."""
+    """Level leader, real leader and remedy draw their errors, and their mirror locks, from one
+    and the same hat.
+    """
     rng, verdicts = np.random.default_rng(11), []
     for _ in range(150):
         level, real, remedy = rng.gamma(1.0, size=(3, LOOKS[-1]))
@@ -70,7 +80,9 @@ def test_random_outcomes_give_no_verdict() -> None:
 @pytest.mark.parametrize("removed", [0.85, 0.95])
 @pytest.mark.parametrize("pushed", [0.1, 0.5, 1.0])
 def test_captures_are_judged_by_the_same_measure(removed: float, pushed: float) -> None:
-    """Pitch mirror locks a share of the runs that the level leader's followers survive, half of all."""
+    """Pitch mirror locks a share of the runs that the level leader's followers survive, half of
+    all.
+    """
     rng, trials, verdicts = np.random.default_rng(12), 400, []
     for _ in range(trials):
         level = rng.random(LOOKS[-1]) < 0.5
@@ -82,9 +94,11 @@ def test_captures_are_judged_by_the_same_measure(removed: float, pushed: float) 
 
 
 def test_many_runs_resolve_a_difference_hidden_by_noise() -> None:
-    """Pitch adds mirror locks to a fifth of the runs, of which a remedy leaves 3 %; 4 % more or less come by chance.
+    """Pitch adds mirror locks to a fifth of the runs, of which a remedy leaves 3 %; 4 % more or
+    less come by chance.
 
-    By the normal law the last look finds the remedy good enough in 97 % of trials, 1280 runs do in a third.
+    By the normal law the last look finds the remedy good enough in 97 % of trials, 1280 runs do in
+    a third.
     """
     rng, verdicts = np.random.default_rng(15), []
     for _ in range(150):
@@ -92,7 +106,9 @@ def test_many_runs_resolve_a_difference_hidden_by_noise() -> None:
         chance = rng.choice([-1.0, 0.0, 1.0], size=LOOKS[-1], p=[0.02, 0.96, 0.02])
         left = np.where(kind > 0.0, 1.0 * (rng.random(LOOKS[-1]) < 0.03), chance)
         verdicts.append([judge(kind[:n], left[:n], AIM, LOOKS).verdict for n in (1280, LOOKS[-1])])
-    fewer, all_ = (sum(outcome[i] is Verdict.MET for outcome in verdicts) / len(verdicts) for i in (0, 1))
+    fewer, all_ = (
+        sum(outcome[i] is Verdict.MET for outcome in verdicts) / len(verdicts) for i in (0, 1)
+    )
     assert fewer < 0.5
     assert all_ > 0.9
 
@@ -119,7 +135,9 @@ def test_captured_runs_are_excluded_from_errors() -> None:
     part, left = np.full(64, 0.3), np.zeros(64)
     mirror_locked = np.arange(64) < 20
     assert (
-        judge(part + 40.0 * mirror_locked, left + 40.0 * mirror_locked, 0.9, LOOKS, ~mirror_locked).verdict
+        judge(
+            part + 40.0 * mirror_locked, left + 40.0 * mirror_locked, 0.9, LOOKS, ~mirror_locked
+        ).verdict
         is Verdict.MET
     )
     assert judge(part, left, 0.9, LOOKS, np.arange(64) < 19).verdict is Verdict.NO_HARM
@@ -135,9 +153,11 @@ def test_more_runs_settle_what_a_first_look_leaves_open() -> None:
 
 
 def test_more_runs_are_worth_it_where_they_would_settle_the_question() -> None:
-    """Pitch locks all of 64 runs on the mirror image, a remedy leaves k: if k/64 stays to σ/2, do 384 runs decide?
+    """Pitch locks all of 64 runs on the mirror image, a remedy leaves k: if k/64 stays to σ/2, do
+    384 runs decide?
 
-    By the normal law: |k/64 − 0.1| + ½ s ≥ z s √(64/384), with s of k/64 and z of two looks at 0.5 % each.
+    By the normal law: |k/64 − 0.1| + ½ s ≥ z s √(64/384), with s of k/64 and z of two looks at 0.5
+    % each.
     """
     looks, outcome = (64, 384), {}
     # 5 of 64 is at the very edge
@@ -156,7 +176,8 @@ def test_more_runs_are_worth_it_where_they_would_settle_the_question() -> None:
 
 @pytest.mark.parametrize("k", [44, 47, 55, 58])
 def test_an_open_question_reports_how_many_runs_would_settle_it(k: int) -> None:
-    """512 runs over and over, of which the remedy leaves k: some fewer than needed leave it open, some more do not.
+    """512 runs over and over, of which the remedy leaves k: some fewer than needed leave it open,
+    some more do not.
 
     Its aim is 51.2 of them.
     """

@@ -33,13 +33,17 @@ def computed(tmp_path_factory):
 
 @pytest.mark.parametrize(("quiet", "first"), [(False, ["2.0 1"]), (True, [])])
 def test_what_processes_need_is_compiled_before_they_are_timed(tmp_path, monkeypatch, quiet, first):
-    """By the smallest campaign that there is, two messages and one run, in a process whose memory it leaves."""
+    """By the smallest campaign that there is, two messages and one run, in a process whose
+    memory it leaves.
+    """
     noted, compute = tmp_path / "noted", campaign.compute
 
     def note(trajectory, plans):
         with noted.open("a") as file:
             for plan in plans:
-                file.write(f"{trajectory.time[-1]} {plan.runs}{' here' if os.getpid() == parent else ''}\n")
+                file.write(
+                    f"{trajectory.time[-1]} {plan.runs}{' here' if os.getpid() == parent else ''}\n"
+                )
         return compute(trajectory, plans)
 
     parent = os.getpid()
@@ -70,7 +74,9 @@ def test_large_cells_of_one_mission_share_a_process_and_give_the_same_bytes(tmp_
 
 
 def test_many_missions_are_not_read_for_their_first_cells(tmp_path, monkeypatch):
-    """Of six missions with two cells each, which give the bytes of cells that are computed later."""
+    """Of six missions with two cells each, which give the bytes of cells that are computed
+    later.
+    """
     many = [
         replace(plan, scenario=plan.scenario.model_copy(update={"duration_s": duration}))
         for duration in (20.0, 21.0, 22.0, 23.0, 24.0, 25.0)
@@ -85,7 +91,9 @@ def test_many_missions_are_not_read_for_their_first_cells(tmp_path, monkeypatch)
 
 
 def killed_at(moment: int, folder, kill=lambda: os.kill(os.getpid(), signal.SIGKILL)):
-    """Fly and write tables in a copy of this process that is killed at a file operation; the number of operations."""
+    """Fly and write tables in a copy of this process that is killed at a file operation; the
+    number of operations.
+    """
     child = os.fork()
     if child:
         return os.waitpid(child, 0)[1]
@@ -109,7 +117,9 @@ def killed_at(moment: int, folder, kill=lambda: os.kill(os.getpid(), signal.SIGK
     os._exit(min(next(count), 255))
 
 
-def test_killed_at_any_of_30_moments_a_campaign_goes_on_and_gives_the_same_tables(computed, tmp_path):
+def test_killed_at_any_of_30_moments_a_campaign_goes_on_and_gives_the_same_tables(
+    computed, tmp_path
+):
     _, rows = computed
     ended = killed_at(-1, tmp_path / "whole")
     assert os.WIFEXITED(ended)
@@ -118,7 +128,11 @@ def test_killed_at_any_of_30_moments_a_campaign_goes_on_and_gives_the_same_table
     for moment in np.linspace(0, operations - 2, 30).astype(int).tolist():
         broken = tmp_path / f"{moment}"
         assert os.WTERMSIG(killed_at(moment, broken)) == signal.SIGKILL
-        left = {name: content for name, content in contents(broken).items() if not name.endswith(".part")}
+        left = {
+            name: content
+            for name, content in contents(broken).items()
+            if not name.endswith(".part")
+        }
         # every file with its final name is complete
         assert left.items() <= whole.items()
         assert os.WIFEXITED(killed_at(-1, broken))
@@ -151,10 +165,15 @@ def test_two_processes_in_one_folder_share_the_work_and_give_the_same_rows(compu
     folder, rows = computed
     shared = tmp_path / "shared"
     children = [
-        subprocess.Popen([sys.executable, "-c", SHARED, str(shared)], cwd=ROOT, stdin=subprocess.PIPE,
-                         stdout=subprocess.PIPE, text=True)
+        subprocess.Popen(
+            [sys.executable, "-c", SHARED, str(shared)],
+            cwd=ROOT,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
         for _ in range(2)
-    ]  # fmt: skip
+    ]
     for child in children:
         assert child.stdout.readline() == "ready\n"
     counts = []
@@ -168,7 +187,9 @@ def test_two_processes_in_one_folder_share_the_work_and_give_the_same_rows(compu
         assert found.strip() == repr(rows)
     # a process that starts late may find everything stored
     assert len(plans()) <= sum(counts) < 2 * len(plans())
-    assert set(contents(shared)) == {name for name in contents(folder) if not name.endswith(".part")}
+    assert set(contents(shared)) == {
+        name for name in contents(folder) if not name.endswith(".part")
+    }
 
 
 def test_what_is_stored_is_not_computed_again(computed, monkeypatch):
@@ -181,12 +202,16 @@ def test_force_computes_everything_again(computed, monkeypatch):
     folder, rows = computed
     counted = []
     original = campaign.compute
-    monkeypatch.setattr(campaign, "compute", lambda *given: counted.extend(given[1]) or original(*given))
+    monkeypatch.setattr(
+        campaign, "compute", lambda *given: counted.extend(given[1]) or original(*given)
+    )
     assert run(plans(), folder, workers=1, force=True, quiet=True) == rows
     assert len(counted) == len(plans())
 
 
-@pytest.mark.parametrize("damage", [b"", b"PAR1 not a table", None], ids=["empty", "garbage", "one flipped byte"])
+@pytest.mark.parametrize(
+    "damage", [b"", b"PAR1 not a table", None], ids=["empty", "garbage", "one flipped byte"]
+)
 def test_a_damaged_cell_is_computed_again_with_a_warning(computed, damage):
     folder, rows = computed
     path = store.Store(folder).path(plans()[3].key)
@@ -251,12 +276,18 @@ def test_a_cluster_gives_the_same_bytes_and_bare_workers_are_refused_at_once(com
     distributed = pytest.importorskip("distributed")
     folder, rows = computed
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None, protocol="tcp://"
+        n_workers=1,
+        threads_per_worker=2,
+        processes=False,
+        dashboard_address=None,
+        protocol="tcp://",
     ) as cluster:
         address = cluster.scheduler_address
         assert run(plans(), tmp_path / "cluster", cluster=address, quiet=True) == rows
         assert contents(tmp_path / "cluster") == contents(folder)
-        bare = subprocess.Popen([sys.executable, "-c", BARE_WORKER, address], stderr=subprocess.DEVNULL)
+        bare = subprocess.Popen(
+            [sys.executable, "-c", BARE_WORKER, address], stderr=subprocess.DEVNULL
+        )
         try:
             with distributed.Client(address) as client:
                 client.wait_for_workers(2, timeout=60)
@@ -326,7 +357,9 @@ def test_errors_at_each_step_agree_with_the_summary(tmp_path):
     _, steps = store.Store(tmp_path).get(plan.steps_key)
     assert steps["e_p_max_m"].max() == pytest.approx(row["e_p_max_m"], rel=1e-6)
     assert steps["e_p_mean_m"].astype(float).mean() == pytest.approx(row["e_p_mean_m"], rel=1e-6)
-    assert steps["e_b_mean_deg"].astype(float).mean() == pytest.approx(row["e_b_mean_deg"], rel=1e-5)
+    assert steps["e_b_mean_deg"].astype(float).mean() == pytest.approx(
+        row["e_b_mean_deg"], rel=1e-5
+    )
     assert len(steps["time_s"]) == row["steps"] == round(DURATION / 0.1)
     assert steps["e_b_max_deg"].max() == pytest.approx(row["e_b_max_deg"], rel=1e-5)
     flown = campaign.mission(plan.scenario, store.Store(tmp_path))
@@ -349,7 +382,10 @@ def test_steps_requested_later_are_added(computed, tmp_path):
 
 def test_the_key_holds_what_makes_a_cell_and_nothing_else():
     plan = CellPlan(scenario=scenario())
-    assert plan.key == CellPlan(scenario=scenario().model_copy(update={"name": "renamed", "run": 7})).key
+    assert (
+        plan.key
+        == CellPlan(scenario=scenario().model_copy(update={"name": "renamed", "run": 7})).key
+    )
     others = [
         CellPlan(scenario=scenario(), runs=61),
         CellPlan(scenario=scenario(seed=2)),

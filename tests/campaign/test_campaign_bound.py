@@ -1,4 +1,6 @@
-"""What the bound of a scenario is made of: its noise, in the words of the bound, and the geometry of its mission."""
+"""What the bound of a scenario is made of: its noise, in the words of the bound, and the
+geometry of its mission.
+"""
 
 from dataclasses import replace
 
@@ -11,13 +13,22 @@ from laisn.bound import TrueNoise
 from sim.scenario.settings import Acoustics, Navigation, Scenario
 from tests import straight
 
-ASSUMED = ["speed_bias_sigma_m_s=0.31", "heading_bias_sigma_deg=7", "range_scale_bias_sigma_m=0.23",
-           "leader_heading_bias_sigma_deg=6", "current_sigma_m_s=0.41", "offset_sigma_m=0.013"]  # fmt: skip
+ASSUMED = [
+    "speed_bias_sigma_m_s=0.31",
+    "heading_bias_sigma_deg=7",
+    "range_scale_bias_sigma_m=0.23",
+    "leader_heading_bias_sigma_deg=6",
+    "current_sigma_m_s=0.41",
+    "offset_sigma_m=0.013",
+]
 NOISY = [
-    "sensors.speed_sigma_m_s=0.25", "sensors.heading_sigma_deg=3", "sensors.leader_heading_sigma_deg=1.5",
-    "acoustics.range_tau_m=[0.03,0.04,0.12]", "acoustics.range_scale_sigma_m=0.07",
+    "sensors.speed_sigma_m_s=0.25",
+    "sensors.heading_sigma_deg=3",
+    "sensors.leader_heading_sigma_deg=1.5",
+    "acoustics.range_tau_m=[0.03,0.04,0.12]",
+    "acoustics.range_scale_sigma_m=0.07",
     *(f"navigation.assume.{assumption}" for assumption in ASSUMED),
-]  # fmt: skip
+]
 
 
 def using(scenario: Scenario, transmitters: int) -> Scenario:
@@ -28,17 +39,24 @@ def using(scenario: Scenario, transmitters: int) -> Scenario:
 
 def folded(sigma_deg: float) -> float:
     """Standard deviation of |N(0, σ)|: its mean square is σ², its mean σ √(2/π) [rad]."""
-    return float(np.sqrt(np.deg2rad(sigma_deg) ** 2 - (np.deg2rad(sigma_deg) * np.sqrt(2 / np.pi)) ** 2))
+    return float(
+        np.sqrt(np.deg2rad(sigma_deg) ** 2 - (np.deg2rad(sigma_deg) * np.sqrt(2 / np.pi)) ** 2)
+    )
 
 
 def test_noise_is_that_of_the_sensors_and_biases_are_those_assumed() -> None:
     found = noise_of(load("T5", NOISY))
     expected = TrueNoise(
         # a uniform error of width τ has the variance τ²/12; the widths' mean square is 0.13²/3
-        speed_sigma=0.25, heading_sigma=folded(3.0), range_sigma=0.13 / 6, range_scale_sigma=0.07,
-        leader_heading_sigma=folded(1.5), speed_bias=0.31, heading_bias=float(np.deg2rad(7.0)),
+        speed_sigma=0.25,
+        heading_sigma=folded(3.0),
+        range_sigma=0.13 / 6,
+        range_scale_sigma=0.07,
+        leader_heading_sigma=folded(1.5),
+        speed_bias=0.31,
+        heading_bias=float(np.deg2rad(7.0)),
         range_scale_bias=0.23,
-    )  # fmt: skip
+    )
     assert vars(found) == pytest.approx(vars(expected), rel=1e-12)
 
 
@@ -58,14 +76,18 @@ def test_noise_is_that_of_the_sensors_and_biases_are_those_assumed() -> None:
         ),
         (["navigation.variant=tight", "navigation.assume.offsets=true"], {"range_offset": 0.013}),
     ],
-)  # fmt: skip
-def test_what_is_not_there_or_known_is_no_unknown(settings: list[str], unknown: dict[str, float]) -> None:
+)
+def test_what_is_not_there_or_known_is_no_unknown(
+    settings: list[str], unknown: dict[str, float]
+) -> None:
     plain, found = noise_of(load("T5", NOISY)), noise_of(load("T5", [*NOISY, *settings]))
     assert vars(found) == pytest.approx(vars(replace(plain, **unknown)), rel=1e-12)
 
 
 def test_sound_that_takes_its_time_leaves_the_leader_where_it_was() -> None:
-    """The message of a second comes in at the next step; the leader's way through the water is without the current."""
+    """The message of a second comes in at the next step; the leader's way through the water is
+    without the current.
+    """
     scenario = straight.make_scenario(Acoustics(travel_time=True))
     flown = straight.make_trajectory(
         (0.0, 4.0, -11.0), leader_velocity=(1.0, 0.0, 0.0), follower_velocity=(1.5, 0.0, 0.0)
@@ -74,14 +96,18 @@ def test_sound_that_takes_its_time_leaves_the_leader_where_it_was() -> None:
     water[...] = [0.3, -0.2, 0.0]
     found = geometry_of(replace(flown, water_velocity=water), using(scenario, 3))
     sent = np.arange(1.0, found.message_step.size + 1)
-    assert found.message_step.tolist() == [10 * k + 1 for k in range(1, found.message_step.size + 1)]
+    assert found.message_step.tolist() == [
+        10 * k + 1 for k in range(1, found.message_step.size + 1)
+    ]
     east = 1.5 * (sent + 0.1) - sent
     assert found.from_leader == pytest.approx(np.column_stack([east, np.full(sent.size, 4.0)]))
     assert found.leader_velocity == pytest.approx(np.tile([0.7, 0.2], (sent.size, 1)))
 
 
 def test_geometry_is_that_of_straight_ways() -> None:
-    """The leader heads east, 1 m from its middle to either end; the follower is 3 m deeper, and 4 m north."""
+    """The leader heads east, 1 m from its middle to either end; the follower is 3 m deeper, and
+    4 m north.
+    """
     scenario = straight.make_scenario()
     flown = straight.make_trajectory(
         (0.0, 4.0, -11.0), leader_velocity=(1.0, 0.0, 0.0), follower_velocity=(1.5, 0.0, 0.0)
@@ -94,7 +120,9 @@ def test_geometry_is_that_of_straight_ways() -> None:
     seconds = np.arange(1.0, 21.0)
     assert found.from_leader == pytest.approx(np.column_stack([0.5 * seconds, np.full(20, 4.0)]))
     # rear, front, and 0.1 m to port, which is north
-    assert found.arms == pytest.approx(np.tile([[-1.0, 0.0, -3.0], [1.0, 0.0, -3.0], [0.0, 0.1, -3.0]], (20, 1, 1)))
+    assert found.arms == pytest.approx(
+        np.tile([[-1.0, 0.0, -3.0], [1.0, 0.0, -3.0], [0.0, 0.1, -3.0]], (20, 1, 1))
+    )
     arrived = np.ones((20, 3), dtype=bool)
     arrived[4, 1] = arrived[5] = False
     some = geometry_of(flown, using(scenario, 3), received=arrived).arms
@@ -103,10 +131,14 @@ def test_geometry_is_that_of_straight_ways() -> None:
 
 
 def test_the_least_error_grows_as_the_root_of_two_noisy_ways_before_any_message() -> None:
-    """Straight north at 1 m/s for a second: the log errs along, the compass across; each step adds their squares."""
+    """Straight north at 1 m/s for a second: the log errs along, the compass across; each step
+    adds their squares.
+    """
     scenario = straight.make_scenario()
     flown = straight.make_trajectory((0.0, 4.0, -11.0), follower_velocity=(1.0, 0.0, 0.0))
     geometry = geometry_of(flown, using(scenario, 3))
     noise = TrueNoise(speed_sigma=0.2, heading_sigma=0.05, speed_bias=0.0, heading_bias=0.0)
     steps = np.arange(1.0, 10.0)
-    assert least_rms(geometry, noise)[:9] == pytest.approx(0.1 * np.sqrt(steps * (0.2**2 + 0.05**2)), rel=1e-6)
+    assert least_rms(geometry, noise)[:9] == pytest.approx(
+        0.1 * np.sqrt(steps * (0.2**2 + 0.05**2)), rel=1e-6
+    )

@@ -1,4 +1,6 @@
-"""Campaigns: a fused run is the run that is flown alone, and its metrics are those of its history."""
+"""Campaigns: a fused run is the run that is flown alone, and its metrics are those of its
+history.
+"""
 
 from dataclasses import replace
 
@@ -20,18 +22,28 @@ DT = 0.1
 
 
 QUARTER, ASTERN, ABEAM = (-15.0, -12.0), (-20.0, 0.0), (4.9, -39.7)
-"""Where a follower is, from a leader that heads about east by north [m]; abeam, the middle transmitter is farthest."""
+"""Where a follower is, from a leader that heads about east by north [m]; abeam, the middle
+transmitter is farthest.
+"""
 
 
 def make_truth(
-    steps: int = 200, every: int = 10, *, offset: tuple[float, float] = QUARTER, attitude: bool = True
+    steps: int = 200,
+    every: int = 10,
+    *,
+    offset: tuple[float, float] = QUARTER,
+    attitude: bool = True,
 ) -> MissionTruth:
-    """A leader on a slow weave, and a follower 2 m deeper that circles about its place unless it is astern."""
+    """A leader on a slow weave, and a follower 2 m deeper that circles about its place unless it
+    is astern.
+    """
     t = DT * np.arange(steps + 1)
     leader = np.stack([t, 3.0 * np.sin(0.05 * t)], axis=1)
     heading = np.pi / 2 - np.arctan(0.15 * np.cos(0.05 * t))
     wander = 0.0 if offset == ASTERN else 0.5
-    follower = leader + np.array(offset) + wander * np.stack([np.cos(0.1 * t), np.sin(0.1 * t)], axis=1)
+    follower = (
+        leader + np.array(offset) + wander * np.stack([np.cos(0.1 * t), np.sin(0.1 * t)], axis=1)
+    )
     velocity = np.gradient(follower, DT, axis=0)
     depth = 10.0 + 0.3 * np.sin(0.2 * t)
     forward, port = (
@@ -39,7 +51,9 @@ def make_truth(
         np.stack([-np.cos(heading), np.sin(heading)], 1),
     )
     sites = [leader - forward, leader + forward, leader + 0.1 * port]
-    ranges = np.stack([np.sqrt(np.sum((follower - s) ** 2, axis=1) + (depth - 8.0) ** 2) for s in sites], axis=1)
+    ranges = np.stack(
+        [np.sqrt(np.sum((follower - s) ** 2, axis=1) + (depth - 8.0) ** 2) for s in sites], axis=1
+    )
     k = np.arange(every, steps + 1, every)
     lost = ranges[k].copy()
     lost[3::7, 1] = np.nan
@@ -72,33 +86,52 @@ def make_truth(
 
 
 EVERYTHING = SensorErrors(
-    depth_sigma=0.05, leader_speed_bias=0.05, leader_heading_bias=0.04,
-    leader_heading_sigma=0.02, leader_depth_sigma=0.04, leader_tilt_sigma=0.01,
-    leader_tilt_time=4.0, leader_attitude_offset_sigma=0.015, range_tau=(0.02, 0.03, 0.04), range_scale_mean=0.2,
-)  # fmt: skip
+    depth_sigma=0.05,
+    leader_speed_bias=0.05,
+    leader_heading_bias=0.04,
+    leader_heading_sigma=0.02,
+    leader_depth_sigma=0.04,
+    leader_tilt_sigma=0.01,
+    leader_tilt_time=4.0,
+    leader_attitude_offset_sigma=0.015,
+    range_tau=(0.02, 0.03, 0.04),
+    range_scale_mean=0.2,
+)
 
 
-ECHOES = EVERYTHING._replace(surface_echo_probability=0.2, bottom_echo_probability=0.1, range_error_centred=True)
+ECHOES = EVERYTHING._replace(
+    surface_echo_probability=0.2, bottom_echo_probability=0.1, range_error_centred=True
+)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize(
     ("errors", "offset"),
-    [(SensorErrors(), QUARTER), (SensorErrors(range_tau=(0.06, 0.01, 0.01), range_error_centred=True), QUARTER),
-     (EVERYTHING, QUARTER), (ECHOES, ABEAM),
-     (EVERYTHING, ABEAM)],
+    [
+        (SensorErrors(), QUARTER),
+        (SensorErrors(range_tau=(0.06, 0.01, 0.01), range_error_centred=True), QUARTER),
+        (EVERYTHING, QUARTER),
+        (ECHOES, ABEAM),
+        (EVERYTHING, ABEAM),
+    ],
     ids=["paper", "centred", "everything", "echoes abeam", "abeam"],
-)  # fmt: skip
+)
 def test_a_run_of_a_campaign_is_the_run_flown_alone(
     variant: Variant, errors: SensorErrors, offset: tuple[float, float]
 ) -> None:
     truth = make_truth(offset=offset)
     if offset == ABEAM:
-        assert np.all(np.argmax(truth.slant_range, axis=1)[np.isfinite(truth.slant_range[:, 1])] == 2)
+        assert np.all(
+            np.argmax(truth.slant_range, axis=1)[np.isfinite(truth.slant_range[:, 1])] == 2
+        )
     navigation = NavigationSettings(variant=variant, use_attitude=True)
-    states = histories(Cell(truth=truth, errors=errors, settings=navigation, seed=9, runs=range(70), follower=2))
+    states = histories(
+        Cell(truth=truth, errors=errors, settings=navigation, seed=9, runs=range(70), follower=2)
+    )
     for run in (0, 63, 69):
-        measurements = measure(truth, errors, seed=9, run=run, follower=2, transmitters=navigation.transmitters)
+        measurements = measure(
+            truth, errors, seed=9, run=run, follower=2, transmitters=navigation.transmitters
+        )
         alone = Navigator(navigation, truth.start).run(measurements)
         assert np.abs(states[:, :, run] - alone.state).max() < 1e-9
 
@@ -115,28 +148,41 @@ def test_metrics_are_those_of_the_histories(variant: Variant) -> None:
     used = navigation.transmitters
     received = [measure(truth, errors, seed=4, run=run, transmitters=used) for run in runs]
     alone = [Navigator(navigation, truth.start).run(measurements) for measurements in received]
-    position = np.stack([metrics.position_errors(e.state[:, POSITION], truth.hydrophone) for e in alone])
+    position = np.stack(
+        [metrics.position_errors(e.state[:, POSITION], truth.hydrophone) for e in alone]
+    )
     bearing = np.stack(
-        [metrics.bearing_errors(e.state[:, POSITION], truth.hydrophone, truth.leader_position) for e in alone]
+        [
+            metrics.bearing_errors(e.state[:, POSITION], truth.hydrophone, truth.leader_position)
+            for e in alone
+        ]
     )
     row, of_runs = result
     expected = metrics.summarise(position, bearing)
     for name, value in expected._asdict().items():
         assert row[name] == pytest.approx(value, abs=1e-8), name
-    assert row["nees"] == pytest.approx(np.nanmean([metrics.nees(e, truth.hydrophone) for e in alone]), rel=1e-6)
-    assert row["nis"] == pytest.approx(np.nanmean(np.concatenate([metrics.nis(e) for e in alone])), rel=1e-6)
+    assert row["nees"] == pytest.approx(
+        np.nanmean([metrics.nees(e, truth.hydrophone) for e in alone]), rel=1e-6
+    )
+    assert row["nis"] == pytest.approx(
+        np.nanmean(np.concatenate([metrics.nis(e) for e in alone])), rel=1e-6
+    )
     counts = [metrics.fix_counts(e) for e in alone]
     assert {kind: row[f"fixes_{kind}"] for kind in counts[0]} == {
         kind: sum(c[kind] for c in counts) for kind in counts[0]
     }
     mirror_locks = [
-        metrics.mirror_locked_steps(e.state[:, POSITION], truth.hydrophone, truth.leader_position, truth.leader_heading)
+        metrics.mirror_locked_steps(
+            e.state[:, POSITION], truth.hydrophone, truth.leader_position, truth.leader_heading
+        )
         for e in alone
     ]
     mirror_locked = np.array([metrics.longest_mirror_lock(c) >= 10 for c in mirror_locks])
     assert row["mirror_locked_runs"] == mirror_locked.sum()
     free = position[~mirror_locked]
-    assert row["e_p_mean_unlocked_m"] == (pytest.approx(free.mean(), rel=1e-9) if free.size else None)
+    assert row["e_p_mean_unlocked_m"] == (
+        pytest.approx(free.mean(), rel=1e-9) if free.size else None
+    )
     assert row["worst_run"] == runs[int(np.argmax(position.max(axis=1)))]
 
     assert of_runs["run"].tolist() == list(runs)
@@ -147,7 +193,8 @@ def test_metrics_are_those_of_the_histories(variant: Variant) -> None:
     assert of_runs["e_b_max_deg"] == pytest.approx(np.rad2deg(bearing.max(axis=1)), abs=1e-8)
     assert of_runs["e_b_mean_deg"] == pytest.approx(np.rad2deg(bearing.mean(axis=1)), abs=1e-8)
 
-    # A histogram places a percentile between its neighbours among the sorted errors, to within a bin.
+    # A histogram places a percentile between its neighbours among the sorted errors, to within a
+    # bin.
     for errors_, name in ((position, "e_p_p{}_m"), (np.rad2deg(bearing), "e_b_p{}_deg")):
         for share in PERCENTILES:
             value = row[name.format(share)]
@@ -173,11 +220,14 @@ def test_bins_hold_what_lies_between_their_edges(lowest: float, first: int) -> N
     assert edges.size == lane_flight.BINS + 1
     assert (edges[0], edges[1], edges[-1]) == (0.0, lowest, np.inf)
     inner = edges[1:-1]
-    # 128 bins of equal width between a power of two and the next: from 1/128 of their lower edge down to 1/255 of it
+    # 128 bins of equal width between a power of two and the next: from 1/128 of their lower edge
+    # down to 1/255 of it
     widths = np.diff(inner) / inner[:-1]
     assert widths.max() == 2**-7
     assert widths.min() == pytest.approx(1 / 255, rel=1e-12)
-    values = np.concatenate([[0.0, lowest / 3], lowest * np.exp(np.random.default_rng(1).uniform(0, 22, 5000)), inner])
+    values = np.concatenate(
+        [[0.0, lowest / 3], lowest * np.exp(np.random.default_rng(1).uniform(0, 22, 5000)), inner]
+    )
     assert _bins(values, first).tolist() == (np.digitize(values, edges) - 1).tolist()
 
 
@@ -202,7 +252,9 @@ def test_results_depend_neither_on_threads_nor_on_blocks() -> None:
     ]
     alone = [simulate(cell) for cell in cells]
     for threads in (1, 2, 3):
-        for one, other in zip(alone, [simulate(cell, threads=threads) for cell in cells], strict=True):
+        for one, other in zip(
+            alone, [simulate(cell, threads=threads) for cell in cells], strict=True
+        ):
             assert_same(one, other)
     # Runs fall into other blocks if the cell begins elsewhere, and are the same to the bit.
     shifted = simulate(replace(cells[1], runs=range(50, 100)))
@@ -219,12 +271,19 @@ def assert_same(one: CellResult, other: CellResult) -> None:
 def test_perfect_sensors_recover_the_truth() -> None:
     truth = make_truth()
     perfect = SensorErrors(
-        speed_bias=0.0, speed_sigma=0.0, heading_bias=0.0, heading_sigma=0.0, range_tau=(0.0, 0.0, 0.0),
-        range_scale_mean=0.0, range_scale_sigma=0.0,
-    )  # fmt: skip
-    # Without attitude the follower takes the leader as level, which it is here: only sampling of the turn is left.
+        speed_bias=0.0,
+        speed_sigma=0.0,
+        heading_bias=0.0,
+        heading_sigma=0.0,
+        range_tau=(0.0, 0.0, 0.0),
+        range_scale_mean=0.0,
+        range_scale_sigma=0.0,
+    )
+    # Without attitude the follower takes the leader as level, which it is here: only sampling of
+    # the turn is left.
     result = simulate(Cell(truth=truth, errors=perfect, runs=range(2)))
-    assert result.row["e_p_max_m"] < 0.5 * 0.05 * DT  # half a step's way sideways, of the weave's 0.05 m/s
+    # half a step's way sideways, of the weave's 0.05 m/s
+    assert result.row["e_p_max_m"] < 0.5 * 0.05 * DT
     assert result.row["mirror_locked_runs"] == 0
 
 

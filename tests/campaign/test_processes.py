@@ -36,7 +36,10 @@ def lost_flight(_):
 @pytest.mark.parametrize("workers", [1, 2])
 def test_divergence_is_reported_from_any_process(workers):
     """The flight so far that such an error carries must not be taken for a death of the process."""
-    with Pool(workers) as pool, pytest.raises(CampaignError, match="mission 'T6': t = 3 s: the state is lost"):
+    with (
+        Pool(workers) as pool,
+        pytest.raises(CampaignError, match="mission 'T6': t = 3 s: the state is lost"),
+    ):
         list(pool.each(lost_flight, [(1,)]))
 
 

@@ -37,14 +37,22 @@ def lines_of(capsys: pytest.CaptureFixture[str]) -> list[str]:
 def test_compiling_is_reported_once_and_not_where_the_cache_has_it(tmp_path: Path) -> None:
     environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
     answers = [
-        subprocess.run([sys.executable, "-c", COMPILES], env=environment, capture_output=True, text=True, check=True)
+        subprocess.run(
+            [sys.executable, "-c", COMPILES],
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
         for _ in range(2)
     ]
     assert [answer.stderr for answer in answers] == ["compiled (once)\n", ""]
 
 
 @pytest.mark.parametrize("flight", [True, False])
-def test_a_terminal_counts_the_functions_compiled(monkeypatch: pytest.MonkeyPatch, flight: bool) -> None:
+def test_a_terminal_counts_the_functions_compiled(
+    monkeypatch: pytest.MonkeyPatch, flight: bool
+) -> None:
     """With the phases of a flight, and of commands without phases."""
     stored, enough = iter([3, 3, 4, *[10] * 1000]), threading.Event()
 
@@ -64,9 +72,12 @@ def test_a_terminal_counts_the_functions_compiled(monkeypatch: pytest.MonkeyPatc
     assert "compiling (once): 7 functions" in console.file.getvalue()  # type: ignore[attr-defined]
 
 
-def test_the_first_item_is_not_in_the_time_left(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-                                               ) -> None:  # fmt: skip
-    """Compiled for 60 s, then an item every 10 s: with 3 of 6 done, 30 s are left, at 0.1 a second."""
+def test_the_first_item_is_not_in_the_time_left(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Compiled for 60 s, then an item every 10 s: with 3 of 6 done, 30 s are left, at 0.1 a
+    second.
+    """
     clock = [0.0]
     monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: clock[0]))
     with progress.progress("cells", 6) as advance:
@@ -82,7 +93,9 @@ def test_the_first_item_is_not_in_the_time_left(monkeypatch: pytest.MonkeyPatch,
     ]
 
 
-def test_nothing_is_reported_where_nothing_is_to_be_done(capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_reported_where_nothing_is_to_be_done(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     with progress.progress("cells", 0) as advance:
         advance(1)
     with progress.progress("cells", 3, quiet=True) as advance:

@@ -1,4 +1,6 @@
-"""Campaigns of the tightly coupled navigator: the bits of single flights, and the metrics of its histories."""
+"""Campaigns of the tightly coupled navigator: the bits of single flights, and the metrics of its
+histories.
+"""
 
 import numpy as np
 import pytest
@@ -20,9 +22,15 @@ from sim.simulation import simulate_motion
 def scenario() -> Scenario:
     return load(
         "T5",
-        ["navigation.variant=tight", "navigation.assume.transmitters=2", "duration_s=30", "motion=kinematic",
-         "acoustics.loss_probability=0.2", "acoustics.surface_echo_probability=0.1"],
-    )  # fmt: skip
+        [
+            "navigation.variant=tight",
+            "navigation.assume.transmitters=2",
+            "duration_s=30",
+            "motion=kinematic",
+            "acoustics.loss_probability=0.2",
+            "acoustics.surface_echo_probability=0.1",
+        ],
+    )
 
 
 @pytest.fixture(scope="module")
@@ -44,9 +52,15 @@ def test_a_run_of_a_cell_is_that_flight(scenario: Scenario, states: Floats) -> N
 def test_metrics_are_those_of_the_histories(scenario: Scenario, cell: Cell, states: Floats) -> None:
     result = simulate(cell)
     truth = cell.truth
-    error = np.stack([metrics.position_errors(states[:, :2, i], truth.hydrophone) for i in range(67)])
-    bearing = np.stack([metrics.bearing_errors(states[:, :2, i], truth.hydrophone, truth.leader_position)
-                        for i in range(67)])  # fmt: skip
+    error = np.stack(
+        [metrics.position_errors(states[:, :2, i], truth.hydrophone) for i in range(67)]
+    )
+    bearing = np.stack(
+        [
+            metrics.bearing_errors(states[:, :2, i], truth.hydrophone, truth.leader_position)
+            for i in range(67)
+        ]
+    )
     expected = metrics.summarise(error, bearing)
     assert result.row["e_p_mean_m"] == pytest.approx(expected.e_p_mean_m)
     assert result.row["e_p_max_m"] == pytest.approx(expected.e_p_max_m)
@@ -88,7 +102,9 @@ def test_neither_threads_nor_blocks_change_a_bit(scenario: Scenario) -> None:
 
 def test_its_row_contains_the_ratio_to_the_bound(scenario: Scenario) -> None:
     trajectory = simulate_motion(scenario)
-    (_, row, _), (_, _, steps) = compute(trajectory, [CellPlan(scenario=scenario, runs=4, keep_steps=True)])
+    (_, row, _), (_, _, steps) = compute(
+        trajectory, [CellPlan(scenario=scenario, runs=4, keep_steps=True)]
+    )
     assert steps["time_s"].size == row["steps"]
     least = least_rms(geometry_of(trajectory, scenario), noise_of(scenario))
     assert row["bound_rms_m"] == pytest.approx(np.sqrt(np.mean(least**2)))
@@ -101,7 +117,14 @@ def test_its_row_contains_the_ratio_to_the_bound(scenario: Scenario) -> None:
 
 
 def test_an_unknown_start_is_for_single_flights() -> None:
-    scenario = load("T5", ["navigation.variant=tight", "navigation.assume.known_start=false", "duration_s=5",
-                           "motion=kinematic"])  # fmt: skip
+    scenario = load(
+        "T5",
+        [
+            "navigation.variant=tight",
+            "navigation.assume.known_start=false",
+            "duration_s=5",
+            "motion=kinematic",
+        ],
+    )
     with pytest.raises(LaisnError, match="known_start = false is for single flights"):
         simulate(Cell.of(scenario, runs=1))

@@ -15,13 +15,20 @@ from laisn.failure import LaisnError
 
 KEY, OTHER = "0123456789abcdef01234567", "76543210fedcba9876543210"
 RECORD: Record = {
-    "key": KEY, "variant": "laisn-2", "runs": 3, "e_p_mean_m": 0.1 + 0.2, "nees": float("nan"), "none": None,
-    "list": [0.1, 0.2, 1e-300], "flags": [False, True, False],
-}  # fmt: skip
+    "key": KEY,
+    "variant": "laisn-2",
+    "runs": 3,
+    "e_p_mean_m": 0.1 + 0.2,
+    "nees": float("nan"),
+    "none": None,
+    "list": [0.1, 0.2, 1e-300],
+    "flags": [False, True, False],
+}
 ARRAYS: Arrays = {
-    "time_s": np.linspace(0.1, 20.0, 200, dtype=np.float32), "e_p_mean_m": np.ones(200, dtype=np.float32),
+    "time_s": np.linspace(0.1, 20.0, 200, dtype=np.float32),
+    "e_p_mean_m": np.ones(200, dtype=np.float32),
     "mirror_locked": np.array([False, True, False]),
-}  # fmt: skip
+}
 
 
 @pytest.fixture
@@ -53,17 +60,27 @@ def damaged(content: bytes, rng: np.random.Generator) -> bytes:
 
 def content(found: tuple[Any, Arrays] | None) -> object:
     """All of a result to compare; None if there is none."""
-    return found and (repr(found[0]), {name: (v.dtype, v.shape, v.tobytes()) for name, v in found[1].items()})
+    return found and (
+        repr(found[0]),
+        {name: (v.dtype, v.shape, v.tobytes()) for name, v in found[1].items()},
+    )
 
 
 def test_no_damage_of_a_result_changes_a_number(store: Store) -> None:
-    """Every bit of a byte is flipped; zip archives leave gaps between checksums, such as times and attributes."""
+    """Every bit of a byte is flipped; zip archives leave gaps between checksums, such as times
+    and attributes.
+    """
     path = store.path(KEY)
     whole = path.read_bytes()
     rng = np.random.default_rng(10)
     tried = [damaged(whole, rng) for _ in range(400)]
-    tried += [whole[:i] + bytes([whole[i] ^ (1 << i % 8)]) + whole[i + 1 :] for i in range(len(whole))]
-    right, refused = (repr(RECORD), {name: (v.dtype, v.shape, v.tobytes()) for name, v in ARRAYS.items()}), 0
+    tried += [
+        whole[:i] + bytes([whole[i] ^ (1 << i % 8)]) + whole[i + 1 :] for i in range(len(whole))
+    ]
+    right, refused = (
+        (repr(RECORD), {name: (v.dtype, v.shape, v.tobytes()) for name, v in ARRAYS.items()}),
+        0,
+    )
     for damage in tried:
         path.write_bytes(damage)
         with warnings.catch_warnings(record=True) as caught:
@@ -81,9 +98,15 @@ def test_no_damage_of_a_result_changes_a_number(store: Store) -> None:
 def test_a_result_is_read_as_it_was_written(store: Store) -> None:
     record, arrays = store.get(KEY) or (None, {})
     assert repr(record) == repr(RECORD)
-    assert {name: values.tolist() for name, values in arrays.items()} == {n: v.tolist() for n, v in ARRAYS.items()}
+    assert {name: values.tolist() for name, values in arrays.items()} == {
+        n: v.tolist() for n, v in ARRAYS.items()
+    }
     assert store.get(OTHER) is None
-    store.put(OTHER, [{"array": np.array([0.1, 0.2]), "number": np.float64(0.3), "count": np.int64(4)}], {})
+    store.put(
+        OTHER,
+        [{"array": np.array([0.1, 0.2]), "number": np.float64(0.3), "count": np.int64(4)}],
+        {},
+    )
     assert store.get(OTHER) == ([{"array": [0.1, 0.2], "number": 0.3, "count": 4}], {})
 
 
@@ -144,7 +167,9 @@ for i in range(100):
 def test_processes_that_share_a_folder_never_fail(tmp_path: Path) -> None:
     folder = tmp_path / "shared"
     command = [sys.executable, "-W", "error", "-c", OPENER, str(folder), str(Path(__file__).parent)]
-    children = [subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) for _ in range(3)]
+    children = [
+        subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) for _ in range(3)
+    ]
     for child in children:
         _, words = child.communicate(timeout=300)
         assert child.returncode == 0, words

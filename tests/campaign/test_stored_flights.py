@@ -20,8 +20,12 @@ def test_a_damaged_flight_is_flown_again_with_a_warning(tmp_path, damage):
     if damage == "another archive":
         np.savez(path, pose=flown.pose)
     else:
-        path.write_bytes({"empty": b"", "garbage": b"PK no archive", "cut off": whole[: len(whole) // 2]}[damage])
-    with pytest.warns(DamagedResult, match=rf"{path.name} cannot be read and is computed again: .") as caught:
+        path.write_bytes(
+            {"empty": b"", "garbage": b"PK no archive", "cut off": whole[: len(whole) // 2]}[damage]
+        )
+    with pytest.warns(
+        DamagedResult, match=rf"{path.name} cannot be read and is computed again: ."
+    ) as caught:
         again = campaign.mission(given, Store(tmp_path))
     assert len(caught) == 1
     assert again.position.tobytes() == flown.position.tobytes()
@@ -51,9 +55,15 @@ def test_no_flipped_byte_of_a_flight_changes_a_number(tmp_path):
 
 def test_one_flight_serves_other_transmitters_and_errors():
     one = scenario()
-    other = scenario(leader=Leader(baseline_m=1.0, middle_offset_m=0.2), acoustics=Acoustics(range_scale_mean_m=0.3))
+    other = scenario(
+        leader=Leader(baseline_m=1.0, middle_offset_m=0.2),
+        acoustics=Acoustics(range_scale_mean_m=0.3),
+    )
     assert montecarlo.motion_key(one) == montecarlo.motion_key(other)
     assert montecarlo.motion_key(one) != montecarlo.motion_key(scenario("T3"))
-    flown, moved = montecarlo.simulate_mission(other), montecarlo.sited(montecarlo.simulate_mission(one), other.leader)
+    flown, moved = (
+        montecarlo.simulate_mission(other),
+        montecarlo.sited(montecarlo.simulate_mission(one), other.leader),
+    )
     np.testing.assert_array_equal(moved.site_offset, flown.site_offset)
     np.testing.assert_array_equal(moved.position, flown.position)

@@ -21,7 +21,11 @@ CALLS: list[int] = []
 def sources(monkeypatch: pytest.MonkeyPatch) -> None:
     """This file is none of the project's packages."""
     own = store._source
-    monkeypatch.setattr(store, "_source", lambda module: own("sim.trajectory") if module == __name__ else own(module))
+    monkeypatch.setattr(
+        store,
+        "_source",
+        lambda module: own("sim.trajectory") if module == __name__ else own(module),
+    )
 
 
 def square(of: int, times: int = 1) -> list[dict[str, Any]]:
@@ -58,7 +62,9 @@ def test_what_is_stored_is_not_computed_again_unless_forced(tmp_path: Path) -> N
     assert CALLS == [3, 2]
 
 
-def test_a_failure_stops_the_study_after_other_results_are_stored_or_is_reported(tmp_path: Path) -> None:
+def test_a_failure_stops_the_study_after_other_results_are_stored_or_is_reported(
+    tmp_path: Path,
+) -> None:
     with pytest.raises(CampaignError, match=r"^no root of -1$"):
         flown(tmp_path, -1, 2)
     CALLS.clear()
@@ -66,9 +72,16 @@ def test_a_failure_stops_the_study_after_other_results_are_stored_or_is_reported
     assert (CALLS, list(found.tasks), found.failures) == ([-1], [2], {-1: "no root of -1"})
 
 
-def test_the_key_is_of_the_sources_and_of_all_that_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_key_is_of_the_sources_and_of_all_that_is_given(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     one, two = (Scenario(name="one", followers=(Follower(route=route),)) for route in ("T5", "T6"))
-    keys = [key_of(square, one, 1), key_of(square, two, 1), key_of(square, one, 2), key_of(other, one, 1)]
+    keys = [
+        key_of(square, one, 1),
+        key_of(square, two, 1),
+        key_of(square, one, 2),
+        key_of(other, one, 1),
+    ]
     assert len(set(keys)) == 4
     assert key_of(square, range(3)) != key_of(square, range(1, 3))
     with pytest.raises(TypeError, match="depends on object, of which no key"):
@@ -80,7 +93,9 @@ def test_the_key_is_of_the_sources_and_of_all_that_is_given(monkeypatch: pytest.
 def test_compiling_ahead_is_done_once_and_only_if_something_is_missing(tmp_path: Path) -> None:
     ahead: list[int] = []
     for _ in range(2):
-        campaign.fly([], {2: partial(square, 2)}, tmp_path, ahead=lambda: ahead.append(1), workers=1)
+        campaign.fly(
+            [], {2: partial(square, 2)}, tmp_path, ahead=lambda: ahead.append(1), workers=1
+        )
     assert ahead == [1]
 
 
@@ -96,7 +111,9 @@ class Results(Store):
 
 
 def order(folder: Path, stored: Callable[[int], bool], computed: list[int]) -> None:
-    """Compute 100 results of nothing in this process, in the order in which the campaign takes them."""
+    """Compute 100 results of nothing in this process, in the order in which the campaign takes
+    them.
+    """
 
     def work(number: int) -> Callable[[], list[Result]]:
         computed.append(number)

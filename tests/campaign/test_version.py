@@ -1,4 +1,6 @@
-"""The version of results: it changes with every source that may change a number, and with no other."""
+"""The version of results: it changes with every source that may change a number, and with no
+other.
+"""
 
 import shutil
 import subprocess
@@ -17,7 +19,9 @@ from tools.documents import route_keeping
 def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("tree")
     for package in OWN_PACKAGES:
-        shutil.copytree(ROOT / package, root / package, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(
+            ROOT / package, root / package, ignore=shutil.ignore_patterns("__pycache__")
+        )
     return root
 
 
@@ -40,11 +44,21 @@ def after_edits(root: Path, *names: str, text: str = "\n# edited\n") -> str:
 
 @pytest.mark.parametrize(
     "name",
-    ["sim/water.py", "sim/sensing/noise.py", "sim/scenario/file.py", "laisn/fix.py",
-     "laisn/metrics.py", "experiments/campaign/montecarlo.py", "experiments/campaign/plans.py",
-     "models/follower.xml", "sim/scenario/data/followers_T2_T9.json"],
-)  # fmt: skip
-def test_an_edit_of_what_computes_makes_another_version(tree: Path, unedited: str, name: str) -> None:
+    [
+        "sim/water.py",
+        "sim/sensing/noise.py",
+        "sim/scenario/file.py",
+        "laisn/fix.py",
+        "laisn/metrics.py",
+        "experiments/campaign/montecarlo.py",
+        "experiments/campaign/plans.py",
+        "models/follower.xml",
+        "sim/scenario/data/followers_T2_T9.json",
+    ],
+)
+def test_an_edit_of_what_computes_makes_another_version(
+    tree: Path, unedited: str, name: str
+) -> None:
     assert after_edits(tree, name) != unedited
 
 
@@ -58,8 +72,13 @@ def test_a_docstring_is_no_part_of_the_version(tree: Path, unedited: str) -> Non
 
 def test_edits_of_what_draws_writes_or_compares_keep_the_version(tree: Path, unedited: str) -> None:
     modules = ("film/render", "film/overlay", "film/scene", "log/writer", "log/scene")
-    others = ("pages/page.py", "command/cli.py", "pages/flight_report.py", "pages/templates/page.css",
-              "studies/reproduce/published_tables.csv")  # fmt: skip
+    others = (
+        "pages/page.py",
+        "command/cli.py",
+        "pages/flight_report.py",
+        "pages/templates/page.css",
+        "studies/reproduce/published_tables.csv",
+    )
     edited = [*(f"sim/{name}.py" for name in modules), *(f"experiments/{name}" for name in others)]
     assert after_edits(tree, *edited) == unedited
 
@@ -109,8 +128,14 @@ def test_every_module_loaded_for_a_campaign_is_among_the_sources() -> None:
     """Python's own list of modules is the judge."""
     code = f"import sys, experiments.campaign.campaign\nown = {OWN_PACKAGES!r}\n"
     code += "print(*(m for m in sys.modules if m.partition('.')[0] in own), sep='\\n')\n"
-    loaded = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    files = {path.relative_to(ROOT).with_suffix("").as_posix() for path in version.sources() if path.suffix == ".py"}
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+    files = {
+        path.relative_to(ROOT).with_suffix("").as_posix()
+        for path in version.sources()
+        if path.suffix == ".py"
+    }
     known = {file.removesuffix("/__init__").replace("/", ".") for file in files}
     assert {"sim.simulation", "experiments.campaign.montecarlo"} <= set(loaded.split())
     assert set(loaded.split()) <= known
@@ -118,10 +143,16 @@ def test_every_module_loaded_for_a_campaign_is_among_the_sources() -> None:
 
 @pytest.mark.parametrize(
     "modules",
-    [("experiments.study.measure",), route_keeping.MODULES,
-     *((f"experiments.studies.{name.replace('-', '_')}.findings", "experiments.study.run") for name in shipped()
-       if built_in(name))],
-)  # fmt: skip
+    [
+        ("experiments.study.measure",),
+        route_keeping.MODULES,
+        *(
+            (f"experiments.studies.{name.replace('-', '_')}.findings", "experiments.study.run")
+            for name in shipped()
+            if built_in(name)
+        ),
+    ],
+)
 def test_no_result_of_a_study_depends_on_how_pages_are_drawn(modules: tuple[str, ...]) -> None:
     drawing = ("experiments.pages", "experiments.command", "sim.film")
     assert not [name for name in version.reachable(modules) if name.startswith(drawing)]

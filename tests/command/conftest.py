@@ -1,4 +1,6 @@
-"""A flight that tests of the command look at, and an empty report for flights of which nothing is asked."""
+"""A flight that tests of the command look at, and an empty report for flights of which nothing
+is asked.
+"""
 
 from pathlib import Path
 

@@ -5,13 +5,26 @@ import sys
 from pathlib import Path
 
 SHORT = ["--set", "duration_s=20", "--no-video"]
-WITHOUT_FILM = {"flight.mcap", "report.html", "summary.json", "timing.json", "scenario.toml", "foxglove.json"}
+WITHOUT_FILM = {
+    "flight.mcap",
+    "report.html",
+    "summary.json",
+    "timing.json",
+    "scenario.toml",
+    "foxglove.json",
+}
 
 
 def laisn(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "experiments.command.cli", *arguments]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run(
+        command, cwd=cwd, capture_output=True, text=True, timeout=120, check=False
+    )
 
 
 def files(folder: Path) -> dict[str, bytes]:
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+    return {
+        p.relative_to(folder).as_posix(): p.read_bytes()
+        for p in sorted(folder.rglob("*"))
+        if p.is_file()
+    }

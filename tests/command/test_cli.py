@@ -20,7 +20,14 @@ def test_fly_writes_all_its_evidence(flown: Path) -> None:
     assert {path.name for path in (flown / "first").iterdir()} == WITHOUT_FILM
     summary = json.loads((flown / "first" / "summary.json").read_text())
     assert {"scenario", "seed", "outcome", "variant", "versions", "followers"} <= set(summary)
-    for figure in ("e_p_max_m", "e_p_mean_m", "e_p_std_m", "e_b_max_deg", "e_b_mean_deg", "e_b_std_deg"):
+    for figure in (
+        "e_p_max_m",
+        "e_p_mean_m",
+        "e_p_std_m",
+        "e_b_max_deg",
+        "e_b_mean_deg",
+        "e_b_std_deg",
+    ):
         assert summary[figure] >= 0
     assert summary["flown_s"] == 20
     timing = json.loads((flown / "first" / "timing.json").read_text())
@@ -28,10 +35,14 @@ def test_fly_writes_all_its_evidence(flown: Path) -> None:
 
 
 @pytest.mark.usefixtures("without_report")
-def test_the_written_scenario_reflies_the_mission_to_the_byte(flown: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_written_scenario_reflies_the_mission_to_the_byte(
+    flown: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The first time it was flown by another process."""
     monkeypatch.chdir(flown)
-    result = CliRunner().invoke(app, ["fly", "first/scenario.toml", "--no-video", "--out", "second"])
+    result = CliRunner().invoke(
+        app, ["fly", "first/scenario.toml", "--no-video", "--out", "second"]
+    )
     assert result.exit_code == 0, result.stderr
     for name in ("summary.json", "scenario.toml", "flight.mcap"):
         assert (flown / "first" / name).read_bytes() == (flown / "second" / name).read_bytes()
@@ -39,7 +50,9 @@ def test_the_written_scenario_reflies_the_mission_to_the_byte(flown: Path, monke
 
 @pytest.mark.usefixtures("without_report")
 def test_another_run_has_other_noise_and_the_same_motion(flown: Path) -> None:
-    result = CliRunner().invoke(app, ["fly", "T5", *SHORT, "--run", "7", "--out", str(flown / "run7")])
+    result = CliRunner().invoke(
+        app, ["fly", "T5", *SHORT, "--run", "7", "--out", str(flown / "run7")]
+    )
     assert result.exit_code == 0, result.stderr
     first, other = (reader.read(flown / name / "flight.mcap") for name in ("first", "run7"))
     assert (first.trajectory.position == other.trajectory.position).all()
@@ -56,7 +69,10 @@ def test_replay_gives_the_logged_estimates_again(flown: Path) -> None:
 
 def test_a_replay_smooths_after_the_fact(flown: Path) -> None:
     """Until the last message the estimates are others; after it there is nothing to smooth with."""
-    log, files = str(flown / "first/flight.mcap"), [flown / "filtered.mcap", flown / "smoothed.mcap"]
+    log, files = (
+        str(flown / "first/flight.mcap"),
+        [flown / "filtered.mcap", flown / "smoothed.mcap"],
+    )
     tight = ["replay", log, "--variant", "tight", "--out"]
     outputs = []
     for file, smooth in zip(files, ([], ["--smooth", "60"]), strict=True):
@@ -89,7 +105,9 @@ def test_only_the_tightly_coupled_navigator_is_smoothed(flown: Path) -> None:
 def test_a_vehicle_that_sinks_through_the_floor_is_reported(tmp_path: Path) -> None:
     sunk = ["--set", "leader.excess_buoyancy_n=-100", "--set", "leader.cg_offset_x_m=0.2"]
     shallow = ["--set", "ocean.floor_depth_m=12", "--set", "ocean.current_speed_m_s=0.1", *sunk]
-    result = CliRunner().invoke(app, ["fly", "T5", *SHORT, *shallow, "--out", str(tmp_path / "sunk")])
+    result = CliRunner().invoke(
+        app, ["fly", "T5", *SHORT, *shallow, "--out", str(tmp_path / "sunk")]
+    )
     assert result.exit_code == 0, result.stderr
     assert "leader goes below the sea floor" in result.stdout
     assert "NEES: 2 on average for a consistent filter" in result.stdout
@@ -105,7 +123,9 @@ def test_a_check_prints_what_a_navigator_does_not_assume() -> None:
     assert "warning" not in CliRunner().invoke(app, ["check", "T5"]).stdout
 
 
-def test_a_flight_replaces_nothing_of_the_users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_flight_replaces_nothing_of_the_users(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     own = tmp_path / "own"
     own.mkdir()
@@ -124,7 +144,9 @@ def test_a_flight_replaces_nothing_of_the_users(tmp_path: Path, monkeypatch: pyt
 
 
 @pytest.mark.usefixtures("without_report")
-@pytest.mark.parametrize(("file", "folder"), [("...toml", "scenario.."), ("..toml", "scenario."), ("a b.toml", "a-b")])
+@pytest.mark.parametrize(
+    ("file", "folder"), [("...toml", "scenario.."), ("..toml", "scenario."), ("a b.toml", "a-b")]
+)
 def test_a_scenario_of_any_name_gets_a_folder_within_out(
     file: str, folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -138,8 +160,12 @@ def test_a_scenario_of_any_name_gets_a_folder_within_out(
     assert [p.name for p in Path("out").iterdir()] == [folder]
 
 
-@pytest.mark.parametrize(("out", "expected"), [("first/flight.mcap", "than the input"), ("a.toml", "ends in .mcap")])
-def test_a_replay_replaces_no_log(flown: Path, monkeypatch: pytest.MonkeyPatch, out: str, expected: str) -> None:
+@pytest.mark.parametrize(
+    ("out", "expected"), [("first/flight.mcap", "than the input"), ("a.toml", "ends in .mcap")]
+)
+def test_a_replay_replaces_no_log(
+    flown: Path, monkeypatch: pytest.MonkeyPatch, out: str, expected: str
+) -> None:
     monkeypatch.chdir(flown)
     before = files(flown)
     result = CliRunner().invoke(app, ["replay", "first/flight.mcap", "--out", out])
@@ -165,7 +191,11 @@ def test_the_ranges_of_a_log_are_taken_apart(flown: Path, tmp_path: Path) -> Non
     heads, *rows = (line.split(",") for line in table.read_text().splitlines())
     received = reader.read(log).measurements[0].ranges
     assert len(rows) == int(np.isfinite(received).sum())
-    used = [float(row[heads.index("used_range_m")]) for row in rows if row[heads.index("transmitter")] == "rear"]
+    used = [
+        float(row[heads.index("used_range_m")])
+        for row in rows
+        if row[heads.index("transmitter")] == "rear"
+    ]
     assert (
         0 < min(received[:, 0] - used) < max(received[:, 0] - used) < 1.0
     )  # Δz is 2 m, so that slant ranges are longer
@@ -173,10 +203,17 @@ def test_the_ranges_of_a_log_are_taken_apart(flown: Path, tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(
     ("options", "expected"),
-    [(["--set", "seed=3"], "--set changes a scenario"), (["--out", "a.xlsx"], "ends in .csv or .parquet")],
+    [
+        (["--set", "seed=3"], "--set changes a scenario"),
+        (["--out", "a.xlsx"], "ends in .csv or .parquet"),
+    ],
 )
-def test_inputs_without_a_range_budget_are_reported(flown: Path, options: list[str], expected: str) -> None:
-    result = CliRunner().invoke(app, ["range-budget", str(flown / "first" / "flight.mcap"), *options])
+def test_inputs_without_a_range_budget_are_reported(
+    flown: Path, options: list[str], expected: str
+) -> None:
+    result = CliRunner().invoke(
+        app, ["range-budget", str(flown / "first" / "flight.mcap"), *options]
+    )
     assert result.exit_code == 2
     assert expected in " ".join(result.output.split())
 
@@ -202,8 +239,11 @@ def test_help_imports_nothing_heavy() -> None:
         "from experiments.command.cli import main\n"
         "try: main()\n"
         "except SystemExit: pass\n"
-        "heavy = {'numpy', 'numba', 'mujoco', 'matplotlib', 'scipy', 'av', 'pyarrow'} & set(sys.modules)\n"
+        "heavy = {'numpy', 'numba', 'mujoco', 'matplotlib', 'scipy', 'av', 'pyarrow'} & "
+        "set(sys.modules)\n"
         "sys.exit(', '.join(sorted(heavy)) or 0)"
     )
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
     assert result.returncode == 0, result.stderr

@@ -20,10 +20,15 @@ def test_doctor_names_what_it_tried() -> None:
 
 @pytest.mark.parametrize("wanted", ["osmesa", "no-such-thing"])
 def test_a_missing_graphics_library_stops_no_flight(wanted: str, tmp_path: Path) -> None:
-    code = "import sys; sys.argv = ['laisn', 'check', 'T5']; from experiments.command.cli import main; main()"
+    code = (
+        "import sys; sys.argv = ['laisn', 'check', 'T5']; from experiments.command.cli import "
+        "main; main()"
+    )
     environment = os.environ | {"MUJOCO_GL": wanted}
     command = [sys.executable, "-c", code]
-    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    result = subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=120, check=False
+    )
     assert (result.returncode, result.stderr) == (0, "")
     assert "T5: valid: " in result.stdout
 
@@ -37,7 +42,13 @@ def test_the_command_works_where_other_packages_have_our_names(tmp_path: Path) -
     # -P: as for a console script, whose folder stands first instead of the working directory
     command = [sys.executable, "-P", "-c", code]
     result = subprocess.run(
-        command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+        command,
+        env=environment,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
     )
     assert (result.returncode, result.stderr) == (0, "")
     assert "T5: valid: " in result.stdout

@@ -24,7 +24,17 @@ from laisn_sim import main
 main()
 """
 NOTICE = "compiled (once)\n"
-FLY = [sys.executable, "-c", WITHOUT_REPORT, "fly", "T5", "--set", "duration_s=2", "--no-video", "--out"]
+FLY = [
+    sys.executable,
+    "-c",
+    WITHOUT_REPORT,
+    "fly",
+    "T5",
+    "--set",
+    "duration_s=2",
+    "--no-video",
+    "--out",
+]
 
 
 def gone(pid: int) -> bool:
@@ -60,15 +70,21 @@ if __name__ == "__main__":
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
-def test_workers_end_with_the_process_that_started_them(tmp_path: Path, how: signal.Signals) -> None:
+def test_workers_end_with_the_process_that_started_them(
+    tmp_path: Path, how: signal.Signals
+) -> None:
     script = tmp_path / "script.py"
     script.write_text(POOL)
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     # a test that was started in the background ignores Ctrl-C, and so would its children
     parent = subprocess.Popen(
-        [sys.executable, str(script)], env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+        [sys.executable, str(script)],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )  # fmt: skip
+    )
     assert parent.stdout is not None
     with parent:
         workers = [int(parent.stdout.readline()) for _ in range(2)]
@@ -80,7 +96,10 @@ def test_workers_end_with_the_process_that_started_them(tmp_path: Path, how: sig
 
 CHILD = """
 import os, subprocess, sys, time
-code = f"from sim.system import exit_with_parent; exit_with_parent({os.getpid()}); import time; time.sleep(60)"
+code = (
+        f"from sim.system import exit_with_parent; exit_with_parent({os.getpid()}); "
+        "import time; time.sleep(60)"
+    )
 child = subprocess.Popen([sys.executable, "-c", code])
 print(child.pid, flush=True)
 time.sleep(60)
@@ -88,7 +107,9 @@ time.sleep(60)
 
 
 def test_a_child_ends_with_a_parent_that_was_killed() -> None:
-    parent = subprocess.Popen([sys.executable, "-c", CHILD], cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    parent = subprocess.Popen(
+        [sys.executable, "-c", CHILD], cwd=ROOT, stdout=subprocess.PIPE, text=True
+    )
     assert parent.stdout is not None
     with parent:
         child = int(parent.stdout.readline())
@@ -102,9 +123,13 @@ def test_a_signal_ends_a_flight_like_ctrl_c(tmp_path: Path, how: signal.Signals)
     command = [*LAISN, "fly", "T5", "--no-video", "--out", str(folder)]
     # the parent of the tests may ignore it
     child = subprocess.Popen(
-        command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        command,
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
         preexec_fn=lambda: signal.signal(how, signal.SIG_DFL),
-    )  # fmt: skip
+    )
     while not list(folder.glob("unfinished")) and child.poll() is None:
         time.sleep(0.002)
     child.send_signal(how)
@@ -131,7 +156,9 @@ main()
 """
 
 
-@pytest.mark.parametrize("module", ["experiments", "typer", "experiments.command.errors", "numpy", "numba", "mujoco"])
+@pytest.mark.parametrize(
+    "module", ["experiments", "typer", "experiments.command.errors", "numpy", "numba", "mujoco"]
+)
 def test_ctrl_c_while_modules_are_loaded_gives_no_traceback(tmp_path: Path, module: str) -> None:
     command = [sys.executable, "-c", EARLY, module, *FLY[3:], str(tmp_path / "out")]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
@@ -183,29 +210,45 @@ def test_ctrl_c_at_the_very_end_kills_without_a_traceback() -> None:
 
 def test_a_poor_encoding_costs_letters_and_nothing_else(tmp_path: Path) -> None:
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}
-    done = subprocess.run([*FLY, str(tmp_path / "out")], cwd=ROOT, env=environment, capture_output=True, text=True)
+    done = subprocess.run(
+        [*FLY, str(tmp_path / "out")], cwd=ROOT, env=environment, capture_output=True, text=True
+    )
     assert (done.returncode, done.stderr.removeprefix(NOTICE)) == (0, "")
     assert "mean       ?" in done.stdout
     assert (tmp_path / "out" / "summary.json").exists()
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no device that is always full")
+@pytest.mark.skipif(
+    not Path("/dev/full").exists(), reason="this system has no device that is always full"
+)
 def test_a_full_disk_behind_standard_output_is_reported_and_costs_no_file(tmp_path: Path) -> None:
     with Path("/dev/full").open("w") as full:
-        done = subprocess.run([*FLY, str(tmp_path / "out")], cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True)
-        listed = subprocess.run([*LAISN, "scenarios"], cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True)
+        done = subprocess.run(
+            [*FLY, str(tmp_path / "out")], cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True
+        )
+        listed = subprocess.run(
+            [*LAISN, "scenarios"], cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True
+        )
     assert (done.returncode, listed.returncode) == (2, 2)
     # where this test is the first to compile something, a notice is printed before
-    assert done.stderr.removeprefix(NOTICE) == listed.stderr == "laisn: output: No space left on device\n"
+    assert (
+        done.stderr.removeprefix(NOTICE)
+        == listed.stderr
+        == "laisn: output: No space left on device\n"
+    )
     assert (tmp_path / "out" / "summary.json").exists()
 
 
 def test_a_closed_standard_output_costs_no_file(tmp_path: Path) -> None:
-    closed = subprocess.run(["sh", "-c", '"$@" >&-', "sh", *FLY, str(tmp_path / "closed")], cwd=ROOT, check=False)
+    closed = subprocess.run(
+        ["sh", "-c", '"$@" >&-', "sh", *FLY, str(tmp_path / "closed")], cwd=ROOT, check=False
+    )
     assert closed.returncode == 0
     read, write = os.pipe()
     os.close(read)
-    broken = subprocess.run([*FLY, str(tmp_path / "pipe")], cwd=ROOT, stdout=write, stderr=subprocess.PIPE, text=True)
+    broken = subprocess.run(
+        [*FLY, str(tmp_path / "pipe")], cwd=ROOT, stdout=write, stderr=subprocess.PIPE, text=True
+    )
     os.close(write)
     assert (broken.returncode, broken.stderr.removeprefix(NOTICE)) == (1, "")
     for name in ("closed", "pipe"):
@@ -227,9 +270,22 @@ motion = "kinematic"
 def test_ctrl_c_in_a_study_leaves_a_clean_state(tmp_path: Path) -> None:
     """No worker, no partial file, one line and exit code 130; what is stored is complete."""
     (tmp_path / "mine.toml").write_text(STUDY)
-    command = [*LAISN, "study", str(tmp_path / "mine.toml"), "--out", str(tmp_path / "out"), "--workers", "2"]
+    command = [
+        *LAISN,
+        "study",
+        str(tmp_path / "mine.toml"),
+        "--out",
+        str(tmp_path / "out"),
+        "--workers",
+        "2",
+    ]
     child = subprocess.Popen(
-        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        command,
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     )
     while child.poll() is None and not list(tmp_path.glob("out/store/*.npz")):
         time.sleep(0.01)
@@ -237,9 +293,13 @@ def test_ctrl_c_in_a_study_leaves_a_clean_state(tmp_path: Path) -> None:
     printed, reported = child.communicate(timeout=60)
     assert child.returncode == 130
     assert printed == ""
-    lines = [line for line in reported.splitlines() if not re.match(r"missions: |cells: |compiled", line)]
+    lines = [
+        line for line in reported.splitlines() if not re.match(r"missions: |cells: |compiled", line)
+    ]
     assert lines == ["laisn: interrupted; finished files are kept, none is half-written"]
-    assert not [path for path in (tmp_path / "out").rglob("*") if path.suffix not in {".npz", ".json", ""}]
+    assert not [
+        path for path in (tmp_path / "out").rglob("*") if path.suffix not in {".npz", ".json", ""}
+    ]
     until = time.monotonic() + 10.0
     while time.monotonic() < until and processes_of(child.pid):
         time.sleep(0.1)

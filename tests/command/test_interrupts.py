@@ -19,13 +19,23 @@ from tests.command.flights import WITHOUT_FILM, files
 
 def interrupted(folder: Path, begun: str, *options: str) -> str:
     """Press Ctrl-C in a flight of T5 into a folder as soon as a file is there; the message then."""
-    command = [sys.executable, "-m", "experiments.command.cli", "fly", "T5", *options, "--out", str(folder)]
+    command = [
+        sys.executable,
+        "-m",
+        "experiments.command.cli",
+        "fly",
+        "T5",
+        *options,
+        "--out",
+        str(folder),
+    ]
     child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     while not list(folder.glob(begun)) and child.poll() is None:
         time.sleep(0.002)
     child.send_signal(signal.SIGINT)
     printed, reported = child.communicate(timeout=60)
-    # a shell reports 130 for both: CPython ends by the signal if the interrupt met an `exec`, as in imports
+    # a shell reports 130 for both: CPython ends by the signal if the interrupt met an `exec`, as in
+    # imports
     assert child.returncode in (130, -signal.SIGINT), printed + reported
     # where this test is the first to compile something, a notice is printed before
     reported = reported.removeprefix("compiled (once)\n")
@@ -51,12 +61,17 @@ def test_ctrl_c_in_the_log_leaves_the_earlier_flight(flown: Path, tmp_path: Path
 
 
 @pytest.mark.skipif(graphics.working() is None, reason=graphics.MISSING)
-def test_ctrl_c_in_the_film_leaves_the_earlier_flight_and_the_new_log(flown: Path, tmp_path: Path) -> None:
+def test_ctrl_c_in_the_film_leaves_the_earlier_flight_and_the_new_log(
+    flown: Path, tmp_path: Path
+) -> None:
     folder = tmp_path / "stopped"
     shutil.copytree(flown / "first", folder)
     reported = interrupted(folder, "unfinished/flight.mcap", "--set", "duration_s=200")
     [log] = folder.glob("unfinished/*")
-    assert f"the unfinished flight is in {log.parent}; the earlier flight in {folder} is unchanged" in reported
+    assert (
+        f"the unfinished flight is in {log.parent}; the earlier flight in {folder} is unchanged"
+        in reported
+    )
     left = files(folder)
     assert reader.read(log).trajectory.time[-1] == 200
     assert left.pop(log.relative_to(folder).as_posix())
@@ -67,7 +82,9 @@ def press_ctrl_c(*_: object, **__: object) -> None:
     signal.raise_signal(signal.SIGINT)
 
 
-def press_ctrl_c_after_the_log(flight: object, errors: object, summary: object, path: Path, *_: object) -> None:
+def press_ctrl_c_after_the_log(
+    flight: object, errors: object, summary: object, path: Path, *_: object
+) -> None:
     """A report, drawn in a process of its own, that would take a minute."""
     while not path.with_name("flight.mcap").exists():
         time.sleep(0.01)
@@ -79,7 +96,8 @@ def press_ctrl_c_after_the_log(flight: object, errors: object, summary: object, 
 @pytest.mark.parametrize(
     ("where", "kept"),
     [
-        ("sim.log.writer.os.fsync", {"flight.mcap.partial"}),  # the log is written but has no name yet
+        # the log is written but has no name yet
+        ("sim.log.writer.os.fsync", {"flight.mcap.partial"}),
         ("sim.film.render.render", {"flight.mcap"}),
         ("experiments.pages.flight_report.flight_report", {"flight.mcap"}),
         ("sim.log.scene.layout", {"flight.mcap", "report.html"}),
@@ -95,8 +113,12 @@ def test_ctrl_c_in_any_phase_keeps_the_earlier_flight(
     before = files(folder)
     film = "--video" if where == "sim.film.render.render" else "--no-video"
     with monkeypatch.context() as patch:
-        patch.setattr(where, press_ctrl_c_after_the_log if where.endswith("report") else press_ctrl_c)
-        result = CliRunner().invoke(app, ["fly", "T5", "--set", "duration_s=100", film, "--out", str(folder)])
+        patch.setattr(
+            where, press_ctrl_c_after_the_log if where.endswith("report") else press_ctrl_c
+        )
+        result = CliRunner().invoke(
+            app, ["fly", "T5", "--set", "duration_s=100", film, "--out", str(folder)]
+        )
     assert result.exit_code == 130
     after = files(folder)
     assert {name: after.pop(name) for name in before} == before

@@ -29,10 +29,19 @@ from sim.vehicle.plant import PlantError
         (["render", "T5", "--set", "duration_s=20", "--camera", "drone"], "unknown camera 'drone'"),
         (["render", "T5", "--set", "duration_s=20", "--size", "12"], "expected WIDTHxHEIGHT"),
         (["render", "T5", "--set", "duration_s=20", "--size", "641x480"], "width_px"),
-        (["render", "T5", "--set", "duration_s=20", "--size", f"{'9' * 5000}x480"], "expected WIDTHxHEIGHT"),
+        (
+            ["render", "T5", "--set", "duration_s=20", "--size", f"{'9' * 5000}x480"],
+            "expected WIDTHxHEIGHT",
+        ),
         (["render", "T5", "--set", "duration_s=20", "--speed-up", "-3"], "speed_up"),
-        (["render", "T5", "--set", "duration_s=20", "--still", "99", "--out", "x.png"], "outside the mission"),
-        (["render", "T5", "--set", "duration_s=20", "--follower", "3"], "follower 3: expected 0 … 0"),
+        (
+            ["render", "T5", "--set", "duration_s=20", "--still", "99", "--out", "x.png"],
+            "outside the mission",
+        ),
+        (
+            ["render", "T5", "--set", "duration_s=20", "--follower", "3"],
+            "follower 3: expected 0 … 0",
+        ),
         (["render", "missing.mcap"], "missing.mcap"),
         (["log", "info", __file__], "no MCAP file"),
         (["log", "recover", __file__], "test_messages.py"),
@@ -65,11 +74,17 @@ def failing(error: Exception, monkeypatch: pytest.MonkeyPatch) -> Result:
     ("error", "wanted"),
     [
         (CampaignError("a worker process died"), "laisn: a worker process died"),
-        (CampaignError("the sources changed while it ran"), "laisn: the sources changed while it ran"),
+        (
+            CampaignError("the sources changed while it ran"),
+            "laisn: the sources changed while it ran",
+        ),
         (PlantError("the state of T2 is lost"), "laisn: the state of T2 is lost"),
         (LaisnError("unknown stage 9"), "laisn: unknown stage 9"),
         (LaisnError("one\ntwo \x1b[2J"), "laisn: one\ntwo \\x1b[2J"),
-        (OSError(errno.ENOSPC, "No space left on device", "out/a"), "laisn: out/a: No space left on device"),
+        (
+            OSError(errno.ENOSPC, "No space left on device", "out/a"),
+            "laisn: out/a: No space left on device",
+        ),
     ],
 )
 def test_user_errors_print_one_message_and_exit_with_code_2(
@@ -108,11 +123,16 @@ def test_internal_errors_print_one_line_with_the_traceback_path(
     assert written.startswith(f"laisn-sim {version('laisn-sim')}, Python ")
 
 
-def test_internal_errors_are_reported_without_a_writable_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_internal_errors_are_reported_without_a_writable_traceback(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(tempfile, "tempdir", "/dev/null")
     result = failing(RuntimeError("from elsewhere"), monkeypatch)
     assert result.exit_code == 1
-    assert "the traceback could not be written (Not a directory); LAISN_DEBUG=1 shows it" in result.output
+    assert (
+        "the traceback could not be written (Not a directory); LAISN_DEBUG=1 shows it"
+        in result.output
+    )
 
 
 def test_debugging_shows_every_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,7 +142,9 @@ def test_debugging_shows_every_traceback(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_no_message_is_longer_than_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
-    long = failing(LaisnError("\n".join(f"fault {i}" for i in range(1000))), monkeypatch).output.splitlines()
+    long = failing(
+        LaisnError("\n".join(f"fault {i}" for i in range(1000))), monkeypatch
+    ).output.splitlines()
     assert long[:2] == ["laisn: fault 0", "fault 1"]
     assert long[-1] == f"  … and {1000 - (len(long) - 1)} more"
     assert len(long) <= 24
@@ -135,7 +157,11 @@ def test_warnings_of_libraries_are_shown_to_developers_alone(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, debug: bool
 ) -> None:
     def warn(*_: object, **__: object) -> SimpleNamespace:
-        warnings.warn("A worker stopped while some jobs were given to the executor.", UserWarning, stacklevel=1)
+        warnings.warn(
+            "A worker stopped while some jobs were given to the executor.",
+            UserWarning,
+            stacklevel=1,
+        )
         return SimpleNamespace(report=lambda: tmp_path)
 
     monkeypatch.setattr("experiments.study.study.run", warn)
@@ -146,9 +172,15 @@ def test_warnings_of_libraries_are_shown_to_developers_alone(
     assert result.stderr == ""
 
 
-def test_a_damaged_result_is_reported_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_damaged_result_is_reported_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     def warn(*_: object, **__: object) -> SimpleNamespace:
-        warnings.warn("store/a.npz cannot be read and is computed again: it is empty", DamagedResult, stacklevel=2)
+        warnings.warn(
+            "store/a.npz cannot be read and is computed again: it is empty",
+            DamagedResult,
+            stacklevel=2,
+        )
         return SimpleNamespace(report=lambda: tmp_path)
 
     monkeypatch.setattr("experiments.study.study.run", warn)

@@ -1,4 +1,6 @@
-"""Avoidance: hand calculations, and two approaching points against the distance where the law stops them."""
+"""Avoidance: hand calculations, and two approaching points against the distance where the law
+stops them.
+"""
 
 import numpy as np
 import pytest
@@ -16,13 +18,17 @@ LAW, FORMATION = (
 
 def at(east: float, north: float, heading: float = 0.0) -> Records:
     """Something seen so far away by a hull on a heading."""
-    return np.array([(np.hypot(east, north), np.arctan2(east, north) - heading)], SIGHTING).view(np.recarray)
+    return np.array([(np.hypot(east, north), np.arctan2(east, north) - heading)], SIGHTING).view(
+        np.recarray
+    )
 
 
 @pytest.mark.parametrize(
     ("distance", "speed"), [(5.1, 0.0), (5.0, 0.0), (4.0, 0.4), (3.5, 0.6), (3.0, 0.8), (1.0, 0.8)]
 )
-def test_the_push_grows_from_the_sensors_range_to_that_of_full_speed(distance: float, speed: float) -> None:
+def test_the_push_grows_from_the_sensors_range_to_that_of_full_speed(
+    distance: float, speed: float
+) -> None:
     for heading in (0.0, 2.0):
         push = away(LAW, at(0.6 * distance, 0.8 * distance, heading), heading)
         assert push == pytest.approx((-0.6 * speed, -0.8 * speed))
@@ -41,7 +47,9 @@ def test_pushes_add_up_to_full_speed_at_most() -> None:
 
 @pytest.mark.parametrize("closing", [0.4, 1.0, 1.5])
 def test_two_approaching_vehicles_stop_at_the_distance_of_the_law(closing: float) -> None:
-    """As points that move as commanded: where 2 w(d) = c, which is R − (R − F) c / 2W, and never nearer."""
+    """As points that move as commanded: where 2 w(d) = c, which is R − (R − F) c / 2W, and never
+    nearer.
+    """
     stop = 5.0 - 2.0 * closing / (2 * 0.8)
     apart, least = 12.0, 12.0
     for _ in range(4000):

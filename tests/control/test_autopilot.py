@@ -1,4 +1,6 @@
-"""Thrust allocation, and step responses of the loops against the second-order systems they are designed to be."""
+"""Thrust allocation, and step responses of the loops against the second-order systems they are
+designed to be.
+"""
 
 import numpy as np
 import pytest
@@ -43,7 +45,10 @@ def allocated(records, **wanted):
         wrench[getattr(allocation, name.upper())] = value
     command = np.zeros(len(records))
     allocation.allocate(
-        allocation.pseudo_inverse(records, records["limits"]), records["limits"].copy(), wrench, command
+        allocation.pseudo_inverse(records, records["limits"]),
+        records["limits"].copy(),
+        wrench,
+        command,
     )
     return command, wrench
 
@@ -56,7 +61,9 @@ def test_allocation_never_exceeds_limits(force, moment, bow, stern, bow_limits, 
     assert np.all(command <= limits[:, 1])
     # the reported wrench is that of the commands
     assert command.sum() == pytest.approx(given_wrench[allocation.SWAY], abs=1e-9)
-    assert bow * command[0] - stern * command[1] == pytest.approx(given_wrench[allocation.YAW], abs=1e-9)
+    assert bow * command[0] - stern * command[1] == pytest.approx(
+        given_wrench[allocation.YAW], abs=1e-9
+    )
 
 
 @given(st.floats(-40, 40), st.floats(-40, 40), lever, lever)
@@ -68,7 +75,9 @@ def test_allocation_reproduces_what_thrusters_can_give(at_bow, at_stern, bow, st
 
 @given(thrust, thrust, lever, st.floats(1, 50))
 def test_the_moment_comes_first(force, moment, arm, most):
-    """Of a pair with equal levers and limits: the whole moment up to 2 a T, then the force that is left."""
+    """Of a pair with equal levers and limits: the whole moment up to 2 a T, then the force that
+    is left.
+    """
     command, _ = allocated(pair(arm, arm, [[-most, most]] * 2), sway=force, yaw=moment)
     turned = np.clip(moment, -2 * arm * most, 2 * arm * most)
     assert arm * (command[0] - command[1]) == pytest.approx(turned, abs=1e-9)
@@ -76,9 +85,13 @@ def test_the_moment_comes_first(force, moment, arm, most):
     assert command.sum() == pytest.approx(np.clip(force, -left, left), abs=1e-9)
 
 
-@given(st.lists(st.tuples(vector, vector), min_size=3, max_size=8), st.tuples(*[st.floats(-5, 5)] * 5))
+@given(
+    st.lists(st.tuples(vector, vector), min_size=3, max_size=8), st.tuples(*[st.floats(-5, 5)] * 5)
+)
 def test_thrusters_anywhere_give_what_they_can_give_independently(thrusters, wanted):
-    """Within limits the commands give the wrench on every component that the pseudo-inverse serves, by B u = τ."""
+    """Within limits the commands give the wrench on every component that the pseudo-inverse
+    serves, by B u = τ.
+    """
     forces, places = (np.array(column) for column in zip(*thrusters, strict=True))
     assume(np.all(np.linalg.norm(forces, axis=1) > 0.2))
     records = effectors_of(forces, places, [[-1e6, 1e6]] * len(thrusters))
@@ -118,7 +131,8 @@ def northbound(depth=None, speed=1.0):
 
 
 def test_the_design_is_read_from_the_vehicle():
-    # leader.xml: mass 67.1515, added 1.96437, 63.43995, 11.44948; inertia 13.64016 about a centre 0.02 m low; lag 0.3 s
+    # leader.xml: mass 67.1515, added 1.96437, 63.43995, 11.44948; inertia 13.64016 about a centre
+    # 0.02 m low; lag 0.3 s
     d = autopilot.design(plant(), ("pitch",))[0]
     assert d["omega"] == pytest.approx(1 / 1.2)
     assert d["surge_mass"] == pytest.approx(67.1515 + 1.96437)
@@ -128,7 +142,8 @@ def test_the_design_is_read_from_the_vehicle():
     assert d["righting"] == pytest.approx(67.1515 * 9.81 * 0.02)
     # a pair at ±0.62 m: half of the side force each, and the moment over the distance between them
     np.testing.assert_allclose(
-        d["slow_allocation"][1:3, [allocation.SWAY, allocation.YAW]], [[0.5, 1 / 1.24], [0.5, -1 / 1.24]]
+        d["slow_allocation"][1:3, [allocation.SWAY, allocation.YAW]],
+        [[0.5, 1 / 1.24], [0.5, -1 / 1.24]],
     )
     assert not d["slow_allocation"][5:].any()
     assert d["effectors"]["limits"][0].tolist() == [-60, 150]
@@ -136,7 +151,8 @@ def test_the_design_is_read_from_the_vehicle():
 
 @pytest.mark.parametrize("model", ["leader", "follower"])
 def test_the_drag_that_the_autopilot_expects_is_that_of_the_plant(model):
-    # at constant speed thrust is drag; nothing is left for the integral or the along-track correction to do
+    # at constant speed thrust is drag; nothing is left for the integral or the along-track
+    # correction to do
     flown = simulate(plant(model), [northbound()], 60.0)
     d = autopilot.design(plant(model), ("pitch",))[0]
     expected = d["drag"] + d["drag_linear"] * np.exp(-d["drag_fade"])
@@ -162,7 +178,8 @@ def test_a_turn_of_ninety_degrees_is_flown_at_ten_degrees_per_second(model, spee
 
 @pytest.mark.parametrize(("model", "top"), [("leader", 3.0), ("follower", 3.0)])
 def test_speed_changes_at_a_fifth_of_a_metre_per_second_squared(model, top):
-    # 1 to 3 m/s at 0.2 m/s² takes 10 s; the ramp is the reference's, the vehicle lags it by less than its bandwidth
+    # 1 to 3 m/s at 0.2 m/s² takes 10 s; the ramp is the reference's, the vehicle lags it by less
+    # than its bandwidth
     time = np.array([0.0, 30.0, 90.0])
     north = np.array([0.0, 30.0, 30.0 + 60.0 * top - (top - 1) ** 2 / 0.4])
     route = Route.timed("ramp", np.column_stack([time, 0 * time, north]), 10.0)
@@ -181,7 +198,8 @@ def test_depth_is_held_by_trim_against_excess_buoyancy(model, buoyancy):
     flown = simulate(plant(model, buoyancy=buoyancy), [northbound(speed=1.2)], 200.0)
     last = flown.time > 150
     assert flown.depth[last, 0] == pytest.approx(10.0, abs=0.02)
-    # buoyant: the nose stays down; the lift of the incidence follows from the hull's and the fins' coefficients
+    # buoyant: the nose stays down; the lift of the incidence follows from the hull's and the fins'
+    # coefficients
     d = autopilot.design(plant(model), ("pitch",))[0]
     linear = -buoyancy / (d["lift"] * 1.2**2)
     # cross-flow drag helps: the angle is less than the linear lift alone requires, but of its order
@@ -201,7 +219,9 @@ def test_depth_is_held_by_thrust_with_a_level_hull(model):
 
 @pytest.mark.parametrize("mode", ["pitch", "thrust"])
 def test_slow_vehicles_hold_depth_too(mode):
-    flown = simulate(plant("follower", buoyancy=3.0, speed=0.3), [northbound(speed=0.3)], 150.0, (mode,))
+    flown = simulate(
+        plant("follower", buoyancy=3.0, speed=0.3), [northbound(speed=0.3)], 150.0, (mode,)
+    )
     assert flown.depth[-1, 0] == pytest.approx(10.0, abs=0.03)
 
 
@@ -290,20 +310,32 @@ def test_integrals_follow_their_errors_until_thrusters_give_out(sign):
 
     def remembered(angle, speed, depth, rate=0.0):
         motion = autopilot.VehicleState(
-            surge=1.0 - sign * speed, sway=0.0, heading=-sign * angle, turning=sign * rate, pitch=-sign * angle,
-            pitching=sign * rate, depth=10.0 - sign * depth, sinking=0.0,
-        )  # fmt: skip
+            surge=1.0 - sign * speed,
+            sway=0.0,
+            heading=-sign * angle,
+            turning=sign * rate,
+            pitch=-sign * angle,
+            pitching=sign * rate,
+            depth=10.0 - sign * depth,
+            sinking=0.0,
+        )
         memory, command = record(autopilot.AUTOPILOT_MEMORY), np.zeros(5)
         autopilot.control(design, (0.0, 0.0, 1.0), reference, motion, dt, memory, command)
         return memory, command
 
     angle, omega = np.deg2rad(0.5), design["omega"]
     memory, command = remembered(angle, 0.01, 0.0)
-    assert memory.heading_integral == pytest.approx(-sign * 0.1 * design["yaw_inertia"] * omega**3 * angle * dt)
-    assert memory.pitch_integral == pytest.approx(sign * 0.1 * design["pitch_inertia"] * omega**3 * angle * dt)
+    assert memory.heading_integral == pytest.approx(
+        -sign * 0.1 * design["yaw_inertia"] * omega**3 * angle * dt
+    )
+    assert memory.pitch_integral == pytest.approx(
+        sign * 0.1 * design["pitch_inertia"] * omega**3 * angle * dt
+    )
     # the hull's way over ground is its way through the water times the cosine of its pitch
     missing = 1.0 / np.cos(angle) - (1.0 - sign * 0.01)
-    assert memory.speed_integral == pytest.approx(0.05 * design["surge_mass"] * omega**2 * missing * dt)
+    assert memory.speed_integral == pytest.approx(
+        0.05 * design["surge_mass"] * omega**2 * missing * dt
+    )
     assert np.all(np.abs(command) < design["effectors"]["limits"][:5, 1])
     far, command = remembered(0.5, 0.0, 0.0, rate=5.0)
     assert far.heading_integral == far.pitch_integral == 0.0

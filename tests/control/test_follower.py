@@ -1,4 +1,6 @@
-"""Control of a follower by its readings and estimates, against filters and limits calculated by hand."""
+"""Control of a follower by its readings and estimates, against filters and limits calculated by
+hand.
+"""
 
 from typing import Any
 
@@ -20,10 +22,15 @@ DT = 0.1
 
 
 class Deck:
-    """A follower 20 m behind a leader that goes north at 1 m/s, with receptions for half a minute."""
+    """A follower 20 m behind a leader that goes north at 1 m/s, with receptions for half a
+    minute.
+    """
 
     def __init__(self, aside: float = 0.0, **formation: Any) -> None:
-        self.formation, self.memory = Formation(**formation).record(), record(follower.FOLLOWER_MEMORY)
+        self.formation, self.memory = (
+            Formation(**formation).record(),
+            record(follower.FOLLOWER_MEMORY),
+        )
         self.trail, self.count = records(TRAIL, 50), np.zeros(1, dtype=np.int64)
         self.station, self.reference = record(STATION, 20.0, 0.0, 12.0), record(REFERENCE)
         self.reading, self.estimate = record(READING), record(ESTIMATE)
@@ -34,12 +41,16 @@ class Deck:
             self.extend_trail(sent, second)
 
     def extend_trail(self, sent: Record, now: float) -> None:
-        extend_trail(self.formation, self.station, sent, self.trail, self.count, (now, DT), self.memory)
+        extend_trail(
+            self.formation, self.station, sent, self.trail, self.count, (now, DT), self.memory
+        )
 
     def tick(self, now: float = 30.0) -> tuple[tuple[float, float, float], VehicleState]:
         known = self.trail, self.count[0]
         senses = self.reading, self.estimate
-        return keep_station(self.formation, self.station, senses, known, (now, DT), self.memory, self.reference)
+        return keep_station(
+            self.formation, self.station, senses, known, (now, DT), self.memory, self.reference
+        )
 
     def ticks(self, n: int) -> Floats:
         """Measured surge and heading, and wanted heading and speed, shape (n, 4)."""
@@ -51,7 +62,9 @@ class Deck:
 
 
 def test_a_message_that_was_long_under_way_turns_the_frame_as_far_as_one_that_was_not() -> None:
-    """The leader has turned to the east 8 m ahead of the station; the message of 30 s is in at once, or at 30.4 s."""
+    """The leader has turned to the east 8 m ahead of the station; the message of 30 s is in at
+    once, or at 30.4 s.
+    """
     frames = []
     for late in (False, True):
         deck = Deck()
@@ -126,7 +139,9 @@ def test_a_follower_with_ambiguous_side_goes_parallel(spread: float, aims: bool)
 
 
 def test_who_may_be_at_either_of_two_places_steers_by_the_likelier() -> None:
-    """4 m to port of its station or as much to starboard, in the mean on it; by the mean it would go straight on."""
+    """4 m to port of its station or as much to starboard, in the mean on it; by the mean it
+    would go straight on.
+    """
     wanted = []
     for lean in (-4.0, 0.0, 4.0):
         deck = Deck()
@@ -145,14 +160,18 @@ def test_a_new_depth_is_taken_up_at_a_fifth_of_a_metre_a_second() -> None:
     deck.station.depth = 11.0
     for n in range(1, 4):
         deck.tick()
-        assert (deck.reference.depth, deck.reference.sinking) == pytest.approx((12.0 - 0.02 * n, -0.2))
+        assert (deck.reference.depth, deck.reference.sinking) == pytest.approx(
+            (12.0 - 0.02 * n, -0.2)
+        )
     deck.station.depth = 12.0 - 0.07
     deck.tick()
     assert (deck.reference.depth, deck.reference.sinking) == pytest.approx((11.93, -0.1))
 
 
 def test_silence_takes_it_off_its_station_as_its_place_in_the_trail_gets_uncertain() -> None:
-    """0.3 m of its own and 0.1 m/s of the leader's make 0.5 m after 4 s: until then it aims, then goes parallel."""
+    """0.3 m of its own and 0.1 m/s of the leader's make 0.5 m after 4 s: until then it aims,
+    then goes parallel.
+    """
     given = {
         "leader_velocity_sigma_m_s": 0.1,
         "max_trail_sigma_m": 0.5,

@@ -17,7 +17,9 @@ CORNER = Route.timed("corner", [[0, 0, 0], [200, 0, 200], [400, 200, 200]], 5.0)
 
 
 def follow(route, duration, water=(0.0, 0.0), offset=(0.0, 0.0), heading=0.0, known=True):
-    """Positions, headings and speeds of a point that moves as commanded, with a known or an unknown current."""
+    """Positions, headings and speeds of a point that moves as commanded, with a known or an
+    unknown current.
+    """
     table = guidance.reference([route], np.arange(0, duration, DT))[:, 0]
     position = np.array([table[0].east, table[0].north]) + np.array(offset)
     velocity = table[0].speed * np.array([np.sin(heading), np.cos(heading)]) - np.array(water)
@@ -37,11 +39,14 @@ def follow(route, duration, water=(0.0, 0.0), offset=(0.0, 0.0), heading=0.0, kn
 
 
 def test_a_reference_holds_motion_and_depth():
-    route = Route.timed("dive", [[0, 0, 0], [100, 0, 100]], DepthProfile.through([[0, 5], [50, 10]]))
+    route = Route.timed(
+        "dive", [[0, 0, 0], [100, 0, 100]], DepthProfile.through([[0, 5], [50, 10]])
+    )
     table = guidance.reference([route, routes.library_route("L")], np.array([0.0, 25.0, 80.0]))
     assert table.shape == (3, 2)
     assert table[:, 0].north == pytest.approx([0, 25, 80])
-    # before 0 s the depth is held: half of the first interval of the mean, and a quarter of its rise
+    # before 0 s the depth is held: half of the first interval of the mean, and a quarter of its
+    # rise
     assert table[:, 0].depth == pytest.approx([5 + 0.1 * 6.0 / 8, 7.5, 10])
     assert table[:, 0].sinking == pytest.approx([0.05, 0.1, 0])
     assert table[:, 1].course == pytest.approx(np.pi / 2)
@@ -84,13 +89,17 @@ def test_the_vehicle_crabs_against_a_current(water, known, duration):
 
 
 def test_an_offset_is_converted_to_a_current_within_bounds():
-    """Held 1 m to the east it makes 1/400 m/s of it each second; 5 m count as 2 m, and it ends at 1 m/s."""
+    """Held 1 m to the east it makes 1/400 m/s of it each second; 5 m count as 2 m, and it ends
+    at 1 m/s.
+    """
     row = guidance.reference([NORTHBOUND], np.zeros(1))[0, 0]
     for offset, seconds, expected in ((1.0, 10.0, 0.025), (5.0, 10.0, 0.05), (-5.0, 500.0, -1.0)):
         memory = record(guidance.GUIDANCE_MEMORY)
         for _ in range(round(seconds / DT)):
             guidance.integrate_offset(row, np.array([offset, 0.0]), DT, memory)
-        assert (memory.heading, memory.speed, *memory.current) == pytest.approx((0.0, 0.0, expected, 0.0))
+        assert (memory.heading, memory.speed, *memory.current) == pytest.approx(
+            (0.0, 0.0, expected, 0.0)
+        )
 
 
 def test_the_current_is_low_passed():
@@ -146,7 +155,9 @@ def test_accelerations_are_given_early():
 
 
 def test_depth_is_smoothed_and_its_rate_is_that_of_the_mean():
-    route = Route.timed("step", [[0, 0, 0], [100, 0, 100]], DepthProfile.through([[0, 5], [50, 5], [50.01, 8]]))
+    route = Route.timed(
+        "step", [[0, 0, 0], [100, 0, 100]], DepthProfile.through([[0, 5], [50, 5], [50.01, 8]])
+    )
     table = guidance.reference([route], np.arange(0, 100, DT))[:, 0]
     # a step's mean is a ramp as long as the width
     assert table.sinking.max() == pytest.approx(3 / 6.0)

@@ -1,4 +1,6 @@
-"""Trails extended along the leader's waypoints without receptions, against the trail with all receptions."""
+"""Trails extended along the leader's waypoints without receptions, against the trail with all
+receptions.
+"""
 
 import numpy as np
 import pytest
@@ -45,7 +47,15 @@ class Listener:
 
     def hear(self, k: int, off: tuple[float, float] = (0.0, 0.0)) -> None:
         clock = k * DT, DT
-        extend_trail(self.formation, self.station, said_at(k, off), self.trail, self.count, clock, self.memory)
+        extend_trail(
+            self.formation,
+            self.station,
+            said_at(k, off),
+            self.trail,
+            self.count,
+            clock,
+            self.memory,
+        )
 
     def miss(self, first: int, last: int) -> None:
         """Ticks without a message, of which each turns the frame."""
@@ -53,7 +63,9 @@ class Listener:
             received = self.memory.last_received, self.memory.received_points
             extend_as_planned(self.plan, self.trail, self.count, received, (k, DT))
             known = self.trail, self.count[0]
-            turn_frame(self.formation, self.station, known, ((k - 1) * DT, k * DT), DT, self.memory.frame)
+            turn_frame(
+                self.formation, self.station, known, ((k - 1) * DT, k * DT), DT, self.memory.frame
+            )
 
     def place(self, k: int) -> tuple[float, float]:
         target = station_at(self.station, (self.trail, self.count[0]), k * DT, self.memory.frame)
@@ -77,7 +89,8 @@ def test_a_message_contains_the_track_until_the_turn_at_its_last_waypoint() -> N
 
 
 def test_the_trail_of_a_plan_is_that_of_messages() -> None:
-    """The leader turns at 40 s; one follower receives it each second, the other nothing from 21 s to 79 s.
+    """The leader turns at 40 s; one follower receives it each second, the other nothing from 21 s
+    to 79 s.
 
     After a message the frame is where it would be, had no message been missed.
     """
@@ -91,14 +104,19 @@ def test_the_trail_of_a_plan_is_that_of_messages() -> None:
     np.testing.assert_allclose(quiet.place(800), all_heard.place(800), rtol=0, atol=0.01)
     quiet.hear(800)
     for name in TRAIL.names or ():
-        found, expected = quiet.trail[: quiet.count[0]][name], all_heard.trail[: all_heard.count[0]][name]
+        found, expected = (
+            quiet.trail[: quiet.count[0]][name],
+            all_heard.trail[: all_heard.count[0]][name],
+        )
         np.testing.assert_allclose(found, expected, atol=1e-9)
     frames = quiet.memory.frame.tolist(), all_heard.memory.frame.tolist()
     np.testing.assert_allclose(*frames, rtol=0, atol=1e-9)
 
 
 def test_without_its_waypoints_a_leader_is_taken_to_go_straight_on() -> None:
-    """With one waypoint the track is known until 33 s, and goes north from there as it did before."""
+    """With one waypoint the track is known until 33 s, and goes north from there as it did
+    before.
+    """
     for waypoints, points in ((0, 21), (1, 21 + 13)):
         quiet = Listener(planned(waypoints))
         for k in range(10, 210, 10):

@@ -1,4 +1,6 @@
-"""Trail, stations and laws, against closed forms: straight lines, circles, a vehicle without lag."""
+"""Trail, stations and laws, against closed forms: straight lines, circles, a vehicle without
+lag.
+"""
 
 from collections.abc import Callable
 
@@ -25,7 +27,9 @@ from tests.synthetic import record
 FRAME = Formation(inner_slowdown=0.35, preview_s=0.0).record()
 
 
-def laid(points: Floats, times: Floats, headings: Floats | None = None, through: float = 1.0) -> tuple[Records, Ints]:
+def laid(
+    points: Floats, times: Floats, headings: Floats | None = None, through: float = 1.0
+) -> tuple[Records, Ints]:
     trail, count = records(way.TRAIL, len(points) + 1), np.zeros(1, dtype=np.int64)
     for i, (point, time) in enumerate(zip(points, times, strict=True)):
         heading = 0.0 if headings is None else float(headings[i])
@@ -33,7 +37,9 @@ def laid(points: Floats, times: Floats, headings: Floats | None = None, through:
     return trail, count
 
 
-def straight(speed: float = 1.5, course: float = 0.3, seconds: int = 60) -> tuple[Records, Ints, Floats]:
+def straight(
+    speed: float = 1.5, course: float = 0.3, seconds: int = 60
+) -> tuple[Records, Ints, Floats]:
     ahead = np.array([np.sin(course), np.cos(course)])
     times = np.arange(seconds + 1.0)
     trail, count = laid(speed * times[:, None] * ahead, times, np.full(times.size, course))
@@ -65,7 +71,9 @@ def test_a_trail_through_few_points_of_a_circle_is_the_circle() -> None:
         assert (course - arc / radius + np.pi) % (2 * np.pi) - np.pi == pytest.approx(0.0, abs=0.1)
 
 
-@pytest.mark.parametrize("share", [lambda t: t * t, lambda t: 2.0 * t - t * t], ids=["ever faster", "ever slower"])
+@pytest.mark.parametrize(
+    "share", [lambda t: t * t, lambda t: 2.0 * t - t * t], ids=["ever faster", "ever slower"]
+)
 def test_a_trail_of_uneven_pace_is_the_circle_everywhere(share: Callable[[Floats], Floats]) -> None:
     """Points lie far from where an even pace would have them."""
     angle = 3.0 * share(np.linspace(0.0, 1.0, 61))
@@ -133,24 +141,37 @@ def test_an_instantaneous_swing_is_replaced_by_a_turn_about_the_same_instant(
     points = pace * np.column_stack([np.maximum(times - 40.0, 0.0), np.minimum(times, 40.0)])
     trail, count = laid(points, times, np.where(times > 40.0, np.pi / 2, 0.0))
     station, memory = record(STATION, 20.0 * pace, 0.0, 12.0), record(FRAME_STATE)
-    before, after = np.array([-current[0], pace - current[1]]), np.array([pace - current[0], -current[1]])
+    before, after = (
+        np.array([-current[0], pace - current[1]]),
+        np.array([pace - current[0], -current[1]]),
+    )
     start, end = np.arctan2(*before), np.arctan2(*after)
     for late in (-8.0, -5.0, -2.0, 2.0, 5.0, 8.0):
-        command = rate_limited_velocity(FRAME, station, (trail, count[0]), 60.0 + late, current, memory)
+        command = rate_limited_velocity(
+            FRAME, station, (trail, count[0]), 60.0 + late, current, memory
+        )
         through = np.array(command) - current
-        # half way between what a hull may have turned to already and what it may still have to turn from
+        # half way between what a hull may have turned to already and what it may still have to turn
+        # from
         upper = max(start, end - AGILITY * max(-late, 0.0))
         lower = min(end, start + AGILITY * max(late, 0.0))
         expected = 0.5 * (upper + lower)
         # the corner of the trail is rounded over the two metres about it
         assert np.arctan2(*through) == pytest.approx(expected, abs=0.1)
-        assert np.hypot(*through) == pytest.approx(np.hypot(*(before if late < 0.0 else after)), abs=1e-6)
+        assert np.hypot(*through) == pytest.approx(
+            np.hypot(*(before if late < 0.0 else after)), abs=1e-6
+        )
 
 
 def test_on_a_straight_way_nothing_is_foreseen() -> None:
     trail, count, ahead = straight()
     command = rate_limited_velocity(
-        FRAME, record(STATION, 20.0, 7.0, 12.0), (trail, count[0]), 60.0, (0.2, -0.1), record(FRAME_STATE, 0.3, 0.0)
+        FRAME,
+        record(STATION, 20.0, 7.0, 12.0),
+        (trail, count[0]),
+        60.0,
+        (0.2, -0.1),
+        record(FRAME_STATE, 0.3, 0.0),
     )
     assert command == pytest.approx(tuple(1.5 * ahead))
 
@@ -158,22 +179,30 @@ def test_on_a_straight_way_nothing_is_foreseen() -> None:
 def between_envelopes(
     trail: Records, count: int, station: Record, time: float, current: Floats, memory: Record
 ) -> Floats:
-    """The same by McShane's envelopes in NumPy: of headings at all instants at once, over ground again at the end."""
+    """The same by McShane's envelopes in NumPy: of headings at all instants at once, over ground
+    again at the end.
+    """
     later = FRAME.preview + np.arange(-10.0, 11.0)
     speed = trail[count - 1].pace
     arcs = way.arc_at(trail, count, time) - station.behind + later * speed
     course = np.array([np.arctan2(*way.at(trail, count, arc)[2:4]) for arc in arcs])
     frame, swept = memory.heading + later * memory.rate, station.port * memory.rate
-    needed = speed * np.array([np.sin(course), np.cos(course)]) + swept * np.array([np.sin(frame), np.cos(frame)])
+    needed = speed * np.array([np.sin(course), np.cos(course)]) + swept * np.array(
+        [np.sin(frame), np.cos(frame)]
+    )
     needed -= current[:, None]
     heading = np.unwrap(np.arctan2(*needed))
     reach = AGILITY * np.abs(np.arange(-10.0, 11.0))
     command = 0.5 * (np.max(heading - reach) + np.min(heading + reach))
-    return np.asarray(np.hypot(*needed[:, 10]) * np.array([np.sin(command), np.cos(command)]) + current)
+    return np.asarray(
+        np.hypot(*needed[:, 10]) * np.array([np.sin(command), np.cos(command)]) + current
+    )
 
 
 def test_what_is_foreseen_is_between_the_envelopes_on_legs_and_in_bends() -> None:
-    """A way that winds ever tighter, and a frame that turns: from bends that a hull follows to those that it cannot."""
+    """A way that winds ever tighter, and a frame that turns: from bends that a hull follows to
+    those that it cannot.
+    """
     times = np.arange(0.0, 200.0)
     course = 2.0 * np.sin((0.02 * times) ** 2)
     points = np.cumsum(np.column_stack([np.sin(course), np.cos(course)]), axis=0)
@@ -182,22 +211,35 @@ def test_what_is_foreseen_is_between_the_envelopes_on_legs_and_in_bends() -> Non
     for time in np.arange(60.25, 210.0, 0.7):
         station, memory = record(STATION, 25.0, 8.0, 12.0), record(FRAME_STATE, 0.4, 0.01)
         for current in (np.array([0.0, 0.0]), np.array([0.3, 0.5])):
-            command = rate_limited_velocity(FRAME, station, (trail, n), time, (current[0], current[1]), memory)
+            command = rate_limited_velocity(
+                FRAME, station, (trail, n), time, (current[0], current[1]), memory
+            )
             expected = between_envelopes(trail, n, station, time, current, memory)
             assert command == pytest.approx(tuple(expected), abs=1e-9)
             late = way.arc_at(trail, n, time) - 25.0
-            bends = np.ptp(np.unwrap([np.arctan2(*way.at(trail, n, late + j)[2:4]) for j in range(-10, 11)])) > 1.0
+            bends = (
+                np.ptp(
+                    np.unwrap(
+                        [np.arctan2(*way.at(trail, n, late + j)[2:4]) for j in range(-10, 11)]
+                    )
+                )
+                > 1.0
+            )
             slow, quick = slow + (not bends), quick + bends
     assert slow > 50
     assert quick > 50
 
 
 def test_the_turn_rate_of_a_curve_is_limited() -> None:
-    """The turn of an S is that of both bends together, and little more: by directions at 2000 places on it."""
+    """The turn of an S is that of both bends together, and little more: by directions at 2000
+    places on it.
+    """
     times = np.arange(0.0, 100.0)
     course = np.where(times < 50.0, 0.04 * times, 4.0 - 0.04 * times)
     courses = course + 0.3
-    trail, count = laid(np.cumsum(np.column_stack([np.sin(course), np.cos(course)]), axis=0), times, courses)
+    trail, count = laid(
+        np.cumsum(np.column_stack([np.sin(course), np.cos(course)]), axis=0), times, courses
+    )
     for since in (-8.0, 5.0, 48.5, 80.2, 98.9):
         arcs = np.linspace(since, trail[count[0] - 1].arc, 2000)
         ways = np.array([way.at(trail, count[0], arc)[2:4] for arc in arcs])
@@ -246,15 +288,21 @@ def test_a_point_that_follows_the_command_arrives(kind: int) -> None:
     for k in range(6000):
         target = Target(0.1 * k, 0.0, 1.0, 0.0, 1.0, 0.0)
         command = (0.0, 0.3) if kind == CONSTANT_BEARING else (0.0, 0.0)
-        east, north, integral = approach(settings, target, (place[0], place[1]), command, 0.1, integral)
+        east, north, integral = approach(
+            settings, target, (place[0], place[1]), command, 0.1, integral
+        )
         place = place + 0.1 * (np.array([east, north]) + current)
     off = place - np.array([0.1 * 6000, 0.0])
     assert abs(off[1]) < 0.05
     assert abs(off[0]) < (0.05 if kind == CONSTANT_BEARING else 1.0)
 
 
-@pytest.mark.parametrize(("velocity", "calls"), [((4.0, 3.0), 2.5), ((0.04, 0.03), 0.2), ((0.8, 0.6), 1.0)])
-def test_a_station_too_fast_or_too_slow_is_followed_at_the_limit(velocity: tuple[float, float], calls: float) -> None:
+@pytest.mark.parametrize(
+    ("velocity", "calls"), [((4.0, 3.0), 2.5), ((0.04, 0.03), 0.2), ((0.8, 0.6), 1.0)]
+)
+def test_a_station_too_fast_or_too_slow_is_followed_at_the_limit(
+    velocity: tuple[float, float], calls: float
+) -> None:
     """Along the way of the station, of which nothing is lacking."""
     target = Target(0.0, 0.0, *velocity, *velocity)
     found = approach(law(min_along_track_speed=0.0), target, (0.0, 0.0), (0.0, 0.0), 0.1, 0.0)
@@ -264,18 +312,27 @@ def test_a_station_too_fast_or_too_slow_is_followed_at_the_limit(velocity: tuple
 def test_a_far_station_is_approached_at_the_greatest_speed_and_a_near_one_in_proportion() -> None:
     target = Target(0.0, 0.0, 1.0, 0.0, 1.0, 0.0)
     assert approach(LAW, target, (-1e6, 0.0), (0.0, 0.0), 0.1, 0.0)[:2] == pytest.approx((2.0, 0.0))
-    assert approach(LAW, target, (-0.05, 0.0), (0.0, 0.0), 0.1, 0.0)[:2] == pytest.approx((1.01, 0.0), abs=1e-5)
+    assert approach(LAW, target, (-0.05, 0.0), (0.0, 0.0), 0.1, 0.0)[:2] == pytest.approx(
+        (1.01, 0.0), abs=1e-5
+    )
 
 
 @given(st.floats(-40, 40), st.floats(-40, 40), st.floats(-20, 20), st.floats(-3, 3))
-def test_lines_of_sight_are_those_of_their_papers(x: float, y: float, integral: float, course: float) -> None:
+def test_lines_of_sight_are_those_of_their_papers(
+    x: float, y: float, integral: float, course: float
+) -> None:
     """ILOS and ALOS, with the error e across the way and its integral or the crab angle β.
 
     ILOS: ψ = χ − arctan((e + σ ∫) / Δ) and ∫' = Δ e / (Δ² + (e + σ ∫)²).
     ALOS: ψ = χ − β − arctan(e / Δ) and β' = γ Δ e / √(Δ² + e²).
     """
     free = {"min_along_track_speed": -99.0, "min_speed": 0.0, "max_speed": 99.0}
-    ahead, dt, delta, sigma = np.array([np.sin(course), np.cos(course)]), 0.1, LAW.lookahead, LAW.integral
+    ahead, dt, delta, sigma = (
+        np.array([np.sin(course), np.cos(course)]),
+        0.1,
+        LAW.lookahead,
+        LAW.integral,
+    )
     target = Target(3.0, -4.0, *(1.2 * ahead), *(1.2 * ahead))
     along, e = np.array([x, y]) @ ahead, np.array([x, y]) @ np.array([ahead[1], -ahead[0]])
     speed = 1.2 - LAW.approach_speed * along / np.hypot(along, delta)
@@ -291,4 +348,6 @@ def test_lines_of_sight_are_those_of_their_papers(x: float, y: float, integral: 
         grown = held + dt * rate
         wanted = course - grown - np.arctan(e / delta) if heading is None else heading
         found = approach(law(law=kind, **free), target, (3.0 + x, y - 4.0), (0.0, 0.0), dt, held)
-        assert found == pytest.approx((speed * np.sin(wanted), speed * np.cos(wanted), grown), abs=1e-9)
+        assert found == pytest.approx(
+            (speed * np.sin(wanted), speed * np.cos(wanted), grown), abs=1e-9
+        )

@@ -107,7 +107,9 @@ def test_milliseconds_taken_for_seconds_are_doubted(tmp_path: Path) -> None:
 
 
 def test_poses_of_one_time_are_joined(tmp_path: Path) -> None:
-    """A1 is at the time of A0 or of A2: the way ends where it did, in one step; its range keeps its time."""
+    """A1 is at the time of A0 or of A2: the way ends where it did, in one step; its range keeps
+    its time.
+    """
     for at, first in (("10.0", "11.2"), ("13.0", "13.0")):
         text = GRAPH.replace("VERTEX_SE2 11.0 A1", f"VERTEX_SE2 {at} A1") + (
             f"VERTEX_SE2 15.0 A3 3.0 9.0 1.57\nEDGE_SE2 15.0 A2 A3 1.0 0.0 0.2 {NOISE}\n"
@@ -132,24 +134,39 @@ def test_vertices_composed_of_the_odometry_are_no_path_to_compare_with(tmp_path:
 
 
 def test_what_a_graph_states_of_its_odometry_is_navigated_by(tmp_path: Path) -> None:
-    steps = [f"EDGE_SE2 {k}.0 A{k - 1} A{k} 1.0 0.0 0.0 0.0004 0 0 0.0004 0 0.000009" for k in range(1, 21)]
+    steps = [
+        f"EDGE_SE2 {k}.0 A{k - 1} A{k} 1.0 0.0 0.0 0.0004 0 0 0.0004 0 0.000009"
+        for k in range(1, 21)
+    ]
     poses = [f"VERTEX_SE2 {k}.0 A{k} {k}.0 {0.1 * k} 0.0" for k in range(21)]
     text = "\n".join([*poses, *steps, "VERTEX_XY L0 20.0 9.0", "EDGE_RANGE 5.0 A5 L0 17.0 0.09"])
     write_data_set(read_data_set(graph(tmp_path, text)), tmp_path / "a.mcap")
     recorded = read_data_set_log(tmp_path / "a.mcap")
     settings = _settings(recorded, Beacons(), "water")
-    assert (settings.range_sigma, settings.slip, settings.heading_walk) == pytest.approx((0.3, 0.02, 0.003))
-    settings = _settings(recorded, Beacons(slip_m_sqrt_s=0.07, heading_walk_deg_sqrt_s=2.0), "water")
+    assert (settings.range_sigma, settings.slip, settings.heading_walk) == pytest.approx(
+        (0.3, 0.02, 0.003)
+    )
+    settings = _settings(
+        recorded, Beacons(slip_m_sqrt_s=0.07, heading_walk_deg_sqrt_s=2.0), "water"
+    )
     assert (settings.slip, settings.heading_walk) == pytest.approx((0.07, math.radians(2.0)))
 
 
 @pytest.mark.parametrize(
     ("pose", "time", "taken"),
     [
-        ("A0", 9.5, 10.0), ("A0", 10.4, 10.4), ("A0", 11.0, 10.0), ("A1", 9.5, 11.0), ("A1", 10.4, 10.4),
-        ("A1", 12.9, 12.9), ("A1", 13.0, 11.0), ("A2", 10.5, 13.0), ("A2", 11.5, 11.5), ("A2", 13.5, 13.0),
+        ("A0", 9.5, 10.0),
+        ("A0", 10.4, 10.4),
+        ("A0", 11.0, 10.0),
+        ("A1", 9.5, 11.0),
+        ("A1", 10.4, 10.4),
+        ("A1", 12.9, 12.9),
+        ("A1", 13.0, 11.0),
+        ("A2", 10.5, 13.0),
+        ("A2", 11.5, 11.5),
+        ("A2", 13.5, 13.0),
     ],
-)  # fmt: skip
+)
 def test_the_time_of_a_range_is_used_between_its_neighbouring_poses(
     tmp_path: Path, pose: str, time: float, taken: float
 ) -> None:
@@ -159,7 +176,9 @@ def test_the_time_of_a_range_is_used_between_its_neighbouring_poses(
 
 
 def test_a_graph_without_times_goes_by_the_second(tmp_path: Path) -> None:
-    text = GRAPH.replace("VERTEX_SE2 11.0", "VERTEX_SE2 10.0").replace("VERTEX_SE2 13.0", "VERTEX_SE2 10.0")
+    text = GRAPH.replace("VERTEX_SE2 11.0", "VERTEX_SE2 10.0").replace(
+        "VERTEX_SE2 13.0", "VERTEX_SE2 10.0"
+    )
     data = read_data_set(graph(tmp_path, text))
     assert data.time.tolist() == [0.0, 1.0, 2.0]
     assert "poses are taken to be a second apart" in data.remarks[1]
@@ -168,7 +187,11 @@ def test_a_graph_without_times_goes_by_the_second(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("VERTEX_XY L0 20.0", "VERTEX_XYZ L0 20.0", "line 7: 'VERTEX_XYZ' is no kind of line of a planar graph"),
+        (
+            "VERTEX_XY L0 20.0",
+            "VERTEX_XYZ L0 20.0",
+            "line 7: 'VERTEX_XYZ' is no kind of line of a planar graph",
+        ),
         (
             "VERTEX_SE2 10.0 A0",
             "VERTEX_SE3:QUAT 10.0 A0",
@@ -183,7 +206,11 @@ def test_a_graph_without_times_goes_by_the_second(tmp_path: Path) -> None:
         ("24.0 0.25", "far 0.25", "line 15: EDGE_RANGE: could not convert string to float: 'far'"),
         ("24.0 0.25", "nan 0.25", "line 15: EDGE_RANGE holds a number that is not finite"),
         ("EDGE_SE2 13.0 A1 A2 4.0", "EDGE_SE2 13.0 A2 A1 4.0", "no odometry .* from A1 to A2"),
-        ("VERTEX_SE2 13.0 A2", "VERTEX_SE2 10.5 A2", "from 11.000000 s to 10.500000 s between poses 1 and 2"),
+        (
+            "VERTEX_SE2 13.0 A2",
+            "VERTEX_SE2 10.5 A2",
+            "from 11.000000 s to 10.500000 s between poses 1 and 2",
+        ),
         ("VERTEX_SE2 11.0 A1", "VERTEX_SE2 11.0 A0", "VERTEX_SE2 A0 is given twice"),
         ("VERTEX_XY L1", "VERTEX_XY L0", "VERTEX_XY L0 is given twice"),
         (
@@ -191,7 +218,11 @@ def test_a_graph_without_times_goes_by_the_second(tmp_path: Path) -> None:
             "VERTEX_XY:PRIOR 10.0 L1 9 9 0.01 0 0.01\nVERTEX_SE2:PRIOR",
             "VERTEX_XY:PRIOR L1 is given twice",
         ),
-        ("EDGE_SE2 13.0 A0 A2", "EDGE_SE2 13.0 A1 A2", r"odometry \(EDGE_SE2\) from A1 to A2 is given twice"),
+        (
+            "EDGE_SE2 13.0 A0 A2",
+            "EDGE_SE2 13.0 A1 A2",
+            r"odometry \(EDGE_SE2\) from A1 to A2 is given twice",
+        ),
         ("24.0 0.25", "1e300 0.25", r"line 15: EDGE_RANGE: 1e\+300 is not within"),
         ("24.0 0.25", "24.0 1e300", r"line 15: EDGE_RANGE: 1e\+300 is not within"),
         ("A2", "A²", "2 poses; odometry needs three"),
@@ -206,10 +237,14 @@ def test_errors_of_a_graph_are_reported(tmp_path: Path, old: str, new: str, word
 
 @pytest.mark.parametrize("kind", [19, 50, 100, 255, 1000, 70_000])
 def test_a_file_that_crashes_the_library_is_damaged(tmp_path: Path, kind: int) -> None:
-    """SciPy reads beyond its table of types where an element has an unknown one, and most often crashes."""
+    """SciPy reads beyond its table of types where an element has an unknown one, and most often
+    crashes.
+    """
     path = tmp_path / "a.mat"
     savemat(path, {"DR": np.ones((4, 3))})
-    path.write_bytes(path.read_bytes().replace(struct.pack("<II", 9, 96), struct.pack("<II", kind, 96)))
+    path.write_bytes(
+        path.read_bytes().replace(struct.pack("<II", 9, 96), struct.pack("<II", kind, 96))
+    )
     with pytest.raises(LaisnError, match=r"a\.mat: no MATLAB file of version 5, or damaged: "):
         read_data_set(path)
 
@@ -248,7 +283,11 @@ def test_errors_of_files_are_reported(tmp_path: Path) -> None:
 def test_errors_of_tables_are_reported(
     tmp_path: Path, table: str, row: int, column: int, value: float, words: str
 ) -> None:
-    tables = {name: array for name, array in loadmat(PLAZA / "Plaza2.mat").items() if not name.startswith("_")}
+    tables = {
+        name: array
+        for name, array in loadmat(PLAZA / "Plaza2.mat").items()
+        if not name.startswith("_")
+    }
     assert tables["TL"][0, 0] == 1
     tables[table][row, column] = value
     savemat(tmp_path / "odd.mat", tables)
@@ -258,44 +297,71 @@ def test_errors_of_tables_are_reported(
 
 def test_a_small_file_of_large_tables_is_refused_before_they_are_read(tmp_path: Path) -> None:
     """Compressed zeros: 12 MB of bytes as 12 kB; other variables of a file are not read at all."""
-    tables = {name: array for name, array in loadmat(PLAZA / "Plaza2.mat").items() if not name.startswith("_")}
+    tables = {
+        name: array
+        for name, array in loadmat(PLAZA / "Plaza2.mat").items()
+        if not name.startswith("_")
+    }
     zeros = np.zeros((3_000_000, 4), dtype=np.int8)
     savemat(tmp_path / "bomb.mat", tables | {"GT": zeros}, do_compression=True)
     savemat(tmp_path / "more.mat", tables | {"map": zeros}, do_compression=True)
     assert (tmp_path / "bomb.mat").stat().st_size < 1_000_000
-    with pytest.raises(LaisnError, match=r"bomb\.mat: its tables have 12,.* numbers, at most 10,000,000"):
+    with pytest.raises(
+        LaisnError, match=r"bomb\.mat: its tables have 12,.* numbers, at most 10,000,000"
+    ):
         read_data_set(tmp_path / "bomb.mat")
-    assert read_data_set(tmp_path / "more.mat").ranges.size == read_data_set(PLAZA / "Plaza2.mat").ranges.size
+    assert (
+        read_data_set(tmp_path / "more.mat").ranges.size
+        == read_data_set(PLAZA / "Plaza2.mat").ranges.size
+    )
 
 
 def test_text_beyond_the_bounds_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, rows in (("DR", 300), ("TD", 300), ("TL", 3)):
         np.savetxt(tmp_path / f"many_{name}.txt", np.ones((rows, 4 if name == "TD" else 3)))
     monkeypatch.setattr(range_data, "_LARGEST_BYTES", 7000)
-    with pytest.raises(LaisnError, match=r"many_DR\.txt: cannot be read: it has \d+ bytes, there may be 7000"):
+    with pytest.raises(
+        LaisnError, match=r"many_DR\.txt: cannot be read: it has \d+ bytes, there may be 7000"
+    ):
         read_data_set(tmp_path / "many_DR.txt")
     monkeypatch.setattr(range_data, "_LARGEST_BYTES", 500)
-    with pytest.raises(LaisnError, match=r"graph\.pyfg: cannot be read: it has \d+ bytes, there may be 500"):
+    with pytest.raises(
+        LaisnError, match=r"graph\.pyfg: cannot be read: it has \d+ bytes, there may be 500"
+    ):
         read_data_set(graph(tmp_path))
 
 
 def graph_of_ranges(folder: Path, count: int) -> Path:
-    lines = [f"EDGE_RANGE {10 + k * 3e-4:.4f} A{k % 3} L0 {17 + k * 1e-4:.4f} 0.09" for k in range(count)]
+    lines = [
+        f"EDGE_RANGE {10 + k * 3e-4:.4f} A{k % 3} L0 {17 + k * 1e-4:.4f} 0.09" for k in range(count)
+    ]
     return graph(folder, GRAPH + "\n".join(lines))
 
 
 def tables_of_ranges(folder: Path, count: int) -> Path:
     random = np.random.default_rng(1)
-    ranges = [np.linspace(1, 9, count), np.zeros(count), random.integers(1, 3, count), random.uniform(9, 99, count)]
+    ranges = [
+        np.linspace(1, 9, count),
+        np.zeros(count),
+        random.integers(1, 3, count),
+        random.uniform(9, 99, count),
+    ]
     steps = np.column_stack([np.arange(1.0, 11.0), np.ones(10), np.zeros(10)])
     nodes = [[1, 0, 0], [2, 50, 9]]
-    for name, table in {"DR": steps, "TL": nodes, "DRp": [[0, 0, 0, 0]], "TD": np.column_stack(ranges)}.items():
+    for name, table in {
+        "DR": steps,
+        "TL": nodes,
+        "DRp": [[0, 0, 0, 0]],
+        "TD": np.column_stack(ranges),
+    }.items():
         np.savetxt(folder / f"made_{name}.txt", table)
     return folder / "made_DR.txt"
 
 
 @pytest.mark.parametrize("write", [graph_of_ranges, tables_of_ranges])
-def test_a_million_ranges_are_imported_in_1500_megabytes(tmp_path: Path, write: Callable[[Path, int], Path]) -> None:
+def test_a_million_ranges_are_imported_in_1500_megabytes(
+    tmp_path: Path, write: Callable[[Path, int], Path]
+) -> None:
     """By the memory of 5,000, after what is loaded once."""
     write_data_set(read_data_set(write(tmp_path, 9)), tmp_path / "a.mcap")
     path = write(tmp_path, 5000)
@@ -332,14 +398,28 @@ def test_tables_in_text_are_those_of_the_matlab_file(tmp_path: Path, suffix: str
                 "," if suffix == "csv" else " ",
                 encoding="utf-8-sig",
             )
-    text, matlab = read_data_set(tmp_path / f"Plaza2_DR.{suffix}"), read_data_set(PLAZA / "Plaza2.mat")
-    for name in ("start", "time", "odometry", "places", "range_time", "range_beacon", "ranges", "truth"):
+    text, matlab = (
+        read_data_set(tmp_path / f"Plaza2_DR.{suffix}"),
+        read_data_set(PLAZA / "Plaza2.mat"),
+    )
+    for name in (
+        "start",
+        "time",
+        "odometry",
+        "places",
+        "range_time",
+        "range_beacon",
+        "ranges",
+        "truth",
+    ):
         assert getattr(text, name).tolist() == getattr(matlab, name).tolist()
 
 
 @pytest.mark.parametrize("name", ["Plaza1", "Plaza2"])
 def test_dead_reckoning_on_the_log_is_that_of_the_data_set(tmp_path: Path, name: str) -> None:
-    """What the tables of odometry add up to from the first row of the published path by odometry on."""
+    """What the tables of odometry add up to from the first row of the published path by odometry
+    on.
+    """
     tables = loadmat(PLAZA / f"{name}.mat")
     place, facing = complex(*tables["DRp"][0, 1:3]), tables["DRp"][0, 3]
     for _, way, turn in tables["DR"]:
@@ -352,7 +432,9 @@ def test_dead_reckoning_on_the_log_is_that_of_the_data_set(tmp_path: Path, name:
         measured.speed * measured.durations
     )
     np.testing.assert_allclose(data.start[:2] + way, [place.real, place.imag], atol=1e-5)
-    assert measured.time[-1] - measured.dt == pytest.approx(tables["DR"][-1, 0] - tables["DRp"][0, 0], abs=1e-6)
+    assert measured.time[-1] - measured.dt == pytest.approx(
+        tables["DR"][-1, 0] - tables["DRp"][0, 0], abs=1e-6
+    )
 
 
 def straight(**changes: object) -> RangeData:
@@ -391,7 +473,9 @@ def test_no_range_is_lost_where_many_come_at_once(tmp_path: Path) -> None:
     twice = straight(range_beacon=np.array([0, 0, 1, 1, 1, 0])).among(["a", "b"])
     write_data_set(twice, tmp_path / "b.mcap")
     assert received(tmp_path / "b.mcap") == {(10, 0), (11, 0), (12, 2), (13, 2), (14, 2), (15, 0)}
-    assert not [remark for remark in read_data_set_log(tmp_path / "b.mcap").remarks if "left out" in remark]
+    assert not [
+        remark for remark in read_data_set_log(tmp_path / "b.mcap").remarks if "left out" in remark
+    ]
 
 
 def test_two_beacons_are_the_ends_of_a_leader_at_rest(tmp_path: Path) -> None:
@@ -414,11 +498,17 @@ def test_two_beacons_are_the_ends_of_a_leader_at_rest(tmp_path: Path) -> None:
 STEP = st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
 
 
-@given(st.lists(STEP, min_size=2, max_size=12), st.lists(st.floats(0.01, 1.99), min_size=1, max_size=5), STEP)
+@given(
+    st.lists(STEP, min_size=2, max_size=12),
+    st.lists(st.floats(0.01, 1.99), min_size=1, max_size=5),
+    STEP,
+)
 def test_legs_end_where_poses_composed_one_after_the_other_do(
     steps: list[tuple[float, float, float]], times: list[float], start: tuple[float, float, float]
 ) -> None:
-    """Forwards, backwards and sideways, with any ranges in between; poses are complex numbers here."""
+    """Forwards, backwards and sideways, with any ranges in between; poses are complex numbers
+    here.
+    """
     data = straight(
         start=np.array(start),
         time=np.arange(len(steps) + 1.0),
@@ -440,11 +530,20 @@ def test_legs_end_where_poses_composed_one_after_the_other_do(
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"time": np.array([0.0, 1.0, 1.0, 3.0])}, "from 1.000000 s to 1.000000 s between poses 1 and 2"),
+        (
+            {"time": np.array([0.0, 1.0, 1.0, 3.0])},
+            "from 1.000000 s to 1.000000 s between poses 1 and 2",
+        ),
         ({"time": np.array([-5.0, 1.0, 2.0, 3.0])}, "times begin at -5 s, expected 0 s or later"),
         ({"ranges": np.full(6, np.inf)}, "ranges must be finite and within"),
-        ({"ranges": np.empty(0), "range_time": np.empty(0), "range_beacon": np.empty(0)}, "holds no range"),
-        ({"time": np.array([0.0, 1.0]), "odometry": np.ones((1, 3))}, "2 poses; odometry needs three"),
+        (
+            {"ranges": np.empty(0), "range_time": np.empty(0), "range_beacon": np.empty(0)},
+            "holds no range",
+        ),
+        (
+            {"time": np.array([0.0, 1.0]), "odometry": np.ones((1, 3))},
+            "2 poses; odometry needs three",
+        ),
     ],
 )
 def test_data_that_make_no_mission_are_refused(changes: dict[str, object], words: str) -> None:
@@ -454,7 +553,9 @@ def test_data_that_make_no_mission_are_refused(changes: dict[str, object], words
 
 def test_a_damaged_log_is_refused_and_recovered_with_a_remark(tmp_path: Path) -> None:
     data = straight(
-        time=np.arange(41.0), odometry=np.tile([1.0, 0.0, 0.0], (40, 1)), range_time=np.arange(1.5, 37.5, 6.0)
+        time=np.arange(41.0),
+        odometry=np.tile([1.0, 0.0, 0.0], (40, 1)),
+        range_time=np.arange(1.5, 37.5, 6.0),
     )
     log = tmp_path / "a.mcap"
     write_data_set(data, log)
@@ -510,14 +611,20 @@ def test_the_command_names_what_it_cannot_do(tmp_path: Path) -> None:
     assert "no beacon 9; available: 1, 6, 0, 5" in run(
         "log", "import", PLAZA / "Plaza2.mat", "--out", log, "--beacons", "9"
     )
-    assert "ends in .mcap" in run("log", "import", PLAZA / "Plaza2.mat", "--out", tmp_path / "a.log")
+    assert "ends in .mcap" in run(
+        "log", "import", PLAZA / "Plaza2.mat", "--out", tmp_path / "a.log"
+    )
     write_data_set(straight(), log)
     tight = ("replay", log, "--variant", "tight", "--set")
-    assert "beacons.slip: Extra inputs are not permitted; known: medium, " in run(*tight, "beacons.slip=1")
+    assert "beacons.slip: Extra inputs are not permitted; known: medium, " in run(
+        *tight, "beacons.slip=1"
+    )
     assert "Input should be 'auto', 'air' or 'water'" in run(*tight, "beacons.medium=mud")
     assert "expected beacons.… for the variant tight" in run(*tight, "navigation.threshold_m=1")
     assert "expected beacons.… for the variant tight" in run(*tight, "sensors.speed_bias_m_s=1")
-    assert "expected navigation.… for the variant laisn-2" in run("replay", log, "--set", "beacons.medium=air")
+    assert "expected navigation.… for the variant laisn-2" in run(
+        "replay", log, "--set", "beacons.medium=air"
+    )
     with pytest.raises(LogError, match="no log of a data set"):
         foreign(tmp_path)
 

@@ -15,7 +15,11 @@ from sim.flight import Flight
 @pytest.fixture(scope="module")
 def flight() -> Flight:
     # a log and a compass without constant errors, which the graph has no variables for
-    changes = {"sensors.speed_bias_m_s": 0.0, "sensors.heading_bias_deg": 3.0, "acoustics.loss_probability": 0.2}
+    changes = {
+        "sensors.speed_bias_m_s": 0.0,
+        "sensors.heading_bias_deg": 3.0,
+        "acoustics.loss_probability": 0.2,
+    }
     return laisn_sim.fly("T7", {"motion": "kinematic", "duration_s": 120.0, **changes})
 
 
@@ -36,19 +40,29 @@ def test_the_importer_reads_odometry_ranges_and_the_true_path(flight: Flight, gr
     received = np.isfinite(measured.ranges)
     assert 0 < received.sum() == data.ranges.size < received.size
     # horizontal, of the depths that are measured
-    deeper = measured.depth[at - 1] - measured.message[:, 5] - flight.scenario.navigation.settings().hydrophone_height
+    deeper = (
+        measured.depth[at - 1]
+        - measured.message[:, 5]
+        - flight.scenario.navigation.settings().hydrophone_height
+    )
     level = np.sqrt(measured.ranges**2 - deeper[:, None] ** 2)[received]
     np.testing.assert_allclose(np.sort(data.ranges), np.sort(level), atol=0.02)
     speed = np.append(measured.speed[0], measured.speed)
     east = np.append(measured.heading[0], measured.heading)
     v = speed[:, None] * np.column_stack([np.sin(east), np.cos(east)])
-    way = np.array([0.5 * 0.1 * (v[:-1] + v[1:])[k : k + 10].sum(axis=0) for k in range(0, 1200, 10)])
+    way = np.array(
+        [0.5 * 0.1 * (v[:-1] + v[1:])[k : k + 10].sum(axis=0) for k in range(0, 1200, 10)]
+    )
     np.testing.assert_allclose(np.hypot(*data.odometry[:, :2].T), np.hypot(*way.T), atol=1e-6)
 
 
 def test_gtsam_finds_the_path_in_it(graph: Path) -> None:
     gtsam = pytest.importorskip("gtsam")
-    factors, values, noise = gtsam.NonlinearFactorGraph(), gtsam.Values(), gtsam.noiseModel.Gaussian.Covariance
+    factors, values, noise = (
+        gtsam.NonlinearFactorGraph(),
+        gtsam.Values(),
+        gtsam.noiseModel.Gaussian.Covariance,
+    )
     truth: dict[str, list[float]] = {}
 
     def key(name: str) -> int:
@@ -70,7 +84,11 @@ def test_gtsam_finds_the_path_in_it(graph: Path) -> None:
             values.insert(key(words[1]), pose)
         elif kind == "EDGE_SE2":
             step = gtsam.Pose2(*map(float, words[3:6]))
-            factors.add(gtsam.BetweenFactorPose2(key(words[1]), key(words[2]), step, noise(full(words[6:], 3))))
+            factors.add(
+                gtsam.BetweenFactorPose2(
+                    key(words[1]), key(words[2]), step, noise(full(words[6:], 3))
+                )
+            )
             assert pose is not None
             pose = pose.compose(step)
             values.insert(key(words[2]), pose)
@@ -84,7 +102,10 @@ def test_gtsam_finds_the_path_in_it(graph: Path) -> None:
             factors.add(gtsam.RangeFactorWithTransform2D(*between))
     found = gtsam.LevenbergMarquardtOptimizer(factors, values).optimize()
     errors = {
-        name: [np.hypot(*(np.asarray(of.atPose2(key(name)).translation()) - place)) for name, place in truth.items()]
+        name: [
+            np.hypot(*(np.asarray(of.atPose2(key(name)).translation()) - place))
+            for name, place in truth.items()
+        ]
         for name, of in (("reckoned", values), ("solved", found))
     }
     assert np.mean(errors["solved"]) < 0.3 * np.mean(errors["reckoned"])

@@ -13,10 +13,14 @@ from sim.datasets.log import write_vehicle_table
 from sim.datasets.vehicle_table import read_vehicle_table
 from sim.log.reader import read_recording
 
-LEADER = "leader_east,leader_north,leader_heading_deg,leader_speed,leader_depth,range_rear,range_front"
+LEADER = (
+    "leader_east,leader_north,leader_heading_deg,leader_speed,leader_depth,range_rear,range_front"
+)
 
 
-def table(folder: Path, *, delimiter: str = ",", start: float = 5.0, unit: str = "", scale: float = 1.0) -> Path:
+def table(
+    folder: Path, *, delimiter: str = ",", start: float = 5.0, unit: str = "", scale: float = 1.0
+) -> Path:
     """20 s at 10 Hz with jitter, heading 90°; a ping every second; a byte order mark."""
     random = np.random.default_rng(3)
     lines = [f"time{unit},speed [kn],heading_deg,depth,note,{LEADER}"]
@@ -24,7 +28,9 @@ def table(folder: Path, *, delimiter: str = ",", start: float = 5.0, unit: str =
         at = start + 0.1 * k + random.uniform(-0.02, 0.02)
         received = f"{k},20.0,45,1.5,8.0,30.5,31.5" if k % 10 == 9 else ",,,,,,"
         lines.append(
-            f"{at * scale:.9g},2,90.0,5.0,x,{received}" if scale == 1.0 else f"{at * scale:.0f},2,90.0,5.0,x,{received}"
+            f"{at * scale:.9g},2,90.0,5.0,x,{received}"
+            if scale == 1.0
+            else f"{at * scale:.0f},2,90.0,5.0,x,{received}"
         )
     path = folder / "mine.csv"
     path.write_text("\n".join(lines).replace(",", delimiter), encoding="utf-8-sig")
@@ -43,7 +49,9 @@ def table(folder: Path, *, delimiter: str = ",", start: float = 5.0, unit: str =
         ({"start": 1.7e9, "scale": 1e9}, "ns"),
     ],
 )
-def test_a_table_is_read_with_any_delimiter_and_clock(tmp_path: Path, options: dict[str, float], format_: str) -> None:
+def test_a_table_is_read_with_any_delimiter_and_clock(
+    tmp_path: Path, options: dict[str, float], format_: str
+) -> None:
     found = read_vehicle_table(table(tmp_path, **options))  # type: ignore[arg-type]
     assert found.remarks[0].startswith(f"time{options.get('unit', '')}: time in {format_}, ")
     assert "speed [kn]: speed in kn" in found.remarks
@@ -65,7 +73,10 @@ def test_a_table_is_read_with_any_delimiter_and_clock(tmp_path: Path, options: d
 def test_dates_and_degrees_without_a_unit_are_recognised(tmp_path: Path) -> None:
     path = tmp_path / "mine.csv"
     rows = [f"2026-05-01T12:00:{k:02}.500Z,1.0,270,5.0,0,0,90,0,5,40" for k in range(10)]
-    head = "time,speed,heading,depth,leader_east,leader_north,leader_heading,leader_speed,leader_depth,range_rear"
+    head = (
+        "time,speed,heading,depth,"
+        "leader_east,leader_north,leader_heading,leader_speed,leader_depth,range_rear"
+    )
     path.write_text("\n".join([head, *rows]), encoding="utf-8")
     found = read_vehicle_table(path)
     assert np.diff(found.time_ns).tolist() == [10**9] * 9
@@ -86,7 +97,10 @@ def test_decimal_commas_are_read_in_all_columns(tmp_path: Path) -> None:
 def test_angles_without_a_unit_have_one_unit(tmp_path: Path) -> None:
     """A pitch of 3 could be in radians; beside a heading of 270 it is in degrees."""
     path = tmp_path / "mine.csv"
-    head = "t,speed,heading,depth,leader_east,leader_north,leader_heading,leader_speed,leader_depth,leader_pitch"
+    head = (
+        "t,speed,heading,depth,"
+        "leader_east,leader_north,leader_heading,leader_speed,leader_depth,leader_pitch"
+    )
     rows = [f"{k},1.0,270,5.0,0,0,10,0,5,3,40" for k in range(10)]
     path.write_text("\n".join([f"{head},range_rear", *rows]), encoding="utf-8")
     columns = read_vehicle_table(path).columns

@@ -5,7 +5,13 @@ import pytest
 from scipy import stats
 
 from experiments.campaign.montecarlo import Cell, simulate, single_runs
-from experiments.studies.estimators.errors import DEVIATION, ECHO_CHANCE, ERRORS, LOSS_CHANCE, Errors
+from experiments.studies.estimators.errors import (
+    DEVIATION,
+    ECHO_CHANCE,
+    ERRORS,
+    LOSS_CHANCE,
+    Errors,
+)
 from experiments.study.file import built_in, study_of
 from experiments.study.plan import Entry, plan_of
 from laisn.messages import Measurements
@@ -54,12 +60,16 @@ def test_ranges_are_echoes_or_lost_at_the_set_rates() -> None:
         assert np.array_equal(np.isnan(excess).any(axis=1), gone)
         received = excess[~gone]
         longer = received > 1e-9
-        assert np.all((np.abs(received) < 1e-9) | ((received > 0.3 - 1e-9) & (received < 4.8 + 1e-9)))
+        assert np.all(
+            (np.abs(received) < 1e-9) | ((received > 0.3 - 1e-9) & (received < 4.8 + 1e-9))
+        )
         lost, echoes, total = lost + int(gone.sum()), echoes + int(longer.sum()), total + gone.size
         assert np.array_equal(dirty.speed, clean.speed)
     # within five standard deviations of a binomial
     assert lost / total == pytest.approx(LOSS_CHANCE, abs=5 * np.sqrt(0.16 / total))
-    assert echoes / (3 * (total - lost)) == pytest.approx(ECHO_CHANCE, abs=5 * np.sqrt(0.0475 / (3 * total)))
+    assert echoes / (3 * (total - lost)) == pytest.approx(
+        ECHO_CHANCE, abs=5 * np.sqrt(0.0475 / (3 * total))
+    )
 
 
 def test_a_clock_and_common_echoes_move_all_ranges_of_a_message_alike() -> None:
@@ -102,12 +112,16 @@ def test_drift_is_the_same_for_the_same_run_and_leaves_ranges_alone() -> None:
 
     # each has a phase of its own
     log, compass = np.random.default_rng([1, 0]).uniform(0.0, 2.0 * np.pi, 2)
-    assert (once.speed - clean.speed)[moving] == pytest.approx(0.1 * np.sin(2 * np.pi * time / 300.0 + log)[moving])
+    assert (once.speed - clean.speed)[moving] == pytest.approx(
+        0.1 * np.sin(2 * np.pi * time / 300.0 + log)[moving]
+    )
     expected = np.deg2rad(3.0) * np.sin(2 * np.pi * time / 400.0 + compass)
     assert once.heading - clean.heading == pytest.approx(expected, abs=1e-12)
 
 
-def test_a_compass_deviates_as_a_sine_of_the_heading_whose_phase_has_nothing_to_do_with_drift() -> None:
+def test_a_compass_deviates_as_a_sine_of_the_heading_whose_phase_has_nothing_to_do_with_drift() -> (
+    None
+):
     truth, errors = mission("T7", 5.0)
     clean = measure(truth, errors, seed=1, run=0)
     phases = []
@@ -118,13 +132,19 @@ def test_a_compass_deviates_as_a_sine_of_the_heading_whose_phase_has_nothing_to_
         assert np.hypot(*weight) == pytest.approx(DEVIATION, rel=1e-6)
         phases.append(np.arctan2(weight[1], weight[0]))
     drifts = [np.random.default_rng([1, run]).uniform(0.0, 2.0 * np.pi, 2) for run in range(200)]
-    # spread all around, and apart from either drift: a mean of 200 unit vectors has a length of 0.07
-    for apart in (phases, *(np.array(phases) - np.array(drift) for drift in zip(*drifts, strict=True))):
+    # spread all around, and apart from either drift: a mean of 200 unit vectors has a length of
+    # 0.07
+    for apart in (
+        phases,
+        *(np.array(phases) - np.array(drift) for drift in zip(*drifts, strict=True)),
+    ):
         assert abs(np.mean(np.exp(1j * np.asarray(apart)))) < 0.25
 
 
 def test_runs_with_errors_are_navigated_alike_alone_and_in_cells() -> None:
-    """Metrics of a cell whose measurements are disturbed, once more by loops over the states of each run alone."""
+    """Metrics of a cell whose measurements are disturbed, once more by loops over the states of
+    each run alone.
+    """
     errors = Errors(["drift", "losses"])
     for arm in ("laisn-2", "tight"):
         cell = Cell.of(entry_of("T7", 5.0, "G3", arm).scenario, 0, range(2), disturbance=errors)
@@ -139,14 +159,22 @@ def test_runs_with_errors_are_navigated_alike_alone_and_in_cells() -> None:
             runs = {name: values[i] for name, values in result.runs.items()}
             assert runs["e_p_mean_m"] == pytest.approx(distance.mean(), rel=1e-9)
             assert runs["e_p_rms_m"] == pytest.approx(np.sqrt(np.mean(distance**2)), rel=1e-9)
-            xx, xy, yy = made.covariance[:, 0, 0], made.covariance[:, 0, 1], made.covariance[:, 1, 1]
+            xx, xy, yy = (
+                made.covariance[:, 0, 0],
+                made.covariance[:, 0, 1],
+                made.covariance[:, 1, 1],
+            )
             # LAISN's certain fixes leave a covariance without an inverse
             known = (xx + yy > 2e-12) & (xx * yy - xy * xy > 1e-8 * xx * yy)
             squares = np.full(len(off), np.nan)
             matrix = made.covariance[known, :2, :2]
-            squares[known] = np.einsum("ni,ni->n", off[known], np.linalg.solve(matrix, off[known, :, None])[..., 0])
+            squares[known] = np.einsum(
+                "ni,ni->n", off[known], np.linalg.solve(matrix, off[known, :, None])[..., 0]
+            )
             summed += squares
-            assert runs["nees"] == pytest.approx(np.nanmean(squares), rel=1e-9 if arm == "tight" else 1e-6)
+            assert runs["nees"] == pytest.approx(
+                np.nanmean(squares), rel=1e-9 if arm == "tight" else 1e-6
+            )
             assert runs["nis"] == pytest.approx(2.0 * alone.squared / alone.numbers, rel=1e-6)
         low, high = stats.chi2.ppf([0.025, 0.975], 4)
         summed = summed[np.isfinite(summed)]

@@ -24,26 +24,51 @@ from laisn.bound import TrueNoise
 from laisn.settings import TightSettings
 from sim.scenario.routes import library_route
 
-PARTS = {part: plan_of(study_of(str(file), {}, quick=True)) for part, file in built_in("estimators").items()}
+PARTS = {
+    part: plan_of(study_of(str(file), {}, quick=True))
+    for part, file in built_in("estimators").items()
+}
 TURN = float(library_route("L").time[1])
 
 
 def of_hand(
-    route: str, error: float, laisn: float, lost: int = 0, laisn_lost: int = 0, runs: int = 20, **point: Any
+    route: str,
+    error: float,
+    laisn: float,
+    lost: int = 0,
+    laisn_lost: int = 0,
+    runs: int = 20,
+    **point: Any,
 ) -> Cells:
     """A mission all of whose runs are alike, but for those that are mirror-locked."""
     each = np.ones(runs)
     tight = {
-        "run": np.arange(runs), "e_p_mean_m": error * each, "e_p_rms_m": 2.0 * error * each,
-        "e_p_max_m": np.linspace(0.0, 7.0 * error, runs), "nees": 10.0 * error * each, "nis": 6.0 * error * each,
+        "run": np.arange(runs),
+        "e_p_mean_m": error * each,
+        "e_p_rms_m": 2.0 * error * each,
+        "e_p_max_m": np.linspace(0.0, 7.0 * error, runs),
+        "nees": 10.0 * error * each,
+        "nis": 6.0 * error * each,
         "mirror_locked": np.arange(runs) < lost,
-    }  # fmt: skip
+    }
     other = {
-        "e_p_mean_m": laisn * each, "e_p_rms_m": 1.25 * laisn * each, "mirror_locked": np.arange(runs) < laisn_lost,
-    }  # fmt: skip
-    plain = {"e_p_mean_m": 2.0 * each, "nees": 6.0 * each, "mirror_locked": np.arange(runs) < 0.4 * runs}
-    row = {"scenario": route, INTERVAL: 5.0, "bound": 0.5, "nees_inside": error, "bound_rms_m": 0.5,
-           "bound_smoothed_rms_m": 0.5 * (error + 0.1)} | point  # fmt: skip
+        "e_p_mean_m": laisn * each,
+        "e_p_rms_m": 1.25 * laisn * each,
+        "mirror_locked": np.arange(runs) < laisn_lost,
+    }
+    plain = {
+        "e_p_mean_m": 2.0 * each,
+        "nees": 6.0 * each,
+        "mirror_locked": np.arange(runs) < 0.4 * runs,
+    }
+    row = {
+        "scenario": route,
+        INTERVAL: 5.0,
+        "bound": 0.5,
+        "nees_inside": error,
+        "bound_rms_m": 0.5,
+        "bound_smoothed_rms_m": 0.5 * (error + 0.1),
+    } | point
     return Cells([row | {"arm": arm} for arm in ("tight", "laisn-2", "ekf")], [tight, other, plain])
 
 
@@ -58,20 +83,35 @@ def test_missions_together_are_means_medians_and_extremes_of_theirs() -> None:
     values = {key.removesuffix(" G"): finding.value for key, finding in named.items()}
     assert values == pytest.approx(
         {
-            "ratio": 0.4, "worst": 0.6, "error": 0.5, "laisn-2": 3.5 / 3, "largest": 6.3, "nees": 5.0,
-            "nees-least": 2.0, "nees-most": 9.0, "inside": 0.5, "nis": 1.5, "mirror-locked": 3 / 60,
-            "mirror-locked-runs": 3, "mirror-locked-laisn-2": 12 / 60, "bound": 1.6, "bound-worst": 3.6,
+            "ratio": 0.4,
+            "worst": 0.6,
+            "error": 0.5,
+            "laisn-2": 3.5 / 3,
+            "largest": 6.3,
+            "nees": 5.0,
+            "nees-least": 2.0,
+            "nees-most": 9.0,
+            "inside": 0.5,
+            "nis": 1.5,
+            "mirror-locked": 3 / 60,
+            "mirror-locked-runs": 3,
+            "mirror-locked-laisn-2": 12 / 60,
+            "bound": 1.6,
+            "bound-worst": 3.6,
             # 0.5 m over 1.25, 1.25 and 1.875 m
-            "least": 0.4, "smoothing": 0.5,
+            "least": 0.4,
+            "smoothing": 0.5,
         },
         rel=1e-5,
-    )  # fmt: skip
+    )
     exact = stats.binomtest(12, 60).proportion_ci(0.95, "exact")
     limits = named["mirror-locked-laisn-2 G"]
     assert (limits.low, limits.high) == pytest.approx((exact.low, exact.high), rel=1e-5)
     assert named["mirror-locked-runs G"].what == "runs locked on the mirror image of 60"
     assert findings.median_ratio(together(*first)).value == pytest.approx(0.3)
-    wrong = findings.of_missions("G", flown._replace(rows=[row | {"bound": None} for row in flown.rows]))
+    wrong = findings.of_missions(
+        "G", flown._replace(rows=[row | {"bound": None} for row in flown.rows])
+    )
     assert {"bound G", "bound-worst G", "least G"} == named.keys() - wrong.keys()
 
 
@@ -79,9 +119,17 @@ def test_a_plain_filter_is_held_against_the_tightly_coupled_navigator_route_by_r
     flown = together(of_hand("T2", 0.5, 1.0, runs=25), of_hand("T5", 1.5, 1.0, runs=25))
     values = {key: finding.value for key, finding in findings.of_plain_filter("G", flown).items()}
     assert values == pytest.approx(
-        {"ekf G": 2.0, "over-ekf G": 0.5, "over-ekf G T2": 0.25, "over-ekf G T5": 0.75, "ekf G T2": 2.0,
-         "ekf G T5": 2.0, "ekf-nees G": 6.0, "ekf-mirror-locked G": 0.4}
-    )  # fmt: skip
+        {
+            "ekf G": 2.0,
+            "over-ekf G": 0.5,
+            "over-ekf G T2": 0.25,
+            "over-ekf G T5": 0.75,
+            "ekf G T2": 2.0,
+            "ekf G T5": 2.0,
+            "ekf-nees G": 6.0,
+            "ekf-mirror-locked G": 0.4,
+        }
+    )
 
 
 def test_what_a_clock_costs_is_the_ratio_of_the_same_runs_in_each_part_of_the_mission() -> None:
@@ -95,8 +143,13 @@ def test_what_a_clock_costs_is_the_ratio_of_the_same_runs_in_each_part_of_the_mi
             one = of_hand(route, 1.0, 1.0, case=case).where(arm="tight")
             flown.append(one._replace(steps=[steps]))
     found = findings.of_clocks(together(*flown))
-    for name, value in (("clock before", 2.0), ("clock after", 1.4), ("clock-worst after", 1.6),
-                        ("clock-bound before", 4.0), ("clock-bound-worst after", 2.56)):  # fmt: skip
+    for name, value in (
+        ("clock before", 2.0),
+        ("clock after", 1.4),
+        ("clock-worst after", 1.6),
+        ("clock-bound before", 4.0),
+        ("clock-bound-worst after", 2.56),
+    ):
         assert found[name].value == pytest.approx(value, rel=1e-5)
 
 
@@ -104,7 +157,10 @@ def test_what_a_clock_costs_is_the_ratio_of_the_same_runs_in_each_part_of_the_mi
     ("assume", "expected"),
     [
         ({}, {}),
-        ({"exact_leader": False}, {"leader_heading_bias": np.deg2rad(6.0), "leader_way_sigma": 0.05}),
+        (
+            {"exact_leader": False},
+            {"leader_heading_bias": np.deg2rad(6.0), "leader_way_sigma": 0.05},
+        ),
         ({"current": True}, {"current": 0.4, "current_walk": 1e-3, "leader_way_sigma": 0.05}),
         ({"offsets": True}, {"range_offset": 0.015}),
         ({"clock": True}, {"clock_offset": 1.5, "clock_drift": 1.5e-3, "clock_walk": 3e-6}),
@@ -112,19 +168,33 @@ def test_what_a_clock_costs_is_the_ratio_of_the_same_runs_in_each_part_of_the_mi
         ({"drift": True}, {"speed_walk": 6.25e-4, "heading_walk": 4.25e-4}),
     ],
 )
-def test_a_bound_leaves_open_what_is_estimated_and_lets_it_walk(assume: dict[str, bool], expected: Any) -> None:
+def test_a_bound_leaves_open_what_is_estimated_and_lets_it_walk(
+    assume: dict[str, bool], expected: Any
+) -> None:
     keys = {f"navigation.assume.{key}": value for key, value in assume.items()}
-    study = study_of(str(built_in("estimators")["clock"]), {"scenario": "T5", "set": keys, "case": []})
+    study = study_of(
+        str(built_in("estimators")["clock"]), {"scenario": "T5", "set": keys, "case": []}
+    )
     (entry,) = plan_of(study).entries
-    assert asdict(noise_of(entry.scenario)) == pytest.approx(asdict(TrueNoise()) | expected, rel=1e-12)
+    assert asdict(noise_of(entry.scenario)) == pytest.approx(
+        asdict(TrueNoise()) | expected, rel=1e-12
+    )
 
 
 def test_the_parts_fly_the_settings_of_the_study() -> None:
-    whole = {part: plan_of(study_of(str(file), {})) for part, file in built_in("estimators").items()}
+    whole = {
+        part: plan_of(study_of(str(file), {})) for part, file in built_in("estimators").items()
+    }
     assert {part: (len(plan.points), plan.study.runs) for part, plan in whole.items()} == {
-        "cases": (7 * 2 * 8, 60), "clock": (2 * 8, 30), "locks": (4, 10_000), "offset": (6 * 4, 30),
-        "sea": (4 * 4, 30), "sigma": (14 * 4, 30), "weave": (4, 60), "wrong": (14 * 4, 30),
-    }  # fmt: skip
+        "cases": (7 * 2 * 8, 60),
+        "clock": (2 * 8, 30),
+        "locks": (4, 10_000),
+        "offset": (6 * 4, 30),
+        "sea": (4 * 4, 30),
+        "sigma": (14 * 4, 30),
+        "weave": (4, 60),
+        "wrong": (14 * 4, 30),
+    }
     usual = TightSettings()
     for entry in whole["sigma"].entries:
         sigma, factor = whole["sigma"].points[entry.point]["case"].split()
@@ -152,22 +222,45 @@ def test_a_leader_that_weaves_keeps_to_its_legs_by_5_degrees_and_to_its_corners(
 
 
 def made(plan: Plan) -> Outcomes:
-    """What a part might have come to, without flying it: 25 runs with squared errors as their covariance predicts."""
+    """What a part might have come to, without flying it: 25 runs with squared errors as their
+    covariance predicts.
+    """
     rng = np.random.default_rng([7, len(plan.entries)])
     outcomes = Outcomes(plan=plan, rows=[], runs=[], steps=[], store=None)  # type: ignore[arg-type]
     for entry in plan.entries:
         runs, scale = 25, {"tight": 1.0, "all": 1.0, "laisn-2": 4.0, "ekf": 2.0}[entry.arm]
         error = scale * rng.uniform(0.1, 0.3, runs)
-        labels = {"point": entry.point, **plan.points[entry.point], "arm": entry.arm, "realization": 0, "follower": "f"}
-        bound = {"bound_rms_m": 0.15, "bound_smoothed_rms_m": 0.09} if scale == 1.0 else {"bound_rms_m": None}
+        labels = {
+            "point": entry.point,
+            **plan.points[entry.point],
+            "arm": entry.arm,
+            "realization": 0,
+            "follower": "f",
+        }
+        bound = (
+            {"bound_rms_m": 0.15, "bound_smoothed_rms_m": 0.09}
+            if scale == 1.0
+            else {"bound_rms_m": None}
+        )
         outcomes.rows.append(labels | {"nees_inside": 0.95, "seed": 12, "worst_run": 0} | bound)
-        outcomes.runs.append((labels, {
-            "run": np.arange(runs), "e_p_mean_m": error, "e_p_rms_m": error, "e_p_max_m": 3.0 * error,
-            "nees": rng.chisquare(2, (200, runs)).mean(axis=0), "nis": 2.0 * np.ones(runs),
-            "mirror_locked": np.arange(runs) < (7 if entry.arm == "laisn-2" else 0),
-        }))  # fmt: skip
+        outcomes.runs.append(
+            (
+                labels,
+                {
+                    "run": np.arange(runs),
+                    "e_p_mean_m": error,
+                    "e_p_rms_m": error,
+                    "e_p_max_m": 3.0 * error,
+                    "nees": rng.chisquare(2, (200, runs)).mean(axis=0),
+                    "nis": 2.0 * np.ones(runs),
+                    "mirror_locked": np.arange(runs) < (7 if entry.arm == "laisn-2" else 0),
+                },
+            )
+        )
         time = np.arange(1.0, 1001.0)
-        outcomes.steps.append({"time_s": time, "e_p_mean_m": 0.2 * np.ones(1000), "bound_m": 0.1 * np.ones(1000)})
+        outcomes.steps.append(
+            {"time_s": time, "e_p_mean_m": 0.2 * np.ones(1000), "bound_m": 0.1 * np.ones(1000)}
+        )
     return outcomes
 
 
@@ -176,7 +269,9 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> tuple[Findings, str]:
     """Record and page of a study that was not flown."""
     folder = tmp_path_factory.mktemp("estimators")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(studies, "fly_until_narrow", lambda plans, folder: [made(plan) for plan in plans])
+        patch.setattr(
+            studies, "fly_until_narrow", lambda plans, folder: [made(plan) for plan in plans]
+        )
         report = run("estimators", {}, folder, quick=True).report()
     return read(folder / "results.json"), report.read_text(encoding="utf-8")
 
@@ -189,8 +284,17 @@ def test_the_record_has_every_part(page: tuple[Findings, str]) -> None:
     assert none.high == pytest.approx(exact.high, rel=1e-4)
     assert record["many-laisn-2 3 T5"].value == pytest.approx(7 / 25, rel=1e-4)
     assert record["seed"].value == 12
-    names = ["rms straight T2", "rms weaving T5", "error sea waves-level", "error wrong clock unaware", "ekf G2 1 T6",
-             "nees offset 0.05", "bound sigma range_scale_bias_sigma 2", "smoothing G5 1", "clock before"]  # fmt: skip
+    names = [
+        "rms straight T2",
+        "rms weaving T5",
+        "error sea waves-level",
+        "error wrong clock unaware",
+        "ekf G2 1 T6",
+        "nees offset 0.05",
+        "bound sigma range_scale_bias_sigma 2",
+        "smoothing G5 1",
+        "clock before",
+    ]
     assert set(names) <= record.findings.keys()
     assert record["rms-bound straight T5"].value == 0.15
     assert "bound G3 5" not in record.findings, "there are errors that the bound does not model"
@@ -199,20 +303,33 @@ def test_the_record_has_every_part(page: tuple[Findings, str]) -> None:
 
 def test_the_page_contains_all_results(page: tuple[Findings, str]) -> None:
     record, text = page
-    for words in ("At sea", "Model errors", "An unknown clock", "Wrong settings", "A leader that weaves",
-                  "Route by route", "Trial run"):  # fmt: skip
+    for words in (
+        "At sea",
+        "Model errors",
+        "An unknown clock",
+        "Wrong settings",
+        "A leader that weaves",
+        "Route by route",
+        "Trial run",
+    ):
         assert words in text
     titles = [PARTS["cases"].study.title("case", case) for case in PARTS["cases"].study.cases]
     for title in titles:
         assert title.replace("'", "&#39;") in text
     assert f"In G7 the bound is {record['least G7 5']:.2f} of" in text
     assert "0.60 and 0.60 in G5, 0.60 and 0.60 in G6." in text
-    rows = [re.findall(r"<td[^>]*>(.*?)</td>", line) for line in text.splitlines() if line.startswith("<tr><td")]
+    rows = [
+        re.findall(r"<td[^>]*>(.*?)</td>", line)
+        for line in text.splitlines()
+        if line.startswith("<tr><td")
+    ]
     (halved,) = (row for row in rows if row[:2] == ["range sigma", "halved"])
     assert halved[2] == format(record["error sigma range_sigma 0.5"], ".2f i")
     assert halved[3] == format(record["laisn-2 sigma range_sigma 0.5"], ".2f i")
-    assert halved[-2:] == [format(record[f"{name} sigma range_sigma 0.5"], ".1% i")
-                           for name in ("mirror-locked", "mirror-locked-laisn-2")]  # fmt: skip
+    assert halved[-2:] == [
+        format(record[f"{name} sigma range_sigma 0.5"], ".1% i")
+        for name in ("mirror-locked", "mirror-locked-laisn-2")
+    ]
     (case,) = (row for row in rows if row[:3] == ["G3", titles[2], "5"] and len(row) == 18)
     assert case[-1] == "0.60"
 
@@ -220,7 +337,9 @@ def test_the_page_contains_all_results(page: tuple[Findings, str]) -> None:
 def test_the_bound_of_a_mission_is_printed_and_written(tmp_path: Path) -> None:
     short = ["--set", "duration_s=30", "--set", "motion=kinematic"]
     out = tmp_path / "bound.csv"
-    result = CliRunner().invoke(app, ["bound", "T5", *short, "--runs", "3", "--out", str(out)], env={"COLUMNS": "160"})
+    result = CliRunner().invoke(
+        app, ["bound", "T5", *short, "--runs", "3", "--out", str(out)], env={"COLUMNS": "160"}
+    )
     assert result.exit_code == 0, result.output
     assert "laisn-2, 3 runs" in result.output
     lines = out.read_text().splitlines()

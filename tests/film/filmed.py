@@ -47,7 +47,9 @@ class Notebook(Canvas):
 
 
 def overlap(a: Place, b: Place) -> bool:
-    return not (a[0] + a[2] <= b[0] or b[0] + b[2] <= a[0] or a[1] + a[3] <= b[1] or b[1] + b[3] <= a[1])
+    return not (
+        a[0] + a[2] <= b[0] or b[0] + b[2] <= a[0] or a[1] + a[3] <= b[1] or b[1] + b[3] <= a[1]
+    )
 
 
 def small(**changes):
@@ -57,7 +59,9 @@ def small(**changes):
 def apart(flight, metres):
     """A flight whose estimate is moved east by a number of metres."""
     estimates = tuple(
-        dataclasses.replace(e, state=e.state + np.array([metres, 0, 0, 0]), covariance=e.covariance.copy())
+        dataclasses.replace(
+            e, state=e.state + np.array([metres, 0, 0, 0]), covariance=e.covariance.copy()
+        )
         for e in flight.estimates
     )
     return dataclasses.replace(flight, estimates=estimates)

@@ -13,7 +13,8 @@ from tests import synthetic
 
 
 def test_projection_is_that_of_a_pinhole():
-    # looking east from the origin, 90° vertically: a point 10 m ahead, 2 m to the right (south), 1 m up
+    # looking east from the origin, 90° vertically: a point 10 m ahead, 2 m to the right (south), 1
+    # m up
     view = View(position=np.zeros(3), target=np.array([1.0, 0, 0]), fovy_deg=90.0)
     pixels, ahead = view.project(np.array([[10.0, -2.0, 1.0]]), 400, 200)
     np.testing.assert_allclose(pixels, [[200 + 100 * 0.2, 100 - 100 * 0.1]])
@@ -52,9 +53,13 @@ def test_cameras_keep_leader_and_follower_in_the_frame(flight, camera):
 
 @pytest.mark.parametrize("pitch_deg", [-15.0, 15.0])
 def test_the_film_of_the_diving_leader_shows_its_pitch(flight, pitch_deg):
-    """Its hull of 2 m takes a tenth of the picture at least, and leans by half of its pitch or more."""
+    """Its hull of 2 m takes a tenth of the picture at least, and leans by half of its pitch or
+    more.
+    """
     truth = flight.trajectory
-    tilted = attitude.from_euler(truth.heading[:, 0], np.full(truth.time.size, np.deg2rad(pitch_deg)))
+    tilted = attitude.from_euler(
+        truth.heading[:, 0], np.full(truth.time.size, np.deg2rad(pitch_deg))
+    )
     quaternion = truth.quaternion.copy()
     quaternion[:, 0] = tilted
     diving = dataclasses.replace(flight, trajectory=synthetic.moved(truth, quaternion=quaternion))

@@ -1,4 +1,6 @@
-"""What a study adds to the film: other estimates, coloured rays, an excerpt of the mission, and the pitch film."""
+"""What a study adds to the film: other estimates, coloured rays, an excerpt of the mission, and
+the pitch film.
+"""
 
 import inspect
 import pickle
@@ -19,7 +21,15 @@ from experiments.study.plan import plan_of
 from laisn.geometry import horizontal_range
 from sim.film import graphics, render
 from sim.film.cameras import CameraRig
-from sim.film.film_data import ESTIMATE, NOTHING, Annotations, FilmData, OtherEstimate, RayErrors, diverging
+from sim.film.film_data import (
+    ESTIMATE,
+    NOTHING,
+    Annotations,
+    FilmData,
+    OtherEstimate,
+    RayErrors,
+    diverging,
+)
 from sim.film.render import Job
 from sim.flight import excerpt
 from sim.scenario.settings import Video
@@ -33,7 +43,9 @@ COLOUR = (0.30, 1.0, 0.60)
 
 def beside(flight, east, north):
     """An estimate at a constant distance from the truth."""
-    return OtherEstimate(label="other", colour=COLOUR, position=flight.hydrophone(0)[:, :2] + [east, north])
+    return OtherEstimate(
+        label="other", colour=COLOUR, position=flight.hydrophone(0)[:, :2] + [east, north]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +75,9 @@ def test_colours_diverge_symmetrically_and_saturate():
 
 
 def test_rays_take_the_colours_of_their_message():
-    rays = RayErrors(label="error", value=np.array([[-0.1, 0.0, 0.1], [np.nan, 0.2, -0.05]]), limit=0.1)
+    rays = RayErrors(
+        label="error", value=np.array([[-0.1, 0.0, 0.1], [np.nan, 0.2, -0.05]]), limit=0.1
+    )
     colours = Annotations(rays=rays).ray_colours
     assert_allclose(colours(0), diverging([-1.0, 0.0, 1.0]))
     assert_allclose(colours(1), diverging([np.nan, 1.0, -0.5]))
@@ -103,7 +117,15 @@ def test_an_excerpt_shows_what_the_whole_shows(flight):
     cut = FilmData(part, 4.0)
     for time in (21.0, 30.03, 41.0):
         there, here = whole.at(time), cut.at(time)
-        for name in ("position", "quaternion", "estimate", "covariance", "ray", "ranges", "position_error"):
+        for name in (
+            "position",
+            "quaternion",
+            "estimate",
+            "covariance",
+            "ray",
+            "ranges",
+            "position_error",
+        ):
             assert_allclose(getattr(here, name), getattr(there, name), atol=1e-9, err_msg=name)
         assert here.fix_kind == there.fix_kind
         # messages at 1, 2 … 20 s came before
@@ -122,7 +144,11 @@ def test_an_excerpt_lies_within_the_mission(flight, start, end):
 def colour_near(image, place, radius=1):
     """Mean over pixels that lie inside a marker for any of its subpixel positions."""
     x, y = (int(np.floor(v)) for v in place)
-    return np.asarray(image)[y - radius : y + radius + 1, x - radius : x + radius + 1].reshape(-1, 3).mean(axis=0)
+    return (
+        np.asarray(image)[y - radius : y + radius + 1, x - radius : x + radius + 1]
+        .reshape(-1, 3)
+        .mean(axis=0)
+    )
 
 
 WHEN = 40.0
@@ -133,7 +159,9 @@ def added(flight):
     value = np.zeros((60, 3))
     # at 40 s the 40th message has just arrived
     value[39] = -0.05, 0.05, 0.0
-    return Annotations(others=(beside(flight, 2.5, 0.0),), rays=RayErrors(label="error", value=value, limit=0.05))
+    return Annotations(
+        others=(beside(flight, 2.5, 0.0),), rays=RayErrors(label="error", value=value, limit=0.05)
+    )
 
 
 TOGETHER = """
@@ -144,27 +172,37 @@ from sim.film.render import FrameRenderer
 from sim.film.scene import GlScene
 jobs, when = pickle.load(open(sys.argv[1], "rb"))
 with closing(GlScene(jobs["plain"].flight, jobs["plain"].video)) as scene:
-    np.savez(sys.argv[2], **{name: FrameRenderer(job, scene).frame(when) for name, job in jobs.items()})
+    frames = {name: FrameRenderer(job, scene).frame(when) for name, job in jobs.items()}
+    np.savez(sys.argv[2], **frames)
 """
 
 
 @pytest.fixture(scope="module")
 def shown(flight, tmp_path_factory):
-    """Stills with what is added, by camera, and a plain one; of one process, for a start takes longer than a still."""
+    """Stills with what is added, by camera, and a plain one; of one process, for a start takes
+    longer than a still.
+    """
     folder, job = tmp_path_factory.mktemp("shown"), Job(flight=flight, video=Video())
-    jobs = {"plain": job, "profile": replace(job, video=Video(camera="profile"), annotations=added(flight))}
+    jobs = {
+        "plain": job,
+        "profile": replace(job, video=Video(camera="profile"), annotations=added(flight)),
+    }
     (folder / "jobs").write_bytes(pickle.dumps((jobs, WHEN)))
     arguments = (str(folder / "jobs"), str(folder / "stills.npz"))
     command, environment = graphics.child(TOGETHER, graphics.working().name)
     subprocess.run([*command, *arguments], env=environment, check=True, timeout=120)
     render.still(replace(job, annotations=added(flight)), WHEN, folder / "chase.png")
     with np.load(folder / "stills.npz") as stills:
-        return {name: stills[name][..., :3] for name in jobs} | {"chase": np.asarray(Image.open(folder / "chase.png"))}
+        return {name: stills[name][..., :3] for name in jobs} | {
+            "chase": np.asarray(Image.open(folder / "chase.png"))
+        }
 
 
 @needs_graphics
 @pytest.mark.parametrize("camera", ["chase", "profile"])
-def test_the_other_estimate_and_the_rays_have_their_colours_where_they_should(flight, shown, camera):
+def test_the_other_estimate_and_the_rays_have_their_colours_where_they_should(
+    flight, shown, camera
+):
     when, video = WHEN, Video(camera=camera)
     image = shown[camera]
     data = FilmData(flight, video.speed_up)
@@ -207,7 +245,9 @@ def test_pitch_errors_are_those_of_a_tilted_hull(example):
         hydrophone = truth.site_at("follower/hydrophone", truth.time[step])[0]
         dz = hydrophone[2] - truth.position[step, 0, 2]
         for i, site in enumerate(sites):
-            used = horizontal_range(float(np.linalg.norm(truth.site_position[step, site] - hydrophone)), float(dz))
+            used = horizontal_range(
+                float(np.linalg.norm(truth.site_position[step, site] - hydrophone)), float(dz)
+            )
             right = np.linalg.norm((level.site_position[step, site] - hydrophone)[:2])
             assert found[message, i] == pytest.approx(used - right, abs=1e-9)
 

@@ -16,7 +16,9 @@ def test_a_moment_interpolates_truth_and_estimate(flight):
     data = FilmData(flight, 20.0)
     state = data.at(30.05)
     np.testing.assert_allclose(state.position, flight.trajectory.at(30.05)[0][0])
-    np.testing.assert_allclose(state.hydrophone[0], flight.trajectory.site_at("follower/hydrophone", 30.05)[0])
+    np.testing.assert_allclose(
+        state.hydrophone[0], flight.trajectory.site_at("follower/hydrophone", 30.05)[0]
+    )
     before, after = flight.estimates[0].state[299:301, :2]
     np.testing.assert_allclose(state.estimate[0, :2], (before + after) / 2, atol=1e-9)
     assert state.position_error[0] == data.position_error[0, 299]
@@ -53,7 +55,9 @@ def test_trail_points_stay_in_place_while_time_goes_on(flight):
 def test_the_drawn_sea_is_the_simulated_sea():
     mission = make_flight(2.0).scenario
     waves = Waves(kind="regular", height_m=1.0, period_s=8.0, direction_deg=30.0)
-    ocean = ocean_of(mission.model_copy(update={"ocean": mission.ocean.model_copy(update={"waves": waves})}))
+    ocean = ocean_of(
+        mission.model_copy(update={"ocean": mission.ocean.model_copy(update={"waves": waves})})
+    )
     sea = Sea.__new__(Sea)
     sea._ocean, sea._waves = ocean, ocean.water[1][: PHASE + 1].T
     sea._steepness = np.hypot(sea._waves[:, 1], sea._waves[:, 2])

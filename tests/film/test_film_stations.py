@@ -1,4 +1,6 @@
-"""What a film shows of a formation: where each follower should be, and the two vehicles nearest to each other."""
+"""What a film shows of a formation: where each follower should be, and the two vehicles nearest
+to each other.
+"""
 
 import dataclasses
 
@@ -18,7 +20,9 @@ BEHIND, DEPTH = 10.0, 12.0
 
 
 def in_formation() -> Flight:
-    """The second of three followers has a station straight behind the leader; the others keep to routes."""
+    """The second of three followers has a station straight behind the leader; the others keep to
+    routes.
+    """
     flight = make_flight(60.0, 3)
     followers = list(flight.scenario.followers)
     followers[1] = Follower(name="follower2", station=Station(behind_m=BEHIND, depth_m=DEPTH))
@@ -59,7 +63,9 @@ def test_the_nearest_pair_is_found() -> None:
 
 
 def test_the_overlay_draws_rings_and_prints_the_distance() -> None:
-    """On a black picture a ring is bright in the colour of stations, and the labels show distances."""
+    """On a black picture a ring is bright in the colour of stations, and the labels show
+    distances.
+    """
     flight = in_formation()
     data = film_data_of(flight, 1)
     overlay = Overlay(data, Video())
@@ -74,16 +80,21 @@ def test_the_overlay_draws_rings_and_prints_the_distance() -> None:
     lit = 0
     for x, y in np.round(ring).astype(int):
         # a line lies between pixels
-        red, _, blue = np.moveaxis(overlay.canvas.pixels[y - 1 : y + 2, x - 1 : x + 2, :3] / 255, 2, 0)
+        red, _, blue = np.moveaxis(
+            overlay.canvas.pixels[y - 1 : y + 2, x - 1 : x + 2, :3] / 255, 2, 0
+        )
         lit += bool(((blue > 0.5) & (blue > 1.5 * red)).any())
     # trails and labels cover a few places of it
     assert lit > 24
     off = float(np.hypot(*(station - state.hydrophone[1])[:2]))
     words = [label.words for label in overlay._labels(state, shot.view)]
     assert f"station, off by {off:.1f} m" in words
-    # lanes of followers are 9 m apart, each a metre deeper, and the leader is farther off: √82 m, but for a wobble
+    # lanes of followers are 9 m apart, each a metre deeper, and the leader is farther off: √82 m,
+    # but for a wobble
     assert "9.1 m apart, the nearest" in words
-    others = [label.words for label in Overlay(film_data_of(flight), Video())._labels(state, shot.view)]
+    others = [
+        label.words for label in Overlay(film_data_of(flight), Video())._labels(state, shot.view)
+    ]
     assert not [word for word in others if word.startswith("station")]
 
 

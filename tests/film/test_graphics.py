@@ -40,7 +40,9 @@ def test_a_library_that_is_not_installed_is_called_so(monkeypatch):
     """PyOpenGL's own message does not explain it to a newcomer."""
     program = (sys.executable, "-c", "None.glGetError()")
     monkeypatch.setattr(graphics, "child", lambda *_: (program, dict(os.environ)))
-    assert graphics._examine("osmesa") == graphics.Backend("osmesa", False, "its library is not installed")
+    assert graphics._examine("osmesa") == graphics.Backend(
+        "osmesa", False, "its library is not installed"
+    )
 
 
 def test_a_child_imports_the_packages_modules_in_any_working_directory(tmp_path):
@@ -49,7 +51,13 @@ def test_a_child_imports_the_packages_modules_in_any_working_directory(tmp_path)
         (tmp_path / name / "__init__.py").write_text("raise RuntimeError('the wrong module')")
     command, environment = graphics.child("import json, sim.film.graphics; print('fine')", "egl")
     answer = subprocess.run(
-        command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=60
+        command,
+        env=environment,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
     )
     assert answer.stdout.strip() == "fine"
 
@@ -72,10 +80,14 @@ for package in map(import_module, sys.argv[1:]):
 
 
 def test_no_module_loads_a_graphics_library_when_it_is_imported():
-    """A machine without such libraries flies all the same; what films, loads them in a process of its own."""
+    """A machine without such libraries flies all the same; what films, loads them in a process
+    of its own.
+    """
     environment = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
     command = [sys.executable, "-c", BLOCKED, "models", "laisn", "sim", "experiments"]
-    child = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    child = subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False
+    )
     assert child.returncode == 0, child.stderr
     filming = {"sim.film.render", "sim.film.scene", "experiments.command.cli"}
     assert filming <= set(child.stdout.split())

@@ -33,7 +33,10 @@ def test_labels_keep_clear_of_everything(seed: int) -> None:
 
 def test_the_first_label_has_the_first_choice() -> None:
     frame, at = Canvas(1280, 720), np.array([640.0, 360.0])
-    first, second = Label(at, "first", WHITE, -30.0), Label(at + np.array([9.0, 1.0]), "second", WHITE, -30.0)
+    first, second = (
+        Label(at, "first", WHITE, -30.0),
+        Label(at + np.array([9.0, 1.0]), "second", WHITE, -30.0),
+    )
     ((_, alone, end),) = place_labels([first], [], frame)
     assert end - at == pytest.approx([16.0, -30.0])
     (_, still, _), (_, other, _) = place_labels([first, second], [], frame)

@@ -45,7 +45,9 @@ def test_other_impossible_wishes_are_refused(flight, tmp_path):
 
 def test_without_graphics_one_message_reports_what_to_install(flight, tmp_path, monkeypatch):
     monkeypatch.setattr(graphics, "working", lambda: None)
-    with pytest.raises(render.RenderError, match=r"no graphics library works here.*apt-get install") as raised:
+    with pytest.raises(
+        render.RenderError, match=r"no graphics library works here.*apt-get install"
+    ) as raised:
         render.render(job_of(flight), tmp_path / "film.mp4")
     assert len(str(raised.value).splitlines()) == 1
 
@@ -56,11 +58,17 @@ def test_without_graphics_one_message_reports_what_to_install(flight, tmp_path, 
 def colour_near(image, place, radius=1):
     """Mean over pixels that lie inside a marker for any of its subpixel positions."""
     x, y = (round(float(v)) for v in place)
-    return np.asarray(image)[y - radius : y + radius + 1, x - radius : x + radius + 1].reshape(-1, 3).mean(axis=0)
+    return (
+        np.asarray(image)[y - radius : y + radius + 1, x - radius : x + radius + 1]
+        .reshape(-1, 3)
+        .mean(axis=0)
+    )
 
 
 @needs_graphics
-def test_a_still_shows_markers_where_the_vehicles_are_and_no_band_at_the_horizon(flight, tmp_path, monkeypatch):
+def test_a_still_shows_markers_where_the_vehicles_are_and_no_band_at_the_horizon(
+    flight, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     shifted = apart(flight, 2.5)
     video, when = Video(), 40.0
@@ -76,7 +84,8 @@ def test_a_still_shows_markers_where_the_vehicles_are_and_no_band_at_the_horizon
     (belief,), _ = view.project(state.estimate, 1280, 720)
     np.testing.assert_allclose(colour_near(image, truth), 255 * np.array(TRUTH), atol=12)
     np.testing.assert_allclose(colour_near(image, belief), 255 * np.array(ESTIMATE), atol=12)
-    # open water between the panels: the level line has the colour of the water, and fades into it without a step
+    # open water between the panels: the level line has the colour of the water, and fades into it
+    # without a step
     pixels = np.asarray(image).astype(float)
     eye = view.position
     level = eye + 1000.0 * view.axes[2] * [1, 1, 0] / np.hypot(*view.axes[2][:2])
@@ -108,14 +117,14 @@ with closing(GlScene(job.flight, job.video)) as scene:
         renderer = FrameRenderer(dataclasses.replace(shifted, video=video), scene)
         first = renderer.frame(20.0).copy()
         renderer.frame(35.0)
-        # MuJoCo does not clear the memory of a scene: here it is full of a part of the follower's hull
+        # MuJoCo does not clear the memory of a scene: here it is full of a part of the follower
         part = next(g for g in np.flatnonzero(scene._model.geom_bodyid == scene._vehicles[1].body)
                     if g not in scene._inside)
         for geom in scene._scene.geoms[:100]:
             geom.objtype, geom.objid, geom.transparent = mujoco.mjtObj.mjOBJ_GEOM.value, part, 1
         assert np.array_equal(first, renderer.frame(20.0)), camera
         pictures[camera] = first
-    # floor and surface move on by whole tiles as the camera travels, here after 11 s: that must not show
+    # floor and surface move on by whole tiles as the camera travels, here after 11 s
     renderer = FrameRenderer(job, scene)
     frames = [renderer.frame(t)[..., :3].astype(int) for t in np.arange(5.0, 25.0, 0.6667)]
     pictures["steps"] = np.array([np.abs(b - a).mean() for a, b in zip(frames[:-1], frames[1:])])
@@ -154,7 +163,10 @@ def test_the_film_has_the_requested_format_for_any_number_of_workers(flight, fil
     shares, (one, _), two = [], film, tmp_path / "two.mp4"
     render.render(job_of(flight, **FILMED), two, workers=2, progress=shares.append)
     assert one.read_bytes() == two.read_bytes()
-    assert [p.name for folder in (one.parent, tmp_path) for p in folder.iterdir()] == ["one.mp4", "two.mp4"]
+    assert [p.name for folder in (one.parent, tmp_path) for p in folder.iterdir()] == [
+        "one.mp4",
+        "two.mp4",
+    ]
     assert shares[-1] == 1.0
     assert shares == sorted(shares)
     data = two.read_bytes()
@@ -181,7 +193,12 @@ def test_access_units_are_annex_b_with_headers_at_every_key_frame(film):
     decoder.thread_type = "SLICE"  # threads by frame would hold frames back
     for i, (_, unit) in enumerate(units):
         assert unit.startswith(b"\x00\x00\x00\x01")
-        kinds = [part[0] & 31 for part in unit.replace(b"\x00\x00\x00\x01", b"\x00\x00\x01").split(b"\x00\x00\x01")[1:]]
+        kinds = [
+            part[0] & 31
+            for part in unit.replace(b"\x00\x00\x00\x01", b"\x00\x00\x01").split(b"\x00\x00\x01")[
+                1:
+            ]
+        ]
         # 7, 8: parameter sets; 5: IDR; 1: other picture (ITU-T H.264, Table 7-1)
         assert (7 in kinds and 8 in kinds and 5 in kinds) if i % GROUP == 0 else kinds[-1] == 1
         # one frame for each unit, without waiting for a later one
@@ -192,7 +209,9 @@ def test_access_units_are_annex_b_with_headers_at_every_key_frame(film):
 def test_a_child_that_dies_leaves_no_film_and_its_last_words(flight, tmp_path, monkeypatch):
     # before it has loaded what renders, which takes a second
     monkeypatch.setattr(render, "_IMPORTS", "raise ZeroDivisionError('in the child')")
-    with pytest.raises(render.RendererDiedError, match=r"(?s)ended with code 1\n.*ZeroDivisionError: in the child$"):
+    with pytest.raises(
+        render.RendererDiedError, match=r"(?s)ended with code 1\n.*ZeroDivisionError: in the child$"
+    ):
         render.render(job_of(flight), tmp_path / "film.mp4", workers=1)
     assert list(tmp_path.iterdir()) == []
 

@@ -7,7 +7,12 @@ import pytest
 
 from experiments.flight import summary as flight_events
 from experiments.flight.fly import fly
-from experiments.flight.summary import contact_events, giving_way_events, largest_sigma, uncertainty_events
+from experiments.flight.summary import (
+    contact_events,
+    giving_way_events,
+    largest_sigma,
+    uncertainty_events,
+)
 from laisn.arrays import records
 from sim import feasibility
 from sim.scenario.file import validate
@@ -42,16 +47,24 @@ def test_stations_are_near_within_three_sigma_of_both(
 ) -> None:
     """Both have σ = 2 m, so that 3 √(2² + 2²) = 8.49 m."""
     flight = make_flight(10.0, 2)
-    table = {"name": "s", "followers": [{"station": {"behind_m": 20.0, "port_m": p, "depth_m": 12.0}} for p in (0, 9)]}
+    table = {
+        "name": "s",
+        "followers": [
+            {"station": {"behind_m": 20.0, "port_m": p, "depth_m": 12.0}} for p in (0, 9)
+        ],
+    }
     covariance = np.tile(4.0 * np.eye(4), (100, 1, 1))
     known = replace(
-        flight, scenario=validate(table, "test"),
+        flight,
+        scenario=validate(table, "test"),
         estimates=tuple(replace(e, covariance=covariance) for e in flight.estimates),
-    )  # fmt: skip
+    )
     places = records(STATION_PLACE, flight.trajectory.time.size, 2)
     places.east[:, 1] = apart
     monkeypatch.setattr(flight_events.tracking, "true_stations", lambda *_: places)
-    assert [event.time_s for event in uncertainty_events(known)] == ([pytest.approx(0.1)] if near else [])
+    assert [event.time_s for event in uncertainty_events(known)] == (
+        [pytest.approx(0.1)] if near else []
+    )
 
 
 def test_stations_nearer_than_three_sigma_are_reported() -> None:
@@ -59,11 +72,16 @@ def test_stations_nearer_than_three_sigma_are_reported() -> None:
         "name": "s",
         "duration_s": 20.0,
         "navigation": {"variant": "tight", "assume": {"start_sigma_m": 3.0}},
-        "followers": [{"station": {"behind_m": 20.0, "port_m": port, "depth_m": 12.0}} for port in (0.0, 5.0, -40.0)],
+        "followers": [
+            {"station": {"behind_m": 20.0, "port_m": port, "depth_m": 12.0}}
+            for port in (0.0, 5.0, -40.0)
+        ],
     }
     flight, _ = fly(validate(table, "test"))
     events = uncertainty_events(flight)
-    assert [event.text.split(",")[0] for event in events] == ["stations of follower-2 and follower-1"]
+    assert [event.text.split(",")[0] for event in events] == [
+        "stations of follower-2 and follower-1"
+    ]
     assert "3 sigma" in events[0].text
 
 
@@ -73,7 +91,11 @@ def test_a_shape_stands_for_its_followers() -> None:
     assert [f.layer_m for f in shaped.followers] == [12.0 + i for i in range(6)]
     with pytest.raises(ValueError, match="kind"):
         validate({"name": "s", "formation": {"shape": {"kind": "star", "count": 6}}}, "test")
-    beside = {"name": "s", "formation": {"shape": {"kind": "v", "count": 6}}, "followers": [{"route": "T5"}]}
+    beside = {
+        "name": "s",
+        "formation": {"shape": {"kind": "v", "count": 6}},
+        "followers": [{"route": "T5"}],
+    }
     with pytest.raises(ValueError, match="there are \\[\\[followers\\]\\] beside it"):
         validate(beside, "test")
 
@@ -90,18 +112,26 @@ def test_a_leader_too_fast_for_followers_is_reported() -> None:
 
 
 def test_avoidance_is_reported_with_first_time_and_duration() -> None:
-    """One of two abreast closes up at 0.5 m/s from 10.1 m: within 5 m after 10.2 s, as the look at 10.5 s shows."""
+    """One of two abreast closes up at 0.5 m/s from 10.1 m: within 5 m after 10.2 s, as the look
+    at 10.5 s shows.
+    """
     flight = make_flight(20.0, 2)
     table = {
         "name": "s",
-        "followers": [{"station": {"behind_m": 20.0, "port_m": port, "depth_m": 12.0}} for port in (0, 9)],
+        "followers": [
+            {"station": {"behind_m": 20.0, "port_m": port, "depth_m": 12.0}} for port in (0, 9)
+        ],
         "formation": {"proximity": {"range_sigma_m": 0.0}},
     }
     trajectory = flight.trajectory
     position = np.zeros_like(trajectory.position)
     position[:, 0] = 500.0
     position[:, 2, 0] = 10.1 - 0.5 * trajectory.time
-    moved = replace(flight, scenario=validate(table, "test"), trajectory=synthetic.moved(trajectory, position=position))
+    moved = replace(
+        flight,
+        scenario=validate(table, "test"),
+        trajectory=synthetic.moved(trajectory, position=position),
+    )
     assert [(event.time_s, event.level, event.text) for event in giving_way_events(moved)] == [
         (pytest.approx(10.5), "info", "follower1 gives way to follower2"),
         (pytest.approx(10.5), "info", "follower2 gives way to follower1"),

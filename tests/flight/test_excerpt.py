@@ -17,8 +17,11 @@ def test_an_excerpt_keeps_the_lengths_of_steps_and_the_places_of_transmitters() 
     kept = excerpt(replace(whole, measurements=(timed,)), 10.0, 20.0).measurements[0]
     assert kept.durations is not None
     assert kept.transmitters is not None
-    # steps of 0.1 s, the first at 0.1 s; messages every second, the first within the excerpt at 11 s
+    # steps of 0.1 s, the first at 0.1 s; messages every second, the first within the excerpt at 11
+    # s
     assert kept.durations.tolist() == durations[100:200].tolist()
-    assert kept.transmitters[:, 0, 0].tolist() == places[timed.message_step > 100, 0, 0][:10].tolist()
+    assert (
+        kept.transmitters[:, 0, 0].tolist() == places[timed.message_step > 100, 0, 0][:10].tolist()
+    )
     assert kept.message_step.tolist() == list(range(10, 101, 10))
     assert excerpt(whole, 10.0, 20.0).measurements[0].durations is None

@@ -1,4 +1,6 @@
-"""The results folder of a flight: files of two flights never lie beside each other, and no whole flight is lost."""
+"""The results folder of a flight: files of two flights never lie beside each other, and no whole
+flight is lost.
+"""
 
 import os
 import subprocess
@@ -9,13 +11,27 @@ import pytest
 
 from experiments.campaign.store import Store
 from experiments.campaign.version import ROOT
-from experiments.flight.folder import FILES, FILM, LOG, REPORT, SCENARIO, SUMMARY, UNFINISHED, one_flight, require_safe
+from experiments.flight.folder import (
+    FILES,
+    FILM,
+    LOG,
+    REPORT,
+    SCENARIO,
+    SUMMARY,
+    UNFINISHED,
+    one_flight,
+    require_safe,
+)
 from laisn.failure import LaisnError
 from sim.log.contents import partial_path
 
 
 def contents(folder: Path) -> dict[str, str]:
-    return {p.relative_to(folder).as_posix(): p.read_text() for p in sorted(folder.rglob("*")) if p.is_file()}
+    return {
+        p.relative_to(folder).as_posix(): p.read_text()
+        for p in sorted(folder.rglob("*"))
+        if p.is_file()
+    }
 
 
 def write(folder: Path, word: str, names: tuple[str, ...] = FILES) -> None:
@@ -23,7 +39,12 @@ def write(folder: Path, word: str, names: tuple[str, ...] = FILES) -> None:
         (folder / name).write_text(word)
 
 
-def fly(folder: Path, word: str, names: tuple[str, ...] = FILES, error: type[BaseException] | None = None) -> None:
+def fly(
+    folder: Path,
+    word: str,
+    names: tuple[str, ...] = FILES,
+    error: type[BaseException] | None = None,
+) -> None:
     """Write a flight, and fail if an error is given."""
     with one_flight(folder) as work:
         write(work, word, names)
@@ -57,13 +78,17 @@ def test_a_folder_holds_one_kind_of_result(folder: Path, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError, ValueError])
-def test_a_flight_that_fails_leaves_the_earlier_one_and_nothing_else(folder: Path, error: type[BaseException]) -> None:
+def test_a_flight_that_fails_leaves_the_earlier_one_and_nothing_else(
+    folder: Path, error: type[BaseException]
+) -> None:
     before = contents(folder)
     with pytest.raises(error) as raised:
         fly(folder, "new", (REPORT,), error)
     assert contents(folder) == before
     assert sorted(p.name for p in folder.iterdir()) == sorted(before)
-    assert raised.value.__notes__ == [f"nothing of this flight is kept; the earlier flight in {folder} is unchanged"]
+    assert raised.value.__notes__ == [
+        f"nothing of this flight is kept; the earlier flight in {folder} is unchanged"
+    ]
 
 
 @pytest.mark.parametrize("log", [LOG, partial_path(Path(LOG)).name])
@@ -92,7 +117,9 @@ def test_a_failed_first_flight_mentions_no_earlier_one(tmp_path: Path) -> None:
 def test_an_interrupt_between_any_two_moves_loses_no_file_of_the_new_flight(
     folder: Path, monkeypatch: pytest.MonkeyPatch, at: int, moved: bool
 ) -> None:
-    """A folder with a summary has all other files of that flight; the next flight may be written into any of these."""
+    """A folder with a summary has all other files of that flight; the next flight may be written
+    into any of these.
+    """
     replace, count = os.replace, 0
 
     def interrupted(source: Path, target: Path) -> None:
@@ -149,9 +176,16 @@ with one_flight(Path(sys.argv[1])) as work:
 """
 
 
-def test_a_second_flight_into_a_folder_is_refused_until_the_first_ends_or_is_killed(tmp_path: Path) -> None:
-    other = subprocess.Popen([sys.executable, "-c", FLIGHT, str(tmp_path)], cwd=ROOT, stdin=subprocess.PIPE,
-                             stdout=subprocess.PIPE, text=True)  # fmt: skip
+def test_a_second_flight_into_a_folder_is_refused_until_the_first_ends_or_is_killed(
+    tmp_path: Path,
+) -> None:
+    other = subprocess.Popen(
+        [sys.executable, "-c", FLIGHT, str(tmp_path)],
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     assert other.stdout is not None
     with other:
         assert other.stdout.readline() == "ready\n"
@@ -181,15 +215,22 @@ def test_what_a_kill_left_between_two_moves_is_safe(folder: Path) -> None:
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_that_no_flight_wrote_is_not_replaced(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text("mine")
-    with pytest.raises(LaisnError, match=rf"holds {name}, but no flight .* choose another folder with --out"):
+    with pytest.raises(
+        LaisnError, match=rf"holds {name}, but no flight .* choose another folder with --out"
+    ):
         require_safe(tmp_path)
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_folder_or_a_link_with_the_name_of_a_result_is_not_replaced(folder: Path, tmp_path: Path, name: str) -> None:
+def test_a_folder_or_a_link_with_the_name_of_a_result_is_not_replaced(
+    folder: Path, tmp_path: Path, name: str
+) -> None:
     (folder / name).rename(tmp_path / "target")
     (folder / name).mkdir()
-    with pytest.raises(LaisnError, match=rf"{name}: expected a regular file, .* or choose another folder with --out"):
+    with pytest.raises(
+        LaisnError,
+        match=rf"{name}: expected a regular file, .* or choose another folder with --out",
+    ):
         require_safe(folder)
     (folder / name).rmdir()
     for target in ("target", "missing"):

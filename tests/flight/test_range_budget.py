@@ -21,7 +21,9 @@ PITCH, DEPTH_OFFSET, HALF = np.deg2rad(5.0), 10.0, 1.0
 QUIET = SensorErrors(range_tau=(0.0, 0.0, 0.0), range_scale_mean=0.0, range_scale_sigma=0.0)
 
 
-def flight_of(scenario: Scenario, trajectory: Trajectory, errors: SensorErrors | None = None) -> Flight:
+def flight_of(
+    scenario: Scenario, trajectory: Trajectory, errors: SensorErrors | None = None
+) -> Flight:
     measured = measure(
         observe(trajectory, scenario),
         errors or errors_of(scenario),
@@ -53,20 +55,30 @@ def test_shares_add_up_to_the_error():
     own = flight.measurements[0]
     # its hydrophone sits higher than its depth sensor
     dz = own.message[:, 5] - (own.depth[own.message_step - 1] - SITES["follower"]["hydrophone"][2])
-    assert_allclose(budget.used_range[arrived], np.sqrt(own.ranges**2 - dz[:, None] ** 2)[arrived], atol=1e-12)
+    assert_allclose(
+        budget.used_range[arrived], np.sqrt(own.ranges**2 - dz[:, None] ** 2)[arrived], atol=1e-12
+    )
 
 
 def test_shares_add_up_with_everything_at_work():
     acoustics = Acoustics(
-        travel_time=True, ping_slot_s=0.07, sound_speed_profile=((0.0, 1480.0), (30.0, 1510.0)), clock_offset_s=1e-4,
-        clock_drift_ppm=20.0, sound_speed_bias_m_s=4.0,
-    )  # fmt: skip
+        travel_time=True,
+        ping_slot_s=0.07,
+        sound_speed_profile=((0.0, 1480.0), (30.0, 1510.0)),
+        clock_offset_s=1e-4,
+        clock_drift_ppm=20.0,
+        sound_speed_bias_m_s=4.0,
+    )
     trajectory = make_trajectory(
-        (20.0, -30.0, -14.0), leader_velocity=(1.0, 0.3, 0), follower_velocity=(1.2, 0, 0.05),
+        (20.0, -30.0, -14.0),
+        leader_velocity=(1.0, 0.3, 0),
+        follower_velocity=(1.2, 0, 0.05),
         heading_pitch_roll=(1.2, 0.2, -0.1),
-    )  # fmt: skip
+    )
     # three pings are waited for
-    scenario = make_scenario(acoustics).model_copy(update={"navigation": Navigation(variant="laisn-3-2")})
+    scenario = make_scenario(acoustics).model_copy(
+        update={"navigation": Navigation(variant="laisn-3-2")}
+    )
     budget = range_error_budget(flight_of(scenario, trajectory))
     assert_allclose(budget.share.sum(axis=2), budget.error, rtol=0, atol=1e-9)
     at_work = np.abs(budget.share).max(axis=(0, 1)) > 1e-4
@@ -76,7 +88,9 @@ def test_shares_add_up_with_everything_at_work():
 @pytest.mark.parametrize("slant", [15.0, 40.0, 100.0])
 def test_lever_arm_abeam_is_the_closed_form(slant):
     abeam = np.sqrt(slant**2 - DEPTH_OFFSET**2)
-    trajectory = make_trajectory((0.0, -abeam, -8.0 - DEPTH_OFFSET), heading_pitch_roll=(np.pi / 2, PITCH, 0.0))
+    trajectory = make_trajectory(
+        (0.0, -abeam, -8.0 - DEPTH_OFFSET), heading_pitch_roll=(np.pi / 2, PITCH, 0.0)
+    )
     scenario = make_scenario()
     budget = range_error_budget(flight_of(scenario, trajectory, QUIET))
     slant_error = (
@@ -87,7 +101,9 @@ def test_lever_arm_abeam_is_the_closed_form(slant):
     closed_form = DEPTH_OFFSET * HALF * np.sin(PITCH) / slant
     assert_allclose(slant_error[:, 1], closed_form, rtol=0.02)
     assert_allclose(slant_error[:, 0], -closed_form, rtol=0.02)
-    assert_allclose(budget.asymmetry[:, Cause.LEVER_ARM], 2 * closed_form * slant / abeam, rtol=0.02)
+    assert_allclose(
+        budget.asymmetry[:, Cause.LEVER_ARM], 2 * closed_form * slant / abeam, rtol=0.02
+    )
     assert_allclose(budget.asymmetry[:, Cause.FORESHORTENING], 0.0, atol=1e-12)
     # the intersection of the circles moves along the hull by (D_rear² − D_front²) / 2L
     along = (budget.used_range[:, 0] ** 2 - budget.used_range[:, 1] ** 2) / (4 * HALF)
@@ -95,8 +111,12 @@ def test_lever_arm_abeam_is_the_closed_form(slant):
 
 
 def test_level_leader_without_errors_has_no_error():
-    trajectory = make_trajectory((20.0, -30.0, -14.0), leader_velocity=(1, 0, 0), follower_velocity=(1, 0.1, 0))
-    assert_allclose(range_error_budget(flight_of(make_scenario(), trajectory, QUIET)).share, 0.0, atol=1e-9)
+    trajectory = make_trajectory(
+        (20.0, -30.0, -14.0), leader_velocity=(1, 0, 0), follower_velocity=(1, 0.1, 0)
+    )
+    assert_allclose(
+        range_error_budget(flight_of(make_scenario(), trajectory, QUIET)).share, 0.0, atol=1e-9
+    )
 
 
 def test_each_acoustic_cause_alone():
@@ -114,7 +134,11 @@ def test_each_acoustic_cause_alone():
             flight = Flight(
                 scenario=scenario,
                 trajectory=trajectory,
-                measurements=(flight.measurements[0].__class__(**{**vars(flight.measurements[0]), "ranges": echo}),),
+                measurements=(
+                    flight.measurements[0].__class__(
+                        **{**vars(flight.measurements[0]), "ranges": echo}
+                    ),
+                ),
                 estimates=flight.estimates,
             )
         assert_allclose(shares_alone(range_error_budget(flight), cause)[:, 1], expected, rtol=1e-9)
@@ -138,20 +162,30 @@ def test_random_and_depth_errors_are_what_was_drawn():
 def test_a_file_holds_a_row_for_each_ping_received_and_its_shares_add_up(tmp_path):
     flight = make_flight(60.0, 2)
     rows = list(analyses.records(flight))
-    assert len(rows) == sum(int(np.isfinite(arrived.ranges).sum()) for arrived in flight.measurements)
+    assert len(rows) == sum(
+        int(np.isfinite(arrived.ranges).sum()) for arrived in flight.measurements
+    )
     for row in rows:
         shares = sum(row[f"{cause.name.lower()}_m"] for cause in Cause)
         assert row["level_range_m"] + shares == pytest.approx(row["used_range_m"], abs=1e-9)
     arrived = flight.measurements[1]
-    front = [row for row in rows if row["follower"] == "follower2" and row["transmitter"] == "front"]
+    front = [
+        row for row in rows if row["follower"] == "follower2" and row["transmitter"] == "front"
+    ]
     received = arrived.message_step[np.isfinite(arrived.ranges[:, 1])]
     assert_allclose([row["time_s"] for row in front], received * arrived.dt, atol=1e-9)
 
 
 def test_the_page_names_the_cause_of_the_asymmetry():
-    """Abeam of a leader at 5°, 10 m deeper: bow less stern is off by Δz L sin φ / D, and by nothing else."""
-    trajectory = make_trajectory((20.0, 0.0, -8.0 - DEPTH_OFFSET), heading_pitch_roll=(0.0, PITCH, 0.0))
-    table = flight_report.share_table(range_error_budget(flight_of(make_scenario(), trajectory, QUIET)))
+    """Abeam of a leader at 5°, 10 m deeper: bow less stern is off by Δz L sin φ / D, and by
+    nothing else.
+    """
+    trajectory = make_trajectory(
+        (20.0, 0.0, -8.0 - DEPTH_OFFSET), heading_pitch_roll=(0.0, PITCH, 0.0)
+    )
+    table = flight_report.share_table(
+        range_error_budget(flight_of(make_scenario(), trajectory, QUIET))
+    )
     shown = {row[0].text: [cell.sort for cell in row[1:]] for row in table.rows}
     expected = 100 * DEPTH_OFFSET * 2 * HALF * np.sin(PITCH) / np.hypot(20.0, HALF)
     rear, front, middle, rms, largest = shown.pop("lever arm")
@@ -159,13 +193,17 @@ def test_the_page_names_the_cause_of_the_asymmetry():
     assert middle == pytest.approx(0.0, abs=1e-9)
     assert set(shown) == {"foreshortening"}
     assert shown["foreshortening"][3] < 0.02 * expected
-    assert table.caption.endswith("Without effect here: travel time and motion, echo, sound speed, clock, random "
-                                  "error, depth measurement.")  # fmt: skip
+    assert table.caption.endswith(
+        "Without effect here: travel time and motion, echo, sound speed, clock, random "
+        "error, depth measurement."
+    )
 
 
 def test_a_follower_without_receptions_has_no_budget():
     flight = make_flight(30.0)
-    deaf = replace(flight.measurements[0], ranges=np.full_like(flight.measurements[0].ranges, np.nan))
+    deaf = replace(
+        flight.measurements[0], ranges=np.full_like(flight.measurements[0].ranges, np.nan)
+    )
     found = flight_report.range_budget(replace(flight, measurements=(deaf,)))
     assert (found["silent"], found["figure"], found["tables"]) == (["follower"], None, [])
     assert list(analyses.records(replace(flight, measurements=(deaf,)))) == []

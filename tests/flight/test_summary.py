@@ -32,9 +32,13 @@ def turned(found: Floats, truth: Floats, leader: Floats) -> Floats:
 
 def figures(position: Floats, bearing: Floats) -> dict[str, float]:
     return {
-        "e_p_max_m": position.max(), "e_p_mean_m": position.mean(), "e_p_std_m": position.std(),
-        "e_b_max_deg": bearing.max(), "e_b_mean_deg": bearing.mean(), "e_b_std_deg": bearing.std(),
-    }  # fmt: skip
+        "e_p_max_m": position.max(),
+        "e_p_mean_m": position.mean(),
+        "e_p_std_m": position.std(),
+        "e_b_max_deg": bearing.max(),
+        "e_b_mean_deg": bearing.mean(),
+        "e_b_std_deg": bearing.std(),
+    }
 
 
 def test_the_summary_has_the_errors_of_each_follower_and_of_all(flight: Flight) -> None:
@@ -51,9 +55,13 @@ def test_the_summary_has_the_errors_of_each_follower_and_of_all(flight: Flight) 
         row = summary["followers"][name]
         own = figures(position[i], bearing[i])
         assert {key: row[key] for key in own} == pytest.approx(own)
-        off = track_error(routes[i + 1], flight.trajectory.time, flight.trajectory.position[:, i + 1, :2])
+        off = track_error(
+            routes[i + 1], flight.trajectory.time, flight.trajectory.position[:, i + 1, :2]
+        )
         assert row["track_error_rms_m"] == pytest.approx(np.sqrt(np.mean(off**2)))
-        kinds = Counter(FixKind(kind).name.lower() for kind in flight.estimates[i].fix_kind.tolist())
+        kinds = Counter(
+            FixKind(kind).name.lower() for kind in flight.estimates[i].fix_kind.tolist()
+        )
         assert {kind: count for kind, count in row["fixes"].items() if count} == kinds
 
 
@@ -61,7 +69,10 @@ def test_a_notebook_shows_mean_and_largest_error_of_each_follower(flight: Flight
     shown = results.Flight(**vars(flight))._repr_html_()
     for i, estimates in enumerate(flight.estimates):
         error = np.linalg.norm(estimates.state[:, :2] - flight.hydrophone(i)[:, :2], axis=1)
-        assert f"<td>follower{i + 1}</td><td>{error.mean():.2f} m</td><td>{error.max():.2f} m</td>" in shown
+        assert (
+            f"<td>follower{i + 1}</td><td>{error.mean():.2f} m</td><td>{error.max():.2f} m</td>"
+            in shown
+        )
     assert shown.index("mean E_P") < shown.index("largest E_P")
     assert "followers: 2" in shown
 
@@ -70,17 +81,23 @@ def test_the_summary_names_those_that_came_nearest(flight: Flight) -> None:
     summary, trajectory = summarise(flight), flight.trajectory
     for axes, what in ((3, "approach"), (2, "horizontal")):
         apart = {
-            (i, j): np.linalg.norm(trajectory.position[:, i, :axes] - trajectory.position[:, j, :axes], axis=1)
+            (i, j): np.linalg.norm(
+                trajectory.position[:, i, :axes] - trajectory.position[:, j, :axes], axis=1
+            )
             for i, j in combinations(range(3), 2)
         }
         pair = min(apart, key=lambda two: apart[two].min())
         assert summary[f"closest_{what}_m"] == pytest.approx(apart[pair].min())
         assert sorted(summary[f"closest_{what}_pair"]) == sorted(trajectory.names[i] for i in pair)
-        assert summary[f"closest_{what}_s"] == pytest.approx(trajectory.time[apart[pair].argmin()], abs=0.11)
+        assert summary[f"closest_{what}_s"] == pytest.approx(
+            trajectory.time[apart[pair].argmin()], abs=0.11
+        )
 
 
 def test_captures_are_reported_at_start_and_end(flight: Flight) -> None:
-    """The second follower's estimate is mirrored in the leader's axis from 10 s to 15 s, and from 28 s on."""
+    """The second follower's estimate is mirrored in the leader's axis from 10 s to 15 s, and
+    from 28 s on.
+    """
     steps = flight.step_index()
     time, leader = flight.trajectory.time[steps], flight.trajectory.position[steps, 0, :2]
     heading, found = flight.trajectory.heading[steps, 0], flight.estimates[1]
@@ -99,14 +116,23 @@ def test_captures_are_reported_at_start_and_end(flight: Flight) -> None:
 
 
 def test_leaving_the_water_is_reported_once(flight: Flight) -> None:
-    """The leader rises above the surface at 12 s, the first follower sinks below the floor at 20 s, and both again."""
+    """The leader rises above the surface at 12 s, the first follower sinks below the floor at 20
+    s, and both again.
+    """
     trajectory = flight.trajectory
     position, time = trajectory.position.copy(), trajectory.time
     position[(time > 11.95) & (time < 13) | (time > 25), 0, 2] = 0.05
     position[time > 19.95, 1, 2] = -flight.scenario.ocean.floor_depth_m - 0.05
-    events = stray_events(replace(flight, trajectory=synthetic.moved(trajectory, position=position)))
-    reported = [(event.time_s, event.text) for event in events if not re.search("touch|off its route", event.text)]
+    events = stray_events(
+        replace(flight, trajectory=synthetic.moved(trajectory, position=position))
+    )
+    reported = [
+        (event.time_s, event.text)
+        for event in events
+        if not re.search("touch|off its route", event.text)
+    ]
     assert reported == [
-        (pytest.approx(12.0), "leader breaks the surface"), (pytest.approx(20.0), "follower1 goes below the sea floor"),
-    ]  # fmt: skip
+        (pytest.approx(12.0), "leader breaks the surface"),
+        (pytest.approx(20.0), "follower1 goes below the sea floor"),
+    ]
     assert all("off its route" in event.text for event in stray_events(flight))

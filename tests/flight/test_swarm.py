@@ -1,4 +1,6 @@
-"""A swarm that steers by its estimates: these are those of its measurements afterwards, and its updates are counted."""
+"""A swarm that steers by its estimates: these are those of its measurements afterwards, and its
+updates are counted.
+"""
 
 import numpy as np
 import pytest
@@ -14,10 +16,14 @@ def test_what_steered_a_swarm_is_what_navigators_make_of_its_measurements(varian
     """Among echoes, so that some fixes are rejected and some are not."""
     stations = [(5.0, 10.0, 11.0), (20.0, 0.0, 12.0)]
     table = {
-        "name": "s", "duration_s": 12.0, "navigation": {"variant": variant},
+        "name": "s",
+        "duration_s": 12.0,
+        "navigation": {"variant": variant},
         "acoustics": {"surface_echo_probability": 0.5},
-        "followers": [{"station": {"behind_m": s, "port_m": y, "depth_m": d}} for s, y, d in stations],
-    }  # fmt: skip
+        "followers": [
+            {"station": {"behind_m": s, "port_m": y, "depth_m": d}} for s, y, d in stations
+        ],
+    }
     scenario = validate(table, "test")
     trajectory, loop = simulate_closed_loop(scenario)
     history, gated = loop.state.history.position, loop.swarm.gated

@@ -33,13 +33,17 @@ from tests.synthetic import bits
 
 
 def scenario(*assignments: str) -> Scenario:
-    return load("T2", ["navigation.variant=tight", "duration_s=40", "motion=kinematic", *assignments])
+    return load(
+        "T2", ["navigation.variant=tight", "duration_s=40", "motion=kinematic", *assignments]
+    )
 
 
 @pytest.fixture(scope="module")
 def flight() -> Flight:
     """Two transmitters and no known start: both sides are kept for a while."""
-    return fly(scenario("navigation.assume.transmitters=2", "navigation.assume.known_start=false"))[0]
+    return fly(scenario("navigation.assume.transmitters=2", "navigation.assume.known_start=false"))[
+        0
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +69,9 @@ def test_a_scenario_has_the_defaults_of_the_settings() -> None:
     )
     for field in fields(TightSettings):
         expected, value = getattr(plain, field.name), getattr(made, field.name)
-        assert value == (pytest.approx(expected) if isinstance(expected, float) else expected), field.name
+        assert value == (pytest.approx(expected) if isinstance(expected, float) else expected), (
+            field.name
+        )
 
 
 @pytest.mark.parametrize(
@@ -90,7 +96,9 @@ def test_a_scenario_has_the_defaults_of_the_settings() -> None:
         ("outlier_span_m", "9", "outlier_span", 9.0),
     ],
 )
-def test_every_key_reaches_its_setting(key: str, value: str, field: str, expected: float, flight: Flight) -> None:
+def test_every_key_reaches_its_setting(
+    key: str, value: str, field: str, expected: float, flight: Flight
+) -> None:
     made = navigation_settings(scenario(f"navigation.assume.{key}={value}"), flight.trajectory, 0)
     assert getattr(made, field) == pytest.approx(expected)
 
@@ -98,7 +106,9 @@ def test_every_key_reaches_its_setting(key: str, value: str, field: str, expecte
 @pytest.mark.parametrize("flag", ["exact_leader", "drift", "deviation", "current", "offsets"])
 def test_every_assumption_reaches_its_setting(flag: str, flight: Flight) -> None:
     other = not getattr(Assume(), flag)
-    made = navigation_settings(scenario(f"navigation.assume.{flag}={str(other).lower()}"), flight.trajectory, 0)
+    made = navigation_settings(
+        scenario(f"navigation.assume.{flag}={str(other).lower()}"), flight.trajectory, 0
+    )
     assert isinstance(made, TightSettings)
     usual = TightSettings().assume
     assert made.assume == replace(usual, **{flag: other})
@@ -140,9 +150,13 @@ def test_a_mixture_that_lacks_a_message_is_detected(flight: Flight, tmp_path: Pa
     path = tmp_path / "a.mcap"
     writer.write(flight, path)
     parts = Parts.of(path.read_bytes())
-    del parts.messages[next(i for i, item in enumerate(parts.messages) if item[1].topic == "/follower/mixture")]
+    del parts.messages[
+        next(i for i, item in enumerate(parts.messages) if item[1].topic == "/follower/mixture")
+    ]
     path.write_bytes(parts.written())
-    with pytest.raises(LogError, match="the messages of /follower/mixture are not at the times of a flight"):
+    with pytest.raises(
+        LogError, match="the messages of /follower/mixture are not at the times of a flight"
+    ):
         reader.read(path)
 
 
@@ -172,11 +186,15 @@ def test_the_summary_begins_where_the_start_is_found(flight: Flight, errors: lis
     row = summarise(flight)["followers"]["follower"]
     truth, estimates = flight.hydrophone(0)[9:, :2], estimates_of(flight)
     off = estimates.state[9:, :2] - truth
-    normalised = np.einsum("ni,nij,nj->n", off, np.linalg.inv(estimates.covariance[9:, :2, :2]), off)
+    normalised = np.einsum(
+        "ni,nij,nj->n", off, np.linalg.inv(estimates.covariance[9:, :2, :2]), off
+    )
     bound = flight_bound(flight)[9:]
     assert row["nees"] == pytest.approx(normalised.mean(), rel=1e-9)
     assert row["bound_rms_m"] == pytest.approx(np.sqrt(np.mean(bound**2)))
-    assert row["rms_over_bound"] == pytest.approx(np.sqrt(np.mean(np.sum(off**2, axis=1)) / np.mean(bound**2)))
+    assert row["rms_over_bound"] == pytest.approx(
+        np.sqrt(np.mean(np.sum(off**2, axis=1)) / np.mean(bound**2))
+    )
     assert row["fixes"]["ranges"] == 40
 
 
@@ -197,7 +215,9 @@ def _parts(flight: Flight, errors: list[Any]) -> list[str]:
     return [part.y_label for part in over_time.parts]
 
 
-def test_the_report_draws_bound_and_weights_and_prints_results(flight: Flight, errors: list[Any]) -> None:
+def test_the_report_draws_bound_and_weights_and_prints_results(
+    flight: Flight, errors: list[Any]
+) -> None:
     assert _parts(flight, errors)[-2:] == ["fixes", "weights"]
     names = [row[1].text for row in final_states(flight)]
     assert names == ["log_bias_m_s", "compass_bias_deg", "range_scale_m"]

@@ -40,7 +40,11 @@ def test_a_vehicle_far_off_its_route_is_reported_with_its_distance(vehicle):
 
 @pytest.mark.parametrize(
     ("apart_m", "text"),
-    [(0.25, "leader and follower pass within 0.25 m"), (1.05, ""), (0.05, "follower and leader touch")],
+    [
+        (0.25, "leader and follower pass within 0.25 m"),
+        (1.05, ""),
+        (0.05, "follower and leader touch"),
+    ],
 )
 def test_vehicles_that_pass_close_to_each_other_or_touch_are_reported(apart_m, text):
     def above(there):

@@ -1,4 +1,6 @@
-"""The page of the study of formations: what was put into the record stands in its rows, and nothing is made up."""
+"""The page of the study of formations: what was put into the record stands in its rows, and
+nothing is made up.
+"""
 
 import re
 from html import unescape
@@ -50,8 +52,12 @@ def run_of(rms: float, *, lost: int = 0, turn: float = 3.0) -> list[Record]:
 
 @pytest.fixture(scope="module")
 def findings() -> Findings:
-    """Of each condition two runs alike; condition i has distances of i + 1 metres, the third lost followers."""
-    found = {name: [run_of(i + 1.0, lost=3 if i == 2 else 0)] * 2 for i, name in enumerate(CONDITIONS)}
+    """Of each condition two runs alike; condition i has distances of i + 1 metres, the third
+    lost followers.
+    """
+    found = {
+        name: [run_of(i + 1.0, lost=3 if i == 2 else 0)] * 2 for i, name in enumerate(CONDITIONS)
+    }
     found[[*CONDITIONS][4]] = [run_of(5.0, turn=0.0)] * 2
     outcomes: Any = SimpleNamespace(cells=cells_of(found))
     return record("formation", "laisn formation", (), findings_of({"study": outcomes}))
@@ -65,10 +71,14 @@ def flown(monkeypatch: pytest.MonkeyPatch, findings: Findings) -> list[Any]:
     def fly(plans: list[Plan], folder: Path, **options: Any) -> list[Outcomes]:
         calls.append((plans[0], options))
         row = {"point": 0, "arm": "calm", "realization": 0, "follower": "f"}
-        return [Outcomes(plan=plans[0], rows=[row], runs=[(row, {"run": [0]})], steps=[], store=None)]
+        return [
+            Outcomes(plan=plans[0], rows=[row], runs=[(row, {"run": [0]})], steps=[], store=None)
+        ]
 
     monkeypatch.setattr(studies, "fly_until_narrow", fly)
-    monkeypatch.setattr("experiments.studies.formation.findings.findings_of", lambda _: findings.findings)
+    monkeypatch.setattr(
+        "experiments.studies.formation.findings.findings_of", lambda _: findings.findings
+    )
     return calls
 
 
@@ -76,17 +86,23 @@ def rows(html: str) -> dict[str, list[str]]:
     """Cells of the rows of a page's tables, by the first of them."""
     found = {}
     for row in re.findall(r"<tr>(.*?)</tr>", html, flags=re.DOTALL):
-        cells = [unescape(re.sub(r"<.*?>", "", cell)).strip() for cell in re.findall(r"<td.*?</td>", row, re.DOTALL)]
+        cells = [
+            unescape(re.sub(r"<.*?>", "", cell)).strip()
+            for cell in re.findall(r"<td.*?</td>", row, re.DOTALL)
+        ]
         if cells:
             found[cells[0]] = cells[1:]
     return found
 
 
-def test_each_condition_has_a_row_of_its_numbers(findings: Findings, flown: list[Any], tmp_path: Path) -> None:
+def test_each_condition_has_a_row_of_its_numbers(
+    findings: Findings, flown: list[Any], tmp_path: Path
+) -> None:
     html = run("formation", {}, tmp_path).report().read_text(encoding="utf-8")
     found = rows(html)
     assert list(found) == [*CONDITIONS.values(), "80", "500", "5000", "0", "2", "5", "10"]
-    # the last of three weaves of 5°, and the strongest: period, errors, what its way costs, 1 / J₀(10°) − 1
+    # the last of three weaves of 5°, and the strongest: period, errors, what its way costs, 1 /
+    # J₀(10°) − 1
     near, far = (f"{findings[f'weave 10 40 {behind}'].value:.2f}" for behind in (20, 40))
     assert found["10"] == ["40", near, far, "0.8"]
     assert (found["5"][0], found["0"][0]) == ("80", "–")
@@ -94,7 +110,8 @@ def test_each_condition_has_a_row_of_its_numbers(findings: Findings, flown: list
     message, interval, ten, fifty = (float(cell) for cell in found["80"])
     assert message < interval < ten
     assert fifty == pytest.approx(5.0 * ten, abs=0.3)
-    # distances of 3 m: the median of ten from 3.0 to 5.7 m, the worst, twice and five times as much, half as much
+    # distances of 3 m: the median of ten from 3.0 to 5.7 m, the worst, twice and five times as
+    # much, half as much
     median, worst, p95, largest, leg, turn, error, lost, share, closest, within, power = found[
         [*CONDITIONS.values()][2]
     ]
@@ -111,13 +128,31 @@ def test_rules_quote_the_conditions_that_they_name() -> None:
     """Every finding has a number of its own, and every phrase the number of its condition."""
     whats = ("run-median", "worst", "max", "closest", "within", "error", "lost")
     keys = [f"{what} {name}" for what in whats for name in CONDITIONS]
-    weaves = [f"weave {weave}" for weave in ("5 40 40", "0 40 40", "5 40 20", "0 40 20", "2 40 40", "10 40 40")]
+    weaves = [
+        f"weave {weave}"
+        for weave in ("5 40 40", "0 40 40", "5 40 20", "0 40 20", "2 40 40", "10 40 40")
+    ]
     keys = [*weaves, "weave 5 40 way", *keys]
-    values = {key: i + 0.25 if not key.startswith("lost") else (i - 87) / 100 for i, key in enumerate(keys)}
+    values = {
+        key: i + 0.25 if not key.startswith("lost") else (i - 87) / 100
+        for i, key in enumerate(keys)
+    }
     made = {key: Finding(value=value, low=0.0, high=1.0) for key, value in values.items()}
     findings = Findings(study="", command="", modules=(), version="", findings=made)
-    given = {"quick": False, "stations": Figures(panels=[]), "conditions": {}, "found": findings, "swarm": None}
-    none = {"message_bits": lambda _: 1, "reach_m": lambda _: 1.0, "RATES": (), "WEAVES": (), "BEHIND": ()}
+    given = {
+        "quick": False,
+        "stations": Figures(panels=[]),
+        "conditions": {},
+        "found": findings,
+        "swarm": None,
+    }
+    none = {
+        "message_bits": lambda _: 1,
+        "reach_m": lambda _: 1.0,
+        "RATES": (),
+        "WEAVES": (),
+        "BEHIND": (),
+    }
     given |= {"limits": SimpleNamespace(**none), "interval": None, "share": None}
     page = page_of("experiments.studies.formation", [], given, findings)
     printed = " ".join(block.text for block in page.sections[-1].blocks if isinstance(block, Text))
@@ -167,14 +202,20 @@ def test_rules_quote_the_conditions_that_they_name() -> None:
             "5 s loss back",
         )
     }
-    assert f"{shares['5 s loss']} were lost of stations that begin 5 m behind, {shares['5 s loss back']} of" in printed
+    assert (
+        f"{shares['5 s loss']} were lost of stations that begin 5 m behind, "
+        f"{shares['5 s loss back']} of" in printed
+    )
     five = [shares[name] for name in ("calm", "5 s", "10 s", "loss", "bursts")]
     assert f"Shares of followers lost: {', '.join(five[:4])} and {five[4]}." in printed
     assert (
-        f"lost were {shares['laisn-2']} of the followers with LAISN-2, {shares['laisn-3-1']} with LAISN-3(1), "
+        f"lost were {shares['laisn-2']} of the followers with LAISN-2, {shares['laisn-3-1']} with "
+        "LAISN-3(1), " in printed
+    )
+    assert (
+        f"{shares['laisn-3-2']} with LAISN-3(2), and {shares['calm']} with the tightly coupled"
         in printed
     )
-    assert f"{shares['laisn-3-2']} with LAISN-3(2), and {shares['calm']} with the tightly coupled" in printed
 
 
 def test_a_trial_run_is_reported(flown: list[Any], tmp_path: Path) -> None:

@@ -1,10 +1,19 @@
-"""A leader that weaves, in closed form: where both vehicles are, what it costs, and which way the bound must go."""
+"""A leader that weaves, in closed form: where both vehicles are, what it costs, and which way
+the bound must go.
+"""
 
 import numpy as np
 import pytest
 from scipy.special import j0
 
-from experiments.studies.formation.findings import BEHIND, WEAVES, geometry, least_error, longer, weave_findings
+from experiments.studies.formation.findings import (
+    BEHIND,
+    WEAVES,
+    geometry,
+    least_error,
+    longer,
+    weave_findings,
+)
 
 
 def test_the_follower_is_where_the_leader_was_and_the_transmitters_on_the_axis_now() -> None:
@@ -13,19 +22,25 @@ def test_the_follower_is_where_the_leader_was_and_the_transmitters_on_the_axis_n
     bound_geometry = geometry(1.0, 40.0, late)
     time = bound_geometry.dt * bound_geometry.message_step
     then = bound_geometry.dt * np.arange(1, 3001) - late
-    np.testing.assert_allclose(bound_geometry.heading, amplitude * np.sin(omega * then), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        bound_geometry.heading, amplitude * np.sin(omega * then), rtol=0, atol=1e-12
+    )
     aside = amplitude / omega * (np.cos(omega * time) - np.cos(omega * (time - late)))
     np.testing.assert_allclose(bound_geometry.from_leader[:, 0], aside, atol=0.002)
     np.testing.assert_allclose(bound_geometry.from_leader[:, 1], -late, atol=0.01)
     heading = amplitude * np.sin(omega * time)
     axis = np.column_stack([np.sin(heading), np.cos(heading)])
-    np.testing.assert_allclose(bound_geometry.arms[:, 1, :2] - bound_geometry.arms[:, 0, :2], 2.0 * axis, atol=1e-12)
+    np.testing.assert_allclose(
+        bound_geometry.arms[:, 1, :2] - bound_geometry.arms[:, 0, :2], 2.0 * axis, atol=1e-12
+    )
     np.testing.assert_array_equal(bound_geometry.arms[:, :, 2], -10.0)
 
 
 def test_a_straight_leader_is_straight_ahead() -> None:
     bound_geometry = geometry(0.0, 40.0, 40.0)
-    np.testing.assert_allclose(bound_geometry.from_leader, np.tile([0.0, -40.0], (300, 1)), atol=1e-9)
+    np.testing.assert_allclose(
+        bound_geometry.from_leader, np.tile([0.0, -40.0], (300, 1)), atol=1e-9
+    )
     # a follower 40 m behind, which was there 40 s before, swims 1 m/s
     np.testing.assert_array_equal(bound_geometry.speed, 1.0)
     assert (bound_geometry.dt, bound_geometry.speed.size) == (0.1, 3000)
@@ -40,7 +55,9 @@ def test_a_weave_costs_the_value_of_a_bessel_function(amplitude: float) -> None:
 
 def test_the_bound_shrinks_with_weave_amplitude_and_distance() -> None:
     for behind in BEHIND:
-        errors = [least_error(amplitude, 40.0, float(behind)) for amplitude in (0.0, 2.0, 5.0, 10.0)]
+        errors = [
+            least_error(amplitude, 40.0, float(behind)) for amplitude in (0.0, 2.0, 5.0, 10.0)
+        ]
         assert errors == sorted(errors, reverse=True)
         assert errors[-1] < 0.6 * errors[0]
     assert all(least_error(a, p, 20.0) < least_error(a, p, 40.0) for a, p in WEAVES)

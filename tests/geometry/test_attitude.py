@@ -13,11 +13,14 @@ TILT = st.floats(-1.5, 1.5)
 
 
 @pytest.mark.parametrize(
-    ("heading_deg", "forward"), [(0, (0, 1, 0)), (90, (1, 0, 0)), (180, (0, -1, 0)), (270, (-1, 0, 0))]
+    ("heading_deg", "forward"),
+    [(0, (0, 1, 0)), (90, (1, 0, 0)), (180, (0, -1, 0)), (270, (-1, 0, 0))],
 )
 def test_heading_is_compass(heading_deg: float, forward: tuple[float, float, float]) -> None:
     quaternion = attitude.from_euler(np.deg2rad(heading_deg))
-    np.testing.assert_allclose(attitude.rotate(quaternion, np.array([1.0, 0, 0])), forward, atol=1e-15)
+    np.testing.assert_allclose(
+        attitude.rotate(quaternion, np.array([1.0, 0, 0])), forward, atol=1e-15
+    )
 
 
 def test_positive_pitch_lifts_the_bow_and_positive_roll_lowers_starboard() -> None:
@@ -50,14 +53,22 @@ def test_a_point_of_a_hull_is_placed_by_scipys_matrix() -> None:
     quaternion = Rotation.random(40, rng=np.random.default_rng(4)).as_quat()
     pose, offset = (1.0, 2.0, -3.0, *quaternion.T[[3, 0, 1, 2]]), np.array([0.7, -0.2, 0.3])
     expected = Rotation.from_quat(quaternion).apply(offset) + np.array(pose[:3])
-    np.testing.assert_allclose(np.column_stack(attitude.carried(pose, offset)), expected, atol=1e-14)
+    np.testing.assert_allclose(
+        np.column_stack(attitude.carried(pose, offset)), expected, atol=1e-14
+    )
     forward = np.column_stack(attitude.forward_of(quaternion.T[[3, 0, 1, 2]]))
-    np.testing.assert_allclose(forward, Rotation.from_quat(quaternion).as_matrix()[:, :, 0], atol=1e-14)
+    np.testing.assert_allclose(
+        forward, Rotation.from_quat(quaternion).as_matrix()[:, :, 0], atol=1e-14
+    )
 
 
 @given(heading=st.floats(-20.0, 20.0), pitch=TILT, roll=ANGLE)
 def test_heading_is_within_one_turn(heading: float, pitch: float, roll: float) -> None:
-    assert 0.0 <= attitude.heading_pitch_roll(attitude.from_euler(heading, pitch, roll))[0] <= 2 * np.pi
+    assert (
+        0.0
+        <= attitude.heading_pitch_roll(attitude.from_euler(heading, pitch, roll))[0]
+        <= 2 * np.pi
+    )
 
 
 def test_slerp_agrees_with_scipy_and_takes_the_short_way() -> None:
@@ -69,7 +80,9 @@ def test_slerp_agrees_with_scipy_and_takes_the_short_way() -> None:
         mixed = np.array([attitude.between(start, sign * end, u) for u in fractions])
         same = np.abs(np.einsum("ni,ni->n", mixed, expected))
         np.testing.assert_allclose(same, 1.0, atol=1e-14)
-    np.testing.assert_array_equal(attitude.between(start, start, 0.3), start / np.linalg.norm(start))
+    np.testing.assert_array_equal(
+        attitude.between(start, start, 0.3), start / np.linalg.norm(start)
+    )
 
 
 def test_attitudes_that_are_a_little_too_long_are_interpolated() -> None:
@@ -77,11 +90,17 @@ def test_attitudes_that_are_a_little_too_long_are_interpolated() -> None:
     longer = attitude.from_euler(0.4, 0.1, -0.2) * (1.0 + 1e-9)
     assert longer @ longer > 1.0
     for sign in (1.0, -1.0):
-        assert attitude.between(longer, sign * longer, 0.3) == pytest.approx(longer / np.linalg.norm(longer), rel=1e-12)
+        assert attitude.between(longer, sign * longer, 0.3) == pytest.approx(
+            longer / np.linalg.norm(longer), rel=1e-12
+        )
 
 
 def test_angles_of_many_attitudes_have_their_shape() -> None:
-    quaternion = Rotation.random(24, rng=np.random.default_rng(6)).as_quat()[:, [3, 0, 1, 2]].reshape(2, 3, 4, 4)
+    quaternion = (
+        Rotation.random(24, rng=np.random.default_rng(6))
+        .as_quat()[:, [3, 0, 1, 2]]
+        .reshape(2, 3, 4, 4)
+    )
     one = attitude.heading_pitch_roll(quaternion[1, 2, 3])
     for many, angle in zip(attitude.heading_pitch_roll(quaternion), one, strict=True):
         assert many.shape == (2, 3, 4)

@@ -1,6 +1,8 @@
-"""The navigator among beacons written a second time: a list of Gaussians, matrices, derivatives of whole expressions.
+"""The navigator among beacons written a second time: a list of Gaussians, matrices, derivatives of
+whole expressions.
 
-It shares no code with `laisn.beacons`. All beacons are there from the beginning: none changes before it is heard.
+It shares no code with `laisn.beacons`. All beacons are there from the beginning: none changes
+before it is heard.
 """
 
 from __future__ import annotations
@@ -28,7 +30,9 @@ def moments(weight: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, F
     weight = weight / weight.sum()
     centre = weight @ mean
     off = mean - centre
-    return centre, np.einsum("k,kij->ij", weight, covariance) + np.einsum("k,ki,kj->ij", weight, off, off)
+    return centre, np.einsum("k,kij->ij", weight, covariance) + np.einsum(
+        "k,ki,kj->ij", weight, off, off
+    )
 
 
 @dataclass
@@ -51,11 +55,23 @@ class BeaconOracle:
             settings.gyro_bias_sigma,
         ]
         own = [settings.range_offset_sigma, settings.survey_sigma, settings.survey_sigma]
-        self.fresh = np.array(
-            [*shared, settings.range_scale_sigma, settings.current_sigma, settings.current_sigma, *own * count]
-        )**2  # fmt: skip
+        self.fresh = (
+            np.array(
+                [
+                    *shared,
+                    settings.range_scale_sigma,
+                    settings.current_sigma,
+                    settings.current_sigma,
+                    *own * count,
+                ]
+            )
+            ** 2
+        )
         self.n = self.fresh.size
-        self.variance, self.rejected = np.full(count, settings.range_sigma**2), np.zeros(count, dtype=int)
+        self.variance, self.rejected = (
+            np.full(count, settings.range_sigma**2),
+            np.zeros(count, dtype=int),
+        )
         self.received = 0
         if self.start is not None:
             x = np.concatenate([self.start[:2], np.zeros(self.n - 2)])
@@ -64,8 +80,12 @@ class BeaconOracle:
     def advance(self, speed: float, heading: float, time: float) -> None:
         """The true way is e^{b_s} v Δt u(θ − b_θ) + c Δt, after the gyro's bias has turned b_θ."""
         unit = np.eye(self.n)
-        walk = self.settings.heading_walk**2 * unit[HEADING] + self.settings.slip**2 * (unit[X] + unit[Y])
-        walk += 5e-4**2 * unit[SPEED] * (self.fresh[SPEED] > 0) + 2e-5**2 * unit[GYRO] * (self.fresh[GYRO] > 0)
+        walk = self.settings.heading_walk**2 * unit[HEADING] + self.settings.slip**2 * (
+            unit[X] + unit[Y]
+        )
+        walk += 5e-4**2 * unit[SPEED] * (self.fresh[SPEED] > 0) + 2e-5**2 * unit[GYRO] * (
+            self.fresh[GYRO] > 0
+        )
         walk += 1e-3**2 * (unit[EAST] + unit[NORTH]) * (self.fresh[EAST] > 0)
         drift = np.eye(self.n)
         drift[HEADING, GYRO] = time if self.fresh[GYRO] > 0 else 0.0
@@ -92,13 +112,25 @@ class BeaconOracle:
             rows[2:, SPEED], rows[2:, HEADING] = [v.real, v.imag], [-v.imag, v.real]
             means.append([*c.x[:2], v.real + c.x[EAST], v.imag + c.x[NORTH]])
             spreads.append(rows @ c.P @ rows.T)
-        return moments(np.array([c.weight for c in self.mixture]), np.array(means), np.array(spreads))
+        return moments(
+            np.array([c.weight for c in self.mixture]), np.array(means), np.array(spreads)
+        )
 
-    def look(self, c: Component, i: int, measured: float, depth: float) -> tuple[float, float, Floats, float]:
-        """Residual, its variance but for the random error, H, and how far the circle bends from its tangent."""
+    def look(
+        self, c: Component, i: int, measured: float, depth: float
+    ) -> tuple[float, float, Floats, float]:
+        """Residual, its variance but for the random error, H, and how far the circle bends from
+        its tangent.
+        """
         own = 8 + 3 * i
-        off = np.array([*(c.x[:2] - self.places[i, :2] - c.x[own + 1 : own + 3]), self.places[i, 2] - depth])
-        rho, flat, scale = max(np.linalg.norm(off), 0.1), max(np.linalg.norm(off[:2]), 0.1), 1.0 + c.x[SCALE]
+        off = np.array(
+            [*(c.x[:2] - self.places[i, :2] - c.x[own + 1 : own + 3]), self.places[i, 2] - depth]
+        )
+        rho, flat, scale = (
+            max(np.linalg.norm(off), 0.1),
+            max(np.linalg.norm(off[:2]), 0.1),
+            1.0 + c.x[SCALE],
+        )
         apart = np.zeros((2, self.n))
         apart[:, :2], apart[:, own + 1 : own + 3] = np.eye(2), -np.eye(2)
         C = apart @ c.P @ apart.T
@@ -107,15 +139,27 @@ class BeaconOracle:
         bent = scale / rho * (np.eye(2) - np.outer(off[:2], off[:2]) / rho**2) @ C
         tangent = np.array([-off[1], off[0]]) / flat
         residual = measured - scale * rho - c.x[own] - 0.5 * np.trace(bent)
-        return residual, H @ c.P @ H + 0.5 * np.trace(bent @ bent), H, 0.5 * tangent @ C @ tangent / flat
+        return (
+            residual,
+            H @ c.P @ H + 0.5 * np.trace(bent @ bent),
+            H,
+            0.5 * tangent @ C @ tangent / flat,
+        )
 
-    def update_with_ranges(self, c: Component, i: int, measured: float, depth: float) -> tuple[bool, float]:
-        """Update, unless the range is likelier to be wrong; whether it was used, and how much likelier than wrong."""
+    def update_with_ranges(
+        self, c: Component, i: int, measured: float, depth: float
+    ) -> tuple[bool, float]:
+        """Update, unless the range is likelier to be wrong; whether it was used, and how much
+        likelier than wrong.
+        """
         residual, variance, H, _ = self.look(c, i, measured, depth)
         variance += self.variance[i]
         density = (1.0 - self.settings.outlier_probability) * np.exp(-0.5 * residual**2 / variance)
         ratio = (
-            density / np.sqrt(2.0 * np.pi * variance) * self.settings.outlier_span / self.settings.outlier_probability
+            density
+            / np.sqrt(2.0 * np.pi * variance)
+            * self.settings.outlier_span
+            / self.settings.outlier_probability
         )
         if ratio < 1.0:
             return False, 1.0
@@ -142,7 +186,9 @@ class BeaconOracle:
         self.received += 1
         if self.start is None and self.received <= 8:
             # as likely as that all before were wrong, beside what they are to the others
-            self.add_ring(i, measured, depth, np.exp(min(self.received * wrong - self.evidence, 700.0)), None)
+            self.add_ring(
+                i, measured, depth, np.exp(min(self.received * wrong - self.evidence, 700.0)), None
+            )
         elif self.rejected[i] >= 8:
             self.rejected[i] = 0
             self.add_ring(i, measured, depth, 0.01, self.mixture[0])
@@ -171,21 +217,37 @@ class BeaconOracle:
             tangent[own + 1 : own + 3] = -tangent[:2]
             column = c.P @ tangent / np.sqrt(tangent @ c.P @ tangent)
             c.P, c.weight = c.P - 0.5 * np.outer(column, column), 0.5 * c.weight
-            self.mixture += [Component(c.x + s * column, c.P.copy(), 0.5 * c.weight) for s in (-1.0, 1.0)]
+            self.mixture += [
+                Component(c.x + s * column, c.P.copy(), 0.5 * c.weight) for s in (-1.0, 1.0)
+            ]
 
-    def add_ring(self, i: int, measured: float, depth: float, weight: float, top: Component | None) -> None:
-        """48 Gaussians on the circle of a range, of fresh errors, or of those of the heaviest component."""
+    def add_ring(
+        self, i: int, measured: float, depth: float, weight: float, top: Component | None
+    ) -> None:
+        """48 Gaussians on the circle of a range, of fresh errors, or of those of the heaviest
+        component.
+        """
         if len(self.mixture) + 48 >= CAPACITY:
             return
         own, deeper = 8 + 3 * i, self.places[i, 2] - depth
         distance = np.sqrt(max(measured**2 - deeper**2, 1.0))
-        along = 4.0 * (self.variance[i] + self.fresh[own] + self.fresh[own + 1] + self.fresh[SCALE] * distance**2)
+        along = 4.0 * (
+            self.variance[i]
+            + self.fresh[own]
+            + self.fresh[own + 1]
+            + self.fresh[SCALE] * distance**2
+        )
         across = (0.6 * 2.0 * np.pi / 48 * distance) ** 2
-        x, P = (np.zeros(self.n), np.diag(self.fresh)) if top is None else (top.x.copy(), top.P.copy())
+        x, P = (
+            (np.zeros(self.n), np.diag(self.fresh)) if top is None else (top.x.copy(), top.P.copy())
+        )
         P[:2], P[:, :2] = 0.0, 0.0
         P[HEADING, HEADING] += 0.0 if top is None else self.fresh[HEADING]
         for bearing in 2.0 * np.pi * np.arange(48) / 48:
-            out, aside = np.array([np.sin(bearing), np.cos(bearing)]), np.array([np.cos(bearing), -np.sin(bearing)])
+            out, aside = (
+                np.array([np.sin(bearing), np.cos(bearing)]),
+                np.array([np.cos(bearing), -np.sin(bearing)]),
+            )
             c = Component(x.copy(), P.copy(), weight / 48)
             c.x[:2] = self.places[i, :2] + distance * out
             c.P[:2, :2] = along * np.outer(out, out) + across * np.outer(aside, aside)
@@ -199,7 +261,9 @@ class BeaconOracle:
             self.mixture[k] = last
 
     def prune_and_merge(self) -> None:
-        """Nothing lighter than 1e-8, nothing nearer to another than 0.3 squared, 256 at most, the heaviest first."""
+        """Nothing lighter than 1e-8, nothing nearer to another than 0.3 squared, 256 at most,
+        the heaviest first.
+        """
         if len(self.mixture) < 2:
             return
         k = 0
@@ -215,9 +279,13 @@ class BeaconOracle:
                 one, other = self.mixture[g], self.mixture[h]
                 off = (one.x - other.x)[:2]
                 (a, b), (_, d) = 0.5 * (one.P + other.P)[:2, :2]
-                if np.array([off[1], -off[0]]) @ [[a, b], [b, d]] @ [off[1], -off[0]] < 0.3 * (a * d - b * b):
+                if np.array([off[1], -off[0]]) @ [[a, b], [b, d]] @ [off[1], -off[0]] < 0.3 * (
+                    a * d - b * b
+                ):
                     x, P = moments(
-                        np.array([one.weight, other.weight]), np.array([one.x, other.x]), np.array([one.P, other.P])
+                        np.array([one.weight, other.weight]),
+                        np.array([one.x, other.x]),
+                        np.array([one.P, other.P]),
                     )
                     self.mixture[g] = replace(one, x=x, P=P, weight=one.weight + other.weight)
                     self.drop(h)

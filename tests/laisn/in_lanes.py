@@ -15,14 +15,18 @@ from laisn.settings import NavigationSettings, Tuning
 
 
 class LaneEstimates(NamedTuple):
-    """Estimates of R missions: states, shape (n, 4, R), and kinds of the f fixes of m messages, shape (m, f, R)."""
+    """Estimates of R missions: states, shape (n, 4, R), and kinds of the f fixes of m messages,
+    shape (m, f, R).
+    """
 
     state: Floats
     fix_kind: Ints
 
 
 @compiled_lanes
-def _run_block(own: Floats, message_step: Ints, messages: Floats, start: Floats, t: Tuning) -> tuple[Floats, Floats]:
+def _run_block(
+    own: Floats, message_step: Ints, messages: Floats, start: Floats, t: Tuning
+) -> tuple[Floats, Floats]:
     state, kinds = np.zeros((own.shape[0], 4 * LANES)), np.zeros((messages.shape[0], 3, LANES))
     block, i = row.new_block(start, t), 0
     for k in range(1, own.shape[0] + 1):
@@ -40,7 +44,9 @@ def _run_block(own: Floats, message_step: Ints, messages: Floats, start: Floats,
     return state, kinds
 
 
-def run(missions: Sequence[Measurements], start: Floats, settings: NavigationSettings) -> LaneEstimates:
+def run(
+    missions: Sequence[Measurements], start: Floats, settings: NavigationSettings
+) -> LaneEstimates:
     """Estimates of missions with the same steps of messages, from a known start."""
     t, found = row.tuning(settings), []
     for first in range(0, len(missions), LANES):
@@ -48,4 +54,9 @@ def run(missions: Sequence[Measurements], start: Floats, settings: NavigationSet
         state, kinds = _run_block(own, missions[0].message_step, messages, start[None], t)
         made = 3 if settings.variant == "laisn-3-1" else 1
         found.append((state.reshape(-1, 4, LANES), kinds[:, :made].astype(np.int64)))
-    return LaneEstimates(*(np.concatenate(parts, axis=-1)[..., : len(missions)] for parts in zip(*found, strict=True)))
+    return LaneEstimates(
+        *(
+            np.concatenate(parts, axis=-1)[..., : len(missions)]
+            for parts in zip(*found, strict=True)
+        )
+    )

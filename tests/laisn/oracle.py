@@ -1,7 +1,8 @@
-"""LAISN written a second time, from the paper's equations alone: plain NumPy, 4×4 matrices, complex numbers for places.
+"""LAISN written a second time, from the paper's equations alone: plain NumPy, 4×4 matrices, complex
+numbers for places.
 
-It shares no code with `laisn`. Messages are received whole or not at all. Of the open questions it answers those that
-`docs/algorithm.md` lists as that page does.
+It shares no code with `laisn`. Messages are received whole or not at all. Of the open questions it
+answers those that `docs/algorithm.md` lists as that page does.
 """
 
 from dataclasses import dataclass
@@ -28,8 +29,12 @@ class Met:
     sigma: float
 
 
-def circles_met(centre: list[complex], radius: list[float], pair: tuple[int, int], predicted: complex) -> Met:
-    """Sections 2.2 and 2.3.2; behind the leader on the pair's own axis (Eq. 23) where the circles do not help."""
+def circles_met(
+    centre: list[complex], radius: list[float], pair: tuple[int, int], predicted: complex
+) -> Met:
+    """Sections 2.2 and 2.3.2; behind the leader on the pair's own axis (Eq. 23) where the
+    circles do not help.
+    """
     i, j = pair
     way = centre[j] - centre[i]
     d = abs(way)
@@ -81,8 +86,17 @@ class Oracle:
         self.leader: tuple[float, float] | None = None
         self.accepted, self.since = complex(*self.x[:2]), 0
 
-    def step(self, speed: float, heading: float, depth: float, message: Floats | None, ranges: Floats | None) -> None:
-        """A filter step; `message` as broadcast (time, east, north, heading, speed, depth), None if none is heard."""
+    def step(
+        self,
+        speed: float,
+        heading: float,
+        depth: float,
+        message: Floats | None,
+        ranges: Floats | None,
+    ) -> None:
+        """A filter step; `message` as broadcast (time, east, north, heading, speed, depth), None
+        if none is heard.
+        """
         self.since += 1
         changes = [change(self.own, (speed, heading))]
         self.own = speed, heading
@@ -98,18 +112,28 @@ class Oracle:
             self.hear(message, ranges, depth, speed)
         s, c = np.sin(heading), np.cos(heading)
         j = np.array([[s, speed * c], [c, -speed * s]])
-        self.update(speed * np.array([s, c]), j @ np.diag([SIGMA_V**2, SIGMA_THETA**2]) @ j.T, slice(2, 4))
+        self.update(
+            speed * np.array([s, c]), j @ np.diag([SIGMA_V**2, SIGMA_THETA**2]) @ j.T, slice(2, 4)
+        )
 
     def hear(self, message: Floats, ranges: Floats, depth: float, speed: float) -> None:
         """Position update, or three of them with LAISN-3(1)."""
         ahead = complex(np.sin(message[3]), np.cos(message[3]))
         place = complex(message[1], message[2])
-        centre = [place - BASELINE / 2 * ahead, place + BASELINE / 2 * ahead, place + OFFSET * 1j * ahead]
+        centre = [
+            place - BASELINE / 2 * ahead,
+            place + BASELINE / 2 * ahead,
+            place + OFFSET * 1j * ahead,
+        ]
         radius = [float(np.sqrt(max(r**2 - (depth - message[5]) ** 2, 0.0))) for r in ranges]
         accepted = False
         for turn in range(3 if self.variant == "laisn-3-1" else 1):
             met = [circles_met(centre, radius, pair, complex(*self.x[:2])) for pair in PAIRS]
-            z, sigma = (met[turn].z, met[turn].sigma) if self.variant == "laisn-3-1" else single_fix(self.variant, met)
+            z, sigma = (
+                (met[turn].z, met[turn].sigma)
+                if self.variant == "laisn-3-1"
+                else single_fix(self.variant, met)
+            )
             reach = (V_MAX if self.gate == "v-max" else speed) * self.since * DT
             if abs(z - self.accepted) > reach:
                 self.rejected += 1

@@ -10,8 +10,12 @@ BEACONS = np.array([[-200.0, 0.0, 5.0], [150.0, 40.0, 12.0], [20.0, 260.0, 3.0]]
 """East, north, depth: they lie apart, and not on one line."""
 
 
-def passage(durations: Floats | None, n: int = 400, *, lost: tuple[int, ...] = ()) -> tuple[Measurements, Floats]:
-    """A follower that keeps its speed and course past beacons, 200 m and more apart; and its true places (n + 1, 2)."""
+def passage(
+    durations: Floats | None, n: int = 400, *, lost: tuple[int, ...] = ()
+) -> tuple[Measurements, Floats]:
+    """A follower that keeps its speed and course past beacons, 200 m and more apart; and its
+    true places (n + 1, 2).
+    """
     time = np.append(0.0, np.cumsum(np.full(n, 0.5) if durations is None else durations))
     place = np.array([-100.0, 60.0]) + time[:, None] * [0.8, 0.6]
     step = np.arange(4, n + 1, 4)

@@ -1,4 +1,6 @@
-"""A vehicle that goes round among beacons, and what it measures: written apart from the navigator."""
+"""A vehicle that goes round among beacons, and what it measures: written apart from the
+navigator.
+"""
 
 from dataclasses import dataclass
 from typing import Self
@@ -37,7 +39,10 @@ class Errors:
             gyro_bias=settings.gyro_bias_sigma * draw[2],
             range_scale=settings.range_scale_sigma * draw[3],
             offsets=tuple(settings.range_offset_sigma * draw[4:8]),
-            places=tuple((settings.survey_sigma * a, settings.survey_sigma * b) for a, b in draw[8:16].reshape(4, 2)),
+            places=tuple(
+                (settings.survey_sigma * a, settings.survey_sigma * b)
+                for a, b in draw[8:16].reshape(4, 2)
+            ),
             current=(settings.current_sigma * draw[16], settings.current_sigma * draw[17]),
         )
 
@@ -62,7 +67,9 @@ def round_trip(
     time = DT * np.arange(n)
     speed = 1.5 + 0.5 * np.sin(time / 17.0)
     heading = 2.2 * np.sin(time / 23.0) + time / 70.0
-    way = DT * speed[:, None] * np.column_stack([np.sin(heading), np.cos(heading)]) + DT * np.array(true.current)
+    way = DT * speed[:, None] * np.column_stack([np.sin(heading), np.cos(heading)]) + DT * np.array(
+        true.current
+    )
     way += slip * np.sqrt(DT) * random.standard_normal((n, 2))
     place = np.vstack([np.zeros(2), np.cumsum(way, axis=0)]) + np.array([shift - 10.0, 20.0])
     step = np.arange(10, n + 1, 10)

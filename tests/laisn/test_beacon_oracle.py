@@ -52,7 +52,9 @@ class Trip:
             time, heading = float(rng.uniform(0.5, 1.5)), heading + 0.3 * rng.normal()
             place = place + 1.4 * time * np.array([np.sin(heading), np.cos(heading)])
             place = place + (np.array([30.0, 25.0]) if k == self.carried else 0.0)
-            ranges = np.linalg.norm(PLACES - [*place, 4.3], axis=1) * 1.01 + 0.3 * rng.normal(size=3)
+            ranges = np.linalg.norm(PLACES - [*place, 4.3], axis=1) * 1.01 + 0.3 * rng.normal(
+                size=3
+            )
             wrong = rng.random(3) < (1.0 if k < self.first_wrong else self.wrong)
             ranges = np.abs(ranges + wrong * rng.uniform(-15.0, 25.0, 3))
             ranges[rng.random(3) > self.received] = np.nan
@@ -73,12 +75,17 @@ SOUND = replace(MEDIA["water"], gyro_bias_sigma=0.0, range_sigma=0.2)
         (SOUND, Trip(seed=1, wrong=0.1)),
         (replace(SOUND, known_start=False), Trip(seed=2, steps=9)),
         (replace(RADIO, known_start=False), Trip(seed=3, steps=3, first_wrong=2)),
-        (replace(RADIO, start_sigma=6.0, speed_scale_sigma=0.0), Trip(seed=4, received=0.7, carried=12)),
+        (
+            replace(RADIO, start_sigma=6.0, speed_scale_sigma=0.0),
+            Trip(seed=4, received=0.7, carried=12),
+        ),
     ],
     ids=["radio", "sound", "unknown start", "wrong start", "carried away"],
 )
 def test_an_independent_navigator_agrees(settings: BeaconSettings, trip: Trip) -> None:
-    """Mixtures to rounding; splits, wrong ranges, rings and estimated variances of ranges one by one."""
+    """Mixtures to rounding; splits, wrong ranges, rings and estimated variances of ranges one by
+    one.
+    """
     steps, start = trip.readings()
     begin = start if settings.known_start else None
     navigator = BeaconNavigator(settings, begin)
@@ -99,7 +106,9 @@ def test_an_independent_navigator_agrees(settings: BeaconSettings, trip: Trip) -
         kind = FixKind.ONE_RANGE if any(used) else (FixKind.GATED if received else FixKind.LOST)
         assert update.kind == kind
         np.testing.assert_allclose(update.position, mean[:2], rtol=0, atol=1e-7)
-        assert update.sigma == pytest.approx(np.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1])), nan_ok=True)
+        assert update.sigma == pytest.approx(
+            np.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1])), nan_ok=True
+        )
         b = navigator._belief
         assert b.alive[0] == len(oracle.mixture)
         np.testing.assert_allclose(b.variance, oracle.variance[: b.variance.size], rtol=1e-9)
@@ -121,12 +130,19 @@ def test_the_heaviest_components_are_kept_and_the_heaviest_of_all_comes_first() 
     assert b.alive[0] == 256
     assert b.state[0, 0] == 100.0 * np.argmax(weight)
     np.testing.assert_allclose(np.sort(b.weight[:256]), kept / kept.sum(), rtol=1e-12)
-    np.testing.assert_allclose(np.sort(weight[(b.state[:256, 0] / 100.0).astype(int)]), kept, rtol=1e-12)
+    np.testing.assert_allclose(
+        np.sort(weight[(b.state[:256, 0] / 100.0).astype(int)]), kept, rtol=1e-12
+    )
 
 
 def test_where_there_is_no_room_for_more_nothing_is_split_and_no_ring_is_added() -> None:
-    """1024 components at most: of 1022 that are wide one is split, and a ring of 48 must leave a place free."""
-    b, z = with_beacon(new_belief(RADIO, None), RADIO), Ranging(0, 0.0, 0.0, 0.0, 20.0, 0.25, -0.05, -6.0)
+    """1024 components at most: of 1022 that are wide one is split, and a ring of 48 must leave a
+    place free.
+    """
+    b, z = (
+        with_beacon(new_belief(RADIO, None), RADIO),
+        Ranging(0, 0.0, 0.0, 0.0, 20.0, 0.25, -0.05, -6.0),
+    )
     for alive, after in ((1022, 1024), (1023, 1023)):
         b.alive[0], b.weight[:alive], b.state[:alive, 1] = alive, 1.0 / alive, 20.0
         b.covariance[:alive] = 100.0 * np.eye(b.fresh.size)
@@ -162,13 +178,19 @@ def test_positions_are_one_within_a_third_of_their_spread() -> None:
 def test_settings_of_media_are_those_of_the_documents() -> None:
     """docs/real-ranges.md has a table of them, in degrees where a name ends in it."""
     text = (Path(__file__).parents[2] / "docs" / "real-ranges.md").read_text(encoding="utf-8")
-    table = re.findall(r"^\| (`.*) \| (.+) \| (.+) \|$", text.partition("| key `beacons.…` |")[2], flags=re.MULTILINE)
+    table = re.findall(
+        r"^\| (`.*) \| (.+) \| (.+) \|$",
+        text.partition("| key `beacons.…` |")[2],
+        flags=re.MULTILINE,
+    )
     counted = 0
     for keys, *columns in table:
         for medium, column in zip(("air", "water"), columns, strict=True):
             for key, value in zip(re.findall(r"`(\w+)`", keys), column.split(", "), strict=True):
                 expected = np.deg2rad(float(value)) if "_deg" in key else float(value)
-                found = getattr(MEDIA[medium], re.sub(r"_(m|m_s|m_sqrt_s|deg|deg_s|deg_sqrt_s)$", "", key))
+                found = getattr(
+                    MEDIA[medium], re.sub(r"_(m|m_s|m_sqrt_s|deg|deg_s|deg_sqrt_s)$", "", key)
+                )
                 assert found == pytest.approx(expected), key
                 counted += 1
     others = {"dt", "hydrophone_height", "known_start"}

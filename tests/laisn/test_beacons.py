@@ -1,4 +1,6 @@
-"""The navigator among beacons: its formulas against independent ones, and what it does where things go wrong."""
+"""The navigator among beacons: its formulas against independent ones, and what it does where
+things go wrong.
+"""
 
 import math
 from dataclasses import replace
@@ -41,7 +43,9 @@ RANDOM = np.random.default_rng(5)
 ALL_ON = replace(BeaconSettings(), current_sigma=0.3)
 
 
-def ranging(place: tuple[float, float], measured: float, *, deeper: float = 0.0, sigma: float = 0.5) -> Ranging:
+def ranging(
+    place: tuple[float, float], measured: float, *, deeper: float = 0.0, sigma: float = 0.5
+) -> Ranging:
     """A range to the first beacon."""
     return Ranging(0, *place, deeper, measured, sigma**2, math.log(0.95), math.log(0.05 / 20.0))
 
@@ -102,7 +106,10 @@ def moved(x: Floats, speed: float, heading: float, time: float) -> Floats:
     y = x.copy()
     y[HEADING] += time * x[GYRO]
     way = math.exp(x[SPEED]) * speed * time
-    y[:2] += way * np.array([math.sin(heading - y[HEADING]), math.cos(heading - y[HEADING])]) + time * x[6:8]
+    y[:2] += (
+        way * np.array([math.sin(heading - y[HEADING]), math.cos(heading - y[HEADING])])
+        + time * x[6:8]
+    )
     return y
 
 
@@ -111,7 +118,10 @@ def test_odometry_moves_mean_and_covariance_as_finite_differences_do() -> None:
     n, x, before = made.fresh.size, made.state[0].copy(), made.covariance[0].copy()
     step = 1e-6
     rows = np.column_stack(
-        [(moved(x + step * e, 1.7, 0.8, 0.5) - moved(x - step * e, 1.7, 0.8, 0.5)) / (2 * step) for e in np.eye(n)]
+        [
+            (moved(x + step * e, 1.7, 0.8, 0.5) - moved(x - step * e, 1.7, 0.8, 0.5)) / (2 * step)
+            for e in np.eye(n)
+        ]
     )
     predict(made, (0.0, 1e-3), 1.7, 0.8, 0.5)
     np.testing.assert_allclose(made.state[0], moved(x, 1.7, 0.8, 0.5), atol=1e-12)
@@ -123,7 +133,9 @@ def test_odometry_moves_mean_and_covariance_as_finite_differences_do() -> None:
 
 
 def test_far_away_it_is_the_linear_filter_of_filterpy() -> None:
-    """Ten thousand kilometres off, a circle is straight; filterpy has the same numbers to 1e-9 of them."""
+    """Ten thousand kilometres off, a circle is straight; filterpy has the same numbers to 1e-9
+    of them.
+    """
     made, place = belief(place=(0.0, -4.0)), (0.0, 1e7)
     n = made.fresh.size
     root = 0.1 * RANDOM.standard_normal((n, n))
@@ -131,7 +143,11 @@ def test_far_away_it_is_the_linear_filter_of_filterpy() -> None:
     with_covariance(made, root @ root.T)
     made.state[0, SCALE] = 0.0
     other = KalmanFilter(dim_x=n, dim_z=1)
-    other.x, other.P, other.R = made.state[0][:, None].copy(), made.covariance[0].copy(), np.array([[0.25]])
+    other.x, other.P, other.R = (
+        made.state[0][:, None].copy(),
+        made.covariance[0].copy(),
+        np.array([[0.25]]),
+    )
     row = np.zeros((1, n))
     row[0, [Y, SHARED, SHARED + 2]] = -1.0, 1.0, 1.0
     far = 1e7 - made.state[0, Y] + made.state[0, SHARED + 2] + made.state[0, SHARED]
@@ -149,7 +165,9 @@ def mixture_moments(b: Belief) -> tuple[Floats, Floats]:
     weight, state = b.weight[:k] / b.weight[:k].sum(), b.state[:k]
     mean = weight @ state
     off = state - mean
-    return mean, np.einsum("k,kij->ij", weight, b.covariance[:k]) + np.einsum("k,ki,kj->ij", weight, off, off)
+    return mean, np.einsum("k,kij->ij", weight, b.covariance[:k]) + np.einsum(
+        "k,ki,kj->ij", weight, off, off
+    )
 
 
 def test_splits_keep_mean_and_covariance_until_a_circle_is_straight() -> None:
@@ -183,7 +201,9 @@ def test_components_at_one_position_merge_and_keep_their_moments() -> None:
 
 def test_without_noise_the_errors_of_all_sensors_are_found() -> None:
     true = Errors(speed_scale=0.02, gyro_bias=math.radians(0.3), range_scale=0.07, noise=0.0)
-    settings = BeaconSettings(slip=1e-3, range_sigma=0.02, survey_sigma=1e-4, range_offset_sigma=1e-4)
+    settings = BeaconSettings(
+        slip=1e-3, range_sigma=0.02, survey_sigma=1e-4, range_offset_sigma=1e-4
+    )
     measured, truth = round_trip(true, seconds=600)
     navigator = BeaconNavigator(settings, np.array([*truth[0], 0.0, 0.0]))
     found = navigator.run(measured)
@@ -194,11 +214,17 @@ def test_without_noise_the_errors_of_all_sensors_are_found() -> None:
     assert np.hypot(*(found.state[:, :2] - truth[1:]).T)[-1000:].max() < 0.05
 
 
-@pytest.mark.parametrize(("noise", "least", "most"), [(1.0, 0.79, 1.21), (0.05, 0.25, 0.3), (4.0, 1.7, 2.0)])
-def test_range_variances_are_estimated_within_bounds(noise: float, least: float, most: float) -> None:
-    """With 0.5 m on the data sheet, twice that is estimated, and nothing below half of it or above four times it.
+@pytest.mark.parametrize(
+    ("noise", "least", "most"), [(1.0, 0.79, 1.21), (0.05, 0.25, 0.3), (4.0, 1.7, 2.0)]
+)
+def test_range_variances_are_estimated_within_bounds(
+    noise: float, least: float, most: float
+) -> None:
+    """With 0.5 m on the data sheet, twice that is estimated, and nothing below half of it or above
+    four times it.
 
-    With a gain of 0.02 a variance rests on some hundred ranges: σ is uncertain by 7 %, and three times that is allowed.
+    With a gain of 0.02 a variance rests on some hundred ranges: σ is uncertain by 7 %, and three
+    times that is allowed.
     """
     measured, truth = round_trip(Errors(noise=noise), seconds=900)
     navigator = BeaconNavigator(BeaconSettings(outlier_span=200.0), np.array([*truth[0], 0.0, 0.0]))
@@ -210,16 +236,25 @@ def test_range_variances_are_estimated_within_bounds(noise: float, least: float,
 
 @pytest.mark.parametrize("medium", MEDIA)
 def test_the_covariance_is_consistent_where_its_assumptions_hold(medium: str) -> None:
-    """Errors drawn from the settings: the mean of NEES over runs lies where χ² of two degrees has it."""
+    """Errors drawn from the settings: the mean of NEES over runs lies where χ² of two degrees
+    has it.
+    """
     settings = MEDIA[medium]
     nees = []
     for seed in range(12):
-        measured, truth = round_trip(Errors.drawn(settings, seed), seconds=300, seed=seed, slip=settings.slip)
+        measured, truth = round_trip(
+            Errors.drawn(settings, seed), seconds=300, seed=seed, slip=settings.slip
+        )
         start = truth[0] + settings.start_sigma * np.random.default_rng(seed).standard_normal(2)
         found = BeaconNavigator(settings, np.array([*start, 0.0, 0.0])).run(measured)
         off = found.state[::100, :2] - truth[1::100]
         nees.append(
-            np.mean([e @ np.linalg.solve(p[:2, :2], e) for e, p in zip(off, found.covariance[::100], strict=True)])
+            np.mean(
+                [
+                    e @ np.linalg.solve(p[:2, :2], e)
+                    for e, p in zip(off, found.covariance[::100], strict=True)
+                ]
+            )
         )
     # twelve runs whose errors are correlated over time count as some fifty draws of mean 2, σ 2
     assert 1.2 < np.mean(nees) < 2.8
@@ -252,16 +287,23 @@ def test_an_unknown_start_is_found_though_its_first_ranges_are_wrong() -> None:
 
 def test_media_differ_in_what_their_evidence_may_be_compared_by() -> None:
     """Densities of wrong ranges are one: they would add to the evidence of one medium alone."""
-    assert len({(settings.outlier_probability, settings.outlier_span) for settings in MEDIA.values()}) == 1
+    assert (
+        len({(settings.outlier_probability, settings.outlier_span) for settings in MEDIA.values()})
+        == 1
+    )
 
 
 def test_under_water_a_known_start_is_no_worse_than_none() -> None:
-    """With a compass, whose error does not grow at a rate, in the mean over runs; both after a minute."""
+    """With a compass, whose error does not grow at a rate, in the mean over runs; both after a
+    minute.
+    """
     settings = MEDIA["water"]
     assert settings.gyro_bias_sigma == 0.0
     off: dict[bool, list[float]] = {True: [], False: []}
     for seed in range(4):
-        measured, truth = round_trip(Errors.drawn(settings, seed), seconds=600, seed=seed, slip=settings.slip)
+        measured, truth = round_trip(
+            Errors.drawn(settings, seed), seconds=600, seed=seed, slip=settings.slip
+        )
         place = truth[0] + settings.start_sigma * np.random.default_rng(seed).standard_normal(2)
         for known, errors in off.items():
             start = np.array([*place, 0.0, 0.0]) if known else None
@@ -281,7 +323,10 @@ def test_echoes_are_left_out_and_a_vehicle_carried_away_is_found_again() -> None
     assert np.mean(found.fix_kind[wrong] == FixKind.GATED) > 0.95
     # it is lifted at 200 s and set down 70 m away, without odometry
     away = replace(
-        measured, ranges=np.vstack([measured.ranges[:200], round_trip(Errors(), 400, shift=70.0)[0].ranges[200:]])
+        measured,
+        ranges=np.vstack(
+            [measured.ranges[:200], round_trip(Errors(), 400, shift=70.0)[0].ranges[200:]]
+        ),
     )
     found = BeaconNavigator(BeaconSettings(), start).run(away)
     off = np.hypot(*(found.state[-500:, :2] - (truth[-500:] + np.array([70.0, 0.0]))).T)
@@ -290,7 +335,9 @@ def test_echoes_are_left_out_and_a_vehicle_carried_away_is_found_again() -> None
 
 @settings(max_examples=8, deadline=None)
 @given(turn=st.floats(-3.0, 3.0), east=st.floats(-1e3, 1e3), north=st.floats(-1e3, 1e3))
-def test_a_world_that_is_turned_and_moved_gives_the_same_estimates(turn: float, east: float, north: float) -> None:
+def test_a_world_that_is_turned_and_moved_gives_the_same_estimates(
+    turn: float, east: float, north: float
+) -> None:
     measured, truth = round_trip(Errors(), seconds=60)
     c, s = math.cos(turn), math.sin(turn)
     rotation, shift = np.array([[c, s], [-s, c]]), np.array([east, north])
@@ -299,8 +346,12 @@ def test_a_world_that_is_turned_and_moved_gives_the_same_estimates(turn: float, 
     places[..., :2] = places[..., :2] @ rotation.T + shift
     other = replace(measured, heading=measured.heading + turn, transmitters=places)
     first = BeaconNavigator(BeaconSettings(), np.array([*truth[0], 0.0, 0.0])).run(measured)
-    second = BeaconNavigator(BeaconSettings(), np.array([*(rotation @ truth[0] + shift), 0.0, 0.0])).run(other)
-    np.testing.assert_allclose(second.state[:, :2], first.state[:, :2] @ rotation.T + shift, atol=1e-6)
+    second = BeaconNavigator(
+        BeaconSettings(), np.array([*(rotation @ truth[0] + shift), 0.0, 0.0])
+    ).run(other)
+    np.testing.assert_allclose(
+        second.state[:, :2], first.state[:, :2] @ rotation.T + shift, atol=1e-6
+    )
     np.testing.assert_allclose(
         second.covariance[:, :2, :2], rotation @ first.covariance[:, :2, :2] @ rotation.T, atol=1e-8
     )
@@ -320,7 +371,9 @@ def test_step_by_step_is_the_whole_mission_to_the_bit_and_stays_positive_definit
     assert np.array_equal(P, P.T)
 
 
-def reception(ranges: tuple[float, float, float] = (20.0, math.nan, math.nan), east: float = 0.0) -> Reception:
+def reception(
+    ranges: tuple[float, float, float] = (20.0, math.nan, math.nan), east: float = 0.0
+) -> Reception:
     places = np.full((3, 3), math.nan)
     places[0] = east, 5.0, 0.0
     return Reception(LeaderMessage(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), Ranges(*ranges), places)

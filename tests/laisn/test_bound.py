@@ -8,7 +8,9 @@ import pytest
 from laisn.arrays import Floats
 from laisn.bound import Geometry, TrueNoise, position_bound
 
-KNOWN = TrueNoise(speed_bias=0.0, heading_bias=0.0, range_scale_bias=0.0, range_scale_sigma=0.0, heading_sigma=0.0)
+KNOWN = TrueNoise(
+    speed_bias=0.0, heading_bias=0.0, range_scale_bias=0.0, range_scale_sigma=0.0, heading_sigma=0.0
+)
 """No biases, and a compass without errors."""
 
 
@@ -25,9 +27,13 @@ def at_rest(n: int, away: tuple[float, float], arms: Floats, every: int = 1) -> 
 
 
 def test_without_ranges_the_bound_is_that_of_dead_reckoning() -> None:
-    """North for n steps: the log's errors add along the way; the compass's and its bias across it."""
+    """North for n steps: the log's errors add along the way; the compass's and its bias across
+    it.
+    """
     n, sigma, bias = 50, np.deg2rad(2.0), np.deg2rad(5.0)
-    noise = TrueNoise(speed_sigma=0.2, speed_bias=0.1, heading_sigma=sigma, heading_bias=bias, start=0.5)
+    noise = TrueNoise(
+        speed_sigma=0.2, speed_bias=0.1, heading_sigma=sigma, heading_bias=bias, start=0.5
+    )
     geometry = replace(at_rest(n, (0.0, -20.0), np.full((3, 3), np.nan)), speed=np.full(n, 1.5))
     bound = position_bound(geometry, noise)[-1]
     along = 0.25 + n * (0.2 * 0.1) ** 2 + (0.1 * 0.1 * n) ** 2
@@ -36,10 +42,14 @@ def test_without_ranges_the_bound_is_that_of_dead_reckoning() -> None:
 
 
 def test_biases_turn_and_shorten_the_whole_way_however_it_bends() -> None:
-    """Three legs: a compass bias moves the end across the way made good, a log's bias along the sum of headings."""
+    """Three legs: a compass bias moves the end across the way made good, a log's bias along the
+    sum of headings.
+    """
     heading = np.repeat(np.deg2rad([30.0, 110.0, -160.0]), [40, 70, 25])
     speed = np.repeat([1.5, 1.1, 0.9], [40, 70, 25])
-    geometry = replace(at_rest(heading.size, (0.0, 0.0), np.full((3, 3), np.nan)), speed=speed, heading=heading)
+    geometry = replace(
+        at_rest(heading.size, (0.0, 0.0), np.full((3, 3), np.nan)), speed=speed, heading=heading
+    )
     log, compass, still = 0.1, np.deg2rad(5.0), replace(KNOWN, speed_sigma=0.0)
     ahead = 0.1 * np.stack([np.sin(heading), np.cos(heading)], axis=1)
     east, north = (speed[:, None] * ahead).sum(axis=0)
@@ -49,20 +59,28 @@ def test_biases_turn_and_shorten_the_whole_way_however_it_bends() -> None:
         (replace(still, speed_bias=log), log**2 * np.outer(along, along)),
     ):
         start = np.eye(2) * still.start**2
-        np.testing.assert_allclose(position_bound(geometry, noise)[-1] - start, expected, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(
+            position_bound(geometry, noise)[-1] - start, expected, rtol=1e-9, atol=1e-12
+        )
 
 
 def test_repeated_ranges_at_rest_add_their_information() -> None:
-    """Two transmitters at right angles as seen from the follower: each axis has n/σ² beside 1/σ₀²."""
+    """Two transmitters at right angles as seen from the follower: each axis has n/σ² beside
+    1/σ₀².
+    """
     arms = np.array([[50.0, 0.0, 0.0], [0.0, 50.0, 0.0]])
     noise = replace(KNOWN, speed_sigma=0.0, range_sigma=0.3, start=2.0)
     bound = position_bound(at_rest(8, (0.0, 0.0), arms), noise, averaged=False)
     for k in range(8):
-        np.testing.assert_allclose(bound[k], np.eye(2) / (0.25 + (k + 1) / 0.09), rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(
+            bound[k], np.eye(2) / (0.25 + (k + 1) / 0.09), rtol=1e-12, atol=1e-15
+        )
 
 
 def test_a_scalar_random_walk_reaches_the_riccati_equations_fixed_point() -> None:
-    """Motion noise q a step and range noise r along one axis: p⁺ = p r / (p + r) with p = p⁺ + q."""
+    """Motion noise q a step and range noise r along one axis: p⁺ = p r / (p + r) with p = p⁺ +
+    q.
+    """
     arms = np.array([[0.0, 1e7, 0.0]])
     noise = replace(KNOWN, speed_sigma=1.0, range_sigma=0.5)
     north = position_bound(at_rest(300, (0.0, 0.0), arms), noise, averaged=False)[-1, 1, 1]
@@ -82,7 +100,11 @@ def test_on_the_axis_of_two_transmitters_only_the_mean_range_has_information() -
 
 def test_more_is_known_with_more_and_less_with_more_unknowns() -> None:
     arms = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [-0.1, 0.0, 0.0]])
-    geometry = replace(at_rest(200, (-15.0, -20.0), arms, every=10), speed=np.ones(200), heading=np.linspace(0, 3, 200))
+    geometry = replace(
+        at_rest(200, (-15.0, -20.0), arms, every=10),
+        speed=np.ones(200),
+        heading=np.linspace(0, 3, 200),
+    )
 
     def last(noise: TrueNoise, g: Geometry = geometry) -> float:
         return float(np.trace(position_bound(g, noise, averaged=False)[-1]))
@@ -101,40 +123,62 @@ def test_more_is_known_with_more_and_less_with_more_unknowns() -> None:
 
 
 def test_noise_that_cannot_be_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"speed_sigma is -1\.0, expected a finite number, zero or more"):
+    with pytest.raises(
+        ValueError, match=r"speed_sigma is -1\.0, expected a finite number, zero or more"
+    ):
         TrueNoise(speed_sigma=-1.0)
 
 
 def batch(geometry: Geometry, noise: TrueNoise) -> Floats:
-    """The same bound without recursion: least squares of a whole mission in its unknowns, derivatives by differences.
+    """The same bound without recursion: least squares of a whole mission in its unknowns,
+    derivatives by differences.
 
-    Unknown are the start, the constants, and every random error of log, compass, leader's heading and ψ.
+    Unknown are the start, the constants, and every random error of log, compass, leader's heading
+    and ψ.
     """
     n, m = geometry.speed.size, geometry.message_step.size
     transmitters = geometry.arms.shape[1]
     sizes = {
-        "start": 2, "speed_bias": 1, "heading_bias": 1, "range_scale_bias": 1, "leader_heading_bias": 1, "current": 2,
-        "range_offset": transmitters - 1, "speed_sigma": n, "heading_sigma": n, "range_scale_sigma": m,
-        "leader_heading_sigma": m, "clock_offset": 1, "clock_drift": 1,
-    }  # fmt: skip
+        "start": 2,
+        "speed_bias": 1,
+        "heading_bias": 1,
+        "range_scale_bias": 1,
+        "leader_heading_bias": 1,
+        "current": 2,
+        "range_offset": transmitters - 1,
+        "speed_sigma": n,
+        "heading_sigma": n,
+        "range_scale_sigma": m,
+        "leader_heading_sigma": m,
+        "clock_offset": 1,
+        "clock_drift": 1,
+    }
     ends = np.cumsum(list(sizes.values()))
-    place = {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+    place = {
+        name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)
+    }
     sigma = np.concatenate([np.full(size, getattr(noise, name)) for name, size in sizes.items()])
 
     def mission(unknown: Floats) -> tuple[Floats, list[Floats]]:
-        """How far the follower is from where it truly is after each step, and the ranges of each message."""
+        """How far the follower is from where it truly is after each step, and the ranges of each
+        message.
+        """
         u = {name: unknown[where] for name, where in place.items()}
         speed = geometry.speed - u["speed_bias"] + u["speed_sigma"]
         heading = geometry.heading - u["heading_bias"] + u["heading_sigma"]
         way = np.column_stack([speed * np.sin(heading), speed * np.cos(heading)]) + u["current"]
-        true = geometry.speed[:, None] * np.column_stack([np.sin(geometry.heading), np.cos(geometry.heading)])
+        true = geometry.speed[:, None] * np.column_stack(
+            [np.sin(geometry.heading), np.cos(geometry.heading)]
+        )
         astray = u["start"] + geometry.dt * np.cumsum(way - true, axis=0)
         ranges = []
         for i, k in enumerate(geometry.message_step):
             turn = float(u["leader_heading_bias"][0] + u["leader_heading_sigma"][i])
             rotate = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
             arms = geometry.arms[i]
-            apart = np.column_stack([geometry.from_leader[i] + astray[k - 1] - arms[:, :2] @ rotate.T, arms[:, 2]])
+            apart = np.column_stack(
+                [geometry.from_leader[i] + astray[k - 1] - arms[:, :2] @ rotate.T, arms[:, 2]]
+            )
             rho = np.linalg.norm(apart, axis=1)
             shared = (u["range_scale_bias"] + u["range_scale_sigma"][i]) * rho / np.fmax.reduce(rho)
             z = rho + shared + np.concatenate([[0.0], u["range_offset"]])
@@ -144,12 +188,17 @@ def batch(geometry: Geometry, noise: TrueNoise) -> Floats:
 
     step = 1e-6
     plus, minus = ([mission(s * step * e) for e in np.eye(sigma.size)] for s in (1.0, -1.0))
-    moved = np.stack([(a - b) / (2 * step) for (a, _), (b, _) in zip(plus, minus, strict=True)], axis=-1)
+    moved = np.stack(
+        [(a - b) / (2 * step) for (a, _), (b, _) in zip(plus, minus, strict=True)], axis=-1
+    )
     bound = np.empty((n, 2, 2))
     for k in range(n):
         received = [i for i, at in enumerate(geometry.message_step) if at <= k + 1]
         rows = [
-            np.stack([(a[i] - b[i]) / (2 * step) for (_, a), (_, b) in zip(plus, minus, strict=True)], axis=-1)
+            np.stack(
+                [(a[i] - b[i]) / (2 * step) for (_, a), (_, b) in zip(plus, minus, strict=True)],
+                axis=-1,
+            )
             for i in received
         ]
         # in units of the prior deviations, so that what is known is no unknown
@@ -160,18 +209,40 @@ def batch(geometry: Geometry, noise: TrueNoise) -> Floats:
 
 
 EVERYTHING = TrueNoise(
-    speed_sigma=0.3, heading_sigma=0.1, range_sigma=0.02, range_scale_sigma=0.07, leader_heading_sigma=0.02, start=1.5,
-    speed_bias=0.2, heading_bias=0.15, range_scale_bias=0.3, leader_heading_bias=0.05, current=0.1, range_offset=0.04,
-    clock_offset=0.6, clock_drift=0.05,
-)  # fmt: skip
+    speed_sigma=0.3,
+    heading_sigma=0.1,
+    range_sigma=0.02,
+    range_scale_sigma=0.07,
+    leader_heading_sigma=0.02,
+    start=1.5,
+    speed_bias=0.2,
+    heading_bias=0.15,
+    range_scale_bias=0.3,
+    leader_heading_bias=0.05,
+    current=0.1,
+    range_offset=0.04,
+    clock_offset=0.6,
+    clock_drift=0.05,
+)
 
 
 @pytest.mark.parametrize(
-    "known", [(), ("leader_heading_bias",), ("current",), ("range_offset",), ("leader_heading_sigma", "current")]
+    "known",
+    [
+        (),
+        ("leader_heading_bias",),
+        ("current",),
+        ("range_offset",),
+        ("leader_heading_sigma", "current"),
+    ],
 )
 @pytest.mark.parametrize("transmitters", [2, 3])
-def test_the_recursion_is_least_squares_of_the_whole_mission(known: tuple[str, ...], transmitters: int) -> None:
-    """A bending way, transmitters at different depths, some pings lost; constants known and unknown."""
+def test_the_recursion_is_least_squares_of_the_whole_mission(
+    known: tuple[str, ...], transmitters: int
+) -> None:
+    """A bending way, transmitters at different depths, some pings lost; constants known and
+    unknown.
+    """
     rng = np.random.default_rng(transmitters)
     n, at = 14, np.array([2, 5, 9, 12, 14])
     arms = rng.normal(size=(at.size, 3, 3)) * [2.0, 2.0, 4.0]
@@ -190,7 +261,9 @@ def test_the_recursion_is_least_squares_of_the_whole_mission(known: tuple[str, .
 
 
 def test_the_average_is_over_the_positions_that_the_bound_itself_allows() -> None:
-    """One range over 30 m, errors of 2.2 and 0.8 m at right angles: the mean of h hᵀ by a fine grid."""
+    """One range over 30 m, errors of 2.2 and 0.8 m at right angles: the mean of h hᵀ by a fine
+    grid.
+    """
     noise = replace(KNOWN, speed_sigma=0.0, heading_bias=0.2, range_sigma=0.5, start=0.8)
     # a way of 10 m to the north turns the compass's bias into 2 m to either side
     geometry = Geometry(
@@ -215,15 +288,22 @@ def test_the_average_is_over_the_positions_that_the_bound_itself_allows() -> Non
 
 
 def test_noise_is_that_of_the_papers_sensors_by_default() -> None:
-    """Section 3.1: |N(0, 2°)| has σ = 2° √(1 − 2/π), a uniform error of 0.01 m has 0.01/√12; drawn many times here."""
+    """Section 3.1: |N(0, 2°)| has σ = 2° √(1 − 2/π), a uniform error of 0.01 m has 0.01/√12;
+    drawn many times here.
+    """
     rng = np.random.default_rng(4)
     noise = TrueNoise()
     heading, ranges = np.abs(np.deg2rad(2.0) * rng.normal(size=400_000)), 0.01 * rng.random(400_000)
     assert noise.heading_sigma == pytest.approx(heading.std(), rel=5e-3)
     assert noise.range_sigma == pytest.approx(ranges.std(), rel=5e-3)
     assert (noise.speed_sigma, noise.range_scale_sigma) == (0.2, 0.05)
-    # biases: the mean of |N(0, 2°)| is 1.6°, those of Eqs. 26 and 28 are 0.2 m/s and 0.1 m; a prior must leave room
-    assert (noise.speed_bias, noise.heading_bias, noise.range_scale_bias) == (0.3, np.deg2rad(8.0), 0.2)
+    # biases: the mean of |N(0, 2°)| is 1.6°, those of Eqs. 26 and 28 are 0.2 m/s and 0.1 m; a prior
+    # must leave room
+    assert (noise.speed_bias, noise.heading_bias, noise.range_scale_bias) == (
+        0.3,
+        np.deg2rad(8.0),
+        0.2,
+    )
     known = ("start", "leader_heading_sigma", "leader_heading_bias", "current", "range_offset")
     assert [getattr(noise, name) for name in known] == [0.0] * len(known)
 
@@ -239,40 +319,68 @@ def test_three_transmitters_are_judged_at_the_truth_and_two_on_the_average() -> 
 
 
 def test_a_bias_that_wanders_moves_the_position_by_its_integral() -> None:
-    """North at v: b_θ of rate q adds v² q t³/3 across the way, b_v of rate q adds q t³/3 along it, a current both."""
+    """North at v: b_θ of rate q adds v² q t³/3 across the way, b_v of rate q adds q t³/3 along
+    it, a current both.
+    """
     n, v, log, compass, current, walk = 40, 1.5, 2e-3, 3e-3, 0.2, 4e-3
-    noise = replace(KNOWN, speed_sigma=0.0, speed_walk=log, heading_walk=compass, current=current, current_walk=walk)
+    noise = replace(
+        KNOWN,
+        speed_sigma=0.0,
+        speed_walk=log,
+        heading_walk=compass,
+        current=current,
+        current_walk=walk,
+    )
     geometry = replace(
-        at_rest(n, (0.0, -20.0), np.full((3, 3), np.nan)), speed=np.full(n, v), message_step=np.array([n])
+        at_rest(n, (0.0, -20.0), np.full((3, 3), np.nan)),
+        speed=np.full(n, v),
+        message_step=np.array([n]),
     )
-    bound = position_bound(replace(geometry, from_leader=geometry.from_leader[:1], arms=geometry.arms[:1]), noise)
+    bound = position_bound(
+        replace(geometry, from_leader=geometry.from_leader[:1], arms=geometry.arms[:1]), noise
+    )
     t = 0.1 * n
-    expected = np.diag([(v * compass) ** 2, log**2]) * t**3 / 3.0 + (current**2 * t**2 + walk**2 * t**3 / 3.0) * np.eye(
-        2
-    )
+    expected = np.diag([(v * compass) ** 2, log**2]) * t**3 / 3.0 + (
+        current**2 * t**2 + walk**2 * t**3 / 3.0
+    ) * np.eye(2)
     np.testing.assert_allclose(bound[-1], expected, rtol=1e-12, atol=1e-18)
 
 
 @pytest.mark.parametrize("lag", [0.0, 1.5, 10.0])
 def test_messages_without_information_change_nothing(lag: float) -> None:
-    """A way in one piece or in two, and biases that wander on it: the same covariances of all that they share."""
+    """A way in one piece or in two, and biases that wander on it: the same covariances of all
+    that they share.
+    """
     noise = TrueNoise(speed_walk=0.02, heading_walk=0.03, current=0.3, current_walk=0.01, start=0.5)
     arms = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.3, 0.0]])
-    many = replace(at_rest(60, (5.0, -20.0), arms, every=5), speed=np.full(60, 1.2), heading=np.full(60, 0.7))
+    many = replace(
+        at_rest(60, (5.0, -20.0), arms, every=5), speed=np.full(60, 1.2), heading=np.full(60, 0.7)
+    )
     silent = many.arms.copy()
     silent[::2] = np.nan
-    few = replace(many, message_step=many.message_step[1::2], from_leader=many.from_leader[1::2], arms=many.arms[1::2])
+    few = replace(
+        many,
+        message_step=many.message_step[1::2],
+        from_leader=many.from_leader[1::2],
+        arms=many.arms[1::2],
+    )
     expected = position_bound(few, noise, lag=lag)
-    np.testing.assert_allclose(position_bound(replace(many, arms=silent), noise, lag=lag), expected, rtol=1e-9)
+    np.testing.assert_allclose(
+        position_bound(replace(many, arms=silent), noise, lag=lag), expected, rtol=1e-9
+    )
 
 
 @pytest.mark.parametrize("lag", [0.5, 100.0])
 def test_smoothing_is_least_squares_over_all_messages_that_come_in_time(lag: float) -> None:
-    """A random walk along one axis that a bias pushes: the inverse of the joint information of all its places."""
+    """A random walk along one axis that a bias pushes: the inverse of the joint information of
+    all its places.
+    """
     n, every, q, r, bias, start = 24, 4, 0.02**2, 0.5**2, 0.3, 0.4
     arms = np.array([[0.0, 1e7, 0.0]])
     noise = replace(KNOWN, speed_sigma=0.2, range_sigma=0.5, speed_bias=bias, start=start)
-    found = position_bound(at_rest(n, (0.0, 0.0), arms, every), noise, averaged=False, lag=lag)[:, 1, 1]
+    found = position_bound(at_rest(n, (0.0, 0.0), arms, every), noise, averaged=False, lag=lag)[
+        :, 1, 1
+    ]
     for step in range(1, n + 1):
         joint = np.zeros((n + 2, n + 2))
         joint[0, 0], joint[-1, -1] = start**-2, bias**-2
@@ -285,9 +393,13 @@ def test_smoothing_is_least_squares_over_all_messages_that_come_in_time(lag: flo
 
 
 def test_information_on_the_current_grows_with_the_time_of_the_leader_track() -> None:
-    """A scalar Kalman filter of place and current: 5 s of the leader's way have twice the variance of 10 s."""
+    """A scalar Kalman filter of place and current: 5 s of the leader's way have twice the
+    variance of 10 s.
+    """
     sigma, before = 0.05, 0.4
-    noise = replace(KNOWN, speed_sigma=0.0, current=before, leader_way_sigma=sigma, leader_heading_bias=0.1)
+    noise = replace(
+        KNOWN, speed_sigma=0.0, current=before, leader_way_sigma=sigma, leader_heading_bias=0.1
+    )
     geometry = at_rest(600, (0.0, -20.0), np.full((3, 3), np.nan), every=50)
     assert position_bound(geometry, noise)[-1, 0, 0] == pytest.approx((60.0 * before) ** 2)
     # a leader at rest has no information on its compass
@@ -302,34 +414,58 @@ def test_information_on_the_current_grows_with_the_time_of_the_leader_track() ->
             2.0 * sigma**2 * current / spread,
         )
     np.testing.assert_allclose(bound[-1], place * np.eye(2), rtol=1e-9, atol=1e-12)
-    # one that heads east at v cannot distinguish a current to the north from a compass error of current / v
+    # one that heads east at v cannot distinguish a current to the north from a compass error of
+    # current / v
     v, observed = 1.2, replace(geometry, leader_velocity=np.tile([1.2, 0.0], (12, 1)))
-    east, north = (25.0 * (before**2 - before**4 / spread) for spread in
-                   before**2 + 2.0 * sigma**2 + np.array([0.0, (0.1 * v) ** 2]))  # fmt: skip
-    np.testing.assert_allclose(position_bound(observed, noise)[49], np.diag([east, north]), rtol=1e-9, atol=1e-12)
+    east, north = (
+        25.0 * (before**2 - before**4 / spread)
+        for spread in before**2 + 2.0 * sigma**2 + np.array([0.0, (0.1 * v) ** 2])
+    )
+    np.testing.assert_allclose(
+        position_bound(observed, noise)[49], np.diag([east, north]), rtol=1e-9, atol=1e-12
+    )
 
 
 def test_without_current_the_leader_track_observes_its_compass_bias() -> None:
-    """East at v, received at right angles: b_L has 1/σ² + T v²/10 σ_c², and the ranges to two transmitters no more."""
+    """East at v, received at right angles: b_L has 1/σ² + T v²/10 σ_c², and the ranges to two
+    transmitters no more.
+    """
     sigma, bias, v = 0.05, 0.1, 1.2
     noise = replace(
-        KNOWN, speed_sigma=0.0, start=3.0, range_sigma=1e-4, leader_way_sigma=sigma, leader_heading_bias=bias
+        KNOWN,
+        speed_sigma=0.0,
+        start=3.0,
+        range_sigma=1e-4,
+        leader_way_sigma=sigma,
+        leader_heading_bias=bias,
     )
     arms = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     geometry = at_rest(50, (0.0, -20.0), arms, every=50)
     observed = replace(geometry, leader_velocity=np.array([[v, 0.0]]))
-    for given, known in ((geometry, bias**-2), (observed, bias**-2 + 5.0 * v**2 / (10.0 * sigma**2))):
+    for given, known in (
+        (geometry, bias**-2),
+        (observed, bias**-2 + 5.0 * v**2 / (10.0 * sigma**2)),
+    ):
         # ranges determine the bearing from the leader's axis, which has the error of its compass
         off = 1.0 / (3.0**-2 + known / 20.0**2)
-        assert position_bound(given, noise, averaged=False)[-1, 0, 0] == pytest.approx(off, rel=1e-3)
+        assert position_bound(given, noise, averaged=False)[-1, 0, 0] == pytest.approx(
+            off, rel=1e-3
+        )
 
 
 def test_a_clock_whose_rate_wanders_adds_its_integral_to_a_range() -> None:
     """τ̇ is Brownian motion of rate q: after T, τ has the variance σ_τ² + σ_τ̇² T² + q T³/3."""
     arms = np.array([[0.0, 50.0, 0.0]])
     noise = replace(KNOWN, speed_sigma=0.0, range_sigma=0.1, start=2.0)
-    for clock in ({"clock_walk": 0.03}, {"clock_offset": 0.2, "clock_drift": 0.05, "clock_walk": 0.03}):
+    for clock in (
+        {"clock_walk": 0.03},
+        {"clock_offset": 0.2, "clock_drift": 0.05, "clock_walk": 0.03},
+    ):
         given = replace(noise, **clock)
         north = position_bound(at_rest(80, (0.0, 0.0), arms, 80), given, averaged=False)[-1, 1, 1]
-        late = given.clock_offset**2 + (8.0 * given.clock_drift) ** 2 + given.clock_walk**2 * 8.0**3 / 3.0
+        late = (
+            given.clock_offset**2
+            + (8.0 * given.clock_drift) ** 2
+            + given.clock_walk**2 * 8.0**3 / 3.0
+        )
         assert north == pytest.approx(1.0 / (0.25 + 1.0 / (0.01 + late)), rel=1e-9)

@@ -28,8 +28,9 @@ import numpy as np
 from experiments.campaign import lane_flight as metric
 from laisn import lanes as row
 
-# leader at the origin, heading north; the follower 1 m east of its axis, all estimates 1 m west of it
-block, tally, bins = np.zeros(row.SIZE), np.zeros(metric.SIZE), np.zeros(2 * row.LANES, dtype=np.int64)
+# leader at the origin, heading north; the follower 1 m east of its axis, all estimates 1 m west
+block, tally = np.zeros(row.SIZE), np.zeros(metric.SIZE)
+bins = np.zeros(2 * row.LANES, dtype=np.int64)
 block[row.X : row.X + row.LANES] = -1.0
 metric.tally_step(block, tally, bins, (1.0, 0.0), (0.0, 0.0, 0.0))
 hits = sum(metric.tally_step.stats.cache_hits.values())
@@ -55,17 +56,25 @@ print(FOLDER, counts[0, 0], sum(fill_histograms.stats.cache_hits.values()))
 
 
 def child(program: str, cache: Path, root: Path = ROOT) -> subprocess.Popen[str]:
-    """A process that runs a program on the packages of a folder, with a home of its own for compiled code."""
+    """A process that runs a program on the packages of a folder, with a home of its own for
+    compiled code.
+    """
     environment = os.environ | {"PYTHONPATH": str(root), "XDG_CACHE_HOME": str(cache)}
     return subprocess.Popen(
-        [sys.executable, "-c", program], cwd=root, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        [sys.executable, "-c", program],
+        cwd=root,
+        env=environment,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-    )  # fmt: skip
+    )
 
 
 def captures(root: Path, cache: Path) -> tuple[int, int]:
-    """Captured runs of the packages in a folder, and how many signatures of the function came from the cache."""
+    """Captured runs of the packages in a folder, and how many signatures of the function came
+    from the cache.
+    """
     process = child(CAPTURES, cache, root)
     out, errors = process.communicate(timeout=120)
     assert process.returncode == 0, errors
@@ -73,14 +82,18 @@ def captures(root: Path, cache: Path) -> tuple[int, int]:
     return int(runs), int(hits)
 
 
-def test_a_second_process_takes_code_from_the_cache_until_a_constant_of_another_file_changes(tmp_path: Path) -> None:
+def test_a_second_process_takes_code_from_the_cache_until_a_constant_of_another_file_changes(
+    tmp_path: Path,
+) -> None:
     tree, cache = tmp_path / "tree", tmp_path / "cache"
     for package in import_graph.PACKAGES:
         shutil.copytree(ROOT / package, tree / package)
     metrics = tree / "laisn" / "metrics.py"
     whole = metrics.read_text(encoding="utf-8")
     assert [captures(tree, cache) for _ in range(2)] == [(0, 0), (0, 1)]
-    metrics.write_text(whole.replace("MIRROR_LOCK_ERROR = 5.0\n", "MIRROR_LOCK_ERROR = 0.5\n"), encoding="utf-8")
+    metrics.write_text(
+        whole.replace("MIRROR_LOCK_ERROR = 5.0\n", "MIRROR_LOCK_ERROR = 0.5\n"), encoding="utf-8"
+    )
     assert captures(tree, cache) == (64, 0)
     # times of files do not matter
     for path in tree.rglob("*.py"):
@@ -92,9 +105,13 @@ def test_a_second_process_takes_code_from_the_cache_until_a_constant_of_another_
 def test_compiled_modules_import_only_sources_that_name_the_folder() -> None:
     """Otherwise a constant that compiled code contains could change without notice."""
     sources, imports = import_graph.modules(), import_graph.imports()
-    named = {name for name, path in sources.items() if path in compilation.reached_sources()} | {"models"}
+    named = {name for name, path in sources.items() if path in compilation.reached_sources()} | {
+        "models"
+    }
     decorated = re.compile(r"^ *@(compiled|inlined|formula)", flags=re.MULTILINE)
-    compiling = {name for name, path in sources.items() if decorated.search(path.read_text(encoding="utf-8"))}
+    compiling = {
+        name for name, path in sources.items() if decorated.search(path.read_text(encoding="utf-8"))
+    }
     assert len(compiling & named) > 30
     for name in compiling:
         reached, new = set[str](), set(imports[name])
@@ -115,7 +132,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def added() -> int:
-    """Compile a function, or take its code from the cache, and see that it is right; hits of the cache."""
+    """Compile a function, or take its code from the cache, and see that it is right; hits of the
+    cache.
+    """
     function = compiled_lanes(lane_flight.fill_histograms.py_func)
     counts = np.zeros((2, 2), dtype=np.int64)
     function(np.repeat([0, 1], LANES), counts, 3)
@@ -134,7 +153,9 @@ def test_code_is_stored_in_a_private_folder(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("mode", [0o777, 0o770, 0o722, 0o755])
-def test_a_folder_that_others_can_enter_is_not_used(folder: Path, monkeypatch: pytest.MonkeyPatch, mode: int) -> None:
+def test_a_folder_that_others_can_enter_is_not_used(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, mode: int
+) -> None:
     folder.parents[1].chmod(mode)
     assert compilation.find_folder() is None
     monkeypatch.setattr(compilation, "FOLDER", None)
@@ -142,7 +163,9 @@ def test_a_folder_that_others_can_enter_is_not_used(folder: Path, monkeypatch: p
     assert files(folder) == []
 
 
-def test_a_folder_of_another_user_is_not_used(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_of_another_user_is_not_used(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
     assert compilation.find_folder() is None
 
@@ -164,7 +187,9 @@ def test_a_home_that_cannot_be_used_costs_nothing_but_time(tmp_path: Path, home:
 
 @pytest.mark.parametrize("damage", [b"", b"\x80\x04", b"cos\nsystem\n"])
 @pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
-def test_damaged_code_is_removed_by_the_command_and_compiled_again(folder: Path, damage: bytes, suffix: str) -> None:
+def test_damaged_code_is_removed_by_the_command_and_compiled_again(
+    folder: Path, damage: bytes, suffix: str
+) -> None:
     added()
     [kept] = folder.rglob(f"*{suffix}")
     kept.write_bytes(damage)
@@ -193,8 +218,12 @@ def test_code_of_versions_that_were_not_used_for_a_week_is_removed(folder: Path)
     assert set(present.parent.iterdir()) == {present, present.with_name(f"{6:016x}")}
 
 
-def test_processes_side_by_side_store_code_apart_and_a_later_one_finds_what_each_has_stored(tmp_path: Path) -> None:
-    """In one folder, both first signatures of a function would get one file name and one of them the other's code."""
+def test_processes_side_by_side_store_code_apart_and_a_later_one_finds_what_each_has_stored(
+    tmp_path: Path,
+) -> None:
+    """In one folder, both first signatures of a function would get one file name and one of them
+    the other's code.
+    """
     pair = [child(ADDS.format(kind=kind, wait=True), tmp_path) for kind in ("float", "complex")]
     places = [process.stdout.readline().split()[0] for process in pair if process.stdout]
     for process in pair:
@@ -209,7 +238,9 @@ def test_processes_side_by_side_store_code_apart_and_a_later_one_finds_what_each
     assert [int(hits) for _, hits in results[2:]] == [1, 1]
 
 
-def test_links_give_a_process_the_code_that_another_one_holds(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_links_give_a_process_the_code_that_another_one_holds(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert added() == 0
     second = compilation.find_folder()
     assert second is not None
@@ -227,7 +258,9 @@ def _adding(number: float) -> object:
     return add
 
 
-def test_closures_and_functions_of_other_projects_are_not_stored(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_closures_and_functions_of_other_projects_are_not_stored(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert compiled(_doubled)(2.0) == 4.0
     monkeypatch.setattr(sys.modules[__name__], "__name__", "laisn.test")
     assert _adding(1.0)(2.0) == 3.0
@@ -261,7 +294,9 @@ def test_ctrl_c_while_code_is_compiled_ends_a_process_and_spoils_nothing(tmp_pat
     compiled_now = []
     for _ in range(2):
         angle, functions = (
-            child(INTERRUPTED.replace("INTERRUPT", "False"), tmp_path).communicate(timeout=120)[0].split()
+            child(INTERRUPTED.replace("INTERRUPT", "False"), tmp_path)
+            .communicate(timeout=120)[0]
+            .split()
         )
         assert float(angle) == np.pi / 2
         compiled_now.append(int(functions))

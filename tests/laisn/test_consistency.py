@@ -14,12 +14,16 @@ START_SIGMA = np.array([0.5, 0.5, 0.02, 0.02])
 
 
 def matched(random: np.random.Generator) -> tuple[Filter, Floats]:
-    """A vehicle that accelerates as the filter assumes it, measured as the filter assumes; both at the end."""
+    """A vehicle that accelerates as the filter assumes it, measured as the filter assumes; both
+    at the end.
+    """
     truth = np.array([0.0, 0.0, 1.5, 1.0])
     kalman = Filter(DT, truth + START_SIGMA * random.normal(size=4), START_SIGMA)
     for k in range(1, STEPS + 1):
         acceleration = SIGMA_A * random.normal(size=2)
-        truth = truth + np.concatenate([DT * truth[2:] + DT**2 / 2 * acceleration, DT * acceleration])
+        truth = truth + np.concatenate(
+            [DT * truth[2:] + DT**2 / 2 * acceleration, DT * acceleration]
+        )
         kalman.predict(SIGMA_A)
         if k % EVERY == 0:
             x, y = truth[:2] + SIGMA_P * random.normal(size=2)
@@ -31,7 +35,9 @@ def matched(random: np.random.Generator) -> tuple[Filter, Floats]:
 
 
 def test_normalised_errors_of_a_matched_filter_are_chi_square() -> None:
-    """Sums over independent runs against the 99.9 % interval: 2 a run for the position, 4 for the state."""
+    """Sums over independent runs against the 99.9 % interval: 2 a run for the position, 4 for
+    the state.
+    """
     ends = [matched(np.random.default_rng([7, run])) for run in range(RUNS)]
     truth = np.array([t for _, t in ends])
     none = np.zeros(0)

@@ -30,7 +30,9 @@ def _exponentials(x: Floats) -> Floats:
 
 def test_elementary_functions_agree_with_the_library() -> None:
     generator = np.random.default_rng(7)
-    x = np.concatenate([generator.uniform(-1000, 1000, 20_000), generator.normal(size=20_000) * 1e-6])
+    x = np.concatenate(
+        [generator.uniform(-1000, 1000, 20_000), generator.normal(size=20_000) * 1e-6]
+    )
     y = generator.normal(size=x.size) * 10.0 ** generator.uniform(-8, 3, x.size)
     result = _functions(x, y)
     assert result[:, 0] == pytest.approx(np.log(np.abs(x)), abs=1e-14)
@@ -45,11 +47,19 @@ def test_logarithm_keeps_its_relative_accuracy_near_one() -> None:
 
 
 def test_exponential_keeps_its_relative_accuracy_over_its_whole_range() -> None:
-    x = np.concatenate([np.linspace(-708.0, 709.0, 40_001), np.linspace(-1.0, 1.0, 40_001), [0.0, 0.5 * math.log(2.0)]])
+    x = np.concatenate(
+        [
+            np.linspace(-708.0, 709.0, 40_001),
+            np.linspace(-1.0, 1.0, 40_001),
+            [0.0, 0.5 * math.log(2.0)],
+        ]
+    )
     np.testing.assert_allclose(_exponentials(x), np.exp(x), rtol=4e-16)
     assert _exponentials(np.zeros(1))[0] == 1.0
 
 
 def test_angle_of_axes_and_of_nothing() -> None:
-    angles = _functions(np.array([1e-300, 1.0, -1.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0, -1e300, 0.0]))[:, 3]
+    angles = _functions(
+        np.array([1e-300, 1.0, -1.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0, -1e300, 0.0])
+    )[:, 3]
     assert angles == pytest.approx([0.0, math.pi / 2, math.pi / 2, math.pi, 0.0], abs=1e-15)

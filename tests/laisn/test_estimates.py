@@ -32,7 +32,9 @@ def test_a_part_has_the_steps_after_the_first_up_to_the_last_and_their_fixes() -
     # fixes of steps 3, 3 and 5, which are steps 1, 1 and 3 of the part
     assert part.fix_step.tolist() == [1, 1, 3]
     for item in fields(Estimates)[3:]:
-        np.testing.assert_array_equal(getattr(part, item.name), getattr(whole, item.name)[[1, 2, 3]])
+        np.testing.assert_array_equal(
+            getattr(part, item.name), getattr(whole, item.name)[[1, 2, 3]]
+        )
 
 
 def test_steps_before_the_first_estimate_are_counted() -> None:
@@ -40,7 +42,9 @@ def test_steps_before_the_first_estimate_are_counted() -> None:
         whole = estimates()
         state = whole.state.copy()
         state[:missing] = np.nan
-        arrays = {item.name: getattr(whole, item.name) for item in fields(Estimates)} | {"state": state}
+        arrays = {item.name: getattr(whole, item.name) for item in fields(Estimates)} | {
+            "state": state
+        }
         assert Estimates(**arrays).unknown == missing
 
 
@@ -49,7 +53,11 @@ def test_arrays_of_another_shape_are_named() -> None:
     arrays: dict[str, Any] = {item.name: getattr(whole, item.name) for item in fields(Estimates)}
     for name, value in arrays.items():
         # the number of steps is that of the states, of fixes that of their steps
-        short = value[:, :1] if name == "state" else (value[:, None] if name == "fix_step" else value[:-1])
+        short = (
+            value[:, :1]
+            if name == "state"
+            else (value[:, None] if name == "fix_step" else value[:-1])
+        )
         with pytest.raises(ValueError, match=rf"Estimates\.{name} has shape .* expected"):
             Estimates(**{**arrays, name: short})
 
@@ -113,7 +121,9 @@ def test_time_is_that_of_equal_steps_or_the_sum_of_their_durations() -> None:
         ({"transmitters": np.zeros((2, 2, 3))}, "Measurements.transmitters has shape"),
     ],
 )
-def test_measurements_that_do_not_fit_together_are_refused(changes: dict[str, Any], pattern: str) -> None:
+def test_measurements_that_do_not_fit_together_are_refused(
+    changes: dict[str, Any], pattern: str
+) -> None:
     with pytest.raises(ValueError, match=pattern):
         measured(**changes)
     # at the ends it is fine

@@ -1,4 +1,6 @@
-"""docs/extending.md, followed to the letter: a new variant in a copy of the packages flies, replays, runs campaigns."""
+"""docs/extending.md, followed to the letter: a new variant in a copy of the packages flies,
+replays, runs campaigns.
+"""
 
 import json
 import os
@@ -22,10 +24,14 @@ from laisn.navigator import Navigator
 from sim.sensing.observation import measure
 
 flying = ["duration_s=60", "motion=kinematic", "navigation.variant="]
-cell, other = (Cell.of(load("T3", [*flying[:2], flying[2] + name]), runs=3) for name in ("laisn-closest", "laisn-best"))
+cell, other = (
+    Cell.of(load("T3", [*flying[:2], flying[2] + name]), runs=3)
+    for name in ("laisn-closest", "laisn-best")
+)
 together = histories(cell)
 for run in range(3):
-    alone = Navigator(cell.settings, cell.truth.start).run(measure(cell.truth, cell.errors, seed=cell.seed, run=run))
+    measured = measure(cell.truth, cell.errors, seed=cell.seed, run=run)
+    alone = Navigator(cell.settings, cell.truth.start).run(measured)
     np.testing.assert_allclose(together[:, :2, run], alone.state[:, :2], rtol=0, atol=1e-9)
 assert np.abs(together - histories(other)).max() > 1e-3
 """
@@ -38,7 +44,11 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for package in ("laisn_sim", "models", "laisn", "sim", "experiments"):
         shutil.copytree(ROOT / package, root / package)
     page = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
-    blocks = dict(re.findall(r"^```python\n# ((?:laisn|sim)/\S+)\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE))
+    blocks = dict(
+        re.findall(
+            r"^```python\n# ((?:laisn|sim)/\S+)\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE
+        )
+    )
     assert set(blocks) == {"laisn/fix.py", "laisn/settings.py", "sim/vehicle/hydrodynamics.py"}
     drag = root / "sim" / "vehicle" / "hydrodynamics.py"
     text, found = re.subn(
@@ -50,7 +60,11 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert found == 1
     drag.write_text(text, encoding="utf-8")
     variants, settings = root / "laisn" / "fix.py", root / "laisn" / "settings.py"
-    text, table, entry = variants.read_text(encoding="utf-8"), "SINGLE: dict[", '"laisn-closest": laisn_closest,'
+    text, table, entry = (
+        variants.read_text(encoding="utf-8"),
+        "SINGLE: dict[",
+        '"laisn-closest": laisn_closest,',
+    )
     assert text.count(table) == 1
     assert f"`{entry}`" in page
     head, tail = text.split(table)
@@ -73,10 +87,12 @@ from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water import Ocean
 
-plant = Plant([VehicleSetup(name="a", model="follower", position_m=(0.0, 0.0, -10.0), speed_m_s=1.0)], Ocean())
+setup = VehicleSetup(name="a", model="follower", position_m=(0.0, 0.0, -10.0), speed_m_s=1.0)
+plant = Plant([setup], Ocean())
 c = mjcf.read_coefficients(plant.model, plant.names, 1026.0).view(np.recarray)[0]
 force, moment = hydrodynamics.viscous(c, (0.0, 0.0, 0.0), (0.3, 0.0, 0.4))[0]
-# roll damps by 0.034 N m s² times the resultant of 0.5 rad/s, where the file's law takes the roll's own 0.3 rad/s
+# roll damps by 0.034 N m s² times the resultant of 0.5 rad/s, where the file's law takes the
+# roll's own 0.3 rad/s
 assert abs(moment[0] + (0.58853 + 0.034 * 0.5) * 0.3) < 1e-12, moment
 plant.step(np.zeros_like(plant.thrust), 10)
 assert 0.9 < plant.twist[0, :2].max() < 1.0, plant.twist
@@ -97,7 +113,13 @@ for line in sys.argv[1:]:
 def run(copy: Path, *words: str) -> str:
     environment = {**os.environ, "PYTHONPATH": str(copy), "COLUMNS": "200"}
     result = subprocess.run(
-        [sys.executable, *words], cwd=copy, env=environment, capture_output=True, text=True, timeout=600, check=False
+        [sys.executable, *words],
+        cwd=copy,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
     )
     assert result.returncode == 0, result.stdout + result.stderr
     return result.stdout
@@ -105,12 +127,16 @@ def run(copy: Path, *words: str) -> str:
 
 def test_a_new_variant_flies_and_replays(copy: Path) -> None:
     fly = (
-        "fly T3 --no-video --set motion=kinematic --set duration_s=20 --out out/{0} --set navigation.variant=laisn-{0}"
+        "fly T3 --no-video --set motion=kinematic --set duration_s=20 --out out/{0} --set "
+        "navigation.variant=laisn-{0}"
     )
     replay = "replay out/best/flight.mcap --variant laisn-closest"
     output = run(copy, "-c", COMMANDS, fly.format("best"), replay, fly.format("closest"))
     assert "replayed, laisn-closest" in output
-    best, closest = (json.loads((copy / "out" / name / "summary.json").read_text()) for name in ("best", "closest"))
+    best, closest = (
+        json.loads((copy / "out" / name / "summary.json").read_text())
+        for name in ("best", "closest")
+    )
     assert (best["variant"], closest["variant"]) == ("laisn-best", "laisn-closest")
     assert best["e_p_mean_m"] != closest["e_p_mean_m"]
 

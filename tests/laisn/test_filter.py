@@ -32,7 +32,10 @@ def test_updates_agree_with_the_information_form() -> None:
 
     speed, heading, sv, sh = 1.2, 0.7, 0.2, np.deg2rad(2)
     kalman.update_speed(speed, heading, sv, sh)
-    along, across = np.array([np.sin(heading), np.cos(heading)]), np.array([np.cos(heading), -np.sin(heading)])
+    along, across = (
+        np.array([np.sin(heading), np.cos(heading)]),
+        np.array([np.cos(heading), -np.sin(heading)]),
+    )
     noise = sv**2 * np.outer(along, along) + (speed * sh) ** 2 * np.outer(across, across)
     weight = H_VELOCITY.T @ np.linalg.inv(noise)
     prior = information
@@ -56,7 +59,9 @@ def test_a_certain_fix_is_taken_over_and_a_second_one_skipped() -> None:
 
 
 def test_a_line_that_is_known_exactly_is_left_alone() -> None:
-    """One range without error does not change an exact state; nor does one with an error of a millimetre."""
+    """One range without error does not change an exact state; nor does one with an error of a
+    millimetre.
+    """
     kalman = Filter(0.1, np.array([1.0, 2.0, 0.0, 0.0]), np.zeros(4))
     skipped = kalman.update_position((4.0, 6.0), 0.0, (0.6, 0.8))
     assert not skipped.applied

@@ -9,7 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from laisn.estimates import FixKind
-from laisn.fix import SINGLE, Circle, Circles, Fix, RangeCircles, fix_variance, laisn_3_2, to_circles
+from laisn.fix import (
+    SINGLE,
+    Circle,
+    Circles,
+    Fix,
+    RangeCircles,
+    fix_variance,
+    laisn_3_2,
+    to_circles,
+)
 from laisn.geometry import Point, turn
 from laisn.messages import LeaderMessage, Ranges, Reception
 from laisn.settings import VARIANTS, NavigationSettings, Tuning
@@ -22,7 +31,9 @@ PREDICTED = NavigationSettings(side_rule="predicted")
 
 def arrived(*radius: float) -> RangeCircles:
     return RangeCircles(
-        Circles(*(Circle(Point(*p), r) for p, r in zip(P.tolist(), radius, strict=True))), turn(EAST), 0.0
+        Circles(*(Circle(Point(*p), r) for p, r in zip(P.tolist(), radius, strict=True))),
+        turn(EAST),
+        0.0,
     )
 
 
@@ -35,12 +46,17 @@ def pair_fixes(
     circles: RangeCircles, predicted: tuple[float, float], settings: NavigationSettings = SETTINGS
 ) -> tuple[Fix, Fix, Fix]:
     """Fixes of the pairs (1, 2), (1, 3) and (2, 3)."""
-    a, b, c = (circles.fix(pair, Point(*predicted), Tuning.of(settings)) for pair in circles.pairs())
+    a, b, c = (
+        circles.fix(pair, Point(*predicted), Tuning.of(settings)) for pair in circles.pairs()
+    )
     return a, b, c
 
 
 def found_by(
-    variant: str, circles: RangeCircles, predicted: tuple[float, float], settings: NavigationSettings = SETTINGS
+    variant: str,
+    circles: RangeCircles,
+    predicted: tuple[float, float],
+    settings: NavigationSettings = SETTINGS,
 ) -> Fix:
     """The fix of a variant."""
     return SINGLE[variant](pair_fixes(circles, predicted, settings), Point(*predicted))  # type: ignore[index]
@@ -52,13 +68,18 @@ def place(found: Fix) -> tuple[float, float]:
 
 @given(x=st.floats(-90, 90), y=st.floats(1.0, 90), port=st.booleans())
 @pytest.mark.parametrize("variant", SINGLE)
-def test_error_free_ranges_give_the_true_place(variant: str, x: float, y: float, port: bool) -> None:
-    """From 1 m off the axes all pairs are clear (T = 0.1 m) unless the follower is on the axis of a small pair."""
+def test_error_free_ranges_give_the_true_place(
+    variant: str, x: float, y: float, port: bool
+) -> None:
+    """From 1 m off the axes all pairs are clear (T = 0.1 m) unless the follower is on the axis
+    of a small pair.
+    """
     y = y if port else -y
     clear = all(pair.kind == FixKind.TWO_POINTS for pair in pair_fixes(exact(x, y), (x, y)))
     if variant in ("laisn-2", "laisn-main") or clear:
         found = found_by(variant, exact(x, y), (x, y))
-        # conditioning: rounding of D² ~ 1e-12 m² over the half-chord of a small pair, a decimetre at least
+        # conditioning: rounding of D² ~ 1e-12 m² over the half-chord of a small pair, a decimetre
+        # at least
         np.testing.assert_allclose(place(found), (x, y), atol=1e-7)
         assert found.kind == (FixKind.FUSED if variant == "laisn-3-2" else FixKind.TWO_POINTS)
 
@@ -105,9 +126,13 @@ def test_a_follower_ahead_is_snapped_behind_as_published_and_ahead_with_the_othe
 def test_the_predicted_end_is_that_on_whose_side_of_the_pairs_middle_the_prediction_lies() -> None:
     circles = arrived(32.2, 30.0, 31.0)
     assert place(found_by("laisn-2", circles, (0.05, 3.0), PREDICTED)) == pytest.approx((31.0, 0.0))
-    assert place(found_by("laisn-2", circles, (-0.05, 3.0), PREDICTED)) == pytest.approx((-33.2, 0.0))
+    assert place(found_by("laisn-2", circles, (-0.05, 3.0), PREDICTED)) == pytest.approx(
+        (-33.2, 0.0)
+    )
     # of the pair (1, 3), 1.005 m long on its own axis, the middle lies at (−0.5, 0.05)
-    ahead, behind = (pair_fixes(arrived(32.2, 30.0, 31.0), (-0.5 + s, 0.05), PREDICTED)[1] for s in (0.05, -0.05))
+    ahead, behind = (
+        pair_fixes(arrived(32.2, 30.0, 31.0), (-0.5 + s, 0.05), PREDICTED)[1] for s in (0.05, -0.05)
+    )
     assert np.hypot(ahead.east, ahead.north - 0.1) == pytest.approx(31.0)
     assert np.hypot(behind.east + 1.0, behind.north) == pytest.approx(32.2)
     assert ahead.east > 0.0 > behind.east
@@ -118,10 +143,15 @@ def test_of_two_points_equally_near_the_one_to_port_is_taken() -> None:
 
 
 def test_points_as_far_apart_as_t_are_clear() -> None:
-    """Radii of 1.25 m about centres 2 m apart meet 1.5 m apart, which binary numbers have exactly."""
+    """Radii of 1.25 m about centres 2 m apart meet 1.5 m apart, which binary numbers have
+    exactly.
+    """
     circles = arrived(1.25, 1.25, 1.0)
     for threshold, kind in ((1.5, FixKind.TWO_POINTS), (np.nextafter(1.5, 2.0), FixKind.ASTERN)):
-        assert found_by("laisn-2", circles, (0.0, 1.0), NavigationSettings(threshold=threshold)).kind == kind
+        assert (
+            found_by("laisn-2", circles, (0.0, 1.0), NavigationSettings(threshold=threshold)).kind
+            == kind
+        )
 
 
 def test_snap_of_every_pair_uses_its_own_axis() -> None:
@@ -142,7 +172,9 @@ def test_laisn_3_2_weighs_pairs_by_their_certainty() -> None:
     main, none, last = pair_fixes(circles, predicted)
     assert none.separation == -1.0
     weights = [1 / (1 + 0.1 / met.separation) for met in (main, last)]
-    expected = (weights[0] * np.array(place(main)) + weights[1] * np.array(place(last))) / sum(weights)
+    expected = (weights[0] * np.array(place(main)) + weights[1] * np.array(place(last))) / sum(
+        weights
+    )
     found = found_by("laisn-3-2", circles, predicted)
     np.testing.assert_allclose(place(found), expected)
     assert found.sigma == pytest.approx((main.sigma + last.sigma) / 3)
@@ -173,7 +205,9 @@ def test_main_baseline_yields_only_where_it_is_not_clear() -> None:
 @pytest.mark.parametrize("meets", [0, 1, 2])
 @pytest.mark.parametrize("other", [FixKind.LOST, FixKind.ASTERN])
 def test_a_pair_that_alone_has_an_intersection_is_the_fused_fix(meets: int, other: FixKind) -> None:
-    """Place and kind are its own, whichever of the three it is; σp keeps the factor 1/3 (Eq. 25)."""
+    """Place and kind are its own, whichever of the three it is; σp keeps the factor 1/3 (Eq.
+    25).
+    """
     pairs = [Fix(50.0 + i, -9.0, 0.0, float(other), -1.0) for i in range(3)]
     pairs[meets] = Fix(3.0, 4.0, 0.6, float(FixKind.TWO_POINTS), 2.0)
     fused = laisn_3_2((pairs[0], pairs[1], pairs[2]), Point(0.0, 0.0))
@@ -183,7 +217,9 @@ def test_a_pair_that_alone_has_an_intersection_is_the_fused_fix(meets: int, othe
 
 
 @pytest.mark.parametrize("received", [0, 1, 2])
-def test_where_no_pair_has_an_intersection_the_first_that_was_received_is_taken(received: int) -> None:
+def test_where_no_pair_has_an_intersection_the_first_that_was_received_is_taken(
+    received: int,
+) -> None:
     pairs = [Fix(np.nan, np.nan, 0.0, float(FixKind.LOST), -1.0)] * received
     pairs += [Fix(5.0 + i, -2.0, 0.0, float(FixKind.ASTERN), -1.0) for i in range(received, 3)]
     fused = laisn_3_2((pairs[0], pairs[1], pairs[2]), Point(0.0, 0.0))
@@ -206,12 +242,18 @@ def test_missing_ranges() -> None:
         assert found_by(variant, nothing, (0.0, 20.0)).kind == FixKind.LOST
 
 
-def _reception(pitch: float, dz: float, x: float, y: float) -> tuple[LeaderMessage, Ranges, Reception]:
-    """What a leader at 8 m depth, pitched by that angle and heading east, sends to a follower dz deeper."""
+def _reception(
+    pitch: float, dz: float, x: float, y: float
+) -> tuple[LeaderMessage, Ranges, Reception]:
+    """What a leader at 8 m depth, pitched by that angle and heading east, sends to a follower dz
+    deeper.
+    """
     half, rise = np.cos(pitch), np.sin(pitch)
     sites = np.array([[-half, 0, -rise], [half, 0, rise], [0, 0.1, 0]])
     ranges = np.linalg.norm(sites - [x, y, -dz], axis=1)
-    return Reception(LeaderMessage(0.0, 0.0, 0.0, EAST, 1.0, 8.0, pitch, 0.0), Ranges(*ranges.tolist()))
+    return Reception(
+        LeaderMessage(0.0, 0.0, 0.0, EAST, 1.0, 8.0, pitch, 0.0), Ranges(*ranges.tolist())
+    )
 
 
 @pytest.mark.parametrize(("pitch_deg", "error"), [(5.0, 0.87), (15.0, 2.6)])
@@ -230,7 +272,9 @@ def test_pitch_shifts_a_fix_abeam_by_dz_sin_phi(pitch_deg: float, error: float) 
 def test_hydrophone_above_the_depth_sensor_is_allowed_for() -> None:
     reception = _reception(0.0, 10.0, 0.0, 40.0)
     range_circles = to_circles(reception, 18.3, NavigationSettings(hydrophone_height=0.3))
-    np.testing.assert_allclose([circle.radius for circle in range_circles.circles], np.hypot(*(P - [0, 40]).T))
+    np.testing.assert_allclose(
+        [circle.radius for circle in range_circles.circles], np.hypot(*(P - [0, 40]).T)
+    )
     assert range_circles.depth_difference == pytest.approx(10.0)
 
 

@@ -1,4 +1,6 @@
-"""Formulas: the same whether Python runs them or compiled code has them inlined, and by hand calculation."""
+"""Formulas: the same whether Python runs them or compiled code has them inlined, and by hand
+calculation.
+"""
 
 import numpy as np
 import pytest
@@ -29,13 +31,25 @@ def test_python_and_compiled_code_compute_the_same_bits(
     rear: float, front: float, middle: float, x: float, y: float, ahead: bool
 ) -> None:
     t = Tuning.of(NavigationSettings(side_rule="predicted" if ahead else "behind"))
-    circles = Circle(Point(-1.0, 0.0), rear), Circle(Point(1.0, 0.0), front), Circle(Point(0.0, 0.1), middle)
+    circles = (
+        Circle(Point(-1.0, 0.0), rear),
+        Circle(Point(1.0, 0.0), front),
+        Circle(Point(0.0, 0.1), middle),
+    )
     heading, predicted = Turn(1.0, 0.0), Point(x, y)
-    chosen = Pair(*circles[:2], False), Pair(circles[0], circles[2], False), Pair(circles[2], circles[1], True)
+    chosen = (
+        Pair(*circles[:2], False),
+        Pair(circles[0], circles[2], False),
+        Pair(circles[2], circles[1], True),
+    )
     pairs = tuple(pair_fix(pair, heading, predicted, t) for pair in chosen)
     same = tuple(_pair_fix(pair, heading, predicted, t) for pair in chosen)
     np.testing.assert_array_equal(pairs, same)
-    expected = laisn_3_2(pairs, predicted), laisn_best(pairs, predicted), laisn_main(pairs, predicted)
+    expected = (
+        laisn_3_2(pairs, predicted),
+        laisn_best(pairs, predicted),
+        laisn_main(pairs, predicted),
+    )
     np.testing.assert_array_equal(expected, _variants(pairs, predicted))
 
 
@@ -45,7 +59,9 @@ def test_a_formula_is_a_function_to_its_reader() -> None:
 
 
 def test_shares_of_manoeuvres() -> None:
-    """A quarter turn is half of the half turn that is the most; 0.6 m/s is a fifth of 3 m/s; nothing before is none."""
+    """A quarter turn is half of the half turn that is the most; 0.6 m/s is a fifth of 3 m/s;
+    nothing before is none.
+    """
     assert acceleration.turn_share(0.1, 0.1 - 0.5 * np.pi) == pytest.approx(0.5)
     assert acceleration.turn_share(np.pi - 0.1, 0.1 - np.pi) == pytest.approx(0.2 / np.pi)
     assert acceleration.speed_share(1.6, 1.0, 3.0) == pytest.approx(0.2)

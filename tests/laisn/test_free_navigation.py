@@ -31,7 +31,9 @@ def test_durations_of_one_step_change_nothing_to_the_bit(variant: Variant) -> No
     equal, _ = passage(None)
     changed = replace(equal, durations=np.full(400, 0.5))
     assert np.array_equal(changed.time, equal.time)
-    assert bits(Navigator(settings, START).run(changed)) == bits(Navigator(settings, START).run(equal))
+    assert bits(Navigator(settings, START).run(changed)) == bits(
+        Navigator(settings, START).run(equal)
+    )
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -48,7 +50,10 @@ def test_steps_of_any_length_recover_the_truth(variant: Variant) -> None:
 
 def test_a_longer_step_is_predicted_as_so_many_shorter_ones() -> None:
     """Two steps without process noise are one of twice the length."""
-    once, twice = (Filter(0.5, np.array([1.0, 2.0, 3.0, 4.0]), np.array([1.0, 2.0, 0.5, 0.25])) for _ in range(2))
+    once, twice = (
+        Filter(0.5, np.array([1.0, 2.0, 3.0, 4.0]), np.array([1.0, 2.0, 0.5, 0.25]))
+        for _ in range(2)
+    )
     once.predict(0.0, 1.0)
     twice.predict(0.0)
     twice.predict(0.0)
@@ -87,7 +92,9 @@ def test_places_on_a_body_are_those_of_transmitters_on_a_hull(
     offsets = np.array([[-0.5 * baseline, 0, 0], [0.5 * baseline, 0, 0], [0, offset, 0]])
     front, middle = np.array(tilted_arms(baseline, offset, *map(turn, attitude))) * [1.0, 1.0, -1.0]
     expected = np.array(origin) + np.stack([-front, front, middle])
-    np.testing.assert_allclose(place_on_body(origin, attitude, offsets), expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        place_on_body(origin, attitude, offsets), expected, rtol=0, atol=1e-9
+    )
 
 
 @given(heading=angle, pitch=angle, roll=angle)
@@ -97,7 +104,9 @@ def test_a_body_is_turned_as_a_whole(heading: float, pitch: float, roll: float) 
     axes = np.stack([east, north, -depth], axis=1)
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(axes) == pytest.approx(1.0)
-    np.testing.assert_allclose(place_on_body((0, 0, 5), (heading, 0, 0), np.eye(3))[2], [0, 0, 4], atol=1e-12)
+    np.testing.assert_allclose(
+        place_on_body((0, 0, 5), (heading, 0, 0), np.eye(3))[2], [0, 0, 4], atol=1e-12
+    )
 
 
 def test_offsets_from_a_leader_are_places_in_its_messages() -> None:
@@ -108,7 +117,9 @@ def test_offsets_from_a_leader_are_places_in_its_messages() -> None:
     offsets = tuple((east, north, -depth) for east, north, depth in BEACONS.tolist())
     changed = Navigator(SETTINGS, START).run(replace(measurements, message=turned))
     settings = replace(SETTINGS, transmitter_offsets=offsets)
-    placed = Navigator(settings, START).run(replace(measurements, message=turned, transmitters=None))
+    placed = Navigator(settings, START).run(
+        replace(measurements, message=turned, transmitters=None)
+    )
     np.testing.assert_allclose(placed.state, changed.state, rtol=0, atol=1e-9)
 
 
@@ -137,7 +148,9 @@ def free(*radius: float) -> RangeCircles:
         (40.0, 60.0 + 1e-9, 40.0),  # between them, circles that all but touch
     ],
 )
-def test_where_circles_of_beacons_miss_each_other_the_fix_lies_midway(rear: float, front: float, east: float) -> None:
+def test_where_circles_of_beacons_miss_each_other_the_fix_lies_midway(
+    rear: float, front: float, east: float
+) -> None:
     """The paper's point dead astern, −40 m in the first case, would be 81 m off."""
     received = free(rear, front, np.nan)
     found = received.fix(received.pairs()[0], Point(41.0, 1.0), Tuning.of(NavigationSettings()))
@@ -166,7 +179,9 @@ def test_the_update_along_a_line_is_the_textbook_one(seed: int, sigma: float) ->
     state, covariance = filter_.state, filter_.covariance
     bearing = random.uniform(0, 2 * np.pi)
     axis, residual = np.array([np.sin(bearing), np.cos(bearing)]), random.normal(0, 3)
-    innovation = filter_.update_position(tuple(state[:2] + residual * axis), sigma, (axis[0], axis[1]))
+    innovation = filter_.update_position(
+        tuple(state[:2] + residual * axis), sigma, (axis[0], axis[1])
+    )
     h = np.array([[*axis, 0.0, 0.0]])
     x, p = update(state, covariance, h @ state + residual, sigma**2, h)
     np.testing.assert_allclose(filter_.state, x, rtol=0, atol=1e-8)
@@ -178,16 +193,22 @@ def test_the_update_along_a_line_is_the_textbook_one(seed: int, sigma: float) ->
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_a_single_range_is_used_if_the_settings_allow_it(variant: Variant) -> None:
-    """With a log that reads a tenth too much, one beacon keeps the distance right; the paper drifts off it."""
+    """With a log that reads a tenth too much, one beacon keeps the distance right; the paper
+    drifts off it.
+    """
     measurements, place = passage(None, lost=(1, 2))
     fast = replace(measurements, speed=np.full(400, 1.1))
     distance = np.linalg.norm(np.column_stack([place[1:], np.full(400, 9.0)]) - BEACONS[0], axis=1)
 
     def worst(use: bool) -> tuple[float, set[int]]:
-        estimates = Navigator(replace(SETTINGS, variant=variant, use_single_range=use), START).run(fast)
+        estimates = Navigator(replace(SETTINGS, variant=variant, use_single_range=use), START).run(
+            fast
+        )
         followed = np.column_stack([estimates.state[:, :2], np.full(400, 9.0)])
         off = np.linalg.norm(followed - BEACONS[0], axis=1) - distance
-        return float(np.abs(off[measurements.message_step - 1]).max()), set(estimates.fix_kind.tolist())
+        return float(np.abs(off[measurements.message_step - 1]).max()), set(
+            estimates.fix_kind.tolist()
+        )
 
     assert worst(use=False)[1] == {FixKind.LOST}
     assert worst(use=False)[0] > 10.0
@@ -197,7 +218,9 @@ def test_a_single_range_is_used_if_the_settings_allow_it(variant: Variant) -> No
 
 
 def test_one_range_alone_does_not_close_the_gate_on_the_way_across() -> None:
-    navigator = Navigator(replace(SETTINGS, use_single_range=True, dt=1.0), np.array([0.0, 100.0, 0.0, 0.0]))
+    navigator = Navigator(
+        replace(SETTINGS, use_single_range=True, dt=1.0), np.array([0.0, 100.0, 0.0, 0.0])
+    )
     message = LeaderMessage(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for _ in range(10):
         alone = Reception(message, Ranges(100.0, np.nan, np.nan), np.zeros((3, 3)))
@@ -206,7 +229,9 @@ def test_one_range_alone_does_not_close_the_gate_on_the_way_across() -> None:
     places = np.array([[0.0, 0, 0], [100.0, 0, 0], [np.nan] * 3])
     there = np.array([20.0, np.sqrt(100.0**2 - 20.0**2)])
     ranges = np.linalg.norm(there - places[:, :2], axis=1)
-    kind = navigator.step(OwnMotion(1.0, 0.0, 0.0), Reception(message, Ranges(*ranges.tolist()), places))[0].kind
+    kind = navigator.step(
+        OwnMotion(1.0, 0.0, 0.0), Reception(message, Ranges(*ranges.tolist()), places)
+    )[0].kind
     assert kind is FixKind.TWO_POINTS
     np.testing.assert_allclose(navigator.state[:2], there, atol=0.1)
 

@@ -35,9 +35,13 @@ def test_durations_of_one_step_change_nothing_of_the_tightly_coupled_navigator_t
 
 
 def test_a_longer_step_adds_more_noise_to_dead_reckoning() -> None:
-    """Readings err by 0.2 m/s along the way, in one step of 2 s or in four of ½ s: 0.4² or 4 · 0.1² m²."""
+    """Readings err by 0.2 m/s along the way, in one step of 2 s or in four of ½ s: 0.4² or 4 ·
+    0.1² m².
+    """
     start = np.array([0.0, 0.0, 0.0, 1.0])
-    known = TightSettings(dt=0.5, start_sigma=1e-9, speed_bias_sigma=0.0, heading_bias_sigma=0.0, heading_sigma=0.0)
+    known = TightSettings(
+        dt=0.5, start_sigma=1e-9, speed_bias_sigma=0.0, heading_bias_sigma=0.0, heading_sigma=0.0
+    )
     once, often = TightNavigator(known, start), TightNavigator(known, start)
     once.step(OwnMotion(1.0, 0.0, 9.0), duration=2.0)
     for _ in range(4):
@@ -50,13 +54,19 @@ def test_a_longer_step_adds_more_noise_to_dead_reckoning() -> None:
         once.step(OwnMotion(1.0, 0.0, 9.0), duration=-1.0)
 
 
-def test_offsets_from_a_leader_are_places_in_its_messages_for_the_tightly_coupled_navigator() -> None:
+def test_offsets_from_a_leader_are_places_in_its_messages_for_the_tightly_coupled_navigator() -> (
+    None
+):
     measurements, _ = passage(None)
     turned = measurements.message.copy()
     turned[:, 3] = np.pi / 2
     offsets = tuple((east, north, -depth) for east, north, depth in BEACONS.tolist())
-    placed = tight(replace(measurements, message=turned, transmitters=None), transmitter_offsets=offsets)
-    np.testing.assert_allclose(placed.state, tight(replace(measurements, message=turned)).state, rtol=0, atol=1e-9)
+    placed = tight(
+        replace(measurements, message=turned, transmitters=None), transmitter_offsets=offsets
+    )
+    np.testing.assert_allclose(
+        placed.state, tight(replace(measurements, message=turned)).state, rtol=0, atol=1e-9
+    )
 
 
 def test_a_range_to_an_unknown_position_counts_as_not_received() -> None:
@@ -76,8 +86,15 @@ def test_inputs_unsupported_by_the_tightly_coupled_navigator_are_reported() -> N
         tight(measurements, assume=Assume(exact_leader=False))
     with pytest.raises(LaisnError, match="a transmitter is farther than"):
         tight(replace(measurements, transmitters=np.full_like(measurements.transmitters, np.inf)))
-    with pytest.raises(ValueError, match="transmitter_offsets has 2 places, expected one for each of 3"):
+    with pytest.raises(
+        ValueError, match="transmitter_offsets has 2 places, expected one for each of 3"
+    ):
         TightSettings(transmitter_offsets=((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)))
-    for odd in (measurements, replace(measurements, transmitters=None, durations=np.full(400, 0.5))):
-        with pytest.raises(LaisnError, match="steps of equal length, and transmitters on the leader's hull only"):
+    for odd in (
+        measurements,
+        replace(measurements, transmitters=None, durations=np.full(400, 0.5)),
+    ):
+        with pytest.raises(
+            LaisnError, match="steps of equal length, and transmitters on the leader's hull only"
+        ):
             run_mission(TightSettings(dt=0.5), odd, START)

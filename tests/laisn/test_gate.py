@@ -29,7 +29,9 @@ def test_bound_at_the_measured_speed() -> None:
 
 
 def test_a_fix_at_the_reachable_limit_is_accepted() -> None:
-    """Three metres east and four north are five, which 5 m/s cover in the second that has passed."""
+    """Three metres east and four north are five, which 5 m/s cover in the second that has
+    passed.
+    """
     gate = opened(Point(1.0, 2.0), gate="v-max", follower_speed_max=5.0, dt=1.0)
     assert gate.passes(Point(4.0, 6.0), 1, 0.0)
     assert not gate.passes(Point(4.0, np.nextafter(6.0, 7.0)), 1, 0.0)
@@ -40,7 +42,9 @@ def test_no_gate() -> None:
 
 
 def test_a_vehicle_that_keeps_moving_is_never_locked_out() -> None:
-    """After any number of rejections the bound exceeds any distance that the vehicle can have covered."""
+    """After any number of rejections the bound exceeds any distance that the vehicle can have
+    covered.
+    """
     gate = opened(Point(0.0, 0.0), gate="v-max", follower_speed_max=3.0, dt=0.1)
     for step in range(10, 10_000, 10):
         travelled = 0.999 * 3.0 * step * 0.1

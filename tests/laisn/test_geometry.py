@@ -42,20 +42,37 @@ def test_angle_between_is_the_arc_cosine_of_the_directions(a: float, b: float) -
     assert 0 <= geometry.angle_between(a, b) <= np.pi
 
 
-@given(heading=ANGLE, pitch=st.floats(-1.2, 1.2), roll=st.floats(-1.2, 1.2), forward=COORDINATE, port=COORDINATE)
+@given(
+    heading=ANGLE,
+    pitch=st.floats(-1.2, 1.2),
+    roll=st.floats(-1.2, 1.2),
+    forward=COORDINATE,
+    port=COORDINATE,
+)
 def test_hull_points_agree_with_quaternions(
     heading: float, pitch: float, roll: float, forward: float, port: float
 ) -> None:
-    (ours,) = geometry.place_on_body((0.0, 0.0, 0.0), (heading, pitch, roll), np.array([[forward, port, 0.0]]))
-    other = attitude.rotate(attitude.from_euler(heading, pitch, roll), np.array([forward, port, 0.0]))
+    (ours,) = geometry.place_on_body(
+        (0.0, 0.0, 0.0), (heading, pitch, roll), np.array([[forward, port, 0.0]])
+    )
+    other = attitude.rotate(
+        attitude.from_euler(heading, pitch, roll), np.array([forward, port, 0.0])
+    )
     np.testing.assert_allclose(ours * [1.0, 1.0, -1.0], other, atol=1e-9)
 
 
 def test_transmitters_of_a_pitched_leader() -> None:
-    """Bow up by φ: the front transmitter rises by (L/2) sin φ, the rear one sinks, both move inwards."""
+    """Bow up by φ: the front transmitter rises by (L/2) sin φ, the rear one sinks, both move
+    inwards.
+    """
     phi = np.deg2rad(15)
-    message, settings = LeaderMessage(0.0, 10.0, 20.0, 0.0, 1.0, 8.0, phi, 0.0), Settings(use_attitude=True)
-    rear, front, middle = geometry.place_transmitters(Reception(message, Ranges(9.0, 9.0, 9.0)), settings)
+    message, settings = (
+        LeaderMessage(0.0, 10.0, 20.0, 0.0, 1.0, 8.0, phi, 0.0),
+        Settings(use_attitude=True),
+    )
+    rear, front, middle = geometry.place_transmitters(
+        Reception(message, Ranges(9.0, 9.0, 9.0)), settings
+    )
     np.testing.assert_allclose(front, [10, 20 + np.cos(phi), 8 - np.sin(phi)])
     np.testing.assert_allclose(rear, [10, 20 - np.cos(phi), 8 + np.sin(phi)])
     np.testing.assert_allclose(middle, [9.9, 20, 8])
@@ -102,10 +119,13 @@ def meeting(x: float, y: float, r1: float, xj: float, yj: float, r2: float) -> M
     )
 
 
-# a circle through the other's centre, and that one as small as rounding: their chord is short, but there
+# a circle through the other's centre, and that one as small as rounding: their chord is short, but
+# there
 @example(x=0.0, y=0.0, dx=12.0, turn=0.0, r1=12.0, r2=1.192092896e-07)
 @given(x=COORDINATE, y=COORDINATE, dx=st.floats(0.1, 100), turn=ANGLE, r1=RADIUS, r2=RADIUS)
-def test_intersections_lie_on_both_circles(x: float, y: float, dx: float, turn: float, r1: float, r2: float) -> None:
+def test_intersections_lie_on_both_circles(
+    x: float, y: float, dx: float, turn: float, r1: float, r2: float
+) -> None:
     xj, yj = x + dx * np.cos(turn), y + dx * np.sin(turn)
     meet = meeting(x, y, r1, xj, yj, r2)
     distance = np.hypot(xj - x, yj - y)
@@ -118,7 +138,9 @@ def test_intersections_lie_on_both_circles(x: float, y: float, dx: float, turn: 
             # near tangency the points are ill-conditioned across the axis, not along the radius
             assert np.hypot(px - x, py - y) == pytest.approx(r1, abs=1e-6)
             assert np.hypot(px - xj, py - yj) == pytest.approx(r2, abs=1e-6)
-        assert meet.separation == pytest.approx(np.hypot(*np.subtract(meet.left, meet.right)), abs=1e-6)
+        assert meet.separation == pytest.approx(
+            np.hypot(*np.subtract(meet.left, meet.right)), abs=1e-6
+        )
         left_of_axis = (xj - x) * (meet.left[1] - y) - (yj - y) * (meet.left[0] - x)
         assert left_of_axis > 0
 
@@ -126,7 +148,9 @@ def test_intersections_lie_on_both_circles(x: float, y: float, dx: float, turn: 
 @example(d=12.0, r1=12.0, share=-1.0 + 1e-8)
 @given(d=st.floats(0.1, 100), r1=RADIUS, share=st.floats(-1.1, 1.1))
 def test_chord_is_that_of_exact_arithmetic(d: float, r1: float, share: float) -> None:
-    """In fractions, where nothing is rounded; the second circle lies within the first's reach, or a little beyond."""
+    """In fractions, where nothing is rounded; the second circle lies within the first's reach,
+    or a little beyond.
+    """
     r2 = abs(d + share * r1)
     meet = meeting(0.0, 0.0, r1, d, 0.0, r2)
     along = (Fraction(d) ** 2 + Fraction(r1) ** 2 - Fraction(r2) ** 2) / (2 * Fraction(d))
@@ -144,7 +168,9 @@ def test_chord_is_that_of_exact_arithmetic(d: float, r1: float, share: float) ->
 
 
 @given(east=COORDINATE, north=COORDINATE, turn=ANGLE, x=COORDINATE, y=st.floats(1, 100))
-def test_intersections_move_with_the_circles(east: float, north: float, turn: float, x: float, y: float) -> None:
+def test_intersections_move_with_the_circles(
+    east: float, north: float, turn: float, x: float, y: float
+) -> None:
     """Turning and shifting both circles turns and shifts the points."""
     r1, r2 = float(np.hypot(x + 1, y)), float(np.hypot(x - 1, y))
     cos, sin = np.cos(turn), np.sin(turn)

@@ -1,4 +1,6 @@
-"""One algorithm, two engines: the compiled lanes follow the readable navigator to 1e-9 m, for any input."""
+"""One algorithm, two engines: the compiled lanes follow the readable navigator to 1e-9 m, for
+any input.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -20,18 +22,22 @@ from tests.laisn import in_lanes
 STEPS = 24
 VELOCITY = slice(2, 4)
 POSITION_AGREEMENT = 1e-9
-"""Largest difference of positions [m]; a share of a step's way where broken ranges throw an estimate over metres."""
+"""Largest difference of positions [m]; a share of a step's way where broken ranges throw an
+estimate over metres.
+"""
 VELOCITY_AGREEMENT = 1e-7
 """Largest difference of velocities [m/s]; a share of the speed where it is higher.
 
-With exact fixes each second, of a velocity variance of (60 m/s)² some (0.2 m/s)² is left: both engines are then
-3e-8 m/s from the same filter in extended precision.
+With exact fixes each second, of a velocity variance of (60 m/s)² some (0.2 m/s)² is left: both
+engines are then 3e-8 m/s from the same filter in extended precision.
 """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """What makes a mission hard; continuous quantities follow from `seed`, so that ties have no weight."""
+    """What makes a mission hard; continuous quantities follow from `seed`, so that ties have no
+    weight.
+    """
 
     seed: int
     every: int
@@ -51,7 +57,9 @@ class Case:
 
 
 def missions(case: Case, count: int) -> tuple[list[Measurements], Floats]:
-    """Missions side by side, and their start: a follower near a given bearing of a leader that wanders."""
+    """Missions side by side, and their start: a follower near a given bearing of a leader that
+    wanders.
+    """
     rng = np.random.default_rng(case.seed)
     every = np.arange(case.every, STEPS + 1, case.every)
     message_step = every[rng.random(every.size) >= case.lost_messages]
@@ -68,12 +76,16 @@ def missions(case: Case, count: int) -> tuple[list[Measurements], Floats]:
         port = np.stack([-np.cos(theta), np.sin(theta)], axis=1)
         apart = [leader - forward, leader + forward, leader + 0.1 * port]
         dz = own_depth[message_step - 1] - depth
-        ranges = np.stack([np.sqrt(np.sum((follower - p) ** 2, axis=1) + dz**2) for p in apart], axis=1)
+        ranges = np.stack(
+            [np.sqrt(np.sum((follower - p) ** 2, axis=1) + dz**2) for p in apart], axis=1
+        )
         ranges = np.abs(ranges + rng.normal(0, 1, ranges.shape) * case.stretch)
         ranges[rng.random(ranges.shape) < case.lost_ranges] = np.nan
         tilt = rng.normal(0, 0.2, (m, 2)) if case.attitude else np.full((m, 2), np.nan)
         speed = np.abs(rng.normal(1, 0.3, m))
-        message = np.column_stack([message_step * case.dt, leader, theta, speed, depth, tilt, np.full(m, np.nan)])
+        message = np.column_stack(
+            [message_step * case.dt, leader, theta, speed, depth, tilt, np.full(m, np.nan)]
+        )
         result.append(
             Measurements(
                 dt=case.dt,
@@ -86,7 +98,9 @@ def missions(case: Case, count: int) -> tuple[list[Measurements], Floats]:
             )
         )
     angle = heading + np.deg2rad(case.bearing_deg)
-    start = np.array([case.distance * np.sin(angle), case.distance * np.cos(angle), 0.3, -0.2]) + rng.normal(0, 0.1, 4)
+    start = np.array(
+        [case.distance * np.sin(angle), case.distance * np.cos(angle), 0.3, -0.2]
+    ) + rng.normal(0, 0.1, 4)
     return result, start
 
 
@@ -105,7 +119,10 @@ def assert_engines_agree(case: Case, navigation: NavigationSettings, count: int 
         # The lanes keep a place for each pair; the navigator lists a pair only if it was received.
         made = together.fix_kind[:, :, i]
         listed = [k[k != FixKind.LOST] if np.any(k != FixKind.LOST) else k[:1] for k in made]
-        assert np.concatenate([*listed, np.empty(0, dtype=np.int64)]).tolist() == alone.fix_kind.tolist()
+        assert (
+            np.concatenate([*listed, np.empty(0, dtype=np.int64)]).tolist()
+            == alone.fix_kind.tolist()
+        )
         kinds.append(alone.fix_kind)
     return np.concatenate(kinds)
 
@@ -117,7 +134,8 @@ cases = st.builds(
     bearing_deg=st.sampled_from([0.0, 45.0, 90.0, 180.0, 225.0]),
     distance=st.sampled_from([0.5, 3.0, 20.0, 100.0]),
     spread=st.sampled_from([0.0, 0.02, 0.5]),
-    # Without any error a follower on the axis sees circles that touch, and rounding decides whether they meet.
+    # Without any error a follower on the axis sees circles that touch, and rounding decides whether
+    # they meet.
     stretch=st.sampled_from([0.001, 0.05, 2.0]),
     lost_ranges=st.sampled_from([0.0, 0.2, 0.7, 1.0]),
     lost_messages=st.sampled_from([0.0, 0.3, 1.0]),
@@ -150,18 +168,29 @@ def test_engines_agree_on_anything(case: Case, navigation: NavigationSettings) -
 
 
 ABEAM = Case(
-    seed=3, every=2, bearing_deg=120.0, distance=20.0, spread=0.02, stretch=0.01, lost_ranges=0.0, lost_messages=0.0,
+    seed=3,
+    every=2,
+    bearing_deg=120.0,
+    distance=20.0,
+    spread=0.02,
+    stretch=0.01,
+    lost_ranges=0.0,
+    lost_messages=0.0,
     attitude=True,
-)  # fmt: skip
+)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("gate", ["off", "v-max", "v-measured"])
 @pytest.mark.parametrize("side_rule", ["behind", "predicted"])
 def test_engines_agree_on_every_rule(variant: Variant, gate: GateRule, side_rule: SideRule) -> None:
-    navigation = NavigationSettings(variant=variant, gate=gate, side_rule=side_rule, use_attitude=gate == "off")
+    navigation = NavigationSettings(
+        variant=variant, gate=gate, side_rule=side_rule, use_attitude=gate == "off"
+    )
     assert_engines_agree(ABEAM, navigation)
-    assert_engines_agree(replace(ABEAM, bearing_deg=0.0, spread=0.0, stretch=1.0, lost_ranges=0.1), navigation)
+    assert_engines_agree(
+        replace(ABEAM, bearing_deg=0.0, spread=0.0, stretch=1.0, lost_ranges=0.1), navigation
+    )
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -169,14 +198,20 @@ def test_engines_agree_where_updates_are_singular_gated_or_lost(variant: Variant
     astern = replace(ABEAM, bearing_deg=180.0, spread=0.0, stretch=0.01)
     exact = NavigationSettings(variant=variant, threshold=1000.0, gate="off")
     kinds = assert_engines_agree(astern, exact, count=4)
-    # Every pair is snapped onto the axis: three updates with σp = 0 in a row, the second and third singular.
+    # Every pair is snapped onto the axis: three updates with σp = 0 in a row, the second and third
+    # singular.
     assert np.mean(kinds == FixKind.SINGULAR) == (2 / 3 if variant == "laisn-3-1" else 0)
-    assert FixKind.GATED in assert_engines_agree(replace(ABEAM, stretch=2.0), NavigationSettings(variant=variant))
-    assert FixKind.LOST in assert_engines_agree(replace(ABEAM, lost_ranges=0.9), NavigationSettings(variant=variant))
+    assert FixKind.GATED in assert_engines_agree(
+        replace(ABEAM, stretch=2.0), NavigationSettings(variant=variant)
+    )
+    assert FixKind.LOST in assert_engines_agree(
+        replace(ABEAM, lost_ranges=0.9), NavigationSettings(variant=variant)
+    )
 
 
 def test_circles_that_touch_give_one_point() -> None:
-    # 3 m behind the rear transmitter on the axis: with these numbers h² = 9 − 3² is zero without rounding.
+    # 3 m behind the rear transmitter on the axis: with these numbers h² = 9 − 3² is zero without
+    # rounding.
     mission = Measurements(
         dt=0.1,
         speed=np.ones(1),
@@ -194,7 +229,9 @@ def test_circles_that_touch_give_one_point() -> None:
 
 
 def test_transmitters_above_each_other_leave_the_hulls_heading_for_an_axis() -> None:
-    """A leader that stands upright, far enough away for its transmitters' offsets to be lost in rounding."""
+    """A leader that stands upright, far enough away for its transmitters' offsets to be lost in
+    rounding.
+    """
     heading, leader = 0.6, np.array([1000.0, -2000.0])
     mission = Measurements(
         dt=0.1,

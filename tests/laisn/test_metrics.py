@@ -40,8 +40,12 @@ def test_summary_is_over_all_steps() -> None:
 
 
 def test_consistency_of_known_covariances() -> None:
-    """eᵀ P⁻¹ e with P = I, and with S = 9 I; singular covariances and rejected fixes count as unknown."""
-    assert metrics.nees(estimates(), np.array([[3.0, 4.0], [0, 0], [1, 0]])) == pytest.approx([25.0, 0.0, 1.0])
+    """eᵀ P⁻¹ e with P = I, and with S = 9 I; singular covariances and rejected fixes count as
+    unknown.
+    """
+    assert metrics.nees(estimates(), np.array([[3.0, 4.0], [0, 0], [1, 0]])) == pytest.approx(
+        [25.0, 0.0, 1.0]
+    )
     singular = estimates(covariance=np.zeros((3, 4, 4)))
     assert np.all(np.isnan(metrics.nees(singular, np.zeros((3, 2)))))
     np.testing.assert_allclose(metrics.nis(estimates()), [5.0, np.nan, 1.0])
@@ -49,12 +53,16 @@ def test_consistency_of_known_covariances() -> None:
 
 @pytest.mark.parametrize(("shorter", "expected"), [(2e-4, 1.0), (1e-5, np.nan), (0.0, np.nan)])
 def test_an_ellipse_flattened_by_rounding_is_not_used(shorter: float, expected: float) -> None:
-    """An error along the long axis, of 1 m; a determinant that rounding made negative makes no negative square."""
+    """An error along the long axis, of 1 m; a determinant that rounding made negative makes no
+    negative square.
+    """
     turn = np.array([[0.6, -0.8], [0.8, 0.6]])
     covariance = np.zeros((3, 4, 4))
     covariance[:, :2, :2] = turn @ np.diag([1.0, shorter**2]) @ turn.T
     covariance[1:, 0, 1] *= 1.0 + 1e-10 if shorter == 0.0 else 1.0
-    given = metrics.nees(estimates(state=np.zeros((3, 4)), covariance=covariance), np.tile([0.6, 0.8], (3, 1)))
+    given = metrics.nees(
+        estimates(state=np.zeros((3, 4)), covariance=covariance), np.tile([0.6, 0.8], (3, 1))
+    )
     np.testing.assert_allclose(given, np.full(3, expected), rtol=1e-6)
 
 
@@ -71,22 +79,32 @@ def test_nees_of_gaussian_errors_averages_two() -> None:
 
 
 def test_capture_is_far_from_the_truth_and_near_its_mirror_image() -> None:
-    """Truth 4 m to port of the axis, mirror image 8 m away at (−20, −4); the last two truths are on the axis."""
+    """Truth 4 m to port of the axis, mirror image 8 m away at (−20, −4); the last two truths are
+    on the axis.
+    """
     leader, east = np.zeros((6, 2)), np.full(6, np.pi / 2)
     truth = np.array([[-20.0, 4.0]] * 4 + [[-20.0, 0.1]] * 2)
-    guess = np.array([[-20.0, -4.0], [-20.0, -0.5], [-20.0, 12.0], [-24.1, -4.0], [-20.0, -6.0], [-20.0, 6.0]])
+    guess = np.array(
+        [[-20.0, -4.0], [-20.0, -0.5], [-20.0, 12.0], [-24.1, -4.0], [-20.0, -6.0], [-20.0, 6.0]]
+    )
     mirror_locked = metrics.mirror_locked_steps(guess, truth, leader, east)
     # the fourth is 4.1 m from the mirror image and 8.99 m from the truth: just beyond twice as far
     assert mirror_locked.tolist() == [True, False, False, True, False, False]
     # the same, turned by 50° to port about the leader and moved with it
     c, s = np.cos(np.deg2rad(50.0)), np.sin(np.deg2rad(50.0))
     turn, moved = np.array([[c, -s], [s, c]]), np.array([300.0, -70.0])
-    turned = (guess @ turn.T + moved, truth @ turn.T + moved, leader + moved, east - np.deg2rad(50.0))
+    turned = (
+        guess @ turn.T + moved,
+        truth @ turn.T + moved,
+        leader + moved,
+        east - np.deg2rad(50.0),
+    )
     assert metrics.mirror_locked_steps(*turned).tolist() == mirror_locked.tolist()
 
 
 @pytest.mark.parametrize(
-    ("steps", "longest"), [("1011100", 3), ("1101000", 2), ("1001011", 2), ("1111111", 7), ("0000000", 0)]
+    ("steps", "longest"),
+    [("1011100", 3), ("1101000", 2), ("1001011", 2), ("1111111", 7), ("0000000", 0)],
 )
 def test_the_longest_capture_may_begin_or_end_with_the_mission(steps: str, longest: int) -> None:
     assert metrics.longest_mirror_lock(np.array([step == "1" for step in steps])) == longest
@@ -112,12 +130,18 @@ def test_errors_and_captures_of_anything_are_those_of_complex_numbers() -> None:
     guess = np.select([np.arange(n) % 3 == 0, np.arange(n) % 3 == 1], [mirror, z], 0.0)
     guess = guess + rng.normal(0, 4, n) + 1j * rng.normal(0, 4, n)
     estimate = np.column_stack([guess.real, guess.imag])
-    np.testing.assert_allclose(metrics.position_errors(estimate, truth), np.abs(guess - z), rtol=1e-12)
+    np.testing.assert_allclose(
+        metrics.position_errors(estimate, truth), np.abs(guess - z), rtol=1e-12
+    )
     angle = np.abs(np.angle((guess - origin) / (z - origin)))
-    np.testing.assert_allclose(metrics.bearing_errors(estimate, truth, leader), angle, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        metrics.bearing_errors(estimate, truth, leader), angle, rtol=0, atol=1e-12
+    )
     mirror_locked = (np.abs(guess - z) > 5.0) & (2.0 * np.abs(guess - mirror) < np.abs(guess - z))
     assert 0.1 < mirror_locked.mean() < 0.9
-    np.testing.assert_array_equal(metrics.mirror_locked_steps(estimate, truth, leader, heading), mirror_locked)
+    np.testing.assert_array_equal(
+        metrics.mirror_locked_steps(estimate, truth, leader, heading), mirror_locked
+    )
 
 
 def test_consistency_of_any_covariance_is_that_of_a_linear_solver() -> None:
@@ -127,7 +151,9 @@ def test_consistency_of_any_covariance_is_that_of_a_linear_solver() -> None:
     whole = np.tile(np.eye(4), (3, 1, 1))
     whole[:, :2, :2] = spread
     kinds = np.array([FixKind.TWO_POINTS, FixKind.ASTERN, FixKind.FUSED])
-    given = estimates(covariance=whole, innovation=error, innovation_covariance=spread, fix_kind=kinds)
+    given = estimates(
+        covariance=whole, innovation=error, innovation_covariance=spread, fix_kind=kinds
+    )
     expected = [e @ np.linalg.solve(p, e) for e, p in zip(error, spread, strict=True)]
     np.testing.assert_allclose(metrics.nees(given, -error), expected, rtol=1e-10)
     np.testing.assert_allclose(metrics.nis(given), expected, rtol=1e-10)

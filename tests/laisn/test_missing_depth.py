@@ -1,4 +1,6 @@
-"""A pressure sensor that gives no reading: every navigator uses the last depth, and no range before the first."""
+"""A pressure sensor that gives no reading: every navigator uses the last depth, and no range
+before the first.
+"""
 
 from dataclasses import replace
 
@@ -25,7 +27,9 @@ def given(name: str) -> tuple[OnlineNavigator, Measurements]:
     """A navigator and what it measures, at a depth of its own in each step."""
     if name == "beacons":
         measured, truth = round_trip(Errors(), seconds=60)
-        navigator: OnlineNavigator = BeaconNavigator(BeaconSettings(), np.array([*truth[0], 0.0, 0.0]))
+        navigator: OnlineNavigator = BeaconNavigator(
+            BeaconSettings(), np.array([*truth[0], 0.0, 0.0])
+        )
         return navigator, replace(measured, depth=np.linspace(0.0, 6.0, measured.depth.size))
     mission = Mission(steps=600)
     measured = mission.measured()

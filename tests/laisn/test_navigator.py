@@ -26,8 +26,8 @@ def mission(
 ) -> tuple[Measurements, Floats, Floats]:
     """A leader on a gentle curve and a follower in formation; measurements, true positions, start.
 
-    The velocity of the follower over a step is what its log and compass show at the end of it, as the constant
-    velocity model has it, so that without noise the filter can be exact.
+    The velocity of the follower over a step is what its log and compass show at the end of it, as
+    the constant velocity model has it, so that without noise the filter can be exact.
     """
     k = np.arange(n + 1)
     heading = 0.8 + 0.3 * np.sin(0.01 * k)
@@ -38,19 +38,31 @@ def mission(
     follower = leader[0] + np.array(offset[:2]) + np.cumsum(step, axis=0) - step[0]
     sent = np.arange(every, n + 1, every)
     hull = attitude.from_euler(heading[sent], pitch)
-    sites = attitude.rotate(hull[:, None], SITES) + np.column_stack([leader[sent], np.full(sent.size, -8.0)])[:, None]
+    sites = (
+        attitude.rotate(hull[:, None], SITES)
+        + np.column_stack([leader[sent], np.full(sent.size, -8.0)])[:, None]
+    )
     hydrophone = np.column_stack([follower[sent], np.full(sent.size, -8.0 + offset[2])])
     ranges = np.linalg.norm(sites - hydrophone[:, None], axis=2)
     message = np.full((sent.size, 9), np.nan)
     message[:, :8] = np.column_stack(
-        [sent * DT, leader[sent], heading[sent], np.ones(sent.size), np.full(sent.size, 8.0),
-         np.full(sent.size, pitch), np.zeros(sent.size)]
-    )  # fmt: skip
+        [
+            sent * DT,
+            leader[sent],
+            heading[sent],
+            np.ones(sent.size),
+            np.full(sent.size, 8.0),
+            np.full(sent.size, pitch),
+            np.zeros(sent.size),
+        ]
+    )
     measured_speed, measured_course = speed[1:].copy(), course[1:].copy()
     if noise is not None:
         measured_speed = np.maximum(measured_speed + noise.normal(0.2, 0.2, n), 0)
         measured_course += np.deg2rad(5) + np.abs(noise.normal(0, np.deg2rad(2), n))
-        ranges = ranges + noise.uniform(0, 0.01, ranges.shape) + noise.normal(0.1, 0.05, (sent.size, 1))
+        ranges = (
+            ranges + noise.uniform(0, 0.01, ranges.shape) + noise.normal(0.1, 0.05, (sent.size, 1))
+        )
     measurements = Measurements(
         dt=DT,
         speed=measured_speed,
@@ -69,7 +81,9 @@ def fly(measurements: Measurements, start: Floats, **settings: object) -> Estima
 
 
 def test_dead_reckoning_alone_is_the_trapezoid_rule() -> None:
-    """With certain speed the acceleration over a step is known: x + Δt (v₋ + v) / 2, to rounding."""
+    """With certain speed the acceleration over a step is known: x + Δt (v₋ + v) / 2, to
+    rounding.
+    """
     measurements, _, start = mission(every=1000)
     estimates = fly(measurements, start, sigma_speed=1e-9, sigma_heading=1e-9)
     measured = measurements.speed[:, None] * np.stack(
@@ -82,9 +96,11 @@ def test_dead_reckoning_alone_is_the_trapezoid_rule() -> None:
 
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize(("pitch_deg", "aware"), [(0.0, False), (12.0, True)])
-def test_noiseless_mission_recovers_the_truth_at_every_message(variant: Variant, pitch_deg: float, aware: bool) -> None:
-    """With β = 0 every fix is certain and taken over: exact at messages, and between them but for a millimetre's
-    turning. The prediction only has to choose the side."""
+def test_noiseless_mission_recovers_the_truth_at_every_message(
+    variant: Variant, pitch_deg: float, aware: bool
+) -> None:
+    """With β = 0 every fix is certain and taken over: exact at messages, and between them but for a
+    millimetre's turning. The prediction only has to choose the side."""
     measurements, truth, start = mission(pitch=np.deg2rad(pitch_deg))
     estimates = fly(measurements, start, variant=variant, use_attitude=aware, beta=0.0)
     error = np.hypot(*(estimates.state[:, :2] - truth).T)
@@ -97,19 +113,25 @@ def test_noiseless_mission_recovers_the_truth_at_every_message(variant: Variant,
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_with_the_papers_beta_a_noiseless_mission_is_exact_to_the_gain(variant: Variant) -> None:
-    """The gain is 1 − (β/sep)² / P with P ≥ (σa0 Δt²/2)² = 0.09 m² and sep ≈ 50 m: a thousandth of the prediction's
-    error of a few millimetres remains."""
+    """The gain is 1 − (β/sep)² / P with P ≥ (σa0 Δt²/2)² = 0.09 m² and sep ≈ 50 m: a thousandth of
+    the prediction's error of a few millimetres remains."""
     measurements, truth, start = mission()
     estimates = fly(measurements, start, variant=variant)
     error = np.hypot(*(estimates.state[:, :2] - truth).T)
     assert error[measurements.message_step - 1].max() < 1e-4
 
 
-@pytest.mark.parametrize("offset", [(-20.0, -19.0, 0.0), (-8.0, 16.0, -4.0)], ids=["astern", "abeam"])
+@pytest.mark.parametrize(
+    "offset", [(-20.0, -19.0, 0.0), (-8.0, 16.0, -4.0)], ids=["astern", "abeam"]
+)
 @pytest.mark.parametrize("gate", ["v-max", "v-measured"])
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_an_independent_navigator_agrees(variant: Variant, gate: GateRule, offset: tuple[float, float, float]) -> None:
-    """On noisy missions with gross errors, lost messages and a leader whose speed is measured with noise."""
+def test_an_independent_navigator_agrees(
+    variant: Variant, gate: GateRule, offset: tuple[float, float, float]
+) -> None:
+    """On noisy missions with gross errors, lost messages and a leader whose speed is measured
+    with noise.
+    """
     random = np.random.default_rng(5)
     measurements, _, start = mission(700, noise=random, offset=offset)
     ranges, message = measurements.ranges.copy(), measurements.message.copy()
@@ -124,7 +146,9 @@ def test_an_independent_navigator_agrees(variant: Variant, gate: GateRule, offse
     oracle = Oracle(variant, gate, start)
     index = dict(zip(spoiled.message_step.tolist(), range(m), strict=True))
     expected = []
-    for k, own in enumerate(zip(spoiled.speed, spoiled.heading, spoiled.depth, strict=True), start=1):
+    for k, own in enumerate(
+        zip(spoiled.speed, spoiled.heading, spoiled.depth, strict=True), start=1
+    ):
         i = index.get(k)
         received = i is not None and not lost[i]
         oracle.step(*own, message[i] if received else None, ranges[i] if received else None)
@@ -149,11 +173,17 @@ def test_a_lost_message_is_no_message(variant: Variant) -> None:
     ranges = np.where(lost[:, None], np.nan, measurements.ranges)
     given = {**vars(measurements), "message": message}
     with_lost = Measurements(**{**given, "ranges": ranges})
-    received = {"message_step": measurements.message_step[~lost], "message": message[~lost], "ranges": ranges[~lost]}
+    received = {
+        "message_step": measurements.message_step[~lost],
+        "message": message[~lost],
+        "ranges": ranges[~lost],
+    }
     both = with_lost, Measurements(**{**given, **received})
     one, other = (fly(m, start, variant=variant).state.tobytes() for m in both)
     assert one == other
-    one, other = (in_lanes.run([m], start, NavigationSettings(variant=variant)).state.tobytes() for m in both)
+    one, other = (
+        in_lanes.run([m], start, NavigationSettings(variant=variant)).state.tobytes() for m in both
+    )
     assert one == other
 
 
@@ -169,13 +199,17 @@ def test_online_steps_and_run_are_the_same_to_the_bit(variant: Variant) -> None:
 
 
 def test_two_certain_fixes_in_one_message_are_a_normal_path() -> None:
-    """LAISN-3(1) dead astern: the pairs snap one after the other, the second finds S singular and is skipped."""
+    """LAISN-3(1) dead astern: the pairs snap one after the other, the second finds S singular
+    and is skipped.
+    """
     start = np.array([-20.0, 0.0, 1.0, 0.0])
     navigator = Navigator(NavigationSettings(variant="laisn-3-1", gate="off"), start)
     for _ in range(9):
         navigator.step(OwnMotion(1.0, np.pi / 2, 8.0))
     message = LeaderMessage(1.0, 1.0, 0.0, np.pi / 2, 1.0, 8.0)
-    records = navigator.step(OwnMotion(1.0, np.pi / 2, 8.0), Reception(message, Ranges(19.0, 21.2, 20.1)))
+    records = navigator.step(
+        OwnMotion(1.0, np.pi / 2, 8.0), Reception(message, Ranges(19.0, 21.2, 20.1))
+    )
     assert [r.kind for r in records] == [FixKind.ASTERN, FixKind.SINGULAR, FixKind.SINGULAR]
     np.testing.assert_allclose(navigator.state[:2], [-19.0, 0.0], atol=1e-9)
     assert np.all(np.isfinite(navigator.covariance))
@@ -195,7 +229,9 @@ def test_a_gross_error_is_rejected_and_the_filter_recovers() -> None:
 
 
 def test_a_long_silence_does_not_lock_the_filter_out() -> None:
-    """Dead reckoning with a biased compass drifts away for 60 s; the first message afterwards is accepted."""
+    """Dead reckoning with a biased compass drifts away for 60 s; the first message afterwards is
+    accepted.
+    """
     measurements, truth, start = mission(1000, noise=np.random.default_rng(2))
     received = (measurements.message_step < 300) | (measurements.message_step > 900)
     silent = Measurements(
@@ -231,11 +267,13 @@ def test_a_follower_ahead_is_thrown_astern_as_published_unless_the_prediction_de
     ahead = Measurements(**{**vars(measurements), "ranges": ranges})
     published = fly(ahead, start, gate="off")
     error = np.hypot(*(published.state[:, :2] - truth).T)[ahead.message_step - 1]
-    # from R ahead of the leader's middle, where D1 = R + L/2 + 0.05 m, to D1 + L/2 behind it: 2 R + L + 0.05 m
+    # from R ahead of the leader's middle, where D1 = R + L/2 + 0.05 m, to D1 + L/2 behind it: 2 R +
+    # L + 0.05 m
     distance = np.linalg.norm(truth[ahead.message_step - 1] - ahead.message[:, 1:3], axis=1)
     assert error[0] == pytest.approx(2 * distance[0] + 2.05, rel=1e-3)
     decided = fly(ahead, start, gate="off", side_rule="predicted")
-    # D2 is exact; by the first message the leader has turned by 0.3 sin 0.1, which moves the point that much aside
+    # D2 is exact; by the first message the leader has turned by 0.3 sin 0.1, which moves the point
+    # that much aside
     first = ahead.message_step[0] - 1
     assert np.hypot(*(decided.state[first, :2] - truth[first])) < 0.3 * np.sin(0.1) * distance[0]
 

@@ -1,4 +1,6 @@
-"""A navigator and a sensor of the user's own: the examples of docs/extending.md are flown and studied as they stand."""
+"""A navigator and a sensor of the user's own: the examples of docs/extending.md are flown and
+studied as they stand.
+"""
 
 import re
 import sys
@@ -26,7 +28,9 @@ NAME = "dead_reckoning:DeadReckoning"
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_plugins: None) -> Path:
     """A working directory with the files of the page, whose modules are loaded."""
     blocks = re.findall(
-        r"^```\w+\n# (\w+\.(?:py|toml))\n(.*?)^```", PAGE.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE
+        r"^```\w+\n# (\w+\.(?:py|toml))\n(.*?)^```",
+        PAGE.read_text("utf-8"),
+        flags=re.DOTALL | re.MULTILINE,
     )
     for name, text in blocks:
         (tmp_path / name).write_text(text, encoding="utf-8")
@@ -45,7 +49,10 @@ def run(line: str) -> str:
 
 @pytest.mark.usefixtures("folder")
 def test_it_flies_and_replays_by_its_name() -> None:
-    run("fly reckoned.toml --plugin dead_reckoning.py --no-video --out out --set navigation.own.current_east_m_s=0.25")
+    run(
+        "fly reckoned.toml --plugin dead_reckoning.py --no-video --out out --set "
+        "navigation.own.current_east_m_s=0.25"
+    )
     flight = laisn_sim.read_log("out/flight.mcap")
     (own,), (measured,) = flight.estimates, flight.measurements
     # log and compass alone, by hand
@@ -64,9 +71,14 @@ def test_it_flies_and_replays_by_its_name() -> None:
 
 @pytest.mark.usefixtures("folder")
 def test_a_study_compares_it_with_others() -> None:
-    results = laisn_sim.study("reckoned.toml", vary={"navigation.variant": [NAME, "laisn-2"]}, runs=3, out="study")
+    results = laisn_sim.study(
+        "reckoned.toml", vary={"navigation.variant": [NAME, "laisn-2"]}, runs=3, out="study"
+    )
     rows = {row["variant"]: row for row in results.table.rows()}
-    alone = [laisn_sim.errors(laisn_sim.fly("reckoned.toml", {"run": run}))["e_p_m"].mean() for run in range(3)]
+    alone = [
+        laisn_sim.errors(laisn_sim.fly("reckoned.toml", {"run": run}))["e_p_m"].mean()
+        for run in range(3)
+    ]
     assert rows[NAME]["e_p_mean_m"] == pytest.approx(np.mean(alone), rel=1e-12)
     assert rows[NAME]["e_p_mean_m"] != rows["laisn-2"]["e_p_mean_m"]
 
@@ -93,8 +105,14 @@ def test_the_key_of_its_results_holds_its_source(folder: Path) -> None:
         ({"navigation.variant": "dead_reckoning:FixKind"}, "dead_reckoning.py: DeadReckoning"),
         ({"navigation.variant": "inverted_usbl:InvertedUsbl"}, "expected a class with `step("),
         ({"navigation.variant": "laisn-4"}, "'geodetic' or 'module:Class' of a plugin"),
-        ({"navigation.own.current_east_m_s": "fast"}, "navigation.own.current_east: Input should be a valid number"),
-        ({"navigation.own.curent_east_m_s": 1.0}, "has no curent_east; it has: current_east, current_north"),
+        (
+            {"navigation.own.current_east_m_s": "fast"},
+            "navigation.own.current_east: Input should be a valid number",
+        ),
+        (
+            {"navigation.own.curent_east_m_s": 1.0},
+            "has no curent_east; it has: current_east, current_north",
+        ),
     ],
 )
 def test_missing_methods_are_reported(changes: dict[str, object], expected: str) -> None:
@@ -108,7 +126,9 @@ def test_a_class_with_a_step_runs_over_missions_and_in_closed_loops() -> None:
     settings = {"navigation.variant": "odometry", "duration_s": 20.0}
     flight = laisn_sim.fly("T5", settings)
     (own,), (measured,) = flight.estimates, flight.measurements
-    navigator = sys.modules["odometry"].Odometry(flight.scenario.navigation.settings(), own.state[0])
+    navigator = sys.modules["odometry"].Odometry(
+        flight.scenario.navigation.settings(), own.state[0]
+    )
     for motion, reception in list(measured.steps())[1:]:
         navigator.step(motion, reception, 0.1)
     np.testing.assert_allclose(own.state[-1, :2], navigator.state[:2], atol=1e-9)
@@ -120,10 +140,14 @@ def test_a_class_with_a_step_runs_over_missions_and_in_closed_loops() -> None:
 def test_a_study_takes_classes_as_arms() -> None:
     own = sys.modules["odometry"].Odometry
     changes = {"duration_s": 20.0, "motion": "kinematic"}
-    results = laisn_sim.study("T3", set=changes, navigators={"mine": own, "EKF": "ekf"}, runs=2, out="arms")
+    results = laisn_sim.study(
+        "T3", set=changes, navigators={"mine": own, "EKF": "ekf"}, runs=2, out="arms"
+    )
     rows = {row["arm"]: row["e_p_mean_m"] for row in results.table.rows()}
     alone = [laisn_sim.fly("T3", changes | {"run": run}, navigator=own) for run in range(2)]
-    assert rows["mine"] == pytest.approx(np.mean([laisn_sim.errors(one)["e_p_m"].mean() for one in alone]), rel=1e-12)
+    assert rows["mine"] == pytest.approx(
+        np.mean([laisn_sim.errors(one)["e_p_m"].mean() for one in alone]), rel=1e-12
+    )
     assert set(rows) == {"mine", "EKF"}
     local = type("Local", (own,), {"__module__": "__main__"})
     with pytest.raises(LaisnError, match="in a file of its own"):
@@ -132,16 +156,24 @@ def test_a_study_takes_classes_as_arms() -> None:
 
 @pytest.mark.usefixtures("folder")
 def test_a_controller_of_the_page_follows_the_leader() -> None:
-    settings = {"followers.0.controller": "homing", "navigation.variant": "ekf", "duration_s": 120.0}
+    settings = {
+        "followers.0.controller": "homing",
+        "navigation.variant": "ekf",
+        "duration_s": 120.0,
+    }
     flight = laisn_sim.fly("T5", settings)
     leader, follower = flight.trajectory.position[:, 0, :2], flight.trajectory.position[:, 1, :2]
     away = np.hypot(*(leader - follower).T)
     assert abs(away[-1] - 30.0) < min(abs(away[0] - 30.0), 8.0)
 
 
-def test_a_scenario_or_a_log_loads_no_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_plugins: None) -> None:
+def test_a_scenario_or_a_log_loads_no_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_plugins: None
+) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine.py").write_text("open('ran', 'w').close()\nclass Filter:\n    run = step = print\n")
+    (tmp_path / "mine.py").write_text(
+        "open('ran', 'w').close()\nclass Filter:\n    run = step = print\n"
+    )
     for name in ("mine:Filter", "mine"):
         with pytest.raises(LaisnError, match=r"--plugin mine.py|'module:Class' of a plugin"):
             laisn_sim.load("T5", {"navigation.variant": name})
@@ -165,7 +197,9 @@ def test_a_plugin_that_cannot_be_loaded_is_named(
     name: str, text: str, expected: str, tmp_path: Path, no_plugins: None
 ) -> None:
     (tmp_path / name).write_text(text)
-    result = CliRunner().invoke(app, ["check", "T5", "--plugin", str(tmp_path / name)], env={"COLUMNS": "300"})
+    result = CliRunner().invoke(
+        app, ["check", "T5", "--plugin", str(tmp_path / name)], env={"COLUMNS": "300"}
+    )
     assert result.exit_code == 2
     assert expected in result.output
 
@@ -177,22 +211,31 @@ def test_followers_that_steer_by_it_need_its_step() -> None:
         laisn_sim.fly("reckoned.toml", steering)
 
 
-EXACT = {"duration_s": 20.0, "sensors.own": [{"sensor": "inverted_usbl:InvertedUsbl", "angle_sigma_deg": 0.0}]}
+EXACT = {
+    "duration_s": 20.0,
+    "sensors.own": [{"sensor": "inverted_usbl:InvertedUsbl", "angle_sigma_deg": 0.0}],
+}
 
 
 @pytest.mark.usefixtures("folder")
 def test_a_sensor_reads_the_direction_of_a_ping_in_the_hull() -> None:
-    """Heading plus azimuth is the compass direction of the transmitter; point motion is level but for dives."""
+    """Heading plus azimuth is the compass direction of the transmitter; point motion is level
+    but for dives.
+    """
     flight = laisn_sim.fly("usbl.toml", EXACT)
     (measured,), truth = flight.measurements, flight.trajectory
     at = measured.message_step
     away = truth.site_path("leader/tx_front")[at] - truth.site_path("follower/hydrophone")[at]
     azimuth, elevation = measured.own["bearing"][at - 1].T
-    assert np.cos(truth.heading[at, 1] + azimuth - np.arctan2(*away[:, :2].T)) == pytest.approx(1.0, abs=1e-9)
+    assert np.cos(truth.heading[at, 1] + azimuth - np.arctan2(*away[:, :2].T)) == pytest.approx(
+        1.0, abs=1e-9
+    )
     assert elevation == pytest.approx(np.arctan2(away[:, 2], np.hypot(*away[:, :2].T)), abs=1e-9)
     assert np.isfinite(measured.own["bearing"]).all(axis=1).sum() == at.size
     part = excerpt(flight, 5.0, 15.0)
-    np.testing.assert_array_equal(part.measurements[0].own["bearing"], measured.own["bearing"][50:150])
+    np.testing.assert_array_equal(
+        part.measurements[0].own["bearing"], measured.own["bearing"][50:150]
+    )
 
 
 @pytest.mark.usefixtures("folder")
@@ -218,16 +261,25 @@ def test_a_navigator_uses_it_in_flights_and_studies() -> None:
     assert near < 0.2 * far
     cell = Cell.of(flight.scenario, runs=2)
     assert simulate(cell).row["e_p_mean_m"] == pytest.approx(
-        np.mean([laisn_sim.errors(laisn_sim.fly("usbl.toml", {"run": run}))["e_p_m"].mean() for run in range(2)])
+        np.mean(
+            [
+                laisn_sim.errors(laisn_sim.fly("usbl.toml", {"run": run}))["e_p_m"].mean()
+                for run in range(2)
+            ]
+        )
     )
 
 
 def test_the_key_of_a_result_holds_the_source_of_its_sensors(folder: Path) -> None:
     (folder / "another_usbl.py").write_text((folder / "inverted_usbl.py").read_text())
     laisn_sim.load_plugin("another_usbl.py")
-    scenario = laisn_sim.load("usbl.toml", {"sensors.own": [{"sensor": "another_usbl:InvertedUsbl"}]})
+    scenario = laisn_sim.load(
+        "usbl.toml", {"sensors.own": [{"sensor": "another_usbl:InvertedUsbl"}]}
+    )
     before = key_of(scenario)
-    (folder / "another_usbl.py").write_text((folder / "inverted_usbl.py").read_text() + "# another\n")
+    (folder / "another_usbl.py").write_text(
+        (folder / "inverted_usbl.py").read_text() + "# another\n"
+    )
     assert key_of(scenario) != before
 
 
@@ -239,7 +291,10 @@ def test_the_key_of_a_result_holds_the_source_of_its_sensors(folder: Path) -> No
             {"sensor": "inverted_usbl:Usbl"},
             "'inverted_usbl:Usbl': expected a class of .*inverted_usbl.py: InvertedUsbl",
         ),
-        ({"sensor": "inverted_usbl:InvertedUsbl", "range_sigma_m": 1.0}, "unexpected keyword argument 'range_sigma'"),
+        (
+            {"sensor": "inverted_usbl:InvertedUsbl", "range_sigma_m": 1.0},
+            "unexpected keyword argument 'range_sigma'",
+        ),
         ({"sensor": "inverted_usbl"}, r"sensors.own\[0\].sensor"),
     ],
 )

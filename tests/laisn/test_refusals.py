@@ -44,7 +44,9 @@ def test_every_number_of_ones_own_must_be_finite(name: str, broken: float) -> No
 
 @pytest.mark.parametrize("name", HULL)
 @pytest.mark.parametrize("broken", [np.nan, np.inf])
-def test_the_leaders_pose_and_speed_must_be_finite_and_its_tilt_may_be_missing(name: str, broken: float) -> None:
+def test_the_leaders_pose_and_speed_must_be_finite_and_its_tilt_may_be_missing(
+    name: str, broken: float
+) -> None:
     for i in range(6):
         message = LeaderMessage(*[broken if j == i else value for j, value in enumerate(MESSAGE)])
         with pytest.raises(LaisnError, match=r"step 1: leader message .* is not finite"):
@@ -78,9 +80,12 @@ def test_a_transmitter_may_be_nowhere_and_not_infinitely_far(name: str) -> None:
 
 def mission(**changes: Floats) -> Measurements:
     given = {
-        "speed": np.ones(3), "heading": np.zeros(3), "depth": np.full(3, 8.0), "message": np.array([MESSAGE]),
+        "speed": np.ones(3),
+        "heading": np.zeros(3),
+        "depth": np.full(3, 8.0),
+        "message": np.array([MESSAGE]),
         "ranges": np.array([RANGES]),
-    }  # fmt: skip
+    }
     return Measurements(dt=0.1, message_step=np.array([2]), **{**given, **changes})
 
 
@@ -95,6 +100,10 @@ def test_a_mission_needs_a_new_navigator_of_its_step() -> None:
 
 def test_a_summary_needs_finite_errors_of_one_step_at_least() -> None:
     fine = np.array([1.0, 2.0])
-    for position, bearing in ((np.array([]), np.array([])), (np.array([1.0, np.inf]), fine), (fine, fine * np.nan)):
+    for position, bearing in (
+        (np.array([]), np.array([])),
+        (np.array([1.0, np.inf]), fine),
+        (fine, fine * np.nan),
+    ):
         with pytest.raises(ValueError, match="at least one step, and finite errors only"):
             summarise(position, bearing)

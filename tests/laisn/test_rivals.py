@@ -1,4 +1,6 @@
-"""The rival methods: each against an independent implementation or a closed form, and all as navigators of missions."""
+"""The rival methods: each against an independent implementation or a closed form, and all as
+navigators of missions.
+"""
 
 import sys
 from dataclasses import replace
@@ -41,23 +43,38 @@ def by_name(name: str, settings: RivalSettings, start: Floats) -> Any:
 
 
 def message(east: float, north: float, heading: float = 0.0, depth: float = 10.0) -> LeaderMessage:
-    return LeaderMessage(timestamp=1.0, east=east, north=north, heading=heading, speed=1.0, depth=depth)
+    return LeaderMessage(
+        timestamp=1.0, east=east, north=north, heading=heading, speed=1.0, depth=depth
+    )
 
 
 def by_filterpy(
     settings: RivalSettings, mission: Measurements, start: Floats, only: int | None = None
 ) -> tuple[Floats, Floats]:
-    """Position and covariance after each step, with numerical derivatives of the motion and of the ranges."""
+    """Position and covariance after each step, with numerical derivatives of the motion and of
+    the ranges.
+    """
     kalman = ExtendedKalmanFilter(dim_x=7, dim_z=1)
     kalman.x = np.r_[start[:2], np.zeros(5)]
     current, walk = (settings.current_sigma, 1e-6) if settings.assume.current else (0.0, 0.0)
-    kalman.P = np.diag(np.square([settings.start_sigma] * 2 + [
-        settings.speed_bias_sigma, settings.heading_bias_sigma, settings.range_scale_bias_sigma, current, current,
-    ]))  # fmt: skip
+    kalman.P = np.diag(
+        np.square(
+            [settings.start_sigma] * 2
+            + [
+                settings.speed_bias_sigma,
+                settings.heading_bias_sigma,
+                settings.range_scale_bias_sigma,
+                current,
+                current,
+            ]
+        )
+    )
     dt = mission.dt
 
     def velocity(x: Floats, speed: float, heading: float) -> Floats:
-        return np.asarray((speed - x[2]) * np.array([np.sin(heading - x[3]), np.cos(heading - x[3])]) + x[5:])
+        return np.asarray(
+            (speed - x[2]) * np.array([np.sin(heading - x[3]), np.cos(heading - x[3])]) + x[5:]
+        )
 
     def derivative(function, x: Floats) -> Floats:  # type: ignore[no-untyped-def]
         steps = 1e-6 * np.eye(7)
@@ -88,8 +105,12 @@ def by_filterpy(
             if only is not None:
                 ranges[np.arange(3) != only] = np.nan
             used = np.flatnonzero(np.isfinite(ranges))
-            forward, port = (np.array([np.sin(a), np.cos(a)]) for a in (heading, heading - np.pi / 2))
-            places = np.array([east, north]) + np.stack([-forward, forward, settings.middle_offset * port])
+            forward, port = (
+                np.array([np.sin(a), np.cos(a)]) for a in (heading, heading - np.pi / 2)
+            )
+            places = np.array([east, north]) + np.stack(
+                [-forward, forward, settings.middle_offset * port]
+            )
             below = depth - mission.depth[k - 1] + settings.hydrophone_height
 
             def expected(x: Floats, used=used, places=places, below=below, ranges=ranges) -> Floats:  # type: ignore[no-untyped-def]
@@ -100,12 +121,17 @@ def by_filterpy(
             noise = settings.range_sigma**2 * np.eye(used.size)
             noise += settings.range_scale_sigma**2 * np.outer(share, share)
             if used.size:
-                # of the scale's share in the direction's derivative, 1 + b_r / max z, the filter takes 1
+                # of the scale's share in the direction's derivative, 1 + b_r / max z, the filter
+                # takes 1
                 kalman.update(
-                    ranges[used], lambda x, e=expected, share=share:
-                    derivative(lambda y: e(np.r_[y[:4], np.zeros(3)]), x) + np.outer(share, np.eye(7)[4]),
-                    expected, R=noise,
-                )  # fmt: skip
+                    ranges[used],
+                    lambda x, e=expected, share=share: (
+                        derivative(lambda y: e(np.r_[y[:4], np.zeros(3)]), x)
+                        + np.outer(share, np.eye(7)[4])
+                    ),
+                    expected,
+                    R=noise,
+                )
         before = now
         states.append(kalman.x[:2].copy())
         spreads.append(kalman.P[[0, 0, 1], [0, 1, 1]])
@@ -123,7 +149,9 @@ def test_the_range_filter_is_filterpys(transmitters: int, current: bool) -> None
     found = RangeFilter(settings, truth.start).run(mission)
     position, covariance = by_filterpy(settings, mission, truth.start)
     assert found.state[:, :2] == pytest.approx(position, abs=1e-6)
-    assert found.covariance[:, (0, 0, 1), (0, 1, 1)] == pytest.approx(covariance, rel=1e-5, abs=1e-9)
+    assert found.covariance[:, (0, 0, 1), (0, 1, 1)] == pytest.approx(
+        covariance, rel=1e-5, abs=1e-9
+    )
 
 
 def test_the_filter_on_one_way_travel_times_is_filterpys_on_one_range() -> None:
@@ -135,22 +163,34 @@ def test_the_filter_on_one_way_travel_times_is_filterpys_on_one_range() -> None:
     found = OneWayTravelTime(SETTINGS, truth.start).run(mission)
     position, covariance = by_filterpy(SETTINGS, mission, truth.start, only=2)
     assert found.state[:, :2] == pytest.approx(position, abs=1e-5)
-    assert found.covariance[:, (0, 0, 1), (0, 1, 1)] == pytest.approx(covariance, rel=1e-5, abs=1e-9)
+    assert found.covariance[:, (0, 0, 1), (0, 1, 1)] == pytest.approx(
+        covariance, rel=1e-5, abs=1e-9
+    )
 
 
 @pytest.mark.parametrize("method", [RangeFilter, OneWayTravelTime])
-def test_a_follower_at_rest_has_the_covariance_of_a_mean_of_ranges(method: type[DeadReckoning]) -> None:
+def test_a_follower_at_rest_has_the_covariance_of_a_mean_of_ranges(
+    method: type[DeadReckoning],
+) -> None:
     """Of n ranges from due north, biases known: variance of the northing 1 / (1 / σ₀² + n / σ²)."""
-    settings = RivalSettings(range_scale_sigma=0.0, range_sigma=0.5, start_sigma=2.0, speed_sigma=0.0, **EXACT_LOG)
+    settings = RivalSettings(
+        range_scale_sigma=0.0, range_sigma=0.5, start_sigma=2.0, speed_sigma=0.0, **EXACT_LOG
+    )
     navigator = method(settings, np.zeros(4))
     for count in (1, 2, 3):
-        navigator.step(OwnMotion(0.0, 0.0, 10.0), Reception(message(0.1, 101.0), Ranges(100.0, np.nan, np.nan)))
-        assert navigator.covariance[1, 1] == pytest.approx(1.0 / (1.0 / 4.0 + count / 0.25), rel=1e-3)
+        navigator.step(
+            OwnMotion(0.0, 0.0, 10.0), Reception(message(0.1, 101.0), Ranges(100.0, np.nan, np.nan))
+        )
+        assert navigator.covariance[1, 1] == pytest.approx(
+            1.0 / (1.0 / 4.0 + count / 0.25), rel=1e-3
+        )
         assert navigator.covariance[0, 0] == pytest.approx(4.0, rel=1e-3)
 
 
 def test_dead_reckoning_on_a_straight_line_has_the_covariance_of_its_closed_form() -> None:
-    """Along at speed s for t = n Δt: σ₀² + σ_bv² t² + n σ_v² Δt² + slip² t; across with s σ_bθ and s σ_θ for those."""
+    """Along at speed s for t = n Δt: σ₀² + σ_bv² t² + n σ_v² Δt² + slip² t; across with s σ_bθ
+    and s σ_θ for those.
+    """
     settings = replace(SETTINGS, slip=0.05, heading_bias_sigma=0.1)
     navigator, n, speed = DeadReckoning(settings, START), 500, 1.5
     for _ in range(n):
@@ -165,17 +205,28 @@ def test_dead_reckoning_on_a_straight_line_has_the_covariance_of_its_closed_form
     assert navigator.covariance[0, 0] == pytest.approx(along + walks[0], rel=1e-5)
     assert navigator.covariance[1, 1] == pytest.approx(across + walks[1], rel=1e-5)
     assert navigator.covariance[2, 2] == pytest.approx(0.3**2 + 4e-8 * time + 0.2**2, rel=1e-9)
-    lost = navigator.step(OwnMotion(speed, 0.0, 10.0), Reception(message(9.0, 9.0), Ranges(9.0, 9.0, 9.0)))
+    lost = navigator.step(
+        OwnMotion(speed, 0.0, 10.0), Reception(message(9.0, 9.0), Ranges(9.0, 9.0, 9.0))
+    )
     assert lost[0].kind == FixKind.LOST
 
 
 def test_particles_have_the_moments_of_the_exact_posterior() -> None:
-    """A ring of ranges through a prior of 2 m about a transmitter 4 m away is no Gaussian; moments by integration."""
+    """A ring of ranges through a prior of 2 m about a transmitter 4 m away is no Gaussian;
+    moments by integration.
+    """
     settings = RivalSettings(
-        particles=1_000_000, start_sigma=2.0, range_sigma=0.5, range_scale_sigma=0.0, speed_sigma=0.0, **EXACT_LOG
+        particles=1_000_000,
+        start_sigma=2.0,
+        range_sigma=0.5,
+        range_scale_sigma=0.0,
+        speed_sigma=0.0,
+        **EXACT_LOG,
     )
     navigator = ParticleFilter(settings, np.zeros(4))
-    navigator.step(OwnMotion(0.0, 0.0, 10.0), Reception(message(0.1, 4.0), Ranges(np.nan, np.nan, 4.5)))
+    navigator.step(
+        OwnMotion(0.0, 0.0, 10.0), Reception(message(0.1, 4.0), Ranges(np.nan, np.nan, 4.5))
+    )
     x, y = np.meshgrid(np.linspace(-9.0, 9.0, 1801), np.linspace(-9.0, 9.0, 1801))
     # the middle transmitter is 0.1 m to port of a leader that heads north
     density = np.exp(-(x**2 + y**2) / 8.0 - 0.5 * ((np.hypot(x, y - 4.0) - 4.5) / 0.5) ** 2)
@@ -183,11 +234,15 @@ def test_particles_have_the_moments_of_the_exact_posterior() -> None:
     mean = np.array([(density * x).sum(), (density * y).sum()])
     xx, yy = (density * (x - mean[0]) ** 2).sum(), (density * (y - mean[1]) ** 2).sum()
     assert navigator.state[:2] == pytest.approx(mean, abs=0.02)
-    assert (navigator.covariance[0, 0], navigator.covariance[1, 1]) == pytest.approx((xx, yy), rel=0.03)
+    assert (navigator.covariance[0, 0], navigator.covariance[1, 1]) == pytest.approx(
+        (xx, yy), rel=0.03
+    )
 
 
 def test_an_inverted_usbl_places_the_follower_by_range_and_bearing() -> None:
-    """From a start that counts for nothing, exact readings leave transmitter − D u(heading + azimuth)."""
+    """From a start that counts for nothing, exact readings leave transmitter − D u(heading +
+    azimuth).
+    """
     settings = RivalSettings(
         start_sigma=1e3,
         azimuth_sigma=1e-6,
@@ -197,11 +252,15 @@ def test_an_inverted_usbl_places_the_follower_by_range_and_bearing() -> None:
         **EXACT_LOG,
     )
     heading, azimuth, away, deeper = 0.4, 0.7, 60.0, 8.0
-    place = np.array([20.0, -5.0]) - away * np.array([np.sin(heading + azimuth), np.cos(heading + azimuth)])
+    place = np.array([20.0, -5.0]) - away * np.array(
+        [np.sin(heading + azimuth), np.cos(heading + azimuth)]
+    )
     navigator = InvertedUsbl(settings, np.append(place + np.array([0.3, -0.2]), [0.0, 0.0]))
     bearing = Bearing(azimuth, np.arctan2(deeper, away))
     # the front transmitter of a leader that heads north is 1 m ahead
-    received = Reception(message(20.0, -6.0), Ranges(np.nan, np.hypot(away, deeper), np.nan), bearing=bearing)
+    received = Reception(
+        message(20.0, -6.0), Ranges(np.nan, np.hypot(away, deeper), np.nan), bearing=bearing
+    )
     for _ in range(4):
         navigator.step(OwnMotion(0.0, heading, 10.0 + deeper), received)
     assert navigator.state[:2] == pytest.approx(place, abs=2e-3)
@@ -220,20 +279,30 @@ def test_a_geodetic_adjustment_minimises_the_weighted_squares_of_its_observation
     reckoned.step(own)
     navigator.step(own, Reception(message(0.0, 24.0), Ranges(np.nan, np.nan, z)))
     root = np.linalg.cholesky(np.linalg.inv(reckoned.covariance[:2, :2])).T
-    sigma = np.linalg.norm([settings.range_sigma, settings.range_scale_sigma, settings.range_scale_bias_sigma])
+    sigma = np.linalg.norm(
+        [settings.range_sigma, settings.range_scale_sigma, settings.range_scale_bias_sigma]
+    )
 
     def residuals(p: Floats) -> Floats:
-        return np.append(root @ (p - reckoned.state[:2]), (np.linalg.norm(p - transmitter) - z) / sigma)
+        return np.append(
+            root @ (p - reckoned.state[:2]), (np.linalg.norm(p - transmitter) - z) / sigma
+        )
 
     best = least_squares(residuals, reckoned.state[:2], xtol=1e-12)
     # iterations stop where the range's own curvature no longer matters
     assert navigator.state[:2] == pytest.approx(best.x, abs=1e-3)
-    assert navigator.covariance[:2, :2] == pytest.approx(np.linalg.inv(best.jac.T @ best.jac), rel=1e-3)
+    assert navigator.covariance[:2, :2] == pytest.approx(
+        np.linalg.inv(best.jac.T @ best.jac), rel=1e-3
+    )
 
 
 def test_a_factor_graph_whose_window_holds_all_is_the_solution_of_the_whole_problem() -> None:
-    """Six messages, all poses, biases, the current and common errors at once by scipy's least squares."""
-    settings = replace(SETTINGS, lag=1e3, start_sigma=0.5, current_sigma=0.1, assume=Assume(current=True))
+    """Six messages, all poses, biases, the current and common errors at once by scipy's least
+    squares.
+    """
+    settings = replace(
+        SETTINGS, lag=1e3, start_sigma=0.5, current_sigma=0.1, assume=Assume(current=True)
+    )
     navigator, rng = by_name("factor-graph", settings, START), np.random.default_rng(5)
     readings, received, place = [], [], np.zeros(2)
     s, c, dt = np.sin(0.3), np.cos(0.3), 0.1
@@ -247,7 +316,9 @@ def test_a_factor_graph_whose_window_holds_all_is_the_solution_of_the_whole_prob
         if k % 10 == 0:
             leader = message(15.0 + 0.1 * k, 6.0 - 0.05 * k, 0.3)
             true = np.linalg.norm(place - np.array([leader.east, leader.north]) - offsets, axis=1)
-            reception = Reception(leader, Ranges(*(true + 0.05 * rng.normal() + 0.003 * rng.normal(size=3))))
+            reception = Reception(
+                leader, Ranges(*(true + 0.05 * rng.normal() + 0.003 * rng.normal(size=3)))
+            )
             received.append(reception)
         navigator.step(own, reception)
     both = np.array([readings[0], *readings])
@@ -256,14 +327,26 @@ def test_a_factor_graph_whose_window_holds_all_is_the_solution_of_the_whole_prob
 
     def residuals(v: Floats) -> Floats:
         poses, (log, scale), current, common = v[:21].reshape(7, 3), v[21:23], v[23:25], v[25:]
-        found = [poses[0, :2] / 0.5, [poses[0, 2] / settings.heading_bias_sigma, log / settings.speed_bias_sigma,
-                                      scale / settings.range_scale_bias_sigma, *current / 0.1]]  # fmt: skip
+        found = [
+            poses[0, :2] / 0.5,
+            [
+                poses[0, 2] / settings.heading_bias_sigma,
+                log / settings.speed_bias_sigma,
+                scale / settings.range_scale_bias_sigma,
+                *current / 0.1,
+            ],
+        ]
         for i, reception in enumerate(received):
             part, (before, after) = slice(10 * i, 10 * i + 10), poses[i : i + 2]
             way, path, now = steps[0][part].sum(axis=0), steps[1][part].sum(axis=0), u[1:][part]
             across = both[1:, :1][part] * np.column_stack([-now[:, 1], now[:, 0]])
-            noise = dt**2 * (settings.speed_sigma**2 * now.T @ now + settings.heading_sigma**2 * across.T @ across)
-            turn = np.array([[np.cos(before[2]), np.sin(before[2])], [-np.sin(before[2]), np.cos(before[2])]])
+            noise = dt**2 * (
+                settings.speed_sigma**2 * now.T @ now
+                + settings.heading_sigma**2 * across.T @ across
+            )
+            turn = np.array(
+                [[np.cos(before[2]), np.sin(before[2])], [-np.sin(before[2]), np.cos(before[2])]]
+            )
             moved = turn @ (after[:2] - before[:2] - current) - way + log * path
             found.append(np.linalg.solve(np.linalg.cholesky(noise), moved))
             found.append([(after[2] - before[2]) / (1.5e-4 * np.sqrt(1.0))])
@@ -274,13 +357,19 @@ def test_a_factor_graph_whose_window_holds_all_is_the_solution_of_the_whole_prob
             found.append([(common[i] - scale) / settings.range_scale_sigma])
         return np.concatenate(found)
 
-    best = least_squares(residuals, np.zeros(31), x_scale="jac", xtol=1e-14, ftol=1e-14, max_nfev=2000)
+    best = least_squares(
+        residuals, np.zeros(31), x_scale="jac", xtol=1e-14, ftol=1e-14, max_nfev=2000
+    )
     spread = np.linalg.inv(best.jac.T @ best.jac)[18:20, 18:20]
-    assert navigator.x[[0, 1, 3, 2, 4, 5, 6]] == pytest.approx([*best.x[18:25]], abs=3e-2 * np.sqrt(spread.max()))
+    assert navigator.x[[0, 1, 3, 2, 4, 5, 6]] == pytest.approx(
+        [*best.x[18:25]], abs=3e-2 * np.sqrt(spread.max())
+    )
     assert navigator.P[:2, :2] == pytest.approx(spread, rel=0.1, abs=0.05 * spread.max())
 
 
-def test_without_gtsam_the_factor_graph_names_the_command_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_gtsam_the_factor_graph_names_the_command_that_installs_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setitem(sys.modules, "gtsam", None)
     with pytest.raises(LaisnError, match="pip install"):
         find("factor-graph").make(SETTINGS, START)
@@ -307,25 +396,41 @@ def test_a_rival_gives_the_same_step_by_step_as_over_a_mission(name: str, flight
     assert whole.fix_kind.tolist() == [fix.kind for fix in fixes]
     kinds = {FixKind.LOST} if name == "dead-reckoning" else {FixKind.LOST, FixKind.RANGES}
     assert set(whole.fix_kind.tolist()) == kinds
-    again = laisn_sim.navigate(flight, {"navigation.variant": name, "navigation.rival.particles": 200})
+    again = laisn_sim.navigate(
+        flight, {"navigation.variant": name, "navigation.rival.particles": 200}
+    )
     assert np.isfinite(again.estimates[0].state).all()
 
 
 def test_a_shipped_usbl_is_there_for_its_navigator_alone(flight: Any) -> None:
     assert flight.measurements[0].own["bearing"].shape == (600, 2)
     assert not laisn_sim.fly("T7", {"motion": "kinematic", "duration_s": 2.0}).measurements[0].own
-    sensor = {"sensor": "inverted-usbl", "azimuth_sigma_deg": 0.0, "azimuth_bias_deg": 2.0, "elevation_sigma_deg": 0.0}
-    exact = laisn_sim.fly("T7", {"motion": "kinematic", "duration_s": 20.0, "sensors.own": [sensor]})
+    sensor = {
+        "sensor": "inverted-usbl",
+        "azimuth_sigma_deg": 0.0,
+        "azimuth_bias_deg": 2.0,
+        "elevation_sigma_deg": 0.0,
+    }
+    exact = laisn_sim.fly(
+        "T7", {"motion": "kinematic", "duration_s": 20.0, "sensors.own": [sensor]}
+    )
     (measured,), truth = exact.measurements, exact.trajectory
     away = truth.site_path("leader/tx_front") - truth.site_path("follower/hydrophone")
-    direction = np.arctan2(*away[measured.message_step, :2].T) - truth.heading[measured.message_step, 1]
+    direction = (
+        np.arctan2(*away[measured.message_step, :2].T) - truth.heading[measured.message_step, 1]
+    )
     found = measured.own["bearing"][measured.message_step - 1, 0]
-    np.testing.assert_allclose(np.cos(found - direction), np.cos(np.deg2rad(2.0)), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        np.cos(found - direction), np.cos(np.deg2rad(2.0)), rtol=0, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize(
     ("settings", "expected"),
-    [({"navigation.rival.particles": 3}, "particles"), ({"navigation.assume.known_start": False}, "known_start")],
+    [
+        ({"navigation.rival.particles": 3}, "particles"),
+        ({"navigation.assume.known_start": False}, "known_start"),
+    ],
 )
 def test_settings_that_no_rival_has_are_refused(settings: dict[str, object], expected: str) -> None:
     with pytest.raises(LaisnError, match=expected):

@@ -22,11 +22,14 @@ POSITIVE: dict[type, set[str]] = {
 
 @pytest.mark.parametrize("kind", POSITIVE)
 def test_numbers_are_finite_and_not_negative_but_for_heights_and_offsets(kind: Any) -> None:
-    for name in (item.name for item in fields(kind) if isinstance(getattr(kind(), item.name), float)):
+    for name in (
+        item.name for item in fields(kind) if isinstance(getattr(kind(), item.name), float)
+    ):
         if name == "outlier_probability":
             for chance in (0.0, 1.0, -0.1, 1.1, np.nan):
                 with pytest.raises(
-                    ValueError, match=f"outlier_probability is {chance}, expected a number between 0 and 1"
+                    ValueError,
+                    match=f"outlier_probability is {chance}, expected a number between 0 and 1",
                 ):
                     kind(outlier_probability=chance)
             continue
@@ -39,9 +42,13 @@ def test_numbers_are_finite_and_not_negative_but_for_heights_and_offsets(kind: A
             taken = [*taken, 0.0]
         for value in taken:
             assert getattr(kind(**{name: value}), name) == value
-        bound = "" if name in SIGNED else ", positive" if name in POSITIVE[kind] else ", zero or more"
+        bound = (
+            "" if name in SIGNED else ", positive" if name in POSITIVE[kind] else ", zero or more"
+        )
         for value in refused:
-            with pytest.raises(ValueError, match=rf"{name} is {value}, expected a finite number{bound}$"):
+            with pytest.raises(
+                ValueError, match=rf"{name} is {value}, expected a finite number{bound}$"
+            ):
                 kind(**{name: value})
 
 

@@ -24,7 +24,8 @@ Step = tuple[list[OwnMotion], list[Reception | None]]
 
 
 def shared_voyage() -> tuple[list[Step], Floats]:
-    """Readings of followers that receive messages of one leader, each with errors of its own; and their starts.
+    """Readings of followers that receive messages of one leader, each with errors of its own; and
+    their starts.
 
     Some messages are not in yet with one of them when they are with the others.
     """
@@ -38,10 +39,13 @@ def shared_voyage() -> tuple[list[Step], Floats]:
             ranges = np.array(reception.ranges) + 0.02 * rng.normal(size=(FOLLOWERS, 3))
             ranges[rng.random(ranges.shape) < 0.1] = np.nan
             arrived = [
-                Reception(reception.message, Ranges(*row)) if rng.random() < 0.8 else None for row in ranges.tolist()
+                Reception(reception.message, Ranges(*row)) if rng.random() < 0.8 else None
+                for row in ranges.tolist()
             ]
         mine.append((owns, arrived))
-    starts = np.column_stack([start + 0.3 * rng.normal(size=(FOLLOWERS, 2)), rng.normal(size=(FOLLOWERS, 2))])
+    starts = np.column_stack(
+        [start + 0.3 * rng.normal(size=(FOLLOWERS, 2)), rng.normal(size=(FOLLOWERS, 2))]
+    )
     return mine, starts
 
 
@@ -72,7 +76,9 @@ def test_a_swarm_of_lanes_is_so_many_navigators(variant: str) -> None:
             found = [*out[i].position, *out[i].velocity]
             np.testing.assert_allclose(found, navigator.state, rtol=0, atol=1e-9)
     # LAISN estimates nothing else
-    assert not any(out[name].any() for name in out.dtype.names if name not in ("position", "velocity"))
+    assert not any(
+        out[name].any() for name in out.dtype.names if name not in ("position", "velocity")
+    )
 
 
 def test_there_is_a_lane_for_each_of_sixty_four_followers_and_no_more() -> None:
@@ -83,14 +89,20 @@ def test_there_is_a_lane_for_each_of_sixty_four_followers_and_no_more() -> None:
         new_lanes(NavigationSettings(), np.zeros((65, 4)))
 
 
-@pytest.mark.parametrize("settings", [ALL_OF_2, TightSettings(known_start=False)], ids=["all of 2", "start of 3"])
+@pytest.mark.parametrize(
+    "settings", [ALL_OF_2, TightSettings(known_start=False)], ids=["all of 2", "start of 3"]
+)
 def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(settings: TightSettings) -> None:
-    """Spread is the largest standard deviation of the place at the last message; lean is the way to the likelier of two
-    places, where twice their spreads do not meet; the rest are means over the mixture.
+    """Spread is the largest standard deviation of the place at the last message; lean is the way to
+    the likelier of two places, where twice their spreads do not meet; the rest are means over the
+    mixture.
     """
     settings = replace(settings, dt=DT)
     steps, starts = shared_voyage()
-    together, alone = mission.new_tight_swarm(settings, starts), [TightNavigator(settings, row) for row in starts]
+    together, alone = (
+        mission.new_tight_swarm(settings, starts),
+        [TightNavigator(settings, row) for row in starts],
+    )
     out, leant, upright = records(ESTIMATE, FOLLOWERS), 0, 0
     for k, step in enumerate(steps, start=1):
         assert together.navigate(k, *tables(step), out) == 0
@@ -114,7 +126,9 @@ def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(settings: Tigh
                 if update.weight.size > 1:
                     apart = update.hypothesis[0] - update.hypothesis[1]
                     along = apart / np.hypot(*apart)
-                    spreads = np.sqrt([along @ update.hypothesis_covariance[h] @ along for h in range(2)])
+                    spreads = np.sqrt(
+                        [along @ update.hypothesis_covariance[h] @ along for h in range(2)]
+                    )
                     lean = off[0] * (np.hypot(*apart) >= 2.0 * spreads.sum())
                 np.testing.assert_allclose(out[i].to_likelier, lean, rtol=0, atol=1e-9)
                 leant, upright = leant + lean.any(), upright + (not lean.any())
@@ -123,7 +137,9 @@ def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(settings: Tigh
 
 @pytest.mark.parametrize(("half", "leans"), [(1.99, False), (2.01, True)])
 def test_two_places_are_two_where_twice_their_spreads_do_not_meet(half: float, leans: bool) -> None:
-    """At ±half m east, weights 0.4 and 0.6, spreads 1 m: the mean is 0.2 half east, the likelier 0.8 half farther."""
+    """At ±half m east, weights 0.4 and 0.6, spreads 1 m: the mean is 0.2 half east, the likelier
+    0.8 half farther.
+    """
     (beliefs, model, *_) = mission.new_tight_swarm(TightSettings(transmitters=2), np.zeros((1, 4)))
     belief, out = beliefs[0], record(ESTIMATE)
     belief.alive, belief.weight[:2] = 2, (0.4, 0.6)
@@ -139,7 +155,10 @@ def test_a_covariance_that_is_not_positive_definite_is_reported() -> None:
     steps, starts = shared_voyage()
     together = mission.new_tight_swarm(replace(ALL_OF_2, dt=DT), starts)
     together.beliefs[1].covariance[:] = -np.eye(12)
-    answers = [together.navigate(k, *tables(step), records(ESTIMATE, FOLLOWERS)) for k, step in enumerate(steps[:3])]
+    answers = [
+        together.navigate(k, *tables(step), records(ESTIMATE, FOLLOWERS))
+        for k, step in enumerate(steps[:3])
+    ]
     assert answers == [0, 0, 2]
 
 
@@ -147,9 +166,16 @@ def test_navigators_that_python_calls_one_by_one_get_the_measurements_of_their_o
     """The same as lanes, which the readable navigators agree with to rounding."""
     settings = NavigationSettings(dt=DT, use_attitude=True)
     steps, starts = shared_voyage()
-    together, separate = new_lanes(settings, starts), SeparateNavigators(Navigator, settings, starts)
+    together, separate = (
+        new_lanes(settings, starts),
+        SeparateNavigators(Navigator, settings, starts),
+    )
     expected, found = records(ESTIMATE, FOLLOWERS), records(ESTIMATE, FOLLOWERS)
     for k, step in enumerate(steps, start=1):
-        assert together.navigate(k, *tables(step), expected) == separate.navigate(k, *tables(step), found) == 0
+        assert (
+            together.navigate(k, *tables(step), expected)
+            == separate.navigate(k, *tables(step), found)
+            == 0
+        )
         np.testing.assert_allclose(found.position, expected.position, rtol=0, atol=1e-9)
         np.testing.assert_allclose(found.velocity, expected.velocity, rtol=0, atol=1e-9)

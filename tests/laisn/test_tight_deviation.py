@@ -14,7 +14,8 @@ DEVIATING = TightSettings(assume=Assume(exact_leader=False, deviation=True))
 
 
 def variances(headings: dict[float, float], every: float) -> tuple[float, float]:
-    """Variances that a compass and its leader's have gained in a minute with messages at an interval.
+    """Variances that a compass and its leader's have gained in a minute with messages at an
+    interval.
 
     Both vehicles head where `headings` has it, by time [s], straight lines between.
     """
@@ -39,7 +40,9 @@ def test_a_turn_counts_as_a_whole_however_many_messages_it_takes(every: float) -
 
 
 def test_where_a_turn_began_is_known_to_the_angle_that_is_none() -> None:
-    """Whenever a turn begins, it counts as its whole, or as less by the 0.1 rad or 0.15 rad that are no turn yet."""
+    """Whenever a turn begins, it counts as its whole, or as less by the 0.1 rad or 0.15 rad that
+    are no turn yet.
+    """
     for begin in np.arange(15.0, 27.0):
         gained = variances({0.0: 0.3, begin: 0.3, begin + 9.0: 1.5, 60.0: 1.5}, 1.0)
         for value, least in zip(gained, (0.1, 0.15), strict=True):
@@ -54,5 +57,7 @@ def test_a_heading_that_is_kept_for_ten_seconds_is_where_the_next_turn_begins() 
 
 
 def test_what_readings_may_err_by_is_no_turn() -> None:
-    assert variances({0.0: 0.0, 5.0: 0.0, 6.0: 0.12}, 1.0) == pytest.approx((0.0036**2, 0.0), rel=1e-6, abs=1e-12)
+    assert variances({0.0: 0.0, 5.0: 0.0, 6.0: 0.12}, 1.0) == pytest.approx(
+        (0.0036**2, 0.0), rel=1e-6, abs=1e-12
+    )
     assert variances({0.0: 0.0, 5.0: 0.0, 6.0: 0.09}, 1.0) == pytest.approx((0.0, 0.0), abs=1e-12)

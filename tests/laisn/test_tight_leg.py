@@ -1,4 +1,6 @@
-"""The leader's heading on a straight leg: mean of the readings, arms turned with it, and what b_L gains by it."""
+"""The leader's heading on a straight leg: mean of the readings, arms turned with it, and what
+b_L gains by it.
+"""
 
 import numpy as np
 import pytest
@@ -36,7 +38,9 @@ def clockwise(points: Floats, angle: float) -> Floats:
 
 
 def scatter(*legs: Floats) -> float:
-    """Variance of readings about the means of their legs, and of one reading as large as the settings say."""
+    """Variance of readings about the means of their legs, and of one reading as large as the
+    settings say.
+    """
     prior = SETTINGS.leader_heading_sigma**2
     within = sum(float(np.sum((leg - leg.mean()) ** 2)) for leg in legs)
     return min(prior, (prior + within) / (1 + sum(leg.size - 1 for leg in legs)))
@@ -51,9 +55,12 @@ def test_the_heading_of_a_leg_is_the_mean_of_its_readings_and_b_l_goes_with_it()
         inflate_bias_covariance(belief, model, signal)
         used.append(float(signal.heading))
         bias.append(float(belief.state[0, model.leader]))
-        np.testing.assert_allclose(signal.arms[:, :2], clockwise(ARMS[:, :2], used[-1] - COURSE - error), atol=1e-12)
+        np.testing.assert_allclose(
+            signal.arms[:, :2], clockwise(ARMS[:, :2], used[-1] - COURSE - error), atol=1e-12
+        )
         np.testing.assert_array_equal(signal.arms[:, 2], ARMS[:, 2])
-    # a direction needs two messages and a straight way three; b_L is wide here, so that the mean is used at once
+    # a direction needs two messages and a straight way three; b_L is wide here, so that the mean is
+    # used at once
     assert used[:2] == pytest.approx(COURSE + ERRORS[:2])
     means = [COURSE + ERRORS[2 : n + 1].mean() for n in range(2, ERRORS.size)]
     assert used[2:] == pytest.approx(means, abs=1e-12)
@@ -124,7 +131,9 @@ def test_compass_scatter_is_estimated_from_all_legs_and_limited_by_the_settings(
         signal.north += at.north
         average_leader_heading(belief, model, signal)
     # the first message after the turn has no leg
-    assert belief.leader.scatter == pytest.approx(scatter(0.1 * ERRORS[2:], 0.2 * ERRORS[1:]), rel=1e-9)
+    assert belief.leader.scatter == pytest.approx(
+        scatter(0.1 * ERRORS[2:], 0.2 * ERRORS[1:]), rel=1e-9
+    )
     wide, _ = made()
     for step, error in enumerate(2.0 * ERRORS):
         average_leader_heading(wide, model, message(step, COURSE + error))

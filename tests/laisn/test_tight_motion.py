@@ -1,4 +1,6 @@
-"""Dead reckoning and mixtures of the tightly coupled navigator: derivatives, composition, halves and blends."""
+"""Dead reckoning and mixtures of the tightly coupled navigator: derivatives, composition, halves
+and blends.
+"""
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +26,9 @@ from laisn.tight.motion import (
 )
 from laisn.tight.ranging import Signal, new_signal
 
-SETTINGS = TightSettings(assume=Assume(exact_leader=False, current=True, offsets=True, clock=True), slip=0.02)
+SETTINGS = TightSettings(
+    assume=Assume(exact_leader=False, current=True, offsets=True, clock=True), slip=0.02
+)
 N = 12
 BIASES = np.array([10.0, -5.0, 0.2, 0.15, 0.1, 0.05, 0.3, -0.2, 0.01, -0.01, 0.4, 0.02])
 
@@ -73,17 +77,23 @@ def way_of(state: npt.NDArray[np.complex128], motion: Floats) -> npt.NDArray[np.
     """p + Rot(b_θ)(A − b_v B) + c T, analytic in the state."""
     c, s = np.cos(state[3]), np.sin(state[3])
     rotation = np.array([[c, -s], [s, c]])
-    return np.asarray(state[:2] + rotation @ (motion[0:2] - state[2] * motion[2:4]) + motion[7] * state[6:8])
+    return np.asarray(
+        state[:2] + rotation @ (motion[0:2] - state[2] * motion[2:4]) + motion[7] * state[6:8]
+    )
 
 
 def test_a_motion_equals_filterpys_with_derivatives_by_complex_steps() -> None:
     belief, model = made()
-    model.log_walk = model.compass_walk = model.current_walk = model.leader_walk = model.clock_walk = 0.0
+    model.log_walk = model.compass_walk = model.current_walk = model.leader_walk = (
+        model.clock_walk
+    ) = 0.0
     for v, theta in zip(*readings(30), strict=True):
         preintegrate(belief, model, v, theta, 0.1)
     motion = np.array(belief.motion.tolist())
     F = np.eye(N)
-    F[:2] = np.stack([way_of(BIASES + 1e-30j * unit, motion).imag / 1e-30 for unit in np.eye(N)], axis=1)
+    F[:2] = np.stack(
+        [way_of(BIASES + 1e-30j * unit, motion).imag / 1e-30 for unit in np.eye(N)], axis=1
+    )
     # the clock's offset grows by its rate
     F[10, 11] = 3.0
     c, s = np.cos(BIASES[3]), np.sin(BIASES[3])
@@ -112,9 +122,13 @@ def test_the_covariance_between_messages_is_that_of_a_motion() -> None:
 
 
 def test_the_velocity_is_the_last_readings_with_its_errors_and_goes_with_the_position() -> None:
-    """v = (s − b_v) Rot(b_θ) u(θ) + c: mean, covariance and that with the position, by complex steps."""
+    """v = (s − b_v) Rot(b_θ) u(θ) + c: mean, covariance and that with the position, by complex
+    steps.
+    """
     belief, model = made()
-    model.log_walk = model.compass_walk = model.current_walk = model.leader_walk = model.clock_walk = 0.0
+    model.log_walk = model.compass_walk = model.current_walk = model.leader_walk = (
+        model.clock_walk
+    ) = 0.0
     speed, heading = readings(30)
     for v, theta in zip(speed, heading, strict=True):
         preintegrate(belief, model, v, theta, 0.1)
@@ -122,10 +136,15 @@ def test_the_velocity_is_the_last_readings_with_its_errors_and_goes_with_the_pos
 
     def velocity(state: npt.NDArray[np.complex128]) -> npt.NDArray[np.complex128]:
         true = heading[-1] - state[3]
-        return np.asarray((speed[-1] - state[2]) * np.array([np.sin(true), np.cos(true)]) + state[6:8])
+        return np.asarray(
+            (speed[-1] - state[2]) * np.array([np.sin(true), np.cos(true)]) + state[6:8]
+        )
 
     both = [
-        np.concatenate([way_of(BIASES + 1e-30j * unit, motion), velocity(BIASES + 1e-30j * unit)]).imag / 1e-30
+        np.concatenate(
+            [way_of(BIASES + 1e-30j * unit, motion), velocity(BIASES + 1e-30j * unit)]
+        ).imag
+        / 1e-30
         for unit in np.eye(N)
     ]
     rows = np.stack(both, axis=1)
@@ -142,7 +161,9 @@ def test_the_velocity_is_the_last_readings_with_its_errors_and_goes_with_the_pos
 
 
 def test_biases_that_wander_add_up_over_intervals_as_over_their_sum() -> None:
-    """On a straight way at constant speed the wandering biases are a linear system: its steps compose exactly."""
+    """On a straight way at constant speed the wandering biases are a linear system: its steps
+    compose exactly.
+    """
     whole, model = made()
     parts, _ = made()
     preintegrate(whole, model, 1.0, 0.3, 0.1)
@@ -167,7 +188,10 @@ def test_moments_of_a_half_equal_quadrature(z: float) -> None:
         assert mass == pytest.approx(exact, rel=1e-9)
         return
     top = max(z, 0.0) + 12.0
-    density = [quad(lambda u, p=p: u**p * norm.pdf(u - z), 0.0, top, epsabs=1e-15, limit=200)[0] for p in range(3)]
+    density = [
+        quad(lambda u, p=p: u**p * norm.pdf(u - z), 0.0, top, epsabs=1e-15, limit=200)[0]
+        for p in range(3)
+    ]
     mean = density[1] / density[0]
     assert mass == pytest.approx(density[0], rel=1e-7)
     assert z + shift == pytest.approx(mean, abs=1e-6)
@@ -183,8 +207,12 @@ def message(ranges: Floats) -> Signal:
 
 @pytest.mark.parametrize("drift", [False, True])
 def test_both_halves_together_are_the_whole(drift: bool) -> None:
-    """A hypothesis that is split at the axis keeps mean and covariance, and its halves lie on either side."""
-    settings = TightSettings(assume=Assume(exact_leader=False, current=True, offsets=True, clock=True, drift=drift))
+    """A hypothesis that is split at the axis keeps mean and covariance, and its halves lie on
+    either side.
+    """
+    settings = TightSettings(
+        assume=Assume(exact_leader=False, current=True, offsets=True, clock=True, drift=drift)
+    )
     belief, model = made(settings)
     belief.state[: model.modes, :2] = [0.0, 0.5]
     belief.covariance[: model.modes, 0, 0] += 4.0
@@ -197,7 +225,8 @@ def test_both_halves_together_are_the_whole(drift: bool) -> None:
         after = mixture_moments(belief, range(k, 2 * model.modes, model.modes))
         np.testing.assert_allclose(after[0], before[k][0], atol=1e-10)
         np.testing.assert_allclose(after[1], before[k][1], atol=1e-10)
-    # the leader heads east, 40 m ahead and 1 m to the north; an axis turned anticlockwise lies lower back here
+    # the leader heads east, 40 m ahead and 1 m to the north; an axis turned anticlockwise lies
+    # lower back here
     left, right = (belief.state[k, 1] - 1.0 + 40.0 * belief.state[k, 5] for k in (0, model.modes))
     assert left > 0.0 > right
     assert belief.weight.sum() == pytest.approx(1.0)
@@ -214,7 +243,11 @@ def test_hypotheses_in_the_same_place_merge_into_their_moments_and_light_ones_go
     belief, model = made()
     belief.alive = 3
     for k, weight in enumerate((0.7, 0.3 - 1e-6, 1e-6)):
-        belief.weight[k], belief.covariance[k], belief.state[k] = weight, some_covariance(k + 20), BIASES
+        belief.weight[k], belief.covariance[k], belief.state[k] = (
+            weight,
+            some_covariance(k + 20),
+            BIASES,
+        )
     belief.state[1, 0] += 0.01
     belief.state[2, 0] += 50.0
     expected = mixture_moments(belief, range(2))
@@ -235,7 +268,8 @@ def test_mixing_modes_keeps_the_moments_of_the_whole_and_moves_weight() -> None:
     after = mixture_moments(belief, range(2))
     np.testing.assert_allclose(after[0], before[0], atol=1e-12)
     np.testing.assert_allclose(after[1], before[1], atol=1e-12)
-    # each mode changes to the other one 0.004 times a second: dw/dt = −0.004 (w − (1 − w)), from 0.9 towards ½
+    # each mode changes to the other one 0.004 times a second: dw/dt = −0.004 (w − (1 − w)), from
+    # 0.9 towards ½
     expected = 0.5 + 0.4 * np.exp(-0.008 * 5.0)
     np.testing.assert_allclose(belief.weight[:2], [expected, 1.0 - expected], rtol=1e-12)
 
@@ -246,7 +280,9 @@ def test_a_blend_has_the_moments_of_two_gaussians() -> None:
     blend(mean, covariance, 0, 1, 0.25, 2)
     np.testing.assert_allclose(mean[0], [0.5, 0.5])
     # within: ¾ P + ¼ P'; between: ¾ · ¼ · apart apartᵀ
-    np.testing.assert_allclose(covariance[0], [[1.5 + 0.75, 0.025 - 0.75], [0.025 - 0.75, 1.75 + 0.75]])
+    np.testing.assert_allclose(
+        covariance[0], [[1.5 + 0.75, 0.025 - 0.75], [0.025 - 0.75, 1.75 + 0.75]]
+    )
 
 
 @pytest.mark.parametrize("exact", [True, False])
@@ -282,7 +318,9 @@ def test_the_leader_track_updates_the_current_as_filterpy_does(exact: bool) -> N
     np.testing.assert_allclose(belief.covariance[0, :n, :n], kalman.P, atol=1e-9)
 
 
-@pytest.mark.parametrize(("turn", "updates"), [(0.19, True), (0.21, False), (-0.21, False), (2 * np.pi, True)])
+@pytest.mark.parametrize(
+    ("turn", "updates"), [(0.19, True), (0.21, False), (-0.21, False), (2 * np.pi, True)]
+)
 def test_a_turning_leader_does_not_update_the_current(turn: float, updates: bool) -> None:
     """The way between two messages is known on a leg that is nearly straight, to 0.2 rad."""
     settings = TightSettings(assume=Assume(current=True))

@@ -1,4 +1,6 @@
-"""The tightly coupled navigator as a whole: recovery, invariance, consistency, and errors that are told."""
+"""The tightly coupled navigator as a whole: recovery, invariance, consistency, and errors that
+are told.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -54,7 +56,9 @@ def test_exact_measurements_with_constant_biases_lead_to_the_truth(
 
 
 def test_messages_that_are_late_as_a_whole_do_no_harm() -> None:
-    """One in ten, by 0.3 to 4.8 m, with two transmitters: as their differences are right, so is the side."""
+    """One in ten, by 0.3 to 4.8 m, with two transmitters: as their differences are right, so is
+    the side.
+    """
     mission, rng = Mission(steps=6000, every=50), np.random.default_rng(4)
     measured = mission.measured(rng, log=0.2, compass=0.05, scale=0.1)
     late = np.where(rng.random(mission.k.size) < 0.1, rng.uniform(0.3, 4.8, mission.k.size), 0.0)
@@ -73,12 +77,16 @@ def test_a_current_is_found() -> None:
     setting = TightSettings(assume=Assume(current=True))
     result = TightNavigator(setting, mission.start).run(mission.measured(log=0.1, compass=0.05))
     last = dict(zip(result.names, result.full_state[-1], strict=True))
-    assert [last["current_east_m_s"], last["current_north_m_s"]] == pytest.approx([0.15, -0.1], abs=0.03)
+    assert [last["current_east_m_s"], last["current_north_m_s"]] == pytest.approx(
+        [0.15, -0.1], abs=0.03
+    )
     assert np.hypot(*(result.state[-1, :2] - mission.follower[-1])) < 0.15
 
 
 def turned(measurements: Measurements, angle: float, shift: Floats) -> Measurements:
-    """Measurements of the mission as they are in a world that is turned clockwise by an angle and moved."""
+    """Measurements of the mission as they are in a world that is turned clockwise by an angle
+    and moved.
+    """
     message = measurements.message.copy()
     message[:, 1:3] = rotated(message[:, 1:3], angle) + shift
     message[:, 3] += angle
@@ -91,25 +99,35 @@ def rotated(points: Floats, angle: float) -> Floats:
 
 
 @given(
-    angle=st.floats(-np.pi, np.pi), east=st.floats(-1e4, 1e4), north=st.floats(-1e4, 1e4),
-    transmitters=st.sampled_from([2, 3]), everything=st.booleans(), seed=st.integers(0, 100),
-)  # fmt: skip
+    angle=st.floats(-np.pi, np.pi),
+    east=st.floats(-1e4, 1e4),
+    north=st.floats(-1e4, 1e4),
+    transmitters=st.sampled_from([2, 3]),
+    everything=st.booleans(),
+    seed=st.integers(0, 100),
+)
 @settings(max_examples=15, deadline=None, derandomize=True)
 def test_the_world_has_no_north_and_no_origin(
     angle: float, east: float, north: float, transmitters: int, everything: bool, seed: int
 ) -> None:
     mission, shift = Mission(steps=600), np.array([east, north])
-    setting = TightSettings(assume=EVERYTHING if everything else Assume(), transmitters=transmitters)
+    setting = TightSettings(
+        assume=EVERYTHING if everything else Assume(), transmitters=transmitters
+    )
     measurements = mission.measured(np.random.default_rng(seed), log=0.2, compass=0.1)
     here = run_mission(setting, measurements, mission.start)
     there_start = np.concatenate([rotated(mission.start[None, :2], angle)[0] + shift, np.zeros(2)])
     there = run_mission(setting, turned(measurements, angle, shift), there_start)
-    np.testing.assert_allclose(there.state[:, :2], rotated(here.state[:, :2], angle) + shift, atol=1e-5)
+    np.testing.assert_allclose(
+        there.state[:, :2], rotated(here.state[:, :2], angle) + shift, atol=1e-5
+    )
 
 
 @pytest.mark.parametrize("transmitters", [2, 3])
 @pytest.mark.parametrize("assume", [Assume(), EVERYTHING])
-def test_online_steps_a_run_and_a_compiled_loop_agree_to_the_bit(assume: Assume, transmitters: int) -> None:
+def test_online_steps_a_run_and_a_compiled_loop_agree_to_the_bit(
+    assume: Assume, transmitters: int
+) -> None:
     mission = Mission(steps=400)
     setting = TightSettings(assume=assume, transmitters=transmitters)
     measurements = mission.measured(np.random.default_rng(0), log=0.2, compass=0.1)
@@ -134,7 +152,10 @@ def test_errors_match_the_covariance_and_approach_the_bound() -> None:
     for run in range(runs):
         # constants are drawn from their distributions in the settings
         measurements = mission.measured(
-            rng, log=rng.normal(0, 0.3), compass=rng.normal(0, np.deg2rad(8.0)), scale=rng.normal(0, 0.2)
+            rng,
+            log=rng.normal(0, 0.3),
+            compass=rng.normal(0, np.deg2rad(8.0)),
+            scale=rng.normal(0, 0.2),
         )
         where, spread, _ = run_mission(setting, measurements, mission.start)
         x, y = (where[:, :2] - mission.follower[1:]).T
@@ -144,12 +165,15 @@ def test_errors_match_the_covariance_and_approach_the_bound() -> None:
     arms = mission.arms()
     bound = position_bound(
         Geometry(
-            dt=DT, speed=mission.speed[1:], heading=mission.heading[1:], message_step=mission.k,
+            dt=DT,
+            speed=mission.speed[1:],
+            heading=mission.heading[1:],
+            message_step=mission.k,
             from_leader=(mission.follower - mission.leader)[mission.k],
             arms=np.concatenate([arms, np.zeros((*arms.shape[:2], 1))], axis=2),
         ),
         TrueNoise(heading_sigma=np.deg2rad(1.2), range_sigma=0.003, start=0.01),
-    )  # fmt: skip
+    )
     ratio = np.sqrt(squared.mean() / np.trace(bound, axis1=1, axis2=2).mean())
     assert 0.9 < ratio < 1.1
     assert 1.6 < normalised.mean() < 2.4
@@ -162,7 +186,12 @@ def test_covariances_stay_positive_definite_for_a_million_steps(transmitters: in
     belief = new_belief(setting, model, (mission.start[0], mission.start[1]))
     measurements = mission.measured(np.random.default_rng(3), log=0.2, compass=0.1)
     own, step = (measurements.speed, measurements.heading), measurements.message_step
-    messages = step, measurements.message.view(swarm.MESSAGE)[:, 0], measurements.ranges, measurements.depth[step - 1]
+    messages = (
+        step,
+        measurements.message.view(swarm.MESSAGE)[:, 0],
+        measurements.ranges,
+        measurements.depth[step - 1],
+    )
     found = MissionEstimates(np.empty((10_000, 2)), np.empty((0, 3)), np.empty((0, 3)))
     backwards = mission.follower[-1] - mission.follower[0]
     for lap in range(100):
@@ -225,16 +254,25 @@ def test_lost_ranges_and_messages_widen_the_covariance() -> None:
     assert np.all(np.diff(spread[300:]) > 0)
     assert spread[-1] > 4 * np.trace(kept.covariance[-1, :2, :2])
     # without a message at all it is the same dead reckoning
-    few = replace(whole, message_step=whole.message_step[:30], message=whole.message[:30], ranges=whole.ranges[:30])
+    few = replace(
+        whole,
+        message_step=whole.message_step[:30],
+        message=whole.message[:30],
+        ranges=whole.ranges[:30],
+    )
     silent = TightNavigator(TightSettings(), mission.start).run(few)
     np.testing.assert_allclose(silent.state[-1], lost.state[-1], atol=0.02)
 
 
 def test_hypotheses_are_output_heaviest_first_and_one_is_at_the_truth() -> None:
-    """A follower dead astern, which two transmitters on the axis cannot distinguish from its mirror image."""
+    """A follower dead astern, which two transmitters on the axis cannot distinguish from its
+    mirror image.
+    """
     mission = Mission(steps=600)
     angle = mission.leader_heading[0]
-    mission.follower += np.array([-30.0 * np.sin(angle), -30.0 * np.cos(angle)]) - mission.follower[0]
+    mission.follower += (
+        np.array([-30.0 * np.sin(angle), -30.0 * np.cos(angle)]) - mission.follower[0]
+    )
     result = TightNavigator(TightSettings(transmitters=2), mission.start).run(
         mission.measured(np.random.default_rng(3), log=0.2, compass=0.1)
     )
@@ -255,7 +293,9 @@ def test_single_ranges_keep_an_estimate_that_one_transmitter_alone_gives() -> No
     ranges[np.arange(len(ranges)) % 2 == 1, 1:] = np.nan
     result = TightNavigator(TightSettings(), mission.start).run(replace(whole, ranges=ranges))
     off = result.state[:, :2] - mission.follower[1:]
-    normalised = np.einsum("ni,ni->n", off, np.linalg.solve(result.covariance[:, :2, :2], off[..., None])[..., 0])
+    normalised = np.einsum(
+        "ni,ni->n", off, np.linalg.solve(result.covariance[:, :2, :2], off[..., None])[..., 0]
+    )
     assert normalised.mean() < 6.0
     assert np.hypot(*off.T).max() < 5.0
 

@@ -20,7 +20,9 @@ from tests.laisn.tight_mission import details
 from tests.laisn.tight_mixture import SCALE, heaviest, moments, weight_of
 from tests.laisn.tight_oracle import Oracle
 
-EVERYTHING = Assume(exact_leader=False, drift=True, deviation=True, current=True, offsets=True, clock=True)
+EVERYTHING = Assume(
+    exact_leader=False, drift=True, deviation=True, current=True, offsets=True, clock=True
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,15 +69,27 @@ class Voyage:
         leader, follower = way(np.full(n, 1.1), theta), start + way(speed, heading)
         steps = []
         for k in range(n):
-            own = OwnMotion(speed[k] + 0.1 + 0.2 * rng.normal(), heading[k] + 0.06 + 0.02 * rng.normal(), 9.0)
+            own = OwnMotion(
+                speed[k] + 0.1 + 0.2 * rng.normal(), heading[k] + 0.06 + 0.02 * rng.normal(), 9.0
+            )
             reception = None
             if (k + 1) % self.every == 0:
                 pitch, roll = 0.15 * rng.normal(size=2)
-                bow = np.array([np.sin(theta[k]) * np.cos(pitch), np.cos(theta[k]) * np.cos(pitch), np.sin(pitch)])
+                bow = np.array(
+                    [
+                        np.sin(theta[k]) * np.cos(pitch),
+                        np.cos(theta[k]) * np.cos(pitch),
+                        np.sin(pitch),
+                    ]
+                )
                 aside = np.array([-np.cos(theta[k]), np.sin(theta[k]), 0.0])
                 sites = np.array([-bow, bow, 0.1 * aside]) + np.array([*leader[k], -7.5])
                 ranges = np.linalg.norm(sites - np.array([*follower[k], -9.2]), axis=1)
-                ranges = ranges * (1.0 + 0.05 * rng.normal() / ranges.max()) + 0.003 * rng.normal(size=3) + 0.08
+                ranges = (
+                    ranges * (1.0 + 0.05 * rng.normal() / ranges.max())
+                    + 0.003 * rng.normal(size=3)
+                    + 0.08
+                )
                 ranges[rng.random(3) < self.echoes] += rng.uniform(0.5, 3.0)
                 if self.common > 0.0:
                     ranges += rng.uniform(0.5, 3.0) * (rng.random() < self.common)
@@ -106,24 +120,36 @@ def assert_alike(fix: FixRecord, oracle: Oracle) -> None:
     mean, covariance = moments(oracle.all)
     known = ~np.isnan(update.full_state)
     np.testing.assert_allclose(update.full_state[known], mean[known], rtol=0, atol=1e-7)
-    np.testing.assert_allclose(update.full_sigma[known], np.sqrt(np.diag(covariance))[known], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(
+        update.full_sigma[known], np.sqrt(np.diag(covariance))[known], rtol=1e-6, atol=1e-9
+    )
     assert not covariance[~known].any()
     sides = sorted(oracle.sides, key=weight_of, reverse=True)
-    np.testing.assert_allclose(update.weight, [weight_of(side) for side in sides], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(
+        update.weight, [weight_of(side) for side in sides], rtol=1e-6, atol=1e-9
+    )
     for i, side in enumerate(sides):
         mean, covariance = moments(side)
         np.testing.assert_allclose(update.hypothesis[i], mean[:2], rtol=0, atol=1e-6)
-        np.testing.assert_allclose(update.hypothesis_covariance[i], covariance[:2, :2], rtol=1e-5, atol=1e-8)
+        np.testing.assert_allclose(
+            update.hypothesis_covariance[i], covariance[:2, :2], rtol=1e-5, atol=1e-8
+        )
     top = heaviest(sides[0])
     assert update.used == (top.taken if oracle.used else 0)
-    assert update.nis == pytest.approx(top.squared if update.used else np.nan, rel=1e-6, nan_ok=True)
+    assert update.nis == pytest.approx(
+        top.squared if update.used else np.nan, rel=1e-6, nan_ok=True
+    )
 
 
 TWO, THREE = TightSettings(transmitters=2), TightSettings()
-ALL_OF_2 = TightSettings(assume=EVERYTHING, transmitters=2, slip=0.03, hydrophone_height=-0.2, use_attitude=True)
+ALL_OF_2 = TightSettings(
+    assume=EVERYTHING, transmitters=2, slip=0.03, hydrophone_height=-0.2, use_attitude=True
+)
 ALL_OF_3 = replace(ALL_OF_2, transmitters=3)
 TURNED = replace(THREE, assume=Assume(exact_leader=False), leader_heading_sigma=0.05)
-DRIFTING = replace(TWO, assume=Assume(drift=True, deviation=True, current=True), heading_bias_sigma=0.03)
+DRIFTING = replace(
+    TWO, assume=Assume(drift=True, deviation=True, current=True), heading_bias_sigma=0.03
+)
 CLOCK_OF_2 = replace(TWO, assume=Assume(clock=True))
 ABOUT = {"current": (0.2, -0.1), "jitter": 0.5}
 
@@ -135,7 +161,10 @@ ABOUT = {"current": (0.2, -0.1), "jitter": 0.5}
         (TWO, Voyage(offset=(-20.0, 0.3), turns=0.03)),
         (TURNED, Voyage(seed=6, turns=0.05)),
         (TURNED, Voyage(seed=10, turns=0.0, corner=0.6)),
-        (ALL_OF_2, Voyage(seed=11, turns=0.0, corner=-0.4, echoes=0.05, offset=(-25.0, 1.0), jitter=0.5)),
+        (
+            ALL_OF_2,
+            Voyage(seed=11, turns=0.0, corner=-0.4, echoes=0.05, offset=(-25.0, 1.0), jitter=0.5),
+        ),
         (DRIFTING, Voyage(seed=7, turns=0.03, offset=(-12.0, 4.0), current=(0.3, 0.1))),
         (ALL_OF_3, Voyage(seed=1, turns=0.1, echoes=0.1, lost=0.1, **ABOUT)),  # type: ignore[arg-type]
         (ALL_OF_2, Voyage(seed=2, turns=0.05, echoes=0.05, lost=0.1, offset=(-25.0, 1.0), **ABOUT)),  # type: ignore[arg-type]
@@ -164,7 +193,9 @@ ABOUT = {"current": (0.2, -0.1), "jitter": 0.5}
     ],
 )
 def test_an_independent_navigator_agrees(settings: TightSettings, voyage: Voyage) -> None:
-    """Mixtures, biases and covariances to rounding; hypotheses, echoes, alarms and doubts one by one."""
+    """Mixtures, biases and covariances to rounding; hypotheses, echoes, alarms and doubts one by
+    one.
+    """
     steps, start = voyage.readings()
     begin = np.array([*start, 0.0, 0.0]) if settings.known_start else None
     navigator, oracle = TightNavigator(settings, begin), Oracle(settings, begin)
@@ -180,7 +211,9 @@ def test_an_independent_navigator_agrees(settings: TightSettings, voyage: Voyage
 
 @pytest.mark.parametrize("use_attitude", [False, True])
 @pytest.mark.parametrize("known", [False, True])
-def test_arms_are_those_of_a_body_that_is_turned_as_a_whole(use_attitude: bool, known: bool) -> None:
+def test_arms_are_those_of_a_body_that_is_turned_as_a_whole(
+    use_attitude: bool, known: bool
+) -> None:
     """A leader whose attitude is not broadcast, or not used, is level."""
     settings = TightSettings(baseline=3.0, middle_offset=0.4, use_attitude=use_attitude)
     signal, heading, pitch, roll = new_signal(), 0.7, 0.2, -0.3
@@ -188,7 +221,8 @@ def test_arms_are_those_of_a_body_that_is_turned_as_a_whole(use_attitude: bool, 
     place_arms(signal, model_of(settings), pitch, roll if known else np.nan, 1.5)
     tilt = (pitch, roll) if use_attitude and known else (0.0, 0.0)
     body = np.array([[-1.5, 0.0, 0.0], [1.5, 0.0, 0.0], [0.0, 0.4, 0.0]])
-    # east, north and depth of places on a body at the origin, which is 1.5 m deeper than the hydrophone
+    # east, north and depth of places on a body at the origin, which is 1.5 m deeper than the
+    # hydrophone
     expected = place_on_body((0.0, 0.0, 1.5), (heading, *tilt), body)
     np.testing.assert_allclose(signal.arms, expected, rtol=0, atol=1e-12)
 
@@ -196,7 +230,11 @@ def test_arms_are_those_of_a_body_that_is_turned_as_a_whole(use_attitude: bool, 
 def test_a_start_whose_covariance_is_not_positive_definite_is_refused() -> None:
     """As documented in `receive`: −1."""
     settings = replace(THREE, known_start=False)
-    belief, model, signal = new_belief(settings, model_of(settings), None), model_of(settings), new_signal()
+    belief, model, signal = (
+        new_belief(settings, model_of(settings), None),
+        model_of(settings),
+        new_signal(),
+    )
     signal.ranges = 20.0, 20.5, 20.2
     place_arms(signal, model, 0.0, 0.0, 1.0)
     belief.fresh[SCALE] = -1.0
@@ -204,15 +242,22 @@ def test_a_start_whose_covariance_is_not_positive_definite_is_refused() -> None:
 
 
 def test_the_record_of_a_mission_is_what_its_messages_changed() -> None:
-    """σ of a fix is the root of half the trace; absent sides weigh nothing; kinds follow from the ranges."""
+    """σ of a fix is the root of half the trace; absent sides weigh nothing; kinds follow from
+    the ranges.
+    """
     settings, dt = replace(ALL_OF_2, dt=0.5, known_start=False), 0.5
     steps, _ = Voyage(seed=4, turns=0.05, echoes=0.1, lost=0.2).readings()
     given = [(k, r) for k, (_, r, _) in enumerate(steps, start=1) if r is not None]
     own = np.array([o for o, _, _ in steps])
     measured = Measurements(
-        dt=dt, speed=own[:, 0], heading=own[:, 1], depth=own[:, 2], message_step=np.array([k for k, _ in given]),
-        message=np.array([r.message for _, r in given]), ranges=np.array([r.ranges for _, r in given]),
-    )  # fmt: skip
+        dt=dt,
+        speed=own[:, 0],
+        heading=own[:, 1],
+        depth=own[:, 2],
+        message_step=np.array([k for k, _ in given]),
+        message=np.array([r.message for _, r in given]),
+        ranges=np.array([r.ranges for _, r in given]),
+    )
     result, online = TightNavigator(settings, None).run(measured), TightNavigator(settings, None)
     updates = [u for o, r, _ in steps for u in online.step(o, r)]
     kinds = []
@@ -228,7 +273,9 @@ def test_the_record_of_a_mission_is_what_its_messages_changed() -> None:
         np.testing.assert_array_equal(result.full_sigma[i], u.full_sigma)
         np.testing.assert_array_equal(result.weight[i], [*u.weight, *[0.0] * (4 - sides)])
         np.testing.assert_array_equal(result.hypothesis[i, :sides], u.hypothesis)
-        np.testing.assert_array_equal(result.hypothesis_covariance[i, :sides], u.hypothesis_covariance)
+        np.testing.assert_array_equal(
+            result.hypothesis_covariance[i, :sides], u.hypothesis_covariance
+        )
         assert np.isnan(result.hypothesis[i, sides:]).all()
         assert np.isnan(result.hypothesis_covariance[i, sides:]).all()
         whole = FixKind.ONE_RANGE if received == 1 else FixKind.RANGES
@@ -242,13 +289,17 @@ def test_the_record_of_a_mission_is_what_its_messages_changed() -> None:
 @pytest.mark.parametrize("use_attitude", [False, True])
 @pytest.mark.parametrize("known", [False, True])
 def test_offsets_of_a_hull_are_that_hull(use_attitude: bool, known: bool) -> None:
-    """The same transmitters as offsets and as baseline and middle offset, tilted where that is broadcast and used."""
+    """The same transmitters as offsets and as baseline and middle offset, tilted where that is
+    broadcast and used.
+    """
     steps, start = Voyage(seed=9, turns=0.05, messages=6, offset=(2.0, 14.0)).readings()
     begin = np.array([*start, 0.0, 0.0])
     offsets = ((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.1, 0.0))
     navigators: list[TightNavigator | Navigator] = []
     for places in ((), offsets):
-        settings = TightSettings(use_attitude=use_attitude, hydrophone_height=0.3, transmitter_offsets=places)
+        settings = TightSettings(
+            use_attitude=use_attitude, hydrophone_height=0.3, transmitter_offsets=places
+        )
         paper = NavigationSettings(
             use_attitude=use_attitude,
             hydrophone_height=0.3,
@@ -274,10 +325,14 @@ FAR = LeaderMessage(0.1, 1e8, -1e8, 0.3, 1.0, 8.0)
 def test_readings_at_the_limits_are_taken_and_those_beyond_them_refused(sign: float) -> None:
     """50 m/s of the log, ranges of 100 km, places within 100 000 km."""
 
-    def step(speed: float = 1.0, farthest: float = 20.0, message: LeaderMessage = FAR, place: float = 0.0) -> None:
+    def step(
+        speed: float = 1.0, farthest: float = 20.0, message: LeaderMessage = FAR, place: float = 0.0
+    ) -> None:
         navigator = TightNavigator(THREE, np.array([1e8, -1e8, 0.0, 0.0]))
         places = np.full((3, 3), place) if place else None
-        navigator.step(OwnMotion(speed, 0.0, 8.0), Reception(message, Ranges(farthest, np.nan, np.nan), places))
+        navigator.step(
+            OwnMotion(speed, 0.0, 8.0), Reception(message, Ranges(farthest, np.nan, np.nan), places)
+        )
 
     beyond = 1.0 + 1e-12
     step(50.0 * sign)
@@ -295,7 +350,9 @@ def test_readings_at_the_limits_are_taken_and_those_beyond_them_refused(sign: fl
             step(**broken)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("weights", [(1, 5, 3, 4, 6, 2), (6, 2, 5, 3, 1, 4), (3, 6, 1, 5, 2, 4), (4, 3, 2, 1, 6, 5)])
+@pytest.mark.parametrize(
+    "weights", [(1, 5, 3, 4, 6, 2), (6, 2, 5, 3, 1, 4), (3, 6, 1, 5, 2, 4), (4, 3, 2, 1, 6, 5)]
+)
 def test_the_four_heaviest_of_six_hypotheses_are_kept(weights: tuple[int, ...]) -> None:
     belief, model = new_belief(THREE, model_of(THREE), (0.0, 0.0)), model_of(THREE)
     belief.alive, belief.weight[:6] = 6, np.array(weights) / 21.0

@@ -1,4 +1,6 @@
-"""Ranges of the tightly coupled navigator: derivatives, updates, echoes; all against independent formulas."""
+"""Ranges of the tightly coupled navigator: derivatives, updates, echoes; all against independent
+formulas.
+"""
 
 import itertools
 from dataclasses import replace
@@ -14,19 +16,27 @@ from laisn.settings import Assume, TightSettings
 from laisn.tight.model import Belief, Model, model_of, new_belief
 from laisn.tight.ranging import Signal, new_signal, predict_ranges, update
 
-EVERYTHING = TightSettings(assume=Assume(exact_leader=False, drift=False, current=True, offsets=True, clock=True))
+EVERYTHING = TightSettings(
+    assume=Assume(exact_leader=False, drift=False, current=True, offsets=True, clock=True)
+)
 STATES = 12
 ARMS = np.array([[-0.9, -0.4, 1.5], [0.9, 0.4, 2.0], [-0.04, 0.1, 1.7]])
 LEADER = np.array([3.0, -4.0])
 STATE = np.array([25.0, -12.0, 0.1, 0.05, 0.15, 0.08, 0.2, -0.1, 0.01, -0.02, 0.3, 0.002])
 
 
-def ranges_of(state: npt.NDArray[np.complex128] | Floats, farthest: float) -> npt.NDArray[np.complex128]:
+def ranges_of(
+    state: npt.NDArray[np.complex128] | Floats, farthest: float
+) -> npt.NDArray[np.complex128]:
     """z_i = ρ_i (1 + b_r / max z) + d_i + τ, analytic in the state."""
-    turn = np.exp(1j * 0) * np.array([[np.cos(state[5]), -np.sin(state[5])], [np.sin(state[5]), np.cos(state[5])]])
+    turn = np.exp(1j * 0) * np.array(
+        [[np.cos(state[5]), -np.sin(state[5])], [np.sin(state[5]), np.cos(state[5])]]
+    )
     apart = state[:2] - LEADER - (turn @ ARMS[:, :2].T).T
     rho = np.sqrt(np.sum(apart**2, axis=1) + ARMS[:, 2] ** 2)
-    return np.asarray(rho * (1.0 + state[4] / farthest) + np.concatenate([[0.0], state[8:10]]) + state[10])
+    return np.asarray(
+        rho * (1.0 + state[4] / farthest) + np.concatenate([[0.0], state[8:10]]) + state[10]
+    )
 
 
 def gradient(state: Floats, farthest: float) -> Floats:
@@ -36,7 +46,9 @@ def gradient(state: Floats, farthest: float) -> Floats:
     return np.stack(columns, axis=1)
 
 
-def belief(covariance: Floats, mean: Floats = STATE, settings: TightSettings = EVERYTHING) -> tuple[Belief, Model]:
+def belief(
+    covariance: Floats, mean: Floats = STATE, settings: TightSettings = EVERYTHING
+) -> tuple[Belief, Model]:
     model = model_of(settings)
     made = new_belief(settings, model, (0.0, 0.0))
     made.state[0], made.covariance[0] = mean, covariance
@@ -59,7 +71,8 @@ def test_derivatives_of_ranges_equal_complex_steps() -> None:
     ranges = ranges_of(STATE, 30.0).real
     made, model = belief(np.eye(STATES))
     assert predict_ranges(made, model, 0, signal(ranges), 0.0, 0.0) == 3
-    # the scale's own slope is neglected against 1 in the derivatives by position: b_r is centimetres at tens of metres
+    # the scale's own slope is neglected against 1 in the derivatives by position: b_r is
+    # centimetres at tens of metres
     plain = STATE.copy()
     plain[4] = 0.0
     exact = gradient(plain, float(ranges.max()))
@@ -80,7 +93,8 @@ def test_second_derivatives_equal_differences_of_complex_steps() -> None:
 
 
 def test_expected_ranges_equal_their_mean_over_a_gaussian() -> None:
-    # the expectation over position and leader's compass by 10⁶ antithetic draws: second order is exact to σ⁴
+    # the expectation over position and leader's compass by 10⁶ antithetic draws: second order is
+    # exact to σ⁴
     covariance = np.zeros((STATES, STATES))
     root = np.random.default_rng(5).normal(size=(3, 3)) * np.array([[0.8], [0.8], [0.05]])
     covariance[np.ix_([0, 1, 5], [0, 1, 5])] = root @ root.T
@@ -97,7 +111,9 @@ def test_expected_ranges_equal_their_mean_over_a_gaussian() -> None:
         rho = np.sqrt((x - LEADER[0] - sx) ** 2 + (y - LEADER[1] - sy) ** 2 + ARMS[i, 2] ** 2)
         offset = plain[10] + (plain[7 + i] if i else 0.0)
         mean = 0.5 * (rho[:500_000] + rho[500_000:])
-        assert 30.0 - made.work.residual[i] == pytest.approx(mean.mean() + offset, abs=4 * mean.std() / 700 + 1e-4)
+        assert 30.0 - made.work.residual[i] == pytest.approx(
+            mean.mean() + offset, abs=4 * mean.std() / 700 + 1e-4
+        )
 
 
 @pytest.mark.parametrize("lost", [(), (0,), (1,), (2,), (0, 1), (0, 2), (1, 2)])
@@ -119,7 +135,9 @@ def test_an_update_equals_filterpys(lost: tuple[int, ...]) -> None:
     chosen = covariance[np.ix_([0, 1, 5], [0, 1, 5])]
     bent = [h @ chosen for h in hessians]
     share = exact[:, 4]
-    noise = settings.range_sigma**2 * np.eye(3) + settings.range_scale_sigma**2 * np.outer(share, share)
+    noise = settings.range_sigma**2 * np.eye(3) + settings.range_scale_sigma**2 * np.outer(
+        share, share
+    )
     noise += 0.5 * np.array([[np.trace(a @ b) for a in bent] for b in bent])
     kalman = KalmanFilter(dim_x=STATES, dim_z=len(kept))
     kalman.x, kalman.P = plain.copy(), covariance.copy()
@@ -136,11 +154,15 @@ def second(state: Floats, i: int) -> Floats:
     rows = []
     for index in chosen:
         unit = np.eye(STATES)[index] * step
-        rows.append(((gradient(state + unit, 30.0) - gradient(state - unit, 30.0)) / (2 * step))[i, chosen])
+        rows.append(
+            ((gradient(state + unit, 30.0) - gradient(state - unit, 30.0)) / (2 * step))[i, chosen]
+        )
     return np.array(rows)
 
 
-@pytest.mark.parametrize("echo", [(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.5, 3.0), (1.0, 2.0, 3.0)])
+@pytest.mark.parametrize(
+    "echo", [(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.5, 3.0), (1.0, 2.0, 3.0)]
+)
 def test_the_subset_of_direct_ranges_is_the_likeliest_of_all(echo: tuple[float, ...]) -> None:
     plain = STATE.copy()
     plain[4] = 0.0
@@ -153,9 +175,13 @@ def test_the_subset_of_direct_ranges_is_the_likeliest_of_all(echo: tuple[float, 
     for size in range(4):
         for used in itertools.combinations(range(3), size):
             left = [i for i in range(3) if i not in used]
-            total = size * np.log(0.95) + sum(np.log(0.05 / 4.5) - 6.0 * (residual[i] < 0) for i in left)
+            total = size * np.log(0.95) + sum(
+                np.log(0.05 / 4.5) - 6.0 * (residual[i] < 0) for i in left
+            )
             if used:
-                total += multivariate_normal.logpdf(residual[list(used)], cov=spread[np.ix_(used, used)])
+                total += multivariate_normal.logpdf(
+                    residual[list(used)], cov=spread[np.ix_(used, used)]
+                )
             best[used] = total
     likeliest = max(best, key=best.__getitem__)
     assert update(made, model, 0, signal(ranges)) == len(likeliest)
@@ -186,10 +212,12 @@ def test_a_covariance_that_is_not_positive_definite_is_refused() -> None:
 
 
 def test_of_ranges_that_share_an_echo_only_the_difference_is_used() -> None:
-    """Two transmitters 2 m apart, abeam at 10 m east: a delay common to both has no information on the distance.
+    """Two transmitters 2 m apart, abeam at 10 m east: a delay common to both has no information on
+    the distance.
 
-    Ranges are ρ = (10² + 1)^½ each, and H of their difference is (0, 2/ρ). A reflection of 3 m changes a difference
-    of 4 cm by 3/ρ of itself, which is a random error beside those of both ranges.
+    Ranges are ρ = (10² + 1)^½ each, and H of their difference is (0, 2/ρ). A reflection of 3 m
+    changes a difference of 4 cm by 3/ρ of itself, which is a random error beside those of both
+    ranges.
     """
     config = TightSettings(transmitters=2, range_scale_sigma=0.0)
     model, sigma, rho = model_of(config), 0.3, np.sqrt(101.0)
@@ -205,5 +233,7 @@ def test_of_ranges_that_share_an_echo_only_the_difference_is_used() -> None:
     # second-order terms of the difference are of the order of 1e-6 m²
     variance = slope**2 * sigma**2 + 2.0 * config.range_sigma**2 + (3.0 / rho * 0.04) ** 2
     assert made.state[0, 1] == pytest.approx(slope * sigma**2 / variance * 0.04, rel=0.05)
-    assert made.covariance[0, 1, 1] == pytest.approx(sigma**2 - (slope * sigma**2) ** 2 / variance, abs=1e-4)
+    assert made.covariance[0, 1, 1] == pytest.approx(
+        sigma**2 - (slope * sigma**2) ** 2 / variance, abs=1e-4
+    )
     assert made.outcome[0]["squared"] == pytest.approx(0.04**2 / variance, rel=0.05)

@@ -1,4 +1,6 @@
-"""Smoothing after the fact: a batch solution, closed forms of the way, the filter where there is nothing to smooth."""
+"""Smoothing after the fact: a batch solution, closed forms of the way, the filter where there is
+nothing to smooth.
+"""
 
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -21,7 +23,9 @@ STATES = 3
 
 
 class Linear(NamedTuple):
-    """A random linear system: its Kalman filter as a chain, two quantities a message, and its batch solution."""
+    """A random linear system: its Kalman filter as a chain, two quantities a message, and its
+    batch solution.
+    """
 
     chain: Chain
     filtered: tuple[Floats, Floats]
@@ -31,7 +35,9 @@ class Linear(NamedTuple):
 
 
 def linear_system(seed: int) -> Linear:
-    """Each message is followed by two moves; y is the state's first two numbers, at messages and between the moves."""
+    """Each message is followed by two moves; y is the state's first two numbers, at messages and
+    between the moves.
+    """
     rng = np.random.default_rng(seed)
     s, read = STATES, np.eye(2, STATES)
 
@@ -43,7 +49,8 @@ def linear_system(seed: int) -> Linear:
     noise = 0.2 * np.array([positive() for _ in range(2 * MESSAGES)])
     rows, variance = rng.normal(size=(MESSAGES, 1, s)), 0.5
     seen = rng.normal(size=MESSAGES)
-    # batch: all states, two a message, in one vector; least squares in information form, one message more at a time
+    # batch: all states, two a message, in one vector; least squares in information form, one
+    # message more at a time
     size = 2 * MESSAGES * s
     information, vector = np.zeros((size, size)), np.zeros(size)
     prior, start = positive(), rng.normal(size=s)
@@ -73,7 +80,9 @@ def linear_system(seed: int) -> Linear:
         ys.append((read @ half, read @ spread @ read.T, read @ spread @ other.T))
         x, P = other @ half, other @ spread @ other.T + noise[2 * i + 1]
     chain = Chain(
-        *map(np.array, zip(*beliefs, strict=True)), *map(np.array, zip(*predicted, strict=True)), np.array(onward)
+        *map(np.array, zip(*beliefs, strict=True)),
+        *map(np.array, zip(*predicted, strict=True)),
+        np.array(onward),
     )
     mean, covariance, cross = map(np.array, zip(*ys, strict=True))
     latest = np.repeat(np.arange(MESSAGES), 2)
@@ -85,7 +94,9 @@ def linear_system(seed: int) -> Linear:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_linear_system_is_smoothed_as_by_least_squares_over_the_window(seed: int) -> None:
-    """An independent solution: the normal equations of all states and of the messages up to the lag."""
+    """An independent solution: the normal equations of all states and of the messages up to the
+    lag.
+    """
     made = linear_system(seed)
     last = np.minimum(made.latest + LAG, MESSAGES - 1)
     mean, covariance = smooth(made.chain, made.latest, last, made.filtered, made.onward)
@@ -96,12 +107,16 @@ def test_a_linear_system_is_smoothed_as_by_least_squares_over_the_window(seed: i
     assert less[:-2].max(axis=1).min() > 1e-6
 
 
-@pytest.mark.parametrize("more", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]], ids=["known exactly", "a copy"])
+@pytest.mark.parametrize(
+    "more", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]], ids=["known exactly", "a copy"]
+)
 def test_a_state_that_adds_nothing_changes_nothing(more: list[float]) -> None:
     """Covariances are singular then."""
     made = linear_system(0)
     wide = np.vstack([np.eye(STATES), more])
-    wider = Chain(*(part @ wide.T if part.ndim == 2 else wide @ part @ wide.T for part in made.chain))
+    wider = Chain(
+        *(part @ wide.T if part.ndim == 2 else wide @ part @ wide.T for part in made.chain)
+    )
     last = np.minimum(made.latest + LAG, MESSAGES - 1)
     plain = smooth(made.chain, made.latest, last, made.filtered, made.onward)
     other = smooth(wider, made.latest, last, made.filtered, made.onward @ wide.T)
@@ -131,7 +146,9 @@ def test_without_a_later_message_it_is_the_filter() -> None:
     mission = Mission(steps=305, every=50)
     measured = mission.measured(np.random.default_rng(2), log=0.2, compass=0.1)
     plain = TightNavigator(TightSettings(), mission.start).run(measured)
-    same, smoothed = (SmoothingNavigator(TightSettings(), mission.start, lag).run(measured) for lag in (0.0, 10.0))
+    same, smoothed = (
+        SmoothingNavigator(TightSettings(), mission.start, lag).run(measured) for lag in (0.0, 10.0)
+    )
     assert (same.state == plain.state).all()
     assert (same.covariance == plain.covariance).all()
     assert (smoothed.state[299:] == plain.state[299:]).all()
@@ -160,7 +177,9 @@ class North(NamedTuple):
 
 
 def test_covariances_along_a_straight_way_north_are_those_of_its_integrals() -> None:
-    """x_t = x_0 − v ∫ b_θ and y_t = y_0 − ∫ b_v, whose covariances with those at the end are integrals by hand."""
+    """x_t = x_0 − v ∫ b_θ and y_t = y_0 − ∫ b_v, whose covariances with those at the end are
+    integrals by hand.
+    """
     settings = TightSettings(slip=0.05)
     speed, steps = 1.3, 40
     north = North(SmoothingNavigator(settings, np.zeros(4), 60.0), steps, speed)
@@ -174,19 +193,33 @@ def test_covariances_along_a_straight_way_north_are_those_of_its_integrals() -> 
         mean, covariance, onward = way.at(north.navigator._motions[k - 1])
         assert mean == pytest.approx([0.0, speed * t, 0.0, speed])
         walk = t**3 / 3 + t**2 / 2 * (end - t)
-        seen = t * 0.1 * np.array([speed**2 * settings.heading_sigma**2, settings.speed_sigma**2]) + 0.05**2 * t
-        east = 0.01**2 + speed**2 * (t * end * settings.heading_bias_sigma**2 + q_compass * walk) + seen[0]
+        seen = (
+            t * 0.1 * np.array([speed**2 * settings.heading_sigma**2, settings.speed_sigma**2])
+            + 0.05**2 * t
+        )
+        east = (
+            0.01**2
+            + speed**2 * (t * end * settings.heading_bias_sigma**2 + q_compass * walk)
+            + seen[0]
+        )
         along = 0.01**2 + t * end * settings.speed_bias_sigma**2 + q_log * walk + seen[1]
         assert onward[0, X] == pytest.approx(east, rel=1e-12)
         assert onward[1, Y] == pytest.approx(along, rel=1e-12)
         # vy = v − b_v, and vx = −v b_θ
         so_far = t**2 / 2 + t * (end - t)
-        assert onward[3, Y] == pytest.approx(end * settings.speed_bias_sigma**2 + q_log * so_far, rel=1e-12)
+        assert onward[3, Y] == pytest.approx(
+            end * settings.speed_bias_sigma**2 + q_log * so_far, rel=1e-12
+        )
         sideways = speed**2 * (end * settings.heading_bias_sigma**2 + q_compass * so_far)
         assert onward[2, X] == pytest.approx(sideways, rel=1e-12)
-        assert onward[3, LOG] == pytest.approx(-(settings.speed_bias_sigma**2) - q_log * t, rel=1e-12)
+        assert onward[3, LOG] == pytest.approx(
+            -(settings.speed_bias_sigma**2) - q_log * t, rel=1e-12
+        )
         assert covariance[0, 0] == pytest.approx(
-            0.01**2 + speed**2 * (t**2 * settings.heading_bias_sigma**2 + q_compass * t**3 / 3) + seen[0], rel=1e-12
+            0.01**2
+            + speed**2 * (t**2 * settings.heading_bias_sigma**2 + q_compass * t**3 / 3)
+            + seen[0],
+            rel=1e-12,
         )
         assert covariance[3, 3] == pytest.approx(
             settings.speed_bias_sigma**2 + q_log * t + settings.speed_sigma**2, rel=1e-12
@@ -194,7 +227,9 @@ def test_covariances_along_a_straight_way_north_are_those_of_its_integrals() -> 
 
 
 def test_the_prediction_includes_turns_and_both_drifts() -> None:
-    """A turn gives a drifting compass 3 % of itself, and the drift changes its mode 0.004 times a second."""
+    """A turn gives a drifting compass 3 % of itself, and the drift changes its mode 0.004 times
+    a second.
+    """
     turn, steps = 0.5, 20
     settings = TightSettings(assume=Assume(drift=True, deviation=True))
     north = North(SmoothingNavigator(settings, np.zeros(4), 60.0), steps, 1.0)
@@ -214,8 +249,11 @@ def test_the_prediction_includes_turns_and_both_drifts() -> None:
     ("assume", "transmitters", "known"),
     [(Assume(), 3, True), (Assume(), 2, True), (EVERYTHING, 3, True), (Assume(), 3, False)],
 )
-def test_smoothing_reduces_errors_and_covariance_consistently(assume: Assume, transmitters: int, known: bool) -> None:
-    """Over runs with noise and biases of the settings: less error and less covariance, and a NEES near 2.
+def test_smoothing_reduces_errors_and_covariance_consistently(
+    assume: Assume, transmitters: int, known: bool
+) -> None:
+    """Over runs with noise and biases of the settings: less error and less covariance, and a NEES
+    near 2.
 
     An unknown start stays unknown until the first message.
     """
@@ -232,7 +270,9 @@ def test_smoothing_reduces_errors_and_covariance_consistently(assume: Assume, tr
         smoothed = SmoothingNavigator(settings, start, 60.0).run(measured)
         both = (plain, smoothed)
         assert all(np.isnan(e.state[:first]).all() for e in both)
-        squares.append([np.sum((e.state[first:, :2] - truth[first:]) ** 2, axis=1).mean() for e in both])
+        squares.append(
+            [np.sum((e.state[first:, :2] - truth[first:]) ** 2, axis=1).mean() for e in both]
+        )
         normalised.append(np.mean(nees(smoothed, truth)[first:]))
         wide, narrow = (e.covariance[first:, :2, :2] for e in both)
         assert np.linalg.eigvalsh(narrow).min() > 0

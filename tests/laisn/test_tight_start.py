@@ -13,20 +13,28 @@ from tests.laisn.tight_mission import EVERYTHING, Mission
 
 @pytest.mark.parametrize("everything", [False, True])
 def test_three_transmitters_find_an_unknown_start(everything: bool) -> None:
-    """The first message gives the position, with the errors of its ranges and of the leader's compass."""
+    """The first message gives the position, with the errors of its ranges and of the leader's
+    compass.
+    """
     mission = Mission(steps=600)
     setting = TightSettings(assume=EVERYTHING if everything else Assume())
     normalised = []
     for seed in range(20):
-        measurements = mission.measured(np.random.default_rng(seed), log=0.2, compass=0.1, scale=0.1)
+        measurements = mission.measured(
+            np.random.default_rng(seed), log=0.2, compass=0.1, scale=0.1
+        )
         result = TightNavigator(setting, None).run(measurements)
         assert np.all(np.isnan(result.state[:9]))
         assert np.all(np.isfinite(result.covariance[9:]))
         off = result.state[9:, :2] - mission.follower[10:]
         spread = result.covariance[9:, :2, :2]
-        normalised.append(np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[..., None])[..., 0]))
+        normalised.append(
+            np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[..., None])[..., 0])
+        )
         known = TightNavigator(setting, mission.start).run(measurements)
-        assert np.hypot(*(result.state[-1, :2] - known.state[-1, :2])) < (3.0 if everything else 0.3)
+        assert np.hypot(*(result.state[-1, :2] - known.state[-1, :2])) < (
+            3.0 if everything else 0.3
+        )
     assert np.mean(normalised) < 3.0
 
 
@@ -40,7 +48,9 @@ def test_two_transmitters_leave_both_sides_of_an_unknown_start_open_until_the_wa
     aside = np.array([-np.cos(theta), np.sin(theta)])
     image = -2.0 * (apart @ aside) * aside
     assert result.weight[0, :2] == pytest.approx([0.5, 0.5], abs=0.01)
-    nearest = sorted(np.hypot(*(first - np.array([[0.0, 0.0], image])[:, None]).transpose(2, 0, 1)).min(axis=1))
+    nearest = sorted(
+        np.hypot(*(first - np.array([[0.0, 0.0], image])[:, None]).transpose(2, 0, 1)).min(axis=1)
+    )
     assert nearest[1] < 1.0
     assert np.hypot(*(result.state[-1, :2] - mission.follower[-1])) < 1.0
     assert result.weight[-1, 0] > 0.99
@@ -59,8 +69,12 @@ def test_a_single_range_does_not_begin_a_belief() -> None:
 
 @pytest.mark.parametrize("shift", [0.0, 300.0])
 @pytest.mark.parametrize("transmitters", [2, 3])
-def test_an_unknown_start_is_found_among_beacons_for_any_leader_position(transmitters: int, shift: float) -> None:
-    """Exact ranges of beacons 200 m apart: the place at once, or with two of them both sides until the way tells."""
+def test_an_unknown_start_is_found_among_beacons_for_any_leader_position(
+    transmitters: int, shift: float
+) -> None:
+    """Exact ranges of beacons 200 m apart: the place at once, or with two of them both sides
+    until the way tells.
+    """
     measured, place = passage(None)
     message = measured.message.copy()
     message[:, 1:3] = shift
@@ -76,7 +90,9 @@ def test_an_unknown_start_is_found_among_beacons_for_any_leader_position(transmi
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_belief_that_is_lost_finds_back(seed: int) -> None:
-    """A start that is wrong by hundreds of standard deviations, and as sure of itself as a true one."""
+    """A start that is wrong by hundreds of standard deviations, and as sure of itself as a true
+    one.
+    """
     mission = Mission(steps=2000)
     measurements = mission.measured(np.random.default_rng(seed))
     wrong = mission.start + np.array([8.0, -5.0, 0.0, 0.0])

@@ -1,4 +1,6 @@
-"""How three pairs become one fix: every combination of what pairs can be, against definitions in words."""
+"""How three pairs become one fix: every combination of what pairs can be, against definitions in
+words.
+"""
 
 import itertools
 
@@ -13,7 +15,9 @@ NOWHERE = Point(0.0, 0.0)
 
 
 def kinds_of_pairs() -> list[list[tuple[FixKind, float, float]]]:
-    """Kind, separation and σp: clear points, near and far; one point; two that are too close; none; lost."""
+    """Kind, separation and σp: clear points, near and far; one point; two that are too close;
+    none; lost.
+    """
     clear, wider = (FixKind.TWO_POINTS, 2.0, 0.05), (FixKind.TWO_POINTS, 4.0, 0.025)
     others = (FixKind.TANGENT, -1.0, 0.0), (FixKind.ASTERN, 0.05, 0.0), (FixKind.ASTERN, -1.0, 0.0)
     lost = (FixKind.LOST, -1.0, 0.0)
@@ -23,7 +27,12 @@ def kinds_of_pairs() -> list[list[tuple[FixKind, float, float]]]:
 def pairs_of(three: list[tuple[FixKind, float, float]]) -> Pairs:
     """Fixes in different places; those that are lost are nowhere."""
     made = [
-        Fix(*((np.nan, np.nan) if kind == FixKind.LOST else (3.0 + i, -2.0 * i * i)), sigma, float(kind), separation)
+        Fix(
+            *((np.nan, np.nan) if kind == FixKind.LOST else (3.0 + i, -2.0 * i * i)),
+            sigma,
+            float(kind),
+            separation,
+        )
         for i, (kind, separation, sigma) in enumerate(three)
     ]
     return made[0], made[1], made[2]
@@ -42,7 +51,9 @@ def assert_is(found: Fix, expected: Fix) -> None:
 
 
 def check(three: list[tuple[FixKind, float, float]]) -> None:
-    """Section 2.3 of the paper; among equals the earlier pair, and where none will do the first that was received."""
+    """Section 2.3 of the paper; among equals the earlier pair, and where none will do the first
+    that was received.
+    """
     pairs = pairs_of(three)
     there = received(pairs)
     assert_is(laisn_2(pairs, NOWHERE), pairs[0])
@@ -58,7 +69,11 @@ def check(three: list[tuple[FixKind, float, float]]) -> None:
     assert_is(laisn_main(pairs, NOWHERE), clear[0] if clear else there[0])
     # the mean of those that meet, with weights 1 / (1 + σ)
     used = [fix for fix in there if meets(fix)] or there[:1]
-    place = np.average([[fix.east, fix.north] for fix in used], axis=0, weights=[1 / (1 + fix.sigma) for fix in used])
+    place = np.average(
+        [[fix.east, fix.north] for fix in used],
+        axis=0,
+        weights=[1 / (1 + fix.sigma) for fix in used],
+    )
     fused = laisn_3_2(pairs, NOWHERE)
     np.testing.assert_allclose((fused.east, fused.north), place, rtol=1e-14)
     assert fused.sigma == pytest.approx(sum(fix.sigma for fix in pairs) / 3)

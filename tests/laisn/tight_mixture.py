@@ -1,4 +1,6 @@
-"""Mixtures of Gaussians for `tight_oracle`: a *component* is a Gaussian, a *side* is the components of its modes."""
+"""Mixtures of Gaussians for `tight_oracle`: a *component* is a Gaussian, a *side* is the
+components of its modes.
+"""
 
 from __future__ import annotations
 
@@ -45,10 +47,14 @@ Side = list[Component]
 def moments(components: list[Component]) -> tuple[Floats, Floats]:
     """Mean and covariance of a mixture."""
     weight = np.array([c.weight for c in components])
-    weight = weight / weight.sum() if weight.sum() > 0.0 else np.full(weight.size, 1.0 / weight.size)
+    weight = (
+        weight / weight.sum() if weight.sum() > 0.0 else np.full(weight.size, 1.0 / weight.size)
+    )
     mean = weight @ np.array([c.x for c in components])
     off = np.array([c.x for c in components]) - mean
-    return mean, np.einsum("k,kij->ij", weight, [c.P for c in components]) + np.einsum("k,ki,kj->ij", weight, off, off)
+    return mean, np.einsum("k,kij->ij", weight, [c.P for c in components]) + np.einsum(
+        "k,ki,kj->ij", weight, off, off
+    )
 
 
 def log_density(residual: Floats, S: Floats) -> tuple[float, float]:
@@ -72,7 +78,9 @@ def normalise(sides: Sequence[Side]) -> None:
 
 
 def mix(side: Side, time: float) -> None:
-    """Two modes, each of which changes into the other one 0.004 times a second: exp(A t) of the chain's rates A."""
+    """Two modes, each of which changes into the other one 0.004 times a second: exp(A t) of the
+    chain's rates A.
+    """
     if len(side) < 2:
         return
     given = [c.copy() for c in side]
@@ -85,7 +93,9 @@ def mix(side: Side, time: float) -> None:
 
 
 def prune_and_merge(sides: list[Side]) -> None:
-    """No side lighter than 1e-5, none nearer to another than 0.3 in squared distance and in b_L, and four at most."""
+    """No side lighter than 1e-5, none nearer to another than 0.3 in squared distance and in b_L,
+    and four at most.
+    """
 
     def drop(h: int) -> None:
         last = sides.pop()
@@ -112,7 +122,9 @@ def prune_and_merge(sides: list[Side]) -> None:
         while h < len(sides):
             if same(sides[g], sides[h]):
                 for one, other in zip(sides[g], sides[h], strict=True):
-                    x, P = moments([one, other]) if one.weight + other.weight > 0.0 else (one.x, one.P)
+                    x, P = (
+                        moments([one, other]) if one.weight + other.weight > 0.0 else (one.x, one.P)
+                    )
                     top = heaviest([one, other])
                     one.x, one.P, one.weight = x, P, one.weight + other.weight
                     one.taken, one.squared, one.normalised_innovation = (

@@ -1,7 +1,8 @@
-"""The tightly coupled navigator written a second time, from docs/tight.md: ways are complex numbers, the rest matrices.
+"""The tightly coupled navigator written a second time, from docs/tight.md: ways are complex
+numbers, the rest matrices.
 
-It shares no code with `laisn.tight`, and is in no hurry: all twelve states are always there, those that are switched
-off with a variance of 0.
+It shares no code with `laisn.tight`, and is in no hurry: all twelve states are always there, those
+that are switched off with a variance of 0.
 """
 
 from __future__ import annotations
@@ -32,12 +33,22 @@ from tests.laisn.tight_mixture import (
     normalise,
     prune_and_merge,
 )
-from tests.laisn.tight_ranges import Message, aside, pair, rotation, split, to_message, update_with_ranges
+from tests.laisn.tight_ranges import (
+    Message,
+    aside,
+    pair,
+    rotation,
+    split,
+    to_message,
+    update_with_ranges,
+)
 
 
 @dataclass
 class Turn:
-    """A turn since a heading that had been kept for 10 s: the largest angle from it, and when it was last exceeded."""
+    """A turn since a heading that had been kept for 10 s: the largest angle from it, and when it
+    was last exceeded.
+    """
 
     begin: complex
     largest: float = 0.0
@@ -57,26 +68,47 @@ class Oracle:
         settings, assume = self.settings, self.settings.assume
         self.fresh = np.zeros(N)
         self.fresh[PLACE] = settings.start_sigma**2
-        self.fresh[LOG], self.fresh[COMPASS] = settings.speed_bias_sigma**2, settings.heading_bias_sigma**2
+        self.fresh[LOG], self.fresh[COMPASS] = (
+            settings.speed_bias_sigma**2,
+            settings.heading_bias_sigma**2,
+        )
         self.fresh[SCALE] = settings.range_scale_bias_sigma**2
         self.fresh[LEADER] = 0.0 if assume.exact_leader else settings.leader_heading_bias_sigma**2
         self.fresh[[EAST, NORTH]] = settings.current_sigma**2 if assume.current else 0.0
-        self.fresh[8 : 7 + settings.transmitters] = settings.offset_sigma**2 if assume.offsets else 0.0
+        self.fresh[8 : 7 + settings.transmitters] = (
+            settings.offset_sigma**2 if assume.offsets else 0.0
+        )
         if assume.clock:
-            self.fresh[[CLOCK, RATE]] = settings.clock_offset_sigma**2, settings.clock_drift_sigma**2
+            self.fresh[[CLOCK, RATE]] = (
+                settings.clock_offset_sigma**2,
+                settings.clock_drift_sigma**2,
+            )
         self.clock_walk = 3e-6 if assume.clock else 0.0
         self.most = self.v = 0.0 if assume.exact_leader else settings.leader_heading_sigma**2
-        # variances that biases gain in a second: 0.2 mm/s and 0.15 mrad, or drift, a quarter and 2.5 times of it
+        # variances that biases gain in a second: 0.2 mm/s and 0.15 mrad, or drift, a quarter and
+        # 2.5 times of it
         drift = np.array([0.25, 2.5]) if assume.drift else np.ones(1)
         rates = (2.5e-3, 1.7e-3) if assume.drift else (2e-4, 1.5e-4)
         current = 1e-3 if assume.current else 0.0
         leader = 0.0 if assume.exact_leader else 5e-5
         self.walks = [
-            {LOG: rates[0] * d, COMPASS: rates[1] * d, EAST: current, NORTH: current, LEADER: leader} for d in drift
+            {
+                LOG: rates[0] * d,
+                COMPASS: rates[1] * d,
+                EAST: current,
+                NORTH: current,
+                LEADER: leader,
+            }
+            for d in drift
         ]
         if self.start is not None:
             x = np.concatenate([self.start[:2], np.zeros(N - 2)])
-            self.sides = [[Component(x, np.diag(self.fresh), 1 / drift.size, mode) for mode in range(drift.size)]]
+            self.sides = [
+                [
+                    Component(x, np.diag(self.fresh), 1 / drift.size, mode)
+                    for mode in range(drift.size)
+                ]
+            ]
         self.readings: list[tuple[float, complex, float]] = []
         self.trapezoids = np.zeros(2, dtype=complex)
         self.last: tuple[float, complex] | None = None
@@ -106,7 +138,9 @@ class Oracle:
             self.receive(to_message(self.settings, own, reception))
 
     def way(self) -> tuple[complex, complex, Floats, float]:
-        """A = Σ v u Δt, B = Σ u Δt, the covariance of A's random errors, and the time since the last message."""
+        """A = Σ v u Δt, B = Σ u Δt, the covariance of A's random errors, and the time since the
+        last message.
+        """
         noise, time = np.zeros((2, 2)), 0.0
         for speed, direction, dt in self.readings:
             along, across = pair(direction), pair(1j * direction)
@@ -116,18 +150,29 @@ class Oracle:
         return complex(self.trapezoids[0]), complex(self.trapezoids[1]), noise, time
 
     def moved(self, c: Component, log: float, compass: float) -> tuple[Component, Floats]:
-        """A component after the way since the last message, linearised at some biases; and the derivatives F."""
+        """A component after the way since the last message, linearised at some biases; and the
+        derivatives F.
+        """
         a, b, noise, time = self.way()
         turn = np.exp(1j * compass)
         r = turn * (a - log * b)
         F = np.eye(N)
-        F[:2, LOG], F[:2, COMPASS], F[0, EAST], F[1, NORTH] = pair(-turn * b), pair(1j * r), time, time
+        F[:2, LOG], F[:2, COMPASS], F[0, EAST], F[1, NORTH] = (
+            pair(-turn * b),
+            pair(1j * r),
+            time,
+            time,
+        )
         F[CLOCK, RATE] = time
         x = F @ c.x
         x[:2] += pair(r) - F[:2, LOG] * log - F[:2, COMPASS] * compass
         Q = np.zeros((N, N))
-        Q[:2, :2] = rotation(compass) @ noise @ rotation(compass).T + self.settings.slip**2 * time * np.eye(2)
-        Q[CLOCK:, CLOCK:] = self.clock_walk**2 * np.array([[time**3 / 3, time**2 / 2], [time**2 / 2, time]])
+        Q[:2, :2] = rotation(compass) @ noise @ rotation(
+            compass
+        ).T + self.settings.slip**2 * time * np.eye(2)
+        Q[CLOCK:, CLOCK:] = self.clock_walk**2 * np.array(
+            [[time**3 / 3, time**2 / 2], [time**2 / 2, time]]
+        )
         for state, rate in self.walks[c.mode].items():
             # a bias that wanders from 0, and its integral along a straight way
             own, through = np.eye(N)[state], np.concatenate([F[:2, state], np.zeros(N - 2)])
@@ -143,20 +188,27 @@ class Oracle:
         for c in self.all:
             moved, F = self.moved(c, c.x[LOG], c.x[COMPASS])
             direction = np.exp(1j * c.x[COMPASS]) * self.last[1]
-            velocity, rows = (self.last[0] - c.x[LOG]) * direction, np.vstack([F[:2], np.zeros((2, N))])
+            velocity, rows = (
+                (self.last[0] - c.x[LOG]) * direction,
+                np.vstack([F[:2], np.zeros((2, N))]),
+            )
             rows[2:, LOG], rows[2:, COMPASS] = pair(-direction), pair(1j * velocity)
             rows[2, EAST] = rows[3, NORTH] = 1.0
             spread = rows @ c.P @ rows.T
             spread[:2, :2] = moved.P[:2, :2]
             along, across = pair(direction), pair(1j * direction)
             spread[2:, 2:] += self.settings.speed_sigma**2 * np.outer(along, along)
-            spread[2:, 2:] += (self.settings.heading_sigma * self.last[0]) ** 2 * np.outer(across, across)
+            spread[2:, 2:] += (self.settings.heading_sigma * self.last[0]) ** 2 * np.outer(
+                across, across
+            )
             mean = np.concatenate([moved.x[:2], pair(velocity) + c.x[[EAST, NORTH]]])
             parts.append(Component(mean, spread, c.weight))
         return moments(parts)
 
     def receive(self, received: Message) -> None:
-        """Mix modes, inflate, predict, split, update, weigh, prune, reinitialise; then use the leader's track."""
+        """Mix modes, inflate, predict, split, update, weigh, prune, reinitialise; then use the
+        leader's track.
+        """
         self.used = 0
         if not received.which:
             return
@@ -183,10 +235,14 @@ class Oracle:
             c.weight *= float(np.exp(c.evidence - best))
         normalise(self.sides)
         if not self.settings.assume.exact_leader:
-            variance = min(self.v + 0.1 * sum(c.weight * c.excess for c in self.all), self.scatter())
+            variance = min(
+                self.v + 0.1 * sum(c.weight * c.excess for c in self.all), self.scatter()
+            )
             self.v = min(max(variance, np.deg2rad(0.1) ** 2), self.most)
         prune_and_merge(self.sides)
-        self.smoothed += 0.15 * (sum(c.weight * c.normalised_innovation for c in self.all) - self.smoothed)
+        self.smoothed += 0.15 * (
+            sum(c.weight * c.normalised_innovation for c in self.all) - self.smoothed
+        )
         if len(received.which) > 1 and self.smoothed >= 3.0:
             self.smoothed = 1.0
             self.add_ring(received, 0.002)
@@ -200,12 +256,14 @@ class Oracle:
         self.readings, self.trapezoids = [], np.zeros(2, dtype=complex)
 
     def averaged_heading(self, received: Message) -> Message:
-        """A message with the mean heading of a straight leg, where three places of the leader lie on a line.
+        """A message with the mean heading of a straight leg, where three places of the leader lie
+        on a line.
 
-        `leg` holds what the leg's messages read, as if each were read at the leg's present direction. Ways of 0.3 m and
-        more have a direction, a line bends by less than 5 mrad, and a reading that is four standard deviations off the
-        mean belongs to no leg. The mean is used from four readings on, or once its variance is a tenth of that of b_L.
-        The scatter of a reading is estimated from those of all legs.
+        `leg` holds what the leg's messages read, as if each were read at the leg's present
+        direction. Ways of 0.3 m and more have a direction, a line bends by less than 5 mrad, and a
+        reading that is four standard deviations off the mean belongs to no leg. The mean is used
+        from four readings on, or once its variance is a tenth of that of b_L. The scatter of a
+        reading is estimated from those of all legs.
         """
         self.places = [*self.places[-2:], complex(*received.place[::-1])]
         ways, most = np.diff(self.places), self.settings.leader_heading_sigma**2
@@ -244,16 +302,22 @@ class Oracle:
         def turned(arms: Floats) -> Floats:
             return np.column_stack([arms[:, :2] @ turn.T, arms[:, 2]])
 
-        return replace(received, heading=heading, arms=turned(received.arms), axis=turned(received.axis))
+        return replace(
+            received, heading=heading, arms=turned(received.arms), axis=turned(received.axis)
+        )
 
     def scatter(self) -> float:
-        """Variance of readings about the means of their legs: of all so far, and one as large as in the settings."""
+        """Variance of readings about the means of their legs: of all so far, and one as large as
+        in the settings.
+        """
         legs = [np.array(leg) for leg in (*self.past_legs, self.leg) if len(leg)]
         squares = sum(float(np.sum((leg - leg.mean()) ** 2)) for leg in legs)
         return min(self.most, (self.most + squares) / (1 + sum(leg.size - 1 for leg in legs)))
 
     def inflate(self, received: Message) -> None:
-        """A deviation of 3 % of the turn, where it is more than 0.1 rad, of the leader's 0.15 rad."""
+        """A deviation of 3 % of the turn, where it is more than 0.1 rad, of the leader's 0.15
+        rad.
+        """
         assert self.last is not None
         time = sum(dt for _, _, dt in self.readings)
         ahead = complex(np.sin(received.heading), np.cos(received.heading))
@@ -270,7 +334,9 @@ class Oracle:
                 c.P[state, state] += 0.03**2 * (turn.largest**2 - before**2)
 
     def moved_to(self, c: Component, received: Message) -> Component:
-        """Linearised at the biases that the message suggests, where the way bends by more than 3 mm."""
+        """Linearised at the biases that the message suggests, where the way bends by more than 3
+        mm.
+        """
         there, _ = self.moved(c, c.x[LOG], c.x[COMPASS])
         if 0.5 * c.P[COMPASS, COMPASS] * abs(self.way()[0]) < 0.003:
             return there
@@ -278,11 +344,16 @@ class Oracle:
         return self.moved(c, there.x[LOG], there.x[COMPASS])[0]
 
     def add_ring(self, received: Message, share: float) -> None:
-        """Hypotheses of this message alone: 96 Gaussians on a ring, those left of the axis and those right of it.
+        """Hypotheses of this message alone: 96 Gaussians on a ring, those left of the axis and
+        those right of it.
 
-        The ring is 5 m wide, its Gaussians 0.6 of their distance; near the belief so far, to 10 m, they weigh more.
+        The ring is 5 m wide, its Gaussians 0.6 of their distance; near the belief so far, to 10 m,
+        they weigh more.
         """
-        here, modes = moments(self.all)[0][:2] - received.place if self.sides else None, len(self.walks)
+        here, modes = (
+            moments(self.all)[0][:2] - received.place if self.sides else None,
+            len(self.walks),
+        )
         variance, self.v = self.v, 0.0
         near = replace(received, place=np.zeros(2))
         centre = received.arms[np.argmin(received.ranges)]
@@ -293,7 +364,9 @@ class Oracle:
             around = np.array([out[1], -out[0]])
             P = np.diag(self.fresh)
             P[LEADER, LEADER] = 0.0
-            P[:2, :2] = 25.0 * np.outer(out, out) + (0.6 * 2 * np.pi / 96 * distance) ** 2 * np.outer(around, around)
+            P[:2, :2] = 25.0 * np.outer(out, out) + (
+                0.6 * 2 * np.pi / 96 * distance
+            ) ** 2 * np.outer(around, around)
             c = Component(np.concatenate([centre[:2] + distance * out, np.zeros(N - 2)]), P, 1.0)
             update_with_ranges(self.settings, self.v, c, near)
             if here is not None:
@@ -317,11 +390,14 @@ class Oracle:
                 P[:2, :2] += self.v * np.outer(turn[:2], turn[:2])
                 x[:2] += received.place
                 weight *= share / total / modes
-                self.sides.append([Component(x.copy(), P.copy(), weight, mode) for mode in range(modes)])
+                self.sides.append(
+                    [Component(x.copy(), P.copy(), weight, mode) for mode in range(modes)]
+                )
         prune_and_merge(self.sides)
 
     def update_current(self, received: Message) -> None:
-        """The leader's way over ground less that of its log: the current, and what its compass turns the log's way by.
+        """The leader's way over ground less that of its log: the current, and what its compass
+        turns the log's way by.
 
         Windows grow from 1 s to 10 s, and begin anew after a turn of more than 0.2 rad.
         """
@@ -331,7 +407,9 @@ class Oracle:
             self.leader, self.first_time, self.logged = [received], received.time, 0.0
             return
         first, last = self.leader[0], self.leader[-1]
-        velocity = [h.speed * complex(np.sin(h.heading), np.cos(h.heading)) for h in (last, received)]
+        velocity = [
+            h.speed * complex(np.sin(h.heading), np.cos(h.heading)) for h in (last, received)
+        ]
         self.logged += 0.5 * (received.time - last.time) * sum(velocity)
         window = received.time - first.time
         self.leader.append(received)

@@ -1,4 +1,6 @@
-"""Ranges and the sides of the leader's axis for `tight_oracle`: rotations and derivatives as matrices."""
+"""Ranges and the sides of the leader's axis for `tight_oracle`: rotations and derivatives as
+matrices.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,17 @@ from scipy.special import ndtr
 from laisn.arrays import Floats
 from laisn.messages import OwnMotion, Reception
 from laisn.settings import TightSettings
-from tests.laisn.tight_mixture import BENT, CLOCK, LEADER, SCALE, Component, N, Side, heaviest, log_density
+from tests.laisn.tight_mixture import (
+    BENT,
+    CLOCK,
+    LEADER,
+    SCALE,
+    Component,
+    N,
+    Side,
+    heaviest,
+    log_density,
+)
 
 
 def pair(z: complex) -> Floats:
@@ -25,14 +37,18 @@ def rotation(angle: float) -> Floats:
 
 @dataclass
 class Message:
-    """A message: where the leader is, where its transmitters are beside it, and the ranges that came."""
+    """A message: where the leader is, where its transmitters are beside it, and the ranges that
+    came.
+    """
 
     time: float
     place: Floats
     heading: float
     speed: float
     arms: Floats
-    """East, north, and how much deeper than the hydrophone, shape (t, 3), of the ranges that came."""
+    """East, north, and how much deeper than the hydrophone, shape (t, 3), of the ranges that
+    came.
+    """
     ranges: Floats
     which: list[int]
     axis: Floats
@@ -44,21 +60,36 @@ def to_message(settings: TightSettings, own: OwnMotion, reception: Reception) ->
     message = reception.message
     tilted = settings.use_attitude and not np.isnan(message.pitch) and not np.isnan(message.roll)
     pitch, roll = (message.pitch, message.roll) if tilted else (0.0, 0.0)
-    level = np.array([pair(1j * np.exp(-1j * message.heading)), pair(-np.exp(-1j * message.heading))])
+    level = np.array(
+        [pair(1j * np.exp(-1j * message.heading)), pair(-np.exp(-1j * message.heading))]
+    )
     forward = np.array([*np.cos(pitch) * level[0], np.sin(pitch)])
     up = np.array([*-np.sin(pitch) * level[0], np.cos(pitch)])
     port = np.cos(roll) * np.array([*level[1], 0.0]) + np.sin(roll) * up
-    arms = np.outer([-0.5, 0.5, 0.0], settings.baseline * forward) + np.outer([0.0, 0.0, settings.middle_offset], port)
+    arms = np.outer([-0.5, 0.5, 0.0], settings.baseline * forward) + np.outer(
+        [0.0, 0.0, settings.middle_offset], port
+    )
     arms[:, 2] = message.depth - (own.depth - settings.hydrophone_height) - arms[:, 2]
     which = [i for i in range(settings.transmitters) if not np.isnan(reception.ranges[i])]
     place, ranges = np.array([message.east, message.north]), np.array(reception.ranges)[which]
-    return Message(message.timestamp, place, message.heading, message.speed, arms[which], ranges, which, arms[:2])
+    return Message(
+        message.timestamp,
+        place,
+        message.heading,
+        message.speed,
+        arms[which],
+        ranges,
+        which,
+        arms[:2],
+    )
 
 
 def expected(
     settings: TightSettings, v: float, c: Component, received: Message, turn: float, left: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Residuals, H and S of the ranges, about an error `turn` of the leader's heading, whose variance v is `left`."""
+    """Residuals, H and S of the ranges, about an error `turn` of the leader's heading, whose
+    variance v is `left`.
+    """
     q, t = c.x[:2] - received.place, len(received.which)
     C = c.P[np.ix_(BENT, BENT)].copy()
     C[2, 2] += left
@@ -75,7 +106,13 @@ def expected(
         if i > 0 and settings.assume.offsets:
             H[j, 7 + i] = 1.0
         H[j, CLOCK] = 1.0
-        mean = rho + H[j, SCALE] * c.x[SCALE] + H[j, 8:] @ c.x[8:] - g[2] * turn + 0.5 * np.trace(bent[-1])
+        mean = (
+            rho
+            + H[j, SCALE] * c.x[SCALE]
+            + H[j, 8:] @ c.x[8:]
+            - g[2] * turn
+            + 0.5 * np.trace(bent[-1])
+        )
         residual[j] = received.ranges[j] - mean
     S = H @ c.P @ H.T + settings.range_scale_sigma**2 * np.outer(H[:, SCALE], H[:, SCALE])
     S += v * np.outer(H[:, LEADER], H[:, LEADER]) + settings.range_sigma**2 * np.eye(t)
@@ -83,10 +120,12 @@ def expected(
 
 
 def update_with_ranges(settings: TightSettings, v: float, c: Component, received: Message) -> int:
-    """Update with the likeliest subset of the ranges, or with the differences of all; how many numbers that are.
+    """Update with the likeliest subset of the ranges, or with the differences of all; how many
+    numbers that are.
 
-    An echo common to all, of a length up to the span with a density of chance / span, leaves the differences. Those may
-    be off by as much as a reflection would change them: it adds the same to the square of each range.
+    An echo common to all, of a length up to the span with a density of chance / span, leaves the
+    differences. Those may be off by as much as a reflection would change them: it adds the same to
+    the square of each range.
     """
     t = len(received.which)
     residual, H, S = expected(settings, v, c, received, 0.0, v)
@@ -96,8 +135,11 @@ def update_with_ranges(settings: TightSettings, v: float, c: Component, received
     )
     cost = echo - np.where(residual < 0.0, 6.0, 0.0)
     subsets = [list(u) for size in range(t, -1, -1) for u in combinations(range(t), size)]
-    # rows to multiply the ranges by, a further root of their covariance, and what the hypothesis costs
-    kinds = [(np.eye(t)[u], np.zeros(t), len(u) * direct + np.delete(cost, u).sum()) for u in subsets]
+    # rows to multiply the ranges by, a further root of their covariance, and what the hypothesis
+    # costs
+    kinds = [
+        (np.eye(t)[u], np.zeros(t), len(u) * direct + np.delete(cost, u).sum()) for u in subsets
+    ]
     weight = np.linalg.solve(S, np.ones(t))
     excess, mean = weight @ residual / weight.sum(), received.ranges.mean()
     if t > 1 and 0.0 < excess < settings.outlier_span:
@@ -139,7 +181,9 @@ def aside(c: Component, received: Message) -> tuple[float, Floats]:
 
 
 def half(c: Component, received: Message, sign: float) -> Component:
-    """The part of a component on one side of the axis, by the moments of a truncated normal variable."""
+    """The part of a component on one side of the axis, by the moments of a truncated normal
+    variable.
+    """
     lateral, row = aside(c, received)
     column = c.P @ row / np.sqrt(row @ c.P @ row)
     z = sign * lateral / np.sqrt(row @ c.P @ row)
@@ -152,12 +196,16 @@ def half(c: Component, received: Message, sign: float) -> Component:
 
 
 def split(settings: TightSettings, sides: list[Side], received: Message) -> None:
-    """Into halves, where the axis is within 3.5 σ and σ is more than 0.3 of where the axis matters."""
+    """Into halves, where the axis is within 3.5 σ and σ is more than 0.3 of where the axis
+    matters.
+    """
     for side in list(sides):
         top = heaviest(side)
         lateral, row = aside(top, received)
         length = np.linalg.norm(received.axis[1, :2] - received.axis[0, :2])
-        matters = np.linalg.norm(top.x[:2] - received.place) * np.sqrt(2.8 * settings.range_sigma / length)
+        matters = np.linalg.norm(top.x[:2] - received.place) * np.sqrt(
+            2.8 * settings.range_sigma / length
+        )
         sigma = np.sqrt(row @ top.P @ row)
         if len(sides) < 8 and sigma > 0.3 * matters and abs(lateral) < 3.5 * sigma:
             sides.append([half(c, received, -1.0) for c in side])

@@ -1,4 +1,6 @@
-"""Ways to damage a log, and a program that rewrites it with other contents and every checksum right."""
+"""Ways to damage a log, and a program that rewrites it with other contents and every checksum
+right.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -37,7 +39,9 @@ class Parts:
     def written(self) -> bytes:
         """The log as another program would write it: with fresh checksums."""
         stream = BytesIO()
-        writer = Writer(stream, chunk_size=self.chunk_size, compression=self.compression, enable_data_crcs=True)
+        writer = Writer(
+            stream, chunk_size=self.chunk_size, compression=self.compression, enable_data_crcs=True
+        )
         writer.start(library=self.library)
         for a in self.attachments:
             writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)
@@ -47,11 +51,17 @@ class Parts:
         channels: dict[Any, int] = {}
         for schema, channel, message in self.messages:
             if schema is not None and schema.name not in schemas:
-                schemas[schema.name] = writer.register_schema(schema.name, schema.encoding, schema.data)
+                schemas[schema.name] = writer.register_schema(
+                    schema.name, schema.encoding, schema.data
+                )
             if channel.topic not in channels:
                 type_ = schemas[schema.name] if schema is not None else 0
-                channels[channel.topic] = writer.register_channel(channel.topic, channel.message_encoding, type_)
-            writer.add_message(channels[channel.topic], message.log_time, message.data, message.publish_time)
+                channels[channel.topic] = writer.register_channel(
+                    channel.topic, channel.message_encoding, type_
+                )
+            writer.add_message(
+                channels[channel.topic], message.log_time, message.data, message.publish_time
+            )
         writer.finish()  # type: ignore[no-untyped-call]
         return stream.getvalue()
 

@@ -50,13 +50,19 @@ def test_reading_gives_the_same_flight_to_the_bit(tmp_path: Path, options: dict[
     writer.write(flight, tmp_path / "a.mcap")
     assert bits(read(tmp_path / "a.mcap")) == bits(flight)
     for i, name in enumerate(flight.trajectory.names[1:]):
-        assert bits(read_recording(tmp_path / "a.mcap", name).measurements) == bits(flight.measurements[i])
+        assert bits(read_recording(tmp_path / "a.mcap", name).measurements) == bits(
+            flight.measurements[i]
+        )
 
 
 def test_channels_hold_little_beside_the_flight() -> None:
     flight = make_flight(3000.0)
     truth, estimates = flight.trajectory, flight.estimates[0]
-    held = sum(array.nbytes for array in truth.arrays.values()) + estimates.state.nbytes + estimates.covariance.nbytes
+    held = (
+        sum(array.nbytes for array in truth.arrays.values())
+        + estimates.state.nbytes
+        + estimates.covariance.nbytes
+    )
     # heading and speed are kept with the trajectory, and imports with the process
     writer.channels(flight, (), ())
     tracemalloc.start()
@@ -72,7 +78,9 @@ def test_odd_numbers_and_several_fixes_a_step_survive(tmp_path: Path) -> None:
     flight = make_flight(5.0)
     e = flight.estimates[0]
     thrice = {
-        f.name: np.repeat(getattr(e, f.name), 3, axis=0) for f in dataclasses.fields(e) if f.name[:2] in ("fi", "in")
+        f.name: np.repeat(getattr(e, f.name), 3, axis=0)
+        for f in dataclasses.fields(e)
+        if f.name[:2] in ("fi", "in")
     }
     state = e.state.copy()
     state[0] = [-0.0, 5e-324, np.nextafter(1.0, 2.0), -np.inf]
@@ -95,19 +103,33 @@ def test_rows_match_protobuf(type_: RecordType) -> None:
     """Zeros included, which protobuf itself would leave out."""
     random = np.random.default_rng(1)
     n = 50
-    arrays = {g.attribute: random.integers(-9, 9, (n, *g.shape)) * (1 if g.integer else 0.37) for g in type_.columns}
+    arrays = {
+        g.attribute: random.integers(-9, 9, (n, *g.shape)) * (1 if g.integer else 0.37)
+        for g in type_.columns
+    }
     rows = type_.rows(arrays)
     assert len({len(row) for row in rows}) == 1
     for i, row in enumerate(rows):
         parsed = type_.message_class.FromString(row)
         for group in type_.columns:
-            values = dict(zip(group.names, arrays[group.attribute][i].ravel().tolist(), strict=True))
-            assert {name: functools.reduce(getattr, name.split("."), parsed) for name in values} == values
+            values = dict(
+                zip(group.names, arrays[group.attribute][i].ravel().tolist(), strict=True)
+            )
+            assert {
+                name: functools.reduce(getattr, name.split("."), parsed) for name in values
+            } == values
 
 
 def test_no_rows_make_no_messages() -> None:
-    """A channel may be silent for a whole block: the last message may still be on its way when the flight ends."""
-    assert RECEPTION.rows({array.attribute: np.empty((0, *array.shape)) for array in RECEPTION.columns}) == []
+    """A channel may be silent for a whole block: the last message may still be on its way when
+    the flight ends.
+    """
+    assert (
+        RECEPTION.rows(
+            {array.attribute: np.empty((0, *array.shape)) for array in RECEPTION.columns}
+        )
+        == []
+    )
 
 
 def test_channels_times_and_attachments(flight: Flight, written: Path) -> None:
@@ -134,11 +156,19 @@ def test_channels_times_and_attachments(flight: Flight, written: Path) -> None:
         "/tf": 301,
         "/tf_static": 1,
         "/scene/hulls": 1,
-        **dict.fromkeys(("/leader/pose", "/leader/state", "/follower/pose", "/follower/state"), 301),
+        **dict.fromkeys(
+            ("/leader/pose", "/leader/state", "/follower/pose", "/follower/state"), 301
+        ),
         **dict.fromkeys(("/leader/fix", "/follower/fix", "/scene/vehicles"), 31),
         **{f"/follower/{name}": 300 for name in ("motion", "filter", "estimate", "error")},
         **dict.fromkeys(
-            ("/follower/reception", "/follower/innovation", "/follower/estimate/fix", "/scene/acoustics"), 30
+            (
+                "/follower/reception",
+                "/follower/innovation",
+                "/follower/estimate/fix",
+                "/scene/acoustics",
+            ),
+            30,
         ),
         "/log": 30 + 1 + 1,
     }
@@ -152,8 +182,13 @@ def test_channels_times_and_attachments(flight: Flight, written: Path) -> None:
 def test_poses_transforms_and_errors_are_the_flight(flight: Flight, written: Path) -> None:
     t = flight.trajectory
     pose = messages(written, "/follower/pose")[100]
-    transforms = [*messages(written, "/tf")[100].transforms, *messages(written, "/tf_static")[0].transforms]
-    assert (pose.pose.position.x, pose.pose.position.y, pose.pose.position.z) == tuple(t.position[100, 1])
+    transforms = [
+        *messages(written, "/tf")[100].transforms,
+        *messages(written, "/tf_static")[0].transforms,
+    ]
+    assert (pose.pose.position.x, pose.pose.position.y, pose.pose.position.z) == tuple(
+        t.position[100, 1]
+    )
     q = pose.pose.orientation
     assert (q.w, q.x, q.y, q.z) == tuple(t.quaternion[100, 1])
     tree = {x.child_frame_id: x for x in transforms}
@@ -163,18 +198,31 @@ def test_poses_transforms_and_errors_are_the_flight(flight: Flight, written: Pat
     assert (front.translation.x, front.translation.y, front.translation.z) == (1.0, 0.0, 0.0)
     assert leader.rotation.w == t.quaternion[100, 0, 0]
     error = messages(written, "/follower/error")[-1]
-    assert (error.position_error, error.bearing_error) == tuple(x[-1] for x in position_and_bearing_errors(flight)[0])
+    assert (error.position_error, error.bearing_error) == tuple(
+        x[-1] for x in position_and_bearing_errors(flight)[0]
+    )
     state = messages(written, "/leader/state")[100]
-    assert (state.pitch, state.depth, state.thrust_main) == (t.pitch[100, 0], t.depth[100, 0], t.thrust[100, 0, 0])
+    assert (state.pitch, state.depth, state.thrust_main) == (
+        t.pitch[100, 0],
+        t.depth[100, 0],
+        t.thrust[100, 0, 0],
+    )
 
 
 def test_log_lines_list_kinds_events_and_outcome(flight: Flight, written: Path) -> None:
     lines = messages(written, "/log")
     kinds = flight.estimates[0].fix_kind
-    assert sum(line.message == "fix: rejected" for line in lines) == np.count_nonzero(kinds == FixKind.GATED)
-    assert sum(line.message == "fix: lost" for line in lines) == np.count_nonzero(kinds == FixKind.LOST)
+    assert sum(line.message == "fix: rejected" for line in lines) == np.count_nonzero(
+        kinds == FixKind.GATED
+    )
+    assert sum(line.message == "fix: lost" for line in lines) == np.count_nonzero(
+        kinds == FixKind.LOST
+    )
     mirror_lock = next(line for line in lines if line.message == "mirror lock")
-    assert (mirror_lock.timestamp.ToNanoseconds() - lines[0].timestamp.ToNanoseconds(), mirror_lock.name) == (
+    assert (
+        mirror_lock.timestamp.ToNanoseconds() - lines[0].timestamp.ToNanoseconds(),
+        mirror_lock.name,
+    ) == (
         11 * 10**9,
         "follower",
     )
@@ -189,7 +237,10 @@ def test_video_lies_among_the_messages_in_order_of_time(flight: Flight, tmp_path
     assert video[3].format == "h264"
     assert video[3].timestamp.ToNanoseconds() - video[0].timestamp.ToNanoseconds() == 1_500_000_000
     with (tmp_path / "a.mcap").open("rb") as stream:
-        times = [message.log_time for _, _, message in make_reader(stream).iter_messages(log_time_order=False)]
+        times = [
+            message.log_time
+            for _, _, message in make_reader(stream).iter_messages(log_time_order=False)
+        ]
     assert times == sorted(times)
     with pytest.raises(ValueError, match="in order of time"):
         writer.write(flight, tmp_path / "b.mcap", video=[(2.0, b""), (1.0, b"")])
@@ -204,7 +255,9 @@ def test_export(flight: Flight, written: Path, tmp_path: Path, table_format: Any
     files = {f.name: f for f in export(written, tmp_path / "tables", table_format)}
     name = f"follower_motion.{table_format}"
     assert {name, f"leader_pose.{table_format}", f"log.{table_format}"} <= set(files)
-    table = (pyarrow.parquet.read_table if table_format == "parquet" else pyarrow.csv.read_csv)(files[name])
+    table = (pyarrow.parquet.read_table if table_format == "parquet" else pyarrow.csv.read_csv)(
+        files[name]
+    )
     assert table.column_names == ["time_s", "log_time_ns", "speed", "heading", "depth"]
     # filter steps k = 1 … 300, at k Δt
     np.testing.assert_array_equal(table["time_s"].to_numpy(), np.arange(1, 301) / 10)
@@ -226,9 +279,16 @@ def test_the_documented_channels_are_those_of_the_log(flight: Flight, tmp_path: 
         # of other navigators
         if topic.rpartition("/")[2] not in {type_.topic for type_ in DETAILS.values()}
     }
-    found = {topic: messages.schema.name for topic, messages in Contents(tmp_path / "a.mcap").topics.items()}
-    assert {topic: re.sub(r"_[0-9a-f]{8}$", "_", name) for topic, name in found.items()} == documented
-    assert {(f"/FOLLOWER/{type_.topic}", type_.schema.name) for type_ in DETAILS.values()} <= set(rows)
+    found = {
+        topic: messages.schema.name
+        for topic, messages in Contents(tmp_path / "a.mcap").topics.items()
+    }
+    assert {
+        topic: re.sub(r"_[0-9a-f]{8}$", "_", name) for topic, name in found.items()
+    } == documented
+    assert {(f"/FOLLOWER/{type_.topic}", type_.schema.name) for type_ in DETAILS.values()} <= set(
+        rows
+    )
 
 
 def test_info(written: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -243,7 +303,9 @@ def test_info(written: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_an_epoch_that_no_log_can_hold(flight: Flight, tmp_path: Path) -> None:
     for epoch in ("1969-12-31T23:59:59+00:00", "2105-01-01T00:00:00+00:00"):
-        early = dataclasses.replace(flight, scenario=flight.scenario.model_copy(update={"epoch": epoch}))
+        early = dataclasses.replace(
+            flight, scenario=flight.scenario.model_copy(update={"epoch": epoch})
+        )
         with pytest.raises(ValueError, match="outside 1970 … 2102"):
             writer.write(early, tmp_path / "a.mcap")
     assert Clock("1970-01-02T01:00:00+01:00").epoch_ns == 86_400 * 10**9
@@ -254,14 +316,18 @@ def test_an_epoch_that_no_log_can_hold(flight: Flight, tmp_path: Path) -> None:
 
 
 def test_size_and_speed(tmp_path: Path) -> None:
-    """1000 s at 10 Hz take less than 10 MB, and 50 000 messages a second of processor time are written."""
+    """1000 s at 10 Hz take less than 10 MB, and 50 000 messages a second of processor time are
+    written.
+    """
     flight = make_flight(1000.0)
     best = 0.0
     for _ in range(3):
         start = time.process_time()
         writer.write(flight, tmp_path / "a.mcap")
         seconds = time.process_time() - start
-        best = max(best, sum(len(m.times) for m in Contents(tmp_path / "a.mcap").topics.values()) / seconds)
+        best = max(
+            best, sum(len(m.times) for m in Contents(tmp_path / "a.mcap").topics.values()) / seconds
+        )
         if best > 50_000:
             break
     assert (tmp_path / "a.mcap").stat().st_size < 10e6

@@ -1,4 +1,6 @@
-"""Columns of numbers read from messages: what protobuf reads of them one by one; order, time and memory."""
+"""Columns of numbers read from messages: what protobuf reads of them one by one; order, time and
+memory.
+"""
 
 import struct
 import time
@@ -27,33 +29,54 @@ from sim.log.schema import OWN_MOTION, RECEPTION
 
 KIND = descriptor_pb2.FieldDescriptorProto
 INTEGERS = {
-    "INT32": (-(2**31), 2**31 - 1), "INT64": (-(2**63), 2**63 - 1), "UINT32": (0, 2**32 - 1), "UINT64": (0, 2**64 - 1),
-    "SINT32": (-(2**31), 2**31 - 1), "SINT64": (-(2**63), 2**63 - 1), "FIXED32": (0, 2**32 - 1),
-    "FIXED64": (0, 2**64 - 1), "SFIXED32": (-(2**31), 2**31 - 1), "SFIXED64": (-(2**63), 2**63 - 1),
-}  # fmt: skip
+    "INT32": (-(2**31), 2**31 - 1),
+    "INT64": (-(2**63), 2**63 - 1),
+    "UINT32": (0, 2**32 - 1),
+    "UINT64": (0, 2**64 - 1),
+    "SINT32": (-(2**31), 2**31 - 1),
+    "SINT64": (-(2**63), 2**63 - 1),
+    "FIXED32": (0, 2**32 - 1),
+    "FIXED64": (0, 2**64 - 1),
+    "SFIXED32": (-(2**31), 2**31 - 1),
+    "SFIXED64": (-(2**63), 2**63 - 1),
+}
 VALUES: dict[str, st.SearchStrategy[Any]] = {
     **{name: st.integers(*limits) for name, limits in INTEGERS.items()},
-    "DOUBLE": st.floats(), "FLOAT": st.floats(width=32), "BOOL": st.booleans(), "STRING": st.text(max_size=5),
-}  # fmt: skip
+    "DOUBLE": st.floats(),
+    "FLOAT": st.floats(width=32),
+    "BOOL": st.booleans(),
+    "STRING": st.text(max_size=5),
+}
 DEFAULTS = {"INT32": "-7", "DOUBLE": "2.5", "BOOL": "true", "STRING": "none"}
 
 
 @cache
 def message_class(syntax: str, *, numbers: bool = False) -> Any:
     """A type with a field of every kind, which also holds itself; or with numbers alone."""
-    file = descriptor_pb2.FileDescriptorProto(name=f"all_{syntax}.proto", package=f"all_{syntax}", syntax=syntax)
+    file = descriptor_pb2.FileDescriptorProto(
+        name=f"all_{syntax}.proto", package=f"all_{syntax}", syntax=syntax
+    )
     message = file.message_type.add(name="All")
     for number, name in enumerate(VALUES, start=1):
         if numbers and name == "STRING":
             continue
         default = DEFAULTS.get(name) if syntax == "proto2" else None
         message.field.add(
-            name=name.lower(), number=number, type=KIND.Type.Value(f"TYPE_{name}"), label=KIND.LABEL_OPTIONAL,
+            name=name.lower(),
+            number=number,
+            type=KIND.Type.Value(f"TYPE_{name}"),
+            label=KIND.LABEL_OPTIONAL,
             default_value=default,
-        )  # fmt: skip
+        )
     if not numbers:
         label = KIND.LABEL_OPTIONAL
-        message.field.add(name="inner", number=100, type=KIND.TYPE_MESSAGE, type_name=f".all_{syntax}.All", label=label)
+        message.field.add(
+            name="inner",
+            number=100,
+            type=KIND.TYPE_MESSAGE,
+            type_name=f".all_{syntax}.All",
+            label=label,
+        )
         message.field.add(name="many", number=101, type=KIND.TYPE_DOUBLE, label=KIND.LABEL_REPEATED)
     pool = descriptor_pool.DescriptorPool()
     pool.Add(file)
@@ -80,13 +103,21 @@ def expected(message: Any, name: str) -> Any:
 
 
 @pytest.mark.parametrize("syntax", ["proto2", "proto3"])
-@given(st.lists(st.tuples(ALL, st.none() | ALL, st.lists(st.floats(), max_size=2)), max_size=4), st.integers(1, 3))
+@given(
+    st.lists(st.tuples(ALL, st.none() | ALL, st.lists(st.floats(), max_size=2)), max_size=4),
+    st.integers(1, 3),
+)
 def test_every_field_is_read_as_protobuf_reads_it(
-    syntax: str, content: list[tuple[dict[str, Any], dict[str, Any] | None, list[float]]], repeated: int
+    syntax: str,
+    content: list[tuple[dict[str, Any], dict[str, Any] | None, list[float]]],
+    repeated: int,
 ) -> None:
     type_ = message_class(syntax)
     inners = [None if inner is None else type_(**inner) for _, inner, _ in content]
-    written = [type_(**own, inner=inner, many=many) for (own, _, many), inner in zip(content, inners, strict=True)]
+    written = [
+        type_(**own, inner=inner, many=many)
+        for (own, _, many), inner in zip(content, inners, strict=True)
+    ]
     # a single message, repeated, has one length
     written *= repeated
     read = messages_of(type_, [message.SerializeToString() for message in written])
@@ -97,24 +128,39 @@ def test_every_field_is_read_as_protobuf_reads_it(
             assert repr(values) == repr([expected(message, name) for message in written])
 
 
-NUMBERS = {"double": st.floats(), "sfixed64": st.integers(-(2**63), 2**63 - 1), "fixed64": st.integers(0, 2**64 - 1)}
+NUMBERS = {
+    "double": st.floats(),
+    "sfixed64": st.integers(-(2**63), 2**63 - 1),
+    "fixed64": st.integers(0, 2**64 - 1),
+}
 
 
-@given(st.lists(st.fixed_dictionaries({}, optional=NUMBERS), min_size=1, max_size=6), st.sampled_from(["", "a"]))
-def test_messages_of_one_length_are_read_by_their_own_fields(rows: list[dict[str, Any]], text: str) -> None:
+@given(
+    st.lists(st.fixed_dictionaries({}, optional=NUMBERS), min_size=1, max_size=6),
+    st.sampled_from(["", "a"]),
+)
+def test_messages_of_one_length_are_read_by_their_own_fields(
+    rows: list[dict[str, Any]], text: str
+) -> None:
     """A double and an integer take the same room: only the tag distinguishes them."""
     type_ = message_class("proto3")
     written = [type_(**row, string=text) for row in rows]
     read = messages_of(type_, [message.SerializeToString() for message in written])
     for name in (*NUMBERS, "string"):
         (found,) = read.columns([name])
-        assert repr(list(np.asarray(found, dtype=object))) == repr([expected(message, name) for message in written])
+        assert repr(list(np.asarray(found, dtype=object))) == repr(
+            [expected(message, name) for message in written]
+        )
 
 
 def test_numbers_of_a_flights_channels_are_what_another_decoder_reads(tmp_path: Path) -> None:
     path = write_log(make_flight(20.0), tmp_path)
     topics = Contents(path).topics
-    for topic, name in (("/follower/state", "position_east"), ("/leader/state", "pitch"), ("/follower/filter", "vx")):
+    for topic, name in (
+        ("/follower/state", "position_east"),
+        ("/leader/state", "pitch"),
+        ("/follower/filter", "vx"),
+    ):
         (found,) = topics[topic].columns([name])
         assert isinstance(found, np.ndarray)
         assert found.tolist() == [expected(message, name) for message in messages(path, topic)]
@@ -133,13 +179,17 @@ def test_a_message_that_is_no_protobuf_is_refused(tmp_path: Path) -> None:
         writer.start()
         for name, schema in (("motion", OWN_MOTION), ("reception", RECEPTION)):
             type_ = register_schema(writer, schema.message_class)
-            writer.add_message(writer.register_channel(f"/follower/{name}", "protobuf", type_), 0, b"\x08\xff", 0)
+            writer.add_message(
+                writer.register_channel(f"/follower/{name}", "protobuf", type_), 0, b"\x08\xff", 0
+            )
         writer.finish()  # type: ignore[no-untyped-call]
     with pytest.raises(LogError, match=r"a\.mcap: damaged, or written by something else"):
         read_recording(tmp_path / "a.mcap")
 
 
-def test_messages_out_of_order_are_sorted_and_those_of_equal_time_stay_as_they_came(tmp_path: Path) -> None:
+def test_messages_out_of_order_are_sorted_and_those_of_equal_time_stay_as_they_came(
+    tmp_path: Path,
+) -> None:
     rng = np.random.default_rng(5)
     given_ = [(int(at), rng.bytes(int(size))) for at, size in rng.integers(0, 40, (200, 2))]
     with (tmp_path / "a.mcap").open("wb") as stream:
@@ -158,29 +208,49 @@ def test_messages_out_of_order_are_sorted_and_those_of_equal_time_stay_as_they_c
 def memory(what: str) -> int:
     """Memory of this process as the system counts it [bytes]."""
     status = Path("/proc/self/status").read_text()
-    return next(1024 * int(line.split()[1]) for line in status.splitlines() if line.startswith(what))
+    return next(
+        1024 * int(line.split()[1]) for line in status.splitlines() if line.startswith(what)
+    )
 
 
 def many_messages(path: Path, count: int) -> Path:
-    """A log of hours: own motion every 10 ms, at the speed of 1, 2, 3 … m/s; one has a heading and an unknown field."""
-    first = OWN_MOTION.message_class(speed=1.0, heading=0.5, depth=0.0).SerializeToString() + b"\xf0\x01\x07"
+    """A log of hours: own motion every 10 ms, at the speed of 1, 2, 3 … m/s; one has a heading
+    and an unknown field.
+    """
+    first = (
+        OWN_MOTION.message_class(speed=1.0, heading=0.5, depth=0.0).SerializeToString()
+        + b"\xf0\x01\x07"
+    )
     content = OWN_MOTION.message_class(speed=1.0, heading=0.0, depth=0.0).SerializeToString()
     with path.open("wb") as stream:
         # without a summary nothing in the file gives offsets of other records
         writer = Writer(
-            stream, enable_crcs=False, use_chunking=False, repeat_channels=False, repeat_schemas=False,
-            use_statistics=False, use_summary_offsets=False, index_types=IndexType.NONE,
-        )  # fmt: skip
+            stream,
+            enable_crcs=False,
+            use_chunking=False,
+            repeat_channels=False,
+            repeat_schemas=False,
+            use_statistics=False,
+            use_summary_offsets=False,
+            index_types=IndexType.NONE,
+        )
         writer.start()
         for name, schema in (("motion", OWN_MOTION), ("reception", RECEPTION)):
             type_ = register_schema(writer, schema.message_class)
             data = first if name == "motion" else b""
-            writer.add_message(writer.register_channel(f"/follower/{name}", "protobuf", type_), 0, data, 0)
+            writer.add_message(
+                writer.register_channel(f"/follower/{name}", "protobuf", type_), 0, data, 0
+            )
         writer.finish()  # type: ignore[no-untyped-call]
     written = path.read_bytes()
     end = len(written) - 8 - 29 - 13
     # Python's writer would take as long as all other tests of logs
-    row = struct.pack("<BQ", Opcode.MESSAGE, 22 + len(content)) + (1).to_bytes(2, "little") + bytes(20) + content
+    row = (
+        struct.pack("<BQ", Opcode.MESSAGE, 22 + len(content))
+        + (1).to_bytes(2, "little")
+        + bytes(20)
+        + content
+    )
     rows = np.tile(np.frombuffer(row, dtype=np.uint8), (count, 1))
     rows[:, 15:23] = (10**7 * np.arange(1, count + 1, dtype="<i8")).view(np.uint8).reshape(count, 8)
     rows[:, 32:40] = np.arange(2.0, count + 2).view(np.uint8).reshape(count, 8)
@@ -199,14 +269,24 @@ def seconds(call: Any) -> float:
     return time.process_time() - begun
 
 
-@pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="the peak of the memory can be reset on Linux")
+@pytest.mark.skipif(
+    not Path("/proc/self/clear_refs").exists(),
+    reason="the peak of the memory can be reset on Linux",
+)
 def test_many_messages_of_different_lengths_take_little_time_and_memory(tmp_path: Path) -> None:
-    """Less than three times what the library takes for its records alone, and 300 bytes for a message."""
+    """Less than three times what the library takes for its records alone, and 300 bytes for a
+    message.
+    """
     path, n = many_messages(tmp_path / "a.mcap", 2 * 10**5), 2 * 10**5
 
     def records() -> None:
         with path.open("rb") as stream:
-            assert sum(isinstance(r, Message) for r in StreamReader(stream, validate_crcs=True).records) == n + 2
+            assert (
+                sum(
+                    isinstance(r, Message) for r in StreamReader(stream, validate_crcs=True).records
+                )
+                == n + 2
+            )
 
     read_recording(many_messages(tmp_path / "b.mcap", 10), "follower")
     Path("/proc/self/clear_refs").write_text("5")

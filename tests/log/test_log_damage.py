@@ -1,4 +1,6 @@
-"""Damaged, rewritten and hostile logs: refused, or recovered up to the damage; never another flight."""
+"""Damaged, rewritten and hostile logs: refused, or recovered up to the damage; never another
+flight.
+"""
 
 import re
 import struct
@@ -29,7 +31,15 @@ from sim.log.export import export
 from sim.log.reader import read, read_recording
 from sim.log.schema import OWN_MOTION, RECEPTION
 
-FOLLOWER_CHANNELS = ("motion", "reception", "filter", "innovation", "estimate", "estimate/fix", "error")
+FOLLOWER_CHANNELS = (
+    "motion",
+    "reception",
+    "filter",
+    "innovation",
+    "estimate",
+    "estimate/fix",
+    "error",
+)
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +63,10 @@ def is_start_of(part: Flight, flight: Flight) -> bool:
     n = part.measurements[0].speed.size
     begin = excerpt(flight, 0.0, n * flight.measurements[0].dt)
     points = part.trajectory.time.size
-    truths = [{k: v for k, v in bits(t).items() if k[:4] != "site"} for t in (part.trajectory, begin.trajectory)]
+    truths = [
+        {k: v for k, v in bits(t).items() if k[:4] != "site"}
+        for t in (part.trajectory, begin.trajectory)
+    ]
     return (
         part.outcome is Outcome.INTERRUPTED
         and points == begin.trajectory.time.size
@@ -77,7 +90,9 @@ def brief_log(brief: Flight, tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_no_damaged_log_gives_another_flight(brief: Flight, brief_log: bytes, tmp_path: Path, seed: int) -> None:
+def test_no_damaged_log_gives_another_flight(
+    brief: Flight, brief_log: bytes, tmp_path: Path, seed: int
+) -> None:
     """It is refused; what is recovered is the start of the flight, or all of it."""
     data, what = damaged(brief_log, np.random.default_rng(seed))
     path = tmp_path / "a.mcap"
@@ -92,7 +107,9 @@ def test_no_damaged_log_gives_another_flight(brief: Flight, brief_log: bytes, tm
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_of_a_truncated_log_a_prefix_is_recovered(brief: Flight, brief_log: bytes, tmp_path: Path, seed: int) -> None:
+def test_of_a_truncated_log_a_prefix_is_recovered(
+    brief: Flight, brief_log: bytes, tmp_path: Path, seed: int
+) -> None:
     """All but the last block, at most, and the messages of every channel of it."""
     length = int(np.random.default_rng(seed).integers(len(brief_log) // 2, len(brief_log)))
     (tmp_path / "a.mcap").write_bytes(brief_log[:length])
@@ -120,7 +137,9 @@ def rewritten(whole: bytes, path: Path, change: Any) -> Path:
 def since(seconds: float, parts: Parts) -> int:
     """Index of the first message so long after the start."""
     start = parts.messages[0][2].log_time
-    return next(i for i, item in enumerate(parts.messages) if item[2].log_time >= start + seconds * 1e9)
+    return next(
+        i for i, item in enumerate(parts.messages) if item[2].log_time >= start + seconds * 1e9
+    )
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))
@@ -165,7 +184,9 @@ def test_a_flight_whose_start_or_end_was_cut_is_refused_but_its_measurements_are
         ("/follower1/motion", "/follower1/motion are not at the times of a flight, without a gap"),
     ],
 )
-def test_a_missing_message_of_a_flight_is_detected(whole: bytes, tmp_path: Path, topic: str, text: str) -> None:
+def test_a_missing_message_of_a_flight_is_detected(
+    whole: bytes, tmp_path: Path, topic: str, text: str
+) -> None:
     def drop(parts: Parts) -> None:
         places = [i for i, item in enumerate(parts.messages) if item[1].topic == topic]
         del parts.messages[places[len(places) // 2]]
@@ -190,7 +211,9 @@ def test_a_log_cut_twice_is_recovered_twice(flight: Flight, whole: bytes, tmp_pa
 
 
 def without_data_checksum(data: bytes) -> bytearray:
-    """The checksum of all that stands before the summary replaced by zero, which stands for none."""
+    """The checksum of all that stands before the summary replaced by zero, which stands for
+    none.
+    """
     changed = bytearray(data)
     summary_start = int.from_bytes(changed[-8 - 20 : -8 - 12], "little")
     changed[summary_start - 4 : summary_start] = bytes(4)
@@ -224,13 +247,17 @@ def test_recovery_leaves_a_damaged_scenario_out(whole: bytes, tmp_path: Path) ->
 def test_attachments_have_checksums_of_their_own(whole: bytes, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_bytes(without_data_checksum(with_another_baseline(whole, checksum=True)))
-    with pytest.raises(LogError, match=r"at byte \d+: the checksum of attachment 'scenario\.toml' does not match"):
+    with pytest.raises(
+        LogError, match=r"at byte \d+: the checksum of attachment 'scenario\.toml' does not match"
+    ):
         read(path)
     path.write_bytes(without_data_checksum(whole))
     assert Contents(path).unverified == ("metadata",)
 
 
-def test_a_chunk_is_verified_where_the_data_section_has_no_checksum(whole: bytes, tmp_path: Path) -> None:
+def test_a_chunk_is_verified_where_the_data_section_has_no_checksum(
+    whole: bytes, tmp_path: Path
+) -> None:
     changed = without_data_checksum(whole)
     changed[changed.index(struct.pack("<I", 0xFD2FB528)) + 1000] ^= 1
     (tmp_path / "a.mcap").write_bytes(changed)
@@ -249,7 +276,9 @@ def plain_log(path: Path, fill: Any, **options: Any) -> Path:
 
 def test_what_has_no_checksum_is_called_unprotected(tmp_path: Path) -> None:
     def fill(plain: Writer) -> None:
-        channel = plain.register_channel("/auv/motion", "protobuf", register_schema(plain, OWN_MOTION.message_class))
+        channel = plain.register_channel(
+            "/auv/motion", "protobuf", register_schema(plain, OWN_MOTION.message_class)
+        )
         for k in range(20):
             plain.add_message(
                 channel,
@@ -257,13 +286,17 @@ def test_what_has_no_checksum_is_called_unprotected(tmp_path: Path) -> None:
                 OWN_MOTION.message_class(speed=1.0, heading=0.0, depth=1.0).SerializeToString(),
                 k * 10**8,
             )
-        channel = plain.register_channel("/auv/reception", "protobuf", register_schema(plain, RECEPTION.message_class))
+        channel = plain.register_channel(
+            "/auv/reception", "protobuf", register_schema(plain, RECEPTION.message_class)
+        )
         values = dict.fromkeys(RECEPTION.fields, 1.0)
         plain.add_message(channel, 0, RECEPTION.message_class(**values).SerializeToString(), 0)
 
     path = plain_log(tmp_path / "a.mcap", fill, enable_crcs=False, chunk_size=200)
     assert Contents(path).unverified == ("metadata", "7 of 7 chunks")
-    assert read_recording(path, "auv").remarks == ("7 of 7 chunks: no checksum, damage cannot be detected",)
+    assert read_recording(path, "auv").remarks == (
+        "7 of 7 chunks: no checksum, damage cannot be detected",
+    )
 
 
 PEAK = """
@@ -272,7 +305,8 @@ from pathlib import Path
 from sim.log.contents import LogError, recover
 from sim.log import reader, export
 path = Path(sys.argv[1])
-for use in (reader.read, reader.read_recording, lambda p: export.export(p, p.parent / "t"), recover):
+uses = (reader.read, reader.read_recording, lambda p: export.export(p, p.parent / "t"), recover)
+for use in uses:
     try:
         use(path)
         print("done")
@@ -285,26 +319,38 @@ print(next(float(line.split()[1]) / 1e3 for line in status if line.startswith("V
 
 
 def peak_of_reading(path: Path) -> tuple[list[str], float]:
-    """What the readers print of a file, and the most memory that a process with all of them takes [MB]."""
-    done = subprocess.run([sys.executable, "-c", PEAK, str(path)], capture_output=True, text=True, check=True)
+    """What the readers print of a file, and the most memory that a process with all of them
+    takes [MB].
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", PEAK, str(path)], capture_output=True, text=True, check=True
+    )
     *lines, peak = done.stdout.splitlines()
     return lines, float(peak)
 
 
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
-def test_a_small_log_does_not_unfold_without_bound(tmp_path: Path, compression: CompressionType) -> None:
+def test_a_small_log_does_not_unfold_without_bound(
+    tmp_path: Path, compression: CompressionType
+) -> None:
     """Gigabytes of zeros in a small file are refused before they are decompressed."""
 
     def fill(plain: Writer) -> None:
         schema = register_schema(plain, OWN_MOTION.message_class)
-        channels = [plain.register_channel(f"/follower/{name}", "protobuf", schema) for name in ("motion", "reception")]
+        channels = [
+            plain.register_channel(f"/follower/{name}", "protobuf", schema)
+            for name in ("motion", "reception")
+        ]
         for _ in range(30):
             for channel in channels:
                 plain.add_message(channel, 0, bytes(8 << 20), 0)
 
     path = plain_log(tmp_path / "a.mcap", fill, compression=compression, chunk_size=8 << 20)
     lines, peak = peak_of_reading(path)
-    assert all(re.search(r"a\.mcap: damaged or cut off at byte \d+: .* would decompress to", x) for x in lines[:3])
+    assert all(
+        re.search(r"a\.mcap: damaged or cut off at byte \d+: .* would decompress to", x)
+        for x in lines[:3]
+    )
     assert peak < 500
     assert not (tmp_path / "t").exists()
 
@@ -313,16 +359,30 @@ def hostile(path: Path, record: bytes, *, size: int, count: int, compress: Any) 
     """A file of `size` bytes: as many chunks as fit of `count` records."""
 
     def fill(plain: Writer) -> None:
-        plain.register_channel("/follower/motion", "protobuf", register_schema(plain, OWN_MOTION.message_class))
-        plain.register_channel("/follower/reception", "protobuf", register_schema(plain, RECEPTION.message_class))
+        plain.register_channel(
+            "/follower/motion", "protobuf", register_schema(plain, OWN_MOTION.message_class)
+        )
+        plain.register_channel(
+            "/follower/reception", "protobuf", register_schema(plain, RECEPTION.message_class)
+        )
 
     many, chunk = count * record, RecordBuilder()
     Chunk("zstd", compress(many), 0, 0, zlib.crc32(many), len(many)).write(chunk)
     chunks = chunk.end()
     chunks *= max(1, size // len(chunks))
-    bare = {"enable_crcs": False, "use_chunking": False, "repeat_channels": False, "repeat_schemas": False}
+    bare = {
+        "enable_crcs": False,
+        "use_chunking": False,
+        "repeat_channels": False,
+        "repeat_schemas": False,
+    }
     data = plain_log(
-        path, fill, **bare, use_statistics=False, use_summary_offsets=False, index_types=IndexType.NONE
+        path,
+        fill,
+        **bare,
+        use_statistics=False,
+        use_summary_offsets=False,
+        index_types=IndexType.NONE,
     ).read_bytes()
     # without a summary nothing in the file gives offsets of other records
     end = len(data) - 8 - 29 - 13
@@ -334,8 +394,12 @@ EMPTY_MESSAGE = struct.pack("<BQHIQQ", Opcode.MESSAGE, 22, 1, 0, 0, 0)
 CHANNEL = struct.pack("<BQHHIBII", Opcode.CHANNEL, 17, 7, 0, 1, 97, 0, 0)
 
 
-@pytest.mark.parametrize(("record", "size"), [(EMPTY_MESSAGE, 1_000_000), (CHANNEL, 1)], ids=["messages", "channels"])
-def test_many_small_records_do_not_fill_the_memory(tmp_path: Path, record: bytes, size: int) -> None:
+@pytest.mark.parametrize(
+    ("record", "size"), [(EMPTY_MESSAGE, 1_000_000), (CHANNEL, 1)], ids=["messages", "channels"]
+)
+def test_many_small_records_do_not_fill_the_memory(
+    tmp_path: Path, record: bytes, size: int
+) -> None:
     count = (23 << 20) // len(record)
     path = hostile(tmp_path / "a.mcap", record, size=size, count=count, compress=zstandard.compress)
     assert path.stat().st_size < 1_010_000
@@ -344,7 +408,9 @@ def test_many_small_records_do_not_fill_the_memory(tmp_path: Path, record: bytes
 
 def test_a_chunk_that_lies_about_its_size_is_refused(tmp_path: Path) -> None:
     """By its record, and by the frame of its compressor, which states a thousand gigabytes."""
-    path = hostile(tmp_path / "a.mcap", EMPTY_MESSAGE, size=1, count=1000, compress=zstandard.compress)
+    path = hostile(
+        tmp_path / "a.mcap", EMPTY_MESSAGE, size=1, count=1000, compress=zstandard.compress
+    )
     data = bytearray(path.read_bytes())
     place = data.index(struct.pack("<Q", 31_000))
     data[place : place + 8] = struct.pack("<Q", 30_999)
@@ -369,10 +435,13 @@ def test_topics_of_any_name_have_a_table_of_their_own(tmp_path: Path) -> None:
         schema = register_schema(plain, OWN_MOTION.message_class)
         for k, topic in enumerate(topics):
             channel = plain.register_channel(topic, "protobuf", schema)
-            plain.add_message(channel, 0, OWN_MOTION.message_class(speed=float(k)).SerializeToString(), 0)
+            plain.add_message(
+                channel, 0, OWN_MOTION.message_class(speed=float(k)).SerializeToString(), 0
+            )
 
     files = export(plain_log(tmp_path / "a.mcap", fill), tmp_path / "tables")
-    # in order of topic: "", "/../x", "/A/B", "/a\0b", "/a/b", "/a_b", "/é/\n"; some file systems ignore case
+    # in order of topic: "", "/../x", "/A/B", "/a\0b", "/a/b", "/a_b", "/é/\n"; some file systems
+    # ignore case
     stems = ["channel", ".._x", "A_B", "a%00b", "a_b~2", "a_b~3", "%C3%A9_%0A"]
     assert [f.name for f in files] == [f"{stem}.parquet" for stem in stems]
     assert {f.parent for f in files} == {tmp_path / "tables"}

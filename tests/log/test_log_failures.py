@@ -37,18 +37,29 @@ def written(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
     (tmp_path / "empty").touch()
     (tmp_path / "text").write_text("speed,heading\n1,2\n")
-    for name, text in (("empty", "no MCAP"), ("text", "no MCAP"), ("absent", "No such file"), (".", "directory")):
+    for name, text in (
+        ("empty", "no MCAP"),
+        ("text", "no MCAP"),
+        ("absent", "No such file"),
+        (".", "directory"),
+    ):
         for reader in (read, read_recording, Contents):
             with pytest.raises(LogError, match=text):
                 reader(tmp_path / name)
 
 
 def test_every_flipped_bit_is_detected(flight: Flight, written: Path, tmp_path: Path) -> None:
-    """Damage is refused with one line; what stands behind the data section and was damaged changes no flight."""
+    """Damage is refused with one line; what stands behind the data section and was damaged
+    changes no flight.
+    """
     whole, random = written.read_bytes(), np.random.default_rng(2)
     footer = len(whole) - 8 - 29
     summary = struct.unpack("<Q", whole[footer + 9 : footer + 17])[0]
-    places = [*random.choice(len(whole), 550, replace=False).tolist(), *range(9), *range(summary - 13, summary)]
+    places = [
+        *random.choice(len(whole), 550, replace=False).tolist(),
+        *range(9),
+        *range(summary - 13, summary),
+    ]
     refused, lines = 0, []
     for place in [*places, *range(footer, len(whole))]:
         damaged = bytearray(whole)
@@ -60,15 +71,24 @@ def test_every_flipped_bit_is_detected(flight: Flight, written: Path, tmp_path: 
             refused += place < summary - 13
             lines.append(str(error))
     assert refused == sum(place < summary - 13 for place in places)
-    assert all(re.fullmatch(r"\S+\.mcap: (damaged or cut off at byte \d+: [^\n]+|no MCAP file)", x) for x in lines)
+    assert all(
+        re.fullmatch(r"\S+\.mcap: (damaged or cut off at byte \d+: [^\n]+|no MCAP file)", x)
+        for x in lines
+    )
 
 
-def test_a_cut_off_log_is_refused_and_recovered(flight: Flight, written: Path, tmp_path: Path) -> None:
+def test_a_cut_off_log_is_refused_and_recovered(
+    flight: Flight, written: Path, tmp_path: Path
+) -> None:
     whole, printed = written.read_bytes(), list[str]()
     for length in (9, 3 * len(whole) // 4, len(whole) - 1):
         (tmp_path / "cut.mcap").write_bytes(whole[:length])
         with pytest.raises(
-            LogError, match=r"damaged or cut off at byte \d+: the file ends within a record; laisn log recover"
+            LogError,
+            match=(
+                r"damaged or cut off at byte \d+: the file ends within a record; "
+                "laisn log recover"
+            ),
         ):
             read(tmp_path / "cut.mcap")
     # all of the data is there
@@ -78,7 +98,9 @@ def test_a_cut_off_log_is_refused_and_recovered(flight: Flight, written: Path, t
     assert bits(read(rescued)) == bits(flight)
     kept = sum(len(messages.times) for messages in Contents(written).topics.values())
     assert printed[0] == f"kept {kept} messages of 30 s and 4 attachments"
-    assert re.fullmatch(r"left out: damaged or cut off at byte \d+: the file ends within a record", printed[1])
+    assert re.fullmatch(
+        r"left out: damaged or cut off at byte \d+: the file ends within a record", printed[1]
+    )
     with pytest.raises(LogError, match="is complete"):
         recover(rescued)
     (tmp_path / "cut.mcap").write_bytes(whole[: 2 * len(whole) // 3])
@@ -88,7 +110,9 @@ def test_a_cut_off_log_is_refused_and_recovered(flight: Flight, written: Path, t
     assert part.trajectory.position.tobytes() == flight.trajectory.position[:n].tobytes()
     assert printed[2] == "metadata conventions, laisn: no checksum, damage cannot be detected"
     assert re.fullmatch(rf"kept \d+ messages of {(n - 1) / 10:g} s and 4 attachments", printed[3])
-    assert re.fullmatch(r"left out: damaged or cut off at byte \d+: the file ends within a record", printed[4])
+    assert re.fullmatch(
+        r"left out: damaged or cut off at byte \d+: the file ends within a record", printed[4]
+    )
     (tmp_path / "cut.mcap").write_bytes(whole[:5000])
     with pytest.raises(LogError, match="nothing to recover"):
         recover(tmp_path / "cut.mcap")
@@ -99,11 +123,18 @@ def test_bytes_behind_the_end_are_called_so_and_left_out(
     flight: Flight, written: Path, tmp_path: Path, what: str
 ) -> None:
     whole = written.read_bytes()
-    rest = {"a byte": b"\0", "text": b"end of mission\n", "zeros": bytes(3000), "another log": whole}[what]
+    rest = {
+        "a byte": b"\0",
+        "text": b"end of mission\n",
+        "zeros": bytes(3000),
+        "another log": whole,
+    }[what]
     long = tmp_path / "long.mcap"
     long.write_bytes(whole + rest)
     for reader in (read, read_recording, Contents):
-        with pytest.raises(LogError, match=r"long\.mcap: damaged .* at byte \d+: bytes follow the end of the log"):
+        with pytest.raises(
+            LogError, match=r"long\.mcap: damaged .* at byte \d+: bytes follow the end of the log"
+        ):
             reader(long)
     rescued = recover(long)
     assert rescued.name == "long.recovered.mcap"
@@ -114,7 +145,9 @@ def test_bytes_behind_the_end_are_called_so_and_left_out(
     assert not (tmp_path / "b.mcap.partial").exists()
 
 
-def test_a_damaged_log_with_bytes_behind_its_end_gives_what_stands_before_the_damage(tmp_path: Path) -> None:
+def test_a_damaged_log_with_bytes_behind_its_end_gives_what_stands_before_the_damage(
+    tmp_path: Path,
+) -> None:
     flight = make_flight(45.0)
     writer.write(flight, tmp_path / "c.mcap")
     damaged = bytearray((tmp_path / "c.mcap").read_bytes())
@@ -130,7 +163,12 @@ def test_a_damaged_log_with_bytes_behind_its_end_gives_what_stands_before_the_da
     (tmp_path / "b.mcap").write_bytes(bytes(damaged) + b"rest")
     with pytest.raises(LogError, match="nothing to recover"):
         recover(tmp_path / "b.mcap")
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mcap", "a.recovered.mcap", "b.mcap", "c.mcap"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "a.mcap",
+        "a.recovered.mcap",
+        "b.mcap",
+        "c.mcap",
+    ]
 
 
 def test_a_log_may_be_named_by_text(written: Path) -> None:
@@ -144,7 +182,9 @@ def test_a_log_may_be_named_by_text(written: Path) -> None:
 
 
 def test_recovery_keeps_whole_instants(tmp_path: Path) -> None:
-    """A log of several chunks, cut within one: a prefix of the flight comes back, all channels equally long."""
+    """A log of several chunks, cut within one: a prefix of the flight comes back, all channels
+    equally long.
+    """
     flight = make_flight(200.0)
     writer.write(flight, tmp_path / "a.mcap")
     whole = (tmp_path / "a.mcap").read_bytes()
@@ -184,12 +224,16 @@ def test_a_crash_costs_twenty_seconds_at_most(tmp_path: Path) -> None:
                 (tmp_path / "b.mcap").write_bytes(partial_path(tmp_path / "a.mcap").read_bytes())
                 seen.append(number - float(read(recover(tmp_path / "b.mcap")).trajectory.time[-1]))
 
-    writer.write(make_flight(80.0), tmp_path / "a.mcap", video=Film((float(k), b"x") for k in range(80)))
+    writer.write(
+        make_flight(80.0), tmp_path / "a.mcap", video=Film((float(k), b"x") for k in range(80))
+    )
     assert len(seen) == 3
     assert max(seen) < 0.3
 
 
-def test_a_finished_log_under_its_partial_name_only_gets_its_name(written: Path, tmp_path: Path) -> None:
+def test_a_finished_log_under_its_partial_name_only_gets_its_name(
+    written: Path, tmp_path: Path
+) -> None:
     partial_path(tmp_path / "a.mcap").write_bytes(written.read_bytes())
     assert recover(tmp_path / "a.mcap.partial").read_bytes() == written.read_bytes()
     assert [p.name for p in tmp_path.iterdir()] == ["a.mcap"]
@@ -219,7 +263,9 @@ except writer.LogError as error:
 
 def test_when_the_disk_is_full_what_was_written_can_be_recovered(tmp_path: Path) -> None:
     message = limited(tmp_path, 800_000).stdout
-    assert "cannot be written: File too large; what was written is kept: laisn log recover" in message
+    assert (
+        "cannot be written: File too large; what was written is kept: laisn log recover" in message
+    )
     assert message.count("\n") == 1
     assert [p.name for p in tmp_path.iterdir()] == ["mission.mcap.partial"]
     rescued = read(recover(tmp_path / "mission.mcap.partial"))
@@ -272,15 +318,21 @@ def test_an_interrupt_leaves_the_old_log_and_a_partial_one(tmp_path: Path) -> No
 
     (tmp_path / "a.mcap").write_bytes(b"older")
     with pytest.raises(KeyboardInterrupt):
-        writer.write(make_flight(200.0), tmp_path / "a.mcap", video=Film([(0.0, b"x"), (150.0, b"x")]))
+        writer.write(
+            make_flight(200.0), tmp_path / "a.mcap", video=Film([(0.0, b"x"), (150.0, b"x")])
+        )
     assert (tmp_path / "a.mcap").read_bytes() == b"older"
     rescued = read(recover(tmp_path / "a.mcap.partial"))
     assert 139 < rescued.trajectory.time[-1] < 140
 
 
 @pytest.mark.parametrize("delay_s", [0.001, 0.01, 0.03, 0.1, 0.2])
-def test_a_signal_at_any_time_leaves_a_log_without_an_end_or_a_complete_one(tmp_path: Path, delay_s: float) -> None:
-    """The SDK does not survive the exception of a handler, which Python raises wherever its main thread is."""
+def test_a_signal_at_any_time_leaves_a_log_without_an_end_or_a_complete_one(
+    tmp_path: Path, delay_s: float
+) -> None:
+    """The SDK does not survive the exception of a handler, which Python raises wherever its main
+    thread is.
+    """
     flight = make_flight(100.0)
 
     def interrupt(*_: object) -> None:

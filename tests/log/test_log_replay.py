@@ -22,7 +22,15 @@ from sim.log.reader import read, read_recording
 from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, RECEPTION, RecordType, message_class_of
 
 POSE = dict.fromkeys(
-    ("leader_timestamp", "leader_east", "leader_north", "leader_heading", "leader_speed", "leader_depth"), 0.0
+    (
+        "leader_timestamp",
+        "leader_east",
+        "leader_north",
+        "leader_heading",
+        "leader_speed",
+        "leader_depth",
+    ),
+    0.0,
 )
 
 
@@ -36,11 +44,17 @@ def write_foreign(path: Path, *, speed: float = 1.5, second_reception_s: float =
             writer.write_message(topic, message, log_time=ns, publish_time=ns)
 
         for k in range(40):
-            put("/auv/motion", OWN_MOTION.message_class(speed=speed, heading=0.0, depth=k / 10), 0.05 * k)
+            put(
+                "/auv/motion",
+                OWN_MOTION.message_class(speed=speed, heading=0.0, depth=k / 10),
+                0.05 * k,
+            )
         for at in (0.512, second_reception_s):
             put(
                 "/auv/reception",
-                RECEPTION.message_class(**{**POSE, "leader_east": 3.0}, range_rear=40.0, range_front=float("nan")),
+                RECEPTION.message_class(
+                    **{**POSE, "leader_east": 3.0}, range_rear=40.0, range_front=float("nan")
+                ),
                 at,
             )
 
@@ -57,14 +71,18 @@ def test_measurements_of_a_real_vehicle(tmp_path: Path) -> None:
     assert np.isnan(m.ranges[0, 1])
     with pytest.raises(LogError, match=r"lacks attachment scenario\.toml"):
         read(tmp_path / "auv.mcap")
-    with pytest.raises(LogError, match="lacks channel /follower/motion; available: /auv/motion, /auv/reception"):
+    with pytest.raises(
+        LogError, match="lacks channel /follower/motion; available: /auv/motion, /auv/reception"
+    ):
         read_recording(tmp_path / "auv.mcap")
 
 
 Row = tuple[float, dict[str, float]]
 
 
-def write_rows(path: Path, motion: list[Row], receptions: list[Row], schema: RecordType = RECEPTION) -> Path:
+def write_rows(
+    path: Path, motion: list[Row], receptions: list[Row], schema: RecordType = RECEPTION
+) -> Path:
     """A vehicle's log with these messages at these times [s]."""
     with path.open("wb") as stream, ProtobufWriter(stream) as writer:
         for topic, message_class, rows in (
@@ -82,11 +100,19 @@ def cruise(times: Any) -> list[Row]:
 
 
 def one_ping(at: float) -> Row:
-    return at, {**POSE, "leader_timestamp": at, "range_rear": 40.0, "range_front": 41.0, "range_middle": np.nan}
+    return at, {
+        **POSE,
+        "leader_timestamp": at,
+        "range_rear": 40.0,
+        "range_front": 41.0,
+        "range_middle": np.nan,
+    }
 
 
 def test_jitter_and_late_samples_are_taken_as_they_are(tmp_path: Path) -> None:
-    """A timer that loses 0.2 ms a step drifts off any grid within 69 s; one sample of ten minutes is 60 ms late."""
+    """A timer that loses 0.2 ms a step drifts off any grid within 69 s; one sample of ten
+    minutes is 60 ms late.
+    """
     random = np.random.default_rng(4)
     times = 0.1002 * np.arange(6000) + random.uniform(-0.01, 0.01, 6000)
     times[3000] += 0.06
@@ -97,7 +123,10 @@ def test_jitter_and_late_samples_are_taken_as_they_are(tmp_path: Path) -> None:
     assert m.durations is not None
     np.testing.assert_allclose(m.durations[1:], np.diff(times), atol=2e-9)
     assert m.durations[0] == m.dt
-    assert m.message_step.tolist() == [int(np.argmax(times >= 50.0)) + 1, int(np.argmax(times >= 500.0)) + 1]
+    assert m.message_step.tolist() == [
+        int(np.argmax(times >= 50.0)) + 1,
+        int(np.argmax(times >= 500.0)) + 1,
+    ]
 
 
 def test_gaps_are_named_and_bridged_up_to_a_bound(tmp_path: Path) -> None:
@@ -108,8 +137,8 @@ def test_gaps_are_named_and_bridged_up_to_a_bound(tmp_path: Path) -> None:
     with pytest.raises(LogError) as caught:
         read_recording(path, "auv")
     assert (
-        f"{path}: /auv/motion has 2 gaps (12.1 s at 32.900 s, 3.1 s at 9.900 s); gaps of up to 10 s are bridged"
-        in str(caught.value)
+        f"{path}: /auv/motion has 2 gaps (12.1 s at 32.900 s, 3.1 s at 9.900 s); gaps of up to 10 "
+        "s are bridged" in str(caught.value)
     )
     assert "--longest-gap SECONDS" in str(caught.value)
     m, remarks = read_recording(path, "auv", longest_gap_s=15.0)
@@ -118,7 +147,12 @@ def test_gaps_are_named_and_bridged_up_to_a_bound(tmp_path: Path) -> None:
     assert m.durations[[100, 300]].tolist() == pytest.approx([3.1, 12.1])
     assert m.time[-1] == pytest.approx(times[-1] + 0.1)
     # slow sensors have no gaps
-    assert read_recording(write_rows(tmp_path / "b.mcap", cruise([0, 30, 60.1]), [one_ping(40.0)]), "auv").remarks == ()
+    assert (
+        read_recording(
+            write_rows(tmp_path / "b.mcap", cruise([0, 30, 60.1]), [one_ping(40.0)]), "auv"
+        ).remarks
+        == ()
+    )
 
 
 def test_unusable_records_are_dropped_and_reported(tmp_path: Path) -> None:
@@ -153,12 +187,17 @@ def without_presence(type_: RecordType) -> Any:
 
 
 @pytest.mark.parametrize("presence", [True, False])
-def test_what_a_vehicle_does_not_record_is_absent_without_a_remark(tmp_path: Path, presence: bool) -> None:
-    """Protobuf reads an unset number as zero: no third range, and neither pitch nor roll, in 300 receptions."""
+def test_what_a_vehicle_does_not_record_is_absent_without_a_remark(
+    tmp_path: Path, presence: bool
+) -> None:
+    """Protobuf reads an unset number as zero: no third range, and neither pitch nor roll, in 300
+    receptions.
+    """
     schema = RECEPTION if presence else SimpleNamespace(message_class=without_presence(RECEPTION))
     times = np.arange(1.0, 301.0)
     receptions = [
-        (float(at), {**POSE, "leader_timestamp": at, "range_rear": 40.0, "range_front": 41.0}) for at in times
+        (float(at), {**POSE, "leader_timestamp": at, "range_rear": 40.0, "range_front": 41.0})
+        for at in times
     ]
     log = write_rows(tmp_path / "a.mcap", cruise(times), receptions, schema)  # type: ignore[arg-type]
     m, remarks = read_recording(log, "auv")
@@ -172,7 +211,9 @@ def test_what_a_vehicle_does_not_record_is_absent_without_a_remark(tmp_path: Pat
 
 def test_fewer_than_two_samples_make_no_steps(tmp_path: Path) -> None:
     for motion in ([], cruise([1.0]), [(k, {"speed": np.nan}) for k in range(5)]):
-        with pytest.raises(LogError, match=r"(lacks channel|holds [01] usable messages?; at least two are needed)"):
+        with pytest.raises(
+            LogError, match=r"(lacks channel|holds [01] usable messages?; at least two are needed)"
+        ):
             read_recording(write_rows(tmp_path / "a.mcap", motion, [one_ping(1.0)]), "auv")
 
 
@@ -184,13 +225,18 @@ BEACONS = {
 
 
 def beacon_log(path: Path, *, placed: bool, alone: bool = False) -> tuple[Path, Floats]:
-    """A vehicle that sails among beacons, on a clock that jitters; and where it was at its samples, shape (n, 2)."""
+    """A vehicle that sails among beacons, on a clock that jitters; and where it was at its
+    samples, shape (n, 2).
+    """
     random = np.random.default_rng(8)
     times = np.sort(0.2 * np.arange(1000) + random.uniform(-0.02, 0.02, 1000))
     # it is at the start of the scenario's route a step before its first sample
     way = times - times[0] + np.median(np.diff(times))
     place = np.array([50.0, 20.0]) + way[:, None] * [0.6, 0.8]
-    motion = [(float(t), {"speed": 1.0, "heading": float(np.arctan2(0.6, 0.8)), "depth": 6.0}) for t in times]
+    motion = [
+        (float(t), {"speed": 1.0, "heading": float(np.arctan2(0.6, 0.8)), "depth": 6.0})
+        for t in times
+    ]
     receptions = []
     for k in range(10, 1000, 10):
         at = np.append(place[k], 6.0)
@@ -199,15 +245,21 @@ def beacon_log(path: Path, *, placed: bool, alone: bool = False) -> tuple[Path, 
             row |= {"range_front": np.nan, "range_middle": np.nan}
         if placed:
             for name, where in BEACONS.items():
-                row |= dict(zip((f"{name}_east", f"{name}_north", f"{name}_depth"), where, strict=True))
+                row |= dict(
+                    zip((f"{name}_east", f"{name}_north", f"{name}_depth"), where, strict=True)
+                )
         receptions.append((float(times[k]), row))
     return write_rows(path, motion, receptions, PLACED_RECEPTION if placed else RECEPTION), place
 
 
-def replayed(folder: Path, log: Path, navigation: str, *words: str) -> tuple[list[dict[str, str]], str]:
+def replayed(
+    folder: Path, log: Path, navigation: str, *words: str
+) -> tuple[list[dict[str, str]], str]:
     (folder / "auv.toml").write_text(
-        'duration_s = 200\n[leader]\nwaypoints = [[0, 0, 0], [200, 0, 200]]\n[[followers]]\nname = "auv"\n'
-        f"waypoints = [[0, 50, 20], [200, 170, 180]]\n[navigation]\nhydrophone_height_m = 0.0\n{navigation}\n",
+        "duration_s = 200\n[leader]\nwaypoints = [[0, 0, 0], [200, 0, 200]]\n[[followers]]\nname = "
+        '"auv"\n'
+        "waypoints = [[0, 50, 20], [200, 170, 180]]\n[navigation]\nhydrophone_height_m = "
+        f"0.0\n{navigation}\n",
         encoding="utf-8",
     )
     out = folder / "auv.csv"
@@ -241,7 +293,9 @@ def test_a_range_alone_is_used_in_a_replay_unless_the_scenario_refuses(tmp_path:
 
 
 def test_long_gaps_are_bridged_by_command(tmp_path: Path) -> None:
-    log = write_rows(tmp_path / "a.mcap", cruise([*np.arange(20.0), *np.arange(50.0, 70.0)]), [one_ping(1.0)])
+    log = write_rows(
+        tmp_path / "a.mcap", cruise([*np.arange(20.0), *np.arange(50.0, 70.0)]), [one_ping(1.0)]
+    )
     rows, output = replayed(tmp_path, log, "", "--longest-gap", "40")
     assert "note: 1 gap in /auv/motion bridged: 31 s at 19.000 s" in output
     assert [float(row["time_s"]) for row in rows[19:21]] == [20.0, 51.0]
@@ -251,7 +305,9 @@ def test_a_channel_without_the_fields_is_named(tmp_path: Path) -> None:
     with (tmp_path / "a.mcap").open("wb") as stream, ProtobufWriter(stream) as writer:
         pose = message_class_of(PoseInFrame.get_schema())(frame_id="world")
         writer.write_message("/follower/motion", pose, log_time=0, publish_time=0)
-    with pytest.raises(LogError, match="/follower/motion lacks speed, heading, depth; its fields: timestamp"):
+    with pytest.raises(
+        LogError, match="/follower/motion lacks speed, heading, depth; its fields: timestamp"
+    ):
         read_recording(tmp_path / "a.mcap")
     for encoding, schema, found in (
         ("json", "jsonschema", "'json'"),
@@ -261,25 +317,41 @@ def test_a_channel_without_the_fields_is_named(tmp_path: Path) -> None:
             writer = Writer(stream)
             writer.start()
             type_ = writer.register_schema("x", schema, b"{}") if schema else 0
-            writer.add_message(writer.register_channel("/follower/motion", encoding, type_), 0, b"{}", 0)
+            writer.add_message(
+                writer.register_channel("/follower/motion", encoding, type_), 0, b"{}", 0
+            )
             writer.finish()  # type: ignore[no-untyped-call]
-        with pytest.raises(LogError, match=f"/follower/motion is encoded as {found}, expected protobuf"):
+        with pytest.raises(
+            LogError, match=f"/follower/motion is encoded as {found}, expected protobuf"
+        ):
             read_recording(tmp_path / "b.mcap")
-        with pytest.raises(LogError, match=r"expected protobuf channels .* available: /follower/motion"):
+        with pytest.raises(
+            LogError, match=r"expected protobuf channels .* available: /follower/motion"
+        ):
             export(tmp_path / "b.mcap", tmp_path / "tables")
 
 
-def test_a_real_vehicles_log_is_replayed_by_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_real_vehicles_log_is_replayed_by_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Dead reckoning north at 1 m/s, as the ranges are refused: 40 steps of 0.05 s are 2 m."""
     monkeypatch.chdir(tmp_path)
     write_foreign(tmp_path / "auv.mcap", speed=1.0)
     (tmp_path / "auv.toml").write_text(
-        'duration_s = 20\n[leader]\nwaypoints = [[0, 0, 0], [20, 0, 20]]\n[[followers]]\nname = "auv"\n'
+        "duration_s = 20\n[leader]\nwaypoints = [[0, 0, 0], [20, 0, 20]]\n[[followers]]\nname = "
+        '"auv"\n'
         "waypoints = [[0, 5, -20], [20, 5, 0]]\n",
         encoding="utf-8",
     )
     out = tmp_path / "auv.csv"
-    words = ["replay", str(tmp_path / "auv.mcap"), "--scenario", str(tmp_path / "auv.toml"), "--out", str(out)]
+    words = [
+        "replay",
+        str(tmp_path / "auv.mcap"),
+        "--scenario",
+        str(tmp_path / "auv.toml"),
+        "--out",
+        str(out),
+    ]
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 0, result.output
     # its one range, of 40 m, would move it farther than it can have come
@@ -295,14 +367,21 @@ def test_a_real_vehicles_log_is_replayed_by_command(tmp_path: Path, monkeypatch:
     assert float(rows[-1]["y_m"]) == pytest.approx(-18.0, abs=1e-6)
 
 
-def test_a_navigator_that_diverges_is_an_error_of_the_input(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_navigator_that_diverges_is_an_error_of_the_input(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def diverge(*_: object) -> None:
         raise ArithmeticError("step 9: a covariance is not positive definite")
 
     monkeypatch.setattr("laisn.navigator.Navigator.run", diverge)
     write_foreign(tmp_path / "auv.mcap")
-    (tmp_path / "auv.toml").write_text('[[followers]]\nname = "auv"\nroute = "T5"\n', encoding="utf-8")
+    (tmp_path / "auv.toml").write_text(
+        '[[followers]]\nname = "auv"\nroute = "T5"\n', encoding="utf-8"
+    )
     words = ["replay", str(tmp_path / "auv.mcap"), "--scenario", str(tmp_path / "auv.toml")]
     result = CliRunner().invoke(app, words, env={"COLUMNS": "300"})
     assert result.exit_code == 2, result.output
-    assert "auv.mcap: auv: the navigator diverged: step 9: a covariance is not positive definite" in result.output
+    assert (
+        "auv.mcap: auv: the navigator diverged: step 9: a covariance is not positive definite"
+        in result.output
+    )

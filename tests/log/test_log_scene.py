@@ -1,4 +1,6 @@
-"""What the log draws: hulls, ellipses and rays where geometry puts them, and a layout that finds its channels."""
+"""What the log draws: hulls, ellipses and rays where geometry puts them, and a layout that finds
+its channels.
+"""
 
 import json
 import re
@@ -40,7 +42,8 @@ def test_the_hull_in_the_scene_fills_the_model(name: str, written: Path) -> None
     mujoco.mj_kinematics(model, data)
     corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
     boxes = [
-        (model.geom_aabb[g, :3] + corners * model.geom_aabb[g, 3:]) @ data.geom_xmat[g].reshape(3, 3).T
+        (model.geom_aabb[g, :3] + corners * model.geom_aabb[g, 3:])
+        @ data.geom_xmat[g].reshape(3, 3).T
         + data.geom_xpos[g]
         for g in range(model.ngeom)
     ]
@@ -66,7 +69,9 @@ def test_the_hull_in_the_scene_fills_the_model(name: str, written: Path) -> None
 
 
 def test_fins_of_the_scene_turn_with_their_deflections(flight: Flight, tmp_path: Path) -> None:
-    """Rudders of a REMUS 100 turn about the vertical axis and stern planes about the lateral one."""
+    """Rudders of a REMUS 100 turn about the vertical axis and stern planes about the lateral
+    one.
+    """
     scenario = laisn_sim.load("T5", {"leader.model": "remus100", "duration_s": 30})
     thrust = flight.trajectory.thrust.copy()
     thrust[:, 0], thrust[10:, 0] = 0.0, [12.0, 0.1, 0.2, -0.1, -0.2]
@@ -100,27 +105,44 @@ def test_the_scene_is_complete_at_every_second(flight: Flight, written: Path) ->
     assert len(entities["leader/trail"].lines[0].points) == 21
     last = entities["leader/trail"].lines[0].points[-1]
     assert (last.x, last.y, last.z) == tuple(flight.trajectory.position[200, 0])
-    # the ellipse that holds 95 % of a normal distribution has half axes √(χ²₀.₉₅ of 2 degrees, 5.991) σ
+    # the ellipse that holds 95 % of a normal distribution has half axes √(χ²₀.₉₅ of 2 degrees,
+    # 5.991) σ
     ellipse = entities["follower/estimate"].spheres[0]
     variance = np.linalg.eigvalsh(flight.estimates[0].covariance[199, :2, :2])
-    np.testing.assert_allclose([ellipse.size.x, ellipse.size.y], 2 * np.sqrt(5.991464547 * variance[::-1]), rtol=1e-9)
+    np.testing.assert_allclose(
+        [ellipse.size.x, ellipse.size.y], 2 * np.sqrt(5.991464547 * variance[::-1]), rtol=1e-9
+    )
     half_turn = np.arctan2(ellipse.pose.orientation.z, ellipse.pose.orientation.w)
     major = np.array([np.cos(2 * half_turn), np.sin(2 * half_turn)])
-    np.testing.assert_allclose(flight.estimates[0].covariance[199, :2, :2] @ major, variance[1] * major, atol=1e-12)
+    np.testing.assert_allclose(
+        flight.estimates[0].covariance[199, :2, :2] @ major, variance[1] * major, atol=1e-12
+    )
 
 
-def test_a_ping_is_drawn_from_the_transmitters_to_the_hydrophone(flight: Flight, written: Path) -> None:
+def test_a_ping_is_drawn_from_the_transmitters_to_the_hydrophone(
+    flight: Flight, written: Path
+) -> None:
     t, m = flight.trajectory, flight.measurements[0]
     ping = messages(written, "/scene/acoustics")[9].entities[0]
-    hydrophone, rear = (t.site_position[100, t.site(s)] for s in ("follower/hydrophone", "leader/tx_rear"))
+    hydrophone, rear = (
+        t.site_position[100, t.site(s)] for s in ("follower/hydrophone", "leader/tx_rear")
+    )
     points = [(p.x, p.y, p.z) for p in ping.lines[0].points]
     assert points[:2] == [tuple(rear), tuple(hydrophone)]
     assert len(points) == 6
     disc = ping.cylinders[0]
-    assert (disc.pose.position.x, disc.pose.position.y, disc.pose.position.z) == (rear[0], rear[1], hydrophone[2])
+    assert (disc.pose.position.x, disc.pose.position.y, disc.pose.position.z) == (
+        rear[0],
+        rear[1],
+        hydrophone[2],
+    )
     # Pythagoras: slant range, horizontal range and difference in height
-    assert (disc.size.x / 2) ** 2 + (rear[2] - hydrophone[2]) ** 2 == pytest.approx(m.ranges[9, 0] ** 2)
-    assert len(messages(written, "/scene/acoustics")[12].entities[0].lines[0].points) == 4, "one range was lost"
+    assert (disc.size.x / 2) ** 2 + (rear[2] - hydrophone[2]) ** 2 == pytest.approx(
+        m.ranges[9, 0] ** 2
+    )
+    assert len(messages(written, "/scene/acoustics")[12].entities[0].lines[0].points) == 4, (
+        "one range was lost"
+    )
 
 
 def test_the_map_agrees_with_the_ellipsoid() -> None:
@@ -145,28 +167,45 @@ def test_the_map_agrees_with_the_ellipsoid() -> None:
         - earth_centred(origin[0], origin[1], 0.0)[:, None]
     )
     s, c, sl, cl = np.sin(origin[0]), np.cos(origin[0]), np.sin(origin[1]), np.cos(origin[1])
-    east, north = -sl * apart[0] + cl * apart[1], -s * cl * apart[0] - s * sl * apart[1] + c * apart[2]
+    east, north = (
+        -sl * apart[0] + cl * apart[1],
+        -s * cl * apart[0] - s * sl * apart[1] + c * apart[2],
+    )
     np.testing.assert_allclose(np.column_stack([east, north]), places[:, :2], atol=0.2)
 
 
 @pytest.mark.parametrize("followers", [1, 3])
-def test_layout_names_channels_and_fields_of_the_flights_own_vehicles(followers: int, tmp_path: Path) -> None:
+def test_layout_names_channels_and_fields_of_the_flights_own_vehicles(
+    followers: int, tmp_path: Path
+) -> None:
     flight = make_flight(5.0, followers)
     names = flight.trajectory.names
     there = Contents(write_log(flight, tmp_path))
     whole = json.loads(layout(names))
 
     def panels_in(node: Any) -> list[Any]:
-        return [node] if node["type"] == "panel" else [p for item in node["items"] for p in panels_in(item["content"])]
+        return (
+            [node]
+            if node["type"] == "panel"
+            else [p for item in node["items"] for p in panels_in(item["content"])]
+        )
 
     panels = panels_in(whole["content"])
     configs = {panel["panelType"]: panel["config"] for panel in panels}
     assert configs["ThreeDee"]["followTf"] == "leader"
-    topics = {t for p in panels for t in [*p["config"].get("topics", {}), *p["config"].get("topicColors", {})]}
+    topics = {
+        t
+        for p in panels
+        for t in [*p["config"].get("topics", {}), *p["config"].get("topicColors", {})]
+    }
     assert topics | {configs["Log"]["topicToRender"]} <= set(there.topics)
     assert {f"/{name}/estimate" for name in names[1:]} <= topics
     assert configs["Image"]["imageMode"]["imageTopic"] == "/camera"
-    paths = [path["value"].removesuffix(".@rad2deg") for p in panels for path in p["config"].get("paths", [])]
+    paths = [
+        path["value"].removesuffix(".@rad2deg")
+        for p in panels
+        for path in p["config"].get("paths", [])
+    ]
     # E_P, E_B and three ranges of each follower, and the pitch of each vehicle
     assert len(paths) == len(set(paths)) == 5 * followers + followers + 1
     for topic, _, name in (path.partition(".") for path in paths):
@@ -174,5 +213,11 @@ def test_layout_names_channels_and_fields_of_the_flights_own_vehicles(followers:
 
 
 def test_the_layout_has_the_colours_of_the_film() -> None:
-    for written, (r, g, b) in ((LEADER_HUE, film.LEADER), (FOLLOWER_HUE, film.TRUTH), (ESTIMATE_HUE, film.ESTIMATE)):
-        np.testing.assert_allclose([int(written[i : i + 2], 16) for i in (1, 3, 5)], 255 * np.array([r, g, b]), atol=1)
+    for written, (r, g, b) in (
+        (LEADER_HUE, film.LEADER),
+        (FOLLOWER_HUE, film.TRUTH),
+        (ESTIMATE_HUE, film.ESTIMATE),
+    ):
+        np.testing.assert_allclose(
+            [int(written[i : i + 2], 16) for i in (1, 3, 5)], 255 * np.array([r, g, b]), atol=1
+        )

@@ -1,4 +1,6 @@
-"""Numbers in the report of a flight: each cell and each curve against what was put into the flight."""
+"""Numbers in the report of a flight: each cell and each curve against what was put into the
+flight.
+"""
 
 import dataclasses
 import re
@@ -29,13 +31,23 @@ def texts(row: Any) -> list[str]:
 
 def test_the_table_of_details_has_each_figure_under_its_head(tmp_path: Path) -> None:
     route = {
-        "e_p_max_m": 1.1, "e_p_mean_m": 1.2, "e_p_std_m": 1.3, "e_b_max_deg": 2.1, "e_b_mean_deg": 2.2,
-        "e_b_std_deg": 2.3, "track_error_rms_m": 3.1, "fixes": {"gated": 4, "lost": 0, "two_points": 5},
-    }  # fmt: skip
+        "e_p_max_m": 1.1,
+        "e_p_mean_m": 1.2,
+        "e_p_std_m": 1.3,
+        "e_b_max_deg": 2.1,
+        "e_b_mean_deg": 2.2,
+        "e_b_std_deg": 2.3,
+        "track_error_rms_m": 3.1,
+        "fixes": {"gated": 4, "lost": 0, "two_points": 5},
+    }
     station = route | {
-        "station_rms_m": 6.1, "station_p95_m": 6.2, "station_max_m": 6.3, "joined_s": 7.0, "lost": True,
+        "station_rms_m": 6.1,
+        "station_p95_m": 6.2,
+        "station_max_m": 6.3,
+        "joined_s": 7.0,
+        "lost": True,
         "fixes": {"gated": 0, "lost": 0, "two_points": 8},
-    }  # fmt: skip
+    }
     flight = make_flight(20.0, 3)
     n = flight.step_index().size
 
@@ -43,9 +55,14 @@ def test_the_table_of_details_has_each_figure_under_its_head(tmp_path: Path) -> 
         """Heads and cells of the table of details."""
         summary = {"followers": dict(zip(("one", "two", "three"), rows, strict=False))}
         path = tmp_path / "report.html"
-        flight_report.flight_report(flight, [(np.zeros(n), np.zeros(n))] * 3, summary, path, None, [np.ones(n)] * 3)
+        flight_report.flight_report(
+            flight, [(np.zeros(n), np.zeros(n))] * 3, summary, path, None, [np.ones(n)] * 3
+        )
         table = path.read_text(encoding="utf-8").split("<table>")[2].partition("</table>")[0]
-        cells = [re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row) for row in re.findall(r"<tr[^>]*>(.*?)</tr>", table)]
+        cells = [
+            re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row)
+            for row in re.findall(r"<tr[^>]*>(.*?)</tr>", table)
+        ]
         _, heads, *found = [[re.sub(r"<[^>]*>", "", cell) for cell in row] for row in cells]
         return heads, found
 
@@ -56,7 +73,9 @@ def test_the_table_of_details_has_each_figure_under_its_head(tmp_path: Path) -> 
     assert heads[1:5] == ["mean [°]", "σ [°]", "largest [°]", "RMS [m]"]
     assert heads[5:10] == ["RMS [m]", "95 % [m]", "largest [m]", "joined [s]", "lost"]
     counts = {"gated": "0", "two_points": "8"}
-    of = [counts["two_points" if word == FIX_WORDS[FixKind.TWO_POINTS] else "gated"] for word in kinds]
+    of = [
+        counts["two_points" if word == FIX_WORDS[FixKind.TWO_POINTS] else "gated"] for word in kinds
+    ]
     assert first == ["one", *errors, "6.10", "6.20", "6.30", "7", "yes", *of]
     assert second == ["two", *errors, "–", "–", "–", "–", "", "0", "0"]
     assert sorted(third[-2:]) == ["4", "5"]
@@ -86,18 +105,25 @@ def test_a_capture_is_reported_with_its_share_of_the_mission(flight: Flight) -> 
 
 
 def test_causes_are_reported_in_centimetres_rms() -> None:
-    """A lever arm of ±3 cm at the rear and ∓1 cm at the front in turns, an echo of 1 m once at the rear."""
+    """A lever arm of ±3 cm at the rear and ∓1 cm at the front in turns, an echo of 1 m once at
+    the rear.
+    """
     share = np.zeros((4, 3, len(Cause)))
     share[:, 0, Cause.LEVER_ARM] = [0.03, -0.03, 0.03, -0.03]
     share[:, 1, Cause.LEVER_ARM] = [-0.01, 0.01, -0.01, 0.01]
     share[1, 0, Cause.ECHO] = 1.0
-    budget = RangeErrorBudget(time=np.arange(4.0), level_range=np.ones((4, 3)), used_range=np.ones((4, 3)), share=share)
+    budget = RangeErrorBudget(
+        time=np.arange(4.0), level_range=np.ones((4, 3)), used_range=np.ones((4, 3)), share=share
+    )
     table = flight_report.share_table(budget, transmitters=2)
     assert [texts(row) for row in table.rows] == [
-        ["lever arm", "3.0", "1.0", "4.0", "4.0"], ["echo", "50.0", "0.0", "50.0", "100.0"],
-    ]  # fmt: skip
+        ["lever arm", "3.0", "1.0", "4.0", "4.0"],
+        ["echo", "50.0", "0.0", "50.0", "100.0"],
+    ]
     assert table.heads == ("cause", "rear", "front", "rms", "largest")
-    panel = flight_report.asymmetry_over_time(budget.time, {Cause.LEVER_ARM: budget.asymmetry[:, 1]}, "")
+    panel = flight_report.asymmetry_over_time(
+        budget.time, {Cause.LEVER_ARM: budget.asymmetry[:, 1]}, ""
+    )
     np.testing.assert_allclose(panel.parts[0].lines[0].y, [-4.0, 4.0, -4.0, 4.0])
 
 
@@ -105,16 +131,18 @@ def test_assumed_sensor_angles_are_reported_in_degrees(flight: Flight) -> None:
     names = ("east_m", "north_m", "log_bias_m_s", "compass_bias_rad", "leader_compass_bias_rad")
     found = object.__new__(TightEstimates)
     facts: dict[str, Any] = {
-        "names": names, "fix_step": np.array([1, 2]),
+        "names": names,
+        "fix_step": np.array([1, 2]),
         "full_state": np.array([[9.0] * 5, [1.0, 2.0, 0.3, np.deg2rad(4.0), np.nan]]),
         "full_sigma": np.array([[9.0] * 5, [0.1, 0.2, 0.03, np.deg2rad(0.5), 1.0]]),
-    }  # fmt: skip
+    }
     for name, value in facts.items():
         object.__setattr__(found, name, value)
     known = dataclasses.replace(flight, estimates=(found,))
     assert [texts(row) for row in final_states(known)] == [
-        ["follower", "log_bias_m_s", "0.30", "0.03"], ["follower", "compass_bias_deg", "4.00", "0.50"],
-    ]  # fmt: skip
+        ["follower", "log_bias_m_s", "0.30", "0.03"],
+        ["follower", "compass_bias_deg", "4.00", "0.50"],
+    ]
 
 
 def test_every_colour_of_a_followers_row_is_in_its_legend(flight: Flight) -> None:
@@ -161,7 +189,9 @@ def test_motion_ranges_and_tracks_are_drawn_as_flown(flight: Flight) -> None:
         "pitch [°]": np.rad2deg(truth.pitch),
         "speed [m/s]": truth.forward_speed,
     }
-    for part, (label, values) in zip(flight_figures.motion(flight).parts, expected.items(), strict=True):
+    for part, (label, values) in zip(
+        flight_figures.motion(flight).parts, expected.items(), strict=True
+    ):
         assert part.y_label == label
         follower, leader = lines(part)
         np.testing.assert_allclose(follower[:, 1], values[:, 1])
@@ -174,13 +204,17 @@ def test_motion_ranges_and_tracks_are_drawn_as_flown(flight: Flight) -> None:
     np.testing.assert_allclose(leader, truth.position[1:, 0, :2])
     np.testing.assert_allclose(swum, flight.hydrophone(0)[:, :2])
     np.testing.assert_allclose(estimated, found.state[:, :2])
-    np.testing.assert_allclose(np.concatenate(ends), [truth.position[-1, 0, :2], flight.hydrophone(0)[-1, :2]])
+    np.testing.assert_allclose(
+        np.concatenate(ends), [truth.position[-1, 0, :2], flight.hydrophone(0)[-1, :2]]
+    )
     for line in part.lines[:3]:
         np.testing.assert_allclose(line.time, truth.time[1:])
 
 
 def test_marks_of_fixes_stand_at_their_times_in_the_row_of_their_kind(flight: Flight) -> None:
-    """Every fourth of twenty fixes, a second apart, is rejected; the first row is that of the kind that comes first."""
+    """Every fourth of twenty fixes, a second apart, is rejected; the first row is that of the
+    kind that comes first.
+    """
     (found,) = flight.estimates
     assert found.fix_step.tolist() == list(range(10, 201, 10))
     kind = np.where(np.arange(20) % 4 == 3, int(FixKind.GATED), int(FixKind.TWO_POINTS))
@@ -189,7 +223,9 @@ def test_marks_of_fixes_stand_at_their_times_in_the_row_of_their_kind(flight: Fl
     words = [*dict(part.ticks).values()]  # type: ignore[arg-type]
     for row, (mark, word) in enumerate(zip(lines(part), words, strict=True)):
         rejected = word == "rejected"
-        assert mark[:, 0] == pytest.approx([second for second in range(1, 21) if (second % 4 == 0) == rejected])
+        assert mark[:, 0] == pytest.approx(
+            [second for second in range(1, 21) if (second % 4 == 0) == rejected]
+        )
         assert set(mark[:, 1].tolist()) == {float(row)}
     assert sorted(words) == ["rejected", "two points"]
 

@@ -44,7 +44,9 @@ def test_a_wrap_leaves_a_gap():
 
 
 def test_errors_stand_above_one_another_each_on_its_own_axis():
-    """Metres, degrees and the bearing, with an error as long as 3, 4, 5 and a covariance of known axes."""
+    """Metres, degrees and the bearing, with an error as long as 3, 4, 5 and a covariance of
+    known axes.
+    """
     flight = make_flight(20.0)
     (found,) = flight.estimates
     n = len(found.state)
@@ -52,16 +54,29 @@ def test_errors_stand_above_one_another_each_on_its_own_axis():
     state[:, :2] = flight.hydrophone(0)[:, :2] + [3.0, 4.0]
     covariance = np.zeros((n, 4, 4))
     # variances 9 and 4 along axes turned by 30°
-    turn = np.array([[np.cos(np.pi / 6), -np.sin(np.pi / 6)], [np.sin(np.pi / 6), np.cos(np.pi / 6)]])
+    turn = np.array(
+        [[np.cos(np.pi / 6), -np.sin(np.pi / 6)], [np.sin(np.pi / 6), np.cos(np.pi / 6)]]
+    )
     covariance[:, :2, :2] = turn @ np.diag([9.0, 4.0]) @ turn.T
-    known = dataclasses.replace(flight, estimates=(dataclasses.replace(found, state=state, covariance=covariance),))
+    known = dataclasses.replace(
+        flight, estimates=(dataclasses.replace(found, state=state, covariance=covariance),)
+    )
     errors = (np.full(n, 5.0), np.full(n, np.pi / 18))
     position, bearing_error, bearing = flight_figures.error_parts(known, 0, errors, np.full(n, 0.5))
-    assert {line.name: set(np.round(line.y, 9)) for line in (*position.lines, *bearing_error.lines)} == {
-        "2σ by the filter": {6.0}, "RMS by the filter": {round(13**0.5, 9)}, "Cramér–Rao bound": {0.5}, "E_P": {5.0},
+    assert {
+        line.name: set(np.round(line.y, 9)) for line in (*position.lines, *bearing_error.lines)
+    } == {
+        "2σ by the filter": {6.0},
+        "RMS by the filter": {round(13**0.5, 9)},
+        "Cramér–Rao bound": {0.5},
+        "E_P": {5.0},
         "E_B": {10.0},
-    }  # fmt: skip
-    assert [part.y_label for part in (position, bearing_error, bearing)] == ["E_P [m]", "E_B [°]", "B [°]"]
+    }
+    assert [part.y_label for part in (position, bearing_error, bearing)] == [
+        "E_P [m]",
+        "E_B [°]",
+        "B [°]",
+    ]
     assert bearing.y_limits == (0, 360)
     scattered, origin = flight_figures.difference(known, 0).parts[0].lines
     assert (set(np.round(scattered.x, 9)), set(np.round(scattered.y, 9))) == ({3.0}, {4.0})
@@ -69,7 +84,9 @@ def test_errors_stand_above_one_another_each_on_its_own_axis():
 
 
 def test_the_bearing_is_that_from_the_leaders_bow_clockwise():
-    """The synthetic leader turns left on a circle, and its follower trails it on a wider one: abaft to starboard."""
+    """The synthetic leader turns left on a circle, and its follower trails it on a wider one:
+    abaft to starboard.
+    """
     flight = make_flight(20.0)
     truth, k = flight.trajectory, 150
     step = flight.step_index()[k]
@@ -86,7 +103,9 @@ def test_the_bearing_is_that_from_the_leaders_bow_clockwise():
 def test_a_transmitter_that_is_not_used_is_not_drawn(tmp_path, variant, transmitters):
     flight = make_flight(20.0)
     navigation = flight.scenario.navigation.model_copy(update={"variant": variant})
-    changed = dataclasses.replace(flight, scenario=flight.scenario.model_copy(update={"navigation": navigation}))
+    changed = dataclasses.replace(
+        flight, scenario=flight.scenario.model_copy(update={"navigation": navigation})
+    )
     lines = flight_figures.ranges_part(changed, 0).lines
     assert {line.colour for line in lines} == set(TRANSMITTERS[:transmitters])
     html = flight_page(tmp_path, changed)
@@ -115,9 +134,19 @@ def flight_page(tmp_path, flight, name="report.html"):
     for i, found in enumerate(flight.estimates):
         away = found.state[:, :2] - flight.hydrophone(i)[:, :2]
         errors.append((np.hypot(*away.T), np.abs(away[:, 0]) / 20))
-    figures_of = {"e_p_max_m": 1.0, "e_p_mean_m": 0.5, "e_p_std_m": 0.1, "e_b_max_deg": 2.0, "e_b_mean_deg": 1.0,
-                  "e_b_std_deg": 0.3, "fixes": {"two_points": 20, "gated": 0}}  # fmt: skip
-    summary = {"followers": dict.fromkeys(flight.trajectory.names[1:], figures_of), "versions": {"laisn-sim": "0.1.0"}}
+    figures_of = {
+        "e_p_max_m": 1.0,
+        "e_p_mean_m": 0.5,
+        "e_p_std_m": 0.1,
+        "e_b_max_deg": 2.0,
+        "e_b_mean_deg": 1.0,
+        "e_b_std_deg": 0.3,
+        "fixes": {"two_points": 20, "gated": 0},
+    }
+    summary = {
+        "followers": dict.fromkeys(flight.trajectory.names[1:], figures_of),
+        "versions": {"laisn-sim": "0.1.0"},
+    }
     flight_report(flight, errors, summary, tmp_path / name, None)
     return (tmp_path / name).read_text(encoding="utf-8")
 
@@ -133,7 +162,11 @@ def test_the_report_of_a_flight(tmp_path, followers):
     # the first screen has the answer; where it comes from stands at the end
     places = [
         html.index(words)
-        for words in ("mean position error is" if followers == 1 else "lie between", "outside 2σ", "Seed, run")
+        for words in (
+            "mean position error is" if followers == 1 else "lie between",
+            "outside 2σ",
+            "Seed, run",
+        )
     ]
     assert places == sorted(places)
     assert places[1] < html.index("<h2>Details") < html.index("<h2>Provenance") < places[2]
@@ -147,7 +180,9 @@ def test_the_report_of_a_flight(tmp_path, followers):
 
 def test_a_flight_that_failed_has_notices(tmp_path, monkeypatch):
     flight = make_flight(30.0)
-    monkeypatch.setattr("experiments.pages.flight_report.mirror_locked_steps", lambda *_: np.arange(300) < 75)
+    monkeypatch.setattr(
+        "experiments.pages.flight_report.mirror_locked_steps", lambda *_: np.arange(300) < 75
+    )
     broken = type(flight)(**{**vars(flight), "outcome": Outcome.DIVERGED})
     html = flight_page(tmp_path, broken)
     assert "follower: the estimate was more than 5 m off, at the mirror image of the truth" in html
@@ -162,7 +197,9 @@ def test_a_flight_ended_by_contact_reports_the_pair(tmp_path):
     position = flight.trajectory.position.copy()
     position[250:, 2] = position[250:, 1]
     met = dataclasses.replace(
-        flight, outcome=Outcome.CONTACT, trajectory=synthetic.moved(flight.trajectory, position=position)
+        flight,
+        outcome=Outcome.CONTACT,
+        trajectory=synthetic.moved(flight.trajectory, position=position),
     )
     html = flight_page(tmp_path, met)
     assert 'class="notice warning"' in html

@@ -1,4 +1,6 @@
-"""Accuracy of the estimates in the report, each against a flight for which the figures are known in closed form."""
+"""Accuracy of the estimates in the report, each against a flight for which the figures are known
+in closed form.
+"""
 
 import dataclasses
 import re
@@ -27,7 +29,9 @@ def moved(flight, offsets, follower=0, sigma=1.0):
     """The flight with estimates off by `offsets`, shape (n, 2), [m], and that sure of them."""
     state = flight.estimates[follower].state.copy()
     state[:, :2] = flight.hydrophone(follower)[:, :2] + offsets
-    return with_estimates(flight, follower, state=state, covariance=spread(np.full(len(state), sigma**2)))
+    return with_estimates(
+        flight, follower, state=state, covariance=spread(np.full(len(state), sigma**2))
+    )
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +47,9 @@ def test_the_largest_error_has_its_time(flight):
     assert (found["largest"], found["largest_s"]) == pytest.approx((5.0, 30.0))
     assert found["mean"] == pytest.approx((599 * 0.5 + 5.0) / 600)
     assert found["high"] == pytest.approx(0.5)
-    assert found["sigma"] == pytest.approx(np.sqrt(599 * 0.5**2 + 25.0 - 600 * found["mean"] ** 2) / np.sqrt(600))
+    assert found["sigma"] == pytest.approx(
+        np.sqrt(599 * 0.5**2 + 25.0 - 600 * found["mean"] ** 2) / np.sqrt(600)
+    )
 
 
 def test_errors_near_the_axis_are_separated_from_those_elsewhere(flight, monkeypatch):
@@ -69,7 +75,9 @@ def test_errors_near_the_axis_are_separated_from_those_elsewhere(flight, monkeyp
 
 
 def test_a_wrong_side_is_reported_with_its_share(flight):
-    """The estimate is the truth's mirror image in the leader's axis for 3 s, and again for 9 s, of 60 s."""
+    """The estimate is the truth's mirror image in the leader's axis for 3 s, and again for 9 s,
+    of 60 s.
+    """
     steps = flight.step_index()
     heading = flight.trajectory.heading[steps, 0]
     starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
@@ -81,12 +89,16 @@ def test_a_wrong_side_is_reported_with_its_share(flight):
     mirrored = moved(flight, np.where(wrong, -2 * side, 0.0)[:, None] * starboard)
     assert flight_report.accuracy(mirrored, 0)["wrong_side"] == pytest.approx(0.2)
     # half a metre across the axis is no wrong side
-    near = moved(flight, np.where(wrong, -np.sign(side) * (np.abs(side) + 0.5), 0.0)[:, None] * starboard)
+    near = moved(
+        flight, np.where(wrong, -np.sign(side) * (np.abs(side) + 0.5), 0.0)[:, None] * starboard
+    )
     assert flight_report.accuracy(near, 0)["wrong_side"] == 0.0
 
 
 def test_consistency_is_reported_by_the_filters_own_ellipse(flight):
-    """A Rayleigh distribution is above 2σ with probability exp(−2); and one error in five lies outside by hand."""
+    """A Rayleigh distribution is above 2σ with probability exp(−2); and one error in five lies
+    outside by hand.
+    """
     assert pytest.approx(0.1353, abs=1e-4) == flight_report.CONSISTENT_SHARE
     offsets = np.tile([1.9, 0.0], (600, 1))
     offsets[::5] = [0.0, 2.1]
@@ -116,7 +128,8 @@ def test_several_followers_are_summed_up_together(tmp_path):
         offsets[::5] = [0.0, 4.0 * error]
         flight = moved(flight, offsets, i)
     assert (
-        "The mean position errors of 3 followers lie between 0.25 m (follower2) and 2.00 m (follower3); the largest "
+        "The mean position errors of 3 followers lie between 0.25 m (follower2) and 2.00 m "
+        "(follower3); the largest "
         "error is 8.00 m (follower3, at 0 s)."
     ) in page_of(flight, tmp_path)
 

@@ -13,7 +13,18 @@ from plotly.graph_objects import Figure
 
 from experiments.pages import figures, page, style
 from experiments.pages.figures import Line
-from experiments.pages.page import Cell, Code, Figures, Notice, Page, Section, Table, Text, number, words
+from experiments.pages.page import (
+    Cell,
+    Code,
+    Figures,
+    Notice,
+    Page,
+    Section,
+    Table,
+    Text,
+    number,
+    words,
+)
 from experiments.pages.style import ESTIMATE, FOLLOWER, LEADER, SERIES, TRANSMITTERS
 from tests.pages.markup import checked
 
@@ -29,12 +40,18 @@ def sample_page(**changes):
         Text(text="E_P with `code <b>` and <i>text</i>"),
         Code(text="a < b"),
         Notice(text="it failed", tone="failure"),
-        Table(heads=["name", "E_P [m]"], rows=[[words("T2"), number(1.234)], [words("T3"), number(None)]]),
+        Table(
+            heads=["name", "E_P [m]"],
+            rows=[[words("T2"), number(1.234)], [words("T3"), number(None)]],
+        ),
         Figures(panels=[drawing(), drawing()], caption="Both", legend=[(SERIES[0], "y")]),
     ]
-    content = {"title": "Title & more", "summary": "s", "facts": [("seed", "1")], "sections": [
-        Section(title="A section", blocks=blocks)
-    ]}  # fmt: skip
+    content = {
+        "title": "Title & more",
+        "summary": "s",
+        "facts": [("seed", "1")],
+        "sections": [Section(title="A section", blocks=blocks)],
+    }
     return Page(**(content | changes))
 
 
@@ -52,13 +69,19 @@ def test_a_page_lists_its_software_versions():
     """The packages' own words are the judge."""
     [footer] = re.findall(r"<footer>(.*?)</footer>", page.render(sample_page()))
     packages = {"MuJoCo": mujoco, "NumPy": np, "SciPy": scipy, "Numba": numba}
-    expected = [f"Python {sys.version.split()[0]}", *(f"{name} {p.__version__}" for name, p in packages.items())]
+    expected = [
+        f"Python {sys.version.split()[0]}",
+        *(f"{name} {p.__version__}" for name, p in packages.items()),
+    ]
     assert footer.startswith(f"Made with {', '.join(expected)}.")
 
 
 def embedded(html):
     """Figures of a page, as its script reads them."""
-    return [json.loads(text) for text in re.findall(r'<script type="application/json">(.*?)</script>', html)]
+    return [
+        json.loads(text)
+        for text in re.findall(r'<script type="application/json">(.*?)</script>', html)
+    ]
 
 
 def test_plotly_stands_once_on_a_page_with_figures_and_on_no_other():
@@ -70,21 +93,41 @@ def test_plotly_stands_once_on_a_page_with_figures_and_on_no_other():
     assert len(page.render(sample_page(sections=[]))) < 100_000
 
 
-@pytest.mark.parametrize(("values", "labels"), [((0.04, 30.0), ["0.2", "0.5"]), ((0.04, 900.0), ["0.1", "1", "10"])])
+@pytest.mark.parametrize(
+    ("values", "labels"), [((0.04, 30.0), ["0.2", "0.5"]), ((0.04, 900.0), ["0.1", "1", "10"])]
+)
 def test_logarithmic_axes_of_many_decades_have_fewer_numbers(values, labels):
     line = Line(x=np.array([*values, np.nan, 0.0]), y=np.arange(4.0), marker="o")
-    axis = figures.panel([line], x_label="off [m]", y_label="", x_log=True).figure["layout"]["xaxis"]
-    shown = [text for text, at in zip(axis["ticktext"], axis["tickvals"], strict=True) if 0.1 <= at <= 10.0]
+    axis = figures.panel([line], x_label="off [m]", y_label="", x_log=True).figure["layout"][
+        "xaxis"
+    ]
+    shown = [
+        text
+        for text, at in zip(axis["ticktext"], axis["tickvals"], strict=True)
+        if 0.1 <= at <= 10.0
+    ]
     assert set(labels) <= set(shown)
     assert ("0.2" in shown) == ("0.2" in labels)
 
 
 def test_figures_are_valid_and_take_their_colours_from_the_page():
     """Plotly's own schema is the judge."""
-    line = Line(x=np.arange(3.0), y=np.arange(3.0), marker="o", interval=(np.zeros(3), np.full(3, 4.0)), text="end")
-    part = figures.Part(lines=[line, Line(x=np.arange(3.0), y=np.ones(3), dash=":")], y_label="E_P", shaded=[(0, 1)])
-    panel = figures.Panel(parts=[part, part], x_label="D_front", title="a", x_log=True, x_limits=(1.0, None), link="a")
-    html = page.render(sample_page(sections=[Section(title="A", blocks=[Figures(panels=[drawing(), panel])])]))
+    line = Line(
+        x=np.arange(3.0),
+        y=np.arange(3.0),
+        marker="o",
+        interval=(np.zeros(3), np.full(3, 4.0)),
+        text="end",
+    )
+    part = figures.Part(
+        lines=[line, Line(x=np.arange(3.0), y=np.ones(3), dash=":")], y_label="E_P", shaded=[(0, 1)]
+    )
+    panel = figures.Panel(
+        parts=[part, part], x_label="D_front", title="a", x_log=True, x_limits=(1.0, None), link="a"
+    )
+    html = page.render(
+        sample_page(sections=[Section(title="A", blocks=[Figures(panels=[drawing(), panel])])])
+    )
     style_of = html.partition("<style>")[2].partition("</style>")[0]
     first, second = embedded(html)
     assert (first, second) == (drawing().figure, panel.figure)
@@ -97,13 +140,21 @@ def test_figures_are_valid_and_take_their_colours_from_the_page():
     assert "T2 &lt;&amp;&gt;" in first["layout"]["title"]["text"]
     assert 'data-link="a"' in html
     marks = second["data"][0]
-    assert (marks["error_y"]["array"], marks["error_y"]["arrayminus"]) == ([4.0, 3.0, 2.0], [0.0, 1.0, 2.0])
+    assert (marks["error_y"]["array"], marks["error_y"]["arrayminus"]) == (
+        [4.0, 3.0, 2.0],
+        [0.0, 1.0, 2.0],
+    )
     assert second["layout"]["xaxis"]["range"] == pytest.approx([0.0, np.log10(2.08)])
     assert second["data"][2]["yaxis"] == "y2"
 
 
 def test_numbers_of_figures_have_five_digits_and_gaps():
-    assert figures.numbers(np.array([1234.5678, np.nan, 1e-7 / 3, np.inf])) == [1234.6, None, 3.3333e-08, None]
+    assert figures.numbers(np.array([1234.5678, np.nan, 1e-7 / 3, np.inf])) == [
+        1234.6,
+        None,
+        3.3333e-08,
+        None,
+    ]
 
 
 def test_every_colour_has_a_light_and_a_dark_value():
@@ -117,7 +168,9 @@ def contrast(a, b):
 
     def luminance(colour):
         channels = np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
-        linear = np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
+        linear = np.where(
+            channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4
+        )
         return linear @ [0.2126, 0.7152, 0.0722]
 
     low, high = sorted((luminance(a), luminance(b)))
@@ -133,9 +186,17 @@ def test_lines_stand_out_from_light_and_dark_paper(colour):
 
 def test_ratios_are_coloured_evenly_either_way():
     assert [page.ratio_tone(r) for r in (1.0, 1.19, 1.3, 1.7, 3.0)] == [
-        "ratio-even", "ratio-even", "ratio-high1", "ratio-high2", "ratio-high3",
-    ]  # fmt: skip
-    assert [page.ratio_tone(1 / r) for r in (1.3, 1.7, 3.0)] == ["ratio-low1", "ratio-low2", "ratio-low3"]
+        "ratio-even",
+        "ratio-even",
+        "ratio-high1",
+        "ratio-high2",
+        "ratio-high3",
+    ]
+    assert [page.ratio_tone(1 / r) for r in (1.3, 1.7, 3.0)] == [
+        "ratio-low1",
+        "ratio-low2",
+        "ratio-low3",
+    ]
     assert page.ratio_tone(np.nan) == ""
 
 
@@ -145,7 +206,8 @@ def test_rows_must_fit_their_table():
 
 
 @pytest.mark.parametrize(
-    ("value", "text"), [(-0.004, "0.00"), (-0.006, "−0.01"), (-3, "−3"), (0, "0"), (1.005, "1.00"), (None, "–")]
+    ("value", "text"),
+    [(-0.004, "0.00"), (-0.006, "−0.01"), (-3, "−3"), (0, "0"), (1.005, "1.00"), (None, "–")],
 )
 def test_numbers_in_tables_have_a_minus_only_where_one_can_see_why(value, text):
     cell = page.number(value)
@@ -162,7 +224,9 @@ def test_numbers_stand_to_the_right_under_their_heads():
 def test_panels_alike_make_a_grid_and_others_share_a_row():
     one, wide = drawing(), drawing(width=8.0)
     for panels, layout in (([one] * 3, "grid"), ([one] * 2, "row"), ([one, one, wide], "row")):
-        html = page.render(sample_page(sections=[Section(title="A", blocks=[Figures(panels=panels)])]))
+        html = page.render(
+            sample_page(sections=[Section(title="A", blocks=[Figures(panels=panels)])])
+        )
         assert re.findall('<div class="(grid|row)">', html) == [layout]
     html = page.render(sample_page(sections=[Section(title="A", blocks=[Figures(panels=[wide])])]))
     assert 'style="--w: 576; height: 240px"' in html

@@ -14,13 +14,16 @@ N = 40
 
 
 def vehicle(**changes: Any) -> Replayed:
-    """East at 1 m/s for 40 s, a message every 10 s from a leader 30 m to the north; the estimate is 3 m too far north.
+    """East at 1 m/s for 40 s, a message every 10 s from a leader 30 m to the north; the estimate is
+    3 m too far north.
 
     The covariance has standard deviations of 0.5 m (east) and 2 m (north).
     """
     time = np.arange(1.0, N + 1.0)
     step = np.array([10, 20, 30, 40])
-    leader = LeaderMessage(timestamp=0.0, east=0.0, north=30.0, heading=np.pi / 2, speed=1.0, depth=5.0)
+    leader = LeaderMessage(
+        timestamp=0.0, east=0.0, north=30.0, heading=np.pi / 2, speed=1.0, depth=5.0
+    )
     messages = np.tile(np.array(leader, dtype=np.float64), (4, 1))
     messages[:, 1] = step
     state = np.column_stack([time, np.full(N, 3.0), np.ones(N), np.zeros(N)])
@@ -28,14 +31,24 @@ def vehicle(**changes: Any) -> Replayed:
     # 1 m to either side of the leader along its heading, which is east
     ranges = np.tile([np.hypot(30.0, 1.0), np.hypot(30.0, 1.0), np.nan], (4, 1))
     measured = Measurements(
-        dt=1.0, speed=np.ones(N), heading=np.full(N, np.pi / 2), depth=np.full(N, 5.0), message_step=step,
-        message=messages, ranges=ranges,
-    )  # fmt: skip
+        dt=1.0,
+        speed=np.ones(N),
+        heading=np.full(N, np.pi / 2),
+        depth=np.full(N, 5.0),
+        message_step=step,
+        message=messages,
+        ranges=ranges,
+    )
     estimates = Estimates(
-        state=state, covariance=covariance, fix_step=step, fix_position=state[step - 1, :2], fix_sigma=np.ones(4),
-        fix_kind=np.full(4, FixKind.TWO_POINTS), innovation=np.tile([0.0, 2.0], (4, 1)),
+        state=state,
+        covariance=covariance,
+        fix_step=step,
+        fix_position=state[step - 1, :2],
+        fix_sigma=np.ones(4),
+        fix_kind=np.full(4, FixKind.TWO_POINTS),
+        innovation=np.tile([0.0, 2.0], (4, 1)),
         innovation_covariance=np.tile(np.diag([1.0, 4.0]), (4, 1, 1)),
-    )  # fmt: skip
+    )
     path = np.column_stack([time, time, np.zeros(N)])
     given: dict[str, object] = {
         "name": "auv",
@@ -74,6 +87,11 @@ def test_the_page_names_uncertainty_error_and_remarks(tmp_path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     assert "auv: the 2σ position uncertainty is 4.00 m (median) and at most 4.00 m, at 1 s." in text
     assert "Its mean error is 3.00 m." in text
-    drawn = ("estimate, with 2σ ellipses", "2σ of position [m]", "range residual [m]", "NIS per quantity")
+    drawn = (
+        "estimate, with 2σ ellipses",
+        "2σ of position [m]",
+        "range residual [m]",
+        "NIS per quantity",
+    )
     for words in ("a gap of 3 s", "4 two points", "Replay of auv.mcap", "surveyed path", *drawn):
         assert words in text

@@ -1,4 +1,6 @@
-"""Stations in a flight's report, against a flight for which the distances are known in closed form."""
+"""Stations in a flight's report, against a flight for which the distances are known in closed
+form.
+"""
 
 import dataclasses
 import io
@@ -25,7 +27,9 @@ STATIONS = ((10.0, 10.0), (20.0, 12.0))
 
 
 def kept(offs: tuple[Floats, Floats], seconds: float = 60.0) -> Flight:
-    """Two followers straight astern of a leader that swims north at 1 m/s, and so far east of their stations."""
+    """Two followers straight astern of a leader that swims north at 1 m/s, and so far east of
+    their stations.
+    """
     flight = make_flight(seconds, 2)
     truth = flight.trajectory
     followers = tuple(
@@ -36,7 +40,9 @@ def kept(offs: tuple[Floats, Floats], seconds: float = 60.0) -> Flight:
     position[..., 1], velocity[..., 1] = truth.time[:, None], 1.0
     position[:, 0, 2] = -8.0
     for i, ((behind, depth), off) in enumerate(zip(STATIONS, offs, strict=True)):
-        position[:, i + 1] += np.stack([off, np.full_like(off, -behind), np.full_like(off, -depth)], axis=-1)
+        position[:, i + 1] += np.stack(
+            [off, np.full_like(off, -behind), np.full_like(off, -depth)], axis=-1
+        )
     level = np.zeros_like(truth.quaternion)
     # body x to the north
     level[..., 0] = level[..., 3] = np.sqrt(0.5)
@@ -74,14 +80,20 @@ def test_the_nearest_pair_is_named(tmp_path: Path) -> None:
 
 
 def test_avoidance_is_reported_with_its_duration(tmp_path: Path) -> None:
-    """The second follower stands 9.6 m behind the first, and for the last 20 s of a minute 4.9 m, 0.4 m to its side."""
+    """The second follower stands 9.6 m behind the first, and for the last 20 s of a minute 4.9
+    m, 0.4 m to its side.
+    """
     n = make_flight(60.0, 2).trajectory.time.size
     flight = kept(steady(0.0, 0.4))
     position = flight.trajectory.position.copy()
     position[..., 2] = -10.0
     position[n - 200 :, 2, 1] += 5.1
-    wary = flight.scenario.model_copy(update={"formation": Formation(proximity=Proximity(range_sigma_m=0.0))})
-    near = dataclasses.replace(flight, scenario=wary, trajectory=synthetic.moved(flight.trajectory, position=position))
+    wary = flight.scenario.model_copy(
+        update={"formation": Formation(proximity=Proximity(range_sigma_m=0.0))}
+    )
+    near = dataclasses.replace(
+        flight, scenario=wary, trajectory=synthetic.moved(flight.trajectory, position=position)
+    )
     # looks every half second from 40.5 to 60 s; each sees the other
     assert "Gave way to others: follower1 for 20 s, follower2 for " in text_of(near, tmp_path)
     assert "Gave way" not in text_of(flight, tmp_path)
@@ -114,7 +126,10 @@ def test_who_is_lost_leaves_the_panel() -> None:
 def columns(html: str) -> list[str]:
     """Heads of the table of details, the second one, with the groups above them."""
     (_, head, *_) = re.findall(r"<thead>(.*?)</thead>", html, flags=re.DOTALL)
-    return [re.sub(r"<.*?>", "", cell).strip() for cell in re.findall(r"<th.*?</th>", head, flags=re.DOTALL)]
+    return [
+        re.sub(r"<.*?>", "", cell).strip()
+        for cell in re.findall(r"<th.*?</th>", head, flags=re.DOTALL)
+    ]
 
 
 def test_the_terminal_shows_each_figure_under_its_head() -> None:
@@ -137,7 +152,12 @@ def test_the_terminal_shows_each_figure_under_its_head() -> None:
 def test_the_report_has_columns_and_a_section_of_stations(tmp_path: Path) -> None:
     flight = kept(steady(0.3, 1.5))
     rows: dict[str, dict[str, Any]] = {
-        "follower1": {"station_rms_m": 0.31, "station_p95_m": 0.62, "station_max_m": 0.93, "joined_s": 4.0},
+        "follower1": {
+            "station_rms_m": 0.31,
+            "station_p95_m": 0.62,
+            "station_max_m": 0.93,
+            "joined_s": 4.0,
+        },
         "follower2": {
             "station_rms_m": 7.0,
             "station_p95_m": 8.0,
@@ -163,7 +183,11 @@ def test_the_report_of_routes_has_none(tmp_path: Path) -> None:
     n = flight.measurements[0].speed.size
     path = tmp_path / "report.html"
     flight_report.flight_report(
-        flight, [(np.zeros(n), np.zeros(n))] * 2, {"followers": {"follower1": {}, "follower2": {}}}, path, None
+        flight,
+        [(np.zeros(n), np.zeros(n))] * 2,
+        {"followers": {"follower1": {}, "follower2": {}}},
+        path,
+        None,
     )
     html = path.read_text(encoding="utf-8")
     assert "station error, since it joined" not in columns(html)

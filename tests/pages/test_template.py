@@ -1,4 +1,6 @@
-"""Pages from templates: headings, paragraphs, notices, numbers by name, and blocks in their places."""
+"""Pages from templates: headings, paragraphs, notices, numbers by name, and blocks in their
+places.
+"""
 
 import sys
 from pathlib import Path
@@ -12,7 +14,11 @@ from experiments.pages.page import Cell, Code, Figures, Notice, Page, Table, Tex
 from laisn.failure import LaisnError
 
 FINDINGS = Findings(
-    study="", command="", modules=(), version="", findings={"share": Finding(value=0.25, low=0.2, high=0.3)}
+    study="",
+    command="",
+    modules=(),
+    version="",
+    findings={"share": Finding(value=0.25, low=0.2, high=0.3)},
 )
 
 
@@ -35,8 +41,10 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
 def test_headings_paragraphs_and_blocks_stand_in_order(page: Any) -> None:
     code = Code(text="laisn fly T5")
     made = page(
-        '# Title\n\nOne\nline.\n\n## First\nsection\n\nWith `code`,\nand {{ n("share", ".0% i") }}.\n\n'
-        "> warning: Mind {{ what }}.\n\n## Last\n\n{{ code }}\n\n{% if more %}{{ more }}{% endif %}\n\nEnd.\n",
+        '# Title\n\nOne\nline.\n\n## First\nsection\n\nWith `code`,\nand {{ n("share", ".0% i") '
+        "}}.\n\n"
+        "> warning: Mind {{ what }}.\n\n## Last\n\n{{ code }}\n\n{% if more %}{{ more }}{% endif "
+        "%}\n\nEnd.\n",
         code=code,
         what="this",
         more=[Notice(text="one"), Notice(text="two")],
@@ -47,14 +55,21 @@ def test_headings_paragraphs_and_blocks_stand_in_order(page: Any) -> None:
         Text(text="With `code`, and 25 % (20 to 30 %)."),
         Notice(text="Mind this.", tone="warning"),
     ]
-    assert made.sections[1].blocks == [code, Notice(text="one"), Notice(text="two"), Text(text="End.")]
+    assert made.sections[1].blocks == [
+        code,
+        Notice(text="one"),
+        Notice(text="two"),
+        Text(text="End."),
+    ]
 
 
 def test_tables_are_rows_of_text_numbers_and_cells(page: Any) -> None:
     coloured = Cell(text="2.0", sort=2.0, tone="yes")
     made = page(
-        "# T\n\nS.\n\n## A\n\n| | E_P [m] || of |\n| what | paper | ours | all |\n|---|---|---|---|\n"
-        '{% for name in names %}\n| {{ name }} | 1,200 | {{ cell }} | {{ n("share", ".0% i") }} |\n{% endfor %}\n'
+        "# T\n\nS.\n\n## A\n\n| | E_P [m] || of |\n| what | paper | ours | all "
+        "|\n|---|---|---|---|\n"
+        '{% for name in names %}\n| {{ name }} | 1,200 | {{ cell }} | {{ n("share", ".0% i") }} '
+        "|\n{% endfor %}\n"
         '| T3 | – | −0.5 (−1 to 2) | {{ n("shore", ".2f", "–") }} |\nA caption\nof two lines.\n',
         names=["T2"],
         cell=coloured,
@@ -76,7 +91,10 @@ def test_tables_are_rows_of_text_numbers_and_cells(page: Any) -> None:
 
 
 def test_a_block_takes_its_caption_from_the_template(page: Any) -> None:
-    made = page('# T\n\nS.\n\n## A\n\n{{ drawn | caption("All\nroutes.") }}\n', drawn=Figures(panels=["<svg>"]))
+    made = page(
+        '# T\n\nS.\n\n## A\n\n{{ drawn | caption("All\nroutes.") }}\n',
+        drawn=Figures(panels=["<svg>"]),
+    )
     assert made.sections[0].blocks == [Figures(panels=["<svg>"], caption="All routes.")]
 
 

@@ -18,7 +18,10 @@ from tools.documents import real_ranges as study
 
 @cache
 def recorded() -> dict[str, float]:
-    return {name: float(found.value or 0.0) for name, found in markers.records()["real-ranges"].findings.items()}
+    return {
+        name: float(found.value or 0.0)
+        for name, found in markers.records()["real-ranges"].findings.items()
+    }
 
 
 @pytest.mark.parametrize("name", study.SETS)
@@ -51,7 +54,9 @@ def test_the_record_is_what_comes_out() -> None:
     fresh = study.findings_of("Plaza2", study.scores("Plaza2", ("tight", "unknown-start")))
     assert len(fresh) == 16
     for name, finding in fresh.items():
-        assert finding.value == pytest.approx(recorded()[name], rel=0.03), f"{name}: run make studies"
+        assert finding.value == pytest.approx(recorded()[name], rel=0.03), (
+            f"{name}: run make studies"
+        )
 
 
 def test_the_medium_is_found() -> None:
@@ -60,20 +65,32 @@ def test_the_medium_is_found() -> None:
 
 
 def test_errors_are_those_at_the_times_of_the_survey() -> None:
-    """A vehicle that goes 1 m/s east, estimated 0.3 m ahead and 0.4 m aside with σ = 0.5 m: off 0.5 m, NEES 1."""
+    """A vehicle that goes 1 m/s east, estimated 0.3 m ahead and 0.4 m aside with σ = 0.5 m: off
+    0.5 m, NEES 1.
+    """
     n = 10
     time = np.arange(1.0, n + 1)
     measured = Measurements(
-        dt=1.0, speed=np.ones(n), heading=np.full(n, np.pi / 2), depth=np.zeros(n),
-        message_step=np.array([5]), message=np.zeros((1, 9)), ranges=np.ones((1, 3)),
-    )  # fmt: skip
+        dt=1.0,
+        speed=np.ones(n),
+        heading=np.full(n, np.pi / 2),
+        depth=np.zeros(n),
+        message_step=np.array([5]),
+        message=np.zeros((1, 9)),
+        ranges=np.ones((1, 3)),
+    )
     state = np.column_stack([time + 0.3, np.full(n, 0.4), np.ones(n), np.zeros(n)])
     state[:3] = np.nan
     estimates = Estimates(
-        state=state, covariance=np.tile(0.25 * np.eye(4), (n, 1, 1)), fix_step=np.array([5]),
-        fix_position=np.zeros((1, 2)), fix_sigma=np.zeros(1), fix_kind=np.array([7]), innovation=np.zeros((1, 2)),
+        state=state,
+        covariance=np.tile(0.25 * np.eye(4), (n, 1, 1)),
+        fix_step=np.array([5]),
+        fix_position=np.zeros((1, 2)),
+        fix_sigma=np.zeros(1),
+        fix_kind=np.array([7]),
+        innovation=np.zeros((1, 2)),
         innovation_covariance=np.zeros((1, 2, 2)),
-    )  # fmt: skip
+    )
     survey = np.arange(0.5, 12.0, 1.0)
     truth = np.column_stack([survey, survey, np.zeros(survey.size)])
     assert tuple(score(estimates, measured, truth)) == pytest.approx((0.5, 0.5, 0.5, 1.0))
@@ -84,7 +101,12 @@ def test_errors_are_those_at_the_times_of_the_survey() -> None:
 
 def test_settings_follow_the_medium_but_for_what_is_given() -> None:
     expected = beacons_of(
-        {"medium": "water", "heading_sigma_deg": 2, "gyro_bias_sigma_deg_s": 0.1, "slip_m_sqrt_s": 0.3}
+        {
+            "medium": "water",
+            "heading_sigma_deg": 2,
+            "gyro_bias_sigma_deg_s": 0.1,
+            "slip_m_sqrt_s": 0.3,
+        }
     )
     made = expected.over(MEDIA["water"])
     assert made.heading_sigma == pytest.approx(np.deg2rad(2))
@@ -108,25 +130,42 @@ def test_variants_among_beacons_lack_the_states_that_they_name() -> None:
         ("tight", {}),
     ):
         assert study.AMONG[name].over(usual) == replace(usual, **{"known_start": True} | lacking)
-    assert {expected.medium for name, expected in study.AMONG.items() if name not in ("tight", "unknown-start")} == {
-        "air"
-    }
+    assert {
+        expected.medium
+        for name, expected in study.AMONG.items()
+        if name not in ("tight", "unknown-start")
+    } == {"air"}
     assert len(study.AMONG) == 6
 
 
 def test_the_record_has_the_median_the_worst_and_all() -> None:
-    """Six pairs whose errors are 1 to 6 m, 95 % of them within twice as much, NEES half as much; all four 0.5 m."""
+    """Six pairs whose errors are 1 to 6 m, 95 % of them within twice as much, NEES half as much;
+    all four 0.5 m.
+    """
     pairs = list(combinations("1234", 2))
-    each = {pair: Score(float(k), 1.5 * k, 2.0 * k, 0.5 * k) for k, pair in zip((3, 6, 1, 5, 2, 4), pairs, strict=True)}
-    found = study.findings_of("Plaza1", {"tight": each | {tuple("1234"): Score(0.5, 0.6, 0.7, 0.8)}})
+    each = {
+        pair: Score(float(k), 1.5 * k, 2.0 * k, 0.5 * k)
+        for k, pair in zip((3, 6, 1, 5, 2, 4), pairs, strict=True)
+    }
+    found = study.findings_of(
+        "Plaza1", {"tight": each | {tuple("1234"): Score(0.5, 0.6, 0.7, 0.8)}}
+    )
     assert {key.removesuffix(" tight Plaza1"): finding.value for key, finding in found.items()} == {
-        "pairs": 3.5, "worst-pair": 6.0, "high": 12.0, "nees-least": 0.5, "nees-most": 3.0, "all": 0.5, "all-high": 0.7,
+        "pairs": 3.5,
+        "worst-pair": 6.0,
+        "high": 12.0,
+        "nees-least": 0.5,
+        "nees-most": 3.0,
+        "all": 0.5,
+        "all-high": 0.7,
         "all-nees": 0.8,
-    }  # fmt: skip
+    }
 
 
 def test_range_errors_are_reported_as_scale_and_residual(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every range 3 % too long, and in turns 0.5 m too long and too short; the robot drives 1 m/s east."""
+    """Every range 3 % too long, and in turns 0.5 m too long and too short; the robot drives 1
+    m/s east.
+    """
     time = np.arange(0.0, 100.0)
     truth = np.column_stack([time, time, np.zeros(100), np.zeros(100)])
     data = study.read_data_set(study.DATA / "Plaza1.mat")
@@ -135,9 +174,13 @@ def test_range_errors_are_reported_as_scale_and_residual(monkeypatch: pytest.Mon
     true = np.hypot(received - places[beacon, 0], places[beacon, 1])
     spread = np.where(np.arange(90) // 2 % 2, 0.5, -0.5)
     moved = replace(
-        data, truth=truth[:, : data.truth.shape[1]], places=places, range_time=received, range_beacon=beacon,
+        data,
+        truth=truth[:, : data.truth.shape[1]],
+        places=places,
+        range_time=received,
+        range_beacon=beacon,
         ranges=1.03 * true + spread,
-    )  # fmt: skip
+    )
     monkeypatch.setattr(study, "read_data_set", lambda _: moved)
     found = study.ranges_of("Plaza1")
     assert found["ranges Plaza1"].value == 90
@@ -148,19 +191,31 @@ def test_range_errors_are_reported_as_scale_and_residual(monkeypatch: pytest.Mon
 def test_errors_have_a_mean_a_root_mean_square_and_a_95th_percentile() -> None:
     n = 101
     measured = Measurements(
-        dt=1.0, speed=np.ones(n), heading=np.zeros(n), depth=np.zeros(n), message_step=np.array([5]),
-        message=np.zeros((1, 9)), ranges=np.ones((1, 3)),
-    )  # fmt: skip
+        dt=1.0,
+        speed=np.ones(n),
+        heading=np.zeros(n),
+        depth=np.zeros(n),
+        message_step=np.array([5]),
+        message=np.zeros((1, 9)),
+        ranges=np.ones((1, 3)),
+    )
     off = np.linspace(0.0, 10.0, n)
     state = np.zeros((n, 4))
     state[:, 0] = off
     covariance = np.tile(np.diag([4.0, 1.0, 1.0, 1.0]), (n, 1, 1))
     estimates = Estimates(
-        state=state, covariance=covariance, fix_step=np.array([5]), fix_position=np.zeros((1, 2)),
-        fix_sigma=np.zeros(1), fix_kind=np.array([7]), innovation=np.zeros((1, 2)),
+        state=state,
+        covariance=covariance,
+        fix_step=np.array([5]),
+        fix_position=np.zeros((1, 2)),
+        fix_sigma=np.zeros(1),
+        fix_kind=np.array([7]),
+        innovation=np.zeros((1, 2)),
         innovation_covariance=np.zeros((1, 2, 2)),
-    )  # fmt: skip
+    )
     truth = np.column_stack([measured.time, np.zeros((n, 2))])
     # of values even from 0 to a: a/2, and a √((2 n − 1) / (6 (n − 1))) of n of them
     square = 100.0 * (2 * n - 1) / (6 * (n - 1))
-    assert tuple(score(estimates, measured, truth)) == pytest.approx((5.0, np.sqrt(square), 9.5, square / 4.0))
+    assert tuple(score(estimates, measured, truth)) == pytest.approx(
+        (5.0, np.sqrt(square), 9.5, square / 4.0)
+    )

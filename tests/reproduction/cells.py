@@ -9,13 +9,20 @@ from experiments.study.plan import Entry, plan_of
 FILES = built_in("reproduce")
 STUDY = study_of(str(FILES["tables"]), {})
 COLUMNS = {
-    "dt_s": "timing.filter_step_s", "dt_range_s": "timing.message_interval_s", "leader_length_m": "leader.baseline_m",
-    "h_t_m": "leader.middle_offset_m", "tau_rear_m": "acoustics.range_tau_m.0",
-    "tau_other_m": "acoustics.range_tau_m.1", "mu_range_m": "acoustics.range_scale_mean_m",
-    "sigma_range_m": "acoustics.range_scale_sigma_m", "range_error_centred": "acoustics.range_error_centred",
-    "mu_heading_leader_deg": "sensors.leader_heading_bias_deg", "beta_m2": "navigation.beta_m2",
-    "threshold_m": "navigation.threshold_m", "gate": "navigation.gate",
-}  # fmt: skip
+    "dt_s": "timing.filter_step_s",
+    "dt_range_s": "timing.message_interval_s",
+    "leader_length_m": "leader.baseline_m",
+    "h_t_m": "leader.middle_offset_m",
+    "tau_rear_m": "acoustics.range_tau_m.0",
+    "tau_other_m": "acoustics.range_tau_m.1",
+    "mu_range_m": "acoustics.range_scale_mean_m",
+    "sigma_range_m": "acoustics.range_scale_sigma_m",
+    "range_error_centred": "acoustics.range_error_centred",
+    "mu_heading_leader_deg": "sensors.leader_heading_bias_deg",
+    "beta_m2": "navigation.beta_m2",
+    "threshold_m": "navigation.threshold_m",
+    "gate": "navigation.gate",
+}
 """Columns of the published tables, and the keys of a scenario that they hold."""
 
 
@@ -32,8 +39,10 @@ class Setting(NamedTuple):
         return self.table not in ("text", "alternative")
 
 
-SETTINGS = [Setting(name, case.title, variants=tuple(case.arms), **case.labels)  # type: ignore[arg-type]
-            for name, case in STUDY.cases.items()]  # fmt: skip
+SETTINGS = [
+    Setting(name, case.title, variants=tuple(case.arms), **case.labels)  # type: ignore[arg-type]
+    for name, case in STUDY.cases.items()
+]
 
 
 def entries(**keys: Any) -> dict[tuple[str, str, str], Entry]:

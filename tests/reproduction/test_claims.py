@@ -1,4 +1,6 @@
-"""Each claim at the edges of its criterion, and the figures that it quotes, on results made by hand."""
+"""Each claim at the edges of its criterion, and the figures that it quotes, on results made by
+hand.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -34,8 +36,12 @@ Figure = Callable[[str, str, str, str], float | None]
 CELLS = [(s.name, v) for s in SETTINGS for v in s.variants]
 
 
-def judged(number: int, figure: Figure, timed: Mapping[str, Mapping[str, float]] | None = None) -> Judgement:
-    """The verdict on a claim where every figure is 1 but for those that are given; `timed` by mission."""
+def judged(
+    number: int, figure: Figure, timed: Mapping[str, Mapping[str, float]] | None = None
+) -> Judgement:
+    """The verdict on a claim where every figure is 1 but for those that are given; `timed` by
+    mission.
+    """
     each = {
         (f"{s} {v}", x): np.array([[figure(s, m, v, x) or 1.0 for m in ROUTES]])
         for s, v in CELLS
@@ -48,7 +54,9 @@ def judged(number: int, figure: Figure, timed: Mapping[str, Mapping[str, float]]
 
 
 def on_routes(setting: str, variants: tuple[str, ...], *values: float) -> Figure:
-    """These values of every metric in a setting, route by route, the last of them for all that are left."""
+    """These values of every metric in a setting, route by route, the last of them for all that
+    are left.
+    """
     of = dict(zip(ROUTES, [*values, *[values[-1]] * len(ROUTES)], strict=False))
     return lambda s, m, v, x: of[m] if s == setting and v in variants else None
 
@@ -90,13 +98,16 @@ TWO, THREE, BOTH = ("laisn-2",), ("laisn-3-2",), ("laisn-2", "laisn-3-2")
         (7, on_routes("asymmetric", THREE, 0.81), "does not hold"),
         (8, on_routes("muD0.3", TWO, 1.25), "holds"),
         (8, on_routes("muD0.3", TWO, 1.26), "depends"),
-        # three tenths of the way from the seventh of eight to the last: 1 + 0.3 · 1.5, and 1 + 0.3 · 2
+        # three tenths of the way from the seventh of eight to the last: 1 + 0.3 · 1.5, and 1 + 0.3
+        # · 2
         (8, on_routes("muD0.3", TWO, 2.5, 1.0), "holds"),
         (8, on_routes("muD0.3", TWO, 3.0, 1.0), "depends"),
         (8, on_routes("muD0.3", TWO, 1.6), "does not hold"),
     ],
 )
-def test_a_claim_holds_up_to_the_edge_of_its_criterion(number: int, figure: Figure, verdict: str) -> None:
+def test_a_claim_holds_up_to_the_edge_of_its_criterion(
+    number: int, figure: Figure, verdict: str
+) -> None:
     assert judged(number, figure).verdict == verdict
 
 
@@ -152,11 +163,19 @@ def test_the_burst_gives_the_largest_bearing_error_soon_after_it() -> None:
         return lambda s, m, v, x: {"T8": t8, "T2": t2}.get(m) if x == "e_b_max_deg" else None
 
     def peak(lag: float) -> dict[str, dict[str, float]]:
-        """The follower is at 95 % of its top speed or more from 100 to 110 s, and furthest off `lag` later."""
+        """The follower is at 95 % of its top speed or more from 100 to 110 s, and furthest off
+        `lag` later.
+        """
         time = np.arange(0.0, 300.0)
         speed = np.where((time >= 100) & (time <= 110), 1.91, 1.0)
         speed[105], error = 2.0, np.where(time == 110 + lag, 9.0, 1.0)
-        kept = {"time_s": time, "speed_m_s": speed, "e_b_max_deg": error, "e_p_mean_m": error, "bearing_deg": error}
+        kept = {
+            "time_s": time,
+            "speed_m_s": speed,
+            "e_b_max_deg": error,
+            "e_p_mean_m": error,
+            "bearing_deg": error,
+        }
         return {"T8": over_time({name: values.astype(np.float32) for name, values in kept.items()})}
 
     assert judged(10, bearing(2.0)).verdict == "holds"
@@ -168,11 +187,18 @@ def test_the_burst_gives_the_largest_bearing_error_soon_after_it() -> None:
 
 
 def test_missions_are_judged_by_their_median() -> None:
-    """LAISN-3(2) over LAISN-2 of three missions: median 0.5, mean 0.9; at 0.8 or less on two of three."""
+    """LAISN-3(2) over LAISN-2 of three missions: median 0.5, mean 0.9; at 0.8 or less on two of
+    three.
+    """
     each = {(f"{s} {v}", x): np.ones((1, 8)) for s, v in CELLS for x in METRICS}
-    each["asymmetric laisn-3-2", "e_p_mean_m"] = np.array([[0.5, 1.0, 1.0, 0.5, 1.0, 1.0, 1.7, 1.0]])
+    each["asymmetric laisn-3-2", "e_p_mean_m"] = np.array(
+        [[0.5, 1.0, 1.0, 0.5, 1.0, 1.0, 1.7, 1.0]]
+    )
     ratio = {**CLAIMS[6].ratios[0], "missions": ["T2", "T5", "T8"]}
-    assert replace(CLAIMS[6], ratios=[ratio]).judge(Figures(each=each, exact=True)).verdict == "depends"
+    assert (
+        replace(CLAIMS[6], ratios=[ratio]).judge(Figures(each=each, exact=True)).verdict
+        == "depends"
+    )
 
 
 def test_every_judged_figure_decides_a_criterion() -> None:
@@ -180,43 +206,69 @@ def test_every_judged_figure_decides_a_criterion() -> None:
     each = {(cell, x): np.ones((1, 8)) for cell in JUDGED for x in (*METRICS, "distance_m", *TIMED)}
     assert all(claim.judge(Figures(each=each, exact=True)).verdict != "no data" for claim in CLAIMS)
     for cell in JUDGED:
-        fewer = Figures(each={key: values for key, values in each.items() if key[0] != cell}, exact=True)
+        fewer = Figures(
+            each={key: values for key, values in each.items() if key[0] != cell}, exact=True
+        )
         assert "no data" in [claim.judge(fewer).verdict for claim in CLAIMS], cell
 
 
 @pytest.mark.parametrize(
     ("low", "high", "relation", "outcome"),
     [
-        (0.8, 0.9, "≤", "met"), (0.8, 1.0, "≤", "met"), (0.8, 1.0, "<", "undecided"), (0.9, 1.1, "≤", "undecided"),
-        (1.0, 1.1, "≤", "undecided"), (1.0, 1.1, "<", "not met"), (1.1, 1.2, "≤", "not met"), (1.1, 1.2, ">", "met"),
-        (1.0, 1.2, "≥", "met"), (1.0, 1.2, ">", "undecided"), (0.9, 1.0, "≥", "undecided"), (0.9, 1.0, ">", "not met"),
+        (0.8, 0.9, "≤", "met"),
+        (0.8, 1.0, "≤", "met"),
+        (0.8, 1.0, "<", "undecided"),
+        (0.9, 1.1, "≤", "undecided"),
+        (1.0, 1.1, "≤", "undecided"),
+        (1.0, 1.1, "<", "not met"),
+        (1.1, 1.2, "≤", "not met"),
+        (1.1, 1.2, ">", "met"),
+        (1.0, 1.2, "≥", "met"),
+        (1.0, 1.2, ">", "undecided"),
+        (0.9, 1.0, "≥", "undecided"),
+        (0.9, 1.0, ">", "not met"),
     ],
-)  # fmt: skip
+)
 def test_a_criterion_whose_interval_contains_the_bound_is_undecided(
     low: float, high: float, relation: Relation, outcome: Outcome
 ) -> None:
-    found = Judged(what="ratio", interval=Interval(0.95, low, high), relation=relation, bound=1.0, margin=0.0)
+    found = Judged(
+        what="ratio", interval=Interval(0.95, low, high), relation=relation, bound=1.0, margin=0.0
+    )
     assert found.outcome == outcome
     assert str(found) == f"ratio: 0.95 ({low:.2f} to {high:.2f}) {relation} 1: {outcome}"
 
 
 @pytest.mark.parametrize(
     ("low", "high", "outcome"),
-    [(1.8, 1.97, "met"), (1.8, 1.99, "undecided"), (1.99, 1.999, "undecided"), (2.01, 2.2, "undecided"),
-     (2.03, 2.2, "not met")],
-)  # fmt: skip
+    [
+        (1.8, 1.97, "met"),
+        (1.8, 1.99, "undecided"),
+        (1.99, 1.999, "undecided"),
+        (2.01, 2.2, "undecided"),
+        (2.03, 2.2, "not met"),
+    ],
+)
 def test_a_figure_within_the_precision_of_the_papers_own_is_undecided(
     low: float, high: float, outcome: Outcome
 ) -> None:
     """A hundredth of the bound, to either side of it."""
-    assert Judged(what="ratio", interval=Interval(low, low, high), relation="≤", bound=2.0).outcome == outcome
+    assert (
+        Judged(what="ratio", interval=Interval(low, low, high), relation="≤", bound=2.0).outcome
+        == outcome
+    )
 
 
 @pytest.mark.parametrize(
-    ("below", "outcome"), [(20, "met"), (18, "met"), (17, "undecided"), (10, "undecided"), (2, "not met")]
+    ("below", "outcome"),
+    [(20, "met"), (18, "met"), (17, "undecided"), (10, "undecided"), (2, "not met")],
 )
-def test_an_extreme_over_missions_is_judged_by_the_share_of_replications(below: int, outcome: Outcome) -> None:
-    """Of a fair coin's 20 throws 18 or more show heads once in 5000 trials, 17 or more once in 780: 0.1 % decides."""
+def test_an_extreme_over_missions_is_judged_by_the_share_of_replications(
+    below: int, outcome: Outcome
+) -> None:
+    """Of a fair coin's 20 throws 18 or more show heads once in 5000 trials, 17 or more once in
+    780: 0.1 % decides.
+    """
     assert stats.binom.sf(17, 20, 0.5) < 0.001 < stats.binom.sf(16, 20, 0.5)
     largest = np.array([0.9 if m in ("T3", "T4") else 2.0 for m in ROUTES]) * np.ones((20, 1))
     # one of the others is at times located better than those abeam, the others hardly matter
@@ -231,11 +283,15 @@ def test_an_extreme_over_missions_is_judged_by_the_share_of_replications(below: 
 @pytest.mark.parametrize(
     ("outcomes", "verdict"),
     [
-        (["met", "met"], "holds"), (["not met"], "does not hold"), (["met", "not met"], "depends"),
-        (["met", "undecided"], "undecided"), (["undecided", "not met"], "undecided"), (["undecided"], "undecided"),
+        (["met", "met"], "holds"),
+        (["not met"], "does not hold"),
+        (["met", "not met"], "depends"),
+        (["met", "undecided"], "undecided"),
+        (["undecided", "not met"], "undecided"),
+        (["undecided"], "undecided"),
         (["met", "undecided", "not met"], "depends"),
     ],
-)  # fmt: skip
+)
 def test_a_verdict_is_undecided_where_it_hangs_on_a_criterion_that_is(
     outcomes: list[Outcome], verdict: Verdict
 ) -> None:
@@ -244,7 +300,9 @@ def test_a_verdict_is_undecided_where_it_hangs_on_a_criterion_that_is(
 
 @pytest.mark.parametrize("kind", ["share", "ratio"])
 def test_a_mean_over_replications_has_the_limits_of_students_t(kind: Kind) -> None:
-    """The bootstrap's standard error of a mean is s / √K, but for its own scatter, 1 / √(2 · 2000)."""
+    """The bootstrap's standard error of a mean is s / √K, but for its own scatter, 1 / √(2 ·
+    2000).
+    """
     rng = np.random.default_rng(4)
     values = rng.normal(0.5, 0.01, 10)
     figures = Figures(each={("base laisn-2", "x"): values[:, None]})
@@ -256,7 +314,9 @@ def test_a_mean_over_replications_has_the_limits_of_students_t(kind: Kind) -> No
 
 
 def test_verdicts_of_independent_studies_agree_or_are_undecided() -> None:
-    """Claim 8 at the very bound, in 200 studies of ten replications each: decided by chance twice in a thousand."""
+    """Claim 8 at the very bound, in 200 studies of ten replications each: decided by chance
+    twice in a thousand.
+    """
     claim, decided = CLAIMS[7], 0
     for seed in range(200):
         rng = np.random.default_rng(seed)

@@ -21,17 +21,31 @@ THEIRS = {"T2": 1.0, "T3": 1.25}
 
 def figures(mean: float, **changes: Any) -> dict[str, Any]:
     """A row whose six figures are 1, 2, 3 … times `mean`, in the paper's order."""
-    return {metric: (i + 1) * mean for i, metric in enumerate(METRICS)} | {
-        "runs": 60, "mirror_locked_runs": 0, "e_p_mean_unlocked_m": None, "version": "v",
-        "e_p_p50_m": 0.11, "e_p_p95_m": 0.22, "e_b_p95_deg": 0.33, "nees": 4000.0,
-        "nis": 2.5, "fixes_gated": 7, "worst_run": 42,
-    } | changes  # fmt: skip
+    return (
+        {metric: (i + 1) * mean for i, metric in enumerate(METRICS)}
+        | {
+            "runs": 60,
+            "mirror_locked_runs": 0,
+            "e_p_mean_unlocked_m": None,
+            "version": "v",
+            "e_p_p50_m": 0.11,
+            "e_p_p95_m": 0.22,
+            "e_b_p95_deg": 0.33,
+            "nees": 4000.0,
+            "nis": 2.5,
+            "fixes_gated": 7,
+            "worst_run": 42,
+        }
+        | changes
+    )
 
 
 def page_with(
-    settings: Sequence[Setting], rows: Mapping[Key, Any], published: Mapping[Key, Mapping[str, float]],
+    settings: Sequence[Setting],
+    rows: Mapping[Key, Any],
+    published: Mapping[Key, Mapping[str, float]],
     judgements: Sequence[tuple[Claim, Judgement, Judgement]] = (),
-) -> Page:  # fmt: skip
+) -> Page:
     """The page of these figures."""
     labels = {s.name: {"stage": s.stage, "table": s.table, "like": s.like} for s in settings}
     rows = {key: row | labels[key[0]] for key, row in rows.items()}
@@ -50,7 +64,9 @@ def page_with(
 
 def made(*given: tuple[Setting, dict[str, dict[str, Any]]]) -> Page:
     """The page of settings, mission by mission; the paper has `THEIRS` of some."""
-    flown: dict[Key, Any] = {(s.name, mission, "laisn-2"): row for s, rows in given for mission, row in rows.items()}
+    flown: dict[Key, Any] = {
+        (s.name, mission, "laisn-2"): row for s, rows in given for mission, row in rows.items()
+    }
     published: dict[Key, dict[str, float]] = {
         (name, mission, "laisn-2"): {metric: figures(mean)[metric] for metric in METRICS}
         for name in ("base", "10s", "10s-slow", "asymmetric")
@@ -82,8 +98,13 @@ def test_each_figure_stands_beside_the_papers() -> None:
     assert texts(table.rows[0])[1:] == both(3.0, 1.0, range(6))
     assert texts(table.rows[1])[1:] == both(0.8, 1.25, range(6))
     assert [name for name, _ in table.groups][1:] == [
-        "E_P max [m]", "E_B max [°]", "E_P mean [m]", "E_B mean [°]", "σ E_P [m]", "σ E_B [°]",
-    ]  # fmt: skip
+        "E_P max [m]",
+        "E_B max [°]",
+        "E_P mean [m]",
+        "E_B mean [°]",
+        "σ E_P [m]",
+        "σ E_B [°]",
+    ]
     assert [cell.tone for cell in table.rows[0]][1:3] == ["theirs", "ratio-high3"]
     assert {cell.tone for cell in table.rows[1][2::2]} == {ratio_tone(0.8)} == {"ratio-low1"}
     assert table.rows[1][4].title == "2 / 2.5 = 0.80"
@@ -124,15 +145,20 @@ def test_deviating_rows_are_reported_with_known_causes() -> None:
         (TEXT, {"T2": figures(99.0), "T3": figures(99.0)}),
     )
     text = [block.text for block in found.sections[2].blocks if isinstance(block, Text)]
-    assert text[0].startswith("3 of 6 rows differ by more than a factor of 2 in mean E_P. 1 of them have a message")
+    assert text[0].startswith(
+        "3 of 6 rows differ by more than a factor of 2 in mean E_P. 1 of them have a message"
+    )
     assert text[0].endswith("The other 2:")
     table = table_of(found, "Ours over", 1)
     first, second = table.rows
     assert texts(first)[:2] == ["Table 1", "Δt_D = 1 s"]
     assert texts(first)[3:] == [
-        "3.00", "9.00", "3.00",
-        "6 of 60 runs were on the mirror side for a while; the others have 1.50 m (0.50 of the paper's)",
-    ]  # fmt: skip
+        "3.00",
+        "9.00",
+        "3.00",
+        "6 of 60 runs were on the mirror side for a while; the others have 1.50 m (0.50 of the "
+        "paper's)",
+    ]
     assert texts(second)[3:6] == ["3.75", "1.88", "0.50"]
     assert texts(second)[6].startswith("unequal errors act most near astern")
     alone = made((BASE, {"T3": figures(1.0)})).sections[2].blocks[1]
@@ -146,10 +172,20 @@ def test_all_rows_have_percentiles_consistency_and_counts() -> None:
 
 @pytest.mark.parametrize(
     ("ratio", "tone"),
-    [(1.0, "ratio-even"), (1.19, "ratio-even"), (0.84, "ratio-even"), (1.21, "ratio-high1"), (0.82, "ratio-low1"),
-     (1.49, "ratio-high1"), (1.51, "ratio-high2"), (0.51, "ratio-low2"), (2.01, "ratio-high3"), (0.49, "ratio-low3"),
-     (float("nan"), "")],
-)  # fmt: skip
+    [
+        (1.0, "ratio-even"),
+        (1.19, "ratio-even"),
+        (0.84, "ratio-even"),
+        (1.21, "ratio-high1"),
+        (0.82, "ratio-low1"),
+        (1.49, "ratio-high1"),
+        (1.51, "ratio-high2"),
+        (0.51, "ratio-low2"),
+        (2.01, "ratio-high3"),
+        (0.49, "ratio-low3"),
+        (float("nan"), ""),
+    ],
+)
 def test_ratios_are_coloured_alike_either_way(ratio: float, tone: str) -> None:
     assert ratio_tone(ratio) == tone
     assert Cell(text="", tone=ratio_tone(ratio)).style.strip() == f"short {tone}".strip()

@@ -27,34 +27,64 @@ def plans() -> dict[str, Plan]:
 
 
 def rows(error: float, runs: int, routes: int, **more: float) -> Cells:
-    """Cells whose errors have this mean over runs and routes; runs add ± 0.01 m, route i adds i/10 less its mean."""
+    """Cells whose errors have this mean over runs and routes; runs add ± 0.01 m, route i adds
+    i/10 less its mean.
+    """
     shift = 0.1 * (np.arange(routes) - (routes - 1) / 2)
     found = [
         [
-            {"e_p_mean_m": error + shift[i] + 0.01 * (-1) ** r, "e_p_p95_m": 2 * error, "nees": 2.5, "e_p_max_m": 3.0,
-             "mirror_locked": 0.0, "track_error_rms_m": 1.0, "track_error_end_m": 2.0, **more}
+            {
+                "e_p_mean_m": error + shift[i] + 0.01 * (-1) ** r,
+                "e_p_p95_m": 2 * error,
+                "nees": 2.5,
+                "e_p_max_m": 3.0,
+                "mirror_locked": 0.0,
+                "track_error_rms_m": 1.0,
+                "track_error_end_m": 2.0,
+                **more,
+            }
             for i in range(routes)
         ]
         for r in range(runs)
-    ]  # fmt: skip
+    ]
     return cells_of({"": found})
 
 
 @pytest.fixture(scope="module")
 def found() -> dict[str, Any]:
-    errors = dict(zip(findings.NAVIGATORS, (0.9, 0.8, 0.7, 0.3, 9.0, 8.0, 7.0, 0.35, 0.5, 0.4, 0.2), strict=True))
+    errors = dict(
+        zip(
+            findings.NAVIGATORS,
+            (0.9, 0.8, 0.7, 0.3, 9.0, 8.0, 7.0, 0.35, 0.5, 0.4, 0.2),
+            strict=True,
+        )
+    )
     shared = [*product(findings.SHARING, ["calm"], findings.FURTHER)]
-    arms = {findings.case_name(*case): rows(errors[case[0]], 4, 8) for case in (*ROUTES, *shared)
-            if case[0] != findings.SLOW}  # fmt: skip
+    arms = {
+        findings.case_name(*case): rows(errors[case[0]], 4, 8)
+        for case in (*ROUTES, *shared)
+        if case[0] != findings.SLOW
+    }
     arms |= {findings.case_name(*case): rows(errors[findings.SLOW], 2, 8) for case in SLOW_CASES}
     arms["owtt calm 5"] = rows(7.0, 4, 8, e_p_max_m=60.0)
-    for interval, error in ((1.0, 0.1), (2.0, 0.2), (5.0, 0.4), (10.0, 0.8), (20.0, 1.6), (50.0, 4.0)):
+    for interval, error in (
+        (1.0, 0.1),
+        (2.0, 0.2),
+        (5.0, 0.4),
+        (10.0, 0.8),
+        (20.0, 1.6),
+        (50.0, 4.0),
+    ):
         arms[f"ekf calm {interval:g}"] = rows(error, 4, 8)
     closed = {
-        f"{name} {condition}": rows(1.0, 2, 8) for name, condition in product(findings.NAVIGATORS, findings.CONDITIONS)
+        f"{name} {condition}": rows(1.0, 2, 8)
+        for name, condition in product(findings.NAVIGATORS, findings.CONDITIONS)
     }
     factors = product(findings.MAPPED, findings.RANGES_M, findings.BIASES_DEG, findings.BASELINES_M)
-    points = {f"map {name} {reach} {bias:g} {length:g}": rows(0.5, 4, 1) for name, reach, bias, length in factors}
+    points = {
+        f"map {name} {reach} {bias:g} {length:g}": rows(0.5, 4, 1)
+        for name, reach, bias, length in factors
+    }
     points["map inverted-usbl 20 0 2"] = rows(0.4, 4, 1)
     points["map inverted-usbl 200 0 2"] = rows(0.6, 4, 1)
     return findings.findings_of_rows(arms, closed, points, dict.fromkeys(findings.NAVIGATORS, 12.5))
@@ -79,11 +109,15 @@ def test_every_case_is_valid_and_every_navigator_is_simulated(plans: dict[str, P
     assert runs == {"routes": 3, "shared": 3, "slow": 2, "closed": 2, "map": 4}
 
 
-def test_the_follower_of_the_map_stays_at_its_distance_on_the_quarter(plans: dict[str, Plan]) -> None:
+def test_the_follower_of_the_map_stays_at_its_distance_on_the_quarter(
+    plans: dict[str, Plan],
+) -> None:
     plan = plans["map"]
     for entry in plan.entries:
         (_, east, north), (end, east_then, north_then) = entry.scenario.followers[0].waypoints
-        assert np.hypot(east, north) == pytest.approx(float(plan.points[entry.point]["case"]), rel=1e-12)
+        assert np.hypot(east, north) == pytest.approx(
+            float(plan.points[entry.point]["case"]), rel=1e-12
+        )
         assert (east, east_then, end) == (-north, east, 300.0)
         assert north_then == pytest.approx(north + 300.0, rel=1e-12)
 
@@ -92,10 +126,16 @@ def test_findings_are_the_means_shares_and_differences_of_the_rows(found: dict[s
     error = found["error tight calm 5"]
     assert error.value == pytest.approx(0.3)
     # each route: variance 0.01² · 4/3 of four runs; of the mean of eight routes a 32nd
-    assert error.high - error.value == pytest.approx(1.959964 * 0.01 * np.sqrt(4 / 3 / 32), rel=1e-3)
+    assert error.high - error.value == pytest.approx(
+        1.959964 * 0.01 * np.sqrt(4 / 3 / 32), rel=1e-3
+    )
     apart = found["less tight inverted-usbl calm 5"]
     assert (apart.value, apart.low, apart.high) == pytest.approx((-0.1, -0.1, -0.1))
-    assert found["better-than tight inverted-usbl"].value == found["cases tight inverted-usbl"].value == 12
+    assert (
+        found["better-than tight inverted-usbl"].value
+        == found["cases tight inverted-usbl"].value
+        == 12
+    )
     assert found["cases tight factor-graph"].value == 12
     # those of the inverted USBL, and the filter on ranges with messages every second
     assert found["better-than tight"].value == 13
@@ -120,11 +160,17 @@ def test_the_maps_have_their_points_and_their_intervals(found: dict[str, Any]) -
 
 
 def test_the_page_is_made_of_the_record(found: dict[str, Any], tmp_path: Path) -> None:
-    record("rivals", "laisn rivals", ("experiments.studies.rivals.findings",), found).write(tmp_path / "results.json")
+    record("rivals", "laisn rivals", ("experiments.studies.rivals.findings",), found).write(
+        tmp_path / "results.json"
+    )
     kept = read(tmp_path / "results.json")
     values = {"quick": False, "found": kept, **figures.values(kept, {})}
     page = render(page_of("experiments.studies.rivals", [], values, kept))
     assert "the best rival, inverted USBL" in page
     assert "−0.10" in page
-    for title in (*findings.NAVIGATORS.values(), "Vehicles that share a channel", "better in 1 of 36 points"):
+    for title in (
+        *findings.NAVIGATORS.values(),
+        "Vehicles that share a channel",
+        "better in 1 of 36 points",
+    ):
         assert title in page

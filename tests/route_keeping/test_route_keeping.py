@@ -37,7 +37,9 @@ def test_the_study_flies_all_routes_of_the_paper_for_1000_s() -> None:
     """Missions of the paper take 1000 s (Section 3.1)."""
     mission = study.scenario()
     assert mission.duration_s == 1000.0
-    assert [follower.route for follower in mission.followers] == [f"T{number}" for number in range(2, 10)]
+    assert [follower.route for follower in mission.followers] == [
+        f"T{number}" for number in range(2, 10)
+    ]
 
 
 @pytest.mark.parametrize("name", names()[:-1])
@@ -78,11 +80,16 @@ STOP = Route.timed("stop", [[0, 0, 0], [60, 60, 0], [120, 60, 0], [200, 60, 60]]
     ("sea", "off"),
     [
         (Ocean(), 0.05),
-        (Ocean(current_change=np.array([[0.0, 0.0, 0.0], [60.0, 0.0, 0.0], [100.0, 0.2, -0.2]])), 1.0),
+        (
+            Ocean(current_change=np.array([[0.0, 0.0, 0.0], [60.0, 0.0, 0.0], [100.0, 0.2, -0.2]])),
+            1.0,
+        ),
     ],
 )
 def test_a_hull_holds_its_place_at_a_stop(sea: Ocean, off: float) -> None:
-    """To a few centimetres in still water, to a metre in a current that sets in; and goes on in time."""
+    """To a few centimetres in still water, to a metre in a current that sets in; and goes on in
+    time.
+    """
     routes = (STOP, library_route("T6"))
     flown = simulate(Plant(setups(routes), sea), routes, 200.0)
     resting = flown.position[620:1201, 0, :2]
@@ -114,21 +121,27 @@ def test_the_record_is_that_of_the_plant():
     assert np.array_equal(flown.thrust[-1], plant.thrust)
     mujoco.mj_kinematics(plant.model, plant.data)
     assert flown.site_position[-1] == pytest.approx(plant.data.site_xpos)
-    # velocity is the derivative of position: central differences are off by the third derivative, dt²/6 of it
+    # velocity is the derivative of position: central differences are off by the third derivative,
+    # dt²/6 of it
     slope = (flown.position[2:] - flown.position[:-2]) / 0.2
     assert np.abs(slope - flown.velocity[1:-1]).max() < 0.005
 
 
 def test_the_error_of_a_mission_falls_with_the_square_of_the_physics_step():
-    """The autopilot closes the loop in a rough sea; 5 ms stands for the limit, its own error taken into account."""
+    """The autopilot closes the loop in a rough sea; 5 ms stands for the limit, its own error
+    taken into account.
+    """
     routes = (library_route("L"), library_route("T6"))
     sea = Waves.regular(height_m=1.0, period_s=5.0, direction_rad=0.7, floor_depth_m=40.0)
     coarse, middle, fine = (
-        simulate(Plant(setups(routes), Ocean(waves=sea), dt), routes, 100.0) for dt in (0.05, 0.025, 0.005)
+        simulate(Plant(setups(routes), Ocean(waves=sea), dt), routes, 100.0)
+        for dt in (0.05, 0.025, 0.005)
     )
     errors = [np.sqrt(np.mean((flown.position - fine.position) ** 2)) for flown in (coarse, middle)]
     assert errors[0] < 0.001
-    assert errors[1] == pytest.approx(errors[0] * (0.025**2 - 0.005**2) / (0.05**2 - 0.005**2), rel=0.1)
+    assert errors[1] == pytest.approx(
+        errors[0] * (0.025**2 - 0.005**2) / (0.05**2 - 0.005**2), rel=0.1
+    )
     turning = [np.sqrt(np.mean((flown.pitch - fine.pitch) ** 2)) for flown in (coarse, middle)]
     assert turning[1] < 0.3 * turning[0] < np.radians(0.01)
 
@@ -162,7 +175,9 @@ def test_arrival_is_when_a_waypoint_is_nearest():
 
 
 def test_a_report_is_made_of_root_mean_squares_and_extremes() -> None:
-    """100 m north at 1 m/s, with known errors at every instant: lateral, speed, depth, pitch and roll."""
+    """100 m north at 1 m/s, with known errors at every instant: lateral, speed, depth, pitch and
+    roll.
+    """
     route = Route.timed("line", [[0, 0, 0], [100, 0, 100]], 5.0)
     flown = simulate_points(("vehicle",), (route,), 120.0)
     wave = np.where(np.arange(flown.time.size) % 2 == 0, 3.0, -1.0)
@@ -170,19 +185,31 @@ def test_a_report_is_made_of_root_mean_squares_and_extremes() -> None:
     position[:, 0, 0] += wave
     position[:, 0, 2] -= 0.1 * wave
     velocity[:, 0, :2] = np.stack([0.6 + 0.06 * wave, 0.8 + 0.08 * wave], axis=-1)
-    quaternion = attitude.from_euler(np.pi / 2, np.deg2rad(-2.0) * wave, np.deg2rad(4.0) * wave)[:, None]
+    quaternion = attitude.from_euler(np.pi / 2, np.deg2rad(-2.0) * wave, np.deg2rad(4.0) * wave)[
+        :, None
+    ]
     moved = synthetic.moved(flown, position=position, velocity=velocity, quaternion=quaternion)
     (report,) = tracking(moved, (route,))
-    # of 1001 instants until the last waypoint one more has +3 than −1; what comes after does not count
+    # of 1001 instants until the last waypoint one more has +3 than −1; what comes after does not
+    # count
     mean_square, mean = (501 * 9 + 500) / 1001, (501 * 3 - 500) / 1001
     rms, sigma = np.sqrt(mean_square), np.sqrt(mean_square - mean**2)
     late = abs(float(arrival_errors(route, moved.time, moved.position[:, 0, :2])[-1]))
     expected = {
-        "cross_track_rms": rms, "cross_track_max": 3.0, "arrival_error_max": late, "speed_error_rms": 0.1 * rms,
-        "depth_error_rms": 0.1 * rms, "depth_error_max": 0.3, "pitch_max": np.deg2rad(6.0),
-        "pitch_std": np.deg2rad(2.0) * sigma, "roll_max": np.deg2rad(12.0), "roll_std": np.deg2rad(4.0) * sigma,
-    }  # fmt: skip
-    assert {key: value for key, value in vars(report).items() if key != "name"} == pytest.approx(expected, rel=1e-6)
+        "cross_track_rms": rms,
+        "cross_track_max": 3.0,
+        "arrival_error_max": late,
+        "speed_error_rms": 0.1 * rms,
+        "depth_error_rms": 0.1 * rms,
+        "depth_error_max": 0.3,
+        "pitch_max": np.deg2rad(6.0),
+        "pitch_std": np.deg2rad(2.0) * sigma,
+        "roll_max": np.deg2rad(12.0),
+        "roll_std": np.deg2rad(4.0) * sigma,
+    }
+    assert {key: value for key, value in vars(report).items() if key != "name"} == pytest.approx(
+        expected, rel=1e-6
+    )
 
 
 @pytest.mark.parametrize("name", names())
@@ -193,7 +220,8 @@ def test_the_point_motion_has_nothing_to_report_but_its_corners(name):
     assert report.speed_error_rms < 1e-9
     assert report.depth_error_max < 1e-9
     assert report.pitch_max < 1e-9
-    # the arc through a corner of c leaves the legs by R (1 − cos(c / 2)) at most, the start by its own turn
+    # the arc through a corner of c leaves the legs by R (1 − cos(c / 2)) at most, the start by its
+    # own turn
     turning = plan(route).at(np.arange(0, 1000, 0.1))
     radius = (turning.speed / TURN_RATE)[turning.turn_rate != 0].max(initial=0)
     assert report.cross_track_max < radius * (1 - np.cos(SHARPEST_CUT / 2)) + 0.01
@@ -202,7 +230,9 @@ def test_the_point_motion_has_nothing_to_report_but_its_corners(name):
 def test_the_record_has_every_vehicle_and_the_extremes_of_all() -> None:
     names, fields = ("leader", "T2", "T3"), TrackingReport.__dataclass_fields__
     reports = [
-        TrackingReport(**dict.fromkeys(fields, float(k)) | {"name": name, "pitch_max": np.deg2rad(k)})
+        TrackingReport(
+            **dict.fromkeys(fields, float(k)) | {"name": name, "pitch_max": np.deg2rad(k)}
+        )
         for k, name in enumerate(names, start=1)
     ]
     found = study.findings_of(reports, reports[1])

@@ -43,10 +43,16 @@ def accepted(table: dict[str, Any]) -> Scenario | None:
 def test_every_accepted_scenario_builds_a_plant(seed: int, wild: float) -> None:
     scenario = accepted(absurd.table(seed, wild))
     if scenario is not None:
-        Plant(setups_of(scenario, routes_of(scenario)), ocean_of(scenario), scenario.timing.physics_step_s)
+        Plant(
+            setups_of(scenario, routes_of(scenario)),
+            ocean_of(scenario),
+            scenario.timing.physics_step_s,
+        )
 
 
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(SEEDS)
 def test_what_is_accepted_can_be_flown_logged_and_reported(seed: int) -> None:
     scenario = accepted(absurd.table(seed, 0.0))
@@ -58,8 +64,12 @@ def test_what_is_accepted_can_be_flown_logged_and_reported(seed: int) -> None:
     assert accepted(scenario.model_dump(mode="json", exclude_none=True)) == scenario
 
 
-@pytest.mark.parametrize("change", [{"duration_s": 0.1}, {"duration_s": 0.3}, {"timing": {"message_interval_s": 50.0}}])
-def test_a_flight_that_ends_before_the_first_message_is_flown(change: dict[str, Any], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "change", [{"duration_s": 0.1}, {"duration_s": 0.3}, {"timing": {"message_interval_s": 50.0}}]
+)
+def test_a_flight_that_ends_before_the_first_message_is_flown(
+    change: dict[str, Any], tmp_path: Path
+) -> None:
     table = {"name": "short", "duration_s": 1.0, "followers": [{"route": "T5"}], **change}
     scenario = accepted(table)
     assert scenario is not None
@@ -75,12 +85,30 @@ def test_the_absurd_is_neither_all_refused_nor_all_accepted() -> None:
 @pytest.mark.parametrize(
     ("assignment", "wanted"),
     [
-        ("leader.middle_offset_m=0", "leader.middle_offset_m: Input should be greater than or equal to 0.001"),
-        ("leader.middle_offset_m=-0.1", "leader.middle_offset_m: Input should be greater than or equal to 0.001"),
-        ("timing.physics_step_s=1e-300", "timing.physics_step_s: Input should be greater than or equal to 0.0001"),
-        ("timing.physics_step_s=1e-7", "timing.physics_step_s: Input should be greater than or equal to 0.0001"),
-        ("video.speed_up=1e-12", "video: a film of 1000 s at speed_up = 1e-12 and 30 Hz has 3e+16 frames"),
-        ("followers.0.waypoints=[[0,0,0],[1e308,1e308,0]]", "followers[0].waypoints[1][0]: Input should be less"),
+        (
+            "leader.middle_offset_m=0",
+            "leader.middle_offset_m: Input should be greater than or equal to 0.001",
+        ),
+        (
+            "leader.middle_offset_m=-0.1",
+            "leader.middle_offset_m: Input should be greater than or equal to 0.001",
+        ),
+        (
+            "timing.physics_step_s=1e-300",
+            "timing.physics_step_s: Input should be greater than or equal to 0.0001",
+        ),
+        (
+            "timing.physics_step_s=1e-7",
+            "timing.physics_step_s: Input should be greater than or equal to 0.0001",
+        ),
+        (
+            "video.speed_up=1e-12",
+            "video: a film of 1000 s at speed_up = 1e-12 and 30 Hz has 3e+16 frames",
+        ),
+        (
+            "followers.0.waypoints=[[0,0,0],[1e308,1e308,0]]",
+            "followers[0].waypoints[1][0]: Input should be less",
+        ),
         ("followers.0=1", "followers[0]: Input should be an object"),
         ("followers=1", "followers: Input should be a valid array"),
     ],
@@ -110,13 +138,18 @@ POINTS = 4_000
         (b"k" * 100_000 + b" = 1\n", "unknown key; known here: name, seed"),
         (b"\n".join(b"k%d = 1" % i for i in range(POINTS)), f"{POINTS + 1} errors"),
         (FOLLOWER + b"waypoints = [" + b"['a', 1, 2]," * POINTS + b"]", f"{POINTS} errors"),
-        (FOLLOWER + b"waypoints = [" + b"[0, 0, 0]," * POINTS + b"]", "waypoint 2 at 0 s is not later"),
+        (
+            FOLLOWER + b"waypoints = [" + b"[0, 0, 0]," * POINTS + b"]",
+            "waypoint 2 at 0 s is not later",
+        ),
         (FOLLOWER * 1 + b"[[followers]]\n" * POINTS, f"{POINTS + 1} errors"),
         (b"#" * (scenario_file.LARGEST_BYTES + 1), "it has 16000001 bytes, there may be 16000000"),
     ],
     ids=range(11),
 )
-def test_errors_of_a_nonsense_file_fit_on_a_screen(content: bytes, wanted: str, tmp_path: Path) -> None:
+def test_errors_of_a_nonsense_file_fit_on_a_screen(
+    content: bytes, wanted: str, tmp_path: Path
+) -> None:
     path = tmp_path / "own.toml"
     path.write_bytes(content)
     with pytest.raises(ScenarioError) as caught:
@@ -144,7 +177,14 @@ def test_what_is_no_plain_file_is_refused_at_once(tmp_path: Path) -> None:
     ):
         with pytest.raises(ScenarioError, match=f"cannot be read: .*{wanted}"):
             library.load(str(tmp_path / f"{name}.toml"), (), flyable=True)
-    for source in ("a" * 5000, "a\x00b", "../scenarios/swarm", "a" * 5000 + ".toml", "a\x00.toml", "\x1b[2J"):
+    for source in (
+        "a" * 5000,
+        "a\x00b",
+        "../scenarios/swarm",
+        "a" * 5000 + ".toml",
+        "a\x00.toml",
+        "\x1b[2J",
+    ):
         with pytest.raises(ScenarioError) as caught:
             library.load(source, (), flyable=True)
         assert len(str(caught.value)) < 80 * 24 + len(source)
@@ -193,7 +233,11 @@ def test_all_that_contradicts_or_is_not_feasible_is_reported_at_once() -> None:
         "duration_s": 1000.05,
         "leader": {"depth_m": 40.0, "saw_tooth_amplitude_m": 50.0},
         "ocean": {"waves": {"kind": "regular", "height_m": 19.0}},
-        "navigation": {"use_attitude": True, "variant": "tight", "transmitters_m": [[-1, 0, 0], [1, 0, 0]]},
+        "navigation": {
+            "use_attitude": True,
+            "variant": "tight",
+            "transmitters_m": [[-1, 0, 0], [1, 0, 0]],
+        },
         "followers": [{"route": "T1"}, {"waypoints": [[0, 0, 0], [10, 52.2, 0]], "depth_m": 35.0}],
     }
     expected = [
@@ -212,11 +256,15 @@ def test_all_that_contradicts_or_is_not_feasible_is_reported_at_once() -> None:
 
 
 def test_an_invalid_key_has_no_consequences() -> None:
-    """The leader's depth is no number: that its default of 8 m would lie below the floor is not reported."""
+    """The leader's depth is no number: that its default of 8 m would lie below the floor is not
+    reported.
+    """
     table = {"name": "a", "leader": {"depth_m": "x"}, "ocean": {"floor_depth_m": 5.0}}
     followers = [{"route": "T5", "depth_m": 3.0}]
     with pytest.raises(ScenarioError, match=r"mine.toml: 1 error\n  leader.depth_m: "):
-        scenario_file.validate({**table, "followers": followers}, "mine.toml", feasibility.infeasibilities)
+        scenario_file.validate(
+            {**table, "followers": followers}, "mine.toml", feasibility.infeasibilities
+        )
 
 
 def test_a_route_that_cannot_be_flown_has_no_consequences() -> None:
@@ -225,7 +273,9 @@ def test_a_route_that_cannot_be_flown_has_no_consequences() -> None:
     slow = {"max_speed_m_s": 0.9, "outer_max_speed_m_s": 0.9}
     table = {"name": "a", "duration_s": 900.0, "formation": slow, "followers": followers}
     (too_fast,) = errors_of(table)
-    assert too_fast.startswith("leader: on the way to waypoint 2 followers at 10 m would need 1 m/s")
+    assert too_fast.startswith(
+        "leader: on the way to waypoint 2 followers at 10 m would need 1 m/s"
+    )
     floor, route = errors_of(table | {"leader": {"route": "T1"}, "ocean": {"floor_depth_m": 9.0}})
     assert floor.startswith("followers[0] would dive to 10 m")
     assert route.startswith("leader.route: unknown route 'T1'")
@@ -238,17 +288,29 @@ def test_followers_without_names_are_numbered() -> None:
 
     assert names({"route": "T5"}) == ["follower"]
     assert names({"route": "T5"}, {"route": "T6"}) == ["follower-1", "follower-2"]
-    assert names({"route": "T5"}, {"route": "T6", "name": "b"}, {"route": "T7"}) == ["follower-1", "b", "follower-3"]
+    assert names({"route": "T5"}, {"route": "T6", "name": "b"}, {"route": "T7"}) == [
+        "follower-1",
+        "b",
+        "follower-3",
+    ]
 
 
 @pytest.mark.parametrize(
     ("assignments", "wanted"),
     [
-        (["duration_s=86400", "timing.physics_step_s=0.0005"], "timing.physics_step_s: 86400 s of 2 vehicles"),
-        (["video.speed_up=0.01", "video.width_px=3840"], "video: a film of 1000 s at speed_up = 0.01"),
+        (
+            ["duration_s=86400", "timing.physics_step_s=0.0005"],
+            "timing.physics_step_s: 86400 s of 2 vehicles",
+        ),
+        (
+            ["video.speed_up=0.01", "video.width_px=3840"],
+            "video: a film of 1000 s at speed_up = 0.01",
+        ),
     ],
 )
-def test_what_would_take_for_ever_is_refused_with_its_cost(assignments: list[str], wanted: str) -> None:
+def test_what_would_take_for_ever_is_refused_with_its_cost(
+    assignments: list[str], wanted: str
+) -> None:
     with pytest.raises(ScenarioError) as caught:
         library.load("T5", assignments, flyable=True)
     assert wanted in str(caught.value)
@@ -259,5 +321,7 @@ def test_a_day_of_one_follower_is_accepted_and_of_fifty_is_not() -> None:
     assert scenario_file.validate(table, "a.toml", feasibility.infeasibilities)
     swarm = {**table, "followers": [{"route": "T5"} for _ in range(50)]}
     # 864 000 instants of 51 vehicles at 1.1 kB; 2 000 000 instants are 3922 s of 51
-    with pytest.raises(ScenarioError, match=r"would take 48.5 GB of memory; so many vehicles may fly 3922 s"):
+    with pytest.raises(
+        ScenarioError, match=r"would take 48.5 GB of memory; so many vehicles may fly 3922 s"
+    ):
         scenario_file.validate(swarm, "a.toml", feasibility.infeasibilities)

@@ -19,7 +19,9 @@ RADIUS = 1.0 / TURN_RATE
 
 
 def square(corner_deg: float, leg: float = 200.0) -> Route:
-    """East, then turned to starboard by an angle, at 1 m/s in the turn: legs are timed along the cut corner."""
+    """East, then turned to starboard by an angle, at 1 m/s in the turn: legs are timed along the
+    cut corner.
+    """
     turn = np.deg2rad(corner_deg)
     points = [[0, 0], [leg, 0], [leg + leg * np.cos(turn), -leg * np.sin(turn)]]
     saved = RADIUS * (np.tan(turn / 2) - turn / 2)
@@ -46,7 +48,10 @@ def test_legs_are_straight_and_exact(corner_deg):
     route = Route.timed("corner", np.column_stack([right.time, right.waypoint * [1, side]]), 5.0)
     flown = plan(route)
     motion = flown.at(np.arange(0, 350.0, 0.1))
-    begin, end = flown.start[np.flatnonzero(flown.turn_rate)[0]], flown.start[np.flatnonzero(flown.turn_rate)[-1] + 1]
+    begin, end = (
+        flown.start[np.flatnonzero(flown.turn_rate)[0]],
+        flown.start[np.flatnonzero(flown.turn_rate)[-1] + 1],
+    )
     time = np.arange(0, 350.0, 0.1)
     assert motion.north[time <= begin] == pytest.approx(0.0, abs=1e-9)
     direction = (route.waypoint[2] - route.waypoint[1]) / 200
@@ -97,15 +102,21 @@ def test_the_position_is_the_integral_of_the_velocity():
     dt = 0.001
     time = np.arange(0, 1000, dt)
     motion = plan(library_route("T8")).at(time)
-    for position, part in ((motion.east, np.sin(motion.course)), (motion.north, np.cos(motion.course))):
+    for position, part in (
+        (motion.east, np.sin(motion.course)),
+        (motion.north, np.cos(motion.course)),
+    ):
         velocity = motion.speed * part
-        integral = position[0] + np.concatenate([[0], np.cumsum((velocity[1:] + velocity[:-1]) / 2 * dt)])
+        integral = position[0] + np.concatenate(
+            [[0], np.cumsum((velocity[1:] + velocity[:-1]) / 2 * dt)]
+        )
         # trapezoids: the jump of acceleration at a segment's end costs dt²/2 times it at most
         assert np.abs(position - integral).max() < 100 * dt**2
 
 
 def test_a_start_off_the_first_leg_turns_to_it_first():
-    # north wanted, east headed: after a quarter circle to port of radius R the vehicle is R ahead, and aims back
+    # north wanted, east headed: after a quarter circle to port of radius R the vehicle is R ahead,
+    # and aims back
     route = Route.timed("start", [[0, 0, 0], [100, 0, 100]], 5.0, start_heading=np.pi / 2)
     flown = plan(route)
     motion = flown.at(np.array([0.0, 100.0]))
@@ -124,14 +135,32 @@ def test_sharp_corners_are_turned_after_the_waypoint():
 @pytest.mark.parametrize(
     ("points", "message"),
     [
-        ([[0, 0, 0], [100, 0, 100], [120, 0, 180]], "route 'mine', waypoint 3: 4.* on average required"),
-        ([[0, 0, 0], [5e-324, 1, 1]], "route 'mine', waypoint 2: inf m/s on average required after 1 m/s"),
-        ([[0, 0, 0], [10, 0, 29]], "waypoint 2: 2.9 m/s on average required after 1 m/s; out of reach"),
-        ([[0, 0, 0], [10, 0, 0.5]], "waypoint 2: 0.05 m/s on average required after 1 m/s; out of reach"),
+        (
+            [[0, 0, 0], [100, 0, 100], [120, 0, 180]],
+            "route 'mine', waypoint 3: 4.* on average required",
+        ),
+        (
+            [[0, 0, 0], [5e-324, 1, 1]],
+            "route 'mine', waypoint 2: inf m/s on average required after 1 m/s",
+        ),
+        (
+            [[0, 0, 0], [10, 0, 29]],
+            "waypoint 2: 2.9 m/s on average required after 1 m/s; out of reach",
+        ),
+        (
+            [[0, 0, 0], [10, 0, 0.5]],
+            "waypoint 2: 0.05 m/s on average required after 1 m/s; out of reach",
+        ),
         # two quarter turns of 5.7 m radius do not fit on 9 m
-        ([[0, 0, 0], [100, 0, 100], [107, 9, 100], [290, 9, 280]], "waypoint 3: a leg of 9 m is .* m too short"),
+        (
+            [[0, 0, 0], [100, 0, 100], [107, 9, 100], [290, 9, 280]],
+            "waypoint 3: a leg of 9 m is .* m too short",
+        ),
         # almost back, and within the circle about (5.7, 100)
-        ([[0, 0, 0], [100, 0, 100], [106, 4, 95.5]], "waypoint 3: it lies within the turning circle of 5.73 m radius"),
+        (
+            [[0, 0, 0], [100, 0, 100], [106, 4, 95.5]],
+            "waypoint 3: it lies within the turning circle of 5.73 m radius",
+        ),
     ],
 )
 def test_what_cannot_be_flown_is_refused_by_name(points, message):
@@ -139,7 +168,13 @@ def test_what_cannot_be_flown_is_refused_by_name(points, message):
         plan(Route.timed("mine", points, 5.0))
 
 
-@given(st.lists(st.tuples(st.floats(20, 200), st.floats(-200, 200), st.floats(-200, 200)), min_size=1, max_size=6))
+@given(
+    st.lists(
+        st.tuples(st.floats(20, 200), st.floats(-200, 200), st.floats(-200, 200)),
+        min_size=1,
+        max_size=6,
+    )
+)
 def test_any_route_is_met_on_time_or_refused(steps):
     points = np.cumsum(np.array([(0.0, 0.0, 0.0), *steps]), axis=0)
     assume(np.hypot(*np.diff(points[:, 1:], axis=0).T).min() > 0)
@@ -190,7 +225,9 @@ def test_a_fleet_moves_level_on_its_course():
     assert flown.site_position[:, 1, 2] == pytest.approx(-11.9)
 
 
-def stop(*, first: float = 150.0, until: float = 270.0, corner: float = 90.0, begins: bool = False) -> Route:
+def stop(
+    *, first: float = 150.0, until: float = 270.0, corner: float = 90.0, begins: bool = False
+) -> Route:
     """East for 120 m, a stop, and 100 m on another course."""
     course = np.deg2rad(90.0 + corner)
     end = [first + 400.0, 120.0 + 100.0 * np.sin(course), 100.0 * np.cos(course)]
@@ -200,15 +237,21 @@ def stop(*, first: float = 150.0, until: float = 270.0, corner: float = 90.0, be
     return Route.timed("stop", points, 5.0)
 
 
-@pytest.mark.parametrize(("begins", "first"), [(True, 150.0), (False, 150.0), (False, 90.0), (False, 122.5)])
+@pytest.mark.parametrize(
+    ("begins", "first"), [(True, 150.0), (False, 150.0), (False, 90.0), (False, 122.5)]
+)
 def test_a_vehicle_rests_at_a_place_that_is_given_twice(begins: bool, first: float) -> None:
-    """From rest the leg is a trapezoid, v (T − v / a); from 1 m/s the difference of the ramps is lost besides."""
+    """From rest the leg is a trapezoid, v (T − v / a); from 1 m/s the difference of the ramps is
+    lost besides.
+    """
     a, moved = ACCELERATION, 30.0 if begins else 0.0
     flown = plan(stop(first=first, begins=begins))
     time = np.arange(0.0, first + 400.0 + moved, 0.1)
     motion = flown.at(time)
     v = motion.speed[np.searchsorted(time, moved + first / 2)]
-    distance = v * (first - v / a) if begins else v * first - (abs(v - 1.0) * (v - 1.0) + v * v) / (2 * a)
+    distance = (
+        v * (first - v / a) if begins else v * first - (abs(v - 1.0) * (v - 1.0) + v * v) / (2 * a)
+    )
     assert distance == pytest.approx(120.0)
     rests = (time >= first + moved) & (time <= first + 120.0 + moved)
     assert np.abs(motion.speed[rests]).max() < 1e-12
@@ -217,24 +260,30 @@ def test_a_vehicle_rests_at_a_place_that_is_given_twice(begins: bool, first: flo
     if begins:
         assert np.abs(motion.east[time <= 30.0]).max() == 0.0
     # the speed is that of the way at all times
-    assert np.hypot(np.gradient(motion.east, 0.1), np.gradient(motion.north, 0.1))[1:-1] == pytest.approx(
-        motion.speed[1:-1], abs=0.03
-    )
+    assert np.hypot(np.gradient(motion.east, 0.1), np.gradient(motion.north, 0.1))[
+        1:-1
+    ] == pytest.approx(motion.speed[1:-1], abs=0.03)
     assert motion.speed.min() >= 0.0
 
 
 @pytest.mark.parametrize("corner", [-150.0, -60.0, 0.0, 90.0])
-def test_after_a_stop_a_vehicle_turns_on_the_spot_and_reaches_its_waypoint_in_time(corner: float) -> None:
+def test_after_a_stop_a_vehicle_turns_on_the_spot_and_reaches_its_waypoint_in_time(
+    corner: float,
+) -> None:
     route = stop(corner=corner)
     flown = plan(route)
     turned = flown.at(np.array([270.0 + abs(corner) / 10.0]))
-    assert (turned.east[0], turned.north[0], turned.speed[0]) == pytest.approx((120.0, 0.0, 0.0), abs=1e-9)
+    assert (turned.east[0], turned.north[0], turned.speed[0]) == pytest.approx(
+        (120.0, 0.0, 0.0), abs=1e-9
+    )
     assert turned.course[0] == pytest.approx(np.pi / 2 + np.deg2rad(corner))
     end = flown.at(route.time[-1:])
     assert [end.east[0], end.north[0]] == pytest.approx(route.waypoint[-1].tolist(), abs=1e-6)
 
 
-@pytest.mark.parametrize(("distance", "time"), [(120.0, 30.0), (120.0, 50.0), (1.0, 2.0), (2.4, 30.0)])
+@pytest.mark.parametrize(
+    ("distance", "time"), [(120.0, 30.0), (120.0, 50.0), (1.0, 2.0), (2.4, 30.0)]
+)
 def test_a_stop_that_comes_too_soon_is_refused(distance: float, time: float) -> None:
     """Beyond 3 m/s with the ramps, or nearer than the 2.5 m in which 1 m/s comes to rest."""
     with pytest.raises(LaisnError, match=r"waypoint 2: .* required"):

@@ -32,9 +32,14 @@ def test_followers_start_heading_east_at_one_metre_per_second(name):
 
 @pytest.mark.parametrize("name", routes.names()[:-1])
 def test_the_figures_beside_the_waypoints_are_those_of_the_point_motion(name):
-    text = (resources.files("sim.scenario") / "data" / "followers_T2_T9.json").read_text(encoding="utf-8")
+    text = (resources.files("sim.scenario") / "data" / "followers_T2_T9.json").read_text(
+        encoding="utf-8"
+    )
     noted = json.loads(text)[name]
-    follower, leader = plan(routes.library_route(name)).at(MISSION), plan(routes.library_route("L")).at(MISSION)
+    follower, leader = (
+        plan(routes.library_route(name)).at(MISSION),
+        plan(routes.library_route("L")).at(MISSION),
+    )
     east, north = follower.east - leader.east, follower.north - leader.north
     distance, bearing = np.hypot(east, north), np.arctan2(east, north) - leader.course
     assert noted["mean_distance_m"] == pytest.approx(distance.mean(), abs=1e-3)
@@ -45,8 +50,12 @@ def test_the_figures_beside_the_waypoints_are_those_of_the_point_motion(name):
 
 
 def test_t8_has_one_burst_close_to_the_leader():
-    # paper, Section 4.1: about 1 m/s, but for one burst to 3 m/s, close to the leader, which shows for about 30 s
-    follower, leader = plan(routes.library_route("T8")).at(MISSION), plan(routes.library_route("L")).at(MISSION)
+    # paper, Section 4.1: about 1 m/s, but for one burst to 3 m/s, close to the leader, which shows
+    # for about 30 s
+    follower, leader = (
+        plan(routes.library_route("T8")).at(MISSION),
+        plan(routes.library_route("L")).at(MISSION),
+    )
     fast = MISSION[follower.speed > 1.7]
     assert follower.speed.max() == pytest.approx(3.0, abs=0.05)
     assert np.ptp(fast) < 30
@@ -112,20 +121,25 @@ def test_random_routes_keep_to_their_class(seed, name):
     assert follower.speed.max() <= 3.0 + 1e-9
     assert route.leg_speed.min() >= route_class.speed_min
     assert route.time[-1] == 1000
-    # legs are drawn between two times; the last may be longer by what would have been too short for one of its own
+    # legs are drawn between two times; the last may be longer by what would have been too short for
+    # one of its own
     shortest, longest = route_class.leg_time
     legs = np.diff(route.time)
     assert shortest - 0.5 <= legs.min()
     assert legs[:-1].max() <= longest + 0.5
     assert legs[-1] <= longest + shortest
-    east, north = route.waypoint.T - np.array([np.interp(route.time, MISSION, m) for m in (leader.east, leader.north)])
+    east, north = route.waypoint.T - np.array(
+        [np.interp(route.time, MISSION, m) for m in (leader.east, leader.north)]
+    )
     bearing = np.arctan2(east, north) - np.interp(route.time, MISSION, leader.course)
     # within a degree, as the leader turns by that much in a tick
     assert np.all(np.cos(bearing) < np.cos(np.deg2rad(99)))
 
 
 def test_a_random_route_is_a_function_of_the_seed():
-    a, b, c = (random_route(np.random.default_rng(seed), CLASSES["100-near-drastic"]) for seed in (1, 1, 2))
+    a, b, c = (
+        random_route(np.random.default_rng(seed), CLASSES["100-near-drastic"]) for seed in (1, 1, 2)
+    )
     assert np.array_equal(a.waypoint, b.waypoint)
     assert a.waypoint.shape != c.waypoint.shape or not np.array_equal(a.waypoint, c.waypoint)
 

@@ -33,16 +33,24 @@ def test_every_built_in_scenario_survives_toml(name: str) -> None:
 
 
 def test_the_scenarios_defaults_are_those_of_sensors_and_navigator() -> None:
-    """The paper's constants stand in the scenario in a user's units, and in SI where they are used."""
-    scenario = scenario_file.validate({**MINIMAL, "motion": "kinematic", "duration_s": 1.0}, "mine.toml")
+    """The paper's constants stand in the scenario in a user's units, and in SI where they are
+    used.
+    """
+    scenario = scenario_file.validate(
+        {**MINIMAL, "motion": "kinematic", "duration_s": 1.0}, "mine.toml"
+    )
     assert errors_of(scenario) == SensorErrors()
     chosen = navigation_settings(scenario, simulate_motion(scenario), 0)
     # where the hydrophone sits is the hull's, not a default
     assert replace(chosen, hydrophone_height=0.0) == NavigationSettings()
     tight = scenario_file.validate(
-        {**MINIMAL, "motion": "kinematic", "duration_s": 1.0, "navigation": {"variant": "tight"}}, "mine.toml"
+        {**MINIMAL, "motion": "kinematic", "duration_s": 1.0, "navigation": {"variant": "tight"}},
+        "mine.toml",
     )
-    assert replace(navigation_settings(tight, simulate_motion(tight), 0), hydrophone_height=0.0) == TightSettings()
+    assert (
+        replace(navigation_settings(tight, simulate_motion(tight), 0), hydrophone_height=0.0)
+        == TightSettings()
+    )
 
 
 def test_defaults_are_the_papers() -> None:
@@ -54,26 +62,44 @@ def test_defaults_are_the_papers() -> None:
     assert (scenario.sensors.speed_bias_m_s, scenario.sensors.speed_sigma_m_s) == (0.2, 0.2)
     assert (scenario.sensors.heading_bias_deg, scenario.sensors.heading_sigma_deg) == (5.0, 2.0)
     assert (scenario.navigation.alpha_m_s2, scenario.navigation.sigma_a0_m_s2) == (8.0, 60.0)
-    assert (scenario.acoustics.range_scale_mean_m, scenario.acoustics.range_scale_sigma_m) == (0.1, 0.05)
+    assert (scenario.acoustics.range_scale_mean_m, scenario.acoustics.range_scale_sigma_m) == (
+        0.1,
+        0.05,
+    )
 
 
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
         ({"senors": {}}, "senors: unknown key; did you mean 'sensors'"),
-        ({"sensors": {"speed_bais_m_s": 1.0}}, "sensors.speed_bais_m_s: unknown key; did you mean 'speed_bias_m_s'"),
+        (
+            {"sensors": {"speed_bais_m_s": 1.0}},
+            "sensors.speed_bais_m_s: unknown key; did you mean 'speed_bias_m_s'",
+        ),
         ({"seed": "one"}, "seed: Input should be a valid integer"),
-        ({"ocean": {"density_kg_m3": float("nan")}}, "ocean.density_kg_m3: Input should be a finite number"),
+        (
+            {"ocean": {"density_kg_m3": float("nan")}},
+            "ocean.density_kg_m3: Input should be a finite number",
+        ),
         (
             {"leader": {"baseline_m": -2.0}},
             "leader.baseline_m: Input should be greater than or equal to 0.01 (given",
         ),
-        ({"timing": {"message_interval_s": 0.25}}, "message_interval_s = 0.25 is no multiple of filter_step_s = 0.1"),
+        (
+            {"timing": {"message_interval_s": 0.25}},
+            "message_interval_s = 0.25 is no multiple of filter_step_s = 0.1",
+        ),
         ({"timing": {"physics_step_s": 0.03}}, "physics_step_s = 0.03 does not divide 0.1 s"),
         ({"followers": [{}]}, "followers[0]: a follower needs a route"),
-        ({"followers": [{"route": "T2", "name": n} for n in ("a", "a")]}, "vehicle names must differ; repeated: a"),
+        (
+            {"followers": [{"route": "T2", "name": n} for n in ("a", "a")]},
+            "vehicle names must differ; repeated: a",
+        ),
         ({"followers": [{"waypoints": [[0, 0, 0], [0, 1, 1]]}]}, "waypoint 2 at 0 s is not later"),
-        ({"navigation": {"variant": "laisn-4"}}, "navigation.variant: Input should be 'laisn-2', 'laisn-3-1'"),
+        (
+            {"navigation": {"variant": "laisn-4"}},
+            "navigation.variant: Input should be 'laisn-2', 'laisn-3-1'",
+        ),
         ({"navigation": {"use_attitude": True}}, "needs leader.broadcast_attitude = true"),
         (
             {
@@ -83,13 +109,28 @@ def test_defaults_are_the_papers() -> None:
             },
             "needs leader.broadcast_attitude = true",
         ),
-        ({"sensors": {"heading_bias_deg": -181.0}}, "heading_bias_deg: Input should be greater than or equal to -180"),
+        (
+            {"sensors": {"heading_bias_deg": -181.0}},
+            "heading_bias_deg: Input should be greater than or equal to -180",
+        ),
         ({"leader": {"depth_m": 40.0}}, "leader would dive to 40 m"),
-        ({"sensors": {"speed_bias_m_s": 1e308}}, "sensors.speed_bias_m_s: Input should be less than or equal to 10"),
-        ({"leader": {"depth_profile": [[0, 5], [0, 6]]}}, "leader.depth_profile: depth 2 at 0 s is not later"),
-        ({"leader": {"saw_tooth_amplitude_m": 9.0}}, "leader: saw_tooth_amplitude_m = 9 about depth_m = 8 would leave"),
+        (
+            {"sensors": {"speed_bias_m_s": 1e308}},
+            "sensors.speed_bias_m_s: Input should be less than or equal to 10",
+        ),
+        (
+            {"leader": {"depth_profile": [[0, 5], [0, 6]]}},
+            "leader.depth_profile: depth 2 at 0 s is not later",
+        ),
+        (
+            {"leader": {"saw_tooth_amplitude_m": 9.0}},
+            "leader: saw_tooth_amplitude_m = 9 about depth_m = 8 would leave",
+        ),
         ({"ocean": {"current_shear_per_s": 1.0}}, "the current at leader's 8 m would run at 8 m/s"),
-        ({"followers": [{"waypoints": [[0, 0, 0], [9, 9]]}]}, "mine.toml: 1 error\n  followers[0].waypoints[1]"),
+        (
+            {"followers": [{"waypoints": [[0, 0, 0], [9, 9]]}]},
+            "mine.toml: 1 error\n  followers[0].waypoints[1]",
+        ),
         ({"epoch": "yesterday"}, "epoch: Invalid isoformat string: 'yesterday'"),
         ({"name": "a/b"}, "name: String should match pattern"),
     ],
@@ -103,7 +144,11 @@ def test_an_error_reports_file_key_and_expectation(change: dict[str, Any], expec
 
 @pytest.mark.parametrize(
     ("key", "unit", "scale"),
-    [("gyro_sigma_deg_s", "°/s", np.pi / 180), ("slip_m_sqrt_s", "m/√s", 1.0), ("heading_sigma_deg", "°", np.pi / 180)],
+    [
+        ("gyro_sigma_deg_s", "°/s", np.pi / 180),
+        ("slip_m_sqrt_s", "m/√s", 1.0),
+        ("heading_sigma_deg", "°", np.pi / 180),
+    ],
 )
 def test_the_reference_explains_the_unit_of_a_key(key: str, unit: str, scale: float) -> None:
     _, written, factor = split_unit(key)
@@ -117,7 +162,8 @@ def test_the_reference_explains_the_unit_of_a_key(key: str, unit: str, scale: fl
 def test_the_reference_calls_heading_errors_one_sided() -> None:
     rows = reference.text().splitlines()
     own, leader = (
-        next(row for row in rows if row.startswith(f"- `{key}heading_sigma_deg = ")) for key in ("", "leader_")
+        next(row for row in rows if row.startswith(f"- `{key}heading_sigma_deg = "))
+        for key in ("", "leader_")
     )
     assert "to starboard, the absolute value of a normal number" in own
     assert "one-sided" in leader
@@ -153,10 +199,16 @@ def test_a_broken_override_is_refused(assignment: str) -> None:
             "followers[0].waypoints: route 'follower', waypoint 2: 5.22 m/s",
         ),
         (["followers.0.route=T1"], "followers[0].route: unknown route 'T1'; available: T2 … T9, L"),
-        (["leader.waypoints=[[0, 0, 0], [10, 0, 0]]"], "leader.waypoints: route 'leader': all waypoints are one place"),
+        (
+            ["leader.waypoints=[[0, 0, 0], [10, 0, 0]]"],
+            "leader.waypoints: route 'leader': all waypoints are one place",
+        ),
         (["video.camera=drone"], "video.camera: unknown camera 'drone'; available: chase"),
         (["epoch=1960-01-01T00:00:00+00:00"], "epoch 1960-01-01T00:00:00Z lies outside 1970"),
-        (["ocean.waves.kind=regular", "ocean.waves.height_m=5"], "ocean.waves: height_m=5.0 must lie between 0 and"),
+        (
+            ["ocean.waves.kind=regular", "ocean.waves.height_m=5"],
+            "ocean.waves: height_m=5.0 must lie between 0 and",
+        ),
     ],
 )
 def test_what_cannot_be_flown_names_file_and_key(assignments: list[str], expected: str) -> None:
@@ -179,11 +231,20 @@ def test_unreadable_files_are_reported(tmp_path: Path) -> None:
 
 
 def test_formations_broadcast_attitude_by_default() -> None:
-    station, shape = {"station": {"behind_m": 9.0, "depth_m": 9.0}}, {"shape": {"kind": "line", "count": 2}}
+    station, shape = (
+        {"station": {"behind_m": 9.0, "depth_m": 9.0}},
+        {"shape": {"kind": "line", "count": 2}},
+    )
     for table, expected in (
         ({"followers": [{"route": "T2"}]}, (False, False)),
         ({"followers": [{"route": "T2"}, station]}, (True, True)),
-        ({"followers": (Follower(station=Station(behind_m=9.0, depth_m=9.0)),), "leader": Leader()}, (True, True)),
+        (
+            {
+                "followers": (Follower(station=Station(behind_m=9.0, depth_m=9.0)),),
+                "leader": Leader(),
+            },
+            (True, True),
+        ),
         ({"formation": shape}, (True, True)),
         ({"followers": [station], "leader": {"broadcast_attitude": False}}, (False, False)),
         ({"followers": [station], "navigation": {"use_attitude": False}}, (True, False)),
@@ -203,55 +264,87 @@ def test_a_current_profile_is_that_of_the_water() -> None:
     }
     scenario = Scenario(followers=[{"route": "T5"}], ocean=ocean)
     water = ocean_of(scenario)
-    for depth, time, expected in ((0.0, 0.0, (0.2, 0.0)), (0.0, 50.0, (0.1, -0.2)), (10.0, 400.0, (0.0, -0.5))):
+    for depth, time, expected in (
+        (0.0, 0.0, (0.2, 0.0)),
+        (0.0, 50.0, (0.1, -0.2)),
+        (10.0, 400.0, (0.0, -0.5)),
+    ):
         assert scenario.ocean.current_at(depth, time) == pytest.approx(expected, abs=1e-12)
         at = np.array([[5.0, 6.0, -depth]])
         assert water.velocity(at, time)[0] == pytest.approx((*expected, 0.0), abs=1e-12)
     assert scenario.ocean.moves
-    assert not Scenario(followers=[{"route": "T5"}], ocean={"current_profile": [[0, 0, 0], [9, 0, 90]]}).ocean.moves
+    assert not Scenario(
+        followers=[{"route": "T5"}], ocean={"current_profile": [[0, 0, 0], [9, 0, 90]]}
+    ).ocean.moves
 
 
 def test_speeds_through_the_water_are_checked_against_the_current_of_the_time() -> None:
-    """1 m/s over ground against 1 m/s needs 2 m/s through the water, and only while the current runs."""
+    """1 m/s over ground against 1 m/s needs 2 m/s through the water, and only while the current
+    runs.
+    """
     table = {
         "followers": [{"station": {"behind_m": 10.0, "depth_m": 9.0}}],
         "formation": {"max_speed_m_s": 1.9},
         "leader": {"route": None, "waypoints": [[0, 0, 0], [100, 100, 0], [200, 200, 0]]},
     }
-    for times, expected in (((150, 160, 170), "waypoint 3"), ((20, 60, 90), "waypoint 2"), ((250, 300, 310), "")):
+    for times, expected in (
+        ((150, 160, 170), "waypoint 3"),
+        ((20, 60, 90), "waypoint 2"),
+        ((250, 300, 310), ""),
+    ):
         profile = [[0, 0, 270], *zip(times, (0, 1.0, 0), (270, 270, 270), strict=True)]
         scenario = Scenario(**table, ocean={"current_profile": profile})
         found = [line for line in infeasibilities(scenario) if "through the water" in line]
-        assert [expected in line and "2 m/s through" in line for line in found] == [True] * bool(expected)
+        assert [expected in line and "2 m/s through" in line for line in found] == [True] * bool(
+            expected
+        )
 
 
 def test_a_saved_scenario_loads_to_an_equal_one(tmp_path: Path) -> None:
     table = {
         **MINIMAL,
-        "leader": {"route": None, "waypoints": [[0, 0, 0], [60, 50, 0], [90, 50, 0]], "broadcast_attitude": True},
+        "leader": {
+            "route": None,
+            "waypoints": [[0, 0, 0], [60, 50, 0], [90, 50, 0]],
+            "broadcast_attitude": True,
+        },
         "ocean": {"current_profile": [[0, 0.1, 30], [50, 0.3, -45]], "waves": {"kind": "regular"}},
         "navigation": {"variant": "tight", "use_attitude": True, "assume": {"current": True}},
         "formation": {"proximity": None},
     }
     scenario = Scenario(**table)
     scenario.save(tmp_path / "saved.toml")
-    assert scenario_file.validate(scenario_file.read(tmp_path / "saved.toml"), "saved.toml") == scenario
+    assert (
+        scenario_file.validate(scenario_file.read(tmp_path / "saved.toml"), "saved.toml")
+        == scenario
+    )
     assert [path.name for path in tmp_path.iterdir()] == ["saved.toml"]
 
 
 @pytest.mark.parametrize(
     ("formation", "expected"),
     [
-        ({"min_speed_m_s": 2.0, "max_speed_m_s": 1.5}, "formation: min_speed_m_s = 2 is more than max_speed_m_s = 1.5"),
-        ({"inner_min_speed_m_s": 2.1}, "formation: inner_min_speed_m_s = 2.1 is more than outer_max_speed_m_s = 2"),
+        (
+            {"min_speed_m_s": 2.0, "max_speed_m_s": 1.5},
+            "formation: min_speed_m_s = 2 is more than max_speed_m_s = 1.5",
+        ),
+        (
+            {"inner_min_speed_m_s": 2.1},
+            "formation: inner_min_speed_m_s = 2.1 is more than outer_max_speed_m_s = 2",
+        ),
         (
             {"min_along_track_speed_m_s": 2.6},
             "formation: min_along_track_speed_m_s = 2.6 is more than max_speed_m_s = 2.5",
         ),
-        ({"timeout_speed_m_s": 3.0}, "formation: timeout_speed_m_s = 3 is more than max_speed_m_s = 2.5"),
+        (
+            {"timeout_speed_m_s": 3.0},
+            "formation: timeout_speed_m_s = 3 is more than max_speed_m_s = 2.5",
+        ),
     ],
 )
-def test_bounds_in_the_wrong_order_are_refused_by_both_names(formation: dict[str, float], expected: str) -> None:
+def test_bounds_in_the_wrong_order_are_refused_by_both_names(
+    formation: dict[str, float], expected: str
+) -> None:
     with pytest.raises(ScenarioError, match=expected):
         scenario_file.validate({**MINIMAL, "formation": formation}, "mine.toml")
 
@@ -266,13 +359,18 @@ CURRENT = {"ocean": {"current_profile": [[0, 0, 0], [10, 0.2, 0]]}}
         ({}, []),
         (CURRENT, ["there is a current; navigator 'laisn-2' assumes still water"]),
         ({**CURRENT, "motion": "kinematic"}, []),
-        ({**CURRENT, "navigation": {"variant": "tight"}}, ["navigation.assume.current = false assumes still water"]),
+        (
+            {**CURRENT, "navigation": {"variant": "tight"}},
+            ["navigation.assume.current = false assumes still water"],
+        ),
         ({**CURRENT, "navigation": {"variant": "tight", "assume": {"current": True}}}, []),
         ({"followers": [STATION]}, ["stations are kept by navigator 'laisn-2'"]),
         ({"followers": [STATION], "navigation": {"variant": "tight"}}, []),
     ],
 )
-def test_settings_unsupported_by_navigators_are_reported(change: dict[str, Any], expected: list[str]) -> None:
+def test_settings_unsupported_by_navigators_are_reported(
+    change: dict[str, Any], expected: list[str]
+) -> None:
     found = cautions(Scenario(**{**MINIMAL, **change}))
     assert len(found) == len(expected)
     assert all(text in line for text, line in zip(expected, found, strict=True))

@@ -30,12 +30,23 @@ def places(kind: Kind, count: int, **options: Any) -> Floats:
         ("line", [(0, -2), (0, -1), (0, 0), (0, 1), (0, 2)]),
         ("column", [(0, 0), (1, 0), (2, 0), (3, 0), (4, 0)]),
         ("grid", [(0, -1.5), (0, -0.5), (0, 0.5), (0, 1.5), (1, -1.5)]),
-        # wings to port and starboard by turns, twice as far aside as behind, a spacing from rank to rank
-        ("v", [(0, 2 / math.sqrt(5)), (0, -2 / math.sqrt(5)), (1 / math.sqrt(5), 4 / math.sqrt(5)),
-               (1 / math.sqrt(5), -4 / math.sqrt(5)), (2 / math.sqrt(5), 6 / math.sqrt(5))]),
+        # wings to port and starboard by turns, twice as far aside as behind, a spacing from rank to
+        # rank
+        (
+            "v",
+            [
+                (0, 2 / math.sqrt(5)),
+                (0, -2 / math.sqrt(5)),
+                (1 / math.sqrt(5), 4 / math.sqrt(5)),
+                (1 / math.sqrt(5), -4 / math.sqrt(5)),
+                (2 / math.sqrt(5), 6 / math.sqrt(5)),
+            ],
+        ),
     ],
-)  # fmt: skip
-def test_five_followers_have_the_offsets_of_the_shape(kind: Kind, expected: list[tuple[float, float]]) -> None:
+)
+def test_five_followers_have_the_offsets_of_the_shape(
+    kind: Kind, expected: list[tuple[float, float]]
+) -> None:
     found = places(kind, 5, spacing_m=8.0, behind_m=15.0)
     np.testing.assert_allclose((found[:, :2] - [15.0, 0.0]) / 8.0, expected, atol=1e-6)
 
@@ -60,7 +71,9 @@ def test_a_single_follower_stands_on_the_axis_where_a_shape_begins() -> None:
 def test_followers_of_a_shape_have_its_model(tmp_path: Path) -> None:
     (tmp_path / "mine.xml").write_text(models.path("lauv").read_text("utf-8"), encoding="utf-8")
     for name, model in (("remus100", "remus100"), ("mine.xml", "lauv")):
-        table = seen_from({"formation": {"shape": {"kind": "v", "count": 3, "model": name}}}, tmp_path)
+        table = seen_from(
+            {"formation": {"shape": {"kind": "v", "count": 3, "model": name}}}, tmp_path
+        )
         scenario = validate(table, "a.toml")
         assert [f.model for f in scenario.followers] == 3 * [models.path(model).read_text("utf-8")]
 
@@ -72,7 +85,9 @@ def test_shapes_keep_their_spacing(kind: Kind, count: int) -> None:
     if count > 1:
         apart = np.hypot(*(level[:, None] - level[None]).transpose(2, 0, 1)) + 1e9 * np.eye(count)
         # the first two of a V stand beside each other, two steps of 2 / √5 aside
-        assert apart.min() == pytest.approx(32.0 / math.sqrt(5.0) if (kind, count) == ("v", 2) else 8.0, abs=1e-5)
+        assert apart.min() == pytest.approx(
+            32.0 / math.sqrt(5.0) if (kind, count) == ("v", 2) else 8.0, abs=1e-5
+        )
     assert level[:, 0].min() == pytest.approx(10.0)
 
 
@@ -86,7 +101,10 @@ def test_layers_are_taken_in_turn() -> None:
 @pytest.mark.parametrize(
     ("shape", "fault"),
     [
-        ({"kind": "grid", "count": 51}, "formation.shape.count: Input should be less than or equal to 50 (given: 51)"),
+        (
+            {"kind": "grid", "count": 51},
+            "formation.shape.count: Input should be less than or equal to 50 (given: 51)",
+        ),
         ({"kind": "grid", "count": 4, "spacing": 9.0}, "formation.shape.spacing: unknown key"),
     ],
 )

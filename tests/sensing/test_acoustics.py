@@ -92,14 +92,17 @@ def test_laisn_2_does_not_wait_for_the_third_ping():
 
 
 def test_of_two_messages_in_one_step_the_first_is_kept() -> None:
-    """A hydrophone comes nearer than 150 m, from where sound takes as long as there is between two messages.
+    """A hydrophone comes nearer than 150 m, from where sound takes as long as there is between two
+    messages.
 
-    161.05 m − t from the rear transmitter, it does so at 11.05 s. What is sent at 10.9 s arrives in the step to 11.1 s,
-    as does the message of 11 s.
+    161.05 m − t from the rear transmitter, it does so at 11.05 s. What is sent at 10.9 s arrives in
+    the step to 11.1 s, as does the message of 11 s.
     """
     trajectory = make_trajectory((160.05, 0.0, -8.0), follower_velocity=(-1.0, 0.0, 0.0))
     scenario = make_scenario(Acoustics(travel_time=True))
-    scenario = scenario.model_copy(update={"timing": Timing(filter_step_s=0.1, message_interval_s=0.1)})
+    scenario = scenario.model_copy(
+        update={"timing": Timing(filter_step_s=0.1, message_interval_s=0.1)}
+    )
     sound = propagate(trajectory, scenario)
     expected = np.delete(np.arange(1, 200), 109)
     assert_array_equal(sound.emission_step, expected)
@@ -107,7 +110,9 @@ def test_of_two_messages_in_one_step_the_first_is_kept() -> None:
 
 
 def test_arrival_does_not_depend_on_the_filter_step():
-    trajectory = make_trajectory((40.0, 25.0, -12.0), leader_velocity=(1.0, 0, 0), follower_velocity=(0.3, 1.1, -0.2))
+    trajectory = make_trajectory(
+        (40.0, 25.0, -12.0), leader_velocity=(1.0, 0, 0), follower_velocity=(0.3, 1.1, -0.2)
+    )
     acoustics = Acoustics(travel_time=True, ping_slot_s=0.05)
     fine = propagate(trajectory, make_scenario(acoustics, filter_step=0.1))
     coarse = propagate(trajectory, make_scenario(acoustics, filter_step=1.0))
@@ -143,7 +148,9 @@ def test_mean_slowness_of_a_linear_profile(upper, lower):
 def test_sound_has_the_speed_between_and_beyond_the_points_of_a_profile() -> None:
     sound = SoundProfile.through([[2.0, 1450.0], [10.0, 1490.0], [30.0, 1470.0]])
     for depth in (0.0, 2.0, 4.0, 10.0, 25.0, 30.0, 99.0):
-        assert speed_at(sound, depth) == pytest.approx(np.interp(depth, sound.depth, sound.speed), rel=1e-15)
+        assert speed_at(sound, depth) == pytest.approx(
+            np.interp(depth, sound.depth, sound.speed), rel=1e-15
+        )
 
 
 def test_profile_and_bias_scale_the_range():
@@ -163,12 +170,18 @@ def test_profile_and_bias_scale_the_range():
 def test_clock_offset_and_drift_shift_all_ranges():
     trajectory = make_trajectory((20.0, 0.0, -8.0))
     plain = propagate(trajectory, make_scenario()).range
-    sound = propagate(trajectory, make_scenario(Acoustics(clock_offset_s=1e-3, clock_drift_ppm=50.0)))
+    sound = propagate(
+        trajectory, make_scenario(Acoustics(clock_offset_s=1e-3, clock_drift_ppm=50.0))
+    )
     shift = C * (1e-3 + 50e-6 * sound.emission_step * 0.1)
-    assert_allclose((sound.range - plain)[:, :, Path.DIRECT], np.tile(shift[:, None], 3), atol=1e-10)
+    assert_allclose(
+        (sound.range - plain)[:, :, Path.DIRECT], np.tile(shift[:, None], 3), atol=1e-10
+    )
 
 
-@pytest.mark.parametrize(("path", "height"), [(Path.SURFACE, 8.0 + 11.0), (Path.BOTTOM, 2 * 30.0 - 8.0 - 11.0)])
+@pytest.mark.parametrize(
+    ("path", "height"), [(Path.SURFACE, 8.0 + 11.0), (Path.BOTTOM, 2 * 30.0 - 8.0 - 11.0)]
+)
 def test_echo_comes_from_the_image(path, height):
     trajectory = make_trajectory((15.0, 9.0, -11.0))
     scenario = make_scenario(Acoustics(surface_echo_probability=0.1, bottom_echo_probability=0.1))
@@ -183,7 +196,11 @@ def test_echo_comes_from_the_image(path, height):
         }
     )
     refracted = propagate(trajectory, profile).arrival.ratio[0, FRONT, path] / C
-    depth = np.linspace(0.0, 11.0, 1_000_001) if path is Path.SURFACE else np.linspace(8.0, 30.0, 1_000_001)
+    depth = (
+        np.linspace(0.0, 11.0, 1_000_001)
+        if path is Path.SURFACE
+        else np.linspace(8.0, 30.0, 1_000_001)
+    )
     other = depth[depth <= 8.0] if path is Path.SURFACE else depth[depth >= 11.0]
     slowness = 1 / np.interp(np.concatenate([depth, other]), [0, 10, 30], [1400, 1600, 1450])
     assert_allclose(refracted, slowness.mean(), rtol=1e-6)
@@ -200,7 +217,9 @@ ECHOES = SensorErrors(surface_echo_probability=0.2, bottom_echo_probability=0.05
 
 def paths(errors: SensorErrors, run: int, steps: Ints) -> Ints:
     """Paths of messages sent at these steps, shape (m, 3)."""
-    return np.array([paths_taken(errors, Address(*seed_and_run(1, run), 0, step)) for step in steps.tolist()])
+    return np.array(
+        [paths_taken(errors, Address(*seed_and_run(1, run), 0, step)) for step in steps.tolist()]
+    )
 
 
 def test_echoes_occur_at_the_set_rate_independently():
@@ -212,7 +231,9 @@ def test_echoes_occur_at_the_set_rate_independently():
     both = np.mean((path[:, REAR] == Path.SURFACE) & (path[:, FRONT] == Path.SURFACE))
     assert_allclose(both, 0.04, atol=4.5 * np.sqrt(0.04 / steps.size))
     drawn = uniforms(1, 0, Stream.ECHO.number(), steps)[:, :3]
-    assert_array_equal(path, np.select([drawn < 0.2, drawn < 0.25], [Path.SURFACE, Path.BOTTOM], Path.DIRECT))
+    assert_array_equal(
+        path, np.select([drawn < 0.2, drawn < 0.25], [Path.SURFACE, Path.BOTTOM], Path.DIRECT)
+    )
 
 
 def test_common_echoes_are_as_often_and_of_all_pings_of_a_message():
@@ -220,17 +241,28 @@ def test_common_echoes_are_as_often_and_of_all_pings_of_a_message():
     path = paths(ECHOES._replace(common_echoes=True), 0, steps)
     assert_array_equal(path, np.repeat(path[:, :1], 3, axis=1))
     for kind, chance in ((Path.SURFACE, 0.2), (Path.BOTTOM, 0.05)):
-        assert_allclose((path == kind).mean(), chance, atol=4.5 * np.sqrt(chance * (1 - chance) / steps.size))
+        assert_allclose(
+            (path == kind).mean(), chance, atol=4.5 * np.sqrt(chance * (1 - chance) / steps.size)
+        )
 
 
 def received(steps: Ints, errors: SensorErrors) -> Bools:
     """Whether each message arrives, of a mission that sends one at each step."""
     n = steps.size
     truth = MissionTruth(
-        dt=0.1, start=np.zeros(4), speed=np.ones(n), heading=np.ones(n), depth=np.ones(n), hydrophone=np.zeros((n, 2)),
-        leader_position=np.zeros((n, 2)), leader_heading=np.zeros(n), message_step=steps, emission_step=steps,
-        sent=records(MESSAGE, n), slant_range=np.full((n, 3), 30.0),
-    )  # fmt: skip
+        dt=0.1,
+        start=np.zeros(4),
+        speed=np.ones(n),
+        heading=np.ones(n),
+        depth=np.ones(n),
+        hydrophone=np.zeros((n, 2)),
+        leader_position=np.zeros((n, 2)),
+        leader_heading=np.zeros(n),
+        message_step=steps,
+        emission_step=steps,
+        sent=records(MESSAGE, n),
+        slant_range=np.full((n, 3), 30.0),
+    )
     return np.isfinite(measure(truth, errors, seed=1, run=0, in_bulk=True).ranges).all(axis=1)
 
 
@@ -271,18 +303,26 @@ def test_impossible_settings_are_refused(bad):
     [
         Acoustics(surface_echo_probability=0.2, bottom_echo_probability=0.1),
         Acoustics(surface_echo_probability=0.2, bottom_echo_probability=0.1, common_echoes=True),
-        Acoustics(loss_probability=0.1, burst_probability=0.2, burst_mean_messages=3.0, max_range_m=37.0),
         Acoustics(
-            surface_echo_probability=0.1, loss_probability=0.2, travel_time=True, ping_slot_s=0.04, clock_drift_ppm=30.0
+            loss_probability=0.1, burst_probability=0.2, burst_mean_messages=3.0, max_range_m=37.0
+        ),
+        Acoustics(
+            surface_echo_probability=0.1,
+            loss_probability=0.2,
+            travel_time=True,
+            ping_slot_s=0.04,
+            clock_drift_ppm=30.0,
         ),
     ],
 )
 @pytest.mark.parametrize("variant", ["laisn-2", "laisn-3-1", "laisn-3-2"])
 def test_a_campaign_meets_the_echoes_and_losses_of_its_flights(acoustics, variant):
     trajectory = make_trajectory(
-        (20.0, -30.0, -14.0), leader_velocity=(1.0, 0, 0), follower_velocity=(1.0, 0.1, 0),
+        (20.0, -30.0, -14.0),
+        leader_velocity=(1.0, 0, 0),
+        follower_velocity=(1.0, 0.1, 0),
         heading_pitch_roll=(1.5, 0.05, 0.02),
-    )  # fmt: skip
+    )
     scenario = make_scenario(acoustics)
     chosen = replace(navigation_settings(scenario, trajectory, 0), variant=variant)
     scenario = scenario.model_copy(update={"navigation": Navigation(variant=variant)})
@@ -290,18 +330,24 @@ def test_a_campaign_meets_the_echoes_and_losses_of_its_flights(acoustics, varian
     states = histories(Cell(truth=truth, errors=errors, settings=chosen, runs=range(3)))
     for run in range(3):
         receptions = measure(truth, errors, seed=1, run=run, transmitters=chosen.transmitters)
-        assert_allclose(Navigator(chosen, truth.start).run(receptions).state, states[..., run], atol=1e-9)
+        assert_allclose(
+            Navigator(chosen, truth.start).run(receptions).state, states[..., run], atol=1e-9
+        )
 
 
 def test_a_reading_of_an_echo_is_the_path_of_the_echo():
     trajectory = make_trajectory((15.0, 9.0, -11.0))
     scenario = make_scenario(Acoustics(surface_echo_probability=0.4, bottom_echo_probability=0.3))
-    errors = errors_of(scenario)._replace(range_tau=(0.0, 0.0, 0.0), range_scale_mean=0.0, range_scale_sigma=0.0)
+    errors = errors_of(scenario)._replace(
+        range_tau=(0.0, 0.0, 0.0), range_scale_mean=0.0, range_scale_sigma=0.0
+    )
     truth = observe(trajectory, scenario)
     read = measure(truth, errors, seed=1, run=2).ranges
     path = paths(errors, 2, truth.emission_step)
     sound = propagate(trajectory, scenario)
-    assert_allclose(read, np.take_along_axis(sound.range, path[..., None], axis=2)[..., 0], rtol=1e-15)
+    assert_allclose(
+        read, np.take_along_axis(sound.range, path[..., None], axis=2)[..., 0], rtol=1e-15
+    )
     assert {int(p) for p in np.unique(path)} == {0, 1, 2}
 
 

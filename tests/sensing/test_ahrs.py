@@ -1,4 +1,6 @@
-"""The leader's attitude sensor against closed forms: specific force, what the filter passes, its random error."""
+"""The leader's attitude sensor against closed forms: specific force, what the filter passes, its
+random error.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -21,12 +23,21 @@ SENSING = Sensors(leader_attitude_senses_acceleration=True)
 
 
 def moved(velocity: Floats, quaternion: Floats) -> Trajectory:
-    """A leader with velocities of shape (n, 3) and attitudes that broadcast to (n, 4), every 0.1 s."""
+    """A leader with velocities of shape (n, 3) and attitudes that broadcast to (n, 4), every 0.1
+    s.
+    """
     n = len(velocity)
     still = straight.make_trajectory((0.0, 20.0, -10.0))
     pair: dict[str, Any] = {
         name: np.repeat(getattr(still, name)[:1], n, axis=0)
-        for name in ("position", "velocity", "quaternion", "angular_velocity", "water_velocity", "thrust")
+        for name in (
+            "position",
+            "velocity",
+            "quaternion",
+            "angular_velocity",
+            "water_velocity",
+            "thrust",
+        )
     }
     pair["velocity"][:, 0] = velocity
     pair["quaternion"][:, 0] = quaternion
@@ -35,7 +46,9 @@ def moved(velocity: Floats, quaternion: Floats) -> Trajectory:
 
 def apparent_tilt(trajectory: Trajectory) -> Floats:
     """Pitch and roll that the sensor shows at each instant without gyros, shape (n, 2), [rad]."""
-    return tilt_errors(trajectory, SENSING) + np.column_stack([trajectory.pitch[:, 0], trajectory.roll[:, 0]])
+    return tilt_errors(trajectory, SENSING) + np.column_stack(
+        [trajectory.pitch[:, 0], trajectory.roll[:, 0]]
+    )
 
 
 def test_a_hull_at_rest_shows_its_tilt() -> None:
@@ -47,11 +60,14 @@ def test_a_hull_at_rest_shows_its_tilt() -> None:
 def test_a_hull_that_speeds_up_seems_to_raise_its_nose() -> None:
     time = 0.1 * np.arange(50)
     north = moved(np.outer(time, [0.0, 0.5, 0.0]), attitude.from_euler(0.0))
-    assert apparent_tilt(north) == pytest.approx(np.tile([np.arctan(0.5 / G), 0.0], (50, 1)), abs=1e-12)
+    assert apparent_tilt(north) == pytest.approx(
+        np.tile([np.arctan(0.5 / G), 0.0], (50, 1)), abs=1e-12
+    )
 
 
 def test_a_hull_that_turns_to_port_seems_to_heel_to_starboard() -> None:
-    # centripetal acceleration v²/R to port, the mean of the last 0.1 s, in which the hull has turned on
+    # centripetal acceleration v²/R to port, the mean of the last 0.1 s, in which the hull has
+    # turned on
     speed, radius = 1.5, 12.0
     rate = speed / radius
     angle = rate * 0.1 * np.arange(200)
@@ -66,7 +82,9 @@ def test_a_hull_that_turns_to_port_seems_to_heel_to_starboard() -> None:
 
 def test_the_sensor_is_causal() -> None:
     rng = np.random.default_rng(2)
-    rough = moved(rng.normal(size=(60, 3)), attitude.from_euler(0.3, *(0.1 * rng.normal(size=(2, 60)))))
+    rough = moved(
+        rng.normal(size=(60, 3)), attitude.from_euler(0.3, *(0.1 * rng.normal(size=(2, 60))))
+    )
     past = replace(
         rough,
         time=rough.time[:40],
@@ -77,7 +95,8 @@ def test_the_sensor_is_causal() -> None:
 
 @pytest.mark.parametrize("time_constant", [0.0, 2.0, 10.0])
 def test_gyros_keep_waves_out(time_constant: float) -> None:
-    # surge a cos ωt of 4 s in a level hull that heaves no more than it pitches: the filter passes γ / |1 − (1 − γ) z|
+    # surge a cos ωt of 4 s in a level hull that heaves no more than it pitches: the filter passes γ
+    # / |1 − (1 − γ) z|
     amplitude, omega, dt = 0.02, 2 * np.pi / 4.0, 0.1
     time = dt * np.arange(1600)
     surge = np.outer(amplitude / omega * np.sin(omega * time), [1.0, 0.0, 0.0])
@@ -95,7 +114,9 @@ def test_gyros_keep_waves_out(time_constant: float) -> None:
 
 
 def test_without_accelerations_the_attitude_is_true() -> None:
-    rough = moved(np.random.default_rng(1).normal(size=(30, 3)), attitude.from_euler(0.3, 0.1, -0.2))
+    rough = moved(
+        np.random.default_rng(1).normal(size=(30, 3)), attitude.from_euler(0.3, 0.1, -0.2)
+    )
     assert not tilt_errors(rough, Sensors(leader_gyro_time_constant_s=5.0)).any()
     # specific force in the hull's axes; the acceleration of a step is known at its end
     force = np.diff(rough.velocity[:, 0], axis=0, prepend=0.0) / 0.1 + [0.0, 0.0, G]
@@ -107,7 +128,9 @@ def test_without_accelerations_the_attitude_is_true() -> None:
 
 def test_random_error_is_that_of_the_filter_itself() -> None:
     sensors = Sensors(
-        leader_attitude_sigma_deg=0.5, leader_gyro_time_constant_s=3.0, leader_gyro_random_walk_deg_sqrt_h=12.0
+        leader_attitude_sigma_deg=0.5,
+        leader_gyro_time_constant_s=3.0,
+        leader_gyro_random_walk_deg_sqrt_h=12.0,
     )
     rng = np.random.default_rng(5)
     share, lanes = 1.0 - np.exp(-0.1 / 3.0), 20_000
@@ -121,14 +144,21 @@ def test_random_error_is_that_of_the_filter_itself() -> None:
     assert time == 3.0
     assert history[-1].std() == pytest.approx(sigma, rel=0.02)
     # 3 s later a share 1/e of it is left
-    assert np.mean(history[-31] * history[-1]) == pytest.approx(sigma**2 / np.e, abs=0.02 * sigma**2)
-    assert random_error(sensors.model_copy(update={"leader_gyro_time_constant_s": 0.0})) == (np.deg2rad(0.5), 0.0)
+    assert np.mean(history[-31] * history[-1]) == pytest.approx(
+        sigma**2 / np.e, abs=0.02 * sigma**2
+    )
+    assert random_error(sensors.model_copy(update={"leader_gyro_time_constant_s": 0.0})) == (
+        np.deg2rad(0.5),
+        0.0,
+    )
     # in closed form: what a step adds, over what it takes away
     kept, step = np.exp(-0.1 / 3.0), np.deg2rad(12.0 / 60.0) * np.sqrt(0.1)
     added = (kept * step) ** 2 + (share * np.deg2rad(0.5)) ** 2
     assert sigma == pytest.approx(np.sqrt(added / (1.0 - kept**2)), rel=1e-12)
     # any gyros make it smaller, those of a second too
-    quick_sigma, quick_time = random_error(sensors.model_copy(update={"leader_gyro_time_constant_s": 1.0}))
+    quick_sigma, quick_time = random_error(
+        sensors.model_copy(update={"leader_gyro_time_constant_s": 1.0})
+    )
     assert quick_time == 1.0
     assert quick_sigma < np.deg2rad(0.5)
 
@@ -141,7 +171,9 @@ def truth() -> MissionTruth:
 def pitch_errors(truth: MissionTruth, errors: SensorErrors, runs: int) -> Floats:
     """Errors of the broadcast pitch and roll, shape (runs, messages, 2), [rad]."""
     pitch = LeaderMessage._fields.index("pitch")
-    read = [measure(truth, errors, seed=3, run=run).message[:, pitch : pitch + 2] for run in range(runs)]
+    read = [
+        measure(truth, errors, seed=3, run=run).message[:, pitch : pitch + 2] for run in range(runs)
+    ]
     return np.array(read) - np.column_stack([truth.sent.pitch, truth.sent.roll])
 
 
@@ -178,7 +210,12 @@ def test_a_scenario_states_the_sensor_in_degrees() -> None:
     assert errors.leader_tilt_sigma == pytest.approx(expected, rel=0.003)
 
     turning = straight.make_trajectory((0.0, 20.0, -10.0), heading_pitch_roll=(0.4, 0.1, 0.05))
-    loud = scenario.model_copy(update={"leader": scenario.leader.model_copy(update={"broadcast_attitude": True})})
+    loud = scenario.model_copy(
+        update={"leader": scenario.leader.model_copy(update={"broadcast_attitude": True})}
+    )
     sent, silent = observe(turning, loud).sent, observe(turning, scenario).sent
-    assert (sent.pitch, sent.roll) == (pytest.approx(np.full(20, 0.1)), pytest.approx(np.full(20, 0.05)))
+    assert (sent.pitch, sent.roll) == (
+        pytest.approx(np.full(20, 0.1)),
+        pytest.approx(np.full(20, 0.05)),
+    )
     assert np.isnan([silent.pitch, silent.roll]).all()

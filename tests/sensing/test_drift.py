@@ -1,4 +1,6 @@
-"""Errors that change slowly: amplitudes, period, phases and directions as the scenario gives them."""
+"""Errors that change slowly: amplitudes, period, phases and directions as the scenario gives
+them.
+"""
 
 from typing import Any
 
@@ -11,9 +13,14 @@ from sim.sensing.sensors import SensorErrors, drift, errors_of
 from tests.straight import make_scenario, make_trajectory
 
 DRIFTING = Sensors(
-    speed_drift_m_s=0.3, heading_drift_deg=4.0, drift_period_s=200.0, speed_drift_phase_deg=30.0,
-    heading_drift_phase_deg=90.0, leader_position_drift_m_s=0.02, leader_position_drift_deg=30.0,
-)  # fmt: skip
+    speed_drift_m_s=0.3,
+    heading_drift_deg=4.0,
+    drift_period_s=200.0,
+    speed_drift_phase_deg=30.0,
+    heading_drift_phase_deg=90.0,
+    leader_position_drift_m_s=0.02,
+    leader_position_drift_deg=30.0,
+)
 
 
 def drifting(sensors: Sensors) -> SensorErrors:
@@ -41,7 +48,10 @@ def test_biases_swing_with_their_amplitudes_periods_and_phases() -> None:
 def test_one_bias_may_swing_alone(silent: str) -> None:
     w = drifting(DRIFTING.model_copy(update={silent: 0.0}))
     speed, heading = biased(w, 0, 0.0, 1.0, 0.5)
-    assert (speed == 1.0, heading == 0.5) == (silent == "speed_drift_m_s", silent == "heading_drift_deg")
+    assert (speed == 1.0, heading == 0.5) == (
+        silent == "speed_drift_m_s",
+        silent == "heading_drift_deg",
+    )
 
 
 def test_each_follower_is_ahead_of_the_one_before_by_the_golden_angle() -> None:
@@ -54,10 +64,14 @@ def test_each_follower_is_ahead_of_the_one_before_by_the_golden_angle() -> None:
 
 def test_a_motion_is_read_with_the_errors_of_its_instants() -> None:
     scenario = make_scenario().model_copy(update={"sensors": DRIFTING})
-    truth = observe(make_trajectory((0.0, 40.0, -10.0), follower_velocity=(1.0, 0.0, 0.0)), scenario)
+    truth = observe(
+        make_trajectory((0.0, 40.0, -10.0), follower_velocity=(1.0, 0.0, 0.0)), scenario
+    )
     time = 0.1 * np.arange(1, truth.speed.size + 1)
     np.testing.assert_allclose(truth.speed, 1.0 + 0.3 * np.sin(np.pi / 6 + np.pi * time / 100.0))
-    np.testing.assert_allclose(truth.heading, np.pi / 2 + np.deg2rad(4.0) * np.cos(np.pi * time / 100.0))
+    np.testing.assert_allclose(
+        truth.heading, np.pi / 2 + np.deg2rad(4.0) * np.cos(np.pi * time / 100.0)
+    )
 
 
 def test_a_leader_walks_off_towards_a_compass_direction() -> None:
@@ -66,5 +80,7 @@ def test_a_leader_walks_off_towards_a_compass_direction() -> None:
     scenario = scenario.model_copy(update={"sensors": DRIFTING})
     truth = observe(make_trajectory((0.0, 40.0, -10.0), leader=(5.0, 6.0, -9.0)), scenario)
     off = np.column_stack([truth.sent.east, truth.sent.north]) - [5.0, 6.0]
-    np.testing.assert_allclose(off, truth.sent.timestamp[:, None] * [0.01, 0.01 * np.sqrt(3.0)], atol=1e-12)
+    np.testing.assert_allclose(
+        off, truth.sent.timestamp[:, None] * [0.01, 0.01 * np.sqrt(3.0)], atol=1e-12
+    )
     assert truth.sent.timestamp[-1] > 5.0

@@ -13,9 +13,12 @@ from sim.flight import Flight
 from sim.scenario.settings import Scenario
 
 THREE = {
-    "motion": "kinematic", "duration_s": 30.0, "sensors.heading_sigma_deg": 0.0, "sensors.speed_sigma_m_s": 0.0,
+    "motion": "kinematic",
+    "duration_s": 30.0,
+    "sensors.heading_sigma_deg": 0.0,
+    "sensors.speed_sigma_m_s": 0.0,
     "followers": [{"route": "T5"}, {"route": "T3"}, {"route": "T4"}],
-}  # fmt: skip
+}
 OWN = {"heading_bias_deg": -7.0, "speed_bias_m_s": 0.05, "depth_sigma_m": 0.5}
 
 
@@ -28,29 +31,42 @@ def flights() -> tuple[Flight, Flight]:
 def test_a_key_of_one_follower_changes_that_follower_alone(flights: tuple[Flight, Flight]) -> None:
     plain, changed = flights
     for i in (0, 2):
-        np.testing.assert_array_equal(plain.measurements[i].heading, changed.measurements[i].heading)
+        np.testing.assert_array_equal(
+            plain.measurements[i].heading, changed.measurements[i].heading
+        )
         np.testing.assert_array_equal(plain.measurements[i].ranges, changed.measurements[i].ranges)
         np.testing.assert_array_equal(plain.estimates[i].state, changed.estimates[i].state)
     one, other = plain.measurements[1], changed.measurements[1]
     # the biases of [sensors] are 5° and 0.2 m/s
     np.testing.assert_allclose(other.heading - one.heading, np.deg2rad(-12.0), atol=1e-12)
     np.testing.assert_allclose(other.speed - one.speed, -0.15, atol=1e-12)
-    assert np.std(other.depth - one.depth) == pytest.approx(0.5, rel=5 / np.sqrt(2 * one.depth.size))
+    assert np.std(other.depth - one.depth) == pytest.approx(
+        0.5, rel=5 / np.sqrt(2 * one.depth.size)
+    )
     np.testing.assert_array_equal(one.ranges, other.ranges)
 
 
 def test_a_campaign_has_the_errors_of_its_follower(flights: tuple[Flight, Flight]) -> None:
     scenario = flights[1].scenario
-    assert [round(float(np.rad2deg(Cell.of(scenario, i, 1).errors.heading_bias)), 9) for i in range(3)] == [
-        5.0, -7.0, 5.0,
-    ]  # fmt: skip
+    assert [
+        round(float(np.rad2deg(Cell.of(scenario, i, 1).errors.heading_bias)), 9) for i in range(3)
+    ] == [
+        5.0,
+        -7.0,
+        5.0,
+    ]
     noisy = laisn_sim.load("T5", {"followers.0.sensors.speed_sigma_m_s": 0.7})
-    assert (noise_of(noisy, 0).speed_sigma, noise_of(laisn_sim.load("T5"), 0).speed_sigma) == (0.7, 0.2)
+    assert (noise_of(noisy, 0).speed_sigma, noise_of(laisn_sim.load("T5"), 0).speed_sigma) == (
+        0.7,
+        0.2,
+    )
 
 
 def test_files_hold_the_keys_of_one_follower(tmp_path: Path) -> None:
     path = tmp_path / "own.toml"
-    path.write_text('name = "own"\n[[followers]]\nroute = "T5"\nsensors = { heading_bias_deg = 1.5 }\n')
+    path.write_text(
+        'name = "own"\n[[followers]]\nroute = "T5"\nsensors = { heading_bias_deg = 1.5 }\n'
+    )
     read = laisn_sim.load(path)
     assert (read.sensors_of(0).heading_bias_deg, read.sensors_of(0).speed_bias_m_s) == (1.5, 0.2)
     assert read.sensors.heading_bias_deg == 5.0

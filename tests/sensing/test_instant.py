@@ -49,16 +49,30 @@ def with_errors(sensors: SensorModel, **errors: Any) -> SensorModel:
 
 
 def read(sensors: SensorModel, steps: int, follower: int = 0) -> Floats:
-    """Readings of pitch and of the turning about the up and the port axis, step by step, shape (steps, 3)."""
-    pose, twist = np.r_[0.0, 0.0, -10.0, attitude.from_euler(1.0, PITCH, 0.2)], np.r_[1.0, 0.0, 0.0, RATES]
+    """Readings of pitch and of the turning about the up and the port axis, step by step, shape
+    (steps, 3).
+    """
+    pose, twist = (
+        np.r_[0.0, 0.0, -10.0, attitude.from_euler(1.0, PITCH, 0.2)],
+        np.r_[1.0, 0.0, 0.0, RATES],
+    )
     readings = records(READING, steps)
     for k in range(steps):
-        read_instruments(sensors, k + 1, follower, (pose, twist, np.zeros(3)), np.zeros(3), numbers_of(readings)[k])
+        read_instruments(
+            sensors,
+            k + 1,
+            follower,
+            (pose, twist, np.zeros(3)),
+            np.zeros(3),
+            numbers_of(readings)[k],
+        )
     return numbers_of(readings)[:, 3:]
 
 
 def test_perfect_instruments_read_pitch_and_the_rates_of_the_hull() -> None:
-    assert read(sensor_model_of(scenario(0.0, 0.0)), 1)[0] == pytest.approx([PITCH, RATES[2], RATES[1]])
+    assert read(sensor_model_of(scenario(0.0, 0.0)), 1)[0] == pytest.approx(
+        [PITCH, RATES[2], RATES[1]]
+    )
 
 
 def test_sensor_errors_have_the_scenarios_deviations_and_are_independent() -> None:
@@ -70,18 +84,30 @@ def test_sensor_errors_have_the_scenarios_deviations_and_are_independent() -> No
     assert found.std(axis=0) == pytest.approx(sigma, rel=5 / np.sqrt(2 * n))
     assert np.abs(np.corrcoef(found.T) - np.eye(3)).max() < 5 / np.sqrt(n)
     other = read(sensor_model_of(scenario(0.5, 0.1)), n, follower=1)
-    assert np.abs([np.corrcoef(a, b)[0, 1] for a, b in zip(found.T, other.T, strict=True)]).max() < 5 / np.sqrt(n)
+    assert np.abs(
+        [np.corrcoef(a, b)[0, 1] for a, b in zip(found.T, other.T, strict=True)]
+    ).max() < 5 / np.sqrt(n)
 
 
 def test_one_follower_has_errors_of_its_own() -> None:
     """Its compass, log and inclinometer; the other follower reads the same bits as without them."""
     plain = scenario(0.0, 0.0)
     own = plain.followers[0].model_copy(
-        update={"sensors": FollowerSensors(heading_bias_deg=-12.0, heading_sigma_deg=0.0, speed_sigma_m_s=0.0,
-                                           speed_bias_m_s=-0.25, tilt_sigma_deg=1.0)}
-    )  # fmt: skip
+        update={
+            "sensors": FollowerSensors(
+                heading_bias_deg=-12.0,
+                heading_sigma_deg=0.0,
+                speed_sigma_m_s=0.0,
+                speed_bias_m_s=-0.25,
+                tilt_sigma_deg=1.0,
+            )
+        }
+    )
     changed = plain.model_copy(update={"followers": (plain.followers[0], own)})
-    pose, twist = np.r_[0.0, 0.0, -10.0, attitude.from_euler(1.0)], np.r_[np.sin(1.0), np.cos(1.0), 0.0, 0.0, 0.0, 0.0]
+    pose, twist = (
+        np.r_[0.0, 0.0, -10.0, attitude.from_euler(1.0)],
+        np.r_[np.sin(1.0), np.cos(1.0), 0.0, 0.0, 0.0, 0.0],
+    )
     readings = records(READING, 2, 2)
     for i, variant in enumerate((plain, changed)):
         for follower in range(2):
@@ -95,75 +121,130 @@ def test_one_follower_has_errors_of_its_own() -> None:
             )
     np.testing.assert_array_equal(readings[0, 0], readings[1, 0])
     tilt = np.deg2rad(1.0) * normals(plain.seed, plain.run, Stream.TILT.number(1), [7])[0, 0]
-    assert readings[1, 1].tolist() == pytest.approx([0.75, 1.0 - np.deg2rad(12.0), 10.0, tilt, 0.0, 0.0], abs=1e-12)
+    assert readings[1, 1].tolist() == pytest.approx(
+        [0.75, 1.0 - np.deg2rad(12.0), 10.0, tilt, 0.0, 0.0], abs=1e-12
+    )
 
 
 @pytest.mark.parametrize("centre", [0.0, 0.5])
 @pytest.mark.parametrize("used", [2, 3])
 def test_each_range_has_the_error_of_its_own_ping(used: int, centre: float) -> None:
-    """Equation 28 written out, with a τ of its own for each transmitter and the draws of step, run and follower."""
+    """Equation 28 written out, with a τ of its own for each transmitter and the draws of step,
+    run and follower.
+    """
     taus, (mean, sigma), seed, run = (0.1, 0.2, 0.4), (0.3, 0.05), 2, 5
     sensors = sensor_model_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
     sensors = with_errors(
-        sensors, range_tau=taus, range_error_centred=centre > 0.0, range_scale_mean=mean, range_scale_sigma=sigma
+        sensors,
+        range_tau=taus,
+        range_error_centred=centre > 0.0,
+        range_scale_mean=mean,
+        range_scale_sigma=sigma,
     )
     sensors = sensors._replace(sound=sensors.sound._replace(transmitters=used))
     transmitters = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.1, 0.0]])
     hydrophones = np.full((2, 3), [0.0, 0.0, 0.1])
     # the leader heads east, the second follower north
-    poses = np.array([
-        np.r_[0.0, 0.0, -8.0, attitude.from_euler(np.pi / 2)], np.r_[9.0, 9.0, -9.0, attitude.from_euler(0.0)],
-        np.r_[-30.0, 20.0, -10.0, attitude.from_euler(0.0)],
-    ])  # fmt: skip
+    poses = np.array(
+        [
+            np.r_[0.0, 0.0, -8.0, attitude.from_euler(np.pi / 2)],
+            np.r_[9.0, 9.0, -9.0, attitude.from_euler(0.0)],
+            np.r_[-30.0, 20.0, -10.0, attitude.from_euler(0.0)],
+        ]
+    )
     away = np.array([-30.0, 20.0, -1.9]) - transmitters
     true = np.linalg.norm(away, axis=1)
     truth, inbox = standing(poses, 21), new_inbox(2, 10)
     for k in (10, 20):
-        receive(sensors, k, 1, (transmitters, hydrophones), Motion(truth, 0.0, k), np.zeros((21, 2)), inbox)
+        receive(
+            sensors,
+            k,
+            1,
+            (transmitters, hydrophones),
+            Motion(truth, 0.0, k),
+            np.zeros((21, 2)),
+            inbox,
+        )
         assert inbox.outcome.tolist() == [0, RECEIVED]
         found = inbox.ranges[1]
         drawn = uniforms(seed, run, Stream.RANGE_UNIFORM.number(1), [k])[0]
         psi = mean + sigma * normals(seed, run, Stream.RANGE_SCALE.number(1), [k])[0, 0]
         far = np.array([true[:used].max()] * 2 + [true.max()])
-        assert found == pytest.approx(true + taus * (drawn[:3] - centre) + psi * true / far, abs=1e-9)
+        assert found == pytest.approx(
+            true + taus * (drawn[:3] - centre) + psi * true / far, abs=1e-9
+        )
 
 
 @pytest.mark.parametrize("common", [False, True])
-def test_a_ping_is_received_by_echo_late_clock_and_broken_channel_as_far_as_sound_reaches(common: bool) -> None:
+def test_a_ping_is_received_by_echo_late_clock_and_broken_channel_as_far_as_sound_reaches(
+    common: bool,
+) -> None:
     """All that may happen to a range, written out for 60 messages in a row."""
     taus, (mean, sigma), seed, run, floor, reach = (0.1, 0.2, 0.4), (0.3, 0.05), 2, 5, 35.0, 45.2
     sensors = sensor_model_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
     sensors = with_errors(
-        sensors, range_tau=taus, range_scale_mean=mean, range_scale_sigma=sigma, surface_echo_probability=0.3,
+        sensors,
+        range_tau=taus,
+        range_scale_mean=mean,
+        range_scale_sigma=sigma,
+        surface_echo_probability=0.3,
         bottom_echo_probability=0.2,
-        common_echoes=common, loss_probability=0.1, burst_probability=0.25, burst_mean_messages=3.0,
+        common_echoes=common,
+        loss_probability=0.1,
+        burst_probability=0.25,
+        burst_mean_messages=3.0,
         burst_loss_probability=0.8,
     )._replace(
         sound=sensors.sound._replace(
-            transmitters=3, paths=(True, True, True), floor=floor, max_range=reach, ratio=1.01, assumed_speed=1515.0,
-            clock_offset=2e-4, clock_drift=1e-6,
+            transmitters=3,
+            paths=(True, True, True),
+            floor=floor,
+            max_range=reach,
+            ratio=1.01,
+            assumed_speed=1515.0,
+            clock_offset=2e-4,
+            clock_drift=1e-6,
         ),
-    )  # fmt: skip
+    )
     transmitters = np.array([[-1.0, 0.0, 0.2], [1.0, 0.0, 0.2], [0.0, 0.1, -0.1]])
     leader = attitude.from_euler(np.pi / 2, PITCH, 0.2)
-    poses = np.array([np.r_[0.0, 0.0, -8.0, leader], np.r_[-36.0, 27.0, -10.0, attitude.from_euler(0.0)]])
-    there, sources = poses[1, :3] + [0.0, 0.0, 0.1], poses[0, :3] + attitude.rotate(leader, transmitters)
+    poses = np.array(
+        [np.r_[0.0, 0.0, -8.0, leader], np.r_[-36.0, 27.0, -10.0, attitude.from_euler(0.0)]]
+    )
+    there, sources = (
+        poses[1, :3] + [0.0, 0.0, 0.1],
+        poses[0, :3] + attitude.rotate(leader, transmitters),
+    )
     direct = np.linalg.norm(sources - there, axis=1)
     assert direct.min() < reach < direct.max(), "one transmitter is out of reach"
     truth, inbox, state, received, in_bursts = standing(poses, 601), new_inbox(1, 10), False, [], 0
     for k in range(10, 610, 10):
         receive(
-            sensors, k, 0, (transmitters, np.array([[0.0, 0.0, 0.1]])), Motion(truth, 0.0, k), np.zeros((601, 2)), inbox
+            sensors,
+            k,
+            0,
+            (transmitters, np.array([[0.0, 0.0, 0.1]])),
+            Motion(truth, 0.0, k),
+            np.zeros((601, 2)),
+            inbox,
         )
         found, any_received = inbox.ranges[0], inbox.outcome[0] == RECEIVED
         assert any_received or inbox.outcome[0] == NO_RANGES
         streams = Stream.ECHO, Stream.RANGE_UNIFORM, Stream.LOSS
-        echo, width, fate = (uniforms(seed, run, stream.number(0), [k])[0, :3] for stream in streams)
+        echo, width, fate = (
+            uniforms(seed, run, stream.number(0), [k])[0, :3] for stream in streams
+        )
         echo = np.full(3, echo[0]) if common else echo
         # mirrored in the surface, in the floor or not at all
-        height = np.where(echo < 0.3, -sources[:, 2], np.where(echo < 0.5, -2 * floor - sources[:, 2], sources[:, 2]))
+        height = np.where(
+            echo < 0.3,
+            -sources[:, 2],
+            np.where(echo < 0.5, -2 * floor - sources[:, 2], sources[:, 2]),
+        )
         length = np.hypot(np.hypot(*(sources - there)[:, :2].T), height - there[2])
-        expected = np.where(direct <= reach, 1.01 * length + 1515.0 * (2e-4 + 1e-6 * k * sensors.dt), np.nan)
+        expected = np.where(
+            direct <= reach, 1.01 * length + 1515.0 * (2e-4 + 1e-6 * k * sensors.dt), np.nan
+        )
         psi = mean + sigma * normals(seed, run, Stream.RANGE_SCALE.number(0), [k])[0, 0]
         expected += taus * width + psi * expected / np.nanmax(expected)
         # a burst of three messages on average is left with a chance of a third
@@ -179,14 +260,25 @@ def test_a_ping_is_received_by_echo_late_clock_and_broken_channel_as_far_as_soun
 
 
 def test_log_compass_and_pressure_err_by_equations_26_and_27() -> None:
-    """Bias and spread of each, with the draws of step, run and follower; the log measures the water along the hull."""
+    """Bias and spread of each, with the draws of step, run and follower; the log measures the
+    water along the hull.
+    """
     seed, run, k = 2, 5, 30
     sensors = sensor_model_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
     errors = sensors.errors[1]
-    errors.speed_bias, errors.speed_sigma, errors.heading_bias, errors.heading_sigma = 0.1, 0.02, 0.05, 0.01
+    errors.speed_bias, errors.speed_sigma, errors.heading_bias, errors.heading_sigma = (
+        0.1,
+        0.02,
+        0.05,
+        0.01,
+    )
     errors.depth_sigma = 0.3
     turned = attitude.from_euler(1.0, PITCH, 0.2)
-    twist, water, readings = np.r_[0.9, 0.7, 0.2, RATES], np.array([0.1, -0.2, 0.05]), records(READING, 1)
+    twist, water, readings = (
+        np.r_[0.9, 0.7, 0.2, RATES],
+        np.array([0.1, -0.2, 0.05]),
+        records(READING, 1),
+    )
     reading = readings[0]
     read_instruments(
         sensors,
@@ -196,14 +288,23 @@ def test_log_compass_and_pressure_err_by_equations_26_and_27() -> None:
         np.array([0.5, 0.0, 0.0]),
         numbers_of(readings)[0],
     )
-    motion, depth = (normals(seed, run, s.number(1), [k])[0] for s in (Stream.OWN_MOTION, Stream.DEPTH))
-    assert reading.speed == pytest.approx(attitude.forward_of(turned) @ (twist[:3] - water) + 0.1 + 0.02 * motion[0])
+    motion, depth = (
+        normals(seed, run, s.number(1), [k])[0] for s in (Stream.OWN_MOTION, Stream.DEPTH)
+    )
+    assert reading.speed == pytest.approx(
+        attitude.forward_of(turned) @ (twist[:3] - water) + 0.1 + 0.02 * motion[0]
+    )
     assert reading.heading == pytest.approx(1.0 + 0.05 + 0.01 * abs(motion[1]))
     assert reading.depth == pytest.approx(10.0 - 0.5 * np.sin(PITCH) + 0.3 * depth[0])
     # inclinometer and gyros likewise, in the order up and port
     errors.tilt_sigma, errors.gyro_sigma = 0.02, 0.004
     read_instruments(
-        sensors, k, 1, (np.r_[3.0, 4.0, -10.0, turned], twist, water), np.zeros(3), numbers_of(readings)[0]
+        sensors,
+        k,
+        1,
+        (np.r_[3.0, 4.0, -10.0, turned], twist, water),
+        np.zeros(3),
+        numbers_of(readings)[0],
     )
     tilt, gyro = (normals(seed, run, s.number(1), [k])[0] for s in (Stream.TILT, Stream.GYRO))
     expected = [PITCH + 0.02 * tilt[0], RATES[2] + 0.004 * gyro[0], RATES[1] + 0.004 * gyro[1]]
@@ -214,21 +315,38 @@ def test_a_leader_broadcasts_its_place_motion_and_attitude() -> None:
     seed, run, k = 2, 5, 40
     sensors = sensor_model_of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
     sensors = with_errors(
-        sensors, leader_speed_bias=0.1, leader_heading_bias=0.05, leader_heading_sigma=0.01,
-        leader_depth_sigma=0.3, leader_attitude_offset_sigma=0.001, leader_tilt_sigma=0.002,
-    )  # fmt: skip
-    poses = np.array(
-        [np.r_[3.0, 4.0, -9.0, attitude.from_euler(1.0, PITCH, 0.2)], np.r_[9.0, 9.0, -9.0, 1.0, np.zeros(3)]]
+        sensors,
+        leader_speed_bias=0.1,
+        leader_heading_bias=0.05,
+        leader_heading_sigma=0.01,
+        leader_depth_sigma=0.3,
+        leader_attitude_offset_sigma=0.001,
+        leader_tilt_sigma=0.002,
     )
-    truth, inbox, sites = standing(poses, k + 1), new_inbox(1, 10, over=3), (np.zeros((3, 3)), np.zeros((1, 3)))
+    poses = np.array(
+        [
+            np.r_[3.0, 4.0, -9.0, attitude.from_euler(1.0, PITCH, 0.2)],
+            np.r_[9.0, 9.0, -9.0, 1.0, np.zeros(3)],
+        ]
+    )
+    truth, inbox, sites = (
+        standing(poses, k + 1),
+        new_inbox(1, 10, over=3),
+        (np.zeros((3, 3)), np.zeros((1, 3))),
+    )
     truth.twist[k, 0] = 0.9, 0.7, 0.2, *RATES
     receive(sensors, k, 0, sites, Motion(truth, 0.0, k), np.full((k + 1, 2), (0.02, -0.03)), inbox)
     streams = (Stream.LEADER_MOTION, Stream.LEADER_DEPTH, Stream.LEADER_ATTITUDE)
     motion, depth, tilt = (normals(seed, run, s, [k])[0] for s in streams)
     offset = normals(seed, run, Stream.LEADER_ATTITUDE, [0])[0]
     expected = [
-        k * sensors.dt, 3.0, 4.0, 1.0 + 0.05 + 0.01 * abs(motion[1]),
-        attitude.forward_of(poses[0, 3:]) @ truth.twist[k, 0, :3] + 0.1, 9.0 + 0.3 * depth[0],
-        PITCH + 0.02 + 0.001 * offset[0] + 0.002 * tilt[0], 0.2 - 0.03 + 0.001 * offset[1] + 0.002 * tilt[1],
-    ]  # fmt: skip
+        k * sensors.dt,
+        3.0,
+        4.0,
+        1.0 + 0.05 + 0.01 * abs(motion[1]),
+        attitude.forward_of(poses[0, 3:]) @ truth.twist[k, 0, :3] + 0.1,
+        9.0 + 0.3 * depth[0],
+        PITCH + 0.02 + 0.001 * offset[0] + 0.002 * tilt[0],
+        0.2 - 0.03 + 0.001 * offset[1] + 0.002 * tilt[1],
+    ]
     assert inbox.message[0].tolist() == pytest.approx([*expected, np.nan], nan_ok=True)

@@ -15,10 +15,23 @@ DRAWS = 200_000
 STEPS = np.arange(DRAWS)
 
 KNOWN_ANSWERS = [
-    # Counter, key, output: known-answer vectors published with Random123 1.14 (kat_vectors, "philox4x32 10").
-    ("00000000 00000000 00000000 00000000", "00000000 00000000", "6627e8d5 e169c58d bc57ac4c 9b00dbd8"),
-    ("ffffffff ffffffff ffffffff ffffffff", "ffffffff ffffffff", "408f276d 41c83b0e a20bc7c6 6d5451fd"),
-    ("243f6a88 85a308d3 13198a2e 03707344", "a4093822 299f31d0", "d16cfe09 94fdcceb 5001e420 24126ea1"),
+    # Counter, key, output: known-answer vectors published with Random123 1.14 (kat_vectors,
+    # "philox4x32 10").
+    (
+        "00000000 00000000 00000000 00000000",
+        "00000000 00000000",
+        "6627e8d5 e169c58d bc57ac4c 9b00dbd8",
+    ),
+    (
+        "ffffffff ffffffff ffffffff ffffffff",
+        "ffffffff ffffffff",
+        "408f276d 41c83b0e a20bc7c6 6d5451fd",
+    ),
+    (
+        "243f6a88 85a308d3 13198a2e 03707344",
+        "a4093822 299f31d0",
+        "d16cfe09 94fdcceb 5001e420 24126ea1",
+    ),
 ]
 
 
@@ -34,12 +47,18 @@ def test_philox_gives_the_published_answers(counter: str, key: str, answer: str)
 
 
 def test_normals_are_those_of_box_and_muller() -> None:
-    # The words of an address by the published algorithm in Python's integers, the normals by the library's functions.
+    # The words of an address by the published algorithm in Python's integers, the normals by the
+    # library's functions.
     def words(seed: int, run: int, stream: int, step: int) -> list[int]:
         c, k = [step, run, stream, 0], [seed & 0xFFFFFFFF, seed >> 32]
         for _ in range(10):
             p0, p1 = c[0] * 0xD2511F53, c[2] * 0xCD9E8D57
-            c = [(p1 >> 32) ^ c[1] ^ k[0], p1 & 0xFFFFFFFF, (p0 >> 32) ^ c[3] ^ k[1], p0 & 0xFFFFFFFF]
+            c = [
+                (p1 >> 32) ^ c[1] ^ k[0],
+                p1 & 0xFFFFFFFF,
+                (p0 >> 32) ^ c[3] ^ k[1],
+                p0 & 0xFFFFFFFF,
+            ]
             k = [(k[0] + 0x9E3779B9) & 0xFFFFFFFF, (k[1] + 0xBB67AE85) & 0xFFFFFFFF]
         return c
 
@@ -57,7 +76,8 @@ def test_normals_are_those_of_box_and_muller() -> None:
 
 
 def test_normals_have_the_moments_and_the_distribution_of_normals() -> None:
-    # Bounds are five standard errors: variances of the sample moments of a normal are 1, 2, 15 and 96 over the number.
+    # Bounds are five standard errors: variances of the sample moments of a normal are 1, 2, 15 and
+    # 96 over the number.
     draws = normals(1, 0, 0, STEPS)
     for column in draws.T:
         for power, moment, variance in ((1, 0, 1), (2, 1, 2), (3, 0, 15), (4, 3, 96)):
@@ -80,11 +100,17 @@ def test_uniforms_are_uniform() -> None:
 
 def test_different_addresses_are_independent() -> None:
     streams = [stream.number(follower) for stream in Stream for follower in (0, 1)]
-    addresses = {(1, 0, stream) for stream in streams} | {(2, 0, 0), (1, 1, 0), (1, 2, 0), (1 + 2**32, 0, 0)}
+    addresses = {(1, 0, stream) for stream in streams} | {
+        (2, 0, 0),
+        (1, 1, 0),
+        (1, 2, 0),
+        (1 + 2**32, 0, 0),
+    }
     draws = np.concatenate([normals(*a, STEPS).T for a in sorted(addresses)])
     draws = np.concatenate([draws, normals(1, 0, 0, STEPS + 1).T])
     product = draws @ draws.T / DRAWS - np.eye(len(draws))
-    # One pair of rows is the same noise a step later; all others, and this one, must be uncorrelated.
+    # One pair of rows is the same noise a step later; all others, and this one, must be
+    # uncorrelated.
     assert np.abs(product).max() < 5 / math.sqrt(DRAWS)
 
 
@@ -103,12 +129,21 @@ def test_followers_share_the_noise_of_the_leader_only() -> None:
 
 @pytest.mark.parametrize(
     ("seed", "run", "stream", "steps", "named"),
-    [(-1, 0, 0, 0, "seed"), (2**64, 0, 0, 0, "seed"), (0, 2**32, 0, 0, "run"), (0, 0, -1, 0, "stream")],
-)  # fmt: skip
-def test_an_address_out_of_range_is_named(seed: int, run: int, stream: int, steps: int, named: str) -> None:
+    [
+        (-1, 0, 0, 0, "seed"),
+        (2**64, 0, 0, 0, "seed"),
+        (0, 2**32, 0, 0, "run"),
+        (0, 0, -1, 0, "stream"),
+    ],
+)
+def test_an_address_out_of_range_is_named(
+    seed: int, run: int, stream: int, steps: int, named: str
+) -> None:
     with pytest.raises(ValueError, match=named):
         normals(seed, run, stream, steps)
 
 
 def test_no_two_draws_share_a_stream() -> None:
-    assert len({int(stream) for stream in Stream.__members__.values()}) == len(Stream.__members__) > 8
+    assert (
+        len({int(stream) for stream in Stream.__members__.values()}) == len(Stream.__members__) > 8
+    )

@@ -17,7 +17,9 @@ DEEPER_M = 0.05
 
 
 @pytest.mark.parametrize(("step", "interval"), [(0.1, 1.0), (0.2, 2.0)])
-def test_truth_is_that_of_the_motion_at_filter_steps_and_messages(step: float, interval: float) -> None:
+def test_truth_is_that_of_the_motion_at_filter_steps_and_messages(
+    step: float, interval: float
+) -> None:
     """The second follower; instants, headings and places are those of the formulas."""
     scenario = synthetic.make_scenario(20.0, 2, filter_step=step, message_interval=interval)
     flown = synthetic.make_trajectory(scenario)
@@ -29,16 +31,27 @@ def test_truth_is_that_of_the_motion_at_filter_steps_and_messages(step: float, i
     at, rows = steps * step, steps * round(step / 0.1)
     radius = synthetic.LEADER_RADIUS_M + 2 * synthetic.LANE_M
     angle = at / synthetic.LEADER_RADIUS_M - synthetic.LAG_RAD
-    tilt = [np.deg2rad(3.0) * np.sin(0.4 * at + 2.0), np.deg2rad(2.0) * np.cos(0.7 * (0.4 * at + 2.0))]
+    tilt = [
+        np.deg2rad(3.0) * np.sin(0.4 * at + 2.0),
+        np.deg2rad(2.0) * np.cos(0.7 * (0.4 * at + 2.0)),
+    ]
     assert truth.heading == pytest.approx(np.mod(np.pi / 2 - angle, 2 * np.pi))
-    ahead = np.column_stack([np.cos(tilt[0]) * np.cos(angle), np.cos(tilt[0]) * np.sin(angle), np.sin(tilt[0])])
+    ahead = np.column_stack(
+        [np.cos(tilt[0]) * np.cos(angle), np.cos(tilt[0]) * np.sin(angle), np.sin(tilt[0])]
+    )
     through = flown.velocity[rows, 2] - [0.10, -0.05, 0.0]
     assert truth.speed == pytest.approx(np.sum(ahead * through, axis=1))
     upright = np.cos(tilt[0]) * np.cos(tilt[1])
     assert truth.depth == pytest.approx(11.0 - 0.1 * np.cos(0.4 * at + 2.0) + DEEPER_M * upright)
     # the hydrophone sits 0.1 m above the axis and leans with the hull
-    place = radius * np.column_stack([np.sin(angle), -np.cos(angle)]) + [0.0, synthetic.LEADER_RADIUS_M]
-    assert np.abs(truth.hydrophone - place).max() < 0.1 * np.sin(np.hypot(*np.max(np.abs(tilt), axis=1))) + 1e-9
+    place = radius * np.column_stack([np.sin(angle), -np.cos(angle)]) + [
+        0.0,
+        synthetic.LEADER_RADIUS_M,
+    ]
+    assert (
+        np.abs(truth.hydrophone - place).max()
+        < 0.1 * np.sin(np.hypot(*np.max(np.abs(tilt), axis=1))) + 1e-9
+    )
     assert truth.leader_position == pytest.approx(flown.position[rows, 0, :2])
     sent = np.arange(interval, 20.0 + 1e-9, interval)
     leader = sent / synthetic.LEADER_RADIUS_M
@@ -49,7 +62,9 @@ def test_truth_is_that_of_the_motion_at_filter_steps_and_messages(step: float, i
         flown.position[np.round(sent / 0.1).astype(int), 0, :2]
     )
     assert truth.sent.depth == pytest.approx(8.0 - 0.1 * np.cos(0.4 * sent))
-    assert truth.sent.speed == pytest.approx(flown.forward_speed[np.round(sent / 0.1).astype(int), 0])
+    assert truth.sent.speed == pytest.approx(
+        flown.forward_speed[np.round(sent / 0.1).astype(int), 0]
+    )
     through_water = flown.velocity[0, 2, :2] - [0.10, -0.05]
     assert start_of(flown, 1)[2:] == pytest.approx(through_water)
     assert np.hypot(*(start_of(flown, 1)[:2] - flown.position[0, 2, :2])) < 0.01
@@ -58,30 +73,57 @@ def test_truth_is_that_of_the_motion_at_filter_steps_and_messages(step: float, i
 def test_errors_are_those_of_the_scenario_in_si_units() -> None:
     """Each setting has a value of its own, so that none is taken for another."""
     sensors = Sensors(
-        speed_bias_m_s=0.11, speed_sigma_m_s=0.12, heading_bias_deg=-1.3, heading_sigma_deg=1.4, depth_sigma_m=0.15,
-        leader_speed_bias_m_s=-0.17, leader_heading_bias_deg=-1.6, leader_heading_sigma_deg=1.7,
+        speed_bias_m_s=0.11,
+        speed_sigma_m_s=0.12,
+        heading_bias_deg=-1.3,
+        heading_sigma_deg=1.4,
+        depth_sigma_m=0.15,
+        leader_speed_bias_m_s=-0.17,
+        leader_heading_bias_deg=-1.6,
+        leader_heading_sigma_deg=1.7,
         leader_depth_sigma_m=0.18,
-        leader_attitude_sigma_deg=1.9, leader_attitude_offset_sigma_deg=2.1,
-    )  # fmt: skip
+        leader_attitude_sigma_deg=1.9,
+        leader_attitude_offset_sigma_deg=2.1,
+    )
     acoustics = Acoustics(
-        range_tau_m=(0.01, 0.02, 0.03), range_scale_mean_m=0.04, range_scale_sigma_m=0.05,
+        range_tau_m=(0.01, 0.02, 0.03),
+        range_scale_mean_m=0.04,
+        range_scale_sigma_m=0.05,
         surface_echo_probability=0.06,
-        bottom_echo_probability=0.07, range_error_centred=True,
-        loss_probability=0.08, burst_probability=0.09, burst_mean_messages=4.0, burst_loss_probability=0.91,
-    )  # fmt: skip
-    errors = errors_of(synthetic.make_scenario().model_copy(update={"sensors": sensors, "acoustics": acoustics}))
+        bottom_echo_probability=0.07,
+        range_error_centred=True,
+        loss_probability=0.08,
+        burst_probability=0.09,
+        burst_mean_messages=4.0,
+        burst_loss_probability=0.91,
+    )
+    errors = errors_of(
+        synthetic.make_scenario().model_copy(update={"sensors": sensors, "acoustics": acoustics})
+    )
     expected = {
-        "speed_bias": 0.11, "speed_sigma": 0.12, "heading_bias": np.deg2rad(-1.3), "heading_sigma": np.deg2rad(1.4),
-        "depth_sigma": 0.15, "leader_heading_bias": np.deg2rad(-1.6),
-        "leader_speed_bias": -0.17, "leader_heading_sigma": np.deg2rad(1.7),
-        "leader_depth_sigma": 0.18, "leader_tilt_sigma": np.deg2rad(1.9),
-        "leader_tilt_time": 0.0, "leader_attitude_offset_sigma": np.deg2rad(2.1), "range_tau": (0.01, 0.02, 0.03),
-        "range_error_centred": True, "range_scale_mean": 0.04, "range_scale_sigma": 0.05,
+        "speed_bias": 0.11,
+        "speed_sigma": 0.12,
+        "heading_bias": np.deg2rad(-1.3),
+        "heading_sigma": np.deg2rad(1.4),
+        "depth_sigma": 0.15,
+        "leader_heading_bias": np.deg2rad(-1.6),
+        "leader_speed_bias": -0.17,
+        "leader_heading_sigma": np.deg2rad(1.7),
+        "leader_depth_sigma": 0.18,
+        "leader_tilt_sigma": np.deg2rad(1.9),
+        "leader_tilt_time": 0.0,
+        "leader_attitude_offset_sigma": np.deg2rad(2.1),
+        "range_tau": (0.01, 0.02, 0.03),
+        "range_error_centred": True,
+        "range_scale_mean": 0.04,
+        "range_scale_sigma": 0.05,
         "surface_echo_probability": 0.06,
-        "bottom_echo_probability": 0.07, "loss_probability": 0.08, "burst_probability": 0.09,
+        "bottom_echo_probability": 0.07,
+        "loss_probability": 0.08,
+        "burst_probability": 0.09,
         "burst_mean_messages": 4.0,
         "burst_loss_probability": 0.91,
-    }  # fmt: skip
+    }
     for name, value in expected.items():
         assert getattr(errors, name) == pytest.approx(value), name
 
@@ -110,25 +152,44 @@ def test_sensing_a_long_mission_takes_less_memory_than_the_mission_itself() -> N
 
 
 def test_compiled_code_senses_the_bits_that_python_does() -> None:
-    """Everything that may happen to a message at once; a campaign senses in bulk what a flight senses alone."""
+    """Everything that may happen to a message at once; a campaign senses in bulk what a flight
+    senses alone.
+    """
     acoustics = Acoustics(
-        travel_time=True, ping_slot_s=0.05, surface_echo_probability=0.2, bottom_echo_probability=0.1,
-        loss_probability=0.1, burst_probability=0.1, sound_speed_profile=((0.0, 1480.0), (20.0, 1510.0)),
-        clock_drift_ppm=20.0, max_range_m=60.0,
-    )  # fmt: skip
+        travel_time=True,
+        ping_slot_s=0.05,
+        surface_echo_probability=0.2,
+        bottom_echo_probability=0.1,
+        loss_probability=0.1,
+        burst_probability=0.1,
+        sound_speed_profile=((0.0, 1480.0), (20.0, 1510.0)),
+        clock_drift_ppm=20.0,
+        max_range_m=60.0,
+    )
     sensors = Sensors(
-        speed_drift_m_s=0.1, heading_drift_deg=2.0, depth_sigma_m=0.1, leader_heading_sigma_deg=1.0,
-        leader_depth_sigma_m=0.1, leader_attitude_sigma_deg=0.5, leader_attitude_offset_sigma_deg=0.2,
-        leader_gyro_time_constant_s=3.0, leader_attitude_senses_acceleration=True,
-    )  # fmt: skip
+        speed_drift_m_s=0.1,
+        heading_drift_deg=2.0,
+        depth_sigma_m=0.1,
+        leader_heading_sigma_deg=1.0,
+        leader_depth_sigma_m=0.1,
+        leader_attitude_sigma_deg=0.5,
+        leader_attitude_offset_sigma_deg=0.2,
+        leader_gyro_time_constant_s=3.0,
+        leader_attitude_senses_acceleration=True,
+    )
     scenario = synthetic.make_scenario(60.0, 2)
     leader = scenario.leader.model_copy(update={"broadcast_attitude": True})
-    scenario = scenario.model_copy(update={"acoustics": acoustics, "sensors": sensors, "leader": leader})
+    scenario = scenario.model_copy(
+        update={"acoustics": acoustics, "sensors": sensors, "leader": leader}
+    )
     flown = synthetic.make_trajectory(scenario)
     alone, bulk = (observe(flown, scenario, 1, in_bulk=in_bulk) for in_bulk in (False, True))
     assert len(alone.message_step) > 50
     errors = errors_of(scenario, 1)
-    found = [measure(truth, errors, seed=5, run=3, follower=1, in_bulk=truth is bulk) for truth in (alone, bulk)]
+    found = [
+        measure(truth, errors, seed=5, run=3, follower=1, in_bulk=truth is bulk)
+        for truth in (alone, bulk)
+    ]
     for one, other in ((alone, bulk), found):
         for name, value in vars(one).items():
             if isinstance(value, np.ndarray):

@@ -1,4 +1,6 @@
-"""What a follower senses nearby: positions in closed form, errors by their moments, noise by its address."""
+"""What a follower senses nearby: positions in closed form, errors by their moments, noise by its
+address.
+"""
 
 import numpy as np
 import pytest
@@ -30,14 +32,18 @@ def seen(s: Scenario, follower: int, at: Floats, k: int = 1) -> Floats:
     """Ranges and bearings, shape (v, 2)."""
     assert s.formation.proximity
     out = records(SIGHTING, at.shape[0])
-    look((np.uint64(s.seed), np.uint64(s.run)), s.formation.proximity.record(), k, follower, at, out)
+    look(
+        (np.uint64(s.seed), np.uint64(s.run)), s.formation.proximity.record(), k, follower, at, out
+    )
     return np.column_stack([out.range, out.bearing])
 
 
 def test_range_and_bearing_are_those_of_the_hulls_middles() -> None:
     """The follower heads east: what is 3 m east and 4 m north of it is 53.13° to port, 5 m away."""
     found = seen(
-        sensor(range_m=6.0, **EXACT), 0, poses((3.0, 4.0, -10.0), (0, 0, -10), (0, -2, -10), heading=np.pi / 2)
+        sensor(range_m=6.0, **EXACT),
+        0,
+        poses((3.0, 4.0, -10.0), (0, 0, -10), (0, -2, -10), heading=np.pi / 2),
     )
     assert found[0] == pytest.approx([5.0, -np.arctan2(4.0, 3.0)])
     assert np.isnan(found[1]).all()
@@ -46,10 +52,18 @@ def test_range_and_bearing_are_those_of_the_hulls_middles() -> None:
 
 @pytest.mark.parametrize(
     ("place", "received"),
-    [((4.99, 0, -10), True), ((5.01, 0, -10), False), ((4, 0, -10.7), True), ((4, 0, -10.71), False),
-     ((4, 0, -9.29), False), ((0, 4, -9.31), True)],
-)  # fmt: skip
-def test_it_reaches_to_its_range_within_its_fan(place: tuple[float, float, float], received: bool) -> None:
+    [
+        ((4.99, 0, -10), True),
+        ((5.01, 0, -10), False),
+        ((4, 0, -10.7), True),
+        ((4, 0, -10.71), False),
+        ((4, 0, -9.29), False),
+        ((0, 4, -9.31), True),
+    ],
+)
+def test_it_reaches_to_its_range_within_its_fan(
+    place: tuple[float, float, float], received: bool
+) -> None:
     """A fan of 20° opens by 4 m tan 10° = 0.705 m at 4 m."""
     found = seen(sensor(**EXACT), 0, poses((90, 90, -10), (0, 0, -10), place))
     assert np.isfinite(found[2]).all() == received
@@ -67,7 +81,9 @@ def test_errors_have_the_spread_of_the_data_sheet_and_no_bias() -> None:
 
 
 def test_the_error_of_a_look_at_a_vehicle_depends_on_no_other() -> None:
-    """Follower 1 looks at vehicle 3 with the draws of its own stream for that, independently of other vehicles."""
+    """Follower 1 looks at vehicle 3 with the draws of its own stream for that, independently of
+    other vehicles.
+    """
     s = sensor(run=2, range_sigma_m=0.2, bearing_sigma_deg=4.0)
     (draws,) = normals(5, 2, Stream.NEARBY.number(1) + 3, 40)
     places = [(90, 90, -10), (1, 1, -10), (0, 0, -10), (3, 0, -10), (2, 2, -10)]

@@ -14,9 +14,14 @@ SEED, RUN = 11, 4
 STEPS, SENT = 40, np.array([5, 10, 20, 39])
 
 PERFECT = SensorErrors(
-    speed_bias=0.0, speed_sigma=0.0, heading_bias=0.0, heading_sigma=0.0, range_tau=(0.0, 0.0, 0.0),
-    range_scale_mean=0.0, range_scale_sigma=0.0,
-)  # fmt: skip
+    speed_bias=0.0,
+    speed_sigma=0.0,
+    heading_bias=0.0,
+    heading_sigma=0.0,
+    range_tau=(0.0, 0.0, 0.0),
+    range_scale_mean=0.0,
+    range_scale_sigma=0.0,
+)
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +69,9 @@ def test_perfect_sensors_read_the_truth(truth: MissionTruth) -> None:
 
 
 def test_own_sensors_follow_equations_26_and_27(truth: MissionTruth) -> None:
-    errors = SensorErrors(speed_bias=-0.5, speed_sigma=0.4, heading_bias=0.1, heading_sigma=0.05, depth_sigma=0.3)
+    errors = SensorErrors(
+        speed_bias=-0.5, speed_sigma=0.4, heading_bias=0.1, heading_sigma=0.05, depth_sigma=0.3
+    )
     measured = measure(truth, errors, seed=SEED, run=RUN, follower=2)
     k = np.arange(1, STEPS + 1)
     n = normals(SEED, RUN, Stream.OWN_MOTION.number(2), k)
@@ -72,7 +79,9 @@ def test_own_sensors_follow_equations_26_and_27(truth: MissionTruth) -> None:
     assert np.any(expected == 0.0)
     assert measured.speed == pytest.approx(expected, abs=1e-14)
     # θ + μ + |N(μ, σ) − μ|
-    assert measured.heading == pytest.approx(truth.heading + 0.1 + np.abs((0.1 + 0.05 * n[:, 1]) - 0.1), abs=1e-14)
+    assert measured.heading == pytest.approx(
+        truth.heading + 0.1 + np.abs((0.1 + 0.05 * n[:, 1]) - 0.1), abs=1e-14
+    )
     n = normals(SEED, RUN, Stream.DEPTH.number(2), k)
     assert measured.depth == pytest.approx(truth.depth + 0.3 * n[:, 0], abs=1e-14)
 
@@ -80,10 +89,15 @@ def test_own_sensors_follow_equations_26_and_27(truth: MissionTruth) -> None:
 @pytest.mark.parametrize("centre", [0.0, 0.5])
 @pytest.mark.parametrize("transmitters", [2, 3])
 def test_ranges_follow_equation_28(truth: MissionTruth, transmitters: int, centre: float) -> None:
-    """The longest range is that of the transmitters in use; the middle one counts with LAISN-3 alone."""
+    """The longest range is that of the transmitters in use; the middle one counts with LAISN-3
+    alone.
+    """
     widths = (0.01, 0.03, 0.06)
     errors = SensorErrors(
-        range_tau=widths, range_error_centred=centre > 0.0, range_scale_mean=0.3, range_scale_sigma=0.05
+        range_tau=widths,
+        range_error_centred=centre > 0.0,
+        range_scale_mean=0.3,
+        range_scale_sigma=0.05,
     )
     measured = measure(truth, errors, seed=SEED, run=RUN, follower=1, transmitters=transmitters)
     u = uniforms(SEED, RUN, Stream.RANGE_UNIFORM.number(1), truth.message_step)[:, :3]
@@ -92,22 +106,31 @@ def test_ranges_follow_equation_28(truth: MissionTruth, transmitters: int, centr
     if transmitters == 2:
         longest[:, :2] = np.nanmax(truth.slant_range[:, :2], axis=1, keepdims=True)
         assert np.any(longest[:, 0] < longest[:, 2])
-    expected = truth.slant_range + np.array([0.01, 0.03, 0.06]) * (u - centre) + psi * truth.slant_range / longest
+    expected = (
+        truth.slant_range
+        + np.array([0.01, 0.03, 0.06]) * (u - centre)
+        + psi * truth.slant_range / longest
+    )
     assert measured.ranges == pytest.approx(expected, abs=1e-13, nan_ok=True)
 
 
 def test_followers_receive_the_same_leader_readings(truth: MissionTruth) -> None:
     errors = SensorErrors(
-        leader_speed_bias=0.1, leader_heading_bias=0.05, leader_heading_sigma=0.02,
-        leader_depth_sigma=0.3, leader_tilt_sigma=0.01,
-    )  # fmt: skip
+        leader_speed_bias=0.1,
+        leader_heading_bias=0.05,
+        leader_heading_sigma=0.02,
+        leader_depth_sigma=0.3,
+        leader_tilt_sigma=0.01,
+    )
     one, other = (measure(truth, errors, seed=SEED, run=RUN, follower=f) for f in (0, 7))
     assert one.message.tobytes() == other.message.tobytes()
     assert not np.any(one.speed == other.speed)
     assert not np.any(one.ranges == other.ranges)
     n = normals(SEED, RUN, Stream.LEADER_MOTION.number(), SENT)
     assert column(one, "speed") == pytest.approx(np.maximum(truth.sent.speed + 0.1, 0.0), abs=1e-14)
-    assert column(one, "heading") == pytest.approx(truth.sent.heading + 0.05 + 0.02 * np.abs(n[:, 1]), abs=1e-14)
+    assert column(one, "heading") == pytest.approx(
+        truth.sent.heading + 0.05 + 0.02 * np.abs(n[:, 1]), abs=1e-14
+    )
     n = normals(SEED, RUN, Stream.LEADER_ATTITUDE.number(), SENT)
     assert one.message[:, 6:8] == pytest.approx(
         np.column_stack([truth.sent.pitch, truth.sent.roll]) + 0.01 * n, abs=1e-14
@@ -116,11 +139,16 @@ def test_followers_receive_the_same_leader_readings(truth: MissionTruth) -> None
     assert column(one, "depth") == pytest.approx(truth.sent.depth + 0.3 * n[:, 0], abs=1e-14)
 
 
-def test_a_receiver_rejects_what_is_no_range_and_a_log_ends_at_its_scale(truth: MissionTruth) -> None:
+def test_a_receiver_rejects_what_is_no_range_and_a_log_ends_at_its_scale(
+    truth: MissionTruth,
+) -> None:
     for mean in (-100.0, 1e6):
         measured = measure(truth, PERFECT._replace(range_scale_mean=mean), seed=SEED, run=RUN)
         assert np.isnan(measured.ranges).all()
-    assert measure(truth, PERFECT._replace(speed_bias=1e6), seed=SEED, run=RUN).speed.tolist() == [50.0] * STEPS
+    assert (
+        measure(truth, PERFECT._replace(speed_bias=1e6), seed=SEED, run=RUN).speed.tolist()
+        == [50.0] * STEPS
+    )
 
 
 def test_sensors_err_by_default_as_in_the_paper() -> None:
@@ -128,9 +156,17 @@ def test_sensors_err_by_default_as_in_the_paper() -> None:
 
     Log 0.2 and 0.2 m/s, compass 5° and 2°, τ of 1 cm, ψ of 0.1 and 0.05 m.
     """
-    scales = {"speed_bias": 0.2, "speed_sigma": 0.2, "heading_bias": np.deg2rad(5.0), "heading_sigma": np.deg2rad(2.0),
-            "gyro_sigma": np.deg2rad(0.1), "tilt_sigma": np.deg2rad(0.5), "range_tau": (0.01, 0.01, 0.01),
-            "range_scale_mean": 0.1, "range_scale_sigma": 0.05}  # fmt: skip
+    scales = {
+        "speed_bias": 0.2,
+        "speed_sigma": 0.2,
+        "heading_bias": np.deg2rad(5.0),
+        "heading_sigma": np.deg2rad(2.0),
+        "gyro_sigma": np.deg2rad(0.1),
+        "tilt_sigma": np.deg2rad(0.5),
+        "range_tau": (0.01, 0.01, 0.01),
+        "range_scale_mean": 0.1,
+        "range_scale_sigma": 0.05,
+    }
     given = SensorErrors()
     assert not loses(given)
     scales |= {

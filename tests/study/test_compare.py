@@ -30,12 +30,21 @@ def test_flights_are_compared_with_the_settings_that_differ(tmp_path):
     rows = [[cell.text for cell in row] for row in errors.blocks[1].rows]
     off = []
     for name, flight, row in zip("ab", flights, rows, strict=True):
-        truth, leader = flight.hydrophone(0)[:, :2], flight.trajectory.position[flight.step_index(), 0, :2]
+        truth, leader = (
+            flight.hydrophone(0)[:, :2],
+            flight.trajectory.position[flight.step_index(), 0, :2],
+        )
         found = flight.estimates[0].state[:, :2]
         off.append(np.linalg.norm(found - truth, axis=1))
         seen, true = ((at - leader) @ np.array([1j, 1.0]) for at in (found, truth))
         turned = np.abs(np.rad2deg(np.angle(seen / true)))
-        expected = (off[-1].mean(), off[-1].max(), turned.mean(), turned.max(), (off[-1] - off[0]).mean())
+        expected = (
+            off[-1].mean(),
+            off[-1].max(),
+            turned.mean(),
+            turned.max(),
+            (off[-1] - off[0]).mean(),
+        )
         lines = [part.lines[len(off) - 1].y for part in drawn.parts]
         assert [line.mean() for line in lines] == pytest.approx([off[-1].mean(), turned.mean()])
         assert row == [name, *(f"{value:.3f}".replace("-", "−") for value in expected)]
@@ -43,13 +52,17 @@ def test_flights_are_compared_with_the_settings_that_differ(tmp_path):
         ["sensors.speed_bias_m_s", "0.1", "0.3"]
     ]
     out = tmp_path / "page.html"
-    result = CliRunner().invoke(app, ["compare", str(tmp_path / "a"), str(tmp_path / "b"), "--out", str(out)])
+    result = CliRunner().invoke(
+        app, ["compare", str(tmp_path / "a"), str(tmp_path / "b"), "--out", str(out)]
+    )
     assert result.exit_code == 0, result.output
     assert "sensors.speed_bias_m_s" in out.read_text(encoding="utf-8")
 
 
 def test_studies_are_paired_where_they_share_places_and_runs(tmp_path):
-    """A study against itself differs by nothing; against other runs or another seed it cannot be paired."""
+    """A study against itself differs by nothing; against other runs or another seed it cannot be
+    paired.
+    """
     for name, runs, seed in (("a", 3, 1), ("b", 3, 1), ("c", 2, 1), ("d", 3, 2)):
         table = {
             "scenario": "T5",
@@ -78,18 +91,31 @@ def test_a_table_that_holds_nothing_is_no_setting() -> None:
 
 
 def kept(folder: Path, seeds: tuple[int, ...], added: float) -> Path:
-    """A study of two baselines, each run with 1 m and a tenth of seed and number; the second 1 m more; and `added`."""
+    """A study of two baselines, each run with 1 m and a tenth of seed and number; the second 1 m
+    more; and `added`.
+    """
     folder.mkdir()
     runs = [
-        {"leader.baseline_m": base, "arm": "", "follower": "f", "point": p, "realization": realization, "run": run,
-         "mirror_locked": False,
-         "e_p_mean_m": 1.0 + 0.1 * seed + 0.1 * run + p + added * (1 + run)}
-        for p, base in enumerate((1.0, 2.0)) for realization, seed in enumerate(seeds) for run in range(30)
-    ]  # fmt: skip
+        {
+            "leader.baseline_m": base,
+            "arm": "",
+            "follower": "f",
+            "point": p,
+            "realization": realization,
+            "run": run,
+            "mirror_locked": False,
+            "e_p_mean_m": 1.0 + 0.1 * seed + 0.1 * run + p + added * (1 + run),
+        }
+        for p, base in enumerate((1.0, 2.0))
+        for realization, seed in enumerate(seeds)
+        for run in range(30)
+    ]
     write_table(folder / RUNS, columns_of(runs))
     write_table(
         folder / RESULTS,
-        columns_of([{"realization": realization, "seed": seed} for realization, seed in enumerate(seeds)]),
+        columns_of(
+            [{"realization": realization, "seed": seed} for realization, seed in enumerate(seeds)]
+        ),
     )
     return folder
 
@@ -98,14 +124,20 @@ def test_differences_are_taken_run_by_run_of_the_same_seeds(tmp_path):
     """Every run is off by a tenth of its number more: Student's t over three equal differences."""
     first, more = kept(tmp_path / "a", (7, 8, 9), 0.0), kept(tmp_path / "b", (9, 7, 8), 0.1)
     found = paired([first, more], "e_p_mean_m")
-    assert [place[:1] for place in found] == [("leader.baseline_m = 1.0",), ("leader.baseline_m = 2.0",)]
+    assert [place[:1] for place in found] == [
+        ("leader.baseline_m = 1.0",),
+        ("leader.baseline_m = 2.0",),
+    ]
     for p, (mean, apart) in enumerate(found.values()):
         # realizations differ by 0.1 m: t(0.975, 2) s / √3
         half = 4.302653 * 0.1 / np.sqrt(3)
         middle = 1.0 + 0.8 + 0.1 * 14.5 + p
         assert tuple(mean) == pytest.approx((middle, middle - half, middle + half))
         assert apart.value == pytest.approx(0.1 * 15.5)
-    assert next(iter(paired([first, kept(tmp_path / "c", (7, 8, 10), 0.1)], "e_p_mean_m").values()))[1] is None
+    assert (
+        next(iter(paired([first, kept(tmp_path / "c", (7, 8, 10), 0.1)], "e_p_mean_m").values()))[1]
+        is None
+    )
     one, other = kept(tmp_path / "d", (7,), 0.0), kept(tmp_path / "e", (7,), 0.1)
     _, apart = next(iter(paired([one, other], "e_p_mean_m").values()))
     # 0.1 to 3 m of 30 runs: 1.96 σ / √30, nearly
@@ -115,16 +147,22 @@ def test_differences_are_taken_run_by_run_of_the_same_seeds(tmp_path):
 
 
 def test_differences_of_mirror_locks_have_the_limits_of_paired_shares(tmp_path):
-    """Of 30 runs 3 more are mirror-locked: Bonett & Price 2012 add a run for either side; a share has other limits."""
+    """Of 30 runs 3 more are mirror-locked: Bonett & Price 2012 add a run for either side; a
+    share has other limits.
+    """
     folders = [kept(tmp_path / name, (7,), 0.0) for name in "ab"]
     table = read_table(folders[1] / RUNS)
-    write_table(folders[1] / RUNS, columns_of([row | {"mirror_locked": row["run"] < 3} for row in table]))
+    write_table(
+        folders[1] / RUNS, columns_of([row | {"mirror_locked": row["run"] < 3} for row in table])
+    )
     none, apart = next(iter(paired(folders, "mirror_locked").values()))
     assert (none.value, none.low) == (0.0, 0.0)
     assert none.high == pytest.approx(1 - 0.025 ** (1 / 30))
     values = np.array([1.0] * 3 + [0.0] * 27 + [1.0, -1.0])
     half = 1.959964 * values.std() / np.sqrt(32)
-    assert tuple(apart) == pytest.approx((0.1, values.mean() - half, values.mean() + half), rel=1e-6)
+    assert tuple(apart) == pytest.approx(
+        (0.1, values.mean() - half, values.mean() + half), rel=1e-6
+    )
 
 
 def test_a_page_is_named_after_all_that_it_compares(tmp_path):

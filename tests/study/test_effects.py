@@ -1,4 +1,6 @@
-"""Shares of variance: of factors that add or interact in closed form, and of a function with known Sobol' indices."""
+"""Shares of variance: of factors that add or interact in closed form, and of a function with
+known Sobol' indices.
+"""
 
 import itertools
 
@@ -13,7 +15,9 @@ TABLE = {"scenario": "T5", "runs": 40, "set": {"duration_s": 20.0}}
 
 
 def results_of(plan: Plan, mean, noise: float = 0.0) -> Results:
-    """Runs of all points: a mean of the point's values and the arm, and noise that all places share."""
+    """Runs of all points: a mean of the point's values and the arm, and noise that all places
+    share.
+    """
     rows, runs, random = [], [], np.random.default_rng(2).normal(0.0, noise, 40)
     for (i, point), arm in itertools.product(enumerate(plan.points), plan.arms):
         row = {"point": i, "arm": arm, "follower": plan.followers[0], "realization": 0, "seed": 1}
@@ -26,7 +30,9 @@ def results_of(plan: Plan, mean, noise: float = 0.0) -> Results:
 @pytest.fixture(scope="module")
 def factorial() -> Plan:
     vary = {"followers.0.depth_m": [10.0, 12.0, 14.0], "leader.depth_m": [5.0, 7.0]}
-    return plan_of(of_table(TABLE | {"vary": vary, "arm": [{"name": "a"}, {"name": "b"}]}, "mine.toml", "mine"))
+    return plan_of(
+        of_table(TABLE | {"vary": vary, "arm": [{"name": "a"}, {"name": "b"}]}, "mine.toml", "mine")
+    )
 
 
 def test_factors_that_add_explain_their_own_variances(factorial: Plan) -> None:
@@ -37,19 +43,28 @@ def test_factors_that_add_explain_their_own_variances(factorial: Plan) -> None:
 
     found = main_effects(factorial, results_of(factorial, mean), "e_p_mean_m")
     assert list(found) == ["followers.0.depth_m", "leader.depth_m", "arm", INTERACTIONS]
-    assert [share.value for share in found.values()] == pytest.approx([6 / 11, 4 / 11, 1 / 11, 0.0], abs=1e-12)
-    assert all(share.low <= share.value + 1e-9 and share.value <= share.high + 1e-9 for share in found.values())
+    assert [share.value for share in found.values()] == pytest.approx(
+        [6 / 11, 4 / 11, 1 / 11, 0.0], abs=1e-12
+    )
+    assert all(
+        share.low <= share.value + 1e-9 and share.value <= share.high + 1e-9
+        for share in found.values()
+    )
 
 
 def test_what_only_two_factors_together_do_is_interaction(factorial: Plan) -> None:
-    found = main_effects(factorial, results_of(factorial, lambda x, y, _: 10 + (x - 12) * (y - 6)), "e_p_mean_m")
+    found = main_effects(
+        factorial, results_of(factorial, lambda x, y, _: 10 + (x - 12) * (y - 6)), "e_p_mean_m"
+    )
     assert found[INTERACTIONS].value == pytest.approx(1.0)
     assert found["followers.0.depth_m"].value == pytest.approx(0.0, abs=1e-12)
 
 
 def test_noise_widens_the_intervals(factorial: Plan) -> None:
     def width(noise: float) -> float:
-        found = main_effects(factorial, results_of(factorial, lambda x, y, _: x + y, noise), "e_p_mean_m")
+        found = main_effects(
+            factorial, results_of(factorial, lambda x, y, _: x + y, noise), "e_p_mean_m"
+        )
         share = found["followers.0.depth_m"]
         assert share.low < share.value < share.high
         return share.high - share.low
@@ -59,8 +74,14 @@ def test_noise_widens_the_intervals(factorial: Plan) -> None:
 
 @pytest.mark.parametrize("design", ["latin-hypercube", "sobol"])
 def test_sampled_ranges_have_their_sobol_indices(design: str) -> None:
-    """2 u + v² + w of u, v, w in 0 … 1: variances 4/12, 4/45 and 1/12, which a quadratic explains whole."""
-    ends = {"from": 10.0, "to": 14.0}, {"from": 5.0, "to": 7.0}, {"from": 0.01, "to": 1.0, "scale": "log"}
+    """2 u + v² + w of u, v, w in 0 … 1: variances 4/12, 4/45 and 1/12, which a quadratic
+    explains whole.
+    """
+    ends = (
+        {"from": 10.0, "to": 14.0},
+        {"from": 5.0, "to": 7.0},
+        {"from": 0.01, "to": 1.0, "scale": "log"},
+    )
     keys = "followers.0.depth_m", "leader.depth_m", "sensors.speed_bias_m_s"
     table = TABLE | {"vary": dict(zip(keys, ends, strict=True)), "design": design, "points": 128}
     plan = plan_of(of_table(table, "mine.toml", "mine"))
@@ -87,9 +108,13 @@ def test_a_regression_explains_what_lies_in_its_columns() -> None:
     shares = explained(x, np.array([[0.0, 1.0], [2.0, 0.0], [4.0, 1.0]]))
     assert shares == pytest.approx([1.0, 0.0], abs=1e-12)
     # of two levels with means 1 and 5: 4 + 4 + 4 + 4 of 16 + 4
-    assert explained(np.array([0, 0, 1, 1]), np.array([[0.0], [2.0], [4.0], [6.0]])) == pytest.approx([0.8])
+    assert explained(
+        np.array([0, 0, 1, 1]), np.array([[0.0], [2.0], [4.0], [6.0]])
+    ) == pytest.approx([0.8])
 
 
 def test_resampling_is_repeatable(factorial: Plan) -> None:
     results = results_of(factorial, lambda x, y, _: x + y, 1.0)
-    assert main_effects(factorial, results, "e_p_mean_m") == main_effects(factorial, results, "e_p_mean_m")
+    assert main_effects(factorial, results, "e_p_mean_m") == main_effects(
+        factorial, results, "e_p_mean_m"
+    )

@@ -1,4 +1,6 @@
-"""Studies from file to page: errors before flights, paired arms, commands that repeat runs, the same bytes always."""
+"""Studies from file to page: errors before flights, paired arms, commands that repeat runs, the
+same bytes always.
+"""
 
 import multiprocessing
 import re
@@ -28,7 +30,15 @@ from experiments.flight.library import load
 from experiments.study import study as study_module
 from experiments.study.design import Draw
 from experiments.study.estimate import Results
-from experiments.study.file import FOLDER, StudyError, built_in, of_table, shipped, study_of, table_in
+from experiments.study.file import (
+    FOLDER,
+    StudyError,
+    built_in,
+    of_table,
+    shipped,
+    study_of,
+    table_in,
+)
 from experiments.study.measure import METRICS, records_of_run
 from experiments.study.page import commands
 from experiments.study.plan import plan_of
@@ -75,7 +85,10 @@ def flown(tmp_path_factory):
 def test_tables_have_a_row_for_each_point_arm_realization_and_follower(flown):
     table = pq.read_table(flown / RESULTS).to_pylist()
     assert [(r["point"], r["arm"], r["realization"], r["follower"]) for r in table] == [
-        (p, arm, realization, "follower") for p in (0, 1) for arm in ("level", "attitude") for realization in (0, 1)
+        (p, arm, realization, "follower")
+        for p in (0, 1)
+        for arm in ("level", "attitude")
+        for realization in (0, 1)
     ]
     assert [r["followers.0.depth_m"] for r in table] == [10] * 4 + [14] * 4
     runs = pq.read_table(flown / RUNS).to_pylist()
@@ -83,7 +96,9 @@ def test_tables_have_a_row_for_each_point_arm_realization_and_follower(flown):
     for row, first in zip(table, range(0, len(runs), 3), strict=True):
         own = runs[first : first + 3]
         assert [r["run"] for r in own] == [0, 1, 2]
-        assert np.mean([r["e_p_mean_m"] for r in own]) == pytest.approx(row["e_p_mean_m"], rel=1e-12)
+        assert np.mean([r["e_p_mean_m"] for r in own]) == pytest.approx(
+            row["e_p_mean_m"], rel=1e-12
+        )
 
 
 def test_the_study_of_a_folder_is_the_one_that_was_flown(flown):
@@ -91,15 +106,20 @@ def test_the_study_of_a_folder_is_the_one_that_was_flown(flown):
     first = study()
     assert again.runs == 5
     assert (again.settings, again.factors, again.draws, again.arms) == (
-        first.settings, first.factors, first.draws, first.arms
-    )  # fmt: skip
+        first.settings,
+        first.factors,
+        first.draws,
+        first.arms,
+    )
     assert again.draws[0].value(1, 0) == first.draws[0].value(1, 0)
 
 
 def test_a_study_in_its_folder_finds_scenario_and_hulls(tmp_path):
     (tmp_path / "hulls").mkdir()
     (tmp_path / "hulls" / "mine.xml").write_bytes(models.path("follower").read_bytes())
-    (tmp_path / "two.toml").write_text('duration_s = 20\n[[followers]]\nroute = "T5"\n', encoding="utf-8")
+    (tmp_path / "two.toml").write_text(
+        'duration_s = 20\n[[followers]]\nroute = "T5"\n', encoding="utf-8"
+    )
     key, name = "followers.0.model", "hulls/mine.xml"
     tables = [{"set": {key: name}}, {"vary": {key: [name]}}, {"arm": [{"name": "own", key: name}]}]
     for number, table in enumerate(tables):
@@ -108,12 +128,22 @@ def test_a_study_in_its_folder_finds_scenario_and_hulls(tmp_path):
         folder.mkdir(parents=True)
         (folder / STUDY).write_text(tomli_w.dumps(table_in(first, folder)), encoding="utf-8")
         again = study_of(str(folder / STUDY), {})
-        assert [e.scenario for e in plan_of(again).entries] == [e.scenario for e in plan_of(first).entries]
+        assert [e.scenario for e in plan_of(again).entries] == [
+            e.scenario for e in plan_of(first).entries
+        ]
         assert plan_of(again).entries[0].scenario.followers[0].model
 
 
 def test_every_column_is_a_label_or_a_metric_that_is_explained(flown):
-    labels = {"point", "arm", "realization", "follower", "followers.0.depth_m", "ocean.waves.height_m", "run"}
+    labels = {
+        "point",
+        "arm",
+        "realization",
+        "follower",
+        "followers.0.depth_m",
+        "ocean.waves.height_m",
+        "run",
+    }
     expected = {"variant", "seed", "runs", "steps", "worst_run"}
     for name in (RESULTS, RUNS):
         assert set(pq.read_table(flown / name).column_names) <= labels | expected | set(METRICS)
@@ -150,7 +180,10 @@ def test_another_key_leaves_draws_as_they_were():
 
 def test_the_command_of_a_run_repeats_it(flown, tmp_path):
     plan = plan_of(study())
-    rows = {(r["point"], r["arm"], r["realization"], r["run"]): r for r in pq.read_table(flown / RUNS).to_pylist()}
+    rows = {
+        (r["point"], r["arm"], r["realization"], r["run"]): r
+        for r in pq.read_table(flown / RUNS).to_pylist()
+    }
     outcomes = fly_studies([plan], flown, workers=1, quiet=True)[0]
     lines = commands(plan, Results.of(outcomes.rows, outcomes.runs)).splitlines()
     assert len(lines) == 2 * 2 * 4
@@ -170,10 +203,26 @@ def test_two_workers_after_a_kill_give_the_same_bytes(flown, tmp_path):
     (tmp_path / "mine.toml").write_text(SMALL)
     out = tmp_path / "out"
     code = "from experiments.command.cli import main; main()"
-    command = [sys.executable, "-c", code, "study", "mine.toml", "--out", str(out), "--workers", "1"]
-    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    command = [
+        sys.executable,
+        "-c",
+        code,
+        "study",
+        "mine.toml",
+        "--out",
+        str(out),
+        "--workers",
+        "1",
+    ]
+    process = subprocess.Popen(
+        command, cwd=tmp_path, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL
+    )
     deadline = time.monotonic() + 300
-    while process.poll() is None and len(list(out.glob("store/*.npz"))) < 2 and time.monotonic() < deadline:
+    while (
+        process.poll() is None
+        and len(list(out.glob("store/*.npz"))) < 2
+        and time.monotonic() < deadline
+    ):
         time.sleep(0.01)
     process.send_signal(signal.SIGKILL)
     process.wait()
@@ -187,8 +236,21 @@ def test_two_workers_after_a_kill_give_the_same_bytes(flown, tmp_path):
 def test_two_commands_in_one_folder_both_end_with_the_same_bytes(flown, tmp_path):
     (tmp_path / "mine.toml").write_text(SMALL)
     code = "from experiments.command.cli import main; main()"
-    command = [sys.executable, "-c", code, "study", "mine.toml", "--out", "shared", "--workers", "1"]
-    both = [subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL) for _ in "ab"]
+    command = [
+        sys.executable,
+        "-c",
+        code,
+        "study",
+        "mine.toml",
+        "--out",
+        "shared",
+        "--workers",
+        "1",
+    ]
+    both = [
+        subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
+        for _ in "ab"
+    ]
     for process in both:
         _, errors = process.communicate(timeout=300)
         assert process.returncode == 0, errors
@@ -204,7 +266,15 @@ def test_nothing_is_computed_twice(flown, monkeypatch):
 
 def test_all_invalid_keys_of_all_points_are_reported_at_once():
     with pytest.raises(StudyError) as error:
-        plan_of(study(vary={"leader.depth_m": [8, -1], "leader.excess_bouyancy_n": [1], "followers.3.depth_m": [1]}))
+        plan_of(
+            study(
+                vary={
+                    "leader.depth_m": [8, -1],
+                    "leader.excess_bouyancy_n": [1],
+                    "followers.3.depth_m": [1],
+                }
+            )
+        )
     text = str(error.value)
     assert "did you mean 'excess_buoyancy_n'?" in text
     assert "leader.depth_m: Input should be greater than or equal to 0" in text
@@ -227,7 +297,10 @@ def test_what_is_not_feasible_is_reported_with_its_points():
         ({"runs": 0}, "runs"),
         ({"speed": 1}, "unknown key of a study"),
         (
-            {"set": {"ocean.waves.kind": "regular"}, "draw": {"ocean.waves": {"choice": [{"kind": "none"}]}}},
+            {
+                "set": {"ocean.waves.kind": "regular"},
+                "draw": {"ocean.waves": {"choice": [{"kind": "none"}]}},
+            },
             r"\[draw\] sets ocean.waves, \[set\] sets ocean.waves.kind; .* is part of ocean.waves",
         ),
         (
@@ -235,14 +308,22 @@ def test_what_is_not_feasible_is_reported_with_its_points():
                 "vary": {"ocean.waves.direction_deg": [0, 90]},
                 "draw": {"ocean.waves": {"choice": [{"kind": "none"}]}},
             },
-            r"\[draw\] sets ocean.waves, \[vary\] sets ocean.waves.direction_deg; .* is part of ocean.waves",
+            r"\[draw\] sets ocean.waves, \[vary\] sets ocean.waves.direction_deg; "
+            ".* is part of ocean.waves",
         ),
         (
-            {"vary": {"ocean.current_profile.0": [[0, 0.1, 90]]}, "set": {"ocean.current_profile": []}},
-            r"\[vary\] sets ocean.current_profile.0, \[set\] sets ocean.current_profile; .*remove one",
+            {
+                "vary": {"ocean.current_profile.0": [[0, 0.1, 90]]},
+                "set": {"ocean.current_profile": []},
+            },
+            r"\[vary\] sets ocean.current_profile.0, \[set\] sets ocean.current_profile; "
+            ".*remove one",
         ),
         ({"vary": {"followers.00.depth_m": [10, 12]}}, "followers.00.depth_m is no key"),
-        ({"draw": {"followers.\uff10.depth_m": {"uniform": [9, 11]}}, "vary": {}}, "depth_m is no key"),
+        (
+            {"draw": {"followers.\uff10.depth_m": {"uniform": [9, 11]}}, "vary": {}},
+            "depth_m is no key",
+        ),
         (
             {"vary": {f"leader.k{i}": [1, 2] for i in range(30)}},
             r"design: 1,073,741,824 points, at most 50,000 with these arms",
@@ -251,10 +332,16 @@ def test_what_is_not_feasible_is_reported_with_its_points():
             {"vary": {"leader.depth_m": {"from": 0, "to": WIDE, "steps": 3}}},
             "from and to must be two different numbers",
         ),
-        ({"draw": {"leader.depth_m": {"uniform": [0, WIDE]}}}, r"a parameter is a number within ±1e\+09"),
+        (
+            {"draw": {"leader.depth_m": {"uniform": [0, WIDE]}}},
+            r"a parameter is a number within ±1e\+09",
+        ),
         ({"set": {"leader.depth_m": {"rotate": WIDE}}}, "expected { cycle = .* or { rotate"),
         ({"draw": {"leader.depth_m": {"uniform": "ab"}}}, r"uniform expects \[low, high\]"),
-        ({"draw": {"leader.depth_m": {"uniform": ["a", 1]}}}, r"a parameter is a number within ±1e\+09"),
+        (
+            {"draw": {"leader.depth_m": {"uniform": ["a", 1]}}},
+            r"a parameter is a number within ±1e\+09",
+        ),
         ({"draw": {"leader.depth_m": {"ksone": {"n": 1e6}}}}, "unknown distribution 'ksone'"),
         (
             {
@@ -267,9 +354,18 @@ def test_what_is_not_feasible_is_reported_with_its_points():
             {"draw": {"leader.depth_m": {"zipf": {"a": 1.0001}}}},
             "unknown distribution 'zipf'; available: choice, route_class, formation, bernoulli",
         ),
-        ({"draw": {"leader.depth_m": {"norm": {"loc": [1, 2]}}}}, r"a parameter is a number within ±1e\+09"),
-        ({"draw": {"leader.depth_m": {"gamma": {"a": 1e300}}}}, r"a parameter is a number within ±1e\+09"),
-        ({"draw": {"followers.0.depth_m": {"uniform": [9, 11]}}}, r"stands in \[vary\] and in \[draw\]"),
+        (
+            {"draw": {"leader.depth_m": {"norm": {"loc": [1, 2]}}}},
+            r"a parameter is a number within ±1e\+09",
+        ),
+        (
+            {"draw": {"leader.depth_m": {"gamma": {"a": 1e300}}}},
+            r"a parameter is a number within ±1e\+09",
+        ),
+        (
+            {"draw": {"followers.0.depth_m": {"uniform": [9, 11]}}},
+            r"stands in \[vary\] and in \[draw\]",
+        ),
         ({"arm": [{"name": "a", "followers.0.depth_m": 3}]}, r"stands in \[vary\] and in arm a"),
         ({"arm": [{"name": "a"}, {"name": "a"}]}, "repeated: a"),
         ({"arm": [{}]}, "needs a name"),
@@ -293,7 +389,12 @@ def refused(**changes):
 
 def test_all_errors_of_the_files_own_keys_are_reported_at_once():
     text = refused(runs=0, speed=1, report={"metrik": "e_p"}, realizations=0)
-    for expected in ("runs: Input", "speed: unknown key", "report.metrik: unknown key", "realizations: "):
+    for expected in (
+        "runs: Input",
+        "speed: unknown key",
+        "report.metrik: unknown key",
+        "realizations: ",
+    ):
         assert expected in text
     assert len(text.splitlines()) == 5
     text = refused(
@@ -301,7 +402,12 @@ def test_all_errors_of_the_files_own_keys_are_reported_at_once():
         draw={"ocean.waves.height_m": {"unifrom": [0, 1]}},
         arm=[{"navigation.variant": "laisn-9"}],
     )
-    for expected in ("vary.leader.depth_m: steps", "clock_offset_s: the list", "unknown distribution", "arm[0].name"):
+    for expected in (
+        "vary.leader.depth_m: steps",
+        "clock_offset_s: the list",
+        "unknown distribution",
+        "arm[0].name",
+    ):
         assert expected in text
     assert len(text.splitlines()) == 5
     text = refused(scenario="T11", report={"metric": "e_p"})
@@ -309,9 +415,13 @@ def test_all_errors_of_the_files_own_keys_are_reported_at_once():
     assert "unknown metric 'e_p'" in text
 
 
-@pytest.mark.parametrize("changes", [{"runs": 0}, {"report": {"metric": "e_p"}}, {"points": 8}, {"arm": [{}]}])
+@pytest.mark.parametrize(
+    "changes", [{"runs": 0}, {"report": {"metric": "e_p"}}, {"points": 8}, {"arm": [{}]}]
+)
 def test_an_error_of_the_file_is_reported_before_any_point_is_validated(monkeypatch, changes):
-    monkeypatch.setattr("experiments.study.plan.examined", lambda *_: pytest.fail("a point was validated"))
+    monkeypatch.setattr(
+        "experiments.study.plan.examined", lambda *_: pytest.fail("a point was validated")
+    )
     assert refused(**changes)
 
 
@@ -328,7 +438,11 @@ UNTIL = {"batch": 20, "until": {"metric": "e_p_mean_m", "half_width": 0.1, "most
             "runs.batch: Input should be greater than or equal to",
         ),
         (
-            {"realizations": 1, "draw": {}, "runs": {"until": {"metric": "e_p", "half_width": 1.0}}},
+            {
+                "realizations": 1,
+                "draw": {},
+                "runs": {"until": {"metric": "e_p", "half_width": 1.0}},
+            },
             "runs.until.metric: unknown",
         ),
         (
@@ -344,28 +458,38 @@ def test_a_wrong_number_of_runs_is_reported_with_its_key(changes, expected):
 def test_batches_are_flown_until_every_interval_is_narrow_enough(tmp_path):
     given = {"realizations": 1, "draw": {}, "arm": [], "set": {"duration_s": 20.0}}
     one = study(SMALL, runs=UNTIL, **given)
-    first = Results.of(*rows_and_runs(fly_studies([plan_of(one)], tmp_path / "first", workers=1, quiet=True)[0]))
+    first = Results.of(
+        *rows_and_runs(fly_studies([plan_of(one)], tmp_path / "first", workers=1, quiet=True)[0])
+    )
     widths = [half_width(first.estimate(place, "e_p_mean_m")) for place in first.rows]
     wanted = 0.6 * max(widths)
     narrow = UNTIL | {"until": UNTIL["until"] | {"half_width": wanted}}
-    run_studies({"study": study(SMALL, runs=narrow, **given)}, tmp_path / "until", workers=1, quiet=True)
+    run_studies(
+        {"study": study(SMALL, runs=narrow, **given)}, tmp_path / "until", workers=1, quiet=True
+    )
     flown = pq.read_table(tmp_path / "until" / RESULTS).to_pylist()
     (runs,) = {row["runs"] for row in flown}
     # 20 / 0.6² = 55.6: as a rule three batches are enough
     assert runs % 20 == 0
     assert 40 <= runs <= 120
     # the same as with that number of runs from the start, to the byte
-    run_studies({"study": study(SMALL, runs=runs, **given)}, tmp_path / "fixed", workers=1, quiet=True)
+    run_studies(
+        {"study": study(SMALL, runs=runs, **given)}, tmp_path / "fixed", workers=1, quiet=True
+    )
     for name in (RESULTS, RUNS, RECORD):
         assert (tmp_path / "until" / name).read_bytes() == (tmp_path / "fixed" / name).read_bytes()
     found = findings.read(tmp_path / "until" / RECORD).findings
     assert max((f.high - f.low) / 2 for key, f in found.items() if "point" in key) <= wanted
     most = UNTIL | {"until": {"half_width": 1e-6, "most": 30}}
-    (outcomes,) = fly_until_narrow([plan_of(study(SMALL, runs=most, **given))], tmp_path / "most", quiet=True)
+    (outcomes,) = fly_until_narrow(
+        [plan_of(study(SMALL, runs=most, **given))], tmp_path / "most", quiet=True
+    )
     assert (outcomes.plan.study.runs, {row["runs"] for row in outcomes.rows}) == (30, {30})
     cells = UNTIL | {"until": {"metric": "e_p_std_m", "half_width": 1.0}}
     with pytest.raises(LaisnError, match="'e_p_std_m' is not a metric of single runs"):
-        fly_until_narrow([plan_of(study(SMALL, runs=cells, **given))], tmp_path / "until", workers=1, quiet=True)
+        fly_until_narrow(
+            [plan_of(study(SMALL, runs=cells, **given))], tmp_path / "until", workers=1, quiet=True
+        )
 
 
 def rows_and_runs(outcomes):
@@ -411,7 +535,9 @@ def test_captures_of_single_flights_are_those_of_cells(tmp_path):
 
 @pytest.mark.parametrize("variant", ["laisn-3-1", "tight"])
 def test_followers_on_stations_are_judged_by_the_estimates_that_steered_them(variant):
-    """As if each navigated on the finished mission; most ranges are echoes, so that many fixes are gated."""
+    """As if each navigated on the finished mission; most ranges are echoes, so that many fixes
+    are gated.
+    """
     echoes = (
         "acoustics.surface_echo_probability=0.4",
         "acoustics.bottom_echo_probability=0.4",
@@ -450,10 +576,23 @@ def test_an_infeasible_mission_is_reported_and_the_others_continue(tmp_path, mon
 
 
 def test_options_vary_a_scenario_without_a_file(tmp_path):
-    words = ["study", "T5", "--vary", "leader.baseline_m=1.0,2.0", "--set", "duration_s=20", "--runs", "2", "--out"]
+    words = [
+        "study",
+        "T5",
+        "--vary",
+        "leader.baseline_m=1.0,2.0",
+        "--set",
+        "duration_s=20",
+        "--runs",
+        "2",
+        "--out",
+    ]
     result = CliRunner().invoke(app, [*words, str(tmp_path), "--workers", "1"])
     assert result.exit_code == 0, result.output
-    assert [r["leader.baseline_m"] for r in pq.read_table(tmp_path / RESULTS).to_pylist()] == [1.0, 2.0]
+    assert [r["leader.baseline_m"] for r in pq.read_table(tmp_path / RESULTS).to_pylist()] == [
+        1.0,
+        2.0,
+    ]
 
 
 def test_a_dry_run_prints_the_cost_of_a_study_and_writes_nothing(tmp_path, monkeypatch):
@@ -466,9 +605,12 @@ def test_a_dry_run_prints_the_cost_of_a_study_and_writes_nothing(tmp_path, monke
     assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
 
 
-@pytest.mark.parametrize(("steered", "runs", "blocks"), [(False, 60, 1), (False, 200, 4), (True, 5, 1)])
+@pytest.mark.parametrize(
+    ("steered", "runs", "blocks"), [(False, 60, 1), (False, 200, 4), (True, 5, 1)]
+)
 def test_the_time_of_a_study_is_that_of_its_missions_and_cells(monkeypatch, steered, runs, blocks):
-    # on a simulated clock: 3 s for a mission and 0.1 s for a block of runs of a cell, by two workers, 0.7 s for a call
+    # on a simulated clock: 3 s for a mission and 0.1 s for a block of runs of a cell, by two
+    # workers, 0.7 s for a call
     depth, bias = {"from": 8, "to": 17, "steps": 10}, {"from": 0.0, "to": 2.0, "steps": 5}
     table = {
         "scenario": "T5",
@@ -497,19 +639,26 @@ def test_the_time_of_a_study_is_that_of_its_missions_and_cells(monkeypatch, stee
     monkeypatch.setattr(study_module, "fly_studies", simulated)
     monkeypatch.setattr(study_module, "perf_counter", lambda: clock[0])
     seconds, _ = study_module._cost(plan_of(of_table(table, "s", "s")), 2)
-    assert seconds == pytest.approx(50 * runs * 3.0 / 2 if steered else (10 * 3.0 + 50 * blocks * 0.1) / 2)
+    assert seconds == pytest.approx(
+        50 * runs * 3.0 / 2 if steered else (10 * 3.0 + 50 * blocks * 0.1) / 2
+    )
 
 
 def test_a_dry_run_reports_a_mission_that_cannot_be_flown(monkeypatch):
     failed = SimpleNamespace(failures={"mission 'T5': lost at 3 s": []})
     monkeypatch.setattr(study_module, "fly_studies", lambda *_, **__: [failed])
     with pytest.raises(CampaignError, match="lost at 3 s"):
-        study_module.effort_text(of_table({"scenario": "T5", "set": {"duration_s": 20}}, "s", "s"), 1)
+        study_module.effort_text(
+            of_table({"scenario": "T5", "set": {"duration_s": 20}}, "s", "s"), 1
+        )
 
 
 @pytest.mark.parametrize("options", [[], ["--dry-run"]])
 def test_points_are_counted_before_they_are_listed(tmp_path, options):
-    ranges = [f'"{key}" = {{ from = 0, to = 1, steps = 1000 }}' for key in ("leader.a", "leader.b", "leader.c")]
+    ranges = [
+        f'"{key}" = {{ from = 0, to = 1, steps = 1000 }}'
+        for key in ("leader.a", "leader.b", "leader.c")
+    ]
     (tmp_path / "many.toml").write_text("\n".join(['scenario = "T5"', "[vary]", *ranges]))
     result = CliRunner().invoke(app, ["study", str(tmp_path / "many.toml"), *options])
     assert result.exit_code == 2
@@ -519,18 +668,27 @@ def test_points_are_counted_before_they_are_listed(tmp_path, options):
 @pytest.mark.parametrize(("steps", "shown"), [(10, []), (1000, ["scenarios: 1000/1000"])])
 def test_planning_many_scenarios_shows_progress(capsys, steps, shown):
     many = {"from": 0, "to": 1, "steps": steps}
-    plan_of(of_table({"scenario": "T5", "vary": {"acoustics.range_scale_mean_m": many}}, "s", "s"), quiet=False)
+    plan_of(
+        of_table({"scenario": "T5", "vary": {"acoustics.range_scale_mean_m": many}}, "s", "s"),
+        quiet=False,
+    )
     assert [line.partition(",")[0] for line in capsys.readouterr().err.splitlines()][-1:] == shown
 
 
 def test_drawn_formations_are_the_followers_of_their_sea():
     area = {"count": 4, "spacing_m": 7.0, "width_m": 60.0, "layer_m": 0.0}
-    one = of_table({"scenario": "swarm", "realizations": 3, "draw": {"followers": {"formation": area}}}, "s", "s")
+    one = of_table(
+        {"scenario": "swarm", "realizations": 3, "draw": {"followers": {"formation": area}}},
+        "s",
+        "s",
+    )
     places = [[f.station for f in entry.scenario.followers] for entry in plan_of(one).entries]
     assert [len(stations) for stations in places] == [4, 4, 4]
     assert places[0] != places[1]
     drawn = one.draws[0].value(1, 2)
-    assert [station.port_m for station in places[2]] == [follower["station"]["port_m"] for follower in drawn]
+    assert [station.port_m for station in places[2]] == [
+        follower["station"]["port_m"] for follower in drawn
+    ]
 
 
 @pytest.mark.parametrize("name", shipped())
@@ -548,6 +706,8 @@ def test_each_study_that_ships_has_a_command_of_its_name():
     assert set(BUILT_IN) == set(shipped())
     for name in BUILT_IN:
         wide = {"COLUMNS": "200"}
-        own, same = (CliRunner().invoke(app, [word, "--help"], env=wide).output for word in (name, "study"))
+        own, same = (
+            CliRunner().invoke(app, [word, "--help"], env=wide).output for word in (name, "study")
+        )
         assert set(re.findall(r"--[a-z-]+", own)) == set(re.findall(r"--[a-z-]+", same))
         assert BUILT_IN[name].split()[0] in own

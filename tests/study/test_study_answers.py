@@ -1,4 +1,6 @@
-"""Report of a study: sentences, verdicts, record and the runs to inspect, for results made by hand."""
+"""Report of a study: sentences, verdicts, record and the runs to inspect, for results made by
+hand.
+"""
 
 import itertools
 import math
@@ -41,10 +43,12 @@ OFF = WAVES - WAVES.mean(axis=1, keepdims=True)
 def plan() -> Plan:
     """Three depths and two arms in one realization."""
     table = {
-        "scenario": "T5", "runs": RUNS, "set": {"duration_s": 20.0},
+        "scenario": "T5",
+        "runs": RUNS,
+        "set": {"duration_s": 20.0},
         "vary": {"followers.0.depth_m": [10.0, 12.0, 14.0]},
         "arm": [{"name": "plain"}, {"name": "aware", "leader.broadcast_attitude": True}],
-    }  # fmt: skip
+    }
     return plan_of(of_table(table, "mine.toml", "mine"))
 
 
@@ -52,11 +56,22 @@ def plan() -> Plan:
 def results() -> Results:
     rows, runs = [], []
     for k, ((point, arm), mean) in enumerate(MEANS.items()):
-        row = {"point": point, "arm": arm, "follower": "follower", "realization": 0, "seed": 1, "energy_j": 100.0 * k}
+        row = {
+            "point": point,
+            "arm": arm,
+            "follower": "follower",
+            "realization": 0,
+            "seed": 1,
+            "energy_j": 100.0 * k,
+        }
         values = mean + 0.1 * OFF[6] + 0.01 * OFF[k]
         mirror_locked = np.arange(RUNS) < 10 * (arm == "plain")
         rows.append(row | {"e_p_mean_m": float(values.mean())})
-        lists = {"run": [*range(RUNS)], "e_p_mean_m": values.tolist(), "mirror_locked": mirror_locked.tolist()}
+        lists = {
+            "run": [*range(RUNS)],
+            "e_p_mean_m": values.tolist(),
+            "mirror_locked": mirror_locked.tolist(),
+        }
         runs.append((row, lists))
     return Results.of(rows, runs)
 
@@ -70,9 +85,14 @@ def place(point: int, arm: str) -> tuple[int, str, str]:
     return point, arm, "follower"
 
 
-def test_the_answer_names_the_best_the_worst_and_which_arm_wins_where(page: Page, results: Results) -> None:
+def test_the_answer_names_the_best_the_worst_and_which_arm_wins_where(
+    page: Page, results: Results
+) -> None:
     printed = page.summary
-    best, worst = (shown(results.estimate(place(*at), "e_p_mean_m"), "m") for at in ((0, "aware"), (1, "aware")))
+    best, worst = (
+        shown(results.estimate(place(*at), "e_p_mean_m"), "m")
+        for at in ((0, "aware"), (1, "aware"))
+    )
     assert best.startswith("0.500 m (0.4")
     assert f"Mean E_P, with 95 % intervals: {best} at best (" in printed
     assert f", {worst} at most (" in printed
@@ -80,7 +100,9 @@ def test_the_answer_names_the_best_the_worst_and_which_arm_wins_where(page: Page
     assert printed.endswith("aware against plain: lower at 1, higher at 1, undecided at 1 places.")
 
 
-def test_the_answer_is_a_figure_and_a_table_of_every_place_with_differences_and_verdicts(page: Page) -> None:
+def test_the_answer_is_a_figure_and_a_table_of_every_place_with_differences_and_verdicts(
+    page: Page,
+) -> None:
     answer = page.sections[0]
     assert [type(block) for block in answer.blocks] == [Text, Figures, Table]
     (table,) = (block for block in answer.blocks if isinstance(block, Table))
@@ -93,8 +115,10 @@ def test_the_answer_is_a_figure_and_a_table_of_every_place_with_differences_and_
     for row, (at, mean) in zip(table.rows, MEANS.items(), strict=True):
         cells = dict(zip(heads, row, strict=True))
         assert [cells[name].text for name in ("point", "follower 1's depth [m]", "arm")] == [
-            str(at[0]), str(10 + 2 * at[0]), at[1]
-        ]  # fmt: skip
+            str(at[0]),
+            str(10 + 2 * at[0]),
+            at[1],
+        ]
         assert float(cells["mean E_P [m]"].sort) == pytest.approx(mean, abs=1e-9)
         difference, verdict = cells["difference: mean E_P [m]"], cells["verdict"]
         if at in apart:
@@ -108,7 +132,9 @@ def test_the_answer_is_a_figure_and_a_table_of_every_place_with_differences_and_
     assert list(other.heads)[:4] == ["point", "arm", "95th percentile of E_P [m]", "mean E_B [°]"]
     for row, (_, arm) in zip(other.rows, MEANS, strict=True):
         cells = dict(zip(other.heads, row, strict=True))
-        assert float(cells["share of runs locked on the mirror image"].sort) == (0.25 if arm == "plain" else 0.0)
+        assert float(cells["share of runs locked on the mirror image"].sort) == (
+            0.25 if arm == "plain" else 0.0
+        )
     assert [float(row[-1].sort) for row in other.rows] == [100.0 * k for k in range(6)]
 
 
@@ -121,7 +147,9 @@ def test_the_record_has_estimates_and_paired_differences(plan: Plan, results: Re
         assert finding.value == pytest.approx(mean, rel=1e-5)
         assert finding.unit == "m"
         half = 1.96 * own.std() / np.sqrt(RUNS)
-        assert (float(finding.high or 0) - float(finding.low or 0)) / 2 == pytest.approx(half, rel=0.15)
+        assert (float(finding.high or 0) - float(finding.low or 0)) / 2 == pytest.approx(
+            half, rel=0.15
+        )
     apart = found["e_p_mean_m: point 1, arm aware, follower, less plain"]
     assert apart.value == pytest.approx(1.5, rel=1e-5)
     # what both arms scatter by drops out
@@ -142,7 +170,9 @@ def test_worst_and_median_runs_are_those_of_their_place(plan: Plan, results: Res
 
 
 def test_a_run_that_contact_ended_is_the_first_to_look_at(plan: Plan, results: Results) -> None:
-    """It has no error; of what is left the median, with 39 whole runs the twentieth, is reported as before."""
+    """It has no error; of what is left the median, with 39 whole runs the twentieth, is reported
+    as before.
+    """
     at = place(0, "plain")
     (values,) = results.by_run(at, "e_p_mean_m") or []
     ended = values.copy()
@@ -169,12 +199,16 @@ def test_a_run_that_contact_ended_is_the_first_to_look_at(plan: Plan, results: R
 def test_the_widest_interval_suggests_more_runs_where_too_few_are_complete(
     results: Results, values: Any, expected: str
 ) -> None:
-    """Runs that are all alike need no more; ten that contact left, which differ, have no interval yet."""
+    """Runs that are all alike need no more; ten that contact left, which differ, have no
+    interval yet.
+    """
     at = place(0, "plain")
     runs = {at: [{"e_p_mean_m": values.tolist()}]}
     one = Results(rows={at: results.rows[at]}, runs=runs)
     interval = one.estimate(at, "e_p_mean_m")
-    wanted = {"interval": (interval.high - interval.low) / 2, "none": 0.0, "more": math.inf}[expected]
+    wanted = {"interval": (interval.high - interval.low) / 2, "none": 0.0, "more": math.inf}[
+        expected
+    ]
     assert _widest(one, "e_p_mean_m") == wanted
 
 
@@ -182,12 +216,16 @@ def test_commands_are_headed_by_the_runs_that_they_fly(plan: Plan, results: Resu
     lines = commands(plan, results).splitlines()
     for head, line in zip(lines[::2], lines[1::2], strict=True):
         number = head.rpartition(" run, ")[2]
-        assert f"--run {number}" in line if number != "0" else "--run" not in line or "--run 0" in line
+        assert (
+            f"--run {number}" in line if number != "0" else "--run" not in line or "--run 0" in line
+        )
     assert [head.split(": ")[1].split()[0] for head in lines[::2]] == ["worst", "median"] * 6
 
 
 def test_a_place_counts_for_an_arm_by_its_whole_interval(plan: Plan) -> None:
-    """Half of the realizations are 1 m lower and the others 0.9 m higher: in the mean lower, and undecided."""
+    """Half of the realizations are 1 m lower and the others 0.9 m higher: in the mean lower, and
+    undecided.
+    """
     rows, runs = [], []
     for point, arm in itertools.product(range(3), ("plain", "aware")):
         row = {"point": point, "arm": arm, "follower": "follower", "realization": 0, "seed": 1}
@@ -207,13 +245,17 @@ def test_a_difference_that_no_shown_digit_has_is_not_marked(plan: Plan) -> None:
         rows.append(row | {"e_p_mean_m": float(values.mean())})
         runs.append((row, {"run": [*range(values.size)], "e_p_mean_m": values.tolist()}))
     page = page_of(plan, Results.of(rows, runs), {})
-    assert page.summary.endswith("aware against plain: lower at 0, higher at 0, undecided at 0, the same at 3 places.")
+    assert page.summary.endswith(
+        "aware against plain: lower at 0, higher at 0, undecided at 0, the same at 3 places."
+    )
     (table,) = (block for block in page.sections[0].blocks if isinstance(block, Table))
     assert [(row[-1].text, row[-1].tone) for row in table.rows] == [("", ""), ("same", "")] * 3
 
 
-def test_three_factors_are_answered_by_their_shares_of_the_variance_and_many_places_by_the_extremes() -> None:
-    """The error is the depth, a tenth of the leader's depth, and nothing of the current: shares as the squares."""
+def test_three_factors_are_answered_by_shares_of_variance_and_many_places_by_extremes() -> None:
+    """The error is the depth, a tenth of the leader's depth, and nothing of the current: shares
+    as the squares.
+    """
     table = {
         "scenario": "T5", "runs": 1, "set": {"duration_s": 20.0},
         "vary": {"followers.0.depth_m": [10, 11, 12, 13], "leader.depth_m": [5, 6, 7, 8],
@@ -221,10 +263,16 @@ def test_three_factors_are_answered_by_their_shares_of_the_variance_and_many_pla
     }  # fmt: skip
     plan = plan_of(of_table(table, "three.toml", "three"))
     rows = [
-        {"point": i, "arm": plan.arms[0], "follower": "follower", "realization": 0, "seed": 1,
-         "e_p_mean_m": point["followers.0.depth_m"] + 0.1 * point["leader.depth_m"]}
+        {
+            "point": i,
+            "arm": plan.arms[0],
+            "follower": "follower",
+            "realization": 0,
+            "seed": 1,
+            "e_p_mean_m": point["followers.0.depth_m"] + 0.1 * point["leader.depth_m"],
+        }
         for i, point in enumerate(plan.points)
-    ]  # fmt: skip
+    ]
     lists = [(row, {"run": [0], "e_p_mean_m": [row["e_p_mean_m"]]}) for row in rows]
     page = page_of(plan, Results.of(rows, lists), {})
     shares, maps, answer = page.sections[0].blocks[1:4]
@@ -232,7 +280,16 @@ def test_three_factors_are_answered_by_their_shares_of_the_variance_and_many_pla
     assert isinstance(maps, Figures)
     (marks,) = shares.panels[0].parts[0].lines
     assert marks.x == pytest.approx([1 / 1.01, 0.01 / 1.01, 0.0, 0.0], abs=1e-6)
-    assert len({(trace["zmin"], trace["zmax"]) for panel in maps.panels for trace in panel.parts[0].traces}) == 1
+    assert (
+        len(
+            {
+                (trace["zmin"], trace["zmax"])
+                for panel in maps.panels
+                for trace in panel.parts[0].traces
+            }
+        )
+        == 1
+    )
     assert isinstance(answer, Table)
     assert len(answer.rows) == 60
     assert "The 60 lowest and highest of 80 places" in answer.caption
@@ -246,13 +303,15 @@ def test_the_design_is_reported_with_its_numbers(page: Page) -> None:
     assert isinstance(table, Table)
     # three depths, each flown once for both arms
     assert (
-        "3 points (every combination), 2 arms, 1 realization and 40 runs of noise for each: 3 flights, 240 runs."
-        in text.text
+        "3 points (every combination), 2 arms, 1 realization and 40 runs of noise for each: 3 "
+        "flights, 240 runs." in text.text
     )
     assert [[cell.text for cell in row] for row in table.rows] == [
-        ["followers.0.depth_m", "varied", "10, 12, 14"], ["duration_s", "set", "20"],
-        ["plain", "arm", "as in the scenario"], ["aware", "arm", "leader.broadcast_attitude = true"],
-    ]  # fmt: skip
+        ["followers.0.depth_m", "varied", "10, 12, 14"],
+        ["duration_s", "set", "20"],
+        ["plain", "arm", "as in the scenario"],
+        ["aware", "arm", "leader.broadcast_attitude = true"],
+    ]
 
 
 def test_columns_have_the_units_of_their_names() -> None:
@@ -277,7 +336,9 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[tuple[list[Line], dict[str, A
     return found
 
 
-def test_lines_of_the_main_figure_are_the_means_of_their_arms(plan: Plan, results: Results, drawn: Any) -> None:
+def test_lines_of_the_main_figure_are_the_means_of_their_arms(
+    plan: Plan, results: Results, drawn: Any
+) -> None:
     figures = charts.over_factor(plan, results, charts.layout_of(plan))
     ((lines, settings),) = drawn
     assert (settings["x_label"], settings["y_label"]) == ("follower 1's depth [m]", "mean E_P [m]")
@@ -293,7 +354,9 @@ def test_lines_of_the_main_figure_are_the_means_of_their_arms(plan: Plan, result
         assert marks.name == arm
 
 
-def test_differences_are_drawn_from_a_line_of_none(plan: Plan, results: Results, drawn: Any) -> None:
+def test_differences_are_drawn_from_a_line_of_none(
+    plan: Plan, results: Results, drawn: Any
+) -> None:
     figures = charts.differences(plan, results)
     ((lines, settings),) = drawn
     assert settings["y_label"] == "difference: mean E_P [m]"
@@ -311,26 +374,46 @@ def judged_by(plan: Plan, metric: str, **changes: Any) -> Plan:
 
 def test_shares_of_realizations_are_those_of_their_point(plan: Plan, drawn: Any) -> None:
     rows = [
-        {"point": point, "arm": arm, "follower": "follower", "realization": realization, "seed": realization,
-         "e_p_p95_m": 10.0 * point + realization}
-        for point in range(3) for arm in ("plain", "aware") for realization in (2, 0, 1)
-    ]  # fmt: skip
+        {
+            "point": point,
+            "arm": arm,
+            "follower": "follower",
+            "realization": realization,
+            "seed": realization,
+            "e_p_p95_m": 10.0 * point + realization,
+        }
+        for point in range(3)
+        for arm in ("plain", "aware")
+        for realization in (2, 0, 1)
+    ]
     results = Results(rows=Results.of(rows, [(row, {}) for row in rows]).rows, runs={})
     charts.over_realizations(judged_by(plan, "e_p_p95_m"), results)
-    assert [settings["title"] for _, settings in drawn] == [f"follower 1's depth {d} m" for d in (10, 12, 14)]
+    assert [settings["title"] for _, settings in drawn] == [
+        f"follower 1's depth {d} m" for d in (10, 12, 14)
+    ]
     for point, (lines, _) in enumerate(drawn):
         for line in lines:
-            assert line.x.tolist() == [10.0 * point + realization for realization in (0, 0, 1, 1, 2, 2)]
+            assert line.x.tolist() == [
+                10.0 * point + realization for realization in (0, 0, 1, 1, 2, 2)
+            ]
             assert line.y == pytest.approx([0, 1 / 3, 1 / 3, 2 / 3, 2 / 3, 1])
 
 
 def test_means_of_realizations_are_plotted_over_their_draws(plan: Plan, drawn: Any) -> None:
     rows = [
-        {"point": point, "arm": arm, "follower": "follower", "realization": realization, "seed": realization,
-         "wind": 5.0 - realization,
-         "e_p_p95_m": 10.0 * point + realization + (arm == "aware")}
-        for point in range(3) for arm in ("plain", "aware") for realization in range(3)
-    ]  # fmt: skip
+        {
+            "point": point,
+            "arm": arm,
+            "follower": "follower",
+            "realization": realization,
+            "seed": realization,
+            "wind": 5.0 - realization,
+            "e_p_p95_m": 10.0 * point + realization + (arm == "aware"),
+        }
+        for point in range(3)
+        for arm in ("plain", "aware")
+        for realization in range(3)
+    ]
     results = Results(rows=Results.of(rows, [(row, {}) for row in rows]).rows, runs={})
     several: Any = SimpleNamespace(key="wind")
     several = judged_by(plan, "e_p_p95_m", draws=(several,))
@@ -343,19 +426,51 @@ def test_means_of_realizations_are_plotted_over_their_draws(plan: Plan, drawn: A
 
 def test_rows_of_closed_loops_are_extremes_roots_and_means_of_their_runs(plan: Plan) -> None:
     found = [
-        [{"run": 0, "e_p_mean_m": 1.0, "e_p_max_m": 2.0, "e_b_max_deg": 9.0, "mirror_locked": False, "gated": 1,
-          "ended": 0,
-          "track_error_rms_m": 3.0, "closest_approach_m": 7.0, "power_mean_w": 10.0}],
-        [{"run": 1, "e_p_mean_m": 3.0, "e_p_max_m": 5.0, "e_b_max_deg": 4.0, "mirror_locked": True, "gated": 2,
-          "ended": 1,
-          "track_error_rms_m": 4.0, "closest_approach_m": 6.0, "power_mean_w": 30.0}],
-    ]  # fmt: skip
+        [
+            {
+                "run": 0,
+                "e_p_mean_m": 1.0,
+                "e_p_max_m": 2.0,
+                "e_b_max_deg": 9.0,
+                "mirror_locked": False,
+                "gated": 1,
+                "ended": 0,
+                "track_error_rms_m": 3.0,
+                "closest_approach_m": 7.0,
+                "power_mean_w": 10.0,
+            }
+        ],
+        [
+            {
+                "run": 1,
+                "e_p_mean_m": 3.0,
+                "e_p_max_m": 5.0,
+                "e_b_max_deg": 4.0,
+                "mirror_locked": True,
+                "gated": 2,
+                "ended": 1,
+                "track_error_rms_m": 4.0,
+                "closest_approach_m": 6.0,
+                "power_mean_w": 30.0,
+            }
+        ],
+    ]
     row, lists = _of_runs(plan.entries[0], 0, found)
     reported = {
-        "runs": 2, "seed": 1, "variant": "laisn-2", "e_p_mean_m": 2.0, "e_p_max_m": 5.0, "e_b_max_deg": 9.0,
-        "track_error_rms_m": np.sqrt(12.5), "closest_approach_m": 6.0, "power_mean_w": 20.0, "mirror_locked_runs": 1,
-        "fixes_gated": 3, "ended_runs": 1, "worst_run": 1,
-    }  # fmt: skip
+        "runs": 2,
+        "seed": 1,
+        "variant": "laisn-2",
+        "e_p_mean_m": 2.0,
+        "e_p_max_m": 5.0,
+        "e_b_max_deg": 9.0,
+        "track_error_rms_m": np.sqrt(12.5),
+        "closest_approach_m": 6.0,
+        "power_mean_w": 20.0,
+        "mirror_locked_runs": 1,
+        "fixes_gated": 3,
+        "ended_runs": 1,
+        "worst_run": 1,
+    }
     assert {name: row[name] for name in reported} == pytest.approx(reported)
     assert lists["e_p_mean_m"] == [1.0, 3.0]
 
@@ -370,14 +485,22 @@ def test_numbers_without_limits_stand_alone() -> None:
 
 
 def test_maps_of_arms_have_one_scale() -> None:
-    """One arm has 10 where the depth is largest, the other half as much above 1, which both have elsewhere."""
+    """One arm has 10 where the depth is largest, the other half as much above 1, which both have
+    elsewhere.
+    """
     table = {"scenario": "T5", "vary": {"followers.0.depth_m": [10, 12], "leader.depth_m": [6, 8]}}
     plan = plan_of(of_table(table | {"arm": [{"name": "a"}, {"name": "b"}]}, "maps", "maps"))
     rows = [
-        {"point": i, "arm": arm, "follower": "follower", "realization": 0,
-         "e_p_mean_m": most if point["followers.0.depth_m"] == 12 else 1.0}
-        for i, point in enumerate(plan.points) for arm, most in (("a", 10.0), ("b", 5.5))
-    ]  # fmt: skip
+        {
+            "point": i,
+            "arm": arm,
+            "follower": "follower",
+            "realization": 0,
+            "e_p_mean_m": most if point["followers.0.depth_m"] == 12 else 1.0,
+        }
+        for i, point in enumerate(plan.points)
+        for arm, most in (("a", 10.0), ("b", 5.5))
+    ]
     names = ("followers.0.depth_m", "leader.depth_m")
     maps: Any = charts.heat_maps(plan, Results.of(rows, [(row, {}) for row in rows]), names).panels
     first, second = (panel.parts[0].traces[0] for panel in maps)
@@ -391,12 +514,20 @@ def test_maps_of_arms_have_one_scale() -> None:
 
 def test_keys_have_titles_with_units() -> None:
     for key, label, setting in (
-        ("leader.excess_buoyancy_n", "leader's excess buoyancy [N]", "leader's excess buoyancy 2.5 N"),
+        (
+            "leader.excess_buoyancy_n",
+            "leader's excess buoyancy [N]",
+            "leader's excess buoyancy 2.5 N",
+        ),
         ("followers.1.depth_m", "follower 2's depth [m]", "follower 2's depth 2.5 m"),
         ("ocean.current_speed_m_s", "current speed [m/s]", "current speed 2.5 m/s"),
         ("sensors.heading_bias_deg", "heading bias [°]", "heading bias 2.5°"),
         ("ocean.waves.height_m", "waves height [m]", "waves height 2.5 m"),
-        ("followers.0.station.behind_m", "follower 1's station behind [m]", "follower 1's station behind 2.5 m"),
+        (
+            "followers.0.station.behind_m",
+            "follower 1's station behind [m]",
+            "follower 1's station behind 2.5 m",
+        ),
         ("arm", "arm", "arm 2.5"),
     ):
         assert (charts.label_of(key), charts.point_text({key: 2.5})) == (label, setting)
@@ -413,20 +544,32 @@ def test_panels_share_the_scale_that_holds_them_all(plan: Plan, results: Results
 
 
 def test_a_page_has_a_row_for_each_follower_and_names_what_could_not_be_flown() -> None:
-    """Text of a study's file cannot break a table or begin a section: bars, lines and heads stay text."""
+    """Text of a study's file cannot break a table or begin a section: bars, lines and heads stay
+    text.
+    """
     table = {
-        "scenario": "swarm", "question": "## One | two?\n\n## Three", "vary": {"sensors.speed_bias_m_s": [0.1, 0.3]},
-        "set": {"duration_s": 20.0}, "arm": [{"name": "x|y"}, {"name": "z"}],
-    }  # fmt: skip
+        "scenario": "swarm",
+        "question": "## One | two?\n\n## Three",
+        "vary": {"sensors.speed_bias_m_s": [0.1, 0.3]},
+        "set": {"duration_s": 20.0},
+        "arm": [{"name": "x|y"}, {"name": "z"}],
+    }
     plan = plan_of(of_table(table, "mine.toml", "mine"))
     assert len(plan.followers) > 1
     places = [*itertools.product((0, 1), plan.arms, plan.followers)]
-    rows = [{"point": p, "arm": arm, "follower": name, "realization": 0, "seed": 1} for p, arm, name in places]
+    rows = [
+        {"point": p, "arm": arm, "follower": name, "realization": 0, "seed": 1}
+        for p, arm, name in places
+    ]
     runs = [(row, {"run": [0, 1], "e_p_mean_m": [1.0 + i, 2.0 + i]}) for i, row in enumerate(rows)]
     page = page_of(plan, Results.of(rows, runs), {"lost\n\nat 3 s": plan.entries[:2]})
     assert [section.title for section in page.sections] == [
-        "Answer", "Other metrics", "Differences of arms", "Design", "Runs to look at"
-    ]  # fmt: skip
+        "Answer",
+        "Other metrics",
+        "Differences of arms",
+        "Design",
+        "Runs to look at",
+    ]
     question, notice, _, answer = page.sections[0].blocks
     assert isinstance(question, Text)
     assert question.text == table["question"]

@@ -42,7 +42,9 @@ def test_a_sampled_design_has_one_point_in_every_stratum_of_every_factor(design)
     )
     points = points_of(ends, design, 16, 1, 99)
     shares = np.array([[(p["a"] - 2) / 2, math.log(p["b"]) / math.log(100)] for p in points])
-    assert np.array_equal(np.sort(np.floor(16 * shares).astype(int), axis=0), np.arange(16)[:, None].repeat(2, axis=1))
+    assert np.array_equal(
+        np.sort(np.floor(16 * shares).astype(int), axis=0), np.arange(16)[:, None].repeat(2, axis=1)
+    )
     assert points == points_of(ends, design, 16, 1, 99)
     assert points != points_of(ends, design, 16, 2, 99)
 
@@ -79,9 +81,14 @@ def test_a_sobol_design_needs_a_power_of_two():
     ],
 )
 def test_draws_follow_their_law(given, law):
-    """The Kolmogorov-Smirnov test of 1000 draws; one in a thousand right ones would fail it, and seeds are fixed."""
+    """The Kolmogorov-Smirnov test of 1000 draws; one in a thousand right ones would fail it, and
+    seeds are fixed.
+    """
     draw = Draw.of("leader.mass", given)
-    assert stats.kstest([draw.value(1, realization) for realization in range(1000)], law.cdf).pvalue > 1e-3
+    assert (
+        stats.kstest([draw.value(1, realization) for realization in range(1000)], law.cdf).pvalue
+        > 1e-3
+    )
 
 
 def test_choices_come_alike_often():
@@ -93,8 +100,11 @@ def test_choices_come_alike_often():
 def test_draws_of_keys_realizations_and_seeds_are_independent():
     one, other = (Draw.of(key, {"uniform": [0, 1]}) for key in ("a", "b"))
     x = [one.value(1, k) for k in range(1000)]
-    for y in ([other.value(1, k) for k in range(1000)], [one.value(2, k) for k in range(1000)],
-              [one.value(1, k + 1) for k in range(1000)]):  # fmt: skip
+    for y in (
+        [other.value(1, k) for k in range(1000)],
+        [one.value(2, k) for k in range(1000)],
+        [one.value(1, k + 1) for k in range(1000)],
+    ):
         assert abs(np.corrcoef(x, y)[0, 1]) < 4 / math.sqrt(1000)
 
 
@@ -116,7 +126,9 @@ def test_an_invalid_draw_is_reported_with_the_expectation(given, expected):
         Draw.of("x", given)
 
 
-def test_a_route_is_drawn_for_each_realization_from_its_class(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_route_is_drawn_for_each_realization_from_its_class(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Waypoints depend on seed, realization and key alone; of any class all come up."""
     key = "followers.0.waypoints"
     near = Draw.of(key, {"route_class": "50-near-alike"})
@@ -124,16 +136,28 @@ def test_a_route_is_drawn_for_each_realization_from_its_class(monkeypatch: pytes
     legs = np.diff([time for time, _, _ in near.value(3, 0)])
     assert np.all(legs[:-1] <= 80.0), "a class of near waypoints"
     every = Draw.of(key, {"route_class": "any"})
-    far = [np.diff([time for time, _, _ in every.value(3, realization)]).min() >= 100.0 for realization in range(24)]
+    far = [
+        np.diff([time for time, _, _ in every.value(3, realization)]).min() >= 100.0
+        for realization in range(24)
+    ]
     assert 4 <= sum(far) <= 20, "half of the classes have waypoints far apart"
-    with pytest.raises(ValueError, match=r"route_class expects any, 50-near-alike, .*\(given: 'near'\)"):
+    with pytest.raises(
+        ValueError, match=r"route_class expects any, 50-near-alike, .*\(given: 'near'\)"
+    ):
         Draw.of(key, {"route_class": "near"})
     monkeypatch.setattr("experiments.study.design.random_waypoints", lambda name, _: name)
     assert {every.value(3, realization) for realization in range(200)} == set(CLASSES)
 
 
 def test_a_formation_is_drawn_for_each_realization_and_keeps_its_distances() -> None:
-    area = {"count": 8, "spacing_m": 7.0, "behind_m": 12.0, "length_m": 30.0, "width_m": 50.0, "layer_m": 0.5}
+    area = {
+        "count": 8,
+        "spacing_m": 7.0,
+        "behind_m": 12.0,
+        "length_m": 30.0,
+        "width_m": 50.0,
+        "layer_m": 0.5,
+    }
     draw = Draw.of("followers", {"formation": area})
     formations = [draw.value(1, realization) for realization in range(40)]
     assert formations[3] == Draw.of("followers", {"formation": area}).value(1, 3)
@@ -147,7 +171,11 @@ def test_a_formation_is_drawn_for_each_realization_and_keeps_its_distances() -> 
         places.append(place)
     # drawn evenly: the middle of the area, to within three standard errors of 320 places
     behind, port = np.concatenate(places).T
-    assert (behind.min() >= 12.0, behind.max() <= 42.0, np.abs(port).max() <= 25.0) == (True, True, True)
+    assert (behind.min() >= 12.0, behind.max() <= 42.0, np.abs(port).max() <= 25.0) == (
+        True,
+        True,
+        True,
+    )
     assert behind.mean() == pytest.approx(27.0, abs=3 * 30.0 / np.sqrt(12 * 320))
     assert port.mean() == pytest.approx(0.0, abs=3 * 50.0 / np.sqrt(12 * 320))
 
@@ -155,10 +183,16 @@ def test_a_formation_is_drawn_for_each_realization_and_keeps_its_distances() -> 
 @pytest.mark.parametrize(
     ("given", "expected"),
     [
-        ({"count": 0}, "formation expects a table with count, spacing_m, .*; count: Input should be greater"),
+        (
+            {"count": 0},
+            "formation expects a table with count, spacing_m, .*; count: Input should be greater",
+        ),
         ({"cuont": 3}, "count: Field required"),
         ("any", "formation expects a table"),
-        ({"count": 50, "length_m": 10.0, "width_m": 10.0}, "50 stations 6 m apart do not fit into the area"),
+        (
+            {"count": 50, "length_m": 10.0, "width_m": 10.0},
+            "50 stations 6 m apart do not fit into the area",
+        ),
     ],
 )
 def test_a_formation_that_cannot_be_drawn_is_refused(given: object, expected: str) -> None:
@@ -167,14 +201,29 @@ def test_a_formation_that_cannot_be_drawn_is_refused(given: object, expected: st
 
 
 def test_a_value_may_differ_from_run_to_run():
-    assert [value_at({"cycle": ["a", "b", "c"]}, run) for run in range(5)] == ["a", "b", "c", "a", "b"]
+    assert [value_at({"cycle": ["a", "b", "c"]}, run) for run in range(5)] == [
+        "a",
+        "b",
+        "c",
+        "a",
+        "b",
+    ]
     assert [value_at({"rotate": 100}, run) for run in range(5)] == [0, 100, 200, 300, 40]
-    assert [value_at(given, 3) for given in (2.5, [1, 2], {"kind": "jonswap"})] == [2.5, [1, 2], {"kind": "jonswap"}]
+    assert [value_at(given, 3) for given in (2.5, [1, 2], {"kind": "jonswap"})] == [
+        2.5,
+        [1, 2],
+        {"kind": "jonswap"},
+    ]
 
 
 def test_a_study_gives_each_run_its_values_and_every_follower_the_same():
     arm = {"name": "a", "title": "any direction", "every": 2, "followers": {"*": {"depth_m": 9.0}}}
-    table = {"scenario": "swarm", "runs": 5, "set": {"ocean.current_direction_deg": {"rotate": 90}}, "arm": [arm]}
+    table = {
+        "scenario": "swarm",
+        "runs": 5,
+        "set": {"ocean.current_direction_deg": {"rotate": 90}},
+        "arm": [arm],
+    }
     plan = plan_of(of_table(table, "s", "s"))
     (entry,) = plan.entries
     assert list(plan.runs_of(entry)) == [0, 2, 4]
@@ -190,14 +239,23 @@ def test_a_study_gives_each_run_its_values_and_every_follower_the_same():
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"set": {"ocean.current_speed_m_s": {"cycle": []}}}, r"expected \{ cycle = \[value, …\] \} or \{ rotate = "),
+        (
+            {"set": {"ocean.current_speed_m_s": {"cycle": []}}},
+            r"expected \{ cycle = \[value, …\] \} or \{ rotate = ",
+        ),
         ({"set": {"ocean.current_speed_m_s": {"rotate": "x"}}}, r"expected \{ cycle"),
-        ({"set": {"ocean.current_speed_m_s": {"cycle": [-1.0]}}}, r"ocean.current_speed_m_s: .*greater than or equal"),
+        (
+            {"set": {"ocean.current_speed_m_s": {"cycle": [-1.0]}}},
+            r"ocean.current_speed_m_s: .*greater than or equal",
+        ),
         (
             {"arm": [{"name": "a", "every": 0}]},
             r"arm\[0\].every: Input should be greater .*1 \(given: 0\)",
         ),
-        ({"scenario": "T5", "arm": [{"name": "a", "every": 2}]}, r"arm a: every applies to closed loops"),
+        (
+            {"scenario": "T5", "arm": [{"name": "a", "every": 2}]},
+            r"arm a: every applies to closed loops",
+        ),
         ({"set": {"followers.*.no_key": 1}}, r"followers\[0\].no_key: unknown key"),
     ],
 )

@@ -1,4 +1,6 @@
-"""Means in studies: intervals over realizations and runs in closed form, and differences that are paired."""
+"""Means in studies: intervals over realizations and runs in closed form, and differences that
+are paired.
+"""
 
 import math
 from dataclasses import replace
@@ -13,7 +15,13 @@ from experiments.campaign import montecarlo
 from experiments.flight.library import load
 from experiments.study import measure
 from experiments.study.estimate import Results, over_realizations, over_runs
-from experiments.study.measure import DISC_DIAMETER_M, disc_power, facts_of, records_of_run, thruster_power
+from experiments.study.measure import (
+    DISC_DIAMETER_M,
+    disc_power,
+    facts_of,
+    records_of_run,
+    thruster_power,
+)
 from laisn.arrays import records
 from laisn.swarm import ESTIMATE
 from sim import tracking
@@ -60,13 +68,17 @@ def test_an_outcome_absent_from_several_realizations_has_an_interval():
     found = over_runs([np.zeros(12)] * 12, shares=True)
     assert (found.value, found.low) == (0.0, 0.0)
     assert found.high == pytest.approx(1 - 0.025 ** (1 / 12), rel=1e-9)
-    assert over_runs([np.ones(5)] * 12, shares=True).low == pytest.approx(0.025 ** (1 / 12), rel=1e-9)
+    assert over_runs([np.ones(5)] * 12, shares=True).low == pytest.approx(
+        0.025 ** (1 / 12), rel=1e-9
+    )
     apart = over_runs([np.zeros(12)] * 12, shares=True, paired=True)
     assert apart.low < 0.0 < apart.high
 
 
 def test_seas_of_one_run_each_have_the_limits_of_clopper_and_pearson():
-    """Of S such realizations, the means scatter like those of S − 1 runs: between scipy's limits for 4 and 5 of 19."""
+    """Of S such realizations, the means scatter like those of S − 1 runs: between scipy's limits
+    for 4 and 5 of 19.
+    """
     share = over_runs([np.array([float(i < 5)]) for i in range(20)], shares=True)
     low, high = (binomtest(k, 19).proportion_ci(method="exact") for k in (4, 5))
     assert low.low < share.low < high.low
@@ -74,11 +86,15 @@ def test_seas_of_one_run_each_have_the_limits_of_clopper_and_pearson():
 
 
 def test_shares_of_realizations_have_the_limits_of_the_effective_number_of_runs():
-    """Korn and Graubard: p (1 − p) over the variance of the mean, 25, times (t₃₉ / t₃)², from any table of Student's t.
+    """Korn and Graubard: p (1 − p) over the variance of the mean, 25, times (t₃₉ / t₃)², from any
+    table of Student's t.
 
-    Four realizations of ten runs, of which 1, 2, 5 and 2 have the outcome: their mean is 0.25, its variance 0.03 / 4.
+    Four realizations of ten runs, of which 1, 2, 5 and 2 have the outcome: their mean is 0.25, its
+    variance 0.03 / 4.
     """
-    found = over_runs([(np.arange(10) < count).astype(float) for count in (1, 2, 5, 2)], shares=True)
+    found = over_runs(
+        [(np.arange(10) < count).astype(float) for count in (1, 2, 5, 2)], shares=True
+    )
     alike = 0.25 * 0.75 / (0.03 / 4) * (2.0227 / 3.1824) ** 2
     assert found.value == 0.25
     assert found.low == pytest.approx(beta.ppf(0.025, 0.25 * alike, 0.75 * alike + 1), rel=1e-3)
@@ -90,12 +106,16 @@ def test_shares_of_realizations_have_the_limits_of_the_effective_number_of_runs(
 
 
 def test_shares_of_different_realizations_have_nominal_coverage():
-    """Every realization has a chance of its own, so that its runs are not independent of one another."""
+    """Every realization has a chance of its own, so that its runs are not independent of one
+    another.
+    """
     random = np.random.default_rng(5)
     hits = 0
     for _ in range(400):
         chances = random.beta(0.3, 2.7, 15)
-        found = over_runs([(random.random(20) < chance).astype(float) for chance in chances], shares=True)
+        found = over_runs(
+            [(random.random(20) < chance).astype(float) for chance in chances], shares=True
+        )
         hits += found.low <= 0.1 <= found.high
     assert hits / 400 > 0.93
 
@@ -110,7 +130,10 @@ def results():
     random = np.random.default_rng(3)
     noise = random.normal(0.0, 1.0, 60)
     rows = [{"point": 0, "arm": arm, "follower": "f", "realization": 0} for arm in ("a", "b")]
-    lists = [{"e_p_mean_m": (10 + noise).tolist()}, {"e_p_mean_m": (9.5 + noise + random.normal(0, 0.01, 60)).tolist()}]
+    lists = [
+        {"e_p_mean_m": (10 + noise).tolist()},
+        {"e_p_mean_m": (9.5 + noise + random.normal(0, 0.01, 60)).tolist()},
+    ]
     return Results.of(rows, [(row, own) for row, own in zip(rows, lists, strict=True)])
 
 
@@ -126,7 +149,9 @@ def test_differences_of_arms_are_paired_by_run():
 def test_a_thruster_at_rest_takes_the_power_of_momentum_theory():
     """T^1.5 / √(2ρA) at rest; T v where v is large (both in any textbook on propellers)."""
     area = math.pi * DISC_DIAMETER_M**2 / 4
-    assert disc_power(np.array([-9.0]), np.zeros(1), 1026.0) == pytest.approx(27.0 / math.sqrt(2 * 1026.0 * area))
+    assert disc_power(np.array([-9.0]), np.zeros(1), 1026.0) == pytest.approx(
+        27.0 / math.sqrt(2 * 1026.0 * area)
+    )
     assert disc_power(np.array([0.01]), np.array([50.0]), 1026.0) == pytest.approx(0.5, rel=1e-4)
 
 
@@ -146,7 +171,9 @@ def test_energy_is_mean_power_times_time_and_way_costs_it():
     assert facts["energy_j"] == pytest.approx(40 * facts["power_mean_w"])
     # no disc can push against the water for less than the work that it does there
     through = np.linalg.norm(trajectory.velocity[:, 1] - trajectory.water_velocity[:, 1], axis=1)
-    assert facts["power_mean_w"] > 0.99 * float(np.mean(np.abs(trajectory.thrust[:, 1, 0]) * through))
+    assert facts["power_mean_w"] > 0.99 * float(
+        np.mean(np.abs(trajectory.thrust[:, 1, 0]) * through)
+    )
 
 
 ALONG_AND_ACROSS = np.broadcast_to([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], (2, 2, 3)).copy()
@@ -154,13 +181,17 @@ ALONG_AND_ACROSS = np.broadcast_to([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], (2, 2, 3)
 
 
 def test_facts_of_a_mission_are_those_of_its_motion():
-    """A leader at rest 1 m too deep, pitched by 5°; a follower that drifts aside by 3 cm/s and down by 1 cm/s."""
+    """A leader at rest 1 m too deep, pitched by 5°; a follower that drifts aside by 3 cm/s and
+    down by 1 cm/s.
+    """
     scenario = straight.make_scenario()
     depth = scenario.followers[0].depth_m
     flown = straight.make_trajectory(
-        (0.0, 40.0, -depth), leader=(0.0, 0.0, -9.0), follower_velocity=(0.0, 0.03, -0.01),
+        (0.0, 40.0, -depth),
+        leader=(0.0, 0.0, -9.0),
+        follower_velocity=(0.0, 0.03, -0.01),
         heading_pitch_roll=(np.pi / 2, np.deg2rad(5.0), 0.0),
-    )  # fmt: skip
+    )
     thrust = np.zeros((flown.time.size, 2, 2))
     thrust[:, 0, 0], thrust[:, 1, 1] = 16.0, -9.0
     flown = replace(flown, thrust=thrust, effector_force=ALONG_AND_ACROSS)
@@ -213,14 +244,20 @@ def test_nothing_is_compiled_for_stations_where_there_are_none(monkeypatch):
 def test_a_follower_that_rises_is_as_far_off_its_depth_as_one_that_sinks():
     scenario = straight.make_scenario()
     start = (0.0, 40.0, -scenario.followers[0].depth_m)
-    (facts,) = facts_of(scenario, straight.make_trajectory(start, follower_velocity=(0.0, 0.0, 0.02)))
+    (facts,) = facts_of(
+        scenario, straight.make_trajectory(start, follower_velocity=(0.0, 0.0, 0.02))
+    )
     assert facts["depth_error_max_m"] == pytest.approx(0.4)
 
 
 def test_a_thruster_works_against_the_water_that_it_meets_along_the_hull():
-    """1.2 m/s over ground in a current of 0.4 m/s from behind, nose up by 60°: 0.4 m/s along the hull."""
+    """1.2 m/s over ground in a current of 0.4 m/s from behind, nose up by 60°: 0.4 m/s along the
+    hull.
+    """
     flown = straight.make_trajectory(
-        (0.0, 40.0, -10.0), leader_velocity=(1.2, 0.0, 0.0), heading_pitch_roll=(np.pi / 2, np.pi / 3, 0.0)
+        (0.0, 40.0, -10.0),
+        leader_velocity=(1.2, 0.0, 0.0),
+        heading_pitch_roll=(np.pi / 2, np.pi / 3, 0.0),
     )
     thrust, water = np.zeros((flown.time.size, 2, 2)), np.zeros_like(flown.water_velocity)
     thrust[:, 0, 0], water[..., 0] = 8.0, 0.4
@@ -229,10 +266,14 @@ def test_a_thruster_works_against_the_water_that_it_meets_along_the_hull():
     assert thruster_power(flown, 0, 1026.0) == pytest.approx(np.full(201, forward))
     # against its way it pushes into its own wake
     backwards = disc_power(np.array(8.0), np.array(0.0), 1026.0)
-    assert thruster_power(replace(flown, thrust=-thrust), 0, 1026.0) == pytest.approx(np.full(201, backwards))
+    assert thruster_power(replace(flown, thrust=-thrust), 0, 1026.0) == pytest.approx(
+        np.full(201, backwards)
+    )
 
 
-def test_a_run_is_measured_by_its_stations_errors_and_powers(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_is_measured_by_its_stations_errors_and_powers(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """3 s of ten followers, with everything that is measured set by hand, follower by follower."""
     scenario = make_scenario(3.0, 10)
     trajectory = make_trajectory(scenario)
@@ -261,14 +302,17 @@ def test_a_run_is_measured_by_its_stations_errors_and_powers(monkeypatch: pytest
     frame = records(STATION_PLACE, n, 10)
     frame.rate[turning] = -1.1e-3
     frame.rate[~turning] = 0.9e-3
-    loop = SimpleNamespace(state=SimpleNamespace(history=estimates), swarm=SimpleNamespace(gated=np.zeros(10, int)))
+    loop = SimpleNamespace(
+        state=SimpleNamespace(history=estimates), swarm=SimpleNamespace(gated=np.zeros(10, int))
+    )
     monkeypatch.setattr(measure, "simulate_closed_loop", lambda *_: (trajectory, loop))
     monkeypatch.setattr(measure, "track_errors", lambda *_: far)
     monkeypatch.setattr(measure, "true_stations", lambda *_: frame)
     run = pa.Table.from_pylist(records_of_run(scenario, 0)).to_pydict()
     np.testing.assert_allclose(run["station_rms_m"], np.sqrt(np.mean(far**2, axis=0)))
     np.testing.assert_allclose(
-        run["station_p95_m"], [sorted(column)[28] + 0.5 * (sorted(column)[29] - sorted(column)[28]) for column in far.T]
+        run["station_p95_m"],
+        [sorted(column)[28] + 0.5 * (sorted(column)[29] - sorted(column)[28]) for column in far.T],
     )
     np.testing.assert_allclose(run["station_max_m"], far.max(axis=0))
     np.testing.assert_allclose(run["station_turn_max_m"], far[turning].max(axis=0))
@@ -283,7 +327,10 @@ def test_a_run_is_measured_by_its_stations_errors_and_powers(monkeypatch: pytest
     depths = [vehicle.layer_m for vehicle in (scenario.leader, *scenario.followers)]
     for i in range(1, 11):
         others = [j for j in range(11) if j != i]
-        apart = [np.hypot(*(trajectory.position[:, i, :2] - trajectory.position[:, j, :2]).T).min() for j in others]
+        apart = [
+            np.hypot(*(trajectory.position[:, i, :2] - trajectory.position[:, j, :2]).T).min()
+            for j in others
+        ]
         assert run["closest_horizontal_m"][i - 1] == pytest.approx(min(apart))
         level = [d for d, j in zip(apart, others, strict=True) if abs(depths[i] - depths[j]) < 1.0]
         assert run["closest_in_layer_m"][i - 1] == (pytest.approx(min(level)) if level else None)

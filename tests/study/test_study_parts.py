@@ -13,7 +13,11 @@ from experiments.study.run import Choice, Outcomes, fly_further, fly_studies
 from sim.trajectory import tilted
 
 ERRORS = "experiments.studies.estimators.errors"
-SHORT: dict[str, Any] = {"scenario": "T5", "runs": 3, "set": {"duration_s": 20.0, "leader.excess_buoyancy_n": 8.0}}
+SHORT: dict[str, Any] = {
+    "scenario": "T5",
+    "runs": 3,
+    "set": {"duration_s": 20.0, "leader.excess_buoyancy_n": 8.0},
+}
 
 
 def plan(table: dict[str, Any]) -> Plan:
@@ -34,19 +38,36 @@ def test_cases_scenarios_and_factors_are_crossed_and_a_case_may_have_some_of_the
             "arms": ["laisn"],
             "duration_s": 30.0,
         },
-    ]  # fmt: skip
+    ]
     arms = [{"name": "laisn"}, {"name": "tight", "navigation.variant": "tight"}]
-    made = plan({"scenario": ["T2", "T6"], "case": cases, "arm": arms, "vary": {"timing.message_interval_s": [1, 5]}})
+    made = plan(
+        {
+            "scenario": ["T2", "T6"],
+            "case": cases,
+            "arm": arms,
+            "vary": {"timing.message_interval_s": [1, 5]},
+        }
+    )
     assert [tuple(point.values()) for point in made.points] == [
-        (case, route, interval) for case in ("calm", "current") for route in ("T2", "T6") for interval in (1, 5)
+        (case, route, interval)
+        for case in ("calm", "current")
+        for route in ("T2", "T6")
+        for interval in (1, 5)
     ]
     assert [*made.points[0]] == ["case", "scenario", "timing.message_interval_s"]
     chosen = plan(
-        {"scenario": ["T2", "T6"], "case": cases, "arm": arms, "vary": {"scenario": ["T6"], "case": ["calm"]}}
+        {
+            "scenario": ["T2", "T6"],
+            "case": cases,
+            "arm": arms,
+            "vary": {"scenario": ["T6"], "case": ["calm"]},
+        }
     )
     assert [tuple(point.values()) for point in chosen.points] == [("calm", "T6")]
     arms_of = {number: [e.arm for e in made.entries if e.point == number] for number in range(8)}
-    assert arms_of == {number: ["laisn", "tight"] if number < 4 else ["laisn"] for number in range(8)}
+    assert arms_of == {
+        number: ["laisn", "tight"] if number < 4 else ["laisn"] for number in range(8)
+    }
     assert made.study.title("case", "current") == "a current"
     for entry in made.entries:
         scenario, point = entry.scenario, made.points[entry.point]
@@ -62,7 +83,10 @@ def test_cases_scenarios_and_factors_are_crossed_and_a_case_may_have_some_of_the
         ({"case": [{"name": "a"}, {"name": "a"}]}, "case: names must differ; repeated: a"),
         ({"case": [{"name": "a", "arms": ["b"]}]}, "case a: there is no arm 'b'"),
         ({"case": [{"title": "a"}]}, r"case\[0\].name: needs a name"),
-        ({"case": [{"name": "a", "duration_s": 9.0}], "vary": {"duration_s": [1, 2]}}, "duration_s: stands in "),
+        (
+            {"case": [{"name": "a", "duration_s": 9.0}], "vary": {"duration_s": [1, 2]}},
+            "duration_s: stands in ",
+        ),
         ({"case": [{"name": "a", "seed": 9}]}, "seed: belongs to the study"),
         ({"arm": [{"name": "a", "run": 9}]}, "run: belongs to the study"),
         ({"case": [{"name": "b"}], "vary": {"case": ["a"]}}, "vary.case: there is no case 'a'"),
@@ -71,21 +95,39 @@ def test_cases_scenarios_and_factors_are_crossed_and_a_case_may_have_some_of_the
         ({"scenario": ["T2", "T77"]}, "unknown scenario"),
         ({"vary": {"duration_s": [5, 9]}, "runs_apart": 2**20}, "runs_apart: Input should be less"),
         ({"vary": {"run": [5, 2**31 - 5]}}, "the last run is number"),
-        ({"arm": [{"name": "a", "disturb": {"use": f"{ERRORS}:Errors", "errors": ["x"]}}]}, "there is no error 'x'"),
         (
-            {"arm": [{"name": "a", "disturb": {"use": f"{ERRORS}:np.os.system", "command": "true"}}]},
+            {"arm": [{"name": "a", "disturb": {"use": f"{ERRORS}:Errors", "errors": ["x"]}}]},
+            "there is no error 'x'",
+        ),
+        (
+            {
+                "arm": [
+                    {"name": "a", "disturb": {"use": f"{ERRORS}:np.os.system", "command": "true"}}
+                ]
+            },
             "expected a class with",
         ),
-        ({"arm": [{"name": "a", "disturb": {"use": f"{ERRORS}:Nothing"}}]}, "expected a class with `disturb"),
-        ({"arm": [{"name": "a", "disturb": {"use": f"{ERRORS}:Measurements"}}]}, "expected a class with `disturb"),
-        ({"arm": [{"name": "a", "disturb": {"use": "experiments.studies.no.way:Errors"}}]}, "expected a class with"),
+        (
+            {"arm": [{"name": "a", "disturb": {"use": f"{ERRORS}:Nothing"}}]},
+            "expected a class with `disturb",
+        ),
+        (
+            {"arm": [{"name": "a", "disturb": {"use": f"{ERRORS}:Measurements"}}]},
+            "expected a class with `disturb",
+        ),
+        (
+            {"arm": [{"name": "a", "disturb": {"use": "experiments.studies.no.way:Errors"}}]},
+            "expected a class with",
+        ),
         (
             {"scenario": "swarm", "arm": [{"name": "a", "leader_pitch_deg": 0}]},
             "leader_pitch_deg and measured apply to missions",
         ),
     ],
 )
-def test_errors_of_cases_scenarios_and_runs_are_named(changed: dict[str, Any], message: str) -> None:
+def test_errors_of_cases_scenarios_and_runs_are_named(
+    changed: dict[str, Any], message: str
+) -> None:
     with pytest.raises(StudyError, match=message):
         plan(changed)
 
@@ -96,7 +138,9 @@ def test_an_arm_may_follow_a_leader_that_keeps_level_on_the_same_track(tmp_path:
     scenario = plan({}).entries[0].scenario
     motion = simulate_mission(scenario)
     assert np.abs(motion.pitch[:, 0]).max() > np.deg2rad(1.0)
-    for row, (labels, lists), behind in zip(outcomes.rows, outcomes.runs, (motion, tilted(motion, 0.0)), strict=True):
+    for row, (labels, lists), behind in zip(
+        outcomes.rows, outcomes.runs, (motion, tilted(motion, 0.0)), strict=True
+    ):
         found = simulate(Cell.of(scenario, 0, 3, mission=Mission(scenario, behind)))
         assert {name: row[name] for name in ("e_p_mean_m", "nees")} == {
             name: found.row[name] for name in ("e_p_mean_m", "nees")
@@ -108,7 +152,10 @@ def test_an_arm_may_follow_a_leader_that_keeps_level_on_the_same_track(tmp_path:
 
 
 def test_sums_follow_other_keys_and_variables_of_the_study() -> None:
-    deeper = {"followers.0.depth_m": {"sum": ["leader.depth_m", "offset_m", 1.0]}, "leader.depth_m": 8.0}
+    deeper = {
+        "followers.0.depth_m": {"sum": ["leader.depth_m", "offset_m", 1.0]},
+        "leader.depth_m": 8.0,
+    }
     cases = [{"name": "deep"}, {"name": "shallow", "leader.depth_m": 3.0}]
     made = plan({"set": SHORT["set"] | deeper, "vary": {"offset_m": [2.0, 5.0]}, "case": cases})
     assert [entry.scenario.followers[0].depth_m for entry in made.entries] == [11.0, 14.0, 6.0, 9.0]
@@ -119,15 +166,31 @@ def test_sums_follow_other_keys_and_variables_of_the_study() -> None:
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"set": {"followers.0.depth_m": {"sum": ["leader.depth_m", 2.0]}}}, "keys that the study sets to numbers"),
+        (
+            {"set": {"followers.0.depth_m": {"sum": ["leader.depth_m", 2.0]}}},
+            "keys that the study sets to numbers",
+        ),
         ({"vary": {"offset_m": [1.0]}}, "offset_m: unknown key"),
-        ({"set": {"navigation.expected_pitch_deg": {"measured": "no_m"}}}, "unknown column of a mission 'no_m'"),
-        ({"set": {"navigation.pitch_deg": {"measured": "leader_pitch_rms_deg"}}}, "navigation.pitch_deg: unknown key"),
-        ({"scenario": "swarm", "set": {"navigation.expected_pitch_deg": {"measured": "leader_pitch_rms_deg"}}},
-         "measured apply to missions that runs share"),
+        (
+            {"set": {"navigation.expected_pitch_deg": {"measured": "no_m"}}},
+            "unknown column of a mission 'no_m'",
+        ),
+        (
+            {"set": {"navigation.pitch_deg": {"measured": "leader_pitch_rms_deg"}}},
+            "navigation.pitch_deg: unknown key",
+        ),
+        (
+            {
+                "scenario": "swarm",
+                "set": {"navigation.expected_pitch_deg": {"measured": "leader_pitch_rms_deg"}},
+            },
+            "measured apply to missions that runs share",
+        ),
     ],
-)  # fmt: skip
-def test_errors_of_sums_and_measured_values_are_named(changed: dict[str, Any], message: str) -> None:
+)
+def test_errors_of_sums_and_measured_values_are_named(
+    changed: dict[str, Any], message: str
+) -> None:
     with pytest.raises(StudyError, match=message):
         plan(changed)
 
@@ -162,10 +225,16 @@ def test_runs_have_the_noise_of_their_numbers(tmp_path: Path) -> None:
     """Points may have runs of their own: run 5 is the same wherever it stands."""
     many = flown(tmp_path, {"runs": 8}).runs[0][1]
     made = plan(
-        {"set": SHORT["set"] | {"run": 2}, "vary": {"leader.broadcast_attitude": [False, True]}, "runs_apart": 3}
+        {
+            "set": SHORT["set"] | {"run": 2},
+            "vary": {"leader.broadcast_attitude": [False, True]},
+            "runs_apart": 3,
+        }
     )
     assert [entry.scenario.run for entry in made.entries] == [2, 5]
-    for first, (_, lists) in zip((2, 5), fly_studies([made], tmp_path, workers=1, quiet=True)[0].runs, strict=True):
+    for first, (_, lists) in zip(
+        (2, 5), fly_studies([made], tmp_path, workers=1, quiet=True)[0].runs, strict=True
+    ):
         assert lists["run"].tolist() == [first, first + 1, first + 2]
         assert lists["e_p_mean_m"].tolist() == many["e_p_mean_m"][first : first + 3].tolist()
     part = fly_studies([made.part(made.entries[1:], 1)], tmp_path, workers=1, quiet=True)[0]
@@ -173,7 +242,9 @@ def test_runs_have_the_noise_of_their_numbers(tmp_path: Path) -> None:
 
 
 def test_studies_fly_together_and_keep_errors_over_time(tmp_path: Path) -> None:
-    one, other = fly_studies([plan({"steps": True}), plan({"runs": 2})], tmp_path, workers=1, quiet=True)
+    one, other = fly_studies(
+        [plan({"steps": True}), plan({"runs": 2})], tmp_path, workers=1, quiet=True
+    )
     (steps,) = one.steps
     assert steps["e_p_mean_m"].mean() == pytest.approx(one.rows[0]["e_p_mean_m"], rel=1e-6)
     assert other.steps == [{}]
@@ -181,7 +252,11 @@ def test_studies_fly_together_and_keep_errors_over_time(tmp_path: Path) -> None:
 
 
 def test_a_trial_run_has_the_keys_of_quick() -> None:
-    table = {"scenario": "T5", "quick": {"runs": 2, "set": {"duration_s": 20.0}}, "set": {"duration_s": 50.0}}
+    table = {
+        "scenario": "T5",
+        "quick": {"runs": 2, "set": {"duration_s": 20.0}},
+        "set": {"duration_s": 50.0},
+    }
     assert study_of(table, {}).runs == 60
     quick = study_of(table, {"set": {"seed_": 1}, "runs": None}, quick=True)
     assert (quick.runs, quick.settings) == (2, {"duration_s": 20.0, "seed_": 1})

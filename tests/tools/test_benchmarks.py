@@ -1,4 +1,6 @@
-"""Benchmarks: the peers that lanes are compared with do the same work, and the table contains the measurements."""
+"""Benchmarks: the peers that lanes are compared with do the same work, and the table contains
+the measurements.
+"""
 
 from functools import partial
 from time import process_time
@@ -39,29 +41,44 @@ def test_the_peak_is_that_of_a_processor() -> None:
 
 
 def test_the_peak_is_measured_for_longer_than_a_tick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The fastest processor of all takes five ticks of 10 ms for the operations of one measurement."""
+    """The fastest processor of all takes five ticks of 10 ms for the operations of one
+    measurement.
+    """
     monkeypatch.setattr(peak, "least_time", lambda work: 1.0)
     assert peak_flops() >= 0.05 * 2 * 16 * 6e9
 
 
 def test_table_shows_every_row_and_leaves_out_what_is_unknown() -> None:
-    lines = table([Row("one", 2.5, "ns/step", 10.0, "another", 1.25), Row("two", 3.0, "s")]).splitlines()
+    lines = table(
+        [Row("one", 2.5, "ns/step", 10.0, "another", 1.25), Row("two", 3.0, "s")]
+    ).splitlines()
     assert lines[1].split() == ["one", "2.5", "ns/step", "10.0x", "another", "1.2"]
     assert lines[2].split() == ["two", "3.0", "s"]
     assert all(callable(benchmark) for benchmark in BENCHMARKS.values())
 
 
 def rounds(
-    name: str, *values: float, ratios: tuple[float, ...] = (), against: str = "", floor: float = np.nan
+    name: str,
+    *values: float,
+    ratios: tuple[float, ...] = (),
+    against: str = "",
+    floor: float = np.nan,
 ) -> list[Row]:
     """A row of each round."""
     faster = ratios or (np.nan,) * len(values)
-    return [Row(name, value, "ns/step", ratio, against, floor) for value, ratio in zip(values, faster, strict=True)]
+    return [
+        Row(name, value, "ns/step", ratio, against, floor)
+        for value, ratio in zip(values, faster, strict=True)
+    ]
 
 
 def test_the_record_has_the_median_of_the_rounds_and_their_spread() -> None:
-    filterpy = rounds("lanes", 10.0, 14.0, 11.0, ratios=(2900.0, 2000.0, 2600.0), against="filterpy", floor=3.5)
-    vectorised = rounds("lanes", 10.0, 14.0, 11.0, ratios=(120.0, 90.0, 100.0), against="NumPy", floor=3.5)
+    filterpy = rounds(
+        "lanes", 10.0, 14.0, 11.0, ratios=(2900.0, 2000.0, 2600.0), against="filterpy", floor=3.5
+    )
+    vectorised = rounds(
+        "lanes", 10.0, 14.0, 11.0, ratios=(120.0, 90.0, 100.0), against="NumPy", floor=3.5
+    )
     found = record({"navigation": [list(pair) for pair in zip(filterpy, vectorised, strict=True)]})
     value = found["navigation: lanes"]
     assert (value.value, value.low, value.high, value.unit) == (11.0, 10.0, 14.0, "ns/step")
@@ -78,7 +95,14 @@ def test_the_table_of_speeds_is_that_of_the_record() -> None:
         fleet = f"leader + {n}"
         physics += [
             Row(f"{fleet}: mj_step alone, no water", bare, "µs/step"),
-            Row(f"{fleet}: with autopilot and recording", step, "µs/step", bare / step, "mj_step", bare / 2),
+            Row(
+                f"{fleet}: with autopilot and recording",
+                step,
+                "µs/step",
+                bare / step,
+                "mj_step",
+                bare / 2,
+            ),
             Row(f"{fleet}: real-time factor", 20_000.0 / step, "x"),
         ]
     navigation = [
@@ -91,16 +115,28 @@ def test_the_table_of_speeds_is_that_of_the_record() -> None:
     tight = [Row("tight, 3 transmitters, messages every 1 s", 64.0, "ns/step", 0.2, "LAISN-2", 3.4)]
     found = record({"physics": [physics], "navigation": [navigation], "log": [log]})
     lines = speed({"benchmarks": found}).splitlines()
-    first = "| 3.0 (3.0 to 3.0) µs a step, 6,667 times real time | bare `mj_step` 6.0 µs, its needed part 3.0 µs |"
+    first = (
+        "| 3.0 (3.0 to 3.0) µs a step, 6,667 times real time | bare `mj_step` 6.0 µs, its "
+        "needed part 3.0 µs |"
+    )
     assert lines[2].endswith(first)
     assert "60.0 (60.0 to 60.0) µs a step, 333 times real time" in lines[4]
     assert "10.0 (10.0 to 10.0) ns a step | 2,900 times as fast as filterpy, 120" in lines[5]
     assert "floor by flops 3.5 ns" in lines[5]
-    assert lines[7].startswith("| LAISN-3(2), with noise and metrics | 19.0 (19.0 to 19.0) ns a step |")
+    assert lines[7].startswith(
+        "| LAISN-3(2), with noise and metrics | 19.0 (19.0 to 19.0) ns a step |"
+    )
     assert "120 (120 to 120) thousand messages/s | 8.6 MB" in lines[8]
-    filmed = record({"physics": [physics], "navigation": [navigation], "log": [log], "tight": [tight],
-                     "film": [[Row("frames a second, once running", 25.0, "1/s")]],
-                     "command": [[Row("laisn fly T5 --no-video", t, "s")] for t in (2.25, 2.5, 2.0)]})  # fmt: skip
+    filmed = record(
+        {
+            "physics": [physics],
+            "navigation": [navigation],
+            "log": [log],
+            "tight": [tight],
+            "film": [[Row("frames a second, once running", 25.0, "1/s")]],
+            "command": [[Row("laisn fly T5 --no-video", t, "s")] for t in (2.25, 2.5, 2.0)],
+        }
+    )
     assert "64.0 (64.0 to 64.0) ns a step | 0.20 times as fast" in speed({"benchmarks": filmed})
     assert "25 (25 to 25) frames/s" in speed({"benchmarks": filmed})
     assert "| 2.2 (2.0 to 2.5) s by the clock |" in speed({"benchmarks": filmed})
@@ -110,15 +146,21 @@ def by_name(rows: list[Row]) -> dict[tuple[str, str], Row]:
     return {(row.name, row.against): row for row in rows}
 
 
-def test_times_of_navigation_are_reported_per_step_of_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every work takes 3 s: of 300 steps of one run, of 2000 steps of 60 runs, or of five times as many."""
+def test_times_of_navigation_are_reported_per_step_of_a_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Every work takes 3 s: of 300 steps of one run, of 2000 steps of 60 runs, or of five times
+    as many.
+    """
     monkeypatch.setattr(benchmarks, "least_time", lambda *_: 3.0)
     monkeypatch.setattr(peak, "least_time", lambda *_: 3.0)
     monkeypatch.setattr(benchmarks, "simulate", lambda _: None)
     found = by_name(benchmarks.navigation())
     # 8 fused operations of 2 flops each, 10 million times in every lane
     flops = 16 * LANES * 10_000_000 / 3.0
-    assert found["peak of one core, fused multiply-adds", ""][1:3] == pytest.approx((flops * 1e-9, "GF/s"))
+    assert found["peak of one core, fused multiply-adds", ""][1:3] == pytest.approx(
+        (flops * 1e-9, "GF/s")
+    )
     alone, together = 3e9 / 300, 3e9 / (2000 * 60)
     assert found["filterpy: predict and updates only", ""].value == pytest.approx(alone)
     readable = found["navigator (readable engine)", "filterpy"]
@@ -137,19 +179,31 @@ def test_times_of_the_tightly_coupled_navigator_are_held_against_laisn_2_and_the
     """Works that take 1 to 5 ms, of two runs of 10,000 steps, on a core of 1 GF/s."""
     monkeypatch.setattr(navigators, "RUNS", 2)
     monkeypatch.setattr(navigators, "peak_flops", lambda: 1e9)
-    monkeypatch.setattr(navigators, "least_times", lambda works, _: [1e-3 * (i + 1) for i in range(len(works))])
+    monkeypatch.setattr(
+        navigators, "least_times", lambda works, _: [1e-3 * (i + 1) for i in range(len(works))]
+    )
     found = by_name(navigators.tight())
-    assert found["LAISN-2 in lanes, filter only, messages every 5 s", ""].value == pytest.approx(50.0)
+    assert found["LAISN-2 in lanes, filter only, messages every 5 s", ""].value == pytest.approx(
+        50.0
+    )
     three = "tight, 3 transmitters, messages every 5 s"
-    assert found[three, "LAISN-2"][1:] == pytest.approx((100.0, "ns/step", 0.5, "LAISN-2", 95 + 945 / 50))
+    assert found[three, "LAISN-2"][1:] == pytest.approx(
+        (100.0, "ns/step", 0.5, "LAISN-2", 95 + 945 / 50)
+    )
     assert found[three, "aim"].ratio == pytest.approx(0.6)
-    assert found["tight, 2 transmitters, messages every 5 s", "aim"].ratio == pytest.approx(250.0 / 200.0)
-    assert found["tight, 2 transmitters, all states, messages every 5 s", "LAISN-2"].value == pytest.approx(250.0)
+    assert found["tight, 2 transmitters, messages every 5 s", "aim"].ratio == pytest.approx(
+        250.0 / 200.0
+    )
+    assert found[
+        "tight, 2 transmitters, all states, messages every 5 s", "LAISN-2"
+    ].value == pytest.approx(250.0)
     assert ("tight, 2 transmitters, all states, messages every 5 s", "aim") not in found
 
 
 def test_times_of_physics_are_reported_per_step_of_a_fleet(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In turns 0.1 s of MuJoCo, 0.05 s of what a step needs of it, 0.2 s with water and 0.25 s with autopilots."""
+    """In turns 0.1 s of MuJoCo, 0.05 s of what a step needs of it, 0.2 s with water and 0.25 s
+    with autopilots.
+    """
     monkeypatch.setattr(mission, "FLEETS", {"leader + 1": (1, 100.0)})
     times = iter([0.1, 0.05, 0.2, 0.25])
     monkeypatch.setattr(mission, "least_time", lambda *_: next(times))
@@ -157,8 +211,12 @@ def test_times_of_physics_are_reported_per_step_of_a_fleet(monkeypatch: pytest.M
     # 5000 steps of 0.02 s
     assert found["mj_step alone, no water"].value == pytest.approx(20.0)
     assert found["with hydrodynamics"][1:] == pytest.approx((40.0, "µs/step", 0.5, "mj_step", 10.0))
-    assert found["with autopilot and recording"][1:] == pytest.approx((50.0, "µs/step", 0.4, "mj_step", 10.0))
-    assert found["real-time factor"][1:4] == pytest.approx((400.0, "x", 400.0 / mission.AIMS["leader + 1"]))
+    assert found["with autopilot and recording"][1:] == pytest.approx(
+        (50.0, "µs/step", 0.4, "mj_step", 10.0)
+    )
+    assert found["real-time factor"][1:4] == pytest.approx(
+        (400.0, "x", 400.0 / mission.AIMS["leader + 1"])
+    )
 
 
 def test_a_closed_loop_is_reported_beside_the_solver_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -170,18 +228,28 @@ def test_a_closed_loop_is_reported_beside_the_solver_alone(monkeypatch: pytest.M
     # 5000 steps of 0.02 s
     assert found["mj_step alone"][1:3] == pytest.approx((40.0, "µs/step"))
     assert found["closed loop"][1:5] == pytest.approx((20.0, "µs/step", 2.0, "mj_step"))
-    assert found["followers sense each other"][1:5] == pytest.approx((32.0, "µs/step", 1.25, "mj_step"))
-    assert found["solver over closed loop"][1:4] == pytest.approx((2.0, "x", 2.0 / formation.AIMS[10]))
+    assert found["followers sense each other"][1:5] == pytest.approx(
+        (32.0, "µs/step", 1.25, "mj_step")
+    )
+    assert found["solver over closed loop"][1:4] == pytest.approx(
+        (2.0, "x", 2.0 / formation.AIMS[10])
+    )
     assert found["real-time factor"][1:3] == pytest.approx((1000.0, "x"))
     assert found["a run of 1000 s, whole"][1:3] == (3.0, "s")
     assert {f.layer_m for f in formation.swarm(50, 1.0).followers} == {10.0}
 
 
-def test_a_log_is_reported_in_thousand_messages_and_megabytes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_log_is_reported_in_thousand_messages_and_megabytes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(mission, "fly", lambda _: (synthetic.make_flight(5.0), None))
     monkeypatch.setattr(mission, "least_time", lambda work, _: (work(), 0.5)[1])
-    monkeypatch.setattr(mission.writer, "write", lambda _, path, **__: path.write_bytes(bytes(2_500_000)))
-    counted = SimpleNamespace(topics={name: SimpleNamespace(times=range(15_000)) for name in ("truth", "fix")})
+    monkeypatch.setattr(
+        mission.writer, "write", lambda _, path, **__: path.write_bytes(bytes(2_500_000))
+    )
+    counted = SimpleNamespace(
+        topics={name: SimpleNamespace(times=range(15_000)) for name in ("truth", "fix")}
+    )
     monkeypatch.setattr(mission, "Contents", lambda *_: counted)
     found = {row.name: row for row in mission.log()}
     assert found["messages"][1:3] == (30.0, "k")

@@ -27,7 +27,9 @@ def off_by(flight: Flight, error: Floats) -> Flight:
 
 
 def test_flights_are_compared_by_errors_and_positions(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The follower is 0.35 rad behind on a circle of 69 m about the centre of the leader's, which is 60 m wide."""
+    """The follower is 0.35 rad behind on a circle of 69 m about the centre of the leader's,
+    which is 60 m wide.
+    """
     whole = synthetic.make_flight(660.0)
     time = whole.trajectory.time[whole.step_index()]
     error = np.full(time.size, 1.0)
@@ -37,7 +39,9 @@ def test_flights_are_compared_by_errors_and_positions(monkeypatch: pytest.Monkey
     _, seen = Mission(whole.scenario, whole.trajectory).seen(whole.scenario, 0)
     # leaders pitch ever more from flight to flight; that of the following sea by 0.2 rad
     pitched = {n: replace(whole, trajectory=tilted(whole.trajectory, 0.1 * n)) for n in range(1, 5)}
-    shown = tilt_errors(pitched[2].trajectory, Sensors(leader_attitude_senses_acceleration=True))[:, 0]
+    shown = tilt_errors(pitched[2].trajectory, Sensors(leader_attitude_senses_acceleration=True))[
+        :, 0
+    ]
 
     def load(name: str, settings: Sequence[str]) -> tuple[str, tuple[str, ...]]:
         calls.append((name, tuple(settings)))
@@ -45,12 +49,18 @@ def test_flights_are_compared_by_errors_and_positions(monkeypatch: pytest.Monkey
 
     def fly(_: object) -> tuple[Flight, None]:
         sizes = {1: error, 2: np.where(np.arange(time.size) % 4 == 0, 5.0, 1.0)}
-        return off_by(pitched[len(calls)], sizes.get(len(calls), np.full(time.size, float(len(calls))))), None
+        return off_by(
+            pitched[len(calls)], sizes.get(len(calls), np.full(time.size, float(len(calls))))
+        ), None
 
     monkeypatch.setattr(flights, "load", load)
     monkeypatch.setattr(flights, "fly", fly)
     found = {name: finding.value for name, finding in flights.findings().findings.items()}
-    lag, inner, outer = synthetic.LAG_RAD, synthetic.LEADER_RADIUS_M, synthetic.LEADER_RADIUS_M + synthetic.LANE_M
+    lag, inner, outer = (
+        synthetic.LAG_RAD,
+        synthetic.LEADER_RADIUS_M,
+        synthetic.LEADER_RADIUS_M + synthetic.LANE_M,
+    )
     assert found == pytest.approx(
         {
             "T5 off-axis": 2.5,
@@ -67,13 +77,17 @@ def test_flights_are_compared_by_errors_and_positions(monkeypatch: pytest.Monkey
         rel=1e-5,
     )
     assert calls == [
-        ("T5", ()), ("following-sea", ()), ("following-sea-ahrs", ()),
+        ("T5", ()),
+        ("following-sea", ()),
+        ("following-sea-ahrs", ()),
         ("following-sea-ahrs", ("sensors.leader_gyro_time_constant_s=0",)),
-    ]  # fmt: skip
+    ]
 
 
 def test_what_log_and_compass_do_not_see_is_the_drift_across_the_hull() -> None:
-    """Along a circle of 50 m at 1 m/s nothing; with a current of 3 cm/s to the east and 4 cm/s to the south, that."""
+    """Along a circle of 50 m at 1 m/s nothing; with a current of 3 cm/s to the east and 4 cm/s
+    to the south, that.
+    """
     angle = 0.02 * np.arange(0.0, 300.0, 0.1)
     place = 50.0 * np.column_stack([1.0 - np.cos(angle), np.sin(angle)])
     drift = np.outer(angle / 0.02, [0.03, -0.04])

@@ -14,11 +14,17 @@ from tools.documents import hull_trials
 from tools.documents.physics import PUBLISHED_SPEED, PUBLISHED_TURN
 
 LAG = dict(zip(PUBLISHED_SPEED, (6.013, 5.0, 4.0, 3.0, 2.5, 2.007), strict=True))
-"""How long a hull takes to 63 % of its speed, by propeller speed, between two instants of its history [s]."""
+"""How long a hull takes to 63 % of its speed, by propeller speed, between two instants of its
+history [s].
+"""
 
 
-def moved(rpm: float, duration: float, rudder_deg: float = 0.0, stern_plane_deg: float = 0.0) -> tuple[Any, Floats]:
-    """A hull that speeds up as 1 − exp(−t / T), turns 2 % too quickly, or pitches by a ten-thousandth of its speed."""
+def moved(
+    rpm: float, duration: float, rudder_deg: float = 0.0, stern_plane_deg: float = 0.0
+) -> tuple[Any, Floats]:
+    """A hull that speeds up as 1 − exp(−t / T), turns 2 % too quickly, or pitches by a
+    ten-thousandth of its speed.
+    """
     history = np.zeros((round(duration / remus.DT), 6))
     time = remus.DT * np.arange(len(history))
     history[:, 0] = PUBLISHED_SPEED[round(rpm)] * -np.expm1(-time / LAG[round(rpm)])
@@ -39,7 +45,9 @@ def test_trials_are_read_as_speeds_rises_turns_and_pitch(monkeypatch: pytest.Mon
     for rpm, speed in PUBLISHED_SPEED.items():
         # after 100 s nothing is left of the lag but exp(−100 / T) of the slowest
         assert found[f"speed {rpm}"] == pytest.approx(speed, abs=1e-4)
-    assert (found["rise slowest"], found["rise quickest"]) == pytest.approx((6.013, 2.007), abs=1e-4)
+    assert (found["rise slowest"], found["rise quickest"]) == pytest.approx(
+        (6.013, 2.007), abs=1e-4
+    )
     assert found["turn apart"] == pytest.approx(0.02)
     # the slowest and the quickest turn, at 1 m/s and 1.525 m/s
     radii = [
@@ -47,12 +55,15 @@ def test_trials_are_read_as_speeds_rises_turns_and_pitch(monkeypatch: pytest.Mon
         for rpm, turns in PUBLISHED_TURN.items()
         for rudder, rate in turns.items()
     ]
-    assert (found["radius largest"], found["radius least"]) == pytest.approx((max(radii), min(radii)), rel=1e-5)
+    assert (found["radius largest"], found["radius least"]) == pytest.approx(
+        (max(radii), min(radii)), rel=1e-5
+    )
     assert (found["pitch 1000"], found["pitch 1525"]) == pytest.approx((10.0, 15.25))
 
 
 def test_the_righting_period_is_that_of_the_closed_form() -> None:
-    """A hull of mass m and moment I about its middle, its weight h below: it turns about a point that is free to surge.
+    """A hull of mass m and moment I about its middle, its weight h below: it turns about a point
+    that is free to surge.
 
     I + m h² + A55 less (m h)² / (m + A11) swings under m g h (Newton's law for both, linearised).
     """

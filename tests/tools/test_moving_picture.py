@@ -1,4 +1,6 @@
-"""The moving picture of the README: it shows the leader's corner, and all frames of the film of it in their order."""
+"""The moving picture of the README: it shows the leader's corner, and all frames of the film of
+it in their order.
+"""
 
 from fractions import Fraction
 from pathlib import Path
@@ -20,7 +22,9 @@ COLOURS = ((200, 40, 40), (40, 160, 40), (40, 40, 200))
 
 
 def test_the_whole_turn_of_the_formation_is_in_it() -> None:
-    """The last follower passes the corner of the leader's L as many seconds after it as it is metres behind."""
+    """The last follower passes the corner of the leader's L as many seconds after it as it is
+    metres behind.
+    """
     scenario = load("swarm", ())
     leader = routes_of(scenario)[0]
     legs = np.diff(leader.waypoint, axis=0)
@@ -33,7 +37,9 @@ def test_the_whole_turn_of_the_formation_is_in_it() -> None:
     assert corner + last / 1.0 + 30.0 <= end <= scenario.duration_s
 
 
-def test_it_is_the_film_of_a_stretch_from_above(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_is_the_film_of_a_stretch_from_above(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     filmed: list[tuple[Flight, Any]] = []
 
     def render(job: Job, path: Path) -> None:
@@ -54,7 +60,11 @@ def test_it_is_the_film_of_a_stretch_from_above(tmp_path: Path, monkeypatch: pyt
     assert (flight.trajectory.time[0], flight.trajectory.time[-1]) == pytest.approx((10.0, 13.0))
     assert video.camera == "top"
     with Image.open(tmp_path / "moved.webp") as picture:
-        assert (picture.format, picture.size, getattr(picture, "n_frames", 1)) == ("WEBP", (640, 360), 3)
+        assert (picture.format, picture.size, getattr(picture, "n_frames", 1)) == (
+            "WEBP",
+            (640, 360),
+            3,
+        )
         for i, colour in enumerate(COLOURS):
             picture.seek(i)
             seen = np.asarray(picture.convert("RGB"), dtype=np.float64).mean(axis=(0, 1))

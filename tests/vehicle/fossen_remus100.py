@@ -1,8 +1,10 @@
-"""Fossen's published model of the REMUS 100, from its equations, with each departure from ours as a switch.
+"""Fossen's published model of the REMUS 100, from its equations, with each departure from ours as a
+switch.
 
-Source: T. I. Fossen, Python Vehicle Simulator, `remus100.py` (MIT licence), and Handbook of Marine Craft Hydrodynamics
-and Motion Control, 2nd ed. 2021, Section 8.4.2; coefficients from Allen, Vorus and Prestero (2000). Frame: x forward,
-y starboard, z down; Euler angles. It shares no code with `sim`.
+Source: T. I. Fossen, Python Vehicle Simulator, `remus100.py` (MIT licence), and Handbook of Marine
+Craft Hydrodynamics and Motion Control, 2nd ed. 2021, Section 8.4.2; coefficients from Allen, Vorus
+and Prestero (2000). Frame: x forward, y starboard, z down; Euler angles. It shares no code with
+`sim`.
 """
 
 from collections.abc import Callable
@@ -27,7 +29,9 @@ ASPECT = DIAMETER**2 / AREA
 LIFT = np.pi * ASPECT / (1 + np.sqrt(1 + (ASPECT / 2) ** 2))
 HOERNER = 1.1977304
 """Of his table, interpolated at B/2T = 0.5."""
-FINS = (  # place, unit vector of a positive deflection, lift coefficient; positive rudder and plane push to port and up
+# place, unit vector of a positive deflection, lift coefficient; positive rudder and plane push to
+# port and up
+FINS = (
     ((-A, 0.0, -0.12), (0.0, -1.0, 0.0), RUDDER_LIFT),
     ((-A, 0.0, 0.12), (0.0, -1.0, 0.0), RUDDER_LIFT),
     ((-A, -0.12, 0.0), (0.0, 0.0, -1.0), PLANE_LIFT),
@@ -40,11 +44,15 @@ class Terms:
     """Which of the published terms are replaced by those of this project; False: as published."""
 
     hull_normal_force: bool = False
-    """Hull: a normal force sin α cos α, no induced drag, in place of lift and drag linear and square in α."""
+    """Hull: a normal force sin α cos α, no induced drag, in place of lift and drag linear and
+    square in α.
+    """
     axial_advance: bool = False
     """Propeller: advance from the speed along the axis in place of the whole speed."""
     fin_incidence: bool = False
-    """Fins: force from the incidence of the flow where they stand, in place of the deflection alone."""
+    """Fins: force from the incidence of the flow where they stand, in place of the deflection
+    alone.
+    """
     munk: bool = False
     """Keep the eight Coriolis terms of added mass that are set to zero there."""
     steady_damping: bool = False
@@ -100,7 +108,10 @@ def _hull(nu: Floats, terms: Terms) -> Floats:
     alpha, square = np.arctan2(w, u), float(nu[:3] @ nu[:3])
     q = 0.5 * RHO * AREA * square
     if terms.hull_normal_force:
-        along, across = q * np.cos(alpha) ** 2 * DRAG, q * (DRAG + LIFT) * np.sin(alpha) * abs(np.cos(alpha))
+        along, across = (
+            q * np.cos(alpha) ** 2 * DRAG,
+            q * (DRAG + LIFT) * np.sin(alpha) * abs(np.cos(alpha)),
+        )
         return np.array([-along * np.sign(u), 0, -across, 0, 0, 0])
     lift = LIFT * alpha
     drag = DRAG + lift**2 / (np.pi * 0.7 * ASPECT)
@@ -137,7 +148,9 @@ def _fins(nu: Floats, rudder: float, plane: float, terms: Terms) -> Floats:
         incidence = np.clip(deflection - np.arctan2(across, local[0]), -STALL, STALL)
         square = local[0] ** 2 + across**2
         normal = 0.5 * RHO * FIN_AREA * slope * square * np.sin(incidence) * abs(np.cos(incidence))
-        force = normal * (np.cos(deflection) * np.array(axis) - np.sin(deflection) * np.array([1.0, 0.0, 0.0]))
+        force = normal * (
+            np.cos(deflection) * np.array(axis) - np.sin(deflection) * np.array([1.0, 0.0, 0.0])
+        )
         total += np.concatenate([force, np.cross(place, force)])
     return total
 
@@ -158,7 +171,14 @@ def _rate(state: Floats, command: Floats, terms: Terms) -> Floats:
     forces = np.array([0.9 * thrust, 0, 0, torque / 10, 0, 0])
     forces += _hull(nu, terms) + _cross_flow(nu) + _fins(nu, rudder, plane, terms)
     forces -= (_coriolis(RIGID, nu) + added) @ nu + linear * nu + restoring
-    cr, sr, cp, sp, cy, sy = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw)
+    cr, sr, cp, sp, cy, sy = (
+        np.cos(roll),
+        np.sin(roll),
+        np.cos(pitch),
+        np.sin(pitch),
+        np.cos(yaw),
+        np.sin(yaw),
+    )
     to_world = np.array(
         [
             [cy * cp, -sy * cr + cy * sp * sr, sy * sr + cy * cr * sp],
@@ -169,7 +189,12 @@ def _rate(state: Floats, command: Floats, terms: Terms) -> Floats:
     turning = np.array([[1, sr * sp / cp, cr * sp / cp], [0, cr, -sr], [0, sr / cp, cr / cp]])
     lag = np.array([0.1, 0.1, 1.0])
     return np.concatenate(
-        [to_world @ nu[:3], turning @ nu[3:], np.linalg.solve(INERTIA, forces), (command - state[12:]) / lag]
+        [
+            to_world @ nu[:3],
+            turning @ nu[3:],
+            np.linalg.solve(INERTIA, forces),
+            (command - state[12:]) / lag,
+        ]
     )
 
 
@@ -188,7 +213,8 @@ def fly(
         changes: times at which the command changes [s].
 
     Returns:
-        Times each 0.1 s; north, east, down, roll, pitch, yaw, and velocities in the body, shape (n, 12).
+        Times each 0.1 s; north, east, down, roll, pitch, yaw, and velocities in the body, shape (n,
+        12).
     """
     state, states, times = np.zeros(15), [np.zeros(15)], [np.zeros(1)]
     ends = [0.0, *changes, duration]
@@ -196,7 +222,12 @@ def fly(
         grid = np.arange(round(begin * 10) + 1, round(end * 10) + 1) / 10
         held = np.array(command(0.5 * (begin + end)))
         found = solve_ivp(
-            lambda _, y, held=held: _rate(y, held, terms), (begin, end), state, t_eval=grid, rtol=1e-7, atol=1e-9
+            lambda _, y, held=held: _rate(y, held, terms),
+            (begin, end),
+            state,
+            t_eval=grid,
+            rtol=1e-7,
+            atol=1e-9,
         )
         state = found.y[:, -1]
         states.append(found.y.T)

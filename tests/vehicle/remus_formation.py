@@ -1,4 +1,6 @@
-"""Ten REMUS 100 in a V behind a REMUS 100 that turns as wide as it can turn without leaving its route."""
+"""Ten REMUS 100 in a V behind a REMUS 100 that turns as wide as it can turn without leaving its
+route.
+"""
 
 from typing import Any
 
@@ -9,11 +11,15 @@ from sim.flight import Flight
 from sim.tracking import StationKeeping, off_station, station_keeping
 
 SPEED, RADIUS, CORNER = 1.2, 120.0, np.pi / 18.0
-"""Speed on the route [m/s], radius of the circle about which its corners lie [m], and their angle [rad]."""
+"""Speed on the route [m/s], radius of the circle about which its corners lie [m], and their
+angle [rad].
+"""
 
 
 def waypoints(corners: int) -> Floats:
-    """100 m straight on, and a bend of so many corners: time [s], east and north [m], shape (n, 3)."""
+    """100 m straight on, and a bend of so many corners: time [s], east and north [m], shape (n,
+    3).
+    """
     heading = np.pi / 2 - CORNER * np.arange(corners + 1)
     leg = np.full(corners + 1, 2.0 * RADIUS * np.tan(0.5 * CORNER))
     leg[0] = 100.0
@@ -22,7 +28,9 @@ def waypoints(corners: int) -> Floats:
 
 
 def table(corners: int) -> dict[str, Any]:
-    """The scenario; nothing of a formation's settings is changed but speeds, for fins need 0.5 m/s of way."""
+    """The scenario; nothing of a formation's settings is changed but speeds, for fins need 0.5
+    m/s of way.
+    """
     route = waypoints(corners)
     return {
         "name": "remus-formation",

@@ -17,7 +17,9 @@ from sim.vehicle.plant import Plant
 from sim.water import Ocean
 
 AXES = np.eye(6)[[0, 1, 2, 4, 5]]
-"""Thrusters that push ahead, to port and up and turn about port and up: force and moment about the origin, (5, 6)."""
+"""Thrusters that push ahead, to port and up and turn about port and up: force and moment about
+the origin, (5, 6).
+"""
 
 
 class Tank:
@@ -38,7 +40,8 @@ class Tank:
             ocean: the water.
             dt: step [s].
             numerics: replace those of the MJCF, strips included.
-            thrusters: force and moment about the origin of a unit of each thrust, in the body, shape (5, 6).
+            thrusters: force and moment about the origin of a unit of each thrust, in the body,
+                shape (5, 6).
         """
         root = ElementTree.fromstring(xml)
         for part in [*root.findall("actuator"), *root.findall("keyframe")]:
@@ -54,19 +57,32 @@ class Tank:
             ElementTree.SubElement(body, "site", name="cg")
         actuators = ElementTree.SubElement(root, "actuator")
         # a lag, as the plant requires; the tank's thrusts are there at once
-        lag = {"dyntype": "filterexact", "dynprm": "1", "ctrllimited": "true", "ctrlrange": "-1e6 1e6"}
+        lag = {
+            "dyntype": "filterexact",
+            "dynprm": "1",
+            "ctrllimited": "true",
+            "ctrlrange": "-1e6 1e6",
+        }
         for i, gear in enumerate(thrusters):
             ElementTree.SubElement(
-                actuators, "general", {"name": f"thruster_{i}", "site": "origin", "gear": text(gear), **lag}
+                actuators,
+                "general",
+                {"name": f"thruster_{i}", "site": "origin", "gear": text(gear), **lag},
             )
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "hull.xml"
             file.write_bytes(ElementTree.tostring(root))
-            with patch("models.path", side_effect={"hull": file, "ocean": models.path("ocean")}.get):
-                setup = VehicleSetup(name="hull", model="hull", position_m=(0.0, 0.0, -50.0), heading_rad=np.pi / 2)
+            with patch(
+                "models.path", side_effect={"hull": file, "ocean": models.path("ocean")}.get
+            ):
+                setup = VehicleSetup(
+                    name="hull", model="hull", position_m=(0.0, 0.0, -50.0), heading_rad=np.pi / 2
+                )
                 self.plant = Plant([setup], ocean, dt)
         self.pose, self.twist, self.data = self.plant.pose[0], self.plant.twist[0], self.plant.data
-        self.coefficients = mjcf.read_coefficients(self.plant.model, ["hull"], ocean.density_kg_m3)[0]
+        self.coefficients = mjcf.read_coefficients(self.plant.model, ["hull"], ocean.density_kg_m3)[
+            0
+        ]
         self._placed = True
 
     def place(
@@ -76,8 +92,15 @@ class Tank:
         twist: npt.ArrayLike = 0.0,
         time: float = 0.0,
     ) -> None:
-        """Begin elsewhere: `twist` is velocity in the world and angular velocity in the body, shape (6,)."""
-        self.pose[:3], self.pose[3:], self.twist[:], self.data.time = position, quaternion, twist, time
+        """Begin elsewhere: `twist` is velocity in the world and angular velocity in the body,
+        shape (6,).
+        """
+        self.pose[:3], self.pose[3:], self.twist[:], self.data.time = (
+            position,
+            quaternion,
+            twist,
+            time,
+        )
         self._placed = True
 
     def step(self, thrust: npt.ArrayLike = 0.0, n: int = 1) -> None:
@@ -89,7 +112,9 @@ class Tank:
         self._step(thrust, n)
 
     def acceleration(self, thrust: npt.ArrayLike = 0.0) -> Floats:
-        """World acceleration of the origin and body angular acceleration, shape (6,), leaving the state as it is."""
+        """World acceleration of the origin and body angular acceleration, shape (6,), leaving
+        the state as it is.
+        """
         pose, twist, time = self.pose.copy(), self.twist.copy(), self.data.time
         # without a step before, velocities are those of the instant as they stand, unrounded
         self.data.qacc[:] = 0.0
@@ -98,8 +123,8 @@ class Tank:
         return np.array(self.data.qacc)
 
     def water_wrench(self) -> Floats:
-        """What the water does to the hull, but for added mass times its acceleration: force in the world, moment in
-        the body, shape (6,); buoyancy included.
+        """What the water does to the hull, but for added mass times its acceleration: force in the
+        world, moment in the body, shape (6,); buoyancy included.
         """
         self.acceleration()
         return np.array(self.data.qfrc_applied)
@@ -131,7 +156,9 @@ def hull(
     sites: str = "",
     **numerics: npt.ArrayLike,
 ) -> str:
-    """MJCF of a bare hull: neutral, ellipsoid-like strips of no area and no drag, unless `numerics` set others."""
+    """MJCF of a bare hull: neutral, ellipsoid-like strips of no area and no drag, unless
+    `numerics` set others.
+    """
     values: dict[str, npt.ArrayLike] = {
         "added_mass": np.zeros((6, 6)),
         "munk_factor": 1,
@@ -150,5 +177,6 @@ def hull(
 
     lines = [f'<numeric name="{k}" data="{text(v)}"/>' for k, v in (values | numerics).items()]
     return f"""<mujoco><worldbody><body name="hull" simple="false"><freejoint/>
-      <inertial pos="{text(cg)}" mass="{mass!r}" diaginertia="{text(inertia)}"/>{sites}</body></worldbody>
+      <inertial pos="{text(cg)}" mass="{mass!r}" diaginertia="{text(inertia)}"/>{sites}
+      </body></worldbody>
       <custom>{"".join(lines)}</custom></mujoco>"""

@@ -14,7 +14,8 @@ from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant
 from sim.water import Ocean
 
-SITES = """<site name="a" class="thruster" pos="-0.8 0.02 0"/><site name="b" class="thruster" pos="0.5 0 0.05"/>
+SITES = """<site name="a" class="thruster" pos="-0.8 0.02 0"/>
+<site name="b" class="thruster" pos="0.5 0 0.05"/>
 <site name="c" class="thruster" pos="-0.4 0 0"/>"""
 ACTUATORS = """<actuator><general name="ahead" class="propeller" site="a"/>
 <general name="aside" class="lateral" site="b" gear="0 1 0.2 0 0 0"/>
@@ -22,7 +23,9 @@ ACTUATORS = """<actuator><general name="ahead" class="propeller" site="a"/>
 
 
 def three_thrusters() -> str:
-    """The follower's hull with three thrusters: one off the axis, one slanted at the bow, one below the stern."""
+    """The follower's hull with three thrusters: one off the axis, one slanted at the bow, one
+    below the stern.
+    """
     text = re.sub(r"<site name=.thruster_[^>]*/>", "", laisn_sim.hull("follower"))
     text = re.sub(r"<keyframe>.*</keyframe>", "", text, flags=re.DOTALL)
     text = re.sub(r"<actuator>.*</actuator>", ACTUATORS, text, flags=re.DOTALL)
@@ -30,7 +33,9 @@ def three_thrusters() -> str:
 
 
 def setup(name: str, model: str) -> VehicleSetup:
-    return VehicleSetup(name=name, model=model, position_m=(0.0, 0.0, -10.0), heading_rad=np.pi / 2, speed_m_s=1.0)
+    return VehicleSetup(
+        name=name, model=model, position_m=(0.0, 0.0, -10.0), heading_rad=np.pi / 2, speed_m_s=1.0
+    )
 
 
 def test_records_are_those_of_the_mjcf() -> None:
@@ -55,7 +60,9 @@ def test_records_are_those_of_the_mjcf() -> None:
 
 
 def test_three_thrusters_at_odd_places_follow_a_route(tmp_path: Path) -> None:
-    """The autopilot gives what they can give: surge, yaw and pitch; heave and sway are left to the hull."""
+    """The autopilot gives what they can give: surge, yaw and pitch; heave and sway are left to
+    the hull.
+    """
     plant = Plant([setup("one", three_thrusters())], Ocean())
     depth = DepthProfile(time=np.array([0.0, 40.0]), depth=np.array([10.0, 12.0]))
     route = Route.at_speed("turn", [[0, 0], [60, 0], [60, 60]], 1.0, depth)
@@ -65,7 +72,9 @@ def test_three_thrusters_at_odd_places_follow_a_route(tmp_path: Path) -> None:
     assert apart[-1, 0] < 0.1
     assert np.sqrt(np.mean(apart**2)) < 0.3
     (tmp_path / "three.xml").write_text(three_thrusters(), encoding="utf-8")
-    flight = laisn_sim.fly("T3", {"duration_s": 20, "followers.0.model": str(tmp_path / "three.xml")})
+    flight = laisn_sim.fly(
+        "T3", {"duration_s": 20, "followers.0.model": str(tmp_path / "three.xml")}
+    )
     again = laisn_sim.read_log(laisn_sim.write_log(flight, tmp_path / "three.mcap"))
     assert again.trajectory.effector_names == flight.trajectory.effector_names
     assert again.trajectory.thrust.tobytes() == flight.trajectory.thrust.tobytes()

@@ -1,4 +1,6 @@
-"""Propellers, moving fins and curves of thrust: forces by closed form, vehicles by the balances of their sources."""
+"""Propellers, moving fins and curves of thrust: forces by closed form, vehicles by the balances
+of their sources.
+"""
 
 import re
 
@@ -37,7 +39,9 @@ ADDED = ("remus100", "lauv", "bluerov2_heavy")
 def plant_of(*names: str, speed: float = 0.0) -> Plant:
     return Plant(
         [
-            VehicleSetup(name=f"v{i}", model=name, position_m=(0.0, 20.0 * i, -10.0), speed_m_s=speed)
+            VehicleSetup(
+                name=f"v{i}", model=name, position_m=(0.0, 20.0 * i, -10.0), speed_m_s=speed
+            )
             for i, name in enumerate(names)
         ],
         Ocean(),
@@ -45,15 +49,25 @@ def plant_of(*names: str, speed: float = 0.0) -> Plant:
 
 
 def record(
-    kind: int, axis: tuple[float, float, float], place: tuple[float, float, float], *parameters: float
+    kind: int,
+    axis: tuple[float, float, float],
+    place: tuple[float, float, float],
+    *parameters: float,
 ) -> Floats:
     one = np.zeros(1, effectors.EFFECTOR)
-    one["kind"], one["force"], one["place"], one["torque"] = kind, axis, place, np.cross(place, axis)
+    one["kind"], one["force"], one["place"], one["torque"] = (
+        kind,
+        axis,
+        place,
+        np.cross(place, axis),
+    )
     one["parameters"][0, : len(parameters)] = parameters
     return one
 
 
-def load(one: Floats, state: float, v: tuple[float, float, float], w: tuple[float, float, float]) -> Floats:
+def load(
+    one: Floats, state: float, v: tuple[float, float, float], w: tuple[float, float, float]
+) -> Floats:
     thrust, torque, force, moment = effectors.loads((one[None], np.array([[state]])), 0, RHO, v, w)
     assert not any((*thrust, *torque))
     return np.array([*force, *moment])
@@ -61,8 +75,12 @@ def load(one: Floats, state: float, v: tuple[float, float, float], w: tuple[floa
 
 @pytest.mark.parametrize("angle", [0.0, np.pi / 4, np.pi / 2, 3.0])
 @pytest.mark.parametrize(("u", "spin"), [(1.5, 0.0), (1.5, 0.2), (0.4, -0.1), (-0.8, 0.1)])
-def test_fin_has_the_force_of_a_plate_in_the_flow_at_its_place(angle: float, u: float, spin: float) -> None:
-    """The closed form ½ρ S a U² sin α |cos α| across the chord, from angles instead of components."""
+def test_fin_has_the_force_of_a_plate_in_the_flow_at_its_place(
+    angle: float, u: float, spin: float
+) -> None:
+    """The closed form ½ρ S a U² sin α |cos α| across the chord, from angles instead of
+    components.
+    """
     axis, place = (0.0, np.cos(angle), np.sin(angle)), (-0.7, 0.1, -0.05)
     area, slope, stall, drag, deflection = 0.01, 2.5, 0.4, 0.02, 0.12
     one = record(effectors.FIN, axis, place, area, slope, stall, drag)
@@ -79,15 +97,21 @@ def test_fin_has_the_force_of_a_plate_in_the_flow_at_its_place(angle: float, u: 
     aside = normal * np.cos(deflection) - back * np.sin(flow)
     force = np.array([ahead, *(aside * np.array(axis[1:]))])
     expected = [*force, *np.cross(place, force)]
-    np.testing.assert_allclose(load(one, deflection, tuple(v), tuple(w)), expected, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        load(one, deflection, tuple(v), tuple(w)), expected, rtol=1e-9, atol=1e-12
+    )
 
 
 def test_fin_keeps_the_force_of_its_stall_angle() -> None:
     one = record(effectors.FIN, (0, 1, 0), (-0.7, 0, 0), 0.01, 2.5, 0.3, 0.0)
     still = (0.0, 0.0, 0.0)
-    normal = [np.hypot(*load(one, angle, (1.0, 0.0, 0.0), still)[:2]) for angle in (0.29, 0.3, 0.5, 1.2)]
+    normal = [
+        np.hypot(*load(one, angle, (1.0, 0.0, 0.0), still)[:2]) for angle in (0.29, 0.3, 0.5, 1.2)
+    ]
     assert normal[0] < normal[1]
-    np.testing.assert_allclose(normal[1:], 0.5 * RHO * 0.01 * 2.5 * np.sin(0.3) * np.cos(0.3), rtol=1e-9)
+    np.testing.assert_allclose(
+        normal[1:], 0.5 * RHO * 0.01 * 2.5 * np.sin(0.3) * np.cos(0.3), rtol=1e-9
+    )
 
 
 def test_a_fixed_fin_is_a_moving_one_that_is_not_deflected() -> None:
@@ -106,11 +130,15 @@ def test_propeller_has_thrust_and_torque_of_its_coefficients() -> None:
     torque = np.interp(advance, [0, 0.6632], [0.0700, 0.0312]) * RHO * n**2 * diameter**5
     still = (0.0, 0.0, 0.0)
     np.testing.assert_allclose(
-        load(one, n, (u, 0.0, 0.0), still), [0.9 * thrust, 0, 0, torque / 10, 0, 0], rtol=1e-4, atol=1e-12
+        load(one, n, (u, 0.0, 0.0), still),
+        [0.9 * thrust, 0, 0, torque / 10, 0, 0],
+        rtol=1e-4,
+        atol=1e-12,
     )
     astern = load(one, -n, (u, 0.0, 0.0), still)
     np.testing.assert_allclose(
-        astern[[0, 3]], [-0.9 * 0.4566 * RHO * n**2 * diameter**4, -0.07 * RHO * n**2 * diameter**5 / 10]
+        astern[[0, 3]],
+        [-0.9 * 0.4566 * RHO * n**2 * diameter**4, -0.07 * RHO * n**2 * diameter**5 / 10],
     )
 
 
@@ -131,18 +159,25 @@ def test_states_give_the_requested_forces(name: str, speed: float) -> None:
             else:
                 given = load(row, state, (speed, 0.0, 0.0), tuple(still))[:3] @ one["force"]
                 # fins: the law is linear in the deflection; cubic terms are left out
-                assert given == pytest.approx(force, rel=0.16 if one["kind"] == effectors.FIN else 1e-6, abs=1e-9)
+                assert given == pytest.approx(
+                    force, rel=0.16 if one["kind"] == effectors.FIN else 1e-6, abs=1e-9
+                )
 
 
 def test_dead_zone_and_unequal_limits_of_a_curve() -> None:
-    """A curve with a dead zone is read, holds beyond its ends and is inverted outside the dead zone."""
+    """A curve with a dead zone is read, holds beyond its ends and is inverted outside the dead
+    zone.
+    """
     one = record(effectors.CURVE, (1, 0, 0), (0, 0, 0))
     one["points"], one["limits"] = 4, (-1.0, 1.0)
     one["curve"][0, :4] = [[-1, -40], [-0.1, 0], [0.1, 0], [1, 50]]
     still = (0.0, 0.0, 0.0)
     thrusts = [load(one, state, still, still)[0] for state in (-2.0, -0.55, 0.0, 0.05, 0.55, 3.0)]
     np.testing.assert_allclose(thrusts, [-40, -20, 0, 0, 25, 50])
-    states = [effectors.state_for(one[0], RHO, force, 0.0) for force in (-40.0, -20.0, 0.0, 25.0, 50.0, 60.0)]
+    states = [
+        effectors.state_for(one[0], RHO, force, 0.0)
+        for force in (-40.0, -20.0, 0.0, 25.0, 50.0, 60.0)
+    ]
     np.testing.assert_allclose(states, [-1, -0.55, 0, 0.55, 1, 1])
 
 
@@ -153,14 +188,17 @@ def test_state_follows_the_command_with_the_lag_of_the_mjcf() -> None:
     expected = command[0] * -np.expm1(-0.5 / np.array([1.0, 0.1, 0.1, 0.1, 0.1]))
     np.testing.assert_allclose(plant.thrust[0], expected, rtol=1e-9)
     plant.step(10 * command, 500)
-    np.testing.assert_allclose(plant.thrust[0], [25.4167, 0.261799, 0.261799, -0.261799, -0.261799], rtol=1e-4)
+    np.testing.assert_allclose(
+        plant.thrust[0], [25.4167, 0.261799, 0.261799, -0.261799, -0.261799], rtol=1e-4
+    )
 
 
 def test_allocation_by_stern_fins_gives_the_requested_moments() -> None:
     plant = plant_of("remus100")
     own = plant.effectors[0]
     slow, fast = (
-        pseudo_inverse(own, np.array([effectors.reach(one, RHO, speed) for one in own])) for speed in (0.5, 2.0)
+        pseudo_inverse(own, np.array([effectors.reach(one, RHO, speed) for one in own]))
+        for speed in (0.5, 2.0)
     )
     wrench = np.zeros(6)
     wrench[SURGE], wrench[PITCH], wrench[YAW] = 10.0, 1.0, -0.5
@@ -183,15 +221,20 @@ def mixed_hull() -> str:
     text = laisn_sim.hull("follower").replace(
         'class="fin" size="0.051 0.0662 0.004"', 'class="fin" size="0.05 0.06 0.004"'
     )
-    sites = "".join(f'<site name="{n}" pos="-0.72 {y} 0"/>' for n, y in zip(MIXED, (0.11, -0.11), strict=True))
+    sites = "".join(
+        f'<site name="{n}" pos="-0.72 {y} 0"/>' for n, y in zip(MIXED, (0.11, -0.11), strict=True)
+    )
     fins = "".join(
-        f'<general name="{n}" site="{n}" gear="0 0 1 0 0 0" dyntype="filterexact" dynprm="0.1" gainprm="0" '
+        f'<general name="{n}" site="{n}" gear="0 0 1 0 0 0" dyntype="filterexact" dynprm="0.1" '
+        'gainprm="0" '
         'ctrlrange="-0.3 0.3"/>'
         for n in MIXED
     )
     numerics = "".join(f'<numeric name="{n}.fin" data="0.01 3 0.4 0.01"/>' for n in MIXED)
     text = re.sub(r"<keyframe>.*</keyframe>", "", text, flags=re.DOTALL)
-    text = text.replace('<site name="cg"', f'{sites}<site name="cg"').replace("</actuator>", f"{fins}</actuator>")
+    text = text.replace('<site name="cg"', f'{sites}<site name="cg"').replace(
+        "</actuator>", f"{fins}</actuator>"
+    )
     return text.replace("</custom>", f"{numerics}</custom>")
 
 
@@ -229,7 +272,9 @@ def test_torpedoes_keep_route_and_depth(name: str) -> None:
     """Two corners of 10° and a dive by 4 m, at 1.2 m/s."""
     depth = DepthProfile(time=np.array([0.0, 60.0, 140.0]), depth=np.array([10.0, 10.0, 14.0]))
     route = Route.at_speed("turns", [[0, 0], [90, 0], [170, 14], [260, 14]], 1.2, depth)
-    setup = VehicleSetup(name="one", model=name, position_m=(0.0, 0.0, -10.0), heading_rad=np.pi / 2, speed_m_s=1.2)
+    setup = VehicleSetup(
+        name="one", model=name, position_m=(0.0, 0.0, -10.0), heading_rad=np.pi / 2, speed_m_s=1.2
+    )
     report = tracking(simulate(Plant([setup], Ocean()), [route], 215.0, [None]), [route])[0]
     assert report.cross_track_rms < 0.5
     assert report.depth_error_rms < 0.2
@@ -238,7 +283,11 @@ def test_torpedoes_keep_route_and_depth(name: str) -> None:
 def test_bluerov_keeps_route_and_depth_at_half_a_metre_a_second() -> None:
     route = Route.at_speed("square", [[0, 0], [40, 0], [40, 40]], 0.5, 10.0)
     setup = VehicleSetup(
-        name="one", model="bluerov2_heavy", position_m=(0.0, 0.0, -10.0), heading_rad=np.pi / 2, speed_m_s=0.5
+        name="one",
+        model="bluerov2_heavy",
+        position_m=(0.0, 0.0, -10.0),
+        heading_rad=np.pi / 2,
+        speed_m_s=0.5,
     )
     report = tracking(simulate(Plant([setup], Ocean()), [route], 155.0, [None]), [route])[0]
     assert report.cross_track_rms < 0.5
@@ -246,7 +295,9 @@ def test_bluerov_keeps_route_and_depth_at_half_a_metre_a_second() -> None:
 
 
 def test_bluerov_has_the_steady_speeds_of_thrust_against_drag() -> None:
-    """Four thrusters at 45° of 30.4 N against 13.7 u + 141 u²; the hull pitches little below the thrusters' line."""
+    """Four thrusters at 45° of 30.4 N against 13.7 u + 141 u²; the hull pitches little below the
+    thrusters' line.
+    """
     plant = plant_of("bluerov2_heavy")
     thrust = 4 * 30.4 / np.sqrt(2)
     speed = brentq(lambda u: 13.7 * u + 141 * u * u - thrust, 0, 5)
@@ -263,12 +314,15 @@ def test_bluerov_has_the_steady_speeds_of_thrust_against_drag() -> None:
 
 @pytest.mark.parametrize("trial", PUBLISHED_BLUEROV)
 def test_bluerov_has_the_steady_speeds_of_the_published_code(trial: str) -> None:
-    """2 %: there the drag acts at the centre of gravity, here at the centre of buoyancy, 1 cm higher."""
+    """2 %: there the drag acts at the centre of gravity, here at the centre of buoyancy, 1 cm
+    higher.
+    """
     assert bluerov_speed(trial) == pytest.approx(PUBLISHED_BLUEROV[trial], rel=0.02)
 
 
 def test_lauv_turns_as_its_balances_predict() -> None:
-    """The steady turn of surge, sway and yaw, solved from the equations of uuv_simulator on their own.
+    """The steady turn of surge, sway and yaw, solved from the equations of uuv_simulator on their
+    own.
 
     Roll, pitch and the height of the fins are left out of them.
     """
@@ -286,15 +340,23 @@ def test_lauv_turns_as_its_balances_predict() -> None:
         return np.array(
             [
                 thrust - fin * np.sin(rudder) - (2.4 + 2.4 * abs(u)) * u + (18 + 16) * v * r,
-                fin * np.cos(rudder) - (23 + 80 * abs(v)) * v + (11.5 + 0.3 * abs(r)) * r - (18 + 1) * u * r,
-                -0.4 * fin * np.cos(rudder) - (9.7 + 9.1 * abs(r)) * r - (3.1 + 1.5 * abs(v)) * v - (16 - 1) * u * v,
+                fin * np.cos(rudder)
+                - (23 + 80 * abs(v)) * v
+                + (11.5 + 0.3 * abs(r)) * r
+                - (18 + 1) * u * r,
+                -0.4 * fin * np.cos(rudder)
+                - (9.7 + 9.1 * abs(r)) * r
+                - (3.1 + 1.5 * abs(v)) * v
+                - (16 - 1) * u * v,
             ]
         )
 
     u, v, r = fsolve(rates, [turn[0], turn[1], plant.twist[0, 5]])
     assert turn[0] == pytest.approx(u, rel=0.02)
     assert plant.twist[0, 5] == pytest.approx(r, rel=0.03)
-    assert np.hypot(turn[0], turn[1]) / abs(plant.twist[0, 5]) == pytest.approx(np.hypot(u, v) / abs(r), rel=0.03)
+    assert np.hypot(turn[0], turn[1]) / abs(plant.twist[0, 5]) == pytest.approx(
+        np.hypot(u, v) / abs(r), rel=0.03
+    )
 
 
 def mujoco_rotation(plant: Plant) -> Floats:
@@ -304,7 +366,9 @@ def mujoco_rotation(plant: Plant) -> Floats:
 
 
 def test_damping_of_6_by_6_acts_off_the_diagonal() -> None:
-    """In LAUV's matrix, sway and yaw damp each other; MuJoCo's frame changes none of these signs."""
+    """In LAUV's matrix, sway and yaw damp each other; MuJoCo's frame changes none of these
+    signs.
+    """
     plant = plant_of("lauv")
     plant.twist[0] = [0, 0.3, 0, 0, 0, 0.2]
     c = mjcf.read_coefficients(plant.model, plant.names, RHO)
@@ -315,8 +379,12 @@ def test_damping_of_6_by_6_acts_off_the_diagonal() -> None:
 
 
 def test_the_steady_turn_is_that_of_a_flight() -> None:
-    """Rudder hard over at the speed it settles at: rate and radius of the balance of sway and yaw."""
-    setup = VehicleSetup(name="deep", model="remus100", position_m=(0.0, 0.0, -200.0), speed_m_s=1.0)
+    """Rudder hard over at the speed it settles at: rate and radius of the balance of sway and
+    yaw.
+    """
+    setup = VehicleSetup(
+        name="deep", model="remus100", position_m=(0.0, 0.0, -200.0), speed_m_s=1.0
+    )
     plant = Plant([setup], Ocean(floor_depth_m=1000.0))
     plant.step(np.array([[10.0, 0.261799, 0.261799, 0.0, 0.0]]), 8000)
     velocity = mujoco_rotation(plant).T @ plant.twist[0, :3]
@@ -329,7 +397,9 @@ def test_the_steady_turn_is_that_of_a_flight() -> None:
 
 
 def test_ten_remus_keep_their_stations_behind_a_remus() -> None:
-    """Half a metre off route and station, two decimetres of depth, in calm water with the usual errors."""
+    """Half a metre off route and station, two decimetres of depth, in calm water with the usual
+    errors.
+    """
     flight = laisn_sim.fly(remus_formation.table(corners=4))
     kept = remus_formation.keeping(flight)
     assert not any(one.lost for one in kept)
@@ -343,22 +413,30 @@ def test_ten_remus_keep_their_stations_behind_a_remus() -> None:
 def test_hulls_that_turn_slowly_are_cautioned_about() -> None:
     plant = plant_of("remus100")
     rate, radius = steady_turn(plant, 0, design(plant, (None,))[0], 1.0)
-    texts = [text for text in cautions(laisn_sim.load("T5", {"leader.model": "remus100"})) if "turns at" in text]
+    texts = [
+        text
+        for text in cautions(laisn_sim.load("T5", {"leader.model": "remus100"}))
+        if "turns at" in text
+    ]
     assert texts == [
-        f"leader.model: it turns at {np.rad2deg(rate):.2g}°/s at most at 1 m/s, in circles of {radius:.3g} m; routes "
+        f"leader.model: it turns at {np.rad2deg(rate):.2g}°/s at most at 1 m/s, in circles of "
+        f"{radius:.3g} m; routes "
         "are planned with 10°/s: it cuts their corners, or leaves legs that are too short"
     ]
     assert not cautions(laisn_sim.load("T5"))
 
 
 def test_what_a_hull_cannot_do_is_refused_by_name() -> None:
-    with pytest.raises(laisn_sim.LaisnError, match=r"leader\.model: its effectors drive it at 0\.7\d m/s at most"):
+    with pytest.raises(
+        laisn_sim.LaisnError, match=r"leader\.model: its effectors drive it at 0\.7\d m/s at most"
+    ):
         laisn_sim.load("T5", {"leader.model": "bluerov2_heavy"})
     with pytest.raises(laisn_sim.LaisnError, match=r"cannot give heave independently"):
         laisn_sim.load("T5", {"leader.model": "remus100", "leader.depth_control": "thrust"})
     slow = {"waypoints": [[0, 0, 0], [100, 30, 0]], "model": "lauv"}
     with pytest.raises(
-        laisn_sim.LaisnError, match=r"followers\[0\]\.model: it has no vertical thrusters and cannot hover"
+        laisn_sim.LaisnError,
+        match=r"followers\[0\]\.model: it has no vertical thrusters and cannot hover",
     ):
         laisn_sim.load("T5", {f"followers.0.{key}": value for key, value in slow.items()})
 
@@ -366,15 +444,25 @@ def test_what_a_hull_cannot_do_is_refused_by_name() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("0.00665 0.5 0.44 0", "0.00665 0.5 0.44", r"rudder_top\.fin'> has 3 values, expected 4: area"),
-        ("0.00665 0.5 0.44 0", "-0.00665 0.5 0.44 0",
-         r"rudder_top\.fin'>: value 1, area \[m²\], must be more than 0 .* \(given: -0\.00665\)"),
-        ('name="rudder_top" class="deflection" site="rudder_top" gear="0 1 0', 'name="rudder_top" class="deflection" '
-         'site="rudder_top" gear="1 1 0', r"the axis of a fin must be a unit vector across the hull \(given: 1 1 0\)"),
+        (
+            "0.00665 0.5 0.44 0",
+            "0.00665 0.5 0.44",
+            r"rudder_top\.fin'> has 3 values, expected 4: area",
+        ),
+        (
+            "0.00665 0.5 0.44 0",
+            "-0.00665 0.5 0.44 0",
+            r"rudder_top\.fin'>: value 1, area \[m²\], must be more than 0 .* \(given: -0\.00665\)",
+        ),
+        (
+            'name="rudder_top" class="deflection" site="rudder_top" gear="0 1 0',
+            'name="rudder_top" class="deflection" site="rudder_top" gear="1 1 0',
+            r"the axis of a fin must be a unit vector across the hull \(given: 1 1 0\)",
+        ),
         ("0.14 0.4566", "0.14", r"propeller\.propeller'> has 7 values, expected 8: diameter"),
         ('"propeller.propeller"', '"propeller.curve"', None),
     ],
-)  # fmt: skip
+)
 def test_wrong_numerics_of_effectors_are_named(old: str, new: str, message: str | None) -> None:
     text = models.path("remus100").read_text("utf-8")
     assert old in text
@@ -399,7 +487,9 @@ def test_geoms_of_fins_turn_with_the_deflection() -> None:
 
 
 def odd_hull() -> str:
-    """The follower's hull with three thrusters at odd places and two stern planes; only its MJCF differs."""
+    """The follower's hull with three thrusters at odd places and two stern planes; only its MJCF
+    differs.
+    """
     text = re.sub(r'<(site|general) name="thruster_[^>]*/>', "", mixed_hull())
     places = {
         "canted_port": ("-0.6 0.21 0.03", "0.9659 -0.2588 0 0 0 0"),
@@ -407,10 +497,13 @@ def odd_hull() -> str:
         "nose": ("0.5 0.03 0.05", "0 0 1 0 0 0"),
     }
     for name, (place, gear) in places.items():
-        text = text.replace('<site name="cg"', f'<site name="{name}" pos="{place}"/><site name="cg"')
+        text = text.replace(
+            '<site name="cg"', f'<site name="{name}" pos="{place}"/><site name="cg"'
+        )
         text = text.replace(
             "</actuator>",
-            f'<general name="{name}" class="thruster" site="{name}" ctrlrange="-40 60" gear="{gear}"/></actuator>',
+            f'<general name="{name}" class="thruster" site="{name}" ctrlrange="-40 60" '
+            f'gear="{gear}"/></actuator>',
         )
     return text
 
@@ -422,22 +515,30 @@ def test_three_thrusters_at_odd_places_and_two_fins_fly_by_their_mjcf_alone() ->
     assert len(plant.effector_names[0]) == 5
     depth = DepthProfile(time=np.array([0.0, 40.0, 100.0]), depth=np.array([10.0, 10.0, 12.0]))
     route = Route.at_speed("bend", [[0, 0], [50, 0], [100, 20], [160, 20]], 1.0, depth)
-    setup = VehicleSetup(name="one", model=text, position_m=(0.0, 0.0, -10.0), heading_rad=np.pi / 2, speed_m_s=1.0)
+    setup = VehicleSetup(
+        name="one", model=text, position_m=(0.0, 0.0, -10.0), heading_rad=np.pi / 2, speed_m_s=1.0
+    )
     report = tracking(simulate(Plant([setup], Ocean()), [route], 155.0, [None]), [route])[0]
     assert report.cross_track_rms < 0.5
     assert report.depth_error_rms < 0.2
 
 
 def test_hulls_that_turn_slowly_plan_wider_turns() -> None:
-    """The arc of the planned turn touches both legs: at a right angle its middle is (√2 − 1) R from the corner."""
+    """The arc of the planned turn touches both legs: at a right angle its middle is (√2 − 1) R
+    from the corner.
+    """
     route = Route.at_speed("corner", [[0, 0], [0, 100], [100, 100]], 1.0, 10.0)
     time, radius = np.arange(0.0, 200.0, 0.1), 25.0
     table = reference([route], time, [0.0], [radius])[:, 0]
     closest = np.hypot(table.east, table.north - 100.0).min()
     assert closest == pytest.approx((np.sqrt(2) - 1) * radius, rel=1e-4)
     # on time at the waypoint, as all vehicles
-    assert time[np.argmin(np.hypot(table.east, table.north - 100.0))] == pytest.approx(100.0, abs=0.1)
-    assert np.abs(np.diff(table.course)).max() / 0.1 == pytest.approx(table.speed[1000] / radius, rel=1e-3)
+    assert time[np.argmin(np.hypot(table.east, table.north - 100.0))] == pytest.approx(
+        100.0, abs=0.1
+    )
+    assert np.abs(np.diff(table.course)).max() / 0.1 == pytest.approx(
+        table.speed[1000] / radius, rel=1e-3
+    )
     # hulls that turn faster, and routes without room for it, keep the turns of all
     assert reference([route], time, [0.0], [0.1]).tobytes() == reference([route], time).tobytes()
     short = Route.at_speed("corners", [[0, 0], [0, 7], [7, 7], [7, 14]], 0.5, 10.0)
@@ -445,10 +546,16 @@ def test_hulls_that_turn_slowly_plan_wider_turns() -> None:
 
 
 def test_remus_rounds_the_corner_of_the_leaders_route() -> None:
-    """Planned with the circle that it can turn; at 10°/s, five times what it turns, it was 29 m off."""
+    """Planned with the circle that it can turn; at 10°/s, five times what it turns, it was 29 m
+    off.
+    """
     route = library_route("L", 10.0)
     setup = VehicleSetup(
-        name="one", model="remus100", position_m=(0.0, 0.0, -10.0), heading_rad=np.pi / 2, speed_m_s=1.0
+        name="one",
+        model="remus100",
+        position_m=(0.0, 0.0, -10.0),
+        heading_rad=np.pi / 2,
+        speed_m_s=1.0,
     )
     plant = Plant([setup], Ocean())
     radius = least_radius(plant, 0, design(plant, (None,))[0])

@@ -19,8 +19,9 @@ PLANE = np.radians(-5.0)
         (1525, 0, 0, 6, 2.5536),
     ],
 )
-def test_the_model_has_the_published_figures(rpm: float, rudder: float, plane: float, quantity: int,
-                                             published: float) -> None:  # fmt: skip
+def test_the_model_has_the_published_figures(
+    rpm: float, rudder: float, plane: float, quantity: int, published: float
+) -> None:
     command = np.radians(rudder), np.radians(plane), rpm
     _, states = fossen.fly(lambda _: command, 150.0, fossen.Terms())
     assert states[-1, quantity] == pytest.approx(published, rel=1e-3)
@@ -36,7 +37,9 @@ def difference(states: Floats, ours: Floats) -> tuple[float, float, float]:
 
 
 def test_with_our_terms_his_model_moves_as_ours() -> None:
-    """Propeller step, dive and turn at once: rudder 5°, stern plane −5° until 50 s, as in his `stepInput`."""
+    """Propeller step, dive and turn at once: rudder 5°, stern plane −5° until 50 s, as in his
+    `stepInput`.
+    """
     ours = remus_flight(np.radians(5.0), PLANE, 1525.0, {50.0: (np.radians(5.0), 0.0, 1525.0)})
 
     def command(t: float) -> tuple[float, float, float]:
@@ -47,5 +50,9 @@ def test_with_our_terms_his_model_moves_as_ours() -> None:
     assert speed < 2e-3
     assert turning < 1e-3
     # each term alone leaves more than that
-    for terms in (fossen.Terms(), fossen.Terms(fin_incidence=True), fossen.Terms(hull_normal_force=True)):
+    for terms in (
+        fossen.Terms(),
+        fossen.Terms(fin_incidence=True),
+        fossen.Terms(hull_normal_force=True),
+    ):
         assert difference(fossen.fly(command, 100.0, terms, (50.0,))[1], ours)[0] > 3 * place

@@ -1,4 +1,6 @@
-"""Hulls written by `laisn hull`: formulas by other means, what is written flies, SDF files by hand-made ones."""
+"""Hulls written by `laisn hull`: formulas by other means, what is written flies, SDF files by
+hand-made ones.
+"""
 
 from pathlib import Path
 
@@ -116,21 +118,34 @@ SDF = f"""<sdf version="1.9"><model name="glider">
 <link name="screw"><pose>-0.75 0 0 0 90 0</pose></link>
 <joint name="rudder_joint" type="revolute"><parent>base</parent><child>rudder</child>
   <axis><xyz>0 0 1</xyz><limit><lower>-0.3</lower><upper>0.25</upper></limit></axis></joint>
-<joint name="plane_joint" type="revolute"><parent>base</parent><child>plane</child><axis><xyz>0 1 0</xyz></axis></joint>
-<joint name="screw_joint" type="revolute"><parent>base</parent><child>screw</child><axis><xyz>0 0 1</xyz></axis></joint>
-<plugin filename="gz-sim-thruster-system" name="gz::sim::systems::Thruster"><joint_name>screw_joint</joint_name>
+<joint name="plane_joint" type="revolute"><parent>base</parent><child>plane</child>
+  <axis><xyz>0 1 0</xyz></axis></joint>
+<joint name="screw_joint" type="revolute"><parent>base</parent><child>screw</child>
+  <axis><xyz>0 0 1</xyz></axis></joint>
+<plugin filename="gz-sim-thruster-system" name="gz::sim::systems::Thruster">
+  <joint_name>screw_joint</joint_name>
   <max_thrust_cmd>40</max_thrust_cmd><min_thrust_cmd>-20</min_thrust_cmd></plugin>
-<plugin filename="gz-sim-lift-drag-system" name="gz::sim::systems::LiftDrag"><link_name>rudder</link_name>
-  <area>0.03</area><cla>4.1</cla><alpha_stall>0.2</alpha_stall><upward>0 1 0</upward><cp>0.02 0 0</cp></plugin>
-<plugin filename="gz-sim-lift-drag-system" name="gz::sim::systems::LiftDrag"><link_name>plane</link_name>
+<plugin filename="gz-sim-lift-drag-system" name="gz::sim::systems::LiftDrag">
+  <link_name>rudder</link_name>
+  <area>0.03</area><cla>4.1</cla><alpha_stall>0.2</alpha_stall><upward>0 1 0</upward>
+  <cp>0.02 0 0</cp></plugin>
+<plugin filename="gz-sim-lift-drag-system" name="gz::sim::systems::LiftDrag">
+  <link_name>plane</link_name>
   <area>0.03</area><cla>4.1</cla><upward>0 0 1</upward></plugin>
-<plugin filename="gz-sim-hydrodynamics-system" name="gz::sim::systems::Hydrodynamics"><link_name>base</link_name>
+<plugin filename="gz-sim-hydrodynamics-system" name="gz::sim::systems::Hydrodynamics">
+  <link_name>base</link_name>
   <water_density>1000</water_density>{HYDRODYNAMICS}</plugin>
-</model></sdf>""".replace("<pose>-0.75 0 0 0 90 0</pose>", '<pose degrees="true">-0.75 0 0 0 90 0</pose>')
+</model></sdf>""".replace(
+    "<pose>-0.75 0 0 0 90 0</pose>", '<pose degrees="true">-0.75 0 0 0 90 0</pose>'
+)
 
 
 def expected_matrices() -> dict[str, Floats]:
-    added, linear, square = np.diag([2.0, 20, 21, 0.1, 3, 3.5]), np.zeros((6, 6)), np.diag([6.0, 60, 61, 0, 9, 8])
+    added, linear, square = (
+        np.diag([2.0, 20, 21, 0.1, 3, 3.5]),
+        np.zeros((6, 6)),
+        np.diag([6.0, 60, 61, 0, 9, 8]),
+    )
     added[1, 5] = added[5, 1] = 0.5
     linear[0, 0], linear[1, 5] = 4.0, 1.5
     return {"added_mass": added, "linear": linear, "quadratic": square}
@@ -144,7 +159,9 @@ def test_an_sdf_file_is_converted_to_a_hull_with_its_coefficients() -> None:
     c, wanted = record_of(text), expected_matrices()
     np.testing.assert_allclose(c["added_mass"], wanted["added_mass"])
     for name in ("linear", "quadratic"):
-        np.testing.assert_allclose(np.diag(c[f"{name}_damping"]) + c[f"{name}_coupling"], wanted[name])
+        np.testing.assert_allclose(
+            np.diag(c[f"{name}_damping"]) + c[f"{name}_coupling"], wanted[name]
+        )
     volume = np.pi * 0.08**2 * 1.5
     assert c["buoyancy"] == pytest.approx(1000 * volume * 9.81, rel=1e-5)
     plant = plant_of(text)
@@ -186,12 +203,28 @@ def test_a_hull_with_its_nose_at_minus_x_is_turned_round() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("<xU>-4</xU>", "<xU>4</xU>", r"<xU> must not be positive, since it would drive the hull \(given: 4\)"),
+        (
+            "<xU>-4</xU>",
+            "<xU>4</xU>",
+            r"<xU> must not be positive, since it would drive the hull \(given: 4\)",
+        ),
         ("<xU>-4</xU>", "<xU>four</xU>", r"<xU>: expected 1 number \(given: 'four'\)"),
-        ("<joint_name>screw_joint", "<joint_name>no_joint", "there is no <joint name='no_joint'> with a child link"),
+        (
+            "<joint_name>screw_joint",
+            "<joint_name>no_joint",
+            "there is no <joint name='no_joint'> with a child link",
+        ),
         ("<link_name>plane", "<link_name>wing", "LiftDrag: there is no <link name='wing'>"),
-        ("systems::Hydrodynamics", "systems::Buoyancy", "no <model> with links and a Hydrodynamics plugin"),
-        ("<pose>-0.6 0 0 0 0 0</pose>", '<pose relative_to="base">0 0 0 0 0 0</pose>', "relative_to .* are not read"),
+        (
+            "systems::Hydrodynamics",
+            "systems::Buoyancy",
+            "no <model> with links and a Hydrodynamics plugin",
+        ),
+        (
+            "<pose>-0.6 0 0 0 0 0</pose>",
+            '<pose relative_to="base">0 0 0 0 0 0</pose>',
+            "relative_to .* are not read",
+        ),
         ("</sdf>", "", "no valid SDF"),
     ],
 )
@@ -202,7 +235,9 @@ def test_sdf_files_that_cannot_be_read_are_refused(old: str, new: str, words: st
 
 
 def test_what_an_sdf_file_lacks_is_remarked() -> None:
-    thin = SDF.replace("<max_thrust_cmd>40</max_thrust_cmd>", "").replace("<xDotU>-2</xDotU>", "<xDotU>2</xDotU>")
+    thin = SDF.replace("<max_thrust_cmd>40</max_thrust_cmd>", "").replace(
+        "<xDotU>-2</xDotU>", "<xDotU>2</xDotU>"
+    )
     file, remarks = from_sdf(thin.replace("<xU>-4</xU>", "<xUU>-4</xUU><spare>1</spare>"))
     assert [text.split(":")[0] for text in remarks] == [
         "thruster 'screw_joint' has no max_thrust_cmd (Gazebo",
@@ -215,9 +250,23 @@ def test_what_an_sdf_file_lacks_is_remarked() -> None:
 def test_the_command_prints_a_hull(tmp_path: Path) -> None:
     source = tmp_path / "model.sdf"
     source.write_text(SDF, encoding="utf-8")
-    dimensions = ["--length", "1.8", "--diameter", "0.2", "--mass", "50", "--fins", "x", "--propeller", "0.14"]
+    dimensions = [
+        "--length",
+        "1.8",
+        "--diameter",
+        "0.2",
+        "--mass",
+        "50",
+        "--fins",
+        "x",
+        "--propeller",
+        "0.14",
+    ]
     for given in (dimensions, ["--sdf", str(source)]):
         result = CliRunner().invoke(app, ["hull", *given])
         assert result.exit_code == 0, result.output
         assert hull_errors(result.stdout, "follower") == []
-    assert from_dimensions(1.8, 0.2, 50.0, "x", 0.14).xml() == CliRunner().invoke(app, ["hull", *dimensions]).stdout
+    assert (
+        from_dimensions(1.8, 0.2, 50.0, "x", 0.14).xml()
+        == CliRunner().invoke(app, ["hull", *dimensions]).stdout
+    )

@@ -14,7 +14,10 @@ from sim.water import Ocean, Waves
 from tests.vehicle.tank import Tank, hull
 
 G = 9.81
-NO_FINS = {"fins_upright.fin": [1e-12, 3.09, 1.5708, 0.0], "fins_level.fin": [1e-12, 3.09, 1.5708, 0.0]}
+NO_FINS = {
+    "fins_upright.fin": [1e-12, 3.09, 1.5708, 0.0],
+    "fins_level.fin": [1e-12, 3.09, 1.5708, 0.0],
+}
 
 
 @pytest.mark.parametrize("thrust", [5.0, 20.0, 60.0])
@@ -30,15 +33,25 @@ def test_terminal_speed_is_where_drag_balances_thrust(thrust: float) -> None:
     assert tank.body_velocity[0] == pytest.approx(brentq(balance, 0.01, 5.0), rel=1e-3)
 
 
-@pytest.mark.parametrize("twist", [[0.8, -0.3, 0.2, 0.4, -0.5, 0.6], [-0.8, 0.3, -0.2, -0.4, 0.5, -0.6]])
-def test_damping_fades_with_speed_and_grows_with_its_square_on_each_axis(twist: list[float]) -> None:
-    """−(d exp(−f U) + q |ν|) ν with six values each: what they add to the forces on a hull without any."""
+@pytest.mark.parametrize(
+    "twist", [[0.8, -0.3, 0.2, 0.4, -0.5, 0.6], [-0.8, 0.3, -0.2, -0.4, 0.5, -0.6]]
+)
+def test_damping_fades_with_speed_and_grows_with_its_square_on_each_axis(
+    twist: list[float],
+) -> None:
+    """−(d exp(−f U) + q |ν|) ν with six values each: what they add to the forces on a hull
+    without any.
+    """
     linear, fade, quadratic = np.array(
         [[3, 5, 7, 2, 11, 13], [3, 0.5, 1, 0, 2, 0.7], [17, 19, 23, 4, 6, 8]], dtype=float
     )
 
     def wrench(share: float) -> Floats:
-        given = {"linear_damping": share * linear, "linear_damping_fade": fade, "quadratic_damping": share * quadratic}
+        given = {
+            "linear_damping": share * linear,
+            "linear_damping_fade": fade,
+            "quadratic_damping": share * quadratic,
+        }
         tank = Tank(models.path("follower").read_text(), Ocean(), 0.02, given)
         tank.place(twist=twist)
         return tank.water_wrench()
@@ -76,18 +89,27 @@ def test_parts_of_the_hull_force_are_their_textbook_forms(plane: int, astern: fl
     np.testing.assert_allclose(fins, expected, atol=1e-9)
     np.testing.assert_allclose(moment, np.cross([-0.9, 0, 0], expected), atol=1e-9)
 
-    # hull: drag along the axis, drag and lift across it, both less by cos α than in the flow's own direction
+    # hull: drag along the axis, drag and lift across it, both less by cos α than in the flow's own
+    # direction
     body, moment = force(hull_lift=[0.35, 0.06, 0.28])
-    expected = -pressure * 0.35 * np.cos(alpha) * np.array([astern * 0.06 * np.cos(alpha), 0.0, 0.0])
+    expected = (
+        -pressure * 0.35 * np.cos(alpha) * np.array([astern * 0.06 * np.cos(alpha), 0.0, 0.0])
+    )
     expected[plane] = -pressure * 0.35 * np.cos(alpha) * (0.06 + 0.28) * np.sin(alpha)
     np.testing.assert_allclose(body, expected, atol=1e-9)
     np.testing.assert_array_equal(moment, 0.0)
 
 
 @pytest.mark.parametrize("plane", [1, 2])
-@pytest.mark.parametrize(("name", "length", "diameter"), [("leader", 2.0, 0.25), ("follower", 1.6, 0.19)])
-def test_broadside_drag_is_that_of_cylinders(name: str, length: float, diameter: float, plane: int) -> None:
-    """Coefficient 1.1 (Hoerner 1965) on the side view of the spheroid, and no force along the axis."""
+@pytest.mark.parametrize(
+    ("name", "length", "diameter"), [("leader", 2.0, 0.25), ("follower", 1.6, 0.19)]
+)
+def test_broadside_drag_is_that_of_cylinders(
+    name: str, length: float, diameter: float, plane: int
+) -> None:
+    """Coefficient 1.1 (Hoerner 1965) on the side view of the spheroid, and no force along the
+    axis.
+    """
     tank = Tank(models.path(name).read_text(), Ocean(), 0.02, {"linear_damping": np.zeros(6)})
     tank.place(twist=0.5 * np.eye(6)[plane])
     force = tank.water_wrench()[:3] - [0, 0, tank.coefficients["buoyancy"]]
@@ -124,7 +146,9 @@ def test_hull_pushed_sideways_does_not_run_ahead(surge: float) -> None:
 
 
 def test_hull_left_in_a_beam_sea_does_not_run_ahead() -> None:
-    """Waves of 1 m from the side: swell, sway and roll, and no reason to go either way along the axis."""
+    """Waves of 1 m from the side: swell, sway and roll, and no reason to go either way along the
+    axis.
+    """
     waves = Waves.regular(height_m=1.0, period_s=5.0, direction_rad=0.0)
     tank = Tank(models.path("leader").read_text(), Ocean(waves=waves), 0.02)
     tank.place([0, 0, -3], twist=1e-3 * np.eye(6)[0])
@@ -135,7 +159,9 @@ def test_hull_left_in_a_beam_sea_does_not_run_ahead() -> None:
 def test_cross_flow_drag_of_a_round_hull_is_independent_of_direction() -> None:
     rotated = []
     for roll in (0.0, 0.6):
-        tank = Tank(hull(60.0, [1, 10, 10], cross_flow_drag=[1.1, 1.1], strip_area=0.3), Ocean(), 0.02)
+        tank = Tank(
+            hull(60.0, [1, 10, 10], cross_flow_drag=[1.1, 1.1], strip_area=0.3), Ocean(), 0.02
+        )
         tank.place(quaternion=attitude.from_euler(0.0, 0.0, roll), twist=[1.0, 0.0, 0.5, 0, 0, 0])
         rotated.append(tank.water_wrench()[:3])
     np.testing.assert_allclose(*rotated, atol=1e-9)

@@ -1,4 +1,6 @@
-"""Hulls in ideal water: added mass, its Coriolis and Munk terms, weight and buoyancy, without any drag."""
+"""Hulls in ideal water: added mass, its Coriolis and Munk terms, weight and buoyancy, without
+any drag.
+"""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -25,7 +27,9 @@ def euler_rotation(q: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Kirchhoff:
-    """A neutral hull in unbounded ideal water at rest, written out in the body frame (Lamb 1932)."""
+    """A neutral hull in unbounded ideal water at rest, written out in the body frame (Lamb
+    1932).
+    """
 
     mass: float
     inertia: Floats
@@ -40,7 +44,9 @@ class Kirchhoff:
         return rigid + self.added
 
     def acceleration(self, q: Floats, nu: Floats, wrench: Floats) -> Floats:
-        """Rate of change of (velocity, angular velocity) in the body: d(momentum)/dt, the weight's couple."""
+        """Rate of change of (velocity, angular velocity) in the body: d(momentum)/dt, the
+        weight's couple.
+        """
         p = self.total @ nu
         v, w = nu[:3], nu[3:]
         up = euler_rotation(q)[2]
@@ -53,7 +59,9 @@ class Kirchhoff:
         spin = np.concatenate([[0.0], nu[3:]])
         w, x = q[0], q[1:]
         q_rate = 0.5 * np.concatenate([[-x @ spin[1:]], w * spin[1:] + np.cross(x, spin[1:])])
-        return np.concatenate([euler_rotation(q) @ nu[:3], q_rate, self.acceleration(q, nu, np.zeros(6))])
+        return np.concatenate(
+            [euler_rotation(q) @ nu[:3], q_rate, self.acceleration(q, nu, np.zeros(6))]
+        )
 
     def energy(self, state: Floats) -> float:
         height = (euler_rotation(state[3:7] / np.linalg.norm(state[3:7])) @ self.cg)[2]
@@ -65,7 +73,12 @@ def random_hull(seed: int) -> Kirchhoff:
     b = rng.normal(size=(6, 6))
     added = b @ b.T + np.diag([2.0, 60, 60, 0.2, 11, 11])
     # MuJoCo requires the triangle inequality of principal inertias
-    return Kirchhoff(67.0, np.array([2.0, 13.0, 13.5]), rng.uniform(-0.05, 0.05, 3), np.round((added + added.T) / 2, 9))
+    return Kirchhoff(
+        67.0,
+        np.array([2.0, 13.0, 13.5]),
+        rng.uniform(-0.05, 0.05, 3),
+        np.round((added + added.T) / 2, 9),
+    )
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -83,7 +96,9 @@ def test_acceleration_is_kirchhoffs(seed: int) -> None:
     expected = ideal.acceleration(q, nu, wrench)
     # the acceleration of a point in the world, from components in a turning frame
     world = rotation @ (expected[:3] + np.cross(nu[3:], nu[:3]))
-    np.testing.assert_allclose(tank.acceleration([1, 0, 0, 0, 0]), [*world, *expected[3:]], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        tank.acceleration([1, 0, 0, 0, 0]), [*world, *expected[3:]], rtol=1e-9, atol=1e-9
+    )
 
 
 def test_motion_without_drag_keeps_energy_and_follows_an_independent_integration() -> None:
@@ -122,13 +137,19 @@ SPHEROID_MASS, SPHEROID_INERTIA = 96.698, np.array([0.87028, 19.77479, 19.77479]
         ([0, 0, 0, 0, 10], 5, 0.282),
     ],
 )
-def test_spheroid_accelerates_as_potential_flow_has_it(thrust: list[float], axis: int, expected: float) -> None:
+def test_spheroid_accelerates_as_potential_flow_has_it(
+    thrust: list[float], axis: int, expected: float
+) -> None:
     tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, added_mass=SPHEROID_ADDED), Ocean(), 0.02)
     assert tank.acceleration(thrust)[axis] == pytest.approx(expected, abs=5e-4)
 
 
 def test_righting_moment_is_weight_times_arm() -> None:
-    tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -0.02), added_mass=SPHEROID_ADDED), Ocean(), 0.02)
+    tank = Tank(
+        hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -0.02), added_mass=SPHEROID_ADDED),
+        Ocean(),
+        0.02,
+    )
     tank.place(quaternion=attitude.from_euler(0.0, np.radians(30)))
     # nose up by 30°: the couple about port turns it down, and what holds it there is its opposite
     moment = SPHEROID_MASS * G * 0.02 * np.sin(np.radians(30))
@@ -137,14 +158,20 @@ def test_righting_moment_is_weight_times_arm() -> None:
 
 
 def _small_oscillation_period(mass: float, inertia: float, added: Floats, arm: float) -> float:
-    """Pitch about a low centre of gravity, the hull free to surge: ½ of its energy is in the coupled motion."""
+    """Pitch about a low centre of gravity, the hull free to surge: ½ of its energy is in the
+    coupled motion.
+    """
     coupled = inertia + mass * arm**2 + added[4, 4] - (mass * arm) ** 2 / (mass + added[0, 0])
     return float(2 * np.pi * np.sqrt(coupled / (mass * G * arm)))
 
 
 def test_hull_rights_itself_at_the_pendulum_period() -> None:
     arm = 0.02
-    tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -arm), added_mass=SPHEROID_ADDED), Ocean(), 0.002)
+    tank = Tank(
+        hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -arm), added_mass=SPHEROID_ADDED),
+        Ocean(),
+        0.002,
+    )
     tank.place(quaternion=attitude.from_euler(0.0, np.radians(1)))
     times: list[float] = []
     previous = 1.0

@@ -20,7 +20,9 @@ SIZES = {"leader": (2.0, 0.25), "follower": (1.6, 0.19)}
 def pair() -> list[VehicleSetup]:
     return [
         VehicleSetup(name="lead", model="leader", position_m=(0, 0, -10), heading_rad=1.0),
-        VehicleSetup(name="T2", model="follower", position_m=(-20, 5, -12), heading_rad=-2.0, speed_m_s=1.0),
+        VehicleSetup(
+            name="T2", model="follower", position_m=(-20, 5, -12), heading_rad=-2.0, speed_m_s=1.0
+        ),
     ]
 
 
@@ -37,13 +39,19 @@ def test_model_compiles_and_steps_without_a_warning(name: str) -> None:
 
 def test_unknown_model_is_answered_with_what_exists() -> None:
     with pytest.raises(
-        ValueError, match=r"unknown model 'submarine'; available: bluerov2_heavy, follower, lauv, leader, "
+        ValueError,
+        match=r"unknown model 'submarine'; available: bluerov2_heavy, follower, lauv, leader, ",
     ):
         models.path("submarine")
 
 
-THRUSTERS = ("thruster_main", "thruster_lateral_bow", "thruster_lateral_stern", "thruster_vertical_bow",
-             "thruster_vertical_stern")  # fmt: skip
+THRUSTERS = (
+    "thruster_main",
+    "thruster_lateral_bow",
+    "thruster_lateral_stern",
+    "thruster_vertical_bow",
+    "thruster_vertical_stern",
+)
 
 
 @pytest.mark.parametrize("name", VEHICLES)
@@ -65,7 +73,9 @@ def test_thrusters_push_in_the_direction_of_their_names(name: str) -> None:
 
 @pytest.mark.parametrize("name", VEHICLES)
 def test_hull_is_neutral_and_its_added_mass_that_of_the_spheroid(name: str) -> None:
-    """Lamb's factors from their integrals (Lamb 1932), not from the closed forms that MJCF cites."""
+    """Lamb's factors from their integrals (Lamb 1932), not from the closed forms that MJCF
+    cites.
+    """
     length, diameter = SIZES[name]
     a, b = length / 2, diameter / 2
     # α₀ = a b² ∫₀^∞ dλ / ((a²+λ)^{3/2} (b²+λ)), β₀ with one power of the roots exchanged
@@ -73,7 +83,12 @@ def test_hull_is_neutral_and_its_added_mass_that_of_the_spheroid(name: str) -> N
     beta = a * b**2 * quad(lambda x: 1 / ((a**2 + x) ** 0.5 * (b**2 + x) ** 2), 0, np.inf)[0]
     mass = 1026 * 4 / 3 * np.pi * a * b**2
     transverse = mass * (a**2 + b**2) / 5
-    k = (a**2 - b**2) ** 2 * (beta - alpha) / (2 * (a**2 - b**2) + (a**2 + b**2) * (alpha - beta)) / (a**2 + b**2)
+    k = (
+        (a**2 - b**2) ** 2
+        * (beta - alpha)
+        / (2 * (a**2 - b**2) + (a**2 + b**2) * (alpha - beta))
+        / (a**2 + b**2)
+    )
     expected = [
         mass * alpha / (2 - alpha),
         mass * beta / (2 - beta),
@@ -89,7 +104,9 @@ def test_hull_is_neutral_and_its_added_mass_that_of_the_spheroid(name: str) -> N
     body = resolve(model, "v").body
     np.testing.assert_allclose(model.body_mass[body], mass, rtol=1e-5)
     np.testing.assert_allclose(
-        np.sort(model.body_inertia[body]), np.sort([0.4 * mass * b**2, transverse, transverse]), rtol=1e-4
+        np.sort(model.body_inertia[body]),
+        np.sort([0.4 * mass * b**2, transverse, transverse]),
+        rtol=1e-4,
     )
     assert record["buoyancy"] == pytest.approx(9.81 * model.body_mass[body], rel=1e-12)
     # the strips are the side view of the spheroid, and the same fore and aft
@@ -131,7 +148,11 @@ def test_setup_edits_the_vehicle() -> None:
         model="leader",
         position_m=(1, 2, -3),
         settings=Leader(
-            excess_buoyancy_n=7.0, cg_offset_x_m=0.05, cg_offset_z_m=-0.01, baseline_m=1.0, middle_offset_m=0.2
+            excess_buoyancy_n=7.0,
+            cg_offset_x_m=0.05,
+            cg_offset_z_m=-0.01,
+            baseline_m=1.0,
+            middle_offset_m=0.2,
         ),
     )
     model = compose([setup], floor_depth_m=77.0).compile()
@@ -141,9 +162,13 @@ def test_setup_edits_the_vehicle() -> None:
     np.testing.assert_allclose(model.body("lead/hull").ipos, (0.05, 0, -0.03))
     np.testing.assert_allclose(model.site("lead/cg").pos, (0.05, 0, -0.03))
     weight = 9.81 * model.body("lead/hull").mass[0]
-    assert mjcf.read_coefficients(model, ["lead"], 1026.0)[0]["buoyancy"] == pytest.approx(weight + 7.0)
+    assert mjcf.read_coefficients(model, ["lead"], 1026.0)[0]["buoyancy"] == pytest.approx(
+        weight + 7.0
+    )
     # the highest crest of the floor lies at its depth
-    assert model.geom("floor").pos[2] + model.hfield_size[0, 2] * model.hfield_data.max() == pytest.approx(-77.0)
+    assert model.geom("floor").pos[2] + model.hfield_size[
+        0, 2
+    ] * model.hfield_data.max() == pytest.approx(-77.0)
 
 
 def test_setup_errors_are_reported() -> None:
@@ -154,7 +179,9 @@ def test_setup_errors_are_reported() -> None:
 def test_missing_numeric_is_named_with_size_and_unit() -> None:
     spec = compose(pair())
     spec.delete(spec.numeric("T2/linear_damping"))
-    with pytest.raises(ValueError, match=r"'T2': lacks <numeric name='linear_damping'>, 6 values \[N s/m, N m s\]"):
+    with pytest.raises(
+        ValueError, match=r"'T2': lacks <numeric name='linear_damping'>, 6 values \[N s/m, N m s\]"
+    ):
         mjcf.read_coefficients(spec.compile(), ["lead", "T2"], 1026.0)
 
 
@@ -162,7 +189,9 @@ def test_numeric_of_wrong_size_is_named_with_size_and_unit() -> None:
     spec = compose(pair())
     spec.numeric("lead/hull_lift").data = np.array([0.1])
     spec.numeric("lead/hull_lift").size = 1
-    with pytest.raises(ValueError, match=r"'lead': <numeric name='hull_lift'> has 1 values, expected 3 values \[m²"):
+    with pytest.raises(
+        ValueError, match=r"'lead': <numeric name='hull_lift'> has 1 values, expected 3 values \[m²"
+    ):
         mjcf.read_coefficients(spec.compile(), ["lead", "T2"], 1026.0)
 
 

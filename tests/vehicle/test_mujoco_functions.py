@@ -35,7 +35,9 @@ def _in_turn(stages: tuple[int, ...], model: int, data: int, times: int) -> None
 
 
 def test_compiled_code_moves_the_data_of_python() -> None:
-    """A ball falls by MuJoCo's semi-implicit Euler: after n steps it is g dt² n (n + 1) / 2 lower."""
+    """A ball falls by MuJoCo's semi-implicit Euler: after n steps it is g dt² n (n + 1) / 2
+    lower.
+    """
     model, data = falling()
     _in_turn(*find(model, data), 100)
     assert data.time == pytest.approx(100 * model.opt.timestep)
@@ -44,5 +46,7 @@ def test_compiled_code_moves_the_data_of_python() -> None:
 
 def test_release_that_was_not_tried_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mujoco, "__version__", "4.1.0")
-    with pytest.raises(LaisnError, match=r"MuJoCo is 4\.1\.0, compiled steps were tried with 4\.0\.0 alone"):
+    with pytest.raises(
+        LaisnError, match=r"MuJoCo is 4\.1\.0, compiled steps were tried with 4\.0\.0 alone"
+    ):
         find(*falling())

@@ -1,4 +1,6 @@
-"""Hulls of users: what a file lacks is named at once, what flies is the file, and the scenario holds it whole."""
+"""Hulls of users: what a file lacks is named at once, what flies is the file, and the scenario
+holds it whole.
+"""
 
 import re
 import tomllib
@@ -21,7 +23,9 @@ from sim.scenario.settings import Scenario
 from sim.vehicle.mjcf import NUMERICS, spec_of
 from sim.vehicle.own_hull import hull_errors
 
-FOLLOWER, LEADER = (models.path(name).read_text(encoding="utf-8") for name in ("follower", "leader"))
+FOLLOWER, LEADER = (
+    models.path(name).read_text(encoding="utf-8") for name in ("follower", "leader")
+)
 SITES = ("depth_sensor", "cg")
 
 
@@ -44,10 +48,13 @@ def test_a_missing_coefficient_is_named_with_its_unit(name: str) -> None:
     assert error.endswith(f"[{NUMERICS[name][1]}]")
 
 
-@pytest.mark.parametrize(("role", "text", "name"), [
-    *(("follower", FOLLOWER, name) for name in (*SITES, "hydrophone")),
-    *(("leader", LEADER, name) for name in ("tx_rear", "tx_front", "tx_middle")),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("role", "text", "name"),
+    [
+        *(("follower", FOLLOWER, name) for name in (*SITES, "hydrophone")),
+        *(("leader", LEADER, name) for name in ("tx_rear", "tx_front", "tx_middle")),
+    ],
+)
 def test_a_missing_site_is_named(role: str, text: str, name: str) -> None:
     (error,) = hull_errors(without("site", name, text), role)
     assert error.startswith(f"lacks <site name='{name}'>, ")
@@ -55,39 +62,114 @@ def test_a_missing_site_is_named(role: str, text: str, name: str) -> None:
 
 def test_an_actuator_whose_site_is_missing_is_named() -> None:
     (error,) = hull_errors(without("site", "thruster_lateral_bow"), "follower")
-    assert error == "<general name='thruster_lateral_bow'>: there is no <site name='thruster_lateral_bow'>"
+    assert (
+        error
+        == "<general name='thruster_lateral_bow'>: there is no <site name='thruster_lateral_bow'>"
+    )
 
 
-@pytest.mark.parametrize(("text", "expected"), [
-    ("<mujoco><worldbody/></mujoco>", "has no body 'hull'"),
-    ("<mujoco><body></mujoco>", "not valid MJCF: "),
-    (FOLLOWER.replace('data="3 3 3 0 0 0"', 'data="3 3"'), "name='linear_damping_fade'> has 2 values, expected 6"),
-    (FOLLOWER.replace('simple="false"', "").replace('pos="0 0 -0.02" mass', 'pos="0 0 0" mass'), 'simple="false"'),
-    (FOLLOWER.replace("<freejoint name=\"free\"/>", "<joint name=\"a\"/>"), "must have one <freejoint>"),
-    (re.sub(r"<inertial[^>]*>", "", FOLLOWER), "lacks <inertial"),
-    (FOLLOWER.replace('<asset>', '<asset><texture name="t" type="2d" file="/etc/passwd"/>'), "names other files"),
-    (FOLLOWER.replace('<asset>', '<include file="other.xml"/><asset>'), "names other files"),
-    (FOLLOWER.replace('dyntype="filterexact" dynprm="0.3"', ""), "a state of its own"),
-    (re.sub(r"<general name[^>]*>", "", FOLLOWER), "has 0 actuators, expected 1 to 16"),
-    (FOLLOWER.replace("0 29.43764 0 0 0 0", "0.1 29.43764 0 0 0 0"), "added_mass must be symmetric"),
-    (FOLLOWER.replace("0 29.43764 0 0 0 0", "0 -0.5 0 0 0 0"), "hull: added_mass must be symmetric and positive semi"),
-    (FOLLOWER.replace('<camera name="chase"', '<body name="arm"/><camera name="chase"'), "no body beside 'hull'"),
-    (FOLLOWER.replace('<asset>', '<asset><hfield name="h" nrow="30000" ncol="30000" size="1 1 1 1"/>'), "<hfield>"),
-    (FOLLOWER.replace('<asset>', '<asset><mesh name="m" builtin="cone" params="1e6 0.3"/>'), "within ±64"),
-    (FOLLOWER.replace('</custom>', '<numeric name="a" size="1000000000"/></custom>'), "within ±1000"),
-    (FOLLOWER.replace('<worldbody>', '<worldbody><replicate count="1000000"><site/></replicate>'), "<replicate>"),
-    (FOLLOWER.replace('mass="31.0294"', 'mass="NaN"'), "<inertial mass='NaN'> must be finite"),
-    (FOLLOWER.replace('mass="31.0294"', 'mass="nan(1)"'), "<inertial mass='nan(1)'> must be finite"),
-    (FOLLOWER.replace('pos="0 0 0.1"/>', 'pos="0 0 1e300"/>'), "<site pos='0 0 1e300'> must be finite and within ±1e"),
-    (FOLLOWER.replace('</body>', '<geom class="fin" size="1 1 1"/>' * 200 + '</body>'), "elements <geom>, at most 200"),
-    (FOLLOWER.replace('<asset>', '<asset>' + '<mesh builtin="sphere" params="4"/>' * 20), "has 21 elements <mesh>"),
-    (without("site", "fins_level"), "there is no actuator 'hull/fins_level', nor a site of the body 'hull/hull'"),
-    (FOLLOWER.replace('pos="-0.72 0 0" zaxis="0 1 0"', 'pos="-0.72 0 0" zaxis="1 0 0"'), "unit vector across the hull"),
-    (FOLLOWER.replace('density="0"', 'density="1026"'), "<option density='1026'> is a property of the sea: 0"),
-    (FOLLOWER.replace('</custom>', '<numeric name="fin_x" data="-0.72"/></custom>'), "'fin_x'> has no meaning"),
-    (FOLLOWER.replace('ctrlrange="-40', 'forcerange="-1 1" ctrlrange="-40'), "no actuator may have a forcerange"),
-    (FOLLOWER.replace('density="0"', 'wind="9 0 0"'), "<option wind='9 0 0'> is a property of the sea: leave it out"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("<mujoco><worldbody/></mujoco>", "has no body 'hull'"),
+        ("<mujoco><body></mujoco>", "not valid MJCF: "),
+        (
+            FOLLOWER.replace('data="3 3 3 0 0 0"', 'data="3 3"'),
+            "name='linear_damping_fade'> has 2 values, expected 6",
+        ),
+        (
+            FOLLOWER.replace('simple="false"', "").replace(
+                'pos="0 0 -0.02" mass', 'pos="0 0 0" mass'
+            ),
+            'simple="false"',
+        ),
+        (
+            FOLLOWER.replace('<freejoint name="free"/>', '<joint name="a"/>'),
+            "must have one <freejoint>",
+        ),
+        (re.sub(r"<inertial[^>]*>", "", FOLLOWER), "lacks <inertial"),
+        (
+            FOLLOWER.replace("<asset>", '<asset><texture name="t" type="2d" file="/etc/passwd"/>'),
+            "names other files",
+        ),
+        (FOLLOWER.replace("<asset>", '<include file="other.xml"/><asset>'), "names other files"),
+        (FOLLOWER.replace('dyntype="filterexact" dynprm="0.3"', ""), "a state of its own"),
+        (re.sub(r"<general name[^>]*>", "", FOLLOWER), "has 0 actuators, expected 1 to 16"),
+        (
+            FOLLOWER.replace("0 29.43764 0 0 0 0", "0.1 29.43764 0 0 0 0"),
+            "added_mass must be symmetric",
+        ),
+        (
+            FOLLOWER.replace("0 29.43764 0 0 0 0", "0 -0.5 0 0 0 0"),
+            "hull: added_mass must be symmetric and positive semi",
+        ),
+        (
+            FOLLOWER.replace('<camera name="chase"', '<body name="arm"/><camera name="chase"'),
+            "no body beside 'hull'",
+        ),
+        (
+            FOLLOWER.replace(
+                "<asset>", '<asset><hfield name="h" nrow="30000" ncol="30000" size="1 1 1 1"/>'
+            ),
+            "<hfield>",
+        ),
+        (
+            FOLLOWER.replace("<asset>", '<asset><mesh name="m" builtin="cone" params="1e6 0.3"/>'),
+            "within ±64",
+        ),
+        (
+            FOLLOWER.replace("</custom>", '<numeric name="a" size="1000000000"/></custom>'),
+            "within ±1000",
+        ),
+        (
+            FOLLOWER.replace(
+                "<worldbody>", '<worldbody><replicate count="1000000"><site/></replicate>'
+            ),
+            "<replicate>",
+        ),
+        (FOLLOWER.replace('mass="31.0294"', 'mass="NaN"'), "<inertial mass='NaN'> must be finite"),
+        (
+            FOLLOWER.replace('mass="31.0294"', 'mass="nan(1)"'),
+            "<inertial mass='nan(1)'> must be finite",
+        ),
+        (
+            FOLLOWER.replace('pos="0 0 0.1"/>', 'pos="0 0 1e300"/>'),
+            "<site pos='0 0 1e300'> must be finite and within ±1e",
+        ),
+        (
+            FOLLOWER.replace("</body>", '<geom class="fin" size="1 1 1"/>' * 200 + "</body>"),
+            "elements <geom>, at most 200",
+        ),
+        (
+            FOLLOWER.replace("<asset>", "<asset>" + '<mesh builtin="sphere" params="4"/>' * 20),
+            "has 21 elements <mesh>",
+        ),
+        (
+            without("site", "fins_level"),
+            "there is no actuator 'hull/fins_level', nor a site of the body 'hull/hull'",
+        ),
+        (
+            FOLLOWER.replace('pos="-0.72 0 0" zaxis="0 1 0"', 'pos="-0.72 0 0" zaxis="1 0 0"'),
+            "unit vector across the hull",
+        ),
+        (
+            FOLLOWER.replace('density="0"', 'density="1026"'),
+            "<option density='1026'> is a property of the sea: 0",
+        ),
+        (
+            FOLLOWER.replace("</custom>", '<numeric name="fin_x" data="-0.72"/></custom>'),
+            "'fin_x'> has no meaning",
+        ),
+        (
+            FOLLOWER.replace('ctrlrange="-40', 'forcerange="-1 1" ctrlrange="-40'),
+            "no actuator may have a forcerange",
+        ),
+        (
+            FOLLOWER.replace('density="0"', 'wind="9 0 0"'),
+            "<option wind='9 0 0'> is a property of the sea: leave it out",
+        ),
+    ],
+)
 def test_an_unusable_hull_is_refused_with_the_reason(
     text: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -106,13 +188,19 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     text = FOLLOWER.replace('data="0.2128 0.05596 0.266"', 'data="0.2128 0.11192 0.266"')
     assert text != FOLLOWER
     (folder / "mine.xml").write_text(text, encoding="utf-8")
-    (folder / "mine.toml").write_text('duration_s = 60\n[[followers]]\nroute = "T2"\nmodel = "mine.xml"\n')
+    (folder / "mine.toml").write_text(
+        'duration_s = 60\n[[followers]]\nroute = "T2"\nmodel = "mine.xml"\n'
+    )
     return folder
 
 
 def test_the_hull_of_the_file_is_flown(folder: Path) -> None:
-    """At 1 m/s through still water the thrust is the drag, which is mostly that of the hull at no incidence."""
-    own, usual = (laisn_sim.fly(source, {"duration_s": 60}) for source in (folder / "mine.toml", "T2"))
+    """At 1 m/s through still water the thrust is the drag, which is mostly that of the hull at
+    no incidence.
+    """
+    own, usual = (
+        laisn_sim.fly(source, {"duration_s": 60}) for source in (folder / "mine.toml", "T2")
+    )
     thrusts = [flight.trajectory.thrust[-200:, 1, 0].mean() for flight in (own, usual)]
     speed = usual.trajectory.forward_speed[-200:, 1]
     more = 0.5 * 1026 * 0.2128 * 0.05596 * np.mean(speed**2)
@@ -126,28 +214,41 @@ def test_a_scenario_is_whole_without_the_file(folder: Path, tmp_path: Path) -> N
     assert laisn_sim.load(tmp_path / "again.toml") == flight.scenario
     again = laisn_sim.read_log(laisn_sim.write_log(flight, tmp_path / "a.mcap"))
     assert again.scenario == flight.scenario
-    assert laisn_sim.fly(again.scenario).trajectory.position.tobytes() == flight.trajectory.position.tobytes()
+    assert (
+        laisn_sim.fly(again.scenario).trajectory.position.tobytes()
+        == flight.trajectory.position.tobytes()
+    )
 
 
 def test_errors_of_a_hull_come_with_other_obstacles(folder: Path) -> None:
-    """Keys are validated first, what they mean together second; each round reports all of its errors."""
+    """Keys are validated first, what they mean together second; each round reports all of its
+    errors.
+    """
     (folder / "bad.xml").write_text(without("site", "hydrophone"), encoding="utf-8")
     changes = {"followers.0.model": str(folder / "bad.xml"), "ocean.floor_depth_m": 4.0}
     with pytest.raises(laisn_sim.LaisnError) as expected:
         laisn_sim.load(folder / "mine.toml", changes)
-    assert "followers[0].model: lacks <site name='hydrophone'>, the hydrophone" in str(expected.value)
+    assert "followers[0].model: lacks <site name='hydrophone'>, the hydrophone" in str(
+        expected.value
+    )
     assert "floor_depth_m" in str(expected.value)
     for name, expected in (
         ("absent.xml", "No such file"),
         ("/dev/zero", "it is no plain file"),
         ("/", "it is a folder"),
     ):
-        with pytest.raises(laisn_sim.LaisnError, match=rf"leader\.model: cannot be read: {expected}"):
+        with pytest.raises(
+            laisn_sim.LaisnError, match=rf"leader\.model: cannot be read: {expected}"
+        ):
             laisn_sim.load("T5", {"leader.model": name})
 
 
 def test_a_study_finds_hulls_beside_its_file(folder: Path) -> None:
-    table = {"scenario": "T2", "set": {"duration_s": 60.0}, "vary": {"followers.0.model": ["mine.xml"]}}
+    table = {
+        "scenario": "T2",
+        "set": {"duration_s": 60.0},
+        "vary": {"followers.0.model": ["mine.xml"]},
+    }
     (entry,) = plan_of(of_table(table, "s.toml", "s", folder)).entries
     assert entry.scenario.followers[0].model == (folder / "mine.xml").read_text(encoding="utf-8")
     arms = [{"name": "usual"}, {"name": "mine", "followers": {"0": {"model": "mine.xml"}}}]
@@ -181,7 +282,10 @@ def test_what_an_autopilot_cannot_control_is_refused_by_name(tmp_path: Path) -> 
         text = text.replace(old, new)
     (tmp_path / "flat.xml").write_text(text, encoding="utf-8")
     changes = {"followers.0.model": str(tmp_path / "flat.xml"), "duration_s": 20}
-    with pytest.raises(laisn_sim.LaisnError, match=r"followers\[0\].model: .*'pitch' needs vertical lift of the hull"):
+    with pytest.raises(
+        laisn_sim.LaisnError,
+        match=r"followers\[0\].model: .*'pitch' needs vertical lift of the hull",
+    ):
         laisn_sim.load("T3", changes | {"followers.0.depth_control": "pitch"})
     # thrusters alone hold it, unless they follow too slowly; what passes flies
     held = laisn_sim.fly("T3", changes | {"followers.0.depth_control": "thrust", "duration_s": 5})
@@ -202,11 +306,21 @@ def test_what_an_autopilot_cannot_control_is_refused_by_name(tmp_path: Path) -> 
         ("10.78728 7.45398", "1e5 7.45398", "too fast for physics steps of 0.02 s"),
         ("0.56 0.72", "0.56 100", "too fast for physics steps of 0.02 s"),
         ('data="1.1 1.1"', 'data="1.1 -1.1"', "cross_flow_drag must not be negative"),
-        ('pos="0 0 0.1"', 'pos="1e8 0 0.1"', "<site name='hydrophone'>: pos must be within ±1000 m"),
-        ('size="0.008 0.03"', 'size="0 0.03"', "size 0 must be positive in geom, Element name 'hull/mast'"),
+        (
+            'pos="0 0 0.1"',
+            'pos="1e8 0 0.1"',
+            "<site name='hydrophone'>: pos must be within ±1000 m",
+        ),
+        (
+            'size="0.008 0.03"',
+            'size="0 0.03"',
+            "size 0 must be positive in geom, Element name 'hull/mast'",
+        ),
     ],
 )
-def test_a_hull_that_cannot_be_simulated_is_refused_by_name(tmp_path: Path, old: str, new: str, words: str) -> None:
+def test_a_hull_that_cannot_be_simulated_is_refused_by_name(
+    tmp_path: Path, old: str, new: str, words: str
+) -> None:
     assert old in FOLLOWER
     (tmp_path / "odd.xml").write_text(FOLLOWER.replace(old, new, 1), encoding="utf-8")
     with pytest.raises(laisn_sim.LaisnError, match=rf"followers\[0\]\.model: .*{words}"):
@@ -242,11 +356,15 @@ def flown(hull: str, leader: dict[str, float], **more: Any) -> Flight:
 def test_transmitters_are_where_the_own_hull_has_them() -> None:
     flight = flown(moved_leader(**SHORT), {})
     t = flight.trajectory
-    assert [t.site_offset[t.site(f"leader/tx_{name}")].tolist() for name in ("rear", "front", "middle")] == [
-        [-0.7, 0, 0], [0.7, 0, 0], [0, 0.2, 0]
-    ]  # fmt: skip
+    assert [
+        t.site_offset[t.site(f"leader/tx_{name}")].tolist() for name in ("rear", "front", "middle")
+    ] == [[-0.7, 0, 0], [0.7, 0, 0], [0, 0.2, 0]]
     expected = navigation_settings(flight.scenario, t, 0)
-    assert (expected.baseline, expected.middle_offset, expected.transmitter_offsets) == (1.4, 0.2, ())
+    assert (expected.baseline, expected.middle_offset, expected.transmitter_offsets) == (
+        1.4,
+        0.2,
+        (),
+    )
     assert cautions(flight.scenario) == []
     # what is saved and loaded has no other places
     assert laisn_sim.load(flight.scenario).leader.baseline_m is None
@@ -263,10 +381,16 @@ def test_a_key_moves_the_transmitters_of_an_own_hull() -> None:
 
 @pytest.mark.parametrize("variant", ["tight", "laisn-2"])
 def test_transmitters_on_a_towed_beam_are_navigated_by(variant: str) -> None:
-    """12 m behind the leader and below it: taken as those of the hull, the error would be some 10 m."""
+    """12 m behind the leader and below it: taken as those of the hull, the error would be some
+    10 m.
+    """
     flight = flown(moved_leader(**TOWED), {}, navigation={"variant": variant}, duration_s=100.0)
     expected = navigation_settings(flight.scenario, flight.trajectory, 0)
-    assert expected.transmitter_offsets == ((-12.0, 0.5, -2.0), (-9.0, -0.5, -2.5), (-10.0, 1.0, -2.0))
+    assert expected.transmitter_offsets == (
+        (-12.0, 0.5, -2.0),
+        (-9.0, -0.5, -2.5),
+        (-10.0, 1.0, -2.0),
+    )
     error = position_errors(flight.estimates[0].state[:, :2], flight.hydrophone(0)[:, :2])
     assert np.median(error) < 2.0
 
@@ -274,5 +398,8 @@ def test_transmitters_on_a_towed_beam_are_navigated_by(variant: str) -> None:
 def test_followers_on_stations_need_transmitters_on_the_axis() -> None:
     with pytest.raises(LaisnError, match=r"leader\.model: where followers are on stations"):
         laisn_sim.load(
-            {"followers": [{"station": {"behind_m": 20, "depth_m": 10}}], "leader": {"model": moved_leader(**TOWED)}}
+            {
+                "followers": [{"station": {"behind_m": 20, "depth_m": 10}}],
+                "leader": {"model": moved_leader(**TOWED)},
+            }
         )

@@ -19,7 +19,9 @@ from sim.water import Ocean, Waves
 EAST = np.pi / 2
 
 
-def setups(depth: float = 10.0, speed_m_s: float = 0.0, excess_buoyancy_n: float = 0.0) -> list[VehicleSetup]:
+def setups(
+    depth: float = 10.0, speed_m_s: float = 0.0, excess_buoyancy_n: float = 0.0
+) -> list[VehicleSetup]:
     settings = Vehicle.model_construct(excess_buoyancy_n=excess_buoyancy_n)
     start: dict[str, Any] = {"heading_rad": EAST, "speed_m_s": speed_m_s, "settings": settings}
     return [
@@ -30,7 +32,9 @@ def setups(depth: float = 10.0, speed_m_s: float = 0.0, excess_buoyancy_n: float
 
 def rough_sea() -> Ocean:
     waves = Waves.jonswap(np.random.default_rng(1), significant_height_m=0.5, peak_period_s=4.0)
-    return Ocean(current_speed_m_s=0.4, current_direction_rad=1.0, current_shear_1_s=0.01, waves=waves)
+    return Ocean(
+        current_speed_m_s=0.4, current_direction_rad=1.0, current_shear_1_s=0.01, waves=waves
+    )
 
 
 def test_neutral_hulls_hang_still_for_ten_minutes() -> None:
@@ -68,7 +72,9 @@ def test_views_follow_the_state() -> None:
 
 
 def test_a_step_is_mujocos_own_with_the_water_in_its_middle() -> None:
-    """The plant leaves out parts of `mj_step1`; with all of them, and thrust by MuJoCo, the vehicles move alike."""
+    """The plant leaves out parts of `mj_step1`; with all of them, and thrust by MuJoCo, the
+    vehicles move alike.
+    """
     plant = Plant(setups(speed_m_s=1.0), rough_sea())
     model = copy.copy(plant.model)
     model.actuator_gainprm[:, 0] = 1.0
@@ -84,7 +90,10 @@ def test_a_step_is_mujocos_own_with_the_water_in_its_middle() -> None:
 
     def advance() -> Floats:
         mujoco.mj_step1(model, data)
-        assert hydrodynamics.apply(records, pose, twist, data.time, plant.ocean.water, solver, fitted) == -1
+        assert (
+            hydrodynamics.apply(records, pose, twist, data.time, plant.ocean.water, solver, fitted)
+            == -1
+        )
         mujoco.mj_factorM(model, data)
         twist[:] -= plant.dt / 2 * before
         mujoco.mj_step2(model, data)
@@ -142,8 +151,12 @@ def test_moments_of_thrusters_are_those_of_mujoco() -> None:
     pose[:, 3:] = Rotation.random(2, rng=rng).as_quat()
     mujoco.mj_forward(model, data)
     expected = np.zeros((model.nu, model.nv))
-    mujoco.mju_sparse2dense(expected, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
-    moments = effectors.unit_wrenches(effectors.read(model, [resolve(model, name) for name in plant.names]))
+    mujoco.mju_sparse2dense(
+        expected, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    )
+    moments = effectors.unit_wrenches(
+        effectors.read(model, [resolve(model, name) for name in plant.names])
+    )
     moments[..., :3] = attitude.rotate(pose[:, None, 3:], moments[..., :3])
     np.testing.assert_allclose(moments[0], expected[:5, :6], atol=1e-12)
     np.testing.assert_allclose(moments[1], expected[5:, 6:], atol=1e-12)
@@ -154,7 +167,10 @@ def test_thruster_elsewhere_than_at_its_hull_is_refused() -> None:
     plant = Plant(setups(), Ocean())
     vehicles = [resolve(plant.model, name) for name in plant.names]
     plant.model.actuator_trnid[6, 0] = plant.model.actuator_trnid[0, 0]
-    with pytest.raises(ValueError, match="actuator 'T2/thruster_lateral_bow' must act at a site of the body 'T2/hull'"):
+    with pytest.raises(
+        ValueError,
+        match="actuator 'T2/thruster_lateral_bow' must act at a site of the body 'T2/hull'",
+    ):
         effectors.read(plant.model, vehicles)
 
 
@@ -162,7 +178,9 @@ def test_thrust_follows_the_command_with_its_lag_and_within_its_limits() -> None
     plant = Plant(setups(), Ocean())
     plant.step(np.full((2, 5), 1e4), 15)
     # a first-order lag of 0.3 s reaches 1 − 1/e after 0.3 s
-    np.testing.assert_allclose(plant.thrust, (1 - np.exp(-1)) * plant.effectors["limits"][..., 1], rtol=1e-9)
+    np.testing.assert_allclose(
+        plant.thrust, (1 - np.exp(-1)) * plant.effectors["limits"][..., 1], rtol=1e-9
+    )
     plant.step(np.full((2, 5), -1e4), 500)
     np.testing.assert_allclose(plant.thrust, plant.effectors["limits"][..., 0], rtol=1e-9)
 
@@ -171,7 +189,9 @@ def test_looks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """The plant's model lacks the vehicles' geoms; with them it moves the same, to the bit."""
     command = np.array([[40.0, 5, -5, 1, 1], [20, -3, 3, 0, 2]])
     without = Plant(setups(), rough_sea())
-    monkeypatch.setattr("sim.vehicle.plant.compose", lambda setups, depth, looks: compose(setups, depth))
+    monkeypatch.setattr(
+        "sim.vehicle.plant.compose", lambda setups, depth, looks: compose(setups, depth)
+    )
     complete = Plant(setups(), rough_sea())
     assert complete.model.ngeom > without.model.ngeom + 20
     for plant in (without, complete):
@@ -278,7 +298,9 @@ def test_command_that_is_not_finite_is_refused(vehicle: int, name: str) -> None:
         plant.step(command)
 
 
-def test_integration_that_fails_is_stopped_before_mujoco_complains(capfd: pytest.CaptureFixture[str]) -> None:
+def test_integration_that_fails_is_stopped_before_mujoco_complains(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
     """Steps of 5 s are far too long: the hulls tumble ever faster."""
     plant = Plant(setups(), Ocean(), dt=5.0)
     plant.twist[:] = 1.0
@@ -291,7 +313,10 @@ def test_integration_that_fails_is_stopped_before_mujoco_complains(capfd: pytest
 
 def test_ten_followers_step_as_one_model() -> None:
     fleet = [VehicleSetup(name="leader", model="leader", position_m=(0, 0, -10))]
-    fleet += [VehicleSetup(name=f"f{i}", model="follower", position_m=(10 * i, -20, -10)) for i in range(10)]
+    fleet += [
+        VehicleSetup(name=f"f{i}", model="follower", position_m=(10 * i, -20, -10))
+        for i in range(10)
+    ]
     plant = Plant(fleet, rough_sea())
     command = np.random.default_rng(0).uniform(-10, 30, (11, 5))
     plant.step(command, 500)

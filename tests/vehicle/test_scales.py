@@ -1,4 +1,6 @@
-"""Hulls that differ from their models: each scale acts on its own force, unknown to the autopilot."""
+"""Hulls that differ from their models: each scale acts on its own force, unknown to the
+autopilot.
+"""
 
 import numpy as np
 import pytest
@@ -19,7 +21,9 @@ from sim.water import Ocean
 
 def plant(speed=0.0, **scales):
     settings = Vehicle.model_construct(**scales)
-    setup = VehicleSetup(name="v", model="follower", position_m=(0, 0, -10), speed_m_s=speed, settings=settings)
+    setup = VehicleSetup(
+        name="v", model="follower", position_m=(0, 0, -10), speed_m_s=speed, settings=settings
+    )
     return Plant([setup], Ocean())
 
 
@@ -68,14 +72,16 @@ def test_added_mass_is_scaled():
 
 
 def test_autopilots_go_by_the_model():
-    assert design(plant(drag_scale=2.0, lift_scale=0.5, added_mass_scale=1.5), ("pitch",)) == design(
-        plant(), ("pitch",)
-    )
+    assert design(
+        plant(drag_scale=2.0, lift_scale=0.5, added_mass_scale=1.5), ("pitch",)
+    ) == design(plant(), ("pitch",))
 
 
 def test_an_autopilot_holds_its_speed_with_unknown_drag():
     scenario = load("T5", ["duration_s=120", "leader.drag_scale=1.4"])
-    more, usual = (montecarlo.simulate_mission(s) for s in (scenario, load("T5", ["duration_s=120"])))
+    more, usual = (
+        montecarlo.simulate_mission(s) for s in (scenario, load("T5", ["duration_s=120"]))
+    )
     speeds = [np.hypot(*t.velocity[-300:, 0, :2].T).mean() for t in (more, usual)]
     assert speeds[0] == pytest.approx(speeds[1], abs=0.01)
     thrusts = [t.thrust[-300:, 0, 0].mean() for t in (more, usual)]
@@ -89,7 +95,9 @@ LIFT = {"followers.0.lift_scale": 7.2, "followers.0.cg_offset_z_m": -0.077, "dur
 def test_a_hull_that_its_scales_make_too_fast_for_the_steps_is_refused(speed, towards):
     """Without the check this motion leaves finite numbers within 8 s."""
     current = {"ocean.current_speed_m_s": speed, "ocean.current_direction_deg": towards}
-    with pytest.raises(LaisnError, match=r"followers\[0\]: its motion changes within .* too fast for physics steps"):
+    with pytest.raises(
+        LaisnError, match=r"followers\[0\]: its motion changes within .* too fast for physics steps"
+    ):
         laisn_sim.load("T3", LIFT | current)
     laisn_sim.load("T3", LIFT | current | {"timing.physics_step_s": 0.01})
 

@@ -1,4 +1,6 @@
-"""Current and waves against textbook formulas, finite differences and the statistics of the spectrum."""
+"""Current and waves against textbook formulas, finite differences and the statistics of the
+spectrum.
+"""
 
 from itertools import pairwise
 
@@ -76,14 +78,23 @@ def textbook_velocity(ocean: Ocean, p: Floats, t: float) -> Floats:
 def elevation(ocean: Ocean, x: npt.ArrayLike, y: npt.ArrayLike, time: float) -> Floats:
     """Height of the surface above z = 0; x and y broadcast [m]."""
     water = ocean.water
-    return np.asarray(np.vectorize(lambda *place: elevation_at(*map(float, place), *instant_of(time, water)))(x, y))
+    return np.asarray(
+        np.vectorize(lambda *place: elevation_at(*map(float, place), *instant_of(time, water)))(
+            x, y
+        )
+    )
 
 
 def acceleration_of(ocean: Ocean, point: Floats, time: float) -> Floats:
     """Acceleration of a particle, which is its change of velocity along its own path [m/s²]."""
     place, water = tuple(point.tolist()), ocean.water
     return np.array(
-        flow(place, tuple(ocean.velocity(point[None], time)[0]), (1.0, 0.0, 0.0), *instant_of(time, water))[1]
+        flow(
+            place,
+            tuple(ocean.velocity(point[None], time)[0]),
+            (1.0, 0.0, 0.0),
+            *instant_of(time, water),
+        )[1]
     )
 
 
@@ -105,7 +116,9 @@ def test_velocity_is_the_textbooks(change: Floats) -> None:
 
 @pytest.mark.parametrize("change", [CHANGE[:0], CHANGE])
 @pytest.mark.parametrize("heights", [(-8.0, -2.0), (0.01, 0.5)])
-def test_flow_derivatives_are_those_of_the_velocity(heights: tuple[float, float], change: Floats) -> None:
+def test_flow_derivatives_are_those_of_the_velocity(
+    heights: tuple[float, float], change: Floats
+) -> None:
     """Below the still surface and above it, where the waves' velocity is held."""
     ocean = sea(change=change)
     rng = np.random.default_rng(2)
@@ -127,19 +140,29 @@ def test_flow_derivatives_are_those_of_the_velocity(heights: tuple[float, float]
         np.testing.assert_allclose(change, (u(h * v, h) - u(-h * v, -h)) / (2 * h), atol=1e-6)
         differences = [(u(h * axis) - u(-h * axis)) / (2 * h) for axis in np.eye(3)]
         np.testing.assert_allclose(gradient, np.array(differences).T, atol=1e-6)
-        np.testing.assert_allclose(along_change, (along(h * v, h) - along(-h * v, -h)) / (2 * h), atol=1e-5)
+        np.testing.assert_allclose(
+            along_change, (along(h * v, h) - along(-h * v, -h)) / (2 * h), atol=1e-5
+        )
         if heights[1] < 0:
             assert abs(np.trace(gradient)) < 1e-12
 
 
 def test_a_linear_ramp_of_the_current() -> None:
-    """0.4 m/s more in 200 s: velocity, acceleration and way as of uniform acceleration, at every depth."""
+    """0.4 m/s more in 200 s: velocity, acceleration and way as of uniform acceleration, at every
+    depth.
+    """
     ocean = Ocean(current_change=np.array([[0.0, 0.1, 0.0], [200.0, 0.5, 0.0]]))
     points = np.array([[3.0, 4.0, -2.0], [9.0, -9.0, -20.0]])
-    for t, speed, acceleration, run in ((0.0, 0.1, 0.002, 0.0), (50.0, 0.2, 0.002, 7.5), (300.0, 0.5, 0.0, 110.0)):
+    for t, speed, acceleration, run in (
+        (0.0, 0.1, 0.002, 0.0),
+        (50.0, 0.2, 0.002, 7.5),
+        (300.0, 0.5, 0.0, 110.0),
+    ):
         np.testing.assert_allclose(ocean.velocity(points, t), [[speed, 0, 0]] * 2, atol=1e-15)
         np.testing.assert_allclose(
-            np.array([acceleration_of(ocean, point, t) for point in points]), [[acceleration, 0, 0]] * 2, atol=1e-15
+            np.array([acceleration_of(ocean, point, t) for point in points]),
+            [[acceleration, 0, 0]] * 2,
+            atol=1e-15,
         )
         assert change_at(t, ocean.water[2])[4:] == pytest.approx((run, 0.0), abs=1e-12)
 
@@ -149,27 +172,36 @@ def test_elevation_is_carried_along_with_a_changing_current() -> None:
     run = way(71.0)
     assert change_at(71.0, moved.water[2])[4:] == pytest.approx(tuple(run), rel=1e-12)
     x, y = np.array([0.0, 7.0, -30.0]), np.array([5.0, 5.0, 2.0])
-    np.testing.assert_allclose(elevation(moved, x + run[0], y + run[1], 71.0), elevation(still, x, y, 71.0), atol=1e-12)
+    np.testing.assert_allclose(
+        elevation(moved, x + run[0], y + run[1], 71.0), elevation(still, x, y, 71.0), atol=1e-12
+    )
 
 
 def test_no_water_passes_the_floor() -> None:
     ocean = sea()
-    points = np.column_stack([np.random.default_rng(3).uniform(-50, 50, (20, 2)), np.full(20, -ocean.floor_depth_m)])
+    points = np.column_stack(
+        [np.random.default_rng(3).uniform(-50, 50, (20, 2)), np.full(20, -ocean.floor_depth_m)]
+    )
     np.testing.assert_allclose(ocean.velocity(points, 7.0)[:, 2], 0.0, atol=1e-15)
 
 
 @pytest.mark.parametrize("z", [0.0, -0.5, -20.0, -180.0, -400.0, -4000.0])
 def test_in_deep_water_orbits_are_circles_that_shrink_with_depth(z: float) -> None:
-    """a ω exp(kz) at waves of 1.6 m over 4 km: exponents reach far beyond what a double can hold."""
+    """a ω exp(kz) at waves of 1.6 m over 4 km: exponents reach far beyond what a double can
+    hold.
+    """
     ocean = Ocean(
-        floor_depth_m=4000.0, waves=Waves.regular(height_m=0.05, period_s=1.0, phase_rad=0.3, floor_depth_m=4000.0)
+        floor_depth_m=4000.0,
+        waves=Waves.regular(height_m=0.05, period_s=1.0, phase_rad=0.3, floor_depth_m=4000.0),
     )
     omega, t = 2 * np.pi, 0.4
     k = omega**2 / G
     radius = 0.025 * omega * np.exp(k * z)
     theta = k * 2.0 - omega * t + 0.3
     expected = radius * np.array([0.0, np.cos(theta), np.sin(theta)])
-    np.testing.assert_allclose(ocean.velocity(np.array([[5.0, 2.0, z]]), t)[0], expected, rtol=1e-9, atol=1e-290)
+    np.testing.assert_allclose(
+        ocean.velocity(np.array([[5.0, 2.0, z]]), t)[0], expected, rtol=1e-9, atol=1e-290
+    )
     parts = flow((5.0, 2.0, z), (0.1, 0.2, 0.3), (0.0, 0.6, 0.8), *instant_of(t, ocean.water))
     np.testing.assert_allclose(parts[0], expected, rtol=1e-9, atol=1e-290)
     assert all(np.isfinite(part).all() for part in parts)
@@ -178,12 +210,16 @@ def test_in_deep_water_orbits_are_circles_that_shrink_with_depth(z: float) -> No
 @pytest.mark.parametrize("z", [-4.0, 0.2])
 def test_squeeze_is_the_gradient_of_the_linear_acceleration(z: float) -> None:
     """In small waves without current, particles accelerate by ∂u/∂t alone."""
-    waves = Waves.regular(height_m=0.1, period_s=4.0, direction_rad=1.2, phase_rad=0.4, floor_depth_m=12.0)
+    waves = Waves.regular(
+        height_m=0.1, period_s=4.0, direction_rad=1.2, phase_rad=0.4, floor_depth_m=12.0
+    )
     ocean = Ocean(floor_depth_m=12.0, waves=waves)
     p, e, t, h = np.array([3.0, -2.0, z]), np.array([0.6, 0.0, 0.8]), 2.3, 1e-3
 
     def rate(q: Floats) -> Floats:
-        return np.asarray((textbook_velocity(ocean, q, t + h) - textbook_velocity(ocean, q, t - h)) / (2 * h))
+        return np.asarray(
+            (textbook_velocity(ocean, q, t + h) - textbook_velocity(ocean, q, t - h)) / (2 * h)
+        )
 
     squeeze = flow(tuple(p), (0, 0, 0), tuple(e), *instant_of(t, ocean.water))[4]  # type: ignore[arg-type]
     np.testing.assert_allclose(squeeze, (rate(p + h * e) - rate(p - h * e)) / (2 * h), atol=1e-7)
@@ -194,7 +230,9 @@ def test_acceleration_is_the_particles_own(z: float) -> None:
     ocean = sea()
     p, t, h = np.array([4.0, -7.0, z]), 11.0, 1e-4
     u = textbook_velocity(ocean, p, t)
-    expected = (textbook_velocity(ocean, p + h * u, t + h) - textbook_velocity(ocean, p - h * u, t - h)) / (2 * h)
+    expected = (
+        textbook_velocity(ocean, p + h * u, t + h) - textbook_velocity(ocean, p - h * u, t - h)
+    ) / (2 * h)
     np.testing.assert_allclose(acceleration_of(ocean, p, t), expected, atol=1e-6)
 
 
@@ -219,9 +257,13 @@ def test_above_the_still_surface_waves_move_as_on_it() -> None:
 @pytest.mark.parametrize(("depth", "speed"), [(0.0, 0.8), (10.0, 0.6), (40.0, 0.0)])
 def test_current_shears_with_depth(depth: float, speed: float) -> None:
     """0.8 m/s towards the south-east, losing 0.02 m/s per metre."""
-    ocean = Ocean(current_speed_m_s=0.8, current_direction_rad=np.radians(135), current_shear_1_s=0.02)
+    ocean = Ocean(
+        current_speed_m_s=0.8, current_direction_rad=np.radians(135), current_shear_1_s=0.02
+    )
     expected = speed * np.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0])
-    np.testing.assert_allclose(ocean.velocity(np.array([[5.0, 6.0, -depth]]), 3.0)[0], expected, atol=1e-15)
+    np.testing.assert_allclose(
+        ocean.velocity(np.array([[5.0, 6.0, -depth]]), 3.0)[0], expected, atol=1e-15
+    )
 
 
 def test_calm_water_rests() -> None:
@@ -232,9 +274,13 @@ def test_calm_water_rests() -> None:
 
 def test_jonswap_sea_has_its_significant_height() -> None:
     height, period = 0.5, 4.0
-    waves = Waves.jonswap(np.random.default_rng(5), significant_height_m=height, peak_period_s=period)
+    waves = Waves.jonswap(
+        np.random.default_rng(5), significant_height_m=height, peak_period_s=period
+    )
     water = Ocean(waves=waves).water
-    series = np.array([elevation_at(0.0, 0.0, *instant_of(t, water)) for t in np.arange(0, 20000, 0.5)])
+    series = np.array(
+        [elevation_at(0.0, 0.0, *instant_of(t, water)) for t in np.arange(0, 20000, 0.5)]
+    )
     assert 4 * series.std() == pytest.approx(height, rel=0.02)
 
 
@@ -249,10 +295,19 @@ def jonswap(w: Floats, height: float, period: float, gamma: float) -> Floats:
 @pytest.mark.parametrize("gamma", [1.0, 3.3, 7.0])
 @pytest.mark.parametrize("n", [1, 40, 100])
 def test_energy_of_the_sea_is_jonswaps_up_to_any_frequency(n: int, gamma: float) -> None:
-    """No bin holds more than 2/n of the energy, so that no cumulative share can be further off than that."""
+    """No bin holds more than 2/n of the energy, so that no cumulative share can be further off
+    than that.
+    """
     height, period = 0.5, 4.0
     edges = 2 * np.pi / period * np.linspace(0.6, 3.0, 25)
-    total = quad(jonswap, edges[0], edges[-1], (height, period, gamma), points=[2 * np.pi / period], limit=200)[0]
+    total = quad(
+        jonswap,
+        edges[0],
+        edges[-1],
+        (height, period, gamma),
+        points=[2 * np.pi / period],
+        limit=200,
+    )[0]
     shares = [quad(jonswap, a, b, (height, period, gamma))[0] / total for a, b in pairwise(edges)]
     for seed in range(5):
         waves = Waves.jonswap(
@@ -269,15 +324,20 @@ def test_energy_of_the_sea_is_jonswaps_up_to_any_frequency(n: int, gamma: float)
 
 
 def test_bands_of_the_default_sea_have_their_energy() -> None:
-    """Over many seas the energy of a band is right on average, and in a single sea to a tenth or so near the peak."""
+    """Over many seas the energy of a band is right on average, and in a single sea to a tenth or
+    so near the peak.
+    """
     height, period, gamma = 0.5, 4.0, 3.3
     peak = 2 * np.pi / period
     edges = peak * np.array([0.6, 0.8, 0.9, 1.0, 1.1, 1.2, 1.4, 1.7, 2.2, 3.0])
     exact = np.array([quad(jonswap, a, b, (height, period, gamma))[0] for a, b in pairwise(edges)])
     seas = [
-        Waves.jonswap(np.random.default_rng(s), significant_height_m=height, peak_period_s=period) for s in range(200)
+        Waves.jonswap(np.random.default_rng(s), significant_height_m=height, peak_period_s=period)
+        for s in range(200)
     ]
-    ours = np.array([np.histogram(w.omega_rad_s, edges, weights=w.amplitude_m**2 / 2)[0] for w in seas])
+    ours = np.array(
+        [np.histogram(w.omega_rad_s, edges, weights=w.amplitude_m**2 / 2)[0] for w in seas]
+    )
     relative = ours / ours.sum(1, keepdims=True) / (exact / exact.sum()) - 1
     np.testing.assert_allclose(relative.mean(0), 0.0, atol=0.04)
     assert np.sqrt(np.mean(relative[:, 2:] ** 2, axis=0)).max() < 0.06
@@ -287,7 +347,8 @@ def test_bands_of_the_default_sea_have_their_energy() -> None:
 
 def test_sea_is_a_function_of_its_seed() -> None:
     one, same, other = (
-        Waves.jonswap(np.random.default_rng(s), significant_height_m=0.5, peak_period_s=4.0) for s in (7, 7, 8)
+        Waves.jonswap(np.random.default_rng(s), significant_height_m=0.5, peak_period_s=4.0)
+        for s in (7, 7, 8)
     )
     assert one.phase_rad.tobytes() == same.phase_rad.tobytes()
     assert one.amplitude_m.tobytes() == same.amplitude_m.tobytes()
@@ -300,12 +361,18 @@ def test_errors_are_reported() -> None:
 
 
 def test_wave_components_have_the_set_directional_spread() -> None:
-    """2000 normal directions: five standard deviations of their mean and of their standard deviation."""
+    """2000 normal directions: five standard deviations of their mean and of their standard
+    deviation.
+    """
     n, spread = 2000, 0.3
     waves = Waves.jonswap(
-        np.random.default_rng(3), significant_height_m=0.5, peak_period_s=5.0, direction_rad=1.0, spread_rad=spread,
+        np.random.default_rng(3),
+        significant_height_m=0.5,
+        peak_period_s=5.0,
+        direction_rad=1.0,
+        spread_rad=spread,
         n_components=n,
-    )  # fmt: skip
+    )
     towards = np.arctan2(*waves.wavenumber_1_m.T)
     assert abs(towards.mean() - 1.0) < 5 * spread / np.sqrt(n)
     assert towards.std() == pytest.approx(spread, rel=5 / np.sqrt(2 * n))

@@ -1,1 +1,3 @@
-"""Processor time and memory beside other implementations and lower limits, measured in one run: `make bench`."""
+"""Processor time and memory beside other implementations and lower limits, measured in one run:
+`make bench`.
+"""

@@ -1,4 +1,6 @@
-"""What a closed loop of followers on stations costs, beside the bare solver of the same vehicles."""
+"""What a closed loop of followers on stations costs, beside the bare solver of the same
+vehicles.
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -26,8 +28,16 @@ def swarm(followers: int, duration: float, *settings: str) -> Scenario:
     """A grid of followers, each in its layer where there is room for that, in a current."""
     layer = 1.0 if followers <= 20 else 0.0
     shape = f'{{ kind = "grid", count = {followers}, spacing_m = 10.0, layer_m = {layer} }}'
-    return load("swarm", ("followers=[]", f"formation.shape={shape}", f"duration_s={duration}",
-                          "ocean.current_speed_m_s=0.3", *settings))  # fmt: skip
+    return load(
+        "swarm",
+        (
+            "followers=[]",
+            f"formation.shape={shape}",
+            f"duration_s={duration}",
+            "ocean.current_speed_m_s=0.3",
+            *settings,
+        ),
+    )
 
 
 def _bare(scenario: Scenario) -> Callable[[], object]:
@@ -44,25 +54,48 @@ def _closed(scenario: Scenario) -> Callable[[], object]:
     """The closed loop: sensing, navigation, guidance, autopilot, physics, recording."""
     routes = routes_of(scenario)
     ocean = ocean_of(scenario)
-    plants = [Plant(setups_of(scenario, routes), ocean, scenario.timing.physics_step_s) for _ in range(_REPEATS + 1)]
+    plants = [
+        Plant(setups_of(scenario, routes), ocean, scenario.timing.physics_step_s)
+        for _ in range(_REPEATS + 1)
+    ]
     make_controller = partial(closed_loop_of, scenario)
-    return lambda: simulate(plants.pop(), routes, scenario.duration_s, make_controller=make_controller)
+    return lambda: simulate(
+        plants.pop(), routes, scenario.duration_s, make_controller=make_controller
+    )
 
 
 def formation() -> list[Row]:
-    """A physics step of a formation in closed loop beside the bare solver; a whole run of a study."""
+    """A physics step of a formation in closed loop beside the bare solver; a whole run of a
+    study.
+    """
     rows = []
     for followers, duration in SWARMS.items():
         blind = swarm(followers, duration)
         sensing = swarm(followers, duration, "formation.proximity.range_m=8")
         steps = round(duration / blind.timing.physics_step_s)
-        bare, seconds, wary = least_times([_bare(blind), _closed(blind), _closed(sensing)], _REPEATS)
+        bare, seconds, wary = least_times(
+            [_bare(blind), _closed(blind), _closed(sensing)], _REPEATS
+        )
         fleet = f"leader + {followers}"
         rows += [
             Row(f"{fleet}: mj_step alone", bare / steps * 1e6, "µs/step"),
-            Row(f"{fleet}: closed loop", seconds / steps * 1e6, "µs/step", bare / seconds, "mj_step"),
-            Row(f"{fleet}: followers sense each other", wary / steps * 1e6, "µs/step", bare / wary, "mj_step"),
-            Row(f"{fleet}: solver over closed loop", bare / seconds, "x", bare / seconds / AIMS[followers], "aim"),
+            Row(
+                f"{fleet}: closed loop", seconds / steps * 1e6, "µs/step", bare / seconds, "mj_step"
+            ),
+            Row(
+                f"{fleet}: followers sense each other",
+                wary / steps * 1e6,
+                "µs/step",
+                bare / wary,
+                "mj_step",
+            ),
+            Row(
+                f"{fleet}: solver over closed loop",
+                bare / seconds,
+                "x",
+                bare / seconds / AIMS[followers],
+                "aim",
+            ),
             Row(f"{fleet}: real-time factor", duration / seconds, "x"),
         ]
     whole = load("swarm", (f"duration_s={_WHOLE_S}",))

@@ -1,4 +1,6 @@
-"""Most memory that a command and its child processes take together: a long mission, and many runs on two workers."""
+"""Most memory that a command and its child processes take together: a long mission, and many
+runs on two workers.
+"""
 
 import contextlib
 import os
@@ -12,7 +14,9 @@ from pathlib import Path
 from tools.benchmarks.row import Row
 
 HOURS = (3, 6)
-"""Lengths of two missions, above that from which the command saves memory; both grow alike with their length."""
+"""Lengths of two missions, above that from which the command saves memory; both grow alike with
+their length.
+"""
 RUNS = 100_000
 POINTS = 4
 WORKERS = 2

@@ -1,4 +1,6 @@
-"""What a mission costs: physics with autopilot beside the bare solver, the log, the film, and the whole command."""
+"""What a mission costs: physics with autopilot beside the bare solver, the log, the film, and
+the whole command.
+"""
 
 import subprocess
 import sys
@@ -30,15 +32,22 @@ FLEETS = {
     "leader + 50": (50, 200.0),
     "remus100 + 1": (1, 1000.0),
 }
-"""Followers, and how long they are flown [s]; in the last both vehicles have a propeller and four fins."""
+"""Followers, and how long they are flown [s]; in the last both vehicles have a propeller and
+four fins.
+"""
 AIMS = {"leader + 1": 4500.0, "leader + 10": 1500.0, "leader + 50": 350.0}
 """Real-time factors that they are to reach on one core."""
 
 
 def _scenario(followers: int, duration: float, model: str = "follower") -> Scenario:
-    swarm = tuple(Follower(name=f"follower{i}", route="T5", depth_m=9.0 + i, model=model) for i in range(followers))
+    swarm = tuple(
+        Follower(name=f"follower{i}", route="T5", depth_m=9.0 + i, model=model)
+        for i in range(followers)
+    )
     given = load("T5", ())
-    leader = given.leader if model == "follower" else given.leader.model_copy(update={"model": model})
+    leader = (
+        given.leader if model == "follower" else given.leader.model_copy(update={"model": model})
+    )
     return given.model_copy(update={"duration_s": duration, "followers": swarm, "leader": leader})
 
 
@@ -51,7 +60,8 @@ def _stages(calls: Calls, steps: int) -> None:
 
 
 def physics() -> list[Row]:
-    """A physics step of a fleet: the solver alone, with hydrodynamics, and with autopilot and recording too.
+    """A physics step of a fleet: the solver alone, with hydrodynamics, and with autopilot and
+    recording too.
 
     The floor is what a step calls of MuJoCo, and nothing else.
     """
@@ -84,11 +94,33 @@ def physics() -> list[Row]:
         per_step = flown / steps * 1e6
         rows += [
             Row(f"{fleet}: mj_step alone, no water", bare, "µs/step"),
-            Row(f"{fleet}: with hydrodynamics", with_water, "µs/step", bare / with_water, "mj_step", floor),
-            Row(f"{fleet}: with autopilot and recording", per_step, "µs/step", bare / per_step, "mj_step", floor),
+            Row(
+                f"{fleet}: with hydrodynamics",
+                with_water,
+                "µs/step",
+                bare / with_water,
+                "mj_step",
+                floor,
+            ),
+            Row(
+                f"{fleet}: with autopilot and recording",
+                per_step,
+                "µs/step",
+                bare / per_step,
+                "mj_step",
+                floor,
+            ),
         ]
         if fleet in AIMS:
-            rows.append(Row(f"{fleet}: real-time factor", duration / flown, "x", duration / flown / AIMS[fleet], "aim"))
+            rows.append(
+                Row(
+                    f"{fleet}: real-time factor",
+                    duration / flown,
+                    "x",
+                    duration / flown / AIMS[fleet],
+                    "aim",
+                )
+            )
     return rows
 
 
@@ -98,7 +130,9 @@ def log() -> list[Row]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "flight.mcap"
         seconds = least_time(lambda: writer.write(flight, path), 3)
-        messages = sum(len(channel.times) for channel in Contents(path, lambda topic, _: False).topics.values())
+        messages = sum(
+            len(channel.times) for channel in Contents(path, lambda topic, _: False).topics.values()
+        )
         size = path.stat().st_size
     return [
         Row("messages", messages / 1000, "k"),
@@ -135,9 +169,20 @@ def film() -> list[Row]:
 
 
 def command() -> list[Row]:
-    """`laisn fly T5 --no-video` from its start to its end, by wall clock, on all cores, with compiled code at hand."""
+    """`laisn fly T5 --no-video` from its start to its end, by wall clock, on all cores, with
+    compiled code at hand.
+    """
     with tempfile.TemporaryDirectory() as folder:
-        call = [sys.executable, "-m", "experiments.command.cli", "fly", "T5", "--no-video", "--out", folder]
+        call = [
+            sys.executable,
+            "-m",
+            "experiments.command.cli",
+            "fly",
+            "T5",
+            "--no-video",
+            "--out",
+            folder,
+        ]
         durations = []
         for _ in range(4):
             begin = time.perf_counter()

@@ -1,4 +1,6 @@
-"""What a step costs of LAISN-2, the filter alone, and of the tightly coupled navigator on the same measurements."""
+"""What a step costs of LAISN-2, the filter alone, and of the tightly coupled navigator on the
+same measurements.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -26,10 +28,12 @@ AIMS_NS = {3: 60.0, 2: 250.0}
 """What a step is to cost at most, by transmitters; of constant biases and an exact leader [ns]."""
 FLOPS_PER_STEP = 95
 FLOPS_PER_MESSAGE = 945
-"""Operations of the tightly coupled navigator with five states, three transmitters and one hypothesis.
+"""Operations of the tightly coupled navigator with five states, three transmitters and one
+hypothesis.
 
-In a step: sine and cosine 40, dead reckoning 35, mean position 20. With a message: motion 180, what three ranges are
-expected to be 230, their covariance and its factor 160, likelihoods 75, update 165, arms, axis and output 135.
+In a step: sine and cosine 40, dead reckoning 35, mean position 20. With a message: motion 180, what
+three ranges are expected to be 230, their covariance and its factor 160, likelihoods 75, update
+165, arms, axis and output 135.
 """
 _ASSUMED = {
     "": Assume(),
@@ -38,7 +42,9 @@ _ASSUMED = {
 
 
 @compiled_lanes
-def filter_only(own: Floats, message_step: Ints, messages: Floats, start: Floats, t: Tuning) -> Floats:
+def filter_only(
+    own: Floats, message_step: Ints, messages: Floats, start: Floats, t: Tuning
+) -> Floats:
     """Steps of a block on measurements that lie ready."""
     block = row.new_block(start, t)
     i = 0
@@ -68,7 +74,9 @@ def _rows(interval: float) -> Iterator[Row]:
     start = truth.start[None]
     tuned = row.tuning(NavigationSettings())
     cases = [(count, words, assume) for count in AIMS_NS for words, assume in _ASSUMED.items()]
-    works: list[Callable[[], object]] = [partial(filter_only, own, truth.message_step, messages, start, tuned)]
+    works: list[Callable[[], object]] = [
+        partial(filter_only, own, truth.message_step, messages, start, tuned)
+    ]
     works += [
         partial(_fly, TightSettings(assume=assume, transmitters=count), missions, truth.start)
         for count, _, assume in cases
@@ -86,5 +94,7 @@ def _rows(interval: float) -> Iterator[Row]:
 
 
 def tight() -> list[Row]:
-    """A filter step of one follower: states without covariances, as a campaign of mirror locks takes them."""
+    """A filter step of one follower: states without covariances, as a campaign of mirror locks
+    takes them.
+    """
     return [one for interval in INTERVALS_S for one in _rows(interval)]

@@ -21,12 +21,16 @@ class Row(NamedTuple):
 
 
 def least_time(work: Callable[[], object], repeats: int = 7) -> float:
-    """Least processor time of several, after one that warms up [s]; waiting for other processes does not count."""
+    """Least processor time of several, after one that warms up [s]; waiting for other processes
+    does not count.
+    """
     return least_times([work], repeats)[0]
 
 
 def least_times(works: Sequence[Callable[[], object]], repeats: int) -> list[float]:
-    """Least processor time of each of several that take turns, so that a machine that slows down slows all of them."""
+    """Least processor time of each of several that take turns, so that a machine that slows down
+    slows all of them.
+    """
     for work in works:
         work()
     least = [np.inf] * len(works)

@@ -1,7 +1,8 @@
-"""Speed beside peers, all measured in one run of one process on one core: `python -m tools.benchmarks.run`.
+"""Speed beside peers, all measured in one run of one process on one core: `python -m
+tools.benchmarks.run`.
 
-Each benchmark is a function that returns rows; `BENCHMARKS` lists them. Times are the least of several, because other
-work on the machine can only add to them.
+Each benchmark is a function that returns rows; `BENCHMARKS` lists them. Times are the least of
+several, because other work on the machine can only add to them.
 """
 
 import argparse
@@ -41,14 +42,18 @@ STEPS = 2000
 MESSAGE_EVERY = 10
 DT = 0.1
 FLOPS_PER_STEP = 200
-"""Operations of LAISN-2 in a step: predict 50, sine and cosine 35, speed update 105, a tenth of a fix's update 12."""
+"""Operations of LAISN-2 in a step: predict 50, sine and cosine 35, speed update 105, a tenth of
+a fix's update 12.
+"""
 
 
 def steady_mission(steps: int = STEPS) -> MissionTruth:
     """A leader heading east at 1 m/s, and a follower that weaves 20 m off its quarter."""
     t = np.asarray(DT * np.arange(steps + 1), dtype=np.float64)
     leader = np.stack([t, np.zeros(t.size)], axis=1)
-    follower = leader + np.stack([-15.0 + 2.0 * np.sin(0.1 * t), -12.0 + 2.0 * np.cos(0.07 * t)], axis=1)
+    follower = leader + np.stack(
+        [-15.0 + 2.0 * np.sin(0.1 * t), -12.0 + 2.0 * np.cos(0.07 * t)], axis=1
+    )
     velocity = np.gradient(follower, DT, axis=0)
     k = np.arange(MESSAGE_EVERY, steps + 1, MESSAGE_EVERY)
     sites = [leader + offset for offset in ((-1.0, 0.0), (1.0, 0.0), (0.0, 0.1))]
@@ -65,7 +70,14 @@ def steady_mission(steps: int = STEPS) -> MissionTruth:
         message_step=k,
         emission_step=k,
         sent=np.rec.fromarrays(
-            [t[k], *leader[k].T, east[k], np.ones(k.size), np.full(k.size, 10.0), *np.full((3, k.size), np.nan)],
+            [
+                t[k],
+                *leader[k].T,
+                east[k],
+                np.ones(k.size),
+                np.full(k.size, 10.0),
+                *np.full((3, k.size), np.nan),
+            ],
             dtype=MESSAGE,
         ),
         slant_range=np.stack([np.hypot(*(follower - s)[k].T) for s in sites], axis=1),
@@ -73,7 +85,9 @@ def steady_mission(steps: int = STEPS) -> MissionTruth:
 
 
 def filterpy_loop(mission: Measurements, start: Floats, settings: NavigationSettings) -> Floats:
-    """Predict, position and speed update of one run with filterpy, without anything else; fixes are the start."""
+    """Predict, position and speed update of one run with filterpy, without anything else; fixes
+    are the start.
+    """
     kalman = Filter(DT, start, np.zeros(4))
     z = (float(start[0]), float(start[1]))
     for k in range(1, mission.speed.size + 1):
@@ -86,8 +100,12 @@ def filterpy_loop(mission: Measurements, start: Floats, settings: NavigationSett
     return kalman.state
 
 
-def vectorised_numpy(own: Floats, messages: Floats, start: Floats, settings: NavigationSettings) -> Floats:
-    """The Kalman filter of all runs at once with NumPy; `own` (n, 2, R), fixes `messages` (m, 2, R)."""
+def vectorised_numpy(
+    own: Floats, messages: Floats, start: Floats, settings: NavigationSettings
+) -> Floats:
+    """The Kalman filter of all runs at once with NumPy; `own` (n, 2, R), fixes `messages` (m, 2,
+    R).
+    """
     runs = own.shape[2]
     x = np.tile(start, (runs, 1))
     P = np.zeros((runs, 4, 4))
@@ -175,9 +193,15 @@ def navigation() -> list[Row]:
     simulate(few_runs)
     before = _peak_memory()
     simulate(many_runs)
-    rows.append(Row(f"memory of {100 * RUNS} runs beyond that of {RUNS}", _peak_memory() - before, "MB"))
+    rows.append(
+        Row(f"memory of {100 * RUNS} runs beyond that of {RUNS}", _peak_memory() - before, "MB")
+    )
     for variant in ("laisn-2", "laisn-3-1", "laisn-3-2"):
-        cell = Cell(truth=steady_mission(5 * n), settings=NavigationSettings(variant=variant), runs=range(RUNS))
+        cell = Cell(
+            truth=steady_mission(5 * n),
+            settings=NavigationSettings(variant=variant),
+            runs=range(RUNS),
+        )
         timed(f"{variant.upper()} with noise and metrics", lambda cell=cell: simulate(cell), 5 * n)  # type: ignore[misc]
     return rows
 
@@ -205,11 +229,18 @@ def table(rows: list[Row]) -> str:
 
 
 def record(rounds: Mapping[str, Sequence[list[Row]]]) -> Findings:
-    """What was measured in several rounds: of each row median, least and largest, and the same of its ratio."""
-    machine = f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}, Python {platform.python_version()}"
+    """What was measured in several rounds: of each row median, least and largest, and the same
+    of its ratio.
+    """
+    machine = (
+        f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}, Python "
+        f"{platform.python_version()}"
+    )
     found = {"machine": plain(machine, "where"), "date": plain(str(date.today()), "when")}
     for name, measured in rounds.items():
-        found["rounds"] = plain(len(measured), "of each benchmark; limits are the least and the largest of them")
+        found["rounds"] = plain(
+            len(measured), "of each benchmark; limits are the least and the largest of them"
+        )
         for rows in zip(*measured, strict=True):
             if rows[0].unit == "MB" and name == "navigation":
                 # the most that a process ever had grows in the first round alone
@@ -217,13 +248,24 @@ def record(rounds: Mapping[str, Sequence[list[Row]]]) -> Findings:
             row = rows[0]
             key = f"{name}: {rows[0].name}"
             key = f"{key}, than {row.against}" if key in found else key
-            found[key] = _spread([r.value for r in rows], row.unit, "median, least and largest of the rounds")
+            found[key] = _spread(
+                [r.value for r in rows], row.unit, "median, least and largest of the rounds"
+            )
             if row.against:
-                what = f"how many times faster than {row.against}; median, least and largest of the rounds"
-                found[f"{name}: {row.name}, than {row.against}"] = _spread([r.ratio for r in rows], "", what)
+                what = (
+                    f"how many times faster than {row.against}; median, least and largest of "
+                    "the rounds"
+                )
+                found[f"{name}: {row.name}, than {row.against}"] = _spread(
+                    [r.ratio for r in rows], "", what
+                )
             if not np.isnan(row.floor):
-                found[f"{name}: {row.name}, floor"] = _spread([r.floor for r in rows], row.unit, "of the machine")
-    return make_record("benchmarks", "make bench BENCH_ARGS=--record", ("tools.benchmarks.run",), found)
+                found[f"{name}: {row.name}, floor"] = _spread(
+                    [r.floor for r in rows], row.unit, "of the machine"
+                )
+    return make_record(
+        "benchmarks", "make bench BENCH_ARGS=--record", ("tools.benchmarks.run",), found
+    )
 
 
 def _spread(values: Sequence[float], unit: str, what: str) -> Finding:
@@ -233,10 +275,16 @@ def _spread(values: Sequence[float], unit: str, what: str) -> Finding:
 def main() -> None:
     """Run the benchmarks named on the command line, or all of them."""
     parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("names", nargs="*", choices=[*BENCHMARKS, []], help="benchmarks; all if none is named")
+    parser.add_argument(
+        "names", nargs="*", choices=[*BENCHMARKS, []], help="benchmarks; all if none is named"
+    )
     parser.add_argument("--rounds", type=int, default=3, help="how many times each is run")
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks.json"), help="file of the record")
-    parser.add_argument("--record", action="store_true", help="write the record that the documents quote")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/benchmarks.json"), help="file of the record"
+    )
+    parser.add_argument(
+        "--record", action="store_true", help="write the record that the documents quote"
+    )
     given = parser.parse_args()
     names = given.names or list(BENCHMARKS)
     cores = os.sched_getaffinity(0) if hasattr(os, "sched_setaffinity") else set()
@@ -244,9 +292,13 @@ def main() -> None:
     for name in names:
         if cores:
             # what several processes do is measured on all cores, all else on one
-            os.sched_setaffinity(0, cores if name in ("film", "command", "memory") else {min(cores)})
+            os.sched_setaffinity(
+                0, cores if name in ("film", "command", "memory") else {min(cores)}
+            )
         # memory hardly varies, and takes minutes
-        measured[name] = [BENCHMARKS[name]() for _ in range(1 if name == "memory" else given.rounds)]
+        measured[name] = [
+            BENCHMARKS[name]() for _ in range(1 if name == "memory" else given.rounds)
+        ]
         print(f"{name}\n{table(measured[name][-1])}\n", flush=True)
     path = RECORDS / "benchmarks.json" if given.record else given.out
     record(measured).write(path)

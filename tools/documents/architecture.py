@@ -1,4 +1,6 @@
-"""The picture of `docs/architecture.md`: packages in layers, drawn from the imports in the sources."""
+"""The picture of `docs/architecture.md`: packages in layers, drawn from the imports in the
+sources.
+"""
 
 from collections.abc import Mapping
 
@@ -28,7 +30,9 @@ def transitive_reduction(between: Mapping[str, set[str]]) -> dict[str, set[str]]
 
 
 def positions(between: Mapping[str, set[str]]) -> dict[str, tuple[float, float]]:
-    """Where each package is drawn: its layer upwards, and near the mean position of the packages that it imports."""
+    """Where each package is drawn: its layer upwards, and near the mean position of the packages
+    that it imports.
+    """
     level = import_graph.layers(between)
     placed: dict[str, tuple[float, float]] = {}
     widest = max(list(level.values()).count(layer) for layer in set(level.values()))
@@ -38,7 +42,10 @@ def positions(between: Mapping[str, set[str]]) -> dict[str, tuple[float, float]]
             below = [placed[name][0] for name in between[package]]
             middle[package] = sum(below) / len(below) if below else widest / 2
         start = (widest - len(middle)) / 2
-        placed |= {name: (start + i, float(layer)) for i, name in enumerate(sorted(middle, key=middle.__getitem__))}
+        placed |= {
+            name: (start + i, float(layer))
+            for i, name in enumerate(sorted(middle, key=middle.__getitem__))
+        }
     return placed
 
 
@@ -48,18 +55,28 @@ def _draw_package(axes: Axes, package: str, place: tuple[float, float], count: i
     wide, high = _BOX
     axes.add_patch(
         FancyBboxPatch(
-            (x - wide / 2, y - high / 2), wide, high, boxstyle="round,pad=0,rounding_size=0.06",
-            facecolor="white", edgecolor=colour, linewidth=1.0, zorder=2,
+            (x - wide / 2, y - high / 2),
+            wide,
+            high,
+            boxstyle="round,pad=0,rounding_size=0.06",
+            facecolor="white",
+            edgecolor=colour,
+            linewidth=1.0,
+            zorder=2,
         )
-    )  # fmt: skip
+    )
     name = package.rpartition(".")[2].replace("_", " ")
     files = "a file" if count == 1 else f"{count} files"
     axes.text(x, y + 0.08, name, ha="center", va="center", fontsize=6.4, color=colour, zorder=3)
-    axes.text(x, y - 0.21, files, ha="center", va="center", fontsize=4.6, color=FRAME.light, zorder=3)
+    axes.text(
+        x, y - 0.21, files, ha="center", va="center", fontsize=4.6, color=FRAME.light, zorder=3
+    )
 
 
 def picture() -> Figure:
-    """`experiments` above `sim` above `laisn` and `models`; an arrow is an import, and all of them point down."""
+    """`experiments` above `sim` above `laisn` and `models`; an arrow is an import, and all of
+    them point down.
+    """
     found = import_graph.imports()
     parents = {"sim", "experiments"}
     between = {
@@ -76,10 +93,20 @@ def picture() -> Figure:
             x, y = placed[package]
             u, v = placed[other]
             axes.annotate(
-                "", (u, v + _BOX[1] / 2), (x, y - _BOX[1] / 2), zorder=1,
-                arrowprops={"arrowstyle": "-|>", "lw": 0.5, "color": FRAME.light, "mutation_scale": 5,
-                            "shrinkA": 0, "shrinkB": 0, "alpha": 0.8},
-            )  # fmt: skip
+                "",
+                (u, v + _BOX[1] / 2),
+                (x, y - _BOX[1] / 2),
+                zorder=1,
+                arrowprops={
+                    "arrowstyle": "-|>",
+                    "lw": 0.5,
+                    "color": FRAME.light,
+                    "mutation_scale": 5,
+                    "shrinkA": 0,
+                    "shrinkB": 0,
+                    "alpha": 0.8,
+                },
+            )
     for package, place in placed.items():
         count = sum(import_graph.package_of(module) == package for module in found)
         _draw_package(axes, package, place, max(1, count - ("." in package and count > 1)))

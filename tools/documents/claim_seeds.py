@@ -1,4 +1,6 @@
-"""Verdicts on the paper's claims with other seeds: `python -m tools.documents.studies claim-seeds`."""
+"""Verdicts on the paper's claims with other seeds: `python -m tools.documents.studies
+claim-seeds`.
+"""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -16,7 +18,9 @@ from experiments.study.run import fly_further, fly_studies
 
 MODULES = ("experiments.studies.reproduce.findings", "experiments.study.run")
 SEEDS = range(101, 121)
-"""Seeds 1 to 6 served to choose how many replications, and at what confidence, claims are judged by."""
+"""Seeds 1 to 6 served to choose how many replications, and at what confidence, claims are judged
+by.
+"""
 
 
 def findings_of(verdicts: Mapping[int, Sequence[Verdict]]) -> Findings:
@@ -28,28 +32,44 @@ def findings_of(verdicts: Mapping[int, Sequence[Verdict]]) -> Findings:
         "same share": of(proportion(same, len(verdicts)), "their share of all seeds, 95 %"),
     }
     for i, claim in enumerate(CLAIMS):
-        named[f"verdict {claim.number}"] = plain(together[i], f"commonest verdict on claim {claim.number}")
+        named[f"verdict {claim.number}"] = plain(
+            together[i], f"commonest verdict on claim {claim.number}"
+        )
         alike = sum(found[i] == together[i] for found in verdicts.values())
-        named[f"same {claim.number}"] = plain(alike, f"seeds with this verdict on claim {claim.number}")
+        named[f"same {claim.number}"] = plain(
+            alike, f"seeds with this verdict on claim {claim.number}"
+        )
     return record("claim-seeds", "python -m tools.documents.studies claim-seeds", MODULES, named)
 
 
 def run(
-    folder: Path, seeds: Sequence[int] = SEEDS, runs: int = 60, keys: Mapping[str, Any] | None = None,
+    folder: Path,
+    seeds: Sequence[int] = SEEDS,
+    runs: int = 60,
+    keys: Mapping[str, Any] | None = None,
     **options: Unpack[ExecutionOptions],
-) -> None:  # fmt: skip
-    """Judge the claims on physical missions with every seed, and write the record of their verdicts.
+) -> None:
+    """Judge the claims on physical missions with every seed, and write the record of their
+    verdicts.
 
-    `runs` are those of each replication, `keys` others of the study; folder and options as of `campaign.fly`.
+    `runs` are those of each replication, `keys` others of the study; folder and options as of
+    `campaign.fly`.
     """
     verdicts = {}
     for seed in seeds:
         given = {**(keys or {}), "seed": seed, "runs": runs}
-        plans = {part: plan_of(study_of(str(file), given)) for part, file in built_in("reproduce").items()}
+        plans = {
+            part: plan_of(study_of(str(file), given))
+            for part, file in built_in("reproduce").items()
+        }
         whole = plans["tables"]
-        judged = [one for one in whole.entries if f"{whole.points[one.point]['case']} {one.arm}" in JUDGED]
+        judged = [
+            one for one in whole.entries if f"{whole.points[one.point]['case']} {one.arm}" in JUDGED
+        ]
         plans["tables"] = whole.part(judged, runs)
         found = dict(zip(plans, fly_studies([*plans.values()], folder, **options), strict=True))
         fly_further(found, claims.further_runs, folder, **options)
-        verdicts[seed] = [ours.verdict for _, ours, _ in claims.judge(Figures.of(found), claims.published())]
+        verdicts[seed] = [
+            ours.verdict for _, ours, _ in claims.judge(Figures.of(found), claims.published())
+        ]
     findings_of(verdicts).write(folder / FILE)

@@ -1,7 +1,7 @@
 """How often a 95 % interval of `experiments.intervals` holds the true mean.
 
-`python -m tools.documents.studies coverage` draws runs from laws with a known mean and counts the intervals that hold
-it.
+`python -m tools.documents.studies coverage` draws runs from laws with a known mean and counts the
+intervals that hold it.
 """
 
 import math
@@ -47,40 +47,61 @@ def _ratio(rng: np.random.Generator, shape: tuple[int, int]) -> tuple[Floats, Fl
 LAWS: Mapping[str, tuple[str, float, Draw]] = {
     "normal": ("normal", 0.0, lambda rng, shape: _alone(rng.normal(0.0, 1.0, shape))),
     "gamma": ("gamma of skewness 1.4", 2.0, lambda rng, shape: _alone(rng.gamma(2.0, 1.0, shape))),
-    "exponential": ("exponential, skewness 2", 1.0, lambda rng, shape: _alone(rng.exponential(1.0, shape))),
+    "exponential": (
+        "exponential, skewness 2",
+        1.0,
+        lambda rng, shape: _alone(rng.exponential(1.0, shape)),
+    ),
     "lognormal": (
-        "lognormal, skewness 6.2", float(np.exp(0.5)), lambda rng, shape: _alone(rng.lognormal(0.0, 1.0, shape)),
+        "lognormal, skewness 6.2",
+        float(np.exp(0.5)),
+        lambda rng, shape: _alone(rng.lognormal(0.0, 1.0, shape)),
     ),
     "difference": (
-        "paired difference of skewed errors", 0.3,
+        "paired difference of skewed errors",
+        0.3,
         lambda rng, shape: _alone(rng.gamma(1.0, 1.0, shape) - 0.7 * rng.gamma(4.0, 0.25, shape)),
     ),
     "ratio": ("ratio of correlated errors", 0.5, _ratio),
-    "mirror": ("a tenth of the runs locked on the mirror image", LOCKED * _FAR + (1.0 - LOCKED) * _NEAR, _mirror),
-}  # fmt: skip
+    "mirror": (
+        "a tenth of the runs locked on the mirror image",
+        LOCKED * _FAR + (1.0 - LOCKED) * _NEAR,
+        _mirror,
+    ),
+}
 """Laws of a run: words, the true mean or ratio, and how they are drawn."""
 
 
 def covered(law: str, runs: int, trials: int = TRIALS, seed: int = 1) -> int:
-    """Number of intervals, of a number of trials with some runs each, that contain the true mean of a distribution."""
+    """Number of intervals, of a number of trials with some runs each, that contain the true mean
+    of a distribution.
+    """
     _, truth, draw = LAWS[law]
     rng = np.random.default_rng([seed, runs])
-    return sum(found.low <= truth <= found.high for found in ratio_intervals(*draw(rng, (runs, trials))))
+    return sum(
+        found.low <= truth <= found.high for found in ratio_intervals(*draw(rng, (runs, trials)))
+    )
 
 
 _UNTIL: Mapping[str, tuple[str, float, float]] = {
     "normal": ("normal, σ = 1", 0.0, 0.1),
     "binary": ("an outcome of a tenth of the runs", LOCKED, 0.03),
 }
-"""Laws of a run of a study that ends when its interval is narrow: words, the true mean, and half of the interval."""
+"""Laws of a run of a study that ends when its interval is narrow: words, the true mean, and half
+of the interval.
+"""
 _BATCH = 60
 _MOST = 5_000
 
 
 def stopped(law: str, rng: np.random.Generator) -> Interval:
-    """The interval of a study that flies batches until it is narrow enough, as `[runs] until` does."""
+    """The interval of a study that flies batches until it is narrow enough, as `[runs] until`
+    does.
+    """
     _, mean, half_width = _UNTIL[law]
-    values = rng.normal(size=_MOST) if law == "normal" else (rng.random(_MOST) < mean).astype(np.float64)
+    values = (
+        rng.normal(size=_MOST) if law == "normal" else (rng.random(_MOST) < mean).astype(np.float64)
+    )
     until = Until(half_width=half_width, most=_MOST)
     runs = 0
     wanted = _BATCH
@@ -94,24 +115,37 @@ def stopped(law: str, rng: np.random.Generator) -> Interval:
 
 
 def covered_when_stopped(law: str, trials: int = TRIALS, seed: int = 1) -> int:
-    """Number of intervals, of a number of such studies, that contain the true mean of a distribution."""
+    """Number of intervals, of a number of such studies, that contain the true mean of a
+    distribution.
+    """
     rng = np.random.default_rng([seed, 0])
     mean = _UNTIL[law][1]
-    return sum(found.low <= mean <= found.high for found in (stopped(law, rng) for _ in range(trials)))
+    return sum(
+        found.low <= mean <= found.high for found in (stopped(law, rng) for _ in range(trials))
+    )
 
 
 def findings() -> Findings:
     """Coverage of every law and number of runs."""
-    named: dict[str, Finding] = {"trials": plain(TRIALS, "intervals drawn of each law and number of runs")}
+    named: dict[str, Finding] = {
+        "trials": plain(TRIALS, "intervals drawn of each law and number of runs")
+    }
     for law, (words, _, _) in LAWS.items():
         for runs in RUNS:
             what = f"share of 95 % intervals that hold the truth, {runs} runs, {words}; limits 95 %"
             named[f"{law} {runs}"] = of(proportion(covered(law, runs), TRIALS), what)
     for law, (words, _, half_width) in _UNTIL.items():
-        what = f"share of 95 % intervals that hold the truth, runs until half-width {half_width:g}, {words}"
-        named[f"until {law}"] = of(proportion(covered_when_stopped(law), TRIALS), f"{what}; limits 95 %")
+        what = (
+            "share of 95 % intervals that hold the truth, runs until half-width "
+            f"{half_width:g}, {words}"
+        )
+        named[f"until {law}"] = of(
+            proportion(covered_when_stopped(law), TRIALS), f"{what}; limits 95 %"
+        )
     for runs in RUNS:
-        named[f"unseen {runs}"] = plain((1.0 - LOCKED) ** runs, f"chance that none of {runs} runs is locked")
+        named[f"unseen {runs}"] = plain(
+            (1.0 - LOCKED) ** runs, f"chance that none of {runs} runs is locked"
+        )
     return record("coverage", COMMAND, MODULES, named)
 
 

@@ -1,6 +1,8 @@
-"""The pictures of README and docs: `make figures` writes `docs/pictures`. All that they show is flown or computed here.
+"""The pictures of README and docs: `make figures` writes `docs/pictures`. All that they show is
+flown or computed here.
 
-Works in a checkout only: the figures about physics are drawn from the very functions that the tests judge.
+Works in a checkout only: the figures about physics are drawn from the very functions that the tests
+judge.
 """
 
 import tempfile
@@ -48,14 +50,25 @@ def save(figure: Figure, name: str, legend: Legend = ()) -> None:
     axes = figure.axes[0]
     for number, (colour, words) in enumerate(reversed(legend)):
         axes.annotate(
-            words, (1.0, 1.0), xytext=(0, 5 + 10 * number), xycoords="axes fraction", textcoords="offset points",
-            ha="right", fontsize=8, color=colour.light,
-        )  # fmt: skip
+            words,
+            (1.0, 1.0),
+            xytext=(0, 5 + 10 * number),
+            xycoords="axes fraction",
+            textcoords="offset points",
+            ha="right",
+            fontsize=8,
+            color=colour.light,
+        )
     path = FOLDER / f"{name}.svg"
     with mpl.rc_context({"svg.hashsalt": "laisn-sim", "svg.fonttype": "none", "font.size": 8.5}):
         figure.set_canvas(FigureCanvasSVG(figure))
         figure.savefig(
-            path, format="svg", metadata={"Date": None}, facecolor="white", bbox_inches="tight", pad_inches=0.08
+            path,
+            format="svg",
+            metadata={"Date": None},
+            facecolor="white",
+            bbox_inches="tight",
+            pad_inches=0.08,
         )
     text = path.read_text(encoding="utf-8")
     path.write_text(drawing.with_subscripts(text), encoding="utf-8")
@@ -63,18 +76,30 @@ def save(figure: Figure, name: str, legend: Legend = ()) -> None:
 
 def photograph(name: str, flight: Flight, time: float, camera: str) -> None:
     """Write a still of a flight as JPEG."""
-    video = flight.scenario.video.model_copy(update={"camera": camera, "width_px": 1280, "height_px": 720})
+    video = flight.scenario.video.model_copy(
+        update={"camera": camera, "width_px": 1280, "height_px": 720}
+    )
     with tempfile.TemporaryDirectory() as folder:
         picture = Path(folder) / "still.png"
         render.still(Job(flight=flight, video=video), time, picture)
-        Image.open(picture).convert("RGB").save(FOLDER / f"{name}.jpg", quality=84, optimize=True, progressive=True)
+        Image.open(picture).convert("RGB").save(
+            FOLDER / f"{name}.jpg", quality=84, optimize=True, progressive=True
+        )
 
 
 def moving_picture(name: str, flight: Flight, span: tuple[float, float]) -> None:
-    """Write a stretch of a flight, seen from above, as an animated WebP of a few hundred pixels, for a README."""
+    """Write a stretch of a flight, seen from above, as an animated WebP of a few hundred pixels,
+    for a README.
+    """
     part = excerpt(flight, *span)
     video = part.scenario.video.model_copy(
-        update={"camera": "top", "width_px": 640, "height_px": 360, "frame_rate_hz": FRAMES_HZ, "speed_up": 15.0}
+        update={
+            "camera": "top",
+            "width_px": 640,
+            "height_px": 360,
+            "frame_rate_hz": FRAMES_HZ,
+            "speed_up": 15.0,
+        }
     )
     with tempfile.TemporaryDirectory() as folder:
         film = Path(folder) / "film.mp4"
@@ -82,7 +107,9 @@ def moving_picture(name: str, flight: Flight, span: tuple[float, float]) -> None
         first, *others = frames(film)
     path = FOLDER / f"{name}.webp"
     step = round(1000 / FRAMES_HZ)
-    first.save(path, save_all=True, append_images=others, duration=step, loop=0, quality=30, method=2)
+    first.save(
+        path, save_all=True, append_images=others, duration=step, loop=0, quality=30, method=2
+    )
 
 
 def frames(film: Path) -> list[Image.Image]:
@@ -90,7 +117,10 @@ def frames(film: Path) -> list[Image.Image]:
     import av
 
     with av.open(str(film)) as source:
-        return [Image.fromarray(picture.to_ndarray(format="rgb24")) for picture in source.decode(video=0)]
+        return [
+            Image.fromarray(picture.to_ndarray(format="rgb24"))
+            for picture in source.decode(video=0)
+        ]
 
 
 def routes() -> Figure:
@@ -103,13 +133,21 @@ def routes() -> Figure:
         (SERIES[1], "--", 1.0),
     ]
     lines = [
-        Line(x=truth.position[::5, v, 0], y=truth.position[::5, v, 1], colour=colour, dash=dash, width=width)
+        Line(
+            x=truth.position[::5, v, 0],
+            y=truth.position[::5, v, 1],
+            colour=colour,
+            dash=dash,
+            width=width,
+        )
         for v, (colour, dash, width) in enumerate(styles)
     ]
     figure = drawing.panel(lines, x_label="east [m]", y_label="north [m]", equal=True, height=4.0)
     for v, (name, (colour, dash, _)) in enumerate(zip(("leader", *ROUTES), styles, strict=True)):
         words = name if dash == "-" else f"{name}, dashed"
-        figure.axes[0].annotate(words, (0.03, 0.93 - 0.06 * v), xycoords="axes fraction", color=colour.light)
+        figure.axes[0].annotate(
+            words, (0.03, 0.93 - 0.06 * v), xycoords="axes fraction", color=colour.light
+        )
     return figure
 
 
@@ -124,13 +162,19 @@ def main() -> None:
     FOLDER.mkdir(parents=True, exist_ok=True)
     save(architecture.picture(), "architecture")
     save(routes(), "routes")
-    flown = {name: fly(load(name, ()))[0] for name in {"T5", *(scenario for scenario, _, _ in STILLS.values())}}
+    flown = {
+        name: fly(load(name, ()))[0]
+        for name in {"T5", *(scenario for scenario, _, _ in STILLS.values())}
+    }
     save(errors(flown["T5"]), "errors")
     cases = study_of(str(built_in("estimators")["cases"]), {}).cases
     drawn = physics.all_figures() | {
         "asymmetry": study_pictures.asymmetry(),
         "closed-loop": study_pictures.closed_loop(),
-        "estimators": (drawing.draw(estimators.picture(records()["estimators"], cases)), estimators.LEGEND),
+        "estimators": (
+            drawing.draw(estimators.picture(records()["estimators"], cases)),
+            estimators.LEGEND,
+        ),
         "real-ranges": study_pictures.real_ranges(),
         "reproduction": study_pictures.reproduction(),
     }

@@ -1,4 +1,6 @@
-"""Pictures of the documents by matplotlib, from the same lines and panels as the figures of pages."""
+"""Pictures of the documents by matplotlib, from the same lines and panels as the figures of
+pages.
+"""
 
 import re
 from collections.abc import Sequence
@@ -46,7 +48,9 @@ _SYMBOL = re.compile(r"(?<=[> ,])([EDHσ])_([A-Za-z]+)(?=[^<>\"]*</text>)")
 
 def with_subscripts(text: str) -> str:
     """The text of a drawing with the indices of symbols below the line."""
-    return _SYMBOL.sub(r'\1<tspan dy="2" font-size="70%">\2</tspan><tspan dy="-2">&#8203;</tspan>', text)
+    return _SYMBOL.sub(
+        r'\1<tspan dy="2" font-size="70%">\2</tspan><tspan dy="-2">&#8203;</tspan>', text
+    )
 
 
 def _axes(figure: Figure, bottom: float, height: float) -> Axes:
@@ -54,7 +58,9 @@ def _axes(figure: Figure, bottom: float, height: float) -> Axes:
     wide, high = figure.get_size_inches()
     left = 0.595
     right = 0.09
-    return figure.add_axes((left / wide, bottom / high, (wide - left - right) / wide, height / high))
+    return figure.add_axes(
+        (left / wide, bottom / high, (wide - left - right) / wide, height / high)
+    )
 
 
 def _draw(axes: Axes, part: Part, points: int) -> None:
@@ -65,9 +71,16 @@ def _draw(axes: Axes, part: Part, points: int) -> None:
         x, y = (line.x, line.y) if line.marker else decimate(line.x, line.y, points)
         size, edge = (5.0, 0.7) if line.marker == "|" else (line.size, 0.0)
         axes.plot(
-            x, y, linestyle="none" if line.marker else line.dash, linewidth=line.width, marker=line.marker,
-            markersize=size, markeredgewidth=edge, color=line.colour.light, alpha=line.opacity,
-        )  # fmt: skip
+            x,
+            y,
+            linestyle="none" if line.marker else line.dash,
+            linewidth=line.width,
+            marker=line.marker,
+            markersize=size,
+            markeredgewidth=edge,
+            color=line.colour.light,
+            alpha=line.opacity,
+        )
         for k, (low, high) in enumerate(zip(*line.interval, strict=True) if line.interval else ()):
             ends = ([low, high], [line.y[k]] * 2) if line.across else ([line.x[k]] * 2, [low, high])
             axes.plot(*ends, color=line.colour.light, linewidth=1.4)
@@ -81,7 +94,9 @@ def _ticks(set_ticks: Any, ticks: Ticks) -> None:
 
 
 def draw(panel: Panel) -> Figure:
-    """A panel of a page as a figure of matplotlib; its parts are listed from above, its axes from below."""
+    """A panel of a page as a figure of matplotlib; its parts are listed from above, its axes
+    from below.
+    """
     points = round(DRAWN_POINTS * max(1.0, panel.width / WIDTH))
     gap = 0.14
     room = panel.height - 0.72 - gap * (len(panel.parts) - 1)
@@ -129,11 +144,15 @@ def heat(bearing_deg: Floats, range_m: Floats, error: Floats, title: str) -> Fig
         error: shape (r, b), [m].
         title: of the panel.
     """
-    figure = panel([], x_label="bearing B of the follower [°]", y_label="range [m]", title=title, height=2.6)
+    figure = panel(
+        [], x_label="bearing B of the follower [°]", y_label="range [m]", title=title, height=2.6
+    )
     (axes,) = figure.axes
     around = np.append(bearing_deg, bearing_deg[0] + 360.0)
     closed = np.concatenate([error, error[:, :1]], axis=1)
-    drawn = axes.contourf(around, range_m, closed, levels=ERROR_LEVELS_M, colors=ERROR_COLOURS, extend="max")
+    drawn = axes.contourf(
+        around, range_m, closed, levels=ERROR_LEVELS_M, colors=ERROR_COLOURS, extend="max"
+    )
     axes.set_yscale("log")
     axes.set_ylim(float(range_m[0]), float(range_m[-1]))
     axes.set_yticks([5, 10, 20, 50, 100], ["5", "10", "20", "50", "100"])
@@ -144,7 +163,9 @@ def heat(bearing_deg: Floats, range_m: Floats, error: Floats, title: str) -> Fig
     left, bottom, _, height = axes.get_position().bounds
     axes.set_position((left, bottom, 0.72, height))
     key = figure.add_axes((left + 0.75, bottom, 0.03, height))
-    figure.colorbar(drawn, cax=key, ticks=ERROR_LEVELS_M, extendrect=True, extendfrac="auto", format="%g")
+    figure.colorbar(
+        drawn, cax=key, ticks=ERROR_LEVELS_M, extendrect=True, extendfrac="auto", format="%g"
+    )
     key.set_title("[m]", fontsize=8, loc="left", pad=5, color=INK.light)
     key.tick_params(length=0, labelcolor=INK.light, labelsize=8)
     key.grid(visible=False)

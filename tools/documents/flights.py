@@ -29,7 +29,9 @@ SEAS = {
 
 
 def slip(truth: MissionTruth) -> float:
-    """Way over ground in a second that a follower's log and compass do not see, RMS along one axis [m]."""
+    """Way over ground in a second that a follower's log and compass do not see, RMS along one
+    axis [m].
+    """
     way = truth.speed[:, None] * np.column_stack([np.sin(truth.heading), np.cos(truth.heading)])
     seen = np.cumsum(truth.dt * (way[1:] + way[:-1]) / 2, axis=0)
     unseen = truth.hydrophone[1:, :2] - seen
@@ -38,20 +40,28 @@ def slip(truth: MissionTruth) -> float:
 
 
 def _tilt(flight: Flight) -> dict[str, Finding]:
-    """How much the leader of a flight pitches, and how wrong an ideal inclinometer is about that."""
+    """How much the leader of a flight pitches, and how wrong an ideal inclinometer is about
+    that.
+    """
     pitch = flight.trajectory.pitch[:, 0]
     ideal = Sensors(leader_attitude_senses_acceleration=True)
     wrong = tilt_errors(flight.trajectory, ideal)[:, 0]
     rms = [float(np.rad2deg(np.sqrt(np.mean(angle**2)))) for angle in (pitch, wrong)]
     return {
         "pitch following-sea": plain(rms[0], "pitch of the leader, RMS", "°"),
-        "inclinometer following-sea": plain(rms[1], "error of pitch that accelerations make, RMS", "°"),
+        "inclinometer following-sea": plain(
+            rms[1], "error of pitch that accelerations make, RMS", "°"
+        ),
     }
 
 
 def _slips(flight: Flight) -> Finding:
     _, truth = Mission(flight.scenario, flight.trajectory).seen(flight.scenario, 0)
-    return plain(1e3 * slip(truth), "way in a second that log and compass do not see, RMS along one axis", "mm")
+    return plain(
+        1e3 * slip(truth),
+        "way in a second that log and compass do not see, RMS along one axis",
+        "mm",
+    )
 
 
 def findings() -> Findings:
@@ -65,8 +75,12 @@ def findings() -> Findings:
     heading = float(flight.trajectory.heading[at, 0])
     named: dict[str, Finding] = {
         "T5 off-axis": plain(float(error[off_axis].max()), "largest E_P, 470 … 590 s, run 0", "m"),
-        "T5 behind": plain(float(-east * np.sin(heading) - north * np.cos(heading)), "at 650 s", "m"),
-        "T5 beside": plain(float(abs(east * np.cos(heading) - north * np.sin(heading))), "at 650 s", "m"),
+        "T5 behind": plain(
+            float(-east * np.sin(heading) - north * np.cos(heading)), "at 650 s", "m"
+        ),
+        "T5 beside": plain(
+            float(abs(east * np.cos(heading) - north * np.sin(heading))), "at 650 s", "m"
+        ),
         "slip T5": _slips(flight),
     }
     for name, settings in SEAS.items():

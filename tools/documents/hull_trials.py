@@ -1,4 +1,6 @@
-"""Numbers of `docs/physics.md` and `docs/vehicles.md`: hulls set against published figures, models and closed forms."""
+"""Numbers of `docs/physics.md` and `docs/vehicles.md`: hulls set against published figures,
+models and closed forms.
+"""
 
 from functools import partial
 from pathlib import Path
@@ -33,16 +35,27 @@ MODULES = ("tools.documents.hull_trials",)
 PUBLISHED_SPEED = {300: 0.4860, 500: 0.8314, 750: 1.2542, 1000: 1.6741, 1250: 2.0930, 1525: 2.5536}
 """Final speed [m/s] of a REMUS 100 in Fossen's published code, by propeller speed [1/min]."""
 PUBLISHED_TURN = {1000: {5: 2.092, 10: 3.488, 15: 4.644}, 1525: {5: 3.609, 10: 5.894, 15: 7.767}}
-"""Turn rate [°/s] of a REMUS 100 in Fossen's published code, by propeller speed [1/min] and rudder [°]."""
+"""Turn rate [°/s] of a REMUS 100 in Fossen's published code, by propeller speed [1/min] and
+rudder [°].
+"""
 STERN_PLANE_DEG = -5.0
-PUBLISHED_BLUEROV = {"turn": 3.9111, "ascent": 0.7146, "descent": 0.7210, "surge": 0.2610, "sway": 0.2438}
-"""Steady speeds [m/s] and turn rate [rad/s] of von Benzon's BlueROV2 in published Python code, in steps of 0.01 s.
+PUBLISHED_BLUEROV = {
+    "turn": 3.9111,
+    "ascent": 0.7146,
+    "descent": 0.7210,
+    "surge": 0.2610,
+    "sway": 0.2438,
+}
+"""Steady speeds [m/s] and turn rate [rad/s] of von Benzon's BlueROV2 in published Python code, in
+steps of 0.01 s.
 
 V. N. Fernandez-Ayala, bluerov2_dynamics, `fossen/BlueROV2.py` (MIT licence, commit aafc093).
 """
 _PITCH = 0.16928464600933177
 _ROLL = 0.11410268696233682
-"""Voltage of the vertical thrusters that cancels the moment of the horizontal ones at a quarter of their voltage."""
+"""Voltage of the vertical thrusters that cancels the moment of the horizontal ones at a quarter
+of their voltage.
+"""
 BLUEROV_COMMANDS = {
     "turn": (1.0, -1.0, -1.0, 1.0, 0.0, 0.0, 0.0, 0.0),
     "ascent": (0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0),
@@ -66,26 +79,36 @@ def _remus() -> dict[str, Finding]:
         aim = (1.0 - np.exp(-1.0)) * published
         k = int(np.argmax(speed >= aim))
         rises.append(remus.DT * (k - (speed[k] - aim) / (speed[k] - speed[k - 1])))
-    found["rise slowest"] = plain(float(max(rises)), "rise to 63 % of the final speed at 300 /min", "s")
-    found["rise quickest"] = plain(float(min(rises)), "rise to 63 % of the final speed at 1525 /min", "s")
+    found["rise slowest"] = plain(
+        float(max(rises)), "rise to 63 % of the final speed at 300 /min", "s"
+    )
+    found["rise quickest"] = plain(
+        float(min(rises)), "rise to 63 % of the final speed at 1525 /min", "s"
+    )
     for rpm, turns in PUBLISHED_TURN.items():
         for rudder, published in turns.items():
             last = remus.run(rpm, 200.0, rudder_deg=rudder)[1][-1]
             rates.append(abs(float(np.degrees(abs(last[5]))) / published - 1.0))
             radii.append(float(np.linalg.norm(last[:3]) / abs(last[5])))
-    found["turn apart"] = plain(max(rates), "largest relative difference of turn rates from the published ones")
+    found["turn apart"] = plain(
+        max(rates), "largest relative difference of turn rates from the published ones"
+    )
     found["radius largest"] = plain(max(radii), "radius", "m")
     found["radius least"] = plain(min(radii), "radius", "m")
     for rpm in PUBLISHED_TURN:
         tank, _ = remus.run(rpm, 200.0, stern_plane_deg=STERN_PLANE_DEG)
         pitch = abs(float(np.degrees(attitude.heading_pitch_roll(tank.pose[3:])[1])))
-        found[f"pitch {rpm}"] = plain(pitch, f"pitch under {STERN_PLANE_DEG:g}° of stern plane", "°")
+        found[f"pitch {rpm}"] = plain(
+            pitch, f"pitch under {STERN_PLANE_DEG:g}° of stern plane", "°"
+        )
     return found
 
 
 def _righting(dt: float) -> Finding:
     """Period of a hull in ideal water that is let go at 1°."""
-    tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -0.02), added_mass=SPHEROID_ADDED), Ocean(), dt)
+    tank = Tank(
+        hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -0.02), added_mass=SPHEROID_ADDED), Ocean(), dt
+    )
     tank.place(quaternion=attitude.from_euler(0.0, np.radians(1)))
     crossings: list[float] = []
     before = 1.0
@@ -113,14 +136,21 @@ RUDDER_DEG = 15.0
 RPM = 1525.0
 
 
-def _plant(model: str, speed: float = 0.0, heading: float = 0.0, depth: float = 200.0, current: float = 0.0) -> Plant:
-    setup = VehicleSetup(name="v", model=model, position_m=(0.0, 0.0, -depth), speed_m_s=speed, heading_rad=heading)
+def _plant(
+    model: str, speed: float = 0.0, heading: float = 0.0, depth: float = 200.0, current: float = 0.0
+) -> Plant:
+    setup = VehicleSetup(
+        name="v", model=model, position_m=(0.0, 0.0, -depth), speed_m_s=speed, heading_rad=heading
+    )
     ocean = Ocean(current_speed_m_s=current, current_direction_rad=np.pi / 2, floor_depth_m=1000.0)
     return Plant([setup], ocean)
 
 
-def remus_flight(rudder: float, plane: float, rpm: float, changes: dict[float, tuple[float, float, float]]) -> Floats:
-    """Position (north, east, down), surge, turn rate and pitch of the shipped REMUS 100 each 0.1 s, shape (n, 6).
+def remus_flight(
+    rudder: float, plane: float, rpm: float, changes: dict[float, tuple[float, float, float]]
+) -> Floats:
+    """Position (north, east, down), surge, turn rate and pitch of the shipped REMUS 100 each 0.1 s,
+    shape (n, 6).
 
     Args:
         rudder: command [rad], as Fossen's.
@@ -148,7 +178,9 @@ def _held(command: tuple[float, float, float], _: float) -> tuple[float, float, 
 
 
 def _fossen() -> dict[str, Finding]:
-    """Turning circle, dive and propeller step of Fossen's model, term by term, and of ours, for 100 s from rest."""
+    """Turning circle, dive and propeller step of Fossen's model, term by term, and of ours, for
+    100 s from rest.
+    """
     found = {}
     rudder = np.radians(RUDDER_DEG)
     plane = np.radians(STERN_PLANE_DEG)
@@ -157,8 +189,11 @@ def _fossen() -> dict[str, Finding]:
         return np.radians(5.0), plane if t < 50.0 else 0.0, RPM
 
     ours = remus_flight(np.radians(5.0), plane, RPM, {50.0: (np.radians(5.0), 0.0, RPM)})
-    last = (remus_flight(rudder, 0.0, RPM, {})[-1], remus_flight(0.0, plane, RPM, {})[-1],
-            remus_flight(0.0, 0.0, RPM, {})[-1])  # fmt: skip
+    last = (
+        remus_flight(rudder, 0.0, RPM, {})[-1],
+        remus_flight(0.0, plane, RPM, {})[-1],
+        remus_flight(0.0, 0.0, RPM, {})[-1],
+    )
     values = {"ours": (last[0][4], last[1][5], last[2][3], 0.0)}
     for name, terms in REMUS_TERMS.items():
         turn, dive, ahead = (
@@ -172,18 +207,28 @@ def _fossen() -> dict[str, Finding]:
         found[f"remus {name} turn"] = plain(
             float(np.degrees(turn_rate)), f"turn rate after 100 s, rudder 15°: {name}", "°/s"
         )
-        found[f"remus {name} pitch"] = plain(float(np.degrees(pitch)), f"pitch after 100 s, planes -5°: {name}", "°")
-        found[f"remus {name} speed"] = plain(float(speed), f"speed after 100 s, 1525 /min: {name}", "m/s")
-        found[f"remus {name} apart"] = plain(apart, f"largest distance from ours in 100 s of steps: {name}", "m")
+        found[f"remus {name} pitch"] = plain(
+            float(np.degrees(pitch)), f"pitch after 100 s, planes -5°: {name}", "°"
+        )
+        found[f"remus {name} speed"] = plain(
+            float(speed), f"speed after 100 s, 1525 /min: {name}", "m/s"
+        )
+        found[f"remus {name} apart"] = plain(
+            apart, f"largest distance from ours in 100 s of steps: {name}", "m"
+        )
     return found
 
 
 ESTIMATED = {"remus100": (1.6, 0.19, 31.0294), "lauv": (1.08, 0.15, 18.0)}
-"""Length and diameter [m] and mass [kg] for `laisn hull`; the BlueROV2 is no slender hull, and refused."""
+"""Length and diameter [m] and mass [kg] for `laisn hull`; the BlueROV2 is no slender hull, and
+refused.
+"""
 
 
 def coefficients_of(model: str) -> dict[str, float]:
-    """What a hull's file comes to: inertia, added mass, forces of the water at given velocities, fins and thrust."""
+    """What a hull's file comes to: inertia, added mass, forces of the water at given velocities,
+    fins and thrust.
+    """
     plant = _plant(model)
     (record,) = mjcf.read_coefficients(plant.model, plant.names, 1026.0)
     c = np.array([record], record.dtype).view(np.recarray)[0]
@@ -193,11 +238,16 @@ def coefficients_of(model: str) -> dict[str, float]:
     now, waves = instant_of(0.0, plant.ocean.water)
 
     def load(axis: int, size: float) -> float:
-        force, moment, _ = wrench(c, rest, size * np.eye(6)[axis], now, waves, (own[None], np.zeros((1, own.size))), 0)
+        force, moment, _ = wrench(
+            c, rest, size * np.eye(6)[axis], now, waves, (own[None], np.zeros((1, own.size))), 0
+        )
         return abs(float(np.array([*force, *moment])[axis] - (c.buoyancy if axis == 2 else 0.0)))
 
     fins = own[own["kind"] == FIN]
-    values = {"inertia in roll": float(body.inertia.min()), "inertia in yaw": float(body.inertia.max())}
+    values = {
+        "inertia in roll": float(body.inertia.min()),
+        "inertia in yaw": float(body.inertia.max()),
+    }
     for i, name in enumerate(("surge", "sway", "heave", "roll", "pitch", "yaw")):
         values[f"added mass in {name}"] = float(c.added_mass[i, i])
     values |= {
@@ -206,7 +256,9 @@ def coefficients_of(model: str) -> dict[str, float]:
         "vertical force at 0.3 m/s of heave": load(2, 0.3),
         "moment at 0.2 rad/s of pitch": load(4, 0.2),
         "moment at 0.2 rad/s of yaw": load(5, 0.2),
-        "thrust at rest": float(np.sum([max(reach(one, 1026.0, 0.0)[1] * one["force"][0], 0.0) for one in own])),
+        "thrust at rest": float(
+            np.sum([max(reach(one, 1026.0, 0.0)[1] * one["force"][0], 0.0) for one in own])
+        ),
     }
     for axis, name in ((1, "rudders"), (2, "stern planes")):
         lift = np.prod(fins["parameters"][:, :2], axis=1) * fins["force"][:, axis] ** 2
@@ -223,12 +275,16 @@ def _estimates() -> dict[str, Finding]:
         for name, value in published.items():
             if value > 0.0:
                 ratio = estimated[name] / value
-                found[f"estimate {model} {name}"] = plain(ratio, f"{name}, estimated over published: {model}")
+                found[f"estimate {model} {name}"] = plain(
+                    ratio, f"{name}, estimated over published: {model}"
+                )
     return found
 
 
 def bluerov_speed(trial: str) -> float:
-    """Steady speed [m/s] along the body's axis of a trial, or turn rate [rad/s], after 30 s in open loop."""
+    """Steady speed [m/s] along the body's axis of a trial, or turn rate [rad/s], after 30 s in
+    open loop.
+    """
     plant = _plant("bluerov2_heavy", depth=100.0)
     plant.step(np.array([BLUEROV_COMMANDS[trial]]), 1500)
     if trial == "turn":
@@ -238,14 +294,19 @@ def bluerov_speed(trial: str) -> float:
 
 
 def _vehicles() -> dict[str, Finding]:
-    """Speeds of the BlueROV2, and how the vehicles keep T5, or a route of 0.5 m/s, and a station in a current."""
+    """Speeds of the BlueROV2, and how the vehicles keep T5, or a route of 0.5 m/s, and a station
+    in a current.
+    """
     found = {}
     thrust = 4 * 30.4 / np.sqrt(2)
     drags = {"von Benzon": (13.7, 141.0), "Wu": (4.03, 18.18)}
     for name, (linear, square) in drags.items():
         speed = brentq(lambda u, a=linear, b=square: a * u + b * u * u - thrust, 0.0, 5.0)
-        found[f"bluerov balance {name}"] = plain(float(speed), f"speed at full thrust by the drag of {name}", "m/s")
-    # in open loop the thrusters, above the centre of gravity, turn the hull over: the autopilot holds its pitch
+        found[f"bluerov balance {name}"] = plain(
+            float(speed), f"speed at full thrust by the drag of {name}", "m/s"
+        )
+    # in open loop the thrusters, above the centre of gravity, turn the hull over: the autopilot
+    # holds its pitch
     line = Route.at_speed("line", [[0, 0], [300, 0]], 1.2, 10.0)
     ahead = simulate(_plant("bluerov2_heavy", depth=10.0), [line], 150.0, [None])
     turn = _plant("bluerov2_heavy", depth=20.0)
@@ -258,17 +319,27 @@ def _vehicles() -> dict[str, Finding]:
         float(np.degrees(abs(turn.twist[0, 5]))), "turn rate at full thrust, simulated", "°/s"
     )
     rate = np.degrees(np.sqrt(4 * 30.4 * (0.156 + 0.111) / np.sqrt(2) / 1.5))
-    found["bluerov turn balance"] = plain(float(rate), "turn rate by thrust and the paper's damping 1.5 r²", "°/s")
+    found["bluerov turn balance"] = plain(
+        float(rate), "turn rate by thrust and the paper's damping 1.5 r²", "°/s"
+    )
 
     for trial, published in PUBLISHED_BLUEROV.items():
         unit = "rad/s" if trial == "turn" else "m/s"
-        found[f"bluerov {trial} ours"] = plain(bluerov_speed(trial), f"steady speed of the trial: {trial}", unit)
-        found[f"bluerov {trial} published"] = plain(published, f"the same in the published code: {trial}", unit)
-    hover = Route.timed("hover", [[0, 0, 0], [300, 0, 0], [400, 30, 0]], DepthProfile.constant(10.0))
+        found[f"bluerov {trial} ours"] = plain(
+            bluerov_speed(trial), f"steady speed of the trial: {trial}", unit
+        )
+        found[f"bluerov {trial} published"] = plain(
+            published, f"the same in the published code: {trial}", unit
+        )
+    hover = Route.timed(
+        "hover", [[0, 0, 0], [300, 0, 0], [400, 30, 0]], DepthProfile.constant(10.0)
+    )
     plant = _plant("bluerov2_heavy", heading=np.pi / 2, depth=10.0, current=0.3)
     motion = simulate(plant, [hover], 290.0, [None])
     off = np.hypot(*motion.position[600:, 0, :2].T)
-    found["bluerov hover"] = plain(float(np.sqrt(np.mean(off**2))), "RMS from a station in 0.3 m/s, 60 to 290 s", "m")
+    found["bluerov hover"] = plain(
+        float(np.sqrt(np.mean(off**2))), "RMS from a station in 0.3 m/s, 60 to 290 s", "m"
+    )
     for model in ("leader", "follower", "remus100", "lauv", "bluerov2_heavy"):
         for role, route in (("follower", library_route("T5")), ("leader", library_route("L", 8.0))):
             if model == "bluerov2_heavy":
@@ -276,14 +347,21 @@ def _vehicles() -> dict[str, Finding]:
             start = route.waypoint[0]
             depth = float(route.depth.depth[0])
             setup = VehicleSetup(
-                name="v", model=model, position_m=(start[0], start[1], -depth), heading_rad=route.initial_heading,
+                name="v",
+                model=model,
+                position_m=(start[0], start[1], -depth),
+                heading_rad=route.initial_heading,
                 speed_m_s=route.start_speed,
-            )  # fmt: skip
+            )
             flown = simulate(Plant([setup], Ocean()), [route], float(route.time[-1]), [None])
             (report,) = tracking(flown, [route])
             key = f"route {model} {role}"
-            found[f"{key} off"] = plain(report.cross_track_rms, f"RMS off its route: {model} as {role}", "m")
-            found[f"{key} depth"] = plain(report.depth_error_rms, f"RMS error of depth: {model} as {role}", "m")
+            found[f"{key} off"] = plain(
+                report.cross_track_rms, f"RMS off its route: {model} as {role}", "m"
+            )
+            found[f"{key} depth"] = plain(
+                report.depth_error_rms, f"RMS error of depth: {model} as {role}", "m"
+            )
     return found
 
 
@@ -295,16 +373,29 @@ def _formation() -> dict[str, Finding]:
     leader = tracking(only(flight.trajectory, [0]), routes_of(flight.scenario)[:1])[0]
     return {
         "formation best": plain(min(rms), "least RMS distance from a station, ten REMUS 100", "m"),
-        "formation worst": plain(max(rms), "largest RMS distance from a station, ten REMUS 100", "m"),
+        "formation worst": plain(
+            max(rms), "largest RMS distance from a station, ten REMUS 100", "m"
+        ),
         "formation lost": plain(sum(one.lost for one in kept), "followers lost, ten REMUS 100"),
-        "formation depth": plain(remus_formation.depth_rms(flight), "RMS error of depth, ten REMUS 100", "m"),
-        "formation leader": plain(leader.cross_track_rms, "RMS off its route: REMUS 100 that leads ten", "m"),
+        "formation depth": plain(
+            remus_formation.depth_rms(flight), "RMS error of depth, ten REMUS 100", "m"
+        ),
+        "formation leader": plain(
+            leader.cross_track_rms, "RMS off its route: REMUS 100 that leads ten", "m"
+        ),
     }
 
 
 def findings() -> Findings:
     """Run all trials."""
-    named = _remus() | {"righting": _righting(0.02)} | _fossen() | _vehicles() | _formation() | _estimates()
+    named = (
+        _remus()
+        | {"righting": _righting(0.02)}
+        | _fossen()
+        | _vehicles()
+        | _formation()
+        | _estimates()
+    )
     return record("hull-trials", COMMAND, MODULES, named)
 
 

@@ -1,12 +1,14 @@
-"""Numbers in README and docs: taken from the records of the studies, by `make figures`; judged by `make check`.
+"""Numbers in README and docs: taken from the records of the studies, by `make figures`; judged by
+`make check`.
 
 A number stands in a document between two comments, which no reader sees,
 
     removes <!--= asymmetry removed ahrs-0.5 laisn-2 dive .0% i -->99 % (98 to 100 %)<!--/--> of it
 
-that name the study, the finding and how it is printed (`experiments.findings.Finding.__format__`). A table stands
-between `<!-- table NAME -->` and `<!-- /table -->` on lines of their own, and is made by a function of `TABLES`. The
-finding `version` of any record is the version of the sources that made it.
+that name the study, the finding and how it is printed (`experiments.findings.Finding.__format__`).
+A table stands between `<!-- table NAME -->` and `<!-- /table -->` on lines of their own, and is
+made by a function of `TABLES`. The finding `version` of any record is the version of the sources
+that made it.
 """
 
 import argparse
@@ -24,9 +26,13 @@ RECORDS = ROOT / "docs" / "results"
 DOCUMENTS = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 
 MEASURED = ("benchmarks", "mutants")
-"""Records that depend on the machine or on a random draw, so that other sources do not make them wrong."""
+"""Records that depend on the machine or on a random draw, so that other sources do not make them
+wrong.
+"""
 
-_NUMBER = re.compile(r"<!--= (\S+) ((?:\S+ )*?)((?:(?:low|high) )?[.,]?\d*[fdsg%]+(?: i)?) -->.*?<!--/-->", re.DOTALL)
+_NUMBER = re.compile(
+    r"<!--= (\S+) ((?:\S+ )*?)((?:(?:low|high) )?[.,]?\d*[fdsg%]+(?: i)?) -->.*?<!--/-->", re.DOTALL
+)
 _TABLE = re.compile(r"(<!-- table (\S+) -->\n).*?(<!-- /table -->)", re.DOTALL)
 _ANY = re.compile(r"<!--= .*?-->|<!-- table .*?-->", re.DOTALL)
 
@@ -36,16 +42,21 @@ def records(folder: Path = RECORDS) -> dict[str, Findings]:
     return {path.stem: read(path) for path in sorted(folder.glob("*.json"))}
 
 
-def filled(text: str, found: Mapping[str, Findings], tables: Mapping[str, Callable[..., str]] = TABLES) -> str:
+def filled(
+    text: str, found: Mapping[str, Findings], tables: Mapping[str, Callable[..., str]] = TABLES
+) -> str:
     """A document with every number and table as the records have it.
 
     Raises:
-        LaisnError: a marker that cannot be understood, or a study, finding or table that is not there.
+        LaisnError: a marker that cannot be understood, or a study, finding or table that is not
+            there.
     """
 
     def study(name: str) -> Findings:
         if name not in found:
-            raise LaisnError(f"there is no record of {name!r}; there are {', '.join(found)}: make studies")
+            raise LaisnError(
+                f"there is no record of {name!r}; there are {', '.join(found)}: make studies"
+            )
         return found[name]
 
     def number(match: re.Match[str]) -> str:
@@ -62,11 +73,18 @@ def filled(text: str, found: Mapping[str, Findings], tables: Mapping[str, Callab
 
     understood = len(_NUMBER.findall(text)) + len(_TABLE.findall(text))
     if understood != len(_ANY.findall(text)):
-        wrong = [m for m in _ANY.findall(text) if not any(m in whole[0] for whole in _NUMBER.finditer(text))]
+        wrong = [
+            m
+            for m in _ANY.findall(text)
+            if not any(m in whole[0] for whole in _NUMBER.finditer(text))
+        ]
         raise LaisnError(f"a marker is not closed or not understood, one of: {'; '.join(wrong)}")
     first = re.search(r"^[\s>*-]*<!--=.*", text, flags=re.MULTILINE)
     if first:
-        raise LaisnError(f"a line may not begin with a number's marker, or its text is shown as it is: {first[0]}")
+        raise LaisnError(
+            "a line may not begin with a number's marker, or its text is shown as it is: "
+            f"{first[0]}"
+        )
     return _TABLE.sub(table, _NUMBER.sub(number, text))
 
 
@@ -82,7 +100,8 @@ def check(*, strict: bool = False) -> tuple[list[str], list[str]]:
     """Errors and notices: documents that differ from the records, and records of other sources.
 
     Args:
-        strict: stale records of studies, which can be computed again exactly, are errors and not notices.
+        strict: stale records of studies, which can be computed again exactly, are errors and not
+            notices.
 
     Returns:
         Errors; notices, among them stale measurements.
@@ -94,13 +113,20 @@ def check(*, strict: bool = False) -> tuple[list[str], list[str]]:
         if filled(path.read_text(encoding="utf-8"), found) != path.read_text(encoding="utf-8")
     ]
     stale = [name for name, record in found.items() if is_stale(record)]
-    studies, measured = ([n for n in stale if (n in MEASURED) is measured] for measured in (False, True))
+    studies, measured = (
+        [n for n in stale if (n in MEASURED) is measured] for measured in (False, True)
+    )
     notices: list[str] = []
     if studies:
-        text = f"docs/results of {', '.join(studies)}: the sources have changed since: run make studies figures"
+        text = (
+            f"docs/results of {', '.join(studies)}: the sources have changed since: run make "
+            "studies figures"
+        )
         (errors if strict else notices).append(text)
     if measured:
-        notices.append(f"notice: docs/results of {', '.join(measured)}: measured before the sources changed")
+        notices.append(
+            f"notice: docs/results of {', '.join(measured)}: measured before the sources changed"
+        )
     return errors, notices
 
 
@@ -112,10 +138,16 @@ def write() -> None:
 
 
 def main() -> None:
-    """Fill in the numbers of README and docs, or with --check print which differ from the records."""
+    """Fill in the numbers of README and docs, or with --check print which differ from the
+    records.
+    """
     parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("--check", action="store_true", help="change nothing; fail if anything would change")
-    parser.add_argument("--strict", action="store_true", help="with --check: fail if a study has to be run again")
+    parser.add_argument(
+        "--check", action="store_true", help="change nothing; fail if anything would change"
+    )
+    parser.add_argument(
+        "--strict", action="store_true", help="with --check: fail if a study has to be run again"
+    )
     given = parser.parse_args()
     if not given.check:
         write()

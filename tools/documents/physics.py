@@ -22,15 +22,29 @@ def remus_speed() -> Drawn:
     for i, (rpm, speed) in enumerate(PUBLISHED_SPEED.items()):
         _, history = remus.run(rpm, 25.0)
         lines.append(
-            Line(x=np.linspace(0.0, 25.0, len(history), endpoint=False), y=history[:, 0], colour=SERIES[i], width=1.2)
+            Line(
+                x=np.linspace(0.0, 25.0, len(history), endpoint=False),
+                y=history[:, 0],
+                colour=SERIES[i],
+                width=1.2,
+            )
         )
-        lines.append(Line(x=np.array([0.0, 25.0]), y=np.full(2, speed), colour=SERIES[i], width=0.8, dash=":"))
+        lines.append(
+            Line(
+                x=np.array([0.0, 25.0]), y=np.full(2, speed), colour=SERIES[i], width=0.8, dash=":"
+            )
+        )
     figure = panel(lines, x_label="time [s]", y_label="speed [m/s]", title="REMUS 100, from rest")
     for i, (rpm, speed) in enumerate(PUBLISHED_SPEED.items()):
         figure.axes[0].annotate(
-            f"{rpm} rpm", (25, speed), xytext=(-2, 2), textcoords="offset points", ha="right", fontsize=7,
+            f"{rpm} rpm",
+            (25, speed),
+            xytext=(-2, 2),
+            textcoords="offset points",
+            ha="right",
+            fontsize=7,
             color=SERIES[i].light,
-        )  # fmt: skip
+        )
     return figure, [(FRAME, "dotted: published final speed")]
 
 
@@ -39,12 +53,21 @@ def remus_turn() -> Drawn:
     lines = []
     rudders = np.linspace(0.0, 15.0, 13)
     for colour, (rpm, published) in zip(SERIES, PUBLISHED_TURN.items(), strict=False):
-        ours = [float(np.degrees(abs(remus.run(rpm, 60.0, rudder_deg=r)[1][-1, 5]))) for r in rudders]
+        ours = [
+            float(np.degrees(abs(remus.run(rpm, 60.0, rudder_deg=r)[1][-1, 5]))) for r in rudders
+        ]
         lines.append(Line(x=rudders, y=np.array(ours), colour=colour, width=1.2))
         lines.append(
-            Line(x=np.array([*published], dtype=float), y=np.array([*published.values()]), colour=colour, marker="o")
+            Line(
+                x=np.array([*published], dtype=float),
+                y=np.array([*published.values()]),
+                colour=colour,
+                marker="o",
+            )
         )
-    figure = panel(lines, x_label="rudder [°]", y_label="turn rate [°/s]", title="REMUS 100, steady turn")
+    figure = panel(
+        lines, x_label="rudder [°]", y_label="turn rate [°/s]", title="REMUS 100, steady turn"
+    )
     return figure, [(SERIES[0], "1000 rpm"), (SERIES[1], "1525 rpm; dots: published")]
 
 
@@ -53,7 +76,9 @@ def pendulum() -> Drawn:
     arm = 0.02
     dt = 0.002
     duration = 45.0
-    tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -arm), added_mass=SPHEROID_ADDED), Ocean(), dt)
+    tank = Tank(
+        hull(SPHEROID_MASS, SPHEROID_INERTIA, (0, 0, -arm), added_mass=SPHEROID_ADDED), Ocean(), dt
+    )
     tank.place(quaternion=attitude.from_euler(0.0, np.radians(1)))
     pitch = []
     for _ in range(round(duration / dt)):
@@ -80,13 +105,17 @@ def orbits() -> Drawn:
     period = 4.0
     radius = 0.02
     dt = 0.005
-    waves = Waves.regular(height_m=height, period_s=period, direction_rad=np.pi / 2, floor_depth_m=floor)
+    waves = Waves.regular(
+        height_m=height, period_s=period, direction_rad=np.pi / 2, floor_depth_m=floor
+    )
     ocean = Ocean(floor_depth_m=floor, waves=waves)
     displaced = 1026 * 4 / 3 * np.pi * radius**3
     xml = hull(
-        displaced, np.full(3, 0.4 * displaced * radius**2), hull_radius=radius,
+        displaced,
+        np.full(3, 0.4 * displaced * radius**2),
+        hull_radius=radius,
         added_mass=np.diag([displaced / 2] * 3 + [0.0] * 3),
-    )  # fmt: skip
+    )
     k = float(np.hypot(*waves.wavenumber_1_m[0]))
     turn = np.linspace(0, 2 * np.pi, 200)
     lines = []
@@ -101,10 +130,24 @@ def orbits() -> Drawn:
         flown = np.array(path)
         across = height / 2 * np.cosh(k * (floor - depth)) / np.sinh(k * floor)
         up = height / 2 * np.sinh(k * (floor - depth)) / np.sinh(k * floor)
-        lines.append(Line(x=across * np.cos(turn), y=-depth - up + up * np.sin(turn), colour=MUTED, width=2.4))
+        lines.append(
+            Line(
+                x=across * np.cos(turn), y=-depth - up + up * np.sin(turn), colour=MUTED, width=2.4
+            )
+        )
         lines.append(Line(x=flown[:, 0], y=flown[:, 1], colour=SERIES[0], width=1.0))
-    figure = panel(lines, x_label="along the wave [m]", y_label="height [m]", title="Orbits", equal=True, height=4.0)
-    return figure, [(MUTED, "grey: first order in the height"), (SERIES[0], "neutral sphere, one period")]
+    figure = panel(
+        lines,
+        x_label="along the wave [m]",
+        y_label="height [m]",
+        title="Orbits",
+        equal=True,
+        height=4.0,
+    )
+    return figure, [
+        (MUTED, "grey: first order in the height"),
+        (SERIES[0], "neutral sphere, one period"),
+    ]
 
 
 def all_figures() -> dict[str, Drawn]:

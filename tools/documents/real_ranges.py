@@ -1,8 +1,8 @@
 """The study of real ranges: `python -m tools.documents.studies real-ranges`.
 
-Plaza 1 and 2 are navigated on with two beacons at a time and with all four, from a known start and from none: by dead
-reckoning, LAISN-2, the tightly coupled navigator of a leader's hull, and that among beacons, which also has to do
-without some of its states.
+Plaza 1 and 2 are navigated on with two beacons at a time and with all four, from a known start and
+from none: by dead reckoning, LAISN-2, the tightly coupled navigator of a leader's hull, and that
+among beacons, which also has to do without some of its states.
 """
 
 from collections.abc import Callable, Iterator
@@ -26,7 +26,9 @@ MODULES = ("tools.documents.real_ranges",)
 DATA = ROOT / "tests" / "data" / "plaza"
 SETS = ("Plaza1", "Plaza2")
 SETTLED_S = 60.0
-"""With an unknown start errors count from here on: two beacons leave a mirror image open until the vehicle turns."""
+"""With an unknown start errors count from here on: two beacons leave a mirror image open until
+the vehicle turns.
+"""
 
 AMONG = {
     "tight": Beacons(),
@@ -51,7 +53,9 @@ HULL = TightSettings(
     outlier_span=20.0,
     slip=0.05,
 )
-"""The tightly coupled navigator of a leader's hull, settings how good these sensors are in the words that it has."""
+"""The tightly coupled navigator of a leader's hull, settings how good these sensors are in the
+words that it has.
+"""
 
 
 def _among(settings: Beacons) -> Callable[[Replayable], Estimates]:
@@ -61,9 +65,9 @@ def _among(settings: Beacons) -> Callable[[Replayable], Estimates]:
 NAVIGATORS: dict[str, Callable[[Replayable], Estimates]] = {
     "dead-reckoning": dead_reckoning,
     "laisn-2": lambda recorded: by_laisn(recorded, NavigationSettings(use_single_range=True)),
-    "hull": lambda recorded: TightNavigator(replace(HULL, dt=recorded.measurements.dt), recorded.start).run(
-        recorded.measurements
-    ),
+    "hull": lambda recorded: TightNavigator(
+        replace(HULL, dt=recorded.measurements.dt), recorded.start
+    ).run(recorded.measurements),
     **{name: _among(settings) for name, settings in AMONG.items()},
 }
 """What makes estimates of a recording, by its name in the record."""
@@ -79,14 +83,18 @@ def recordings(name: str) -> Iterator[tuple[tuple[str, ...], Replayable]]:
             yield beacons, read_data_set_log(log)
 
 
-def scores(name: str, navigators: tuple[str, ...] = tuple(NAVIGATORS)) -> dict[str, dict[tuple[str, ...], Score]]:
+def scores(
+    name: str, navigators: tuple[str, ...] = tuple(NAVIGATORS)
+) -> dict[str, dict[tuple[str, ...], Score]]:
     """Scores by navigator and beacons."""
     found: dict[str, dict[tuple[str, ...], Score]] = {navigator: {} for navigator in navigators}
     for beacons, recorded in recordings(name):
         for navigator in navigators:
             since = SETTLED_S if navigator == "unknown-start" else 0.0
             estimates = NAVIGATORS[navigator](recorded)
-            found[navigator][beacons] = score(estimates, recorded.measurements, recorded.truth, since)
+            found[navigator][beacons] = score(
+                estimates, recorded.measurements, recorded.truth, since
+            )
     return found
 
 
@@ -98,7 +106,11 @@ def findings_of(name: str, found: dict[str, dict[tuple[str, ...], Score]]) -> di
         every = next(errors for beacons, errors in each.items() if len(beacons) > 2)
         mean, _, high, nees = pairs.T
         values = {
-            "pairs": (float(np.median(mean)), "median over pairs of beacons of the mean error", "m"),
+            "pairs": (
+                float(np.median(mean)),
+                "median over pairs of beacons of the mean error",
+                "m",
+            ),
             "worst-pair": (float(mean.max()), "largest mean error of a pair of beacons", "m"),
             "high": (float(high.max()), "95 % of errors are smaller, with the worst pair", "m"),
             "nees-least": (float(nees.min()), "of all pairs", ""),
@@ -115,13 +127,17 @@ def findings_of(name: str, found: dict[str, dict[tuple[str, ...], Score]]) -> di
 def ranges_of(name: str) -> dict[str, Finding]:
     """Findings on the ranges: their scale and their random error, by the surveyed path."""
     data = read_data_set(DATA / f"{name}.mat")
-    place = np.column_stack([np.interp(data.range_time, data.truth[:, 0], data.truth[:, k]) for k in (1, 2)])
+    place = np.column_stack(
+        [np.interp(data.range_time, data.truth[:, 0], data.truth[:, k]) for k in (1, 2)]
+    )
     true = np.hypot(*(place - data.places[data.range_beacon]).T)
     scale = float(data.ranges @ true / (true @ true))
     return {
         f"ranges {name}": plain(data.ranges.size, "ranges to all beacons"),
         f"scale {name}": plain(scale - 1.0, "common scale error of all ranges"),
-        f"sigma {name}": plain(float(np.std(data.ranges - scale * true)), "of what that leaves of the ranges", "m"),
+        f"sigma {name}": plain(
+            float(np.std(data.ranges - scale * true)), "of what that leaves of the ranges", "m"
+        ),
     }
 
 

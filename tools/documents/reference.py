@@ -1,6 +1,7 @@
 """The API reference, built from docstrings by pdoc: `make docs` writes it to out/reference.
 
-Fails if a link leads nowhere, or if a docstring names a module or member of this project that does not exist.
+Fails if a link leads nowhere, or if a docstring names a module or member of this project that does
+not exist.
 """
 
 import importlib
@@ -36,14 +37,18 @@ def _exists(name: str) -> bool:
 
 
 def broken_references(folder: Path) -> Iterator[str]:
-    """A line for each link of the pages in a folder that leads nowhere, and for each unknown name."""
+    """A line for each link of the pages in a folder that leads nowhere, and for each unknown
+    name.
+    """
     pages = {path: path.read_text(encoding="utf-8") for path in sorted(folder.rglob("*.html"))}
     anchors = {path: set(re.findall(r'id="([^"]*)"', text)) for path, text in pages.items()}
     for path, text in pages.items():
         for target, anchor in set(_LINK.findall(text)):
             page = (path.parent / target).resolve() if target else path
             # pdoc names private base classes and leaves them out of the pages
-            if page not in anchors or (anchor and not anchor.startswith("_") and anchor not in anchors[page]):
+            if page not in anchors or (
+                anchor and not anchor.startswith("_") and anchor not in anchors[page]
+            ):
                 yield f"{path.relative_to(folder)}: {target}#{anchor} does not exist"
         for name in set(_NAMED.findall(text)):
             if not _exists(name):

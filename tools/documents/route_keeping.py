@@ -1,4 +1,5 @@
-"""How closely the physical vehicles keep to the published routes: `python -m tools.documents.studies route-keeping`.
+"""How closely the physical vehicles keep to the published routes: `python -m
+tools.documents.studies route-keeping`.
 
 Simulates the leader and all eight followers in one calm sea.
 """
@@ -26,14 +27,18 @@ MODULES = ("tools.documents.route_keeping",)
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingReport:
-    """One vehicle on its route, from the start to the last waypoint (or the end of the trajectory)."""
+    """One vehicle on its route, from the start to the last waypoint (or the end of the
+    trajectory).
+    """
 
     name: str
     cross_track_rms: float
     """Distance to the straight legs between waypoints [m]; cut corners count as they are."""
     cross_track_max: float
     arrival_error_max: float
-    """Largest difference between the time at which a waypoint is nearest and its time on the route [s]."""
+    """Largest difference between the time at which a waypoint is nearest and its time on the
+    route [s].
+    """
     speed_error_rms: float
     """Error of the speed over ground against the point motion along the same route [m/s]."""
     depth_error_rms: float
@@ -49,8 +54,8 @@ class TrackingReport:
 def arrival_errors(route: Route, time: Floats, position: Floats) -> Floats:
     """When each waypoint is nearest, less its time on the route; arguments as of `cross_track`.
 
-    A waypoint is looked for until half a leg before and after it; those where the vehicle stops, and those later than
-    the last instant, are left out.
+    A waypoint is looked for until half a leg before and after it; those where the vehicle stops,
+    and those later than the last instant, are left out.
 
     Returns:
         Shape (number of waypoints passed,), [s].
@@ -61,7 +66,9 @@ def arrival_errors(route: Route, time: Floats, position: Floats) -> Floats:
     errors = []
     rests = route.leg_length == 0
     stops = np.append(rests, False) | np.append(False, rests)
-    for due, waypoint, first, until, is_stop in zip(route.time, route.waypoint, begin, end, stops, strict=True):
+    for due, waypoint, first, until, is_stop in zip(
+        route.time, route.waypoint, begin, end, stops, strict=True
+    ):
         if due > time[-1] + 1e-9:
             break
         if is_stop:
@@ -119,7 +126,9 @@ def measure(mission: Scenario) -> tuple[TrackingReport, ...]:
 
 def _findings(report: TrackingReport, name: str) -> dict[str, Finding]:
     """Row of a vehicle in the table."""
-    pitch, spread, roll = (float(np.rad2deg(a)) for a in (report.pitch_max, report.pitch_std, report.roll_max))
+    pitch, spread, roll = (
+        float(np.rad2deg(a)) for a in (report.pitch_max, report.pitch_std, report.roll_max)
+    )
     values = {
         "off-rms": (report.cross_track_rms, "m"),
         "off-max": (report.cross_track_max, "m"),

@@ -1,4 +1,6 @@
-"""The scenario reference, generated from the models: every key with unit, default, bounds and meaning."""
+"""The scenario reference, generated from the models: every key with unit, default, bounds and
+meaning.
+"""
 
 import json
 import textwrap
@@ -18,8 +20,9 @@ _INTRODUCTION = """# Scenario reference
 
 After reading this page you can set every key of a scenario.
 
-A scenario is a TOML file. It needs one `[[followers]]` table with a route. The value below is the default, `…` stands
-for none; other choices follow, or an interval. A value out of bounds is refused with its bounds.
+A scenario is a TOML file. It needs one `[[followers]]` table with a route. The value below is the
+default, `…` stands for none; other choices follow, or an interval. A value out of bounds is refused
+with its bounds.
 
 - `laisn scenarios T5` prints a complete scenario.
 - `laisn check FILE` validates a file.
@@ -37,8 +40,12 @@ _UNBOUNDED = 100
 
 
 def _interval(schema: dict[str, Any]) -> str:
-    bounds = {key: value for part in (schema, *schema.get("anyOf", [])) for key, value in part.items()}
-    low, high = (bounds.get(key, bounds.get(f"exclusive{key.title()}")) for key in ("minimum", "maximum"))
+    bounds = {
+        key: value for part in (schema, *schema.get("anyOf", [])) for key, value in part.items()
+    }
+    low, high = (
+        bounds.get(key, bounds.get(f"exclusive{key.title()}")) for key in ("minimum", "maximum")
+    )
     if low is None or high is None or (low, high) in _PLAIN or high >= _UNBOUNDED:
         return ""
     return f"{low:g} to {high:g}"
@@ -48,7 +55,9 @@ def _values(schema: dict[str, Any], definitions: dict[str, Any]) -> str:
     """Choices other than the default, or an interval."""
     if "$ref" in schema:
         schema = definitions[schema["$ref"].rsplit("/", 1)[1]]
-    choices: list[Any] = next((p["enum"] for p in (schema, *schema.get("anyOf", [])) if "enum" in p), [])
+    choices: list[Any] = next(
+        (p["enum"] for p in (schema, *schema.get("anyOf", [])) if "enum" in p), []
+    )
     others = [value for value in choices if value != schema.get("default")]
     return ", ".join(f"`{json.dumps(value)}`" for value in others) or _interval(schema)
 
@@ -63,11 +72,19 @@ def _is_section(field: dict[str, Any]) -> bool:
 
 
 def _table(title: str, model: type[BaseModel]) -> list[str]:
-    """Heading, text and rows of a section; the common keys of vehicles and sensors have one table."""
+    """Heading, text and rows of a section; the common keys of vehicles and sensors have one
+    table.
+    """
     schema = model.model_json_schema()
     rows = [f"\n## {title}\n", (model.__doc__ or "").strip()]
-    common = Vehicle.model_json_schema()["properties"] if issubclass(model, Vehicle) and model is not Vehicle else {}
-    fields = {k: f for k, f in schema["properties"].items() if not _is_section(f) and common.get(k) != f}
+    common = (
+        Vehicle.model_json_schema()["properties"]
+        if issubclass(model, Vehicle) and model is not Vehicle
+        else {}
+    )
+    fields = {
+        k: f for k, f in schema["properties"].items() if not _is_section(f) and common.get(k) != f
+    }
     if not fields or model is FollowerSensors:
         return rows
     rows.append("")

@@ -1,4 +1,5 @@
-"""All studies of which documents quote numbers: `make studies` computes them again and keeps their records in the docs.
+"""All studies of which documents quote numbers: `make studies` computes them again and keeps their
+records in the docs.
 
 `python -m tools.documents.studies NAME …` flies some of them.
 """
@@ -37,10 +38,13 @@ STUDIES: dict[str, Callable[[Path], object]] = {
 def main() -> None:
     """Fly the studies named on the command line, or all of them."""
     parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("names", nargs="*", choices=[*STUDIES, []], help="studies; all if none is named")
+    parser.add_argument(
+        "names", nargs="*", choices=[*STUDIES, []], help="studies; all if none is named"
+    )
     for name in parser.parse_args().names or STUDIES:
         print(f"{name} …", flush=True)
-        # of its own, and empty: nothing that was computed before may stand in for what is computed now
+        # of its own, and empty: nothing that was computed before may stand in for what is computed
+        # now
         folder = Path("out") / "studies" / name
         shutil.rmtree(folder, ignore_errors=True)
         STUDIES[name](folder)

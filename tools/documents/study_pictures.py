@@ -1,4 +1,6 @@
-"""Pictures of the studies in README and docs, computed when they are drawn: each a figure and its legend."""
+"""Pictures of the studies in README and docs, computed when they are drawn: each a figure and
+its legend.
+"""
 
 import tempfile
 from pathlib import Path
@@ -33,7 +35,9 @@ def asymmetry() -> Drawn:
     """Error of a noiseless LAISN-2 fix around a pitched leader."""
     reach = np.array(MAP["range_m"])
     bearing = np.arange(0.0, 360.0, 2.0)
-    points = np.array([[np.deg2rad(_PITCH_DEG), _OFFSET_M, r, np.deg2rad(b)] for r in reach for b in bearing])
+    points = np.array(
+        [[np.deg2rad(_PITCH_DEG), _OFFSET_M, r, np.deg2rad(b)] for r in reach for b in bearing]
+    )
     error = sweep(points, NavigationSettings(side_rule="predicted"))
     title = f"Error of a fix: pitch {_PITCH_DEG:g}°, follower {_OFFSET_M:g} m below"
     figure = heat(bearing, reach, np.hypot(*error.T).reshape(reach.size, bearing.size), title)
@@ -41,7 +45,9 @@ def asymmetry() -> Drawn:
 
 
 def closed_loop() -> Drawn:
-    """How a mirrored estimate leads a follower away: true and estimated distances from the leader's axis."""
+    """How a mirrored estimate leads a follower away: true and estimated distances from the
+    leader's axis.
+    """
     lines = []
     missions = {entry.arm: entry.scenario for entry in plan_of(study_of("closed-loop", {})).entries}
     for navigator, colour in (("laisn-2", SERIES[1]), ("laisn-3-2", SERIES[0])):
@@ -52,10 +58,17 @@ def closed_loop() -> Drawn:
         heading = flight.trajectory.heading[steps, 0]
         leader = flight.trajectory.position[steps, 0, :2]
         starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
-        for position, dash in ((flight.hydrophone(0)[:, :2], "-"), (flight.estimates[0].state[:, :2], ":")):
+        for position, dash in (
+            (flight.hydrophone(0)[:, :2], "-"),
+            (flight.estimates[0].state[:, :2], ":"),
+        ):
             aside = np.einsum("ni,ni->n", position - leader, starboard)
-            lines.append(Line(x=flight.trajectory.time[steps], y=aside, colour=colour, dash=dash, width=1.4))
-    figure = panel(lines, x_label="time [s]", y_label="to starboard of the leader's axis [m]", height=3.0)
+            lines.append(
+                Line(x=flight.trajectory.time[steps], y=aside, colour=colour, dash=dash, width=1.4)
+            )
+    figure = panel(
+        lines, x_label="time [s]", y_label="to starboard of the leader's axis [m]", height=3.0
+    )
     return figure, [
         (SERIES[1], "LAISN-2: steers by the dotted estimate, swims along the line"),
         (SERIES[0], "LAISN-3(2): both stay within a few metres of it"),
@@ -63,7 +76,9 @@ def closed_loop() -> Drawn:
 
 
 def real_ranges() -> Drawn:
-    """Plaza 2 with two beacons: the gyro's drift bends dead reckoning; ranges hold the estimate on the path."""
+    """Plaza 2 with two beacons: the gyro's drift bends dead reckoning; ranges hold the estimate
+    on the path.
+    """
     data = read_data_set(DATA / "Plaza2.mat").among(_PLAZA_BEACONS)
     with tempfile.TemporaryDirectory() as folder:
         write_data_set(data, Path(folder) / "plaza.mcap")
@@ -89,7 +104,9 @@ def real_ranges() -> Drawn:
 
 
 def reproduction() -> Drawn:
-    """Our mean E_P over the paper's, both on logarithmic axes; the diagonal is agreement, the band a factor of two."""
+    """Our mean E_P over the paper's, both on logarithmic axes; the diagonal is agreement, the
+    band a factor of two.
+    """
     with tempfile.TemporaryDirectory() as folder:
         run("reproduce", {}, folder, quiet=True)
         figure, legend = agreement(read_table(Path(folder) / "tables.parquet"))

@@ -29,9 +29,15 @@ RATIOS = (
 """Rows of the README's table: words, and settings."""
 VEHICLES = {"leader": "leader, L"} | {route: route for route in ROUTES} | {"T8-plan": "T8, plan"}
 TRACKED = {
-    "off-rms": ".2f", "off-max": ".2f", "arrival": ".1f", "speed": ".3f", "depth": ".3f", "pitch-max": ".1f",
-    "pitch-sigma": ".2f", "roll-max": ".1f",
-}  # fmt: skip
+    "off-rms": ".2f",
+    "off-max": ".2f",
+    "arrival": ".1f",
+    "speed": ".3f",
+    "depth": ".3f",
+    "pitch-max": ".1f",
+    "pitch-sigma": ".2f",
+    "roll-max": ".1f",
+}
 """Columns of the table of tracking, and their formats."""
 AMONG_BEACONS = {
     "dead-reckoning": "odometry alone",
@@ -67,7 +73,11 @@ def ratios(records: Records) -> str:
             keys = [f"ratio {setting} {variant}" for setting in settings]
             cells.append(", ".join(_ratio(found[key]) for key in keys if key in found.findings))
         rows.append([words, *cells])
-    heads = ["mean E_P, ours over the paper's: median of eight missions (least … largest)", "LAISN-2", "LAISN-3(2)"]
+    heads = [
+        "mean E_P, ours over the paper's: median of eight missions (least … largest)",
+        "LAISN-2",
+        "LAISN-3(2)",
+    ]
     return markdown(heads, rows)
 
 
@@ -110,8 +120,17 @@ def closed_loop_current(records: Records) -> str:
 def tracking(records: Records) -> str:
     """How closely vehicles keep to their routes."""
     found = records["route-keeping"]
-    heads = ["route", "off track, RMS [m]", "max", "arrival [s]", "speed [m/s]", "depth [m]", "pitch, max [°]", "σ",
-             "roll, max [°]"]  # fmt: skip
+    heads = [
+        "route",
+        "off track, RMS [m]",
+        "max",
+        "arrival [s]",
+        "speed [m/s]",
+        "depth [m]",
+        "pitch, max [°]",
+        "σ",
+        "roll, max [°]",
+    ]
     rows = [
         [name, *(format(found[f"{quantity} {key}"], spec) for quantity, spec in TRACKED.items())]
         for key, name in VEHICLES.items()
@@ -126,11 +145,16 @@ def real_ranges(records: Records) -> str:
     for navigator, words in AMONG_BEACONS.items():
         cells = [words]
         for name in ("Plaza1", "Plaza2"):
-            cells.append(f"{found[f'pairs {navigator} {name}']:.2f} ({found[f'worst-pair {navigator} {name}']:.2f})")
+            cells.append(
+                f"{found[f'pairs {navigator} {name}']:.2f} "
+                f"({found[f'worst-pair {navigator} {name}']:.2f})"
+            )
             cells.append(f"{found[f'all {navigator} {name}']:.2f}")
         rows.append(cells)
     heads = [
-        f"{name}: {of}" for name in ("Plaza 1", "Plaza 2") for of in ("two beacons, median (worst pair)", "all four")
+        f"{name}: {of}"
+        for name in ("Plaza 1", "Plaza 2")
+        for of in ("two beacons, median (worst pair)", "all four")
     ]
     return markdown(["mean error [m]", *heads], rows)
 
@@ -152,12 +176,19 @@ def speed(records: Records) -> str:
         whole = f"{fleet}: with autopilot and recording"
         bare = found[f"{fleet}: mj_step alone, no water"]
         floor = found[f"{whole}, floor"]
-        measured = f"{found[whole]:.1f i} µs a step, {found[f'{fleet}: real-time factor']:,.0f} times real time"
-        rows.append([words, measured, f"bare `mj_step` {bare:.1f} µs, its needed part {floor:.1f} µs"])
+        measured = (
+            f"{found[whole]:.1f i} µs a step, {found[f'{fleet}: real-time factor']:,.0f} "
+            "times real time"
+        )
+        rows.append(
+            [words, measured, f"bare `mj_step` {bare:.1f} µs, its needed part {floor:.1f} µs"]
+        )
     alone = "navigation: lanes, LAISN-2 filter only"
     filterpy = found[f"{alone}, than filterpy"]
     vectorised = found[f"{alone}, than NumPy"]
-    peers = f"{filterpy:,.0f} times as fast as filterpy, {vectorised:.0f} times as NumPy over 60 runs"
+    peers = (
+        f"{filterpy:,.0f} times as fast as filterpy, {vectorised:.0f} times as NumPy over 60 runs"
+    )
     floor_ns = found[f"{alone}, floor"]
     rows.append(
         [
@@ -174,16 +205,22 @@ def speed(records: Records) -> str:
         against = f"{found[f'{tight}, than LAISN-2']:.2f} times as fast as LAISN-2 alone"
         measured = f"{found[tight]:.1f i} ns a step"
         beside = f"{against}; floor by flops {found[f'{tight}, floor']:.1f} ns"
-        rows.append(["tightly coupled with three transmitters, one run after another", measured, beside])
+        rows.append(
+            ["tightly coupled with three transmitters, one run after another", measured, beside]
+        )
     messages = found["log: writing"]
     size = found["log: size"]
-    rows.append(["log", f"{messages:.0f i} thousand messages/s", f"{size:.1f} MB for 1000 s without film"])
+    rows.append(
+        ["log", f"{messages:.0f i} thousand messages/s", f"{size:.1f} MB for 1000 s without film"]
+    )
     film = "film: frames a second, once running"
     if film in found.findings:
         rows.append(["film at 1280×720, rendered and encoded", f"{found[film]:.0f i} frames/s", ""])
     command = "command: laisn fly T5 --no-video"
     if command in found.findings:
-        rows.append(["`laisn fly T5 --no-video` as a whole", f"{found[command]:.1f i} s by the clock", ""])
+        rows.append(
+            ["`laisn fly T5 --no-video` as a whole", f"{found[command]:.1f i} s by the clock", ""]
+        )
     return markdown(["what", "measured (least to largest)", "for comparison"], rows)
 
 
@@ -195,18 +232,35 @@ def _cases(records: Records, keys: Sequence[tuple[str, str]]) -> str:
         bound = f"{found[f'bound {key}']:.2f}" if f"bound {key}" in found else "–"
         locked = found[f"mirror-locked {key}"]
         rows.append(
-            [words, f"{found[f'error {key}']:.2f}", f"{found[f'laisn-2 {key}']:.2f}", f"{found[f'ratio {key}']:.2f i}",
-             bound, f"{found[f'nees {key}']:.2f} ({found[f'nees-least {key}']:.1f} … {found[f'nees-most {key}']:.1f})",
-             f"{locked:.1% i}" if locked.number else f"{locked:.1%}"]
-        )  # fmt: skip
-    heads = ["", "mean E_P [m]", "LAISN-2 [m]", "over LAISN-2", "bound", "NEES (least … most)", "mirror-locked"]
+            [
+                words,
+                f"{found[f'error {key}']:.2f}",
+                f"{found[f'laisn-2 {key}']:.2f}",
+                f"{found[f'ratio {key}']:.2f i}",
+                bound,
+                f"{found[f'nees {key}']:.2f} ({found[f'nees-least {key}']:.1f} … "
+                f"{found[f'nees-most {key}']:.1f})",
+                f"{locked:.1% i}" if locked.number else f"{locked:.1%}",
+            ]
+        )
+    heads = [
+        "",
+        "mean E_P [m]",
+        "LAISN-2 [m]",
+        "over LAISN-2",
+        "bound",
+        "NEES (least … most)",
+        "mirror-locked",
+    ]
     return markdown(heads, rows)
 
 
 def estimators(records: Records) -> str:
     """The seven cases of the study of the estimators, messages every 5 s."""
     study = study_of(str(built_in("estimators")["cases"]), {})
-    return _cases(records, [(f"{case}: {study.title('case', case)}", f"{case} 5") for case in study.cases])
+    return _cases(
+        records, [(f"{case}: {study.title('case', case)}", f"{case} 5") for case in study.cases]
+    )
 
 
 def estimators_at_sea(records: Records) -> str:
@@ -218,24 +272,32 @@ def estimators_at_sea(records: Records) -> str:
 def coverage(records: Records) -> str:
     """How often a 95 % interval of a mean holds it, law by law."""
     found = records["coverage"]
-    rows = [[words, *(f"{found[f'{law} {runs}']:.1%}" for runs in RUNS)] for law, (words, _, _) in LAWS.items()]
+    rows = [
+        [words, *(f"{found[f'{law} {runs}']:.1%}" for runs in RUNS)]
+        for law, (words, _, _) in LAWS.items()
+    ]
     return markdown(["coverage of 95 % intervals", *(f"{runs} runs" for runs in RUNS)], rows)
 
 
 def _rivals(records: Records, columns: Mapping[str, tuple[str, str]]) -> str:
-    """A row for each navigator of the study of rival methods: heads, findings with NAME for the navigator, formats."""
+    """A row for each navigator of the study of rival methods: heads, findings with NAME for the
+    navigator, formats.
+    """
     found = records["rivals"].findings
     rows = []
     for name, title in NAVIGATORS.items():
         cells = ((found.get(key.replace("NAME", name)), spec) for key, spec in columns.values())
-        rows.append([title, *("–" if finding is None else f"{finding:{spec}}" for finding, spec in cells)])
+        rows.append(
+            [title, *("–" if finding is None else f"{finding:{spec}}" for finding, spec in cells)]
+        )
     return markdown(["", *columns], rows)
 
 
 def rivals(records: Records) -> str:
     """Calm water by the interval of messages, consistency, losses and time."""
     columns = {
-        f"mean E_P [m], every {t:g} s": (f"error NAME calm {t:g}", ".2f i" if t == USUAL else ".2f") for t in INTERVALS
+        f"mean E_P [m], every {t:g} s": (f"error NAME calm {t:g}", ".2f i" if t == USUAL else ".2f")
+        for t in INTERVALS
     }
     more = {"95 % below [m]": ("high NAME calm 5", ".2f"), "NEES": ("nees NAME calm 5", ".3g"),
             "mirror-locked": ("locked NAME calm 5", ".0%"), "lost": ("lost NAME calm 5", ".0%"),
@@ -246,7 +308,9 @@ def rivals(records: Records) -> str:
 def rivals_conditions(records: Records) -> str:
     """Mean errors in all conditions but calm water, messages every 5 s."""
     other = {name: title for name, title in CONDITIONS.items() if name != "calm"}
-    return _rivals(records, {title: (f"error NAME {name} 5", ".2f") for name, title in other.items()})
+    return _rivals(
+        records, {title: (f"error NAME {name} 5", ".2f") for name, title in other.items()}
+    )
 
 
 def rivals_closed(records: Records) -> str:
@@ -255,8 +319,11 @@ def rivals_closed(records: Records) -> str:
     rows = []
     for name, title in NAVIGATORS.items():
         keys = [f"NAME {name} {condition}" for condition in CONDITIONS]
-        cells = (f"{found[k.replace('NAME', 'closed-error')]:.2f}, {found[k.replace('NAME', 'closed-lost')]:.0%}"
-                 for k in keys)  # fmt: skip
+        cells = (
+            f"{found[k.replace('NAME', 'closed-error')]:.2f}, "
+            f"{found[k.replace('NAME', 'closed-lost')]:.0%}"
+            for k in keys
+        )
         rows.append([title, *cells])
     return markdown(["mean E_P [m], lost", *CONDITIONS.values()], rows)
 
@@ -281,19 +348,30 @@ def fossen(records: Records) -> str:
                   (("turn", ".3f"), ("pitch", ".2f"), ("speed", ".3f"), ("apart", ".2f")))]
         for key, words in REMUS_TERMS.items()
     ]  # fmt: skip
-    return markdown(["model", "turn rate [°/s]", "pitch [°]", "speed [m/s]", "apart from ours [m]"], rows)
+    return markdown(
+        ["model", "turn rate [°/s]", "pitch [°]", "speed [m/s]", "apart from ours [m]"], rows
+    )
 
 
 def hull_estimates(records: Records) -> str:
     """Estimated over published coefficients of the shipped vehicles."""
     found = records["hull-trials"]
     models = ("remus100", "lauv")
-    names = dict.fromkeys(key.split(" ", 2)[2] for key in found.findings if key.startswith("estimate "))
+    names = dict.fromkeys(
+        key.split(" ", 2)[2] for key in found.findings if key.startswith("estimate ")
+    )
     rows = [
-        [name, *(f"{found[key]:.2f}" if (key := f"estimate {model} {name}") in found.findings else "–"
-                 for model in models)]
+        [
+            name,
+            *(
+                f"{found[key]:.2f}"
+                if (key := f"estimate {model} {name}") in found.findings
+                else "–"
+                for model in models
+            ),
+        ]
         for name in names
-    ]  # fmt: skip
+    ]
     return markdown(["estimated / published", *(f"`{model}`" for model in models)], rows)
 
 
@@ -301,23 +379,39 @@ def routes_kept(records: Records) -> str:
     """Errors of the shipped vehicles on their routes in calm water."""
     found = records["hull-trials"]
     rows = [
-        [f"`{model}`", *(f"{found[f'route {model} {role} {what}']:.3f}" for role in ("follower", "leader")
-                         for what in ("off", "depth"))]
+        [
+            f"`{model}`",
+            *(
+                f"{found[f'route {model} {role} {what}']:.3f}"
+                for role in ("follower", "leader")
+                for what in ("off", "depth")
+            ),
+        ]
         for model in ("leader", "follower", "remus100", "lauv", "bluerov2_heavy")
-    ]  # fmt: skip
-    return markdown(["vehicle", "T5: off route [m]", "depth [m]", "L: off route [m]", "depth [m]"], rows)
+    ]
+    return markdown(
+        ["vehicle", "T5: off route [m]", "depth [m]", "L: off route [m]", "depth [m]"], rows
+    )
 
 
 def bluerov_speeds(records: Records) -> str:
     """Steady speeds of the BlueROV2 beside those of the published code."""
     found = records["hull-trials"]
-    trials = {"turn": "turn on the spot, full", "ascent": "ascent, full", "descent": "descent, full",
-              "surge": "surge, a quarter", "sway": "sway, a quarter"}  # fmt: skip
+    trials = {
+        "turn": "turn on the spot, full",
+        "ascent": "ascent, full",
+        "descent": "descent, full",
+        "surge": "surge, a quarter",
+        "sway": "sway, a quarter",
+    }
     rows = [
-        [what, *(f"{found[f'bluerov {trial} {whose}']:.3f}" for whose in ("published", "ours")),
-         found.findings[f"bluerov {trial} ours"].unit]
+        [
+            what,
+            *(f"{found[f'bluerov {trial} {whose}']:.3f}" for whose in ("published", "ours")),
+            found.findings[f"bluerov {trial} ours"].unit,
+        ]
         for trial, what in trials.items()
-    ]  # fmt: skip
+    ]
     return markdown(["motion, voltage", "published code", "simulation", "unit"], rows)
 
 

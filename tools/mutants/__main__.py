@@ -1,8 +1,10 @@
-"""Mutation tests: change the sources one place at a time by operators of cosmic-ray and run the tests that cover it.
+"""Mutation tests: change the sources one place at a time by operators of cosmic-ray and run the
+tests that cover it.
 
-`make mutants MUTANTS=60` draws 60 of each package; `python -m tools.mutants laisn/fix.py` tries all of one file. Every
-process works in its own copy of the checkout. A mutant that no test kills is either equivalent to the original, which
-`equivalent.toml` lists with the reason, or a gap in the tests.
+`make mutants MUTANTS=60` draws 60 of each package; `python -m tools.mutants laisn/fix.py` tries all
+of one file. Every process works in its own copy of the checkout. A mutant that no test kills is
+either equivalent to the original, which `equivalent.toml` lists with the reason, or a gap in the
+tests.
 """
 
 import argparse
@@ -35,15 +37,23 @@ PACKAGES = {
     r"|pages/flight_report|flight/(range_budget|summary|tables)"
     r"|(studies/)?(asymmetry|reproduce|estimators|formation|study)"
     r"/(?!\w*(page|chart|figure|film|report|example))\w+)\.py|tools/documents/(tables|hull_trials|flights)\.py",
-}  # fmt: skip
-"""Sources that are changed: navigation; physics, sensing and control; statistics, tables and computed sentences."""
+}
+"""Sources that are changed: navigation; physics, sensing and control; statistics, tables and
+computed sentences.
+"""
 
 
 def draw(pattern: str, count: int | None, seed: int) -> tuple[list[MutationSpec], int]:
-    """Mutants of the sources whose path matches, `count` of them at random or all; and how many there are."""
-    files = sorted(str(path.relative_to(ROOT)) for path in import_graph.modules(packages=SOURCES).values())
+    """Mutants of the sources whose path matches, `count` of them at random or all; and how many
+    there are.
+    """
+    files = sorted(
+        str(path.relative_to(ROOT)) for path in import_graph.modules(packages=SOURCES).values()
+    )
     found = [mutant for file in files if re.fullmatch(pattern, file) for mutant in mutants_of(file)]
-    return found if count is None else random.Random(seed).sample(found, min(count, len(found))), len(found)
+    return found if count is None else random.Random(seed).sample(
+        found, min(count, len(found))
+    ), len(found)
 
 
 def summary(package: str, tried: list[Tried], of: int) -> str:
@@ -58,19 +68,34 @@ def summary(package: str, tried: list[Tried], of: int) -> str:
     return f"{text}; of the others {late} timed out and {same} are equivalent to the original"
 
 
-def record(found: dict[str, tuple[list[Tried], int]], seed: int, before: Findings | None) -> Findings:
+def record(
+    found: dict[str, tuple[list[Tried], int]], seed: int, before: Findings | None
+) -> Findings:
     """What a draw found, for the documents.
 
     Args:
         found: mutants tried of each package, and how many there are.
         seed: of the draw.
-        before: the former record; its findings of other packages are kept, and with them its version.
+        before: the former record; its findings of other packages are kept, and with them its
+            version.
     """
-    files = [str(path.relative_to(ROOT)) for path in import_graph.modules(packages=SOURCES).values()]
-    sources = (file for file in sorted(files) if any(re.fullmatch(pattern, file) for pattern in PACKAGES.values()))
-    modules = tuple(file.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for file in sources)
+    files = [
+        str(path.relative_to(ROOT)) for path in import_graph.modules(packages=SOURCES).values()
+    ]
+    sources = (
+        file
+        for file in sorted(files)
+        if any(re.fullmatch(pattern, file) for pattern in PACKAGES.values())
+    )
+    modules = tuple(
+        file.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for file in sources
+    )
     version = version_of(modules)
-    kept = {n: f for n, f in before.findings.items() if n.rpartition(" ")[2] not in found} if before else {}
+    kept = (
+        {n: f for n, f in before.findings.items() if n.rpartition(" ")[2] not in found}
+        if before
+        else {}
+    )
     findings = dict(kept)
     for package, (tried, of) in found.items():
         equivalent = sum(bool(t.equivalent) and not t.killed for t in tried)
@@ -79,35 +104,63 @@ def record(found: dict[str, tuple[list[Tried], int]], seed: int, before: Finding
         limits = binomtest(killed, counted).proportion_ci(method="wilson")
         findings |= {
             f"noticed {package}": Finding(
-                value=round(killed / counted, 4), low=round(limits.low, 4), high=round(limits.high, 4),
-                what="share of the mutants drawn, without equivalent ones, that a test kills; Wilson, 95 %",
+                value=round(killed / counted, 4),
+                low=round(limits.low, 4),
+                high=round(limits.high, 4),
+                what="share of the mutants drawn, without equivalent ones, that a test kills; "
+                "Wilson, 95 %",
             ),
             f"drawn {package}": plain(len(tried), f"mutants tried, of {of}"),
             f"nothing {package}": plain(equivalent, "of these that are equivalent to the original"),
-            f"survived {package}": plain(counted - killed, "of these that no test kills, or not in time"),
+            f"survived {package}": plain(
+                counted - killed, "of these that no test kills, or not in time"
+            ),
             f"seed {package}": plain(seed, "of the draw"),
-            f"taken {package}": plain(f"{date.today()}, version {version}", f"Python {platform.python_version()}"),
-        }  # fmt: skip
+            f"taken {package}": plain(
+                f"{date.today()}, version {version}", f"Python {platform.python_version()}"
+            ),
+        }
     # a record with findings of other sources stays stale
     version = before.version if before and kept else version
     command = 'make mutants MUTANTS=60 MUTANTS_ARGS="PACKAGE --seed SEED --record"'
-    return Findings(study="mutants", command=command, modules=modules, version=version, findings=findings)
+    return Findings(
+        study="mutants", command=command, modules=modules, version=version, findings=findings
+    )
 
 
 def main() -> None:
     """Draw mutants, test them, print those that survive and the share that was killed."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "where", nargs="*", help=f"sources, such as laisn/fix.py, or packages; default: {' '.join(PACKAGES)}"
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--count", type=int, help="how many to draw of each package (default: all, which takes a day)")
+    parser.add_argument(
+        "where",
+        nargs="*",
+        help=f"sources, such as laisn/fix.py, or packages; default: {' '.join(PACKAGES)}",
+    )
+    parser.add_argument(
+        "--count",
+        type=int,
+        help="how many to draw of each package (default: all, which takes a day)",
+    )
     parser.add_argument("--seed", type=int, default=1, help="of the draw")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="how many to try at a time")
-    parser.add_argument("--record", action="store_true", help="write the record that the documents quote")
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count(), help="how many to try at a time"
+    )
+    parser.add_argument(
+        "--record", action="store_true", help="write the record that the documents quote"
+    )
     given = parser.parse_args()
     patterns = {place: PACKAGES.get(place, re.escape(place)) for place in given.where} or PACKAGES
     chosen = {name: draw(pattern, given.count, given.seed) for name, pattern in patterns.items()}
-    tests = sorted({test for mutants, _ in chosen.values() for m in mutants for test in covering(str(m.module_path))})
+    tests = sorted(
+        {
+            test
+            for mutants, _ in chosen.values()
+            for m in mutants
+            for test in covering(str(m.module_path))
+        }
+    )
     found = {}
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         spawn = multiprocessing.get_context("spawn")
@@ -121,7 +174,9 @@ def main() -> None:
                         print(".", end="", flush=True)
                     else:
                         why = one.equivalent or ("TIMED OUT" if one.timed_out else "SURVIVED")
-                        print(f"\n{one.place}\n  - {one.before}\n  + {one.after}\n  {why}", flush=True)
+                        print(
+                            f"\n{one.place}\n  - {one.before}\n  + {one.after}\n  {why}", flush=True
+                        )
                 found[package] = tried, of
                 print(f"\n{summary(package, *found[package])}", flush=True)
     if given.record:

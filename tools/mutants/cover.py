@@ -1,4 +1,6 @@
-"""The tests that cover a source, chosen by their imports and by folders, which tests share with sources."""
+"""The tests that cover a source, chosen by their imports and by folders, which tests share with
+sources.
+"""
 
 from collections.abc import Iterator
 from functools import cache
@@ -12,7 +14,9 @@ SOURCES = (*import_graph.PACKAGES, "tools")
 
 
 def names_imported_by(test: Path) -> Iterator[str]:
-    """Names that a test imports, and those imported by modules that tests share and by `laisn_sim`."""
+    """Names that a test imports, and those imported by modules that tests share and by
+    `laisn_sim`.
+    """
     for name in set(import_graph.named(test, "tests")):
         shared = ROOT / f"{name.rpartition('.')[0].replace('.', '/')}.py"
         if name.startswith("tests.") and shared.is_file():
@@ -29,7 +33,9 @@ def distances() -> dict[str, dict[str, int]]:
     found = {}
     for path in sorted((ROOT / "tests").rglob("test_*.py")):
         names = set(names_imported_by(path))
-        front = {name if name in imports else name.rpartition(".")[0] for name in names} & imports.keys()
+        front = {
+            name if name in imports else name.rpartition(".")[0] for name in names
+        } & imports.keys()
         reached: dict[str, int] = {}
         distance = 1
         while front:
@@ -43,17 +49,24 @@ def distances() -> dict[str, dict[str, int]]:
 def covering(file: str) -> list[str]:
     """The test files that cover a source, the one of its name and the nearest first.
 
-    They are those of its own folder, or else of its package, that import it themselves or by one module more than the
-    nearest of them does; where there are none, those of any folder that are as near as any.
+    They are those of its own folder, or else of its package, that import it themselves or by one
+    module more than the nearest of them does; where there are none, those of any folder that are as
+    near as any.
     """
     module = file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
     homes = Path(file).parent.name, import_graph.package_of(module).rpartition(".")[2]
     reach = {test: reached[module] for test, reached in distances().items() if module in reached}
     at_home = (
-        {t: n for t, n in reach.items() if Path(t).parent.name == home or Path(t).stem == f"test_{home}"}
+        {
+            t: n
+            for t, n in reach.items()
+            if Path(t).parent.name == home or Path(t).stem == f"test_{home}"
+        }
         for home in homes
     )
     own = next(filter(None, at_home), {})
     least = min((own or reach).values(), default=0)
     near = {t: n for t, n in (own or reach).items() if n <= least + bool(own)}
-    return sorted(near, key=lambda test: (Path(test).stem != f"test_{Path(file).stem}", near[test], test))
+    return sorted(
+        near, key=lambda test: (Path(test).stem != f"test_{Path(file).stem}", near[test], test)
+    )

@@ -1,4 +1,6 @@
-"""One mutant: what it changes in a source, and the run of the tests that cover it, in a copy of the checkout."""
+"""One mutant: what it changes in a source, and the run of the tests that cover it, in a copy of
+the checkout.
+"""
 
 import ast
 import os
@@ -48,7 +50,9 @@ class Tried(NamedTuple):
     after: str
     killed: bool
     timed_out: bool
-    """Its tests did not end in time, which does not count as killed: the machine may have had other work."""
+    """Its tests did not end in time, which does not count as killed: the machine may have had
+    other work.
+    """
     equivalent: str
     """Why it is equivalent to the original; empty otherwise."""
 
@@ -70,7 +74,11 @@ def without_effect(source: str) -> list[Span]:
             found.append(node.annotation)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "zip":
             found += [keyword.value for keyword in node.keywords]
-    return [((n.lineno, n.col_offset), (n.end_lineno or 0, n.end_col_offset or 0)) for n in found if n is not None]
+    return [
+        ((n.lineno, n.col_offset), (n.end_lineno or 0, n.end_col_offset or 0))
+        for n in found
+        if n is not None
+    ]
 
 
 def mutants_of(file: str) -> Iterator[MutationSpec]:
@@ -90,24 +98,34 @@ def mutants_of(file: str) -> Iterator[MutationSpec]:
 
 
 def enter_copy(folder: Path) -> None:
-    """Make the working directory of this process a copy of the checkout; copies share compiled code."""
+    """Make the working directory of this process a copy of the checkout; copies share compiled
+    code.
+    """
     tree = folder / str(os.getpid())
     listed = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
-    for name in subprocess.run(listed, cwd=ROOT, check=True, capture_output=True, text=True).stdout.split("\0"):
+    for name in subprocess.run(
+        listed, cwd=ROOT, check=True, capture_output=True, text=True
+    ).stdout.split("\0"):
         if name and (ROOT / name).is_file():
             (tree / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(ROOT / name, tree / name)
-    # a test that fails on any edit of a source, even of a comment, would kill every mutant; here it fails without any
+    # a test that fails on any edit of a source, even of a comment, would kill every mutant; here it
+    # fails without any
     for path in import_graph.modules(tree, SOURCES).values():
         path.write_text(path.read_text(encoding="utf-8") + "# unchanged\n", encoding="utf-8")
     os.chdir(tree)
-    os.environ |= {"PYTHONPATH": str(tree), "XDG_CACHE_HOME": str(folder / "cache"), "OMP_NUM_THREADS": "1"}
+    os.environ |= {
+        "PYTHONPATH": str(tree),
+        "XDG_CACHE_HOME": str(folder / "cache"),
+        "OMP_NUM_THREADS": "1",
+    }
 
 
 def pytest_command(tests: Iterable[str]) -> str:
     """The command that runs test files until one test fails."""
     return (
-        f"{sys.executable} -m pytest -x -p no:cacheprovider --tb=short --hypothesis-profile mutants {' '.join(tests)}"
+        f"{sys.executable} -m pytest -x -p no:cacheprovider --tb=short --hypothesis-profile "
+        f"mutants {' '.join(tests)}"
     )
 
 
@@ -125,7 +143,9 @@ def time_of(test: str) -> float:
 
 
 def attempt(mutant: MutationSpec, took: Mapping[str, float]) -> Tried:
-    """Test a mutant by the tests that cover it, the quickest first; `took` is the time of each without mutants [s]."""
+    """Test a mutant by the tests that cover it, the quickest first; `took` is the time of each
+    without mutants [s].
+    """
     file = str(mutant.module_path)
     place = f"{mutant.module_path}:{mutant.start_pos[0]}"
     tests = sorted(covering(file), key=took.__getitem__)
@@ -135,7 +155,11 @@ def attempt(mutant: MutationSpec, took: Mapping[str, float]) -> Tried:
     if result.diff is None:
         raise ValueError(f"{place}: {mutant.operator_name} cannot be applied: {result.output}")
     lines = result.diff.splitlines()[4:]
-    before, after = ("\n".join(line[1:].strip() for line in lines if line[0] == sign) for sign in "-+")
+    before, after = (
+        "\n".join(line[1:].strip() for line in lines if line[0] == sign) for sign in "-+"
+    )
     timed_out = result.output == "timeout"
     killed = result.is_killed and not timed_out
-    return Tried(place, before, after, killed, timed_out, equivalents().get((file, before, after), ""))
+    return Tried(
+        place, before, after, killed, timed_out, equivalents().get((file, before, after), "")
+    )

@@ -1,4 +1,5 @@
-"""Drawings of the pitch study: one message to scale, the map around the leader, errors over pitch; and its film.
+"""Drawings of the pitch study: one message to scale, the map around the leader, errors over pitch;
+and its film.
 
 The film shows the leader that pitches, rays in the colour of their errors, and two estimates.
 """
@@ -21,7 +22,16 @@ from experiments.pages.flight_report import asymmetry_over_time, legend_of, shar
 from experiments.pages.page import Cell, Code, Figures, share_of
 from experiments.pages.style import FULL, INK, MUTED, SERIES, Colour
 from experiments.studies.asymmetry import findings, fix_map
-from experiments.studies.asymmetry.findings import AHRS, CAUSES, LEVEL, REAL, Curve, Missions, paired, select
+from experiments.studies.asymmetry.findings import (
+    AHRS,
+    CAUSES,
+    LEVEL,
+    REAL,
+    Curve,
+    Missions,
+    paired,
+    select,
+)
 from experiments.studies.asymmetry.fix_map import MAP, Chart
 from experiments.study.plan import Plan
 from experiments.study.run import Outcomes
@@ -39,7 +49,11 @@ from sim.trajectory import Trajectory
 LEVEL_COLOUR = SERIES[2]
 REAL_COLOUR = SERIES[1]
 AWARE_COLOUR = SERIES[0]
-LEGEND = ((LEVEL_COLOUR, "level leader"), (REAL_COLOUR, "real leader"), (AWARE_COLOUR, "AHRS broadcast"))
+LEGEND = (
+    (LEVEL_COLOUR, "level leader"),
+    (REAL_COLOUR, "real leader"),
+    (AWARE_COLOUR, "AHRS broadcast"),
+)
 CAUSE_COLOURS = {"trim": SERIES[0], "dive": SERIES[2], "waves": SERIES[1]}
 ERROR_LEVELS_M = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 ERROR_COLOURS = ("#e8f1f8", "#c3dcee", "#8fbfdf", "#f3d19a", "#ea9a5c", "#d1602f", "#8e2a12")
@@ -47,19 +61,25 @@ ERROR_COLOURS = ("#e8f1f8", "#c3dcee", "#8fbfdf", "#f3d19a", "#ea9a5c", "#d1602f
 EXAMPLE = "waves-1m-following-2m"
 ROUTE = "T6"
 OFFSET_M = 10.0
-"""Mission of the film and of the range error budget: close by on the quarter and far below, where pitch does much and
-is easy to see."""
+"""Mission of the film and of the range error budget: close by on the quarter and far below, where
+pitch does much and is easy to see."""
 EVERYTHING: Mapping[str, float] = {
-    "acoustics.travel_time": True, "acoustics.ping_slot_s": 0.1, "acoustics.sound_speed_bias_m_s": 3.0,
-    "acoustics.clock_offset_s": 1e-4, "sensors.depth_sigma_m": 0.05, "sensors.leader_depth_sigma_m": 0.05,
-}  # fmt: skip
+    "acoustics.travel_time": True,
+    "acoustics.ping_slot_s": 0.1,
+    "acoustics.sound_speed_bias_m_s": 3.0,
+    "acoustics.clock_offset_s": 1e-4,
+    "sensors.depth_sigma_m": 0.05,
+    "sensors.leader_depth_sigma_m": 0.05,
+}
 """All causes of range errors at work at once, in the budget alone; 0.1 ms is 15 cm."""
 _SHOWN = (Cause.LEVER_ARM, Cause.RANDOM, Cause.MOTION)
 _TURN = np.linspace(0.0, 2.0 * np.pi, 181)
 
 
 class Message(NamedTuple):
-    """One message in the leader's own axes: forward, port and up of the level hull, from its origin, [m]."""
+    """One message in the leader's own axes: forward, port and up of the level hull, from its
+    origin, [m].
+    """
 
     pitch: float
     hydrophone: Floats
@@ -71,9 +91,15 @@ class Message(NamedTuple):
         """Recorded point `step` of a trajectory, and its first follower."""
         pitch = float(trajectory.pitch[step, 0])
         heading = float(trajectory.heading[step, 0])
-        hydrophone = trajectory.site_position[step, trajectory.site(f"{trajectory.names[1]}/hydrophone")]
+        hydrophone = trajectory.site_position[
+            step, trajectory.site(f"{trajectory.names[1]}/hydrophone")
+        ]
         east, north, up = hydrophone - trajectory.position[step, 0]
-        own = np.sin(heading) * east + np.cos(heading) * north, np.sin(heading) * north - np.cos(heading) * east, up
+        own = (
+            np.sin(heading) * east + np.cos(heading) * north,
+            np.sin(heading) * north - np.cos(heading) * east,
+            up,
+        )
         # rear and front are on the hull's axis
         level = trajectory.site_offset[[trajectory.site(name) for name in TRANSMITTERS[:2]]]
         tilted = level[:, :1] * np.array([np.cos(pitch), 0.0, np.sin(pitch)])
@@ -87,7 +113,9 @@ class Message(NamedTuple):
 
     @property
     def fix(self) -> Floats:
-        """Point where the circles about the assumed rear and front transmitter meet, (forward, port), [m]."""
+        """Point where the circles about the assumed rear and front transmitter meet, (forward,
+        port), [m].
+        """
         rear, front = self.assumed[:, 0]
         used = self.used_range
         along = float((used[0] ** 2 - used[1] ** 2) / (2 * (front - rear)))
@@ -97,27 +125,42 @@ class Message(NamedTuple):
 
 def _path(points: Floats, colour: Colour, dash: str = "-", marker: str = "", **words: str) -> Line:
     """A line through points of shape (n, 2), or marks there, perhaps with words beside the last."""
-    return Line(x=points[:, 0], y=points[:, 1], colour=colour, dash=dash, marker=marker, size=5.0, **words)  # type: ignore[arg-type]
+    return Line(
+        x=points[:, 0], y=points[:, 1], colour=colour, dash=dash, marker=marker, size=5.0, **words
+    )  # type: ignore[arg-type]
 
 
 def _scene(lines: Sequence[Line], low: Floats, high: Floats, y_label: str, title: str) -> Panel:
     return panel(
-        lines, x_label="forward of the leader [m]", y_label=y_label, title=title, height=3.4, equal=True,
-        x_limits=(low[0], high[0]), y_limits=(low[1], high[1]),
-    )  # fmt: skip
+        lines,
+        x_label="forward of the leader [m]",
+        y_label=y_label,
+        title=title,
+        height=3.4,
+        equal=True,
+        x_limits=(low[0], high[0]),
+        y_limits=(low[1], high[1]),
+    )
 
 
 def message_hull(message: Message) -> Panel:
-    """The hull's axis from the side, with rays: where stern and bow are, and where the follower assumes them."""
+    """The hull's axis from the side, with rays: where stern and bow are, and where the follower
+    assumes them.
+    """
     lines = []
-    for sites, colour, dash in ((message.assumed, LEVEL_COLOUR, "--"), (message.transmitters, REAL_COLOUR, "-")):
+    for sites, colour, dash in (
+        (message.assumed, LEVEL_COLOUR, "--"),
+        (message.transmitters, REAL_COLOUR, "-"),
+    ):
         lines.append(_path(sites[:, [0, 2]], colour, dash))
         for name, site in zip(("stern", "bow"), sites, strict=True):
             side = f"{'top' if site[2] > 0 else 'bottom'} {'right' if site[0] > 0 else 'left'}"
             text = f"{name} {100 * site[2]:+.0f} cm" if colour is REAL_COLOUR else ""
             lines.append(_path(np.stack([site, message.hydrophone])[:, [0, 2]], colour, dash))
             lines.append(_path(site[None, [0, 2]], colour, marker="o", text=text, side=side))
-    return _scene(lines, np.array([-2.1, -0.9]), np.array([2.1, 0.9]), "up [m]", "Bow and stern from the side")
+    return _scene(
+        lines, np.array([-2.1, -0.9]), np.array([2.1, 0.9]), "up [m]", "Bow and stern from the side"
+    )
 
 
 def message_top(message: Message) -> Panel:
@@ -131,17 +174,26 @@ def message_top(message: Message) -> Panel:
     lines = [_path(centre + radius * circle, REAL_COLOUR) for centre, radius in drawn]
     lines += [_path(reach * circle, INK, ":"), _path(message.assumed[:, :2], INK)]
     # labels away from each other, across the ray
-    sides = ("middle left", "middle right") if fix[0] < truth[0] else ("middle right", "middle left")
+    sides = (
+        ("middle left", "middle right") if fix[0] < truth[0] else ("middle right", "middle left")
+    )
     for text, at, side, colour, mark in (
-        (f"fix, {error:.2f} m off", fix, sides[0], REAL_COLOUR, "X"), ("truth", truth, sides[1], LEVEL_COLOUR, "s"),
-    ):  # fmt: skip
+        (f"fix, {error:.2f} m off", fix, sides[0], REAL_COLOUR, "X"),
+        ("truth", truth, sides[1], LEVEL_COLOUR, "s"),
+    ):
         lines += [
             _path(np.stack([np.zeros(2), at]), colour, "--"),
             _path(at[None], colour, "", mark, text=text, side=side),
         ]
     points = np.array([truth, fix, (-1.5, 0.0), (1.5, 0.0)])
     pad = reach * np.array([0.3, 0.12])
-    return _scene(lines, points.min(axis=0) - pad, points.max(axis=0) + pad, "port [m]", "From above, to scale")
+    return _scene(
+        lines,
+        points.min(axis=0) - pad,
+        points.max(axis=0) + pad,
+        "port [m]",
+        "From above, to scale",
+    )
 
 
 def around_leader(chart: Chart, depth_offset: float) -> Panel:
@@ -156,20 +208,36 @@ def around_leader(chart: Chart, depth_offset: float) -> Panel:
     band = np.interp(closed, [*ERROR_LEVELS_M, 1e3], np.arange(len(ERROR_LEVELS_M) + 1))
     last = len(ERROR_LEVELS_M) - 1
     contours = {
-        "type": "contour", "x": numbers(around), "y": numbers(range_m), "z": [numbers(row) for row in band],
+        "type": "contour",
+        "x": numbers(around),
+        "y": numbers(range_m),
+        "z": [numbers(row) for row in band],
         "customdata": [numbers(row) for row in closed],
         "hovertemplate": "%{x}°, %{y} m: %{customdata:.2f} m<extra></extra>",
-        "contours": {"start": 1, "end": last, "size": 1, "showlines": False}, "line": {"width": 0},
+        "contours": {"start": 1, "end": last, "size": 1, "showlines": False},
+        "line": {"width": 0},
         "colorscale": [[i / last, colour] for i, colour in enumerate(ERROR_COLOURS)],
-        "colorbar": {"title": {"text": "[m]"}, "thickness": 10, "tickvals": [*range(1, last + 1)],
-                     "ticktext": [f"{level:g}" for level in ERROR_LEVELS_M[1:]]},
-    }  # fmt: skip
+        "colorbar": {
+            "title": {"text": "[m]"},
+            "thickness": 10,
+            "tickvals": [*range(1, last + 1)],
+            "ticktext": [f"{level:g}" for level in ERROR_LEVELS_M[1:]],
+        },
+    }
     return panel(
-        [], x_label="bearing B of the follower [°]", y_label="range [m]", width=FULL / 2, height=3.4,
+        [],
+        x_label="bearing B of the follower [°]",
+        y_label="range [m]",
+        width=FULL / 2,
+        height=3.4,
         title=f"LAISN-2, pitch 5°, follower {depth_offset:g} m below",
-        traces=[contours], x_limits=(0.0, 360.0), x_ticks=range(0, 361, 45), y_log=True, y_ticks=(5, 10, 20, 50, 100),
+        traces=[contours],
+        x_limits=(0.0, 360.0),
+        x_ticks=range(0, 361, 45),
+        y_log=True,
+        y_ticks=(5, 10, 20, 50, 100),
         y_limits=(float(range_m[0]), float(range_m[-1])),
-    )  # fmt: skip
+    )
 
 
 def chosen(chart: Chart, **fixed: float) -> Bools:
@@ -178,29 +246,53 @@ def chosen(chart: Chart, **fixed: float) -> Bools:
 
 
 def excess_over_lever(missions: Missions) -> Panel:
-    """What pitch adds to the mean error of missions over Δz sin φ, both root mean square, and the line of equality."""
+    """What pitch adds to the mean error of missions over Δz sin φ, both root mean square, and
+    the line of equality.
+    """
     top = max(m.lever for m in missions)
     equal = np.array([0.005, 1.1 * top])
     lines = [Line(x=equal, y=equal, colour=MUTED, dash="--")]
     for cause, colour in CAUSE_COLOURS.items():
         here = select(missions, cause=cause)
         points = np.array([(m.lever, max(m.added, 1e-3)) for m in here]).reshape(-1, 2)
-        lines.append(Line(x=points[:, 0], y=points[:, 1], colour=colour, marker="o", size=4.0, name=CAUSES[cause]))
+        lines.append(
+            Line(
+                x=points[:, 0],
+                y=points[:, 1],
+                colour=colour,
+                marker="o",
+                size=4.0,
+                name=CAUSES[cause],
+            )
+        )
     return panel(
-        lines, x_label="Δz sin φ of the mission, rms [m]", y_label="added to mean E_P [m]",
-        title="All missions, LAISN-2", height=2.8, x_log=True, y_log=True, x_limits=(0.005, 1.2 * top),
+        lines,
+        x_label="Δz sin φ of the mission, rms [m]",
+        y_label="added to mean E_P [m]",
+        title="All missions, LAISN-2",
+        height=2.8,
+        x_log=True,
+        y_log=True,
+        x_limits=(0.005, 1.2 * top),
         y_limits=(9e-4, None),
-    )  # fmt: skip
+    )
 
 
 def over_offset(missions: Missions) -> list[Panel]:
-    """Mean position error of the median mission over the depth offset, by leader and with an AHRS, for each cause."""
+    """Mean position error of the median mission over the depth offset, by leader and with an
+    AHRS, for each cause.
+    """
     drawn: dict[str, list[Line]] = {}
     for cause, title in CAUSES.items():
         here = select(missions, cause=cause)
         offsets = sorted({m.real["depth_offset_m"] for m in here})
-        for arm, (colour, name), dash in zip((LEVEL, REAL, AHRS), LEGEND, ("-", "-", "--"), strict=True):
-            error = [np.median([m.arms[arm]["e_p_mean_m"] for m in select(here, depth_offset_m=o)]) for o in offsets]
+        for arm, (colour, name), dash in zip(
+            (LEVEL, REAL, AHRS), LEGEND, ("-", "-", "--"), strict=True
+        ):
+            error = [
+                np.median([m.arms[arm]["e_p_mean_m"] for m in select(here, depth_offset_m=o)])
+                for o in offsets
+            ]
             line = Line(x=np.array(offsets), y=np.array(error), colour=colour, width=1.4, dash=dash)
             drawn.setdefault(title, []).extend((line, replace(line, marker="o", name=name)))
     top = 1.05 * max(float(line.y.max()) for lines in drawn.values() for line in lines)
@@ -219,7 +311,9 @@ _AWARE_COLOUR = (0.30, 1.0, 0.60)
 
 @dataclass(frozen=True, kw_only=True)
 class Example:
-    """A flight with the paper's acoustics, and the range errors of the same motion with every cause at work."""
+    """A flight with the paper's acoustics, and the range errors of the same motion with every
+    cause at work.
+    """
 
     title: str  # of the condition
     command: str
@@ -231,23 +325,37 @@ class Example:
 
 def fly_example(plan: Plan) -> Example:
     """Simulate the example of a plan of the study, and take its range errors apart."""
-    points = [i for i, p in enumerate(plan.points) if (p["case"], p["offset_m"]) == (EXAMPLE, OFFSET_M)]
+    points = [
+        i for i, p in enumerate(plan.points) if (p["case"], p["offset_m"]) == (EXAMPLE, OFFSET_M)
+    ]
     settings = plan.by_place[points[0], f"{REAL} laisn-2", 0].settings_at(0)
-    changes: tuple[Mapping[str, Any], ...] = ({}, EVERYTHING, plan.study.arm(f"{AHRS} laisn-2").settings)
-    one, everything, aware = (validate(assigned(table_of(ROUTE), {**settings, **more}), EXAMPLE) for more in changes)
+    changes: tuple[Mapping[str, Any], ...] = (
+        {},
+        EVERYTHING,
+        plan.study.arm(f"{AHRS} laisn-2").settings,
+    )
+    one, everything, aware = (
+        validate(assigned(table_of(ROUTE), {**settings, **more}), EXAMPLE) for more in changes
+    )
     trajectory = simulate_motion(one)
     flight = navigate(one, trajectory)
     away = trajectory.position[:, 1, :2] - trajectory.position[:, 0, :2]
     pings = flight.measurements[0].message_step * flight.stride
     step = int(pings[np.argmax(np.abs(trajectory.pitch[pings, 0]) / np.hypot(*away[pings].T))])
     return Example(
-        title=plan.study.title("case", EXAMPLE), command=fly_line(ROUTE, settings, 0), flight=flight, aware=aware,
-        budget=range_error_budget(navigate(everything, trajectory)), step=step,
-    )  # fmt: skip
+        title=plan.study.title("case", EXAMPLE),
+        command=fly_line(ROUTE, settings, 0),
+        flight=flight,
+        aware=aware,
+        budget=range_error_budget(navigate(everything, trajectory)),
+        step=step,
+    )
 
 
 def pitch_errors(flight: Flight) -> Floats:
-    """What pitch and roll of the leader alone add to the horizontal ranges of each message, shape (m, 3), [m]."""
+    """What pitch and roll of the leader alone add to the horizontal ranges of each message,
+    shape (m, 3), [m].
+    """
     budget = range_error_budget(flight)
     received = flight.measurements[0].message_step
     errors = np.full((received.size, 3), np.nan)
@@ -257,7 +365,9 @@ def pitch_errors(flight: Flight) -> Floats:
 
 
 def scene(example: Example) -> tuple[Flight, Annotations]:
-    """What the film shows: the stretch about the message of the example, and an estimate by the broadcast pitch."""
+    """What the film shows: the stretch about the message of the example, and an estimate by the
+    broadcast pitch.
+    """
     level = example.flight
     time = example.flight.trajectory.time
     # truth and all other noise are the same: random numbers belong to their sensor
@@ -268,20 +378,32 @@ def scene(example: Example) -> tuple[Flight, Annotations]:
     shown = excerpt(level, start, end)
     shown = replace(shown, scenario=level.scenario.model_copy(update={"name": EXAMPLE}))
     received = time[level.measurements[0].message_step * level.stride]
-    errors = pitch_errors(level)[(received > shown.trajectory.time[0]) & (received <= shown.trajectory.time[-1])]
+    errors = pitch_errors(level)[
+        (received > shown.trajectory.time[0]) & (received <= shown.trajectory.time[-1])
+    ]
     largest = float(np.nanmax(np.abs(errors), initial=1e-3))
     digit = 10.0 ** np.floor(np.log10(largest))
     position = excerpt(aware, start, end).estimates[0].state[:, :2]
     return shown, Annotations(
         caption=f"The leader pitches: estimates of a follower {OFFSET_M:g} m below",
         label="level leader assumed",
-        others=(OtherEstimate(label="leader's pitch broadcast", colour=_AWARE_COLOUR, position=position),),
-        rays=RayErrors(label="range error from pitch", value=errors, limit=float(np.ceil(largest / digit) * digit)),
+        others=(
+            OtherEstimate(
+                label="leader's pitch broadcast", colour=_AWARE_COLOUR, position=position
+            ),
+        ),
+        rays=RayErrors(
+            label="range error from pitch",
+            value=errors,
+            limit=float(np.ceil(largest / digit) * digit),
+        ),
     )
 
 
 def film(values: Mapping[str, Any], folder: Path, video: Video = VIDEO) -> Path:
-    """Render the film of the example among the page's values as `film.mp4`; RendererDiedError if that fails."""
+    """Render the film of the example among the page's values as `film.mp4`; RendererDiedError if
+    that fails.
+    """
     flight, added = scene(values["example"])
     path = folder / "film.mp4"
     render(Job(flight=flight, video=video, annotations=added), path)
@@ -294,7 +416,9 @@ def of_message(example: Example) -> dict[str, Any]:
     message = Message.of(example.flight.trajectory, example.step)
     first = budget.time <= 200.0
     shares = {cause: budget.asymmetry[first, cause] for cause in _SHOWN}
-    difference = asymmetry_over_time(budget.time[first], shares, "Difference of the bow's and stern's range errors")
+    difference = asymmetry_over_time(
+        budget.time[first], shares, "Difference of the bow's and stern's range errors"
+    )
     drawn = message_hull(message), message_top(message)
     return {
         "geometry": Figures(panels=drawn, legend=LEGEND[:2]),
@@ -324,22 +448,32 @@ def of_map(chart: fix_map.Chart) -> dict[str, Any]:
 
 
 def against(finding: Finding | Interval, aim: float) -> Cell:
-    """A share with its interval, green if the whole of it is beyond its aim, red if it is short of it."""
+    """A share with its interval, green if the whole of it is beyond its aim, red if it is short
+    of it.
+    """
     found = of(finding, "") if isinstance(finding, Interval) else finding
     tone = "yes" if found.low is not None and found.low >= aim else ""
-    return replace(share_of(found), tone="no" if found.high is not None and found.high < aim else tone)
+    return replace(
+        share_of(found), tone="no" if found.high is not None and found.high < aim else tone
+    )
 
 
 def of_missions(
-    missions: Missions, curves: Sequence[Curve], titles: Mapping[str, str], looks: Sequence[int] = findings.LOOKS
+    missions: Missions,
+    curves: Sequence[Curve],
+    titles: Mapping[str, str],
+    looks: Sequence[int] = findings.LOOKS,
 ) -> dict[str, Any]:
-    """Values and functions of the page on missions: what pitch adds, and what remains of it with each remedy.
+    """Values and functions of the page on missions: what pitch adds, and what remains of it with
+    each remedy.
 
     `titles` are the words for conditions and arms by their names.
     """
     two = select(missions, variant="laisn-2")
     judged = select(two, judged=True)
-    paired_verdicts = [m.judge("error", findings.READINGS, looks, findings.LEVEL_BROADCAST).verdict for m in judged]
+    paired_verdicts = [
+        m.judge("error", findings.READINGS, looks, findings.LEVEL_BROADCAST).verdict for m in judged
+    ]
     return {
         "offsets": Figures(panels=over_offset(two), legend=LEGEND),
         "worst": max(judged, key=lambda m: m.added, default=None),
@@ -377,9 +511,13 @@ def values(found: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
         chart = fix_map.measure_map(MAP, NavigationSettings(side_rule="predicted"))
     of_runs = findings.OF_RUNS.values()
     tables = {
-        "missions": columns_of([{name: row[name] for name in row if name not in of_runs} for row in rows]),
+        "missions": columns_of(
+            [{name: row[name] for name in row if name not in of_runs} for row in rows]
+        ),
         "equivalents": columns_of([asdict(curve) for curve in curves]),
         "map": {name: column.astype(np.float32) for name, column in chart.items()},
     }
-    shown = of_message(fly_example(plan)) | of_map(chart) | of_missions(paired(rows), curves, titles)
+    shown = (
+        of_message(fly_example(plan)) | of_map(chart) | of_missions(paired(rows), curves, titles)
+    )
     return shown | {"tables": tables}

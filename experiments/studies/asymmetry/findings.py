@@ -1,10 +1,12 @@
-"""What the pitch study found: arms compared run by run, verdicts on remedies, and its record, `results.json`.
+"""What the pitch study found: arms compared run by run, verdicts on remedies, and its record,
+`results.json`.
 
-Errors and mirror locks are judged separately. For either, let r_i be the outcome of run i behind the real leader, l_i
-behind the level one, a_i with the remedy and b_i behind a level leader with the same equipment, or simply l_i: its mean
-error, or 1 if it is locked on the mirror image and 0 if not. A remedy meets its aim if it removes the share q of what
-pitch adds: mean(d) ≤ 0 with the paired differences d_i = (a_i − b_i) − (1 − q)(r_i − l_i); of errors, in runs that no
-arm of the comparison has locked. Met: the whole interval of mean(d) is at or below zero; missed: wholly above.
+Errors and mirror locks are judged separately. For either, let r_i be the outcome of run i behind
+the real leader, l_i behind the level one, a_i with the remedy and b_i behind a level leader with
+the same equipment, or simply l_i: its mean error, or 1 if it is locked on the mirror image and 0 if
+not. A remedy meets its aim if it removes the share q of what pitch adds: mean(d) ≤ 0 with the
+paired differences d_i = (a_i − b_i) − (1 − q)(r_i − l_i); of errors, in runs that no arm of the
+comparison has locked. Met: the whole interval of mean(d) is at or below zero; missed: wholly above.
 """
 
 import math
@@ -37,24 +39,37 @@ INFLATED = "expected"
 REMEDIES = (*BROADCASTS, ROUGH, CONSTANT, INFLATED)
 ARMS = (LEVEL, REAL, LEVEL_BROADCAST, *REMEDIES)
 """Arms without their variants; a remedy is held against the level leader."""
-WANTED = dict.fromkeys(REMEDIES, 0.9) | {EXACT: 0.99}  # share of the pitch-driven error that a remedy should remove
+# share of the pitch-driven error that a remedy should remove
+WANTED = dict.fromkeys(REMEDIES, 0.9) | {EXACT: 0.99}
 LOOKS = (64, 192, 512, 1280, 5120)
-"""Numbers of runs after which verdicts are computed: of every cell, then of those whose verdict is open."""
+"""Numbers of runs after which verdicts are computed: of every cell, then of those whose verdict
+is open.
+"""
 WRONG = 0.025
-"""Chance, at most, that a remedy which just misses its aim is called met, and the same the other way round."""
+"""Chance, at most, that a remedy which just misses its aim is called met, and the same the other
+way round.
+"""
 _OF_ERRORS = 0.015
 _OF_LOCKS = 0.01
-"""Confidence of the limits: limits over 64 skewed runs may be crossed half as often again, and those
-of rare mirror locks twice as often and more."""
+"""Confidence of the limits: limits over 64 skewed runs may be crossed half as often again, and
+those of rare mirror locks twice as often and more."""
 _REACH = 0.5
-"""Standard errors by which the mean of d may yet move in the estimate of how many runs would settle a question."""
+"""Standard errors by which the mean of d may yet move in the estimate of how many runs would
+settle a question.
+"""
 JUDGED_FROM_M = 0.1
-"""Remedies are judged on missions in which pitch moves a noiseless fix by this much or more in the mean."""
+"""Remedies are judged on missions in which pitch moves a noiseless fix by this much or more in
+the mean.
+"""
 LOCKS_WANTED = 0.9
-"""Share of the mirror locks that pitch adds which any remedy should remove: 99 % would take thousands of runs."""
+"""Share of the mirror locks that pitch adds which any remedy should remove: 99 % would take
+thousands of runs.
+"""
 Question = Literal["error", "mirror_lock"]
 OF_RUNS: Mapping[Question, str] = {"error": "e_p_run_mean_m", "mirror_lock": "mirror_locked_run"}
-"""What a remedy is judged by, and columns of a row with a value for each run: mean E_P [m], and mirror lock."""
+"""What a remedy is judged by, and columns of a row with a value for each run: mean E_P [m], and
+mirror lock.
+"""
 QUESTIONS = tuple(OF_RUNS)
 JUDGEMENTS = (*((arm, LEVEL) for arm in REMEDIES), (READINGS, LEVEL_BROADCAST))
 
@@ -73,16 +88,21 @@ class Judgement(NamedTuple):
 
     verdict: Verdict
     runs: int  # number of runs after which it fell, or on which the question is still open
-    promising: bool = False  # open, but settled by more runs, up to the last look, if the mean stayed about as it is
-    needed: float = math.nan  # runs that would settle an open question, if mean and scatter stayed as they are
+    # open, but settled by more runs, up to the last look, if the mean stayed about as it is
+    promising: bool = False
+    # runs that would settle an open question, if mean and scatter stayed as they are
+    needed: float = math.nan
 
 
-def judge(part: Floats, left: Floats, wanted: float, looks: Sequence[int], free: Bools | None = None) -> Judgement:
-    """Judge after each look until the question is settled; each look has its part of the chance of a wrong verdict.
+def judge(
+    part: Floats, left: Floats, wanted: float, looks: Sequence[int], free: Bools | None = None
+) -> Judgement:
+    """Judge after each look until the question is settled; each look has its part of the chance of
+    a wrong verdict.
 
-    `part` is what pitch adds to each run without the remedy, r − l, `left` what it adds with it, a − b, both of shape
-    (R,): errors [m], or mirror locks (−1, 0, 1). The remedy should remove the share `wanted`. `free` are the runs that
-    count, of errors; None: mirror locks, of which all do.
+    `part` is what pitch adds to each run without the remedy, r − l, `left` what it adds with it, a
+    − b, both of shape (R,): errors [m], or mirror locks (−1, 0, 1). The remedy should remove the
+    share `wanted`. `free` are the runs that count, of errors; None: mirror locks, of which all do.
     """
 
     def interval(values: Floats, runs: int, confidence: float) -> Interval:
@@ -106,8 +126,11 @@ def judge(part: Floats, left: Floats, wanted: float, looks: Sequence[int], free:
         met = rest.value - slack * down + still * up <= 0.0
         missed = rest.value + slack * up - still * down > 0.0
         promising = runs < looks[-1] and (met or missed)
-        # an interval of many runs is symmetric about the mean, and shrinks with the square root of their number
-        needed = runs * ((rest.high - rest.low) / (2.0 * rest.value)) ** 2 if rest.value else math.inf
+        # an interval of many runs is symmetric about the mean, and shrinks with the square root of
+        # their number
+        needed = (
+            runs * ((rest.high - rest.low) / (2.0 * rest.value)) ** 2 if rest.value else math.inf
+        )
         judgement = Judgement(Verdict.OPEN, runs, promising, needed)
     return judgement
 
@@ -136,26 +159,43 @@ class ComparedMission:
     @property
     def lever(self) -> float:
         """Δz sin φ, both root mean square [m]."""
-        return float(self.real["depth_offset_rms_m"] * np.sin(np.deg2rad(self.real["leader_pitch_rms_deg"])))
+        return float(
+            self.real["depth_offset_rms_m"] * np.sin(np.deg2rad(self.real["leader_pitch_rms_deg"]))
+        )
 
     def first_runs(self, arm: str, question: Question = "error") -> Floats:
         """Mean error [m], or 1 if locked, of each of the first runs, shape (R,)."""
         return np.array(self.arms[arm][OF_RUNS[question]][: self.real["runs"]], dtype=np.float64)
 
-    def compared(self, question: Question, arm: str, base: str = LEVEL) -> tuple[Floats, Floats, Bools]:
-        """What pitch adds to each run, what a remedy leaves of it, and the runs that no arm of the comparison locks."""
+    def compared(
+        self, question: Question, arm: str, base: str = LEVEL
+    ) -> tuple[Floats, Floats, Bools]:
+        """What pitch adds to each run, what a remedy leaves of it, and the runs that no arm of
+        the comparison locks.
+        """
         rows = [self.arms[key] for key in (REAL, LEVEL, arm, base)]
         runs = min(len(row[OF_RUNS[question]]) for row in rows)
         locked, (real, level, remedy, other) = (
-            np.array([row[OF_RUNS[of]][:runs] for row in rows], dtype=np.float64) for of in ("mirror_lock", question)
+            np.array([row[OF_RUNS[of]][:runs] for row in rows], dtype=np.float64)
+            for of in ("mirror_lock", question)
         )
         return real - level, remedy - other, np.logical_not(locked.any(axis=0))
 
-    def judge(self, question: Question, arm: str, looks: Sequence[int], base: str = LEVEL) -> Judgement:
-        """Whether a remedy removes the share that it should of the errors, or of the mirror locks, that pitch adds."""
+    def judge(
+        self, question: Question, arm: str, looks: Sequence[int], base: str = LEVEL
+    ) -> Judgement:
+        """Whether a remedy removes the share that it should of the errors, or of the mirror
+        locks, that pitch adds.
+        """
         part, left, free = self.compared(question, arm, base)
         of_errors = question == "error"
-        return judge(part, left, WANTED[arm] if of_errors else LOCKS_WANTED, looks, free if of_errors else None)
+        return judge(
+            part,
+            left,
+            WANTED[arm] if of_errors else LOCKS_WANTED,
+            looks,
+            free if of_errors else None,
+        )
 
 
 Missions = Sequence[ComparedMission]
@@ -175,15 +215,26 @@ def rows_of(outcomes: Outcomes) -> list[Record]:
     rows = []
     for row, (_, lists) in zip(outcomes.rows, outcomes.runs, strict=True):
         arm, _, variant = row["arm"].rpartition(" ")
-        where = {"condition": row["case"], "cause": row["case"].partition("-")[0], "route": row["scenario"],
-                 "depth_offset_m": row["offset_m"], "variant": variant, "arm": arm}  # fmt: skip
-        of_runs = {OF_RUNS["error"]: lists["e_p_mean_m"], OF_RUNS["mirror_lock"]: lists["mirror_locked"]}
+        where = {
+            "condition": row["case"],
+            "cause": row["case"].partition("-")[0],
+            "route": row["scenario"],
+            "depth_offset_m": row["offset_m"],
+            "variant": variant,
+            "arm": arm,
+        }
+        of_runs = {
+            OF_RUNS["error"]: lists["e_p_mean_m"],
+            OF_RUNS["mirror_lock"]: lists["mirror_locked"],
+        }
         rows.append(row | where | of_runs)
     return rows
 
 
 def undecided(mission: ComparedMission, looks: Sequence[int], flown: int) -> list[str]:
-    """Arms to fly on to settle what is open on a mission in all its arms; `flown` runs were flown of them so far."""
+    """Arms to fly on to settle what is open on a mission in all its arms; `flown` runs were
+    flown of them so far.
+    """
     wanted: set[str] = set()
     for arm, base in JUDGEMENTS if mission.judged else ():
         if {arm, base} <= mission.arms.keys():
@@ -194,8 +245,12 @@ def undecided(mission: ComparedMission, looks: Sequence[int], flown: int) -> lis
     return [key for key in mission.arms if key in wanted]
 
 
-def further_runs(outcomes: Mapping[str, Outcomes], looks: Sequence[int] = LOOKS) -> dict[str, Choice]:
-    """Runs up to the next look of arms whose verdict is open, unless even the last would hardly settle it."""
+def further_runs(
+    outcomes: Mapping[str, Outcomes], looks: Sequence[int] = LOOKS
+) -> dict[str, Choice]:
+    """Runs up to the next look of arms whose verdict is open, unless even the last would hardly
+    settle it.
+    """
     wanted: dict[tuple[int, str, int], int] = {}
     for mission in paired(rows_of(outcomes["missions"])):
         flown = max(len(row[OF_RUNS["error"]]) for row in mission.arms.values())
@@ -207,20 +262,33 @@ def further_runs(outcomes: Mapping[str, Outcomes], looks: Sequence[int] = LOOKS)
 
 
 def with_verdicts(mission: ComparedMission, looks: Sequence[int]) -> list[Record]:
-    """The rows of a mission with verdicts on errors and mirror locks: of remedies, if they are judged on it."""
+    """The rows of a mission with verdicts on errors and mirror locks: of remedies, if they are
+    judged on it.
+    """
 
     def verdict(question: Question, arm: str) -> str:
-        return str(mission.judge(question, arm, looks).verdict) if mission.judged and arm in REMEDIES else ""
+        return (
+            str(mission.judge(question, arm, looks).verdict)
+            if mission.judged and arm in REMEDIES
+            else ""
+        )
 
-    return [row | {f"{q}_verdict": verdict(q, arm) for q in QUESTIONS} for arm, row in mission.arms.items()]
+    return [
+        row | {f"{q}_verdict": verdict(q, arm) for q in QUESTIONS}
+        for arm, row in mission.arms.items()
+    ]
 
 
 def select(missions: Missions, *, judged: bool = False, **wanted: object) -> list[ComparedMission]:
-    """Missions whose columns have these values, None being any; `judged`: only those on which remedies are judged."""
+    """Missions whose columns have these values, None being any; `judged`: only those on which
+    remedies are judged.
+    """
     return [
-        m for m in missions
-        if m.judged >= judged and all(value is None or m.real[name] == value for name, value in wanted.items())
-    ]  # fmt: skip
+        m
+        for m in missions
+        if m.judged >= judged
+        and all(value is None or m.real[name] == value for name, value in wanted.items())
+    ]
 
 
 def mean_error(missions: Missions, arm: str) -> Interval:
@@ -228,7 +296,9 @@ def mean_error(missions: Missions, arm: str) -> Interval:
     return intervals.mean_over_missions([m.first_runs(arm) for m in missions])
 
 
-def added(missions: Missions, arm: str, base: str = LEVEL, question: Question = "error") -> list[Floats]:
+def added(
+    missions: Missions, arm: str, base: str = LEVEL, question: Question = "error"
+) -> list[Floats]:
     """What an arm adds to another, run by run and mission by mission, locked runs included."""
     return [m.first_runs(arm, question) - m.first_runs(base, question) for m in missions]
 
@@ -247,7 +317,9 @@ def locks_added(missions: Missions) -> Interval:
 def removed_in_all(
     missions: Missions, arm: str, question: Question = "error", confidence: float = CONFIDENCE
 ) -> Interval:
-    """Share that a remedy removes of what pitch adds to missions, added up: to errors, or to mirror locks."""
+    """Share that a remedy removes of what pitch adds to missions, added up: to errors, or to
+    mirror locks.
+    """
     part = added(missions, REAL, question=question)
     left = added(missions, arm, question=question)
     return intervals.share_removed(list(zip(part, left, strict=True)), confidence)
@@ -265,7 +337,8 @@ class Curve:
     depth_offset_m: float | None
     value: Sequence[float]  # τ_rear [m], or pitch [°]
     e_p_mean_m: Sequence[float]
-    excess_half_m: Sequence[float]  # half of the 95 % interval, over runs, of the excess at each value [m]
+    # half of the 95 % interval, over runs, of the excess at each value [m]
+    excess_half_m: Sequence[float]
 
     @property
     def excess(self) -> Floats:
@@ -274,16 +347,24 @@ class Curve:
 
     def excess_at(self, value: float) -> Interval:
         """The excess at one of the values that were flown, with its interval [m]."""
-        excess, half = (float(each[self.value.index(value)]) for each in (self.excess, self.excess_half_m))
+        excess, half = (
+            float(each[self.value.index(value)]) for each in (self.excess, self.excess_half_m)
+        )
         return Interval(excess, excess - half, excess + half)
 
     def equivalent(self, excess: float) -> float:
-        """Size of the value at which the curve has that excess; NaN below zero and beyond the curve's end.
+        """Size of the value at which the curve has that excess; NaN below zero and beyond the
+        curve's end.
 
-        Between the flown values the excess counts as linear; where noise makes a curve dip, its largest value so far.
+        Between the flown values the excess counts as linear; where noise makes a curve dip, its
+        largest value so far.
         """
         grown = np.maximum.accumulate(self.excess)
-        return float(np.interp(excess, grown, np.abs(self.value))) if 0.0 <= excess <= grown[-1] else math.nan
+        return (
+            float(np.interp(excess, grown, np.abs(self.value)))
+            if 0.0 <= excess <= grown[-1]
+            else math.nan
+        )
 
 
 def _over_tau(curves: Sequence["Curve"], interval_s: float) -> dict[str, "Curve"]:
@@ -291,60 +372,89 @@ def _over_tau(curves: Sequence["Curve"], interval_s: float) -> dict[str, "Curve"
 
 
 def curves_of(outcomes: Outcomes) -> list[Curve]:
-    """The curves of a part over the values that its arms are named by; the noise that arms share drops out."""
+    """The curves of a part over the values that its arms are named by; the noise that arms share
+    drops out.
+    """
     found = []
     every = zip(outcomes.rows, outcomes.runs, strict=True)
-    for (_, interval), flown in groupby(every, key=lambda one: (one[0]["point"], one[0]["arm"].split()[1])):
+    for (_, interval), flown in groupby(
+        every, key=lambda one: (one[0]["point"], one[0]["arm"].split()[1])
+    ):
         rows, runs = zip(*flown, strict=True)
         means = [lists["e_p_mean_m"] for _, lists in runs]
         limits = [intervals.mean_over_missions([mean - means[0]]) for mean in means]
-        values, errors = zip(*((float(row["arm"].split()[0]), row["e_p_mean_m"]) for row in rows), strict=True)
-        found.append(Curve(
-            route=rows[0]["scenario"], interval_s=float(interval), depth_offset_m=rows[0].get("offset_m"), value=values,
-            e_p_mean_m=errors, excess_half_m=tuple(limit.high - limit.value for limit in limits),
-        ))  # fmt: skip
+        values, errors = zip(
+            *((float(row["arm"].split()[0]), row["e_p_mean_m"]) for row in rows), strict=True
+        )
+        found.append(
+            Curve(
+                route=rows[0]["scenario"],
+                interval_s=float(interval),
+                depth_offset_m=rows[0].get("offset_m"),
+                value=values,
+                e_p_mean_m=errors,
+                excess_half_m=tuple(limit.high - limit.value for limit in limits),
+            )
+        )
     return found
 
 
 def equivalents(curves: Sequence[Curve], tau: float, depth_offset: float) -> dict[str, Interval]:
-    """Pitch that raises LAISN-2's mean error as a τ_rear does, and at the limits of its excess, by route, [°].
+    """Pitch that raises LAISN-2's mean error as a τ_rear does, and at the limits of its excess, by
+    route, [°].
 
-    Messages come every 5 s, as in the paper's Stage 4. NaN: there is no excess, or more than at any pitch flown.
+    Messages come every 5 s, as in the paper's Stage 4. NaN: there is no excess, or more than at any
+    pitch flown.
     """
     over_tau = _over_tau(curves, INTERVALS_S[1])
     found = {}
-    for curve in sorted((c for c in curves if c.depth_offset_m == depth_offset), key=lambda c: c.route):
+    for curve in sorted(
+        (c for c in curves if c.depth_offset_m == depth_offset), key=lambda c: c.route
+    ):
         if curve.route in over_tau:
             value, low, high = over_tau[curve.route].excess_at(tau)
-            found[curve.route] = Interval(*(curve.equivalent(e) for e in (value, max(low, 0.0), high)))
+            found[curve.route] = Interval(
+                *(curve.equivalent(e) for e in (value, max(low, 0.0), high))
+            )
     return found
 
 
 def tau_equivalent(missions: Missions, curves: Sequence[Curve]) -> float:
-    """τ_rear that raises the error as pitch does, mean over missions, messages every second [m]; NaN if none does."""
+    """τ_rear that raises the error as pitch does, mean over missions, messages every second [m];
+    NaN if none does.
+    """
     over_tau = _over_tau(curves, INTERVALS_S[0])
     taus = np.array([over_tau[m.real["route"]].equivalent(m.added) for m in missions])
     return float(taus[~np.isnan(taus)].mean()) if (~np.isnan(taus)).any() else math.nan
 
 
-SETTLING_RUNS = 100_000  # open questions are distinguished by whether this number of runs would settle them
+# open questions are distinguished by whether this number of runs would settle them
+SETTLING_RUNS = 100_000
 STAGE_4_TAU_M = (0.03, 0.06)
 
 
 def _errors(missions: Missions) -> dict[str, Finding]:
-    """Mean error over the routes at the largest depth offset, behind the level and the real leader, by condition."""
+    """Mean error over the routes at the largest depth offset, behind the level and the real
+    leader, by condition.
+    """
     found = {}
     offset = max(m.real["depth_offset_m"] for m in missions)
-    for condition, variant in product(dict.fromkeys(m.real["condition"] for m in missions), VARIANTS):
+    for condition, variant in product(
+        dict.fromkeys(m.real["condition"] for m in missions), VARIANTS
+    ):
         chosen = select(missions, condition=condition, depth_offset_m=offset, variant=variant)
         for arm in (LEVEL, REAL) if chosen else ():
             name = f"error {condition} {offset:g} {variant} {arm}"
-            found[name] = of(mean_error(chosen, arm), "mean E_P over the routes, 95 % over runs", "m")
+            found[name] = of(
+                mean_error(chosen, arm), "mean E_P over the routes, 95 % over runs", "m"
+            )
     return found
 
 
 def _on_routes(missions: Missions, cause: str) -> dict[str, Finding]:
-    """The least and the largest share that attitude broadcasts remove on any route, with limits for all together."""
+    """The least and the largest share that attitude broadcasts remove on any route, with limits
+    for all together.
+    """
     found = {}
     routes = dict.fromkeys(m.real["route"] for m in missions)
     together = 1.0 - (1.0 - CONFIDENCE) / (len(routes) * len(CAUSES))
@@ -353,13 +463,18 @@ def _on_routes(missions: Missions, cause: str) -> dict[str, Finding]:
         flown = [chosen for chosen in by_route if chosen and arm in chosen[0].arms]
         shares = [removed_in_all(chosen, arm, confidence=together) for chosen in flown]
         for name, extreme in (("least", min), ("largest", max)) if shares else ():
-            what = f"{name} share removed of what pitch adds on a route, limits that hold for all routes and causes"
+            what = (
+                f"{name} share removed of what pitch adds on a route, limits that hold for all "
+                "routes and causes"
+            )
             found[f"{name} {arm} {cause}"] = of(extreme(shares), what)
     return found
 
 
 def _verdicts(chosen: Missions, arm: str, name: str, looks: Sequence[int]) -> dict[str, Finding]:
-    """Number of missions on which a remedy comes to each verdict, and of those that stay open for long."""
+    """Number of missions on which a remedy comes to each verdict, and of those that stay open
+    for long.
+    """
     found = {}
     for question in QUESTIONS:
         given = [m.arms[arm][f"{question}_verdict"] for m in chosen]
@@ -369,14 +484,18 @@ def _verdicts(chosen: Missions, arm: str, name: str, looks: Sequence[int]) -> di
             found[f"{question} {verdict} {name}"] = plain(given.count(verdict), what)
         undecided = [m for m, verdict in zip(chosen, given, strict=True) if verdict == Verdict.OPEN]
         beyond = sum(m.judge(question, arm, looks).needed > SETTLING_RUNS for m in undecided)
-        what = f"of the open ones, missions that would take more than {SETTLING_RUNS:,} runs to settle"
+        what = (
+            f"of the open ones, missions that would take more than {SETTLING_RUNS:,} runs to settle"
+        )
         found[f"{question} beyond {name}"] = plain(beyond, what)
         harmed = len(given) - given.count(Verdict.NO_HARM)
         found[f"{question} harmed {name}"] = plain(harmed, f"{judged} on which harm is shown")
     return found
 
 
-def _remedies(missions: Missions, variant: str, cause: str | None, looks: Sequence[int]) -> dict[str, Finding]:
+def _remedies(
+    missions: Missions, variant: str, cause: str | None, looks: Sequence[int]
+) -> dict[str, Finding]:
     """What each arm does on the missions of a variant, of one cause or of all."""
     group = f"{variant} {cause or 'all'}"
     everywhere = select(missions, variant=variant, cause=cause)
@@ -385,13 +504,19 @@ def _remedies(missions: Missions, variant: str, cause: str | None, looks: Sequen
     for arm in (a for a in ARMS if everywhere and a in everywhere[0].arms):
         rows = [m.arms[arm] for m in everywhere]
         name = f"{arm} {group}"
-        locked = proportion(sum(row["mirror_locked_runs"] for row in rows), sum(row["runs"] for row in rows))
-        found[f"mirror-locked {name}"] = of(locked, "probability of a mirror lock, missions of any kind")
+        locked = proportion(
+            sum(row["mirror_locked_runs"] for row in rows), sum(row["runs"] for row in rows)
+        )
+        found[f"mirror-locked {name}"] = of(
+            locked, "probability of a mirror lock, missions of any kind"
+        )
         if arm in REMEDIES and chosen:
             what = "share removed of what pitch adds to errors, judged missions, 95 %"
             found[f"removed {name}"] = of(removed_in_all(chosen, arm), what)
             what = "share removed of the mirror locks that pitch adds, 95 %"
-            found[f"mirror-locks-removed {name}"] = of(removed_in_all(everywhere, arm, "mirror_lock"), what)
+            found[f"mirror-locks-removed {name}"] = of(
+                removed_in_all(everywhere, arm, "mirror_lock"), what
+            )
             found |= _verdicts(chosen, arm, name, looks)
     return found
 
@@ -400,11 +525,15 @@ def _stage_4(curves: Sequence[Curve], offsets: Sequence[float]) -> dict[str, Fin
     """Pitch that raises the mean error as the paper's τ does, over the routes."""
     found = {}
     for tau, offset in product(STAGE_4_TAU_M, offsets):
-        pitch = [v.value for v in equivalents(curves, tau, offset).values() if not math.isnan(v.value)]
+        pitch = [
+            v.value for v in equivalents(curves, tau, offset).values() if not math.isnan(v.value)
+        ]
         if pitch:
             value, low, high = (round(float(f(pitch)), 2) for f in (np.median, min, max))
             what = "pitch that does what τ_rear does: median, least and largest of the routes"
-            found[f"stage-4 {tau:g} {offset:g}"] = Finding(value=value, low=low, high=high, unit="°", what=what)
+            found[f"stage-4 {tau:g} {offset:g}"] = Finding(
+                value=value, low=low, high=high, unit="°", what=what
+            )
     return found
 
 
@@ -414,7 +543,9 @@ def findings_of_rows(
     """All findings, from rows with verdicts and curves."""
     missions = paired(rows)
     found = {
-        "missions": plain(len({(r["condition"], r["route"], r["depth_offset_m"]) for r in rows}), "missions flown"),
+        "missions": plain(
+            len({(r["condition"], r["route"], r["depth_offset_m"]) for r in rows}), "missions flown"
+        ),
         "cells": plain(len(rows), "missions, arms and variants"),
         "first-runs": plain(looks[0], "runs of every cell"),
         "most-runs": plain(looks[-1], "runs of cells whose verdict was open"),
@@ -430,7 +561,11 @@ def findings_of_rows(
 
 def judged_rows(outcomes: Mapping[str, Outcomes]) -> list[Record]:
     """Rows of all missions, with verdicts."""
-    return [row for mission in paired(rows_of(outcomes["missions"])) for row in with_verdicts(mission, LOOKS)]
+    return [
+        row
+        for mission in paired(rows_of(outcomes["missions"]))
+        for row in with_verdicts(mission, LOOKS)
+    ]
 
 
 def all_curves(outcomes: Mapping[str, Outcomes]) -> list[Curve]:

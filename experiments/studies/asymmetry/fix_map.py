@@ -1,7 +1,9 @@
-"""What a pitch of the leader does to one noiseless fix, over pitch, depth offset, range and bearing.
+"""What a pitch of the leader does to one noiseless fix, over pitch, depth offset, range and
+bearing.
 
-Every point is one message to a follower whose fix decides, computed by the campaign engine; and the closed form of
-LAISN-2 (docs/asymmetry.md) with range D, bearing B, the follower Δz deeper and a leader pitched up by φ,
+Every point is one message to a follower whose fix decides, computed by the campaign engine; and the
+closed form of LAISN-2 (docs/asymmetry.md) with range D, bearing B, the follower Δz deeper and a
+leader pitched up by φ,
 
     cos B̂ = cos B cos φ − (Δz / D) sin φ,   error = 2 D sin(|B̂ − B| / 2) ≈ Δz sin φ / |sin B|.
 """
@@ -28,16 +30,19 @@ MAP: Grid = {
     "range_m": (5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0),
     "bearing_deg": range(0, 360, 5),
 }  # fmt: skip
-"""Pitch of the leader, nose up; depth of the follower below it, horizontal distance, and bearing off the bow."""
+"""Pitch of the leader, nose up; depth of the follower below it, horizontal distance, and bearing
+off the bow.
+"""
 _PREDICTION_SIGMA_M = 1000.0  # far above every σp, so that the fix decides
 _DEEPEST_M = 50.0
 
 
 def slant_ranges(points: Floats, hull: tuple[float, float]) -> Floats:
-    """True slant ranges to the transmitters of a leader at the origin that heads north, shape (n, 3), [m].
+    """True slant ranges to the transmitters of a leader at the origin that heads north, shape (n,
+    3), [m].
 
-    `points`: pitch [rad], depth offset [m], range [m], bearing [rad], shape (n, 4); `hull`: baseline, middle offset
-    [m].
+    `points`: pitch [rad], depth offset [m], range [m], bearing [rad], shape (n, 4); `hull`:
+    baseline, middle offset [m].
     """
     pitch, depth_offset, reach, bearing = points.T
     zero = np.zeros_like(pitch)
@@ -46,7 +51,9 @@ def slant_ranges(points: Floats, hull: tuple[float, float]) -> Floats:
     front = np.stack([zero, half * np.cos(pitch), -half * np.sin(pitch)], axis=1)
     middle = np.stack([zero - hull[1], zero, zero], axis=1)
     follower = np.stack([reach * np.sin(bearing), reach * np.cos(bearing), depth_offset], axis=1)
-    return np.asarray(np.linalg.norm(np.stack([-front, front, middle], axis=1) - follower[:, None], axis=2))
+    return np.asarray(
+        np.linalg.norm(np.stack([-front, front, middle], axis=1) - follower[:, None], axis=2)
+    )
 
 
 @compiled_lanes
@@ -69,10 +76,17 @@ def _sweep(points: Floats, ranges: Floats, t: Tuning, error: Floats) -> None:
 
 
 def sweep(points: Floats, settings: NavigationSettings) -> Floats:
-    """Position errors of noiseless fixes east and north, shape (n, 2), [m]; the leader heads north."""
+    """Position errors of noiseless fixes east and north, shape (n, 2), [m]; the leader heads
+    north.
+    """
     alone = replace(settings, gate="off", position_sigma0=_PREDICTION_SIGMA_M)
     error = np.empty((points.shape[0], 2))
-    _sweep(points, slant_ranges(points, (alone.baseline, alone.middle_offset)), row.tuning(alone), error)
+    _sweep(
+        points,
+        slant_ranges(points, (alone.baseline, alone.middle_offset)),
+        row.tuning(alone),
+        error,
+    )
     return error
 
 
@@ -82,36 +96,56 @@ def closed_form_error(*point: npt.ArrayLike) -> Floats:
 
 
 def measure_map(grid: Grid, settings: NavigationSettings) -> Chart:
-    """The map as columns with a row per point: position errors of each variant, range errors and closed forms."""
+    """The map as columns with a row per point: position errors of each variant, range errors and
+    closed forms.
+    """
     table = np.array(list(product(*grid.values())), dtype=np.float64)
     columns = dict(zip(grid, table.T, strict=True))
-    points = np.column_stack([np.deg2rad(v) if name.endswith("deg") else v for name, v in columns.items()])
+    points = np.column_stack(
+        [np.deg2rad(v) if name.endswith("deg") else v for name, v in columns.items()]
+    )
     for variant in VARIANTS:
-        columns[f"error_{variant}_m"] = np.hypot(*sweep(points, replace(settings, variant=variant)).T)
+        columns[f"error_{variant}_m"] = np.hypot(
+            *sweep(points, replace(settings, variant=variant)).T
+        )
     hull = settings.baseline, settings.middle_offset
     excess = slant_ranges(points, hull) - slant_ranges(points * [0.0, 1.0, 1.0, 1.0], hull)
-    columns |= {f"range_error_{name}_m": excess[:, i] for i, name in enumerate(("rear", "front", "middle"))}
+    columns |= {
+        f"range_error_{name}_m": excess[:, i] for i, name in enumerate(("rear", "front", "middle"))
+    }
     columns["error_closed_form_m"] = closed_form_error(*points.T)
     return columns
 
 
 def worst_error(pitch: float, depth_offset: float, off_axis: float, greatest_range: float) -> float:
-    """Largest error of a noiseless LAISN-2 fix, nose up or down, ahead or astern, from 5 m to a range, [m].
+    """Largest error of a noiseless LAISN-2 fix, nose up or down, ahead or astern, from 5 m to a
+    range, [m].
 
-    Infinite where the circles do not meet, so that the follower is put on the leader's axis. Angles in [rad].
+    Infinite where the circles do not meet, so that the follower is put on the leader's axis. Angles
+    in [rad].
     """
     reach = np.geomspace(5.0, greatest_range, 40)
-    # the error of nose down ahead is that of nose up astern: cos B̂ changes its sign with (−φ, π − B)
-    cases = [closed_form_error(pitch, depth_offset, reach, bearing) for bearing in (off_axis, np.pi - off_axis)]
+    # the error of nose down ahead is that of nose up astern: cos B̂ changes its sign with (−φ, π −
+    # B)
+    cases = [
+        closed_form_error(pitch, depth_offset, reach, bearing)
+        for bearing in (off_axis, np.pi - off_axis)
+    ]
     return float(np.nan_to_num(np.stack(cases), nan=np.inf).max())
 
 
 def deepest_offset(pitch: float, off_axis: float, greatest_range: float, bound: float) -> float:
-    """Largest depth offset, up to 50 m, that keeps the error under a bound, [m]; NaN if none does. Angles in [rad]."""
+    """Largest depth offset, up to 50 m, that keeps the error under a bound, [m]; NaN if none
+    does. Angles in [rad].
+    """
 
     def excess(offset: float) -> float:
         return worst_error(pitch, offset, off_axis, greatest_range) - bound
 
     if excess(0.0) > 0.0:
         return float("nan")
-    return _DEEPEST_M if excess(_DEEPEST_M) <= 0.0 else float(bisect(excess, 0.0, _DEEPEST_M, xtol=1e-9))
+    return (
+        _DEEPEST_M
+        if excess(_DEEPEST_M) <= 0.0
+        else float(bisect(excess, 0.0, _DEEPEST_M, xtol=1e-9))
+    )

@@ -12,28 +12,41 @@ LOST_M = 50.0  # A follower that ends farther than this from its place is called
 
 
 def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
-    """Of each route (a follower) and navigator, steered by the truth, by its estimate, and so in currents."""
+    """Of each route (a follower) and navigator, steered by the truth, by its estimate, and so in
+    currents.
+    """
     arms = outcomes["study"].cells.by("arm")
     named: dict[str, Finding] = {"lost-from": plain(LOST_M, "", "m")}
     for name in dict.fromkeys(arm.rpartition(" ")[0] for arm in arms):
         by_truth, own, swept = (arms[f"{name} {by}"] for by in ("truth", "estimate", "current"))
         far, adrift = (cells.runs("track_error_end_m") > LOST_M for cells in (own, swept))
-        error, off, typical = by_truth.runs("e_p_mean_m"), *(c.runs("track_error_rms_m") for c in (own, swept))
+        error, off, typical = (
+            by_truth.runs("e_p_mean_m"),
+            *(c.runs("track_error_rms_m") for c in (own, swept)),
+        )
         named |= {
             "runs": plain(len(far), "runs of each route"),
             "missions": plain(far.size, "missions of each navigator"),
         }
         for i, route in enumerate(ROUTES):
             named |= {
-                f"error {name} {route}": median(error[:, i], "mean E_P, steering by the truth; median of runs", "m"),
-                f"off {name} {route}": median(off[:, i], "RMS off its place, by its estimate; median of runs", "m"),
+                f"error {name} {route}": median(
+                    error[:, i], "mean E_P, steering by the truth; median of runs", "m"
+                ),
+                f"off {name} {route}": median(
+                    off[:, i], "RMS off its place, by its estimate; median of runs", "m"
+                ),
                 f"lost {name} {route}": share(far[:, i], "share of runs lost, 95 %"),
                 f"lost-runs {name} {route}": plain(int(far[:, i].sum()), "runs lost"),
             }
         for key, lost, words in ((name, far, ""), (f"current {name}", adrift, " in currents")):
             named[f"lost {key}"] = share(lost, f"share of missions lost{words}, 95 %")
             named[f"lost-runs {key}"] = plain(int(lost.sum()), f"missions lost{words}")
-        named[f"off current {name}"] = median(typical, "RMS off its place, in currents; median of missions", "m")
+        named[f"off current {name}"] = median(
+            typical, "RMS off its place, in currents; median of missions", "m"
+        )
         worst = float(np.median(typical, axis=0).max())
-        named[f"worst current {name}"] = plain(worst, "the same; median of runs on the worst route", "m")
+        named[f"worst current {name}"] = plain(
+            worst, "the same; median of runs on the worst route", "m"
+        )
     return named

@@ -1,4 +1,5 @@
-"""The study of the estimators: LAISN-2, the tightly coupled navigator and the Cramér–Rao bound, on the same noise.
+"""The study of the estimators: LAISN-2, the tightly coupled navigator and the Cramér–Rao bound, on
+the same noise.
 
 Imports: experiments.findings experiments.intervals experiments.pages experiments.study laisn sim
 """

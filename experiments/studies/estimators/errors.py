@@ -7,17 +7,18 @@ import numpy as np
 
 from laisn.messages import Measurements
 
-# sinusoidal drift of the log's bias: amplitude [m/s] and period [s]
-SPEED_DRIFT = 0.1
-SPEED_PERIOD = 300.0
+SPEED_DRIFT = 0.1  # amplitude of a sinusoidal drift of the log's bias [m/s]
+SPEED_PERIOD = 300.0  # its period [s]
 HEADING_DRIFT = float(np.deg2rad(3.0))
 HEADING_PERIOD = 400.0
 """Sinusoidal drift of the compass's bias: amplitude [rad] and period [s]."""
 DEVIATION = 0.03  # amplitude of a deviation that goes once round with the heading [rad]
 LATE = 0.010
 ECHO_CHANCE = 0.05
-ECHO_EXCESS = (0.3, 4.8)  # least and largest excess of an echo's range, drawn evenly between them [m]
-COMMON_CHANCE = 0.1  # chance of each message that all its ranges have the same excess, drawn likewise
+# least and largest excess of an echo's range, drawn evenly between them [m]
+ECHO_EXCESS = (0.3, 4.8)
+# chance of each message that all its ranges have the same excess, drawn likewise
+COMMON_CHANCE = 0.1
 # clock offset of 1 ms at the start, as a range [m], and drift of 1 ppm [m/s]
 CLOCK_OFFSET = 1.5
 CLOCK_DRIFT = 1.5e-3
@@ -44,7 +45,9 @@ class Errors:
             log = SPEED_DRIFT * np.sin(2.0 * np.pi * time / SPEED_PERIOD + phase[0])
             compass = HEADING_DRIFT * np.sin(2.0 * np.pi * time / HEADING_PERIOD + phase[1])
             measurements = replace(
-                measurements, speed=np.maximum(measurements.speed + log, 0.0), heading=measurements.heading + compass
+                measurements,
+                speed=np.maximum(measurements.speed + log, 0.0),
+                heading=measurements.heading + compass,
             )
         if "deviation" in self.errors:
             turned = np.random.default_rng([seed, run, 1]).uniform(0.0, 2.0 * np.pi)
@@ -52,7 +55,9 @@ class Errors:
             measurements = replace(measurements, heading=measurements.heading + off)
         ranges = measurements.ranges.copy()
         if "clock" in self.errors:
-            ranges += CLOCK_OFFSET + CLOCK_DRIFT * measurements.dt * measurements.message_step[:, None]
+            ranges += (
+                CLOCK_OFFSET + CLOCK_DRIFT * measurements.dt * measurements.message_step[:, None]
+            )
         if "common" in self.errors:
             late = np.random.default_rng([seed, run, 2])
             excess = late.uniform(*ECHO_EXCESS, (ranges.shape[0], 1))

@@ -17,24 +17,38 @@ LEGEND = [(SERIES[1], "LAISN-2"), (SERIES[0], "tightly coupled")]
 
 
 def picture(findings: Findings, cases: Collection[str]) -> Panel:
-    """Mean position errors of both navigators, case by case, messages every 5 s; a bar is a 95 % interval."""
+    """Mean position errors of both navigators, case by case, messages every 5 s; a bar is a 95 %
+    interval.
+    """
     lines = []
-    for name, (colour, title), aside in zip(("laisn-2", "error"), LEGEND, (-0.08, 0.08), strict=True):
+    for name, (colour, title), aside in zip(
+        ("laisn-2", "error"), LEGEND, (-0.08, 0.08), strict=True
+    ):
         found = [findings[f"{name} {case} 5"] for case in cases]
         places = np.arange(float(len(cases))) + aside
         lines.append(marks(found, places, colour=colour, marker="o", name=title))
-    drawn = np.concatenate([[*line.y, *line.interval[0], *line.interval[1]] for line in lines if line.interval])
+    drawn = np.concatenate(
+        [[*line.y, *line.interval[0], *line.interval[1]] for line in lines if line.interval]
+    )
     return panel(
-        lines, x_label="case", y_label="mean E_P over the routes [m]", height=3.0, y_log=True,
+        lines,
+        x_label="case",
+        y_label="mean E_P over the routes [m]",
+        height=3.0,
+        y_log=True,
         y_limits=(float(np.nanmin(drawn)) / 1.5, float(np.nanmax(drawn)) * 1.5),
-        x_ticks={float(i): case for i, case in enumerate(cases)}, x_limits=(-0.5, len(cases) - 0.5),
-    )  # fmt: skip
+        x_ticks={float(i): case for i, case in enumerate(cases)},
+        x_limits=(-0.5, len(cases) - 0.5),
+    )
 
 
 def values(found: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
     """What the page's template names."""
     studies = {part: one.plan.study for part, one in outcomes.items()}
-    titles = {part: {name: study.title("case", name) for name in study.cases} for part, study in studies.items()}
+    titles = {
+        part: {name: study.title("case", name) for name in study.cases}
+        for part, study in studies.items()
+    }
     cases = titles["cases"]
     return {
         "ratio": Figures(panels=[picture(found, cases)], legend=LEGEND),

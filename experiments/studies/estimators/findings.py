@@ -1,4 +1,6 @@
-"""What the study found, from the rows of its parts: each a table of missions with an arm for each navigator."""
+"""What the study found, from the rows of its parts: each a table of missions with an arm for
+each navigator.
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -16,15 +18,22 @@ SETTLED_S = 60.0  # errors after the leader's first turn count from this time af
 
 
 def missions_of(outcomes: Outcomes) -> Cells:
-    """The cells of a part, with `bound`, RMS of the Cramér–Rao bound [m]; None where it does not model the errors."""
+    """The cells of a part, with `bound`, RMS of the Cramér–Rao bound [m]; None where it does not
+    model the errors.
+    """
     study = outcomes.plan.study
     bounds = dict[int, float | None]()
     for row in outcomes.rows:
         point = outcomes.plan.points[row["point"]]
-        wrong = study.disturb_at(point, "tight") or "sensors.leader_heading_bias_deg" in study.case_at(point).settings
+        wrong = (
+            study.disturb_at(point, "tight")
+            or "sensors.leader_heading_bias_deg" in study.case_at(point).settings
+        )
         if not wrong and row.get("bound_rms_m"):
             bounds.setdefault(row["point"], row["bound_rms_m"])
-    return outcomes.cells._replace(rows=[row | {"bound": bounds.get(row["point"])} for row in outcomes.rows])
+    return outcomes.cells._replace(
+        rows=[row | {"bound": bounds.get(row["point"])} for row in outcomes.rows]
+    )
 
 
 def _rms(cells: Cells) -> Floats:
@@ -43,22 +52,34 @@ def figures_of(missions: Cells) -> list[dict[str, Any]]:
     lost, laisn_lost = (cells.runs("mirror_locked").sum(axis=0) for cells in (tight, laisn))
     return [
         {
-            "case": row.get("case"), "route": row["scenario"], "interval": row.get(INTERVAL),
-            "error": float(error[i]), "laisn": float(other[i]), "ratio": float(error[i] / other[i]),
-            "rms": float(rms[i]), "over_bound": row["bound"] and float(rms[i] / row["bound"]),
-            "bound_over_laisn": row["bound"] and float(row["bound"] / laisn_rms[i]), "largest": float(largest[i]),
-            "nees": float(nees[i]), "inside": row["nees_inside"], "mirror_locked": int(lost[i]),
+            "case": row.get("case"),
+            "route": row["scenario"],
+            "interval": row.get(INTERVAL),
+            "error": float(error[i]),
+            "laisn": float(other[i]),
+            "ratio": float(error[i] / other[i]),
+            "rms": float(rms[i]),
+            "over_bound": row["bound"] and float(rms[i] / row["bound"]),
+            "bound_over_laisn": row["bound"] and float(row["bound"] / laisn_rms[i]),
+            "largest": float(largest[i]),
+            "nees": float(nees[i]),
+            "inside": row["nees_inside"],
+            "mirror_locked": int(lost[i]),
             "laisn_mirror_locked": int(laisn_lost[i]),
         }
         for i, row in enumerate(tight.rows)
-    ]  # fmt: skip
+    ]
 
 
 def median_ratio(missions: Cells) -> Interval:
-    """Median over missions of mean E_P over LAISN-2's, with limits over runs, which all missions share."""
+    """Median over missions of mean E_P over LAISN-2's, with limits over runs, which all missions
+    share.
+    """
     theirs, laisn = (missions.where(arm=arm).runs("e_p_mean_m") for arm in ("tight", "laisn-2"))
     limits = ratio_intervals(theirs, laisn)
-    middle = sorted(limits, key=lambda limit: limit.value)[(len(limits) - 1) // 2 : len(limits) // 2 + 1]
+    middle = sorted(limits, key=lambda limit: limit.value)[
+        (len(limits) - 1) // 2 : len(limits) // 2 + 1
+    ]
     return Interval(*(float(np.mean(column)) for column in zip(*middle, strict=True)))
 
 
@@ -80,55 +101,83 @@ def of_missions(key: str, missions: Cells) -> dict[str, Finding]:
         "ratio": of(median_ratio(missions), f"mean E_P over LAISN-2's, median of {several}, 95 %"),
         "worst": plain(max(column["ratio"]), f"the same, largest of {several}"),
         "error": of(mean_of(tight.runs("e_p_mean_m")), f"mean E_P, mean of {several}, 95 %", "m"),
-        "laisn-2": of(mean_of(other.runs("e_p_mean_m")), f"of LAISN-2, mean of {several}, 95 %", "m"),
+        "laisn-2": of(
+            mean_of(other.runs("e_p_mean_m")), f"of LAISN-2, mean of {several}, 95 %", "m"
+        ),
         "largest": plain(max(column["largest"]), f"largest E_P of {several}", "m"),
         "nees": of(mean_of(tight.runs("nees")), f"mean eᵀP⁻¹e, mean of {several}, 95 %; right: 2"),
         "nees-least": plain(min(column["nees"]), f"smallest of {several}"),
         "nees-most": plain(max(column["nees"]), f"largest of {several}"),
         "inside": plain(float(np.mean(column["inside"])), inside),
         # of a range, where the engine counts pairs
-        "nis": of(mean_of(0.5 * tight.runs("nis")), f"squared residual of a range, mean of {several}; right: 1"),
+        "nis": of(
+            mean_of(0.5 * tight.runs("nis")),
+            f"squared residual of a range, mean of {several}; right: 1",
+        ),
         "mirror-locked": share(tight.runs("mirror_locked"), f"share of runs {locked}, 95 %"),
         "mirror-locked-runs": plain(sum(column["mirror_locked"]), f"runs {locked} of {runs}"),
-        "mirror-locked-laisn-2": share(other.runs("mirror_locked"), f"share of LAISN-2's runs {locked}, 95 %"),
+        "mirror-locked-laisn-2": share(
+            other.runs("mirror_locked"), f"share of LAISN-2's runs {locked}, 95 %"
+        ),
     }
     smoothed = [row.get("bound_smoothed_rms_m") for row in tight.rows]
     if None not in smoothed:
         over = [least / row["bound_rms_m"] for least, row in zip(smoothed, tight.rows, strict=True)]
-        found["smoothing"] = median(over, f"bound of smoothing over that of filtering, median of {several}")
+        found["smoothing"] = median(
+            over, f"bound of smoothing over that of filtering, median of {several}"
+        )
     if None not in column["over_bound"]:
-        found["bound"] = median(column["over_bound"], f"RMS E_P over the bound, median of {several}")
-        found["least"] = median(column["bound_over_laisn"], f"the bound over LAISN-2's RMS E_P, median of {several}")
+        found["bound"] = median(
+            column["over_bound"], f"RMS E_P over the bound, median of {several}"
+        )
+        found["least"] = median(
+            column["bound_over_laisn"], f"the bound over LAISN-2's RMS E_P, median of {several}"
+        )
         found["bound-worst"] = plain(max(column["over_bound"]), f"the same, largest of {several}")
     return {f"{name} {key}": finding for name, finding in found.items()}
 
 
 def of_clocks(missions: Cells) -> dict[str, Finding]:
-    """Findings of an unknown clock before the leader's first turn, where it is not observable, and after it."""
+    """Findings of an unknown clock before the leader's first turn, where it is not observable,
+    and after it.
+    """
     found = {}
     turn = float(library_route("L").time[1])
-    pairs = [[missions.where(scenario=route, case=case).steps[0] for case in ("unknown", "exact")]
-             for route in dict.fromkeys(row["scenario"] for row in missions.rows)]  # fmt: skip
+    pairs = [
+        [missions.where(scenario=route, case=case).steps[0] for case in ("unknown", "exact")]
+        for route in dict.fromkeys(row["scenario"] for row in missions.rows)
+    ]
     several = f"{len(pairs)} missions"
     for part, first, last in (("before", 0.0, turn), ("after", turn + SETTLED_S, np.inf)):
         ratios: dict[str, list[float]] = {"e_p_mean_m": [], "bound_m": []}
         for pair in pairs:
-            (inside,) = np.nonzero((pair[0]["time_s"] > first + 0.01) & (pair[0]["time_s"] < last + 0.01))
+            (inside,) = np.nonzero(
+                (pair[0]["time_s"] > first + 0.01) & (pair[0]["time_s"] < last + 0.01)
+            )
             for name, values in ratios.items():
                 of_steps = [steps[name][inside].astype(np.float64) for steps in pair]
-                unknown, exact = (np.sqrt(np.mean(x**2)) if name == "bound_m" else np.mean(x) for x in of_steps)
+                unknown, exact = (
+                    np.sqrt(np.mean(x**2)) if name == "bound_m" else np.mean(x) for x in of_steps
+                )
                 values.append(float(unknown / exact))
         errors, bounds = ratios.values()
-        what = f"mean E_P with an unknown clock over that with exact ones, {part} the leader's first turn"
+        what = (
+            f"mean E_P with an unknown clock over that with exact ones, {part} the leader's "
+            "first turn"
+        )
         found[f"clock {part}"] = median(errors, f"{what}, median of {several}")
         found[f"clock-worst {part}"] = plain(max(errors), f"the same, largest of {several}")
-        found[f"clock-bound {part}"] = median(bounds, f"RMS of the bound likewise, median of {several}")
+        found[f"clock-bound {part}"] = median(
+            bounds, f"RMS of the bound likewise, median of {several}"
+        )
         found[f"clock-bound-worst {part}"] = plain(max(bounds), f"the same, largest of {several}")
     return found
 
 
 def of_plain_filter(key: str, missions: Cells) -> dict[str, Finding]:
-    """Findings of a plain extended Kalman filter, and of the tightly coupled navigator on the same noise."""
+    """Findings of a plain extended Kalman filter, and of the tightly coupled navigator on the
+    same noise.
+    """
     ekf, tight = (missions.where(arm=arm) for arm in ("ekf", "tight"))
     several = f"{len(ekf.rows)} missions"
     over = "mean E_P of the tightly coupled navigator over a plain EKF's"
@@ -139,12 +188,18 @@ def of_plain_filter(key: str, missions: Cells) -> dict[str, Finding]:
     found = {
         f"ekf {key}": of(mean_of(means), f"mean E_P of a plain EKF, mean of {several}, 95 %", "m"),
         f"over-ekf {key}": of(whole, f"{over}, {several}, 95 %"),
-        f"ekf-nees {key}": of(mean_of(ekf.runs("nees")), f"mean eᵀP⁻¹e of a plain EKF, {several}, 95 %; right: 2"),
-        f"ekf-mirror-locked {key}": share(lost, "share of a plain EKF's runs locked on the mirror image, 95 %"),
+        f"ekf-nees {key}": of(
+            mean_of(ekf.runs("nees")), f"mean eᵀP⁻¹e of a plain EKF, {several}, 95 %; right: 2"
+        ),
+        f"ekf-mirror-locked {key}": share(
+            lost, "share of a plain EKF's runs locked on the mirror image, 95 %"
+        ),
     }
     for row, mean, ratio in zip(ekf.rows, means.T, ratio_intervals(theirs, means), strict=True):
         found[f"over-ekf {key} {row['scenario']}"] = of(ratio, f"{over}, 95 %")
-        found[f"ekf {key} {row['scenario']}"] = of(mean_interval(mean), "mean E_P of a plain EKF, 95 %", "m")
+        found[f"ekf {key} {row['scenario']}"] = of(
+            mean_interval(mean), "mean E_P of a plain EKF, 95 %", "m"
+        )
     return found
 
 
@@ -155,7 +210,9 @@ def of_mirror_locks(key: str, mission: Cells) -> dict[str, Finding]:
         f"many-runs {key}": plain(tight.size, "runs"),
         f"many {key}": share(tight, "share of runs locked on the mirror image, 95 %"),
         f"many-mirror-locked {key}": plain(int(tight.sum()), "runs locked on the mirror image"),
-        f"many-laisn-2 {key}": share(laisn, "share of LAISN-2's runs locked on the mirror image, 95 %"),
+        f"many-laisn-2 {key}": share(
+            laisn, "share of LAISN-2's runs locked on the mirror image, 95 %"
+        ),
     }
 
 
@@ -165,16 +222,29 @@ def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
     study = outcomes["cases"].plan.study
     seed = study.file.seed
     runs = study.runs
-    named = {"seed": plain(seed, "of all noise"), "runs": plain(runs, "runs of each mission of G1 to G7")}
+    named = {
+        "seed": plain(seed, "of all noise"),
+        "runs": plain(runs, "runs of each mission of G1 to G7"),
+    }
     for key, missions in parts["cases"].by("case", INTERVAL).items():
         named |= of_missions(key, missions)
         if missions.where(arm="ekf").rows:
             named |= of_plain_filter(key, missions)
     # the bound is that of the sensors, which stay as they are
-    least = {row["scenario"]: row["bound"] for row in parts["cases"].where(case="G1", **{INTERVAL: 5.0}).rows}
+    least = {
+        row["scenario"]: row["bound"]
+        for row in parts["cases"].where(case="G1", **{INTERVAL: 5.0}).rows
+    }
     sigma = parts["sigma"]
-    parts["sigma"] = sigma._replace(rows=[row | {"bound": least[row["scenario"]]} for row in sigma.rows])
-    for part, name in (("sea", "case"), ("wrong", "case"), ("offset", "leader.middle_offset_m"), ("sigma", "case")):
+    parts["sigma"] = sigma._replace(
+        rows=[row | {"bound": least[row["scenario"]]} for row in sigma.rows]
+    )
+    for part, name in (
+        ("sea", "case"),
+        ("wrong", "case"),
+        ("offset", "leader.middle_offset_m"),
+        ("sigma", "case"),
+    ):
         for key, missions in parts[part].by(name).items():
             named |= of_missions(f"{part} {key}", missions)
     named |= of_clocks(parts["clock"])

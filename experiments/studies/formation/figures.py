@@ -21,18 +21,31 @@ _SERIES = {
 
 
 def picture(findings: Findings, conditions: Mapping[str, str]) -> Panel:
-    """Distance from the station in each condition, by its title, the first at the top; a bar is a 95 % interval."""
+    """Distance from the station in each condition, by its title, the first at the top; a bar is
+    a 95 % interval.
+    """
     places = np.arange(len(conditions), dtype=np.float64)[::-1]
     lines = [
-        marks([findings[f"{key} {name}"] for name in conditions], places, across=True, colour=colour, marker=marker,
-              name=text)
+        marks(
+            [findings[f"{key} {name}"] for name in conditions],
+            places,
+            across=True,
+            colour=colour,
+            marker=marker,
+            name=text,
+        )
         for key, (colour, marker, text) in _SERIES.items()
-    ]  # fmt: skip
+    ]
     return panel(
-        lines, x_label="distance from the station [m]", y_label="", width=FULL, height=1.0 + 0.21 * places.size,
-        y_limits=(-0.7, places.size - 0.3), x_log=True,
+        lines,
+        x_label="distance from the station [m]",
+        y_label="",
+        width=FULL,
+        height=1.0 + 0.21 * places.size,
+        y_limits=(-0.7, places.size - 0.3),
+        x_log=True,
         y_ticks=dict(zip(places.tolist(), conditions.values(), strict=True)),
-    )  # fmt: skip
+    )
 
 
 def values(found: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:

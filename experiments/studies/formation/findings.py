@@ -1,4 +1,6 @@
-"""What the study found, and limits of the acoustic channel and behind a weaving leader, which need no simulation."""
+"""What the study found, and limits of the acoustic channel and behind a weaving leader, which
+need no simulation.
+"""
 
 import math
 from collections.abc import Mapping
@@ -14,11 +16,15 @@ from sim.scenario.settings import Scenario
 from sim.tracking import LOST_M
 
 RATES = (80, 500, 5000)
-"""Bit rates that modems of little, middling and much bandwidth offer [bit/s]; JANUS (STANAG 4748) has 80."""
+"""Bit rates that modems of little, middling and much bandwidth offer [bit/s]; JANUS (STANAG
+4748) has 80.
+"""
 CHECK_BITS = 16
 _AREA_M = 20_000.0
 _STEP_M = 0.01
-"""Side of the square that positions lie in, and their resolution: far below any follower's uncertainty."""
+"""Side of the square that positions lie in, and their resolution: far below any follower's
+uncertainty.
+"""
 _STEP_RAD = math.radians(0.1)
 _FASTEST_M_S = 5.0
 _STEP_M_S = 0.01
@@ -32,12 +38,16 @@ def _bits(span: float, step: float) -> int:
 
 
 def message_bits(scenario: Scenario) -> int:
-    """Length of a message: its number within a day, the leader's state, its next waypoints on request, a checksum."""
+    """Length of a message: its number within a day, the leader's state, its next waypoints on
+    request, a checksum.
+    """
     place = 2 * _bits(_AREA_M, _STEP_M)
     leader = scenario.leader
     bits = _bits(_DAY_S, scenario.timing.message_interval_s) + place + CHECK_BITS
     bits += _bits(2.0 * math.pi, _STEP_RAD) + _bits(_FASTEST_M_S, _STEP_M_S)
-    bits += _bits(scenario.ocean.floor_depth_m, _STEP_M) + leader.broadcast_waypoints * (_bits(_DAY_S, 1.0) + place)
+    bits += _bits(scenario.ocean.floor_depth_m, _STEP_M) + leader.broadcast_waypoints * (
+        _bits(_DAY_S, 1.0) + place
+    )
     return bits + (2 * _bits(_TILT_RAD, _STEP_RAD) if leader.broadcast_attitude else 0)
 
 
@@ -50,7 +60,9 @@ def reach_m(scenario: Scenario) -> float:
 
 
 def shortest_interval_s(scenario: Scenario, rate: float) -> float:
-    """Time from one broadcast to the next at a bit rate: pings, message, and its way to the farthest follower [s]."""
+    """Time from one broadcast to the next at a bit rate: pings, message, and its way to the
+    farthest follower [s].
+    """
     sound = scenario.acoustics
     way = reach_m(scenario) / sound.sound_speed_m_s
     return 3.0 * sound.ping_slot_s + message_bits(scenario) / rate + way
@@ -69,7 +81,9 @@ _SPEED = 1.0
 _DEEPER = 10.0
 _HALF = 1.0
 _STEP = 0.1
-"""Of both vehicles [m/s]; the follower below the leader [m]; half the transmitters' distance [m]; filter step [s]."""
+"""Of both vehicles [m/s]; the follower below the leader [m]; half the transmitters' distance
+[m]; filter step [s].
+"""
 _SECONDS = 300
 
 
@@ -86,10 +100,19 @@ def geometry(amplitude_deg: float, period_s: float, behind: float) -> Geometry:
     leader = way[late:]
     follower = way[: n + 1]
     axis = _HALF * ahead[late + step]
-    arms = np.stack([np.column_stack([end * axis, np.full(step.size, -_DEEPER)]) for end in (-1.0, 1.0)], axis=1)
+    arms = np.stack(
+        [np.column_stack([end * axis, np.full(step.size, -_DEEPER)]) for end in (-1.0, 1.0)], axis=1
+    )
     away = follower[step] - leader[step]
     speed = np.full(n, _SPEED)
-    return Geometry(dt=_STEP, speed=speed, heading=heading[1 : n + 1], message_step=step, from_leader=away, arms=arms)
+    return Geometry(
+        dt=_STEP,
+        speed=speed,
+        heading=heading[1 : n + 1],
+        message_step=step,
+        from_leader=away,
+        arms=arms,
+    )
 
 
 def longer(amplitude_deg: float) -> float:
@@ -100,7 +123,9 @@ def longer(amplitude_deg: float) -> float:
 
 @cache
 def least_error(amplitude_deg: float, period_s: float, behind: float) -> float:
-    """Root of the mean square error that no estimator of these ranges can undercut, over a mission [m]."""
+    """Root of the mean square error that no estimator of these ranges can undercut, over a
+    mission [m].
+    """
     bound = position_bound(geometry(amplitude_deg, period_s, behind), TrueNoise(start=0.01))
     return float(np.sqrt(np.mean(np.trace(bound, axis1=1, axis2=2))))
 
@@ -111,9 +136,16 @@ def weave_findings() -> dict[str, Finding]:
     for amplitude, period in WEAVES:
         name = f"weave {amplitude:g} {period:g}"
         for behind in BEHIND:
-            what = f"least RMS error {behind} m behind, leader's heading swings by {amplitude:g}° each {period:g} s"
-            named[f"{name} {behind}"] = plain(least_error(amplitude, period, float(behind)), what, "m")
-        named[f"{name} way"] = plain(longer(amplitude), "way that this weave costs, as a share of the way made good")
+            what = (
+                f"least RMS error {behind} m behind, leader's heading swings by {amplitude:g}° "
+                f"each {period:g} s"
+            )
+            named[f"{name} {behind}"] = plain(
+                least_error(amplitude, period, float(behind)), what, "m"
+            )
+        named[f"{name} way"] = plain(
+            longer(amplitude), "way that this weave costs, as a share of the way made good"
+        )
     return named
 
 
@@ -131,28 +163,42 @@ def of_condition(name: str, followers: Cells) -> dict[str, Finding]:
         "worst": plain(float(rms.max()), "RMS distance from the station, worst follower", "m"),
         "p95": median(column("station_p95_m"), "95 % of the time within, median follower", "m"),
         "max": plain(float(column("station_max_m").max()), "largest distance from a station", "m"),
-        "turn": plain(float(column("station_turn_max_m").max()), "largest distance in the turn", "m"),
+        "turn": plain(
+            float(column("station_turn_max_m").max()), "largest distance in the turn", "m"
+        ),
         "leg": median(column("station_leg_rms_m"), "RMS on legs, median of followers", "m"),
-        "error": of(mean_interval(column("e_p_mean_m").mean(axis=1)), "mean E_P, mean of runs, 95 %", "m"),
+        "error": of(
+            mean_interval(column("e_p_mean_m").mean(axis=1)), "mean E_P, mean of runs, 95 %", "m"
+        ),
         "lost-runs": plain(int(lost.sum()), f"followers lost, of {rms.size}"),
         "lost": share(lost, "share of followers lost, 95 %"),
-        "away": share(column("track_error_end_m") > LOST_M, "share of followers more than 10 m off at the end, 95 %"),
-        "closest": plain(float(column("closest_horizontal_m").min()), "least horizontal distance of two vehicles", "m"),
+        "away": share(
+            column("track_error_end_m") > LOST_M,
+            "share of followers more than 10 m off at the end, 95 %",
+        ),
+        "closest": plain(
+            float(column("closest_horizontal_m").min()),
+            "least horizontal distance of two vehicles",
+            "m",
+        ),
         # None where every vehicle has a layer of its own
         "within": plain(
             None if np.isnan(layer).all() else float(np.nanmin(layer)),
-            "least horizontal distance of two vehicles of one layer", "m",
+            "least horizontal distance of two vehicles of one layer",
+            "m",
         ),
         "contact": share(column("touched").max(axis=1), "share of runs with contact"),
         "power": of(power, "mean power of a follower's thrusters, 95 %", "W"),
-    }  # fmt: skip
+    }
     return {f"{key} {name}": finding for key, finding in found.items()}
 
 
 def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
     """Findings of all conditions, and of the bound behind a weaving leader."""
     cells = outcomes["study"].cells
-    named = {"runs": plain(max(len(lists["run"]) for lists in cells.lists), "runs of most conditions")}
+    named = {
+        "runs": plain(max(len(lists["run"]) for lists in cells.lists), "runs of most conditions")
+    }
     for name, followers in cells.by("arm").items():
         named |= of_condition(name, followers)
     return named | weave_findings()

@@ -26,8 +26,8 @@ FIGURES: tuple[tuple[int, str, str, str], ...] = (
     (8, "asymmetric", "laisn-3-2", "T2 T5"),
     (9, "heading5", "laisn-3-2", "T3 T4"),
 )
-"""The paper's figures of errors over time: number, setting, variant and missions. The text names only some of their
-missions; the others are chosen like those."""
+"""The paper's figures of errors over time: number, setting, variant and missions. The text names
+only some of their missions; the others are chosen like those."""
 MOTIONS = {"physics": "rigid bodies in water", "kinematic": "the paper's point motion"}
 FAR = 2.0  # A row whose mean E_P differs by more than this factor is listed as far off
 SLOW = ("10s", "10s-slow", "10s-beta10", "10s-slow-beta10", "10s-slow-beta300")
@@ -43,7 +43,9 @@ _GROUPS: Mapping[str, tuple[Colour, str, str]] = {
 
 
 def agreement(table: Sequence[Record]) -> tuple[Panel, Legend]:
-    """Our mean E_P over the paper's, of all rows of tables.parquet: agreement on the diagonal, a band of factor two."""
+    """Our mean E_P over the paper's, of all rows of tables.parquet: agreement on the diagonal, a
+    band of factor two.
+    """
     usual, *others = _GROUPS
     names = dict(zip((4, 5, 0), others, strict=True))
     span = np.array([0.15, 40.0])
@@ -53,31 +55,48 @@ def agreement(table: Sequence[Record]) -> tuple[Panel, Legend]:
             name = names.get(0 if row["setting"] in SLOW else row["stage"], usual)
             pairs[name].append((row["published_e_p_mean_m"], row["ours_e_p_mean_m"]))
     bounds = ((1.0, 1.2, "-"), (2.0, 0.8, "--"), (0.5, 0.8, "--"))
-    lines = [Line(x=span, y=f * span, colour=FRAME, width=width, dash=dash) for f, width, dash in bounds]
+    lines = [
+        Line(x=span, y=f * span, colour=FRAME, width=width, dash=dash) for f, width, dash in bounds
+    ]
     for name, (colour, marker, _) in _GROUPS.items():
         points = np.array(pairs[name]).reshape(-1, 2)
-        lines.append(Line(x=points[:, 0], y=points[:, 1], colour=colour, marker=marker, name=name, size=3.2))
+        lines.append(
+            Line(x=points[:, 0], y=points[:, 1], colour=colour, marker=marker, name=name, size=3.2)
+        )
     figure = panel(
-        lines, x_label="the paper's mean E_P [m]", y_label="our mean E_P [m]", height=3.6, x_log=True, y_log=True,
-        x_limits=(0.15, 40.0), y_limits=(0.15, 40.0),
-    )  # fmt: skip
+        lines,
+        x_label="the paper's mean E_P [m]",
+        y_label="our mean E_P [m]",
+        height=3.6,
+        x_log=True,
+        y_log=True,
+        x_limits=(0.15, 40.0),
+        y_limits=(0.15, 40.0),
+    )
     return figure, [(colour, f"{sign} {name}") for name, (colour, _, sign) in _GROUPS.items()]
 
 
 def error_panel(steps: Arrays, title: str) -> Panel:
-    """Mean of E_P and E_B over the runs (thick) and their maximum (thin), and B, over time, each on its own axis."""
+    """Mean of E_P and E_B over the runs (thick) and their maximum (thin), and B, over time, each
+    on its own axis.
+    """
     columns = {column: values.astype(np.float64) for column, values in steps.items()}
     time = columns["time_s"]
 
     def errors(metric: str, label: str, limit: float | None) -> Part:
         lines = []
-        for kind, name, width, opacity in (("max", "largest", 0.4, 0.6), ("mean", "mean", 1.2, 1.0)):
+        for kind, name, width, opacity in (
+            ("max", "largest", 0.4, 0.6),
+            ("mean", "mean", 1.2, 1.0),
+        ):
             x, y = decimate(time, columns[metric.format(kind)], _POINTS)
             lines.append(Line(x=x, y=y, colour=ESTIMATE, width=width, opacity=opacity, name=name))
         return Part(lines=lines, y_label=label, y_limits=(0.0, limit))
 
     # half a turn of E_B would flatten everything else
-    turned = min(1.05 * float(columns["e_b_max_deg"].max()), 6.0 * float(columns["e_b_mean_deg"].max()) + 1.0)
+    turned = min(
+        1.05 * float(columns["e_b_max_deg"].max()), 6.0 * float(columns["e_b_mean_deg"].max()) + 1.0
+    )
     parts = [
         errors("e_p_{}_m", "E_P [m]", None),
         errors("e_b_{}_deg", "E_B [°]", turned),
@@ -87,7 +106,9 @@ def error_panel(steps: Arrays, title: str) -> Panel:
 
 
 def error_figures(steps: Mapping[Key, Arrays]) -> list[tuple[int, str, str, Figures]]:
-    """The paper's figures, as far as errors over time are kept: number, setting, variant and panels."""
+    """The paper's figures, as far as errors over time are kept: number, setting, variant and
+    panels.
+    """
     found = []
     for figure, setting, variant, missions in FIGURES:
         kept = {m: steps.get((setting, m, variant)) for m in missions.split()}
@@ -105,7 +126,11 @@ def routes(flights: Mapping[str, Trajectory]) -> Figures:
             Line(x=leader[:, 0], y=leader[:, 1], colour=LEADER, width=1.4),
             Line(x=follower[:, 0], y=follower[:, 1], colour=FOLLOWER),
         ]
-        panels.append(panel(lines, x_label="east [m]", y_label="north [m]", title=name, equal=True, height=3.0))
+        panels.append(
+            panel(
+                lines, x_label="east [m]", y_label="north [m]", title=name, equal=True, height=3.0
+            )
+        )
     return Figures(panels=panels, legend=[(LEADER, "leader"), (FOLLOWER, "follower")])
 
 
@@ -132,7 +157,9 @@ class Cells(NamedTuple):
         """Median ratio over missions, with the least and the largest of them."""
         found = ratios(self.rows, self.published, setting, variant, metric)
         median = float(np.median(found))
-        return number(median, tone=ratio_tone(median), title=f"{found.min():.2f} … {found.max():.2f}")
+        return number(
+            median, tone=ratio_tone(median), title=f"{found.min():.2f} … {found.max():.2f}"
+        )
 
     @staticmethod
     def verdict(judgement: Judgement) -> Cell:
@@ -147,27 +174,47 @@ def table_rows(outcomes: Outcomes, published: Mapping[Key, Mapping[str, float]])
     for row in outcomes.rows:
         entry = outcomes.plan.by_place[row["point"], row["arm"], 0]
         theirs = published.get(findings.key_of(row), {})
-        line: Record = {"setting": row["case"], "trajectory": row["scenario"], "variant": row["arm"]}
+        line: Record = {
+            "setting": row["case"],
+            "trajectory": row["scenario"],
+            "variant": row["arm"],
+        }
         for metric in METRICS:
             line[f"published_{metric}"] = theirs.get(metric)
             line[f"ours_{metric}"] = row[metric]
-            line[f"ratio_{metric.rsplit('_', 1)[0]}"] = row[metric] / theirs[metric] if metric in theirs else None
-        line |= {name: value for name, value in row.items() if name not in {*METRICS, "case", "scenario", "arm"}}
+            line[f"ratio_{metric.rsplit('_', 1)[0]}"] = (
+                row[metric] / theirs[metric] if metric in theirs else None
+            )
+        line |= {
+            name: value
+            for name, value in row.items()
+            if name not in {*METRICS, "case", "scenario", "arm"}
+        }
         line["fly_worst_run"] = fly_line(entry.source, entry.settings_at(0), row["worst_run"])
         table.append(line)
     return table
 
 
 def page_values(
-    titles: Mapping[str, str], rows: Mapping[Key, Record], published: Mapping[Key, Mapping[str, float]],
+    titles: Mapping[str, str],
+    rows: Mapping[Key, Record],
+    published: Mapping[Key, Mapping[str, float]],
     judgements: Sequence[tuple[Claim, Judgement, Judgement]],
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """What the template names of tables and claims; `titles` are those of settings by name."""
-    off = {key: rows[key]["e_p_mean_m"] / published[key]["e_p_mean_m"] for key in rows if key in published}
+    off = {
+        key: rows[key]["e_p_mean_m"] / published[key]["e_p_mean_m"]
+        for key in rows
+        if key in published
+    }
     far = [key for key, ratio in off.items() if not 1 / FAR < ratio < FAR]
     settings: dict[str, dict[str, Any]] = {}
     for (name, _, variant), row in rows.items():
-        given = {"name": name, "title": titles[name], "printed": row["table"] not in ("text", "alternative")}
+        given = {
+            "name": name,
+            "title": titles[name],
+            "printed": row["table"] not in ("text", "alternative"),
+        }
         one = settings.setdefault(
             name, given | {key: row[key] for key in ("stage", "table", "like")} | {"variants": {}}
         )
@@ -177,16 +224,23 @@ def page_values(
         "settings": settings,
         "missions": list(dict.fromkeys(mission for _, mission, _ in rows)),
         "metrics": METRICS,
-        "names": {name: text.replace("-", "\N{NON-BREAKING HYPHEN}") for name, text in VARIANTS.items()},
+        "names": {
+            name: text.replace("-", "\N{NON-BREAKING HYPHEN}") for name, text in VARIANTS.items()
+        },
         "rows": rows,
         "published": published,
         "judgements": judgements,
         "far": [key for key in far if key[0] not in SLOW],
         "slow": sum(key[0] in SLOW for key in far),
         "cells": Cells(rows, published),
-        "limits": {"far": FAR, "on_axis": ON_AXIS_DEG, "margin": findings.MARGIN,
-                   "confidence": findings.VERDICT_CONFIDENCE, "replications": findings.REPLICATIONS},
-    }  # fmt: skip
+        "limits": {
+            "far": FAR,
+            "on_axis": ON_AXIS_DEG,
+            "margin": findings.MARGIN,
+            "confidence": findings.VERDICT_CONFIDENCE,
+            "replications": findings.REPLICATIONS,
+        },
+    }
 
 
 def values(_: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
@@ -195,8 +249,12 @@ def values(_: Findings, outcomes: Mapping[str, Outcomes]) -> dict[str, Any]:
     published = findings.published()
     plan = tables.plan
     rows = findings.rows_of(outcomes)
-    steps = {findings.key_of(row): kept for row, kept in zip(tables.rows, tables.steps, strict=True)}
-    missions = {entry.source: tables.motion(entry) for entry in {e.source: e for e in plan.entries}.values()}
+    steps = {
+        findings.key_of(row): kept for row, kept in zip(tables.rows, tables.steps, strict=True)
+    }
+    missions = {
+        entry.source: tables.motion(entry) for entry in {e.source: e for e in plan.entries}.values()
+    }
     table = table_rows(tables, published)
     figure, legend = agreement(table)
     titles = {name: case.title for name, case in plan.study.cases.items()}

@@ -1,7 +1,8 @@
-"""The record of the reproduction: the paper's claims of `claims.toml`, judged, ratios to its figures, and mirror locks.
+"""The record of the reproduction: the paper's claims of `claims.toml`, judged, ratios to its
+figures, and mirror locks.
 
-Claims are judged on means over replications of the paper's experiment on the eight missions, whose noise all cells
-share; and on the published figures, as far as they have them.
+Claims are judged on means over replications of the paper's experiment on the eight missions, whose
+noise all cells share; and on the published figures, as far as they have them.
 """
 
 import csv
@@ -28,28 +29,39 @@ from laisn.geometry import signed_angle
 from sim.trajectory import Trajectory
 
 METRICS = {
-    "e_p_max_m": "E_P max [m]", "e_b_max_deg": "E_B max [°]", "e_p_mean_m": "E_P mean [m]",
-    "e_b_mean_deg": "E_B mean [°]", "e_p_std_m": "σ E_P [m]", "e_b_std_deg": "σ E_B [°]",
-}  # fmt: skip
+    "e_p_max_m": "E_P max [m]",
+    "e_b_max_deg": "E_B max [°]",
+    "e_p_mean_m": "E_P mean [m]",
+    "e_b_mean_deg": "E_B mean [°]",
+    "e_p_std_m": "σ E_P [m]",
+    "e_b_std_deg": "σ E_B [°]",
+}
 """The paper's six figures of a row, in its order, and their heads."""
 VARIANTS = {"laisn-2": "LAISN-2", "laisn-3-1": "LAISN-3(1)", "laisn-3-2": "LAISN-3(2)"}
 Key = tuple[str, str, str]  # setting, mission and variant of a row
 REPLICATIONS = 20
 RESAMPLES = 2000
-VERDICT_CONFIDENCE = 0.998  # of the interval of each criterion; of all 26 together 95 % (Bonferroni)
+# of the interval of each criterion; of all 26 together 95 % (Bonferroni)
+VERDICT_CONFIDENCE = 0.998
 COMPARED = ("e_p_mean_m", "e_p_max_m", "e_b_max_deg")
 BASE = "base laisn-2"
 HEADING = "heading5 laisn-2"
 LATERAL = np.isin(ROUTES, ("T3", "T4"))
 BURST = np.isin(ROUTES, ("T8",))
-"""Missions of followers that stay abeam, and with a burst of speed, as the paper names them; shape (8,)."""
+"""Missions of followers that stay abeam, and with a burst of speed, as the paper names them;
+shape (8,).
+"""
 ASTERN_DEG = 10.0  # A follower within this angle of dead astern counts as astern
 LATERAL_DEG = (45.0, 135.0)  # angle off the bow, either side, that counts as abeam
 SECTOR_STEPS = 300  # steps (of 0.1 s) that a mission must spend in a sector to be counted there
 NEAR_BURST_S = 30.0
-"""The largest bearing error within this time of 95 % of the follower's top speed counts as that of the burst [s]."""
+"""The largest bearing error within this time of 95 % of the follower's top speed counts as that
+of the burst [s].
+"""
 TIMED = ("e_p_abeam_m", "e_p_astern_m", "e_b_peaks_at_burst")
-"""Mean E_P [m] abeam and astern, and whether the largest E_B of all runs is that of the burst: 1 or 0."""
+"""Mean E_P [m] abeam and astern, and whether the largest E_B of all runs is that of the burst: 1
+or 0.
+"""
 
 
 def _data(name: str) -> str:
@@ -60,7 +72,9 @@ def published() -> dict[Key, dict[str, float]]:
     """The published figures of every row."""
     rows = csv.DictReader(_data("published_tables.csv").splitlines())
     return {
-        (row["setting"], row["trajectory"], row["variant"]): {metric: float(row[metric]) for metric in METRICS}
+        (row["setting"], row["trajectory"], row["variant"]): {
+            metric: float(row[metric]) for metric in METRICS
+        }
         for row in rows
     }
 
@@ -76,13 +90,18 @@ def rows_of(outcomes: Mapping[str, Outcomes]) -> dict[Key, Record]:
 
 
 def over_time(steps: Arrays) -> dict[str, float]:
-    """Errors over time that claims use, named as in `TIMED`; NaN for a sector where the follower hardly is."""
+    """Errors over time that claims use, named as in `TIMED`; NaN for a sector where the follower
+    hardly is.
+    """
     off_bow = np.rad2deg(np.abs(signed_angle(np.deg2rad(steps["bearing_deg"]))))
     abeam = (off_bow >= LATERAL_DEG[0]) & (off_bow <= LATERAL_DEG[1])
     error = steps["e_p_mean_m"]
     time = steps["time_s"]
     sectors = (abeam, off_bow >= 180.0 - ASTERN_DEG)
-    means = (float(error[sector].mean()) if sector.sum() >= SECTOR_STEPS else np.nan for sector in sectors)
+    means = (
+        float(error[sector].mean()) if sector.sum() >= SECTOR_STEPS else np.nan
+        for sector in sectors
+    )
     fastest = time[steps["speed_m_s"] >= 0.95 * steps["speed_m_s"].max()]
     away = np.min(np.abs(time[np.argmax(steps["e_b_max_deg"])] - fastest))
     return dict(zip(TIMED, (*means, float(away <= NEAR_BURST_S)), strict=True))
@@ -95,16 +114,19 @@ def mean_distance(flight: Trajectory) -> float:
 
 
 Kind = Literal["ratio", "share", "replications"]
-"""A ratio, whose interval is symmetric in its logarithm; a share, whose interval is symmetric; a share of replications,
-with the exact limits of a proportion."""
+"""A ratio, whose interval is symmetric in its logarithm; a share, whose interval is symmetric; a
+share of replications, with the exact limits of a proportion."""
 Relation = Literal["<", "≤", ">", "≥"]
 Outcome = Literal["met", "not met", "undecided"]
 MARGIN = 0.01
-"""A figure nearer than this share of its bound is indistinguishable from it: the paper prints errors of some metres
-with two decimals, so that its own ratios are that uncertain."""
+"""A figure nearer than this share of its bound is indistinguishable from it: the paper prints
+errors of some metres with two decimals, so that its own ratios are that uncertain."""
 HOLDS: Mapping[str, Callable[[Any, Any], Any]] = {
-    "<": operator.lt, "≤": operator.le, ">": operator.gt, "≥": operator.ge,
-}  # fmt: skip
+    "<": operator.lt,
+    "≤": operator.le,
+    ">": operator.gt,
+    "≥": operator.ge,
+}
 
 
 class NoDataError(LookupError):
@@ -123,7 +145,9 @@ class Judged:
 
     @property
     def outcome(self) -> Outcome:
-        """Undecided where the interval contains the bound, or comes nearer to it than the margin."""
+        """Undecided where the interval contains the bound, or comes nearer to it than the
+        margin.
+        """
         bounds = self.bound * (1.0 - self.margin), self.bound * (1.0 + self.margin)
         ends = [HOLDS[self.relation](end, bound) for end in self.interval[1:] for bound in bounds]
         return "met" if all(ends) else "undecided" if any(ends) else "not met"
@@ -144,7 +168,9 @@ class Figures:
 
     @classmethod
     def of(cls, outcomes: Mapping[str, Outcomes]) -> Self:
-        """Figures of all replications, missions in the order of `ROUTES`; NaN for those that were not flown."""
+        """Figures of all replications, missions in the order of `ROUTES`; NaN for those that
+        were not flown.
+        """
         found: dict[tuple[str, str], Floats] = {}
 
         def put(cell: str, metric: str, route: str, values: Floats) -> None:
@@ -157,13 +183,26 @@ class Figures:
             cell = f"{labels['case']} {labels['arm']}"
             for metric in COMPARED if cell in JUDGED else ():
                 each = lists[metric].reshape(-1, tables.plan.study.runs)
-                put(cell, metric, labels["scenario"], each.max(axis=1) if "_max_" in metric else each.mean(axis=1))
-        rows = [(row["scenario"], over_time(steps)) for row, steps in zip(timed.rows, timed.steps, strict=True)]
+                put(
+                    cell,
+                    metric,
+                    labels["scenario"],
+                    each.max(axis=1) if "_max_" in metric else each.mean(axis=1),
+                )
+        rows = [
+            (row["scenario"], over_time(steps))
+            for row, steps in zip(timed.rows, timed.steps, strict=True)
+        ]
         for entry in {entry.motion: entry for entry in timed.plan.entries}.values():
             here = [row for route, row in rows if route == entry.source][:REPLICATIONS]
             for name in TIMED:
                 put(BASE, name, entry.source, np.array([row[name] for row in here]))
-            put(BASE, "distance_m", entry.source, np.full(len(here), mean_distance(timed.motion(entry))))
+            put(
+                BASE,
+                "distance_m",
+                entry.source,
+                np.full(len(here), mean_distance(timed.motion(entry))),
+            )
         return cls(each=found)
 
     @property
@@ -173,15 +212,21 @@ class Figures:
 
     @cached_property
     def _weights(self) -> Floats:
-        """Of the replications in their mean, and in those of replications drawn again, shape (1 + `RESAMPLES`, K)."""
+        """Of the replications in their mean, and in those of replications drawn again, shape (1
+        + `RESAMPLES`, K).
+        """
         mean = np.full((1, self.count), 1.0 / self.count)
         if self.exact:
             return mean
-        drawn = np.random.default_rng([self.count, RESAMPLES]).multinomial(self.count, mean[0], size=RESAMPLES)
+        drawn = np.random.default_rng([self.count, RESAMPLES]).multinomial(
+            self.count, mean[0], size=RESAMPLES
+        )
         return np.concatenate([mean, drawn / self.count])
 
     def known(self, cell: str, metric: str) -> Floats:
-        """Means over replications, and over such as are drawn again, alike in all cells, shape (1 + B, 8); or NaN."""
+        """Means over replications, and over such as are drawn again, alike in all cells, shape
+        (1 + B, 8); or NaN.
+        """
         values = self.each.get((cell, metric))
         if values is None:
             return np.full((1, len(ROUTES)), math.nan)
@@ -196,10 +241,11 @@ class Figures:
         return found
 
     def interval(self, values: Floats, kind: Kind = "ratio") -> Interval:
-        """Interval of a figure over missions, of the means and of resamples, shape (1 + B,); a point if `exact`.
+        """Interval of a figure over missions, of the means and of resamples, shape (1 + B,); a
+        point if `exact`.
 
-        The standard error of a t interval is the bootstrap's, whose variance is K / (K − 1) times too small (Davison &
-        Hinkley 1997, section 2.2).
+        The standard error of a t interval is the bootstrap's, whose variance is K / (K − 1) times
+        too small (Davison & Hinkley 1997, section 2.2).
         """
         value = float(values[0])
         drawn = values[1:]
@@ -216,10 +262,18 @@ class Figures:
         factor = math.exp(wide * float(np.log(drawn).std()))
         return Interval(value, value / factor, value * factor)
 
-    def judge(self, what: str, values: Floats, relation: Relation, bound: float, kind: Kind = "ratio") -> Judged:
+    def judge(
+        self, what: str, values: Floats, relation: Relation, bound: float, kind: Kind = "ratio"
+    ) -> Judged:
         """A criterion: a figure over missions as of `interval`, and the bound that it must keep."""
         margin = 0.0 if self.exact else MARGIN
-        return Judged(what=what, interval=self.interval(values, kind), relation=relation, bound=bound, margin=margin)
+        return Judged(
+            what=what,
+            interval=self.interval(values, kind),
+            relation=relation,
+            bound=bound,
+            margin=margin,
+        )
 
 
 Verdict = Literal["holds", "does not hold", "depends", "undecided", "no data"]
@@ -234,10 +288,18 @@ class Judgement:
 
 
 def verdict_of(outcomes: Sequence[Outcome]) -> Verdict:
-    """All met: holds; none: does not hold; some: depends; undecided where that hangs on a criterion that is."""
+    """All met: holds; none: does not hold; some: depends; undecided where that hangs on a
+    criterion that is.
+    """
     if "met" in outcomes and "not met" in outcomes:
         return "depends"
-    return "undecided" if "undecided" in outcomes else "holds" if "met" in outcomes else "does not hold"
+    return (
+        "undecided"
+        if "undecided" in outcomes
+        else "holds"
+        if "met" in outcomes
+        else "does not hold"
+    )
 
 
 def _statistic(name: str, ratio: Floats) -> Floats:
@@ -264,7 +326,13 @@ def _of_ratios(claim: "Claim", figures: Figures) -> list[Judged]:
         )
         ratios.append(above / below)
     return [
-        figures.judge(what, _statistic(name, ratios[i]), relation, bound, "share" if "share" in name else "ratio")
+        figures.judge(
+            what,
+            _statistic(name, ratios[i]),
+            relation,
+            bound,
+            "share" if "share" in name else "ratio",
+        )
         for what, i, name, relation, bound in claim.criteria
     ]
 
@@ -275,14 +343,18 @@ def _lateral(figures: Figures) -> list[Judged]:
     below = largest[:, LATERAL].max(axis=1) < largest[:, ~LATERAL].min(axis=1)
     what = "share of replications with E_P max abeam below each other"
     criteria = [
-        figures.judge("median E_P max, abeam over the others", _median_over_others(error, LATERAL), "<", 1.0),
+        figures.judge(
+            "median E_P max, abeam over the others", _median_over_others(error, LATERAL), "<", 1.0
+        ),
         figures.judge(what, np.mean(below, keepdims=True), ">", 0.5, "replications"),
     ]
     abeam, astern = (figures.known(BASE, f"e_p_{where}_m") for where in ("abeam", "astern"))
     both = np.isfinite(abeam + astern).all(axis=0)
     better = np.mean((astern / abeam)[:, both] > 1.0, axis=1) if both.any() else None
     what = "share of missions better abeam than astern"
-    return criteria if better is None else [*criteria, figures.judge(what, better, ">", 0.5, "share")]
+    return (
+        criteria if better is None else [*criteria, figures.judge(what, better, ">", 0.5, "share")]
+    )
 
 
 def _heading(figures: Figures) -> list[Judged]:
@@ -314,7 +386,10 @@ def _burst(figures: Figures) -> list[Judged]:
     what = "largest E_B, median of the bursts over the others'"
     return [
         figures.judge(what, over, ">", 1.0),
-        *(figures.judge(f"share of replications {w}", v, ">", 0.5, "replications") for w, v in shares.items()),
+        *(
+            figures.judge(f"share of replications {w}", v, ">", 0.5, "replications")
+            for w, v in shares.items()
+        ),
     ]
 
 
@@ -342,16 +417,30 @@ class Claim:
         return Judgement(verdict=verdict_of([one.outcome for one in criteria]), criteria=criteria)
 
 
-CLAIMS = TypeAdapter(tuple[Claim, ...]).validate_python(tomllib.loads(_data("claims.toml"))["claim"])
-_COMPARED = (cell for claim in CLAIMS for ratio in claim.ratios for side in ("of", "over") for cell in ratio[side])
+CLAIMS = TypeAdapter(tuple[Claim, ...]).validate_python(
+    tomllib.loads(_data("claims.toml"))["claim"]
+)
+_COMPARED = (
+    cell
+    for claim in CLAIMS
+    for ratio in claim.ratios
+    for side in ("of", "over")
+    for cell in ratio[side]
+)
 JUDGED = frozenset([BASE, HEADING, *_COMPARED])
 
 
-def judge(ours: Figures, published: Mapping[Key, Mapping[str, float]]) -> list[tuple[Claim, Judgement, Judgement]]:
+def judge(
+    ours: Figures, published: Mapping[Key, Mapping[str, float]]
+) -> list[tuple[Claim, Judgement, Judgement]]:
     """Every claim on our figures and on the published ones, which have our distances."""
     each = {
-        (f"{setting} {variant}", metric): np.array([[published[setting, route, variant][metric] for route in ROUTES]])
-        for setting, variant in dict.fromkeys((setting, variant) for setting, _, variant in published)
+        (f"{setting} {variant}", metric): np.array(
+            [[published[setting, route, variant][metric] for route in ROUTES]]
+        )
+        for setting, variant in dict.fromkeys(
+            (setting, variant) for setting, _, variant in published
+        )
         for metric in METRICS
     }
     each |= {key: values[:1] for key, values in ours.each.items() if key[1] == "distance_m"}
@@ -369,15 +458,30 @@ def listed(numbers: Sequence[int]) -> str:
 
 
 def ratios(
-    rows: Mapping[Key, Record], published: Mapping[Key, Mapping[str, float]], setting: str, variant: str, metric: str
+    rows: Mapping[Key, Record],
+    published: Mapping[Key, Mapping[str, float]],
+    setting: str,
+    variant: str,
+    metric: str,
 ) -> Floats:
-    """Our figure over the published one on each mission that has both; an alternative is held against its like."""
-    mine = {(row["like"] or s, m, v): row for (s, m, v), row in rows.items() if (s, v) == (setting, variant)}
-    return np.array([row[metric] / published[key][metric] for key, row in mine.items() if key in published])
+    """Our figure over the published one on each mission that has both; an alternative is held
+    against its like.
+    """
+    mine = {
+        (row["like"] or s, m, v): row
+        for (s, m, v), row in rows.items()
+        if (s, v) == (setting, variant)
+    }
+    return np.array(
+        [row[metric] / published[key][metric] for key, row in mine.items() if key in published]
+    )
 
 
 def _of_cells(
-    setting: str, variant: str, rows: Mapping[Key, Record], published: Mapping[Key, Mapping[str, float]]
+    setting: str,
+    variant: str,
+    rows: Mapping[Key, Record],
+    published: Mapping[Key, Mapping[str, float]],
 ) -> dict[str, Finding]:
     found = {}
     name = f"{setting} {variant}"
@@ -387,22 +491,31 @@ def _of_cells(
         value, low, high = (round(float(f(to_theirs)), 4) for f in (np.median, np.min, np.max))
         what = "mean E_P, ours over the paper's: median, least and largest of the missions"
         found[f"ratio {name}"] = Finding(value=value, low=low, high=high, what=what)
-    locked = proportion(*(sum(int(row[c]) for row in mine.values()) for c in ("mirror_locked_runs", "runs")))
-    found[f"mirror-locked {name}"] = of(locked, "probability of a mirror lock over all missions, 95 %")
+    locked = proportion(
+        *(sum(int(row[c]) for row in mine.values()) for c in ("mirror_locked_runs", "runs"))
+    )
+    found[f"mirror-locked {name}"] = of(
+        locked, "probability of a mirror lock over all missions, 95 %"
+    )
     for mission, row in mine.items():
         if row["like"]:
             ours = row["e_p_mean_m"]
             theirs = published[row["like"], mission, variant]["e_p_mean_m"]
             found[f"error {name} {mission}"] = plain(ours, "mean E_P", "m")
-            found[f"printed {name} {mission}"] = plain(theirs, "mean E_P that the paper prints", "m")
-            found[f"apart {name} {mission}"] = plain(abs(ours - theirs), "the difference of the two", "m")
+            found[f"printed {name} {mission}"] = plain(
+                theirs, "mean E_P that the paper prints", "m"
+            )
+            found[f"apart {name} {mission}"] = plain(
+                abs(ours - theirs), "the difference of the two", "m"
+            )
     return found
 
 
 def findings_of_rows(
-    rows: Mapping[Key, Record], published: Mapping[Key, Mapping[str, float]],
+    rows: Mapping[Key, Record],
+    published: Mapping[Key, Mapping[str, float]],
     judgements: Sequence[tuple[Claim, Judgement, Judgement]],
-) -> dict[str, Finding]:  # fmt: skip
+) -> dict[str, Finding]:
     """All findings, from rows and verdicts."""
     runs = next(iter(rows.values()))["runs"]
     found = {"cells": plain(len(rows), "cells flown"), "runs": plain(runs, "runs of each cell")}
@@ -414,7 +527,9 @@ def findings_of_rows(
             found[f"{whose} {verdict}"] = plain(listed(numbers), what)
     for claim, ours, _ in judgements:
         for number, one in enumerate(ours.criteria, start=1):
-            what = f"{one.what}, {one.relation} {one.bound:g}: {one.outcome}; {VERDICT_CONFIDENCE:.1%}"
+            what = (
+                f"{one.what}, {one.relation} {one.bound:g}: {one.outcome}; {VERDICT_CONFIDENCE:.1%}"
+            )
             found[f"criterion {claim.number}.{number}"] = of(one.interval, what)
     for setting, variant in dict.fromkeys((setting, variant) for setting, _, variant in rows):
         found |= _of_cells(setting, variant, rows, published)

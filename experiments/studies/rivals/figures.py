@@ -16,7 +16,9 @@ from experiments.study.run import Outcomes
 
 
 def picture(findings: Findings) -> tuple[Panel, Legend]:
-    """Mean position errors of all navigators in all conditions, messages every 5 s; a bar is a 95 % interval."""
+    """Mean position errors of all navigators in all conditions, messages every 5 s; a bar is a
+    95 % interval.
+    """
     places = np.arange(len(NAVIGATORS), dtype=np.float64)[::-1]
     lines = []
     legend = []
@@ -24,13 +26,28 @@ def picture(findings: Findings) -> tuple[Panel, Legend]:
         found = [findings[f"error {case_name(name, condition, USUAL)}"] for name in NAVIGATORS]
         # a bar needs a positive end on a logarithmic axis
         found = [f if f.low is None else replace(f, low=max(f.low, 1e-2)) for f in found]
-        lines.append(marks(found, places + 0.15 * (1.5 - i), across=True, colour=SERIES[i], marker="o", name=title))
+        lines.append(
+            marks(
+                found,
+                places + 0.15 * (1.5 - i),
+                across=True,
+                colour=SERIES[i],
+                marker="o",
+                name=title,
+            )
+        )
         legend.append((SERIES[i], title))
     titles = dict(zip(places.tolist(), NAVIGATORS.values(), strict=True))
     figure = panel(
-        lines, x_label="mean E_P over the routes [m]", y_label="", width=FULL, height=4.2, x_log=True, y_ticks=titles,
+        lines,
+        x_label="mean E_P over the routes [m]",
+        y_label="",
+        width=FULL,
+        height=4.2,
+        x_log=True,
+        y_ticks=titles,
         y_limits=(-0.7, places.size - 0.3),
-    )  # fmt: skip
+    )
     return figure, legend
 
 

@@ -1,4 +1,6 @@
-"""Findings of the study of rival methods, functions of its rows, and the time of a filter step of each method."""
+"""Findings of the study of rival methods, functions of its rows, and the time of a filter step
+of each method.
+"""
 
 import math
 import tomllib
@@ -42,13 +44,15 @@ USUAL = 5.0
 SHARING = tuple(_titles(_SHARED["arm"]))  # navigators on such channels
 MAPPED = tuple(_titles(_MAP["arm"]))
 RANGES_M = tuple(_titles(_MAP["case"]))
-BIASES_DEG, BASELINES_M = _MAP["vary"].values()  # factors of the map of LAISN-3(2) and inverted USBL
+# factors of the map of LAISN-3(2) and inverted USBL
+BIASES_DEG, BASELINES_M = _MAP["vary"].values()
 # factors of the map of a channel that vehicles share
 VEHICLES = (1, 2, 5, 10, 20, 50)
 REACHES_M = (50.0, 150.0, 500.0)
 PING_S = 0.1
 SOUND_M_S = 1500.0
-LOST_M = 50.0  # A run whose error, or whose distance from its place at the end, is beyond this is called lost [m]
+# A run whose error, or whose distance from its place at the end, is beyond this is called lost [m]
+LOST_M = 50.0
 
 
 def case_name(navigator: str, condition: str, interval: float) -> str:
@@ -57,19 +61,27 @@ def case_name(navigator: str, condition: str, interval: float) -> str:
 
 
 def shared_interval_s(vehicles: int, reach_m: float) -> float:
-    """Interval at which each of n vehicles gets its range when they interrogate in turn: n (ping + 2 r / c) [s]."""
+    """Interval at which each of n vehicles gets its range when they interrogate in turn: n (ping
+    + 2 r / c) [s].
+    """
     return vehicles * (PING_S + 2.0 * reach_m / SOUND_M_S)
 
 
 def step_times_us(duration_s: float = 120.0, repeats: int = 3) -> dict[str, float]:
-    """Processor time of a filter step of each navigator, T5 with messages every second, the least of some runs [µs]."""
+    """Processor time of a filter step of each navigator, T5 with messages every second, the
+    least of some runs [µs].
+    """
     times = {}
     for name in NAVIGATORS:
-        scenario = load("T5", ["motion=kinematic", f"duration_s={duration_s}", f"navigation.variant={name}"])
+        scenario = load(
+            "T5", ["motion=kinematic", f"duration_s={duration_s}", f"navigation.variant={name}"]
+        )
         motion = simulate_motion(scenario)
         settings = navigation_settings(scenario, motion, 0)
         start = start_of(motion)
-        measured = measure(observe(motion, scenario), errors_of(scenario, 0), seed=scenario.seed, run=0)
+        measured = measure(
+            observe(motion, scenario), errors_of(scenario, 0), seed=scenario.seed, run=0
+        )
         taken = []
         # the first one compiles
         for _ in range(repeats + 1):
@@ -82,11 +94,17 @@ def step_times_us(duration_s: float = 120.0, repeats: int = 3) -> dict[str, floa
 
 def of_arm(name: str, routes: Cells) -> Iterator[tuple[str, Finding]]:
     """Mean error, 95th percentile, NEES, mirror-locked and lost shares of an arm on the routes."""
-    yield f"error {name}", of(mean_over_missions([*routes.runs("e_p_mean_m").T]), "mean E_P over routes, 95 %", "m")
+    yield (
+        f"error {name}",
+        of(mean_over_missions([*routes.runs("e_p_mean_m").T]), "mean E_P over routes, 95 %", "m"),
+    )
     high, nees = (routes.runs(metric)[0] for metric in ("e_p_p95_m", "nees"))
     yield f"high {name}", plain(float(high.mean()), "95th percentile of E_P, mean over routes", "m")
     yield f"nees {name}", median(nees, "NEES, median of routes; 2 if the covariance is right")
-    yield f"locked {name}", share(routes.runs("mirror_locked"), "share of missions locked on the mirror image, 95 %")
+    yield (
+        f"locked {name}",
+        share(routes.runs("mirror_locked"), "share of missions locked on the mirror image, 95 %"),
+    )
     what = f"share of missions with an error beyond {LOST_M:g} m, 95 %"
     yield f"lost {name}", share(routes.runs("e_p_max_m") > LOST_M, what)
 
@@ -100,7 +118,9 @@ def difference(one: Cells, other: Cells, what: str) -> Finding:
 
 
 def compared(found: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
-    """Differences of every rival from LAISN-3(2) and from the tightly coupled navigator, and how often it is better."""
+    """Differences of every rival from LAISN-3(2) and from the tightly coupled navigator, and how
+    often it is better.
+    """
     rivals = [name for name in NAVIGATORS if name not in OURS]
     for ours, rival in product(("laisn-3-2", "tight"), rivals):
         better = total = 0
@@ -112,7 +132,10 @@ def compared(found: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
             yield f"less {ours} {one}", apart
             total += 1
             better += apart.high is not None and apart.high < 0.0
-        yield f"better-than {ours} {rival}", plain(better, "cases with a smaller mean E_P, the whole interval below 0")
+        yield (
+            f"better-than {ours} {rival}",
+            plain(better, "cases with a smaller mean E_P, the whole interval below 0"),
+        )
         yield f"cases {ours} {rival}", plain(total, "cases of condition and message interval")
 
 
@@ -130,14 +153,18 @@ def steered(found: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
 
 
 def mapped(found: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
-    """Mean errors over range, compass bias and baseline, and where the inverted USBL is better than LAISN-3(2)."""
+    """Mean errors over range, compass bias and baseline, and where the inverted USBL is better
+    than LAISN-3(2).
+    """
     better = total = 0
     for reach, bias, baseline in product(RANGES_M, BIASES_DEG, BASELINES_M):
         names = [f"map {name} {reach} {bias:g} {baseline:g}" for name in MAPPED]
         laisn, usbl = (found[name].runs("e_p_mean_m")[:, :1].T for name in names)
         for name, errors in zip(names, (laisn, usbl), strict=True):
             yield name, of(mean_over_missions([*errors]), "mean E_P, 95 %", "m")
-        apart = of(mean_over_missions([*(usbl - laisn)]), "paired difference of mean E_P, 95 %", "m")
+        apart = of(
+            mean_over_missions([*(usbl - laisn)]), "paired difference of mean E_P, 95 %", "m"
+        )
         yield f"map-less {reach} {bias:g} {baseline:g}", apart
         better = better + int(apart.high is not None and apart.high < 0.0)
         total = total + 1
@@ -146,7 +173,9 @@ def mapped(found: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
 
 
 def shared(found: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
-    """Errors of vehicles that interrogate in turn, interpolated over the interval, on logarithmic scales."""
+    """Errors of vehicles that interrogate in turn, interpolated over the interval, on
+    logarithmic scales.
+    """
     simulated = sorted({*INTERVALS, *FURTHER})
     for name in SHARING:
         arms = [found[case_name(name, "calm", interval)] for interval in simulated]
@@ -156,16 +185,27 @@ def shared(found: Mapping[str, Cells]) -> Iterator[tuple[str, Finding]]:
         for vehicles, reach in product(VEHICLES, REACHES_M):
             interval = shared_interval_s(vehicles, reach)
             error = math.exp(np.interp(math.log(interval), np.log(simulated), np.log(errors)))
-            yield f"shared {name} {vehicles} {reach:g}", plain(error, "mean E_P where vehicles ask in turn", "m")
+            yield (
+                f"shared {name} {vehicles} {reach:g}",
+                plain(error, "mean E_P where vehicles ask in turn", "m"),
+            )
     for vehicles, reach in product(VEHICLES, REACHES_M):
         interval = shared_interval_s(vehicles, reach)
-        yield f"turn {vehicles} {reach:g}", plain(interval, "interval of ranges of one vehicle", "s")
+        yield (
+            f"turn {vehicles} {reach:g}",
+            plain(interval, "interval of ranges of one vehicle", "s"),
+        )
 
 
 def findings_of_rows(
-    routes: Mapping[str, Cells], closed: Mapping[str, Cells], points: Mapping[str, Cells], step_us: Mapping[str, float]
+    routes: Mapping[str, Cells],
+    closed: Mapping[str, Cells],
+    points: Mapping[str, Cells],
+    step_us: Mapping[str, float],
 ) -> dict[str, Finding]:
-    """All findings, from records in open loop, in closed loop and of the map, and times of filter steps [µs]."""
+    """All findings, from records in open loop, in closed loop and of the map, and times of
+    filter steps [µs].
+    """
     found = {name: finding for arm, runs in routes.items() for name, finding in of_arm(arm, runs)}
     for more in (compared(routes), steered(closed), mapped(points), shared(routes)):
         found |= dict(more)
@@ -173,18 +213,29 @@ def findings_of_rows(
     best = min((name for name in calm if name not in OURS), key=lambda name: calm[name].number)
     found["best-rival"] = plain(best, "rival of least mean E_P in calm water, messages every 5 s")
     for ours in ("laisn-3-2", "tight"):
-        wins = [finding.number for name, finding in found.items() if name.startswith(f"better-than {ours} ")]
+        wins = [
+            finding.number
+            for name, finding in found.items()
+            if name.startswith(f"better-than {ours} ")
+        ]
         found[f"better-than {ours}"] = plain(int(sum(wins)), "the same of all rivals together")
-    found |= {f"step {name}": plain(time, "processor time of a filter step", "µs") for name, time in step_us.items()}
+    found |= {
+        f"step {name}": plain(time, "processor time of a filter step", "µs")
+        for name, time in step_us.items()
+    }
     return found | {
         "runs": plain(len(next(iter(routes.values())).runs("run")), "runs of each mission"),
-        "slow-runs": plain(len(routes[case_name(SLOW, "calm", USUAL)].runs("run")), "of the factor graph"),
+        "slow-runs": plain(
+            len(routes[case_name(SLOW, "calm", USUAL)].runs("run")), "of the factor graph"
+        ),
         "closed-runs": plain(len(next(iter(closed.values())).runs("run")), "in closed loop"),
     }
 
 
 def findings_of(outcomes: Mapping[str, Outcomes]) -> dict[str, Finding]:
-    """All findings from the outcomes of the study's parts; the times of filter steps are measured here."""
+    """All findings from the outcomes of the study's parts; the times of filter steps are
+    measured here.
+    """
 
     cells = {part: one.cells for part, one in outcomes.items()}
     routes: dict[str, Cells] = {}
