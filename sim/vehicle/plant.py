@@ -11,16 +11,11 @@ brings them: for the velocities the rule of Adams and Bashforth, v += dt (3 a - 
 further evaluation of a force.
 """
 
-import ctypes
-from collections.abc import Callable, Sequence
-from functools import cache
-from pathlib import Path
-from typing import Any, cast
+from collections.abc import Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
-from numba import types
-from numba.extending import intrinsic
 
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled, copy_values
@@ -28,62 +23,8 @@ from laisn.failure import LaisnError
 from sim import attitude
 from sim.vehicle import effectors, hydrodynamics, mjcf
 from sim.vehicle.mjcf import VehicleSetup, compose, resolve
+from sim.vehicle.mujoco_calls import NO_CONTACT, NO_FORCES, call, calls_of
 from sim.water import Ocean
-
-# the release of MuJoCo on which compiled and Python calls were found to give the same bits
-TRIED = "4.0.0"
-STAGES = ("mj_kinematics", "mj_comPos", "mj_makeM", "mj_fwdVelocity", "mj_factorM", "mj_step2")
-"""Functions of (model, data) that make up a physics step."""
-
-# addresses of STAGES, of the model and of the data
-Calls = tuple[tuple[int, int, int, int, int, int], int, int]
-
-
-@cache
-def library() -> ctypes.CDLL:
-    """The shared library behind the Python package; LaisnError if compiled calls were not tried
-    with its release.
-    """
-    if mujoco.__version__ != TRIED:
-        raise LaisnError(
-            f"MuJoCo is {mujoco.__version__}, compiled steps were tried with {TRIED} alone"
-        )
-    names = f"libmujoco.so.{TRIED}", f"libmujoco.{TRIED}.dylib", "mujoco.dll"
-    shared = ctypes.CDLL(
-        str(next(path for path in Path(mujoco.__file__).parent.iterdir() if path.name in names))
-    )
-    # MuJoCo's timers (mjData.timer) stand still: without a clock to read, a step of two hulls takes
-    # a seventh less
-    ctypes.c_void_p.in_dll(shared, "mjcb_time").value = None
-    return shared
-
-
-def find(model: Any, data: Any) -> Calls:
-    """Addresses with which compiled code steps an MjModel and its MjData; they hold as long as
-    these live.
-    """
-    shared = library()
-    stages = (
-        cast(int, ctypes.cast(getattr(shared, name), ctypes.c_void_p).value) for name in STAGES
-    )
-    return cast(Calls, (tuple(stages), int(model._address), int(data._address)))
-
-
-def _emit_call(_: Any, function: Any, model: Any, data: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        function_type = types.FunctionType(types.void(types.intp, types.intp))
-        pointer = context.get_value_type(function_type.ftype)
-        builder.call(builder.inttoptr(args[0], pointer), args[1:])
-        return context.get_dummy_value()
-
-    return types.void(types.intp, types.intp, types.intp), generate
-
-
-call: Callable[[int, int, int], None] = cast(Any, intrinsic(_emit_call))
-"""Call one of STAGES: its address, the model's and the data's. To be called from compiled code
-only.
-"""
-
 
 # what ended a step, one of FINE … WARNED, and the index of the vehicle, or of MuJoCo's warning
 Fault = tuple[int, int]
@@ -141,15 +82,6 @@ def advance(handles: Any, command: Floats, n_substeps: int) -> Fault:
     return FINE, -1
 
 
-NO_CONTACT = (
-    mujoco.mjtDisableBit.mjDSBL_CONSTRAINT.value | mujoco.mjtDisableBit.mjDSBL_CONTACT.value
-)
-"""Hulls pass through one another and through the floor, whatever their geoms are."""
-_UNUSED = ("mjDSBL_SPRING", "mjDSBL_DAMPER", "mjDSBL_ACTUATION")
-_NO_FORCES = sum(getattr(mujoco.mjtDisableBit, name).value for name in _UNUSED)
-"""Free bodies have neither springs nor dampers; effectors are those of `sim.vehicle.effectors`."""
-
-
 class PlantError(LaisnError):
     """A simulation that cannot continue; the text has vehicle, time and the last valid state."""
 
@@ -182,7 +114,7 @@ class Plant:
         """
         spec = compose(setups, ocean.floor_depth_m, looks=False)
         spec.option.timestep = dt
-        spec.option.disableflags |= NO_CONTACT | _NO_FORCES
+        spec.option.disableflags |= NO_CONTACT | NO_FORCES
         self.ocean = ocean
         self.dt = dt
         self.setups = tuple(setups)
@@ -232,7 +164,7 @@ class Plant:
             forward = attitude.rotate(self.pose[i, 3:], np.array([1.0, 0.0, 0.0]))
             self.twist[i, :3] = setup.speed_m_s * forward
         mujoco.mj_forward(model, data)
-        self._calls = find(model, data)
+        self._calls = calls_of(model, data)
         # the first step takes the accelerations of the start for those of a step before
         self._acceleration[:] = 0.0
         start = data.qpos.copy(), data.qvel.copy()

@@ -1,6 +1,9 @@
-"""Whether compiled code can call MuJoCo is checked at the start, and reported."""
+"""Compiled code calls MuJoCo's stages; a release whose stages are not those of `mj_step` is
+refused.
+"""
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -8,16 +11,19 @@ import pytest
 
 from laisn.compiled import compiled
 from laisn.failure import LaisnError
-from sim.vehicle import plant
-from sim.vehicle.plant import call, find
+from sim.vehicle import mujoco_calls
+from sim.vehicle.mujoco_calls import STAGES, call, calls_of, steps_differ
 
 
 @pytest.fixture(autouse=True)
-def forget() -> Iterator[None]:
-    """Search the library again."""
-    plant.library.cache_clear()
-    yield
-    plant.library.cache_clear()
+def verdict(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
+    """A machine on which no release has been tested yet; gives the file of the verdict."""
+    path = tmp_path / "passed"
+    monkeypatch.setattr(mujoco_calls, "_verdict_file", lambda: path)
+    mujoco_calls._require_tested.cache_clear()
+    yield path
+    mujoco_calls._require_tested.cache_clear()
+    mujoco_calls._library.cache_clear()
 
 
 def falling() -> tuple[Any, Any]:
@@ -39,14 +45,53 @@ def test_compiled_code_moves_the_data_of_python() -> None:
     lower.
     """
     model, data = falling()
-    _in_turn(*find(model, data), 100)
+    _in_turn(*calls_of(model, data), 100)
     assert data.time == pytest.approx(100 * model.opt.timestep)
     assert data.qpos[2] == pytest.approx(-9.81 * model.opt.timestep**2 * 100 * 101 / 2, rel=1e-12)
 
 
-def test_release_that_was_not_tried_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mujoco, "__version__", "4.1.0")
+def test_two_steps_are_those_of_mujoco_to_the_bit(verdict: Path) -> None:
+    assert steps_differ() == 0.0
+    assert not verdict.exists()
+    calls_of(*falling())
+    assert verdict.exists()
+
+
+@pytest.mark.parametrize("left_out", ["mj_comPos", "mj_makeM", "mj_fwdVelocity", "mj_factorM"])
+def test_release_whose_step_has_another_stage_is_refused(
+    monkeypatch: pytest.MonkeyPatch, verdict: Path, left_out: str
+) -> None:
+    """As if a release had moved what a stage does into another function."""
+    changed = tuple("mj_kinematics" if name == left_out else name for name in STAGES)
+    monkeypatch.setattr(mujoco_calls, "STAGES", changed)
+    with pytest.raises(LaisnError, match=r"differs from mj_step by .*; install a release that"):
+        calls_of(*falling())
+    assert not verdict.exists()
+
+
+def test_release_without_a_stage_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    mujoco_calls._library.cache_clear()
+    monkeypatch.setattr(mujoco_calls, "STAGES", ("mj_kinetics", *STAGES[1:]))
+    with pytest.raises(LaisnError, match="has no function mj_kinetics; install a release that"):
+        calls_of(*falling())
+
+
+def test_package_without_a_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    mujoco_calls._library.cache_clear()
+    monkeypatch.setattr(mujoco, "__version__", "4.9.0")
     with pytest.raises(
-        LaisnError, match=r"MuJoCo is 4\.1\.0, compiled steps were tried with 4\.0\.0 alone"
+        LaisnError, match=r"MuJoCo 4\.9\.0: .* holds none of libmujoco\.so\.4\.9\.0"
     ):
-        find(*falling())
+        calls_of(*falling())
+
+
+def test_release_that_passed_is_not_tested_again(
+    monkeypatch: pytest.MonkeyPatch, verdict: Path
+) -> None:
+    verdict.touch()
+
+    def tested() -> float:
+        raise AssertionError("tested again")
+
+    monkeypatch.setattr(mujoco_calls, "steps_differ", tested)
+    calls_of(*falling())

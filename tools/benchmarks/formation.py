@@ -13,7 +13,8 @@ from sim.closed_loop import closed_loop_of, simulate_closed_loop
 from sim.scenario.settings import Scenario
 from sim.simulation import simulate
 from sim.vehicle.mjcf import compose
-from sim.vehicle.plant import NO_CONTACT, Plant
+from sim.vehicle.mujoco_calls import NO_CONTACT
+from sim.vehicle.plant import Plant
 from tools.benchmarks.row import Row, least_time, least_times
 
 SWARMS = {10: 400.0, 50: 100.0}

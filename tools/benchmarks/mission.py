@@ -23,7 +23,8 @@ from sim.log.contents import Contents
 from sim.scenario.settings import Follower, Scenario
 from sim.simulation import simulate
 from sim.vehicle.mjcf import compose, spec_of
-from sim.vehicle.plant import NO_CONTACT, Calls, Plant, call, find
+from sim.vehicle.mujoco_calls import NO_CONTACT, Calls, call, calls_of
+from sim.vehicle.plant import Plant
 from tools.benchmarks.row import Row, least_time
 
 FLEETS = {
@@ -86,7 +87,7 @@ def physics() -> list[Row]:
         bare = least_time(partial(mujoco.mj_step, model, data, steps), 3) / steps * 1e6
         dry = Plant(setups, ocean, dt)
         wet = Plant(setups, ocean, dt)
-        calls = find(dry.model, dry.data)
+        calls = calls_of(dry.model, dry.data)
         floor = least_time(partial(_stages, calls, steps), 3) / steps * 1e6
         with_water = least_time(partial(wet.step, thrust, steps), 3) / steps * 1e6
         fleets = [Plant(setups, ocean, dt) for _ in range(4)]
