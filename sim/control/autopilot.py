@@ -43,6 +43,7 @@ from sim.control.allocation import (
     pseudo_inverse,
 )
 from sim.vehicle import effectors
+from sim.vehicle.mjcf import inertia_tensor
 from sim.vehicle.plant import Plant
 
 DepthControl = Literal["pitch", "thrust"]
@@ -133,10 +134,11 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
         turning = slow[:, [PITCH, YAW]].any(axis=1)
         record["omega"] = 1.0 / (4.0 * max(own["lag"][turning].max(initial=0.0), LEAST_LAG))
         record["surge_mass"], record["sway_mass"], record["heave_mass"] = mass + added[:3]
+        inertia = inertia_tensor(model, body.id)
         record["pitch_inertia"] = (
-            body.inertia[1] + mass * (centre[0] ** 2 + centre[2] ** 2) + added[4]
+            inertia[1, 1] + mass * (centre[0] ** 2 + centre[2] ** 2) + added[4]
         )
-        record["yaw_inertia"] = body.inertia[2] + mass * centre[0] ** 2 + added[5]
+        record["yaw_inertia"] = inertia[2, 2] + mass * (centre[0] ** 2 + centre[1] ** 2) + added[5]
         record["righting"] = -mass * c["gravity"] * centre[2]
         record["drag_linear"] = c["linear_damping"][0]
         record["drag_fade"] = c["linear_damping_fade"][0]

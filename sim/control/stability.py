@@ -21,6 +21,7 @@ from sim.scenario.point_motion import TURN_RATE
 from sim.scenario.routes import START_SPEED
 from sim.vehicle.effectors import FIN, state_for, unit_wrenches
 from sim.vehicle.hydrodynamics import wrench
+from sim.vehicle.mjcf import inertia_tensor
 from sim.vehicle.plant import Plant
 from sim.water import Water, instant_of
 
@@ -98,9 +99,8 @@ def _body(plant: Plant, i: int) -> tuple[Floats, Floats]:
     mass = float(body.mass[0])
     centre = np.array(body.ipos)
     cross = mass * _skew(centre)
-    return np.block(
-        [[mass * np.eye(3), -cross], [cross, np.diag(body.inertia) - cross @ _skew(centre)]]
-    ), centre
+    inertia = inertia_tensor(plant.model, body.id)
+    return np.block([[mass * np.eye(3), -cross], [cross, inertia - cross @ _skew(centre)]]), centre
 
 
 def steady_turn(plant: Plant, i: int, d: Any, speed: float) -> tuple[float, float]:

@@ -124,6 +124,18 @@ def numeric(model: Any, name: str) -> Floats | None:
     )
 
 
+def inertia_tensor(model: Any, body: int) -> Floats:
+    """Inertia of a body of a compiled model about its centre of gravity, on the axes of the body
+    frame, shape (3, 3), [kg m²].
+
+    MuJoCo keeps principal moments and the attitude of their axes (`body_inertia`, `body_iquat`).
+    """
+    axes = np.zeros(9)
+    mujoco.mju_quat2Mat(axes, model.body_iquat[body])
+    to_body = axes.reshape(3, 3)
+    return np.asarray((to_body * model.body_inertia[body]) @ to_body.T)
+
+
 def resolve(model: Any, name: str) -> Vehicle:
     """Ids of the vehicle `name`."""
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"{name}/hull")

@@ -232,7 +232,7 @@ def coefficients_of(model: str) -> dict[str, float]:
     plant = _plant(model)
     (record,) = mjcf.read_coefficients(plant.model, plant.names, 1026.0)
     c = np.array([record], record.dtype).view(np.recarray)[0]
-    body = plant.model.body("v/hull")
+    inertia = mjcf.inertia_tensor(plant.model, plant.model.body("v/hull").id)
     own = plant.effectors[0, : len(plant.effector_names[0])]
     rest = np.array([0.0, 0.0, -200.0, 1.0, 0.0, 0.0, 0.0])
     now, waves = instant_of(0.0, plant.ocean.water)
@@ -245,8 +245,8 @@ def coefficients_of(model: str) -> dict[str, float]:
 
     fins = own[own["kind"] == FIN]
     values = {
-        "inertia in roll": float(body.inertia.min()),
-        "inertia in yaw": float(body.inertia.max()),
+        "inertia in roll": float(inertia[0, 0]),
+        "inertia in yaw": float(inertia[2, 2]),
     }
     for i, name in enumerate(("surge", "sway", "heave", "roll", "pitch", "yaw")):
         values[f"added mass in {name}"] = float(c.added_mass[i, i])
