@@ -2,6 +2,7 @@
 a surveyed path.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from operator import itemgetter
@@ -82,7 +83,7 @@ def score(
     first = max(since_s, float(time[known][0]) if known.any() else np.inf)
     path = truth[(truth[:, 0] >= first) & (truth[:, 0] <= time[-1])]
     if not len(path):
-        return Score(*[float("nan")] * 4)
+        return Score(math.nan, math.nan, math.nan, math.nan)
     place = np.column_stack(
         [np.interp(path[:, 0], time[known], estimates.state[known, k]) for k in range(2)]
     )

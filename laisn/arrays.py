@@ -75,13 +75,12 @@ def require_numbers(
             field.name in signed or value > 0.0 or (value == 0.0 and field.name not in positive)
         )
         if not np.isfinite(value) or not enough:
-            bound = (
-                ""
-                if field.name in signed
-                else ", positive"
-                if field.name in positive
-                else ", zero or more"
-            )
+            if field.name in signed:
+                bound = ""
+            elif field.name in positive:
+                bound = ", positive"
+            else:
+                bound = ", zero or more"
             raise ValueError(f"{field.name} is {value}, expected a finite number{bound}")
 
 

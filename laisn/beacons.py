@@ -138,8 +138,8 @@ def moments(b: Belief, speed: float, heading: float) -> tuple[Floats, Floats]:
 
 
 _SHORTEST = 0.1  # nearer to a beacon than this the direction to it means nothing [m]
-_ADAPTATION_GAIN = 0.02  # share of a range in the estimated variance of its beacon …
-_LARGEST = 16.0  # … to which it adds at most this times the variance
+_ADAPTATION_GAIN = 0.02  # share of a range in the estimated variance of its beacon
+_LARGEST = 16.0  # a range adds at most this times the variance to it
 # bounds of the estimated variance, as multiples of the settings'
 _LEAST = 0.25
 _MOST = 16.0
@@ -231,8 +231,8 @@ BEARINGS = 48  # Gaussians of a ring
 STARTERS = 8  # first ranges, each of which may be the one that gives an unknown start
 # errors of ranges are estimated where one component has more weight than this
 _DOMINANT_WEIGHT = 0.9
-_MOST_MISSED = 8  # ranges of one beacon rejected in a row after which a ring about it is added …
-_RING_WEIGHT = 0.01  # … with this weight
+_MOST_MISSED = 8  # ranges of one beacon rejected in a row after which a ring about it is added
+_RING_WEIGHT = 0.01  # of the ring that is added
 
 
 @compiled
@@ -552,11 +552,13 @@ class BeaconNavigator(OnlineNavigator[Estimates]):
             )
         if reception is None:
             return []
-        return [
-            self._fix_at_estimate(
-                FixKind.ONE_RANGE if any(used) else (FixKind.GATED if used else FixKind.LOST)
-            )
-        ]
+        if any(used):
+            kind = FixKind.ONE_RANGE
+        elif used:
+            kind = FixKind.GATED
+        else:
+            kind = FixKind.LOST
+        return [self._fix_at_estimate(kind)]
 
     def run(self, measurements: Measurements) -> Estimates:
         """Estimates of a whole mission, whose filter step may differ from the settings'; see

@@ -57,9 +57,10 @@ _A0, _A1, _A2, _A3, _A4, _A5, _A6, _A7, _A8, _A9, _A10 = _FIT.convert(
 
 
 def _emit_fma(_: Any, a: Any, b: Any, c: Any) -> Any:
-    return types.float64(
-        *3 * (types.float64,)
-    ), lambda context, builder, signature, args: builder.fma(*args)
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.fma(*args)
+
+    return types.float64(types.float64, types.float64, types.float64), generate
 
 
 def _bitcast(source: Any, target: Any) -> Any:
@@ -161,9 +162,13 @@ def half_turn_angle(cross: float, dot: float) -> float:
     b = abs(dot)
     shallow = a <= _TAN_PI_8 * b
     steep = b <= _TAN_PI_8 * a
-    above = a if shallow else (-b if steep else a - b)
-    below = b if shallow else (a if steep else a + b)
-    start = 0.0 if shallow else (_HALF_PI if steep else _QUARTER_PI)
+    # tangent above / below of the angle from `start`: 0, π/2, or else π/4
+    above = -b if steep else a - b
+    below = a if steep else a + b
+    start = _HALF_PI if steep else _QUARTER_PI
+    above = a if shallow else above
+    below = b if shallow else below
+    start = 0.0 if shallow else start
     t = above / (below if below > 0.0 else 1.0)
     q = t * t
     p = fma(fma(fma(fma(fma(fma(_A10, q, _A9), q, _A8), q, _A7), q, _A6), q, _A5), q, _A4)

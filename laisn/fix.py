@@ -109,9 +109,11 @@ def pair_fix(pair: Pair, heading: Turn, predicted: Point, t: Tuning) -> Fix:
     side = half if y * east >= x * north else -half
     behind = d - front if pair.from_front else -rear
     ahead = t.predicted_side and x * east + y * north > 0.5 * d
-    along = chord.along if clear or tangent else (d + front if ahead else behind)
+    on_axis = d + front if ahead else behind
+    along = chord.along if clear or tangent else on_axis
     aside = side if clear else 0.0
-    kind = TWO_POINTS if clear else (TANGENT if tangent else ASTERN)
+    kind = TANGENT if tangent else ASTERN
+    kind = TWO_POINTS if clear else kind
     return Fix(
         pair.rear.centre.east + along * east - aside * north,
         pair.rear.centre.north + along * north + aside * east,
@@ -228,7 +230,8 @@ Pairs = tuple[Fix, Fix, Fix]
 def highest(pairs: Pairs, first: float, second: float, third: float) -> Fix:
     """The pair with the highest score of three, the earlier one among equals."""
     better = pairs[1] if second > first else pairs[0]
-    return pairs[2] if third > (second if second > first else first) else better
+    score = second if second > first else first
+    return pairs[2] if third > score else better
 
 
 @formula
@@ -267,7 +270,9 @@ def laisn_3_2(pairs: Pairs, predicted: Point) -> Fix:
     w_c = 1.0 if none and w_a + w_b == 0.0 and c.kind != LOST else w_c
     total = w_a + w_b + w_c
     per_total = 1.0 / (total if total > 0.0 else np.nan)
-    only = a.kind if w_a > 0.0 else (b.kind if w_b > 0.0 else (c.kind if w_c > 0.0 else LOST))
+    only = c.kind if w_c > 0.0 else LOST
+    only = b.kind if w_b > 0.0 else only
+    only = a.kind if w_a > 0.0 else only
     return Fix(
         (_weighted(w_a, a.east) + _weighted(w_b, b.east) + _weighted(w_c, c.east)) * per_total,
         (_weighted(w_a, a.north) + _weighted(w_b, b.north) + _weighted(w_c, c.north)) * per_total,
@@ -280,7 +285,8 @@ def laisn_3_2(pairs: Pairs, predicted: Point) -> Fix:
 @formula
 def _baseline_score(fix: Fix) -> float:
     """One intersection before all; then the separation of two (−1 for none); lost ranges last."""
-    return np.inf if fix.kind == TANGENT else (-2.0 if fix.kind == LOST else fix.separation)
+    score = -2.0 if fix.kind == LOST else fix.separation
+    return np.inf if fix.kind == TANGENT else score
 
 
 @formula
@@ -296,7 +302,8 @@ def laisn_best(pairs: Pairs, predicted: Point) -> Fix:
 @formula
 def _usable_score(fix: Fix) -> float:
     """Clear intersections before none; lost ranges last."""
-    return -2.0 if fix.kind == LOST else (0.0 if fix.kind == ASTERN else 1.0)
+    score = 0.0 if fix.kind == ASTERN else 1.0
+    return -2.0 if fix.kind == LOST else score
 
 
 @formula

@@ -267,9 +267,11 @@ def update(block: Floats, t: Tuning, k: int) -> None:
         syy = pyy + r
         singular = is_singular(sxx, syy)
         lost = kind == LOST
-        kind = kind if lost else (GATED if gated else (SINGULAR if singular else kind))
+        outcome = SINGULAR if singular else kind
+        outcome = GATED if gated else outcome
+        outcome = kind if lost else outcome
         used = not (lost or gated or singular)
-        block[KIND + lane] = kind
+        block[KIND + lane] = outcome
         block[PASSED + lane] = 1.0 if not (lost or gated) else block[PASSED + lane]
 
         per_det = 1.0 / (sxx * syy - pxy * pxy)

@@ -189,8 +189,8 @@ def spec_of(settings: Settings) -> NavigatorSpec:
 
 
 FASTEST = 50.0  # a measured speed beyond this is broken [m/s]
-FARTHEST = 1e5  # a range beyond this is broken [m] …
-_NOWHERE = 1e3 * FARTHEST  # … and a leader or transmitter beyond this
+FARTHEST = 1e5  # a range beyond this is broken [m]
+_NOWHERE = 1e3 * FARTHEST  # a position of a leader or transmitter beyond this is broken [m]
 
 
 def require_valid(

@@ -433,7 +433,12 @@ class OwnControl:
     def _require_valid(self, f: int, found: Any) -> None:
         """LaisnError naming the follower if its controller has returned none of the three."""
         size = self._effectors[f]
-        expected = 6 if isinstance(found, Wrench) else size if isinstance(found, np.ndarray) else 3
+        if isinstance(found, Wrench):
+            expected = 6
+        elif isinstance(found, np.ndarray):
+            expected = size
+        else:
+            expected = 3
         if (
             np.shape(found) != (expected,)
             or not np.isfinite(np.asarray(found, dtype=np.float64)).all()

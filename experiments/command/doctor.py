@@ -36,6 +36,9 @@ def _try_to_fly() -> tuple[str, str]:
     return "", _first_line(film_error) if film_error else ""
 
 
+_MARKS = {True: "[green]ok[/]", False: "[red]no[/]", None: "--"}
+
+
 def examine() -> int:
     """Print a table of what works; returns 0 if a mission can be simulated, even without a film,
     and 1 if not.
@@ -47,8 +50,7 @@ def examine() -> int:
 
     def row(fine: bool | None, what: str, detail: str) -> None:
         """A line for what works, does not work, or is not needed (None)."""
-        mark = "--" if fine is None else "[green]ok[/]" if fine else "[red]no[/]"
-        table.add_row(mark, what, escape(detail))
+        table.add_row(_MARKS[fine], what, escape(detail))
 
     row(True, "Python", platform.python_version())
     row(True, "packages", ", ".join(f"{name} {version(name)}" for name in ("laisn-sim", *PACKAGES)))

@@ -72,7 +72,9 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
     if any("station_rms_m" in row for row in summary["followers"].values()):
         _show_stations(console, flight, summary)
     else:
-        heads = ("follower", "E_P: max", "mean", "σ", "E_B: max", "mean", "σ", "NEES", "× bound")
+        heads = ["follower", "E_P: max", "mean", "σ", "E_B: max", "mean", "σ", "NEES", "× bound"]
+        if steered:
+            heads.append("track error")
         rows = []
         for name, row in summary["followers"].items():
             metres = (f"{row[f'e_p_{what}_m']:.2f} m" for what in ("max", "mean", "std"))
@@ -82,7 +84,7 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
             )
             off = [f"{row['track_error_rms_m']:.2f} m"] if steered else []
             rows.append([name, *metres, *degrees, *consistent, *off])
-        show_table(console, [*heads, *(["track error"] if steered else [])], rows)
+        show_table(console, heads, rows)
         console.print(_LEGEND, style="dim", highlight=False)
     gave_way = {
         name: row["gave_way_s"]

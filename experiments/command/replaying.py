@@ -47,6 +47,12 @@ from sim.simulation import simulate_motion
 _LARGE = 1e5  # errors beyond this are printed by their order of magnitude [m]
 
 
+def _figure(error: float) -> str:
+    if math.isnan(error):
+        return "–"
+    return f"{error:.2f}" if error < _LARGE else f"{error:.0e}"
+
+
 def replay(
     path: Path,
     variant: str,
@@ -331,11 +337,8 @@ def replay_data_set(
     rows = []
     for name, found in (("dead reckoning", dead_reckoning(recorded)), (title, estimates)):
         errors = score(found, measured, recorded.truth)
-        figures = [
-            "–" if math.isnan(e) else f"{e:.2f}" if e < _LARGE else f"{e:.0e}" for e in errors
-        ]
         x, y = found.state[-1, :2]
-        rows.append([name, *figures, f"{x:.2f}, {y:.2f}"])
+        rows.append([name, *map(_figure, errors), f"{x:.2f}, {y:.2f}"])
     show_table(Console(), heads, rows)
     truth = recorded.truth
     mean = errors.mean

@@ -69,7 +69,7 @@ def _factors(assignments: list[str]) -> dict[str, Any]:
     return {key: listed(value) for key, value in values_of(assignments, "--vary").items()}
 
 
-def study(
+def study(  # noqa: PLR0913 - an argument for each option of the command
     source: Annotated[
         str,
         typer.Argument(

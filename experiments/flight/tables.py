@@ -66,7 +66,9 @@ class Table:
         return self.arrow.__arrow_c_stream__(requested_schema)
 
     def __repr__(self) -> str:
-        named = self.columns[:_NAMED] + ["…"] * (len(self.columns) > _NAMED)
+        named = self.columns[:_NAMED]
+        if len(self.columns) > _NAMED:
+            named.append("…")
         return f"<Table: {len(self)} rows, {len(self.columns)} columns: {', '.join(named)}>"
 
     def _repr_html_(self) -> str:

@@ -62,10 +62,13 @@ class Code:
     folded: bool = False
 
 
+Tone = Literal["failure", "warning", "note"]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Notice:
     text: str
-    tone: Literal["failure", "warning", "note"] = "note"
+    tone: Tone = "note"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +93,10 @@ class Cell:
         """Classes: numbers to the right, short text on one line, long text in a column that can
         be read.
         """
-        width = "n" if self.numeric else "long" if len(self.text) > _SHORT else "short"
+        if self.numeric:
+            width = "n"
+        else:
+            width = "long" if len(self.text) > _SHORT else "short"
         return " ".join(filter(None, (width, self.tone)))
 
     @property
@@ -194,7 +200,10 @@ def ratio_tone(ratio: float) -> str:
         return ""
     size = abs(math.log(ratio)) if ratio > 0 else math.inf
     level = sum(size > math.log(bound) for bound in (1.2, 1.5, 2.0))
-    return "ratio-even" if level == 0 else f"ratio-{'high' if ratio > 1 else 'low'}{level}"
+    if level == 0:
+        return "ratio-even"
+    side = "high" if ratio > 1 else "low"
+    return f"ratio-{side}{level}"
 
 
 def _template(name: str) -> str:
@@ -235,7 +244,7 @@ _BLOCKS = get_args(Block)
 _MARK = "\0"
 _NUMBER = re.compile(r"(−?\d[\d,]*(?:\.\d+)?)(?: %)?(?: \(.*\)| ± \S+)?")
 """A cell that is a number: perhaps with its limits, or in per cent."""
-_TONES = ("failure", "warning", "note")
+_TONES: Mapping[str, Tone] = {"failure": "failure", "warning": "warning", "note": "note"}
 
 
 def _line(text: str) -> str:
@@ -246,15 +255,12 @@ def _cell(text: str, placed: Sequence[Any]) -> Any:
     """A cell that was passed, or one of text, which sorts as a number if it is one."""
     if text.startswith(_MARK):
         return placed[int(text.removeprefix(_MARK))]
+    if text == "–":
+        return Cell(text=text, sort=math.inf)
     number = _NUMBER.fullmatch(text)
-    sort = (
-        float(number[1].replace("−", "-").replace(",", ""))
-        if number
-        else math.inf
-        if text == "–"
-        else ""
-    )
-    return Cell(text=text, sort=sort)
+    if number:
+        return Cell(text=text, sort=float(number[1].replace("−", "-").replace(",", "")))
+    return Cell(text=text)
 
 
 def _table(text: str, placed: Sequence[Any]) -> Table:
@@ -280,7 +286,15 @@ def _table(text: str, placed: Sequence[Any]) -> Table:
     )
 
 
-def page_of(
+def _paragraph(text: str) -> Notice | Text:
+    """A notice, as `> warning: text`, or else text."""
+    tone, colon, remark = text.removeprefix(">").strip().partition(": ")
+    if text.startswith(">") and colon and tone in _TONES:
+        return Notice(text=remark, tone=_TONES[tone])
+    return Text(text=text)
+
+
+def page_of(  # noqa: C901
     package: str,
     facts: Sequence[tuple[str, str]],
     values: Mapping[str, Any],
@@ -330,10 +344,6 @@ def page_of(
         elif part.startswith(_MARK):
             sections[-1][1].append(placed[int(part.removeprefix(_MARK))])
         else:
-            tone, colon, remark = _line(part).removeprefix(">").strip().partition(": ")
-            notice = part.startswith(">") and colon and tone in _TONES
-            sections[-1][1].append(
-                Notice(text=remark, tone=tone) if notice else Text(text=_line(part))
-            )  # type: ignore[arg-type]
+            sections[-1][1].append(_paragraph(_line(part)))
     made = [Section(title=head, blocks=blocks) for head, blocks in sections]
     return Page(title=title.removeprefix("# "), summary=_line(rest[0]), facts=facts, sections=made)

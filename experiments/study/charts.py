@@ -32,17 +32,16 @@ def _words(name: str) -> tuple[str, str]:
     owner = re.match(r"(leader|followers\.(\d+|\*))\.", name)
     text, unit = without_unit(name[owner.end() :] if owner else name.partition(".")[2] or name)
     words = text.replace("_", " ").replace(".", " ")
-    if owner:
-        number = owner[2]
-        whose = (
-            "leader's"
-            if number is None
-            else "followers'"
-            if number == "*"
-            else f"follower {int(number) + 1}'s"
-        )
-        words = f"{whose} {words}"
-    return words, unit
+    if not owner:
+        return words, unit
+    number = owner[2]
+    if number is None:
+        whose = "leader's"
+    elif number == "*":
+        whose = "followers'"
+    else:
+        whose = f"follower {int(number) + 1}'s"
+    return f"{whose} {words}", unit
 
 
 def label_of(name: str) -> str:

@@ -279,7 +279,11 @@ def main_effects(plan: Plan, results: Results, metric: str) -> dict[str, Interva
     samples = np.array(given_samples)
     if np.isnan(samples).all(axis=1).any() or np.ptp(means := np.nanmean(samples, axis=1)) == 0.0:
         return {}
-    names = factors + [ARM] * (len(plan.arms) > 1) + [FOLLOWER] * (len(plan.followers) > 1)
+    names = list(factors)
+    if len(plan.arms) > 1:
+        names.append(ARM)
+    if len(plan.followers) > 1:
+        names.append(FOLLOWER)
     given = {name: [plan.points[place[0]][name] for place in places] for name in factors}
     given |= {ARM: [place[1] for place in places], FOLLOWER: [place[2] for place in places]}
     random = np.random.default_rng([_KEY, plan.study.file.seed or 0])
@@ -301,9 +305,8 @@ def main_effects(plan: Plan, results: Results, metric: str) -> dict[str, Interva
         }
         shares[INTERACTIONS] = 1.0 - np.sum(list(shares.values()), axis=0)
         for name, share in shares.items():
-            found[name] = Interval(
-                float(share[0]), *(_limits(share[1:]) if count > 1 else (np.nan, np.nan))
-            )
+            low, high = _limits(share[1:]) if count > 1 else (np.nan, np.nan)
+            found[name] = Interval(float(share[0]), low, high)
     else:
         by_point = np.argsort([place[0] for place in places], kind="stable").reshape(
             len(plan.points), -1

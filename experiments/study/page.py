@@ -53,7 +53,9 @@ def _verdict(apart: Interval, value: float, base: float) -> str:
     decided = apart.high < 0 or apart.low > 0
     if digits(value) == digits(base) and (decided or apart.value == 0):
         return "same"
-    return "undecided" if not decided else "lower" if apart.value < 0 else "higher"
+    if not decided:
+        return "undecided"
+    return "lower" if apart.value < 0 else "higher"
 
 
 def notable(plan: Plan, results: Results, place: Place) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -178,9 +180,10 @@ def page_of(
             folded=len(results.rows) > 4,
         ),
     }
-    facts = [
-        ("scenario", ", ".join(study.scenarios)),
-        *([("arms", ", ".join(plan.arms))] if study.arms else []),
+    facts = [("scenario", ", ".join(study.scenarios))]
+    if study.arms:
+        facts.append(("arms", ", ".join(plan.arms)))
+    facts += [
         ("seed", str(min(row["seed"] for rows in results.rows.values() for row in rows))),
         ("runs", str(study.runs)),
         ("realizations", str(study.file.realizations)),

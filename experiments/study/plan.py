@@ -227,7 +227,7 @@ def _arm_errors(study: Study, point: Mapping[str, Any], entry: Entry) -> list[st
     return [f"  arm {entry.arm}: {text}" for text in found]
 
 
-def _examined(
+def _examined(  # noqa: C901
     study: Study,
     tables: Mapping[str, Mapping[str, Any]],
     points: list[dict[str, Any]],
@@ -257,15 +257,11 @@ def _examined(
     for number, point in enumerate(points):
         name = point.get(SCENARIO, next(iter(tables)))
         own = {key: value for key, value in point.items() if key not in (SCENARIO, CASE)}
-        given = tables[name].get("seed")
         case = study.case_at(point).settings
-        first = (
-            study.file.seed
-            if study.file.seed is not None
-            else given
-            if isinstance(given, int)
-            else 1
-        )
+        first = study.file.seed
+        if first is None:
+            seed = tables[name].get("seed")
+            first = seed if isinstance(seed, int) else 1
         for arm, realization in product(study.arms_at(point), range(study.file.realizations)):
             total += 1
             settings = {
@@ -307,12 +303,14 @@ def _examined(
                 )
                 entries.append(entry)
                 lines += _arm_errors(study, point, entry)
-            where = [f"{key} = {text_of(value)}" for key, value in point.items()] if lines else []
-            where += [f"arm {arm}"] * bool(study.arms) + [f"realization {realization}"] * (
-                study.file.realizations > 1
-            )
-            for line in lines:
-                errors.setdefault(line, []).append(", ".join(where))
+            if lines:
+                where = [f"{key} = {text_of(value)}" for key, value in point.items()]
+                if study.arms:
+                    where.append(f"arm {arm}")
+                if study.file.realizations > 1:
+                    where.append(f"realization {realization}")
+                for line in lines:
+                    errors.setdefault(line, []).append(", ".join(where))
             advance(1)
     return entries, [
         line

@@ -45,8 +45,9 @@ REPORT = "report.html"
 STUDY = "study.toml"
 _CELL_BYTES = 2_000  # bytes of a stored cell and its row in the tables; a run adds `_RUN_BYTES`
 _RUN_BYTES = 80
-_TRIED = (1, 16, 128)  # entries of a mission that are tried for an estimate, more and more if few …
-_QUICK_S = 2.0  # … take less time than this [s]
+# entries of a mission that are tried for an estimate: more where few take less than _QUICK_S
+_TRIED = (1, 16, 128)
+_QUICK_S = 2.0  # [s]
 
 
 def _cost(plan: Plan, workers: int) -> tuple[float, float]:
@@ -347,10 +348,12 @@ def run(
     `run_studies`.
     """
     studies, own = studies_of(source, keys, quick=quick)
-    folder = Path(
-        out or Path("out") / f"{own or next(iter(studies.values())).name}{'-quick' * quick}"
-    )
-    words = ["laisn", own, *["--quick"] * quick]
+    words = ["laisn", own]
+    name = own or next(iter(studies.values())).name
+    if quick:
+        words.append("--quick")
+        name += "-quick"
+    folder = Path(out or Path("out") / name)
     for key, value in keys.items() if own else ():
         given = (
             [f"{k}={text_of(v)}" for k, v in value.items()]

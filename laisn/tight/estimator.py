@@ -241,9 +241,9 @@ _SMOOTHING = 0.15  # of the NIS
 # of the estimated variance of the leader's heading, which never exceeds that of the settings
 _VARIANCE_GAIN = 0.1
 _LEAST_LEADER_VARIANCE = math.radians(0.1) ** 2
-# messages in a row without an accepted range, after which covariances are inflated …
+# messages in a row without an accepted range, after which covariances are inflated
 _MOST_MISSED = 3
-# … by these, along each axis [m²] and of b_θ [rad²]
+# what they are inflated by: along each axis [m²], and of b_θ [rad²]
 _ADDED_POSITION = 1.0
 _ADDED_COMPASS = math.radians(2.0) ** 2
 

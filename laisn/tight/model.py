@@ -207,26 +207,26 @@ _OUTPUT = np.dtype(
 _WORK = np.dtype(
     [
         ("residual", np.float64, _T),  # z − ẑ [m]
-        # derivatives of each range by the states …
+        # derivatives of each range by the states
         ("row_x", np.float64, _T),
         ("row_y", np.float64, _T),
         ("row_scale", np.float64, _T),
         ("row_leader", np.float64, _T),
-        # … and second ones by (x, y, b_L), times their covariance
+        # second derivatives of each range by (x, y, b_L), times their covariance
         ("curvature", np.float64, (_T, 3, 3)),
         ("spread", np.float64, (_T, _T)),  # S: covariance of the residuals [m²]
         ("direct_spread", np.float64, (_T, _T)),  # S of ranges without a common echo
-        ("root", np.float64, (_T, _T)),  # its Cholesky factor over the ranges that are used …
-        ("per_root", np.float64, _T),  # … and the reciprocals of its diagonal
-        # residuals, and `row_leader`, in units of it
+        ("root", np.float64, (_T, _T)),  # Cholesky factor of S over the used ranges
+        ("per_root", np.float64, _T),  # reciprocals of the diagonal of `root`
+        # residuals, and `row_leader`, in units of `root`
         ("white", np.float64, _T),
         ("turned", np.float64, _T),
         ("gain", np.float64, (_T, MOST_STATES)),  # H P
         ("white_gain", np.float64, (_T, MOST_STATES)),  # root⁻¹ H P over the ranges that are used
-        ("received", np.int64, _T),  # indices of the ranges of the message …
-        ("used", np.int64, _T),  # … and of those that are used …
-        ("mask", np.int64),  # … whose bits are 1 here, in the order of `received`
-        ("shared", np.int64),  # 1 where these have an echo in common, else 0
+        ("received", np.int64, _T),  # indices of the ranges of the message
+        ("used", np.int64, _T),  # indices of the ranges that are used
+        ("mask", np.int64),  # bits of the used ranges, in the order of `received`
+        ("shared", np.int64),  # 1 where the used ranges have an echo in common, else 0
         ("share", np.float64),  # square of its excess over a range
         ("common", np.float64, _T),  # its direction in units of the root, of length 1
     ]

@@ -276,9 +276,10 @@ _STRAIGHT = 0.005  # a way that bends by less from message to message is straigh
 _LEAST_WAY = 0.3  # shorter ways between messages have no direction [m]
 # a reading so many σ from the mean: the leader has turned without moving aside
 _OUTLIER_SIGMAS = 4.0
-# of a leg, after which its mean heading is used; sooner where its variance is …
+# of a leg, after which its mean heading is used
 _LEAST_MESSAGES = 4.0
-_SMALL_SHARE = 0.1  # … a smaller share of that of b_L
+# it is used sooner where its variance is a smaller share of that of b_L
+_SMALL_SHARE = 0.1
 
 
 @compiled

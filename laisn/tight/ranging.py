@@ -29,13 +29,13 @@ _SIGNAL = np.dtype(
                 ("time", np.float64),  # of emission, on the leader's clock [s]
                 ("east", np.float64),
                 ("north", np.float64),  # of the leader's origin [m]
-                ("heading", np.float64),  # of the leader [rad] …
-                ("speed", np.float64),  # … and its speed through the water [m/s]
+                ("heading", np.float64),  # of the leader [rad]
+                ("speed", np.float64),  # of the leader through the water [m/s]
                 # from the origin to each transmitter: east, north, how much deeper than we [m]
                 ("arms", np.float64, (3, 3)),
                 ("ranges", np.float64, 3),  # slant ranges [m]; NaN where nothing was received
-                ("shift", np.float64),  # what b_L grows by at this message [rad] …
-                ("added_variance", np.float64),  # … and its variance [rad²]
+                ("shift", np.float64),  # what b_L grows by at this message [rad]
+                ("added_variance", np.float64),  # what the variance of b_L grows by [rad²]
             ]
         ),
     )

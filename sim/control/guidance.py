@@ -65,8 +65,8 @@ CATCH_UP = 0.3  # the speed correction is at most this share of the reference sp
 CURRENT_TIME = 10.0  # time constant of the current's low-pass [s]; longer than a wave's period
 # of the integrated current [1/s²]: poles along at 1/40 and 1/10, across at 1/100 and 1/4
 OFFSET_GAIN = 1.0 / 400.0
-OFFSET_MOST = 2.0  # offset along an axis that is integrated at most [m] …
-INTEGRAL_MOST = 1.0  # … and the current along an axis that comes of it at most [m/s]
+OFFSET_MOST = 2.0  # offset along an axis that is integrated at most [m]
+INTEGRAL_MOST = 1.0  # current along an axis that comes of the integral at most [m/s]
 # least speed through the water on the way; slower, a hull has no heading to keep [m/s]
 SPEED_LEAST = 0.1
 # greatest speed along an axis that leads back to the place where a route stops [m/s]

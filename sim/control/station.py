@@ -354,8 +354,8 @@ FRAME_STATE = np.dtype([("heading", np.float64), ("rate", np.float64)])
 _NEAREST = 5.0  # a station nearer to the trail is turned as if it were this far aside [m]
 # rate of turn that a follower counts on [rad/s]; 10°/s is what it is allowed
 AGILITY = float(np.deg2rad(8.0))
-STEP = 1.0  # it looks ahead and back in steps of this time [s] …
-STEPS = 10  # … and so many of them
+STEP = 1.0  # a follower looks ahead and back in steps of this time [s]
+STEPS = 10  # number of these steps
 # a velocity that changes by a smaller share turns less than a hull
 _LITTLE = float(np.sin(AGILITY * STEP))
 

@@ -307,10 +307,11 @@ def read_range_tables(path: Path) -> RangeData:
             )
         tables[name] = np.asarray(table, dtype=np.float64)
     odometry, ranges, nodes = (tables[name] for name in _NEEDED)
-    poses = [tables[name] for name in ("DRp", "GT") if name in tables]
-    start = next(
-        (before[-1] for table in poses if len(before := table[table[:, 0] < odometry[0, 0]])), None
-    )
+    start = None
+    for name in ("DRp", "GT"):
+        if start is None and name in tables:
+            earlier = tables[name][:, 0] < odometry[0, 0]
+            start = tables[name][earlier][-1] if earlier.any() else None
     if start is None:
         raise LaisnError(
             f"{path}: neither DRp nor GT has a pose before the first odometry, at "

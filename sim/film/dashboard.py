@@ -107,7 +107,9 @@ class Dashboard:
         self.scale: Place = (left, canvas.height - 26 * s - 32 * t, 240 * s, 36 * t)
         """Where the scale of the picture stands."""
         lefts = [self._numbers, *curves]
-        rights = [self._map, *([bar] if self._added.rays else [])]
+        rights = [self._map]
+        if self._added.rays:
+            rights.append(bar)
         words = [caption] if self._added.caption else []
         self.places: list[Place] = [*lefts, *rights, *words]  # places of all panels
         lower_left, lower_right = (

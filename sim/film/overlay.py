@@ -124,20 +124,17 @@ class Overlay:
             self._scale_bar(
                 view, box, (left + 10 * c.scale, top + height - 26 * c.text_scale), 0.35
             )
+        occupied = [*boxes, *covered]
         if board:
+            occupied.append(board.scale)
             board.draw(c, state, trails)
             words = "" if shot.view.axes[2][2] < -0.99 else " at mid-distance"
             self._scale_bar(shot.view, self._box, board.scale[:2], 0.12, words)
-        draw_labels(
-            self._labels(state, shot.view), [*boxes, *covered, *([board.scale] if board else [])], c
-        )
+        draw_labels(self._labels(state, shot.view), occupied, c)
         scenario = self._data.flight.scenario
         words = f"LAISN-Sim  ·  {scenario.name}  ·  seed {scenario.seed}, run {scenario.run}"
-        words += (
-            f"  ·  {scenario.navigation.variant}  ·  {self._data.speed_up:g}× real time"
-            if board
-            else ""
-        )
+        if board:
+            words += f"  ·  {scenario.navigation.variant}  ·  {self._data.speed_up:g}× real time"
         c.text((c.width / 2, c.height - 8 * c.scale), words, (0.85, 0.95, 1.0, 0.85), 12, "ms")
 
     def _draw_view(self, state: FrameState, view: View, box: Box, trails: list[Trail]) -> None:

@@ -254,7 +254,7 @@ class Contents:
     plausible, or a topic has messages of several types.
     """
 
-    def __init__(
+    def __init__(  # noqa: C901, PLR0912 - one loop over records of many kinds
         self, path: Path, wanted: Callable[[str, Messages], bool] = lambda topic, messages: True
     ) -> None:
         self.path = path
@@ -297,10 +297,9 @@ class Contents:
                     chunks = chunks + 1
                     bare = bare + (not record.uncompressed_crc)
                 elif isinstance(record, DataEnd) and not record.data_section_crc:
-                    self.unverified = (
-                        "metadata",
-                        *([f"{bare} of {chunks} chunks"] if bare else []),
-                    )
+                    self.unverified = ("metadata",)
+                    if bare:
+                        self.unverified += (f"{bare} of {chunks} chunks",)
             for m in self.topics.values():
                 if m.kept and np.any(m.time_ns[1:] < m.time_ns[:-1]):
                     order = np.argsort(m.time_ns, kind="stable").tolist()
@@ -353,7 +352,7 @@ def holds_messages(path: Path) -> bool:
         return False
 
 
-def _copy(path: Path, target: Path, remarks: list[str]) -> str:
+def _copy(path: Path, target: Path, remarks: list[str]) -> str:  # noqa: C901, PLR0912 - one loop over records of many kinds
     """Write what is intact as a finished log; returns what is wrong with the log, "" for
     nothing.
     """

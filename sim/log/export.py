@@ -1,7 +1,6 @@
 """Export of logs: a Parquet or CSV file for each channel, or a recording for Rerun."""
 
 from collections.abc import Iterator
-from itertools import count
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -44,14 +43,19 @@ def _table(messages: Messages, start_ns: int) -> Any:
         "log_time_ns": messages.time_ns,
     }
     for (name, leaf), values in zip(leaves.items(), messages.columns(list(leaves)), strict=True):
-        if leaf.enum_type is not None:
-            names = {None: None} | {
-                number: value.name for number, value in leaf.enum_type.values_by_number.items()
-            }
-            values = [names.get(number, str(number)) for number in values]
-        kind = pa.uint64() if leaf.cpp_type in _UNSIGNED else None
-        columns[f"{name}~2" if name in ("time_s", "log_time_ns") else name] = pa.array(values, kind)
+        column = f"{name}~2" if name in ("time_s", "log_time_ns") else name
+        columns[column] = _array(leaf, values)
     return pa.table(columns)
+
+
+def _array(leaf: Any, values: Any) -> Any:
+    """Values of a field as a column; those of an enumeration by their names."""
+    if leaf.enum_type is None:
+        return pa.array(values, pa.uint64() if leaf.cpp_type in _UNSIGNED else None)
+    names = {number: value.name for number, value in leaf.enum_type.values_by_number.items()}
+    return pa.array(
+        [None if number is None else names.get(number, str(number)) for number in values]
+    )
 
 
 def export(path: Path, out: Path, table_format: str = "parquet") -> list[Path]:
@@ -83,10 +87,12 @@ def export(path: Path, out: Path, table_format: str = "parquet") -> list[Path]:
             continue
         # other characters than letters, digits, ".", "_", "-" and "~" become %XX; some file systems
         # ignore case
-        name = quote(topic.strip("/").replace("/", "_"), safe="") or "channel"
-        name = next(
-            n for k in count(1) if (n := f"{name}~{k}" if k > 1 else name).lower() not in taken
-        )
+        stem = quote(topic.strip("/").replace("/", "_"), safe="") or "channel"
+        name = stem
+        number = 1
+        while name.lower() in taken:
+            number += 1
+            name = f"{stem}~{number}"
         taken.add(name.lower())
         file = out / f"{name}.{table_format}"
         try:

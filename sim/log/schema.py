@@ -251,4 +251,5 @@ MEASURED = (OWN_MOTION, RECEPTION)
 
 
 def estimated(kind: type) -> tuple[RecordType, ...]:
-    return (FILTER_STATE, FIX, *([DETAILS[kind]] if kind in DETAILS else []))
+    types = (FILTER_STATE, FIX)
+    return (*types, DETAILS[kind]) if kind in DETAILS else types

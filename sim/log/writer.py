@@ -142,7 +142,7 @@ def _locations(
             latitude=latitude,
             longitude=longitude,
             altitude=altitude,
-            position_covariance=[*spread[0], 0.0, *spread[1], *[0.0] * 4],
+            position_covariance=[*spread[0], 0.0, *spread[1], 0.0, 0.0, 0.0, 0.0],
         )
 
     place = geodetic(

@@ -26,7 +26,12 @@ def key_of(location: Location) -> str:
     """The path as it is printed: `followers[0].depth_m`."""
     text = ""
     for part in location:
-        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
+        if isinstance(part, int):
+            text += f"[{part}]"
+        elif text:
+            text += f".{part}"
+        else:
+            text = str(part)
     return text or "scenario"
 
 
@@ -71,7 +76,8 @@ def lines_of(error: ValidationError) -> list[str]:
     parents = {one["loc"][:n] for one in errors for n in range(len(one["loc"]))}
     # pydantic leaves an invalid item out of its list, which may then seem too short
     errors = [one for one in errors if one["type"] != "too_short" or one["loc"] not in parents]
-    return [*map(_line, errors[:ROWS]), *[""] * len(errors[ROWS:])]
+    lines = [_line(error) for error in errors[:ROWS]]
+    return lines + [""] * len(errors[ROWS:])
 
 
 # of a scenario file: four routes of the most points that a route may have
@@ -93,14 +99,10 @@ def plain_values(table: Any) -> Any:
     So is an integer that no float can hold.
     """
 
-    def plain_value(one: Any) -> Any:
-        return (
-            list(one)
-            if isinstance(one, range)
-            else one.tolist()
-            if hasattr(one, "tolist")
-            else str(one)
-        )
+    def plain_value(value: Any) -> Any:
+        if isinstance(value, range):
+            return list(value)
+        return value.tolist() if hasattr(value, "tolist") else str(value)
 
     def integer(digits: str) -> int | str:
         return int(digits) if len(digits) < 308 else f"an integer of {len(digits)} digits"
@@ -128,11 +130,10 @@ def seen_from(table: dict[str, Any], folder: Path) -> dict[str, Any]:
     followers = table.get("followers")
     formation = table.get("formation")
     shape = formation.get("shape") if isinstance(formation, dict) else None
-    for vehicle in (
-        table.get("leader"),
-        shape,
-        *(followers if isinstance(followers, list) else ()),
-    ):
+    vehicles = [table.get("leader"), shape]
+    if isinstance(followers, list):
+        vehicles += followers
+    for vehicle in vehicles:
         if isinstance(vehicle, dict) and "model" in vehicle:
             vehicle["model"] = beside(vehicle["model"], folder)
     return table

@@ -2,6 +2,7 @@
 the names.
 """
 
+from collections import Counter
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
@@ -270,43 +271,57 @@ class Scenario(Section):
 
     @model_validator(mode="after")
     def _is_consistent(self, info: ValidationInfo) -> Self:
-        if info.context != KEYS_ALONE and (found := self.inconsistencies()):
-            raise ValueError("; ".join(found))
+        errors = [] if info.context == KEYS_ALONE else self.inconsistencies()
+        if errors:
+            raise ValueError("; ".join(errors))
         return self
 
     def inconsistencies(self) -> list[str]:
         """Keys that contradict each other: names, steps, floor, current, what one setting needs
         of another.
         """
-        found = []
-        names = ["leader", *(f.name for f in self.followers)]
-        if repeated := sorted({name for name in names if names.count(name) > 1}):
-            found.append(f"vehicle names must differ; repeated: {', '.join(repeated)}")
+        errors = []
+        names = Counter(["leader", *(follower.name for follower in self.followers)])
+        repeated = sorted(name for name, count in names.items() if count > 1)
+        if repeated:
+            errors.append(f"vehicle names must differ; repeated: {', '.join(repeated)}")
         if not is_multiple(self.duration_s, self.timing.filter_step_s):
             step = self.timing.filter_step_s
-            found.append(
+            errors.append(
                 f"duration_s = {self.duration_s:g} is no multiple of filter_step_s = {step:g}"
             )
         for key, vehicle in self.vehicles():
-            found += self._depth_errors(key, vehicle)
+            errors += self._depth_errors(key, vehicle)
+        errors += self._motion_errors()
+        if self.formation.shape:
+            errors.append("formation.shape makes the followers; there are [[followers]] beside it")
+        errors += self._station_errors()
+        errors += self._navigation_errors()
+        return errors
+
+    def _motion_errors(self) -> list[str]:
+        """What followers on the paper's point motion cannot do."""
+        errors = []
         for i, follower in enumerate(self.followers if self.motion != "physics" else ()):
             if follower.station or follower.controller:
                 key = "station" if follower.station else "controller"
-                found.append(f"followers[{i}].{key} needs motion = 'physics'")
+                errors.append(f"followers[{i}].{key} needs motion = 'physics'")
             elif follower.guided_by_estimate:
-                found.append(
+                errors.append(
                     f"followers[{i}].guidance_position = 'estimate' needs motion = 'physics'; the "
                     "paper's point motion "
                     "keeps to its route whatever the follower estimates"
                 )
-        if self.formation.shape:
-            found.append("formation.shape makes the followers; there are [[followers]] beside it")
+        return errors
+
+    def _station_errors(self) -> list[str]:
+        """What contradicts stations, and steering by estimates."""
         stations = [
             (f"followers[{i}]", f.station) for i, f in enumerate(self.followers) if f.station
         ]
-        found += station_inconsistencies(self.formation.proximity, stations)
+        errors = list(station_inconsistencies(self.formation.proximity, stations))
         if stations and self.timing.filter_step_s != CONTROL_STEP_S:
-            found.append(
+            errors.append(
                 "timing.filter_step_s must keep its default where followers are on stations"
             )
         if stations or any(follower.guided_by_estimate for follower in self.followers):
@@ -314,45 +329,47 @@ class Scenario(Section):
                 "must keep its default where followers are on stations or steer by their estimates"
             )
             if self.navigation.use_single_range and self.navigation.variant in VARIANTS:
-                found.append(f"navigation.use_single_range {where}")
+                errors.append(f"navigation.use_single_range {where}")
             if self.navigation.transmitters_m:
-                found.append(f"navigation.transmitters_m {where}")
+                errors.append(f"navigation.transmitters_m {where}")
+        return errors
+
+    def _navigation_errors(self) -> list[str]:
+        errors = []
         if self.navigation.use_attitude and not self.leader.broadcast_attitude:
-            found.append("navigation.use_attitude needs leader.broadcast_attitude = true")
+            errors.append("navigation.use_attitude needs leader.broadcast_attitude = true")
         places = len(self.navigation.transmitters_m)
         used = self.navigation.transmitters
         if 0 < places < used:
-            found.append(
+            errors.append(
                 f"navigation.transmitters_m has {places} places, the navigator uses {used} "
                 "transmitters"
             )
-        return found
+        return errors
 
     def _depth_errors(self, key: str, vehicle: Vehicle) -> list[str]:
-        found = []
-        deepest = (
-            max([d for _, d in vehicle.depth_profile] or [vehicle.layer_m])
-            + vehicle.saw_tooth_amplitude_m
-        )
+        errors = []
+        depths = [depth for _, depth in vehicle.depth_profile] or [vehicle.layer_m]
+        deepest = max(depths) + vehicle.saw_tooth_amplitude_m
         if vehicle.saw_tooth_amplitude_m > vehicle.layer_m and not vehicle.depth_profile:
-            found.append(
+            errors.append(
                 f"{key}: saw_tooth_amplitude_m = {vehicle.saw_tooth_amplitude_m:g} about depth_m = "
                 f"{vehicle.depth_m:g} would leave the water"
             )
         if deepest > self.ocean.floor_depth_m - 1:
-            found.append(
+            errors.append(
                 f"{key} would dive to {deepest:g} m, the floor lies at ocean.floor_depth_m = "
                 f"{self.ocean.floor_depth_m:g} m (1 m is kept clear)"
             )
         times = np.array([time for time, *_ in self.ocean.current_profile] or [0.0])
         drift = float(np.hypot(*self.ocean.current_at(deepest, times).T).max())
         if drift > FASTEST_CURRENT_M_S:
-            found.append(
+            errors.append(
                 f"ocean: the current at {key}'s {deepest:g} m would run at {drift:.3g} m/s; its "
                 "speed at the surface "
                 f"and current_shear_per_s must keep it within {FASTEST_CURRENT_M_S:g} m/s"
             )
-        return found
+        return errors
 
     def toml(self) -> str:
         """The whole scenario as TOML, every default written out; reading it back gives an equal

@@ -356,7 +356,7 @@ class Receptions(NamedTuple):
 
 
 @jitable
-def _observe(
+def _observe(  # noqa: PLR0913 - compiled: a record of them would be packed for each mission
     s: SensorModel,
     e: Any,
     which: tuple[int, int],

@@ -170,7 +170,14 @@ def from_dimensions(
     inertia = mass * (a**2 + b**2) / 5.0
     along, across, turning = lamb_factors(length, diameter)
     added = np.array(
-        [along * mass, across * mass, across * mass, 0.3 * roll_inertia, *2 * [turning * inertia]]
+        [
+            along * mass,
+            across * mass,
+            across * mass,
+            0.3 * roll_inertia,
+            turning * inertia,
+            turning * inertia,
+        ]
     )
     drop = 0.1 * diameter
     area = 0.7 * length * diameter

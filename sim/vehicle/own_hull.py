@@ -79,7 +79,8 @@ def _within(text: str, most: float) -> bool:
 
 def _unexpected(text: str) -> Iterator[str]:
     """A line for each thing that the text of a hull may not hold."""
-    if outside := _FILES.search(text):
+    outside = _FILES.search(text)
+    if outside:
         yield (
             f"names other files ({outside[0].strip()}): a hull is one file; looks are made of "
             "plain geoms"
@@ -109,12 +110,25 @@ def _unexpected(text: str) -> Iterator[str]:
 
 def _faults(spec: Any, role: str) -> Iterator[str]:
     """A line for each part that is not there, has the wrong size, or may not be there."""
+    yield from _site_faults(spec, role)
+    yield from _actuator_faults(spec)
+    yield from _numeric_faults(spec)
+    yield from _body_faults(spec)
+
+
+def _site_faults(spec: Any, role: str) -> Iterator[str]:
     for name, what in (_SITES | _INSTRUMENTS[role]).items():
         site = spec.site(name)
         if site is None:
             yield f"lacks <site name={name!r}>, {what}"
         elif site.parent.name != "hull":
             yield f"<site name={name!r}> must be fixed to the body 'hull'"
+    for site in spec.sites:
+        if np.abs(site.pos).max() > _FARTHEST_M:
+            yield f"<site name={site.name[:40]!r}>: pos must be within ±{_FARTHEST_M:g} m"
+
+
+def _actuator_faults(spec: Any) -> Iterator[str]:
     count = len(spec.actuators)
     if not 1 <= count <= effectors.MOST:
         yield (
@@ -132,15 +146,23 @@ def _faults(spec: Any, role: str) -> Iterator[str]:
                 f"<general name={actuator.name[:40]!r}>: there is no <site "
                 f"name={actuator.target[:40]!r}>"
             )
+
+
+def _numeric_faults(spec: Any) -> Iterator[str]:
     for name in mjcf.NUMERICS:
         numeric = spec.numeric(name)
-        if fault := mjcf.numeric_error(name, None if numeric is None else int(numeric.size)):
+        size = None if numeric is None else int(numeric.size)
+        fault = mjcf.numeric_error(name, size)
+        if fault:
             yield fault
     for numeric in spec.numerics:
         # those of effectors have a point: rudder.fin
         if numeric.name not in mjcf.NUMERICS and "." not in numeric.name:
             available = ", ".join(mjcf.NUMERICS)
             yield f"<numeric name={numeric.name[:40]!r}> has no meaning; available: {available}"
+
+
+def _body_faults(spec: Any) -> Iterator[str]:
     hull = spec.body("hull")
     if not hull.explicitinertial or not hull.mass > 0:
         yield (
@@ -151,9 +173,6 @@ def _faults(spec: Any, role: str) -> Iterator[str]:
         yield "the body 'hull' must have one <freejoint>, and there may be no other joint"
     if len(spec.bodies) != 2:
         yield "there may be no body beside 'hull'"
-    for site in spec.sites:
-        if np.abs(site.pos).max() > _FARTHEST_M:
-            yield f"<site name={site.name[:40]!r}>: pos must be within ±{_FARTHEST_M:g} m"
 
 
 def _compiled(text: str) -> Iterator[str]:
@@ -190,7 +209,8 @@ def hull_errors(text: str, role: str) -> list[str]:
 
     The role is "leader" or "follower", which carry other instruments.
     """
-    if lines := list(_unexpected(text)):
+    lines = list(_unexpected(text))
+    if lines:
         return lines
     try:
         spec = mujoco.MjSpec.from_string(text)

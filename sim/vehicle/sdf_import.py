@@ -298,7 +298,9 @@ def from_sdf(text: str) -> tuple[HullFile, list[str]]:
             "<include>"
         )
     model = models[0]
-    remarks = [f"only the first of {len(models)} models is read"] * (len(models) > 1)
+    remarks = []
+    if len(models) > 1:
+        remarks.append(f"only the first of {len(models)} models is read")
     links = {link.get("name", ""): (link, _frame(link)) for link in model.findall("link")}
     body = _body(links)
     plugin = next(_plugins(model, "Hydrodynamics"))

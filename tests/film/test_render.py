@@ -171,12 +171,12 @@ def test_the_film_has_the_requested_format_for_any_number_of_workers(flight, fil
     assert shares == sorted(shares)
     data = two.read_bytes()
     assert 0 < data.find(b"moov") < data.find(b"mdat")
-    with av.open(str(two)) as film:
-        stream = film.streams.video[0]
+    with av.open(str(two)) as container:
+        stream = container.streams.video[0]
         assert (stream.codec_context.name, stream.codec_context.pix_fmt) == ("h264", "yuv420p")
         assert (stream.codec_context.width, stream.codec_context.height) == (320, 180)
         assert stream.average_rate == 25
-        frames = list(film.decode(stream))
+        frames = list(container.decode(stream))
     # 60 s of mission in 1.25 s of film, rounded
     assert len(frames) == 31
     assert [round(f.time * 25) for f in frames] == list(range(31))

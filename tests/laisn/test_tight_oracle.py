@@ -309,9 +309,10 @@ def test_offsets_of_a_hull_are_that_hull(use_attitude: bool, known: bool) -> Non
         )
         navigators += [TightNavigator(settings, begin), Navigator(paper, begin)]
     tight, paper_alone, free, paper_free = navigators
-    for own, reception, dt in steps:
-        if reception is not None and not known:
-            reception = reception._replace(message=reception.message._replace(roll=np.nan))
+    for own, sent, dt in steps:
+        reception = sent
+        if sent is not None and not known:
+            reception = sent._replace(message=sent.message._replace(roll=np.nan))
         for navigator in navigators:
             navigator.step(own, reception, dt)
         np.testing.assert_allclose(free.state, tight.state, rtol=0, atol=1e-9)

@@ -205,7 +205,7 @@ class Oracle:
             parts.append(Component(mean, spread, c.weight))
         return moments(parts)
 
-    def receive(self, received: Message) -> None:
+    def receive(self, received: Message) -> None:  # noqa: C901 - the steps of the algorithm, in order
         """Mix modes, inflate, predict, split, update, weigh, prune, reinitialise; then use the
         leader's track.
         """

@@ -241,12 +241,12 @@ def record(rounds: Mapping[str, Sequence[list[Row]]]) -> Findings:
         found["rounds"] = plain(
             len(measured), "of each benchmark; limits are the least and the largest of them"
         )
-        for rows in zip(*measured, strict=True):
-            if rows[0].unit == "MB" and name == "navigation":
-                # the most that a process ever had grows in the first round alone
-                rows = rows[:1]
-            row = rows[0]
-            key = f"{name}: {rows[0].name}"
+        for repeated in zip(*measured, strict=True):
+            row = repeated[0]
+            # the most memory that a process ever had grows in the first round alone
+            once = row.unit == "MB" and name == "navigation"
+            rows = repeated[:1] if once else repeated
+            key = f"{name}: {row.name}"
             key = f"{key}, than {row.against}" if key in found else key
             found[key] = _spread(
                 [r.value for r in rows], row.unit, "median, least and largest of the rounds"

@@ -341,9 +341,11 @@ def _vehicles() -> dict[str, Finding]:
         float(np.sqrt(np.mean(off**2))), "RMS from a station in 0.3 m/s, 60 to 290 s", "m"
     )
     for model in ("leader", "follower", "remus100", "lauv", "bluerov2_heavy"):
-        for role, route in (("follower", library_route("T5")), ("leader", library_route("L", 8.0))):
-            if model == "bluerov2_heavy":
-                route = Route.at_speed("square", [[0, 0], [60, 0], [60, 60]], 0.5, 10.0)
+        routes = {"follower": library_route("T5"), "leader": library_route("L", 8.0)}
+        if model == "bluerov2_heavy":
+            polygon = Route.at_speed("square", [[0, 0], [60, 0], [60, 60]], 0.5, 10.0)
+            routes = {"follower": polygon, "leader": polygon}
+        for role, route in routes.items():
             start = route.waypoint[0]
             depth = float(route.depth.depth[0])
             setup = VehicleSetup(

@@ -123,11 +123,26 @@ class Message(NamedTuple):
         return np.array([along, np.copysign(aside, self.hydrophone[1])])
 
 
-def _path(points: Floats, colour: Colour, dash: str = "-", marker: str = "", **words: str) -> Line:
+def _path(
+    points: Floats,
+    colour: Colour,
+    dash: str = "-",
+    marker: str = "",
+    *,
+    text: str = "",
+    side: str = "middle right",
+) -> Line:
     """A line through points of shape (n, 2), or marks there, perhaps with words beside the last."""
     return Line(
-        x=points[:, 0], y=points[:, 1], colour=colour, dash=dash, marker=marker, size=5.0, **words
-    )  # type: ignore[arg-type]
+        x=points[:, 0],
+        y=points[:, 1],
+        colour=colour,
+        dash=dash,
+        marker=marker,
+        size=5.0,
+        text=text,
+        side=side,
+    )
 
 
 def _scene(lines: Sequence[Line], low: Floats, high: Floats, y_label: str, title: str) -> Panel:

@@ -150,7 +150,9 @@ class Judged:
         """
         bounds = self.bound * (1.0 - self.margin), self.bound * (1.0 + self.margin)
         ends = [HOLDS[self.relation](end, bound) for end in self.interval[1:] for bound in bounds]
-        return "met" if all(ends) else "undecided" if any(ends) else "not met"
+        if all(ends):
+            return "met"
+        return "undecided" if any(ends) else "not met"
 
     def __str__(self) -> str:
         """Figure, limits, bound and outcome."""
@@ -293,13 +295,9 @@ def verdict_of(outcomes: Sequence[Outcome]) -> Verdict:
     """
     if "met" in outcomes and "not met" in outcomes:
         return "depends"
-    return (
-        "undecided"
-        if "undecided" in outcomes
-        else "holds"
-        if "met" in outcomes
-        else "does not hold"
-    )
+    if "undecided" in outcomes:
+        return "undecided"
+    return "holds" if "met" in outcomes else "does not hold"
 
 
 def _statistic(name: str, ratio: Floats) -> Floats:
