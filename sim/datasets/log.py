@@ -144,14 +144,20 @@ def write_vehicle_table(table: VehicleTable, path: Path) -> None:
     received = np.any(np.isfinite(ranges), axis=0)
     reception = PLACED_RECEPTION if set(PLACES.names) & set(table.columns) else RECEPTION
     channels = []
-    for type_, rows in ((OWN_MOTION, own), (reception, received)):
+    moving_rows = np.flatnonzero(own)
+    received_rows = np.flatnonzero(received)
+    received_rows = received_rows[np.argsort(table.reception_ns[received_rows], kind="stable")]
+    for type_, rows, times in (
+        (OWN_MOTION, moving_rows, table.time_ns),
+        (reception, received_rows, table.reception_ns),
+    ):
         arrays = {
             array.attribute: np.column_stack(
                 [table.columns.get(field, empty) for field in array.names]
             )[rows]
             for array in type_.columns
         }
-        channels.append(numeric("/follower", type_, table.time_ns[rows], arrays))
+        channels.append(numeric("/follower", type_, times[rows], arrays))
     _write(path, channels, {})
 
 

@@ -1,0 +1,290 @@
+"""The clock of a vehicle's table: rows stand in order of recording, and their times may step, have
+gaps, or be those of writing.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from laisn.arrays import Bools, Floats, Ints
+from laisn.failure import LaisnError
+from laisn.messages import Ranges
+from sim.datasets.table_columns import TIMESTAMP
+
+_SOUND_M_S = 1500.0
+_MOST_STEPS = 20  # more steps back are no corrections of a clock
+_NAMED = 5  # most gaps that are named
+_FREE = 2.0 / 3.0  # least distance of a late row from others [intervals between rows]
+_GAP = 10.0  # shortest gap that is named [intervals between rows]
+_SHORTEST_GAP_S = 1.0
+_STRAIGHT = math.radians(20.0)  # largest turn of a leader whose way tells the time that passed
+_LEAST_SPEED_M_S = 0.2
+_LONGEST_DELAY_S = 60.0
+"""A message that is older belongs to another clock [s]."""
+_SHORTEST_DELAY_S = 0.1
+
+
+@dataclass
+class Recording:
+    """Rows of a table in order of recording; methods correct their times and remark on it."""
+
+    source: str  # file, for errors
+    name: str  # header of the time
+    time: Ints  # shape (n,), [ns]
+    columns: dict[str, Floats]  # by field, in SI units, shape (n,)
+    moving: Bools  # rows with own measurements, shape (n,)
+    received: Bools  # rows with a range, shape (n,)
+    remarks: list[str]
+    stepped: bool = False  # whether the clock stepped
+
+    @property
+    def rows(self) -> Ints:
+        """Rows with own measurements, or all where none has."""
+        return np.flatnonzero(self.moving) if self.moving.any() else np.arange(self.time.size)
+
+    @property
+    def interval_ns(self) -> int:
+        """Median interval between rows [ns]."""
+        spans = np.diff(self.time[self.rows])
+        rising = spans[spans > 0]
+        return int(np.median(rising)) if rising.size else 0
+
+    @property
+    def timestamp(self) -> Floats:
+        """The leader's clock in each row with a range, NaN elsewhere, shape (n,), [s]."""
+        clock = self.columns.get(TIMESTAMP)
+        return (
+            np.full(self.time.size, np.nan)
+            if clock is None
+            else np.where(self.received, clock, np.nan)
+        )
+
+
+def _late_rows(times: Ints, first: int, interval: int) -> int:
+    """How many rows from `first` on only fill a gap that was left before them; 0 if they are
+    recorded times again.
+    """
+    before = np.sort(times[:first])
+    below = times[first:] < before[-1]
+    number = int(np.argmin(below)) if not below.all() else below.size
+    late = times[first : first + number]
+    at = np.searchsorted(before, late)
+    distance = np.minimum(
+        np.abs(late - before[np.maximum(at - 1, 0)]),
+        np.abs(before[np.minimum(at, before.size - 1)] - late),
+    )
+    # times recorded again lie within half an interval of those before
+    return number if np.all(distance >= _FREE * interval) else 0
+
+
+def _steps_back(times: Ints, interval: int) -> list[int]:
+    """Positions of the first times after each step back of the clock; late rows are none."""
+    steps = list[int]()
+    begin = 0
+    skip = 0
+    for position in (np.flatnonzero(np.diff(times) < 0) + 1).tolist():
+        if position < skip:
+            continue
+        late = _late_rows(times[begin:], position - begin, interval)
+        if late:
+            skip = position + late
+        else:
+            steps.append(position)
+            begin = position
+    return steps
+
+
+@dataclass(frozen=True)
+class _Crossing:
+    """The last message before a step and the first one after it."""
+
+    before: int  # row
+    after: int
+    clock_s: float  # what passed on the leader's clock; NaN without it
+    way_s: float  # what its way took at its speed; NaN if it turned or was slow
+
+
+def _crossing(recording: Recording, row: int) -> _Crossing | None:
+    """Messages beside the step before a row; None without."""
+    messages = np.flatnonzero(recording.received)
+    at = int(np.searchsorted(messages, row))
+    if at in (0, messages.size):
+        return None
+    pair = messages[at - 1 : at + 1]
+    east, north, speed, heading = (
+        recording.columns[f"leader_{name}"][pair] for name in ("east", "north", "speed", "heading")
+    )
+    turn = abs(math.remainder(float(heading[1] - heading[0]), 2.0 * math.pi))
+    mean_speed = float(np.mean(np.abs(speed)))
+    way_s = math.nan
+    if mean_speed > _LEAST_SPEED_M_S and turn < _STRAIGHT:
+        way_s = math.hypot(*np.diff([east, north], axis=1)[:, 0]) / mean_speed
+    clock = recording.timestamp[pair]
+    return _Crossing(int(pair[0]), int(pair[1]), float(clock[1] - clock[0]), way_s)
+
+
+def _passed_ns(recording: Recording, row: int, last: int) -> tuple[int, bool]:
+    """Time that passed from the row `last` to `row`, across a step back [ns], and whether the
+    leader's clock stepped too.
+    """
+    interval = recording.interval_ns
+    crossing = _crossing(recording, row)
+    if crossing is None or not math.isfinite(crossing.clock_s):
+        return interval, False
+    time = recording.time
+    beside_ns = int(time[last] - time[crossing.before] + time[crossing.after] - time[row])
+    passed = round(1e9 * crossing.clock_s) - beside_ns
+    if passed <= 0:
+        return interval, True
+    return (passed if abs(passed - interval) > interval else interval), False
+
+
+def _shift(recording: Recording, row: int, shift_ns: int, leader_too: bool) -> None:
+    recording.time[row:] += shift_ns
+    if leader_too and TIMESTAMP in recording.columns:
+        recording.columns[TIMESTAMP][row:] += shift_ns / 1e9
+    recording.stepped = True
+
+
+def correct_steps_back(recording: Recording) -> None:
+    """Shift rows after each step back of the clock, so that the time that passed lies between
+    them; LaisnError if there are too many.
+    """
+    rows = recording.rows
+    interval = recording.interval_ns
+    steps = _steps_back(recording.time[rows], interval)
+    if len(steps) > _MOST_STEPS:
+        raise LaisnError(
+            f"{recording.source}: {recording.name}: the time steps back {len(steps)} times, first "
+            f"after row {rows[steps[0] - 1] + 1}; rows are expected in order of recording"
+        )
+    for position in steps:
+        row = int(rows[position])
+        last = int(rows[position - 1])
+        before_ns = int(recording.time[last])
+        after_ns = int(recording.time[row])
+        passed_ns, leader_too = _passed_ns(recording, row, last)
+        shift_ns = before_ns + passed_ns - after_ns
+        _shift(recording, row, shift_ns, leader_too)
+        clocks = "and the leader's clock step" if leader_too else "steps"
+        origin = int(recording.time[0])
+        recording.remarks.append(
+            f"{recording.name} {clocks} back by {shift_ns / 1e9:.6g} s after row {last + 1}, "
+            f"{(before_ns - origin) / 1e9:.6g} s after the first; later rows are shifted by as "
+            f"much, so that {passed_ns / 1e9:g} s lie between"
+        )
+    _require_receptions_in_order(recording)
+    late = int(np.count_nonzero(np.diff(recording.time[rows]) < 0))
+    if late:
+        recording.remarks.append(
+            f"{recording.name}: rows out of order in {late} place{'s' if late > 1 else ''}, sorted"
+        )
+
+
+def _require_receptions_in_order(recording: Recording) -> None:
+    """LaisnError if rows that hold receptions alone step back among themselves."""
+    alone = np.flatnonzero(recording.received & ~recording.moving)
+    steps = _steps_back(recording.time[alone], 2 * recording.interval_ns)
+    if steps:
+        raise LaisnError(
+            f"{recording.source}: {recording.name}: the time of receptions steps back after row "
+            f"{alone[steps[0] - 1] + 1}, and that of own measurements does not; rows are expected "
+            "in order of recording"
+        )
+
+
+def _steps_forward(recording: Recording, row: int, last: int) -> tuple[int, bool] | None:
+    """Time that passed across a gap, where it is shorter than the gap [ns], and whether the
+    leader's clock stepped too; None for a gap.
+    """
+    crossing = _crossing(recording, row)
+    if crossing is None:
+        return None
+    time = recording.time
+    gap = int(time[row] - time[last])
+    between = int(time[crossing.after] - time[crossing.before])
+    clock_s = crossing.clock_s
+    if math.isfinite(clock_s) and 0.0 < clock_s < 0.5e-9 * between:
+        passed = round(1e9 * clock_s) - (between - gap)
+        return max(passed, recording.interval_ns), False
+    if crossing.way_s < 0.5e-9 * between:
+        passed = round(1e9 * crossing.way_s) - (between - gap)
+        return max(passed, recording.interval_ns), math.isfinite(clock_s)
+    return None
+
+
+def correct_steps_forward(recording: Recording) -> None:
+    """Shift rows after steps forward that the leader's clock or way contradicts, and remark on
+    gaps.
+    """
+    rows = recording.rows
+    interval = recording.interval_ns
+    spans = np.diff(recording.time[rows])
+    longest = max(_GAP * interval, 1e9 * _SHORTEST_GAP_S)
+    gaps = list[str]()
+    for position in np.flatnonzero(spans > longest).tolist():
+        row = int(rows[position + 1])
+        last = int(rows[position])
+        gap_ns = int(recording.time[row] - recording.time[last])
+        step = _steps_forward(recording, row, last)
+        if step is None:
+            gaps.append(f"{gap_ns / 1e9:.6g} s after row {last + 1}")
+            continue
+        passed_ns, leader_too = step
+        _shift(recording, row, passed_ns - gap_ns, leader_too)
+        by = "way" if leader_too else "clock"
+        recording.remarks.append(
+            f"{recording.name} steps forward by {(gap_ns - passed_ns) / 1e9:.6g} s after row "
+            f"{last + 1} by the leader's {by}; later rows are shifted back"
+        )
+    if gaps:
+        more = f" and {len(gaps) - _NAMED} others" if len(gaps) > _NAMED else ""
+        recording.remarks.append(
+            f"{recording.name}: gaps without own measurements: {', '.join(gaps[:_NAMED])}{more}"
+        )
+
+
+def _mean_range(columns: Mapping[str, Floats]) -> Floats:
+    """Mean of the ranges of each row, shape (n,), [m]; NaN without any."""
+    names = [f"range_{name}" for name in Ranges._fields if f"range_{name}" in columns]
+    table = np.array([columns[name] for name in names])
+    counts = np.isfinite(table).sum(axis=0)
+    return np.where(counts > 0, np.nansum(table, axis=0) / np.maximum(counts, 1), np.nan)
+
+
+def reception_times(recording: Recording) -> Ints:
+    """When each row's message was received, shape (n,), [ns].
+
+    A message that is older in its row than sound needs is received when it was sent and sound had
+    travelled its range, by the leader's clock. Where that is another clock, times are those of
+    the rows. Remarks tell which.
+    """
+    time_s = recording.time / 1e9
+    travel = _mean_range(recording.columns) / _SOUND_M_S
+    arrival = recording.timestamp + travel
+    delay = time_s - arrival
+    known = np.isfinite(delay)
+    if not known.any():
+        return recording.time.copy()
+    tolerance = max(_SHORTEST_DELAY_S, 1.5 * recording.interval_ns / 1e9)
+    typical = float(np.median(delay[known]))
+    other_clock = typical < -tolerance or typical > _LONGEST_DELAY_S
+    late = known & (delay > tolerance) & (delay <= _LONGEST_DELAY_S)
+    if other_clock or (recording.stepped and typical > tolerance):
+        recording.remarks.append(
+            f"{TIMESTAMP} differs from {recording.name} by {typical:.6g} s: another clock; "
+            "receptions have the times of their rows"
+        )
+        return recording.time.copy()
+    if not late.any():
+        return recording.time.copy()
+    recording.remarks.append(
+        f"{int(late.sum())} of {int(known.sum())} receptions are older than sound needs, by "
+        f"{float(np.median(delay[late])):.3g} s (median): they are taken at {TIMESTAMP} and the "
+        f"travel time; without the column {TIMESTAMP} they have the times of their rows"
+    )
+    return np.where(late, np.rint(np.where(late, arrival, 0.0) * 1e9), recording.time).astype(
+        np.int64
+    )

@@ -1,0 +1,387 @@
+"""The units of a vehicle's table, decided once for all columns of a quantity: by their headers, and
+where these state none by physics.
+
+A reading gives every bare quantity a unit. It is refuted where the leader's course over ground, its
+way at its speed, its clock, or the vehicle's ranges along its own course fit another reading far
+better. What then remains open is settled by the header of another column of the quantity, or by
+what is usual; otherwise the table is refused with the header that would settle it.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from laisn.arrays import Floats
+from laisn.failure import LaisnError
+from laisn.messages import Ranges
+from sim.datasets.range_data import LARGEST
+from sim.datasets.table_columns import (
+    ANGLE,
+    LENGTH,
+    QUANTITIES,
+    SPEED,
+    TIME,
+    TIMESTAMP,
+    Column,
+    Columns,
+    Quantity,
+)
+
+_LARGEST_ANGLE = 4.0 * math.pi  # no angle in radians is larger [rad]
+_SMALL_ANGLE = math.radians(1.0)
+"""Angles below this as radians are below 1 degree either way, and the unit hardly matters [rad]."""
+# a time beyond these is counted from 1970 in this unit
+_EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
+# intervals between rows that are usual [s]
+_SHORTEST_S = 2e-3
+_LONGEST_S = 60.0
+_SEGMENT_M = 2.0  # length of the way of the leader that gives a course
+_LEAST_WAY_M = 5.0
+_LEAST_SPEED_M_S = 0.05
+_LEAST_NUMBER = 4  # of courses, or of ranges beyond the unknowns
+_MOST_RANGES = 200  # that the start is fitted to
+_ITERATIONS = 12
+_TIMES_WORSE = 3.0
+
+Reading = dict[str, str]
+"""A unit for each quantity with bare columns, by its name."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A table in SI units, as one reading has it."""
+
+    time: Floats  # since the first row, shape (n,), [s]
+    columns: Mapping[str, Floats]  # by field, shape (n,)
+    timestamp: Floats | None  # the leader's, where a header states its unit [s]
+
+
+def _course_error(trial: Trial) -> float:
+    """Median difference between the leader's heading and its course over ground [rad]; NaN if it
+    hardly moves.
+    """
+    leader = np.column_stack(
+        [trial.columns[f"leader_{name}"] for name in ("east", "north", "heading")]
+    )
+    leader = leader[np.isfinite(leader).all(axis=1)]
+    errors = list[float]()
+    last = 0
+    for k in range(1, len(leader)):
+        east, north = leader[k, :2] - leader[last, :2]
+        if math.hypot(east, north) < _SEGMENT_M:
+            continue
+        headings = leader[last : k + 1, 2]
+        heading = math.atan2(np.sin(headings).mean(), np.cos(headings).mean())
+        errors.append(abs(math.remainder(math.atan2(east, north) - heading, 2.0 * math.pi)))
+        last = k
+    return float(np.median(errors)) if len(errors) >= _LEAST_NUMBER else math.nan
+
+
+def _speed_error(trial: Trial) -> float:
+    """Logarithm of the leader's way over that at its speed, absolute; NaN if it hardly moves."""
+    names = ("leader_east", "leader_north", "leader_speed")
+    leader = np.column_stack([trial.time, *(trial.columns[name] for name in names)])
+    leader = leader[np.isfinite(leader).all(axis=1)]
+    if len(leader) < 3:
+        return math.nan
+    way = float(np.hypot(*np.diff(leader[:, 1:3], axis=0).T).sum())
+    # a clock that steps back must not shorten the way
+    spans = np.maximum(np.diff(leader[:, 0]), 0.0)
+    speed = np.abs(leader[:, 3])
+    at_speed = float(np.sum(0.5 * (speed[1:] + speed[:-1]) * spans))
+    if way < _LEAST_WAY_M or np.median(speed) < _LEAST_SPEED_M_S or at_speed <= 0.0:
+        return math.nan
+    return abs(math.log(way / at_speed))
+
+
+def _clock_error(trial: Trial) -> float:
+    """Logarithm of the intervals of messages over those on the leader's clock, absolute; NaN
+    without it.
+    """
+    if trial.timestamp is None:
+        return math.nan
+    ratio = tick_ratio(trial.timestamp, trial.time)
+    return math.nan if ratio is None else abs(math.log(ratio))
+
+
+def _level_ranges(trial: Trial) -> tuple[Floats, Floats, Floats]:
+    """Rows, places (east, north) and level ranges of all slant ranges; shapes (m,), (m, 2), (m,),
+    in order of rows.
+    """
+    leader = np.column_stack([trial.columns["leader_east"], trial.columns["leader_north"]])
+    depth = trial.columns["depth"]
+    known = np.flatnonzero(np.isfinite(depth))
+    rows = np.arange(depth.size)
+    own_depth = np.interp(rows, known, depth[known]) if known.size else np.zeros(depth.size)
+    parts = list[Floats]()
+    for name in Ranges._fields:
+        ranges = trial.columns.get(f"range_{name}")
+        if ranges is None:
+            continue
+        site = [trial.columns.get(f"{name}_{axis}") for axis in ("east", "north", "depth")]
+        east, north, below = (
+            fallback if values is None else values
+            for values, fallback in zip(
+                site, (*leader.T, trial.columns["leader_depth"]), strict=True
+            )
+        )
+        level = np.sqrt(np.maximum(ranges**2 - (below - own_depth) ** 2, 0.0))
+        parts.append(np.column_stack([rows, east, north, level]))
+    table = np.concatenate(parts)
+    table = table[np.isfinite(table).all(axis=1) & (table[:, 3] > 0.0)]
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    table = table[:: max(1, math.ceil(len(table) / _MOST_RANGES))]
+    return table[:, 0], table[:, 1:3], table[:, 3]
+
+
+def _dead_reckoning(trial: Trial) -> Floats:
+    """Way of the vehicle since the first row by its own speed and heading, shape (n, 2), [m]."""
+    motion = np.column_stack([trial.columns["speed"], trial.columns["heading"]])
+    rows = np.arange(len(motion))
+    known = np.flatnonzero(np.isfinite(motion).all(axis=1))
+    if not known.size:
+        return np.zeros((len(motion), 2))
+    speed, heading = motion[known].T
+    velocity = np.column_stack([speed * np.sin(heading), speed * np.cos(heading)])
+    spans = np.maximum(np.diff(trial.time[known], prepend=trial.time[known[0]]), 0.0)
+    way = np.cumsum(velocity * spans[:, None], axis=0)
+    return np.column_stack([np.interp(rows, known, way[:, axis]) for axis in range(2)])
+
+
+def _range_error(trial: Trial) -> float:
+    """Median residual of the ranges along the vehicle's own course from the start that fits them
+    best [m]; NaN for few ranges.
+    """
+    rows, places, ranges = _level_ranges(trial)
+    if ranges.size < _LEAST_NUMBER + 2:
+        return math.nan
+    offsets = places - _dead_reckoning(trial)[rows.astype(np.int64)]
+    # the start lies on a circle about the first place; Gauss and Newton find the rest
+    angles = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    starts = offsets[0] + ranges[0] * directions
+    for _ in range(_ITERATIONS):
+        arms = starts[:, None] - offsets
+        lengths = np.maximum(np.linalg.norm(arms, axis=2), 1e-9)
+        slopes = arms / lengths[..., None]
+        residuals = ranges - lengths
+        # residuals of outliers count as if they were at the median
+        limit = 3.0 * np.median(np.abs(residuals), axis=1, keepdims=True) + 1e-9
+        weights = np.minimum(1.0, limit / np.maximum(np.abs(residuals), 1e-12))
+        normal = np.einsum("smi,sm,smj->sij", slopes, weights, slopes) + 1e-6 * np.eye(2)
+        right = np.einsum("smi,sm,sm->si", slopes, weights, residuals)
+        starts = starts + np.linalg.solve(normal, right[..., None])[..., 0]
+    lengths = np.linalg.norm(starts[:, None] - offsets, axis=2)
+    return float(np.median(np.abs(ranges - lengths), axis=1).min())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """What a wrong unit contradicts."""
+
+    words: str
+    error: Callable[[Trial], float]
+    margin: float  # differences below this may have other causes: current, sideslip, noise
+
+
+EVIDENCE = (
+    Evidence(
+        words="the leader's course over ground",
+        error=_course_error,
+        margin=math.radians(3.0),
+    ),
+    Evidence(words="the leader's way at its speed", error=_speed_error, margin=0.3),
+    Evidence(words="the leader's clock", error=_clock_error, margin=1.0),
+    Evidence(words="the ranges along the vehicle's course", error=_range_error, margin=1.0),
+)
+
+
+def tick_ratio(clock: Floats, time: Floats) -> float | None:
+    """Interval on a clock over that of `time`, median over successive readings; None without two
+    that increase. Both of shape (n,), NaN where there is no reading.
+    """
+    known = np.isfinite(clock)
+    ticks = np.diff(clock[known])
+    spans = np.diff(time[known])
+    rising = (ticks > 0.0) & (spans > 0.0)
+    return float(np.median(ticks[rising] / spans[rising])) if rising.any() else None
+
+
+def _bare(columns: Columns, quantity: Quantity) -> list[Column]:
+    """Columns without a unit; the leader's clock is judged once the vehicle's is known."""
+    fields = [c for c in columns.fields.values() if c.field != TIMESTAMP]
+    return [c for c in (columns.time, *fields) if c.quantity is quantity and not c.unit]
+
+
+def _stated(columns: Columns, quantity: Quantity) -> dict[float, Column]:
+    """A column for each unit that headers of a quantity state, by the unit's size."""
+    stated = dict[float, Column]()
+    for column in columns.fields.values():
+        if column.quantity is quantity and column.unit:
+            stated.setdefault(quantity.units[column.unit], column)
+    return stated
+
+
+def _largest(bare: list[Column]) -> float:
+    return max(float(np.nanmax(np.abs(column.values), initial=0.0)) for column in bare)
+
+
+def _candidates(columns: Columns, quantity: Quantity, bare: list[Column]) -> list[str]:
+    """Units that bare columns of a quantity may have."""
+    if quantity is TIME:
+        largest = _largest(bare)
+        return [unit for unit, scale in TIME.units.items() if largest * scale <= LARGEST]
+    if quantity is ANGLE:
+        return ["deg"] if _largest(bare) > _LARGEST_ANGLE else ["rad", "deg"]
+    stated = [column.unit for column in _stated(columns, quantity).values()]
+    return list(dict.fromkeys([quantity.si, *stated]))
+
+
+def _usual_time_unit(values: Floats) -> str | None:
+    """The unit of bare times by their size since 1970, or by the interval between rows; None if
+    several are usual.
+    """
+    for least, unit in _EPOCHS:
+        if values.max() > least:
+            return unit
+    steps = np.diff(np.unique(values))
+    interval = float(np.median(steps)) if steps.size else 1.0
+    usual = [u for u, scale in TIME.units.items() if _SHORTEST_S <= interval * scale <= _LONGEST_S]
+    return usual[0] if len(usual) == 1 else None
+
+
+def _preferred(columns: Columns, quantity: Quantity, bare: list[Column]) -> str | None:
+    """The unit of bare columns as far as headers and usage tell; None in doubt."""
+    stated = _stated(columns, quantity)
+    if quantity is TIME and not stated:
+        return _usual_time_unit(bare[0].values)
+    if len(stated) > 1:
+        return None
+    if stated:
+        (column,) = stated.values()
+        # a depth in metres is common beside ranges in centimetres
+        in_doubt = quantity is LENGTH and quantity.units[column.unit] != 1.0
+        return None if in_doubt else column.unit
+    if quantity is ANGLE:
+        largest = _largest(bare)
+        if largest > _LARGEST_ANGLE:
+            return "deg"
+        return "rad" if largest < _SMALL_ANGLE else None
+    return quantity.si
+
+
+def _trial(columns: Columns, reading: Reading) -> Trial:
+    def si(column: Column) -> Floats:
+        unit = column.unit or reading[column.quantity.name]
+        return column.values * column.quantity.units[unit]
+
+    others = {f: si(column) for f, column in columns.fields.items() if f != TIMESTAMP}
+    timestamp = columns.fields.get(TIMESTAMP)
+    stated = None if timestamp is None or not timestamp.unit else si(timestamp)
+    time = si(columns.time)
+    return Trial(time - time[0], others, stated)
+
+
+def _unrefuted(columns: Columns, readings: list[Reading]) -> tuple[list[Reading], list[str]]:
+    """Readings that no evidence refutes, and what refuted the others."""
+    refuted = [False] * len(readings)
+    reasons = list[str]()
+    trials = [_trial(columns, reading) for reading in readings]
+    for evidence in EVIDENCE:
+        errors = np.array([evidence.error(trial) for trial in trials])
+        if np.isnan(errors).any():
+            continue
+        worse = errors > _TIMES_WORSE * errors.min() + evidence.margin
+        if worse.any():
+            reasons.append(evidence.words)
+        refuted = [before or bool(now) for before, now in zip(refuted, worse, strict=True)]
+    return [r for r, gone in zip(readings, refuted, strict=True) if not gone], reasons
+
+
+def _names(quantity: Quantity, bare: list[Column], units: list[str]) -> str:
+    """Headers that would settle the unit of the first bare column."""
+    header = bare[0].header.strip()
+    return " or ".join(f"'{header} [{unit}]'" for unit in units)
+
+
+def _settled(
+    columns: Columns, quantity: Quantity, candidates: list[str], left: list[Reading], why: str
+) -> str:
+    """The unit of the bare columns of a quantity; LaisnError with the header that settles it."""
+    bare = _bare(columns, quantity)
+    headers = ", ".join(column.header.strip() for column in bare)
+    preferred = _preferred(columns, quantity, bare)
+    units = list(dict.fromkeys(reading[quantity.name] for reading in left))
+    stated = _stated(columns, quantity)
+    advice = f"name the header {_names(quantity, bare, candidates)}"
+    if len(units) == 1 and stated and units != [preferred]:
+        others = " and ".join(
+            f"{c.header.strip()} is in {c.unit}" for c in stated.values() if c.unit != units[0]
+        )
+        raise LaisnError(
+            f"{columns.path}: {headers} without a unit fits {units[0]} by {why}, but {others}; "
+            f"{advice}"
+        )
+    if len(units) == 1:
+        return units[0]
+    if preferred is not None and (preferred in units or not units):
+        return preferred
+    raise LaisnError(
+        f"{columns.path}: {headers} without a unit may be in {' or '.join(candidates)}, and "
+        f"nothing in the table tells which; {advice}"
+    )
+
+
+def decide_units(columns: Columns) -> tuple[Reading, list[str]]:
+    """A unit for each quantity that has columns without one, but for the leader's clock; remarks
+    tell by what it was decided.
+
+    LaisnError, with the header that settles it, if headers and physics leave it open or disagree.
+    """
+    bare = {q.name: _bare(columns, q) for q in QUANTITIES}
+    open_ = {q: _candidates(columns, q, bare[q.name]) for q in QUANTITIES if bare[q.name]}
+    names = [quantity.name for quantity in open_]
+    readings = [dict(zip(names, units, strict=True)) for units in product(*open_.values())]
+    if len(readings) == 1:
+        return readings[0], []
+    left, reasons = _unrefuted(columns, readings)
+    why = " and ".join(reasons)
+    reading = {
+        quantity.name: _settled(columns, quantity, candidates, left, why)
+        for quantity, candidates in open_.items()
+    }
+    remarks = [
+        f"{', '.join(c.header.strip() for c in bare[quantity.name])}: without a unit, in "
+        f"{reading[quantity.name]} by {why}"
+        for quantity, candidates in open_.items()
+        if len(candidates) > 1 and why and quantity in (TIME, ANGLE, SPEED)
+    ]
+    return reading, remarks
+
+
+def timestamp_unit(columns: Columns, time_s: Floats, time_unit: str) -> str:
+    """The unit of the leader's clock, whose header may state none: that of the vehicle's, unless
+    its size or its ticks contradict; LaisnError if the ticks do.
+    """
+    column = columns.fields[TIMESTAMP]
+    if column.unit:
+        return column.unit
+    expected = "s" if columns.dates else time_unit
+    ratio = tick_ratio(column.values, time_s)
+    ticks = next(
+        (u for u, s in TIME.units.items() if ratio and abs(math.log10(ratio * s)) < 0.5), None
+    )
+    if ticks is None or ticks == expected:
+        largest = float(np.nanmax(np.abs(column.values), initial=0.0))
+        epoch = next((unit for least, unit in _EPOCHS if largest > least), expected)
+        return epoch if ticks is None else expected
+    if columns.dates or np.nanmax(np.abs(column.values)) * TIME.units[expected] > LARGEST:
+        return ticks
+    header = column.header.strip()
+    raise LaisnError(
+        f"{column.where}: counts {ticks} by the times of the rows, which are in {time_unit}; name "
+        f"the header '{header} [{ticks}]' or '{header} [{expected}]'"
+    )

@@ -1,0 +1,159 @@
+"""The clock of a vehicle's table: steps, gaps, order, and receptions that were written late.
+
+A vehicle and its leader go east at 1 m/s, 20 m apart: where the leader is tells the true time.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from laisn.failure import LaisnError
+from sim.datasets.log import write_vehicle_table
+from sim.datasets.vehicle_table import VehicleTable, read_vehicle_table
+from sim.log.reader import read_recording
+
+HEADER = (
+    "time [s],speed [m/s],heading_deg,depth,leader_timestamp [s],leader_east,leader_north,"
+    "leader_heading_deg,leader_speed,leader_depth,range_rear"
+)
+TRAVEL_S = 20.0 / 1500.0
+Clock = Callable[[float], float]
+
+
+def true_time(time: float) -> float:
+    return time
+
+
+def rows(
+    own: Clock = true_time, leader: Clock = true_time, *, left_out: tuple[int, int] = (0, 0)
+) -> list[str]:
+    """100 s at 10 Hz with a message a second, dated by two clocks; rows of a range are left out."""
+    lines = []
+    for k in range(1, 1001):
+        time = 0.1 * k
+        message = f"{leader(time):.3f},{time:.3f},20,90,1,8,20" if k % 10 == 0 else ",,,,,,"
+        if not left_out[0] <= k < left_out[1]:
+            lines.append(f"{own(time):.3f},1,90,8,{message}")
+    return lines
+
+
+def read(folder: Path, lines: list[str], header: str = HEADER) -> VehicleTable:
+    path = folder / "mine.csv"
+    path.write_text("\n".join([header, *lines]), encoding="utf-8")
+    return read_vehicle_table(path)
+
+
+def received(table: VehicleTable) -> tuple[np.ndarray, np.ndarray]:
+    """Time of each reception since the first row, and true time of its emission [s]."""
+    there = np.isfinite(table.columns["range_rear"])
+    since = (table.reception_ns[there] - table.time_ns[0]) / 1e9 + 0.1
+    return since, table.columns["leader_east"][there]
+
+
+def stepped(step: float, at: float = 60.0) -> Clock:
+    return lambda time: 40.0 + time + (step if time > at + 0.05 else 0.0)
+
+
+@pytest.mark.parametrize("step", [-30.03, -0.35])
+@pytest.mark.parametrize("leader_too", [True, False])
+def test_a_clock_that_steps_back_is_corrected(
+    tmp_path: Path, step: float, leader_too: bool
+) -> None:
+    table = read(tmp_path, rows(stepped(step), stepped(step) if leader_too else stepped(0.0)))
+    since, truth = received(table)
+    assert since == pytest.approx(truth, abs=1e-6)
+    assert np.diff(table.time_ns) == pytest.approx(np.full(999, 1e8))
+    clocks = "time [s] and the leader's clock step" if leader_too else "time [s] steps"
+    start = f"{clocks} back by {-step:g} s after row 600, 59.9 s after the first; later rows"
+    assert [remark for remark in table.remarks if remark.startswith(start)], table.remarks
+    sent = table.columns["leader_timestamp"][np.isfinite(table.columns["range_rear"])]
+    assert sent == pytest.approx(40.0 + truth)
+
+
+def test_an_outage_at_a_step_back_lasts_as_long_as_the_leaders_clock_says(tmp_path: Path) -> None:
+    """12 s without rows, after which the clock is 50 s behind."""
+    table = read(tmp_path, rows(stepped(-50.0), stepped(0.0), left_out=(601, 721)))
+    since, truth = received(table)
+    assert since == pytest.approx(truth, abs=1e-6)
+    assert any("so that 12.1 s lie between" in remark for remark in table.remarks)
+
+
+@pytest.mark.parametrize("leader_too", [True, False])
+def test_a_clock_that_steps_forward_is_corrected_by_the_leader(
+    tmp_path: Path, leader_too: bool
+) -> None:
+    table = read(tmp_path, rows(stepped(25.0), stepped(25.0) if leader_too else stepped(0.0)))
+    since, truth = received(table)
+    assert since == pytest.approx(truth, abs=1e-6)
+    by = "way" if leader_too else "clock"
+    words = f"time [s] steps forward by 25 s after row 600 by the leader's {by}; later rows"
+    assert any(remark.startswith(words) for remark in table.remarks), table.remarks
+
+
+def test_a_gap_is_reported_and_stays(tmp_path: Path) -> None:
+    table = read(tmp_path, rows(left_out=(301, 751)))
+    since, truth = received(table)
+    assert since == pytest.approx(truth, abs=1e-6)
+    assert "time [s]: gaps without own measurements: 45.1 s after row 300" in table.remarks
+
+
+def test_rows_out_of_order_that_fill_a_gap_are_sorted(tmp_path: Path) -> None:
+    lines = rows()
+    lines[200], lines[201] = lines[201], lines[200]
+    # a packet of 30 rows that came late
+    lines[500:560] = [*lines[530:560], *lines[500:530]]
+    table = read(tmp_path, lines)
+    assert np.diff(table.time_ns) == pytest.approx(np.full(999, 1e8))
+    since, truth = received(table)
+    assert since == pytest.approx(truth)
+    assert "time [s]: rows out of order in 2 places, sorted" in table.remarks
+
+
+def test_two_streams_behind_each_other_are_merged(tmp_path: Path) -> None:
+    own = [f"{','.join(line.split(',')[:4])},,,,,,," for line in rows()]
+    messages = [f"{line.split(',')[0]},,,,{line.split(',', 4)[4]}" for line in rows()[9::10]]
+    table = read(tmp_path, [*own, *messages])
+    since, truth = received(table)
+    assert since == pytest.approx(truth)
+    assert not any("back" in remark or "order" in remark for remark in table.remarks)
+    # messages whose clock steps back within their stream
+    with pytest.raises(LaisnError, match="the time of receptions steps back after row 1060"):
+        read(tmp_path, [*own, *messages[:60], *messages[20:]])
+
+
+def test_times_in_no_order_are_refused(tmp_path: Path) -> None:
+    lines = rows()
+    np.random.default_rng(1).shuffle(lines)
+    with pytest.raises(LaisnError, match=r"steps back \d+ times, first after row \d+"):
+        read(tmp_path, lines)
+
+
+def test_receptions_that_were_written_late_are_dated_by_the_leaders_clock(tmp_path: Path) -> None:
+    table = read(tmp_path, rows(lambda time: time + 10.0, lambda time: time + 8.0))
+    since, truth = received(table)
+    assert since == pytest.approx(truth - 2.0 + TRAVEL_S, abs=1e-3)
+    words = "100 of 100 receptions are older than sound needs, by 1.99 s (median)"
+    assert any(remark.startswith(words) for remark in table.remarks), table.remarks
+    write_vehicle_table(table, tmp_path / "late.mcap")
+    measured = read_recording(tmp_path / "late.mcap").measurements
+    # the first is older than the first step, and the second was received within it
+    assert measured.message[:, 1] == pytest.approx(np.arange(2.0, 101.0))
+    assert measured.message_step.tolist() == [1, *range(11, 982, 10)]
+
+
+@pytest.mark.parametrize("difference", [-3.0, 500.0, 1.7e9])
+def test_another_clock_of_the_leader_is_reported_and_not_used(
+    tmp_path: Path, difference: float
+) -> None:
+    table = read(tmp_path, rows(leader=lambda time: time + 2e9 - difference - 2e9))
+    since, truth = received(table)
+    assert since == pytest.approx(truth)
+    assert any("another clock; receptions have the times" in remark for remark in table.remarks)
+
+
+def test_receptions_on_time_are_not_changed(tmp_path: Path) -> None:
+    table = read(tmp_path, rows())
+    assert table.reception_ns.tolist() == table.time_ns.tolist()
+    assert len(table.remarks) == HEADER.count(",") + 1
