@@ -20,7 +20,6 @@ from laisn.navigators import find
 from laisn.plugins import find_controller
 from laisn.swarm import (
     ESTIMATE,
-    MESSAGE,
     READING,
     SeparateNavigators,
     Swarm,
@@ -114,20 +113,16 @@ def init_closed_loop(scenario: Scenario, plant: Plant, routes: RouteControl) -> 
     planned = n // round(SPACING / TICK) if waypoints else 0
     trails = records(TRAIL, f, n // scenario.message_every + planned + 2)
     counts = np.zeros((f, 1), dtype=np.int64)
-    leader = vehicle_state(
-        plant.pose[0], plant.twist[0], plant.ocean.velocity(plant.pose[:, :3], plant.time)[0]
-    )
-    start = records(MESSAGE, 1)[0]
-    start.east, start.north, _ = plant.pose[0, :3]
-    start.heading = leader.heading
-    start.speed = leader.surge
+    sensors = observation.sensor_model_of(scenario)
+    water = plant.ocean.velocity(plant.pose[:, :3], plant.time)[0]
+    start = observation.first_message(sensors, plant.pose[0], plant.twist[0], water)
     for i, follower in enumerate(scenario.followers):
         kinds[i] = _kind(follower)
         steering.init_memory(start, trails[i], counts[i], memory[i])
     return ClosedLoopState(
         formation=scenario.formation.record(),
         proximity=(scenario.formation.proximity or Proximity()).record(),
-        sensors=observation.sensor_model_of(scenario),
+        sensors=sensors,
         look_every=proximity.look_interval(scenario),
         kinds=kinds,
         estimates_current="current" in navigation.settings().estimated,
@@ -386,8 +381,9 @@ class Wrench(NamedTuple):
 class OwnControl:
     """Calls the controllers of a scenario's followers and writes what they command.
 
-    A controller is made of the follower's table. Its `control(readings, belief, dt)` returns what
-    holds for the next `dt` seconds: a `Command` or a tuple of its three numbers, a `Wrench`, or an
+    A controller is made of the follower's table, less what is hidden from it
+    (`Follower.without_hidden_errors`). Its `control(readings, belief, dt)` returns what holds for
+    the next `dt` seconds: a `Command` or a tuple of its three numbers, a `Wrench`, or an
     array of the states of all effectors, in the order of the hull's actuators, shape (m,): N, rad/s
     or rad.
     """
@@ -395,7 +391,10 @@ class OwnControl:
     def __init__(self, scenario: Scenario, plant: Plant, routes: RouteControl) -> None:
         """Make the controllers; LaisnError if there is no such class."""
         own = {i: follower for i, follower in enumerate(scenario.followers) if follower.controller}
-        self._controllers = {i: find_controller(str(one.controller))(one) for i, one in own.items()}
+        self._controllers = {
+            i: find_controller(str(follower.controller))(follower.without_hidden_errors)
+            for i, follower in own.items()
+        }
         self._names = plant.names[1:]
         self._effectors = [len(names) for names in plant.effector_names[1:]]
         self._routes = routes

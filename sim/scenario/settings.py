@@ -175,6 +175,9 @@ class Video(Section):
 # context of a validation without `Scenario.inconsistencies`
 KEYS_ALONE = {"inconsistencies": "ignored"}
 
+# keys of the leader in formations, unless they are set
+_BROADCAST_IN_FORMATIONS = {"broadcast_attitude": True, "broadcast_waypoints": 2}
+
 # a follower in place of those of an invalid shape
 _STAND_IN = {"station": {"behind_m": 10.0, "depth_m": 10.0}}
 
@@ -255,15 +258,17 @@ class Scenario(Section):
         )
 
     @model_validator(mode="after")
-    def _attitude_in_formations(self) -> Self:
-        """Leaders of formations broadcast pitch and roll, and followers use them, unless a key
-        sets it.
+    def _broadcasts_in_formations(self) -> Self:
+        """Leaders of formations broadcast pitch and roll, which followers use, and their next
+        waypoints, unless a key sets it.
         """
         if any(follower.station for follower in self.followers):
-            if "broadcast_attitude" not in self.leader.model_fields_set:
-                self.__dict__["leader"] = self.leader.model_copy(
-                    update={"broadcast_attitude": True}
-                )
+            usual = {
+                key: value
+                for key, value in _BROADCAST_IN_FORMATIONS.items()
+                if key not in self.leader.model_fields_set
+            }
+            self.__dict__["leader"] = self.leader.model_copy(update=usual)
             if "use_attitude" not in self.navigation.model_fields_set:
                 used = {"use_attitude": self.leader.broadcast_attitude}
                 self.__dict__["navigation"] = self.navigation.model_copy(update=used)

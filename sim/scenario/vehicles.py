@@ -22,6 +22,8 @@ from sim.scenario.section import (
 from sim.scenario.sensors import FollowerSensors
 from sim.system import read_text
 
+HIDDEN_ERRORS = ("sensors", "drag_scale", "added_mass_scale", "lift_scale", "thrust_scale")
+"""Keys of a follower with the errors of its sensors and of its hull, which it cannot know."""
 LONGEST_MODEL = 1_000_000  # length of the text of a hull, and size of its file [bytes]
 Scale = Annotated[float, Field(ge=0.1, le=10)]
 TimedPoint = Annotated[tuple[NonNegative, Coordinate, Coordinate], LISTED]
@@ -126,7 +128,9 @@ class Leader(Vehicle):
         False, description="broadcast measured pitch and roll; default with stations: true"
     )
     broadcast_waypoints: Annotated[int, Field(ge=0, le=20)] = Field(
-        0, description="next waypoints in each message, for followers on stations"
+        0,
+        description="next waypoints in each message, for followers on stations; default with "
+        "stations: 2",
     )
 
     @model_validator(mode="before")
@@ -163,6 +167,12 @@ class Follower(Vehicle):
         FollowerSensors(),
         description="errors of this follower's own sensors; default: those of [sensors]",
     )
+
+    @property
+    def without_hidden_errors(self) -> Self:
+        """The follower as its controller may know it: keys of HIDDEN_ERRORS have their defaults."""
+        fields = type(self).model_fields
+        return self.model_copy(update={key: fields[key].default for key in HIDDEN_ERRORS})
 
     @property
     def guided_by_estimate(self) -> bool:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import literal_unroll
 
-from laisn.arrays import Bools, Floats, Ints, Records, numbers_of, own_arrays, records
+from laisn.arrays import Bools, Floats, Ints, Record, Records, numbers_of, own_arrays, records
 from laisn.compiled import compiled, jitable
 from laisn.messages import LeaderMessage, Measurements
 from laisn.swarm import MESSAGE
@@ -208,6 +208,27 @@ def true_reception(
     for i in range(3):
         for path in range(3):
             ranges[i, path] = acoustics.received_range(s.sound, pings[i][1], path, k, s.dt)
+
+
+def first_message(s: SensorModel, pose: Floats, twist: Floats, water: Floats) -> Record:
+    """What the leader broadcasts of itself before the mission, as its sensors read it at step 0.
+
+    Followers know it at the start: place, heading, speed and depth, a record of MESSAGE; NaN for
+    the rest. Pose, twist and velocity of the water are the leader's, shapes (7,), (6,) and (3,).
+    """
+    e = s.errors[0]
+    message = records(MESSAGE, 1)
+    content = numbers_of(message)[0]
+    content[:] = np.nan
+    content[_TIME] = 0.0
+    content[_EAST] = pose[0]
+    content[_NORTH] = pose[1]
+    at = sensors.Instant(0.0, 0, pose, twist, water, np.zeros(3), (0.0, 0.0))
+    address = Address(s.seed, s.run, 0, 0)
+    for sensor in sensors.LEADER:
+        drawn = noise.normals_at(address, sensor.stream)
+        content[sensor.column] = sensor.read(e, sensor.true(e, at), drawn)
+    return message[0]
 
 
 @jitable

@@ -26,16 +26,17 @@ def formation(**tables: object) -> Scenario:
 def test_bits_of_a_message_are_those_of_its_quantities() -> None:
     # 86400 numbers, 2 million places along two axes, 3600 headings, 500 speeds, 4000 depths, a
     # checksum of 16 bits
-    level = formation(leader={"depth_m": 10.0, "broadcast_attitude": False})
+    level = formation(
+        leader={"depth_m": 10.0, "broadcast_attitude": False, "broadcast_waypoints": 0}
+    )
     assert message_bits(level) == 17 + 2 * 21 + 12 + 9 + 12 + 16
     # with a message every 10 s there are a tenth of the numbers; 900 tilts about two axes take 10
     # bits each
-    slow = formation(timing={"message_interval_s": 10.0})
+    leader = {"depth_m": 10.0, "broadcast_waypoints": 0}
+    slow = formation(leader=leader, timing={"message_interval_s": 10.0})
     assert message_bits(slow) == 14 + 2 * 21 + 12 + 9 + 12 + 16 + 20
-    # a waypoint is a place and one of 86400 seconds
-    routed = formation(
-        leader={"depth_m": 10.0, "broadcast_attitude": False, "broadcast_waypoints": 2}
-    )
+    # a waypoint is a place and one of 86400 seconds; by default there are two
+    routed = formation(leader={"depth_m": 10.0, "broadcast_attitude": False})
     assert message_bits(routed) == message_bits(level) + 2 * (2 * 21 + 17)
 
 

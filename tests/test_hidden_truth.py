@@ -1,0 +1,257 @@
+"""Followers command the same whatever is hidden from them: readings, messages and what they know of
+the start are recorded in one world and played back in another, whose truth is NaN.
+"""
+
+from collections.abc import Callable
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+import pytest
+
+from laisn.arrays import Floats
+from laisn.navigators import NAVIGATORS
+from laisn.plugins import register
+from sim import closed_loop
+from sim.closed_loop import ClosedLoopState, PythonClosedLoop
+from sim.scenario.file import validate
+from sim.scenario.settings import Scenario
+from sim.sensing import observation, proximity
+from sim.simulation import RouteControl, simulate_motion
+from sim.trajectory import Truth
+from sim.vehicle.plant import Plant
+
+DURATION = 12.0
+
+HIDDEN: dict[str, Any] = {
+    "sensors": {
+        "speed_bias_m_s": -0.4,
+        "heading_bias_deg": -30.0,
+        "leader_heading_bias_deg": -50.0,
+        "leader_speed_bias_m_s": 0.5,
+        "leader_position_drift_m_s": 0.3,
+    },
+    "acoustics": {"range_scale_mean_m": 3.0, "clock_offset_s": 0.01},
+    "ocean": {"current_speed_m_s": 0.6, "current_direction_deg": 77.0},
+}
+"""Other errors of sensors, ranges and water than those of the world where readings are recorded."""
+
+
+class Curious:
+    """Steers by every number that it can find in what it is given."""
+
+    def __init__(self, follower: Any) -> None:
+        # what a hull is called says nothing of its errors, and its text would drown them
+        self.known = repr(follower.model_dump(exclude={"model"}))
+        self.heading = 1e-3 * (sum(map(ord, self.known)) % 1000)
+
+    def control(self, readings: Any, belief: Any, dt: float) -> Any:
+        numbers = [*readings[:-1], *belief]
+        if readings.reception:
+            numbers += [*readings.reception.message, *readings.reception.ranges]
+        finite = [value for value in numbers if np.isfinite(value)]
+        return self.heading + 1e-3 * sum(finite), 1.0, 12.0
+
+
+def world(variant: str, hidden: bool, **formation: Any) -> Scenario:
+    """A leader whose compass is 20° off, and followers of each kind that steers by estimates."""
+    own_errors: dict[str, Any] = {}
+    hull: dict[str, Any] = {}
+    if hidden:
+        own_errors = {"speed_bias_m_s": 0.3, "heading_bias_deg": 12.0}
+        hull = {"drag_scale": 1.3, "thrust_scale": 0.8}
+    followers: list[dict[str, Any]] = [
+        {"name": "wing", "station": {"behind_m": 8.0, "port_m": 9.0, "depth_m": 11.0}},
+        {"name": "astern", "station": {"behind_m": 9.0, "port_m": 0.0, "depth_m": 14.0}},
+        {
+            "name": "route",
+            "guidance_position": "estimate",
+            "depth_m": 17.0,
+            "waypoints": [[0, -20, -9], [100, 80, -9]],
+        },
+        {
+            "name": "own",
+            "controller": register(Curious),
+            "depth_m": 19.0,
+            "waypoints": [[0, -20, 12], [100, 80, 12]],
+        },
+    ]
+    table: dict[str, Any] = {
+        "name": "world",
+        "duration_s": DURATION,
+        "leader": {"waypoints": [[0, 0, 0], [6, 6, 0], [100, 6, 94]], **hull},
+        "followers": [{**follower, "sensors": own_errors, **hull} for follower in followers],
+        "formation": {"proximity": {"range_m": 8.0}, **formation},
+        "navigation": {"variant": variant, "rival": {"particles": 50}},
+        "sensors": {"leader_heading_bias_deg": 20.0, "leader_heading_sigma_deg": 1.0},
+    }
+    return validate(table | (HIDDEN if hidden else {}), "test")
+
+
+class Tape:
+    """What the sensors and the radio of followers gave, in the order in which it was asked for."""
+
+    def __init__(self) -> None:
+        self.values: list[Any] = []
+        self.playing = False
+        self._next = 0
+
+    def rewind(self) -> None:
+        self.playing = True
+
+    def pass_through(self, sense: Callable[[], Any], targets: tuple[Any, ...] = ()) -> Any:
+        """What `sense` returns and writes into the targets; of a tape that is played, what it
+        did.
+        """
+        if not self.playing:
+            result = sense()
+            self.values.append((result, [np.array(target) for target in targets]))
+            return result
+        result, written = self.values[self._next]
+        self._next += 1
+        for target, value in zip(targets, written, strict=True):
+            target[...] = value
+        return result
+
+
+class Sensing:
+    """`sim.sensing.observation` as the closed loop calls it, on a tape."""
+
+    def __init__(self, tape: Tape) -> None:
+        self._tape = tape
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(observation, name)
+
+    def read_instruments(self, *arguments: Any) -> None:
+        self._tape.pass_through(lambda: observation.read_instruments(*arguments), (arguments[-1],))
+
+    def receive(self, *arguments: Any) -> None:
+        inbox = arguments[-1]
+        targets = (inbox.content, inbox.ranges, inbox.due, inbox.last_sent, inbox.outcome)
+        self._tape.pass_through(lambda: observation.receive(*arguments), targets)
+
+    def first_message(self, *arguments: Any) -> Any:
+        return self._tape.pass_through(lambda: observation.first_message(*arguments).copy())
+
+    def start_of(self, *arguments: Any) -> Any:
+        return self._tape.pass_through(lambda: observation.start_of(*arguments))
+
+
+class Nearby:
+    """`sim.sensing.proximity`, likewise."""
+
+    def __init__(self, tape: Tape) -> None:
+        self._tape = tape
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(proximity, name)
+
+    def look(self, *arguments: Any) -> None:
+        seen = arguments[-1]
+        targets = (seen.range, seen.bearing)
+        self._tape.pass_through(lambda: proximity.look(*arguments), targets)
+
+
+class Recording:
+    """A closed loop whose commands of followers are noted, perhaps with a truth of NaN."""
+
+    def __init__(self, loop: Any, routes: RouteControl, blind: bool) -> None:
+        self.loop = loop
+        self.routes = routes
+        self.blind = blind
+        self.commands: list[Floats] = []
+
+    def control(self, k: int, truth: Truth) -> int:
+        shown = truth
+        if self.blind:
+            shown = Truth(*(np.full_like(array, np.nan) for array in truth))
+        failed = self.loop.control(k, shown)
+        self.commands.append(self.routes.command[1:].copy())
+        # the leader is steered by its own truth
+        self.routes.command[np.isnan(self.routes.command)] = 0.0
+        return int(failed)
+
+
+def commands(scenario: Scenario, blind: bool) -> Floats:
+    """Commands of all followers at each instant of a flight, shape (n, f, m)."""
+    recordings: list[Recording] = []
+
+    def make(plant: Plant, routes: RouteControl) -> Any:
+        loop = closed_loop.closed_loop_of(scenario, plant, routes)
+        recordings.append(Recording(loop, routes, blind))
+        return recordings[0]
+
+    simulate_motion(scenario, make_controller=make)
+    return np.array(recordings[0].commands)
+
+
+CASES = [(variant, "constant-bearing") for variant in NAVIGATORS]
+CASES += [("tight", "ilos"), ("tight", "alos")]
+
+
+@pytest.mark.parametrize(("variant", "law"), CASES)
+def test_commands_do_not_depend_on_what_is_hidden(
+    variant: str, law: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if variant == "factor-graph" and find_spec("gtsam") is None:
+        pytest.skip("GTSAM is not installed")
+    tape = Tape()
+    bearing = PythonClosedLoop._bearing
+
+    def taped_bearing(loop: PythonClosedLoop, k: int, truth: Truth, f: int) -> Any:
+        return tape.pass_through(lambda: bearing(loop, k, truth, f))
+
+    monkeypatch.setattr(
+        closed_loop, "sense", getattr(closed_loop.sense, "py_func", closed_loop.sense)
+    )
+    monkeypatch.setattr(closed_loop, "observation", Sensing(tape))
+    monkeypatch.setattr(closed_loop, "proximity", Nearby(tape))
+    monkeypatch.setattr(PythonClosedLoop, "_bearing", taped_bearing)
+    expected = commands(world(variant, hidden=False, law=law), blind=False)
+    tape.rewind()
+    found = commands(world(variant, hidden=True, law=law), blind=True)
+    assert expected.shape[0] == round(DURATION / 0.1) + 1
+    # they do turn and hold their depth
+    assert (np.ptp(expected, axis=0).max(axis=1) > 0.1).all()
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_the_start_of_the_trail_is_what_the_leader_broadcasts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It goes east, its compass is 20° off to starboard, its log 0.3 m/s."""
+    states: list[ClosedLoopState] = []
+    made = closed_loop.init_closed_loop
+
+    def init(*arguments: Any) -> ClosedLoopState:
+        states.append(made(*arguments))
+        return states[0]
+
+    monkeypatch.setattr(closed_loop, "init_closed_loop", init)
+    changed = {"leader_heading_bias_deg": 20.0, "leader_speed_bias_m_s": 0.3}
+    scenario = world("tight", hidden=False)
+    sensors = scenario.sensors.model_copy(update={**changed, "leader_heading_sigma_deg": 0.0})
+
+    class StopError(Exception):
+        """Ends the flight at its start."""
+
+    def make(plant: Plant, routes: RouteControl) -> Any:
+        closed_loop.closed_loop_of(scenario.model_copy(update={"sensors": sensors}), plant, routes)
+        raise StopError
+
+    with pytest.raises(StopError):
+        simulate_motion(scenario, make_controller=make)
+    for trail in states[0].trails[:, 0]:
+        assert np.rad2deg(trail.heading) == pytest.approx(110.0)
+        assert trail.through == pytest.approx(1.3)
+        assert (trail.east, trail.north) == (0.0, 0.0)
+
+
+def test_a_controller_is_handed_no_error_of_its_sensors_or_hull() -> None:
+    """Two worlds that differ in these alone."""
+    handed = [
+        follower.without_hidden_errors.model_dump()
+        for follower in (world("tight", hidden).followers[3] for hidden in (False, True))
+    ]
+    assert handed[0] == handed[1]
