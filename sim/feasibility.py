@@ -113,6 +113,7 @@ def _speeds(scenario: Scenario, vehicle: Vehicle) -> tuple[float, float]:
 
 _OF_HULL = (  # keys of a vehicle, beside its model, on which its stability depends
     "depth_control",
+    "trim",
     "cg_offset_x_m",
     "cg_offset_z_m",
     "drag_scale",

@@ -139,7 +139,10 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
             inertia[1, 1] + mass * (centre[0] ** 2 + centre[2] ** 2) + added[4]
         )
         record["yaw_inertia"] = inertia[2, 2] + mass * (centre[0] ** 2 + centre[1] ** 2) + added[5]
-        record["righting"] = -mass * c["gravity"] * centre[2]
+        # weight and buoyancy, each at its centre
+        record["righting"] = (
+            -mass * c["gravity"] * centre[2] + c["buoyancy"] * c["buoyancy_centre"][2]
+        )
         record["drag_linear"] = c["linear_damping"][0]
         record["drag_fade"] = c["linear_damping_fade"][0]
         area, drag_coefficient, lift_slope = c["hull_lift"]

@@ -57,8 +57,13 @@ class Vehicle(Section):
     )
     saw_tooth_amplitude_m: NonNegative = Field(0.0, description="about the depth")
     saw_tooth_period_s: Positive = 120.0
+    trim: Literal["file", "neutral"] = Field(
+        "file",
+        description="buoyancy of the hull's file in the density of the water, or equal to the "
+        "weight there, as a vehicle is ballasted before a dive",
+    )
     excess_buoyancy_n: float = Field(
-        0.0, ge=-100, le=100, description="buoyancy minus weight; held by trim"
+        0.0, ge=-100, le=100, description="added to the buoyancy; held by the autopilot"
     )
     cg_offset_x_m: float = Field(
         0.0, ge=-0.2, le=0.2, description="forward shift of the centre of gravity"

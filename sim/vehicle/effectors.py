@@ -33,7 +33,7 @@ from sim.attitude import Vector, cross, plus, scaled
 from sim.vehicle.mjcf import Vehicle, VehicleSetup, numeric
 
 MOST = 16  # largest number of effectors of a vehicle
-MOST_POINTS = 16  # largest number of points of a thruster's curve
+MOST_POINTS = 32  # largest number of points of a thruster's curve
 THRUSTER, CURVE, PROPELLER, FIN = range(4)  # kinds of effectors
 SUFFIXES = {CURVE: ".curve", PROPELLER: ".propeller", FIN: ".fin"}
 # by kind, with the intervals of their values

@@ -5,8 +5,8 @@ Added mass and its Coriolis terms, damping, lift and cross-flow drag: Fossen, Ha
 Craft Hydrodynamics and Motion Control, 2nd ed. 2021, and Lamb, Hydrodynamics, 6th ed. 1932; lift
 and drag over incidence: Beard and McLain, Small Unmanned Aircraft, 2012. Water that moves
 differently from place to place: Taylor, Proc. R. Soc. A 120, 1928; Auton, Hunt and Prud'homme, J.
-Fluid Mech. 197, 1988. The flow is taken as linear over the hull about the centre of buoyancy, where
-the body frame has its origin.
+Fluid Mech. 197, 1988. The flow is taken as linear over the hull about the origin of the body frame,
+which is the centre of buoyancy unless the MJCF has a `buoyancy_centre`.
 
 `apply` writes the wrench to `qfrc_applied` and adds the added mass to `M` between `mj_step1` and
 `mj_factorM`, so that it acts on accelerations that MuJoCo has yet to solve for.
@@ -276,12 +276,17 @@ def wrench(
     # Froude-Krylov: the pressure that accelerates the water particles acts on the hull in their
     # place, and they are accelerated by Du/Dt along their own path, not along the hull's
     particle = minus(change, times(gradient, minus(velocity, stream)))
-    force = plus(force, scaled(c.buoyancy / c.gravity, times(to_body, particle)))
+    displaced = scaled(c.buoyancy / c.gravity, times(to_body, particle))
+    force = plus(force, displaced)
     moment = plus(moment, scaled(c.displaced_inertia, times(to_body, cross(axis, squeeze))))
 
     share, dry_arm = immersion(c, position, axis, now, waves)
     lift = (0.0, 0.0, share * c.buoyancy)
     lost = cross((dry_arm, 0.0, 0.0), times(to_body, (0.0, 0.0, -c.buoyancy)))
+    if c.off_centre:
+        centre = (c.buoyancy_centre[0], c.buoyancy_centre[1], c.buoyancy_centre[2])
+        moment = plus(moment, cross(centre, displaced))
+        lost = plus(lost, cross(centre, times(to_body, lift)))
     # what holds the hull up does not turn with it
     total = plus(times(to_world, plus(scaled(share, force), thrust)), lift)
     return total, plus(plus(scaled(share, moment), torque), lost), share

@@ -107,8 +107,8 @@ def _edited(setup: VehicleSetup, looks: bool) -> mujoco.MjSpec:
     hull.pos = np.asarray(setup.position_m)
     hull.quat = attitude.from_euler(setup.heading_rad)
     spec.site("cg").pos = hull.ipos
-    buoyancy = spec.numeric("buoyancy")
-    buoyancy.data = np.asarray(buoyancy.data) + settings.excess_buoyancy_n
+    spec.add_numeric(name="excess_buoyancy", size=1, data=[settings.excess_buoyancy_n])
+    spec.add_numeric(name="neutral", size=1, data=[float(settings.trim == "neutral")])
     for name, (axis, value) in transmitter_places(settings).items():
         spec.site(name).pos[axis] = value
     return spec
@@ -147,6 +147,8 @@ def resolve(model: Any, name: str) -> Vehicle:
 
 MAX_STRIPS = 32
 
+SEA_WATER = 1026.0  # density at which a hull's buoyancy holds unless its file says another [kg/m³]
+
 # coefficients of an MJCF: shape and unit; strips may be fewer
 NUMERICS: dict[str, tuple[tuple[int, ...], str]] = {
     "added_mass": ((6, 6), "kg, kg m, kg m²"),
@@ -164,6 +166,17 @@ NUMERICS: dict[str, tuple[tuple[int, ...], str]] = {
     "strip_area": ((MAX_STRIPS,), "m²"),
 }
 
+OPTIONAL: dict[str, tuple[tuple[int, ...], str, tuple[float, ...]]] = {
+    "buoyancy_density": ((), "kg/m³", (SEA_WATER,)),
+    "buoyancy_centre": ((3,), "m", (0.0, 0.0, 0.0)),
+}
+"""Coefficients that an MJCF may leave out: shape, unit and default.
+
+`buoyancy` and `displaced_inertia` hold in water of `buoyancy_density`, and are in proportion to the
+density of a mission's water; together they state the displaced volume. `buoyancy_centre` is the
+centre of buoyancy in the body frame, whose origin is the reference point of all other coefficients.
+"""
+
 MATRICES = {"linear_damping": "linear_coupling", "quadratic_damping": "quadratic_coupling"}
 """Numerics that may have 6×6 values by rows, D of the wrench −D ν or −D |ν| ν, and where those
 off the diagonal go.
@@ -171,6 +184,7 @@ off the diagonal go.
 
 RECORD = np.dtype(
     [(name, np.float64, shape) for name, (shape, _) in NUMERICS.items()]
+    + [(name, np.float64, shape) for name, (shape, _, _) in OPTIONAL.items()]
     + [
         ("linear_coupling", np.float64, (6, 6)),
         ("quadratic_coupling", np.float64, (6, 6)),
@@ -178,6 +192,7 @@ RECORD = np.dtype(
     ]
     + [
         ("n_strips", np.int64),
+        ("off_centre", np.int64),
         ("gravity", np.float64),
         ("density", np.float64),
         ("cross_flow_root", np.float64, (2,)),
@@ -186,7 +201,8 @@ RECORD = np.dtype(
 )
 """One record per vehicle: the numerics of its MJCF, damping off the diagonals where they have 6×6
 values, the world's gravity [m/s²] and density [kg/m³], and what is computed once: the cube roots of
-`cross_flow_drag`."""
+`cross_flow_drag`, and whether the centre of buoyancy is off the origin. Buoyancy and inertia of the
+displaced water are those in the world's density."""
 
 
 def read_coefficients(model: Any, names: Sequence[str], density: float) -> npt.NDArray[np.void]:
@@ -222,11 +238,40 @@ def read_coefficients(model: Any, names: Sequence[str], density: float) -> npt.N
         added = record["added_mass"]
         if not np.array_equal(added, added.T) or np.linalg.eigvalsh(added)[0] < 0:
             raise LaisnError(f"{name}: added_mass must be symmetric and positive semidefinite")
+        _read_optional(record, model, name)
         record["gravity"] = -model.opt.gravity[2]
         record["density"] = density
+        _displace(record, model, name)
     _take_roots(records)
     records.flags.writeable = False
     return records
+
+
+def _read_optional(record: Any, model: Any, name: str) -> None:
+    """Fill in place, by the file's value or the default; LaisnError as of `read_coefficients`."""
+    for key, (shape, _, default) in OPTIONAL.items():
+        value = numeric(model, f"{name}/{key}")
+        if value is not None and (fault := numeric_error(key, value.size)):
+            raise LaisnError(f"the MJCF of {name!r}: {fault}")
+        record[key] = np.reshape(default if value is None else value, shape)
+    if not record["buoyancy_density"] > 0.0:
+        raise LaisnError(f"{name}: buoyancy_density must be positive")
+    record["off_centre"] = int(record["buoyancy_centre"].any())
+
+
+def _displace(record: Any, model: Any, name: str) -> None:
+    """Bring buoyancy and inertia of the displaced water to the density of the world, in place, and
+    trim the vehicle as its setup does.
+    """
+    share = record["density"] / record["buoyancy_density"]
+    record["displaced_inertia"] *= share
+    neutral = numeric(model, f"{name}/neutral")
+    if neutral is not None and neutral[0]:
+        record["buoyancy"] = model.body(f"{name}/hull").mass[0] * record["gravity"]
+    else:
+        record["buoyancy"] *= share
+    excess = numeric(model, f"{name}/excess_buoyancy")
+    record["buoyancy"] += 0.0 if excess is None else excess[0]
 
 
 def _take_roots(records: npt.NDArray[np.void]) -> None:
@@ -253,8 +298,11 @@ def scaled_coefficients(
 
 
 def numeric_error(name: str, given: int | None) -> str:
-    """Error of a numeric of a vehicle by its number of values (None: missing); empty: valid."""
-    shape, unit = NUMERICS[name]
+    """Error of a numeric of a vehicle by its number of values (None: missing); empty: valid.
+
+    Those of OPTIONAL are not asked for where they are missing.
+    """
+    shape, unit = NUMERICS[name] if name in NUMERICS else OPTIONAL[name][:2]
     size = int(np.prod(shape))
     strips = name.startswith("strip_")
     expected = f"{'1 to ' if strips else ''}{size} value{'s' if size > 1 else ''} [{unit}]"

@@ -155,10 +155,15 @@ def _numeric_faults(spec: Any) -> Iterator[str]:
         fault = mjcf.numeric_error(name, size)
         if fault:
             yield fault
+    for name in mjcf.OPTIONAL:
+        numeric = spec.numeric(name)
+        if numeric is not None and (fault := mjcf.numeric_error(name, int(numeric.size))):
+            yield fault
+    meanings = mjcf.NUMERICS | mjcf.OPTIONAL
     for numeric in spec.numerics:
         # those of effectors have a point: rudder.fin
-        if numeric.name not in mjcf.NUMERICS and "." not in numeric.name:
-            available = ", ".join(mjcf.NUMERICS)
+        if numeric.name not in meanings and "." not in numeric.name:
+            available = ", ".join(meanings)
             yield f"<numeric name={numeric.name[:40]!r}> has no meaning; available: {available}"
 
 

@@ -314,10 +314,8 @@ def test_bluerov_has_the_steady_speeds_of_thrust_against_drag() -> None:
 
 @pytest.mark.parametrize("trial", PUBLISHED_BLUEROV)
 def test_bluerov_has_the_steady_speeds_of_the_published_code(trial: str) -> None:
-    """2 %: there the drag acts at the centre of gravity, here at the centre of buoyancy, 1 cm
-    higher.
-    """
-    assert bluerov_speed(trial) == pytest.approx(PUBLISHED_BLUEROV[trial], rel=0.02)
+    """In fresh water, as there; thrust is within 1 % of the polynomial."""
+    assert bluerov_speed(trial) == pytest.approx(PUBLISHED_BLUEROV[trial], rel=0.01)
 
 
 def test_lauv_turns_as_its_balances_predict() -> None:
@@ -468,7 +466,7 @@ def test_wrong_numerics_of_effectors_are_named(old: str, new: str, message: str 
     assert old in text
     lines = hull_errors(text.replace(old, new, 1), "leader")
     assert len(lines) == 1
-    assert re.search(message or "2 to 16 pairs of state and thrust", lines[0])
+    assert re.search(message or "2 to 32 pairs of state and thrust", lines[0])
 
 
 def test_geoms_of_fins_turn_with_the_deflection() -> None:

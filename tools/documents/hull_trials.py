@@ -137,12 +137,22 @@ RPM = 1525.0
 
 
 def _plant(
-    model: str, speed: float = 0.0, heading: float = 0.0, depth: float = 200.0, current: float = 0.0
+    model: str,
+    speed: float = 0.0,
+    heading: float = 0.0,
+    depth: float = 200.0,
+    current: float = 0.0,
+    density: float = 1026.0,
 ) -> Plant:
     setup = VehicleSetup(
         name="v", model=model, position_m=(0.0, 0.0, -depth), speed_m_s=speed, heading_rad=heading
     )
-    ocean = Ocean(current_speed_m_s=current, current_direction_rad=np.pi / 2, floor_depth_m=1000.0)
+    ocean = Ocean(
+        current_speed_m_s=current,
+        current_direction_rad=np.pi / 2,
+        floor_depth_m=1000.0,
+        density_kg_m3=density,
+    )
     return Plant([setup], ocean)
 
 
@@ -283,9 +293,9 @@ def _estimates() -> dict[str, Finding]:
 
 def bluerov_speed(trial: str) -> float:
     """Steady speed [m/s] along the body's axis of a trial, or turn rate [rad/s], after 30 s in
-    open loop.
+    open loop, in fresh water as its source.
     """
-    plant = _plant("bluerov2_heavy", depth=100.0)
+    plant = _plant("bluerov2_heavy", depth=100.0, density=1000.0)
     plant.step(np.array([BLUEROV_COMMANDS[trial]]), 1500)
     if trial == "turn":
         return abs(float(plant.twist[0, 5]))
