@@ -2,20 +2,19 @@
 what is intact.
 """
 
+import mmap
 import os
 import struct
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import IO, Any
 
-import lz4.frame
 import numpy as np
 import numpy.typing as npt
-import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.exceptions import EndOfFile, InvalidMagic
 from mcap.records import (
@@ -28,13 +27,15 @@ from mcap.records import (
     Message,
     Metadata,
     Schema,
+    Statistics,
 )
-from mcap.stream_reader import MAGIC_SIZE, CRCValidationError, StreamReader, breakup_chunk
+from mcap.stream_reader import MAGIC_SIZE, CRCValidationError, StreamReader
 from mcap.well_known import MessageEncoding
 from mcap.writer import CompressionType, Writer
 
 from laisn.arrays import Floats, Ints
 from laisn.failure import LaisnError
+from sim.log.frames import MAGIC, Damage, DamagedAttachment, Salvage, Summary, records_of
 from sim.log.schema import Clock, fixed_layout, message_class_of
 from sim.scenario import file as scenario_file
 from sim.system import atomic_write
@@ -44,7 +45,10 @@ VEHICLES = "vehicles.json"
 SUMMARY = "summary.json"
 VERSIONS = "versions.json"
 FLIGHT = "laisn"  # metadata record that every log of a flight has
+FIRST_GAP = "first_gap_ns"
+"""Key of that record in a recovered log: time before which a flight is complete [ns]."""
 _INTERRUPTED = "INTERRUPTED"
+_NAMED = 10  # most damaged places that are named
 _CHUNK_BYTES = 2**18  # of a recovered log: the last chunk is lost where the log is cut again
 # a file of n bytes may decompress to 8 MiB + 16 n; flights decompress to 6 n
 _ALLOWANCE = 8 << 20
@@ -96,55 +100,38 @@ def _intact(stream: IO[bytes], attachment: Attachment) -> bool:
     return stored in (bytes(4), builder.end()[-4:])  # type: ignore[no-untyped-call]  # the library leaves it bare
 
 
-def _records_of(chunk: Chunk, most: int) -> list[McapRecord]:
-    """Decompress as a stream: at once, any size that the chunk states would be allocated."""
-    size = chunk.uncompressed_size
-    data = chunk.data
-    if size > most:
-        raise ValueError(f"a chunk of {len(data)} bytes would decompress to {size}, too many")
-    if chunk.compression == "zstd":
-        data = zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)
-    elif chunk.compression == "lz4":
-        data = bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1))
-    elif chunk.compression:
-        raise ValueError(
-            f"a chunk is compressed by {chunk.compression!r}; expected zstd, lz4 or nothing"
-        )
-    if len(data) != size:
-        raise ValueError("the size of a chunk does not match")
-    return breakup_chunk(replace(chunk, compression="", data=data), validate_crc=True)
-
-
-def _records(path: Path, on_damaged: Callable[[str], None] | None = None) -> Iterator[McapRecord]:
+def _records(path: Path) -> Iterator[McapRecord]:
     """The data section in order, each record after its checksum was verified; a chunk is followed
-    by what is in it.
-
-    A damaged attachment is left out and passed to `on_damaged` where that is given; DamagedError
-    for all other damage.
+    by what is in it. DamagedError for all damage, and for another number of messages than the
+    summary promises.
     """
     with log_errors(path), path.open("rb") as stream:
         size = path.stat().st_size
         at = 0
         ended = False
         left = _ALLOWANCE + _RATIO * size
+        messages = 0
         # no record is longer than its file
         reader = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=size)
         try:
             for record in reader.records:
                 if isinstance(record, Chunk):
-                    inner = _records_of(record, left)
+                    inner = records_of(record, left)
                     left -= record.uncompressed_size
+                    messages += sum(isinstance(item, Message) for item in inner)
                     yield record
                     yield from inner
                 elif isinstance(record, Attachment) and not _intact(stream, record):
-                    if on_damaged is None:
-                        raise ValueError(
-                            f"the checksum of attachment {record.name!r} does not match"
-                        )
-                    on_damaged(f"attachment {record.name!r} is damaged and is left out")
+                    raise ValueError(f"the checksum of attachment {record.name!r} does not match")
+                elif isinstance(record, Statistics) and record.message_count != messages:
+                    raise ValueError(
+                        f"it holds {messages} messages, and its summary promises "
+                        f"{record.message_count}"
+                    )
                 elif isinstance(record, Footer) and not ended:
                     raise ValueError("the data section has no end")
                 elif not ended:
+                    messages += isinstance(record, Message)
                     yield record
                 ended = ended or isinstance(record, DataEnd)
                 at = stream.tell()
@@ -308,6 +295,13 @@ class Contents:
                         [m.data[i] for i in order],
                     )
 
+    def cut(self, end_ns: int) -> None:
+        """Leave out messages from a time on [ns]."""
+        for messages in self.topics.values():
+            number = int(np.searchsorted(messages.time_ns, end_ns))
+            del messages.times[number:]
+            del messages.data[number:]
+
     def start_ns(self) -> int:
         """Start of the mission: the epoch of its scenario, or in other logs the first message
         kept [ns].
@@ -352,84 +346,176 @@ def holds_messages(path: Path) -> bool:
         return False
 
 
-def _copy(path: Path, target: Path, remarks: list[str]) -> str:  # noqa: C901, PLR0912 - one loop over records of many kinds
-    """Write what is intact as a finished log; returns what is wrong with the log, "" for
-    nothing.
-    """
-    schemas = {0: 0}
-    channels = dict[int, int]()
-    metadata = dict[str, dict[str, str]]()
-    times_ns = array("Q")
-    instant = list[Message]()
-    attachments = 0
-    whole = False
-    problem = ""
-    with target.open("wb") as stream:
+class _Copy:
+    """A finished log that grows from the intact records of a damaged one."""
+
+    def __init__(self, stream: IO[bytes], summary: Summary) -> None:
         # the library's own writer keeps all that a record holds
-        writer = Writer(
+        self._writer = Writer(
             stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True
         )
-        writer.start()
+        self._writer.start()
+        self._schema_ids = {0: 0}
+        self._channel_ids = dict[int, int]()
+        # schemas and channels of a broken chunk stand in the summary again
+        self._described = {
+            Schema: {record.id: record for record in summary.of(Schema)},
+            Channel: {record.id: record for record in summary.of(Channel)},
+        }
+        self._instant = list[Message]()
+        self.metadata = dict[str, dict[str, str]]()
+        self.times_ns = array("Q")
+        self.attachments = 0
+        self.undescribed = 0  # messages of a channel that no intact record describes
+        self.first_gap_ns: int | None = None  # behind the last instant before a gap in a flight
+        self._broken = False
 
-        def write_instant() -> None:
-            for m in instant:
-                writer.add_message(
-                    channels[m.channel_id], m.log_time, m.data, m.publish_time, m.sequence
-                )
-                times_ns.append(m.log_time)
-            instant.clear()
+    def _add_schema(self, record: Schema) -> None:
+        if record.id not in self._schema_ids:
+            self._schema_ids[record.id] = self._writer.register_schema(
+                record.name, record.encoding, record.data
+            )
 
-        try:
-            for r in _records(path, remarks.append):
-                whole = isinstance(r, DataEnd)
-                if isinstance(r, Message):
-                    if instant and instant[0].log_time != r.log_time:
-                        write_instant()
-                    instant.append(r)
-                elif isinstance(r, Schema) and r.id not in schemas:
-                    schemas[r.id] = writer.register_schema(r.name, r.encoding, r.data)
-                elif isinstance(r, Channel) and r.id not in channels:
-                    type_ = schemas.get(r.schema_id, 0)
-                    channels[r.id] = writer.register_channel(
-                        r.topic, r.message_encoding, type_, r.metadata
-                    )
-                elif isinstance(r, Attachment):
-                    writer.add_attachment(r.create_time, r.log_time, r.name, r.media_type, r.data)
-                    attachments += 1
-                elif isinstance(r, Metadata):
-                    writer.add_metadata(r.name, r.metadata)
-                    metadata[r.name] = r.metadata
-        except DamagedError as error:
-            problem = error.problem
-        if FLIGHT in metadata and not whole:
-            # the last instant may lack messages; of records with one name, the last one counts
-            writer.add_metadata(FLIGHT, metadata[FLIGHT] | {"outcome": _INTERRUPTED})
+    def _add_channel(self, record: Channel) -> None:
+        if record.id in self._channel_ids:
+            return
+        if record.schema_id in self._described[Schema]:
+            self._add_schema(self._described[Schema][record.schema_id])
+        self._channel_ids[record.id] = self._writer.register_channel(
+            record.topic,
+            record.message_encoding,
+            self._schema_ids.get(record.schema_id, 0),
+            record.metadata,
+        )
+
+    def _add_message(self, record: Message) -> None:
+        if record.channel_id not in self._channel_ids:
+            described = self._described[Channel].get(record.channel_id)
+            if described is None:
+                self.undescribed += 1
+                return
+            self._add_channel(described)
+        if self._instant and self._instant[0].log_time != record.log_time:
+            self.write_instant()
+        if self._broken:
+            self._broken = False
+            if self.first_gap_ns is None:
+                self.first_gap_ns = max(self.times_ns, default=-1) + 1
+        self._instant.append(record)
+
+    def add(self, record: McapRecord) -> None:
+        if isinstance(record, Message):
+            self._add_message(record)
+        elif isinstance(record, Schema):
+            self._add_schema(record)
+        elif isinstance(record, Channel):
+            self._add_channel(record)
+        elif isinstance(record, Attachment):
+            self._writer.add_attachment(
+                record.create_time, record.log_time, record.name, record.media_type, record.data
+            )
+            self.attachments += 1
+        elif isinstance(record, Metadata):
+            self._writer.add_metadata(record.name, record.metadata)
+            self.metadata[record.name] = record.metadata
+
+    def break_off(self) -> None:
+        """Messages are missing from here on; the last instant of a flight may lack some."""
+        self._broken = True
+        if FLIGHT in self.metadata:
+            self._instant.clear()
         else:
-            write_instant()
-        if problem and not times_ns:
-            raise LogError(
-                f"{path}: holds no intact message ({problem}); there is nothing to recover"
+            self.write_instant()
+
+    def write_instant(self) -> None:
+        for m in self._instant:
+            self._writer.add_message(
+                self._channel_ids[m.channel_id], m.log_time, m.data, m.publish_time, m.sequence
             )
-        if metadata and not whole:
-            remarks.append(
-                f"metadata {', '.join(metadata)}: no checksum, damage cannot be detected"
-            )
+            self.times_ns.append(m.log_time)
+        self._instant.clear()
+
+    def finish(self, whole: bool, remarks: Sequence[str]) -> None:
+        """`whole` tells whether the data section is there to its end."""
+        if FLIGHT in self.metadata and (not whole or self.first_gap_ns is not None):
+            # of records with one name, the last one counts
+            facts = self.metadata[FLIGHT] | {"outcome": _INTERRUPTED}
+            if self.first_gap_ns is not None:
+                facts[FIRST_GAP] = str(self.first_gap_ns)
+            self._writer.add_metadata(FLIGHT, facts)
+        else:
+            self.write_instant()
         if remarks:
-            writer.add_metadata("recovery", {str(i): text for i, text in enumerate(remarks)})
-        writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare
-    span_s = np.ptp(times_ns) / 1e9 if times_ns else 0.0
-    remarks += [
-        f"kept {len(times_ns)} messages of {span_s:g} s and {attachments} attachments",
-        f"left out: {problem}",
-    ]
-    return problem
+            self._writer.add_metadata("recovery", {str(i): text for i, text in enumerate(remarks)})
+        self._writer.finish()  # type: ignore[no-untyped-call]  # the library leaves it bare
+
+
+def _salvage(salvage: Salvage, copy: _Copy, remarks: list[str]) -> tuple[list[Damage], bool]:
+    """Copy all that is intact; the damage, and whether the end of the data section was found."""
+    damages = list[Damage]()
+    whole = False
+    for item in salvage:
+        if isinstance(item, DamagedAttachment):
+            remarks.append(f"attachment {item.name!r} is damaged and is left out")
+        elif isinstance(item, Damage):
+            damages.append(item)
+            if item.loses_messages and not whole:
+                copy.break_off()
+        else:
+            whole = isinstance(item, DataEnd)
+            copy.add(item)
+    return damages, whole
+
+
+def _copy(path: Path, target: Path, remarks: list[str]) -> list[str]:
+    """Write what is intact as a finished log; returns what is wrong with the log."""
+    size = path.stat().st_size
+    with path.open("rb") as source:
+        if source.read(MAGIC_SIZE) != MAGIC:
+            raise LogError(f"{path}: no MCAP file")
+        with (
+            mmap.mmap(source.fileno(), 0, access=mmap.ACCESS_READ) as data,
+            target.open("wb") as stream,
+        ):
+            salvage = Salvage(data, _ALLOWANCE + _RATIO * size)
+            copy = _Copy(stream, salvage.summary)
+            damages, whole = _salvage(salvage, copy, remarks)
+            problems = [f"damaged or cut off at byte {d.at}: {d.reason}" for d in damages]
+            if copy.metadata and not whole:
+                remarks.append(
+                    f"metadata {', '.join(copy.metadata)}: no checksum, damage cannot be detected"
+                )
+            copy.finish(whole, remarks)
+    if problems and not copy.times_ns:
+        raise LogError(
+            f"{path}: holds no intact message ({problems[0]}); there is nothing to recover"
+        )
+    span_s = np.ptp(copy.times_ns) / 1e9 if copy.times_ns else 0.0
+    number = len(copy.times_ns)
+    promised = salvage.summary.message_count
+    lost = promised is not None and promised > number
+    total = f" of {promised}" if lost else ""
+    remarks.append(
+        f"kept {number}{total} messages of {span_s:g} s and {copy.attachments} attachments"
+    )
+    if copy.undescribed:
+        remarks.append(
+            f"left out: {copy.undescribed} messages of channels that no intact record describes"
+        )
+    if lost and not problems:
+        problems = [f"the summary promises {promised} messages"]
+    remarks += [f"left out: {problem}" for problem in problems[:_NAMED]]
+    if len(problems) > _NAMED:
+        remarks.append(f"left out: {len(problems) - _NAMED} more places")
+    return problems
 
 
 def recover(path: Path, report: Callable[[str], None] = lambda remark: None) -> Path:
-    """Finish a log with everything before its first broken record but damaged attachments; the path
-    of the result.
+    """Finish a log with all its intact records, also those behind broken ones; the path of the
+    result.
 
-    A flight that was cut off ends with its last complete instant, with the outcome "interrupted".
+    A flight that was cut off ends with its last complete instant, with the outcome "interrupted";
+    one with a gap is read as a flight up to the gap, and its measurements to the end.
     An unfinished log, "NAME.partial", becomes NAME; a damaged one stays beside "NAME.recovered" +
     suffix. `report` takes remarks. LogError if the log is complete, or holds no intact message, or
     the result cannot be written.
@@ -445,15 +531,15 @@ def recover(path: Path, report: Callable[[str], None] = lambda remark: None) -> 
     )
     try:
         with atomic_write(target) as work:
-            problem = _copy(path, work, remarks)
-            if not problem and not unfinished:
+            problems = _copy(path, work, remarks)
+            if not problems and not unfinished:
                 raise LogError(f"{path}: is complete; there is nothing to recover")
-            if not problem:
+            if not problems:
                 os.replace(path, work)
     except OSError as error:
         raise LogError(f"{target}: cannot be written: {error.strerror or error}") from error
     if unfinished:
         path.unlink(missing_ok=True)
-    for text in remarks if problem else ():
+    for text in remarks if problems else ():
         report(text)
     return target

@@ -13,7 +13,16 @@ from laisn.arrays import Bools, Floats, Ints
 from laisn.estimates import Estimates
 from laisn.messages import Measurements
 from sim.flight import Flight, Outcome
-from sim.log.contents import FLIGHT, SCENARIO, VEHICLES, Contents, LogError, Messages, log_errors
+from sim.log.contents import (
+    FIRST_GAP,
+    FLIGHT,
+    SCENARIO,
+    VEHICLES,
+    Contents,
+    LogError,
+    Messages,
+    log_errors,
+)
 from sim.log.schema import DETAILS, MEASURED, PLACES, Clock, RecordType, estimated, vehicle_state
 from sim.scenario import file as scenario_file
 from sim.scenario.settings import CONTROL_STEP_S
@@ -131,7 +140,14 @@ def read(path: Path | str) -> Flight:
         clock = Clock(scenario.epoch)
         dt = scenario.timing.filter_step_s
         outcome = Outcome[facts["outcome"]]
+        if FIRST_GAP in facts:
+            log.cut(int(facts[FIRST_GAP]))
         last = len(log.require("/leader/state", ()).times) - 1
+        if last < 1:
+            raise LogError(
+                f"{path}: nothing of the flight stands before the first gap of this recovered log; "
+                "its measurements can be replayed: laisn replay LOG --scenario FILE"
+            )
         steps = last // round(dt / CONTROL_STEP_S)
         trajectory = _trajectory(log, clock.ns(CONTROL_STEP_S * np.arange(last + 1)))
         if outcome is Outcome.COMPLETED and steps != scenario.filter_steps:

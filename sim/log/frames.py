@@ -1,0 +1,327 @@
+"""Records of an MCAP file by their frames: kind, length, content. Records behind a broken one are
+found again.
+
+A record may be longer than its known fields; the rest is for later versions of the format and is
+passed over.
+"""
+
+import mmap
+import re
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from typing import Any
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Message,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
+
+MAGIC = b"\x89MCAP0\r\n"
+_HEAD = struct.Struct("<BQ")  # kind and length of a record
+_FOOTER_BYTES = _HEAD.size + 20 + len(MAGIC)
+_DATA_END_BYTES = _HEAD.size + 4
+_PRIVATE = 0x80  # kinds from here on belong to the writing program
+# compression stands behind three times of eight bytes and a checksum of four
+_COMPRESSION_AT = _HEAD.size + 28
+_COMPRESSION = re.compile(rb"\x04\0\0\0zstd|\x03\0\0\0lz4")
+_CHUNK_FIELDS = 40  # bytes of a chunk beside compression and data
+_BLOCK = 1 << 20  # bytes that a checksum takes at once
+_READERS: dict[int, Callable[[ReadDataStream], Any]] = {
+    Opcode.HEADER: Header.read,
+    Opcode.FOOTER: Footer.read,
+    Opcode.SCHEMA: Schema.read,
+    Opcode.CHANNEL: Channel.read,
+    Opcode.CHUNK: Chunk.read,
+    Opcode.ATTACHMENT: Attachment.read,
+    Opcode.METADATA: Metadata.read,
+    Opcode.DATA_END: DataEnd.read,
+    Opcode.CHUNK_INDEX: ChunkIndex.read,
+    Opcode.ATTACHMENT_INDEX: AttachmentIndex.read,
+    Opcode.METADATA_INDEX: MetadataIndex.read,
+    Opcode.STATISTICS: Statistics.read,
+}
+_KINDS = frozenset(int(kind) for kind in Opcode)
+
+Bytes = bytes | mmap.mmap
+
+
+def parsed(kind: int, content: bytes) -> McapRecord | None:
+    """The record of a kind, None for kinds that are not used; errors of the library if it is
+    malformed.
+    """
+    stream = ReadDataStream(BytesIO(content))
+    if kind == Opcode.MESSAGE:
+        message: Message = Message.read(stream, len(content))
+        return message
+    reader = _READERS.get(kind)
+    record: McapRecord | None = reader(stream) if reader is not None else None
+    return record
+
+
+def chunk_data(chunk: Chunk, most: int) -> bytes:
+    """What a chunk holds, of at most so many bytes, after its checksum was verified; ValueError.
+
+    It is decompressed as a stream: at once, any size that the chunk states would be allocated.
+    """
+    size = chunk.uncompressed_size
+    data = chunk.data
+    if size > most:
+        raise ValueError(f"a chunk of {len(data)} bytes would decompress to {size}, too many")
+    if chunk.compression == "zstd":
+        data = zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)
+    elif chunk.compression == "lz4":
+        data = bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1))
+    elif chunk.compression:
+        raise ValueError(
+            f"a chunk is compressed by {chunk.compression!r}; expected zstd, lz4 or nothing"
+        )
+    if len(data) != size:
+        raise ValueError("the size of a chunk does not match")
+    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+        raise ValueError("the checksum of a chunk does not match")
+    return data
+
+
+def records_of(chunk: Chunk, most: int) -> list[McapRecord]:
+    """Schemas, channels and messages of a chunk; errors as of `chunk_data`, and of the library."""
+    data = chunk_data(chunk, most)
+    records = list[McapRecord]()
+    at = 0
+    while at < len(data):
+        if at + _HEAD.size > len(data):
+            raise ValueError("a chunk ends within a record")
+        kind, length = _HEAD.unpack_from(data, at)
+        begin = at + _HEAD.size
+        at = begin + length
+        if at > len(data):
+            raise ValueError("a record is longer than its chunk")
+        if kind in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
+            record = parsed(kind, data[begin:at])
+            assert record is not None
+            records.append(record)
+    return records
+
+
+def intact_attachment(content: bytes) -> bool:
+    """Whether the checksum of an attachment matches; 0 stands for none."""
+    (stored,) = struct.unpack("<I", content[-4:])
+    return stored in (0, zlib.crc32(content[:-4]))
+
+
+@dataclass(frozen=True)
+class Damage:
+    """A stretch of a file that holds no intact record."""
+
+    at: int  # byte
+    reason: str
+    loses_messages: bool  # whether messages may have stood there
+
+
+@dataclass(frozen=True)
+class DamagedAttachment:
+    name: str
+
+
+@dataclass
+class Summary:
+    """What stands behind the data of a finished file; empty if that is damaged."""
+
+    start: int = 0  # byte
+    records: list[McapRecord] = field(default_factory=list)
+
+    def of(self, kind: type) -> list[Any]:
+        return [record for record in self.records if isinstance(record, kind)]
+
+    @property
+    def message_count(self) -> int | None:
+        return next((record.message_count for record in self.of(Statistics)), None)
+
+    @property
+    def offsets(self) -> list[int]:
+        """Bytes at which the file has a chunk, an attachment, metadata or the end of its data."""
+        indices = (ChunkIndex, AttachmentIndex, MetadataIndex)
+        begins = [
+            record.chunk_start_offset if isinstance(record, ChunkIndex) else record.offset
+            for record in self.records
+            if isinstance(record, indices)
+        ]
+        return sorted([*begins, *([self.start - _DATA_END_BYTES] if self.start else [])])
+
+
+def summary_of(data: Bytes) -> Summary:
+    """The summary of a file, if it is intact."""
+    size = len(data)
+    try:
+        if size < _FOOTER_BYTES or data[size - len(MAGIC) :] != MAGIC:
+            return Summary()
+        footer_at = size - _FOOTER_BYTES
+        footer = Footer.read(ReadDataStream(BytesIO(data[footer_at + _HEAD.size :])))
+        start = footer.summary_start
+        checked = data[start : size - len(MAGIC) - 4]
+        if not 0 < start <= footer_at or footer.summary_crc not in (0, zlib.crc32(checked)):
+            return Summary()
+        return Summary(start, [r for r in _framed(data[start:footer_at]) if r is not None])
+    except Exception:
+        # foreign bytes make the library fail in many ways
+        return Summary()
+
+
+def _framed(data: bytes) -> Iterator[McapRecord | None]:
+    at = 0
+    while at + _HEAD.size <= len(data):
+        kind, length = _HEAD.unpack_from(data, at)
+        yield parsed(kind, data[at + _HEAD.size : at + _HEAD.size + length])
+        at += _HEAD.size + length
+
+
+def _chunk_frame(data: Bytes, at: int) -> bool:
+    """Whether a chunk of consistent lengths begins at a byte."""
+    if at < 0 or at + _HEAD.size + _CHUNK_FIELDS > len(data):
+        return False
+    kind, length = _HEAD.unpack_from(data, at)
+    if kind != Opcode.CHUNK or at + _HEAD.size + length > len(data):
+        return False
+    (name,) = struct.unpack_from("<I", data, at + _COMPRESSION_AT)
+    data_at = at + _COMPRESSION_AT + 4 + name
+    if name > 16 or data_at + 8 > len(data):
+        return False
+    (stored,) = struct.unpack_from("<Q", data, data_at)
+    return bool(_CHUNK_FIELDS + name + stored == length)
+
+
+def _next_record(data: Bytes, after: int, summary: Summary) -> int | None:
+    """Byte of the next record that can be found behind a broken one."""
+    indexed = next((at for at in summary.offsets if at > after), None)
+    limit = len(data) if indexed is None else min(len(data), indexed + _COMPRESSION_AT)
+    for match in _COMPRESSION.finditer(data, after, limit):
+        at = match.start() - _COMPRESSION_AT
+        if at > after and _chunk_frame(data, at):
+            return at
+    return indexed
+
+
+@dataclass
+class _Frame:
+    at: int
+    end: int  # byte behind it
+    kind: int
+    content: bytes
+
+
+def _frame(data: Bytes, at: int) -> _Frame | str:
+    """The frame that begins at a byte, or why there is none."""
+    if at + _HEAD.size > len(data):
+        return "the file ends within a record"
+    kind, length = _HEAD.unpack_from(data, at)
+    end = at + _HEAD.size + length
+    if kind not in _KINDS and kind < _PRIVATE:
+        return "a record is of no known kind"
+    if end > len(data):
+        return "the file ends within a record"
+    if kind == Opcode.CHUNK and not _chunk_frame(data, at):
+        return "the lengths in a chunk do not match"
+    return _Frame(at, end, kind, data[at + _HEAD.size : end])
+
+
+def _checksum(data: Bytes, end: int) -> int:
+    crc = 0
+    for begin in range(0, end, _BLOCK):
+        crc = zlib.crc32(data[begin : min(begin + _BLOCK, end)], crc)
+    return crc
+
+
+class Salvage:
+    """All intact records of a file in order, with the damage between them.
+
+    Iteration gives records, those of a chunk one by one, `Damage` and `DamagedAttachment`.
+    `most` is what all chunks may decompress to [bytes].
+    """
+
+    def __init__(self, data: Bytes, most: int) -> None:
+        self.summary = summary_of(data)
+        self._data = data
+        self._left = most
+        self._damaged = False
+
+    def _damage(self, at: int, end: int, reason: str) -> Damage:
+        self._damaged = True
+        chunks = self.summary.of(ChunkIndex)
+        lost = [chunk for chunk in chunks if at <= chunk.chunk_start_offset < end]
+        if lost:
+            start = min(chunk.message_start_time for chunk in chunks)
+            first = (min(chunk.message_start_time for chunk in lost) - start) / 1e9
+            last = (max(chunk.message_end_time for chunk in lost) - start) / 1e9
+            reason = f"{reason} (messages from {first:g} s to {last:g} s)"
+        return Damage(at, reason, bool(lost) or not self.summary.records)
+
+    def _contents(self, frame: _Frame) -> list[McapRecord | Damage | DamagedAttachment]:
+        """What a frame holds; errors of the library if that is malformed."""
+        record = parsed(frame.kind, frame.content)
+        if isinstance(record, Chunk):
+            records = records_of(record, self._left)
+            self._left -= record.uncompressed_size
+            return [*records]
+        if isinstance(record, Attachment) and not intact_attachment(frame.content):
+            return [DamagedAttachment(record.name)]
+        if isinstance(record, DataEnd):
+            stored = record.data_section_crc
+            if stored and not self._damaged and stored != _checksum(self._data, frame.at):
+                reason = "the checksum of the data section does not match"
+                return [self._damage(frame.at, frame.at, reason), record]
+        return [] if record is None else [record]
+
+    def __iter__(self) -> Iterator[McapRecord | Damage | DamagedAttachment]:
+        at = len(MAGIC)
+        while True:
+            frame = _frame(self._data, at)
+            if isinstance(frame, str):
+                following = _next_record(self._data, at, self.summary)
+                yield self._damage(at, following or len(self._data), frame)
+                if following is None:
+                    return
+                at = following
+                continue
+            try:
+                items = self._contents(frame)
+            except Exception as error:
+                # foreign bytes make decompressors and decoders fail in many ways
+                items = [self._damage(at, frame.end, str(error) or "a record is malformed")]
+            yield from items
+            at = frame.end
+            if frame.kind == Opcode.DATA_END:
+                yield from self._tail(at)
+                return
+
+    def _tail(self, at: int) -> Iterator[Damage]:
+        """What is wrong behind the data section."""
+        while True:
+            frame = _frame(self._data, at)
+            if isinstance(frame, str):
+                yield Damage(at, frame, False)
+                return
+            at = frame.end
+            if frame.kind == Opcode.FOOTER:
+                break
+        if self._data[at : at + len(MAGIC)] != MAGIC:
+            yield Damage(at, "the file ends within a record", False)
+        elif at + len(MAGIC) < len(self._data):
+            yield Damage(at + len(MAGIC), "bytes follow the end of the log", False)
