@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from experiments.command.errors import require_output
+from experiments.command.outputs import optional_output
 from experiments.command.studies import ScenarioArgument, SetOption, SourceArgument
 from laisn.failure import LaisnError, plain
 
@@ -40,7 +40,7 @@ def bound(
     from experiments.campaign.store import write_csv
     from experiments.flight.library import load
 
-    require_output(out, ".csv")
+    output = optional_output(out, [".csv"])
     flown = load(scenario, set_ or (), flyable=True)
     heads = ["follower", *(f"{i + 1}. quarter" for i in range(_QUARTERS)), "whole"]
     heads += [f"{flown.navigation.variant}, {runs} runs", "× bound", "NEES"] if runs else []
@@ -69,9 +69,9 @@ def bound(
                 for t, value in zip(time.tolist(), least.tolist(), strict=True)
             ]
     show_table(Console(), heads, lines, "least RMS position error [m]")
-    if out is not None:
-        write_csv(out, rows)
-        print_line(Console(), out)
+    if output is not None:
+        write_csv(output.path, rows)
+        print_line(Console(), output)
 
 
 def records(flight: "Flight") -> "Iterator[Record]":
@@ -111,7 +111,7 @@ def range_budget(
     from experiments.pages.results import flight_of
     from laisn.messages import Ranges
 
-    require_output(out, ".csv", ".parquet")
+    output = optional_output(out, [".csv", ".parquet"], [Path(source)])
     flight = flight_of(source, set_ or ())
     console = Console()
     heads = ("cause", *Ranges._fields, "front − rear, rms", "largest")
@@ -121,13 +121,13 @@ def range_budget(
         show_table(
             console, heads, lines, f"{name}: rms shares of the range errors [cm]", shares.caption
         )
-    if out is not None:
+    if output is not None:
         rows = list(records(flight))
-        if out.suffix == ".csv":
-            write_csv(out, rows)
+        if output.path.suffix == ".csv":
+            write_csv(output.path, rows)
         else:
-            write_table(out, columns_of(rows))
-        print_line(console, out)
+            write_table(output.path, columns_of(rows))
+        print_line(console, output)
 
 
 def hull(

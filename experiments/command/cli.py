@@ -166,6 +166,7 @@ def render(
     from rich.console import Console
 
     from experiments.campaign.progress import phases
+    from experiments.command.outputs import output_file
     from experiments.pages import results as files
     from sim.scenario.settings import Video
 
@@ -174,14 +175,16 @@ def render(
     # before the mission is simulated
     files.video_of(Video(), changes)
     flight = files.flight_of(source, set_ or ())
-    path = out or Path(f"{flight.scenario.name}.{'mp4' if still is None else 'png'}")
+    suffix = ".mp4" if still is None else ".png"
+    output = output_file(out or Path(f"{flight.scenario.name}{suffix}"), [suffix], [Path(source)])
     with (
         phases(Console(stderr=True)) as phase,
         phase("video") if still is None else nullcontext() as update,
     ):
-        echo(
-            files.render(flight, path, time_s=still, follower=follower, progress=update, **changes)
+        files.render(
+            flight, output.path, time_s=still, follower=follower, progress=update, **changes
         )
+        echo(output)
 
 
 @app.command()
@@ -272,8 +275,10 @@ def log_export(
     """Export every numeric channel as a table, or a flight as a recording for Rerun or as factor
     graphs.
     """
+    from experiments.command.outputs import written_files
     from sim.log.export import export, write_recording
 
+    before = [*out.glob("*")] if out.is_dir() else []
     if pyfg:
         from experiments.command.replaying import export_factor_graphs
 
@@ -283,7 +288,7 @@ def log_export(
         files = [write_recording(log, out / f"{log.stem}.rrd")]
     else:
         files = export(log, out, format_)
-    for file in files:
+    for file in written_files(files, before):
         echo(file)
 
 
@@ -315,9 +320,12 @@ def log_import(
 @log_app.command("recover")
 def log_recover(log: LogArgument) -> None:
     """Recover a log that a crash, a full disk or Ctrl-C left unfinished."""
-    from sim.log.contents import recover
+    from experiments.command.outputs import OutputFile
+    from sim.log.contents import recover, recovered_path
 
-    echo(recover(log, lambda remark: echo(f"note: {remark}")))
+    exists = recovered_path(log).exists()
+    file = recover(log, lambda remark: echo(f"note: {remark}"))
+    echo(OutputFile(file, exists))
 
 
 for _study in (studies.study, studies.compare):

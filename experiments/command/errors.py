@@ -14,7 +14,6 @@ import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
-from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -115,22 +114,6 @@ class Commands(TyperGroup):
 def echo(text: object) -> None:
     """Print a line of text from a file or a user without control characters."""
     typer.echo(plain(text))
-
-
-def require_output(out: Path | None, *suffixes: str, source: Path | None = None) -> None:
-    """LaisnError if the file that `--out` names has another suffix, or is the source."""
-    if out is not None and out.suffix not in suffixes:
-        raise LaisnError(
-            f"--out: expected a file name that ends in {' or '.join(suffixes)} (given: {out})"
-        )
-    if (
-        out is not None
-        and source is not None
-        and out.exists()
-        and source.exists()
-        and out.samefile(source)
-    ):
-        raise LaisnError(f"--out: expected another file than the input (given: {out})")
 
 
 _signals: list[int] = []

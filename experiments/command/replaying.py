@@ -17,8 +17,8 @@ from rich.console import Console
 from experiments.campaign.bound import flight_bound
 from experiments.campaign.progress import literal, print_line, show_table
 from experiments.campaign.store import write_csv
-from experiments.command.errors import require_output
 from experiments.command.fly import show
+from experiments.command.outputs import OutputFile, optional_output, output_file
 from experiments.flight.fly import navigate_again
 from experiments.flight.library import load
 from experiments.flight.summary import consistency, summarise
@@ -65,7 +65,7 @@ def replay(
     `out` is a log for the new estimates, which are smoothed with messages of up to `smooth_s`
     later.
     """
-    require_output(out, ".mcap", source=path)
+    output = optional_output(out, [".mcap"], [path])
     smoothing = _smoother(variant, smooth_s)
     flown = read(path)
     changes = values_of([f"navigation.variant={variant}", *assignments])
@@ -80,8 +80,9 @@ def replay(
         show(console, flight, summarise(flight))
     if smooth_s is not None:
         _show_smoothing(console, again, smoothed, smooth_s)
-    if out is not None:
-        print_line(console, f"log in {log_flight(smoothed, out)}")
+    if output is not None:
+        log_flight(smoothed, output.path)
+        print_line(console, f"log in {output}")
 
 
 def replay_measurements(
@@ -100,7 +101,7 @@ def replay_measurements(
     used; the filter steps are those of the log. A single range of a message is used, unless the
     scenario sets `use_single_range = false`.
     """
-    require_output(out, ".csv", source=path)
+    output = optional_output(out, [".csv"], [path])
     scenario = load(source, assignments, flyable=True)
     navigation = scenario.navigation
     make = _smoother(navigation.variant, smooth_s) or find(navigation.variant).make
@@ -136,7 +137,7 @@ def replay_measurements(
         )
         vehicles.append(vehicle)
     show_table(Console(), heads, rows)
-    _write_replay(vehicles, path, navigation.variant, list(dict.fromkeys(remarks)), out)
+    _write_replay(vehicles, path, navigation.variant, list(dict.fromkeys(remarks)), output)
 
 
 def _with_navigation(scenario: Scenario, **changes: Any) -> Scenario:
@@ -150,7 +151,7 @@ def _write_replay(
     log: Path,
     navigator: str,
     remarks: Sequence[str],
-    out: Path | None,
+    output: OutputFile | None,
 ) -> None:
     """Print the remarks on a log, and write the estimates into a CSV file and the page into
     out/replay.
@@ -159,9 +160,9 @@ def _write_replay(
     columns = ("follower", "time_s", "x_m", "y_m", "vx_m_s", "vy_m_s")
     for remark in remarks:
         print_line(console, remark, "note:")
-    if out is not None:
+    if output is not None:
         write_csv(
-            out,
+            output.path,
             [
                 dict(zip(columns, (one.name, time_s, *state), strict=True))
                 for one in vehicles
@@ -170,9 +171,9 @@ def _write_replay(
                 )
             ],
         )
-        print_line(console, out)
-    page = Path("out") / "replay" / f"{log.stem}.html"
-    write_replay_page(vehicles, log, navigator, remarks, page)
+        print_line(console, output)
+    page = output_file(Path("out") / "replay" / f"{log.stem}.html", [".html"])
+    write_replay_page(vehicles, log, navigator, remarks, page.path)
     print_line(console, f"report in {page}")
 
 
@@ -264,7 +265,7 @@ def _show_smoothing(console: Console, filtered: Flight, smoothed: Flight, lag_s:
 
 def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
     """Write a data set, or the table of a vehicle's measurements, as a log."""
-    require_output(out, ".mcap", source=source)
+    output = output_file(out, [".mcap"], [source])
     console = Console()
     if source.suffix in (".csv", ".tsv") and not source.stem.endswith("_DR"):
         if beacons is not None:
@@ -276,7 +277,9 @@ def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
         write_vehicle_table(table, out)
         for remark in table.remarks:
             print_line(console, remark)
-        print_line(console, f"log in {out}; to navigate on it: laisn replay {out} --scenario FILE")
+        print_line(
+            console, f"log in {output}; to navigate on it: laisn replay {out} --scenario FILE"
+        )
         return
     data = read_data_set(source)
     if beacons is not None:
@@ -295,7 +298,7 @@ def import_data_set(source: Path, out: Path, beacons: str | None) -> None:
     print_line(console, f"reference path: {len(data.truth)} positions")
     for remark in data.remarks:
         print_line(console, remark, "note:")
-    print_line(console, f"log in {out}")
+    print_line(console, f"log in {output}")
 
 
 def replay_data_set(
@@ -307,7 +310,7 @@ def replay_data_set(
     # filters that take half a second to load, and that no other command of logs needs
     from experiments.beacon_replay import among_beacons, beacons_of, by_laisn, dead_reckoning, score
 
-    require_output(out, ".csv", source=path)
+    output = optional_output(out, [".csv"], [path])
     among = find(variant).beacons
     values = values_of(assignments)
     recorded = read_data_set_log(path, longest_gap_s)
@@ -345,4 +348,4 @@ def replay_data_set(
     vehicle = Replayed(
         name=VEHICLE, measured=measured, estimates=estimates, path=truth, mean_error=mean
     )
-    _write_replay([vehicle], path, title, recorded.remarks, out)
+    _write_replay([vehicle], path, title, recorded.remarks, output)

@@ -177,11 +177,19 @@ def compare(
         list[str],
         typer.Argument(metavar="A B …", help="folders of flights, or of studies; or logs"),
     ],
-    out: Annotated[Path, typer.Option(help="the page")] = Path("compare.html"),
+    out: Annotated[
+        Path | None, typer.Option(help="the page (default: out/compare/A-B.html)")
+    ] = None,
 ) -> None:
     """Compare flights or studies on one page: errors, paired differences, settings that differ."""
+    from experiments.command.outputs import output_file
+    from experiments.flight.library import name_of
     from experiments.pages.page import write
-    from experiments.study.compare import page_of
+    from experiments.study.compare import names_of, page_of
 
-    write(page_of(sources), out)
-    echo(f"page in {out}")
+    page = page_of(sources)
+    joined = "-".join(name.removesuffix(".mcap") for name in names_of(sources))
+    usual = f"{name_of(Path(joined.replace('/', '-') + '.html'))}.html"
+    output = output_file(out or Path("out") / "compare" / usual, [".html"])
+    write(page, output.path)
+    echo(f"page in {output}")

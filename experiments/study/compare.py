@@ -2,7 +2,7 @@
 
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ from sim.scenario.file import dotted
 from sim.scenario.file import read as read_toml
 
 MOST = len(SERIES)
+_NAMED = 3  # most points that messages name
 
 
 def _differing(tables: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
@@ -74,12 +75,31 @@ def _flights(names: Sequence[str], flights: Sequence[Flight]) -> dict[str, Any]:
     }
 
 
+def _points_text(points: Iterable[tuple[str, ...]]) -> str:
+    texts = [", ".join(point) or "the only one" for point in points]
+    more = f" and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""
+    return f"{'; '.join(texts[:_NAMED]) or 'none with a value'}{more}"
+
+
+def _require_common_points(
+    folders: Sequence[Path], values: Sequence[Mapping[tuple[str, ...], Any]]
+) -> None:
+    """LaisnError naming the first study that has no point in common with the first of them."""
+    for folder, points in zip(folders[1:], values[1:], strict=True):
+        if not values[0].keys() & points.keys():
+            raise LaisnError(
+                f"{folders[0]} and {folder} have no point in common, so that nothing can be "
+                f"compared; points of {folders[0]}: {_points_text(values[0])}; of {folder}: "
+                f"{_points_text(points)}"
+            )
+
+
 def paired(folders: Sequence[Path], metric: str) -> dict[tuple[str, ...], list[Interval | None]]:
     """For every place that studies share with the first of them: its mean, and the others' paired
     differences.
 
     Runs of the same seed and number are paired. None: a study has other seeds or runs there.
-    LaisnError: there is no such metric of single runs.
+    LaisnError: there is no such metric of single runs, or a study has no such place.
     """
     tables = []
     for folder in folders:
@@ -121,6 +141,7 @@ def paired(folders: Sequence[Path], metric: str) -> dict[tuple[str, ...], list[I
         lists = [np.array([value for _, value in runs]) for _, runs in realizations]
         return over_runs(lists, shares=metric in SHARES, paired=paired)
 
+    _require_common_points(folders, values)
     found: dict[tuple[str, ...], list[Interval | None]] = {}
     for place, first in values[0].items():
         found[place] = [mean(first)]
@@ -146,6 +167,13 @@ def _studies(folders: Sequence[Path]) -> dict[str, Any]:
     }
 
 
+def names_of(sources: Sequence[str]) -> list[str]:
+    """What the sources are called: the names of their folders or files, or all of their paths."""
+    paths = [Path(source) for source in sources]
+    names = [path.name or str(path) for path in paths]
+    return list(sources) if len(set(names)) < len(names) else names
+
+
 def page_of(sources: Sequence[str]) -> Page:
     """A page that shows 2 to 6 flights, or studies, side by side; LaisnError: other sources, or
     a damaged log.
@@ -163,8 +191,7 @@ def page_of(sources: Sequence[str]) -> Page:
             raise LaisnError(f"{path}: neither a flight ({LOG}) nor a study ({RUNS})")
     if any(studies) and not all(studies):
         raise LaisnError("flights and studies cannot be compared with each other")
-    names = [path.name or str(path) for path in paths]
-    names = list(sources) if len(set(names)) < len(names) else names
+    names = names_of(sources)
     found = _studies(paths) if all(studies) else _flights(names, [read(log) for log in logs])
     tools = {"words": words, "number": number, "shown": shown, "shortened": shortened}
     facts = [("repeat it", f"laisn compare {' '.join(sources)}")]

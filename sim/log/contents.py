@@ -48,6 +48,7 @@ FLIGHT = "laisn"  # metadata record that every log of a flight has
 FIRST_GAP = "first_gap_ns"
 """Key of that record in a recovered log: time before which a flight is complete [ns]."""
 _INTERRUPTED = "INTERRUPTED"
+_PARTIAL = ".partial"
 _NAMED = 10  # most damaged places that are named
 _CHUNK_BYTES = 2**18  # of a recovered log: the last chunk is lost where the log is cut again
 # a file of n bytes may decompress to 8 MiB + 16 n; flights decompress to 6 n
@@ -69,7 +70,7 @@ class DamagedError(LogError):
 
 def partial_path(path: Path) -> Path:
     """The name that a log grows under until it is complete."""
-    return path.with_name(f"{path.name}.partial")
+    return path.with_name(f"{path.name}{_PARTIAL}")
 
 
 @contextmanager
@@ -510,6 +511,13 @@ def _copy(path: Path, target: Path, remarks: list[str]) -> list[str]:
     return problems
 
 
+def recovered_path(path: Path) -> Path:
+    """The file that `recover` writes for a log."""
+    if path.suffix == _PARTIAL:
+        return path.with_suffix("")
+    return path.with_name(f"{path.stem}.recovered{path.suffix}")
+
+
 def recover(path: Path, report: Callable[[str], None] = lambda remark: None) -> Path:
     """Finish a log with all its intact records, also those behind broken ones; the path of the
     result.
@@ -522,13 +530,9 @@ def recover(path: Path, report: Callable[[str], None] = lambda remark: None) -> 
     """
     if not path.is_file():
         raise LogError(f"{path}: no such file")
-    unfinished = path.suffix == ".partial"
+    unfinished = path.suffix == _PARTIAL
     remarks = list[str]()
-    target = (
-        path.with_suffix("")
-        if unfinished
-        else path.with_name(f"{path.stem}.recovered{path.suffix}")
-    )
+    target = recovered_path(path)
     try:
         with atomic_write(target) as work:
             problems = _copy(path, work, remarks)
