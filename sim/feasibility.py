@@ -11,8 +11,9 @@ import numpy as np
 from laisn.arrays import Floats, Ints
 from laisn.failure import LaisnError
 from laisn.navigators import NAVIGATORS, find
-from laisn.plugins import find_controller
+from laisn.plugins import find_controller, is_plugin_name
 from sim.assembly import models_of, ocean_of, on_axis, route_of, routes_of, setups_of, vehicle_names
+from sim.cautions import assumption_cautions
 from sim.control.autopilot import design, top_speed
 from sim.control.stability import least_radius, require_stable, steady_turn
 from sim.log.schema import Clock
@@ -301,20 +302,11 @@ def cautions(scenario: Scenario) -> list[str]:
     """What a flyable scenario has that its navigators or followers cannot cope with, a line
     each.
     """
-    found = []
+    found = assumption_cautions(scenario)
     variant = scenario.navigation.variant
-    spec = find(variant)
-    settings = scenario.navigation.settings()
     stations = any(follower.station for follower in scenario.followers)
-    if (
-        scenario.motion == "physics"
-        and scenario.ocean.moves
-        and "current" not in settings.estimated
-    ):
-        able = spec.near_bound
-        what = "navigation.assume.current = false" if able else f"navigator {variant!r}"
-        found.append(f"there is a current; {what} assumes still water")
-    if stations and not spec.near_bound:
+    # how good a navigator of the user's own is, its flight shows
+    if stations and not (find(variant).near_bound or is_plugin_name(variant)):
         better = ", ".join(repr(name) for name, one in NAVIGATORS.items() if one.near_bound)
         found.append(
             f"stations are kept by navigator {variant!r}, with errors of metres; {better} keeps "

@@ -97,6 +97,8 @@ def show(console: Console, flight: Flight, summary: dict[str, Any]) -> None:
         print_line(
             console, f"{number}, {longest} longest ({gave_way[longest]:.0f} s)", "avoidance:", ""
         )
+    if summary["verdict"]["lost"]:
+        print_line(console, summary["verdict"]["sentence"], "lost:", "red")
     if flight.outcome is not Outcome.COMPLETED:
         colour = "yellow" if flight.outcome is Outcome.CONTACT else "red"
         print_line(console, f"(at {summary['flown_s']:g} s)", flight.outcome.value, colour)
@@ -207,18 +209,20 @@ def fly_and_write(
     """
     console = Console()
     require_safe(folder, source, scenario.toml)
+    for caution in cautions(scenario):
+        print_line(console, caution, "warning:")
+    replaces = (folder / SUMMARY).exists()
     with one_flight(folder) as work:
         flight, summary, film_error = write_flight(
             scenario, work, Console(stderr=True), with_video=with_video
         )
     show(console, flight, summary)
-    for caution in cautions(scenario):
-        print_line(console, caution, "warning:")
     for event in stray_events(flight):
         print_line(console, f"at {event.time_s:g} s {event.text}", "warning:")
     bug = not isinstance(film_error, LaisnError)
     if film_error:
         print_line(console, "a bug in the program" if bug else film_error, "no film:")
-    print_line(console, f"results in {folder}")
+    earlier = " (replaces the earlier flight)" if replaces else ""
+    print_line(console, f"results in {folder}{earlier}")
     if film_error and bug:
         raise film_error

@@ -9,6 +9,7 @@ import numpy as np
 
 from experiments.campaign.bound import flight_bound
 from experiments.campaign.version import versions
+from experiments.flight.verdict import verdict
 from laisn import metrics
 from laisn.arrays import Bools, Floats
 from sim import tracking
@@ -119,6 +120,7 @@ def summarise(flight: Flight, bounds: list[Floats] | None = None) -> dict[str, A
         "outcome": flight.outcome.value,
         "flown_s": float(flight.trajectory.time[-1]),
         "variant": flight.scenario.navigation.variant,
+        "verdict": verdict(flight, off).table(),
         **pooled._asdict(),
         **_nearest(flight),
         "followers": {
@@ -147,7 +149,11 @@ def route_events(flight: Flight) -> list[Event]:
     truth = flight.trajectory
     events = []
     for v, route in enumerate(routes_of(flight.scenario)):
-        if v and flight.scenario.followers[v - 1].station is not None:
+        # stations have no route, and a controller of the user's own need not keep to it
+        if v and (
+            flight.scenario.followers[v - 1].station is not None
+            or flight.scenario.followers[v - 1].controller
+        ):
             continue
         off = tracking.track_error(route, truth.time, truth.position[:, v, :2])
         k = int(np.argmax(off))

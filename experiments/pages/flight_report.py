@@ -16,6 +16,7 @@ from experiments.flight.summary import (
     route_events,
     true_bearing,
 )
+from experiments.flight.verdict import verdict
 from experiments.pages import flight_figures, style
 from experiments.pages.figures import Line, Panel, panel
 from experiments.pages.flight_figures import ON_AXIS_DEG, SIGMAS
@@ -28,7 +29,7 @@ from laisn.metrics import nees
 from laisn.navigators import find
 from sim.flight import Flight
 from sim.sensing.proximity import sightings
-from sim.tracking import closest_approaches, contacts
+from sim.tracking import closest_approaches, contacts, track_errors
 
 _CAUSES = (
     Cause.RANDOM,
@@ -305,6 +306,7 @@ def flight_report(
         tracks = Figures(panels=[route_map], legend=VEHICLES)
     values: dict[str, Any] = {
         "flight": flight,
+        "verdict": summary.get("verdict") or verdict(flight, track_errors(flight.scenario, truth)),
         "followers": len(names),
         "drawn": len(_drawn(flight)),
         "events": [*route_events(flight), *approach_events(flight)],

@@ -1,0 +1,250 @@
+"""What matters most of a flight, in a sentence: who was lost, when, and the likeliest cause that
+the record shows.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from laisn.arrays import Bools, Floats
+from laisn.metrics import mirror_locked_steps, nees
+from sim.cautions import assumption_cautions
+from sim.flight import Flight, Outcome, position_and_bearing_errors
+from sim.tracking import JOINED_M, LOST_M, contacts
+
+_BEFORE_S = 120.0  # causes are sought in this time before a loss
+_SILENCE_MESSAGES = 5.0  # least silence that is a cause [message intervals]
+_SILENCE_S = 10.0
+_TURN_DEG = 45.0  # least turn of the leader that is named
+_RIGHT_SHARE = 0.3  # an error of the estimate below this share of the distance off is no cause
+_LOCKED_SHARE = 0.5  # of the last part of the time before a loss
+_LOCKED_S = 20.0
+_CONSISTENT_NEES = 20.0  # mean NEES above this: the filter is surer than right (2 if consistent)
+_NAMED = 4  # most followers that the sentence names
+
+
+@dataclass(frozen=True, kw_only=True)
+class Loss:
+    """A follower that was lost, and why."""
+
+    follower: str
+    time_s: float  # when it first was
+    what: str
+    cause: str
+    silence_s: float  # longest time without a message shortly before [s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    sentence: str
+    lost: tuple[Loss, ...]
+
+    def table(self) -> dict[str, Any]:
+        """As `summary.json` holds it."""
+        return {"sentence": self.sentence, "lost": [asdict(loss) for loss in self.lost]}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Silence:
+    """The longest time without a message in a stretch of the mission."""
+
+    begin_s: float
+    end_s: float
+    turn_deg: float  # between the leader's extreme headings during it
+
+    @property
+    def length_s(self) -> float:
+        return self.end_s - self.begin_s
+
+
+def longest_silence(flight: Flight, follower: int, begin_s: float, end_s: float) -> Silence:
+    """The longest time without a received message of a follower that reaches into begin … end."""
+    measured = flight.measurements[follower]
+    received = measured.time[measured.message_step - 1]
+    heard = received[np.isfinite(measured.ranges).any(axis=1)]
+    times = np.concatenate([[0.0], heard[heard <= end_s], [end_s]])
+    spans = np.where(times[1:] > begin_s, np.diff(times), 0.0)
+    longest = int(np.argmax(spans))
+    begin, end = float(times[longest]), float(times[longest + 1])
+    truth = flight.trajectory
+    during = (truth.time >= begin) & (truth.time <= end)
+    headings = np.unwrap(truth.heading[during, 0])
+    turn = math.degrees(float(np.ptp(headings))) if headings.size else 0.0
+    return Silence(begin_s=begin, end_s=end, turn_deg=turn)
+
+
+def _silence_text(silence: Silence) -> str:
+    turn = (
+        f", in which the leader turned by {silence.turn_deg:.0f}°"
+        if silence.turn_deg > _TURN_DEG
+        else ""
+    )
+    return (
+        f"no message for {silence.length_s:.0f} s ({silence.begin_s:.0f} s to "
+        f"{silence.end_s:.0f} s){turn}"
+    )
+
+
+def _is_locked(flight: Flight, follower: int, time: Floats, loss_s: float) -> bool:
+    """Whether the estimate was at the mirror image for most of the time around a loss."""
+    steps = flight.step_index()
+    truth = flight.trajectory
+    locked = mirror_locked_steps(
+        flight.estimates[follower].state[:, :2],
+        flight.hydrophone(follower)[:, :2],
+        truth.position[steps, 0, :2],
+        truth.heading[steps, 0],
+    )
+    around = np.abs(time - loss_s) <= _LOCKED_S
+    return bool(locked[around].mean() > _LOCKED_SHARE)
+
+
+def _first_true(condition: Bools) -> int | None:
+    return int(np.argmax(condition)) if condition.any() else None
+
+
+def _loss(flight: Flight, follower: int, errors: Floats, off: Floats) -> tuple[float, str] | None:
+    """When a follower was first lost, and in what respect; None if it was not.
+
+    On a station, or steering by its estimate, its place counts; on a route the estimate.
+    """
+    plan = flight.scenario.followers[follower]
+    time = flight.trajectory.time
+    # a controller of the user's own has its own idea of where to go
+    by_estimate = plan.guided_by_estimate and not plan.controller
+    if plan.station is not None or by_estimate:
+        near = _first_true(off < JOINED_M) if plan.station is not None else 0
+        place = "station" if plan.station is not None else "route"
+        if near is None:
+            return float(time[-1]), f"never reached its {place}"
+        away = _first_true(off[near:] > LOST_M)
+        if away is not None:
+            return float(time[near + away]), f"more than {LOST_M:g} m off its {place}"
+    wrong = _first_true(errors > LOST_M)
+    if wrong is None:
+        return None
+    return float(time[flight.step_index()][wrong]), f"its estimate more than {LOST_M:g} m off"
+
+
+def _cause(flight: Flight, follower: int, loss_s: float, errors: Floats, off: Floats) -> str:
+    """The likeliest cause of a loss that the record shows."""
+    steps = flight.step_index()
+    time = flight.trajectory.time[steps]
+    at = min(int(np.searchsorted(time, loss_s)), time.size - 1)
+    error = float(errors[at])
+    plan = flight.scenario.followers[follower]
+    away = float(off[min(int(steps[at]), off.size - 1)])
+    if plan.guided_by_estimate and error < _RIGHT_SHARE * away:
+        speed = float(flight.trajectory.forward_speed[steps[at], follower + 1])
+        return (
+            f"not its estimate, which was {error:.1f} m off, but its motion, at {speed:.2g} m/s "
+            "through the water"
+        )
+    silence = longest_silence(flight, follower, loss_s - _BEFORE_S, loss_s)
+    interval = flight.scenario.timing.message_interval_s
+    if silence.length_s > max(_SILENCE_S, _SILENCE_MESSAGES * interval):
+        return _silence_text(silence)
+    if _is_locked(flight, follower, time, loss_s):
+        return "the estimate was locked on the mirror image of the truth in the leader's axis"
+    if cautions := assumption_cautions(flight.scenario):
+        return "an assumption that does not hold: " + "; ".join(cautions[:2])
+    squares = nees(flight.estimates[follower], flight.hydrophone(follower)[:, :2])[: at + 1]
+    finite = squares[np.isfinite(squares)]
+    if finite.size and finite.mean() > _CONSISTENT_NEES:
+        return (
+            f"the filter was surer than right (mean NEES {finite.mean():.3g} before, 2 if "
+            "consistent): its assumed errors are too small for the true ones"
+        )
+    return "the record shows no single cause"
+
+
+def losses(flight: Flight, off: Floats) -> tuple[Loss, ...]:
+    """Lost followers in order of time; `off` are distances from routes and stations, shape
+    (n, f), [m].
+    """
+    found = list[Loss]()
+    for i, ((errors, _), name) in enumerate(
+        zip(position_and_bearing_errors(flight), flight.trajectory.names[1:], strict=True)
+    ):
+        known = np.nan_to_num(errors, nan=0.0)
+        loss = _loss(flight, i, known, off[:, i])
+        if loss is None:
+            continue
+        time_s, what = loss
+        silence = longest_silence(flight, i, time_s - _BEFORE_S, time_s)
+        found.append(
+            Loss(
+                follower=name,
+                time_s=time_s,
+                what=what,
+                cause=_cause(flight, i, time_s, known, off[:, i]),
+                silence_s=silence.length_s,
+            )
+        )
+    return tuple(sorted(found, key=lambda loss: loss.time_s))
+
+
+def _lost_text(lost: Sequence[Loss], followers: int) -> str:
+    named = [f"{loss.follower} at {loss.time_s:.0f} s" for loss in lost[:_NAMED]]
+    if len(lost) > _NAMED:
+        named.append(f"{len(lost) - _NAMED} more")
+    first = lost[0]
+    number = f"{len(lost)} of {followers} followers" if followers > 1 else first.follower
+    verb = "was" if len(lost) == 1 else "were"
+    if followers == 1:
+        return (
+            f"{number} was lost at {first.time_s:.0f} s ({first.what}); likeliest cause: "
+            f"{first.cause}."
+        )
+    return (
+        f"{number} {verb} lost: {', '.join(named)}; likeliest cause of the first "
+        f"({first.what}): {first.cause}."
+    )
+
+
+def _errors_text(flight: Flight) -> str:
+    """Mean and largest errors of a flight in which none was lost."""
+    time = flight.trajectory.time[flight.step_index()]
+    names = flight.trajectory.names[1:]
+    errors = [position for position, _ in position_and_bearing_errors(flight)]
+    known = [np.isfinite(position) for position in errors]
+    if not all(
+        finite[e.unknown :].all() for finite, e in zip(known, flight.estimates, strict=True)
+    ):
+        return "An estimate is not finite."
+    means = [float(p[k].mean()) for p, k in zip(errors, known, strict=True)]
+    largest = [float(np.nanmax(position)) for position in errors]
+    worst = int(np.argmax(largest))
+    at = float(time[int(np.nanargmax(errors[worst]))])
+    if len(names) == 1:
+        return (
+            f"The mean position error is {means[0]:.2f} m; the largest is {largest[0]:.2f} m, at "
+            f"{at:.0f} s."
+        )
+    low, high = int(np.argmin(means)), int(np.argmax(means))
+    return (
+        f"The mean position errors of {len(names)} followers lie between {means[low]:.2f} m "
+        f"({names[low]}) and {means[high]:.2f} m ({names[high]}); the largest error is "
+        f"{largest[worst]:.2f} m ({names[worst]}, at {at:.0f} s)."
+    )
+
+
+def verdict(flight: Flight, off: Floats) -> Verdict:
+    """What matters most of a flight; `off` as of `losses`."""
+    lost = losses(flight, off)
+    parts = list[str]()
+    if flight.outcome is not Outcome.COMPLETED:
+        text = flight.outcome.value
+        parts.append(f"{text[0].upper()}{text[1:]}, at {flight.trajectory.time[-1]:g} s.")
+    if lost:
+        parts.append(_lost_text(lost, len(flight.measurements)))
+    touching = contacts(flight.trajectory)
+    if touching and flight.outcome is not Outcome.CONTACT:
+        time_s, pair = touching[0]
+        parts.append(f"{' and '.join(pair)} touched at {time_s:.0f} s.")
+    if not parts:
+        parts.append(_errors_text(flight))
+    return Verdict(sentence=" ".join(parts), lost=lost)

@@ -1,0 +1,183 @@
+"""The first sentence of a flight's page: who was lost, when, and why, each made so."""
+
+import dataclasses
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from experiments.command.cli import app
+from experiments.flight.summary import route_events, summarise
+from experiments.flight.verdict import verdict
+from experiments.pages.flight_report import flight_report
+from laisn.arrays import Floats
+from sim.flight import Flight, Outcome, position_and_bearing_errors
+from sim.tracking import track_errors
+from tests.synthetic import make_flight
+
+KEPT = np.zeros((6001, 3))
+
+
+def off_by(flight: Flight, follower: int, offsets: Floats, sigma: float = 1.0) -> Flight:
+    """The flight with an estimate that is off by `offsets`, shape (n, 2), [m], and so sure."""
+    estimates = list(flight.estimates)
+    old = estimates[follower]
+    state = old.state.copy()
+    state[:, :2] = flight.hydrophone(follower)[:, :2] + offsets
+    covariance = np.tile(sigma**2 * np.eye(4), (len(state), 1, 1))
+    estimates[follower] = dataclasses.replace(old, state=state, covariance=covariance)
+    return dataclasses.replace(flight, estimates=tuple(estimates))
+
+
+def silent(flight: Flight, follower: int, begin_s: float, end_s: float) -> Flight:
+    """The flight without the messages of a follower in a part of the mission."""
+    measurements = list(flight.measurements)
+    old = measurements[follower]
+    received = old.time[old.message_step - 1]
+    ranges = old.ranges.copy()
+    ranges[(received > begin_s) & (received < end_s)] = np.nan
+    measurements[follower] = dataclasses.replace(old, ranges=ranges)
+    return dataclasses.replace(flight, measurements=tuple(measurements))
+
+
+def lost_at(flight: Flight, follower: int, time_s: float, sigma: float = 1.0) -> Flight:
+    """The flight with an error that jumps from 1 m to 11 m at a time, along the leader's axis."""
+    steps = flight.step_index()
+    heading = flight.trajectory.heading[steps, 0]
+    ahead = np.column_stack([np.sin(heading), np.cos(heading)])
+    time = flight.trajectory.time[steps]
+    size = np.where(time > time_s - 0.01, 11.0, 1.0)
+    return off_by(flight, follower, size[:, None] * ahead, sigma)
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    """Three followers, whose leader turns by 1 rad a minute."""
+    calm = make_flight(600.0, 3)
+    for follower in range(3):
+        calm = off_by(calm, follower, np.tile([0.5, 0.0], (6000, 1)))
+    return calm
+
+
+def test_a_flight_in_which_none_is_lost_begins_with_its_errors(flight: Flight) -> None:
+    found = verdict(flight, KEPT)
+    assert found.lost == ()
+    assert found.sentence.startswith("The mean position errors of 3 followers lie between 0.50 m")
+
+
+def test_a_silence_before_a_loss_is_its_cause_with_the_leaders_turn(flight: Flight) -> None:
+    """The leader goes round a circle of 60 m at 1 m/s: 57.3° in a minute."""
+    changed = silent(lost_at(flight, 1, 400.0), 1, 340.0, 401.0)
+    found = verdict(changed, KEPT)
+    (loss,) = found.lost
+    assert (loss.follower, loss.time_s) == ("follower2", pytest.approx(400.0))
+    assert loss.silence_s == pytest.approx(60.0, abs=1.1)
+    turn = np.degrees(loss.silence_s / 60.0)
+    assert found.sentence == (
+        "1 of 3 followers was lost: follower2 at 400 s; likeliest cause of the first (its estimate "
+        f"more than 10 m off): no message for 60 s (340 s to 400 s), in which the leader turned by "
+        f"{turn:.0f}°."
+    )
+
+
+def test_several_losses_are_in_order_of_time(flight: Flight) -> None:
+    changed = lost_at(lost_at(flight, 0, 500.0), 2, 300.0)
+    found = verdict(silent(changed, 2, 280.0, 301.0), KEPT)
+    assert [loss.follower for loss in found.lost] == ["follower3", "follower1"]
+    words = "2 of 3 followers were lost: follower3 at 300 s, follower1 at 500 s; likeliest cause"
+    assert found.sentence.startswith(words)
+    assert "no message for 20 s (280 s to 300 s)." in found.sentence
+    # 11 m with σ = 1 m
+    assert "the record shows no single cause" in found.lost[1].cause
+
+
+def test_an_error_that_is_set_and_not_assumed_is_a_cause(flight: Flight) -> None:
+    acoustics = flight.scenario.acoustics.model_copy(update={"clock_offset_s": 0.01})
+    scenario = flight.scenario.model_copy(update={"acoustics": acoustics})
+    changed = dataclasses.replace(lost_at(flight, 0, 200.0), scenario=scenario)
+    (loss,) = verdict(changed, KEPT).lost
+    assert loss.cause.startswith("an assumption that does not hold: the clocks differ by up to 10")
+
+
+def test_a_filter_surer_than_right_is_a_cause(flight: Flight) -> None:
+    """An error of 1 m with σ = 0.1 m before: NEES 100."""
+    (loss,) = verdict(lost_at(flight, 0, 300.0, 0.1), KEPT).lost
+    assert "surer than right (mean NEES 10" in loss.cause
+
+
+def test_a_mirror_lock_is_a_cause(flight: Flight) -> None:
+    steps = flight.step_index()
+    heading = flight.trajectory.heading[steps, 0]
+    starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
+    away = flight.hydrophone(2)[:, :2] - flight.trajectory.position[steps, 0, :2]
+    side = np.einsum("ni,ni->n", away, starboard)
+    assert np.abs(side).min() > 5.1
+    locked = flight.trajectory.time[steps] > 250.0
+    offsets = np.where(locked, -2.0 * side, 0.0)[:, None] * starboard
+    (loss,) = verdict(off_by(flight, 2, offsets), KEPT).lost
+    assert loss.time_s == pytest.approx(250.1)
+    assert "locked on the mirror image" in loss.cause
+
+
+def test_a_vehicle_off_its_route_with_a_right_estimate_could_not_move_there(
+    flight: Flight,
+) -> None:
+    plan = flight.scenario.followers[0].model_copy(update={"guidance_position": "estimate"})
+    followers = (plan, *flight.scenario.followers[1:])
+    scenario = flight.scenario.model_copy(update={"followers": followers})
+    off = KEPT.copy()
+    off[2000:, 0] = 12.0
+    (loss,) = verdict(dataclasses.replace(flight, scenario=scenario), off).lost
+    assert loss.time_s == pytest.approx(200.0)
+    assert loss.what == "more than 10 m off its route"
+    assert loss.cause.startswith("not its estimate, which was 0.5 m off, but its motion, at ")
+
+
+def test_a_controller_of_ones_own_is_not_lost_off_the_route(flight: Flight) -> None:
+    """What it aims at is not known; the route of a simulated follower is."""
+    assert any(event.source == "follower1" for event in route_events(flight))
+    plan = flight.scenario.followers[0].model_copy(update={"controller": "mine:Steer"})
+    followers = (plan, *flight.scenario.followers[1:])
+    scenario = flight.scenario.model_copy(update={"followers": followers})
+    changed = dataclasses.replace(flight, scenario=scenario)
+    assert verdict(changed, KEPT + 12.0).lost == ()
+    assert not any(event.source == "follower1" for event in route_events(changed))
+
+
+def test_an_outcome_comes_first(flight: Flight) -> None:
+    changed = dataclasses.replace(lost_at(flight, 0, 300.0), outcome=Outcome.DIVERGED)
+    sentence = verdict(changed, KEPT).sentence
+    assert sentence.startswith("The simulation left finite numbers; ")
+    assert "1 of 3 followers was lost: follower1 at 300 s" in sentence
+
+
+def test_page_and_summary_begin_with_it(flight: Flight, tmp_path: Path) -> None:
+    changed = silent(lost_at(flight, 1, 400.0), 1, 340.0, 401.0)
+    summary = summarise(changed)
+    expected = verdict(changed, track_errors(changed.scenario, changed.trajectory))
+    assert summary["verdict"]["sentence"] == expected.sentence
+    assert json.loads(json.dumps(summary["verdict"]))["lost"][0]["follower"] == "follower2"
+    page = tmp_path / "report.html"
+    flight_report(changed, position_and_bearing_errors(changed), summary, page, None)
+    text = re.sub(r"<[^>]*>|\s+", " ", page.read_text(encoding="utf-8"))
+    assert expected.sentence in " ".join(text.split())
+    assert text.index("was lost: follower2") < text.index("outside 2σ")
+
+
+def test_a_follower_without_messages_is_lost_by_its_logs_bias(tmp_path: Path) -> None:
+    """Dead reckoning with a bias of 0.4 m/s is 10 m off after 25 s."""
+    out = tmp_path / "lost"
+    words = "fly T5 --no-video --set motion=kinematic --set duration_s=60 --set sensors.speed_"
+    words += "bias_m_s=0.4 --set sensors.speed_sigma_m_s=0 --set sensors.heading_bias_deg=0 "
+    words += "--set sensors.heading_sigma_deg=0 --set acoustics.loss_probability=1"
+    result = CliRunner().invoke(app, [*words.split(), "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    (loss,) = json.loads((out / "summary.json").read_text())["verdict"]["lost"]
+    assert loss["time_s"] == pytest.approx(25.0, abs=3.0)
+    assert loss["cause"].startswith("no message for 2")
+    flat = " ".join(result.output.split())
+    assert "lost: follower was lost at 2" in flat
+    assert "no message for 2" in flat

@@ -1,0 +1,168 @@
+"""Cautions before a flight are true: the flight that they warn of has the error that they state."""
+
+import math
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from experiments.command.cli import app
+from experiments.flight.fly import fly
+from experiments.flight.library import loaded
+from sim.cautions import RULES, clock_error_s, closing_speed, distances, echo_delay_m
+from sim.feasibility import cautions
+from sim.flight import Flight, position_and_bearing_errors
+from sim.scenario.settings import Scenario
+
+QUIET = {
+    "motion": "kinematic",
+    "duration_s": 120.0,
+    "navigation.variant": "tight",
+    "sensors.speed_bias_m_s": 0.0,
+    "sensors.speed_sigma_m_s": 0.0,
+    "sensors.heading_bias_deg": 0.0,
+    "sensors.heading_sigma_deg": 0.0,
+    "acoustics.range_scale_mean_m": 0.0,
+    "acoustics.range_scale_sigma_m": 0.0,
+}
+NAMES = ("rear", "front", "middle")
+
+
+def scenario_of(changes: dict[str, Any]) -> Scenario:
+    return loaded("T7", {**QUIET, **changes})
+
+
+def flown(changes: dict[str, Any]) -> Flight:
+    flight, _ = fly(scenario_of(changes))
+    return flight
+
+
+@pytest.fixture(scope="module")
+def quiet() -> Flight:
+    return flown({})
+
+
+def the_caution(changes: dict[str, Any]) -> str:
+    (line,) = cautions(scenario_of(changes))
+    return line
+
+
+def stated(line: str) -> float:
+    """The last number of metres before the assumption."""
+    return float(re.findall(r"([\d.]+) m\b", line.split(";")[0])[-1])
+
+
+def test_a_mission_without_such_errors_has_no_cautions(quiet: Flight) -> None:
+    assert cautions(quiet.scenario) == []
+
+
+def test_clocks_that_differ_change_every_range_by_what_is_stated(quiet: Flight) -> None:
+    changes = {"acoustics.clock_offset_s": 1e-3, "acoustics.clock_drift_ppm": 5.0}
+    line = the_caution(changes)
+    error = flown(changes).measurements[0].ranges - quiet.measurements[0].ranges
+    assert clock_error_s(scenario_of(changes)) == pytest.approx(1e-3 + 5e-6 * 120.0)
+    assert stated(line) == pytest.approx(1500.0 * 1.6e-3)
+    assert np.nanmax(np.abs(error)) == pytest.approx(2.4, rel=0.02)
+    assert line.endswith("navigation.assume.clock = false assumes equal clocks")
+    assert cautions(scenario_of({**changes, "navigation.assume.clock": True})) == []
+
+
+def test_pings_in_slots_change_ranges_by_what_is_stated(quiet: Flight) -> None:
+    """The middle ping goes two slots after the rear one."""
+    changes = {"acoustics.ping_slot_s": 0.2}
+    slot_m = 0.2 * closing_speed(scenario_of(changes))
+    in_slots = flown(changes).measurements[0].ranges
+    # the last message ends after the mission
+    error = np.abs(in_slots - quiet.measurements[0].ranges[: len(in_slots)])
+    middle = float(np.nanmax(error[:, NAMES.index("middle")]))
+    assert 0.5 * 2.0 * slot_m < middle < 1.2 * 2.0 * slot_m
+    if lines := cautions(scenario_of(changes)):
+        assert stated(lines[0].replace("of a baseline of 2 m", "")) == pytest.approx(
+            slot_m, rel=0.05
+        )
+
+
+def position_error(flight: Flight) -> float:
+    """Mean over the second half of the mission [m]."""
+    errors = position_and_bearing_errors(flight)[0][0]
+    return float(errors[errors.size // 2 :].mean())
+
+
+def test_a_bias_of_the_leaders_compass_turns_fixes_about_the_leader(quiet: Flight) -> None:
+    changes = {"sensors.leader_heading_bias_deg": 5.0}
+    line = the_caution(changes)
+    flight = flown(changes)
+    away = distances(flight.scenario, flight.scenario.followers[0])
+    turned = 2.0 * math.sin(math.radians(2.5))
+    assert stated(line) == pytest.approx(turned * away.max(), rel=0.05)
+    expected = turned * away[away.size // 2 :].mean()
+    messages = flight.measurements[0].message
+    off = messages[:, 3] - quiet.measurements[0].message[:, 3]
+    assert np.rad2deg(off) == pytest.approx(np.full(len(off), 5.0))
+    # the filter takes the contradiction for errors of its own sensors beside
+    assert position_error(flight) > 0.8 * expected
+    assert position_error(quiet) < 0.2 * expected
+    estimated = {**changes, "navigation.assume.exact_leader": False}
+    assert cautions(scenario_of(estimated)) == []
+
+
+def test_common_echoes_are_longer_than_the_span_by_what_is_stated(quiet: Flight) -> None:
+    changes = {
+        "acoustics.common_echoes": True,
+        "acoustics.surface_echo_probability": 1.0,
+        "leader.depth_m": 20.0,
+        "followers.0.depth_m": 20.0,
+    }
+    line = the_caution(changes)
+    direct = flown({**changes, "acoustics.surface_echo_probability": 0.0})
+    delay = flown(changes).measurements[0].ranges - direct.measurements[0].ranges
+    assert stated(line.replace("beyond the 4.5 m", "")) == pytest.approx(
+        echo_delay_m(scenario_of(changes)), rel=0.05
+    )
+    assert np.nanmax(delay) == pytest.approx(echo_delay_m(scenario_of(changes)), rel=0.05)
+    assert np.nanmin(delay) > 4.5
+    assert "navigation.assume.outlier_span_m = 4.5 assumes" in line
+    assert cautions(scenario_of({**changes, "navigation.assume.outlier_span_m": 40.0})) == []
+    assert cautions(scenario_of({**changes, "acoustics.common_echoes": False})) == []
+
+
+def test_followers_drift_with_the_position_that_the_leader_broadcasts(quiet: Flight) -> None:
+    changes = {"sensors.leader_position_drift_m_s": 0.05}
+    line = the_caution(changes)
+    assert stated(line) == pytest.approx(6.0)
+    end = position_and_bearing_errors(flown(changes))[0][0][-1]
+    assert end == pytest.approx(6.0, rel=0.15)
+
+
+def test_a_current_carries_vehicles_beside_what_logs_and_compasses_tell() -> None:
+    changes = {
+        "motion": "physics",
+        "duration_s": 20.0,
+        "ocean.current_speed_m_s": 0.3,
+        "ocean.current_direction_deg": 90.0,
+    }
+    assert the_caution(changes).startswith("there is a current; ")
+    truth = flown(changes).trajectory
+    heading = truth.heading[:, 1]
+    through_water = truth.forward_speed[:, 1] * np.sin(heading)
+    drift = np.mean(truth.velocity[:, 1, 0] - through_water)
+    assert drift == pytest.approx(0.3, abs=0.05)
+    assert cautions(scenario_of({**changes, "motion": "kinematic"})) == []
+
+
+def test_every_key_of_a_rule_exists_and_the_command_prints_cautions_first() -> None:
+    table = Scenario(followers=[{"route": "T5"}]).model_dump()
+    for rule in RULES:
+        for key in rule.keys:
+            section, name = key.split(".")
+            assert name in table[section]
+        if rule.assumption:
+            section, name = rule.assumption.split(".")
+            assert name in table["navigation"][section]
+    words = ["check", "T5", "--set", "acoustics.clock_offset_s=0.001"]
+    result = CliRunner().invoke(app, words)
+    assert result.output.startswith("warning: the clocks differ by up to 1 ms")
+    quiet_words = ["check", "T5", "--set", "acoustics.clock_offset_s=1e-5"]
+    assert "warning" not in CliRunner().invoke(app, quiet_words).output
