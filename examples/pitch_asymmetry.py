@@ -1,41 +1,56 @@
-"""One message from a pitched leader: the range asymmetry, and how far it moves the position fix.
+"""One message from a pitched leader: the range asymmetry, and how far it moves LAISN's fix.
 
 Pitch φ lowers one transmitter and raises the other. A follower Δz deeper that takes the leader for
 level converts the slant ranges to wrong horizontal ranges; the fix keeps its distance and moves by
-Δz sin φ / |sin B| (docs/asymmetry.md).
+Δz sin φ / |sin B| (docs/asymmetry.md). Right astern (B = 180°) that has no meaning: with the bow up
+the circles about the transmitters do not meet, and LAISN puts the follower onto the leader's axis
+at the rear range; with the bow down they meet aside of the axis.
 """
+
+import math
 
 import numpy as np
 
+from laisn.estimates import FIX_WORDS, FixKind
+from laisn.fix import Fix, to_circles
+from laisn.geometry import Point
+from laisn.messages import LeaderMessage, Ranges, Reception
+from laisn.settings import NavigationSettings, Tuning
+
 BASELINE, DEPTH_DIFFERENCE, DISTANCE = 2.0, 10.0, 60.0  # L, Δz, horizontal distance [m]
+SETTINGS = NavigationSettings(baseline=BASELINE)
 
 
-def fix_error(pitch: float, bearing: float) -> tuple[float, float]:
-    """Range asymmetry that pitch adds [m], and distance of the fix from the follower [m].
+def slant_ranges(pitch: float, follower: np.ndarray) -> Ranges:
+    """Ranges to the ends of the baseline of a leader at the origin that heads east."""
+    along = BASELINE / 2 * np.array([math.cos(pitch), 0.0, math.sin(pitch)])
+    rear, front = (float(np.linalg.norm(follower + side * along)) for side in (1, -1))
+    return Ranges(rear=rear, front=front, middle=math.nan)
 
-    The leader heads along x at the origin; angles in radians, the bearing B from the bow.
-    """
-    follower = np.array([DISTANCE * np.cos(bearing), DISTANCE * np.sin(bearing), -DEPTH_DIFFERENCE])
-    along = BASELINE / 2 * np.array([np.cos(pitch), 0.0, np.sin(pitch)])
-    # rear, front
-    slant = np.array([np.linalg.norm(follower + along), np.linalg.norm(follower - along)])
-    level = BASELINE / 2 * np.array([1.0, 0.0, 0.0])
-    expected = np.array([np.linalg.norm(follower + level), np.linalg.norm(follower - level)])
-    # two circles about the transmitters of a level leader
-    rear, front = np.sqrt(slant**2 - DEPTH_DIFFERENCE**2)
-    x = (rear**2 - front**2) / (2 * BASELINE)
-    y = np.sqrt(max(rear**2 - (x + BASELINE / 2) ** 2, 0.0))
-    asymmetry = (slant - expected) @ np.array([1.0, -1.0])
-    return float(asymmetry), float(np.hypot(x - follower[0], y - abs(follower[1])))
+
+def fix_of(ranges: Ranges, predicted: Point) -> Fix:
+    """LAISN-2's fix, which takes the leader for level."""
+    message = LeaderMessage(0.0, east=0.0, north=0.0, heading=math.pi / 2, speed=1.0, depth=0.0)
+    circles = to_circles(Reception(message, ranges), DEPTH_DIFFERENCE, SETTINGS)
+    return circles.fix(circles.pairs()[0], predicted, Tuning.of(SETTINGS))
 
 
 print("bearing B   pitch φ   r_rear − r_front changes by   fix moves by   Δz sin φ / |sin B|")
-for degrees in (90, 60, 30):
-    for pitch_deg in (1, 5, 10):
-        bearing, pitch = np.radians([degrees, pitch_deg])
-        asymmetry, moved = fix_error(pitch, bearing)
-        formula = DEPTH_DIFFERENCE * np.sin(pitch) / np.sin(bearing)
+for degrees, pitches in ((90, (1, 5, 10)), (60, (1, 5, 10)), (30, (1, 5, 10)), (180, (5, -5))):
+    bearing = math.radians(degrees)
+    east, north = DISTANCE * math.cos(bearing), -DISTANCE * math.sin(bearing)  # to starboard
+    follower = np.array([east, north, -DEPTH_DIFFERENCE])
+    level = slant_ranges(0.0, follower)
+    for pitch_deg in pitches:
+        pitch = math.radians(pitch_deg)
+        ranges = slant_ranges(pitch, follower)
+        fix = fix_of(ranges, Point(east, north))
+        asymmetry = (ranges.rear - ranges.front) - (level.rear - level.front)
+        moved = math.hypot(fix.east - east, fix.north - north)
+        formula = "–"
+        if degrees < 180:
+            formula = f"{DEPTH_DIFFERENCE * math.sin(pitch) / math.sin(bearing):.2f} m"
         print(
             f"{degrees:6}°   {pitch_deg:6}°   {asymmetry:21.3f} m   {moved:14.2f} m   "
-            f"{formula:14.2f} m"
+            f"{formula:>18}   {FIX_WORDS[FixKind(int(fix.kind))]}"
         )

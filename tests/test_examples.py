@@ -2,6 +2,7 @@
 invariants.
 """
 
+import math
 import re
 import runpy
 from pathlib import Path
@@ -52,6 +53,19 @@ def test_examples_run(name, tmp_path, capsys, monkeypatch):
         # abeam the fix moves by Δz sin φ exactly to first order: 0.17, 0.87, 1.74 m
         for line, expected in zip(text.splitlines()[1:4], (0.1745, 0.8716, 1.7365), strict=True):
             assert numbers(line)[3] == pytest.approx(expected, abs=0.006)
+        # astern with the bow up no two circles meet: the follower is put onto the axis at the
+        # horizontal range of the rear end, which is sin φ lower; with the bow down they meet
+        up, down = text.splitlines()[-2:]
+        c, s = math.cos(math.radians(5.0)), math.sin(math.radians(5.0))
+        rear = math.sqrt((60.0 - c) ** 2 - 20.0 * s + s**2)
+        assert up.endswith("on the axis")
+        assert numbers(up)[3] == pytest.approx(abs(rear - 59.0), abs=0.006)
+        rear_2, front_2 = ((60.0 - k * c) ** 2 + k * 20.0 * s + s**2 for k in (1.0, -1.0))
+        ahead = (rear_2 - front_2) / 4.0
+        moved = math.hypot(ahead + 60.0, math.sqrt(rear_2 - (ahead + 1.0) ** 2))
+        assert down.endswith("two points")
+        assert numbers(down)[3] == pytest.approx(moved, abs=0.006)
+        assert "e+" not in text
     if name == "own_vehicle":
         # at 1 m/s drag is ½ρ S C_D U²: twice the coefficient adds 6.1 N
         own, usual = (numbers(line)[0] for line in text.splitlines())
