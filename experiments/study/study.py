@@ -13,7 +13,8 @@ from typing import Any, Unpack
 
 import tomli_w
 
-from experiments.campaign.campaign import FEW_MISSIONS, ExecutionOptions, release_workers
+from experiments.campaign.campaign import FEW_MISSIONS, ExecutionOptions
+from experiments.campaign.pool import release_workers
 from experiments.campaign.progress import compiling_shown
 from experiments.campaign.store import CampaignError, columns_of, write_table
 from experiments.campaign.version import code_version

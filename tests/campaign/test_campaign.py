@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from experiments.campaign import campaign, montecarlo, store
-from experiments.campaign.campaign import Pool
 from experiments.campaign.plans import CellPlan
+from experiments.campaign.pool import Pool
 from experiments.campaign.store import DamagedResult
 from experiments.campaign.version import ROOT
 from laisn import metrics

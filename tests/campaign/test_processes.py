@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from experiments.campaign import campaign, montecarlo
-from experiments.campaign.campaign import Pool
+from experiments.campaign import montecarlo, pool
+from experiments.campaign.pool import Pool
 from experiments.campaign.store import CampaignError
 from sim.scenario.settings import Follower, Scenario
 from sim.vehicle.plant import PlantError
@@ -46,8 +46,8 @@ def test_divergence_is_reported_from_any_process(workers):
 @pytest.fixture
 def impatient(monkeypatch):
     """A cluster has half a second to answer, and some seconds where a user waits."""
-    assert campaign._CONNECT_S < 5
-    monkeypatch.setattr(campaign, "_CONNECT_S", 0.5)
+    assert pool._CONNECT_S < 5
+    monkeypatch.setattr(pool, "_CONNECT_S", 0.5)
 
 
 @pytest.mark.usefixtures("impatient")

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from experiments.campaign import campaign, store
-from experiments.campaign.campaign import Flown, Pool
+from experiments.campaign.campaign import Flown
+from experiments.campaign.jobs import Job, run_jobs
+from experiments.campaign.pool import Pool
 from experiments.campaign.store import Arrays, CampaignError, Result, Store, key_of
 from experiments.intervals import Interval
 from sim.scenario.settings import Follower, Scenario
@@ -115,12 +117,12 @@ def order(folder: Path, stored: Callable[[int], bool], computed: list[int]) -> N
     them.
     """
 
-    def work(number: int) -> Callable[[], list[Result]]:
+    def work(number: int, _: Store) -> Callable[[], list[Result]]:
         computed.append(number)
         return list
 
-    jobs = {n: campaign._Job([str(n)], partial(work, n)) for n in range(100)}
-    campaign._compute("", jobs, Results(folder, stored), Pool(1), quiet=True)
+    jobs = [Job(key=n, kind="results", results=[str(n)], run=partial(work, n)) for n in range(100)]
+    run_jobs(jobs, Results(folder, stored), Pool(1), quiet=True)
 
 
 def test_what_another_process_stores_meanwhile_is_skipped(tmp_path: Path) -> None:

@@ -54,7 +54,7 @@ def all_gone(pids: list[int], seconds: float = 10.0) -> bool:
 
 POOL = """
 import os, sys, time
-from experiments.campaign.campaign import Pool
+from experiments.campaign.pool import Pool
 
 def work(number):
     # in one piece: the other worker writes at the same time

@@ -1,0 +1,100 @@
+"""Jobs of a campaign, which depend on each other, and the loop that computes what is ready."""
+
+import random
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+from experiments.campaign.pool import Pool
+from experiments.campaign.progress import progress
+from experiments.campaign.store import CampaignError, Result, Store
+
+Work = Callable[[], list[Result]]
+"""What a process computes; CampaignError if it cannot."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """Work for a process, and the results that come of it."""
+
+    key: Hashable  # of this job alone
+    kind: str  # the name under which progress counts it, such as "missions"
+    results: Sequence[str]  # keys under which its results are stored
+    run: Callable[[Store], Work]
+    """Makes the work just before a process takes it, so that what it reads from the store does not
+    wait in memory.
+    """
+    depends_on: Sequence[Hashable] = ()  # keys of jobs that are done before
+    size: int = 1  # items that progress counts
+
+
+def run_jobs(
+    jobs: Iterable[Job], store: Store, pool: Pool, *, tolerant: bool = False, quiet: bool = False
+) -> dict[Hashable, str]:
+    """Compute jobs, each after those that it depends on, and store every result as it is done.
+
+    Returns why jobs failed, by their keys; jobs that depend on these are left out. CampaignError:
+    one has failed, unless `tolerant`. ValueError: jobs wait for each other.
+    """
+    waiting = list(jobs)
+    failures = dict[Hashable, str]()
+    lost = set[Hashable]()  # keys of jobs that failed, or were left out
+    while waiting:
+        unfinished = {job.key for job in waiting}
+        ready = [job for job in waiting if unfinished.isdisjoint(job.depends_on)]
+        if not ready:
+            raise ValueError(f"jobs wait for each other: {sorted(map(str, unfinished))[:10]}")
+        possible = [job for job in ready if lost.isdisjoint(job.depends_on)]
+        for kind in dict.fromkeys(job.kind for job in possible):
+            of_kind = [job for job in possible if job.kind == kind]
+            failures |= _compute(kind, of_kind, store, pool, quiet)
+            if failures and not tolerant:
+                raise CampaignError("; ".join(sorted(set(failures.values()))))
+        lost |= failures.keys()
+        lost |= {job.key for job in ready if not lost.isdisjoint(job.depends_on)}
+        done = {job.key for job in ready}
+        waiting = [job for job in waiting if job.key not in done]
+    return failures
+
+
+def _attempt(key: Hashable, work: Work, store: Store | None) -> tuple[Hashable, list[Result] | str]:
+    """Results of a job by its key, or why it has none; a store that is given takes them instead."""
+    try:
+        results = work()
+    except CampaignError as error:
+        return key, str(error).splitlines()[0]
+    if store is None:
+        return key, results
+    for result in results:
+        store.put(*result)
+    return key, []
+
+
+def _compute(
+    kind: str, jobs: Sequence[Job], store: Store, pool: Pool, quiet: bool
+) -> dict[Hashable, str]:
+    """Compute jobs that are ready; returns why jobs failed, by their keys.
+
+    The order is random, so that processes which share a folder share the work: a job whose results
+    are stored meanwhile is left out.
+    """
+    by_key = {job.key: job for job in jobs}
+    failures = dict[Hashable, str]()
+    with progress(kind, sum(job.size for job in jobs), quiet=quiet) as advance:
+
+        def missing() -> Iterator[tuple[Hashable, Work, Store | None]]:
+            for job in random.sample(jobs, len(jobs)):
+                if store.has(*job.results):
+                    advance(job.size)
+                else:
+                    yield job.key, job.run(store), store if pool.cluster is None else None
+
+        for key, outcome in pool.each(_attempt, missing()):
+            job = by_key[key]
+            if isinstance(outcome, str):
+                failures[key] = outcome
+            else:
+                for result in outcome:
+                    store.put(*result)
+                store.written.update(job.results)
+            advance(job.size)
+    return failures

@@ -1,0 +1,62 @@
+"""Jobs: each runs after those that it depends on; what failed takes along all that needs it."""
+
+from collections.abc import Hashable, Sequence
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from experiments.campaign.jobs import Job, run_jobs
+from experiments.campaign.pool import Pool
+from experiments.campaign.store import CampaignError, Result, Store
+
+
+def _results(name: str, fails: bool) -> list[Result]:
+    if fails:
+        raise CampaignError(f"{name} failed")
+    return [(name, [], {})]
+
+
+class Jobs:
+    """Makes jobs of a name each, and keeps the order in which they were handed out."""
+
+    def __init__(self) -> None:
+        self.begun: list[str] = []
+
+    def __call__(self, name: str, *depends_on: Hashable, fails: bool = False) -> Job:
+        def work(store: Store) -> partial[list[Result]]:
+            for other in depends_on:
+                assert store.has(str(other)), f"{name} before {other}"
+            self.begun.append(name)
+            return partial(_results, name, fails)
+
+        return Job(key=name, kind="jobs", results=[name], run=work, depends_on=depends_on)
+
+
+def _run(jobs: Sequence[Job], folder: Path, **how: bool) -> dict[Hashable, str]:
+    return run_jobs(jobs, Store(folder), Pool(1), quiet=True, **how)
+
+
+def test_a_job_runs_after_all_that_it_depends_on(tmp_path: Path) -> None:
+    job = Jobs()
+    graph = [job("d", "b", "c"), job("b", "a"), job("c", "a"), job("a"), job("alone")]
+    assert _run(graph, tmp_path) == {}
+    assert sorted(job.begun) == ["a", "alone", "b", "c", "d"]
+    assert job.begun[-1] == "d"
+
+
+def test_a_job_that_fails_is_named_and_what_depends_on_it_is_left_out(tmp_path: Path) -> None:
+    job = Jobs()
+    graph = [job("a", fails=True), job("b", "a"), job("c", "b"), job("d")]
+    assert _run(graph, tmp_path, tolerant=True) == {"a": "a failed"}
+    assert sorted(job.begun) == ["a", "d"]
+    assert not Store(tmp_path).has("b")
+    with pytest.raises(CampaignError, match="a failed"):
+        _run(graph, tmp_path)
+
+
+def test_jobs_that_wait_for_each_other_are_refused(tmp_path: Path) -> None:
+    job = Jobs()
+    with pytest.raises(ValueError, match=r"wait for each other: \['a', 'b'\]"):
+        _run([job("a", "b"), job("b", "a"), job("c")], tmp_path)
+    assert job.begun == ["c"]
