@@ -137,6 +137,63 @@ def _factors_at(plan: Plan, place: Place) -> dict[str, Any]:
     return {**plan.points[place[0]], ARM: place[1], FOLLOWER: place[2]}
 
 
+Marks = dict[str, list[tuple[float, float, float, float]]]
+"""x, value and its limits of the marks of each line of a panel, by the value of the factor that
+lines stand for.
+"""
+
+
+def _marks(plan: Plan, results: Results, layout: Layout, axis: Axis, base: str) -> dict[str, Marks]:
+    """Marks of all places that have a value, by the titles of their panels; see `over_factor`."""
+    metric = plan.study.file.report.metric
+    differences = results.differences(base, metric) if base else {}
+    x_of = {repr(value): x for value, x in zip(axis.values, axis.places, strict=True)}
+    panels: dict[str, Marks] = {}
+    for place in results.rows:
+        values = _factors_at(plan, place)
+        if base:
+            estimate = differences.get(place, NOTHING)
+        else:
+            estimate = results.estimate(place, metric)
+        if math.isnan(estimate.value):
+            continue
+        title = point_text({name: values[name] for name in layout.panels})
+        line = panels.setdefault(title, {}).setdefault(repr(values.get(layout.lines)), [])
+        line.append((x_of[repr(values[axis.name])], *estimate))
+    return dict(itertools.islice(panels.items(), MOST_PANELS))
+
+
+def _y_limits(panels: Mapping[str, Marks], *, from_zero: bool) -> tuple[float, float]:
+    """Limits that hold all marks and their intervals; with `from_zero` the axis begins at 0 where
+    nothing is below.
+    """
+    lines = itertools.chain.from_iterable(marks.values() for marks in panels.values())
+    rows = [mark[1:] for line in lines for mark in line]
+    values = np.array(rows or [(0.0, 1.0)])
+    low = float(np.nanmin(values))
+    high = float(np.nanmax(values))
+    margin = 0.08 * (high - low) or 0.08 * abs(high) or 1.0
+    return 0.0 if from_zero and low >= 0 else low - margin, high + margin
+
+
+def _marked_lines(
+    marks: Marks, kinds: Sequence[object], names: Sequence[str], axis: Axis, *, connected: bool
+) -> list[Line]:
+    """A line for each of `kinds` that has marks; side by side where the axis has no numbers."""
+    lines = []
+    for i, (kind, name, colour) in enumerate(zip(kinds, names, SERIES, strict=False)):
+        if repr(kind) not in marks:
+            continue
+        x, y, low, high = np.array(sorted(marks[repr(kind)])).T
+        if not axis.numeric:
+            x = x + 0.12 * (i - (len(kinds) - 1) / 2)
+        if axis.numeric and connected:
+            lines.append(Line(x=x, y=y, colour=colour))
+        bars = (low, high) if x.size <= _MOST_BARS else None
+        lines.append(Line(x=x, y=y, colour=colour, marker="o", size=3.0, name=name, interval=bars))
+    return lines
+
+
 def over_factor(plan: Plan, results: Results, layout: Layout, base: str = "") -> Figures:
     """Panels of the report's metric over a factor, with intervals and one scale; none without a
     factor.
@@ -146,56 +203,32 @@ def over_factor(plan: Plan, results: Results, layout: Layout, base: str = "") ->
     if not layout.against:
         return Figures(panels=[])
     axis = axis_of(plan, layout.against)
-    metric = plan.study.file.report.metric
-    kinds = levels(plan, layout.lines) if layout.lines else [None]
-    label = METRICS[metric].label
-    apart = results.differences(base, metric) if base else {}
-    at = {repr(value): place for value, place in zip(axis.values, axis.places, strict=True)}
-    # x, value and limits by panel and line
-    drawn: dict[str, dict[str, list[tuple[float, ...]]]] = {}
-    for place in results.rows:
-        here = _factors_at(plan, place)
-        found = apart.get(place, NOTHING) if base else results.estimate(place, metric)
-        if not math.isnan(found.value):
-            title = point_text({name: here[name] for name in layout.panels})
-            of_kind = drawn.setdefault(title, {}).setdefault(repr(here.get(layout.lines)), [])
-            of_kind.append((at[repr(here[axis.name])], *found))
-    drawn = dict(itertools.islice(drawn.items(), MOST_PANELS))
-    lists = itertools.chain.from_iterable(by_kind.values() for by_kind in drawn.values())
-    every = np.array([row[1:] for rows in lists for row in rows] or [(0.0, 1.0)])
-    low, high = float(np.nanmin(every)), float(np.nanmax(every))
-    margin = 0.08 * (high - low) or 0.08 * abs(high) or 1.0
+    label = METRICS[plan.study.file.report.metric].label
+    kinds: list[Any] = [None]
+    names = [label]
+    if layout.lines:
+        kinds = levels(plan, layout.lines)
+        names = [value_text(kind) for kind in kinds]
+    marks_of = _marks(plan, results, layout, axis, base)
     settings: dict[str, Any] = {
         "x_label": label_of(axis.name),
         "y_label": f"difference: {label}" if base else label,
         "x_log": axis.log,
-        "y_limits": (0.0 if low >= 0 and not base else low - margin, high + margin),
+        "y_limits": _y_limits(marks_of, from_zero=not base),
+        "width": WIDTH if len(marks_of) > 1 else 0.6 * FULL,
     }
-    ends = np.array(
-        (min(axis.places), max(axis.places)) if axis.numeric else (-0.6, len(axis.values) - 0.4)
-    )
+    ends = np.array([min(axis.places), max(axis.places)])
     if not axis.numeric:
-        words = {
-            place: value_text(v)[:18] for place, v in zip(axis.places, axis.values, strict=True)
-        }
+        ends = np.array([-0.6, len(axis.values) - 0.4])
+        words = {x: value_text(v)[:18] for x, v in zip(axis.places, axis.values, strict=True)}
         settings |= {"x_ticks": _few(words), "x_limits": tuple(ends.tolist())}
+    connected = plan.study.file.design == "factorial"
     panels = []
-    for title, by_kind in drawn.items():
-        lines = [Line(x=ends, y=np.zeros(2), colour=FRAME, dash="--", width=0.7)] if base else []
-        for i, (kind, colour) in enumerate(zip(kinds, SERIES, strict=False)):
-            if repr(kind) in by_kind:
-                x, y, *limits = np.array(sorted(by_kind[repr(kind)])).T
-                x = x if axis.numeric else x + 0.12 * (i - (len(kinds) - 1) / 2)
-                name = value_text(kind) if layout.lines else label
-                if axis.numeric and plan.study.file.design == "factorial":
-                    lines.append(Line(x=x, y=y, colour=colour))
-                bars = (limits[0], limits[1]) if x.size <= _MOST_BARS else None
-                lines.append(
-                    Line(x=x, y=y, colour=colour, marker="o", size=3.0, name=name, interval=bars)
-                )
-        panels.append(
-            panel(lines, title=title, width=WIDTH if len(drawn) > 1 else 0.6 * FULL, **settings)
-        )
+    for title, marks in marks_of.items():
+        lines = _marked_lines(marks, kinds, names, axis, connected=connected)
+        if base:
+            lines.insert(0, Line(x=ends, y=np.zeros(2), colour=FRAME, dash="--", width=0.7))
+        panels.append(panel(lines, title=title, **settings))
     return Figures(panels=panels, legend=[entry for entry in _legend(kinds) if entry[1] != base])
 
 

@@ -44,18 +44,18 @@ def digits(value: float) -> str:
     """
     if math.isnan(value):
         return "–"
-    return (f"{value:,.0f}" if abs(value) >= 1000 else f"{value:#.3g}".rstrip(".")).replace(
-        "-", "−"
-    )
+    text = f"{value:,.0f}" if abs(value) >= 1000 else f"{value:#.3g}".rstrip(".")
+    return text.replace("-", "−")
 
 
 def shown(interval: Interval, unit: str = "") -> str:
     """An estimate and its unit, with limits in brackets if the data give them; a dash for NaN."""
-    value = digits(interval.value) + (f" {unit}" if unit and not math.isnan(interval.value) else "")
-    limits = (
-        "" if math.isnan(interval.low) else f" ({digits(interval.low)} to {digits(interval.high)})"
-    )
-    return value + limits
+    text = digits(interval.value)
+    if unit and not math.isnan(interval.value):
+        text += f" {unit}"
+    if not math.isnan(interval.low):
+        text += f" ({digits(interval.low)} to {digits(interval.high)})"
+    return text
 
 
 def _quantile(number: float) -> float:
@@ -102,21 +102,17 @@ def over_runs(
         return Interval(share, *intervals.exact_limits(share * alike, alike))
     if count > 1:
         # realizations that all differ by nothing do not make a difference impossible
-        return (
-            difference_of_shares(means)
-            if shares and np.ptp(means) == 0
-            else over_realizations(means)
-        )
+        if shares and np.ptp(means) == 0:
+            return difference_of_shares(means)
+        return over_realizations(means)
     (values,) = realizations
+    if shares and paired:
+        return difference_of_shares(values)
     if shares:
-        return (
-            difference_of_shares(values)
-            if paired
-            else intervals.proportion(int(values.sum()), values.size)
-        )
-    return (
-        mean_interval(values) if np.ptp(values) else Interval(float(values[0]), math.nan, math.nan)
-    )
+        return intervals.proportion(int(values.sum()), values.size)
+    if np.ptp(values):
+        return mean_interval(values)
+    return Interval(float(values[0]), math.nan, math.nan)
 
 
 def _whole(values: Floats) -> Floats:
@@ -130,11 +126,9 @@ def _interval(
     where one has none.
     """
     if runs is None:
-        return (
-            NOTHING
-            if not realizations.size or np.isnan(realizations).any()
-            else over_realizations(realizations)
-        )
+        if not realizations.size or np.isnan(realizations).any():
+            return NOTHING
+        return over_realizations(realizations)
     whole = [_whole(values) for values in runs]
     if not whole or not all(values.size for values in whole):
         return NOTHING
@@ -186,10 +180,9 @@ class Results:
     def estimate(self, place: Place, metric: str) -> Interval:
         """Mean of a metric at a place with its interval; NaN where nothing was flown."""
         if (place, metric) not in self._estimates:
-            found = _interval(
-                self.by_run(place, metric), self.by_realization(place, metric), metric
-            )
-            self._estimates[place, metric] = found
+            runs = self.by_run(place, metric)
+            realizations = self.by_realization(place, metric)
+            self._estimates[place, metric] = _interval(runs, realizations, metric)
         return self._estimates[place, metric]
 
     def difference(self, place: Place, base: str, metric: str) -> Interval:
@@ -197,18 +190,20 @@ class Results:
         realization and run.
         """
         other = (place[0], base, place[2])
-        one, two = ([row["realization"] for row in self.rows.get(at, [])] for at in (place, other))
+        if self._realizations(place) != self._realizations(other):
+            return NOTHING
         runs = self.by_run(place, metric) or []
         base_runs = self.by_run(other, metric) or []
-        if one != two or (
-            runs and base_runs and [a.size for a in runs] != [b.size for b in base_runs]
-        ):
-            return NOTHING
-        apart = (
-            [a - b for a, b in zip(runs, base_runs, strict=True)] if runs and base_runs else None
-        )
+        differences = None
+        if runs and base_runs:
+            if [a.size for a in runs] != [b.size for b in base_runs]:
+                return NOTHING
+            differences = [a - b for a, b in zip(runs, base_runs, strict=True)]
         means = self.by_realization(place, metric) - self.by_realization(other, metric)
-        return _interval(apart, means, metric, paired=True)
+        return _interval(differences, means, metric, paired=True)
+
+    def _realizations(self, place: Place) -> list[Any]:
+        return [row["realization"] for row in self.rows.get(place, [])]
 
     def differences(self, base: str, metric: str) -> dict[Place, Interval]:
         """Differences from the arm `base` at all places of other arms where both were flown."""
@@ -236,17 +231,17 @@ def explained(factor: Floats | Ints, values: Floats) -> Floats:
         return np.asarray((fitted**2).sum(axis=0) / (y**2).sum(axis=0))
 
 
-def _coded(plan: Plan, name: str, given: list[Any]) -> Floats | Ints:
+def _coded(plan: Plan, name: str, values: list[Any]) -> Floats | Ints:
     """What stands for a factor in `explained`: its levels, or of a sampled range the value and
     its square.
     """
     factor = next((f for f in plan.study.factors if f.key == name), None)
     if factor is not None and not factor.values:
-        x = np.log(given) if factor.log else np.array(given)
+        x = np.log(values) if factor.log else np.array(values)
         x = (x - x.mean()) / x.std()
         return np.column_stack([x, x**2])
     number = {repr(level): i for i, level in enumerate(levels(plan, name))}
-    return np.array([number[repr(value)] for value in given])
+    return np.array([number[repr(value)] for value in values])
 
 
 def _limits(resampled: Floats) -> tuple[float, float]:
@@ -265,62 +260,104 @@ def main_effects(plan: Plan, results: Results, metric: str) -> dict[str, Interva
     2008, section 1.2.5); points are resampled. None if fewer than two factors vary, a place has no
     value, or all have the same.
     """
-    factors = varied(plan)
     places = list(results.rows)
-    # independent values whose mean a place has: of runs of a single realization, or of realizations
-    of_runs = [results.by_run(place, metric) or [] for place in places]
-    given_samples = [
-        runs[0] if len(runs) == 1 else results.by_realization(place, metric)
-        for place, runs in zip(places, of_runs, strict=True)
-    ]
-    alike = len(places) == len(plan.points) * len(plan.arms) * len(plan.followers)
-    if len(factors) < 2 or not alike or len({sample.size for sample in given_samples}) > 1:
+    samples = _samples(plan, results, metric)
+    if samples is None or len(varied(plan)) < 2 or np.isnan(samples).all(axis=1).any():
         return {}
-    samples = np.array(given_samples)
-    if np.isnan(samples).all(axis=1).any() or np.ptp(means := np.nanmean(samples, axis=1)) == 0.0:
+    if np.ptp(np.nanmean(samples, axis=1)) == 0.0:
         return {}
-    names = list(factors)
-    if len(plan.arms) > 1:
-        names.append(ARM)
-    if len(plan.followers) > 1:
-        names.append(FOLLOWER)
-    given = {name: [plan.points[place[0]][name] for place in places] for name in factors}
-    given |= {ARM: [place[1] for place in places], FOLLOWER: [place[2] for place in places]}
+    coded = _coded_factors(plan, places)
     random = np.random.default_rng([_KEY, plan.study.file.seed or 0])
-    coded = {name: _coded(plan, name, given[name]) for name in names}
     resamples = min(_RESAMPLES, max(_MOST_VALUES // len(places), 20))
-    found: dict[str, Interval] = {}
     if plan.study.file.design == "factorial":
-        count = samples.shape[1]
-        weights = (
-            random.multinomial(count, np.full(count, 1.0 / count), resamples)
-            if count > 1
-            else np.ones((0, 1))
-        )
-        known = ~np.isnan(samples)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            resampled = (np.where(known, samples, 0.0) @ weights.T) / (known @ weights.T)
-        shares = {
-            name: explained(coded[name], np.column_stack([means, resampled])) for name in names
-        }
-        shares[INTERACTIONS] = 1.0 - np.sum(list(shares.values()), axis=0)
-        for name, share in shares.items():
-            low, high = _limits(share[1:]) if count > 1 else (np.nan, np.nan)
-            found[name] = Interval(float(share[0]), low, high)
+        effects = _analysis_of_variance(coded, samples, resamples, random)
     else:
-        by_point = np.argsort([place[0] for place in places], kind="stable").reshape(
-            len(plan.points), -1
-        )
-        chosen = [
-            np.arange(len(plan.points)),
-            *random.integers(0, len(plan.points), (resamples, len(plan.points))),
-        ]
-        for name, factor in coded.items():
-            rows = (by_point[picked].ravel() for picked in chosen)
-            share = np.array([explained(factor[r], means[r, None])[0] for r in rows])
-            k = factor.shape[1] if factor.ndim == 2 else int(factor.max())
-            adjusted = np.maximum(
-                1.0 - (1.0 - share) * (len(places) - 1) / max(len(places) - 1 - k, 1), 0.0
-            )
-            found[name] = Interval(float(adjusted[0]), *_limits(adjusted[1:]))
-    return dict(sorted(found.items(), key=lambda item: (item[0] == INTERACTIONS, -item[1].value)))
+        points = np.array([place[0] for place in places])
+        effects = _quadratic_effects(coded, samples, points, resamples, random)
+    return dict(sorted(effects.items(), key=lambda item: (item[0] == INTERACTIONS, -item[1].value)))
+
+
+def _samples(plan: Plan, results: Results, metric: str) -> Floats | None:
+    """Independent values whose mean each place has, shape (places, n): of the runs of a single
+    realization, or of realizations; None where places are missing or have several numbers of them.
+    """
+    places = list(results.rows)
+    samples = []
+    for place in places:
+        runs = results.by_run(place, metric) or []
+        samples.append(runs[0] if len(runs) == 1 else results.by_realization(place, metric))
+    if len(places) != len(plan.points) * len(plan.arms) * len(plan.followers):
+        return None
+    if len({sample.size for sample in samples}) > 1:
+        return None
+    return np.array(samples)
+
+
+def _coded_factors(plan: Plan, places: Sequence[Place]) -> dict[str, Floats | Ints]:
+    """What stands for the value of each factor, and of arm and follower if there are several, in
+    `explained`: a row for each place.
+    """
+    values: dict[str, list[Any]] = {
+        name: [plan.points[point][name] for point, _, _ in places] for name in varied(plan)
+    }
+    if len(plan.arms) > 1:
+        values[ARM] = [arm for _, arm, _ in places]
+    if len(plan.followers) > 1:
+        values[FOLLOWER] = [follower for _, _, follower in places]
+    return {name: _coded(plan, name, of_places) for name, of_places in values.items()}
+
+
+def _analysis_of_variance(
+    coded: Mapping[str, Floats | Ints],
+    samples: Floats,
+    resamples: int,
+    random: np.random.Generator,
+) -> dict[str, Interval]:
+    """Main effects of a factorial design, and the share of their interactions."""
+    count = samples.shape[1]
+    weights = np.ones((0, 1))
+    if count > 1:
+        weights = random.multinomial(count, np.full(count, 1.0 / count), resamples)
+    measured = ~np.isnan(samples)
+    means = np.nanmean(samples, axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        resampled = (np.where(measured, samples, 0.0) @ weights.T) / (measured @ weights.T)
+    # the share of the means of the samples, then of each resample
+    shares = {
+        name: explained(factor, np.column_stack([means, resampled]))
+        for name, factor in coded.items()
+    }
+    shares[INTERACTIONS] = 1.0 - np.sum(list(shares.values()), axis=0)
+    effects = {}
+    for name, share in shares.items():
+        low, high = _limits(share[1:]) if count > 1 else (np.nan, np.nan)
+        effects[name] = Interval(float(share[0]), low, high)
+    return effects
+
+
+def _quadratic_effects(
+    coded: Mapping[str, Floats | Ints],
+    samples: Floats,
+    points: Ints,
+    resamples: int,
+    random: np.random.Generator,
+) -> dict[str, Interval]:
+    """Adjusted R² of a quadratic in each factor of a sampled design; `points` are those of the
+    places.
+    """
+    places = points.size
+    means = np.nanmean(samples, axis=1)
+    count = np.unique(points).size
+    by_point = np.argsort(points, kind="stable").reshape(count, -1)
+    # all points, then those of each resample
+    chosen = [np.arange(count), *random.integers(0, count, (resamples, count))]
+    effects = {}
+    for name, factor in coded.items():
+        rows = (by_point[picked].ravel() for picked in chosen)
+        share = np.array([explained(factor[r], means[r, None])[0] for r in rows])
+        k = factor.shape[1] if factor.ndim == 2 else int(factor.max())
+        freedom = max(places - 1 - k, 1)
+        adjusted = np.maximum(1.0 - (1.0 - share) * (places - 1) / freedom, 0.0)
+        low, high = _limits(adjusted[1:])
+        effects[name] = Interval(float(adjusted[0]), low, high)
+    return effects
