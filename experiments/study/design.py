@@ -63,18 +63,29 @@ class Factor:
             if len({repr(value) for value in given}) < len(given):
                 raise ValueError("a value stands in the list twice")
             return cls(key=key, values=tuple(given))
+        whole = cls._of_range(key, given)
+        if sampled:
+            return whole
+        steps = given.get("steps") if isinstance(given, dict) else None
+        if not isinstance(steps, int) or isinstance(steps, bool) or not 2 <= steps <= 10_000:
+            raise ValueError(f"steps must be a whole number, 2 to 10000 (given: {steps!r})")
+        return replace(whole, values=tuple(_tidy(whole.at(i / (steps - 1))) for i in range(steps)))
+
+    @classmethod
+    def _of_range(cls, key: str, given: object) -> "Factor":
+        """The whole range of a table."""
         if not isinstance(given, dict) or not {"from", "to"} <= given.keys():
             raise ValueError(
                 f"expected a list, or a table with from, to and steps (given: {given!r:.60})"
             )
-        if unknown := sorted(given.keys() - set(_RANGE)):
+        unknown = sorted(given.keys() - set(_RANGE))
+        if unknown:
             raise ValueError(
                 f"unknown {', '.join(unknown)} of a range; known here: {', '.join(_RANGE)}"
             )
         low = given["from"]
         high = given["to"]
         scale = given.get("scale", "linear")
-        steps = given.get("steps")
         if not is_number(low) or not is_number(high) or low == high:
             raise ValueError(
                 f"from and to must be two different numbers (given: {low!r}, {high!r})"
@@ -83,12 +94,7 @@ class Factor:
             raise ValueError(
                 f'scale must be "linear", or "log" with positive ends (given: {scale!r})'
             )
-        whole = cls(key=key, low=float(low), high=float(high), log=scale == "log")
-        if sampled:
-            return whole
-        if not isinstance(steps, int) or isinstance(steps, bool) or not 2 <= steps <= 10_000:
-            raise ValueError(f"steps must be a whole number, 2 to 10000 (given: {steps!r})")
-        return replace(whole, values=tuple(_tidy(whole.at(i / (steps - 1))) for i in range(steps)))
+        return cls(key=key, low=float(low), high=float(high), log=scale == "log")
 
     def at(self, share: float) -> Any:
         """The value a share of the way, 0 … 1, through the list or range."""
@@ -108,18 +114,24 @@ def points_of(
     `most` is compared before any point is made. ValueError: the number does not suit the design, or
     is larger.
     """
-    count = (
-        math.prod(len(factor.values) for factor in factors)
-        if design == "factorial"
-        else number or 0
-    )
+    if design == "factorial":
+        count = math.prod(len(factor.values) for factor in factors)
+    else:
+        count = number or 0
     if count > most:
         raise ValueError(f"{count:,} points, at most {most:,} with these arms and realizations")
-    if design == "factorial":
-        if number is not None:
-            raise ValueError('points belongs to design = "latin-hypercube" or "sobol"')
-        combinations = itertools.product(*(factor.values for factor in factors))
-        return [dict(zip((f.key for f in factors), values, strict=True)) for values in combinations]
+    if design != "factorial":
+        return _sampled_points(factors, design, number, seed)
+    if number is not None:
+        raise ValueError('points belongs to design = "latin-hypercube" or "sobol"')
+    keys = [factor.key for factor in factors]
+    combinations = itertools.product(*(factor.values for factor in factors))
+    return [dict(zip(keys, values, strict=True)) for values in combinations]
+
+
+def _sampled_points(
+    factors: Sequence[Factor], design: Design, number: int | None, seed: int
+) -> list[dict[str, Any]]:
     if not factors:
         raise ValueError(f"a {design} design needs factors in [vary]")
     if number is None or number < 2:

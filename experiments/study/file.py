@@ -1,13 +1,14 @@
 """Study files: the settings of a study as TOML, read and checked key by key."""
 
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import combinations
 from os.path import relpath
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 from pydantic import ConfigDict, Discriminator, Field, Tag, ValidationError
 
@@ -247,43 +248,57 @@ def _with_files(settings: Mapping[str, Any], rename: Callable[[str], str]) -> di
     return {key: named(value) if is_model_key(key) else value for key, value in settings.items()}
 
 
-def _overlaps(study: Study) -> list[str]:
-    """A line for each key that two parts of the file set, or a table around it; an arm or a case
-    may override [set].
-    """
-    parts = [
-        (kind, "", key)
-        for kind, keys in (
-            ("[set]", study.settings),
-            ("[vary]", [f.key for f in study.factors]),
-            ("[draw]", [d.key for d in study.draws]),
-        )
-        for key in keys
-    ]
+class _Setting(NamedTuple):
+    """A key that a part of the file sets."""
+
+    kind: str  # "[set]", "[vary]", "[draw]", "case " or "arm "
+    group: str  # name of the case or the arm
+    key: str
+
+    @property
+    def where(self) -> str:
+        return self.kind + self.group
+
+
+def _settings_of(study: Study) -> list[_Setting]:
+    """All keys of the scenario that parts of the file set."""
+    settings = [_Setting("[set]", "", key) for key in study.settings]
+    settings += [_Setting("[vary]", "", factor.key) for factor in study.factors]
+    settings += [_Setting("[draw]", "", draw.key) for draw in study.draws]
     for kind, groups in (("case ", study.cases), ("arm ", study.arms)):
-        parts += [(kind, name, key) for name, group in groups.items() for key in group.settings]
-    lines: dict[str, None] = {}
-    for (kind, name, given), (other, own, key) in combinations(parts, 2):
-        where = kind + name
-        part = other + own
-        if (kind == other and name != own) or (kind == "[set]" and key == given and own):
-            continue
-        if key == given:
-            lines[f"  {key}: stands in {where} and in {part}; remove one"] = None
-        elif f"{key}.".startswith(f"{given}.") or f"{given}.".startswith(f"{key}."):
-            inner = max(key, given, key=len)
-            outer = min(key, given, key=len)
-            text = (
-                f"{part} sets {key}, {where} sets {given}; {inner} is part of {outer}, which "
-                "replaces it: remove one"
-            )
-            lines[f"  {key}: {text}"] = None
-    with_run = ("[draw]", "arm ")
-    owned = {
-        key
-        for kind, _, key in parts
-        if key in ("seed", "name") or (key == "run" and kind in with_run)
-    }
+        for name, group in groups.items():
+            settings += [_Setting(kind, name, key) for key in group.settings]
+    return settings
+
+
+def _overlap(first: _Setting, second: _Setting) -> str | None:
+    """The line of two settings, of which the second stands later in the file, that set the same
+    key, or one a table around the other.
+    """
+    if first.kind == second.kind and first.group != second.group:
+        return None
+    if first.key == second.key:
+        if first.kind == "[set]" and second.group:
+            return None
+        return f"  {first.key}: stands in {first.where} and in {second.where}; remove one"
+    outer, inner = sorted((first.key, second.key), key=len)
+    if not inner.startswith(f"{outer}."):
+        return None
+    return (
+        f"  {second.key}: {second.where} sets {second.key}, {first.where} sets {first.key}; "
+        f"{inner} is part of {outer}, which replaces it: remove one"
+    )
+
+
+def _overlaps(study: Study) -> list[str]:
+    """A line for each key that two parts of the file set, or a table around it, and for each that
+    belongs to the study; an arm or a case may override [set].
+    """
+    settings = _settings_of(study)
+    overlaps = (_overlap(first, second) for first, second in combinations(settings, 2))
+    lines = dict.fromkeys(line for line in overlaps if line is not None)
+    owned = {s.key for s in settings if s.key in ("seed", "name")}
+    owned |= {s.key for s in settings if s.key == "run" and s.kind in ("[draw]", "arm ")}
     return [
         *lines,
         *(
@@ -298,6 +313,74 @@ def _is_range(table: Mapping[str, Any]) -> bool:
     return bool({"from", "to", "steps"} & set(table))
 
 
+@dataclass(kw_only=True)
+class _FileReader:
+    """Makes the parts of a study from those of its file, and collects a line for each error."""
+
+    file: StudyFile
+    folder: Path  # of the file, from which it names others
+    lines: list[str] = field(default_factory=list)
+
+    def settings(self, table: Mapping[str, Any]) -> dict[str, Any]:
+        """Keys of the scenario, files of hulls named as seen from here."""
+        return _with_files(table, lambda name: str(self.folder / name))
+
+    def groups(self, part: str, groups: Sequence[Named]) -> dict[str, Named]:
+        """Arms or cases by their names, their settings by dotted keys."""
+        for i, group in enumerate(groups):
+            if not group.name.strip():
+                self.lines.append(f"  {part}[{i}].name: needs a name")
+        names = Counter(group.name for group in groups if group.name.strip())
+        repeated = sorted(name for name, count in names.items() if count > 1)
+        if repeated:
+            self.lines.append(f"  {part}: names must differ; repeated: {', '.join(repeated)}")
+        return {
+            group.name: type(group)(**group.own, **self.settings(dotted(group.settings, is_rule)))
+            for group in groups
+        }
+
+    def require_arms(self, arms: Mapping[str, Arm]) -> None:
+        """A line for each arm that a case names and the file does not have."""
+        for case in self.file.case:
+            self.lines += [
+                f"  case {case.name}: there is no arm {name!r:.60}"
+                for name in case.arms
+                if name not in arms
+            ]
+
+    def levels(self, key: str, chosen: Any, available: Sequence[str]) -> list[str]:
+        """The cases or scenarios that [vary] chooses of those of the file; None: all."""
+        if chosen is None:
+            return list(available)
+        names = chosen if isinstance(chosen, list) else [chosen]
+        # a part of a study without cases takes no notice of theirs
+        if available or key == SCENARIO:
+            self.lines += [
+                f"  vary.{key}: there is no {key} {name!r:.60}"
+                for name in names
+                if name not in available
+            ]
+        return [name for name in names if name in available]
+
+    def valid(
+        self, part: str, table: Mapping[str, Any], make: Callable[[str, Any], Made]
+    ) -> tuple[Made, ...]:
+        """Factors or draws of a part of the file; an invalid one is left out, with a line."""
+        made = []
+        for key, value in table.items():
+            try:
+                made.append(make(key, value))
+            except ValueError as error:
+                self.lines.append(f"  {part}.{key}: {error}")
+        return tuple(made)
+
+    def scenario(self, name: str) -> str:
+        """A built-in scenario, or a file named as seen from here."""
+        if name in names() or Path(name).is_absolute():
+            return name
+        return str(self.folder / name)
+
+
 def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Path()) -> Study:
     """A study from the table of a study file; StudyError has a line for each error of the file's
     own keys.
@@ -310,78 +393,34 @@ def of_table(table: Mapping[str, Any], source: str, name: str, folder: Path = Pa
         file = StudyFile.model_validate(table)
     except ValidationError as error:
         raise refusal(source, _lines_of(error)) from None
-    lines: list[str] = []
-
-    def made(
-        part: str, given: Mapping[str, Any], make: Callable[[str, Any], Made]
-    ) -> tuple[Made, ...]:
-        """Factors or draws of a part of the file; an invalid one is left out, with a line."""
-        found = []
-        for key, value in given.items():
-            try:
-                found.append(make(key, value))
-            except ValueError as error:
-                lines.append(f"  {part}.{key}: {error}")
-        return tuple(found)
-
-    def settings_of(given: Mapping[str, Any]) -> dict[str, Any]:
-        return _with_files(given, lambda name: str(folder / name))
-
-    def groups_of(part: str, given: Sequence[Named]) -> dict[str, Named]:
-        """Arms or cases by their names, their settings by dotted keys."""
-        lines.extend(
-            f"  {part}[{i}].name: needs a name"
-            for i, one in enumerate(given)
-            if not one.name.strip()
-        )
-        names = [one.name for one in given if one.name.strip()]
-        if repeated := sorted({name for name in names if names.count(name) > 1}):
-            lines.append(f"  {part}: names must differ; repeated: {', '.join(repeated)}")
-        return {
-            one.name: type(one)(**one.own, **settings_of(dotted(one.settings, is_rule)))
-            for one in given
-        }
-
-    arms = groups_of("arm", file.arm)
-    cases = groups_of("case", file.case)
-    for case in file.case:
-        lines += [
-            f"  case {case.name}: there is no arm {name!r:.60}"
-            for name in case.arms
-            if name not in arms
-        ]
-    given = [file.scenario] if isinstance(file.scenario, str) else file.scenario
-    own = {CASE: [*cases], SCENARIO: given if given is file.scenario else []}
-    varied = settings_of(dotted(file.vary, _is_range))
-    factor = partial(Factor.of, sampled=file.design != "factorial")
-    for key, all_names in own.items():
-        # some of the cases or scenarios; a part of a study without cases takes no notice of theirs
-        chosen = varied.pop(key, all_names)
-        lines += [
-            f"  vary.{key}: there is no {key} {one!r:.60}"
-            for one in chosen
-            if one not in all_names and (all_names or key == SCENARIO)
-        ]
-        own[key] = [one for one in chosen if one in all_names]
+    reader = _FileReader(file=file, folder=folder)
+    arms = reader.groups("arm", file.arm)
+    cases = reader.groups("case", file.case)
+    reader.require_arms(arms)
+    listed = not isinstance(file.scenario, str)
+    scenarios = list(file.scenario) if listed else [str(file.scenario)]
+    varied = reader.settings(dotted(file.vary, _is_range))
+    levels = {
+        CASE: reader.levels(CASE, varied.pop(CASE, None), list(cases)),
+        SCENARIO: reader.levels(SCENARIO, varied.pop(SCENARIO, None), scenarios if listed else []),
+    }
+    varied = {key: names for key, names in levels.items() if names} | varied
     study = Study(
         name=file.name or name,
         source=source,
         file=file,
-        scenarios={
-            one: one if one in names() or Path(one).is_absolute() else str(folder / one)
-            for one in given
-        },
+        scenarios={scenario: reader.scenario(scenario) for scenario in scenarios},
         runs=file.batch,
-        settings=settings_of(dotted(file.set, is_rule)),
-        factors=made(
-            "vary", {key: values for key, values in own.items() if values} | varied, factor
+        settings=reader.settings(dotted(file.set, is_rule)),
+        factors=reader.valid(
+            "vary", varied, partial(Factor.of, sampled=file.design != "factorial")
         ),
-        draws=made("draw", dotted(file.draw, _names_a_law), Draw.of),
-        cases={name: cases[name] for name in own[CASE]},
+        draws=reader.valid("draw", dotted(file.draw, _names_a_law), Draw.of),
+        cases={name: cases[name] for name in levels[CASE]},
         arms=arms,
         table=table,
     )
-    lines += _overlaps(study)
+    lines = reader.lines + _overlaps(study)
     if study.until and study.file.realizations > 1:
         text = (
             "the interval over several realizations does not narrow with runs; use one realization"
@@ -417,6 +456,41 @@ def shipped() -> tuple[str, ...]:
     )
 
 
+class _Source(NamedTuple):
+    """Where a study comes from."""
+
+    table: dict[str, Any]
+    name: str = "study"  # of a study whose table has none
+    shown: str = "study"  # in messages
+    folder: Path = Path()  # from which its files are named
+
+
+def _source_of(source: str, *, varies: bool) -> _Source:
+    """The source of a study file, of one that ships, or of a scenario that options vary."""
+    path = Path(source)
+    if source in shipped() and not path.exists():
+        path = next(iter(built_in(source).values()), FOLDER / f"{source}.toml")
+    quoted = shortened(plain(source), 200)
+    if source not in names() and not path.exists():
+        available = f"available: {', '.join(shipped())}, a TOML file, or a scenario with --vary"
+        raise StudyError(f"unknown study '{quoted}'; {available}")
+    table = {} if source in names() else read(path)
+    if "scenario" in table:
+        return _Source(table, name_of(path), source, path.parent)
+    if not varies:
+        raise StudyError(f"{quoted} is a scenario: give --vary, or a study")
+    return _Source({"scenario": source}, f"study-{name_of(Path(source))}", source)
+
+
+def _replaced(table: Mapping[str, Any], keys: Mapping[str, Any]) -> dict[str, Any]:
+    """A table with some of its keys replaced; those of `vary`, `draw` and `set` one by one."""
+    result = {**table, **keys}
+    for part in ("vary", "draw", "set"):
+        if isinstance(table.get(part), dict) and isinstance(keys.get(part), dict):
+            result[part] = table[part] | keys[part]
+    return result
+
+
 def study_of(
     source: str | Mapping[str, Any], keys: Mapping[str, Any], *, quick: bool = False
 ) -> Study:
@@ -426,44 +500,22 @@ def study_of(
     study of. `keys` of a study file replace its own, those of `vary`, `draw` and `set` key by key;
     `quick` does so with the file's own [quick]. StudyError: it is unknown, or has errors.
     """
-    given = {key: value for key, value in keys.items() if value is not None}
-    folder = Path()
-    name = "study"
-    source_name = "study"
+    keys = {key: value for key, value in keys.items() if value is not None}
     if isinstance(source, Mapping):
-        table = dict(source)
+        origin = _Source(dict(source))
     else:
-        path = Path(source)
-        source_name = source
-        if source in shipped() and not path.exists():
-            path = next(iter(built_in(source).values()), FOLDER / f"{source}.toml")
-        shown = shortened(plain(source), 200)
-        if source not in names() and not path.exists():
-            available = f"available: {', '.join(shipped())}, a TOML file, or a scenario with --vary"
-            raise StudyError(f"unknown study '{shown}'; {available}")
-        table = {} if source in names() else read(path)
-        if "scenario" in table:
-            folder = path.parent
-            name = name_of(path)
-        elif given.get("vary") or given.get("draw") or given.get("arm"):
-            table = {"scenario": source}
-            name = f"study-{name_of(Path(source))}"
-        else:
-            raise StudyError(f"{shown} is a scenario: give --vary, or a study")
+        varies = any(keys.get(part) for part in ("vary", "draw", "arm"))
+        origin = _source_of(source, varies=varies)
+    table = origin.table
     fewer = table.pop("quick", {})
-    if quick and not (fewer and isinstance(fewer, dict)):
-        raise StudyError(
-            f"{source_name}: --quick: the study has no [quick], keys of its trial run; see also "
-            "--runs"
-        )
-    for more in (fewer if quick else {}, given):
-        merged = {
-            part: table[part] | more[part]
-            for part in ("vary", "draw", "set")
-            if isinstance(table.get(part), dict) and isinstance(more.get(part), dict)
-        }
-        table |= more | merged
-    return of_table(table, source_name, name, folder)
+    if quick:
+        if not fewer or not isinstance(fewer, dict):
+            raise StudyError(
+                f"{origin.shown}: --quick: the study has no [quick], keys of its trial run; see "
+                "also --runs"
+            )
+        table = _replaced(table, fewer)
+    return of_table(_replaced(table, keys), origin.shown, origin.name, origin.folder)
 
 
 def table_in(study: Study, folder: Path) -> dict[str, Any]:

@@ -6,13 +6,13 @@ import difflib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from itertools import product
 from typing import Any
 
 from experiments.campaign.montecarlo import motion_key
 from experiments.campaign.plans import disturbance_of
-from experiments.campaign.progress import Advance, progress
+from experiments.campaign.progress import progress
 from experiments.flight.library import table_of, text_of
 from experiments.study.design import follows_run, is_number, is_rule, points_of, value_at
 from experiments.study.file import ALONE, CASE, SCENARIO, Study, refusal
@@ -227,97 +227,111 @@ def _arm_errors(study: Study, point: Mapping[str, Any], entry: Entry) -> list[st
     return [f"  arm {entry.arm}: {text}" for text in found]
 
 
-def _examined(  # noqa: C901
-    study: Study,
-    tables: Mapping[str, Mapping[str, Any]],
-    points: list[dict[str, Any]],
-    advance: Advance,
-) -> tuple[list[Entry], list[str]]:
-    """All entries that are valid, and a line for each error of any other and where in the design
-    it is.
+class _Examination:
+    """Examines the scenarios of a study one after the other; what many have in common is computed
+    and kept once.
     """
-    entries = list[Entry]()
-    errors = dict[str, list[str]]()
-    found_of = dict[str, list[str]]()
-    motions = dict[str, str]()
-    parts = dict[tuple[str, Section], Section]()
-    total = 0
-    moving = ""
 
-    def infeasible(scenario: Scenario) -> list[str]:
-        """Found once for all scenarios that move and are filmed alike."""
-        if moving not in found_of:
-            found_of[moving] = infeasibilities(scenario)
-        return found_of[moving]
+    def __init__(self, study: Study, tables: Mapping[str, Mapping[str, Any]]) -> None:
+        self.study = study
+        self.tables = tables
+        self.entries = list[Entry]()  # those that are valid
+        self.total = 0  # scenarios that were examined
+        self._places_of = dict[str, list[str]]()  # where in the design each error is, by its line
+        # by name and settings, without those that neither motion nor feasibility depends on
+        self._infeasibilities_of = dict[str, list[str]]()
+        self._motion_of = dict[str, str]()
+        self._sections = dict[tuple[str, Section], Section]()
+        self._drawn = cache(self._draw)
 
-    @cache
-    def drawn(first: int, realization: int) -> Mapping[str, Any]:
-        return {draw.key: draw.value(first, realization) for draw in study.draws}
+    def examine(self, number: int, point: Mapping[str, Any], arm: str, realization: int) -> None:
+        """Take a scenario of the study: a point of its design by number, an arm, a realization."""
+        self.total += 1
+        name = point.get(SCENARIO, next(iter(self.tables)))
+        settings, measured, lines = _resolved(self._settings(name, point, arm, realization))
+        moving = {key: value for key, value in settings.items() if not _READINGS.match(key)}
+        motion = repr((name, list(moving.items())))
+        # any number will do to find out whether a key exists that is to be measured
+        changed, invalid = _with(self.tables[name], settings | dict.fromkeys(measured, 1.0))
+        scenario, errors = examined(changed, partial(self._infeasibilities, motion))
+        lines += invalid + errors
+        if scenario is not None and not lines:
+            if motion not in self._motion_of:
+                self._motion_of[motion] = motion_key(scenario)
+            run = scenario.run + number * self.study.file.runs_apart
+            entry = Entry(
+                point=number,
+                arm=arm,
+                realization=realization,
+                settings=settings,
+                source=self.study.scenarios[name],
+                scenario=scenario.model_copy(update={**self._shared(scenario), "run": run}),
+                motion=self._motion_of[motion],
+                measured=measured,
+            )
+            self.entries.append(entry)
+            lines += _arm_errors(self.study, point, entry)
+        if lines:
+            where = self._where(point, arm, realization)
+            for line in lines:
+                self._places_of.setdefault(line, []).append(where)
 
-    for number, point in enumerate(points):
-        name = point.get(SCENARIO, next(iter(tables)))
-        own = {key: value for key, value in point.items() if key not in (SCENARIO, CASE)}
-        case = study.case_at(point).settings
-        first = study.file.seed
+    def error_lines(self) -> list[str]:
+        """A line for each error, and where it is unless all scenarios have it."""
+        lines = []
+        for line, places in self._places_of.items():
+            where = ""
+            if len(places) < self.total:
+                where = f"; in {len(places)} of {self.total} scenarios, first at {places[0]}"
+            lines.append(line + where)
+        return lines
+
+    def _settings(
+        self, name: str, point: Mapping[str, Any], arm: str, realization: int
+    ) -> dict[str, Any]:
+        """All that a scenario changes; later parts override earlier ones."""
+        file = self.study.file
+        first = file.seed
         if first is None:
-            seed = tables[name].get("seed")
+            seed = self.tables[name].get("seed")
             first = seed if isinstance(seed, int) else 1
-        for arm, realization in product(study.arms_at(point), range(study.file.realizations)):
-            total += 1
-            settings = {
-                **study.settings,
-                **case,
-                **study.arm(arm).settings,
-                **own,
-                **drawn(first, realization),
-            }
-            if study.file.realizations > 1 or study.file.seed is not None:
-                settings["seed"] = first + realization
-            settings, measured, lines = _resolved(settings)
-            moving = repr((name, [one for one in settings.items() if not _READINGS.match(one[0])]))
-            # any number will do to find out whether a key exists that is to be measured
-            changed, invalid = _with(tables[name], settings | dict.fromkeys(measured, 1.0))
-            scenario, found = examined(changed, infeasible)
-            lines += invalid + found
-            if scenario is not None and not lines:
-                if moving not in motions:
-                    motions[moving] = motion_key(scenario)
-                # ten thousand scenarios differ in few sections, and share all others in memory
-                shared = {
-                    part: parts.setdefault((part, value), value)
-                    for part, value in scenario
-                    if isinstance(value, Section) and not getattr(value, "own", None)
-                }
-                scenario = scenario.model_copy(
-                    update={**shared, "run": scenario.run + number * study.file.runs_apart}
-                )
-                entry = Entry(
-                    point=number,
-                    arm=arm,
-                    realization=realization,
-                    settings=settings,
-                    source=study.scenarios[name],
-                    scenario=scenario,
-                    motion=motions[moving],
-                    measured=measured,
-                )
-                entries.append(entry)
-                lines += _arm_errors(study, point, entry)
-            if lines:
-                where = [f"{key} = {text_of(value)}" for key, value in point.items()]
-                if study.arms:
-                    where.append(f"arm {arm}")
-                if study.file.realizations > 1:
-                    where.append(f"realization {realization}")
-                for line in lines:
-                    errors.setdefault(line, []).append(", ".join(where))
-            advance(1)
-    return entries, [
-        line
-        if len(places) == total
-        else f"{line}; in {len(places)} of {total} scenarios, first at {places[0]}"
-        for line, places in errors.items()
-    ]
+        settings = {
+            **self.study.settings,
+            **self.study.case_at(point).settings,
+            **self.study.arm(arm).settings,
+            **{key: value for key, value in point.items() if key not in (SCENARIO, CASE)},
+            **self._drawn(first, realization),
+        }
+        if file.realizations > 1 or file.seed is not None:
+            settings["seed"] = first + realization
+        return settings
+
+    def _draw(self, first: int, realization: int) -> Mapping[str, Any]:
+        return {draw.key: draw.value(first, realization) for draw in self.study.draws}
+
+    def _infeasibilities(self, motion: str, scenario: Scenario) -> list[str]:
+        """Found once for all scenarios that move and are filmed alike."""
+        if motion not in self._infeasibilities_of:
+            self._infeasibilities_of[motion] = infeasibilities(scenario)
+        return self._infeasibilities_of[motion]
+
+    def _shared(self, scenario: Scenario) -> dict[str, Section]:
+        """Sections of a scenario as others have them: ten thousand scenarios differ in few, and
+        share all others in memory.
+        """
+        return {
+            name: self._sections.setdefault((name, value), value)
+            for name, value in scenario
+            if isinstance(value, Section) and not getattr(value, "own", None)
+        }
+
+    def _where(self, point: Mapping[str, Any], arm: str, realization: int) -> str:
+        parts = [f"{key} = {text_of(value)}" for key, value in point.items()]
+        if self.study.arms:
+            parts.append(f"arm {arm}")
+        if self.study.file.realizations > 1:
+            parts.append(f"realization {realization}")
+        return ", ".join(parts)
 
 
 def plan_of(study: Study, *, quiet: bool = True) -> Plan:
@@ -325,7 +339,8 @@ def plan_of(study: Study, *, quiet: bool = True) -> Plan:
     where it is.
     """
     lines = _report_errors(study)
-    each = max(len(study.arms), 1) * study.file.realizations
+    realizations = range(study.file.realizations)
+    each = max(len(study.arms), 1) * len(realizations)
     try:
         points = points_of(
             study.factors,
@@ -342,23 +357,32 @@ def plan_of(study: Study, *, quiet: bool = True) -> Plan:
         lines.append(f"  scenario: {error}")
     if lines:
         raise refusal(study.source, lines)
-    total = study.file.realizations * sum(len(study.arms_at(point)) for point in points)
+    total = len(realizations) * sum(len(study.arms_at(point)) for point in points)
+    examination = _Examination(study, tables)
     with progress("scenarios", total, quiet=quiet or total < _SHOWN) as advance:
-        entries, errors = _examined(study, tables, points, advance)
-    last = max((entry.scenario.run for entry in entries), default=0) + (
-        study.until.most if study.until else study.runs
-    )
-    if last > MOST_RUNS:
-        errors.insert(
-            0, f"  runs, runs_apart: the last run is number {last:,}, at most {MOST_RUNS:,}"
-        )
+        for number, point in enumerate(points):
+            for arm, realization in product(study.arms_at(point), realizations):
+                examination.examine(number, point, arm, realization)
+                advance(1)
+    errors = _number_errors(study, examination.entries) + examination.error_lines()
+    if errors:
+        raise refusal(study.source, errors)
+    arms = tuple(study.arms or [ALONE])
+    return Plan(study=study, points=points, arms=arms, entries=examination.entries)
+
+
+def _number_errors(study: Study, entries: Sequence[Entry]) -> list[str]:
+    """A line for more realizations than differ, and for more runs than can be numbered."""
+    errors = []
     irregular = any(entry.scenario.ocean.waves.kind == "jonswap" for entry in entries)
     if study.file.realizations > 1 and entries and not study.draws and not irregular:
         text = (
             "equal realizations: nothing is drawn in [draw], and there are no irregular waves; "
             "set more runs instead"
         )
-        errors.insert(0, f"  realizations: {text}")
-    if errors:
-        raise refusal(study.source, errors)
-    return Plan(study=study, points=points, arms=tuple(study.arms or [ALONE]), entries=entries)
+        errors.append(f"  realizations: {text}")
+    runs = study.until.most if study.until else study.runs
+    last = max((entry.scenario.run for entry in entries), default=0) + runs
+    if last > MOST_RUNS:
+        errors.append(f"  runs, runs_apart: the last run is number {last:,}, at most {MOST_RUNS:,}")
+    return errors

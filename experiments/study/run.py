@@ -10,13 +10,13 @@ from functools import cached_property, partial
 from itertools import chain, compress
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple, Unpack
+from typing import Any, NamedTuple, Self, Unpack
 
 import numpy as np
 import pyarrow as pa
 
 from experiments.campaign import campaign, montecarlo
-from experiments.campaign.campaign import ExecutionOptions, Task
+from experiments.campaign.campaign import ExecutionOptions, Flown, Task
 from experiments.campaign.plans import CellPlan
 from experiments.campaign.store import Arrays, CampaignError, Record, Store, columns_of
 from experiments.flight.fly import fly
@@ -166,48 +166,76 @@ def fly_studies(
 
     Each has rows in the order of its plan: the same whatever the workers and interruptions.
     """
-    entries = [(i, plan, entry) for i, plan in enumerate(plans) for entry in plan.entries]
-    cells = {
-        (i, entry.place): _cells(plan, entry) for i, plan, entry in entries if not entry.closed_loop
-    }
-    closed = [one for one in entries if one[2].closed_loop]
-    tasks: dict[Any, Task] = {
-        (i, entry.place, run): partial(
-            records_of_run, montecarlo.content_of(entry.scenario_at(run)), run
-        )
-        for i, plan, entry in closed
-        for run in plan.runs_of(entry)
-    }
-    ahead = partial(fly, closed[0][2].scenario.first_messages) if closed else None
-    every = [cell for own in cells.values() for cell in own]
+    flights = [
+        _EntryFlight.of(number, plan, entry)
+        for number, plan in enumerate(plans)
+        for entry in plan.entries
+    ]
+    cells = [cell for flight in flights for cell in flight.cells]
+    tasks = {name: task for flight in flights for name, task in flight.tasks.items()}
+    closed_loop = next((flight.entry for flight in flights if flight.tasks), None)
+    ahead = partial(fly, closed_loop.scenario.first_messages) if closed_loop else None
     flown = campaign.fly(
-        every, tasks, folder, facts=facts_of, ahead=ahead, tolerant=True, **options
+        cells, tasks, folder, facts=facts_of, ahead=ahead, tolerant=True, **options
     )
-    found = [Outcomes(plan=plan, rows=[], runs=[], steps=[], store=flown.store) for plan in plans]
-    for i, plan, entry in entries:
-        name = (i, entry.place)
-        outcomes = found[i]
-        names: list[Any] = (
-            [(*name, run) for run in plan.runs_of(entry)] if entry.closed_loop else [entry.motion]
-        )
-        what = next((flown.failures[name] for name in names if name in flown.failures), None)
-        if what is not None:
-            outcomes.failures.setdefault(what, []).append(entry)
-            continue
-        for follower in range(len(entry.scenario.followers)):
-            steps: Arrays = {}
-            if entry.closed_loop:
-                row, lists = _of_runs(entry, follower, [flown.tasks[name] for name in names])
-            else:
-                cell = cells[name][follower]
-                row, lists = flown.cell(cell)
-                row |= {key: row[name] for key, name in entry.measured.items()}
-                steps = flown.steps(cell) if cell.keep_steps else {}
-            labels = _labels(plan, entry, follower)
-            outcomes.rows.append(labels | row)
-            outcomes.runs.append((labels, lists))
-            outcomes.steps.append(steps)
-    return found
+    studies = [Outcomes(plan=plan, rows=[], runs=[], steps=[], store=flown.store) for plan in plans]
+    for flight in flights:
+        _add_results(studies[flight.number], flight, flown)
+    return studies
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _EntryFlight:
+    """What is flown for an entry of a study: cells of one mission, or tasks of a closed loop."""
+
+    number: int  # of the study
+    plan: Plan
+    entry: Entry
+    cells: Sequence[CellPlan]  # one for each follower
+    tasks: Mapping[Any, Task]  # one for each run
+
+    @classmethod
+    def of(cls, number: int, plan: Plan, entry: Entry) -> Self:
+        cells: list[CellPlan] = []
+        tasks: dict[Any, Task] = {}
+        if entry.closed_loop:
+            for run in plan.runs_of(entry):
+                scenario = montecarlo.content_of(entry.scenario_at(run))
+                tasks[number, entry.place, run] = partial(records_of_run, scenario, run)
+        else:
+            cells = _cells(plan, entry)
+        return cls(number=number, plan=plan, entry=entry, cells=cells, tasks=tasks)
+
+    def failure(self, flown: Flown) -> str | None:
+        """Why it could not be flown."""
+        names = list(self.tasks) or [self.entry.motion]
+        return next((flown.failures[name] for name in names if name in flown.failures), None)
+
+    def result(self, follower: int, flown: Flown) -> tuple[Record, Record, Arrays]:
+        """Row, lists over runs, and errors over time of a follower."""
+        if self.tasks:
+            runs = [flown.tasks[name] for name in self.tasks]
+            row, lists = _of_runs(self.entry, follower, runs)
+            return row, lists, {}
+        cell = self.cells[follower]
+        row, arrays = flown.cell(cell)
+        row |= {key: row[name] for key, name in self.entry.measured.items()}
+        return row, arrays, flown.steps(cell) if cell.keep_steps else {}
+
+
+def _add_results(outcomes: Outcomes, flight: _EntryFlight, flown: Flown) -> None:
+    """Add what came of an entry to the outcomes of its study."""
+    entry = flight.entry
+    failure = flight.failure(flown)
+    if failure is not None:
+        outcomes.failures.setdefault(failure, []).append(entry)
+        return
+    for follower in range(len(entry.scenario.followers)):
+        row, lists, steps = flight.result(follower, flown)
+        labels = _labels(flight.plan, entry, follower)
+        outcomes.rows.append(labels | row)
+        outcomes.runs.append((labels, lists))
+        outcomes.steps.append(steps)
 
 
 def _widest(results: Results, metric: str) -> float:
@@ -241,6 +269,15 @@ def runs_wanted(runs: int, widest: float, until: Until, batch: int) -> int:
     return min(batches * batch, until.most)
 
 
+def _next_runs(outcomes: Outcomes) -> int:
+    """Runs that a study has after a look at its intervals."""
+    study = outcomes.plan.study
+    if study.until is None:
+        return study.runs
+    widest = _widest(outcomes.results, study.until.metric)
+    return runs_wanted(study.runs, widest, study.until, study.file.batch)
+
+
 def fly_until_narrow(
     plans: Sequence[Plan], folder: Path, **options: Unpack[ExecutionOptions]
 ) -> list[Outcomes]:
@@ -255,21 +292,10 @@ def fly_until_narrow(
     """
     while True:
         outcomes = fly_studies(plans, folder, **options)
-        wanted = [
-            study.runs
-            if study.until is None
-            else runs_wanted(
-                study.runs,
-                _widest(found.results, study.until.metric),
-                study.until,
-                study.file.batch,
-            )
-            for found in outcomes
-            for study in [found.plan.study]
-        ]
-        if wanted == [plan.study.runs for plan in plans]:
+        numbers = [_next_runs(of_study) for of_study in outcomes]
+        if numbers == [plan.study.runs for plan in plans]:
             return outcomes
-        plans = [plan.part(plan.entries, runs) for plan, runs in zip(plans, wanted, strict=True)]
+        plans = [plan.part(plan.entries, runs) for plan, runs in zip(plans, numbers, strict=True)]
         options |= {"force": False}
 
 
@@ -290,22 +316,25 @@ def fly_further(
     """
     where = itemgetter("point", "arm", "realization", "follower")
     options |= {"force": False}
-    while chosen := choose(found):
+    while True:
+        chosen = choose(found)
+        if not chosen:
+            return
         for name, numbers in chosen.items():
             plan = found[name].plan
             lists_at = {where(labels): lists for labels, lists in found[name].runs}
+            # by the number of their further runs
             entries = defaultdict[int, list[Entry]](list)
             for place, number in numbers.items():
                 entry = plan.by_place[place]
                 flown = len(lists_at[*place, entry.scenario.followers[0].name]["run"])
                 scenario = entry.scenario.model_copy(update={"run": entry.scenario.run + flown})
                 entries[number - flown].append(replace(entry, scenario=scenario))
-            for more in fly_studies(
-                [plan.part(some, n) for n, some in entries.items()], folder, **options
-            ):
-                if more.failures:
-                    raise CampaignError("; ".join(sorted(more.failures)))
-                for labels, lists in more.runs:
+            plans = [plan.part(of_number, number) for number, of_number in entries.items()]
+            for further in fly_studies(plans, folder, **options):
+                if further.failures:
+                    raise CampaignError("; ".join(sorted(further.failures)))
+                for labels, lists in further.runs:
                     grown = lists_at[where(labels)]
                     grown |= {
                         column: np.append(values, lists[column]) for column, values in grown.items()
@@ -338,12 +367,11 @@ def run_tables(runs: Sequence[tuple[Record, Record]]) -> Iterator[pa.Table]:
         columns: dict[str, Any] = {}
         for name in names:
             parts = [runs[i][1].get(name, [None] * sizes[i]) for i in chosen.tolist()]
-            arrays = all(isinstance(part, np.ndarray) for part in parts)
-            values = (
-                np.concatenate(parts) if arrays else of_one_type({name: [*chain(*parts)]})[name]
-            )
-            columns[name] = pa.array(
-                values, type=None if whole else pa.from_numpy_dtype(kinds[name].dtype)
-            )
+            if all(isinstance(part, np.ndarray) for part in parts):
+                values = np.concatenate(parts)
+            else:
+                values = of_one_type({name: [*chain(*parts)]})[name]
+            kind = None if whole else pa.from_numpy_dtype(kinds[name].dtype)
+            columns[name] = pa.array(values, type=kind)
         own = labels.take(np.repeat(chosen, sizes[chosen]))
         yield pa.table(dict(zip(own.column_names, own.columns, strict=True)) | columns)
