@@ -40,24 +40,36 @@ def require_safe(folder: Path, source: Path | None = None, again: Callable[[], s
         raise LaisnError(f"{folder}: holds a study ({STUDY_FILE}); {_ELSEWHERE}")
     present = [folder / name for name in FILES if os.path.lexists(folder / name)]
     for path in present:
-        same = source is not None and path.is_file() and source.exists() and path.samefile(source)
-        own = same and path.read_bytes() != again().encode()
-        if path.is_symlink() or not path.is_file() or own:
-            what = "is the scenario of this flight" if own else "expected a regular file"
-            raise LaisnError(
-                f"{path}: {what}, which the flight would replace; move it, or {_ELSEWHERE}"
-            )
-    # a flight that was killed while it replaced files has left its folder
-    flown = ((folder / SUMMARY).exists() and (folder / SCENARIO).exists()) or (
-        folder / UNFINISHED
-    ).exists()
-    if present and not flown:
+        if _is_other_source(path, source, again):
+            problem = "is the scenario of this flight"
+        elif path.is_symlink() or not path.is_file():
+            problem = "expected a regular file"
+        else:
+            continue
+        raise LaisnError(
+            f"{path}: {problem}, which the flight would replace; move it, or {_ELSEWHERE}"
+        )
+    if present and not _holds_flight(folder):
         names = ", ".join(path.name for path in present)
         raise LaisnError(
             f"{folder}: holds {names}, but no flight ({SUMMARY} and {SCENARIO}); a new flight "
             "would replace these "
             f"files: move them, or {_ELSEWHERE}"
         )
+
+
+def _is_other_source(path: Path, source: Path | None, again: Callable[[], str]) -> bool:
+    """Whether a file is the scenario file `source`, with another text than `again`."""
+    if source is None or not path.is_file() or not source.exists():
+        return False
+    return path.samefile(source) and path.read_bytes() != again().encode()
+
+
+def _holds_flight(folder: Path) -> bool:
+    # a flight that was killed while it replaced files has left its folder
+    if (folder / UNFINISHED).exists():
+        return True
+    return (folder / SUMMARY).exists() and (folder / SCENARIO).exists()
 
 
 def _exchange(folder: Path, work: Path) -> None:

@@ -297,21 +297,32 @@ def _axis(
     }
     if log:
         axis["type"] = "log"
-        shown = np.concatenate([np.empty(0), *(v[v > 0.0] for v in values)])
-        ticks = (
-            ticks or _LOG_TICKS[:: 3 if shown.size and shown.max() > 1000.0 * shown.min() else 1]
-        )
+        ticks = ticks or _log_ticks(values)
     if limits != (None, None):
-        shown = np.concatenate([*values, np.array([end for end in limits if end is not None])])
-        low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
-        margin = 0.04 * (high - low) or 1.0
-        bottom, top = limits
-        ends = (low - margin if bottom is None else bottom, high + margin if top is None else top)
+        ends = _ends(limits, values)
         axis["range"] = [float(np.log10(end)) if log else float(end) for end in ends]
     if ticks:
         words = [*ticks.values()] if isinstance(ticks, Mapping) else [f"{tick:g}" for tick in ticks]
         axis |= {"tickvals": [float(tick) for tick in ticks], "ticktext": words}
     return axis
+
+
+def _log_ticks(values: Sequence[Floats]) -> list[float]:
+    """Ticks of a logarithmic axis: over more than three decades those of whole decades alone."""
+    positive = np.concatenate([np.empty(0), *(v[v > 0.0] for v in values)])
+    if positive.size and positive.max() > 1000.0 * positive.min():
+        return _LOG_TICKS[::3]
+    return _LOG_TICKS
+
+
+def _ends(limits: Limits, values: Sequence[Floats]) -> tuple[float, float]:
+    """Ends of an axis: the limits, and for one that is None the values with a margin."""
+    bottom, top = limits
+    shown = np.concatenate([*values, np.array([end for end in limits if end is not None])])
+    low = float(np.nanmin(shown))
+    high = float(np.nanmax(shown))
+    margin = 0.04 * (high - low) or 1.0
+    return low - margin if bottom is None else bottom, high + margin if top is None else top
 
 
 def _trace(line: Line, points: int | None, place: bool) -> dict[str, Any]:

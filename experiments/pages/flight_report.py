@@ -275,6 +275,26 @@ def _facts(flight: Flight, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
+def _overview(flight: Flight, errors: Errors) -> Figures:
+    """Position errors of all followers, the one with the largest before the others."""
+    positions = [position for position, _ in errors]
+    worst = max(range(len(positions)), key=lambda i: float(np.nanmax(positions[i], initial=0.0)))
+    chart = flight_figures.position_errors(flight, positions, worst)
+    name = flight.trajectory.names[worst + 1]
+    legend = [(style.ESTIMATE, name), (style.MUTED, "other followers")]
+    return Figures(panels=[chart], legend=legend)
+
+
+def _fix_kinds(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Kinds of fix that any follower had: name in the summary, and words."""
+    counts = [row.get("fixes", {}) for row in summary["followers"].values()]
+    return [
+        (kind.name.lower(), FIX_WORDS[kind])
+        for kind in FixKind
+        if any(of_follower.get(kind.name.lower()) for of_follower in counts)
+    ]
+
+
 def flight_report(
     flight: Flight,
     errors: Errors,
@@ -290,47 +310,44 @@ def flight_report(
     everyone = range(len(flight.estimates))
     names = flight.trajectory.names[1:]
     finite = [
-        names[i] for i, e in enumerate(flight.estimates) if np.isfinite(e.state[e.unknown :]).all()
+        name
+        for name, estimates in zip(names, flight.estimates, strict=True)
+        if np.isfinite(estimates.state[estimates.unknown :]).all()
     ]
-    truth = flight.trajectory
     spent = sightings(flight.scenario, flight.trajectory).spent_s
-    several = len(everyone) > 1
-    kept = [i for i in _drawn(flight) if flight.scenario.followers[i].station]
+    on_station = [i for i in _drawn(flight) if flight.scenario.followers[i].station]
+    stations = None
+    if on_station:
+        panels = flight_figures.station_errors(flight, on_station)
+        stations = Figures(panels=panels, legend=VEHICLES[1:2])
     overview = tracks = None
-    if several:
-        worst = max(everyone, key=lambda i: float(np.nanmax(errors[i][0], initial=0.0)))
-        chart = flight_figures.position_errors(flight, [position for position, _ in errors], worst)
-        legend = [(style.ESTIMATE, names[worst]), (style.MUTED, "other followers")]
-        overview = Figures(panels=[chart], legend=legend)
+    if len(everyone) > 1:
+        overview = _overview(flight, errors)
         route_map = flight_figures.track_map(flight, everyone, width=style.FULL, height=6.0)
         tracks = Figures(panels=[route_map], legend=VEHICLES)
+    accuracies = {}
+    if len(finite) == len(names):
+        accuracies = {name: accuracy(flight, i) for i, name in enumerate(names)}
     values: dict[str, Any] = {
         "flight": flight,
-        "verdict": summary.get("verdict") or verdict(flight, track_errors(flight.scenario, truth)),
+        "verdict": summary.get("verdict")
+        or verdict(flight, track_errors(flight.scenario, flight.trajectory)),
         "followers": len(names),
         "drawn": len(_drawn(flight)),
         "events": [*route_events(flight), *approach_events(flight)],
-        "nearest": closest_approaches(truth) if kept else (),
+        "nearest": closest_approaches(flight.trajectory) if on_station else (),
         "gave_way": {name: s for name, s in zip(names, spent.tolist(), strict=True) if s > 0},
-        "contacts": contacts(truth),
+        "contacts": contacts(flight.trajectory),
         "not_finite": [name for name in names if name not in finite],
         "mirror_locked": mirror_locks(flight, finite),
         "mirror_lock_error_m": metrics.MIRROR_LOCK_ERROR,
         "overview": overview,
-        "errors": {name: accuracy(flight, i) for i, name in enumerate(names)}
-        if finite == [*names]
-        else {},
+        "errors": accuracies,
         "consistent": CONSISTENT_SHARE,
         "side_m": SIDE_M,
         "films": [Film(path=film, caption="The film of the mission.")] if film else [],
         "followers_found": summary["followers"],
-        "kinds": [
-            (kind.name.lower(), FIX_WORDS[kind])
-            for kind in FixKind
-            if any(
-                row.get("fixes", {}).get(kind.name.lower()) for row in summary["followers"].values()
-            )
-        ],
+        "kinds": _fix_kinds(summary),
         "on_station": any("station_rms_m" in row for row in summary["followers"].values()),
         "number": number,
         "words": words,
@@ -339,12 +356,9 @@ def flight_report(
         "states": final_states(flight),
         "budget": range_budget(flight),
         "map": tracks,
-        "stations": kept
-        and Figures(panels=flight_figures.station_errors(flight, kept), legend=VEHICLES[1:2]),
+        "stations": stations,
         "motion": Figures(panels=[flight_figures.motion(flight)], legend=VEHICLES[:2]),
         "scenario": Code(text=flight.scenario.toml(), title="scenario.toml", folded=True),
     }
-    write(
-        page_of("experiments.pages", _facts(flight, summary), values, name="flight_report.md.j2"),
-        path,
-    )
+    facts = _facts(flight, summary)
+    write(page_of("experiments.pages", facts, values, name="flight_report.md.j2"), path)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.campaign.store import read_table
+from experiments.campaign.store import Record, read_table
 from experiments.flight.folder import LOG
 from experiments.intervals import Interval
 from experiments.pages import page as pages
@@ -75,15 +75,17 @@ def _flights(names: Sequence[str], flights: Sequence[Flight]) -> dict[str, Any]:
     }
 
 
-def _points_text(points: Iterable[tuple[str, ...]]) -> str:
+Place = tuple[str, ...]
+"""Settings of a place in words."""
+
+
+def _points_text(points: Iterable[Place]) -> str:
     texts = [", ".join(point) or "the only one" for point in points]
     more = f" and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""
     return f"{'; '.join(texts[:_NAMED]) or 'none with a value'}{more}"
 
 
-def _require_common_points(
-    folders: Sequence[Path], values: Sequence[Mapping[tuple[str, ...], Any]]
-) -> None:
+def _require_common_points(folders: Sequence[Path], values: Sequence[Mapping[Place, Any]]) -> None:
     """LaisnError naming the first study that has no point in common with the first of them."""
     for folder, points in zip(folders[1:], values[1:], strict=True):
         if not values[0].keys() & points.keys():
@@ -94,63 +96,85 @@ def _require_common_points(
             )
 
 
-def paired(folders: Sequence[Path], metric: str) -> dict[tuple[str, ...], list[Interval | None]]:
+def paired(folders: Sequence[Path], metric: str) -> dict[Place, list[Interval | None]]:
     """For every place that studies share with the first of them: its mean, and the others' paired
     differences.
 
     Runs of the same seed and number are paired. None: a study has other seeds or runs there.
     LaisnError: there is no such metric of single runs, or a study has no such place.
     """
-    tables = []
-    for folder in folders:
-        seeds = {row["realization"]: row["seed"] for row in read_table(folder / RESULTS)}
-        tables.append(
-            [row | {"seed": seeds[row["realization"]]} for row in read_table(folder / RUNS)]
-        )
-        if metric not in tables[-1][0]:
-            raise LaisnError(f"{folder}: its runs have no {metric!r}")
+    tables = [_runs_of(folder, metric) for folder in folders]
+    keys = _place_keys(tables)
+    values = [_values_of(table, keys, metric) for table in tables]
+    _require_common_points(folders, values)
+    first, *others = values
+    shares = metric in SHARES
+    intervals: dict[Place, list[Interval | None]] = {}
+    for place, runs in first.items():
+        intervals[place] = [_mean(runs, shares=shares)]
+        for other in others:
+            other_runs = other.get(place, {})
+            if other_runs.keys() == runs.keys():
+                differences = {run: value - runs[run] for run, value in other_runs.items()}
+                intervals[place].append(_mean(differences, shares=shares, paired=True))
+            else:
+                intervals[place].append(None)
+    return intervals
+
+
+def _runs_of(folder: Path, metric: str) -> list[Record]:
+    """The runs of a study, with the seeds of their realizations; LaisnError if they have no such
+    metric.
+    """
+    seeds = {row["realization"]: row["seed"] for row in read_table(folder / RESULTS)}
+    rows = [row | {"seed": seeds[row["realization"]]} for row in read_table(folder / RUNS)]
+    if metric not in rows[0]:
+        raise LaisnError(f"{folder}: its runs have no {metric!r}")
+    return rows
+
+
+def _place_keys(tables: Sequence[list[Record]]) -> list[str]:
+    """Columns that all tables have and that distinguish places: of several values, but the same
+    in all realizations.
+    """
     measured = {"point", "realization", "seed", "run", "gated", *METRICS}
     shared = [
-        k for k in tables[0][0] if k not in measured and all(k in table[0] for table in tables)
+        key
+        for key in tables[0][0]
+        if key not in measured and all(key in table[0] for table in tables)
+    ]
+    return [
+        key
+        for key in shared
+        if not any(_is_drawn(key, table) for table in tables)
+        and len({repr(row[key]) for table in tables for row in table}) > 1
     ]
 
-    def is_drawn(key: str) -> bool:
-        """Whether it differs between realizations."""
-        return any(
-            len({r[key] for r in t if not r["realization"]}) < len({r[key] for r in t})
-            for t in tables
-        )
 
-    keys = [
-        k
-        for k in shared
-        if not is_drawn(k) and len({repr(row[k]) for table in tables for row in table}) > 1
-    ]
-    values = []
-    for table in tables:
-        own = defaultdict[tuple[str, ...], dict[tuple[int, int], float]](dict)
-        for row in table:
-            if row[metric] is not None:
-                own[tuple(f"{key} = {row[key]}" for key in keys)][row["seed"], row["run"]] = float(
-                    row[metric]
-                )
-        values.append(own)
+def _is_drawn(key: str, table: Sequence[Record]) -> bool:
+    """Whether a column differs between realizations."""
+    first = {row[key] for row in table if not row["realization"]}
+    return len(first) < len({row[key] for row in table})
 
-    def mean(of: Mapping[tuple[int, int], float], *, paired: bool = False) -> Interval:
-        realizations = groupby(sorted(of.items()), key=lambda item: item[0][0])
-        lists = [np.array([value for _, value in runs]) for _, runs in realizations]
-        return over_runs(lists, shares=metric in SHARES, paired=paired)
 
-    _require_common_points(folders, values)
-    found: dict[tuple[str, ...], list[Interval | None]] = {}
-    for place, first in values[0].items():
-        found[place] = [mean(first)]
-        for theirs in (own[place] for own in values[1:]):
-            same = theirs.keys() == first.keys()
-            found[place].append(
-                mean({k: v - first[k] for k, v in theirs.items()}, paired=True) if same else None
-            )
-    return found
+Runs = dict[tuple[int, int], float]
+"""Values by seed and number of the run."""
+
+
+def _values_of(table: Sequence[Record], keys: Sequence[str], metric: str) -> dict[Place, Runs]:
+    values = defaultdict[Place, Runs](dict)
+    for row in table:
+        if row[metric] is not None:
+            place = tuple(f"{key} = {row[key]}" for key in keys)
+            values[place][row["seed"], row["run"]] = float(row[metric])
+    return values
+
+
+def _mean(runs: Runs, *, shares: bool, paired: bool = False) -> Interval:
+    """Mean over runs by realization, as of `over_runs`."""
+    realizations = groupby(sorted(runs.items()), key=lambda item: item[0][0])
+    values = [np.array([value for _, value in of_seed]) for _, of_seed in realizations]
+    return over_runs(values, shares=shares, paired=paired)
 
 
 def _studies(folders: Sequence[Path]) -> dict[str, Any]:
@@ -184,17 +208,24 @@ def page_of(sources: Sequence[str]) -> Page:
             "studies"
         )
     paths = [Path(source) for source in sources]
-    studies = [(path / RUNS).is_file() for path in paths]
     logs = [path if path.suffix == ".mcap" else path / LOG for path in paths]
+    names = names_of(sources)
+    if _are_studies(paths, logs):
+        values = _studies(paths)
+    else:
+        values = _flights(names, [read(log) for log in logs])
+    tools = {"words": words, "number": number, "shown": shown, "shortened": shortened}
+    facts = [("repeat it", f"laisn compare {' '.join(sources)}")]
+    values |= {"names": names, **tools}
+    return pages.page_of("experiments.study", facts, values, name="compare.md.j2")
+
+
+def _are_studies(paths: Sequence[Path], logs: Sequence[Path]) -> bool:
+    """Whether all sources are studies; LaisnError unless they are, or all are flights."""
+    studies = [(path / RUNS).is_file() for path in paths]
     for path, study, log in zip(paths, studies, logs, strict=True):
         if not study and not log.is_file():
             raise LaisnError(f"{path}: neither a flight ({LOG}) nor a study ({RUNS})")
     if any(studies) and not all(studies):
         raise LaisnError("flights and studies cannot be compared with each other")
-    names = names_of(sources)
-    found = _studies(paths) if all(studies) else _flights(names, [read(log) for log in logs])
-    tools = {"words": words, "number": number, "shown": shown, "shortened": shortened}
-    facts = [("repeat it", f"laisn compare {' '.join(sources)}")]
-    return pages.page_of(
-        "experiments.study", facts, {"names": names, **tools, **found}, name="compare.md.j2"
-    )
+    return all(studies)

@@ -1,8 +1,8 @@
 """A study from its file to its folder: `laisn study` and `laisn_sim.study`."""
 
 import shlex
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from importlib import import_module
@@ -107,7 +107,8 @@ def effort_text(study: Study, workers: int) -> str:
     cells = sum(len(entry.scenario.followers) for entry in plan.entries)
     size = float(cells * (_CELL_BYTES + runs * _RUN_BYTES))
     for closed in (False, True):
-        if entries := [entry for entry in plan.entries if entry.closed_loop == closed]:
+        entries = [entry for entry in plan.entries if entry.closed_loop == closed]
+        if entries:
             time, stored = _cost(plan.part(entries, runs), workers)
             seconds = seconds + time
             size = size + stored
@@ -163,6 +164,72 @@ def _film_worst(outcomes: Outcomes, folder: Path) -> Path:
     return render(fly(entry.scenario_at(run))[0], folder / "worst.mp4")
 
 
+@dataclass(frozen=True)
+class _Package:
+    """The modules of a built-in study in `experiments/studies`; without a name there are none."""
+
+    study: str
+
+    @property
+    def name(self) -> str:
+        return f"experiments.studies.{self.study.replace('-', '_')}"
+
+    @cached_property
+    def findings(self) -> Any:
+        """The module `findings`."""
+        return import_module(f"{self.name}.findings") if self.study else None
+
+    @property
+    def has_page(self) -> bool:
+        """Whether it has a page of its own."""
+        return bool(self.study) and (FOLDER / self.study.replace("-", "_") / pages.NAME).is_file()
+
+    @cached_property
+    def figures(self) -> Any:
+        """The module `figures` of a page of its own."""
+        return import_module(f"{self.name}.figures") if self.has_page else None
+
+
+def _require_film(film: str, package: _Package) -> None:
+    """LaisnError if the study has no such film."""
+    if not film:
+        return
+    if package.has_page and not hasattr(package.figures, "film"):
+        raise LaisnError(f"--film: the study {package.study} has a page of its own, without films")
+    expected = "example" if package.has_page else "worst"
+    if film != expected:
+        raise LaisnError(f"--film {film}: expected --film {expected}")
+
+
+def _require_flown(outcomes: Sequence[Outcomes], package: _Package) -> None:
+    """CampaignError if something of a built-in study, or all of another, could not be flown."""
+    failures = sorted({failure for of_part in outcomes for failure in of_part.failures})
+    if failures and (package.study or not outcomes[0].rows):
+        raise CampaignError("; ".join(failures))
+
+
+def _write_record(
+    outcomes: Mapping[str, Outcomes], folder: Path, command: str, package: _Package
+) -> Findings:
+    """Write the findings of a study; returns them as they are read."""
+    if package.study:
+        modules = f"{package.name}.findings", "experiments.study.run"
+        found = package.findings.findings_of(outcomes)
+        findings = record(package.study, command, modules, found)
+    else:
+        first = next(iter(outcomes.values()))
+        study = first.plan.study
+        findings = Findings(
+            study=study.name,
+            command=command or f"laisn study {study.source}",
+            modules=("experiments.study.study",),
+            version=code_version(),
+            findings=findings_of(first.plan, first.results),
+        )
+    findings.write(folder / RECORD)
+    return read(folder / RECORD)
+
+
 def run_studies(
     studies: Mapping[str, Study],
     folder: Path,
@@ -194,65 +261,67 @@ def run_studies(
         LaisnError: as of `plan_of` and `fly_until_narrow`; something of a built-in study, or all of
             another, could not be flown; or the study has no such film.
     """
-    folder_name = own.replace("-", "_")
-    package = f"experiments.studies.{folder_name}"
-    templated = (FOLDER / folder_name / pages.NAME).is_file()
-    if film and templated and not hasattr(import_module(f"{package}.figures"), "film"):
-        raise LaisnError(f"--film: the study {own} has a page of its own, without films")
-    if film not in ("", wanted := "example" if templated else "worst"):
-        raise LaisnError(f"--film {film}: expected --film {wanted}")
+    package = _Package(own)
+    _require_film(film, package)
     plans = [plan_of(study, quiet=options.get("quiet", False)) for study in studies.values()]
     flown = fly_until_narrow(plans, folder, **options)
-    first = flown[0]
+    _require_flown(flown, package)
     outcomes = dict(zip(studies, flown, strict=True))
-    if (failures := "; ".join(sorted({what for one in flown for what in one.failures}))) and (
-        own or not first.rows
-    ):
-        raise CampaignError(failures)
-    findings: Any = import_module(f"{package}.findings") if own else None
-    if hasattr(findings, "further_runs") and not quick:
-        fly_further(outcomes, findings.further_runs, folder, **options)
+    if hasattr(package.findings, "further_runs") and not quick:
+        fly_further(outcomes, package.findings.further_runs, folder, **options)
     release_workers()
-    for part, one in outcomes.items():
-        _write_tables(one, folder / part if len(outcomes) > 1 else folder)
-    if own:
-        modules = f"{package}.findings", "experiments.study.run"
-        record(own, command, modules, findings.findings_of(outcomes)).write(folder / RECORD)
+    for part, of_part in outcomes.items():
+        _write_tables(of_part, folder / part if len(outcomes) > 1 else folder)
+    findings = _write_record(outcomes, folder, command, package)
+    if package.has_page:
+        _write_own_page(outcomes, folder, findings, package, quick=quick, film=film)
     else:
-        study = first.plan.study
-        found = findings_of(first.plan, first.results)
-        given = {
-            "modules": ("experiments.study.study",),
-            "version": code_version(),
-            "findings": found,
-        }
-        command = command or f"laisn study {study.source}"
-        Findings(study=study.name, command=command, **given).write(folder / RECORD)  # type: ignore[arg-type]
-    kept = read(folder / RECORD)
+        _write_page(flown[0], folder, film=film)
+
+
+def _write_page(outcomes: Outcomes, folder: Path, *, film: str) -> None:
+    """Write the page of a study, first without its film, so that one that fails costs nothing
+    else.
+    """
     # drawing takes a third of a second to import, and reading a table needs none of it
     from experiments.study.page import page_of
 
-    values: dict[str, Any] = {}
-    figures: Any = import_module(f"{package}.figures") if templated else None
-    if templated:
-        values = {"quick": quick, "found": kept, **figures.values(kept, outcomes)}
-        for table, columns in values.pop("tables", {}).items():
-            write_table(folder / f"{table}.parquet", columns)
-
-    def write_page(films: list[pages.Film]) -> None:
-        if templated:
-            runs = ", ".join(dict.fromkeys(f"{one.plan.study.runs:,}" for one in flown))
-            facts = [("runs", runs), ("version", kept.version), ("repeat it", kept.command)]
-            page = pages.page_of(package, facts, values | {"film": films}, kept)
-        else:
-            page = page_of(first.plan, first.results, first.failures, films)
+    def write(films: list[pages.Film]) -> None:
+        page = page_of(outcomes.plan, outcomes.results, outcomes.failures, films)
         pages.write(page, folder / REPORT)
 
-    # the page is there before the film, so that one that fails costs nothing else
-    write_page([])
+    write([])
     if film:
-        path = figures.film(values, folder) if templated else _film_worst(first, folder)
-        write_page([pages.Film(path=path)])
+        write([pages.Film(path=_film_worst(outcomes, folder))])
+
+
+def _write_own_page(
+    outcomes: Mapping[str, Outcomes],
+    folder: Path,
+    findings: Findings,
+    package: _Package,
+    *,
+    quick: bool,
+    film: str,
+) -> None:
+    """Write the page that a built-in study has of its own, and its further tables."""
+    values = {"quick": quick, "found": findings, **package.figures.values(findings, outcomes)}
+    for table, columns in values.pop("tables", {}).items():
+        write_table(folder / f"{table}.parquet", columns)
+    runs = dict.fromkeys(f"{of_part.plan.study.runs:,}" for of_part in outcomes.values())
+    facts = [
+        ("runs", ", ".join(runs)),
+        ("version", findings.version),
+        ("repeat it", findings.command),
+    ]
+
+    def write(films: list[pages.Film]) -> None:
+        page = pages.page_of(package.name, facts, values | {"film": films}, findings)
+        pages.write(page, folder / REPORT)
+
+    write([])
+    if film:
+        write([pages.Film(path=package.figures.film(values, folder))])
 
 
 class StudyFolder:
@@ -329,12 +398,13 @@ def studies_of(
 
     Arguments and errors as of `study_of`.
     """
-    own = "" if isinstance(source, Mapping) or Path(source).exists() else str(source)
-    if files := built_in(own):
-        return {part: study_of(str(file), keys, quick=quick) for part, file in files.items()}, own
-    return {
-        "study": study_of(source if isinstance(source, Mapping) else str(source), keys, quick=quick)
-    }, ""
+    if isinstance(source, Mapping):
+        return {"study": study_of(source, keys, quick=quick)}, ""
+    name = "" if Path(source).exists() else str(source)
+    files = built_in(name)
+    if files:
+        return {part: study_of(str(file), keys, quick=quick) for part, file in files.items()}, name
+    return {"study": study_of(str(source), keys, quick=quick)}, ""
 
 
 def run(
@@ -348,19 +418,24 @@ def run(
     """Run any study and give its results; arguments and errors as of `laisn_sim.study` and
     `run_studies`.
     """
-    studies, own = studies_of(source, keys, quick=quick)
-    words = ["laisn", own]
-    name = own or next(iter(studies.values())).name
+    studies, built_in_name = studies_of(source, keys, quick=quick)
+    name = built_in_name or next(iter(studies.values())).name
+    folder = Path(out or Path("out") / (f"{name}-quick" if quick else name))
+    command = _command(built_in_name, keys, quick=quick) if built_in_name else ""
+    run_studies(studies, folder, built_in_name, command, quick=quick, **options)
+    return StudyFolder(folder)
+
+
+def _command(name: str, keys: Mapping[str, Any], *, quick: bool) -> str:
+    """The command of a built-in study with some of its keys replaced."""
+    words = ["laisn", name]
     if quick:
         words.append("--quick")
-        name += "-quick"
-    folder = Path(out or Path("out") / name)
-    for key, value in keys.items() if own else ():
-        given = (
-            [f"{k}={text_of(v)}" for k, v in value.items()]
-            if isinstance(value, Mapping)
-            else [str(value)]
-        )
-        words += [word for one in given if value is not None for word in (f"--{key}", one)]
-    run_studies(studies, folder, own, shlex.join(words) if own else "", quick=quick, **options)
-    return StudyFolder(folder)
+    for key, value in keys.items():
+        if isinstance(value, Mapping):
+            texts = [f"{k}={text_of(v)}" for k, v in value.items()]
+        else:
+            texts = [] if value is None else [str(value)]
+        for text in texts:
+            words += [f"--{key}", text]
+    return shlex.join(words)
