@@ -169,7 +169,7 @@ def _y_limits(panels: Mapping[str, Marks], *, from_zero: bool) -> tuple[float, f
     """
     lines = itertools.chain.from_iterable(marks.values() for marks in panels.values())
     rows = [mark[1:] for line in lines for mark in line]
-    values = np.array(rows or [(0.0, 1.0)])
+    values: Floats = np.array(rows or [(0.0, 0.0, 1.0)])
     low = float(np.nanmin(values))
     high = float(np.nanmax(values))
     margin = 0.08 * (high - low) or 0.08 * abs(high) or 1.0

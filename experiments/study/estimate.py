@@ -315,7 +315,7 @@ def _analysis_of_variance(
 ) -> dict[str, Interval]:
     """Main effects of a factorial design, and the share of their interactions."""
     count = samples.shape[1]
-    weights = np.ones((0, 1))
+    weights: Floats | Ints = np.ones((0, 1))
     if count > 1:
         weights = random.multinomial(count, np.full(count, 1.0 / count), resamples)
     measured = ~np.isnan(samples)

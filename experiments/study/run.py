@@ -365,6 +365,7 @@ def run_tables(runs: Sequence[tuple[Record, Record]]) -> Iterator[pa.Table]:
     for number in np.unique(group):
         (chosen,) = np.nonzero(group == number)
         columns: dict[str, Any] = {}
+        values: Any
         for name in names:
             parts = [runs[i][1].get(name, [None] * sizes[i]) for i in chosen.tolist()]
             if all(isinstance(part, np.ndarray) for part in parts):
