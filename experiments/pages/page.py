@@ -14,10 +14,13 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import jinja2
+from markdown_it import MarkdownIt
+from markdown_it.tree import SyntaxTreeNode
 from markupsafe import Markup
 
 from experiments.campaign.version import versions
@@ -241,60 +244,135 @@ def write(page: Page, path: Path) -> None:
 
 NAME = "page.md.j2"
 _BLOCKS = get_args(Block)
-_MARK = "\0"
+_MARK = "\ue000{}\ue000"
+"""Stands for a block or cell of the caller's in the text of a template, by its number."""
+_MARKED = re.compile("\ue000([0-9]+)\ue000")
 _NUMBER = re.compile(r"(−?\d[\d,]*(?:\.\d+)?)(?: %)?(?: \(.*\)| ± \S+)?")
 """A cell that is a number: perhaps with its limits, or in per cent."""
 _TONES: Mapping[str, Tone] = {"failure": "failure", "warning": "warning", "note": "note"}
+# text within blocks is no Markdown: names of settings hold underscores
+_MARKDOWN = MarkdownIt("zero").enable(["heading", "blockquote", "table"])
 
 
 def _line(text: str) -> str:
     return re.sub(r"[ \t\n]+", " ", text).strip(" ")
 
 
-def _cell(text: str, placed: Sequence[Any]) -> Any:
-    """A cell that was passed, or one of text, which sorts as a number if it is one."""
-    if text.startswith(_MARK):
-        return placed[int(text.removeprefix(_MARK))]
-    if text == "–":
-        return Cell(text=text, sort=math.inf)
-    number = _NUMBER.fullmatch(text)
-    if number:
-        return Cell(text=text, sort=float(number[1].replace("−", "-").replace(",", "")))
-    return Cell(text=text)
+def _text_of(node: SyntaxTreeNode) -> str:
+    """The text of a paragraph, a cell, or the paragraphs of a quotation."""
+    if node.type == "inline":
+        return node.content
+    return " ".join(map(_text_of, node.children))
 
 
-def _table(text: str, placed: Sequence[Any]) -> Table:
-    lines = [line.strip() for line in text.splitlines()]
-    rows = [line[1:-1].split("|") for line in lines if line.startswith("|")]
-    rule = next(
-        i
-        for i, row in enumerate(rows)
-        if all("-" in cell and not cell.strip("-: ") for cell in row)
-    )
-    groups: list[tuple[str, int]] = []
-    for cell in rows[0] if rule == 2 else ():
-        groups = (
-            [*groups, (cell.strip(), 1)]
-            if cell
-            else [*groups[:-1], (groups[-1][0], groups[-1][1] + 1)]
+def _span(node: SyntaxTreeNode) -> tuple[int, int]:
+    """Numbers of the first line of a node, and of the line after its last one."""
+    if node.map is None:
+        raise ValueError(f"{node.type} has no lines")
+    return node.map
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Rendered:
+    """The text of a template, and the blocks and cells that stand for its marks."""
+
+    name: str  # of the template, for messages
+    text: str
+    placed: Sequence[Any]
+
+    def page(self, facts: Sequence[tuple[str, str]]) -> Page:
+        """Its page; ValueError: it has not the form of one."""
+        nodes = SyntaxTreeNode(_MARKDOWN.parse(self.text)).children
+        if len(nodes) < 2 or nodes[0].tag != "h1" or nodes[1].type != "paragraph":
+            raise ValueError(f"{self.name} does not start with a title and a summary")
+        sections: list[tuple[str, list[Block]]] = []
+        groups: list[tuple[str, int]] = []
+        for node, following in zip_longest(nodes[2:], nodes[3:]):
+            if node.tag == "h2":
+                sections.append((self._heading(node), []))
+            elif not sections:
+                raise ValueError(f"{self.name} has more than a summary before its first section")
+            elif node.type == "table":
+                sections[-1][1].append(self._table(node, groups))
+                groups = []
+            elif following and following.type == "table" and _span(node)[1] == _span(following)[0]:
+                groups = _groups(_text_of(node))
+            else:
+                sections[-1][1].append(self._block(node))
+        return Page(
+            title=self._heading(nodes[0]),
+            summary=_line(_text_of(nodes[1])),
+            facts=facts,
+            sections=[Section(title=title, blocks=blocks) for title, blocks in sections],
         )
-    return Table(
-        heads=[head.strip() for head in rows[rule - 1]],
-        rows=[[_cell(cell.strip(), placed) for cell in row] for row in rows[rule + 1 :]],
-        caption=" ".join(line for line in lines if line and not line.startswith("|")),
-        groups=groups,
-    )
+
+    def _heading(self, node: SyntaxTreeNode) -> str:
+        """Title of a heading, with a # at its end, which Markdown would drop."""
+        line = self.text.splitlines()[_span(node)[0]]
+        return _line(line.strip().removeprefix(node.markup))
+
+    def _block(self, node: SyntaxTreeNode) -> Block:
+        """A block of the caller's, a notice or a paragraph."""
+        text = _line(_text_of(node))
+        if node.type == "blockquote":
+            tone, colon, remark = text.partition(": ")
+            if colon and tone in _TONES:
+                return Notice(text=remark, tone=_TONES[tone])
+        elif node.type != "paragraph" or text.startswith("|"):
+            raise ValueError(f"{self.name}: neither a paragraph nor a table: {text!r:.80}")
+        mark = _MARKED.fullmatch(text)
+        return self.placed[int(mark[1])] if mark else Text(text=text)
+
+    def _table(self, node: SyntaxTreeNode, groups: list[tuple[str, int]]) -> Table:
+        """A table; of the lines that Markdown counts as its rows, those without a bar at their
+        beginning are its caption.
+        """
+        lines = self.text.splitlines()
+        head, *bodies = node.children
+        (heads,) = head.children
+        rows = []
+        caption = []
+        for row in bodies[0].children if bodies else ():
+            line = lines[_span(row)[0]].strip()
+            if line.startswith("|"):
+                rows.append([self._cell(_text_of(cell)) for cell in row.children])
+            else:
+                caption.append(line)
+        return Table(
+            heads=[_text_of(cell) for cell in heads.children],
+            rows=rows,
+            caption=" ".join(caption),
+            groups=groups,
+        )
+
+    def _cell(self, text: str) -> Any:
+        """A cell of the caller's, or one of text, which sorts as a number if it is one."""
+        mark = _MARKED.fullmatch(text)
+        if mark:
+            return self.placed[int(mark[1])]
+        if text == "–":
+            return Cell(text=text, sort=math.inf)
+        number = _NUMBER.fullmatch(text)
+        if number:
+            return Cell(text=text, sort=float(number[1].replace("−", "-").replace(",", "")))
+        return Cell(text=text)
 
 
-def _paragraph(text: str) -> Notice | Text:
-    """A notice, as `> warning: text`, or else text."""
-    tone, colon, remark = text.removeprefix(">").strip().partition(": ")
-    if text.startswith(">") and colon and tone in _TONES:
-        return Notice(text=remark, tone=_TONES[tone])
-    return Text(text=text)
+def _groups(text: str) -> list[tuple[str, int]]:
+    """Groups of columns of the row above the heads of a table: their text, and how many columns
+    they span, one more for each bar that follows another.
+    """
+    groups: list[tuple[str, int]] = []
+    for cell in text.strip().removeprefix("|").removesuffix("|").split("|"):
+        if cell:
+            groups.append((cell.strip(), 1))
+        else:
+            name, columns = groups.pop()
+            groups.append((name, columns + 1))
+    return groups
 
 
-def page_of(  # noqa: C901
+def page_of(
     package: str,
     facts: Sequence[tuple[str, str]],
     values: Mapping[str, Any],
@@ -315,35 +393,20 @@ def page_of(  # noqa: C901
             return missing
         return format(findings[name], spec).replace(" (– to –)", "")
 
+    def mark(value: object) -> str:
+        placed.append(value)
+        return _MARK.format(len(placed) - 1)
+
     def place(value: object) -> object:
         if isinstance(value, Cell):
-            placed.append(value)
-            return f"{_MARK}{len(placed) - 1}"
+            return mark(value)
         blocks: Sequence[Any] = value if isinstance(value, list | tuple) else [value]
         if not all(isinstance(block, _BLOCKS) for block in blocks):
             return value
-        placed.extend(blocks)
-        marks = (f"{_MARK}{i}" for i in range(len(placed) - len(blocks), len(placed)))
-        return "\n\n" + "\n\n".join(marks) + "\n\n"
+        return "".join(f"\n\n{mark(block)}" for block in blocks) + "\n\n"
 
     environment = _environment(finalize=place, autoescape=False)
     environment.filters["caption"] = lambda block, text: replace(block, caption=_line(text))
     source = (resources.files(package) / name).read_text(encoding="utf-8")
     text = environment.from_string(source).render({**values, "n": number})
-    title, *rest = [part.strip() for part in re.split(r"\n\s*\n", text) if part.strip()] or [""]
-    if not title.startswith("# ") or not rest:
-        raise ValueError(f"{package}: {name} does not start with a title and a summary")
-    sections: list[tuple[str, list[Block]]] = []
-    for part in rest[1:]:
-        if part.startswith("## "):
-            sections.append((_line(part.removeprefix("## ")), []))
-        elif not sections:
-            raise ValueError(f"{package}: {name} has more than a summary before its first section")
-        elif part.startswith("|"):
-            sections[-1][1].append(_table(part, placed))
-        elif part.startswith(_MARK):
-            sections[-1][1].append(placed[int(part.removeprefix(_MARK))])
-        else:
-            sections[-1][1].append(_paragraph(_line(part)))
-    made = [Section(title=head, blocks=blocks) for head, blocks in sections]
-    return Page(title=title.removeprefix("# "), summary=_line(rest[0]), facts=facts, sections=made)
+    return _Rendered(name=f"{package}: {name}", text=text, placed=placed).page(facts)
