@@ -41,7 +41,7 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
 def test_headings_paragraphs_and_blocks_stand_in_order(page: Any) -> None:
     code = Code(text="laisn fly T5")
     made = page(
-        '# Title\n\nOne\nline.\n\n## First\nsection\n\nWith `code`,\nand {{ n("share", ".0% i") '
+        '# Title\n\nOne\nline.\n\n## First section\n\nWith `code`,\nand {{ n("share", ".0% i") '
         "}}.\n\n"
         "> warning: Mind {{ what }}.\n\n## Last\n\n{{ code }}\n\n{% if more %}{{ more }}{% endif "
         "%}\n\nEnd.\n",
